@@ -1,0 +1,3 @@
+//! From keypoint trajectories to the parameters of a simulation.
+
+pub mod strict;

@@ -1,0 +1,150 @@
+//! Servo boards: one trait, and serial, mock and replayed ones behind it.
+
+use crate::clock::MonotonicNs;
+
+/// A board that moves the mechanism. Calls block briefly (at most about 100 ms); the link to a real board keeps
+/// itself alive on a thread of its own.
+pub trait ServoBoard: Send {
+    /// Identity and channels, from the handshake.
+    fn info(&self) -> &BoardInfo;
+
+    /// Uploads the profile and arms the board to start it at `start`, which must lie far enough ahead.
+    /// The board times it from there by itself.
+    ///
+    /// # Errors
+    /// [`ServoError`]; nothing moves after an error.
+    fn arm(&mut self, profile: &crate::profile::PulseProfile, start: MonotonicNs) -> Result<(), ServoError>;
+
+    /// Moves one channel to `pulse_us` over `duration_s`, at once.
+    ///
+    /// # Errors
+    /// [`ServoError`], also when a limit forbids it.
+    fn jog(&mut self, channel: u8, pulse_us: u16, duration_s: f64) -> Result<(), ServoError>;
+
+    /// What happened since the last call: telemetry, clock pings, state changes.
+    ///
+    /// # Errors
+    /// [`ServoError`] when the board is lost or has stopped by itself; said once, then events go on.
+    fn poll(&mut self) -> Result<Vec<ServoEvent>, ServoError>;
+
+    /// Puts every channel in its safe state. Tries everything there is, in order, and never gives up early:
+    /// e-stop until acknowledged, then DTR, then leaving the board to its dead-man.
+    fn stop(&mut self) -> StopOutcome;
+}
+
+/// What the handshake told.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct BoardInfo {
+    /// Port or kind, for people.
+    pub name: String,
+    /// Firmware's protocol version.
+    pub protocol_version: u8,
+    /// Random number that changes with each start of the board.
+    pub boot_id: u32,
+    /// Number of channels.
+    pub channels: u8,
+}
+
+/// Something a board told, on the host's clock as far as known at the time.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum ServoEvent {
+    /// A clock ping: sent, board's tick, received. Kept raw so that a replay can fit the clock again.
+    Ping {
+        /// When the host sent it.
+        sent: MonotonicNs,
+        /// Board's tick at receipt, extended to 64 bit \[µs\].
+        board_tick_us: u64,
+        /// When the answer came.
+        received: MonotonicNs,
+    },
+    /// What a channel was doing at a board tick.
+    Pulse {
+        /// Channel number.
+        channel: u8,
+        /// Board's tick \[µs\], extended to 64 bit.
+        board_tick_us: u64,
+        /// Pulse width, or none while detached \[µs\].
+        pulse_us: Option<u16>,
+    },
+    /// The profile began.
+    Started {
+        /// Board's tick \[µs\].
+        board_tick_us: u64,
+    },
+    /// The profile ended by itself.
+    Finished {
+        /// Board's tick \[µs\].
+        board_tick_us: u64,
+    },
+    /// Something for the journal.
+    Note {
+        /// What.
+        text: String,
+    },
+}
+
+/// How a stop went.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StopOutcome {
+    /// The board said so.
+    Acknowledged,
+    /// No answer; the board's dead-man stops it within its time limit.
+    LeftToDeadMan,
+    /// There is no board.
+    NotNeeded,
+}
+
+/// What went wrong with a servo board.
+#[derive(Debug, thiserror::Error)]
+pub enum ServoError {
+    /// The port cannot be opened.
+    #[error("opening servo port {port}: {why}")]
+    Open {
+        /// Which port.
+        port: String,
+        /// Reason and remedy.
+        why: String,
+    },
+    /// The device does not speak the protocol or speaks another version.
+    #[error("servo board on {port}: {why}")]
+    Handshake {
+        /// Which port.
+        port: String,
+        /// Expected, got, remedy.
+        why: String,
+    },
+    /// Nothing valid came for too long, or the port went away.
+    #[error("servo board on {port} lost: {why}")]
+    Lost {
+        /// Which port.
+        port: String,
+        /// What was seen last.
+        why: String,
+    },
+    /// The board restarted: it no longer knows the profile.
+    #[error("servo board on {port} restarted (boot id {before:08x} then {after:08x}): check its supply")]
+    Restarted {
+        /// Which port.
+        port: String,
+        /// Boot id at the handshake.
+        before: u32,
+        /// Boot id now.
+        after: u32,
+    },
+    /// The board or the host's own limits refused a request.
+    #[error("servo board refused {request}: {why}")]
+    Refused {
+        /// What was asked.
+        request: String,
+        /// Limit and remedy.
+        why: String,
+    },
+    /// The board stopped by itself and stays so until acknowledged.
+    #[error("servo board stopped by itself: {reason}")]
+    Fault {
+        /// The board's reason.
+        reason: String,
+    },
+}

@@ -1,0 +1,1 @@
+//! Draws a mechanism as a camera would see it.

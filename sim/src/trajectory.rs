@@ -1,0 +1,21 @@
+//! Keypoint positions over time: the type that measured and simulated motion share.
+
+/// N instants by K keypoints in the tank frame (x right, y away from the camera, z up).
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Trajectory {
+    /// Instants \[s\], shape (N), strictly rising, not necessarily even.
+    pub time_s: Vec<f64>,
+    /// Keypoint names, shape (K).
+    pub keypoints: Vec<String>,
+    /// Positions \[m\], row-major, shape (N, K), each `[x, y, z]`. NaN: a gap, or an axis never observed.
+    pub position_m: Vec<[f64; 3]>,
+    /// Standard deviation of each position \[m\], shape (N, K), where the source states one.
+    pub std_m: Option<Vec<f64>>,
+}
+
+impl Trajectory {
+    /// Position of keypoint `keypoint` at instant `instant` \[m\].
+    pub fn at(&self, instant: usize, keypoint: usize) -> [f64; 3] {
+        self.position_m[instant * self.keypoints.len() + keypoint]
+    }
+}
