@@ -66,7 +66,7 @@ fn nearest_key(message: &str) -> Option<&str> {
 }
 
 macro_rules! ranged {
-    ($(#[$doc:meta])* $name:ident, $holds:expr, $wanted:literal) => {
+    ($(#[$doc:meta])* $name:ident, $x:ident => $holds:expr, $wanted:literal) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Serialize)]
         #[serde(transparent)]
@@ -74,13 +74,21 @@ macro_rules! ranged {
 
         impl $name {
             /// The number, when it is in range.
-            pub fn new(value: f64) -> Option<Self> {
-                let holds: fn(f64) -> bool = $holds;
-                (value.is_finite() && holds(value)).then_some(Self(value))
+            pub const fn new(value: f64) -> Option<Self> {
+                let $x = value;
+                if value.is_finite() && $holds { Some(Self(value)) } else { None }
+            }
+
+            /// A constant known to be in range; out of range it does not compile where a constant is wanted.
+            pub const fn literal(value: f64) -> Self {
+                match Self::new(value) {
+                    Some(number) => number,
+                    None => panic!(concat!("must be ", $wanted)),
+                }
             }
 
             /// The plain number.
-            pub fn get(self) -> f64 {
+            pub const fn get(self) -> f64 {
                 self.0
             }
         }
@@ -96,19 +104,19 @@ macro_rules! ranged {
 
 ranged!(
     /// Any number but NaN and the infinities.
-    Finite, |_| true, "finite"
+    Finite, _x => true, "finite"
 );
 ranged!(
     /// A finite number above zero.
-    Positive, |x| x > 0.0, "finite and above 0"
+    Positive, x => x > 0.0, "finite and above 0"
 );
 ranged!(
     /// A finite number, zero or above.
-    NonNegative, |x| x >= 0.0, "finite and not below 0"
+    NonNegative, x => x >= 0.0, "finite and not below 0"
 );
 ranged!(
     /// A share between 0 and 1, both included.
-    Share, |x| (0.0..=1.0).contains(&x), "between 0 and 1"
+    Share, x => x >= 0.0 && x <= 1.0, "between 0 and 1"
 );
 
 #[cfg(test)]

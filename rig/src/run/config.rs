@@ -1,0 +1,120 @@
+//! The `[run]`, `[mechanism]`, `[water]`, `[schedule]` and `[mock]` tables of a rig config.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use ident::strict::{Finite, NonNegative, Positive, Share};
+use serde::{Deserialize, Serialize};
+
+/// What moves the mechanism.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MotionKind {
+    /// At rest, then let go by hand: no board is needed.
+    Drop,
+    /// The servo plays the profile.
+    Driven,
+}
+
+impl std::fmt::Display for MotionKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Drop => "drop",
+            Self::Driven => "driven",
+        })
+    }
+}
+
+/// The `[run]` table: one experiment.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunConfig {
+    /// What the experiment is called in reports.
+    pub name: String,
+    /// `driven` or `drop`.
+    pub kind: MotionKind,
+    /// The MJCF model to fit, relative to the config.
+    pub model: PathBuf,
+    /// Driven runs only: the actuated joint follows the command exactly.
+    #[serde(default)]
+    pub prescribed: bool,
+    /// How long the picture must be still before anything moves \[s\].
+    #[serde(default = "default_settle")]
+    pub settle_s: NonNegative,
+    /// Driven: how long to film on after the profile's end. Drop: after the release \[s\].
+    pub film_s: Positive,
+    /// Drop: how long to wait for the hand \[s\].
+    #[serde(default = "default_release_timeout")]
+    pub release_timeout_s: Positive,
+    /// Still means that less than this share of the picture's pixels changes.
+    #[serde(default = "default_still_share")]
+    pub still_share: Share,
+    /// The length that errors are stated in percent of \[m\].
+    #[serde(default = "default_length")]
+    pub characteristic_length_m: Positive,
+}
+
+const fn default_settle() -> NonNegative {
+    NonNegative::literal(0.5)
+}
+
+const fn default_release_timeout() -> Positive {
+    Positive::literal(60.0)
+}
+
+const fn default_still_share() -> Share {
+    Share::literal(5e-4)
+}
+
+const fn default_length() -> Positive {
+    Positive::literal(0.08)
+}
+
+/// The `[mechanism]` table: what is known about the mechanism by other means than the video.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MechanismConfig {
+    /// How it hangs: decides nothing, is reported.
+    pub mount: Option<Mount>,
+    /// Weight in air by body \[kg\].
+    #[serde(default)]
+    pub dry_mass_kg: BTreeMap<String, Positive>,
+    /// Apparent weight in water by body \[kg\]; negative floats.
+    #[serde(default)]
+    pub wet_mass_kg: BTreeMap<String, Finite>,
+    /// Standard deviation of the balance \[kg\].
+    pub std_kg: Option<Positive>,
+}
+
+/// How a mechanism is mounted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mount {
+    /// From above.
+    Hanging,
+    /// Motor at the bottom.
+    Upright,
+    /// In a horizontal plane, filmed from above.
+    Horizontal,
+}
+
+/// The `[water]` table.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WaterConfig {
+    /// Temperature \[°C\].
+    pub temperature_c: Option<Finite>,
+    /// Salinity \[g/kg\].
+    pub salinity_g_per_kg: Option<NonNegative>,
+}
+
+/// The `[schedule]` table: when `rig daemon` runs the experiment.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScheduleConfig {
+    /// A cron expression, optionally with seconds in front, in the machine's time zone.
+    pub cron: String,
+    /// How long the water is left alone after any motion \[s\].
+    #[serde(default)]
+    pub rest_s: Option<NonNegative>,
+}
