@@ -13,6 +13,7 @@ pub mod profile;
 pub mod record;
 pub mod report;
 pub mod run;
+pub mod schedule;
 pub mod servo;
 pub mod tank;
 pub mod vision;

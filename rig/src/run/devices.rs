@@ -1,0 +1,214 @@
+//! Camera and servo board on threads of their own, talking to the coordinator through one bounded queue.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use tokio::sync::mpsc as events;
+
+use super::stillness::changed_share;
+use crate::camera::{Camera, CameraError, CameraImage, decode};
+use crate::clock::MonotonicNs;
+use crate::profile::PulseProfile;
+use crate::servo::{ServoBoard, ServoError, ServoEvent, StopOutcome};
+
+/// What the devices tell the coordinator.
+#[derive(Debug)]
+pub enum DeviceEvent {
+    /// An image, in order of exposure.
+    Image(Arc<CameraImage>),
+    /// Share of the picture that changed within [`STILLNESS_SPAN_S`].
+    Changed(f64),
+    /// The camera failed; nothing more comes from it.
+    CameraFailed(CameraError),
+    /// Something the board told.
+    Servo(ServoEvent),
+    /// The board failed.
+    ServoFailed(ServoError),
+    /// A device thread panicked.
+    Panicked(&'static str),
+}
+
+/// Images compared for stillness lie so far apart \[s\].
+pub const STILLNESS_SPAN_S: f64 = 0.1;
+/// Time between two looks at the board.
+const SERVO_PERIOD: Duration = Duration::from_millis(5);
+
+/// Sends [`DeviceEvent::Panicked`] when its thread unwinds.
+struct PanicReport(&'static str, events::Sender<DeviceEvent>);
+
+impl Drop for PanicReport {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            // A full queue means that the coordinator is gone or as good as: nobody is left to tell.
+            let _ = self.1.try_send(DeviceEvent::Panicked(self.0));
+        }
+    }
+}
+
+/// The camera's thread. Dropping it stops the camera.
+#[derive(Debug)]
+pub struct CameraThread {
+    quit: SyncSender<()>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl CameraThread {
+    /// Starts `camera` and passes its images on; silence for `stall` is a fault.
+    ///
+    /// # Errors
+    /// [`CameraError`] when the camera does not start.
+    pub fn start(
+        mut camera: Box<dyn Camera>,
+        stall: Duration,
+        events: events::Sender<DeviceEvent>,
+    ) -> Result<Self, CameraError> {
+        camera.start()?;
+        let (quit, quitting) = sync_channel(1);
+        let (look_at, watched) = sync_channel(1);
+        let watcher_events = events.clone();
+        let watcher = std::thread::spawn(move || watch_stillness(&watched, &watcher_events));
+        let thread = std::thread::spawn(move || {
+            let _report = PanicReport("camera", events.clone());
+            while !matches!(quitting.try_recv(), Ok(()) | Err(std::sync::mpsc::TryRecvError::Disconnected)) {
+                let event = match camera.next_image(stall) {
+                    Ok(image) => {
+                        let image = Arc::new(image);
+                        // The watcher looks at what it has time for.
+                        if let Err(TrySendError::Disconnected(_)) = look_at.try_send(Arc::clone(&image)) {
+                            break;
+                        }
+                        DeviceEvent::Image(image)
+                    }
+                    Err(error) => DeviceEvent::CameraFailed(error),
+                };
+                let failed = matches!(event, DeviceEvent::CameraFailed(_));
+                if events.blocking_send(event).is_err() || failed {
+                    break;
+                }
+            }
+            camera.stop();
+            drop(look_at);
+            let _ = watcher.join();
+        });
+        Ok(Self { quit, thread: Some(thread) })
+    }
+}
+
+impl Drop for CameraThread {
+    fn drop(&mut self) {
+        let _ = self.quit.try_send(());
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn watch_stillness(images: &Receiver<Arc<CameraImage>>, events: &events::Sender<DeviceEvent>) {
+    let _report = PanicReport("stillness", events.clone());
+    let mut before: Option<(MonotonicNs, image::GrayImage)> = None;
+    for image in images {
+        if before.as_ref().is_some_and(|(then, _)| image.mid_exposure.seconds_since(*then) < STILLNESS_SPAN_S) {
+            continue;
+        }
+        // A damaged image says nothing about the water; extraction reports it later.
+        let Ok(picture) = decode::grey(&image) else { continue };
+        if let Some((_, before)) = &before
+            && events.blocking_send(DeviceEvent::Changed(changed_share(before, &picture))).is_err()
+        {
+            return;
+        }
+        before = Some((image.mid_exposure, picture));
+    }
+}
+
+enum Order {
+    Arm(PulseProfile, MonotonicNs),
+    Stop(SyncSender<StopOutcome>),
+}
+
+/// The servo board's thread, and the one safe stop: it is passed on every way out, at the latest when this is
+/// dropped, be it by an error, by a panic or by the end.
+#[derive(Debug)]
+pub struct ServoThread {
+    orders: SyncSender<Order>,
+    thread: Option<JoinHandle<()>>,
+    outcome: Option<StopOutcome>,
+}
+
+impl ServoThread {
+    /// Takes the board over.
+    pub fn start(mut board: Box<dyn ServoBoard>, events: events::Sender<DeviceEvent>) -> Self {
+        let (orders, inbox) = sync_channel(4);
+        let thread = std::thread::spawn(move || {
+            let _report = PanicReport("servo", events.clone());
+            serve(board.as_mut(), &inbox, &events);
+        });
+        Self { orders, thread: Some(thread), outcome: None }
+    }
+
+    /// Uploads and arms; a refusal comes back as [`DeviceEvent::ServoFailed`].
+    pub fn arm(&self, profile: PulseProfile, start: MonotonicNs) {
+        // A full or closed inbox means the thread has ended, which it reports itself.
+        let _ = self.orders.try_send(Order::Arm(profile, start));
+    }
+
+    /// The safe stop. Returns what the board said; calling it again changes nothing.
+    pub fn stop(&mut self) -> StopOutcome {
+        if let Some(outcome) = self.outcome {
+            return outcome;
+        }
+        let (answer, answered) = sync_channel(1);
+        let sent = self.orders.send(Order::Stop(answer)).is_ok();
+        let outcome = if sent { answered.recv().unwrap_or(StopOutcome::LeftToDeadMan) } else { StopOutcome::LeftToDeadMan };
+        self.outcome = Some(outcome);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+        outcome
+    }
+}
+
+impl Drop for ServoThread {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+fn serve(board: &mut dyn ServoBoard, orders: &Receiver<Order>, events: &events::Sender<DeviceEvent>) {
+    loop {
+        match orders.recv_timeout(SERVO_PERIOD) {
+            Ok(Order::Arm(profile, start)) => {
+                if let Err(error) = board.arm(&profile, start) {
+                    let _ = events.blocking_send(DeviceEvent::ServoFailed(error));
+                }
+            }
+            Ok(Order::Stop(answer)) => {
+                let outcome = board.stop();
+                // What the board told on its way to the stop still belongs into the recording.
+                forward(board, events);
+                let _ = answer.send(outcome);
+                return;
+            }
+            Err(RecvTimeoutError::Timeout) => forward(board, events),
+            Err(RecvTimeoutError::Disconnected) => {
+                board.stop();
+                return;
+            }
+        }
+    }
+}
+
+fn forward(board: &mut dyn ServoBoard, events: &events::Sender<DeviceEvent>) {
+    match board.poll() {
+        Ok(told) => {
+            for event in told {
+                let _ = events.try_send(DeviceEvent::Servo(event));
+            }
+        }
+        Err(error) => {
+            let _ = events.try_send(DeviceEvent::ServoFailed(error));
+        }
+    }
+}
