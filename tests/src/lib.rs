@@ -1,1 +1,117 @@
-//! tests
+//! Harness of the whole-system tests: the `rig` program as a user runs it, and processes to kill and stall.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+
+/// The repository's root.
+pub fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("tests/ lies in the repository").into()
+}
+
+/// A file under `configs/`.
+pub fn config(name: &str) -> PathBuf {
+    repository().join("configs").join(name)
+}
+
+/// The folder of shared measured data, or `None` with a printed line that says what is skipped.
+pub fn shared(what_is_skipped: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("RIG_SHARED").map(PathBuf::from);
+    if folder.is_none() {
+        eprintln!("skipped: {what_is_skipped} (RIG_SHARED is not set)");
+    }
+    folder
+}
+
+/// The `rig` program of this build, built first if a lone `cargo test -p` left it out.
+fn program() -> &'static Path {
+    static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+    PROGRAM.get_or_init(|| {
+        let test = std::env::current_exe().expect("a test knows its own path");
+        let profile = test.ancestors().nth(2).expect("target/<profile>/deps/<test>");
+        let mut build = Command::new(env!("CARGO"));
+        build.args(["build", "--locked", "-q", "-p", "rig", "--bin", "rig"]).current_dir(repository());
+        if profile.ends_with("release") {
+            build.arg("--release");
+        }
+        assert!(build.status().expect("cargo runs").success(), "rig does not build");
+        profile.join("rig")
+    })
+}
+
+/// `rig` with `args`, ready to run.
+pub fn rig<I: IntoIterator<Item = S>, S: AsRef<std::ffi::OsStr>>(args: I) -> Command {
+    let mut command = Command::new(program());
+    command.args(args).stdin(Stdio::null());
+    command
+}
+
+/// Runs `rig` with `args` to its end.
+pub fn run_rig<I: IntoIterator<Item = S>, S: AsRef<std::ffi::OsStr>>(args: I) -> Output {
+    rig(args).output().expect("rig starts")
+}
+
+/// What a finished `rig` printed, for assertion messages.
+pub fn printed(output: &Output) -> String {
+    format!(
+        "exit {:?}\n{}{}",
+        output.status.code(),
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    )
+}
+
+/// A background process that dies with its owner.
+#[derive(Debug)]
+pub struct Background(Child);
+
+impl Background {
+    /// Starts `command` with its output thrown away.
+    pub fn start(mut command: Command) -> Self {
+        Self(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the process starts"))
+    }
+
+    /// The process.
+    pub fn child(&mut self) -> &mut Child {
+        &mut self.0
+    }
+
+    /// Sends a signal.
+    pub fn signal(&self, signal: rustix::process::Signal) {
+        let pid = rustix::process::Pid::from_child(&self.0);
+        rustix::process::kill_process(pid, signal).expect("the process is there");
+    }
+}
+
+impl Drop for Background {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Waits until `condition` holds; fails with `what` after `seconds`.
+pub fn wait_until(what: &str, seconds: f64, mut condition: impl FnMut() -> bool) {
+    let deadline = Instant::now() + Duration::from_secs_f64(seconds);
+    while !condition() {
+        assert!(Instant::now() < deadline, "{what} did not happen within {seconds} s");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// The only run folder below `runs`, where there is one.
+pub fn only_run(runs: &Path) -> Option<PathBuf> {
+    let mut folders: Vec<_> = std::fs::read_dir(runs)
+        .ok()?
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| path.join("start.json").exists())
+        .collect();
+    (folders.len() == 1).then(|| folders.remove(0))
+}
+
+/// A JSON file's content.
+pub fn json(path: &Path) -> serde_json::Value {
+    let text = std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    serde_json::from_str(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
