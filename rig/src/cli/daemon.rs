@@ -1,1 +1,1 @@
-//! `rig daemon`.
+//! `rig daemon`: runs the experiment on its schedule, one run at a time.
