@@ -10,6 +10,7 @@ pub mod claim;
 pub mod cli;
 pub mod clock;
 pub mod config;
+pub mod doctor;
 pub mod profile;
 pub mod record;
 pub mod report;
