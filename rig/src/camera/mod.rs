@@ -2,8 +2,12 @@
 
 use std::time::Duration;
 
+pub mod config;
 pub mod recorded;
+pub mod v4l;
 pub mod wire;
+
+pub use config::{CameraConfig, CameraKind};
 
 use crate::clock::MonotonicNs;
 
