@@ -2,6 +2,13 @@
 
 use std::time::Duration;
 
+pub mod config;
+pub mod recorded;
+pub mod v4l;
+pub mod wire;
+
+pub use config::{CameraConfig, CameraKind};
+
 use crate::clock::MonotonicNs;
 
 /// A source of images. It lives on a thread of its own; every call returns within its timeout.
