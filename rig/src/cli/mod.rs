@@ -65,6 +65,17 @@ impl Failure {
         }
     }
 
+    /// The class in a word, as `--json` says it.
+    pub fn status(&self) -> &'static str {
+        match self {
+            Self::Internal(_) => "internal-error",
+            Self::Input(_) => "input-error",
+            Self::Hardware(_) => "hardware-fault",
+            Self::Data(_) => "data-cannot-answer",
+            Self::Interrupted(_) => "interrupted",
+        }
+    }
+
     /// What happened.
     pub fn error(&self) -> &anyhow::Error {
         match self {
@@ -90,4 +101,17 @@ pub struct Outcome {
     /// Printed on standard output, unless `--json` asks for one object instead.
     #[serde(skip)]
     pub text: String,
+}
+
+/// Context of an error that happened within a run, whose folder stays: put on with [`anyhow::Error::context`].
+#[derive(Debug)]
+pub struct InRun(
+    /// The run folder.
+    pub PathBuf,
+);
+
+impl std::fmt::Display for InRun {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "run {}", self.0.display())
+    }
 }

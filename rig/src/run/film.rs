@@ -1,0 +1,194 @@
+//! Films one experiment: feeds the state machine with what the devices tell, and does what it says.
+
+use std::future::Future;
+use std::pin::pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::mpsc;
+use tokio::time::MissedTickBehavior;
+
+use super::devices::{CameraThread, DeviceEvent, ServoThread};
+use super::machine::{Action, Ending, Event, Machine, Plan};
+use crate::camera::{Camera, CameraError, CameraImage};
+use crate::clock::MonotonicNs;
+use crate::profile::PulseProfile;
+use crate::record::recording::{Recorded, Recorder};
+use crate::record::{RecordError, ServoCommand};
+use crate::servo::{ServoBoard, ServoEvent, StopOutcome};
+
+/// Events that may wait for the coordinator: several seconds of images.
+const QUEUE: usize = 1024;
+/// The machine hears of time at least so often.
+const TICK: Duration = Duration::from_millis(10);
+
+/// What a run is filmed with.
+pub struct Setup {
+    /// What to wait for and how long.
+    pub plan: Plan,
+    /// The camera, not started yet.
+    pub camera: Box<dyn Camera>,
+    /// Silence of the camera for so long is a fault.
+    pub stall: Duration,
+    /// The board and what it is to play; a drop has none.
+    pub drive: Option<(Box<dyn ServoBoard>, PulseProfile)>,
+    /// Where everything is kept.
+    pub recorder: Recorder,
+}
+
+/// Told as it happens; for journal and progress.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Notice {
+    /// The phase changed, or time passed in it: phase and images so far.
+    Phase(&'static str, u64),
+    /// Something for the journal.
+    Journal(String),
+    /// Whoever stands at the tank should let go now.
+    LetGo,
+}
+
+/// What came out of filming.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Filmed {
+    /// How it ended.
+    pub ending: Ending,
+    /// How the safe stop went.
+    pub servo: StopOutcome,
+    /// Time from the decision to stop to the board's answer \[s\].
+    pub stop_s: f64,
+    /// What the recording holds.
+    pub recorded: Recorded,
+    /// Images the camera's own count says were lost.
+    pub images_lost: u64,
+}
+
+/// Films until the machine stops, `interrupt` resolves, or a device fails. Whatever happens, the servo is stopped
+/// before anything else is closed.
+pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, mut notify: impl FnMut(Notice)) -> Filmed {
+    let (sender, mut devices) = mpsc::channel(QUEUE);
+    let profile = setup.drive.as_ref().map(|(_, profile)| profile.clone());
+    let mut servo = setup.drive.map(|(board, _)| ServoThread::start(board, sender.clone()));
+    let camera = CameraThread::start(setup.camera, setup.stall, sender);
+    let recorder = setup.recorder;
+
+    let mut machine = Machine::new(setup.plan, MonotonicNs::now());
+    let mut images = ImageCount::default();
+    let mut interrupt = pin!(interrupt);
+    let mut ticks = tokio::time::interval(TICK);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut next = camera.as_ref().err().map(|error| Event::Fault(error.to_string()));
+
+    let ending = loop {
+        let event = match next.take() {
+            Some(event) => event,
+            None => tokio::select! {
+                biased;
+                () = &mut interrupt => Event::Interrupted,
+                Some(told) = devices.recv() => match take_in(told, &recorder, &mut images, &mut notify) {
+                    Ok(Some(event)) => event,
+                    Ok(None) => continue,
+                    Err(error) => Event::Fault(chain(&error)),
+                },
+                _ = ticks.tick() => Event::Tick,
+            },
+        };
+        if event == Event::Tick {
+            notify(Notice::Phase(machine.phase(), images.received));
+        }
+        match machine.on(event, MonotonicNs::now()) {
+            None => {}
+            Some(Action::Arm(start)) => {
+                if let (Some(servo), Some(profile)) = (&servo, &profile) {
+                    notify(Notice::Journal("arming".into()));
+                    servo.arm(profile.clone(), start);
+                    let command = ServoCommand::Arm { start, profile: profile.clone() };
+                    next = recorder.command(&command).err().map(|error| Event::Fault(chain(&error)));
+                }
+            }
+            Some(Action::AskForRelease) => notify(Notice::LetGo),
+            Some(Action::Journal(text)) => notify(Notice::Journal(text.into())),
+            Some(Action::Stop(ending)) => break ending,
+        }
+    };
+
+    let decided = MonotonicNs::now();
+    let outcome = tokio::task::block_in_place(|| servo.as_mut().map_or(StopOutcome::NotNeeded, ServoThread::stop));
+    let stop_s = MonotonicNs::now().seconds_since(decided);
+    tokio::task::block_in_place(|| drop(camera));
+    while let Ok(told) = devices.try_recv() {
+        // Faults on the way down change nothing: the ending is decided.
+        let _ = take_in(told, &recorder, &mut images, &mut notify);
+    }
+    let _ = recorder.command(&ServoCommand::Stop { outcome });
+    let (ending, recorded) = match tokio::task::block_in_place(|| recorder.finish()) {
+        Ok(recorded) => (ending, recorded),
+        Err(error) if ending == Ending::Success => (Ending::Fail(chain(&error)), Recorded::default()),
+        Err(_) => (ending, Recorded::default()),
+    };
+    Filmed { ending, servo: outcome, stop_s, recorded, images_lost: images.lost }
+}
+
+/// Records what a device told and says what it means to the machine.
+fn take_in(
+    told: DeviceEvent,
+    recorder: &Recorder,
+    images: &mut ImageCount,
+    notify: &mut impl FnMut(Notice),
+) -> Result<Option<Event>, RecordError> {
+    Ok(Some(match told {
+        DeviceEvent::Image(image) => {
+            recorder.image(Arc::clone(&image))?;
+            Event::Image { identical: images.count(image) }
+        }
+        DeviceEvent::Changed(share) => Event::Changed(share),
+        DeviceEvent::CameraFailed(CameraError::End) => Event::Fault("camera: no more images".into()),
+        DeviceEvent::CameraFailed(error) => Event::Fault(error.to_string()),
+        DeviceEvent::ServoFailed(error) => Event::Fault(error.to_string()),
+        DeviceEvent::Panicked(thread) => Event::Fault(format!("our fault: the {thread} thread panicked")),
+        DeviceEvent::Servo(event) => {
+            recorder.servo(&event)?;
+            match event {
+                ServoEvent::Started { .. } => Event::Started,
+                ServoEvent::Finished { .. } => Event::Finished,
+                ServoEvent::Note { text } => {
+                    notify(Notice::Journal(format!("servo: {text}")));
+                    return Ok(None);
+                }
+                ServoEvent::Ping { .. } | ServoEvent::Pulse { .. } => return Ok(None),
+            }
+        }
+    }))
+}
+
+#[derive(Default)]
+struct ImageCount {
+    received: u64,
+    lost: u64,
+    last: Option<Arc<CameraImage>>,
+}
+
+impl ImageCount {
+    /// Counts an image in; true when its bytes are those of the one before.
+    fn count(&mut self, image: Arc<CameraImage>) -> bool {
+        self.received += 1;
+        let identical = self.last.as_ref().is_some_and(|last| {
+            let step = image.sequence.wrapping_sub(last.sequence);
+            // Half the range and more means that the count went back: a restart, not a loss.
+            self.lost += if step < 1 << 31 { u64::from(step.saturating_sub(1)) } else { 0 };
+            last.data == image.data
+        });
+        self.last = Some(image);
+        identical
+    }
+}
+
+/// An error with its causes, in one line.
+fn chain(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut source = error.source();
+    while let Some(cause) = source {
+        text.push_str(&format!(": {cause}"));
+        source = cause.source();
+    }
+    text
+}
