@@ -202,6 +202,8 @@ pub enum Event {
     Pong {
         /// Tick at which the ping's last byte came.
         at: Ticks,
+        /// Boot id, as in [`Identity`]: a board that restarted unheard is found out.
+        boot_id: u32,
         /// What the board is doing.
         state: State,
         /// The latched fault.
@@ -270,7 +272,9 @@ impl Event {
                     .u16(status.damaged)
                     .u16(status.refused),
             ),
-            Self::Pong { at, state, fault } => (kind::PONG, body.u32(at.0).u8(state.code()).u8(fault.code())),
+            Self::Pong { at, boot_id, state, fault } => {
+                (kind::PONG, body.u32(at.0).u32(*boot_id).u8(state.code()).u8(fault.code()))
+            }
             Self::Description(config) => return config.encode(kind::DESCRIPTION, sequence),
             Self::Telemetry(telemetry) => {
                 let head = body.u32(telemetry.at.0).u8(telemetry.state.code()).u8(telemetry.channels);
@@ -322,6 +326,7 @@ impl Event {
             }),
             kind::PONG => Self::Pong {
                 at: Ticks(body.u32()?),
+                boot_id: body.u32()?,
                 state: State::from_code(body.u8()?)?,
                 fault: Fault::from_code(body.u8()?)?,
             },

@@ -52,7 +52,7 @@
 //! | 80 | ack | kind answered u8, refusal u8, channel u8 (ff: none), 0, limit u32, got u32 |
 //! | 81 | hello | boot id u32, segments it holds u16, channels u8, 0, firmware name 24 bytes |
 //! | 82 | status | state u8, fault u8, dead-man u16 ms, tick u32, fault's tick u32, boot id u32, damaged packets u16, refused commands u16 |
-//! | 84 | pong | tick u32 at which the ping's last byte came, state u8, fault u8 |
+//! | 84 | pong | tick u32 at which the ping's last byte came, boot id u32, state u8, fault u8 |
 //! | 85 | description | as configure |
 //! | 90 | telemetry | tick u32, state u8, channels n u8, n times pulse u16 µs (0: detached) |
 //! | 91 | happened | occurrence u8, fault u8, tick u32 |

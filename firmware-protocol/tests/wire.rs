@@ -85,7 +85,7 @@ fn events() -> Vec<Event> {
             damaged: 3,
             refused: 1,
         }),
-        Event::Pong { at: Ticks(0), state: State::Running, fault: Fault::None },
+        Event::Pong { at: Ticks(0), boot_id: 0xdead_beef, state: State::Running, fault: Fault::None },
         Event::Description(channel()),
         Event::Telemetry(Telemetry::new(
             Ticks(1000),
@@ -97,7 +97,12 @@ fn events() -> Vec<Event> {
         Event::Happened { occurrence: Occurrence::Faulted, fault: Fault::EStop, at: Ticks(8) },
     ];
     all.extend(Refusal::ALL.iter().map(|&refusal| ack(refusal, None, 1, 2)));
-    all.extend(Fault::ALL.iter().map(|&fault| Event::Pong { at: Ticks(1), state: State::Faulted, fault }));
+    all.extend(Fault::ALL.iter().map(|&fault| Event::Pong {
+        at: Ticks(1),
+        boot_id: 1,
+        state: State::Faulted,
+        fault,
+    }));
     all
 }
 

@@ -56,7 +56,10 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
                 damaged: self.damaged,
                 refused: self.refused,
             }),
-            Command::Ping => Event::Pong { at: now, state: self.state, fault: self.fault },
+            Command::Ping => {
+                let boot_id = self.identity.boot_id;
+                Event::Pong { at: now, boot_id, state: self.state, fault: self.fault }
+            }
             Command::EStop => {
                 self.trip(Fault::EStop, now, hardware);
                 return self.acknowledge(kind::E_STOP, sequence, Ok(()), hardware);
