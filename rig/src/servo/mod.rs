@@ -1,5 +1,7 @@
 //! Servo boards: one trait, and serial, mock and replayed ones behind it.
 
+pub mod pulse_log;
+
 use crate::clock::MonotonicNs;
 
 /// A board that moves the mechanism. Calls block briefly (at most about 100 ms); the link to a real board keeps
