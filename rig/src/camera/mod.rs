@@ -3,7 +3,9 @@
 use std::time::Duration;
 
 pub mod config;
+pub mod mock;
 pub mod recorded;
+pub mod socket;
 pub mod v4l;
 pub mod wire;
 
