@@ -184,10 +184,10 @@ pub(super) fn servo(trace: &ServoTrace) -> Markup {
     };
     let charts = trace.commanded.actuators.iter().enumerate().map(|(c, name)| {
         let mut series = vec![Series::line(angle(&trace.commanded, c), KEYPOINTS[1])];
-        if let Some(measured) = &trace.measured {
-            if let Some(column) = measured.actuators.iter().position(|a| a == name) {
-                series.push(Series::line(angle(measured, column), KEYPOINTS[0]));
-            }
+        if let Some(measured) = &trace.measured
+            && let Some(column) = measured.actuators.iter().position(|a| a == name)
+        {
+            series.push(Series::line(angle(measured, column), KEYPOINTS[0]));
         }
         Chart {
             title: name.clone(),

@@ -120,14 +120,14 @@ pub(super) fn verdict(data: &ReportData) -> Verdict {
             )
         });
     }
-    if let (Some(fitted), Some(heldout)) = (fitted, heldout) {
-        if heldout > 2.0 * fitted {
-            tone = Tone::Caution;
-            details.push(format!(
-                "Held-out runs are predicted {:.1} times worse than the fitted ones.",
-                heldout / fitted
-            ));
-        }
+    if let (Some(fitted), Some(heldout)) = (fitted, heldout)
+        && heldout > 2.0 * fitted
+    {
+        tone = Tone::Caution;
+        details.push(format!(
+            "Held-out runs are predicted {:.1} times worse than the fitted ones.",
+            heldout / fitted
+        ));
     }
     let loose = fit.parameters.iter().filter(|p| !p.determined).count();
     let bound = fit.parameters.iter().filter(|p| p.at_bound).count();
