@@ -2,6 +2,9 @@
 
 use std::time::Duration;
 
+pub mod recorded;
+pub mod wire;
+
 use crate::clock::MonotonicNs;
 
 /// A source of images. It lives on a thread of its own; every call returns within its timeout.
