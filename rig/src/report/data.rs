@@ -3,6 +3,8 @@
 use image::{GrayImage, RgbImage};
 use sim::{Command, Trajectory};
 
+use crate::record::timing::Timing;
+
 /// Everything a report can show. Only `id` is needed; an empty or absent part is left out of the page.
 #[derive(Debug, Clone, Default)]
 pub struct ReportData {
@@ -27,7 +29,7 @@ pub struct ReportData {
     /// How well other clocks were put on the host's.
     pub clocks: Vec<ClockQuality>,
     /// Wall times of the stages.
-    pub timings: Vec<Timing>,
+    pub timing: Timing,
     /// Things that went less than well, one sentence each.
     pub warnings: Vec<String>,
     /// Name and value: versions, seed, model, camera, water.
@@ -127,15 +129,6 @@ pub struct ClockQuality {
     pub samples: usize,
     /// Its rate against nominal \[parts per million\].
     pub drift_ppm: Option<f64>,
-}
-
-/// One stage's wall time.
-#[derive(Debug, Clone)]
-pub struct Timing {
-    /// Stage.
-    pub name: String,
-    /// Wall time \[s\].
-    pub wall_s: f64,
 }
 
 /// An RGB copy of a grey image.

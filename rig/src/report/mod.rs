@@ -5,7 +5,7 @@
 //! mailed, printed and kept. The figures follow the paper: initial pose measured and simulated, motion
 //! superimposed, each keypoint over time measured (solid) and simulated (dashed), and Table I.
 //!
-//! - `data`: what a report is made of
+//! - `data`: what a report is made of; `gather`: filled from a run folder
 //! - `verdict`: the sentences at the top
 //! - `chart`, `figures`: plots; `picture`: images with what vision found in them
 //! - `sections`, `coefficients`: the page itself
@@ -15,13 +15,15 @@ mod coefficients;
 mod data;
 mod figures;
 mod format;
+mod gather;
 mod picture;
 mod sections;
 #[cfg(test)]
 mod tests;
 mod verdict;
 
-pub use data::{ClockQuality, ImageQuality, Overlay, ReportData, RunEnd, RunFigures, ServoTrace, Timing};
+pub use data::{ClockQuality, ImageQuality, Overlay, ReportData, RunEnd, RunFigures, ServoTrace};
+pub use gather::GatherError;
 
 use maud::{DOCTYPE, PreEscaped, html};
 

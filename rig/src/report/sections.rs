@@ -215,17 +215,20 @@ pub(super) fn quality(data: &ReportData) -> Markup {
 
 /// Where the time went.
 pub(super) fn timings(data: &ReportData) -> Markup {
-    let longest = data.timings.iter().map(|t| t.wall_s).fold(0.0, f64::max);
+    let longest = data.timing.stages.iter().map(|s| s.wall_s).fold(0.0, f64::max);
     html! {
-        @if !data.timings.is_empty() {
+        @if !data.timing.stages.is_empty() {
             section #timings {
                 h2 { "Timings" }
+                @if data.timing.workers > 0 {
+                    p.lead { "Wall times; the fit used " (counted(data.timing.workers, "thread")) "." }
+                }
                 table.facts {
-                    @for timing in &data.timings {
-                        @let share = if longest > 0.0 { timing.wall_s / longest * 100.0 } else { 0.0 };
+                    @for stage in &data.timing.stages {
+                        @let share = if longest > 0.0 { stage.wall_s / longest * 100.0 } else { 0.0 };
                         tr {
-                            th { (timing.name) }
-                            td.number { (duration(timing.wall_s)) }
+                            th { (stage.name) }
+                            td.number { (duration(stage.wall_s)) }
                             td.wide {
                                 svg.strip viewBox="0 0 100 12" preserveAspectRatio="none" {
                                     rect.sigma x="0" y="2" width=(format!("{share:.2}")) height="8" {}

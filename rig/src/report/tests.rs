@@ -5,6 +5,7 @@ use sim::{Command, Trajectory};
 
 use super::data::{FitSummary, KeypointErrors, Parameter, RunErrors};
 use super::*;
+use crate::record::timing::{Stage, Timing};
 
 const HOSTILE: &str = "<script>alert('x')</script>\"&";
 const LINK_M: f64 = 0.025;
@@ -154,9 +155,12 @@ fn whole() -> ReportData {
             samples: 31,
             drift_ppm: Some(-12.3),
         }],
-        timings: [("film", 4.3), ("extract", 2.1), ("fit", 8.8)]
-            .map(|(name, wall_s)| Timing { name: name.into(), wall_s })
-            .to_vec(),
+        timing: Timing {
+            workers: 2,
+            stages: [("film", 4.3), ("extract", 2.1), ("fit", 8.8)]
+                .map(|(name, wall_s)| Stage { name: name.into(), wall_s })
+                .to_vec(),
+        },
         warnings: vec!["One image was lost before it reached the host.".into()],
         provenance: vec![("rig".into(), "0.1.0".into()), ("model".into(), "chain-passive.xml".into())],
         config_toml: Some("[camera]\nfps = 100.0\n".into()),
