@@ -1,0 +1,208 @@
+//! What a report is made of.
+
+use image::{GrayImage, RgbImage};
+use sim::{Command, Trajectory};
+
+use crate::record::timing::Timing;
+
+/// Everything a report can show. Only `id` is needed; an empty or absent part is left out of the page.
+#[derive(Debug, Clone, Default)]
+pub struct ReportData {
+    /// Run id, or the experiment's name.
+    pub id: String,
+    /// When the run began or the fit was made, for people.
+    pub date: String,
+    /// One line saying what was done, e.g. "driven run of chain, prescribed servo".
+    pub description: String,
+    /// How the run ended; absent for a fit of its own.
+    pub end: Option<RunEnd>,
+    /// The fit, as in `fit.json`.
+    pub fit: Option<FitSummary>,
+    /// Measured and simulated motion of each run.
+    pub runs: Vec<RunFigures>,
+    /// Selected camera images with what vision found.
+    pub overlays: Vec<Overlay>,
+    /// What the servos were told and did.
+    pub servo: Option<ServoTrace>,
+    /// What the camera delivered and what became of it.
+    pub images: Option<ImageQuality>,
+    /// How well other clocks were put on the host's.
+    pub clocks: Vec<ClockQuality>,
+    /// Wall times of the stages.
+    pub timing: Timing,
+    /// Things that went less than well, one sentence each.
+    pub warnings: Vec<String>,
+    /// Name and value: versions, seed, model, camera, water.
+    pub provenance: Vec<(String, String)>,
+    /// The rig config or `experiment.toml` as used.
+    pub config_toml: Option<String>,
+}
+
+/// How a run ended, as in `stop.json`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum RunEnd {
+    /// It did what it was to do.
+    Success,
+    /// Someone or something stopped it, with the reason.
+    Abort(String),
+    /// A fault ended it, with the reason.
+    Fail(String),
+}
+
+/// One run's motion, measured and simulated.
+#[derive(Debug, Clone, Default)]
+pub struct RunFigures {
+    /// Run id as in the experiment.
+    pub id: String,
+    /// Never fitted, only scored.
+    pub holdout: bool,
+    /// What the camera saw.
+    pub measured: Trajectory,
+    /// What the calibrated model does, at the same instants; empty without a fit.
+    pub simulated: Trajectory,
+    /// Where the first pivot is \[m\], world frame; drawn as the start of each pose when the trajectory itself
+    /// has no P0.
+    pub base_m: Option<[f64; 3]>,
+    /// When the mechanism begins to move \[s\].
+    pub start_s: Option<f64>,
+    /// Measured centrelines \[m\] as (x, z), base to tip, one for each of some instants.
+    pub centrelines_m: Vec<Vec<[f64; 2]>>,
+    /// The camera image of the first pose.
+    pub measured_pose: Option<Overlay>,
+    /// The same pose rendered from the model.
+    pub simulated_pose: Option<GrayImage>,
+}
+
+/// A camera image and what vision found in it. Pixels count from the centre of the top left one.
+#[derive(Debug, Clone)]
+pub struct Overlay {
+    /// Mid-exposure \[s\] on the run's time.
+    pub time_s: f64,
+    /// The image.
+    pub image: GrayImage,
+    /// Nonzero where the mechanism was seen; of the image's size.
+    pub mask: Option<GrayImage>,
+    /// Centreline \[px\], base to tip, as (column, row).
+    pub centreline_px: Vec<[f64; 2]>,
+    /// Keypoints \[px\] as (name, column, row).
+    pub keypoints_px: Vec<(String, [f64; 2])>,
+    /// Accepted, or why it was rejected.
+    pub status: String,
+}
+
+/// Commanded and measured servo angles.
+#[derive(Debug, Clone, Default)]
+pub struct ServoTrace {
+    /// Commanded angles.
+    pub commanded: Command,
+    /// What telemetry said, where the board tells; columns may be fewer.
+    pub measured: Option<Command>,
+}
+
+/// Counts of images.
+#[derive(Debug, Clone, Default)]
+pub struct ImageQuality {
+    /// Images received.
+    pub received: usize,
+    /// Images that gave keypoints.
+    pub used: usize,
+    /// Reason and count of the rejected ones.
+    pub rejected: Vec<(String, usize)>,
+    /// Images the camera's own count says were lost.
+    pub lost: usize,
+    /// Images that came but had no room in a queue.
+    pub dropped: usize,
+    /// Images a second, as measured.
+    pub fps: Option<f64>,
+    /// Longest time between two images \[s\].
+    pub longest_gap_s: Option<f64>,
+}
+
+/// How well a clock is known.
+#[derive(Debug, Clone, Default)]
+pub struct ClockQuality {
+    /// Which clock.
+    pub name: String,
+    /// One sigma of its conversion to the host's clock \[s\].
+    pub sigma_s: f64,
+    /// How many samples the line rests on.
+    pub samples: usize,
+    /// Its rate against nominal \[parts per million\].
+    pub drift_ppm: Option<f64>,
+}
+
+/// An RGB copy of a grey image.
+pub(super) fn to_rgb(image: &GrayImage) -> RgbImage {
+    RgbImage::from_fn(image.width(), image.height(), |x, y| {
+        let grey = image.get_pixel(x, y).0[0];
+        image::Rgb([grey; 3])
+    })
+}
+
+/// A fit's outcome: the fields of `fit.json`.
+#[derive(Debug, Clone, Default)]
+pub struct FitSummary {
+    /// Which method.
+    pub method: String,
+    /// Its seed.
+    pub seed: u64,
+    /// Candidates asked for.
+    pub evaluations: u64,
+    /// Runs simulated.
+    pub rollouts: u64,
+    /// Why it stopped.
+    pub stop_reason: String,
+    /// Mean over images of the sum over keypoints of squared distances \[m²\].
+    pub loss_m2: f64,
+    /// Keypoint noise, one sigma, each axis \[m\].
+    pub noise_m: f64,
+    /// Fitted parameters.
+    pub parameters: Vec<Parameter>,
+    /// Errors of each run.
+    pub runs: Vec<RunErrors>,
+    /// Length that percentages refer to \[m\].
+    pub characteristic_length_m: f64,
+    /// Groups of which only a combination is seen.
+    pub unidentifiable: Vec<Vec<String>>,
+}
+
+/// A fitted parameter.
+#[derive(Debug, Clone, Default)]
+pub struct Parameter {
+    /// Name.
+    pub name: String,
+    /// Value.
+    pub value: f64,
+    /// One sigma.
+    pub std: Option<f64>,
+    /// Lower bound.
+    pub lower: f64,
+    /// Upper bound.
+    pub upper: f64,
+    /// It rests on a bound.
+    pub at_bound: bool,
+    /// The data say what it is.
+    pub determined: bool,
+}
+
+/// A run's errors.
+#[derive(Debug, Clone, Default)]
+pub struct RunErrors {
+    /// Run id.
+    pub id: String,
+    /// Held out.
+    pub holdout: bool,
+    /// Errors of each keypoint.
+    pub keypoints: Vec<KeypointErrors>,
+}
+
+/// A keypoint's errors.
+#[derive(Debug, Clone, Default)]
+pub struct KeypointErrors {
+    /// Keypoint.
+    pub name: String,
+    /// Mean distance over time \[m\].
+    pub mean_error_m: f64,
+    /// Root mean square distance \[m\].
+    pub rms_error_m: f64,
+}

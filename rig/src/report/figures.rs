@@ -1,0 +1,233 @@
+//! The figures of one run, after the paper's Figs. 4 to 7.
+
+use maud::{Markup, html};
+use sim::{Command, Trajectory};
+
+use super::chart::{Chart, KEYPOINTS, MEASURED, SIMULATED, Series};
+use super::data::{RunFigures, ServoTrace};
+
+/// Axes of the plane of motion: index into a position, and name.
+const AXES: [(usize, &str); 2] = [(0, "x"), (2, "z")];
+/// About this many poses are superimposed: more become a grey mass.
+const POSES: usize = 45;
+const WIDE: (u32, u32) = (540, 190);
+const SQUARE: (u32, u32) = (420, 400);
+
+/// Position of keypoint `keypoint` along `axis` \[mm\] over time.
+fn track(trajectory: &Trajectory, keypoint: usize, axis: usize) -> Vec<(f64, f64)> {
+    let position = |instant: usize| trajectory.at(instant, keypoint)[axis] * 1e3;
+    trajectory.time_s.iter().enumerate().map(|(instant, &t)| (t, position(instant))).collect()
+}
+
+fn column(trajectory: &Trajectory, name: &str) -> Option<usize> {
+    trajectory.keypoints.iter().position(|k| k == name)
+}
+
+/// Figs. d to f: each keypoint over time, measured and simulated.
+pub(super) fn over_time(run: &RunFigures) -> Markup {
+    let charts = run.measured.keypoints.iter().enumerate().flat_map(|(k, name)| {
+        AXES.map(|(axis, letter)| {
+            let measured = track(&run.measured, k, axis);
+            let mut series = vec![Series { width: 2.0, ..Series::line(measured, MEASURED) }];
+            if let Some(k) = column(&run.simulated, name) {
+                series.push(Series::line(track(&run.simulated, k, axis), SIMULATED));
+            }
+            Chart {
+                title: format!("{name}, {letter}"),
+                x_label: "time [s]".into(),
+                y_label: format!("{letter} [mm]"),
+                size: WIDE,
+                marks: run.start_s.into_iter().collect(),
+                series,
+                ..Chart::default()
+            }
+        })
+    });
+    html! { div.pair { @for chart in charts { (chart.svg()) } } }
+}
+
+/// Measured minus simulated over time, with a band of two sigma of the keypoint noise.
+pub(super) fn residuals(run: &RunFigures, noise_m: f64) -> Markup {
+    let charts = AXES.map(|(axis, letter)| {
+        let series = run.measured.keypoints.iter().enumerate().filter_map(|(k, name)| {
+            let other = column(&run.simulated, name)?;
+            let points = residual(&run.measured, k, &run.simulated, other, axis);
+            Some(Series { width: 1.0, ..Series::line(points, KEYPOINTS[k % KEYPOINTS.len()]) })
+        });
+        Chart {
+            title: format!("residual in {letter}"),
+            x_label: "time [s]".into(),
+            y_label: "residual [mm]".into(),
+            size: WIDE,
+            band: (noise_m > 0.0).then_some(2e3 * noise_m),
+            marks: run.start_s.into_iter().collect(),
+            series: series.collect(),
+            ..Chart::default()
+        }
+    });
+    html! { div.pair { @for chart in charts { (chart.svg()) } } }
+}
+
+/// Residual \[mm\] at the instants both trajectories have; the simulated one is asked at the measured instants.
+fn residual(
+    measured: &Trajectory,
+    keypoint: usize,
+    simulated: &Trajectory,
+    other: usize,
+    axis: usize,
+) -> Vec<(f64, f64)> {
+    let mut row = 0;
+    let mut points = Vec::with_capacity(measured.time_s.len());
+    for (instant, &t) in measured.time_s.iter().enumerate() {
+        while row < simulated.time_s.len() && simulated.time_s[row] < t {
+            row += 1;
+        }
+        let value = match simulated.time_s.get(row) {
+            Some(&same) if same == t => measured.at(instant, keypoint)[axis] - simulated.at(row, other)[axis],
+            _ => f64::NAN,
+        };
+        points.push((t, value * 1e3));
+    }
+    points
+}
+
+/// The pose at one instant as a line \[mm\] from the base over the keypoints.
+fn pose(trajectory: &Trajectory, instant: usize, base_m: Option<[f64; 3]>) -> Vec<(f64, f64)> {
+    let has_base = trajectory.keypoints.iter().any(|name| name == "P0");
+    let base = base_m.filter(|_| !has_base);
+    let keypoints = (0..trajectory.keypoints.len()).map(|k| trajectory.at(instant, k));
+    base.into_iter().chain(keypoints).map(|p| (p[0] * 1e3, p[2] * 1e3)).collect()
+}
+
+fn is_whole(pose: &[(f64, f64)]) -> bool {
+    pose.iter().all(|p| p.0.is_finite() && p.1.is_finite())
+}
+
+/// Figs. a and b as drawings: the first pose, measured and simulated, on the same axes.
+pub(super) fn first_pose(run: &RunFigures) -> Markup {
+    let first = |trajectory: &Trajectory| {
+        (0..trajectory.time_s.len()).map(|i| pose(trajectory, i, run.base_m)).find(|p| is_whole(p))
+    };
+    let mut chart = Chart {
+        title: "first pose".into(),
+        x_label: "x [mm]".into(),
+        y_label: "z [mm]".into(),
+        size: SQUARE,
+        equal_axes: true,
+        ..Chart::default()
+    };
+    for (trajectory, colour) in [(&run.measured, MEASURED), (&run.simulated, SIMULATED)] {
+        if let Some(points) = first(trajectory) {
+            chart.dots.extend(points.iter().map(|&p| (p, colour)));
+            chart.series.push(Series { width: 2.2, ..Series::line(points, colour) });
+        }
+    }
+    chart.svg()
+}
+
+/// Figs. c: poses over time superimposed, early ones pale, and every keypoint's path.
+pub(super) fn superimposed(run: &RunFigures) -> Markup {
+    let mut charts = Vec::new();
+    for (trajectory, title, colour) in
+        [(&run.measured, "motion measured", MEASURED), (&run.simulated, "motion simulated", SIMULATED)]
+    {
+        if trajectory.time_s.is_empty() {
+            continue;
+        }
+        let stride = trajectory.time_s.len().div_ceil(POSES).max(1);
+        let lines: Vec<_> = if colour == MEASURED && !run.centrelines_m.is_empty() {
+            let every = run.centrelines_m.len().div_ceil(POSES).max(1);
+            let line = |c: &Vec<[f64; 2]>| c.iter().map(|p| (p[0] * 1e3, p[1] * 1e3)).collect();
+            run.centrelines_m.iter().step_by(every).map(line).collect()
+        } else {
+            let instants = (0..trajectory.time_s.len()).step_by(stride);
+            instants.map(|i| pose(trajectory, i, run.base_m)).collect()
+        };
+        let last = lines.len().max(2) - 1;
+        let mut series: Vec<_> = lines
+            .into_iter()
+            .enumerate()
+            .map(|(i, points)| Series {
+                points,
+                colour: KEYPOINTS[KEYPOINTS.len() - 1],
+                opacity: 0.12 + 0.5 * i as f64 / last as f64,
+                width: 1.0,
+            })
+            .collect();
+        for k in 0..trajectory.keypoints.len() {
+            let xz = |i: usize| {
+                let p = trajectory.at(i, k);
+                (p[0] * 1e3, p[2] * 1e3)
+            };
+            let path = (0..trajectory.time_s.len()).map(xz).collect();
+            series.push(Series { width: 1.2, ..Series::line(path, KEYPOINTS[k % KEYPOINTS.len()]) });
+        }
+        charts.push(Chart {
+            title: title.into(),
+            x_label: "x [mm]".into(),
+            y_label: "z [mm]".into(),
+            size: SQUARE,
+            equal_axes: true,
+            series,
+            ..Chart::default()
+        });
+    }
+    html! { @for chart in charts { (chart.svg()) } }
+}
+
+/// Servo angles over time, commanded and measured.
+pub(super) fn servo(trace: &ServoTrace) -> Markup {
+    let angle = |command: &Command, column: usize| {
+        let width = command.actuators.len();
+        let row = |(i, &t): (usize, &f64)| (t, command.angle_rad[i * width + column].to_degrees());
+        command.time_s.iter().enumerate().map(row).collect()
+    };
+    let charts = trace.commanded.actuators.iter().enumerate().map(|(c, name)| {
+        let mut series = vec![Series::line(angle(&trace.commanded, c), KEYPOINTS[1])];
+        if let Some(measured) = &trace.measured
+            && let Some(column) = measured.actuators.iter().position(|a| a == name)
+        {
+            series.push(Series::line(angle(measured, column), KEYPOINTS[0]));
+        }
+        Chart {
+            title: name.clone(),
+            x_label: "time [s]".into(),
+            y_label: "angle [°], ccw positive".into(),
+            size: (1096, 220),
+            series,
+            ..Chart::default()
+        }
+    });
+    html! { @for chart in charts { (chart.svg()) } }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn trajectory(time_s: &[f64], x_m: &[f64]) -> Trajectory {
+        Trajectory {
+            time_s: time_s.to_vec(),
+            keypoints: vec!["P1".into()],
+            position_m: x_m.iter().map(|&x| [x, f64::NAN, 0.0]).collect(),
+            std_m: None,
+        }
+    }
+
+    #[test]
+    fn residual_is_measured_minus_simulated_where_both_have_an_instant() {
+        let measured = trajectory(&[0.0, 0.1, 0.2], &[0.003, 0.004, 0.005]);
+        let simulated = trajectory(&[0.1, 0.2], &[0.001, 0.007]);
+        let residual = residual(&measured, 0, &simulated, 0, 0);
+        assert!(residual[0].1.is_nan());
+        assert!((residual[1].1 - 3.0).abs() < 1e-12 && (residual[2].1 + 2.0).abs() < 1e-12, "{residual:?}");
+    }
+
+    #[test]
+    fn pose_starts_at_the_base_only_when_p0_is_not_a_keypoint() {
+        let mut chain = trajectory(&[0.0], &[0.025]);
+        assert_eq!(pose(&chain, 0, Some([0.0; 3])), [(0.0, 0.0), (25.0, 0.0)]);
+        chain.keypoints = vec!["P0".into()];
+        assert_eq!(pose(&chain, 0, Some([0.0; 3])), [(25.0, 0.0)]);
+    }
+}

@@ -1,0 +1,293 @@
+//! Fills a report from a run folder: whatever files are there.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use ident::table::{self, TableError};
+use sim::Command;
+
+use super::data::{ImageQuality, ReportData, RunEnd, RunFigures, ServoTrace};
+use super::format::counted;
+use crate::record::RecordError;
+use crate::record::folder::{RunFolder, RunKind, Start, Status, Stop, file};
+use crate::record::frames::{self, FrameRow};
+use crate::servo::StopOutcome;
+
+/// Why a run folder's files could not be read for a report.
+#[derive(Debug, thiserror::Error)]
+pub enum GatherError {
+    /// A file of the recording.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// A trajectory or servo table.
+    #[error(transparent)]
+    Table(#[from] TableError),
+}
+
+/// Share of images lost above which a run counts as degraded.
+const LOST_SHARE: f64 = 0.01;
+
+impl ReportData {
+    /// What a run folder says by itself: how the run went, images, servo, measured keypoints, wall times, origin.
+    /// The fit, the simulated motion, images and clocks come from whoever has them.
+    ///
+    /// # Errors
+    /// [`GatherError`] when a file is there and cannot be read; a missing one is left out.
+    pub fn of_run(folder: &RunFolder) -> Result<Self, GatherError> {
+        let start = folder.start();
+        let mut data = Self {
+            id: start.id.to_string(),
+            date: date(&start.clock.utc),
+            description: description(start),
+            end: folder.stop().map(end),
+            provenance: provenance(start),
+            config_toml: Some(start.config.clone()).filter(|text| !text.trim().is_empty()),
+            ..Self::default()
+        };
+        match folder.stop() {
+            None => data.warnings.push("The run was cut short: it has no stop.json.".into()),
+            Some(stop) if stop.servo == StopOutcome::LeftToDeadMan => {
+                data.warnings
+                    .push("The servo board did not answer the stop; its dead-man stopped it.".into());
+            }
+            Some(_) => {}
+        }
+        if let Some(path) = present(folder, file::FRAMES) {
+            let rows = frames::read(&path)?;
+            let dropped = folder.stop().map_or(0, |stop| stop.messages_dropped);
+            data.images = Some(images(&rows, usize::try_from(dropped).unwrap_or(usize::MAX)));
+            data.warnings.extend(image_warnings(&rows));
+        }
+        if let Some(path) = present(folder, file::SERVO) {
+            data.servo =
+                Some(ServoTrace { commanded: table::read_command(&path)?, measured: measured(&path) });
+        }
+        if let Some(path) = present(folder, file::TRAJECTORY) {
+            let started = data.servo.as_ref().and_then(|servo| servo.commanded.first_motion_s());
+            data.runs = vec![RunFigures {
+                id: data.id.clone(),
+                measured: table::read_trajectory(&path)?,
+                start_s: started.filter(|_| start.kind == RunKind::Driven),
+                ..RunFigures::default()
+            }];
+        }
+        if let Some(path) = present(folder, file::TIMING) {
+            let bytes = std::fs::read(&path).map_err(RecordError::io("reading", &path))?;
+            data.timing =
+                serde_json::from_slice(&bytes).map_err(|error| RecordError::damaged(&path, error))?;
+        }
+        Ok(data)
+    }
+}
+
+fn present(folder: &RunFolder, name: &str) -> Option<std::path::PathBuf> {
+    Some(folder.file(name)).filter(|path| path.is_file())
+}
+
+/// RFC 3339 to the second, as people write it; the text itself when it is no date.
+fn date(utc: &str) -> String {
+    utc.parse::<jiff::Timestamp>()
+        .map_or_else(|_| utc.to_owned(), |t| t.strftime("%Y-%m-%d %H:%M:%S UTC").to_string())
+}
+
+fn description(start: &Start) -> String {
+    let kind = match start.kind {
+        RunKind::Drop => "Drop: at rest, then let go",
+        RunKind::Driven if start.prescribed => "Driven: the driven joint follows the command exactly",
+        RunKind::Driven => "Driven by its servo",
+        RunKind::Free => "Free: already moving in the first image",
+    };
+    let config: Option<toml::Table> = start.config.parse().ok();
+    let name = config.as_ref().and_then(|table| table.get("run")?.get("name")?.as_str());
+    match name {
+        Some(name) => format!("{name}. {kind}."),
+        None => format!("{kind}."),
+    }
+}
+
+fn end(stop: &Stop) -> RunEnd {
+    let reason = stop.reason.clone().unwrap_or_else(|| "no reason was written".into());
+    match stop.status {
+        Status::Success => RunEnd::Success,
+        Status::Abort => RunEnd::Abort(reason),
+        Status::Fail => RunEnd::Fail(reason),
+    }
+}
+
+fn provenance(start: &Start) -> Vec<(String, String)> {
+    let mut rows = vec![("rig".to_owned(), start.version.clone()), ("model".to_owned(), start.model.clone())];
+    if let Some(camera) = &start.camera {
+        rows.push((
+            "camera".into(),
+            format!(
+                "{}, {}×{} at {} images/s, {:+.1} ms to mid-exposure",
+                camera.name,
+                camera.width_px,
+                camera.height_px,
+                camera.fps,
+                camera.mid_exposure_offset_s * 1e3
+            ),
+        ));
+    }
+    if let Some(board) = &start.board {
+        rows.push((
+            "servo board".into(),
+            format!("{}, protocol {}, boot {:08x}", board.name, board.protocol_version, board.boot_id),
+        ));
+    }
+    for (name, value) in &start.details {
+        if let Some(text) = value.as_str() {
+            rows.push((name.clone(), text.to_owned()));
+        } else if value.is_number() {
+            rows.push((name.clone(), value.to_string()));
+        }
+    }
+    rows
+}
+
+fn images(rows: &[FrameRow], dropped: usize) -> ImageQuality {
+    let mut rejected = BTreeMap::<&str, usize>::new();
+    for row in rows.iter().filter(|row| row.status != "ok") {
+        let reason = if row.reason.is_empty() { &row.status } else { &row.reason };
+        *rejected.entry(reason).or_default() += 1;
+    }
+    let mut rejected: Vec<_> = rejected.into_iter().map(|(reason, n)| (reason.to_owned(), n)).collect();
+    rejected.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+    let gaps = rows.windows(2).map(|pair| pair[1].time_s - pair[0].time_s);
+    let span = rows.last().zip(rows.first()).map_or(0.0, |(last, first)| last.time_s - first.time_s);
+    ImageQuality {
+        received: rows.len(),
+        used: rows.iter().filter(|row| row.status == "ok").count(),
+        rejected,
+        lost: rows.iter().map(|row| row.lost_before as usize).sum(),
+        dropped,
+        fps: (span > 0.0).then(|| (rows.len() - 1) as f64 / span),
+        longest_gap_s: gaps.reduce(f64::max),
+    }
+}
+
+fn image_warnings(rows: &[FrameRow]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let damaged = rows.iter().filter(|row| row.damaged).count();
+    if damaged > 0 {
+        warnings.push(format!("{} marked as damaged by the camera's driver.", counted(damaged, "image")));
+    }
+    let lost: usize = rows.iter().map(|row| row.lost_before as usize).sum();
+    if lost as f64 > LOST_SHARE * rows.len() as f64 {
+        warnings.push(format!("{} lost before the host: more than 1 %.", counted(lost, "image")));
+    }
+    let backward = rows.windows(2).filter(|pair| pair[1].time_s <= pair[0].time_s).count();
+    if backward > 0 {
+        warnings.push(format!("{} with a stamp not later than the one before.", counted(backward, "image")));
+    }
+    warnings
+}
+
+/// The `<actuator>_measured_rad` columns of a servo table; `None` where it has none.
+fn measured(path: &Path) -> Option<Command> {
+    const ENDING: &str = "_measured_rad";
+    let mut reader = csv::Reader::from_path(path).ok()?;
+    let header = reader.headers().ok()?.clone();
+    let columns: Vec<_> = header
+        .iter()
+        .enumerate()
+        .filter_map(|(i, name)| Some((i, name.strip_suffix(ENDING)?.to_owned())))
+        .collect();
+    if columns.is_empty() {
+        return None;
+    }
+    let mut command =
+        Command { actuators: columns.iter().map(|(_, name)| name.clone()).collect(), ..Command::default() };
+    for record in reader.records() {
+        let record = record.ok()?;
+        command.time_s.push(record.get(0)?.parse().ok()?);
+        // An empty cell is an instant without telemetry: a gap in the line.
+        let angle =
+            |&(i, _): &(usize, String)| record.get(i).and_then(|cell| cell.parse().ok()).unwrap_or(f64::NAN);
+        command.angle_rad.extend(columns.iter().map(angle));
+    }
+    Some(command)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::MonotonicNs;
+    use crate::record::folder::{ClockPair, RunId};
+
+    fn pair() -> ClockPair {
+        ClockPair { monotonic_ns: MonotonicNs(5), utc: "2026-11-20T10:15:03.25Z".into() }
+    }
+
+    fn folder(runs: &Path) -> RunFolder {
+        let start = Start {
+            id: RunId::try_from("20261120T101503Z-ab12cd".to_owned()).unwrap(),
+            kind: RunKind::Driven,
+            model: file::MODEL_START.into(),
+            prescribed: true,
+            clock: pair(),
+            version: "0.1.0".into(),
+            board: None,
+            camera: None,
+            config: "[run]\nname = \"pose I\"\n".into(),
+            details: BTreeMap::new(),
+        };
+        RunFolder::create(runs, start).unwrap()
+    }
+
+    fn row(time_s: f64, status: &str, reason: &str) -> FrameRow {
+        FrameRow {
+            sequence: 0,
+            time_s,
+            stamp_ns: 0,
+            damaged: false,
+            lost_before: u32::from(time_s > 0.25),
+            status: status.into(),
+            reason: reason.into(),
+        }
+    }
+
+    #[test]
+    fn incomplete_run_is_reported_with_what_it_has() {
+        let runs = tempfile::tempdir().unwrap();
+        let folder = folder(runs.path());
+        let data = ReportData::of_run(&folder).unwrap();
+        assert_eq!(data.date, "2026-11-20 10:15:03 UTC");
+        assert!(data.description.starts_with("pose I. Driven"), "{}", data.description);
+        assert!(data.end.is_none() && data.warnings[0].contains("cut short"), "{:?}", data.warnings);
+    }
+
+    #[test]
+    fn files_of_a_run_become_counts_servo_and_keypoints() {
+        let runs = tempfile::tempdir().unwrap();
+        let mut folder = folder(runs.path());
+        let rows =
+            [row(0.0, "ok", ""), row(0.1, "ok", ""), row(0.2, "rejected", "too dark"), row(0.3, "ok", "")];
+        frames::write(&folder.file(file::FRAMES), &rows).unwrap();
+        let servo = "time_s,servo_rad,servo_measured_rad\n0,0,0\n0.1,0,\n0.2,0.5,0.4\n";
+        std::fs::write(folder.file(file::SERVO), servo).unwrap();
+        std::fs::write(folder.file(file::TRAJECTORY), "time_s,P1_x_m,P1_z_m\n0,0.1,0\n0.1,,\n").unwrap();
+        let stop = Stop {
+            status: Status::Fail,
+            reason: Some("camera gone".into()),
+            clock: pair(),
+            servo: StopOutcome::LeftToDeadMan,
+            images: 4,
+            images_lost: 1,
+            messages_dropped: 2,
+        };
+        folder.finish(stop).unwrap();
+
+        let data = ReportData::of_run(&folder).unwrap();
+        let images = data.images.unwrap();
+        assert_eq!((images.received, images.used, images.lost, images.dropped), (4, 3, 1, 2));
+        assert_eq!(images.rejected, [("too dark".to_owned(), 1)]);
+        assert!((images.fps.unwrap() - 10.0).abs() < 1e-9);
+        assert_eq!(data.end, Some(RunEnd::Fail("camera gone".into())));
+        let measured = data.servo.unwrap().measured.unwrap();
+        assert_eq!((measured.actuators[0].as_str(), measured.angle_rad[2]), ("servo", 0.4));
+        assert!(measured.angle_rad[1].is_nan());
+        assert_eq!(data.runs[0].start_s, Some(0.1));
+        assert_eq!(data.warnings.len(), 2, "{:?}", data.warnings);
+    }
+}

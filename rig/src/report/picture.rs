@@ -1,0 +1,91 @@
+//! Camera images with mask, centreline and keypoints drawn over them.
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use image::{DynamicImage, GrayImage, ImageFormat, Rgb, RgbImage};
+use maud::{Markup, html};
+
+use super::chart::KEYPOINTS;
+use super::data::{Overlay, to_rgb};
+
+/// The mask's tint.
+const TINT: [f64; 3] = [64.0, 160.0, 255.0];
+/// How much of the tint shows.
+const TINT_SHARE: f64 = 0.35;
+
+/// The picture as an inline image; nothing when it cannot be encoded, which only an empty one cannot.
+fn data_uri(image: DynamicImage) -> Option<String> {
+    let mut png = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut png, ImageFormat::Png).ok()?;
+    Some(format!("data:image/png;base64,{}", STANDARD.encode(png.into_inner())))
+}
+
+/// The image with masked pixels tinted.
+fn tinted(image: &GrayImage, mask: Option<&GrayImage>) -> RgbImage {
+    let mut rgb = to_rgb(image);
+    let Some(mask) = mask.filter(|mask| mask.dimensions() == image.dimensions()) else { return rgb };
+    for (pixel, seen) in rgb.pixels_mut().zip(mask.pixels()) {
+        if seen.0[0] > 0 {
+            let mix =
+                |c: usize| (f64::from(pixel.0[c]) * (1.0 - TINT_SHARE) + TINT[c] * TINT_SHARE).round() as u8;
+            *pixel = Rgb([mix(0), mix(1), mix(2)]);
+        }
+    }
+    rgb
+}
+
+/// An image with what vision found; lines and labels are vectors and stay sharp.
+pub(super) fn overlay(overlay: &Overlay) -> Markup {
+    let (width, height) = overlay.image.dimensions();
+    let picture = match &overlay.mask {
+        Some(mask) => tinted(&overlay.image, Some(mask)).into(),
+        None => overlay.image.clone().into(),
+    };
+    let Some(uri) = data_uri(picture) else { return html! {} };
+    // The centre of the top left pixel is (0, 0) here and (0.5, 0.5) in SVG.
+    let at = |p: &[f64; 2]| format!("{:.2},{:.2} ", p[0] + 0.5, p[1] + 0.5);
+    let line: String = overlay.centreline_px.iter().map(at).collect();
+    let keypoints = overlay.keypoints_px.iter().filter(|(_, p)| p[0].is_finite() && p[1].is_finite());
+    let radius = f64::from(width) / 100.0;
+    html! {
+        figure.picture {
+            svg viewBox={ "0 0 " (width) " " (height) } role="img" {
+                image href=(uri) width=(width) height=(height) {}
+                @if !line.is_empty() { polyline.centreline points=(line) {} }
+                @for (k, (name, p)) in keypoints.enumerate() {
+                    @let colour = KEYPOINTS[k % KEYPOINTS.len()];
+                    circle.keypoint cx=(format!("{:.2}", p[0] + 0.5)) cy=(format!("{:.2}", p[1] + 0.5))
+                        r=(radius) fill=(format!("#{:02X}{:02X}{:02X}", colour.0, colour.1, colour.2)) {}
+                    text.keypoint x=(format!("{:.1}", p[0] + 2.2 * radius)) y=(format!("{:.1}", p[1] - radius))
+                        font-size=(3.2 * radius) { (name) }
+                }
+            }
+            figcaption { (format!("{:.3} s", overlay.time_s)) @if !overlay.status.is_empty() { " · " (overlay.status) } }
+        }
+    }
+}
+
+/// A plain picture with a caption.
+pub(super) fn plain(image: &GrayImage, caption: &str) -> Markup {
+    let Some(uri) = data_uri(image.clone().into()) else { return html! {} };
+    html! {
+        figure.picture { img src=(uri) alt=(caption); figcaption { (caption) } }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mask_tints_only_the_pixels_it_covers() {
+        let image = GrayImage::from_pixel(4, 2, image::Luma([100]));
+        let mut mask = GrayImage::new(4, 2);
+        mask.put_pixel(1, 1, image::Luma([255]));
+        let tinted = tinted(&image, Some(&mask));
+        assert_eq!(tinted.get_pixel(0, 0).0, [100; 3]);
+        assert_ne!(tinted.get_pixel(1, 1).0, [100; 3]);
+        let wrong_size = GrayImage::from_pixel(2, 2, image::Luma([255]));
+        assert_eq!(super::tinted(&image, Some(&wrong_size)).get_pixel(0, 0).0, [100; 3]);
+    }
+}

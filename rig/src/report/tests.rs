@@ -1,0 +1,250 @@
+//! The page as a whole, from made-up numbers.
+
+use image::{GrayImage, Luma};
+use sim::{Command, Trajectory};
+
+use super::data::{FitSummary, KeypointErrors, Parameter, RunErrors};
+use super::*;
+use crate::record::timing::{Stage, Timing};
+
+const HOSTILE: &str = "<script>alert('x')</script>\"&";
+const LINK_M: f64 = 0.025;
+const NOISE_M: f64 = 2e-4;
+
+/// A swing that dies away, of three links; `lag_s` shifts it.
+fn swing(lag_s: f64, noise_m: f64, seconds: f64) -> Trajectory {
+    let mut trajectory =
+        Trajectory { keypoints: ["P1", "P2", "P3"].map(String::from).to_vec(), ..Trajectory::default() };
+    let mut jitter = 0.5_f64;
+    for i in 0..(seconds * 100.0) as usize {
+        let t = i as f64 / 100.0;
+        trajectory.time_s.push(t);
+        let since = (t - 0.2).max(0.0) - lag_s * f64::from(t > 0.2);
+        let (mut x, mut z) = (0.0, 0.0);
+        for link in 0..3 {
+            let angle = 1.4 * (-0.7 * since).exp() * (6.0 * since - 0.4 * f64::from(link) * since).cos();
+            x += LINK_M * angle.sin();
+            z -= LINK_M * angle.cos();
+            jitter = (jitter * 9301.0 + 0.49297).fract();
+            let noise = (jitter - 0.5) * 3.46 * noise_m;
+            let lost = noise_m > 0.0 && (150..160).contains(&i);
+            trajectory.position_m.push(if lost { [f64::NAN; 3] } else { [x + noise, f64::NAN, z - noise] });
+        }
+    }
+    trajectory
+}
+
+fn parameter(name: &str, value: f64, std: f64) -> Parameter {
+    Parameter {
+        name: name.into(),
+        value,
+        std: Some(std),
+        lower: 0.0,
+        upper: 3.0,
+        at_bound: value == 0.0,
+        determined: std < 1.0,
+    }
+}
+
+fn errors(id: &str, holdout: bool, errors_mm: [f64; 3]) -> RunErrors {
+    let keypoint = |(k, mm): (usize, f64)| KeypointErrors {
+        name: format!("P{}", k + 1),
+        mean_error_m: mm * 1e-3,
+        rms_error_m: mm * 1.2e-3,
+    };
+    RunErrors { id: id.into(), holdout, keypoints: errors_mm.into_iter().enumerate().map(keypoint).collect() }
+}
+
+fn overlay(time_s: f64) -> Overlay {
+    let mut image = GrayImage::from_fn(640, 480, |x, y| Luma([(190 + (x / 16 + y / 16) % 2 * 4) as u8]));
+    let mut mask = GrayImage::new(640, 480);
+    let mut centreline_px = Vec::new();
+    let mut keypoints_px = vec![("P0".to_owned(), [320.0, 60.0])];
+    let mut base = [320.0, 60.0];
+    for link in 0..3 {
+        let angle = 0.9 - 0.5 * f64::from(link) + time_s;
+        for step in 0..=100 {
+            let along = f64::from(step);
+            let (x, y) = (base[0] + along * angle.sin(), base[1] + along * angle.cos());
+            for (dx, dy) in (-16i32..16).flat_map(|dx| (-16i32..16).map(move |dy| (dx, dy))) {
+                if dx * dx + dy * dy < 250 {
+                    let (column, row) = ((x as i32 + dx) as u32, (y as i32 + dy) as u32);
+                    if column < 640 && row < 480 {
+                        image.put_pixel(column, row, Luma([70]));
+                        mask.put_pixel(column, row, Luma([255]));
+                    }
+                }
+            }
+            centreline_px.push([x, y]);
+        }
+        base = [base[0] + 100.0 * angle.sin(), base[1] + 100.0 * angle.cos()];
+        keypoints_px.push((format!("P{}", link + 1), base));
+    }
+    Overlay { time_s, image, mask: Some(mask), centreline_px, keypoints_px, status: "accepted".into() }
+}
+
+fn whole() -> ReportData {
+    let names = ["blunt", "slender", "angular", "kutta", "magnus"];
+    let mut parameters: Vec<_> = (0..15)
+        .map(|i| {
+            let name = format!("g{}/{}", i / 5 + 1, names[i % 5]);
+            let loose = [3, 4, 6].contains(&i);
+            parameter(&name, 0.3 + 0.13 * i as f64, if loose { 2.5 } else { 0.02 * (i + 1) as f64 })
+        })
+        .collect();
+    parameters.push(Parameter { upper: 1e-4, ..parameter("q2/damping", 2.1e-6, 4e-7) });
+    parameters.push(Parameter { upper: 1e-4, ..parameter("q3/frictionloss", 0.0, 3e-8) });
+    let run = |id: &str, holdout, lag_s| RunFigures {
+        id: id.into(),
+        holdout,
+        measured: swing(0.0, NOISE_M, 4.0),
+        simulated: swing(lag_s, 0.0, 4.0),
+        base_m: Some([0.0; 3]),
+        start_s: Some(0.2),
+        measured_pose: Some(overlay(0.0)),
+        simulated_pose: Some(overlay(0.0).image),
+        ..RunFigures::default()
+    };
+    ReportData {
+        id: "20261120T101503Z-ab12cd".into(),
+        date: "2026-11-20 10:15:03 UTC".into(),
+        description: "Drop of the three-link chain from the horizontal pose, hanging mount.".into(),
+        end: Some(RunEnd::Success),
+        fit: Some(FitSummary {
+            method: "hybrid".into(),
+            seed: 1,
+            evaluations: 412,
+            rollouts: 824,
+            stop_reason: "converged".into(),
+            loss_m2: 4.1e-7,
+            noise_m: NOISE_M,
+            parameters,
+            runs: vec![
+                errors("drop-horizontal", false, [0.25, 0.26, 0.29]),
+                errors("drop-right-angle", true, [0.31, 0.44, 0.52]),
+            ],
+            characteristic_length_m: 0.08,
+            unidentifiable: vec![
+                vec!["g1/kutta".into()],
+                vec!["g1/magnus".into()],
+                ["g1/blunt", "g1/slender", "g1/angular"].map(String::from).to_vec(),
+            ],
+        }),
+        runs: vec![run("drop-horizontal", false, 0.002), run("drop-right-angle", true, 0.006)],
+        overlays: [0.0, 0.4, 0.8].map(overlay).to_vec(),
+        servo: Some(ServoTrace {
+            commanded: Command {
+                actuators: vec!["servo".into()],
+                time_s: vec![0.0, 0.5, 1.5, 2.0, 3.0, 3.5],
+                angle_rad: vec![0.0, 0.0, 0.6, -0.6, 0.6, -0.6],
+            },
+            measured: None,
+        }),
+        images: Some(ImageQuality {
+            received: 400,
+            used: 390,
+            rejected: vec![("mechanism leaves the picture".into(), 10)],
+            lost: 1,
+            dropped: 0,
+            fps: Some(100.02),
+            longest_gap_s: Some(0.02),
+        }),
+        clocks: vec![ClockQuality {
+            name: "servo board".into(),
+            sigma_s: 4.2e-5,
+            samples: 31,
+            drift_ppm: Some(-12.3),
+        }],
+        timing: Timing {
+            workers: 2,
+            stages: [("film", 4.3), ("extract", 2.1), ("fit", 8.8)]
+                .map(|(name, wall_s)| Stage { name: name.into(), wall_s })
+                .to_vec(),
+        },
+        warnings: vec!["One image was lost before it reached the host.".into()],
+        provenance: vec![("rig".into(), "0.1.0".into()), ("model".into(), "chain-passive.xml".into())],
+        config_toml: Some("[camera]\nfps = 100.0\n".into()),
+    }
+}
+
+/// `RIG_REPORT_SAMPLE=page.html cargo test -p rig report` writes the page, to be looked at in a browser.
+#[test]
+fn whole_report_shows_every_part_and_asks_nothing_of_the_net() {
+    let page = render(&whole());
+    if let Ok(path) = std::env::var("RIG_REPORT_SAMPLE") {
+        std::fs::write(path, &page).unwrap();
+    }
+    for part in ["errors", "images", "coefficients", "servo", "quality", "timings", "provenance"] {
+        assert!(page.contains(&format!("<section id=\"{part}\"")), "no section {part}");
+    }
+    assert!(page.contains("follows the keypoints to 0.27 mm (0.3 % of 80 mm) where it was fitted"));
+    assert!(page.contains("5 of 17 coefficients") || page.contains("3 of 17 coefficients are left open"));
+    let elsewhere = page.replace("xmlns=\"http://www.w3.org/2000/svg\"", "");
+    assert!(!elsewhere.contains("http:") && !elsewhere.contains("https:"), "the page must be self-contained");
+}
+
+#[test]
+fn report_of_nothing_but_a_name_is_a_page_without_sections() {
+    let page = render(&ReportData { id: "empty".into(), ..ReportData::default() });
+    assert!(page.contains("<h1>empty</h1>") && page.contains("Nothing was measured."));
+    assert!(!page.contains("<section"));
+}
+
+#[test]
+fn names_from_elsewhere_cannot_bring_a_script_along() {
+    let mut data = whole();
+    data.id = HOSTILE.into();
+    data.end = Some(RunEnd::Fail(HOSTILE.into()));
+    data.description = HOSTILE.into();
+    data.config_toml = Some(HOSTILE.into());
+    data.warnings = vec![HOSTILE.into()];
+    data.provenance = vec![(HOSTILE.into(), HOSTILE.into())];
+    for run in &mut data.runs {
+        run.id = HOSTILE.into();
+        run.measured.keypoints[0] = HOSTILE.into();
+        run.simulated.keypoints[0] = HOSTILE.into();
+    }
+    for overlay in &mut data.overlays {
+        overlay.status = HOSTILE.into();
+        overlay.keypoints_px[0].0 = HOSTILE.into();
+    }
+    if let Some(servo) = &mut data.servo {
+        servo.commanded.actuators[0] = HOSTILE.into();
+    }
+    if let Some(fit) = &mut data.fit {
+        fit.parameters[0].name = HOSTILE.into();
+        fit.runs[0].id = HOSTILE.into();
+        fit.runs[0].keypoints[0].name = HOSTILE.into();
+        fit.unidentifiable[0][0] = HOSTILE.into();
+        fit.stop_reason = HOSTILE.into();
+    }
+    let page = render(&data);
+    assert!(page.contains("&lt;script&gt;"));
+    assert!(!page.contains("<script"), "a script got through");
+    assert!(!page.contains("alert('x')\u{3c}/script>"));
+}
+
+#[test]
+fn failed_run_says_so_first() {
+    let mut data = whole();
+    data.end = Some(RunEnd::Fail("camera unplugged at 3.00 s".into()));
+    let page = render(&data);
+    assert!(page.contains("<div class=\"verdict bad\"><p class=\"line\">Failed: camera unplugged at 3.00 s"));
+}
+
+#[test]
+fn errors_beyond_five_percent_of_the_length_are_not_called_accurate() {
+    let mut data = whole();
+    let good = super::verdict::verdict(&data).tone;
+    if let Some(fit) = &mut data.fit {
+        fit.runs[0].keypoints[2].mean_error_m = 0.05;
+    }
+    let poor = super::verdict::verdict(&data);
+    assert_eq!((good, poor.tone), (super::verdict::Tone::Good, super::verdict::Tone::Caution));
+    assert!(poor.details[0].contains("More than 5 %"), "{:?}", poor.details);
+}
+
+#[test]
+fn report_is_the_same_every_time() {
+    assert_eq!(render(&whole()), render(&whole()));
+}

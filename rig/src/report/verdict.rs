@@ -1,0 +1,146 @@
+//! What came out, in sentences for someone who has a minute.
+
+use super::data::{FitSummary, ReportData, RunEnd};
+use super::format::{counted, millimetres, percent};
+
+/// How good the news is; decides the colour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Tone {
+    /// As hoped.
+    Good,
+    /// Usable, with a reserve that the text names.
+    Caution,
+    /// Did not work.
+    Bad,
+}
+
+impl Tone {
+    /// Class in the style sheet.
+    pub(super) fn class(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::Caution => "caution",
+            Self::Bad => "bad",
+        }
+    }
+}
+
+/// The verdict line, and sentences that qualify it.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Verdict {
+    pub(super) tone: Tone,
+    pub(super) line: String,
+    pub(super) details: Vec<String>,
+}
+
+/// The paper calls an average error below this share of the length accurate (its section III).
+const ACCURATE_SHARE: f64 = 0.05;
+/// Mean length of a plane vector whose two components have one sigma of 1: sqrt(pi / 2).
+const MEAN_PLANE_NOISE: f64 = 1.253_314_137_315_5;
+/// Up to this multiple of what noise alone would leave, an error counts as noise.
+const NOISE_MARGIN: f64 = 1.3;
+
+/// Mean over keypoints and runs of the mean errors \[m\]; `None` without such runs.
+pub(super) fn mean_error_m(fit: &FitSummary, holdout: bool) -> Option<f64> {
+    let errors: Vec<f64> = fit
+        .runs
+        .iter()
+        .filter(|run| run.holdout == holdout)
+        .flat_map(|run| run.keypoints.iter().map(|k| k.mean_error_m))
+        .filter(|e| e.is_finite())
+        .collect();
+    (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64)
+}
+
+/// Reads the verdict off the data.
+pub(super) fn verdict(data: &ReportData) -> Verdict {
+    let mut details = Vec::new();
+    match &data.end {
+        Some(RunEnd::Abort(reason)) => {
+            return Verdict { tone: Tone::Bad, line: format!("Aborted: {reason}"), details };
+        }
+        Some(RunEnd::Fail(reason)) => {
+            return Verdict { tone: Tone::Bad, line: format!("Failed: {reason}"), details };
+        }
+        Some(RunEnd::Success) | None => {}
+    }
+    let Some(fit) = &data.fit else {
+        let keypoints = data.runs.iter().map(|run| run.measured.keypoints.len()).max().unwrap_or(0);
+        let line = match &data.images {
+            Some(images) => {
+                format!("Filmed and measured: {} of {} images gave keypoints.", images.used, images.received)
+            }
+            None if keypoints > 0 => {
+                format!("Measured {}; no model was fitted.", counted(keypoints, "keypoint"))
+            }
+            None => "Nothing was measured.".into(),
+        };
+        return Verdict { tone: Tone::Caution, line, details };
+    };
+    let length = fit.characteristic_length_m;
+    let (fitted, heldout) = (mean_error_m(fit, false), mean_error_m(fit, true));
+    let say = |error: f64| {
+        format!("{} mm ({} % of {:.0} mm)", millimetres(error), percent(error, length), length * 1e3)
+    };
+    let line = match (fitted, heldout) {
+        (Some(fitted), Some(heldout)) => format!(
+            "The calibrated model follows the keypoints to {} where it was fitted and to {} on held-out runs.",
+            say(fitted),
+            say(heldout)
+        ),
+        (Some(error), None) => {
+            format!("The calibrated model follows the keypoints to {} on average.", say(error))
+        }
+        (None, Some(error)) => format!("The model predicts the held-out runs to {} on average.", say(error)),
+        (None, None) => "The fit left no error that could be scored.".into(),
+    };
+    let worst = fitted.into_iter().chain(heldout).fold(0.0, f64::max);
+    let mut tone = if fitted.or(heldout).is_none() {
+        Tone::Bad
+    } else if length > 0.0 && worst > ACCURATE_SHARE * length {
+        Tone::Caution
+    } else {
+        Tone::Good
+    };
+    if tone == Tone::Caution {
+        details.push("More than 5 % of the length: the paper would not call this accurate.".into());
+    }
+    if fit.noise_m > 0.0 && worst > 0.0 {
+        let ratio = worst / (MEAN_PLANE_NOISE * fit.noise_m);
+        details.push(if ratio <= NOISE_MARGIN {
+            format!(
+                "This is what keypoint noise alone leaves ({} mm, 1 σ per axis): the data see no fault in the model.",
+                millimetres(fit.noise_m)
+            )
+        } else {
+            format!(
+                "The error is {ratio:.1} times what keypoint noise alone would leave ({} mm, 1 σ per axis): the model \
+                 misses something that the residuals show.",
+                millimetres(fit.noise_m)
+            )
+        });
+    }
+    if let (Some(fitted), Some(heldout)) = (fitted, heldout)
+        && heldout > 2.0 * fitted
+    {
+        tone = Tone::Caution;
+        details.push(format!(
+            "Held-out runs are predicted {:.1} times worse than the fitted ones.",
+            heldout / fitted
+        ));
+    }
+    let loose = fit.parameters.iter().filter(|p| !p.determined).count();
+    let bound = fit.parameters.iter().filter(|p| p.at_bound).count();
+    if loose > 0 {
+        details.push(format!(
+            "{} of {} left open by these runs: do not read their values as measured.",
+            loose,
+            counted(fit.parameters.len(), "coefficient") + if loose == 1 { " is" } else { " are" },
+        ));
+    }
+    if bound > 0 {
+        let rests = if bound == 1 { "coefficient rests" } else { "coefficients rest" };
+        details.push(format!("{bound} {rests} on a bound."));
+    }
+    Verdict { tone, line, details }
+}
