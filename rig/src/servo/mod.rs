@@ -1,6 +1,9 @@
 //! Servo boards: one trait, and serial, mock and replayed ones behind it.
 
+pub mod config;
 pub mod pulse_log;
+
+pub use config::{ServoChannel, ServoConfig};
 
 use crate::clock::MonotonicNs;
 
