@@ -5,6 +5,7 @@
 //! run's trajectory goes to `ident`, and [`report`] shows what came out. [`run`] holds the whole together;
 //! [`servo`] moves the mechanism meanwhile. [`tank`] is the simulated tank behind mock board and mock camera.
 
+pub mod analysis;
 pub mod camera;
 pub mod claim;
 pub mod cli;

@@ -107,6 +107,16 @@ impl PulseProfile {
         self.tracks.iter().map(PulseTrack::duration_us).max().unwrap_or(0)
     }
 
+    /// This profile and then `next`, which must begin where this one ends: on the same channels, at the same pulses.
+    pub fn then(mut self, next: &Self) -> Self {
+        for track in &mut self.tracks {
+            if let Some(more) = next.tracks.iter().find(|more| more.channel == track.channel) {
+                track.segments.extend(&more.segments);
+            }
+        }
+        self
+    }
+
     /// The angles it commands, as the simulation and servo.csv want them, started at `start_s` of the run. Computed
     /// from the pulses as rounded, so it is what the board does and not what was asked for.
     ///

@@ -118,3 +118,23 @@ pub enum CameraError {
         what: String,
     },
 }
+
+/// Images the camera counted between two that were received. A count that went back is a restart, not a loss.
+pub fn images_lost(before: u32, now: u32) -> u32 {
+    let step = now.wrapping_sub(before);
+    if step < 1 << 31 { step.saturating_sub(1) } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::images_lost;
+
+    #[test]
+    fn gaps_in_the_count_are_losses_and_restarts_are_not() {
+        assert_eq!(images_lost(7, 8), 0);
+        assert_eq!(images_lost(7, 11), 3);
+        assert_eq!(images_lost(u32::MAX, 1), 1);
+        assert_eq!(images_lost(500, 0), 0);
+        assert_eq!(images_lost(7, 7), 0);
+    }
+}

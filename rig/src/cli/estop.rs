@@ -1,1 +1,65 @@
-//! `rig estop`.
+//! `rig estop`: stops the servo now. Beside a running rig it tells that one, which holds the port.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::anyhow;
+use rustix::process::{Pid, Signal, kill_process};
+
+use super::{Failure, Outcome};
+use crate::claim::{Claim, port_lock};
+use crate::config::RigConfig;
+use crate::servo::{self, StopOutcome};
+
+/// Arguments of `rig estop`.
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    /// The rig config that names the port
+    pub config: PathBuf,
+}
+
+/// A running rig stops its servo within 0.1 s and lets go of the port soon after.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Stops the servo.
+///
+/// # Errors
+/// [`Failure::Hardware`] when no stop was confirmed; [`Failure::Input`] when the config has no board on a port.
+pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    let config = RigConfig::read(&args.config).map_err(Failure::input)?;
+    let servo = config.servo.as_ref();
+    let port = servo.and_then(|servo| servo.port.as_deref()).ok_or_else(|| {
+        Failure::Input(anyhow!("{}: no board on a serial port: nothing to stop from outside", args.config.display()))
+    })?;
+    if let Some(holder) = Claim::holder(&port_lock(port)) {
+        return tell(holder, port);
+    }
+    let outcome = servo::stop_port(servo.unwrap_or(&servo::ServoConfig::none())).map_err(Failure::hardware)?;
+    match outcome {
+        StopOutcome::Acknowledged => Ok(said(format!("the board on {port} stopped"))),
+        StopOutcome::LeftToDeadMan | StopOutcome::NotNeeded => Err(Failure::Hardware(anyhow!(
+            "the board on {port} did not answer; its dead-man stops it; cut its power if anything still moves"
+        ))),
+    }
+}
+
+fn tell(holder: u32, port: &str) -> Result<Outcome, Failure> {
+    let process = i32::try_from(holder).ok().and_then(Pid::from_raw);
+    let process = process.ok_or_else(|| Failure::Internal(anyhow!("process id {holder} is none")))?;
+    kill_process(process, Signal::TERM)
+        .map_err(|error| Failure::Hardware(anyhow!("telling process {holder}, which holds {port}: {error}")))?;
+    let deadline = Instant::now() + PATIENCE;
+    while Claim::holder(&port_lock(port)) == Some(holder) {
+        if Instant::now() > deadline {
+            return Err(Failure::Hardware(anyhow!(
+                "process {holder} was told to stop and still holds {port}; cut the board's power if anything moves"
+            )));
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    Ok(said(format!("process {holder} stopped the board on {port}")))
+}
+
+fn said(text: String) -> Outcome {
+    Outcome { text, ..Outcome::default() }
+}

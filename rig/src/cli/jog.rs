@@ -1,1 +1,88 @@
-//! `rig jog`.
+//! `rig jog`: one servo by hand, slowly, for mounting and calibrating.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use anyhow::anyhow;
+
+use super::run::base;
+use super::signal::Interrupt;
+use super::{Failure, Outcome};
+use crate::config::RigConfig;
+use crate::run::open;
+use crate::servo::StopOutcome;
+
+/// Arguments of `rig jog`.
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    /// The rig config
+    pub config: PathBuf,
+    /// Name of the channel; may be left out where there is only one
+    #[arg(long)]
+    pub channel: Option<String>,
+    /// Angle to go to [rad]
+    #[arg(long, allow_negative_numbers = true, conflicts_with = "pulse_us")]
+    pub angle_rad: Option<f64>,
+    /// Pulse to go to [µs]
+    #[arg(long)]
+    pub pulse_us: Option<u16>,
+    /// Duration of the motion [s]
+    #[arg(long, default_value_t = 2.0)]
+    pub duration_s: f64,
+    /// How long to stay there before the channel goes to its safe state [s]
+    #[arg(long, default_value_t = 1.0)]
+    pub stay_s: f64,
+}
+
+/// Moves one channel, stays, and puts it in its safe state.
+///
+/// # Errors
+/// [`Failure::Input`] for a channel or place that is not there, [`Failure::Hardware`] when the board refuses or fails.
+pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    let config = RigConfig::read(&args.config).map_err(Failure::input)?;
+    let input = |why: String| Failure::Input(anyhow!(why));
+    let servo = config.servo.as_ref().ok_or_else(|| input("the config has no table [servo]".into()))?;
+    if ![args.duration_s, args.stay_s].iter().all(|s| s.is_finite() && (0.0..=600.0).contains(s)) {
+        return Err(input("--duration-s and --stay-s must be between 0 and 600".into()));
+    }
+    let names = || servo.channels.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
+    let channel = match &args.channel {
+        Some(name) => servo.channels.iter().find(|channel| channel.name == *name),
+        None if servo.channels.len() == 1 => servo.channels.first(),
+        None => None,
+    };
+    let channel = channel.ok_or_else(|| input(format!("--channel must be one of: {}", names())))?;
+    let mirrored = config.profile.as_ref().is_some_and(|profile| profile.mirrored);
+    let pulse_us = match (args.pulse_us, args.angle_rad) {
+        (Some(pulse_us), _) => pulse_us,
+        (None, Some(angle_rad)) => {
+            let pulse_us = channel.pulse_us(angle_rad, mirrored).round();
+            let range = f64::from(channel.min_pulse_us)..=f64::from(channel.max_pulse_us);
+            if !range.contains(&pulse_us) {
+                return Err(input(format!(
+                    "{angle_rad} rad is a pulse of {pulse_us} µs on channel {}, which takes {} to {} µs",
+                    channel.name, channel.min_pulse_us, channel.max_pulse_us
+                )));
+            }
+            pulse_us as u16
+        }
+        (None, None) => return Err(input("say where to: --angle-rad or --pulse-us".into())),
+    };
+    let runtime = tokio::runtime::Runtime::new().map_err(Failure::internal)?;
+    let interrupt = runtime.block_on(async { Interrupt::listen() }).map_err(Failure::internal)?;
+    let mut board = open::board(&config, base(&args.config)).map_err(Failure::hardware)?;
+    let moved = board.jog(channel.id, pulse_us, args.duration_s).and_then(|()| {
+        let until = std::time::Instant::now() + Duration::from_secs_f64(args.duration_s + args.stay_s);
+        while std::time::Instant::now() < until && !interrupt.is_raised() {
+            board.poll()?;
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        Ok(())
+    });
+    let stopped = board.stop();
+    moved.map_err(Failure::hardware)?;
+    if stopped == StopOutcome::LeftToDeadMan {
+        return Err(Failure::Hardware(anyhow!("the board did not answer the stop; its dead-man stops it")));
+    }
+    Ok(Outcome { text: format!("channel {} was at {pulse_us} µs", channel.name), ..Outcome::default() })
+}

@@ -11,9 +11,11 @@ pub mod jog;
 pub mod list;
 pub mod mock_board;
 pub mod mock_camera;
+pub mod progress;
 pub mod replay;
 pub mod run;
 pub mod runs;
+pub mod signal;
 pub mod simulate;
 
 use std::path::PathBuf;

@@ -1,1 +1,78 @@
 //! `rig replay`.
+
+use std::path::PathBuf;
+
+use anyhow::anyhow;
+
+use super::progress::Bar;
+use super::run::{analysis_failed, base, summary, threads};
+use super::signal::Interrupt;
+use super::{Failure, InRun, Outcome};
+use crate::analysis::{Analysis, Stage};
+use crate::config::RigConfig;
+use crate::record::folder::{RunFolder, file, write_whole};
+
+/// Arguments of `rig replay`.
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    /// The run folder
+    pub run: PathBuf,
+    /// Folder for the results, which becomes a run folder without a recording
+    #[arg(long)]
+    pub out: PathBuf,
+    /// What to begin with; the stages before it are taken as they stand in RUN
+    #[arg(long, value_enum, default_value = "frames")]
+    pub from: Stage,
+    /// Another config than the one the run was made with
+    #[arg(long)]
+    pub config: Option<PathBuf>,
+    /// Worker threads; as many as there are cores when left out
+    #[arg(long)]
+    pub threads: Option<usize>,
+}
+
+/// Redoes a run's analysis into another folder.
+///
+/// # Errors
+/// [`Failure`] by class.
+pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    let run = RunFolder::open(&args.run).map_err(Failure::input)?;
+    std::fs::create_dir_all(&args.out).map_err(Failure::input)?;
+    if same_folder(&args.run, &args.out) {
+        return Err(Failure::Input(anyhow!("--out {} is the run itself, which a replay never writes into", args.out.display())));
+    }
+    let (config, paths_from) = match &args.config {
+        Some(path) => (RigConfig::read(path), base(path)),
+        None => (RigConfig::parse(&run.start().config, &run.file(file::START)), run.path()),
+    };
+    let config = config.map_err(Failure::input)?;
+    for name in [file::START, file::STOP, run.start().model.as_str()] {
+        let from = run.file(name);
+        if from.exists() {
+            let bytes = std::fs::read(&from).map_err(Failure::input)?;
+            write_whole(&args.out.join(name), &bytes).map_err(Failure::input)?;
+        }
+    }
+    let runtime = tokio::runtime::Runtime::new().map_err(Failure::internal)?;
+    runtime.block_on(async {
+        let interrupt = Interrupt::listen().map_err(Failure::internal)?;
+        let mut bar = Bar::new(interrupt.flag());
+        let analysis = Analysis {
+            run: &run,
+            out: &args.out,
+            config: &config,
+            paths_from,
+            from: args.from,
+            threads: threads(args.threads),
+        };
+        let fitted = tokio::task::block_in_place(|| analysis.carry_out(&mut bar))
+            .map_err(|error| analysis_failed(error, InRun(args.run.clone())))?;
+        let shown = RunFolder::open(&args.out).map_err(Failure::internal)?;
+        let text = summary(&fitted, &config, &shown);
+        Ok(Outcome { out: Some(args.out.clone()), run: Some(args.run.clone()), text, ..Outcome::default() })
+    })
+}
+
+fn same_folder(a: &std::path::Path, b: &std::path::Path) -> bool {
+    matches!((std::fs::canonicalize(a), std::fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
+}

@@ -1,1 +1,173 @@
-//! config
+//! A rig config: one TOML file that says everything about an experiment, read strictly.
+
+use std::path::{Path, PathBuf};
+
+use ident::experiment::FitConfig;
+use ident::strict::{self, NonNegative, StrictError};
+use serde::{Deserialize, Serialize};
+
+use crate::camera::config::{CameraConfig, CameraKind};
+use crate::camera::mock::CameraFaultKind;
+use crate::profile::{Profile, ProfileConfig};
+use crate::run::config::{MechanismConfig, MotionKind, RunConfig, ScheduleConfig, WaterConfig};
+use crate::servo::config::{BoardKind, ServoConfig};
+use crate::servo::mock::BoardFaultKind;
+use crate::vision::calibration::Calibration;
+use crate::vision::config::{Background, VisionConfig};
+
+/// Everything about an experiment. One table each; the fields' types document the options.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigConfig {
+    /// What is done, and with which model.
+    pub run: RunConfig,
+    /// The servo board; a drop has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub servo: Option<ServoConfig>,
+    /// The stroke; a drop has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub profile: Option<ProfileConfig>,
+    /// The camera.
+    pub camera: CameraConfig,
+    /// From pixels to metres.
+    pub calibration: Calibration,
+    /// From images to keypoints.
+    pub vision: VisionConfig,
+    /// What else is known of the mechanism.
+    #[serde(default)]
+    pub mechanism: MechanismConfig,
+    /// What is known of the water.
+    #[serde(default)]
+    pub water: WaterConfig,
+    /// What is fitted and how.
+    #[serde(default)]
+    pub fit: FitConfig,
+    /// When `rig daemon` runs it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub schedule: Option<ScheduleConfig>,
+    /// The simulated tank behind mock board and mock camera.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mock: Option<MockConfig>,
+}
+
+/// The `[mock]` table.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MockConfig {
+    /// The tank, a TOML file relative to the config.
+    pub tank: PathBuf,
+    /// Faults to play.
+    #[serde(default)]
+    pub faults: Vec<Fault>,
+}
+
+/// A fault that a mock plays.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fault {
+    /// When, from the run's start \[s\].
+    pub at_s: NonNegative,
+    /// What.
+    pub kind: FaultKind,
+}
+
+/// What a mock can be made to do wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum FaultKind {
+    /// The camera.
+    Camera(CameraFaultKind),
+    /// The servo board.
+    Board(BoardFaultKind),
+}
+
+/// Why a config cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The text is at fault.
+    #[error(transparent)]
+    Strict(#[from] StrictError),
+    /// Its tables contradict each other.
+    #[error("{}: {why}", path.display())]
+    Contradiction {
+        /// The config.
+        path: PathBuf,
+        /// What, and what to do.
+        why: String,
+    },
+}
+
+impl RigConfig {
+    /// Reads the config at `path` and checks that its tables agree.
+    ///
+    /// # Errors
+    /// [`ConfigError`], naming the file and, within it, the line or the tables.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        Self::checked(strict::read(path)?, path)
+    }
+
+    /// Reads the config from `text`, as [`RigConfig::read`] would at `path`.
+    ///
+    /// # Errors
+    /// [`ConfigError`].
+    pub fn parse(text: &str, path: &Path) -> Result<Self, ConfigError> {
+        Self::checked(strict::parse(text, path)?, path)
+    }
+
+    fn checked(self, path: &Path) -> Result<Self, ConfigError> {
+        let contradiction = |why: &str| Err(ConfigError::Contradiction { path: path.into(), why: why.into() });
+        let driven = self.run.kind == MotionKind::Driven;
+        if driven && (self.servo.is_none() || self.profile.is_none()) {
+            return contradiction("a driven run needs the tables [servo] and [profile]");
+        }
+        if !driven && self.profile.is_some() {
+            return contradiction("a drop plays no profile: remove the table [profile], or say kind = \"driven\"");
+        }
+        if self.needs_tank() && self.mock.is_none() {
+            return contradiction("mock board or mock camera without a tank: add [mock] tank = \"...\"");
+        }
+        if let Err(error) = self.vision.check() {
+            return contradiction(&format!("[vision]: {error}"));
+        }
+        Ok(self)
+    }
+
+    /// About how much a run's recording takes on the disk \[bytes\]: raw images for as long as it is filmed.
+    pub fn expected_bytes(&self) -> u64 {
+        let profile_s = self.profile.as_ref().and_then(|profile| Profile::new(profile).ok()).map_or(0.0, |p| p.duration_s());
+        let seconds = profile_s + self.run.film_s.get() + self.run.settle_s.get();
+        let fps = self.camera.fps.map_or(0.0, strict::Positive::get);
+        (f64::from(self.camera.width_px) * f64::from(self.camera.height_px) * fps * seconds) as u64
+    }
+
+    fn needs_tank(&self) -> bool {
+        let mock_board = self.servo.as_ref().is_some_and(|servo| servo.kind == BoardKind::Mock);
+        mock_board || self.camera.kind == CameraKind::Mock
+    }
+
+    /// The files beside the config that an analysis needs, and a copy of the config that names them without
+    /// folders: so both can be kept in a run folder.
+    pub fn gathered(&self) -> (Self, Vec<PathBuf>) {
+        let mut config = self.clone();
+        let named = [
+            config.vision.static_mask.as_mut(),
+            config.calibration.file.as_mut(),
+            match &mut config.vision.background {
+                Background::Picture(path) => Some(path),
+                _ => None,
+            },
+        ];
+        let files = named
+            .into_iter()
+            .flatten()
+            .map(|path| {
+                let original = path.clone();
+                if let Some(name) = original.file_name() {
+                    *path = name.into();
+                }
+                original
+            })
+            .collect();
+        (config, files)
+    }
+}

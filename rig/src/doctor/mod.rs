@@ -1,5 +1,6 @@
 //! What is checked before a run, and by `rig doctor`: each check says what was found and what to do about it.
 
+pub mod devices;
 pub mod host;
 
 use std::fmt;

@@ -10,7 +10,7 @@ use tokio::sync::mpsc as events;
 use super::stillness::changed_share;
 use crate::camera::{Camera, CameraError, CameraImage, decode};
 use crate::clock::MonotonicNs;
-use crate::profile::PulseProfile;
+use crate::profile::{PulseProfile, PulseTrack};
 use crate::servo::{ServoBoard, ServoError, ServoEvent, StopOutcome};
 
 /// What the devices tell the coordinator.
@@ -124,6 +124,7 @@ fn watch_stillness(images: &Receiver<Arc<CameraImage>>, events: &events::Sender<
 }
 
 enum Order {
+    Approach(PulseProfile, f64),
     Arm(PulseProfile, MonotonicNs),
     Stop(SyncSender<StopOutcome>),
 }
@@ -146,6 +147,12 @@ impl ServoThread {
             serve(board.as_mut(), &inbox, &events);
         });
         Self { orders, thread: Some(thread), outcome: None }
+    }
+
+    /// Moves every channel of `profile` to where its track starts, within `duration_s`; a refusal comes back as
+    /// [`DeviceEvent::ServoFailed`].
+    pub fn approach(&self, profile: &PulseProfile, duration_s: f64) {
+        let _ = self.orders.try_send(Order::Approach(profile.clone(), duration_s));
     }
 
     /// Uploads and arms; a refusal comes back as [`DeviceEvent::ServoFailed`].
@@ -179,6 +186,12 @@ impl Drop for ServoThread {
 fn serve(board: &mut dyn ServoBoard, orders: &Receiver<Order>, events: &events::Sender<DeviceEvent>) {
     loop {
         match orders.recv_timeout(SERVO_PERIOD) {
+            Ok(Order::Approach(profile, duration_s)) => {
+                let jog = |track: &PulseTrack| board.jog(track.channel, track.start_pulse_us, duration_s);
+                if let Err(error) = profile.tracks.iter().try_for_each(jog) {
+                    let _ = events.blocking_send(DeviceEvent::ServoFailed(error));
+                }
+            }
             Ok(Order::Arm(profile, start)) => {
                 if let Err(error) = board.arm(&profile, start) {
                     let _ = events.blocking_send(DeviceEvent::ServoFailed(error));

@@ -10,7 +10,7 @@ use tokio::time::MissedTickBehavior;
 
 use super::devices::{CameraThread, DeviceEvent, ServoThread};
 use super::machine::{Action, Ending, Event, Machine, Plan};
-use crate::camera::{Camera, CameraError, CameraImage};
+use crate::camera::{Camera, CameraError, CameraImage, images_lost};
 use crate::clock::MonotonicNs;
 use crate::profile::PulseProfile;
 use crate::record::recording::{Recorded, Recorder};
@@ -68,6 +68,9 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, mut notify:
     let (sender, mut devices) = mpsc::channel(QUEUE);
     let profile = setup.drive.as_ref().map(|(_, profile)| profile.clone());
     let mut servo = setup.drive.map(|(board, _)| ServoThread::start(board, sender.clone()));
+    if let (Some(servo), Some(profile)) = (&servo, &profile) {
+        servo.approach(profile, setup.plan.approach_s);
+    }
     let camera = CameraThread::start(setup.camera, setup.stall, sender);
     let recorder = setup.recorder;
 
@@ -172,9 +175,7 @@ impl ImageCount {
     fn count(&mut self, image: Arc<CameraImage>) -> bool {
         self.received += 1;
         let identical = self.last.as_ref().is_some_and(|last| {
-            let step = image.sequence.wrapping_sub(last.sequence);
-            // Half the range and more means that the count went back: a restart, not a loss.
-            self.lost += if step < 1 << 31 { u64::from(step.saturating_sub(1)) } else { 0 };
+            self.lost += u64::from(images_lost(last.sequence, image.sequence));
             last.data == image.data
         });
         self.last = Some(image);

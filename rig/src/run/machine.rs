@@ -23,6 +23,8 @@ pub enum Ending {
 pub struct Plan {
     /// Servo or hand.
     pub kind: MotionKind,
+    /// How long the servo takes to where its profile starts; stillness does not count before \[s\].
+    pub approach_s: f64,
     /// Stillness wanted before motion \[s\].
     pub settle_s: f64,
     /// Film on for so long after the profile's end or the release \[s\].
@@ -179,7 +181,9 @@ impl Machine {
         event: &Event,
         now: MonotonicNs,
     ) -> Option<Action> {
-        if let Event::Changed(share) = event {
+        if let Event::Changed(share) = event
+            && now >= self.began.plus_seconds(self.plan.approach_s)
+        {
             let still = *share <= self.plan.still_share;
             self.phase = Phase::Settling { still_since: still.then(|| still_since.unwrap_or(now)) };
         }
@@ -198,7 +202,7 @@ impl Machine {
                     }
                 })
             }
-            _ if now > self.began.plus_seconds(self.plan.release_timeout_s + self.plan.settle_s) => {
+            _ if now > self.began.plus_seconds(self.plan.approach_s + self.plan.release_timeout_s + self.plan.settle_s) => {
                 self.stop(Ending::Fail(format!(
                     "the picture never was still for {} s: {:.3} % of it kept changing, {:.3} % are allowed ([run] still_share)",
                     self.plan.settle_s,
@@ -233,6 +237,7 @@ mod tests {
     fn plan(kind: MotionKind) -> Plan {
         Plan {
             kind,
+            approach_s: 0.0,
             settle_s: 0.5,
             film_s: 1.0,
             profile_s: 3.0,
@@ -261,6 +266,16 @@ mod tests {
         assert_eq!(machine.on(Event::Tick, at(4.8)), None);
         assert_eq!(machine.on(Event::Tick, at(4.9)), Some(Action::Stop(Ending::Success)));
         assert_eq!(machine.on(Event::Fault("late".into()), at(5.0)), None);
+    }
+
+    #[test]
+    fn stillness_does_not_count_while_the_servo_approaches_its_start() {
+        let mut machine = Machine::new(Plan { approach_s: 1.5, ..plan(MotionKind::Driven) }, at(0.0));
+        machine.on(Event::Changed(0.0), at(0.1));
+        assert_eq!(machine.on(Event::Tick, at(1.4)), None);
+        machine.on(Event::Changed(0.0), at(1.6));
+        assert_eq!(machine.on(Event::Tick, at(2.0)), None);
+        assert_eq!(machine.on(Event::Tick, at(2.1)), Some(Action::Arm(at(2.4))));
     }
 
     #[test]

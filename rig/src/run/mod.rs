@@ -2,5 +2,217 @@
 //! one safe stop that every way out passes.
 
 pub mod config;
+pub mod devices;
+pub mod film;
 pub mod machine;
+pub mod open;
 pub mod stillness;
+
+use std::collections::BTreeMap;
+use std::future::Future;
+use std::path::{Path, PathBuf};
+
+use ident::experiment::RunKind;
+use serde_json::json;
+
+use crate::camera::CameraError;
+use crate::config::RigConfig;
+use crate::profile::{Profile, ProfileError, PulseProfile};
+use crate::record::RecordError;
+use crate::record::folder::{ClockPair, RunFolder, RunId, Start, Status, Stop, file};
+use crate::record::recording::{Recorder, RecorderOptions};
+use crate::servo::ServoError;
+use config::MotionKind;
+use film::{Filmed, Notice, Setup, film};
+use machine::{Ending, Plan};
+
+/// How far ahead the board is armed \[s\]: a few round trips and resends.
+const LEAD_S: f64 = 0.4;
+/// How long the servo takes to its start pulse before a run \[s\]: slow, since nobody knows where it stands.
+const APPROACH_S: f64 = 1.5;
+
+/// Why a run could not be filmed.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The camera.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// The board.
+    #[error(transparent)]
+    Servo(#[from] ServoError),
+    /// The run's files.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// The profile breaks a limit.
+    #[error(transparent)]
+    Profile(#[from] ProfileError),
+    /// The mock tank.
+    #[error(transparent)]
+    Tank(#[from] crate::tank::TankError),
+    /// A file named by the config.
+    #[error("reading {}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+impl RunError {
+    /// The config or a file it names is at fault, not a device.
+    pub fn is_input(&self) -> bool {
+        matches!(self, Self::Profile(_) | Self::File { .. } | Self::Tank(_))
+    }
+}
+
+/// What is run, and where it is kept.
+pub struct Job<'a> {
+    /// The config.
+    pub config: &'a RigConfig,
+    /// The folder in which the config lies: relative paths in it start there.
+    pub base: &'a Path,
+    /// The folder of run folders.
+    pub runs_dir: &'a Path,
+}
+
+/// A run on the disk, with how it went.
+pub struct Conducted {
+    /// Its folder.
+    pub folder: RunFolder,
+    /// How it went.
+    pub filmed: Filmed,
+}
+
+impl Job<'_> {
+    /// Films the experiment into a new run folder. Once the folder is there, faults end up in its `stop.json` and not
+    /// in the error.
+    ///
+    /// # Errors
+    /// [`RunError`] when it could not even begin.
+    pub async fn conduct(
+        &self,
+        interrupt: impl Future<Output = ()>,
+        mut notify: impl FnMut(&RunFolder, Notice),
+    ) -> Result<Conducted, RunError> {
+        let pulses = self.pulses()?;
+        let mut opened = open::open(self.config, self.base)?;
+        let origin = ClockPair::now();
+        opened.begin(origin.monotonic_ns);
+        let mut folder = self.create(&opened, origin)?;
+        let journal = folder.journal()?;
+        let recorder =
+            Recorder::create(&folder.file(file::RECORDING), Some(opened.camera.info()), RecorderOptions::default())?;
+
+        let mut hand = opened.hand.take();
+        let drive = opened.board.take().zip(pulses);
+        let setup = Setup {
+            plan: self.plan(drive.as_ref().map(|(_, pulses)| pulses)),
+            camera: opened.camera,
+            stall: self.config.camera.stall(),
+            drive,
+            recorder,
+        };
+        let mut journal_error = None;
+        let filmed = film(setup, interrupt, |notice| {
+            if let Notice::Journal(text) = &notice {
+                journal_error = journal.write(text, json!({})).err().or(journal_error.take());
+            }
+            if notice == Notice::LetGo
+                && let Some(hand) = &mut hand
+            {
+                hand.let_go();
+            }
+            notify(&folder, notice);
+        })
+        .await;
+        if let Some(error) = journal_error {
+            tracing::warn!("{error}");
+        }
+        journal.write("stopped", json!({ "servo": filmed.servo, "stop_s": filmed.stop_s, "ending": filmed.ending }))?;
+        folder.finish(stop(&filmed))?;
+        Ok(Conducted { folder, filmed })
+    }
+
+    /// The pulses of the whole motion, with a small slow one in front where a servo is not calibrated.
+    fn pulses(&self) -> Result<Option<PulseProfile>, ProfileError> {
+        let (Some(profile), Some(servo)) = (&self.config.profile, &self.config.servo) else { return Ok(None) };
+        let pulses = Profile::new(profile)?.pulses(servo)?;
+        let driven = |track: &crate::profile::PulseTrack| servo.channel(track.channel);
+        if pulses.tracks.iter().filter_map(driven).all(|channel| channel.calibrated) {
+            return Ok(Some(pulses));
+        }
+        Ok(Some(Profile::new(&profile.cautious())?.pulses(servo)?.then(&pulses)))
+    }
+
+    fn plan(&self, pulses: Option<&PulseProfile>) -> Plan {
+        let run = &self.config.run;
+        Plan {
+            kind: run.kind,
+            approach_s: pulses.map_or(0.0, |_| APPROACH_S),
+            settle_s: run.settle_s.get(),
+            film_s: run.film_s.get(),
+            profile_s: pulses.map_or(0.0, |pulses| pulses.duration_us() as f64 * 1e-6),
+            lead_s: LEAD_S,
+            release_timeout_s: run.release_timeout_s.get(),
+            still_share: run.still_share.get(),
+        }
+    }
+
+    /// Makes the run folder with all that an analysis needs later.
+    fn create(&self, opened: &open::Opened, clock: ClockPair) -> Result<RunFolder, RunError> {
+        let (config, files) = self.config.gathered();
+        let read = |path: &Path| {
+            let path = self.base.join(path);
+            std::fs::read(&path).map_err(|source| RunError::File { path, source })
+        };
+        let model = read(&self.config.run.model)?;
+        let kind = match self.config.run.kind {
+            MotionKind::Driven => RunKind::Driven,
+            MotionKind::Drop => RunKind::Drop,
+        };
+        let details = BTreeMap::from([
+            ("mechanism".to_owned(), json!(self.config.mechanism)),
+            ("water".to_owned(), json!(self.config.water)),
+            ("calibration".to_owned(), json!(self.config.calibration)),
+        ]);
+        let start = Start {
+            id: RunId::now(),
+            kind,
+            model: file::MODEL_START.into(),
+            prescribed: self.config.run.prescribed,
+            clock,
+            version: env!("CARGO_PKG_VERSION").into(),
+            board: opened.board.as_ref().map(|board| board.info().clone()),
+            camera: Some(opened.camera.info().clone()),
+            config: toml::to_string(&config).map_err(|error| RecordError::damaged(self.base, error))?,
+            details,
+        };
+        let contents = files.iter().map(|path| Ok((path, read(path)?))).collect::<Result<Vec<_>, RunError>>()?;
+        let folder = RunFolder::create(self.runs_dir, start)?;
+        folder.write(file::MODEL_START, &model)?;
+        for (path, bytes) in contents {
+            if let Some(name) = path.file_name() {
+                folder.write(&name.to_string_lossy(), &bytes)?;
+            }
+        }
+        Ok(folder)
+    }
+}
+
+fn stop(filmed: &Filmed) -> Stop {
+    let (status, reason) = match &filmed.ending {
+        Ending::Success => (Status::Success, None),
+        Ending::Abort(reason) => (Status::Abort, Some(reason.clone())),
+        Ending::Fail(reason) => (Status::Fail, Some(reason.clone())),
+    };
+    Stop {
+        status,
+        reason,
+        clock: ClockPair::now(),
+        servo: filmed.servo,
+        images: filmed.recorded.images,
+        images_lost: filmed.images_lost,
+        messages_dropped: filmed.recorded.dropped,
+    }
+}

@@ -1,0 +1,194 @@
+//! From a recording to a report. A run is analysed by the same code that replays it, so both give the same bytes.
+//!
+//! ```text
+//! recording.mcap -> frames.csv, servo.csv -> trajectory.csv -> fit.json, model.xml -> report.html
+//! ```
+
+pub mod pictures;
+pub mod timeline;
+
+use std::path::{Path, PathBuf};
+
+use ident::experiment::{Experiment, Run, RunKind};
+use ident::fit::{FitError, Fitted, Observer};
+use ident::table;
+
+use crate::config::{ConfigError, RigConfig};
+use crate::record::RecordError;
+use crate::record::folder::{RunFolder, file, write_whole};
+use crate::record::frames::{self, FrameRow};
+use crate::record::timing::Timing;
+use crate::report::{GatherError, ReportData};
+use crate::vision::VisionError;
+use crate::vision::calibration::CalibrationError;
+use crate::vision::extractor::{Extraction, Status};
+use timeline::Timeline;
+
+/// The stage to begin with; the ones before are taken as they stand in the run's folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
+pub enum Stage {
+    /// From the recorded images.
+    Frames,
+    /// From `trajectory.csv`.
+    Trajectory,
+}
+
+/// Why an analysis ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum AnalysisError {
+    /// A file of the run.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// The config as recorded, or the one given instead.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The calibration.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
+    /// The images.
+    #[error("extracting keypoints")]
+    Vision(#[from] VisionError),
+    /// The profile as recorded does not fit the config.
+    #[error(transparent)]
+    Profile(#[from] crate::profile::ProfileError),
+    /// A table of the run.
+    #[error(transparent)]
+    Table(#[from] table::TableError),
+    /// The model.
+    #[error("model {}", path.display())]
+    Model {
+        /// The model's file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: sim::mjcf::MjcfError,
+    },
+    /// The fit.
+    #[error("fitting")]
+    Fit(#[from] FitError),
+}
+
+impl From<GatherError> for AnalysisError {
+    fn from(error: GatherError) -> Self {
+        match error {
+            GatherError::Record(error) => Self::Record(error),
+            GatherError::Table(error) => Self::Table(error),
+        }
+    }
+}
+
+/// Told while the analysis goes on.
+pub trait Progress: Observer {
+    /// A stage begins: its name, and how many steps it has where that is known.
+    fn stage(&mut self, name: &str, steps: Option<u64>);
+    /// So many steps of the stage are done.
+    fn step(&mut self, done: u64);
+}
+
+/// What to analyse, and where the results go.
+pub struct Analysis<'a> {
+    /// The recorded run.
+    pub run: &'a RunFolder,
+    /// The folder for results, the run's own or another.
+    pub out: &'a Path,
+    /// The config to analyse with.
+    pub config: &'a RigConfig,
+    /// The folder that paths in the config start from.
+    pub paths_from: &'a Path,
+    /// Where to begin.
+    pub from: Stage,
+    /// Worker threads for the images.
+    pub threads: usize,
+}
+
+impl Analysis<'_> {
+    /// Carries out all stages from [`Analysis::from`] on and writes their files.
+    ///
+    /// # Errors
+    /// [`AnalysisError`]; the files of the stages before it are there.
+    pub fn carry_out(&self, progress: &mut dyn Progress) -> Result<Fitted, AnalysisError> {
+        let mut timing = Timing { workers: self.threads, ..Timing::default() };
+        let timeline = timing.measure("recording", || Timeline::read(self.run, self.config))?;
+        if let Some(command) = &timeline.command {
+            table::write_command(&self.out.join(file::SERVO), command)?;
+        }
+        let extraction = match self.from {
+            Stage::Frames => Some(timing.measure("images", || self.extract(&timeline, progress))?),
+            Stage::Trajectory => {
+                self.take_over(&[file::FRAMES, file::TRAJECTORY])?;
+                None
+            }
+        };
+        let experiment = self.experiment(&timeline)?;
+        progress.stage("fit", Some(experiment.fit.max_evaluations));
+        let fitted = timing.measure("fit", || ident::fit::fit(&experiment, progress))?;
+        write_json(&self.out.join(file::FIT), &fitted.fit)?;
+        let comment = format!("Calibrated by rig {} on run {}.", env!("CARGO_PKG_VERSION"), self.run.start().id);
+        write_whole(&self.out.join(file::MODEL), fitted.model.to_mjcf(&comment).as_bytes())?;
+        timing.write(&self.out.join(file::TIMING))?;
+
+        progress.stage("report", None);
+        let shown = RunFolder::open(self.out)?;
+        let mut data = ReportData::of_run(&shown)?;
+        data.add_fit(&fitted);
+        data.clocks.extend(timeline.clock_quality());
+        if let Some(extraction) = &extraction {
+            pictures::Source { run: self.run, timeline: &timeline }.show(&mut data, extraction, &fitted)?;
+        }
+        write_whole(&self.out.join(file::REPORT), crate::report::render(&data).as_bytes())?;
+        Ok(fitted)
+    }
+
+    fn extract(&self, timeline: &Timeline, progress: &mut dyn Progress) -> Result<Extraction, AnalysisError> {
+        progress.stage("images", Some(timeline.images.len() as u64));
+        let plane = self.config.calibration.plane(self.paths_from)?;
+        let extraction = pictures::Source { run: self.run, timeline }
+            .extract(&self.config.vision, self.paths_from, &plane, self.threads, |done| progress.step(done as u64))?;
+        let mut rows: Vec<FrameRow> = timeline.images.iter().map(|image| image.row.clone()).collect();
+        let used = rows.iter_mut().filter(|row| row.status == timeline::USABLE);
+        for (row, record) in used.zip(&extraction.records) {
+            row.status = match record.status {
+                Status::Ok => "ok",
+                Status::Doubtful => "doubtful",
+                Status::Rejected => "rejected",
+            }
+            .into();
+            row.reason.clone_from(&record.reason);
+        }
+        frames::write(&self.out.join(file::FRAMES), &rows)?;
+        table::write_trajectory(&self.out.join(file::TRAJECTORY), &extraction.trajectory)?;
+        Ok(extraction)
+    }
+
+    /// Copies files of the run that are taken as they are into another folder for results.
+    fn take_over(&self, names: &[&str]) -> Result<(), AnalysisError> {
+        for name in names {
+            let (from, to) = (self.run.file(name), self.out.join(name));
+            if from != to {
+                let bytes = std::fs::read(&from).map_err(RecordError::io("reading", &from))?;
+                write_whole(&to, &bytes)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn experiment(&self, timeline: &Timeline) -> Result<Experiment, AnalysisError> {
+        let start = self.run.start();
+        let path = self.run.file(&start.model);
+        let text = std::fs::read_to_string(&path).map_err(RecordError::io("reading", &path))?;
+        let model = sim::Model::from_mjcf(&text).map_err(|source| AnalysisError::Model { path, source })?;
+        let trajectory = table::read_trajectory(&self.out.join(file::TRAJECTORY))?;
+        let kind = start.kind;
+        let run = Run {
+            command: timeline.command.clone().filter(|_| kind == RunKind::Driven),
+            prescribed: start.prescribed && kind == RunKind::Driven,
+            ..Run::new(start.id.as_str(), kind, trajectory)
+        };
+        Ok(Experiment { model, noise_m: None, fit: self.config.fit.clone(), runs: vec![run] })
+    }
+}
+
+fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), RecordError> {
+    let mut json = serde_json::to_vec_pretty(value).map_err(|error| RecordError::damaged(path, error))?;
+    json.push(b'\n');
+    write_whole(path, &json)
+}

@@ -1,0 +1,155 @@
+//! The recorded images: through the extraction, and a few of them into the report.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use image::GrayImage;
+use ident::fit::{Fitted, FittedRun};
+
+use super::AnalysisError;
+use super::timeline::{ImageTime, Timeline, USABLE};
+use crate::camera::decode;
+use crate::record::folder::{RunFolder, file};
+use crate::record::reader::{Item, Recording};
+use crate::report::{Overlay, ReportData};
+use crate::vision::extractor::{Extraction, Extractor, ImageRecord, LEARN_FROM, TimedImage};
+use crate::vision::{Plane, Status, VisionConfig};
+
+/// Images whose pictures are held in memory at once.
+const AT_ONCE: usize = 64;
+/// Images shown in a report with what was found in them.
+const SHOWN: usize = 6;
+/// Centrelines drawn for the superimposed motion.
+const CENTRELINES: usize = 40;
+
+/// The usable images of a recorded run.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    /// The run.
+    pub run: &'a RunFolder,
+    /// Its images' times.
+    pub timeline: &'a Timeline,
+}
+
+impl<'a> Source<'a> {
+    /// Extracts the keypoints. Paths in `config` start at `folder`; `progress` hears how many images are done.
+    ///
+    /// # Errors
+    /// [`AnalysisError`] when the recording cannot be read or its images cannot be told from their background.
+    pub fn extract(
+        self,
+        config: &VisionConfig,
+        folder: &Path,
+        plane: &Plane,
+        threads: usize,
+        mut progress: impl FnMut(usize),
+    ) -> Result<Extraction, AnalysisError> {
+        let usable = self.usable();
+        let stride = usable.len().div_ceil(LEARN_FROM).max(1);
+        let sample = self.load(usable.iter().step_by(stride).copied())?;
+        let mut extractor =
+            Extractor::learn(&sample.iter().collect::<Vec<_>>(), config, plane.clone(), folder, threads)?;
+        drop(sample);
+
+        let mut records: Vec<ImageRecord> = Vec::with_capacity(usable.len());
+        let mut waiting = Vec::with_capacity(AT_ONCE);
+        self.each(usable.iter().copied(), |image| {
+            waiting.push(image);
+            if waiting.len() == AT_ONCE {
+                records.append(&mut extractor.push(&waiting));
+                waiting.clear();
+                progress(records.len());
+            }
+        })?;
+        records.append(&mut extractor.push(&waiting));
+        progress(records.len());
+        Ok(Extraction::of(records, config.links, plane.clone()))
+    }
+
+    /// Puts some images with what was found in them, the first pose, and centrelines into a report.
+    ///
+    /// # Errors
+    /// [`AnalysisError`] when the recording cannot be read again.
+    pub fn show(self, data: &mut ReportData, extraction: &Extraction, fitted: &Fitted) -> Result<(), AnalysisError> {
+        let usable = self.usable();
+        let shown = worth_showing(extraction);
+        let images = self.load(shown.iter().map(|&index| usable[index]))?;
+        data.overlays = shown
+            .iter()
+            .zip(&images)
+            .filter_map(|(&index, image)| Some(overlay(image.grey.as_ref().ok()?, &extraction.records[index])))
+            .collect();
+        let Some(figures) = data.runs.first_mut() else { return Ok(()) };
+        figures.measured_pose = data.overlays.first().cloned();
+        figures.centrelines_m = extraction
+            .records
+            .iter()
+            .step_by(extraction.records.len().div_ceil(CENTRELINES).max(1))
+            .map(|record| record.centreline.iter().map(|&px| extraction.plane.metres(px)).collect())
+            .collect();
+        if let (Some(pose), Some(run)) = (&figures.measured_pose, fitted.runs.first()) {
+            figures.simulated_pose = Some(drawn(fitted, run, &pose.image, &extraction.plane));
+        }
+        Ok(())
+    }
+
+    fn usable(self) -> Vec<&'a ImageTime> {
+        self.timeline.images.iter().filter(|image| image.row.status == USABLE).collect()
+    }
+
+    fn load<'i>(self, wanted: impl Iterator<Item = &'i ImageTime>) -> Result<Vec<TimedImage>, AnalysisError> {
+        let mut images = Vec::new();
+        self.each(wanted, |image| images.push(image))?;
+        Ok(images)
+    }
+
+    /// Decodes the `wanted` images, which rise in index, and hands them on.
+    fn each<'i>(
+        self,
+        mut wanted: impl Iterator<Item = &'i ImageTime>,
+        mut take: impl FnMut(TimedImage),
+    ) -> Result<(), AnalysisError> {
+        let Some(mut next) = wanted.next() else { return Ok(()) };
+        let mut index = 0;
+        for item in Recording::open(&self.run.file(file::RECORDING))? {
+            let Item::Image(image) = item? else { continue };
+            if index == next.index {
+                take(TimedImage {
+                    name: image.sequence.to_string(),
+                    time_s: next.row.time_s,
+                    grey: decode::grey(&image).map_err(|error| error.to_string()),
+                });
+                match wanted.next() {
+                    Some(image) => next = image,
+                    None => break,
+                }
+            }
+            index += 1;
+        }
+        Ok(())
+    }
+}
+
+/// The fitted model in its initial pose, as the camera would see it.
+fn drawn(fitted: &Fitted, run: &FittedRun, like: &GrayImage, plane: &Plane) -> GrayImage {
+    crate::tank::render::silhouette(&fitted.model, &run.initial.qpos, like.dimensions(), plane)
+}
+
+/// The first image, evenly spread ones, and the first rejected one: an index into the records each.
+fn worth_showing(extraction: &Extraction) -> BTreeSet<usize> {
+    let records = &extraction.records;
+    let spread = (0..SHOWN - 1).map(|k| k * (records.len() - 1) / (SHOWN - 1).max(1));
+    let rejected = records.iter().position(|record| record.status == Status::Rejected);
+    spread.chain(rejected).collect()
+}
+
+fn overlay(image: &GrayImage, record: &ImageRecord) -> Overlay {
+    Overlay {
+        time_s: record.time_s,
+        image: image.clone(),
+        mask: record.mask.as_ref().map(|mask| mask.picture(image.dimensions())),
+        centreline_px: record.centreline.clone(),
+        keypoints_px: record.keypoints.iter().enumerate().map(|(i, k)| (format!("P{i}"), k.px)).collect(),
+        status: if record.reason.is_empty() { "ok".into() } else { record.reason.clone() },
+    }
+}

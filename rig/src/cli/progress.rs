@@ -1,0 +1,68 @@
+//! Progress on standard error: a bar on a terminal, nothing in a pipe.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use ident::fit::{Flow, Observer, Progress as FitProgress};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::analysis::Progress;
+
+/// See the module.
+#[derive(Debug)]
+pub struct Bar {
+    bar: ProgressBar,
+    interrupted: Arc<AtomicBool>,
+}
+
+impl Bar {
+    /// A bar that shows nothing yet. Where `interrupted` becomes true, a fit is told to finish with what it has.
+    pub fn new(interrupted: Arc<AtomicBool>) -> Self {
+        // indicatif draws to standard error, and only on a terminal.
+        Self { bar: ProgressBar::no_length(), interrupted }
+    }
+
+    /// Shows a line of text with a spinner.
+    pub fn say(&self, text: impl Into<String>) {
+        self.bar.set_style(ProgressStyle::default_spinner());
+        self.bar.set_message(text.into());
+        self.bar.tick();
+    }
+
+    /// Prints a line that stays, on a terminal and in a pipe.
+    pub fn announce(&self, text: &str) {
+        if self.bar.is_hidden() { eprintln!("{text}") } else { self.bar.println(text) }
+    }
+}
+
+impl Drop for Bar {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+impl Progress for Bar {
+    fn stage(&mut self, name: &str, steps: Option<u64>) {
+        let style = match steps {
+            Some(_) => ProgressStyle::with_template("{msg:<28} {wide_bar} {pos}/{len} {eta}"),
+            None => ProgressStyle::with_template("{spinner} {msg}"),
+        };
+        self.bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        self.bar.set_length(steps.unwrap_or(0));
+        self.bar.set_position(0);
+        self.bar.set_message(name.to_owned());
+    }
+
+    fn step(&mut self, done: u64) {
+        self.bar.set_position(done);
+    }
+}
+
+impl Observer for Bar {
+    fn progress(&mut self, progress: &FitProgress<'_>) -> Flow {
+        self.bar.set_length(progress.max_evaluations);
+        self.bar.set_position(progress.evaluations);
+        self.bar.set_message(format!("fit: {} {:.3} mm rms", progress.phase, progress.loss_m2.sqrt() * 1e3));
+        if self.interrupted.load(Ordering::Relaxed) { Flow::Stop } else { Flow::Continue }
+    }
+}

@@ -1,0 +1,63 @@
+//! Ctrl-C and SIGTERM: the first one asks for an orderly end, the second one ends at once.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::watch;
+
+/// Listens for as long as its runtime lives.
+#[derive(Debug, Clone)]
+pub struct Interrupt {
+    flag: Arc<AtomicBool>,
+    told: watch::Receiver<bool>,
+}
+
+/// Exit code of a process ended at once by a second signal, as shells give it for Ctrl-C.
+const AT_ONCE: i32 = 130;
+
+impl Interrupt {
+    /// Begins to listen; must be called within a tokio runtime.
+    ///
+    /// # Errors
+    /// When the system does not let a handler be set.
+    pub fn listen() -> std::io::Result<Self> {
+        let mut int = signal(SignalKind::interrupt())?;
+        let mut term = signal(SignalKind::terminate())?;
+        let flag = Arc::new(AtomicBool::new(false));
+        let (tell, told) = watch::channel(false);
+        let raised = Arc::clone(&flag);
+        tokio::spawn(async move {
+            loop {
+                tokio::select! {
+                    _ = int.recv() => {}
+                    _ = term.recv() => {}
+                }
+                if raised.swap(true, Ordering::Relaxed) {
+                    // The board's dead-man stops what still moves.
+                    std::process::exit(AT_ONCE);
+                }
+                let _ = tell.send(true);
+            }
+        });
+        Ok(Self { flag, told })
+    }
+
+    /// Becomes true with the first signal.
+    pub fn flag(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.flag)
+    }
+
+    /// Resolves with the first signal.
+    pub async fn raised(&self) {
+        let mut told = self.told.clone();
+        if told.wait_for(|&raised| raised).await.is_err() {
+            std::future::pending::<()>().await;
+        }
+    }
+
+    /// A signal has come.
+    pub fn is_raised(&self) -> bool {
+        self.flag.load(Ordering::Relaxed)
+    }
+}

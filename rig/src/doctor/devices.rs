@@ -1,0 +1,154 @@
+//! Checks of board and camera. Nothing moves.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use super::Check;
+use crate::camera::{Camera, images_lost};
+use crate::clock::{ClockFit, MonotonicNs, Ping};
+use crate::config::RigConfig;
+use crate::run::open;
+use crate::servo::{ServoBoard, ServoError, ServoEvent};
+
+/// How long board and camera are looked at.
+const LOOK: Duration = Duration::from_millis(1500);
+/// A run is refused when the board's clock is known less well than this \[s\].
+const MAX_CLOCK_SIGMA_S: f64 = 1e-3;
+/// A crystal further off than this is broken \[ppm\].
+const MAX_DRIFT_PPM: f64 = 200.0;
+/// Tolerated departure from the promised image rate, as a share.
+const MAX_RATE_ERROR: f64 = 0.05;
+
+/// Opens what the config names and looks at it.
+pub fn look(config: &RigConfig, base: &Path) -> Vec<Check> {
+    let mut opened = match open::open(config, base) {
+        Ok(opened) => opened,
+        Err(error) => return vec![Check::bad("devices", format!("{:#}", anyhow::Error::new(error)))],
+    };
+    opened.begin(MonotonicNs::now());
+    let mut checks = Vec::new();
+    if let Some(mut board) = opened.board.take() {
+        checks.extend(look_at_board(board.as_mut()));
+        board.stop();
+    }
+    checks.extend(look_at_camera(opened.camera.as_mut(), config.camera.stall()));
+    opened.camera.stop();
+    checks
+}
+
+fn look_at_board(board: &mut dyn ServoBoard) -> Vec<Check> {
+    let info = board.info().clone();
+    let found = format!(
+        "{}: protocol {}, {} channels, boot id {:08x}",
+        info.name, info.protocol_version, info.channels, info.boot_id
+    );
+    let mut checks = vec![Check::good("servo board", found)];
+    match pings(board) {
+        Ok(pings) => checks.push(clock_finding(&pings)),
+        Err(error) => checks.push(Check::bad("servo board", error.to_string())),
+    }
+    checks
+}
+
+fn pings(board: &mut dyn ServoBoard) -> Result<Vec<Ping>, ServoError> {
+    let until = Instant::now() + LOOK;
+    let mut pings = Vec::new();
+    while Instant::now() < until {
+        pings.extend(board.poll()?.into_iter().filter_map(|event| match event {
+            ServoEvent::Ping { sent, board_tick_us, received } => Some(Ping { sent, board_tick_us, received }),
+            _ => None,
+        }));
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    Ok(pings)
+}
+
+fn clock_finding(pings: &[Ping]) -> Check {
+    let subject = "board clock";
+    let Some((fit, last)) = ClockFit::new(pings).zip(pings.last()) else {
+        return Check::bad(subject, "no ping was answered: check the cable and the port's speed");
+    };
+    let sigma_s = fit.sigma_s(last.received);
+    let finding = format!(
+        "sigma {:.3} ms from {} pings, shortest round trip {:.2} ms",
+        sigma_s * 1e3,
+        fit.used,
+        fit.round_trip_min_s * 1e3
+    );
+    if sigma_s > MAX_CLOCK_SIGMA_S {
+        return Check::bad(subject, format!("{finding}; 1 ms is allowed: use a faster or less busy line"));
+    }
+    // After so short a look the rate is known only roughly: only a clear departure says something.
+    let rate_sigma_ppm = sigma_s / LOOK.as_secs_f64() * 1e6;
+    if fit.drift_ppm().abs() > MAX_DRIFT_PPM + 5.0 * rate_sigma_ppm {
+        return Check::doubtful(subject, format!("{finding}; its rate is off by {:.0} ppm", fit.drift_ppm()));
+    }
+    Check::good(subject, finding)
+}
+
+fn look_at_camera(camera: &mut dyn Camera, stall: Duration) -> Vec<Check> {
+    let info = camera.info().clone();
+    let subject = "camera";
+    if let Err(error) = camera.start() {
+        return vec![Check::bad(subject, error.to_string())];
+    }
+    let until = Instant::now() + LOOK;
+    let (mut seen, mut lost) = (Vec::new(), 0);
+    while Instant::now() < until {
+        match camera.next_image(stall) {
+            Ok(image) => {
+                lost += seen.last().map_or(0, |&(sequence, _)| images_lost(sequence, image.sequence));
+                seen.push((image.sequence, image.mid_exposure));
+            }
+            Err(error) => return vec![Check::bad(subject, error.to_string())],
+        }
+    }
+    let span_s = match (seen.first(), seen.last()) {
+        (Some((_, first)), Some((_, last))) => last.seconds_since(*first),
+        _ => 0.0,
+    };
+    let fps = (seen.len().saturating_sub(1) + lost as usize) as f64 / span_s.max(1e-9);
+    let finding = format!(
+        "{}: {} x {} {:?}, {fps:.2} images/s of {:.2} promised, {lost} lost",
+        info.name, info.width_px, info.height_px, info.encoding, info.fps
+    );
+    if (fps / info.fps - 1.0).abs() > MAX_RATE_ERROR {
+        let remedy = "lock the exposure, or ask for the rate it gives";
+        return vec![Check::bad(subject, format!("{finding}; more than 5 % off: {remedy}"))];
+    }
+    if lost > 0 {
+        return vec![Check::doubtful(subject, format!("{finding}: use another USB port or a smaller picture"))];
+    }
+    vec![Check::good(subject, finding)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Health;
+    use super::*;
+
+    /// Pings over `LOOK` through a line of the given one-way delays, to a clock `ppm` fast.
+    fn recorded(to_s: f64, back_s: f64, ppm: f64) -> Vec<Ping> {
+        let origin = MonotonicNs(1_000_000_000);
+        (0..30)
+            .map(|k| {
+                let sent = origin.plus_seconds(0.05 * f64::from(k));
+                let arrived = 0.05 * f64::from(k) + to_s;
+                let board_tick_us = (arrived * (1.0 + ppm * 1e-6) * 1e6) as u64;
+                Ping { sent, board_tick_us, received: sent.plus_seconds(to_s + back_s) }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn quick_line_is_good_and_silence_is_not() {
+        assert_eq!(clock_finding(&recorded(2e-4, 2e-4, 30.0)).health, Health::Good);
+        assert_eq!(clock_finding(&[]).health, Health::Bad);
+    }
+
+    #[test]
+    fn clock_far_off_its_rate_is_doubtful() {
+        let check = clock_finding(&recorded(1e-4, 1e-4, 4000.0));
+        assert_eq!(check.health, Health::Doubtful, "{}", check.finding);
+    }
+}
