@@ -115,3 +115,33 @@ pub fn json(path: &Path) -> serde_json::Value {
     let text = std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     serde_json::from_str(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
+
+/// Held by tests that run in real time: two of them on one machine would make each other's cameras stall.
+pub fn in_real_time() -> std::sync::MutexGuard<'static, ()> {
+    static TURN: std::sync::Mutex<()> = std::sync::Mutex::new(());
+    TURN.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+/// A copy of a shipped config in `folder`, changed by `change`; its relative paths still lead to the shipped files.
+pub fn changed_config(name: &str, folder: &Path, change: impl FnOnce(&mut toml::Table)) -> PathBuf {
+    let original = config(name);
+    let text = std::fs::read_to_string(&original).unwrap_or_else(|error| panic!("{name}: {error}"));
+    let mut table: toml::Table = text.parse().unwrap_or_else(|error| panic!("{name}: {error}"));
+    let base = original.parent().expect("configs lie in a folder");
+    for (section, key) in [("run", "model"), ("mock", "tank"), ("vision", "static_mask"), ("calibration", "file")] {
+        if let Some(path) = table.get_mut(section).and_then(|section| section.get_mut(key)) {
+            let absolute = base.join(path.as_str().expect("a path"));
+            *path = absolute.to_str().expect("a readable path").into();
+        }
+    }
+    change(&mut table);
+    let copy = folder.join("rig.toml");
+    std::fs::write(&copy, table.to_string()).expect("the copy can be written");
+    copy
+}
+
+/// Sets `table.key = value`, where `table` may be missing.
+pub fn set(config: &mut toml::Table, table: &str, key: &str, value: impl Into<toml::Value>) {
+    let entry = config.entry(table).or_insert_with(|| toml::Table::new().into());
+    entry.as_table_mut().expect("a table").insert(key.into(), value.into());
+}

@@ -1,0 +1,64 @@
+//! Verbs that need no run.
+
+use system_tests::{config, in_real_time, printed, repository, run_rig};
+
+#[test]
+fn doctor_finds_the_mock_rig_healthy() {
+    let _turn = in_real_time();
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = config("chain-driven-pose-1.toml");
+    let output = run_rig(["doctor".as_ref(), path.as_os_str(), "--runs-dir".as_ref(), folder.path().as_os_str()]);
+    let text = printed(&output);
+    assert!(output.status.success(), "{text}");
+    for subject in ["disk", "servo board", "board clock", "camera"] {
+        assert!(text.contains(subject), "{text}");
+    }
+}
+
+#[test]
+fn jog_moves_the_mock_servo_and_refuses_what_the_channel_cannot() {
+    let _turn = in_real_time();
+    let path = config("chain-driven-pose-1.toml");
+    let jog = |angle: &str| {
+        let path = path.as_os_str();
+        let short = ["--duration-s", "0.3", "--stay-s", "0.1"].map(std::ffi::OsStr::new);
+        run_rig(["jog".as_ref(), path, "--angle-rad".as_ref(), angle.as_ref()].into_iter().chain(short))
+    };
+    let moved = jog("0.2");
+    assert!(moved.status.success() && printed(&moved).contains("1627 µs"), "{}", printed(&moved));
+    let refused = jog("1.5");
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(printed(&refused).contains("1000 to 2000 µs"), "{}", printed(&refused));
+}
+
+#[test]
+fn list_and_help_work_without_any_device() {
+    for verb in ["list", "--help", "--version"] {
+        let output = run_rig([verb]);
+        assert!(output.status.success(), "{}", printed(&output));
+    }
+}
+
+#[test]
+fn simulate_is_silent_in_a_pipe_and_writes_what_was_asked() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("o.csv");
+    let model = repository().join("configs/models/chain-passive.xml");
+    let output = run_rig([
+        "simulate".as_ref(),
+        model.as_os_str(),
+        "--qpos".as_ref(),
+        "1.5707963267948966,0,0".as_ref(),
+        "--duration-s".as_ref(),
+        "0.5".as_ref(),
+        "--every-s".as_ref(),
+        "0.1".as_ref(),
+        "--out".as_ref(),
+        out.as_os_str(),
+    ]);
+    assert!(output.status.success(), "{}", printed(&output));
+    assert!(output.stderr.is_empty(), "{}", printed(&output));
+    let table = std::fs::read_to_string(out).expect("the table");
+    assert!(table.starts_with("time_s,q0,q1,q2,v0,v1,v2,P0_x_m,P0_y_m,P0_z_m,P1_x_m"), "{table}");
+    assert_eq!(table.lines().count(), 7, "{table}");
+}

@@ -1,0 +1,98 @@
+//! The shipped configs, and what happens to wrong ones.
+
+use std::path::{Path, PathBuf};
+
+use rig::config::RigConfig;
+use rig::profile::Profile;
+use system_tests::{changed_config, printed, repository, run_rig, set};
+
+fn toml_files(folder: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
+        .expect("the folder")
+        .map(|entry| entry.expect("an entry").path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "toml"))
+        .collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn every_shipped_rig_config_can_be_run() {
+    let configs = repository().join("configs");
+    let mut files = toml_files(&configs);
+    files.extend(toml_files(&configs.join("hardware")));
+    files.retain(|path| path.file_name().is_some_and(|name| name != "worm.toml"));
+    assert!(files.len() >= 10, "{files:?}");
+    for path in files {
+        let config = RigConfig::read(&path).unwrap_or_else(|error| panic!("{error}"));
+        let model_path = path.with_file_name("").join(&config.run.model);
+        let text = std::fs::read_to_string(&model_path).unwrap_or_else(|error| panic!("{}: {error}", model_path.display()));
+        let model = sim::Model::from_mjcf(&text).unwrap_or_else(|error| panic!("{}: {error}", model_path.display()));
+        let keypoints = model.keypoints();
+        for point in 1..=config.vision.links {
+            assert!(keypoints.contains(&format!("P{point}")), "{}: no site P{point}", path.display());
+        }
+        if let (Some(profile), Some(servo)) = (&config.profile, &config.servo) {
+            let profile = Profile::new(profile).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+            profile.pulses(servo).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+            for (_, actuator) in servo.driven() {
+                assert!(text.contains(&format!("name=\"{actuator}\"")), "{}: {actuator}", path.display());
+            }
+        }
+    }
+}
+
+#[test]
+fn fitted_models_never_are_the_tanks() {
+    let configs = repository().join("configs");
+    for path in toml_files(&configs.join("tanks")) {
+        let tank: toml::Table = std::fs::read_to_string(&path).expect("a tank").parse().expect("TOML");
+        let name = tank["model"].as_str().expect("a model");
+        let truth = std::fs::read_to_string(configs.join("tanks").join(name)).expect("the tank's model");
+        let nominal = std::fs::read_to_string(configs.join("models").join(name)).expect("the nominal model");
+        let [truth, nominal] = [truth, nominal].map(|text| sim::Model::from_mjcf(&text).expect("MJCF"));
+        let differing = truth
+            .parameter_names()
+            .iter()
+            .filter(|name| truth.parameter(name).expect("named") != nominal.parameter(name).expect("the same names"))
+            .count();
+        assert!(differing > truth.parameter_names().len() / 2, "{name}: only {differing} parameters differ");
+    }
+}
+
+/// Runs a config changed by `change` and gives back what was printed; it must be refused as wrong input.
+fn refusal(change: impl FnOnce(&mut toml::Table)) -> String {
+    let folder = tempfile::tempdir().expect("a folder");
+    let config = changed_config("chain-driven-pose-1.toml", folder.path(), change);
+    let runs = folder.path().join("runs");
+    let output = run_rig(["run".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), runs.as_os_str()]);
+    assert_eq!(output.status.code(), Some(2), "{}", printed(&output));
+    printed(&output)
+}
+
+#[test]
+fn wrong_configs_are_refused_with_file_line_caret_and_remedy() {
+    let unknown = refusal(|config| set(config, "profile", "amplitud_rad", 0.5));
+    assert!(unknown.contains("rig.toml") && unknown.contains("line ") && unknown.contains("^^^"), "{unknown}");
+    assert!(unknown.contains("did you mean `amplitude_rad`?"), "{unknown}");
+
+    let wrong_type = refusal(|config| set(config, "camera", "fps", "fast"));
+    assert!(wrong_type.contains("invalid type") && wrong_type.contains('^'), "{wrong_type}");
+
+    for (table, key, value) in [("profile", "ccw_s", f64::NAN), ("camera", "fps", -1.0), ("run", "film_s", f64::INFINITY)] {
+        let refused = refusal(|config| set(config, table, key, value));
+        assert!(refused.contains("must be finite") && refused.contains(key), "{refused}");
+    }
+
+    let too_far = refusal(|config| set(config, "profile", "amplitude_rad", 2.0));
+    assert!(too_far.contains("µs"), "{too_far}");
+
+    let too_fast = refusal(|config| {
+        set(config, "profile", "ccw_s", 0.1);
+        set(config, "profile", "cw_s", 0.05);
+    });
+    assert!(too_fast.contains("4000"), "{too_fast}");
+
+    let no_tank = refusal(|config| drop(config.remove("mock")));
+    assert!(no_tank.contains("[mock]"), "{no_tank}");
+}
