@@ -128,7 +128,9 @@ pub fn changed_config(name: &str, folder: &Path, change: impl FnOnce(&mut toml::
     let text = std::fs::read_to_string(&original).unwrap_or_else(|error| panic!("{name}: {error}"));
     let mut table: toml::Table = text.parse().unwrap_or_else(|error| panic!("{name}: {error}"));
     let base = original.parent().expect("configs lie in a folder");
-    for (section, key) in [("run", "model"), ("mock", "tank"), ("vision", "static_mask"), ("calibration", "file")] {
+    for (section, key) in
+        [("run", "model"), ("mock", "tank"), ("vision", "static_mask"), ("calibration", "file")]
+    {
         if let Some(path) = table.get_mut(section).and_then(|section| section.get_mut(key)) {
             let absolute = base.join(path.as_str().expect("a path"));
             *path = absolute.to_str().expect("a readable path").into();

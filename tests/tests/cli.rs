@@ -7,7 +7,8 @@ fn doctor_finds_the_mock_rig_healthy() {
     let _turn = in_real_time();
     let folder = tempfile::tempdir().expect("a folder");
     let path = config("chain-driven-pose-1.toml");
-    let output = run_rig(["doctor".as_ref(), path.as_os_str(), "--runs-dir".as_ref(), folder.path().as_os_str()]);
+    let output =
+        run_rig(["doctor".as_ref(), path.as_os_str(), "--runs-dir".as_ref(), folder.path().as_os_str()]);
     let text = printed(&output);
     assert!(output.status.success(), "{text}");
     for subject in ["disk", "servo board", "board clock", "camera"] {

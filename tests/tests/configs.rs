@@ -26,8 +26,10 @@ fn every_shipped_rig_config_can_be_run() {
     for path in files {
         let config = RigConfig::read(&path).unwrap_or_else(|error| panic!("{error}"));
         let model_path = path.with_file_name("").join(&config.run.model);
-        let text = std::fs::read_to_string(&model_path).unwrap_or_else(|error| panic!("{}: {error}", model_path.display()));
-        let model = sim::Model::from_mjcf(&text).unwrap_or_else(|error| panic!("{}: {error}", model_path.display()));
+        let text = std::fs::read_to_string(&model_path)
+            .unwrap_or_else(|error| panic!("{}: {error}", model_path.display()));
+        let model =
+            sim::Model::from_mjcf(&text).unwrap_or_else(|error| panic!("{}: {error}", model_path.display()));
         let keypoints = model.keypoints();
         for point in 1..=config.vision.links {
             assert!(keypoints.contains(&format!("P{point}")), "{}: no site P{point}", path.display());
@@ -54,7 +56,9 @@ fn fitted_models_never_are_the_tanks() {
         let differing = truth
             .parameter_names()
             .iter()
-            .filter(|name| truth.parameter(name).expect("named") != nominal.parameter(name).expect("the same names"))
+            .filter(|name| {
+                truth.parameter(name).expect("named") != nominal.parameter(name).expect("the same names")
+            })
             .count();
         assert!(differing > truth.parameter_names().len() / 2, "{name}: only {differing} parameters differ");
     }
@@ -73,13 +77,18 @@ fn refusal(change: impl FnOnce(&mut toml::Table)) -> String {
 #[test]
 fn wrong_configs_are_refused_with_file_line_caret_and_remedy() {
     let unknown = refusal(|config| set(config, "profile", "amplitud_rad", 0.5));
-    assert!(unknown.contains("rig.toml") && unknown.contains("line ") && unknown.contains("^^^"), "{unknown}");
+    assert!(
+        unknown.contains("rig.toml") && unknown.contains("line ") && unknown.contains("^^^"),
+        "{unknown}"
+    );
     assert!(unknown.contains("did you mean `amplitude_rad`?"), "{unknown}");
 
     let wrong_type = refusal(|config| set(config, "camera", "fps", "fast"));
     assert!(wrong_type.contains("invalid type") && wrong_type.contains('^'), "{wrong_type}");
 
-    for (table, key, value) in [("profile", "ccw_s", f64::NAN), ("camera", "fps", -1.0), ("run", "film_s", f64::INFINITY)] {
+    for (table, key, value) in
+        [("profile", "ccw_s", f64::NAN), ("camera", "fps", -1.0), ("run", "film_s", f64::INFINITY)]
+    {
         let refused = refusal(|config| set(config, table, key, value));
         assert!(refused.contains("must be finite") && refused.contains(key), "{refused}");
     }

@@ -43,7 +43,8 @@ fn sigterm_ends_a_waiting_daemon_and_a_second_daemon_is_refused() {
     });
     let args = ["daemon".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), runs.as_os_str()];
     let mut daemon = Background::start(rig(args));
-    let started = || std::fs::read_to_string(runs.join("daemon.jsonl")).is_ok_and(|text| text.contains("started"));
+    let started =
+        || std::fs::read_to_string(runs.join("daemon.jsonl")).is_ok_and(|text| text.contains("started"));
     wait_until("the daemon's start", 10.0, started);
     let second = run_rig(args);
     assert_eq!(second.status.code(), Some(2), "{}", printed(&second));

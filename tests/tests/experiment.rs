@@ -13,7 +13,8 @@ fn mean_errors_m(fit: &serde_json::Value) -> Vec<f64> {
 }
 
 fn assert_same_bytes(a: &Path, b: &Path) {
-    let bytes = |path: &Path| std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let bytes =
+        |path: &Path| std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     assert!(bytes(a) == bytes(b), "{} and {} differ", a.display(), b.display());
 }
 
@@ -51,14 +52,28 @@ fn driven_run_ends_in_a_report_and_replays_to_the_same_bytes() {
     assert!(errors.iter().all(|&error| error < MAX_ERROR_SHARE * 0.08), "{errors:?}");
 
     let again = folder.path().join("again");
-    let output = run_rig(["replay".as_ref(), run.as_os_str(), "--out".as_ref(), again.as_os_str(), "--threads".as_ref(), "1".as_ref()]);
+    let output = run_rig([
+        "replay".as_ref(),
+        run.as_os_str(),
+        "--out".as_ref(),
+        again.as_os_str(),
+        "--threads".as_ref(),
+        "1".as_ref(),
+    ]);
     assert!(output.status.success(), "{}", printed(&output));
     for name in ["frames.csv", "servo.csv", "trajectory.csv", "fit.json", "model.xml"] {
         assert_same_bytes(&run.join(name), &again.join(name));
     }
 
     let refit = folder.path().join("refit");
-    let output = run_rig(["replay".as_ref(), run.as_os_str(), "--from".as_ref(), "trajectory".as_ref(), "--out".as_ref(), refit.as_os_str()]);
+    let output = run_rig([
+        "replay".as_ref(),
+        run.as_os_str(),
+        "--from".as_ref(),
+        "trajectory".as_ref(),
+        "--out".as_ref(),
+        refit.as_os_str(),
+    ]);
     assert!(output.status.success(), "{}", printed(&output));
     assert_same_bytes(&run.join("fit.json"), &refit.join("fit.json"));
 
@@ -92,10 +107,17 @@ fn counter_clockwise_command_is_counter_clockwise_in_the_picture() {
     };
     let rest = direction(0);
     let pairs: Vec<(f64, f64)> = (0..trajectory.time_s.len())
-        .map(|i| (command.at(0, trajectory.time_s[i]), (direction(i) - rest + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI))
+        .map(|i| {
+            (
+                command.at(0, trajectory.time_s[i]),
+                (direction(i) - rest + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
+                    - std::f64::consts::PI,
+            )
+        })
         .filter(|(_, seen)| seen.is_finite())
         .collect();
-    let (upper, lower) = pairs.iter().fold((f64::MIN, f64::MAX), |(u, l), &(_, seen)| (u.max(seen), l.min(seen)));
+    let (upper, lower) =
+        pairs.iter().fold((f64::MIN, f64::MAX), |(u, l), &(_, seen)| (u.max(seen), l.min(seen)));
     let agreement: f64 = pairs.iter().map(|(commanded, seen)| commanded * seen).sum();
     let size: f64 = pairs.iter().map(|(commanded, _)| commanded * commanded).sum();
     let gain = agreement / size;
@@ -109,7 +131,11 @@ fn counter_clockwise_command_is_counter_clockwise_in_the_picture() {
 }
 
 fn trajectory_index(trajectory: &sim::Trajectory, name: &str) -> usize {
-    trajectory.keypoints.iter().position(|keypoint| keypoint == name).unwrap_or_else(|| panic!("no keypoint {name}"))
+    trajectory
+        .keypoints
+        .iter()
+        .position(|keypoint| keypoint == name)
+        .unwrap_or_else(|| panic!("no keypoint {name}"))
 }
 
 #[test]

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use rustix::process::Signal;
-use system_tests::{Background, changed_config, in_real_time, json, only_run, printed, rig, run_rig, set, wait_until};
+use system_tests::{
+    Background, changed_config, in_real_time, json, only_run, printed, rig, run_rig, set, wait_until,
+};
 
 const CONFIG: &str = "chain-driven-pose-1.toml";
 
@@ -15,9 +17,7 @@ fn assert_incomplete(run: &Path, status: &str, reason: &str) {
     assert!(stop["reason"].as_str().expect("a reason").contains(reason), "{stop}");
     // What was recorded before the fault is readable.
     let recording = rig::record::reader::Recording::open(&run.join("recording.mcap")).expect("a recording");
-    let images = recording
-        .filter(|item| matches!(item, Ok(rig::record::reader::Item::Image(_))))
-        .count();
+    let images = recording.filter(|item| matches!(item, Ok(rig::record::reader::Item::Image(_)))).count();
     assert!(images > 20, "{images} images");
     let shown = run_rig(["runs".as_ref(), "show".as_ref(), run.as_os_str()]);
     assert!(shown.status.success() && printed(&shown).contains(reason), "{}", printed(&shown));
@@ -94,7 +94,12 @@ fn outside(folder: &Path) -> Outside {
 
 impl Outside {
     fn start(&self) -> Background {
-        Background::start(rig(["run".as_ref(), self.config.as_os_str(), "--runs-dir".as_ref(), self.runs.as_os_str()]))
+        Background::start(rig([
+            "run".as_ref(),
+            self.config.as_os_str(),
+            "--runs-dir".as_ref(),
+            self.runs.as_os_str(),
+        ]))
     }
 
     fn wait_for_motion(&self) -> PathBuf {

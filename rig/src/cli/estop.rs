@@ -9,7 +9,8 @@ use rustix::process::{Pid, Signal, kill_process};
 use super::{Failure, Outcome};
 use crate::claim::{Claim, port_lock};
 use crate::config::RigConfig;
-use crate::servo::{self, StopOutcome};
+use crate::servo::StopOutcome;
+use crate::servo::serial::emergency_stop;
 
 /// Arguments of `rig estop`.
 #[derive(clap::Args, Debug)]
@@ -28,13 +29,14 @@ const PATIENCE: Duration = Duration::from_secs(5);
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let config = RigConfig::read(&args.config).map_err(Failure::input)?;
     let servo = config.servo.as_ref();
-    let port = servo.and_then(|servo| servo.port.as_deref()).ok_or_else(|| {
+    let port = servo.and_then(|servo| Some((servo.port.as_deref()?, servo.baud)));
+    let (port, baud) = port.ok_or_else(|| {
         Failure::Input(anyhow!("{}: no board on a serial port: nothing to stop from outside", args.config.display()))
     })?;
     if let Some(holder) = Claim::holder(&port_lock(port)) {
         return tell(holder, port);
     }
-    let outcome = servo::stop_port(servo.unwrap_or(&servo::ServoConfig::none())).map_err(Failure::hardware)?;
+    let outcome = emergency_stop(port, baud).map_err(Failure::hardware)?;
     match outcome {
         StopOutcome::Acknowledged => Ok(said(format!("the board on {port} stopped"))),
         StopOutcome::LeftToDeadMan | StopOutcome::NotNeeded => Err(Failure::Hardware(anyhow!(

@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     };
     let runtime = tokio::runtime::Runtime::new().map_err(Failure::internal)?;
     let interrupt = runtime.block_on(async { Interrupt::listen() }).map_err(Failure::internal)?;
-    let mut board = open::board(&config, base(&args.config)).map_err(Failure::hardware)?;
+    let (mut board, _port) = open::board(&config, base(&args.config)).map_err(Failure::hardware)?;
     let moved = board.jog(channel.id, pulse_us, args.duration_s).and_then(|()| {
         let until = std::time::Instant::now() + Duration::from_secs_f64(args.duration_s + args.stay_s);
         while std::time::Instant::now() < until && !interrupt.is_raised() {

@@ -10,8 +10,8 @@ use crate::camera::config::{CameraConfig, CameraKind};
 use crate::camera::mock::CameraFaultKind;
 use crate::profile::{Profile, ProfileConfig};
 use crate::run::config::{MechanismConfig, MotionKind, RunConfig, ScheduleConfig, WaterConfig};
-use crate::servo::config::{BoardKind, ServoConfig};
-use crate::servo::mock::BoardFaultKind;
+use crate::servo::{BoardFault, BoardKind, ServoConfig};
+
 use crate::vision::calibration::Calibration;
 use crate::vision::config::{Background, VisionConfig};
 
@@ -78,7 +78,7 @@ pub enum FaultKind {
     /// The camera.
     Camera(CameraFaultKind),
     /// The servo board.
-    Board(BoardFaultKind),
+    Board(BoardFault),
 }
 
 /// Why a config cannot be used.

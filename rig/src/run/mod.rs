@@ -49,6 +49,9 @@ pub enum RunError {
     /// The mock tank.
     #[error(transparent)]
     Tank(#[from] crate::tank::TankError),
+    /// Another process has the port.
+    #[error(transparent)]
+    Claim(#[from] crate::claim::ClaimError),
     /// A file named by the config.
     #[error("reading {}", path.display())]
     File {
@@ -104,6 +107,8 @@ impl Job<'_> {
         let recorder =
             Recorder::create(&folder.file(file::RECORDING), Some(opened.camera.info()), RecorderOptions::default())?;
 
+        // Held until the servo has stopped: `rig estop` finds this process through it.
+        let _port = opened.claim.take();
         let mut hand = opened.hand.take();
         let drive = opened.board.take().zip(pulses);
         let setup = Setup {

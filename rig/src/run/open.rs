@@ -1,0 +1,157 @@
+//! Opens what a config names: board, camera, and the simulated tank behind the mock ones.
+
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+use ident::strict;
+
+use super::RunError;
+use crate::camera::config::CameraKind;
+use crate::camera::folder::FolderCamera;
+use crate::camera::mock::{CameraFault, MockCamera};
+use crate::camera::socket::SocketCamera;
+use crate::camera::v4l::V4lCamera;
+use crate::camera::{Camera, CameraError};
+use crate::claim::{Claim, port_lock};
+use crate::clock::MonotonicNs;
+use crate::config::{FaultKind, RigConfig};
+use crate::servo::{self, BoardFault, BoardKind, MockOptions, ServoBoard, ServoConfig};
+use crate::tank::{PulseSink, Tank};
+
+/// The devices of a run.
+pub struct Opened {
+    /// The camera, not started yet.
+    pub camera: Box<dyn Camera>,
+    /// The board, where there is one.
+    pub board: Option<Box<dyn ServoBoard>>,
+    /// Lets go of a simulated mechanism.
+    pub hand: Option<Hand>,
+    tank: Option<Tank>,
+    run_start: Arc<OnceLock<MonotonicNs>>,
+    /// The claim on the port, to be held until the servo has stopped.
+    pub claim: Option<Claim>,
+}
+
+/// Lets go of the mechanism in a simulated tank, as a person would of a real one.
+#[derive(Debug)]
+pub struct Hand(Tank);
+
+impl Hand {
+    /// Does as asked.
+    pub fn let_go(&mut self) {
+        self.0.ask_release(MonotonicNs::now());
+    }
+}
+
+impl Opened {
+    /// The run begins at `origin`: faults of the mocks are timed from there.
+    pub fn begin(&mut self, origin: MonotonicNs) {
+        if let Some(tank) = &self.tank {
+            tank.begin_run(origin);
+        }
+        // Set once: a second run opens its devices anew.
+        let _ = self.run_start.set(origin);
+    }
+}
+
+/// Opens all devices of `config`; relative paths start at `base`.
+///
+/// # Errors
+/// [`RunError`] naming the device, and what to do.
+pub fn open(config: &RigConfig, base: &Path) -> Result<Opened, RunError> {
+    let tank = tank(config, base)?;
+    let run_start = Arc::default();
+    let (board, port) = match &config.servo {
+        Some(servo) if servo.kind != BoardKind::None => {
+            let (board, claim) = open_board(config, servo, tank.as_ref(), &run_start)?;
+            (Some(board), claim)
+        }
+        _ => (None, None),
+    };
+    let camera = open_camera(config, base, tank.as_ref())?;
+    let hand = tank.clone().map(Hand);
+    Ok(Opened { camera, board, hand, tank, run_start, claim: port })
+}
+
+/// Opens the board alone.
+///
+/// # Errors
+/// As [`open`].
+pub fn board(config: &RigConfig, base: &Path) -> Result<(Box<dyn ServoBoard>, Option<Claim>), RunError> {
+    let none = ServoConfig::none();
+    let servo = config.servo.as_ref().unwrap_or(&none);
+    open_board(config, servo, tank(config, base)?.as_ref(), &Arc::default())
+}
+
+fn tank(config: &RigConfig, base: &Path) -> Result<Option<Tank>, RunError> {
+    let Some(mock) = &config.mock else { return Ok(None) };
+    let path = base.join(&mock.tank);
+    let tank = strict::read(&path).map_err(crate::tank::TankError::Config)?;
+    Ok(Some(Tank::new(&tank, path.parent().unwrap_or(base))?))
+}
+
+fn open_board(
+    config: &RigConfig,
+    servo: &ServoConfig,
+    tank: Option<&Tank>,
+    run_start: &Arc<OnceLock<MonotonicNs>>,
+) -> Result<(Box<dyn ServoBoard>, Option<Claim>), RunError> {
+    let claim = match &servo.port {
+        Some(port) if servo.kind == BoardKind::Serial => Some(Claim::take(port, &port_lock(port))?),
+        _ => None,
+    };
+    let options = MockOptions {
+        faults: board_faults(config),
+        run_start: Arc::clone(run_start),
+        ..MockOptions::default()
+    };
+    let sink: Box<dyn PulseSink> = match tank {
+        Some(tank) => Box::new(tank.clone()),
+        None => Box::new(Nowhere),
+    };
+    Ok((servo::open(servo, (options, sink))?, claim))
+}
+
+fn board_faults(config: &RigConfig) -> Vec<(f64, BoardFault)> {
+    let faults = config.mock.iter().flat_map(|mock| &mock.faults);
+    faults
+        .filter_map(|fault| match fault.kind {
+            FaultKind::Board(kind) => Some((fault.at_s.get(), kind)),
+            FaultKind::Camera(_) => None,
+        })
+        .collect()
+}
+
+fn camera_faults(config: &RigConfig) -> Vec<CameraFault> {
+    let faults = config.mock.iter().flat_map(|mock| &mock.faults);
+    faults
+        .filter_map(|fault| match fault.kind {
+            FaultKind::Camera(kind) => Some(CameraFault { at_s: fault.at_s, kind }),
+            FaultKind::Board(_) => None,
+        })
+        .collect()
+}
+
+fn open_camera(config: &RigConfig, base: &Path, tank: Option<&Tank>) -> Result<Box<dyn Camera>, RunError> {
+    let camera = &config.camera;
+    let refused = |what: &str| {
+        RunError::Camera(CameraError::Refused { camera: format!("{:?}", camera.kind).to_lowercase(), what: what.into() })
+    };
+    Ok(match (camera.kind, tank) {
+        (CameraKind::V4l, _) => Box::new(V4lCamera::open(camera)?),
+        (CameraKind::Socket, _) => Box::new(SocketCamera::open(camera)?),
+        (CameraKind::Mock, Some(tank)) => {
+            let scene = Box::new(tank.scene(camera));
+            Box::new(MockCamera::new(camera, scene, tank.stamp_truth(), camera_faults(config))?)
+        }
+        (CameraKind::Mock, None) => return Err(refused("a mock camera needs a tank to look at: [mock] tank")),
+        (CameraKind::Folder, _) => return Err(refused("a folder cannot be filmed; use rig extract on it")),
+    })
+}
+
+/// A mock board without a tank moves nothing.
+struct Nowhere;
+
+impl PulseSink for Nowhere {
+    fn pulse(&mut self, _: u8, _: Option<u16>, _: MonotonicNs) {}
+}
