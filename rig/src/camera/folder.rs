@@ -104,11 +104,14 @@ fn listed(folder: &Path, table: &Path) -> Result<Vec<Entry>, FolderError> {
         let line = row.position().map_or(0, |p| p.line());
         let cell = |i: usize| row.get(i).unwrap_or_default();
         let name = Path::new(cell(file));
-        if name.components().count() != 1 || !name.components().all(|c| matches!(c, std::path::Component::Normal(_))) {
+        if name.components().count() != 1
+            || !name.components().all(|c| matches!(c, std::path::Component::Normal(_)))
+        {
             return Err(refuse(line, format!("`{}` is not the name of a file in this folder", cell(file))));
         }
         let time_s = cell(time).parse::<f64>().ok().filter(|t| t.is_finite());
-        let time_s = time_s.ok_or_else(|| refuse(line, format!("time_s `{}` is not a number", cell(time))))?;
+        let time_s =
+            time_s.ok_or_else(|| refuse(line, format!("time_s `{}` is not a number", cell(time))))?;
         if entries.last().is_some_and(|last| last.time_s >= time_s) {
             return Err(refuse(line, format!("time_s {time_s} does not rise")));
         }
@@ -163,8 +166,10 @@ impl Camera for FolderCamera {
 
     fn next_image(&mut self, _timeout: Duration) -> Result<CameraImage, CameraError> {
         let entry = self.entries.get(self.next).ok_or(CameraError::End)?;
-        let refused =
-            |what: String| CameraError::Refused { camera: self.info.name.clone(), what: format!("{}: {what}", entry.path.display()) };
+        let refused = |what: String| CameraError::Refused {
+            camera: self.info.name.clone(),
+            what: format!("{}: {what}", entry.path.display()),
+        };
         let data = std::fs::read(&entry.path).map_err(|error| refused(error.to_string()))?;
         // A damaged file keeps its place in the sequence; its decoder says what is wrong.
         let (width_px, height_px) = size(&data).unwrap_or((self.info.width_px, self.info.height_px));

@@ -153,7 +153,8 @@ impl Background {
         let half = median(&mut levels) / 2.0;
         let mut still = Mask::empty(0, 0, width, height);
         for (i, bit) in still.bits.iter_mut().enumerate() {
-            let free = self.blocked.as_ref().is_none_or(|b| !b.at((i % width) as isize, (i / width) as isize));
+            let free =
+                self.blocked.as_ref().is_none_or(|b| !b.at((i % width) as isize, (i / width) as isize));
             *bit = free && self.sign * (surface.grey[i] - clear.grey[i]) > half;
         }
         let still = components(&still, SKIRT_PX * SKIRT_PX);

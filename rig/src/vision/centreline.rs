@@ -109,6 +109,20 @@ impl Centreline {
         self.half_width.iter().sum::<f64>() / self.half_width.len() as f64
     }
 
+    /// The same line without its first and last `inset` mean half widths.
+    pub fn inset(mut self, inset: f64) -> Self {
+        let cut = (inset * self.mean_half_width()).min(self.length_px / 4.0);
+        if cut > 0.0 {
+            let first = self.points.len() as f64 * cut / self.length_px;
+            let keep = first.round() as usize..self.points.len() - first.round() as usize;
+            self.points = evenly(&self.points, cut, self.length_px - cut);
+            self.half_width = self.half_width[keep].to_vec();
+            self.half_width.resize(self.points.len(), self.half_width[self.half_width.len() - 1]);
+            self.length_px -= 2.0 * cut;
+        }
+        self
+    }
+
     /// The same line from tip to base.
     pub fn reversed(mut self) -> Self {
         self.points.reverse();
@@ -186,30 +200,36 @@ impl Between {
 
 /// Distances from `point` to the edges along `normal` and against it \[px\].
 fn both_edges(contrast: &Contrast, point: Px, normal: Px, reach: f64) -> Option<[f64; 2]> {
-    const NEAR: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
-    let inside = NEAR.iter().map(|&o| contrast.at(moved(point, normal, o))).sum::<f64>() / NEAR.len() as f64;
-    let half = inside.max(f64::from(contrast.level) / 2.0) / 2.0;
-    let one = edge(contrast, point, normal, half, reach)?;
-    let other = edge(contrast, point, [-normal[0], -normal[1]], half, reach)?;
+    let one = edge(contrast, point, normal, reach)?;
+    let other = edge(contrast, point, [-normal[0], -normal[1]], reach)?;
     Some([one, other])
 }
 
-/// Distance from `point` along `direction` to where the contrast falls through `half` \[px\].
-fn edge(contrast: &Contrast, point: Px, direction: Px, half: f64, reach: f64) -> Option<f64> {
-    let mut before = contrast.at(point);
-    if before <= half {
-        return None;
-    }
-    let mut t = 0.0;
-    while t < reach {
-        let value = contrast.at(moved(point, direction, t + STEP_PX));
-        if value <= half {
-            return Some(t + STEP_PX * (before - half) / (before - value));
+/// Distance from `point` outward along `direction` to the edge \[px\]: where half of the contrast just inside
+/// it is left, so that a side in the light and one in the shade are found alike.
+fn edge(contrast: &Contrast, point: Px, direction: Px, reach: f64) -> Option<f64> {
+    /// What is left of the contrast outside, as a share; noise permitting.
+    const OUTSIDE: f64 = 0.15;
+    /// The contrast inside is looked for this far behind the edge's foot [px]: more than any lens blurs.
+    const INSIDE_PX: f64 = 2.5;
+    let low = (OUTSIDE * f64::from(contrast.level)).max(3.0 * f64::from(contrast.noise));
+    let steps = (reach / STEP_PX) as usize;
+    let mut values = Vec::with_capacity(steps + 1);
+    for i in 0..=steps {
+        let value = contrast.at(moved(point, direction, i as f64 * STEP_PX));
+        values.push(value);
+        if value < low {
+            break;
         }
-        before = value;
-        t += STEP_PX;
     }
-    None
+    // Beside something else the contrast never falls so low: its lowest place is the foot.
+    let foot = (0..values.len()).rev().min_by(|&a, &b| values[a].total_cmp(&values[b]))?;
+    let behind = foot.saturating_sub((INSIDE_PX / STEP_PX) as usize);
+    let half = values[behind..=foot].iter().copied().fold(0.0, f64::max) / 2.0;
+    let last_inside = (0..foot).rev().find(|&i| values[i] > half)?;
+    let (inside, outside) = (values[last_inside], values[last_inside + 1]);
+    (half >= low / 2.0 && outside <= half)
+        .then(|| STEP_PX * (last_inside as f64 + (inside - half) / (inside - outside)))
 }
 
 /// Goes on from `start` along `direction`, in the middle between the edges, until the silhouette ends: the
@@ -221,13 +241,17 @@ fn led_on(contrast: &Contrast, start: Px, direction: Px, half_width: f64) -> Vec
     const TURN: f64 = 0.15;
     /// Largest move sideways per pixel forward.
     const SIDEWAYS: f64 = 0.25;
+    let mut level = contrast.at(start);
     let mut points = Vec::new();
     let (mut at, mut along, mut half_width) = (start, direction, half_width);
-    let mut level = contrast.at(start);
     while (points.len() as f64) < FARTHEST * half_width.max(2.0) {
         let half = level.max(f64::from(contrast.level) / 2.0) / 2.0;
-        if let Some(end) = edge(contrast, at, along, half, 1.0) {
-            points.push(moved(at, along, end));
+        let (here, ahead) = (contrast.at(at), contrast.at(moved(at, along, 1.0)));
+        if here <= half {
+            break;
+        }
+        if ahead <= half {
+            points.push(moved(at, along, (here - half) / (here - ahead)));
             break;
         }
         let mut next = moved(at, along, 1.0);
@@ -238,10 +262,10 @@ fn led_on(contrast: &Contrast, start: Px, direction: Px, half_width: f64) -> Vec
             half_width = half_width.min((left + right) / 2.0).max(1.0);
         }
         let step = unit(at, next);
-        along = unit([0.0, 0.0], [
-            along[0] + TURN * (step[0] - along[0]),
-            along[1] + TURN * (step[1] - along[1]),
-        ]);
+        along = unit(
+            [0.0, 0.0],
+            [along[0] + TURN * (step[0] - along[0]), along[1] + TURN * (step[1] - along[1])],
+        );
         level = 0.7 * level + 0.3 * contrast.at(next);
         at = next;
         points.push(at);

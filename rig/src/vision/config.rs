@@ -98,6 +98,10 @@ pub struct VisionConfig {
     /// Smoothing length of the centreline, as a multiple of the silhouette's half width. Default 0.4.
     #[serde(default = "smoothing")]
     pub smoothing: Positive,
+    /// Mode `arc`: the centreline stops this many mean half widths short of both ends. Default 0:
+    /// end to end. For comparison with trackers whose midlines do.
+    #[serde(default = "zero")]
+    pub end_inset: NonNegative,
     /// When to refuse an image.
     #[serde(default)]
     pub gates: Gates,
@@ -117,7 +121,7 @@ pub struct Gates {
     /// and widths, or from the fitted links. Default 0.85 (guessed).
     pub overlap: Share,
     /// An image is doubtful when another object, cut by the picture's border, is at least this share of the
-    /// silhouette's area: it may be a part of the mechanism. Default 0.1 (guessed).
+    /// silhouette's area: it may be a part of the mechanism. Default 0.003 (guessed).
     pub cut_object: Share,
     /// An image is doubtful when it follows more rejected ones than this and nothing but the image before tells
     /// base from tip. Default 10 (guessed).
@@ -131,7 +135,7 @@ impl Default for Gates {
             width: share(0.25),
             area: share(0.25),
             overlap: share(0.85),
-            cut_object: share(0.1),
+            cut_object: share(0.003),
             longest_gap: 10,
         }
     }
@@ -158,6 +162,7 @@ impl VisionConfig {
             min_area_px: min_area(),
             hole_share: hole_share(),
             smoothing: smoothing(),
+            end_inset: zero(),
             gates: Gates::default(),
         }
     }
@@ -173,7 +178,11 @@ impl VisionConfig {
         }
         if let Some(lengths) = &self.link_lengths_m {
             if lengths.len() != self.links {
-                return refuse(format!("link_lengths_m has {} entries for links = {}", lengths.len(), self.links));
+                return refuse(format!(
+                    "link_lengths_m has {} entries for links = {}",
+                    lengths.len(),
+                    self.links
+                ));
             }
         }
         if let Some(shares) = &self.shares {

@@ -165,7 +165,12 @@ impl Extractor {
             same_size("background", path, empty.dimensions(), images[0].dimensions())?;
         }
         if let (Some(blocked), Some(path)) = (&blocked, &config.static_mask) {
-            same_size("static_mask", path, (blocked.width as u32, blocked.height as u32), images[0].dimensions())?;
+            same_size(
+                "static_mask",
+                path,
+                (blocked.width as u32, blocked.height as u32),
+                images[0].dimensions(),
+            )?;
         }
         let background = Background::learn(&images, config, empty.as_ref(), blocked)?;
         let mut extractor =
@@ -210,7 +215,8 @@ impl Extractor {
             .map(|(candidate, chosen)| {
                 let oriented = match (candidate, chosen) {
                     (Ok(candidate), Ok((parts, chosen))) => self.oriented(candidate, parts, *chosen),
-                    (Ok(_), Err(why)) | (Err(why), _) => Err(why.clone()),
+                    (Err(why), _) => Err(why),
+                    (Ok(_), Err(why)) => Err(why.clone()),
                 };
                 match &oriented {
                     Ok(oriented) => {
@@ -225,12 +231,11 @@ impl Extractor {
         let found = in_parallel(&oriented, self.threads, |oriented| match oriented {
             Ok(oriented) => {
                 let Candidate { line, mask, edge, .. } = &oriented.candidate;
-                place(&self.config, &self.plane, &Shape {
-                    line,
-                    mask,
-                    edge,
-                    base_covered: oriented.base_covered,
-                })
+                place(
+                    &self.config,
+                    &self.plane,
+                    &Shape { line, mask, edge, base_covered: oriented.base_covered },
+                )
             }
             Err(why) => Err(why.clone()),
         });
@@ -258,7 +263,8 @@ impl Extractor {
     /// Which part is the mechanism.
     fn choice(&self, parts: &Parts, last: Option<Px>) -> Result<usize, Rejection> {
         let least = self.config.min_area_px.get();
-        let large: Vec<usize> = (0..parts.parts.len()).filter(|&i| parts.parts[i].area as f64 >= least).collect();
+        let large: Vec<usize> =
+            (0..parts.parts.len()).filter(|&i| parts.parts[i].area as f64 >= least).collect();
         let candidates: Vec<Component> = large.iter().map(|&i| parts.parts[i].clone()).collect();
         let diagonal = (parts.contrast.width as f64).hypot(parts.contrast.height as f64);
         choose(&candidates, self.config.base(), BASE_REACH * diagonal, last)
@@ -281,6 +287,7 @@ impl Extractor {
         check_overlap(line.drawn(&mask).overlap(&mask), &self.config.gates)?;
         let edge = edge_points(&self.config, &parts.contrast, &mask, self.background.blocked());
         let sizes = Sizes::of(&line, mask.area());
+        let line = line.inset(self.config.end_inset.get());
         Ok(Candidate { line, mask, edge, sizes })
     }
 
@@ -316,8 +323,9 @@ impl Extractor {
         let reach = COVERED_PX as isize + CLEAR_PX;
         at_border
             || self.background.blocked().is_some_and(|mask| {
-                (-reach..=reach)
-                    .any(|dy| (-reach..=reach).any(|dx| mask.at(x.round() as isize + dx, y.round() as isize + dy)))
+                (-reach..=reach).any(|dy| {
+                    (-reach..=reach).any(|dx| mask.at(x.round() as isize + dx, y.round() as isize + dy))
+                })
             })
     }
 
@@ -332,7 +340,8 @@ impl Extractor {
                 "another object of {largest} px is cut by the picture's border: it may be a part of the mechanism"
             ));
         }
-        let lost = self.config.base_px.is_none() && self.last.gap > gates.longest_gap && self.last.line.is_some();
+        let lost =
+            self.config.base_px.is_none() && self.last.gap > gates.longest_gap && self.last.line.is_some();
         lost.then(|| format!("base and tip may have changed places during {} rejected images", self.last.gap))
     }
 
@@ -362,7 +371,13 @@ impl Extractor {
                 };
                 let keypoints = found.points.iter().zip(&found.std_px).map(keypoint).collect();
                 let status = if doubt.is_some() { Status::Doubtful } else { Status::Ok };
-                record(status, doubt.unwrap_or_default(), keypoints, Some(candidate.mask), candidate.line.points)
+                record(
+                    status,
+                    doubt.unwrap_or_default(),
+                    keypoints,
+                    Some(candidate.mask),
+                    candidate.line.points,
+                )
             }
             (Err(why), _) => record(Status::Rejected, why.to_string(), Vec::new(), silhouette, Vec::new()),
             (Ok(_), None) => unreachable!("only an oriented silhouette has keypoints"),
@@ -428,7 +443,9 @@ fn radii(mask: &Mask, medial: &[Px]) -> Vec<f64> {
     let squared = imageproc::distance_transform::euclidean_squared_distance_transform(&inverted);
     medial
         .iter()
-        .map(|p| squared.get_pixel(p[0] as u32 - mask.left as u32, p[1] as u32 - mask.top as u32).0[0].sqrt() - 0.5)
+        .map(|p| {
+            squared.get_pixel(p[0] as u32 - mask.left as u32, p[1] as u32 - mask.top as u32).0[0].sqrt() - 0.5
+        })
         .map(|r: f64| r.max(0.5))
         .collect()
 }

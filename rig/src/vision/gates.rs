@@ -41,7 +41,9 @@ pub enum Rejection {
         limit_px: usize,
     },
     /// A blob has no direction.
-    #[error("silhouette is {length_px:.0} px long at a half width of {half_width_px:.1} px: no line to follow")]
+    #[error(
+        "silhouette is {length_px:.0} px long at a half width of {half_width_px:.1} px: no line to follow"
+    )]
     NotLong {
         /// Length of the thinned path \[px\].
         length_px: f64,
@@ -98,11 +100,7 @@ pub struct Sizes {
 impl Sizes {
     /// The measures of a centreline in a silhouette of `area` pixels.
     pub fn of(line: &Centreline, area: usize) -> Self {
-        Self {
-            length_px: line.length_px,
-            width_px: 2.0 * line.mean_half_width(),
-            area_px: area as f64,
-        }
+        Self { length_px: line.length_px, width_px: 2.0 * line.mean_half_width(), area_px: area as f64 }
     }
 
     /// The median of each measure; `None` without any.

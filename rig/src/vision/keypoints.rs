@@ -40,7 +40,12 @@ const END_STD_PX: f64 = 0.3;
 const LINE_STD_PX: f64 = 0.1;
 
 /// Edge points of a silhouette, where the mode needs them.
-pub fn edge_points(config: &VisionConfig, contrast: &Contrast, part: &Mask, blocked: Option<&Mask>) -> Vec<Px> {
+pub fn edge_points(
+    config: &VisionConfig,
+    contrast: &Contrast,
+    part: &Mask,
+    blocked: Option<&Mask>,
+) -> Vec<Px> {
     match config.mode {
         Mode::Links => contour(contrast, part, blocked, CLEAR_PX),
         Mode::Arc | Mode::Paper => Vec::new(),

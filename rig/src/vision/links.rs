@@ -50,6 +50,9 @@ const CORRELATED: f64 = 1.5;
 /// What pixel sampling leaves however many points there are, 1 sigma \[px\]; measured on renders.
 const FLOOR_PX: f64 = 0.03;
 const ROUNDS: usize = 40;
+/// Levenberg's damping, relative to the diagonal: almost none, and so much that nothing moves.
+const LEAST_DAMPING: f64 = 1e-9;
+const MOST_DAMPING: f64 = 1e9;
 /// A step below this ends the fit \[px, and rad times link length\].
 const SETTLED_PX: f64 = 1e-4;
 
@@ -85,29 +88,26 @@ impl Chain {
         let mut cost = self.cost(&rows, scale, &pose);
         for _ in 0..ROUNDS {
             let (normal, right) = self.normal(&rows, scale, &pose, size);
-            let mut settled = false;
-            loop {
+            let settled = loop {
                 let mut damped = normal.clone();
                 (0..size).for_each(|i| damped[(i, i)] *= 1.0 + damping);
                 let step = damped.cholesky()?.solve(&right);
                 let next = pose.moved(&step, self.known);
                 // The weights' scale stays while steps are compared, or no two costs would be comparable.
                 let (next_rows, _) = self.linearised(edge, &next, Some(scale))?;
-                let next_cost = self.cost(&next_rows, scale, &next);
-                if next_cost <= cost {
+                if self.cost(&next_rows, scale, &next) <= cost {
                     let length = pose.unit * self.lengths.iter().copied().fold(0.0, f64::max);
-                    let size_px = |i: usize| step[i].abs() * if (2..2 + n).contains(&i) { length } else { 1.0 };
-                    settled = (0..size).all(|i| size_px(i) < SETTLED_PX);
+                    let size_px =
+                        |i: usize| step[i].abs() * if (2..2 + n).contains(&i) { length } else { 1.0 };
                     pose = next;
-                    damping = (damping / 10.0).max(1e-9);
-                    break;
+                    damping = (damping / 10.0).max(LEAST_DAMPING);
+                    break (0..size).all(|i| size_px(i) < SETTLED_PX);
                 }
                 damping *= 10.0;
-                if damping > 1e9 {
-                    settled = true;
-                    break;
+                if damping > MOST_DAMPING {
+                    break true;
                 }
-            }
+            };
             (rows, scale) = self.linearised(edge, &pose, None)?;
             cost = self.cost(&rows, scale, &pose);
             if settled {
@@ -198,8 +198,8 @@ impl Chain {
         let mut rows = Vec::with_capacity(edge.len());
         for &p in edge {
             let near_joint = |j: usize| distance(p, points[j]) < JOINT * pose.half[j].max(pose.half[j - 1]);
-            let near_base = self.base.is_some()
-                && self.to_link(pose, &points, 0, p).2[0] < -self.overhang + pose.half[0];
+            let near_base =
+                self.base.is_some() && self.to_link(pose, &points, 0, p).2[0] < -self.overhang + pose.half[0];
             if (1..n).any(near_joint) || near_base {
                 continue;
             }
@@ -247,7 +247,13 @@ impl Chain {
     }
 
     /// Gauss-Newton's normal matrix and right side, in units of sigma.
-    fn normal(&self, rows: &[Residual], scale: f64, pose: &Pose, size: usize) -> (DMatrix<f64>, DVector<f64>) {
+    fn normal(
+        &self,
+        rows: &[Residual],
+        scale: f64,
+        pose: &Pose,
+        size: usize,
+    ) -> (DMatrix<f64>, DVector<f64>) {
         let mut normal = DMatrix::zeros(size, size);
         let mut right = DVector::zeros(size);
         for row in rows {
@@ -325,9 +331,11 @@ mod tests {
     fn slopes_agree_with_differences() {
         let chain =
             Chain { lengths: vec![1.0, 1.0, 1.2], known: false, overhang: 2.0, rounding: 0.4, base: None };
-        let pose = Pose { base: [10.0, 20.0], angle: vec![0.3, 0.9, -0.2], half: vec![5.0, 6.0, 4.0], unit: 40.0 };
+        let pose =
+            Pose { base: [10.0, 20.0], angle: vec![0.3, 0.9, -0.2], half: vec![5.0, 6.0, 4.0], unit: 40.0 };
         let corners = [[9.0, 27.0], [2.0, 14.0], [60.0, 80.0], [40.0, 23.0], [110.0, 52.0], [111.5, 58.0]];
-        let edge: Vec<Px> = corners.iter().flat_map(|c| (0..4).map(|k| [c[0] + 0.3 * f64::from(k), c[1]])).collect();
+        let edge: Vec<Px> =
+            corners.iter().flat_map(|c| (0..4).map(|k| [c[0] + 0.3 * f64::from(k), c[1]])).collect();
         let rows = |pose: &Pose| chain.linearised(&edge, pose, Some(1.0)).unwrap().0;
         let at = rows(&pose);
         for parameter in 0..9 {
@@ -354,7 +362,9 @@ mod tests {
         for i in 0..3 {
             let (sin, cos) = truth.angle[i].sin_cos();
             let along = |u: f64, v: f64| [points[i][0] + u * cos - v * sin, points[i][1] + u * sin + v * cos];
-            edge.extend((0..100).flat_map(|k| [along(f64::from(k) / 2.0, 8.0), along(f64::from(k) / 2.0, -8.0)]));
+            edge.extend(
+                (0..100).flat_map(|k| [along(f64::from(k) / 2.0, 8.0), along(f64::from(k) / 2.0, -8.0)]),
+            );
             if i == 0 {
                 edge.extend((-8..=8).map(|v| along(-5.0, f64::from(v))));
             }

@@ -8,7 +8,8 @@ pub fn bilinear(values: &[f32], width: usize, height: usize, px: Px) -> f64 {
     if !(x >= 0.0 && y >= 0.0 && x <= (width - 1) as f64 && y <= (height - 1) as f64) {
         return 0.0;
     }
-    let (column, row) = ((x as usize).min(width.saturating_sub(2)), (y as usize).min(height.saturating_sub(2)));
+    let (column, row) =
+        ((x as usize).min(width.saturating_sub(2)), (y as usize).min(height.saturating_sub(2)));
     let (u, v) = (x - column as f64, y - row as f64);
     let right = if column + 1 < width { 1 } else { 0 };
     let below = if row + 1 < height { width } else { 0 };

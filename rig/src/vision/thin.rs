@@ -61,7 +61,10 @@ pub fn longest_path(skeleton: &Mask) -> Vec<Px> {
     let mut path = Vec::new();
     let mut at = other_end;
     loop {
-        path.push([(skeleton.left + at % skeleton.width) as f64, (skeleton.top + at / skeleton.width) as f64]);
+        path.push([
+            (skeleton.left + at % skeleton.width) as f64,
+            (skeleton.top + at / skeleton.width) as f64,
+        ]);
         if at == one_end {
             return path;
         }
@@ -86,7 +89,8 @@ fn farthest(skeleton: &Mask, start: usize) -> (usize, Vec<usize>) {
         }
         last = at;
         for (dx, dy) in NEIGHBOURS {
-            let (Some(x), Some(y)) = ((at % w).checked_add_signed(dx), (at / w).checked_add_signed(dy)) else {
+            let (Some(x), Some(y)) = ((at % w).checked_add_signed(dx), (at / w).checked_add_signed(dy))
+            else {
                 continue;
             };
             if x >= w || y >= h || !skeleton.bits[y * w + x] {
