@@ -129,7 +129,7 @@ impl Analysis<'_> {
         progress.stage("report", None);
         let shown = RunFolder::open(self.out)?;
         let mut data = ReportData::of_run(&shown)?;
-        data.add_fit(&fitted);
+        data.add_fitted(&fitted);
         data.clocks.extend(timeline.clock_quality());
         if let Some(extraction) = &extraction {
             pictures::Source { run: self.run, timeline: &timeline }.show(&mut data, extraction, &fitted)?;

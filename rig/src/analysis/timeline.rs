@@ -52,7 +52,8 @@ impl Timeline {
         let mut armed = None;
         let mut started = None;
         for item in Recording::open(&run.file(file::RECORDING))? {
-            match item? {
+            let (_, item) = item?;
+            match item {
                 Item::Image(image) => {
                     let rises = last.is_none_or(|(_, before)| image.mid_exposure > before);
                     let (status, reason) = match (image.damaged, rises) {

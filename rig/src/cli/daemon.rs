@@ -91,7 +91,7 @@ impl Daemon<'_> {
             if !wait_until(&slot, &interrupt).await {
                 break;
             }
-            self.note("slot", json!({ "slot": slot.timestamp() }))?;
+            self.note("slot", json!({ "slot": slot.timestamp().to_string() }))?;
             let ended = self.experiment.run(&interrupt).await;
             runs += 1;
             self.note("run", report(&ended))?;

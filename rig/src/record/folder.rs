@@ -6,6 +6,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use rand::RngExt;
+use ident::experiment::RunKind;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -95,18 +96,6 @@ impl std::fmt::Display for RunId {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(&self.0)
     }
-}
-
-/// How a run moves its mechanism.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RunKind {
-    /// Held at rest, then let go.
-    Drop,
-    /// By the servo.
-    Driven,
-    /// Already moving in the first image.
-    Free,
 }
 
 /// The same instant on both clocks: a later jump of the wall clock shows, and does no harm.

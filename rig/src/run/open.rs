@@ -7,7 +7,6 @@ use ident::strict;
 
 use super::RunError;
 use crate::camera::config::CameraKind;
-use crate::camera::folder::FolderCamera;
 use crate::camera::mock::{CameraFault, MockCamera};
 use crate::camera::socket::SocketCamera;
 use crate::camera::v4l::V4lCamera;
@@ -68,7 +67,7 @@ pub fn open(config: &RigConfig, base: &Path) -> Result<Opened, RunError> {
         }
         _ => (None, None),
     };
-    let camera = open_camera(config, base, tank.as_ref())?;
+    let camera = open_camera(config, tank.as_ref())?;
     let hand = tank.clone().map(Hand);
     Ok(Opened { camera, board, hand, tank, run_start, claim: port })
 }
@@ -132,7 +131,7 @@ fn camera_faults(config: &RigConfig) -> Vec<CameraFault> {
         .collect()
 }
 
-fn open_camera(config: &RigConfig, base: &Path, tank: Option<&Tank>) -> Result<Box<dyn Camera>, RunError> {
+fn open_camera(config: &RigConfig, tank: Option<&Tank>) -> Result<Box<dyn Camera>, RunError> {
     let camera = &config.camera;
     let refused = |what: &str| {
         RunError::Camera(CameraError::Refused { camera: format!("{:?}", camera.kind).to_lowercase(), what: what.into() })

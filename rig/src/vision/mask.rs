@@ -56,6 +56,13 @@ impl Mask {
         self.bits.iter().enumerate().filter(|(_, bit)| **bit).map(move |(i, _)| place(i))
     }
 
+    /// The whole picture of the given size, 255 inside.
+    pub fn picture(&self, width: u32, height: u32) -> image::GrayImage {
+        image::GrayImage::from_fn(width, height, |column, row| {
+            image::Luma([if self.at(column as isize, row as isize) { 255 } else { 0 }])
+        })
+    }
+
     /// Mean position \[px\]; `None` when empty.
     pub fn centroid(&self) -> Option<Px> {
         let (mut n, mut sum) = (0.0, [0.0, 0.0]);
