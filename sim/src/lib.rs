@@ -1,11 +1,24 @@
 //! Physics of jointed bodies in water, and nothing else: no files but MJCF text, no clocks, no fits.
 //!
 //! A [`Model`] comes from MJCF text. [`rollout()`] moves it through time and hands back keypoint
-//! positions. Everything is generic over [`Scalar`], so that the same code carries plain numbers,
-//! derivatives and SIMD lanes.
+//! positions; a [`Simulator`] moves it step by step. Everything is generic over [`Scalar`], so that the same
+//! code carries plain numbers, derivatives and SIMD lanes.
 
 pub mod command;
+mod dynamics;
+pub mod fluid;
+pub mod math;
+pub mod mjcf;
+pub mod model;
+pub mod rollout;
+pub mod scalar;
+pub mod simulator;
 pub mod trajectory;
 
 pub use command::Command;
+pub use mjcf::MjcfError;
+pub use model::{Integrator, JointKind, Model, Poses, State};
+pub use rollout::{Rollout, RolloutError, RolloutOptions, rollout};
+pub use scalar::Scalar;
+pub use simulator::Simulator;
 pub use trajectory::Trajectory;

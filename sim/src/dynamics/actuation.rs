@@ -1,0 +1,38 @@
+//! Stage 6: what the drives do.
+
+use super::plant::{Drive, Plant};
+use crate::scalar::Scalar;
+
+impl<T: Scalar> Drive<T> {
+    /// The command, kept in its range.
+    pub(crate) fn command(&self, command: T) -> T {
+        match self.command_range {
+            Some([low, high]) => command.clamp(low, high),
+            None => command,
+        }
+    }
+
+    /// Force before range and gear.
+    pub(crate) fn raw_force(&self, qpos: &[T], qvel: &[T], command: T) -> T {
+        self.gain * self.command(command)
+            + self.gear * (self.stiffness * qpos[self.q] + self.damping * qvel[self.dof])
+    }
+}
+
+/// Adds the drives' forces to `force`; the drives with `off` exert none.
+pub(crate) fn actuation<T: Scalar>(
+    plant: &Plant<T>,
+    qpos: &[T],
+    qvel: &[T],
+    command: &[T],
+    off: &[bool],
+    force: &mut [T],
+) {
+    for ((drive, &command), _) in plant.drives.iter().zip(command).zip(off).filter(|(_, off)| !**off) {
+        let mut push = drive.raw_force(qpos, qvel, command);
+        if let Some([low, high]) = drive.force_range {
+            push = push.clamp(low, high);
+        }
+        force[drive.dof] += drive.gear * push;
+    }
+}

@@ -1,0 +1,62 @@
+//! Stage 3: velocities, and the forces that gravity and rotation alone call for (recursive Newton-Euler).
+
+use super::Work;
+use super::plant::Plant;
+use crate::math::{Motion, Vec3, Wrench};
+use crate::model::JointKind;
+use crate::scalar::Scalar;
+
+/// Fills `work.velocity` (of each body) and `work.drift` (each body's acceleration with all joint
+/// accelerations 0, less gravity).
+pub(crate) fn velocities<T: Scalar>(plant: &Plant<T>, qvel: &[T], work: &mut Work<T>) {
+    work.drift[0] = Motion { ang: Vec3::ZERO, lin: -plant.gravity };
+    for (index, link) in plant.links.iter().enumerate().skip(1) {
+        let mut velocity = work.velocity[link.parent];
+        let mut drift = work.drift[link.parent];
+        for joint in &plant.joints[link.joints.clone()] {
+            let dofs = joint.dof..joint.dof + joint.kind.nv();
+            let mut moves = |dofs: std::ops::Range<usize>, turns_axes: bool| {
+                let own = dofs.fold(Motion::ZERO, |sum, dof| sum.plus(work.axes[dof], qvel[dof]));
+                if turns_axes {
+                    drift = drift.plus(velocity.cross(own), T::ONE);
+                }
+                velocity = velocity.plus(own, T::ONE);
+            };
+            match joint.kind {
+                JointKind::Free => {
+                    // the axes of travel are the world's and stay
+                    moves(dofs.start..dofs.start + 3, false);
+                    moves(dofs.start + 3..dofs.end, true);
+                }
+                _ => moves(dofs, true),
+            }
+        }
+        work.velocity[index] = velocity;
+        work.drift[index] = drift;
+    }
+}
+
+/// Adds to `work.wrench` the force each body needs for its drift, reversed.
+pub(crate) fn bias<T: Scalar>(plant: &Plant<T>, work: &mut Work<T>) {
+    for index in 1..plant.links.len() {
+        let inertia = &work.inertia[index];
+        let velocity = work.velocity[index];
+        work.wrench[index] -= inertia.apply(work.drift[index]);
+        work.wrench[index] -= velocity.cross_force(inertia.apply(velocity));
+    }
+}
+
+/// Adds to `force` what the wrenches on the bodies do to the dofs; `work.wrench` is used up.
+pub(crate) fn project<T: Scalar>(plant: &Plant<T>, work: &mut Work<T>, force: &mut [T]) {
+    for index in (1..plant.links.len()).rev() {
+        let link = &plant.links[index];
+        let wrench = work.wrench[index];
+        for dof in link.dofs.clone() {
+            force[dof] += work.axes[dof].power(wrench);
+        }
+        if link.parent != 0 {
+            work.wrench[link.parent] += wrench;
+        }
+        work.wrench[index] = Wrench::ZERO;
+    }
+}

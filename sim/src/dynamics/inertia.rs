@@ -1,0 +1,95 @@
+//! Stage 2: the mass matrix by composite rigid bodies, and its sparse factorisation.
+//!
+//! Row `i` holds the dof itself and the dofs it rides on, nearest first: nothing else is nonzero. The
+//! factorisation L^T D L, leaves first, keeps that pattern (Featherstone, Rigid Body Dynamics
+//! Algorithms, 2008, sections 6.2 and 6.5).
+
+use super::Work;
+use super::plant::Plant;
+use crate::math::{Inertia, Sym3};
+use crate::scalar::Scalar;
+
+/// Fills `work.inertia`: each body about its tree's root, world axes.
+pub(crate) fn body_inertias<T: Scalar>(plant: &Plant<T>, work: &mut Work<T>) {
+    for (index, link) in plant.links.iter().enumerate().skip(1) {
+        let com = work.pos[index] + work.rot[index].apply(link.com) - work.pos[link.root];
+        work.com[index] = com;
+        work.inertia[index] = Inertia {
+            mass: link.mass,
+            moment: com * link.mass,
+            rotational: link.inertia.rotated(&work.rot[index]) + Sym3::of_point(link.mass, com),
+        };
+    }
+}
+
+/// Fills `work.mass` from `work.inertia` and `work.axes`.
+pub(crate) fn mass_matrix<T: Scalar>(plant: &Plant<T>, work: &mut Work<T>) {
+    work.composite.copy_from_slice(&work.inertia);
+    for index in (1..plant.links.len()).rev() {
+        let parent = plant.links[index].parent;
+        if parent != 0 {
+            let own = work.composite[index];
+            work.composite[parent] += own;
+        }
+    }
+    for dof in 0..plant.nv {
+        let momentum = work.composite[plant.dof_body[dof]].apply(work.axes[dof]);
+        let row = plant.row[dof]..plant.row[dof + 1];
+        for (entry, &other) in work.mass[row.clone()].iter_mut().zip(&plant.chain[row.clone()]) {
+            *entry = work.axes[other].power(momentum);
+        }
+        work.mass[row.start] += plant.armature[dof];
+    }
+}
+
+/// Makes the accelerations of the `held` dofs come out as 0: no coupling, unit inertia.
+pub(crate) fn hold<T: Scalar>(plant: &Plant<T>, held: &[bool], matrix: &mut [T]) {
+    for dof in 0..plant.nv {
+        let row = plant.row[dof]..plant.row[dof + 1];
+        for (entry, &other) in matrix[row.clone()].iter_mut().zip(&plant.chain[row]) {
+            if held[dof] || held[other] {
+                *entry = if dof == other { T::ONE } else { T::ZERO };
+            }
+        }
+    }
+}
+
+/// Replaces the matrix by its factors: the unit triangle's entries, and the reciprocal of the diagonal.
+pub(crate) fn factor<T: Scalar>(plant: &Plant<T>, matrix: &mut [T]) {
+    for dof in (0..plant.nv).rev() {
+        let (start, end) = (plant.row[dof], plant.row[dof + 1]);
+        let (lower, row) = matrix[..end].split_at_mut(start);
+        let inverse = T::ONE / row[0];
+        for k in 1..row.len() {
+            let share = row[k] * inverse;
+            let target = plant.row[plant.chain[start + k]];
+            for (entry, &x) in lower[target..].iter_mut().zip(&row[k..]) {
+                *entry -= share * x;
+            }
+        }
+        row[0] = inverse;
+        for entry in &mut row[1..] {
+            *entry = *entry * inverse;
+        }
+    }
+}
+
+/// Solves for the right-hand side in `x`, in place, with a matrix that went through [`factor`].
+pub(crate) fn solve<T: Scalar>(plant: &Plant<T>, factors: &[T], x: &mut [T]) {
+    for dof in (0..plant.nv).rev() {
+        let row = plant.row[dof] + 1..plant.row[dof + 1];
+        let value = x[dof];
+        for (&entry, &other) in factors[row.clone()].iter().zip(&plant.chain[row]) {
+            x[other] -= entry * value;
+        }
+    }
+    for dof in 0..plant.nv {
+        let start = plant.row[dof];
+        let row = start + 1..plant.row[dof + 1];
+        let mut value = x[dof] * factors[start];
+        for (&entry, &other) in factors[row.clone()].iter().zip(&plant.chain[row]) {
+            value -= entry * x[other];
+        }
+        x[dof] = value;
+    }
+}

@@ -1,0 +1,79 @@
+//! Stage 8: coordinates along velocities, and between two instants.
+
+use super::plant::Plant;
+use crate::math::{Quat, Vec3};
+use crate::model::JointKind;
+use crate::scalar::Scalar;
+
+/// Writes to `out` the coordinates `qpos` moved along `qvel` for `h` \[s\]; quaternions by exponential map.
+pub(crate) fn advance<T: Scalar>(plant: &Plant<T>, qpos: &[T], qvel: &[T], h: T, out: &mut [T]) {
+    for joint in &plant.joints {
+        let (q, dof) = (joint.q, joint.dof);
+        match joint.kind {
+            JointKind::Hinge | JointKind::Slide => out[q] = qpos[q] + h * qvel[dof],
+            JointKind::Ball => turn(qpos, q, qvel, dof, h, out),
+            JointKind::Free => {
+                for k in 0..3 {
+                    out[q + k] = qpos[q + k] + h * qvel[dof + k];
+                }
+                turn(qpos, q + 3, qvel, dof + 3, h, out);
+            }
+        }
+    }
+}
+
+fn quat_at<T: Scalar>(qpos: &[T], at: usize) -> Quat<T> {
+    Quat([qpos[at], qpos[at + 1], qpos[at + 2], qpos[at + 3]])
+}
+
+fn turn<T: Scalar>(qpos: &[T], q: usize, qvel: &[T], dof: usize, h: T, out: &mut [T]) {
+    let by = Quat::from_rotation_vector(Vec3([qvel[dof], qvel[dof + 1], qvel[dof + 2]]) * h);
+    out[q..q + 4].copy_from_slice(&quat_at(qpos, q).product(by).normalized().0);
+}
+
+/// One instant: coordinates and velocities.
+pub(crate) type Instant<'a, T> = (&'a [T], &'a [T]);
+
+/// Writes to `out` the coordinates at the share `s` of the way between two instants `h` \[s\] apart: cubic
+/// Hermite in each coordinate, quaternions scaled back to unit length.
+pub(crate) fn between<T: Scalar>(
+    plant: &Plant<T>,
+    (q0, v0): Instant<'_, T>,
+    (q1, v1): Instant<'_, T>,
+    h: f64,
+    s: f64,
+    out: &mut [T],
+) {
+    let weights = [
+        (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s),
+        s * (1.0 - s) * (1.0 - s) * h,
+        s * s * (3.0 - 2.0 * s),
+        s * s * (s - 1.0) * h,
+    ]
+    .map(T::from_f64);
+    let blend = |a: T, rate_a: T, b: T, rate_b: T| {
+        weights[0] * a + weights[1] * rate_a + weights[2] * b + weights[3] * rate_b
+    };
+    let turned = |q: usize, dof: usize, out: &mut [T]| {
+        let rate = |qpos: &[T], v: &[T]| {
+            let half = T::from_f64(0.5);
+            quat_at(qpos, q).product(Quat([T::ZERO, v[dof] * half, v[dof + 1] * half, v[dof + 2] * half])).0
+        };
+        let (r0, r1) = (rate(q0, v0), rate(q1, v1));
+        let mixed = std::array::from_fn(|k| blend(q0[q + k], r0[k], q1[q + k], r1[k]));
+        out[q..q + 4].copy_from_slice(&Quat(mixed).normalized().0);
+    };
+    for joint in &plant.joints {
+        let (q, dof) = (joint.q, joint.dof);
+        match joint.kind {
+            JointKind::Hinge | JointKind::Slide => out[q] = blend(q0[q], v0[dof], q1[q], v1[dof]),
+            JointKind::Ball => turned(q, dof, out),
+            JointKind::Free => {
+                for k in 0..3 {
+                    out[q + k] = blend(q0[q + k], v0[dof + k], q1[q + k], v1[dof + k]);
+                }
+                turned(q + 3, dof + 3, out);
+            }
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! Forward dynamics of a tree of bodies, one stage per file, in the order of a step.
+//!
+//! Spatial quantities stand in world axes about the origin of each tree's first body.
+
+pub(crate) mod actuation;
+pub(crate) mod bias;
+pub(crate) mod fluid;
+pub(crate) mod inertia;
+pub(crate) mod integrate;
+pub(crate) mod kinematics;
+pub(crate) mod passive;
+pub(crate) mod plant;
+pub(crate) mod restraint;
+
+use crate::math::{Inertia, Mat3, Motion, Quat, Vec3, Wrench};
+use crate::model::{Model, Poses};
+use crate::scalar::Scalar;
+use plant::Plant;
+
+/// Everything the stages compute, allocated once.
+#[derive(Debug, Clone)]
+pub(crate) struct Work<T> {
+    /// Origin of each body \[m\].
+    pub(crate) pos: Vec<Vec3<T>>,
+    /// `world_from_body`.
+    pub(crate) rot: Vec<Mat3<T>>,
+    /// Centre of mass from the tree's root \[m\].
+    pub(crate) com: Vec<Vec3<T>>,
+    /// Motion per unit rate of each dof.
+    pub(crate) axes: Vec<Motion<T>>,
+    pub(crate) inertia: Vec<Inertia<T>>,
+    /// Inertia of each body with all it carries.
+    pub(crate) composite: Vec<Inertia<T>>,
+    pub(crate) velocity: Vec<Motion<T>>,
+    /// Acceleration of each body with all joint accelerations 0, less gravity.
+    pub(crate) drift: Vec<Motion<T>>,
+    /// External and inertial wrench on each body; 0 between uses.
+    pub(crate) wrench: Vec<Wrench<T>>,
+    /// The mass matrix, rows as in [`Plant::chain`].
+    pub(crate) mass: Vec<T>,
+}
+
+impl<T: Scalar> Work<T> {
+    pub(crate) fn new(plant: &Plant<T>) -> Self {
+        let bodies = plant.links.len();
+        Self {
+            pos: vec![Vec3::ZERO; bodies],
+            rot: vec![Mat3::IDENTITY; bodies],
+            com: vec![Vec3::ZERO; bodies],
+            axes: vec![Motion::ZERO; plant.nv],
+            inertia: vec![Inertia::ZERO; bodies],
+            composite: vec![Inertia::ZERO; bodies],
+            velocity: vec![Motion::ZERO; bodies],
+            drift: vec![Motion::ZERO; bodies],
+            wrench: vec![Wrench::ZERO; bodies],
+            mass: vec![T::ZERO; plant.chain.len()],
+        }
+    }
+}
+
+/// World poses of bodies, geoms and sites at `qpos`.
+pub(crate) fn poses<T: Scalar>(model: &Model<T>, qpos: &[T]) -> Poses<T> {
+    let plant = Plant::new(model);
+    let mut work = Work::new(&plant);
+    kinematics::kinematics(&plant, qpos, &mut work);
+    let place = |body: usize, at: Vec3<T>| work.pos[body] + work.rot[body].apply(at);
+    let turn = |body: usize, quat: Quat<T>| work.rot[body].product(&quat.matrix());
+    Poses {
+        geom_pos: model.geoms.iter().map(|geom| place(geom.body, geom.pos)).collect(),
+        geom_rot: model.geoms.iter().map(|geom| turn(geom.body, geom.quat)).collect(),
+        site_pos: model.sites.iter().map(|site| place(site.body, site.pos)).collect(),
+        body_pos: work.pos,
+        body_rot: work.rot,
+    }
+}

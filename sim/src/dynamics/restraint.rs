@@ -1,0 +1,218 @@
+//! Stage 7: friction loss and end stops, as MuJoCo has them.
+//!
+//! Each is a force on one dof, f = clip(-(s a - a_ref) / R, low, high), solved jointly with M a = smooth + s f.
+//! A small R > 0 makes the force unique and lets stiction creep. Default `solref` and `solimp` only.
+
+use super::Work;
+use super::inertia::{factor, hold, solve};
+use super::plant::{Plant, Restraint};
+use crate::scalar::{Mask, Scalar};
+
+/// MuJoCo's default time constant \[s\] and damping ratio of a restraint (`solref`).
+const TIME_CONSTANT_S: f64 = 0.02;
+/// MuJoCo's default least and greatest impedance, and the depth over which it rises (`solimp`).
+const IMPEDANCE: [f64; 2] = [0.9, 0.95];
+const IMPEDANCE_WIDTH: f64 = 0.001;
+/// Full Newton steps before the first search along a step: they settle at once in all but rare cases.
+const FREE_STEPS: usize = 6;
+/// Newton steps in all; the exact search makes them end after finitely many.
+const MOST_STEPS: usize = 60;
+
+/// One force on one dof.
+#[derive(Debug, Clone)]
+struct Row<T> {
+    dof: usize,
+    /// +1 or -1.
+    sign: T,
+    /// 1 / R.
+    weight: T,
+    reference: T,
+    low: T,
+    high: T,
+}
+
+impl<T: Scalar> Row<T> {
+    /// The force at the acceleration `a` of its dof.
+    fn force(&self, a: T) -> T {
+        ((self.reference - self.sign * a) * self.weight).clamp(self.low, self.high)
+    }
+
+    /// The zone the row is in at the acceleration `a`, by its line: force = first - sign second a.
+    fn zone(&self, a: T) -> [T; 2] {
+        let free = (self.reference - self.sign * a) * self.weight;
+        let slack = self.low.less(free) & free.less(self.high);
+        let bound = free.clamp(self.low, self.high);
+        [T::select(slack, self.reference * self.weight, bound), T::select(slack, self.weight, T::ZERO)]
+    }
+}
+
+/// Solves for the forces of all restraints of a model.
+#[derive(Debug, Clone)]
+pub(crate) struct Solver<T> {
+    /// Diagonal of the inverse mass matrix at the reference, averaged over a joint's like axes.
+    inverse_weight: Vec<T>,
+    rows: Vec<Row<T>>,
+    zones: Vec<[T; 2]>,
+    matrix: Vec<T>,
+    acceleration: Vec<T>,
+    step: Vec<T>,
+    /// M a - smooth, and M step.
+    residual: [Vec<T>; 2],
+}
+
+impl<T: Scalar> Solver<T> {
+    /// `inverse_weight`: shape (nv).
+    pub(crate) fn new(plant: &Plant<T>, inverse_weight: Vec<T>) -> Self {
+        let most = 2 * plant.restraints.len();
+        let zeros = || vec![T::ZERO; plant.nv];
+        Self {
+            inverse_weight,
+            rows: Vec::with_capacity(most),
+            zones: vec![[T::ZERO; 2]; most],
+            matrix: vec![T::ZERO; plant.chain.len()],
+            acceleration: zeros(),
+            step: zeros(),
+            residual: [zeros(), zeros()],
+        }
+    }
+
+    fn add_rows(&mut self, plant: &Plant<T>, qpos: &[T], qvel: &[T], held: &[bool], h: f64) {
+        self.rows.clear();
+        let time_constant = TIME_CONSTANT_S.max(2.0 * h);
+        let damping = T::from_f64(2.0 / (IMPEDANCE[1] * time_constant));
+        let stiffness = T::from_f64(1.0 / (IMPEDANCE[1] * time_constant).powi(2));
+        for restraint in &plant.restraints {
+            match *restraint {
+                Restraint::Friction { dof, .. } | Restraint::Limit { dof, .. } if held[dof] => {}
+                Restraint::Friction { dof, loss } => self.rows.push(Row {
+                    dof,
+                    sign: T::ONE,
+                    weight: T::from_f64(IMPEDANCE[0] / (1.0 - IMPEDANCE[0])) / self.inverse_weight[dof],
+                    reference: -damping * qvel[dof],
+                    low: -loss,
+                    high: loss,
+                }),
+                Restraint::Limit { q, dof, range } => {
+                    let ends = [(T::ONE, qpos[q] - range[0]), (-T::ONE, range[1] - qpos[q])];
+                    for (sign, distance) in ends {
+                        let beyond = distance.less(T::ZERO);
+                        if !beyond.any() {
+                            continue;
+                        }
+                        let impedance = impedance(distance);
+                        let weight = impedance / ((T::ONE - impedance) * self.inverse_weight[dof]);
+                        self.rows.push(Row {
+                            dof,
+                            sign,
+                            weight: T::select(beyond, weight, T::ZERO),
+                            reference: -(damping * sign * qvel[dof] + stiffness * impedance * distance),
+                            low: T::ZERO,
+                            high: T::from_f64(f64::MAX),
+                        });
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds the restraints' forces to `force`, which comes in as the sum of all others.
+    #[expect(clippy::too_many_arguments, reason = "one stage's inputs")]
+    pub(crate) fn resolve(
+        &mut self,
+        plant: &Plant<T>,
+        work: &Work<T>,
+        held: &[bool],
+        h: f64,
+        qpos: &[T],
+        qvel: &[T],
+        force: &mut [T],
+    ) {
+        self.add_rows(plant, qpos, qvel, held, h);
+        if self.rows.is_empty() {
+            return;
+        }
+        self.matrix.copy_from_slice(&work.mass);
+        hold(plant, held, &mut self.matrix);
+        factor(plant, &mut self.matrix);
+        self.acceleration.copy_from_slice(force);
+        solve(plant, &self.matrix, &mut self.acceleration);
+
+        for round in 0..MOST_STEPS {
+            // the zone each row is in, and the step to the optimum if all stay in theirs
+            self.matrix.copy_from_slice(&work.mass);
+            self.step.copy_from_slice(force);
+            let mut moved = round == 0;
+            for (row, kept) in self.rows.iter().zip(&mut self.zones) {
+                let zone = row.zone(self.acceleration[row.dof]);
+                moved |= zone != *kept;
+                *kept = zone;
+                self.matrix[plant.row[row.dof]] += zone[1];
+                self.step[row.dof] += row.sign * zone[0];
+            }
+            if !moved {
+                break;
+            }
+            hold(plant, held, &mut self.matrix);
+            factor(plant, &mut self.matrix);
+            solve(plant, &self.matrix, &mut self.step);
+            if round < FREE_STEPS {
+                self.acceleration.copy_from_slice(&self.step);
+            } else {
+                self.search(plant, work, force);
+            }
+        }
+        for row in &self.rows {
+            force[row.dof] += row.sign * row.force(self.acceleration[row.dof]);
+        }
+    }
+
+    /// Goes from `acceleration` towards `step` to where the cost is least along the way.
+    fn search(&mut self, plant: &Plant<T>, work: &Work<T>, force: &[T]) {
+        for (step, a) in self.step.iter_mut().zip(&self.acceleration) {
+            *step -= *a;
+        }
+        let [at_start, change] = &mut self.residual;
+        multiply(plant, &work.mass, &self.acceleration, at_start);
+        multiply(plant, &work.mass, &self.step, change);
+        let dot = |x: &[T]| x.iter().zip(&self.step).fold(T::ZERO, |sum, (&x, &p)| sum + x * p);
+        let (constant, slope) = (dot(at_start) - dot(force), dot(change));
+        let (mut low, mut high) = (T::ZERO, T::ONE);
+        for _ in 0..52 {
+            let middle = (low + high) * T::from_f64(0.5);
+            let pushes = self.rows.iter().fold(T::ZERO, |sum, row| {
+                let p = self.step[row.dof];
+                sum + row.sign * p * row.force(self.acceleration[row.dof] + middle * p)
+            });
+            let falling = (constant + middle * slope).less(pushes);
+            low = T::select(falling, middle, low);
+            high = T::select(falling, high, middle);
+        }
+        for (a, &p) in self.acceleration.iter_mut().zip(&self.step) {
+            *a += high * p;
+        }
+    }
+}
+
+/// Impedance at the depth -`distance`: rises from the first to the second value over the width, in two
+/// parabolas.
+fn impedance<T: Scalar>(distance: T) -> T {
+    let x = (distance.abs() * T::from_f64(1.0 / IMPEDANCE_WIDTH)).min(T::ONE);
+    let rest = T::ONE - x;
+    let two = T::from_f64(2.0);
+    let y = T::select(x.less(T::from_f64(0.5)), two * x * x, T::ONE - two * rest * rest);
+    T::from_f64(IMPEDANCE[0]) + y * T::from_f64(IMPEDANCE[1] - IMPEDANCE[0])
+}
+
+/// `out` = the symmetric matrix, stored by rows of [`Plant::chain`], times `x`.
+pub(crate) fn multiply<T: Scalar>(plant: &Plant<T>, matrix: &[T], x: &[T], out: &mut [T]) {
+    out.fill(T::ZERO);
+    for dof in 0..plant.nv {
+        let start = plant.row[dof];
+        out[dof] += matrix[start] * x[dof];
+        let row = start + 1..plant.row[dof + 1];
+        for (&entry, &other) in matrix[row.clone()].iter().zip(&plant.chain[row]) {
+            out[dof] += entry * x[other];
+            out[other] += entry * x[dof];
+        }
+    }
+}

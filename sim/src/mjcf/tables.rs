@@ -1,0 +1,227 @@
+//! Which attributes are read, which are passed over, and which are fine as long as they say the default.
+
+/// One element's attributes.
+pub(super) struct Table {
+    /// Read.
+    pub(super) read: &'static [&'static str],
+    /// Without effect on the motion of what is simulated here.
+    pub(super) passed_over: &'static [&'static str],
+    /// Only with one of these values, which change nothing.
+    pub(super) only: &'static [(&'static str, &'static [&'static str])],
+}
+
+const COMPILER: Table = Table {
+    read: &["angle", "autolimits", "eulerseq", "inertiafromgeom"],
+    passed_over: &[
+        "meshdir",
+        "texturedir",
+        "assetdir",
+        "strippath",
+        "usethread",
+        "convexhull",
+        "exactmeshinertia",
+        "saveinertial",
+        "conflict",
+        "discardvisual",
+    ],
+    only: &[
+        ("coordinate", &["local"]),
+        ("boundmass", &["0"]),
+        ("boundinertia", &["0"]),
+        ("balanceinertia", &["false"]),
+        ("settotalmass", &["-1"]),
+        ("alignfree", &["false"]),
+        ("fusestatic", &["false"]),
+        ("inertiagrouprange", &["0 5"]),
+    ],
+};
+
+const OPTION: Table = Table {
+    read: &["timestep", "integrator", "gravity", "density", "viscosity", "wind"],
+    passed_over: &[
+        "solver",
+        "iterations",
+        "tolerance",
+        "ls_iterations",
+        "ls_tolerance",
+        "jacobian",
+        "cone",
+        "impratio",
+        "ccd_iterations",
+        "ccd_tolerance",
+        "sdf_iterations",
+        "sdf_initpoints",
+        "o_margin",
+        "o_solref",
+        "o_solimp",
+        "o_friction",
+        "apirate",
+        "magnetic",
+        "noslip_tolerance",
+        "sleep_tolerance",
+    ],
+    only: &[("noslip_iterations", &["0"])],
+};
+
+const ON: &[&str] = &["enable"];
+const OFF: &[&str] = &["disable"];
+
+const FLAG: Table = Table {
+    read: &["contact"],
+    passed_over: &[
+        "warmstart",
+        "midphase",
+        "nativeccd",
+        "sensor",
+        "energy",
+        "fwdinv",
+        "multiccd",
+        "island",
+        "autoreset",
+        "equality",
+        "sleep",
+    ],
+    only: &[
+        ("constraint", ON),
+        ("frictionloss", ON),
+        ("limit", ON),
+        ("passive", ON),
+        ("spring", ON),
+        ("damper", ON),
+        ("gravity", ON),
+        ("clampctrl", ON),
+        ("filterparent", ON),
+        ("actuation", ON),
+        ("refsafe", ON),
+        ("eulerdamp", ON),
+        ("override", OFF),
+        ("invdiscrete", OFF),
+    ],
+};
+
+const BODY: Table = Table {
+    read: &["name", "childclass", "pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "gravcomp"],
+    passed_over: &["user", "sleep"],
+    only: &[("mocap", &["false"])],
+};
+
+const INERTIAL: Table = Table {
+    read: &["pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "mass", "diaginertia", "fullinertia"],
+    passed_over: &[],
+    only: &[],
+};
+
+const JOINT: Table = Table {
+    read: &[
+        "name",
+        "class",
+        "type",
+        "pos",
+        "axis",
+        "range",
+        "limited",
+        "stiffness",
+        "damping",
+        "springref",
+        "ref",
+        "armature",
+        "frictionloss",
+    ],
+    passed_over: &["group", "user"],
+    only: &[
+        ("margin", &["0"]),
+        ("springdamper", &["0 0"]),
+        ("solreflimit", &["0.02 1", ".02 1"]),
+        ("solreffriction", &["0.02 1", ".02 1"]),
+        ("solimplimit", &["0.9 0.95 0.001", "0.9 0.95 0.001 0.5 2"]),
+        ("solimpfriction", &["0.9 0.95 0.001", "0.9 0.95 0.001 0.5 2"]),
+        ("actuatorfrcrange", &["0 0"]),
+        ("actuatorfrclimited", &["false", "auto"]),
+        ("actuatorgravcomp", &["false"]),
+    ],
+};
+
+const FREEJOINT: Table =
+    Table { read: &["name"], passed_over: &["group"], only: &[("align", &["false", "auto"])] };
+
+const GEOM: Table = Table {
+    read: &[
+        "name",
+        "class",
+        "type",
+        "size",
+        "pos",
+        "quat",
+        "axisangle",
+        "xyaxes",
+        "zaxis",
+        "euler",
+        "fromto",
+        "mass",
+        "density",
+        "fluidshape",
+        "fluidcoef",
+        "contype",
+        "conaffinity",
+    ],
+    passed_over: &[
+        "group", "material", "rgba", "condim", "friction", "solmix", "solref", "solimp", "margin", "gap",
+        "priority", "user",
+    ],
+    only: &[("shellinertia", &["false"])],
+};
+
+const SITE: Table = Table {
+    read: &["name", "class", "pos", "fromto"],
+    passed_over: &[
+        "type",
+        "size",
+        "group",
+        "material",
+        "rgba",
+        "quat",
+        "axisangle",
+        "xyaxes",
+        "zaxis",
+        "euler",
+        "user",
+    ],
+    only: &[],
+};
+
+const ACTUATOR: Table = Table {
+    read: &[
+        "name",
+        "class",
+        "joint",
+        "gear",
+        "kp",
+        "kv",
+        "ctrlrange",
+        "ctrllimited",
+        "forcerange",
+        "forcelimited",
+    ],
+    passed_over: &["group", "user", "lengthrange"],
+    only: &[("dampratio", &["0"]), ("timeconst", &["0"]), ("inheritrange", &["0"])],
+};
+
+const EXCLUDE: Table = Table { read: &["name", "body1", "body2"], passed_over: &[], only: &[] };
+
+/// The table of the element `tag`, where it has one.
+pub(super) fn table(tag: &str) -> Option<&'static Table> {
+    Some(match tag {
+        "compiler" => &COMPILER,
+        "option" => &OPTION,
+        "flag" => &FLAG,
+        "body" => &BODY,
+        "inertial" => &INERTIAL,
+        "joint" => &JOINT,
+        "freejoint" => &FREEJOINT,
+        "geom" => &GEOM,
+        "site" => &SITE,
+        "position" | "velocity" | "motor" => &ACTUATOR,
+        "exclude" => &EXCLUDE,
+        _ => return None,
+    })
+}

@@ -1,0 +1,233 @@
+//! A model back to MJCF.
+
+use std::fmt::Write as _;
+
+use crate::model::{ActuatorKind, GeomKind, Integrator, JointKind, Model};
+
+/// For which engines an export moves the same way.
+const VERSIONS: &str =
+    "Moves the same way in MuJoCo 3.14 and later; before that the Kutta lift of small shapes was lost.";
+
+struct Writer<'m> {
+    model: &'m Model<f64>,
+    out: String,
+    children: Vec<Vec<usize>>,
+}
+
+/// The model as text. Numbers are written so that they read back to the same bits.
+pub(super) fn model(model: &Model<f64>, comment: &str) -> String {
+    let mut children = vec![Vec::new(); model.bodies.len()];
+    for (index, body) in model.bodies.iter().enumerate().skip(1) {
+        children[body.parent].push(index);
+    }
+    let mut writer = Writer { model, out: String::new(), children };
+    writer.head(comment);
+    writer.line(1, "worldbody", &[], false);
+    writer.content(0, 2);
+    writer.out.push_str("  </worldbody>\n");
+    writer.exclusions();
+    writer.actuators();
+    writer.out.push_str("</mujoco>\n");
+    writer.out
+}
+
+fn numbers(values: &[f64]) -> String {
+    values.iter().map(|x| format!("{x:?}")).collect::<Vec<_>>().join(" ")
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
+}
+
+/// `numbers`, without trailing zeros beyond the first.
+fn polynomial([a, b, c]: [f64; 3]) -> String {
+    match (b, c) {
+        (0.0, 0.0) => numbers(&[a]),
+        _ => numbers(&[a, b, c]),
+    }
+}
+
+/// One attribute to write.
+type Attribute = (&'static str, String);
+
+/// The attribute, unless it says the default.
+fn unless(default: f64, name: &'static str, value: f64) -> Option<Attribute> {
+    (value != default).then(|| (name, numbers(&[value])))
+}
+
+fn name(name: &str, named: bool) -> Option<Attribute> {
+    named.then(|| ("name", escaped(name)))
+}
+
+fn range(name: &'static str, range: Option<[f64; 2]>) -> Option<Attribute> {
+    range.map(|range| (name, numbers(&range)))
+}
+
+impl Writer<'_> {
+    fn line(&mut self, depth: usize, tag: &str, attributes: &[Option<Attribute>], closed: bool) {
+        let _ = write!(self.out, "{:width$}<{tag}", "", width = 2 * depth);
+        for (name, value) in attributes.iter().flatten() {
+            let _ = write!(self.out, " {name}=\"{value}\"");
+        }
+        self.out.push_str(if closed { "/>\n" } else { ">\n" });
+    }
+
+    fn head(&mut self, comment: &str) {
+        let settings = &self.model.settings;
+        let integrator = match settings.integrator {
+            Integrator::Euler => "Euler",
+            Integrator::ImplicitFast => "implicitfast",
+            Integrator::Rk4 => "RK4",
+        };
+        // two hyphens would end the comment
+        let comment = comment.replace("--", "- -");
+        let _ = writeln!(self.out, "<!-- {comment}\n     {VERSIONS} -->");
+        self.line(0, "mujoco", &[Some(("model", escaped(&self.model.name)))], false);
+        let compiler = [Some(("angle", "radian".into())), Some(("autolimits", "true".into()))];
+        self.line(1, "compiler", &compiler, true);
+        let option = [
+            Some(("timestep", numbers(&[settings.timestep_s]))),
+            Some(("integrator", integrator.into())),
+            Some(("gravity", numbers(&settings.gravity.0))),
+            unless(0.0, "density", settings.density),
+            unless(0.0, "viscosity", settings.viscosity),
+            (settings.wind.0 != [0.0; 3]).then(|| ("wind", numbers(&settings.wind.0))),
+        ];
+        self.line(1, "option", &option, !self.model.contacts.off);
+        if self.model.contacts.off {
+            self.line(2, "flag", &[Some(("contact", "disable".into()))], true);
+            self.out.push_str("  </option>\n");
+        }
+    }
+
+    fn body(&mut self, index: usize, depth: usize) {
+        let body = &self.model.bodies[index];
+        let attributes = [
+            name(&body.name, body.named),
+            Some(("pos", numbers(&body.pos.0))),
+            (body.quat.0 != [1.0, 0.0, 0.0, 0.0]).then(|| ("quat", numbers(&body.quat.0))),
+            unless(0.0, "gravcomp", body.gravity_compensation),
+        ];
+        self.line(depth, "body", &attributes, false);
+        if body.mass > 0.0 {
+            let inertial = [
+                Some(("mass", numbers(&[body.mass]))),
+                Some(("pos", numbers(&body.com.0))),
+                Some(("quat", numbers(&body.principal.0))),
+                Some(("diaginertia", numbers(&body.inertia.0))),
+            ];
+            self.line(depth + 1, "inertial", &inertial, true);
+        }
+        self.content(index, depth + 1);
+        let _ = writeln!(self.out, "{:width$}</body>", "", width = 2 * depth);
+    }
+
+    fn content(&mut self, body: usize, depth: usize) {
+        let model = self.model;
+        for joint in model.joints.iter().filter(|joint| joint.body == body) {
+            self.joint(joint, depth);
+        }
+        for geom in model.geoms.iter().filter(|geom| geom.body == body) {
+            self.geom(geom, depth);
+        }
+        for site in model.sites.iter().filter(|site| site.body == body) {
+            self.line(
+                depth,
+                "site",
+                &[name(&site.name, site.named), Some(("pos", numbers(&site.pos.0)))],
+                true,
+            );
+        }
+        for child in self.children[body].clone() {
+            self.body(child, depth);
+        }
+    }
+
+    fn joint(&mut self, joint: &crate::model::Joint<f64>, depth: usize) {
+        let (kind, single) = match joint.kind {
+            JointKind::Hinge => ("hinge", true),
+            JointKind::Slide => ("slide", true),
+            JointKind::Ball => ("ball", false),
+            JointKind::Free => ("free", false),
+        };
+        let attributes = [
+            name(&joint.name, joint.named),
+            Some(("type", kind.into())),
+            (joint.pos.0 != [0.0; 3]).then(|| ("pos", numbers(&joint.pos.0))),
+            single.then(|| ("axis", numbers(&joint.axis.0))),
+            unless(0.0, "ref", joint.reference),
+            unless(0.0, "springref", joint.spring_reference),
+            (joint.stiffness != [0.0; 3]).then(|| ("stiffness", polynomial(joint.stiffness))),
+            (joint.damping != [0.0; 3]).then(|| ("damping", polynomial(joint.damping))),
+            unless(0.0, "armature", joint.armature),
+            unless(0.0, "frictionloss", joint.friction_loss),
+            range("range", joint.limit),
+        ];
+        self.line(depth, "joint", &attributes, true);
+    }
+
+    fn geom(&mut self, geom: &crate::model::Geom<f64>, depth: usize) {
+        let (kind, sizes) = match geom.kind {
+            GeomKind::Sphere => ("sphere", 1),
+            GeomKind::Capsule => ("capsule", 2),
+            GeomKind::Cylinder => ("cylinder", 2),
+            GeomKind::Ellipsoid => ("ellipsoid", 3),
+            GeomKind::Box => ("box", 3),
+            GeomKind::Plane => ("plane", 3),
+        };
+        // a plane's size only says how far it is drawn, but MuJoCo wants one
+        let size = if geom.kind == GeomKind::Plane { [1.0; 3] } else { geom.size };
+        let attributes = [
+            name(&geom.name, geom.named),
+            Some(("type", kind.into())),
+            Some(("size", numbers(&size[..sizes]))),
+            Some(("pos", numbers(&geom.pos.0))),
+            (geom.quat.0 != [1.0, 0.0, 0.0, 0.0]).then(|| ("quat", numbers(&geom.quat.0))),
+            Some(("contype", geom.contact_bits[0].to_string())),
+            Some(("conaffinity", geom.contact_bits[1].to_string())),
+            geom.fluid.map(|_| ("fluidshape", "ellipsoid".into())),
+            geom.fluid.map(|c| ("fluidcoef", numbers(&[c.blunt, c.slender, c.angular, c.kutta, c.magnus]))),
+        ];
+        self.line(depth, "geom", &attributes, true);
+    }
+
+    fn exclusions(&mut self) {
+        let model = self.model;
+        if model.contacts.excluded.is_empty() {
+            return;
+        }
+        self.line(1, "contact", &[], false);
+        for [first, second] in &model.contacts.excluded {
+            let body = |index: usize| escaped(&model.bodies[index].name);
+            self.line(2, "exclude", &[Some(("body1", body(*first))), Some(("body2", body(*second)))], true);
+        }
+        self.out.push_str("  </contact>\n");
+    }
+
+    fn actuators(&mut self) {
+        let model = self.model;
+        if model.actuators.is_empty() {
+            return;
+        }
+        self.line(1, "actuator", &[], false);
+        for actuator in &model.actuators {
+            let kind = match actuator.kind {
+                ActuatorKind::Position => "position",
+                ActuatorKind::Velocity => "velocity",
+                ActuatorKind::Motor => "motor",
+            };
+            let joint = escaped(&model.joints[actuator.joint].name);
+            let attributes = [
+                name(&actuator.name, actuator.named),
+                Some(("joint", joint)),
+                unless(1.0, "gear", actuator.gear),
+                (actuator.kind == ActuatorKind::Position).then(|| ("kp", numbers(&[actuator.kp]))),
+                (actuator.kind != ActuatorKind::Motor).then(|| ("kv", numbers(&[actuator.kv]))),
+                range("ctrlrange", actuator.command_range),
+                range("forcerange", actuator.force_range),
+            ];
+            self.line(2, kind, &attributes, true);
+        }
+        self.out.push_str("  </actuator>\n");
+    }
+}

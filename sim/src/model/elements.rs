@@ -1,0 +1,335 @@
+//! The elements a model is made of.
+
+use crate::math::{Quat, Vec3};
+use crate::scalar::Scalar;
+
+/// How a step in time is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Integrator {
+    /// Semi-implicit Euler, joint damping implicit.
+    Euler,
+    /// Euler with all velocity-dependent forces but the bias implicit, symmetrised.
+    ImplicitFast,
+    /// Classical fourth-order Runge-Kutta.
+    Rk4,
+}
+
+/// Time step, gravity and the water.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings<T> {
+    /// Time step \[s\].
+    pub timestep_s: f64,
+    /// Integrator.
+    pub integrator: Integrator,
+    /// Gravity, world axes \[m/s2\].
+    pub gravity: Vec3<T>,
+    /// Density of the water \[kg/m3\]; 0 for none.
+    pub density: T,
+    /// Dynamic viscosity of the water \[Pa s\].
+    pub viscosity: T,
+    /// Velocity of the water, world axes \[m/s\].
+    pub wind: Vec3<T>,
+}
+
+/// A rigid body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Body<T> {
+    /// Its name, or `body#` and its place in the file.
+    pub name: String,
+    /// Whether the file names it.
+    pub named: bool,
+    /// Index of the parent; the world is its own.
+    pub parent: usize,
+    /// Origin in the parent's frame, all joints at their reference \[m\].
+    pub pos: Vec3<T>,
+    /// `parent_from_body`, all joints at their reference.
+    pub quat: Quat<T>,
+    /// Mass \[kg\].
+    pub mass: T,
+    /// Principal moments of inertia about the centre of mass \[kg m2\].
+    pub inertia: Vec3<T>,
+    /// Centre of mass in the body's frame \[m\].
+    pub com: Vec3<T>,
+    /// `body_from_principal`: the axes of `inertia`.
+    pub principal: Quat<T>,
+    /// Share of its weight that is held up at the centre of mass; for buoyancy, water over body density.
+    pub gravity_compensation: T,
+}
+
+/// The kinds of joint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JointKind {
+    /// Turns about an axis: one angle \[rad\].
+    Hinge,
+    /// Slides along an axis: one travel \[m\].
+    Slide,
+    /// Turns about a point: a unit quaternion, three rates.
+    Ball,
+    /// Floats: position and unit quaternion, six rates.
+    Free,
+}
+
+impl JointKind {
+    /// Number of coordinates.
+    pub fn nq(self) -> usize {
+        match self {
+            Self::Hinge | Self::Slide => 1,
+            Self::Ball => 4,
+            Self::Free => 7,
+        }
+    }
+
+    /// Number of velocities.
+    pub fn nv(self) -> usize {
+        match self {
+            Self::Hinge | Self::Slide => 1,
+            Self::Ball => 3,
+            Self::Free => 6,
+        }
+    }
+}
+
+/// A joint between a body and its parent.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Joint<T> {
+    /// Its name, or `joint#` and its place in the file.
+    pub name: String,
+    /// Whether the file names it.
+    pub named: bool,
+    /// Kind.
+    pub kind: JointKind,
+    /// The body it moves.
+    pub body: usize,
+    /// First coordinate in `qpos`.
+    pub qpos_address: usize,
+    /// First velocity in `qvel`.
+    pub dof_address: usize,
+    /// Anchor in the body's frame \[m\].
+    pub pos: Vec3<T>,
+    /// Axis in the body's frame, unit length.
+    pub axis: Vec3<T>,
+    /// Coordinate of a hinge or slide at which the body stands as the file places it.
+    pub reference: T,
+    /// Coordinate of a hinge or slide at which its spring is slack.
+    pub spring_reference: T,
+    /// Spring -(a x + b x^2 + c x^3), x from `spring_reference`: a, b, c \[N m/rad, ...\].
+    pub stiffness: [T; 3],
+    /// Damper -(a v + b v|v| + c v^3): a, b, c \[N m s/rad, ...\].
+    pub damping: [T; 3],
+    /// Added to the inertia on this joint's axes \[kg m2\] or \[kg\].
+    pub armature: T,
+    /// Friction loss \[N m\] or \[N\], on each axis.
+    pub friction_loss: T,
+    /// End stops of a hinge \[rad\] or slide \[m\].
+    pub limit: Option<[T; 2]>,
+}
+
+/// The shapes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GeomKind {
+    /// Radius.
+    Sphere,
+    /// Radius, half length of the straight part, along z.
+    Capsule,
+    /// Radius, half length, along z.
+    Cylinder,
+    /// Semi-axes.
+    Ellipsoid,
+    /// Half sizes.
+    Box,
+    /// A wall or floor: no mass, no fluid force, only drawn and named as a possible contact.
+    Plane,
+}
+
+/// MuJoCo's five coefficients of the ellipsoid fluid model, all without unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FluidCoefficients<T> {
+    /// Drag on the area seen from ahead.
+    pub blunt: T,
+    /// Drag on the rest of the largest area.
+    pub slender: T,
+    /// Drag on turning.
+    pub angular: T,
+    /// Lift of an inclined shape.
+    pub kutta: T,
+    /// Lift of a spinning shape.
+    pub magnus: T,
+}
+
+/// A shape fixed to a body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Geom<T> {
+    /// Its name, or `geom#` and its place in the file.
+    pub name: String,
+    /// Whether the file names it.
+    pub named: bool,
+    /// The body it is fixed to.
+    pub body: usize,
+    /// Shape.
+    pub kind: GeomKind,
+    /// Sizes \[m\], see [`GeomKind`]; unused ones are 0.
+    pub size: [f64; 3],
+    /// Centre in the body's frame \[m\].
+    pub pos: Vec3<T>,
+    /// `body_from_geom`.
+    pub quat: Quat<T>,
+    /// The ellipsoid fluid model's coefficients, where the geom uses it.
+    pub fluid: Option<FluidCoefficients<T>>,
+    /// Contact bits, carried for export only.
+    pub contact_bits: [u32; 2],
+}
+
+/// A marked point fixed to a body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Site<T> {
+    /// Its name, or `site#` and its place in the file.
+    pub name: String,
+    /// Whether the file names it.
+    pub named: bool,
+    /// The body it is fixed to.
+    pub body: usize,
+    /// Position in the body's frame \[m\].
+    pub pos: Vec3<T>,
+}
+
+/// The kinds of drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ActuatorKind {
+    /// Force `kp (command - gear q) - kv gear v`.
+    Position,
+    /// Force `kv (command - gear v)`.
+    Velocity,
+    /// Force = command.
+    Motor,
+}
+
+/// A drive on a hinge or slide.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Actuator<T> {
+    /// Its name, or `actuator#` and its place in the file.
+    pub name: String,
+    /// Whether the file names it.
+    pub named: bool,
+    /// Kind.
+    pub kind: ActuatorKind,
+    /// The joint it drives.
+    pub joint: usize,
+    /// Position gain `kp`; 0 for the other kinds.
+    pub kp: T,
+    /// Velocity gain `kv`; 0 for a motor.
+    pub kv: T,
+    /// Gear: joint force over actuator force.
+    pub gear: T,
+    /// The command is kept in this range.
+    pub command_range: Option<[T; 2]>,
+    /// The force, before the gear, is kept in this range.
+    pub force_range: Option<[T; 2]>,
+}
+
+impl<T: Scalar> Vec3<T> {
+    pub(crate) fn map<U>(self, f: impl Fn(T) -> U) -> Vec3<U> {
+        Vec3(self.0.map(f))
+    }
+}
+
+impl<T: Scalar> Quat<T> {
+    pub(crate) fn map<U>(self, f: impl Fn(T) -> U) -> Quat<U> {
+        Quat(self.0.map(f))
+    }
+}
+
+impl<T: Scalar> Settings<T> {
+    pub(crate) fn map<U>(&self, f: impl Fn(T) -> U + Copy) -> Settings<U> {
+        Settings {
+            timestep_s: self.timestep_s,
+            integrator: self.integrator,
+            gravity: self.gravity.map(f),
+            density: f(self.density),
+            viscosity: f(self.viscosity),
+            wind: self.wind.map(f),
+        }
+    }
+}
+
+impl<T: Scalar> Body<T> {
+    pub(crate) fn map<U>(&self, f: impl Fn(T) -> U + Copy) -> Body<U> {
+        Body {
+            name: self.name.clone(),
+            named: self.named,
+            parent: self.parent,
+            pos: self.pos.map(f),
+            quat: self.quat.map(f),
+            mass: f(self.mass),
+            inertia: self.inertia.map(f),
+            com: self.com.map(f),
+            principal: self.principal.map(f),
+            gravity_compensation: f(self.gravity_compensation),
+        }
+    }
+}
+
+impl<T: Scalar> Joint<T> {
+    pub(crate) fn map<U>(&self, f: impl Fn(T) -> U + Copy) -> Joint<U> {
+        Joint {
+            name: self.name.clone(),
+            named: self.named,
+            kind: self.kind,
+            body: self.body,
+            qpos_address: self.qpos_address,
+            dof_address: self.dof_address,
+            pos: self.pos.map(f),
+            axis: self.axis.map(f),
+            reference: f(self.reference),
+            spring_reference: f(self.spring_reference),
+            stiffness: self.stiffness.map(f),
+            damping: self.damping.map(f),
+            armature: f(self.armature),
+            friction_loss: f(self.friction_loss),
+            limit: self.limit.map(|range| range.map(f)),
+        }
+    }
+}
+
+impl<T: Scalar> Geom<T> {
+    pub(crate) fn map<U>(&self, f: impl Fn(T) -> U + Copy) -> Geom<U> {
+        Geom {
+            name: self.name.clone(),
+            named: self.named,
+            body: self.body,
+            kind: self.kind,
+            size: self.size,
+            pos: self.pos.map(f),
+            quat: self.quat.map(f),
+            fluid: self.fluid.map(|c| FluidCoefficients {
+                blunt: f(c.blunt),
+                slender: f(c.slender),
+                angular: f(c.angular),
+                kutta: f(c.kutta),
+                magnus: f(c.magnus),
+            }),
+            contact_bits: self.contact_bits,
+        }
+    }
+}
+
+impl<T: Scalar> Site<T> {
+    pub(crate) fn map<U>(&self, f: impl Fn(T) -> U + Copy) -> Site<U> {
+        Site { name: self.name.clone(), named: self.named, body: self.body, pos: self.pos.map(f) }
+    }
+}
+
+impl<T: Scalar> Actuator<T> {
+    pub(crate) fn map<U>(&self, f: impl Fn(T) -> U + Copy) -> Actuator<U> {
+        Actuator {
+            name: self.name.clone(),
+            named: self.named,
+            kind: self.kind,
+            joint: self.joint,
+            kp: f(self.kp),
+            kv: f(self.kv),
+            gear: f(self.gear),
+            command_range: self.command_range.map(|range| range.map(f)),
+            force_range: self.force_range.map(|range| range.map(f)),
+        }
+    }
+}

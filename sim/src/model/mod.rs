@@ -1,0 +1,148 @@
+//! What does not change while a mechanism moves: bodies, joints, geoms, water, actuators.
+//!
+//! A [`Model`] is read from MJCF ([`Model::from_mjcf`]), changed by named parameters
+//! ([`Model::set_parameter`]) and lifted to other number types ([`Model::map`]).
+
+mod contacts;
+mod elements;
+mod parameters;
+pub(crate) mod shape;
+
+pub(crate) use contacts::Contacts;
+pub use contacts::PossibleContact;
+pub use elements::{
+    Actuator, ActuatorKind, Body, FluidCoefficients, Geom, GeomKind, Integrator, Joint, JointKind, Settings,
+    Site,
+};
+pub use parameters::{Parameter, UnknownParameter};
+
+use crate::math::{Mat3, Quat, Vec3};
+use crate::scalar::Scalar;
+
+/// A mechanism in its water. Element 0 of `bodies` is the world.
+///
+/// Bodies stand parent before child; joints, geoms and sites in the order of their bodies.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model<T = f64> {
+    /// The model's name.
+    pub name: String,
+    /// Time step, gravity, water.
+    pub settings: Settings<T>,
+    /// The tree of bodies; the first is the world.
+    pub bodies: Vec<Body<T>>,
+    /// Joints, each between its body and that body's parent.
+    pub joints: Vec<Joint<T>>,
+    /// Shapes.
+    pub geoms: Vec<Geom<T>>,
+    /// Marked points.
+    pub sites: Vec<Site<T>>,
+    /// Drives.
+    pub actuators: Vec<Actuator<T>>,
+    pub(crate) contacts: Contacts,
+}
+
+/// Generalized coordinates and velocities at one instant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct State<T = f64> {
+    /// Coordinates, shape (nq): angle \[rad\] or travel \[m\]; ball `w x y z`; free `x y z` \[m\] `w x y z`.
+    pub qpos: Vec<T>,
+    /// Velocities, shape (nv): \[rad/s\] or \[m/s\]; a ball's in the body's axes; a free joint's linear part
+    /// in world axes, its angular part in the body's.
+    pub qvel: Vec<T>,
+}
+
+/// World poses of everything at one set of coordinates.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Poses<T = f64> {
+    /// Origins of the bodies \[m\], shape (bodies).
+    pub body_pos: Vec<Vec3<T>>,
+    /// `world_from_body`, shape (bodies).
+    pub body_rot: Vec<Mat3<T>>,
+    /// Centres of the geoms \[m\], shape (geoms).
+    pub geom_pos: Vec<Vec3<T>>,
+    /// `world_from_geom`, shape (geoms).
+    pub geom_rot: Vec<Mat3<T>>,
+    /// Positions of the sites \[m\], shape (sites).
+    pub site_pos: Vec<Vec3<T>>,
+}
+
+impl<T: Scalar> Model<T> {
+    /// Number of coordinates.
+    pub fn nq(&self) -> usize {
+        self.joints.iter().map(|joint| joint.kind.nq()).sum()
+    }
+
+    /// Number of velocities, the degrees of freedom.
+    pub fn nv(&self) -> usize {
+        self.joints.iter().map(|joint| joint.kind.nv()).sum()
+    }
+
+    /// Every joint at its reference, at rest.
+    pub fn rest_state(&self) -> State<T> {
+        let mut qpos = Vec::with_capacity(self.nq());
+        for joint in &self.joints {
+            match joint.kind {
+                JointKind::Hinge | JointKind::Slide => qpos.push(joint.reference),
+                JointKind::Ball => qpos.extend(Quat::<T>::IDENTITY.0),
+                JointKind::Free => {
+                    let body = &self.bodies[joint.body];
+                    qpos.extend(body.pos.0);
+                    qpos.extend(body.quat.0);
+                }
+            }
+        }
+        State { qpos, qvel: vec![T::ZERO; self.nv()] }
+    }
+
+    /// Names of the keypoints: the sites called `P0`, `P1`, ..., in the order of their numbers.
+    pub fn keypoints(&self) -> Vec<String> {
+        self.keypoint_sites().into_iter().map(|site| self.sites[site].name.clone()).collect()
+    }
+
+    /// Indices into `sites` of the keypoints, in the order of [`Model::keypoints`].
+    pub fn keypoint_sites(&self) -> Vec<usize> {
+        let number = |name: &str| -> Option<u32> {
+            let digits = name.strip_prefix('P')?;
+            // "P01" and "P+1" are other names
+            let number: u32 = digits.parse().ok()?;
+            (number.to_string() == digits).then_some(number)
+        };
+        let mut found: Vec<(u32, usize)> = self
+            .sites
+            .iter()
+            .enumerate()
+            .filter_map(|(index, site)| Some((number(&site.name)?, index)))
+            .collect();
+        found.sort_unstable();
+        found.into_iter().map(|(_, index)| index).collect()
+    }
+
+    /// The geoms that would collide in MuJoCo if they met. Contact is not simulated here: whoever runs such
+    /// a model should say so.
+    pub fn possible_contacts(&self) -> &[PossibleContact] {
+        &self.contacts.possible
+    }
+
+    /// World poses of bodies, geoms and sites at the coordinates `qpos`, shape (nq).
+    ///
+    /// # Panics
+    /// When `qpos` has another length than [`Model::nq`].
+    pub fn poses(&self, qpos: &[T]) -> Poses<T> {
+        assert_eq!(qpos.len(), self.nq(), "qpos has as many entries as the model has coordinates");
+        crate::dynamics::poses(self, qpos)
+    }
+
+    /// The same model with every number put through `f`, for instance to lift it to another scalar.
+    pub fn map<U: Scalar>(&self, f: impl Fn(T) -> U + Copy) -> Model<U> {
+        Model {
+            name: self.name.clone(),
+            settings: self.settings.map(f),
+            bodies: self.bodies.iter().map(|body| body.map(f)).collect(),
+            joints: self.joints.iter().map(|joint| joint.map(f)).collect(),
+            geoms: self.geoms.iter().map(|geom| geom.map(f)).collect(),
+            sites: self.sites.iter().map(|site| site.map(f)).collect(),
+            actuators: self.actuators.iter().map(|actuator| actuator.map(f)).collect(),
+            contacts: self.contacts.clone(),
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! The same models move the same way in MuJoCo: runs written by MuJoCo 4.0.0 (see the file names).
+
+mod common;
+
+use common::{Table, model, stroke_command};
+use sim::{Command, Integrator, RolloutOptions, rollout};
+
+/// Keypoints at the end of the file; rounding errors grow in a swinging chain.
+const WHOLE_RUN_M: f64 = 1e-6;
+/// Keypoints within the first second: the file's 13 digits, and rounding.
+const FIRST_SECOND_M: f64 = 1e-8;
+
+/// Worst keypoint difference \[m\] within 1 s and over the file.
+fn worst(name: &str, file: &str, integrator: Integrator, amplitude_rad: f64) -> (f64, f64) {
+    let model = model(name);
+    let table = Table::read(file);
+    let mut state = model.rest_state();
+    for (q, column) in state.qpos.iter_mut().zip(table.columns("q")) {
+        *q = table.rows[0][column];
+    }
+    let times = table.times();
+    let command = if model.actuators.is_empty() {
+        Command::default()
+    } else {
+        stroke_command(&model, amplitude_rad, times[times.len() - 1])
+    };
+    let options = RolloutOptions { integrator: Some(integrator), ..Default::default() };
+    let run = rollout(&model, &state, &command, &times, &options).unwrap();
+    let (mut early, mut late) = (0.0_f64, 0.0_f64);
+    for (instant, row) in table.rows.iter().enumerate() {
+        for (k, keypoint) in run.keypoints.iter().enumerate() {
+            let ours = run.position_m[instant * run.keypoints.len() + k];
+            let difference = table
+                .columns(&format!("{keypoint}_"))
+                .into_iter()
+                .zip(ours)
+                .map(|(column, x)| (row[column] - x).powi(2))
+                .sum::<f64>()
+                .sqrt();
+            late = late.max(difference);
+            if row[0] <= 1.0 {
+                early = early.max(difference);
+            }
+        }
+    }
+    println!(
+        "{file}: worst keypoint difference {early:.2e} m within 1 s, {late:.2e} m over {} s",
+        times[times.len() - 1]
+    );
+    (early, late)
+}
+
+fn same_motion(name: &str, file: &str, integrator: Integrator, amplitude_rad: f64) {
+    let (early, late) = worst(name, file, integrator, amplitude_rad);
+    assert!(early < FIRST_SECOND_M && late < WHOLE_RUN_M, "{file}: {early:e} {late:e}");
+}
+
+#[test]
+fn passive_chain_falls_from_horizontal_as_in_mujoco() {
+    same_motion("chain_passive", "chain_passive_horizontal_euler.csv", Integrator::Euler, 0.0);
+}
+
+#[test]
+fn passive_chain_falls_from_a_right_angle_as_in_mujoco() {
+    same_motion("chain_passive", "chain_passive_right_angle_euler.csv", Integrator::Euler, 0.0);
+}
+
+#[test]
+fn driven_chain_swings_as_in_mujoco() {
+    same_motion("chain_active", "chain_active_euler.csv", Integrator::Euler, 0.6);
+}
+
+#[test]
+fn chain_with_friction_loss_falls_as_in_mujoco() {
+    same_motion("chain_friction", "chain_friction_horizontal_euler.csv", Integrator::Euler, 0.0);
+}
+
+#[test]
+fn soft_arm_swings_as_in_mujoco() {
+    same_motion("arm8", "arm8_euler.csv", Integrator::Euler, 0.6);
+}
