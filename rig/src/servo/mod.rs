@@ -1,5 +1,10 @@
 //! Servo boards: one trait, and serial, mock and replayed ones behind it.
 
+pub mod config;
+pub mod pulse_log;
+
+pub use config::{ServoChannel, ServoConfig};
+
 use crate::clock::MonotonicNs;
 
 /// A board that moves the mechanism. Calls block briefly (at most about 100 ms); the link to a real board keeps
