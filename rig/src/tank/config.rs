@@ -22,7 +22,7 @@ pub struct TankConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timestep_s: Option<Positive>,
     /// Seed of the camera's noise. Default 1.
-    #[serde(default = "one")]
+    #[serde(default = "seed")]
     pub seed: u64,
     /// The servos on the board.
     #[serde(default)]
@@ -75,18 +75,22 @@ pub struct TankServo {
 }
 
 /// How the mechanism is let go.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct Release {
-    /// From being asked to letting go \[s\]. Default 0.
-    #[serde(default = "nothing")]
-    pub after_s: Option<NonNegative>,
-    /// Channel of a release actuator. Default: none, a hand lets go.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// From being asked to letting go \[s\]. Default 0.5.
+    pub after_s: NonNegative,
+    /// Channel of a release actuator. Default: none, a hand lets go when asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub channel: Option<u8>,
     /// The release actuator lets go at this pulse and above \[µs\]. Default 1700.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub open_us: Option<u16>,
+    pub open_us: u16,
+}
+
+impl Default for Release {
+    fn default() -> Self {
+        Self { after_s: not_negative(0.5), channel: None, open_us: 1700 }
+    }
 }
 
 /// What the camera sees.
@@ -101,9 +105,49 @@ pub struct TankView {
     #[serde(default = "noise")]
     pub noise_grey: NonNegative,
     /// How much later than the start of exposure stamps really are \[s\]. Default 0.
-    #[serde(default = "no_latency")]
+    #[serde(default = "exact")]
     pub stamp_latency_s: NonNegative,
     /// Standard deviation of the stamps \[s\]. Default 0.
-    #[serde(default = "no_latency")]
+    #[serde(default = "exact")]
     pub stamp_jitter_s: NonNegative,
+}
+
+fn seed() -> u64 {
+    1
+}
+
+fn zero_us() -> Positive {
+    positive(1500.0)
+}
+
+fn us_per_rad() -> Finite {
+    Finite::new(600.0).unwrap_or_else(|| unreachable!("600 is finite"))
+}
+
+fn rate_limit() -> Positive {
+    positive(8.0)
+}
+
+fn lag() -> NonNegative {
+    not_negative(0.02)
+}
+
+fn period() -> Positive {
+    positive(0.02)
+}
+
+fn noise() -> NonNegative {
+    not_negative(2.0)
+}
+
+fn exact() -> NonNegative {
+    not_negative(0.0)
+}
+
+fn positive(value: f64) -> Positive {
+    Positive::new(value).unwrap_or_else(|| unreachable!("{value} is positive"))
+}
+
+fn not_negative(value: f64) -> NonNegative {
+    NonNegative::new(value).unwrap_or_else(|| unreachable!("{value} is not negative"))
 }
