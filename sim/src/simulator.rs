@@ -1,5 +1,6 @@
 //! Moves one mechanism step by step.
 
+use crate::dynamics::implicit::FluidSlope;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{Solver, multiply};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, integrate, kinematics, passive};
@@ -21,6 +22,7 @@ pub struct Simulator<T> {
     pub(crate) plant: Plant<T>,
     pub(crate) work: Work<T>,
     solver: Option<Solver<T>>,
+    slope: Option<FluidSlope<T>>,
     integrator: Integrator,
     timestep_s: f64,
     hold_command: bool,
@@ -74,13 +76,14 @@ impl<T: Scalar> Simulator<T> {
             return Err(RolloutError::Timestep { timestep_s });
         }
         let integrator = options.integrator.unwrap_or(model.settings.integrator);
-        if integrator == Integrator::ImplicitFast {
+        let plant = Plant::new(model);
+        if let (Integrator::ImplicitFast, Some(body)) = (integrator, plant.lone_free_body()) {
             return Err(RolloutError::Unsupported {
-                what: "integrator implicitfast".into(),
+                what: format!("integrator implicitfast on the lone free body `{}`", model.bodies[body].name),
                 instead: "use euler or rk4".into(),
             });
         }
-        let plant = Plant::new(model);
+        let slope = (integrator == Integrator::ImplicitFast).then(|| FluidSlope::new(&plant));
         let work = Work::new(&plant);
         let drives = model.actuators.len();
         let joint_of_dof = model
@@ -93,6 +96,7 @@ impl<T: Scalar> Simulator<T> {
         let rest = model.rest_state();
         let mut simulator = Self {
             solver: None,
+            slope,
             integrator,
             timestep_s,
             hold_command: options.hold_command,
@@ -317,6 +321,11 @@ impl<T: Scalar> Simulator<T> {
         self.matrix.copy_from_slice(&self.work.mass);
         if self.plant.damped {
             passive::add_damping(&self.plant, &state.qvel, h, &mut self.matrix);
+        }
+        if let Some(slope) = &mut self.slope {
+            let (plant, matrix) = (&self.plant, &mut self.matrix);
+            slope.add(plant, &self.work, h, matrix);
+            actuation::add_slope(plant, &state.qpos, &state.qvel, &self.command, &self.off, h, matrix);
         }
         self.accelerate();
         for (v, &a) in state.qvel.iter_mut().zip(&self.force) {

@@ -1,6 +1,8 @@
 //! Cameras: one trait, and real, mock and replayed ones behind it.
 
 pub mod config;
+pub mod decode;
+pub mod folder;
 pub mod mock;
 pub mod recorded;
 pub mod socket;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use ident::strict::{Finite, NonNegative, Positive};
+use ident::strict::{Finite, NonNegative, Positive, Share};
 use serde::{Deserialize, Serialize};
 
 /// The simulated tank behind mock board and mock camera. Alone in a file, as `T/tank.toml`, it serves the mocks that are
@@ -101,6 +101,18 @@ pub struct TankView {
     pub metres_per_pixel: Positive,
     /// Where the world origin is seen \[px\].
     pub origin_px: [Finite; 2],
+    /// Grey of the water in the middle of the picture, 0 to 255. Default 200.
+    #[serde(default = "water")]
+    pub water_grey: NonNegative,
+    /// Grey of the mechanism there, 0 to 255. Default 40.
+    #[serde(default = "mechanism")]
+    pub mechanism_grey: NonNegative,
+    /// Blur of the lens, 1 sigma \[px\]. Default 0.8.
+    #[serde(default = "blur")]
+    pub blur_px: NonNegative,
+    /// Share of the light that is missing in the picture's corners. Default 0.
+    #[serde(default = "even")]
+    pub falloff: Share,
     /// Standard deviation of a pixel's noise \[grey levels\]. Default 2.
     #[serde(default = "noise")]
     pub noise_grey: NonNegative,
@@ -138,6 +150,22 @@ fn period() -> Positive {
 
 fn noise() -> NonNegative {
     not_negative(2.0)
+}
+
+fn water() -> NonNegative {
+    not_negative(200.0)
+}
+
+fn mechanism() -> NonNegative {
+    not_negative(40.0)
+}
+
+fn blur() -> NonNegative {
+    not_negative(0.8)
+}
+
+fn even() -> Share {
+    Share::new(0.0).unwrap_or_else(|| unreachable!("0 is a share"))
 }
 
 fn exact() -> NonNegative {

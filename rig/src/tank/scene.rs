@@ -1,32 +1,23 @@
 //! The tank as a camera sees it.
 
+use ident::strict::Finite;
 use image::GrayImage;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::Tank;
+use super::render::{Look, Renderer};
 use crate::camera::CameraConfig;
 use crate::camera::mock::{Scene, StampTruth};
 use crate::clock::MonotonicNs;
-
-/// Draws the tank's mechanism at given coordinates.
-pub type Draw = Box<dyn FnMut(&[f64]) -> GrayImage + Send>;
+use crate::vision::Plane;
 
 /// A camera's view of the tank.
 pub struct TankScene {
     tank: Tank,
-    draw: Draw,
+    renderer: Renderer,
     noise: Noise,
-}
-
-impl TankScene {
-    /// The view of `tank` that `draw` gives, with the noise of the tank's config.
-    pub fn new(tank: Tank, draw: Draw) -> Self {
-        let config = tank.config();
-        let noise = Noise::new(config.view.noise_grey.get(), config.seed);
-        Self { tank, draw, noise }
-    }
 }
 
 impl Scene for TankScene {
@@ -35,7 +26,7 @@ impl Scene for TankScene {
             let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}"));
             format!("{error}{}", cause.unwrap_or_default())
         })?;
-        let mut picture = (self.draw)(&qpos);
+        let mut picture = self.renderer.draw(self.tank.model(), &qpos);
         self.noise.add(&mut picture, at);
         Ok(picture)
     }
@@ -48,7 +39,17 @@ impl Scene for TankScene {
 impl Tank {
     /// What a camera set up as `camera` says sees of this tank.
     pub fn scene(&self, camera: &CameraConfig) -> TankScene {
-        TankScene::new(self.clone(), silhouette(self, camera))
+        let view = &self.config().view;
+        let plane = Plane::square(view.metres_per_pixel.get(), view.origin_px.map(Finite::get));
+        let look = Look {
+            water: view.water_grey.get(),
+            mechanism: view.mechanism_grey.get(),
+            blur_px: view.blur_px.get(),
+            falloff: view.falloff.get(),
+            ..Look::plain(camera.width_px, camera.height_px)
+        };
+        let noise = Noise::new(view.noise_grey.get(), self.config().seed);
+        TankScene { tank: self.clone(), renderer: Renderer::new(plane, look), noise }
     }
 
     /// How a mock camera's stamps depart from the truth in this tank.
@@ -60,47 +61,6 @@ impl Tank {
             seed: config.seed,
         }
     }
-}
-
-/// Thickness of the mechanism \[m\] and the grey levels of water and mechanism.
-const THICKNESS_M: f64 = 0.010;
-const WATER: u8 = 200;
-const MECHANISM: u8 = 40;
-
-/// Draws the mechanism dark on bright water, as a line of constant thickness from keypoint to keypoint.
-fn silhouette(tank: &Tank, camera: &CameraConfig) -> Draw {
-    let model = tank.model().clone();
-    let view = tank.config().view.clone();
-    let (width, height) = (camera.width_px, camera.height_px);
-    Box::new(move |qpos| {
-        let poses = model.poses(qpos);
-        let [column, row] = view.origin_px.map(|px| px.get());
-        let scale = view.metres_per_pixel.get();
-        let points: Vec<[f64; 2]> = model
-            .keypoint_sites()
-            .into_iter()
-            .map(|site| poses.site_pos[site].0)
-            .map(|[x, _, z]| [column + x / scale, row - z / scale])
-            .collect();
-        let radius = THICKNESS_M / 2.0 / scale;
-        let distance = |at: [f64; 2]| {
-            points.windows(2).map(|ends| distance(at, ends[0], ends[1])).fold(f64::INFINITY, f64::min)
-        };
-        GrayImage::from_fn(width, height, |x, y| {
-            let inside = (radius - distance([x.into(), y.into()]) + 0.5).clamp(0.0, 1.0);
-            let grey = f64::from(WATER) + inside * (f64::from(MECHANISM) - f64::from(WATER));
-            image::Luma([grey.round() as u8])
-        })
-    })
-}
-
-/// Distance of `at` from the line from `a` to `b`.
-fn distance(at: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
-    let along = [b[0] - a[0], b[1] - a[1]];
-    let to = [at[0] - a[0], at[1] - a[1]];
-    let length2 = along[0].powi(2) + along[1].powi(2);
-    let share = ((to[0] * along[0] + to[1] * along[1]) / length2.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-    (to[0] - share * along[0]).hypot(to[1] - share * along[1])
 }
 
 /// Length of the table that noise is taken from: a prime, so that rows of no picture line up with it.

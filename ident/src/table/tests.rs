@@ -1,0 +1,140 @@
+use std::path::Path;
+
+use proptest::prelude::*;
+use sim::{Command, Trajectory};
+
+use super::*;
+
+fn trajectory(text: &str) -> Result<Trajectory, String> {
+    parse_trajectory(text, Path::new("t.csv")).map_err(|error| error.to_string())
+}
+
+fn same(a: &[f64], b: &[f64]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(x, y)| x.to_bits() == y.to_bits() || x.is_nan() && y.is_nan())
+}
+
+fn flat(trajectory: &Trajectory) -> Vec<f64> {
+    trajectory.position_m.iter().flatten().copied().collect()
+}
+
+#[test]
+fn absent_axes_gaps_and_uneven_times_are_read() {
+    let read =
+        trajectory("time_s,P1_x_m,P1_z_m,P2_z_m,P1_std_m\n0,0.1,,0.3,0.001\n0.5,0.2,-0.1,,\n").unwrap();
+    assert_eq!(read.keypoints, ["P1", "P2"]);
+    assert_eq!(read.time_s, [0.0, 0.5]);
+    let nan = f64::NAN;
+    assert!(same(&flat(&read), &[0.1, nan, nan, nan, nan, 0.3, 0.2, nan, -0.1, nan, nan, nan]));
+    assert!(same(&read.std_m.unwrap(), &[0.001, nan, nan, nan]));
+}
+
+#[test]
+fn byte_order_mark_and_windows_line_ends_are_read() {
+    let read = trajectory("\u{feff}time_s,P1_x_m\r\n0, 0.25\r\n").unwrap();
+    assert_eq!(read.at(0, 0)[0], 0.25);
+}
+
+#[test]
+fn what_is_wrong_with_a_trajectory_is_said_with_its_place() {
+    for (text, wanted) in [
+        ("", "the first column is ``; it must be `time_s`"),
+        ("t,P1_x_m\n", "the first column is `t`; it must be `time_s`"),
+        ("time_s\n0\n", "no keypoint columns"),
+        ("time_s,P1_x\n", "line 1: unknown column `P1_x`; wanted are <keypoint>_x_m"),
+        ("time_s,P1_x_m,P1_x_m\n", "column 3 repeats `P1_x_m`"),
+        ("time_s,P1_std_m\n", "`P1_std_m` has no position beside it"),
+        ("time_s,P1_x_m\n0,1\n1\n", "t.csv, line 3: 1 cells under a header of 2"),
+        ("time_s,P1_x_m\n0,NaN\n", "t.csv, line 2, column P1_x_m: `NaN` is not a finite number of metres"),
+        ("time_s,P1_x_m\n0,1\n1,inf\n", "t.csv, line 3, column P1_x_m: `inf` is not a finite number"),
+        ("time_s,P1_x_m\n0,0.1 m\n", "`0.1 m` is not a finite number of metres"),
+        ("time_s,P1_x_m\n,0.1\n", "line 2, column time_s: `` is not a finite number of seconds"),
+        (
+            "time_s,P1_x_m\n0,1\n0,1\n",
+            "t.csv, line 3, column time_s: 0 does not come after 0 of the row above",
+        ),
+        ("time_s,P1_x_m,P1_std_m\n0,1,0\n", "column P1_std_m: `0` is not a finite number of metres above 0"),
+    ] {
+        let message = trajectory(text).unwrap_err();
+        assert!(message.contains(wanted), "{text:?}: {message}");
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_command_is_said_with_its_place() {
+    for (text, wanted) in [
+        ("time_s\n0\n", "no actuator columns"),
+        ("time_s,servo\n", "unknown column `servo`; wanted are <actuator>_rad"),
+        ("time_s,servo_rad\n", "no rows below the header; a command needs at least one"),
+        (
+            "time_s,servo_rad\n0,\n",
+            "line 2, column servo_rad: `` is not a finite angle in radians; a command has no gaps",
+        ),
+        ("time_s,servo_rad,servo_measured_rad\n0,1,nan\n", "column servo_measured_rad: `nan`"),
+        ("time_s,servo_rad\n1,0\n0.5,0\n", "line 3, column time_s: 0.5 does not come after 1"),
+    ] {
+        let message = parse_command(text, Path::new("s.csv")).unwrap_err().to_string();
+        assert!(message.contains(wanted), "{text:?}: {message}");
+    }
+}
+
+#[test]
+fn measured_angles_stand_beside_their_command_only() {
+    let text = "time_s,arm_rad,arm_measured_rad,tail_measured_rad\n0,1,,3\n";
+    let command = parse_command(text, Path::new("s.csv")).unwrap();
+    assert_eq!(command.actuators, ["arm", "tail_measured"]);
+    assert_eq!(command.angle_rad, [1.0, 3.0]);
+}
+
+#[test]
+fn missing_file_is_named() {
+    let error = read_trajectory(Path::new("no-such.csv")).unwrap_err();
+    assert_eq!(error.to_string(), "reading table no-such.csv");
+}
+
+#[test]
+fn command_survives_writing_and_reading_exactly() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("servo.csv");
+    let command = Command {
+        actuators: vec!["a".into(), "b".into()],
+        time_s: vec![0.0, 0.1 + 0.2, 1e9 / 3.0],
+        angle_rad: vec![0.1, -0.0, 1.0 / 3.0, f64::MIN_POSITIVE, 1e-300, -2.5e17],
+    };
+    write_command(&path, &command).unwrap();
+    let read = read_command(&path).unwrap();
+    assert_eq!(read.actuators, command.actuators);
+    assert!(same(&read.time_s, &command.time_s) && same(&read.angle_rad, &command.angle_rad));
+}
+
+fn cell() -> impl Strategy<Value = f64> {
+    prop_oneof![4 => -1e3..1e3f64, 1 => any::<f64>().prop_map(|x| if x.is_finite() { x } else { f64::NAN })]
+}
+
+proptest! {
+    #[test]
+    fn trajectory_survives_writing_and_reading_exactly(
+        cells in prop::collection::vec((1e-9..1.0f64, cell(), cell(), cell(), 1e-9..1.0f64), 1..20),
+        gap in 0..6usize,
+    ) {
+        let width = 2;
+        let rows = cells.len() / width;
+        let mut time = 0.0;
+        let mut wanted = Trajectory {
+            time_s: (0..rows).map(|row| { time += cells[row].0; time }).collect(),
+            keypoints: vec!["P1".into(), "tip_a".into()],
+            position_m: cells[..rows * width].iter().map(|c| [c.1, c.2, c.3]).collect(),
+            std_m: Some(cells[..rows * width].iter().map(|c| c.4).collect()),
+        };
+        // One axis of one keypoint was never observed.
+        for row in 0..rows {
+            wanted.position_m[row * width + gap / 3][gap % 3] = f64::NAN;
+        }
+        let read = trajectory(&trajectory_text(&wanted)).unwrap();
+        prop_assert_eq!(&read.keypoints, &wanted.keypoints);
+        prop_assert!(same(&read.time_s, &wanted.time_s));
+        prop_assert!(same(&flat(&read), &flat(&wanted)));
+        if rows > 0 {
+            prop_assert!(same(&read.std_m.unwrap(), &wanted.std_m.unwrap()));
+        }
+    }
+}

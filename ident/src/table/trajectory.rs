@@ -1,0 +1,155 @@
+//! `trajectory.csv`: `time_s,P1_x_m,P1_z_m,...`, optionally `P1_std_m`.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use sim::Trajectory;
+
+use super::{Rows, TableError, read_text, write_text};
+
+const COORDINATE: &str = "a finite number of metres; leave the cell empty where nothing was seen";
+const STD: &str = "a finite number of metres above 0; leave the cell empty where it is not known";
+
+/// What a column other than the time holds.
+enum Quantity {
+    Axis(usize),
+    Std,
+}
+
+/// `P1_x_m` is keypoint `P1`, axis 0.
+fn meaning(title: &str) -> Option<(&str, Quantity)> {
+    let (keypoint, quantity) = title.strip_suffix("_m")?.rsplit_once('_')?;
+    let quantity = match quantity {
+        "x" => Quantity::Axis(0),
+        "y" => Quantity::Axis(1),
+        "z" => Quantity::Axis(2),
+        "std" => Quantity::Std,
+        _ => return None,
+    };
+    (!keypoint.is_empty()).then_some((keypoint, quantity))
+}
+
+/// Reads the trajectory table at `path`; positions in metres, tank frame.
+///
+/// # Errors
+/// [`TableError`], naming file, line and column.
+pub fn read_trajectory(path: &Path) -> Result<Trajectory, TableError> {
+    parse_trajectory(&read_text(path)?, path)
+}
+
+/// Reads a trajectory table from its `text`; errors speak of it as `path`.
+///
+/// # Errors
+/// [`TableError`], naming file, line and column.
+pub fn parse_trajectory(text: &str, path: &Path) -> Result<Trajectory, TableError> {
+    let rows = Rows::parse(text, path)?;
+    let refuse = |reason: String| TableError::Header { path: path.into(), reason };
+    let mut keypoints: Vec<String> = Vec::new();
+    let mut located: Vec<bool> = Vec::new();
+    let mut columns = Vec::new();
+    for (column, title) in rows.header.iter().enumerate().skip(1) {
+        let (keypoint, quantity) = meaning(title).ok_or_else(|| {
+            refuse(format!(
+                "unknown column `{title}`; wanted are <keypoint>_x_m, <keypoint>_y_m, <keypoint>_z_m and <keypoint>_std_m"
+            ))
+        })?;
+        let index = keypoints.iter().position(|known| known == keypoint).unwrap_or_else(|| {
+            keypoints.push(keypoint.to_owned());
+            located.push(false);
+            keypoints.len() - 1
+        });
+        located[index] |= matches!(quantity, Quantity::Axis(_));
+        columns.push((column, index, quantity));
+    }
+    if keypoints.is_empty() {
+        return Err(refuse("no keypoint columns; wanted is at least one such as `P1_x_m`".into()));
+    }
+    if let Some(lost) = located.iter().position(|seen| !seen) {
+        let name = &keypoints[lost];
+        return Err(refuse(format!(
+            "`{name}_std_m` has no position beside it; add `{name}_x_m` or remove it"
+        )));
+    }
+
+    let time_s = rows.times()?;
+    let (width, length) = (keypoints.len(), time_s.len());
+    let mut position_m = vec![[f64::NAN; 3]; length * width];
+    let has_std = columns.iter().any(|(.., quantity)| matches!(quantity, Quantity::Std));
+    let mut std_m = has_std.then(|| vec![f64::NAN; length * width]);
+    for row in 0..length {
+        for &(column, keypoint, ref quantity) in &columns {
+            let cell = row * width + keypoint;
+            match (quantity, &mut std_m) {
+                (Quantity::Axis(axis), _) => {
+                    position_m[cell][*axis] = rows.number_or_gap(row, column, COORDINATE)?;
+                }
+                (Quantity::Std, Some(std_m)) => {
+                    let std = rows.number_or_gap(row, column, STD)?;
+                    if std <= 0.0 {
+                        return Err(rows.cell(row, column, STD));
+                    }
+                    std_m[cell] = std;
+                }
+                (Quantity::Std, None) => {}
+            }
+        }
+    }
+    Ok(Trajectory { time_s, keypoints, position_m, std_m })
+}
+
+/// Writes `trajectory` to `path`.
+///
+/// # Errors
+/// [`TableError::Unwritable`].
+pub fn write_trajectory(path: &Path, trajectory: &Trajectory) -> Result<(), TableError> {
+    write_text(path, &trajectory_text(trajectory))
+}
+
+/// `trajectory` as the text of its table.
+///
+/// An axis that holds no number anywhere is left out, unless a keypoint would lose all its columns: then x and
+/// z stay, empty.
+pub fn trajectory_text(trajectory: &Trajectory) -> String {
+    let width = trajectory.keypoints.len();
+    let mut columns = Vec::new();
+    for keypoint in 0..width {
+        let seen = |axis: usize| {
+            trajectory.position_m.iter().skip(keypoint).step_by(width).any(|p| p[axis].is_finite())
+        };
+        let mut axes: Vec<usize> = (0..3).filter(|&axis| seen(axis)).collect();
+        if axes.is_empty() {
+            axes = vec![0, 2];
+        }
+        columns.extend(axes.into_iter().map(|axis| (keypoint, Quantity::Axis(axis))));
+        let stated = |std: &Vec<f64>| std.iter().skip(keypoint).step_by(width).any(|s| s.is_finite());
+        if trajectory.std_m.as_ref().is_some_and(stated) {
+            columns.push((keypoint, Quantity::Std));
+        }
+    }
+    let mut text = String::from("time_s");
+    for (keypoint, quantity) in &columns {
+        let name = match quantity {
+            Quantity::Axis(axis) => ["x", "y", "z"][*axis],
+            Quantity::Std => "std",
+        };
+        // Writing into a string cannot fail.
+        let _ = write!(text, ",{}_{name}_m", trajectory.keypoints[*keypoint]);
+    }
+    text.push('\n');
+    for (row, time_s) in trajectory.time_s.iter().enumerate() {
+        let _ = write!(text, "{time_s}");
+        for (keypoint, quantity) in &columns {
+            let cell = row * width + keypoint;
+            let value = match quantity {
+                Quantity::Axis(axis) => trajectory.position_m[cell][*axis],
+                Quantity::Std => trajectory.std_m.as_ref().map_or(f64::NAN, |std| std[cell]),
+            };
+            text.push(',');
+            if value.is_finite() {
+                let _ = write!(text, "{value}");
+            }
+        }
+        text.push('\n');
+    }
+    text
+}
