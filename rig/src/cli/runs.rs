@@ -218,7 +218,7 @@ mod tests {
 
         let text = show(dir.path(), Action::Ls);
         let lines: Vec<_> = text.lines().collect();
-        assert_eq!(lines[1], "20261120T101503Z-ab12cd  success         3.5 s      350  1.50 mm");
+        assert_eq!(lines[1], "20261120T101503Z-ab12cd  success          3.5 s      350  1.50 mm");
         assert!(lines[2].contains("incomplete") && lines[2].ends_with('-'), "{text}");
 
         let text = show(dir.path(), Action::Show { run: "20261120T101503Z-ab12cd".into() });
