@@ -5,6 +5,7 @@
 //! code carries plain numbers, derivatives and SIMD lanes.
 
 pub mod command;
+pub mod dual;
 mod dynamics;
 pub mod fluid;
 pub mod math;

@@ -1,5 +1,6 @@
 //! Moves one mechanism step by step.
 
+use crate::dynamics::implicit::FluidSlope;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{Solver, multiply};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, integrate, kinematics, passive};
@@ -21,6 +22,7 @@ pub struct Simulator<T> {
     pub(crate) plant: Plant<T>,
     pub(crate) work: Work<T>,
     solver: Option<Solver<T>>,
+    slope: Option<FluidSlope<T>>,
     integrator: Integrator,
     timestep_s: f64,
     hold_command: bool,
@@ -40,6 +42,9 @@ pub struct Simulator<T> {
     next_qpos: Vec<T>,
     sum_v: Vec<T>,
     sum_a: Vec<T>,
+    rate: Vec<T>,
+    /// Rotation vectors since the step began, at the dofs of balls and free bodies.
+    turned: Vec<T>,
 }
 
 /// The generalized forces at one state, shape (nv) each, with MuJoCo's signs.
@@ -74,13 +79,14 @@ impl<T: Scalar> Simulator<T> {
             return Err(RolloutError::Timestep { timestep_s });
         }
         let integrator = options.integrator.unwrap_or(model.settings.integrator);
-        if integrator == Integrator::ImplicitFast {
+        let plant = Plant::new(model);
+        if let (Integrator::ImplicitFast, Some(body)) = (integrator, plant.lone_free_body()) {
             return Err(RolloutError::Unsupported {
-                what: "integrator implicitfast".into(),
+                what: format!("integrator implicitfast on the lone free body `{}`", model.bodies[body].name),
                 instead: "use euler or rk4".into(),
             });
         }
-        let plant = Plant::new(model);
+        let slope = (integrator == Integrator::ImplicitFast).then(|| FluidSlope::new(&plant));
         let work = Work::new(&plant);
         let drives = model.actuators.len();
         let joint_of_dof = model
@@ -93,6 +99,7 @@ impl<T: Scalar> Simulator<T> {
         let rest = model.rest_state();
         let mut simulator = Self {
             solver: None,
+            slope,
             integrator,
             timestep_s,
             hold_command: options.hold_command,
@@ -107,6 +114,8 @@ impl<T: Scalar> Simulator<T> {
             next_qpos: rest.qpos.clone(),
             sum_v: zeros(),
             sum_a: zeros(),
+            rate: zeros(),
+            turned: zeros(),
             stage: rest,
             plant,
             work,
@@ -318,6 +327,11 @@ impl<T: Scalar> Simulator<T> {
         if self.plant.damped {
             passive::add_damping(&self.plant, &state.qvel, h, &mut self.matrix);
         }
+        if let Some(slope) = &mut self.slope {
+            let (plant, matrix) = (&self.plant, &mut self.matrix);
+            slope.add(plant, &self.work, h, matrix);
+            actuation::add_slope(plant, &state.qpos, &state.qvel, &self.command, &self.off, h, matrix);
+        }
         self.accelerate();
         for (v, &a) in state.qvel.iter_mut().zip(&self.force) {
             *v += h * a;
@@ -348,16 +362,20 @@ impl<T: Scalar> Simulator<T> {
             self.force_stage(&stage.qpos, &stage.qvel, h);
             self.matrix.copy_from_slice(&self.work.mass);
             self.accelerate();
+            self.rate.copy_from_slice(&stage.qvel);
+            if k > 0 {
+                integrate::follow_turn(&self.plant, &self.turned, &mut self.rate);
+            }
             let weight = T::from_f64(weight);
             for dof in 0..self.plant.nv {
-                self.sum_v[dof] += weight * stage.qvel[dof];
+                self.sum_v[dof] += weight * self.rate[dof];
                 self.sum_a[dof] += weight * self.force[dof];
             }
             if k < 3 {
                 let forward = T::from_f64(ahead * h);
-                integrate::advance(&self.plant, &state.qpos, &stage.qvel, forward, &mut self.next_qpos);
-                stage.qpos.copy_from_slice(&self.next_qpos);
+                integrate::advance(&self.plant, &state.qpos, &self.rate, forward, &mut stage.qpos);
                 for dof in 0..self.plant.nv {
+                    self.turned[dof] = forward * self.rate[dof];
                     stage.qvel[dof] = state.qvel[dof] + forward * self.force[dof];
                 }
                 if !self.hold_command {

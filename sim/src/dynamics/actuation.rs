@@ -19,6 +19,30 @@ impl<T: Scalar> Drive<T> {
     }
 }
 
+/// Adds -`h` times the slope of the drives' forces against velocity to the diagonal of `matrix`; a drive at
+/// the end of its force range has none.
+pub(crate) fn add_slope<T: Scalar>(
+    plant: &Plant<T>,
+    qpos: &[T],
+    qvel: &[T],
+    command: &[T],
+    off: &[bool],
+    h: T,
+    matrix: &mut [T],
+) {
+    for ((drive, &command), _) in plant.drives.iter().zip(command).zip(off).filter(|(_, off)| !**off) {
+        let slope = drive.gear * drive.gear * drive.damping;
+        let slope = match drive.force_range {
+            Some([low, high]) => {
+                let push = drive.raw_force(qpos, qvel, command);
+                T::select(low.less(push) & push.less(high), slope, T::ZERO)
+            }
+            None => slope,
+        };
+        matrix[plant.row[drive.dof]] -= h * slope;
+    }
+}
+
 /// Adds the drives' forces to `force`; the drives with `off` exert none.
 pub(crate) fn actuation<T: Scalar>(
     plant: &Plant<T>,

@@ -69,7 +69,7 @@ pub(crate) fn factor<T: Scalar>(plant: &Plant<T>, matrix: &mut [T]) {
         }
         row[0] = inverse;
         for entry in &mut row[1..] {
-            *entry = *entry * inverse;
+            *entry *= inverse;
         }
     }
 }

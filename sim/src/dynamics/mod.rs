@@ -5,6 +5,7 @@
 pub(crate) mod actuation;
 pub(crate) mod bias;
 pub(crate) mod fluid;
+pub(crate) mod implicit;
 pub(crate) mod inertia;
 pub(crate) mod integrate;
 pub(crate) mod kinematics;

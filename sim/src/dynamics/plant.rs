@@ -155,6 +155,19 @@ impl<T: Scalar> Plant<T> {
         plant
     }
 
+    /// A free body that carries nothing that moves, of which MuJoCo's implicitfast treats the rotation apart.
+    pub(crate) fn lone_free_body(&self) -> Option<usize> {
+        (1..self.links.len()).find(|&index| {
+            let link = &self.links[index];
+            link.dofs.len() == 6
+                && self.joints[link.joints.start].kind == JointKind::Free
+                && self
+                    .links
+                    .iter()
+                    .all(|other| other.root != index || other.dofs.is_empty() || other.dofs == link.dofs)
+        })
+    }
+
     fn add_joint(&mut self, joint: &crate::model::Joint<T>) {
         let nonzero = |x: T| x != T::ZERO;
         let damped = joint.damping.into_iter().any(nonzero);

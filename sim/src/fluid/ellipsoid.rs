@@ -61,6 +61,21 @@ impl<T: Scalar> Ellipsoid<T> {
         }
     }
 
+    pub(crate) fn map<U: Scalar>(&self, f: impl Fn(T) -> U + Copy) -> Ellipsoid<U> {
+        Ellipsoid {
+            added_mass: self.added_mass.map(f),
+            added_inertia: self.added_inertia.map(f),
+            section_squared: self.section_squared.map(f),
+            largest_area: f(self.largest_area),
+            stokes: self.stokes.map(f),
+            angular_drag: self.angular_drag.map(f),
+            magnus: f(self.magnus),
+            kutta: f(self.kutta),
+            blunt: f(self.blunt),
+            slender: f(self.slender),
+        }
+    }
+
     /// Torque \[N m\] and force \[N\] of water of `density` \[kg/m3\] and dynamic `viscosity` \[Pa s\].
     ///
     /// * `w`, `v`: angular velocity \[rad/s\] and velocity of the centre relative to the water \[m/s\]

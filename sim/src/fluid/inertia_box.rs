@@ -36,6 +36,10 @@ impl<T: Scalar> InertiaBox<T> {
         }
     }
 
+    pub(crate) fn map<U: Scalar>(&self, f: impl Fn(T) -> U + Copy) -> InertiaBox<U> {
+        InertiaBox { stokes: self.stokes.map(f), turning: self.turning.map(f), facing: self.facing.map(f) }
+    }
+
     /// Torque \[N m\] and force \[N\] at the centre of mass, on the principal axes.
     ///
     /// * `w`, `v`: angular velocity \[rad/s\], velocity of the centre of mass relative to the water \[m/s\]

@@ -1,5 +1,5 @@
 //! What the golden tests share: the reference models, their runs as tables, the servo's stroke.
-#![allow(dead_code)]
+#![allow(dead_code, clippy::unwrap_used, reason = "each test crate uses its share")]
 
 use std::path::PathBuf;
 

@@ -1,0 +1,207 @@
+//! Numbers that carry their derivatives along (forward mode).
+
+use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
+
+use crate::scalar::Scalar;
+
+/// A value and its partial derivatives with respect to N variables, exact to rounding.
+///
+/// # Example
+/// ```
+/// use sim::{Scalar, dual::Dual};
+/// let x: Dual<f64, 1> = Dual::variable(3.0, 0);
+/// let y = x * x + Dual::from_f64(1.0);
+/// assert_eq!((y.value, y.partials), (10.0, [6.0]));
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Dual<T, const N: usize> {
+    /// The value.
+    pub value: T,
+    /// Its derivative with respect to each variable.
+    pub partials: [T; N],
+}
+
+impl<T: Scalar, const N: usize> Dual<T, N> {
+    /// A number that depends on no variable.
+    #[inline(always)]
+    pub fn constant(value: T) -> Self {
+        Self { value, partials: [T::ZERO; N] }
+    }
+
+    /// The variable `index`, at `value`.
+    ///
+    /// # Panics
+    /// When `index` is N or more.
+    #[inline(always)]
+    pub fn variable(value: T, index: usize) -> Self {
+        let mut partials = [T::ZERO; N];
+        partials[index] = T::ONE;
+        Self { value, partials }
+    }
+
+    /// `value` with the derivative `slope` along this number.
+    #[inline(always)]
+    fn chain(self, value: T, slope: T) -> Self {
+        Self { value, partials: self.partials.map(|p| p * slope) }
+    }
+
+    #[inline(always)]
+    fn zip(self, other: Self, f: impl Fn(T, T) -> T) -> [T; N] {
+        std::array::from_fn(|i| f(self.partials[i], other.partials[i]))
+    }
+}
+
+impl<T: Scalar, const N: usize> Add for Dual<T, N> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self { value: self.value + other.value, partials: self.zip(other, |a, b| a + b) }
+    }
+}
+
+impl<T: Scalar, const N: usize> Sub for Dual<T, N> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self { value: self.value - other.value, partials: self.zip(other, |a, b| a - b) }
+    }
+}
+
+impl<T: Scalar, const N: usize> Mul for Dual<T, N> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        let (x, y) = (self.value, other.value);
+        Self { value: x * y, partials: self.zip(other, |a, b| a * y + x * b) }
+    }
+}
+
+impl<T: Scalar, const N: usize> Div for Dual<T, N> {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        let inverse = T::ONE / other.value;
+        // the plain quotient, so that values agree with plain numbers to the bit
+        let value = self.value / other.value;
+        Self { value, partials: self.zip(other, |a, b| (a - value * b) * inverse) }
+    }
+}
+
+impl<T: Scalar, const N: usize> Neg for Dual<T, N> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self { value: -self.value, partials: self.partials.map(|p| -p) }
+    }
+}
+
+impl<T: Scalar, const N: usize> AddAssign for Dual<T, N> {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl<T: Scalar, const N: usize> SubAssign for Dual<T, N> {
+    #[inline(always)]
+    fn sub_assign(&mut self, other: Self) {
+        *self = *self - other;
+    }
+}
+
+impl<T: Scalar, const N: usize> MulAssign for Dual<T, N> {
+    #[inline(always)]
+    fn mul_assign(&mut self, other: Self) {
+        *self = *self * other;
+    }
+}
+
+impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
+    type Mask = T::Mask;
+    const ZERO: Self = Self { value: T::ZERO, partials: [T::ZERO; N] };
+    const ONE: Self = Self { value: T::ONE, partials: [T::ZERO; N] };
+
+    #[inline(always)]
+    fn from_f64(x: f64) -> Self {
+        Self::constant(T::from_f64(x))
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        let root = self.value.sqrt();
+        let positive = T::ZERO.less(root);
+        let slope = T::select(positive, T::from_f64(0.5) / T::select(positive, root, T::ONE), T::ZERO);
+        self.chain(root, slope)
+    }
+
+    #[inline(always)]
+    fn sin_cos(self) -> (Self, Self) {
+        let (sin, cos) = self.value.sin_cos();
+        (self.chain(sin, cos), self.chain(cos, -sin))
+    }
+
+    #[inline(always)]
+    fn atan2(self, x: Self) -> Self {
+        let squared = self.value * self.value + x.value * x.value;
+        let partials = self.zip(x, |dy, dx| (dy * x.value - dx * self.value) / squared);
+        Self { value: self.value.atan2(x.value), partials }
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        let (below, above) = (self.value.less(T::ZERO), T::ZERO.less(self.value));
+        let sign = T::select(below, -T::ONE, T::select(above, T::ONE, T::ZERO));
+        self.chain(self.value.abs(), sign)
+    }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> T::Mask {
+        self.value.less(other.value)
+    }
+
+    #[inline(always)]
+    fn select(mask: T::Mask, yes: Self, no: Self) -> Self {
+        Self {
+            value: T::select(mask, yes.value, no.value),
+            partials: yes.zip(no, |a, b| T::select(mask, a, b)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    type One = Dual<f64, 1>;
+
+    /// Central differences at step 1e-6 are good to about this.
+    const DIFFERENCE: f64 = 1e-8;
+
+    #[test]
+    fn every_operation_agrees_with_central_differences() {
+        let operations: [(&str, fn(One) -> One); 7] = [
+            ("product", |x| x * x * x),
+            ("quotient", |x| One::from_f64(2.0) / (x + One::ONE)),
+            ("sqrt", |x| x.sqrt()),
+            ("sine", |x| x.sin_cos().0),
+            ("cosine", |x| x.sin_cos().1),
+            ("atan2", |x| x.atan2(One::from_f64(0.4) - x)),
+            ("abs, min, max", |x| (-x).abs().min(One::from_f64(5.0)).max(One::from_f64(-1.0))),
+        ];
+        for (name, f) in operations {
+            let at = 0.7;
+            let exact = f(One::variable(at, 0)).partials[0];
+            let step = 1e-6;
+            let plain = |x: f64| f(One::constant(x)).value;
+            let difference = (plain(at + step) - plain(at - step)) / (2.0 * step);
+            assert!((exact - difference).abs() < DIFFERENCE, "{name}: {exact} {difference}");
+        }
+    }
+
+    #[test]
+    fn speed_has_a_finite_derivative_at_rest() {
+        let v = One::variable(0.0, 0);
+        let drag = (v * v).sqrt() * v;
+        assert_eq!(drag.partials, [0.0]);
+    }
+}

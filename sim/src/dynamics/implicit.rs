@@ -1,0 +1,118 @@
+//! The slope of the velocity-dependent forces, for the integrator that takes them implicitly.
+//!
+//! Fluid: the exact 6 x 6 slope of each wrench against (w, v), symmetrised and summed over what a body carries
+//! like an inertia, so that it shares the mass matrix's pattern. The bias is left explicit.
+
+use super::Work;
+use super::fluid::relative;
+use super::plant::Plant;
+use crate::dual::Dual;
+use crate::fluid::{Ellipsoid, InertiaBox};
+use crate::math::{Mat3, Motion, Vec3, Wrench};
+use crate::scalar::Scalar;
+
+/// A number with its derivatives by angular and linear velocity.
+type Probe<T> = Dual<T, 6>;
+
+/// A symmetric 6 x 6 matrix from motions to wrenches.
+type Slope<T> = [[T; 6]; 6];
+
+/// The fluid's shapes made ready for differentiation, and room for their slopes.
+#[derive(Debug, Clone)]
+pub(crate) struct FluidSlope<T> {
+    density: Probe<T>,
+    viscosity: Probe<T>,
+    geoms: Vec<Ellipsoid<Probe<T>>>,
+    bodies: Vec<InertiaBox<Probe<T>>>,
+    /// Per body: with all it carries, once summed.
+    slopes: Vec<Slope<T>>,
+}
+
+impl<T: Scalar> FluidSlope<T> {
+    pub(crate) fn new(plant: &Plant<T>) -> Self {
+        Self {
+            density: Probe::constant(plant.density),
+            viscosity: Probe::constant(plant.viscosity),
+            geoms: plant.fluid_geoms.iter().map(|geom| geom.shape.map(Probe::constant)).collect(),
+            bodies: plant.fluid_bodies.iter().map(|body| body.shape.map(Probe::constant)).collect(),
+            slopes: vec![[[T::ZERO; 6]; 6]; plant.links.len()],
+        }
+    }
+
+    /// Adds -`h` times the slope to `matrix`, stored as the mass matrix is.
+    pub(crate) fn add(&mut self, plant: &Plant<T>, work: &Work<T>, h: T, matrix: &mut [T]) {
+        self.slopes.fill([[T::ZERO; 6]; 6]);
+        let (density, viscosity) = (self.density, self.viscosity);
+        for (geom, shape) in plant.fluid_geoms.iter().zip(&self.geoms) {
+            let (at, rot) = geom.place(plant, work);
+            let (w, v) = probes(relative(work.velocity[geom.body], plant.wind, at, &rot));
+            add_about_root(shape.wrench(density, viscosity, w, v), at, &rot, &mut self.slopes[geom.body]);
+        }
+        for (body, shape) in plant.fluid_bodies.iter().zip(&self.bodies) {
+            let (at, rot) = body.place(work);
+            let (w, v) = probes(relative(work.velocity[body.body], plant.wind, at, &rot));
+            add_about_root(shape.wrench(density, viscosity, w, v), at, &rot, &mut self.slopes[body.body]);
+        }
+        for index in (1..plant.links.len()).rev() {
+            let parent = plant.links[index].parent;
+            if parent != 0 {
+                let own = self.slopes[index];
+                for (sum, row) in self.slopes[parent].iter_mut().zip(own) {
+                    for (sum, x) in sum.iter_mut().zip(row) {
+                        *sum += x;
+                    }
+                }
+            }
+        }
+        for dof in 0..plant.nv {
+            let push = apply(&self.slopes[plant.dof_body[dof]], work.axes[dof]);
+            let row = plant.row[dof]..plant.row[dof + 1];
+            for (entry, &other) in matrix[row.clone()].iter_mut().zip(&plant.chain[row]) {
+                *entry -= h * work.axes[other].power(push);
+            }
+        }
+    }
+}
+
+/// The two velocities as the six variables.
+fn probes<T: Scalar>((w, v): (Vec3<T>, Vec3<T>)) -> (Vec3<Probe<T>>, Vec3<Probe<T>>) {
+    let from = |v: Vec3<T>, first: usize| Vec3(std::array::from_fn(|i| Probe::variable(v[i], first + i)));
+    (from(w, 0), from(v, 3))
+}
+
+fn apply<T: Scalar>(slope: &Slope<T>, motion: Motion<T>) -> Wrench<T> {
+    let product = |row: &[T; 6]| {
+        Vec3([row[0], row[1], row[2]]).dot(motion.ang) + Vec3([row[3], row[4], row[5]]).dot(motion.lin)
+    };
+    Wrench {
+        torque: Vec3(std::array::from_fn(|i| product(&slope[i]))),
+        force: Vec3(std::array::from_fn(|i| product(&slope[3 + i]))),
+    }
+}
+
+/// Symmetrises the slope of a wrench at `at` in the axes `rot` and adds it to `sum`, taken about the root.
+fn add_about_root<T: Scalar>(
+    (torque, force): (Vec3<Probe<T>>, Vec3<Probe<T>>),
+    at: Vec3<T>,
+    rot: &Mat3<T>,
+    sum: &mut Slope<T>,
+) {
+    let rows: [[T; 6]; 6] = std::array::from_fn(|i| if i < 3 { torque[i] } else { force[i - 3] }.partials);
+    let half = T::from_f64(0.5);
+    let local: Slope<T> = std::array::from_fn(|i| std::array::from_fn(|j| (rows[i][j] + rows[j][i]) * half));
+    // column by column: a unit motion about the root, seen at the shape, its wrench, back about the root
+    for column in 0..6 {
+        let mut unit = [T::ZERO; 6];
+        unit[column] = T::ONE;
+        let (ang, lin) = (Vec3([unit[0], unit[1], unit[2]]), Vec3([unit[3], unit[4], unit[5]]));
+        let motion =
+            Motion { ang: rot.apply_transposed(ang), lin: rot.apply_transposed(lin + ang.cross(at)) };
+        let Wrench { torque, force } = apply(&local, motion);
+        let force = rot.apply(force);
+        let torque = rot.apply(torque) + at.cross(force);
+        for i in 0..3 {
+            sum[i][column] += torque[i];
+            sum[3 + i][column] += force[i];
+        }
+    }
+}
