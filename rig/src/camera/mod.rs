@@ -1,5 +1,8 @@
 //! Cameras: one trait, and real, mock and replayed ones behind it.
 
+pub mod decode;
+pub mod folder;
+
 use std::time::Duration;
 
 pub mod recorded;

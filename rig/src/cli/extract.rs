@@ -1,1 +1,159 @@
-//! `rig extract`.
+//! `rig extract`: images to a trajectory.
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use ident::strict::{self, Positive};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Deserialize;
+
+use super::{Failure, Outcome};
+use crate::vision::extractor::LEARN_FROM;
+use crate::vision::{Calibration, Extraction, Extractor, Status, TimedImage, VisionConfig, output, source};
+
+/// Keypoints from images: a folder of pictures, or a video where ffmpeg is installed.
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    /// Folder of pictures (in order of name, or as its frames.csv says), or a video file.
+    #[arg(value_name = "FRAMES")]
+    pub frames: PathBuf,
+    /// Any rig config; only its [camera] fps, [calibration] and [vision] are used.
+    #[arg(long, value_name = "TOML")]
+    pub config: PathBuf,
+    /// The trajectory to write; each image's status goes to `<out>.frames.csv`.
+    #[arg(long, value_name = "CSV")]
+    pub out: PathBuf,
+    /// Also write whole centrelines: CSV, or WCON by the ending .wcon.
+    #[arg(long, value_name = "CSV|WCON")]
+    pub centreline: Option<PathBuf>,
+    /// Also draw mask, centreline and keypoints over every image into this folder.
+    #[arg(long, value_name = "FOLDER")]
+    pub overlays: Option<PathBuf>,
+    /// Threads to use [default: all processors]; the result does not depend on it.
+    #[arg(long, value_name = "N")]
+    pub threads: Option<std::num::NonZeroUsize>,
+}
+
+/// The tables of a rig config that extraction uses; others belong to other verbs.
+#[derive(Debug, Deserialize)]
+struct Config {
+    #[serde(default)]
+    camera: Camera,
+    calibration: Calibration,
+    vision: VisionConfig,
+}
+
+/// The one key of `[camera]` that matters here; `rig run` checks the others.
+#[derive(Debug, Default, Deserialize)]
+struct Camera {
+    fps: Option<Positive>,
+}
+
+/// Images whose intermediate pictures are held at once.
+const AT_ONCE: usize = 64;
+/// Enlargement of overlays.
+const ZOOM: u32 = 4;
+
+/// Carries out `rig extract`.
+///
+/// # Errors
+/// Input: config, folder or pictures are wrong. Data: nothing in the images can be told from the background.
+pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    let config: Config = strict::read(&args.config).map_err(Failure::input)?;
+    let folder = args.config.parent().unwrap_or(Path::new(""));
+    let plane = config.calibration.plane(folder).map_err(Failure::input)?;
+    config.vision.check().map_err(Failure::input)?;
+    let fps = config.camera.fps.map(Positive::get);
+    let source = source::open(&args.frames, fps).map_err(Failure::input)?;
+    let threads =
+        args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, Into::into), Into::into);
+
+    let sample = source::sample(&*source, LEARN_FROM).map_err(Failure::input)?;
+    let sample: Vec<&TimedImage> = sample.iter().collect();
+    let mut extractor =
+        Extractor::learn(&sample, &config.vision, plane.clone(), folder, threads).map_err(classified)?;
+    let progress = bar(source.len_hint());
+    let mut records = Vec::new();
+    let mut images = source.images().map_err(Failure::input)?;
+    loop {
+        let chunk: Vec<TimedImage> =
+            images.by_ref().take(AT_ONCE).collect::<Result<_, _>>().map_err(Failure::input)?;
+        if chunk.is_empty() {
+            break;
+        }
+        let found = extractor.push(&chunk);
+        if let Some(overlays) = &args.overlays {
+            draw(overlays, &chunk, &found).map_err(Failure::input)?;
+        }
+        progress.inc(chunk.len() as u64);
+        records.extend(found);
+    }
+    progress.finish_and_clear();
+    let extraction = Extraction::of(records, config.vision.links, plane);
+    write(args, &extraction).map_err(Failure::input)?;
+    Ok(Outcome { out: Some(args.out.clone()), text: summary(&extraction, &args.out), ..Outcome::default() })
+}
+
+/// Wrong settings are the input's fault, pictures without a mechanism the data's.
+fn classified(error: crate::vision::VisionError) -> Failure {
+    use crate::vision::VisionError as E;
+    match error {
+        E::NoBackground { .. } | E::NoImages => Failure::data(error),
+        E::Config { .. } | E::Picture { .. } => Failure::input(error),
+    }
+}
+
+fn bar(length: Option<usize>) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(length.map(|n| n as u64), ProgressDrawTarget::stderr());
+    bar.set_message("extracting");
+    match ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} images {per_sec}") {
+        Ok(style) => bar.with_style(style),
+        Err(_) => bar,
+    }
+}
+
+fn write(args: &Args, extraction: &Extraction) -> anyhow::Result<()> {
+    let create = |path: &Path| {
+        File::create(path).map(BufWriter::new).with_context(|| format!("writing {}", path.display()))
+    };
+    ident::table::write_trajectory(&args.out, &extraction.trajectory)?;
+    let mut frames = args.out.clone().into_os_string();
+    frames.push(".frames.csv");
+    output::write_frames(extraction, create(Path::new(&frames))?)?;
+    if let Some(path) = &args.centreline {
+        if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("wcon")) {
+            let id = args.frames.file_name().unwrap_or_default().to_string_lossy();
+            serde_json::to_writer(create(path)?, &output::wcon(extraction, &id))?;
+        } else {
+            output::write_centreline_csv(extraction, create(path)?)?;
+        }
+    }
+    Ok(())
+}
+
+fn draw(folder: &Path, images: &[TimedImage], found: &[crate::vision::ImageRecord]) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("creating {}", folder.display()))?;
+    for (image, record) in images.iter().zip(found) {
+        if let Ok(grey) = &image.grey {
+            let path = folder.join(Path::new(&image.name).with_extension("png"));
+            crate::vision::overlay::overlay(grey, record, ZOOM)
+                .save(&path)
+                .with_context(|| format!("writing {}", path.display()))?;
+        }
+    }
+    Ok(())
+}
+
+/// How many images went through, and the reasons of the others by how often they came.
+fn summary(extraction: &Extraction, out: &Path) -> String {
+    let [ok, doubtful, rejected] =
+        [Status::Ok, Status::Doubtful, Status::Rejected].map(|status| extraction.count(status));
+    let total = extraction.records.len();
+    format!(
+        "{}: {total} images, {ok} ok, {doubtful} doubtful, {rejected} rejected; reasons in {}.frames.csv\n",
+        out.display(),
+        out.display()
+    )
+}

@@ -1,1 +1,72 @@
-//! From images to keypoints.
+//! From images to keypoints: every stage a pure function of its input and its table of the config.
+//!
+//! An image's way: [`background`] says how much darker (or brighter) than the empty tank each pixel is,
+//! [`component`] picks the mechanism's silhouette, [`thin`] finds its medial path, [`centreline`] moves that to
+//! the middle between sub-pixel edges and out to both ends, [`keypoints`] puts P0..Pn on it, and [`gates`]
+//! refuse what cannot be the mechanism. [`Extractor`] runs a sequence through all of them: the stages that
+//! need one image alone in parallel, those that look at the image before in order, so that the result does
+//! not depend on the number of threads. A rejected image keeps its row, empty, and its reason: no point is
+//! ever made up.
+//!
+//! Pixels are `[column, row]`, the centre of the top left one is `[0, 0]`.
+
+pub mod background;
+pub mod calibration;
+pub mod centreline;
+pub mod component;
+pub mod config;
+pub mod contour;
+pub mod extractor;
+pub mod gates;
+pub mod keypoints;
+pub mod links;
+pub mod mask;
+pub mod output;
+pub mod overlay;
+pub mod sample;
+pub mod source;
+pub mod spline;
+pub mod thin;
+
+pub use calibration::{Calibration, CalibrationError, Plane};
+pub use config::{Mode, VisionConfig};
+pub use extractor::{Extraction, Extractor, ImageRecord, Keypoint, Status, TimedImage, extract_sequence};
+pub use mask::Mask;
+
+/// A place in a picture, `[column, row]` \[px\].
+pub type Px = [f64; 2];
+
+/// Why a whole sequence could not be extracted.
+#[derive(Debug, thiserror::Error)]
+pub enum VisionError {
+    /// The config's numbers do not go together.
+    #[error("[vision] {what}")]
+    Config {
+        /// Which keys, their values, what would do.
+        what: String,
+    },
+    /// A picture named by the config could not be used.
+    #[error("[vision] {key} = {path:?}: {what}")]
+    Picture {
+        /// The config's key.
+        key: &'static str,
+        /// The file.
+        path: std::path::PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// No image stands out from its background.
+    #[error(
+        "telling the mechanism from its background in {images} images: {what}; light the tank evenly, or name \
+         a picture of the empty tank as [vision] background"
+    )]
+    NoBackground {
+        /// How many images were looked at.
+        images: usize,
+        /// What was seen instead.
+        what: String,
+    },
+    /// There was nothing to extract from.
+    #[error("no images to extract from")]
+    NoImages,
+}

@@ -1,0 +1,185 @@
+//! The `[calibration]` table: from pixels to metres in the plane of motion.
+
+use std::path::{Path, PathBuf};
+
+use ident::strict::{self, Finite, Positive, StrictError};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::Px;
+
+/// Where the picture shows the plane of motion: two numbers, or a file written by `rig calibrate`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Calibration {
+    /// Scale \[m/px\] of a camera square to the plane.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub metres_per_pixel: Option<Positive>,
+    /// Where the world origin is seen \[px\]; picture rows grow downward, z grows upward.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub origin_px: Option<[Finite; 2]>,
+    /// Instead of both: a [`CalibrationFile`], its path beside the config.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+}
+
+/// What a calibration file must say; other keys (date, camera, error) are for people.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CalibrationFile {
+    /// Row by row, shape (3, 3): undistorted pixel `[column, row, 1]` to `[x, z, 1]` \[m\], up to a factor.
+    pub metres_from_pixels: [[Finite; 3]; 3],
+    /// Centre of the radial distortion \[px\].
+    pub radial_centre_px: [Finite; 2],
+    /// Radial term k \[1/px²\]: undistorted = centre + (seen - centre) (1 + k r²), r the seen distance.
+    pub radial_per_px2: Finite,
+}
+
+/// Why a calibration cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrationError {
+    /// Neither or both ways were used.
+    #[error("[calibration] needs either metres_per_pixel and origin_px, or file")]
+    Incomplete,
+    /// The file is not one.
+    #[error("reading the calibration")]
+    File(#[from] StrictError),
+    /// The file's homography maps the picture to a line or a point.
+    #[error("calibration {}: metres_from_pixels cannot be inverted; calibrate again", path.display())]
+    Singular {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// The plane of motion as the camera sees it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plane {
+    metres_from_pixels: Matrix3<f64>,
+    pixels_from_metres: Matrix3<f64>,
+    centre_px: Vector2<f64>,
+    radial_per_px2: f64,
+}
+
+impl Calibration {
+    /// A camera square to the plane: `metres_per_pixel` \[m/px\], world origin seen at `origin_px`.
+    pub fn square(metres_per_pixel: Positive, origin_px: [Finite; 2]) -> Self {
+        Self { metres_per_pixel: Some(metres_per_pixel), origin_px: Some(origin_px), file: None }
+    }
+
+    /// The plane it describes; a relative `file` starts at `folder`.
+    ///
+    /// # Errors
+    /// [`CalibrationError`].
+    pub fn plane(&self, folder: &Path) -> Result<Plane, CalibrationError> {
+        match (&self.metres_per_pixel, &self.origin_px, &self.file) {
+            (Some(scale), Some([column, row]), None) => {
+                Ok(Plane::square(scale.get(), [column.get(), row.get()]))
+            }
+            (None, None, Some(file)) => {
+                let path = folder.join(file);
+                let content: CalibrationFile = strict::read(&path)?;
+                let m = content.metres_from_pixels;
+                let [x, y] = content.radial_centre_px;
+                Plane::new(
+                    Matrix3::from_fn(|i, j| m[i][j].get()),
+                    [x.get(), y.get()],
+                    content.radial_per_px2.get(),
+                )
+                .ok_or(CalibrationError::Singular { path })
+            }
+            _ => Err(CalibrationError::Incomplete),
+        }
+    }
+}
+
+impl Plane {
+    /// A camera square to the plane.
+    pub fn square(metres_per_pixel: f64, origin_px: Px) -> Self {
+        let [column, row] = origin_px;
+        let s = metres_per_pixel;
+        Self {
+            metres_from_pixels: Matrix3::new(s, 0.0, -s * column, 0.0, -s, s * row, 0.0, 0.0, 1.0),
+            pixels_from_metres: Matrix3::new(1.0 / s, 0.0, column, 0.0, -1.0 / s, row, 0.0, 0.0, 1.0),
+            centre_px: Vector2::zeros(),
+            radial_per_px2: 0.0,
+        }
+    }
+
+    /// A plane seen through homography and radial term, as in [`CalibrationFile`]; `None` when singular.
+    pub fn new(metres_from_pixels: Matrix3<f64>, centre_px: Px, radial_per_px2: f64) -> Option<Self> {
+        let pixels_from_metres = metres_from_pixels.try_inverse()?;
+        Some(Self { metres_from_pixels, pixels_from_metres, centre_px: centre_px.into(), radial_per_px2 })
+    }
+
+    /// World position `[x, z]` \[m\] of what is seen at `px`.
+    pub fn metres(&self, px: Px) -> [f64; 2] {
+        let offset = Vector2::from(px) - self.centre_px;
+        let straight = self.centre_px + offset * (1.0 + self.radial_per_px2 * offset.norm_squared());
+        project(&self.metres_from_pixels, straight)
+    }
+
+    /// Where the world position `[x, z]` \[m\] is seen \[px\].
+    pub fn pixel(&self, metres: [f64; 2]) -> Px {
+        let straight = Vector2::from(project(&self.pixels_from_metres, metres.into())) - self.centre_px;
+        // Newton on r (1 + k r²) = |straight|; converges at once for any lens that does not fold the picture.
+        let wanted = straight.norm();
+        let mut r = wanted;
+        for _ in 0..8 {
+            let slope = 1.0 + 3.0 * self.radial_per_px2 * r * r;
+            r -= (r * (1.0 + self.radial_per_px2 * r * r) - wanted) / slope;
+        }
+        let scale = if wanted > 0.0 { r / wanted } else { 1.0 };
+        (self.centre_px + straight * scale).into()
+    }
+
+    /// Local scale at `px` \[m/px\]: the square root of the area that one pixel shows.
+    pub fn metres_per_pixel(&self, px: Px) -> f64 {
+        const STEP_PX: f64 = 0.5;
+        let [x, y] = px;
+        let difference = |a: Px, b: Px| {
+            let (a, b) = (self.metres(a), self.metres(b));
+            [(a[0] - b[0]) / (2.0 * STEP_PX), (a[1] - b[1]) / (2.0 * STEP_PX)]
+        };
+        let across = difference([x + STEP_PX, y], [x - STEP_PX, y]);
+        let down = difference([x, y + STEP_PX], [x, y - STEP_PX]);
+        Matrix2::new(across[0], down[0], across[1], down[1]).determinant().abs().sqrt()
+    }
+}
+
+fn project(map: &Matrix3<f64>, point: Vector2<f64>) -> [f64; 2] {
+    let image = map * Vector3::new(point.x, point.y, 1.0);
+    [image.x / image.z, image.y / image.z]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rounding of a few products of numbers near 1e3.
+    const ROUNDING: f64 = 1e-9;
+
+    #[test]
+    fn square_camera_puts_z_up_and_x_right() {
+        let plane = Plane::square(0.001, [100.0, 50.0]);
+        assert_eq!(plane.metres([100.0, 50.0]), [0.0, 0.0]);
+        let [x, z] = plane.metres([110.0, 30.0]);
+        assert!((x - 0.010).abs() < ROUNDING && (z - 0.020).abs() < ROUNDING, "{x} {z}");
+        assert!((plane.metres_per_pixel([3.0, 4.0]) - 0.001).abs() < ROUNDING);
+    }
+
+    #[test]
+    fn pixel_undoes_metres_through_tilt_and_lens() {
+        let map = Matrix3::new(2e-4, 1e-6, -0.05, -2e-6, -2.1e-4, 0.06, 1e-5, 2e-5, 1.0);
+        let plane = Plane::new(map, [320.0, 240.0], -2e-7).unwrap();
+        for px in [[0.0, 0.0], [639.0, 20.0], [320.0, 240.0], [100.0, 479.0]] {
+            let back = plane.pixel(plane.metres(px));
+            assert!((back[0] - px[0]).hypot(back[1] - px[1]) < ROUNDING * 100.0, "{px:?} {back:?}");
+        }
+    }
+
+    #[test]
+    fn half_a_calibration_is_refused() {
+        let half = Calibration { metres_per_pixel: Positive::new(1.0), origin_px: None, file: None };
+        assert!(matches!(half.plane(Path::new(".")), Err(CalibrationError::Incomplete)));
+    }
+}

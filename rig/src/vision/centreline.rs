@@ -1,0 +1,279 @@
+//! The middle between the silhouette's two sub-pixel edges, from one end to the other.
+//!
+//! A thinned path lies on whole pixels, and its ends run into a corner of a square end or stop a half width
+//! short. So both ends are trimmed, each remaining point is moved to the middle between the two places along
+//! its normal where half the contrast is passed, the line is smoothed, and it is led on, still between the
+//! edges, until the silhouette ends.
+
+use super::background::{Contrast, median};
+use super::gates::Rejection;
+use super::spline::{arc_lengths, distance, moved, resampled, smoothed, tangents, unit};
+use super::{Mask, Px};
+
+/// The mechanism's middle line in one image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Centreline {
+    /// From base to tip, evenly spaced by about a pixel.
+    pub points: Vec<Px>,
+    /// Half the distance of the two edges at each point \[px\].
+    pub half_width: Vec<f64>,
+    /// Arc length, end to end \[px\].
+    pub length_px: f64,
+    /// Scatter of the single midpoints about the line, 1 sigma \[px\].
+    pub scatter_px: f64,
+    /// The thinned path it came from, in the same direction: pixel centres.
+    pub medial: Vec<Px>,
+}
+
+/// The thinned path is cut back by this many half widths at each end: where it bends into a corner.
+const TRIM: f64 = 1.3;
+/// Midpoints are found, smoothed and found again this many times.
+const ROUNDS: usize = 3;
+/// An edge is looked for as far as this many half widths of the thinned path, and `REACH_PX` more.
+const REACH: f64 = 1.8;
+const REACH_PX: f64 = 3.0;
+/// A width this many times the median width has met something else.
+const WIDEST: f64 = 1.6;
+/// Step of looking for an edge \[px\]; below half the blur of any lens.
+const STEP_PX: f64 = 0.25;
+/// Least share of the line that needs both edges.
+const LEAST_SEEN: f64 = 0.5;
+
+impl Centreline {
+    /// Follows `medial`, the thinned path of a silhouette of largest half widths `radius` (shape as `medial`),
+    /// between the edges of `contrast`. `smoothing` is in half widths.
+    ///
+    /// # Errors
+    /// [`Rejection::NotLong`] for a blob, [`Rejection::NoEdges`] when too little of it has two edges.
+    pub fn follow(
+        contrast: &Contrast,
+        medial: Vec<Px>,
+        radius: &[f64],
+        smoothing: f64,
+    ) -> Result<Self, Rejection> {
+        let lengths = arc_lengths(&medial);
+        let total = lengths.last().copied().unwrap_or(0.0);
+        let typical = median(&mut radius.to_vec());
+        let widest_near = |distance_to_end: &dyn Fn(f64) -> f64| {
+            let near = lengths.iter().zip(radius).filter(|(s, _)| distance_to_end(**s) <= 2.0 * typical);
+            near.map(|(_, r)| *r).fold(0.0, f64::max)
+        };
+        let from = TRIM * widest_near(&|s| s);
+        let to = total - TRIM * widest_near(&|s| total - s);
+        if to - from < 2.0 * typical {
+            return Err(Rejection::NotLong { length_px: total, half_width_px: typical });
+        }
+        let scale = (smoothing * typical).max(1.0);
+        let mut points = evenly(&medial, from, to);
+        points = smoothed(&points, &vec![1.0; points.len()], scale);
+        let mut between = Between::default();
+        for _ in 0..ROUNDS {
+            between = Between::edges(contrast, &points, REACH * typical + REACH_PX);
+            let seen = between.weights.iter().filter(|&&w| w > 0.0).count();
+            if (seen as f64) < LEAST_SEEN * points.len() as f64 {
+                return Err(Rejection::NoEdges { share: seen as f64 / points.len() as f64 });
+            }
+            let line = smoothed(&between.middles, &between.weights, scale);
+            points = evenly(&line, 0.0, arc_lengths(&line)[line.len() - 1]);
+        }
+        let scatter_px = between.scatter(scale);
+        let half = between.typical();
+        let (start, end) = (points[0], points[points.len() - 1]);
+        let ahead = (typical.round() as usize).clamp(2, points.len() - 1);
+        let back = unit(points[ahead], start);
+        let forth = unit(points[points.len() - 1 - ahead], end);
+        let mut line = led_on(contrast, start, back, half);
+        line.reverse();
+        let core = line.len()..line.len() + points.len();
+        line.extend(points);
+        line.extend(led_on(contrast, end, forth, half));
+        // The core is smooth already; the ends are single midpoints, all but the very last ones.
+        let mut weights = vec![1.0; line.len()];
+        weights[core].fill(10.0);
+        let (first, last) = (line[0], line[line.len() - 1]);
+        let mut line = smoothed(&line, &weights, scale.min(2.0));
+        let n = line.len();
+        (line[0], line[n - 1]) = (first, last);
+        let length_px = arc_lengths(&line)[n - 1];
+        let points = evenly(&line, 0.0, length_px);
+        let half_width = Between::edges(contrast, &points, REACH * typical + REACH_PX).half_widths();
+        let mut medial = medial;
+        if distance(medial[0], points[0]) > distance(medial[0], points[points.len() - 1]) {
+            medial.reverse();
+        }
+        Ok(Self { points, half_width, length_px, scatter_px, medial })
+    }
+
+    /// Mean half width \[px\].
+    pub fn mean_half_width(&self) -> f64 {
+        self.half_width.iter().sum::<f64>() / self.half_width.len() as f64
+    }
+
+    /// The same line without its first and last `inset` mean half widths.
+    pub fn inset(mut self, inset: f64) -> Self {
+        let cut = (inset * self.mean_half_width()).min(self.length_px / 4.0);
+        if cut > 0.0 {
+            let first = self.points.len() as f64 * cut / self.length_px;
+            let keep = first.round() as usize..self.points.len() - first.round() as usize;
+            self.points = evenly(&self.points, cut, self.length_px - cut);
+            self.half_width = self.half_width[keep].to_vec();
+            self.half_width.resize(self.points.len(), self.half_width[self.half_width.len() - 1]);
+            self.length_px -= 2.0 * cut;
+        }
+        self
+    }
+
+    /// The same line from tip to base.
+    pub fn reversed(mut self) -> Self {
+        self.points.reverse();
+        self.half_width.reverse();
+        self.medial.reverse();
+        self
+    }
+
+    /// The silhouette that line and widths describe, in the rectangle of `like`.
+    pub fn drawn(&self, like: &Mask) -> Mask {
+        let mut mask = Mask::empty(like.left, like.top, like.width, like.height);
+        let lengths = arc_lengths(&self.points);
+        for ((point, half), s) in self.points.iter().zip(&self.half_width).zip(&lengths) {
+            // A disc must not reach past the ends it stands near.
+            let to_end = s.min(self.length_px - s);
+            mask.draw_disc(*point, half.min(to_end + 0.5));
+        }
+        mask
+    }
+}
+
+/// Both edges beside each point of a line.
+#[derive(Default)]
+struct Between {
+    middles: Vec<Px>,
+    half: Vec<Option<f64>>,
+    weights: Vec<f64>,
+}
+
+impl Between {
+    fn edges(contrast: &Contrast, points: &[Px], reach: f64) -> Self {
+        let mut out = Self::default();
+        for (point, [tx, ty]) in points.iter().zip(tangents(points)) {
+            let sides = both_edges(contrast, *point, [-ty, tx], reach);
+            let shift = sides.map_or(0.0, |[left, right]| (left - right) / 2.0);
+            out.middles.push(moved(*point, [-ty, tx], shift));
+            out.half.push(sides.map(|[left, right]| (left + right) / 2.0));
+        }
+        let widest = WIDEST * out.typical();
+        out.half.iter_mut().for_each(|half| *half = half.filter(|h| *h <= widest));
+        out.weights = out.half.iter().map(|half| f64::from(half.is_some())).collect();
+        // Where an edge is missing the line bridges; a middle that met something else must not pull.
+        for (middle, (point, half)) in out.middles.iter_mut().zip(points.iter().zip(&out.half)) {
+            if half.is_none() {
+                *middle = *point;
+            }
+        }
+        out
+    }
+
+    /// Median half width \[px\]; 0 when no point has both edges.
+    fn typical(&self) -> f64 {
+        let mut seen: Vec<f64> = self.half.iter().flatten().copied().collect();
+        if seen.is_empty() { 0.0 } else { median(&mut seen) }
+    }
+
+    /// Half width at each point, carried over from the nearest point before (or after) where it is missing.
+    fn half_widths(&self) -> Vec<f64> {
+        let mut last = self.half.iter().flatten().next().copied().unwrap_or(0.0);
+        let carry = |half: &Option<f64>| {
+            last = half.unwrap_or(last);
+            last
+        };
+        self.half.iter().map(carry).collect()
+    }
+
+    /// Robust sigma of the middles about their smoothed line \[px\].
+    fn scatter(&self, scale: f64) -> f64 {
+        const SIZE_TO_SIGMA: f64 = 1.4826;
+        let line = smoothed(&self.middles, &self.weights, scale);
+        let mut off: Vec<f64> = self.middles.iter().zip(&line).map(|(a, b)| distance(*a, *b)).collect();
+        SIZE_TO_SIGMA * median(&mut off)
+    }
+}
+
+/// Distances from `point` to the edges along `normal` and against it \[px\].
+fn both_edges(contrast: &Contrast, point: Px, normal: Px, reach: f64) -> Option<[f64; 2]> {
+    let one = edge(contrast, point, normal, reach)?;
+    let other = edge(contrast, point, [-normal[0], -normal[1]], reach)?;
+    Some([one, other])
+}
+
+/// Distance from `point` outward along `direction` to the edge \[px\]: where half of the contrast just inside
+/// it is left, so that a side in the light and one in the shade are found alike.
+fn edge(contrast: &Contrast, point: Px, direction: Px, reach: f64) -> Option<f64> {
+    /// What is left of the contrast outside, as a share; noise permitting.
+    const OUTSIDE: f64 = 0.15;
+    /// The contrast inside is looked for this far behind the edge's foot [px]: more than any lens blurs.
+    const INSIDE_PX: f64 = 2.5;
+    let low = (OUTSIDE * f64::from(contrast.level)).max(3.0 * f64::from(contrast.noise));
+    let steps = (reach / STEP_PX) as usize;
+    let mut values = Vec::with_capacity(steps + 1);
+    for i in 0..=steps {
+        let value = contrast.at(moved(point, direction, i as f64 * STEP_PX));
+        values.push(value);
+        if value < low {
+            break;
+        }
+    }
+    // Beside something else the contrast never falls so low: its lowest place is the foot.
+    let foot = (0..values.len()).rev().min_by(|&a, &b| values[a].total_cmp(&values[b]))?;
+    let behind = foot.saturating_sub((INSIDE_PX / STEP_PX) as usize);
+    let half = values[behind..=foot].iter().copied().fold(0.0, f64::max) / 2.0;
+    let last_inside = (0..foot).rev().find(|&i| values[i] > half)?;
+    let (inside, outside) = (values[last_inside], values[last_inside + 1]);
+    (half >= low / 2.0 && outside <= half)
+        .then(|| STEP_PX * (last_inside as f64 + (inside - half) / (inside - outside)))
+}
+
+/// Goes on from `start` along `direction`, in the middle between the edges, until the silhouette ends: the
+/// points passed, the end last.
+fn led_on(contrast: &Contrast, start: Px, direction: Px, half_width: f64) -> Vec<Px> {
+    /// Farther than this many half widths is not the end of the same thing.
+    const FARTHEST: f64 = 6.0;
+    /// Share of the last step's direction in the next one's: the end of a bent tail bends on.
+    const TURN: f64 = 0.15;
+    /// Largest move sideways per pixel forward.
+    const SIDEWAYS: f64 = 0.25;
+    let mut level = contrast.at(start);
+    let mut points = Vec::new();
+    let (mut at, mut along, mut half_width) = (start, direction, half_width);
+    while (points.len() as f64) < FARTHEST * half_width.max(2.0) {
+        let half = level.max(f64::from(contrast.level) / 2.0) / 2.0;
+        let (here, ahead) = (contrast.at(at), contrast.at(moved(at, along, 1.0)));
+        if here <= half {
+            break;
+        }
+        if ahead <= half {
+            points.push(moved(at, along, (here - half) / (here - ahead)));
+            break;
+        }
+        let mut next = moved(at, along, 1.0);
+        let normal = [-along[1], along[0]];
+        if let Some([left, right]) = both_edges(contrast, next, normal, 1.5 * half_width + 1.0) {
+            let shift = ((left - right) / 2.0).clamp(-SIDEWAYS, SIDEWAYS);
+            next = moved(next, normal, shift);
+            half_width = half_width.min((left + right) / 2.0).max(1.0);
+        }
+        let step = unit(at, next);
+        along = unit(
+            [0.0, 0.0],
+            [along[0] + TURN * (step[0] - along[0]), along[1] + TURN * (step[1] - along[1])],
+        );
+        level = 0.7 * level + 0.3 * contrast.at(next);
+        at = next;
+        points.push(at);
+    }
+    points
+}
+
+/// Points about a pixel apart from arc length `from` to `to`.
+fn evenly(points: &[Px], from: f64, to: f64) -> Vec<Px> {
+    resampled(points, from, to, (to - from).round().max(2.0) as usize + 1)
+}

@@ -1,0 +1,245 @@
+//! The `[vision]` table.
+
+use std::path::PathBuf;
+
+use ident::strict::{NonNegative, Positive, Share};
+use serde::{Deserialize, Serialize};
+
+use super::{Px, VisionError};
+
+/// Where the keypoints between the two ends lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Mode {
+    /// A chain of straight links fitted to the silhouette's edge: rigid mechanisms.
+    Links,
+    /// Shares of the arc length of the whole centreline: soft arms.
+    Arc,
+    /// Equal shares of the raw medial path, whose ends stop short and which cuts corners: as published.
+    Paper,
+}
+
+/// Whether the mechanism is darker or brighter than the tank.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Polarity {
+    /// Darker.
+    Dark,
+    /// Brighter.
+    Bright,
+    /// Whichever there is more of, away from the background.
+    #[default]
+    Auto,
+}
+
+/// What the empty tank looks like.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Background {
+    /// `temporal`; where the mechanism never moves away, and for images of several sizes, `flat`.
+    #[default]
+    Auto,
+    /// What each pixel shows while the mechanism is elsewhere.
+    Temporal,
+    /// A smooth surface through each image's own background.
+    Flat,
+    /// A picture of the empty tank: any other text is its path.
+    #[serde(untagged)]
+    Picture(PathBuf),
+}
+
+/// How keypoints are found in images: the `[vision]` table.
+///
+/// Lengths in the picture are pixels, lengths of the mechanism metres. Defaults marked *guessed* are ours and
+/// unmeasured on real tanks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VisionConfig {
+    /// Number of links n: keypoints are P0..Pn. From 1 to 64.
+    pub links: usize,
+    /// How they are placed.
+    pub mode: Mode,
+    /// Mode `links`: pivot-to-pivot lengths \[m\], the last one to the tip. Left out: equal and fitted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub link_lengths_m: Option<Vec<Positive>>,
+    /// Mode `links`: how far a link reaches past its pivots \[m\], half the overlap of two links. Default 0.
+    #[serde(default = "zero")]
+    pub overhang_m: NonNegative,
+    /// Mode `links`: radius of the free ends' corners as a share of the half width: 0 square (default), 1 round.
+    #[serde(default = "no_share")]
+    pub end_rounding: Share,
+    /// Mode `arc`: P1..Pn at these shares of the arc length, rising. Default: equal steps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shares: Option<Vec<Share>>,
+    /// P0, roughly \[px\]. Tells base from tip, and holds P0 where it is hidden. Left out: the upper end of the
+    /// first image, then whatever moves least from image to image.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub base_px: Option<[ident::strict::Finite; 2]>,
+    /// How well `base_px` is known, 1 sigma \[px\]; counts in mode `links` where the base is hidden.
+    /// Default 5 (guessed).
+    #[serde(default = "base_std")]
+    pub base_std_px: Positive,
+    /// A picture, white where the mechanism never is (bracket, screws). Path beside the config.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub static_mask: Option<PathBuf>,
+    /// `dark`, `bright` or `auto` (default).
+    #[serde(default)]
+    pub polarity: Polarity,
+    /// `auto` (default), `temporal`, `flat`, or the path of a picture of the empty tank beside the config.
+    #[serde(default)]
+    pub background: Background,
+    /// Smallest silhouette \[px\]; smaller dark spots are dirt. Default 100 (guessed).
+    #[serde(default = "min_area")]
+    pub min_area_px: Positive,
+    /// Largest hole, as a share of the silhouette, that is filled (a screw's glint); a larger one means that
+    /// the mechanism touches itself: rejected. Default 0.03 (guessed).
+    #[serde(default = "hole_share")]
+    pub hole_share: Share,
+    /// Smoothing length of the centreline, as a multiple of the silhouette's half width. Default 0.4.
+    #[serde(default = "smoothing")]
+    pub smoothing: Positive,
+    /// Mode `arc`: the centreline stops this many mean half widths short of both ends. Default 0:
+    /// end to end. For comparison with trackers whose midlines do.
+    #[serde(default = "zero")]
+    pub end_inset: NonNegative,
+    /// When to refuse an image.
+    #[serde(default)]
+    pub gates: Gates,
+}
+
+/// When an image is refused or doubted: the `[vision.gates]` table.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Gates {
+    /// Largest departure of the centreline's length from the usual one, as a share. Default 0.15 (guessed).
+    pub length: Share,
+    /// The same of the mean width. Default 0.25 (guessed).
+    pub width: Share,
+    /// The same of the silhouette's area. Default 0.25 (guessed).
+    pub area: Share,
+    /// Smallest overlap (intersection over union) of the silhouette with the shape drawn again from centreline
+    /// and widths, or from the fitted links. Default 0.85 (guessed).
+    pub overlap: Share,
+    /// An image is doubtful when another object, cut by the picture's border, is at least this share of the
+    /// silhouette's area: it may be a part of the mechanism. Default 0.003 (guessed).
+    pub cut_object: Share,
+    /// An image is doubtful when it follows more rejected ones than this and nothing but the image before tells
+    /// base from tip. Default 10 (guessed).
+    pub longest_gap: usize,
+}
+
+impl Default for Gates {
+    fn default() -> Self {
+        Self {
+            length: share(0.15),
+            width: share(0.25),
+            area: share(0.25),
+            overlap: share(0.85),
+            cut_object: share(0.003),
+            longest_gap: 10,
+        }
+    }
+}
+
+/// Most links a mechanism may have.
+const MAX_LINKS: usize = 64;
+
+impl VisionConfig {
+    /// A config with every optional key left out.
+    pub fn new(links: usize, mode: Mode) -> Self {
+        Self {
+            links,
+            mode,
+            link_lengths_m: None,
+            overhang_m: zero(),
+            end_rounding: no_share(),
+            shares: None,
+            base_px: None,
+            base_std_px: base_std(),
+            static_mask: None,
+            polarity: Polarity::default(),
+            background: Background::default(),
+            min_area_px: min_area(),
+            hole_share: hole_share(),
+            smoothing: smoothing(),
+            end_inset: zero(),
+            gates: Gates::default(),
+        }
+    }
+
+    /// Checks what single keys cannot say about themselves.
+    ///
+    /// # Errors
+    /// [`VisionError::Config`] naming the keys.
+    pub fn check(&self) -> Result<(), VisionError> {
+        let refuse = |what: String| Err(VisionError::Config { what });
+        if self.links == 0 || self.links > MAX_LINKS {
+            return refuse(format!("links = {} must be between 1 and {MAX_LINKS}", self.links));
+        }
+        if let Some(lengths) = &self.link_lengths_m {
+            if lengths.len() != self.links {
+                return refuse(format!(
+                    "link_lengths_m has {} entries for links = {}",
+                    lengths.len(),
+                    self.links
+                ));
+            }
+        }
+        if let Some(shares) = &self.shares {
+            if shares.len() != self.links {
+                return refuse(format!("shares has {} entries for links = {}", shares.len(), self.links));
+            }
+            if shares[0].get() <= 0.0 || shares.windows(2).any(|pair| pair[0] >= pair[1]) {
+                return refuse("shares must rise strictly from above 0".into());
+            }
+        }
+        Ok(())
+    }
+
+    /// Shares of the arc length of P0..Pn, shape (links + 1).
+    pub fn arc_shares(&self) -> Vec<f64> {
+        let n = self.links;
+        let rest = match &self.shares {
+            Some(shares) => shares.iter().map(|s| s.get()).collect(),
+            None => (1..=n).map(|i| i as f64 / n as f64).collect::<Vec<_>>(),
+        };
+        std::iter::once(0.0).chain(rest).collect()
+    }
+
+    /// [`Self::base_px`] as plain numbers.
+    pub fn base(&self) -> Option<Px> {
+        self.base_px.map(|[x, y]| [x.get(), y.get()])
+    }
+}
+
+fn zero() -> NonNegative {
+    NonNegative::new(0.0).unwrap_or_else(|| unreachable!("0 is in range"))
+}
+
+fn share(value: f64) -> Share {
+    Share::new(value).unwrap_or_else(|| unreachable!("{value} is a share"))
+}
+
+fn positive(value: f64) -> Positive {
+    Positive::new(value).unwrap_or_else(|| unreachable!("{value} is positive"))
+}
+
+fn no_share() -> Share {
+    share(0.0)
+}
+
+fn base_std() -> Positive {
+    positive(5.0)
+}
+
+fn min_area() -> Positive {
+    positive(100.0)
+}
+
+fn hole_share() -> Share {
+    share(0.03)
+}
+
+fn smoothing() -> Positive {
+    positive(0.4)
+}

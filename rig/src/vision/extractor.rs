@@ -1,0 +1,513 @@
+//! A sequence of images through all stages.
+//!
+//! Offline and live are one: an [`Extractor`] learns the background and the usual size from a sample of images
+//! (of the whole sequence, or the first still ones), then takes images in order, any number at a time.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use image::GrayImage;
+
+use super::background::{Background, Contrast};
+use super::calibration::Plane;
+use super::centreline::Centreline;
+use super::component::{Component, choose, components};
+use super::config::{Background as Method, VisionConfig};
+use super::gates::{Rejection, Sizes, check_overlap};
+use super::keypoints::{CLEAR_PX, Found, Shape, edge_points, place};
+use super::spline::{arc_lengths, distance, point_at};
+use super::thin::{longest_path, thinned};
+use super::{Mask, Px, VisionError};
+
+/// An image and when it was exposed.
+#[derive(Debug, Clone)]
+pub struct TimedImage {
+    /// File name, or whatever else tells it from the others.
+    pub name: String,
+    /// Mid-exposure \[s\].
+    pub time_s: f64,
+    /// The picture, or why it could not be read.
+    pub grey: Result<GrayImage, String>,
+}
+
+/// How far an image's keypoints can be trusted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Status {
+    /// As far as their sigma says.
+    Ok,
+    /// They are there, but something in the image may have misled: see the reason.
+    Doubtful,
+    /// There are none: see the reason.
+    Rejected,
+}
+
+/// A keypoint in one image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Keypoint {
+    /// Position in the picture \[px\].
+    pub px: Px,
+    /// Sigma per axis in the picture \[px\].
+    pub std_px: f64,
+    /// Position in the plane of motion, `[x, z]` \[m\].
+    pub metres: [f64; 2],
+    /// Sigma per axis \[m\].
+    pub std_m: f64,
+}
+
+/// What one image gave.
+#[derive(Debug, Clone)]
+pub struct ImageRecord {
+    /// The image's name.
+    pub name: String,
+    /// Mid-exposure \[s\].
+    pub time_s: f64,
+    /// How far to trust it.
+    pub status: Status,
+    /// Why not further; empty when `Ok`.
+    pub reason: String,
+    /// P0..Pn; empty when rejected.
+    pub keypoints: Vec<Keypoint>,
+    /// The silhouette, as far as the stages got.
+    pub mask: Option<Mask>,
+    /// The middle line, base first, about a pixel apart \[px\]; empty when rejected.
+    pub centreline: Vec<Px>,
+}
+
+/// A whole sequence's result.
+#[derive(Debug, Clone)]
+pub struct Extraction {
+    /// One record an image, in order.
+    pub records: Vec<ImageRecord>,
+    /// P0..Pn over time in the plane of motion; NaN where an image was rejected. y is never observed.
+    pub trajectory: sim::Trajectory,
+    /// From pixels to metres.
+    pub plane: Plane,
+}
+
+/// Runs images through the stages, in order.
+#[derive(Debug)]
+pub struct Extractor {
+    config: VisionConfig,
+    plane: Plane,
+    background: Background,
+    usual: Option<Sizes>,
+    threads: usize,
+    last: Last,
+}
+
+/// What an image takes from the ones before it.
+#[derive(Debug, Default)]
+struct Last {
+    centroid: Option<Px>,
+    line: Option<Vec<Px>>,
+    gap: usize,
+}
+
+/// A sample for [`Extractor::learn`] needs no more images than this.
+pub const LEARN_FROM: usize = 41;
+/// Points at which two lines are compared.
+const COMPARED: usize = 25;
+/// A silhouette's end this close to static mask or border is not the mechanism's \[px\].
+const COVERED_PX: f64 = 3.0;
+/// P0 may be this share of the picture's diagonal away from what is seen of the mechanism.
+const BASE_REACH: f64 = 0.08;
+
+/// The silhouette and all that is measured on it without looking at other images.
+struct Candidate {
+    line: Centreline,
+    mask: Mask,
+    edge: Vec<Px>,
+    sizes: Sizes,
+}
+
+/// A candidate of known direction that passed its gates.
+struct Oriented {
+    candidate: Candidate,
+    base_covered: bool,
+    doubt: Option<String>,
+}
+
+/// An image's parts, and the contrast they were found in.
+struct Parts {
+    contrast: Contrast,
+    parts: Vec<Component>,
+}
+
+impl Extractor {
+    /// Learns background and usual size from `sample` (at most [`LEARN_FROM`] are worth giving), using
+    /// `threads` threads. Pictures named by the config are looked for in `folder`.
+    ///
+    /// # Errors
+    /// [`VisionError`]: a config that contradicts itself, an unreadable picture, no readable image, or none with
+    /// a silhouette.
+    pub fn learn(
+        sample: &[&TimedImage],
+        config: &VisionConfig,
+        plane: Plane,
+        folder: &Path,
+        threads: usize,
+    ) -> Result<Self, VisionError> {
+        config.check()?;
+        let images: Vec<&GrayImage> = sample.iter().filter_map(|image| image.grey.as_ref().ok()).collect();
+        if images.is_empty() {
+            return Err(VisionError::NoImages);
+        }
+        let empty = match &config.background {
+            Method::Picture(path) => Some(picture("background", folder, path)?),
+            _ => None,
+        };
+        let blocked = match &config.static_mask {
+            Some(path) => Some(static_mask(&picture("static_mask", folder, path)?)),
+            None => None,
+        };
+        if let (Some(empty), Some(path)) = (&empty, named(&config.background)) {
+            same_size("background", path, empty.dimensions(), images[0].dimensions())?;
+        }
+        if let (Some(blocked), Some(path)) = (&blocked, &config.static_mask) {
+            same_size(
+                "static_mask",
+                path,
+                (blocked.width as u32, blocked.height as u32),
+                images[0].dimensions(),
+            )?;
+        }
+        let background = Background::learn(&images, config, empty.as_ref(), blocked)?;
+        let mut extractor =
+            Self { config: config.clone(), plane, background, usual: None, threads, last: Last::default() };
+        let found = in_parallel(&images, threads, |image| {
+            let parts = extractor.parts(image)?;
+            let chosen = extractor.choice(&parts, None)?;
+            extractor.candidate(&parts, chosen).map(|candidate| candidate.sizes)
+        });
+        let sizes: Vec<Sizes> = found.iter().filter_map(|sizes| sizes.as_ref().ok().copied()).collect();
+        extractor.usual = Sizes::usual(&sizes);
+        match (extractor.usual, found.into_iter().find_map(Result::err)) {
+            (None, Some(why)) => {
+                Err(VisionError::NoBackground { images: images.len(), what: why.to_string() })
+            }
+            _ => Ok(extractor),
+        }
+    }
+
+    /// Takes the next images of the sequence, in order, and gives one record for each.
+    pub fn push(&mut self, images: &[TimedImage]) -> Vec<ImageRecord> {
+        let parts = in_parallel(images, self.threads, |image| match &image.grey {
+            Ok(grey) => self.parts(grey),
+            Err(why) => Err(Rejection::Unreadable(why.clone())),
+        });
+        let chosen: Vec<Result<(Parts, usize), Rejection>> = parts
+            .into_iter()
+            .map(|parts| {
+                let parts = parts?;
+                let chosen = self.choice(&parts, self.last.centroid)?;
+                self.last.centroid = Some(parts.parts[chosen].centroid);
+                Ok((parts, chosen))
+            })
+            .collect();
+        let candidates = in_parallel(&chosen, self.threads, |chosen| match chosen {
+            Ok((parts, chosen)) => self.candidate(parts, *chosen),
+            Err(why) => Err(why.clone()),
+        });
+        let oriented: Vec<Result<Oriented, Rejection>> = candidates
+            .into_iter()
+            .zip(&chosen)
+            .map(|(candidate, chosen)| {
+                let oriented = match (candidate, chosen) {
+                    (Ok(candidate), Ok((parts, chosen))) => self.oriented(candidate, parts, *chosen),
+                    (Err(why), _) => Err(why),
+                    (Ok(_), Err(why)) => Err(why.clone()),
+                };
+                match &oriented {
+                    Ok(oriented) => {
+                        self.last.line = Some(compared(&oriented.candidate.line.points));
+                        self.last.gap = 0;
+                    }
+                    Err(_) => self.last.gap += 1,
+                }
+                oriented
+            })
+            .collect();
+        let found = in_parallel(&oriented, self.threads, |oriented| match oriented {
+            Ok(oriented) => {
+                let Candidate { line, mask, edge, .. } = &oriented.candidate;
+                place(
+                    &self.config,
+                    &self.plane,
+                    &Shape { line, mask, edge, base_covered: oriented.base_covered },
+                )
+            }
+            Err(why) => Err(why.clone()),
+        });
+        let silhouettes = chosen.into_iter().map(|chosen| {
+            let (mut parts, chosen) = chosen.ok()?;
+            Some(parts.parts.swap_remove(chosen).mask)
+        });
+        images
+            .iter()
+            .zip(found)
+            .zip(oriented.into_iter().zip(silhouettes))
+            .map(|((image, found), (oriented, mask))| self.record(image, found, oriented.ok(), mask))
+            .collect()
+    }
+
+    /// What an image shows apart from the empty tank.
+    fn parts(&self, image: &GrayImage) -> Result<Parts, Rejection> {
+        /// Fewer pixels than this are noise even where a small cut object is looked for.
+        const SPECK_PX: usize = 2;
+        let contrast = self.background.contrast(image)?;
+        let parts = components(&contrast.silhouette(), SPECK_PX);
+        Ok(Parts { contrast, parts })
+    }
+
+    /// Which part is the mechanism.
+    fn choice(&self, parts: &Parts, last: Option<Px>) -> Result<usize, Rejection> {
+        let least = self.config.min_area_px.get();
+        let large: Vec<usize> =
+            (0..parts.parts.len()).filter(|&i| parts.parts[i].area as f64 >= least).collect();
+        let candidates: Vec<Component> = large.iter().map(|&i| parts.parts[i].clone()).collect();
+        let diagonal = (parts.contrast.width as f64).hypot(parts.contrast.height as f64);
+        choose(&candidates, self.config.base(), BASE_REACH * diagonal, last)
+            .map(|chosen| large[chosen])
+            .ok_or(Rejection::NothingThere { min_area_px: least })
+    }
+
+    /// Fills, thins and follows the chosen part.
+    fn candidate(&self, parts: &Parts, chosen: usize) -> Result<Candidate, Rejection> {
+        let part = &parts.parts[chosen];
+        let mut mask = part.mask.padded(1);
+        let limit_px = (self.config.hole_share.get() * part.area as f64) as usize;
+        let hole_px = mask.fill_holes(limit_px);
+        if hole_px > 0 {
+            return Err(Rejection::Closed { hole_px, limit_px });
+        }
+        let medial = longest_path(&thinned(&mask));
+        let radius = radii(&mask, &medial);
+        let line = Centreline::follow(&parts.contrast, medial, &radius, self.config.smoothing.get())?;
+        check_overlap(line.drawn(&mask).overlap(&mask), &self.config.gates)?;
+        let edge = edge_points(&self.config, &parts.contrast, &mask, self.background.blocked());
+        let sizes = Sizes::of(&line, mask.area());
+        let line = line.inset(self.config.end_inset.get());
+        Ok(Candidate { line, mask, edge, sizes })
+    }
+
+    /// Compares the candidate with what is usual and turns its base end to the front.
+    fn oriented(&self, candidate: Candidate, parts: &Parts, chosen: usize) -> Result<Oriented, Rejection> {
+        if let Some(usual) = &self.usual {
+            candidate.sizes.check(usual, &self.config.gates)?;
+        }
+        let Candidate { line, mask, edge, sizes } = candidate;
+        let (start, end) = (line.points[0], line.points[line.points.len() - 1]);
+        let backwards = match (self.config.base(), &self.last.line) {
+            (Some(base), _) => distance(base, end) < distance(base, start),
+            (None, Some(last)) => {
+                let here = compared(&line.points);
+                let apart = |other: &mut dyn Iterator<Item = &Px>| -> f64 {
+                    last.iter().zip(other).map(|(a, b)| distance(*a, *b).powi(2)).sum()
+                };
+                apart(&mut here.iter().rev()) < apart(&mut here.iter())
+            }
+            (None, None) => end[1] < start[1],
+        };
+        let line = if backwards { line.reversed() } else { line };
+        let base_covered = self.covered(line.points[0], &parts.contrast);
+        let doubt = self.doubt(parts, chosen);
+        Ok(Oriented { candidate: Candidate { line, mask, edge, sizes }, base_covered, doubt })
+    }
+
+    /// Whether the silhouette ends at `px` only because static mask or border end it there.
+    fn covered(&self, px: Px, contrast: &Contrast) -> bool {
+        let [x, y] = px;
+        let (right, bottom) = ((contrast.width - 1) as f64, (contrast.height - 1) as f64);
+        let at_border = x.min(y).min(right - x).min(bottom - y) < COVERED_PX;
+        let reach = COVERED_PX as isize + CLEAR_PX;
+        at_border
+            || self.background.blocked().is_some_and(|mask| {
+                (-reach..=reach).any(|dy| {
+                    (-reach..=reach).any(|dx| mask.at(x.round() as isize + dx, y.round() as isize + dy))
+                })
+            })
+    }
+
+    /// What in this image may mislead although every gate is passed.
+    fn doubt(&self, parts: &Parts, chosen: usize) -> Option<String> {
+        let gates = &self.config.gates;
+        let area = parts.parts[chosen].area as f64;
+        let cut = parts.parts.iter().enumerate().filter(|(i, part)| *i != chosen && part.cut);
+        let largest = cut.map(|(_, part)| part.area).max().unwrap_or(0);
+        if largest as f64 >= gates.cut_object.get() * area && largest > 0 {
+            return Some(format!(
+                "another object of {largest} px is cut by the picture's border: it may be a part of the mechanism"
+            ));
+        }
+        let lost =
+            self.config.base_px.is_none() && self.last.gap > gates.longest_gap && self.last.line.is_some();
+        lost.then(|| format!("base and tip may have changed places during {} rejected images", self.last.gap))
+    }
+
+    fn record(
+        &self,
+        image: &TimedImage,
+        found: Result<Found, Rejection>,
+        oriented: Option<Oriented>,
+        silhouette: Option<Mask>,
+    ) -> ImageRecord {
+        let record = |status, reason, keypoints, mask, centreline| ImageRecord {
+            name: image.name.clone(),
+            time_s: image.time_s,
+            status,
+            reason,
+            keypoints,
+            mask,
+            centreline,
+        };
+        match (found, oriented) {
+            (Ok(found), Some(Oriented { candidate, doubt, .. })) => {
+                let keypoint = |(px, std_px): (&Px, &f64)| Keypoint {
+                    px: *px,
+                    std_px: *std_px,
+                    metres: self.plane.metres(*px),
+                    std_m: std_px * self.plane.metres_per_pixel(*px),
+                };
+                let keypoints = found.points.iter().zip(&found.std_px).map(keypoint).collect();
+                let status = if doubt.is_some() { Status::Doubtful } else { Status::Ok };
+                record(
+                    status,
+                    doubt.unwrap_or_default(),
+                    keypoints,
+                    Some(candidate.mask),
+                    candidate.line.points,
+                )
+            }
+            (Err(why), _) => record(Status::Rejected, why.to_string(), Vec::new(), silhouette, Vec::new()),
+            (Ok(_), None) => unreachable!("only an oriented silhouette has keypoints"),
+        }
+    }
+}
+
+impl Extraction {
+    /// Puts records of `links + 1` keypoints into one trajectory.
+    pub fn of(records: Vec<ImageRecord>, links: usize, plane: Plane) -> Self {
+        let mut trajectory = sim::Trajectory {
+            keypoints: (0..=links).map(|i| format!("P{i}")).collect(),
+            std_m: Some(Vec::new()),
+            ..sim::Trajectory::default()
+        };
+        let mut std_m = Vec::new();
+        for record in &records {
+            trajectory.time_s.push(record.time_s);
+            for i in 0..=links {
+                let keypoint = record.keypoints.get(i);
+                let [x, z] = keypoint.map_or([f64::NAN; 2], |k| k.metres);
+                trajectory.position_m.push([x, f64::NAN, z]);
+                std_m.push(keypoint.map_or(f64::NAN, |k| k.std_m));
+            }
+        }
+        trajectory.std_m = Some(std_m);
+        Self { records, trajectory, plane }
+    }
+
+    /// How many images have the given status.
+    pub fn count(&self, status: Status) -> usize {
+        self.records.iter().filter(|record| record.status == status).count()
+    }
+}
+
+/// Extracts a whole sequence that is in memory, learning from images spread evenly over it. Relative paths in
+/// the config start at `folder`.
+///
+/// # Errors
+/// [`VisionError`], as [`Extractor::learn`].
+pub fn extract_sequence(
+    images: &[TimedImage],
+    config: &VisionConfig,
+    plane: &Plane,
+    folder: &Path,
+    threads: usize,
+) -> Result<Extraction, VisionError> {
+    /// Images whose intermediate pictures are held at once.
+    const AT_ONCE: usize = 64;
+    let stride = images.len().div_ceil(LEARN_FROM).max(1);
+    let sample: Vec<&TimedImage> = images.iter().step_by(stride).collect();
+    let mut extractor = Extractor::learn(&sample, config, plane.clone(), folder, threads)?;
+    let records = images.chunks(AT_ONCE).flat_map(|chunk| extractor.push(chunk)).collect();
+    Ok(Extraction::of(records, config.links, plane.clone()))
+}
+
+/// Distance of each point of the medial path to the nearest background \[px\].
+fn radii(mask: &Mask, medial: &[Px]) -> Vec<f64> {
+    let mut inverted = GrayImage::new(mask.width as u32, mask.height as u32);
+    for (pixel, bit) in inverted.iter_mut().zip(&mask.bits) {
+        *pixel = if *bit { 0 } else { 255 };
+    }
+    let squared = imageproc::distance_transform::euclidean_squared_distance_transform(&inverted);
+    medial
+        .iter()
+        .map(|p| {
+            squared.get_pixel(p[0] as u32 - mask.left as u32, p[1] as u32 - mask.top as u32).0[0].sqrt() - 0.5
+        })
+        .map(|r: f64| r.max(0.5))
+        .collect()
+}
+
+fn compared(points: &[Px]) -> Vec<Px> {
+    let lengths = arc_lengths(points);
+    let total = lengths[lengths.len() - 1];
+    (0..COMPARED).map(|i| point_at(points, &lengths, total * i as f64 / (COMPARED - 1) as f64)).collect()
+}
+
+fn named(background: &Method) -> Option<&Path> {
+    match background {
+        Method::Picture(path) => Some(path),
+        _ => None,
+    }
+}
+
+fn picture(key: &'static str, folder: &Path, path: &Path) -> Result<GrayImage, VisionError> {
+    let refuse = |what: String| VisionError::Picture { key, path: path.into(), what };
+    let bytes = std::fs::read(folder.join(path)).map_err(|error| refuse(error.to_string()))?;
+    crate::camera::decode::grey_file(&bytes).map_err(|error| refuse(error.to_string()))
+}
+
+fn static_mask(picture: &GrayImage) -> Mask {
+    const WHITE: u8 = 128;
+    let mut mask = Mask::empty(0, 0, picture.width() as usize, picture.height() as usize);
+    mask.bits.iter_mut().zip(picture.as_raw()).for_each(|(bit, grey)| *bit = *grey >= WHITE);
+    mask
+}
+
+fn same_size(key: &'static str, path: &Path, got: (u32, u32), wanted: (u32, u32)) -> Result<(), VisionError> {
+    if got == wanted {
+        return Ok(());
+    }
+    let what = format!("{}x{} px, but the images have {}x{}", got.0, got.1, wanted.0, wanted.1);
+    Err(VisionError::Picture { key, path: path.into(), what })
+}
+
+/// `work` on every item, in the items' order whatever the number of threads.
+fn in_parallel<T: Sync, R: Send>(items: &[T], threads: usize, work: impl Fn(&T) -> R + Sync) -> Vec<R> {
+    let next = AtomicUsize::new(0);
+    let worker = || {
+        let mut done = Vec::new();
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            match items.get(i) {
+                Some(item) => done.push((i, work(item))),
+                None => return done,
+            }
+        }
+    };
+    if threads <= 1 || items.len() <= 1 {
+        return worker().into_iter().map(|(_, result)| result).collect();
+    }
+    let mut done: Vec<(usize, R)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads.min(items.len())).map(|_| scope.spawn(worker)).collect();
+        let results = workers.into_iter().map(|worker| match worker.join() {
+            Ok(done) => done,
+            Err(panic) => std::panic::resume_unwind(panic),
+        });
+        results.flatten().collect()
+    });
+    done.sort_unstable_by_key(|(i, _)| *i);
+    done.into_iter().map(|(_, result)| result).collect()
+}

@@ -1,0 +1,164 @@
+//! When an image is refused, and why.
+
+use super::background::median;
+use super::centreline::Centreline;
+use super::config::Gates;
+
+/// Why an image has no keypoints.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Rejection {
+    /// The picture's file could not be read.
+    #[error("unreadable: {0}")]
+    Unreadable(String),
+    /// Another size than the background's.
+    #[error("image is {}x{} px, its background {}x{} px", got[0], got[1], wanted[0], wanted[1])]
+    Size {
+        /// Background width and height \[px\].
+        wanted: [usize; 2],
+        /// Image width and height \[px\].
+        got: [usize; 2],
+    },
+    /// Nothing of the wanted size stands out, or nearly everything does.
+    #[error("{area_px} px differ from the background by more than {least:.1} grey levels: no silhouette")]
+    NoContrast {
+        /// What noise alone reaches \[grey levels\].
+        least: f32,
+        /// How much exceeds it \[px\].
+        area_px: usize,
+    },
+    /// No connected part is large enough.
+    #[error("no connected dark part of at least {min_area_px:.0} px")]
+    NothingThere {
+        /// The limit \[px\].
+        min_area_px: f64,
+    },
+    /// The silhouette encloses background.
+    #[error("touches itself: encloses {hole_px} px of background, limit {limit_px}")]
+    Closed {
+        /// Size of the largest hole \[px\].
+        hole_px: usize,
+        /// Largest hole allowed \[px\].
+        limit_px: usize,
+    },
+    /// A blob has no direction.
+    #[error(
+        "silhouette is {length_px:.0} px long at a half width of {half_width_px:.1} px: no line to follow"
+    )]
+    NotLong {
+        /// Length of the thinned path \[px\].
+        length_px: f64,
+        /// Its median half width \[px\].
+        half_width_px: f64,
+    },
+    /// Edges are missing or merge with something.
+    #[error("only {:.0} % of the centreline has an edge on both sides", share * 100.0)]
+    NoEdges {
+        /// Share of the line.
+        share: f64,
+    },
+    /// A size jumped.
+    #[error("{what} is {got:.1} px, usually {usual:.1} px: off by more than {:.0} %", limit * 100.0)]
+    Unusual {
+        /// Length, width or area.
+        what: &'static str,
+        /// This image's \[px\].
+        got: f64,
+        /// The median of the sequence \[px\].
+        usual: f64,
+        /// Largest share it may depart by.
+        limit: f64,
+    },
+    /// The shape drawn again from the result is not the silhouette.
+    #[error("redrawn shape overlaps the silhouette by {overlap:.2}, limit {limit:.2}")]
+    Overlap {
+        /// Intersection over union.
+        overlap: f64,
+        /// Least allowed.
+        limit: f64,
+    },
+    /// The links' fit did not settle.
+    #[error("fitting {links} links to {points} edge points did not settle")]
+    NoFit {
+        /// Number of links.
+        links: usize,
+        /// Number of edge points.
+        points: usize,
+    },
+}
+
+/// A silhouette's measures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sizes {
+    /// Arc length of the centreline \[px\].
+    pub length_px: f64,
+    /// Mean width \[px\].
+    pub width_px: f64,
+    /// Area \[px\].
+    pub area_px: f64,
+}
+
+impl Sizes {
+    /// The measures of a centreline in a silhouette of `area` pixels.
+    pub fn of(line: &Centreline, area: usize) -> Self {
+        Self { length_px: line.length_px, width_px: 2.0 * line.mean_half_width(), area_px: area as f64 }
+    }
+
+    /// The median of each measure; `None` without any.
+    pub fn usual(of: &[Self]) -> Option<Self> {
+        let middle = |measure: fn(&Self) -> f64| median(&mut of.iter().map(measure).collect::<Vec<_>>());
+        (!of.is_empty()).then(|| Self {
+            length_px: middle(|s| s.length_px),
+            width_px: middle(|s| s.width_px),
+            area_px: middle(|s| s.area_px),
+        })
+    }
+
+    /// Compares with what is `usual`.
+    ///
+    /// # Errors
+    /// [`Rejection::Unusual`] for the first measure that is off.
+    pub fn check(&self, usual: &Self, gates: &Gates) -> Result<(), Rejection> {
+        let measures = [
+            ("length", self.length_px, usual.length_px, gates.length),
+            ("width", self.width_px, usual.width_px, gates.width),
+            ("area", self.area_px, usual.area_px, gates.area),
+        ];
+        for (what, got, usual, limit) in measures {
+            let limit = limit.get();
+            if (got - usual).abs() > limit * usual {
+                return Err(Rejection::Unusual { what, got, usual, limit });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Compares a redrawn shape's `overlap` with the gate.
+///
+/// # Errors
+/// [`Rejection::Overlap`].
+pub fn check_overlap(overlap: f64, gates: &Gates) -> Result<(), Rejection> {
+    let limit = gates.overlap.get();
+    if overlap < limit { Err(Rejection::Overlap { overlap, limit }) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn size_off_by_more_than_its_gate_is_refused_by_name() {
+        let usual = Sizes { length_px: 100.0, width_px: 10.0, area_px: 900.0 };
+        let gates = Gates::default();
+        assert_eq!(Sizes { length_px: 114.0, ..usual }.check(&usual, &gates), Ok(()));
+        let message = Sizes { length_px: 80.0, ..usual }.check(&usual, &gates).unwrap_err().to_string();
+        assert_eq!(message, "length is 80.0 px, usually 100.0 px: off by more than 15 %");
+    }
+
+    #[test]
+    fn usual_size_is_the_median_and_ignores_one_outlier() {
+        let size = |length_px| Sizes { length_px, width_px: 1.0, area_px: 1.0 };
+        assert_eq!(Sizes::usual(&[size(1.0), size(900.0), size(2.0)]).unwrap().length_px, 2.0);
+        assert_eq!(Sizes::usual(&[]), None);
+    }
+}

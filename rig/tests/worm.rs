@@ -1,0 +1,104 @@
+//! Centrelines of a real worm against those of an independent tracker.
+//!
+//! 200 grey crops of one worm, whose background is never seen without it, with the other tracker's midlines
+//! (52 points) for those images in which it found one. Read from the folder that `RIG_SHARED` names.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use rig::vision::{
+    Calibration, Extraction, ImageRecord, Status, VisionConfig, extract_sequence, source, spline,
+};
+use serde::Deserialize;
+
+/// A rejected image among those with a midline counts as this \[px\].
+const REJECTED_PX: f64 = 5.0;
+/// The median over those images must not exceed this \[px\].
+const MEDIAN_LIMIT_PX: f64 = 0.8;
+/// Share of them that must be answered.
+const ANSWERED: f64 = 0.98;
+
+#[derive(Deserialize)]
+struct Config {
+    calibration: Calibration,
+    vision: VisionConfig,
+}
+
+fn data() -> Option<PathBuf> {
+    let folder = std::env::var_os("RIG_SHARED").map(|root| PathBuf::from(root).join("data/worm-midlines"));
+    if folder.is_none() {
+        println!("skipped: RIG_SHARED does not name the folder of shared data");
+    }
+    folder
+}
+
+fn midlines(folder: &Path) -> BTreeMap<String, Vec<[f64; 2]>> {
+    let mut lines: BTreeMap<String, Vec<[f64; 2]>> = BTreeMap::new();
+    for row in csv::Reader::from_path(folder.join("midlines.csv")).unwrap().deserialize() {
+        let (file, _, x, y, _): (String, usize, f64, f64, f64) = row.unwrap();
+        lines.entry(file).or_default().push([x, y]);
+    }
+    lines
+}
+
+fn extraction(folder: &Path) -> Extraction {
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/worm.toml");
+    let config: Config = ident::strict::read(&config).unwrap();
+    let plane = config.calibration.plane(Path::new("")).unwrap();
+    let source = source::open(&folder.join("frames"), Some(30.0)).unwrap();
+    let images: Vec<_> = source.images().unwrap().map(Result::unwrap).collect();
+    extract_sequence(&images, &config.vision, &plane, Path::new(""), 2).unwrap()
+}
+
+/// Rms distance of points at equal shares of both lines' lengths \[px\]; head and tail in the better order.
+fn rms(record: &ImageRecord, truth: &[[f64; 2]]) -> f64 {
+    let lengths = spline::arc_lengths(&record.centreline);
+    let total = lengths[lengths.len() - 1];
+    let truth_lengths = spline::arc_lengths(truth);
+    let truth_total = truth_lengths[truth_lengths.len() - 1];
+    let n = truth.len();
+    let off = |backwards: bool| {
+        let squared = (0..n).map(|i| {
+            let share = i as f64 / (n - 1) as f64;
+            let here = spline::point_at(&record.centreline, &lengths, share * total);
+            let there = if backwards { 1.0 - share } else { share };
+            spline::distance(here, spline::point_at(truth, &truth_lengths, there * truth_total)).powi(2)
+        });
+        (squared.sum::<f64>() / n as f64).sqrt()
+    };
+    off(false).min(off(true))
+}
+
+#[test]
+fn centrelines_agree_with_an_independent_tracker() {
+    let Some(folder) = data() else { return };
+    let truth = midlines(&folder);
+    let extraction = extraction(&folder);
+    let mut scores = Vec::new();
+    for record in &extraction.records {
+        let score = match truth.get(&record.name) {
+            Some(line) if record.status != Status::Rejected => rms(record, line),
+            Some(_) => REJECTED_PX,
+            None => continue,
+        };
+        if score > 1.2 {
+            println!("{} {score:.2} px {:?} {}", record.name, record.status, record.reason);
+        }
+        scores.push(score);
+    }
+    let without: Vec<_> = extraction.records.iter().filter(|r| !truth.contains_key(&r.name)).collect();
+    let flagged = without.iter().filter(|r| r.status != Status::Ok).count();
+    let rejected = without.iter().filter(|r| r.status == Status::Rejected).count();
+    let answered = scores.iter().filter(|&&s| s < REJECTED_PX).count();
+    scores.sort_by(f64::total_cmp);
+    let median = scores[scores.len() / 2];
+    println!(
+        "{} images with a midline: {answered} answered, rms median {median:.3} px, 90 % {:.3} px, worst {:.3} px",
+        scores.len(),
+        scores[scores.len() * 9 / 10],
+        scores[scores.len() - 1]
+    );
+    println!("{} images without: {flagged} flagged, {rejected} of them rejected", without.len());
+    assert!(median <= MEDIAN_LIMIT_PX, "{median}");
+    assert!(answered as f64 >= ANSWERED * scores.len() as f64, "{answered}");
+}
