@@ -1,14 +1,79 @@
 //! The timed stroke: angle over time, and the pulses a board plays for it.
+//!
+//! A stroke is one sweep between two reversals: counter-clockwise (as the camera sees it, and positive) in `ccw_s`,
+//! clockwise in `cw_s`. A profile begins and ends at the centre angle:
+//!
+//! ```text
+//!  +A        /\            /\
+//!          /   \         /   \
+//!   0 ── /      \      /      \      / ──
+//!                \   /         \   /
+//!  -A             \/            \/
+//!      ccw/2  cw    ccw     cw    ccw/2
+//! ```
+//!
+//! Times are whole microseconds from here on: what is asked for is rounded once, strokes are added up as integers, and
+//! the board's ticks are the same integers. So the ratio of the strokes is exact and nothing drifts over the cycles.
+
+use firmware_protocol::board::MAX_DURATION;
+use firmware_protocol::units::{DurationUs, PulseWidthUs, RateUsPerS};
+use ident::strict::{Finite, Positive};
+use serde::{Deserialize, Serialize};
+
+use crate::servo::{ServoChannel, ServoConfig};
+
+/// The `[profile]` table.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProfileConfig {
+    /// Half the sweep \[rad\]: strokes go from centre − amplitude to centre + amplitude.
+    pub amplitude_rad: Positive,
+    /// Duration of a counter-clockwise stroke \[s\]. The paper's timing is twice `cw_s`.
+    pub ccw_s: Positive,
+    /// Duration of a clockwise stroke \[s\].
+    pub cw_s: Positive,
+    /// How many pairs of strokes at full amplitude.
+    pub cycles: u32,
+    /// Pairs of strokes before them, with an amplitude that grows evenly. Default 0.
+    #[serde(default)]
+    pub soft_start_cycles: u32,
+    /// The angle around which it swings \[rad\]. Default 0.
+    #[serde(default = "zero")]
+    pub centre_rad: Finite,
+    /// A longer pulse turns the servo clockwise as the camera sees it (it is mounted the other way round). Default
+    /// false.
+    #[serde(default)]
+    pub mirrored: bool,
+    /// The actuators that play it; left out, all that the channels name.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub actuators: Option<Vec<String>>,
+}
+
+fn zero() -> Finite {
+    Finite::new(0.0).expect("0 is finite")
+}
+
+/// Share of the amplitude and of the speed in a cautious motion.
+const CAUTION: f64 = 0.1;
+
+impl ProfileConfig {
+    /// The small, slow motion that comes first where a servo is not calibrated: one cycle of a tenth of the amplitude
+    /// at a tenth of the speed.
+    pub fn cautious(&self) -> Self {
+        let share = |x: Positive| Positive::new(x.get() * CAUTION).unwrap_or(x);
+        Self { amplitude_rad: share(self.amplitude_rad), cycles: 1, soft_start_cycles: 0, ..self.clone() }
+    }
+}
 
 /// What a board plays: for each channel, straight lines from pulse to pulse.
-#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct PulseProfile {
     /// One track per driven channel.
     pub tracks: Vec<PulseTrack>,
 }
 
 /// One channel's part of a profile.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PulseTrack {
     /// Channel number.
     pub channel: u8,
@@ -16,4 +81,415 @@ pub struct PulseTrack {
     pub start_pulse_us: u16,
     /// Duration \[µs\] and pulse at the end \[µs\] of each segment, in order.
     pub segments: Vec<(u32, u16)>,
+}
+
+impl PulseTrack {
+    /// How long it takes \[µs\].
+    pub fn duration_us(&self) -> u64 {
+        self.segments.iter().map(|&(duration, _)| u64::from(duration)).sum()
+    }
+
+    /// Its corners: time from the start \[µs\] and pulse \[µs\].
+    pub fn corners(&self) -> impl Iterator<Item = (u64, u16)> {
+        let mut time = 0;
+        std::iter::once((0, self.start_pulse_us)).chain(self.segments.iter().map(
+            move |&(duration, pulse)| {
+                time += u64::from(duration);
+                (time, pulse)
+            },
+        ))
+    }
+}
+
+impl PulseProfile {
+    /// How long it takes \[µs\].
+    pub fn duration_us(&self) -> u64 {
+        self.tracks.iter().map(PulseTrack::duration_us).max().unwrap_or(0)
+    }
+
+    /// The angles it commands, as the simulation and servo.csv want them, started at `start_s` of the run. Computed
+    /// from the pulses as rounded, so it is what the board does and not what was asked for.
+    ///
+    /// # Errors
+    /// [`ProfileError::NoChannel`] when a track's channel is not in `servo` or names no actuator.
+    pub fn command(
+        &self,
+        servo: &ServoConfig,
+        mirrored: bool,
+        start_s: f64,
+    ) -> Result<sim::Command, ProfileError> {
+        let mut columns = Vec::new();
+        for track in &self.tracks {
+            let channel = servo.channel(track.channel);
+            let (channel, actuator) = channel
+                .and_then(|c| Some((c, c.actuator.clone()?)))
+                .ok_or_else(|| ProfileError::NoChannel { actuator: format!("channel {}", track.channel) })?;
+            let (time_s, angle_rad) = track
+                .corners()
+                .map(|(us, pulse)| {
+                    (start_s + us as f64 * 1e-6, channel.angle_rad(f64::from(pulse), mirrored))
+                })
+                .unzip();
+            columns.push(sim::Command { actuators: vec![actuator], time_s, angle_rad });
+        }
+        let mut time_s: Vec<f64> = columns.iter().flat_map(|column| &column.time_s).copied().collect();
+        time_s.sort_by(f64::total_cmp);
+        time_s.dedup();
+        let angle_rad =
+            time_s.iter().flat_map(|&t| columns.iter().map(move |column| column.at(0, t))).collect();
+        let actuators = columns.iter().flat_map(|column| column.actuators.clone()).collect();
+        Ok(sim::Command { actuators, time_s, angle_rad })
+    }
+}
+
+/// Why a profile cannot be played.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum ProfileError {
+    /// Nothing to play.
+    #[error("profile has no cycles; set cycles to 1 or more")]
+    Empty,
+    /// Below what a board's tick can tell.
+    #[error("a stroke of under 2 µs; lengthen ccw_s and cw_s")]
+    TooShort,
+    /// Beyond what a board's tick can tell.
+    #[error("profile lasts {duration_s} s, longer than {limit_s} s; reduce cycles or the stroke times")]
+    TooLong {
+        /// Its duration \[s\].
+        duration_s: f64,
+        /// The limit \[s\].
+        limit_s: f64,
+    },
+    /// No servo for it.
+    #[error("no [[servo.channel]] has actuator = \"{actuator}\"")]
+    NoChannel {
+        /// The actuator, or the channel.
+        actuator: String,
+    },
+    /// The servo does not go there.
+    #[error(
+        "profile on channel `{channel}` wants {angle_rad:.4} rad, a pulse of {pulse_us:.0} µs, outside its limits \
+         {min_us} to {max_us} µs; reduce amplitude_rad or centre_rad, or widen the channel's limits if the mechanism \
+         allows"
+    )]
+    Pulse {
+        /// Channel's name.
+        channel: String,
+        /// Angle wanted \[rad\].
+        angle_rad: f64,
+        /// Its pulse \[µs\].
+        pulse_us: f64,
+        /// The channel's shortest pulse \[µs\].
+        min_us: u16,
+        /// The channel's longest pulse \[µs\].
+        max_us: u16,
+    },
+    /// The servo is not that fast.
+    #[error(
+        "profile on channel `{channel}` wants {rate_us_per_s} µs/s, above its limit max_rate_us_per_s = \
+         {limit_us_per_s}; reduce amplitude_rad or lengthen {stroke}"
+    )]
+    Rate {
+        /// Channel's name.
+        channel: String,
+        /// Rate wanted \[µs/s\].
+        rate_us_per_s: u32,
+        /// The channel's limit \[µs/s\].
+        limit_us_per_s: u32,
+        /// The config's key of the stroke that is too fast.
+        stroke: &'static str,
+    },
+}
+
+/// An angle over time, in straight lines between corners.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Profile {
+    /// Time \[µs\] and angle \[rad\] of each corner, the first at 0.
+    corners: Vec<(u64, f64)>,
+    mirrored: bool,
+    actuators: Option<Vec<String>>,
+}
+
+impl Profile {
+    /// The profile of a `[profile]` table.
+    ///
+    /// # Errors
+    /// [`ProfileError::Empty`], [`ProfileError::TooShort`], [`ProfileError::TooLong`].
+    pub fn new(config: &ProfileConfig) -> Result<Self, ProfileError> {
+        if config.cycles == 0 {
+            return Err(ProfileError::Empty);
+        }
+        let (ccw_us, cw_us) = stroke_times_us(config.ccw_s.get(), config.cw_s.get());
+        let cycles = u64::from(config.cycles) + u64::from(config.soft_start_cycles);
+        let duration_us = cycles.saturating_mul(ccw_us.saturating_add(cw_us));
+        if ccw_us.min(cw_us) < 2 {
+            return Err(ProfileError::TooShort);
+        }
+        if duration_us > u64::from(MAX_DURATION.0) {
+            let limit_s = f64::from(MAX_DURATION.0) * 1e-6;
+            return Err(ProfileError::TooLong { duration_s: duration_us as f64 * 1e-6, limit_s });
+        }
+
+        let centre = config.centre_rad.get();
+        let amplitude = |cycle: u64| {
+            let share = (cycle + 1) as f64 / (f64::from(config.soft_start_cycles) + 1.0);
+            config.amplitude_rad.get() * share.min(1.0)
+        };
+        let half_us = ccw_us / 2;
+        let mut corners = vec![(0, centre)];
+        for cycle in 0..cycles {
+            let top_us = cycle * (ccw_us + cw_us) + half_us;
+            corners.push((top_us, centre + amplitude(cycle)));
+            corners.push((top_us + cw_us, centre - amplitude(cycle)));
+        }
+        corners.push((duration_us, centre));
+        Ok(Self { corners, mirrored: config.mirrored, actuators: config.actuators.clone() })
+    }
+
+    /// How long it takes \[µs\].
+    pub fn duration_us(&self) -> u64 {
+        self.corners.last().map_or(0, |&(us, _)| us)
+    }
+
+    /// How long it takes \[s\].
+    pub fn duration_s(&self) -> f64 {
+        self.duration_us() as f64 * 1e-6
+    }
+
+    /// The angle at which it starts and ends \[rad\].
+    pub fn centre_rad(&self) -> f64 {
+        self.corners[0].1
+    }
+
+    /// Whether a longer pulse turns the servo clockwise as the camera sees it.
+    pub fn mirrored(&self) -> bool {
+        self.mirrored
+    }
+
+    /// The angle at `time_s` after its start \[rad\]; before and after it, the centre.
+    pub fn angle_rad(&self, time_s: f64) -> f64 {
+        let us = time_s * 1e6;
+        let next = self.corners.partition_point(|&(corner, _)| corner as f64 <= us);
+        if next == 0 || next == self.corners.len() {
+            return self.centre_rad();
+        }
+        let ((t0, a0), (t1, a1)) = (self.corners[next - 1], self.corners[next]);
+        a0 + (a1 - a0) * (us - t0 as f64) / (t1 - t0) as f64
+    }
+
+    /// Its pulses on the channels that play it.
+    ///
+    /// # Errors
+    /// [`ProfileError`] naming the limit it would break and what to change.
+    pub fn pulses(&self, servo: &ServoConfig) -> Result<PulseProfile, ProfileError> {
+        let channels: Vec<&ServoChannel> = match &self.actuators {
+            None => servo.driven().map(|(channel, _)| channel).collect(),
+            Some(names) => names
+                .iter()
+                .map(|name| {
+                    let found = servo.driven().find(|(_, actuator)| actuator == name);
+                    found.map(|(c, _)| c).ok_or_else(|| ProfileError::NoChannel { actuator: name.clone() })
+                })
+                .collect::<Result<_, _>>()?,
+        };
+        if channels.is_empty() {
+            return Err(ProfileError::NoChannel { actuator: "<name in the model>".into() });
+        }
+        let tracks = channels.into_iter().map(|channel| self.track(channel)).collect::<Result<_, _>>()?;
+        Ok(PulseProfile { tracks })
+    }
+
+    fn track(&self, channel: &ServoChannel) -> Result<PulseTrack, ProfileError> {
+        let pulse = |angle_rad: f64| {
+            let pulse_us = channel.pulse_us(angle_rad, self.mirrored);
+            let (min_us, max_us) = (channel.min_pulse_us, channel.max_pulse_us);
+            if (f64::from(min_us)..=f64::from(max_us)).contains(&pulse_us.round()) {
+                return Ok(pulse_us.round() as u16);
+            }
+            Err(ProfileError::Pulse { channel: channel.name.clone(), angle_rad, pulse_us, min_us, max_us })
+        };
+        let limit = RateUsPerS(channel.max_rate_us_per_s);
+        let start_pulse_us = pulse(self.centre_rad())?;
+        let mut segments = Vec::with_capacity(self.corners.len() - 1);
+        let mut before = PulseWidthUs(start_pulse_us);
+        for pair in self.corners.windows(2) {
+            let ((t0, a0), (t1, a1)) = (pair[0], pair[1]);
+            let (end, duration) = (PulseWidthUs(pulse(a1)?), DurationUs((t1 - t0) as u32));
+            if !limit.allows(before, end, duration) {
+                return Err(ProfileError::Rate {
+                    channel: channel.name.clone(),
+                    rate_us_per_s: RateUsPerS::needed(before, end, duration).0,
+                    limit_us_per_s: limit.0,
+                    stroke: if a1 > a0 { "ccw_s" } else { "cw_s" },
+                });
+            }
+            segments.push((duration.0, end.0));
+            before = end;
+        }
+        Ok(PulseTrack { channel: channel.id, start_pulse_us, segments })
+    }
+}
+
+/// Both strokes in whole microseconds. Times asked for in a whole ratio, 2:1 above all, keep it exactly.
+fn stroke_times_us(ccw_s: f64, cw_s: f64) -> (u64, u64) {
+    let us = |s: f64| (s * 1e6).round() as u64;
+    let whole = |ratio: f64| ratio >= 1.0 && (ratio - ratio.round()).abs() < 1e-6;
+    if whole(ccw_s / cw_s) {
+        (us(cw_s) * (ccw_s / cw_s).round() as u64, us(cw_s))
+    } else if whole(cw_s / ccw_s) {
+        (us(ccw_s), us(ccw_s) * (cw_s / ccw_s).round() as u64)
+    } else {
+        (us(ccw_s), us(cw_s))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::servo::config::tests::example;
+    use proptest::prelude::*;
+
+    const PAPER: &str = "amplitude_rad = 0.3\nccw_s = 1.0\ncw_s = 0.5\ncycles = 3\n";
+
+    fn config(text: &str) -> ProfileConfig {
+        ident::strict::parse(text, Path::new("rig.toml")).unwrap()
+    }
+
+    fn profile(text: &str) -> Profile {
+        Profile::new(&config(text)).unwrap()
+    }
+
+    /// The stroke of the MuJoCo bench, written independently of `Profile`: 0 at t = 0, rising.
+    fn bench_stroke(t: f64, amplitude: f64, ccw_s: f64, cw_s: f64) -> f64 {
+        let p = (t + ccw_s / 2.0) % (ccw_s + cw_s);
+        if p < ccw_s {
+            -amplitude + 2.0 * amplitude * p / ccw_s
+        } else {
+            amplitude - 2.0 * amplitude * (p - ccw_s) / cw_s
+        }
+    }
+
+    #[test]
+    fn angle_is_the_benchs_stroke_and_rests_at_the_centre_around_it() {
+        let profile = profile(PAPER);
+        for k in 0..4500 {
+            let t = f64::from(k) * 1e-3;
+            let difference = profile.angle_rad(t) - bench_stroke(t, 0.3, 1.0, 0.5);
+            assert!(difference.abs() < 1e-12, "{difference} at {t}");
+        }
+        assert_eq!(profile.duration_s(), 4.5);
+        assert_eq!([profile.angle_rad(-1.0), profile.angle_rad(4.5), profile.angle_rad(9.0)], [0.0; 3]);
+    }
+
+    #[test]
+    fn counter_clockwise_stroke_lasts_exactly_twice_the_other_whatever_the_decimals() {
+        for cw_s in [0.5, 1.0 / 3.0, 0.123_456_7, 2.0 / 7.0] {
+            let text = format!("amplitude_rad = 0.1\nccw_s = {}\ncw_s = {cw_s}\ncycles = 100", 2.0 * cw_s);
+            let track = &profile(&text).pulses(&example()).unwrap().tracks[0];
+            let (mut up, mut down, mut before) = (0u64, 0u64, track.start_pulse_us);
+            for &(duration, pulse) in &track.segments {
+                *(if pulse > before { &mut up } else { &mut down }) += u64::from(duration);
+                before = pulse;
+            }
+            assert_eq!(up, 2 * down, "cw_s = {cw_s}");
+            assert_eq!(up + down, track.duration_us());
+        }
+    }
+
+    #[test]
+    fn commanded_angles_are_those_of_the_rounded_pulses() {
+        let servo = example();
+        for mirrored in [false, true] {
+            let profile = profile(&format!("{PAPER}centre_rad = 0.1\nmirrored = {mirrored}\n"));
+            let pulses = profile.pulses(&servo).unwrap();
+            let command = pulses.command(&servo, mirrored, 2.0).unwrap();
+            assert_eq!(command.actuators, ["servo"]);
+            assert_eq!(command.first_motion_s(), Some(2.0));
+            // Half a microsecond of rounding at this gain.
+            let rounding_rad = 0.5 / servo.channels[0].us_per_rad.get();
+            for k in 0..4500 {
+                let t = f64::from(k) * 1e-3;
+                let difference = command.at(0, 2.0 + t) - profile.angle_rad(t);
+                assert!(difference.abs() <= rounding_rad + 1e-9, "{difference} at {t}");
+            }
+            let rising = pulses.tracks[0].segments[0].1 > pulses.tracks[0].start_pulse_us;
+            assert_eq!(rising, !mirrored);
+        }
+    }
+
+    #[test]
+    fn limits_are_named_with_what_to_change() {
+        let refuse = |text: &str| profile(text).pulses(&example()).unwrap_err().to_string();
+        let wide = refuse("amplitude_rad = 1.0\nccw_s = 2\ncw_s = 1\ncycles = 1");
+        assert_eq!(
+            wide,
+            "profile on channel `base` wants 1.0000 rad, a pulse of 2137 µs, outside its limits 900 to 2100 µs; \
+             reduce amplitude_rad or centre_rad, or widen the channel's limits if the mechanism allows"
+        );
+        let fast = refuse("amplitude_rad = 0.8\nccw_s = 0.4\ncw_s = 0.2\ncycles = 1");
+        assert_eq!(
+            fast,
+            "profile on channel `base` wants 5090 µs/s, above its limit max_rate_us_per_s = 4000; reduce \
+             amplitude_rad or lengthen ccw_s"
+                .replace("ccw_s", "cw_s")
+        );
+        assert!(refuse(&format!("{PAPER}actuators = [\"arm\"]")).contains("actuator = \"arm\""));
+        assert_eq!(Profile::new(&config(&PAPER.replace("= 3", "= 0"))), Err(ProfileError::Empty));
+        let long = Profile::new(&config(&PAPER.replace("= 3", "= 2000"))).unwrap_err().to_string();
+        assert_eq!(long, "profile lasts 3000 s, longer than 1800 s; reduce cycles or the stroke times");
+    }
+
+    #[test]
+    fn soft_start_grows_evenly_and_keeps_the_timing() {
+        let profile = profile(&format!("{PAPER}soft_start_cycles = 2\n"));
+        let tops: Vec<f64> = (0..5).map(|k| profile.angle_rad(0.5 + 1.5 * f64::from(k))).collect();
+        for (top, wanted) in tops.iter().zip([0.1, 0.2, 0.3, 0.3, 0.3]) {
+            assert!((top - wanted).abs() < 1e-12, "{tops:?}");
+        }
+        assert_eq!(profile.duration_s(), 7.5);
+    }
+
+    #[test]
+    fn cautious_motion_is_a_tenth_of_the_size_and_speed() {
+        let small = Profile::new(&config(PAPER).cautious()).unwrap();
+        assert_eq!(small.duration_s(), 1.5);
+        assert!((small.angle_rad(0.5) - 0.03).abs() < 1e-12);
+    }
+
+    #[test]
+    fn nonsense_numbers_are_refused_with_their_line() {
+        for bad in ["amplitude_rad = nan", "amplitude_rad = -1", "ccw_s = 0", "cw_s = inf", "cycles = 1.5"] {
+            let key = bad.split(' ').next().unwrap();
+            let text: String = PAPER
+                .lines()
+                .map(|l| if l.starts_with(key) { format!("{bad}\n") } else { format!("{l}\n") })
+                .collect();
+            let error = ident::strict::parse::<ProfileConfig>(&text, Path::new("rig.toml")).unwrap_err();
+            assert!(error.to_string().contains("line ") && error.to_string().contains('^'), "{error}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn profiles_that_pass_the_hosts_limits_add_up_exactly_and_stay_within(
+            amplitude in 0.001..1.0f64, ccw in 0.05..3.0f64, cw in 0.05..3.0f64, cycles in 1..40u32, soft in 0..5u32,
+        ) {
+            let text = format!(
+                "amplitude_rad = {amplitude}\nccw_s = {ccw}\ncw_s = {cw}\ncycles = {cycles}\nsoft_start_cycles = {soft}"
+            );
+            let profile = profile(&text);
+            if let Ok(pulses) = profile.pulses(&example()) {
+                let track = &pulses.tracks[0];
+                prop_assert_eq!(track.duration_us(), profile.duration_us());
+                prop_assert_eq!(track.segments.last().unwrap().1, track.start_pulse_us);
+                let mut before = PulseWidthUs(track.start_pulse_us);
+                for &(duration, pulse) in &track.segments {
+                    prop_assert!((900..=2100).contains(&pulse));
+                    prop_assert!(RateUsPerS(4000).allows(before, PulseWidthUs(pulse), DurationUs(duration)));
+                    before = PulseWidthUs(pulse);
+                }
+            }
+        }
+    }
 }

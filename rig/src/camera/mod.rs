@@ -5,8 +5,14 @@ pub mod folder;
 
 use std::time::Duration;
 
+pub mod config;
+pub mod mock;
 pub mod recorded;
+pub mod socket;
+pub mod v4l;
 pub mod wire;
+
+pub use config::{CameraConfig, CameraKind};
 
 use crate::clock::MonotonicNs;
 

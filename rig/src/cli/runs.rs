@@ -1,1 +1,240 @@
-//! `rig runs`.
+//! `rig runs`: what is in a runs folder.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use super::{Failure, Outcome};
+use crate::record::folder::{Listed, RunFolder, RunId, Status, file, list};
+use crate::record::{RecordError, frames, journal};
+
+/// `rig runs`.
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    /// Where runs are kept.
+    #[arg(long, global = true, default_value = "runs", value_name = "DIR")]
+    pub runs_dir: PathBuf,
+    /// What to do.
+    #[command(subcommand)]
+    pub action: Action,
+}
+
+/// What to do with the runs.
+#[derive(clap::Subcommand, Debug)]
+pub enum Action {
+    /// List all runs, the newest last.
+    Ls,
+    /// Show one run: how it went, its journal and its results.
+    Show {
+        /// The run's folder, or its id in the runs folder.
+        run: String,
+    },
+}
+
+/// Lists runs or shows one.
+///
+/// # Errors
+/// [`Failure::Input`] when there is no such folder or run.
+pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    match &args.action {
+        Action::Ls => {
+            let runs = list(&args.runs_dir).map_err(Failure::input)?;
+            Ok(Outcome { text: table(&runs), ..Outcome::default() })
+        }
+        Action::Show { run } => {
+            let folder = RunFolder::open(&find(&args.runs_dir, run)).map_err(Failure::input)?;
+            let text = describe(&folder).map_err(Failure::input)?;
+            Ok(Outcome { text, run: Some(folder.path().into()), ..Outcome::default() })
+        }
+    }
+}
+
+fn find(runs_dir: &Path, run: &str) -> PathBuf {
+    match RunId::try_from(run.to_owned()) {
+        Ok(id) => runs_dir.join(id.as_str()),
+        Err(_) => run.into(),
+    }
+}
+
+fn table(runs: &[Listed]) -> String {
+    if runs.is_empty() {
+        return "no runs yet\n".into();
+    }
+    let mut text =
+        format!("{:<23}  {:<10}  {:>10}  {:>7}  fit error\n", "run", "status", "duration", "images");
+    for Listed { id, folder } in runs {
+        let _ = match folder {
+            Ok(run) => writeln!(
+                text,
+                "{id}  {:<10}  {:>10}  {:>7}  {}",
+                status(run),
+                duration_s(run).map_or("-".into(), |s| format!("{s:.1} s")),
+                images(run).map_or("-".into(), |count| count.to_string()),
+                fit_error_m(run).map_or("-".into(), |m| format!("{:.2} mm", m * 1e3)),
+            ),
+            Err(error) => writeln!(text, "{id}  unreadable: {error}"),
+        };
+    }
+    text
+}
+
+fn describe(run: &RunFolder) -> Result<String, RecordError> {
+    let start = run.start();
+    let mut text = String::new();
+    let mut line = |name: &str, value: &dyn std::fmt::Display| {
+        let _ = writeln!(text, "{name:<10} {value}");
+    };
+    line("run", &start.id);
+    line("status", &status(run));
+    if let Some(reason) = run.stop().and_then(|stop| stop.reason.as_ref()) {
+        line("reason", reason);
+    }
+    line("began", &start.clock.utc);
+    if let Some(duration_s) = duration_s(run) {
+        line("duration", &format_args!("{duration_s:.3} s"));
+    }
+    line("kind", &format!("{:?}", start.kind).to_lowercase());
+    if let Some(board) = &start.board {
+        line("board", &format_args!("{}, boot id {:08x}", board.name, board.boot_id));
+    }
+    if let Some(camera) = &start.camera {
+        let size = format_args!("{}x{} px", camera.width_px, camera.height_px);
+        line("camera", &format_args!("{}, {size}, {} images a second", camera.name, camera.fps));
+    }
+    if let Some(images) = images(run) {
+        line("images", &images);
+    }
+    if let Some(stop) = run.stop() {
+        line("lost", &format_args!("{} images, {} messages", stop.images_lost, stop.messages_dropped));
+    }
+    if let Some(error_m) = fit_error_m(run) {
+        line("fit error", &format_args!("{:.3} mm, mean over keypoints", error_m * 1e3));
+    }
+    line("folder", &run.path().display());
+
+    let path = run.file(file::JOURNAL);
+    if path.exists() {
+        text.push_str("journal\n");
+        for entry in journal::read(&path)? {
+            let details = if entry.details.is_empty() {
+                String::new()
+            } else {
+                format!("  {}", Value::Object(entry.details))
+            };
+            let _ = writeln!(text, "  {:>9.3} s  {}{details}", entry.at_s, entry.event);
+        }
+    }
+    Ok(text)
+}
+
+fn status(run: &RunFolder) -> &'static str {
+    match run.stop().map(|stop| stop.status) {
+        Some(Status::Success) => "success",
+        Some(Status::Abort) => "abort",
+        Some(Status::Fail) => "fail",
+        None => "incomplete",
+    }
+}
+
+/// From the run's start to its stop; to its last journal entry where there was no stop.
+fn duration_s(run: &RunFolder) -> Option<f64> {
+    match run.stop() {
+        Some(stop) => Some(stop.clock.monotonic_ns.seconds_since(run.origin())),
+        None => Some(journal::read(&run.file(file::JOURNAL)).ok()?.last()?.at_s),
+    }
+}
+
+fn images(run: &RunFolder) -> Option<u64> {
+    match run.stop() {
+        Some(stop) => Some(stop.images),
+        None => Some(frames::read(&run.file(file::FRAMES)).ok()?.len() as u64),
+    }
+}
+
+/// The mean of the mean keypoint errors in `fit.json`, over all runs and keypoints it names \[m\].
+fn fit_error_m(run: &RunFolder) -> Option<f64> {
+    let fit: Value = serde_json::from_slice(&std::fs::read(run.file(file::FIT)).ok()?).ok()?;
+    let errors: Vec<f64> = fit["runs"]
+        .as_array()?
+        .iter()
+        .filter_map(|run| run["keypoints"].as_array())
+        .flatten()
+        .filter_map(|keypoint| keypoint["mean_error_m"].as_f64())
+        .collect();
+    (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::MonotonicNs;
+    use crate::record::folder::{ClockPair, RunKind, Start, Stop};
+    use crate::servo::StopOutcome;
+
+    fn at(monotonic_ns: u64) -> ClockPair {
+        ClockPair { monotonic_ns: MonotonicNs(monotonic_ns), utc: "2026-11-20T10:15:03Z".into() }
+    }
+
+    fn create(runs_dir: &Path, id: &str) -> RunFolder {
+        let start = Start {
+            id: RunId::try_from(id.to_owned()).unwrap(),
+            kind: RunKind::Driven,
+            model: file::MODEL_START.into(),
+            prescribed: false,
+            clock: at(5_000_000_000),
+            version: "0.1.0".into(),
+            board: None,
+            camera: None,
+            config: String::new(),
+            details: Default::default(),
+        };
+        RunFolder::create(runs_dir, start).unwrap()
+    }
+
+    fn show(runs_dir: &Path, action: Action) -> String {
+        run(&Args { runs_dir: runs_dir.into(), action }).unwrap().text
+    }
+
+    #[test]
+    fn finished_and_cut_short_runs_are_listed_with_what_is_known() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut finished = create(dir.path(), "20261120T101503Z-ab12cd");
+        let fit = r#"{"runs":[{"keypoints":[{"mean_error_m":0.001},{"mean_error_m":0.002}]}]}"#;
+        finished.write(file::FIT, fit.as_bytes()).unwrap();
+        finished
+            .finish(Stop {
+                status: Status::Success,
+                reason: None,
+                clock: at(8_500_000_000),
+                servo: StopOutcome::Acknowledged,
+                images: 350,
+                images_lost: 2,
+                messages_dropped: 0,
+            })
+            .unwrap();
+        let cut_short = create(dir.path(), "20261120T111503Z-ab12cd");
+        cut_short.journal().unwrap().write("armed", serde_json::json!({"boot_id": 7})).unwrap();
+
+        let text = show(dir.path(), Action::Ls);
+        let lines: Vec<_> = text.lines().collect();
+        assert_eq!(lines[1], "20261120T101503Z-ab12cd  success          3.5 s      350  1.50 mm");
+        assert!(lines[2].contains("incomplete") && lines[2].ends_with('-'), "{text}");
+
+        let text = show(dir.path(), Action::Show { run: "20261120T101503Z-ab12cd".into() });
+        assert!(text.contains("fit error  1.500 mm") && text.contains("lost       2 images"), "{text}");
+        let by_path = cut_short.path().to_str().unwrap().to_owned();
+        let text = show(dir.path(), Action::Show { run: by_path });
+        assert!(text.contains("incomplete") && text.contains("armed  {\"boot_id\":7}"), "{text}");
+    }
+
+    #[test]
+    fn missing_run_is_an_input_error() {
+        let dir = tempfile::tempdir().unwrap();
+        let args = Args {
+            runs_dir: dir.path().into(),
+            action: Action::Show { run: "20261120T101503Z-ab12cd".into() },
+        };
+        assert_eq!(run(&args).unwrap_err().exit_code(), 2);
+    }
+}

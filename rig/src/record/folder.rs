@@ -270,21 +270,30 @@ impl RunFolder {
     }
 }
 
-/// The run folders in `runs_dir`, oldest first; what cannot be opened comes with the reason.
+/// One run of a runs folder.
+#[derive(Debug)]
+pub struct Listed {
+    /// Its name.
+    pub id: RunId,
+    /// The run, or why it cannot be opened.
+    pub folder: Result<RunFolder, RecordError>,
+}
+
+/// The run folders in `runs_dir`, oldest first.
 ///
 /// # Errors
 /// [`RecordError::Io`] when `runs_dir` cannot be read.
-pub fn list(runs_dir: &Path) -> Result<Vec<(RunId, Result<RunFolder, RecordError>)>, RecordError> {
+pub fn list(runs_dir: &Path) -> Result<Vec<Listed>, RecordError> {
     let io = || RecordError::io("reading runs folder", runs_dir);
     let mut runs = Vec::new();
     for entry in std::fs::read_dir(runs_dir).map_err(io())? {
         let entry = entry.map_err(io())?;
         let name = entry.file_name().into_string().unwrap_or_default();
         if let Ok(id) = RunId::try_from(name) {
-            runs.push((id, RunFolder::open(&entry.path())));
+            runs.push(Listed { id, folder: RunFolder::open(&entry.path()) });
         }
     }
-    runs.sort_by(|(a, _), (b, _)| a.cmp(b));
+    runs.sort_by(|a, b| a.id.cmp(&b.id));
     Ok(runs)
 }
 
@@ -397,7 +406,7 @@ mod tests {
         std::fs::create_dir(dir.path().join("notes")).unwrap();
         let runs = list(dir.path()).unwrap();
         assert_eq!(runs.len(), 2);
-        assert!(runs[0].1.is_err());
-        assert_eq!(runs[1].0, run.start().id);
+        assert!(runs[0].folder.is_err());
+        assert_eq!(runs[1].id, run.start().id);
     }
 }

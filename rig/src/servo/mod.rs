@@ -1,6 +1,40 @@
 //! Servo boards: one trait, and serial, mock and replayed ones behind it.
 
+pub mod config;
+mod link;
+pub mod mock;
+pub mod pulse_log;
+pub mod replay;
+pub mod serial;
+#[cfg(test)]
+mod tests;
+
+pub use config::{BoardKind, ServoChannel, ServoConfig};
+pub use mock::{BoardFault, MockBoard, MockOptions, MockServo};
+pub use replay::{NoBoard, ReplayBoard};
+pub use serial::SerialBoard;
+
 use crate::clock::MonotonicNs;
+use crate::tank::PulseSink;
+
+/// Opens the board that `config` names. `mock` says what a mock board is like and where its pulses go; the other
+/// kinds have no use for it.
+///
+/// # Errors
+/// As [`SerialBoard::open`].
+pub fn open(
+    config: &ServoConfig,
+    mock: (MockOptions, Box<dyn PulseSink>),
+) -> Result<Box<dyn ServoBoard>, ServoError> {
+    Ok(match config.kind {
+        BoardKind::None => Box::new(NoBoard::default()),
+        BoardKind::Mock => Box::new(MockServo::open(config, mock.0, mock.1)?),
+        BoardKind::Serial => {
+            let port = config.port.as_deref().unwrap_or_default();
+            Box::new(SerialBoard::open(port, config, false)?)
+        }
+    })
+}
 
 /// A board that moves the mechanism. Calls block briefly (at most about 100 ms); the link to a real board keeps
 /// itself alive on a thread of its own.

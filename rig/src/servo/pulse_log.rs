@@ -1,0 +1,149 @@
+//! The pulses of a mock board in a file, so that a mock camera in another process can follow them.
+//!
+//! One line per change, `monotonic_ns,channel,pulse_us` with `-` for a detached channel, written whole and at
+//! once. CLOCK_MONOTONIC is the same for all processes of a machine, so the stamps need no translation.
+
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use crate::clock::MonotonicNs;
+use crate::tank::PulseSink;
+
+/// Appends pulses to a log.
+#[derive(Debug)]
+pub struct PulseLogWriter {
+    path: PathBuf,
+    file: File,
+    failed: bool,
+}
+
+impl PulseLogWriter {
+    /// Opens the log at `path` to append to it, and makes it where there is none.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn append(path: &Path) -> std::io::Result<Self> {
+        let file = OpenOptions::new().create(true).append(true).open(path)?;
+        Ok(Self { path: path.into(), file, failed: false })
+    }
+}
+
+impl PulseSink for PulseLogWriter {
+    fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs) {
+        let line = match pulse_us {
+            Some(us) => format!("{},{channel},{us}\n", at.0),
+            None => format!("{},{channel},-\n", at.0),
+        };
+        // A pulse train has nobody to return an error to: say it once, go on moving the mechanism.
+        if let Err(error) = self.file.write_all(line.as_bytes())
+            && !std::mem::replace(&mut self.failed, true)
+        {
+            tracing::error!(
+                "writing pulses to {}: {error}; the mock camera will not see them",
+                self.path.display()
+            );
+        }
+    }
+}
+
+/// Follows a log while it grows.
+#[derive(Debug)]
+pub struct PulseLogReader {
+    path: PathBuf,
+    file: Option<File>,
+    position: u64,
+    /// A line not yet ended.
+    rest: Vec<u8>,
+    malformed: u64,
+}
+
+impl PulseLogReader {
+    /// A reader of the log at `path`, from its beginning; the log may come into being later.
+    pub fn new(path: &Path) -> Self {
+        Self { path: path.into(), file: None, position: 0, rest: Vec::new(), malformed: 0 }
+    }
+
+    /// The whole lines added since the last call, in the order written: time, channel, pulse \[µs\].
+    /// A log that became shorter is a new one and read from its beginning; a line that is none is counted.
+    pub fn poll(&mut self) -> Vec<(MonotonicNs, u8, Option<u16>)> {
+        match self.read_on() {
+            Ok(()) => {}
+            Err(error) => {
+                tracing::debug!("reading pulses from {}: {error}", self.path.display());
+                self.file = None;
+            }
+        }
+        let Some(end) = self.rest.iter().rposition(|&b| b == b'\n') else { return Vec::new() };
+        let lines: Vec<u8> = self.rest.drain(..=end).collect();
+        let mut pulses = Vec::new();
+        for line in lines.split(|&b| b == b'\n').filter(|line| !line.is_empty()) {
+            match parse(line) {
+                Some(pulse) => pulses.push(pulse),
+                None => self.malformed += 1,
+            }
+        }
+        pulses
+    }
+
+    /// Lines so far that were none.
+    pub fn malformed(&self) -> u64 {
+        self.malformed
+    }
+
+    fn read_on(&mut self) -> std::io::Result<()> {
+        let file = match &mut self.file {
+            Some(file) => file,
+            None => match File::open(&self.path) {
+                Ok(file) => self.file.insert(file),
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+                Err(error) => return Err(error),
+            },
+        };
+        if file.metadata()?.len() < self.position {
+            self.position = 0;
+            self.rest.clear();
+        }
+        file.seek(SeekFrom::Start(self.position))?;
+        self.position += file.read_to_end(&mut self.rest)? as u64;
+        Ok(())
+    }
+}
+
+fn parse(line: &[u8]) -> Option<(MonotonicNs, u8, Option<u16>)> {
+    let mut fields = std::str::from_utf8(line).ok()?.split(',');
+    let at = MonotonicNs(fields.next()?.parse().ok()?);
+    let channel = fields.next()?.parse().ok()?;
+    let pulse_us = match fields.next()? {
+        "-" => None,
+        us => Some(us.parse().ok()?),
+    };
+    fields.next().is_none().then_some((at, channel, pulse_us))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reader_follows_writer_across_a_torn_line_and_a_new_log() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("servo.log");
+        let mut reader = PulseLogReader::new(&path);
+        assert_eq!(reader.poll(), []);
+
+        let mut writer = PulseLogWriter::append(&path).unwrap();
+        writer.pulse(0, Some(1500), MonotonicNs(7));
+        assert_eq!(reader.poll(), [(MonotonicNs(7), 0, Some(1500))]);
+        assert_eq!(reader.poll(), []);
+
+        writer.file.write_all(b"9,1").unwrap();
+        assert_eq!(reader.poll(), []);
+        writer.file.write_all(b",-\nrubbish\n").unwrap();
+        assert_eq!(reader.poll(), [(MonotonicNs(9), 1, None)]);
+        assert_eq!(reader.malformed(), 1);
+
+        std::fs::write(&path, "1,2,3\n").unwrap();
+        assert_eq!(reader.poll(), [(MonotonicNs(1), 2, Some(3))]);
+    }
+}

@@ -1,0 +1,544 @@
+//! A board on a serial port.
+//!
+//! One thread owns the port: it reads, answers the clock, sends what the link wants sent. The owner's calls put one
+//! command under way and wait for its end; an e-stop goes ahead of it. A port that is gone ends the thread.
+
+use std::io::Write as _;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use firmware_protocol::VERSION;
+use firmware_protocol::command::{Command, MAX_SEGMENTS_PER_PACKET, Segment, Segments};
+use firmware_protocol::event::{Ack, Event, Fault, Identity, Refusal, Status};
+use firmware_protocol::units::{Channel, DurationMs, DurationUs, PulseWidthUs, Ticks};
+use serialport::SerialPort;
+
+use super::link::{Link, Trouble};
+use super::{BoardInfo, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome};
+use crate::clock::{ClockFit, MonotonicNs};
+use crate::profile::PulseProfile;
+
+/// Longest the thread sleeps in a read: what an e-stop may wait for it.
+const READ_TIMEOUT: Duration = Duration::from_millis(2);
+/// Opening a port may reset the board behind it, which then takes up to 3 s to come up.
+const HELLO_TIMEOUT: Duration = Duration::from_secs(3);
+const HELLO_EVERY: Duration = Duration::from_millis(200);
+/// Pings at the start, for a clock good enough to arm by.
+const BURST: u32 = 8;
+/// A command's three tries take 175 ms; more means that the thread is held up.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
+/// How long an e-stop is repeated before the board is left to its dead-man.
+const STOP_TIMEOUT: Duration = Duration::from_millis(200);
+/// Arming by a clock worse than this would start the profile at a time not known well enough \[s\].
+const MAX_CLOCK_SIGMA_S: f64 = 1e-3;
+
+/// A board on a serial port.
+pub struct SerialBoard {
+    port_name: String,
+    info: BoardInfo,
+    identity: Identity,
+    shared: Arc<Shared>,
+    /// The port once more, to drop DTR while the thread may be held up.
+    port: Box<dyn SerialPort>,
+    thread: Option<JoinHandle<()>>,
+}
+
+struct Shared {
+    link: Mutex<Link>,
+    changed: Condvar,
+    quit: std::sync::atomic::AtomicBool,
+}
+
+impl Shared {
+    fn link(&self) -> MutexGuard<'_, Link> {
+        // A panic elsewhere must not keep anybody from the e-stop.
+        self.link.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until `done` says what for, at most `timeout`.
+    fn wait<T>(
+        &self,
+        mut link: MutexGuard<'_, Link>,
+        timeout: Duration,
+        mut done: impl FnMut(&mut Link) -> Option<T>,
+    ) -> Option<T> {
+        let deadline = Instant::now() + timeout;
+        loop {
+            if let Some(found) = done(&mut link) {
+                return Some(found);
+            }
+            let left = deadline.checked_duration_since(Instant::now())?;
+            link = self.changed.wait_timeout(link, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+}
+
+impl SerialBoard {
+    /// Opens the port named `port_name`, shakes hands, configures the board's channels and starts its heartbeat.
+    ///
+    /// A fault latched because a host fell silent, stopped the board or restarted is acknowledged, with a note: to
+    /// open a board is to say that one knows. One the board found itself (supply, overload, watchdog) is not, unless
+    /// `acknowledge` says so.
+    ///
+    /// # Errors
+    /// [`ServoError::Open`], [`ServoError::Handshake`], [`ServoError::Fault`], [`ServoError::Refused`].
+    pub fn open(port_name: &str, config: &ServoConfig, acknowledge: bool) -> Result<Self, ServoError> {
+        let port = open_port(port_name, config.baud)?;
+        let clone = |port: &dyn SerialPort| {
+            port.try_clone()
+                .map_err(|error| ServoError::Open { port: port_name.into(), why: error.to_string() })
+        };
+        let silence_s = f64::from(config.dead_man_ms) * 1e-3;
+        let now = MonotonicNs::now();
+        let shared = Arc::new(Shared {
+            link: Mutex::new(Link::new(silence_s, now.0 as u16, now)),
+            changed: Condvar::new(),
+            quit: false.into(),
+        });
+        let thread = {
+            let (shared, port) = (Arc::clone(&shared), clone(&*port)?);
+            std::thread::Builder::new()
+                .name("servo link".into())
+                .spawn(move || converse(port, &shared))
+                .map_err(|error| ServoError::Open { port: port_name.into(), why: error.to_string() })?
+        };
+        let nobody = Identity {
+            boot_id: 0,
+            channels: 0,
+            max_segments: 0,
+            firmware: firmware_protocol::units::Name::new("unknown").expect("a printable name"),
+        };
+        let info = BoardInfo { name: port_name.into(), protocol_version: VERSION, boot_id: 0, channels: 0 };
+        let mut board =
+            Self { port_name: port_name.into(), info, identity: nobody, shared, port, thread: Some(thread) };
+        board.shake_hands()?;
+        board.set_up(config, acknowledge)?;
+        Ok(board)
+    }
+
+    /// The line between the board's ticks and the host's clock, from the last minute's pings.
+    pub fn clock(&self) -> Option<ClockFit> {
+        ClockFit::new(self.shared.link().samples())
+    }
+
+    fn shake_hands(&mut self) -> Result<(), ServoError> {
+        let deadline = Instant::now() + HELLO_TIMEOUT;
+        let (identity, version) = loop {
+            let mut link = self.shared.link();
+            link.ask(Command::Hello, MonotonicNs::now());
+            let answered = self.shared.wait(link, HELLO_EVERY, |link| match link.take_answer() {
+                Some(Ok(Event::Hello(_))) => link.board,
+                _ => None,
+            });
+            if let Some(board) = answered {
+                break board;
+            }
+            let mut link = self.shared.link();
+            if let Some(Trouble::Gone(why)) = link.take_trouble() {
+                return Err(ServoError::Lost { port: self.port_name.clone(), why });
+            }
+            if Instant::now() > deadline {
+                return Err(ServoError::Handshake {
+                    port: self.port_name.clone(),
+                    why: no_hello(link.bytes, link.damaged),
+                });
+            }
+        };
+        if version != VERSION {
+            return Err(ServoError::Handshake {
+                port: self.port_name.clone(),
+                why: format!(
+                    "firmware `{}` speaks protocol version {version}, this program {VERSION}; flash firmware of version \
+                     {VERSION} (status and estop work meanwhile)",
+                    identity.firmware
+                ),
+            });
+        }
+        self.identity = identity;
+        self.info = BoardInfo {
+            name: format!("{} ({})", self.port_name, identity.firmware),
+            protocol_version: version,
+            boot_id: identity.boot_id,
+            channels: identity.channels,
+        };
+        Ok(())
+    }
+
+    fn set_up(&mut self, config: &ServoConfig, acknowledge: bool) -> Result<(), ServoError> {
+        let status = self.status()?;
+        let ours = matches!(status.fault, Fault::DeadMan | Fault::EStop | Fault::HostRestarted);
+        if status.fault != Fault::None {
+            if !ours && !acknowledge {
+                let reason =
+                    format!("{}; latched since before this session, acknowledge it first", status.fault);
+                return Err(ServoError::Fault { reason });
+            }
+            self.request("acknowledge", Command::Acknowledge(status.fault))?;
+            self.shared.link().note(format!("board had stopped before ({}); acknowledged", status.fault));
+        }
+        // From the hello on the dead-man watches; the commands so far kept it quiet.
+        let mut link = self.shared.link();
+        link.keep_alive(BURST, MonotonicNs::now());
+        link.expect_fault(Fault::None);
+        match link.take_trouble() {
+            // The one acknowledged, should the board have told of it.
+            None | Some(Trouble::Fault(_)) => drop(link),
+            Some(trouble) => {
+                drop(link);
+                return Err(self.error(trouble));
+            }
+        }
+        for channel in &config.channels {
+            let wire = channel.to_wire().ok_or_else(|| ServoError::Refused {
+                request: format!("configuring channel `{}`", channel.name),
+                why: "its name does not fit; use 1 to 16 ASCII characters".into(),
+            })?;
+            self.request(&format!("configuring channel `{}`", channel.name), Command::Configure(wire))?;
+        }
+        let timing = Command::Timing {
+            dead_man: DurationMs(config.dead_man_ms),
+            telemetry: DurationMs(config.telemetry_ms),
+        };
+        self.request("setting the dead-man", timing)?;
+        let link = self.shared.link();
+        self.shared.wait(link, ANSWER_TIMEOUT, |link| link.burst_is_over().then_some(()));
+        Ok(())
+    }
+
+    /// How the board is.
+    ///
+    /// # Errors
+    /// [`ServoError::Lost`] when it does not answer.
+    pub fn status(&mut self) -> Result<Status, ServoError> {
+        match self.ask("status", Command::Status)? {
+            Event::Status(status) => Ok(status),
+            other => Err(self.nonsense("status", &other)),
+        }
+    }
+
+    /// Puts one command under way and waits for its end.
+    fn ask(&mut self, request: &str, command: Command) -> Result<Event, ServoError> {
+        let mut link = self.shared.link();
+        link.ask(command, MonotonicNs::now());
+        let answer = self.shared.wait(link, ANSWER_TIMEOUT, Link::take_answer);
+        if let Some(Ok(event)) = answer {
+            return Ok(event);
+        }
+        let trouble = self.shared.link().take_trouble();
+        Err(match trouble {
+            Some(trouble) => self.error(trouble),
+            None => ServoError::Lost {
+                port: self.port_name.clone(),
+                why: format!("no answer to {request}, sent 3 times; check cable and supply"),
+            },
+        })
+    }
+
+    /// A command whose answer is but an acknowledgement.
+    fn request(&mut self, request: &str, command: Command) -> Result<(), ServoError> {
+        match self.ask(request, command)? {
+            Event::Ack(Ack { refusal: Refusal::None, .. }) => Ok(()),
+            Event::Ack(ack) => Err(ServoError::Refused { request: request.into(), why: explain(&ack) }),
+            other => Err(self.nonsense(request, &other)),
+        }
+    }
+
+    fn nonsense(&self, request: &str, answer: &Event) -> ServoError {
+        let why = format!("{request} was answered by {answer:?}; its firmware is at fault");
+        ServoError::Handshake { port: self.port_name.clone(), why }
+    }
+
+    fn error(&self, trouble: Trouble) -> ServoError {
+        let port = self.port_name.clone();
+        match trouble {
+            Trouble::Silent(silent_s, damaged) => {
+                let why = format!(
+                    "nothing valid for {:.0} ms ({damaged} damaged packets since opening); check cable and supply",
+                    silent_s * 1e3
+                );
+                ServoError::Lost { port, why }
+            }
+            Trouble::Gone(why) => ServoError::Lost { port, why },
+            Trouble::Restarted { before, after } => ServoError::Restarted { port, before, after },
+            Trouble::Fault(fault) => ServoError::Fault { reason: fault.text().into() },
+        }
+    }
+
+    fn upload(&mut self, profile: &PulseProfile) -> Result<u16, ServoError> {
+        let count: usize = profile.tracks.iter().map(|track| track.segments.len()).sum();
+        let too_many = || ServoError::Refused {
+            request: "uploading the profile".into(),
+            why: format!(
+                "{count} segments, and the board holds {}; reduce cycles",
+                self.identity.max_segments
+            ),
+        };
+        let total = u16::try_from(count).map_err(|_| too_many())?;
+        if total > self.identity.max_segments {
+            return Err(too_many());
+        }
+        self.request("clearing the profile", Command::Clear)?;
+        for track in &profile.tracks {
+            let (channel, request) =
+                (Channel(track.channel), format!("uploading the profile of channel {}", track.channel));
+            let start_pulse = PulseWidthUs(track.start_pulse_us);
+            // The whole fits in u16, so does a part.
+            let announce = Command::Track { channel, start_pulse, segments: track.segments.len() as u16 };
+            self.request(&request, announce)?;
+            let wire: Vec<Segment> = track
+                .segments
+                .iter()
+                .map(|&(us, pulse)| Segment { duration: DurationUs(us), end_pulse: PulseWidthUs(pulse) })
+                .collect();
+            for (part, first) in
+                wire.chunks(MAX_SEGMENTS_PER_PACKET).zip((0u16..).step_by(MAX_SEGMENTS_PER_PACKET))
+            {
+                if let Some(segments) = Segments::new(part) {
+                    self.request(&request, Command::Segments { channel, first, segments })?;
+                }
+            }
+        }
+        Ok(total)
+    }
+}
+
+impl ServoBoard for SerialBoard {
+    fn info(&self) -> &BoardInfo {
+        &self.info
+    }
+
+    fn arm(&mut self, profile: &PulseProfile, start: MonotonicNs) -> Result<(), ServoError> {
+        let segments = self.upload(profile)?;
+        let refused = |why: String| ServoError::Refused { request: "arming".into(), why };
+        let clock = self.clock().ok_or_else(|| refused("no clock pings answered yet; try again".into()))?;
+        let sigma_s = clock.sigma_s(start);
+        if sigma_s > MAX_CLOCK_SIGMA_S {
+            return Err(refused(format!(
+                "the board's clock is known to {:.1} ms only, limit {:.1} ms; shortest round trip {:.1} ms: set a USB \
+                 bridge's latency timer to 1 ms, or relieve this computer",
+                sigma_s * 1e3,
+                MAX_CLOCK_SIGMA_S * 1e3,
+                clock.round_trip_min_s * 1e3
+            )));
+        }
+        let tick_us = clock.board_tick_us(start);
+        self.request("arming", Command::Arm { start: Ticks(tick_us as u32), segments })?;
+        self.shared.link().armed(tick_us, tick_us + profile.duration_us());
+        Ok(())
+    }
+
+    fn jog(&mut self, channel: u8, pulse_us: u16, duration_s: f64) -> Result<(), ServoError> {
+        let us = (duration_s * 1e6).round();
+        if !(0.0..=f64::from(u32::MAX)).contains(&us) {
+            let why = format!("{duration_s} s is no duration between 0 and 4294 s");
+            return Err(ServoError::Refused { request: "jog".into(), why });
+        }
+        let (pulse, duration) = (PulseWidthUs(pulse_us), DurationUs(us as u32));
+        self.request("jog", Command::Jog { channel: Channel(channel), pulse, duration })
+    }
+
+    fn poll(&mut self) -> Result<Vec<ServoEvent>, ServoError> {
+        let mut link = self.shared.link();
+        match link.take_trouble() {
+            Some(trouble) => {
+                drop(link);
+                Err(self.error(trouble))
+            }
+            None => Ok(link.take_events()),
+        }
+    }
+
+    fn stop(&mut self) -> StopOutcome {
+        let mut link = self.shared.link();
+        link.e_stop();
+        let thread_lives = || self.thread.as_ref().is_some_and(|thread| !thread.is_finished());
+        let stopped = self.shared.wait(link, STOP_TIMEOUT, |link| {
+            if link.is_stopped() { Some(true) } else { (!thread_lives()).then_some(false) }
+        });
+        if stopped == Some(true) {
+            return StopOutcome::Acknowledged;
+        }
+        let mut link = self.shared.link();
+        link.mute();
+        // Boards with a USB port of their own stop when DTR falls. Where there is no such line it fails: no matter.
+        let dtr = self.port.write_data_terminal_ready(false);
+        link.note(match dtr {
+            Ok(()) => "e-stop not acknowledged: dropped DTR, left to the dead-man".to_owned(),
+            Err(error) => {
+                format!("e-stop not acknowledged: dropping DTR failed ({error}), left to the dead-man")
+            }
+        });
+        StopOutcome::LeftToDeadMan
+    }
+}
+
+impl Drop for SerialBoard {
+    fn drop(&mut self) {
+        if self.shared.link().is_armed() {
+            self.stop();
+        } else if self.identity.channels > 0 {
+            // Without it the dead-man would latch a fault. No harm if it does.
+            let _ = self.ask("goodbye", Command::Goodbye);
+        }
+        self.shared.quit.store(true, std::sync::atomic::Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Stops whatever board is on `port_name`, of whatever protocol version, without a session.
+///
+/// # Errors
+/// [`ServoError::Open`].
+pub fn emergency_stop(port_name: &str, baud: u32) -> Result<StopOutcome, ServoError> {
+    let mut link = bare_link();
+    link.e_stop();
+    let stopped = converse_until(port_name, baud, &mut link, |link| link.is_stopped().then_some(()))?;
+    Ok(stopped.map_or(StopOutcome::LeftToDeadMan, |()| StopOutcome::Acknowledged))
+}
+
+/// How the board on `port_name` is, of whatever protocol version, without a session.
+///
+/// # Errors
+/// [`ServoError::Open`]; [`ServoError::Handshake`] when nothing intelligible comes.
+pub fn query_status(port_name: &str, baud: u32) -> Result<Status, ServoError> {
+    let mut link = bare_link();
+    let status = converse_until(port_name, baud, &mut link, |link| match link.take_answer() {
+        Some(Ok(Event::Status(status))) => Some(status),
+        Some(_) => {
+            link.ask(Command::Status, MonotonicNs::now());
+            None
+        }
+        None => None,
+    })?;
+    let why = || no_hello(link.bytes, link.damaged);
+    status.ok_or_else(|| ServoError::Handshake { port: port_name.into(), why: why() })
+}
+
+fn bare_link() -> Link {
+    let now = MonotonicNs::now();
+    let mut link = Link::new(f64::INFINITY, now.0 as u16, now);
+    link.ask(Command::Status, now);
+    link
+}
+
+fn converse_until<T>(
+    port_name: &str,
+    baud: u32,
+    link: &mut Link,
+    mut done: impl FnMut(&mut Link) -> Option<T>,
+) -> Result<Option<T>, ServoError> {
+    let mut port = open_port(port_name, baud)?;
+    let deadline = Instant::now() + HELLO_TIMEOUT;
+    while Instant::now() < deadline {
+        while let Some(line) = link.next_packet(MonotonicNs::now()) {
+            if port.write_all(&line).is_err() {
+                return Ok(None);
+            }
+        }
+        match read(&mut *port) {
+            Read::Bytes(bytes, length) => link.receive(&bytes[..length], MonotonicNs::now()),
+            Read::Nothing => {}
+            Read::Gone(_) => return Ok(None),
+        }
+        if let Some(found) = done(link) {
+            return Ok(Some(found));
+        }
+    }
+    Ok(None)
+}
+
+/// The thread: reads first, judges silence after, so that its own lateness is not taken for the board's.
+fn converse(mut port: Box<dyn SerialPort>, shared: &Shared) {
+    while !shared.quit.load(std::sync::atomic::Ordering::Relaxed) {
+        let read = read(&mut *port);
+        let now = MonotonicNs::now();
+        let mut link = shared.link();
+        match read {
+            Read::Bytes(bytes, length) => link.receive(&bytes[..length], now),
+            Read::Nothing => {}
+            Read::Gone(why) => {
+                link.gone(why);
+                // Whoever waits for an answer shall not.
+                link.next_packet(now);
+                shared.changed.notify_all();
+                return;
+            }
+        }
+        while let Some(line) = link.next_packet(MonotonicNs::now()) {
+            // A line that takes nothing is one that answers nothing: silence or the next read will say so.
+            if let Err(error) = port.write_all(&line) {
+                tracing::debug!("writing to the servo board: {error}");
+                break;
+            }
+        }
+        drop(link);
+        shared.changed.notify_all();
+    }
+}
+
+enum Read {
+    Bytes([u8; 256], usize),
+    Nothing,
+    Gone(String),
+}
+
+fn read(port: &mut dyn SerialPort) -> Read {
+    use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
+    let mut bytes = [0; 256];
+    match port.read(&mut bytes) {
+        // The end, not "nothing yet": whoever reads on spins.
+        Ok(0) => Read::Gone("port closed; unplugged?".into()),
+        Ok(length) => Read::Bytes(bytes, length),
+        Err(error) if matches!(error.kind(), TimedOut | WouldBlock | Interrupted) => Read::Nothing,
+        Err(error) => Read::Gone(format!("{error}; unplugged?")),
+    }
+}
+
+fn open_port(port_name: &str, baud: u32) -> Result<Box<dyn SerialPort>, ServoError> {
+    use serialport::ErrorKind;
+    serialport::new(port_name, baud).timeout(READ_TIMEOUT).open().map_err(|error| {
+        let why = match error.kind() {
+            // The crate says "no device" both when it is locked and when another program has it exclusively.
+            ErrorKind::NoDevice if std::path::Path::new(port_name).exists() => {
+                "in use by another program; end that one first (fuser -v shows it)".into()
+            }
+            ErrorKind::NoDevice | ErrorKind::Io(std::io::ErrorKind::NotFound) => {
+                "no such port; check the cable, `rig list` shows what is there".into()
+            }
+            ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => {
+                "permission denied; add yourself to the group that owns it (often dialout) and log in anew"
+                    .into()
+            }
+            _ => error.to_string(),
+        };
+        ServoError::Open { port: port_name.into(), why }
+    })
+}
+
+fn no_hello(bytes: u64, damaged: u64) -> String {
+    let waited_s = HELLO_TIMEOUT.as_secs();
+    match bytes {
+        0 => {
+            format!("nothing came within {waited_s} s; check power, cable and that this is the board's port")
+        }
+        _ => format!(
+            "{bytes} bytes within {waited_s} s, {damaged} damaged packets and no answer to hello; wrong baud rate, or \
+             another device"
+        ),
+    }
+}
+
+/// A refusal in words: which channel, limit, request.
+fn explain(ack: &Ack) -> String {
+    let mut text = String::from(ack.refusal.text());
+    if let Some(channel) = ack.channel {
+        text.push_str(&format!(", channel {channel}"));
+    }
+    if ack.limit != 0 || ack.got != 0 {
+        text.push_str(&format!(" (limit {}, got {})", ack.limit, ack.got));
+    }
+    text
+}

@@ -1,0 +1,328 @@
+//! Host and mock board over a real pseudo-terminal, in real time.
+
+use std::os::fd::AsFd;
+use std::sync::{Arc, Mutex, OnceLock};
+use std::time::{Duration, Instant};
+
+use super::config::tests::example;
+use super::*;
+use crate::clock::{ClockFit, Ping};
+use crate::profile::{Profile, PulseProfile, PulseTrack};
+
+type Log = Arc<Mutex<Vec<(u8, Option<u16>, MonotonicNs)>>>;
+
+#[derive(Clone, Default)]
+struct Recorder(Log);
+
+impl PulseSink for Recorder {
+    fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs) {
+        self.0.lock().unwrap().push((channel, pulse_us, at));
+    }
+}
+
+impl Recorder {
+    fn last(&self) -> Option<(u8, Option<u16>, MonotonicNs)> {
+        self.0.lock().unwrap().last().copied()
+    }
+}
+
+fn options(faults: &[(f64, BoardFault)]) -> MockOptions {
+    let run_start = Arc::new(OnceLock::new());
+    run_start.set(MonotonicNs::now()).unwrap();
+    MockOptions { faults: faults.to_vec(), run_start, boot_id: 7, drift_ppm: 80.0, ..MockOptions::default() }
+}
+
+/// A mock board with the example's channel at its centre, whose fault begins `after_s` from now.
+fn ready(fault: Option<(f64, BoardFault)>, dead_man_ms: u16) -> (MockServo, Recorder) {
+    let recorder = Recorder::default();
+    let config = ServoConfig { dead_man_ms, ..example() };
+    let options = options(&[]);
+    let (run_start, faults) = (Arc::new(OnceLock::new()), fault.into_iter().collect());
+    let options = MockOptions { run_start: Arc::clone(&run_start), faults, ..options };
+    let mut board = MockServo::open(&config, options, Box::new(recorder.clone())).unwrap();
+    board.jog(0, 1500, 0.0).unwrap();
+    run_start.set(MonotonicNs::now()).unwrap();
+    (board, recorder)
+}
+
+/// Whole microseconds at each update: 1 µs/ms up, 2 µs/ms down.
+fn two_to_one(cycles: usize) -> PulseProfile {
+    let mut segments = vec![(100_000, 1600)];
+    for _ in 1..cycles {
+        segments.extend([(100_000, 1400), (200_000, 1600)]);
+    }
+    segments.extend([(100_000, 1400), (100_000, 1500)]);
+    PulseProfile { tracks: vec![PulseTrack { channel: 0, start_pulse_us: 1500, segments }] }
+}
+
+fn poll_until<T>(
+    board: &mut dyn ServoBoard,
+    timeout: Duration,
+    mut found: impl FnMut(Result<ServoEvent, ServoError>) -> Option<T>,
+) -> T {
+    let deadline = Instant::now() + timeout;
+    while Instant::now() < deadline {
+        match board.poll() {
+            Ok(events) => {
+                if let Some(found) = events.into_iter().find_map(|event| found(Ok(event))) {
+                    return found;
+                }
+            }
+            Err(error) => {
+                if let Some(found) = found(Err(error)) {
+                    return found;
+                }
+            }
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    panic!("not within {timeout:?}");
+}
+
+fn first_error(board: &mut dyn ServoBoard) -> ServoError {
+    poll_until(board, Duration::from_secs(5), Result::err)
+}
+
+#[test]
+fn profile_is_played_with_exact_timing_over_a_real_port() {
+    let (mut board, recorder) = ready(None, 2000);
+    let profile = two_to_one(4);
+    let start = MonotonicNs::now().plus_seconds(0.3);
+    board.arm(&profile, start).unwrap();
+    let (mut pings, mut started, mut reported) = (Vec::new(), None, Vec::new());
+    let finished = poll_until(&mut board, Duration::from_secs(10), |event| {
+        match event.unwrap() {
+            ServoEvent::Ping { sent, board_tick_us, received } => {
+                pings.push(Ping { sent, board_tick_us, received });
+            }
+            ServoEvent::Pulse { channel: 0, board_tick_us, pulse_us } => {
+                reported.push((board_tick_us, pulse_us));
+            }
+            ServoEvent::Started { board_tick_us } => started = Some(board_tick_us),
+            ServoEvent::Finished { board_tick_us } => return Some(board_tick_us),
+            _ => {}
+        }
+        None
+    });
+    let started = started.expect("told");
+    assert_eq!(finished - started, 1_200_000);
+
+    let pulses = recorder.0.lock().unwrap();
+    let at = |pulse| -> Vec<f64> {
+        pulses.iter().filter(|p| p.1 == Some(pulse)).map(|p| p.2.seconds_since(start)).collect()
+    };
+    let (tops, bottoms) = (at(1600), at(1400));
+    assert_eq!((tops.len(), bottoms.len()), (4, 4));
+    for cycle in 1..4 {
+        let (ccw, cw) = (tops[cycle] - bottoms[cycle - 1], bottoms[cycle] - tops[cycle]);
+        // The mock's stamps are whole nanoseconds.
+        assert!((ccw / cw - 2.0).abs() < 1e-7, "{ccw} s and {cw} s");
+    }
+    // The start the host asked for, against the mock's true clock.
+    let clock = ClockFit::new(&pings).unwrap();
+    let error_s = tops[0] - 0.1;
+    let sigma_s = clock.sigma_s(start);
+    println!(
+        "start off by {:.1} µs; clock sigma {:.1} µs, shortest round trip {:.0} µs, drift {:.1} ppm (true 80), {} pings, {} dropped",
+        error_s * 1e6,
+        sigma_s * 1e6,
+        clock.round_trip_min_s * 1e6,
+        clock.drift_ppm(),
+        clock.used,
+        clock.dropped
+    );
+    assert!(error_s.abs() < 1e-3, "{error_s} s");
+    // What telemetry tells lies on the profile.
+    assert!(reported.len() > 40);
+    for (tick, pulse) in reported.iter().filter(|(tick, _)| (started..finished).contains(tick)) {
+        let us = tick - started;
+        let corners: Vec<_> = profile.tracks[0].corners().collect();
+        let next = corners.partition_point(|&(corner, _)| corner <= us).min(corners.len() - 1);
+        let ((t0, p0), (t1, p1)) = (corners[next - 1], corners[next]);
+        let expected = f64::from(p0) + (f64::from(p1) - f64::from(p0)) * (us - t0) as f64 / (t1 - t0) as f64;
+        let difference = f64::from(pulse.unwrap()) - expected;
+        // Updated each millisecond at 2 µs/ms at most.
+        assert!(difference.abs() <= 2.5, "{difference} µs at {us} µs");
+    }
+    // Another session finds a board at rest, not a latched fault.
+    assert_eq!(board.stop(), StopOutcome::Acknowledged);
+}
+
+#[test]
+fn e_stop_is_acknowledged_fast_and_the_pulses_end() {
+    let (mut board, recorder) = ready(None, 2000);
+    board.arm(&two_to_one(20), MonotonicNs::now().plus_seconds(0.1)).unwrap();
+    poll_until(&mut board, Duration::from_secs(3), |event| {
+        matches!(event.unwrap(), ServoEvent::Started { .. }).then_some(())
+    });
+    std::thread::sleep(Duration::from_millis(50));
+    let asked = MonotonicNs::now();
+    assert_eq!(board.stop(), StopOutcome::Acknowledged);
+    let took_s = MonotonicNs::now().seconds_since(asked);
+    std::thread::sleep(Duration::from_millis(100));
+    let last = recorder.last().unwrap();
+    println!(
+        "e-stop acknowledged after {:.1} ms, last pulse {:.1} ms after it",
+        took_s * 1e3,
+        last.2.seconds_since(asked) * 1e3
+    );
+    assert!(last.2.seconds_since(asked) < took_s);
+    // The host's own stop is no trouble, and a second one is as good.
+    assert!(board.poll().is_ok());
+    assert_eq!(board.stop(), StopOutcome::Acknowledged);
+    let refused = board.jog(0, 1500, 1.0).unwrap_err().to_string();
+    assert!(refused.contains("fault is latched"), "{refused}");
+}
+
+#[test]
+fn board_that_vanishes_mid_profile_is_lost_at_once_and_stops_by_itself() {
+    let (mut board, recorder) = ready(Some((0.5, BoardFault::Off)), 500);
+    board.arm(&two_to_one(20), MonotonicNs::now().plus_seconds(0.2)).unwrap();
+    let error = first_error(&mut board);
+    let noticed = MonotonicNs::now();
+    assert!(matches!(error, ServoError::Lost { .. }), "{error}");
+    println!("{error}");
+    let asked = Instant::now();
+    assert_eq!(board.stop(), StopOutcome::LeftToDeadMan);
+    assert!(asked.elapsed() < Duration::from_millis(300));
+    assert!(board.poll().is_ok(), "said once");
+    // The dead-man: the last pulse comes within its time of the loss.
+    std::thread::sleep(Duration::from_millis(900));
+    let last = recorder.last().unwrap();
+    assert!(last.2.seconds_since(noticed) < 0.55, "{} s", last.2.seconds_since(noticed));
+    assert!(matches!(board.jog(0, 1500, 1.0), Err(ServoError::Lost { .. })));
+}
+
+#[test]
+fn stuck_board_is_lost_and_left_to_its_dead_man_quickly() {
+    let (mut board, _) = ready(Some((0.2, BoardFault::Stuck)), 300);
+    let error = first_error(&mut board);
+    assert!(matches!(&error, ServoError::Lost { why, .. } if why.contains("nothing valid for 3")), "{error}");
+    let asked = Instant::now();
+    assert_eq!(board.stop(), StopOutcome::LeftToDeadMan);
+    println!("{error}; left to the dead-man after {:?}", asked.elapsed());
+    assert!(asked.elapsed() < Duration::from_millis(400));
+    let notes = board.poll().unwrap();
+    assert!(
+        notes.iter().any(|e| matches!(e, ServoEvent::Note { text } if text.contains("dropping DTR failed")))
+    );
+}
+
+#[test]
+fn damaged_answers_are_told_from_silence() {
+    let (mut board, _) = ready(Some((0.1, BoardFault::Garbage)), 300);
+    let error = first_error(&mut board);
+    let damaged = matches!(&error, ServoError::Lost { why, .. } if !why.contains("(0 damaged"));
+    assert!(damaged, "{error}");
+}
+
+#[test]
+fn restarted_board_is_told_by_its_boot_id() {
+    let (mut board, recorder) = ready(Some((0.3, BoardFault::Reset)), 1000);
+    board.arm(&two_to_one(20), MonotonicNs::now().plus_seconds(0.1)).unwrap();
+    let error = first_error(&mut board);
+    assert!(matches!(error, ServoError::Restarted { before: 7, after: 8, .. }), "{error}");
+    assert_eq!(recorder.last().unwrap().1, None);
+    assert_eq!(board.stop(), StopOutcome::Acknowledged);
+}
+
+#[test]
+fn slow_line_is_borne() {
+    let (mut board, _) = ready(Some((0.0, BoardFault::Slow)), 2000);
+    std::thread::sleep(Duration::from_millis(50));
+    for pulse in [1510, 1520, 1530] {
+        board.jog(0, pulse, 0.05).unwrap();
+        std::thread::sleep(Duration::from_millis(60));
+    }
+    assert!(board.poll().is_ok());
+}
+
+#[test]
+fn busy_missing_and_mute_ports_are_told_apart() {
+    let config = example();
+    let mock = MockBoard::start(options(&[]), Box::new(Recorder::default())).unwrap();
+    let port = mock.port().to_str().unwrap();
+    let first = SerialBoard::open(port, &config, false).unwrap();
+    let busy = SerialBoard::open(port, &config, false).err().unwrap().to_string();
+    assert!(busy.contains("in use by another program"), "{busy}");
+    drop(first);
+    let missing = SerialBoard::open("/dev/no-such-port", &config, false).err().unwrap().to_string();
+    assert!(missing.contains("no such port"), "{missing}");
+
+    let mute = rustix::pty::openpt(rustix::pty::OpenptFlags::RDWR).unwrap();
+    rustix::pty::grantpt(&mute).unwrap();
+    rustix::pty::unlockpt(&mute).unwrap();
+    let name = rustix::pty::ptsname(mute.as_fd(), Vec::new()).unwrap();
+    let name = name.to_str().unwrap().to_owned();
+    let babble = std::thread::scope(|scope| {
+        let open = scope.spawn(|| SerialBoard::open(&name, &config, false).err().unwrap().to_string());
+        std::thread::sleep(Duration::from_millis(500));
+        rustix::io::write(&mute, b"\x00\xf8\x00\xe0garbage\x00").unwrap();
+        open.join().unwrap()
+    });
+    assert!(babble.contains("wrong baud rate, or another device"), "{babble}");
+}
+
+#[test]
+fn fault_of_a_host_that_died_is_acknowledged_with_a_note_by_the_next() {
+    let mock = MockBoard::start(options(&[]), Box::new(Recorder::default())).unwrap();
+    let port = mock.port().to_str().unwrap();
+    assert_eq!(serial::emergency_stop(port, 115_200).unwrap(), StopOutcome::Acknowledged);
+    assert_eq!(serial::query_status(port, 115_200).unwrap().fault, firmware_protocol::event::Fault::EStop);
+    let mut board = SerialBoard::open(port, &example(), false).unwrap();
+    let notes = board.poll().unwrap();
+    let noted = |e: &ServoEvent| matches!(e, ServoEvent::Note { text } if text.contains("emergency stop"));
+    assert!(notes.iter().any(noted), "{notes:?}");
+    drop(board);
+    // A goodbye leaves no fault behind.
+    std::thread::sleep(Duration::from_millis(1100));
+    let status = serial::query_status(port, 115_200).unwrap();
+    assert_eq!(status.fault, firmware_protocol::event::Fault::None);
+}
+
+#[test]
+fn board_refuses_what_its_limits_forbid_with_the_limit() {
+    let (mut board, _) = ready(None, 2000);
+    let text = board.jog(0, 2500, 1.0).unwrap_err().to_string();
+    assert_eq!(
+        text,
+        "servo board refused jog: pulse is longer than the channel's limit, channel 0 (limit 2100, got 2500)"
+    );
+    let late = board.arm(&two_to_one(1), MonotonicNs::now()).unwrap_err().to_string();
+    assert!(late.contains("start tick is in the past or too near"), "{late}");
+    let long = PulseProfile {
+        tracks: vec![PulseTrack { channel: 0, start_pulse_us: 1500, segments: vec![(1000, 1500); 1025] }],
+    };
+    let long = board.arm(&long, MonotonicNs::now().plus_seconds(5.0)).unwrap_err().to_string();
+    assert!(long.contains("1025 segments, and the board holds 1024"), "{long}");
+    assert!(board.jog(0, 1500, f64::NAN).is_err());
+}
+
+#[test]
+fn config_opens_the_board_it_names() {
+    let mut none = open(&ServoConfig::none(), (options(&[]), Box::new(Recorder::default()))).unwrap();
+    assert_eq!(none.stop(), StopOutcome::NotNeeded);
+    assert!(none.arm(&PulseProfile::default(), MonotonicNs::now()).is_err());
+    let mut mock = open(&example(), (options(&[]), Box::new(Recorder::default()))).unwrap();
+    assert_eq!((mock.info().boot_id, mock.info().channels), (7, 16));
+    let text = "amplitude_rad = 0.3\nccw_s = 0.2\ncw_s = 0.1\ncycles = 1\n";
+    let profile = ident::strict::parse(text, std::path::Path::new("rig.toml")).unwrap();
+    let pulses = Profile::new(&profile).unwrap().pulses(&example()).unwrap();
+    mock.jog(0, pulses.tracks[0].start_pulse_us, 0.0).unwrap();
+    mock.arm(&pulses, MonotonicNs::now().plus_seconds(0.2)).unwrap();
+}
+
+#[test]
+fn replay_tells_all_events_in_order() {
+    let info = BoardInfo { name: "x".into(), protocol_version: 1, boot_id: 1, channels: 1 };
+    let events: Vec<_> = (0..600).map(|n| ServoEvent::Started { board_tick_us: n }).collect();
+    let mut board = ReplayBoard::new(info, events.clone());
+    let mut told = Vec::new();
+    loop {
+        match board.poll().unwrap() {
+            more if more.is_empty() => break,
+            more => told.extend(more),
+        }
+    }
+    assert_eq!(told, events);
+}

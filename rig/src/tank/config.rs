@@ -1,0 +1,109 @@
+//! The `[tank]` table: the simulated tank's own truth, of which neither servo config nor fit knows anything.
+
+use std::path::PathBuf;
+
+use ident::strict::{Finite, NonNegative, Positive};
+use serde::{Deserialize, Serialize};
+
+/// The simulated tank behind mock board and mock camera. Alone in a file, as `T/tank.toml`, it serves the mocks that are
+/// processes of their own.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TankConfig {
+    /// The mechanism as it really is: an MJCF file, beside the config.
+    pub model: PathBuf,
+    /// Coordinates at the beginning, as in the model's `qpos` \[rad\] or \[m\]. Default: the model's reference.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub initial_qpos: Vec<Finite>,
+    /// What keeps the mechanism in its initial pose. Default `nothing`.
+    #[serde(default)]
+    pub hold: Hold,
+    /// Time step of the simulation \[s\]. Default: the model's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub timestep_s: Option<Positive>,
+    /// Seed of the camera's noise. Default 1.
+    #[serde(default = "one")]
+    pub seed: u64,
+    /// The servos on the board.
+    #[serde(default)]
+    pub servo: Vec<TankServo>,
+    /// How the mechanism is let go; only for `hold = "release"`.
+    #[serde(default)]
+    pub release: Release,
+    /// What the camera sees of it.
+    pub view: TankView,
+}
+
+/// What keeps the mechanism in its initial pose.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Hold {
+    /// Nothing: it settles.
+    #[default]
+    Nothing,
+    /// A support, taken away when the first servo gets its first pulse.
+    FirstPulse,
+    /// A support line, until the release.
+    Release,
+}
+
+/// A hobby servo as it really is. It looks at its pulse once a period, turns towards it no faster than it can, and
+/// exerts no torque without a pulse.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TankServo {
+    /// The board's channel. Default 0.
+    #[serde(default)]
+    pub channel: u8,
+    /// The model's position actuator that it turns.
+    pub actuator: String,
+    /// Pulse at angle 0 \[µs\]. Default 1500.
+    #[serde(default = "zero_us")]
+    pub zero_us: Positive,
+    /// Pulse per angle \[µs/rad\]; negative where the servo is mounted the other way round. Default 600.
+    #[serde(default = "us_per_rad")]
+    pub us_per_rad: Finite,
+    /// Fastest turn \[rad/s\]. Default 8, 60 degrees in 0.13 s.
+    #[serde(default = "rate_limit")]
+    pub rate_limit_rad_per_s: Positive,
+    /// Time constant of its controller \[s\]. Default 0.02.
+    #[serde(default = "lag")]
+    pub lag_s: NonNegative,
+    /// Period of its pulses \[s\]. Default 0.02.
+    #[serde(default = "period")]
+    pub period_s: Positive,
+}
+
+/// How the mechanism is let go.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Release {
+    /// From being asked to letting go \[s\]. Default 0.
+    #[serde(default = "nothing")]
+    pub after_s: Option<NonNegative>,
+    /// Channel of a release actuator. Default: none, a hand lets go.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub channel: Option<u8>,
+    /// The release actuator lets go at this pulse and above \[µs\]. Default 1700.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub open_us: Option<u16>,
+}
+
+/// What the camera sees.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TankView {
+    /// Scale \[m/px\].
+    pub metres_per_pixel: Positive,
+    /// Where the world origin is seen \[px\].
+    pub origin_px: [Finite; 2],
+    /// Standard deviation of a pixel's noise \[grey levels\]. Default 2.
+    #[serde(default = "noise")]
+    pub noise_grey: NonNegative,
+    /// How much later than the start of exposure stamps really are \[s\]. Default 0.
+    #[serde(default = "no_latency")]
+    pub stamp_latency_s: NonNegative,
+    /// Standard deviation of the stamps \[s\]. Default 0.
+    #[serde(default = "no_latency")]
+    pub stamp_jitter_s: NonNegative,
+}
