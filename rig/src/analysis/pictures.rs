@@ -12,6 +12,7 @@ use crate::camera::decode;
 use crate::record::folder::{RunFolder, file};
 use crate::record::reader::{Item, Recording};
 use crate::report::{Overlay, ReportData};
+use crate::tank::render::{Look, Renderer};
 use crate::vision::extractor::{Extraction, Extractor, ImageRecord, LEARN_FROM, TimedImage};
 use crate::vision::{Plane, Status, VisionConfig};
 
@@ -132,7 +133,8 @@ impl<'a> Source<'a> {
 
 /// The fitted model in its initial pose, as the camera would see it.
 fn drawn(fitted: &Fitted, run: &FittedRun, like: &GrayImage, plane: &Plane) -> GrayImage {
-    let _ = (fitted, run, plane); like.clone()
+    let look = Look::plain(like.width(), like.height());
+    Renderer::new(plane.clone(), look).draw(&fitted.model, &run.initial.qpos)
 }
 
 /// The first image, evenly spread ones, and the first rejected one: an index into the records each.
