@@ -4,8 +4,6 @@
 
 mod bench;
 
-use std::fmt::Write as _;
-
 use firmware_protocol::command::{Command, SafeState, Segment, Segments};
 use firmware_protocol::event::Fault;
 use firmware_protocol::packet::Packet;
@@ -27,12 +25,6 @@ fn session_vector_and_board_agree() {
         sequence.0 += 1;
         command.encode(sequence)
     };
-    let say = |setup: &mut Setup, bytes: &[u8], text: &mut String| {
-        setup.silence_recorded(1_000, text);
-        writeln!(text, "{} > {}", setup.now.0, hex(bytes)).unwrap();
-        setup.board.receive(bytes, setup.now, &mut setup.bench);
-        setup.drain(text);
-    };
     let line = |us, pulse| Segment { duration: DurationUs(us), end_pulse: PulseWidthUs(pulse) };
     let segments = Segments::new(&[line(20_000, 1508), line(10_000, 1500)]).unwrap();
     let upload = [
@@ -43,10 +35,10 @@ fn session_vector_and_board_agree() {
         |pulse, us| Command::Jog { channel: SERVO, pulse: PulseWidthUs(pulse), duration: DurationUs(us) };
 
     // Before a hello, and by a host of another version.
-    say(&mut setup, &packet(Command::Abort).encode(), &mut text);
+    setup.say_recorded(&packet(Command::Abort).encode(), &mut text);
     let mut foreign = packet(Command::Ping);
     foreign.version = 9;
-    say(&mut setup, &foreign.encode(), &mut text);
+    setup.say_recorded(&foreign.encode(), &mut text);
     for command in [
         Command::Hello,
         Command::Configure(servo(SafeState::Park)),
@@ -56,41 +48,41 @@ fn session_vector_and_board_agree() {
         jog(2500, 1_000_000),
         jog(1600, 1),
     ] {
-        say(&mut setup, &packet(command).encode(), &mut text);
+        setup.say_recorded(&packet(command).encode(), &mut text);
     }
     // Garbage, a packet cut short and a damaged one: only the last packet is heard, and a resent one done once.
     let [track, segments] = upload.map(|command| packet(command).encode());
-    say(&mut setup, &[0x55; 100], &mut text);
-    say(&mut setup, &track[..9], &mut text);
+    setup.say_recorded(&[0x55; 100], &mut text);
+    setup.say_recorded(&track[..9], &mut text);
     let mut damaged = track.to_vec();
     damaged[4] ^= 0x10;
-    say(&mut setup, &damaged, &mut text);
+    setup.say_recorded(&damaged, &mut text);
     for bytes in [&track, &track, &segments, &segments] {
-        say(&mut setup, bytes, &mut text);
+        setup.say_recorded(bytes, &mut text);
     }
     // A whole profile, then silence until the dead-man parks the servo.
     let start = setup.now.plus(DurationUs(50_000));
     let too_late = Command::Arm { start: setup.now, segments: 2 };
-    say(&mut setup, &packet(too_late).encode(), &mut text);
-    say(&mut setup, &packet(Command::Arm { start, segments: 2 }).encode(), &mut text);
+    setup.say_recorded(&packet(too_late).encode(), &mut text);
+    setup.say_recorded(&packet(Command::Arm { start, segments: 2 }).encode(), &mut text);
     setup.silence_recorded(60_000, &mut text);
-    say(&mut setup, &packet(Command::Ping).encode(), &mut text);
+    setup.say_recorded(&packet(Command::Ping).encode(), &mut text);
     setup.silence_recorded(60_000, &mut text);
-    say(&mut setup, &packet(Command::Status).encode(), &mut text);
+    setup.say_recorded(&packet(Command::Status).encode(), &mut text);
     setup.silence_recorded(320_000, &mut text);
     // A new session, a profile aborted half-way, an e-stop, and the end.
     for command in [Command::Hello, jog(1400, 0), Command::Acknowledge(Fault::DeadMan), jog(1500, 50_000)] {
-        say(&mut setup, &packet(command).encode(), &mut text);
+        setup.say_recorded(&packet(command).encode(), &mut text);
     }
     setup.silence_recorded(60_000, &mut text);
     for command in upload {
-        say(&mut setup, &packet(command).encode(), &mut text);
+        setup.say_recorded(&packet(command).encode(), &mut text);
     }
     let start = setup.now.plus(DurationUs(10_000));
-    say(&mut setup, &packet(Command::Arm { start, segments: 2 }).encode(), &mut text);
+    setup.say_recorded(&packet(Command::Arm { start, segments: 2 }).encode(), &mut text);
     setup.silence_recorded(18_000, &mut text);
     for command in [Command::Abort, Command::EStop, Command::Acknowledge(Fault::EStop), Command::Goodbye] {
-        say(&mut setup, &packet(command).encode(), &mut text);
+        setup.say_recorded(&packet(command).encode(), &mut text);
     }
     setup.silence_recorded(300_000, &mut text);
 
@@ -99,31 +91,4 @@ fn session_vector_and_board_agree() {
         std::fs::write(path, &text).unwrap();
     }
     assert_eq!(text, std::fs::read_to_string(path).unwrap());
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
-}
-
-impl Setup {
-    fn silence_recorded(&mut self, wait_us: u32, text: &mut String) {
-        let until = self.now.plus(DurationUs(wait_us));
-        while let Some(due) = self.board.next_due().filter(|due| due.reached(until)) {
-            self.now = due;
-            self.board.advance(due, &mut self.bench);
-            self.drain(text);
-        }
-        self.now = until;
-    }
-
-    fn drain(&mut self, text: &mut String) {
-        for (channel, pulse, at) in self.bench.pulses.drain(..) {
-            let pulse = pulse.map_or("-".to_owned(), |p| p.to_string());
-            writeln!(text, "{at} {channel} {pulse}").unwrap();
-        }
-        if !self.bench.sent.is_empty() {
-            writeln!(text, "{} < {}", self.now.0, hex(&self.bench.sent)).unwrap();
-            self.bench.sent.clear();
-        }
-    }
 }
