@@ -116,9 +116,14 @@ fn any_command(dice: &mut Dice, setup: &Setup) -> Command {
                 .plus(dice.pick(&[0, 5_999, 6_000, 20_000, 61_000_000, u32::MAX].map(DurationUs))),
             segments: dice.pick(&[0, 1, 1, 2, 3]) as u16,
         },
-        17..=19 => {
+        17 => {
             Command::Jog { channel: any_channel(dice), pulse: any_pulse(dice), duration: any_duration(dice) }
         }
+        18 | 19 => Command::Jog {
+            channel: Channel(0),
+            pulse: PulseWidthUs(1000 + dice.below(1000) as u16),
+            duration: DurationUs(500_000 + dice.below(100_000)),
+        },
         20 => dice.pick(&[Command::Abort, Command::Goodbye]),
         _ => match setup.board.fault() {
             fault if dice.below(4) > 0 => Command::Acknowledge(fault),
@@ -139,7 +144,10 @@ fn whole_profile(dice: &mut Dice, setup: &Setup) -> Vec<Command> {
         Command::Acknowledge(setup.board.fault()),
         Command::Track { channel, start_pulse, segments: 2 },
         Command::Segments { channel, first: 0, segments },
-        Command::Arm { start: setup.now.plus(DurationUs(30_000 + dice.below(50_000))), segments: 2 },
+        Command::Arm {
+            start: setup.now.plus(DurationUs(dice.pick(&[30_000, 30_000, 47_123, 8_000, 61_500_000]))),
+            segments: 2,
+        },
     ]
 }
 
@@ -148,6 +156,7 @@ fn any_session(dice: &mut Dice, text: &mut String, seen: &mut Vec<(State, Fault)
     let mut setup = Setup::new();
     text.push_str("# another session\n");
     let mut sequence = Sequence(0);
+    let mut sent: Vec<Vec<u8>> = Vec::new();
     let mut say = |setup: &mut Setup, dice: &mut Dice, command: Command, text: &mut String| {
         sequence.0 += 1;
         let mut packet = command.encode(sequence);
@@ -162,8 +171,11 @@ fn any_session(dice: &mut Dice, text: &mut String, seen: &mut Vec<(State, Fault)
                 bytes[at] ^= 1 << dice.below(8);
             }
             2 => bytes = bytes.repeat(2),
+            // One from before, remembered or not any more.
+            3 => bytes = sent.iter().rev().nth(dice.below(12) as usize).cloned().unwrap_or(bytes),
             _ => {}
         }
+        sent.push(bytes.clone());
         if !bytes.is_empty() {
             setup.say_recorded(&bytes, text);
         }
@@ -180,7 +192,7 @@ fn any_session(dice: &mut Dice, text: &mut String, seen: &mut Vec<(State, Fault)
         for command in if profile { whole_profile(dice, &setup) } else { vec![any_command(dice, &setup)] } {
             say(&mut setup, dice, command, text);
         }
-        let wait = dice.pick(&[0, 0, 0, 0, 500, 3_000, 30_000, 120_000, 400_000]);
+        let wait = dice.pick(&[0, 0, 0, 0, 500, 12_345, 30_000, 120_000, 400_000]);
         setup.silence_recorded(wait, text);
         seen.push((setup.board.state(), setup.board.fault()));
     }
