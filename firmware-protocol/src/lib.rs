@@ -7,7 +7,8 @@
 //! Contents: [`packet`] frames bytes on the line, [`command`] and [`event`] are the messages, [`units`] their
 //! integers, [`board`] is a whole board but for its hardware. No allocation, no `std`.
 //! `vectors/messages.txt` holds one packet per line with its meaning, `vectors/session.txt` a whole conversation with
-//! the pulses it causes: firmware in C that reproduces both conforms.
+//! the pulses it causes: firmware in C that reproduces both conforms. `reference/board.c` is such firmware, all but
+//! port, pins and clock; the tests compile it and hold it to the vectors and to [`board`] on random conversations.
 //!
 //! ```
 //! use firmware_protocol::{command::Command, packet::Decoder, units::{Channel, DurationUs, PulseWidthUs, Sequence}};

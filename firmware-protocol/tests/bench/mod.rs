@@ -4,6 +4,8 @@
 #![allow(unreachable_pub, reason = "shared between test files")]
 #![allow(missing_docs, reason = "test helpers")]
 
+use std::fmt::Write as _;
+
 use firmware_protocol::board::{Board, BoardConfig, Hardware};
 use firmware_protocol::command::{ChannelConfig, ChannelKind, Command, SafeState, Segment, Segments};
 use firmware_protocol::event::{Ack, Event, Fault, Refusal};
@@ -141,5 +143,41 @@ pub fn servo(safe_state: SafeState) -> ChannelConfig {
         park_pulse: PulseWidthUs(1400),
         max_rate: RateUsPerS(2000),
         name: Name::new("base").unwrap(),
+    }
+}
+
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+impl Setup {
+    /// Lets time pass, writing down what the board does.
+    pub fn silence_recorded(&mut self, wait_us: u32, text: &mut String) {
+        let until = self.now.plus(DurationUs(wait_us));
+        while let Some(due) = self.board.next_due().filter(|due| due.reached(until)) {
+            self.now = due;
+            self.board.advance(due, &mut self.bench);
+            self.drain(text);
+        }
+        self.now = until;
+    }
+
+    /// A millisecond later hands bytes to the board, writing down both.
+    pub fn say_recorded(&mut self, bytes: &[u8], text: &mut String) {
+        self.silence_recorded(1_000, text);
+        writeln!(text, "{} > {}", self.now.0, hex(bytes)).unwrap();
+        self.board.receive(bytes, self.now, &mut self.bench);
+        self.drain(text);
+    }
+
+    fn drain(&mut self, text: &mut String) {
+        for (channel, pulse, at) in self.bench.pulses.drain(..) {
+            let pulse = pulse.map_or("-".to_owned(), |p| p.to_string());
+            writeln!(text, "{at} {channel} {pulse}").unwrap();
+        }
+        if !self.bench.sent.is_empty() {
+            writeln!(text, "{} < {}", self.now.0, hex(&self.bench.sent)).unwrap();
+            self.bench.sent.clear();
+        }
     }
 }
