@@ -310,3 +310,58 @@ fn derivatives_from_rest_are_finite_and_exact() {
     let same = at("g2/blunt", plain.parameter("g2/blunt").unwrap());
     assert_eq!(values, same.into_iter().flatten().collect::<Vec<_>>());
 }
+
+#[test]
+fn friction_losses_of_a_long_chain_obey_their_law_together() {
+    const LINKS: usize = 12;
+    let chain = |loss: f64| {
+        let (mut world, mut motors) = (String::new(), String::new());
+        for i in 0..LINKS {
+            let loss = loss * (1.0 + i as f64);
+            world += &format!(
+                r#"<body pos="0 0 -0.05"><joint name="j{i}" axis="{} 1 0" frictionloss="{loss}"/>
+                   <geom type="box" size="0.005 0.005 0.02" pos="0 0 -0.025"/>"#,
+                i % 3
+            );
+            motors += &format!(r#"<motor joint="j{i}"/>"#);
+        }
+        let text = format!(
+            r#"<mujoco><worldbody>{world}{}</worldbody><actuator>{motors}</actuator></mujoco>"#,
+            "</body>".repeat(LINKS)
+        );
+        Model::from_mjcf(&text).unwrap()
+    };
+    // (M^-1)_ii at the reference: the acceleration that a unit torque makes
+    let smooth = chain(0.0);
+    let mut probe = sim::Simulator::new(&smooth, &RolloutOptions::default()).unwrap();
+    let rest = smooth.rest_state();
+    let mut accelerations = |motor: Option<usize>| {
+        let command: Vec<f64> = (0..LINKS).map(|i| f64::from(motor == Some(i))).collect();
+        probe.forces(&rest, &command).acceleration
+    };
+    let unforced = accelerations(None);
+    let mobility: Vec<f64> = (0..LINKS).map(|i| accelerations(Some(i))[i] - unforced[i]).collect();
+
+    let loss = 1e-4;
+    let model = chain(loss);
+    let mut simulator = sim::Simulator::new(&model, &RolloutOptions::default()).unwrap();
+    let (mut slipping, mut sticking) = (0, 0);
+    for case in 0..200 {
+        let wave = |i: usize, k: f64| (k * (i as f64 + 1.3) * (f64::from(case) + 0.7)).sin();
+        let speed = 10.0_f64.powf(-4.0 + f64::from(case % 20) * 0.25);
+        let state = State {
+            qpos: (0..LINKS).map(|i| 1.5 * wave(i, 1.7)).collect(),
+            qvel: (0..LINKS).map(|i| speed * wave(i, 2.9)).collect(),
+        };
+        let forces = simulator.forces(&state, &[0.0; LINKS]);
+        for (i, mobility) in mobility.iter().enumerate() {
+            let most = loss * (1.0 + i as f64);
+            let damping = 2.0 / (0.95 * 0.02);
+            let free = -(forces.acceleration[i] + damping * state.qvel[i]) * 9.0 / mobility;
+            let wanted = free.clamp(-most, most);
+            assert!((forces.restraint[i] - wanted).abs() < 1e-7 * most, "case {case}, joint {i}");
+            if free.abs() > most { slipping += 1 } else { sticking += 1 }
+        }
+    }
+    assert!(slipping > 100 && sticking > 100, "{slipping} {sticking}");
+}

@@ -9,7 +9,7 @@ use sim::{Model, RolloutOptions, Simulator, State};
 /// One step: rounding, and the tolerance of MuJoCo's constraint solver.
 const ONE_STEP: f64 = 1e-9;
 /// A hundred steps: rounding grows.
-const HUNDRED_STEPS: f64 = 1e-6;
+const HUNDRED_STEPS: f64 = 1e-8;
 
 fn list(value: &serde_json::Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()

@@ -214,4 +214,58 @@ mod tests {
         let stiff = PENDULUM.replace("axis=", "stiffness=\"1e9\" axis=");
         assert_eq!(run(&args(folder.path(), &stiff)).unwrap_err().exit_code(), 4);
     }
+
+    /// MuJoCo's own runs, next door in `sim`.
+    fn golden(file: &str) -> PathBuf {
+        [env!("CARGO_MANIFEST_DIR"), "..", "sim", "tests", "data", file].iter().collect()
+    }
+
+    fn columns(path: &std::path::Path) -> (Vec<String>, Vec<Vec<f64>>) {
+        let text = std::fs::read_to_string(path).unwrap();
+        let mut lines = text.lines();
+        let head =
+            lines.next().unwrap().split(',').map(|name| name.trim_end_matches("_m").to_owned()).collect();
+        (head, lines.map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect()).collect())
+    }
+
+    #[test]
+    fn chains_move_as_in_mujoco_over_the_whole_file() {
+        // rounding grows in a swinging chain, here to 1e-14
+        const SITE_M: f64 = 1e-10;
+        let folder = tempfile::tempdir().unwrap();
+        // the 2:1 stroke's corners: 0.6 rad at 0.5 s, -0.6 at 1 s, 0.6 at 2 s, ...
+        let angle = |k: u32| match k % 3 {
+            0 => "0",
+            1 => "0.6",
+            _ => "-0.6",
+        };
+        let rows: String = (0..=21).map(|k| format!("{},{}\n", 0.5 * f64::from(k), angle(k))).collect();
+        std::fs::write(folder.path().join("servo.csv"), format!("time_s,servo_rad\n{rows}")).unwrap();
+        let quarter = "1.570796326795".parse().unwrap();
+        for (model, file, qpos, servo) in [
+            ("chain_passive", "chain_passive_horizontal_euler.csv", vec![quarter, 0.0, 0.0], false),
+            ("chain_passive", "chain_passive_right_angle_euler.csv", vec![quarter, -quarter, 0.0], false),
+            ("chain_active", "chain_active_euler.csv", vec![0.0; 3], true),
+        ] {
+            let args = Args {
+                model: golden(&format!("{model}.xml")),
+                qpos: Some(qpos),
+                servo: servo.then(|| folder.path().join("servo.csv")),
+                duration_s: 10.0,
+                ..args(folder.path(), PENDULUM)
+            };
+            run(&args).unwrap();
+            let ((names, ours), (wanted, theirs)) = (columns(&args.out), columns(&golden(file)));
+            assert_eq!(names[1..], wanted[1..]);
+            // the golden file has every step of the first 0.1 s, then every 20 ms as ours
+            let at = |time_s: f64| theirs.iter().find(|row| (row[0] - time_s).abs() < 1e-9).unwrap();
+            let sites = wanted.iter().position(|name| name == "P1_x").unwrap();
+            let differences = ours
+                .iter()
+                .flat_map(|row| row[sites..].iter().zip(&at(row[0])[sites..]).map(|(a, b)| (a - b).abs()));
+            let worst = differences.fold(0.0, f64::max);
+            println!("{file}: worst site coordinate {worst:.1e} m off over {} rows", ours.len());
+            assert!(worst < SITE_M && ours.len() == 501, "{file}: {worst:e}");
+        }
+    }
 }
