@@ -42,6 +42,9 @@ pub struct Simulator<T> {
     next_qpos: Vec<T>,
     sum_v: Vec<T>,
     sum_a: Vec<T>,
+    rate: Vec<T>,
+    /// Rotation vectors since the step began, at the dofs of balls and free bodies.
+    turned: Vec<T>,
 }
 
 /// The generalized forces at one state, shape (nv) each, with MuJoCo's signs.
@@ -111,6 +114,8 @@ impl<T: Scalar> Simulator<T> {
             next_qpos: rest.qpos.clone(),
             sum_v: zeros(),
             sum_a: zeros(),
+            rate: zeros(),
+            turned: zeros(),
             stage: rest,
             plant,
             work,
@@ -357,16 +362,20 @@ impl<T: Scalar> Simulator<T> {
             self.force_stage(&stage.qpos, &stage.qvel, h);
             self.matrix.copy_from_slice(&self.work.mass);
             self.accelerate();
+            self.rate.copy_from_slice(&stage.qvel);
+            if k > 0 {
+                integrate::follow_turn(&self.plant, &self.turned, &mut self.rate);
+            }
             let weight = T::from_f64(weight);
             for dof in 0..self.plant.nv {
-                self.sum_v[dof] += weight * stage.qvel[dof];
+                self.sum_v[dof] += weight * self.rate[dof];
                 self.sum_a[dof] += weight * self.force[dof];
             }
             if k < 3 {
                 let forward = T::from_f64(ahead * h);
-                integrate::advance(&self.plant, &state.qpos, &stage.qvel, forward, &mut self.next_qpos);
-                stage.qpos.copy_from_slice(&self.next_qpos);
+                integrate::advance(&self.plant, &state.qpos, &self.rate, forward, &mut stage.qpos);
                 for dof in 0..self.plant.nv {
+                    self.turned[dof] = forward * self.rate[dof];
                     stage.qvel[dof] = state.qvel[dof] + forward * self.force[dof];
                 }
                 if !self.hold_command {
