@@ -3,11 +3,14 @@
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use sim::{JointKind, Model};
 
-/// Length of the mechanism \[m\]: the greatest distance between the ends of its moving shapes' axes, all joints
-/// at their reference. Errors are stated as shares of it (80 mm for the published three-link chain).
+/// Length of the mechanism \[m\]: the greatest distance between the ends of its moving shapes' axes, its marked
+/// points and its bodies' origins, all joints at their reference. Errors are stated as shares of it (80 mm for
+/// the published three-link chain).
 pub fn characteristic_length_m(model: &Model) -> f64 {
     let poses = model.poses(&model.rest_state().qpos);
-    let mut ends: Vec<[f64; 3]> = Vec::new();
+    let mut ends: Vec<[f64; 3]> = poses.body_pos.iter().skip(1).map(|pos| pos.0).collect();
+    let sites = model.sites.iter().zip(&poses.site_pos).filter(|(site, _)| site.body != 0);
+    ends.extend(sites.map(|(_, pos)| pos.0));
     for (index, geom) in model.geoms.iter().enumerate().filter(|(_, geom)| geom.body != 0) {
         let half = half_extents(geom);
         let (centre, rotation) = (poses.geom_pos[index].0, poses.geom_rot[index].0);
@@ -20,7 +23,8 @@ pub fn characteristic_length_m(model: &Model) -> f64 {
     let mut longest: f64 = 0.0;
     for (i, a) in ends.iter().enumerate() {
         for b in &ends[..i] {
-            longest = longest.max(distance_m(a, b));
+            let squares: f64 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
+            longest = longest.max(squares.sqrt());
         }
     }
     longest
@@ -35,11 +39,6 @@ fn half_extents(geom: &sim::model::Geom<f64>) -> [f64; 3] {
         sim::model::GeomKind::Ellipsoid | sim::model::GeomKind::Box => [a, b, c],
         sim::model::GeomKind::Plane => [0.0; 3],
     }
-}
-
-/// Distance of two points \[m\].
-pub(crate) fn distance_m(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
 /// Coordinates `qpos`, shape (nq), after a small motion `delta`, shape (nv): a ball turns about its own axes, a
@@ -67,4 +66,37 @@ fn turn(quaternion: &mut [f64], by: &[f64]) {
     let before = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
     let after = before * UnitQuaternion::from_scaled_axis(Vector3::new(by[0], by[1], by[2]));
     quaternion.copy_from_slice(&[after.w, after.i, after.j, after.k]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn published_chain_is_80_mm_long() {
+        let model = Model::from_mjcf(include_str!("../tests/data/chain.xml")).unwrap();
+        assert!((characteristic_length_m(&model) - 0.08).abs() < 1e-12);
+    }
+
+    #[test]
+    fn mechanism_without_shapes_is_as_long_as_its_marked_points_say() {
+        let model = Model::from_mjcf(include_str!("../tests/data/pendulum.xml")).unwrap();
+        assert!((characteristic_length_m(&model) - 0.372719204).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_free_body_shifts_along_the_world_and_turns_about_its_own_axes() {
+        let text = "<mujoco><worldbody><body><freejoint/><geom type=\"box\" size=\"1 1 1\"/></body></worldbody></mujoco>";
+        let model = Model::from_mjcf(text).unwrap();
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        // Turned by a quarter about z; then a quarter about its own x.
+        let turned = moved(
+            &model,
+            &[1.0, 2.0, 3.0, half, 0.0, 0.0, half],
+            &[0.5, 0.0, 0.0, std::f64::consts::FRAC_PI_2, 0.0, 0.0],
+        );
+        for (found, wanted) in turned.iter().zip([1.5, 2.0, 3.0, 0.5, 0.5, 0.5, 0.5]) {
+            assert!((found - wanted).abs() < 1e-12, "{turned:?}");
+        }
+    }
 }

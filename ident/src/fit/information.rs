@@ -1,7 +1,7 @@
 //! What the data say about each parameter, from the Fisher information at the optimum.
 //!
 //! With J the derivatives of the residuals in standard deviations, the information about the parameters is
-//! J'J with the nuisances of every run eliminated (Schur complement). Bounds count as the weakest belief: even
+//! J'J with the nuisances of every run projected out. Bounds count as the weakest belief: even
 //! over their width, variance width²/12. That keeps the deviation of a parameter no data speak about finite, and
 //! makes it as wide as its bounds.
 
@@ -64,21 +64,23 @@ pub(super) fn information(
     Some(Information { std, determined: determined.collect(), groups: groups(&scaled) })
 }
 
+/// Information of one run: squares of what is left of the parameters' columns when all that its nuisances could
+/// explain is taken out. By orthogonal projection: the difference of two large matrices would lose what matters.
 fn one_run(problem: &Problem<'_>, run: usize, count: usize, linear: &Linear) -> Option<DMatrix<f64>> {
-    let jacobian = &linear.jacobian;
-    let parameters = jacobian.columns(0, count);
-    let full = parameters.tr_mul(&parameters);
     let nuisances = &problem.terms[run].rehearsal.nuisances;
-    if nuisances.is_empty() {
-        return Some(full);
+    let rows = linear.jacobian.nrows();
+    // Beliefs about the nuisances are further rows.
+    let augmented = linear.jacobian.clone().insert_rows(rows, nuisances.len(), 0.0);
+    let mut parameters = augmented.columns(0, count).into_owned();
+    if !nuisances.is_empty() {
+        let mut own = augmented.columns(count, nuisances.len()).into_owned();
+        for (k, nuisance) in nuisances.iter().enumerate() {
+            own[(rows + k, k)] = 1.0 / nuisance.belief();
+        }
+        let basis = own.qr().q();
+        parameters -= &basis * basis.tr_mul(&parameters);
     }
-    let own = jacobian.columns(count, nuisances.len());
-    let mut about_start = own.tr_mul(&own);
-    for (k, nuisance) in nuisances.iter().enumerate() {
-        about_start[(k, k)] += nuisance.belief().powi(-2);
-    }
-    let shared = own.tr_mul(&parameters);
-    Some(full - shared.tr_mul(&about_start.cholesky()?.solve(&shared)))
+    Some(parameters.tr_mul(&parameters)).filter(|information| information.iter().all(|x| x.is_finite()))
 }
 
 fn deviations(information: &DMatrix<f64>) -> Option<Vec<f64>> {
