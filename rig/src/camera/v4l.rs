@@ -295,4 +295,34 @@ mod tests {
         let error = V4lCamera::open(&config).err().unwrap().to_string();
         assert!(error.contains("/dev/no-such-camera") && error.contains("rig list"), "{error}");
     }
+
+    /// Names the camera to test with, which gives 640x480 YUYV at 25 images a second.
+    const BENCH: &str = "RIG_V4L_DEVICE";
+
+    #[test]
+    #[ignore = "needs a camera: RIG_V4L_DEVICE=/dev/video0"]
+    fn camera_on_the_bench_streams_stalls_and_restarts() {
+        let config = CameraConfig {
+            device: Some(std::env::var_os(BENCH).unwrap().into()),
+            fps: Positive::new(25.0),
+            format: Encoding::Yuyv,
+            ..CameraConfig::default()
+        };
+        let mut camera = V4lCamera::open(&config).unwrap();
+        for _ in 0..2 {
+            camera.start().unwrap();
+            let mut last = camera.next_image(FIRST_IMAGE).unwrap();
+            // Too short for an image: the next one comes all the same.
+            for _ in 0..5 {
+                let _ = camera.next_image(Duration::from_millis(1));
+            }
+            for _ in 0..25 {
+                let image = camera.next_image(Duration::from_secs(1)).unwrap();
+                assert!(image.sequence > last.sequence && image.stamp > last.stamp);
+                assert!(!image.damaged);
+                last = image;
+            }
+            camera.stop();
+        }
+    }
 }

@@ -230,9 +230,10 @@ noise_grey = 0.0
         process.signal(rustix::process::Signal::STOP);
         assert!(matches!(until_it_fails(&mut camera), CameraError::Stalled { waited_ms: 500, .. }));
         process.signal(rustix::process::Signal::CONT);
-        // What was exposed while it stood still is lost, and counted.
-        let after = camera.next_image(TIMEOUT).unwrap();
-        assert!(after.sequence > before.sequence + 20, "{}", after.sequence);
+        // What was exposed while it stood still is lost, and counted; an image on its way may still come.
+        let mut sequences = vec![before.sequence];
+        sequences.extend((0..20).map(|_| camera.next_image(TIMEOUT).unwrap().sequence));
+        assert!(sequences.windows(2).any(|pair| pair[1] > pair[0] + 10), "{sequences:?}");
 
         process.signal(rustix::process::Signal::KILL);
         assert!(matches!(until_it_fails(&mut camera), CameraError::Gone { .. }));

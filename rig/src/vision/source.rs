@@ -1,4 +1,4 @@
-//! Where a sequence of images comes from: a folder of pictures or a video file.
+//! Where a sequence of images comes from: a recorded run, a folder of pictures or a video file.
 
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -9,6 +9,9 @@ use image::GrayImage;
 use super::extractor::TimedImage;
 use crate::camera::decode::grey_file;
 use crate::camera::folder::{self, Entry, FolderError};
+use crate::camera::recorded::RecordedImages;
+use crate::record::RecordError;
+use crate::record::folder::{RunFolder, file};
 
 /// A sequence of images that can be read more than once: first for a sample, then for good.
 pub trait ImageSource {
@@ -29,8 +32,11 @@ pub enum SourceError {
     /// The folder's pictures cannot be listed.
     #[error(transparent)]
     Folder(#[from] FolderError),
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordError),
     /// Neither a folder nor a file.
-    #[error("{} is neither a folder of pictures nor a video file", path.display())]
+    #[error("{} is neither a run, a folder of pictures nor a video file", path.display())]
     Nothing {
         /// What was given.
         path: PathBuf,
@@ -53,12 +59,17 @@ pub enum SourceError {
     },
 }
 
-/// The source that `path` is: a folder, or a video file. `fps` is for pictures without times of their own.
+/// The source that `path` is: a run folder, a recording, a folder of pictures, or a video file. `fps` is for pictures without times of their own.
 ///
 /// # Errors
 /// [`SourceError`].
 pub fn open(path: &Path, fps: Option<f64>) -> Result<Box<dyn ImageSource>, SourceError> {
-    if path.is_dir() {
+    if path.join(file::START).is_file() {
+        let run = RunFolder::open(path)?;
+        Ok(Box::new(RecordedImages::new(&run.file(file::RECORDING), Some(run.origin()))))
+    } else if path.extension().is_some_and(|ending| ending == "mcap") {
+        Ok(Box::new(RecordedImages::new(path, None)))
+    } else if path.is_dir() {
         Ok(Box::new(Folder { entries: folder::entries(path, fps)? }))
     } else if path.is_file() {
         Ok(Box::new(Video::open(path)?))
