@@ -1,0 +1,94 @@
+//! Whether the runs can be compared with the model at all.
+
+use super::{Experiment, ExperimentError, Run, RunKind};
+use crate::names::did_you_mean;
+
+/// Least images of a run: fewer than this show a pose, but no motion.
+const MIN_IMAGES: usize = 3;
+
+pub(super) fn check(experiment: &Experiment) -> Result<(), ExperimentError> {
+    if experiment.runs.is_empty() {
+        return Err(ExperimentError::NoRuns);
+    }
+    let sites = experiment.model.keypoints();
+    let actuators: Vec<String> =
+        experiment.model.actuators.iter().map(|actuator| actuator.name.clone()).collect();
+    for (place, run) in experiment.runs.iter().enumerate() {
+        let refuse = |reason: String| Err(ExperimentError::Run { run: run.id.clone(), reason });
+        if experiment.runs[..place].iter().any(|other| other.id == run.id) {
+            return refuse("another run has the same id; give each its own".into());
+        }
+        for keypoint in &run.trajectory.keypoints {
+            if !sites.contains(keypoint) {
+                let hint = did_you_mean(keypoint, &sites);
+                return refuse(format!(
+                    "the trajectory shows `{keypoint}`, but the model has no site of that name{hint}; add the site or remove the columns"
+                ));
+            }
+        }
+        for actuator in run.command.iter().flat_map(|command| &command.actuators) {
+            if !actuators.contains(actuator) {
+                let hint = did_you_mean(actuator, &actuators);
+                return refuse(format!(
+                    "the servo table commands `{actuator}`, but the model has no actuator of that name{hint}"
+                ));
+            }
+        }
+        start(run)?;
+        images(run)?;
+    }
+    Ok(())
+}
+
+/// The motion must have a known kind of start.
+fn start(run: &Run) -> Result<(), ExperimentError> {
+    let refuse = |reason: &str| Err(ExperimentError::Run { run: run.id.clone(), reason: reason.to_owned() });
+    match (run.kind, &run.command) {
+        (RunKind::Driven, None) => {
+            refuse("a driven run needs its `servo` table; add it, or call the run a \"drop\"")
+        }
+        (RunKind::Driven, Some(command)) if command.first_motion_s().is_none() => refuse(
+            "the servo never moves in this driven run; check the servo table, or call the run a \"drop\"",
+        ),
+        _ => Ok(()),
+    }
+}
+
+/// There must be something to see.
+fn images(run: &Run) -> Result<(), ExperimentError> {
+    let lack = |reason: String| Err(ExperimentError::Data { run: run.id.clone(), reason });
+    let trajectory = &run.trajectory;
+    let width = trajectory.keypoints.len();
+    let count = trajectory.time_s.len();
+    let seen = |instant: usize| (0..width).any(|k| trajectory.at(instant, k).iter().any(|x| x.is_finite()));
+    let usable = (0..count).filter(|&instant| seen(instant)).count();
+    if usable < MIN_IMAGES {
+        return lack(format!(
+            "{usable} of {count} images show a keypoint, {MIN_IMAGES} are the least; check the extraction, or leave the run out"
+        ));
+    }
+    for (k, keypoint) in trajectory.keypoints.iter().enumerate() {
+        if !(0..count).any(|instant| trajectory.at(instant, k).iter().any(|x| x.is_finite())) {
+            return lack(format!("keypoint `{keypoint}` is never seen; remove its columns"));
+        }
+    }
+    let (first_s, last_s) = (trajectory.time_s[0], trajectory.time_s[count - 1]);
+    let start_s = match run.kind {
+        RunKind::Drop => run.release_s,
+        RunKind::Driven => run.command.as_ref().and_then(sim::Command::first_motion_s),
+        RunKind::Free => None,
+    };
+    if let Some(start_s) = start_s.filter(|&start_s| start_s >= last_s) {
+        return lack(format!(
+            "the motion starts at {start_s} s, after the last image at {last_s} s; check the clocks of both tables"
+        ));
+    }
+    if run.kind == RunKind::Free && last_s - first_s <= run.init_s {
+        return lack(format!(
+            "its {} s are no longer than `init_s` = {} s, which only give the initial state; record longer",
+            last_s - first_s,
+            run.init_s
+        ));
+    }
+    Ok(())
+}

@@ -1,0 +1,85 @@
+//! The `[fit]` table: what is fitted, and how.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::strict::{Finite, Positive};
+
+/// The `[fit]` table of an `experiment.toml` or of a rig config.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FitConfig {
+    /// Kinds (`fluidcoef` per geom; `damping`, `frictionloss`, `stiffness` per passive joint; any last part of
+    /// a parameter's name), single names or globs.
+    pub parameters: Vec<String>,
+    /// Names or globs left as the model says.
+    pub fixed: Vec<String>,
+    /// Groups of names or globs that share one value.
+    pub tie: Vec<Vec<String>>,
+    /// How the optimum is sought.
+    pub method: Method,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Most candidates tried.
+    pub max_evaluations: u64,
+    /// `[lower, upper]` by name, glob or kind, in the parameter's SI unit.
+    pub bounds: BTreeMap<String, [Finite; 2]>,
+    /// What is known beforehand, by name; it makes the parameter a fitted one.
+    pub prior: BTreeMap<String, Prior>,
+}
+
+/// The kinds fitted where nobody says otherwise.
+const DEFAULT_PARAMETERS: [&str; 3] = ["fluidcoef", "damping", "frictionloss"];
+
+impl Default for FitConfig {
+    fn default() -> Self {
+        Self {
+            parameters: DEFAULT_PARAMETERS.map(str::to_owned).to_vec(),
+            fixed: Vec::new(),
+            tie: Vec::new(),
+            method: Method::default(),
+            seed: 1,
+            max_evaluations: 5000,
+            bounds: BTreeMap::new(),
+            prior: BTreeMap::new(),
+        }
+    }
+}
+
+/// How the optimum is sought.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// CMA-ES on the mean squared keypoint error, as published.
+    Paper,
+    /// The same sampler on the weighted error with priors.
+    CmaEs,
+    /// Bounded Levenberg-Marquardt from the model's values.
+    LeastSquares,
+    /// A short CMA-ES, then least squares.
+    #[default]
+    Hybrid,
+}
+
+impl Method {
+    /// The name as config and `fit.json` spell it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::CmaEs => "cma-es",
+            Self::LeastSquares => "least-squares",
+            Self::Hybrid => "hybrid",
+        }
+    }
+}
+
+/// A Gaussian belief about a parameter, in its SI unit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Prior {
+    /// Most probable value.
+    pub mean: Finite,
+    /// Standard deviation.
+    pub std: Positive,
+}

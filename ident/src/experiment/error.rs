@@ -1,0 +1,83 @@
+//! Why an experiment was refused.
+
+use std::path::PathBuf;
+
+use crate::strict::StrictError;
+use crate::table::TableError;
+
+/// Why an experiment was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ExperimentError {
+    /// `experiment.toml` itself.
+    #[error(transparent)]
+    Config(#[from] StrictError),
+    /// A trajectory or servo table.
+    #[error(transparent)]
+    Table(#[from] TableError),
+    /// A file could not be read.
+    #[error("reading {what} {}", path.display())]
+    Unreadable {
+        /// What the file should be.
+        what: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The model text was refused.
+    #[error("model {}", path.display())]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// Line and reason.
+        source: sim::MjcfError,
+    },
+    /// `start.json` of a run folder.
+    #[error("{}: not the start of a run", path.display())]
+    Start {
+        /// The file.
+        path: PathBuf,
+        /// Line, column and reason.
+        source: serde_json::Error,
+    },
+    /// No model is named, and no run folder brings one.
+    #[error("{}: no `model` is named and no run folder brings one; add `model = \"<file>.xml\"`", path.display())]
+    NoModel {
+        /// `experiment.toml`.
+        path: PathBuf,
+    },
+    /// Two run folders were made with different models.
+    #[error("{} and {} differ; name the one to fit as `model`", first.display(), second.display())]
+    Models {
+        /// One model.
+        first: PathBuf,
+        /// The other.
+        second: PathBuf,
+    },
+    /// There is no run at all.
+    #[error("the experiment has no runs; add a `[[run]]`")]
+    NoRuns,
+    /// A run contradicts itself or the model, or says too little.
+    #[error("run `{run}`: {reason}")]
+    Run {
+        /// Its id, or its place in the file.
+        run: String,
+        /// What is wrong, the limit, what to do.
+        reason: String,
+    },
+    /// A run's images cannot answer anything.
+    #[error("run `{run}`: {reason}")]
+    Data {
+        /// Its id.
+        run: String,
+        /// What is missing, and what to do.
+        reason: String,
+    },
+}
+
+impl ExperimentError {
+    /// Whether the input is well formed, but holds no answer (as against wrong input).
+    pub fn is_lack_of_data(&self) -> bool {
+        matches!(self, Self::Data { .. })
+    }
+}

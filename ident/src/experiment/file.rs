@@ -1,0 +1,134 @@
+//! `experiment.toml` as text.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use sim::Model;
+
+use super::folder::Folder;
+use super::{DEFAULT_INIT_S, Experiment, ExperimentError, FitConfig, Run, RunKind, Use};
+use crate::strict::{self, Finite, Positive};
+use crate::table::{read_command, read_trajectory};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    model: Option<PathBuf>,
+    prescribed: Option<bool>,
+    noise_m: Option<Positive>,
+    #[serde(default)]
+    fit: FitConfig,
+    #[serde(default)]
+    run: Vec<Entry>,
+}
+
+/// One `[[run]]`. What is missing or too much is said by run, in [`Entry::load`].
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    id: Option<String>,
+    kind: Option<RunKind>,
+    trajectory: Option<PathBuf>,
+    servo: Option<PathBuf>,
+    folder: Option<PathBuf>,
+    release_s: Option<Finite>,
+    #[serde(default, rename = "use")]
+    usage: Use,
+    init_s: Option<Positive>,
+    weight: Option<Positive>,
+}
+
+pub(super) fn read(path: &Path) -> Result<Experiment, ExperimentError> {
+    let file: File = strict::read(path)?;
+    let base = path.parent().unwrap_or(Path::new(""));
+    let mut runs = Vec::new();
+    let mut models: Vec<(PathBuf, String)> = Vec::new();
+    for (number, entry) in file.run.iter().enumerate() {
+        let folder = entry.folder.as_ref().map(|folder| Folder::read(&base.join(folder))).transpose()?;
+        if let (Some(folder), None) = (&folder, &file.model) {
+            models.push(folder.model()?);
+        }
+        runs.push(entry.load(number + 1, base, folder, file.prescribed)?);
+    }
+    let (model_path, text) = match (&file.model, models.split_first()) {
+        (Some(model), _) => {
+            let path = base.join(model);
+            let text = read_text("model", &path)?;
+            (path, text)
+        }
+        (None, Some((first, others))) => {
+            if let Some(other) = others.iter().find(|other| other.1 != first.1) {
+                return Err(ExperimentError::Models { first: first.0.clone(), second: other.0.clone() });
+            }
+            first.clone()
+        }
+        (None, None) => return Err(ExperimentError::NoModel { path: path.into() }),
+    };
+    let model =
+        Model::from_mjcf(&text).map_err(|source| ExperimentError::Model { path: model_path, source })?;
+    let experiment = Experiment { model, noise_m: file.noise_m.map(Positive::get), fit: file.fit, runs };
+    experiment.check()?;
+    Ok(experiment)
+}
+
+impl Entry {
+    fn load(
+        &self,
+        number: usize,
+        base: &Path,
+        folder: Option<Folder>,
+        prescribed: Option<bool>,
+    ) -> Result<Run, ExperimentError> {
+        let name = self.id.clone().unwrap_or_else(|| format!("#{number}"));
+        let refuse = |reason: &str| ExperimentError::Run { run: name.clone(), reason: reason.to_owned() };
+        let mut run = match folder {
+            Some(folder) => {
+                for (given, key) in [
+                    (self.kind.is_some(), "kind"),
+                    (self.trajectory.is_some(), "trajectory"),
+                    (self.servo.is_some(), "servo"),
+                ] {
+                    if given {
+                        return Err(refuse(&format!(
+                            "the run folder already says `{key}`; remove one of them"
+                        )));
+                    }
+                }
+                folder.run()?
+            }
+            None => {
+                let missing =
+                    |key: &str| refuse(&format!("`{key}` is missing; add it, or name a run `folder`"));
+                let id = self.id.clone().ok_or_else(|| missing("id"))?;
+                let kind = self.kind.ok_or_else(|| missing("kind"))?;
+                let trajectory = self.trajectory.as_ref().ok_or_else(|| missing("trajectory"))?;
+                let mut run = Run::new(id, kind, read_trajectory(&base.join(trajectory))?);
+                run.command = self.servo.as_ref().map(|servo| read_command(&base.join(servo))).transpose()?;
+                run
+            }
+        };
+        if self.release_s.is_some() && run.kind != RunKind::Drop {
+            return Err(refuse("`release_s` belongs to runs of kind \"drop\"; remove it"));
+        }
+        if self.init_s.is_some() && run.kind != RunKind::Free {
+            return Err(refuse("`init_s` belongs to runs of kind \"free\"; remove it"));
+        }
+        if let Some(id) = &self.id {
+            run.id.clone_from(id);
+        }
+        run.usage = self.usage;
+        run.prescribed = prescribed.unwrap_or(run.prescribed);
+        run.release_s = self.release_s.map(Finite::get).or(run.release_s);
+        run.init_s = self.init_s.map_or(DEFAULT_INIT_S, Positive::get);
+        run.weight = self.weight.map_or(1.0, Positive::get);
+        Ok(run)
+    }
+}
+
+pub(super) fn read_text(what: &'static str, path: &Path) -> Result<String, ExperimentError> {
+    std::fs::read_to_string(path).map_err(|source| ExperimentError::Unreadable {
+        what,
+        path: path.into(),
+        source,
+    })
+}

@@ -1,0 +1,57 @@
+//! A run folder says by itself what an `[[run]]` would.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use super::file::read_text;
+use super::{ExperimentError, Run, RunKind};
+use crate::table::{read_command, read_trajectory};
+
+/// What a fit needs of `start.json`; the rest of it is for others.
+#[derive(Deserialize)]
+struct Start {
+    id: String,
+    kind: RunKind,
+    model: PathBuf,
+    #[serde(default)]
+    prescribed: bool,
+    release_s: Option<f64>,
+}
+
+/// A run folder whose `start.json` has been read.
+pub(super) struct Folder {
+    path: PathBuf,
+    start: Start,
+}
+
+impl Folder {
+    pub(super) fn read(path: &Path) -> Result<Self, ExperimentError> {
+        let file = path.join("start.json");
+        let text = read_text("the start of run", &file)?;
+        let start =
+            serde_json::from_str(&text).map_err(|source| ExperimentError::Start { path: file, source })?;
+        Ok(Self { path: path.into(), start })
+    }
+
+    /// The model the run was made with: its path and text.
+    pub(super) fn model(&self) -> Result<(PathBuf, String), ExperimentError> {
+        let path = self.path.join(&self.start.model);
+        let text = read_text("model", &path)?;
+        Ok((path, text))
+    }
+
+    pub(super) fn run(self) -> Result<Run, ExperimentError> {
+        let trajectory = read_trajectory(&self.path.join("trajectory.csv"))?;
+        let mut run = Run::new(self.start.id, self.start.kind, trajectory);
+        let servo = self.path.join("servo.csv");
+        if run.kind == RunKind::Driven || servo.exists() {
+            run.command = Some(read_command(&servo)?);
+        }
+        run.prescribed = self.start.prescribed;
+        if run.kind == RunKind::Drop {
+            run.release_s = self.start.release_s;
+        }
+        Ok(run)
+    }
+}

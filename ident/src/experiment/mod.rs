@@ -1,0 +1,123 @@
+//! What a fit or a diagnosis works on: a model, and runs of the real thing.
+//!
+//! `experiment.toml` names both; [`Experiment::read`] loads everything it names, so that whatever follows
+//! needs no files. A program that has its runs in memory builds an [`Experiment`] itself and calls
+//! [`Experiment::check`].
+
+mod check;
+mod config;
+mod error;
+mod file;
+mod folder;
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use sim::{Command, Model, State, Trajectory};
+
+pub use config::{FitConfig, Method, Prior};
+pub use error::ExperimentError;
+
+/// A model and the runs it should reproduce.
+#[derive(Debug, Clone)]
+pub struct Experiment {
+    /// The model as it stands before the fit; what is not fitted stays as it says.
+    pub model: Model,
+    /// Keypoint noise \[m\], one standard deviation per coordinate; `None`: estimated.
+    pub noise_m: Option<f64>,
+    /// What is fitted, and how.
+    pub fit: FitConfig,
+    /// The runs, in the order of the file.
+    pub runs: Vec<Run>,
+}
+
+/// One run of the mechanism: what was commanded, and where its keypoints went.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// Its name, unique in the experiment.
+    pub id: String,
+    /// How the motion starts.
+    pub kind: RunKind,
+    /// Whether it is fitted or only scored.
+    pub usage: Use,
+    /// Measured keypoints, named as sites of the model.
+    pub trajectory: Trajectory,
+    /// Commanded angles; a driven run has them.
+    pub command: Option<Command>,
+    /// Actuated joints follow the command exactly while the run is driven.
+    pub prescribed: bool,
+    /// When a drop was let go \[s\]; `None`: detected, then fitted.
+    pub release_s: Option<f64>,
+    /// How much of the start of a held-out `free` run goes into its initial state \[s\].
+    pub init_s: f64,
+    /// How often each of its images counts; 1 by default.
+    pub weight: f64,
+    /// The exact state at the start of motion, where it is known; `None`: estimated.
+    pub initial: Option<State>,
+}
+
+/// How the motion of a run starts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RunKind {
+    /// At rest, then let go.
+    Drop,
+    /// At rest until the servo first moves.
+    Driven,
+    /// Already moving in the first image.
+    Free,
+}
+
+/// What a run is there for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Use {
+    /// Parameters are fitted to it.
+    #[default]
+    Fit,
+    /// Never fitted, only scored.
+    Holdout,
+}
+
+/// [`Run::init_s`] where nobody says otherwise \[s\].
+pub const DEFAULT_INIT_S: f64 = 0.1;
+
+impl Run {
+    /// A run of `kind` with nothing but its trajectory known; fields are public, set the others.
+    pub fn new(id: impl Into<String>, kind: RunKind, trajectory: Trajectory) -> Self {
+        Self {
+            id: id.into(),
+            kind,
+            usage: Use::Fit,
+            trajectory,
+            command: None,
+            prescribed: false,
+            release_s: None,
+            init_s: DEFAULT_INIT_S,
+            weight: 1.0,
+            initial: None,
+        }
+    }
+}
+
+impl Experiment {
+    /// Reads `experiment.toml` at `path` and everything it names; relative paths start at the file.
+    ///
+    /// # Errors
+    /// [`ExperimentError`], naming the file, and within it the line or the run.
+    pub fn read(path: &Path) -> Result<Self, ExperimentError> {
+        file::read(path)
+    }
+
+    /// Says whether the runs can be compared with the model at all: names meet, starts are known, there is
+    /// something to see.
+    ///
+    /// # Errors
+    /// The first contradiction found, naming the run.
+    pub fn check(&self) -> Result<(), ExperimentError> {
+        check::check(self)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,127 @@
+//! A fit that was interrupted, and what it says while it runs.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::counts::Counts;
+use super::least_squares::Descent;
+use super::search::Search;
+use crate::experiment::Experiment;
+
+/// Everything a fit needs to go on to the identical result.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Checkpoint {
+    /// Which experiment it belongs to.
+    pub(super) experiment: String,
+    pub(super) counts: Counts,
+    pub(super) stage: Stage,
+}
+
+/// Where a fit stands.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Stage {
+    Search(Box<Search>),
+    Descent(Descent),
+}
+
+/// Why a state file cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum CheckpointError {
+    /// It could not be read or written.
+    #[error("state file {}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// It is no state file.
+    #[error("{}: not the state of a fit", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Line, column and reason.
+        source: serde_json::Error,
+    },
+    /// It belongs to something else.
+    #[error("the state belongs to another experiment ({got}, this one is {expected}); start the fit afresh")]
+    OtherExperiment {
+        /// Fingerprint of this experiment.
+        expected: String,
+        /// Fingerprint in the state.
+        got: String,
+    },
+}
+
+impl Checkpoint {
+    /// Writes the state to `path`, whole or not at all.
+    ///
+    /// # Errors
+    /// [`CheckpointError::Io`].
+    pub fn write(&self, path: &Path) -> Result<(), CheckpointError> {
+        let fail = |source| CheckpointError::Io { path: path.into(), source };
+        let text = serde_json::to_vec(self).map_err(|error| fail(error.into()))?;
+        let mut beside = path.as_os_str().to_owned();
+        beside.push(".new");
+        std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, path)).map_err(fail)
+    }
+
+    /// Reads the state at `path`.
+    ///
+    /// # Errors
+    /// [`CheckpointError::Io`] and [`CheckpointError::Malformed`].
+    pub fn read(path: &Path) -> Result<Self, CheckpointError> {
+        let text = std::fs::read(path).map_err(|source| CheckpointError::Io { path: path.into(), source })?;
+        serde_json::from_slice(&text)
+            .map_err(|source| CheckpointError::Malformed { path: path.into(), source })
+    }
+}
+
+/// Fingerprint of everything a fit depends on (FNV-1a over the exact numbers).
+pub(super) fn fingerprint(experiment: &Experiment) -> String {
+    let hash = format!("{experiment:?}").bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+    });
+    format!("{hash:016x}")
+}
+
+/// What a fit says after each generation or iteration.
+#[derive(Debug, Clone, Copy)]
+pub struct Progress<'a> {
+    /// `search` or `descent`.
+    pub phase: &'static str,
+    /// Parameter vectors tried so far.
+    pub evaluations: u64,
+    /// The most there will be.
+    pub max_evaluations: u64,
+    /// Runs simulated so far.
+    pub rollouts: u64,
+    /// Best loss so far \[m2\], over all images; infinite before there is one.
+    pub loss_m2: f64,
+    /// From here the fit can be resumed.
+    pub checkpoint: &'a Checkpoint,
+}
+
+/// Whether a fit should go on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Flow {
+    /// Yes.
+    Continue,
+    /// No: finish with the best so far.
+    Stop,
+}
+
+/// Watches a fit.
+pub trait Observer {
+    /// Is told after each generation or iteration; says whether to go on.
+    fn progress(&mut self, progress: &Progress<'_>) -> Flow;
+}
+
+/// Watches nothing, never stops.
+impl Observer for () {
+    fn progress(&mut self, _: &Progress<'_>) -> Flow {
+        Flow::Continue
+    }
+}

@@ -1,0 +1,12 @@
+//! What a fit has cost so far.
+
+use serde::{Deserialize, Serialize};
+
+/// Candidates tried and runs simulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub(super) struct Counts {
+    /// Parameter vectors tried, those of finite differences included.
+    pub(super) evaluations: u64,
+    /// Runs simulated.
+    pub(super) rollouts: u64,
+}

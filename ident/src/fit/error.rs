@@ -1,0 +1,52 @@
+//! Why there is no fit.
+
+use super::CheckpointError;
+use crate::experiment::ExperimentError;
+use crate::initial::StartError;
+use crate::parameters::ParameterError;
+
+/// Why there is no fit.
+#[derive(Debug, thiserror::Error)]
+pub enum FitError {
+    /// The experiment contradicts itself.
+    #[error(transparent)]
+    Experiment(#[from] ExperimentError),
+    /// The `[fit]` table does not go with the model.
+    #[error(transparent)]
+    Parameters(#[from] ParameterError),
+    /// The start of a run cannot be found.
+    #[error(transparent)]
+    Start(#[from] StartError),
+    /// A state file cannot be used.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// Every run is held out.
+    #[error(
+        "every run is held out; mark at least one `use = \"fit\"`, or fit nothing with `parameters = []`"
+    )]
+    NothingToFit,
+    /// A run cannot be simulated.
+    #[error("simulating run `{run}`")]
+    Simulation {
+        /// The run.
+        run: String,
+        /// Where and when it failed.
+        source: sim::RolloutError,
+    },
+    /// No candidate could be simulated.
+    #[error(
+        "no candidate within the bounds could be simulated; narrow the bounds or shorten the model's time step"
+    )]
+    NoOptimum,
+}
+
+impl FitError {
+    /// Whether the input is well formed, but holds no answer (as against wrong input).
+    pub fn is_lack_of_data(&self) -> bool {
+        match self {
+            Self::Experiment(error) => error.is_lack_of_data(),
+            Self::Start(_) | Self::Simulation { .. } | Self::NoOptimum => true,
+            Self::Parameters(_) | Self::Checkpoint(_) | Self::NothingToFit => false,
+        }
+    }
+}

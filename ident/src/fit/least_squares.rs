@@ -1,0 +1,232 @@
+//! Bounded Levenberg-Marquardt over parameters and nuisances together.
+//!
+//! Each iteration linearises every run, solves the damped normal equations for several dampings at once and
+//! takes the best. A parameter at a bound whose slope points outward is held for the iteration, steps are cut
+//! off at the bounds. The normal equations are those of an arrow: parameters touch every run, nuisances their
+//! own run only.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use super::counts::Counts;
+use super::problem::{Difference, Linear, Point, Problem};
+
+/// A descent under way. Serialising it loses nothing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Descent {
+    pub(super) point: Point,
+    /// JSON knows no infinity: `None` before the first linearisation.
+    pub(super) cost: Option<f64>,
+    damping: f64,
+    /// Small decreases in a row.
+    small: u32,
+    pub(super) end: Option<End>,
+}
+
+/// Why a descent ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum End {
+    /// The cost no longer falls noticeably.
+    TolLoss,
+    /// No step, however short, lowers the cost.
+    TolStep,
+    /// No evaluations are left.
+    MaxEvaluations,
+    /// The start itself cannot be simulated.
+    Failed,
+}
+
+impl End {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::TolLoss => "tol-loss",
+            Self::TolStep => "tol-step",
+            Self::MaxEvaluations => "max-evaluations",
+            Self::Failed => "simulation-failed",
+        }
+    }
+}
+
+/// What a descent may move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Freedom {
+    Everything,
+    /// Parameters stay; only the starts of the runs move.
+    Nuisances,
+}
+
+/// A share of the cost that counts as small.
+const SMALL: f64 = 1e-7;
+/// Small decreases in a row that end a descent.
+const PATIENCE: u32 = 2;
+/// Multiples of the damping tried at once.
+const TRIALS: [f64; 3] = [0.1, 1.0, 10.0];
+const MAX_DAMPING: f64 = 1e9;
+/// Keeps directions that nothing depends on from making the equations singular.
+const RIDGE: f64 = 1e-12;
+
+impl Descent {
+    pub(super) fn new(point: Point) -> Self {
+        Self { point, cost: None, damping: 1e-2, small: 0, end: None }
+    }
+
+    /// Takes steps until the descent ends by itself.
+    pub(super) fn run(&mut self, problem: &Problem<'_>, freedom: Freedom, counts: &mut Counts) {
+        while self.end.is_none() {
+            self.step(problem, freedom, u64::MAX, counts);
+        }
+    }
+
+    /// One iteration: linearise, try, take the best.
+    pub(super) fn step(
+        &mut self,
+        problem: &Problem<'_>,
+        freedom: Freedom,
+        max_evaluations: u64,
+        counts: &mut Counts,
+    ) {
+        let by_parameters = freedom == Freedom::Everything;
+        let free = if by_parameters { problem.parameters.len() } else { 0 };
+        if by_parameters && counts.evaluations + (1 + free + TRIALS.len()) as u64 > max_evaluations {
+            self.end = Some(End::MaxEvaluations);
+            return;
+        }
+        let Some(linear) = problem.linearise(&self.point, by_parameters, Difference::Forward, counts) else {
+            self.end = Some(End::Failed);
+            return;
+        };
+        let normal = Normal::new(problem, &self.point, free, &linear);
+        let cost = normal.cost;
+        self.cost = Some(cost);
+        if normal.held.iter().all(|held| *held) {
+            self.end = Some(End::TolLoss);
+            return;
+        }
+        loop {
+            let dampings = TRIALS.map(|times| self.damping * times);
+            let trials: Vec<Point> =
+                dampings.iter().map(|&damping| normal.trial(problem, &self.point, damping)).collect();
+            let costs = if by_parameters {
+                problem.costs(&trials, counts)
+            } else {
+                problem.costs_of_rollouts(&trials, counts)
+            };
+            let best = (0..TRIALS.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
+            if costs[best] < cost {
+                self.small = if cost - costs[best] <= SMALL * cost { self.small + 1 } else { 0 };
+                self.point = trials[best].clone();
+                self.cost = Some(costs[best]);
+                self.damping = (dampings[best]).max(1e-9);
+                if self.small >= PATIENCE {
+                    self.end = Some(End::TolLoss);
+                }
+                return;
+            }
+            self.damping *= 100.0;
+            if self.damping > MAX_DAMPING {
+                self.end = Some(End::TolStep);
+                return;
+            }
+            if by_parameters && counts.evaluations + TRIALS.len() as u64 > max_evaluations {
+                self.end = Some(End::MaxEvaluations);
+                return;
+            }
+        }
+    }
+}
+
+/// Normal equations in scaled unknowns: parameters first, then the nuisances run by run.
+struct Normal {
+    cost: f64,
+    hessian: DMatrix<f64>,
+    gradient: DVector<f64>,
+    /// Size of one unit of each unknown.
+    size: Vec<f64>,
+    /// Unknowns at a bound whose slope points outward.
+    held: Vec<bool>,
+    free: usize,
+}
+
+impl Normal {
+    fn new(problem: &Problem<'_>, point: &Point, free: usize, linear: &[Linear]) -> Self {
+        let nuisances = || problem.terms.iter().flat_map(|term| &term.rehearsal.nuisances);
+        let total = free + nuisances().count();
+        let mut size: Vec<f64> = (0..free)
+            .map(|i| point.values[i].abs().max(problem.parameters.free[i].scale.resolution()))
+            .collect();
+        size.extend(nuisances().map(|nuisance| nuisance.belief()));
+
+        let mut hessian = DMatrix::zeros(total, total);
+        let mut gradient = DVector::zeros(total);
+        let mut cost = 0.0;
+        let mut first = free;
+        for (run, linear) in linear.iter().enumerate() {
+            let own = linear.jacobian.ncols() - free;
+            let place = |column: usize| if column < free { column } else { first + column - free };
+            let block = linear.jacobian.tr_mul(&linear.jacobian);
+            let slope = linear.jacobian.tr_mul(&linear.residuals);
+            for i in 0..free + own {
+                gradient[place(i)] += slope[i] * size[place(i)];
+                for j in 0..free + own {
+                    hessian[(place(i), place(j))] += block[(i, j)] * size[place(i)] * size[place(j)];
+                }
+            }
+            cost += linear.residuals.norm_squared();
+            for (k, offset) in point.offsets[run].iter().enumerate() {
+                // In units of the belief, the belief is worth 1.
+                let scaled = offset / size[first + k];
+                cost += scaled * scaled;
+                gradient[first + k] += scaled;
+                hessian[(first + k, first + k)] += 1.0;
+            }
+            first += own;
+        }
+        cost += problem.prior_cost(&point.values);
+        for (i, parameter) in problem.parameters.free[..free].iter().enumerate() {
+            if let Some(prior) = parameter.prior {
+                let per = size[i] / prior.std.get();
+                gradient[i] += per * (point.values[i] - prior.mean.get()) / prior.std.get();
+                hessian[(i, i)] += per * per;
+            }
+        }
+        let mut held: Vec<bool> = (0..free)
+            .map(|i| {
+                let (scale, value) = (&problem.parameters.free[i].scale, point.values[i]);
+                value <= scale.lower() && gradient[i] >= 0.0 || value >= scale.upper() && gradient[i] <= 0.0
+            })
+            .collect();
+        held.resize(total, false);
+        Self { cost, hessian, gradient, size, held, free }
+    }
+
+    fn trial(&self, problem: &Problem<'_>, point: &Point, damping: f64) -> Point {
+        let total = self.held.len();
+        let (mut hessian, mut gradient) = (self.hessian.clone(), self.gradient.clone());
+        let ridge = RIDGE * hessian.diagonal().max() + f64::MIN_POSITIVE;
+        for i in 0..total {
+            hessian[(i, i)] += damping * hessian[(i, i)] + ridge;
+            if self.held[i] {
+                hessian.row_mut(i).fill(0.0);
+                hessian.column_mut(i).fill(0.0);
+                hessian[(i, i)] = 1.0;
+                gradient[i] = 0.0;
+            }
+        }
+        let Some(step) = hessian.cholesky().map(|factor| -factor.solve(&gradient)) else {
+            return point.clone();
+        };
+        let moved = |i: usize, from: f64| from + step[i] * self.size[i];
+        let values = point.values.iter().enumerate().map(|(i, &value)| {
+            if i < self.free { problem.parameters.free[i].scale.clamp(moved(i, value)) } else { value }
+        });
+        let mut next = self.free..total;
+        let offsets = problem.terms.iter().zip(&point.offsets).map(|(term, offsets)| {
+            let pairs = term.rehearsal.nuisances.iter().zip(offsets);
+            pairs
+                .filter_map(|(nuisance, &offset)| Some(nuisance.clamp(moved(next.next()?, offset))))
+                .collect()
+        });
+        Point { values: values.collect(), offsets: offsets.collect() }
+    }
+}

@@ -1,0 +1,195 @@
+//! The global phase: CMA-ES over the parameters' unit box.
+//!
+//! The starts of the runs are not searched but eliminated: at an anchor point every run's start is fitted by
+//! least squares, and how its keypoints answer to it is linearised there. Each candidate then costs one
+//! simulation per run, and the part of its residuals that another start would explain is taken out of its
+//! loss. Every [`PERIOD`] generations the best candidate has its starts fitted for real; if it is better, it
+//! becomes the anchor. Searched as extra dimensions instead, three angles per run would double the dimension
+//! of a fit of a few runs and hide shallow directions of the parameters behind steep ones of the poses.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::counts::Counts;
+use super::least_squares::{Descent, Freedom};
+use super::problem::{Difference, Point, Problem};
+use crate::cmaes::{CmaEs, Options, Stop};
+
+/// Generations between anchors.
+const PERIOD: u64 = 10;
+/// Initial step as a share of the unit box: the start is a guess, the box holds everything possible.
+const SIGMA: f64 = 0.2;
+/// Losses that differ less, as a share of the best, end the search.
+const TOL_LOSS_SHARE: f64 = 1e-8;
+/// Steps shorter than this share of the box end the search.
+const TOL_STEP: f64 = 1e-7;
+
+/// A search under way. Serialising it loses nothing.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Search {
+    sampler: CmaEs,
+    /// The best point so far, its starts fitted.
+    pub(super) anchor: Point,
+    /// Its cost; JSON knows no infinity: `None` where it cannot be simulated.
+    pub(super) cost: Option<f64>,
+    /// Best candidate since the anchor was set, in the unit box, with its cost.
+    candidate: Option<(Vec<f64>, f64)>,
+    /// Everything evaluated since the anchor was set: losses before were measured with other starts.
+    cache: Vec<(Vec<f64>, Option<f64>)>,
+    /// Derived from the anchor, never saved.
+    #[serde(skip)]
+    elimination: Option<Vec<Elimination>>,
+}
+
+/// How one run's residuals answer to its start, at the anchor.
+#[derive(Debug, Clone)]
+struct Elimination {
+    /// Derivative of the residuals by the nuisances.
+    jacobian: DMatrix<f64>,
+    hessian: Cholesky<f64, Dyn>,
+    /// Pull of the nuisances' beliefs.
+    pull: DVector<f64>,
+}
+
+impl Search {
+    /// A search that starts at `start`, whose starts are fitted first.
+    pub(super) fn new(
+        problem: &Problem<'_>,
+        start: Point,
+        seed: u64,
+        max_evaluations: u64,
+        counts: &mut Counts,
+    ) -> Self {
+        let options = Options {
+            sigma: SIGMA,
+            unit_box: true,
+            seed,
+            max_evaluations,
+            tol_loss: 0.0,
+            tol_loss_share: TOL_LOSS_SHARE,
+            tol_step: TOL_STEP,
+            ..Options::default()
+        };
+        let (anchor, cost) = settle(problem, start, counts);
+        let sampler = CmaEs::new(&problem.parameters.units(&anchor.values), options);
+        Self { sampler, anchor, cost, candidate: None, cache: Vec::new(), elimination: None }
+    }
+
+    /// Why the search is over, once it is.
+    pub(super) fn stop(&self) -> Option<Stop> {
+        self.sampler.stop()
+    }
+
+    /// One generation.
+    pub(super) fn step(&mut self, problem: &Problem<'_>, counts: &mut Counts) {
+        if self.elimination.is_none() {
+            // On resuming, these rollouts were counted before.
+            let fresh = self.sampler.generation() == 0;
+            let mut aside = Counts::default();
+            self.elimination =
+                Some(eliminate(problem, &self.anchor, if fresh { counts } else { &mut aside }));
+        }
+        let generation = self.sampler.ask();
+        let losses = self.losses(problem, &generation.points, counts);
+        for (point, &loss) in generation.points.iter().zip(&losses) {
+            if loss.is_finite() && self.candidate.as_ref().is_none_or(|(_, best)| loss < *best) {
+                self.candidate = Some((point.clone(), loss));
+            }
+        }
+        self.sampler.tell(&generation, &losses);
+        if self.sampler.generation().is_multiple_of(PERIOD) || self.sampler.stop().is_some() {
+            self.drop_anchor(problem, counts);
+        }
+    }
+
+    /// Fits the starts of the best candidate; it becomes the anchor if that makes it the best point.
+    pub(super) fn drop_anchor(&mut self, problem: &Problem<'_>, counts: &mut Counts) {
+        let Some((point, _)) = self.candidate.take() else { return };
+        let start = Point { values: problem.parameters.values(&point), offsets: self.anchor.offsets.clone() };
+        let (settled, cost) = settle(problem, start, counts);
+        if cost.is_some_and(|cost| self.cost.is_none_or(|best| cost < best)) {
+            (self.anchor, self.cost) = (settled, cost);
+            self.elimination = Some(eliminate(problem, &self.anchor, counts));
+            self.cache.clear();
+        }
+    }
+
+    /// Losses of candidates in the unit box, known ones from the cache.
+    fn losses(&mut self, problem: &Problem<'_>, points: &[Vec<f64>], counts: &mut Counts) -> Vec<f64> {
+        let known =
+            |point: &Vec<f64>| self.cache.iter().find(|(other, _)| other == point).map(|(_, loss)| *loss);
+        let new: Vec<&Vec<f64>> = points.iter().filter(|point| known(point).is_none()).collect();
+        let runs = problem.terms.len();
+        counts.evaluations += points.len() as u64;
+        counts.rollouts += (new.len() * runs) as u64;
+        let values: Vec<Vec<f64>> = new.iter().map(|point| problem.parameters.values(point)).collect();
+        let models: Vec<_> =
+            values.iter().map(|values| problem.parameters.applied(values, problem.model)).collect();
+        let elimination = self.elimination.as_deref().unwrap_or(&[]);
+        let parts: Vec<f64> = (0..new.len() * runs)
+            .into_par_iter()
+            .map(|task| {
+                let (point, run) = (task / runs, task % runs);
+                let offsets = &self.anchor.offsets[run];
+                let residuals = problem.terms[run].residuals(&models[point], offsets);
+                let belief = problem.terms[run].belief_cost(offsets);
+                residuals.map_or(f64::INFINITY, |r| {
+                    belief + elimination.get(run).map_or(r.norm_squared(), |e| e.loss(&r))
+                })
+            })
+            .collect();
+        for (index, point) in new.into_iter().enumerate() {
+            let data: f64 = parts[index * runs..(index + 1) * runs].iter().sum();
+            let loss = data + problem.prior_cost(&values[index]);
+            self.cache.push((point.clone(), Some(loss).filter(|loss| loss.is_finite())));
+        }
+        points.iter().map(|point| self.cached(point)).collect()
+    }
+
+    fn cached(&self, point: &Vec<f64>) -> f64 {
+        let found = self.cache.iter().find(|(other, _)| other == point);
+        found.and_then(|(_, loss)| *loss).unwrap_or(f64::INFINITY)
+    }
+}
+
+impl Elimination {
+    /// Squared residuals that no change of the start explains.
+    fn loss(&self, residuals: &DVector<f64>) -> f64 {
+        let slope = self.jacobian.tr_mul(residuals) + &self.pull;
+        residuals.norm_squared() - slope.dot(&self.hessian.solve(&slope))
+    }
+}
+
+/// Fits the start of every run, each by itself, the parameters held; with the cost reached.
+pub(super) fn settle(problem: &Problem<'_>, mut point: Point, counts: &mut Counts) -> (Point, Option<f64>) {
+    let mut total = problem.prior_cost(&point.values);
+    for run in 0..problem.terms.len() {
+        let alone = problem.alone(run);
+        let start = Point { values: point.values.clone(), offsets: vec![point.offsets[run].clone()] };
+        let mut descent = Descent::new(start);
+        descent.run(&alone, Freedom::Nuisances, counts);
+        let Some(cost) = descent.cost else { return (point, None) };
+        total += cost - problem.prior_cost(&point.values);
+        if let Some(offsets) = descent.point.offsets.pop() {
+            point.offsets[run] = offsets;
+        }
+    }
+    (point, Some(total))
+}
+
+fn eliminate(problem: &Problem<'_>, anchor: &Point, counts: &mut Counts) -> Vec<Elimination> {
+    let linear = problem.linearise(anchor, false, Difference::Forward, counts).unwrap_or_default();
+    let one = |(run, linear): (usize, super::problem::Linear)| {
+        let nuisances = &problem.terms[run].rehearsal.nuisances;
+        let mut hessian = linear.jacobian.tr_mul(&linear.jacobian);
+        for (k, nuisance) in nuisances.iter().enumerate() {
+            hessian[(k, k)] += nuisance.belief().powi(-2);
+        }
+        let pulls = nuisances.iter().zip(&anchor.offsets[run]).map(|(n, x)| x * n.belief().powi(-2));
+        let pull = DVector::from_iterator(nuisances.len(), pulls);
+        Some(Elimination { hessian: hessian.cholesky()?, jacobian: linear.jacobian, pull })
+    };
+    // Where the anchor cannot be simulated, candidates are judged with their starts as they are.
+    linear.into_iter().enumerate().map(one).collect::<Option<Vec<_>>>().unwrap_or_default()
+}

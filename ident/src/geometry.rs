@@ -1,0 +1,102 @@
+//! Sizes and poses of a mechanism, as far as a fit needs them.
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use sim::{JointKind, Model};
+
+/// Length of the mechanism \[m\]: the greatest distance between the ends of its moving shapes' axes, its marked
+/// points and its bodies' origins, all joints at their reference. Errors are stated as shares of it (80 mm for
+/// the published three-link chain).
+pub fn characteristic_length_m(model: &Model) -> f64 {
+    let poses = model.poses(&model.rest_state().qpos);
+    let mut ends: Vec<[f64; 3]> = poses.body_pos.iter().skip(1).map(|pos| pos.0).collect();
+    let sites = model.sites.iter().zip(&poses.site_pos).filter(|(site, _)| site.body != 0);
+    ends.extend(sites.map(|(_, pos)| pos.0));
+    for (index, geom) in model.geoms.iter().enumerate().filter(|(_, geom)| geom.body != 0) {
+        let half = half_extents(geom);
+        let (centre, rotation) = (poses.geom_pos[index].0, poses.geom_rot[index].0);
+        for axis in 0..3 {
+            for sign in [-1.0, 1.0] {
+                ends.push(std::array::from_fn(|row| centre[row] + sign * half[axis] * rotation[row][axis]));
+            }
+        }
+    }
+    let mut longest: f64 = 0.0;
+    for (i, a) in ends.iter().enumerate() {
+        for b in &ends[..i] {
+            let squares: f64 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
+            longest = longest.max(squares.sqrt());
+        }
+    }
+    longest
+}
+
+fn half_extents(geom: &sim::model::Geom<f64>) -> [f64; 3] {
+    let [a, b, c] = geom.size;
+    match geom.kind {
+        sim::model::GeomKind::Sphere => [a; 3],
+        sim::model::GeomKind::Capsule => [a, a, a + b],
+        sim::model::GeomKind::Cylinder => [a, a, b],
+        sim::model::GeomKind::Ellipsoid | sim::model::GeomKind::Box => [a, b, c],
+        sim::model::GeomKind::Plane => [0.0; 3],
+    }
+}
+
+/// Coordinates `qpos`, shape (nq), after a small motion `delta`, shape (nv): a ball turns about its own axes, a
+/// free joint shifts along the world's and turns about its own.
+pub(crate) fn moved(model: &Model, qpos: &[f64], delta: &[f64]) -> Vec<f64> {
+    let mut moved = qpos.to_vec();
+    for joint in &model.joints {
+        let (q, v) = (joint.qpos_address, joint.dof_address);
+        match joint.kind {
+            JointKind::Hinge | JointKind::Slide => moved[q] += delta[v],
+            JointKind::Ball => turn(&mut moved[q..q + 4], &delta[v..v + 3]),
+            JointKind::Free => {
+                for axis in 0..3 {
+                    moved[q + axis] += delta[v + axis];
+                }
+                turn(&mut moved[q + 3..q + 7], &delta[v + 3..v + 6]);
+            }
+        }
+    }
+    moved
+}
+
+fn turn(quaternion: &mut [f64], by: &[f64]) {
+    let [w, x, y, z] = [quaternion[0], quaternion[1], quaternion[2], quaternion[3]];
+    let before = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+    let after = before * UnitQuaternion::from_scaled_axis(Vector3::new(by[0], by[1], by[2]));
+    quaternion.copy_from_slice(&[after.w, after.i, after.j, after.k]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn published_chain_is_80_mm_long() {
+        let model = Model::from_mjcf(include_str!("../tests/data/chain.xml")).unwrap();
+        assert!((characteristic_length_m(&model) - 0.08).abs() < 1e-12);
+    }
+
+    #[test]
+    fn mechanism_without_shapes_is_as_long_as_its_marked_points_say() {
+        let model = Model::from_mjcf(include_str!("../tests/data/pendulum.xml")).unwrap();
+        assert!((characteristic_length_m(&model) - 0.372719204).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_free_body_shifts_along_the_world_and_turns_about_its_own_axes() {
+        let text = "<mujoco><worldbody><body><freejoint/><geom type=\"box\" size=\"1 1 1\"/></body></worldbody></mujoco>";
+        let model = Model::from_mjcf(text).unwrap();
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        // Turned by a quarter about z; then a quarter about its own x.
+        let turned = moved(
+            &model,
+            &[1.0, 2.0, 3.0, half, 0.0, 0.0, half],
+            &[0.5, 0.0, 0.0, std::f64::consts::FRAC_PI_2, 0.0, 0.0],
+        );
+        for (found, wanted) in turned.iter().zip([1.5, 2.0, 3.0, 0.5, 0.5, 0.5, 0.5]) {
+            assert!((found - wanted).abs() < 1e-12, "{turned:?}");
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! How a run starts: when the motion begins, and where the mechanism is then.
+//!
+//! What is found here are start values, from the images alone and without any dynamics. A fit moves them
+//! together with its parameters, as nuisances of their run.
+
+mod noise;
+mod pose;
+mod release;
+
+use sim::{JointKind, Model, State};
+
+pub use noise::noise_m;
+pub use release::{Release, release};
+
+use crate::experiment::{Run, RunKind};
+use pose::{Target, pose};
+
+/// State at the start of the motion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Start {
+    /// State, held until the motion starts.
+    pub state: State,
+    /// When the motion starts \[s\].
+    pub start_s: f64,
+}
+
+/// Start values of a run, and how sure they are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimate {
+    /// State and time.
+    pub start: Start,
+    /// For a drop whose release nobody stated: the images between which it lies.
+    pub release: Option<Release>,
+}
+
+/// No start can be found.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("run `{run}`: {reason}")]
+pub struct StartError {
+    /// The run.
+    pub run: String,
+    /// What is missing, and what to do.
+    pub reason: String,
+}
+
+/// Least images over which rates are taken by regression, where [`Run::init_s`] holds fewer.
+const RATE_IMAGES: usize = 5;
+
+/// Estimates the start of `run` from its images; `noise_m` is their standard deviation per coordinate.
+///
+/// # Errors
+/// [`StartError`] where a drop never moves, or no image shows the start.
+pub fn estimate(model: &Model, run: &Run, noise_m: f64) -> Result<Estimate, StartError> {
+    let refuse = |reason: &str| StartError { run: run.id.clone(), reason: reason.to_owned() };
+    let seen = seen_instants(run);
+    let first = *seen.first().ok_or_else(|| refuse("no image shows a keypoint; check the extraction"))?;
+    let first_s = run.trajectory.time_s[first];
+    let found = match (run.kind, run.release_s) {
+        (RunKind::Drop, None) => Some(release(&run.trajectory, noise_m).ok_or_else(|| {
+            refuse("nothing ever moves in this drop; state `release_s`, or leave the run out")
+        })?),
+        _ => None,
+    };
+    let start_s = match run.kind {
+        RunKind::Drop => found.map_or(run.release_s.unwrap_or(first_s), |found| found.start_s),
+        RunKind::Driven => {
+            let motion = run.command.as_ref().and_then(sim::Command::first_motion_s);
+            motion.ok_or_else(|| refuse("the servo never moves in this driven run; check its servo table"))?
+        }
+        RunKind::Free => first_s,
+    };
+    let state = match &run.initial {
+        Some(state) => state.clone(),
+        None if run.kind == RunKind::Free => moving_state(model, run, &seen, noise_m),
+        None => {
+            // Without a still image the first one has to do; the fit then finds the pose from the motion.
+            let mut still: Vec<usize> =
+                seen.iter().copied().filter(|&instant| run.trajectory.time_s[instant] <= start_s).collect();
+            if still.is_empty() {
+                still.push(first);
+            }
+            let mut rest = model.rest_state();
+            prescribe(model, run, start_s, &mut rest.qpos);
+            let frozen = prescribed_dofs(model, run);
+            let qpos = pose(model, &targets(model, run, &still), &rest.qpos, &frozen, noise_m);
+            State { qpos, qvel: rest.qvel }
+        }
+    };
+    Ok(Estimate { start: Start { state, start_s }, release: found })
+}
+
+/// Rows of the trajectory that show anything.
+fn seen_instants(run: &Run) -> Vec<usize> {
+    let shows = |instant: &usize| {
+        (0..run.trajectory.keypoints.len())
+            .any(|k| run.trajectory.at(*instant, k).iter().any(|x| x.is_finite()))
+    };
+    (0..run.trajectory.time_s.len()).filter(shows).collect()
+}
+
+/// Whether each velocity belongs to a joint that follows the command exactly in this run, shape (nv).
+pub(crate) fn prescribed_dofs(model: &Model, run: &Run) -> Vec<bool> {
+    let mut frozen = vec![false; model.nv()];
+    if run.prescribed && run.kind == RunKind::Driven {
+        for actuator in commanded(model, run).map(|(_, actuator)| actuator) {
+            frozen[model.joints[actuator.joint].dof_address] = true;
+        }
+    }
+    frozen
+}
+
+/// The columns of the command with the actuators they drive.
+fn commanded<'a>(
+    model: &'a Model,
+    run: &'a Run,
+) -> impl Iterator<Item = (usize, &'a sim::model::Actuator<f64>)> {
+    let names = run.command.iter().flat_map(|command| command.actuators.iter().enumerate());
+    names.filter_map(|(column, name)| Some((column, model.actuators.iter().find(|a| &a.name == name)?)))
+}
+
+fn prescribe(model: &Model, run: &Run, time_s: f64, qpos: &mut [f64]) {
+    if !(run.prescribed && run.kind == RunKind::Driven) {
+        return;
+    }
+    if let Some(command) = &run.command {
+        for (column, actuator) in commanded(model, run) {
+            qpos[model.joints[actuator.joint].qpos_address] = command.at(column, time_s) / actuator.gear;
+        }
+    }
+}
+
+/// Mean position of each coordinate of each keypoint over `instants`.
+fn targets(model: &Model, run: &Run, instants: &[usize]) -> Vec<Target> {
+    let sites = model.keypoint_sites();
+    let site = |name: &String| sites.iter().copied().find(|&site| &model.sites[site].name == name);
+    let mut list = Vec::new();
+    for (column, name) in run.trajectory.keypoints.iter().enumerate() {
+        let Some(site) = site(name) else { continue };
+        for axis in 0..3 {
+            let values = instants.iter().map(|&instant| run.trajectory.at(instant, column)[axis]);
+            let values: Vec<f64> = values.filter(|x| x.is_finite()).collect();
+            if !values.is_empty() {
+                let mean_m = values.iter().sum::<f64>() / values.len() as f64;
+                list.push(Target { site, axis, mean_m });
+            }
+        }
+    }
+    list
+}
+
+/// Pose of each of the first images, and a parabola through each joint's coordinate.
+fn moving_state(model: &Model, run: &Run, seen: &[usize], noise_m: f64) -> State {
+    let times = &run.trajectory.time_s;
+    let start_s = times[seen[0]];
+    let within = seen.iter().take_while(|&&instant| times[instant] <= start_s + run.init_s).count();
+    let used = &seen[..within.max(RATE_IMAGES).min(seen.len())];
+    let frozen = vec![false; model.nv()];
+    let mut guess = model.rest_state().qpos;
+    let mut poses: Vec<Vec<f64>> = Vec::new();
+    for &instant in used {
+        guess = pose(model, &targets(model, run, &[instant]), &guess, &frozen, noise_m);
+        poses.push(guess.clone());
+    }
+    let mut state = State { qpos: poses[0].clone(), qvel: vec![0.0; model.nv()] };
+    let since: Vec<f64> = used.iter().map(|&instant| times[instant] - start_s).collect();
+    for joint in &model.joints {
+        // A ball's rates start at nothing: the fit finds them.
+        let coordinates = match joint.kind {
+            JointKind::Hinge | JointKind::Slide => 1,
+            JointKind::Free => 3,
+            JointKind::Ball => 0,
+        };
+        for axis in 0..coordinates {
+            let values: Vec<f64> = poses.iter().map(|pose| pose[joint.qpos_address + axis]).collect();
+            if let Some([value, rate]) = parabola(&since, &values) {
+                state.qpos[joint.qpos_address + axis] = value;
+                state.qvel[joint.dof_address + axis] = rate;
+            }
+        }
+    }
+    state
+}
+
+/// Value and slope at 0 of the least-squares parabola.
+fn parabola(x: &[f64], y: &[f64]) -> Option<[f64; 2]> {
+    // Powers of x / span keep the small system well conditioned.
+    let span = x.last().copied().filter(|span| *span > 0.0)?;
+    let rows = nalgebra::DMatrix::from_fn(x.len(), 3, |row, power| (x[row] / span).powi(power as i32));
+    let values = nalgebra::DVector::from_column_slice(y);
+    let solution = (rows.transpose() * &rows).cholesky()?.solve(&(rows.transpose() * values));
+    Some([solution[0], solution[1] / span])
+}
+
+#[cfg(test)]
+mod tests;

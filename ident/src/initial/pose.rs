@@ -1,0 +1,124 @@
+//! Joint coordinates that put the keypoints where an image shows them.
+
+use nalgebra::{DMatrix, DVector};
+use sim::{JointKind, Model};
+
+use crate::geometry::moved;
+
+/// One observed coordinate of a site.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Target {
+    /// Index into the model's sites.
+    pub(super) site: usize,
+    /// 0, 1, 2 for x, y, z.
+    pub(super) axis: usize,
+    /// Where it was seen \[m\].
+    pub(super) mean_m: f64,
+}
+
+/// Angles tried per hinge before the descent: a hinge may be anywhere on its circle.
+const ANGLES: usize = 24;
+/// A pose this many standard deviations off, root mean square, is worth another start.
+const GOOD: f64 = 3.0;
+const ITERATIONS: usize = 60;
+/// Step of the finite differences \[rad\] or \[m\].
+const STEP: f64 = 1e-6;
+/// A descent has arrived when its steps are shorter \[rad\] or \[m\].
+const ARRIVED: f64 = 1e-10;
+
+/// The coordinates, shape (nq), nearest to `targets`: by descent from `guess`, and where that ends far off, from
+/// a search hinge by hinge. `frozen`, shape (nv), marks what must stay. Directions that no target sees stay at
+/// the guess.
+pub(super) fn pose(
+    model: &Model,
+    targets: &[Target],
+    guess: &[f64],
+    frozen: &[bool],
+    noise_m: f64,
+) -> Vec<f64> {
+    let near = descend(model, targets, guess, frozen);
+    let limit = (GOOD * noise_m).powi(2) * targets.len() as f64;
+    if cost(model, targets, &near) <= limit {
+        return near;
+    }
+    let far = descend(model, targets, &sweep(model, targets, guess, frozen), frozen);
+    if cost(model, targets, &far) < cost(model, targets, &near) { far } else { near }
+}
+
+fn residuals(model: &Model, targets: &[Target], qpos: &[f64]) -> DVector<f64> {
+    let poses = model.poses(qpos);
+    DVector::from_iterator(targets.len(), targets.iter().map(|t| t.mean_m - poses.site_pos[t.site].0[t.axis]))
+}
+
+fn cost(model: &Model, targets: &[Target], qpos: &[f64]) -> f64 {
+    residuals(model, targets, qpos).norm_squared()
+}
+
+/// Turns one hinge after the other, base to tip, to the best of some angles.
+fn sweep(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) -> Vec<f64> {
+    let mut qpos = guess.to_vec();
+    for joint in &model.joints {
+        if joint.kind != JointKind::Hinge || frozen[joint.dof_address] {
+            continue;
+        }
+        let tried = (0..ANGLES).map(|k| {
+            let mut trial = qpos.clone();
+            let turn = std::f64::consts::TAU * k as f64 / ANGLES as f64;
+            // Of the angles one turn apart, the one next to the reference.
+            trial[joint.qpos_address] =
+                joint.reference + turn - if 2 * k > ANGLES { std::f64::consts::TAU } else { 0.0 };
+            (cost(model, targets, &trial), trial)
+        });
+        if let Some((_, best)) = tried.min_by(|a, b| a.0.total_cmp(&b.0)) {
+            qpos = best;
+        }
+    }
+    qpos
+}
+
+/// Levenberg-Marquardt; the damping never quite vanishes, which keeps unseen directions where they are.
+fn descend(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) -> Vec<f64> {
+    let dofs: Vec<usize> = (0..model.nv()).filter(|&dof| !frozen[dof]).collect();
+    if dofs.is_empty() || targets.is_empty() {
+        return guess.to_vec();
+    }
+    let stepped = |qpos: &[f64], step: &DVector<f64>| {
+        let mut delta = vec![0.0; model.nv()];
+        for (&dof, step) in dofs.iter().zip(step) {
+            delta[dof] = *step;
+        }
+        moved(model, qpos, &delta)
+    };
+    let mut qpos = guess.to_vec();
+    let mut damping = 1e-3;
+    for _ in 0..ITERATIONS {
+        let r = residuals(model, targets, &qpos);
+        let mut jacobian = DMatrix::zeros(targets.len(), dofs.len());
+        for column in 0..dofs.len() {
+            let mut step = DVector::zeros(dofs.len());
+            step[column] = STEP;
+            jacobian.set_column(column, &((residuals(model, targets, &stepped(&qpos, &step)) - &r) / STEP));
+        }
+        let gradient = jacobian.tr_mul(&r);
+        let mut hessian = jacobian.tr_mul(&jacobian);
+        let size = hessian.diagonal().max();
+        for i in 0..dofs.len() {
+            hessian[(i, i)] += damping * size + f64::MIN_POSITIVE;
+        }
+        let Some(step) = hessian.cholesky().map(|h| -h.solve(&gradient)) else { break };
+        let trial = stepped(&qpos, &step);
+        if cost(model, targets, &trial) <= r.norm_squared() {
+            qpos = trial;
+            damping = (damping / 10.0).max(1e-9);
+            if step.amax() < ARRIVED {
+                break;
+            }
+        } else {
+            damping *= 10.0;
+            if damping > 1e6 {
+                break;
+            }
+        }
+    }
+    qpos
+}

@@ -1,0 +1,98 @@
+//! Named, bounded, scaled parameters: which numbers of a model a fit may turn, and how far.
+//!
+//! [`Parameters::select`] reads the `[fit]` table against a model. A fit then sees a vector, one entry per
+//! free parameter: as SI values ([`Parameters::apply`]), or between 0 and 1 ([`Parameters::values`],
+//! [`Parameters::units`]) for a search that wants every direction alike. Tied names share one entry.
+
+mod scale;
+mod select;
+
+use sim::Model;
+
+pub use scale::Scale;
+pub use select::ParameterError;
+
+use crate::experiment::{FitConfig, Prior};
+
+/// One free number of a fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FreeParameter {
+    /// Its name; more than one where names are tied.
+    pub names: Vec<String>,
+    /// Where it stands in the model, for each name.
+    pub places: Vec<sim::model::Parameter>,
+    /// Where a fit starts, within the bounds.
+    pub start: f64,
+    /// Bounds and scale.
+    pub scale: Scale,
+    /// What is known beforehand.
+    pub prior: Option<Prior>,
+}
+
+impl FreeParameter {
+    /// The first of its names.
+    pub fn name(&self) -> &str {
+        &self.names[0]
+    }
+}
+
+/// The free parameters of a fit, in the order of the model.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Parameters {
+    /// The parameters, shape (P).
+    pub free: Vec<FreeParameter>,
+}
+
+impl Parameters {
+    /// What `config` asks for, looked up in `model`.
+    ///
+    /// # Errors
+    /// [`ParameterError`], for a name the model does not have or wishes that contradict each other.
+    pub fn select(model: &Model, config: &FitConfig) -> Result<Self, ParameterError> {
+        select::select(model, config)
+    }
+
+    /// Number of free parameters.
+    pub fn len(&self) -> usize {
+        self.free.len()
+    }
+
+    /// Whether nothing is free.
+    pub fn is_empty(&self) -> bool {
+        self.free.is_empty()
+    }
+
+    /// Start values, shape (P), SI.
+    pub fn start(&self) -> Vec<f64> {
+        self.free.iter().map(|parameter| parameter.start).collect()
+    }
+
+    /// SI values at a point of the unit box, shape (P).
+    pub fn values(&self, units: &[f64]) -> Vec<f64> {
+        self.free.iter().zip(units).map(|(parameter, &unit)| parameter.scale.value(unit)).collect()
+    }
+
+    /// The point of the unit box at SI values, shape (P).
+    pub fn units(&self, values: &[f64]) -> Vec<f64> {
+        self.free.iter().zip(values).map(|(parameter, &value)| parameter.scale.unit(value)).collect()
+    }
+
+    /// Puts SI `values`, shape (P), into `model`, which has the shape of the one selected from.
+    pub fn apply(&self, values: &[f64], model: &mut Model) {
+        for (parameter, &value) in self.free.iter().zip(values) {
+            for &place in &parameter.places {
+                model.set(place, value);
+            }
+        }
+    }
+
+    /// `model` with SI `values`, shape (P).
+    pub fn applied(&self, values: &[f64], model: &Model) -> Model {
+        let mut model = model.clone();
+        self.apply(values, &mut model);
+        model
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,310 @@
+//! Which parameters the `[fit]` table means.
+
+use sim::Model;
+use sim::model::Parameter;
+
+use super::{FreeParameter, Parameters, Scale};
+use crate::experiment::FitConfig;
+use crate::names::{did_you_mean, glob};
+
+/// Why a `[fit]` table does not go with the model, or with itself.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ParameterError {
+    /// No parameter of that name or kind.
+    #[error("`{table}` names `{name}`, which the model does not have{hint}")]
+    Unknown {
+        /// The key of the `[fit]` table.
+        table: &'static str,
+        /// What it says.
+        name: String,
+        /// The nearest name.
+        hint: String,
+    },
+    /// Two wishes that exclude each other.
+    #[error("`{name}` stands under both `{first}` and `{second}`; remove it from one of them")]
+    Contradiction {
+        /// The parameter.
+        name: String,
+        /// One key.
+        first: &'static str,
+        /// The other.
+        second: &'static str,
+    },
+    /// A tie names a parameter that is not fitted.
+    #[error("`tie` names `{name}`, which is not fitted; add it to `parameters` or leave it out")]
+    TiedButNotFitted {
+        /// The parameter.
+        name: String,
+    },
+    /// A parameter stands in two ties.
+    #[error("`{name}` stands in more than one `tie`; join these into one")]
+    TiedTwice {
+        /// The parameter.
+        name: String,
+    },
+    /// Tied parameters are not of one kind.
+    #[error("`tie` joins `{first}` and `{second}`, which are not of one kind; tie like with like")]
+    TiedUnlike {
+        /// One parameter.
+        first: String,
+        /// The other.
+        second: String,
+    },
+    /// Bounds the wrong way round, or shut.
+    #[error("bounds of `{name}` are [{lower}, {upper}]; the lower one must be less than the upper one")]
+    Bounds {
+        /// The key of `[fit.bounds]`.
+        name: String,
+        /// Lower bound.
+        lower: f64,
+        /// Upper bound.
+        upper: f64,
+    },
+    /// A bound that physics excludes.
+    #[error("bounds of `{name}` reach down to {lower}; a {kind} is never below 0")]
+    Negative {
+        /// The parameter.
+        name: String,
+        /// Its kind.
+        kind: String,
+        /// Lower bound.
+        lower: f64,
+    },
+    /// A prior outside the bounds.
+    #[error("prior of `{name}` has mean {mean}, outside its bounds [{lower}, {upper}]; widen the bounds")]
+    Prior {
+        /// The parameter.
+        name: String,
+        /// Mean of the prior.
+        mean: f64,
+        /// Lower bound.
+        lower: f64,
+        /// Upper bound.
+        upper: f64,
+    },
+}
+
+/// A parameter of the model with the names it can be asked for by.
+struct Candidate {
+    name: String,
+    place: Parameter,
+    /// Whether a kind means it: a single name or glob always does.
+    by_kind: bool,
+}
+
+impl Candidate {
+    /// What kind it is: the last part of its name.
+    fn kind(&self) -> &str {
+        self.name.rsplit_once('/').map_or(&self.name, |(_, kind)| kind)
+    }
+
+    fn is_kind(&self, kind: &str) -> bool {
+        self.kind() == kind || kind == "fluidcoef" && matches!(self.place, Parameter::Fluid(..))
+    }
+
+    /// Whether a name, a glob or a kind means this parameter.
+    fn is_meant(&self, pattern: &str) -> bool {
+        glob(pattern, &self.name) || self.is_kind(pattern)
+    }
+}
+
+pub(super) fn select(model: &Model, config: &FitConfig) -> Result<Parameters, ParameterError> {
+    let candidates = candidates(model);
+    let names: Vec<String> = candidates.iter().map(|candidate| candidate.name.clone()).collect();
+    let unknown = |table: &'static str, name: &str| {
+        let kinds =
+            ["fluidcoef"].into_iter().chain(candidates.iter().map(Candidate::kind)).map(str::to_owned);
+        let mut known: Vec<String> = if name.contains('/') { names.clone() } else { kinds.collect() };
+        known.sort();
+        known.dedup();
+        ParameterError::Unknown { table, name: name.to_owned(), hint: did_you_mean(name, &known) }
+    };
+
+    let mut fitted = vec![false; candidates.len()];
+    // The kinds fitted by default may be absent from a model; what somebody wrote may not.
+    let is_default = config.parameters == FitConfig::default().parameters;
+    for pattern in &config.parameters {
+        let mut found = is_default;
+        for (candidate, fitted) in candidates.iter().zip(&mut fitted) {
+            let named = pattern.contains(['/', '*', '?']) && glob(pattern, &candidate.name);
+            let by_kind = candidate.by_kind && candidate.is_kind(pattern);
+            *fitted |= named || by_kind;
+            found |= named || by_kind;
+        }
+        if !found {
+            return Err(unknown("parameters", pattern));
+        }
+    }
+    for name in config.prior.keys() {
+        let at = names.iter().position(|known| known == name).ok_or_else(|| unknown("prior", name))?;
+        fitted[at] = true;
+    }
+    for pattern in &config.fixed {
+        let mut found = false;
+        for (candidate, fitted) in candidates.iter().zip(&mut fitted).filter(|(c, _)| c.is_meant(pattern)) {
+            let contradiction = |first| {
+                let name = candidate.name.clone();
+                Err(ParameterError::Contradiction { name, first, second: "fixed" })
+            };
+            if config.parameters.contains(&candidate.name) {
+                return contradiction("parameters");
+            }
+            if config.prior.contains_key(&candidate.name) {
+                return contradiction("prior");
+            }
+            *fitted = false;
+            found = true;
+        }
+        if !found {
+            return Err(unknown("fixed", pattern));
+        }
+    }
+    for name in config.bounds.keys() {
+        if !candidates.iter().any(|candidate| candidate.is_meant(name)) {
+            return Err(unknown("bounds", name));
+        }
+    }
+
+    let mut owner: Vec<Option<usize>> = vec![None; candidates.len()];
+    for (group, patterns) in config.tie.iter().enumerate() {
+        let mut first: Option<&Candidate> = None;
+        for pattern in patterns {
+            let mut found = false;
+            for (at, candidate) in candidates.iter().enumerate().filter(|(_, c)| c.is_meant(pattern)) {
+                let name = candidate.name.clone();
+                if !fitted[at] {
+                    return Err(ParameterError::TiedButNotFitted { name });
+                }
+                if owner[at].is_some_and(|other| other != group) {
+                    return Err(ParameterError::TiedTwice { name });
+                }
+                let first = first.get_or_insert(candidate);
+                if first.kind() != candidate.kind() {
+                    return Err(ParameterError::TiedUnlike { first: first.name.clone(), second: name });
+                }
+                owner[at] = Some(group);
+                found = true;
+            }
+            if !found {
+                return Err(unknown("tie", pattern));
+            }
+        }
+    }
+
+    let mut free: Vec<FreeParameter> = Vec::new();
+    for (at, candidate) in candidates.iter().enumerate().filter(|(at, _)| fitted[*at]) {
+        let tied = |other: &usize| owner[at].is_some() && owner[*other] == owner[at];
+        let members: Vec<usize> =
+            if owner[at].is_some() { (0..candidates.len()).filter(tied).collect() } else { vec![at] };
+        if members[0] != at {
+            continue;
+        }
+        let prior = members.iter().find_map(|&member| config.prior.get(&names[member])).copied();
+        let value = prior.map_or(model.get(candidate.place), |prior| prior.mean.get());
+        let scale = scale(model, candidate, value, config)?;
+        free.push(FreeParameter {
+            names: members.iter().map(|&member| names[member].clone()).collect(),
+            places: members.iter().map(|&member| candidates[member].place).collect(),
+            start: scale.start(value),
+            scale,
+            prior,
+        });
+    }
+    for parameter in &free {
+        if let Some(mean) = parameter.prior.map(|prior| prior.mean.get()) {
+            let (lower, upper) = (parameter.scale.lower(), parameter.scale.upper());
+            if !(lower..=upper).contains(&mean) {
+                return Err(ParameterError::Prior { name: parameter.name().into(), mean, lower, upper });
+            }
+        }
+    }
+    Ok(Parameters { free })
+}
+
+fn candidates(model: &Model) -> Vec<Candidate> {
+    let moves = |mut body: usize| {
+        while body != 0 {
+            if model.joints.iter().any(|joint| joint.body == body) {
+                return true;
+            }
+            body = model.bodies[body].parent;
+        }
+        false
+    };
+    let passive = |joint: usize| model.actuators.iter().all(|actuator| actuator.joint != joint);
+    let candidate = |name: String| {
+        let place = model.find_parameter(&name).ok()?;
+        let by_kind = match place {
+            Parameter::Fluid(geom, _) => moves(model.geoms[geom].body),
+            Parameter::Damping(joint) | Parameter::FrictionLoss(joint) | Parameter::Stiffness(joint, _) => {
+                passive(joint)
+            }
+            Parameter::Mass(body) => moves(body),
+            Parameter::Gain(_) => true,
+        };
+        Some(Candidate { name, place, by_kind })
+    };
+    model.parameter_names().into_iter().filter_map(candidate).collect()
+}
+
+/// Bounds by name, then by glob, by kind, by `fluidcoef`, then by what physics suggests.
+fn scale(
+    model: &Model,
+    candidate: &Candidate,
+    value: f64,
+    config: &FitConfig,
+) -> Result<Scale, ParameterError> {
+    let stated = config
+        .bounds
+        .get_key_value(&candidate.name)
+        .or_else(|| {
+            config.bounds.iter().find(|(key, _)| key.contains(['*', '?']) && glob(key, &candidate.name))
+        })
+        .or_else(|| config.bounds.get_key_value(candidate.kind()))
+        .or_else(|| config.bounds.get_key_value("fluidcoef").filter(|_| candidate.is_kind("fluidcoef")));
+    let [lower, upper] = match stated {
+        Some((name, bounds)) => {
+            let [lower, upper] = bounds.map(|bound| bound.get());
+            if lower >= upper {
+                return Err(ParameterError::Bounds { name: name.clone(), lower, upper });
+            }
+            [lower, upper]
+        }
+        None => default_bounds(model, candidate, value),
+    };
+    let signed = matches!(candidate.place, Parameter::Fluid(..) | Parameter::Stiffness(..));
+    if lower < 0.0 && !signed {
+        let (name, kind) = (candidate.name.clone(), candidate.kind().to_owned());
+        return Err(ParameterError::Negative { name, kind, lower });
+    }
+    Ok(match candidate.place {
+        Parameter::Damping(_) | Parameter::FrictionLoss(_) | Parameter::Stiffness(..) => {
+            Scale::with_knee(lower, upper)
+        }
+        Parameter::Fluid(..) | Parameter::Mass(_) | Parameter::Gain(_) => Scale::new(lower, upper),
+    })
+}
+
+/// Fluid coefficients lie between 0 and 10 ([`FLUID_UPPER`]), masses within a factor of 2, gains of 10. A
+/// joint's torque is bounded by what would all but stop the mechanism: with I its mass times its reach
+/// squared, damping by I times 10 /s, friction loss by I times 100 /s2, stiffness by I times 1000 /s2; never
+/// by less than 10 times `value`, the prior's mean or the model's own.
+fn default_bounds(model: &Model, candidate: &Candidate, value: f64) -> [f64; 2] {
+    let torque = |size: f64| size.max(10.0 * value.abs());
+    let inertia = {
+        let mass: f64 = model.bodies.iter().map(|body| body.mass).sum();
+        mass * crate::geometry::characteristic_length_m(model).powi(2)
+    };
+    match candidate.place {
+        Parameter::Fluid(..) => [0.0, FLUID_UPPER.max(2.0 * value)],
+        Parameter::Damping(_) => [0.0, torque(10.0 * inertia)],
+        Parameter::FrictionLoss(_) => [0.0, torque(100.0 * inertia)],
+        Parameter::Stiffness(_, 0) => [0.0, torque(1000.0 * inertia)],
+        Parameter::Stiffness(..) => [-torque(1000.0 * inertia), torque(1000.0 * inertia)],
+        Parameter::Mass(_) => [0.5 * value, 2.0 * value],
+        Parameter::Gain(_) => [0.1 * value, 10.0 * value],
+    }
+}
+
+/// Upper bound of a fluid coefficient where nobody says otherwise.
+const FLUID_UPPER: f64 = 10.0;

@@ -1,0 +1,117 @@
+//! Synthetic runs of the chain, made with another integrator and step than a fit uses.
+
+#![allow(dead_code, reason = "each test binary uses its part")]
+
+use ident::experiment::{Experiment, FitConfig, Run, RunKind};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use sim::{Command, Integrator, Model, RolloutOptions, State, Trajectory, rollout};
+
+pub(crate) const CHAIN: &str = include_str!("../data/chain.xml");
+pub(crate) const NOISE_M: f64 = 4e-4;
+pub(crate) const FPS: f64 = 100.0;
+
+/// The chain with its true coefficients.
+pub(crate) fn chain() -> Model {
+    Model::from_mjcf(CHAIN).unwrap()
+}
+
+/// The chain with a position servo on its first joint.
+pub(crate) fn driven_chain() -> Model {
+    let servo =
+        "</worldbody><actuator><position name=\"servo\" joint=\"q1\" kp=\"0.05\" kv=\"3e-4\"/></actuator>";
+    Model::from_mjcf(&CHAIN.replace("</worldbody>", servo)).unwrap()
+}
+
+/// The same model with MuJoCo's default coefficients: what a fit knows beforehand.
+pub(crate) fn guess(mut model: Model) -> Model {
+    for geom in ["g1", "g2", "g3"] {
+        for (name, value) in
+            [("blunt", 0.5), ("slender", 0.25), ("angular", 1.5), ("kutta", 1.0), ("magnus", 1.0)]
+        {
+            model.set_parameter(&format!("{geom}/{name}"), value).unwrap();
+        }
+    }
+    for joint in ["q1", "q2", "q3"] {
+        model.set_parameter(&format!("{joint}/damping"), 5e-6).unwrap();
+    }
+    model
+}
+
+/// Films `seconds` of the motion from `state`, which is held until `start_s`: RK4 at 0.5 ms, noise by `seed`.
+pub(crate) fn film(
+    model: &Model,
+    state: &State,
+    command: &Command,
+    start_s: f64,
+    seconds: f64,
+    prescribed: bool,
+    seed: u64,
+) -> Trajectory {
+    let times: Vec<f64> = (0..(seconds * FPS) as usize).map(|i| i as f64 / FPS).collect();
+    let options = RolloutOptions {
+        integrator: Some(Integrator::Rk4),
+        timestep_s: Some(5e-4),
+        prescribed,
+        start_s,
+        ..RolloutOptions::default()
+    };
+    let mut trajectory = rollout(model, state, command, &times, &options).unwrap().trajectory();
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    for position in &mut trajectory.position_m {
+        for axis in [0, 2] {
+            let normal: f64 = StandardNormal.sample(&mut random);
+            position[axis] += NOISE_M * normal;
+        }
+        // A camera square to the plane does not see depth.
+        position[1] = f64::NAN;
+    }
+    trajectory
+}
+
+pub(crate) fn still(qpos: [f64; 3]) -> State {
+    State { qpos: qpos.to_vec(), qvel: vec![0.0; 3] }
+}
+
+/// A drop from `qpos`, let go at `release_s`.
+pub(crate) fn drop_run(
+    id: &str,
+    model: &Model,
+    qpos: [f64; 3],
+    release_s: f64,
+    seconds: f64,
+    seed: u64,
+) -> Run {
+    let trajectory = film(model, &still(qpos), &Command::default(), release_s, seconds, false, seed);
+    Run { release_s: Some(release_s), ..Run::new(id, RunKind::Drop, trajectory) }
+}
+
+/// Sinusoidal strokes after 0.2 s of rest.
+pub(crate) fn strokes(amplitude_rad: f64, period_s: f64, seconds: f64) -> Command {
+    let times: Vec<f64> = (0..(seconds * FPS) as usize).map(|i| i as f64 / FPS).collect();
+    let angle = |t: &f64| amplitude_rad * (std::f64::consts::TAU * (t - 0.2).max(0.0) / period_s).sin();
+    Command { actuators: vec!["servo".into()], angle_rad: times.iter().map(angle).collect(), time_s: times }
+}
+
+/// A driven run.
+pub(crate) fn driven_run(
+    id: &str,
+    model: &Model,
+    command: Command,
+    seconds: f64,
+    prescribed: bool,
+    seed: u64,
+) -> Run {
+    let trajectory = film(model, &still([0.0; 3]), &command, 0.2, seconds, prescribed, seed);
+    Run { command: Some(command), prescribed, ..Run::new(id, RunKind::Driven, trajectory) }
+}
+
+/// An experiment with the coefficients fitted that the runs can see best, the others known.
+pub(crate) fn experiment(model: Model, runs: Vec<Run>, parameters: &[&str]) -> Experiment {
+    let fit = FitConfig {
+        parameters: parameters.iter().map(|&name| name.to_owned()).collect(),
+        ..FitConfig::default()
+    };
+    Experiment { model, noise_m: Some(NOISE_M), fit, runs }
+}

@@ -1,0 +1,133 @@
+//! A real double pendulum in air: fitted on the authors' identification pieces, scored on their validation
+//! pieces, beside the parameters they published, under the same scoring.
+
+use std::path::{Path, PathBuf};
+
+use ident::experiment::{Experiment, FitConfig, Method, Run, RunKind, Use};
+use ident::fit::{Fitted, fit};
+use sim::{Model, Trajectory};
+
+const MODEL: &str = include_str!("data/pendulum.xml");
+const ARM1_M: f64 = 0.172719204;
+const P2_M: f64 = 0.2;
+/// Every how many of the 500 samples a second become images.
+const EVERY: usize = 5;
+/// Identification pieces fitted: the first ones, of 26.
+const PIECES: usize = 8;
+
+/// Pieces of one set: times and both absolute angles, pi hanging down.
+fn pieces(path: &Path, set: &str) -> Vec<Vec<[f64; 3]>> {
+    let mut list: Vec<Vec<[f64; 3]>> = Vec::new();
+    let mut last = None;
+    for record in csv::Reader::from_path(path).unwrap().records() {
+        let record = record.unwrap();
+        if &record[0] != set {
+            continue;
+        }
+        let piece: usize = record[1].parse().unwrap();
+        if last != Some(piece) {
+            list.push(Vec::new());
+            last = Some(piece);
+        }
+        list.last_mut().unwrap().push([2, 3, 4].map(|column| record[column].parse().unwrap()));
+    }
+    list
+}
+
+/// Positions of both points, x to the right and z up, from absolute angles.
+fn trajectory(samples: &[[f64; 3]]) -> Trajectory {
+    let images: Vec<&[f64; 3]> = samples.iter().step_by(EVERY).collect();
+    let point = |length: f64, angle: f64| [-length * angle.sin(), 0.0, length * angle.cos()];
+    let both = |sample: &&[f64; 3]| {
+        let (p1, arm2) = (point(ARM1_M, sample[1]), point(P2_M, sample[2]));
+        [p1, std::array::from_fn(|axis| p1[axis] + arm2[axis])]
+    };
+    Trajectory {
+        time_s: images.iter().map(|sample| sample[0]).collect(),
+        keypoints: vec!["P1".into(), "P2".into()],
+        position_m: images.iter().flat_map(both).collect(),
+        std_m: None,
+    }
+}
+
+/// Angles of both arms seen from their points, unwrapped to within half a turn of each other.
+fn angle_errors_rad(measured: &Trajectory, simulated: &Trajectory, from_s: f64) -> [f64; 2] {
+    let angles = |t: &Trajectory, row: usize| {
+        let (p1, p2) = (t.at(row, 0), t.at(row, 1));
+        [(-p1[0]).atan2(p1[2]), (p1[0] - p2[0]).atan2(p2[2] - p1[2])]
+    };
+    let rows: Vec<usize> = (0..measured.time_s.len()).filter(|&row| measured.time_s[row] >= from_s).collect();
+    std::array::from_fn(|arm| {
+        let error = |row: &usize| {
+            let difference = angles(measured, *row)[arm] - angles(simulated, *row)[arm];
+            let turn = std::f64::consts::TAU;
+            (difference - turn * (difference / turn).round()).powi(2)
+        };
+        (rows.iter().map(error).sum::<f64>() / rows.len() as f64).sqrt()
+    })
+}
+
+/// Root mean square over all held-out pieces: both arms' angles \[deg\], both points \[mm\].
+fn score(fitted: &Fitted) -> [[f64; 2]; 2] {
+    let held: Vec<_> = fitted.runs.iter().filter(|run| run.usage == Use::Holdout).collect();
+    let mean =
+        |of: &dyn Fn(usize) -> f64| (0..held.len()).map(|i| of(i).powi(2)).sum::<f64>() / held.len() as f64;
+    let degrees = |arm: usize| {
+        let one = |i: usize| {
+            angle_errors_rad(&held[i].measured, &held[i].simulated, held[i].scored_from_s)[arm].to_degrees()
+        };
+        mean(&one).sqrt()
+    };
+    let errors = |i: usize, keypoint: usize| {
+        let run = fitted.fit.runs.iter().find(|run| run.id == held[i].id).unwrap();
+        run.keypoints[keypoint].rms_error_m * 1e3
+    };
+    [[degrees(0), degrees(1)], [mean(&|i| errors(i, 0)).sqrt(), mean(&|i| errors(i, 1)).sqrt()]]
+}
+
+fn experiment(path: &Path, parameters: &[&str]) -> Experiment {
+    let mut runs = Vec::new();
+    for (set, usage, most) in [("id", Use::Fit, PIECES), ("vad", Use::Holdout, usize::MAX)] {
+        for (index, samples) in pieces(path, set).iter().take(most).enumerate() {
+            let run = Run::new(format!("{set}-{index}"), RunKind::Free, trajectory(samples));
+            runs.push(Run { usage, ..run });
+        }
+    }
+    let fit = FitConfig {
+        parameters: parameters.iter().map(|&name| name.into()).collect(),
+        method: Method::LeastSquares,
+        ..FitConfig::default()
+    };
+    Experiment { model: Model::from_mjcf(MODEL).unwrap(), noise_m: None, fit, runs }
+}
+
+#[test]
+fn real_double_pendulum_is_predicted_at_least_as_well_as_by_its_authors() {
+    let Some(shared) = std::env::var_os("RIG_SHARED") else {
+        println!("skipped: RIG_SHARED does not name the folder of shared data");
+        return;
+    };
+    let path = PathBuf::from(shared).join("data/pendulum-in-air/double_pendulum.csv");
+    let published = score(&fit(&experiment(&path, &[]), &mut ()).unwrap());
+    let fitted = fit(&experiment(&path, &["damping", "frictionloss", "mass"]), &mut ()).unwrap();
+    let ours = score(&fitted);
+    for (who, [degrees, mm]) in [("published", published), ("fitted", ours)] {
+        println!(
+            "{who:9}: arm 1 {:.3} deg, arm 2 {:.3} deg, P1 {:.3} mm, P2 {:.3} mm rms on the validation pieces",
+            degrees[0], degrees[1], mm[0], mm[1]
+        );
+    }
+    println!(
+        "{} after {} evaluations, {} rollouts, {:?}",
+        fitted.fit.stop_reason, fitted.fit.evaluations, fitted.fit.rollouts, fitted.timing.wall
+    );
+    for parameter in &fitted.fit.parameters {
+        println!(
+            "{:22} {:11.4e} +- {:8.1e} {}",
+            parameter.name, parameter.value, parameter.std, parameter.determined
+        );
+    }
+    assert!(ours[1][1] <= published[1][1], "P2: {} mm against {} mm", ours[1][1], published[1][1]);
+    let both = |errors: [f64; 2]| errors[0].hypot(errors[1]);
+    assert!(both(ours[0]) <= both(published[0]), "angles: {:?} against {:?}", ours[0], published[0]);
+}

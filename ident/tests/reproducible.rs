@@ -1,0 +1,94 @@
+//! Equal input gives equal bytes: for any number of threads, and across an interruption.
+
+mod common;
+
+use common::*;
+use ident::experiment::{Experiment, Method};
+use ident::fit::{Checkpoint, FitError, Flow, Observer, Progress, fit, resume};
+
+fn problem(method: Method) -> Experiment {
+    let truth = chain();
+    let runs = vec![
+        drop_run("a", &truth, [1.2, 0.3, -0.4], 0.1, 1.0, 1),
+        drop_run("b", &truth, [1.5, -1.5, 1.0], 0.1, 1.0, 2),
+    ];
+    let mut experiment = experiment(guess(chain()), runs, &["angular", "kutta", "damping"]);
+    experiment.noise_m = None;
+    experiment.runs[1].release_s = None;
+    experiment.fit.method = method;
+    experiment.fit.max_evaluations = 240;
+    experiment
+}
+
+fn bytes(experiment: &Experiment) -> String {
+    fit(experiment, &mut ()).unwrap().fit.to_json().unwrap()
+}
+
+#[test]
+fn one_thread_and_two_write_the_same_bytes() {
+    for method in [Method::Paper, Method::Hybrid] {
+        let experiment = problem(method);
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| bytes(&experiment))
+        };
+        assert_eq!(with(1), with(2));
+    }
+}
+
+/// Stops a fit after so many calls and keeps its state, through a file.
+struct Interrupt {
+    after: usize,
+    state: Option<Checkpoint>,
+}
+
+impl Observer for Interrupt {
+    fn progress(&mut self, progress: &Progress<'_>) -> Flow {
+        if self.after == 0 {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("fit-state.json");
+            progress.checkpoint.write(&path).unwrap();
+            self.state = Some(Checkpoint::read(&path).unwrap());
+            return Flow::Stop;
+        }
+        self.after -= 1;
+        Flow::Continue
+    }
+}
+
+#[test]
+fn a_resumed_fit_writes_the_bytes_of_an_uninterrupted_one() {
+    for (method, after) in [(Method::Paper, 12), (Method::Hybrid, 4), (Method::LeastSquares, 1)] {
+        let experiment = problem(method);
+        let mut interrupt = Interrupt { after, state: None };
+        let broken = fit(&experiment, &mut interrupt).unwrap();
+        assert_eq!(broken.fit.stop_reason, "interrupted");
+        let resumed = resume(&experiment, interrupt.state.unwrap(), &mut ()).unwrap();
+        assert_eq!(resumed.fit.to_json().unwrap(), bytes(&experiment), "{method:?}");
+    }
+}
+
+#[test]
+fn a_state_of_another_experiment_is_refused() {
+    let experiment = problem(Method::LeastSquares);
+    let mut interrupt = Interrupt { after: 0, state: None };
+    fit(&experiment, &mut interrupt).unwrap();
+    let mut other = experiment;
+    other.fit.seed = 2;
+    let error = resume(&other, interrupt.state.unwrap(), &mut ()).unwrap_err();
+    assert!(matches!(error, FitError::Checkpoint(_)));
+    assert!(error.to_string().contains("belongs to another experiment"), "{error}");
+}
+
+#[test]
+fn budget_is_kept_and_named() {
+    for method in [Method::Paper, Method::LeastSquares] {
+        let mut experiment = problem(method);
+        experiment.fit.max_evaluations = 60;
+        let unhurried = fit(&experiment, &mut ()).unwrap().fit;
+        assert_eq!(unhurried.stop_reason, "max-evaluations", "{method:?}");
+        // The error bars come on top: two evaluations per parameter and one.
+        let most = 60 + 2 * unhurried.parameters.len() as u64 + 1;
+        assert!(unhurried.evaluations <= most, "{}", unhurried.evaluations);
+    }
+}
