@@ -90,7 +90,7 @@ mod tests {
     use super::*;
     use crate::servo::config::tests::example;
     use crate::servo::pulse_log::PulseLogReader;
-    use crate::servo::{SerialBoard, ServoBoard as _};
+    use crate::servo::{SerialBoard, ServoBoard as _, ServoConfig, ServoError, StopOutcome};
 
     #[derive(Parser)]
     struct Line {
@@ -117,6 +117,53 @@ mod tests {
         let [(at, channel, pulse_us)] = pulses[..] else { panic!("{pulses:?}") };
         assert_eq!((channel, pulse_us), (0, Some(1600)));
         assert!(at > before && at < MonotonicNs::now());
+    }
+
+    /// Not a test of its own: the process that the next one kills.
+    #[test]
+    fn board_in_a_process_of_its_own() {
+        let Some(tank) = std::env::var_os("MOCK_BOARD_TANK") else { return };
+        let args = Args { tank: tank.into(), drift_ppm: 35.0, faults: Vec::new() };
+        let _board = start(&args).unwrap();
+        std::thread::sleep(Duration::from_secs(60));
+    }
+
+    #[test]
+    fn killed_board_is_lost_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut process = std::process::Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "cli::mock_board::tests::board_in_a_process_of_its_own"])
+            .env("MOCK_BOARD_TANK", folder.path())
+            .stdout(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        let port = folder.path().join(PORT_LINK);
+        let began = std::time::Instant::now();
+        while !port.exists() {
+            assert!(began.elapsed() < Duration::from_secs(20), "no port");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let config = ServoConfig { dead_man_ms: 2000, ..example() };
+        let mut board = SerialBoard::open(port.to_str().unwrap(), &config, false).unwrap();
+        board.jog(0, 1500, 0.0).unwrap();
+        board.jog(0, 2000, 2.0).unwrap();
+        process.kill().unwrap();
+        process.wait().unwrap();
+        let killed = std::time::Instant::now();
+        let error = loop {
+            match board.poll() {
+                Err(error) => break error,
+                Ok(_) => std::thread::sleep(Duration::from_millis(1)),
+            }
+        };
+        println!("{error}, {:?} after the kill", killed.elapsed());
+        assert!(matches!(error, ServoError::Lost { .. }), "{error}");
+        // Far below the dead-man's time: the port itself says so.
+        assert!(killed.elapsed() < Duration::from_millis(500));
+        let asked = std::time::Instant::now();
+        assert_eq!(board.stop(), StopOutcome::LeftToDeadMan);
+        drop(board);
+        assert!(asked.elapsed() < Duration::from_millis(500), "{:?}", asked.elapsed());
     }
 
     #[test]

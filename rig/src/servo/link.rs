@@ -1,12 +1,13 @@
 //! The host's end of the line to a board: asking and asking again, heartbeats, clock samples, and noticing that
 //! something is wrong. No port and no clock of its own: bytes and instants are handed in, packets to send come out.
 
+mod hearing;
+
 use std::collections::VecDeque;
 
-use firmware_protocol::VERSION;
-use firmware_protocol::command::{Command, kind as command_kind};
-use firmware_protocol::event::{Event, Fault, Identity, Occurrence, State, kind as event_kind};
-use firmware_protocol::packet::{Decoder, Line, Packet};
+use firmware_protocol::command::Command;
+use firmware_protocol::event::{Event, Fault, Identity};
+use firmware_protocol::packet::{Decoder, Line};
 use firmware_protocol::units::Sequence;
 
 use super::ServoEvent;
@@ -24,6 +25,8 @@ const E_STOP_EVERY_S: f64 = 0.020;
 const SAMPLES: usize = 1200;
 /// Pings whose answer may still come.
 const PINGS: usize = 64;
+/// Events kept for an owner that does not ask: some minutes' worth.
+const EVENTS: usize = 50_000;
 
 /// What is wrong with the board or the line to it.
 #[derive(Debug, Clone, PartialEq)]
@@ -91,7 +94,12 @@ pub(super) struct Link {
     heard: MonotonicNs,
     silence_s: f64,
     events: Vec<ServoEvent>,
+    dropped_events: u64,
     trouble: Option<Trouble>,
+    /// What ended the link for good.
+    ended: Option<Trouble>,
+    /// The handshake is over: another boot id is a restart.
+    established: bool,
     known_fault: Fault,
     muted: bool,
     /// Bytes received.
@@ -120,7 +128,10 @@ impl Link {
             heard: now,
             silence_s,
             events: Vec::new(),
+            dropped_events: 0,
             trouble: None,
+            ended: None,
+            established: false,
             known_fault: Fault::None,
             muted: false,
             bytes: 0,
@@ -131,6 +142,10 @@ impl Link {
     /// Puts a command under way; whatever was before it is forgotten.
     pub(super) fn ask(&mut self, command: Command, now: MonotonicNs) {
         self.answer = None;
+        if self.muted {
+            self.answer = Some(Err(Unanswered));
+            return;
+        }
         let sequence = self.number();
         self.under_way = Some(UnderWay { command, sequence, sent: 0, next: now, wait_s: FIRST_WAIT_S });
     }
@@ -140,8 +155,9 @@ impl Link {
         self.answer.take()
     }
 
-    /// Begins the heartbeat with a burst of `burst` pings.
+    /// The handshake is over: begins the heartbeat with a burst of `burst` pings.
     pub(super) fn keep_alive(&mut self, burst: u32, now: MonotonicNs) {
+        self.established = true;
         self.heartbeat = Some(now);
         self.burst = burst;
     }
@@ -189,12 +205,25 @@ impl Link {
 
     /// What happened since the last call.
     pub(super) fn take_events(&mut self) -> Vec<ServoEvent> {
+        if self.dropped_events > 0 {
+            let dropped = std::mem::take(&mut self.dropped_events);
+            self.events
+                .push(ServoEvent::Note { text: format!("{dropped} servo events dropped: nobody took them") });
+        }
         std::mem::take(&mut self.events)
     }
 
     /// Adds a line for the journal.
     pub(super) fn note(&mut self, text: impl Into<String>) {
-        self.events.push(ServoEvent::Note { text: text.into() });
+        self.tell(ServoEvent::Note { text: text.into() });
+    }
+
+    fn tell(&mut self, event: ServoEvent) {
+        if self.events.len() < EVENTS {
+            self.events.push(event);
+        } else {
+            self.dropped_events += 1;
+        }
     }
 
     /// What is wrong, once.
@@ -202,10 +231,14 @@ impl Link {
         self.trouble.take()
     }
 
+    /// What ended the link for good, if it has ended.
+    pub(super) fn ended(&self) -> Option<&Trouble> {
+        self.ended.as_ref()
+    }
+
     /// The port is gone.
     pub(super) fn gone(&mut self, why: String) {
-        self.muted = true;
-        self.raise(Trouble::Gone(why));
+        self.end(Trouble::Gone(why));
     }
 
     /// Takes bytes that came at `now`.
@@ -225,8 +258,7 @@ impl Link {
         let silent_s = now.seconds_since(self.heard);
         if self.heartbeat.is_some() && !self.muted && silent_s > self.silence_s {
             // Without heartbeats the board's dead-man acts, should it still hear.
-            self.muted = true;
-            self.raise(Trouble::Silent(silent_s, self.damaged));
+            self.end(Trouble::Silent(silent_s, self.damaged));
         }
         if self.muted {
             self.fail_under_way();
@@ -277,123 +309,21 @@ impl Link {
         self.trouble.get_or_insert(trouble);
     }
 
+    /// Trouble that the link does not outlive: nothing more is said, but for an e-stop.
+    fn end(&mut self, trouble: Trouble) {
+        self.muted = true;
+        if self.ended.is_none() {
+            self.ended = Some(trouble.clone());
+            self.raise(trouble);
+        }
+    }
+
     fn fail_under_way(&mut self) {
         if self.under_way.take().is_some() {
             self.answer = Some(Err(Unanswered));
         }
     }
-
-    fn take(&mut self, packet: &Packet, now: MonotonicNs) {
-        self.heard = now;
-        let frozen = matches!(packet.kind, event_kind::HELLO | event_kind::STATUS | event_kind::ACK);
-        if packet.version != VERSION && !frozen {
-            return;
-        }
-        let Some(event) = Event::decode(packet) else {
-            self.damaged += 1;
-            return;
-        };
-        match event {
-            Event::Ack(ack) if ack.command == command_kind::E_STOP => {
-                if let Some(stop) = self.e_stop.as_mut().filter(|stop| !stop.acknowledged) {
-                    stop.acknowledged = true;
-                    self.heartbeat = stop.resume.then_some(now);
-                }
-                return;
-            }
-            Event::Hello(identity) => self.introduced(identity, packet.version),
-            Event::Pong { at, boot_id, state, fault } => {
-                self.same_board(boot_id);
-                let board_tick_us = self.ticks.extend(at.0);
-                self.ponged(packet.sequence, board_tick_us, now);
-                self.follow(state, fault, board_tick_us);
-                return;
-            }
-            Event::Telemetry(telemetry) => {
-                let board_tick_us = self.ticks.extend(telemetry.at.0);
-                for (channel, pulse) in (0..).zip(telemetry.pulses()) {
-                    let pulse_us = pulse.map(|pulse| pulse.0);
-                    self.events.push(ServoEvent::Pulse { channel, board_tick_us, pulse_us });
-                }
-                return;
-            }
-            Event::Happened { occurrence, fault, at } => {
-                let tick_us = self.ticks.extend(at.0);
-                match occurrence {
-                    Occurrence::Started => self.started(tick_us),
-                    Occurrence::Finished => self.finished(tick_us),
-                    Occurrence::Faulted => self.faulted(fault),
-                }
-                return;
-            }
-            Event::Ack(_) | Event::Status(_) | Event::Description(_) => {}
-        }
-        if self.under_way.as_ref().is_some_and(|asked| asked.sequence == packet.sequence) {
-            self.under_way = None;
-            self.answer = Some(Ok(event));
-        }
-    }
-
-    fn introduced(&mut self, identity: Identity, version: u8) {
-        if self.board.is_some() {
-            self.same_board(identity.boot_id);
-        } else {
-            self.board = Some((identity, version));
-        }
-    }
-
-    fn same_board(&mut self, boot_id: u32) {
-        if let Some((identity, _)) = self.board
-            && identity.boot_id != boot_id
-        {
-            self.muted = true;
-            self.raise(Trouble::Restarted { before: identity.boot_id, after: boot_id });
-        }
-    }
-
-    fn ponged(&mut self, sequence: Sequence, board_tick_us: u64, received: MonotonicNs) {
-        // Each ping is a new question with a number of its own, so an answer belongs to one sending only.
-        let Some(index) = self.pings.iter().position(|&(number, _)| number == sequence) else { return };
-        let Some((_, sent)) = self.pings.remove(index) else { return };
-        if self.samples.len() == SAMPLES {
-            self.samples.pop_front();
-        }
-        self.samples.push_back(Ping { sent, board_tick_us, received });
-        self.events.push(ServoEvent::Ping { sent, board_tick_us, received });
-    }
-
-    /// What a pong says about the board's state makes up for a lost report of what happened.
-    fn follow(&mut self, state: State, fault: Fault, tick_us: u64) {
-        match (state, self.armed) {
-            (State::Faulted, _) => self.faulted(fault),
-            (State::Running, Some(armed)) => self.started(armed.start_us),
-            (State::Idle, Some(armed)) if armed.started || tick_us > armed.end_us => {
-                self.finished(armed.end_us)
-            }
-            _ => {}
-        }
-    }
-
-    fn started(&mut self, board_tick_us: u64) {
-        if let Some(armed) = self.armed.as_mut().filter(|armed| !armed.started) {
-            armed.started = true;
-            self.events.push(ServoEvent::Started { board_tick_us });
-        }
-    }
-
-    fn finished(&mut self, board_tick_us: u64) {
-        if let Some(armed) = self.armed.take() {
-            if !armed.started {
-                self.events.push(ServoEvent::Started { board_tick_us: armed.start_us });
-            }
-            self.events.push(ServoEvent::Finished { board_tick_us });
-        }
-    }
-
-    fn faulted(&mut self, fault: Fault) {
-        if fault != self.known_fault {
-            self.known_fault = fault;
-            self.raise(Trouble::Fault(fault));
-        }
-    }
 }
+
+#[cfg(test)]
+mod tests;

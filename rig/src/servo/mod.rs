@@ -3,9 +3,12 @@
 pub mod config;
 mod link;
 pub mod mock;
+mod port;
 pub mod pulse_log;
+mod refusal;
 pub mod replay;
 pub mod serial;
+mod sessionless;
 #[cfg(test)]
 mod tests;
 
@@ -13,6 +16,7 @@ pub use config::{BoardKind, ServoChannel, ServoConfig};
 pub use mock::{BoardFault, MockBoard, MockOptions, MockServo};
 pub use replay::{NoBoard, ReplayBoard};
 pub use serial::SerialBoard;
+pub use sessionless::{emergency_stop, query_status};
 
 use crate::clock::MonotonicNs;
 use crate::tank::PulseSink;

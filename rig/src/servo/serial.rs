@@ -15,14 +15,11 @@ use firmware_protocol::units::{Channel, DurationMs, DurationUs, PulseWidthUs, Ti
 use serialport::SerialPort;
 
 use super::link::{Link, Trouble};
-use super::{BoardInfo, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome};
+use super::port::{self, HELLO_TIMEOUT, Received};
+use super::{BoardInfo, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome, refusal};
 use crate::clock::{ClockFit, MonotonicNs};
 use crate::profile::PulseProfile;
 
-/// Longest the thread sleeps in a read: what an e-stop may wait for it.
-const READ_TIMEOUT: Duration = Duration::from_millis(2);
-/// Opening a port may reset the board behind it, which then takes up to 3 s to come up.
-const HELLO_TIMEOUT: Duration = Duration::from_secs(3);
 const HELLO_EVERY: Duration = Duration::from_millis(200);
 /// Pings at the start, for a clock good enough to arm by.
 const BURST: u32 = 8;
@@ -84,7 +81,7 @@ impl SerialBoard {
     /// # Errors
     /// [`ServoError::Open`], [`ServoError::Handshake`], [`ServoError::Fault`], [`ServoError::Refused`].
     pub fn open(port_name: &str, config: &ServoConfig, acknowledge: bool) -> Result<Self, ServoError> {
-        let port = open_port(port_name, config.baud)?;
+        let port = port::open(port_name, config.baud)?;
         let clone = |port: &dyn SerialPort| {
             port.try_clone()
                 .map_err(|error| ServoError::Open { port: port_name.into(), why: error.to_string() })
@@ -141,7 +138,7 @@ impl SerialBoard {
             if Instant::now() > deadline {
                 return Err(ServoError::Handshake {
                     port: self.port_name.clone(),
-                    why: no_hello(link.bytes, link.damaged),
+                    why: port::no_hello(link.bytes, link.damaged),
                 });
             }
         };
@@ -225,7 +222,9 @@ impl SerialBoard {
         if let Some(Ok(event)) = answer {
             return Ok(event);
         }
-        let trouble = self.shared.link().take_trouble();
+        let mut link = self.shared.link();
+        let trouble = link.take_trouble().or_else(|| link.ended().cloned());
+        drop(link);
         Err(match trouble {
             Some(trouble) => self.error(trouble),
             None => ServoError::Lost {
@@ -239,7 +238,9 @@ impl SerialBoard {
     fn request(&mut self, request: &str, command: Command) -> Result<(), ServoError> {
         match self.ask(request, command)? {
             Event::Ack(Ack { refusal: Refusal::None, .. }) => Ok(()),
-            Event::Ack(ack) => Err(ServoError::Refused { request: request.into(), why: explain(&ack) }),
+            Event::Ack(ack) => {
+                Err(ServoError::Refused { request: request.into(), why: refusal::explain(&ack) })
+            }
             other => Err(self.nonsense(request, &other)),
         }
     }
@@ -388,78 +389,17 @@ impl Drop for SerialBoard {
     }
 }
 
-/// Stops whatever board is on `port_name`, of whatever protocol version, without a session.
-///
-/// # Errors
-/// [`ServoError::Open`].
-pub fn emergency_stop(port_name: &str, baud: u32) -> Result<StopOutcome, ServoError> {
-    let mut link = bare_link();
-    link.e_stop();
-    let stopped = converse_until(port_name, baud, &mut link, |link| link.is_stopped().then_some(()))?;
-    Ok(stopped.map_or(StopOutcome::LeftToDeadMan, |()| StopOutcome::Acknowledged))
-}
-
-/// How the board on `port_name` is, of whatever protocol version, without a session.
-///
-/// # Errors
-/// [`ServoError::Open`]; [`ServoError::Handshake`] when nothing intelligible comes.
-pub fn query_status(port_name: &str, baud: u32) -> Result<Status, ServoError> {
-    let mut link = bare_link();
-    let status = converse_until(port_name, baud, &mut link, |link| match link.take_answer() {
-        Some(Ok(Event::Status(status))) => Some(status),
-        Some(_) => {
-            link.ask(Command::Status, MonotonicNs::now());
-            None
-        }
-        None => None,
-    })?;
-    let why = || no_hello(link.bytes, link.damaged);
-    status.ok_or_else(|| ServoError::Handshake { port: port_name.into(), why: why() })
-}
-
-fn bare_link() -> Link {
-    let now = MonotonicNs::now();
-    let mut link = Link::new(f64::INFINITY, now.0 as u16, now);
-    link.ask(Command::Status, now);
-    link
-}
-
-fn converse_until<T>(
-    port_name: &str,
-    baud: u32,
-    link: &mut Link,
-    mut done: impl FnMut(&mut Link) -> Option<T>,
-) -> Result<Option<T>, ServoError> {
-    let mut port = open_port(port_name, baud)?;
-    let deadline = Instant::now() + HELLO_TIMEOUT;
-    while Instant::now() < deadline {
-        while let Some(line) = link.next_packet(MonotonicNs::now()) {
-            if port.write_all(&line).is_err() {
-                return Ok(None);
-            }
-        }
-        match read(&mut *port) {
-            Read::Bytes(bytes, length) => link.receive(&bytes[..length], MonotonicNs::now()),
-            Read::Nothing => {}
-            Read::Gone(_) => return Ok(None),
-        }
-        if let Some(found) = done(link) {
-            return Ok(Some(found));
-        }
-    }
-    Ok(None)
-}
-
 /// The thread: reads first, judges silence after, so that its own lateness is not taken for the board's.
 fn converse(mut port: Box<dyn SerialPort>, shared: &Shared) {
+    let mut bytes = [0; 256];
     while !shared.quit.load(std::sync::atomic::Ordering::Relaxed) {
-        let read = read(&mut *port);
+        let received = port::read(&mut *port, &mut bytes);
         let now = MonotonicNs::now();
         let mut link = shared.link();
-        match read {
-            Read::Bytes(bytes, length) => link.receive(&bytes[..length], now),
-            Read::Nothing => {}
-            Read::Gone(why) => {
+        match received {
+            Received::Bytes(length) => link.receive(&bytes[..length], now),
+            Received::Nothing => {}
+            Received::Gone(why) => {
                 link.gone(why);
                 // Whoever waits for an answer shall not.
                 link.next_packet(now);
@@ -477,68 +417,4 @@ fn converse(mut port: Box<dyn SerialPort>, shared: &Shared) {
         drop(link);
         shared.changed.notify_all();
     }
-}
-
-enum Read {
-    Bytes([u8; 256], usize),
-    Nothing,
-    Gone(String),
-}
-
-fn read(port: &mut dyn SerialPort) -> Read {
-    use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
-    let mut bytes = [0; 256];
-    match port.read(&mut bytes) {
-        // The end, not "nothing yet": whoever reads on spins.
-        Ok(0) => Read::Gone("port closed; unplugged?".into()),
-        Ok(length) => Read::Bytes(bytes, length),
-        Err(error) if matches!(error.kind(), TimedOut | WouldBlock | Interrupted) => Read::Nothing,
-        Err(error) => Read::Gone(format!("{error}; unplugged?")),
-    }
-}
-
-fn open_port(port_name: &str, baud: u32) -> Result<Box<dyn SerialPort>, ServoError> {
-    use serialport::ErrorKind;
-    serialport::new(port_name, baud).timeout(READ_TIMEOUT).open().map_err(|error| {
-        let why = match error.kind() {
-            // The crate says "no device" both when it is locked and when another program has it exclusively.
-            ErrorKind::NoDevice if std::path::Path::new(port_name).exists() => {
-                "in use by another program; end that one first (fuser -v shows it)".into()
-            }
-            ErrorKind::NoDevice | ErrorKind::Io(std::io::ErrorKind::NotFound) => {
-                "no such port; check the cable, `rig list` shows what is there".into()
-            }
-            ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => {
-                "permission denied; add yourself to the group that owns it (often dialout) and log in anew"
-                    .into()
-            }
-            _ => error.to_string(),
-        };
-        ServoError::Open { port: port_name.into(), why }
-    })
-}
-
-fn no_hello(bytes: u64, damaged: u64) -> String {
-    let waited_s = HELLO_TIMEOUT.as_secs();
-    match bytes {
-        0 => {
-            format!("nothing came within {waited_s} s; check power, cable and that this is the board's port")
-        }
-        _ => format!(
-            "{bytes} bytes within {waited_s} s, {damaged} damaged packets and no answer to hello; wrong baud rate, or \
-             another device"
-        ),
-    }
-}
-
-/// A refusal in words: which channel, limit, request.
-fn explain(ack: &Ack) -> String {
-    let mut text = String::from(ack.refusal.text());
-    if let Some(channel) = ack.channel {
-        text.push_str(&format!(", channel {channel}"));
-    }
-    if ack.limit != 0 || ack.got != 0 {
-        text.push_str(&format!(" (limit {}, got {})", ack.limit, ack.got));
-    }
-    text
 }

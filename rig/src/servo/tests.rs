@@ -1,6 +1,5 @@
 //! Host and mock board over a real pseudo-terminal, in real time.
 
-use std::os::fd::AsFd;
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -249,26 +248,51 @@ fn busy_missing_and_mute_ports_are_told_apart() {
     let missing = SerialBoard::open("/dev/no-such-port", &config, false).err().unwrap().to_string();
     assert!(missing.contains("no such port"), "{missing}");
 
-    let mute = rustix::pty::openpt(rustix::pty::OpenptFlags::RDWR).unwrap();
-    rustix::pty::grantpt(&mute).unwrap();
-    rustix::pty::unlockpt(&mute).unwrap();
-    let name = rustix::pty::ptsname(mute.as_fd(), Vec::new()).unwrap();
-    let name = name.to_str().unwrap().to_owned();
-    let babble = std::thread::scope(|scope| {
-        let open = scope.spawn(|| SerialBoard::open(&name, &config, false).err().unwrap().to_string());
-        std::thread::sleep(Duration::from_millis(500));
-        rustix::io::write(&mute, b"\x00\xf8\x00\xe0garbage\x00").unwrap();
-        open.join().unwrap()
+    let babble = open_beside(|board| {
+        rustix::io::write(board, b"\x00\xf8\x00\xe0garbage\x00").unwrap();
     });
     assert!(babble.contains("wrong baud rate, or another device"), "{babble}");
+}
+
+/// Opens a port behind which `board` does but one thing; says why that failed.
+fn open_beside(board: impl FnOnce(&std::os::fd::OwnedFd)) -> String {
+    let pty = rustix::pty::openpt(rustix::pty::OpenptFlags::RDWR).unwrap();
+    rustix::pty::grantpt(&pty).unwrap();
+    rustix::pty::unlockpt(&pty).unwrap();
+    let name = rustix::pty::ptsname(&pty, Vec::new()).unwrap().into_string().unwrap();
+    std::thread::scope(|scope| {
+        let open = scope.spawn(|| SerialBoard::open(&name, &example(), false).err().unwrap().to_string());
+        std::thread::sleep(Duration::from_millis(500));
+        board(&pty);
+        open.join().unwrap()
+    })
+}
+
+#[test]
+fn firmware_of_another_version_is_refused_with_both_versions() {
+    use firmware_protocol::event::{Event, Identity};
+    use firmware_protocol::packet::Decoder;
+    use firmware_protocol::units::Name;
+    let why = open_beside(|board| {
+        let mut bytes = [0; 512];
+        let length = rustix::io::read(board, &mut bytes).unwrap();
+        let mut decoder = Decoder::default();
+        let hello = bytes[..length].iter().filter_map(|&b| decoder.push(b)).last().unwrap().unwrap();
+        let firmware = Name::new("old").unwrap();
+        let identity = Identity { boot_id: 1, channels: 4, max_segments: 64, firmware };
+        let mut answer = Event::Hello(identity).encode(hello.sequence);
+        answer.version = 9;
+        rustix::io::write(board, &answer.encode()).unwrap();
+    });
+    assert!(why.contains("firmware `old` speaks protocol version 9, this program 1; flash"), "{why}");
 }
 
 #[test]
 fn fault_of_a_host_that_died_is_acknowledged_with_a_note_by_the_next() {
     let mock = MockBoard::start(options(&[]), Box::new(Recorder::default())).unwrap();
     let port = mock.port().to_str().unwrap();
-    assert_eq!(serial::emergency_stop(port, 115_200).unwrap(), StopOutcome::Acknowledged);
-    assert_eq!(serial::query_status(port, 115_200).unwrap().fault, firmware_protocol::event::Fault::EStop);
+    assert_eq!(emergency_stop(port, 115_200).unwrap(), StopOutcome::Acknowledged);
+    assert_eq!(query_status(port, 115_200).unwrap().fault, firmware_protocol::event::Fault::EStop);
     let mut board = SerialBoard::open(port, &example(), false).unwrap();
     let notes = board.poll().unwrap();
     let noted = |e: &ServoEvent| matches!(e, ServoEvent::Note { text } if text.contains("emergency stop"));
@@ -276,7 +300,7 @@ fn fault_of_a_host_that_died_is_acknowledged_with_a_note_by_the_next() {
     drop(board);
     // A goodbye leaves no fault behind.
     std::thread::sleep(Duration::from_millis(1100));
-    let status = serial::query_status(port, 115_200).unwrap();
+    let status = query_status(port, 115_200).unwrap();
     assert_eq!(status.fault, firmware_protocol::event::Fault::None);
 }
 
@@ -286,7 +310,8 @@ fn board_refuses_what_its_limits_forbid_with_the_limit() {
     let text = board.jog(0, 2500, 1.0).unwrap_err().to_string();
     assert_eq!(
         text,
-        "servo board refused jog: pulse is longer than the channel's limit, channel 0 (limit 2100, got 2500)"
+        "servo board refused jog: channel 0: pulse is longer than the channel's limit: 2500 µs, limit 2100 µs; ask for \
+         less or change the channel's limits"
     );
     let late = board.arm(&two_to_one(1), MonotonicNs::now()).unwrap_err().to_string();
     assert!(late.contains("start tick is in the past or too near"), "{late}");

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use ident::strict::{Finite, NonNegative, Positive};
+use ident::strict::{Finite, NonNegative, Positive, Share};
 use serde::{Deserialize, Serialize};
 
 /// The simulated tank behind mock board and mock camera. Alone in a file, as `T/tank.toml`, it serves the mocks that are
@@ -22,7 +22,7 @@ pub struct TankConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timestep_s: Option<Positive>,
     /// Seed of the camera's noise. Default 1.
-    #[serde(default = "one")]
+    #[serde(default = "seed")]
     pub seed: u64,
     /// The servos on the board.
     #[serde(default)]
@@ -75,18 +75,22 @@ pub struct TankServo {
 }
 
 /// How the mechanism is let go.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct Release {
-    /// From being asked to letting go \[s\]. Default 0.
-    #[serde(default = "nothing")]
-    pub after_s: Option<NonNegative>,
-    /// Channel of a release actuator. Default: none, a hand lets go.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// From being asked to letting go \[s\]. Default 0.5.
+    pub after_s: NonNegative,
+    /// Channel of a release actuator. Default: none, a hand lets go when asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub channel: Option<u8>,
     /// The release actuator lets go at this pulse and above \[µs\]. Default 1700.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub open_us: Option<u16>,
+    pub open_us: u16,
+}
+
+impl Default for Release {
+    fn default() -> Self {
+        Self { after_s: not_negative(0.5), channel: None, open_us: 1700 }
+    }
 }
 
 /// What the camera sees.
@@ -97,13 +101,81 @@ pub struct TankView {
     pub metres_per_pixel: Positive,
     /// Where the world origin is seen \[px\].
     pub origin_px: [Finite; 2],
+    /// Grey of the water in the middle of the picture, 0 to 255. Default 200.
+    #[serde(default = "water")]
+    pub water_grey: NonNegative,
+    /// Grey of the mechanism there, 0 to 255. Default 40.
+    #[serde(default = "mechanism")]
+    pub mechanism_grey: NonNegative,
+    /// Blur of the lens, 1 sigma \[px\]. Default 0.8.
+    #[serde(default = "blur")]
+    pub blur_px: NonNegative,
+    /// Share of the light that is missing in the picture's corners. Default 0.
+    #[serde(default = "even")]
+    pub falloff: Share,
     /// Standard deviation of a pixel's noise \[grey levels\]. Default 2.
     #[serde(default = "noise")]
     pub noise_grey: NonNegative,
     /// How much later than the start of exposure stamps really are \[s\]. Default 0.
-    #[serde(default = "no_latency")]
+    #[serde(default = "exact")]
     pub stamp_latency_s: NonNegative,
     /// Standard deviation of the stamps \[s\]. Default 0.
-    #[serde(default = "no_latency")]
+    #[serde(default = "exact")]
     pub stamp_jitter_s: NonNegative,
+}
+
+fn seed() -> u64 {
+    1
+}
+
+fn zero_us() -> Positive {
+    positive(1500.0)
+}
+
+fn us_per_rad() -> Finite {
+    Finite::new(600.0).unwrap_or_else(|| unreachable!("600 is finite"))
+}
+
+fn rate_limit() -> Positive {
+    positive(8.0)
+}
+
+fn lag() -> NonNegative {
+    not_negative(0.02)
+}
+
+fn period() -> Positive {
+    positive(0.02)
+}
+
+fn noise() -> NonNegative {
+    not_negative(2.0)
+}
+
+fn water() -> NonNegative {
+    not_negative(200.0)
+}
+
+fn mechanism() -> NonNegative {
+    not_negative(40.0)
+}
+
+fn blur() -> NonNegative {
+    not_negative(0.8)
+}
+
+fn even() -> Share {
+    Share::new(0.0).unwrap_or_else(|| unreachable!("0 is a share"))
+}
+
+fn exact() -> NonNegative {
+    not_negative(0.0)
+}
+
+fn positive(value: f64) -> Positive {
+    Positive::new(value).unwrap_or_else(|| unreachable!("{value} is positive"))
+}
+
+fn not_negative(value: f64) -> NonNegative {
+    NonNegative::new(value).unwrap_or_else(|| unreachable!("{value} is not negative"))
 }

@@ -1,11 +1,157 @@
 //! The simulated tank behind mock board and mock camera: the board's pulses move it, the camera looks at it.
 
+pub mod config;
+mod motion;
 pub mod render;
+pub mod scene;
+mod servo;
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::clock::MonotonicNs;
+pub use config::TankConfig;
+use motion::{Event, Motion};
 
 /// Where a mock board's pulses go.
 pub trait PulseSink: Send {
     /// From `at` on, `channel` puts out `pulse_us`, or nothing while detached.
     fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs);
+}
+
+/// Why there is no tank.
+#[derive(Debug, thiserror::Error)]
+pub enum TankError {
+    /// The tank's file was refused.
+    #[error("reading the tank")]
+    Config(#[from] ident::strict::StrictError),
+    /// The model's file cannot be read.
+    #[error("reading the tank's model {}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The model's file was refused.
+    #[error("the tank's model {}", path.display())]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: Box<sim::MjcfError>,
+    },
+    /// The initial pose has another number of coordinates than the model.
+    #[error("tank: initial_qpos has {got} numbers, the model {wanted} coordinates")]
+    InitialPose {
+        /// Numbers given.
+        got: usize,
+        /// Coordinates of the model.
+        wanted: usize,
+    },
+    /// A servo turns an actuator that is not there.
+    #[error("tank: a servo turns the actuator `{actuator}`, the model has: {known}")]
+    UnknownActuator {
+        /// The name given.
+        actuator: String,
+        /// The model's.
+        known: String,
+    },
+    /// A servo that does not turn.
+    #[error("tank: us_per_rad of the servo on `{actuator}` is 0; it must be above or below")]
+    NoTravel {
+        /// The servo's actuator.
+        actuator: String,
+    },
+    /// The simulation refused or diverged.
+    #[error("tank: simulating")]
+    Simulation(#[from] sim::RolloutError),
+}
+
+/// The live tank, shared by mock board and mock camera: clones are the same tank.
+///
+/// Its mechanism moves on CLOCK_MONOTONIC; asked where it is, it catches up. The same pulses give the same motion.
+#[derive(Debug, Clone)]
+pub struct Tank {
+    shared: Arc<Mutex<Shared>>,
+    config: Arc<TankConfig>,
+    model: Arc<sim::Model>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    motion: Motion,
+    run_origin: Option<MonotonicNs>,
+}
+
+impl Tank {
+    /// Fills a tank as `config` says, from now on; a relative model path starts at `folder`.
+    ///
+    /// # Errors
+    /// [`TankError`] naming the file or option at fault.
+    pub fn new(config: &TankConfig, folder: &Path) -> Result<Self, TankError> {
+        let path = folder.join(&config.model);
+        let text = std::fs::read_to_string(&path)
+            .map_err(|source| TankError::Unreadable { path: path.clone(), source })?;
+        let model = sim::Model::from_mjcf(&text)
+            .map_err(|source| TankError::Model { path, source: source.into() })?;
+        let motion = Motion::new(model.clone(), config, MonotonicNs::now())?;
+        Ok(Self {
+            shared: Arc::new(Mutex::new(Shared { motion, run_origin: None })),
+            config: Arc::new(config.clone()),
+            model: Arc::new(model),
+        })
+    }
+
+    /// The tank that the folder `folder` describes in its `tank.toml`.
+    ///
+    /// # Errors
+    /// [`TankError`].
+    pub fn read(folder: &Path) -> Result<Self, TankError> {
+        Self::new(&ident::strict::read(&folder.join("tank.toml"))?, folder)
+    }
+
+    /// The tank's truth.
+    pub fn config(&self) -> &TankConfig {
+        &self.config
+    }
+
+    /// The mechanism in it.
+    pub fn model(&self) -> &sim::Model {
+        &self.model
+    }
+
+    /// A run begins at `origin`: faults of the mock camera are timed from there.
+    pub fn begin_run(&self, origin: MonotonicNs) {
+        self.lock().run_origin = Some(origin);
+    }
+
+    /// When the run began, if one did.
+    pub fn run_origin(&self) -> Option<MonotonicNs> {
+        self.lock().run_origin
+    }
+
+    /// Asks, at `at`, for the mechanism to be let go; it is, `[tank.release] after_s` later.
+    pub fn ask_release(&self, at: MonotonicNs) {
+        let at = at.plus_seconds(self.config.release.after_s.get());
+        self.lock().motion.happen(at, Event::LetGo);
+    }
+
+    /// Coordinates of the mechanism at `at`, as in its model's `qpos`.
+    ///
+    /// # Errors
+    /// [`TankError::Simulation`] when the simulation diverges.
+    pub fn qpos(&self, at: MonotonicNs) -> Result<Vec<f64>, TankError> {
+        self.lock().motion.qpos(at)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Shared> {
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl PulseSink for Tank {
+    fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs) {
+        self.lock().motion.happen(at, Event::Pulse { channel, pulse_us });
+    }
 }

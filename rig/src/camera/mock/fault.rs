@@ -32,3 +32,19 @@ pub enum CameraFaultKind {
     #[serde(rename = "camera-garbage")]
     Garbage,
 }
+
+impl std::str::FromStr for CameraFaultKind {
+    type Err = String;
+
+    /// With or without the leading `camera-`.
+    fn from_str(name: &str) -> Result<Self, String> {
+        match name.strip_prefix("camera-").unwrap_or(name) {
+            "off" => Ok(Self::Off),
+            "stuck" => Ok(Self::Stuck),
+            "slow" => Ok(Self::Slow),
+            "intermittent" => Ok(Self::Intermittent),
+            "garbage" => Ok(Self::Garbage),
+            _ => Err(format!("`{name}` is no camera fault: off, stuck, slow, intermittent or garbage")),
+        }
+    }
+}

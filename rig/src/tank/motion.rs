@@ -1,0 +1,317 @@
+//! What the mechanism in the tank does: a function of the pulses it got, whenever it is asked.
+//!
+//! Time goes in steps on a grid of CLOCK_MONOTONIC, so that neither the moment of asking nor the order in which pulses become
+//! known changes the motion. A pulse that becomes known late, out of a log, takes the motion back to before it.
+
+use sim::{Model, RolloutOptions, Simulator, State};
+
+use super::TankError;
+use super::config::{Hold, Release, TankConfig, TankServo};
+use super::servo::Servo;
+use crate::clock::MonotonicNs;
+
+/// Snapshots are this far apart \[ns\].
+const SNAPSHOT_EVERY_NS: u64 = 20_000_000;
+/// So many are kept: five seconds, much longer than any log is behind.
+const SNAPSHOTS: usize = 250;
+/// Slower than this everywhere \[rad/s\] for `STILL_SNAPSHOTS` in a row, with the servos where they want to be, and
+/// the mechanism stands still until something happens; hours of waiting then cost nothing.
+const STILL_RAD_PER_S: f64 = 1e-6;
+const STILL_SNAPSHOTS: u32 = 25;
+
+/// Something that happens to the tank.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Event {
+    /// A channel's pulse changes.
+    Pulse { channel: u8, pulse_us: Option<u16> },
+    /// Somebody lets go.
+    LetGo,
+}
+
+/// One servo and what it is connected to.
+#[derive(Debug, Clone)]
+struct Drive {
+    config: TankServo,
+    actuator: usize,
+    qpos: usize,
+    gear: f64,
+}
+
+/// All that evolves.
+#[derive(Debug, Clone, PartialEq)]
+struct Now {
+    /// Steps since the clock's origin.
+    step: u64,
+    state: State,
+    servos: Vec<Servo>,
+    /// What each servo's channel puts out.
+    pulses: Vec<Option<u16>>,
+    held: bool,
+    /// How many snapshots ago it last moved.
+    still: u32,
+}
+
+/// The motion of one mechanism under its history of events.
+#[derive(Debug)]
+pub(super) struct Motion {
+    model: Model,
+    drives: Vec<Drive>,
+    hold: Hold,
+    release: Release,
+    step_ns: u64,
+    /// In order of time.
+    history: Vec<(MonotonicNs, Event)>,
+    now: Now,
+    snapshots: std::collections::VecDeque<Now>,
+    simulator: Simulator<f64>,
+    /// Which drives the simulator has limp.
+    limp: Vec<bool>,
+}
+
+impl Motion {
+    /// The mechanism in its initial pose at `begin`.
+    ///
+    /// # Errors
+    /// [`TankError`] when the config does not fit the model.
+    pub(super) fn new(model: Model, config: &TankConfig, begin: MonotonicNs) -> Result<Self, TankError> {
+        let timestep_s = config.timestep_s.map_or(model.settings.timestep_s, |step| step.get());
+        let step_ns = ((timestep_s * 1e9).round() as u64).max(1);
+        let mut state = model.rest_state();
+        if !config.initial_qpos.is_empty() {
+            if config.initial_qpos.len() != model.nq() {
+                return Err(TankError::InitialPose { got: config.initial_qpos.len(), wanted: model.nq() });
+            }
+            state.qpos = config.initial_qpos.iter().map(|q| q.get()).collect();
+        }
+        let drives =
+            config.servo.iter().map(|servo| Drive::new(&model, servo)).collect::<Result<Vec<_>, _>>()?;
+        let limp = vec![true; model.actuators.len()];
+        let simulator = simulator(&model, &limp, step_ns)?;
+        let now = Now {
+            step: begin.0 / step_ns,
+            state,
+            servos: vec![Servo::LIMP; drives.len()],
+            pulses: vec![None; drives.len()],
+            held: config.hold != Hold::Nothing,
+            still: 0,
+        };
+        Ok(Self {
+            model,
+            drives,
+            hold: config.hold,
+            release: config.release,
+            step_ns,
+            history: Vec::new(),
+            snapshots: [now.clone()].into(),
+            now,
+            simulator,
+            limp,
+        })
+    }
+
+    /// Adds an event. One in the past takes the motion back to before it.
+    pub(super) fn happen(&mut self, at: MonotonicNs, event: Event) {
+        // What happened before anything that is still known happens at once.
+        let oldest = self.snapshots.front().map_or(self.now.step, |snapshot| snapshot.step);
+        let at = at.max(MonotonicNs(oldest * self.step_ns));
+        let place = self.history.partition_point(|(other, _)| *other <= at);
+        self.history.insert(place, (at, event));
+        if at.0 < self.now.step * self.step_ns {
+            while self.snapshots.back().is_some_and(|last| last.step * self.step_ns > at.0) {
+                self.snapshots.pop_back();
+            }
+            if let Some(last) = self.snapshots.back() {
+                self.now = last.clone();
+            }
+        }
+    }
+
+    /// Coordinates at `at`, as in the model's `qpos`.
+    ///
+    /// # Errors
+    /// [`TankError::Simulation`] when the simulation diverges.
+    pub(super) fn qpos(&mut self, at: MonotonicNs) -> Result<Vec<f64>, TankError> {
+        let step = at.0 / self.step_ns;
+        if step < self.now.step {
+            // Asked about the past, as jittered images may: from the snapshot before it, leaving the present alone.
+            let present = self.now.clone();
+            let past = self.snapshots.iter().rev().find(|snapshot| snapshot.step <= step);
+            let Some(past) = past.or(self.snapshots.front()).cloned() else { return Ok(present.state.qpos) };
+            self.now = past;
+            let asked = self.advance(step, false).and_then(|()| self.between(at));
+            self.now = present;
+            return asked;
+        }
+        self.advance(step, true)?;
+        self.between(at)
+    }
+
+    /// From the last step on to `at`, without moving on.
+    fn between(&mut self, at: MonotonicNs) -> Result<Vec<f64>, TankError> {
+        let rest_ns = at.0.saturating_sub(self.now.step * self.step_ns).min(self.step_ns);
+        let mut state = self.now.state.clone();
+        if rest_ns > 0 && !self.now.held && self.now.still < STILL_SNAPSHOTS {
+            let command = self.command()?;
+            self.simulator.step_with(&mut state, 0.0, rest_ns as f64 * 1e-9, &|drive, _| command[drive])?;
+        }
+        Ok(state.qpos)
+    }
+
+    fn advance(&mut self, to: u64, keep: bool) -> Result<(), TankError> {
+        while self.now.step < to {
+            if self.now.step * self.step_ns / SNAPSHOT_EVERY_NS
+                != self.now.step.saturating_sub(1) * self.step_ns / SNAPSHOT_EVERY_NS
+            {
+                self.settle();
+                if keep {
+                    self.snapshots.push_back(self.now.clone());
+                    if self.snapshots.len() > SNAPSHOTS {
+                        self.snapshots.pop_front();
+                        self.forget();
+                    }
+                }
+                if let Some(next) = self.nothing_until(to) {
+                    self.now.step = next;
+                    continue;
+                }
+            }
+            self.step()?;
+        }
+        Ok(())
+    }
+
+    /// Forgets what happened before the oldest snapshot, which contains it.
+    fn forget(&mut self) {
+        if let Some(oldest) = self.snapshots.front() {
+            let begin = MonotonicNs(oldest.step * self.step_ns);
+            let past = self.history.partition_point(|(at, _)| *at < begin);
+            self.history.drain(..past);
+        }
+    }
+
+    /// Counts for how long nothing has moved.
+    fn settle(&mut self) {
+        let still = self.now.held || self.now.state.qvel.iter().all(|rate| rate.abs() < STILL_RAD_PER_S);
+        self.now.still = if still { self.now.still.saturating_add(1) } else { 0 };
+    }
+
+    /// Where nothing happens before `to` and nothing moves: the last step of that calm.
+    fn nothing_until(&self, to: u64) -> Option<u64> {
+        if self.now.still < STILL_SNAPSHOTS {
+            return None;
+        }
+        let begin = MonotonicNs(self.now.step * self.step_ns);
+        let next = self.history.partition_point(|(at, _)| *at < begin);
+        let quiet_until = self.history.get(next).map_or(to, |(at, _)| (at.0 / self.step_ns).min(to));
+        (quiet_until > self.now.step).then_some(quiet_until)
+    }
+
+    fn step(&mut self) -> Result<(), TankError> {
+        let from = self.now.step * self.step_ns;
+        let until = from + self.step_ns;
+        self.take_events(MonotonicNs(from), MonotonicNs(until));
+        if !self.now.held {
+            let dt_s = self.step_ns as f64 * 1e-9;
+            for (servo, drive) in self.now.servos.iter_mut().zip(&self.drives) {
+                servo.turn(&drive.config, dt_s);
+            }
+            let command = self.command()?;
+            self.simulator.step(&mut self.now.state, 0.0, &command)?;
+        }
+        self.now.step += 1;
+        Ok(())
+    }
+
+    /// What happens in `from..until`: releases at once, pulses at the start of a servo's period.
+    fn take_events(&mut self, from: MonotonicNs, until: MonotonicNs) {
+        let first = self.history.partition_point(|(at, _)| *at < from);
+        let happening = self.history[first..].iter().take_while(|(at, _)| *at < until);
+        for &(_, event) in happening {
+            self.now.still = 0;
+            let opens = match event {
+                Event::LetGo => true,
+                Event::Pulse { channel, pulse_us } => {
+                    for (drive, pulse) in self.drives.iter().zip(&mut self.now.pulses) {
+                        if drive.config.channel == channel {
+                            *pulse = pulse_us;
+                        }
+                    }
+                    self.release.channel == Some(channel)
+                        && pulse_us.is_some_and(|pulse_us| pulse_us >= self.release.open_us)
+                }
+            };
+            if opens && self.hold == Hold::Release {
+                self.now.held = false;
+            }
+        }
+        for (index, drive) in self.drives.iter().enumerate() {
+            let period_ns = ((drive.config.period_s.get() * 1e9) as u64).max(1);
+            if from.0 / period_ns == until.0 / period_ns {
+                continue;
+            }
+            let link_rad = self.now.state.qpos[drive.qpos] * drive.gear;
+            self.now.servos[index].latch(&drive.config, self.now.pulses[index], link_rad);
+            if self.now.pulses[index].is_some() && self.hold == Hold::FirstPulse {
+                self.now.held = false;
+            }
+        }
+    }
+
+    /// The actuators' commands \[rad\], and the simulator brought up to which of them are limp.
+    fn command(&mut self) -> Result<Vec<f64>, TankError> {
+        let mut command = vec![0.0; self.model.actuators.len()];
+        let mut limp = vec![true; command.len()];
+        for (servo, drive) in self.now.servos.iter().zip(&self.drives) {
+            if let Some(angle_rad) = servo.angle_rad() {
+                command[drive.actuator] = angle_rad;
+                limp[drive.actuator] = false;
+            }
+        }
+        if limp != self.limp {
+            self.simulator = simulator(&self.model, &limp, self.step_ns)?;
+            self.limp = limp;
+        }
+        Ok(command)
+    }
+}
+
+impl Drive {
+    fn new(model: &Model, servo: &TankServo) -> Result<Self, TankError> {
+        let actuator =
+            model.actuators.iter().position(|actuator| actuator.name == servo.actuator).ok_or_else(|| {
+                TankError::UnknownActuator {
+                    actuator: servo.actuator.clone(),
+                    known: model
+                        .actuators
+                        .iter()
+                        .map(|actuator| actuator.name.as_str())
+                        .collect::<Vec<_>>()
+                        .join(", "),
+                }
+            })?;
+        if servo.us_per_rad.get() == 0.0 {
+            return Err(TankError::NoTravel { actuator: servo.actuator.clone() });
+        }
+        let plan = &model.actuators[actuator];
+        Ok(Self {
+            config: servo.clone(),
+            actuator,
+            qpos: model.joints[plan.joint].qpos_address,
+            gear: plan.gear,
+        })
+    }
+}
+
+/// A simulator whose limp actuators exert no force.
+fn simulator(model: &Model, limp: &[bool], step_ns: u64) -> Result<Simulator<f64>, TankError> {
+    let mut model = model.clone();
+    for (actuator, _) in model.actuators.iter_mut().zip(limp).filter(|(_, limp)| **limp) {
+        actuator.kp = 0.0;
+        actuator.kv = 0.0;
+    }
+    let options = RolloutOptions { timestep_s: Some(step_ns as f64 * 1e-9), ..RolloutOptions::default() };
+    Ok(Simulator::new(&model, &options)?)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,91 @@
+//! A hobby servo as it really is.
+
+use super::config::TankServo;
+
+/// One servo's state: where its output stands while it has a pulse.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Servo {
+    /// Output angle and where it turns to \[rad\]; none without a pulse: limp.
+    powered: Option<Powered>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Powered {
+    angle_rad: f64,
+    target_rad: f64,
+}
+
+impl Servo {
+    pub(super) const LIMP: Self = Self { powered: None };
+
+    /// The angle it holds its link at \[rad\]; none while limp.
+    pub(super) fn angle_rad(self) -> Option<f64> {
+        self.powered.map(|powered| powered.angle_rad)
+    }
+
+    /// Takes up a pulse, or its absence, at a period's start. A servo that wakes up finds its output wherever the link is.
+    pub(super) fn latch(&mut self, servo: &TankServo, pulse_us: Option<u16>, link_rad: f64) {
+        self.powered = pulse_us.map(|pulse_us| {
+            let target_rad = (f64::from(pulse_us) - servo.zero_us.get()) / servo.us_per_rad.get();
+            let angle_rad = self.angle_rad().unwrap_or(link_rad);
+            Powered { angle_rad, target_rad }
+        });
+    }
+
+    /// Turns for `dt_s`: first order towards the target, no faster than the rate limit.
+    pub(super) fn turn(&mut self, servo: &TankServo, dt_s: f64) {
+        if let Some(powered) = &mut self.powered {
+            let gap = powered.target_rad - powered.angle_rad;
+            let lag_s = servo.lag_s.get();
+            let wanted = if lag_s > 0.0 { gap * -(-dt_s / lag_s).exp_m1() } else { gap };
+            let most = servo.rate_limit_rad_per_s.get() * dt_s;
+            powered.angle_rad += wanted.clamp(-most, most);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn config(text: &str) -> TankServo {
+        let text = format!("actuator = \"servo\"\nus_per_rad = 500.0\n{text}");
+        ident::strict::parse(&text, std::path::Path::new("tank.toml")).unwrap()
+    }
+
+    fn turned(config: &TankServo, pulse_us: u16, steps: u32) -> f64 {
+        let mut servo = Servo::LIMP;
+        servo.latch(config, Some(pulse_us), 0.0);
+        for _ in 0..steps {
+            servo.turn(config, 0.001);
+        }
+        servo.angle_rad().unwrap()
+    }
+
+    #[test]
+    fn small_step_follows_an_exponential() {
+        let config = config("lag_s = 0.02\nrate_limit_rad_per_s = 1000.0");
+        let angle = turned(&config, 1600, 20);
+        assert!((angle - 0.2 * (1.0 - (-1.0_f64).exp())).abs() < 1e-12, "{angle}");
+    }
+
+    #[test]
+    fn large_step_turns_at_the_rate_limit() {
+        let config = config("lag_s = 0.0\nrate_limit_rad_per_s = 5.0");
+        assert!((turned(&config, 2000, 100) - 0.5).abs() < 1e-12);
+        assert!((turned(&config, 1000, 100) + 0.5).abs() < 1e-12);
+        assert!((turned(&config, 2000, 1000) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn servo_wakes_up_where_its_link_is_and_goes_limp_without_pulse() {
+        let config = config("");
+        let mut servo = Servo::LIMP;
+        servo.turn(&config, 0.001);
+        assert_eq!(servo.angle_rad(), None);
+        servo.latch(&config, Some(1500), 0.7);
+        assert_eq!(servo.angle_rad(), Some(0.7));
+        servo.latch(&config, None, 0.0);
+        assert_eq!(servo.angle_rad(), None);
+    }
+}
