@@ -23,36 +23,76 @@ fn session_vector_and_board_agree() {
          # Board: 8 channels, room for 64 segments, boot id 12345678, firmware \"bench\"; first tick 4294867295.\n",
     );
     let mut sequence = Sequence(0);
-    let mut step = |setup: &mut Setup, wait_us: u32, command: Option<Command>| {
-        setup.silence_recorded(wait_us, &mut text);
-        if let Some(command) = command {
-            sequence.0 += 1;
-            let packet: Packet = command.encode(sequence);
-            writeln!(text, "{} > {}", setup.now.0, hex(&packet.encode())).unwrap();
-            setup.board.receive(&packet.encode(), setup.now, &mut setup.bench);
-            setup.drain(&mut text);
-        }
+    let mut packet = |command: Command| -> Packet {
+        sequence.0 += 1;
+        command.encode(sequence)
     };
-    let segments = Segments::new(&[
-        Segment { duration: DurationUs(20_000), end_pulse: PulseWidthUs(1508) },
-        Segment { duration: DurationUs(10_000), end_pulse: PulseWidthUs(1500) },
-    ])
-    .unwrap();
-    step(&mut setup, 0, Some(Command::Hello));
-    step(&mut setup, 1_000, Some(Command::Configure(servo(SafeState::Park))));
-    step(&mut setup, 1_000, Some(Command::Timing { dead_man: DurationMs(250), telemetry: DurationMs(100) }));
-    step(&mut setup, 1_000, Some(Command::Jog { channel: SERVO, pulse: CENTRE, duration: DurationUs(0) }));
-    step(&mut setup, 1_000, Some(Command::Track { channel: SERVO, start_pulse: CENTRE, segments: 2 }));
-    step(&mut setup, 1_000, Some(Command::Segments { channel: SERVO, first: 0, segments }));
+    let say = |setup: &mut Setup, bytes: &[u8], text: &mut String| {
+        setup.silence_recorded(1_000, text);
+        writeln!(text, "{} > {}", setup.now.0, hex(bytes)).unwrap();
+        setup.board.receive(bytes, setup.now, &mut setup.bench);
+        setup.drain(text);
+    };
+    let line = |us, pulse| Segment { duration: DurationUs(us), end_pulse: PulseWidthUs(pulse) };
+    let segments = Segments::new(&[line(20_000, 1508), line(10_000, 1500)]).unwrap();
+    let upload = [
+        Command::Track { channel: SERVO, start_pulse: CENTRE, segments: 2 },
+        Command::Segments { channel: SERVO, first: 0, segments },
+    ];
+    let jog =
+        |pulse, us| Command::Jog { channel: SERVO, pulse: PulseWidthUs(pulse), duration: DurationUs(us) };
+
+    // Before a hello, and by a host of another version.
+    say(&mut setup, &packet(Command::Abort).encode(), &mut text);
+    let mut foreign = packet(Command::Ping);
+    foreign.version = 9;
+    say(&mut setup, &foreign.encode(), &mut text);
+    for command in [
+        Command::Hello,
+        Command::Configure(servo(SafeState::Park)),
+        Command::Describe(SERVO),
+        Command::Timing { dead_man: DurationMs(250), telemetry: DurationMs(100) },
+        jog(1500, 0),
+        jog(2500, 1_000_000),
+        jog(1600, 1),
+    ] {
+        say(&mut setup, &packet(command).encode(), &mut text);
+    }
+    // Garbage, a packet cut short and a damaged one: only the last packet is heard, and a resent one done once.
+    let [track, segments] = upload.map(|command| packet(command).encode());
+    say(&mut setup, &[0x55; 100], &mut text);
+    say(&mut setup, &track[..9], &mut text);
+    let mut damaged = track.to_vec();
+    damaged[4] ^= 0x10;
+    say(&mut setup, &damaged, &mut text);
+    for bytes in [&track, &track, &segments, &segments] {
+        say(&mut setup, bytes, &mut text);
+    }
+    // A whole profile, then silence until the dead-man parks the servo.
     let start = setup.now.plus(DurationUs(50_000));
-    step(&mut setup, 1_000, Some(Command::Arm { start, segments: 2 }));
-    step(&mut setup, 60_000, Some(Command::Ping));
-    step(&mut setup, 50_000, Some(Command::Status));
-    step(&mut setup, 300_000, None);
-    step(&mut setup, 10_000, Some(Command::Hello));
-    step(&mut setup, 1_000, Some(Command::Acknowledge(Fault::DeadMan)));
-    step(&mut setup, 1_000, Some(Command::Goodbye));
-    step(&mut setup, 100_000, None);
+    let too_late = Command::Arm { start: setup.now, segments: 2 };
+    say(&mut setup, &packet(too_late).encode(), &mut text);
+    say(&mut setup, &packet(Command::Arm { start, segments: 2 }).encode(), &mut text);
+    setup.silence_recorded(60_000, &mut text);
+    say(&mut setup, &packet(Command::Ping).encode(), &mut text);
+    setup.silence_recorded(60_000, &mut text);
+    say(&mut setup, &packet(Command::Status).encode(), &mut text);
+    setup.silence_recorded(320_000, &mut text);
+    // A new session, a profile aborted half-way, an e-stop, and the end.
+    for command in [Command::Hello, jog(1400, 0), Command::Acknowledge(Fault::DeadMan), jog(1500, 50_000)] {
+        say(&mut setup, &packet(command).encode(), &mut text);
+    }
+    setup.silence_recorded(60_000, &mut text);
+    for command in upload {
+        say(&mut setup, &packet(command).encode(), &mut text);
+    }
+    let start = setup.now.plus(DurationUs(10_000));
+    say(&mut setup, &packet(Command::Arm { start, segments: 2 }).encode(), &mut text);
+    setup.silence_recorded(18_000, &mut text);
+    for command in [Command::Abort, Command::EStop, Command::Acknowledge(Fault::EStop), Command::Goodbye] {
+        say(&mut setup, &packet(command).encode(), &mut text);
+    }
+    setup.silence_recorded(300_000, &mut text);
 
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/vectors/session.txt");
     if std::env::var_os("BLESS_VECTORS").is_some() {

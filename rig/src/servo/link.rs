@@ -90,6 +90,8 @@ pub(super) struct Link {
     pings: VecDeque<(Sequence, MonotonicNs)>,
     samples: VecDeque<Ping>,
     ticks: TickExtender,
+    /// Channels whose pulses matter.
+    watched: Vec<u8>,
     armed: Option<Armed>,
     heard: MonotonicNs,
     silence_s: f64,
@@ -124,6 +126,7 @@ impl Link {
             pings: VecDeque::new(),
             samples: VecDeque::new(),
             ticks: TickExtender::default(),
+            watched: Vec::new(),
             armed: None,
             heard: now,
             silence_s,
@@ -181,6 +184,11 @@ impl Link {
     /// Says nothing more, so that the board's dead-man acts.
     pub(super) fn mute(&mut self) {
         self.muted = true;
+    }
+
+    /// Tells the pulses of these channels, of all that the board reports.
+    pub(super) fn watch(&mut self, channels: Vec<u8>) {
+        self.watched = channels;
     }
 
     /// The board was armed to play from `start_us` to `end_us` of its extended ticks.

@@ -16,9 +16,8 @@ pub use config::{BoardKind, ServoChannel, ServoConfig};
 pub use mock::{BoardFault, MockBoard, MockOptions, MockServo};
 pub use replay::{NoBoard, ReplayBoard};
 pub use serial::SerialBoard;
-pub use sessionless::{emergency_stop, query_status};
 
-use crate::clock::MonotonicNs;
+use crate::clock::{MonotonicNs, Ping};
 use crate::tank::PulseSink;
 
 /// Opens the board that `config` names. `mock` says what a mock board is like and where its pulses go; the other
@@ -120,6 +119,16 @@ pub enum ServoEvent {
         /// What.
         text: String,
     },
+}
+
+impl ServoEvent {
+    /// The clock ping it is, if it is one: what [`ClockFit`](crate::clock::ClockFit) is drawn from.
+    pub fn ping(&self) -> Option<Ping> {
+        match *self {
+            Self::Ping { sent, board_tick_us, received } => Some(Ping { sent, board_tick_us, received }),
+            _ => None,
+        }
+    }
 }
 
 /// How a stop went.

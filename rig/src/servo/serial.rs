@@ -16,6 +16,7 @@ use serialport::SerialPort;
 
 use super::link::{Link, Trouble};
 use super::port::{self, HELLO_TIMEOUT, Received};
+pub use super::sessionless::{emergency_stop, query_status};
 use super::{BoardInfo, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome, refusal};
 use crate::clock::{ClockFit, MonotonicNs};
 use crate::profile::PulseProfile;
@@ -193,6 +194,7 @@ impl SerialBoard {
             })?;
             self.request(&format!("configuring channel `{}`", channel.name), Command::Configure(wire))?;
         }
+        self.shared.link().watch(config.channels.iter().map(|channel| channel.id).collect());
         let timing = Command::Timing {
             dead_man: DurationMs(config.dead_man_ms),
             telemetry: DurationMs(config.telemetry_ms),

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::config::tests::example;
 use super::*;
-use crate::clock::{ClockFit, Ping};
+use crate::clock::ClockFit;
 use crate::profile::{Profile, PulseProfile, PulseTrack};
 
 type Log = Arc<Mutex<Vec<(u8, Option<u16>, MonotonicNs)>>>;
@@ -90,11 +90,11 @@ fn profile_is_played_with_exact_timing_over_a_real_port() {
     board.arm(&profile, start).unwrap();
     let (mut pings, mut started, mut reported) = (Vec::new(), None, Vec::new());
     let finished = poll_until(&mut board, Duration::from_secs(10), |event| {
-        match event.unwrap() {
-            ServoEvent::Ping { sent, board_tick_us, received } => {
-                pings.push(Ping { sent, board_tick_us, received });
-            }
-            ServoEvent::Pulse { channel: 0, board_tick_us, pulse_us } => {
+        let event = event.unwrap();
+        pings.extend(event.ping());
+        match event {
+            ServoEvent::Pulse { channel, board_tick_us, pulse_us } => {
+                assert_eq!(channel, 0, "only channels in use are reported");
                 reported.push((board_tick_us, pulse_us));
             }
             ServoEvent::Started { board_tick_us } => started = Some(board_tick_us),
@@ -291,8 +291,8 @@ fn firmware_of_another_version_is_refused_with_both_versions() {
 fn fault_of_a_host_that_died_is_acknowledged_with_a_note_by_the_next() {
     let mock = MockBoard::start(options(&[]), Box::new(Recorder::default())).unwrap();
     let port = mock.port().to_str().unwrap();
-    assert_eq!(emergency_stop(port, 115_200).unwrap(), StopOutcome::Acknowledged);
-    assert_eq!(query_status(port, 115_200).unwrap().fault, firmware_protocol::event::Fault::EStop);
+    assert_eq!(serial::emergency_stop(port, 115_200).unwrap(), StopOutcome::Acknowledged);
+    assert_eq!(serial::query_status(port, 115_200).unwrap().fault, firmware_protocol::event::Fault::EStop);
     let mut board = SerialBoard::open(port, &example(), false).unwrap();
     let notes = board.poll().unwrap();
     let noted = |e: &ServoEvent| matches!(e, ServoEvent::Note { text } if text.contains("emergency stop"));
@@ -300,7 +300,7 @@ fn fault_of_a_host_that_died_is_acknowledged_with_a_note_by_the_next() {
     drop(board);
     // A goodbye leaves no fault behind.
     std::thread::sleep(Duration::from_millis(1100));
-    let status = query_status(port, 115_200).unwrap();
+    let status = serial::query_status(port, 115_200).unwrap();
     assert_eq!(status.fault, firmware_protocol::event::Fault::None);
 }
 

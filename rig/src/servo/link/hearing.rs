@@ -40,6 +40,9 @@ impl Link {
             Event::Telemetry(telemetry) => {
                 let board_tick_us = self.ticks.extend(telemetry.at.0);
                 for (channel, pulse) in (0..).zip(telemetry.pulses()) {
+                    if !self.watched.contains(&channel) {
+                        continue;
+                    }
                     let pulse_us = pulse.map(|pulse| pulse.0);
                     self.tell(ServoEvent::Pulse { channel, board_tick_us, pulse_us });
                 }
