@@ -10,7 +10,7 @@ use super::{Failure, Outcome};
 use crate::claim::{Claim, port_lock};
 use crate::config::RigConfig;
 use crate::servo::StopOutcome;
-use crate::servo::emergency_stop;
+use crate::servo::serial::emergency_stop;
 
 /// Arguments of `rig estop`.
 #[derive(clap::Args, Debug)]
