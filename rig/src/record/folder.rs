@@ -212,7 +212,7 @@ impl RunFolder {
         &self.path
     }
 
-    /// The path of one of its files, by a name of [`file`].
+    /// The path of one of its files, by a name of [`mod@file`].
     pub fn file(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }

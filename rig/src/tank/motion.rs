@@ -14,8 +14,8 @@ use crate::clock::MonotonicNs;
 const SNAPSHOT_EVERY_NS: u64 = 20_000_000;
 /// So many are kept: five seconds, much longer than any log is behind.
 const SNAPSHOTS: usize = 250;
-/// Slower than this everywhere \[rad/s\] for `STILL_SNAPSHOTS` in a row, with the servos where they want to be, and
-/// the mechanism stands still until something happens; hours of waiting then cost nothing.
+/// Slower than this everywhere \[rad/s\] for `STILL_SNAPSHOTS` in a row, half a second, and the mechanism stands
+/// still until something happens; hours of waiting then cost nothing.
 const STILL_RAD_PER_S: f64 = 1e-6;
 const STILL_SNAPSHOTS: u32 = 25;
 
