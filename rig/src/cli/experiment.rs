@@ -1,1 +1,177 @@
-//! `rig experiment`.
+//! `rig experiment`: run folders to an `experiment.toml` for `rig fit`.
+
+use std::collections::BTreeMap;
+use std::path::{Component, Path, PathBuf};
+
+use anyhow::{Context as _, anyhow};
+use ident::experiment::{Experiment, FitConfig, Prior, Use};
+use serde::{Deserialize, Serialize};
+
+use super::{Failure, Outcome};
+use crate::record::folder::{RunFolder, Start, file, write_whole};
+
+/// Gathers runs into an experiment.
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    /// Run folders to fit
+    #[arg(value_name = "RUN")]
+    runs: Vec<PathBuf>,
+    /// Run folders that are only scored, never fitted
+    #[arg(long, value_name = "RUN", num_args = 1..)]
+    holdout: Vec<PathBuf>,
+    /// The model to fit; left out: the one the runs were made with
+    #[arg(long, value_name = "MODEL.xml")]
+    model: Option<PathBuf>,
+    /// Where to write the experiment
+    #[arg(long, value_name = "E.toml")]
+    out: PathBuf,
+}
+
+/// The file, as `ident` reads it.
+#[derive(Serialize)]
+struct ExperimentFile {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    model: Option<PathBuf>,
+    fit: FitConfig,
+    run: Vec<RunEntry>,
+}
+
+#[derive(Serialize)]
+struct RunEntry {
+    folder: PathBuf,
+    #[serde(rename = "use")]
+    usage: Use,
+}
+
+/// What an experiment takes over from the config its first run was made with.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct RunConfig {
+    fit: FitConfig,
+    mechanism: Weights,
+}
+
+/// Weights on a scale, of `[mechanism]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Weights {
+    dry_mass_kg: BTreeMap<String, f64>,
+    std_kg: Option<f64>,
+}
+
+/// Carries out `rig experiment`.
+///
+/// # Errors
+/// [`Failure::Input`] when a folder is no run, [`Failure::Data`] when a run has nothing to fit.
+pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    if args.runs.is_empty() && args.holdout.is_empty() {
+        return Err(Failure::Input(anyhow!("no run was named; give at least one run folder")));
+    }
+    let home = args.out.parent().map_or_else(|| Path::new(".").into(), Path::to_path_buf);
+    let home = std::path::absolute(&home).map_err(Failure::internal)?;
+    std::fs::create_dir_all(&home)
+        .with_context(|| format!("creating {}", home.display()))
+        .map_err(Failure::Input)?;
+
+    let mut entries = Vec::new();
+    let mut config = None;
+    for (usage, path) in
+        args.runs.iter().map(|p| (Use::Fit, p)).chain(args.holdout.iter().map(|p| (Use::Holdout, p)))
+    {
+        let start = usable(path)?;
+        if config.is_none() {
+            config = Some(run_config(&start, path)?);
+        }
+        entries.push(RunEntry { folder: relative(path, &home)?, usage });
+    }
+    let model = args.model.as_ref().map(|model| relative(model, &home)).transpose()?;
+    let fit = config.map(fit_config).unwrap_or_default();
+    let text = toml::to_string(&ExperimentFile { model, fit, run: entries }).map_err(Failure::internal)?;
+    write_whole(&args.out, text.as_bytes()).map_err(Failure::input)?;
+    // Read back as the fit will read it: what it would refuse is said now.
+    let experiment = Experiment::read(&args.out).map_err(unfit)?;
+    let fitted = experiment.runs.iter().filter(|run| run.usage == Use::Fit).count();
+    let text =
+        format!("{}: {fitted} to fit, {} held out\n", args.out.display(), experiment.runs.len() - fitted);
+    Ok(Outcome { out: Some(args.out.clone()), text, ..Outcome::default() })
+}
+
+/// Sorts a refused experiment by whose fault it is.
+pub(super) fn unfit(error: ident::experiment::ExperimentError) -> Failure {
+    if error.is_lack_of_data() { Failure::data(error) } else { Failure::input(error) }
+}
+
+/// Opens a run folder and sees that it holds a trajectory.
+fn usable(path: &Path) -> Result<Start, Failure> {
+    let folder = RunFolder::open(path).map_err(Failure::input)?;
+    if !folder.file(file::TRAJECTORY).is_file() {
+        return Err(Failure::Data(anyhow!(
+            "run {} has no {}; extract it first with `rig replay`",
+            path.display(),
+            file::TRAJECTORY
+        )));
+    }
+    if folder.stop().is_none() {
+        tracing::warn!("run {} is incomplete: it has no {}", path.display(), file::STOP);
+    }
+    Ok(folder.start().clone())
+}
+
+fn run_config(start: &Start, path: &Path) -> Result<RunConfig, Failure> {
+    toml::from_str(&start.config)
+        .with_context(|| format!("reading the config inside {}", path.join(file::START).display()))
+        .map_err(Failure::Input)
+}
+
+/// The run's `[fit]`, with what was weighed as priors unless it says otherwise itself.
+fn fit_config(config: RunConfig) -> FitConfig {
+    let mut fit = config.fit;
+    let std = config.mechanism.std_kg.and_then(ident::strict::Positive::new);
+    if let Some(std) = std {
+        for (body, mass_kg) in config.mechanism.dry_mass_kg {
+            if let Some(mean) = ident::strict::Finite::new(mass_kg) {
+                fit.prior.entry(format!("{body}/mass")).or_insert(Prior { mean, std });
+            }
+        }
+    }
+    fit
+}
+
+/// `path` as seen from the folder `home`, which is absolute.
+fn relative(path: &Path, home: &Path) -> Result<PathBuf, Failure> {
+    let canonical = |path: &Path| {
+        path.canonicalize().with_context(|| format!("reading {}", path.display())).map_err(Failure::Input)
+    };
+    Ok(between(&canonical(home)?, &canonical(path)?))
+}
+
+/// The way from one absolute folder to another path, both without links and dots.
+fn between(from: &Path, to: &Path) -> PathBuf {
+    let (from, to): (Vec<_>, Vec<_>) = (from.components().collect(), to.components().collect());
+    let common = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
+    let up = std::iter::repeat_n(Component::ParentDir, from.len() - common);
+    up.chain(to[common..].iter().copied()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn way_between_folders_goes_up_to_the_common_one_and_down_again() {
+        let way = |from: &str, to: &str| between(Path::new(from), Path::new(to));
+        assert_eq!(way("/a/b", "/a/runs/1"), Path::new("../runs/1"));
+        assert_eq!(way("/a", "/a/runs/1"), Path::new("runs/1"));
+        assert_eq!(way("/a/b/c", "/d"), Path::new("../../../d"));
+    }
+
+    #[test]
+    fn weighed_masses_become_priors_unless_the_config_has_its_own() {
+        let text = "[mechanism]\ndry_mass_kg = { link1 = 0.002, link2 = 0.003 }\nstd_kg = 2e-5\n\
+                    [fit.prior]\n\"link2/mass\" = { mean = 0.0031, std = 1e-6 }\n";
+        let fit = fit_config(toml::from_str(text).unwrap());
+        let mean = |name: &str| fit.prior[name].mean.get();
+        assert_eq!((mean("link1/mass"), mean("link2/mass")), (0.002, 0.0031));
+        assert_eq!(fit.prior["link1/mass"].std.get(), 2e-5);
+    }
+}

@@ -1,8 +1,10 @@
 //! The fitted coefficients, and which of them the data determine.
 
+use ident::fit::{Fit, FittedParameter};
+use ident::parameters::Scale;
 use maud::{Markup, html};
 
-use super::data::{FitSummary, Parameter, ReportData};
+use super::data::ReportData;
 use super::format::{counted, significant};
 
 /// Table of coefficients with the reserves in plain words.
@@ -13,7 +15,7 @@ pub(super) fn section(data: &ReportData) -> Markup {
             h2 { "Coefficients" }
             p.lead {
                 "Value ± one standard deviation, and where it lies between its bounds. Fluid coefficients have no unit; "
-                "damping is in N·m·s/rad, friction loss in N·m, stiffness in N·m/rad."
+                "damping is in N·m·s/rad, friction loss in N·m, stiffness in N·m/rad; their strips are logarithmic."
             }
             table.coefficients {
                 thead { tr {
@@ -32,20 +34,20 @@ pub(super) fn section(data: &ReportData) -> Markup {
 }
 
 /// Parameters that follow each other and share what stands before the slash.
-fn grouped(parameters: &[Parameter]) -> Vec<(&str, &[Parameter])> {
-    fn owner(p: &Parameter) -> &str {
+fn grouped(parameters: &[FittedParameter]) -> Vec<(&str, &[FittedParameter])> {
+    fn owner(p: &FittedParameter) -> &str {
         p.name.split_once('/').map_or("", |(owner, _)| owner)
     }
     parameters.chunk_by(|a, b| owner(a) == owner(b)).map(|chunk| (owner(&chunk[0]), chunk)).collect()
 }
 
-fn row(owner: &str, parameter: &Parameter) -> Markup {
+fn row(owner: &str, parameter: &FittedParameter) -> Markup {
     let own_name = parameter.name.strip_prefix(owner).unwrap_or(&parameter.name);
     html! {
         tr.loose[!parameter.determined] {
             td { span.owner { (owner) } (own_name) }
             td.number { (significant(parameter.value)) }
-            td.number { (parameter.std.map_or("–".into(), significant)) }
+            td.number { (significant(parameter.std)) }
             td.number { (significant(parameter.lower)) }
             td { (bar(parameter)) }
             td.number { (significant(parameter.upper)) }
@@ -54,7 +56,7 @@ fn row(owner: &str, parameter: &Parameter) -> Markup {
     }
 }
 
-fn remark(parameter: &Parameter) -> Markup {
+fn remark(parameter: &FittedParameter) -> Markup {
     let side = if parameter.value - parameter.lower <= parameter.upper - parameter.value {
         "lower"
     } else {
@@ -67,44 +69,54 @@ fn remark(parameter: &Parameter) -> Markup {
     }
 }
 
-/// Where value and one sigma lie between the bounds, as a strip.
-fn bar(parameter: &Parameter) -> Markup {
-    let span = parameter.upper - parameter.lower;
-    if !(span.is_finite() && span > 0.0 && parameter.value.is_finite()) {
+/// Where value and one sigma lie between the bounds, as a strip on the scale that the fit searches.
+fn bar(parameter: &FittedParameter) -> Markup {
+    let (value, lower, upper) = (parameter.value, parameter.lower, parameter.upper);
+    if !(value.is_finite() && (upper - lower).is_finite() && lower < upper) {
         return html! {};
     }
-    let place = |value: f64| ((value - parameter.lower) / span).clamp(0.0, 1.0) * 100.0;
-    let std = parameter.std.filter(|s| s.is_finite()).unwrap_or(0.0);
-    let (from, to) = (place(parameter.value - std), place(parameter.value + std));
+    let kind = parameter.name.rsplit('/').next().unwrap_or_default();
+    let scale = match kind {
+        "damping" | "frictionloss" | "stiffness" => Scale::with_knee(lower, upper),
+        _ => Scale::new(lower, upper),
+    };
+    let std = if parameter.std.is_finite() { parameter.std } else { upper - lower };
+    let place = |value: f64| scale.unit(value) * 100.0;
+    let (from, to) = (place(value - std), place(value + std));
     html! {
         svg.strip viewBox="-3 0 106 12" preserveAspectRatio="none" {
             rect.track x="0" y="5" width="100" height="2" {}
             rect.sigma x=(format!("{from:.2}")) y="3" width=(format!("{:.2}", to - from)) height="6" {}
-            rect.value x=(format!("{:.2}", place(parameter.value) - 0.8)) y="1" width="1.6" height="10" {}
+            rect.value x=(format!("{:.2}", place(value) - 0.8)) y="1" width="1.6" height="10" {}
         }
     }
 }
 
-fn unidentifiable(fit: &FitSummary) -> Markup {
-    if fit.unidentifiable.is_empty() {
+fn unidentifiable(fit: &Fit) -> Markup {
+    let together: Vec<_> = fit.unidentifiable.iter().filter(|group| group.len() > 1).collect();
+    let alone: Vec<_> = fit
+        .parameters
+        .iter()
+        .filter(|p| !p.determined && !together.iter().any(|group| group.contains(&p.name)))
+        .collect();
+    if alone.is_empty() && together.is_empty() {
         return html! {};
     }
-    let (alone, together): (Vec<_>, Vec<_>) =
-        fit.unidentifiable.iter().filter(|g| !g.is_empty()).partition(|group| group.len() == 1);
     html! {
         div.note {
             h3 { "What these runs cannot see" }
-            @if !alone.is_empty() {
-                p {
-                    "No visible effect on the motion, so any value would do as well: "
-                    @for (i, group) in alone.iter().enumerate() { @if i > 0 { ", " } code { (group[0]) } } "."
-                }
-            }
             @for group in &together {
                 p {
                     "Of " @for (i, name) in group.iter().enumerate() { @if i > 0 { ", " } code { (name) } }
                     " only a combination shows: the " (counted(group.len(), "value"))
                     " can be traded against each other without changing what the camera sees."
+                }
+            }
+            @if !alone.is_empty() {
+                p {
+                    "The motion hardly depends on "
+                    @for (i, parameter) in alone.iter().enumerate() { @if i > 0 { ", " } code { (parameter.name) } }
+                    ": other values would do nearly as well."
                 }
             }
             p { "Other motions (a faster stroke, another first pose, a further run) or a known value as a prior can settle them." }

@@ -1,5 +1,7 @@
 //! What a report is made of.
 
+use ident::experiment::Use;
+use ident::fit::Fit;
 use image::{GrayImage, RgbImage};
 use sim::{Command, Trajectory};
 
@@ -17,7 +19,7 @@ pub struct ReportData {
     /// How the run ended; absent for a fit of its own.
     pub end: Option<RunEnd>,
     /// The fit, as in `fit.json`.
-    pub fit: Option<FitSummary>,
+    pub fit: Option<Fit>,
     /// Measured and simulated motion of each run.
     pub runs: Vec<RunFigures>,
     /// Selected camera images with what vision found.
@@ -54,8 +56,8 @@ pub enum RunEnd {
 pub struct RunFigures {
     /// Run id as in the experiment.
     pub id: String,
-    /// Never fitted, only scored.
-    pub holdout: bool,
+    /// Fitted, or only scored.
+    pub usage: Use,
     /// What the camera saw.
     pub measured: Trajectory,
     /// What the calibrated model does, at the same instants; empty without a fit.
@@ -137,72 +139,4 @@ pub(super) fn to_rgb(image: &GrayImage) -> RgbImage {
         let grey = image.get_pixel(x, y).0[0];
         image::Rgb([grey; 3])
     })
-}
-
-/// A fit's outcome: the fields of `fit.json`.
-#[derive(Debug, Clone, Default)]
-pub struct FitSummary {
-    /// Which method.
-    pub method: String,
-    /// Its seed.
-    pub seed: u64,
-    /// Candidates asked for.
-    pub evaluations: u64,
-    /// Runs simulated.
-    pub rollouts: u64,
-    /// Why it stopped.
-    pub stop_reason: String,
-    /// Mean over images of the sum over keypoints of squared distances \[m²\].
-    pub loss_m2: f64,
-    /// Keypoint noise, one sigma, each axis \[m\].
-    pub noise_m: f64,
-    /// Fitted parameters.
-    pub parameters: Vec<Parameter>,
-    /// Errors of each run.
-    pub runs: Vec<RunErrors>,
-    /// Length that percentages refer to \[m\].
-    pub characteristic_length_m: f64,
-    /// Groups of which only a combination is seen.
-    pub unidentifiable: Vec<Vec<String>>,
-}
-
-/// A fitted parameter.
-#[derive(Debug, Clone, Default)]
-pub struct Parameter {
-    /// Name.
-    pub name: String,
-    /// Value.
-    pub value: f64,
-    /// One sigma.
-    pub std: Option<f64>,
-    /// Lower bound.
-    pub lower: f64,
-    /// Upper bound.
-    pub upper: f64,
-    /// It rests on a bound.
-    pub at_bound: bool,
-    /// The data say what it is.
-    pub determined: bool,
-}
-
-/// A run's errors.
-#[derive(Debug, Clone, Default)]
-pub struct RunErrors {
-    /// Run id.
-    pub id: String,
-    /// Held out.
-    pub holdout: bool,
-    /// Errors of each keypoint.
-    pub keypoints: Vec<KeypointErrors>,
-}
-
-/// A keypoint's errors.
-#[derive(Debug, Clone, Default)]
-pub struct KeypointErrors {
-    /// Keypoint.
-    pub name: String,
-    /// Mean distance over time \[m\].
-    pub mean_error_m: f64,
-    /// Root mean square distance \[m\].
-    pub rms_error_m: f64,
 }

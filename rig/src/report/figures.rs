@@ -10,6 +10,8 @@ use super::data::{RunFigures, ServoTrace};
 const AXES: [(usize, &str); 2] = [(0, "x"), (2, "z")];
 /// About this many poses are superimposed: more become a grey mass.
 const POSES: usize = 45;
+/// A keypoint that the simulation moves by less is one of the frame \[m\].
+const FIXED_M: f64 = 1e-6;
 const WIDE: (u32, u32) = (540, 190);
 const SQUARE: (u32, u32) = (420, 400);
 
@@ -23,14 +25,24 @@ fn column(trajectory: &Trajectory, name: &str) -> Option<usize> {
     trajectory.keypoints.iter().position(|k| k == name)
 }
 
-/// Figs. d to f: each keypoint over time, measured and simulated.
+/// Whether the model holds this keypoint in place: a pivot of the frame, whose track is noise.
+fn is_fixed(simulated: &Trajectory, name: &str) -> bool {
+    let Some(k) = column(simulated, name) else { return false };
+    let mut positions = (0..simulated.time_s.len()).map(|instant| simulated.at(instant, k));
+    let Some(first) = positions.next() else { return false };
+    positions.all(|p| p.iter().zip(first).all(|(a, b)| (a - b).abs() < FIXED_M))
+}
+
+/// Figs. d to f: each keypoint that moves over time, measured and simulated.
 pub(super) fn over_time(run: &RunFigures) -> Markup {
-    let charts = run.measured.keypoints.iter().enumerate().flat_map(|(k, name)| {
+    let moving =
+        run.measured.keypoints.iter().enumerate().filter(|(_, name)| !is_fixed(&run.simulated, name));
+    let charts = moving.flat_map(|(k, name)| {
         AXES.map(|(axis, letter)| {
             let measured = track(&run.measured, k, axis);
-            let mut series = vec![Series { width: 2.0, ..Series::line(measured, MEASURED) }];
+            let mut series = vec![Series { width: 2.6, opacity: 0.7, ..Series::line(measured, MEASURED) }];
             if let Some(k) = column(&run.simulated, name) {
-                series.push(Series::line(track(&run.simulated, k, axis), SIMULATED));
+                series.push(Series { width: 1.6, ..Series::line(track(&run.simulated, k, axis), SIMULATED) });
             }
             Chart {
                 title: format!("{name}, {letter}"),
@@ -150,7 +162,7 @@ pub(super) fn superimposed(run: &RunFigures) -> Markup {
             .map(|(i, points)| Series {
                 points,
                 colour: KEYPOINTS[KEYPOINTS.len() - 1],
-                opacity: 0.12 + 0.5 * i as f64 / last as f64,
+                opacity: 0.2 + 0.4 * i as f64 / last as f64,
                 width: 1.0,
             })
             .collect();
@@ -221,6 +233,19 @@ mod tests {
         let residual = residual(&measured, 0, &simulated, 0, 0);
         assert!(residual[0].1.is_nan());
         assert!((residual[1].1 - 3.0).abs() < 1e-12 && (residual[2].1 + 2.0).abs() < 1e-12, "{residual:?}");
+    }
+
+    #[test]
+    fn pivot_of_the_frame_is_not_drawn_over_time() {
+        let moving = trajectory(&[0.0, 0.1], &[0.0, 0.001]);
+        let resting = trajectory(&[0.0, 0.1], &[0.02, 0.02]);
+        assert!(!is_fixed(&moving, "P1") && is_fixed(&with_y(resting), "P1"));
+        assert!(!is_fixed(&Trajectory::default(), "P1"));
+    }
+
+    fn with_y(mut trajectory: Trajectory) -> Trajectory {
+        trajectory.position_m.iter_mut().for_each(|p| p[1] = 0.0);
+        trajectory
     }
 
     #[test]

@@ -1,10 +1,11 @@
-//! Fills a report from a run folder: whatever files are there.
+//! Fills a report from a run folder, whatever files are there, and from a fit.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use ident::fit::Fitted;
 use ident::table::{self, TableError};
-use sim::Command;
+use sim::{Command, Model, State};
 
 use super::data::{ImageQuality, ReportData, RunEnd, RunFigures, ServoTrace};
 use super::format::counted;
@@ -78,6 +79,36 @@ impl ReportData {
         }
         Ok(data)
     }
+}
+
+impl ReportData {
+    /// Adds a fit: coefficients, errors, and each run measured and simulated. A run that is shown already keeps
+    /// what else is known of it.
+    pub fn add_fitted(&mut self, fitted: &Fitted) {
+        self.fit = Some(fitted.fit.clone());
+        self.timing.workers = fitted.timing.threads;
+        for run in &fitted.runs {
+            let figures = match self.runs.iter().position(|shown| shown.id == run.id) {
+                Some(place) => &mut self.runs[place],
+                None => {
+                    self.runs.push(RunFigures { id: run.id.clone(), ..RunFigures::default() });
+                    let last = self.runs.len() - 1;
+                    &mut self.runs[last]
+                }
+            };
+            figures.usage = run.usage;
+            figures.measured = run.measured.clone();
+            figures.simulated = run.simulated.clone();
+            figures.start_s = Some(run.start_s);
+            figures.base_m = base(&fitted.model, &run.initial);
+        }
+    }
+}
+
+/// Where the site P0 is at the start of a run.
+fn base(model: &Model, initial: &State) -> Option<[f64; 3]> {
+    let site = model.sites.iter().position(|site| site.name == "P0")?;
+    Some(model.poses(&initial.qpos).site_pos[site].0)
 }
 
 fn present(folder: &RunFolder, name: &str) -> Option<std::path::PathBuf> {

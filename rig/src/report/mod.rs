@@ -6,7 +6,7 @@
 //! superimposed, each keypoint over time measured (solid) and simulated (dashed), and Table I.
 //!
 //! - `data`: what a report is made of; `gather`: filled from a run folder
-//! - `verdict`: the sentences at the top
+//! - `verdict`: the sentences at the top; `summary`: the same for a terminal
 //! - `chart`, `figures`: plots; `picture`: images with what vision found in them
 //! - `sections`, `coefficients`: the page itself
 
@@ -18,12 +18,14 @@ mod format;
 mod gather;
 mod picture;
 mod sections;
+mod summary;
 #[cfg(test)]
 mod tests;
 mod verdict;
 
 pub use data::{ClockQuality, ImageQuality, Overlay, ReportData, RunEnd, RunFigures, ServoTrace};
 pub use gather::GatherError;
+pub use summary::summary;
 
 use maud::{DOCTYPE, PreEscaped, html};
 

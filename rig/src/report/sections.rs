@@ -1,9 +1,11 @@
 //! The page, section by section. Each is empty when its part of the data is.
 
+use ident::experiment::Use;
+use ident::fit::RunErrors;
 use maud::{Markup, html};
 
 use super::chart::KEYPOINTS;
-use super::data::{ReportData, RunEnd, RunErrors, RunFigures};
+use super::data::{ReportData, RunEnd, RunFigures};
 use super::format::{counted, duration, millimetres, percent, significant};
 use super::verdict::{mean_error_m, verdict};
 use super::{figures, picture};
@@ -31,8 +33,8 @@ pub(super) fn heading(data: &ReportData) -> Markup {
 fn tiles(data: &ReportData) -> Markup {
     let mut tiles: Vec<(String, String)> = Vec::new();
     if let Some(fit) = &data.fit {
-        for (holdout, name) in [(false, "mean error, fitted"), (true, "mean error, held out")] {
-            if let Some(error) = mean_error_m(fit, holdout) {
+        for (usage, name) in [(Use::Fit, "mean error, fitted"), (Use::Holdout, "mean error, held out")] {
+            if let Some(error) = mean_error_m(fit, usage) {
                 tiles.push((format!("{} mm", millimetres(error)), name.into()));
             }
         }
@@ -92,7 +94,7 @@ pub(super) fn table_of_errors(data: &ReportData) -> Markup {
                     @for run in &fit.runs {
                         tr {
                             td { (run.id) }
-                            td { @if run.holdout { span.flag.holdout { "held out" } } @else { "fitted" } }
+                            td { @if run.usage == Use::Holdout { span.flag.holdout { "held out" } } @else { "fitted" } }
                             @for name in &names {
                                 td.number {
                                     @match run.keypoints.iter().find(|k| k.name == *name) {
@@ -119,7 +121,7 @@ pub(super) fn run(data: &ReportData, run: &RunFigures) -> Markup {
     let simulated = !run.simulated.time_s.is_empty();
     html! {
         section.run {
-            h2 { "Run " (run.id) @if run.holdout { " " span.flag.holdout { "held out" } } }
+            h2 { "Run " (run.id) @if run.usage == Use::Holdout { " " span.flag.holdout { "held out" } } }
             p.legend {
                 span.key.measured {} "measured"
                 @if simulated { span.key.simulated {} "simulated" }

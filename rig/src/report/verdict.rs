@@ -1,6 +1,9 @@
 //! What came out, in sentences for someone who has a minute.
 
-use super::data::{FitSummary, ReportData, RunEnd};
+use ident::experiment::Use;
+use ident::fit::Fit;
+
+use super::data::{ReportData, RunEnd};
 use super::format::{counted, millimetres, percent};
 
 /// How good the news is; decides the colour.
@@ -41,11 +44,11 @@ const MEAN_PLANE_NOISE: f64 = 1.253_314_137_315_5;
 const NOISE_MARGIN: f64 = 1.3;
 
 /// Mean over keypoints and runs of the mean errors \[m\]; `None` without such runs.
-pub(super) fn mean_error_m(fit: &FitSummary, holdout: bool) -> Option<f64> {
+pub(super) fn mean_error_m(fit: &Fit, usage: Use) -> Option<f64> {
     let errors: Vec<f64> = fit
         .runs
         .iter()
-        .filter(|run| run.holdout == holdout)
+        .filter(|run| run.usage == usage)
         .flat_map(|run| run.keypoints.iter().map(|k| k.mean_error_m))
         .filter(|e| e.is_finite())
         .collect();
@@ -78,7 +81,7 @@ pub(super) fn verdict(data: &ReportData) -> Verdict {
         return Verdict { tone: Tone::Caution, line, details };
     };
     let length = fit.characteristic_length_m;
-    let (fitted, heldout) = (mean_error_m(fit, false), mean_error_m(fit, true));
+    let (fitted, heldout) = (mean_error_m(fit, Use::Fit), mean_error_m(fit, Use::Holdout));
     let say = |error: f64| {
         format!("{} mm ({} % of {:.0} mm)", millimetres(error), percent(error, length), length * 1e3)
     };
