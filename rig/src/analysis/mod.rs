@@ -122,7 +122,8 @@ impl Analysis<'_> {
         progress.stage("fit", Some(experiment.fit.max_evaluations));
         let fitted = timing.measure("fit", || ident::fit::fit(&experiment, progress))?;
         write_json(&self.out.join(file::FIT), &fitted.fit)?;
-        let comment = format!("Calibrated by rig {} on run {}.", env!("CARGO_PKG_VERSION"), self.run.start().id);
+        let comment =
+            format!("Calibrated by rig {} on run {}.", env!("CARGO_PKG_VERSION"), self.run.start().id);
         write_whole(&self.out.join(file::MODEL), fitted.model.to_mjcf(&comment).as_bytes())?;
         timing.write(&self.out.join(file::TIMING))?;
 
@@ -141,8 +142,13 @@ impl Analysis<'_> {
     fn extract(&self, timeline: &Timeline, progress: &mut dyn Progress) -> Result<Extraction, AnalysisError> {
         progress.stage("images", Some(timeline.images.len() as u64));
         let plane = self.config.calibration.plane(self.paths_from)?;
-        let extraction = pictures::Source { run: self.run, timeline }
-            .extract(&self.config.vision, self.paths_from, &plane, self.threads, |done| progress.step(done as u64))?;
+        let extraction = pictures::Source { run: self.run, timeline }.extract(
+            &self.config.vision,
+            self.paths_from,
+            &plane,
+            self.threads,
+            |done| progress.step(done as u64),
+        )?;
         let mut rows: Vec<FrameRow> = timeline.images.iter().map(|image| image.row.clone()).collect();
         let used = rows.iter_mut().filter(|row| row.status == timeline::USABLE);
         for (row, record) in used.zip(&extraction.records) {

@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use image::GrayImage;
 use ident::fit::{Fitted, FittedRun};
+use image::GrayImage;
 
 use super::AnalysisError;
 use super::timeline::{ImageTime, Timeline, USABLE};
@@ -71,14 +71,21 @@ impl<'a> Source<'a> {
     ///
     /// # Errors
     /// [`AnalysisError`] when the recording cannot be read again.
-    pub fn show(self, data: &mut ReportData, extraction: &Extraction, fitted: &Fitted) -> Result<(), AnalysisError> {
+    pub fn show(
+        self,
+        data: &mut ReportData,
+        extraction: &Extraction,
+        fitted: &Fitted,
+    ) -> Result<(), AnalysisError> {
         let usable = self.usable();
         let shown = worth_showing(extraction);
         let images = self.load(shown.iter().map(|&index| usable[index]))?;
         data.overlays = shown
             .iter()
             .zip(&images)
-            .filter_map(|(&index, image)| Some(overlay(image.grey.as_ref().ok()?, &extraction.records[index])))
+            .filter_map(|(&index, image)| {
+                Some(overlay(image.grey.as_ref().ok()?, &extraction.records[index]))
+            })
             .collect();
         let Some(figures) = data.runs.first_mut() else { return Ok(()) };
         figures.measured_pose = data.overlays.first().cloned();

@@ -7,10 +7,10 @@ use super::AnalysisError;
 use crate::camera::images_lost;
 use crate::clock::{ClockFit, MonotonicNs, Ping};
 use crate::config::RigConfig;
+use crate::record::ServoCommand;
 use crate::record::folder::{RunFolder, file};
 use crate::record::frames::FrameRow;
 use crate::record::reader::{Item, Recording};
-use crate::record::ServoCommand;
 use crate::report::ClockQuality;
 use crate::servo::ServoEvent;
 
@@ -72,7 +72,8 @@ impl Timeline {
                         reason: reason.into(),
                     };
                     images.push(ImageTime { index: images.len(), row });
-                    let latest = last.map_or(image.mid_exposure, |(_, before)| before.max(image.mid_exposure));
+                    let latest =
+                        last.map_or(image.mid_exposure, |(_, before)| before.max(image.mid_exposure));
                     last = Some((image.sequence, latest));
                 }
                 Item::Servo(ServoEvent::Ping { sent, board_tick_us, received }) => {

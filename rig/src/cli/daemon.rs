@@ -103,7 +103,11 @@ impl Daemon<'_> {
             from = still;
         }
         self.note("stopped", json!({ "runs": runs }))?;
-        Ok(Outcome { out: Some(self.experiment.runs_dir.into()), text: format!("{runs} runs"), ..Outcome::default() })
+        Ok(Outcome {
+            out: Some(self.experiment.runs_dir.into()),
+            text: format!("{runs} runs"),
+            ..Outcome::default()
+        })
     }
 
     fn skip(&self, after: &Zoned, until: &Zoned, why: &str) -> Result<(), Failure> {

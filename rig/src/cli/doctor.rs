@@ -34,7 +34,11 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let text: Vec<String> = checks.iter().map(ToString::to_string).collect();
     let bad = checks.iter().filter(|check| check.health == Health::Bad).count();
     if bad > 0 {
-        return Err(Failure::Hardware(anyhow!("{bad} of {} checks failed\n{}", checks.len(), text.join("\n"))));
+        return Err(Failure::Hardware(anyhow!(
+            "{bad} of {} checks failed\n{}",
+            checks.len(),
+            text.join("\n")
+        )));
     }
     Ok(Outcome { text: text.join("\n"), ..Outcome::default() })
 }

@@ -31,7 +31,10 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let servo = config.servo.as_ref();
     let port = servo.and_then(|servo| Some((servo.port.as_deref()?, servo.baud)));
     let (port, baud) = port.ok_or_else(|| {
-        Failure::Input(anyhow!("{}: no board on a serial port: nothing to stop from outside", args.config.display()))
+        Failure::Input(anyhow!(
+            "{}: no board on a serial port: nothing to stop from outside",
+            args.config.display()
+        ))
     })?;
     if let Some(holder) = Claim::holder(&port_lock(port)) {
         return tell(holder, port);
@@ -48,8 +51,9 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
 fn tell(holder: u32, port: &str) -> Result<Outcome, Failure> {
     let process = i32::try_from(holder).ok().and_then(Pid::from_raw);
     let process = process.ok_or_else(|| Failure::Internal(anyhow!("process id {holder} is none")))?;
-    kill_process(process, Signal::TERM)
-        .map_err(|error| Failure::Hardware(anyhow!("telling process {holder}, which holds {port}: {error}")))?;
+    kill_process(process, Signal::TERM).map_err(|error| {
+        Failure::Hardware(anyhow!("telling process {holder}, which holds {port}: {error}"))
+    })?;
     let deadline = Instant::now() + PATIENCE;
     while Claim::holder(&port_lock(port)) == Some(holder) {
         if Instant::now() > deadline {

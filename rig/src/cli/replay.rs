@@ -39,7 +39,10 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let run = RunFolder::open(&args.run).map_err(Failure::input)?;
     std::fs::create_dir_all(&args.out).map_err(Failure::input)?;
     if same_folder(&args.run, &args.out) {
-        return Err(Failure::Input(anyhow!("--out {} is the run itself, which a replay never writes into", args.out.display())));
+        return Err(Failure::Input(anyhow!(
+            "--out {} is the run itself, which a replay never writes into",
+            args.out.display()
+        )));
     }
     let (config, paths_from) = match &args.config {
         Some(path) => (RigConfig::read(path), base(path)),

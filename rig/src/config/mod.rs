@@ -115,13 +115,16 @@ impl RigConfig {
     }
 
     fn checked(self, path: &Path) -> Result<Self, ConfigError> {
-        let contradiction = |why: &str| Err(ConfigError::Contradiction { path: path.into(), why: why.into() });
+        let contradiction =
+            |why: &str| Err(ConfigError::Contradiction { path: path.into(), why: why.into() });
         let driven = self.run.kind == MotionKind::Driven;
         if driven && (self.servo.is_none() || self.profile.is_none()) {
             return contradiction("a driven run needs the tables [servo] and [profile]");
         }
         if !driven && self.profile.is_some() {
-            return contradiction("a drop plays no profile: remove the table [profile], or say kind = \"driven\"");
+            return contradiction(
+                "a drop plays no profile: remove the table [profile], or say kind = \"driven\"",
+            );
         }
         if self.needs_tank() && self.mock.is_none() {
             return contradiction("mock board or mock camera without a tank: add [mock] tank = \"...\"");
@@ -134,7 +137,11 @@ impl RigConfig {
 
     /// About how much a run's recording takes on the disk \[bytes\]: raw images for as long as it is filmed.
     pub fn expected_bytes(&self) -> u64 {
-        let profile_s = self.profile.as_ref().and_then(|profile| Profile::new(profile).ok()).map_or(0.0, |p| p.duration_s());
+        let profile_s = self
+            .profile
+            .as_ref()
+            .and_then(|profile| Profile::new(profile).ok())
+            .map_or(0.0, |p| p.duration_s());
         let seconds = profile_s + self.run.film_s.get() + self.run.settle_s.get();
         let fps = self.camera.fps.map_or(0.0, strict::Positive::get);
         (f64::from(self.camera.width_px) * f64::from(self.camera.height_px) * fps * seconds) as u64

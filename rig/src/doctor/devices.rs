@@ -55,7 +55,9 @@ fn pings(board: &mut dyn ServoBoard) -> Result<Vec<Ping>, ServoError> {
     let mut pings = Vec::new();
     while Instant::now() < until {
         pings.extend(board.poll()?.into_iter().filter_map(|event| match event {
-            ServoEvent::Ping { sent, board_tick_us, received } => Some(Ping { sent, board_tick_us, received }),
+            ServoEvent::Ping { sent, board_tick_us, received } => {
+                Some(Ping { sent, board_tick_us, received })
+            }
             _ => None,
         }));
         std::thread::sleep(Duration::from_millis(10));
@@ -117,7 +119,10 @@ fn look_at_camera(camera: &mut dyn Camera, stall: Duration) -> Vec<Check> {
         return vec![Check::bad(subject, format!("{finding}; more than 5 % off: {remedy}"))];
     }
     if lost > 0 {
-        return vec![Check::doubtful(subject, format!("{finding}: use another USB port or a smaller picture"))];
+        return vec![Check::doubtful(
+            subject,
+            format!("{finding}: use another USB port or a smaller picture"),
+        )];
     }
     vec![Check::good(subject, finding)]
 }

@@ -109,7 +109,8 @@ fn watch_stillness(images: &Receiver<Arc<CameraImage>>, events: &events::Sender<
     let _report = PanicReport("stillness", events.clone());
     let mut before: Option<(MonotonicNs, image::GrayImage)> = None;
     for image in images {
-        if before.as_ref().is_some_and(|(then, _)| image.mid_exposure.seconds_since(*then) < STILLNESS_SPAN_S) {
+        if before.as_ref().is_some_and(|(then, _)| image.mid_exposure.seconds_since(*then) < STILLNESS_SPAN_S)
+        {
             continue;
         }
         // A damaged image says nothing about the water; extraction reports it later.
@@ -168,7 +169,11 @@ impl ServoThread {
         }
         let (answer, answered) = sync_channel(1);
         let sent = self.orders.send(Order::Stop(answer)).is_ok();
-        let outcome = if sent { answered.recv().unwrap_or(StopOutcome::LeftToDeadMan) } else { StopOutcome::LeftToDeadMan };
+        let outcome = if sent {
+            answered.recv().unwrap_or(StopOutcome::LeftToDeadMan)
+        } else {
+            StopOutcome::LeftToDeadMan
+        };
         self.outcome = Some(outcome);
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();

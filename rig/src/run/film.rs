@@ -64,7 +64,11 @@ pub struct Filmed {
 
 /// Films until the machine stops, `interrupt` resolves, or a device fails. Whatever happens, the servo is stopped
 /// before anything else is closed.
-pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, mut notify: impl FnMut(Notice)) -> Filmed {
+pub async fn film(
+    setup: Setup,
+    interrupt: impl Future<Output = ()>,
+    mut notify: impl FnMut(Notice),
+) -> Filmed {
     let (sender, mut devices) = mpsc::channel(QUEUE);
     let profile = setup.drive.as_ref().map(|(_, profile)| profile.clone());
     let mut servo = setup.drive.map(|(board, _)| ServoThread::start(board, sender.clone()));
@@ -115,7 +119,8 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, mut notify:
     };
 
     let decided = MonotonicNs::now();
-    let outcome = tokio::task::block_in_place(|| servo.as_mut().map_or(StopOutcome::NotNeeded, ServoThread::stop));
+    let outcome =
+        tokio::task::block_in_place(|| servo.as_mut().map_or(StopOutcome::NotNeeded, ServoThread::stop));
     let stop_s = MonotonicNs::now().seconds_since(decided);
     tokio::task::block_in_place(|| drop(camera));
     while let Ok(told) = devices.try_recv() {

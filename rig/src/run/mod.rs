@@ -104,8 +104,11 @@ impl Job<'_> {
         opened.begin(origin.monotonic_ns);
         let mut folder = self.create(&opened, origin)?;
         let journal = folder.journal()?;
-        let recorder =
-            Recorder::create(&folder.file(file::RECORDING), Some(opened.camera.info()), RecorderOptions::default())?;
+        let recorder = Recorder::create(
+            &folder.file(file::RECORDING),
+            Some(opened.camera.info()),
+            RecorderOptions::default(),
+        )?;
 
         // Held until the servo has stopped: `rig estop` finds this process through it.
         let _port = opened.claim.take();
@@ -134,14 +137,19 @@ impl Job<'_> {
         if let Some(error) = journal_error {
             tracing::warn!("{error}");
         }
-        journal.write("stopped", json!({ "servo": filmed.servo, "stop_s": filmed.stop_s, "ending": filmed.ending }))?;
+        journal.write(
+            "stopped",
+            json!({ "servo": filmed.servo, "stop_s": filmed.stop_s, "ending": filmed.ending }),
+        )?;
         folder.finish(stop(&filmed))?;
         Ok(Conducted { folder, filmed })
     }
 
     /// The pulses of the whole motion, with a small slow one in front where a servo is not calibrated.
     fn pulses(&self) -> Result<Option<PulseProfile>, ProfileError> {
-        let (Some(profile), Some(servo)) = (&self.config.profile, &self.config.servo) else { return Ok(None) };
+        let (Some(profile), Some(servo)) = (&self.config.profile, &self.config.servo) else {
+            return Ok(None);
+        };
         let pulses = Profile::new(profile)?.pulses(servo)?;
         let driven = |track: &crate::profile::PulseTrack| servo.channel(track.channel);
         if pulses.tracks.iter().filter_map(driven).all(|channel| channel.calibrated) {
@@ -193,7 +201,8 @@ impl Job<'_> {
             config: toml::to_string(&config).map_err(|error| RecordError::damaged(self.base, error))?,
             details,
         };
-        let contents = files.iter().map(|path| Ok((path, read(path)?))).collect::<Result<Vec<_>, RunError>>()?;
+        let contents =
+            files.iter().map(|path| Ok((path, read(path)?))).collect::<Result<Vec<_>, RunError>>()?;
         let folder = RunFolder::create(self.runs_dir, start)?;
         folder.write(file::MODEL_START, &model)?;
         for (path, bytes) in contents {

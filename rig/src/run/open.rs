@@ -6,11 +6,8 @@ use std::sync::{Arc, OnceLock};
 use ident::strict;
 
 use super::RunError;
-use crate::camera::config::CameraKind;
-use crate::camera::mock::{CameraFault, MockCamera};
-use crate::camera::socket::SocketCamera;
-use crate::camera::v4l::V4lCamera;
-use crate::camera::{Camera, CameraError};
+use crate::camera::mock::CameraFault;
+use crate::camera::{self, Camera};
 use crate::claim::{Claim, port_lock};
 use crate::clock::MonotonicNs;
 use crate::config::{FaultKind, RigConfig};
@@ -67,7 +64,7 @@ pub fn open(config: &RigConfig, base: &Path) -> Result<Opened, RunError> {
         }
         _ => (None, None),
     };
-    let camera = open_camera(config, tank.as_ref())?;
+    let camera = camera::open(&config.camera, base, tank.as_ref(), &camera_faults(config))?;
     let hand = tank.clone().map(Hand);
     Ok(Opened { camera, board, hand, tank, run_start, claim: port })
 }
@@ -129,23 +126,6 @@ fn camera_faults(config: &RigConfig) -> Vec<CameraFault> {
             FaultKind::Board(_) => None,
         })
         .collect()
-}
-
-fn open_camera(config: &RigConfig, tank: Option<&Tank>) -> Result<Box<dyn Camera>, RunError> {
-    let camera = &config.camera;
-    let refused = |what: &str| {
-        RunError::Camera(CameraError::Refused { camera: format!("{:?}", camera.kind).to_lowercase(), what: what.into() })
-    };
-    Ok(match (camera.kind, tank) {
-        (CameraKind::V4l, _) => Box::new(V4lCamera::open(camera)?),
-        (CameraKind::Socket, _) => Box::new(SocketCamera::open(camera)?),
-        (CameraKind::Mock, Some(tank)) => {
-            let scene = Box::new(tank.scene(camera));
-            Box::new(MockCamera::new(camera, scene, tank.stamp_truth(), camera_faults(config))?)
-        }
-        (CameraKind::Mock, None) => return Err(refused("a mock camera needs a tank to look at: [mock] tank")),
-        (CameraKind::Folder, _) => return Err(refused("a folder cannot be filmed; use rig extract on it")),
-    })
 }
 
 /// A mock board without a tank moves nothing.
