@@ -1,5 +1,11 @@
 //! Our CMA-ES beside pycma on its standard test functions: see `scripts/pycma_reference.py`.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test stops where it cannot go on, and shows its figures"
+)]
+
 use ident::cmaes::{CmaEs, Options, Stop};
 
 const TARGET: f64 = 1e-8;

@@ -1,6 +1,12 @@
 //! A real double pendulum in air: fitted on the authors' identification pieces, scored on their validation
 //! pieces, beside the parameters they published, under the same scoring.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test stops where it cannot go on, and shows its figures"
+)]
+
 use std::path::{Path, PathBuf};
 
 use ident::experiment::{Experiment, FitConfig, Method, Run, RunKind, Use};

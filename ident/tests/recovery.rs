@@ -1,5 +1,11 @@
 //! Known coefficients, simulated runs, a fit, and the coefficients again.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test stops where it cannot go on, and shows its figures"
+)]
+
 mod common;
 
 use common::*;

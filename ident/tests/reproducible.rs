@@ -1,5 +1,11 @@
 //! Equal input gives equal bytes: for any number of threads, and across an interruption.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test stops where it cannot go on, and shows its figures"
+)]
+
 mod common;
 
 use common::*;

@@ -30,7 +30,7 @@ pub enum ExperimentError {
         /// The file.
         path: PathBuf,
         /// Line and reason.
-        source: sim::MjcfError,
+        source: Box<sim::MjcfError>,
     },
     /// `start.json` of a run folder.
     #[error("{}: not the start of a run", path.display())]

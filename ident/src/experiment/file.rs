@@ -64,8 +64,8 @@ pub(super) fn read(path: &Path) -> Result<Experiment, ExperimentError> {
         }
         (None, None) => return Err(ExperimentError::NoModel { path: path.into() }),
     };
-    let model =
-        Model::from_mjcf(&text).map_err(|source| ExperimentError::Model { path: model_path, source })?;
+    let model = Model::from_mjcf(&text)
+        .map_err(|source| ExperimentError::Model { path: model_path, source: source.into() })?;
     let experiment = Experiment { model, noise_m: file.noise_m.map(Positive::get), fit: file.fit, runs };
     experiment.check()?;
     Ok(experiment)

@@ -6,7 +6,7 @@ use super::counts::Counts;
 use super::information::{Information, information};
 use super::least_squares::{Descent, Freedom};
 use super::problem::{Point, Problem, Term};
-use super::{Fit, FitError, Fitted, FittedParameter, FittedRun, RunErrors, Timing};
+use super::{Fit, FitError, FittedParameter, FittedRun, RunErrors};
 use crate::experiment::{Experiment, Run, RunKind, Use};
 use crate::geometry::characteristic_length_m;
 use crate::initial;
@@ -24,7 +24,7 @@ pub(super) fn finish(
     assumed_noise_m: f64,
     stop_reason: String,
     mut counts: Counts,
-) -> Result<Fitted, FitError> {
+) -> Result<(Fit, Model, Vec<FittedRun>), FitError> {
     let noise_scale = match experiment.noise_m {
         Some(_) => 1.0,
         None => noise_scale(problem, point, &mut counts).unwrap_or(1.0),
@@ -75,8 +75,7 @@ pub(super) fn finish(
             .map(|group| group.iter().map(|&i| problem.parameters.free[i].name().to_owned()).collect())
             .collect(),
     };
-    let timing = Timing { wall: std::time::Duration::ZERO, threads: 0 };
-    Ok(Fitted { fit, model, runs, timing })
+    Ok((fit, model, runs))
 }
 
 /// Root mean square of the residuals in assumed standard deviations, per degree of freedom left.

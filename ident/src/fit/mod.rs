@@ -159,9 +159,9 @@ fn run(
         None => driver.first_stage(&mut counts)?,
     };
     let (point, stop_reason) = driver.finish_stages(stage, &mut counts, observer)?;
-    let mut fitted = finish::finish(experiment, &problem, &point, noise_m, stop_reason, counts)?;
-    fitted.timing = Timing { wall: began.elapsed(), threads: rayon::current_num_threads() };
-    Ok(fitted)
+    let (fit, model, runs) = finish::finish(experiment, &problem, &point, noise_m, stop_reason, counts)?;
+    let timing = Timing { wall: began.elapsed(), threads: rayon::current_num_threads() };
+    Ok(Fitted { fit, model, runs, timing })
 }
 
 /// A run with every image looked at.
@@ -211,11 +211,21 @@ impl Driver<'_> {
         loop {
             let (phase, cost, end) = match &mut stage {
                 Stage::Search(search) => {
-                    search.step(self.problem, counts);
+                    if search.stop().is_none() {
+                        search.step(self.problem, counts);
+                    }
                     ("search", search.cost, search.stop().map(|stop| stop.name()))
                 }
                 Stage::Descent(descent) => {
-                    descent.step(self.problem, least_squares::Freedom::Everything, max_evaluations, counts);
+                    // A state may be that of a stage that had just ended.
+                    if descent.end.is_none() {
+                        descent.step(
+                            self.problem,
+                            least_squares::Freedom::Everything,
+                            max_evaluations,
+                            counts,
+                        );
+                    }
                     ("descent", descent.cost, descent.end.map(|end| end.name()))
                 }
             };
