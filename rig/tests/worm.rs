@@ -18,6 +18,10 @@ const MEDIAN_LIMIT_PX: f64 = 0.8;
 /// Share of them that must be answered.
 const ANSWERED: f64 = 0.98;
 
+/// Share of the images without a midline that must be rejected or doubted. In most of them another object
+/// comes into the crop; three of the others the tracker gave up on for reasons that a picture does not show.
+const FLAGGED: f64 = 0.9;
+
 #[derive(Deserialize)]
 struct Config {
     calibration: Calibration,
@@ -50,6 +54,14 @@ fn extraction(folder: &Path) -> Extraction {
     extract_sequence(&images, &config.vision, &plane, Path::new(""), 2).unwrap()
 }
 
+/// Rms distance of the tracker's points from our line, wherever along it \[px\]: blind to where each line ends.
+fn rms_across(record: &ImageRecord, truth: &[[f64; 2]]) -> f64 {
+    let nearest = |p: &[f64; 2]| {
+        record.centreline.iter().map(|q| spline::distance(*p, *q)).fold(f64::INFINITY, f64::min)
+    };
+    (truth.iter().map(|p| nearest(p).powi(2)).sum::<f64>() / truth.len() as f64).sqrt()
+}
+
 /// Rms distance of points at equal shares of both lines' lengths \[px\]; head and tail in the better order.
 fn rms(record: &ImageRecord, truth: &[[f64; 2]]) -> f64 {
     let lengths = spline::arc_lengths(&record.centreline);
@@ -74,15 +86,15 @@ fn centrelines_agree_with_an_independent_tracker() {
     let Some(folder) = data() else { return };
     let truth = midlines(&folder);
     let extraction = extraction(&folder);
-    let mut scores = Vec::new();
+    let (mut scores, mut across) = (Vec::new(), Vec::new());
     for record in &extraction.records {
         let score = match truth.get(&record.name) {
             Some(line) if record.status != Status::Rejected => rms(record, line),
             Some(_) => REJECTED_PX,
             None => continue,
         };
-        if score > 1.2 {
-            println!("{} {score:.2} px {:?} {}", record.name, record.status, record.reason);
+        if record.status != Status::Rejected {
+            across.push(rms_across(record, &truth[&record.name]));
         }
         scores.push(score);
     }
@@ -98,7 +110,15 @@ fn centrelines_agree_with_an_independent_tracker() {
         scores[scores.len() * 9 / 10],
         scores[scores.len() - 1]
     );
+    across.sort_by(f64::total_cmp);
+    println!("across the line alone: rms median {:.3} px", across[across.len() / 2]);
     println!("{} images without: {flagged} flagged, {rejected} of them rejected", without.len());
     assert!(median <= MEDIAN_LIMIT_PX, "{median}");
+    // The images that show a closed loop; in the others without a midline the worm is plain to see.
+    for record in without.iter().filter(|r| ("00380.png".."00386.png").contains(&r.name.as_str())) {
+        assert_eq!(record.status, Status::Rejected, "{}", record.name);
+        assert!(record.keypoints.is_empty() && record.centreline.is_empty());
+    }
+    assert!(flagged as f64 >= FLAGGED * without.len() as f64, "{flagged}");
     assert!(answered as f64 >= ANSWERED * scores.len() as f64, "{answered}");
 }

@@ -25,15 +25,17 @@ pub struct Centreline {
     pub medial: Vec<Px>,
 }
 
-/// The thinned path is cut back by this many half widths at each end: where it bends into a corner.
-const TRIM: f64 = 1.3;
+/// Weight of the smoothed core beside single midpoints, and the smoothing length of the whole [px] at most.
+const CORE_WEIGHT: f64 = 10.0;
+const END_SMOOTHING: f64 = 2.0;
 /// Midpoints are found, smoothed and found again this many times.
 const ROUNDS: usize = 3;
 /// An edge is looked for as far as this many half widths of the thinned path, and `REACH_PX` more.
-const REACH: f64 = 1.8;
+const REACH: f64 = 2.0;
 const REACH_PX: f64 = 3.0;
-/// A width this many times the median width has met something else.
-const WIDEST: f64 = 1.6;
+/// A half width this many times the thinned path's, and `WIDEST_PX` more, has met something else.
+const WIDEST: f64 = 1.5;
+const WIDEST_PX: f64 = 1.5;
 /// Step of looking for an edge \[px\]; below half the blur of any lens.
 const STEP_PX: f64 = 0.25;
 /// Least share of the line that needs both edges.
@@ -54,21 +56,22 @@ impl Centreline {
         let lengths = arc_lengths(&medial);
         let total = lengths.last().copied().unwrap_or(0.0);
         let typical = median(&mut radius.to_vec());
-        let widest_near = |distance_to_end: &dyn Fn(f64) -> f64| {
-            let near = lengths.iter().zip(radius).filter(|(s, _)| distance_to_end(**s) <= 2.0 * typical);
-            near.map(|(_, r)| *r).fold(0.0, f64::max)
-        };
-        let from = TRIM * widest_near(&|s| s);
-        let to = total - TRIM * widest_near(&|s| total - s);
+        let at = |s: f64| radius[lengths.partition_point(|&l| l < s).min(radius.len() - 1)];
+        let from = bent_part(typical, total, |s| at(s));
+        let to = total - bent_part(typical, total, |s| at(total - s));
         if to - from < 2.0 * typical {
             return Err(Rejection::NotLong { length_px: total, half_width_px: typical });
         }
         let scale = (smoothing * typical).max(1.0);
         let mut points = evenly(&medial, from, to);
+        let expected: Vec<f64> = (0..points.len())
+            .map(|i| from + (to - from) * i as f64 / (points.len() - 1) as f64)
+            .map(at)
+            .collect();
         points = smoothed(&points, &vec![1.0; points.len()], scale);
         let mut between = Between::default();
         for _ in 0..ROUNDS {
-            between = Between::edges(contrast, &points, REACH * typical + REACH_PX);
+            between = Between::edges(contrast, &points, &stretched(&expected, 0, points.len(), 0));
             let seen = between.weights.iter().filter(|&&w| w > 0.0).count();
             if (seen as f64) < LEAST_SEEN * points.len() as f64 {
                 return Err(Rejection::NoEdges { share: seen as f64 / points.len() as f64 });
@@ -77,30 +80,28 @@ impl Centreline {
             points = evenly(&line, 0.0, arc_lengths(&line)[line.len() - 1]);
         }
         let scatter_px = between.scatter(scale);
-        let half = between.typical();
-        let (start, end) = (points[0], points[points.len() - 1]);
-        let ahead = (typical.round() as usize).clamp(2, points.len() - 1);
-        let back = unit(points[ahead], start);
-        let forth = unit(points[points.len() - 1 - ahead], end);
-        let mut line = led_on(contrast, start, back, half);
+        let lead = |i: usize| (expected[i].round() as usize).clamp(2, points.len() - 1);
+        let n = points.len();
+        let (first, last) = (expected[0], expected[expected.len() - 1]);
+        let back = unit(points[lead(0)], points[0]);
+        let forth = unit(points[n - 1 - lead(expected.len() - 1)], points[n - 1]);
+        let mut line = led_on(contrast, points[0], back, first);
+        let before = line.len();
         line.reverse();
-        let core = line.len()..line.len() + points.len();
-        line.extend(points);
-        line.extend(led_on(contrast, end, forth, half));
+        line.extend(&points);
+        line.extend(led_on(contrast, points[n - 1], forth, last));
+        let after = line.len() - before - n;
         // The core is smooth already; the ends are single midpoints, all but the very last ones.
         let mut weights = vec![1.0; line.len()];
-        weights[core].fill(10.0);
-        let (first, last) = (line[0], line[line.len() - 1]);
-        let mut line = smoothed(&line, &weights, scale.min(2.0));
+        weights[before..before + n].fill(CORE_WEIGHT);
+        let ends = [line[0], line[line.len() - 1]];
+        let mut line = smoothed(&line, &weights, scale.min(END_SMOOTHING));
         let n = line.len();
-        (line[0], line[n - 1]) = (first, last);
+        [line[0], line[n - 1]] = ends;
         let length_px = arc_lengths(&line)[n - 1];
         let points = evenly(&line, 0.0, length_px);
-        let half_width = Between::edges(contrast, &points, REACH * typical + REACH_PX).half_widths();
-        let mut medial = medial;
-        if distance(medial[0], points[0]) > distance(medial[0], points[points.len() - 1]) {
-            medial.reverse();
-        }
+        let expected = stretched(&expected, before, points.len(), after);
+        let half_width = Between::edges(contrast, &points, &expected).half_widths();
         Ok(Self { points, half_width, length_px, scatter_px, medial })
     }
 
@@ -144,6 +145,22 @@ impl Centreline {
     }
 }
 
+/// How much of a thinned path's end runs into a corner of the silhouette's end, and a margin: there its
+/// distance from the edge (`radius` by arc length from the end) grows nearly as fast as it goes on. Paths that
+/// end in a round or pointed end are hardly cut.
+fn bent_part(typical: f64, total: f64, radius: impl Fn(f64) -> f64) -> f64 {
+    /// Growth per pixel: 0.7 on the way out of a right angle; 0.1 along a sharply pointed arm.
+    const STEEP: f64 = 0.35;
+    /// Cut beyond that, in half widths: the path is still turning.
+    const MARGIN: f64 = 0.4;
+    let window = (0.4 * typical).max(2.0);
+    let mut s = 0.0;
+    while s < total / 4.0 && radius(s + window) - radius(s) > STEEP * window {
+        s += 0.5;
+    }
+    s + MARGIN * radius(s)
+}
+
 /// Both edges beside each point of a line.
 #[derive(Default)]
 struct Between {
@@ -153,30 +170,20 @@ struct Between {
 }
 
 impl Between {
-    fn edges(contrast: &Contrast, points: &[Px], reach: f64) -> Self {
+    /// Looks for them where half widths of about `expected` (shape as `points`) are.
+    fn edges(contrast: &Contrast, points: &[Px], expected: &[f64]) -> Self {
         let mut out = Self::default();
-        for (point, [tx, ty]) in points.iter().zip(tangents(points)) {
-            let sides = both_edges(contrast, *point, [-ty, tx], reach);
+        for ((point, [tx, ty]), expected) in points.iter().zip(tangents(points)).zip(expected) {
+            let normal = [-ty, tx];
+            let sides = both_edges(contrast, *point, normal, REACH * expected + REACH_PX)
+                .filter(|[left, right]| (left + right) / 2.0 <= WIDEST * expected + WIDEST_PX);
+            // Where an edge is missing the line bridges.
             let shift = sides.map_or(0.0, |[left, right]| (left - right) / 2.0);
-            out.middles.push(moved(*point, [-ty, tx], shift));
+            out.middles.push(moved(*point, normal, shift));
             out.half.push(sides.map(|[left, right]| (left + right) / 2.0));
-        }
-        let widest = WIDEST * out.typical();
-        out.half.iter_mut().for_each(|half| *half = half.filter(|h| *h <= widest));
-        out.weights = out.half.iter().map(|half| f64::from(half.is_some())).collect();
-        // Where an edge is missing the line bridges; a middle that met something else must not pull.
-        for (middle, (point, half)) in out.middles.iter_mut().zip(points.iter().zip(&out.half)) {
-            if half.is_none() {
-                *middle = *point;
-            }
+            out.weights.push(f64::from(sides.is_some()));
         }
         out
-    }
-
-    /// Median half width \[px\]; 0 when no point has both edges.
-    fn typical(&self) -> f64 {
-        let mut seen: Vec<f64> = self.half.iter().flatten().copied().collect();
-        if seen.is_empty() { 0.0 } else { median(&mut seen) }
     }
 
     /// Half width at each point, carried over from the nearest point before (or after) where it is missing.
@@ -238,9 +245,9 @@ fn led_on(contrast: &Contrast, start: Px, direction: Px, half_width: f64) -> Vec
     /// Farther than this many half widths is not the end of the same thing.
     const FARTHEST: f64 = 6.0;
     /// Share of the last step's direction in the next one's: the end of a bent tail bends on.
-    const TURN: f64 = 0.15;
+    const TURN: f64 = 0.3;
     /// Largest move sideways per pixel forward.
-    const SIDEWAYS: f64 = 0.25;
+    const SIDEWAYS: f64 = 0.5;
     let mut level = contrast.at(start);
     let mut points = Vec::new();
     let (mut at, mut along, mut half_width) = (start, direction, half_width);
@@ -271,6 +278,14 @@ fn led_on(contrast: &Contrast, start: Px, direction: Px, half_width: f64) -> Vec
         points.push(at);
     }
     points
+}
+
+/// `values` along a line in `count` even steps, of which it covers all but the first `before` and last `after`;
+/// there its own first and last hold.
+fn stretched(values: &[f64], before: usize, count: usize, after: usize) -> Vec<f64> {
+    let covered = count.saturating_sub(before + after).max(2);
+    let place = |i: usize| i.saturating_sub(before).min(covered - 1) * (values.len() - 1) / (covered - 1);
+    (0..count).map(|i| values[place(i)]).collect()
 }
 
 /// Points about a pixel apart from arc length `from` to `to`.

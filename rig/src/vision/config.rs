@@ -71,8 +71,8 @@ pub struct VisionConfig {
     /// Mode `arc`: P1..Pn at these shares of the arc length, rising. Default: equal steps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shares: Option<Vec<Share>>,
-    /// P0, roughly \[px\]. Tells base from tip, and holds P0 where it is hidden. Left out: the upper end of the
-    /// first image, then whatever moves least from image to image.
+    /// P0, roughly \[px\]. Tells base from tip, and holds P0 where it is hidden. Left out: the upper end in
+    /// the first image, then the end that lies nearer to it from image to image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base_px: Option<[ident::strict::Finite; 2]>,
     /// How well `base_px` is known, 1 sigma \[px\]; counts in mode `links` where the base is hidden.

@@ -64,13 +64,17 @@ pub fn place(config: &VisionConfig, plane: &Plane, shape: &Shape) -> Result<Foun
     }
 }
 
-/// Equal shares of the raw medial path. Its sigma is what the published recipe leaves: a pixel along the line.
+/// Equal shares of the raw medial path. It stops short by up to a half width at either end, by how much differs
+/// from image to image: that is its sigma, shared out along the line.
 fn on_medial_path(links: usize, line: &Centreline) -> Found {
-    const MEDIAL_STD_PX: f64 = 1.0;
     let lengths = arc_lengths(&line.medial);
     let total = lengths[lengths.len() - 1];
-    let at = |i: usize| point_at(&line.medial, &lengths, total * i as f64 / links as f64);
-    Found { points: (0..=links).map(at).collect(), std_px: vec![MEDIAL_STD_PX; links + 1] }
+    let share = |i: usize| i as f64 / links as f64;
+    let half = line.mean_half_width();
+    Found {
+        points: (0..=links).map(|i| point_at(&line.medial, &lengths, total * share(i))).collect(),
+        std_px: (0..=links).map(|i| half * share(i).hypot(1.0 - share(i))).collect(),
+    }
 }
 
 /// Shares of the arc length, from the base (where it is covered: from `base_px`, straight) to the tip.

@@ -130,8 +130,9 @@ impl Mask {
         let reach = |c: f64| ((c - radius).ceil() as isize, (c + radius).floor() as isize);
         let ((x0, x1), (y0, y1)) = (reach(centre[0]), reach(centre[1]));
         for y in y0..=y1 {
+            let across = radius * radius - (y as f64 - centre[1]).powi(2);
             for x in x0..=x1 {
-                if (x as f64 - centre[0]).hypot(y as f64 - centre[1]) <= radius {
+                if (x as f64 - centre[0]).powi(2) <= across {
                     self.set(x, y);
                 }
             }

@@ -11,42 +11,47 @@ use super::{Mask, Px};
 /// # Source
 /// Zhang and Suen, "A fast parallel algorithm for thinning digital patterns", CACM 27 (1984) 236-239.
 pub fn thinned(mask: &Mask) -> Mask {
-    let mut out = mask.padded(1);
-    // A silhouette at the picture's edge cannot be padded there: its neighbours outside are background all the same.
-    let (left, top, width) = (out.left as isize, out.top as isize, out.width);
-    let mut alive: Vec<usize> = (0..out.bits.len()).filter(|&i| out.bits[i]).collect();
+    // One empty pixel all round, also where the silhouette reaches the picture's edge.
+    let width = mask.width + 2;
+    let mut on = vec![false; width * (mask.height + 2)];
+    let inner = |i: usize| (i / mask.width + 1) * width + i % mask.width + 1;
+    let set: Vec<usize> = (0..mask.bits.len()).filter(|&i| mask.bits[i]).collect();
+    set.iter().for_each(|&i| on[inner(i)] = true);
+    let mut alive: Vec<usize> = set.into_iter().map(inner).collect();
+    let mut gone = Vec::new();
     loop {
         let before = alive.len();
         for second in [false, true] {
-            let removable = |&i: &usize| {
-                let (x, y) = (left + (i % width) as isize, top + (i / width) as isize);
-                removes(&out, x, y, second)
-            };
-            let (gone, kept): (Vec<usize>, Vec<usize>) = alive.iter().partition(|i| removable(i));
-            gone.iter().for_each(|&i| out.bits[i] = false);
-            alive = kept;
+            gone.clear();
+            gone.extend(alive.iter().copied().filter(|&i| removes(&on, width, i, second)));
+            gone.iter().for_each(|&i| on[i] = false);
+            alive.retain(|&i| on[i]);
         }
         if alive.len() == before {
-            return out;
+            break;
         }
     }
+    let mut out = Mask::empty(mask.left, mask.top, mask.width, mask.height);
+    alive.iter().for_each(|&i| out.bits[(i / width - 1) * mask.width + i % width - 1] = true);
+    out
 }
 
 /// Whether Zhang and Suen's pass removes this pixel.
-fn removes(mask: &Mask, x: isize, y: isize, second: bool) -> bool {
+fn removes(on: &[bool], width: usize, i: usize, second: bool) -> bool {
+    let (up, down) = (i - width, i + width);
     // North, then clockwise: p2..p9 of the paper.
-    const AROUND: [(isize, isize); 8] =
-        [(0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1)];
-    let p = AROUND.map(|(dx, dy)| mask.at(x + dx, y + dy));
+    let p = [on[up], on[up + 1], on[i + 1], on[down + 1], on[down], on[down - 1], on[i - 1], on[up - 1]];
     let count = p.iter().filter(|&&bit| bit).count();
-    let rises = (0..8).filter(|&i| !p[i] && p[(i + 1) % 8]).count();
+    if !(2..=6).contains(&count) {
+        return false;
+    }
     let (north, east, south, west) = (p[0], p[2], p[4], p[6]);
     let open = if second {
         !(north && east && west) && !(north && south && west)
     } else {
         !(north && east && south) && !(east && south && west)
     };
-    (2..=6).contains(&count) && rises == 1 && open
+    open && (0..8).filter(|&i| !p[i] && p[(i + 1) % 8]).count() == 1
 }
 
 /// The longest of the shortest ways between two pixels of `skeleton`, as pixel centres \[px\]: side branches
