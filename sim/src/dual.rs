@@ -69,6 +69,7 @@ impl<T: Scalar, const N: usize> Sub for Dual<T, N> {
 
 impl<T: Scalar, const N: usize> Mul for Dual<T, N> {
     type Output = Self;
+    #[expect(clippy::suspicious_arithmetic_impl, reason = "the product rule adds")]
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
         let (x, y) = (self.value, other.value);
@@ -179,7 +180,8 @@ mod tests {
 
     #[test]
     fn every_operation_agrees_with_central_differences() {
-        let operations: [(&str, fn(One) -> One); 7] = [
+        type Operation = (&'static str, fn(One) -> One);
+        let operations: [Operation; 7] = [
             ("product", |x| x * x * x),
             ("quotient", |x| One::from_f64(2.0) / (x + One::ONE)),
             ("sqrt", |x| x.sqrt()),

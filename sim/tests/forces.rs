@@ -110,3 +110,18 @@ fn reference_models_name_their_parameters() {
     let Table { head, .. } = Table::read("chain_active_euler.csv");
     assert!(head.iter().any(|column| column == &format!("{}_x", model("chain_active").keypoints()[0])));
 }
+
+#[test]
+fn quadratic_drag_and_lift_scale_with_the_square_of_a_velocity_however_small() {
+    let coefficients = FluidCoefficients { blunt: 0.6, slender: 0.2, angular: 1.6, kutta: 0.9, magnus: 0.8 };
+    let shape = Ellipsoid::new([0.005, 0.0025, 0.015], coefficients);
+    let force = |speed: f64| {
+        let v = Vec3([0.3, 0.1, 1.0]) * speed;
+        shape.wrench(1000.0, 0.0, Vec3::ZERO, v).1 * (1.0 / (speed * speed))
+    };
+    let fast = force(1.0);
+    for speed in [1e-2, 1e-4, 1e-8, 1e-20] {
+        assert!((force(speed) - fast).norm() < 1e-12 * fast.norm(), "at {speed} m/s");
+    }
+    assert_eq!(shape.wrench(1000.0, 1e-3, Vec3::ZERO, Vec3::ZERO), (Vec3::ZERO, Vec3::ZERO));
+}

@@ -44,6 +44,9 @@ pub(crate) fn mass_matrix<T: Scalar>(plant: &Plant<T>, work: &mut Work<T>) {
 
 /// Makes the accelerations of the `held` dofs come out as 0: no coupling, unit inertia.
 pub(crate) fn hold<T: Scalar>(plant: &Plant<T>, held: &[bool], matrix: &mut [T]) {
+    if !held.contains(&true) {
+        return;
+    }
     for dof in 0..plant.nv {
         let row = plant.row[dof]..plant.row[dof + 1];
         for (entry, &other) in matrix[row.clone()].iter_mut().zip(&plant.chain[row]) {

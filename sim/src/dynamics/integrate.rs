@@ -22,6 +22,24 @@ pub(crate) fn advance<T: Scalar>(plant: &Plant<T>, qpos: &[T], qvel: &[T], h: T,
     }
 }
 
+/// Turns the velocities in `rate` into rates of the rotation vectors in `turned`, by which the balls and free
+/// bodies have turned since the step began: u' = w + u x w / 2 + u x (u x w) / 12, body axes. What makes
+/// Runge-Kutta fourth order on rotations too (Munthe-Kaas, 1999).
+pub(crate) fn follow_turn<T: Scalar>(plant: &Plant<T>, turned: &[T], rate: &mut [T]) {
+    for joint in &plant.joints {
+        let first = match joint.kind {
+            JointKind::Hinge | JointKind::Slide => continue,
+            JointKind::Ball => joint.dof,
+            JointKind::Free => joint.dof + 3,
+        };
+        let at = |v: &[T]| Vec3([v[first], v[first + 1], v[first + 2]]);
+        let (u, w) = (at(turned), at(rate));
+        let once = u.cross(w);
+        let follows = w + once * T::from_f64(0.5) + u.cross(once) * T::from_f64(1.0 / 12.0);
+        rate[first..first + 3].copy_from_slice(&follows.0);
+    }
+}
+
 fn quat_at<T: Scalar>(qpos: &[T], at: usize) -> Quat<T> {
     Quat([qpos[at], qpos[at + 1], qpos[at + 2], qpos[at + 3]])
 }

@@ -131,12 +131,8 @@ impl<T: Scalar> Solver<T> {
         if self.rows.is_empty() {
             return;
         }
-        self.matrix.copy_from_slice(&work.mass);
-        hold(plant, held, &mut self.matrix);
-        factor(plant, &mut self.matrix);
-        self.acceleration.copy_from_slice(force);
-        solve(plant, &self.matrix, &mut self.acceleration);
-
+        // starts from the last solution: the zones seldom change from one step to the next, and where the
+        // search ends does not depend on where it starts
         for round in 0..MOST_STEPS {
             // the zone each row is in, and the step to the optimum if all stay in theirs
             self.matrix.copy_from_slice(&work.mass);

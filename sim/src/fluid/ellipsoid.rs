@@ -7,10 +7,6 @@ use crate::math::Vec3;
 use crate::model::FluidCoefficients;
 use crate::scalar::Scalar;
 
-/// Least squared projection \[m6/s2\] the shadow area divides by, as in MuJoCo: felt only below a few mm/s,
-/// end on, by shapes of a few millimetres.
-const LEAST_PROJECTION: f64 = 1e-15;
-
 /// An ellipsoid with its coefficients, ready to be moved through water.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ellipsoid<T> {
@@ -100,12 +96,13 @@ impl<T: Scalar> Ellipsoid<T> {
         let normal = self.section_squared.times(v);
         let along = normal.dot(v);
         let squared = normal.dot(normal);
-        let shadow = (squared / along.max(T::from_f64(LEAST_PROJECTION))).sqrt();
-        let area = shadow * T::from_f64(PI);
-
+        // at rest both quotients are 0 / 0 and what they multiply is 0
         let below = squared * speed;
         let moving = T::ZERO.less(below);
-        let lift = self.kutta * shadow * along / T::select(moving, below, T::ONE);
+        let or_one = |x: T| T::select(moving, x, T::ONE);
+        let shadow = (squared / or_one(along)).sqrt();
+        let area = shadow * T::from_f64(PI);
+        let lift = self.kutta * shadow * along / or_one(below);
         let resistance = viscosity * self.stokes[0]
             + density * speed * (self.blunt * area + self.slender * (self.largest_area - area));
         let turning = viscosity * self.stokes[1] + density * self.angular_drag.times(w).norm();

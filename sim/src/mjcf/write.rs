@@ -5,8 +5,15 @@ use std::fmt::Write as _;
 use crate::model::{ActuatorKind, GeomKind, Integrator, JointKind, Model};
 
 /// For which engines an export moves the same way.
-const VERSIONS: &str =
-    "Moves the same way in MuJoCo 3.14 and later; before that the Kutta lift of small shapes was lost.";
+fn versions(model: &Model<f64>) -> &'static str {
+    let turns_freely = |kind| matches!(kind, JointKind::Ball | JointKind::Free);
+    let rk4 = model.settings.integrator == Integrator::Rk4;
+    if rk4 && model.joints.iter().any(|joint| turns_freely(joint.kind)) {
+        "Moves the same way in MuJoCo 4.0 and later; before that RK4 turned ball and free joints to a lower order."
+    } else {
+        "Moves the same way in MuJoCo 3.14 and later; before that the Kutta lift of small shapes was lost."
+    }
+}
 
 struct Writer<'m> {
     model: &'m Model<f64>,
@@ -81,7 +88,7 @@ impl Writer<'_> {
         };
         // two hyphens would end the comment
         let comment = comment.replace("--", "- -");
-        let _ = writeln!(self.out, "<!-- {comment}\n     {VERSIONS} -->");
+        let _ = writeln!(self.out, "<!-- {comment}\n     {} -->", versions(self.model));
         self.line(0, "mujoco", &[Some(("model", escaped(&self.model.name)))], false);
         let compiler = [Some(("angle", "radian".into())), Some(("autolimits", "true".into()))];
         self.line(1, "compiler", &compiler, true);

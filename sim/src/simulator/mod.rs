@@ -1,9 +1,14 @@
 //! Moves one mechanism step by step.
 
+mod forces;
+mod integrators;
+
+pub use forces::Forces;
+
 use crate::dynamics::implicit::FluidSlope;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{Solver, multiply};
-use crate::dynamics::{Work, actuation, bias, fluid, inertia, integrate, kinematics, passive};
+use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
 use crate::model::{ActuatorKind, Integrator, JointKind, Model, State};
 use crate::rollout::{RolloutError, RolloutOptions};
 use crate::scalar::{Mask, Scalar};
@@ -42,27 +47,9 @@ pub struct Simulator<T> {
     next_qpos: Vec<T>,
     sum_v: Vec<T>,
     sum_a: Vec<T>,
-}
-
-/// The generalized forces at one state, shape (nv) each, with MuJoCo's signs.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Forces<T> {
-    /// What gravity and rotation call for; the others add up against it.
-    pub bias: Vec<T>,
-    /// Joint springs.
-    pub spring: Vec<T>,
-    /// Joint dampers.
-    pub damper: Vec<T>,
-    /// Gravity compensation.
-    pub gravity_compensation: Vec<T>,
-    /// Water.
-    pub fluid: Vec<T>,
-    /// Drives.
-    pub actuator: Vec<T>,
-    /// Friction loss and end stops.
-    pub restraint: Vec<T>,
-    /// The acceleration that follows.
-    pub acceleration: Vec<T>,
+    rate: Vec<T>,
+    /// Rotation vectors since the step began, at the dofs of balls and free bodies.
+    turned: Vec<T>,
 }
 
 impl<T: Scalar> Simulator<T> {
@@ -111,6 +98,8 @@ impl<T: Scalar> Simulator<T> {
             next_qpos: rest.qpos.clone(),
             sum_v: zeros(),
             sum_a: zeros(),
+            rate: zeros(),
+            turned: zeros(),
             stage: rest,
             plant,
             work,
@@ -315,115 +304,11 @@ impl<T: Scalar> Simulator<T> {
         }
     }
 
-    fn euler(&mut self, state: &mut State<T>, h: f64) {
-        self.force_stage(&state.qpos, &state.qvel, h);
-        let h = T::from_f64(h);
-        self.matrix.copy_from_slice(&self.work.mass);
-        if self.plant.damped {
-            passive::add_damping(&self.plant, &state.qvel, h, &mut self.matrix);
-        }
-        if let Some(slope) = &mut self.slope {
-            let (plant, matrix) = (&self.plant, &mut self.matrix);
-            slope.add(plant, &self.work, h, matrix);
-            actuation::add_slope(plant, &state.qpos, &state.qvel, &self.command, &self.off, h, matrix);
-        }
-        self.accelerate();
-        for (v, &a) in state.qvel.iter_mut().zip(&self.force) {
-            *v += h * a;
-        }
-        integrate::advance(&self.plant, &state.qpos, &state.qvel, h, &mut self.next_qpos);
-        state.qpos.copy_from_slice(&self.next_qpos);
-    }
-
-    fn runge_kutta(
-        &mut self,
-        state: &mut State<T>,
-        time_s: f64,
-        h: f64,
-        command: &impl Fn(usize, f64) -> f64,
-    ) {
-        // shares of the step at which the next stage stands, and weights in the sum
-        const STAGES: [(f64, f64); 4] =
-            [(0.5, 1.0 / 6.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 3.0), (0.0, 1.0 / 6.0)];
-        let mut stage = std::mem::replace(&mut self.stage, State { qpos: Vec::new(), qvel: Vec::new() });
-        stage.qpos.copy_from_slice(&state.qpos);
-        stage.qvel.copy_from_slice(&state.qvel);
-        self.sum_v.fill(T::ZERO);
-        self.sum_a.fill(T::ZERO);
-        for (k, (ahead, weight)) in STAGES.into_iter().enumerate() {
-            if k > 0 {
-                self.position_stage(&stage.qpos);
-            }
-            self.force_stage(&stage.qpos, &stage.qvel, h);
-            self.matrix.copy_from_slice(&self.work.mass);
-            self.accelerate();
-            let weight = T::from_f64(weight);
-            for dof in 0..self.plant.nv {
-                self.sum_v[dof] += weight * stage.qvel[dof];
-                self.sum_a[dof] += weight * self.force[dof];
-            }
-            if k < 3 {
-                let forward = T::from_f64(ahead * h);
-                integrate::advance(&self.plant, &state.qpos, &stage.qvel, forward, &mut self.next_qpos);
-                stage.qpos.copy_from_slice(&self.next_qpos);
-                for dof in 0..self.plant.nv {
-                    stage.qvel[dof] = state.qvel[dof] + forward * self.force[dof];
-                }
-                if !self.hold_command {
-                    self.sample(time_s + ahead * h, command);
-                }
-            }
-        }
-        let h = T::from_f64(h);
-        integrate::advance(&self.plant, &state.qpos, &self.sum_v, h, &mut self.next_qpos);
-        state.qpos.copy_from_slice(&self.next_qpos);
-        for (v, &a) in state.qvel.iter_mut().zip(&self.sum_a) {
-            *v += h * a;
-        }
-        self.stage = stage;
-    }
-
     fn check(&self, state: &State<T>, time_s: f64) -> Result<(), RolloutError> {
         let limit = T::from_f64(ABSURD_SPEED);
         match state.qvel.iter().position(|v| !v.abs().less(limit).all()) {
             None => Ok(()),
             Some(dof) => Err(RolloutError::Diverged { joint: self.joint_of_dof[dof].clone(), time_s }),
         }
-    }
-
-    /// Every generalized force at `state` with the commands `command`, shape (actuators).
-    pub fn forces(&mut self, state: &State<T>, command: &[f64]) -> Forces<T> {
-        let (qpos, qvel) = (&state.qpos, &state.qvel);
-        self.sample(0.0, &|drive, _| command[drive]);
-        self.position_stage(qpos);
-        let (plant, work) = (&self.plant, &mut self.work);
-        bias::velocities(plant, qvel, work);
-        let zeros = || vec![T::ZERO; plant.nv];
-        let mut of_wrenches = |add: &dyn Fn(&Plant<T>, &mut Work<T>)| {
-            let mut force = zeros();
-            add(plant, work);
-            bias::project(plant, work, &mut force);
-            force
-        };
-        let bias: Vec<T> = of_wrenches(&bias::bias).into_iter().map(|force| -force).collect();
-        let gravity_compensation = of_wrenches(&passive::gravity_compensation);
-        let fluid = of_wrenches(&fluid::fluid);
-        let (mut spring, mut damper, mut actuator) = (zeros(), zeros(), zeros());
-        passive::springs(plant, qpos, &mut spring);
-        passive::dampers(plant, qvel, &mut damper);
-        actuation::actuation(plant, qpos, qvel, &self.command, &self.off, &mut actuator);
-
-        self.force_stage(qpos, qvel, self.timestep_s);
-        let total = self.force.clone();
-        let restraint = (0..total.len())
-            .map(|i| {
-                total[i]
-                    - (spring[i] + damper[i] + gravity_compensation[i] + fluid[i] + actuator[i] - bias[i])
-            })
-            .collect();
-        self.matrix.copy_from_slice(&self.work.mass);
-        self.accelerate();
-        let acceleration = self.force.clone();
-        Forces { bias, spring, damper, gravity_compensation, fluid, actuator, restraint, acceleration }
     }
 }

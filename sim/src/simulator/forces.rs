@@ -1,0 +1,66 @@
+//! Every force of one state, apart.
+
+use super::Simulator;
+use crate::dynamics::plant::Plant;
+use crate::dynamics::{Work, actuation, bias, fluid, passive};
+use crate::model::State;
+use crate::scalar::Scalar;
+
+/// The generalized forces at one state, shape (nv) each, with MuJoCo's signs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Forces<T> {
+    /// What gravity and rotation call for; the others add up against it.
+    pub bias: Vec<T>,
+    /// Joint springs.
+    pub spring: Vec<T>,
+    /// Joint dampers.
+    pub damper: Vec<T>,
+    /// Gravity compensation.
+    pub gravity_compensation: Vec<T>,
+    /// Water.
+    pub fluid: Vec<T>,
+    /// Drives.
+    pub actuator: Vec<T>,
+    /// Friction loss and end stops.
+    pub restraint: Vec<T>,
+    /// The acceleration that follows.
+    pub acceleration: Vec<T>,
+}
+
+impl<T: Scalar> Simulator<T> {
+    /// Every generalized force at `state` with the commands `command`, shape (actuators).
+    pub fn forces(&mut self, state: &State<T>, command: &[f64]) -> Forces<T> {
+        let (qpos, qvel) = (&state.qpos, &state.qvel);
+        self.sample(0.0, &|drive, _| command[drive]);
+        self.position_stage(qpos);
+        let (plant, work) = (&self.plant, &mut self.work);
+        bias::velocities(plant, qvel, work);
+        let zeros = || vec![T::ZERO; plant.nv];
+        let mut of_wrenches = |add: &dyn Fn(&Plant<T>, &mut Work<T>)| {
+            let mut force = zeros();
+            add(plant, work);
+            bias::project(plant, work, &mut force);
+            force
+        };
+        let bias: Vec<T> = of_wrenches(&bias::bias).into_iter().map(|force| -force).collect();
+        let gravity_compensation = of_wrenches(&passive::gravity_compensation);
+        let fluid = of_wrenches(&fluid::fluid);
+        let (mut spring, mut damper, mut actuator) = (zeros(), zeros(), zeros());
+        passive::springs(plant, qpos, &mut spring);
+        passive::dampers(plant, qvel, &mut damper);
+        actuation::actuation(plant, qpos, qvel, &self.command, &self.off, &mut actuator);
+
+        self.force_stage(qpos, qvel, self.timestep_s);
+        let total = self.force.clone();
+        let restraint = (0..total.len())
+            .map(|i| {
+                total[i]
+                    - (spring[i] + damper[i] + gravity_compensation[i] + fluid[i] + actuator[i] - bias[i])
+            })
+            .collect();
+        self.matrix.copy_from_slice(&self.work.mass);
+        self.accelerate();
+        let acceleration = self.force.clone();
+        Forces { bias, spring, damper, gravity_compensation, fluid, actuator, restraint, acceleration }
+    }
+}

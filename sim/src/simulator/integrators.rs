@@ -1,0 +1,83 @@
+//! One step in time, by each of the integrators.
+
+use super::Simulator;
+use crate::dynamics::{actuation, integrate, passive};
+use crate::model::State;
+use crate::scalar::Scalar;
+
+impl<T: Scalar> Simulator<T> {
+    /// Semi-implicit Euler: v += h (M + h B)^-1 f, then q along the new v. B is the slope of the joints' dampers
+    /// and, for implicitfast, of the water and the drives too.
+    pub(super) fn euler(&mut self, state: &mut State<T>, h: f64) {
+        self.force_stage(&state.qpos, &state.qvel, h);
+        let h = T::from_f64(h);
+        self.matrix.copy_from_slice(&self.work.mass);
+        if self.plant.damped {
+            passive::add_damping(&self.plant, &state.qvel, h, &mut self.matrix);
+        }
+        if let Some(slope) = &mut self.slope {
+            let (plant, matrix) = (&self.plant, &mut self.matrix);
+            slope.add(plant, &self.work, h, matrix);
+            actuation::add_slope(plant, &state.qpos, &state.qvel, &self.command, &self.off, h, matrix);
+        }
+        self.accelerate();
+        for (v, &a) in state.qvel.iter_mut().zip(&self.force) {
+            *v += h * a;
+        }
+        integrate::advance(&self.plant, &state.qpos, &state.qvel, h, &mut self.next_qpos);
+        state.qpos.copy_from_slice(&self.next_qpos);
+    }
+
+    /// The classical fourth order, everything explicit.
+    pub(super) fn runge_kutta(
+        &mut self,
+        state: &mut State<T>,
+        time_s: f64,
+        h: f64,
+        command: &impl Fn(usize, f64) -> f64,
+    ) {
+        // shares of the step at which the next stage stands, and weights in the sum
+        const STAGES: [(f64, f64); 4] =
+            [(0.5, 1.0 / 6.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 3.0), (0.0, 1.0 / 6.0)];
+        let mut stage = std::mem::replace(&mut self.stage, State { qpos: Vec::new(), qvel: Vec::new() });
+        stage.qpos.copy_from_slice(&state.qpos);
+        stage.qvel.copy_from_slice(&state.qvel);
+        self.sum_v.fill(T::ZERO);
+        self.sum_a.fill(T::ZERO);
+        for (k, (ahead, weight)) in STAGES.into_iter().enumerate() {
+            if k > 0 {
+                self.position_stage(&stage.qpos);
+            }
+            self.force_stage(&stage.qpos, &stage.qvel, h);
+            self.matrix.copy_from_slice(&self.work.mass);
+            self.accelerate();
+            self.rate.copy_from_slice(&stage.qvel);
+            if k > 0 {
+                integrate::follow_turn(&self.plant, &self.turned, &mut self.rate);
+            }
+            let weight = T::from_f64(weight);
+            for dof in 0..self.plant.nv {
+                self.sum_v[dof] += weight * self.rate[dof];
+                self.sum_a[dof] += weight * self.force[dof];
+            }
+            if k < 3 {
+                let forward = T::from_f64(ahead * h);
+                integrate::advance(&self.plant, &state.qpos, &self.rate, forward, &mut stage.qpos);
+                for dof in 0..self.plant.nv {
+                    self.turned[dof] = forward * self.rate[dof];
+                    stage.qvel[dof] = state.qvel[dof] + forward * self.force[dof];
+                }
+                if !self.hold_command {
+                    self.sample(time_s + ahead * h, command);
+                }
+            }
+        }
+        let h = T::from_f64(h);
+        integrate::advance(&self.plant, &state.qpos, &self.sum_v, h, &mut self.next_qpos);
+        state.qpos.copy_from_slice(&self.next_qpos);
+        for (v, &a) in state.qvel.iter_mut().zip(&self.sum_a) {
+            *v += h * a;
+        }
+        self.stage = stage;
+    }
+}
