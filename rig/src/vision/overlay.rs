@@ -2,7 +2,7 @@
 
 use image::{GrayImage, Rgb, RgbImage};
 
-use super::extractor::{ImageRecord, Status};
+use super::record::{ImageRecord, Status};
 use super::spline::{distance, moved, unit};
 use super::{Mask, Px};
 
