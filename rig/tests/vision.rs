@@ -1,5 +1,7 @@
 //! Keypoints from rendered pictures, whose truth is known.
 
+#![expect(clippy::unwrap_used, reason = "a test may")]
+
 use std::path::Path;
 
 use ident::strict::{Finite, Positive};

@@ -3,6 +3,8 @@
 //! 200 grey crops of one worm, whose background is never seen without it, with the other tracker's midlines
 //! (52 points) for those images in which it found one. Read from the folder that `RIG_SHARED` names.
 
+#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test may")]
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

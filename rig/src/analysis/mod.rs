@@ -21,7 +21,7 @@ use crate::record::timing::Timing;
 use crate::report::{GatherError, ReportData};
 use crate::vision::VisionError;
 use crate::vision::calibration::CalibrationError;
-use crate::vision::extractor::{Extraction, Status};
+use crate::vision::{Extraction, Status};
 use timeline::Timeline;
 
 /// The stage to begin with; the ones before are taken as they stand in the run's folder.

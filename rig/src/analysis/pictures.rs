@@ -13,8 +13,8 @@ use crate::record::folder::{RunFolder, file};
 use crate::record::reader::{Item, Recording};
 use crate::report::{Overlay, ReportData};
 use crate::tank::render::{Look, Renderer};
-use crate::vision::extractor::{Extraction, Extractor, ImageRecord, LEARN_FROM, TimedImage};
-use crate::vision::{Plane, Status, VisionConfig};
+use crate::vision::extractor::{Extractor, LEARN_FROM};
+use crate::vision::{Extraction, ImageRecord, Plane, Status, TimedImage, VisionConfig};
 
 /// Images whose pictures are held in memory at once.
 const AT_ONCE: usize = 64;

@@ -19,7 +19,7 @@ pub struct Args {
     /// Folder of pictures (in order of name, or as its frames.csv says), or a video file.
     #[arg(value_name = "FRAMES")]
     pub frames: PathBuf,
-    /// Any rig config; only its [camera] fps, [calibration] and [vision] are used.
+    /// Any rig config; only its `[camera]` fps, `[calibration]` and `[vision]` are used.
     #[arg(long, value_name = "TOML")]
     pub config: PathBuf,
     /// The trajectory to write; each image's status goes to `<out>.frames.csv`.

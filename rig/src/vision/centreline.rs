@@ -57,7 +57,7 @@ impl Centreline {
         let total = lengths.last().copied().unwrap_or(0.0);
         let typical = median(&mut radius.to_vec());
         let at = |s: f64| radius[lengths.partition_point(|&l| l < s).min(radius.len() - 1)];
-        let from = bent_part(typical, total, |s| at(s));
+        let from = bent_part(typical, total, at);
         let to = total - bent_part(typical, total, |s| at(total - s));
         if to - from < 2.0 * typical {
             return Err(Rejection::NotLong { length_px: total, half_width_px: typical });

@@ -176,14 +176,14 @@ impl VisionConfig {
         if self.links == 0 || self.links > MAX_LINKS {
             return refuse(format!("links = {} must be between 1 and {MAX_LINKS}", self.links));
         }
-        if let Some(lengths) = &self.link_lengths_m {
-            if lengths.len() != self.links {
-                return refuse(format!(
-                    "link_lengths_m has {} entries for links = {}",
-                    lengths.len(),
-                    self.links
-                ));
-            }
+        if let Some(lengths) = &self.link_lengths_m
+            && lengths.len() != self.links
+        {
+            return refuse(format!(
+                "link_lengths_m has {} entries for links = {}",
+                lengths.len(),
+                self.links
+            ));
         }
         if let Some(shares) = &self.shares {
             if shares.len() != self.links {

@@ -359,18 +359,16 @@ mod tests {
         let truth = Pose { base: [30.0, 40.0], angle: vec![0.2, 0.6, 1.3], half: vec![8.0; 3], unit: 1.0 };
         let points = truth.points(&chain.lengths);
         let mut edge = Vec::new();
-        for i in 0..3 {
-            let (sin, cos) = truth.angle[i].sin_cos();
-            let along = |u: f64, v: f64| [points[i][0] + u * cos - v * sin, points[i][1] + u * sin + v * cos];
+        for (i, (start, angle)) in points.iter().zip(&truth.angle).enumerate() {
+            let (sin, cos) = angle.sin_cos();
+            let along = |u: f64, v: f64| [start[0] + u * cos - v * sin, start[1] + u * sin + v * cos];
+            edge.extend((0..100).map(|k| f64::from(k) / 2.0).flat_map(|u| [along(u, 8.0), along(u, -8.0)]));
+            let cap = [Some(-5.0), None, Some(55.0)][i];
             edge.extend(
-                (0..100).flat_map(|k| [along(f64::from(k) / 2.0, 8.0), along(f64::from(k) / 2.0, -8.0)]),
+                cap.into_iter()
+                    .flat_map(|u| (-8..=8).map(move |v| (u, f64::from(v))))
+                    .map(|(u, v)| along(u, v)),
             );
-            if i == 0 {
-                edge.extend((-8..=8).map(|v| along(-5.0, f64::from(v))));
-            }
-            if i == 2 {
-                edge.extend((-8..=8).map(|v| along(55.0, f64::from(v))));
-            }
         }
         let start: Vec<Px> = points.iter().map(|p| [p[0] + 2.0, p[1] - 1.5]).collect();
         let fitted = chain.fit(&edge, &start, 7.0).unwrap();

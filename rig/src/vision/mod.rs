@@ -23,6 +23,8 @@ pub mod links;
 pub mod mask;
 pub mod output;
 pub mod overlay;
+mod parallel;
+pub mod record;
 pub mod sample;
 pub mod source;
 pub mod spline;
@@ -30,8 +32,9 @@ pub mod thin;
 
 pub use calibration::{Calibration, CalibrationError, Plane};
 pub use config::{Mode, VisionConfig};
-pub use extractor::{Extraction, Extractor, ImageRecord, Keypoint, Status, TimedImage, extract_sequence};
+pub use extractor::{Extractor, extract_sequence};
 pub use mask::Mask;
+pub use record::{Extraction, ImageRecord, Keypoint, Status, TimedImage};
 
 /// A place in a picture, `[column, row]` \[px\].
 pub type Px = [f64; 2];

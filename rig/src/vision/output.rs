@@ -4,7 +4,7 @@ use std::io::Write;
 
 use serde_json::{Value, json};
 
-use super::extractor::{Extraction, ImageRecord};
+use super::record::{Extraction, ImageRecord};
 use super::spline::{arc_lengths, point_at};
 
 /// Points of a written centreline, evenly spaced from base to tip.

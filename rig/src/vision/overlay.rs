@@ -2,7 +2,7 @@
 
 use image::{GrayImage, Rgb, RgbImage};
 
-use super::extractor::{ImageRecord, Status};
+use super::record::{ImageRecord, Status};
 use super::spline::{distance, moved, unit};
 use super::{Mask, Px};
 
@@ -79,9 +79,9 @@ fn draw_segment(out: &mut RgbImage, a: Px, b: Px, zoom: u32, colour: Rgb<u8>) {
 }
 
 fn put(out: &mut RgbImage, x: i64, y: i64, colour: Rgb<u8>) {
-    if let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) {
-        if x < out.width() && y < out.height() {
-            out.put_pixel(x, y, colour);
-        }
+    if let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y))
+        && let Some(pixel) = out.get_pixel_mut_checked(x, y)
+    {
+        *pixel = colour;
     }
 }

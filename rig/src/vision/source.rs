@@ -6,7 +6,7 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 
 use image::GrayImage;
 
-use super::extractor::TimedImage;
+use super::record::TimedImage;
 use crate::camera::decode::grey_file;
 use crate::camera::folder::{self, Entry, FolderError};
 use crate::camera::recorded::RecordedImages;

@@ -78,16 +78,17 @@ pub fn smoothed(points: &[Px], weights: &[f64], scale: f64) -> Vec<Px> {
         bands[i][2] = two;
     }
     let mut out: Vec<Px> = points.iter().zip(weights).map(|(p, w)| [p[0] * w, p[1] * w]).collect();
-    for axis in 0..2 {
-        for i in 0..n {
-            let before = |k: usize| if i >= k { bands[i - k][k] * out[i - k][axis] } else { 0.0 };
-            let sum = before(1) + before(2);
-            out[i][axis] -= sum;
+    for i in 0..n {
+        for k in 1..=i.min(2) {
+            let before = out[i - k];
+            out[i] = moved(out[i], before, -bands[i - k][k]);
         }
-        for i in (0..n).rev() {
-            let after = |k: usize| if i + k < n { bands[i][k] * out[i + k][axis] } else { 0.0 };
-            let sum = after(1) + after(2);
-            out[i][axis] = out[i][axis] / bands[i][0] - sum;
+    }
+    for i in (0..n).rev() {
+        out[i] = out[i].map(|value| value / bands[i][0]);
+        for k in 1..=2.min(n - 1 - i) {
+            let after = out[i + k];
+            out[i] = moved(out[i], after, -bands[i][k]);
         }
     }
     out

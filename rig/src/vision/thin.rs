@@ -46,11 +46,7 @@ fn removes(on: &[bool], width: usize, i: usize, second: bool) -> bool {
         return false;
     }
     let (north, east, south, west) = (p[0], p[2], p[4], p[6]);
-    let open = if second {
-        !(north && east && west) && !(north && south && west)
-    } else {
-        !(north && east && south) && !(east && south && west)
-    };
+    let open = if second { !(north && west && (east || south)) } else { !(east && south && (north || west)) };
     open && (0..8).filter(|&i| !p[i] && p[(i + 1) % 8]).count() == 1
 }
 
