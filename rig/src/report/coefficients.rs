@@ -6,6 +6,7 @@ use maud::{Markup, html};
 
 use super::data::ReportData;
 use super::format::{counted, significant};
+use super::verdict::{is_combined, is_settled};
 
 /// Table of coefficients with the reserves in plain words.
 pub(super) fn section(data: &ReportData) -> Markup {
@@ -24,7 +25,7 @@ pub(super) fn section(data: &ReportData) -> Markup {
                 } }
                 @for (owner, parameters) in grouped(&fit.parameters) {
                     tbody {
-                        @for parameter in parameters { (row(owner, parameter)) }
+                        @for parameter in parameters { (row(fit, owner, parameter)) }
                     }
                 }
             }
@@ -41,31 +42,32 @@ fn grouped(parameters: &[FittedParameter]) -> Vec<(&str, &[FittedParameter])> {
     parameters.chunk_by(|a, b| owner(a) == owner(b)).map(|chunk| (owner(&chunk[0]), chunk)).collect()
 }
 
-fn row(owner: &str, parameter: &FittedParameter) -> Markup {
+fn row(fit: &Fit, owner: &str, parameter: &FittedParameter) -> Markup {
     let own_name = parameter.name.strip_prefix(owner).unwrap_or(&parameter.name);
     html! {
-        tr.loose[!parameter.determined] {
+        tr.loose[!is_settled(fit, parameter)] {
             td { span.owner { (owner) } (own_name) }
             td.number { (significant(parameter.value)) }
             td.number { (significant(parameter.std)) }
             td.number { (significant(parameter.lower)) }
             td { (bar(parameter)) }
             td.number { (significant(parameter.upper)) }
-            td { (remark(parameter)) }
+            td { (remark(fit, parameter)) }
         }
     }
 }
 
-fn remark(parameter: &FittedParameter) -> Markup {
+fn remark(fit: &Fit, parameter: &FittedParameter) -> Markup {
     let side = if parameter.value - parameter.lower <= parameter.upper - parameter.value {
         "lower"
     } else {
         "upper"
     };
     html! {
-        @if !parameter.determined { span.flag.caution { "left open" } " " }
+        @if is_combined(fit, &parameter.name) { span.flag.caution { "only in combination" } " " }
+        @else if !parameter.determined { span.flag.caution { "left open" } " " }
         @if parameter.at_bound { span.flag.caution { "at its " (side) " bound" } " " }
-        @if parameter.determined && !parameter.at_bound { span.flag.good { "determined" } }
+        @if is_settled(fit, parameter) && !parameter.at_bound { span.flag.good { "determined" } }
     }
 }
 

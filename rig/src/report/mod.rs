@@ -1,7 +1,7 @@
 //! What came out of a run or a fit, as one HTML file that needs nothing else.
 //!
 //! [`render`] is a pure function from [`ReportData`], which its caller fills with what there is; parts that
-//! are missing are left out. Figures are inline SVG and pictures inline PNG, so that the file can be
+//! are missing are left out. Figures are inline SVG and pictures inline JPEG, so that the file can be
 //! mailed, printed and kept. The figures follow the paper: initial pose measured and simulated, motion
 //! superimposed, each keypoint over time measured (solid) and simulated (dashed), and Table I.
 //!

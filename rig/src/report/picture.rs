@@ -2,7 +2,8 @@
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use image::{DynamicImage, GrayImage, ImageFormat, Rgb, RgbImage};
+use image::codecs::jpeg::JpegEncoder;
+use image::{DynamicImage, GrayImage, Rgb, RgbImage};
 use maud::{Markup, html};
 
 use super::chart::KEYPOINTS;
@@ -10,14 +11,16 @@ use super::data::{Overlay, to_rgb};
 
 /// The mask's tint.
 const TINT: [f64; 3] = [64.0, 160.0, 255.0];
+/// JPEG quality: a sensor's noise would make a lossless picture six times as large.
+const QUALITY: u8 = 85;
 /// How much of the tint shows.
 const TINT_SHARE: f64 = 0.35;
 
 /// The picture as an inline image; nothing when it cannot be encoded, which only an empty one cannot.
 fn data_uri(image: DynamicImage) -> Option<String> {
-    let mut png = std::io::Cursor::new(Vec::new());
-    image.write_to(&mut png, ImageFormat::Png).ok()?;
-    Some(format!("data:image/png;base64,{}", STANDARD.encode(png.into_inner())))
+    let mut jpeg = Vec::new();
+    image.write_with_encoder(JpegEncoder::new_with_quality(&mut jpeg, QUALITY)).ok()?;
+    Some(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
 }
 
 /// The image with masked pixels tinted.

@@ -7,7 +7,7 @@ use maud::{Markup, html};
 use super::chart::KEYPOINTS;
 use super::data::{ReportData, RunEnd, RunFigures};
 use super::format::{counted, duration, millimetres, percent, significant};
-use super::verdict::{mean_error_m, verdict};
+use super::verdict::{is_averaged, is_settled, mean_error_m, verdict};
 use super::{figures, picture};
 
 /// Title, verdict, key figures, warnings.
@@ -41,7 +41,7 @@ fn tiles(data: &ReportData) -> Markup {
         if fit.noise_m > 0.0 {
             tiles.push((format!("{} mm", millimetres(fit.noise_m)), "keypoint noise, 1 σ".into()));
         }
-        let determined = fit.parameters.iter().filter(|p| p.determined).count();
+        let determined = fit.parameters.iter().filter(|p| is_settled(fit, p)).count();
         tiles.push((format!("{determined} of {}", fit.parameters.len()), "coefficients determined".into()));
         tiles.push((fit.evaluations.to_string(), format!("evaluations, {}", fit.method)));
     }
@@ -74,7 +74,9 @@ pub(super) fn table_of_errors(data: &ReportData) -> Markup {
     }
     let length = fit.characteristic_length_m;
     let mean = |run: &RunErrors| {
-        run.keypoints.iter().map(|k| k.mean_error_m).sum::<f64>() / run.keypoints.len().max(1) as f64
+        let errors: Vec<f64> =
+            run.keypoints.iter().filter(|k| is_averaged(&k.name)).map(|k| k.mean_error_m).collect();
+        errors.iter().sum::<f64>() / errors.len() as f64
     };
     let cell = |error: f64| {
         html! { (millimetres(error)) span.share { (percent(error, length)) " %" } }
@@ -84,7 +86,7 @@ pub(super) fn table_of_errors(data: &ReportData) -> Markup {
             h2 { "Keypoint errors" }
             p.lead {
                 "Mean distance between measured and simulated keypoints over the run in mm, and in percent of the "
-                (format!("{:.0}", length * 1e3)) " mm length (the paper's Table I)."
+                (format!("{:.0}", length * 1e3)) " mm length (the paper's Table I). The mean leaves out P0, the reference end."
             }
             table.errors {
                 thead { tr {

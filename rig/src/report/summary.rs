@@ -7,7 +7,7 @@ use ident::fit::Fit;
 
 use super::data::ReportData;
 use super::format::{millimetres, percent, significant};
-use super::verdict::verdict;
+use super::verdict::{is_combined, verdict};
 
 /// What came out, as lines for a terminal.
 pub fn summary(data: &ReportData) -> String {
@@ -57,17 +57,20 @@ fn errors(fit: &Fit) -> Vec<Vec<String>> {
 fn coefficients(fit: &Fit) -> Vec<Vec<String>> {
     let mut rows = vec![["coefficient", "value", "std", ""].map(String::from).to_vec()];
     for parameter in &fit.parameters {
-        let remark = match (parameter.determined, parameter.at_bound) {
-            (true, false) => "",
-            (true, true) => "at bound",
-            (false, false) => "left open",
-            (false, true) => "left open, at bound",
-        };
+        let combined = is_combined(fit, &parameter.name);
+        let open = if combined { "only in combination" } else { "left open" };
+        let mut remarks = Vec::new();
+        if combined || !parameter.determined {
+            remarks.push(open);
+        }
+        if parameter.at_bound {
+            remarks.push("at bound");
+        }
         rows.push(vec![
             parameter.name.clone(),
             significant(parameter.value),
             significant(parameter.std),
-            remark.into(),
+            remarks.join(", "),
         ]);
     }
     rows

@@ -1,7 +1,7 @@
 //! What came out, in sentences for someone who has a minute.
 
 use ident::experiment::Use;
-use ident::fit::Fit;
+use ident::fit::{Fit, FittedParameter};
 
 use super::data::{ReportData, RunEnd};
 use super::format::{counted, millimetres, percent};
@@ -43,13 +43,28 @@ const MEAN_PLANE_NOISE: f64 = 1.253_314_137_315_5;
 /// Up to this multiple of what noise alone would leave, an error counts as noise.
 const NOISE_MARGIN: f64 = 1.3;
 
+/// Whether errors of this keypoint go into averages: those of P0, the reference end, do not, as in the paper.
+pub(super) fn is_averaged(name: &str) -> bool {
+    name != "P0"
+}
+
+/// Whether the data settle a coefficient by itself, not just a combination with others.
+pub(super) fn is_settled(fit: &Fit, parameter: &FittedParameter) -> bool {
+    parameter.determined && !is_combined(fit, &parameter.name)
+}
+
+/// Whether only a combination of this coefficient with others is seen.
+pub(super) fn is_combined(fit: &Fit, name: &str) -> bool {
+    fit.unidentifiable.iter().any(|group| group.len() > 1 && group.iter().any(|member| member == name))
+}
+
 /// Mean over keypoints and runs of the mean errors \[m\]; `None` without such runs.
 pub(super) fn mean_error_m(fit: &Fit, usage: Use) -> Option<f64> {
     let errors: Vec<f64> = fit
         .runs
         .iter()
         .filter(|run| run.usage == usage)
-        .flat_map(|run| run.keypoints.iter().map(|k| k.mean_error_m))
+        .flat_map(|run| run.keypoints.iter().filter(|k| is_averaged(&k.name)).map(|k| k.mean_error_m))
         .filter(|e| e.is_finite())
         .collect();
     (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64)
@@ -132,7 +147,7 @@ pub(super) fn verdict(data: &ReportData) -> Verdict {
             heldout / fitted
         ));
     }
-    let loose = fit.parameters.iter().filter(|p| !p.determined).count();
+    let loose = fit.parameters.iter().filter(|p| !is_settled(fit, p)).count();
     let bound = fit.parameters.iter().filter(|p| p.at_bound).count();
     if loose > 0 {
         details.push(format!(
