@@ -122,11 +122,11 @@ impl<'a> Source<'a> {
         for item in Recording::open(&self.run.file(file::RECORDING))? {
             let (_, Item::Image(image)) = item? else { continue };
             if index == next.index {
-                take(TimedImage {
-                    name: image.sequence.to_string(),
-                    time_s: next.row.time_s,
-                    grey: decode::grey(&image).map_err(|error| error.to_string()),
-                });
+                let grey = match image.damaged {
+                    true => Err("marked as damaged by the camera".to_owned()),
+                    false => decode::grey(&image).map_err(|error| error.to_string()),
+                };
+                take(TimedImage { name: image.sequence.to_string(), time_s: next.row.time_s, grey });
                 match wanted.next() {
                     Some(image) => next = image,
                     None => break,

@@ -14,7 +14,8 @@ use crate::record::reader::{Item, Recording};
 use crate::report::ClockQuality;
 use crate::servo::ServoEvent;
 
-/// [`FrameRow::status`] of an image that extraction may use, before extraction says more.
+/// [`FrameRow::status`] of an image that gets a row in the trajectory, before extraction says more: a row that did not
+/// rise in time could not be read again.
 pub const USABLE: &str = "ok";
 
 /// An image of the recording, without its bytes.
@@ -56,10 +57,9 @@ impl Timeline {
             match item {
                 Item::Image(image) => {
                     let rises = last.is_none_or(|(_, before)| image.mid_exposure > before);
-                    let (status, reason) = match (image.damaged, rises) {
-                        (true, _) => ("rejected", "marked as damaged by the camera"),
-                        (false, false) => ("rejected", "its stamp is not later than the one before"),
-                        (false, true) => (USABLE, ""),
+                    let (status, reason) = match rises {
+                        true => (USABLE, ""),
+                        false => ("rejected", "its stamp is not later than the one before"),
                     };
                     let lost_before = last.map_or(0, |(sequence, _)| images_lost(sequence, image.sequence));
                     let row = FrameRow {

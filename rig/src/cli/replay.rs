@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::anyhow;
 
 use super::progress::Bar;
-use super::run::{analysis_failed, base, summary, threads};
+use super::run::{analysis_failed, base, finished, summary, threads};
 use super::signal::Interrupt;
 use super::{Failure, InRun, Outcome};
 use crate::analysis::{Analysis, Stage};
@@ -72,6 +72,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             .map_err(|error| analysis_failed(error, InRun(args.run.clone())))?;
         let shown = RunFolder::open(&args.out).map_err(Failure::internal)?;
         let text = summary(&fitted, &config, &shown);
+        drop(bar);
+        finished(&interrupt, &text, InRun(args.run.clone()))?;
         Ok(Outcome { out: Some(args.out.clone()), run: Some(args.run.clone()), text, ..Outcome::default() })
     })
 }

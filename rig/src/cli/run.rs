@@ -128,6 +128,8 @@ impl Experiment<'_> {
             })
             .map_err(|error| analysis_failed(error, here))?;
             text = format!("{text}\n{}", summary(&fitted, self.config, &folder));
+            drop(bar);
+            finished(interrupt, &text, InRun(folder.path().into()))?;
         }
         Ok(Outcome { run: Some(folder.path().into()), text, ..Outcome::default() })
     }
@@ -135,6 +137,16 @@ impl Experiment<'_> {
 
 fn filming_failed(error: RunError) -> Failure {
     if error.is_input() { Failure::input(error) } else { Failure::hardware(error) }
+}
+
+/// A fit that was told to end has written its best so far, but the verb did not do all it was asked for.
+pub(super) fn finished(interrupt: &Interrupt, text: &str, here: InRun) -> Result<(), Failure> {
+    if interrupt.is_raised() {
+        return Err(Failure::Interrupted(
+            anyhow!("interrupted; the best so far is written\n{text}").context(here),
+        ));
+    }
+    Ok(())
 }
 
 /// Classifies what ended an analysis.
