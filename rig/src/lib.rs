@@ -7,6 +7,7 @@
 
 pub mod analysis;
 pub mod camera;
+pub mod causes;
 pub mod claim;
 pub mod cli;
 pub mod clock;

@@ -41,6 +41,8 @@ enum Verb {
     Doctor(cli::doctor::Args),
     /// List serial ports and cameras, and why one cannot be used
     List(cli::list::Args),
+    /// Say who holds the rig, how the board is and how the last run went
+    Status(cli::status::Args),
     /// Move one servo by hand, slowly
     Jog(cli::jog::Args),
     /// Stop the servo now, also from beside a running rig
@@ -68,6 +70,7 @@ fn main() -> ExitCode {
         Verb::Daemon(args) => cli::daemon::run(args),
         Verb::Doctor(args) => cli::doctor::run(args),
         Verb::List(args) => cli::list::run(args),
+        Verb::Status(args) => cli::status::run(args),
         Verb::Jog(args) => cli::jog::run(args),
         Verb::Estop(args) => cli::estop::run(args),
         Verb::MockBoard(args) => cli::mock_board::run(args),

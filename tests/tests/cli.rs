@@ -33,6 +33,19 @@ fn jog_moves_the_mock_servo_and_refuses_what_the_channel_cannot() {
 }
 
 #[test]
+fn status_says_that_nothing_goes_on() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = config("chain-driven-pose-1.toml");
+    let output =
+        run_rig(["status".as_ref(), path.as_os_str(), "--runs-dir".as_ref(), folder.path().as_os_str()]);
+    let text = printed(&output);
+    assert!(
+        output.status.success() && text.contains("free") && text.contains("none on a serial port"),
+        "{text}"
+    );
+}
+
+#[test]
 fn list_and_help_work_without_any_device() {
     for verb in ["list", "--help", "--version"] {
         let output = run_rig([verb]);

@@ -64,6 +64,29 @@ fn fitted_models_never_are_the_tanks() {
     }
 }
 
+#[test]
+fn octopus_simulates_and_renders() {
+    let models = repository().join("configs/models");
+    let text = std::fs::read_to_string(models.join("octopus8.xml")).expect("the model");
+    let model = sim::Model::from_mjcf(&text).expect("MJCF");
+    let stroke = ident::table::read_command(&models.join("octopus8-stroke.csv")).expect("the stroke");
+    let options = sim::RolloutOptions { timestep_s: Some(0.00025), ..Default::default() };
+    let times = [0.0, 0.25, 0.5];
+    let swim = sim::rollout(&model, &model.rest_state(), &stroke, &times, &options).expect("a rollout");
+    let plane = rig::vision::Plane::square(0.001, [320.0, 200.0]);
+    let renderer = rig::tank::render::Renderer::new(plane, rig::tank::render::Look::plain(640, 480));
+    let dark = |instant: usize| {
+        let qpos = &swim.qpos[instant * model.nq()..(instant + 1) * model.nq()];
+        let image = renderer.draw(&model, qpos);
+        image.pixels().map(|pixel| pixel.0[0] < 100).collect::<Vec<bool>>()
+    };
+    let (first, last) = (dark(0), dark(2));
+    let area = |picture: &[bool]| picture.iter().filter(|&&inside| inside).count();
+    // The hub alone is 80 mm by 40 mm: 2500 pixels of 1 mm.
+    assert!(area(&first) > 4000, "{} dark pixels", area(&first));
+    assert!(first.iter().zip(&last).filter(|(a, b)| a != b).count() > 200, "nothing moved");
+}
+
 /// Runs a config changed by `change` and gives back what was printed; it must be refused as wrong input.
 fn refusal(change: impl FnOnce(&mut toml::Table)) -> String {
     let folder = tempfile::tempdir().expect("a folder");

@@ -10,7 +10,7 @@ pub mod timeline;
 use std::path::{Path, PathBuf};
 
 use ident::experiment::{Experiment, Run, RunKind};
-use ident::fit::{FitError, Fitted, Observer};
+use ident::fit::{FitError, Observer};
 use ident::table;
 
 use crate::config::{ConfigError, RigConfig};
@@ -101,11 +101,11 @@ pub struct Analysis<'a> {
 }
 
 impl Analysis<'_> {
-    /// Carries out all stages from [`Analysis::from`] on and writes their files.
+    /// Carries out all stages from [`Analysis::from`] on and writes their files; what the report shows comes back.
     ///
     /// # Errors
     /// [`AnalysisError`]; the files of the stages before it are there.
-    pub fn carry_out(&self, progress: &mut dyn Progress) -> Result<Fitted, AnalysisError> {
+    pub fn carry_out(&self, progress: &mut dyn Progress) -> Result<ReportData, AnalysisError> {
         let mut timing = Timing { workers: self.threads, ..Timing::default() };
         let timeline = timing.measure("recording", || Timeline::read(self.run, self.config))?;
         if let Some(command) = &timeline.command {
@@ -136,7 +136,7 @@ impl Analysis<'_> {
             pictures::Source { run: self.run, timeline: &timeline }.show(&mut data, extraction, &fitted)?;
         }
         write_whole(&self.out.join(file::REPORT), crate::report::render(&data).as_bytes())?;
-        Ok(fitted)
+        Ok(data)
     }
 
     fn extract(&self, timeline: &Timeline, progress: &mut dyn Progress) -> Result<Extraction, AnalysisError> {

@@ -17,6 +17,7 @@ pub mod run;
 pub mod runs;
 pub mod signal;
 pub mod simulate;
+pub mod status;
 
 use std::path::PathBuf;
 

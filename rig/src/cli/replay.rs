@@ -68,10 +68,9 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             from: args.from,
             threads: threads(args.threads),
         };
-        let fitted = tokio::task::block_in_place(|| analysis.carry_out(&mut bar))
+        let data = tokio::task::block_in_place(|| analysis.carry_out(&mut bar))
             .map_err(|error| analysis_failed(error, InRun(args.run.clone())))?;
-        let shown = RunFolder::open(&args.out).map_err(Failure::internal)?;
-        let text = summary(&fitted, &config, &shown);
+        let text = summary(&data, &args.out);
         drop(bar);
         finished(&interrupt, &text, InRun(args.run.clone()))?;
         Ok(Outcome { out: Some(args.out.clone()), run: Some(args.run.clone()), text, ..Outcome::default() })

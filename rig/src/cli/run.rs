@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
-use ident::fit::Fitted;
 
 use super::progress::Bar;
 use super::signal::Interrupt;
@@ -12,7 +11,8 @@ use crate::analysis::{Analysis, AnalysisError, Stage};
 use crate::claim::Claim;
 use crate::config::RigConfig;
 use crate::doctor::{self, Health};
-use crate::record::folder::{RunFolder, file};
+use crate::record::folder::file;
+use crate::report::ReportData;
 use crate::run::film::Notice;
 use crate::run::machine::Ending;
 use crate::run::{Conducted, Job, RunError};
@@ -115,7 +115,7 @@ impl Experiment<'_> {
         }
         if !self.film_only {
             let mut bar = bar;
-            let fitted = tokio::task::block_in_place(|| {
+            let data = tokio::task::block_in_place(|| {
                 let analysis = Analysis {
                     run: &folder,
                     out: folder.path(),
@@ -127,7 +127,7 @@ impl Experiment<'_> {
                 analysis.carry_out(&mut bar)
             })
             .map_err(|error| analysis_failed(error, here))?;
-            text = format!("{text}\n{}", summary(&fitted, self.config, &folder));
+            text = format!("{text}\n{}", summary(&data, folder.path()));
             drop(bar);
             finished(interrupt, &text, InRun(folder.path().into()))?;
         }
@@ -160,24 +160,9 @@ pub(super) fn analysis_failed(error: AnalysisError, here: InRun) -> Failure {
     if lack_of_data { Failure::Data(error) } else { Failure::Input(error) }
 }
 
-/// What a person wants to know first: Table I and where the report is.
-pub(super) fn summary(fitted: &Fitted, config: &RigConfig, folder: &RunFolder) -> String {
-    let length = config.run.characteristic_length_m.get();
-    let mut text = String::from("mean keypoint error:");
-    for run in &fitted.fit.runs {
-        for keypoint in &run.keypoints {
-            text += &format!(
-                "\n  {:<4} {:6.3} mm  {:5.2} % of {:.0} mm",
-                keypoint.name,
-                keypoint.mean_error_m * 1e3,
-                keypoint.mean_error_m / length * 100.0,
-                length * 1e3
-            );
-        }
-    }
-    let determined = fitted.fit.parameters.iter().filter(|parameter| parameter.determined).count();
-    text += &format!("\n{determined} of {} parameters determined by this run", fitted.fit.parameters.len());
-    let report = folder.file(file::REPORT);
+/// What came out, for a terminal: the report in short, and where to look at it whole.
+pub(super) fn summary(data: &ReportData, folder: &Path) -> String {
+    let report = folder.join(file::REPORT);
     let report = std::fs::canonicalize(&report).unwrap_or(report);
-    text + &format!("\nreport: file://{}", report.display())
+    format!("{}\nreport: file://{}", crate::report::summary(data), report.display())
 }

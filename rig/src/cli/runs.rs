@@ -128,7 +128,7 @@ fn describe(run: &RunFolder) -> Result<String, RecordError> {
     Ok(text)
 }
 
-fn status(run: &RunFolder) -> &'static str {
+pub(super) fn status(run: &RunFolder) -> &'static str {
     match run.stop().map(|stop| stop.status) {
         Some(Status::Success) => "success",
         Some(Status::Abort) => "abort",

@@ -11,6 +11,7 @@ use tokio::time::MissedTickBehavior;
 use super::devices::{CameraThread, DeviceEvent, ServoThread};
 use super::machine::{Action, Ending, Event, Machine, Plan};
 use crate::camera::{Camera, CameraError, CameraImage, images_lost};
+use crate::causes::with_causes;
 use crate::clock::MonotonicNs;
 use crate::profile::PulseProfile;
 use crate::record::recording::{Recorded, Recorder};
@@ -94,7 +95,7 @@ pub async fn film(
                 Some(told) = devices.recv() => match take_in(told, &recorder, &mut images, &mut notify) {
                     Ok(Some(event)) => event,
                     Ok(None) => continue,
-                    Err(error) => Event::Fault(chain(&error)),
+                    Err(error) => Event::Fault(with_causes(&error)),
                 },
                 _ = ticks.tick() => Event::Tick,
             },
@@ -109,7 +110,7 @@ pub async fn film(
                     notify(Notice::Journal("arming".into()));
                     servo.arm(profile.clone(), start);
                     let command = ServoCommand::Arm { start, profile: profile.clone() };
-                    next = recorder.command(&command).err().map(|error| Event::Fault(chain(&error)));
+                    next = recorder.command(&command).err().map(|error| Event::Fault(with_causes(&error)));
                 }
             }
             Some(Action::AskForRelease) => notify(Notice::LetGo),
@@ -130,7 +131,7 @@ pub async fn film(
     let _ = recorder.command(&ServoCommand::Stop { outcome });
     let (ending, recorded) = match tokio::task::block_in_place(|| recorder.finish()) {
         Ok(recorded) => (ending, recorded),
-        Err(error) if ending == Ending::Success => (Ending::Fail(chain(&error)), Recorded::default()),
+        Err(error) if ending == Ending::Success => (Ending::Fail(with_causes(&error)), Recorded::default()),
         Err(_) => (ending, Recorded::default()),
     };
     Filmed { ending, servo: outcome, stop_s, recorded, images_lost: images.lost }
@@ -150,8 +151,8 @@ fn take_in(
         }
         DeviceEvent::Changed(share) => Event::Changed(share),
         DeviceEvent::CameraFailed(CameraError::End) => Event::Fault("camera: no more images".into()),
-        DeviceEvent::CameraFailed(error) => Event::Fault(error.to_string()),
-        DeviceEvent::ServoFailed(error) => Event::Fault(error.to_string()),
+        DeviceEvent::CameraFailed(error) => Event::Fault(with_causes(&error)),
+        DeviceEvent::ServoFailed(error) => Event::Fault(with_causes(&error)),
         DeviceEvent::Panicked(thread) => Event::Fault(format!("our fault: the {thread} thread panicked")),
         DeviceEvent::Servo(event) => {
             recorder.servo(&event)?;
@@ -186,15 +187,4 @@ impl ImageCount {
         self.last = Some(image);
         identical
     }
-}
-
-/// An error with its causes, in one line.
-fn chain(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut source = error.source();
-    while let Some(cause) = source {
-        text.push_str(&format!(": {cause}"));
-        source = cause.source();
-    }
-    text
 }

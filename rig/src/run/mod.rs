@@ -230,3 +230,36 @@ fn stop(filmed: &Filmed) -> Stop {
         messages_dropped: filmed.recorded.dropped,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pulses(calibrated: bool) -> PulseProfile {
+        let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
+        let mut config = RigConfig::read(&configs.join("chain-driven-pose-1.toml")).unwrap();
+        config.servo.as_mut().unwrap().channels[0].calibrated = calibrated;
+        let job = Job { config: &config, base: &configs, runs_dir: Path::new("unused") };
+        job.pulses().unwrap().unwrap()
+    }
+
+    #[test]
+    fn servo_that_is_not_calibrated_first_moves_little_and_slowly() {
+        let (careful, plain) = (pulses(false), pulses(true));
+        let reach = |track: &crate::profile::PulseTrack| -> u16 {
+            let first = &track.segments[..3];
+            first.iter().map(|&(_, pulse)| pulse.abs_diff(track.start_pulse_us)).max().unwrap()
+        };
+        let (first, full) = (
+            reach(&careful.tracks[0]),
+            plain.tracks[0]
+                .segments
+                .iter()
+                .map(|s| s.1.abs_diff(plain.tracks[0].start_pulse_us))
+                .max()
+                .unwrap(),
+        );
+        assert!(first > 0 && first * 8 < full, "{first} µs of {full} µs");
+        assert_eq!(careful.tracks[0].segments[3..], plain.tracks[0].segments);
+    }
+}
