@@ -7,6 +7,7 @@ use anyhow::anyhow;
 use jiff::{Timestamp, Zoned};
 use serde_json::json;
 
+use super::progress::Bar;
 use super::run::{Experiment, base, threads};
 use super::signal::Interrupt;
 use super::{Failure, InRun, Outcome};
@@ -87,7 +88,8 @@ impl Daemon<'_> {
         let mut from = Zoned::now();
         while max_runs == 0 || runs < max_runs {
             let slot = self.schedule.next(&from).map_err(Failure::input)?;
-            eprintln!("next run at {}", slot.strftime("%Y-%m-%d %H:%M:%S %Z"));
+            Bar::new(interrupt.flag())
+                .note(&format!("next run at {}", slot.strftime("%Y-%m-%d %H:%M:%S %Z")));
             if !wait_until(&slot, &interrupt).await {
                 break;
             }

@@ -214,7 +214,7 @@ noise_grey = 0.0
         camera
     }
 
-    const TIMEOUT: Duration = Duration::from_millis(500);
+    const TIMEOUT: Duration = Duration::from_millis(1500);
 
     fn until_it_fails(camera: &mut SocketCamera) -> CameraError {
         (0..10_000).find_map(|_| camera.next_image(TIMEOUT).err()).unwrap()
@@ -228,7 +228,7 @@ noise_grey = 0.0
         let before = camera.next_image(TIMEOUT).unwrap();
 
         process.signal(rustix::process::Signal::STOP);
-        assert!(matches!(until_it_fails(&mut camera), CameraError::Stalled { waited_ms: 500, .. }));
+        assert!(matches!(until_it_fails(&mut camera), CameraError::Stalled { waited_ms: 1500, .. }));
         process.signal(rustix::process::Signal::CONT);
         // What was exposed while it stood still is lost, and counted; an image on its way may still come.
         let mut sequences = vec![before.sequence];

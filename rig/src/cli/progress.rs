@@ -29,8 +29,13 @@ impl Bar {
         self.bar.tick();
     }
 
-    /// Prints a line that stays, on a terminal and in a pipe.
-    pub fn announce(&self, text: &str) {
+    /// Prints a line that stays, on a terminal only.
+    pub fn note(&self, text: &str) {
+        self.bar.println(text);
+    }
+
+    /// Prints a line that somebody must act on, in a pipe too.
+    pub fn ask(&self, text: &str) {
         if self.bar.is_hidden() { eprintln!("{text}") } else { self.bar.println(text) }
     }
 }

@@ -88,12 +88,12 @@ impl Experiment<'_> {
             .conduct(interrupt.raised(), |folder, notice| match notice {
                 Notice::Phase(now, images) => {
                     if now != phase {
-                        bar.announce(&format!("{}  {now}", folder.start().id));
+                        bar.note(&format!("{}  {now}", folder.start().id));
                         phase = now;
                     }
                     bar.say(format!("{now}: {images} images"));
                 }
-                Notice::LetGo => bar.announce("The water is still: let go of the mechanism now."),
+                Notice::LetGo => bar.ask("The water is still: let go of the mechanism now."),
                 Notice::Journal(text) => tracing::info!("{text}"),
             })
             .await
