@@ -196,8 +196,19 @@ impl Contrast {
     }
 
     /// The difference at `px`, bilinear; 0 outside the image.
+    #[inline]
     pub fn at(&self, px: Px) -> f64 {
         bilinear(&self.values, self.width, self.height, px)
+    }
+
+    /// The difference of the pixel that `px` lies in; 0 outside the image.
+    #[inline]
+    pub fn nearest(&self, [x, y]: Px) -> f32 {
+        if !(x >= 0.0 && y >= 0.0) {
+            return 0.0;
+        }
+        let (column, row) = ((x + 0.5) as i32 as usize, (y + 0.5) as i32 as usize);
+        if column < self.width && row < self.height { self.values[row * self.width + column] } else { 0.0 }
     }
 }
 
@@ -348,26 +359,41 @@ fn noise(image: &GrayImage) -> f32 {
     /// 1.4826 turns a median of sizes into a sigma, the root undoes the sum of two noises.
     const SIZE_TO_SIGMA: f32 = 1.4826 / std::f32::consts::SQRT_2;
     const QUANTISATION: f32 = 0.3;
-    // Neighbours mostly differ alike: counting one after the other in several tables waits less for memory.
-    const TABLES: usize = 4;
-    let mut tables = [[0usize; 256]; TABLES];
+    let total = (image.width() as usize).saturating_sub(1) * image.height() as usize;
+    // The median by halving its range: counting what is below a limit is quicker than a histogram.
+    let (mut least, mut most) = (0, 256);
+    while least < most {
+        let middle = (least + most) / 2;
+        if 2 * smaller_steps(image, middle + 1) >= total.max(1) {
+            most = middle;
+        } else {
+            least = middle + 1;
+        }
+    }
+    if least == 256 {
+        return QUANTISATION;
+    }
+    // Sizes are rounded: the median lies inside this one, in proportion.
+    let below = smaller_steps(image, least);
+    let count = smaller_steps(image, least + 1) - below;
+    let inside = (total as f32 / 2.0 - below as f32) / count.max(1) as f32;
+    ((least as f32 - 0.5 + inside).max(0.0) * SIZE_TO_SIGMA).max(QUANTISATION)
+}
+
+/// How many neighbours in a row differ by less than `limit` grey levels.
+fn smaller_steps(image: &GrayImage, limit: usize) -> usize {
+    /// As many as a byte can count.
+    const BLOCK: usize = 255;
+    let Some(most) = limit.checked_sub(1) else { return 0 };
+    let most = most.min(255) as u8;
+    let mut count = 0;
     for row in image.as_raw().chunks_exact(image.width().max(1) as usize) {
-        for (i, (a, b)) in row.iter().zip(row.iter().skip(1)).enumerate() {
-            tables[i % TABLES][usize::from(a.abs_diff(*b))] += 1;
+        for (left, right) in row.chunks(BLOCK).zip(row[1..].chunks(BLOCK)) {
+            let small = left.iter().zip(right).map(|(a, b)| u8::from((*a).max(*b).wrapping_sub((*a).min(*b)) <= most));
+            count += usize::from(small.fold(0u8, u8::wrapping_add));
         }
     }
-    let histogram: [usize; 256] = std::array::from_fn(|size| tables.iter().map(|table| table[size]).sum());
-    let total: usize = histogram.iter().sum();
-    let mut below = 0;
-    for (size, &count) in histogram.iter().enumerate() {
-        if 2 * (below + count) >= total.max(1) {
-            // Sizes are rounded: the median lies inside this bin, in proportion.
-            let inside = (total as f32 / 2.0 - below as f32) / count.max(1) as f32;
-            return ((size as f32 - 0.5 + inside).max(0.0) * SIZE_TO_SIGMA).max(QUANTISATION);
-        }
-        below += count;
-    }
-    QUANTISATION
+    count
 }
 
 /// The middle value; the slice is reordered. Callers pass at least one value.

@@ -220,14 +220,15 @@ fn edge(contrast: &Contrast, point: Px, direction: Px, reach: f64) -> Option<f64
     /// The contrast inside is looked for this far behind the edge's foot [px]: more than any lens blurs.
     const INSIDE_PX: f64 = 2.5;
     /// As long as this share of the contrast is reached from pixel to pixel, no edge is near.
-    const WELL_INSIDE: f64 = 0.6;
+    const WELL_INSIDE: f32 = 0.6;
     const BEHIND: usize = (INSIDE_PX / STEP_PX) as usize;
     const PIXEL: usize = (1.0 / STEP_PX) as usize;
     let low = (OUTSIDE * f64::from(contrast.level)).max(3.0 * f64::from(contrast.noise));
     let steps = (reach / STEP_PX) as usize;
     let at = |i: usize| contrast.at(moved(point, direction, i as f64 * STEP_PX));
-    let well_inside = WELL_INSIDE * f64::from(contrast.level);
-    let near = (0..=steps).step_by(PIXEL).find(|&i| at(i) < well_inside).unwrap_or(steps);
+    let well_inside = WELL_INSIDE * contrast.level;
+    let pixel = |k: &usize| contrast.nearest(moved(point, direction, *k as f64)) < well_inside;
+    let near = (0..=steps / PIXEL).find(pixel).map_or(steps, |k| k * PIXEL);
     let start = near.saturating_sub(PIXEL + BEHIND);
     let mut values = Vec::with_capacity(steps + 1 - start);
     for i in start..=steps {

@@ -16,9 +16,11 @@ pub fn bilinear(values: &[f32], width: usize, height: usize, px: Px) -> f64 {
     // On the last column or row what lies beyond has no weight.
     let right = usize::from(column as usize + 1 < width);
     let below = if (row as usize) + 1 < height { width } else { 0 };
-    let at = |i: usize| f64::from(values[i]);
-    let upper = at(i) + u * (at(i + right) - at(i));
-    let lower = at(i + below) + u * (at(i + below + right) - at(i + below));
+    let across = |row: &[f32]| {
+        let (a, b) = (f64::from(row[0]), f64::from(row[right]));
+        a + u * (b - a)
+    };
+    let (upper, lower) = (across(&values[i..=i + right]), across(&values[i + below..=i + below + right]));
     upper + v * (lower - upper)
 }
 

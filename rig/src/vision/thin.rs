@@ -53,12 +53,14 @@ pub fn thinned(mask: &Mask) -> Mask {
 }
 
 /// The neighbours of pixel `i`: north, then clockwise, p2..p9 of the paper.
+#[inline]
 fn around(width: usize, i: usize) -> [usize; 8] {
     let (up, down) = (i - width, i + width);
     [up, up + 1, i + 1, down + 1, down, down - 1, i - 1, up - 1]
 }
 
 /// Which of its neighbours are set, one bit each in the order of [`around`].
+#[inline]
 fn neighbourhood(on: &[bool], width: usize, i: usize) -> u8 {
     around(width, i).iter().enumerate().fold(0, |bits, (k, &beside)| bits | u8::from(on[beside]) << k)
 }
