@@ -219,11 +219,20 @@ fn edge(contrast: &Contrast, point: Px, direction: Px, reach: f64) -> Option<f64
     const OUTSIDE: f64 = 0.15;
     /// The contrast inside is looked for this far behind the edge's foot [px]: more than any lens blurs.
     const INSIDE_PX: f64 = 2.5;
+    /// As long as this share of the contrast is reached from pixel to pixel, no edge is near.
+    const WELL_INSIDE: f32 = 0.6;
+    const BEHIND: usize = (INSIDE_PX / STEP_PX) as usize;
+    const PIXEL: usize = (1.0 / STEP_PX) as usize;
     let low = (OUTSIDE * f64::from(contrast.level)).max(3.0 * f64::from(contrast.noise));
     let steps = (reach / STEP_PX) as usize;
-    let mut values = Vec::with_capacity(steps + 1);
-    for i in 0..=steps {
-        let value = contrast.at(moved(point, direction, i as f64 * STEP_PX));
+    let at = |i: usize| contrast.at(moved(point, direction, i as f64 * STEP_PX));
+    let well_inside = WELL_INSIDE * contrast.level;
+    let pixel = |k: &usize| contrast.nearest(moved(point, direction, *k as f64)) < well_inside;
+    let near = (0..=steps / PIXEL).find(pixel).map_or(steps, |k| k * PIXEL);
+    let start = near.saturating_sub(PIXEL + BEHIND);
+    let mut values = Vec::with_capacity(steps + 1 - start);
+    for i in start..=steps {
+        let value = at(i);
         values.push(value);
         if value < low {
             break;
@@ -231,12 +240,12 @@ fn edge(contrast: &Contrast, point: Px, direction: Px, reach: f64) -> Option<f64
     }
     // Beside something else the contrast never falls so low: its lowest place is the foot.
     let foot = (0..values.len()).rev().min_by(|&a, &b| values[a].total_cmp(&values[b]))?;
-    let behind = foot.saturating_sub((INSIDE_PX / STEP_PX) as usize);
+    let behind = foot.saturating_sub(BEHIND);
     let half = values[behind..=foot].iter().copied().fold(0.0, f64::max) / 2.0;
     let last_inside = (0..foot).rev().find(|&i| values[i] > half)?;
     let (inside, outside) = (values[last_inside], values[last_inside + 1]);
     (half >= low / 2.0 && outside <= half)
-        .then(|| STEP_PX * (last_inside as f64 + (inside - half) / (inside - outside)))
+        .then(|| STEP_PX * ((start + last_inside) as f64 + (inside - half) / (inside - outside)))
 }
 
 /// Goes on from `start` along `direction`, in the middle between the edges, until the silhouette ends: the

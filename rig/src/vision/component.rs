@@ -1,6 +1,7 @@
 //! Connected parts of a mask, and which of them is the mechanism.
 
-use super::mask::NEIGHBOURS;
+use super::runs::{Run, connected, runs};
+use super::spline::distance;
 use super::{Mask, Px};
 
 /// One connected part (corners connect).
@@ -20,52 +21,30 @@ pub struct Component {
 ///
 /// `mask` covers the whole picture.
 pub fn components(mask: &Mask, min_area: usize) -> Vec<Component> {
-    let (w, h) = (mask.width, mask.height);
-    let mut left = mask.bits.clone();
-    let mut found = Vec::new();
-    for start in 0..w * h {
-        if !left[start] {
-            continue;
-        }
-        left[start] = false;
-        let mut pixels = vec![start];
-        let mut next = 0;
-        while next < pixels.len() {
-            let (x, y) = (pixels[next] % w, pixels[next] / w);
-            next += 1;
-            for (dx, dy) in NEIGHBOURS {
-                let (Some(nx), Some(ny)) = (x.checked_add_signed(dx), y.checked_add_signed(dy)) else {
-                    continue;
-                };
-                if nx < w && ny < h && left[ny * w + nx] {
-                    left[ny * w + nx] = false;
-                    pixels.push(ny * w + nx);
-                }
-            }
-        }
-        if pixels.len() >= min_area.max(1) {
-            found.push(component(&pixels, w, h));
-        }
-    }
-    found
+    let parts = connected(&runs(&mask.bits, mask.width, true), true);
+    let large = parts.iter().filter(|part| part.iter().map(Run::len).sum::<usize>() >= min_area);
+    large.map(|part| component(part, mask.width, mask.height)).collect()
 }
 
-fn component(pixels: &[usize], w: usize, h: usize) -> Component {
+fn component(part: &[Run], w: usize, h: usize) -> Component {
     let (mut x0, mut x1, mut y0, mut y1) = (w, 0, h, 0);
-    let (mut sum_x, mut sum_y) = (0, 0);
-    for &i in pixels {
-        let (x, y) = (i % w, i / w);
-        (x0, x1, y0, y1) = (x0.min(x), x1.max(x), y0.min(y), y1.max(y));
-        (sum_x, sum_y) = (sum_x + x, sum_y + y);
+    let (mut area, mut sum_x, mut sum_y) = (0, 0, 0);
+    for run in part {
+        (x0, x1, y0, y1) = (x0.min(run.from), x1.max(run.to), y0.min(run.row), y1.max(run.row + 1));
+        area += run.len();
+        sum_x += run.len() * (run.from + run.to - 1) / 2;
+        sum_y += run.len() * run.row;
     }
-    let mut mask = Mask::empty(x0, y0, x1 + 1 - x0, y1 + 1 - y0);
-    pixels.iter().for_each(|&i| mask.set((i % w) as isize, (i / w) as isize));
-    let area = pixels.len();
+    let mut mask = Mask::empty(x0, y0, x1 - x0, y1 - y0);
+    for run in part {
+        let row = (run.row - y0) * mask.width;
+        mask.bits[row + run.from - x0..row + run.to - x0].fill(true);
+    }
     Component {
         mask,
         area,
         centroid: [sum_x as f64 / area as f64, sum_y as f64 / area as f64],
-        cut: x0 == 0 || y0 == 0 || x1 + 1 == w || y1 + 1 == h,
+        cut: x0 == 0 || y0 == 0 || x1 == w || y1 == h,
     }
 }
 
@@ -87,26 +66,37 @@ pub fn dilated(mask: &Mask, reach: usize, width: usize, height: usize) -> Mask {
     out
 }
 
-/// Which of `parts` is the mechanism: the largest, for its distance from where it was `last`; one the picture's
-/// border cuts only where `base_px` (within `reach_px`) says that the mechanism leaves the picture, or when
-/// there is no other. With a base, a part that comes near it goes before any other.
-pub fn choose(parts: &[Component], base_px: Option<Px>, reach_px: f64, last: Option<Px>) -> Option<usize> {
-    let at_base = |part: &Component| {
-        base_px.is_some_and(|base| {
-            part.mask.pixels().any(|(x, y)| (x as f64 - base[0]).hypot(y as f64 - base[1]) <= reach_px)
+/// Which of `parts` of at least `least` pixels is the mechanism: the largest, for its distance from where it was
+/// `last`; one the picture's border cuts only where `base_px` (within `reach_px`) says that the mechanism leaves
+/// the picture, or when there is no other. With a base, a part that comes near it goes before any other.
+pub fn choose(
+    parts: &[Component],
+    least: f64,
+    base_px: Option<Px>,
+    reach_px: f64,
+    last: Option<Px>,
+) -> Option<usize> {
+    let near = |part: &Component, [x, y]: Px| {
+        let rows = (y - reach_px).max(0.0) as usize..=(y + reach_px).max(0.0) as usize;
+        rows.into_iter().any(|row| {
+            let across = reach_px * reach_px - (row as f64 - y).powi(2);
+            let mut columns = part.mask.row(row).iter().zip(part.mask.left..);
+            columns.any(|(bit, column)| *bit && (column as f64 - x).powi(2) <= across)
         })
     };
     let rank = |part: &Component| {
-        let near = at_base(part);
+        let near = base_px.is_some_and(|base| near(part, base));
         let size = (part.area as f64).sqrt();
-        let moved = last.map_or(0.0, |l| (part.centroid[0] - l[0]).hypot(part.centroid[1] - l[1]));
+        let moved = last.map_or(0.0, |last| distance(part.centroid, last));
         (near || !part.cut, near, part.area as f64 / (1.0 + moved / size))
     };
-    let ranks: Vec<_> = parts.iter().map(rank).collect();
-    (0..parts.len()).max_by(|&a, &b| {
-        let ordering = ranks[a].partial_cmp(&ranks[b]).unwrap_or(std::cmp::Ordering::Equal);
-        ordering.then(b.cmp(&a))
-    })
+    let large = parts.iter().enumerate().filter(|(_, part)| part.area as f64 >= least);
+    let ranks: Vec<_> = large.map(|(i, part)| (rank(part), i)).collect();
+    let best = ranks.iter().max_by(|(a, i), (b, j)| {
+        let ordering = a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal);
+        ordering.then(j.cmp(i))
+    });
+    best.map(|(_, i)| *i)
 }
 
 #[cfg(test)]
@@ -132,9 +122,9 @@ mod tests {
     #[test]
     fn largest_whole_part_wins_unless_base_or_last_place_say_otherwise() {
         let parts = picture();
-        assert_eq!(choose(&parts, None, 3.0, None), Some(1));
-        assert_eq!(choose(&parts, None, 3.0, Some([46.0, 20.0])), Some(2));
-        assert_eq!(choose(&parts, Some([0.0, 5.0]), 3.0, None), Some(0));
-        assert_eq!(choose(&[], None, 3.0, None), None);
+        assert_eq!(choose(&parts, 0.0, None, 3.0, None), Some(1));
+        assert_eq!(choose(&parts, 0.0, None, 3.0, Some([46.0, 20.0])), Some(2));
+        assert_eq!(choose(&parts, 0.0, Some([0.0, 5.0]), 3.0, None), Some(0));
+        assert_eq!(choose(&[], 0.0, None, 3.0, None), None);
     }
 }

@@ -15,19 +15,30 @@ pub fn contour(contrast: &Contrast, part: &Mask, blocked: Option<&Mask>, clear_p
         })
     };
     let mut points = Vec::new();
-    for (column, row) in part.pixels() {
-        let (x, y) = (column as isize, row as isize);
-        let inside = f64::from(contrast.values[row * contrast.width + column]);
-        for (dx, dy) in [(1, 0), (0, 1), (-1, 0), (0, -1)] {
-            let (nx, ny) = (x + dx, y + dy);
-            if part.at(nx, ny) || nx < 0 || ny < 0 || nx >= width || ny >= height || hidden(nx, ny) {
+    for (y, bits) in part.bits.chunks_exact(part.width.max(1)).enumerate() {
+        let row = part.top + y;
+        let (above, below) = (row.checked_sub(1).map_or(&[][..], |row| part.row(row)), part.row(row + 1));
+        let is_set = |row: &[bool], x: usize| row.get(x).is_some_and(|bit| *bit);
+        for x in (0..bits.len()).filter(|&x| bits[x]) {
+            // To the right, below, to the left, above.
+            let beside = [is_set(bits, x + 1), is_set(below, x), x > 0 && bits[x - 1], is_set(above, x)];
+            if beside == [true; 4] {
                 continue;
             }
-            let outside = f64::from(contrast.values[(ny * width + nx) as usize]);
-            // A filled hole's or a bridged gap's rim does not pass the half here.
-            if inside > half && outside <= half {
-                let share = (inside - half) / (inside - outside);
-                points.push([x as f64 + share * dx as f64, y as f64 + share * dy as f64]);
+            let column = part.left + x;
+            let inside = f64::from(contrast.values[row * contrast.width + column]);
+            let (x, y) = (column as isize, row as isize);
+            for ((dx, dy), within) in [(1, 0), (0, 1), (-1, 0), (0, -1)].into_iter().zip(beside) {
+                let (nx, ny) = (x + dx, y + dy);
+                if within || nx < 0 || ny < 0 || nx >= width || ny >= height || hidden(nx, ny) {
+                    continue;
+                }
+                let outside = f64::from(contrast.values[(ny * width + nx) as usize]);
+                // A filled hole's or a bridged gap's rim does not pass the half here.
+                if inside > half && outside <= half {
+                    let share = (inside - half) / (inside - outside);
+                    points.push([x as f64 + share * dx as f64, y as f64 + share * dy as f64]);
+                }
             }
         }
     }

@@ -17,7 +17,7 @@ use super::keypoints::{CLEAR_PX, Found, Shape, edge_points, place};
 use super::parallel::in_parallel;
 use super::record::{Extraction, ImageRecord, Keypoint, Status, TimedImage};
 use super::spline::{arc_lengths, distance, point_at};
-use super::thin::{longest_path, thinned};
+use super::thin::{longest_path, radii, thinned};
 use super::{Mask, Px, VisionError};
 
 /// Runs images through the stages, in order.
@@ -69,6 +69,14 @@ struct Parts {
     parts: Vec<Component>,
 }
 
+/// An image in which the mechanism's silhouette is known.
+struct Seen {
+    contrast: Contrast,
+    silhouette: Mask,
+    /// Size of the largest other part that the picture's border cuts \[px\].
+    cut_object_px: usize,
+}
+
 impl Extractor {
     /// Learns background and usual size from `sample` (at most [`LEARN_FROM`] are worth giving), using
     /// `threads` threads. Pictures named by the config are looked for in `folder`.
@@ -113,7 +121,7 @@ impl Extractor {
         let found = in_parallel(&images, threads, |image| {
             let parts = extractor.parts(image)?;
             let chosen = extractor.choice(&parts, None)?;
-            extractor.candidate(&parts, chosen).map(|candidate| candidate.sizes)
+            extractor.candidate(&parts.seen(chosen)).map(|candidate| candidate.sizes)
         });
         let sizes: Vec<Sizes> = found.iter().filter_map(|sizes| sizes.as_ref().ok().copied()).collect();
         extractor.usual = Sizes::usual(&sizes);
@@ -127,29 +135,46 @@ impl Extractor {
 
     /// Takes the next images of the sequence, in order, and gives one record for each.
     pub fn push(&mut self, images: &[TimedImage]) -> Vec<ImageRecord> {
-        let parts = in_parallel(images, self.threads, |image| match &image.grey {
-            Ok(grey) => self.parts(grey),
-            Err(why) => Err(Rejection::Unreadable(why.clone())),
-        });
-        let chosen: Vec<Result<(Parts, usize), Rejection>> = parts
+        let parts = in_parallel(images, self.threads, |image| self.parts(readable(image)?));
+        let seen = parts
             .into_iter()
             .map(|parts| {
                 let parts = parts?;
                 let chosen = self.choice(&parts, self.last.centroid)?;
                 self.last.centroid = Some(parts.parts[chosen].centroid);
-                Ok((parts, chosen))
+                Ok(parts.seen(chosen))
             })
             .collect();
-        let candidates = in_parallel(&chosen, self.threads, |chosen| match chosen {
-            Ok((parts, chosen)) => self.candidate(parts, *chosen),
+        self.measure(images, seen)
+    }
+
+    /// The same with the mechanism's silhouettes given, one for each image, instead of found: those of the
+    /// records of another extraction give that extraction's results again. An image without one is rejected.
+    pub fn push_with_masks(&mut self, images: &[TimedImage], masks: &[Option<Mask>]) -> Vec<ImageRecord> {
+        let given: Vec<(&TimedImage, Option<&Mask>)> =
+            images.iter().zip(masks.iter().map(Option::as_ref).chain(std::iter::repeat(None))).collect();
+        let seen = in_parallel(&given, self.threads, |(image, mask)| {
+            let parts = self.parts(readable(image)?)?;
+            match mask {
+                Some(mask) => parts.with(mask),
+                None => self.choice(&parts, None).and(Err(Rejection::NoMask)),
+            }
+        });
+        self.measure(images, seen)
+    }
+
+    /// Everything behind the silhouette.
+    fn measure(&mut self, images: &[TimedImage], seen: Vec<Result<Seen, Rejection>>) -> Vec<ImageRecord> {
+        let candidates = in_parallel(&seen, self.threads, |seen| match seen {
+            Ok(seen) => self.candidate(seen),
             Err(why) => Err(why.clone()),
         });
         let oriented: Vec<Result<Oriented, Rejection>> = candidates
             .into_iter()
-            .zip(&chosen)
-            .map(|(candidate, chosen)| {
-                let oriented = match (candidate, chosen) {
-                    (Ok(candidate), Ok((parts, chosen))) => self.oriented(candidate, parts, *chosen),
+            .zip(&seen)
+            .map(|(candidate, seen)| {
+                let oriented = match (candidate, seen) {
+                    (Ok(candidate), Ok(seen)) => self.oriented(candidate, seen),
                     (Err(why), _) => Err(why),
                     (Ok(_), Err(why)) => Err(why.clone()),
                 };
@@ -174,15 +199,13 @@ impl Extractor {
             }
             Err(why) => Err(why.clone()),
         });
-        let silhouettes = chosen.into_iter().map(|chosen| {
-            let (mut parts, chosen) = chosen.ok()?;
-            Some(parts.parts.swap_remove(chosen).mask)
-        });
         images
             .iter()
             .zip(found)
-            .zip(oriented.into_iter().zip(silhouettes))
-            .map(|((image, found), (oriented, mask))| self.record(image, found, oriented.ok(), mask))
+            .zip(oriented.into_iter().zip(seen))
+            .map(|((image, found), (oriented, seen))| {
+                self.record(image, found, oriented.ok(), seen.ok().map(|seen| seen.silhouette))
+            })
             .collect()
     }
 
@@ -198,36 +221,31 @@ impl Extractor {
     /// Which part is the mechanism.
     fn choice(&self, parts: &Parts, last: Option<Px>) -> Result<usize, Rejection> {
         let least = self.config.min_area_px.get();
-        let large: Vec<usize> =
-            (0..parts.parts.len()).filter(|&i| parts.parts[i].area as f64 >= least).collect();
-        let candidates: Vec<Component> = large.iter().map(|&i| parts.parts[i].clone()).collect();
         let diagonal = (parts.contrast.width as f64).hypot(parts.contrast.height as f64);
-        choose(&candidates, self.config.base(), BASE_REACH * diagonal, last)
-            .map(|chosen| large[chosen])
+        choose(&parts.parts, least, self.config.base(), BASE_REACH * diagonal, last)
             .ok_or(Rejection::NothingThere { min_area_px: least })
     }
 
-    /// Fills, thins and follows the chosen part.
-    fn candidate(&self, parts: &Parts, chosen: usize) -> Result<Candidate, Rejection> {
-        let part = &parts.parts[chosen];
-        let mut mask = part.mask.padded(1);
-        let limit_px = (self.config.hole_share.get() * part.area as f64) as usize;
+    /// Fills, thins and follows the silhouette.
+    fn candidate(&self, seen: &Seen) -> Result<Candidate, Rejection> {
+        let mut mask = seen.silhouette.framed(1);
+        let limit_px = (self.config.hole_share.get() * mask.area() as f64) as usize;
         let hole_px = mask.fill_holes(limit_px);
         if hole_px > 0 {
             return Err(Rejection::Closed { hole_px, limit_px });
         }
         let medial = longest_path(&thinned(&mask));
         let radius = radii(&mask, &medial);
-        let line = Centreline::follow(&parts.contrast, medial, &radius, self.config.smoothing.get())?;
+        let line = Centreline::follow(&seen.contrast, medial, &radius, self.config.smoothing.get())?;
         check_overlap(line.drawn(&mask).overlap(&mask), &self.config.gates)?;
-        let edge = edge_points(&self.config, &parts.contrast, &mask, self.background.blocked());
+        let edge = edge_points(&self.config, &seen.contrast, &mask, self.background.blocked());
         let sizes = Sizes::of(&line, mask.area());
         let line = line.inset(self.config.end_inset.get());
         Ok(Candidate { line, mask, edge, sizes })
     }
 
     /// Compares the candidate with what is usual and turns its base end to the front.
-    fn oriented(&self, candidate: Candidate, parts: &Parts, chosen: usize) -> Result<Oriented, Rejection> {
+    fn oriented(&self, candidate: Candidate, seen: &Seen) -> Result<Oriented, Rejection> {
         if let Some(usual) = &self.usual {
             candidate.sizes.check(usual, &self.config.gates)?;
         }
@@ -245,8 +263,8 @@ impl Extractor {
             (None, None) => end[1] < start[1],
         };
         let line = if backwards { line.reversed() } else { line };
-        let base_covered = self.covered(line.points[0], &parts.contrast);
-        let doubt = self.doubt(parts, chosen);
+        let base_covered = self.covered(line.points[0], &seen.contrast);
+        let doubt = self.doubt(seen.cut_object_px, sizes.area_px);
         Ok(Oriented { candidate: Candidate { line, mask, edge, sizes }, base_covered, doubt })
     }
 
@@ -265,14 +283,11 @@ impl Extractor {
     }
 
     /// What in this image may mislead although every gate is passed.
-    fn doubt(&self, parts: &Parts, chosen: usize) -> Option<String> {
+    fn doubt(&self, cut_object_px: usize, area_px: f64) -> Option<String> {
         let gates = &self.config.gates;
-        let area = parts.parts[chosen].area as f64;
-        let cut = parts.parts.iter().enumerate().filter(|(i, part)| *i != chosen && part.cut);
-        let largest = cut.map(|(_, part)| part.area).max().unwrap_or(0);
-        if largest as f64 >= gates.cut_object.get() * area && largest > 0 {
+        if cut_object_px as f64 >= gates.cut_object.get() * area_px && cut_object_px > 0 {
             return Some(format!(
-                "another object of {largest} px is cut by the picture's border: it may be a part of the mechanism"
+                "another object of {cut_object_px} px is cut by the picture's border: it may be a part of the mechanism"
             ));
         }
         let lost =
@@ -298,13 +313,9 @@ impl Extractor {
         };
         match (found, oriented) {
             (Ok(found), Some(Oriented { candidate, doubt, .. })) => {
-                let keypoint = |(px, std_px): (&Px, &f64)| Keypoint {
-                    px: *px,
-                    std_px: *std_px,
-                    metres: self.plane.metres(*px),
-                    std_m: std_px * self.plane.metres_per_pixel(*px),
-                };
-                let keypoints = found.points.iter().zip(&found.std_px).map(keypoint).collect();
+                let keypoints = found.points.iter().zip(&found.std_px);
+                let keypoints =
+                    keypoints.map(|(px, std_px)| Keypoint::seen(*px, *std_px, &self.plane)).collect();
                 let status = if doubt.is_some() { Status::Doubtful } else { Status::Ok };
                 record(
                     status,
@@ -341,20 +352,34 @@ pub fn extract_sequence(
     Ok(Extraction::of(records, config.links, plane.clone()))
 }
 
-/// Distance of each point of the medial path to the nearest background \[px\].
-fn radii(mask: &Mask, medial: &[Px]) -> Vec<f64> {
-    let mut inverted = GrayImage::new(mask.width as u32, mask.height as u32);
-    for (pixel, bit) in inverted.iter_mut().zip(&mask.bits) {
-        *pixel = if *bit { 0 } else { 255 };
+impl Parts {
+    /// With part `chosen` as the mechanism.
+    fn seen(mut self, chosen: usize) -> Seen {
+        let silhouette = self.parts.swap_remove(chosen).mask;
+        Seen { silhouette, contrast: self.contrast, cut_object_px: largest_cut(self.parts.iter()) }
     }
-    let squared = imageproc::distance_transform::euclidean_squared_distance_transform(&inverted);
-    medial
-        .iter()
-        .map(|p| {
-            squared.get_pixel(p[0] as u32 - mask.left as u32, p[1] as u32 - mask.top as u32).0[0].sqrt() - 0.5
-        })
-        .map(|r: f64| r.max(0.5))
-        .collect()
+
+    /// With the silhouette given.
+    fn with(self, mask: &Mask) -> Result<Seen, Rejection> {
+        let silhouette = mask.framed(0);
+        let wanted = [self.contrast.width, self.contrast.height];
+        let got = [silhouette.left + silhouette.width, silhouette.top + silhouette.height];
+        if got[0] > wanted[0] || got[1] > wanted[1] {
+            return Err(Rejection::MaskSize { wanted, got });
+        }
+        let apart = |part: &&Component| part.mask.shared(&silhouette) == 0;
+        let cut_object_px = largest_cut(self.parts.iter().filter(apart));
+        Ok(Seen { silhouette, contrast: self.contrast, cut_object_px })
+    }
+}
+
+/// Size of the largest part that the picture's border cuts \[px\]; 0 without any.
+fn largest_cut<'a>(parts: impl Iterator<Item = &'a Component>) -> usize {
+    parts.filter(|part| part.cut).map(|part| part.area).max().unwrap_or(0)
+}
+
+fn readable(image: &TimedImage) -> Result<&GrayImage, Rejection> {
+    image.grey.as_ref().map_err(|why| Rejection::Unreadable(why.clone()))
 }
 
 fn compared(points: &[Px]) -> Vec<Px> {

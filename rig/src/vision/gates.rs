@@ -32,6 +32,17 @@ pub enum Rejection {
         /// The limit \[px\].
         min_area_px: f64,
     },
+    /// The silhouettes were given, but not this image's.
+    #[error("no silhouette was stored for this image")]
+    NoMask,
+    /// The given silhouette is of another picture.
+    #[error("stored silhouette reaches to {}x{} px, the image has {}x{} px", got[0], got[1], wanted[0], wanted[1])]
+    MaskSize {
+        /// Image width and height \[px\].
+        wanted: [usize; 2],
+        /// What the silhouette needs \[px\].
+        got: [usize; 2],
+    },
     /// The silhouette encloses background.
     #[error("touches itself: encloses {hole_px} px of background, limit {limit_px}")]
     Closed {

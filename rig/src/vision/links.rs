@@ -64,10 +64,26 @@ struct Pose {
     unit: f64,
 }
 
-/// One edge point's distance from the outline and its derivatives.
+/// A link where a pose puts it.
+struct Placed {
+    start: Px,
+    cos: f64,
+    sin: f64,
+    half: f64,
+    length: f64,
+}
+
+/// A point seen from a link.
+#[derive(Clone, Copy)]
 struct Residual {
+    /// Which link.
+    link: usize,
+    /// Signed distance to its outline, negative inside \[px\].
     value: f64,
-    slope: Vec<f64>,
+    /// Derivatives by the point along and across the link, by the half width and by the length.
+    slope: [f64; 4],
+    /// The point along and across the link, from its start \[px\].
+    at: [f64; 2],
 }
 
 impl Chain {
@@ -82,24 +98,25 @@ impl Chain {
             half: vec![half; n],
             unit: self.unit(start),
         };
-        let size = 2 + 2 * n + usize::from(!self.known);
+        let size = self.size();
         let mut damping = 1e-3;
-        let (mut rows, mut scale) = self.linearised(edge, &pose, None)?;
+        let mut rows = self.residuals(edge, &pose)?;
+        let mut scale = robust_sigma(&rows);
         let mut cost = self.cost(&rows, scale, &pose);
         for _ in 0..ROUNDS {
-            let (normal, right) = self.normal(&rows, scale, &pose, size);
+            let (normal, right) = self.normal(&rows, scale, &pose);
             let settled = loop {
                 let mut damped = normal.clone();
                 (0..size).for_each(|i| damped[(i, i)] *= 1.0 + damping);
                 let step = damped.cholesky()?.solve(&right);
                 let next = pose.moved(&step, self.known);
                 // The weights' scale stays while steps are compared, or no two costs would be comparable.
-                let (next_rows, _) = self.linearised(edge, &next, Some(scale))?;
+                let next_rows = self.residuals(edge, &next)?;
                 if self.cost(&next_rows, scale, &next) <= cost {
                     let length = pose.unit * self.lengths.iter().copied().fold(0.0, f64::max);
                     let size_px =
                         |i: usize| step[i].abs() * if (2..2 + n).contains(&i) { length } else { 1.0 };
-                    pose = next;
+                    (pose, rows) = (next, next_rows);
                     damping = (damping / 10.0).max(LEAST_DAMPING);
                     break (0..size).all(|i| size_px(i) < SETTLED_PX);
                 }
@@ -108,13 +125,13 @@ impl Chain {
                     break true;
                 }
             };
-            (rows, scale) = self.linearised(edge, &pose, None)?;
+            scale = robust_sigma(&rows);
             cost = self.cost(&rows, scale, &pose);
             if settled {
                 break;
             }
         }
-        let (normal, _) = self.normal(&rows, scale, &pose, size);
+        let (normal, _) = self.normal(&rows, scale, &pose);
         let covariance = normal.cholesky()?.inverse() * CORRELATED;
         let std_px = (0..=n).map(|i| self.keypoint_std(i, &pose, &covariance)).collect();
         let points = pose.points(&self.lengths);
@@ -135,19 +152,47 @@ impl Chain {
             half: fitted.half_width.clone(),
             unit: self.unit(&fitted.points),
         };
-        for row in like.top..like.top + like.height {
-            for column in like.left..like.left + like.width {
-                let p = [column as f64, row as f64];
-                let inner_joint = |i: usize| distance(p, fitted.points[i]) <= pose.half[i];
-                let n = self.lengths.len();
-                if (0..n).any(|i| self.to_link(&pose, &fitted.points, i, p).0 <= 0.0)
-                    || (1..n).any(inner_joint)
-                {
-                    mask.set(column as isize, row as isize);
+        for (i, link) in self.placed(&pose).iter().enumerate() {
+            let ends = [-self.overhang, link.length + self.overhang];
+            let corners = ends.into_iter().flat_map(|u| [(u, link.half), (u, -link.half)]);
+            let corners: Vec<Px> = corners
+                .map(|(u, v)| [u * link.cos - v * link.sin, u * link.sin + v * link.cos])
+                .map(|[x, y]| [link.start[0] + x, link.start[1] + y])
+                .collect();
+            let range = |axis: usize, from: usize, size: usize| {
+                let all = corners.iter().map(|corner| corner[axis]);
+                let least = all.clone().fold(f64::INFINITY, f64::min).max(from as f64);
+                let most = all.fold(f64::NEG_INFINITY, f64::max).min((from + size) as f64 - 1.0);
+                least.floor() as usize..(most.ceil() + 1.0).max(0.0) as usize
+            };
+            let columns = range(0, like.left, like.width);
+            for row in range(1, like.top, like.height) {
+                for column in columns.clone() {
+                    if self.seen_from(i, link, [column as f64, row as f64]).value <= 0.0 {
+                        mask.set(column as isize, row as isize);
+                    }
                 }
+            }
+            if i > 0 {
+                mask.draw_disc(link.start, link.half);
             }
         }
         mask
+    }
+
+    /// Where `pose` puts the links.
+    fn placed(&self, pose: &Pose) -> Vec<Placed> {
+        let mut start = pose.base;
+        let links = self.lengths.iter().zip(&pose.angle).zip(&pose.half);
+        links
+            .map(|((length, angle), &half)| {
+                let (sin, cos) = angle.sin_cos();
+                let length = length * pose.unit;
+                let link = Placed { start, cos, sin, half, length };
+                start = [start[0] + length * cos, start[1] + length * sin];
+                link
+            })
+            .collect()
     }
 
     /// Scale from [`Self::lengths`] to pixels of a chain from `points[0]` on.
@@ -159,80 +204,79 @@ impl Chain {
         seen / self.lengths.iter().sum::<f64>()
     }
 
-    /// Signed distance of `p` to link `i`'s outline (negative inside), and its derivatives by the link's start
-    /// along and across it, by the half width and by the length.
-    fn to_link(&self, pose: &Pose, points: &[Px], i: usize, p: Px) -> (f64, [f64; 4], [f64; 2]) {
-        let n = self.lengths.len();
-        let (sin, cos) = pose.angle[i].sin_cos();
-        let d = [p[0] - points[i][0], p[1] - points[i][1]];
+    /// Where `p` is for link `i`, which is `link`.
+    fn seen_from(&self, i: usize, link: &Placed, p: Px) -> Residual {
+        let Placed { start, cos, sin, half, length } = *link;
+        let d = [p[0] - start[0], p[1] - start[1]];
         let (u, v) = (cos * d[0] + sin * d[1], cos * d[1] - sin * d[0]);
-        let half = pose.half[i];
+        let last = i + 1 == self.lengths.len();
         let back = self.overhang;
-        let front = if i + 1 == n { 0.0 } else { self.overhang };
-        let length = self.lengths[i] * pose.unit;
+        let front = if last { 0.0 } else { self.overhang };
         // Only the chain's free ends are rounded.
-        let free = if u < length / 2.0 { i == 0 } else { i + 1 == n };
+        let free = if u < length / 2.0 { i == 0 } else { last };
         let corner = if free { self.rounding * half } else { 0.0 };
         let (beyond, side) = if u < length / 2.0 { (-back - u, -1.0) } else { (u - length - front, 1.0) };
         let (a, b) = (beyond + corner, v.abs() - half + corner);
         let sign_v = if v < 0.0 { -1.0 } else { 1.0 };
-        let (value, by_a, by_b) = if a > 0.0 && b > 0.0 && (corner > 0.0 || a.min(b) > 0.0) {
-            let r = a.hypot(b);
+        let (value, by_a, by_b) = if a > 0.0 && b > 0.0 {
+            let r = (a * a + b * b).sqrt();
             (r - corner, a / r, b / r)
         } else if a > b {
             (a - corner, 1.0, 0.0)
         } else {
             (b - corner, 0.0, 1.0)
         };
-        let (by_u, by_v) = (by_a * side, by_b * sign_v);
         let by_half = -by_b + if free { self.rounding * (by_a + by_b - 1.0) } else { 0.0 };
         let by_length = if side > 0.0 { -by_a } else { 0.0 };
-        (value, [by_u, by_v, by_half, by_length], [u, v])
+        Residual { link: i, value, slope: [by_a * side, by_b * sign_v, by_half, by_length], at: [u, v] }
     }
 
-    /// Every edge point's residual that counts, and their robust sigma unless it is given.
-    fn linearised(&self, edge: &[Px], pose: &Pose, scale: Option<f64>) -> Option<(Vec<Residual>, f64)> {
-        let n = self.lengths.len();
-        let points = pose.points(&self.lengths);
-        let size = 2 + 2 * n + usize::from(!self.known);
+    /// Every edge point that counts, seen from the link it is nearest to; `None` when too few count.
+    fn residuals(&self, edge: &[Px], pose: &Pose) -> Option<Vec<Residual>> {
+        let links = self.placed(pose);
         let mut rows = Vec::with_capacity(edge.len());
         for &p in edge {
-            let near_joint = |j: usize| distance(p, points[j]) < JOINT * pose.half[j].max(pose.half[j - 1]);
-            let near_base =
-                self.base.is_some() && self.to_link(pose, &points, 0, p).2[0] < -self.overhang + pose.half[0];
-            if (1..n).any(near_joint) || near_base {
+            let near_joint = |pair: &[Placed]| {
+                let [dx, dy] = [p[0] - pair[1].start[0], p[1] - pair[1].start[1]];
+                dx * dx + dy * dy < (JOINT * pair[1].half.max(pair[0].half)).powi(2)
+            };
+            let near_base = || {
+                self.base.is_some() && self.seen_from(0, &links[0], p).at[0] < -self.overhang + links[0].half
+            };
+            if links.windows(2).any(near_joint) || near_base() {
                 continue;
             }
-            let links = (0..n).map(|i| (i, self.to_link(pose, &points, i, p)));
-            let nearest = links.min_by(|a, b| a.1.0.partial_cmp(&b.1.0).unwrap_or(std::cmp::Ordering::Equal));
-            let (i, (value, [by_u, by_v, by_half, by_length], [u, v])) = nearest?;
-            let mut slope = vec![0.0; size];
-            let (sin, cos) = pose.angle[i].sin_cos();
-            // Moving the link's start moves the point the other way in the link's frame.
-            let by_start = [-(by_u * cos - by_v * sin), -(by_u * sin + by_v * cos)];
-            slope[0] = by_start[0];
-            slope[1] = by_start[1];
-            for j in 0..i {
-                let (sin_j, cos_j) = pose.angle[j].sin_cos();
-                let length = self.lengths[j] * pose.unit;
-                slope[2 + j] = length * (cos_j * by_start[1] - sin_j * by_start[0]);
-                if !self.known {
-                    slope[2 + 2 * n] += self.lengths[j] * (cos_j * by_start[0] + sin_j * by_start[1]);
-                }
-            }
-            slope[2 + i] += by_u * v - by_v * u;
-            slope[2 + n + i] = by_half;
+            let seen = links.iter().enumerate().map(|(i, link)| self.seen_from(i, link, p));
+            rows.extend(seen.reduce(|best, next| if next.value < best.value { next } else { best }));
+        }
+        (rows.len() >= 2 * self.size()).then_some(rows)
+    }
+
+    /// Number of parameters.
+    fn size(&self) -> usize {
+        2 + 2 * self.lengths.len() + usize::from(!self.known)
+    }
+
+    /// Derivatives of a residual by all parameters, into `slope`.
+    fn slope(&self, row: &Residual, links: &[Placed], slope: &mut [f64]) {
+        let (n, i) = (links.len(), row.link);
+        let ([by_u, by_v, by_half, by_length], [u, v]) = (row.slope, row.at);
+        slope.fill(0.0);
+        // Moving the link's start moves the point the other way in the link's frame.
+        let Placed { cos, sin, .. } = links[i];
+        let by_start = [-(by_u * cos - by_v * sin), -(by_u * sin + by_v * cos)];
+        slope[..2].copy_from_slice(&by_start);
+        for (j, Placed { cos, sin, length, .. }) in links[..i].iter().enumerate() {
+            slope[2 + j] = length * (cos * by_start[1] - sin * by_start[0]);
             if !self.known {
-                slope[2 + 2 * n] += by_length * self.lengths[i];
+                slope[2 + 2 * n] += self.lengths[j] * (cos * by_start[0] + sin * by_start[1]);
             }
-            rows.push(Residual { value, slope });
         }
-        if rows.len() < 2 * size {
-            return None;
+        slope[2 + i] += by_u * v - by_v * u;
+        slope[2 + n + i] = by_half;
+        if !self.known {
+            slope[2 + 2 * n] += by_length * self.lengths[i];
         }
-        let mut sizes: Vec<f64> = rows.iter().map(|row| row.value.abs()).collect();
-        let scale = scale.unwrap_or_else(|| (SIZE_TO_SIGMA * median(&mut sizes)).max(FLOOR_PX));
-        Some((rows, scale))
     }
 
     fn cost(&self, rows: &[Residual], scale: f64, pose: &Pose) -> f64 {
@@ -246,14 +290,11 @@ impl Chain {
         seen / (scale * scale) + hidden
     }
 
-    /// Gauss-Newton's normal matrix and right side, in units of sigma.
-    fn normal(
-        &self,
-        rows: &[Residual],
-        scale: f64,
-        pose: &Pose,
-        size: usize,
-    ) -> (DMatrix<f64>, DVector<f64>) {
+    /// Gauss-Newton's normal matrix, lower half, and right side, in units of sigma.
+    fn normal(&self, rows: &[Residual], scale: f64, pose: &Pose) -> (DMatrix<f64>, DVector<f64>) {
+        let size = self.size();
+        let links = self.placed(pose);
+        let mut slope = vec![0.0; size];
         let mut normal = DMatrix::zeros(size, size);
         let mut right = DVector::zeros(size);
         for row in rows {
@@ -262,9 +303,11 @@ impl Chain {
                 continue;
             }
             let weight = (share / scale).powi(2);
-            for (a, slope_a) in row.slope.iter().enumerate().filter(|(_, s)| **s != 0.0) {
+            self.slope(row, &links, &mut slope);
+            for (a, slope_a) in slope.iter().enumerate().filter(|(_, s)| **s != 0.0) {
                 right[a] -= weight * slope_a * row.value;
-                for (b, slope_b) in row.slope.iter().enumerate() {
+                // Cholesky reads the lower half alone.
+                for (b, slope_b) in slope[..=a].iter().enumerate() {
                     normal[(a, b)] += weight * slope_a * slope_b;
                 }
             }
@@ -296,6 +339,12 @@ impl Chain {
         }
         variance.sqrt().hypot(FLOOR_PX)
     }
+}
+
+/// Robust sigma of the residuals \[px\].
+fn robust_sigma(rows: &[Residual]) -> f64 {
+    let mut sizes: Vec<f64> = rows.iter().map(|row| row.value.abs()).collect();
+    (SIZE_TO_SIGMA * median(&mut sizes)).max(FLOOR_PX)
 }
 
 impl Pose {
@@ -336,7 +385,9 @@ mod tests {
         let corners = [[9.0, 27.0], [2.0, 14.0], [60.0, 80.0], [40.0, 23.0], [110.0, 52.0], [111.5, 58.0]];
         let edge: Vec<Px> =
             corners.iter().flat_map(|c| (0..4).map(|k| [c[0] + 0.3 * f64::from(k), c[1]])).collect();
-        let rows = |pose: &Pose| chain.linearised(&edge, pose, Some(1.0)).unwrap().0;
+        let rows = |pose: &Pose| chain.residuals(&edge, pose).unwrap();
+        let links = chain.placed(&pose);
+        let mut slope = [0.0; 9];
         let at = rows(&pose);
         for parameter in 0..9 {
             let step = |sign: f64| {
@@ -347,7 +398,8 @@ mod tests {
             let (up, down) = (step(1.0), step(-1.0));
             for (k, row) in at.iter().enumerate() {
                 let difference = (up[k].value - down[k].value) / (2.0 * DIFFERENCE);
-                assert!((row.slope[parameter] - difference).abs() < 1e-5, "{parameter} {k}");
+                chain.slope(row, &links, &mut slope);
+                assert!((slope[parameter] - difference).abs() < 1e-5, "{parameter} {k}");
             }
         }
     }

@@ -1,9 +1,15 @@
 //! Silhouettes: which pixels of a rectangle of the picture belong to something.
 
+use serde::{Deserialize, Serialize};
+
 use super::Px;
+use super::runs::{Run, connected, runs};
 
 /// A rectangle of the picture with one bit a pixel. Outside it everything is background.
-#[derive(Debug, Clone, PartialEq, Eq)]
+///
+/// Stored as the lengths of its runs, see [`StoredMask`].
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "StoredMask", try_from = "StoredMask")]
 pub struct Mask {
     /// Column of the rectangle's left edge in the picture \[px\].
     pub left: usize,
@@ -17,9 +23,32 @@ pub struct Mask {
     pub bits: Vec<bool>,
 }
 
-/// The four neighbours that share an edge, then the four that share a corner.
-pub(super) const NEIGHBOURS: [(isize, isize); 8] =
-    [(1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, 1), (-1, -1), (1, -1)];
+/// A [`Mask`] as it is stored.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StoredMask {
+    /// Column of the rectangle's left edge in the picture \[px\].
+    pub left: usize,
+    /// Row of its top edge \[px\].
+    pub top: usize,
+    /// Width \[px\].
+    pub width: usize,
+    /// Height \[px\].
+    pub height: usize,
+    /// How many pixels are outside, then inside, then outside and so on, row after row \[px\].
+    pub runs: Vec<usize>,
+}
+
+/// Why a stored mask is none.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("mask of {width}x{height} px at column {left}, row {top}: {what}")]
+pub struct StoredMaskError {
+    left: usize,
+    top: usize,
+    width: usize,
+    height: usize,
+    what: String,
+}
 
 impl Mask {
     /// An empty mask of the given place and size.
@@ -45,6 +74,14 @@ impl Mask {
         }
     }
 
+    /// The picture's row `row` of the rectangle, from column [`Self::left`] on; empty outside it.
+    pub fn row(&self, row: usize) -> &[bool] {
+        match row.checked_sub(self.top) {
+            Some(y) if y < self.height => &self.bits[y * self.width..(y + 1) * self.width],
+            _ => &[],
+        }
+    }
+
     /// Number of pixels inside.
     pub fn area(&self) -> usize {
         self.bits.iter().filter(|&&bit| bit).count()
@@ -52,8 +89,10 @@ impl Mask {
 
     /// Pixels inside, as picture `(column, row)`, row by row.
     pub fn pixels(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        let place = |i: usize| (self.left + i % self.width, self.top + i / self.width);
-        self.bits.iter().enumerate().filter(|(_, bit)| **bit).map(move |(i, _)| place(i))
+        let rows = self.bits.chunks_exact(self.width.max(1)).zip(self.top..);
+        rows.flat_map(|(bits, row)| {
+            bits.iter().zip(self.left..).filter(|(bit, _)| **bit).map(move |(_, column)| (column, row))
+        })
     }
 
     /// The whole picture of the given size, 255 inside.
@@ -73,14 +112,20 @@ impl Mask {
         (n > 0.0).then(|| [sum[0] / n, sum[1] / n])
     }
 
-    /// The same pixels in a rectangle with `margin` empty pixels all round, cut at the picture's left and top.
-    pub fn padded(&self, margin: usize) -> Self {
-        let (left, top) = (self.left.saturating_sub(margin), self.top.saturating_sub(margin));
-        let width = self.left + self.width + margin - left;
-        let height = self.top + self.height + margin - top;
-        let mut out = Self::empty(left, top, width, height);
-        for (column, row) in self.pixels() {
-            out.set(column as isize, row as isize);
+    /// The same pixels in the smallest rectangle that holds them, grown by `margin` empty pixels all round, cut at
+    /// the picture's left and top. An empty mask keeps its rectangle.
+    pub fn framed(&self, margin: usize) -> Self {
+        let set = runs(&self.bits, self.width, true);
+        let (Some(first), Some(last)) = (set.first(), set.last()) else { return self.clone() };
+        let from = set.iter().map(|run| run.from).min().unwrap_or(0);
+        let to = set.iter().map(|run| run.to).max().unwrap_or(0);
+        let (left, top) =
+            ((self.left + from).saturating_sub(margin), (self.top + first.row).saturating_sub(margin));
+        let (right, bottom) = (self.left + to + margin, self.top + last.row + 1 + margin);
+        let mut out = Self::empty(left, top, right - left, bottom - top);
+        for run in set {
+            let start = (self.top + run.row - top) * out.width + self.left + run.from - left;
+            out.bits[start..start + run.len()].fill(true);
         }
         out
     }
@@ -89,37 +134,22 @@ impl Mask {
     ///
     /// A hole is background that no path of edge-sharing pixels connects with the outside.
     pub fn fill_holes(&mut self, largest: usize) -> usize {
-        let (w, h) = (self.width, self.height);
-        let mut seen = self.bits.clone();
         let mut open = 0;
-        for start in 0..w * h {
-            if seen[start] {
+        for region in connected(&runs(&self.bits, self.width, false), false) {
+            let outside = |run: &Run| {
+                run.row == 0 || run.row + 1 == self.height || run.from == 0 || run.to == self.width
+            };
+            if region.iter().any(outside) {
                 continue;
             }
-            seen[start] = true;
-            let (mut region, mut outside) = (vec![start], false);
-            let mut next = 0;
-            while next < region.len() {
-                let (x, y) = (region[next] % w, region[next] / w);
-                next += 1;
-                outside |= x == 0 || y == 0 || x + 1 == w || y + 1 == h;
-                for (dx, dy) in &NEIGHBOURS[..4] {
-                    let (Some(nx), Some(ny)) = (x.checked_add_signed(*dx), y.checked_add_signed(*dy)) else {
-                        continue;
-                    };
-                    if nx < w && ny < h && !seen[ny * w + nx] {
-                        seen[ny * w + nx] = true;
-                        region.push(ny * w + nx);
-                    }
-                }
-            }
-            if outside {
+            let size = region.iter().map(Run::len).sum();
+            if size > largest {
+                open = open.max(size);
                 continue;
             }
-            if region.len() <= largest {
-                region.iter().for_each(|&i| self.bits[i] = true);
-            } else {
-                open = open.max(region.len());
+            for run in region {
+                let row = run.row * self.width;
+                self.bits[row + run.from..row + run.to].fill(true);
             }
         }
         open
@@ -127,23 +157,88 @@ impl Mask {
 
     /// Pixels inside both, over pixels inside either; 1 when both are empty.
     pub fn overlap(&self, other: &Self) -> f64 {
-        let both = self.pixels().filter(|&(x, y)| other.at(x as isize, y as isize)).count();
+        let both = self.shared(other);
         let either = self.area() + other.area() - both;
         if either == 0 { 1.0 } else { both as f64 / either as f64 }
     }
 
+    /// Number of pixels inside both.
+    pub fn shared(&self, other: &Self) -> usize {
+        let left = self.left.max(other.left);
+        if left >= (self.left + self.width).min(other.left + other.width) {
+            return 0;
+        }
+        let in_row = |row: usize| {
+            let (mine, theirs) = (&self.row(row)[left - self.left..], &other.row(row)[left - other.left..]);
+            mine.iter().zip(theirs).filter(|(a, b)| **a && **b).count()
+        };
+        let rows = self.top.max(other.top)..(self.top + self.height).min(other.top + other.height);
+        rows.map(in_row).sum()
+    }
+
     /// Sets every pixel whose centre is within `radius` \[px\] of `centre`.
     pub fn draw_disc(&mut self, centre: Px, radius: f64) {
-        let reach = |c: f64| ((c - radius).ceil() as isize, (c + radius).floor() as isize);
-        let ((x0, x1), (y0, y1)) = (reach(centre[0]), reach(centre[1]));
-        for y in y0..=y1 {
+        let rows = (centre[1] - radius).ceil().max(self.top as f64) as usize
+            ..=(centre[1] + radius).floor().min((self.top + self.height) as f64 - 1.0).max(-1.0) as usize;
+        for y in rows {
             let across = radius * radius - (y as f64 - centre[1]).powi(2);
-            for x in x0..=x1 {
-                if (x as f64 - centre[0]).powi(2) <= across {
-                    self.set(x, y);
-                }
+            if across >= 0.0 {
+                self.draw_run(y, centre[0] - across.sqrt(), centre[0] + across.sqrt());
             }
         }
+    }
+
+    /// Sets every pixel of the picture's row `row` whose centre is between columns `from` and `to`.
+    fn draw_run(&mut self, row: usize, from: f64, to: f64) {
+        let column = |c: f64| (c - self.left as f64).clamp(0.0, self.width as f64) as usize;
+        let (from, to) = (column(from.ceil()), column(to.floor() + 1.0));
+        if from < to && row >= self.top && row < self.top + self.height {
+            let start = (row - self.top) * self.width;
+            self.bits[start + from..start + to].fill(true);
+        }
+    }
+}
+
+impl From<Mask> for StoredMask {
+    fn from(mask: Mask) -> Self {
+        let mut runs = Vec::new();
+        let mut at = false;
+        let mut length = 0;
+        for bit in &mask.bits {
+            if *bit != at {
+                runs.push(length);
+                (at, length) = (*bit, 0);
+            }
+            length += 1;
+        }
+        runs.push(length);
+        let Mask { left, top, width, height, .. } = mask;
+        Self { left, top, width, height, runs }
+    }
+}
+
+impl TryFrom<StoredMask> for Mask {
+    type Error = StoredMaskError;
+
+    fn try_from(stored: StoredMask) -> Result<Self, StoredMaskError> {
+        /// No camera's pictures are larger; keeps damaged numbers from asking for all memory [px].
+        const MOST_SIDE: usize = 1 << 14;
+        let StoredMask { left, top, width, height, runs } = stored;
+        let refuse = |what: String| Err(StoredMaskError { left, top, width, height, what });
+        if [left, top, width, height].iter().any(|&side| side > MOST_SIDE) {
+            return refuse(format!("no side may exceed {MOST_SIDE} px"));
+        }
+        let covered = runs.iter().try_fold(0usize, |sum, &run| sum.checked_add(run));
+        if covered != Some(width * height) {
+            return refuse(format!("its runs must cover {} px", width * height));
+        }
+        let mut mask = Self::empty(left, top, width, height);
+        let mut start = 0;
+        for (i, run) in runs.into_iter().enumerate() {
+            mask.bits[start..start + run].fill(i % 2 == 1);
+            start += run;
+        }
+        Ok(mask)
     }
 }
 
@@ -170,7 +265,7 @@ mod tests {
     #[test]
     fn overlap_is_one_with_itself_and_zero_with_what_lies_apart() {
         let mask = ring();
-        assert_eq!(mask.overlap(&mask.padded(2)), 1.0);
+        assert_eq!(mask.overlap(&mask.framed(2)), 1.0);
         let apart = Mask { left: 50, ..mask.clone() };
         assert_eq!(mask.overlap(&apart), 0.0);
         assert_eq!(mask.centroid().unwrap(), [7.0, 8.0]);

@@ -25,6 +25,7 @@ pub mod output;
 pub mod overlay;
 mod parallel;
 pub mod record;
+mod runs;
 pub mod sample;
 pub mod source;
 pub mod spline;
@@ -34,7 +35,7 @@ pub use calibration::{Calibration, CalibrationError, Plane};
 pub use config::{Mode, VisionConfig};
 pub use extractor::{Extractor, extract_sequence};
 pub use mask::Mask;
-pub use record::{Extraction, ImageRecord, Keypoint, Status, TimedImage};
+pub use record::{Extraction, ImageRecord, Keypoint, Status, StoredKeypoint, StoredRecord, TimedImage};
 
 /// A place in a picture, `[column, row]` \[px\].
 pub type Px = [f64; 2];

@@ -1,6 +1,7 @@
 //! What goes into an extraction and what comes out of it.
 
 use image::GrayImage;
+use serde::{Deserialize, Serialize};
 
 use super::calibration::Plane;
 use super::{Mask, Px};
@@ -17,7 +18,7 @@ pub struct TimedImage {
 }
 
 /// How far an image's keypoints can be trusted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
     /// As far as their sigma says.
@@ -39,6 +40,13 @@ pub struct Keypoint {
     pub metres: [f64; 2],
     /// Sigma per axis \[m\].
     pub std_m: f64,
+}
+
+impl Keypoint {
+    /// A keypoint seen at `px`, sigma `std_px` per axis, in the plane of motion.
+    pub fn seen(px: Px, std_px: f64, plane: &Plane) -> Self {
+        Self { px, std_px, metres: plane.metres(px), std_m: std_px * plane.metres_per_pixel(px) }
+    }
 }
 
 /// What one image gave.
@@ -96,5 +104,62 @@ impl Extraction {
     /// How many images have the given status.
     pub fn count(&self, status: Status) -> usize {
         self.records.iter().filter(|record| record.status == status).count()
+    }
+}
+
+/// What is kept of an image's record to start again from its silhouette or its keypoints.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StoredRecord {
+    /// The image's name.
+    pub name: String,
+    /// Mid-exposure \[s\].
+    pub time_s: f64,
+    /// How far to trust it.
+    pub status: Status,
+    /// Why not further; empty when `Ok`.
+    pub reason: String,
+    /// The silhouette, for [`super::Extractor::push_with_masks`].
+    pub mask: Option<Mask>,
+    /// P0..Pn in the picture; empty when rejected.
+    pub keypoints: Vec<StoredKeypoint>,
+}
+
+/// A keypoint before it is put into metres.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StoredKeypoint {
+    /// Position in the picture \[px\].
+    pub px: Px,
+    /// Sigma per axis \[px\].
+    pub std_px: f64,
+}
+
+impl From<&ImageRecord> for StoredRecord {
+    fn from(record: &ImageRecord) -> Self {
+        let keypoint = |k: &Keypoint| StoredKeypoint { px: k.px, std_px: k.std_px };
+        Self {
+            name: record.name.clone(),
+            time_s: record.time_s,
+            status: record.status,
+            reason: record.reason.clone(),
+            mask: record.mask.clone(),
+            keypoints: record.keypoints.iter().map(keypoint).collect(),
+        }
+    }
+}
+
+impl StoredRecord {
+    /// The record again, its keypoints put into metres by `plane`; without its centreline, which is not kept.
+    pub fn record(self, plane: &Plane) -> ImageRecord {
+        ImageRecord {
+            name: self.name,
+            time_s: self.time_s,
+            status: self.status,
+            reason: self.reason,
+            keypoints: self.keypoints.iter().map(|k| Keypoint::seen(k.px, k.std_px, plane)).collect(),
+            mask: self.mask,
+            centreline: Vec::new(),
+        }
     }
 }

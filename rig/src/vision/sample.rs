@@ -3,20 +3,24 @@
 use super::Px;
 
 /// `values`, shape (height, width), at `px`: bilinear between the four pixels around; 0 outside.
+#[inline]
 pub fn bilinear(values: &[f32], width: usize, height: usize, px: Px) -> f64 {
     let [x, y] = px;
     if !(x >= 0.0 && y >= 0.0 && x <= (width - 1) as f64 && y <= (height - 1) as f64) {
         return 0.0;
     }
-    let (column, row) =
-        ((x as usize).min(width.saturating_sub(2)), (y as usize).min(height.saturating_sub(2)));
-    let (u, v) = (x - column as f64, y - row as f64);
-    let right = if column + 1 < width { 1 } else { 0 };
-    let below = if row + 1 < height { width } else { 0 };
-    let at = |i: usize| f64::from(values[i]);
-    let i = row * width + column;
-    let upper = at(i) + u * (at(i + right) - at(i));
-    let lower = at(i + below) + u * (at(i + below + right) - at(i + below));
+    // Pictures are far smaller than 2^31 pixels a side, and this conversion is the quicker one.
+    let (column, row) = (x as i32, y as i32);
+    let (u, v) = (x - f64::from(column), y - f64::from(row));
+    let i = row as usize * width + column as usize;
+    // On the last column or row what lies beyond has no weight.
+    let right = usize::from(column as usize + 1 < width);
+    let below = if (row as usize) + 1 < height { width } else { 0 };
+    let across = |row: &[f32]| {
+        let (a, b) = (f64::from(row[0]), f64::from(row[right]));
+        a + u * (b - a)
+    };
+    let (upper, lower) = (across(&values[i..=i + right]), across(&values[i + below..=i + below + right]));
     upper + v * (lower - upper)
 }
 

@@ -3,8 +3,11 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::mask::NEIGHBOURS;
 use super::{Mask, Px};
+
+/// The four neighbours that share an edge, then the four that share a corner.
+const NEIGHBOURS: [(isize, isize); 8] =
+    [(1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, 1), (-1, -1), (1, -1)];
 
 /// The one pixel wide skeleton of `mask`, connected like it.
 ///
@@ -14,40 +17,70 @@ pub fn thinned(mask: &Mask) -> Mask {
     // One empty pixel all round, also where the silhouette reaches the picture's edge.
     let width = mask.width + 2;
     let mut on = vec![false; width * (mask.height + 2)];
-    let inner = |i: usize| (i / mask.width + 1) * width + i % mask.width + 1;
-    let set: Vec<usize> = (0..mask.bits.len()).filter(|&i| mask.bits[i]).collect();
-    set.iter().for_each(|&i| on[inner(i)] = true);
-    let mut alive: Vec<usize> = set.into_iter().map(inner).collect();
+    for (row, inner) in mask.bits.chunks_exact(mask.width.max(1)).zip(on.chunks_exact_mut(width).skip(1)) {
+        inner[1..=mask.width].copy_from_slice(row);
+    }
+    // Only pixels that have lost a neighbour can go: those are listed, each once.
+    let mut rim: Vec<usize> =
+        (width..on.len() - width).filter(|&i| on[i] && neighbourhood(&on, width, i) != u8::MAX).collect();
+    let mut listed = vec![false; on.len()];
+    rim.iter().for_each(|&i| listed[i] = true);
     let mut gone = Vec::new();
     loop {
-        let before = alive.len();
-        for second in [false, true] {
+        let mut changed = false;
+        for pass in &REMOVED {
             gone.clear();
-            gone.extend(alive.iter().copied().filter(|&i| removes(&on, width, i, second)));
+            gone.extend(rim.iter().copied().filter(|&i| pass[usize::from(neighbourhood(&on, width, i))]));
             gone.iter().for_each(|&i| on[i] = false);
-            alive.retain(|&i| on[i]);
+            changed |= !gone.is_empty();
+            rim.retain(|&i| on[i]);
+            for beside in gone.iter().flat_map(|&i| around(width, i)) {
+                if on[beside] && !listed[beside] {
+                    listed[beside] = true;
+                    rim.push(beside);
+                }
+            }
         }
-        if alive.len() == before {
+        if !changed {
             break;
         }
     }
     let mut out = Mask::empty(mask.left, mask.top, mask.width, mask.height);
-    alive.iter().for_each(|&i| out.bits[(i / width - 1) * mask.width + i % width - 1] = true);
+    for (row, inner) in out.bits.chunks_exact_mut(mask.width.max(1)).zip(on.chunks_exact(width).skip(1)) {
+        row.copy_from_slice(&inner[1..=mask.width]);
+    }
     out
 }
 
-/// Whether Zhang and Suen's pass removes this pixel.
-fn removes(on: &[bool], width: usize, i: usize, second: bool) -> bool {
+/// The neighbours of pixel `i`: north, then clockwise, p2..p9 of the paper.
+#[inline]
+fn around(width: usize, i: usize) -> [usize; 8] {
     let (up, down) = (i - width, i + width);
-    // North, then clockwise: p2..p9 of the paper.
-    let p = [on[up], on[up + 1], on[i + 1], on[down + 1], on[down], on[down - 1], on[i - 1], on[up - 1]];
-    let count = p.iter().filter(|&&bit| bit).count();
-    if !(2..=6).contains(&count) {
-        return false;
+    [up, up + 1, i + 1, down + 1, down, down - 1, i - 1, up - 1]
+}
+
+/// Which of its neighbours are set, one bit each in the order of [`around`].
+#[inline]
+fn neighbourhood(on: &[bool], width: usize, i: usize) -> u8 {
+    around(width, i).iter().enumerate().fold(0, |bits, (k, &beside)| bits | u8::from(on[beside]) << k)
+}
+
+/// Which neighbourhoods Zhang and Suen's first and second pass remove a pixel from.
+static REMOVED: [[bool; 256]; 2] = [removed(false), removed(true)];
+
+const fn removed(second: bool) -> [bool; 256] {
+    let mut table = [false; 256];
+    let mut bits = 0;
+    while bits < 256 {
+        let p = bits as u8;
+        let (north, east, south, west) = (p & 1 != 0, p & 4 != 0, p & 16 != 0, p & 64 != 0);
+        let open =
+            if second { !(north && west && (east || south)) } else { !(east && south && (north || west)) };
+        let begins = (!p & p.rotate_right(1)).count_ones();
+        table[bits] = p.count_ones() >= 2 && p.count_ones() <= 6 && open && begins == 1;
+        bits += 1;
     }
-    let (north, east, south, west) = (p[0], p[2], p[4], p[6]);
-    let open = if second { !(north && west && (east || south)) } else { !(east && south && (north || west)) };
-    open && (0..8).filter(|&i| !p[i] && p[(i + 1) % 8]).count() == 1
+    table
 }
 
 /// The longest of the shortest ways between two pixels of `skeleton`, as pixel centres \[px\]: side branches
@@ -106,6 +139,40 @@ fn farthest(skeleton: &Mask, start: usize) -> (usize, Vec<usize>) {
         }
     }
     (last, came_from)
+}
+
+/// Distance of each pixel of `path`, inside `mask`, to the nearest pixel outside \[px\]; what lies outside the
+/// mask's rectangle does not count.
+pub fn radii(mask: &Mask, path: &[Px]) -> Vec<f64> {
+    let (w, h) = (mask.width, mask.height);
+    // Distance to the nearest pixel outside in the same column: first upward, then either way.
+    let far = w + h;
+    let mut column = vec![far; w * h];
+    for y in 0..h {
+        for x in 0..w {
+            let above = if y > 0 { column[(y - 1) * w + x] } else { far };
+            column[y * w + x] = if mask.bits[y * w + x] { (above + 1).min(far) } else { 0 };
+        }
+    }
+    for y in (0..h.saturating_sub(1)).rev() {
+        for x in 0..w {
+            column[y * w + x] = column[y * w + x].min(column[(y + 1) * w + x] + 1);
+        }
+    }
+    let radius = |p: &Px| {
+        let (x, y) = (p[0] as usize - mask.left, p[1] as usize - mask.top);
+        let row = &column[y * w..(y + 1) * w];
+        let mut nearest = row[x] * row[x];
+        let mut across = 1;
+        while across < w && across * across < nearest {
+            for beside in [x.checked_sub(across), Some(x + across).filter(|&x| x < w)].into_iter().flatten() {
+                nearest = nearest.min(across * across + row[beside] * row[beside]);
+            }
+            across += 1;
+        }
+        nearest
+    };
+    path.iter().map(|p| ((radius(p) as f64).sqrt() - 0.5).max(0.5)).collect()
 }
 
 #[cfg(test)]

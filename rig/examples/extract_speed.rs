@@ -1,0 +1,59 @@
+//! What extraction costs: CPU milliseconds an image, on one thread, without reading and decoding.
+//!
+//! `cargo run --release -p rig --example extract_speed -- FRAMES CONFIG`, FRAMES and CONFIG as for `rig extract`.
+
+#![expect(clippy::print_stdout, reason = "an example talks to its terminal")]
+
+use std::path::{Path, PathBuf};
+
+use ident::strict;
+use rig::vision::extractor::LEARN_FROM;
+use rig::vision::{Calibration, Extractor, TimedImage, VisionConfig, source};
+use rustix::time::{ClockId, clock_gettime};
+use serde::Deserialize;
+
+/// The two tables of a rig config that say what is extracted.
+#[derive(Deserialize)]
+struct Config {
+    calibration: Calibration,
+    vision: VisionConfig,
+}
+
+/// Images that are timed; all are held in memory.
+const MOST: usize = 300;
+/// Only orders the pictures of a folder without times.
+const FPS: f64 = 100.0;
+
+fn main() -> anyhow::Result<()> {
+    let mut args = std::env::args_os().skip(1).map(PathBuf::from);
+    let (Some(frames), Some(config_path)) = (args.next(), args.next()) else {
+        anyhow::bail!("usage: extract_speed FRAMES CONFIG");
+    };
+    let config: Config = strict::read(&config_path)?;
+    let folder = config_path.parent().unwrap_or(Path::new(""));
+    let plane = config.calibration.plane(folder)?;
+    let source = source::open(&frames, Some(FPS))?;
+    let sample = source::sample(&*source, LEARN_FROM)?;
+    let sample: Vec<&TimedImage> = sample.iter().collect();
+    let images: Vec<TimedImage> = source.images()?.take(MOST).collect::<Result<_, _>>()?;
+
+    let started = cpu_ms();
+    let mut extractor = Extractor::learn(&sample, &config.vision, plane, folder, 1)?;
+    let learnt = cpu_ms();
+    let records = extractor.push(&images);
+    let done = cpu_ms();
+    println!(
+        "learning from {} images: {:.0} ms CPU; then {:.2} ms CPU an image over {} images",
+        sample.len(),
+        learnt - started,
+        (done - learnt) / records.len() as f64,
+        records.len()
+    );
+    Ok(())
+}
+
+/// Processor time of this process so far \[ms\]: other work on the machine does not count.
+fn cpu_ms() -> f64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6
+}
