@@ -22,7 +22,10 @@ pub struct Checkpoint {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Stage {
+    /// The first descent of `hybrid`, which a search may follow.
+    Approach(Descent),
     Search(Box<Search>),
+    /// The descent that ends the fit.
     Descent(Descent),
 }
 

@@ -1,7 +1,7 @@
 //! Bounded Levenberg-Marquardt over parameters and nuisances together.
 //!
-//! Each iteration linearises every run, solves the damped normal equations for several dampings at once and
-//! takes the best. A parameter at a bound whose slope points outward is held for the iteration, steps are cut
+//! Each iteration linearises every run and solves the damped normal equations, with more damping until the cost
+//! falls. It ends where the linearisation itself promises nothing worth a step. A parameter at a bound whose slope points outward is held for the iteration, steps are cut
 //! off at the bounds. The normal equations are those of an arrow: parameters touch every run, nuisances their
 //! own run only.
 
@@ -60,15 +60,21 @@ pub(super) enum Freedom {
 const SMALL: f64 = 1e-7;
 /// Small decreases in a row that end a descent.
 const PATIENCE: u32 = 2;
-/// Multiples of the damping tried at once.
-const TRIALS: [f64; 3] = [0.1, 1.0, 10.0];
+/// The damping of a descent's first trial, as a share of the curvature.
+const FIRST_DAMPING: f64 = 1e-3;
+/// Damping by which a step counts as undamped.
+const LEAST_DAMPING: f64 = 1e-9;
 const MAX_DAMPING: f64 = 1e9;
+/// By how much a trial changes the damping.
+const DAMPING_FACTOR: f64 = 10.0;
+/// A decrease of at least this share of the promised one says that the linearisation holds so far.
+const AS_PROMISED: f64 = 0.5;
 /// Keeps directions that nothing depends on from making the equations singular.
 const RIDGE: f64 = 1e-12;
 
 impl Descent {
     pub(super) fn new(point: Point) -> Self {
-        Self { point, cost: None, damping: 1e-2, small: 0, end: None }
+        Self { point, cost: None, damping: FIRST_DAMPING, small: 0, end: None }
     }
 
     /// Takes steps until the descent ends by itself.
@@ -88,7 +94,7 @@ impl Descent {
     ) {
         let by_parameters = freedom == Freedom::Everything;
         let free = if by_parameters { problem.parameters.len() } else { 0 };
-        if by_parameters && counts.evaluations + (1 + free + TRIALS.len()) as u64 > max_evaluations {
+        if by_parameters && counts.evaluations + (2 + free) as u64 > max_evaluations {
             self.end = Some(End::MaxEvaluations);
             return;
         }
@@ -99,39 +105,39 @@ impl Descent {
         let normal = Normal::new(problem, &self.point, free, &linear);
         let cost = normal.cost;
         self.cost = Some(cost);
-        if normal.held.iter().all(|held| *held) {
+        if normal.most() <= SMALL * cost {
             self.end = Some(End::TolLoss);
             return;
         }
         loop {
-            let dampings = TRIALS.map(|times| self.damping * times);
-            let trials: Vec<Point> =
-                dampings.iter().map(|&damping| normal.trial(problem, &self.point, damping)).collect();
-            let costs = if by_parameters {
-                problem.costs(&trials, counts)
+            let (trial, promised) = normal.trial(problem, &self.point, self.damping);
+            if self.damping > MAX_DAMPING || promised <= SMALL * SMALL * cost {
+                self.end = Some(End::TolStep);
+                return;
+            }
+            if by_parameters && counts.evaluations >= max_evaluations {
+                self.end = Some(End::MaxEvaluations);
+                return;
+            }
+            let trials = std::slice::from_ref(&trial);
+            let reached = if by_parameters {
+                problem.costs(trials, counts)[0]
             } else {
-                problem.costs_of_rollouts(&trials, counts)
+                problem.costs_of_rollouts(trials, counts)[0]
             };
-            let best = (0..TRIALS.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
-            if costs[best] < cost {
-                self.small = if cost - costs[best] <= SMALL * cost { self.small + 1 } else { 0 };
-                self.point = trials[best].clone();
-                self.cost = Some(costs[best]);
-                self.damping = (dampings[best]).max(1e-9);
+            if reached < cost {
+                if cost - reached >= AS_PROMISED * promised {
+                    self.damping = (self.damping / DAMPING_FACTOR).max(LEAST_DAMPING);
+                }
+                self.small = if cost - reached <= SMALL * cost { self.small + 1 } else { 0 };
+                self.point = trial;
+                self.cost = Some(reached);
                 if self.small >= PATIENCE {
                     self.end = Some(End::TolLoss);
                 }
                 return;
             }
-            self.damping *= 100.0;
-            if self.damping > MAX_DAMPING {
-                self.end = Some(End::TolStep);
-                return;
-            }
-            if by_parameters && counts.evaluations + TRIALS.len() as u64 > max_evaluations {
-                self.end = Some(End::MaxEvaluations);
-                return;
-            }
+            self.damping *= DAMPING_FACTOR;
         }
     }
 }
@@ -200,33 +206,71 @@ impl Normal {
         Self { cost, hessian, gradient, size, held, free }
     }
 
-    fn trial(&self, problem: &Problem<'_>, point: &Point, damping: f64) -> Point {
-        let total = self.held.len();
-        let (mut hessian, mut gradient) = (self.hessian.clone(), self.gradient.clone());
-        let ridge = RIDGE * hessian.diagonal().max() + f64::MIN_POSITIVE;
-        for i in 0..total {
-            hessian[(i, i)] += damping * hessian[(i, i)] + ridge;
-            if self.held[i] {
-                hessian.row_mut(i).fill(0.0);
-                hessian.column_mut(i).fill(0.0);
-                hessian[(i, i)] = 1.0;
-                gradient[i] = 0.0;
+    /// The decrease that the linearisation promises if bounds are left aside: no step brings more.
+    fn most(&self) -> f64 {
+        self.promised(&self.step(LEAST_DAMPING, &self.fixed()))
+    }
+
+    /// Displacements of the unknowns that do not move: 0 for the held ones.
+    fn fixed(&self) -> Vec<Option<f64>> {
+        self.held.iter().map(|held| held.then_some(0.0)).collect()
+    }
+
+    /// The point a damped step leads to, and the decrease of the cost that the linearisation promises there. A
+    /// parameter that would leave its bounds stops there, and the others take a step that knows it.
+    fn trial(&self, problem: &Problem<'_>, point: &Point, damping: f64) -> (Point, f64) {
+        let mut fixed = self.fixed();
+        let step = loop {
+            let step = self.step(damping, &fixed);
+            let mut inside = true;
+            for i in 0..self.free {
+                let (value, scale) = (point.values[i], &problem.parameters.free[i].scale);
+                let wanted = value + step[i] * self.size[i];
+                if fixed[i].is_none() && scale.clamp(wanted) != wanted {
+                    fixed[i] = Some((scale.clamp(wanted) - value) / self.size[i]);
+                    inside = false;
+                }
             }
-        }
-        let Some(step) = hessian.cholesky().map(|factor| -factor.solve(&gradient)) else {
-            return point.clone();
+            if inside {
+                break step;
+            }
         };
         let moved = |i: usize, from: f64| from + step[i] * self.size[i];
         let values = point.values.iter().enumerate().map(|(i, &value)| {
             if i < self.free { problem.parameters.free[i].scale.clamp(moved(i, value)) } else { value }
         });
-        let mut next = self.free..total;
+        let mut next = self.free..self.size.len();
         let offsets = problem.terms.iter().zip(&point.offsets).map(|(term, offsets)| {
             let pairs = term.rehearsal.nuisances.iter().zip(offsets);
             pairs
                 .filter_map(|(nuisance, &offset)| Some(nuisance.clamp(moved(next.next()?, offset))))
                 .collect()
         });
-        Point { values: values.collect(), offsets: offsets.collect() }
+        (Point { values: values.collect(), offsets: offsets.collect() }, self.promised(&step))
+    }
+
+    fn promised(&self, step: &DVector<f64>) -> f64 {
+        -(2.0 * self.gradient.dot(step) + step.dot(&(&self.hessian * step)))
+    }
+
+    /// The damped step in scaled unknowns, those in `fixed` displaced as it says; 0 where there is none.
+    fn step(&self, damping: f64, fixed: &[Option<f64>]) -> DVector<f64> {
+        let displaced = DVector::from_iterator(fixed.len(), fixed.iter().map(|by| by.unwrap_or(0.0)));
+        let mut pull = -(&self.gradient + &self.hessian * &displaced);
+        let mut hessian = self.hessian.clone();
+        let ridge = RIDGE * hessian.diagonal().max() + f64::MIN_POSITIVE;
+        for (i, fixed) in fixed.iter().enumerate() {
+            hessian[(i, i)] += damping * hessian[(i, i)] + ridge;
+            if fixed.is_some() {
+                hessian.row_mut(i).fill(0.0);
+                hessian.column_mut(i).fill(0.0);
+                hessian[(i, i)] = 1.0;
+                pull[i] = 0.0;
+            }
+        }
+        match hessian.cholesky() {
+            Some(factor) => factor.solve(&pull) + displaced,
+            None => DVector::zeros(fixed.len()),
+        }
     }
 }

@@ -19,7 +19,8 @@
 //!   * *several runs*: their images are pooled; *diverging candidates* rank last.
 //! * `cma-es`: the same search, with stated standard deviations.
 //! * `least-squares`: Levenberg-Marquardt from the model's values, starts and parameters together.
-//! * `hybrid`: a short search, then least squares from its best point.
+//! * `hybrid`: least squares from the model's values; where that leaves more than the keypoints' noise, a short
+//!   search from there and least squares from its best point. Never worse than `least-squares`.
 //!
 //! Every method gives the same bytes for any number of threads, and goes on from a [`Checkpoint`] to the
 //! result it would have reached uninterrupted.
@@ -94,8 +95,10 @@ pub struct Timing {
     pub threads: usize,
 }
 
-/// Candidates of the global phase of `hybrid`, per parameter: enough to leave a bad start, no more.
+/// Candidates of the global phase of `hybrid`, per parameter: enough to leave a bad optimum, no more.
 const SEARCH_PER_PARAMETER: u64 = 20;
+/// Mean squared residual, in that of the noise, up to which no other optimum is worth looking for.
+const AT_THE_NOISE: f64 = 1.1;
 
 /// Fits what `experiment` asks for.
 ///
@@ -149,6 +152,11 @@ fn run(
         problem: &problem,
         fingerprint: expected,
         images: problem.terms.iter().map(|term| term.rehearsal.run.weight * term.instants as f64).sum(),
+        squares: problem
+            .terms
+            .iter()
+            .map(|term| term.rehearsal.run.weight * term.observations.len() as f64)
+            .sum(),
         noise_m,
     };
     let stage = match from {
@@ -178,27 +186,46 @@ struct Driver<'a> {
     fingerprint: String,
     /// Weighted number of images.
     images: f64,
+    /// The cost that noise alone would leave.
+    squares: f64,
     noise_m: f64,
 }
 
 impl Driver<'_> {
     fn first_stage(&self, counts: &mut Counts) -> Result<Stage, FitError> {
         let config = &self.experiment.fit;
-        let parameters = self.problem.parameters.len() as u64;
-        let search = match config.method {
-            Method::Paper | Method::CmaEs => config.max_evaluations,
-            Method::Hybrid => (SEARCH_PER_PARAMETER * parameters).min(config.max_evaluations / 2),
-            Method::LeastSquares => 0,
-        };
-        if search > 0 && parameters > 0 {
-            let search = Search::new(self.problem, self.problem.start(), config.seed, search, counts);
+        let searches = matches!(config.method, Method::Paper | Method::CmaEs);
+        if searches && config.max_evaluations > 0 && !self.problem.parameters.is_empty() {
+            let start = self.problem.start();
+            let search = Search::new(self.problem, start, config.seed, config.max_evaluations, counts);
             return Ok(Stage::Search(Box::new(search)));
         }
         let (point, cost) = settle(self.problem, self.problem.start(), counts);
-        if cost.is_none() {
+        if cost.is_none() && config.method != Method::Hybrid {
             return Err(self.start_failed(&point));
         }
-        Ok(Stage::Descent(Descent::new(point)))
+        let descent = Descent::new(point);
+        Ok(if config.method == Method::Hybrid { Stage::Approach(descent) } else { Stage::Descent(descent) })
+    }
+
+    /// What follows a stage that has ended, if anything does.
+    fn next_stage(&self, stage: &Stage, counts: &mut Counts) -> Option<Stage> {
+        match stage {
+            Stage::Approach(descent) => {
+                let parameters = self.problem.parameters.len() as u64;
+                let left = self.experiment.fit.max_evaluations.saturating_sub(counts.evaluations);
+                let most = (SEARCH_PER_PARAMETER * parameters).min(left / 2);
+                if most == 0 || descent.cost.is_some_and(|cost| cost <= AT_THE_NOISE * self.squares) {
+                    return None;
+                }
+                let (point, seed) = (descent.point.clone(), self.experiment.fit.seed);
+                Some(Stage::Search(Box::new(Search::new(self.problem, point, seed, most, counts))))
+            }
+            Stage::Search(search) if self.experiment.fit.method == Method::Hybrid => {
+                Some(Stage::Descent(Descent::new(search.anchor.clone())))
+            }
+            Stage::Search(_) | Stage::Descent(_) => None,
+        }
     }
 
     fn finish_stages(
@@ -216,7 +243,7 @@ impl Driver<'_> {
                     }
                     ("search", search.cost, search.stop().map(|stop| stop.name()))
                 }
-                Stage::Descent(descent) => {
+                Stage::Approach(descent) | Stage::Descent(descent) => {
                     // A state may be that of a stage that had just ended.
                     if descent.end.is_none() {
                         descent.step(
@@ -229,10 +256,8 @@ impl Driver<'_> {
                     ("descent", descent.cost, descent.end.map(|end| end.name()))
                 }
             };
-            if let (Stage::Search(search), Some(_), Method::Hybrid) =
-                (&stage, end, self.experiment.fit.method)
-            {
-                stage = Stage::Descent(Descent::new(search.anchor.clone()));
+            if let Some(next) = end.and_then(|_| self.next_stage(&stage, counts)) {
+                stage = next;
                 continue;
             }
             let checkpoint =
@@ -258,7 +283,7 @@ impl Driver<'_> {
                         .map(|_| search.anchor.clone())
                         .ok_or_else(|| self.start_failed(&search.anchor))?
                 }
-                Stage::Descent(descent) => match descent.cost {
+                Stage::Approach(descent) | Stage::Descent(descent) => match descent.cost {
                     Some(_) => descent.point,
                     None => return Err(self.start_failed(&descent.point)),
                 },

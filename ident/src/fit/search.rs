@@ -163,19 +163,23 @@ impl Elimination {
 
 /// Fits the start of every run, each by itself, the parameters held; with the cost reached.
 pub(super) fn settle(problem: &Problem<'_>, mut point: Point, counts: &mut Counts) -> (Point, Option<f64>) {
-    let mut total = problem.prior_cost(&point.values);
-    for run in 0..problem.terms.len() {
-        let alone = problem.alone(run);
-        let start = Point { values: point.values.clone(), offsets: vec![point.offsets[run].clone()] };
-        let mut descent = Descent::new(start);
-        descent.run(&alone, Freedom::Nuisances, counts);
-        let Some(cost) = descent.cost else { return (point, None) };
-        total += cost - problem.prior_cost(&point.values);
-        if let Some(offsets) = descent.point.offsets.pop() {
-            point.offsets[run] = offsets;
-        }
+    let prior_cost = problem.prior_cost(&point.values);
+    let settled: Vec<(Descent, Counts)> = (0..problem.terms.len())
+        .into_par_iter()
+        .map(|run| {
+            let start = Point { values: point.values.clone(), offsets: vec![point.offsets[run].clone()] };
+            let (mut descent, mut own) = (Descent::new(start), Counts::default());
+            descent.run(&problem.alone(run), Freedom::Nuisances, &mut own);
+            (descent, own)
+        })
+        .collect();
+    let mut total = Some(prior_cost);
+    for (run, (descent, own)) in settled.into_iter().enumerate() {
+        counts.rollouts += own.rollouts;
+        total = total.zip(descent.cost).map(|(total, cost)| total + cost - prior_cost);
+        point.offsets[run] = descent.point.offsets.concat();
     }
-    (point, Some(total))
+    (point, total)
 }
 
 fn eliminate(problem: &Problem<'_>, anchor: &Point, counts: &mut Counts) -> Vec<Elimination> {
