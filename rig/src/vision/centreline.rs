@@ -175,7 +175,7 @@ impl Between {
         let mut out = Self::default();
         for ((point, [tx, ty]), expected) in points.iter().zip(tangents(points)).zip(expected) {
             let normal = [-ty, tx];
-            let sides = both_edges(contrast, *point, normal, REACH * expected + REACH_PX)
+            let sides = both_edges(contrast, *point, normal, expected / 2.0, REACH * expected + REACH_PX)
                 .filter(|[left, right]| (left + right) / 2.0 <= WIDEST * expected + WIDEST_PX);
             // Where an edge is missing the line bridges.
             let shift = sides.map_or(0.0, |[left, right]| (left - right) / 2.0);
@@ -205,16 +205,17 @@ impl Between {
     }
 }
 
-/// Distances from `point` to the edges along `normal` and against it \[px\].
-fn both_edges(contrast: &Contrast, point: Px, normal: Px, reach: f64) -> Option<[f64; 2]> {
-    let one = edge(contrast, point, normal, reach)?;
-    let other = edge(contrast, point, [-normal[0], -normal[1]], reach)?;
+/// Distances from `point` to the edges along `normal` and against it \[px\]; `likely` and `reach` as for [`edge`].
+fn both_edges(contrast: &Contrast, point: Px, normal: Px, likely: f64, reach: f64) -> Option<[f64; 2]> {
+    let one = edge(contrast, point, normal, likely, reach)?;
+    let other = edge(contrast, point, [-normal[0], -normal[1]], likely, reach)?;
     Some([one, other])
 }
 
 /// Distance from `point` outward along `direction` to the edge \[px\]: where half of the contrast just inside
-/// it is left, so that a side in the light and one in the shade are found alike.
-fn edge(contrast: &Contrast, point: Px, direction: Px, reach: f64) -> Option<f64> {
+/// it is left, so that a side in the light and one in the shade are found alike. Up to `likely` [px] the silhouette
+/// is not expected to end, beyond `reach` nothing is looked for.
+fn edge(contrast: &Contrast, point: Px, direction: Px, likely: f64, reach: f64) -> Option<f64> {
     /// What is left of the contrast outside, as a share; noise permitting.
     const OUTSIDE: f64 = 0.15;
     /// The contrast inside is looked for this far behind the edge's foot [px]: more than any lens blurs.
@@ -227,10 +228,11 @@ fn edge(contrast: &Contrast, point: Px, direction: Px, reach: f64) -> Option<f64
     let steps = (reach / STEP_PX) as usize;
     let at = |i: usize| contrast.at(moved(point, direction, i as f64 * STEP_PX));
     let well_inside = WELL_INSIDE * contrast.level;
-    let pixel = |k: &usize| contrast.nearest(moved(point, direction, *k as f64)) < well_inside;
-    let near = (0..=steps / PIXEL).find(pixel).map_or(steps, |k| k * PIXEL);
+    let pixel = |k: usize| contrast.nearest(moved(point, direction, k as f64)) < well_inside;
+    let skipped = if pixel(likely as usize) { 0 } else { likely as usize };
+    let near = (skipped..=steps / PIXEL).find(|&k| pixel(k)).map_or(steps, |k| k * PIXEL);
     let start = near.saturating_sub(PIXEL + BEHIND);
-    let mut values = Vec::with_capacity(steps + 1 - start);
+    let mut values = Vec::with_capacity(2 * (PIXEL + BEHIND));
     for i in start..=steps {
         let value = at(i);
         values.push(value);
@@ -272,7 +274,7 @@ fn led_on(contrast: &Contrast, start: Px, direction: Px, half_width: f64) -> Vec
         }
         let mut next = moved(at, along, 1.0);
         let normal = [-along[1], along[0]];
-        if let Some([left, right]) = both_edges(contrast, next, normal, 1.5 * half_width + 1.0) {
+        if let Some([left, right]) = both_edges(contrast, next, normal, 0.0, 1.5 * half_width + 1.0) {
             let shift = ((left - right) / 2.0).clamp(-SIDEWAYS, SIDEWAYS);
             next = moved(next, normal, shift);
             half_width = half_width.min((left + right) / 2.0).max(1.0);

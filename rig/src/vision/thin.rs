@@ -20,24 +20,35 @@ pub fn thinned(mask: &Mask) -> Mask {
     for (row, inner) in mask.bits.chunks_exact(mask.width.max(1)).zip(on.chunks_exact_mut(width).skip(1)) {
         inner[1..=mask.width].copy_from_slice(row);
     }
-    // Only pixels that have lost a neighbour can go: those are listed, each once.
-    let mut rim: Vec<usize> =
-        (width..on.len() - width).filter(|&i| on[i] && neighbourhood(&on, width, i) != u8::MAX).collect();
-    let mut listed = vec![false; on.len()];
-    rim.iter().for_each(|&i| listed[i] = true);
+    let mut neighbours = vec![0u8; on.len()];
+    for i in (width..on.len() - width).filter(|&i| on[i]) {
+        for (k, beside) in around(width, i).into_iter().enumerate() {
+            neighbours[i] |= u8::from(on[beside]) << k;
+        }
+    }
+    // Only pixels that lack a neighbour can go: those are listed, each once.
+    let mut rim: Vec<usize> = (0..on.len()).filter(|&i| on[i] && neighbours[i] != u8::MAX).collect();
     let mut gone = Vec::new();
     loop {
         let mut changed = false;
         for pass in &REMOVED {
             gone.clear();
-            gone.extend(rim.iter().copied().filter(|&i| pass[usize::from(neighbourhood(&on, width, i))]));
-            gone.iter().for_each(|&i| on[i] = false);
+            rim.retain(|&i| {
+                let goes = pass[usize::from(neighbours[i])];
+                if goes {
+                    gone.push(i);
+                }
+                !goes
+            });
             changed |= !gone.is_empty();
-            rim.retain(|&i| on[i]);
-            for beside in gone.iter().flat_map(|&i| around(width, i)) {
-                if on[beside] && !listed[beside] {
-                    listed[beside] = true;
-                    rim.push(beside);
+            gone.iter().for_each(|&i| on[i] = false);
+            for &i in &gone {
+                for (k, beside) in around(width, i).into_iter().enumerate() {
+                    if on[beside] && neighbours[beside] == u8::MAX {
+                        rim.push(beside);
+                    }
+                    // Seen from there, this pixel lies the opposite way.
+                    neighbours[beside] &= !(1 << ((k + 4) % 8));
                 }
             }
         }
@@ -59,13 +70,8 @@ fn around(width: usize, i: usize) -> [usize; 8] {
     [up, up + 1, i + 1, down + 1, down, down - 1, i - 1, up - 1]
 }
 
-/// Which of its neighbours are set, one bit each in the order of [`around`].
-#[inline]
-fn neighbourhood(on: &[bool], width: usize, i: usize) -> u8 {
-    around(width, i).iter().enumerate().fold(0, |bits, (k, &beside)| bits | u8::from(on[beside]) << k)
-}
-
-/// Which neighbourhoods Zhang and Suen's first and second pass remove a pixel from.
+/// Which neighbourhoods, one bit for each neighbour in the order of [`around`], Zhang and Suen's first and second
+/// pass remove a pixel from.
 static REMOVED: [[bool; 256]; 2] = [removed(false), removed(true)];
 
 const fn removed(second: bool) -> [bool; 256] {
