@@ -57,7 +57,7 @@ pub(super) enum Freedom {
 }
 
 /// A share of the cost that counts as small.
-const SMALL: f64 = 1e-7;
+const SMALL: f64 = 1e-6;
 /// Small decreases in a row that end a descent.
 const PATIENCE: u32 = 2;
 /// The damping of a descent's first trial, as a share of the curvature.
@@ -65,7 +65,8 @@ const FIRST_DAMPING: f64 = 1e-3;
 /// Damping by which a step counts as undamped.
 const LEAST_DAMPING: f64 = 1e-9;
 const MAX_DAMPING: f64 = 1e9;
-/// By how much a trial changes the damping.
+/// By how much a kept promise lowers the damping and a broken one raises it; each further one raises it by this
+/// much more.
 const DAMPING_FACTOR: f64 = 10.0;
 /// A decrease of at least this share of the promised one says that the linearisation holds so far.
 const AS_PROMISED: f64 = 0.5;
@@ -109,9 +110,11 @@ impl Descent {
             self.end = Some(End::TolLoss);
             return;
         }
+        let mut raise = DAMPING_FACTOR;
         loop {
             let (trial, promised) = normal.trial(problem, &self.point, self.damping);
-            if self.damping > MAX_DAMPING || promised <= SMALL * SMALL * cost {
+            // Where friction starts to stick or a bound is met, promises are broken at every length of step.
+            if self.damping > MAX_DAMPING || (0.0..=SMALL * cost).contains(&promised) {
                 self.end = Some(End::TolStep);
                 return;
             }
@@ -137,7 +140,8 @@ impl Descent {
                 }
                 return;
             }
-            self.damping *= DAMPING_FACTOR;
+            self.damping *= raise;
+            raise *= DAMPING_FACTOR;
         }
     }
 }
