@@ -37,6 +37,7 @@ fn driven_run_ends_in_a_report_and_replays_to_the_same_bytes() {
         "recording.mcap",
         "frames.csv",
         "servo.csv",
+        "extraction.jsonl",
         "trajectory.csv",
         "fit.json",
         "model.xml",
@@ -65,17 +66,16 @@ fn driven_run_ends_in_a_report_and_replays_to_the_same_bytes() {
         assert_same_bytes(&run.join(name), &again.join(name));
     }
 
-    let refit = folder.path().join("refit");
-    let output = run_rig([
-        "replay".as_ref(),
-        run.as_os_str(),
-        "--from".as_ref(),
-        "trajectory".as_ref(),
-        "--out".as_ref(),
-        refit.as_os_str(),
-    ]);
-    assert!(output.status.success(), "{}", printed(&output));
-    assert_same_bytes(&run.join("fit.json"), &refit.join("fit.json"));
+    for stage in ["mask", "keypoints", "trajectory"] {
+        let redone = folder.path().join(stage);
+        let (from, out) =
+            (["--from", stage].map(std::ffi::OsStr::new), ["--out".as_ref(), redone.as_os_str()]);
+        let output = run_rig(["replay".as_ref(), run.as_os_str()].into_iter().chain(from).chain(out));
+        assert!(output.status.success(), "from {stage}: {}", printed(&output));
+        for name in ["trajectory.csv", "fit.json"] {
+            assert_same_bytes(&run.join(name), &redone.join(name));
+        }
+    }
 
     let experiment = folder.path().join("experiment.toml");
     let output = run_rig(["experiment".as_ref(), run.as_os_str(), "--out".as_ref(), experiment.as_os_str()]);

@@ -1,10 +1,11 @@
 //! From a recording to a report. A run is analysed by the same code that replays it, so both give the same bytes.
 //!
 //! ```text
-//! recording.mcap -> frames.csv, servo.csv -> trajectory.csv -> fit.json, model.xml -> report.html
+//! recording.mcap -> frames.csv, servo.csv, extraction.jsonl -> trajectory.csv -> fit.json, model.xml -> report.html
 //! ```
 
 pub mod pictures;
+mod stored;
 pub mod timeline;
 
 use std::path::{Path, PathBuf};
@@ -29,6 +30,10 @@ use timeline::Timeline;
 pub enum Stage {
     /// From the recorded images.
     Frames,
+    /// From the silhouettes found in them.
+    Mask,
+    /// From the keypoints in the picture: with another calibration, say.
+    Keypoints,
     /// From `trajectory.csv`.
     Trajectory,
 }
@@ -112,9 +117,11 @@ impl Analysis<'_> {
             table::write_command(&self.out.join(file::SERVO), command)?;
         }
         let extraction = match self.from {
-            Stage::Frames => Some(timing.measure("images", || self.extract(&timeline, progress))?),
+            Stage::Frames | Stage::Mask | Stage::Keypoints => {
+                Some(timing.measure("images", || self.extract(&timeline, progress))?)
+            }
             Stage::Trajectory => {
-                self.take_over(&[file::FRAMES, file::TRAJECTORY])?;
+                self.take_over(&[file::FRAMES, file::EXTRACTION, file::TRAJECTORY])?;
                 None
             }
         };
@@ -142,13 +149,25 @@ impl Analysis<'_> {
     fn extract(&self, timeline: &Timeline, progress: &mut dyn Progress) -> Result<Extraction, AnalysisError> {
         progress.stage("images", Some(timeline.images.len() as u64));
         let plane = self.config.calibration.plane(self.paths_from)?;
-        let extraction = pictures::Source { run: self.run, timeline }.extract(
-            &self.config.vision,
-            self.paths_from,
-            &plane,
-            self.threads,
-            |done| progress.step(done as u64),
-        )?;
+        let source = pictures::Source { run: self.run, timeline };
+        let extraction = match self.from {
+            Stage::Keypoints => {
+                let records = stored::read(self.run, source.count())?;
+                let records = records.into_iter().map(|record| record.record(&plane)).collect();
+                Extraction::of(records, self.config.vision.links, plane)
+            }
+            _ => {
+                let masks = match self.from {
+                    Stage::Mask => Some(stored::read(self.run, source.count())?),
+                    _ => None,
+                };
+                let masks = masks.map(|records| records.into_iter().map(|record| record.mask).collect());
+                let task =
+                    pictures::Task { config: &self.config.vision, folder: self.paths_from, plane, masks };
+                task.carry_out(source, self.threads, |done| progress.step(done as u64))?
+            }
+        };
+        stored::write(self.out, &extraction.records)?;
         let mut rows: Vec<FrameRow> = timeline.images.iter().map(|image| image.row.clone()).collect();
         let used = rows.iter_mut().filter(|row| row.status == timeline::USABLE);
         for (row, record) in used.zip(&extraction.records) {

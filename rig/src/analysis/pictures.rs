@@ -14,7 +14,7 @@ use crate::record::reader::{Item, Recording};
 use crate::report::{Overlay, ReportData};
 use crate::tank::render::{Look, Renderer};
 use crate::vision::extractor::{Extractor, LEARN_FROM};
-use crate::vision::{Extraction, ImageRecord, Plane, Status, TimedImage, VisionConfig};
+use crate::vision::{Extraction, ImageRecord, Mask, Plane, Status, TimedImage, VisionConfig};
 
 /// Images whose pictures are held in memory at once.
 const AT_ONCE: usize = 64;
@@ -32,39 +32,63 @@ pub struct Source<'a> {
     pub timeline: &'a Timeline,
 }
 
-impl<'a> Source<'a> {
-    /// Extracts the keypoints. Paths in `config` start at `folder`; `progress` hears how many images are done.
+/// How keypoints are extracted.
+pub struct Task<'a> {
+    /// The `[vision]` table.
+    pub config: &'a VisionConfig,
+    /// The folder that paths in it start from.
+    pub folder: &'a Path,
+    /// From pixels to metres.
+    pub plane: Plane,
+    /// The silhouettes of all usable images, where they are given and not looked for.
+    pub masks: Option<Vec<Option<Mask>>>,
+}
+
+impl Task<'_> {
+    /// Extracts the keypoints of all images of `source`; `progress` hears how many are done.
     ///
     /// # Errors
     /// [`AnalysisError`] when the recording cannot be read or its images cannot be told from their background.
-    pub fn extract(
+    pub fn carry_out(
         self,
-        config: &VisionConfig,
-        folder: &Path,
-        plane: &Plane,
+        source: Source<'_>,
         threads: usize,
         mut progress: impl FnMut(usize),
     ) -> Result<Extraction, AnalysisError> {
-        let usable = self.usable();
+        let usable = source.usable();
         let stride = usable.len().div_ceil(LEARN_FROM).max(1);
-        let sample = self.load(usable.iter().step_by(stride).copied())?;
-        let mut extractor =
-            Extractor::learn(&sample.iter().collect::<Vec<_>>(), config, plane.clone(), folder, threads)?;
-        drop(sample);
+        let mut extractor = {
+            let sample = source.load(usable.iter().step_by(stride).copied())?;
+            let sample: Vec<&TimedImage> = sample.iter().collect();
+            Extractor::learn(&sample, self.config, self.plane.clone(), self.folder, threads)?
+        };
 
         let mut records: Vec<ImageRecord> = Vec::with_capacity(usable.len());
-        let mut waiting = Vec::with_capacity(AT_ONCE);
-        self.each(usable.iter().copied(), |image| {
+        let mut waiting: Vec<TimedImage> = Vec::with_capacity(AT_ONCE);
+        let mut take_in = |waiting: &mut Vec<TimedImage>| {
+            let mut found = match &self.masks {
+                Some(masks) => extractor.push_with_masks(waiting, &masks[records.len()..]),
+                None => extractor.push(waiting),
+            };
+            records.append(&mut found);
+            waiting.clear();
+            progress(records.len());
+        };
+        source.each(usable.iter().copied(), |image| {
             waiting.push(image);
             if waiting.len() == AT_ONCE {
-                records.append(&mut extractor.push(&waiting));
-                waiting.clear();
-                progress(records.len());
+                take_in(&mut waiting);
             }
         })?;
-        records.append(&mut extractor.push(&waiting));
-        progress(records.len());
-        Ok(Extraction::of(records, config.links, plane.clone()))
+        take_in(&mut waiting);
+        Ok(Extraction::of(records, self.config.links, self.plane))
+    }
+}
+
+impl<'a> Source<'a> {
+    /// How many usable images there are.
+    pub fn count(self) -> usize {
+        self.usable().len()
     }
 
     /// Puts some images with what was found in them, the first pose, and centrelines into a report.

@@ -31,6 +31,8 @@ pub mod file {
     pub const FRAMES: &str = "frames.csv";
     /// Commanded and measured angles.
     pub const SERVO: &str = "servo.csv";
+    /// Silhouette and keypoints of each image, in the picture.
+    pub const EXTRACTION: &str = "extraction.jsonl";
     /// Keypoints over time.
     pub const TRAJECTORY: &str = "trajectory.csv";
     /// What was fitted.
