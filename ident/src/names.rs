@@ -1,5 +1,7 @@
 //! Names as people type them: globs, and what they may have meant.
 
+use std::path::Path;
+
 /// Whether `name` matches `pattern`, where `*` stands for any run of characters and `?` for any one.
 pub(crate) fn glob(pattern: &str, name: &str) -> bool {
     let (pattern, name): (Vec<char>, Vec<char>) = (pattern.chars().collect(), name.chars().collect());
@@ -46,6 +48,25 @@ pub(crate) fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a S
         Some((_, nearest)) => format!(" (it has {} others, such as `{nearest}`)", known.len()),
         None => " (it has none)".to_owned(),
     }
+}
+
+/// `error`, which opening `path` gave, with the file of its folder that may have been meant.
+pub(crate) fn not_there(error: std::io::Error, path: &Path) -> std::io::Error {
+    if error.kind() != std::io::ErrorKind::NotFound {
+        return error;
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return std::io::Error::new(error.kind(), format!("there is no folder {}", folder.display()));
+    };
+    let names: Vec<String> =
+        entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    let wanted = path.file_name().unwrap_or_default().to_string_lossy();
+    // Of a folder's many files only a near one is worth naming.
+    let near = |name: &&String| strsim::damerau_levenshtein(&wanted, name) <= wanted.len() / 3;
+    let hint = did_you_mean(&wanted, names.iter().filter(near));
+    let hint = if hint.contains("did you mean") { hint } else { String::new() };
+    std::io::Error::new(error.kind(), format!("no such file{hint}"))
 }
 
 #[cfg(test)]

@@ -85,7 +85,7 @@ fn images(run: &Run) -> Result<(), ExperimentError> {
     }
     if run.kind == RunKind::Free && last_s - first_s <= run.init_s {
         return lack(format!(
-            "its {} s are no longer than `init_s` = {} s, which only give the initial state; record longer",
+            "its {:.3} s are no longer than `init_s` = {} s, which only give the initial state; record longer",
             last_s - first_s,
             run.init_s
         ));

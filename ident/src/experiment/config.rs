@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::strict::{Finite, Positive};
 
@@ -24,9 +24,29 @@ pub struct FitConfig {
     /// Most candidates tried.
     pub max_evaluations: u64,
     /// `[lower, upper]` by name, glob or kind, in the parameter's SI unit.
+    #[serde(deserialize_with = "pairs")]
     pub bounds: BTreeMap<String, [Finite; 2]>,
     /// What is known beforehand, by name; it makes the parameter a fitted one.
     pub prior: BTreeMap<String, Prior>,
+}
+
+/// A lower and an upper bound; serde alone would take the first two of any number.
+#[derive(Deserialize)]
+#[serde(try_from = "Vec<Finite>")]
+struct Pair([Finite; 2]);
+
+impl TryFrom<Vec<Finite>> for Pair {
+    type Error = String;
+
+    fn try_from(numbers: Vec<Finite>) -> Result<Self, String> {
+        let count = numbers.len();
+        numbers.try_into().map(Self).map_err(|_| format!("bounds are [lower, upper], not {count} numbers"))
+    }
+}
+
+fn pairs<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeMap<String, [Finite; 2]>, D::Error> {
+    let pairs = BTreeMap::<String, Pair>::deserialize(deserializer)?;
+    Ok(pairs.into_iter().map(|(name, pair)| (name, pair.0)).collect())
 }
 
 /// The kinds fitted where nobody says otherwise.

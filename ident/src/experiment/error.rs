@@ -1,13 +1,27 @@
 //! Why an experiment was refused.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use crate::parameters::ParameterError;
 use crate::strict::StrictError;
 use crate::table::TableError;
 
 /// Why an experiment was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
+    /// Something `experiment.toml` says, once it is compared with the files it names.
+    #[error("{}{}", path.display(), line.map(|line| format!(", line {line}")).unwrap_or_default())]
+    At {
+        /// `experiment.toml`.
+        path: PathBuf,
+        /// The line that speaks of it, where one does, counted from 1.
+        line: Option<usize>,
+        /// What is wrong.
+        source: Box<ExperimentError>,
+    },
+    /// The `[fit]` table does not go with the model.
+    #[error(transparent)]
+    Parameters(#[from] ParameterError),
     /// `experiment.toml` itself.
     #[error(transparent)]
     Config(#[from] StrictError),
@@ -78,6 +92,29 @@ pub enum ExperimentError {
 impl ExperimentError {
     /// Whether the input is well formed, but holds no answer (as against wrong input).
     pub fn is_lack_of_data(&self) -> bool {
-        matches!(self, Self::Data { .. })
+        match self {
+            Self::At { source, .. } => source.is_lack_of_data(),
+            Self::Data { .. } => true,
+            _ => false,
+        }
     }
+
+    /// Puts the place in `text`, which is `path`, to an error that knows a name written there.
+    pub(super) fn located(self, path: &Path, text: &str) -> Self {
+        let name = match &self {
+            Self::Run { run, .. } | Self::Data { run, .. } => run,
+            Self::Parameters(error) => error.name(),
+            Self::NoRuns => "",
+            _ => return self,
+        };
+        let line = text.lines().position(|line| says(line, name)).map(|index| index + 1);
+        Self::At { path: path.into(), line, source: Box::new(self) }
+    }
+}
+
+/// Whether a line of TOML has `name` as a whole key or string.
+fn says(line: &str, name: &str) -> bool {
+    let part = |c: char| c.is_alphanumeric() || "/_*?#-".contains(c);
+    let whole = |at: usize| !line[..at].ends_with(part) && !line[at + name.len()..].starts_with(part);
+    !name.is_empty() && line.match_indices(name).any(|(at, _)| whole(at))
 }

@@ -7,7 +7,9 @@ use sim::Model;
 
 use super::folder::Folder;
 use super::{DEFAULT_INIT_S, Experiment, ExperimentError, FitConfig, Run, RunKind, Use};
-use crate::strict::{self, Finite, Positive};
+use crate::names::not_there;
+use crate::parameters::Parameters;
+use crate::strict::{self, Finite, Positive, StrictError};
 use crate::table::{read_command, read_trajectory};
 
 #[derive(Deserialize)]
@@ -39,7 +41,17 @@ struct Entry {
 }
 
 pub(super) fn read(path: &Path) -> Result<Experiment, ExperimentError> {
-    let file: File = strict::read(path)?;
+    let text = std::fs::read_to_string(path)
+        .map_err(|source| StrictError::Unreadable { path: path.into(), source })?;
+    let experiment = load(strict::parse(&text, path)?, path).and_then(|experiment| {
+        experiment.check()?;
+        Parameters::select(&experiment.model, &experiment.fit)?;
+        Ok(experiment)
+    });
+    experiment.map_err(|error| error.located(path, &text))
+}
+
+fn load(file: File, path: &Path) -> Result<Experiment, ExperimentError> {
     let base = path.parent().unwrap_or(Path::new(""));
     let mut runs = Vec::new();
     let mut models: Vec<(PathBuf, String)> = Vec::new();
@@ -62,13 +74,12 @@ pub(super) fn read(path: &Path) -> Result<Experiment, ExperimentError> {
             }
             first.clone()
         }
+        (None, None) if file.run.is_empty() => return Err(ExperimentError::NoRuns),
         (None, None) => return Err(ExperimentError::NoModel { path: path.into() }),
     };
     let model = Model::from_mjcf(&text)
         .map_err(|source| ExperimentError::Model { path: model_path, source: source.into() })?;
-    let experiment = Experiment { model, noise_m: file.noise_m.map(Positive::get), fit: file.fit, runs };
-    experiment.check()?;
-    Ok(experiment)
+    Ok(Experiment { model, noise_m: file.noise_m.map(Positive::get), fit: file.fit, runs })
 }
 
 impl Entry {
@@ -129,6 +140,6 @@ pub(super) fn read_text(what: &'static str, path: &Path) -> Result<String, Exper
     std::fs::read_to_string(path).map_err(|source| ExperimentError::Unreadable {
         what,
         path: path.into(),
-        source,
+        source: not_there(source, path),
     })
 }

@@ -123,7 +123,7 @@ fn hold_out(model: &Model, run: &Run, noise_m: f64, counts: &mut Counts) -> Resu
     let term = Term::new(Rehearsal::new(model, run, estimate), seen);
     let nothing = Parameters::default();
     let problem = Problem { model, parameters: &nothing, terms: vec![term] };
-    let mut descent = Descent::new(problem.start());
+    let mut descent = Descent::new(problem.start(), None);
     descent.run(&problem, Freedom::Nuisances, counts);
     let offsets = descent.point.offsets.concat();
     counts.rollouts += 1;

@@ -15,7 +15,7 @@ use super::problem::{Difference, Linear, Point, Problem};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Descent {
     pub(super) point: Point,
-    /// JSON knows no infinity: `None` before the first linearisation.
+    /// JSON knows no infinity: `None` where the point cannot be simulated, or has not been.
     pub(super) cost: Option<f64>,
     damping: f64,
     /// Small decreases in a row.
@@ -74,8 +74,9 @@ const AS_PROMISED: f64 = 0.5;
 const RIDGE: f64 = 1e-12;
 
 impl Descent {
-    pub(super) fn new(point: Point) -> Self {
-        Self { point, cost: None, damping: FIRST_DAMPING, small: 0, end: None }
+    /// A descent from `point`, whose cost may be known already.
+    pub(super) fn new(point: Point, cost: Option<f64>) -> Self {
+        Self { point, cost, damping: FIRST_DAMPING, small: 0, end: None }
     }
 
     /// Takes steps until the descent ends by itself.
@@ -100,7 +101,7 @@ impl Descent {
             return;
         }
         let Some(linear) = problem.linearise(&self.point, by_parameters, Difference::Forward, counts) else {
-            self.end = Some(End::Failed);
+            (self.cost, self.end) = (None, Some(End::Failed));
             return;
         };
         let normal = Normal::new(problem, &self.point, free, &linear);

@@ -204,7 +204,7 @@ impl Driver<'_> {
         if cost.is_none() && config.method != Method::Hybrid {
             return Err(self.start_failed(&point));
         }
-        let descent = Descent::new(point);
+        let descent = Descent::new(point, cost);
         Ok(if config.method == Method::Hybrid { Stage::Approach(descent) } else { Stage::Descent(descent) })
     }
 
@@ -222,7 +222,7 @@ impl Driver<'_> {
                 Some(Stage::Search(Box::new(Search::new(self.problem, point, seed, most, counts))))
             }
             Stage::Search(search) if self.experiment.fit.method == Method::Hybrid => {
-                Some(Stage::Descent(Descent::new(search.anchor.clone())))
+                Some(Stage::Descent(Descent::new(search.anchor.clone(), search.cost)))
             }
             Stage::Search(_) | Stage::Descent(_) => None,
         }

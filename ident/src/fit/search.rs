@@ -168,7 +168,7 @@ pub(super) fn settle(problem: &Problem<'_>, mut point: Point, counts: &mut Count
         .into_par_iter()
         .map(|run| {
             let start = Point { values: point.values.clone(), offsets: vec![point.offsets[run].clone()] };
-            let (mut descent, mut own) = (Descent::new(start), Counts::default());
+            let (mut descent, mut own) = (Descent::new(start, None), Counts::default());
             descent.run(&problem.alone(run), Freedom::Nuisances, &mut own);
             (descent, own)
         })

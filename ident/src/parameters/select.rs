@@ -20,6 +20,9 @@ pub enum ParameterError {
         /// The nearest name.
         hint: String,
     },
+    /// What is asked for is excluded again.
+    #[error("`fixed` names everything that `parameters` asks for; to fit nothing, write `parameters = []`")]
+    AllFixed,
     /// Two wishes that exclude each other.
     #[error("`{name}` stands under both `{first}` and `{second}`; remove it from one of them")]
     Contradiction {
@@ -82,6 +85,23 @@ pub enum ParameterError {
         /// Upper bound.
         upper: f64,
     },
+}
+
+impl ParameterError {
+    /// The name at fault, mostly as the `[fit]` table spells it.
+    pub(crate) fn name(&self) -> &str {
+        match self {
+            Self::Unknown { name, .. }
+            | Self::Contradiction { name, .. }
+            | Self::TiedButNotFitted { name }
+            | Self::TiedTwice { name }
+            | Self::TiedUnlike { first: name, .. }
+            | Self::Bounds { name, .. }
+            | Self::Negative { name, .. }
+            | Self::Prior { name, .. } => name,
+            Self::AllFixed => "fixed",
+        }
+    }
 }
 
 /// A parameter of the model with the names it can be asked for by.
@@ -158,6 +178,9 @@ pub(super) fn select(model: &Model, config: &FitConfig) -> Result<Parameters, Pa
         if !found {
             return Err(unknown("fixed", pattern));
         }
+    }
+    if !config.fixed.is_empty() && !fitted.contains(&true) && !config.parameters.is_empty() {
+        return Err(ParameterError::AllFixed);
     }
     for name in config.bounds.keys() {
         if !candidates.iter().any(|candidate| candidate.is_meant(name)) {

@@ -9,6 +9,8 @@ mod trajectory;
 
 use std::path::{Path, PathBuf};
 
+use crate::names::not_there;
+
 pub use command::{parse_command, read_command, write_command};
 pub use trajectory::{parse_trajectory, read_trajectory, trajectory_text, write_trajectory};
 
@@ -172,7 +174,8 @@ impl Rows {
 }
 
 fn read_text(path: &Path) -> Result<String, TableError> {
-    std::fs::read_to_string(path).map_err(|source| TableError::Unreadable { path: path.into(), source })
+    std::fs::read_to_string(path)
+        .map_err(|source| TableError::Unreadable { path: path.into(), source: not_there(source, path) })
 }
 
 fn write_text(path: &Path, text: &str) -> Result<(), TableError> {

@@ -67,8 +67,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     if args.runs.is_empty() && args.holdout.is_empty() {
         return Err(Failure::Input(anyhow!("no run was named; give at least one run folder")));
     }
-    let home = args.out.parent().map_or_else(|| Path::new(".").into(), Path::to_path_buf);
-    let home = std::path::absolute(&home).map_err(Failure::internal)?;
+    let out = std::path::absolute(&args.out).map_err(Failure::input)?;
+    let home = out.parent().unwrap_or(Path::new("/")).to_path_buf();
     std::fs::create_dir_all(&home)
         .with_context(|| format!("creating {}", home.display()))
         .map_err(Failure::Input)?;

@@ -1,6 +1,8 @@
 //! `rig fit`: an experiment to coefficients, a calibrated model and a report.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow};
@@ -8,6 +10,7 @@ use ident::experiment::{Experiment, Use};
 use ident::fit::{Checkpoint, CheckpointError, FitError, Fitted, Flow, Observer, Progress};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::signal::Interrupt;
 use super::{Failure, Outcome, experiment::unfit};
 use crate::record::RecordError;
 use crate::record::folder::{file, write_whole};
@@ -33,6 +36,8 @@ pub struct Args {
 
 /// Where a fit stands, for `--resume`; gone when it is done.
 const STATE: &str = "fit-state.json";
+/// The reason a fit gives that was told to stop.
+const INTERRUPTED: &str = "interrupted";
 /// An interrupted fit loses at most this much work.
 const SAVE_EVERY: Duration = Duration::from_secs(5);
 
@@ -40,7 +45,7 @@ const SAVE_EVERY: Duration = Duration::from_secs(5);
 ///
 /// # Errors
 /// [`Failure::Input`] for an experiment that contradicts itself, [`Failure::Data`] for one whose runs hold no
-/// answer.
+/// answer, [`Failure::Interrupted`] after Ctrl-C, the best so far written.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     if args.threads == Some(0) {
         return Err(Failure::Input(anyhow!("--threads 0: at least one thread must simulate")));
@@ -52,7 +57,9 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("creating {}", args.out.display()))
         .map_err(Failure::Input)?;
-    let fitted = fit(&experiment, &args.out.join(STATE), args)?;
+    let runtime = tokio::runtime::Runtime::new().map_err(Failure::internal)?;
+    let interrupt = runtime.block_on(async { Interrupt::listen() }).map_err(Failure::internal)?;
+    let fitted = fit(&experiment, &args.out.join(STATE), args, interrupt.flag())?;
 
     let source = args.experiment.display().to_string();
     let timing = Timing {
@@ -77,6 +84,13 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     timing.write(&args.out.join(file::TIMING)).map_err(Failure::internal)?;
     write_whole(&args.out.join(file::REPORT), report::render(&data).as_bytes()).map_err(Failure::internal)?;
 
+    if fitted.fit.stop_reason == INTERRUPTED {
+        return Err(Failure::Interrupted(anyhow!(
+            "interrupted after {} evaluations; {} holds the best so far, `--resume` goes on from there",
+            fitted.fit.evaluations,
+            args.out.display()
+        )));
+    }
     let text = format!("{}\n{}\n", report::summary(&data), args.out.join(file::REPORT).display());
     Ok(Outcome { out: Some(args.out.clone()), text, ..Outcome::default() })
 }
@@ -123,13 +137,18 @@ fn name(path: &Path) -> String {
     folder.map_or(stem, |folder| folder.to_string_lossy().into_owned())
 }
 
-fn fit(experiment: &Experiment, state: &Path, args: &Args) -> Result<Fitted, Failure> {
+fn fit(
+    experiment: &Experiment,
+    state: &Path,
+    args: &Args,
+    interrupted: Arc<AtomicBool>,
+) -> Result<Fitted, Failure> {
     let from = if args.resume { Some(Checkpoint::read(state).map_err(Failure::input)?) } else { None };
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(args.threads.unwrap_or(0))
         .build()
         .map_err(Failure::internal)?;
-    let mut watcher = Watcher::new(state);
+    let mut watcher = Watcher::new(state, interrupted);
     let fitted = pool.install(|| match from {
         Some(from) => ident::fit::resume(experiment, from, &mut watcher),
         None => ident::fit::fit(experiment, &mut watcher),
@@ -145,8 +164,10 @@ fn fit(experiment: &Experiment, state: &Path, args: &Args) -> Result<Fitted, Fai
                 if error.is_lack_of_data() { Failure::data(error) } else { Failure::input(error) }
             },
         )?;
-    // A state that outlives its fit would only mislead; one that is not there is what is wanted.
-    let _ = std::fs::remove_file(state);
+    if fitted.fit.stop_reason != INTERRUPTED {
+        // A state that outlives its fit would only mislead; one that is not there is what is wanted.
+        let _ = std::fs::remove_file(state);
+    }
     Ok(fitted)
 }
 
@@ -155,18 +176,19 @@ struct Watcher {
     bar: ProgressBar,
     state: PathBuf,
     saved: Instant,
+    interrupted: Arc<AtomicBool>,
     trouble: Option<CheckpointError>,
 }
 
 impl Watcher {
-    fn new(state: &Path) -> Self {
+    fn new(state: &Path, interrupted: Arc<AtomicBool>) -> Self {
         let bar = ProgressBar::new(0);
         if let Ok(style) =
             ProgressStyle::with_template("fit {msg} {wide_bar} {pos}/{len} evaluations, {elapsed}")
         {
             bar.set_style(style);
         }
-        Self { bar, state: state.into(), saved: Instant::now(), trouble: None }
+        Self { bar, state: state.into(), saved: Instant::now(), interrupted, trouble: None }
     }
 }
 
@@ -176,13 +198,14 @@ impl Observer for Watcher {
         self.bar.set_position(progress.evaluations);
         let rms_mm = progress.loss_m2.sqrt() * 1e3;
         self.bar.set_message(format!("({}) rms {rms_mm:.3} mm", progress.phase));
-        if self.saved.elapsed() >= SAVE_EVERY {
+        let interrupted = self.interrupted.load(Ordering::Relaxed);
+        if interrupted || self.saved.elapsed() >= SAVE_EVERY {
             if let Err(error) = progress.checkpoint.write(&self.state) {
                 self.trouble = Some(error);
                 return Flow::Stop;
             }
             self.saved = Instant::now();
         }
-        Flow::Continue
+        if interrupted { Flow::Stop } else { Flow::Continue }
     }
 }

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, anyhow};
-use sim::{Command, Integrator, Model, Rollout, RolloutError, RolloutOptions, rollout};
+use sim::{Command, Integrator, JointKind, Model, Rollout, RolloutError, RolloutOptions, rollout};
 
 use super::{Failure, Outcome};
 
@@ -23,10 +23,10 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     servo: Option<PathBuf>,
     /// How long to simulate [s]
-    #[arg(long, default_value_t = 10.0)]
+    #[arg(long, default_value_t = 10.0, allow_negative_numbers = true)]
     duration_s: f64,
     /// Time step [s]; left out: the model's own
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     timestep_s: Option<f64>,
     /// Integrator; left out: the model's own
     #[arg(long, value_enum)]
@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long)]
     prescribed: bool,
     /// Time between rows [s]
-    #[arg(long, default_value_t = 0.01)]
+    #[arg(long, default_value_t = 0.01, allow_negative_numbers = true)]
     every_s: f64,
     /// Where to write the rows
     #[arg(long, value_name = "FILE")]
@@ -88,12 +88,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         );
     }
     let mut state = model.rest_state();
-    if let Some(qpos) = &args.qpos {
-        state.qpos.clone_from(qpos);
-    }
-    if let Some(qvel) = &args.qvel {
-        state.qvel.clone_from(qvel);
-    }
+    replace("--qpos", &mut state.qpos, args.qpos.as_deref(), &model, JointKind::nq)?;
+    replace("--qvel", &mut state.qvel, args.qvel.as_deref(), &model, JointKind::nv)?;
     let command = match &args.servo {
         Some(path) => ident::table::read_command(path).map_err(Failure::input)?,
         None => Command::default(),
@@ -108,6 +104,10 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let run =
         rollout(&model, &state, &command, &sample_times(args)?, &options).map_err(|error| match error {
             RolloutError::Diverged { .. } => Failure::data(error),
+            RolloutError::UnknownActuator { .. } => {
+                let servo = args.servo.as_deref().unwrap_or(&args.model);
+                Failure::Input(anyhow!(error).context(format!("commands of {}", servo.display())))
+            }
             _ => Failure::input(error),
         })?;
     std::fs::write(&args.out, table(&model, &run))
@@ -117,8 +117,37 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     Ok(Outcome { out: Some(args.out.clone()), text, ..Outcome::default() })
 }
 
+/// Replaces the numbers of a state by those of `option`, one per coordinate of each joint.
+fn replace(
+    option: &str,
+    state: &mut Vec<f64>,
+    wanted: Option<&[f64]>,
+    model: &Model,
+    size: fn(JointKind) -> usize,
+) -> Result<(), Failure> {
+    let Some(wanted) = wanted else { return Ok(()) };
+    if let Some(value) = wanted.iter().find(|value| !value.is_finite()) {
+        return Err(Failure::Input(anyhow!("{option}: {value} is not a finite number")));
+    }
+    if wanted.len() != state.len() {
+        let joints: Vec<String> =
+            model.joints.iter().map(|joint| format!("{} ({})", joint.name, size(joint.kind))).collect();
+        return Err(Failure::Input(anyhow!(
+            "{option} gives {} numbers, the model has {}: {}; give one for each",
+            wanted.len(),
+            state.len(),
+            joints.join(", ")
+        )));
+    }
+    *state = wanted.to_vec();
+    Ok(())
+}
+
 fn sample_times(args: &Args) -> Result<Vec<f64>, Failure> {
-    for (option, value) in [("--duration-s", args.duration_s), ("--every-s", args.every_s)] {
+    let timestep_s = args.timestep_s.unwrap_or(args.every_s);
+    for (option, value) in
+        [("--duration-s", args.duration_s), ("--every-s", args.every_s), ("--timestep-s", timestep_s)]
+    {
         if !(value.is_finite() && value > 0.0) {
             return Err(Failure::Input(anyhow!("{option} {value} must be finite and above 0")));
         }
