@@ -42,7 +42,12 @@ impl Folder {
     }
 
     pub(super) fn run(self) -> Result<Run, ExperimentError> {
-        let trajectory = read_trajectory(&self.path.join("trajectory.csv"))?;
+        let table = self.path.join("trajectory.csv");
+        if !table.exists() {
+            let reason = format!("{} is not there; extract it first with `rig replay`", table.display());
+            return Err(ExperimentError::Data { run: self.start.id, reason });
+        }
+        let trajectory = read_trajectory(&table)?;
         let mut run = Run::new(self.start.id, self.start.kind, trajectory);
         let servo = self.path.join("servo.csv");
         if run.kind == RunKind::Driven || servo.exists() {

@@ -54,11 +54,11 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let text = std::fs::read_to_string(&args.experiment)
         .with_context(|| format!("reading {}", args.experiment.display()))
         .map_err(Failure::Input)?;
+    let runtime = tokio::runtime::Runtime::new().map_err(Failure::internal)?;
+    let interrupt = runtime.block_on(async { Interrupt::listen() }).map_err(Failure::internal)?;
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("creating {}", args.out.display()))
         .map_err(Failure::Input)?;
-    let runtime = tokio::runtime::Runtime::new().map_err(Failure::internal)?;
-    let interrupt = runtime.block_on(async { Interrupt::listen() }).map_err(Failure::internal)?;
     let fitted = fit(&experiment, &args.out.join(STATE), args, interrupt.flag())?;
 
     let source = args.experiment.display().to_string();
@@ -143,6 +143,12 @@ fn fit(
     args: &Args,
     interrupted: Arc<AtomicBool>,
 ) -> Result<Fitted, Failure> {
+    if args.resume && !state.exists() {
+        return Err(Failure::Input(anyhow!(
+            "{} is not there: no fit was interrupted in this folder; leave out --resume",
+            state.display()
+        )));
+    }
     let from = if args.resume { Some(Checkpoint::read(state).map_err(Failure::input)?) } else { None };
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(args.threads.unwrap_or(0))
