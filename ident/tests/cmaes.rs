@@ -7,6 +7,7 @@
 )]
 
 use ident::cmaes::{CmaEs, Options, Stop};
+use rayon::prelude::*;
 
 const TARGET: f64 = 1e-8;
 const RUNS: u64 = 21;
@@ -67,8 +68,10 @@ fn evaluations_to_the_target_are_those_of_pycma() {
         let cells: Vec<&str> = line.split(',').collect();
         let number = |at: usize| cells[at].parse::<f64>().unwrap();
         let (n, population) = (number(1) as usize, number(2) as usize);
-        let mut counts: Vec<u64> =
-            (1..=RUNS).filter_map(|seed| evaluations(cells[0], n, population, seed)).collect();
+        let mut counts: Vec<u64> = (1..=RUNS)
+            .into_par_iter()
+            .filter_map(|seed| evaluations(cells[0], n, population, seed))
+            .collect();
         counts.sort_unstable();
         let success = counts.len() as f64 / RUNS as f64;
         let median = counts.get(counts.len() / 2).map_or(f64::INFINITY, |&count| count as f64);
