@@ -20,16 +20,16 @@ pub struct Args {
     /// Name of the channel; may be left out where there is only one
     #[arg(long)]
     pub channel: Option<String>,
-    /// Angle to go to \[rad\]
+    /// Angle to go to (rad)
     #[arg(long, allow_negative_numbers = true, conflicts_with = "pulse_us")]
     pub angle_rad: Option<f64>,
-    /// Pulse to go to \[µs\]
+    /// Pulse to go to (µs)
     #[arg(long)]
     pub pulse_us: Option<u16>,
-    /// Duration of the motion \[s\]
+    /// Duration of the motion (s)
     #[arg(long, default_value_t = 2.0)]
     pub duration_s: f64,
-    /// How long to stay there before the channel goes to its safe state \[s\]
+    /// How long to stay there before the channel goes to its safe state (s)
     #[arg(long, default_value_t = 1.0)]
     pub stay_s: f64,
 }
