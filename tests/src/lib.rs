@@ -24,19 +24,23 @@ pub fn shared(what_is_skipped: &str) -> Option<PathBuf> {
     folder
 }
 
-/// The `rig` program of this build, built first if a lone `cargo test -p` left it out.
+/// The `rig` program of this build. A test of the whole workspace has made it; a lone `cargo test -p` makes it once, and
+/// after a change wants `cargo build`: asking cargo each time would build everything again with other features.
 fn program() -> &'static Path {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     PROGRAM.get_or_init(|| {
         let test = std::env::current_exe().expect("a test knows its own path");
         let profile = test.ancestors().nth(2).expect("target/<profile>/deps/<test>");
-        let mut build = Command::new(env!("CARGO"));
-        build.args(["build", "--locked", "-q", "-p", "rig", "--bin", "rig"]).current_dir(repository());
-        if profile.ends_with("release") {
-            build.arg("--release");
+        let program = profile.join("rig");
+        if !program.exists() {
+            let mut build = Command::new(env!("CARGO"));
+            build.args(["build", "--locked", "-q", "-p", "rig", "--bin", "rig"]).current_dir(repository());
+            if profile.ends_with("release") {
+                build.arg("--release");
+            }
+            assert!(build.status().expect("cargo runs").success(), "rig does not build");
         }
-        assert!(build.status().expect("cargo runs").success(), "rig does not build");
-        profile.join("rig")
+        program
     })
 }
 
