@@ -20,9 +20,12 @@ const MEDIAN_LIMIT_PX: f64 = 0.8;
 /// Share of them that must be answered.
 const ANSWERED: f64 = 0.98;
 
-/// Share of the images without a midline that must be rejected or doubted. In most of them another object
-/// comes into the crop; three of the others the tracker gave up on for reasons that a picture does not show.
-const FLAGGED: f64 = 0.9;
+/// Share of the images without a midline that must be rejected. In most of them another object is at the border, in
+/// others the worm touches itself; before one of them the tracker gave up for a reason that it does not show.
+const REJECTED: f64 = 0.95;
+/// The first image of the later half. The limits of the gates were chosen so that they would be the same from either
+/// half: both are printed.
+const LATER: &str = "00240.png";
 
 #[derive(Deserialize)]
 struct Config {
@@ -101,8 +104,21 @@ fn centrelines_agree_with_an_independent_tracker() {
         scores.push(score);
     }
     let without: Vec<_> = extraction.records.iter().filter(|r| !truth.contains_key(&r.name)).collect();
-    let flagged = without.iter().filter(|r| r.status != Status::Ok).count();
     let rejected = without.iter().filter(|r| r.status == Status::Rejected).count();
+    for later in [false, true] {
+        let half = |record: &&ImageRecord| (record.name.as_str() >= LATER) == later;
+        let answered = |record: &&ImageRecord| record.status != Status::Rejected;
+        let (with, none): (Vec<_>, Vec<_>) =
+            extraction.records.iter().filter(half).partition(|record| truth.contains_key(&record.name));
+        println!(
+            "{} half: {} of {} images with a midline answered, {} of {} without",
+            if later { "later" } else { "earlier" },
+            with.iter().copied().filter(answered).count(),
+            with.len(),
+            none.iter().copied().filter(answered).count(),
+            none.len()
+        );
+    }
     let answered = scores.iter().filter(|&&s| s < REJECTED_PX).count();
     scores.sort_by(f64::total_cmp);
     let median = scores[scores.len() / 2];
@@ -114,13 +130,11 @@ fn centrelines_agree_with_an_independent_tracker() {
     );
     across.sort_by(f64::total_cmp);
     println!("across the line alone: rms median {:.3} px", across[across.len() / 2]);
-    println!("{} images without: {flagged} flagged, {rejected} of them rejected", without.len());
+    println!("{} images without: {rejected} rejected", without.len());
     assert!(median <= MEDIAN_LIMIT_PX, "{median}");
-    // The images that show a closed loop; in the others without a midline the worm is plain to see.
-    for record in without.iter().filter(|r| ("00380.png".."00386.png").contains(&r.name.as_str())) {
-        assert_eq!(record.status, Status::Rejected, "{}", record.name);
+    for record in without.iter().filter(|r| r.status == Status::Rejected) {
         assert!(record.keypoints.is_empty() && record.centreline.is_empty());
     }
-    assert!(flagged as f64 >= FLAGGED * without.len() as f64, "{flagged}");
+    assert!(rejected as f64 >= REJECTED * without.len() as f64, "{rejected}");
     assert!(answered as f64 >= ANSWERED * scores.len() as f64, "{answered}");
 }

@@ -9,7 +9,7 @@
 use image::GrayImage;
 use nalgebra::{Matrix6, Vector6};
 
-use super::component::{components, dilated};
+use super::component::components;
 use super::config::{Background as Method, Polarity, VisionConfig};
 use super::gates::Rejection;
 use super::sample::bilinear;
@@ -169,13 +169,13 @@ impl Background {
             .filter(|moving| moving.iter().filter(|&&m| m).count() as f64 > self.min_area_px / 4.0)
             .collect();
         for part in still {
-            let wide = dilated(&part.mask, SKIRT_PX, width, height);
-            let touches = |moving: &&Vec<bool>| {
-                wide.pixels().filter(|&(x, y)| moving[y * width + x]).count() >= SKIRT_PX
-            };
+            let wide = part.mask.grown(SKIRT_PX);
+            let wide = || wide.pixels().filter(|&(x, y)| x < width && y < height);
+            let touches =
+                |moving: &&Vec<bool>| wide().filter(|&(x, y)| moving[y * width + x]).count() >= SKIRT_PX;
             let touching = moving.iter().filter(touches).count();
             if touching as f64 >= TOUCHING_SHARE * moving.len() as f64 {
-                for (x, y) in wide.pixels() {
+                for (x, y) in wide() {
                     clear.grey[y * width + x] = surface.grey[y * width + x];
                 }
             }

@@ -48,24 +48,6 @@ fn component(part: &[Run], w: usize, h: usize) -> Component {
     }
 }
 
-/// `mask` grown by `reach` pixels each way (a square), within a picture of `width` by `height`.
-pub fn dilated(mask: &Mask, reach: usize, width: usize, height: usize) -> Mask {
-    let left = mask.left.saturating_sub(reach);
-    let top = mask.top.saturating_sub(reach);
-    let right = (mask.left + mask.width + reach).min(width);
-    let bottom = (mask.top + mask.height + reach).min(height);
-    let mut out = Mask::empty(left, top, right - left, bottom - top);
-    let reach = reach as isize;
-    for (column, row) in mask.pixels() {
-        for dy in -reach..=reach {
-            for dx in -reach..=reach {
-                out.set(column as isize + dx, row as isize + dy);
-            }
-        }
-    }
-    out
-}
-
 /// Which of `parts` of at least `least` pixels is the mechanism: the largest, for its distance from where it was
 /// `last`; one the picture's border cuts only where `base_px` (within `reach_px`) says that the mechanism leaves
 /// the picture, or when there is no other. With a base, a part that comes near it goes before any other.

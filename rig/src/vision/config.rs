@@ -123,6 +123,9 @@ pub struct Gates {
     /// An image is doubtful when another object, cut by the picture's border, is at least this share of the
     /// silhouette's area: it may be a part of the mechanism. Default 0.003 (guessed).
     pub cut_object: Share,
+    /// Without `base_px`, images are rejected from one in which such an object reaches this share, for as long as
+    /// `cut_object` is reached: which is the mechanism is not certain. Default 0.02, from a crawling worm.
+    pub intruder: Share,
     /// An image is doubtful when it follows more rejected ones than this and nothing but the image before tells
     /// base from tip. Default 10 (guessed).
     pub longest_gap: usize,
@@ -136,6 +139,7 @@ impl Default for Gates {
             area: share(0.25),
             overlap: share(0.85),
             cut_object: share(0.003),
+            intruder: share(0.02),
             longest_gap: 10,
         }
     }

@@ -10,11 +10,12 @@ use image::GrayImage;
 use super::background::{Background, Contrast};
 use super::calibration::Plane;
 use super::centreline::Centreline;
-use super::component::{Component, choose, components};
+use super::component::{choose, components};
 use super::config::{Background as Method, VisionConfig};
 use super::gates::{Rejection, Sizes, check_overlap};
 use super::keypoints::{CLEAR_PX, Found, Shape, edge_points, place};
 use super::parallel::in_parallel;
+use super::parts::{Parts, Seen};
 use super::record::{Extraction, ImageRecord, Keypoint, Status, TimedImage};
 use super::spline::{arc_lengths, distance, point_at};
 use super::thin::{longest_path, radii, thinned};
@@ -37,6 +38,8 @@ struct Last {
     centroid: Option<Px>,
     line: Option<Vec<Px>>,
     gap: usize,
+    /// Another object that the border cuts came in sight and has not left it since.
+    intruder: bool,
 }
 
 /// A sample for [`Extractor::learn`] needs no more images than this.
@@ -45,6 +48,9 @@ pub const LEARN_FROM: usize = 41;
 const COMPARED: usize = 25;
 /// A silhouette's end this close to static mask or border is not the mechanism's \[px\].
 const COVERED_PX: f64 = 3.0;
+/// A gap of twice this between two parts of a silhouette is no wider than their blurred edges: they may touch
+/// \[px\].
+const CONTACT_PX: usize = 2;
 /// P0 may be this share of the picture's diagonal away from what is seen of the mechanism.
 const BASE_REACH: f64 = 0.08;
 
@@ -61,20 +67,6 @@ struct Oriented {
     candidate: Candidate,
     base_covered: bool,
     doubt: Option<String>,
-}
-
-/// An image's parts, and the contrast they were found in.
-struct Parts {
-    contrast: Contrast,
-    parts: Vec<Component>,
-}
-
-/// An image in which the mechanism's silhouette is known.
-struct Seen {
-    contrast: Contrast,
-    silhouette: Mask,
-    /// Size of the largest other part that the picture's border cuts \[px\].
-    cut_object_px: usize,
 }
 
 impl Extractor {
@@ -185,7 +177,11 @@ impl Extractor {
                     }
                     Err(_) => self.last.gap += 1,
                 }
-                oriented
+                // Its way is followed on, but not given out while it is not certain whose it is.
+                let Ok(seen) = seen else { return oriented };
+                let area_px = oriented.as_ref().map(|oriented| oriented.candidate.sizes.area_px);
+                let undisturbed = self.undisturbed(seen, area_px.unwrap_or(seen.silhouette.area() as f64));
+                oriented.and_then(|oriented| undisturbed.map(|()| oriented))
             })
             .collect();
         let found = in_parallel(&oriented, self.threads, |oriented| match oriented {
@@ -234,6 +230,10 @@ impl Extractor {
         if hole_px > 0 {
             return Err(Rejection::Closed { hole_px, limit_px });
         }
+        let hole_px = mask.grown(CONTACT_PX).fill_holes(0);
+        if hole_px > limit_px {
+            return Err(Rejection::Contact { gap_px: 2 * CONTACT_PX });
+        }
         let medial = longest_path(&thinned(&mask));
         let radius = radii(&mask, &medial);
         let line = Centreline::follow(&seen.contrast, medial, &radius, self.config.smoothing.get())?;
@@ -280,6 +280,16 @@ impl Extractor {
                     (-reach..=reach).any(|dx| mask.at(x.round() as isize + dx, y.round() as isize + dy))
                 })
             })
+    }
+
+    /// Refuses images in which another object may be the mechanism, or a part of it, as far as the border lets see:
+    /// from where it has come in sight until it has left it. Where `base_px` tells the mechanism, none is refused.
+    fn undisturbed(&mut self, seen: &Seen, area_px: f64) -> Result<(), Rejection> {
+        let gates = &self.config.gates;
+        let share = seen.cut_object_px as f64 / area_px;
+        let limit = if self.last.intruder { gates.cut_object } else { gates.intruder };
+        self.last.intruder = self.config.base_px.is_none() && share >= limit.get() && share > 0.0;
+        if self.last.intruder { Err(Rejection::Intruder { object_px: seen.cut_object_px }) } else { Ok(()) }
     }
 
     /// What in this image may mislead although every gate is passed.
@@ -350,32 +360,6 @@ pub fn extract_sequence(
     let mut extractor = Extractor::learn(&sample, config, plane.clone(), folder, threads)?;
     let records = images.chunks(AT_ONCE).flat_map(|chunk| extractor.push(chunk)).collect();
     Ok(Extraction::of(records, config.links, plane.clone()))
-}
-
-impl Parts {
-    /// With part `chosen` as the mechanism.
-    fn seen(mut self, chosen: usize) -> Seen {
-        let silhouette = self.parts.swap_remove(chosen).mask;
-        Seen { silhouette, contrast: self.contrast, cut_object_px: largest_cut(self.parts.iter()) }
-    }
-
-    /// With the silhouette given.
-    fn with(self, mask: &Mask) -> Result<Seen, Rejection> {
-        let silhouette = mask.framed(0);
-        let wanted = [self.contrast.width, self.contrast.height];
-        let got = [silhouette.left + silhouette.width, silhouette.top + silhouette.height];
-        if got[0] > wanted[0] || got[1] > wanted[1] {
-            return Err(Rejection::MaskSize { wanted, got });
-        }
-        let apart = |part: &&Component| part.mask.shared(&silhouette) == 0;
-        let cut_object_px = largest_cut(self.parts.iter().filter(apart));
-        Ok(Seen { silhouette, contrast: self.contrast, cut_object_px })
-    }
-}
-
-/// Size of the largest part that the picture's border cuts \[px\]; 0 without any.
-fn largest_cut<'a>(parts: impl Iterator<Item = &'a Component>) -> usize {
-    parts.filter(|part| part.cut).map(|part| part.area).max().unwrap_or(0)
 }
 
 fn readable(image: &TimedImage) -> Result<&GrayImage, Rejection> {

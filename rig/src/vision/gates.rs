@@ -51,6 +51,21 @@ pub enum Rejection {
         /// Largest hole allowed \[px\].
         limit_px: usize,
     },
+    /// Two parts of the silhouette are too near each other to say that they do not touch.
+    #[error("nearly touches itself: a gap of at most {gap_px} px closes a loop")]
+    Contact {
+        /// Gap \[px\].
+        gap_px: usize,
+    },
+    /// Something else of unknown extent is in sight, and no base tells the mechanism from it.
+    #[error(
+        "another object, cut by the picture's border ({object_px} px of it are seen), may be the mechanism or a part \
+         of it; base_px would tell"
+    )]
+    Intruder {
+        /// What is seen of it \[px\].
+        object_px: usize,
+    },
     /// A blob has no direction.
     #[error(
         "silhouette is {length_px:.0} px long at a half width of {half_width_px:.1} px: no line to follow"

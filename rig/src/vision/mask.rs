@@ -130,6 +130,22 @@ impl Mask {
         out
     }
 
+    /// The same grown by `reach` pixels each way (a square), with a frame of empty pixels around it, cut at the
+    /// picture's left and top.
+    pub fn grown(&self, reach: usize) -> Self {
+        let mut out = self.framed(reach + 1);
+        let (right, bottom) = (out.left + out.width, out.top + out.height);
+        for run in runs(&self.bits, self.width, true) {
+            let (row, from, to) = (self.top + run.row, self.left + run.from, self.left + run.to);
+            let columns = from.saturating_sub(reach) - out.left..(to + reach).min(right) - out.left;
+            for row in row.saturating_sub(reach)..(row + reach + 1).min(bottom) {
+                let start = (row - out.top) * out.width;
+                out.bits[start + columns.start..start + columns.end].fill(true);
+            }
+        }
+        out
+    }
+
     /// Fills every hole of at most `largest` pixels and returns the size of the largest one left open.
     ///
     /// A hole is background that no path of edge-sharing pixels connects with the outside.
@@ -260,6 +276,33 @@ mod tests {
         assert_eq!(mask.clone().fill_holes(0), 1);
         assert_eq!(mask.fill_holes(1), 0);
         assert_eq!(mask.area(), area + 1);
+    }
+
+    #[test]
+    fn stored_mask_comes_back_and_a_damaged_one_is_refused() {
+        let mask = ring();
+        let stored = StoredMask::from(mask.clone());
+        assert_eq!(Mask::try_from(stored.clone()).unwrap(), mask);
+        let full = Mask { bits: vec![true; 6], ..Mask::empty(1, 2, 3, 2) };
+        assert_eq!(StoredMask::from(full.clone()).runs, [0, 6]);
+        assert_eq!(Mask::try_from(StoredMask::from(full.clone())).unwrap(), full);
+        for damaged in [
+            StoredMask { runs: vec![81, 1], ..stored.clone() },
+            StoredMask { runs: vec![usize::MAX, 82], ..stored.clone() },
+            StoredMask { width: 1 << 40, ..stored },
+        ] {
+            assert!(Mask::try_from(damaged).unwrap_err().to_string().starts_with("mask of "));
+        }
+    }
+
+    #[test]
+    fn grown_mask_reaches_as_far_each_way_and_framed_one_is_as_small_as_can_be() {
+        let mut mask = Mask::empty(2, 3, 20, 20);
+        mask.set(10, 12);
+        let grown = mask.grown(2);
+        assert_eq!((grown.left, grown.top, grown.width, grown.height, grown.area()), (7, 9, 7, 7, 25));
+        assert!(grown.at(8, 10) && grown.at(12, 14) && !grown.at(7, 12));
+        assert_eq!(mask.framed(0), Mask { bits: vec![true], ..Mask::empty(10, 12, 1, 1) });
     }
 
     #[test]

@@ -24,6 +24,7 @@ pub mod mask;
 pub mod output;
 pub mod overlay;
 mod parallel;
+mod parts;
 pub mod record;
 mod runs;
 pub mod sample;
