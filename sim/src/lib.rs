@@ -14,6 +14,7 @@ pub mod model;
 pub mod rollout;
 pub mod scalar;
 pub mod simulator;
+mod space;
 pub mod trajectory;
 
 pub use command::Command;

@@ -5,7 +5,8 @@ use crate::dynamics::{integrate, kinematics};
 use crate::math::Vec3;
 use crate::model::{Integrator, Model, State};
 use crate::scalar::{Mask, Scalar};
-use crate::simulator::Simulator;
+use crate::simulator::{self, Engine};
+use crate::space::{Planar, Space, Spatial};
 use crate::trajectory::Trajectory;
 
 /// How a run is stepped.
@@ -17,7 +18,8 @@ pub struct RolloutOptions {
     pub timestep_s: Option<f64>,
     /// Hold the command over each step, as MuJoCo does, instead of sampling it at Runge-Kutta's stages.
     pub hold_command: bool,
-    /// The joints of position drives follow their commands exactly, see [`Simulator`]; a drive without a command
+    /// The joints of position drives follow their commands exactly, see
+    /// [`Simulator`](crate::Simulator); a drive without a command
     /// leaves its joint free.
     pub prescribed: bool,
     /// When motion starts \[s\]; until then the initial state is held.
@@ -134,57 +136,86 @@ pub fn rollout<T: Scalar>(
 ) -> Result<Rollout<T>, RolloutError> {
     check(model, state, sample_times_s)?;
     let columns = columns(model, command)?;
-    let command = |drive: usize, time_s: f64| columns[drive].map_or(0.0, |column| command.at(column, time_s));
-
-    let mut simulator = Simulator::new(model, options)?;
-    simulator.switch_off(&columns.iter().map(Option::is_none).collect::<Vec<_>>());
-    let h = simulator.timestep_s();
-    let mut after = state.clone();
-    simulator.align(&mut after, options.start_s, &command);
-    let mut before = after.clone();
-    let mut sample = after.clone();
-
-    let sites: Vec<(usize, Vec3<T>)> = model
-        .keypoint_sites()
-        .into_iter()
-        .map(|site| (model.sites[site].body, model.sites[site].pos))
-        .collect();
-    let mut out = Rollout {
-        time_s: sample_times_s.to_vec(),
-        qpos: Vec::with_capacity(sample_times_s.len() * state.qpos.len()),
-        qvel: Vec::with_capacity(sample_times_s.len() * state.qvel.len()),
-        keypoints: model.keypoints(),
-        position_m: Vec::with_capacity(sample_times_s.len() * sites.len()),
-    };
-    // steps taken; `after` stands at start_s + steps * h
-    let mut steps = 0_u64;
-    for &time_s in sample_times_s {
-        let elapsed = time_s - options.start_s;
-        // a sample within a billionth of a step of an instant belongs to it
-        while elapsed > (steps as f64 + 1e-9) * h {
-            before.qpos.copy_from_slice(&after.qpos);
-            simulator.step_with(&mut after, options.start_s + steps as f64 * h, h, &command)?;
-            before.qvel.copy_from_slice(&simulator.departure);
-            steps += 1;
-        }
-        let share = if steps == 0 { 1.0 } else { elapsed / h - (steps - 1) as f64 };
-        if share > 1.0 - 1e-9 {
-            sample.clone_from(&after);
-        } else {
-            let (start, end) = ((&before.qpos[..], &before.qvel[..]), (&after.qpos[..], &after.qvel[..]));
-            integrate::between(&simulator.plant, start, end, h, share, &mut sample.qpos);
-            let share = T::from_f64(share);
-            for ((v, &v0), &v1) in sample.qvel.iter_mut().zip(&before.qvel).zip(&after.qvel) {
-                *v = v0 + share * (v1 - v0);
-            }
-        }
-        kinematics::kinematics(&simulator.plant, &sample.qpos, &mut simulator.work);
-        let work = &simulator.work;
-        out.position_m.extend(sites.iter().map(|&(body, at)| (work.pos[body] + work.rot[body].apply(at)).0));
-        out.qpos.extend_from_slice(&sample.qpos);
-        out.qvel.extend_from_slice(&sample.qvel);
+    let run = Run { model, state, command, columns, sample_times_s, options };
+    match simulator::plane(model, options) {
+        Some(plane) => run.through::<Planar<T>>(plane),
+        None => run.through::<Spatial<T>>(()),
     }
-    Ok(out)
+}
+
+/// What is to be simulated, checked.
+struct Run<'a, T> {
+    model: &'a Model<T>,
+    state: &'a State<T>,
+    command: &'a Command,
+    /// For each of the model's actuators, the command's column.
+    columns: Vec<Option<usize>>,
+    sample_times_s: &'a [f64],
+    options: &'a RolloutOptions,
+}
+
+impl<T: Scalar> Run<'_, T> {
+    #[inline(always)]
+    fn through<S: Space<T = T>>(&self, layout: S::Layout) -> Result<Rollout<T>, RolloutError> {
+        let Self { model, state, command, columns, sample_times_s, options } = self;
+        let command =
+            |drive: usize, time_s: f64| columns[drive].map_or(0.0, |column| command.at(column, time_s));
+
+        let mut engine = Engine::<S>::new(model, layout, options)?;
+        engine.switch_off(&columns.iter().map(Option::is_none).collect::<Vec<_>>());
+        let h = engine.timestep_s;
+        let mut after = State::clone(state);
+        engine.align(&mut after, options.start_s, &command);
+        let mut before = after.clone();
+        let mut sample = after.clone();
+
+        let sites: Vec<(usize, Vec3<T>, S::Vec)> = model
+            .keypoint_sites()
+            .into_iter()
+            .map(|site| (model.sites[site].body, model.sites[site].pos))
+            .map(|(body, at)| (body, at, S::vector(&engine.plant.layout, body, at)))
+            .collect();
+        let mut out = Rollout {
+            time_s: sample_times_s.to_vec(),
+            qpos: Vec::with_capacity(sample_times_s.len() * state.qpos.len()),
+            qvel: Vec::with_capacity(sample_times_s.len() * state.qvel.len()),
+            keypoints: model.keypoints(),
+            position_m: Vec::with_capacity(sample_times_s.len() * sites.len()),
+        };
+        // steps taken; `after` stands at start_s + steps * h
+        let mut steps = 0_u64;
+        for &time_s in *sample_times_s {
+            let elapsed = time_s - options.start_s;
+            // a sample within a billionth of a step of an instant belongs to it
+            while elapsed > (steps as f64 + 1e-9) * h {
+                before.qpos.copy_from_slice(&after.qpos);
+                engine.step_with(&mut after, options.start_s + steps as f64 * h, h, &command)?;
+                before.qvel.copy_from_slice(&engine.departure);
+                steps += 1;
+            }
+            let share = if steps == 0 { 1.0 } else { elapsed / h - (steps - 1) as f64 };
+            if share > 1.0 - 1e-9 {
+                sample.qpos.copy_from_slice(&after.qpos);
+                sample.qvel.copy_from_slice(&after.qvel);
+            } else {
+                let (start, end) = ((&before.qpos[..], &before.qvel[..]), (&after.qpos[..], &after.qvel[..]));
+                integrate::between(&engine.plant, start, end, h, share, &mut sample.qpos);
+                let share = T::from_f64(share);
+                for ((v, &v0), &v1) in sample.qvel.iter_mut().zip(&before.qvel).zip(&after.qvel) {
+                    *v = v0 + share * (v1 - v0);
+                }
+            }
+            kinematics::kinematics(&engine.plant, &sample.qpos, &mut engine.work);
+            let (work, layout) = (&engine.work, &engine.plant.layout);
+            for &(body, own, at) in &sites {
+                let world = work.pos[body] + S::apply(&work.rot[body], at);
+                out.position_m.push(S::lift(layout, body, own, world));
+            }
+            out.qpos.extend_from_slice(&sample.qpos);
+            out.qvel.extend_from_slice(&sample.qvel);
+        }
+        Ok(out)
+    }
 }
 
 fn check<T: Scalar>(model: &Model<T>, state: &State<T>, sample_times_s: &[f64]) -> Result<(), RolloutError> {

@@ -44,6 +44,8 @@ pub trait Scalar:
 {
     /// What a comparison yields.
     type Mask: Mask;
+    /// How many numbers it carries side by side, derivatives not counted.
+    const LANES: usize;
     /// 0.
     const ZERO: Self;
     /// 1.
@@ -88,6 +90,7 @@ pub trait Scalar:
 
 impl Scalar for f64 {
     type Mask = bool;
+    const LANES: usize = 1;
     const ZERO: Self = 0.0;
     const ONE: Self = 1.0;
 

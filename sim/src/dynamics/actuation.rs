@@ -2,9 +2,11 @@
 
 use super::plant::{Drive, Plant};
 use crate::scalar::Scalar;
+use crate::space::Space;
 
 impl<T: Scalar> Drive<T> {
     /// The command, kept in its range.
+    #[inline(always)]
     pub(crate) fn command(&self, command: T) -> T {
         match self.command_range {
             Some([low, high]) => command.clamp(low, high),
@@ -13,6 +15,7 @@ impl<T: Scalar> Drive<T> {
     }
 
     /// Force before range and gear.
+    #[inline(always)]
     pub(crate) fn raw_force(&self, qpos: &[T], qvel: &[T], command: T) -> T {
         self.gain * self.command(command)
             + self.gear * (self.stiffness * qpos[self.q] + self.damping * qvel[self.dof])
@@ -21,21 +24,22 @@ impl<T: Scalar> Drive<T> {
 
 /// Adds -`h` times the slope of the drives' forces against velocity to the diagonal of `matrix`; a drive at
 /// the end of its force range has none.
-pub(crate) fn add_slope<T: Scalar>(
-    plant: &Plant<T>,
-    qpos: &[T],
-    qvel: &[T],
-    command: &[T],
+#[inline(always)]
+pub(crate) fn add_slope<S: Space>(
+    plant: &Plant<S>,
+    qpos: &[S::T],
+    qvel: &[S::T],
+    command: &[S::T],
     off: &[bool],
-    h: T,
-    matrix: &mut [T],
+    h: S::T,
+    matrix: &mut [S::T],
 ) {
     for ((drive, &command), _) in plant.drives.iter().zip(command).zip(off).filter(|(_, off)| !**off) {
         let slope = drive.gear * drive.gear * drive.damping;
         let slope = match drive.force_range {
             Some([low, high]) => {
                 let push = drive.raw_force(qpos, qvel, command);
-                T::select(low.less(push) & push.less(high), slope, T::ZERO)
+                S::T::select(low.less(push) & push.less(high), slope, S::T::ZERO)
             }
             None => slope,
         };
@@ -44,13 +48,14 @@ pub(crate) fn add_slope<T: Scalar>(
 }
 
 /// Adds the drives' forces to `force`; the drives with `off` exert none.
-pub(crate) fn actuation<T: Scalar>(
-    plant: &Plant<T>,
-    qpos: &[T],
-    qvel: &[T],
-    command: &[T],
+#[inline(always)]
+pub(crate) fn actuation<S: Space>(
+    plant: &Plant<S>,
+    qpos: &[S::T],
+    qvel: &[S::T],
+    command: &[S::T],
     off: &[bool],
-    force: &mut [T],
+    force: &mut [S::T],
 ) {
     for ((drive, &command), _) in plant.drives.iter().zip(command).zip(off).filter(|(_, off)| !**off) {
         let mut push = drive.raw_force(qpos, qvel, command);

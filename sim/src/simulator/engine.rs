@@ -1,0 +1,312 @@
+//! One mechanism in its space, stepped.
+
+use crate::dynamics::plant::Plant;
+use crate::dynamics::restraint::{Solver, multiply};
+use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
+use crate::model::{ActuatorKind, Integrator, JointKind, Model, State};
+use crate::rollout::{RolloutError, RolloutOptions};
+use crate::scalar::{Mask, Scalar};
+use crate::space::{SlopeStage, Space};
+
+/// A speed \[rad/s\] or \[m/s\] no mechanism in a tank reaches: beyond it the run counts as diverged.
+const ABSURD_SPEED: f64 = 1e5;
+
+/// What [`super::Simulator`] is, in one space.
+#[derive(Debug, Clone)]
+pub(crate) struct Engine<S: Space> {
+    pub(crate) plant: Plant<S>,
+    pub(crate) work: Work<S>,
+    solver: Option<Solver<S::T>>,
+    pub(super) slope: Option<S::Slope>,
+    integrator: Integrator,
+    pub(crate) timestep_s: f64,
+    pub(super) hold_command: bool,
+    joint_of_dof: Vec<String>,
+    /// Per drive: whether its joint is prescribed.
+    prescribed: Vec<bool>,
+    /// Per drive: whether it exerts no force.
+    pub(super) off: Vec<bool>,
+    /// Per dof: whether its acceleration is prescribed 0.
+    held: Vec<bool>,
+    pub(super) command: Vec<S::T>,
+    pub(super) force: Vec<S::T>,
+    pub(super) matrix: Vec<S::T>,
+    /// Velocity at the start of the last step, after the prescribed joints' jump.
+    pub(crate) departure: Vec<S::T>,
+    pub(super) stage: State<S::T>,
+    pub(super) next_qpos: Vec<S::T>,
+    pub(super) sum_v: Vec<S::T>,
+    pub(super) sum_a: Vec<S::T>,
+    pub(super) rate: Vec<S::T>,
+    /// Rotation vectors since the step began, at the dofs of balls and free bodies.
+    pub(super) turned: Vec<S::T>,
+}
+
+impl<S: Space> Engine<S> {
+    /// Prepares `model`, laid out in its space.
+    pub(crate) fn new(
+        model: &Model<S::T>,
+        layout: S::Layout,
+        options: &RolloutOptions,
+    ) -> Result<Self, RolloutError> {
+        let timestep_s = options.timestep_s.unwrap_or(model.settings.timestep_s);
+        if !(timestep_s.is_finite() && timestep_s > 0.0) {
+            return Err(RolloutError::Timestep { timestep_s });
+        }
+        let integrator = options.integrator.unwrap_or(model.settings.integrator);
+        let plant = Plant::new(model, layout);
+        if let (Integrator::ImplicitFast, Some(body)) = (integrator, plant.lone_free_body()) {
+            return Err(RolloutError::Unsupported {
+                what: format!("integrator implicitfast on the lone free body `{}`", model.bodies[body].name),
+                instead: "use euler or rk4".into(),
+            });
+        }
+        let slope = if integrator == Integrator::ImplicitFast { S::Slope::new(&plant) } else { None };
+        let work = Work::new(&plant);
+        let drives = model.actuators.len();
+        let joint_of_dof = model
+            .joints
+            .iter()
+            .flat_map(|joint| std::iter::repeat_n(joint.name.clone(), joint.kind.nv()))
+            .collect();
+        let follows = |kind| options.prescribed && kind == ActuatorKind::Position;
+        let zeros = || vec![S::T::ZERO; plant.nv];
+        let rest = model.rest_state();
+        let mut simulator = Self {
+            solver: None,
+            slope,
+            integrator,
+            timestep_s,
+            hold_command: options.hold_command,
+            joint_of_dof,
+            prescribed: model.actuators.iter().map(|actuator| follows(actuator.kind)).collect(),
+            off: vec![false; drives],
+            held: vec![false; plant.nv],
+            command: vec![S::T::ZERO; drives],
+            force: zeros(),
+            matrix: vec![S::T::ZERO; plant.chain.len()],
+            departure: zeros(),
+            next_qpos: rest.qpos.clone(),
+            sum_v: zeros(),
+            sum_a: zeros(),
+            rate: zeros(),
+            turned: zeros(),
+            stage: rest,
+            plant,
+            work,
+        };
+        simulator.mark_held();
+        if !simulator.plant.restraints.is_empty() {
+            let weights = simulator.inverse_weights(model);
+            simulator.solver = Some(Solver::new(&simulator.plant, weights));
+        }
+        Ok(simulator)
+    }
+
+    /// Switches off the drives at these places: they exert no force, and where they would prescribe their
+    /// joint, it is free.
+    pub(crate) fn switch_off(&mut self, silent: &[bool]) {
+        for (drive, &silent) in silent.iter().enumerate() {
+            if silent && self.prescribed[drive] {
+                self.prescribed[drive] = false;
+                self.off[drive] = true;
+            }
+        }
+        self.mark_held();
+    }
+
+    fn mark_held(&mut self) {
+        self.held.fill(false);
+        for (drive, plan) in self.plant.drives.iter().enumerate() {
+            if self.prescribed[drive] {
+                self.held[plan.dof] = true;
+                self.off[drive] = true;
+            }
+        }
+    }
+
+    /// The diagonal of the inverse mass matrix at the reference, averaged over the like axes of ball and free
+    /// joints: what MuJoCo scales its restraints by.
+    #[inline(never)]
+    fn inverse_weights(&mut self, model: &Model<S::T>) -> Vec<S::T> {
+        self.position_stage(&model.rest_state().qpos);
+        self.matrix.copy_from_slice(&self.work.mass);
+        inertia::factor(&self.plant, &mut self.matrix);
+        let mut weights: Vec<S::T> = (0..self.plant.nv)
+            .map(|dof| {
+                self.force.fill(S::T::ZERO);
+                self.force[dof] = S::T::ONE;
+                inertia::solve(&self.plant, &self.matrix, &mut self.force);
+                self.force[dof]
+            })
+            .collect();
+        for joint in &model.joints {
+            let three: &[usize] = match joint.kind {
+                JointKind::Hinge | JointKind::Slide => &[],
+                JointKind::Ball => &[0],
+                JointKind::Free => &[0, 3],
+            };
+            for &first in three {
+                let axes = &mut weights[joint.dof_address + first..joint.dof_address + first + 3];
+                let mean = (axes[0] + axes[1] + axes[2]) * S::T::from_f64(1.0 / 3.0);
+                axes.fill(mean);
+            }
+        }
+        weights
+    }
+
+    /// Puts the prescribed joints of `state` where their commands are at `time_s`, at rest.
+    pub(crate) fn align(
+        &mut self,
+        state: &mut State<S::T>,
+        time_s: f64,
+        command: &dyn Fn(usize, f64) -> f64,
+    ) {
+        for (index, drive) in
+            self.plant.drives.iter().enumerate().filter(|(index, _)| self.prescribed[*index])
+        {
+            state.qpos[drive.q] = drive.command(S::T::from_f64(command(index, time_s))) / drive.gear;
+            state.qvel[drive.dof] = S::T::ZERO;
+        }
+    }
+
+    /// Takes one step of `h` \[s\] from `time_s`; `command(drive, time)` is asked where the integrator needs it.
+    #[inline(always)]
+    pub(crate) fn step_with(
+        &mut self,
+        state: &mut State<S::T>,
+        time_s: f64,
+        h: f64,
+        command: &dyn Fn(usize, f64) -> f64,
+    ) -> Result<(), RolloutError> {
+        if S::T::LANES > 1 {
+            self.step_inlined(state, time_s, h, command)
+        } else {
+            self.step_apart(state, time_s, h, command)
+        }
+    }
+
+    /// As a function of its own, which keeps programs small.
+    #[inline(never)]
+    fn step_apart(
+        &mut self,
+        state: &mut State<S::T>,
+        time_s: f64,
+        h: f64,
+        command: &dyn Fn(usize, f64) -> f64,
+    ) -> Result<(), RolloutError> {
+        self.step_inlined(state, time_s, h, command)
+    }
+
+    /// As part of its caller, where alone it can use the caller's instructions for lanes.
+    #[inline(always)]
+    fn step_inlined(
+        &mut self,
+        state: &mut State<S::T>,
+        time_s: f64,
+        h: f64,
+        command: &dyn Fn(usize, f64) -> f64,
+    ) -> Result<(), RolloutError> {
+        self.sample(time_s, command);
+        self.position_stage(&state.qpos);
+        self.prescribe(state, time_s + h, h, command);
+        self.departure.copy_from_slice(&state.qvel);
+        match self.integrator {
+            Integrator::Euler | Integrator::ImplicitFast => self.euler(state, h),
+            Integrator::Rk4 => self.runge_kutta(state, time_s, h, command),
+        }
+        self.check(state, time_s + h)
+    }
+
+    #[inline(always)]
+    pub(super) fn sample(&mut self, time_s: f64, command: &dyn Fn(usize, f64) -> f64) {
+        for (drive, value) in self.command.iter_mut().enumerate() {
+            *value = S::T::from_f64(command(drive, time_s));
+        }
+    }
+
+    /// What depends on the coordinates alone.
+    #[inline(always)]
+    pub(super) fn position_stage(&mut self, qpos: &[S::T]) {
+        kinematics::kinematics(&self.plant, qpos, &mut self.work);
+        inertia::body_inertias(&self.plant, &mut self.work);
+        inertia::mass_matrix(&self.plant, &mut self.work);
+    }
+
+    /// The forces on the dofs at this state, after [`Self::position_stage`].
+    #[inline(always)]
+    pub(super) fn force_stage(&mut self, qpos: &[S::T], qvel: &[S::T], h: f64) {
+        let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
+        bias::velocities(plant, qvel, work);
+        bias::bias(plant, work);
+        passive::gravity_compensation(plant, work);
+        fluid::fluid(plant, work);
+        force.fill(S::T::ZERO);
+        bias::project(plant, work, force);
+        passive::springs(plant, qpos, force);
+        passive::dampers(plant, qvel, force);
+        actuation::actuation(plant, qpos, qvel, &self.command, &self.off, force);
+        self.still_held();
+        if let Some(solver) = &mut self.solver {
+            solver.resolve(&self.plant, &self.work, &self.held, h, qpos, qvel, &mut self.force);
+        }
+    }
+
+    #[inline(always)]
+    fn still_held(&mut self) {
+        for (force, &held) in self.force.iter_mut().zip(&self.held) {
+            if held {
+                *force = S::T::ZERO;
+            }
+        }
+    }
+
+    /// Turns `force` into accelerations.
+    #[inline(always)]
+    pub(super) fn accelerate(&mut self) {
+        inertia::hold(&self.plant, &self.held, &mut self.matrix);
+        inertia::factor(&self.plant, &mut self.matrix);
+        inertia::solve(&self.plant, &self.matrix, &mut self.force);
+    }
+
+    #[inline(always)]
+    fn prescribe(
+        &mut self,
+        state: &mut State<S::T>,
+        end_s: f64,
+        h: f64,
+        command: &dyn Fn(usize, f64) -> f64,
+    ) {
+        if !self.prescribed.contains(&true) {
+            return;
+        }
+        self.sum_v.fill(S::T::ZERO);
+        for (index, drive) in
+            self.plant.drives.iter().enumerate().filter(|(index, _)| self.prescribed[*index])
+        {
+            let target = drive.command(S::T::from_f64(command(index, end_s))) / drive.gear;
+            let secant = (target - state.qpos[drive.q]) / S::T::from_f64(h);
+            self.sum_v[drive.dof] = secant - state.qvel[drive.dof];
+            state.qvel[drive.dof] = secant;
+        }
+        multiply(&self.plant, &self.work.mass, &self.sum_v, &mut self.force);
+        for force in &mut self.force {
+            *force = -*force;
+        }
+        self.still_held();
+        self.matrix.copy_from_slice(&self.work.mass);
+        self.accelerate();
+        for (v, &dv) in state.qvel.iter_mut().zip(&self.force) {
+            *v += dv;
+        }
+    }
+
+    #[inline(always)]
+    fn check(&self, state: &State<S::T>, time_s: f64) -> Result<(), RolloutError> {
+        let limit = S::T::from_f64(ABSURD_SPEED);
+        match state.qvel.iter().position(|v| !v.abs().less(limit).all()) {
+            None => Ok(()),
+            Some(dof) => Err(RolloutError::Diverged { joint: self.joint_of_dof[dof].clone(), time_s }),
+        }
+    }
+}
