@@ -7,10 +7,12 @@
 pub mod command;
 pub mod dual;
 mod dynamics;
+pub mod effects;
 pub mod fluid;
 pub mod math;
 pub mod mjcf;
 pub mod model;
+mod observation;
 pub mod rollout;
 pub mod scalar;
 pub mod simulator;
@@ -18,6 +20,7 @@ mod space;
 pub mod trajectory;
 
 pub use command::Command;
+pub use effects::{Cause, CommandPath, Effect};
 pub use mjcf::MjcfError;
 pub use model::{Integrator, JointKind, Model, Poses, State};
 pub use rollout::{Rollout, RolloutError, RolloutOptions, rollout};

@@ -2,8 +2,10 @@
 
 use crate::command::Command;
 use crate::dynamics::{integrate, kinematics};
-use crate::math::Vec3;
+use crate::effects::CommandPath;
 use crate::model::{Integrator, Model, State};
+use crate::observation::Film;
+use crate::observation::film::{Keypoint, watch};
 use crate::scalar::{Mask, Scalar};
 use crate::simulator::{self, Engine};
 use crate::space::{Planar, Space, Spatial};
@@ -102,7 +104,8 @@ pub struct Rollout<T> {
     pub qvel: Vec<T>,
     /// Names of the keypoints, shape (K).
     pub keypoints: Vec<String>,
-    /// Keypoint positions \[m\], world frame, row-major, shape (N, K).
+    /// Keypoint positions \[m\], world frame, row-major, shape (N, K): as seen, where the model carries causes in the
+    /// camera ([`crate::effects`]).
     pub position_m: Vec<[T; 3]>,
 }
 
@@ -135,8 +138,10 @@ pub fn rollout<T: Scalar>(
     options: &RolloutOptions,
 ) -> Result<Rollout<T>, RolloutError> {
     check(model, state, sample_times_s)?;
-    let columns = columns(model, command)?;
-    let run = Run { model, state, command, columns, sample_times_s, options };
+    check_actuators(model, command)?;
+    let altered = model.altered();
+    let model = altered.as_ref().unwrap_or(model);
+    let run = Run { model, state, command, sample_times_s, options };
     match simulator::plane(model, options) {
         Some(plane) => run.through::<Planar<T>>(plane),
         None => run.through::<Spatial<T>>(()),
@@ -148,8 +153,6 @@ struct Run<'a, T> {
     model: &'a Model<T>,
     state: &'a State<T>,
     command: &'a Command,
-    /// For each of the model's actuators, the command's column.
-    columns: Vec<Option<usize>>,
     sample_times_s: &'a [f64],
     options: &'a RolloutOptions,
 }
@@ -157,19 +160,19 @@ struct Run<'a, T> {
 impl<T: Scalar> Run<'_, T> {
     #[inline(always)]
     fn through<S: Space<T = T>>(&self, layout: S::Layout) -> Result<Rollout<T>, RolloutError> {
-        let Self { model, state, command, columns, sample_times_s, options } = self;
-        let command =
-            |drive: usize, time_s: f64| columns[drive].map_or(0.0, |column| command.at(column, time_s));
+        let Self { model, state, command, sample_times_s, options } = self;
+        let path = CommandPath::new(model, command);
+        let command = |drive: usize, time_s: f64| path.at(drive, time_s);
 
         let mut engine = Engine::<S>::new(model, layout, options)?;
-        engine.switch_off(&columns.iter().map(Option::is_none).collect::<Vec<_>>());
+        engine.switch_off(&(0..model.actuators.len()).map(|drive| !path.commands(drive)).collect::<Vec<_>>());
         let h = engine.timestep_s;
         let mut after = State::clone(state);
         engine.align(&mut after, options.start_s, &command);
         let mut before = after.clone();
         let mut sample = after.clone();
 
-        let sites: Vec<(usize, Vec3<T>, S::Vec)> = model
+        let sites: Vec<Keypoint<S>> = model
             .keypoint_sites()
             .into_iter()
             .map(|site| (model.sites[site].body, model.sites[site].pos))
@@ -182,6 +185,11 @@ impl<T: Scalar> Run<'_, T> {
             keypoints: model.keypoints(),
             position_m: Vec::with_capacity(sample_times_s.len() * sites.len()),
         };
+        let mut film = Film::new(model, options.start_s, h);
+        if let Some(film) = &mut film {
+            let still: Vec<_> = sites.iter().map(|site| watch(&mut engine, &after, site).0).collect();
+            film.open(still);
+        }
         // steps taken; `after` stands at start_s + steps * h
         let mut steps = 0_u64;
         for &time_s in *sample_times_s {
@@ -191,6 +199,9 @@ impl<T: Scalar> Run<'_, T> {
                 before.qpos.copy_from_slice(&after.qpos);
                 engine.step_with(&mut after, options.start_s + steps as f64 * h, h, &command)?;
                 before.qvel.copy_from_slice(&engine.departure);
+                if let Some(film) = &mut film {
+                    film.record(&mut engine, [&before, &after], &sites);
+                }
                 steps += 1;
             }
             let share = if steps == 0 { 1.0 } else { elapsed / h - (steps - 1) as f64 };
@@ -213,6 +224,17 @@ impl<T: Scalar> Run<'_, T> {
             }
             out.qpos.extend_from_slice(&sample.qpos);
             out.qvel.extend_from_slice(&sample.qvel);
+        }
+        if let Some(film) = &mut film {
+            // what is seen late is seen after the last sample
+            while !film.reaches(sample_times_s) {
+                before.qpos.copy_from_slice(&after.qpos);
+                engine.step_with(&mut after, options.start_s + steps as f64 * h, h, &command)?;
+                before.qvel.copy_from_slice(&engine.departure);
+                film.record(&mut engine, [&before, &after], &sites);
+                steps += 1;
+            }
+            film.develop(sample_times_s, &mut out.position_m);
         }
         Ok(out)
     }
@@ -239,13 +261,10 @@ fn check<T: Scalar>(model: &Model<T>, state: &State<T>, sample_times_s: &[f64]) 
     Ok(())
 }
 
-/// For each of the model's actuators, the command's column.
-fn columns<T: Scalar>(model: &Model<T>, command: &Command) -> Result<Vec<Option<usize>>, RolloutError> {
+/// A command for an actuator that the model does not have is a mistake.
+fn check_actuators<T: Scalar>(model: &Model<T>, command: &Command) -> Result<(), RolloutError> {
     let known = |name: &String| model.actuators.iter().any(|actuator| actuator.name == *name);
-    if let Some(actuator) = command.actuators.iter().find(|name| !known(name)) {
-        let known: Vec<_> = model.actuators.iter().map(|actuator| actuator.name.as_str()).collect();
-        return Err(RolloutError::UnknownActuator { actuator: actuator.clone(), known: known.join(", ") });
-    }
-    let column = |name: &str| command.actuators.iter().position(|other| other == name);
-    Ok(model.actuators.iter().map(|actuator| column(&actuator.name)).collect())
+    let Some(actuator) = command.actuators.iter().find(|name| !known(name)) else { return Ok(()) };
+    let known: Vec<_> = model.actuators.iter().map(|actuator| actuator.name.as_str()).collect();
+    Err(RolloutError::UnknownActuator { actuator: actuator.clone(), known: known.join(", ") })
 }

@@ -3,6 +3,7 @@
 use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{Solver, multiply};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
+use crate::effects::{Memory, Moment};
 use crate::model::{ActuatorKind, Integrator, JointKind, Model, State};
 use crate::rollout::{RolloutError, RolloutOptions};
 use crate::scalar::{Mask, Scalar};
@@ -28,6 +29,12 @@ pub(crate) struct Engine<S: Space> {
     pub(super) off: Vec<bool>,
     /// Per dof: whether its acceleration is prescribed 0.
     held: Vec<bool>,
+    /// What the causes remember from step to step.
+    pub(super) memory: Memory<S>,
+    /// When, within a step, the forces are asked for.
+    pub(super) moment: Moment,
+    /// Length of the last step \[s\]; infinite before the first.
+    last_step_s: f64,
     pub(super) command: Vec<S::T>,
     pub(super) force: Vec<S::T>,
     pub(super) matrix: Vec<S::T>,
@@ -82,6 +89,9 @@ impl<S: Space> Engine<S> {
             prescribed: model.actuators.iter().map(|actuator| follows(actuator.kind)).collect(),
             off: vec![false; drives],
             held: vec![false; plant.nv],
+            memory: plant.effects.memory(),
+            moment: Moment::default(),
+            last_step_s: f64::INFINITY,
             command: vec![S::T::ZERO; drives],
             force: zeros(),
             matrix: vec![S::T::ZERO; plant.chain.len()],
@@ -160,12 +170,12 @@ impl<S: Space> Engine<S> {
         &mut self,
         state: &mut State<S::T>,
         time_s: f64,
-        command: &dyn Fn(usize, f64) -> f64,
+        command: &dyn Fn(usize, f64) -> S::T,
     ) {
         for (index, drive) in
             self.plant.drives.iter().enumerate().filter(|(index, _)| self.prescribed[*index])
         {
-            state.qpos[drive.q] = drive.command(S::T::from_f64(command(index, time_s))) / drive.gear;
+            state.qpos[drive.q] = drive.command(command(index, time_s)) / drive.gear;
             state.qvel[drive.dof] = S::T::ZERO;
         }
     }
@@ -177,7 +187,7 @@ impl<S: Space> Engine<S> {
         state: &mut State<S::T>,
         time_s: f64,
         h: f64,
-        command: &dyn Fn(usize, f64) -> f64,
+        command: &dyn Fn(usize, f64) -> S::T,
     ) -> Result<(), RolloutError> {
         if S::T::LANES > 1 {
             self.step_inlined(state, time_s, h, command)
@@ -193,7 +203,7 @@ impl<S: Space> Engine<S> {
         state: &mut State<S::T>,
         time_s: f64,
         h: f64,
-        command: &dyn Fn(usize, f64) -> f64,
+        command: &dyn Fn(usize, f64) -> S::T,
     ) -> Result<(), RolloutError> {
         self.step_inlined(state, time_s, h, command)
     }
@@ -205,8 +215,10 @@ impl<S: Space> Engine<S> {
         state: &mut State<S::T>,
         time_s: f64,
         h: f64,
-        command: &dyn Fn(usize, f64) -> f64,
+        command: &dyn Fn(usize, f64) -> S::T,
     ) -> Result<(), RolloutError> {
+        self.moment = Moment { time_s, elapsed_s: 0.0, arrived_s: Some(self.last_step_s) };
+        self.last_step_s = h;
         self.sample(time_s, command);
         self.position_stage(&state.qpos);
         self.prescribe(state, time_s + h, h, command);
@@ -219,18 +231,19 @@ impl<S: Space> Engine<S> {
     }
 
     #[inline(always)]
-    pub(super) fn sample(&mut self, time_s: f64, command: &dyn Fn(usize, f64) -> f64) {
+    pub(super) fn sample(&mut self, time_s: f64, command: &dyn Fn(usize, f64) -> S::T) {
         for (drive, value) in self.command.iter_mut().enumerate() {
-            *value = S::T::from_f64(command(drive, time_s));
+            *value = command(drive, time_s);
         }
     }
 
     /// What depends on the coordinates alone.
     #[inline(always)]
-    pub(super) fn position_stage(&mut self, qpos: &[S::T]) {
+    pub(crate) fn position_stage(&mut self, qpos: &[S::T]) {
         kinematics::kinematics(&self.plant, qpos, &mut self.work);
         inertia::body_inertias(&self.plant, &mut self.work);
         inertia::mass_matrix(&self.plant, &mut self.work);
+        self.plant.effects.inertia(&self.plant, &mut self.work);
     }
 
     /// The forces on the dofs at this state, after [`Self::position_stage`].
@@ -238,13 +251,16 @@ impl<S: Space> Engine<S> {
     pub(super) fn force_stage(&mut self, qpos: &[S::T], qvel: &[S::T], h: f64) {
         let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
         bias::velocities(plant, qvel, work);
+        work.water = plant.effects.water(self.moment, plant);
         bias::bias(plant, work);
         passive::gravity_compensation(plant, work);
         fluid::fluid(plant, work);
+        plant.effects.wrenches(self.moment, plant, work, &mut self.memory);
         force.fill(S::T::ZERO);
         bias::project(plant, work, force);
         passive::springs(plant, qpos, force);
         passive::dampers(plant, qvel, force);
+        plant.effects.forces(qpos, qvel, force);
         actuation::actuation(plant, qpos, qvel, &self.command, &self.off, force);
         self.still_held();
         if let Some(solver) = &mut self.solver {
@@ -275,7 +291,7 @@ impl<S: Space> Engine<S> {
         state: &mut State<S::T>,
         end_s: f64,
         h: f64,
-        command: &dyn Fn(usize, f64) -> f64,
+        command: &dyn Fn(usize, f64) -> S::T,
     ) {
         if !self.prescribed.contains(&true) {
             return;
@@ -284,7 +300,7 @@ impl<S: Space> Engine<S> {
         for (index, drive) in
             self.plant.drives.iter().enumerate().filter(|(index, _)| self.prescribed[*index])
         {
-            let target = drive.command(S::T::from_f64(command(index, end_s))) / drive.gear;
+            let target = drive.command(command(index, end_s)) / drive.gear;
             let secant = (target - state.qpos[drive.q]) / S::T::from_f64(h);
             self.sum_v[drive.dof] = secant - state.qvel[drive.dof];
             state.qvel[drive.dof] = secant;
