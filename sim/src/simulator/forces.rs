@@ -51,7 +51,7 @@ impl<S: Space> Engine<S> {
         passive::dampers(plant, qvel, &mut damper);
         actuation::actuation(plant, qpos, qvel, &self.command, &self.off, &mut actuator);
 
-        self.force_stage(qpos, qvel, self.timestep_s);
+        self.force_stage(qpos, qvel);
         let total = self.force.clone();
         let restraint = (0..total.len())
             .map(|i| {
