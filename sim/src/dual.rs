@@ -124,6 +124,11 @@ impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
     const ONE: Self = Self { value: T::ONE, partials: [T::ZERO; N] };
 
     #[inline(always)]
+    fn tuned<R>(work: impl FnOnce() -> R) -> R {
+        T::tuned(work)
+    }
+
+    #[inline(always)]
     fn from_f64(x: f64) -> Self {
         Self::constant(T::from_f64(x))
     }

@@ -5,10 +5,11 @@ use crate::dynamics::{integrate, kinematics};
 use crate::effects::CommandPath;
 use crate::model::{Integrator, Model, State};
 use crate::observation::Film;
-use crate::observation::film::{Keypoint, watch};
+use crate::observation::film::Keypoint;
 use crate::scalar::{Mask, Scalar};
 use crate::simulator::{self, Engine};
 use crate::space::{Planar, Space, Spatial};
+use crate::steps::{Grid, Steps};
 use crate::trajectory::Trajectory;
 
 /// How a run is stepped.
@@ -26,6 +27,8 @@ pub struct RolloutOptions {
     pub prescribed: bool,
     /// When motion starts \[s\]; until then the initial state is held.
     pub start_s: f64,
+    /// Our own steps instead of MuJoCo's: integrator, time step and `hold_command` then play no part.
+    pub steps: Option<Steps>,
 }
 
 /// Why a run could not be simulated.
@@ -83,6 +86,16 @@ pub enum RolloutError {
         /// The time \[s\].
         time_s: f64,
     },
+    /// No step is as exact as wanted.
+    #[error(
+        "no step down to {shortest_s} s keeps the keypoints within {accuracy_m} m; ask for less accuracy"
+    )]
+    Inexact {
+        /// The wanted accuracy \[m\].
+        accuracy_m: f64,
+        /// The shortest step tried \[s\].
+        shortest_s: f64,
+    },
     /// Something this version cannot do.
     #[error("{what} is not supported; {instead}")]
     Unsupported {
@@ -138,37 +151,66 @@ pub fn rollout<T: Scalar>(
     options: &RolloutOptions,
 ) -> Result<Rollout<T>, RolloutError> {
     check(model, state, sample_times_s)?;
-    check_actuators(model, command)?;
+    let columns = columns(model, command)?;
     let altered = model.altered();
     let model = altered.as_ref().unwrap_or(model);
-    let run = Run { model, state, command, sample_times_s, options };
-    match simulator::plane(model, options) {
+    let start_s = T::from_f64(options.start_s);
+    let run = Run { model, state, start_s, command, columns: &columns, sample_times_s, options };
+    let mut run = match simulator::plane(model, options) {
         Some(plane) => run.through::<Planar<T>>(plane),
         None => run.through::<Spatial<T>>(()),
+    }?;
+    match run.failed.iter_mut().find_map(Option::take) {
+        Some(error) => Err(error),
+        None => Ok(Rollout {
+            time_s: sample_times_s.to_vec(),
+            qpos: run.qpos,
+            qvel: run.qvel,
+            keypoints: model.keypoints(),
+            position_m: run.position_m,
+        }),
     }
 }
 
 /// What is to be simulated, checked.
-struct Run<'a, T> {
-    model: &'a Model<T>,
-    state: &'a State<T>,
-    command: &'a Command,
-    sample_times_s: &'a [f64],
-    options: &'a RolloutOptions,
+#[derive(Clone, Copy)]
+pub(crate) struct Run<'a, T> {
+    pub(crate) model: &'a Model<T>,
+    pub(crate) state: &'a State<T>,
+    /// When motion starts \[s\], lane by lane.
+    pub(crate) start_s: T,
+    pub(crate) command: &'a Command,
+    /// For each of the model's actuators, the command's column.
+    pub(crate) columns: &'a [Option<usize>],
+    pub(crate) sample_times_s: &'a [f64],
+    pub(crate) options: &'a RolloutOptions,
+}
+
+/// What came of it.
+pub(crate) struct Samples<T> {
+    /// Shapes as in [`Rollout`].
+    pub(crate) qpos: Vec<T>,
+    pub(crate) qvel: Vec<T>,
+    pub(crate) position_m: Vec<[T; 3]>,
+    /// Lane by lane.
+    pub(crate) failed: Vec<Option<RolloutError>>,
 }
 
 impl<T: Scalar> Run<'_, T> {
-    #[inline(always)]
-    fn through<S: Space<T = T>>(&self, layout: S::Layout) -> Result<Rollout<T>, RolloutError> {
-        let Self { model, state, command, sample_times_s, options } = self;
+    /// Simulates in the space that `layout` describes. Every lane takes the same steps from its own start; a lane that
+    /// diverges is put back to its initial state, so that its neighbours never meet its numbers.
+    pub(crate) fn through<S: Space<T = T>>(&self, layout: S::Layout) -> Result<Samples<T>, RolloutError> {
+        let Self { model, state, start_s, command, columns, sample_times_s, options } = *self;
         let path = CommandPath::new(model, command);
         let command = |drive: usize, time_s: f64| path.at(drive, time_s);
 
         let mut engine = Engine::<S>::new(model, layout, options)?;
-        engine.switch_off(&(0..model.actuators.len()).map(|drive| !path.commands(drive)).collect::<Vec<_>>());
-        let h = engine.timestep_s;
-        let mut after = State::clone(state);
+        engine.clock = start_s - T::from_f64(options.start_s);
+        engine.switch_off(&columns.iter().map(Option::is_none).collect::<Vec<_>>());
+        let grid = Grid::new(engine.timestep_s, self.command, options);
+        let mut after = state.clone();
         engine.align(&mut after, options.start_s, &command);
+        let initial = after.clone();
         let mut before = after.clone();
         let mut sample = after.clone();
 
@@ -178,69 +220,141 @@ impl<T: Scalar> Run<'_, T> {
             .map(|site| (model.sites[site].body, model.sites[site].pos))
             .map(|(body, at)| (body, at, S::vector(&engine.plant.layout, body, at)))
             .collect();
-        let mut out = Rollout {
-            time_s: sample_times_s.to_vec(),
-            qpos: Vec::with_capacity(sample_times_s.len() * state.qpos.len()),
-            qvel: Vec::with_capacity(sample_times_s.len() * state.qvel.len()),
-            keypoints: model.keypoints(),
-            position_m: Vec::with_capacity(sample_times_s.len() * sites.len()),
+        let (instants, nq, nv) = (sample_times_s.len(), after.qpos.len(), after.qvel.len());
+        let mut out = Samples {
+            qpos: vec![T::ZERO; instants * nq],
+            qvel: vec![T::ZERO; instants * nv],
+            position_m: vec![[T::ZERO; 3]; instants * sites.len()],
+            failed: vec![None; T::LANES],
         };
-        let mut film = Film::new(model, options.start_s, h);
+        let mut film = Film::new(model, start_s, options.start_s);
         if let Some(film) = &mut film {
-            let still: Vec<_> = sites.iter().map(|site| watch(&mut engine, &after, site).0).collect();
-            film.open(still);
+            film.open(&mut engine, &after, &sites);
         }
-        // steps taken; `after` stands at start_s + steps * h
-        let mut steps = 0_u64;
-        for &time_s in *sample_times_s {
-            let elapsed = time_s - options.start_s;
-            // a sample within a billionth of a step of an instant belongs to it
-            while elapsed > (steps as f64 + 1e-9) * h {
+        // the first sample that some lane still waits for; `after` stands at grid.instant(steps)
+        let (mut first, mut steps) = (0, 0_usize);
+        while first < instants {
+            if steps > 0 {
+                let (passed, h) = (grid.instant(steps - 1), grid.step(steps));
+                let time_s = options.start_s + passed;
                 before.qpos.copy_from_slice(&after.qpos);
-                engine.step_with(&mut after, options.start_s + steps as f64 * h, h, &command)?;
+                if !engine.step_with(&mut after, time_s, h, &command) {
+                    self.set_back(&engine, &initial, &mut after, time_s + h, &mut out.failed);
+                    if out.failed.iter().all(Option::is_some) {
+                        break;
+                    }
+                }
                 before.qvel.copy_from_slice(&engine.departure);
                 if let Some(film) = &mut film {
-                    film.record(&mut engine, [&before, &after], &sites);
-                }
-                steps += 1;
-            }
-            let share = if steps == 0 { 1.0 } else { elapsed / h - (steps - 1) as f64 };
-            if share > 1.0 - 1e-9 {
-                sample.qpos.copy_from_slice(&after.qpos);
-                sample.qvel.copy_from_slice(&after.qvel);
-            } else {
-                let (start, end) = ((&before.qpos[..], &before.qvel[..]), (&after.qpos[..], &after.qvel[..]));
-                integrate::between(&engine.plant, start, end, h, share, &mut sample.qpos);
-                let share = T::from_f64(share);
-                for ((v, &v0), &v1) in sample.qvel.iter_mut().zip(&before.qvel).zip(&after.qvel) {
-                    *v = v0 + share * (v1 - v0);
+                    film.record(&mut engine, [&before, &after], &sites, passed + h);
                 }
             }
-            kinematics::kinematics(&engine.plant, &sample.qpos, &mut engine.work);
-            let (work, layout) = (&engine.work, &engine.plant.layout);
-            for &(body, own, at) in &sites {
-                let world = work.pos[body] + S::apply(&work.rot[body], at);
-                out.position_m.push(S::lift(layout, body, own, world));
+            // a sample within a billionth of a step of an instant belongs to it
+            let (instant, h) = (grid.instant(steps), grid.step(steps.max(1)));
+            let edge = T::from_f64(instant + 1e-9 * h);
+            let mut row = first;
+            while row < instants {
+                let elapsed = T::from_f64(sample_times_s[row]) - start_s;
+                let reached = !edge.less(elapsed);
+                if !reached.any() {
+                    break;
+                }
+                if row == first && reached.all() {
+                    first += 1;
+                }
+                let mut here = reached;
+                S::T::tuned(
+                    #[inline(always)]
+                    || {
+                        if steps == 0 {
+                            sample.qpos.copy_from_slice(&after.qpos);
+                            sample.qvel.copy_from_slice(&after.qvel);
+                        } else {
+                            let passed = grid.instant(steps - 1);
+                            here = here & T::from_f64(passed + 1e-9 * h).less(elapsed);
+                            let share = (elapsed - T::from_f64(passed)) * T::from_f64(1.0 / h);
+                            let (start, end) =
+                                ((&before.qpos[..], &before.qvel[..]), (&after.qpos[..], &after.qvel[..]));
+                            integrate::between(&engine.plant, start, end, h, share, &mut sample.qpos);
+                            for ((v, &v0), &v1) in sample.qvel.iter_mut().zip(&before.qvel).zip(&after.qvel) {
+                                *v = v0 + share * (v1 - v0);
+                            }
+                        }
+                        if here.any() {
+                            kinematics::kinematics(&engine.plant, &sample.qpos, &mut engine.work);
+                            let (work, layout) = (&engine.work, &engine.plant.layout);
+                            let places = &mut out.position_m[row * sites.len()..(row + 1) * sites.len()];
+                            for (place, &(body, own, at)) in places.iter_mut().zip(&sites) {
+                                let [x, y, z] = S::lift(
+                                    layout,
+                                    body,
+                                    own,
+                                    work.pos[body] + S::apply(&work.rot[body], at),
+                                );
+                                let [a, b, c] = *place;
+                                *place =
+                                    [T::select(here, x, a), T::select(here, y, b), T::select(here, z, c)];
+                            }
+                            for (kept, &q) in out.qpos[row * nq..(row + 1) * nq].iter_mut().zip(&sample.qpos)
+                            {
+                                *kept = T::select(here, q, *kept);
+                            }
+                            for (kept, &v) in out.qvel[row * nv..(row + 1) * nv].iter_mut().zip(&sample.qvel)
+                            {
+                                *kept = T::select(here, v, *kept);
+                            }
+                        }
+                    },
+                );
+                row += 1;
             }
-            out.qpos.extend_from_slice(&sample.qpos);
-            out.qvel.extend_from_slice(&sample.qvel);
+            steps += 1;
         }
         if let Some(film) = &mut film {
             // what is seen late is seen after the last sample
-            while !film.reaches(sample_times_s) {
+            while !film.reaches(sample_times_s) && out.failed.iter().any(Option::is_none) {
+                let (passed, h) = (grid.instant(steps - 1), grid.step(steps));
+                let time_s = options.start_s + passed;
                 before.qpos.copy_from_slice(&after.qpos);
-                engine.step_with(&mut after, options.start_s + steps as f64 * h, h, &command)?;
+                if !engine.step_with(&mut after, time_s, h, &command) {
+                    self.set_back(&engine, &initial, &mut after, time_s + h, &mut out.failed);
+                }
                 before.qvel.copy_from_slice(&engine.departure);
-                film.record(&mut engine, [&before, &after], &sites);
+                film.record(&mut engine, [&before, &after], &sites, passed + h);
                 steps += 1;
             }
             film.develop(sample_times_s, &mut out.position_m);
         }
         Ok(out)
     }
+
+    /// Notes which lanes have diverged and puts them back.
+    fn set_back<S: Space<T = T>>(
+        &self,
+        engine: &Engine<S>,
+        initial: &State<T>,
+        state: &mut State<T>,
+        time_s: f64,
+        failed: &mut [Option<RolloutError>],
+    ) {
+        let sound = engine.sound_lanes(state);
+        for (lane, failed) in failed.iter_mut().enumerate().filter(|(_, failed)| failed.is_none()) {
+            *failed = engine.diverged(state, lane, time_s);
+        }
+        for (q, &from) in state.qpos.iter_mut().zip(&initial.qpos) {
+            *q = T::select(sound, *q, from);
+        }
+        for (v, &from) in state.qvel.iter_mut().zip(&initial.qvel) {
+            *v = T::select(sound, *v, from);
+        }
+    }
 }
 
-fn check<T: Scalar>(model: &Model<T>, state: &State<T>, sample_times_s: &[f64]) -> Result<(), RolloutError> {
+pub(crate) fn check<T: Scalar>(
+    model: &Model<T>,
+    state: &State<T>,
+    sample_times_s: &[f64],
+) -> Result<(), RolloutError> {
     let (nq, nv) = (model.nq(), model.nv());
     if (state.qpos.len(), state.qvel.len()) != (nq, nv) {
         return Err(RolloutError::Shape { qpos: state.qpos.len(), qvel: state.qvel.len(), nq, nv });
@@ -261,10 +375,16 @@ fn check<T: Scalar>(model: &Model<T>, state: &State<T>, sample_times_s: &[f64]) 
     Ok(())
 }
 
-/// A command for an actuator that the model does not have is a mistake.
-fn check_actuators<T: Scalar>(model: &Model<T>, command: &Command) -> Result<(), RolloutError> {
+/// For each of the model's actuators, the command's column.
+pub(crate) fn columns<T: Scalar>(
+    model: &Model<T>,
+    command: &Command,
+) -> Result<Vec<Option<usize>>, RolloutError> {
     let known = |name: &String| model.actuators.iter().any(|actuator| actuator.name == *name);
-    let Some(actuator) = command.actuators.iter().find(|name| !known(name)) else { return Ok(()) };
-    let known: Vec<_> = model.actuators.iter().map(|actuator| actuator.name.as_str()).collect();
-    Err(RolloutError::UnknownActuator { actuator: actuator.clone(), known: known.join(", ") })
+    if let Some(actuator) = command.actuators.iter().find(|name| !known(name)) {
+        let known: Vec<_> = model.actuators.iter().map(|actuator| actuator.name.as_str()).collect();
+        return Err(RolloutError::UnknownActuator { actuator: actuator.clone(), known: known.join(", ") });
+    }
+    let column = |name: &str| command.actuators.iter().position(|other| other == name);
+    Ok(model.actuators.iter().map(|actuator| column(&actuator.name)).collect())
 }

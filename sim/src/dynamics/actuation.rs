@@ -22,28 +22,29 @@ impl<T: Scalar> Drive<T> {
     }
 }
 
-/// Adds -`h` times the slope of the drives' forces against velocity to the diagonal of `matrix`; a drive at
-/// the end of its force range has none.
+/// Adds the drives' slopes, reversed, to `damping` (against velocity) and `stiffness` (against coordinate), shape (nv)
+/// each; a drive at the end of its force range has none.
 #[inline(always)]
-pub(crate) fn add_slope<S: Space>(
+pub(crate) fn slopes<S: Space>(
     plant: &Plant<S>,
     qpos: &[S::T],
     qvel: &[S::T],
     command: &[S::T],
     off: &[bool],
-    h: S::T,
-    matrix: &mut [S::T],
+    damping: &mut [S::T],
+    stiffness: &mut [S::T],
 ) {
     for ((drive, &command), _) in plant.drives.iter().zip(command).zip(off).filter(|(_, off)| !**off) {
-        let slope = drive.gear * drive.gear * drive.damping;
-        let slope = match drive.force_range {
+        let within = |slope: S::T| match drive.force_range {
             Some([low, high]) => {
                 let push = drive.raw_force(qpos, qvel, command);
                 S::T::select(low.less(push) & push.less(high), slope, S::T::ZERO)
             }
             None => slope,
         };
-        matrix[plant.row[drive.dof]] -= h * slope;
+        let squared = drive.gear * drive.gear;
+        damping[drive.dof] -= within(squared * drive.damping);
+        stiffness[drive.dof] -= within(squared * drive.stiffness);
     }
 }
 

@@ -53,6 +53,19 @@ fn turn<T: Scalar>(qpos: &[T], q: usize, qvel: &[T], dof: usize, h: T, out: &mut
     out[q..q + 4].copy_from_slice(&quat_at(qpos, q).product(by).normalized().0);
 }
 
+/// Scales the quaternions among the coordinates to unit length.
+pub(crate) fn normalise<S: Space>(plant: &Plant<S>, qpos: &mut [S::T]) {
+    for joint in &plant.joints {
+        let first = match joint.kind {
+            JointPlanKind::Hinge { .. } | JointPlanKind::Slide { .. } => continue,
+            JointPlanKind::Ball(_) => joint.q,
+            JointPlanKind::Free(_) => joint.q + 3,
+        };
+        let unit = quat_at(qpos, first).normalized();
+        qpos[first..first + 4].copy_from_slice(&unit.0);
+    }
+}
+
 /// One instant: coordinates and velocities.
 pub(crate) type Instant<'a, T> = (&'a [T], &'a [T]);
 
@@ -64,16 +77,16 @@ pub(crate) fn between<S: Space>(
     (q0, v0): Instant<'_, S::T>,
     (q1, v1): Instant<'_, S::T>,
     h: f64,
-    s: f64,
+    s: S::T,
     out: &mut [S::T],
 ) {
+    let (h, rest) = (S::T::from_f64(h), S::T::ONE - s);
     let weights = [
-        (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s),
-        s * (1.0 - s) * (1.0 - s) * h,
-        s * s * (3.0 - 2.0 * s),
-        s * s * (s - 1.0) * h,
-    ]
-    .map(S::T::from_f64);
+        (S::T::ONE + s + s) * rest * rest,
+        s * rest * rest * h,
+        s * s * (S::T::ONE + rest + rest),
+        -(s * s * rest * h),
+    ];
     let blend = |a: S::T, rate_a: S::T, b: S::T, rate_b: S::T| {
         weights[0] * a + weights[1] * rate_a + weights[2] * b + weights[3] * rate_b
     };

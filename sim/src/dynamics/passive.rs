@@ -47,15 +47,29 @@ pub(crate) fn dampers<S: Space>(plant: &Plant<S>, qvel: &[S::T], force: &mut [S:
     }
 }
 
-/// Adds `scale` times the dampers' slope, a + 2 b |v| + 3 c v^2, to the diagonal of `matrix`.
+/// Adds the slopes of dampers, a + 2 b |v| + 3 c v^2, and of the springs of hinges and slides,
+/// a + 2 b x + 3 c x^2, to `damping` and `stiffness`, shape (nv) each.
 #[inline(always)]
-pub(crate) fn add_damping<S: Space>(plant: &Plant<S>, qvel: &[S::T], scale: S::T, matrix: &mut [S::T]) {
-    for joint in plant.joints.iter().filter(|joint| joint.damped) {
-        let [a, b, c] = joint.damping;
-        for dof in joint.dof..joint.dof + joint.nv {
-            let v = qvel[dof];
-            let slope = a + S::T::from_f64(2.0) * b * v.abs() + S::T::from_f64(3.0) * c * v * v;
-            matrix[plant.row[dof]] += scale * slope;
+pub(crate) fn slopes<S: Space>(
+    plant: &Plant<S>,
+    qpos: &[S::T],
+    qvel: &[S::T],
+    damping: &mut [S::T],
+    stiffness: &mut [S::T],
+) {
+    let (two, three) = (S::T::from_f64(2.0), S::T::from_f64(3.0));
+    for joint in &plant.joints {
+        if joint.damped {
+            let [a, b, c] = joint.damping;
+            for dof in joint.dof..joint.dof + joint.nv {
+                let v = qvel[dof];
+                damping[dof] += a + two * b * v.abs() + three * c * v * v;
+            }
+        }
+        if joint.springy && joint.nv == 1 {
+            let [a, b, c] = joint.stiffness;
+            let x = qpos[joint.q] - joint.spring_reference;
+            stiffness[joint.dof] += a + x * (two * b + three * c * x);
         }
     }
 }

@@ -28,6 +28,7 @@ impl<T: Scalar> Stage<T> for Term<T> {
     }
 
     /// Stays until the piece has crossed the play, then goes with it.
+    #[inline(always)]
     fn pass(&self, state: &mut T, piece: Piece<T>, out: &mut Pieces<T>) {
         let start = *state;
         let end = start.clamp(piece.to - self.half_width, piece.to + self.half_width);

@@ -40,12 +40,14 @@ pub(crate) struct Pieces<T> {
 
 impl<T: Scalar> Pieces<T> {
     /// None yet.
+    #[inline(always)]
     pub(crate) fn new() -> Self {
         let none = Piece { from: T::ZERO, to: T::ZERO, duration: T::ZERO };
         Self { items: [none; ROOM], count: 0 }
     }
 
     /// One.
+    #[inline(always)]
     pub(crate) fn of(piece: Piece<T>) -> Self {
         let mut pieces = Self::new();
         pieces.push(piece);
@@ -53,17 +55,20 @@ impl<T: Scalar> Pieces<T> {
     }
 
     /// One more.
+    #[inline(always)]
     pub(crate) fn push(&mut self, piece: Piece<T>) {
         assert!(self.count < ROOM, "a new stage that cuts pieces needs more room");
         self.items[self.count] = piece;
         self.count += 1;
     }
 
+    #[inline(always)]
     pub(crate) fn as_slice(&self) -> &[Piece<T>] {
         &self.items[..self.count]
     }
 
     /// Where the last one ends.
+    #[inline(always)]
     pub(crate) fn end(&self) -> T {
         self.items[self.count - 1].to
     }
@@ -75,16 +80,19 @@ pub(crate) trait Stage<T: Scalar>: Sized {
     fn new(effect: &Effect<T>) -> Self;
 
     /// When the command was given that acts at `time_s`.
+    #[inline(always)]
     fn given(&self, time_s: T) -> T {
         time_s
     }
 
     /// What it hands on when the command has stood still for ever.
+    #[inline(always)]
     fn steady(&self, command: T) -> T {
         command
     }
 
     /// Hands on what becomes of `piece`; `state` is where the last piece handed on ended.
+    #[inline(always)]
     fn pass(&self, state: &mut T, piece: Piece<T>, out: &mut Pieces<T>) {
         *state = piece.to;
         out.push(piece);
@@ -151,34 +159,37 @@ impl<T: Scalar> CommandPath<T> {
         }
     }
 
-    /// Whether the actuator `drive` has a command at all.
-    pub fn commands(&self, drive: usize) -> bool {
-        self.tracks[drive].is_some()
-    }
-
     /// What the model's actuator `drive` gets at `time_s`; 0 without a command.
     pub fn at(&self, drive: usize, time_s: f64) -> T {
         let Some(track) = &self.tracks[drive] else { return T::ZERO };
         let Some(last) = self.time_s.len().checked_sub(1) else { return T::ZERO };
-        let mut row = self.time_s.partition_point(|&t| t <= time_s).saturating_sub(1);
+        let row = self.time_s.partition_point(|&t| t <= time_s).saturating_sub(1);
         if self.stages.is_empty() {
             return T::from_f64(self.straight(track, row, time_s));
         }
+        T::tuned(
+            #[inline(always)]
+            || self.after_stages(track, row, last, time_s),
+        )
+    }
+
+    /// What comes out of all stages at `time_s`, which is after row `row`.
+    #[inline(always)]
+    fn after_stages(&self, track: &Track<T>, mut row: usize, last: usize, time_s: f64) -> T {
         let given = self.stages.given(T::from_f64(time_s));
-        let mut value = self.passed(track, row, given);
-        // lanes may have been given their command in other rows: forward, then back
+        // lanes may have been given their command in other rows
+        let mut first = row;
+        while first > 0 && given.less(T::from_f64(self.time_s[first])).any() {
+            first -= 1;
+        }
         while row < last && !given.less(T::from_f64(self.time_s[row + 1])).all() {
             row += 1;
-            let later = self.passed(track, row, given);
-            value = T::select(given.less(T::from_f64(self.time_s[row])), value, later);
         }
-        while row > 0 {
+        let mut value = T::ZERO;
+        for row in first..=row {
             let before = given.less(T::from_f64(self.time_s[row]));
-            if !before.any() {
-                break;
-            }
-            row -= 1;
-            value = T::select(before, self.passed(track, row, given), value);
+            let here = self.passed(track, row, given);
+            value = if row == first { here } else { T::select(before, value, here) };
         }
         value
     }
@@ -196,6 +207,7 @@ impl<T: Scalar> CommandPath<T> {
     }
 
     /// What comes out `given` after row `row`, before the next.
+    #[inline(always)]
     fn passed(&self, track: &Track<T>, row: usize, given: T) -> T {
         let duration = (given - T::from_f64(self.time_s[row])).max(T::ZERO);
         let mut states = track.states[row];

@@ -27,6 +27,7 @@ impl<T: Scalar> Stage<T> for Term<T> {
         Self { delay: effect.one(0) }
     }
 
+    #[inline(always)]
     fn given(&self, time_s: T) -> T {
         time_s - self.delay
     }

@@ -55,10 +55,12 @@ impl<T: Scalar> Stage<T> for Term<T> {
         Self { factor: T::ONE + effect.one(0) }
     }
 
+    #[inline(always)]
     fn steady(&self, command: T) -> T {
         command * self.factor
     }
 
+    #[inline(always)]
     fn pass(&self, state: &mut T, piece: Piece<T>, out: &mut Pieces<T>) {
         let scaled = Piece { from: piece.from * self.factor, to: piece.to * self.factor, ..piece };
         *state = scaled.to;

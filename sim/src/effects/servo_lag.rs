@@ -34,6 +34,7 @@ impl<T: Scalar> Stage<T> for Term<T> {
 
     /// y = x - m tau + (y0 - x0 + m tau) exp(-t / tau) on a piece of slope m. At tau = 0 the exponential has died, with
     /// all its derivatives, and what remains has the slope -m by tau.
+    #[inline(always)]
     fn pass(&self, state: &mut T, piece: Piece<T>, out: &mut Pieces<T>) {
         let instant = T::from_f64(INSTANT_S);
         let time = T::select(self.time.less(instant), instant, self.time);

@@ -34,6 +34,7 @@ impl<T: Scalar> Stage<T> for Term<T> {
     }
 
     /// Until it has caught up it turns at the greatest rate, from then on with the piece, as fast as it can.
+    #[inline(always)]
     fn pass(&self, state: &mut T, piece: Piece<T>, out: &mut Pieces<T>) {
         let (start, slope) = (*state, piece.slope());
         let gap = piece.from - start;

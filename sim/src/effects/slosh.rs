@@ -49,8 +49,9 @@ impl<S: Space> Step<S> for Term<S> {
     }
 
     #[inline(always)]
-    fn water(&self, moment: Moment, _: &Plant<S>, velocity: &mut S::Vec) {
-        let (sin, cos) = (self.frequency * S::T::from_f64(TAU * moment.time_s)).sin_cos();
+    fn water(&self, moment: Moment, clock: S::T, _: &Plant<S>, velocity: &mut S::Vec) {
+        let time_s = S::T::from_f64(moment.time_s) + clock;
+        let (sin, cos) = (self.frequency * time_s * S::T::from_f64(TAU)).sin_cos();
         *velocity += self.right * (self.sin * sin + self.cos * cos);
     }
 }

@@ -30,9 +30,9 @@ pub(crate) trait Step<S: Space>: Sized + Debug + Clone + Send + Sync {
         0
     }
 
-    /// Adds to the velocity of the water, world axes \[m/s\].
+    /// Adds to the velocity of the water, world axes \[m/s\]; `clock` is by how much a lane's clock is ahead \[s\].
     #[inline(always)]
-    fn water(&self, _moment: Moment, _plant: &Plant<S>, _velocity: &mut S::Vec) {}
+    fn water(&self, _moment: Moment, _clock: S::T, _plant: &Plant<S>, _velocity: &mut S::Vec) {}
 
     /// Adds to the mass matrix.
     #[inline(always)]
@@ -137,10 +137,11 @@ macro_rules! causes {
 
             /// The velocity of the water at `moment`, world axes \[m/s\].
             #[inline(always)]
-            pub(crate) fn water(&self, moment: Moment, plant: &crate::dynamics::plant::Plant<S>) -> S::Vec {
+            pub(crate) fn water(&self, moment: Moment,
+                clock: S::T, plant: &crate::dynamics::plant::Plant<S>) -> S::Vec {
                 let mut velocity = plant.wind;
                 $(if let Some(term) = &self.$step {
-                    term.water(moment, plant, &mut velocity);
+                    term.water(moment, clock, plant, &mut velocity);
                 })*
                 velocity
             }
@@ -270,6 +271,7 @@ macro_rules! causes {
             }
 
             /// When the command was given that acts at `time_s`.
+            #[inline(always)]
             pub(crate) fn given(&self, mut time_s: T) -> T {
                 use drive::Stage as _;
                 $(if let Some(stage) = &self.$drive {
@@ -295,6 +297,7 @@ macro_rules! causes {
             }
 
             /// Passes one straight piece of the command through all stages, from and to their `states`.
+            #[inline(always)]
             pub(crate) fn pass(&self, states: &mut [T; STAGES], piece: drive::Piece<T>) {
                 use drive::Stage as _;
                 let mut pieces = drive::Pieces::of(piece);
@@ -339,6 +342,7 @@ macro_rules! causes {
             }
 
             /// By how much later \[s\] than the image's time all of it is seen.
+            #[inline(always)]
             pub(crate) fn late(&self) -> T {
                 let mut shift = T::ZERO;
                 $(if let Some(look) = &self.$picture {
@@ -348,6 +352,7 @@ macro_rules! causes {
             }
 
             /// By how much later still \[s\] the point at `at` is seen.
+            #[inline(always)]
             pub(crate) fn late_at(&self, at: [T; 3]) -> T {
                 let mut shift = T::ZERO;
                 $(if let Some(look) = &self.$picture {
@@ -357,6 +362,7 @@ macro_rules! causes {
             }
 
             /// Where the point at `at` seems to be.
+            #[inline(always)]
             pub(crate) fn see(&self, mut at: [T; 3]) -> [T; 3] {
                 $(if let Some(look) = &self.$picture {
                     at = look.see(at);

@@ -37,6 +37,7 @@ impl<T: Scalar> Look<T> for Term<T> {
         true
     }
 
+    #[inline(always)]
     fn late(&self) -> T {
         self.delay
     }

@@ -35,6 +35,7 @@ impl<T: Scalar> Look<T> for Term<T> {
         Self { sin, cos }
     }
 
+    #[inline(always)]
     fn see(&self, [x, y, z]: [T; 3]) -> [T; 3] {
         [self.cos * x - self.sin * z, y, self.sin * x + self.cos * z]
     }

@@ -33,6 +33,7 @@ impl<T: Scalar> Look<T> for Term<T> {
         Self { factor: T::ONE + effect.one(0) }
     }
 
+    #[inline(always)]
     fn see(&self, [x, y, z]: [T; 3]) -> [T; 3] {
         [x * self.factor, y, z * self.factor]
     }

@@ -33,6 +33,7 @@ impl<T: Scalar> Look<T> for Term<T> {
         Self { x: effect.one(0), z: effect.one(1) }
     }
 
+    #[inline(always)]
     fn see(&self, [x, y, z]: [T; 3]) -> [T; 3] {
         let factor = T::ONE + self.x * x + self.z * z;
         [x * factor, y, z * factor]

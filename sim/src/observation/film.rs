@@ -16,8 +16,11 @@ use crate::space::Space;
 pub(crate) struct Film<T: Scalar> {
     looks: Looks<T>,
     points: usize,
-    start_s: f64,
-    step_s: f64,
+    /// When motion starts \[s\], lane by lane, and about when.
+    start_s: T,
+    about_s: f64,
+    /// When each step ends \[s\], from the start; 0 first.
+    ends_s: Vec<f64>,
     /// Each step's positions and velocities at its start and at its end, shape (steps, K).
     spans: Vec<Span<T>>,
     still: Vec<[T; 3]>,
@@ -37,8 +40,15 @@ struct Span<T> {
 pub(crate) type Keypoint<S> = (usize, Vec3<<S as Space>::T>, <S as Space>::Vec);
 
 /// Where a keypoint is in `state` and how it moves.
+fn watch<S: Space>(engine: &mut Engine<S>, state: &State<S::T>, site: &Keypoint<S>) -> Moving<S::T> {
+    S::T::tuned(
+        #[inline(always)]
+        || look(engine, state, site),
+    )
+}
+
 #[inline(always)]
-pub(crate) fn watch<S: Space>(
+fn look<S: Space>(
     engine: &mut Engine<S>,
     state: &State<S::T>,
     &(body, own, at): &Keypoint<S>,
@@ -57,31 +67,37 @@ pub(crate) fn watch<S: Space>(
 
 impl<T: Scalar> Film<T> {
     /// A camera with the causes of `model`; `None` when it has none.
-    pub(crate) fn new(model: &Model<T>, start_s: f64, step_s: f64) -> Option<Self> {
+    pub(crate) fn new(model: &Model<T>, start_s: T, about_s: f64) -> Option<Self> {
         let looks = Looks::new(model);
         let points = model.keypoint_sites().len();
         (!looks.is_empty()).then(|| Self {
             looks,
             points,
             start_s,
-            step_s,
+            about_s,
+            ends_s: vec![0.0],
             spans: Vec::new(),
             still: Vec::new(),
         })
     }
 
     /// Where the points are until the motion starts.
-    pub(crate) fn open(&mut self, still: Vec<[T; 3]>) {
-        self.still = still;
+    pub(crate) fn open<S: Space<T = T>>(
+        &mut self,
+        engine: &mut Engine<S>,
+        state: &State<T>,
+        sites: &[Keypoint<S>],
+    ) {
+        self.still = sites.iter().map(|site| watch(engine, state, site).0).collect();
     }
 
-    /// How the points moved in the step between two states.
-    #[inline(always)]
+    /// How the points moved in the step between two states, which ended `end_s` \[s\] after the start.
     pub(crate) fn record<S: Space<T = T>>(
         &mut self,
         engine: &mut Engine<S>,
         ends: [&State<T>; 2],
         sites: &[Keypoint<S>],
+        end_s: f64,
     ) {
         if !self.looks.shifts() {
             return;
@@ -90,6 +106,7 @@ impl<T: Scalar> Film<T> {
             let [from, to] = ends.map(|state| watch(engine, state, site));
             self.spans.push(Span { from, to });
         }
+        self.ends_s.push(end_s);
     }
 
     /// Whether the motion is known for as long as the images taken at `times_s` \[s\] need.
@@ -97,7 +114,7 @@ impl<T: Scalar> Film<T> {
         if !self.looks.shifts() || self.points == 0 {
             return true;
         }
-        let end = T::from_f64(self.start_s + (self.spans.len() / self.points) as f64 * self.step_s);
+        let end = self.end(self.ends_s.len() - 1);
         times_s.iter().rev().all(|&time_s| {
             let shared = T::from_f64(time_s) + self.late();
             !end.less(shared).any()
@@ -107,53 +124,64 @@ impl<T: Scalar> Film<T> {
 
     /// By how much later than its time \[s\] an image shows everything; a clock that is off by more than a second is
     /// another fault.
+    #[inline(always)]
     fn late(&self) -> T {
         self.looks.late().clamp(-T::ONE, T::ONE)
     }
 
     /// By how much later still it shows `point`.
+    #[inline(always)]
     fn later(&self, point: usize, time_s: f64, shared: T) -> T {
         self.looks.late_at(self.at(point, time_s, shared)).clamp(-T::ONE, T::ONE)
     }
 
-    /// Where `point` is at `when` \[s\], which is near `time_s`.
-    fn at(&self, point: usize, time_s: f64, when: T) -> [T; 3] {
-        let steps = self.spans.len() / self.points;
-        if steps == 0 {
-            return self.still[point];
-        }
-        let moment = |step: usize| T::from_f64(self.start_s + step as f64 * self.step_s);
-        let mut step = (((time_s - self.start_s) / self.step_s).max(0.0) as usize).min(steps - 1);
-        let mut value = self.within(point, step, when);
-        let choose = |mask: T::Mask, yes: [T; 3], no: [T; 3]| -> [T; 3] {
-            std::array::from_fn(|axis| T::select(mask, yes[axis], no[axis]))
-        };
-        while step + 1 < steps && !when.less(moment(step + 1)).all() {
-            step += 1;
-            value = choose(when.less(moment(step)), value, self.within(point, step, when));
-        }
-        while step > 0 {
-            let before = when.less(moment(step));
-            if !before.any() {
-                break;
-            }
-            step -= 1;
-            value = choose(before, self.within(point, step, when), value);
-        }
-        choose(when.less(moment(0)), self.still[point], value)
+    /// When step `step` ends \[s\], from 1; 0 for the start.
+    fn end(&self, step: usize) -> T {
+        self.start_s + T::from_f64(self.ends_s[step])
     }
 
-    /// The cubic of one step.
+    /// Where `point` is at `when` \[s\], which is near `time_s`.
+    fn at(&self, point: usize, time_s: f64, when: T) -> [T; 3] {
+        T::tuned(
+            #[inline(always)]
+            || {
+                let last = self.ends_s.len() - 1;
+                if last == 0 {
+                    return self.still[point];
+                }
+                let choose = |mask: T::Mask, yes: [T; 3], no: [T; 3]| -> [T; 3] {
+                    std::array::from_fn(|axis| T::select(mask, yes[axis], no[axis]))
+                };
+                let about_s = time_s - self.about_s;
+                let mut step = self.ends_s.partition_point(|&end_s| end_s < about_s).clamp(1, last);
+                let mut value = self.within(point, step, when);
+                // lanes may be in other steps: forward, then back
+                while step < last && !when.less(self.end(step)).all() {
+                    step += 1;
+                    let later = self.within(point, step, when);
+                    value = choose(when.less(self.end(step - 1)), value, later);
+                }
+                while step > 1 && when.less(self.end(step - 1)).any() {
+                    let before = when.less(self.end(step - 1));
+                    step -= 1;
+                    value = choose(before, self.within(point, step, when), value);
+                }
+                choose(when.less(self.start_s), self.still[point], value)
+            },
+        )
+    }
+
+    /// The cubic of one step, from 1.
+    #[inline(always)]
     fn within(&self, point: usize, step: usize, when: T) -> [T; 3] {
-        let Span { from: (x0, v0), to: (x1, v1) } = self.spans[step * self.points + point];
-        let h = T::from_f64(self.step_s);
-        let s = (when - T::from_f64(self.start_s + step as f64 * self.step_s)) / h;
-        let rest = T::ONE - s;
-        let two = T::from_f64(2.0);
+        let Span { from: (x0, v0), to: (x1, v1) } = self.spans[(step - 1) * self.points + point];
+        let h = self.ends_s[step] - self.ends_s[step - 1];
+        let s = (when - self.end(step - 1)) * T::from_f64(1.0 / h);
+        let (h, rest) = (T::from_f64(h), T::ONE - s);
         let weights = [
-            (T::ONE + two * s) * rest * rest,
+            (T::ONE + s + s) * rest * rest,
             s * rest * rest * h,
-            s * s * (T::from_f64(3.0) - two * s),
+            s * s * (T::ONE + rest + rest),
             -(s * s * rest * h),
         ];
         std::array::from_fn(|axis| {
@@ -163,6 +191,14 @@ impl<T: Scalar> Film<T> {
 
     /// What the images taken at `times_s` show: `position_m`, shape (N, K), comes in as where the points are then.
     pub(crate) fn develop(&self, times_s: &[f64], position_m: &mut [[T; 3]]) {
+        T::tuned(
+            #[inline(always)]
+            || self.develop_each(times_s, position_m),
+        );
+    }
+
+    #[inline(always)]
+    fn develop_each(&self, times_s: &[f64], position_m: &mut [[T; 3]]) {
         for (&time_s, points) in times_s.iter().zip(position_m.chunks_exact_mut(self.points.max(1))) {
             for (point, at) in points.iter_mut().enumerate() {
                 if self.looks.shifts() {

@@ -46,6 +46,7 @@ impl<T: Scalar> Look<T> for Term<T> {
         Self { radial: effect.one(0), centre: [effect.one(1), effect.one(2)] }
     }
 
+    #[inline(always)]
     fn see(&self, [x, y, z]: [T; 3]) -> [T; 3] {
         let (dx, dz) = (x - self.centre[0], z - self.centre[1]);
         let grown = self.radial * (dx * dx + dz * dz);

@@ -29,16 +29,19 @@ pub(crate) trait Look<T: Scalar>: Sized {
     }
 
     /// By how much later \[s\] than the image's time everything is seen.
+    #[inline(always)]
     fn late(&self) -> T {
         T::ZERO
     }
 
     /// By how much later \[s\] the point at `at` \[m\] is seen than the image's other points.
+    #[inline(always)]
     fn late_at(&self, _at: [T; 3]) -> T {
         T::ZERO
     }
 
     /// Where the point at `at` \[m\] seems to be \[m\].
+    #[inline(always)]
     fn see(&self, at: [T; 3]) -> [T; 3] {
         at
     }

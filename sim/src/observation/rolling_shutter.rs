@@ -37,6 +37,7 @@ impl<T: Scalar> Look<T> for Term<T> {
         true
     }
 
+    #[inline(always)]
     fn late_at(&self, at: [T; 3]) -> T {
         self.slowness * at[2]
     }

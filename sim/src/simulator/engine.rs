@@ -1,5 +1,6 @@
 //! One mechanism in its space, stepped.
 
+use super::extrapolation::Extrapolation;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{Solver, multiply};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
@@ -8,9 +9,19 @@ use crate::model::{ActuatorKind, Integrator, JointKind, Model, State};
 use crate::rollout::{RolloutError, RolloutOptions};
 use crate::scalar::{Mask, Scalar};
 use crate::space::{SlopeStage, Space};
+use crate::steps::Method;
 
 /// A speed \[rad/s\] or \[m/s\] no mechanism in a tank reaches: beyond it the run counts as diverged.
 const ABSURD_SPEED: f64 = 1e5;
+
+/// How a step is taken: MuJoCo's ways and ours.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stepper {
+    Euler,
+    ImplicitFast,
+    RungeKutta,
+    Extrapolation,
+}
 
 /// What [`super::Simulator`] is, in one space.
 #[derive(Debug, Clone)]
@@ -19,8 +30,11 @@ pub(crate) struct Engine<S: Space> {
     pub(crate) work: Work<S>,
     solver: Option<Solver<S::T>>,
     pub(super) slope: Option<S::Slope>,
-    integrator: Integrator,
+    stepper: Stepper,
+    pub(super) extrapolation: Option<Extrapolation<S::T>>,
     pub(crate) timestep_s: f64,
+    /// The step that restraints are made for \[s\].
+    pub(super) restraint_step_s: f64,
     pub(super) hold_command: bool,
     joint_of_dof: Vec<String>,
     /// Per drive: whether its joint is prescribed.
@@ -33,6 +47,8 @@ pub(crate) struct Engine<S: Space> {
     pub(super) memory: Memory<S>,
     /// When, within a step, the forces are asked for.
     pub(super) moment: Moment,
+    /// By how much each lane's clock is ahead of the one that steps are counted on \[s\].
+    pub(crate) clock: S::T,
     /// Length of the last step \[s\]; infinite before the first.
     last_step_s: f64,
     pub(super) command: Vec<S::T>,
@@ -56,19 +72,28 @@ impl<S: Space> Engine<S> {
         layout: S::Layout,
         options: &RolloutOptions,
     ) -> Result<Self, RolloutError> {
-        let timestep_s = options.timestep_s.unwrap_or(model.settings.timestep_s);
+        let own = model.settings.timestep_s;
+        let timestep_s = options.steps.map_or(options.timestep_s.unwrap_or(own), |steps| steps.longest_s);
         if !(timestep_s.is_finite() && timestep_s > 0.0) {
             return Err(RolloutError::Timestep { timestep_s });
         }
-        let integrator = options.integrator.unwrap_or(model.settings.integrator);
+        let stepper = match (
+            options.steps.map(|steps| steps.method),
+            options.integrator.unwrap_or(model.settings.integrator),
+        ) {
+            (Some(Method::Extrapolation), _) => Stepper::Extrapolation,
+            (Some(Method::RungeKutta), _) | (None, Integrator::Rk4) => Stepper::RungeKutta,
+            (None, Integrator::Euler) => Stepper::Euler,
+            (None, Integrator::ImplicitFast) => Stepper::ImplicitFast,
+        };
         let plant = Plant::new(model, layout);
-        if let (Integrator::ImplicitFast, Some(body)) = (integrator, plant.lone_free_body()) {
+        if let (Stepper::ImplicitFast, Some(body)) = (stepper, plant.lone_free_body()) {
             return Err(RolloutError::Unsupported {
                 what: format!("integrator implicitfast on the lone free body `{}`", model.bodies[body].name),
                 instead: "use euler or rk4".into(),
             });
         }
-        let slope = if integrator == Integrator::ImplicitFast { S::Slope::new(&plant) } else { None };
+        let slope = if stepper == Stepper::ImplicitFast { S::Slope::new(&plant) } else { None };
         let work = Work::new(&plant);
         let drives = model.actuators.len();
         let joint_of_dof = model
@@ -82,15 +107,19 @@ impl<S: Space> Engine<S> {
         let mut simulator = Self {
             solver: None,
             slope,
-            integrator,
+            extrapolation: (stepper == Stepper::Extrapolation)
+                .then(|| Extrapolation::new(&plant, rest.qpos.len())),
+            stepper,
             timestep_s,
-            hold_command: options.hold_command,
+            restraint_step_s: if options.steps.is_some() { own } else { timestep_s },
+            hold_command: options.hold_command && options.steps.is_none(),
             joint_of_dof,
             prescribed: model.actuators.iter().map(|actuator| follows(actuator.kind)).collect(),
             off: vec![false; drives],
             held: vec![false; plant.nv],
             memory: plant.effects.memory(),
             moment: Moment::default(),
+            clock: S::T::ZERO,
             last_step_s: f64::INFINITY,
             command: vec![S::T::ZERO; drives],
             force: zeros(),
@@ -137,7 +166,6 @@ impl<S: Space> Engine<S> {
 
     /// The diagonal of the inverse mass matrix at the reference, averaged over the like axes of ball and free
     /// joints: what MuJoCo scales its restraints by.
-    #[inline(never)]
     fn inverse_weights(&mut self, model: &Model<S::T>) -> Vec<S::T> {
         self.position_stage(&model.rest_state().qpos);
         self.matrix.copy_from_slice(&self.work.mass);
@@ -181,53 +209,26 @@ impl<S: Space> Engine<S> {
     }
 
     /// Takes one step of `h` \[s\] from `time_s`; `command(drive, time)` is asked where the integrator needs it.
-    #[inline(always)]
+    /// Yields whether all lanes are sound.
     pub(crate) fn step_with(
         &mut self,
         state: &mut State<S::T>,
         time_s: f64,
         h: f64,
         command: &dyn Fn(usize, f64) -> S::T,
-    ) -> Result<(), RolloutError> {
-        if S::T::LANES > 1 {
-            self.step_inlined(state, time_s, h, command)
-        } else {
-            self.step_apart(state, time_s, h, command)
-        }
-    }
-
-    /// As a function of its own, which keeps programs small.
-    #[inline(never)]
-    fn step_apart(
-        &mut self,
-        state: &mut State<S::T>,
-        time_s: f64,
-        h: f64,
-        command: &dyn Fn(usize, f64) -> S::T,
-    ) -> Result<(), RolloutError> {
-        self.step_inlined(state, time_s, h, command)
-    }
-
-    /// As part of its caller, where alone it can use the caller's instructions for lanes.
-    #[inline(always)]
-    fn step_inlined(
-        &mut self,
-        state: &mut State<S::T>,
-        time_s: f64,
-        h: f64,
-        command: &dyn Fn(usize, f64) -> S::T,
-    ) -> Result<(), RolloutError> {
+    ) -> bool {
         self.moment = Moment { time_s, elapsed_s: 0.0, arrived_s: Some(self.last_step_s) };
         self.last_step_s = h;
         self.sample(time_s, command);
         self.position_stage(&state.qpos);
         self.prescribe(state, time_s + h, h, command);
         self.departure.copy_from_slice(&state.qvel);
-        match self.integrator {
-            Integrator::Euler | Integrator::ImplicitFast => self.euler(state, h),
-            Integrator::Rk4 => self.runge_kutta(state, time_s, h, command),
+        match self.stepper {
+            Stepper::Euler | Stepper::ImplicitFast => self.euler(state, h),
+            Stepper::RungeKutta => self.runge_kutta(state, time_s, h, command),
+            Stepper::Extrapolation => self.extrapolate(state, time_s, h, command),
         }
-        self.check(state, time_s + h)
+        self.sound_lanes(state).all()
     }
 
     #[inline(always)]
@@ -238,33 +239,46 @@ impl<S: Space> Engine<S> {
     }
 
     /// What depends on the coordinates alone.
-    #[inline(always)]
     pub(crate) fn position_stage(&mut self, qpos: &[S::T]) {
-        kinematics::kinematics(&self.plant, qpos, &mut self.work);
-        inertia::body_inertias(&self.plant, &mut self.work);
-        inertia::mass_matrix(&self.plant, &mut self.work);
-        self.plant.effects.inertia(&self.plant, &mut self.work);
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                kinematics::kinematics(&self.plant, qpos, &mut self.work);
+                inertia::body_inertias(&self.plant, &mut self.work);
+                inertia::mass_matrix(&self.plant, &mut self.work);
+                self.plant.effects.inertia(&self.plant, &mut self.work);
+            },
+        );
     }
 
     /// The forces on the dofs at this state, after [`Self::position_stage`].
-    #[inline(always)]
-    pub(super) fn force_stage(&mut self, qpos: &[S::T], qvel: &[S::T], h: f64) {
-        let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
-        bias::velocities(plant, qvel, work);
-        work.water = plant.effects.water(self.moment, plant);
-        bias::bias(plant, work);
-        passive::gravity_compensation(plant, work);
-        fluid::fluid(plant, work);
-        plant.effects.wrenches(self.moment, plant, work, &mut self.memory);
-        force.fill(S::T::ZERO);
-        bias::project(plant, work, force);
-        passive::springs(plant, qpos, force);
-        passive::dampers(plant, qvel, force);
-        plant.effects.forces(qpos, qvel, force);
-        actuation::actuation(plant, qpos, qvel, &self.command, &self.off, force);
+    pub(super) fn force_stage(&mut self, qpos: &[S::T], qvel: &[S::T]) {
+        let h = self.restraint_step_s;
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
+                bias::velocities(plant, qvel, work);
+                work.water = plant.effects.water(self.moment, self.clock, plant);
+                bias::bias(plant, work);
+                passive::gravity_compensation(plant, work);
+                fluid::fluid(plant, work);
+                plant.effects.wrenches(self.moment, plant, work, &mut self.memory);
+                force.fill(S::T::ZERO);
+                bias::project(plant, work, force);
+                passive::springs(plant, qpos, force);
+                passive::dampers(plant, qvel, force);
+                plant.effects.forces(qpos, qvel, force);
+                actuation::actuation(plant, qpos, qvel, &self.command, &self.off, force);
+            },
+        );
         self.still_held();
         if let Some(solver) = &mut self.solver {
-            solver.resolve(&self.plant, &self.work, &self.held, h, qpos, qvel, &mut self.force);
+            let (plant, work, force) = (&self.plant, &self.work, &mut self.force);
+            S::T::tuned(
+                #[inline(always)]
+                || solver.resolve(plant, work, &self.held, h, qpos, qvel, force),
+            );
         }
     }
 
@@ -278,14 +292,17 @@ impl<S: Space> Engine<S> {
     }
 
     /// Turns `force` into accelerations.
-    #[inline(always)]
     pub(super) fn accelerate(&mut self) {
-        inertia::hold(&self.plant, &self.held, &mut self.matrix);
-        inertia::factor(&self.plant, &mut self.matrix);
-        inertia::solve(&self.plant, &self.matrix, &mut self.force);
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                inertia::hold(&self.plant, &self.held, &mut self.matrix);
+                inertia::factor(&self.plant, &mut self.matrix);
+                inertia::solve(&self.plant, &self.matrix, &mut self.force);
+            },
+        );
     }
 
-    #[inline(always)]
     fn prescribe(
         &mut self,
         state: &mut State<S::T>,
@@ -296,33 +313,62 @@ impl<S: Space> Engine<S> {
         if !self.prescribed.contains(&true) {
             return;
         }
-        self.sum_v.fill(S::T::ZERO);
-        for (index, drive) in
-            self.plant.drives.iter().enumerate().filter(|(index, _)| self.prescribed[*index])
-        {
-            let target = drive.command(command(index, end_s)) / drive.gear;
-            let secant = (target - state.qpos[drive.q]) / S::T::from_f64(h);
-            self.sum_v[drive.dof] = secant - state.qvel[drive.dof];
-            state.qvel[drive.dof] = secant;
-        }
-        multiply(&self.plant, &self.work.mass, &self.sum_v, &mut self.force);
-        for force in &mut self.force {
-            *force = -*force;
-        }
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                self.sum_v.fill(S::T::ZERO);
+                let prescribed = self.prescribed.iter();
+                for ((index, drive), _) in self
+                    .plant
+                    .drives
+                    .iter()
+                    .enumerate()
+                    .zip(prescribed)
+                    .filter(|(_, prescribed)| **prescribed)
+                {
+                    let target = drive.command(command(index, end_s)) / drive.gear;
+                    let secant = (target - state.qpos[drive.q]) / S::T::from_f64(h);
+                    self.sum_v[drive.dof] = secant - state.qvel[drive.dof];
+                    state.qvel[drive.dof] = secant;
+                }
+                multiply(&self.plant, &self.work.mass, &self.sum_v, &mut self.force);
+                for force in &mut self.force {
+                    *force = -*force;
+                }
+            },
+        );
         self.still_held();
         self.matrix.copy_from_slice(&self.work.mass);
         self.accelerate();
-        for (v, &dv) in state.qvel.iter_mut().zip(&self.force) {
-            *v += dv;
-        }
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                for (v, &dv) in state.qvel.iter_mut().zip(&self.force) {
+                    *v += dv;
+                }
+            },
+        );
     }
 
-    #[inline(always)]
-    fn check(&self, state: &State<S::T>, time_s: f64) -> Result<(), RolloutError> {
+    /// The lanes whose velocities are numbers, and not absurd.
+    pub(crate) fn sound_lanes(&self, state: &State<S::T>) -> <S::T as Scalar>::Mask {
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                let limit = S::T::from_f64(ABSURD_SPEED);
+                let mut sound = S::T::ZERO.less(S::T::ONE);
+                for v in &state.qvel {
+                    sound = sound & v.abs().less(limit);
+                }
+                sound
+            },
+        )
+    }
+
+    /// The joint that has diverged in `lane` at `time_s`, if one has.
+    pub(crate) fn diverged(&self, state: &State<S::T>, lane: usize, time_s: f64) -> Option<RolloutError> {
         let limit = S::T::from_f64(ABSURD_SPEED);
-        match state.qvel.iter().position(|v| !v.abs().less(limit).all()) {
-            None => Ok(()),
-            Some(dof) => Err(RolloutError::Diverged { joint: self.joint_of_dof[dof].clone(), time_s }),
-        }
+        let dof = state.qvel.iter().position(|v| !v.abs().less(limit).test(lane))?;
+        Some(RolloutError::Diverged { joint: self.joint_of_dof[dof].clone(), time_s })
     }
 }

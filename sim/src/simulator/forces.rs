@@ -40,7 +40,7 @@ impl<S: Space> Engine<S> {
         self.position_stage(qpos);
         let (plant, work) = (&self.plant, &mut self.work);
         bias::velocities(plant, qvel, work);
-        work.water = plant.effects.water(self.moment, plant);
+        work.water = plant.effects.water(self.moment, self.clock, plant);
         let zeros = || vec![S::T::ZERO; plant.nv];
         let mut of_wrenches = |add: &dyn Fn(&Plant<S>, &mut Work<S>)| {
             let mut force = zeros();
@@ -62,7 +62,7 @@ impl<S: Space> Engine<S> {
         passive::dampers(plant, qvel, &mut damper);
         actuation::actuation(plant, qpos, qvel, &self.command, &self.off, &mut actuator);
 
-        self.force_stage(qpos, qvel, self.timestep_s);
+        self.force_stage(qpos, qvel);
         let total = self.force.clone();
         let restraint = (0..total.len())
             .map(|i| {

@@ -1,6 +1,7 @@
 //! Moves one mechanism step by step.
 
 mod engine;
+mod extrapolation;
 mod forces;
 mod integrators;
 
@@ -37,7 +38,7 @@ pub(crate) enum InSpace<T: Scalar> {
 /// The plane to compute `model` in; `None` for space. The water's slopes for implicitfast are there in space only.
 pub(crate) fn plane<T: Scalar>(model: &Model<T>, options: &RolloutOptions) -> Option<Plane<T>> {
     let integrator = options.integrator.unwrap_or(model.settings.integrator);
-    (integrator != Integrator::ImplicitFast).then(|| Plane::of(model)).flatten()
+    (integrator != Integrator::ImplicitFast || options.steps.is_some()).then(|| Plane::of(model)).flatten()
 }
 
 macro_rules! in_space {
@@ -134,6 +135,12 @@ impl<T: Scalar> Simulator<T> {
         h: f64,
         command: &dyn Fn(usize, f64) -> T,
     ) -> Result<(), RolloutError> {
-        in_space!(&mut self.0, engine => engine.step_with(state, time_s, h, command))
+        in_space!(&mut self.0, engine => {
+            if engine.step_with(state, time_s, h, command) {
+                return Ok(());
+            }
+            let first = (0..T::LANES).find_map(|lane| engine.diverged(state, lane, time_s + h));
+            first.map_or(Ok(()), Err)
+        })
     }
 }
