@@ -25,6 +25,7 @@ pub mod loss;
 mod names;
 pub mod parameters;
 pub mod simulate;
+mod statistics;
 pub mod strict;
 pub mod table;
 

@@ -15,7 +15,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use sim::{Command, Model, State, Trajectory};
 
-pub use config::{FitConfig, Method, Prior};
+pub use config::{FitConfig, Loss, Method, Prior};
 pub use error::ExperimentError;
 
 /// A model and the runs it should reproduce.

@@ -25,6 +25,11 @@ pub enum FitError {
         "every run is held out; mark at least one `use = \"fit\"`, or fit nothing with `parameters = []`"
     )]
     NothingToFit,
+    /// An earlier fit that says nothing about any parameter of this one.
+    #[error(
+        "the earlier fit says nothing about any fitted parameter; it must be the fit.json of the same mechanism, written by this version"
+    )]
+    NothingInherited,
     /// A run cannot be simulated.
     #[error("simulating run `{run}`")]
     Simulation {
@@ -46,7 +51,7 @@ impl FitError {
         match self {
             Self::Experiment(error) => error.is_lack_of_data(),
             Self::Start(_) | Self::Simulation { .. } | Self::NoOptimum => true,
-            Self::Parameters(_) | Self::Checkpoint(_) | Self::NothingToFit => false,
+            Self::Parameters(_) | Self::Checkpoint(_) | Self::NothingToFit | Self::NothingInherited => false,
         }
     }
 }
