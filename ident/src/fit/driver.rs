@@ -6,13 +6,13 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardUniform};
 
-use super::FitError;
 use super::checkpoint::{Checkpoint, Ended, Flow, Observer, Origin, Progress, Stage};
 use super::counts::Counts;
 use super::least_squares::{Descent, Freedom};
 use super::objective::Objective;
 use super::problem::Point;
 use super::search::{Search, settle};
+use super::{FitError, INTERRUPTED};
 use crate::cmaes::Restarts;
 use crate::experiment::{Experiment, Method};
 
@@ -105,7 +105,7 @@ impl Driver<'_> {
             });
             match (end, flow) {
                 (Some(end), _) => return self.arrive(state, end, counts),
-                (None, Flow::Stop) => return self.arrive(state, "interrupted", counts),
+                (None, Flow::Stop) => return self.arrive(state, INTERRUPTED, counts),
                 (None, Flow::Continue) => {}
             }
         }
@@ -198,7 +198,7 @@ impl Driver<'_> {
         let Some(best) = best(&ended) else {
             return Err(self.start_failed(&ended[0].point));
         };
-        let stop_reason = if reason == "interrupted" { reason.to_owned() } else { best.reason.clone() };
+        let stop_reason = if reason == INTERRUPTED { reason.to_owned() } else { best.reason.clone() };
         let point = best.point.clone();
         Ok(Arrival { point, stop_reason, ended: if several { ended } else { Vec::new() } })
     }

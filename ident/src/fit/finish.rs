@@ -12,8 +12,8 @@ use super::objective::Objective;
 use super::problem::{Point, Problem, Term};
 use super::profile::profile;
 use super::{
-    AssumedNoise, Combination, Fit, FitError, FittedParameter, FittedRun, JointInformation, NoiseSeen,
-    RunErrors, StartLoss,
+    AssumedNoise, Combination, Fit, FitError, FittedParameter, FittedRun, INTERRUPTED, JointInformation,
+    NoiseSeen, RunErrors, StartLoss,
 };
 use crate::experiment::{Experiment, Run, RunKind, Use};
 use crate::geometry::characteristic_length_m;
@@ -40,9 +40,18 @@ pub(super) fn finish(
 ) -> Result<(Fit, Model, Vec<FittedRun>), FitError> {
     let (problem, point) = (&objective.problem, &arrival.point);
     let known = information(objective, point, assumed.stated, &mut counts).ok_or(FitError::NoOptimum)?;
+    let free = &problem.parameters.free;
+    if !free.is_empty()
+        && free.iter().all(|parameter| parameter.prior.is_none())
+        && !known.blind.contains(&false)
+    {
+        return Err(FitError::Unseen {
+            names: names(problem.parameters, &(0..free.len()).collect::<Vec<_>>()),
+        });
+    }
     let noise_m = noise_m(objective, &known, assumed);
     let model = problem.parameters.applied(&point.values, &experiment.model);
-    let interrupted = arrival.stop_reason == "interrupted";
+    let interrupted = arrival.stop_reason == INTERRUPTED;
     let intervals = (experiment.fit.profile && !interrupted && !point.values.is_empty())
         .then(|| profile(objective, point, &known, &mut counts));
 

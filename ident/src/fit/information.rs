@@ -26,6 +26,8 @@ pub(super) struct Information {
     pub(super) naive_std: Vec<f64>,
     /// Whether the data settle the value, rather than its prior or bounds, shape (P).
     pub(super) determined: Vec<bool>,
+    /// Whether no keypoint moves noticeably over its whole bounds, shape (P).
+    pub(super) blind: Vec<bool>,
     /// Covariance, priors included, shape (P, P).
     pub(super) covariance: DMatrix<f64>,
     /// Inverse covariance, without priors and bounds, shape (P, P).
@@ -70,6 +72,8 @@ const SHARE: f64 = 0.05;
 /// A direction is unseen when its variance is this share of what the bounds alone give, the belief in the bounds
 /// being as strong as the data.
 const UNSEEN: f64 = 0.5;
+/// Squared standard deviations of all residuals together, over the whole bounds, that are as good as none.
+const BLIND: f64 = 1e-4;
 /// Precision of an even belief over a width of 1.
 const EVEN: f64 = 12.0;
 
@@ -145,6 +149,7 @@ pub(super) fn information(
         std: deviations(&covariance),
         naive_std: deviations(&naive),
         determined: determined.collect(),
+        blind: (0..count).map(|i| weight[(i, i)] < BLIND).collect(),
         covariance: in_widths(covariance),
         joint: joint(&data, &widths),
         effective,

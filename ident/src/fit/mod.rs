@@ -62,7 +62,7 @@ pub use report::{
     Combination, Constancy, Fit, FittedParameter, JointInformation, NoiseSeen, RunErrors, RunValue, StartLoss,
 };
 
-use crate::experiment::{Experiment, Loss, Method, Run, Use};
+use crate::experiment::{Experiment, Loss, Method, Run, RunKind, Use};
 use crate::initial;
 use crate::loss::{Weighting, observations};
 use crate::parameters::Parameters;
@@ -72,6 +72,9 @@ use counts::Counts;
 use driver::Driver;
 use objective::{Belief, Objective};
 use problem::{Problem, Term};
+
+/// The reason a fit gives that was told to stop.
+pub const INTERRUPTED: &str = "interrupted";
 
 /// A calibrated model, and how well it repeats the runs.
 #[derive(Debug, Clone)]
@@ -154,6 +157,7 @@ fn run(
     if fitted_runs().next().is_none() && !parameters.is_empty() {
         return Err(FitError::NothingToFit);
     }
+    unmoved(experiment, &parameters)?;
     let assumed = AssumedNoise::of(experiment);
     let use_stated = experiment.fit.method != Method::Paper;
     let mut terms = Vec::new();
@@ -193,6 +197,37 @@ fn run(
     let (fit, model, runs) = finish::finish(experiment, &objective, arrival, &assumed, counts)?;
     let timing = Timing { wall: began.elapsed(), threads: rayon::current_num_threads() };
     Ok(Fitted { fit, model, runs, timing })
+}
+
+/// Refuses a drive's gain that no fitted run drives, and a joint's resistance that every one overrides: their
+/// sensitivities are nothing but zeros.
+fn unmoved(experiment: &Experiment, parameters: &Parameters) -> Result<(), FitError> {
+    use sim::model::Parameter::{Damping, FrictionLoss, Gain, Stiffness};
+    let model = &experiment.model;
+    let drives = |run: &Run, joint: usize| {
+        let commanded = run.command.iter().flat_map(|command| &command.actuators);
+        run.kind == RunKind::Driven
+            && commanded.into_iter().any(|name| {
+                model.actuators.iter().any(|actuator| actuator.joint == joint && actuator.name == *name)
+            })
+    };
+    let moved = |place: &sim::model::Parameter| {
+        let mut runs = experiment.runs.iter().filter(|run| run.usage == Use::Fit);
+        match *place {
+            Gain(actuator) => runs.any(|run| !run.prescribed && drives(run, model.actuators[actuator].joint)),
+            Damping(joint) | FrictionLoss(joint) | Stiffness(joint, _) => {
+                runs.any(|run| !(run.prescribed && drives(run, joint)))
+            }
+            _ => true,
+        }
+    };
+    let names: Vec<String> = parameters
+        .free
+        .iter()
+        .filter(|parameter| parameter.prior.is_none() && !parameter.places.iter().any(moved))
+        .map(|parameter| parameter.name().to_owned())
+        .collect();
+    if names.is_empty() { Ok(()) } else { Err(FitError::Unseen { names }) }
 }
 
 /// Keypoint noise before the fit, one standard deviation per coordinate \[m\].

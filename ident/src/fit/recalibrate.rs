@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 
 use super::objective::Belief;
-use super::{Fit, FitError, Fitted, Observer, run};
+use super::{Fit, FitError, Fitted, INTERRUPTED, Observer, run};
 use crate::experiment::Experiment;
 use crate::parameters::Parameters;
 use crate::statistics::chi2_survival;
@@ -51,7 +51,7 @@ const MOST_WORSE: f64 = 1.5;
 
 /// Fits new runs, once by themselves; and, where that passes the gates against `earlier`, once more with what the
 /// earlier fit found. [`Fit::recalibration`] of the outcome says which of both it is: a fit that was not accepted is
-/// that of the new runs alone, and the earlier one should be kept.
+/// that of the new runs alone, and the earlier one should be kept. An interrupted one has no verdict.
 ///
 /// # Errors
 /// [`FitError`].
@@ -63,6 +63,9 @@ pub fn recalibrate(
     let parameters = Parameters::select(&experiment.model, &experiment.fit)?;
     earlier.belief(&parameters, 1.0)?;
     let mut alone = run(experiment, None, None, observer)?;
+    if alone.fit.stop_reason == INTERRUPTED {
+        return Ok(alone);
+    }
     let verdict = judge(earlier, &alone.fit);
     if !verdict.accepted {
         alone.fit.recalibration = Some(verdict);
@@ -81,7 +84,7 @@ pub fn recalibrate(
 /// Judges a fit of new runs, made without regard to `earlier`, against it.
 fn judge(earlier: &Fit, new: &Fit) -> Recalibration {
     let mut reasons = Vec::new();
-    if ["interrupted", "max-evaluations", "simulation-failed"].contains(&new.stop_reason.as_str()) {
+    if ["max-evaluations", "simulation-failed"].contains(&new.stop_reason.as_str()) {
         reasons.push(format!("the new fit did not converge ({})", new.stop_reason));
     }
     let (before_m, after_m) = (residual_m(earlier), residual_m(new));
