@@ -1,11 +1,14 @@
-//! How fast the reference models step: one JSON line per model, integrator and step.
+//! How fast the reference models step, and how exactly: one JSON line per model, way of stepping and instruction set.
 //!
-//! `cargo run --release -p sim --example throughput`, beside MuJoCo's own figures on the same machine.
+//! `cargo run --release -p sim --example throughput [-- MODEL]`, beside MuJoCo's own figures on the same machine. One
+//! thread; `seconds_per_10_s_run` is per candidate. MuJoCo's own steppers come first (the same numbers as MuJoCo to
+//! rounding, so their `max_error_m` is MuJoCo's too), then ours at the longest step that is as exact as asked for.
 #![allow(clippy::print_stdout, reason = "its output is the point")]
 
 use std::time::Instant;
 
-use sim::{Command, Integrator, Model, RolloutOptions, State, rollout};
+use sim::batch::{self, Candidate};
+use sim::{Command, Integrator, Isa, Method, Model, RolloutOptions, State, Steps, rollout};
 
 const MODELS: [(&str, &str, f64); 5] = [
     ("chain_passive", include_str!("../tests/data/chain_passive.xml"), 0.0),
@@ -14,13 +17,18 @@ const MODELS: [(&str, &str, f64); 5] = [
     ("arm8", include_str!("../tests/data/arm8.xml"), 0.6),
     ("octopus8", include_str!("../tests/data/octopus8.xml"), 0.5),
 ];
-const STEPPERS: [(Integrator, &str, f64); 5] = [
+const MUJOCO: [(Integrator, &str, f64); 4] = [
     (Integrator::Euler, "euler", 0.001),
-    (Integrator::Euler, "euler", 0.002),
     (Integrator::ImplicitFast, "implicitfast", 0.001),
     (Integrator::Rk4, "rk4", 0.001),
     (Integrator::Rk4, "rk4", 0.010),
 ];
+const OURS: [(Method, &str); 2] =
+    [(Method::RungeKutta, "runge-kutta"), (Method::Extrapolation, "extrapolation")];
+/// Longest steps tried, each three quarters of the one before \[s\].
+const LONGEST_S: f64 = 0.05;
+/// Wanted accuracies \[m\], beside MuJoCo's own at Euler 1 ms.
+const WANTED_M: [f64; 2] = [1e-4, 1e-5];
 /// Two references of which the coarser is this close to the finer are good enough \[m\].
 const REFERENCE_M: f64 = 1e-7;
 /// The best of so many runs is the figure: the others shared the machine.
@@ -53,51 +61,59 @@ impl Case {
         Ok(Self { model, state, command: Command { actuators, time_s, angle_rad }, duration_s })
     }
 
-    /// Every site's positions each 20 ms; `None` when it diverges.
-    fn positions(&self, integrator: Integrator, timestep_s: f64) -> Option<Vec<[f64; 3]>> {
-        let samples: Vec<f64> = (0..=(self.duration_s * 50.0) as u32).map(|k| f64::from(k) * 0.02).collect();
-        let run = self.run(integrator, timestep_s, &samples)?;
-        let nq = self.model.nq();
-        Some(
-            run.chunks(nq)
-                .flat_map(|qpos| self.model.poses(qpos).site_pos.into_iter().map(|at| at.0))
-                .collect(),
-        )
-    }
-
-    fn run(&self, integrator: Integrator, timestep_s: f64, samples: &[f64]) -> Option<Vec<f64>> {
-        let options = RolloutOptions {
+    fn mujoco(integrator: Integrator, timestep_s: f64) -> RolloutOptions {
+        RolloutOptions {
             integrator: Some(integrator),
             timestep_s: Some(timestep_s),
             ..RolloutOptions::default()
-        };
-        rollout(&self.model, &self.state, &self.command, samples, &options).ok().map(|run| run.qpos)
-    }
-
-    /// The motion itself: Runge-Kutta, or the finest stable method, halved until it no longer moves.
-    fn reference(&self) -> Option<Vec<[f64; 3]>> {
-        let mut timestep_s = 0.0005;
-        let mut coarse = self.positions(Integrator::Rk4, timestep_s);
-        while timestep_s > 1e-5 {
-            timestep_s /= 2.0;
-            let fine = self.positions(Integrator::Rk4, timestep_s);
-            if let (Some(a), Some(b)) = (&coarse, &fine)
-                && worst(a, b) < REFERENCE_M
-            {
-                return fine;
-            }
-            coarse = fine;
         }
-        None
     }
 
-    fn seconds(&self, integrator: Integrator, timestep_s: f64) -> f64 {
+    fn ours(method: Method, longest_s: f64) -> RolloutOptions {
+        RolloutOptions { steps: Some(Steps { method, longest_s }), ..RolloutOptions::default() }
+    }
+
+    /// Every site's positions each 20 ms; `None` when it diverges.
+    fn positions(&self, options: &RolloutOptions) -> Option<Vec<[f64; 3]>> {
+        let samples: Vec<f64> = (0..=(self.duration_s * 50.0) as u32).map(|k| f64::from(k) * 0.02).collect();
+        let run = rollout(&self.model, &self.state, &self.command, &samples, options).ok()?;
+        let sites = |qpos: &[f64]| self.model.poses(qpos).site_pos;
+        Some(run.qpos.chunks(self.model.nq()).flat_map(sites).map(|at| at.0).collect())
+    }
+
+    /// The motion itself, by Runge-Kutta or, where that is not stable, by extrapolation: steps halved until the sites no
+    /// longer move.
+    fn reference(&self) -> Option<Vec<[f64; 3]>> {
+        OURS.into_iter().find_map(|(method, _)| {
+            let mut longest_s = 0.0005;
+            let mut coarse = self.positions(&Self::ours(method, longest_s));
+            while longest_s > 2e-5 {
+                longest_s /= 2.0;
+                let fine = self.positions(&Self::ours(method, longest_s));
+                if let (Some(a), Some(b)) = (&coarse, &fine)
+                    && worst(a, b) < REFERENCE_M
+                {
+                    return fine;
+                }
+                coarse = fine;
+            }
+            None
+        })
+    }
+
+    /// Wall time of one candidate's run on one thread \[s\], every lane at work.
+    fn seconds(&self, options: &RolloutOptions, isa: Isa) -> f64 {
+        let candidate = Candidate { values: Vec::new(), state: self.state.clone(), start_s: 0.0 };
+        let candidates = vec![candidate; isa.lanes()];
+        let samples = [self.duration_s];
         let best = |best: f64, _| {
             let start = Instant::now();
-            std::hint::black_box(self.run(integrator, timestep_s, &[self.duration_s]));
+            let positions =
+                batch::positions(&self.model, &[], &candidates, &self.command, &samples, options, isa);
+            std::hint::black_box(positions.is_ok());
             best.min(start.elapsed().as_secs_f64())
         };
-        (0..REPEATS).fold(f64::INFINITY, best)
+        (0..REPEATS).fold(f64::INFINITY, best) / candidates.len() as f64
     }
 }
 
@@ -107,25 +123,58 @@ fn worst(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let wanted = std::env::args().nth(1);
     for (name, text, amplitude_rad) in MODELS {
+        if wanted.as_ref().is_some_and(|wanted| wanted != name) {
+            continue;
+        }
         let case = Case::new(name, text, amplitude_rad)?;
         let reference = case.reference();
-        for (integrator, called, timestep_s) in STEPPERS {
-            let Some(positions) = case.positions(integrator, timestep_s) else { continue };
-            let error_m = reference.as_ref().map(|reference| worst(&positions, reference));
-            let seconds = case.seconds(integrator, timestep_s);
-            let line = serde_json::json!({
-                "model": name,
-                "integrator": called,
-                "timestep_s": timestep_s,
-                "lanes": 1,
-                "threads": 1,
-                "isa": std::env::consts::ARCH,
-                "steps_per_s": case.duration_s / timestep_s / seconds,
-                "seconds_per_10_s_run": seconds * 10.0 / case.duration_s,
-                "max_error_m": error_m,
-            });
-            println!("{line}");
+        let error_m = |options: &RolloutOptions| {
+            let positions = case.positions(options)?;
+            Some(worst(&positions, reference.as_ref()?))
+        };
+        let line = |called: &str, timestep_s: f64, options: &RolloutOptions, error_m: Option<f64>| {
+            for isa in Isa::available() {
+                let seconds = case.seconds(options, isa);
+                let line = serde_json::json!({
+                    "model": name,
+                    "integrator": called,
+                    "timestep_s": timestep_s,
+                    "lanes": isa.lanes(),
+                    "threads": 1,
+                    "isa": isa.name(),
+                    "steps_per_s": case.duration_s / timestep_s / seconds,
+                    "seconds_per_10_s_run": seconds * 10.0 / case.duration_s,
+                    "max_error_m": error_m,
+                });
+                println!("{line}");
+            }
+        };
+        let mut wanted_m = WANTED_M.to_vec();
+        for (integrator, called, timestep_s) in MUJOCO {
+            let options = Case::mujoco(integrator, timestep_s);
+            let Some(error_m) = error_m(&options) else { continue };
+            if (called, timestep_s) == ("euler", 0.001) {
+                wanted_m.insert(0, error_m);
+            }
+            line(called, timestep_s, &options, Some(error_m));
+        }
+        for (method, called) in OURS {
+            let mut longest_s = LONGEST_S;
+            for &wanted_m in &wanted_m {
+                // once a step is as exact as wanted, so are all shorter ones
+                while longest_s > 1e-4 {
+                    let options = Case::ours(method, longest_s);
+                    match error_m(&options) {
+                        Some(error_m) if error_m <= wanted_m => {
+                            line(called, longest_s, &options, Some(error_m));
+                            break;
+                        }
+                        _ => longest_s *= 0.75,
+                    }
+                }
+            }
         }
     }
     Ok(())

@@ -119,8 +119,14 @@ impl<T: Scalar, const N: usize> MulAssign for Dual<T, N> {
 
 impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
     type Mask = T::Mask;
+    const LANES: usize = T::LANES;
     const ZERO: Self = Self { value: T::ZERO, partials: [T::ZERO; N] };
     const ONE: Self = Self { value: T::ONE, partials: [T::ZERO; N] };
+
+    #[inline(always)]
+    fn tuned<R>(work: impl FnOnce() -> R) -> R {
+        T::tuned(work)
+    }
 
     #[inline(always)]
     fn from_f64(x: f64) -> Self {

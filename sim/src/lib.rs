@@ -4,22 +4,28 @@
 //! positions; a [`Simulator`] moves it step by step. Everything is generic over [`Scalar`], so that the same
 //! code carries plain numbers, derivatives and SIMD lanes.
 
+pub mod batch;
 pub mod command;
 pub mod dual;
 mod dynamics;
 pub mod fluid;
+pub mod lanes;
 pub mod math;
 pub mod mjcf;
 pub mod model;
 pub mod rollout;
 pub mod scalar;
 pub mod simulator;
+mod space;
+pub mod steps;
 pub mod trajectory;
 
 pub use command::Command;
+pub use lanes::Isa;
 pub use mjcf::MjcfError;
 pub use model::{Integrator, JointKind, Model, Poses, State};
 pub use rollout::{Rollout, RolloutError, RolloutOptions, rollout};
 pub use scalar::Scalar;
 pub use simulator::Simulator;
+pub use steps::{ACCURACY_M, Method, Plan, Steps, plan};
 pub use trajectory::Trajectory;

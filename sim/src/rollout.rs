@@ -5,7 +5,9 @@ use crate::dynamics::{integrate, kinematics};
 use crate::math::Vec3;
 use crate::model::{Integrator, Model, State};
 use crate::scalar::{Mask, Scalar};
-use crate::simulator::Simulator;
+use crate::simulator::{self, Engine};
+use crate::space::{Planar, Space, Spatial};
+use crate::steps::{Grid, Steps};
 use crate::trajectory::Trajectory;
 
 /// How a run is stepped.
@@ -17,11 +19,14 @@ pub struct RolloutOptions {
     pub timestep_s: Option<f64>,
     /// Hold the command over each step, as MuJoCo does, instead of sampling it at Runge-Kutta's stages.
     pub hold_command: bool,
-    /// The joints of position drives follow their commands exactly, see [`Simulator`]; a drive without a command
+    /// The joints of position drives follow their commands exactly, see
+    /// [`Simulator`](crate::Simulator); a drive without a command
     /// leaves its joint free.
     pub prescribed: bool,
     /// When motion starts \[s\]; until then the initial state is held.
     pub start_s: f64,
+    /// Our own steps instead of MuJoCo's: integrator, time step and `hold_command` then play no part.
+    pub steps: Option<Steps>,
 }
 
 /// Why a run could not be simulated.
@@ -79,6 +84,16 @@ pub enum RolloutError {
         /// The time \[s\].
         time_s: f64,
     },
+    /// No step is as exact as wanted.
+    #[error(
+        "no step down to {shortest_s} s keeps the keypoints within {accuracy_m} m; ask for less accuracy"
+    )]
+    Inexact {
+        /// The wanted accuracy \[m\].
+        accuracy_m: f64,
+        /// The shortest step tried \[s\].
+        shortest_s: f64,
+    },
     /// Something this version cannot do.
     #[error("{what} is not supported; {instead}")]
     Unsupported {
@@ -134,60 +149,184 @@ pub fn rollout<T: Scalar>(
 ) -> Result<Rollout<T>, RolloutError> {
     check(model, state, sample_times_s)?;
     let columns = columns(model, command)?;
-    let command = |drive: usize, time_s: f64| columns[drive].map_or(0.0, |column| command.at(column, time_s));
-
-    let mut simulator = Simulator::new(model, options)?;
-    simulator.switch_off(&columns.iter().map(Option::is_none).collect::<Vec<_>>());
-    let h = simulator.timestep_s();
-    let mut after = state.clone();
-    simulator.align(&mut after, options.start_s, &command);
-    let mut before = after.clone();
-    let mut sample = after.clone();
-
-    let sites: Vec<(usize, Vec3<T>)> = model
-        .keypoint_sites()
-        .into_iter()
-        .map(|site| (model.sites[site].body, model.sites[site].pos))
-        .collect();
-    let mut out = Rollout {
-        time_s: sample_times_s.to_vec(),
-        qpos: Vec::with_capacity(sample_times_s.len() * state.qpos.len()),
-        qvel: Vec::with_capacity(sample_times_s.len() * state.qvel.len()),
-        keypoints: model.keypoints(),
-        position_m: Vec::with_capacity(sample_times_s.len() * sites.len()),
-    };
-    // steps taken; `after` stands at start_s + steps * h
-    let mut steps = 0_u64;
-    for &time_s in sample_times_s {
-        let elapsed = time_s - options.start_s;
-        // a sample within a billionth of a step of an instant belongs to it
-        while elapsed > (steps as f64 + 1e-9) * h {
-            before.qpos.copy_from_slice(&after.qpos);
-            simulator.step_with(&mut after, options.start_s + steps as f64 * h, h, &command)?;
-            before.qvel.copy_from_slice(&simulator.departure);
-            steps += 1;
-        }
-        let share = if steps == 0 { 1.0 } else { elapsed / h - (steps - 1) as f64 };
-        if share > 1.0 - 1e-9 {
-            sample.clone_from(&after);
-        } else {
-            let (start, end) = ((&before.qpos[..], &before.qvel[..]), (&after.qpos[..], &after.qvel[..]));
-            integrate::between(&simulator.plant, start, end, h, share, &mut sample.qpos);
-            let share = T::from_f64(share);
-            for ((v, &v0), &v1) in sample.qvel.iter_mut().zip(&before.qvel).zip(&after.qvel) {
-                *v = v0 + share * (v1 - v0);
-            }
-        }
-        kinematics::kinematics(&simulator.plant, &sample.qpos, &mut simulator.work);
-        let work = &simulator.work;
-        out.position_m.extend(sites.iter().map(|&(body, at)| (work.pos[body] + work.rot[body].apply(at)).0));
-        out.qpos.extend_from_slice(&sample.qpos);
-        out.qvel.extend_from_slice(&sample.qvel);
+    let start_s = T::from_f64(options.start_s);
+    let run = Run { model, state, start_s, command, columns: &columns, sample_times_s, options };
+    let mut run = match simulator::plane(model, options) {
+        Some(plane) => run.through::<Planar<T>>(plane),
+        None => run.through::<Spatial<T>>(()),
+    }?;
+    match run.failed.iter_mut().find_map(Option::take) {
+        Some(error) => Err(error),
+        None => Ok(Rollout {
+            time_s: sample_times_s.to_vec(),
+            qpos: run.qpos,
+            qvel: run.qvel,
+            keypoints: model.keypoints(),
+            position_m: run.position_m,
+        }),
     }
-    Ok(out)
 }
 
-fn check<T: Scalar>(model: &Model<T>, state: &State<T>, sample_times_s: &[f64]) -> Result<(), RolloutError> {
+/// What is to be simulated, checked.
+#[derive(Clone, Copy)]
+pub(crate) struct Run<'a, T> {
+    pub(crate) model: &'a Model<T>,
+    pub(crate) state: &'a State<T>,
+    /// When motion starts \[s\], lane by lane.
+    pub(crate) start_s: T,
+    pub(crate) command: &'a Command,
+    /// For each of the model's actuators, the command's column.
+    pub(crate) columns: &'a [Option<usize>],
+    pub(crate) sample_times_s: &'a [f64],
+    pub(crate) options: &'a RolloutOptions,
+}
+
+/// What came of it.
+pub(crate) struct Samples<T> {
+    /// Shapes as in [`Rollout`].
+    pub(crate) qpos: Vec<T>,
+    pub(crate) qvel: Vec<T>,
+    pub(crate) position_m: Vec<[T; 3]>,
+    /// Lane by lane.
+    pub(crate) failed: Vec<Option<RolloutError>>,
+}
+
+impl<T: Scalar> Run<'_, T> {
+    /// Simulates in the space that `layout` describes. Every lane takes the same steps from its own start; a lane that
+    /// diverges is put back to its initial state, so that its neighbours never meet its numbers.
+    pub(crate) fn through<S: Space<T = T>>(&self, layout: S::Layout) -> Result<Samples<T>, RolloutError> {
+        let Self { model, state, start_s, command, columns, sample_times_s, options } = *self;
+        let command =
+            |drive: usize, time_s: f64| columns[drive].map_or(0.0, |column| command.at(column, time_s));
+
+        let mut engine = Engine::<S>::new(model, layout, options)?;
+        engine.switch_off(&columns.iter().map(Option::is_none).collect::<Vec<_>>());
+        let grid = Grid::new(engine.timestep_s, self.command, options);
+        let mut after = state.clone();
+        engine.align(&mut after, options.start_s, &command);
+        let initial = after.clone();
+        let mut before = after.clone();
+        let mut sample = after.clone();
+
+        let sites: Vec<(usize, Vec3<T>, S::Vec)> = model
+            .keypoint_sites()
+            .into_iter()
+            .map(|site| (model.sites[site].body, model.sites[site].pos))
+            .map(|(body, at)| (body, at, S::vector(&engine.plant.layout, body, at)))
+            .collect();
+        let (instants, nq, nv) = (sample_times_s.len(), after.qpos.len(), after.qvel.len());
+        let mut out = Samples {
+            qpos: vec![T::ZERO; instants * nq],
+            qvel: vec![T::ZERO; instants * nv],
+            position_m: vec![[T::ZERO; 3]; instants * sites.len()],
+            failed: vec![None; T::LANES],
+        };
+        // the first sample that some lane still waits for; `after` stands at grid.instant(steps)
+        let (mut first, mut steps) = (0, 0_usize);
+        while first < instants {
+            if steps > 0 {
+                let (passed, h) = (grid.instant(steps - 1), grid.step(steps));
+                let time_s = options.start_s + passed;
+                before.qpos.copy_from_slice(&after.qpos);
+                if !engine.step_with(&mut after, time_s, h, &command) {
+                    self.set_back(&engine, &initial, &mut after, time_s + h, &mut out.failed);
+                    if out.failed.iter().all(Option::is_some) {
+                        break;
+                    }
+                }
+                before.qvel.copy_from_slice(&engine.departure);
+            }
+            // a sample within a billionth of a step of an instant belongs to it
+            let (instant, h) = (grid.instant(steps), grid.step(steps.max(1)));
+            let edge = T::from_f64(instant + 1e-9 * h);
+            let mut row = first;
+            while row < instants {
+                let elapsed = T::from_f64(sample_times_s[row]) - start_s;
+                let reached = !edge.less(elapsed);
+                if !reached.any() {
+                    break;
+                }
+                if row == first && reached.all() {
+                    first += 1;
+                }
+                let mut here = reached;
+                S::T::tuned(
+                    #[inline(always)]
+                    || {
+                        if steps == 0 {
+                            sample.qpos.copy_from_slice(&after.qpos);
+                            sample.qvel.copy_from_slice(&after.qvel);
+                        } else {
+                            let passed = grid.instant(steps - 1);
+                            here = here & T::from_f64(passed + 1e-9 * h).less(elapsed);
+                            let share = (elapsed - T::from_f64(passed)) * T::from_f64(1.0 / h);
+                            let (start, end) =
+                                ((&before.qpos[..], &before.qvel[..]), (&after.qpos[..], &after.qvel[..]));
+                            integrate::between(&engine.plant, start, end, h, share, &mut sample.qpos);
+                            for ((v, &v0), &v1) in sample.qvel.iter_mut().zip(&before.qvel).zip(&after.qvel) {
+                                *v = v0 + share * (v1 - v0);
+                            }
+                        }
+                        if here.any() {
+                            kinematics::kinematics(&engine.plant, &sample.qpos, &mut engine.work);
+                            let (work, layout) = (&engine.work, &engine.plant.layout);
+                            let places = &mut out.position_m[row * sites.len()..(row + 1) * sites.len()];
+                            for (place, &(body, own, at)) in places.iter_mut().zip(&sites) {
+                                let [x, y, z] = S::lift(
+                                    layout,
+                                    body,
+                                    own,
+                                    work.pos[body] + S::apply(&work.rot[body], at),
+                                );
+                                let [a, b, c] = *place;
+                                *place =
+                                    [T::select(here, x, a), T::select(here, y, b), T::select(here, z, c)];
+                            }
+                            for (kept, &q) in out.qpos[row * nq..(row + 1) * nq].iter_mut().zip(&sample.qpos)
+                            {
+                                *kept = T::select(here, q, *kept);
+                            }
+                            for (kept, &v) in out.qvel[row * nv..(row + 1) * nv].iter_mut().zip(&sample.qvel)
+                            {
+                                *kept = T::select(here, v, *kept);
+                            }
+                        }
+                    },
+                );
+                row += 1;
+            }
+            steps += 1;
+        }
+        Ok(out)
+    }
+
+    /// Notes which lanes have diverged and puts them back.
+    fn set_back<S: Space<T = T>>(
+        &self,
+        engine: &Engine<S>,
+        initial: &State<T>,
+        state: &mut State<T>,
+        time_s: f64,
+        failed: &mut [Option<RolloutError>],
+    ) {
+        let sound = engine.sound_lanes(state);
+        for (lane, failed) in failed.iter_mut().enumerate().filter(|(_, failed)| failed.is_none()) {
+            *failed = engine.diverged(state, lane, time_s);
+        }
+        for (q, &from) in state.qpos.iter_mut().zip(&initial.qpos) {
+            *q = T::select(sound, *q, from);
+        }
+        for (v, &from) in state.qvel.iter_mut().zip(&initial.qvel) {
+            *v = T::select(sound, *v, from);
+        }
+    }
+}
+
+pub(crate) fn check<T: Scalar>(
+    model: &Model<T>,
+    state: &State<T>,
+    sample_times_s: &[f64],
+) -> Result<(), RolloutError> {
     let (nq, nv) = (model.nq(), model.nv());
     if (state.qpos.len(), state.qvel.len()) != (nq, nv) {
         return Err(RolloutError::Shape { qpos: state.qpos.len(), qvel: state.qvel.len(), nq, nv });
@@ -209,7 +348,10 @@ fn check<T: Scalar>(model: &Model<T>, state: &State<T>, sample_times_s: &[f64]) 
 }
 
 /// For each of the model's actuators, the command's column.
-fn columns<T: Scalar>(model: &Model<T>, command: &Command) -> Result<Vec<Option<usize>>, RolloutError> {
+pub(crate) fn columns<T: Scalar>(
+    model: &Model<T>,
+    command: &Command,
+) -> Result<Vec<Option<usize>>, RolloutError> {
     let known = |name: &String| model.actuators.iter().any(|actuator| actuator.name == *name);
     if let Some(actuator) = command.actuators.iter().find(|name| !known(name)) {
         let known: Vec<_> = model.actuators.iter().map(|actuator| actuator.name.as_str()).collect();

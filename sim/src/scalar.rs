@@ -13,14 +13,23 @@ pub trait Mask: Copy + Debug + BitAnd<Output = Self> + BitOr<Output = Self> + No
 
     /// Whether it holds in some lane.
     fn any(self) -> bool;
+
+    /// Whether it holds in `lane`.
+    fn test(self, lane: usize) -> bool;
 }
 
 impl Mask for bool {
+    #[inline(always)]
     fn all(self) -> bool {
         self
     }
 
+    #[inline(always)]
     fn any(self) -> bool {
+        self
+    }
+
+    fn test(self, _: usize) -> bool {
         self
     }
 }
@@ -44,10 +53,19 @@ pub trait Scalar:
 {
     /// What a comparison yields.
     type Mask: Mask;
+    /// How many numbers it carries side by side, derivatives not counted.
+    const LANES: usize;
     /// 0.
     const ZERO: Self;
     /// 1.
     const ONE: Self;
+
+    /// Does `work` with the instructions that suit this number. What `work` calls must be `#[inline(always)]` down to the
+    /// arithmetic, or tuned itself: only what ends up in one function is compiled for those instructions.
+    #[inline(always)]
+    fn tuned<R>(work: impl FnOnce() -> R) -> R {
+        work()
+    }
 
     /// The constant `x`, the same in every lane, with no derivative.
     fn from_f64(x: f64) -> Self;
@@ -71,16 +89,19 @@ pub trait Scalar:
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
 
     /// The smaller one.
+    #[inline(always)]
     fn min(self, other: Self) -> Self {
         Self::select(other.less(self), other, self)
     }
 
     /// The larger one.
+    #[inline(always)]
     fn max(self, other: Self) -> Self {
         Self::select(self.less(other), other, self)
     }
 
     /// `self` kept between `low` and `high`.
+    #[inline(always)]
     fn clamp(self, low: Self, high: Self) -> Self {
         self.max(low).min(high)
     }
@@ -88,6 +109,7 @@ pub trait Scalar:
 
 impl Scalar for f64 {
     type Mask = bool;
+    const LANES: usize = 1;
     const ZERO: Self = 0.0;
     const ONE: Self = 1.0;
 
@@ -103,7 +125,7 @@ impl Scalar for f64 {
 
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        f64::sin_cos(self)
+        sin_cos(self)
     }
 
     #[inline(always)]
@@ -124,5 +146,70 @@ impl Scalar for f64 {
     #[inline(always)]
     fn select(mask: bool, yes: Self, no: Self) -> Self {
         if mask { yes } else { no }
+    }
+}
+
+/// Sine and cosine by arithmetic alone, the same bits whatever carries the number; to one unit in the last place for
+/// angles up to a million turns, less exact beyond.
+///
+/// The angle less the nearest multiple of pi/2 (in three parts, Cody and Waite), then minimax polynomials on
+/// -pi/4..pi/4 (coefficients of Sun's fdlibm, 1993).
+#[expect(clippy::excessive_precision, reason = "the digits that were published")]
+#[inline(always)]
+pub(crate) fn sin_cos<T: Scalar>(x: T) -> (T, T) {
+    const TWO_OVER_PI: f64 = std::f64::consts::FRAC_2_PI;
+    /// Its addition and subtraction rounds to the nearest whole number.
+    const ROUND: f64 = 6_755_399_441_055_744.0;
+    const HALF_PI: [f64; 3] =
+        [1.570_796_326_734_125_614_17, 6.077_100_506_303_965_976_60e-11, 2.022_266_248_795_950_631_54e-21];
+    const SIN: [f64; 6] = [
+        -1.666_666_666_666_663_243_48e-1,
+        8.333_333_333_322_489_461_24e-3,
+        -1.984_126_982_985_794_931_34e-4,
+        2.755_731_370_707_006_767_89e-6,
+        -2.505_076_025_340_686_341_95e-8,
+        1.589_690_995_211_550_102_21e-10,
+    ];
+    const COS: [f64; 6] = [
+        4.166_666_666_666_660_190_37e-2,
+        -1.388_888_888_887_410_957_49e-3,
+        2.480_158_728_947_672_941_78e-5,
+        -2.755_731_435_139_066_330_35e-7,
+        2.087_572_321_298_174_827_90e-9,
+        -1.135_964_755_778_819_482_65e-11,
+    ];
+    let of = T::from_f64;
+    let round = |x: T| x + of(ROUND) - of(ROUND);
+    let quarters = round(x * of(TWO_OVER_PI));
+    let [high, middle, low] = HALF_PI;
+    let y = x - quarters * of(high) - quarters * of(middle) - quarters * of(low);
+    let z = y * y;
+    let [a, b, c, d, e, f] = SIN;
+    let sin = y + y * z * (of(a) + z * (of(b) + z * (of(c) + z * (of(d) + z * (of(e) + z * of(f))))));
+    let [a, b, c, d, e, f] = COS;
+    let tail = z * z * (of(a) + z * (of(b) + z * (of(c) + z * (of(d) + z * (of(e) + z * of(f))))));
+    let half = z * of(0.5);
+    let most = T::ONE - half;
+    let cos = most + ((T::ONE - most - half) + tail);
+    // quarters modulo 4: 0, 1, 2 or 3
+    let turn = quarters - of(4.0) * round(quarters * of(0.25) - of(0.375));
+    let (above_0, above_1, above_2) = (of(0.5).less(turn), of(1.5).less(turn), of(2.5).less(turn));
+    let odd = (above_0 & !above_1) | above_2;
+    let (sin, cos) = (T::select(odd, cos, sin), T::select(odd, sin, cos));
+    (T::select(above_1, -sin, sin), T::select(above_0 & !above_2, -cos, cos))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sine_and_cosine_are_those_of_the_library_to_one_unit_in_the_last_place() {
+        for i in -200_000..200_000 {
+            let x = f64::from(i) * 1.2345e-3 * (1.0 + f64::from(i % 7) * 13.0);
+            let ((sin, cos), (s, c)) = (sin_cos(x), x.sin_cos());
+            assert!((sin - s).abs() <= 1.2e-16 && (cos - c).abs() <= 1.2e-16, "{x}: {sin} {s} {cos} {c}");
+        }
+        assert_eq!(sin_cos(0.0), (0.0, 1.0));
     }
 }

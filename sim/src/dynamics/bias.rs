@@ -1,29 +1,29 @@
 //! Stage 3: velocities, and the forces that gravity and rotation alone call for (recursive Newton-Euler).
 
 use super::Work;
-use super::plant::Plant;
-use crate::math::{Motion, Vec3, Wrench};
-use crate::model::JointKind;
-use crate::scalar::Scalar;
+use super::plant::{JointPlanKind, Plant};
+use crate::math::Vector;
+use crate::space::{Motion, Space, Wrench};
 
 /// Fills `work.velocity` (of each body) and `work.drift` (each body's acceleration with all joint
 /// accelerations 0, less gravity).
-pub(crate) fn velocities<T: Scalar>(plant: &Plant<T>, qvel: &[T], work: &mut Work<T>) {
-    work.drift[0] = Motion { ang: Vec3::ZERO, lin: -plant.gravity };
+#[inline(always)]
+pub(crate) fn velocities<S: Space>(plant: &Plant<S>, qvel: &[S::T], work: &mut Work<S>) {
+    work.drift[0] = Motion { ang: S::Spin::ZERO, lin: -plant.gravity };
     for (index, link) in plant.links.iter().enumerate().skip(1) {
         let mut velocity = work.velocity[link.parent];
         let mut drift = work.drift[link.parent];
         for joint in &plant.joints[link.joints.clone()] {
-            let dofs = joint.dof..joint.dof + joint.kind.nv();
+            let dofs = joint.dof..joint.dof + joint.nv;
             let mut moves = |dofs: std::ops::Range<usize>, turns_axes: bool| {
                 let own = dofs.fold(Motion::ZERO, |sum, dof| sum.plus(work.axes[dof], qvel[dof]));
                 if turns_axes {
-                    drift = drift.plus(velocity.cross(own), T::ONE);
+                    drift = drift.and(velocity.cross(own));
                 }
-                velocity = velocity.plus(own, T::ONE);
+                velocity = velocity.and(own);
             };
             match joint.kind {
-                JointKind::Free => {
+                JointPlanKind::Free(_) => {
                     // the axes of travel are the world's and stay
                     moves(dofs.start..dofs.start + 3, false);
                     moves(dofs.start + 3..dofs.end, true);
@@ -37,7 +37,8 @@ pub(crate) fn velocities<T: Scalar>(plant: &Plant<T>, qvel: &[T], work: &mut Wor
 }
 
 /// Adds to `work.wrench` the force each body needs for its drift, reversed.
-pub(crate) fn bias<T: Scalar>(plant: &Plant<T>, work: &mut Work<T>) {
+#[inline(always)]
+pub(crate) fn bias<S: Space>(plant: &Plant<S>, work: &mut Work<S>) {
     for index in 1..plant.links.len() {
         let inertia = &work.inertia[index];
         let velocity = work.velocity[index];
@@ -47,7 +48,8 @@ pub(crate) fn bias<T: Scalar>(plant: &Plant<T>, work: &mut Work<T>) {
 }
 
 /// Adds to `force` what the wrenches on the bodies do to the dofs; `work.wrench` is used up.
-pub(crate) fn project<T: Scalar>(plant: &Plant<T>, work: &mut Work<T>, force: &mut [T]) {
+#[inline(always)]
+pub(crate) fn project<S: Space>(plant: &Plant<S>, work: &mut Work<S>, force: &mut [S::T]) {
     for index in (1..plant.links.len()).rev() {
         let link = &plant.links[index];
         let wrench = work.wrench[index];

@@ -7,9 +7,10 @@ use super::Work;
 use super::fluid::relative;
 use super::plant::Plant;
 use crate::dual::Dual;
-use crate::fluid::{Ellipsoid, InertiaBox};
-use crate::math::{Mat3, Motion, Vec3, Wrench};
+use crate::fluid::{Immersed, ImmersedBox};
+use crate::math::{Mat3, Vec3};
 use crate::scalar::Scalar;
+use crate::space::{Motion, SlopeStage, Spatial, Wrench};
 
 /// A number with its derivatives by angular and linear velocity.
 type Probe<T> = Dual<T, 6>;
@@ -19,38 +20,37 @@ type Slope<T> = [[T; 6]; 6];
 
 /// The fluid's shapes made ready for differentiation, and room for their slopes.
 #[derive(Debug, Clone)]
-pub(crate) struct FluidSlope<T> {
+pub(crate) struct FluidSlope<T: Scalar> {
     density: Probe<T>,
     viscosity: Probe<T>,
-    geoms: Vec<Ellipsoid<Probe<T>>>,
-    bodies: Vec<InertiaBox<Probe<T>>>,
+    geoms: Vec<Immersed<Spatial<Probe<T>>>>,
+    bodies: Vec<ImmersedBox<Spatial<Probe<T>>>>,
     /// Per body: with all it carries, once summed.
     slopes: Vec<Slope<T>>,
 }
 
-impl<T: Scalar> FluidSlope<T> {
-    pub(crate) fn new(plant: &Plant<T>) -> Self {
-        Self {
+impl<T: Scalar> SlopeStage<Spatial<T>> for FluidSlope<T> {
+    fn new(plant: &Plant<Spatial<T>>) -> Option<Self> {
+        Some(Self {
             density: Probe::constant(plant.density),
             viscosity: Probe::constant(plant.viscosity),
             geoms: plant.fluid_geoms.iter().map(|geom| geom.shape.map(Probe::constant)).collect(),
             bodies: plant.fluid_bodies.iter().map(|body| body.shape.map(Probe::constant)).collect(),
             slopes: vec![[[T::ZERO; 6]; 6]; plant.links.len()],
-        }
+        })
     }
 
-    /// Adds -`h` times the slope to `matrix`, stored as the mass matrix is.
-    pub(crate) fn add(&mut self, plant: &Plant<T>, work: &Work<T>, h: T, matrix: &mut [T]) {
+    fn add(&mut self, plant: &Plant<Spatial<T>>, work: &Work<Spatial<T>>, h: T, matrix: &mut [T]) {
         self.slopes.fill([[T::ZERO; 6]; 6]);
         let (density, viscosity) = (self.density, self.viscosity);
         for (geom, shape) in plant.fluid_geoms.iter().zip(&self.geoms) {
             let (at, rot) = geom.place(plant, work);
-            let (w, v) = probes(relative(work.velocity[geom.body], plant.wind, at, &rot));
+            let (w, v) = probes(relative::<Spatial<T>>(work.velocity[geom.body], plant.wind, at, &rot));
             add_about_root(shape.wrench(density, viscosity, w, v), at, &rot, &mut self.slopes[geom.body]);
         }
         for (body, shape) in plant.fluid_bodies.iter().zip(&self.bodies) {
             let (at, rot) = body.place(work);
-            let (w, v) = probes(relative(work.velocity[body.body], plant.wind, at, &rot));
+            let (w, v) = probes(relative::<Spatial<T>>(work.velocity[body.body], plant.wind, at, &rot));
             add_about_root(shape.wrench(density, viscosity, w, v), at, &rot, &mut self.slopes[body.body]);
         }
         for index in (1..plant.links.len()).rev() {
@@ -80,7 +80,7 @@ fn probes<T: Scalar>((w, v): (Vec3<T>, Vec3<T>)) -> (Vec3<Probe<T>>, Vec3<Probe<
     (from(w, 0), from(v, 3))
 }
 
-fn apply<T: Scalar>(slope: &Slope<T>, motion: Motion<T>) -> Wrench<T> {
+fn apply<T: Scalar>(slope: &Slope<T>, motion: Motion<Spatial<T>>) -> Wrench<Spatial<T>> {
     let product = |row: &[T; 6]| {
         Vec3([row[0], row[1], row[2]]).dot(motion.ang) + Vec3([row[3], row[4], row[5]]).dot(motion.lin)
     };

@@ -6,24 +6,26 @@
 
 use super::Work;
 use super::plant::Plant;
-use crate::math::{Inertia, Sym3};
 use crate::scalar::Scalar;
+use crate::space::{Inertia, Space};
 
 /// Fills `work.inertia`: each body about its tree's root, world axes.
-pub(crate) fn body_inertias<T: Scalar>(plant: &Plant<T>, work: &mut Work<T>) {
+#[inline(always)]
+pub(crate) fn body_inertias<S: Space>(plant: &Plant<S>, work: &mut Work<S>) {
     for (index, link) in plant.links.iter().enumerate().skip(1) {
-        let com = work.pos[index] + work.rot[index].apply(link.com) - work.pos[link.root];
+        let com = work.pos[index] + S::apply(&work.rot[index], link.com) - work.pos[link.root];
         work.com[index] = com;
         work.inertia[index] = Inertia {
             mass: link.mass,
             moment: com * link.mass,
-            rotational: link.inertia.rotated(&work.rot[index]) + Sym3::of_point(link.mass, com),
+            rotational: S::rotated(&link.inertia, &work.rot[index]) + S::of_point(link.mass, com),
         };
     }
 }
 
 /// Fills `work.mass` from `work.inertia` and `work.axes`.
-pub(crate) fn mass_matrix<T: Scalar>(plant: &Plant<T>, work: &mut Work<T>) {
+#[inline(always)]
+pub(crate) fn mass_matrix<S: Space>(plant: &Plant<S>, work: &mut Work<S>) {
     work.composite.copy_from_slice(&work.inertia);
     for index in (1..plant.links.len()).rev() {
         let parent = plant.links[index].parent;
@@ -43,7 +45,8 @@ pub(crate) fn mass_matrix<T: Scalar>(plant: &Plant<T>, work: &mut Work<T>) {
 }
 
 /// Makes the accelerations of the `held` dofs come out as 0: no coupling, unit inertia.
-pub(crate) fn hold<T: Scalar>(plant: &Plant<T>, held: &[bool], matrix: &mut [T]) {
+#[inline(always)]
+pub(crate) fn hold<S: Space>(plant: &Plant<S>, held: &[bool], matrix: &mut [S::T]) {
     if !held.contains(&true) {
         return;
     }
@@ -51,18 +54,19 @@ pub(crate) fn hold<T: Scalar>(plant: &Plant<T>, held: &[bool], matrix: &mut [T])
         let row = plant.row[dof]..plant.row[dof + 1];
         for (entry, &other) in matrix[row.clone()].iter_mut().zip(&plant.chain[row]) {
             if held[dof] || held[other] {
-                *entry = if dof == other { T::ONE } else { T::ZERO };
+                *entry = if dof == other { S::T::ONE } else { S::T::ZERO };
             }
         }
     }
 }
 
 /// Replaces the matrix by its factors: the unit triangle's entries, and the reciprocal of the diagonal.
-pub(crate) fn factor<T: Scalar>(plant: &Plant<T>, matrix: &mut [T]) {
+#[inline(always)]
+pub(crate) fn factor<S: Space>(plant: &Plant<S>, matrix: &mut [S::T]) {
     for dof in (0..plant.nv).rev() {
         let (start, end) = (plant.row[dof], plant.row[dof + 1]);
         let (lower, row) = matrix[..end].split_at_mut(start);
-        let inverse = T::ONE / row[0];
+        let inverse = S::T::ONE / row[0];
         for k in 1..row.len() {
             let share = row[k] * inverse;
             let target = plant.row[plant.chain[start + k]];
@@ -78,7 +82,8 @@ pub(crate) fn factor<T: Scalar>(plant: &Plant<T>, matrix: &mut [T]) {
 }
 
 /// Solves for the right-hand side in `x`, in place, with a matrix that went through [`factor`].
-pub(crate) fn solve<T: Scalar>(plant: &Plant<T>, factors: &[T], x: &mut [T]) {
+#[inline(always)]
+pub(crate) fn solve<S: Space>(plant: &Plant<S>, factors: &[S::T], x: &mut [S::T]) {
     for dof in (0..plant.nv).rev() {
         let row = plant.row[dof] + 1..plant.row[dof + 1];
         let value = x[dof];

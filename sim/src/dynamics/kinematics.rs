@@ -1,38 +1,41 @@
 //! Stage 1: where everything is, and along which axes it can move.
 
 use super::Work;
-use super::plant::Plant;
-use crate::math::{Mat3, Motion, Quat, Vec3};
-use crate::model::JointKind;
+use super::plant::{JointPlanKind, Plant};
+use crate::math::{Quat, Vector};
 use crate::scalar::Scalar;
+use crate::space::{Motion, Space};
 
 /// Fills `work.pos`, `work.rot` (world pose of each body) and `work.axes` (motion of the world-aligned
 /// spatial frame at the tree's root per unit rate of each dof) from `qpos`.
-pub(crate) fn kinematics<T: Scalar>(plant: &Plant<T>, qpos: &[T], work: &mut Work<T>) {
+#[inline(always)]
+pub(crate) fn kinematics<S: Space>(plant: &Plant<S>, qpos: &[S::T], work: &mut Work<S>) {
     for (index, link) in plant.links.iter().enumerate().skip(1) {
         let parent_rot = work.rot[link.parent];
-        let mut pos = work.pos[link.parent] + parent_rot.apply(link.pos);
+        let mut pos = work.pos[link.parent] + S::apply(&parent_rot, link.pos);
         let mut rot = match &link.rot {
-            Some(rot) => parent_rot.product(rot),
+            Some(rot) => S::product(&parent_rot, rot),
             None => parent_rot,
         };
         for joint in &plant.joints[link.joints.clone()] {
             let turned = match joint.kind {
-                JointKind::Hinge => {
+                JointPlanKind::Hinge { axis } => {
                     let angle = qpos[joint.q] - joint.reference;
-                    work.axes[joint.dof].ang = rot.apply(joint.axis);
-                    Some(rot.product(&Mat3::about(joint.axis, angle.sin_cos())))
+                    work.axes[joint.dof].ang = S::apply_spin(&rot, axis);
+                    Some(S::product(&rot, &S::about(axis, angle.sin_cos())))
                 }
-                JointKind::Slide => {
-                    let axis = rot.apply(joint.axis);
-                    work.axes[joint.dof] = Motion { ang: Vec3::ZERO, lin: axis };
+                JointPlanKind::Slide { axis } => {
+                    let axis = S::apply(&rot, axis);
+                    work.axes[joint.dof] = Motion { ang: S::Spin::ZERO, lin: axis };
                     pos += axis * (qpos[joint.q] - joint.reference);
                     None
                 }
-                JointKind::Ball => Some(rot.product(&quat_at(qpos, joint.q).matrix())),
-                JointKind::Free => {
-                    pos = Vec3([qpos[joint.q], qpos[joint.q + 1], qpos[joint.q + 2]]);
-                    rot = quat_at(qpos, joint.q + 3).matrix();
+                JointPlanKind::Ball(possible) => {
+                    Some(S::product(&rot, &S::any_turn(possible, quat_at(qpos, joint.q))))
+                }
+                JointPlanKind::Free(possible) => {
+                    pos = S::anywhere(possible, [qpos[joint.q], qpos[joint.q + 1], qpos[joint.q + 2]]);
+                    rot = S::any_turn(possible, quat_at(qpos, joint.q + 3));
                     None
                 }
             };
@@ -40,14 +43,14 @@ pub(crate) fn kinematics<T: Scalar>(plant: &Plant<T>, qpos: &[T], work: &mut Wor
                 // the anchor stays where it is; the axis's velocity field is left relative to it for now
                 let anchor = match joint.pos {
                     Some(at) => {
-                        let anchor = pos + rot.apply(at);
-                        pos = anchor - turned.apply(at);
+                        let anchor = pos + S::apply(&rot, at);
+                        pos = anchor - S::apply(&turned, at);
                         anchor
                     }
                     None => pos,
                 };
                 rot = turned;
-                for dof in joint.dof..joint.dof + joint.kind.nv() {
+                for dof in joint.dof..joint.dof + joint.nv {
                     work.axes[dof].lin = anchor;
                 }
             }
@@ -56,20 +59,20 @@ pub(crate) fn kinematics<T: Scalar>(plant: &Plant<T>, qpos: &[T], work: &mut Wor
         work.rot[index] = rot;
         let origin = work.pos[link.root];
         for joint in &plant.joints[link.joints.clone()] {
-            let axes = &mut work.axes[joint.dof..joint.dof + joint.kind.nv()];
+            let axes = &mut work.axes[joint.dof..joint.dof + joint.nv];
             match joint.kind {
-                JointKind::Slide => {}
-                JointKind::Hinge => axes[0].lin = axes[0].ang.cross(origin - axes[0].lin),
-                JointKind::Ball => turn_axes(axes, &rot, origin),
-                JointKind::Free => {
+                JointPlanKind::Slide { .. } => {}
+                JointPlanKind::Hinge { .. } => axes[0].lin = S::cross(axes[0].ang, origin - axes[0].lin),
+                JointPlanKind::Ball(possible) => turn_axes::<S>(possible, axes, &rot, origin),
+                JointPlanKind::Free(possible) => {
                     let (travel, turn) = axes.split_at_mut(3);
-                    for (axis, unit) in travel.iter_mut().zip(Mat3::IDENTITY.0) {
-                        *axis = Motion { ang: Vec3::ZERO, lin: Vec3(unit) };
+                    for (k, axis) in travel.iter_mut().enumerate() {
+                        *axis = Motion { ang: S::Spin::ZERO, lin: S::travel(possible, k) };
                     }
                     for axis in turn.iter_mut() {
                         axis.lin = pos;
                     }
-                    turn_axes(turn, &rot, origin);
+                    turn_axes::<S>(possible, turn, &rot, origin);
                 }
             }
         }
@@ -77,13 +80,15 @@ pub(crate) fn kinematics<T: Scalar>(plant: &Plant<T>, qpos: &[T], work: &mut Wor
 }
 
 /// The three axes of a body turning about a point (left in `lin`), as motions at `origin`.
-fn turn_axes<T: Scalar>(axes: &mut [Motion<T>], rot: &Mat3<T>, origin: Vec3<T>) {
+#[inline(always)]
+fn turn_axes<S: Space>(possible: S::AnyTurn, axes: &mut [Motion<S>], rot: &S::Rot, origin: S::Vec) {
     for (k, axis) in axes.iter_mut().enumerate() {
-        axis.ang = rot.column(k);
-        axis.lin = axis.ang.cross(origin - axis.lin);
+        axis.ang = S::turn_axis(possible, rot, k);
+        axis.lin = S::cross(axis.ang, origin - axis.lin);
     }
 }
 
+#[inline(always)]
 fn quat_at<T: Scalar>(qpos: &[T], at: usize) -> Quat<T> {
     Quat([qpos[at], qpos[at + 1], qpos[at + 2], qpos[at + 3]]).normalized()
 }

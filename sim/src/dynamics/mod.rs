@@ -13,55 +13,56 @@ pub(crate) mod passive;
 pub(crate) mod plant;
 pub(crate) mod restraint;
 
-use crate::math::{Inertia, Mat3, Motion, Quat, Vec3, Wrench};
+use crate::math::{Quat, Vec3, Vector};
 use crate::model::{Model, Poses};
 use crate::scalar::Scalar;
+use crate::space::{Inertia, Motion, Space, Spatial, Wrench};
 use plant::Plant;
 
 /// Everything the stages compute, allocated once.
 #[derive(Debug, Clone)]
-pub(crate) struct Work<T> {
+pub(crate) struct Work<S: Space> {
     /// Origin of each body \[m\].
-    pub(crate) pos: Vec<Vec3<T>>,
+    pub(crate) pos: Vec<S::Vec>,
     /// `world_from_body`.
-    pub(crate) rot: Vec<Mat3<T>>,
+    pub(crate) rot: Vec<S::Rot>,
     /// Centre of mass from the tree's root \[m\].
-    pub(crate) com: Vec<Vec3<T>>,
+    pub(crate) com: Vec<S::Vec>,
     /// Motion per unit rate of each dof.
-    pub(crate) axes: Vec<Motion<T>>,
-    pub(crate) inertia: Vec<Inertia<T>>,
+    pub(crate) axes: Vec<Motion<S>>,
+    pub(crate) inertia: Vec<Inertia<S>>,
     /// Inertia of each body with all it carries.
-    pub(crate) composite: Vec<Inertia<T>>,
-    pub(crate) velocity: Vec<Motion<T>>,
+    pub(crate) composite: Vec<Inertia<S>>,
+    pub(crate) velocity: Vec<Motion<S>>,
     /// Acceleration of each body with all joint accelerations 0, less gravity.
-    pub(crate) drift: Vec<Motion<T>>,
+    pub(crate) drift: Vec<Motion<S>>,
     /// External and inertial wrench on each body; 0 between uses.
-    pub(crate) wrench: Vec<Wrench<T>>,
+    pub(crate) wrench: Vec<Wrench<S>>,
     /// The mass matrix, rows as in [`Plant::chain`].
-    pub(crate) mass: Vec<T>,
+    pub(crate) mass: Vec<S::T>,
 }
 
-impl<T: Scalar> Work<T> {
-    pub(crate) fn new(plant: &Plant<T>) -> Self {
+impl<S: Space> Work<S> {
+    pub(crate) fn new(plant: &Plant<S>) -> Self {
         let bodies = plant.links.len();
         Self {
-            pos: vec![Vec3::ZERO; bodies],
-            rot: vec![Mat3::IDENTITY; bodies],
-            com: vec![Vec3::ZERO; bodies],
+            pos: vec![S::Vec::ZERO; bodies],
+            rot: vec![S::IDENTITY; bodies],
+            com: vec![S::Vec::ZERO; bodies],
             axes: vec![Motion::ZERO; plant.nv],
             inertia: vec![Inertia::ZERO; bodies],
             composite: vec![Inertia::ZERO; bodies],
             velocity: vec![Motion::ZERO; bodies],
             drift: vec![Motion::ZERO; bodies],
             wrench: vec![Wrench::ZERO; bodies],
-            mass: vec![T::ZERO; plant.chain.len()],
+            mass: vec![S::T::ZERO; plant.chain.len()],
         }
     }
 }
 
 /// World poses of bodies, geoms and sites at `qpos`.
 pub(crate) fn poses<T: Scalar>(model: &Model<T>, qpos: &[T]) -> Poses<T> {
-    let plant = Plant::new(model);
+    let plant = Plant::<Spatial<T>>::new(model, ());
     let mut work = Work::new(&plant);
     kinematics::kinematics(&plant, qpos, &mut work);
     let place = |body: usize, at: Vec3<T>| work.pos[body] + work.rot[body].apply(at);

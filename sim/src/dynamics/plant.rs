@@ -1,59 +1,73 @@
 //! The model laid out for stepping: everything that depends on the model alone, computed once.
 
-use crate::fluid::{Ellipsoid, InertiaBox};
-use crate::math::{Mat3, Quat, Sym3, Vec3};
+use crate::fluid::{Ellipsoid, Immersed, ImmersedBox, InertiaBox};
+use crate::math::{Quat, Sym3, Vec3, Vector};
 use crate::model::{ActuatorKind, JointKind, Model, shape};
 use crate::scalar::{Mask, Scalar};
+use crate::space::Space;
 
 /// One body; index 0 is the world.
 #[derive(Debug, Clone)]
-pub(crate) struct Link<T> {
+pub(crate) struct Link<S: Space> {
     pub(crate) parent: usize,
     /// The child of the world it hangs from: its origin is the origin of all spatial quantities.
     pub(crate) root: usize,
-    pub(crate) pos: Vec3<T>,
+    pub(crate) pos: S::Vec,
     /// `parent_from_body` at the reference; `None` for the identity.
-    pub(crate) rot: Option<Mat3<T>>,
-    pub(crate) quat: Quat<T>,
-    pub(crate) mass: T,
-    pub(crate) com: Vec3<T>,
+    pub(crate) rot: Option<S::Rot>,
+    /// Position and orientation at the reference as the model has them, for the springs of free joints.
+    pub(crate) reference: Vec3<S::T>,
+    pub(crate) quat: Quat<S::T>,
+    pub(crate) mass: S::T,
+    pub(crate) com: S::Vec,
     /// Inertia about the centre of mass, body axes.
-    pub(crate) inertia: Sym3<T>,
+    pub(crate) inertia: S::Sym,
     /// Mass times gravity compensation; `None` for 0.
-    pub(crate) held_mass: Option<T>,
+    pub(crate) held_mass: Option<S::T>,
     pub(crate) joints: std::ops::Range<usize>,
     pub(crate) dofs: std::ops::Range<usize>,
 }
 
+/// How a joint moves its body, axes in the body's frame.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum JointPlanKind<S: Space> {
+    Hinge { axis: S::Spin },
+    Slide { axis: S::Vec },
+    Ball(S::AnyTurn),
+    Free(S::AnyTurn),
+}
+
 #[derive(Debug, Clone)]
-pub(crate) struct JointPlan<T> {
-    pub(crate) kind: JointKind,
+pub(crate) struct JointPlan<S: Space> {
+    pub(crate) kind: JointPlanKind<S>,
+    /// Degrees of freedom.
+    pub(crate) nv: usize,
     pub(crate) q: usize,
     pub(crate) dof: usize,
     /// Anchor in the body's frame; `None` at its origin.
-    pub(crate) pos: Option<Vec3<T>>,
-    pub(crate) axis: Vec3<T>,
-    pub(crate) reference: T,
-    pub(crate) spring_reference: T,
-    pub(crate) stiffness: [T; 3],
+    pub(crate) pos: Option<S::Vec>,
+    pub(crate) reference: S::T,
+    pub(crate) spring_reference: S::T,
+    pub(crate) stiffness: [S::T; 3],
     pub(crate) springy: bool,
-    pub(crate) damping: [T; 3],
+    pub(crate) damping: [S::T; 3],
     pub(crate) damped: bool,
 }
 
 #[derive(Debug, Clone)]
-pub(crate) struct FluidGeom<T> {
+pub(crate) struct FluidGeom<S: Space> {
     pub(crate) body: usize,
-    pub(crate) pos: Vec3<T>,
-    pub(crate) rot: Option<Mat3<T>>,
-    pub(crate) shape: Ellipsoid<T>,
+    pub(crate) pos: S::Vec,
+    pub(crate) rot: Option<S::Rot>,
+    pub(crate) shape: Immersed<S>,
 }
 
 #[derive(Debug, Clone)]
-pub(crate) struct FluidBody<T> {
+pub(crate) struct FluidBody<S: Space> {
     pub(crate) body: usize,
-    pub(crate) principal: Mat3<T>,
-    pub(crate) shape: InertiaBox<T>,
+    /// `body_from_principal`; `None` for the identity.
+    pub(crate) rot: Option<S::Rot>,
+    pub(crate) shape: ImmersedBox<S>,
 }
 
 #[derive(Debug, Clone)]
@@ -79,19 +93,20 @@ pub(crate) enum Restraint<T> {
 }
 
 #[derive(Debug, Clone)]
-pub(crate) struct Plant<T> {
-    pub(crate) gravity: Vec3<T>,
-    pub(crate) wind: Vec3<T>,
-    pub(crate) density: T,
-    pub(crate) viscosity: T,
-    pub(crate) links: Vec<Link<T>>,
-    pub(crate) joints: Vec<JointPlan<T>>,
+pub(crate) struct Plant<S: Space> {
+    pub(crate) layout: S::Layout,
+    pub(crate) gravity: S::Vec,
+    pub(crate) wind: S::Vec,
+    pub(crate) density: S::T,
+    pub(crate) viscosity: S::T,
+    pub(crate) links: Vec<Link<S>>,
+    pub(crate) joints: Vec<JointPlan<S>>,
     pub(crate) dof_body: Vec<usize>,
-    pub(crate) armature: Vec<T>,
-    pub(crate) fluid_geoms: Vec<FluidGeom<T>>,
-    pub(crate) fluid_bodies: Vec<FluidBody<T>>,
-    pub(crate) drives: Vec<Drive<T>>,
-    pub(crate) restraints: Vec<Restraint<T>>,
+    pub(crate) armature: Vec<S::T>,
+    pub(crate) fluid_geoms: Vec<FluidGeom<S>>,
+    pub(crate) fluid_bodies: Vec<FluidBody<S>>,
+    pub(crate) drives: Vec<Drive<S::T>>,
+    pub(crate) restraints: Vec<Restraint<S::T>>,
     /// Where each dof's row of the mass matrix starts in `chain`; one more at the end.
     pub(crate) row: Vec<usize>,
     /// Row by row: the dof itself, then the dofs it rides on, nearest first.
@@ -101,16 +116,13 @@ pub(crate) struct Plant<T> {
     pub(crate) damped: bool,
 }
 
-fn rotation<T: Scalar>(quat: Quat<T>) -> Option<Mat3<T>> {
-    (quat != Quat::IDENTITY).then(|| quat.matrix())
-}
-
-impl<T: Scalar> Plant<T> {
-    pub(crate) fn new(model: &Model<T>) -> Self {
-        let nonzero = |x: T| x != T::ZERO;
+impl<S: Space> Plant<S> {
+    pub(crate) fn new(model: &Model<S::T>, layout: S::Layout) -> Self {
+        let nonzero = |x: S::T| x != S::T::ZERO;
         let mut plant = Self {
-            gravity: model.settings.gravity,
-            wind: model.settings.wind,
+            gravity: S::vector(&layout, 0, model.settings.gravity),
+            wind: S::vector(&layout, 0, model.settings.wind),
+            layout,
             density: model.settings.density,
             viscosity: model.settings.viscosity,
             links: Vec::with_capacity(model.bodies.len()),
@@ -126,7 +138,7 @@ impl<T: Scalar> Plant<T> {
             nv: model.nv(),
             damped: false,
         };
-        let weighty = plant.gravity != Vec3::ZERO;
+        let weighty = plant.gravity != S::Vec::ZERO;
         for (index, body) in model.bodies.iter().enumerate() {
             let first = plant.joints.len();
             let first_dof = plant.dof_body.len();
@@ -138,12 +150,13 @@ impl<T: Scalar> Plant<T> {
             plant.links.push(Link {
                 parent: body.parent,
                 root: if body.parent == 0 { index } else { plant.links[body.parent].root },
-                pos: body.pos,
-                rot: rotation(body.quat),
+                pos: S::vector(&plant.layout, body.parent, body.pos),
+                rot: S::link_rotation(&plant.layout, body.quat),
+                reference: body.pos,
                 quat: body.quat,
                 mass: body.mass,
-                com: body.com,
-                inertia,
+                com: S::vector(&plant.layout, index, body.com),
+                inertia: S::inertia(&plant.layout, index, inertia),
                 held_mass: (weighty && nonzero(held)).then_some(held),
                 joints: first..plant.joints.len(),
                 dofs: first_dof..plant.dof_body.len(),
@@ -160,7 +173,7 @@ impl<T: Scalar> Plant<T> {
         (1..self.links.len()).find(|&index| {
             let link = &self.links[index];
             link.dofs.len() == 6
-                && self.joints[link.joints.start].kind == JointKind::Free
+                && matches!(self.joints[link.joints.start].kind, JointPlanKind::Free(_))
                 && self
                     .links
                     .iter()
@@ -168,8 +181,8 @@ impl<T: Scalar> Plant<T> {
         })
     }
 
-    fn add_joint(&mut self, joint: &crate::model::Joint<T>) {
-        let nonzero = |x: T| x != T::ZERO;
+    fn add_joint(&mut self, joint: &crate::model::Joint<S::T>) {
+        let nonzero = |x: S::T| x != S::T::ZERO;
         let damped = joint.damping.into_iter().any(nonzero);
         self.damped |= damped;
         for k in 0..joint.kind.nv() {
@@ -183,12 +196,23 @@ impl<T: Scalar> Plant<T> {
         if let Some(range) = joint.limit {
             self.restraints.push(Restraint::Limit { q: joint.qpos_address, dof: joint.dof_address, range });
         }
+        let kind = match (joint.kind, S::any_turn_possible(&self.layout)) {
+            (JointKind::Slide, _) => {
+                JointPlanKind::Slide { axis: S::vector(&self.layout, joint.body, joint.axis) }
+            }
+            (JointKind::Ball, Some(possible)) => JointPlanKind::Ball(possible),
+            (JointKind::Free, Some(possible)) => JointPlanKind::Free(possible),
+            // a plane is only made for a model without balls and free bodies
+            (JointKind::Hinge | JointKind::Ball | JointKind::Free, _) => {
+                JointPlanKind::Hinge { axis: S::spin(&self.layout, joint.body, joint.axis) }
+            }
+        };
         self.joints.push(JointPlan {
-            kind: joint.kind,
+            kind,
+            nv: joint.kind.nv(),
             q: joint.qpos_address,
             dof: joint.dof_address,
-            pos: (joint.pos != Vec3::ZERO).then_some(joint.pos),
-            axis: joint.axis,
+            pos: (joint.pos != Vec3::ZERO).then(|| S::vector(&self.layout, joint.body, joint.pos)),
             reference: joint.reference,
             spring_reference: joint.spring_reference,
             stiffness: joint.stiffness,
@@ -215,33 +239,33 @@ impl<T: Scalar> Plant<T> {
         }
     }
 
-    fn add_fluid(&mut self, model: &Model<T>) {
+    fn add_fluid(&mut self, model: &Model<S::T>) {
         // a vacuum exerts no force
-        if self.density == T::ZERO && self.viscosity == T::ZERO {
+        if self.density == S::T::ZERO && self.viscosity == S::T::ZERO {
             return;
         }
         for (index, body) in model.bodies.iter().enumerate().skip(1) {
             // MuJoCo's threshold below which a body feels no water
-            if !T::from_f64(1e-15).less(body.mass).any() {
+            if !S::T::from_f64(1e-15).less(body.mass).any() {
                 continue;
             }
             let before = self.fluid_geoms.len();
             for geom in model.geoms.iter().filter(|geom| geom.body == index) {
                 if let Some(coefficients) = geom.fluid {
+                    let shape = Ellipsoid::new(shape::semi_axes(geom.kind, geom.size), coefficients);
+                    let (rot, axes) = S::shape_axes(&self.layout, index, geom.quat);
                     self.fluid_geoms.push(FluidGeom {
                         body: index,
-                        pos: geom.pos,
-                        rot: rotation(geom.quat),
-                        shape: Ellipsoid::new(shape::semi_axes(geom.kind, geom.size), coefficients),
+                        pos: S::vector(&self.layout, index, geom.pos),
+                        rot,
+                        shape: Immersed::new(&shape, axes),
                     });
                 }
             }
             if self.fluid_geoms.len() == before {
-                self.fluid_bodies.push(FluidBody {
-                    body: index,
-                    principal: body.principal.matrix(),
-                    shape: InertiaBox::new(body.mass, body.inertia),
-                });
+                let (rot, axes) = S::shape_axes(&self.layout, index, body.principal);
+                let shape = InertiaBox::new(body.mass, body.inertia);
+                self.fluid_bodies.push(FluidBody { body: index, rot, shape: ImmersedBox::new(&shape, axes) });
             }
         }
     }

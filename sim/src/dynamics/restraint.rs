@@ -7,6 +7,7 @@ use super::Work;
 use super::inertia::{factor, hold, solve};
 use super::plant::{Plant, Restraint};
 use crate::scalar::{Mask, Scalar};
+use crate::space::Space;
 
 /// MuJoCo's default time constant \[s\] and damping ratio of a restraint (`solref`).
 const TIME_CONSTANT_S: f64 = 0.02;
@@ -33,11 +34,13 @@ struct Row<T> {
 
 impl<T: Scalar> Row<T> {
     /// The force at the acceleration `a` of its dof.
+    #[inline(always)]
     fn force(&self, a: T) -> T {
         ((self.reference - self.sign * a) * self.weight).clamp(self.low, self.high)
     }
 
     /// The zone the row is in at the acceleration `a`, by its line: force = first - sign second a.
+    #[inline(always)]
     fn zone(&self, a: T) -> [T; 2] {
         let free = (self.reference - self.sign * a) * self.weight;
         let slack = self.low.less(free) & free.less(self.high);
@@ -62,7 +65,7 @@ pub(crate) struct Solver<T> {
 
 impl<T: Scalar> Solver<T> {
     /// `inverse_weight`: shape (nv).
-    pub(crate) fn new(plant: &Plant<T>, inverse_weight: Vec<T>) -> Self {
+    pub(crate) fn new<S: Space<T = T>>(plant: &Plant<S>, inverse_weight: Vec<T>) -> Self {
         let most = 2 * plant.restraints.len();
         let zeros = || vec![T::ZERO; plant.nv];
         Self {
@@ -76,7 +79,8 @@ impl<T: Scalar> Solver<T> {
         }
     }
 
-    fn add_rows(&mut self, plant: &Plant<T>, qpos: &[T], qvel: &[T], held: &[bool], h: f64) {
+    #[inline(always)]
+    fn add_rows<S: Space<T = T>>(&mut self, plant: &Plant<S>, qpos: &[T], qvel: &[T], held: &[bool], h: f64) {
         self.rows.clear();
         let time_constant = TIME_CONSTANT_S.max(2.0 * h);
         let damping = T::from_f64(2.0 / (IMPEDANCE[1] * time_constant));
@@ -117,10 +121,11 @@ impl<T: Scalar> Solver<T> {
 
     /// Adds the restraints' forces to `force`, which comes in as the sum of all others.
     #[expect(clippy::too_many_arguments, reason = "one stage's inputs")]
-    pub(crate) fn resolve(
+    #[inline(always)]
+    pub(crate) fn resolve<S: Space<T = T>>(
         &mut self,
-        plant: &Plant<T>,
-        work: &Work<T>,
+        plant: &Plant<S>,
+        work: &Work<S>,
         held: &[bool],
         h: f64,
         qpos: &[T],
@@ -163,7 +168,8 @@ impl<T: Scalar> Solver<T> {
     }
 
     /// Goes from `acceleration` towards `step` to where the cost is least along the way.
-    fn search(&mut self, plant: &Plant<T>, work: &Work<T>, force: &[T]) {
+    #[inline(always)]
+    fn search<S: Space<T = T>>(&mut self, plant: &Plant<S>, work: &Work<S>, force: &[T]) {
         for (step, a) in self.step.iter_mut().zip(&self.acceleration) {
             *step -= *a;
         }
@@ -191,6 +197,7 @@ impl<T: Scalar> Solver<T> {
 
 /// Impedance at the depth -`distance`: rises from the first to the second value over the width, in two
 /// parabolas.
+#[inline(always)]
 fn impedance<T: Scalar>(distance: T) -> T {
     let x = (distance.abs() * T::from_f64(1.0 / IMPEDANCE_WIDTH)).min(T::ONE);
     let rest = T::ONE - x;
@@ -200,8 +207,9 @@ fn impedance<T: Scalar>(distance: T) -> T {
 }
 
 /// `out` = the symmetric matrix, stored by rows of [`Plant::chain`], times `x`.
-pub(crate) fn multiply<T: Scalar>(plant: &Plant<T>, matrix: &[T], x: &[T], out: &mut [T]) {
-    out.fill(T::ZERO);
+#[inline(always)]
+pub(crate) fn multiply<S: Space>(plant: &Plant<S>, matrix: &[S::T], x: &[S::T], out: &mut [S::T]) {
+    out.fill(S::T::ZERO);
     for dof in 0..plant.nv {
         let start = plant.row[dof];
         out[dof] += matrix[start] * x[dof];

@@ -3,9 +3,10 @@
 use std::f64::consts::PI;
 
 use super::added_mass;
-use crate::math::Vec3;
+use crate::math::{Vec3, Vector};
 use crate::model::FluidCoefficients;
 use crate::scalar::Scalar;
+use crate::space::{ShapeAxes, Space, Spatial};
 
 /// An ellipsoid with its coefficients, ready to be moved through water.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,21 +58,6 @@ impl<T: Scalar> Ellipsoid<T> {
         }
     }
 
-    pub(crate) fn map<U: Scalar>(&self, f: impl Fn(T) -> U + Copy) -> Ellipsoid<U> {
-        Ellipsoid {
-            added_mass: self.added_mass.map(f),
-            added_inertia: self.added_inertia.map(f),
-            section_squared: self.section_squared.map(f),
-            largest_area: f(self.largest_area),
-            stokes: self.stokes.map(f),
-            angular_drag: self.angular_drag.map(f),
-            magnus: f(self.magnus),
-            kutta: f(self.kutta),
-            blunt: f(self.blunt),
-            slender: f(self.slender),
-        }
-    }
-
     /// Torque \[N m\] and force \[N\] of water of `density` \[kg/m3\] and dynamic `viscosity` \[Pa s\].
     ///
     /// * `w`, `v`: angular velocity \[rad/s\] and velocity of the centre relative to the water \[m/s\]
@@ -87,8 +73,45 @@ impl<T: Scalar> Ellipsoid<T> {
     ///
     /// # Source
     /// MuJoCo, "Fluid forces", ellipsoid model (3.14 and later, where the lift holds at any size).
-    #[inline(always)]
     pub fn wrench(&self, density: T, viscosity: T, w: Vec3<T>, v: Vec3<T>) -> (Vec3<T>, Vec3<T>) {
+        Immersed::<Spatial<T>>::new(self, [0, 1, 2]).wrench(density, viscosity, w, v)
+    }
+}
+
+/// The ellipsoid on the axes of the space it moves in.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Immersed<S: Space> {
+    added_mass: S::Vec,
+    added_inertia: S::Spin,
+    section_squared: S::Vec,
+    largest_area: S::T,
+    stokes: [S::T; 2],
+    angular_drag: S::Spin,
+    magnus: S::T,
+    kutta: S::T,
+    blunt: S::T,
+    slender: S::T,
+}
+
+impl<S: Space> Immersed<S> {
+    pub(crate) fn new(shape: &Ellipsoid<S::T>, axes: ShapeAxes) -> Self {
+        Self {
+            added_mass: S::shape_vector(axes, shape.added_mass),
+            added_inertia: S::shape_spin(axes, shape.added_inertia),
+            section_squared: S::shape_vector(axes, shape.section_squared),
+            largest_area: shape.largest_area,
+            stokes: shape.stokes,
+            angular_drag: S::shape_spin(axes, shape.angular_drag),
+            magnus: shape.magnus,
+            kutta: shape.kutta,
+            blunt: shape.blunt,
+            slender: shape.slender,
+        }
+    }
+
+    /// See [`Ellipsoid::wrench`].
+    #[inline(always)]
+    pub(crate) fn wrench(&self, density: S::T, viscosity: S::T, w: S::Spin, v: S::Vec) -> (S::Spin, S::Vec) {
         let momentum = self.added_mass.times(v) * density;
         let spin = self.added_inertia.times(w) * density;
 
@@ -98,19 +121,36 @@ impl<T: Scalar> Ellipsoid<T> {
         let squared = normal.dot(normal);
         // at rest both quotients are 0 / 0 and what they multiply is 0
         let below = squared * speed;
-        let moving = T::ZERO.less(below);
-        let or_one = |x: T| T::select(moving, x, T::ONE);
+        let moving = S::T::ZERO.less(below);
+        let or_one = |x: S::T| S::T::select(moving, x, S::T::ONE);
         let shadow = (squared / or_one(along)).sqrt();
-        let area = shadow * T::from_f64(PI);
+        let area = shadow * S::T::from_f64(PI);
         let lift = self.kutta * shadow * along / or_one(below);
         let resistance = viscosity * self.stokes[0]
             + density * speed * (self.blunt * area + self.slender * (self.largest_area - area));
         let turning = viscosity * self.stokes[1] + density * self.angular_drag.times(w).norm();
 
-        let force = (momentum - v * (density * self.magnus)).cross(w)
-            + normal.cross(v).cross(v) * (density * lift)
+        let force = S::cross(S::moment(normal, v), v) * (density * lift)
+            - S::cross(w, momentum - v * (density * self.magnus))
             - v * resistance;
-        let torque = momentum.cross(v) + spin.cross(w) - w * turning;
+        let torque = S::moment(momentum, v) + S::twist(spin, w) - w * turning;
         (torque, force)
+    }
+}
+
+impl<T: Scalar> Immersed<Spatial<T>> {
+    pub(crate) fn map<U: Scalar>(&self, f: impl Fn(T) -> U + Copy) -> Immersed<Spatial<U>> {
+        Immersed {
+            added_mass: self.added_mass.map(f),
+            added_inertia: self.added_inertia.map(f),
+            section_squared: self.section_squared.map(f),
+            largest_area: f(self.largest_area),
+            stokes: self.stokes.map(f),
+            angular_drag: self.angular_drag.map(f),
+            magnus: f(self.magnus),
+            kutta: f(self.kutta),
+            blunt: f(self.blunt),
+            slender: f(self.slender),
+        }
     }
 }

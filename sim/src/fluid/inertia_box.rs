@@ -2,8 +2,9 @@
 
 use std::f64::consts::PI;
 
-use crate::math::Vec3;
+use crate::math::{Vec3, Vector};
 use crate::scalar::Scalar;
+use crate::space::{ShapeAxes, Space, Spatial};
 
 /// The box of equal inertia, ready to be moved through water.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,10 +37,6 @@ impl<T: Scalar> InertiaBox<T> {
         }
     }
 
-    pub(crate) fn map<U: Scalar>(&self, f: impl Fn(T) -> U + Copy) -> InertiaBox<U> {
-        InertiaBox { stokes: self.stokes.map(f), turning: self.turning.map(f), facing: self.facing.map(f) }
-    }
-
     /// Torque \[N m\] and force \[N\] at the centre of mass, on the principal axes.
     ///
     /// * `w`, `v`: angular velocity \[rad/s\], velocity of the centre of mass relative to the water \[m/s\]
@@ -48,11 +45,40 @@ impl<T: Scalar> InertiaBox<T> {
     ///
     /// # Source
     /// MuJoCo, "Fluid forces", inertia model.
-    #[inline(always)]
     pub fn wrench(&self, density: T, viscosity: T, w: Vec3<T>, v: Vec3<T>) -> (Vec3<T>, Vec3<T>) {
-        let drag = |stokes: T, area: Vec3<T>, v: Vec3<T>| {
-            Vec3(std::array::from_fn(|i| -(viscosity * stokes + density * area[i] * v[i].abs()) * v[i]))
-        };
-        (drag(self.stokes[0], self.turning, w), drag(self.stokes[1], self.facing, v))
+        ImmersedBox::<Spatial<T>>::new(self, [0, 1, 2]).wrench(density, viscosity, w, v)
+    }
+}
+
+/// The box on the axes of the space it moves in.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ImmersedBox<S: Space> {
+    stokes: [S::T; 2],
+    turning: S::Spin,
+    facing: S::Vec,
+}
+
+impl<S: Space> ImmersedBox<S> {
+    pub(crate) fn new(shape: &InertiaBox<S::T>, axes: ShapeAxes) -> Self {
+        Self {
+            stokes: shape.stokes,
+            turning: S::shape_spin(axes, shape.turning),
+            facing: S::shape_vector(axes, shape.facing),
+        }
+    }
+
+    /// See [`InertiaBox::wrench`].
+    #[inline(always)]
+    pub(crate) fn wrench(&self, density: S::T, viscosity: S::T, w: S::Spin, v: S::Vec) -> (S::Spin, S::Vec) {
+        let [slow_turning, slow] = self.stokes;
+        let torque = w * -(viscosity * slow_turning) - self.turning.times(w.magnitudes()).times(w) * density;
+        let force = v * -(viscosity * slow) - self.facing.times(v.magnitudes()).times(v) * density;
+        (torque, force)
+    }
+}
+
+impl<T: Scalar> ImmersedBox<Spatial<T>> {
+    pub(crate) fn map<U: Scalar>(&self, f: impl Fn(T) -> U + Copy) -> ImmersedBox<Spatial<U>> {
+        ImmersedBox { stokes: self.stokes.map(f), turning: self.turning.map(f), facing: self.facing.map(f) }
     }
 }

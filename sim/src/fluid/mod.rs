@@ -9,4 +9,6 @@ mod inertia_box;
 
 pub use added_mass::{AddedMass, added_mass};
 pub use ellipsoid::Ellipsoid;
+pub(crate) use ellipsoid::Immersed;
+pub(crate) use inertia_box::ImmersedBox;
 pub use inertia_box::InertiaBox;

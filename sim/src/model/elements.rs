@@ -226,12 +226,6 @@ pub struct Actuator<T> {
     pub force_range: Option<[T; 2]>,
 }
 
-impl<T: Scalar> Vec3<T> {
-    pub(crate) fn map<U>(self, f: impl Fn(T) -> U) -> Vec3<U> {
-        Vec3(self.0.map(f))
-    }
-}
-
 impl<T: Scalar> Quat<T> {
     pub(crate) fn map<U>(self, f: impl Fn(T) -> U) -> Quat<U> {
         Quat(self.0.map(f))

@@ -1,10 +1,11 @@
 //! Every force of one state, apart.
 
-use super::Simulator;
+use super::Engine;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::{Work, actuation, bias, fluid, passive};
 use crate::model::State;
 use crate::scalar::Scalar;
+use crate::space::Space;
 
 /// The generalized forces at one state, shape (nv) each, with MuJoCo's signs.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,22 +28,22 @@ pub struct Forces<T> {
     pub acceleration: Vec<T>,
 }
 
-impl<T: Scalar> Simulator<T> {
-    /// Every generalized force at `state` with the commands `command`, shape (actuators).
-    pub fn forces(&mut self, state: &State<T>, command: &[f64]) -> Forces<T> {
+impl<S: Space> Engine<S> {
+    /// See [`super::Simulator::forces`].
+    pub(super) fn forces(&mut self, state: &State<S::T>, command: &[f64]) -> Forces<S::T> {
         let (qpos, qvel) = (&state.qpos, &state.qvel);
         self.sample(0.0, &|drive, _| command[drive]);
         self.position_stage(qpos);
         let (plant, work) = (&self.plant, &mut self.work);
         bias::velocities(plant, qvel, work);
-        let zeros = || vec![T::ZERO; plant.nv];
-        let mut of_wrenches = |add: &dyn Fn(&Plant<T>, &mut Work<T>)| {
+        let zeros = || vec![S::T::ZERO; plant.nv];
+        let mut of_wrenches = |add: &dyn Fn(&Plant<S>, &mut Work<S>)| {
             let mut force = zeros();
             add(plant, work);
             bias::project(plant, work, &mut force);
             force
         };
-        let bias: Vec<T> = of_wrenches(&bias::bias).into_iter().map(|force| -force).collect();
+        let bias: Vec<S::T> = of_wrenches(&bias::bias).into_iter().map(|force| -force).collect();
         let gravity_compensation = of_wrenches(&passive::gravity_compensation);
         let fluid = of_wrenches(&fluid::fluid);
         let (mut spring, mut damper, mut actuator) = (zeros(), zeros(), zeros());
@@ -50,7 +51,7 @@ impl<T: Scalar> Simulator<T> {
         passive::dampers(plant, qvel, &mut damper);
         actuation::actuation(plant, qpos, qvel, &self.command, &self.off, &mut actuator);
 
-        self.force_stage(qpos, qvel, self.timestep_s);
+        self.force_stage(qpos, qvel);
         let total = self.force.clone();
         let restraint = (0..total.len())
             .map(|i| {

@@ -1,40 +1,63 @@
 //! One step in time, by each of the integrators.
 
-use super::Simulator;
+use super::Engine;
 use crate::dynamics::{actuation, integrate, passive};
 use crate::model::State;
 use crate::scalar::Scalar;
+use crate::space::{SlopeStage, Space};
 
-impl<T: Scalar> Simulator<T> {
+impl<S: Space> Engine<S> {
     /// Semi-implicit Euler: v += h (M + h B)^-1 f, then q along the new v. B is the slope of the joints' dampers
     /// and, for implicitfast, of the water and the drives too.
-    pub(super) fn euler(&mut self, state: &mut State<T>, h: f64) {
-        self.force_stage(&state.qpos, &state.qvel, h);
-        let h = T::from_f64(h);
+    pub(super) fn euler(&mut self, state: &mut State<S::T>, h: f64) {
+        self.force_stage(&state.qpos, &state.qvel);
+        let h = S::T::from_f64(h);
         self.matrix.copy_from_slice(&self.work.mass);
-        if self.plant.damped {
-            passive::add_damping(&self.plant, &state.qvel, h, &mut self.matrix);
+        if self.plant.damped || self.slope.is_some() {
+            // the sums of Runge-Kutta are not in use here
+            let (damping, unused) = (&mut self.sum_v, &mut self.sum_a);
+            S::T::tuned(
+                #[inline(always)]
+                || {
+                    damping.fill(S::T::ZERO);
+                    passive::slopes(&self.plant, &state.qpos, &state.qvel, damping, unused);
+                    if self.slope.is_some() {
+                        let (qpos, qvel, off) = (&state.qpos, &state.qvel, &self.off);
+                        actuation::slopes(&self.plant, qpos, qvel, &self.command, off, damping, unused);
+                    }
+                    for (dof, &damping) in damping.iter().enumerate() {
+                        self.matrix[self.plant.row[dof]] += h * damping;
+                    }
+                },
+            );
         }
         if let Some(slope) = &mut self.slope {
-            let (plant, matrix) = (&self.plant, &mut self.matrix);
-            slope.add(plant, &self.work, h, matrix);
-            actuation::add_slope(plant, &state.qpos, &state.qvel, &self.command, &self.off, h, matrix);
+            let (plant, work, matrix) = (&self.plant, &self.work, &mut self.matrix);
+            S::T::tuned(
+                #[inline(always)]
+                || slope.add(plant, work, h, matrix),
+            );
         }
         self.accelerate();
-        for (v, &a) in state.qvel.iter_mut().zip(&self.force) {
-            *v += h * a;
-        }
-        integrate::advance(&self.plant, &state.qpos, &state.qvel, h, &mut self.next_qpos);
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                for (v, &a) in state.qvel.iter_mut().zip(&self.force) {
+                    *v += h * a;
+                }
+                integrate::advance(&self.plant, &state.qpos, &state.qvel, h, &mut self.next_qpos);
+            },
+        );
         state.qpos.copy_from_slice(&self.next_qpos);
     }
 
     /// The classical fourth order, everything explicit.
     pub(super) fn runge_kutta(
         &mut self,
-        state: &mut State<T>,
+        state: &mut State<S::T>,
         time_s: f64,
         h: f64,
-        command: &impl Fn(usize, f64) -> f64,
+        command: &dyn Fn(usize, f64) -> f64,
     ) {
         // shares of the step at which the next stage stands, and weights in the sum
         const STAGES: [(f64, f64); 4] =
@@ -42,42 +65,52 @@ impl<T: Scalar> Simulator<T> {
         let mut stage = std::mem::replace(&mut self.stage, State { qpos: Vec::new(), qvel: Vec::new() });
         stage.qpos.copy_from_slice(&state.qpos);
         stage.qvel.copy_from_slice(&state.qvel);
-        self.sum_v.fill(T::ZERO);
-        self.sum_a.fill(T::ZERO);
+        self.sum_v.fill(S::T::ZERO);
+        self.sum_a.fill(S::T::ZERO);
         for (k, (ahead, weight)) in STAGES.into_iter().enumerate() {
             if k > 0 {
                 self.position_stage(&stage.qpos);
             }
-            self.force_stage(&stage.qpos, &stage.qvel, h);
+            self.force_stage(&stage.qpos, &stage.qvel);
             self.matrix.copy_from_slice(&self.work.mass);
             self.accelerate();
-            self.rate.copy_from_slice(&stage.qvel);
-            if k > 0 {
-                integrate::follow_turn(&self.plant, &self.turned, &mut self.rate);
-            }
-            let weight = T::from_f64(weight);
-            for dof in 0..self.plant.nv {
-                self.sum_v[dof] += weight * self.rate[dof];
-                self.sum_a[dof] += weight * self.force[dof];
-            }
-            if k < 3 {
-                let forward = T::from_f64(ahead * h);
-                integrate::advance(&self.plant, &state.qpos, &self.rate, forward, &mut stage.qpos);
-                for dof in 0..self.plant.nv {
-                    self.turned[dof] = forward * self.rate[dof];
-                    stage.qvel[dof] = state.qvel[dof] + forward * self.force[dof];
-                }
-                if !self.hold_command {
-                    self.sample(time_s + ahead * h, command);
-                }
+            S::T::tuned(
+                #[inline(always)]
+                || {
+                    self.rate.copy_from_slice(&stage.qvel);
+                    if k > 0 {
+                        integrate::follow_turn(&self.plant, &self.turned, &mut self.rate);
+                    }
+                    let weight = S::T::from_f64(weight);
+                    for dof in 0..self.plant.nv {
+                        self.sum_v[dof] += weight * self.rate[dof];
+                        self.sum_a[dof] += weight * self.force[dof];
+                    }
+                    if k < 3 {
+                        let forward = S::T::from_f64(ahead * h);
+                        integrate::advance(&self.plant, &state.qpos, &self.rate, forward, &mut stage.qpos);
+                        for dof in 0..self.plant.nv {
+                            self.turned[dof] = forward * self.rate[dof];
+                            stage.qvel[dof] = state.qvel[dof] + forward * self.force[dof];
+                        }
+                    }
+                },
+            );
+            if k < 3 && !self.hold_command {
+                self.sample(time_s + ahead * h, command);
             }
         }
-        let h = T::from_f64(h);
-        integrate::advance(&self.plant, &state.qpos, &self.sum_v, h, &mut self.next_qpos);
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                let h = S::T::from_f64(h);
+                integrate::advance(&self.plant, &state.qpos, &self.sum_v, h, &mut self.next_qpos);
+                for (v, &a) in state.qvel.iter_mut().zip(&self.sum_a) {
+                    *v += h * a;
+                }
+            },
+        );
         state.qpos.copy_from_slice(&self.next_qpos);
-        for (v, &a) in state.qvel.iter_mut().zip(&self.sum_a) {
-            *v += h * a;
-        }
         self.stage = stage;
     }
 }

@@ -1,112 +1,9 @@
-//! Small fixed-size algebra over any [`Scalar`]: vectors, rotations, spatial motions and inertias.
+//! Rotations of space, and symmetric matrices that turn with them.
 
-use std::ops::{Add, AddAssign, Index, IndexMut, Mul, Neg, Sub, SubAssign};
+use std::ops::Add;
 
+use super::Vec3;
 use crate::scalar::Scalar;
-
-/// A vector of three.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Vec3<T>(pub [T; 3]);
-
-impl<T: Scalar> Vec3<T> {
-    /// The zero vector.
-    pub const ZERO: Self = Self([T::ZERO; 3]);
-
-    /// A vector of constants.
-    pub fn constant(v: [f64; 3]) -> Self {
-        Self(v.map(T::from_f64))
-    }
-
-    /// Scalar product.
-    #[inline(always)]
-    pub fn dot(self, other: Self) -> T {
-        let ([a, b, c], [x, y, z]) = (self.0, other.0);
-        a * x + b * y + c * z
-    }
-
-    /// Vector product `self` x `other`.
-    #[inline(always)]
-    pub fn cross(self, other: Self) -> Self {
-        let ([a, b, c], [x, y, z]) = (self.0, other.0);
-        Self([b * z - c * y, c * x - a * z, a * y - b * x])
-    }
-
-    /// Product component by component.
-    #[inline(always)]
-    pub fn times(self, other: Self) -> Self {
-        let ([a, b, c], [x, y, z]) = (self.0, other.0);
-        Self([a * x, b * y, c * z])
-    }
-
-    /// Length; its derivative at the zero vector counts as 0.
-    #[inline(always)]
-    pub fn norm(self) -> T {
-        self.dot(self).sqrt()
-    }
-}
-
-impl<T: Scalar> Add for Vec3<T> {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        let ([a, b, c], [x, y, z]) = (self.0, other.0);
-        Self([a + x, b + y, c + z])
-    }
-}
-
-impl<T: Scalar> Sub for Vec3<T> {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        let ([a, b, c], [x, y, z]) = (self.0, other.0);
-        Self([a - x, b - y, c - z])
-    }
-}
-
-impl<T: Scalar> Mul<T> for Vec3<T> {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, k: T) -> Self {
-        Self(self.0.map(|x| x * k))
-    }
-}
-
-impl<T: Scalar> Neg for Vec3<T> {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self(self.0.map(|x| -x))
-    }
-}
-
-impl<T: Scalar> AddAssign for Vec3<T> {
-    #[inline(always)]
-    fn add_assign(&mut self, other: Self) {
-        *self = *self + other;
-    }
-}
-
-impl<T: Scalar> SubAssign for Vec3<T> {
-    #[inline(always)]
-    fn sub_assign(&mut self, other: Self) {
-        *self = *self - other;
-    }
-}
-
-impl<T> Index<usize> for Vec3<T> {
-    type Output = T;
-    #[inline(always)]
-    fn index(&self, i: usize) -> &T {
-        &self.0[i]
-    }
-}
-
-impl<T> IndexMut<usize> for Vec3<T> {
-    #[inline(always)]
-    fn index_mut(&mut self, i: usize) -> &mut T {
-        &mut self.0[i]
-    }
-}
 
 /// A 3 x 3 matrix as three rows; mostly a rotation `parent_from_child`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -120,7 +17,8 @@ impl<T: Scalar> Mat3<T> {
     /// The matrix times `v`.
     #[inline(always)]
     pub fn apply(&self, v: Vec3<T>) -> Vec3<T> {
-        Vec3(self.0.map(|row| Vec3(row).dot(v)))
+        let [a, b, c] = self.0;
+        Vec3([Vec3(a).dot(v), Vec3(b).dot(v), Vec3(c).dot(v)])
     }
 
     /// The transposed matrix times `v`: for a rotation, the way back.
@@ -133,7 +31,9 @@ impl<T: Scalar> Mat3<T> {
     /// The product `self` times `other`.
     #[inline(always)]
     pub fn product(&self, other: &Self) -> Self {
-        Self(self.0.map(|row| other.apply_transposed(Vec3(row)).0))
+        let [a, b, c] = self.0;
+        let (a, b, c) = (Vec3(a), Vec3(b), Vec3(c));
+        Self([other.apply_transposed(a).0, other.apply_transposed(b).0, other.apply_transposed(c).0])
     }
 
     /// Column `i`.
@@ -165,6 +65,7 @@ impl<T: Scalar> Quat<T> {
     pub const IDENTITY: Self = Self([T::ONE, T::ZERO, T::ZERO, T::ZERO]);
 
     /// The product: first `other`, then `self`.
+    #[inline(always)]
     pub fn product(self, other: Self) -> Self {
         let ([a, b, c, d], [w, x, y, z]) = (self.0, other.0);
         Self([
@@ -176,19 +77,22 @@ impl<T: Scalar> Quat<T> {
     }
 
     /// The rotation back.
+    #[inline(always)]
     pub fn conjugate(self) -> Self {
         let [w, x, y, z] = self.0;
         Self([w, -x, -y, -z])
     }
 
     /// Scaled to unit length.
+    #[inline(always)]
     pub fn normalized(self) -> Self {
         let [w, x, y, z] = self.0;
         let scale = T::ONE / (w * w + x * x + y * y + z * z).sqrt();
-        Self(self.0.map(|c| c * scale))
+        Self([w * scale, x * scale, y * scale, z * scale])
     }
 
     /// The rotation by the vector `r`: about its direction, by its length \[rad\].
+    #[inline(always)]
     pub fn from_rotation_vector(r: Vec3<T>) -> Self {
         let half_squared = r.dot(r) * T::from_f64(0.25);
         let half = half_squared.sqrt();
@@ -208,6 +112,7 @@ impl<T: Scalar> Quat<T> {
     }
 
     /// The inverse of [`Quat::from_rotation_vector`], the shorter way round.
+    #[inline(always)]
     pub fn rotation_vector(self) -> Vec3<T> {
         let [w, x, y, z] = self.0;
         let sign = T::select(w.less(T::ZERO), -T::ONE, T::ONE);
@@ -221,6 +126,7 @@ impl<T: Scalar> Quat<T> {
     }
 
     /// As a matrix.
+    #[inline(always)]
     pub fn matrix(self) -> Mat3<T> {
         let [w, x, y, z] = self.0;
         let two = T::from_f64(2.0);
@@ -229,77 +135,6 @@ impl<T: Scalar> Quat<T> {
             [two * (x * y + w * z), w * w - x * x + y * y - z * z, two * (y * z - w * x)],
             [two * (x * z - w * y), two * (y * z + w * x), w * w - x * x - y * y + z * z],
         ])
-    }
-}
-
-/// A spatial motion: angular velocity and the velocity of the point at the origin, in world axes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Motion<T> {
-    /// Angular part \[rad/s\].
-    pub ang: Vec3<T>,
-    /// Linear part \[m/s\].
-    pub lin: Vec3<T>,
-}
-
-impl<T: Scalar> Motion<T> {
-    /// No motion.
-    pub const ZERO: Self = Self { ang: Vec3::ZERO, lin: Vec3::ZERO };
-
-    /// The sum with `other` times `k`.
-    #[inline(always)]
-    pub fn plus(self, other: Self, k: T) -> Self {
-        Self { ang: self.ang + other.ang * k, lin: self.lin + other.lin * k }
-    }
-
-    /// How `other`, riding on `self`, changes: the spatial cross product of motions.
-    #[inline(always)]
-    pub fn cross(self, other: Self) -> Self {
-        Self { ang: self.ang.cross(other.ang), lin: self.ang.cross(other.lin) + self.lin.cross(other.ang) }
-    }
-
-    /// How `force`, riding on `self`, changes: the spatial cross product of motion and force.
-    #[inline(always)]
-    pub fn cross_force(self, force: Wrench<T>) -> Wrench<T> {
-        Wrench {
-            torque: self.ang.cross(force.torque) + self.lin.cross(force.force),
-            force: self.ang.cross(force.force),
-        }
-    }
-
-    /// The power of `wrench` under this motion.
-    #[inline(always)]
-    pub fn power(self, wrench: Wrench<T>) -> T {
-        self.ang.dot(wrench.torque) + self.lin.dot(wrench.force)
-    }
-}
-
-/// A torque about the origin and a force, in world axes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Wrench<T> {
-    /// Torque \[N m\].
-    pub torque: Vec3<T>,
-    /// Force \[N\].
-    pub force: Vec3<T>,
-}
-
-impl<T: Scalar> Wrench<T> {
-    /// None.
-    pub const ZERO: Self = Self { torque: Vec3::ZERO, force: Vec3::ZERO };
-}
-
-impl<T: Scalar> AddAssign for Wrench<T> {
-    #[inline(always)]
-    fn add_assign(&mut self, other: Self) {
-        self.torque += other.torque;
-        self.force += other.force;
-    }
-}
-
-impl<T: Scalar> SubAssign for Wrench<T> {
-    #[inline(always)]
-    fn sub_assign(&mut self, other: Self) {
-        self.torque -= other.torque;
-        self.force -= other.force;
     }
 }
 
@@ -320,7 +155,8 @@ impl<T: Scalar> Sym3<T> {
     /// `rotation` times `self` times its transpose.
     #[inline(always)]
     pub fn rotated(&self, rotation: &Mat3<T>) -> Self {
-        let [a, b, c] = rotation.0.map(Vec3);
+        let [a, b, c] = rotation.0;
+        let (a, b, c) = (Vec3(a), Vec3(b), Vec3(c));
         let (p, q, r) = (self.apply(a), self.apply(b), self.apply(c));
         Self([a.dot(p), b.dot(q), c.dot(r), a.dot(q), a.dot(r), b.dot(r)])
     }
@@ -349,39 +185,5 @@ impl<T: Scalar> Add for Sym3<T> {
     fn add(self, other: Self) -> Self {
         let ([a, b, c, d, e, f], [u, v, w, x, y, z]) = (self.0, other.0);
         Self([a + u, b + v, c + w, d + x, e + y, f + z])
-    }
-}
-
-/// Inertia of a rigid body about the origin, in world axes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Inertia<T> {
-    /// Mass \[kg\].
-    pub mass: T,
-    /// Mass times centre of mass \[kg m\].
-    pub moment: Vec3<T>,
-    /// Rotational inertia about the origin \[kg m2\].
-    pub rotational: Sym3<T>,
-}
-
-impl<T: Scalar> Inertia<T> {
-    /// Of nothing.
-    pub const ZERO: Self = Self { mass: T::ZERO, moment: Vec3::ZERO, rotational: Sym3::ZERO };
-
-    /// Momentum under `motion`.
-    #[inline(always)]
-    pub fn apply(&self, motion: Motion<T>) -> Wrench<T> {
-        Wrench {
-            torque: self.rotational.apply(motion.ang) + self.moment.cross(motion.lin),
-            force: motion.lin * self.mass - self.moment.cross(motion.ang),
-        }
-    }
-}
-
-impl<T: Scalar> AddAssign for Inertia<T> {
-    #[inline(always)]
-    fn add_assign(&mut self, other: Self) {
-        self.mass += other.mass;
-        self.moment += other.moment;
-        self.rotational = self.rotational + other.rotational;
     }
 }

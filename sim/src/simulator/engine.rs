@@ -1,0 +1,355 @@
+//! One mechanism in its space, stepped.
+
+use super::extrapolation::Extrapolation;
+use crate::dynamics::plant::Plant;
+use crate::dynamics::restraint::{Solver, multiply};
+use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
+use crate::model::{ActuatorKind, Integrator, JointKind, Model, State};
+use crate::rollout::{RolloutError, RolloutOptions};
+use crate::scalar::{Mask, Scalar};
+use crate::space::{SlopeStage, Space};
+use crate::steps::Method;
+
+/// A speed \[rad/s\] or \[m/s\] no mechanism in a tank reaches: beyond it the run counts as diverged.
+const ABSURD_SPEED: f64 = 1e5;
+
+/// How a step is taken: MuJoCo's ways and ours.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stepper {
+    Euler,
+    ImplicitFast,
+    RungeKutta,
+    Extrapolation,
+}
+
+/// What [`super::Simulator`] is, in one space.
+#[derive(Debug, Clone)]
+pub(crate) struct Engine<S: Space> {
+    pub(crate) plant: Plant<S>,
+    pub(crate) work: Work<S>,
+    solver: Option<Solver<S::T>>,
+    pub(super) slope: Option<S::Slope>,
+    stepper: Stepper,
+    pub(super) extrapolation: Option<Extrapolation<S::T>>,
+    pub(crate) timestep_s: f64,
+    /// The step that restraints are made for \[s\].
+    pub(super) restraint_step_s: f64,
+    pub(super) hold_command: bool,
+    joint_of_dof: Vec<String>,
+    /// Per drive: whether its joint is prescribed.
+    prescribed: Vec<bool>,
+    /// Per drive: whether it exerts no force.
+    pub(super) off: Vec<bool>,
+    /// Per dof: whether its acceleration is prescribed 0.
+    held: Vec<bool>,
+    pub(super) command: Vec<S::T>,
+    pub(super) force: Vec<S::T>,
+    pub(super) matrix: Vec<S::T>,
+    /// Velocity at the start of the last step, after the prescribed joints' jump.
+    pub(crate) departure: Vec<S::T>,
+    pub(super) stage: State<S::T>,
+    pub(super) next_qpos: Vec<S::T>,
+    pub(super) sum_v: Vec<S::T>,
+    pub(super) sum_a: Vec<S::T>,
+    pub(super) rate: Vec<S::T>,
+    /// Rotation vectors since the step began, at the dofs of balls and free bodies.
+    pub(super) turned: Vec<S::T>,
+}
+
+impl<S: Space> Engine<S> {
+    /// Prepares `model`, laid out in its space.
+    pub(crate) fn new(
+        model: &Model<S::T>,
+        layout: S::Layout,
+        options: &RolloutOptions,
+    ) -> Result<Self, RolloutError> {
+        let own = model.settings.timestep_s;
+        let timestep_s = options.steps.map_or(options.timestep_s.unwrap_or(own), |steps| steps.longest_s);
+        if !(timestep_s.is_finite() && timestep_s > 0.0) {
+            return Err(RolloutError::Timestep { timestep_s });
+        }
+        let stepper = match (
+            options.steps.map(|steps| steps.method),
+            options.integrator.unwrap_or(model.settings.integrator),
+        ) {
+            (Some(Method::Extrapolation), _) => Stepper::Extrapolation,
+            (Some(Method::RungeKutta), _) | (None, Integrator::Rk4) => Stepper::RungeKutta,
+            (None, Integrator::Euler) => Stepper::Euler,
+            (None, Integrator::ImplicitFast) => Stepper::ImplicitFast,
+        };
+        let plant = Plant::new(model, layout);
+        if let (Stepper::ImplicitFast, Some(body)) = (stepper, plant.lone_free_body()) {
+            return Err(RolloutError::Unsupported {
+                what: format!("integrator implicitfast on the lone free body `{}`", model.bodies[body].name),
+                instead: "use euler or rk4".into(),
+            });
+        }
+        let slope = if stepper == Stepper::ImplicitFast { S::Slope::new(&plant) } else { None };
+        let work = Work::new(&plant);
+        let drives = model.actuators.len();
+        let joint_of_dof = model
+            .joints
+            .iter()
+            .flat_map(|joint| std::iter::repeat_n(joint.name.clone(), joint.kind.nv()))
+            .collect();
+        let follows = |kind| options.prescribed && kind == ActuatorKind::Position;
+        let zeros = || vec![S::T::ZERO; plant.nv];
+        let rest = model.rest_state();
+        let mut simulator = Self {
+            solver: None,
+            slope,
+            extrapolation: (stepper == Stepper::Extrapolation)
+                .then(|| Extrapolation::new(&plant, rest.qpos.len())),
+            stepper,
+            timestep_s,
+            restraint_step_s: if options.steps.is_some() { own } else { timestep_s },
+            hold_command: options.hold_command && options.steps.is_none(),
+            joint_of_dof,
+            prescribed: model.actuators.iter().map(|actuator| follows(actuator.kind)).collect(),
+            off: vec![false; drives],
+            held: vec![false; plant.nv],
+            command: vec![S::T::ZERO; drives],
+            force: zeros(),
+            matrix: vec![S::T::ZERO; plant.chain.len()],
+            departure: zeros(),
+            next_qpos: rest.qpos.clone(),
+            sum_v: zeros(),
+            sum_a: zeros(),
+            rate: zeros(),
+            turned: zeros(),
+            stage: rest,
+            plant,
+            work,
+        };
+        simulator.mark_held();
+        if !simulator.plant.restraints.is_empty() {
+            let weights = simulator.inverse_weights(model);
+            simulator.solver = Some(Solver::new(&simulator.plant, weights));
+        }
+        Ok(simulator)
+    }
+
+    /// Switches off the drives at these places: they exert no force, and where they would prescribe their
+    /// joint, it is free.
+    pub(crate) fn switch_off(&mut self, silent: &[bool]) {
+        for (drive, &silent) in silent.iter().enumerate() {
+            if silent && self.prescribed[drive] {
+                self.prescribed[drive] = false;
+                self.off[drive] = true;
+            }
+        }
+        self.mark_held();
+    }
+
+    fn mark_held(&mut self) {
+        self.held.fill(false);
+        for (drive, plan) in self.plant.drives.iter().enumerate() {
+            if self.prescribed[drive] {
+                self.held[plan.dof] = true;
+                self.off[drive] = true;
+            }
+        }
+    }
+
+    /// The diagonal of the inverse mass matrix at the reference, averaged over the like axes of ball and free
+    /// joints: what MuJoCo scales its restraints by.
+    fn inverse_weights(&mut self, model: &Model<S::T>) -> Vec<S::T> {
+        self.position_stage(&model.rest_state().qpos);
+        self.matrix.copy_from_slice(&self.work.mass);
+        inertia::factor(&self.plant, &mut self.matrix);
+        let mut weights: Vec<S::T> = (0..self.plant.nv)
+            .map(|dof| {
+                self.force.fill(S::T::ZERO);
+                self.force[dof] = S::T::ONE;
+                inertia::solve(&self.plant, &self.matrix, &mut self.force);
+                self.force[dof]
+            })
+            .collect();
+        for joint in &model.joints {
+            let three: &[usize] = match joint.kind {
+                JointKind::Hinge | JointKind::Slide => &[],
+                JointKind::Ball => &[0],
+                JointKind::Free => &[0, 3],
+            };
+            for &first in three {
+                let axes = &mut weights[joint.dof_address + first..joint.dof_address + first + 3];
+                let mean = (axes[0] + axes[1] + axes[2]) * S::T::from_f64(1.0 / 3.0);
+                axes.fill(mean);
+            }
+        }
+        weights
+    }
+
+    /// Puts the prescribed joints of `state` where their commands are at `time_s`, at rest.
+    pub(crate) fn align(
+        &mut self,
+        state: &mut State<S::T>,
+        time_s: f64,
+        command: &dyn Fn(usize, f64) -> f64,
+    ) {
+        for (index, drive) in
+            self.plant.drives.iter().enumerate().filter(|(index, _)| self.prescribed[*index])
+        {
+            state.qpos[drive.q] = drive.command(S::T::from_f64(command(index, time_s))) / drive.gear;
+            state.qvel[drive.dof] = S::T::ZERO;
+        }
+    }
+
+    /// Takes one step of `h` \[s\] from `time_s`; `command(drive, time)` is asked where the integrator needs it.
+    /// Yields whether all lanes are sound.
+    pub(crate) fn step_with(
+        &mut self,
+        state: &mut State<S::T>,
+        time_s: f64,
+        h: f64,
+        command: &dyn Fn(usize, f64) -> f64,
+    ) -> bool {
+        self.sample(time_s, command);
+        self.position_stage(&state.qpos);
+        self.prescribe(state, time_s + h, h, command);
+        self.departure.copy_from_slice(&state.qvel);
+        match self.stepper {
+            Stepper::Euler | Stepper::ImplicitFast => self.euler(state, h),
+            Stepper::RungeKutta => self.runge_kutta(state, time_s, h, command),
+            Stepper::Extrapolation => self.extrapolate(state, time_s, h, command),
+        }
+        self.sound_lanes(state).all()
+    }
+
+    #[inline(always)]
+    pub(super) fn sample(&mut self, time_s: f64, command: &dyn Fn(usize, f64) -> f64) {
+        for (drive, value) in self.command.iter_mut().enumerate() {
+            *value = S::T::from_f64(command(drive, time_s));
+        }
+    }
+
+    /// What depends on the coordinates alone.
+    pub(super) fn position_stage(&mut self, qpos: &[S::T]) {
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                kinematics::kinematics(&self.plant, qpos, &mut self.work);
+                inertia::body_inertias(&self.plant, &mut self.work);
+                inertia::mass_matrix(&self.plant, &mut self.work);
+            },
+        );
+    }
+
+    /// The forces on the dofs at this state, after [`Self::position_stage`].
+    pub(super) fn force_stage(&mut self, qpos: &[S::T], qvel: &[S::T]) {
+        let h = self.restraint_step_s;
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
+                bias::velocities(plant, qvel, work);
+                bias::bias(plant, work);
+                passive::gravity_compensation(plant, work);
+                fluid::fluid(plant, work);
+                force.fill(S::T::ZERO);
+                bias::project(plant, work, force);
+                passive::springs(plant, qpos, force);
+                passive::dampers(plant, qvel, force);
+                actuation::actuation(plant, qpos, qvel, &self.command, &self.off, force);
+            },
+        );
+        self.still_held();
+        if let Some(solver) = &mut self.solver {
+            let (plant, work, force) = (&self.plant, &self.work, &mut self.force);
+            S::T::tuned(
+                #[inline(always)]
+                || solver.resolve(plant, work, &self.held, h, qpos, qvel, force),
+            );
+        }
+    }
+
+    #[inline(always)]
+    fn still_held(&mut self) {
+        for (force, &held) in self.force.iter_mut().zip(&self.held) {
+            if held {
+                *force = S::T::ZERO;
+            }
+        }
+    }
+
+    /// Turns `force` into accelerations.
+    pub(super) fn accelerate(&mut self) {
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                inertia::hold(&self.plant, &self.held, &mut self.matrix);
+                inertia::factor(&self.plant, &mut self.matrix);
+                inertia::solve(&self.plant, &self.matrix, &mut self.force);
+            },
+        );
+    }
+
+    fn prescribe(
+        &mut self,
+        state: &mut State<S::T>,
+        end_s: f64,
+        h: f64,
+        command: &dyn Fn(usize, f64) -> f64,
+    ) {
+        if !self.prescribed.contains(&true) {
+            return;
+        }
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                self.sum_v.fill(S::T::ZERO);
+                let prescribed = self.prescribed.iter();
+                for ((index, drive), _) in self
+                    .plant
+                    .drives
+                    .iter()
+                    .enumerate()
+                    .zip(prescribed)
+                    .filter(|(_, prescribed)| **prescribed)
+                {
+                    let target = drive.command(S::T::from_f64(command(index, end_s))) / drive.gear;
+                    let secant = (target - state.qpos[drive.q]) / S::T::from_f64(h);
+                    self.sum_v[drive.dof] = secant - state.qvel[drive.dof];
+                    state.qvel[drive.dof] = secant;
+                }
+                multiply(&self.plant, &self.work.mass, &self.sum_v, &mut self.force);
+                for force in &mut self.force {
+                    *force = -*force;
+                }
+            },
+        );
+        self.still_held();
+        self.matrix.copy_from_slice(&self.work.mass);
+        self.accelerate();
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                for (v, &dv) in state.qvel.iter_mut().zip(&self.force) {
+                    *v += dv;
+                }
+            },
+        );
+    }
+
+    /// The lanes whose velocities are numbers, and not absurd.
+    pub(crate) fn sound_lanes(&self, state: &State<S::T>) -> <S::T as Scalar>::Mask {
+        S::T::tuned(
+            #[inline(always)]
+            || {
+                let limit = S::T::from_f64(ABSURD_SPEED);
+                let mut sound = S::T::ZERO.less(S::T::ONE);
+                for v in &state.qvel {
+                    sound = sound & v.abs().less(limit);
+                }
+                sound
+            },
+        )
+    }
+
+    /// The joint that has diverged in `lane` at `time_s`, if one has.
+    pub(crate) fn diverged(&self, state: &State<S::T>, lane: usize, time_s: f64) -> Option<RolloutError> {
+        let limit = S::T::from_f64(ABSURD_SPEED);
+        let dof = state.qvel.iter().position(|v| !v.abs().less(limit).test(lane))?;
+        Some(RolloutError::Diverged { joint: self.joint_of_dof[dof].clone(), time_s })
+    }
+}

@@ -1,0 +1,138 @@
+//! Candidates side by side move as they do alone, and our own steps keep to the accuracy asked for.
+
+#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test may")]
+
+use sim::batch::{self, Candidate};
+use sim::{Command, Isa, Method, Model, RolloutError, RolloutOptions, Steps, plan, rollout};
+
+const CHAIN: &str = include_str!("data/chain_friction.xml");
+const DRIVEN: &str = include_str!("data/chain_active.xml");
+const ARM: &str = include_str!("data/arm8.xml");
+const OCTOPUS: &str = include_str!("data/octopus8.xml");
+
+/// More than the lanes of any instruction set, and no multiple of them.
+const CANDIDATES: usize = 19;
+
+fn stroke(model: &Model) -> Command {
+    let names: Vec<String> = model.actuators.iter().map(|actuator| actuator.name.clone()).collect();
+    let angle_rad = [0.0, 0.5, -0.5, 0.0].iter().flat_map(|&a| names.iter().map(move |_| a)).collect();
+    Command { actuators: names, time_s: vec![0.0, 0.1, 0.3, 0.4], angle_rad }
+}
+
+fn candidates(model: &Model, names: &[&str], start_s: f64) -> (Vec<sim::model::Parameter>, Vec<Candidate>) {
+    let parameters: Vec<_> = names.iter().map(|name| model.find_parameter(name).unwrap()).collect();
+    let one = |k: usize| {
+        let mut state = model.rest_state();
+        let last = state.qpos.len() - 1;
+        state.qpos[last] += 0.3 + 0.01 * k as f64;
+        let values = parameters.iter().map(|&p| model.get(p) * (1.0 + 0.02 * k as f64)).collect();
+        // starts that fall into different steps
+        Candidate { values, state, start_s: start_s + 0.0017 * k as f64 }
+    };
+    (parameters.clone(), (0..CANDIDATES).map(one).collect())
+}
+
+fn alone(
+    model: &Model,
+    parameters: &[sim::model::Parameter],
+    candidate: &Candidate,
+    command: &Command,
+    times: &[f64],
+    options: &RolloutOptions,
+) -> Result<Vec<[f64; 3]>, RolloutError> {
+    let mut model = model.clone();
+    for (&parameter, &value) in parameters.iter().zip(&candidate.values) {
+        model.set(parameter, value);
+    }
+    let options = RolloutOptions { start_s: candidate.start_s, ..options.clone() };
+    rollout(&model, &candidate.state, command, times, &options).map(|run| run.position_m)
+}
+
+#[test]
+fn a_candidate_moves_the_same_to_the_bit_in_any_lane_of_any_instruction_set_and_alone() {
+    let times: Vec<f64> = (0..40).map(|k| 0.013 * f64::from(k)).collect();
+    let ours =
+        |method| RolloutOptions { steps: Some(Steps { method, longest_s: 0.004 }), ..Default::default() };
+    let cases = [
+        (CHAIN, vec!["g2/blunt", "q1/frictionloss", "link3/mass"], RolloutOptions::default()),
+        (CHAIN, vec!["g3/kutta"], ours(Method::RungeKutta)),
+        (DRIVEN, vec!["g1/angular", "servo/gain"], ours(Method::Extrapolation)),
+        (ARM, vec!["q3/damping", "q4/stiffness2"], RolloutOptions::default()),
+        (OCTOPUS, vec!["a1q3/damping"], ours(Method::Extrapolation)),
+    ];
+    for (text, names, options) in cases {
+        let model = Model::from_mjcf(text).unwrap();
+        let command = stroke(&model);
+        // commands are on one clock for all candidates, so driven ones start together
+        let (parameters, mut candidates) = candidates(&model, &names, 0.05);
+        if !command.actuators.is_empty() {
+            candidates.iter_mut().for_each(|candidate| candidate.start_s = 0.0);
+        }
+        let options = RolloutOptions { start_s: candidates[0].start_s, ..options };
+        for isa in Isa::available() {
+            let together =
+                batch::positions(&model, &parameters, &candidates, &command, &times, &options, isa).unwrap();
+            for (candidate, positions) in candidates.iter().zip(together) {
+                let expected = alone(&model, &parameters, candidate, &command, &times, &options).unwrap();
+                assert_eq!(positions.unwrap(), expected, "{} {names:?}", isa.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_candidate_that_diverges_has_its_own_error_and_disturbs_nobody() {
+    let model = Model::from_mjcf(CHAIN).unwrap();
+    let times = [0.1, 0.2];
+    let (parameters, mut candidates) = candidates(&model, &["q2/damping"], 0.0);
+    let options = RolloutOptions {
+        steps: Some(Steps { method: Method::RungeKutta, longest_s: 0.01 }),
+        ..Default::default()
+    };
+    candidates.iter_mut().for_each(|candidate| candidate.start_s = 0.0);
+    // so much damping is far beyond what an explicit step can bear
+    candidates[3].values[0] = 1.0;
+    for isa in Isa::available() {
+        let command = Command::default();
+        let together =
+            batch::positions(&model, &parameters, &candidates, &command, &times, &options, isa).unwrap();
+        for (k, positions) in together.into_iter().enumerate() {
+            let expected = alone(&model, &parameters, &candidates[k], &command, &times, &options);
+            assert_eq!(positions, expected, "{} {k}", isa.name());
+            assert_eq!(positions.is_err(), k == 3);
+        }
+    }
+}
+
+#[test]
+fn planned_steps_are_as_exact_as_asked_for() {
+    for (text, expected) in
+        [(CHAIN, Method::RungeKutta), (DRIVEN, Method::RungeKutta), (ARM, Method::Extrapolation)]
+    {
+        let model = Model::from_mjcf(text).unwrap();
+        let mut state = model.rest_state();
+        if model.actuators.is_empty() {
+            state.qpos[0] = 1.0;
+        }
+        let command = stroke(&model);
+        let times: Vec<f64> = (0..=50).map(|k| 0.02 * f64::from(k)).collect();
+        let options = RolloutOptions::default();
+        let plan = plan(&model, &state, &command, &times, &options, 1e-5).unwrap();
+        let run = |steps| {
+            let options = RolloutOptions { steps: Some(steps), ..options.clone() };
+            rollout(&model, &state, &command, &times, &options).unwrap().position_m
+        };
+        // the other method, at steps so short that it has no error to speak of
+        let finest = Steps { method: Method::Extrapolation, longest_s: 1e-4 };
+        let (planned, truth) = (run(plan.steps), run(finest));
+        let worst = planned
+            .iter()
+            .flatten()
+            .zip(truth.iter().flatten())
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max);
+        println!("{}: {:?}, estimated {:.1e} m, true {worst:.1e} m", model.name, plan.steps, plan.error_m);
+        assert_eq!(plan.steps.method, expected);
+        assert!(worst < 2e-5, "{worst}");
+    }
+}
