@@ -13,7 +13,8 @@
 //! ```
 //!
 //! On the way: [`table`] reads trajectories and servo commands, [`initial`] finds where and when each run
-//! starts, [`parameters`] names what may be turned, [`simulate`] repeats a run, [`loss`] compares,
+//! starts, [`parameters`] names what may be turned, [`weights`] what a balance
+//! knows of it, [`simulate`] repeats a run, [`loss`] compares,
 //! [`cmaes`] searches.
 
 pub mod cmaes;
@@ -25,7 +26,9 @@ pub mod loss;
 mod names;
 pub mod parameters;
 pub mod simulate;
+mod statistics;
 pub mod strict;
 pub mod table;
+pub mod weights;
 
 pub use geometry::characteristic_length_m;

@@ -46,6 +46,48 @@ fn wrong_input_is_told_from_lack_of_data_and_both_name_the_remedy() {
             true,
             "run `a`: nothing ever moves in this drop; state `release_s`",
         ),
+        (
+            Box::new(|e| e.runs[0].trajectory.time_s[7] = 0.01),
+            false,
+            "run `a`: image 8 is at 0.01 s, which is no time after the one before; sort the images",
+        ),
+        (Box::new(|e| e.runs[0].trajectory.time_s[7] = f64::NAN), false, "run `a`: image 8 is at NaN s"),
+        (
+            Box::new(|e| {
+                e.runs[0].trajectory.position_m.iter_mut().step_by(3).for_each(|p| *p = [f64::NAN; 3])
+            }),
+            true,
+            "run `a`: keypoint `P1` is never seen; remove its columns",
+        ),
+        (
+            Box::new(|e| {
+                e.runs[0].trajectory.time_s.truncate(2);
+                e.runs[0].trajectory.position_m.truncate(6);
+            }),
+            true,
+            "run `a`: 2 of 2 images show a keypoint, 3 are the least",
+        ),
+        (
+            Box::new(|e| {
+                let bounds = [2.0, 1.0].map(|bound| ident::strict::Finite::new(bound).unwrap());
+                e.fit.bounds.insert("angular".into(), bounds);
+            }),
+            false,
+            "bounds of `angular` are [2, 1]; the lower one must be less than the upper one",
+        ),
+        (
+            Box::new(|e| {
+                e.model = driven_chain();
+                e.fit.parameters = vec!["servo/gain".into()];
+            }),
+            true,
+            "no fitted run sees `servo/gain`: no keypoint moves however it is turned; add a run that does",
+        ),
+        (
+            Box::new(|e| e.fit.parameters = vec!["g1/kutta".into(), "g1/magnus".into()]),
+            true,
+            "no fitted run sees `g1/kutta`, `g1/magnus`",
+        ),
         (Box::new(|e| e.model.settings.gravity.0[0] = 1e12), true, "simulating run `a`"),
     ];
     for (change, lack_of_data, wanted) in cases {

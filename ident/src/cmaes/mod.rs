@@ -13,6 +13,7 @@
 //! N. Hansen, "The CMA Evolution Strategy: A Tutorial", arXiv 1604.00772v2.
 
 mod constants;
+mod restarts;
 mod stop;
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
@@ -22,6 +23,7 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use constants::Constants;
+pub use restarts::{Restarting, Restarts};
 pub use stop::{Options, Stop};
 
 /// A search under way. Serialising it loses nothing.

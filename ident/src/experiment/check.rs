@@ -54,8 +54,21 @@ fn start(run: &Run) -> Result<(), ExperimentError> {
     }
 }
 
-/// There must be something to see.
+/// There must be something to see, in order.
 fn images(run: &Run) -> Result<(), ExperimentError> {
+    let time_s = &run.trajectory.time_s;
+    if let Some(row) =
+        (0..time_s.len()).find(|&row| !time_s[row].is_finite() || row > 0 && time_s[row] <= time_s[row - 1])
+    {
+        return Err(ExperimentError::Run {
+            run: run.id.clone(),
+            reason: format!(
+                "image {} is at {} s, which is no time after the one before; sort the images, or leave it out",
+                row + 1,
+                time_s[row]
+            ),
+        });
+    }
     let lack = |reason: String| Err(ExperimentError::Data { run: run.id.clone(), reason });
     let trajectory = &run.trajectory;
     let width = trajectory.keypoints.len();

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Deserializer, Serialize};
 
+use crate::cmaes::Restarts;
 use crate::strict::{Finite, Positive};
 
 /// The `[fit]` table of an `experiment.toml` or of a rig config.
@@ -19,6 +20,12 @@ pub struct FitConfig {
     pub tie: Vec<Vec<String>>,
     /// How the optimum is sought.
     pub method: Method,
+    /// How much a residual counts in least squares.
+    pub loss: Loss,
+    /// What `cma-es` does once it has converged, while `max_evaluations` last.
+    pub restarts: Restarts,
+    /// Whether 95 % intervals are taken from the profile of the likelihood; costs a few fits per parameter.
+    pub profile: bool,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Most candidates tried.
@@ -59,6 +66,9 @@ impl Default for FitConfig {
             fixed: Vec::new(),
             tie: Vec::new(),
             method: Method::default(),
+            loss: Loss::default(),
+            restarts: Restarts::default(),
+            profile: false,
             seed: 1,
             max_evaluations: 5000,
             bounds: BTreeMap::new(),
@@ -77,7 +87,7 @@ pub enum Method {
     CmaEs,
     /// Bounded Levenberg-Marquardt from the model's values.
     LeastSquares,
-    /// A short CMA-ES, then least squares.
+    /// Least squares from several starts, one of them found by a short CMA-ES.
     #[default]
     Hybrid,
 }
@@ -92,6 +102,17 @@ impl Method {
             Self::Hybrid => "hybrid",
         }
     }
+}
+
+/// How much a residual counts in least squares.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Loss {
+    /// Its square.
+    #[default]
+    Squares,
+    /// Its square up to 1.345 standard deviations, beyond them in proportion: a few wild keypoints do little harm.
+    Huber,
 }
 
 /// A Gaussian belief about a parameter, in its SI unit.

@@ -5,23 +5,27 @@ use std::path::{Path, PathBuf};
 use crate::parameters::ParameterError;
 use crate::strict::StrictError;
 use crate::table::TableError;
+use crate::weights::WeightError;
 
 /// Why an experiment was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
     /// Something `experiment.toml` says, once it is compared with the files it names.
-    #[error("{}{}", path.display(), line.map(|line| format!(", line {line}")).unwrap_or_default())]
+    #[error("{}{}", path.display(), place.as_ref().map(Place::to_string).unwrap_or_default())]
     At {
         /// `experiment.toml`.
         path: PathBuf,
-        /// The line that speaks of it, where one does, counted from 1.
-        line: Option<usize>,
+        /// Where it speaks of it, if it does.
+        place: Option<Place>,
         /// What is wrong.
         source: Box<ExperimentError>,
     },
     /// The `[fit]` table does not go with the model.
     #[error(transparent)]
     Parameters(#[from] ParameterError),
+    /// The `[mechanism]` or `[water]` table.
+    #[error(transparent)]
+    Weights(#[from] WeightError),
     /// `experiment.toml` itself.
     #[error(transparent)]
     Config(#[from] StrictError),
@@ -104,17 +108,45 @@ impl ExperimentError {
         let name = match &self {
             Self::Run { run, .. } | Self::Data { run, .. } => run,
             Self::Parameters(error) => error.name(),
+            Self::Weights(error) => error.name(),
             Self::NoRuns => "",
             _ => return self,
         };
-        let line = text.lines().position(|line| says(line, name)).map(|index| index + 1);
-        Self::At { path: path.into(), line, source: Box::new(self) }
+        let place = text.lines().enumerate().find_map(|(index, line)| {
+            let column = says(line, name)?;
+            Some(Place { line: index + 1, text: line.to_owned(), column, width: name.chars().count() })
+        });
+        Self::At { path: path.into(), place, source: Box::new(self) }
     }
 }
 
-/// Whether a line of TOML has `name` as a whole key or string.
-fn says(line: &str, name: &str) -> bool {
+/// A place in a text, as it is shown to whoever wrote it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    /// Counted from 1.
+    pub line: usize,
+    /// The whole line.
+    pub text: String,
+    /// Characters before what is meant.
+    pub column: usize,
+    /// Characters that are meant.
+    pub width: usize,
+}
+
+impl std::fmt::Display for Place {
+    /// `, line 5`, then the line with carets beneath what is meant.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let number = self.line.to_string();
+        let margin = " ".repeat(number.len());
+        writeln!(f, ", line {number}\n{margin} |\n{number} | {}", self.text)?;
+        write!(f, "{margin} | {}{}", " ".repeat(self.column), "^".repeat(self.width))
+    }
+}
+
+/// How many characters a line of TOML has before `name` as a whole key or string.
+fn says(line: &str, name: &str) -> Option<usize> {
     let part = |c: char| c.is_alphanumeric() || "/_*?#-".contains(c);
     let whole = |at: usize| !line[..at].ends_with(part) && !line[at + name.len()..].starts_with(part);
-    !name.is_empty() && line.match_indices(name).any(|(at, _)| whole(at))
+    let mut places = line.match_indices(name).map(|(at, _)| at).filter(|_| !name.is_empty());
+    places.find(|&at| whole(at)).map(|at| line[..at].chars().count())
 }

@@ -11,6 +11,7 @@ use crate::names::not_there;
 use crate::parameters::Parameters;
 use crate::strict::{self, Finite, Positive, StrictError};
 use crate::table::{read_command, read_trajectory};
+use crate::weights::{Mechanism, Water};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -20,6 +21,10 @@ struct File {
     noise_m: Option<Positive>,
     #[serde(default)]
     fit: FitConfig,
+    #[serde(default)]
+    mechanism: Mechanism,
+    #[serde(default)]
+    water: Water,
     #[serde(default)]
     run: Vec<Entry>,
 }
@@ -77,9 +82,11 @@ fn load(file: File, path: &Path) -> Result<Experiment, ExperimentError> {
         (None, None) if file.run.is_empty() => return Err(ExperimentError::NoRuns),
         (None, None) => return Err(ExperimentError::NoModel { path: path.into() }),
     };
-    let model = Model::from_mjcf(&text)
+    let mut model = Model::from_mjcf(&text)
         .map_err(|source| ExperimentError::Model { path: model_path, source: source.into() })?;
-    Ok(Experiment { model, noise_m: file.noise_m.map(Positive::get), fit: file.fit, runs })
+    let mut fit = file.fit;
+    file.mechanism.put_into(&file.water, &mut model, &mut fit)?;
+    Ok(Experiment { model, noise_m: file.noise_m.map(Positive::get), fit, runs })
 }
 
 impl Entry {

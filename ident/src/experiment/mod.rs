@@ -15,8 +15,8 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use sim::{Command, Model, State, Trajectory};
 
-pub use config::{FitConfig, Method, Prior};
-pub use error::ExperimentError;
+pub use config::{FitConfig, Loss, Method, Prior};
+pub use error::{ExperimentError, Place};
 
 /// A model and the runs it should reproduce.
 #[derive(Debug, Clone)]

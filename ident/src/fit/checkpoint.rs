@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::counts::Counts;
 use super::least_squares::Descent;
+use super::problem::Point;
 use super::search::Search;
 use crate::experiment::Experiment;
 
@@ -16,17 +17,47 @@ pub struct Checkpoint {
     pub(super) experiment: String,
     pub(super) counts: Counts,
     pub(super) stage: Stage,
+    /// Descents of `hybrid` that are over.
+    pub(super) ended: Vec<Ended>,
+    /// Where further ones begin.
+    pub(super) waiting: Vec<(Origin, Point)>,
 }
 
 /// Where a fit stands.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Stage {
-    /// The first descent of `hybrid`, which a search may follow.
-    Approach(Descent),
     Search(Box<Search>),
-    /// The descent that ends the fit.
-    Descent(Descent),
+    /// A descent, and how many evaluations there may be when it ends.
+    Descent {
+        origin: Origin,
+        descent: Descent,
+        limit: u64,
+    },
+}
+
+/// Where a descent began.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Origin {
+    /// At the model's values, or the priors' means.
+    Model,
+    /// Where the search ended.
+    Search,
+    /// At the best point so far with its joints loose: next to no damping, friction loss and stiffness.
+    Loose,
+    /// At the best of some points drawn evenly from the bounds.
+    Drawn,
+}
+
+/// A descent that is over.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Ended {
+    pub(super) origin: Origin,
+    pub(super) point: Point,
+    /// `None`: its start cannot be simulated.
+    pub(super) cost: Option<f64>,
+    pub(super) reason: String,
 }
 
 /// Why a state file cannot be used.

@@ -25,6 +25,22 @@ pub enum FitError {
         "every run is held out; mark at least one `use = \"fit\"`, or fit nothing with `parameters = []`"
     )]
     NothingToFit,
+    /// An earlier fit that says nothing about any parameter of this one.
+    #[error(
+        "the earlier fit says nothing about any fitted parameter; it must be the fit.json of the same mechanism, written by this version"
+    )]
+    NothingInherited,
+    /// Parameters that move no keypoint in any run.
+    #[error(
+        "no fitted run sees {}: no keypoint moves however {} turned; add a run that does, a `[fit.prior]`, or leave {} out of `parameters`",
+        list(.names),
+        if .names.len() == 1 { "it is" } else { "they are" },
+        if .names.len() == 1 { "it" } else { "them" }
+    )]
+    Unseen {
+        /// Their names.
+        names: Vec<String>,
+    },
     /// A run cannot be simulated.
     #[error("simulating run `{run}`")]
     Simulation {
@@ -45,8 +61,13 @@ impl FitError {
     pub fn is_lack_of_data(&self) -> bool {
         match self {
             Self::Experiment(error) => error.is_lack_of_data(),
-            Self::Start(_) | Self::Simulation { .. } | Self::NoOptimum => true,
-            Self::Parameters(_) | Self::Checkpoint(_) | Self::NothingToFit => false,
+            Self::Start(_) | Self::Unseen { .. } | Self::Simulation { .. } | Self::NoOptimum => true,
+            Self::Parameters(_) | Self::Checkpoint(_) | Self::NothingToFit | Self::NothingInherited => false,
         }
     }
+}
+
+/// Names in backticks.
+fn list(names: &[String]) -> String {
+    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
 }

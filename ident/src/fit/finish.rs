@@ -2,11 +2,19 @@
 
 use sim::{Model, Trajectory};
 
+use super::checkpoint::Ended;
+use super::constancy::constancy;
 use super::counts::Counts;
+use super::driver::{Arrival, best};
 use super::information::{Information, information};
 use super::least_squares::{Descent, Freedom};
+use super::objective::Objective;
 use super::problem::{Point, Problem, Term};
-use super::{Fit, FitError, FittedParameter, FittedRun, RunErrors};
+use super::profile::profile;
+use super::{
+    AssumedNoise, Combination, Fit, FitError, FittedParameter, FittedRun, INTERRUPTED, JointInformation,
+    NoiseSeen, RunErrors, StartLoss,
+};
 use crate::experiment::{Experiment, Run, RunKind, Use};
 use crate::geometry::characteristic_length_m;
 use crate::initial;
@@ -16,37 +24,61 @@ use crate::simulate::Rehearsal;
 
 /// A value this share of the bounds' width from a bound lies on it.
 const AT_BOUND: f64 = 1e-9;
+/// Losses that differ by no more than this share are one.
+const SAME_LOSS: f64 = 0.01;
+/// Settled values that differ by no more standard deviations are one.
+const SAME_VALUE: f64 = 3.0;
+/// Residuals of up to this many times the noise that the images show are noise.
+const NOISE_ALONE: f64 = 1.25;
 
 pub(super) fn finish(
     experiment: &Experiment,
-    problem: &Problem<'_>,
-    point: &Point,
-    assumed_noise_m: f64,
-    stop_reason: String,
+    objective: &Objective<'_>,
+    arrival: Arrival,
+    assumed: &AssumedNoise,
     mut counts: Counts,
 ) -> Result<(Fit, Model, Vec<FittedRun>), FitError> {
-    let noise_scale = match experiment.noise_m {
-        Some(_) => 1.0,
-        None => noise_scale(problem, point, &mut counts).unwrap_or(1.0),
-    };
-    let noise_m = assumed_noise_m * noise_scale;
-    let known = information(problem, point, noise_scale, &mut counts).ok_or(FitError::NoOptimum)?;
+    let (problem, point) = (&objective.problem, &arrival.point);
+    let known = information(objective, point, assumed.stated, &mut counts).ok_or(FitError::NoOptimum)?;
+    let free = &problem.parameters.free;
+    if !free.is_empty()
+        && free.iter().all(|parameter| parameter.prior.is_none())
+        && !known.blind.contains(&false)
+    {
+        return Err(FitError::Unseen {
+            names: names(problem.parameters, &(0..free.len()).collect::<Vec<_>>()),
+        });
+    }
+    let noise_m = noise_m(objective, &known, assumed);
     let model = problem.parameters.applied(&point.values, &experiment.model);
+    let interrupted = arrival.stop_reason == INTERRUPTED;
+    let intervals = (experiment.fit.profile && !interrupted && !point.values.is_empty())
+        .then(|| profile(objective, point, &known, &mut counts));
 
     let mut runs = Vec::new();
+    let mut noise = Vec::new();
     let mut error = SquaredError::default();
-    let mut fitted = problem.terms.iter().zip(&point.offsets);
+    let mut fitted = problem.terms.iter().zip(&point.offsets).zip(&known.runs);
     for run in &experiment.runs {
         let repeated = match (run.usage, &mut fitted) {
             (Use::Fit, terms) => {
-                let Some((term, offsets)) = terms.next() else { continue };
+                let Some(((term, offsets), information)) = terms.next() else { continue };
                 counts.rollouts += 1;
                 let start = term.rehearsal.start_with(&model, offsets);
                 let repeated = repeat(&model, &term.rehearsal, offsets, start.start_s)?;
                 error.add(&run.trajectory, &repeated.simulated.position_m, start.start_s, run.weight);
+                noise.push(Some(NoiseSeen {
+                    assumed_m: assumed.of_run(run),
+                    residual_m: information.seen.rms_m,
+                    correlation: information.seen.correlation,
+                    chi2_per_degree: information.seen.chi2_per_degree,
+                }));
                 repeated
             }
-            (Use::Holdout, _) => hold_out(&model, run, noise_m, &mut counts)?,
+            (Use::Holdout, _) => {
+                noise.push(None);
+                hold_out(&model, run, noise_m, &mut counts)?
+            }
         };
         runs.push(repeated);
     }
@@ -56,43 +88,67 @@ pub(super) fn finish(
         seed: experiment.fit.seed,
         evaluations: counts.evaluations,
         rollouts: counts.rollouts,
-        stop_reason,
+        stop_reason: arrival.stop_reason.clone(),
         loss_m2: error.loss_m2(),
         noise_m,
-        parameters: fitted_parameters(problem.parameters, point, &known),
+        parameters: fitted_parameters(objective, point, &known, intervals.as_deref()),
         runs: runs
             .iter()
-            .map(|run| RunErrors {
+            .zip(noise)
+            .map(|(run, noise)| RunErrors {
                 id: run.id.clone(),
                 usage: run.usage,
                 keypoints: keypoint_errors(&run.measured, &run.simulated.position_m, run.scored_from_s),
+                noise,
             })
             .collect(),
         characteristic_length_m: characteristic_length_m(&experiment.model),
-        unidentifiable: known
-            .groups
-            .iter()
-            .map(|group| group.iter().map(|&i| problem.parameters.free[i].name().to_owned()).collect())
-            .collect(),
+        unidentifiable: known.groups.iter().map(|group| names(problem.parameters, &group.members)).collect(),
+        combinations: combinations(problem.parameters, point, &known),
+        effective_parameters: known.effective,
+        starts: starts(&arrival, &known, error.loss_m2()),
+        information: Some(JointInformation {
+            names: names(problem.parameters, &(0..problem.parameters.len()).collect::<Vec<_>>()),
+            matrix: known.joint.row_iter().map(|row| row.iter().copied().collect()).collect(),
+        }),
+        recalibration: None,
     };
     Ok((fit, model, runs))
 }
 
-/// Root mean square of the residuals in assumed standard deviations, per degree of freedom left.
-fn noise_scale(problem: &Problem<'_>, point: &Point, counts: &mut Counts) -> Option<f64> {
-    let observations: usize = problem.terms.iter().map(|term| term.observations.len()).sum();
-    let unknowns = point.values.len() + point.offsets.iter().map(Vec::len).sum::<usize>();
-    let left = observations.checked_sub(unknowns).filter(|left| *left > 0)?;
-    let cost = problem.costs_of_rollouts(std::slice::from_ref(point), counts)[0];
-    let data = cost - problem.prior_cost(&point.values);
-    Some((data / left as f64).sqrt()).filter(|scale| scale.is_finite() && *scale > 0.0)
+fn names(parameters: &Parameters, places: &[usize]) -> Vec<String> {
+    places.iter().map(|&i| parameters.free[i].name().to_owned()).collect()
 }
 
-fn fitted_parameters(parameters: &Parameters, point: &Point, known: &Information) -> Vec<FittedParameter> {
+/// What is noise and not the model's fault \[m\].
+fn noise_m(objective: &Objective<'_>, known: &Information, assumed: &AssumedNoise) -> f64 {
+    if assumed.stated || known.runs.is_empty() {
+        return assumed.common_m;
+    }
+    let terms = &objective.problem.terms;
+    let counts = || terms.iter().map(|term| term.observations.len() as f64);
+    let mean_square = |squares: &dyn Fn(usize) -> f64| {
+        counts().enumerate().map(|(run, count)| count * squares(run)).sum::<f64>() / counts().sum::<f64>()
+    };
+    let left_m = mean_square(&|run| known.runs[run].seen.rms_m.powi(2)).sqrt();
+    let shown_m = mean_square(&|run| assumed.of_run(terms[run].rehearsal.run).powi(2)).sqrt();
+    if left_m <= NOISE_ALONE * shown_m { left_m } else { shown_m }
+}
+
+fn fitted_parameters(
+    objective: &Objective<'_>,
+    point: &Point,
+    known: &Information,
+    intervals: Option<&[[f64; 2]]>,
+) -> Vec<FittedParameter> {
+    let parameters = objective.parameters();
+    let ids: Vec<String> = objective.problem.terms.iter().map(|term| term.rehearsal.run.id.clone()).collect();
     let mut list = Vec::new();
     for (i, parameter) in parameters.free.iter().enumerate() {
         let (scale, value) = (&parameter.scale, point.values[i]);
         let near = AT_BOUND * scale.width();
+        let by_run = constancy(parameters, &point.values, known, &ids, i);
+        let by_run = by_run.filter(|_| known.determined[i]);
         list.extend(parameter.names.iter().map(|name| FittedParameter {
             name: name.clone(),
             value,
@@ -101,9 +157,58 @@ fn fitted_parameters(parameters: &Parameters, point: &Point, known: &Information
             upper: scale.upper(),
             at_bound: value - scale.lower() <= near || scale.upper() - value <= near,
             determined: known.determined[i],
+            ci95: intervals.map(|intervals| intervals[i]),
+            per_run: by_run.as_ref().map_or(Vec::new(), |(values, _)| values.clone()),
+            constancy: by_run.as_ref().map(|(_, test)| *test),
         }));
     }
     list
+}
+
+fn combinations(parameters: &Parameters, point: &Point, known: &Information) -> Vec<Combination> {
+    let mut list = Vec::new();
+    for (number, group) in known.groups.iter().enumerate() {
+        let named = |weights: &[f64]| {
+            let pairs = group.members.iter().zip(weights).filter(|(_, weight)| **weight != 0.0);
+            pairs.map(|(&i, &weight)| (parameters.free[i].name().to_owned(), weight)).collect()
+        };
+        for (weights, std) in &group.settled {
+            let value = group.members.iter().zip(weights).map(|(&i, weight)| weight * point.values[i]).sum();
+            let weights = named(weights);
+            list.push(Combination {
+                group: number,
+                seen: true,
+                weights,
+                value: Some(value),
+                std: Some(*std),
+            });
+        }
+        for weights in &group.unseen {
+            let weights = named(weights);
+            list.push(Combination { group: number, seen: false, weights, value: None, std: None });
+        }
+    }
+    list
+}
+
+/// Whether the starts agree with the best of them, whose loss is `loss_m2`.
+fn starts(arrival: &Arrival, known: &Information, loss_m2: f64) -> Vec<StartLoss> {
+    let Some(best) = best(&arrival.ended) else { return Vec::new() };
+    let agrees = |ended: &Ended| {
+        let same_loss =
+            ended.cost.zip(best.cost).is_some_and(|(cost, best)| cost <= best * (1.0 + SAME_LOSS));
+        let values = ended.point.values.iter().zip(&best.point.values).zip(&known.std).zip(&known.determined);
+        same_loss
+            && values
+                .into_iter()
+                .all(|(((a, b), std), settled)| !settled || (a - b).abs() <= SAME_VALUE * std)
+    };
+    let start = |ended: &Ended| StartLoss {
+        from: ended.origin,
+        loss_m2: ended.cost.zip(best.cost).map(|(cost, best)| cost / best * loss_m2),
+        agrees: agrees(ended),
+    };
+    arrival.ended.iter().map(start).collect()
 }
 
 /// Scores a held-out run: its start comes from its still images alone, or where there are none (`free`, or let
@@ -123,12 +228,13 @@ fn hold_out(model: &Model, run: &Run, noise_m: f64, counts: &mut Counts) -> Resu
     let term = Term::new(Rehearsal::new(model, run, estimate), seen);
     let nothing = Parameters::default();
     let problem = Problem { model, parameters: &nothing, terms: vec![term] };
-    let mut descent = Descent::new(problem.start(), None);
-    descent.run(&problem, Freedom::Nuisances, counts);
+    let objective = Objective::squares(problem);
+    let mut descent = Descent::new(objective.problem.start(), None);
+    descent.run(&objective, Freedom::Nuisances, counts);
     let offsets = descent.point.offsets.concat();
     counts.rollouts += 1;
     let scored_from_s = if window_s > start_s { window_s.next_up() } else { start_s };
-    repeat(model, &problem.terms[0].rehearsal, &offsets, scored_from_s)
+    repeat(model, &objective.problem.terms[0].rehearsal, &offsets, scored_from_s)
 }
 
 fn repeat(

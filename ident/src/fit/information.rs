@@ -1,73 +1,194 @@
-//! What the data say about each parameter, from the Fisher information at the optimum.
+//! What the data say about each parameter, from the sensitivities at the optimum.
 //!
-//! With J the derivatives of the residuals in standard deviations, the information about the parameters is
-//! J'J with the nuisances of every run projected out. Bounds count as the weakest belief: even
-//! over their width, variance width²/12. That keeps the deviation of a parameter no data speak about finite, and
-//! makes it as wide as its bounds.
+//! With J the derivatives of the residuals in assumed standard deviations, the nuisances of every run projected
+//! out, A = J'J is what the estimate weighs the data with. Their noise, of another size in each run and correlated
+//! in time with matrix V, moves the estimate with covariance A⁻¹ (J'VJ) A⁻¹; where the noise is as assumed this is
+//! the inverse of the Fisher information. (P. J. Huber, "The behavior of maximum likelihood estimates under
+//! nonstandard conditions", Fifth Berkeley Symposium (1967); H. White, Econometrica 48 (1980) 817-838.)
+//!
+//! Bounds count as the weakest belief: even over their width, variance width²/12. That keeps the deviation of a
+//! parameter no data speak about finite, and makes it as wide as its bounds.
 
-use nalgebra::{DMatrix, SymmetricEigen};
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::counts::Counts;
-use super::problem::{Difference, Linear, Point, Problem};
+use super::noise::{Seen, correlated, seen};
+use super::objective::Objective;
+use super::problem::{Difference, Linear, Point};
+use crate::parameters::FreeParameter;
 
-/// What is known about each parameter, shape (P) each.
+/// What is known about each parameter.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Information {
-    /// Standard deviations, priors included.
+    /// Standard deviations, priors included, shape (P).
     pub(super) std: Vec<f64>,
-    /// Whether the data settle the value, rather than its prior or bounds.
+    /// The same as the assumed noise would have it, shape (P).
+    pub(super) naive_std: Vec<f64>,
+    /// Whether the data settle the value, rather than its prior or bounds, shape (P).
     pub(super) determined: Vec<bool>,
+    /// Whether no keypoint moves noticeably over its whole bounds, shape (P).
+    pub(super) blind: Vec<bool>,
+    /// Covariance, priors included, shape (P, P).
+    pub(super) covariance: DMatrix<f64>,
+    /// Inverse covariance, without priors and bounds, shape (P, P).
+    pub(super) joint: DMatrix<f64>,
+    /// How many parameters the data settle, in all directions together.
+    pub(super) effective: f64,
     /// Groups of which only a combination is seen.
-    pub(super) groups: Vec<Vec<usize>>,
+    pub(super) groups: Vec<Group>,
+    /// By fitted run.
+    pub(super) runs: Vec<RunInformation>,
+}
+
+/// Parameters of which only a combination is seen.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Group {
+    /// Which parameters, shape (G).
+    pub(super) members: Vec<usize>,
+    /// Combinations that the data settle: weights, shape (G), the largest 1; the standard deviation of the sum.
+    pub(super) settled: Vec<(Vec<f64>, f64)>,
+    /// Changes that leave the keypoints where they are, shape (G), the largest 1.
+    pub(super) unseen: Vec<Vec<f64>>,
+}
+
+/// What one run says, its nuisances projected out.
+#[derive(Debug, Clone)]
+pub(super) struct RunInformation {
+    /// J'J, shape (P, P).
+    pub(super) weight: DMatrix<f64>,
+    /// J'VJ, shape (P, P).
+    pub(super) noise: DMatrix<f64>,
+    /// J' residuals, as far as the loss believes them, shape (P).
+    pub(super) slope: DVector<f64>,
+    pub(super) seen: Seen,
 }
 
 /// A value is settled when its deviation is at most this share of it, or at most its scale's resolution.
-const SETTLED: f64 = 0.5;
-/// Share of a blind direction that makes a parameter part of it.
+const SETTLED: f64 = 1.0 / 3.0;
+/// And at most this share of the bounds: a deviation that the bounds themselves limit says nothing.
+pub(super) const SETTLED_WIDTH: f64 = 1.0 / 6.0;
+/// Share of an unseen direction that makes a parameter part of it.
 const SHARE: f64 = 0.05;
+/// A direction is unseen when its variance is this share of what the bounds alone give, the belief in the bounds
+/// being as strong as the data.
+const UNSEEN: f64 = 0.5;
+/// Squared standard deviations of all residuals together, over the whole bounds, that are as good as none.
+const BLIND: f64 = 1e-4;
+/// Precision of an even belief over a width of 1.
+const EVEN: f64 = 12.0;
 
-/// `noise_scale`: true over assumed standard deviation of the residuals.
+/// The size at which a deviation of this parameter counts as settled.
+fn settled_size(parameter: &FreeParameter, value: f64) -> f64 {
+    let scale = &parameter.scale;
+    (SETTLED * value.abs()).max(scale.resolution()).min(SETTLED_WIDTH * scale.width())
+}
+
+/// `stated`: the noise is what somebody says, not an estimate from the images.
 pub(super) fn information(
-    problem: &Problem<'_>,
+    objective: &Objective<'_>,
     point: &Point,
-    noise_scale: f64,
+    stated: bool,
     counts: &mut Counts,
 ) -> Option<Information> {
+    let problem = &objective.problem;
     let count = problem.parameters.len();
+    let linear = problem.linearise(point, count > 0, Difference::Central, counts)?;
+    let seen = seen(objective, point, &linear, stated);
+    let mut runs = Vec::new();
+    for (run, (linear, seen)) in linear.iter().zip(&seen).enumerate() {
+        runs.push(one_run(objective, run, count, linear, *seen)?);
+    }
     if count == 0 {
-        return Some(Information::default());
+        return Some(Information { runs, ..Information::default() });
     }
-    let linear = problem.linearise(point, true, Difference::Central, counts)?;
-    let mut data = DMatrix::zeros(count, count);
-    for (run, linear) in linear.iter().enumerate() {
-        data += one_run(problem, run, count, linear)?;
-    }
-    data /= noise_scale * noise_scale;
-
+    let free = &problem.parameters.free;
     // In units of the bounds' width, so that all directions can be compared.
-    let widths: Vec<f64> = problem.parameters.free.iter().map(|parameter| parameter.scale.width()).collect();
-    let scaled = DMatrix::from_fn(count, count, |i, j| data[(i, j)] * widths[i] * widths[j]);
-    let bounded = &scaled + DMatrix::identity(count, count) * 12.0;
-    let data_std = deviations(&bounded)?;
-    let mut believed = bounded;
-    for (i, parameter) in problem.parameters.free.iter().enumerate() {
+    let widths: Vec<f64> = free.iter().map(|parameter| parameter.scale.width()).collect();
+    let in_widths =
+        |m: DMatrix<f64>| DMatrix::from_fn(count, count, |i, j| m[(i, j)] * widths[i] * widths[j]);
+    let sum = |of: &dyn Fn(&RunInformation) -> DMatrix<f64>| {
+        runs.iter().fold(DMatrix::zeros(count, count), |sum, run| sum + of(run))
+    };
+    let mut weight = in_widths(sum(&|run| run.weight.clone()));
+    let mut noise = in_widths(sum(&|run| run.noise.clone()));
+    if let Some(belief) = &objective.belief {
+        for (i, &a) in belief.places.iter().enumerate() {
+            for (j, &b) in belief.places.iter().enumerate() {
+                let precision = belief.information[(i, j)] * widths[a] * widths[b];
+                weight[(a, b)] += belief.weight * precision;
+                noise[(a, b)] += belief.weight.powi(2) * precision;
+            }
+        }
+    }
+    let identity = DMatrix::<f64>::identity(count, count);
+    let data = sandwich(&weight, &noise, &identity)?;
+    let mut believed = &identity * EVEN;
+    for (i, parameter) in free.iter().enumerate() {
         if let Some(prior) = parameter.prior {
             believed[(i, i)] += (widths[i] / prior.std.get()).powi(2);
         }
     }
-    let std: Vec<f64> = deviations(&believed)?.iter().zip(&widths).map(|(std, width)| std * width).collect();
-    let determined = problem.parameters.free.iter().enumerate().map(|(i, parameter)| {
-        let own = data_std[i] * widths[i];
-        let settled = (SETTLED * point.values[i].abs()).max(parameter.scale.resolution());
-        own <= settled && parameter.prior.is_none_or(|prior| own < prior.std.get())
+    let covariance = sandwich(&weight, &noise, &believed)?;
+    let naive = sandwich(&weight, &weight, &believed)?;
+
+    let sizes: Vec<f64> =
+        free.iter().zip(&point.values).map(|(parameter, &x)| settled_size(parameter, x)).collect();
+    let own: Vec<f64> = (0..count).map(|i| data[(i, i)].sqrt() * widths[i]).collect();
+    let narrow = |i: usize| own[i] <= sizes[i];
+    let groups = groups(&data, &widths, &sizes, &narrow);
+    let determined = (0..count).map(|i| {
+        let grouped = groups.iter().any(|group| group.members.contains(&i));
+        narrow(i) && !grouped && free[i].prior.is_none_or(|prior| own[i] < prior.std.get())
     });
-    Some(Information { std, determined: determined.collect(), groups: groups(&scaled) })
+    let in_sizes =
+        DMatrix::from_fn(count, count, |i, j| data[(i, j)] * widths[i] * widths[j] / (sizes[i] * sizes[j]));
+    let effective =
+        in_sizes.symmetric_eigenvalues().iter().map(|variance| 1.0 / (1.0 + variance.max(0.0))).sum();
+    let deviations = |m: &DMatrix<f64>| (0..count).map(|i| m[(i, i)].sqrt() * widths[i]).collect();
+    Some(Information {
+        std: deviations(&covariance),
+        naive_std: deviations(&naive),
+        determined: determined.collect(),
+        blind: (0..count).map(|i| weight[(i, i)] < BLIND).collect(),
+        covariance: in_widths(covariance),
+        joint: joint(&data, &widths),
+        effective,
+        groups,
+        runs,
+    })
 }
 
-/// Information of one run: squares of what is left of the parameters' columns when all that its nuisances could
-/// explain is taken out. By orthogonal projection: the difference of two large matrices would lose what matters.
-fn one_run(problem: &Problem<'_>, run: usize, count: usize, linear: &Linear) -> Option<DMatrix<f64>> {
-    let nuisances = &problem.terms[run].rehearsal.nuisances;
+/// The inverse covariance that is left of `data`, in widths, without the belief of size 1 in the bounds.
+fn joint(data: &DMatrix<f64>, widths: &[f64]) -> DMatrix<f64> {
+    let eigen = SymmetricEigen::new(data.clone());
+    let left = eigen.eigenvalues.map(|variance| (1.0 / variance.max(f64::MIN_POSITIVE) - 1.0).max(0.0));
+    let joint = &eigen.eigenvectors * DMatrix::from_diagonal(&left) * eigen.eigenvectors.transpose();
+    DMatrix::from_fn(widths.len(), widths.len(), |i, j| joint[(i, j)] / (widths[i] * widths[j]))
+}
+
+/// Covariance of an estimate that weighs data of information `weight` and a `belief` alike, when the data's noise is
+/// `noise` and the belief's is as it says.
+pub(super) fn sandwich(
+    weight: &DMatrix<f64>,
+    noise: &DMatrix<f64>,
+    belief: &DMatrix<f64>,
+) -> Option<DMatrix<f64>> {
+    let inverse = (weight + belief).cholesky()?.inverse();
+    let covariance = &inverse * (noise + belief) * &inverse;
+    Some((&covariance + covariance.transpose()) / 2.0)
+}
+
+/// Squares of what is left of the parameters' columns when all that the run's nuisances could explain is taken out.
+/// By orthogonal projection: the difference of two large matrices would lose what matters.
+fn one_run(
+    objective: &Objective<'_>,
+    run: usize,
+    count: usize,
+    linear: &Linear,
+    seen: Seen,
+) -> Option<RunInformation> {
+    let term = &objective.problem.terms[run];
+    let nuisances = &term.rehearsal.nuisances;
     let rows = linear.jacobian.nrows();
     // Beliefs about the nuisances are further rows.
     let augmented = linear.jacobian.clone().insert_rows(rows, nuisances.len(), 0.0);
@@ -80,36 +201,80 @@ fn one_run(problem: &Problem<'_>, run: usize, count: usize, linear: &Linear) -> 
         let basis = own.qr().q();
         parameters -= &basis * basis.tr_mul(&parameters);
     }
-    Some(parameters.tr_mul(&parameters)).filter(|information| information.iter().all(|x| x.is_finite()))
-}
-
-fn deviations(information: &DMatrix<f64>) -> Option<Vec<f64>> {
-    let covariance = information.clone().cholesky()?.inverse();
-    Some(covariance.diagonal().iter().map(|variance| variance.sqrt()).collect())
+    let images = parameters.rows(0, rows).into_owned();
+    let beliefs = parameters.rows(rows, nuisances.len()).into_owned();
+    let spread = correlated(&term.observations, seen.correlation, &images) * seen.scale.powi(2);
+    // The derivative of a residual is minus that of the simulation: a step against the slope raises the parameter.
+    let residuals: Vec<f64> = linear.residuals.iter().map(|&r| objective.loss.influence(r)).collect();
+    let slope = images.tr_mul(&DVector::from_vec(residuals));
+    let information = RunInformation {
+        weight: parameters.tr_mul(&parameters),
+        noise: images.tr_mul(&spread) + beliefs.tr_mul(&beliefs),
+        slope,
+        seen,
+    };
+    Some(information).filter(|run| run.weight.iter().chain(&run.noise).all(|x| x.is_finite()))
 }
 
 /// Parameters that share a direction along which the whole width of the bounds changes the residuals by less
-/// than one standard deviation. A parameter that is blind all by itself belongs to no group.
-fn groups(scaled: &DMatrix<f64>) -> Vec<Vec<usize>> {
-    let count = scaled.nrows();
-    let eigen = SymmetricEigen::new(scaled.clone());
-    // Onto the blind directions; the projector does not depend on how these are chosen among themselves.
-    let mut projector = DMatrix::<f64>::zeros(count, count);
-    for (k, value) in eigen.eigenvalues.iter().enumerate() {
-        if *value < 1.0 {
-            let direction = eigen.eigenvectors.column(k);
-            projector += direction * direction.transpose();
-        }
-    }
-    let mut group: Vec<usize> = (0..count).collect();
+/// than one standard deviation. A parameter that is blind all by itself belongs to no group, nor does one that the
+/// data settle.
+fn groups(
+    covariance: &DMatrix<f64>,
+    widths: &[f64],
+    sizes: &[f64],
+    narrow: &dyn Fn(usize) -> bool,
+) -> Vec<Group> {
+    let count = covariance.nrows();
+    // Onto the unseen directions; the projector does not depend on how these are chosen among themselves.
+    let projector = unseen(covariance)
+        .iter()
+        .fold(DMatrix::<f64>::zeros(count, count), |sum, direction| sum + direction * direction.transpose());
+    let mut leader: Vec<usize> = (0..count).collect();
     for i in 0..count {
         for j in 0..i {
-            if projector[(i, j)].abs() > SHARE {
-                let (keep, merge) = (group[i].min(group[j]), group[i].max(group[j]));
-                group.iter_mut().filter(|g| **g == merge).for_each(|g| *g = keep);
+            if projector[(i, j)].abs() > SHARE && !narrow(i) && !narrow(j) {
+                let (keep, merge) = (leader[i].min(leader[j]), leader[i].max(leader[j]));
+                leader.iter_mut().filter(|l| **l == merge).for_each(|l| *l = keep);
             }
         }
     }
-    let members = |leader: usize| (0..count).filter(|&i| group[i] == leader).collect::<Vec<_>>();
-    (0..count).map(members).filter(|members| members.len() > 1).collect()
+    let members = |of: usize| (0..count).filter(|&i| leader[i] == of).collect::<Vec<_>>();
+    let lists = (0..count).map(members).filter(|members| members.len() > 1);
+    lists.map(|members| combinations(members, covariance, widths, sizes)).collect()
+}
+
+/// Unit vectors of the directions that the data do not see, given the covariance in widths.
+fn unseen(covariance: &DMatrix<f64>) -> Vec<DVector<f64>> {
+    let eigen = SymmetricEigen::new(covariance.clone());
+    let directions = eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter());
+    directions
+        .filter(|(variance, _)| **variance > UNSEEN)
+        .map(|(_, direction)| direction.into_owned())
+        .collect()
+}
+
+fn combinations(members: Vec<usize>, covariance: &DMatrix<f64>, widths: &[f64], sizes: &[f64]) -> Group {
+    let part = DMatrix::from_fn(members.len(), members.len(), |i, j| covariance[(members[i], members[j])]);
+    let change = |direction: &DVector<f64>| {
+        scaled_to_one(members.iter().zip(direction).map(|(&i, x)| x * widths[i]).collect())
+    };
+    let unseen = unseen(&part).iter().map(change).collect();
+    let unit = |i: usize| widths[members[i]] / sizes[members[i]];
+    let in_sizes = DMatrix::from_fn(members.len(), members.len(), |i, j| part[(i, j)] * unit(i) * unit(j));
+    let eigen = SymmetricEigen::new(in_sizes);
+    let settled = eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter());
+    let settled = settled.filter(|(variance, _)| **variance < 1.0).map(|(variance, direction)| {
+        let weights: Vec<f64> = members.iter().zip(direction.iter()).map(|(&i, x)| x / sizes[i]).collect();
+        let largest = weights.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+        (scaled_to_one(weights), variance.max(0.0).sqrt() / largest)
+    });
+    Group { settled: settled.collect(), unseen, members }
+}
+
+/// `numbers` over the one of largest size; those of next to no size are 0.
+fn scaled_to_one(numbers: Vec<f64>) -> Vec<f64> {
+    let largest =
+        numbers.iter().copied().fold(0.0, |most: f64, x| if x.abs() > most.abs() { x } else { most });
+    numbers.iter().map(|x| x / largest).map(|x| if x.abs() < SHARE { 0.0 } else { x }).collect()
 }

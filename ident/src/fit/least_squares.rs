@@ -9,7 +9,8 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::counts::Counts;
-use super::problem::{Difference, Linear, Point, Problem};
+use super::objective::Objective;
+use super::problem::{Linear, Point};
 
 /// A descent under way. Serialising it loses nothing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -80,31 +81,31 @@ impl Descent {
     }
 
     /// Takes steps until the descent ends by itself.
-    pub(super) fn run(&mut self, problem: &Problem<'_>, freedom: Freedom, counts: &mut Counts) {
+    pub(super) fn run(&mut self, objective: &Objective<'_>, freedom: Freedom, counts: &mut Counts) {
         while self.end.is_none() {
-            self.step(problem, freedom, u64::MAX, counts);
+            self.step(objective, freedom, u64::MAX, counts);
         }
     }
 
     /// One iteration: linearise, try, take the best.
     pub(super) fn step(
         &mut self,
-        problem: &Problem<'_>,
+        objective: &Objective<'_>,
         freedom: Freedom,
         max_evaluations: u64,
         counts: &mut Counts,
     ) {
         let by_parameters = freedom == Freedom::Everything;
-        let free = if by_parameters { problem.parameters.len() } else { 0 };
+        let free = if by_parameters { objective.parameters().len() } else { 0 };
         if by_parameters && counts.evaluations + (2 + free) as u64 > max_evaluations {
             self.end = Some(End::MaxEvaluations);
             return;
         }
-        let Some(linear) = problem.linearise(&self.point, by_parameters, Difference::Forward, counts) else {
+        let Some((linear, data)) = objective.linearise(&self.point, by_parameters, counts) else {
             (self.cost, self.end) = (None, Some(End::Failed));
             return;
         };
-        let normal = Normal::new(problem, &self.point, free, &linear);
+        let normal = Normal::new(objective, &self.point, free, &linear, data);
         let cost = normal.cost;
         self.cost = Some(cost);
         if normal.most() <= SMALL * cost {
@@ -113,7 +114,7 @@ impl Descent {
         }
         let mut raise = DAMPING_FACTOR;
         loop {
-            let (trial, promised) = normal.trial(problem, &self.point, self.damping);
+            let (trial, promised) = normal.trial(objective, &self.point, self.damping);
             // Where friction starts to stick or a bound is met, promises are broken at every length of step.
             if self.damping > MAX_DAMPING || (0.0..=SMALL * cost).contains(&promised) {
                 self.end = Some(End::TolStep);
@@ -124,11 +125,7 @@ impl Descent {
                 return;
             }
             let trials = std::slice::from_ref(&trial);
-            let reached = if by_parameters {
-                problem.costs(trials, counts)[0]
-            } else {
-                problem.costs_of_rollouts(trials, counts)[0]
-            };
+            let reached = objective.costs(trials, by_parameters, counts)[0];
             if reached < cost {
                 if cost - reached >= AS_PROMISED * promised {
                     self.damping = (self.damping / DAMPING_FACTOR).max(LEAST_DAMPING);
@@ -160,7 +157,9 @@ struct Normal {
 }
 
 impl Normal {
-    fn new(problem: &Problem<'_>, point: &Point, free: usize, linear: &[Linear]) -> Self {
+    /// `data`: what the residuals cost.
+    fn new(objective: &Objective<'_>, point: &Point, free: usize, linear: &[Linear], data: f64) -> Self {
+        let problem = &objective.problem;
         let nuisances = || problem.terms.iter().flat_map(|term| &term.rehearsal.nuisances);
         let total = free + nuisances().count();
         let mut size: Vec<f64> = (0..free)
@@ -170,7 +169,7 @@ impl Normal {
 
         let mut hessian = DMatrix::zeros(total, total);
         let mut gradient = DVector::zeros(total);
-        let mut cost = 0.0;
+        let mut cost = data;
         let mut first = free;
         for (run, linear) in linear.iter().enumerate() {
             let own = linear.jacobian.ncols() - free;
@@ -183,7 +182,6 @@ impl Normal {
                     hessian[(place(i), place(j))] += block[(i, j)] * size[place(i)] * size[place(j)];
                 }
             }
-            cost += linear.residuals.norm_squared();
             for (k, offset) in point.offsets[run].iter().enumerate() {
                 // In units of the belief, the belief is worth 1.
                 let scaled = offset / size[first + k];
@@ -193,12 +191,21 @@ impl Normal {
             }
             first += own;
         }
-        cost += problem.prior_cost(&point.values);
+        cost += objective.prior_cost(&point.values);
         for (i, parameter) in problem.parameters.free[..free].iter().enumerate() {
             if let Some(prior) = parameter.prior {
                 let per = size[i] / prior.std.get();
                 gradient[i] += per * (point.values[i] - prior.mean.get()) / prior.std.get();
                 hessian[(i, i)] += per * per;
+            }
+        }
+        if let Some(belief) = objective.belief.as_ref().filter(|_| free > 0) {
+            let pull = belief.pull(&point.values);
+            for (i, &a) in belief.places.iter().enumerate() {
+                gradient[a] += size[a] * pull[i];
+                for (j, &b) in belief.places.iter().enumerate() {
+                    hessian[(a, b)] += size[a] * size[b] * belief.weight * belief.information[(i, j)];
+                }
             }
         }
         let mut held: Vec<bool> = (0..free)
@@ -222,8 +229,10 @@ impl Normal {
     }
 
     /// The point a damped step leads to, and the decrease of the cost that the linearisation promises there. A
-    /// parameter that would leave its bounds stops there, and the others take a step that knows it.
-    fn trial(&self, problem: &Problem<'_>, point: &Point, damping: f64) -> (Point, f64) {
+    /// parameter that would leave its bounds, or go further than its slope can tell, stops there, and the others take a
+    /// step that knows it.
+    fn trial(&self, objective: &Objective<'_>, point: &Point, damping: f64) -> (Point, f64) {
+        let problem = &objective.problem;
         let mut fixed = self.fixed();
         let step = loop {
             let step = self.step(damping, &fixed);
@@ -231,8 +240,9 @@ impl Normal {
             for i in 0..self.free {
                 let (value, scale) = (point.values[i], &problem.parameters.free[i].scale);
                 let wanted = value + step[i] * self.size[i];
-                if fixed[i].is_none() && scale.clamp(wanted) != wanted {
-                    fixed[i] = Some((scale.clamp(wanted) - value) / self.size[i]);
+                let [lower, upper] = scale.reach(value);
+                if fixed[i].is_none() && !(lower..=upper).contains(&wanted) {
+                    fixed[i] = Some((wanted.clamp(lower, upper) - value) / self.size[i]);
                     inside = false;
                 }
             }

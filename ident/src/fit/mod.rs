@@ -20,18 +20,34 @@
 //! * `cma-es`: the same search, with stated standard deviations.
 //! * `least-squares`: Levenberg-Marquardt from the model's values, starts and parameters together.
 //! * `hybrid`: least squares from the model's values; where that leaves more than the keypoints' noise, a short
-//!   search from there and least squares from its best point. Never worse than `least-squares`.
+//!   search from there, then least squares from the search's best point, from the best point so far with all joints
+//!   loosened (one that friction holds has no slope that would lead out of there), and from the best of some points
+//!   drawn evenly. The best end counts; [`Fit::starts`] says whether the others agree. Never worse than
+//!   `least-squares`.
+//!
+//! # How sure
+//! Standard deviations rest on the sensitivities at the optimum, the noise each run's residuals show and its
+//! correlation in time; the starts of the runs are projected out. A parameter is called determined when its
+//! deviation without priors is at most a third of its value, or of its scale's resolution, and well inside the
+//! bounds; `profile = true` adds intervals that need no linearity. Where two or more runs see a parameter, their
+//! values are compared.
 //!
 //! Every method gives the same bytes for any number of threads, and goes on from a [`Checkpoint`] to the
 //! result it would have reached uninterrupted.
 
 mod checkpoint;
+mod constancy;
 mod counts;
+mod driver;
 mod error;
 mod finish;
 mod information;
 mod least_squares;
+mod noise;
+mod objective;
 mod problem;
+mod profile;
+mod recalibrate;
 mod report;
 mod search;
 
@@ -39,20 +55,26 @@ use std::time::{Duration, Instant};
 
 use sim::{Model, State, Trajectory};
 
-pub use checkpoint::{Checkpoint, CheckpointError, Flow, Observer, Progress};
+pub use checkpoint::{Checkpoint, CheckpointError, Flow, Observer, Origin, Progress};
 pub use error::FitError;
-pub use report::{Fit, FittedParameter, RunErrors};
+pub use recalibrate::{Drift, Recalibration, recalibrate};
+pub use report::{
+    Combination, Constancy, Fit, FittedParameter, JointInformation, NoiseSeen, RunErrors, RunValue, StartLoss,
+};
 
-use crate::experiment::{Experiment, Method, Run, Use};
+use crate::experiment::{Experiment, Loss, Method, Run, RunKind, Use};
 use crate::initial;
 use crate::loss::{Weighting, observations};
 use crate::parameters::Parameters;
 use crate::simulate::Rehearsal;
-use checkpoint::{Stage, fingerprint};
+use checkpoint::fingerprint;
 use counts::Counts;
-use least_squares::Descent;
+use driver::Driver;
+use objective::{Belief, Objective};
 use problem::{Problem, Term};
-use search::{Search, settle};
+
+/// The reason a fit gives that was told to stop.
+pub const INTERRUPTED: &str = "interrupted";
 
 /// A calibrated model, and how well it repeats the runs.
 #[derive(Debug, Clone)]
@@ -95,17 +117,12 @@ pub struct Timing {
     pub threads: usize,
 }
 
-/// Candidates of the global phase of `hybrid`, per parameter: enough to leave a bad optimum, no more.
-const SEARCH_PER_PARAMETER: u64 = 20;
-/// Mean squared residual, in that of the noise, up to which no other optimum is worth looking for.
-const AT_THE_NOISE: f64 = 1.1;
-
 /// Fits what `experiment` asks for.
 ///
 /// # Errors
 /// [`FitError`].
 pub fn fit(experiment: &Experiment, observer: &mut dyn Observer) -> Result<Fitted, FitError> {
-    run(experiment, None, observer)
+    run(experiment, None, None, observer)
 }
 
 /// Goes on from `checkpoint`, which a fit of the same experiment left, to the result that one would have reached.
@@ -117,11 +134,15 @@ pub fn resume(
     checkpoint: Checkpoint,
     observer: &mut dyn Observer,
 ) -> Result<Fitted, FitError> {
-    run(experiment, Some(checkpoint), observer)
+    run(experiment, None, Some(checkpoint), observer)
 }
+
+/// What an earlier fit says about the parameters of this one.
+type Inherited<'a> = dyn Fn(&Parameters) -> Result<Belief, FitError> + 'a;
 
 fn run(
     experiment: &Experiment,
+    belief: Option<&Inherited<'_>>,
     from: Option<Checkpoint>,
     observer: &mut dyn Observer,
 ) -> Result<Fitted, FitError> {
@@ -136,40 +157,104 @@ fn run(
     if fitted_runs().next().is_none() && !parameters.is_empty() {
         return Err(FitError::NothingToFit);
     }
-    let noise_m = experiment
-        .noise_m
-        .unwrap_or_else(|| initial::noise_m(experiment.runs.iter().map(|run| &run.trajectory)));
+    unmoved(experiment, &parameters)?;
+    let assumed = AssumedNoise::of(experiment);
     let use_stated = experiment.fit.method != Method::Paper;
     let mut terms = Vec::new();
     for run in fitted_runs() {
-        terms.push(whole(&experiment.model, run, noise_m, use_stated)?);
+        terms.push(whole(&experiment.model, run, assumed.of_run(run), use_stated)?);
     }
+    let loss = if experiment.fit.method == Method::Paper { Loss::Squares } else { experiment.fit.loss };
+    let belief = belief.map(|belief| belief(&parameters)).transpose()?;
     let problem = Problem { model: &experiment.model, parameters: &parameters, terms };
+    let objective = Objective { problem, loss, belief };
 
     let mut counts = Counts::default();
-    let mut driver = Driver {
+    let terms = &objective.problem.terms;
+    let images: f64 = terms.iter().map(|term| term.rehearsal.run.weight * term.instants as f64).sum();
+    // Of weights that may differ from cell to cell, the mean.
+    let precisions: f64 = terms
+        .iter()
+        .flat_map(|term| term.observations.iter().map(|o| o.per_m.powi(2) / term.rehearsal.run.weight))
+        .sum();
+    let observations: usize = terms.iter().map(|term| term.observations.len()).sum();
+    let squares = terms.iter().map(|term| term.rehearsal.run.weight * term.observations.len() as f64).sum();
+    let driver = Driver {
         experiment,
-        problem: &problem,
+        objective: &objective,
         fingerprint: expected,
-        images: problem.terms.iter().map(|term| term.rehearsal.run.weight * term.instants as f64).sum(),
-        squares: problem
-            .terms
-            .iter()
-            .map(|term| term.rehearsal.run.weight * term.observations.len() as f64)
-            .sum(),
-        noise_m,
+        loss_m2: observations as f64 / precisions / images,
+        squares,
     };
-    let stage = match from {
+    let state = match from {
         Some(from) => {
             counts = from.counts;
-            from.stage
+            from
         }
-        None => driver.first_stage(&mut counts)?,
+        None => driver.first(&mut counts)?,
     };
-    let (point, stop_reason) = driver.finish_stages(stage, &mut counts, observer)?;
-    let (fit, model, runs) = finish::finish(experiment, &problem, &point, noise_m, stop_reason, counts)?;
+    let arrival = driver.finish(state, &mut counts, observer)?;
+    let (fit, model, runs) = finish::finish(experiment, &objective, arrival, &assumed, counts)?;
     let timing = Timing { wall: began.elapsed(), threads: rayon::current_num_threads() };
     Ok(Fitted { fit, model, runs, timing })
+}
+
+/// Refuses a drive's gain that no fitted run drives, and a joint's resistance that every one overrides: their
+/// sensitivities are nothing but zeros.
+fn unmoved(experiment: &Experiment, parameters: &Parameters) -> Result<(), FitError> {
+    use sim::model::Parameter::{Damping, FrictionLoss, Gain, Stiffness};
+    let model = &experiment.model;
+    let drives = |run: &Run, joint: usize| {
+        let commanded = run.command.iter().flat_map(|command| &command.actuators);
+        run.kind == RunKind::Driven
+            && commanded.into_iter().any(|name| {
+                model.actuators.iter().any(|actuator| actuator.joint == joint && actuator.name == *name)
+            })
+    };
+    let moved = |place: &sim::model::Parameter| {
+        let mut runs = experiment.runs.iter().filter(|run| run.usage == Use::Fit);
+        match *place {
+            Gain(actuator) => runs.any(|run| !run.prescribed && drives(run, model.actuators[actuator].joint)),
+            Damping(joint) | FrictionLoss(joint) | Stiffness(joint, _) => {
+                runs.any(|run| !(run.prescribed && drives(run, joint)))
+            }
+            _ => true,
+        }
+    };
+    let names: Vec<String> = parameters
+        .free
+        .iter()
+        .filter(|parameter| parameter.prior.is_none() && !parameter.places.iter().any(moved))
+        .map(|parameter| parameter.name().to_owned())
+        .collect();
+    if names.is_empty() { Ok(()) } else { Err(FitError::Unseen { names }) }
+}
+
+/// Keypoint noise before the fit, one standard deviation per coordinate \[m\].
+struct AssumedNoise {
+    /// Somebody stated it.
+    stated: bool,
+    /// Of all runs together.
+    common_m: f64,
+    /// Of each run, in the order of the experiment.
+    runs_m: Vec<(String, f64)>,
+}
+
+impl AssumedNoise {
+    /// As stated; else as the images of each run tell. `paper` weighs all runs alike.
+    fn of(experiment: &Experiment) -> Self {
+        let common_m = experiment
+            .noise_m
+            .unwrap_or_else(|| initial::noise_m(experiment.runs.iter().map(|run| &run.trajectory)));
+        let own = experiment.noise_m.is_none() && experiment.fit.method != Method::Paper;
+        let of_run = |run: &Run| if own { initial::run_noise(run).std_m } else { common_m };
+        let runs_m = experiment.runs.iter().map(|run| (run.id.clone(), of_run(run))).collect();
+        Self { stated: experiment.noise_m.is_some(), common_m, runs_m }
+    }
+
+    fn of_run(&self, run: &Run) -> f64 {
+        self.runs_m.iter().find(|(id, _)| *id == run.id).map_or(self.common_m, |(_, noise_m)| *noise_m)
+    }
 }
 
 /// A run with every image looked at.
@@ -177,129 +262,4 @@ fn whole<'a>(model: &Model, run: &'a Run, noise_m: f64, use_stated: bool) -> Res
     let estimate = initial::estimate(model, run, noise_m)?;
     let weighting = Weighting { noise_m, use_stated, run_weight: run.weight };
     Ok(Term::new(Rehearsal::new(model, run, estimate), observations(&run.trajectory, weighting, |_| true)))
-}
-
-/// Takes a fit through its stages.
-struct Driver<'a> {
-    experiment: &'a Experiment,
-    problem: &'a Problem<'a>,
-    fingerprint: String,
-    /// Weighted number of images.
-    images: f64,
-    /// The cost that noise alone would leave.
-    squares: f64,
-    noise_m: f64,
-}
-
-impl Driver<'_> {
-    fn first_stage(&self, counts: &mut Counts) -> Result<Stage, FitError> {
-        let config = &self.experiment.fit;
-        let searches = matches!(config.method, Method::Paper | Method::CmaEs);
-        if searches && config.max_evaluations > 0 && !self.problem.parameters.is_empty() {
-            let start = self.problem.start();
-            let search = Search::new(self.problem, start, config.seed, config.max_evaluations, counts);
-            return Ok(Stage::Search(Box::new(search)));
-        }
-        let (point, cost) = settle(self.problem, self.problem.start(), counts);
-        if cost.is_none() && config.method != Method::Hybrid {
-            return Err(self.start_failed(&point));
-        }
-        let descent = Descent::new(point, cost);
-        Ok(if config.method == Method::Hybrid { Stage::Approach(descent) } else { Stage::Descent(descent) })
-    }
-
-    /// What follows a stage that has ended, if anything does.
-    fn next_stage(&self, stage: &Stage, counts: &mut Counts) -> Option<Stage> {
-        match stage {
-            Stage::Approach(descent) => {
-                let parameters = self.problem.parameters.len() as u64;
-                let left = self.experiment.fit.max_evaluations.saturating_sub(counts.evaluations);
-                let most = (SEARCH_PER_PARAMETER * parameters).min(left / 2);
-                if most == 0 || descent.cost.is_some_and(|cost| cost <= AT_THE_NOISE * self.squares) {
-                    return None;
-                }
-                let (point, seed) = (descent.point.clone(), self.experiment.fit.seed);
-                Some(Stage::Search(Box::new(Search::new(self.problem, point, seed, most, counts))))
-            }
-            Stage::Search(search) if self.experiment.fit.method == Method::Hybrid => {
-                Some(Stage::Descent(Descent::new(search.anchor.clone(), search.cost)))
-            }
-            Stage::Search(_) | Stage::Descent(_) => None,
-        }
-    }
-
-    fn finish_stages(
-        &mut self,
-        mut stage: Stage,
-        counts: &mut Counts,
-        observer: &mut dyn Observer,
-    ) -> Result<(problem::Point, String), FitError> {
-        let max_evaluations = self.experiment.fit.max_evaluations;
-        loop {
-            let (phase, cost, end) = match &mut stage {
-                Stage::Search(search) => {
-                    if search.stop().is_none() {
-                        search.step(self.problem, counts);
-                    }
-                    ("search", search.cost, search.stop().map(|stop| stop.name()))
-                }
-                Stage::Approach(descent) | Stage::Descent(descent) => {
-                    // A state may be that of a stage that had just ended.
-                    if descent.end.is_none() {
-                        descent.step(
-                            self.problem,
-                            least_squares::Freedom::Everything,
-                            max_evaluations,
-                            counts,
-                        );
-                    }
-                    ("descent", descent.cost, descent.end.map(|end| end.name()))
-                }
-            };
-            if let Some(next) = end.and_then(|_| self.next_stage(&stage, counts)) {
-                stage = next;
-                continue;
-            }
-            let checkpoint =
-                Checkpoint { experiment: self.fingerprint.clone(), counts: *counts, stage: stage.clone() };
-            let flow = observer.progress(&Progress {
-                phase,
-                evaluations: counts.evaluations,
-                max_evaluations,
-                rollouts: counts.rollouts,
-                loss_m2: cost.map_or(f64::INFINITY, |cost| cost * self.noise_m.powi(2) / self.images),
-                checkpoint: &checkpoint,
-            });
-            let reason = match (end, flow) {
-                (Some(end), _) => end,
-                (None, Flow::Stop) => "interrupted",
-                (None, Flow::Continue) => continue,
-            };
-            let point = match stage {
-                Stage::Search(mut search) => {
-                    search.drop_anchor(self.problem, counts);
-                    search
-                        .cost
-                        .map(|_| search.anchor.clone())
-                        .ok_or_else(|| self.start_failed(&search.anchor))?
-                }
-                Stage::Approach(descent) | Stage::Descent(descent) => match descent.cost {
-                    Some(_) => descent.point,
-                    None => return Err(self.start_failed(&descent.point)),
-                },
-            };
-            return Ok((point, reason.to_owned()));
-        }
-    }
-
-    /// Which run cannot be simulated at `point`, and why.
-    fn start_failed(&self, point: &problem::Point) -> FitError {
-        let model = self.problem.parameters.applied(&point.values, self.problem.model);
-        for (term, offsets) in self.problem.terms.iter().zip(&point.offsets) {
-            if let Err(source) = term.rehearsal.simulate(&model, offsets, term.instants) {
-                return FitError::Simulation { run: term.rehearsal.run.id.clone(), source };
-            }
-        }
-        FitError::NoOptimum
-    }
 }

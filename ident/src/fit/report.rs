@@ -1,12 +1,14 @@
 //! `fit.json`.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use crate::experiment::Use;
 use crate::loss::KeypointError;
 
 /// The outcome of a fit, as `fit.json` holds it: equal input gives equal bytes.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fit {
     /// How the optimum was sought.
@@ -22,7 +24,8 @@ pub struct Fit {
     /// The paper's loss over the fitted runs in motion \[m2\]: mean over images of the sum over keypoints of
     /// squared distances.
     pub loss_m2: f64,
-    /// Keypoint noise \[m\], one standard deviation per coordinate: as stated, or what the residuals leave.
+    /// Keypoint noise \[m\], one standard deviation per coordinate: as stated; or what the residuals leave, if that
+    /// is no more than the images by themselves show; or what these show.
     pub noise_m: f64,
     /// The fitted parameters.
     pub parameters: Vec<FittedParameter>,
@@ -32,10 +35,66 @@ pub struct Fit {
     pub characteristic_length_m: f64,
     /// Parameters of which only a combination is seen.
     pub unidentifiable: Vec<Vec<String>>,
+    /// The same groups in numbers.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub combinations: Vec<Combination>,
+    /// How many parameters' worth the data settle, whatever the directions; at most the number of parameters.
+    #[serde(default)]
+    pub effective_parameters: f64,
+    /// Where each start of `hybrid` ended, in the order they were tried; empty where one sufficed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub starts: Vec<StartLoss>,
+    /// What the data say about all parameters together: the belief a later fit starts from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub information: Option<JointInformation>,
+    /// What became of an earlier fit that this one started from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recalibration: Option<super::Recalibration>,
+}
+
+/// A weighted sum of parameters of one group of [`Fit::unidentifiable`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Combination {
+    /// Which group.
+    pub group: usize,
+    /// Whether the data settle the sum; else the weights are changes that leave the keypoints where they are.
+    pub seen: bool,
+    /// Weight by name; the largest is 1 or -1.
+    pub weights: BTreeMap<String, f64>,
+    /// The sum, where it is seen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub value: Option<f64>,
+    /// Its standard deviation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std: Option<f64>,
+}
+
+/// Where one start of `hybrid` ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StartLoss {
+    /// Where it began.
+    pub from: super::Origin,
+    /// About its loss \[m2\]; absent where the start could not be simulated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub loss_m2: Option<f64>,
+    /// Whether it came to the best loss and, within three standard deviations, to the same settled values.
+    pub agrees: bool,
+}
+
+/// Inverse covariance of several parameters, without priors and bounds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointInformation {
+    /// Parameters; of tied ones the first.
+    pub names: Vec<String>,
+    /// Rows, shape (names, names), in the inverse SI units of both.
+    pub matrix: Vec<Vec<f64>>,
 }
 
 /// One fitted parameter, in its SI unit.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FittedParameter {
     /// Name.
@@ -52,6 +111,54 @@ pub struct FittedParameter {
     pub at_bound: bool,
     /// Whether the data settle it, rather than its prior or bounds.
     pub determined: bool,
+    /// 95 % interval from the profile of the likelihood, where it was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ci95: Option<[f64; 2]>,
+    /// What each run that sees it would have by itself.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub per_run: Vec<RunValue>,
+    /// Whether these are one value.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub constancy: Option<Constancy>,
+}
+
+/// A parameter as one run sees it, the others following.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunValue {
+    /// The run.
+    pub run: String,
+    /// One Gauss-Newton step from the common optimum.
+    pub value: f64,
+    /// Its standard deviation.
+    pub std: f64,
+}
+
+/// Chi-square test that a parameter is one value in all runs.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Constancy {
+    /// Squared differences from the common value in their standard deviations.
+    pub chi2: f64,
+    /// Degrees of freedom: runs that see it, less one.
+    pub degrees: usize,
+    /// Probability of so much if it is one value.
+    pub p: f64,
+}
+
+/// The noise of a fitted run.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NoiseSeen {
+    /// As assumed beforehand where the trajectory states none, one standard deviation per coordinate \[m\].
+    pub assumed_m: f64,
+    /// Root mean square of the residuals, per coordinate and degree of freedom \[m\].
+    pub residual_m: f64,
+    /// Correlation of the residuals from one image to the next.
+    pub correlation: f64,
+    /// Squares of the residuals in assumed standard deviations, per degree of freedom: about 1 where nothing but
+    /// noise is left.
+    pub chi2_per_degree: f64,
 }
 
 /// Errors of one run.
@@ -65,6 +172,9 @@ pub struct RunErrors {
     pub usage: Use,
     /// By keypoint.
     pub keypoints: Vec<KeypointError>,
+    /// Its noise, where it was fitted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise: Option<NoiseSeen>,
 }
 
 impl Fit {

@@ -13,8 +13,10 @@ use serde::{Deserialize, Serialize};
 
 use super::counts::Counts;
 use super::least_squares::{Descent, Freedom};
-use super::problem::{Difference, Point, Problem};
-use crate::cmaes::{CmaEs, Options, Stop};
+use super::objective::Objective;
+use super::problem::{Difference, Point};
+use crate::cmaes::{CmaEs, Options, Restarting, Restarts, Stop};
+use crate::experiment::Loss;
 
 /// Generations between anchors.
 const PERIOD: u64 = 10;
@@ -29,6 +31,10 @@ const TOL_STEP: f64 = 1e-7;
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Search {
     sampler: CmaEs,
+    /// What follows a sampler that has converged.
+    restarting: Restarting,
+    /// Why the search is over.
+    stop: Option<Stop>,
     /// The best point so far, its starts fitted.
     pub(super) anchor: Point,
     /// Its cost; JSON knows no infinity: `None` where it cannot be simulated.
@@ -55,8 +61,9 @@ struct Elimination {
 impl Search {
     /// A search that starts at `start`, whose starts are fitted first.
     pub(super) fn new(
-        problem: &Problem<'_>,
+        objective: &Objective<'_>,
         start: Point,
+        restarts: Restarts,
         seed: u64,
         max_evaluations: u64,
         counts: &mut Counts,
@@ -71,55 +78,74 @@ impl Search {
             tol_step: TOL_STEP,
             ..Options::default()
         };
-        let (anchor, cost) = settle(problem, start, counts);
-        let sampler = CmaEs::new(&problem.parameters.units(&anchor.values), options);
-        Self { sampler, anchor, cost, candidate: None, cache: Vec::new(), elimination: None }
+        let (anchor, cost) = settle(objective, start, counts);
+        let sampler = CmaEs::new(&objective.parameters().units(&anchor.values), options);
+        let restarting = Restarting::new(restarts, &sampler);
+        Self {
+            sampler,
+            restarting,
+            stop: None,
+            anchor,
+            cost,
+            candidate: None,
+            cache: Vec::new(),
+            elimination: None,
+        }
     }
 
     /// Why the search is over, once it is.
     pub(super) fn stop(&self) -> Option<Stop> {
-        self.sampler.stop()
+        self.stop
     }
 
     /// One generation.
-    pub(super) fn step(&mut self, problem: &Problem<'_>, counts: &mut Counts) {
+    pub(super) fn step(&mut self, objective: &Objective<'_>, counts: &mut Counts) {
         if self.elimination.is_none() {
             // On resuming, these rollouts were counted before.
-            let fresh = self.sampler.generation() == 0;
+            let fresh = self.sampler.generation() == 0 && self.restarting.count() == 0;
             let mut aside = Counts::default();
             self.elimination =
-                Some(eliminate(problem, &self.anchor, if fresh { counts } else { &mut aside }));
+                Some(eliminate(objective, &self.anchor, if fresh { counts } else { &mut aside }));
         }
         let generation = self.sampler.ask();
-        let losses = self.losses(problem, &generation.points, counts);
+        let losses = self.losses(objective, &generation.points, counts);
         for (point, &loss) in generation.points.iter().zip(&losses) {
             if loss.is_finite() && self.candidate.as_ref().is_none_or(|(_, best)| loss < *best) {
                 self.candidate = Some((point.clone(), loss));
             }
         }
         self.sampler.tell(&generation, &losses);
-        if self.sampler.generation().is_multiple_of(PERIOD) || self.sampler.stop().is_some() {
-            self.drop_anchor(problem, counts);
+        let converged = self.sampler.stop();
+        if self.sampler.generation().is_multiple_of(PERIOD) || converged.is_some() {
+            self.drop_anchor(objective, counts);
+        }
+        if converged.is_some() {
+            match self.restarting.next(&self.sampler) {
+                Some(sampler) => self.sampler = sampler,
+                None => self.stop = converged,
+            }
         }
     }
 
     /// Fits the starts of the best candidate; it becomes the anchor if that makes it the best point.
-    pub(super) fn drop_anchor(&mut self, problem: &Problem<'_>, counts: &mut Counts) {
+    pub(super) fn drop_anchor(&mut self, objective: &Objective<'_>, counts: &mut Counts) {
         let Some((point, _)) = self.candidate.take() else { return };
-        let start = Point { values: problem.parameters.values(&point), offsets: self.anchor.offsets.clone() };
-        let (settled, cost) = settle(problem, start, counts);
+        let start =
+            Point { values: objective.parameters().values(&point), offsets: self.anchor.offsets.clone() };
+        let (settled, cost) = settle(objective, start, counts);
         if cost.is_some_and(|cost| self.cost.is_none_or(|best| cost < best)) {
             (self.anchor, self.cost) = (settled, cost);
-            self.elimination = Some(eliminate(problem, &self.anchor, counts));
+            self.elimination = Some(eliminate(objective, &self.anchor, counts));
             self.cache.clear();
         }
     }
 
     /// Losses of candidates in the unit box, known ones from the cache.
-    fn losses(&mut self, problem: &Problem<'_>, points: &[Vec<f64>], counts: &mut Counts) -> Vec<f64> {
+    fn losses(&mut self, objective: &Objective<'_>, points: &[Vec<f64>], counts: &mut Counts) -> Vec<f64> {
         let known =
             |point: &Vec<f64>| self.cache.iter().find(|(other, _)| other == point).map(|(_, loss)| *loss);
         let new: Vec<&Vec<f64>> = points.iter().filter(|point| known(point).is_none()).collect();
+        let problem = &objective.problem;
         let runs = problem.terms.len();
         counts.evaluations += points.len() as u64;
         counts.rollouts += (new.len() * runs) as u64;
@@ -135,13 +161,17 @@ impl Search {
                 let residuals = problem.terms[run].residuals(&models[point], offsets);
                 let belief = problem.terms[run].belief_cost(offsets);
                 residuals.map_or(f64::INFINITY, |r| {
-                    belief + elimination.get(run).map_or(r.norm_squared(), |e| e.loss(&r))
+                    belief
+                        + match elimination.get(run) {
+                            Some(elimination) => elimination.cost(&r, objective.loss),
+                            None => cost(&r, objective.loss),
+                        }
                 })
             })
             .collect();
         for (index, point) in new.into_iter().enumerate() {
             let data: f64 = parts[index * runs..(index + 1) * runs].iter().sum();
-            let loss = data + problem.prior_cost(&values[index]);
+            let loss = data + objective.prior_cost(&values[index]);
             self.cache.push((point.clone(), Some(loss).filter(|loss| loss.is_finite())));
         }
         points.iter().map(|point| self.cached(point)).collect()
@@ -154,22 +184,34 @@ impl Search {
 }
 
 impl Elimination {
-    /// Squared residuals that no change of the start explains.
-    fn loss(&self, residuals: &DVector<f64>) -> f64 {
+    /// What residuals cost that no change of the start explains.
+    fn cost(&self, residuals: &DVector<f64>, loss: Loss) -> f64 {
         let slope = self.jacobian.tr_mul(residuals) + &self.pull;
-        residuals.norm_squared() - slope.dot(&self.hessian.solve(&slope))
+        let step = self.hessian.solve(&slope);
+        match loss {
+            Loss::Squares => residuals.norm_squared() - slope.dot(&step),
+            Loss::Huber => cost(&(residuals - &self.jacobian * step), loss),
+        }
     }
 }
 
+fn cost(residuals: &DVector<f64>, loss: Loss) -> f64 {
+    residuals.iter().map(|&r| loss.cost(r)).sum()
+}
+
 /// Fits the start of every run, each by itself, the parameters held; with the cost reached.
-pub(super) fn settle(problem: &Problem<'_>, mut point: Point, counts: &mut Counts) -> (Point, Option<f64>) {
-    let prior_cost = problem.prior_cost(&point.values);
-    let settled: Vec<(Descent, Counts)> = (0..problem.terms.len())
+pub(super) fn settle(
+    objective: &Objective<'_>,
+    mut point: Point,
+    counts: &mut Counts,
+) -> (Point, Option<f64>) {
+    let prior_cost = objective.prior_cost(&point.values);
+    let settled: Vec<(Descent, Counts)> = (0..objective.problem.terms.len())
         .into_par_iter()
         .map(|run| {
             let start = Point { values: point.values.clone(), offsets: vec![point.offsets[run].clone()] };
             let (mut descent, mut own) = (Descent::new(start, None), Counts::default());
-            descent.run(&problem.alone(run), Freedom::Nuisances, &mut own);
+            descent.run(&objective.alone(run), Freedom::Nuisances, &mut own);
             (descent, own)
         })
         .collect();
@@ -182,7 +224,8 @@ pub(super) fn settle(problem: &Problem<'_>, mut point: Point, counts: &mut Count
     (point, total)
 }
 
-fn eliminate(problem: &Problem<'_>, anchor: &Point, counts: &mut Counts) -> Vec<Elimination> {
+fn eliminate(objective: &Objective<'_>, anchor: &Point, counts: &mut Counts) -> Vec<Elimination> {
+    let problem = &objective.problem;
     let linear = problem.linearise(anchor, false, Difference::Forward, counts).unwrap_or_default();
     let one = |(run, linear): (usize, super::problem::Linear)| {
         let nuisances = &problem.terms[run].rehearsal.nuisances;

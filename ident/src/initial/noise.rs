@@ -1,18 +1,94 @@
 //! Keypoint noise from the images alone.
 
-use sim::Trajectory;
+use sim::{Command, Trajectory};
 
-/// Third differences of a smooth motion vanish; those of noise have 1 + 9 + 9 + 1 times its variance.
-const VARIANCE: f64 = 20.0;
+use super::release;
+use crate::experiment::{Run, RunKind};
+
 /// Median of the absolute value of a standard normal number.
 const MEDIAN: f64 = 0.674_489_75;
 /// No camera sees better than this \[m\]; it keeps exact data from dividing by nothing.
 const FLOOR_M: f64 = 1e-6;
 /// Instants count as evenly spaced when their steps agree to this share.
 const EVEN: f64 = 0.2;
+/// Least still images that tell the noise: with three keypoints, to some 10 %.
+const MIN_STILL: usize = 15;
+/// Noise of real images is never more of the same than this.
+const MOST_CORRELATED: f64 = 0.99;
+
+/// Keypoint noise of one run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RunNoise {
+    /// Standard deviation of one coordinate \[m\].
+    pub std_m: f64,
+    /// Correlation of a coordinate's noise from one image to the next, 0 to 1.
+    pub correlation: f64,
+    /// Still images that told it; 0: only the roughness of the motion did.
+    pub still_images: usize,
+}
+
+/// Noise of `run`: from the images before its motion, where there are enough, and from the roughness of the whole
+/// run. Motion blurs and hides, so the larger of both counts; correlation is seen in still images only.
+pub fn run_noise(run: &Run) -> RunNoise {
+    let trajectory = &run.trajectory;
+    let rough_m = noise_m([trajectory]);
+    let start_s = match run.kind {
+        RunKind::Drop => run.release_s.or_else(|| release(trajectory, rough_m).map(|found| found.start_s)),
+        RunKind::Driven => run.command.as_ref().and_then(Command::first_motion_s),
+        RunKind::Free => None,
+    };
+    let still = start_s.map_or(0, |start_s| trajectory.time_s.iter().take_while(|t| **t < start_s).count());
+    let Some((std_m, correlation)) = still_noise(trajectory, still) else {
+        return RunNoise { std_m: rough_m, correlation: 0.0, still_images: 0 };
+    };
+    let rough_m = rough_m * (third_difference(0.0) / third_difference(correlation)).sqrt();
+    RunNoise { std_m: std_m.max(rough_m), correlation, still_images: still }
+}
+
+/// Standard deviation \[m\] and correlation over the first `still` images, each coordinate about its own mean.
+fn still_noise(trajectory: &Trajectory, still: usize) -> Option<(f64, f64)> {
+    let (mut squares, mut freedom) = (0.0, 0.0);
+    let (mut products, mut before, mut after) = (0.0, 0.0, 0.0);
+    let mut longest = 0;
+    for keypoint in 0..trajectory.keypoints.len() {
+        for axis in 0..3 {
+            let series: Vec<f64> = (0..still).map(|row| trajectory.at(row, keypoint)[axis]).collect();
+            let seen: Vec<f64> = series.iter().copied().filter(|x| x.is_finite()).collect();
+            if seen.len() < MIN_STILL {
+                continue;
+            }
+            longest = longest.max(seen.len());
+            let mean = seen.iter().sum::<f64>() / seen.len() as f64;
+            squares += seen.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
+            freedom += seen.len() as f64 - 1.0;
+            for pair in series.windows(2).filter(|pair| pair[0].is_finite() && pair[1].is_finite()) {
+                let (a, b) = (pair[0] - mean, pair[1] - mean);
+                products += a * b;
+                before += a * a;
+                after += b * b;
+            }
+        }
+    }
+    if freedom == 0.0 {
+        return None;
+    }
+    let seen = products / (before * after).sqrt().max(f64::MIN_POSITIVE);
+    // Taking out the mean of n images makes neighbours look (1 + 3 correlation) / n less alike.
+    let n = longest as f64;
+    let correlation = ((seen + 1.0 / n) / (1.0 - 3.0 / n)).clamp(0.0, MOST_CORRELATED);
+    // The mean has followed correlated noise: fewer degrees of freedom are left.
+    let lost = ((1.0 + correlation) / (1.0 - correlation) / n).min(0.5);
+    Some(((squares / freedom / (1.0 - lost) * (1.0 - 1.0 / n)).sqrt().max(FLOOR_M), correlation))
+}
+
+/// Variance of third differences of noise whose variance is 1: of white noise 1 + 9 + 9 + 1.
+fn third_difference(correlation: f64) -> f64 {
+    20.0 - 30.0 * correlation + 12.0 * correlation.powi(2) - 2.0 * correlation.powi(3)
+}
 
 /// Standard deviation of one coordinate \[m\], robustly, from the third differences of `trajectories` over
-/// evenly spaced images. It leaves out whatever is slow, hence is a lower limit on what a fit can reach.
+/// evenly spaced images: those of a smooth motion vanish. It leaves out whatever is slow, hence is a lower limit on
+/// what a fit can reach.
 pub fn noise_m<'a>(trajectories: impl IntoIterator<Item = &'a Trajectory>) -> f64 {
     let mut differences = Vec::new();
     for trajectory in trajectories {
@@ -38,5 +114,5 @@ pub fn noise_m<'a>(trajectories: impl IntoIterator<Item = &'a Trajectory>) -> f6
     }
     let middle = differences.len() / 2;
     let (_, median, _) = differences.select_nth_unstable_by(middle, f64::total_cmp);
-    (*median / MEDIAN / VARIANCE.sqrt()).max(FLOOR_M)
+    (*median / MEDIAN / third_difference(0.0).sqrt()).max(FLOOR_M)
 }

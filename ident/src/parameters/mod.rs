@@ -62,6 +62,13 @@ impl Parameters {
         self.free.is_empty()
     }
 
+    /// The same parameters with the one at `index` held at `value`.
+    pub(crate) fn pinned(&self, index: usize, value: f64) -> Self {
+        let mut pinned = self.clone();
+        pinned.free[index].scale = pinned.free[index].scale.pinned(value);
+        pinned
+    }
+
     /// Start values, shape (P), SI.
     pub fn start(&self) -> Vec<f64> {
         self.free.iter().map(|parameter| parameter.start).collect()

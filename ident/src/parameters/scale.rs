@@ -19,12 +19,16 @@ enum Spread {
     Logarithmic,
     /// Even up to about this far above the lower bound, logarithmic further up.
     Knee(f64),
+    /// Bounds that coincide, with the resolution they had before.
+    Pinned(f64),
 }
 
 /// The knee as a share of the bounds' width: four decades are spread logarithmically.
 const KNEE: f64 = 1e-4;
 /// Bounds whose ratio is larger are spread logarithmically.
 const WIDE: f64 = 100.0;
+/// The most by which one step of a descent multiplies or divides.
+const DECADE: f64 = 10.0;
 /// What counts as well resolved on an evenly spread scale, as a share of the bounds' width.
 const RESOLVED: f64 = 0.05;
 
@@ -42,6 +46,11 @@ impl Scale {
         } else {
             Self::new(lower, upper)
         }
+    }
+
+    /// Bounds that leave nothing but `value`.
+    pub(crate) fn pinned(&self, value: f64) -> Self {
+        Self { lower: value, upper: value, spread: Spread::Pinned(self.resolution()) }
     }
 
     /// Lower bound.
@@ -62,7 +71,7 @@ impl Scale {
     /// The value at `unit`, between 0 and 1.
     pub fn value(&self, unit: f64) -> f64 {
         let value = match self.spread {
-            Spread::Even => self.lower + unit * self.width(),
+            Spread::Even | Spread::Pinned(_) => self.lower + unit * self.width(),
             Spread::Logarithmic => self.lower * (unit * (self.upper / self.lower).ln()).exp(),
             Spread::Knee(knee) => self.lower + knee * (unit * (self.width() / knee).ln_1p()).exp_m1(),
         };
@@ -73,6 +82,7 @@ impl Scale {
     pub fn unit(&self, value: f64) -> f64 {
         let value = self.clamp(value);
         let unit = match self.spread {
+            Spread::Pinned(_) => 0.0,
             Spread::Even => (value - self.lower) / self.width(),
             Spread::Logarithmic => (value / self.lower).ln() / (self.upper / self.lower).ln(),
             Spread::Knee(knee) => ((value - self.lower) / knee).ln_1p() / (self.width() / knee).ln_1p(),
@@ -91,6 +101,30 @@ impl Scale {
             Spread::Even => RESOLVED * self.width(),
             Spread::Logarithmic => self.lower,
             Spread::Knee(knee) => knee,
+            Spread::Pinned(resolution) => resolution,
+        }
+    }
+
+    /// How far one step of a descent may go from `value`: over a decade of a quantity whose size is not known. The
+    /// slope says little about what lies further, and a joint that too large a step has frozen stays so.
+    pub(crate) fn reach(&self, value: f64) -> [f64; 2] {
+        let upper = match self.spread {
+            Spread::Even | Spread::Pinned(_) => self.upper,
+            Spread::Logarithmic => self.clamp(DECADE * value),
+            Spread::Knee(knee) => self.clamp(self.lower + DECADE * (value - self.lower).max(knee)),
+        };
+        let lower = match self.spread {
+            Spread::Logarithmic => self.clamp(value / DECADE),
+            Spread::Even | Spread::Pinned(_) | Spread::Knee(_) => self.lower,
+        };
+        [lower, upper]
+    }
+
+    /// `value`, or as good as nothing where it is a joint's resistance.
+    pub(crate) fn loose(&self, value: f64) -> f64 {
+        match self.spread {
+            Spread::Knee(_) => self.start(self.lower),
+            Spread::Even | Spread::Pinned(_) | Spread::Logarithmic => value,
         }
     }
 
@@ -99,7 +133,7 @@ impl Scale {
         match self.spread {
             // At exactly nothing, friction and damping have no slope to follow.
             Spread::Knee(knee) => self.clamp(value.max(self.lower + knee)),
-            Spread::Even | Spread::Logarithmic => self.clamp(value),
+            Spread::Even | Spread::Pinned(_) | Spread::Logarithmic => self.clamp(value),
         }
     }
 }

@@ -39,7 +39,8 @@ pub(crate) fn guess(mut model: Model) -> Model {
     model
 }
 
-/// Films `seconds` of the motion from `state`, which is held until `start_s`: RK4 at 0.5 ms, noise by `seed`.
+/// Films `seconds` of the motion from `state`, which is held until `start_s`: RK4 at 0.5 ms, white noise of
+/// [`NOISE_M`] by `seed`.
 pub(crate) fn film(
     model: &Model,
     state: &State,
@@ -48,6 +49,35 @@ pub(crate) fn film(
     seconds: f64,
     prescribed: bool,
     seed: u64,
+) -> Trajectory {
+    let mut trajectory = filmed_exactly(model, state, command, start_s, seconds, prescribed);
+    add_noise(&mut trajectory, NOISE_M, 0.0, seed);
+    trajectory
+}
+
+/// Adds noise to x and z: standard deviation `noise_m`, correlation `correlation` from one image to the next.
+pub(crate) fn add_noise(trajectory: &mut Trajectory, noise_m: f64, correlation: f64, seed: u64) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let width = trajectory.keypoints.len();
+    let mut before = vec![[0.0; 3]; width];
+    for (cell, position) in trajectory.position_m.iter_mut().enumerate() {
+        let share = if cell < width { 1.0 } else { (1.0 - correlation * correlation).sqrt() };
+        for axis in [0, 2] {
+            let normal: f64 = StandardNormal.sample(&mut random);
+            before[cell % width][axis] = correlation * before[cell % width][axis] + share * normal;
+            position[axis] += noise_m * before[cell % width][axis];
+        }
+    }
+}
+
+/// What a camera square to the plane sees without noise.
+pub(crate) fn filmed_exactly(
+    model: &Model,
+    state: &State,
+    command: &Command,
+    start_s: f64,
+    seconds: f64,
+    prescribed: bool,
 ) -> Trajectory {
     let times: Vec<f64> = (0..(seconds * FPS) as usize).map(|i| i as f64 / FPS).collect();
     let options = RolloutOptions {
@@ -58,13 +88,8 @@ pub(crate) fn film(
         ..RolloutOptions::default()
     };
     let mut trajectory = rollout(model, state, command, &times, &options).unwrap().trajectory();
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
     for position in &mut trajectory.position_m {
-        for axis in [0, 2] {
-            let normal: f64 = StandardNormal.sample(&mut random);
-            position[axis] += NOISE_M * normal;
-        }
-        // A camera square to the plane does not see depth.
+        // Depth is not seen.
         position[1] = f64::NAN;
     }
     trajectory

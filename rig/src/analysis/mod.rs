@@ -67,6 +67,9 @@ pub enum AnalysisError {
         /// What is wrong with it.
         source: sim::mjcf::MjcfError,
     },
+    /// The weights of the mechanism.
+    #[error(transparent)]
+    Weights(#[from] ident::weights::WeightError),
     /// The fit.
     #[error("fitting")]
     Fit(#[from] FitError),
@@ -200,7 +203,10 @@ impl Analysis<'_> {
         let start = self.run.start();
         let path = self.run.file(&start.model);
         let text = std::fs::read_to_string(&path).map_err(RecordError::io("reading", &path))?;
-        let model = sim::Model::from_mjcf(&text).map_err(|source| AnalysisError::Model { path, source })?;
+        let mut model =
+            sim::Model::from_mjcf(&text).map_err(|source| AnalysisError::Model { path, source })?;
+        let mut fit = self.config.fit.clone();
+        self.config.mechanism.weights().put_into(&self.config.water.water(), &mut model, &mut fit)?;
         let trajectory = table::read_trajectory(&self.out.join(file::TRAJECTORY))?;
         let kind = start.kind;
         let run = Run {
@@ -208,7 +214,7 @@ impl Analysis<'_> {
             prescribed: start.prescribed && kind == RunKind::Driven,
             ..Run::new(start.id.as_str(), kind, trajectory)
         };
-        Ok(Experiment { model, noise_m: None, fit: self.config.fit.clone(), runs: vec![run] })
+        Ok(Experiment { model, noise_m: None, fit, runs: vec![run] })
     }
 }
 

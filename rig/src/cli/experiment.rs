@@ -1,10 +1,10 @@
 //! `rig experiment`: run folders to an `experiment.toml` for `rig fit`.
 
-use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
-use ident::experiment::{Experiment, FitConfig, Prior, Use};
+use ident::experiment::{Experiment, FitConfig, Use};
+use ident::weights::{Mechanism, Water};
 use serde::{Deserialize, Serialize};
 
 use super::{Failure, Outcome};
@@ -33,6 +33,8 @@ struct ExperimentFile {
     #[serde(skip_serializing_if = "Option::is_none")]
     model: Option<PathBuf>,
     fit: FitConfig,
+    mechanism: Mechanism,
+    water: Water,
     run: Vec<RunEntry>,
 }
 
@@ -48,15 +50,8 @@ struct RunEntry {
 #[serde(default)]
 struct RunConfig {
     fit: FitConfig,
-    mechanism: Weights,
-}
-
-/// Weights on a scale, of `[mechanism]`.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-struct Weights {
-    dry_mass_kg: BTreeMap<String, f64>,
-    std_kg: Option<f64>,
+    mechanism: Mechanism,
+    water: Water,
 }
 
 /// Carries out `rig experiment`.
@@ -85,8 +80,9 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         entries.push(RunEntry { folder: relative(path, &home)?, usage });
     }
     let model = args.model.as_ref().map(|model| relative(model, &home)).transpose()?;
-    let fit = config.map(fit_config).unwrap_or_default();
-    let text = toml::to_string(&ExperimentFile { model, fit, run: entries }).map_err(Failure::internal)?;
+    let RunConfig { fit, mechanism, water } = config.unwrap_or_default();
+    let file = ExperimentFile { model, fit, mechanism, water, run: entries };
+    let text = toml::to_string(&file).map_err(Failure::internal)?;
     write_whole(&args.out, text.as_bytes()).map_err(Failure::input)?;
     // Read back as the fit will read it: what it would refuse is said now.
     let experiment = Experiment::read(&args.out).map_err(unfit)?;
@@ -123,20 +119,6 @@ fn run_config(start: &Start, path: &Path) -> Result<RunConfig, Failure> {
         .map_err(Failure::Input)
 }
 
-/// The run's `[fit]`, with what was weighed as priors unless it says otherwise itself.
-fn fit_config(config: RunConfig) -> FitConfig {
-    let mut fit = config.fit;
-    let std = config.mechanism.std_kg.and_then(ident::strict::Positive::new);
-    if let Some(std) = std {
-        for (body, mass_kg) in config.mechanism.dry_mass_kg {
-            if let Some(mean) = ident::strict::Finite::new(mass_kg) {
-                fit.prior.entry(format!("{body}/mass")).or_insert(Prior { mean, std });
-            }
-        }
-    }
-    fit
-}
-
 /// `path` as seen from the folder `home`, which is absolute.
 fn relative(path: &Path, home: &Path) -> Result<PathBuf, Failure> {
     let canonical = |path: &Path| {
@@ -163,15 +145,5 @@ mod tests {
         assert_eq!(way("/a/b", "/a/runs/1"), Path::new("../runs/1"));
         assert_eq!(way("/a", "/a/runs/1"), Path::new("runs/1"));
         assert_eq!(way("/a/b/c", "/d"), Path::new("../../../d"));
-    }
-
-    #[test]
-    fn weighed_masses_become_priors_unless_the_config_has_its_own() {
-        let text = "[mechanism]\ndry_mass_kg = { link1 = 0.002, link2 = 0.003 }\nstd_kg = 2e-5\n\
-                    [fit.prior]\n\"link2/mass\" = { mean = 0.0031, std = 1e-6 }\n";
-        let fit = fit_config(toml::from_str(text).unwrap());
-        let mean = |name: &str| fit.prior[name].mean.get();
-        assert_eq!((mean("link1/mass"), mean("link2/mass")), (0.002, 0.0031));
-        assert_eq!(fit.prior["link1/mass"].std.get(), 2e-5);
     }
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow};
 use ident::experiment::{Experiment, Use};
-use ident::fit::{Checkpoint, CheckpointError, FitError, Fitted, Flow, Observer, Progress};
+use ident::fit::{Checkpoint, CheckpointError, Fit, FitError, Fitted, Flow, INTERRUPTED, Observer, Progress};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::signal::Interrupt;
@@ -32,12 +32,18 @@ pub struct Args {
     /// Go on from where an interrupted fit into the same folder stood
     #[arg(long)]
     resume: bool,
+    /// 95 % intervals from the profile of the likelihood: a few fits per parameter
+    #[arg(long)]
+    profile: bool,
+    /// fit.json of an earlier fit of the same mechanism: updated with these runs, unless they contradict it
+    #[arg(long, value_name = "FIT.json", conflicts_with = "resume")]
+    prior: Option<PathBuf>,
 }
 
 /// Where a fit stands, for `--resume`; gone when it is done.
 const STATE: &str = "fit-state.json";
-/// The reason a fit gives that was told to stop.
-const INTERRUPTED: &str = "interrupted";
+/// A fit of new runs that may not replace the earlier one.
+const REFUSED: &str = "fit-refused.json";
 /// An interrupted fit loses at most this much work.
 const SAVE_EVERY: Duration = Duration::from_secs(5);
 
@@ -50,7 +56,9 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     if args.threads == Some(0) {
         return Err(Failure::Input(anyhow!("--threads 0: at least one thread must simulate")));
     }
-    let experiment = Experiment::read(&args.experiment).map_err(unfit)?;
+    let mut experiment = Experiment::read(&args.experiment).map_err(unfit)?;
+    experiment.fit.profile |= args.profile;
+    let earlier = args.prior.as_deref().map(earlier).transpose()?;
     let text = std::fs::read_to_string(&args.experiment)
         .with_context(|| format!("reading {}", args.experiment.display()))
         .map_err(Failure::Input)?;
@@ -59,7 +67,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("creating {}", args.out.display()))
         .map_err(Failure::Input)?;
-    let fitted = fit(&experiment, &args.out.join(STATE), args, interrupt.flag())?;
+    let fitted = fit(&experiment, earlier.as_ref(), &args.out.join(STATE), args, interrupt.flag())?;
 
     let source = args.experiment.display().to_string();
     let timing = Timing {
@@ -80,6 +88,17 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         ..ReportData::default()
     };
     data.add_fitted(&fitted);
+    if let Some(refused) = fitted.fit.recalibration.as_ref().filter(|verdict| !verdict.accepted) {
+        let json = fitted.fit.to_json().map_err(Failure::internal)?;
+        write_whole(&args.out.join(REFUSED), json.as_bytes()).map_err(Failure::internal)?;
+        let kept = args.prior.as_deref().unwrap_or(Path::new("the earlier fit"));
+        return Err(Failure::Data(anyhow!(
+            "{} stays as it is: {}; what the new runs say by themselves is in {}",
+            kept.display(),
+            refused.reasons.join("; "),
+            args.out.join(REFUSED).display()
+        )));
+    }
     write_results(&fitted, &source, &args.out)?;
     timing.write(&args.out.join(file::TIMING)).map_err(Failure::internal)?;
     write_whole(&args.out.join(file::REPORT), report::render(&data).as_bytes()).map_err(Failure::internal)?;
@@ -137,8 +156,16 @@ fn name(path: &Path) -> String {
     folder.map_or(stem, |folder| folder.to_string_lossy().into_owned())
 }
 
+/// Reads the fit.json of an earlier fit.
+fn earlier(path: &Path) -> Result<Fit, Failure> {
+    let read = || format!("reading the earlier fit {}", path.display());
+    let text = std::fs::read_to_string(path).with_context(read).map_err(Failure::Input)?;
+    serde_json::from_str(&text).with_context(read).map_err(Failure::Input)
+}
+
 fn fit(
     experiment: &Experiment,
+    earlier: Option<&Fit>,
     state: &Path,
     args: &Args,
     interrupted: Arc<AtomicBool>,
@@ -155,9 +182,10 @@ fn fit(
         .build()
         .map_err(Failure::internal)?;
     let mut watcher = Watcher::new(state, interrupted);
-    let fitted = pool.install(|| match from {
-        Some(from) => ident::fit::resume(experiment, from, &mut watcher),
-        None => ident::fit::fit(experiment, &mut watcher),
+    let fitted = pool.install(|| match (from, earlier) {
+        (Some(from), _) => ident::fit::resume(experiment, from, &mut watcher),
+        (None, Some(earlier)) => ident::fit::recalibrate(experiment, earlier, &mut watcher),
+        (None, None) => ident::fit::fit(experiment, &mut watcher),
     });
     let Watcher { bar, trouble, .. } = watcher;
     bar.finish_and_clear();

@@ -7,7 +7,7 @@ use ident::fit::Fit;
 
 use super::data::ReportData;
 use super::format::{millimetres, percent, significant};
-use super::verdict::{is_combined, verdict};
+use super::verdict::{is_combined, is_constant, verdict};
 
 /// What came out, as lines for a terminal.
 pub fn summary(data: &ReportData) -> String {
@@ -51,11 +51,36 @@ fn errors(fit: &Fit) -> Vec<Vec<String>> {
         };
         rows.push([run.id.clone(), usage.into()].into_iter().chain(names.iter().map(cell)).collect());
     }
+    // Side by side: what was fitted, and what was only predicted.
+    let uses = [(Use::Fit, "fitted"), (Use::Holdout, "held out")];
+    if fit.runs.len() > 2 && uses.iter().all(|(usage, _)| fit.runs.iter().any(|run| run.usage == *usage)) {
+        for (usage, name) in uses {
+            let cell = |keypoint: &&str| match keypoint_error_m(fit, usage, keypoint) {
+                Some(error_m) => {
+                    format!("{} ({})", millimetres(error_m), percent(error_m, fit.characteristic_length_m))
+                }
+                None => "–".into(),
+            };
+            rows.push(["all".to_owned(), name.into()].into_iter().chain(names.iter().map(cell)).collect());
+        }
+    }
     rows
 }
 
+/// Mean of a keypoint's mean errors over the runs of one use \[m\].
+fn keypoint_error_m(fit: &Fit, usage: Use, name: &str) -> Option<f64> {
+    let runs = fit.runs.iter().filter(|run| run.usage == usage);
+    let errors: Vec<f64> =
+        runs.flat_map(|run| &run.keypoints).filter(|k| k.name == name).map(|k| k.mean_error_m).collect();
+    (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64)
+}
+
 fn coefficients(fit: &Fit) -> Vec<Vec<String>> {
+    let profiled = fit.parameters.iter().any(|parameter| parameter.ci95.is_some());
     let mut rows = vec![["coefficient", "value", "std", ""].map(String::from).to_vec()];
+    if profiled {
+        rows[0].insert(3, "95 %".into());
+    }
     for parameter in &fit.parameters {
         let combined = is_combined(fit, &parameter.name);
         let open = if combined { "only in combination" } else { "left open" };
@@ -66,12 +91,20 @@ fn coefficients(fit: &Fit) -> Vec<Vec<String>> {
         if parameter.at_bound {
             remarks.push("at bound");
         }
+        if !is_constant(parameter) {
+            remarks.push("differs from run to run");
+        }
         rows.push(vec![
             parameter.name.clone(),
             significant(parameter.value),
             significant(parameter.std),
             remarks.join(", "),
         ]);
+        if profiled && let Some(row) = rows.last_mut() {
+            let interval =
+                |[lower, upper]: [f64; 2]| format!("{} to {}", significant(lower), significant(upper));
+            row.insert(3, parameter.ci95.map_or("–".into(), interval));
+        }
     }
     rows
 }

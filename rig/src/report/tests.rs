@@ -45,6 +45,7 @@ fn parameter(name: &str, value: f64, std: f64) -> FittedParameter {
         upper: 3.0,
         at_bound: value == 0.0,
         determined: std < 1.0,
+        ..FittedParameter::default()
     }
 }
 
@@ -54,7 +55,8 @@ fn errors(id: &str, usage: Use, errors_mm: [f64; 3]) -> RunErrors {
         mean_error_m: mm * 1e-3,
         rms_error_m: mm * 1.2e-3,
     };
-    RunErrors { id: id.into(), usage, keypoints: errors_mm.into_iter().enumerate().map(keypoint).collect() }
+    let keypoints = errors_mm.into_iter().enumerate().map(keypoint).collect();
+    RunErrors { id: id.into(), usage, keypoints, noise: None }
 }
 
 fn overlay(time_s: f64) -> Overlay {
@@ -127,6 +129,7 @@ fn whole() -> ReportData {
             ],
             characteristic_length_m: 0.08,
             unidentifiable: vec![["g1/blunt", "g1/slender", "g1/angular"].map(String::from).to_vec()],
+            ..Fit::default()
         }),
         runs: vec![run("drop-horizontal", Use::Fit, 0.002), run("drop-right-angle", Use::Holdout, 0.006)],
         overlays: [0.0, 0.4, 0.8].map(overlay).to_vec(),

@@ -58,6 +58,14 @@ pub(super) fn is_combined(fit: &Fit, name: &str) -> bool {
     fit.unidentifiable.iter().any(|group| group.len() > 1 && group.iter().any(|member| member == name))
 }
 
+/// Below this probability a coefficient is taken to differ from run to run.
+const CONSTANCY_P: f64 = 1e-3;
+
+/// Whether all runs agree on a coefficient, as far as they were asked.
+pub(super) fn is_constant(parameter: &FittedParameter) -> bool {
+    parameter.constancy.is_none_or(|test| test.p >= CONSTANCY_P)
+}
+
 /// Mean over keypoints and runs of the mean errors \[m\]; `None` without such runs.
 pub(super) fn mean_error_m(fit: &Fit, usage: Use) -> Option<f64> {
     let errors: Vec<f64> = fit
@@ -159,6 +167,21 @@ pub(super) fn verdict(data: &ReportData) -> Verdict {
     if bound > 0 {
         let rests = if bound == 1 { "coefficient rests" } else { "coefficients rest" };
         details.push(format!("{bound} {rests} on a bound."));
+    }
+    let drifting: Vec<&str> =
+        fit.parameters.iter().filter(|p| !is_constant(p)).map(|p| p.name.as_str()).collect();
+    if !drifting.is_empty() {
+        details.push(format!(
+            "The runs do not agree on {}: there it stands in for something that differs from run to run.",
+            drifting.join(", ")
+        ));
+    }
+    let elsewhere = fit.starts.iter().filter(|start| !start.agrees).count();
+    if elsewhere > 0 {
+        details.push(format!(
+            "{elsewhere} of {} of the search ended elsewhere: there are other optima, of which the best counts.",
+            counted(fit.starts.len(), "start")
+        ));
     }
     Verdict { tone, line, details }
 }

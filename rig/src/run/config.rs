@@ -86,6 +86,18 @@ pub struct MechanismConfig {
     pub std_kg: Option<Positive>,
 }
 
+impl MechanismConfig {
+    /// What of it matters to a fit.
+    pub fn weights(&self) -> ident::weights::Mechanism {
+        ident::weights::Mechanism {
+            mount: None,
+            dry_mass_kg: self.dry_mass_kg.clone(),
+            wet_mass_kg: self.wet_mass_kg.clone(),
+            std_kg: self.std_kg,
+        }
+    }
+}
+
 /// How a mechanism is mounted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -106,6 +118,13 @@ pub struct WaterConfig {
     pub temperature_c: Option<Finite>,
     /// Salinity \[g/kg\].
     pub salinity_g_per_kg: Option<NonNegative>,
+}
+
+impl WaterConfig {
+    /// The same as a fit knows it.
+    pub fn water(&self) -> ident::weights::Water {
+        ident::weights::Water { temperature_c: self.temperature_c, salinity_g_per_kg: self.salinity_g_per_kg }
+    }
 }
 
 /// The `[schedule]` table: when `rig daemon` runs the experiment.

@@ -1,0 +1,266 @@
+//! Takes a fit through its stages: a descent; or a search; or a descent, a search, and descents from several
+//! starts.
+
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardUniform};
+
+use super::checkpoint::{Checkpoint, Ended, Flow, Observer, Origin, Progress, Stage};
+use super::counts::Counts;
+use super::least_squares::{Descent, Freedom};
+use super::objective::Objective;
+use super::problem::Point;
+use super::search::{Search, settle};
+use super::{FitError, INTERRUPTED};
+use crate::cmaes::Restarts;
+use crate::experiment::{Experiment, Method};
+
+/// Candidates of the global phase of `hybrid`, per parameter: enough to leave a bad optimum, no more.
+const SEARCH_PER_PARAMETER: u64 = 20;
+/// Points drawn per parameter of which the best become starts.
+const DRAWN_PER_PARAMETER: usize = 8;
+/// Starts among the drawn points.
+const DRAWN_STARTS: usize = 1;
+/// Mean squared residual, in that of the noise, up to which no other optimum is worth looking for.
+const AT_THE_NOISE: f64 = 1.1;
+
+/// Takes a fit through its stages.
+pub(super) struct Driver<'a> {
+    pub(super) experiment: &'a Experiment,
+    pub(super) objective: &'a Objective<'a>,
+    pub(super) fingerprint: String,
+    /// What a cost of 1 is in loss \[m2\].
+    pub(super) loss_m2: f64,
+    /// The cost that noise alone would leave.
+    pub(super) squares: f64,
+}
+
+/// Where a fit has ended.
+pub(super) struct Arrival {
+    pub(super) point: Point,
+    pub(super) stop_reason: String,
+    /// All descents of `hybrid`, the best among them; empty with other methods.
+    pub(super) ended: Vec<Ended>,
+}
+
+impl Driver<'_> {
+    /// The beginning of a fit.
+    pub(super) fn first(&self, counts: &mut Counts) -> Result<Checkpoint, FitError> {
+        let (config, objective) = (&self.experiment.fit, self.objective);
+        let searches = matches!(config.method, Method::Paper | Method::CmaEs);
+        let stage = if searches && config.max_evaluations > 0 && !objective.parameters().is_empty() {
+            let restarts = if config.method == Method::CmaEs { config.restarts } else { Restarts::None };
+            let start = objective.problem.start();
+            let search = Search::new(objective, start, restarts, config.seed, config.max_evaluations, counts);
+            Stage::Search(Box::new(search))
+        } else {
+            let (point, cost) = settle(objective, objective.problem.start(), counts);
+            if cost.is_none() && config.method != Method::Hybrid {
+                return Err(self.start_failed(&point));
+            }
+            let descent = Descent::new(point, cost);
+            Stage::Descent { origin: Origin::Model, descent, limit: config.max_evaluations }
+        };
+        let experiment = self.fingerprint.clone();
+        Ok(Checkpoint { experiment, counts: *counts, stage, ended: Vec::new(), waiting: Vec::new() })
+    }
+
+    /// Goes on from `state` to the end, or until the observer has had enough.
+    pub(super) fn finish(
+        &self,
+        mut state: Checkpoint,
+        counts: &mut Counts,
+        observer: &mut dyn Observer,
+    ) -> Result<Arrival, FitError> {
+        loop {
+            let (phase, cost, end) = match &mut state.stage {
+                Stage::Search(search) => {
+                    if search.stop().is_none() {
+                        search.step(self.objective, counts);
+                    }
+                    ("search", search.cost, search.stop().map(|stop| stop.name()))
+                }
+                Stage::Descent { descent, limit, .. } => {
+                    // A state may be that of a stage that had just ended.
+                    if descent.end.is_none() {
+                        descent.step(self.objective, Freedom::Everything, *limit, counts);
+                    }
+                    ("descent", descent.cost, descent.end.map(|end| end.name()))
+                }
+            };
+            if end.is_some() && self.goes_on(&mut state, counts) {
+                continue;
+            }
+            state.counts = *counts;
+            let best =
+                state.ended.iter().filter_map(|ended| ended.cost).chain(cost).fold(f64::INFINITY, f64::min);
+            let flow = observer.progress(&Progress {
+                phase,
+                evaluations: counts.evaluations,
+                max_evaluations: self.experiment.fit.max_evaluations,
+                rollouts: counts.rollouts,
+                loss_m2: best * self.loss_m2,
+                checkpoint: &state,
+            });
+            match (end, flow) {
+                (Some(end), _) => return self.arrive(state, end, counts),
+                (None, Flow::Stop) => return self.arrive(state, INTERRUPTED, counts),
+                (None, Flow::Continue) => {}
+            }
+        }
+    }
+
+    /// Puts what follows a stage that has ended in its place, if anything does.
+    fn goes_on(&self, state: &mut Checkpoint, counts: &mut Counts) -> bool {
+        let config = &self.experiment.fit;
+        if config.method != Method::Hybrid {
+            return false;
+        }
+        let left = config.max_evaluations.saturating_sub(counts.evaluations);
+        match &state.stage {
+            Stage::Search(search) => {
+                state.waiting = self.starts(search, state, counts);
+            }
+            Stage::Descent { origin, descent, .. } => {
+                let parameters = self.objective.parameters().len() as u64;
+                let most = (SEARCH_PER_PARAMETER * parameters).min(left / 4);
+                let at_the_noise = descent.cost.is_some_and(|cost| cost <= AT_THE_NOISE * self.squares);
+                if *origin == Origin::Model && (most == 0 || at_the_noise) {
+                    return false;
+                }
+                if *origin != Origin::Model && state.waiting.is_empty() {
+                    return false;
+                }
+                state.ended.push(ended_at(*origin, descent));
+                if *origin == Origin::Model {
+                    let start = descent.point.clone();
+                    let search =
+                        Search::new(self.objective, start, Restarts::None, config.seed, most, counts);
+                    state.stage = Stage::Search(Box::new(search));
+                    return true;
+                }
+            }
+        }
+        let shares = state.waiting.len() as u64;
+        if shares == 0 {
+            return false;
+        }
+        let (origin, point) = state.waiting.remove(0);
+        let limit = counts.evaluations + config.max_evaluations.saturating_sub(counts.evaluations) / shares;
+        let (point, cost) = settle(self.objective, point, counts);
+        state.stage = Stage::Descent { origin, descent: Descent::new(point, cost), limit };
+        true
+    }
+
+    /// Where further descents begin, the most promising first.
+    fn starts(&self, search: &Search, state: &Checkpoint, counts: &mut Counts) -> Vec<(Origin, Point)> {
+        let parameters = self.objective.parameters();
+        let mut list = Vec::new();
+        let best = best(&state.ended).map_or(&search.anchor, |ended| &ended.point);
+        // From where it began nothing new would come.
+        if search.anchor.values != best.values {
+            list.push((Origin::Search, search.anchor.clone()));
+        }
+        // A joint that friction holds has no slope that would lead out of there.
+        let loose: Vec<f64> =
+            parameters.free.iter().zip(&best.values).map(|(p, &x)| p.scale.loose(x)).collect();
+        if loose != best.values {
+            list.push((Origin::Loose, Point { values: loose, offsets: best.offsets.clone() }));
+        }
+        let drawn: Vec<Point> =
+            spread(parameters.len(), DRAWN_PER_PARAMETER * parameters.len(), self.experiment.fit.seed)
+                .iter()
+                .map(|units| Point { values: parameters.values(units), offsets: best.offsets.clone() })
+                .collect();
+        let costs = self.objective.costs(&drawn, true, counts);
+        let mut order: Vec<usize> = (0..drawn.len()).filter(|&i| costs[i].is_finite()).collect();
+        order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+        list.extend(order.iter().take(DRAWN_STARTS).map(|&i| (Origin::Drawn, drawn[i].clone())));
+        list
+    }
+
+    /// The best point of all stages.
+    fn arrive(&self, state: Checkpoint, reason: &str, counts: &mut Counts) -> Result<Arrival, FitError> {
+        let Checkpoint { stage, mut ended, .. } = state;
+        let last = match stage {
+            Stage::Search(mut search) => {
+                search.drop_anchor(self.objective, counts);
+                let (point, cost) = (search.anchor.clone(), search.cost);
+                Ended { origin: Origin::Search, point, cost, reason: reason.to_owned() }
+            }
+            Stage::Descent { origin, descent, .. } => {
+                Ended { reason: reason.to_owned(), ..ended_at(origin, &descent) }
+            }
+        };
+        let several = !ended.is_empty();
+        ended.push(last);
+        let Some(best) = best(&ended) else {
+            return Err(self.start_failed(&ended[0].point));
+        };
+        let stop_reason = if reason == INTERRUPTED { reason.to_owned() } else { best.reason.clone() };
+        let point = best.point.clone();
+        Ok(Arrival { point, stop_reason, ended: if several { ended } else { Vec::new() } })
+    }
+
+    /// Which run cannot be simulated at `point`, and why.
+    fn start_failed(&self, point: &Point) -> FitError {
+        let problem = &self.objective.problem;
+        let model = problem.parameters.applied(&point.values, problem.model);
+        for (term, offsets) in problem.terms.iter().zip(&point.offsets) {
+            if let Err(source) = term.rehearsal.simulate(&model, offsets, term.instants) {
+                return FitError::Simulation { run: term.rehearsal.run.id.clone(), source };
+            }
+        }
+        FitError::NoOptimum
+    }
+}
+
+fn ended_at(origin: Origin, descent: &Descent) -> Ended {
+    let reason = descent.end.map_or(String::new(), |end| end.name().to_owned());
+    Ended { origin, point: descent.point.clone(), cost: descent.cost, reason }
+}
+
+/// The one that cost least, the first of equals.
+pub(super) fn best(ended: &[Ended]) -> Option<&Ended> {
+    let simulated = ended.iter().filter_map(|ended| Some((ended, ended.cost?)));
+    simulated.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(ended, _)| ended)
+}
+
+/// `count` points of the unit box, shape (count, dimension): in every coordinate one in each `count`-th of it.
+///
+/// # Source
+/// M. D. McKay, R. J. Beckman, W. J. Conover, "A Comparison of Three Methods for Selecting Values of Input
+/// Variables in the Analysis of Output from a Computer Code", Technometrics 21 (1979) 239-245.
+fn spread(dimension: usize, count: usize, seed: u64) -> Vec<Vec<f64>> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    // The streams from 0 on are the generations of the search.
+    random.set_stream(u64::MAX);
+    let mut points = vec![vec![0.0; dimension]; count];
+    for coordinate in 0..dimension {
+        let mut places: Vec<usize> = (0..count).collect();
+        places.shuffle(&mut random);
+        for (point, place) in points.iter_mut().zip(places) {
+            let within: f64 = StandardUniform.sample(&mut random);
+            point[coordinate] = (place as f64 + within) / count as f64;
+        }
+    }
+    points
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn drawn_points_visit_every_part_of_every_coordinate() {
+        let points = spread(3, 7, 1);
+        for coordinate in 0..3 {
+            let mut parts: Vec<usize> =
+                points.iter().map(|point| (point[coordinate] * 7.0) as usize).collect();
+            parts.sort_unstable();
+            assert_eq!(parts, [0, 1, 2, 3, 4, 5, 6]);
+        }
+        assert_ne!(spread(3, 7, 1), spread(3, 7, 2));
+    }
+}
