@@ -204,6 +204,7 @@ impl InLanes for Fan<'_> {
         for (index, &parameter) in self.parameters.iter().enumerate() {
             model.set(parameter, self.varied(candidate.values[index], |along| along.values[index]));
         }
+        let model = model.altered().unwrap_or(model);
         let State { qpos, qvel } = &candidate.state;
         let qpos = qpos.iter().enumerate().map(|(i, &q)| self.varied(q, |along| along.qpos[i])).collect();
         let qvel = qvel.iter().enumerate().map(|(i, &v)| self.varied(v, |along| along.qvel[i])).collect();

@@ -4,9 +4,10 @@
 mod common;
 
 use common::{model, relative};
+use sim::batch::{self, Candidate, Direction};
 use sim::dual::Dual;
 use sim::effects::{Cause, Role};
-use sim::{Command, Integrator, Model, RolloutOptions, State, rollout};
+use sim::{Command, Integrator, Isa, Method, Model, RolloutOptions, State, Steps, rollout};
 
 /// So many derivatives in one pass; the engine is compiled for this one size.
 const AT_ONCE: usize = 6;
@@ -189,4 +190,101 @@ fn step(cause: Cause) -> f64 {
 fn disagreement(exact: &[f64], differences: &[f64], step: f64) -> f64 {
     let largest = differences.iter().chain(exact).fold(0.0_f64, |most, x| most.max(x.abs()));
     if largest * step < 1e-15 { 0.0 } else { relative(exact, differences) }
+}
+
+/// `plain` with every cause, all sizes at a share of what is typical.
+fn with_every_cause(plain: &Model, share: f64) -> Model {
+    let mut model = plain.clone();
+    for cause in Cause::ALL {
+        model.add_effect(cause.name()).unwrap();
+    }
+    let effects = model.effects().to_vec();
+    for effect in &effects {
+        for (name, parameter) in effect.names().iter().zip(effect.parameters()) {
+            if matches!(parameter.role, Role::Size | Role::Switch) {
+                model.set_parameter(name, share * parameter.typical).unwrap();
+            }
+        }
+    }
+    model
+}
+
+/// Parameters of every way in which a cause acts, and that differ from lane to lane: delays fall into other rows and steps.
+const VARIED: [&str; 10] = [
+    "added_mass/scale",
+    "slosh/frequency",
+    "wall/scale",
+    "basset/history",
+    "coulomb_friction/torque",
+    "servo_lag/time",
+    "servo_delay/delay",
+    "backlash/half_width",
+    "camera_delay/delay",
+    "rolling_shutter/slowness",
+];
+
+#[test]
+fn causes_act_the_same_to_the_bit_in_lanes_and_alone() {
+    let model = with_every_cause(&model("chain_active"), 0.3);
+    let parameters: Vec<_> = VARIED.iter().map(|name| model.find_parameter(name).unwrap()).collect();
+    let candidates: Vec<Candidate> = (0..9)
+        .map(|k| {
+            let factor = 1.0 + 0.9 * f64::from(k);
+            let values = parameters.iter().map(|&parameter| model.get(parameter) * factor).collect();
+            Candidate { values, state: model.rest_state(), start_s: 0.0 }
+        })
+        .collect();
+    let ours =
+        |method| RolloutOptions { steps: Some(Steps { method, longest_s: 0.004 }), ..Default::default() };
+    for options in [options(false), options(true), ours(Method::RungeKutta), ours(Method::Extrapolation)] {
+        for isa in Isa::available() {
+            let together =
+                batch::positions(&model, &parameters, &candidates, &driven(), &samples(), &options, isa)
+                    .unwrap();
+            for (candidate, positions) in candidates.iter().zip(together) {
+                let mut model = model.clone();
+                for (&parameter, &value) in parameters.iter().zip(&candidate.values) {
+                    model.set(parameter, value);
+                }
+                let alone = rollout(&model, &candidate.state, &driven(), &samples(), &options).unwrap();
+                assert_eq!(positions.unwrap(), alone.position_m, "{} {options:?}", isa.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn sensitivities_in_lanes_are_the_derivatives() {
+    let [_, case, _] = cases();
+    let model = with_every_cause(&case.model, 0.3);
+    let parameters: Vec<_> = VARIED.iter().map(|name| model.find_parameter(name).unwrap()).collect();
+    let values: Vec<f64> = parameters.iter().map(|&parameter| model.get(parameter)).collect();
+    let directions: Vec<Direction> = (0..VARIED.len())
+        .map(|index| Direction {
+            values: (0..VARIED.len()).map(|other| f64::from(other == index)).collect(),
+            qpos: vec![0.0; 3],
+            qvel: vec![0.0; 3],
+            start_s: 0.0,
+        })
+        .collect();
+    let candidate = Candidate { values, state: model.rest_state(), start_s: 0.0 };
+    let (command, isa) = (driven(), Isa::best());
+    let sensed = batch::sensitivities(
+        &model,
+        &parameters,
+        &candidate,
+        &directions,
+        &command,
+        &samples(),
+        &case.options,
+        isa,
+    )
+    .unwrap();
+    let names: Vec<String> = VARIED.iter().map(ToString::to_string).collect();
+    let exact: Vec<Vec<f64>> = names.chunks(AT_ONCE).flat_map(|names| case.exact(&model, names)).collect();
+    for ((name, slopes), exact) in names.iter().zip(&sensed.slopes).zip(&exact) {
+        let slopes: Vec<f64> = slopes.iter().flatten().copied().collect();
+        // rounding of a thousand stages
+        assert!(relative(&slopes, exact) < 1e-10, "{name}: {:e}", relative(&slopes, exact));
+    }
 }
