@@ -215,11 +215,18 @@ impl<T: Scalar> Model<T> {
     /// [`UnknownCause`].
     pub fn add_effect(&mut self, name: &str) -> Result<Cause, UnknownCause> {
         let cause: Cause = name.parse()?;
-        if !self.has(cause) {
+        self.add_cause(cause);
+        Ok(cause)
+    }
+
+    /// The model's `cause`, added with neutral values if it was not there.
+    pub(crate) fn add_cause(&mut self, cause: Cause) -> &mut Effect<T> {
+        let place = self.effects.iter().position(|effect| effect.cause == cause).unwrap_or_else(|| {
             let effect = Effect::new(cause, self);
             self.effects.push(effect);
-        }
-        Ok(cause)
+            self.effects.len() - 1
+        });
+        &mut self.effects[place]
     }
 
     /// Takes `cause` out of the model; whether it was there.

@@ -425,3 +425,74 @@ fn folded_causes_move_the_same_way_without_any() {
     let lost = with(&model, &[("added_mass/scale", 1.0), ("coulomb_friction/torque", 1e-6)]).folded();
     assert_eq!((lost.lost, lost.altered), (vec![Cause::AddedMass], vec![Cause::CoulombFriction]));
 }
+
+#[test]
+fn causes_survive_the_way_through_mjcf() {
+    let model = all_causes(&chain("active"));
+    let text = model.to_mjcf("test");
+    let back = Model::from_mjcf(&text).unwrap();
+    assert_eq!(back.effects(), model.effects());
+    assert!(text.contains("Except for the causes") && !chain("active").to_mjcf("").contains("custom"));
+    let misspelt = text.replace("added_mass/scale", "added_mass/skale");
+    assert!(Model::from_mjcf(&misspelt).unwrap_err().to_string().contains("added_mass/scale"));
+    let foreign = text.replace("added_mass/scale", "my/number");
+    assert!(Model::from_mjcf(&foreign).is_ok());
+}
+
+/// The list of docs/causes.md.
+fn listed() -> String {
+    let mut page = String::new();
+    for cause in Cause::ALL {
+        let info = cause.info();
+        page += &format!("### `{}`\n\n{}. {}.\n\n", info.name, capital(info.sentence), info.formula);
+        page += &format!("Source: {}.\n\n", info.source);
+        page += "| parameter | unit | bounds | neutral | part | meaning |\n| --- | --- | --- | --- | --- | --- |\n";
+        for parameter in info.parameters {
+            let own = match parameter.per {
+                super::Per::Model => parameter.name.to_owned(),
+                per => format!("<{}>", format!("{per:?}").to_lowercase()),
+            };
+            let part = match parameter.role {
+                Role::Size if parameter.per_run => "size, each run its own",
+                Role::Size => "size",
+                Role::Switch => "switch",
+                Role::Hidden(_) => "hidden, tried on a grid",
+                Role::Choice(_) => "choice",
+                Role::Detail => "detail",
+            };
+            let [low, high] = parameter.bounds;
+            page += &format!(
+                "| `{}/{own}` | {} | {low}..{high} | {} | {part} | {} |\n",
+                info.name, parameter.unit, parameter.neutral, parameter.meaning
+            );
+        }
+        for alias in info.aliases {
+            let when = match alias.when {
+                super::AliasWhen::UnlessWeighed => "unless both weights carry a prior",
+                super::AliasWhen::EveryRunDriven => "where every run is driven",
+            };
+            page += &format!("\nNo video tells it from `{}` {when}.\n", alias.name);
+        }
+        let held = match info.mjcf {
+            Some(mjcf) if mjcf.exact => format!("MJCF holds it: {}.", mjcf.how),
+            Some(mjcf) => format!("MJCF holds it in a slightly other form: {}.", mjcf.how),
+            None => "MJCF cannot hold it.".into(),
+        };
+        page += &format!("\n{held}\n\n");
+    }
+    page
+}
+
+fn capital(sentence: &str) -> String {
+    let (first, rest) = sentence.split_at(1);
+    first.to_uppercase() + rest
+}
+
+#[test]
+fn the_page_of_causes_lists_what_the_causes_say() {
+    let page = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/causes.md")).unwrap();
+    let (_, list) = page.split_once("## The causes\n\n").unwrap();
+    let ours = listed();
+    // the page is made by copying this
+    assert!(list.trim() == ours.trim(), "{ours}");
+}

@@ -8,6 +8,7 @@ use super::MjcfError;
 use super::attributes::{Angles, Attributes, line, refused};
 use super::body::Tree;
 use super::defaults::Defaults;
+use crate::effects::Cause;
 use crate::math::Vec3;
 use crate::model::{Actuator, ActuatorKind, Contacts, Integrator, JointKind, Model, Settings};
 
@@ -72,6 +73,11 @@ pub(super) fn model(document: &Document<'_>) -> Result<Model<f64>, MjcfError> {
         excluded.push(exclusion(node, &model)?);
     }
     model.contacts = Contacts::new(&model, !contacts_on, excluded);
+    for node in sections("custom").flat_map(|section| section.children()) {
+        if node.has_tag_name("numeric") {
+            cause(node, &mut model)?;
+        }
+    }
     Ok(model)
 }
 
@@ -216,6 +222,30 @@ fn actuator<'a>(
         command_range: attributes.limited_range("ctrlrange", "ctrllimited", compiler.autolimits)?,
         force_range: attributes.limited_range("forcerange", "forcelimited", compiler.autolimits)?,
     })
+}
+
+/// A number called `<cause>/<parameter>` adds the cause; any other is somebody else's.
+fn cause(node: Node<'_, '_>, model: &mut Model<f64>) -> Result<(), MjcfError> {
+    let name = node.attribute("name").unwrap_or_default();
+    let Some(cause) = name.split_once('/').and_then(|(cause, _)| cause.parse::<Cause>().ok()) else {
+        return Ok(());
+    };
+    let text = node.attribute("data").unwrap_or_default();
+    let invalid = |attribute: &str, value: &str, wanted: String| MjcfError::Value {
+        line: line(node),
+        element: "numeric".into(),
+        attribute: attribute.into(),
+        value: value.into(),
+        wanted,
+    };
+    let number = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+    let number = number.ok_or_else(|| invalid("data", text, "one finite number".into()))?;
+    let effect = model.add_cause(cause);
+    let known = effect.names().join(", ");
+    let place = effect.names().iter().position(|known| known == name);
+    let place = place.ok_or_else(|| invalid("name", name, format!("one of {known}")))?;
+    *effect.value_mut(place) = number;
+    Ok(())
 }
 
 /// The two bodies of an `<exclude>`; a `<pair>` asks for contact and is refused.

@@ -4,7 +4,8 @@
 //! `viscosity`, `wind`; default classes; the body tree with inertial, joints, geoms, gravcomp and sites; position,
 //! velocity and motor actuators on hinges and slides. What only draws, senses or serves contact is passed
 //! over. Whatever else would change the motion is refused by name and line, unless it says what holds
-//! anyway. Contact is not simulated: see [`Model::possible_contacts`](crate::Model::possible_contacts).
+//! anyway. Causes beyond MuJoCo ([`crate::effects`]) stand as `<custom>` numbers called `<cause>/<parameter>`, which MuJoCo
+//! passes over. Contact is not simulated: see [`Model::possible_contacts`](crate::Model::possible_contacts).
 
 mod assemble;
 mod attributes;
@@ -113,7 +114,8 @@ impl Model<f64> {
         assemble::model(&roxmltree::Document::parse_with_options(text, options)?)
     }
 
-    /// Writes the model as MJCF that MuJoCo loads and moves the same way; `comment` stands at its head.
+    /// Writes the model as MJCF that MuJoCo loads and moves the same way, but for the causes it carries, which are written
+    /// for ourselves and named at the head; [`Model::folded`] writes into it what MJCF can hold. `comment` stands first.
     pub fn to_mjcf(&self, comment: &str) -> String {
         write::model(self, comment)
     }

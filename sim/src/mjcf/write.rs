@@ -34,6 +34,7 @@ pub(super) fn model(model: &Model<f64>, comment: &str) -> String {
     writer.out.push_str("  </worldbody>\n");
     writer.exclusions();
     writer.actuators();
+    writer.causes();
     writer.out.push_str("</mujoco>\n");
     writer.out
 }
@@ -89,6 +90,14 @@ impl Writer<'_> {
         // two hyphens would end the comment
         let comment = comment.replace("--", "- -");
         let _ = writeln!(self.out, "<!-- {comment}\n     {} -->", versions(self.model));
+        if !self.model.effects().is_empty() {
+            let names: Vec<_> = self.model.effects().iter().map(|effect| effect.cause().name()).collect();
+            let names = names.join(", ");
+            let _ = writeln!(
+                self.out,
+                "<!-- Except for the causes under custom, which MuJoCo passes over: {names} -->"
+            );
+        }
         self.line(0, "mujoco", &[Some(("model", escaped(&self.model.name)))], false);
         let compiler = [Some(("angle", "radian".into())), Some(("autolimits", "true".into()))];
         self.line(1, "compiler", &compiler, true);
@@ -209,6 +218,22 @@ impl Writer<'_> {
             self.line(2, "exclude", &[Some(("body1", body(*first))), Some(("body2", body(*second)))], true);
         }
         self.out.push_str("  </contact>\n");
+    }
+
+    /// The causes' numbers, where MuJoCo keeps what it does not use itself.
+    fn causes(&mut self) {
+        let model = self.model;
+        if model.effects().is_empty() {
+            return;
+        }
+        self.line(1, "custom", &[], false);
+        for effect in model.effects() {
+            for (name, &value) in effect.names().iter().zip(effect.values()) {
+                let number = [Some(("name", escaped(name))), Some(("data", numbers(&[value])))];
+                self.line(2, "numeric", &number, true);
+            }
+        }
+        self.out.push_str("  </custom>\n");
     }
 
     fn actuators(&mut self) {
