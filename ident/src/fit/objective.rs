@@ -121,32 +121,25 @@ impl<'a> Objective<'a> {
     }
 
     fn robust_costs(&self, points: &[Point], counts: &mut Counts) -> Vec<f64> {
-        let terms = &self.problem.terms;
-        let cost = |(point, runs): (&Point, Vec<Option<DVector<f64>>>)| {
-            let one = |(run, residuals): (usize, Option<DVector<f64>>)| {
-                let data = residuals.map_or(f64::INFINITY, |r| r.iter().map(|&r| self.loss.cost(r)).sum());
-                data + terms[run].belief_cost(&point.offsets[run])
-            };
-            runs.into_iter().enumerate().map(one).sum::<f64>() + self.problem.prior_cost(&point.values)
-        };
-        points.iter().zip(self.residuals(points, counts)).map(cost).collect()
-    }
-
-    /// Residuals of each point in each run, `None` where the simulation fails.
-    pub(super) fn residuals(&self, points: &[Point], counts: &mut Counts) -> Vec<Vec<Option<DVector<f64>>>> {
         let problem = &self.problem;
         let runs = problem.terms.len();
         counts.rollouts += (points.len() * runs) as u64;
         let models: Vec<Model> =
             points.iter().map(|point| problem.parameters.applied(&point.values, problem.model)).collect();
-        let mut parts: Vec<Option<DVector<f64>>> = (0..points.len() * runs)
+        let parts: Vec<f64> = (0..points.len() * runs)
             .into_par_iter()
             .map(|task| {
                 let (point, run) = (task / runs, task % runs);
-                problem.terms[run].residuals(&models[point], &points[point].offsets[run])
+                let (term, offsets) = (&problem.terms[run], &points[point].offsets[run]);
+                term.residuals(&models[point], offsets).map_or(f64::INFINITY, |residuals| {
+                    residuals.iter().map(|&r| self.loss.cost(r)).sum::<f64>() + term.belief_cost(offsets)
+                })
             })
             .collect();
-        points.iter().map(|_| parts.drain(..runs).collect()).collect()
+        let cost = |(index, point): (usize, &Point)| {
+            parts[index * runs..(index + 1) * runs].iter().sum::<f64>() + problem.prior_cost(&point.values)
+        };
+        points.iter().enumerate().map(cost).collect()
     }
 
     /// As [`Problem::linearise`] with rows weighed as the loss believes them, and what the residuals cost.

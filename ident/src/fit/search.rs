@@ -145,37 +145,33 @@ impl Search {
         let known =
             |point: &Vec<f64>| self.cache.iter().find(|(other, _)| other == point).map(|(_, loss)| *loss);
         let new: Vec<&Vec<f64>> = points.iter().filter(|point| known(point).is_none()).collect();
+        let problem = &objective.problem;
+        let runs = problem.terms.len();
         counts.evaluations += points.len() as u64;
-        let candidates: Vec<Point> = new
-            .iter()
-            .map(|point| Point {
-                values: objective.parameters().values(point),
-                offsets: self.anchor.offsets.clone(),
-            })
-            .collect();
-        let residuals = objective.residuals(&candidates, counts);
+        counts.rollouts += (new.len() * runs) as u64;
+        let values: Vec<Vec<f64>> = new.iter().map(|point| problem.parameters.values(point)).collect();
+        let models: Vec<_> =
+            values.iter().map(|values| problem.parameters.applied(values, problem.model)).collect();
         let elimination = self.elimination.as_deref().unwrap_or(&[]);
-        let beliefs: f64 = objective
-            .problem
-            .terms
-            .iter()
-            .zip(&self.anchor.offsets)
-            .map(|(term, offsets)| term.belief_cost(offsets))
-            .sum();
-        let losses: Vec<f64> = residuals
-            .par_iter()
-            .map(|runs| {
-                let one = |(run, residuals): (usize, &Option<DVector<f64>>)| {
-                    residuals.as_ref().map_or(f64::INFINITY, |r| match elimination.get(run) {
-                        Some(elimination) => elimination.cost(r, objective.loss),
-                        None => cost(r, objective.loss),
-                    })
-                };
-                runs.iter().enumerate().map(one).sum()
+        let parts: Vec<f64> = (0..new.len() * runs)
+            .into_par_iter()
+            .map(|task| {
+                let (point, run) = (task / runs, task % runs);
+                let offsets = &self.anchor.offsets[run];
+                let residuals = problem.terms[run].residuals(&models[point], offsets);
+                let belief = problem.terms[run].belief_cost(offsets);
+                residuals.map_or(f64::INFINITY, |r| {
+                    belief
+                        + match elimination.get(run) {
+                            Some(elimination) => elimination.cost(&r, objective.loss),
+                            None => cost(&r, objective.loss),
+                        }
+                })
             })
             .collect();
-        for ((point, candidate), data) in new.into_iter().zip(&candidates).zip(losses) {
-            let loss = data + beliefs + objective.prior_cost(&candidate.values);
+        for (index, point) in new.into_iter().enumerate() {
+            let data: f64 = parts[index * runs..(index + 1) * runs].iter().sum();
+            let loss = data + objective.prior_cost(&values[index]);
             self.cache.push((point.clone(), Some(loss).filter(|loss| loss.is_finite())));
         }
         points.iter().map(|point| self.cached(point)).collect()
