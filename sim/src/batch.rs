@@ -1,9 +1,11 @@
 //! Many candidates for one run at once, side by side in SIMD lanes.
 
 use crate::command::Command;
+use crate::dual::Dual;
 use crate::lanes::{InLanes, Isa, Packed, dispatch};
 use crate::model::{Model, Parameter, State};
 use crate::rollout::{self, RolloutError, RolloutOptions, Run};
+use crate::scalar::Scalar;
 use crate::simulator;
 use crate::space::{Planar, Spatial};
 
@@ -48,6 +50,66 @@ pub fn positions(
     Ok(results)
 }
 
+/// One way to vary a candidate: the rates at which its numbers change together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Direction {
+    /// Of the parameters' values, shape (P).
+    pub values: Vec<f64>,
+    /// Of the coordinates, shape (nq).
+    pub qpos: Vec<f64>,
+    /// Of the velocities, shape (nv).
+    pub qvel: Vec<f64>,
+    /// Of the start.
+    pub start_s: f64,
+}
+
+/// A candidate's keypoint positions with their derivatives.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensitivities {
+    /// Positions \[m\], row-major, shape (N, K).
+    pub position_m: Vec<[f64; 3]>,
+    /// Their derivatives along each direction, shape (directions, N, K).
+    pub slopes: Vec<Vec<[f64; 3]>>,
+}
+
+/// Keypoint positions of `candidate` and their derivatives along each of `directions`, exact to rounding (forward mode,
+/// one direction a lane). Other arguments as for [`positions`].
+///
+/// # Errors
+/// [`RolloutError`].
+#[expect(clippy::too_many_arguments, reason = "a run, a point and its directions")]
+pub fn sensitivities(
+    model: &Model,
+    parameters: &[Parameter],
+    candidate: &Candidate,
+    directions: &[Direction],
+    command: &Command,
+    sample_times_s: &[f64],
+    options: &RolloutOptions,
+    isa: Isa,
+) -> Result<Sensitivities, RolloutError> {
+    rollout::check(model, &candidate.state, sample_times_s)?;
+    let columns = rollout::columns(model, command)?;
+    let mut all = Sensitivities { position_m: Vec::new(), slopes: Vec::with_capacity(directions.len()) };
+    // without any direction there still are positions
+    let still = [Direction {
+        values: vec![0.0; parameters.len()],
+        qpos: vec![0.0; candidate.state.qpos.len()],
+        qvel: vec![0.0; candidate.state.qvel.len()],
+        start_s: 0.0,
+    }];
+    let groups = if directions.is_empty() { &still } else { directions };
+    for group in groups.chunks(isa.lanes()) {
+        let group =
+            Fan { model, parameters, candidate, group, command, columns: &columns, sample_times_s, options };
+        let Sensitivities { position_m, slopes } = dispatch(isa, group)?;
+        all.position_m = position_m;
+        all.slopes.extend(slopes);
+    }
+    all.slopes.truncate(directions.len());
+    Ok(all)
+}
+
 /// As many candidates as there are lanes, or fewer.
 struct Group<'a> {
     model: &'a Model,
@@ -84,6 +146,7 @@ impl Group<'_> {
 
 impl InLanes for Group<'_> {
     type Output = Result<Vec<Positions>, RolloutError>;
+    const WIDEST: bool = true;
 
     fn with<L: Packed>(self) -> Self::Output {
         let (model, state) = (self.model::<L>(), self.state::<L>());
@@ -106,5 +169,58 @@ impl InLanes for Group<'_> {
                 None => Ok(samples.position_m.iter().map(|place| place.map(|x| x.lane(lane))).collect()),
             })
             .collect())
+    }
+}
+
+/// One candidate with as many directions as there are lanes, or fewer.
+struct Fan<'a> {
+    model: &'a Model,
+    parameters: &'a [Parameter],
+    candidate: &'a Candidate,
+    group: &'a [Direction],
+    command: &'a Command,
+    columns: &'a [Option<usize>],
+    sample_times_s: &'a [f64],
+    options: &'a RolloutOptions,
+}
+
+impl Fan<'_> {
+    /// `value` with its rate along each lane's direction; lanes left over repeat the last one.
+    fn varied<L: Packed>(&self, value: f64, rate: impl Fn(&Direction) -> f64) -> Dual<L, 1> {
+        let rates = L::pack(|lane| rate(&self.group[lane.min(self.group.len() - 1)]));
+        Dual { value: L::from_f64(value), partials: [rates] }
+    }
+}
+
+impl InLanes for Fan<'_> {
+    type Output = Result<Sensitivities, RolloutError>;
+    // the derivatives alone fill the registers
+    const WIDEST: bool = false;
+
+    fn with<L: Packed>(self) -> Self::Output {
+        let Self { candidate, command, columns, sample_times_s, options, .. } = self;
+        let mut model = self.model.map(Dual::<L, 1>::from_f64);
+        for (index, &parameter) in self.parameters.iter().enumerate() {
+            model.set(parameter, self.varied(candidate.values[index], |along| along.values[index]));
+        }
+        let State { qpos, qvel } = &candidate.state;
+        let qpos = qpos.iter().enumerate().map(|(i, &q)| self.varied(q, |along| along.qpos[i])).collect();
+        let qvel = qvel.iter().enumerate().map(|(i, &v)| self.varied(v, |along| along.qvel[i])).collect();
+        let state = State { qpos, qvel };
+        let start_s = self.varied(candidate.start_s, |along| along.start_s);
+        let run = Run { model: &model, state: &state, start_s, command, columns, sample_times_s, options };
+        let mut samples = match simulator::plane(&model, options) {
+            Some(plane) => run.through::<Planar<Dual<L, 1>>>(plane),
+            None => run.through::<Spatial<Dual<L, 1>>>(()),
+        }?;
+        if let Some(error) = samples.failed.iter_mut().find_map(Option::take) {
+            return Err(error);
+        }
+        let places = &samples.position_m;
+        let slope = |lane: usize| places.iter().map(|at| at.map(|x| x.partials[0].lane(lane))).collect();
+        Ok(Sensitivities {
+            position_m: places.iter().map(|at| at.map(|x| x.value.lane(0))).collect(),
+            slopes: (0..self.group.len()).map(slope).collect(),
+        })
     }
 }

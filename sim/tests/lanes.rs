@@ -1,6 +1,6 @@
 //! Candidates side by side move as they do alone, and our own steps keep to the accuracy asked for.
 
-#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test may")]
+#![expect(clippy::unwrap_used, reason = "a test may")]
 
 use sim::batch::{self, Candidate};
 use sim::{Command, Isa, Method, Model, RolloutError, RolloutOptions, Steps, plan, rollout};

@@ -31,6 +31,9 @@ pub struct Args {
     /// Integrator; left out: the model's own
     #[arg(long, value_enum)]
     integrator: Option<IntegratorName>,
+    /// Our own steps, as long as keypoints stay within this of the exact motion [m]; not with --timestep-s or --integrator
+    #[arg(long, value_name = "M", conflicts_with_all = ["timestep_s", "integrator", "hold_command"])]
+    accuracy_m: Option<f64>,
     /// Hold the command over each step, as MuJoCo does, instead of sampling it at Runge-Kutta's stages
     #[arg(long)]
     hold_command: bool,
@@ -100,16 +103,38 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         hold_command: args.hold_command,
         prescribed: args.prescribed,
         start_s: 0.0,
+        steps: None,
     };
-    let run =
-        rollout(&model, &state, &command, &sample_times(args)?, &options).map_err(|error| match error {
-            RolloutError::Diverged { .. } => Failure::data(error),
-            RolloutError::UnknownActuator { .. } => {
-                let servo = args.servo.as_deref().unwrap_or(&args.model);
-                Failure::Input(anyhow!(error).context(format!("commands of {}", servo.display())))
-            }
-            _ => Failure::input(error),
-        })?;
+    let times = sample_times(args)?;
+    let simulated = match args.accuracy_m {
+        Some(accuracy_m) if !(accuracy_m.is_finite() && accuracy_m > 0.0) => {
+            return Err(Failure::Input(anyhow!(
+                "--accuracy-m is {accuracy_m}: it must be finite and above 0"
+            )));
+        }
+        Some(accuracy_m) => {
+            sim::plan(&model, &state, &command, &times, &options, accuracy_m).and_then(|plan| {
+                let (method, step_s, error_m) = (plan.steps.method, plan.steps.longest_s, plan.error_m);
+                tracing::info!(?method, step_s, error_m, "steps");
+                rollout(
+                    &model,
+                    &state,
+                    &command,
+                    &times,
+                    &RolloutOptions { steps: Some(plan.steps), ..options },
+                )
+            })
+        }
+        None => rollout(&model, &state, &command, &times, &options),
+    };
+    let run = simulated.map_err(|error| match error {
+        RolloutError::Diverged { .. } | RolloutError::Inexact { .. } => Failure::data(error),
+        RolloutError::UnknownActuator { .. } => {
+            let servo = args.servo.as_deref().unwrap_or(&args.model);
+            Failure::Input(anyhow!(error).context(format!("commands of {}", servo.display())))
+        }
+        _ => Failure::input(error),
+    })?;
     std::fs::write(&args.out, table(&model, &run))
         .with_context(|| format!("writing {}", args.out.display()))
         .map_err(Failure::Input)?;

@@ -9,6 +9,7 @@
 
 #![allow(unsafe_code, reason = "instructions beyond the compiler's baseline")]
 
+#[cfg(not(target_arch = "x86_64"))]
 mod array;
 #[cfg(target_arch = "x86_64")]
 mod x86;
@@ -21,7 +22,7 @@ use crate::scalar::{Mask, Scalar, sin_cos};
 /// An instruction set that lanes can use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Isa {
-    /// Whatever the compiler makes of plain arithmetic.
+    /// Whatever the compiler makes of plain arithmetic; on x86-64 the same as SSE2.
     Baseline,
     /// Two numbers an instruction.
     Sse2,
@@ -34,10 +35,12 @@ pub enum Isa {
 impl Isa {
     /// Every instruction set of this machine, the widest last.
     pub fn available() -> Vec<Self> {
-        let mut sets = vec![Self::Baseline];
+        #[cfg(not(target_arch = "x86_64"))]
+        let sets = vec![Self::Baseline];
+        #[cfg(target_arch = "x86_64")]
+        let mut sets = vec![Self::Sse2];
         #[cfg(target_arch = "x86_64")]
         {
-            sets.push(Self::Sse2);
             if is_x86_feature_detected!("avx2") {
                 sets.push(Self::Avx2);
             }
@@ -56,9 +59,8 @@ impl Isa {
     /// How many candidates share one pass.
     pub fn lanes(self) -> usize {
         match self {
-            Self::Baseline => <array::Plain as Scalar>::LANES,
             #[cfg(target_arch = "x86_64")]
-            Self::Sse2 => <x86::Sse2Lanes as Scalar>::LANES,
+            Self::Sse2 | Self::Baseline => <x86::Sse2Lanes as Scalar>::LANES,
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => <x86::Avx2Lanes as Scalar>::LANES,
             #[cfg(target_arch = "x86_64")]
@@ -83,6 +85,8 @@ impl Isa {
 pub(crate) trait InLanes {
     /// What it yields.
     type Output;
+    /// Whether it is worth a program of its own for instructions beyond AVX2.
+    const WIDEST: bool;
 
     /// Does it.
     fn with<L: Packed>(self) -> Self::Output;
@@ -93,11 +97,14 @@ pub(crate) fn dispatch<W: InLanes>(isa: Isa, work: W) -> W::Output {
     let isa = if Isa::available().contains(&isa) { isa } else { Isa::best() };
     match isa {
         #[cfg(target_arch = "x86_64")]
-        Isa::Sse2 => work.with::<x86::Sse2Lanes>(),
+        Isa::Sse2 | Isa::Baseline => work.with::<x86::Sse2Lanes>(),
         #[cfg(target_arch = "x86_64")]
         Isa::Avx2 => work.with::<x86::Avx2Lanes>(),
         #[cfg(target_arch = "x86_64")]
-        Isa::Avx512 => work.with::<x86::Avx512Lanes>(),
+        Isa::Avx512 if W::WIDEST => work.with::<x86::Avx512Lanes>(),
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx512 => work.with::<x86::Avx2Lanes>(),
+        #[cfg(not(target_arch = "x86_64"))]
         _ => work.with::<array::Plain>(),
     }
 }
