@@ -150,6 +150,7 @@ impl InLanes for Group<'_> {
 
     fn with<L: Packed>(self) -> Self::Output {
         let (model, state) = (self.model::<L>(), self.state::<L>());
+        let model = model.altered().unwrap_or(model);
         let Self { command, columns, sample_times_s, options, .. } = self;
         let start_s = self.packed(|candidate| candidate.start_s);
         let run = Run { model: &model, state: &state, start_s, command, columns, sample_times_s, options };
@@ -203,6 +204,7 @@ impl InLanes for Fan<'_> {
         for (index, &parameter) in self.parameters.iter().enumerate() {
             model.set(parameter, self.varied(candidate.values[index], |along| along.values[index]));
         }
+        let model = model.altered().unwrap_or(model);
         let State { qpos, qvel } = &candidate.state;
         let qpos = qpos.iter().enumerate().map(|(i, &q)| self.varied(q, |along| along.qpos[i])).collect();
         let qvel = qvel.iter().enumerate().map(|(i, &v)| self.varied(v, |along| along.qvel[i])).collect();

@@ -181,6 +181,17 @@ impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
     }
 
     #[inline(always)]
+    fn exp(self) -> Self {
+        let value = self.value.exp();
+        self.chain(value, value)
+    }
+
+    #[inline(always)]
+    fn ln(self) -> Self {
+        self.chain(self.value.ln(), T::ONE / self.value)
+    }
+
+    #[inline(always)]
     fn less(self, other: Self) -> T::Mask {
         self.value.less(other.value)
     }
@@ -206,12 +217,14 @@ mod tests {
     #[test]
     fn every_operation_agrees_with_central_differences() {
         type Operation = (&'static str, fn(One) -> One);
-        let operations: [Operation; 7] = [
+        let operations: [Operation; 9] = [
             ("product", |x| x * x * x),
             ("quotient", |x| One::from_f64(2.0) / (x + One::ONE)),
             ("sqrt", |x| x.sqrt()),
             ("sine", |x| x.sin_cos().0),
             ("cosine", |x| x.sin_cos().1),
+            ("exp", |x| Scalar::exp(-x)),
+            ("ln", |x| Scalar::ln(x)),
             ("atan2", |x| x.atan2(One::from_f64(0.4) - x)),
             ("abs, min, max", |x| (-x).abs().min(One::from_f64(5.0)).max(One::from_f64(-1.0))),
         ];

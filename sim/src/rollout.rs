@@ -2,8 +2,10 @@
 
 use crate::command::Command;
 use crate::dynamics::{integrate, kinematics};
-use crate::math::Vec3;
+use crate::effects::CommandPath;
 use crate::model::{Integrator, Model, State};
+use crate::observation::Film;
+use crate::observation::film::Keypoint;
 use crate::scalar::{Mask, Scalar};
 use crate::simulator::{self, Engine};
 use crate::space::{Planar, Space, Spatial};
@@ -115,7 +117,8 @@ pub struct Rollout<T> {
     pub qvel: Vec<T>,
     /// Names of the keypoints, shape (K).
     pub keypoints: Vec<String>,
-    /// Keypoint positions \[m\], world frame, row-major, shape (N, K).
+    /// Keypoint positions \[m\], world frame, row-major, shape (N, K): as seen, where the model carries causes in the
+    /// camera ([`crate::effects`]).
     pub position_m: Vec<[T; 3]>,
 }
 
@@ -149,6 +152,8 @@ pub fn rollout<T: Scalar>(
 ) -> Result<Rollout<T>, RolloutError> {
     check(model, state, sample_times_s)?;
     let columns = columns(model, command)?;
+    let altered = model.altered();
+    let model = altered.as_ref().unwrap_or(model);
     let start_s = T::from_f64(options.start_s);
     let run = Run { model, state, start_s, command, columns: &columns, sample_times_s, options };
     let mut run = match simulator::plane(model, options) {
@@ -196,10 +201,11 @@ impl<T: Scalar> Run<'_, T> {
     /// diverges is put back to its initial state, so that its neighbours never meet its numbers.
     pub(crate) fn through<S: Space<T = T>>(&self, layout: S::Layout) -> Result<Samples<T>, RolloutError> {
         let Self { model, state, start_s, command, columns, sample_times_s, options } = *self;
-        let command =
-            |drive: usize, time_s: f64| columns[drive].map_or(0.0, |column| command.at(column, time_s));
+        let path = CommandPath::new(model, command);
+        let command = |drive: usize, time_s: f64| path.at(drive, time_s);
 
         let mut engine = Engine::<S>::new(model, layout, options)?;
+        engine.clock = start_s - T::from_f64(options.start_s);
         engine.switch_off(&columns.iter().map(Option::is_none).collect::<Vec<_>>());
         let grid = Grid::new(engine.timestep_s, self.command, options);
         let mut after = state.clone();
@@ -208,7 +214,7 @@ impl<T: Scalar> Run<'_, T> {
         let mut before = after.clone();
         let mut sample = after.clone();
 
-        let sites: Vec<(usize, Vec3<T>, S::Vec)> = model
+        let sites: Vec<Keypoint<S>> = model
             .keypoint_sites()
             .into_iter()
             .map(|site| (model.sites[site].body, model.sites[site].pos))
@@ -221,6 +227,10 @@ impl<T: Scalar> Run<'_, T> {
             position_m: vec![[T::ZERO; 3]; instants * sites.len()],
             failed: vec![None; T::LANES],
         };
+        let mut film = Film::new(model, start_s, options.start_s);
+        if let Some(film) = &mut film {
+            film.open(&mut engine, &after, &sites);
+        }
         // the first sample that some lane still waits for; `after` stands at grid.instant(steps)
         let (mut first, mut steps) = (0, 0_usize);
         while first < instants {
@@ -235,6 +245,9 @@ impl<T: Scalar> Run<'_, T> {
                     }
                 }
                 before.qvel.copy_from_slice(&engine.departure);
+                if let Some(film) = &mut film {
+                    film.record(&mut engine, [&before, &after], &sites, passed + h);
+                }
             }
             // a sample within a billionth of a step of an instant belongs to it
             let (instant, h) = (grid.instant(steps), grid.step(steps.max(1)));
@@ -296,6 +309,21 @@ impl<T: Scalar> Run<'_, T> {
                 row += 1;
             }
             steps += 1;
+        }
+        if let Some(film) = &mut film {
+            // what is seen late is seen after the last sample
+            while !film.reaches(sample_times_s) && out.failed.iter().any(Option::is_none) {
+                let (passed, h) = (grid.instant(steps - 1), grid.step(steps));
+                let time_s = options.start_s + passed;
+                before.qpos.copy_from_slice(&after.qpos);
+                if !engine.step_with(&mut after, time_s, h, &command) {
+                    self.set_back(&engine, &initial, &mut after, time_s + h, &mut out.failed);
+                }
+                before.qvel.copy_from_slice(&engine.departure);
+                film.record(&mut engine, [&before, &after], &sites, passed + h);
+                steps += 1;
+            }
+            film.develop(sample_times_s, &mut out.position_m);
         }
         Ok(out)
     }

@@ -264,6 +264,8 @@ fn candidates(model: &Model) -> Vec<Candidate> {
             }
             Parameter::Mass(body) => moves(body),
             Parameter::Gain(_) => true,
+            // a cause's parameters are fitted where somebody names them
+            Parameter::Effect(..) => false,
         };
         Some(Candidate { name, place, by_kind })
     };
@@ -295,7 +297,11 @@ fn scale(
         }
         None => default_bounds(model, candidate, value),
     };
-    let signed = matches!(candidate.place, Parameter::Fluid(..) | Parameter::Stiffness(..));
+    let signed = match candidate.place {
+        Parameter::Fluid(..) | Parameter::Stiffness(..) => true,
+        Parameter::Effect(effect, place) => effect_bounds(model, effect, place)[0] < 0.0,
+        _ => false,
+    };
     if lower < 0.0 && !signed {
         let (name, kind) = (candidate.name.clone(), candidate.kind().to_owned());
         return Err(ParameterError::Negative { name, kind, lower });
@@ -304,7 +310,9 @@ fn scale(
         Parameter::Damping(_) | Parameter::FrictionLoss(_) | Parameter::Stiffness(..) => {
             Scale::with_knee(lower, upper)
         }
-        Parameter::Fluid(..) | Parameter::Mass(_) | Parameter::Gain(_) => Scale::new(lower, upper),
+        Parameter::Fluid(..) | Parameter::Mass(_) | Parameter::Gain(_) | Parameter::Effect(..) => {
+            Scale::new(lower, upper)
+        }
     })
 }
 
@@ -326,7 +334,14 @@ fn default_bounds(model: &Model, candidate: &Candidate, value: f64) -> [f64; 2] 
         Parameter::Stiffness(..) => [-torque(1000.0 * inertia), torque(1000.0 * inertia)],
         Parameter::Mass(_) => [0.5 * value, 2.0 * value],
         Parameter::Gain(_) => [0.1 * value, 10.0 * value],
+        Parameter::Effect(effect, place) => effect_bounds(model, effect, place),
     }
+}
+
+/// What physics allows the parameter at `place` of the model's cause `effect`.
+fn effect_bounds(model: &Model, effect: usize, place: usize) -> [f64; 2] {
+    let parameter = model.effects()[effect].parameters().nth(place);
+    parameter.map_or([f64::NEG_INFINITY, f64::INFINITY], |parameter| parameter.bounds)
 }
 
 /// Upper bound of a fluid coefficient where nobody says otherwise.

@@ -19,7 +19,11 @@ pub(crate) fn relative<S: Space>(
 
 /// A torque and a force at `at`, in the axes `rot`, as a wrench about the root.
 #[inline(always)]
-fn about_root<S: Space>((torque, force): (S::Spin, S::Vec), at: S::Vec, rot: &S::Rot) -> Wrench<S> {
+pub(crate) fn about_root<S: Space>(
+    (torque, force): (S::Spin, S::Vec),
+    at: S::Vec,
+    rot: &S::Rot,
+) -> Wrench<S> {
     let force = S::apply(rot, force);
     Wrench { torque: S::apply_spin(rot, torque) + S::moment(at, force), force }
 }
@@ -49,12 +53,12 @@ pub(crate) fn fluid<S: Space>(plant: &Plant<S>, work: &mut Work<S>) {
     let (density, viscosity) = (plant.density, plant.viscosity);
     for geom in &plant.fluid_geoms {
         let (at, rot) = geom.place(plant, work);
-        let (w, v) = relative::<S>(work.velocity[geom.body], plant.wind, at, &rot);
+        let (w, v) = relative::<S>(work.velocity[geom.body], work.water, at, &rot);
         work.wrench[geom.body] += about_root::<S>(geom.shape.wrench(density, viscosity, w, v), at, &rot);
     }
     for body in &plant.fluid_bodies {
         let (at, rot) = body.place(work);
-        let (w, v) = relative::<S>(work.velocity[body.body], plant.wind, at, &rot);
+        let (w, v) = relative::<S>(work.velocity[body.body], work.water, at, &rot);
         work.wrench[body.body] += about_root::<S>(body.shape.wrench(density, viscosity, w, v), at, &rot);
     }
 }

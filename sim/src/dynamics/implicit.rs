@@ -45,12 +45,12 @@ impl<T: Scalar> SlopeStage<Spatial<T>> for FluidSlope<T> {
         let (density, viscosity) = (self.density, self.viscosity);
         for (geom, shape) in plant.fluid_geoms.iter().zip(&self.geoms) {
             let (at, rot) = geom.place(plant, work);
-            let (w, v) = probes(relative::<Spatial<T>>(work.velocity[geom.body], plant.wind, at, &rot));
+            let (w, v) = probes(relative::<Spatial<T>>(work.velocity[geom.body], work.water, at, &rot));
             add_about_root(shape.wrench(density, viscosity, w, v), at, &rot, &mut self.slopes[geom.body]);
         }
         for (body, shape) in plant.fluid_bodies.iter().zip(&self.bodies) {
             let (at, rot) = body.place(work);
-            let (w, v) = probes(relative::<Spatial<T>>(work.velocity[body.body], plant.wind, at, &rot));
+            let (w, v) = probes(relative::<Spatial<T>>(work.velocity[body.body], work.water, at, &rot));
             add_about_root(shape.wrench(density, viscosity, w, v), at, &rot, &mut self.slopes[body.body]);
         }
         for index in (1..plant.links.len()).rev() {

@@ -38,6 +38,8 @@ pub(crate) struct Work<S: Space> {
     pub(crate) drift: Vec<Motion<S>>,
     /// External and inertial wrench on each body; 0 between uses.
     pub(crate) wrench: Vec<Wrench<S>>,
+    /// Velocity of the water, world axes \[m/s\].
+    pub(crate) water: S::Vec,
     /// The mass matrix, rows as in [`Plant::chain`].
     pub(crate) mass: Vec<S::T>,
 }
@@ -55,6 +57,7 @@ impl<S: Space> Work<S> {
             velocity: vec![Motion::ZERO; bodies],
             drift: vec![Motion::ZERO; bodies],
             wrench: vec![Wrench::ZERO; bodies],
+            water: plant.wind,
             mass: vec![S::T::ZERO; plant.chain.len()],
         }
     }

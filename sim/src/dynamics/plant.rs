@@ -1,5 +1,6 @@
 //! The model laid out for stepping: everything that depends on the model alone, computed once.
 
+use crate::effects::Terms;
 use crate::fluid::{Ellipsoid, Immersed, ImmersedBox, InertiaBox};
 use crate::math::{Quat, Sym3, Vec3, Vector};
 use crate::model::{ActuatorKind, JointKind, Model, shape};
@@ -56,6 +57,8 @@ pub(crate) struct JointPlan<S: Space> {
 
 #[derive(Debug, Clone)]
 pub(crate) struct FluidGeom<S: Space> {
+    /// Its place in the model.
+    pub(crate) geom: usize,
     pub(crate) body: usize,
     pub(crate) pos: S::Vec,
     pub(crate) rot: Option<S::Rot>,
@@ -114,6 +117,8 @@ pub(crate) struct Plant<S: Space> {
     pub(crate) nv: usize,
     /// Whether some joint has a damper.
     pub(crate) damped: bool,
+    /// The causes that act in a step.
+    pub(crate) effects: Terms<S>,
 }
 
 impl<S: Space> Plant<S> {
@@ -137,6 +142,7 @@ impl<S: Space> Plant<S> {
             chain: Vec::new(),
             nv: model.nv(),
             damped: false,
+            effects: Terms::NONE,
         };
         let weighty = plant.gravity != S::Vec::ZERO;
         for (index, body) in model.bodies.iter().enumerate() {
@@ -165,6 +171,7 @@ impl<S: Space> Plant<S> {
         }
         plant.add_fluid(model);
         plant.drives = model.actuators.iter().map(|actuator| drive(model, actuator)).collect();
+        plant.effects = Terms::new(model, &plant);
         plant
     }
 
@@ -250,11 +257,12 @@ impl<S: Space> Plant<S> {
                 continue;
             }
             let before = self.fluid_geoms.len();
-            for geom in model.geoms.iter().filter(|geom| geom.body == index) {
+            for (place, geom) in model.geoms.iter().enumerate().filter(|(_, geom)| geom.body == index) {
                 if let Some(coefficients) = geom.fluid {
                     let shape = Ellipsoid::new(shape::semi_axes(geom.kind, geom.size), coefficients);
                     let (rot, axes) = S::shape_axes(&self.layout, index, geom.quat);
                     self.fluid_geoms.push(FluidGeom {
+                        geom: place,
                         body: index,
                         pos: S::vector(&self.layout, index, geom.pos),
                         rot,

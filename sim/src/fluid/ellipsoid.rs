@@ -78,6 +78,28 @@ impl<T: Scalar> Ellipsoid<T> {
     }
 }
 
+/// The shape as the water meets it.
+struct Shadow<S: Space> {
+    speed: S::T,
+    normal: S::Vec,
+    along: S::T,
+    below: S::T,
+    shadow: S::T,
+}
+
+/// What resists a shape's motion, per unit of velocity.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Resistance<T> {
+    /// Viscous part against moving \[N s/m\].
+    pub(crate) slow: T,
+    /// Quadratic part against moving \[N s/m\].
+    pub(crate) quadratic: T,
+    /// Viscous part against turning \[N m s\].
+    pub(crate) slow_turning: T,
+    /// Quadratic part against turning \[N m s\].
+    pub(crate) turning: T,
+}
+
 /// The ellipsoid on the axes of the space it moves in.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Immersed<S: Space> {
@@ -115,6 +137,22 @@ impl<S: Space> Immersed<S> {
         let momentum = self.added_mass.times(v) * density;
         let spin = self.added_inertia.times(w) * density;
 
+        let seen = self.shadow(v);
+        let Shadow { normal, along, below, shadow, .. } = seen;
+        let moving = S::T::ZERO.less(below);
+        let lift = self.kutta * shadow * along / S::T::select(moving, below, S::T::ONE);
+        let drag = self.resisted(density, viscosity, w, &seen);
+
+        let force = S::cross(S::moment(normal, v), v) * (density * lift)
+            - S::cross(w, momentum - v * (density * self.magnus))
+            - v * (drag.slow + drag.quadratic);
+        let torque = S::moment(momentum, v) + S::twist(spin, w) - w * (drag.slow_turning + drag.turning);
+        (torque, force)
+    }
+
+    /// The shape as the water meets it.
+    #[inline(always)]
+    fn shadow(&self, v: S::Vec) -> Shadow<S> {
         let speed = v.norm();
         let normal = self.section_squared.times(v);
         let along = normal.dot(v);
@@ -122,19 +160,42 @@ impl<S: Space> Immersed<S> {
         // at rest both quotients are 0 / 0 and what they multiply is 0
         let below = squared * speed;
         let moving = S::T::ZERO.less(below);
-        let or_one = |x: S::T| S::T::select(moving, x, S::T::ONE);
-        let shadow = (squared / or_one(along)).sqrt();
-        let area = shadow * S::T::from_f64(PI);
-        let lift = self.kutta * shadow * along / or_one(below);
-        let resistance = viscosity * self.stokes[0]
-            + density * speed * (self.blunt * area + self.slender * (self.largest_area - area));
-        let turning = viscosity * self.stokes[1] + density * self.angular_drag.times(w).norm();
+        let shadow = (squared / S::T::select(moving, along, S::T::ONE)).sqrt();
+        Shadow { speed, normal, along, below, shadow }
+    }
 
-        let force = S::cross(S::moment(normal, v), v) * (density * lift)
-            - S::cross(w, momentum - v * (density * self.magnus))
-            - v * resistance;
-        let torque = S::moment(momentum, v) + S::twist(spin, w) - w * turning;
-        (torque, force)
+    /// What resists moving and turning: force = -(slow + quadratic) v, torque = -(slow_turning + turning) w.
+    #[inline(always)]
+    pub(crate) fn resistance(
+        &self,
+        density: S::T,
+        viscosity: S::T,
+        w: S::Spin,
+        v: S::Vec,
+    ) -> Resistance<S::T> {
+        self.resisted(density, viscosity, w, &self.shadow(v))
+    }
+
+    #[inline(always)]
+    fn resisted(
+        &self,
+        density: S::T,
+        viscosity: S::T,
+        w: S::Spin,
+        &Shadow { speed, shadow, .. }: &Shadow<S>,
+    ) -> Resistance<S::T> {
+        let area = shadow * S::T::from_f64(PI);
+        Resistance {
+            slow: viscosity * self.stokes[0],
+            quadratic: density * speed * (self.blunt * area + self.slender * (self.largest_area - area)),
+            slow_turning: viscosity * self.stokes[1],
+            turning: density * self.angular_drag.times(w).norm(),
+        }
+    }
+
+    /// Added mass \[m3\] and inertia \[m5\] over density, on the shape's axes.
+    pub(crate) fn added(&self) -> (S::Vec, S::Spin) {
+        (self.added_mass, self.added_inertia)
     }
 }
 

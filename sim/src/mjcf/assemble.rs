@@ -61,6 +61,7 @@ pub(super) fn model(document: &Document<'_>) -> Result<Model<f64>, MjcfError> {
         sites: tree.sites,
         actuators: Vec::new(),
         contacts: Contacts::default(),
+        effects: Vec::new(),
     };
     for node in sections("actuator").flat_map(|section| section.children()).filter(Node::is_element) {
         let actuator = actuator(node, &defaults, &compiler, &model)?;

@@ -16,6 +16,7 @@ pub use elements::{
 };
 pub use parameters::{Parameter, UnknownParameter};
 
+use crate::effects::Effect;
 use crate::math::{Mat3, Quat, Vec3};
 use crate::scalar::Scalar;
 
@@ -39,6 +40,7 @@ pub struct Model<T = f64> {
     /// Drives.
     pub actuators: Vec<Actuator<T>>,
     pub(crate) contacts: Contacts,
+    pub(crate) effects: Vec<Effect<T>>,
 }
 
 /// Generalized coordinates and velocities at one instant.
@@ -143,6 +145,7 @@ impl<T: Scalar> Model<T> {
             sites: self.sites.iter().map(|site| site.map(f)).collect(),
             actuators: self.actuators.iter().map(|actuator| actuator.map(f)).collect(),
             contacts: self.contacts.clone(),
+            effects: self.map_effects(f),
         }
     }
 }

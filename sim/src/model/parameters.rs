@@ -18,6 +18,8 @@ pub enum Parameter {
     Mass(usize),
     /// `<actuator>/gain`: a position drive's kp, a velocity drive's kv, a motor's gear.
     Gain(usize),
+    /// `<cause>/<parameter>`: (which of the model's effects, which of its values).
+    Effect(usize, usize),
 }
 
 /// No such parameter in the model.
@@ -36,7 +38,7 @@ const FLUID: [&str; 5] = ["blunt", "slender", "angular", "kutta", "magnus"];
 const STIFFNESS: [&str; 3] = ["stiffness", "stiffness2", "stiffness3"];
 
 impl<T: Scalar> Model<T> {
-    /// Every parameter's name, geoms first, then joints, bodies, actuators.
+    /// Every parameter's name, geoms first, then joints, bodies, actuators, causes.
     pub fn parameter_names(&self) -> Vec<String> {
         self.parameters().map(|(name, _)| name).collect()
     }
@@ -94,6 +96,7 @@ impl<T: Scalar> Model<T> {
                     ActuatorKind::Motor => actuator.gear,
                 }
             }
+            Parameter::Effect(effect, value) => self.effects[effect].values()[value],
         }
     }
 
@@ -129,6 +132,7 @@ impl<T: Scalar> Model<T> {
                     ActuatorKind::Motor => &mut actuator.gear,
                 }
             }
+            Parameter::Effect(effect, value) => self.effects[effect].value_mut(value),
         };
         *place = value;
     }
@@ -162,6 +166,10 @@ impl<T: Scalar> Model<T> {
             .iter()
             .enumerate()
             .map(|(i, actuator)| (format!("{}/gain", actuator.name), Parameter::Gain(i)));
-        fluid.chain(joints).chain(masses).chain(gains)
+        let causes = self.effects.iter().enumerate().flat_map(|(i, effect)| {
+            let names = effect.names().iter().enumerate();
+            names.map(move |(k, name)| (name.clone(), Parameter::Effect(i, k)))
+        });
+        fluid.chain(joints).chain(masses).chain(gains).chain(causes)
     }
 }

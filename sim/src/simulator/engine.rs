@@ -4,6 +4,7 @@ use super::extrapolation::Extrapolation;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{Solver, multiply};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
+use crate::effects::{Memory, Moment};
 use crate::model::{ActuatorKind, Integrator, JointKind, Model, State};
 use crate::rollout::{RolloutError, RolloutOptions};
 use crate::scalar::{Mask, Scalar};
@@ -42,6 +43,14 @@ pub(crate) struct Engine<S: Space> {
     pub(super) off: Vec<bool>,
     /// Per dof: whether its acceleration is prescribed 0.
     held: Vec<bool>,
+    /// What the causes remember from step to step.
+    pub(super) memory: Memory<S>,
+    /// When, within a step, the forces are asked for.
+    pub(super) moment: Moment,
+    /// By how much each lane's clock is ahead of the one that steps are counted on \[s\].
+    pub(crate) clock: S::T,
+    /// Length of the last step \[s\]; infinite before the first.
+    last_step_s: f64,
     pub(super) command: Vec<S::T>,
     pub(super) force: Vec<S::T>,
     pub(super) matrix: Vec<S::T>,
@@ -114,6 +123,10 @@ impl<S: Space> Engine<S> {
             prescribed: model.actuators.iter().map(|actuator| follows(actuator.kind)).collect(),
             off: vec![false; drives],
             held: vec![false; plant.nv],
+            memory: plant.effects.memory(),
+            moment: Moment::default(),
+            clock: S::T::ZERO,
+            last_step_s: f64::INFINITY,
             command: vec![S::T::ZERO; drives],
             force: zeros(),
             matrix: vec![S::T::ZERO; plant.chain.len()],
@@ -191,12 +204,12 @@ impl<S: Space> Engine<S> {
         &mut self,
         state: &mut State<S::T>,
         time_s: f64,
-        command: &dyn Fn(usize, f64) -> f64,
+        command: &dyn Fn(usize, f64) -> S::T,
     ) {
         for (index, drive) in
             self.plant.drives.iter().enumerate().filter(|(index, _)| self.prescribed[*index])
         {
-            state.qpos[drive.q] = drive.command(S::T::from_f64(command(index, time_s))) / drive.gear;
+            state.qpos[drive.q] = drive.command(command(index, time_s)) / drive.gear;
             state.qvel[drive.dof] = S::T::ZERO;
         }
     }
@@ -208,8 +221,10 @@ impl<S: Space> Engine<S> {
         state: &mut State<S::T>,
         time_s: f64,
         h: f64,
-        command: &dyn Fn(usize, f64) -> f64,
+        command: &dyn Fn(usize, f64) -> S::T,
     ) -> bool {
+        self.moment = Moment { time_s, elapsed_s: 0.0, arrived_s: Some(self.last_step_s) };
+        self.last_step_s = h;
         self.sample(time_s, command);
         self.position_stage(&state.qpos);
         self.prescribe(state, time_s + h, h, command);
@@ -223,20 +238,21 @@ impl<S: Space> Engine<S> {
     }
 
     #[inline(always)]
-    pub(super) fn sample(&mut self, time_s: f64, command: &dyn Fn(usize, f64) -> f64) {
+    pub(super) fn sample(&mut self, time_s: f64, command: &dyn Fn(usize, f64) -> S::T) {
         for (drive, value) in self.command.iter_mut().enumerate() {
-            *value = S::T::from_f64(command(drive, time_s));
+            *value = command(drive, time_s);
         }
     }
 
     /// What depends on the coordinates alone.
-    pub(super) fn position_stage(&mut self, qpos: &[S::T]) {
+    pub(crate) fn position_stage(&mut self, qpos: &[S::T]) {
         S::T::tuned(
             #[inline(always)]
             || {
                 kinematics::kinematics(&self.plant, qpos, &mut self.work);
                 inertia::body_inertias(&self.plant, &mut self.work);
                 inertia::mass_matrix(&self.plant, &mut self.work);
+                self.plant.effects.inertia(&self.plant, &mut self.work);
             },
         );
     }
@@ -249,13 +265,16 @@ impl<S: Space> Engine<S> {
             || {
                 let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
                 bias::velocities(plant, qvel, work);
+                work.water = plant.effects.water(self.moment, self.clock, plant);
                 bias::bias(plant, work);
                 passive::gravity_compensation(plant, work);
                 fluid::fluid(plant, work);
+                plant.effects.wrenches(self.moment, plant, work, &mut self.memory);
                 force.fill(S::T::ZERO);
                 bias::project(plant, work, force);
                 passive::springs(plant, qpos, force);
                 passive::dampers(plant, qvel, force);
+                plant.effects.forces(qpos, qvel, force);
                 actuation::actuation(plant, qpos, qvel, &self.command, &self.off, force);
             },
         );
@@ -295,7 +314,7 @@ impl<S: Space> Engine<S> {
         state: &mut State<S::T>,
         end_s: f64,
         h: f64,
-        command: &dyn Fn(usize, f64) -> f64,
+        command: &dyn Fn(usize, f64) -> S::T,
     ) {
         if !self.prescribed.contains(&true) {
             return;
@@ -313,7 +332,7 @@ impl<S: Space> Engine<S> {
                     .zip(prescribed)
                     .filter(|(_, prescribed)| **prescribed)
                 {
-                    let target = drive.command(S::T::from_f64(command(index, end_s))) / drive.gear;
+                    let target = drive.command(command(index, end_s)) / drive.gear;
                     let secant = (target - state.qpos[drive.q]) / S::T::from_f64(h);
                     self.sum_v[drive.dof] = secant - state.qvel[drive.dof];
                     state.qvel[drive.dof] = secant;

@@ -3,6 +3,7 @@
 use super::Engine;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::{actuation, integrate, passive};
+use crate::effects::Moment;
 use crate::model::State;
 use crate::scalar::Scalar;
 use crate::space::Space;
@@ -45,7 +46,7 @@ impl<S: Space> Engine<S> {
         state: &mut State<S::T>,
         time_s: f64,
         h: f64,
-        command: &dyn Fn(usize, f64) -> f64,
+        command: &dyn Fn(usize, f64) -> S::T,
     ) {
         let Some(mut kept) = self.extrapolation.take() else { return };
         let mut part = std::mem::replace(&mut self.stage, State { qpos: Vec::new(), qvel: Vec::new() });
@@ -65,7 +66,9 @@ impl<S: Space> Engine<S> {
                     self.matrix.copy_from_slice(&kept.mass);
                     self.force.copy_from_slice(&kept.force);
                 } else {
-                    self.sample(time_s + done as f64 * shorter, command);
+                    let elapsed_s = done as f64 * shorter;
+                    self.moment = Moment { time_s: time_s + elapsed_s, elapsed_s, arrived_s: None };
+                    self.sample(time_s + elapsed_s, command);
                     self.position_stage(&part.qpos);
                     self.force_stage(&part.qpos, &part.qvel);
                     self.matrix.copy_from_slice(&self.work.mass);

@@ -3,6 +3,7 @@
 use super::Engine;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::{Work, actuation, bias, fluid, passive};
+use crate::effects::Moment;
 use crate::model::State;
 use crate::scalar::Scalar;
 use crate::space::Space;
@@ -22,6 +23,8 @@ pub struct Forces<T> {
     pub fluid: Vec<T>,
     /// Drives.
     pub actuator: Vec<T>,
+    /// Causes beyond MuJoCo ([`crate::effects`]) that act as forces.
+    pub effect: Vec<T>,
     /// Friction loss and end stops.
     pub restraint: Vec<T>,
     /// The acceleration that follows.
@@ -32,10 +35,12 @@ impl<S: Space> Engine<S> {
     /// See [`super::Simulator::forces`].
     pub(super) fn forces(&mut self, state: &State<S::T>, command: &[f64]) -> Forces<S::T> {
         let (qpos, qvel) = (&state.qpos, &state.qvel);
-        self.sample(0.0, &|drive, _| command[drive]);
+        self.moment = Moment::default();
+        self.sample(0.0, &|drive, _| S::T::from_f64(command[drive]));
         self.position_stage(qpos);
         let (plant, work) = (&self.plant, &mut self.work);
         bias::velocities(plant, qvel, work);
+        work.water = plant.effects.water(self.moment, self.clock, plant);
         let zeros = || vec![S::T::ZERO; plant.nv];
         let mut of_wrenches = |add: &dyn Fn(&Plant<S>, &mut Work<S>)| {
             let mut force = zeros();
@@ -46,6 +51,12 @@ impl<S: Space> Engine<S> {
         let bias: Vec<S::T> = of_wrenches(&bias::bias).into_iter().map(|force| -force).collect();
         let gravity_compensation = of_wrenches(&passive::gravity_compensation);
         let fluid = of_wrenches(&fluid::fluid);
+        // what memories hold does not depend on who asks
+        let memory = std::cell::RefCell::new(self.memory.clone());
+        let mut effect = of_wrenches(&|plant: &Plant<S>, work: &mut Work<S>| {
+            plant.effects.wrenches(Moment::default(), plant, work, &mut memory.borrow_mut());
+        });
+        plant.effects.forces(qpos, qvel, &mut effect);
         let (mut spring, mut damper, mut actuator) = (zeros(), zeros(), zeros());
         passive::springs(plant, qpos, &mut spring);
         passive::dampers(plant, qvel, &mut damper);
@@ -56,12 +67,23 @@ impl<S: Space> Engine<S> {
         let restraint = (0..total.len())
             .map(|i| {
                 total[i]
-                    - (spring[i] + damper[i] + gravity_compensation[i] + fluid[i] + actuator[i] - bias[i])
+                    - (spring[i] + damper[i] + gravity_compensation[i] + fluid[i] + effect[i] + actuator[i]
+                        - bias[i])
             })
             .collect();
         self.matrix.copy_from_slice(&self.work.mass);
         self.accelerate();
         let acceleration = self.force.clone();
-        Forces { bias, spring, damper, gravity_compensation, fluid, actuator, restraint, acceleration }
+        Forces {
+            bias,
+            spring,
+            damper,
+            gravity_compensation,
+            fluid,
+            actuator,
+            effect,
+            restraint,
+            acceleration,
+        }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::Engine;
 use crate::dynamics::{actuation, integrate, passive};
+use crate::effects::Moment;
 use crate::model::State;
 use crate::scalar::Scalar;
 use crate::space::{SlopeStage, Space};
@@ -56,7 +57,7 @@ impl<S: Space> Engine<S> {
         state: &mut State<S::T>,
         time_s: f64,
         h: f64,
-        command: &dyn Fn(usize, f64) -> f64,
+        command: &dyn Fn(usize, f64) -> S::T,
     ) {
         // shares of the step at which the next stage stands, and weights in the sum
         const STAGES: [(f64, f64); 4] =
@@ -95,6 +96,10 @@ impl<S: Space> Engine<S> {
                     }
                 },
             );
+            if k < 3 {
+                let elapsed_s = ahead * h;
+                self.moment = Moment { time_s: time_s + elapsed_s, elapsed_s, arrived_s: None };
+            }
             if k < 3 && !self.hold_command {
                 self.sample(time_s + ahead * h, command);
             }

@@ -20,6 +20,9 @@ use crate::space::{Planar, Plane, Spatial};
 /// impulse through the mass matrix, v_f -= M_ff^-1 M_fp dv; inside the step they do not accelerate, whichever
 /// the integrator. Their drives exert no force. A drive without any command then leaves its joint free.
 ///
+/// The model's causes act as in a rollout, but for those between command and drive, which a
+/// [`CommandPath`](crate::CommandPath) applies, and the camera's.
+///
 /// A mechanism whose hinges are all parallel is computed in their plane, at a fraction of the cost and with the same
 /// motion to rounding.
 #[derive(Debug, Clone)]
@@ -53,6 +56,8 @@ impl<T: Scalar> Simulator<T> {
     /// # Errors
     /// [`RolloutError::Timestep`] and [`RolloutError::Unsupported`].
     pub fn new(model: &Model<T>, options: &RolloutOptions) -> Result<Self, RolloutError> {
+        let altered = model.altered();
+        let model = altered.as_ref().unwrap_or(model);
         Ok(Self(match plane(model, options) {
             Some(plane) => InSpace::Planar(Engine::new(model, plane, options)?),
             None => InSpace::Spatial(Engine::new(model, (), options)?),
@@ -113,6 +118,22 @@ impl<T: Scalar> Simulator<T> {
         time_s: f64,
         h: f64,
         command: &dyn Fn(usize, f64) -> f64,
+    ) -> Result<(), RolloutError> {
+        let command = |drive: usize, time_s: f64| T::from_f64(command(drive, time_s));
+        self.step_along(state, time_s, h, &command)
+    }
+
+    /// As [`Self::step_with`], with commands that carry derivatives, for instance of a
+    /// [`CommandPath`](crate::CommandPath).
+    ///
+    /// # Errors
+    /// [`RolloutError::Diverged`].
+    pub fn step_along(
+        &mut self,
+        state: &mut State<T>,
+        time_s: f64,
+        h: f64,
+        command: &dyn Fn(usize, f64) -> T,
     ) -> Result<(), RolloutError> {
         in_space!(&mut self.0, engine => {
             if engine.step_with(state, time_s, h, command) {

@@ -86,7 +86,11 @@ impl<T: Scalar> Plane<T> {
             }
             !T::ZERO.less(body.mass).any() || self.across(index, body.principal).is_some()
         });
-        joints && shapes && tiny(self.axes[0].apply(model.settings.wind)[2])
+        // vectors in the picture's plane, x and z, must lie in the plane of motion
+        let [x, _, z] = [0, 1, 2].map(|k| self.axes[0].column(k)[2]);
+        let pictured = !model.effects().iter().any(|effect| effect.cause().info().in_picture_plane)
+            || tiny(x) && tiny(z);
+        joints && shapes && pictured && tiny(self.axes[0].apply(model.settings.wind)[2])
     }
 
     /// Which own axis of a shape on `body` points across the plane.

@@ -1,0 +1,80 @@
+//! `coulomb_friction`: the hinges rub with a torque that does not ask how fast.
+
+use super::joints::{Axle, sizes};
+use super::{Effect, Info, Kind, Mjcf, ParameterInfo, Per, Role, Step};
+use crate::dynamics::plant::Plant;
+use crate::model::Model;
+use crate::scalar::Scalar;
+use crate::space::Space;
+
+pub(crate) const INFO: Info = Info {
+    name: "coulomb_friction",
+    kind: Kind::Joint,
+    parameters: &[
+        ParameterInfo::size("torque", "N m", [0.0, 1e-2], 2e-6, "friction torque of every hinge"),
+        ParameterInfo::size("", "N m", [0.0, 1e-2], 2e-6, "the same for one hinge alone, added to it")
+            .each(Per::Joint)
+            .role(Role::Detail, 0.0),
+        ParameterInfo::size("rate", "rad/s", [1e-3, 10.0], 0.05, "rate over which friction turns round")
+            .role(Role::Detail, 0.05),
+        ParameterInfo::size(
+            "breakaway",
+            "1",
+            [0.0, 5.0],
+            0.5,
+            "how much more it is near rest, as a share (Stribeck)",
+        )
+        .role(Role::Detail, 0.0),
+        ParameterInfo::size(
+            "stribeck_rate",
+            "rad/s",
+            [1e-2, 100.0],
+            0.5,
+            "rate over which that share is lost",
+        )
+        .role(Role::Detail, 0.5),
+    ],
+    aliases: &[],
+    sentence: "the hinges rub with a torque that does not depend on speed",
+    formula: "tau = -tau_c (1 + b exp(-(w/w_s)^2)) w / sqrt(w^2 + rate^2)",
+    source: "Coulomb, Stribeck; smooth through rest, where it creeps instead of sticking",
+    mjcf: Some(Mjcf { how: "joint frictionloss", exact: false, fold }),
+    in_picture_plane: false,
+};
+
+/// As MuJoCo's friction loss, which creeps in another way.
+fn fold(effect: &Effect<f64>, model: &mut Model<f64>) {
+    for axle in sizes(effect, model, [0, 1], false) {
+        model.joints[axle.joint].friction_loss += axle.size;
+    }
+}
+
+/// The rubbing hinges.
+#[derive(Debug, Clone)]
+pub(crate) struct Term<S: Space> {
+    axles: Vec<Axle<S::T>>,
+    rate: S::T,
+    breakaway: S::T,
+    stribeck: S::T,
+}
+
+impl<S: Space> Step<S> for Term<S> {
+    fn new(effect: &Effect<S::T>, model: &Model<S::T>, _: &Plant<S>) -> Self {
+        Self {
+            axles: sizes(effect, model, [0, 1], false),
+            rate: effect.one(2),
+            breakaway: effect.one(3),
+            stribeck: S::T::ONE / effect.one(4),
+        }
+    }
+
+    #[inline(always)]
+    fn forces(&self, _: &[S::T], qvel: &[S::T], force: &mut [S::T]) {
+        for axle in &self.axles {
+            let w = qvel[axle.dof];
+            let of = w * self.stribeck;
+            let share = S::T::ONE + self.breakaway * (-(of * of)).exp();
+            force[axle.dof] -= axle.size * share * w / (w * w + self.rate * self.rate).sqrt();
+        }
+    }
+}

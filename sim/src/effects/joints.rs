@@ -1,0 +1,56 @@
+//! What the causes in joints share.
+
+use super::{Effect, axles};
+use crate::model::Model;
+use crate::scalar::Scalar;
+
+/// A hinge or slide, and how strong a cause is there.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Axle<T> {
+    /// Its place in `model.joints`.
+    pub(crate) joint: usize,
+    pub(crate) q: usize,
+    pub(crate) dof: usize,
+    /// Where its spring is slack.
+    pub(crate) slack: T,
+    pub(crate) size: T,
+}
+
+/// Every hinge and slide with the size that the parameter at `common` has, plus its own at `own`.
+///
+/// With `inner`, the common size counts only between moving bodies, where there are such joints: the joint on the
+/// tank's frame is the servo's or the release's.
+pub(crate) fn sizes<T: Scalar>(
+    effect: &Effect<T>,
+    model: &Model<T>,
+    [common, own]: [usize; 2],
+    inner: bool,
+) -> Vec<Axle<T>> {
+    let moves = |body: usize| {
+        let mut body = body;
+        while body != 0 {
+            if model.joints.iter().any(|joint| joint.body == body) {
+                return true;
+            }
+            body = model.bodies[body].parent;
+        }
+        false
+    };
+    let between = |body: usize| moves(model.bodies[body].parent);
+    let some_inner = axles(model).any(|joint| between(joint.body));
+    let places = model.joints.iter().enumerate();
+    let places = places.filter(|(_, joint)| axles(model).any(|axle| std::ptr::eq(axle, *joint)));
+    places
+        .zip(effect.each(own))
+        .map(|((place, joint), &own)| {
+            let shared = !inner || !some_inner || between(joint.body);
+            Axle {
+                joint: place,
+                q: joint.qpos_address,
+                dof: joint.dof_address,
+                slack: joint.spring_reference,
+                size: own + if shared { effect.one(common) } else { T::ZERO },
+            }
+        })
+        .collect()
+}

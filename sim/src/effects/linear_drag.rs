@@ -1,0 +1,46 @@
+//! `linear_drag`: resistance in proportion to speed, as slow water gives.
+
+use super::waters::{drift, force_at};
+use super::{Effect, Info, Kind, Moment, ParameterInfo, Step};
+use crate::dynamics::Work;
+use crate::dynamics::plant::Plant;
+use crate::model::Model;
+use crate::space::Space;
+
+pub(crate) const INFO: Info = Info {
+    name: "linear_drag",
+    kind: Kind::Physics,
+    parameters: &[ParameterInfo::size(
+        "drag",
+        "N s/m",
+        [0.0, 10.0],
+        1e-3,
+        "added resistance of each wet shape",
+    )],
+    aliases: &[],
+    sentence: "the water resists in proportion to speed, besides its square",
+    formula: "F = -c v at the centre of each ellipsoid, v against the water",
+    source: "Stokes; one value for all shapes, whatever their size",
+    mjcf: None,
+    in_picture_plane: false,
+};
+
+/// The resistance.
+#[derive(Debug, Clone)]
+pub(crate) struct Term<S: Space> {
+    drag: S::T,
+}
+
+impl<S: Space> Step<S> for Term<S> {
+    fn new(effect: &Effect<S::T>, _: &Model<S::T>, _: &Plant<S>) -> Self {
+        Self { drag: effect.one(0) }
+    }
+
+    #[inline(always)]
+    fn wrenches(&self, _: Moment, plant: &Plant<S>, work: &mut Work<S>, _: &mut [S::Vec]) {
+        for geom in &plant.fluid_geoms {
+            let (v, at) = drift(geom, plant, work);
+            work.wrench[geom.body] += force_at(v * -self.drag, at);
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! `servo_gain`: the servo goes further or less far than told.
+
+use super::drive::{Piece, Pieces, Stage};
+use super::{Effect, Info, Kind, Mjcf, ParameterInfo};
+use crate::model::Model;
+use crate::scalar::Scalar;
+
+pub(crate) const INFO: Info = Info {
+    name: "servo_gain",
+    kind: Kind::Drive,
+    parameters: &[ParameterInfo::size(
+        "scale",
+        "1",
+        [-0.5, 0.5],
+        0.02,
+        "error of the angle, as a share of it",
+    )],
+    aliases: &[],
+    sentence: "the servo goes further, or less far, than it was told",
+    formula: "(1 + g) q_cmd",
+    source: "definition; about the command 0",
+    mjcf: Some(Mjcf { how: "actuator gear, kp, kv, forcerange", exact: true, fold }),
+    in_picture_plane: false,
+};
+
+/// A gear of 1 / (1 + g) asks for the angle (1 + g) c; gains and force range make up for it.
+fn fold(effect: &Effect<f64>, model: &mut Model<f64>) {
+    let gain = 1.0 + effect.one(0);
+    for actuator in &mut model.actuators {
+        match actuator.kind {
+            crate::model::ActuatorKind::Motor => {
+                actuator.gear *= gain;
+                actuator.force_range = actuator.force_range.map(|range| range.map(|force| force / gain));
+            }
+            crate::model::ActuatorKind::Position | crate::model::ActuatorKind::Velocity => {
+                actuator.gear /= gain;
+                actuator.kp *= gain * gain;
+                actuator.kv *= gain * gain;
+                actuator.force_range = actuator.force_range.map(|range| range.map(|force| force * gain));
+            }
+        }
+        // what MuJoCo keeps in range is the command before the gear
+        actuator.command_range = actuator.command_range.map(|range| range.map(|command| command / gain));
+    }
+}
+
+/// The factor.
+#[derive(Debug, Clone)]
+pub(crate) struct Term<T> {
+    factor: T,
+}
+
+impl<T: Scalar> Stage<T> for Term<T> {
+    fn new(effect: &Effect<T>) -> Self {
+        Self { factor: T::ONE + effect.one(0) }
+    }
+
+    #[inline(always)]
+    fn steady(&self, command: T) -> T {
+        command * self.factor
+    }
+
+    #[inline(always)]
+    fn pass(&self, state: &mut T, piece: Piece<T>, out: &mut Pieces<T>) {
+        let scaled = Piece { from: piece.from * self.factor, to: piece.to * self.factor, ..piece };
+        *state = scaled.to;
+        out.push(scaled);
+    }
+}

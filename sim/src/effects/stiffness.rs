@@ -1,0 +1,37 @@
+//! `stiffness`: the joints between links spring back.
+
+use super::joints::sizes;
+use super::{Effect, Info, Kind, Mjcf, ParameterInfo, Per, Role};
+use crate::model::Model;
+use crate::scalar::Scalar;
+
+pub(crate) const INFO: Info = Info {
+    name: "stiffness",
+    kind: Kind::Joint,
+    parameters: &[
+        ParameterInfo::size(
+            "stiffness",
+            "N m/rad",
+            [0.0, 1.0],
+            5e-5,
+            "added stiffness of every joint between links",
+        ),
+        ParameterInfo::size("", "N m/rad", [0.0, 1.0], 5e-5, "the same for one joint alone, added to it")
+            .each(Per::Joint)
+            .role(Role::Detail, 0.0),
+    ],
+    aliases: &[],
+    sentence: "something springs the joints back: a cable, a cover, glue",
+    formula: "tau = -k x, x from springref; without the joints on the tank's frame, where there are others",
+    source: "linear spring",
+    mjcf: Some(Mjcf { how: "joint stiffness", exact: true, fold: alter }),
+    in_picture_plane: false,
+};
+
+/// The joints' linear stiffness.
+pub(crate) fn alter<T: Scalar>(effect: &Effect<T>, model: &mut Model<T>) {
+    for axle in sizes(effect, model, [0, 1], true) {
+        let [linear, ..] = &mut model.joints[axle.joint].stiffness;
+        *linear += axle.size;
+    }
+}

@@ -1,0 +1,44 @@
+//! `camera_delay`: the images show a later instant than their times say.
+
+use super::Look;
+use crate::effects::{Alias, AliasWhen, Effect, Info, Kind, ParameterInfo};
+use crate::scalar::Scalar;
+
+pub(crate) const INFO: Info = Info {
+    name: "camera_delay",
+    kind: Kind::Camera,
+    parameters: &[ParameterInfo::size(
+        "delay",
+        "s",
+        [-0.2, 0.2],
+        0.005,
+        "how much later than its time says an image was taken; below 0: earlier",
+    )],
+    aliases: &[Alias { name: "servo_delay", when: AliasWhen::EveryRunDriven }],
+    sentence: "the camera's clock is off: images show another instant than their times say",
+    formula: "y(t + d)",
+    source: "definition",
+    mjcf: None,
+    in_picture_plane: false,
+};
+
+/// The clock's error.
+#[derive(Debug, Clone)]
+pub(crate) struct Term<T> {
+    delay: T,
+}
+
+impl<T: Scalar> Look<T> for Term<T> {
+    fn new(effect: &Effect<T>) -> Self {
+        Self { delay: effect.one(0) }
+    }
+
+    fn shifts(&self) -> bool {
+        true
+    }
+
+    #[inline(always)]
+    fn late(&self) -> T {
+        self.delay
+    }
+}
