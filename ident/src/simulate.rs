@@ -3,7 +3,9 @@
 //! Each run has nuisances of its own: the coordinates of its initial pose, its rates if it is `free`, its
 //! release if nobody stated it. They are offsets from the estimates of [`crate::initial`], 0 at first.
 
-use sim::{Command, Model, RolloutError, RolloutOptions, State, rollout};
+use sim::batch::{self, Candidate, Direction};
+use sim::model::Parameter;
+use sim::{Command, Isa, Model, RolloutError, RolloutOptions, State, Steps, rollout};
 
 use crate::experiment::{Run, RunKind};
 use crate::geometry::moved;
@@ -26,14 +28,6 @@ pub enum Nuisance {
 }
 
 impl Nuisance {
-    /// Step of a finite difference: far above rounding, far below what an image resolves.
-    pub(crate) fn step(self) -> f64 {
-        match self {
-            Self::Coordinate(_) => 1e-6,
-            Self::Rate(_) | Self::Release { .. } => 1e-5,
-        }
-    }
-
     /// Standard deviation of a belief so weak that it speaks only where the images are silent: half a radian, 50
     /// rad/s, the interval in which the release was seen.
     pub(crate) fn belief(self) -> f64 {
@@ -53,6 +47,20 @@ impl Nuisance {
     }
 }
 
+/// The numbers of a model that a fit turns, at one point.
+#[derive(Debug, Clone, Copy)]
+pub struct Numbers<'a> {
+    /// Places in the model, shape (N).
+    pub places: &'a [Parameter],
+    /// Their values, shape (N), SI.
+    pub values: &'a [f64],
+    /// For each parameter by which derivatives are wanted, its places: tied ones change together.
+    pub varied: &'a [std::ops::Range<usize>],
+}
+
+/// Steps are planned this much more exact than wanted, for candidates that move faster than the nominal one.
+const MARGIN: f64 = 2.0;
+
 /// A run made ready to be simulated again and again.
 #[derive(Debug, Clone)]
 pub struct Rehearsal<'a> {
@@ -63,6 +71,8 @@ pub struct Rehearsal<'a> {
     /// What is uncertain about the start.
     pub nuisances: Vec<Nuisance>,
     command: Command,
+    /// How it is stepped, the same for every candidate; `None`: as the model says.
+    steps: Option<Steps>,
     /// For each measured keypoint, the model's.
     columns: Vec<usize>,
 }
@@ -90,7 +100,26 @@ impl<'a> Rehearsal<'a> {
         // Prescribed joints are free in drops, which is what no command at all means to the simulation.
         let silent = run.prescribed && run.kind != RunKind::Driven;
         let command = run.command.clone().filter(|_| !silent).unwrap_or_default();
-        Self { run, start: estimate.start, nuisances, command, columns: columns.collect() }
+        let mut rehearsal =
+            Self { run, start: estimate.start, nuisances, command, steps: None, columns: columns.collect() };
+        // Where no step is exact enough at the nominal values, the model's own has to do.
+        let options = rehearsal.options(rehearsal.start.start_s);
+        let times = &run.trajectory.time_s;
+        let plan = sim::plan(
+            model,
+            &rehearsal.start.state,
+            &rehearsal.command,
+            times,
+            &options,
+            sim::ACCURACY_M / MARGIN,
+        );
+        rehearsal.steps = plan.ok().map(|plan| plan.steps);
+        rehearsal
+    }
+
+    fn options(&self, start_s: f64) -> RolloutOptions {
+        let (prescribed, steps) = (self.run.prescribed, self.steps);
+        RolloutOptions { prescribed, start_s, steps, ..RolloutOptions::default() }
     }
 
     /// Start of the motion with `offsets`, one per nuisance.
@@ -120,15 +149,112 @@ impl<'a> Rehearsal<'a> {
         instants: usize,
     ) -> Result<Vec<[f64; 3]>, RolloutError> {
         let Start { state, start_s } = self.start_with(model, offsets);
-        let options =
-            RolloutOptions { prescribed: self.run.prescribed, start_s, ..RolloutOptions::default() };
-        let rollout =
-            rollout(model, &state, &self.command, &self.run.trajectory.time_s[..instants], &options)?;
-        let width = rollout.keypoints.len();
-        let rows = 0..instants;
-        Ok(rows
-            .flat_map(|row| self.columns.iter().map(move |k| (row, k)))
-            .map(|(row, k)| rollout.position_m[row * width + k])
-            .collect())
+        let times = &self.run.trajectory.time_s[..instants];
+        let rollout = rollout(model, &state, &self.command, times, &self.options(start_s))?;
+        Ok(self.measured(&rollout.position_m, rollout.keypoints.len()))
+    }
+
+    /// What [`Rehearsal::simulate`] yields for each of many candidates, side by side: values of `parameters` in `model`, and
+    /// offsets.
+    ///
+    /// # Errors
+    /// [`RolloutError`], for all or, where one diverges, its own.
+    pub fn simulate_all(
+        &self,
+        model: &Model,
+        parameters: &[Parameter],
+        candidates: &[(Vec<f64>, &[f64])],
+        instants: usize,
+    ) -> Result<Vec<batch::Positions>, RolloutError> {
+        let candidates: Vec<_> = candidates.iter().map(|(v, o)| self.candidate(model, v, o)).collect();
+        let (times, options) = (&self.run.trajectory.time_s[..instants], self.options(self.start.start_s));
+        let all =
+            batch::positions(model, parameters, &candidates, &self.command, times, &options, Isa::best())?;
+        let width = model.keypoint_sites().len();
+        Ok(all.into_iter().map(|one| one.map(|position_m| self.measured(&position_m, width))).collect())
+    }
+
+    /// What [`Rehearsal::simulate`] yields, and its derivatives: by the parameters `at` which it is, then by the nuisances; of all these only the
+    /// `columns`. Exact to rounding.
+    ///
+    /// # Errors
+    /// [`RolloutError`].
+    pub fn sensitivities(
+        &self,
+        model: &Model,
+        at: &Numbers<'_>,
+        offsets: &[f64],
+        columns: std::ops::Range<usize>,
+        instants: usize,
+    ) -> Result<batch::Sensitivities, RolloutError> {
+        let candidate = self.candidate(model, at.values, offsets);
+        let none = || Direction {
+            values: vec![0.0; at.places.len()],
+            qpos: vec![0.0; candidate.state.qpos.len()],
+            qvel: vec![0.0; candidate.state.qvel.len()],
+            start_s: 0.0,
+        };
+        let mut directions: Vec<Direction> = Vec::new();
+        for places in at.varied {
+            let mut along = none();
+            along.values[places.clone()].fill(1.0);
+            directions.push(along);
+        }
+        for nuisance in &self.nuisances {
+            let mut along = none();
+            match *nuisance {
+                Nuisance::Coordinate(dof) => along.qpos = self.coordinate_slope(model, dof, offsets),
+                Nuisance::Rate(dof) => along.qvel[dof] = 1.0,
+                Nuisance::Release { .. } => along.start_s = 1.0,
+            }
+            directions.push(along);
+        }
+        let columns = columns.start.min(directions.len())..columns.end.min(directions.len());
+        let directions = &directions[columns];
+        let (times, options) = (&self.run.trajectory.time_s[..instants], self.options(candidate.start_s));
+        let command = &self.command;
+        let found = batch::sensitivities(
+            model,
+            at.places,
+            &candidate,
+            directions,
+            command,
+            times,
+            &options,
+            Isa::best(),
+        )?;
+        let width = model.keypoint_sites().len();
+        Ok(batch::Sensitivities {
+            position_m: self.measured(&found.position_m, width),
+            slopes: found.slopes.iter().map(|slope| self.measured(slope, width)).collect(),
+        })
+    }
+
+    fn candidate(&self, model: &Model, values: &[f64], offsets: &[f64]) -> Candidate {
+        let Start { state, start_s } = self.start_with(model, offsets);
+        Candidate { values: values.to_vec(), state, start_s }
+    }
+
+    /// How the coordinates follow the offset of `dof`. A hinge's coordinate is the offset's own; quaternions bend.
+    fn coordinate_slope(&self, model: &Model, dof: usize, offsets: &[f64]) -> Vec<f64> {
+        /// Half the step of a central difference, at which a rotation's third-order term is 1e-12.
+        const STEP: f64 = 1e-6;
+        let at = |shift: f64| {
+            let shifted = self.nuisances.iter().zip(offsets).map(|(nuisance, &offset)| {
+                if *nuisance == Nuisance::Coordinate(dof) { offset + shift } else { offset }
+            });
+            self.start_with(model, &shifted.collect::<Vec<_>>()).state.qpos
+        };
+        let mut slope: Vec<f64> =
+            at(STEP).iter().zip(at(-STEP)).map(|(a, b)| (a - b) / (2.0 * STEP)).collect();
+        for joint in model.joints.iter().filter(|joint| joint.kind.nq() == 1) {
+            slope[joint.qpos_address] = f64::from(u8::from(joint.dof_address == dof));
+        }
+        slope
+    }
+
+    /// Of the model's keypoints, shape (N, `width`), those that were measured, in the trajectory's order.
+    fn measured(&self, positions: &[[f64; 3]], width: usize) -> Vec<[f64; 3]> {
+        positions.chunks(width.max(1)).flat_map(|row| self.columns.iter().map(|&k| row[k])).collect()
     }
 }

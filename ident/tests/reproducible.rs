@@ -114,13 +114,12 @@ fn a_state_of_another_experiment_is_refused() {
 
 #[test]
 fn budget_is_kept_and_named() {
-    for method in [Method::Paper, Method::LeastSquares] {
+    for (method, budget) in [(Method::Paper, 30), (Method::LeastSquares, 6)] {
         let mut experiment = problem(method);
-        experiment.fit.max_evaluations = 30;
+        experiment.fit.max_evaluations = budget;
         let unhurried = fit(&experiment, &mut ()).unwrap().fit;
         assert_eq!(unhurried.stop_reason, "max-evaluations", "{method:?}");
-        // The error bars come on top: two evaluations per parameter and one.
-        let most = 30 + 2 * unhurried.parameters.len() as u64 + 1;
-        assert!(unhurried.evaluations <= most, "{}", unhurried.evaluations);
+        // The error bars come on top: one evaluation, with its derivatives.
+        assert!(unhurried.evaluations <= budget + 1, "{}", unhurried.evaluations);
     }
 }

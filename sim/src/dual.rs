@@ -42,12 +42,31 @@ impl<T: Scalar, const N: usize> Dual<T, N> {
     /// `value` with the derivative `slope` along this number.
     #[inline(always)]
     fn chain(self, value: T, slope: T) -> Self {
-        Self { value, partials: self.partials.map(|p| p * slope) }
+        Self { value, partials: self.each(|p| p * slope) }
+    }
+
+    // Loops, where the library's closures over arrays would not always be inlined: see `Scalar::tuned`.
+
+    #[inline(always)]
+    fn each(self, f: impl Fn(T) -> T) -> [T; N] {
+        let mut partials = self.partials;
+        let mut i = 0;
+        while i < N {
+            partials[i] = f(partials[i]);
+            i += 1;
+        }
+        partials
     }
 
     #[inline(always)]
     fn zip(self, other: Self, f: impl Fn(T, T) -> T) -> [T; N] {
-        std::array::from_fn(|i| f(self.partials[i], other.partials[i]))
+        let mut partials = self.partials;
+        let mut i = 0;
+        while i < N {
+            partials[i] = f(partials[i], other.partials[i]);
+            i += 1;
+        }
+        partials
     }
 }
 
@@ -92,7 +111,7 @@ impl<T: Scalar, const N: usize> Neg for Dual<T, N> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        Self { value: -self.value, partials: self.partials.map(|p| -p) }
+        Self { value: -self.value, partials: self.each(|p| -p) }
     }
 }
 

@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use super::counts::Counts;
 use super::noise::{Seen, correlated, seen};
 use super::objective::Objective;
-use super::problem::{Difference, Linear, Point};
+use super::problem::{Linear, Point};
 use crate::parameters::FreeParameter;
 
 /// What is known about each parameter.
@@ -92,7 +92,7 @@ pub(super) fn information(
 ) -> Option<Information> {
     let problem = &objective.problem;
     let count = problem.parameters.len();
-    let linear = problem.linearise(point, count > 0, Difference::Central, counts)?;
+    let linear = problem.linearise(point, count > 0, counts)?;
     let seen = seen(objective, point, &linear, stated);
     let mut runs = Vec::new();
     for (run, (linear, seen)) in linear.iter().zip(&seen).enumerate() {

@@ -97,7 +97,7 @@ impl Descent {
     ) {
         let by_parameters = freedom == Freedom::Everything;
         let free = if by_parameters { objective.parameters().len() } else { 0 };
-        if by_parameters && counts.evaluations + (2 + free) as u64 > max_evaluations {
+        if by_parameters && counts.evaluations + 2 > max_evaluations {
             self.end = Some(End::MaxEvaluations);
             return;
         }

@@ -1,11 +1,9 @@
 //! What a fit minimises, in full: the squares of [`Problem`], their robust form, and an earlier fit's belief.
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
-use sim::Model;
 
 use super::counts::Counts;
-use super::problem::{Difference, Linear, Point, Problem};
+use super::problem::{Linear, Point, Problem};
 use crate::experiment::Loss;
 use crate::parameters::Parameters;
 
@@ -121,25 +119,9 @@ impl<'a> Objective<'a> {
     }
 
     fn robust_costs(&self, points: &[Point], counts: &mut Counts) -> Vec<f64> {
-        let problem = &self.problem;
-        let runs = problem.terms.len();
-        counts.rollouts += (points.len() * runs) as u64;
-        let models: Vec<Model> =
-            points.iter().map(|point| problem.parameters.applied(&point.values, problem.model)).collect();
-        let parts: Vec<f64> = (0..points.len() * runs)
-            .into_par_iter()
-            .map(|task| {
-                let (point, run) = (task / runs, task % runs);
-                let (term, offsets) = (&problem.terms[run], &points[point].offsets[run]);
-                term.residuals(&models[point], offsets).map_or(f64::INFINITY, |residuals| {
-                    residuals.iter().map(|&r| self.loss.cost(r)).sum::<f64>() + term.belief_cost(offsets)
-                })
-            })
-            .collect();
-        let cost = |(index, point): (usize, &Point)| {
-            parts[index * runs..(index + 1) * runs].iter().sum::<f64>() + problem.prior_cost(&point.values)
-        };
-        points.iter().enumerate().map(cost).collect()
+        let judge = |_: usize, residuals: &DVector<f64>| residuals.iter().map(|&r| self.loss.cost(r)).sum();
+        let parts = self.problem.judged(points, judge, counts);
+        self.problem.summed(points, &parts)
     }
 
     /// As [`Problem::linearise`] with rows weighed as the loss believes them, and what the residuals cost.
@@ -149,7 +131,7 @@ impl<'a> Objective<'a> {
         by_parameters: bool,
         counts: &mut Counts,
     ) -> Option<(Vec<Linear>, f64)> {
-        let mut runs = self.problem.linearise(point, by_parameters, Difference::Forward, counts)?;
+        let mut runs = self.problem.linearise(point, by_parameters, counts)?;
         let mut cost = 0.0;
         for linear in &mut runs {
             cost += linear.residuals.iter().map(|&r| self.loss.cost(r)).sum::<f64>();

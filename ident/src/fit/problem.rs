@@ -1,13 +1,17 @@
 //! The fit as a sum of squares: residuals of all runs, priors, and their derivatives.
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use sim::Model;
+use sim::batch::Sensitivities;
+use sim::model::Parameter;
 
 use super::counts::Counts;
 use crate::loss::{Observation, residuals};
 use crate::parameters::Parameters;
-use crate::simulate::Rehearsal;
+use crate::simulate::{Numbers, Rehearsal};
 
 /// A run with what of it is looked at.
 #[derive(Debug, Clone)]
@@ -24,10 +28,43 @@ impl<'a> Term<'a> {
         Self { rehearsal, observations, instants }
     }
 
-    pub(super) fn residuals(&self, model: &Model, offsets: &[f64]) -> Option<DVector<f64>> {
-        let simulated = self.rehearsal.simulate(model, offsets, self.instants).ok()?;
+    /// The residuals at each of `points`, of this term's run `run`; `None` where a simulation fails.
+    fn residuals(
+        &self,
+        problem: &Problem<'_>,
+        places: &[Parameter],
+        points: &[Point],
+        run: usize,
+    ) -> Vec<Option<DVector<f64>>> {
+        let spread = |point: &Point| problem.parameters.spread(&point.values);
+        let candidates: Vec<(Vec<f64>, &[f64])> =
+            points.iter().map(|point| (spread(point), &point.offsets[run][..])).collect();
         let width = self.rehearsal.run.trajectory.keypoints.len();
-        Some(residuals(&self.observations, &simulated, width).into())
+        let of = |simulated: Vec<[f64; 3]>| residuals(&self.observations, &simulated, width).into();
+        match self.rehearsal.simulate_all(problem.model, places, &candidates, self.instants) {
+            Ok(all) => all.into_iter().map(|one| one.ok().map(of)).collect(),
+            Err(_) => vec![None; points.len()],
+        }
+    }
+
+    /// Residuals and the `columns` of their derivatives.
+    fn linear(
+        &self,
+        model: &Model,
+        at: &Numbers<'_>,
+        offsets: &[f64],
+        columns: Range<usize>,
+    ) -> Option<Linear> {
+        let found = self.rehearsal.sensitivities(model, at, offsets, columns, self.instants);
+        let Sensitivities { position_m, slopes } = found.ok()?;
+        let width = self.rehearsal.run.trajectory.keypoints.len();
+        let rows = self.observations.iter().map(|o| (o.instant * width + o.keypoint, o.axis, o.per_m));
+        let rows: Vec<(usize, usize, f64)> = rows.collect();
+        let jacobian = DMatrix::from_fn(rows.len(), slopes.len(), |row, column| {
+            let (place, axis, per_m) = rows[row];
+            -slopes[column][place][axis] * per_m
+        });
+        Some(Linear { residuals: residuals(&self.observations, &position_m, width).into(), jacobian })
     }
 
     /// Squares of the nuisances in units of their weak beliefs.
@@ -60,18 +97,6 @@ pub(super) struct Linear {
     pub(super) jacobian: DMatrix<f64>,
 }
 
-/// How derivatives are taken.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Difference {
-    /// One rollout per column.
-    Forward,
-    /// Two, and a thousand times more exact.
-    Central,
-}
-
-/// Relative step of a parameter's finite difference.
-const STEP: f64 = 1e-4;
-
 impl<'a> Problem<'a> {
     /// The start of a fit: the model's values, every offset 0.
     pub(super) fn start(&self) -> Point {
@@ -101,97 +126,104 @@ impl<'a> Problem<'a> {
 
     /// As [`Problem::costs`], where points differ in nuisances only and count as no further evaluation.
     pub(super) fn costs_of_rollouts(&self, points: &[Point], counts: &mut Counts) -> Vec<f64> {
+        let parts = self.judged(points, |_, residuals| residuals.norm_squared(), counts);
+        self.summed(points, &parts)
+    }
+
+    /// What `judge`, told the run and its residuals, says of each run at each point, and what the run's offsets cost; shape
+    /// (points, runs), infinite where a simulation fails. Runs and points share the threads.
+    pub(super) fn judged(
+        &self,
+        points: &[Point],
+        judge: impl Fn(usize, &DVector<f64>) -> f64 + Sync,
+        counts: &mut Counts,
+    ) -> Vec<f64> {
         let runs = self.terms.len();
         counts.rollouts += (points.len() * runs) as u64;
-        let models: Vec<Model> =
-            points.iter().map(|point| self.parameters.applied(&point.values, self.model)).collect();
-        let squares: Vec<f64> = (0..points.len() * runs)
-            .into_par_iter()
-            .map(|task| {
-                let (point, run) = (task / runs, task % runs);
-                let (term, offsets) = (&self.terms[run], &points[point].offsets[run]);
-                let squares = term.residuals(&models[point], offsets).map(|r| r.norm_squared());
-                squares.map_or(f64::INFINITY, |squares| squares + term.belief_cost(offsets))
+        let places = self.parameters.places();
+        // one task is a run with as many points as share a pass
+        let together = sim::Isa::best().lanes();
+        let tasks: Vec<(usize, usize)> = (0..runs)
+            .flat_map(|run| (0..points.len()).step_by(together).map(move |first| (run, first)))
+            .collect();
+        let parts: Vec<Vec<f64>> = tasks
+            .par_iter()
+            .map(|&(run, first)| {
+                let (term, points) = (&self.terms[run], &points[first..points.len().min(first + together)]);
+                let residuals = term.residuals(self, &places, points, run);
+                let cost = |(residuals, point): (Option<DVector<f64>>, &Point)| {
+                    let offsets = term.belief_cost(&point.offsets[run]);
+                    residuals.map_or(f64::INFINITY, |residuals| judge(run, &residuals) + offsets)
+                };
+                residuals.into_iter().zip(points).map(cost).collect()
             })
             .collect();
+        let mut table = vec![0.0; points.len() * runs];
+        for ((run, first), part) in tasks.into_iter().zip(parts) {
+            for (k, cost) in part.into_iter().enumerate() {
+                table[(first + k) * runs + run] = cost;
+            }
+        }
+        table
+    }
+
+    /// Sums of `parts`, shape (points, runs), with the priors; in the order of the runs.
+    pub(super) fn summed(&self, points: &[Point], parts: &[f64]) -> Vec<f64> {
+        let runs = self.terms.len();
         let cost = |(index, point): (usize, &Point)| {
-            squares[index * runs..(index + 1) * runs].iter().sum::<f64>() + self.prior_cost(&point.values)
+            parts[index * runs..(index + 1) * runs].iter().sum::<f64>() + self.prior_cost(&point.values)
         };
         points.iter().enumerate().map(cost).collect()
     }
 
     /// Residuals and derivatives of every run at `point`, by the parameters (if `by_parameters`) and by the run's
-    /// own nuisances. `None` where the point itself cannot be simulated; a column that cannot is 0.
+    /// own nuisances, exact to rounding. `None` where the point cannot be simulated.
     pub(super) fn linearise(
         &self,
         point: &Point,
         by_parameters: bool,
-        difference: Difference,
         counts: &mut Counts,
     ) -> Option<Vec<Linear>> {
         let free = if by_parameters { self.parameters.len() } else { 0 };
-        let sides: &[f64] = if difference == Difference::Central { &[1.0, -1.0] } else { &[1.0] };
-        counts.evaluations += u64::from(by_parameters) * (1 + free * sides.len()) as u64;
-        let base_model = self.parameters.applied(&point.values, self.model);
-
-        // (run, column, side); the column past the last is the point itself.
-        let mut tasks: Vec<(usize, usize, f64)> = Vec::new();
-        for (run, term) in self.terms.iter().enumerate() {
-            tasks.push((run, usize::MAX, 0.0));
-            for column in 0..free + term.rehearsal.nuisances.len() {
-                tasks.extend(sides.iter().map(|&side| (run, column, side)));
-            }
-        }
-        counts.rollouts += tasks.len() as u64;
-        let shifted: Vec<Option<DVector<f64>>> = tasks
-            .par_iter()
-            .map(|&(run, column, side)| {
-                let (term, offsets) = (&self.terms[run], &point.offsets[run]);
-                if column == usize::MAX {
-                    return term.residuals(&base_model, offsets);
-                }
-                if column < free {
-                    let mut values = point.values.clone();
-                    values[column] += side * self.parameter_step(point, column);
-                    return term.residuals(&self.parameters.applied(&values, self.model), offsets);
-                }
-                let mut offsets = offsets.clone();
-                offsets[column - free] += side * term.rehearsal.nuisances[column - free].step();
-                term.residuals(&base_model, &offsets)
+        counts.evaluations += u64::from(by_parameters);
+        counts.rollouts +=
+            self.terms.iter().map(|term| (1 + free + term.rehearsal.nuisances.len()) as u64).sum::<u64>();
+        let places = self.parameters.places();
+        let values = self.parameters.spread(&point.values);
+        let varied: Vec<_> = self.parameters.ranges().into_iter().take(free).collect();
+        let at = Numbers { places: &places, values: &values, varied: &varied };
+        // one task is a run with as many columns as share a pass
+        let together = sim::Isa::best().lanes();
+        let tasks: Vec<(usize, usize)> = self
+            .terms
+            .iter()
+            .enumerate()
+            .flat_map(|(run, term)| {
+                let columns = free + term.rehearsal.nuisances.len();
+                (0..columns.max(1)).step_by(together).map(move |first| (run, first))
             })
             .collect();
-
-        let mut shifted = shifted.into_iter();
-        let mut linear = Vec::with_capacity(self.terms.len());
-        for term in &self.terms {
-            let base = shifted.next()??;
-            let columns = free + term.rehearsal.nuisances.len();
-            let mut jacobian = DMatrix::zeros(base.len(), columns);
-            for column in 0..columns {
-                let step = if column < free {
-                    self.parameter_step(point, column)
-                } else {
-                    term.rehearsal.nuisances[column - free].step()
-                };
-                let up = shifted.next()?;
-                let down = if difference == Difference::Central { shifted.next()? } else { None };
-                let slope = match (up, down) {
-                    (Some(up), Some(down)) => (up - down) / (2.0 * step),
-                    (Some(up), None) => (up - &base) / step,
-                    (None, Some(down)) => (&base - down) / step,
-                    (None, None) => continue,
-                };
-                jacobian.set_column(column, &slope);
+        let parts: Vec<Option<Linear>> = tasks
+            .par_iter()
+            .map(|&(run, first)| {
+                let columns = first..first + together;
+                self.terms[run].linear(self.model, &at, &point.offsets[run], columns)
+            })
+            .collect();
+        let mut linear: Vec<Linear> = Vec::with_capacity(self.terms.len());
+        for ((_, first), part) in tasks.into_iter().zip(parts) {
+            let part = part?;
+            match linear.last_mut().filter(|_| first > 0) {
+                Some(whole) => {
+                    let (columns, more) = (whole.jacobian.ncols(), part.jacobian.ncols());
+                    let mut jacobian =
+                        std::mem::take(&mut whole.jacobian).resize_horizontally(columns + more, 0.0);
+                    jacobian.columns_mut(columns, more).copy_from(&part.jacobian);
+                    whole.jacobian = jacobian;
+                }
+                None => linear.push(part),
             }
-            linear.push(Linear { residuals: base, jacobian });
         }
         Some(linear)
-    }
-
-    /// Signed, so that a step from the upper bound stays within; from a lower bound of 0 it always does.
-    fn parameter_step(&self, point: &Point, index: usize) -> f64 {
-        let (scale, value) = (&self.parameters.free[index].scale, point.values[index]);
-        let step = STEP * value.abs().max(scale.resolution());
-        if value + step > scale.upper() { -step } else { step }
     }
 }

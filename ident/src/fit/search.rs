@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::counts::Counts;
 use super::least_squares::{Descent, Freedom};
 use super::objective::Objective;
-use super::problem::{Difference, Point};
+use super::problem::Point;
 use crate::cmaes::{CmaEs, Options, Restarting, Restarts, Stop};
 use crate::experiment::Loss;
 
@@ -141,40 +141,32 @@ impl Search {
     }
 
     /// Losses of candidates in the unit box, known ones from the cache.
-    fn losses(&mut self, objective: &Objective<'_>, points: &[Vec<f64>], counts: &mut Counts) -> Vec<f64> {
+    fn losses(&mut self, objective: &Objective<'_>, units: &[Vec<f64>], counts: &mut Counts) -> Vec<f64> {
         let known =
             |point: &Vec<f64>| self.cache.iter().find(|(other, _)| other == point).map(|(_, loss)| *loss);
-        let new: Vec<&Vec<f64>> = points.iter().filter(|point| known(point).is_none()).collect();
+        let new: Vec<&Vec<f64>> = units.iter().filter(|point| known(point).is_none()).collect();
         let problem = &objective.problem;
         let runs = problem.terms.len();
-        counts.evaluations += points.len() as u64;
-        counts.rollouts += (new.len() * runs) as u64;
-        let values: Vec<Vec<f64>> = new.iter().map(|point| problem.parameters.values(point)).collect();
-        let models: Vec<_> =
-            values.iter().map(|values| problem.parameters.applied(values, problem.model)).collect();
-        let elimination = self.elimination.as_deref().unwrap_or(&[]);
-        let parts: Vec<f64> = (0..new.len() * runs)
-            .into_par_iter()
-            .map(|task| {
-                let (point, run) = (task / runs, task % runs);
-                let offsets = &self.anchor.offsets[run];
-                let residuals = problem.terms[run].residuals(&models[point], offsets);
-                let belief = problem.terms[run].belief_cost(offsets);
-                residuals.map_or(f64::INFINITY, |r| {
-                    belief
-                        + match elimination.get(run) {
-                            Some(elimination) => elimination.cost(&r, objective.loss),
-                            None => cost(&r, objective.loss),
-                        }
-                })
+        counts.evaluations += units.len() as u64;
+        let points: Vec<Point> = new
+            .iter()
+            .map(|point| Point {
+                values: problem.parameters.values(point),
+                offsets: self.anchor.offsets.clone(),
             })
             .collect();
+        let elimination = self.elimination.as_deref().unwrap_or(&[]);
+        let judge = |run: usize, residuals: &DVector<f64>| match elimination.get(run) {
+            Some(elimination) => elimination.cost(residuals, objective.loss),
+            None => cost(residuals, objective.loss),
+        };
+        let parts = problem.judged(&points, judge, counts);
         for (index, point) in new.into_iter().enumerate() {
             let data: f64 = parts[index * runs..(index + 1) * runs].iter().sum();
-            let loss = data + objective.prior_cost(&values[index]);
+            let loss = data + objective.prior_cost(&points[index].values);
             self.cache.push((point.clone(), Some(loss).filter(|loss| loss.is_finite())));
         }
-        points.iter().map(|point| self.cached(point)).collect()
+        units.iter().map(|point| self.cached(point)).collect()
     }
 
     fn cached(&self, point: &Vec<f64>) -> f64 {
@@ -226,7 +218,7 @@ pub(super) fn settle(
 
 fn eliminate(objective: &Objective<'_>, anchor: &Point, counts: &mut Counts) -> Vec<Elimination> {
     let problem = &objective.problem;
-    let linear = problem.linearise(anchor, false, Difference::Forward, counts).unwrap_or_default();
+    let linear = problem.linearise(anchor, false, counts).unwrap_or_default();
     let one = |(run, linear): (usize, super::problem::Linear)| {
         let nuisances = &problem.terms[run].rehearsal.nuisances;
         let mut hessian = linear.jacobian.tr_mul(&linear.jacobian);

@@ -84,6 +84,28 @@ impl Parameters {
         self.free.iter().zip(values).map(|(parameter, &value)| parameter.scale.unit(value)).collect()
     }
 
+    /// Every place in the model that a parameter stands for, parameter by parameter.
+    pub fn places(&self) -> Vec<sim::model::Parameter> {
+        self.free.iter().flat_map(|parameter| parameter.places.iter().copied()).collect()
+    }
+
+    /// Which of [`Parameters::places`] belong to each parameter, shape (P).
+    pub fn ranges(&self) -> Vec<std::ops::Range<usize>> {
+        let mut next = 0;
+        let range = |parameter: &FreeParameter| {
+            let first = next;
+            next += parameter.places.len();
+            first..next
+        };
+        self.free.iter().map(range).collect()
+    }
+
+    /// The value at each of [`Parameters::places`], from SI `values`, shape (P).
+    pub fn spread(&self, values: &[f64]) -> Vec<f64> {
+        let each = self.free.iter().zip(values);
+        each.flat_map(|(parameter, &value)| std::iter::repeat_n(value, parameter.places.len())).collect()
+    }
+
     /// Puts SI `values`, shape (P), into `model`, which has the shape of the one selected from.
     pub fn apply(&self, values: &[f64], model: &mut Model) {
         for (parameter, &value) in self.free.iter().zip(values) {

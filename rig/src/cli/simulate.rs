@@ -231,6 +231,7 @@ mod tests {
             duration_s: 0.1,
             timestep_s: None,
             integrator: None,
+            accuracy_m: None,
             hold_command: false,
             prescribed: false,
             every_s: 0.02,

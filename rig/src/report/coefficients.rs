@@ -1,12 +1,12 @@
 //! The fitted coefficients, and which of them the data determine.
 
-use ident::fit::{Fit, FittedParameter};
+use ident::fit::{Combination, Fit, FittedParameter};
 use ident::parameters::Scale;
 use maud::{Markup, html};
 
 use super::data::ReportData;
 use super::format::{counted, significant};
-use super::verdict::{is_combined, is_settled};
+use super::verdict::{is_combined, is_constant, is_settled};
 
 /// Table of coefficients with the reserves in plain words.
 pub(super) fn section(data: &ReportData) -> Markup {
@@ -66,6 +66,10 @@ fn remark(fit: &Fit, parameter: &FittedParameter) -> Markup {
     html! {
         @if is_combined(fit, &parameter.name) { span.flag.caution { "only in combination" } " " }
         @else if !parameter.determined { span.flag.caution { "left open" } " " }
+        @if !is_constant(parameter) { span.flag.caution { "differs from run to run" } " " }
+        @if let Some([lower, upper]) = parameter.ci95 {
+            "95 %: " (significant(lower)) " to " (significant(upper)) " "
+        }
         @if parameter.at_bound { span.flag.caution { "at its " (side) " bound" } " " }
         @if is_settled(fit, parameter) && !parameter.at_bound { span.flag.good { "determined" } }
     }
@@ -94,6 +98,24 @@ fn bar(parameter: &FittedParameter) -> Markup {
     }
 }
 
+/// A combination that the data settle, as a formula with its value.
+pub(super) fn weighted_sum(combination: &Combination) -> Option<String> {
+    let (value, std) = combination.value.zip(combination.std)?;
+    let mut sum = String::new();
+    for (name, &weight) in &combination.weights {
+        let sign = match (sum.is_empty(), weight < 0.0) {
+            (true, false) => "",
+            (true, true) => "−",
+            (false, false) => " + ",
+            (false, true) => " − ",
+        };
+        let size = weight.abs();
+        let factor = if size == 1.0 { String::new() } else { format!("{} ", significant(size)) };
+        sum.push_str(&format!("{sign}{factor}{name}"));
+    }
+    Some(format!("{sum} = {} ± {}", significant(value), significant(std)))
+}
+
 fn unidentifiable(fit: &Fit) -> Markup {
     let together: Vec<_> = fit.unidentifiable.iter().filter(|group| group.len() > 1).collect();
     let alone: Vec<_> = fit
@@ -107,6 +129,12 @@ fn unidentifiable(fit: &Fit) -> Markup {
     html! {
         div.note {
             h3 { "What these runs cannot see" }
+            @if fit.effective_parameters > 0.0 {
+                p {
+                    "Together they settle about " (format!("{:.1}", fit.effective_parameters)) " of the "
+                    (counted(fit.parameters.len(), "value")) "."
+                }
+            }
             @for group in &together {
                 p {
                     "Of " @for (i, name) in group.iter().enumerate() { @if i > 0 { ", " } code { (name) } }
@@ -114,6 +142,7 @@ fn unidentifiable(fit: &Fit) -> Markup {
                     " can be traded against each other without changing what the camera sees."
                 }
             }
+            @for sum in fit.combinations.iter().filter_map(weighted_sum) { p { "What they show is " (sum) "." } }
             @if !alone.is_empty() {
                 p {
                     "The motion hardly depends on "

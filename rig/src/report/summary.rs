@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use ident::experiment::Use;
 use ident::fit::Fit;
 
+use super::coefficients::weighted_sum;
 use super::data::ReportData;
 use super::format::{millimetres, percent, significant};
 use super::verdict::{is_combined, is_constant, verdict};
@@ -22,6 +23,9 @@ pub fn summary(data: &ReportData) -> String {
         if !fit.parameters.is_empty() {
             text.push('\n');
             text.push_str(&table(&coefficients(fit)));
+            for sum in fit.combinations.iter().filter_map(weighted_sum) {
+                let _ = writeln!(text, "seen: {sum}");
+            }
         }
     }
     text
