@@ -496,3 +496,118 @@ fn the_page_of_causes_lists_what_the_causes_say() {
     // the page is made by copying this
     assert!(list.trim() == ours.trim(), "{ours}");
 }
+
+/// What the servo of the driven chain gets, by `law` in tiny steps from the state at rest.
+fn stepped(command: &Command, end_s: f64, mut law: impl FnMut(f64, f64, f64) -> f64) -> f64 {
+    const STEPS: u32 = 400_000;
+    let h = end_s / f64::from(STEPS);
+    (1..=STEPS).fold(command.at(0, 0.0), |y, step| law(y, command.at(0, f64::from(step) * h), h))
+}
+
+#[test]
+fn drives_obey_their_laws_on_any_command() {
+    let command = Command {
+        actuators: vec!["servo".into()],
+        time_s: vec![0.05, 0.2, 0.31, 0.5, 0.52, 0.9],
+        angle_rad: vec![0.1, 0.5, -0.3, 0.4, 0.4, 0.0],
+    };
+    let model = chain("active");
+    let path = |values: &[(&str, f64)]| super::CommandPath::new(&with(&model, values), &command);
+    let limited = path(&[("servo_rate_limit/share", 1.0), ("servo_rate_limit/rate", 3.0)]);
+    let lagging = path(&[("servo_lag/time", 0.03)]);
+    let loose = path(&[("backlash/half_width", 0.05)]);
+    let all = path(&[
+        ("servo_rate_limit/share", 1.0),
+        ("servo_rate_limit/rate", 3.0),
+        ("servo_lag/time", 0.03),
+        ("servo_gain/scale", 0.1),
+        ("servo_delay/delay", 0.04),
+    ]);
+    let limit = |y: f64, u: f64, h: f64| y + (u - y).clamp(-3.0 * h, 3.0 * h);
+    let lag = |y: f64, u: f64, h: f64| y + (u - y) * h / 0.03;
+    for time_s in [0.02, 0.13, 0.22, 0.3, 0.37, 0.48, 0.51, 0.7, 1.2] {
+        let cases = [
+            ("rate", limited.at(0, time_s), stepped(&command, time_s, limit)),
+            ("lag", lagging.at(0, time_s), stepped(&command, time_s, lag)),
+            ("play", loose.at(0, time_s), stepped(&command, time_s, |y, u, _| y.clamp(u - 0.05, u + 0.05))),
+        ];
+        for (what, ours, expected) in cases {
+            // first order in steps of some microseconds
+            assert!((ours - expected).abs() < 1e-4, "{what} at {time_s} s: {ours} {expected}");
+        }
+        let mut limited = 1.1 * command.at(0, 0.0);
+        let expected = if time_s < 0.04 {
+            limited
+        } else {
+            let scaled =
+                Command { angle_rad: command.angle_rad.iter().map(|a| 1.1 * a).collect(), ..command.clone() };
+            stepped(&scaled, time_s - 0.04, |y, u, h| {
+                limited = limit(limited, u, h);
+                lag(y, limited, h)
+            })
+        };
+        assert!((all.at(0, time_s) - expected).abs() < 1e-4, "all at {time_s} s");
+    }
+    // rows that come in one by one make the same path
+    let first = Command { time_s: vec![0.05], angle_rad: vec![0.1], ..command.clone() };
+    let mut growing = super::CommandPath::new(&with(&model, &[("servo_lag/time", 0.03)]), &first);
+    for (&time_s, &angle) in command.time_s.iter().zip(&command.angle_rad).skip(1) {
+        growing.push(time_s, &[angle]);
+    }
+    assert_eq!(growing.at(0, 0.7), lagging.at(0, 0.7));
+}
+
+#[test]
+fn camera_sees_points_where_they_are_when_it_looks() {
+    let model = chain("passive");
+    let start = [1.3, 0.2, -0.4];
+    let times = grid(0.8, 0.05);
+    let seen = |values: &[(&str, f64)], times: &[f64]| {
+        run(&with(&model, values), &start, times, &rk4(0.005)).position_m
+    };
+    let delay = 0.0123;
+    let later: Vec<f64> = times.iter().map(|t| t + delay).collect();
+    // both are cubics between steps, one in angles, one in positions
+    const BETWEEN_M: f64 = 1e-8;
+    let worst = |a: &[[f64; 3]], b: &[[f64; 3]]| {
+        let apart = a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| (a - b).abs());
+        apart.fold(0.0, f64::max)
+    };
+    assert!(worst(&seen(&[("camera_delay/delay", delay)], &times), &seen(&[], &later)) < BETWEEN_M);
+    // nothing moved before the start
+    let still = seen(&[("camera_delay/delay", -0.06)], &[0.0, 0.05]);
+    assert_eq!(still[..3], still[3..]);
+
+    let slowness = 0.2;
+    let rolled = seen(&[("rolling_shutter/slowness", slowness)], &times);
+    let plain = seen(&[], &times);
+    for (row, &time_s) in times.iter().enumerate().skip(4) {
+        for point in 0..3 {
+            let when = time_s + slowness * plain[3 * row + point][2];
+            let expected = seen(&[], &[when])[point];
+            assert!(worst(&[rolled[3 * row + point]], &[expected]) < BETWEEN_M, "{time_s} {point}");
+        }
+    }
+    let turned = seen(
+        &[
+            ("camera_scale/scale", 0.02),
+            ("camera_rotation/angle", 0.1),
+            ("camera_tilt/x", 0.5),
+            ("lens/radial", 3.0),
+        ],
+        &times,
+    );
+    for (ours, [x, y, z]) in turned.iter().zip(&plain) {
+        let radial = 1.0 + 3.0 * (x * x + z * z);
+        let (x, z) = (x * radial, z * radial);
+        let tilt = (1.0 + 0.5 * x) * 1.02;
+        let (x, z) = (x * tilt, z * tilt);
+        let (sin, cos) = 0.1_f64.sin_cos();
+        assert!(worst(&[*ours], &[[cos * x - sin * z, *y, sin * x + cos * z]]) < 1e-14);
+    }
+    let slipped = seen(&[("keypoint_slip/P3", 0.002)], &times);
+    for (ours, plain) in slipped.chunks(3).zip(plain.chunks(3)) {
+        let [a, b] = [ours[2], plain[2]].map(|p| (Vec3(p) - Vec3(plain[1])).norm());
+        assert!((a - b - 0.002).abs() < 1e-12 && ours[..2] == plain[..2]);
+    }
+}
