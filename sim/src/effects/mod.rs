@@ -18,9 +18,9 @@
 //! [`Info`] and that section's hook, and one line:
 //!
 //! - `model`: it changes the model's own numbers before anything moves (`fn alter`). Nothing in a step knows of it.
-//! - `step`: it exerts forces or has inertia ([`Step`]).
-//! - `drive`: it changes the command on its way to the drives ([`Stage`](drive::Stage)), in the order of the list.
-//! - `picture`: it changes what the camera sees ([`Look`](crate::observation::Look)), in the order of the list.
+//! - `step`: it exerts forces or has inertia (`Step`).
+//! - `drive`: it changes the command on its way to the drives (`drive::Stage`), in the order of the list.
+//! - `picture`: it changes what the camera sees (`Look`), in the order of the list.
 //!
 //! A cause that is absent costs nothing and leaves the motion the same to the bit.
 
