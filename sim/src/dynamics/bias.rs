@@ -14,22 +14,19 @@ pub(crate) fn velocities<S: Space>(plant: &Plant<S>, qvel: &[S::T], work: &mut W
         let mut velocity = work.velocity[link.parent];
         let mut drift = work.drift[link.parent];
         for joint in &plant.joints[link.joints.clone()] {
-            let dofs = joint.dof..joint.dof + joint.nv;
-            let mut moves = |dofs: std::ops::Range<usize>, turns_axes: bool| {
-                let own = dofs.fold(Motion::ZERO, |sum, dof| sum.plus(work.axes[dof], qvel[dof]));
-                if turns_axes {
-                    drift = drift.and(velocity.cross(own));
-                }
-                velocity = velocity.and(own);
-            };
-            match joint.kind {
-                JointPlanKind::Free(_) => {
-                    // the axes of travel are the world's and stay
-                    moves(dofs.start..dofs.start + 3, false);
-                    moves(dofs.start + 3..dofs.end, true);
-                }
-                _ => moves(dofs, true),
+            // the axes of a free body's travel are the world's and stay
+            let staying = if matches!(joint.kind, JointPlanKind::Free(_)) { 3 } else { 0 };
+            let axes = &work.axes[joint.dof..joint.dof + joint.nv];
+            let rates = &qvel[joint.dof..joint.dof + joint.nv];
+            for (axis, &rate) in axes[..staying].iter().zip(&rates[..staying]) {
+                velocity = velocity.plus(*axis, rate);
             }
+            let mut own = Motion::ZERO;
+            for (axis, &rate) in axes[staying..].iter().zip(&rates[staying..]) {
+                own = own.plus(*axis, rate);
+            }
+            drift = drift.and(velocity.cross(own));
+            velocity = velocity.and(own);
         }
         work.velocity[index] = velocity;
         work.drift[index] = drift;
