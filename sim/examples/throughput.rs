@@ -104,7 +104,7 @@ impl Case {
     /// Wall time of one candidate's run on one thread \[s\], every lane at work.
     fn seconds(&self, options: &RolloutOptions, isa: Isa) -> f64 {
         let candidate = Candidate { values: Vec::new(), state: self.state.clone(), start_s: 0.0 };
-        let candidates = vec![candidate; isa.lanes()];
+        let candidates = vec![candidate; isa.candidates()];
         let samples = [self.duration_s];
         let best = |best: f64, _| {
             let start = Instant::now();
@@ -141,7 +141,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                     "model": name,
                     "integrator": called,
                     "timestep_s": timestep_s,
-                    "lanes": isa.lanes(),
+                    "lanes": isa.candidates(),
                     "threads": 1,
                     "isa": isa.name(),
                     "steps_per_s": case.duration_s / timestep_s / seconds,

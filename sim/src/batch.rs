@@ -43,7 +43,7 @@ pub fn positions(
     }
     let columns = rollout::columns(model, command)?;
     let mut results = Vec::with_capacity(candidates.len());
-    for group in candidates.chunks(isa.lanes()) {
+    for group in candidates.chunks(isa.candidates()) {
         let group = Group { model, parameters, group, command, columns: &columns, sample_times_s, options };
         results.extend(dispatch(isa, group)?);
     }
@@ -99,7 +99,7 @@ pub fn sensitivities(
         start_s: 0.0,
     }];
     let groups = if directions.is_empty() { &still } else { directions };
-    for group in groups.chunks(isa.lanes()) {
+    for group in groups.chunks(isa.directions()) {
         let group =
             Fan { model, parameters, candidate, group, command, columns: &columns, sample_times_s, options };
         let Sensitivities { position_m, slopes } = dispatch(isa, group)?;
@@ -146,7 +146,7 @@ impl Group<'_> {
 
 impl InLanes for Group<'_> {
     type Output = Result<Vec<Positions>, RolloutError>;
-    const WIDEST: bool = true;
+    const MANIFOLD: bool = false;
 
     fn with<L: Packed>(self) -> Self::Output {
         let (model, state) = (self.model::<L>(), self.state::<L>());
@@ -195,8 +195,7 @@ impl Fan<'_> {
 
 impl InLanes for Fan<'_> {
     type Output = Result<Sensitivities, RolloutError>;
-    // the derivatives alone fill the registers
-    const WIDEST: bool = false;
+    const MANIFOLD: bool = true;
 
     fn with<L: Packed>(self) -> Self::Output {
         let Self { candidate, command, columns, sample_times_s, options, .. } = self;

@@ -42,10 +42,16 @@ impl<T: Scalar, const N: usize> Dual<T, N> {
     /// `value` with the derivative `slope` along this number.
     #[inline(always)]
     fn chain(self, value: T, slope: T) -> Self {
-        Self { value, partials: self.each(|p| p * slope) }
+        Self {
+            value,
+            partials: self.each(
+                #[inline(always)]
+                |p| p * slope,
+            ),
+        }
     }
 
-    // Loops, where the library's closures over arrays would not always be inlined: see `Scalar::tuned`.
+    // Loops, for the library's functions over arrays would not always be inlined: see `Scalar::tuned`. So with closures.
 
     #[inline(always)]
     fn each(self, f: impl Fn(T) -> T) -> [T; N] {
@@ -74,7 +80,14 @@ impl<T: Scalar, const N: usize> Add for Dual<T, N> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        Self { value: self.value + other.value, partials: self.zip(other, |a, b| a + b) }
+        Self {
+            value: self.value + other.value,
+            partials: self.zip(
+                other,
+                #[inline(always)]
+                |a, b| a + b,
+            ),
+        }
     }
 }
 
@@ -82,7 +95,14 @@ impl<T: Scalar, const N: usize> Sub for Dual<T, N> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        Self { value: self.value - other.value, partials: self.zip(other, |a, b| a - b) }
+        Self {
+            value: self.value - other.value,
+            partials: self.zip(
+                other,
+                #[inline(always)]
+                |a, b| a - b,
+            ),
+        }
     }
 }
 
@@ -92,7 +112,14 @@ impl<T: Scalar, const N: usize> Mul for Dual<T, N> {
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
         let (x, y) = (self.value, other.value);
-        Self { value: x * y, partials: self.zip(other, |a, b| a * y + x * b) }
+        Self {
+            value: x * y,
+            partials: self.zip(
+                other,
+                #[inline(always)]
+                |a, b| a * y + x * b,
+            ),
+        }
     }
 }
 
@@ -103,7 +130,14 @@ impl<T: Scalar, const N: usize> Div for Dual<T, N> {
         let inverse = T::ONE / other.value;
         // the plain quotient, so that values agree with plain numbers to the bit
         let value = self.value / other.value;
-        Self { value, partials: self.zip(other, |a, b| (a - value * b) * inverse) }
+        Self {
+            value,
+            partials: self.zip(
+                other,
+                #[inline(always)]
+                |a, b| (a - value * b) * inverse,
+            ),
+        }
     }
 }
 
@@ -111,7 +145,13 @@ impl<T: Scalar, const N: usize> Neg for Dual<T, N> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        Self { value: -self.value, partials: self.each(|p| -p) }
+        Self {
+            value: -self.value,
+            partials: self.each(
+                #[inline(always)]
+                |p| -p,
+            ),
+        }
     }
 }
 
@@ -169,7 +209,11 @@ impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
     #[inline(always)]
     fn atan2(self, x: Self) -> Self {
         let squared = self.value * self.value + x.value * x.value;
-        let partials = self.zip(x, |dy, dx| (dy * x.value - dx * self.value) / squared);
+        let partials = self.zip(
+            x,
+            #[inline(always)]
+            |dy, dx| (dy * x.value - dx * self.value) / squared,
+        );
         Self { value: self.value.atan2(x.value), partials }
     }
 
@@ -200,7 +244,11 @@ impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
     fn select(mask: T::Mask, yes: Self, no: Self) -> Self {
         Self {
             value: T::select(mask, yes.value, no.value),
-            partials: yes.zip(no, |a, b| T::select(mask, a, b)),
+            partials: yes.zip(
+                no,
+                #[inline(always)]
+                |a, b| T::select(mask, a, b),
+            ),
         }
     }
 }

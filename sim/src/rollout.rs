@@ -6,7 +6,7 @@ use crate::effects::CommandPath;
 use crate::model::{Integrator, Model, State};
 use crate::observation::Film;
 use crate::observation::film::Keypoint;
-use crate::scalar::{Mask, Scalar};
+use crate::scalar::{Mask, Scalar, tuned};
 use crate::simulator::{self, Engine};
 use crate::space::{Planar, Space, Spatial};
 use crate::steps::{Grid, Steps};
@@ -263,49 +263,39 @@ impl<T: Scalar> Run<'_, T> {
                     first += 1;
                 }
                 let mut here = reached;
-                S::T::tuned(
-                    #[inline(always)]
-                    || {
-                        if steps == 0 {
-                            sample.qpos.copy_from_slice(&after.qpos);
-                            sample.qvel.copy_from_slice(&after.qvel);
-                        } else {
-                            let passed = grid.instant(steps - 1);
-                            here = here & T::from_f64(passed + 1e-9 * h).less(elapsed);
-                            let share = (elapsed - T::from_f64(passed)) * T::from_f64(1.0 / h);
-                            let (start, end) =
-                                ((&before.qpos[..], &before.qvel[..]), (&after.qpos[..], &after.qvel[..]));
-                            integrate::between(&engine.plant, start, end, h, share, &mut sample.qpos);
-                            for ((v, &v0), &v1) in sample.qvel.iter_mut().zip(&before.qvel).zip(&after.qvel) {
-                                *v = v0 + share * (v1 - v0);
-                            }
+                tuned!(S::T, {
+                    if steps == 0 {
+                        sample.qpos.copy_from_slice(&after.qpos);
+                        sample.qvel.copy_from_slice(&after.qvel);
+                    } else {
+                        let passed = grid.instant(steps - 1);
+                        here = here & T::from_f64(passed + 1e-9 * h).less(elapsed);
+                        let share = (elapsed - T::from_f64(passed)) * T::from_f64(1.0 / h);
+                        let (start, end) =
+                            ((&before.qpos[..], &before.qvel[..]), (&after.qpos[..], &after.qvel[..]));
+                        integrate::between(&engine.plant, start, end, h, share, &mut sample.qpos);
+                        for ((v, &v0), &v1) in sample.qvel.iter_mut().zip(&before.qvel).zip(&after.qvel) {
+                            *v = v0 + share * (v1 - v0);
                         }
-                        if here.any() {
-                            kinematics::kinematics(&engine.plant, &sample.qpos, &mut engine.work);
-                            let (work, layout) = (&engine.work, &engine.plant.layout);
-                            let places = &mut out.position_m[row * sites.len()..(row + 1) * sites.len()];
-                            for (place, &(body, own, at)) in places.iter_mut().zip(&sites) {
-                                let [x, y, z] = S::lift(
-                                    layout,
-                                    body,
-                                    own,
-                                    work.pos[body] + S::apply(&work.rot[body], at),
-                                );
-                                let [a, b, c] = *place;
-                                *place =
-                                    [T::select(here, x, a), T::select(here, y, b), T::select(here, z, c)];
-                            }
-                            for (kept, &q) in out.qpos[row * nq..(row + 1) * nq].iter_mut().zip(&sample.qpos)
-                            {
-                                *kept = T::select(here, q, *kept);
-                            }
-                            for (kept, &v) in out.qvel[row * nv..(row + 1) * nv].iter_mut().zip(&sample.qvel)
-                            {
-                                *kept = T::select(here, v, *kept);
-                            }
+                    }
+                    if here.any() {
+                        kinematics::kinematics(&engine.plant, &sample.qpos, &mut engine.work);
+                        let (work, layout) = (&engine.work, &engine.plant.layout);
+                        let places = &mut out.position_m[row * sites.len()..(row + 1) * sites.len()];
+                        for (place, &(body, own, at)) in places.iter_mut().zip(&sites) {
+                            let [x, y, z] =
+                                S::lift(layout, body, own, work.pos[body] + S::apply(&work.rot[body], at));
+                            let [a, b, c] = *place;
+                            *place = [T::select(here, x, a), T::select(here, y, b), T::select(here, z, c)];
                         }
-                    },
-                );
+                        for (kept, &q) in out.qpos[row * nq..(row + 1) * nq].iter_mut().zip(&sample.qpos) {
+                            *kept = T::select(here, q, *kept);
+                        }
+                        for (kept, &v) in out.qvel[row * nv..(row + 1) * nv].iter_mut().zip(&sample.qvel) {
+                            *kept = T::select(here, v, *kept);
+                        }
+                    }
+                });
                 row += 1;
             }
             steps += 1;

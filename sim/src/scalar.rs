@@ -34,6 +34,27 @@ impl Mask for bool {
     }
 }
 
+/// Does the work with the instructions that suit the number: `tuned!(T, work)`, see [`Scalar::tuned`].
+///
+/// A closure that could be called twice is called once through a function made for that, which need not be inlined. So
+/// this one gives something away, which can be done once only.
+macro_rules! tuned {
+    ($T:ty, $work:expr) => {{
+        let once = $crate::scalar::Once;
+        <$T as $crate::scalar::Scalar>::tuned(
+            #[inline(always)]
+            || {
+                let _given_away = once;
+                $work
+            },
+        )
+    }};
+}
+pub(crate) use tuned;
+
+/// What can be given away once only.
+pub(crate) struct Once;
+
 /// A number the simulation can be carried out in.
 pub trait Scalar:
     Copy
@@ -61,7 +82,8 @@ pub trait Scalar:
     const ONE: Self;
 
     /// Does `work` with the instructions that suit this number. What `work` calls must be `#[inline(always)]` down to the
-    /// arithmetic, or tuned itself: only what ends up in one function is compiled for those instructions.
+    /// arithmetic, or tuned itself: only what ends up in one function is compiled for those instructions. Called as
+    /// `tuned!`, which sees to it that `work` itself is inlined.
     #[inline(always)]
     fn tuned<R>(work: impl FnOnce() -> R) -> R {
         work()
@@ -217,8 +239,7 @@ pub(crate) fn sin_cos<T: Scalar>(x: T) -> (T, T) {
         -1.135_964_755_778_819_482_65e-11,
     ];
     let of = T::from_f64;
-    let round = |x: T| x + of(ROUND) - of(ROUND);
-    let quarters = round(x * of(TWO_OVER_PI));
+    let quarters = x * of(TWO_OVER_PI) + of(ROUND) - of(ROUND);
     let [high, middle, low] = HALF_PI;
     let y = x - quarters * of(high) - quarters * of(middle) - quarters * of(low);
     let z = y * y;
@@ -230,7 +251,8 @@ pub(crate) fn sin_cos<T: Scalar>(x: T) -> (T, T) {
     let most = T::ONE - half;
     let cos = most + ((T::ONE - most - half) + tail);
     // quarters modulo 4: 0, 1, 2 or 3
-    let turn = quarters - of(4.0) * round(quarters * of(0.25) - of(0.375));
+    let whole = quarters * of(0.25) - of(0.375) + of(ROUND) - of(ROUND);
+    let turn = quarters - of(4.0) * whole;
     let (above_0, above_1, above_2) = (of(0.5).less(turn), of(1.5).less(turn), of(2.5).less(turn));
     let odd = (above_0 & !above_1) | above_2;
     let (sin, cos) = (T::select(odd, cos, sin), T::select(odd, sin, cos));

@@ -142,7 +142,7 @@ impl<'a> Problem<'a> {
         counts.rollouts += (points.len() * runs) as u64;
         let places = self.parameters.places();
         // one task is a run with as many points as share a pass
-        let together = sim::Isa::best().lanes();
+        let together = sim::Isa::best().candidates();
         let tasks: Vec<(usize, usize)> = (0..runs)
             .flat_map(|run| (0..points.len()).step_by(together).map(move |first| (run, first)))
             .collect();
@@ -193,7 +193,7 @@ impl<'a> Problem<'a> {
         let varied: Vec<_> = self.parameters.ranges().into_iter().take(free).collect();
         let at = Numbers { places: &places, values: &values, varied: &varied };
         // one task is a run with as many columns as share a pass
-        let together = sim::Isa::best().lanes();
+        let together = sim::Isa::best().directions();
         let tasks: Vec<(usize, usize)> = self
             .terms
             .iter()

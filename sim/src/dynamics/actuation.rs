@@ -35,16 +35,13 @@ pub(crate) fn slopes<S: Space>(
     stiffness: &mut [S::T],
 ) {
     for ((drive, &command), _) in plant.drives.iter().zip(command).zip(off).filter(|(_, off)| !**off) {
-        let within = |slope: S::T| match drive.force_range {
-            Some([low, high]) => {
-                let push = drive.raw_force(qpos, qvel, command);
-                S::T::select(low.less(push) & push.less(high), slope, S::T::ZERO)
-            }
-            None => slope,
-        };
-        let squared = drive.gear * drive.gear;
-        damping[drive.dof] -= within(squared * drive.damping);
-        stiffness[drive.dof] -= within(squared * drive.stiffness);
+        let mut squared = drive.gear * drive.gear;
+        if let Some([low, high]) = drive.force_range {
+            let push = drive.raw_force(qpos, qvel, command);
+            squared = S::T::select(low.less(push) & push.less(high), squared, S::T::ZERO);
+        }
+        damping[drive.dof] -= squared * drive.damping;
+        stiffness[drive.dof] -= squared * drive.stiffness;
     }
 }
 

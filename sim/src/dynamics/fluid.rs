@@ -28,13 +28,22 @@ pub(crate) fn about_root<S: Space>(
     Wrench { torque: S::apply_spin(rot, torque) + S::moment(at, force), force }
 }
 
+/// `world_from_shape` of a shape that is turned by `own` on a body at `rot`.
+#[inline(always)]
+fn with_own<S: Space>(rot: S::Rot, own: &Option<S::Rot>) -> S::Rot {
+    match own {
+        Some(own) => S::product(&rot, own),
+        None => rot,
+    }
+}
+
 impl<S: Space> FluidGeom<S> {
     /// Centre from the root, and `world_from_geom`.
     #[inline(always)]
     pub(crate) fn place(&self, plant: &Plant<S>, work: &Work<S>) -> (S::Vec, S::Rot) {
         let rot = work.rot[self.body];
         let at = work.pos[self.body] + S::apply(&rot, self.pos) - work.pos[plant.links[self.body].root];
-        (at, self.rot.as_ref().map_or(rot, |own| S::product(&rot, own)))
+        (at, with_own::<S>(rot, &self.rot))
     }
 }
 
@@ -43,7 +52,7 @@ impl<S: Space> FluidBody<S> {
     #[inline(always)]
     pub(crate) fn place(&self, work: &Work<S>) -> (S::Vec, S::Rot) {
         let rot = work.rot[self.body];
-        (work.com[self.body], self.rot.as_ref().map_or(rot, |own| S::product(&rot, own)))
+        (work.com[self.body], with_own::<S>(rot, &self.rot))
     }
 }
 

@@ -34,8 +34,8 @@ pub(crate) fn follow_turn<S: Space>(plant: &Plant<S>, turned: &[S::T], rate: &mu
             JointPlanKind::Ball(_) => joint.dof,
             JointPlanKind::Free(_) => joint.dof + 3,
         };
-        let at = |v: &[S::T]| Vec3([v[first], v[first + 1], v[first + 2]]);
-        let (u, w) = (at(turned), at(rate));
+        let u = Vec3([turned[first], turned[first + 1], turned[first + 2]]);
+        let w = Vec3([rate[first], rate[first + 1], rate[first + 2]]);
         let once = u.cross(w);
         let follows = w + once * S::T::from_f64(0.5) + u.cross(once) * S::T::from_f64(1.0 / 12.0);
         rate[first..first + 3].copy_from_slice(&follows.0);
@@ -66,6 +66,47 @@ pub(crate) fn normalise<S: Space>(plant: &Plant<S>, qpos: &mut [S::T]) {
     }
 }
 
+/// The cubic through two values with their rates, at one share of the way.
+pub(crate) struct Hermite<T>([T; 4]);
+
+impl<T: Scalar> Hermite<T> {
+    /// At the share `s` of a way that takes `h` \[s\].
+    #[inline(always)]
+    pub(crate) fn new(h: T, s: T) -> Self {
+        let rest = T::ONE - s;
+        Self([
+            (T::ONE + s + s) * rest * rest,
+            s * rest * rest * h,
+            s * s * (T::ONE + rest + rest),
+            -(s * s * rest * h),
+        ])
+    }
+
+    /// Between `a` and `b`.
+    #[inline(always)]
+    pub(crate) fn blend(&self, a: T, rate_a: T, b: T, rate_b: T) -> T {
+        self.0[0] * a + self.0[1] * rate_a + self.0[2] * b + self.0[3] * rate_b
+    }
+
+    /// The same for the quaternion at `q`, whose angular velocity stands at `dof`.
+    #[inline(always)]
+    fn turn(&self, (q0, v0): Instant<'_, T>, (q1, v1): Instant<'_, T>, q: usize, dof: usize, out: &mut [T]) {
+        let (r0, r1) = (quat_rate(q0, q, v0, dof), quat_rate(q1, q, v1, dof));
+        for k in 0..4 {
+            out[q + k] = self.blend(q0[q + k], r0[k], q1[q + k], r1[k]);
+        }
+        let unit = quat_at(out, q).normalized();
+        out[q..q + 4].copy_from_slice(&unit.0);
+    }
+}
+
+/// How fast the quaternion at `q` changes.
+#[inline(always)]
+fn quat_rate<T: Scalar>(qpos: &[T], q: usize, v: &[T], dof: usize) -> [T; 4] {
+    let half = T::from_f64(0.5);
+    quat_at(qpos, q).product(Quat([T::ZERO, v[dof] * half, v[dof + 1] * half, v[dof + 2] * half])).0
+}
+
 /// One instant: coordinates and velocities.
 pub(crate) type Instant<'a, T> = (&'a [T], &'a [T]);
 
@@ -80,39 +121,19 @@ pub(crate) fn between<S: Space>(
     s: S::T,
     out: &mut [S::T],
 ) {
-    let (h, rest) = (S::T::from_f64(h), S::T::ONE - s);
-    let weights = [
-        (S::T::ONE + s + s) * rest * rest,
-        s * rest * rest * h,
-        s * s * (S::T::ONE + rest + rest),
-        -(s * s * rest * h),
-    ];
-    let blend = |a: S::T, rate_a: S::T, b: S::T, rate_b: S::T| {
-        weights[0] * a + weights[1] * rate_a + weights[2] * b + weights[3] * rate_b
-    };
-    let turned = |q: usize, dof: usize, out: &mut [S::T]| {
-        let rate = |qpos: &[S::T], v: &[S::T]| {
-            let half = S::T::from_f64(0.5);
-            quat_at(qpos, q)
-                .product(Quat([S::T::ZERO, v[dof] * half, v[dof + 1] * half, v[dof + 2] * half]))
-                .0
-        };
-        let (r0, r1) = (rate(q0, v0), rate(q1, v1));
-        let mixed = std::array::from_fn(|k| blend(q0[q + k], r0[k], q1[q + k], r1[k]));
-        out[q..q + 4].copy_from_slice(&Quat(mixed).normalized().0);
-    };
+    let cubic = Hermite::new(S::T::from_f64(h), s);
     for joint in &plant.joints {
         let (q, dof) = (joint.q, joint.dof);
         match joint.kind {
             JointPlanKind::Hinge { .. } | JointPlanKind::Slide { .. } => {
-                out[q] = blend(q0[q], v0[dof], q1[q], v1[dof])
+                out[q] = cubic.blend(q0[q], v0[dof], q1[q], v1[dof])
             }
-            JointPlanKind::Ball(_) => turned(q, dof, out),
+            JointPlanKind::Ball(_) => cubic.turn((q0, v0), (q1, v1), q, dof, out),
             JointPlanKind::Free(_) => {
                 for k in 0..3 {
-                    out[q + k] = blend(q0[q + k], v0[dof + k], q1[q + k], v1[dof + k]);
+                    out[q + k] = cubic.blend(q0[q + k], v0[dof + k], q1[q + k], v1[dof + k]);
                 }
-                turned(q + 3, dof + 3, out);
+                cubic.turn((q0, v0), (q1, v1), q + 3, dof + 3, out);
             }
         }
     }

@@ -23,6 +23,8 @@ const MOST_STEPS: usize = 60;
 #[derive(Debug, Clone)]
 struct Row<T> {
     dof: usize,
+    /// Its place among the zones that are watched.
+    place: usize,
     /// +1 or -1.
     sign: T,
     /// 1 / R.
@@ -47,11 +49,19 @@ impl<T: Scalar> Row<T> {
         let bound = free.clamp(self.low, self.high);
         [T::select(slack, self.reference * self.weight, bound), T::select(slack, self.weight, T::ZERO)]
     }
+
+    /// -1 where the force is at its lower bound, 1 at the upper one, 0 between.
+    #[inline(always)]
+    fn side(&self, a: T) -> T {
+        let free = (self.reference - self.sign * a) * self.weight;
+        let above = T::select(free.less(self.high), T::ZERO, T::ONE);
+        T::select(self.low.less(free), above, -T::ONE)
+    }
 }
 
 /// Solves for the forces of all restraints of a model.
 #[derive(Debug, Clone)]
-pub(crate) struct Solver<T> {
+pub(crate) struct Solver<T: Scalar> {
     /// Diagonal of the inverse mass matrix at the reference, averaged over a joint's like axes.
     inverse_weight: Vec<T>,
     rows: Vec<Row<T>>,
@@ -61,6 +71,10 @@ pub(crate) struct Solver<T> {
     step: Vec<T>,
     /// M a - smooth, and M step.
     residual: [Vec<T>; 2],
+    /// Which side of its bounds each force is on, two places for each restraint: now, and when a step began.
+    sides: [Vec<T>; 2],
+    /// The lanes where some force has changed sides since.
+    changed: T::Mask,
 }
 
 impl<T: Scalar> Solver<T> {
@@ -76,7 +90,34 @@ impl<T: Scalar> Solver<T> {
             acceleration: zeros(),
             step: zeros(),
             residual: [zeros(), zeros()],
+            sides: [vec![-T::ONE; most], vec![-T::ONE; most]],
+            changed: T::ZERO.less(T::ZERO),
         }
+    }
+
+    /// Notes which side of its bounds each force is on, as [`Self::resolve`] found it; `first` in a step.
+    #[inline(always)]
+    pub(crate) fn watch(&mut self, first: bool) {
+        let [now, before] = &mut self.sides;
+        // an end stop that no lane touches has no row
+        now.fill(-T::ONE);
+        for row in &self.rows {
+            now[row.place] = row.side(self.acceleration[row.dof]);
+        }
+        if first {
+            before.copy_from_slice(now);
+            self.changed = T::ZERO.less(T::ZERO);
+        } else {
+            for (&now, &before) in now.iter().zip(before.iter()) {
+                self.changed = self.changed | now.less(before) | before.less(now);
+            }
+        }
+    }
+
+    /// The lanes where a joint has come to stand, broken loose, turned, or touched or left an end stop since the step began:
+    /// accelerations have a corner there.
+    pub(crate) fn changed(&self) -> T::Mask {
+        self.changed
     }
 
     #[inline(always)]
@@ -85,11 +126,12 @@ impl<T: Scalar> Solver<T> {
         let time_constant = TIME_CONSTANT_S.max(2.0 * h);
         let damping = T::from_f64(2.0 / (IMPEDANCE[1] * time_constant));
         let stiffness = T::from_f64(1.0 / (IMPEDANCE[1] * time_constant).powi(2));
-        for restraint in &plant.restraints {
+        for (index, restraint) in plant.restraints.iter().enumerate() {
             match *restraint {
                 Restraint::Friction { dof, .. } | Restraint::Limit { dof, .. } if held[dof] => {}
                 Restraint::Friction { dof, loss } => self.rows.push(Row {
                     dof,
+                    place: 2 * index,
                     sign: T::ONE,
                     weight: T::from_f64(IMPEDANCE[0] / (1.0 - IMPEDANCE[0])) / self.inverse_weight[dof],
                     reference: -damping * qvel[dof],
@@ -98,7 +140,7 @@ impl<T: Scalar> Solver<T> {
                 }),
                 Restraint::Limit { q, dof, range } => {
                     let ends = [(T::ONE, qpos[q] - range[0]), (-T::ONE, range[1] - qpos[q])];
-                    for (sign, distance) in ends {
+                    for (end, (sign, distance)) in ends.into_iter().enumerate() {
                         let beyond = distance.less(T::ZERO);
                         if !beyond.any() {
                             continue;
@@ -107,6 +149,7 @@ impl<T: Scalar> Solver<T> {
                         let weight = impedance / ((T::ONE - impedance) * self.inverse_weight[dof]);
                         self.rows.push(Row {
                             dof,
+                            place: 2 * index + end,
                             sign,
                             weight: T::select(beyond, weight, T::ZERO),
                             reference: -(damping * sign * qvel[dof] + stiffness * impedance * distance),
@@ -145,7 +188,7 @@ impl<T: Scalar> Solver<T> {
             let mut moved = round == 0;
             for (row, kept) in self.rows.iter().zip(&mut self.zones) {
                 let zone = row.zone(self.acceleration[row.dof]);
-                moved |= zone != *kept;
+                moved |= zone[0] != kept[0] || zone[1] != kept[1];
                 *kept = zone;
                 self.matrix[plant.row[row.dof]] += zone[1];
                 self.step[row.dof] += row.sign * zone[0];
@@ -176,15 +219,19 @@ impl<T: Scalar> Solver<T> {
         let [at_start, change] = &mut self.residual;
         multiply(plant, &work.mass, &self.acceleration, at_start);
         multiply(plant, &work.mass, &self.step, change);
-        let dot = |x: &[T]| x.iter().zip(&self.step).fold(T::ZERO, |sum, (&x, &p)| sum + x * p);
-        let (constant, slope) = (dot(at_start) - dot(force), dot(change));
+        let (mut constant, mut slope) = (T::ZERO, T::ZERO);
+        for dof in 0..self.step.len() {
+            constant += (at_start[dof] - force[dof]) * self.step[dof];
+            slope += change[dof] * self.step[dof];
+        }
         let (mut low, mut high) = (T::ZERO, T::ONE);
         for _ in 0..52 {
             let middle = (low + high) * T::from_f64(0.5);
-            let pushes = self.rows.iter().fold(T::ZERO, |sum, row| {
+            let mut pushes = T::ZERO;
+            for row in &self.rows {
                 let p = self.step[row.dof];
-                sum + row.sign * p * row.force(self.acceleration[row.dof] + middle * p)
-            });
+                pushes += row.sign * p * row.force(self.acceleration[row.dof] + middle * p);
+            }
             let falling = (constant + middle * slope).less(pushes);
             low = T::select(falling, middle, low);
             high = T::select(falling, high, middle);

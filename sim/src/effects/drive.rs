@@ -6,7 +6,7 @@
 use super::{Effect, Stages};
 use crate::command::Command;
 use crate::model::Model;
-use crate::scalar::{Mask, Scalar};
+use crate::scalar::{Mask, Scalar, tuned};
 
 /// A straight piece of a command.
 #[derive(Debug, Clone, Copy)]
@@ -167,10 +167,7 @@ impl<T: Scalar> CommandPath<T> {
         if self.stages.is_empty() {
             return T::from_f64(self.straight(track, row, time_s));
         }
-        T::tuned(
-            #[inline(always)]
-            || self.after_stages(track, row, last, time_s),
-        )
+        tuned!(T, self.after_stages(track, row, last, time_s))
     }
 
     /// What comes out of all stages at `time_s`, which is after row `row`.

@@ -48,9 +48,10 @@ impl<T: Scalar> Stage<T> for Term<T> {
         let rest = piece.duration - chase;
         let end = met + slope.clamp(-self.rate, self.rate) * rest;
         let corner = piece.from + slope * chase;
-        let mixed = |asked: T, limited: T| asked + self.share * (limited - asked);
         *state = end;
-        let (from, over, to) = (mixed(piece.from, start), mixed(corner, met), mixed(piece.to, end));
+        let from = piece.from + self.share * (start - piece.from);
+        let over = corner + self.share * (met - corner);
+        let to = piece.to + self.share * (end - piece.to);
         out.push(Piece { from, to: over, duration: chase });
         out.push(Piece { from: over, to, duration: rest });
     }

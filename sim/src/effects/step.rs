@@ -106,8 +106,7 @@ macro_rules! causes {
 
         /// The causes of a model that act in a step, laid out for its plant.
         ///
-        /// For one candidate they are functions of their own, which keeps programs small; for lanes they are part of their
-        /// caller, where alone they can use its instructions.
+        /// Each is a function of its own, so that models without it neither carry it nor wait for it.
         #[derive(Debug, Clone)]
         pub(crate) struct Terms<S: Space> {
             /// Whether there is any.
@@ -135,13 +134,24 @@ macro_rules! causes {
                 ],)* }
             }
 
+            /// Whether any of them remembers.
+            pub(crate) fn remember(&self) -> bool {
+                false $(|| self.$step.as_ref().is_some_and(|term| term.memory() > 0))*
+            }
+
             /// The velocity of the water at `moment`, world axes \[m/s\].
             #[inline(always)]
             pub(crate) fn water(&self, moment: Moment,
                 clock: S::T, plant: &crate::dynamics::plant::Plant<S>) -> S::Vec {
+                if self.some { self.water_apart(moment, clock, plant) } else { plant.wind }
+            }
+
+            #[inline(never)]
+            fn water_apart(&self, moment: Moment,
+                clock: S::T, plant: &crate::dynamics::plant::Plant<S>) -> S::Vec {
                 let mut velocity = plant.wind;
                 $(if let Some(term) = &self.$step {
-                    term.water(moment, clock, plant, &mut velocity);
+                    crate::scalar::tuned!(S::T, term.water(moment, clock, plant, &mut velocity));
                 })*
                 velocity
             }
@@ -153,10 +163,8 @@ macro_rules! causes {
                 plant: &crate::dynamics::plant::Plant<S>,
                 work: &mut crate::dynamics::Work<S>,
             ) {
-                match (self.some, S::T::LANES > 1) {
-                    (false, _) => {}
-                    (true, true) => self.inertia_inlined(plant, work),
-                    (true, false) => self.inertia_apart(plant, work),
+                if self.some {
+                    self.inertia_apart(plant, work);
                 }
             }
 
@@ -166,18 +174,9 @@ macro_rules! causes {
                 plant: &crate::dynamics::plant::Plant<S>,
                 work: &mut crate::dynamics::Work<S>,
             ) {
-                self.inertia_inlined(plant, work);
-            }
-
-            #[inline(always)]
-            fn inertia_inlined(
-                &self,
-                plant: &crate::dynamics::plant::Plant<S>,
-                work: &mut crate::dynamics::Work<S>,
-            ) {
                 $(if let Some(term) = &self.$step {
-                    term.inertia(plant, work);
-                })*
+                        crate::scalar::tuned!(S::T, term.inertia(plant, work));
+                    })*
             }
 
             /// Adds their wrenches on the bodies.
@@ -189,10 +188,8 @@ macro_rules! causes {
                 work: &mut crate::dynamics::Work<S>,
                 memory: &mut Memory<S>,
             ) {
-                match (self.some, S::T::LANES > 1) {
-                    (false, _) => {}
-                    (true, true) => self.wrenches_inlined(moment, plant, work, memory),
-                    (true, false) => self.wrenches_apart(moment, plant, work, memory),
+                if self.some {
+                    self.wrenches_apart(moment, plant, work, memory);
                 }
             }
 
@@ -204,42 +201,24 @@ macro_rules! causes {
                 work: &mut crate::dynamics::Work<S>,
                 memory: &mut Memory<S>,
             ) {
-                self.wrenches_inlined(moment, plant, work, memory);
-            }
-
-            #[inline(always)]
-            fn wrenches_inlined(
-                &self,
-                moment: Moment,
-                plant: &crate::dynamics::plant::Plant<S>,
-                work: &mut crate::dynamics::Work<S>,
-                memory: &mut Memory<S>,
-            ) {
                 $(if let Some(term) = &self.$step {
-                    term.wrenches(moment, plant, work, &mut memory.$step);
-                })*
+                        crate::scalar::tuned!(S::T, term.wrenches(moment, plant, work, &mut memory.$step));
+                    })*
             }
 
             /// Adds their forces on the degrees of freedom.
             #[inline(always)]
             pub(crate) fn forces(&self, qpos: &[S::T], qvel: &[S::T], force: &mut [S::T]) {
-                match (self.some, S::T::LANES > 1) {
-                    (false, _) => {}
-                    (true, true) => self.forces_inlined(qpos, qvel, force),
-                    (true, false) => self.forces_apart(qpos, qvel, force),
+                if self.some {
+                    self.forces_apart(qpos, qvel, force);
                 }
             }
 
             #[inline(never)]
             fn forces_apart(&self, qpos: &[S::T], qvel: &[S::T], force: &mut [S::T]) {
-                self.forces_inlined(qpos, qvel, force);
-            }
-
-            #[inline(always)]
-            fn forces_inlined(&self, qpos: &[S::T], qvel: &[S::T], force: &mut [S::T]) {
                 $(if let Some(term) = &self.$step {
-                    term.forces(qpos, qvel, force);
-                })*
+                        crate::scalar::tuned!(S::T, term.forces(qpos, qvel, force));
+                    })*
             }
         }
 

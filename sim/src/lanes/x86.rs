@@ -6,12 +6,13 @@
 use std::arch::x86_64::*;
 use std::mem::transmute;
 
-use super::{Lanes, Register};
+use super::registers::{Lanes, Register};
 
-/// Widths measured on the passive chain: two registers hide the latency of divisions and roots.
-pub(crate) type Sse2Lanes = Lanes<__m128d, 2>;
-pub(crate) type Avx2Lanes = Lanes<__m256d, 2>;
-pub(crate) type Avx512Lanes = Lanes<__m512d, 1>;
+// Widths measured on the passive chain: two registers hide the latency of divisions and roots; numbers that carry
+// derivatives do so by themselves.
+pub(crate) type OneOfAvx2 = Lanes<__m256d, 1>;
+pub(crate) type TwoOfAvx2 = Lanes<__m256d, 2>;
+pub(crate) type OneOfAvx512 = Lanes<__m512d, 1>;
 
 #[target_feature(enable = "avx2")]
 fn with_avx2<O>(work: impl FnOnce() -> O) -> O {
@@ -90,73 +91,6 @@ macro_rules! register {
     };
 }
 
-macro_rules! vector_mask {
-    ($type:ty, $and:ident, $or:ident, $xor:ident, $bits:ident, $full:literal, $ones:ident) => {
-        type Mask = $type;
-
-        #[inline(always)]
-        fn and(a: Self, b: Self) -> Self {
-            unsafe { $and(a, b) }
-        }
-
-        #[inline(always)]
-        fn or(a: Self, b: Self) -> Self {
-            unsafe { $or(a, b) }
-        }
-
-        #[inline(always)]
-        fn not(a: Self) -> Self {
-            unsafe { $xor(a, $ones(f64::from_bits(u64::MAX))) }
-        }
-
-        #[inline(always)]
-        fn all(a: Self) -> bool {
-            unsafe { $bits(a) == $full }
-        }
-
-        #[inline(always)]
-        fn any(a: Self) -> bool {
-            unsafe { $bits(a) != 0 }
-        }
-
-        #[inline(always)]
-        fn test(a: Self, lane: usize) -> bool {
-            unsafe { $bits(a) >> lane & 1 == 1 }
-        }
-    };
-}
-
-impl Register for __m128d {
-    register!(
-        __m128d,
-        2,
-        _mm_set1_pd,
-        _mm_add_pd,
-        _mm_sub_pd,
-        _mm_mul_pd,
-        _mm_div_pd,
-        _mm_sqrt_pd,
-        _mm_xor_pd,
-        _mm_andnot_pd
-    );
-    vector_mask!(__m128d, _mm_and_pd, _mm_or_pd, _mm_xor_pd, _mm_movemask_pd, 0b11, _mm_set1_pd);
-
-    #[inline(always)]
-    fn less(self, other: Self) -> Self::Mask {
-        unsafe { _mm_cmplt_pd(self, other) }
-    }
-
-    #[inline(always)]
-    fn equal(self, other: Self) -> Self::Mask {
-        unsafe { _mm_cmpeq_pd(self, other) }
-    }
-
-    #[inline(always)]
-    fn select(mask: Self::Mask, yes: Self, no: Self) -> Self {
-        unsafe { _mm_or_pd(_mm_and_pd(mask, yes), _mm_andnot_pd(mask, no)) }
-    }
-}
-
 impl Register for __m256d {
     #[inline(always)]
     fn tuned<O>(work: impl FnOnce() -> O) -> O {
@@ -176,15 +110,37 @@ impl Register for __m256d {
         _mm256_xor_pd,
         _mm256_andnot_pd
     );
-    vector_mask!(
-        __m256d,
-        _mm256_and_pd,
-        _mm256_or_pd,
-        _mm256_xor_pd,
-        _mm256_movemask_pd,
-        0b1111,
-        _mm256_set1_pd
-    );
+    type Mask = Self;
+
+    #[inline(always)]
+    fn and(a: Self, b: Self) -> Self {
+        unsafe { _mm256_and_pd(a, b) }
+    }
+
+    #[inline(always)]
+    fn or(a: Self, b: Self) -> Self {
+        unsafe { _mm256_or_pd(a, b) }
+    }
+
+    #[inline(always)]
+    fn not(a: Self) -> Self {
+        unsafe { _mm256_xor_pd(a, _mm256_set1_pd(f64::from_bits(u64::MAX))) }
+    }
+
+    #[inline(always)]
+    fn all(a: Self) -> bool {
+        unsafe { _mm256_movemask_pd(a) == 0b1111 }
+    }
+
+    #[inline(always)]
+    fn any(a: Self) -> bool {
+        unsafe { _mm256_movemask_pd(a) != 0 }
+    }
+
+    #[inline(always)]
+    fn test(a: Self, lane: usize) -> bool {
+        unsafe { _mm256_movemask_pd(a) >> lane & 1 == 1 }
+    }
 
     #[inline(always)]
     fn less(self, other: Self) -> Self::Mask {

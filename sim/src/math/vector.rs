@@ -37,7 +37,7 @@ pub trait Vector<T>:
 }
 
 macro_rules! vector {
-    ($(#[$doc:meta])* $name:ident, $n:literal, $norm:expr, $($a:ident $b:ident),+) => {
+    ($(#[$doc:meta])* $name:ident, $n:literal, $v:ident => $norm:expr, $($a:ident $b:ident),+) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy, PartialEq)]
         pub struct $name<T>(pub [T; $n]);
@@ -94,8 +94,8 @@ macro_rules! vector {
 
             #[inline(always)]
             fn norm(self) -> T {
-                let norm: fn(Self) -> T = $norm;
-                norm(self)
+                let $v = self;
+                $norm
             }
         }
 
@@ -169,15 +169,15 @@ macro_rules! vector {
 
 vector!(
     /// A vector of one: a turn in a plane.
-    Vec1, 1, |v| v.0[0].abs(), a x
+    Vec1, 1, v => v.0[0].abs(), a x
 );
 vector!(
     /// A vector of two.
-    Vec2, 2, |v| v.dot(v).sqrt(), a x, b y
+    Vec2, 2, v => v.dot(v).sqrt(), a x, b y
 );
 vector!(
     /// A vector of three.
-    Vec3, 3, |v| v.dot(v).sqrt(), a x, b y, c z
+    Vec3, 3, v => v.dot(v).sqrt(), a x, b y, c z
 );
 
 impl<T: Scalar> Vec3<T> {

@@ -1,10 +1,12 @@
 //! Where the keypoints are seen, step by step, for whoever looks between the steps.
 
-use crate::dynamics::{bias, kinematics};
+use crate::dynamics::integrate::Hermite;
+use crate::dynamics::plant::Plant;
+use crate::dynamics::{Work, bias, kinematics};
 use crate::effects::Looks;
 use crate::math::{Vec3, Vector};
 use crate::model::{Model, State};
-use crate::scalar::{Mask, Scalar};
+use crate::scalar::{Mask, Scalar, tuned};
 use crate::simulator::Engine;
 use crate::space::Space;
 
@@ -26,6 +28,11 @@ pub(crate) struct Film<T: Scalar> {
     still: Vec<[T; 3]>,
 }
 
+#[inline(always)]
+fn choose<T: Scalar>(mask: T::Mask, [a, b, c]: [T; 3], [x, y, z]: [T; 3]) -> [T; 3] {
+    [T::select(mask, a, x), T::select(mask, b, y), T::select(mask, c, z)]
+}
+
 /// Position \[m\] and velocity \[m/s\], world frame.
 type Moving<T> = ([T; 3], [T; 3]);
 
@@ -39,30 +46,32 @@ struct Span<T> {
 /// A keypoint's body, and its place on it in the body's axes and in its space's.
 pub(crate) type Keypoint<S> = (usize, Vec3<<S as Space>::T>, <S as Space>::Vec);
 
-/// Where a keypoint is in `state` and how it moves.
-fn watch<S: Space>(engine: &mut Engine<S>, state: &State<S::T>, site: &Keypoint<S>) -> Moving<S::T> {
-    S::T::tuned(
-        #[inline(always)]
-        || look(engine, state, site),
-    )
+/// Where the keypoints are in `state` and how they move: hands each on to `keep`, which gets its place in `sites` too.
+fn watch<S: Space>(
+    engine: &mut Engine<S>,
+    state: &State<S::T>,
+    sites: &[Keypoint<S>],
+    mut keep: impl FnMut(usize, Moving<S::T>),
+) {
+    tuned!(S::T, {
+        let (plant, work) = (&engine.plant, &mut engine.work);
+        kinematics::kinematics(plant, &state.qpos, work);
+        bias::velocities(plant, &state.qvel, work);
+        for (point, site) in sites.iter().enumerate() {
+            keep(point, look(plant, work, site));
+        }
+    });
 }
 
 #[inline(always)]
-fn look<S: Space>(
-    engine: &mut Engine<S>,
-    state: &State<S::T>,
-    &(body, own, at): &Keypoint<S>,
-) -> Moving<S::T> {
-    let (plant, work) = (&engine.plant, &mut engine.work);
-    kinematics::kinematics(plant, &state.qpos, work);
-    bias::velocities(plant, &state.qvel, work);
+fn look<S: Space>(plant: &Plant<S>, work: &Work<S>, &(body, own, at): &Keypoint<S>) -> Moving<S::T> {
     let world = work.pos[body] + S::apply(&work.rot[body], at);
     let motion = work.velocity[body];
     let velocity = motion.lin + S::cross(motion.ang, world - work.pos[plant.links[body].root]);
-    let lift = |v: S::Vec| S::lift(&plant.layout, body, own, v);
     // the depth is no velocity
-    let (moved, depth) = (lift(velocity), lift(S::Vec::ZERO));
-    (lift(world), std::array::from_fn(|axis| moved[axis] - depth[axis]))
+    let [x, y, z] = S::lift(&plant.layout, body, own, velocity);
+    let [depth_x, depth_y, depth_z] = S::lift(&plant.layout, body, own, S::Vec::ZERO);
+    (S::lift(&plant.layout, body, own, world), [x - depth_x, y - depth_y, z - depth_z])
 }
 
 impl<T: Scalar> Film<T> {
@@ -88,7 +97,8 @@ impl<T: Scalar> Film<T> {
         state: &State<T>,
         sites: &[Keypoint<S>],
     ) {
-        self.still = sites.iter().map(|site| watch(engine, state, site).0).collect();
+        self.still.clear();
+        watch(engine, state, sites, |_, (at, _)| self.still.push(at));
     }
 
     /// How the points moved in the step between two states, which ended `end_s` \[s\] after the start.
@@ -102,10 +112,9 @@ impl<T: Scalar> Film<T> {
         if !self.looks.shifts() {
             return;
         }
-        for site in sites {
-            let [from, to] = ends.map(|state| watch(engine, state, site));
-            self.spans.push(Span { from, to });
-        }
+        let first = self.spans.len();
+        watch(engine, ends[0], sites, |_, from| self.spans.push(Span { from, to: from }));
+        watch(engine, ends[1], sites, |point, to| self.spans[first + point].to = to);
         self.ends_s.push(end_s);
     }
 
@@ -136,39 +145,34 @@ impl<T: Scalar> Film<T> {
     }
 
     /// When step `step` ends \[s\], from 1; 0 for the start.
+    #[inline(always)]
     fn end(&self, step: usize) -> T {
         self.start_s + T::from_f64(self.ends_s[step])
     }
 
     /// Where `point` is at `when` \[s\], which is near `time_s`.
     fn at(&self, point: usize, time_s: f64, when: T) -> [T; 3] {
-        T::tuned(
-            #[inline(always)]
-            || {
-                let last = self.ends_s.len() - 1;
-                if last == 0 {
-                    return self.still[point];
-                }
-                let choose = |mask: T::Mask, yes: [T; 3], no: [T; 3]| -> [T; 3] {
-                    std::array::from_fn(|axis| T::select(mask, yes[axis], no[axis]))
-                };
-                let about_s = time_s - self.about_s;
-                let mut step = self.ends_s.partition_point(|&end_s| end_s < about_s).clamp(1, last);
-                let mut value = self.within(point, step, when);
-                // lanes may be in other steps: forward, then back
-                while step < last && !when.less(self.end(step)).all() {
-                    step += 1;
-                    let later = self.within(point, step, when);
-                    value = choose(when.less(self.end(step - 1)), value, later);
-                }
-                while step > 1 && when.less(self.end(step - 1)).any() {
-                    let before = when.less(self.end(step - 1));
-                    step -= 1;
-                    value = choose(before, self.within(point, step, when), value);
-                }
-                choose(when.less(self.start_s), self.still[point], value)
-            },
-        )
+        tuned!(T, {
+            let last = self.ends_s.len() - 1;
+            if last == 0 {
+                return self.still[point];
+            }
+            let about_s = time_s - self.about_s;
+            let mut step = self.ends_s.partition_point(|&end_s| end_s < about_s).clamp(1, last);
+            let mut value = self.within(point, step, when);
+            // lanes may be in other steps: forward, then back
+            while step < last && !when.less(self.end(step)).all() {
+                step += 1;
+                let later = self.within(point, step, when);
+                value = choose(when.less(self.end(step - 1)), value, later);
+            }
+            while step > 1 && when.less(self.end(step - 1)).any() {
+                let before = when.less(self.end(step - 1));
+                step -= 1;
+                value = choose(before, self.within(point, step, when), value);
+            }
+            choose(when.less(self.start_s), self.still[point], value)
+        })
     }
 
     /// The cubic of one step, from 1.
@@ -177,24 +181,17 @@ impl<T: Scalar> Film<T> {
         let Span { from: (x0, v0), to: (x1, v1) } = self.spans[(step - 1) * self.points + point];
         let h = self.ends_s[step] - self.ends_s[step - 1];
         let s = (when - self.end(step - 1)) * T::from_f64(1.0 / h);
-        let (h, rest) = (T::from_f64(h), T::ONE - s);
-        let weights = [
-            (T::ONE + s + s) * rest * rest,
-            s * rest * rest * h,
-            s * s * (T::ONE + rest + rest),
-            -(s * s * rest * h),
-        ];
-        std::array::from_fn(|axis| {
-            weights[0] * x0[axis] + weights[1] * v0[axis] + weights[2] * x1[axis] + weights[3] * v1[axis]
-        })
+        let cubic = Hermite::new(T::from_f64(h), s);
+        let mut place = x0;
+        for (axis, x) in place.iter_mut().enumerate() {
+            *x = cubic.blend(x0[axis], v0[axis], x1[axis], v1[axis]);
+        }
+        place
     }
 
     /// What the images taken at `times_s` show: `position_m`, shape (N, K), comes in as where the points are then.
     pub(crate) fn develop(&self, times_s: &[f64], position_m: &mut [[T; 3]]) {
-        T::tuned(
-            #[inline(always)]
-            || self.develop_each(times_s, position_m),
-        );
+        tuned!(T, self.develop_each(times_s, position_m));
     }
 
     #[inline(always)]

@@ -1,13 +1,14 @@
 //! One mechanism in its space, stepped.
 
 use super::extrapolation::Extrapolation;
+use super::halving::{HALVINGS, Halving};
 use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{Solver, multiply};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
 use crate::effects::{Memory, Moment};
 use crate::model::{ActuatorKind, Integrator, JointKind, Model, State};
 use crate::rollout::{RolloutError, RolloutOptions};
-use crate::scalar::{Mask, Scalar};
+use crate::scalar::{Mask, Scalar, tuned};
 use crate::space::{SlopeStage, Space};
 use crate::steps::Method;
 
@@ -16,7 +17,7 @@ const ABSURD_SPEED: f64 = 1e5;
 
 /// How a step is taken: MuJoCo's ways and ours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Stepper {
+pub(super) enum Stepper {
     Euler,
     ImplicitFast,
     RungeKutta,
@@ -28,11 +29,13 @@ enum Stepper {
 pub(crate) struct Engine<S: Space> {
     pub(crate) plant: Plant<S>,
     pub(crate) work: Work<S>,
-    solver: Option<Solver<S::T>>,
+    pub(super) solver: Option<Solver<S::T>>,
     pub(super) slope: Option<S::Slope>,
-    stepper: Stepper,
+    pub(super) stepper: Stepper,
     pub(super) extrapolation: Option<Extrapolation<S::T>>,
     pub(crate) timestep_s: f64,
+    /// Room for steps that are taken again in halves, one for each halving.
+    pub(super) halvings: Vec<Halving<S::T>>,
     /// The step that restraints are made for \[s\].
     pub(super) restraint_step_s: f64,
     pub(super) hold_command: bool,
@@ -117,6 +120,7 @@ impl<S: Space> Engine<S> {
                 .then(|| Extrapolation::new(&plant, rest.qpos.len())),
             stepper,
             timestep_s,
+            halvings: Vec::new(),
             restraint_step_s: if options.steps.is_some() { own } else { timestep_s },
             hold_command: options.hold_command && options.steps.is_none(),
             joint_of_dof,
@@ -144,6 +148,10 @@ impl<S: Space> Engine<S> {
         if !simulator.plant.restraints.is_empty() {
             let weights = simulator.inverse_weights(model);
             simulator.solver = Some(Solver::new(&simulator.plant, weights));
+            // what remembers would take the halves for steps of all lanes
+            if options.steps.is_some() && !simulator.plant.effects.remember() {
+                simulator.halvings = vec![Halving::new(&simulator.stage); HALVINGS];
+            }
         }
         Ok(simulator)
     }
@@ -229,11 +237,7 @@ impl<S: Space> Engine<S> {
         self.position_stage(&state.qpos);
         self.prescribe(state, time_s + h, h, command);
         self.departure.copy_from_slice(&state.qvel);
-        match self.stepper {
-            Stepper::Euler | Stepper::ImplicitFast => self.euler(state, h),
-            Stepper::RungeKutta => self.runge_kutta(state, time_s, h, command),
-            Stepper::Extrapolation => self.extrapolate(state, time_s, h, command),
-        }
+        self.halving(state, time_s, h, command, 0);
         self.sound_lanes(state).all()
     }
 
@@ -246,45 +250,42 @@ impl<S: Space> Engine<S> {
 
     /// What depends on the coordinates alone.
     pub(crate) fn position_stage(&mut self, qpos: &[S::T]) {
-        S::T::tuned(
-            #[inline(always)]
-            || {
-                kinematics::kinematics(&self.plant, qpos, &mut self.work);
-                inertia::body_inertias(&self.plant, &mut self.work);
-                inertia::mass_matrix(&self.plant, &mut self.work);
-                self.plant.effects.inertia(&self.plant, &mut self.work);
-            },
-        );
+        tuned!(S::T, {
+            kinematics::kinematics(&self.plant, qpos, &mut self.work);
+            inertia::body_inertias(&self.plant, &mut self.work);
+            inertia::mass_matrix(&self.plant, &mut self.work);
+            self.plant.effects.inertia(&self.plant, &mut self.work);
+        });
     }
 
     /// The forces on the dofs at this state, after [`Self::position_stage`].
     pub(super) fn force_stage(&mut self, qpos: &[S::T], qvel: &[S::T]) {
         let h = self.restraint_step_s;
-        S::T::tuned(
-            #[inline(always)]
-            || {
-                let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
-                bias::velocities(plant, qvel, work);
-                work.water = plant.effects.water(self.moment, self.clock, plant);
-                bias::bias(plant, work);
-                passive::gravity_compensation(plant, work);
-                fluid::fluid(plant, work);
-                plant.effects.wrenches(self.moment, plant, work, &mut self.memory);
-                force.fill(S::T::ZERO);
-                bias::project(plant, work, force);
-                passive::springs(plant, qpos, force);
-                passive::dampers(plant, qvel, force);
-                plant.effects.forces(qpos, qvel, force);
-                actuation::actuation(plant, qpos, qvel, &self.command, &self.off, force);
-            },
-        );
+        tuned!(S::T, {
+            let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
+            bias::velocities(plant, qvel, work);
+            work.water = plant.effects.water(self.moment, self.clock, plant);
+            bias::bias(plant, work);
+            passive::gravity_compensation(plant, work);
+            fluid::fluid(plant, work);
+            plant.effects.wrenches(self.moment, plant, work, &mut self.memory);
+            force.fill(S::T::ZERO);
+            bias::project(plant, work, force);
+            passive::springs(plant, qpos, force);
+            passive::dampers(plant, qvel, force);
+            plant.effects.forces(qpos, qvel, force);
+            actuation::actuation(plant, qpos, qvel, &self.command, &self.off, force);
+        });
         self.still_held();
         if let Some(solver) = &mut self.solver {
             let (plant, work, force) = (&self.plant, &self.work, &mut self.force);
-            S::T::tuned(
-                #[inline(always)]
-                || solver.resolve(plant, work, &self.held, h, qpos, qvel, force),
-            );
+            let (watched, first) = (!self.halvings.is_empty(), self.moment.elapsed_s == 0.0);
+            tuned!(S::T, {
+                solver.resolve(plant, work, &self.held, h, qpos, qvel, force);
+                if watched {
+                    solver.watch(first);
+                }
+            });
         }
     }
 
@@ -299,14 +300,11 @@ impl<S: Space> Engine<S> {
 
     /// Turns `force` into accelerations.
     pub(super) fn accelerate(&mut self) {
-        S::T::tuned(
-            #[inline(always)]
-            || {
-                inertia::hold(&self.plant, &self.held, &mut self.matrix);
-                inertia::factor(&self.plant, &mut self.matrix);
-                inertia::solve(&self.plant, &self.matrix, &mut self.force);
-            },
-        );
+        tuned!(S::T, {
+            inertia::hold(&self.plant, &self.held, &mut self.matrix);
+            inertia::factor(&self.plant, &mut self.matrix);
+            inertia::solve(&self.plant, &self.matrix, &mut self.force);
+        });
     }
 
     fn prescribe(
@@ -319,56 +317,42 @@ impl<S: Space> Engine<S> {
         if !self.prescribed.contains(&true) {
             return;
         }
-        S::T::tuned(
-            #[inline(always)]
-            || {
-                self.sum_v.fill(S::T::ZERO);
-                let prescribed = self.prescribed.iter();
-                for ((index, drive), _) in self
-                    .plant
-                    .drives
-                    .iter()
-                    .enumerate()
-                    .zip(prescribed)
-                    .filter(|(_, prescribed)| **prescribed)
-                {
-                    let target = drive.command(command(index, end_s)) / drive.gear;
-                    let secant = (target - state.qpos[drive.q]) / S::T::from_f64(h);
-                    self.sum_v[drive.dof] = secant - state.qvel[drive.dof];
-                    state.qvel[drive.dof] = secant;
-                }
-                multiply(&self.plant, &self.work.mass, &self.sum_v, &mut self.force);
-                for force in &mut self.force {
-                    *force = -*force;
-                }
-            },
-        );
+        tuned!(S::T, {
+            self.sum_v.fill(S::T::ZERO);
+            let prescribed = self.prescribed.iter();
+            for ((index, drive), _) in
+                self.plant.drives.iter().enumerate().zip(prescribed).filter(|(_, prescribed)| **prescribed)
+            {
+                let target = drive.command(command(index, end_s)) / drive.gear;
+                let secant = (target - state.qpos[drive.q]) / S::T::from_f64(h);
+                self.sum_v[drive.dof] = secant - state.qvel[drive.dof];
+                state.qvel[drive.dof] = secant;
+            }
+            multiply(&self.plant, &self.work.mass, &self.sum_v, &mut self.force);
+            for force in &mut self.force {
+                *force = -*force;
+            }
+        });
         self.still_held();
         self.matrix.copy_from_slice(&self.work.mass);
         self.accelerate();
-        S::T::tuned(
-            #[inline(always)]
-            || {
-                for (v, &dv) in state.qvel.iter_mut().zip(&self.force) {
-                    *v += dv;
-                }
-            },
-        );
+        tuned!(S::T, {
+            for (v, &dv) in state.qvel.iter_mut().zip(&self.force) {
+                *v += dv;
+            }
+        });
     }
 
     /// The lanes whose velocities are numbers, and not absurd.
     pub(crate) fn sound_lanes(&self, state: &State<S::T>) -> <S::T as Scalar>::Mask {
-        S::T::tuned(
-            #[inline(always)]
-            || {
-                let limit = S::T::from_f64(ABSURD_SPEED);
-                let mut sound = S::T::ZERO.less(S::T::ONE);
-                for v in &state.qvel {
-                    sound = sound & v.abs().less(limit);
-                }
-                sound
-            },
-        )
+        tuned!(S::T, {
+            let limit = S::T::from_f64(ABSURD_SPEED);
+            let mut sound = S::T::ZERO.less(S::T::ONE);
+            for v in &state.qvel {
+                sound = sound & v.abs().less(limit);
+            }
+            sound
+        })
     }
 
     /// The joint that has diverged in `lane` at `time_s`, if one has.

@@ -5,7 +5,7 @@ use crate::dynamics::plant::Plant;
 use crate::dynamics::{actuation, integrate, passive};
 use crate::effects::Moment;
 use crate::model::State;
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, tuned};
 use crate::space::Space;
 
 /// Parts that a step is taken in, one way after the other.
@@ -53,10 +53,7 @@ impl<S: Space> Engine<S> {
         self.force_stage(&state.qpos, &state.qvel);
         kept.mass.copy_from_slice(&self.work.mass);
         kept.force.copy_from_slice(&self.force);
-        S::T::tuned(
-            #[inline(always)]
-            || self.slopes(state, &mut kept),
-        );
+        tuned!(S::T, self.slopes(state, &mut kept));
         for (parts, weight) in PARTS.into_iter().zip(WEIGHTS) {
             let shorter = h / parts as f64;
             part.qpos.copy_from_slice(&state.qpos);
@@ -74,40 +71,31 @@ impl<S: Space> Engine<S> {
                     self.matrix.copy_from_slice(&self.work.mass);
                 }
                 let shorter = S::T::from_f64(shorter);
-                S::T::tuned(
-                    #[inline(always)]
-                    || {
-                        for dof in 0..self.plant.nv {
-                            let pull = shorter * kept.stiffness[dof];
-                            self.matrix[self.plant.row[dof]] += shorter * (kept.damping[dof] + pull);
-                            self.force[dof] -= pull * part.qvel[dof];
-                        }
-                    },
-                );
+                tuned!(S::T, {
+                    for dof in 0..self.plant.nv {
+                        let pull = shorter * kept.stiffness[dof];
+                        self.matrix[self.plant.row[dof]] += shorter * (kept.damping[dof] + pull);
+                        self.force[dof] -= pull * part.qvel[dof];
+                    }
+                });
                 self.accelerate();
-                S::T::tuned(
-                    #[inline(always)]
-                    || {
-                        for (v, &a) in part.qvel.iter_mut().zip(&self.force) {
-                            *v += shorter * a;
-                        }
-                        integrate::advance(&self.plant, &part.qpos, &part.qvel, shorter, &mut self.next_qpos);
-                    },
-                );
+                tuned!(S::T, {
+                    for (v, &a) in part.qvel.iter_mut().zip(&self.force) {
+                        *v += shorter * a;
+                    }
+                    integrate::advance(&self.plant, &part.qpos, &part.qvel, shorter, &mut self.next_qpos);
+                });
                 part.qpos.copy_from_slice(&self.next_qpos);
             }
-            S::T::tuned(
-                #[inline(always)]
-                || {
-                    let weight = S::T::from_f64(weight);
-                    for (sum, &x) in kept.sum.qpos.iter_mut().zip(&part.qpos) {
-                        *sum = if parts == 1 { weight * x } else { *sum + weight * x };
-                    }
-                    for (sum, &x) in kept.sum.qvel.iter_mut().zip(&part.qvel) {
-                        *sum = if parts == 1 { weight * x } else { *sum + weight * x };
-                    }
-                },
-            );
+            tuned!(S::T, {
+                let weight = S::T::from_f64(weight);
+                for (sum, &x) in kept.sum.qpos.iter_mut().zip(&part.qpos) {
+                    *sum = if parts == 1 { weight * x } else { *sum + weight * x };
+                }
+                for (sum, &x) in kept.sum.qvel.iter_mut().zip(&part.qvel) {
+                    *sum = if parts == 1 { weight * x } else { *sum + weight * x };
+                }
+            });
         }
         state.qpos.copy_from_slice(&kept.sum.qpos);
         state.qvel.copy_from_slice(&kept.sum.qvel);

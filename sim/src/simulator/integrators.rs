@@ -4,7 +4,7 @@ use super::Engine;
 use crate::dynamics::{actuation, integrate, passive};
 use crate::effects::Moment;
 use crate::model::State;
-use crate::scalar::Scalar;
+use crate::scalar::{Scalar, tuned};
 use crate::space::{SlopeStage, Space};
 
 impl<S: Space> Engine<S> {
@@ -17,20 +17,17 @@ impl<S: Space> Engine<S> {
         if self.plant.damped || self.slope.is_some() {
             // the sums of Runge-Kutta are not in use here
             let (damping, unused) = (&mut self.sum_v, &mut self.sum_a);
-            S::T::tuned(
-                #[inline(always)]
-                || {
-                    damping.fill(S::T::ZERO);
-                    passive::slopes(&self.plant, &state.qpos, &state.qvel, damping, unused);
-                    if self.slope.is_some() {
-                        let (qpos, qvel, off) = (&state.qpos, &state.qvel, &self.off);
-                        actuation::slopes(&self.plant, qpos, qvel, &self.command, off, damping, unused);
-                    }
-                    for (dof, &damping) in damping.iter().enumerate() {
-                        self.matrix[self.plant.row[dof]] += h * damping;
-                    }
-                },
-            );
+            tuned!(S::T, {
+                damping.fill(S::T::ZERO);
+                passive::slopes(&self.plant, &state.qpos, &state.qvel, damping, unused);
+                if self.slope.is_some() {
+                    let (qpos, qvel, off) = (&state.qpos, &state.qvel, &self.off);
+                    actuation::slopes(&self.plant, qpos, qvel, &self.command, off, damping, unused);
+                }
+                for (dof, &damping) in damping.iter().enumerate() {
+                    self.matrix[self.plant.row[dof]] += h * damping;
+                }
+            });
         }
         // a constant: lanes, which never have slopes, are spared the program
         if S::T::LANES == 1
@@ -39,15 +36,12 @@ impl<S: Space> Engine<S> {
             slope.add(&self.plant, &self.work, h, &mut self.matrix);
         }
         self.accelerate();
-        S::T::tuned(
-            #[inline(always)]
-            || {
-                for (v, &a) in state.qvel.iter_mut().zip(&self.force) {
-                    *v += h * a;
-                }
-                integrate::advance(&self.plant, &state.qpos, &state.qvel, h, &mut self.next_qpos);
-            },
-        );
+        tuned!(S::T, {
+            for (v, &a) in state.qvel.iter_mut().zip(&self.force) {
+                *v += h * a;
+            }
+            integrate::advance(&self.plant, &state.qpos, &state.qvel, h, &mut self.next_qpos);
+        });
         state.qpos.copy_from_slice(&self.next_qpos);
     }
 
@@ -74,28 +68,25 @@ impl<S: Space> Engine<S> {
             self.force_stage(&stage.qpos, &stage.qvel);
             self.matrix.copy_from_slice(&self.work.mass);
             self.accelerate();
-            S::T::tuned(
-                #[inline(always)]
-                || {
-                    self.rate.copy_from_slice(&stage.qvel);
-                    if k > 0 {
-                        integrate::follow_turn(&self.plant, &self.turned, &mut self.rate);
-                    }
-                    let weight = S::T::from_f64(weight);
+            tuned!(S::T, {
+                self.rate.copy_from_slice(&stage.qvel);
+                if k > 0 {
+                    integrate::follow_turn(&self.plant, &self.turned, &mut self.rate);
+                }
+                let weight = S::T::from_f64(weight);
+                for dof in 0..self.plant.nv {
+                    self.sum_v[dof] += weight * self.rate[dof];
+                    self.sum_a[dof] += weight * self.force[dof];
+                }
+                if k < 3 {
+                    let forward = S::T::from_f64(ahead * h);
+                    integrate::advance(&self.plant, &state.qpos, &self.rate, forward, &mut stage.qpos);
                     for dof in 0..self.plant.nv {
-                        self.sum_v[dof] += weight * self.rate[dof];
-                        self.sum_a[dof] += weight * self.force[dof];
+                        self.turned[dof] = forward * self.rate[dof];
+                        stage.qvel[dof] = state.qvel[dof] + forward * self.force[dof];
                     }
-                    if k < 3 {
-                        let forward = S::T::from_f64(ahead * h);
-                        integrate::advance(&self.plant, &state.qpos, &self.rate, forward, &mut stage.qpos);
-                        for dof in 0..self.plant.nv {
-                            self.turned[dof] = forward * self.rate[dof];
-                            stage.qvel[dof] = state.qvel[dof] + forward * self.force[dof];
-                        }
-                    }
-                },
-            );
+                }
+            });
             if k < 3 {
                 let elapsed_s = ahead * h;
                 self.moment = Moment { time_s: time_s + elapsed_s, elapsed_s, arrived_s: None };
@@ -104,16 +95,13 @@ impl<S: Space> Engine<S> {
                 self.sample(time_s + ahead * h, command);
             }
         }
-        S::T::tuned(
-            #[inline(always)]
-            || {
-                let h = S::T::from_f64(h);
-                integrate::advance(&self.plant, &state.qpos, &self.sum_v, h, &mut self.next_qpos);
-                for (v, &a) in state.qvel.iter_mut().zip(&self.sum_a) {
-                    *v += h * a;
-                }
-            },
-        );
+        tuned!(S::T, {
+            let h = S::T::from_f64(h);
+            integrate::advance(&self.plant, &state.qpos, &self.sum_v, h, &mut self.next_qpos);
+            for (v, &a) in state.qvel.iter_mut().zip(&self.sum_a) {
+                *v += h * a;
+            }
+        });
         state.qpos.copy_from_slice(&self.next_qpos);
         self.stage = stage;
     }

@@ -3,6 +3,7 @@
 mod engine;
 mod extrapolation;
 mod forces;
+mod halving;
 mod integrators;
 
 pub(crate) use engine::Engine;
