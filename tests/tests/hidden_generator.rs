@@ -94,10 +94,13 @@ fn plain_chain_moves_as_in_the_simulation() {
     assert!(drops < SAME_M && driven < SAME_M, "{drops} {driven}");
 }
 
+/// A cause, its numbers, and a limit of the difference \[m\].
+type Moved = (&'static str, &'static [(&'static str, f64)], f64);
+
 /// Every cause at a usual size, and by how much the two may differ \[m\]: friction and stops are other laws on either side,
 /// the simulation keeps Basset's memory in nine exponentials, good to 1 %,
 /// and a rate that jumps is rounded here over two steps.
-const CAUSES: &[(&str, &[(&str, f64)], f64)] = &[
+const CAUSES: &[Moved] = &[
     ("added_mass", &[("added_mass/scale", 0.8)], SAME_M),
     ("current", &[("current/x", 0.02), ("current/z", -0.01)], SAME_M),
     (

@@ -157,8 +157,8 @@ impl<const N: usize> Chain<N> {
         for (i, link) in self.links.iter().enumerate() {
             let pose = &poses[i];
             let mut swing = [0.0; 2];
-            for j in 0..=i {
-                swing = add(swing, poses[j].along, -self.arm(i, j) * state.rate[j] * state.rate[j]);
+            for (j, other) in poses[..=i].iter().enumerate() {
+                swing = add(swing, other.along, -self.arm(i, j) * other.rate * other.rate);
             }
             let wet = self.wet(i, &poses, water, terms, memory[i]);
             let mass = link.mass_kg * (1.0 + terms.link_mass);
@@ -216,9 +216,10 @@ impl<const N: usize> Chain<N> {
         let relative = add(pose.velocity, water, -1.0);
         let own = [dot(relative, pose.along), dot(relative, pose.across)];
         let w = pose.rate;
-        let carried = link.shape.carried(self.density, own, w);
-        let drag = link.shape.drag(self.density, self.viscosity, own, w);
-        let speed = own[0].hypot(own[1]);
+        let facing = link.shape.facing(own);
+        let carried = link.shape.carried(self.density, own, w, &facing);
+        let drag = link.shape.drag(self.density, self.viscosity, w, &facing);
+        let speed = facing.speed;
         let quadratic = drag.quadratic * terms.speed_law(speed);
         let near = terms.nearness(pose.centre[0]) * terms.shelter(i, poses, relative);
         let resisted = near * (drag.slow + quadratic) + terms.linear_drag;
@@ -271,8 +272,9 @@ fn solve<const N: usize>(mut matrix: [[f64; N]; N], mut right: [f64; N]) -> [f64
         right.swap(column, pivot);
         for row in column + 1..N {
             let share = matrix[row][column] / matrix[column][column];
-            for k in column..N {
-                matrix[row][k] -= share * matrix[column][k];
+            let above = matrix[column];
+            for (entry, above) in matrix[row].iter_mut().zip(above).skip(column) {
+                *entry -= share * above;
             }
             right[row] -= share * right[column];
         }

@@ -65,30 +65,25 @@ impl Ellipsoid {
     }
 
     /// Munk's force and moment and the two lifts; `v` along and across.
-    pub(super) fn carried(&self, density: f64, v: Plane, w: f64) -> Carried {
+    pub(super) fn carried(&self, density: f64, v: Plane, w: f64, facing: &Facing) -> Carried {
         let [.., kutta, magnus] = self.coefficients;
         let momentum = [self.added_m3[0] * density * v[0], self.added_m3[1] * density * v[1]];
         let spin = magnus * density * self.volume_m3 * w;
         let mut force = [w * momentum[1] - spin * v[1], -w * momentum[0] + spin * v[0]];
-        let speed = v[0].hypot(v[1]);
-        if speed > 0.0 {
-            let facing = self.facing(v);
-            let tilt = facing.normal[0] * v[1] - facing.normal[1] * v[0];
-            let lift = kutta * density * facing.area * facing.cosine * tilt;
-            force = [force[0] - lift * v[1], force[1] + lift * v[0]];
-        }
+        let tilt = facing.normal[0] * v[1] - facing.normal[1] * v[0];
+        let lift = kutta * density * facing.area * facing.cosine * tilt;
+        force = [force[0] - lift * v[1], force[1] + lift * v[0]];
         Carried { force, torque: momentum[0] * v[1] - momentum[1] * v[0] }
     }
 
-    /// Resistance at `v` along and across and the rate `w`.
-    pub(super) fn drag(&self, density: f64, viscosity: f64, v: Plane, w: f64) -> Drag {
+    /// Resistance at the rate `w`.
+    pub(super) fn drag(&self, density: f64, viscosity: f64, w: f64, facing: &Facing) -> Drag {
         let [a, b, c] = self.axes_m;
         let [blunt, slender, angular, ..] = self.coefficients;
         let mean = (a + b + c) / 3.0;
-        let (mut sorted, speed) = (self.axes_m, v[0].hypot(v[1]));
-        sorted.sort_by(f64::total_cmp);
-        let [_, mid, high] = sorted;
-        let area = if speed > 0.0 { self.facing(v).area } else { 0.0 };
+        let high = a.max(b).max(c);
+        let mid = a.min(b).max(c.min(a.max(b)));
+        let Facing { speed, area, .. } = *facing;
         let about_depth = 8.0 / 15.0 * PI * c * a.max(b).powi(4);
         let largest = 8.0 / 15.0 * PI * mid * high.powi(4);
         Drag {
@@ -99,19 +94,28 @@ impl Ellipsoid {
         }
     }
 
-    /// The shape as a flow along `v`, not 0, meets it.
-    fn facing(&self, v: Plane) -> Facing {
+    /// The shape as a flow along `v` meets it.
+    pub(super) fn facing(&self, v: Plane) -> Facing {
         let [a, b, c] = self.axes_m;
-        let (speed, along, across) = (v[0].hypot(v[1]), b * c, a * c);
+        let (along, across) = (b * c, a * c);
+        let speed = (v[0] * v[0] + v[1] * v[1]).sqrt();
+        if speed == 0.0 {
+            return Facing::default();
+        }
         let d = [v[0] / speed, v[1] / speed];
         let flat = (along * d[0]).powi(2) + (across * d[1]).powi(2);
-        let steep = (along * along * d[0]).hypot(across * across * d[1]);
-        let normal = [along * along * d[0] / steep, across * across * d[1] / steep];
-        Facing { area: PI * steep / flat.sqrt(), normal, cosine: normal[0] * d[0] + normal[1] * d[1] }
+        let normal = [along * along * d[0], across * across * d[1]];
+        let steep = (normal[0] * normal[0] + normal[1] * normal[1]).sqrt();
+        let normal = normal.map(|part| part / steep);
+        let cosine = normal[0] * d[0] + normal[1] * d[1];
+        Facing { speed, area: PI * steep / flat.sqrt(), normal, cosine }
     }
 }
 
-struct Facing {
+/// A shape as the flow meets it; all 0 in still water.
+#[derive(Default)]
+pub(super) struct Facing {
+    pub(super) speed: f64,
     /// Area seen along the flow \[m2\].
     area: f64,
     normal: Plane,

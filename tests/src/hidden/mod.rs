@@ -8,8 +8,14 @@
 
 pub mod bench;
 pub mod camera;
+pub mod cases;
 pub mod chain;
+pub mod diagnose;
 pub mod drive;
 pub mod fluid;
+pub mod hide;
+pub mod limit;
 pub mod motion;
+pub mod score;
 pub mod terms;
+pub mod write;

@@ -116,18 +116,27 @@ impl Terms {
     /// The water's own velocity \[m/s\].
     pub(super) fn water(&self, time_s: f64) -> Plane {
         let [sin, cos, frequency] = self.slosh;
+        if sin == 0.0 && cos == 0.0 {
+            return self.current;
+        }
         let turn = TAU * frequency * time_s;
         [self.current[0] + sin * turn.sin() + cos * turn.cos(), self.current[1]]
     }
 
     /// By what the quadratic drag changes at `speed` \[m/s\].
     pub(super) fn speed_law(&self, speed: f64) -> f64 {
+        if self.exponent == 0.0 {
+            return 1.0;
+        }
         ((speed / self.reference_speed).powi(2) + 1e-6).powf(0.5 * self.exponent)
     }
 
     /// By what all drag changes at the height of a wall.
     pub(super) fn nearness(&self, x: f64) -> f64 {
         let [scale, place, reach] = self.wall;
+        if scale == 0.0 {
+            return 1.0;
+        }
         1.0 + scale * (-(place - x).abs() / reach).exp()
     }
 
@@ -170,7 +179,8 @@ impl Terms {
 
     /// Torque of every hinge at the rate `turn` \[rad/s\].
     pub(super) fn hinge(&self, turn: f64) -> f64 {
-        -self.damping * turn - self.friction * (turn / FRICTION_RATE).tanh()
+        let friction = if self.friction == 0.0 { 0.0 } else { (turn / FRICTION_RATE).tanh() };
+        -self.damping * turn - self.friction * friction
     }
 
     /// Torque of a hinge between links, bent by `bend` \[rad\].
@@ -184,12 +194,18 @@ impl Terms {
             let contact = 0.5 * (1.0 + beyond / beyond.hypot(STOP_CORNER));
             torque -= stop * (pressed * bend.signum() + contact * STOP_DAMPING_S * turn);
         }
-        torque - self.detent * (NOTCHES * bend).sin()
+        if self.detent != 0.0 {
+            torque -= self.detent * (NOTCHES * bend).sin();
+        }
+        torque
     }
 
     /// Force on the last link's end.
     pub(super) fn at_tip(&self, tip: Plane) -> Plane {
         let pull = add(self.anchor, tip, -1.0).map(|d| self.tether * d);
+        if self.magnet == 0.0 {
+            return pull;
+        }
         let to = add(MAGNET, tip, -1.0);
         let distance = dot(to, to).sqrt();
         let strength = self.magnet / (1.0 + (distance / MAGNET_M).powi(4)) / distance.max(1e-3);
