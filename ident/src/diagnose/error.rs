@@ -33,4 +33,8 @@ macro_rules! through_fit {
     };
 }
 
-through_fit!(crate::experiment::ExperimentError, crate::parameters::ParameterError, crate::initial::StartError);
+through_fit!(
+    crate::experiment::ExperimentError,
+    crate::parameters::ParameterError,
+    crate::initial::StartError
+);

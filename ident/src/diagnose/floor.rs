@@ -213,8 +213,9 @@ fn stretches(run: usize, seen: &Seen<'_>, interval_s: f64) -> Vec<Stretch> {
             if time_s.len() < LEAST || basis.ncols() + 4 > time_s.len() {
                 continue;
             }
-            let values =
-                DMatrix::from_fn(part.len(), columns.len(), |row, column| columns[column][piece * size + row]);
+            let values = DMatrix::from_fn(part.len(), columns.len(), |row, column| {
+                columns[column][piece * size + row]
+            });
             list.push(Stretch { run, keypoints: keypoints.clone(), time_s, values, basis, still });
         }
     }
@@ -293,7 +294,8 @@ pub(super) fn slow_part(
     interval_s: f64,
 ) -> Slow {
     let seen = Seen { id: "", observations, residuals: residuals.as_slice(), time_s, start_s };
-    let mut slow = Slow { squares: 0.0, functions: 0.0, all: residuals.norm_squared(), count: residuals.len() as f64 };
+    let mut slow =
+        Slow { squares: 0.0, functions: 0.0, all: residuals.norm_squared(), count: residuals.len() as f64 };
     for stretch in stretches(0, &seen, interval_s) {
         let span = stretch.basis.clone().qr().q();
         slow.squares += span.tr_mul(&stretch.values).norm_squared();

@@ -42,8 +42,9 @@ pub(super) fn gain(
             let keypoints = 0..run.trajectory.keypoints.len();
             keypoints.map(|k| rms_m(fitted, k)).collect::<Vec<_>>()
         };
-        let std_m: Vec<f64> =
-            (0..run.trajectory.keypoints.len()).map(|k| std_m.get(k).copied().unwrap_or(floor.noise_m)).collect();
+        let std_m: Vec<f64> = (0..run.trajectory.keypoints.len())
+            .map(|k| std_m.get(k).copied().unwrap_or(floor.noise_m))
+            .collect();
         noise[0] += std_m.iter().map(|s| s * s).sum::<f64>();
         noise[1] += std_m.len() as f64;
         runs.push(HeldOutRun {

@@ -29,12 +29,7 @@ pub(super) fn fitness(state: &State<'_>, floor: &Floor) -> Fitness {
 }
 
 /// The same of any `residuals` of the runs of `state`, of which `used` degrees of freedom are gone.
-pub(super) fn fitness_of(
-    state: &State<'_>,
-    floor: &Floor,
-    residuals: &[DVector<f64>],
-    used: f64,
-) -> Fitness {
+pub(super) fn fitness_of(state: &State<'_>, floor: &Floor, residuals: &[DVector<f64>], used: f64) -> Fitness {
     let mut sums = [0.0; 4];
     let (mut products, mut squares, mut metres) = ([0.0; LAGS], 0.0, 0.0);
     let mut steep = 0.0;
@@ -67,7 +62,8 @@ pub(super) fn fitness_of(
     let left = (functions - used).max(1.0);
     let excess = slow / level - left;
     let spread = 2.0 * left * (1.0 + left / fast) + (steep * floor.correlation_std * left).powi(2);
-    let correlations: Vec<f64> = products.iter().map(|product| product / squares.max(f64::MIN_POSITIVE)).collect();
+    let correlations: Vec<f64> =
+        products.iter().map(|product| product / squares.max(f64::MIN_POSITIVE)).collect();
     let portmanteau = count * correlations.iter().map(|r| r * r).sum::<f64>();
     Fitness {
         rms_m: (metres / count.max(1.0)).sqrt(),
@@ -175,7 +171,8 @@ fn amplitudes(state: &State<'_>) -> Option<(ConstancyTest, Vec<PerRun>)> {
         let values = DVector::from_iterator(own.len(), own.iter().map(|&k| state.point.offsets[run][k]));
         let amplitude = values.norm();
         let others = state.linear[run].jacobian.clone();
-        let keep: Vec<usize> = (0..others.ncols()).filter(|c| *c < count || !own.contains(&(c - count))).collect();
+        let keep: Vec<usize> =
+            (0..others.ncols()).filter(|c| *c < count || !own.contains(&(c - count))).collect();
         let mut columns = others.select_columns(&own.iter().map(|k| count + k).collect::<Vec<_>>());
         let mut basis = others.select_columns(&keep);
         for mut column in basis.column_iter_mut() {

@@ -114,8 +114,7 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
     search.says("checking")?;
     counts.evaluations += search.counts.evaluations;
     counts.rollouts += search.counts.rollouts;
-    let (diagnosis, leader) =
-        verdict::verdict(experiment, &fitted, &baseline, &found, &floor, &mut counts);
+    let (diagnosis, leader) = verdict::verdict(experiment, &fitted, &baseline, &found, &floor, &mut counts);
     let named = !diagnosis.causes.is_empty();
     let model = if named { leader.calibrated() } else { baseline.calibrated() };
     Ok(Diagnosed {

@@ -39,7 +39,11 @@ pub(super) fn residuals(before: &State<'_>, after: &State<'_>, floor: &Floor) ->
         motions.add(term, &a, &simulated, width);
         for keypoint in 0..width {
             for axis in [0, 2] {
-                let own = term.observations.iter().zip(&a).filter(|(o, _)| o.keypoint == keypoint && o.axis == axis);
+                let own = term
+                    .observations
+                    .iter()
+                    .zip(&a)
+                    .filter(|(o, _)| o.keypoint == keypoint && o.axis == axis);
                 let series: Vec<(f64, f64)> = own.map(|(o, r)| (time_s[o.instant], *r)).collect();
                 spectrum.add(&series);
             }
@@ -130,8 +134,10 @@ impl Motions {
                 continue;
             }
             let at = |instant: usize| simulated[instant * width + o.keypoint][o.axis];
-            let (before, after) = (time_s[o.instant] - time_s[o.instant - 1], time_s[o.instant + 1] - time_s[o.instant]);
-            let (a, b) = ((at(o.instant) - at(o.instant - 1)) / before, (at(o.instant + 1) - at(o.instant)) / after);
+            let (before, after) =
+                (time_s[o.instant] - time_s[o.instant - 1], time_s[o.instant + 1] - time_s[o.instant]);
+            let (a, b) =
+                ((at(o.instant) - at(o.instant - 1)) / before, (at(o.instant + 1) - at(o.instant)) / after);
             let velocity = (a + b) / 2.0;
             self.residuals.push(r);
             let numbers = [at(o.instant), velocity, (b - a) * 2.0 / (before + after), velocity.signum(), 1.0];

@@ -49,8 +49,6 @@ pub(super) struct Scores {
     /// The same with everything projected out that is fitted anyway, per unit of each number.
     pub(super) projected: DMatrix<f64>,
     pub(super) nuisances: Nuisances,
-    /// What is left of the residuals.
-    pub(super) residuals: DVector<f64>,
 }
 
 /// Directions that share a pass.
@@ -107,7 +105,8 @@ impl Scores {
         };
         let mut projected = raw.clone();
         // in units of their own length, so that none is lost beside a larger one
-        let lengths: Vec<f64> = raw.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect();
+        let lengths: Vec<f64> =
+            raw.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect();
         projected.column_iter_mut().zip(&lengths).for_each(|(mut column, length)| column /= *length);
         nuisances.take_out(&mut projected);
         projected.column_iter_mut().zip(&lengths).for_each(|(mut column, length)| column *= *length);
@@ -123,7 +122,7 @@ impl Scores {
                 Scored { term: term.clone(), gain, count: term.count(&state.model, runs) }
             })
             .collect();
-        Self { list, columns, raw, projected, nuisances, residuals }
+        Self { list, columns, raw, projected, nuisances }
     }
 
     /// The linearisation of `state` with the candidate at `index` added, neutral.

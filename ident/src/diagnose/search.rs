@@ -39,8 +39,6 @@ pub(super) struct Found<'a> {
     pub(super) leader: State<'a>,
     /// Scores of all candidates against the baseline.
     pub(super) first: Scores,
-    /// Scores against the leader, where it is another.
-    pub(super) last: Option<Scores>,
 }
 
 /// The candidates and what they may be combined with.
@@ -112,8 +110,7 @@ impl<'b> Search<'b> {
     fn promises(&self, state: &State<'_>, scores: &Scores, least: f64) -> bool {
         let per_number = state.ln_count();
         scores.list.iter().any(|scored| {
-            scored.gain >= least
-                && scored.gain - scored.count as f64 * per_number > BETTER / 2.0
+            scored.gain >= least && scored.gain - scored.count as f64 * per_number > BETTER / 2.0
         })
     }
 
@@ -155,7 +152,6 @@ impl<'b> Search<'b> {
         let first = self.score(&baseline);
         let mut tried: Vec<State<'a>> = vec![baseline.clone()];
         let mut leader = baseline.clone();
-        let mut last: Option<Scores> = None;
         let mut beam: Vec<State<'a>> = Vec::new();
         if self.promises(&baseline, &first, 0.0) {
             self.says("refitting the most promising causes")?;
@@ -183,19 +179,14 @@ impl<'b> Search<'b> {
                     next.extend(self.expand(other, &scores));
                 }
             }
-            last = Some(scores);
             beam = next;
         }
         if leader.causes.len() > 1 {
             self.says("exchanging and dropping causes")?;
-            let before = sets(&leader);
             leader = self.improved(&baseline, leader, &mut tried)?;
-            if sets(&leader) != before {
-                last = Some(self.score(&leader));
-            }
         }
         tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
-        Ok(Found { tried, leader, first, last })
+        Ok(Found { tried, leader, first })
     }
 
     /// Drops causes that are not needed, and exchanges those for which there is a better one.

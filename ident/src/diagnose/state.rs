@@ -69,12 +69,8 @@ impl<'a> State<'a> {
                     .filter(|std| std.is_finite() && *std > 0.0);
                 observation.per_m = 1.0 / (run.std_m[observation.keypoint] * stated.unwrap_or(1.0));
             }
-            let whitening = Whitening::new(
-                &term.observations,
-                &trajectory.time_s,
-                floor.correlation,
-                run.interval_s,
-            );
+            let whitening =
+                Whitening::new(&term.observations, &trajectory.time_s, floor.correlation, run.interval_s);
             term.whitening = Some(whitening);
         }
         self.linear.clear();
@@ -96,7 +92,9 @@ impl<'a> State<'a> {
                 descent.step(&objective, Freedom::Everything, u64::MAX, counts);
             }
             let Some(cost) = descent.cost else { return false };
-            let Some(linear) = objective.problem.linearise(&descent.point, true, counts) else { return false };
+            let Some(linear) = objective.problem.linearise(&descent.point, true, counts) else {
+                return false;
+            };
             (descent.point, cost, linear)
         };
         (self.point, self.cost, self.linear) = (point, cost, linear);
@@ -216,7 +214,8 @@ impl Nuisances {
             rows.push(rows[rows.len() - 1] + linear.residuals.len());
         }
         let data = rows[rows.len() - 1];
-        let own: Vec<DMatrix<f64>> = state.linear.iter().map(|linear| basis(&linear.jacobian, free)).collect();
+        let own: Vec<DMatrix<f64>> =
+            state.linear.iter().map(|linear| basis(&linear.jacobian, free)).collect();
         let mut common = DMatrix::zeros(data + free, free);
         for (run, linear) in state.linear.iter().enumerate() {
             let mut part = linear.jacobian.columns(0, free).into_owned();

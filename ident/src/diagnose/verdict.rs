@@ -230,9 +230,8 @@ fn held_out_fitness(
     state.linear = state.problem().linearise(&state.point, true, counts)?;
     let nuisances = Nuisances::new(&state);
     let left = nuisances.residuals(&state);
-    let residuals: Vec<_> = (0..state.terms.len())
-        .map(|run| left.rows_range(nuisances.of_run(run)).into_owned())
-        .collect();
+    let residuals: Vec<_> =
+        (0..state.terms.len()).map(|run| left.rows_range(nuisances.of_run(run)).into_owned()).collect();
     Some(fitness_of(&state, &floor, &residuals, nuisances.used()))
 }
 
@@ -251,8 +250,7 @@ fn sentence(
     before: &Fitness,
     floor: &Floor,
 ) -> String {
-    let said: Vec<String> =
-        list.iter().map(|cause| format!("{} ({})", cause.sentence, cause.name)).collect();
+    let said: Vec<String> = list.iter().map(|cause| format!("{} ({})", cause.sentence, cause.name)).collect();
     match verdict {
         Verdict::NothingDetectable => format!(
             "Nothing detectable: the simulation repeats the runs down to their noise of {:.2} mm.",
@@ -261,7 +259,11 @@ fn sentence(
         Verdict::Cause | Verdict::Causes => capital(&format!("{}.", said.join("; and "))),
         Verdict::Ambiguous => {
             let others: Vec<String> = rivals.iter().map(|rival| rival.names.join(" + ")).collect();
-            format!("{}, or as well: {}. These runs cannot tell.", capital(&said.join("; and ")), others.join("; or "))
+            format!(
+                "{}, or as well: {}. These runs cannot tell.",
+                capital(&said.join("; and ")),
+                others.join("; or ")
+            )
         }
         Verdict::Unexplained => format!(
             "Something is wrong that no known cause explains: residuals of {:.2} mm against a noise of {:.2} mm.",
