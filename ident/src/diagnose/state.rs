@@ -1,0 +1,297 @@
+//! A model with some causes, fitted: what all tests start from.
+
+use nalgebra::{DMatrix, DVector};
+use sim::{Model, Trajectory};
+
+use super::candidates::Term as CauseTerm;
+use super::floor::Floor;
+use crate::fit::FittedRun;
+use crate::fit::counts::Counts;
+use crate::fit::least_squares::{Descent, Freedom};
+use crate::fit::objective::Objective;
+use crate::fit::problem::{Linear, Point, Problem, Term};
+use crate::fit::whitening::Whitening;
+use crate::parameters::Parameters;
+
+/// A model with some causes at its optimum.
+#[derive(Debug, Clone)]
+pub(super) struct State<'a> {
+    /// The causes added to the baseline, in the order in which they were found.
+    pub(super) causes: Vec<CauseTerm>,
+    /// The model with neutral causes.
+    pub(super) model: Model,
+    /// The baseline's parameters first, then those of the causes.
+    pub(super) parameters: Parameters,
+    pub(super) terms: Vec<Term<'a>>,
+    pub(super) point: Point,
+    /// Squares of whitened residuals, priors included.
+    pub(super) cost: f64,
+    /// Residuals and derivatives at the point, by run.
+    pub(super) linear: Vec<Linear>,
+    /// Numbers that the causes have added.
+    pub(super) added: usize,
+}
+
+/// Most steps of one descent: a fit that needs more is told apart by the next one.
+const MOST_STEPS: usize = 25;
+
+impl<'a> State<'a> {
+    /// The baseline before any fit.
+    pub(super) fn baseline(model: &Model, parameters: Parameters, terms: Vec<Term<'a>>) -> Self {
+        let offsets = terms.iter().map(|term| vec![0.0; term.rehearsal.nuisances.len()]).collect();
+        let point = Point { values: parameters.start(), offsets };
+        Self {
+            causes: Vec::new(),
+            model: model.clone(),
+            parameters,
+            terms,
+            point,
+            cost: f64::INFINITY,
+            linear: Vec::new(),
+            added: 0,
+        }
+    }
+
+    pub(super) fn problem(&self) -> Problem<'_> {
+        Problem { model: &self.model, parameters: &self.parameters, terms: self.terms.clone() }
+    }
+
+    /// Weighs residuals with the noise of `floor`, whitened.
+    pub(super) fn weigh(&mut self, floor: &Floor) {
+        for (term, run) in self.terms.iter_mut().zip(&floor.runs) {
+            let trajectory = &term.rehearsal.run.trajectory;
+            let width = trajectory.keypoints.len();
+            for observation in &mut term.observations {
+                let stated = trajectory
+                    .std_m
+                    .as_ref()
+                    .map(|std| std[observation.instant * width + observation.keypoint])
+                    .filter(|std| std.is_finite() && *std > 0.0);
+                observation.per_m = 1.0 / (run.std_m[observation.keypoint] * stated.unwrap_or(1.0));
+            }
+            let whitening =
+                Whitening::new(&term.observations, &trajectory.time_s, floor.correlation, run.interval_s);
+            term.whitening = Some(whitening);
+        }
+        self.linear.clear();
+    }
+
+    /// Goes to the nearest optimum; whether there is one. Leaves the linearisation there.
+    pub(super) fn descend(&mut self, counts: &mut Counts) -> bool {
+        let linear = std::mem::take(&mut self.linear);
+        let (point, cost, linear) = {
+            let objective = Objective::squares(self.problem());
+            let mut descent = Descent::new(self.point.clone(), None);
+            if !linear.is_empty() {
+                descent.step_with(&objective, Freedom::Everything, &linear, counts);
+            }
+            for _ in 0..MOST_STEPS {
+                if descent.end.is_some() {
+                    break;
+                }
+                descent.step(&objective, Freedom::Everything, u64::MAX, counts);
+            }
+            let Some(cost) = descent.cost else { return false };
+            let Some(linear) = objective.problem.linearise(&descent.point, true, counts) else {
+                return false;
+            };
+            (descent.point, cost, linear)
+        };
+        (self.point, self.cost, self.linear) = (point, cost, linear);
+        true
+    }
+
+    /// This state with `cause` added, neutral, before any fit.
+    pub(super) fn with(&self, cause: &CauseTerm) -> Self {
+        let mut next = Self { linear: Vec::new(), ..self.clone() };
+        next.model = cause.added_to(&self.model);
+        cause.switched_on(&mut next.model);
+        let added = cause.free(&next.model);
+        next.added += added.free.len() + added.own.len() * self.terms.len();
+        next.point.values.extend(added.free.iter().map(|parameter| parameter.start));
+        next.parameters.free.extend(added.free);
+        for (term, offsets) in next.terms.iter_mut().zip(&mut next.point.offsets) {
+            for (_, nuisance) in &added.own {
+                term.rehearsal.nuisances.push(*nuisance);
+                offsets.push(0.0);
+            }
+        }
+        next.causes.push(cause.clone());
+        next
+    }
+
+    /// The model with all its numbers, but those that each run has its own of.
+    pub(super) fn calibrated(&self) -> Model {
+        self.parameters.applied(&self.point.values, &self.model)
+    }
+
+    /// Observations in all.
+    pub(super) fn count(&self) -> usize {
+        self.terms.iter().map(|term| term.observations.len()).sum()
+    }
+
+    /// What an added number must gain at least to be worth it.
+    pub(super) fn ln_count(&self) -> f64 {
+        (self.count() as f64).max(2.0).ln()
+    }
+
+    /// Bayesian information criterion, up to a constant.
+    pub(super) fn bic(&self) -> f64 {
+        self.cost + self.added as f64 * self.ln_count()
+    }
+
+    /// Residuals of a run before whitening, over the stated deviation or \[m\].
+    pub(super) fn raw_residuals(&self, run: usize) -> Option<Vec<f64>> {
+        let term = &self.terms[run];
+        let model = self.calibrated();
+        let simulated = term.rehearsal.simulate(&model, &self.point.offsets[run], term.instants).ok()?;
+        let trajectory = &term.rehearsal.run.trajectory;
+        let width = trajectory.keypoints.len();
+        let raw = term.observations.iter().map(|o| {
+            let stated = trajectory.std_m.as_ref().map(|std| std[o.instant * width + o.keypoint]);
+            let stated = stated.filter(|std| std.is_finite() && *std > 0.0).unwrap_or(1.0);
+            (o.measured_m - simulated[o.instant * width + o.keypoint][o.axis]) / stated
+        });
+        Some(raw.collect())
+    }
+
+    /// Fitted runs beside their simulation.
+    pub(super) fn repeated(&self) -> Vec<FittedRun> {
+        let model = self.calibrated();
+        let one = |(term, offsets): (&Term<'a>, &Vec<f64>)| {
+            let run = term.rehearsal.run;
+            let measured = run.trajectory.clone();
+            let position_m = term.rehearsal.simulate(&model, offsets, measured.time_s.len()).ok()?;
+            let start = term.rehearsal.start_with(&model, offsets);
+            let simulated = Trajectory {
+                time_s: measured.time_s.clone(),
+                keypoints: measured.keypoints.clone(),
+                position_m,
+                std_m: None,
+            };
+            Some(FittedRun {
+                id: run.id.clone(),
+                usage: run.usage,
+                initial: start.state,
+                start_s: start.start_s,
+                scored_from_s: start.start_s,
+                simulated,
+                measured,
+            })
+        };
+        self.terms.iter().zip(&self.point.offsets).filter_map(one).collect()
+    }
+
+    /// When the motion of a run starts \[s\].
+    pub(super) fn start_s(&self, run: usize) -> f64 {
+        let rehearsal = &self.terms[run].rehearsal;
+        rehearsal.start_with(&self.model, &self.point.offsets[run]).start_s
+    }
+}
+
+/// Everything that is fitted anyway, to be taken out of what a cause would do.
+pub(super) struct Nuisances {
+    /// Of each run, an orthonormal basis of what its own numbers do, shape (rows, own).
+    own: Vec<DMatrix<f64>>,
+    /// Of all runs one below the other, an orthonormal basis of what the common numbers do beyond that.
+    common: DMatrix<f64>,
+    /// First row of each run, and the end of the last.
+    rows: Vec<usize>,
+    /// Rows of priors at the end.
+    priors: usize,
+}
+
+impl Nuisances {
+    pub(super) fn new(state: &State<'_>) -> Self {
+        Self::except(state, None)
+    }
+
+    /// Everything that is fitted but the common number `left_out`.
+    pub(super) fn except(state: &State<'_>, left_out: Option<usize>) -> Self {
+        let free = state.parameters.len();
+        let mut rows = vec![0];
+        for linear in &state.linear {
+            rows.push(rows[rows.len() - 1] + linear.residuals.len());
+        }
+        let data = rows[rows.len() - 1];
+        let own: Vec<DMatrix<f64>> =
+            state.linear.iter().map(|linear| basis(&linear.jacobian, free)).collect();
+        let mut common = DMatrix::zeros(data + free, free);
+        for (run, linear) in state.linear.iter().enumerate() {
+            let mut part = linear.jacobian.columns(0, free).into_owned();
+            take_out(&own[run], &mut part);
+            common.rows_mut(rows[run], part.nrows()).copy_from(&part);
+        }
+        for (column, parameter) in state.parameters.free.iter().enumerate() {
+            let width = parameter.scale.width().max(f64::MIN_POSITIVE);
+            let std = parameter.prior.map_or(width, |prior| prior.std.get().min(width));
+            common[(data + column, column)] = 1.0 / std;
+        }
+        for mut column in common.column_iter_mut() {
+            let norm = column.norm();
+            column /= norm.max(f64::MIN_POSITIVE);
+        }
+        if let Some(left_out) = left_out {
+            common = common.remove_column(left_out);
+        }
+        let common = if common.ncols() == 0 { common } else { common.qr().q() };
+        Self { own, common, rows, priors: free }
+    }
+
+    /// Rows of the data and the priors.
+    pub(super) fn len(&self) -> usize {
+        self.rows[self.rows.len() - 1] + self.priors
+    }
+
+    /// Degrees of freedom that the fitted numbers have taken from the data.
+    pub(super) fn used(&self) -> f64 {
+        let own: usize = self.own.iter().map(DMatrix::ncols).sum();
+        own as f64 + self.common.rows(0, self.len() - self.priors).norm_squared()
+    }
+
+    /// The rows of a run.
+    pub(super) fn of_run(&self, run: usize) -> std::ops::Range<usize> {
+        self.rows[run]..self.rows[run + 1]
+    }
+
+    /// Takes out of `columns`, shape (len, any), what the fitted numbers can do.
+    pub(super) fn take_out(&self, columns: &mut DMatrix<f64>) {
+        for (run, own) in self.own.iter().enumerate() {
+            let range = self.of_run(run);
+            let mut part = columns.rows(range.start, range.len()).into_owned();
+            take_out(own, &mut part);
+            columns.rows_mut(range.start, range.len()).copy_from(&part);
+        }
+        take_out(&self.common, columns);
+    }
+
+    /// The residuals of all runs one below the other, what the fitted numbers can do taken out.
+    pub(super) fn residuals(&self, state: &State<'_>) -> DVector<f64> {
+        let mut all = DMatrix::zeros(self.len(), 1);
+        for (run, linear) in state.linear.iter().enumerate() {
+            let range = self.of_run(run);
+            all.view_mut((range.start, 0), (range.len(), 1)).copy_from(&linear.residuals);
+        }
+        self.take_out(&mut all);
+        all.column(0).into_owned()
+    }
+}
+
+/// An orthonormal basis of the columns from `first` on.
+fn basis(jacobian: &DMatrix<f64>, first: usize) -> DMatrix<f64> {
+    let mut own = jacobian.columns(first, jacobian.ncols() - first).into_owned();
+    for mut column in own.column_iter_mut() {
+        let norm = column.norm();
+        if norm > 0.0 {
+            column /= norm;
+        }
+    }
+    if own.ncols() == 0 { own } else { own.qr().q() }
+}
+
+fn take_out(basis: &DMatrix<f64>, columns: &mut DMatrix<f64>) {
+    if basis.ncols() > 0 {
+        let within = basis.tr_mul(columns);
+        columns.gemm(-1.0, basis, &within, 1.0);
+    }
+}
