@@ -99,6 +99,11 @@ impl Term {
         self.info().parameters.iter().any(|parameter| parameter.role == Role::Switch)
     }
 
+    /// Whether what it does is far from linear in its numbers, so that one step says little.
+    pub(super) fn is_strongly_bent(&self) -> bool {
+        self.is_switch() || !self.hidden.is_empty()
+    }
+
     /// `model` with this cause: its choices made, its hidden numbers at their start, its switch off.
     pub(super) fn added_to(&self, model: &Model) -> Model {
         let mut model = model.clone();

@@ -7,7 +7,7 @@ use super::candidates::Term as CauseTerm;
 use super::floor::Floor;
 use crate::fit::FittedRun;
 use crate::fit::counts::Counts;
-use crate::fit::least_squares::{Descent, Freedom};
+use crate::fit::least_squares::Descent;
 use crate::fit::objective::Objective;
 use crate::fit::problem::{Linear, Point, Problem, Term};
 use crate::fit::whitening::Whitening;
@@ -32,6 +32,8 @@ pub(super) struct State<'a> {
     pub(super) added: usize,
 }
 
+/// A share of the cost that is not worth a step: a twentieth of what could matter to anyone.
+const SMALL: f64 = 1e-5;
 /// Most steps of one descent: a fit that needs more is told apart by the next one.
 const MOST_STEPS: usize = 25;
 
@@ -78,26 +80,45 @@ impl<'a> State<'a> {
 
     /// Goes to the nearest optimum; whether there is one. Leaves the linearisation there.
     pub(super) fn descend(&mut self, counts: &mut Counts) -> bool {
-        let linear = std::mem::take(&mut self.linear);
+        self.steps(MOST_STEPS, counts) && self.linearised(counts)
+    }
+
+    /// Takes up to `most` steps towards the nearest optimum; whether any can be simulated. The linearisation is left
+    /// where it is that of the point.
+    pub(super) fn steps(&mut self, most: usize, counts: &mut Counts) -> bool {
+        let mut linear = std::mem::take(&mut self.linear);
         let (point, cost, linear) = {
             let objective = Objective::squares(self.problem());
             let mut descent = Descent::new(self.point.clone(), None);
-            if !linear.is_empty() {
-                descent.step_with(&objective, Freedom::Everything, &linear, counts);
-            }
-            for _ in 0..MOST_STEPS {
+            for _ in 0..most {
+                if linear.is_empty() {
+                    let Some(found) = objective.problem.linearise(&descent.point, true, counts) else {
+                        return false;
+                    };
+                    linear = found;
+                }
+                let before = descent.point.clone();
+                descent.step_with(&objective, &linear, SMALL, counts);
+                if descent.point != before {
+                    linear.clear();
+                }
                 if descent.end.is_some() {
                     break;
                 }
-                descent.step(&objective, Freedom::Everything, u64::MAX, counts);
             }
             let Some(cost) = descent.cost else { return false };
-            let Some(linear) = objective.problem.linearise(&descent.point, true, counts) else {
-                return false;
-            };
             (descent.point, cost, linear)
         };
         (self.point, self.cost, self.linear) = (point, cost, linear);
+        true
+    }
+
+    /// Sees to the linearisation at the point; whether there is one.
+    fn linearised(&mut self, counts: &mut Counts) -> bool {
+        if self.linear.is_empty() {
+            let Some(linear) = self.problem().linearise(&self.point, true, counts) else { return false };
+            self.linear = linear;
+        }
         true
     }
 
@@ -275,6 +296,43 @@ impl Nuisances {
         self.take_out(&mut all);
         all.column(0).into_owned()
     }
+}
+
+/// Covariance of the common numbers of `state`, as far as all is linear, shape (P, P); even bounds count as beliefs.
+pub(super) fn covariance(state: &State<'_>) -> Option<DMatrix<f64>> {
+    let free = state.parameters.len();
+    let mut sizes = vec![0.0; free];
+    let mut rows = Vec::new();
+    for linear in &state.linear {
+        let mut part = linear.jacobian.columns(0, free).into_owned();
+        take_out(&basis(&linear.jacobian, free), &mut part);
+        for (size, column) in sizes.iter_mut().zip(part.column_iter()) {
+            *size += column.norm_squared();
+        }
+        rows.push(part);
+    }
+    let mut gram = DMatrix::zeros(free, free);
+    let beliefs: Vec<f64> = state
+        .parameters
+        .free
+        .iter()
+        .map(|parameter| {
+            let width = parameter.scale.width().max(f64::MIN_POSITIVE);
+            parameter.prior.map_or(width, |prior| prior.std.get().min(width)).powi(-2)
+        })
+        .collect();
+    let units: Vec<f64> = sizes.iter().zip(&beliefs).map(|(size, belief)| (size + belief).sqrt()).collect();
+    for mut part in rows {
+        for (mut column, unit) in part.column_iter_mut().zip(&units) {
+            column /= *unit;
+        }
+        gram.gemm_tr(1.0, &part, &part, 1.0);
+    }
+    for i in 0..free {
+        gram[(i, i)] += beliefs[i] / units[i].powi(2);
+    }
+    let inverse = gram.cholesky()?.inverse();
+    Some(DMatrix::from_fn(free, free, |i, j| inverse[(i, j)] / (units[i] * units[j])))
 }
 
 /// An orthonormal basis of the columns from `first` on.
