@@ -35,7 +35,7 @@ const MET: f64 = 4e-3;
 
 /// The noise of an experiment's keypoints.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Floor {
+pub(crate) struct Floor {
     /// Standard deviation of one coordinate, over all runs and keypoints \[m\].
     pub noise_m: f64,
     /// Correlation from one image to the next.
@@ -62,14 +62,14 @@ pub struct RunFloor {
 }
 
 /// One run's residuals, unwhitened.
-pub(super) struct Seen<'a> {
-    pub(super) id: &'a str,
-    pub(super) observations: &'a [Observation],
+pub(crate) struct Seen<'a> {
+    pub(crate) id: &'a str,
+    pub(crate) observations: &'a [Observation],
     /// Measured - simulated, over the deviation stated for the cell where there is one, else \[m\].
-    pub(super) residuals: &'a [f64],
-    pub(super) time_s: &'a [f64],
+    pub(crate) residuals: &'a [f64],
+    pub(crate) time_s: &'a [f64],
     /// Until then the mechanism rests \[s\].
-    pub(super) start_s: f64,
+    pub(crate) start_s: f64,
 }
 
 /// Images of coordinates that were seen at the same instants.
@@ -94,7 +94,7 @@ struct Left {
     determinants: f64,
 }
 
-pub(super) fn floor(runs: &[Seen<'_>]) -> Floor {
+pub(crate) fn floor(runs: &[Seen<'_>]) -> Floor {
     let intervals: Vec<f64> = runs.iter().map(|run| interval_s(run.time_s)).collect();
     let stretches: Vec<Stretch> =
         runs.iter().enumerate().flat_map(|(run, seen)| stretches(run, seen, intervals[run])).collect();
@@ -174,7 +174,7 @@ fn least(of: impl Fn(f64) -> f64) -> (f64, f64) {
 }
 
 /// The usual time between images: the median.
-pub(super) fn interval_s(time_s: &[f64]) -> f64 {
+pub(crate) fn interval_s(time_s: &[f64]) -> f64 {
     let mut steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
     steps.sort_by(f64::total_cmp);
     steps.get(steps.len() / 2).copied().unwrap_or(1.0)
@@ -223,7 +223,7 @@ fn stretches(run: usize, seen: &Seen<'_>, interval_s: f64) -> Vec<Stretch> {
 }
 
 /// A constant over the first `still` images, cubic B-splines over the others; shape (images, functions).
-pub(super) fn basis(time_s: &[f64], still: usize, knot_s: f64) -> DMatrix<f64> {
+pub(crate) fn basis(time_s: &[f64], still: usize, knot_s: f64) -> DMatrix<f64> {
     let rest = usize::from(still > 0);
     let moving = &time_s[still..];
     let (Some(&from), Some(&to)) = (moving.first(), moving.last()) else {
@@ -305,7 +305,7 @@ fn within(basis: &DMatrix<f64>, values: &DMatrix<f64>) -> Option<(Vec<f64>, f64)
 }
 
 /// The slow part of whitened residuals, and how many functions it consists of: what a wrong model leaves is there.
-pub(super) fn slow_part(
+pub(crate) fn slow_part(
     observations: &[Observation],
     residuals: &DVector<f64>,
     time_s: &[f64],
@@ -325,9 +325,9 @@ pub(super) fn slow_part(
 
 /// Squares of residuals by how slow they are.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Slow {
-    pub(super) squares: f64,
-    pub(super) functions: f64,
-    pub(super) all: f64,
-    pub(super) count: f64,
+pub(crate) struct Slow {
+    pub(crate) squares: f64,
+    pub(crate) functions: f64,
+    pub(crate) all: f64,
+    pub(crate) count: f64,
 }

@@ -25,6 +25,8 @@ const SHORT_LIST: usize = 5;
 /// has saved.
 const NEAR: f64 = 40.0;
 const CATCH_UP: f64 = 0.3;
+/// And so many stay in any case.
+const KEPT: usize = 3;
 /// Sets that go on.
 const BEAM: usize = 3;
 /// Causes in a set.
@@ -133,10 +135,12 @@ impl<'b> Search<'b> {
                 (next.steps(1, &mut counts).then_some(next), counts)
             })
             .collect();
-        let best =
-            first.iter().filter_map(|(next, _)| next.as_ref()).map(State::bic).fold(f64::INFINITY, f64::min);
+        let mut reached: Vec<f64> = first.iter().filter_map(|(next, _)| Some(next.as_ref()?.bic())).collect();
+        reached.sort_by(f64::total_cmp);
+        let best = reached.first().copied().unwrap_or(f64::INFINITY);
         // what lies far behind after a step that is nearly the last one does not catch up
         let reach = best + NEAR.max(CATCH_UP * (state.bic() - best));
+        let reach = reach.max(reached.get(KEPT - 1).copied().unwrap_or(f64::INFINITY));
         let refitted: Vec<(Option<State<'a>>, Counts)> = first
             .into_par_iter()
             .map(|(next, mut counts)| {
