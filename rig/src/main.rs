@@ -35,6 +35,8 @@ enum Verb {
     Fit(cli::fit::Args),
     /// Say what the simulation of an experiment gets wrong, and why
     Diagnose(cli::diagnose::Args),
+    /// Say which runs would tell more, and write their configs
+    Design(cli::design::Args),
     /// Move a model through time
     Simulate(cli::simulate::Args),
     /// Run the experiment on its schedule
@@ -69,6 +71,7 @@ fn main() -> ExitCode {
         Verb::Experiment(args) => cli::experiment::run(args),
         Verb::Fit(args) => cli::fit::run(args),
         Verb::Diagnose(args) => cli::diagnose::run(args),
+        Verb::Design(args) => cli::design::run(args),
         Verb::Simulate(args) => cli::simulate::run(args),
         Verb::Daemon(args) => cli::daemon::run(args),
         Verb::Doctor(args) => cli::doctor::run(args),

@@ -9,24 +9,24 @@ use crate::simulate::Nuisance;
 
 /// A cause with its discrete choices made: what is refitted as a whole.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Term {
-    pub(super) cause: Cause,
+pub(crate) struct Term {
+    pub(crate) cause: Cause,
     /// Names and values of parameters that are chosen, not fitted.
-    pub(super) choices: Vec<(String, f64)>,
+    pub(crate) choices: Vec<(String, f64)>,
     /// Names and start values of parameters that say nothing at neutral sizes.
-    pub(super) hidden: Vec<(String, f64)>,
+    pub(crate) hidden: Vec<(String, f64)>,
 }
 
 /// What a cause adds to a fit.
-pub(super) struct Added {
+pub(crate) struct Added {
     /// Free numbers common to all runs.
-    pub(super) free: Vec<FreeParameter>,
+    pub(crate) free: Vec<FreeParameter>,
     /// Free numbers of each run, with their names.
-    pub(super) own: Vec<(String, Nuisance)>,
+    pub(crate) own: Vec<(String, Nuisance)>,
 }
 
 /// Causes that are no candidates because their parameters are fitted anyway.
-pub(super) fn fitted(model: &Model, parameters: &Parameters) -> Vec<Cause> {
+pub(crate) fn fitted(model: &Model, parameters: &Parameters) -> Vec<Cause> {
     use sim::model::Parameter::{Damping, Effect, FrictionLoss, Mass, Stiffness};
     let is = |name: &str, cause: &Cause| cause.name() == name;
     let covers = |cause: &Cause, place: &sim::model::Parameter| match *place {
@@ -42,7 +42,7 @@ pub(super) fn fitted(model: &Model, parameters: &Parameters) -> Vec<Cause> {
 }
 
 /// Names of the causes that no video of these runs tells from `cause`.
-pub(super) fn aliases(cause: Cause, experiment: &Experiment) -> Vec<&'static str> {
+pub(crate) fn aliases(cause: Cause, experiment: &Experiment) -> Vec<&'static str> {
     let weighed = |ending: &str| experiment.fit.prior.keys().any(|name| name.contains(ending));
     let fitted = || experiment.runs.iter().filter(|run| run.usage == Use::Fit);
     let holds = |when: AliasWhen| match when {
@@ -55,7 +55,7 @@ pub(super) fn aliases(cause: Cause, experiment: &Experiment) -> Vec<&'static str
 impl Term {
     /// Every way in which `cause` may be at work, by the grids of its discrete and hidden parameters; none where the
     /// model has nothing that it could act on.
-    pub(super) fn all(cause: Cause, model: &Model) -> Vec<Self> {
+    pub(crate) fn all(cause: Cause, model: &Model) -> Vec<Self> {
         let mut with = model.clone();
         if with.add_effect(cause.name()).is_err() {
             return Vec::new();
@@ -90,17 +90,22 @@ impl Term {
         if sizes == 0 { Vec::new() } else { list }
     }
 
-    pub(super) fn info(&self) -> &'static Info {
+    pub(crate) fn info(&self) -> &'static Info {
         self.cause.info()
     }
 
     /// Whether the cause is there or not, and nothing in between.
-    pub(super) fn is_switch(&self) -> bool {
+    pub(crate) fn is_switch(&self) -> bool {
         self.info().parameters.iter().any(|parameter| parameter.role == Role::Switch)
     }
 
+    /// Whether what it does is far from linear in its numbers, so that one step says little.
+    pub(crate) fn is_strongly_bent(&self) -> bool {
+        self.is_switch() || !self.hidden.is_empty()
+    }
+
     /// `model` with this cause: its choices made, its hidden numbers at their start, its switch off.
-    pub(super) fn added_to(&self, model: &Model) -> Model {
+    pub(crate) fn added_to(&self, model: &Model) -> Model {
         let mut model = model.clone();
         // names come from the model itself
         let _ = model.add_effect(self.cause.name());
@@ -111,7 +116,7 @@ impl Term {
     }
 
     /// Puts the cause to work in a model that has it: switches on.
-    pub(super) fn switched_on(&self, model: &mut Model) {
+    pub(crate) fn switched_on(&self, model: &mut Model) {
         for (name, parameter) in names(self.cause, model) {
             if parameter.role == Role::Switch {
                 let _ = model.set_parameter(&name, 1.0);
@@ -120,7 +125,7 @@ impl Term {
     }
 
     /// What is free of this cause in `model`, which has it.
-    pub(super) fn free(&self, model: &Model) -> Added {
+    pub(crate) fn free(&self, model: &Model) -> Added {
         let mut added = Added { free: Vec::new(), own: Vec::new() };
         for (name, parameter) in names(self.cause, model) {
             if !matches!(parameter.role, Role::Size | Role::Hidden(_)) {
@@ -144,7 +149,7 @@ impl Term {
     }
 
     /// The numbers along which a score test looks: name, whether each run has its own, least and greatest.
-    pub(super) fn directions(&self, model: &Model) -> Vec<(String, bool, [f64; 2])> {
+    pub(crate) fn directions(&self, model: &Model) -> Vec<(String, bool, [f64; 2])> {
         let sizes = names(self.cause, model).into_iter();
         sizes
             .filter(|(_, parameter)| matches!(parameter.role, Role::Size | Role::Switch))
@@ -153,14 +158,14 @@ impl Term {
     }
 
     /// Free numbers it adds to a fit of `runs` runs.
-    pub(super) fn count(&self, model: &Model, runs: usize) -> usize {
+    pub(crate) fn count(&self, model: &Model, runs: usize) -> usize {
         let added = self.free(&self.added_to(model));
         added.free.len() + added.own.len() * runs
     }
 }
 
 /// The parameters of `cause` in `model`, named.
-pub(super) fn names(cause: Cause, model: &Model) -> Vec<(String, sim::effects::ParameterInfo)> {
+pub(crate) fn names(cause: Cause, model: &Model) -> Vec<(String, sim::effects::ParameterInfo)> {
     let effect = model.effects().iter().find(|effect| effect.cause() == cause);
     effect.map_or(Vec::new(), |effect| {
         effect.names().iter().cloned().zip(effect.parameters().copied()).collect()

@@ -8,6 +8,14 @@ pub enum DiagnoseError {
     /// The model cannot be fitted to the runs as it stands.
     #[error(transparent)]
     Fit(#[from] FitError),
+    /// A run is wanted for a parameter that is not fitted.
+    #[error("`{name}` is not fitted, so no run can pin it down{hint}; add it to `[fit] parameters`")]
+    NotFitted {
+        /// The name.
+        name: String,
+        /// The nearest name.
+        hint: String,
+    },
     /// The observer had enough.
     #[error("stopped before there was a verdict")]
     Interrupted,
@@ -18,7 +26,7 @@ impl DiagnoseError {
     pub fn is_lack_of_data(&self) -> bool {
         match self {
             Self::Fit(error) => error.is_lack_of_data(),
-            Self::Interrupted => false,
+            Self::NotFitted { .. } | Self::Interrupted => false,
         }
     }
 }

@@ -1,57 +1,34 @@
 //! What is named, with its intervals, and what had bent to cover for it.
 
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::result::{Bent, CauseParameter};
-use super::state::{Nuisances, State};
+use super::state::{State, covariance};
 use crate::fit::counts::Counts;
-use crate::fit::least_squares::{Descent, Freedom};
-use crate::fit::objective::Objective;
-use crate::fit::problem::{Point, Problem};
 use crate::statistics::{CHI2_95, NORMAL_95};
 
 /// The rise of the cost at an interval's end is met to this share.
 const MET: f64 = 0.03;
 /// Most points tried for one end.
-const MOST_POINTS: usize = 5;
+const MOST_POINTS: usize = 6;
 /// Steps that let all other numbers follow one that is pinned.
-const STEPS: usize = 4;
+const STEPS: usize = 12;
 /// A coefficient that moved by more of its standard deviations had bent.
 const BENT: f64 = 2.0;
-
-/// Standard deviation of each common number from `first` on, as far as all is linear.
-pub(super) fn deviations(state: &State<'_>, first: usize) -> Vec<f64> {
-    let places: Vec<usize> = (first..state.parameters.len()).collect();
-    places.par_iter().map(|&which| deviation(state, which)).collect()
-}
-
-fn deviation(state: &State<'_>, which: usize) -> f64 {
-    let nuisances = Nuisances::except(state, Some(which));
-    let mut column = nalgebra::DMatrix::zeros(nuisances.len(), 1);
-    for (run, linear) in state.linear.iter().enumerate() {
-        let rows = nuisances.of_run(run);
-        column.view_mut((rows.start, 0), (rows.len(), 1)).copy_from(&linear.jacobian.column(which));
-    }
-    let length = column.norm();
-    if length == 0.0 {
-        return f64::INFINITY;
-    }
-    column /= length;
-    nuisances.take_out(&mut column);
-    1.0 / (column.norm() * length).max(f64::MIN_POSITIVE)
-}
 
 /// The numbers of the causes of `state`, whose baseline has `first`, with 95 % intervals from the profile of the
 /// likelihood.
 pub(super) fn values(state: &State<'_>, first: usize) -> Vec<CauseParameter> {
-    let deviations = deviations(state, first);
+    let free = state.parameters.len();
+    let covariance = covariance(state).unwrap_or_else(|| DMatrix::identity(free, free));
     let places: Vec<usize> = (first..state.parameters.len()).collect();
     let ends: Vec<f64> = places
         .iter()
         .flat_map(|&which| [(which, -1.0), (which, 1.0)])
         .collect::<Vec<_>>()
         .par_iter()
-        .map(|&(which, side)| end(state, which, side, deviations[which - first]))
+        .map(|&(which, side)| end(state, which, side, &covariance))
         .collect();
     let unit = |name: &str| {
         let cause = name.split('/').next().unwrap_or_default();
@@ -100,8 +77,9 @@ pub(super) fn values(state: &State<'_>, first: usize) -> Vec<CauseParameter> {
 }
 
 /// Where the profile of common number `which` crosses the limit on one `side`.
-fn end(state: &State<'_>, which: usize, side: f64, std: f64) -> f64 {
+fn end(state: &State<'_>, which: usize, side: f64, covariance: &DMatrix<f64>) -> f64 {
     let (best, scale) = (state.point.values[which], state.parameters.free[which].scale);
+    let std = covariance[(which, which)].sqrt();
     let limit = CHI2_95.sqrt();
     let (mut inside, mut outside) = ((best, 0.0), None);
     let mut next = best + side * NORMAL_95 * std;
@@ -110,7 +88,7 @@ fn end(state: &State<'_>, which: usize, side: f64, std: f64) -> f64 {
         if x == inside.0 {
             return x;
         }
-        let rise = rise(state, which, x);
+        let rise = rise(state, which, x, covariance);
         if (rise / limit - 1.0).abs() <= MET || x != next && rise < limit {
             return x;
         }
@@ -131,32 +109,28 @@ fn end(state: &State<'_>, which: usize, side: f64, std: f64) -> f64 {
 }
 
 /// Root of how much more the best point with number `which` at `x` costs.
-fn rise(state: &State<'_>, which: usize, x: f64) -> f64 {
-    let parameters = state.parameters.pinned(which, x);
-    let problem = Problem { model: &state.model, parameters: &parameters, terms: state.terms.clone() };
-    let objective = Objective::squares(problem);
-    let mut counts = Counts::default();
-    // all others go where they go if all is linear, in a step that knows the pinned one
-    let mut values = state.point.values.clone();
-    values[which] = x;
-    let mut descent = Descent::new(Point { values, offsets: state.point.offsets.clone() }, None);
-    for _ in 0..STEPS {
-        if descent.end.is_none() {
-            descent.step(&objective, Freedom::Everything, u64::MAX, &mut counts);
-        }
+fn rise(state: &State<'_>, which: usize, x: f64, covariance: &DMatrix<f64>) -> f64 {
+    let mut pinned = State { linear: Vec::new(), ..state.clone() };
+    // the others begin where they go if all is linear
+    let share = (x - state.point.values[which]) / covariance[(which, which)];
+    for (place, value) in pinned.point.values.iter_mut().enumerate() {
+        *value = state.parameters.free[place].scale.clamp(*value + share * covariance[(place, which)]);
     }
-    descent.cost.map_or(f64::INFINITY, |cost| (cost - state.cost).max(0.0).sqrt())
+    pinned.point.values[which] = x;
+    pinned.parameters = state.parameters.pinned(which, x);
+    match pinned.steps(STEPS, &mut Counts::default()) {
+        true => (pinned.cost - state.cost).max(0.0).sqrt(),
+        false => f64::INFINITY,
+    }
 }
 
 /// Baseline coefficients that differ between `before` and `after`.
 pub(super) fn bent(before: &State<'_>, after: &State<'_>) -> Vec<Bent> {
-    let count = before.parameters.len();
-    let mut list: Vec<(f64, Bent)> = (0..count)
-        .collect::<Vec<_>>()
-        .par_iter()
-        .map(|&which| {
+    let Some(covariance) = covariance(after) else { return Vec::new() };
+    let mut list: Vec<(f64, Bent)> = (0..before.parameters.len())
+        .map(|which| {
             let (a, b) = (before.point.values[which], after.point.values[which]);
-            let std = deviation(after, which);
+            let std = covariance[(which, which)].sqrt();
             let name = before.parameters.free[which].name().to_owned();
             ((a - b).abs() / std, Bent { name, before: a, after: b, std })
         })

@@ -16,6 +16,8 @@ use crate::fit::finish::hold_out;
 const SAMPLES: usize = 2000;
 /// Runs from which on whole runs are drawn; with fewer, pieces of them.
 const RUNS: usize = 6;
+/// Steps from the optimum of all runs to that of all but one.
+const STEPS: usize = 4;
 /// Length of a piece \[s\].
 const PIECE_S: f64 = 0.5;
 
@@ -112,7 +114,7 @@ fn without(state: &State<'_>, left_out: usize, counts: &mut Counts) -> Option<Mo
     let mut state = State { linear: Vec::new(), ..state.clone() };
     state.terms.remove(left_out);
     state.point.offsets.remove(left_out);
-    state.descend(counts).then(|| state.calibrated())
+    state.steps(STEPS, counts).then(|| state.calibrated())
 }
 
 fn cells(fitted: &FittedRun) -> impl Iterator<Item = (f64, usize, f64)> + '_ {

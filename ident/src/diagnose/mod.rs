@@ -8,7 +8,8 @@
 //! 2. `candidates`, `score`: exact derivatives of every cause at neutral, what the baseline could do projected out;
 //! 3. `search`: the best refitted in full, sets of up to three, each earning its place by the BIC;
 //! 4. `gates`: what is left must be noise, on held-out runs too, and each named number the same in all runs: otherwise
-//!    the description is none of a cause, and the verdict `unexplained`;
+//!    the description is none of a cause, and the verdict `unexplained`; `predict`: held-out runs also decide between
+//!    sets that explain the fitted ones alike;
 //! 5. `extend`, `gain`, `detect`, `residuals`: values with intervals, which coefficients had bent, the gain on runs not
 //!    fitted to, what would have been seen.
 //!
@@ -22,18 +23,20 @@
 //! ```
 
 mod baseline;
-mod candidates;
+pub(crate) mod candidates;
 mod detect;
 mod error;
 mod extend;
-mod floor;
+pub(crate) mod floor;
 mod gain;
 mod gates;
+mod next;
+mod predict;
 mod residuals;
 mod result;
-mod score;
+pub(crate) mod score;
 mod search;
-mod state;
+pub(crate) mod state;
 mod verdict;
 
 use std::time::Instant;
@@ -42,6 +45,7 @@ use sim::Model;
 
 pub use error::DiagnoseError;
 pub use floor::RunFloor;
+pub use next::Next;
 pub use result::{
     Alternative, Bent, CauseParameter, ConstancyTest, Detectable, Diagnosis, Fitness, Follows, HeldOut,
     HeldOutRun, NamedCause, NextExperiment, NoiseFloor, PerRun, Residuals, RunResiduals, Verdict, Whiteness,
@@ -51,6 +55,7 @@ pub use result::{
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
 use crate::fit::{FittedRun, Timing};
+use crate::names::did_you_mean;
 use crate::parameters::Parameters;
 
 /// Told what the diagnosis is at.
@@ -77,10 +82,30 @@ pub struct Diagnosed {
     pub before: Vec<FittedRun>,
     /// Fitted runs beside [`Diagnosed::model`], or beside the partial description.
     pub after: Vec<FittedRun>,
+    /// The runs of [`Diagnosis::next_experiments`] in their order, without what needs no run.
+    pub next: Vec<Next>,
     /// How long it took.
     pub timing: Timing,
     /// Runs simulated; several that share a pass count each.
     pub rollouts: u64,
+}
+
+/// Runs that would pin down the fitted parameters `names`, best first, those of the first name before those of the next.
+///
+/// # Errors
+/// [`DiagnoseError`], for instance for a name that is not fitted.
+pub fn pin_down(
+    experiment: &Experiment,
+    names: &[String],
+) -> Result<(Vec<NextExperiment>, Vec<Next>), DiagnoseError> {
+    experiment.check()?;
+    let parameters = Parameters::select(&experiment.model, &experiment.fit)?;
+    let (state, floor) = baseline::baseline(experiment, parameters, &mut Counts::default())?;
+    let known: Vec<String> = state.parameters.free.iter().flat_map(|p| p.names.clone()).collect();
+    if let Some(name) = names.iter().find(|name| !known.contains(name)) {
+        return Err(DiagnoseError::NotFitted { name: name.clone(), hint: did_you_mean(name, &known) });
+    }
+    Ok(next::pinning(experiment, &state, &floor, names))
 }
 
 /// The noise is looked at once more when the leader's residuals show it this much otherwise.
@@ -114,7 +139,12 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
     search.says("checking")?;
     counts.evaluations += search.counts.evaluations;
     counts.rollouts += search.counts.rollouts;
-    let (diagnosis, leader) = verdict::verdict(experiment, &fitted, &baseline, &found, &floor, &mut counts);
+    predict::decide(experiment, &mut found, &floor, &mut counts);
+    let (mut diagnosis, leader) =
+        verdict::verdict(experiment, &fitted, &baseline, &found, &floor, &mut counts);
+    search.says("planning the next run")?;
+    let (advice, next) = next::next(experiment, &baseline, &found, &floor, &diagnosis);
+    diagnosis.next_experiments = advice;
     let named = !diagnosis.causes.is_empty();
     let model = if named { leader.calibrated() } else { baseline.calibrated() };
     Ok(Diagnosed {
@@ -122,6 +152,7 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
         after: leader.repeated(),
         diagnosis,
         model,
+        next,
         timing: Timing { wall: began.elapsed(), threads: rayon::current_num_threads() },
         rollouts: counts.rollouts,
     })

@@ -245,11 +245,13 @@ pub struct Detectable {
 pub struct NextExperiment {
     /// `drop`, `driven`, or `measurement` for a ruler, a balance, a lamp.
     pub kind: String,
-    /// What to type, or to do.
+    /// In words.
+    pub what: String,
+    /// What to type, once `rig design` has written the config; empty for what is no run.
     pub command: String,
-    /// The two rivals, or the loose parameters.
+    /// The two rivals, or the loose parameter.
     pub separates: Vec<String>,
-    /// Cost by which the rivals differ now.
+    /// Cost by which the rivals differ now; of a loose parameter, its standard deviation.
     pub before: f64,
     /// And with this run as well, as predicted.
     pub after: f64,

@@ -19,36 +19,36 @@ use crate::simulate::Numbers;
 
 /// One derivative: of all keypoints of one run, or of all runs, by one number.
 #[derive(Debug, Clone)]
-pub(super) struct Column {
+pub(crate) struct Column {
     /// Which of the candidates.
-    pub(super) candidate: usize,
+    pub(crate) candidate: usize,
     /// The number's name.
-    pub(super) name: String,
+    pub(crate) name: String,
     /// The run, where each has its own.
-    pub(super) run: Option<usize>,
+    pub(crate) run: Option<usize>,
     /// Furthest that the number can go from neutral.
     room: [f64; 2],
 }
 
 /// What one candidate would gain.
 #[derive(Debug, Clone)]
-pub(super) struct Scored {
-    pub(super) term: Term,
+pub(crate) struct Scored {
+    pub(crate) term: Term,
     /// Cost that the best values would save, as far as all is linear.
-    pub(super) gain: f64,
+    pub(crate) gain: f64,
     /// Numbers that it adds.
-    pub(super) count: usize,
+    pub(crate) count: usize,
 }
 
 /// All candidates against one state.
-pub(super) struct Scores {
-    pub(super) list: Vec<Scored>,
-    pub(super) columns: Vec<Column>,
+pub(crate) struct Scores {
+    pub(crate) list: Vec<Scored>,
+    pub(crate) columns: Vec<Column>,
     /// Derivatives of the whitened residuals, shape (rows, columns).
     raw: DMatrix<f64>,
     /// The same with everything projected out that is fitted anyway, per unit of each number.
-    pub(super) projected: DMatrix<f64>,
-    pub(super) nuisances: Nuisances,
+    pub(crate) projected: DMatrix<f64>,
+    pub(crate) nuisances: Nuisances,
 }
 
 /// Directions that share a pass.
@@ -62,7 +62,7 @@ struct Pack {
 
 impl Scores {
     /// Scores `candidates` at the optimum `state`.
-    pub(super) fn new(state: &State<'_>, candidates: &[Term]) -> Self {
+    pub(crate) fn new(state: &State<'_>, candidates: &[Term]) -> Self {
         let packs = packs(&state.model, candidates);
         let nuisances = Nuisances::new(state);
         let tasks: Vec<(usize, usize)> =
@@ -126,7 +126,7 @@ impl Scores {
     }
 
     /// The linearisation of `state` with the candidate at `index` added, neutral.
-    pub(super) fn extended(&self, state: &State<'_>, next: &State<'_>, index: usize) -> Vec<Linear> {
+    pub(crate) fn extended(&self, state: &State<'_>, next: &State<'_>, index: usize) -> Vec<Linear> {
         let (before, after) = (state.parameters.len(), next.parameters.len());
         let find = |name: &str, run: usize| {
             self.columns.iter().position(|column| {

@@ -21,6 +21,12 @@ pub(super) const BETTER: f64 = 10.0;
 const FALSE_ALARM: f64 = 1e-4;
 /// Causes refitted in full at each stage.
 const SHORT_LIST: usize = 5;
+/// After one step a candidate stays when its BIC is within this of the best one's, or within this share of what that one
+/// has saved.
+const NEAR: f64 = 40.0;
+const CATCH_UP: f64 = 0.3;
+/// And so many stay in any case.
+const KEPT: usize = 3;
 /// Sets that go on.
 const BEAM: usize = 3;
 /// Causes in a set.
@@ -117,7 +123,7 @@ impl<'b> Search<'b> {
     /// `state` with each of the short list in turn, refitted.
     fn expand<'a>(&mut self, state: &State<'a>, scores: &Scores) -> Vec<State<'a>> {
         let list = self.short_list(state, scores);
-        let refitted: Vec<(Option<State<'a>>, Counts)> = list
+        let first: Vec<(Option<State<'a>>, Counts)> = list
             .par_iter()
             .map(|&index| {
                 let mut counts = Counts::default();
@@ -126,7 +132,26 @@ impl<'b> Search<'b> {
                 if !scored.term.is_switch() {
                     next.linear = scores.extended(state, &next, index);
                 }
-                (next.descend(&mut counts).then_some(next), counts)
+                (next.steps(1, &mut counts).then_some(next), counts)
+            })
+            .collect();
+        let mut reached: Vec<f64> = first.iter().filter_map(|(next, _)| Some(next.as_ref()?.bic())).collect();
+        reached.sort_by(f64::total_cmp);
+        let best = reached.first().copied().unwrap_or(f64::INFINITY);
+        // what lies far behind after a step that is nearly the last one does not catch up
+        let reach = best + NEAR.max(CATCH_UP * (state.bic() - best));
+        let reach = reach.max(reached.get(KEPT - 1).copied().unwrap_or(f64::INFINITY));
+        let refitted: Vec<(Option<State<'a>>, Counts)> = first
+            .into_par_iter()
+            .map(|(next, mut counts)| {
+                let near = |next: &State<'a>| {
+                    next.bic() <= reach || next.causes.last().is_some_and(Term::is_strongly_bent)
+                };
+                let mut next = next.filter(near);
+                if !next.as_mut().is_some_and(|next| next.descend(&mut counts)) {
+                    next = None;
+                }
+                (next, counts)
             })
             .collect();
         for (_, own) in &refitted {

@@ -7,7 +7,7 @@ use super::candidates::Term as CauseTerm;
 use super::floor::Floor;
 use crate::fit::FittedRun;
 use crate::fit::counts::Counts;
-use crate::fit::least_squares::{Descent, Freedom};
+use crate::fit::least_squares::Descent;
 use crate::fit::objective::Objective;
 use crate::fit::problem::{Linear, Point, Problem, Term};
 use crate::fit::whitening::Whitening;
@@ -15,29 +15,33 @@ use crate::parameters::Parameters;
 
 /// A model with some causes at its optimum.
 #[derive(Debug, Clone)]
-pub(super) struct State<'a> {
+pub(crate) struct State<'a> {
     /// The causes added to the baseline, in the order in which they were found.
-    pub(super) causes: Vec<CauseTerm>,
+    pub(crate) causes: Vec<CauseTerm>,
     /// The model with neutral causes.
-    pub(super) model: Model,
+    pub(crate) model: Model,
     /// The baseline's parameters first, then those of the causes.
-    pub(super) parameters: Parameters,
-    pub(super) terms: Vec<Term<'a>>,
-    pub(super) point: Point,
+    pub(crate) parameters: Parameters,
+    pub(crate) terms: Vec<Term<'a>>,
+    pub(crate) point: Point,
     /// Squares of whitened residuals, priors included.
-    pub(super) cost: f64,
+    pub(crate) cost: f64,
     /// Residuals and derivatives at the point, by run.
-    pub(super) linear: Vec<Linear>,
+    pub(crate) linear: Vec<Linear>,
     /// Numbers that the causes have added.
-    pub(super) added: usize,
+    pub(crate) added: usize,
+    /// What held-out runs cost beyond those of the set that it competes with.
+    pub(crate) predicted: f64,
 }
 
+/// A share of the cost that is not worth a step: a twentieth of what could matter to anyone.
+const SMALL: f64 = 1e-5;
 /// Most steps of one descent: a fit that needs more is told apart by the next one.
 const MOST_STEPS: usize = 25;
 
 impl<'a> State<'a> {
     /// The baseline before any fit.
-    pub(super) fn baseline(model: &Model, parameters: Parameters, terms: Vec<Term<'a>>) -> Self {
+    pub(crate) fn baseline(model: &Model, parameters: Parameters, terms: Vec<Term<'a>>) -> Self {
         let offsets = terms.iter().map(|term| vec![0.0; term.rehearsal.nuisances.len()]).collect();
         let point = Point { values: parameters.start(), offsets };
         Self {
@@ -49,15 +53,16 @@ impl<'a> State<'a> {
             cost: f64::INFINITY,
             linear: Vec::new(),
             added: 0,
+            predicted: 0.0,
         }
     }
 
-    pub(super) fn problem(&self) -> Problem<'_> {
+    pub(crate) fn problem(&self) -> Problem<'_> {
         Problem { model: &self.model, parameters: &self.parameters, terms: self.terms.clone() }
     }
 
     /// Weighs residuals with the noise of `floor`, whitened.
-    pub(super) fn weigh(&mut self, floor: &Floor) {
+    pub(crate) fn weigh(&mut self, floor: &Floor) {
         for (term, run) in self.terms.iter_mut().zip(&floor.runs) {
             let trajectory = &term.rehearsal.run.trajectory;
             let width = trajectory.keypoints.len();
@@ -77,32 +82,51 @@ impl<'a> State<'a> {
     }
 
     /// Goes to the nearest optimum; whether there is one. Leaves the linearisation there.
-    pub(super) fn descend(&mut self, counts: &mut Counts) -> bool {
-        let linear = std::mem::take(&mut self.linear);
+    pub(crate) fn descend(&mut self, counts: &mut Counts) -> bool {
+        self.steps(MOST_STEPS, counts) && self.linearised(counts)
+    }
+
+    /// Takes up to `most` steps towards the nearest optimum; whether any can be simulated. The linearisation is left
+    /// where it is that of the point.
+    pub(crate) fn steps(&mut self, most: usize, counts: &mut Counts) -> bool {
+        let mut linear = std::mem::take(&mut self.linear);
         let (point, cost, linear) = {
             let objective = Objective::squares(self.problem());
             let mut descent = Descent::new(self.point.clone(), None);
-            if !linear.is_empty() {
-                descent.step_with(&objective, Freedom::Everything, &linear, counts);
-            }
-            for _ in 0..MOST_STEPS {
+            for _ in 0..most {
+                if linear.is_empty() {
+                    let Some(found) = objective.problem.linearise(&descent.point, true, counts) else {
+                        return false;
+                    };
+                    linear = found;
+                }
+                let before = descent.point.clone();
+                descent.step_with(&objective, &linear, SMALL, counts);
+                if descent.point != before {
+                    linear.clear();
+                }
                 if descent.end.is_some() {
                     break;
                 }
-                descent.step(&objective, Freedom::Everything, u64::MAX, counts);
             }
             let Some(cost) = descent.cost else { return false };
-            let Some(linear) = objective.problem.linearise(&descent.point, true, counts) else {
-                return false;
-            };
             (descent.point, cost, linear)
         };
         (self.point, self.cost, self.linear) = (point, cost, linear);
         true
     }
 
+    /// Sees to the linearisation at the point; whether there is one.
+    fn linearised(&mut self, counts: &mut Counts) -> bool {
+        if self.linear.is_empty() {
+            let Some(linear) = self.problem().linearise(&self.point, true, counts) else { return false };
+            self.linear = linear;
+        }
+        true
+    }
+
     /// This state with `cause` added, neutral, before any fit.
-    pub(super) fn with(&self, cause: &CauseTerm) -> Self {
+    pub(crate) fn with(&self, cause: &CauseTerm) -> Self {
         let mut next = Self { linear: Vec::new(), ..self.clone() };
         next.model = cause.added_to(&self.model);
         cause.switched_on(&mut next.model);
@@ -121,27 +145,27 @@ impl<'a> State<'a> {
     }
 
     /// The model with all its numbers, but those that each run has its own of.
-    pub(super) fn calibrated(&self) -> Model {
+    pub(crate) fn calibrated(&self) -> Model {
         self.parameters.applied(&self.point.values, &self.model)
     }
 
     /// Observations in all.
-    pub(super) fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.terms.iter().map(|term| term.observations.len()).sum()
     }
 
     /// What an added number must gain at least to be worth it.
-    pub(super) fn ln_count(&self) -> f64 {
+    pub(crate) fn ln_count(&self) -> f64 {
         (self.count() as f64).max(2.0).ln()
     }
 
     /// Bayesian information criterion, up to a constant.
-    pub(super) fn bic(&self) -> f64 {
-        self.cost + self.added as f64 * self.ln_count()
+    pub(crate) fn bic(&self) -> f64 {
+        self.cost + self.added as f64 * self.ln_count() + self.predicted
     }
 
     /// Residuals of a run before whitening, over the stated deviation or \[m\].
-    pub(super) fn raw_residuals(&self, run: usize) -> Option<Vec<f64>> {
+    pub(crate) fn raw_residuals(&self, run: usize) -> Option<Vec<f64>> {
         let term = &self.terms[run];
         let model = self.calibrated();
         let simulated = term.rehearsal.simulate(&model, &self.point.offsets[run], term.instants).ok()?;
@@ -156,7 +180,7 @@ impl<'a> State<'a> {
     }
 
     /// Fitted runs beside their simulation.
-    pub(super) fn repeated(&self) -> Vec<FittedRun> {
+    pub(crate) fn repeated(&self) -> Vec<FittedRun> {
         let model = self.calibrated();
         let one = |(term, offsets): (&Term<'a>, &Vec<f64>)| {
             let run = term.rehearsal.run;
@@ -183,14 +207,14 @@ impl<'a> State<'a> {
     }
 
     /// When the motion of a run starts \[s\].
-    pub(super) fn start_s(&self, run: usize) -> f64 {
+    pub(crate) fn start_s(&self, run: usize) -> f64 {
         let rehearsal = &self.terms[run].rehearsal;
         rehearsal.start_with(&self.model, &self.point.offsets[run]).start_s
     }
 }
 
 /// Everything that is fitted anyway, to be taken out of what a cause would do.
-pub(super) struct Nuisances {
+pub(crate) struct Nuisances {
     /// Of each run, an orthonormal basis of what its own numbers do, shape (rows, own).
     own: Vec<DMatrix<f64>>,
     /// Of all runs one below the other, an orthonormal basis of what the common numbers do beyond that.
@@ -202,12 +226,12 @@ pub(super) struct Nuisances {
 }
 
 impl Nuisances {
-    pub(super) fn new(state: &State<'_>) -> Self {
+    pub(crate) fn new(state: &State<'_>) -> Self {
         Self::except(state, None)
     }
 
     /// Everything that is fitted but the common number `left_out`.
-    pub(super) fn except(state: &State<'_>, left_out: Option<usize>) -> Self {
+    pub(crate) fn except(state: &State<'_>, left_out: Option<usize>) -> Self {
         let free = state.parameters.len();
         let mut rows = vec![0];
         for linear in &state.linear {
@@ -239,23 +263,23 @@ impl Nuisances {
     }
 
     /// Rows of the data and the priors.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.rows[self.rows.len() - 1] + self.priors
     }
 
     /// Degrees of freedom that the fitted numbers have taken from the data.
-    pub(super) fn used(&self) -> f64 {
+    pub(crate) fn used(&self) -> f64 {
         let own: usize = self.own.iter().map(DMatrix::ncols).sum();
         own as f64 + self.common.rows(0, self.len() - self.priors).norm_squared()
     }
 
     /// The rows of a run.
-    pub(super) fn of_run(&self, run: usize) -> std::ops::Range<usize> {
+    pub(crate) fn of_run(&self, run: usize) -> std::ops::Range<usize> {
         self.rows[run]..self.rows[run + 1]
     }
 
     /// Takes out of `columns`, shape (len, any), what the fitted numbers can do.
-    pub(super) fn take_out(&self, columns: &mut DMatrix<f64>) {
+    pub(crate) fn take_out(&self, columns: &mut DMatrix<f64>) {
         for (run, own) in self.own.iter().enumerate() {
             let range = self.of_run(run);
             let mut part = columns.rows(range.start, range.len()).into_owned();
@@ -266,7 +290,7 @@ impl Nuisances {
     }
 
     /// The residuals of all runs one below the other, what the fitted numbers can do taken out.
-    pub(super) fn residuals(&self, state: &State<'_>) -> DVector<f64> {
+    pub(crate) fn residuals(&self, state: &State<'_>) -> DVector<f64> {
         let mut all = DMatrix::zeros(self.len(), 1);
         for (run, linear) in state.linear.iter().enumerate() {
             let range = self.of_run(run);
@@ -275,6 +299,43 @@ impl Nuisances {
         self.take_out(&mut all);
         all.column(0).into_owned()
     }
+}
+
+/// Covariance of the common numbers of `state`, as far as all is linear, shape (P, P); even bounds count as beliefs.
+pub(crate) fn covariance(state: &State<'_>) -> Option<DMatrix<f64>> {
+    let free = state.parameters.len();
+    let mut sizes = vec![0.0; free];
+    let mut rows = Vec::new();
+    for linear in &state.linear {
+        let mut part = linear.jacobian.columns(0, free).into_owned();
+        take_out(&basis(&linear.jacobian, free), &mut part);
+        for (size, column) in sizes.iter_mut().zip(part.column_iter()) {
+            *size += column.norm_squared();
+        }
+        rows.push(part);
+    }
+    let mut gram = DMatrix::zeros(free, free);
+    let beliefs: Vec<f64> = state
+        .parameters
+        .free
+        .iter()
+        .map(|parameter| {
+            let width = parameter.scale.width().max(f64::MIN_POSITIVE);
+            parameter.prior.map_or(width, |prior| prior.std.get().min(width)).powi(-2)
+        })
+        .collect();
+    let units: Vec<f64> = sizes.iter().zip(&beliefs).map(|(size, belief)| (size + belief).sqrt()).collect();
+    for mut part in rows {
+        for (mut column, unit) in part.column_iter_mut().zip(&units) {
+            column /= *unit;
+        }
+        gram.gemm_tr(1.0, &part, &part, 1.0);
+    }
+    for i in 0..free {
+        gram[(i, i)] += beliefs[i] / units[i].powi(2);
+    }
+    let inverse = gram.cholesky()?.inverse();
+    Some(DMatrix::from_fn(free, free, |i, j| inverse[(i, j)] / (units[i] * units[j])))
 }
 
 /// An orthonormal basis of the columns from `first` on.

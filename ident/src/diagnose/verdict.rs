@@ -3,19 +3,15 @@
 use sim::Cause;
 
 use super::floor::Floor;
-use super::gates::{constancy, fitness, fitness_of};
+use super::gates::{constancy, fitness};
 use super::result::{
     Alternative, ConstancyTest, Diagnosis, Fitness, NamedCause, NoiseFloor, PerRun, Verdict, Whiteness,
 };
 use super::search::{BETTER, Found, sets};
-use super::state::{Nuisances, State};
-use super::{candidates, detect, extend, gain, residuals};
-use crate::experiment::{Experiment, Use};
+use super::state::State;
+use super::{candidates, detect, extend, gain, predict, residuals};
+use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
-use crate::fit::problem::Term;
-use crate::initial;
-use crate::loss::{Weighting, observations};
-use crate::simulate::Rehearsal;
 
 /// Puts together what was found; also the state that describes the runs best.
 pub(super) fn verdict<'a>(
@@ -34,7 +30,7 @@ pub(super) fn verdict<'a>(
     let explained = baseline.cost - leader.cost;
     let after = if leader.causes.is_empty() { before } else { fitness(leader, floor) };
     let tests = constancy(leader, baseline.parameters.len());
-    let heldout = held_out_fitness(experiment, leader, floor, counts);
+    let heldout = predict::fitness(experiment, leader, floor, counts);
     let total = baseline.count();
 
     let mut remarks = Vec::new();
@@ -189,50 +185,6 @@ fn named(
         }
     };
     leader.causes.iter().map(one).collect()
-}
-
-/// Held-out runs, with all fitted numbers projected out.
-fn held_out_fitness(
-    experiment: &Experiment,
-    leader: &State<'_>,
-    floor: &Floor,
-    counts: &mut Counts,
-) -> Option<Fitness> {
-    let held: Vec<_> = experiment.runs.iter().filter(|run| run.usage == Use::Holdout).collect();
-    let model = leader.calibrated();
-    let mut terms = Vec::new();
-    let mut runs = Vec::new();
-    for run in held {
-        let estimate = initial::estimate(&model, run, floor.noise_m).ok()?;
-        let weighting = Weighting { noise_m: floor.noise_m, use_stated: true, run_weight: 1.0 };
-        let list = observations(&run.trajectory, weighting, |_| true);
-        terms.push(Term::new(Rehearsal::new(&model, run, estimate), list));
-        let interval_s = super::floor::interval_s(&run.trajectory.time_s);
-        let std_m = vec![floor.noise_m; run.trajectory.keypoints.len()];
-        runs.push(super::RunFloor { id: run.id.clone(), std_m, interval_s });
-    }
-    if terms.is_empty() {
-        return None;
-    }
-    let floor = Floor { runs, ..floor.clone() };
-    let mut state = State::baseline(&leader.model, leader.parameters.clone(), terms);
-    state.point.values.clone_from(&leader.point.values);
-    // a run's own numbers are seen in itself only
-    for term in &leader.causes {
-        for (_, nuisance) in term.free(&state.model).own {
-            for (term, offsets) in state.terms.iter_mut().zip(&mut state.point.offsets) {
-                term.rehearsal.nuisances.push(nuisance);
-                offsets.push(0.0);
-            }
-        }
-    }
-    state.weigh(&floor);
-    state.linear = state.problem().linearise(&state.point, true, counts)?;
-    let nuisances = Nuisances::new(&state);
-    let left = nuisances.residuals(&state);
-    let residuals: Vec<_> =
-        (0..state.terms.len()).map(|run| left.rows_range(nuisances.of_run(run)).into_owned()).collect();
-    Some(fitness_of(&state, &floor, &residuals, nuisances.used()))
 }
 
 fn source(floor: &Floor) -> String {

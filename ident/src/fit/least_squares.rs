@@ -106,23 +106,22 @@ impl Descent {
             return;
         };
         let normal = Normal::new(objective, &self.point, free, &linear, data);
-        self.follow(objective, &normal, by_parameters, max_evaluations, counts);
+        self.follow(objective, &normal, by_parameters, SMALL, max_evaluations, counts);
     }
 
     /// One iteration with derivatives that are known already, as [`Problem::linearise`](super::problem::Problem::linearise)
-    /// would find them; for a loss of plain squares.
+    /// would find them; for a loss of plain squares. `small`: share of the cost that is not worth a step.
     pub(crate) fn step_with(
         &mut self,
         objective: &Objective<'_>,
-        freedom: Freedom,
         linear: &[Linear],
+        small: f64,
         counts: &mut Counts,
     ) {
-        let by_parameters = freedom == Freedom::Everything;
-        let free = if by_parameters { objective.parameters().len() } else { 0 };
+        let free = objective.parameters().len();
         let data = linear.iter().map(|linear| linear.residuals.norm_squared()).sum();
         let normal = Normal::new(objective, &self.point, free, linear, data);
-        self.follow(objective, &normal, by_parameters, u64::MAX, counts);
+        self.follow(objective, &normal, true, small, u64::MAX, counts);
     }
 
     /// Tries steps that `normal` promises to be good until one is.
@@ -131,12 +130,13 @@ impl Descent {
         objective: &Objective<'_>,
         normal: &Normal,
         by_parameters: bool,
+        small: f64,
         max_evaluations: u64,
         counts: &mut Counts,
     ) {
         let cost = normal.cost;
         self.cost = Some(cost);
-        if normal.most() <= SMALL * cost {
+        if normal.most() <= small * cost {
             self.end = Some(End::TolLoss);
             return;
         }
@@ -144,7 +144,7 @@ impl Descent {
         loop {
             let (trial, promised) = normal.trial(objective, &self.point, self.damping);
             // Where friction starts to stick or a bound is met, promises are broken at every length of step.
-            if self.damping > MAX_DAMPING || (0.0..=SMALL * cost).contains(&promised) {
+            if self.damping > MAX_DAMPING || (0.0..=small * cost).contains(&promised) {
                 self.end = Some(End::TolStep);
                 return;
             }
@@ -158,7 +158,7 @@ impl Descent {
                 if cost - reached >= AS_PROMISED * promised {
                     self.damping = (self.damping / DAMPING_FACTOR).max(LEAST_DAMPING);
                 }
-                self.small = if cost - reached <= SMALL * cost { self.small + 1 } else { 0 };
+                self.small = if cost - reached <= small * cost { self.small + 1 } else { 0 };
                 self.point = trial;
                 self.cost = Some(reached);
                 if self.small >= PATIENCE {

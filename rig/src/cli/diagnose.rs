@@ -7,6 +7,7 @@ use ident::diagnose::{DiagnoseError, Diagnosed, Observer, diagnose};
 use ident::experiment::{Experiment, Use};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::design::write_configs;
 use super::signal::Interrupt;
 use super::{Failure, Outcome, experiment::unfit, fit::name};
 use crate::record::folder::{file, write_whole};
@@ -25,6 +26,9 @@ pub struct Args {
     /// Threads that simulate; the result is the same for any number [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
+    /// Config of the rig: with it, configs of the runs to make next are written to DIR/next
+    #[arg(long, value_name = "RIG.toml")]
+    config: Option<PathBuf>,
     /// Exit with 0 where nothing is detectable, 10 where a cause is named, 11 where several would do, 12 where none does
     #[arg(long)]
     exit_code: bool,
@@ -55,11 +59,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let mut watcher = Watcher::new(interrupt);
     let diagnosed = pool.install(|| diagnose(&experiment, &mut watcher));
     watcher.bar.finish_and_clear();
-    let diagnosed = diagnosed.map_err(|error| match error {
-        DiagnoseError::Interrupted => Failure::Interrupted(error.into()),
-        error if error.is_lack_of_data() => Failure::data(error),
-        error => Failure::input(error),
-    })?;
+    let diagnosed = diagnosed.map_err(failure)?;
 
     let source = args.experiment.display().to_string();
     let timing = Timing {
@@ -89,6 +89,9 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     timing.write(&args.out.join(file::TIMING)).map_err(Failure::internal)?;
     write_whole(&args.out.join(file::REPORT), report::render(&data).as_bytes()).map_err(Failure::internal)?;
 
+    if let Some(config) = &args.config {
+        write_configs(config, &diagnosed.next, &args.out.join("next"))?;
+    }
     let verdict = diagnosed.diagnosis.verdict;
     Ok(Outcome {
         out: Some(args.out.clone()),
@@ -101,6 +104,15 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         ),
         ..Outcome::default()
     })
+}
+
+/// What kind of failure a diagnosis ended with.
+pub(super) fn failure(error: DiagnoseError) -> Failure {
+    match error {
+        DiagnoseError::Interrupted => Failure::Interrupted(error.into()),
+        error if error.is_lack_of_data() => Failure::data(error),
+        error => Failure::input(error),
+    }
 }
 
 /// Writes `diagnosis.json` and the extended `model.xml` to `folder`; `source` says in the model what it was made from.

@@ -161,8 +161,9 @@ fn next(diagnosis: &Diagnosis) -> Markup {
                     tr { th { "do" } th { "tells apart" } th.number { "separation now" } th.number { "then" } }
                     @for next in &diagnosis.next_experiments {
                         tr {
-                            td { code { (next.command) } } td { (next.separates.join(" / ")) }
-                            td.number { (format!("{:.0}", next.before)) } td.number { (format!("{:.0}", next.after)) }
+                            td { (next.what) @if !next.command.is_empty() { br; code { (next.command) } } } td { (next.separates.join(" / ")) }
+                            td.number { @if next.after > 0.0 { (significant(next.before)) } }
+                            td.number { @if next.after > 0.0 { (significant(next.after)) } }
                         }
                     }
                 }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use ident::diagnose::{CauseParameter, Diagnosis, Verdict};
+use ident::diagnose::{CauseParameter, Diagnosis, NextExperiment, Verdict};
 
 use super::format::{millimetres, significant};
 use super::verdict::Tone;
@@ -96,6 +96,21 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
     list
 }
 
+/// A next step in a line.
+pub(super) fn advice(next: &NextExperiment) -> String {
+    let apart = next.separates.join(" and ");
+    if next.kind == "measurement" {
+        return format!("{}: tells {apart} apart.", next.what);
+    }
+    format!(
+        "{} ({}): separation of {apart} {} -> {}",
+        next.command,
+        next.what,
+        significant(next.before),
+        significant(next.after)
+    )
+}
+
 fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters
@@ -118,14 +133,7 @@ pub fn diagnosis_summary(diagnosis: &Diagnosis) -> String {
         100.0 * diagnosis.whiteness.explainable
     );
     for next in diagnosis.next_experiments.iter().take(3) {
-        let _ = writeln!(
-            text,
-            "- Next: {} (tells {} apart: {:.0} -> {:.0})",
-            next.command,
-            next.separates.join(" and "),
-            next.before,
-            next.after
-        );
+        let _ = writeln!(text, "- Next: {}", advice(next));
     }
     text
 }
