@@ -18,6 +18,8 @@
 //! [`cmaes`] searches.
 
 pub mod cmaes;
+pub mod design;
+pub mod diagnose;
 pub mod experiment;
 pub mod fit;
 mod geometry;

@@ -25,23 +25,33 @@ pub enum Nuisance {
         /// The release is not after motion is beyond doubt.
         upper: f64,
     },
+    /// Value of a parameter that each run has its own of, SI.
+    Own {
+        /// Its place in the model.
+        place: Parameter,
+        /// Least value that physics allows.
+        lower: f64,
+        /// Greatest value that physics allows.
+        upper: f64,
+    },
 }
 
 impl Nuisance {
     /// Standard deviation of a belief so weak that it speaks only where the images are silent: half a radian, 50
-    /// rad/s, the interval in which the release was seen.
+    /// rad/s, the interval in which the release was seen, the bounds of a parameter.
     pub(crate) fn belief(self) -> f64 {
         match self {
             Self::Coordinate(_) => 0.5,
             Self::Rate(_) => 50.0,
             Self::Release { lower, upper } => (upper - lower).max(1e-3),
+            Self::Own { lower, upper, .. } => upper - lower,
         }
     }
 
     /// `offset`, no further than physics allows.
     pub(crate) fn clamp(self, offset: f64) -> f64 {
         match self {
-            Self::Release { lower, upper } => offset.clamp(lower, upper),
+            Self::Release { lower, upper } | Self::Own { lower, upper, .. } => offset.clamp(lower, upper),
             Self::Coordinate(_) | Self::Rate(_) => offset,
         }
     }
@@ -132,6 +142,7 @@ impl<'a> Rehearsal<'a> {
                 Nuisance::Coordinate(dof) => delta[dof] = offset,
                 Nuisance::Rate(dof) => qvel[dof] += offset,
                 Nuisance::Release { .. } => start_s += offset,
+                Nuisance::Own { .. } => {}
             }
         }
         Start { state: State { qpos: moved(model, &self.start.state.qpos, &delta), qvel }, start_s }
@@ -150,7 +161,11 @@ impl<'a> Rehearsal<'a> {
     ) -> Result<Vec<[f64; 3]>, RolloutError> {
         let Start { state, start_s } = self.start_with(model, offsets);
         let times = &self.run.trajectory.time_s[..instants];
-        let rollout = rollout(model, &state, &self.command, times, &self.options(start_s))?;
+        let mut own = std::borrow::Cow::Borrowed(model);
+        for (place, value) in self.own(offsets) {
+            own.to_mut().set(place, value);
+        }
+        let rollout = rollout(&own, &state, &self.command, times, &self.options(start_s))?;
         Ok(self.measured(&rollout.position_m, rollout.keypoints.len()))
     }
 
@@ -168,8 +183,8 @@ impl<'a> Rehearsal<'a> {
     ) -> Result<Vec<batch::Positions>, RolloutError> {
         let candidates: Vec<_> = candidates.iter().map(|(v, o)| self.candidate(model, v, o)).collect();
         let (times, options) = (&self.run.trajectory.time_s[..instants], self.options(self.start.start_s));
-        let all =
-            batch::positions(model, parameters, &candidates, &self.command, times, &options, Isa::best())?;
+        let places = self.places(parameters);
+        let all = batch::positions(model, &places, &candidates, &self.command, times, &options, Isa::best())?;
         let width = model.keypoint_sites().len();
         Ok(all.into_iter().map(|one| one.map(|position_m| self.measured(&position_m, width))).collect())
     }
@@ -188,8 +203,9 @@ impl<'a> Rehearsal<'a> {
         instants: usize,
     ) -> Result<batch::Sensitivities, RolloutError> {
         let candidate = self.candidate(model, at.values, offsets);
+        let places = self.places(at.places);
         let none = || Direction {
-            values: vec![0.0; at.places.len()],
+            values: vec![0.0; places.len()],
             qpos: vec![0.0; candidate.state.qpos.len()],
             qvel: vec![0.0; candidate.state.qvel.len()],
             start_s: 0.0,
@@ -200,12 +216,17 @@ impl<'a> Rehearsal<'a> {
             along.values[places.clone()].fill(1.0);
             directions.push(along);
         }
+        let mut next = at.places.len();
         for nuisance in &self.nuisances {
             let mut along = none();
             match *nuisance {
                 Nuisance::Coordinate(dof) => along.qpos = self.coordinate_slope(model, dof, offsets),
                 Nuisance::Rate(dof) => along.qvel[dof] = 1.0,
                 Nuisance::Release { .. } => along.start_s = 1.0,
+                Nuisance::Own { .. } => {
+                    along.values[next] = 1.0;
+                    next += 1;
+                }
             }
             directions.push(along);
         }
@@ -215,7 +236,7 @@ impl<'a> Rehearsal<'a> {
         let command = &self.command;
         let found = batch::sensitivities(
             model,
-            at.places,
+            &places,
             &candidate,
             directions,
             command,
@@ -232,7 +253,25 @@ impl<'a> Rehearsal<'a> {
 
     fn candidate(&self, model: &Model, values: &[f64], offsets: &[f64]) -> Candidate {
         let Start { state, start_s } = self.start_with(model, offsets);
-        Candidate { values: values.to_vec(), state, start_s }
+        let own = self.own(offsets).map(|(_, value)| value);
+        Candidate { values: values.iter().copied().chain(own).collect(), state, start_s }
+    }
+
+    /// Parameters that this run has its own value of, and the values.
+    fn own<'b>(&'b self, offsets: &'b [f64]) -> impl Iterator<Item = (Parameter, f64)> + 'b {
+        self.nuisances.iter().zip(offsets).filter_map(|(nuisance, &value)| match *nuisance {
+            Nuisance::Own { place, .. } => Some((place, value)),
+            Nuisance::Coordinate(_) | Nuisance::Rate(_) | Nuisance::Release { .. } => None,
+        })
+    }
+
+    /// `parameters`, and those that this run has its own value of.
+    fn places(&self, parameters: &[Parameter]) -> Vec<Parameter> {
+        let own = self.nuisances.iter().filter_map(|nuisance| match *nuisance {
+            Nuisance::Own { place, .. } => Some(place),
+            Nuisance::Coordinate(_) | Nuisance::Rate(_) | Nuisance::Release { .. } => None,
+        });
+        parameters.iter().copied().chain(own).collect()
     }
 
     /// How the coordinates follow the offset of `dof`. A hinge's coordinate is the offset's own; quaternions bend.

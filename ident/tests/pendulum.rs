@@ -9,8 +9,10 @@
 
 use std::path::{Path, PathBuf};
 
+use ident::diagnose::{Diagnosis, Verdict, diagnose};
 use ident::experiment::{Experiment, FitConfig, Method, Run, RunKind, Use};
 use ident::fit::{Fitted, fit};
+use sim::model::Parameter;
 use sim::{Model, Trajectory};
 
 const MODEL: &str = include_str!("data/pendulum.xml");
@@ -136,4 +138,72 @@ fn real_double_pendulum_is_predicted_at_least_as_well_as_by_its_authors() {
     assert!(ours[1][1] <= published[1][1], "P2: {} mm against {} mm", ours[1][1], published[1][1]);
     let both = |errors: [f64; 2]| errors[0].hypot(errors[1]);
     assert!(both(ours[0]) <= both(published[0]), "angles: {:?} against {:?}", ours[0], published[0]);
+}
+
+/// Diagnoses the pendulum on the pieces of one set, with the other held out; `frictionless` forgets what the authors
+/// published on its joints.
+fn diagnosed(path: &Path, frictionless: bool, swapped: bool) -> Diagnosis {
+    let mut experiment = experiment(path, &["arm2/mass"]);
+    if frictionless {
+        for joint in 0..experiment.model.joints.len() {
+            experiment.model.set(Parameter::Damping(joint), 0.0);
+            experiment.model.set(Parameter::FrictionLoss(joint), 0.0);
+        }
+    }
+    if swapped {
+        for run in &mut experiment.runs {
+            run.usage = if run.usage == Use::Fit { Use::Holdout } else { Use::Fit };
+        }
+    }
+    let diagnosis = diagnose(&experiment, &mut ()).unwrap().diagnosis;
+    let baseline = if frictionless { "frictionless" } else { "published" };
+    println!("{baseline}, swapped {swapped}: {} {}", diagnosis.verdict.name(), diagnosis.sentence);
+    for cause in diagnosis.causes.iter().chain(&diagnosis.partial) {
+        println!("    {} dBIC {:.0}", cause.name, cause.delta_bic);
+        for p in &cause.parameters {
+            println!("    {} = {:.4e} {:?}", p.name, p.value, p.ci95);
+        }
+    }
+    for other in &diagnosis.alternatives {
+        println!("    or {} dBIC {:.0}", other.names.join(" + "), other.delta_bic);
+    }
+    println!(
+        "    noise {:.4} mm rho {:.2}, residual {:.3} -> {:.3} mm, z {:.0} -> {:.0}; {}",
+        diagnosis.noise_m * 1e3,
+        diagnosis.noise.correlation,
+        diagnosis.whiteness.before.rms_m * 1e3,
+        diagnosis.whiteness.after.rms_m * 1e3,
+        diagnosis.whiteness.before.z,
+        diagnosis.whiteness.after.z,
+        diagnosis.remarks.join("; ")
+    );
+    if let Some(held) = &diagnosis.heldout {
+        println!(
+            "    held out {:.3} -> {:.3} mm, gain {:.2} {:.2?}",
+            held.rms_before_m * 1e3,
+            held.rms_after_m * 1e3,
+            held.gain,
+            held.gain_ci95
+        );
+    }
+    diagnosis
+}
+
+#[test]
+fn friction_that_the_pendulum_was_robbed_of_is_found_again() {
+    let Some(shared) = std::env::var_os("RIG_SHARED") else {
+        println!("skipped: RIG_SHARED does not name the folder of shared data");
+        return;
+    };
+    let path = PathBuf::from(shared).join("data/pendulum-in-air/double_pendulum.csv");
+    for swapped in [false, true] {
+        let diagnosis = diagnosed(&path, true, swapped);
+        assert_ne!(diagnosis.verdict, Verdict::NothingDetectable);
+        let gain = diagnosis.heldout.unwrap().gain;
+        assert!(gain > 0.3, "the best description predicts the other pieces only {gain} better");
+        let list: Vec<&str> =
+            diagnosis.causes.iter().chain(&diagnosis.partial).map(|cause| cause.name.as_str()).collect();
+        assert!(list.contains(&"coulomb_friction") || list.contains(&"joint_damping"), "{list:?}");
+        diagnosed(&path, false, swapped);
+    }
 }

@@ -33,6 +33,10 @@ enum Verb {
     Experiment(cli::experiment::Args),
     /// Fit a model's parameters to an experiment
     Fit(cli::fit::Args),
+    /// Say what the simulation of an experiment gets wrong, and why
+    Diagnose(cli::diagnose::Args),
+    /// Say which runs would tell more, and write their configs
+    Design(cli::design::Args),
     /// Move a model through time
     Simulate(cli::simulate::Args),
     /// Run the experiment on its schedule
@@ -66,6 +70,8 @@ fn main() -> ExitCode {
         Verb::Extract(args) => cli::extract::run(args),
         Verb::Experiment(args) => cli::experiment::run(args),
         Verb::Fit(args) => cli::fit::run(args),
+        Verb::Diagnose(args) => cli::diagnose::run(args),
+        Verb::Design(args) => cli::design::run(args),
         Verb::Simulate(args) => cli::simulate::run(args),
         Verb::Daemon(args) => cli::daemon::run(args),
         Verb::Doctor(args) => cli::doctor::run(args),
@@ -84,7 +90,7 @@ fn main() -> ExitCode {
         say(&result)
     }
     match result {
-        Ok(_) => ExitCode::SUCCESS,
+        Ok(outcome) => ExitCode::from(outcome.exit_code),
         Err(failure) => ExitCode::from(failure.exit_code()),
     }
 }

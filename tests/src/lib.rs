@@ -1,5 +1,7 @@
 //! Harness of the whole-system tests: the `rig` program as a user runs it, and processes to kill and stall.
 
+pub mod hidden;
+
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::OnceLock;

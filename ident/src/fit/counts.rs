@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 
 /// Candidates tried and runs simulated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub(super) struct Counts {
+pub(crate) struct Counts {
     /// Parameter vectors tried, those of finite differences included.
-    pub(super) evaluations: u64,
+    pub(crate) evaluations: u64,
     /// Runs simulated.
-    pub(super) rollouts: u64,
+    pub(crate) rollouts: u64,
 }

@@ -214,7 +214,12 @@ fn starts(arrival: &Arrival, known: &Information, loss_m2: f64) -> Vec<StartLoss
 /// Scores a held-out run: its start comes from its still images alone, or where there are none (`free`, or let
 /// go before the first image) from the first `init_s` seconds of motion, which are not scored. A release that
 /// nobody stated is seen in the motion only, and takes the same share of it.
-fn hold_out(model: &Model, run: &Run, noise_m: f64, counts: &mut Counts) -> Result<FittedRun, FitError> {
+pub(crate) fn hold_out(
+    model: &Model,
+    run: &Run,
+    noise_m: f64,
+    counts: &mut Counts,
+) -> Result<FittedRun, FitError> {
     let estimate = initial::estimate(model, run, noise_m)?;
     let start_s = estimate.start.start_s;
     let has_still = run.kind != RunKind::Free && run.trajectory.time_s[0] <= start_s;

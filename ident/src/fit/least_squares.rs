@@ -14,20 +14,20 @@ use super::problem::{Linear, Point};
 
 /// A descent under way. Serialising it loses nothing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Descent {
-    pub(super) point: Point,
+pub(crate) struct Descent {
+    pub(crate) point: Point,
     /// JSON knows no infinity: `None` where the point cannot be simulated, or has not been.
-    pub(super) cost: Option<f64>,
+    pub(crate) cost: Option<f64>,
     damping: f64,
     /// Small decreases in a row.
     small: u32,
-    pub(super) end: Option<End>,
+    pub(crate) end: Option<End>,
 }
 
 /// Why a descent ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) enum End {
+pub(crate) enum End {
     /// The cost no longer falls noticeably.
     TolLoss,
     /// No step, however short, lowers the cost.
@@ -39,7 +39,7 @@ pub(super) enum End {
 }
 
 impl End {
-    pub(super) fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::TolLoss => "tol-loss",
             Self::TolStep => "tol-step",
@@ -51,7 +51,7 @@ impl End {
 
 /// What a descent may move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Freedom {
+pub(crate) enum Freedom {
     Everything,
     /// Parameters stay; only the starts of the runs move.
     Nuisances,
@@ -76,19 +76,19 @@ const RIDGE: f64 = 1e-12;
 
 impl Descent {
     /// A descent from `point`, whose cost may be known already.
-    pub(super) fn new(point: Point, cost: Option<f64>) -> Self {
+    pub(crate) fn new(point: Point, cost: Option<f64>) -> Self {
         Self { point, cost, damping: FIRST_DAMPING, small: 0, end: None }
     }
 
     /// Takes steps until the descent ends by itself.
-    pub(super) fn run(&mut self, objective: &Objective<'_>, freedom: Freedom, counts: &mut Counts) {
+    pub(crate) fn run(&mut self, objective: &Objective<'_>, freedom: Freedom, counts: &mut Counts) {
         while self.end.is_none() {
             self.step(objective, freedom, u64::MAX, counts);
         }
     }
 
     /// One iteration: linearise, try, take the best.
-    pub(super) fn step(
+    pub(crate) fn step(
         &mut self,
         objective: &Objective<'_>,
         freedom: Freedom,
@@ -106,9 +106,37 @@ impl Descent {
             return;
         };
         let normal = Normal::new(objective, &self.point, free, &linear, data);
+        self.follow(objective, &normal, by_parameters, SMALL, max_evaluations, counts);
+    }
+
+    /// One iteration with derivatives that are known already, as [`Problem::linearise`](super::problem::Problem::linearise)
+    /// would find them; for a loss of plain squares. `small`: share of the cost that is not worth a step.
+    pub(crate) fn step_with(
+        &mut self,
+        objective: &Objective<'_>,
+        linear: &[Linear],
+        small: f64,
+        counts: &mut Counts,
+    ) {
+        let free = objective.parameters().len();
+        let data = linear.iter().map(|linear| linear.residuals.norm_squared()).sum();
+        let normal = Normal::new(objective, &self.point, free, linear, data);
+        self.follow(objective, &normal, true, small, u64::MAX, counts);
+    }
+
+    /// Tries steps that `normal` promises to be good until one is.
+    fn follow(
+        &mut self,
+        objective: &Objective<'_>,
+        normal: &Normal,
+        by_parameters: bool,
+        small: f64,
+        max_evaluations: u64,
+        counts: &mut Counts,
+    ) {
         let cost = normal.cost;
         self.cost = Some(cost);
-        if normal.most() <= SMALL * cost {
+        if normal.most() <= small * cost {
             self.end = Some(End::TolLoss);
             return;
         }
@@ -116,7 +144,7 @@ impl Descent {
         loop {
             let (trial, promised) = normal.trial(objective, &self.point, self.damping);
             // Where friction starts to stick or a bound is met, promises are broken at every length of step.
-            if self.damping > MAX_DAMPING || (0.0..=SMALL * cost).contains(&promised) {
+            if self.damping > MAX_DAMPING || (0.0..=small * cost).contains(&promised) {
                 self.end = Some(End::TolStep);
                 return;
             }
@@ -130,7 +158,7 @@ impl Descent {
                 if cost - reached >= AS_PROMISED * promised {
                     self.damping = (self.damping / DAMPING_FACTOR).max(LEAST_DAMPING);
                 }
-                self.small = if cost - reached <= SMALL * cost { self.small + 1 } else { 0 };
+                self.small = if cost - reached <= small * cost { self.small + 1 } else { 0 };
                 self.point = trial;
                 self.cost = Some(reached);
                 if self.small >= PATIENCE {

@@ -37,19 +37,20 @@
 
 mod checkpoint;
 mod constancy;
-mod counts;
+pub(crate) mod counts;
 mod driver;
 mod error;
-mod finish;
+pub(crate) mod finish;
 mod information;
-mod least_squares;
+pub(crate) mod least_squares;
 mod noise;
-mod objective;
-mod problem;
+pub(crate) mod objective;
+pub(crate) mod problem;
 mod profile;
 mod recalibrate;
 mod report;
 mod search;
+pub(crate) mod whitening;
 
 use std::time::{Duration, Instant};
 

@@ -16,7 +16,7 @@ const HUBER: f64 = 1.345;
 
 impl Loss {
     /// What a residual \[standard deviations\] costs: its square, as far as it is believed.
-    pub(super) fn cost(self, residual: f64) -> f64 {
+    pub(crate) fn cost(self, residual: f64) -> f64 {
         match self {
             Self::Huber if residual.abs() > HUBER => HUBER * (2.0 * residual.abs() - HUBER),
             Self::Huber | Self::Squares => residual * residual,
@@ -32,28 +32,28 @@ impl Loss {
     }
 
     /// Half the slope of [`Loss::cost`]: the residual, cut off where it is not believed.
-    pub(super) fn influence(self, residual: f64) -> f64 {
+    pub(crate) fn influence(self, residual: f64) -> f64 {
         self.weight(residual) * residual
     }
 
     /// Slope of [`Loss::influence`].
-    pub(super) fn slope(self, residual: f64) -> f64 {
+    pub(crate) fn slope(self, residual: f64) -> f64 {
         if self == Self::Huber && residual.abs() > HUBER { 0.0 } else { 1.0 }
     }
 }
 
 /// A belief about several parameters at once, as another fit left it: weight (x - mean)' information (x - mean).
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Belief {
+pub(crate) struct Belief {
     /// Which free parameters, shape (B).
-    pub(super) places: Vec<usize>,
+    pub(crate) places: Vec<usize>,
     /// Their most probable values, shape (B).
-    pub(super) mean: Vec<f64>,
+    pub(crate) mean: Vec<f64>,
     /// Inverse covariance, shape (B, B).
-    pub(super) information: DMatrix<f64>,
+    pub(crate) information: DMatrix<f64>,
     /// How many times over it counts: as often as the data count themselves, whose noise is larger and more
     /// correlated than assumed.
-    pub(super) weight: f64,
+    pub(crate) weight: f64,
 }
 
 impl Belief {
@@ -62,48 +62,48 @@ impl Belief {
         DVector::from_iterator(self.places.len(), offsets)
     }
 
-    pub(super) fn cost(&self, values: &[f64]) -> f64 {
+    pub(crate) fn cost(&self, values: &[f64]) -> f64 {
         let offset = self.offset(values);
         self.weight * offset.dot(&(&self.information * &offset))
     }
 
     /// Half the slope of the cost, shape (B).
-    pub(super) fn pull(&self, values: &[f64]) -> DVector<f64> {
+    pub(crate) fn pull(&self, values: &[f64]) -> DVector<f64> {
         &self.information * self.offset(values) * self.weight
     }
 }
 
 /// What is minimised.
 #[derive(Debug, Clone)]
-pub(super) struct Objective<'a> {
-    pub(super) problem: Problem<'a>,
-    pub(super) loss: Loss,
-    pub(super) belief: Option<Belief>,
+pub(crate) struct Objective<'a> {
+    pub(crate) problem: Problem<'a>,
+    pub(crate) loss: Loss,
+    pub(crate) belief: Option<Belief>,
 }
 
 impl<'a> Objective<'a> {
     /// Plain squares.
-    pub(super) fn squares(problem: Problem<'a>) -> Self {
+    pub(crate) fn squares(problem: Problem<'a>) -> Self {
         Self { problem, loss: Loss::Squares, belief: None }
     }
 
-    pub(super) fn parameters(&self) -> &'a Parameters {
+    pub(crate) fn parameters(&self) -> &'a Parameters {
         self.problem.parameters
     }
 
     /// The part of the objective that is one run.
-    pub(super) fn alone(&self, run: usize) -> Self {
+    pub(crate) fn alone(&self, run: usize) -> Self {
         Self { problem: self.problem.alone(run), loss: self.loss, belief: self.belief.clone() }
     }
 
     /// What values cost before any run is looked at.
-    pub(super) fn prior_cost(&self, values: &[f64]) -> f64 {
+    pub(crate) fn prior_cost(&self, values: &[f64]) -> f64 {
         self.problem.prior_cost(values) + self.belief.as_ref().map_or(0.0, |belief| belief.cost(values))
     }
 
     /// The cost of each point, infinite where a simulation fails. `evaluates`: the points differ in parameters, and
     /// count as evaluations.
-    pub(super) fn costs(&self, points: &[Point], evaluates: bool, counts: &mut Counts) -> Vec<f64> {
+    pub(crate) fn costs(&self, points: &[Point], evaluates: bool, counts: &mut Counts) -> Vec<f64> {
         let mut costs = match (self.loss, evaluates) {
             (Loss::Squares, true) => self.problem.costs(points, counts),
             (Loss::Squares, false) => self.problem.costs_of_rollouts(points, counts),
@@ -125,7 +125,7 @@ impl<'a> Objective<'a> {
     }
 
     /// As [`Problem::linearise`] with rows weighed as the loss believes them, and what the residuals cost.
-    pub(super) fn linearise(
+    pub(crate) fn linearise(
         &self,
         point: &Point,
         by_parameters: bool,

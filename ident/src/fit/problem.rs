@@ -9,23 +9,26 @@ use sim::batch::Sensitivities;
 use sim::model::Parameter;
 
 use super::counts::Counts;
+use super::whitening::Whitening;
 use crate::loss::{Observation, residuals};
 use crate::parameters::Parameters;
 use crate::simulate::{Numbers, Rehearsal};
 
 /// A run with what of it is looked at.
 #[derive(Debug, Clone)]
-pub(super) struct Term<'a> {
-    pub(super) rehearsal: Rehearsal<'a>,
-    pub(super) observations: Vec<Observation>,
+pub(crate) struct Term<'a> {
+    pub(crate) rehearsal: Rehearsal<'a>,
+    pub(crate) observations: Vec<Observation>,
     /// Images to simulate: up to the last one looked at.
-    pub(super) instants: usize,
+    pub(crate) instants: usize,
+    /// What makes noise that lasts look white; `None`: it is white.
+    pub(crate) whitening: Option<Whitening>,
 }
 
 impl<'a> Term<'a> {
-    pub(super) fn new(rehearsal: Rehearsal<'a>, observations: Vec<Observation>) -> Self {
+    pub(crate) fn new(rehearsal: Rehearsal<'a>, observations: Vec<Observation>) -> Self {
         let instants = observations.last().map_or(0, |last| last.instant + 1);
-        Self { rehearsal, observations, instants }
+        Self { rehearsal, observations, instants, whitening: None }
     }
 
     /// The residuals at each of `points`, of this term's run `run`; `None` where a simulation fails.
@@ -40,7 +43,13 @@ impl<'a> Term<'a> {
         let candidates: Vec<(Vec<f64>, &[f64])> =
             points.iter().map(|point| (spread(point), &point.offsets[run][..])).collect();
         let width = self.rehearsal.run.trajectory.keypoints.len();
-        let of = |simulated: Vec<[f64; 3]>| residuals(&self.observations, &simulated, width).into();
+        let of = |simulated: Vec<[f64; 3]>| {
+            let mut residuals = residuals(&self.observations, &simulated, width);
+            if let Some(whitening) = &self.whitening {
+                whitening.apply(&mut residuals);
+            }
+            residuals.into()
+        };
         match self.rehearsal.simulate_all(problem.model, places, &candidates, self.instants) {
             Ok(all) => all.into_iter().map(|one| one.ok().map(of)).collect(),
             Err(_) => vec![None; points.len()],
@@ -48,7 +57,7 @@ impl<'a> Term<'a> {
     }
 
     /// Residuals and the `columns` of their derivatives.
-    fn linear(
+    pub(crate) fn linear(
         &self,
         model: &Model,
         at: &Numbers<'_>,
@@ -60,57 +69,63 @@ impl<'a> Term<'a> {
         let width = self.rehearsal.run.trajectory.keypoints.len();
         let rows = self.observations.iter().map(|o| (o.instant * width + o.keypoint, o.axis, o.per_m));
         let rows: Vec<(usize, usize, f64)> = rows.collect();
-        let jacobian = DMatrix::from_fn(rows.len(), slopes.len(), |row, column| {
+        let mut jacobian = DMatrix::from_fn(rows.len(), slopes.len(), |row, column| {
             let (place, axis, per_m) = rows[row];
             -slopes[column][place][axis] * per_m
         });
-        Some(Linear { residuals: residuals(&self.observations, &position_m, width).into(), jacobian })
+        let mut residuals = residuals(&self.observations, &position_m, width);
+        if let Some(whitening) = &self.whitening {
+            whitening.apply(&mut residuals);
+            jacobian.column_iter_mut().for_each(|mut column| whitening.apply(column.as_mut_slice()));
+        }
+        Some(Linear { residuals: residuals.into(), jacobian })
     }
 
     /// Squares of the nuisances in units of their weak beliefs.
-    pub(super) fn belief_cost(&self, offsets: &[f64]) -> f64 {
+    pub(crate) fn belief_cost(&self, offsets: &[f64]) -> f64 {
         self.rehearsal.nuisances.iter().zip(offsets).map(|(n, x)| (x / n.belief()).powi(2)).sum()
     }
 }
 
 /// Parameters and nuisances, of the model and of each run.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
-pub(super) struct Point {
+pub(crate) struct Point {
     /// SI values, shape (P).
-    pub(super) values: Vec<f64>,
+    pub(crate) values: Vec<f64>,
     /// Offsets by run.
-    pub(super) offsets: Vec<Vec<f64>>,
+    pub(crate) offsets: Vec<Vec<f64>>,
 }
 
 /// What is minimised: squared residuals in standard deviations, plus priors.
 #[derive(Debug, Clone)]
-pub(super) struct Problem<'a> {
-    pub(super) model: &'a Model,
-    pub(super) parameters: &'a Parameters,
-    pub(super) terms: Vec<Term<'a>>,
+pub(crate) struct Problem<'a> {
+    pub(crate) model: &'a Model,
+    pub(crate) parameters: &'a Parameters,
+    pub(crate) terms: Vec<Term<'a>>,
 }
 
 /// Residuals of one run and their derivatives.
-pub(super) struct Linear {
-    pub(super) residuals: DVector<f64>,
+#[derive(Debug, Clone)]
+pub(crate) struct Linear {
+    pub(crate) residuals: DVector<f64>,
     /// Shape (residuals, columns): the free parameters first, then the run's nuisances.
-    pub(super) jacobian: DMatrix<f64>,
+    pub(crate) jacobian: DMatrix<f64>,
 }
 
 impl<'a> Problem<'a> {
     /// The start of a fit: the model's values, every offset 0.
-    pub(super) fn start(&self) -> Point {
+    pub(crate) fn start(&self) -> Point {
         let offsets = self.terms.iter().map(|term| vec![0.0; term.rehearsal.nuisances.len()]).collect();
         Point { values: self.parameters.start(), offsets }
     }
 
     /// The part of the problem that is one run.
-    pub(super) fn alone(&self, run: usize) -> Problem<'a> {
+    pub(crate) fn alone(&self, run: usize) -> Problem<'a> {
         Problem { terms: vec![self.terms[run].clone()], ..*self }
     }
 
     /// Squared distance from the priors in their standard deviations.
-    pub(super) fn prior_cost(&self, values: &[f64]) -> f64 {
+    pub(crate) fn prior_cost(&self, values: &[f64]) -> f64 {
         let parameters = self.parameters.free.iter().zip(values);
         let cost =
             |prior: crate::experiment::Prior, x: f64| ((x - prior.mean.get()) / prior.std.get()).powi(2);
@@ -119,20 +134,20 @@ impl<'a> Problem<'a> {
 
     /// The cost of each point; infinite where a simulation fails. Runs of all points share the threads; sums
     /// are taken in the order of the runs.
-    pub(super) fn costs(&self, points: &[Point], counts: &mut Counts) -> Vec<f64> {
+    pub(crate) fn costs(&self, points: &[Point], counts: &mut Counts) -> Vec<f64> {
         counts.evaluations += points.len() as u64;
         self.costs_of_rollouts(points, counts)
     }
 
     /// As [`Problem::costs`], where points differ in nuisances only and count as no further evaluation.
-    pub(super) fn costs_of_rollouts(&self, points: &[Point], counts: &mut Counts) -> Vec<f64> {
+    pub(crate) fn costs_of_rollouts(&self, points: &[Point], counts: &mut Counts) -> Vec<f64> {
         let parts = self.judged(points, |_, residuals| residuals.norm_squared(), counts);
         self.summed(points, &parts)
     }
 
     /// What `judge`, told the run and its residuals, says of each run at each point, and what the run's offsets cost; shape
     /// (points, runs), infinite where a simulation fails. Runs and points share the threads.
-    pub(super) fn judged(
+    pub(crate) fn judged(
         &self,
         points: &[Point],
         judge: impl Fn(usize, &DVector<f64>) -> f64 + Sync,
@@ -168,7 +183,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Sums of `parts`, shape (points, runs), with the priors; in the order of the runs.
-    pub(super) fn summed(&self, points: &[Point], parts: &[f64]) -> Vec<f64> {
+    pub(crate) fn summed(&self, points: &[Point], parts: &[f64]) -> Vec<f64> {
         let runs = self.terms.len();
         let cost = |(index, point): (usize, &Point)| {
             parts[index * runs..(index + 1) * runs].iter().sum::<f64>() + self.prior_cost(&point.values)
@@ -178,7 +193,7 @@ impl<'a> Problem<'a> {
 
     /// Residuals and derivatives of every run at `point`, by the parameters (if `by_parameters`) and by the run's
     /// own nuisances, exact to rounding. `None` where the point cannot be simulated.
-    pub(super) fn linearise(
+    pub(crate) fn linearise(
         &self,
         point: &Point,
         by_parameters: bool,

@@ -147,7 +147,7 @@ fn description(experiment: &Experiment) -> String {
 }
 
 /// The experiment's name: its file's, or its folder's where the file has the usual name.
-fn name(path: &Path) -> String {
+pub(super) fn name(path: &Path) -> String {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     if stem != "experiment" {
         return stem;

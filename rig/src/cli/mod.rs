@@ -1,6 +1,8 @@
 //! The command line: one file per verb, each a `clap` argument struct and a function that carries it out.
 
 pub mod daemon;
+pub mod design;
+pub mod diagnose;
 pub mod doctor;
 pub mod estop;
 pub mod experiment;
@@ -101,6 +103,9 @@ pub struct Outcome {
     /// The diagnosis's verdict.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verdict: Option<String>,
+    /// The process's exit code, 0 unless somebody asked for another.
+    #[serde(skip)]
+    pub exit_code: u8,
     /// Printed on standard output, unless `--json` asks for one object instead.
     #[serde(skip)]
     pub text: String,

@@ -37,6 +37,8 @@ pub mod file {
     pub const TRAJECTORY: &str = "trajectory.csv";
     /// What was fitted.
     pub const FIT: &str = "fit.json";
+    /// What the simulation gets wrong, and why.
+    pub const DIAGNOSIS: &str = "diagnosis.json";
     /// The calibrated model.
     pub const MODEL: &str = "model.xml";
     /// The model as it was before the run.

@@ -5,6 +5,7 @@ use ident::fit::Fit;
 use image::{GrayImage, RgbImage};
 use sim::{Command, Trajectory};
 
+use super::diagnosis_figures::DiagnosisFigures;
 use crate::record::timing::Timing;
 
 /// Everything a report can show. Only `id` is needed; an empty or absent part is left out of the page.
@@ -20,6 +21,8 @@ pub struct ReportData {
     pub end: Option<RunEnd>,
     /// The fit, as in `fit.json`.
     pub fit: Option<Fit>,
+    /// What the simulation gets wrong, as in `diagnosis.json`.
+    pub diagnosis: Option<DiagnosisFigures>,
     /// Measured and simulated motion of each run.
     pub runs: Vec<RunFigures>,
     /// Selected camera images with what vision found.

@@ -9,10 +9,14 @@
 //! - `verdict`: the sentences at the top; `summary`: the same for a terminal
 //! - `chart`, `figures`: plots; `picture`: images with what vision found in them
 //! - `sections`, `coefficients`: the page itself
+//! - `diagnosis`, `diagnosis_figures`, `diagnosis_text`: what the simulation gets wrong, on the page and in a terminal
 
 mod chart;
 mod coefficients;
 mod data;
+mod diagnosis;
+mod diagnosis_figures;
+mod diagnosis_text;
 mod figures;
 mod format;
 mod gather;
@@ -24,6 +28,8 @@ mod tests;
 mod verdict;
 
 pub use data::{ClockQuality, ImageQuality, Overlay, ReportData, RunEnd, RunFigures, ServoTrace};
+pub use diagnosis_figures::DiagnosisFigures;
+pub use diagnosis_text::diagnosis_summary;
 pub use gather::GatherError;
 pub use summary::summary;
 
@@ -49,6 +55,7 @@ pub fn render(data: &ReportData) -> String {
             body {
                 main {
                     (sections::heading(data))
+                    (diagnosis::section(data))
                     (sections::table_of_errors(data))
                     @for run in &data.runs { (sections::run(data, run)) }
                     (sections::pictures(data))

@@ -4,6 +4,7 @@ use ident::experiment::Use;
 use ident::fit::{Fit, FittedParameter};
 
 use super::data::{ReportData, RunEnd};
+use super::diagnosis_text;
 use super::format::{counted, millimetres, percent};
 
 /// How good the news is; decides the colour.
@@ -89,6 +90,14 @@ pub(super) fn verdict(data: &ReportData) -> Verdict {
             return Verdict { tone: Tone::Bad, line: format!("Failed: {reason}"), details };
         }
         Some(RunEnd::Success) | None => {}
+    }
+    if let (None, Some(figures)) = (&data.fit, &data.diagnosis) {
+        let diagnosis = &figures.diagnosis;
+        return Verdict {
+            tone: diagnosis_text::tone(diagnosis.verdict),
+            line: diagnosis.sentence.clone(),
+            details: diagnosis_text::details(diagnosis),
+        };
     }
     let Some(fit) = &data.fit else {
         let keypoints = data.runs.iter().map(|run| run.measured.keypoints.len()).max().unwrap_or(0);

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use ident::strict::{Finite, NonNegative, Positive, Share};
 use serde::{Deserialize, Serialize};
 
+use super::causes::Causes;
+
 /// The simulated tank behind mock board and mock camera. Alone in a file, as `T/tank.toml`, it serves the mocks that are
 /// processes of their own.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -30,6 +32,9 @@ pub struct TankConfig {
     /// How the mechanism is let go; only for `hold = "release"`.
     #[serde(default)]
     pub release: Release,
+    /// What else is at work in it, beyond the model: causes as in `docs/causes.md`, each with its numbers. Default: nothing.
+    #[serde(default, skip_serializing_if = "Causes::is_empty")]
+    pub causes: Causes,
     /// What the camera sees of it.
     pub view: TankView,
 }

@@ -1,5 +1,6 @@
 //! The simulated tank behind mock board and mock camera: the board's pulses move it, the camera looks at it.
 
+pub mod causes;
 pub mod config;
 mod motion;
 pub mod render;
@@ -57,6 +58,14 @@ pub enum TankError {
         /// The model's.
         known: String,
     },
+    /// A cause that the tank cannot hide.
+    #[error("tank: cause `{cause}`: {reason}")]
+    Cause {
+        /// Its name.
+        cause: String,
+        /// Why not.
+        reason: String,
+    },
     /// A servo that does not turn.
     #[error("tank: us_per_rad of the servo on `{actuator}` is 0; it must be above or below")]
     NoTravel {
@@ -93,8 +102,9 @@ impl Tank {
         let path = folder.join(&config.model);
         let text = std::fs::read_to_string(&path)
             .map_err(|source| TankError::Unreadable { path: path.clone(), source })?;
-        let model = sim::Model::from_mjcf(&text)
+        let mut model = sim::Model::from_mjcf(&text)
             .map_err(|source| TankError::Model { path, source: source.into() })?;
+        causes::put_into(&mut model, &config.causes)?;
         let motion = Motion::new(model.clone(), config, MonotonicNs::now())?;
         Ok(Self {
             shared: Arc::new(Mutex::new(Shared { motion, run_origin: None })),

@@ -6,6 +6,7 @@
 use sim::{Model, RolloutOptions, Simulator, State};
 
 use super::TankError;
+use super::causes::Linkage;
 use super::config::{Hold, Release, TankConfig, TankServo};
 use super::servo::Servo;
 use crate::clock::MonotonicNs;
@@ -38,7 +39,7 @@ struct Drive {
 }
 
 /// All that evolves.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 struct Now {
     /// Steps since the clock's origin.
     step: u64,
@@ -49,6 +50,10 @@ struct Now {
     held: bool,
     /// How many snapshots ago it last moved.
     still: u32,
+    /// What moves it, with the water's memory.
+    simulator: Simulator<f64>,
+    /// Which drives the simulator has limp.
+    limp: Vec<bool>,
 }
 
 /// The motion of one mechanism under its history of events.
@@ -63,9 +68,9 @@ pub(super) struct Motion {
     history: Vec<(MonotonicNs, Event)>,
     now: Now,
     snapshots: std::collections::VecDeque<Now>,
-    simulator: Simulator<f64>,
-    /// Which drives the simulator has limp.
-    limp: Vec<bool>,
+    linkage: Linkage,
+    /// Steps since the clock's origin when the tank was filled, where its own time starts.
+    filled: u64,
 }
 
 impl Motion {
@@ -94,6 +99,8 @@ impl Motion {
             pulses: vec![None; drives.len()],
             held: config.hold != Hold::Nothing,
             still: 0,
+            simulator,
+            limp,
         };
         Ok(Self {
             model,
@@ -103,14 +110,18 @@ impl Motion {
             step_ns,
             history: Vec::new(),
             snapshots: [now.clone()].into(),
+            filled: now.step,
             now,
-            simulator,
-            limp,
+            linkage: Linkage::new(&config.causes),
         })
     }
 
     /// Adds an event. One in the past takes the motion back to before it.
     pub(super) fn happen(&mut self, at: MonotonicNs, event: Event) {
+        let at = match event {
+            Event::Pulse { .. } => at.plus_seconds(self.linkage.delay_s),
+            Event::LetGo => at,
+        };
         // What happened before anything that is still known happens at once.
         let oldest = self.snapshots.front().map_or(self.now.step, |snapshot| snapshot.step);
         let at = at.max(MonotonicNs(oldest * self.step_ns));
@@ -152,9 +163,17 @@ impl Motion {
         let mut state = self.now.state.clone();
         if rest_ns > 0 && !self.now.held && self.now.still < STILL_SNAPSHOTS {
             let command = self.command()?;
-            self.simulator.step_with(&mut state, 0.0, rest_ns as f64 * 1e-9, &|drive, _| command[drive])?;
+            let (time_s, rest_s) = (self.time_s(), rest_ns as f64 * 1e-9);
+            // a step that is not kept must leave no memory
+            let mut simulator = self.now.simulator.clone();
+            simulator.step_with(&mut state, time_s, rest_s, &|drive, _| command[drive])?;
         }
         Ok(state.qpos)
+    }
+
+    /// Time since the tank was filled \[s\].
+    fn time_s(&self) -> f64 {
+        self.now.step.saturating_sub(self.filled) as f64 * self.step_ns as f64 * 1e-9
     }
 
     fn advance(&mut self, to: u64, keep: bool) -> Result<(), TankError> {
@@ -213,10 +232,11 @@ impl Motion {
         if !self.now.held {
             let dt_s = self.step_ns as f64 * 1e-9;
             for (servo, drive) in self.now.servos.iter_mut().zip(&self.drives) {
-                servo.turn(&drive.config, dt_s);
+                servo.turn(&drive.config, &self.linkage, dt_s);
             }
             let command = self.command()?;
-            self.simulator.step(&mut self.now.state, 0.0, &command)?;
+            let time_s = self.time_s();
+            self.now.simulator.step(&mut self.now.state, time_s, &command)?;
         }
         self.now.step += 1;
         Ok(())
@@ -250,7 +270,7 @@ impl Motion {
                 continue;
             }
             let link_rad = self.now.state.qpos[drive.qpos] * drive.gear;
-            self.now.servos[index].latch(&drive.config, self.now.pulses[index], link_rad);
+            self.now.servos[index].latch(&drive.config, &self.linkage, self.now.pulses[index], link_rad);
             if self.now.pulses[index].is_some() && self.hold == Hold::FirstPulse {
                 self.now.held = false;
             }
@@ -267,9 +287,9 @@ impl Motion {
                 limp[drive.actuator] = false;
             }
         }
-        if limp != self.limp {
-            self.simulator = simulator(&self.model, &limp, self.step_ns)?;
-            self.limp = limp;
+        if limp != self.now.limp {
+            self.now.simulator = simulator(&self.model, &limp, self.step_ns)?;
+            self.now.limp = limp;
         }
         Ok(command)
     }

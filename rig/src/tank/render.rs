@@ -50,7 +50,7 @@ impl Look {
 #[derive(Debug, Clone)]
 pub struct Renderer {
     look: Look,
-    plane: Plane,
+    pub(super) plane: Plane,
     /// The scene without mechanism, shape (height, width).
     empty: Vec<f32>,
 }
@@ -137,10 +137,19 @@ fn light(look: &Look, x: usize, y: usize) -> f64 {
 
 /// Outlines of a model's geoms in the picture \[px\], walls and floors left out.
 pub fn outlines(model: &Model, qpos: &[f64], plane: &Plane) -> Vec<Vec<Px>> {
+    project(&corners(model, qpos), plane)
+}
+
+/// For each geom, points `[x, z]` \[m\] whose convex hull is its outline, walls and floors left out.
+pub(super) fn corners(model: &Model, qpos: &[f64]) -> Vec<Vec<[f64; 2]>> {
     let poses = model.poses(qpos);
     let geoms = model.geoms.iter().zip(poses.geom_pos.iter().zip(&poses.geom_rot));
-    let seen = |points: Vec<[f64; 2]>| hull(points.into_iter().map(|p| plane.pixel(p)).collect());
-    geoms.map(|(geom, (pos, rot))| outline(geom, *pos, rot)).filter(|p| !p.is_empty()).map(seen).collect()
+    geoms.map(|(geom, (pos, rot))| outline(geom, *pos, rot)).filter(|p| !p.is_empty()).collect()
+}
+
+/// The outlines of geoms with these corners in the picture \[px\].
+pub(super) fn project(corners: &[Vec<[f64; 2]>], plane: &Plane) -> Vec<Vec<Px>> {
+    corners.iter().map(|points| hull(points.iter().map(|&p| plane.pixel(p)).collect())).collect()
 }
 
 /// Points `[x, z]` \[m\] whose convex hull is what the camera sees of a geom at `pos`, turned by `rot`.

@@ -7,7 +7,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::Tank;
-use super::render::{Look, Renderer};
+use super::causes::Optics;
+use super::render::{Look, Renderer, corners, project};
 use crate::camera::CameraConfig;
 use crate::camera::mock::{Scene, StampTruth};
 use crate::clock::MonotonicNs;
@@ -17,22 +18,59 @@ use crate::vision::Plane;
 pub struct TankScene {
     tank: Tank,
     renderer: Renderer,
+    optics: Optics,
     noise: Noise,
 }
 
 impl Scene for TankScene {
     fn picture(&mut self, at: MonotonicNs) -> Result<GrayImage, String> {
-        let qpos = self.tank.qpos(at).map_err(|error| {
-            let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}"));
-            format!("{error}{}", cause.unwrap_or_default())
-        })?;
-        let mut picture = self.renderer.draw(self.tank.model(), &qpos);
+        let mut shapes = self.corners(at)?;
+        if self.optics.slowness != 0.0 {
+            self.roll(&mut shapes, at)?;
+        }
+        shapes.iter_mut().flatten().for_each(|point| *point = self.optics.see(*point));
+        let mut picture = self.renderer.draw_polygons(&project(&shapes, &self.renderer.plane));
         self.noise.add(&mut picture, at);
         Ok(picture)
     }
 
     fn run_origin(&self) -> Option<MonotonicNs> {
         self.tank.run_origin()
+    }
+}
+
+impl TankScene {
+    fn corners(&self, at: MonotonicNs) -> Result<Vec<Vec<[f64; 2]>>, String> {
+        let qpos = self.tank.qpos(at).map_err(|error| {
+            let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}"));
+            format!("{error}{}", cause.unwrap_or_default())
+        })?;
+        Ok(corners(self.tank.model(), &qpos))
+    }
+
+    /// Lets each point be seen when its row is taken: on the parabola through three instants of the motion.
+    fn roll(&self, shapes: &mut [Vec<[f64; 2]>], at: MonotonicNs) -> Result<(), String> {
+        let far = shapes
+            .iter()
+            .flatten()
+            .map(|point| point[1])
+            .fold(0.0, |far: f64, z| if z.abs() > far.abs() { z } else { far });
+        let span_s = self.optics.slowness * far;
+        if span_s == 0.0 {
+            return Ok(());
+        }
+        let (middle, end) =
+            (self.corners(at.plus_seconds(0.5 * span_s))?, self.corners(at.plus_seconds(span_s))?);
+        for (shape, (middle, end)) in shapes.iter_mut().zip(middle.iter().zip(&end)) {
+            for (point, (middle, end)) in shape.iter_mut().zip(middle.iter().zip(end)) {
+                let s = self.optics.slowness * point[1] / span_s;
+                let weights = [(1.0 - s) * (1.0 - 2.0 * s), 4.0 * s * (1.0 - s), s * (2.0 * s - 1.0)];
+                *point = std::array::from_fn(|axis| {
+                    weights[0] * point[axis] + weights[1] * middle[axis] + weights[2] * end[axis]
+                });
+            }
+        }
+        Ok(())
     }
 }
 
@@ -49,14 +87,15 @@ impl Tank {
             ..Look::plain(camera.width_px, camera.height_px)
         };
         let noise = Noise::new(view.noise_grey.get(), self.config().seed);
-        TankScene { tank: self.clone(), renderer: Renderer::new(plane, look), noise }
+        let optics = Optics::new(&self.config().causes);
+        TankScene { tank: self.clone(), renderer: Renderer::new(plane, look), optics, noise }
     }
 
     /// How a mock camera's stamps depart from the truth in this tank.
     pub fn stamp_truth(&self) -> StampTruth {
         let config = self.config();
         StampTruth {
-            latency_s: config.view.stamp_latency_s.get(),
+            latency_s: config.view.stamp_latency_s.get() - Optics::new(&config.causes).delay_s,
             jitter_s: config.view.stamp_jitter_s.get(),
             seed: config.seed,
         }
@@ -176,6 +215,47 @@ mod tests {
         let (before, after) =
             (first.get_pixel(column, row).0[0], scene.picture(at(1010)).unwrap().get_pixel(column, row).0[0]);
         assert!(before < 100 && after > 150, "{before} {after}");
+    }
+
+    /// Where the mechanism's darkness lies in `picture` \[px\].
+    fn centre(picture: &GrayImage) -> [f64; 2] {
+        let (mut sum, mut at) = (0.0, [0.0, 0.0]);
+        for (x, y, grey) in picture.enumerate_pixels() {
+            let dark = 200.0 - f64::from(grey.0[0]);
+            sum += dark;
+            at = [at[0] + dark * f64::from(x), at[1] + dark * f64::from(y)];
+        }
+        [at[0] / sum, at[1] / sum]
+    }
+
+    #[test]
+    fn hidden_camera_causes_are_in_the_picture() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("chain.xml"), CHAIN).unwrap();
+        let quiet = format!("{TANK}noise_grey = 0.0\n");
+        let tank = |causes: &str| {
+            std::fs::write(folder.path().join("tank.toml"), format!("{quiet}[causes]\n{causes}")).unwrap();
+            Tank::read(folder.path()).unwrap()
+        };
+        let seen = |tank: &Tank, later_s: f64| {
+            let begin = MonotonicNs::now().plus_seconds(0.1);
+            tank.ask_release(begin);
+            centre(&tank.scene(&CameraConfig::default()).picture(begin.plus_seconds(later_s)).unwrap())
+        };
+        // the chain is held nearly level, its centre 38 mm to the right: a turn lifts it
+        let (plain, turned) = (seen(&tank(""), 0.0), seen(&tank("camera_rotation = { angle = 0.1 }"), 0.0));
+        let lift = (plain[1] - turned[1]) / (plain[0] - 320.0);
+        assert!((lift - 0.1).abs() < 0.005, "{lift}");
+        let smaller = seen(&tank("camera_scale = { scale = -0.05 }"), 0.0);
+        let growth = (smaller[0] - 320.0) / (plain[0] - 320.0);
+        assert!((growth - 0.95).abs() < 1e-3, "{growth}");
+        // falling, what is lower is seen earlier where rows further down are taken earlier, so less far down
+        let (still, rolled) =
+            (seen(&tank(""), 0.1), seen(&tank("rolling_shutter = { slowness = 0.5 }"), 0.1));
+        let behind = still[1] - rolled[1];
+        assert!((0.5..10.0).contains(&behind), "{behind}");
+        let truth = tank("camera_delay = { delay = -0.01 }").stamp_truth();
+        assert!((truth.latency_s - 0.01).abs() < 1e-15);
     }
 
     #[test]

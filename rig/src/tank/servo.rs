@@ -1,5 +1,6 @@
 //! A hobby servo as it really is.
 
+use super::causes::Linkage;
 use super::config::TankServo;
 
 /// One servo's state: where its output stands while it has a pulse.
@@ -11,8 +12,11 @@ pub(super) struct Servo {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Powered {
+    /// The servo's own.
     angle_rad: f64,
     target_rad: f64,
+    /// What is left of it behind the play.
+    output_rad: f64,
 }
 
 impl Servo {
@@ -20,32 +24,43 @@ impl Servo {
 
     /// The angle it holds its link at \[rad\]; none while limp.
     pub(super) fn angle_rad(self) -> Option<f64> {
-        self.powered.map(|powered| powered.angle_rad)
+        self.powered.map(|powered| powered.output_rad)
     }
 
     /// Takes up a pulse, or its absence, at a period's start. A servo that wakes up finds its output wherever the link is.
-    pub(super) fn latch(&mut self, servo: &TankServo, pulse_us: Option<u16>, link_rad: f64) {
+    pub(super) fn latch(
+        &mut self,
+        servo: &TankServo,
+        linkage: &Linkage,
+        pulse_us: Option<u16>,
+        link_rad: f64,
+    ) {
         self.powered = pulse_us.map(|pulse_us| {
-            let target_rad = (f64::from(pulse_us) - servo.zero_us.get()) / servo.us_per_rad.get();
-            let angle_rad = self.angle_rad().unwrap_or(link_rad);
-            Powered { angle_rad, target_rad }
+            let told_rad = (f64::from(pulse_us) - servo.zero_us.get()) / servo.us_per_rad.get();
+            let target_rad = told_rad * linkage.gain;
+            let found = Powered { angle_rad: link_rad, target_rad, output_rad: link_rad };
+            Powered { target_rad, ..self.powered.unwrap_or(found) }
         });
     }
 
-    /// Turns for `dt_s`: first order towards the target, no faster than the rate limit.
-    pub(super) fn turn(&mut self, servo: &TankServo, dt_s: f64) {
+    /// Turns for `dt_s`: first order towards the target, no faster than the rate limit; then through the play.
+    pub(super) fn turn(&mut self, servo: &TankServo, linkage: &Linkage, dt_s: f64) {
         if let Some(powered) = &mut self.powered {
             let gap = powered.target_rad - powered.angle_rad;
-            let lag_s = servo.lag_s.get();
+            let lag_s = servo.lag_s.get() + linkage.lag_s;
             let wanted = if lag_s > 0.0 { gap * -(-dt_s / lag_s).exp_m1() } else { gap };
-            let most = servo.rate_limit_rad_per_s.get() * dt_s;
+            let most = servo.rate_limit_rad_per_s.get().min(linkage.rate_limit) * dt_s;
             powered.angle_rad += wanted.clamp(-most, most);
+            let play = [powered.angle_rad - linkage.play, powered.angle_rad + linkage.play];
+            powered.output_rad = powered.output_rad.clamp(play[0], play[1]);
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
 
     fn config(text: &str) -> TankServo {
@@ -53,11 +68,19 @@ mod tests {
         ident::strict::parse(&text, std::path::Path::new("tank.toml")).unwrap()
     }
 
+    fn none() -> Linkage {
+        Linkage::new(&BTreeMap::new())
+    }
+
     fn turned(config: &TankServo, pulse_us: u16, steps: u32) -> f64 {
+        turned_through(config, &none(), pulse_us, steps)
+    }
+
+    fn turned_through(config: &TankServo, linkage: &Linkage, pulse_us: u16, steps: u32) -> f64 {
         let mut servo = Servo::LIMP;
-        servo.latch(config, Some(pulse_us), 0.0);
+        servo.latch(config, linkage, Some(pulse_us), 0.0);
         for _ in 0..steps {
-            servo.turn(config, 0.001);
+            servo.turn(config, linkage, 0.001);
         }
         servo.angle_rad().unwrap()
     }
@@ -81,11 +104,26 @@ mod tests {
     fn servo_wakes_up_where_its_link_is_and_goes_limp_without_pulse() {
         let config = config("");
         let mut servo = Servo::LIMP;
-        servo.turn(&config, 0.001);
+        servo.turn(&config, &none(), 0.001);
         assert_eq!(servo.angle_rad(), None);
-        servo.latch(&config, Some(1500), 0.7);
+        servo.latch(&config, &none(), Some(1500), 0.7);
         assert_eq!(servo.angle_rad(), Some(0.7));
-        servo.latch(&config, None, 0.0);
+        servo.latch(&config, &none(), None, 0.0);
         assert_eq!(servo.angle_rad(), None);
+    }
+
+    #[test]
+    fn hidden_causes_stretch_slow_and_loosen_the_turn() {
+        let config = config("lag_s = 0.0\nrate_limit_rad_per_s = 1000.0");
+        let linked = |change: fn(&mut Linkage), steps| {
+            let mut linkage = none();
+            change(&mut linkage);
+            turned_through(&config, &linkage, 1600, steps)
+        };
+        let close = |a: f64, b: f64| (a - b).abs() < 1e-12;
+        assert!(close(linked(|linkage| linkage.gain = 1.1, 1), 0.22));
+        assert!(close(linked(|linkage| linkage.rate_limit = 2.0, 50), 0.1));
+        assert!(close(linked(|linkage| linkage.lag_s = 0.02, 20), 0.2 * (1.0 - (-1.0_f64).exp())));
+        assert!(close(linked(|linkage| linkage.play = 0.05, 1), 0.15));
     }
 }

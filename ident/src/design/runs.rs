@@ -1,0 +1,191 @@
+//! Runs that could be made: drops from several poses, for which a hand is needed, and strokes of the servo.
+
+use serde::{Deserialize, Serialize};
+use sim::{Command, State, Trajectory};
+
+use crate::diagnose::floor::Floor;
+use crate::experiment::{Experiment, Run, RunKind};
+use crate::initial::Start;
+
+/// A run that could be made.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Proposal {
+    /// A name for files.
+    pub id: String,
+    /// What moves it.
+    pub motion: Motion,
+    /// How long it is filmed \[s\].
+    pub seconds: f64,
+    /// Time between images \[s\].
+    pub interval_s: f64,
+}
+
+/// What moves a proposed run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase")]
+pub enum Motion {
+    /// Let go by hand.
+    Drop {
+        /// Angle of every hinge, base to tip \[rad\].
+        pose_rad: Vec<f64>,
+    },
+    /// Strokes of the servo between minus and plus its amplitude.
+    Driven {
+        /// Half the sweep \[rad\].
+        amplitude_rad: f64,
+        /// Of a counter-clockwise stroke \[s\].
+        ccw_s: f64,
+        /// Of a clockwise stroke \[s\].
+        cw_s: f64,
+    },
+}
+
+/// Rest before anything moves \[s\].
+const REST_S: f64 = 0.3;
+/// Length of a proposed run \[s\].
+const SECONDS: f64 = 3.0;
+/// Angles of the first hinge in drops \[rad\].
+const ANGLES: [f64; 6] = [1.5, -1.5, 0.8, -0.8, 2.5, -2.5];
+/// Angles between links in bent poses \[rad\].
+const BEND: f64 = 1.2;
+const AMPLITUDES: [f64; 3] = [0.2, 0.6, 0.9];
+/// Pairs of strokes \[s\]; the counter-clockwise one takes two thirds.
+const PERIODS_S: [f64; 3] = [0.6, 1.5, 3.0];
+/// No servo is asked for more \[rad/s\].
+const FASTEST: f64 = 8.0;
+
+/// What could be run with the mechanism of `experiment`.
+pub(crate) fn proposals(experiment: &Experiment, floor: &Floor) -> Vec<Proposal> {
+    let interval_s = floor.runs.iter().map(|run| run.interval_s).fold(0.05, f64::min).max(1.0 / 200.0);
+    let model = &experiment.model;
+    let hinges: Vec<usize> =
+        (0..model.joints.len()).filter(|&joint| model.joints[joint].kind == sim::JointKind::Hinge).collect();
+    let mut list = Vec::new();
+    let mut add = |id: String, motion: Motion| {
+        list.push(Proposal { id, motion, seconds: SECONDS, interval_s });
+    };
+    if !hinges.is_empty() {
+        let mut poses: Vec<Vec<f64>> = ANGLES
+            .iter()
+            .map(|&angle| (0..hinges.len()).map(|k| if k == 0 { angle } else { 0.0 }).collect())
+            .collect();
+        for side in [1.0, -1.0] {
+            let bent = |k: usize| match k {
+                0 => 0.9 * side,
+                k if k % 2 == 1 => -BEND * side,
+                _ => BEND * side,
+            };
+            poses.push((0..hinges.len()).map(bent).collect());
+        }
+        for (number, pose_rad) in poses.into_iter().enumerate() {
+            add(format!("drop-{}", number + 1), Motion::Drop { pose_rad });
+        }
+    }
+    if !model.actuators.is_empty() {
+        let mut number = 0;
+        for amplitude_rad in AMPLITUDES {
+            for period_s in PERIODS_S {
+                let (ccw_s, cw_s) = (period_s * 2.0 / 3.0, period_s / 3.0);
+                if 2.0 * amplitude_rad / cw_s <= FASTEST {
+                    number += 1;
+                    add(format!("driven-{number}"), Motion::Driven { amplitude_rad, ccw_s, cw_s });
+                }
+            }
+        }
+    }
+    list
+}
+
+impl Proposal {
+    /// `drop` or `driven`.
+    pub fn kind(&self) -> &'static str {
+        match self.motion {
+            Motion::Drop { .. } => "drop",
+            Motion::Driven { .. } => "driven",
+        }
+    }
+
+    /// What to do, in words.
+    pub fn words(&self) -> String {
+        match &self.motion {
+            Motion::Drop { pose_rad } => {
+                let angles: Vec<String> = pose_rad.iter().map(|angle| format!("{angle:.1}")).collect();
+                format!("drop by hand from {} rad", angles.join(", "))
+            }
+            Motion::Driven { amplitude_rad, ccw_s, cw_s } => {
+                format!("strokes of ±{amplitude_rad:.1} rad, {ccw_s:.1} s there and {cw_s:.1} s back")
+            }
+        }
+    }
+
+    /// Whole pairs of strokes that fit into the run.
+    pub fn cycles(&self) -> u32 {
+        match self.motion {
+            Motion::Drop { .. } => 0,
+            Motion::Driven { ccw_s, cw_s, .. } => (self.seconds / (ccw_s + cw_s)).round().max(1.0) as u32,
+        }
+    }
+
+    /// The run, with keypoints seen where the experiment's are, all at the origin: only when and which matters.
+    pub fn run(&self, experiment: &Experiment) -> Run {
+        let like = experiment.runs.first();
+        let keypoints =
+            like.map_or_else(|| experiment.model.keypoints(), |run| run.trajectory.keypoints.clone());
+        let seen = |axis: usize| {
+            like.is_none_or(|run| run.trajectory.position_m.iter().any(|p| p[axis].is_finite()))
+        };
+        let cell: [f64; 3] = std::array::from_fn(|axis| if seen(axis) { 0.0 } else { f64::NAN });
+        let images = ((REST_S + self.seconds) / self.interval_s) as usize;
+        let time_s: Vec<f64> = (0..images).map(|image| image as f64 * self.interval_s).collect();
+        let trajectory = Trajectory {
+            position_m: vec![cell; time_s.len() * keypoints.len()],
+            keypoints,
+            time_s,
+            std_m: None,
+        };
+        let kind = match self.motion {
+            Motion::Drop { .. } => RunKind::Drop,
+            Motion::Driven { .. } => RunKind::Driven,
+        };
+        let mut run = Run::new(self.id.clone(), kind, trajectory);
+        run.command = self.command(experiment);
+        run.prescribed = like.is_some_and(|run| run.prescribed);
+        run.release_s = (kind == RunKind::Drop).then_some(REST_S);
+        run
+    }
+
+    /// What the servo is told; nothing in a drop.
+    pub fn command(&self, experiment: &Experiment) -> Option<Command> {
+        let Motion::Driven { amplitude_rad, ccw_s, cw_s } = self.motion else { return None };
+        let actuators: Vec<String> =
+            experiment.model.actuators.iter().map(|actuator| actuator.name.clone()).collect();
+        let (mut time_s, mut angles) = (vec![0.0, REST_S], vec![0.0, 0.0]);
+        let mut t = REST_S + ccw_s / 2.0;
+        for cycle in 0..self.cycles() {
+            time_s.push(t);
+            angles.push(amplitude_rad);
+            t += cw_s;
+            time_s.push(t);
+            angles.push(-amplitude_rad);
+            t += if cycle + 1 == self.cycles() { ccw_s / 2.0 } else { ccw_s };
+        }
+        time_s.push(t);
+        angles.push(0.0);
+        let angle_rad = angles.iter().flat_map(|angle| vec![*angle; actuators.len()]).collect();
+        Some(Command { actuators, time_s, angle_rad })
+    }
+
+    /// How the run starts.
+    pub(crate) fn start(&self, experiment: &Experiment) -> Start {
+        let model = &experiment.model;
+        let rest = model.rest_state();
+        let mut state = State { qpos: rest.qpos.clone(), qvel: vec![0.0; model.nv()] };
+        if let Motion::Drop { pose_rad } = &self.motion {
+            let hinges = model.joints.iter().filter(|joint| joint.kind == sim::JointKind::Hinge);
+            for (joint, angle) in hinges.zip(pose_rad) {
+                state.qpos[joint.qpos_address] = joint.reference + angle;
+            }
+        }
+        Start { state, start_s: REST_S }
+    }
+}

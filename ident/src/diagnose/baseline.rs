@@ -1,0 +1,94 @@
+//! The baseline: the model as it stands, fitted as `[fit]` says, at its optimum, with the noise floor that goes with it.
+
+use super::DiagnoseError;
+use super::floor::{Floor, Seen, floor};
+use super::state::State;
+use crate::experiment::{Experiment, Method, Use};
+use crate::fit::counts::Counts;
+use crate::fit::problem::Term;
+use crate::fit::{self, FitError};
+use crate::initial;
+use crate::loss::{Weighting, observations};
+use crate::parameters::Parameters;
+use crate::simulate::Rehearsal;
+
+/// Times that floor and fit are found in turn: one needs the other.
+const TURNS: usize = 3;
+/// A floor that moves by less is the same.
+const SAME: f64 = 0.01;
+
+/// The fitted baseline of `experiment`, and its noise floor.
+pub(super) fn baseline<'a>(
+    experiment: &'a Experiment,
+    parameters: Parameters,
+    counts: &mut Counts,
+) -> Result<(State<'a>, Floor), DiagnoseError> {
+    let mut terms = Vec::new();
+    for run in experiment.runs.iter().filter(|run| run.usage == Use::Fit) {
+        let seen = initial::run_noise(run);
+        let noise_m = experiment.noise_m.unwrap_or(seen.std_m);
+        let estimate = initial::estimate(&experiment.model, run, noise_m)?;
+        let weighting = Weighting { noise_m: seen.std_m, use_stated: false, run_weight: 1.0 };
+        let list = observations(&run.trajectory, weighting, |_| true);
+        terms.push(Term::new(Rehearsal::new(&experiment.model, run, estimate), list));
+    }
+    if terms.is_empty() {
+        return Err(FitError::NothingToFit.into());
+    }
+    let mut state = State::baseline(&experiment.model, parameters, terms);
+    if !state.descend(counts) {
+        // from where the model stands there is no way: look further
+        let mut wider = experiment.clone();
+        wider.fit.method = Method::Hybrid;
+        let fitted = fit::fit(&wider, &mut ())?;
+        for (value, parameter) in state.point.values.iter_mut().zip(&state.parameters.free) {
+            if let Some(found) = fitted.fit.parameters.iter().find(|found| found.name == parameter.name()) {
+                *value = found.value;
+            }
+        }
+        if !state.descend(counts) {
+            return Err(FitError::NoOptimum.into());
+        }
+    }
+    let mut floor: Option<Floor> = None;
+    for _ in 0..TURNS {
+        let next = seen_floor(&state)?;
+        let same = floor.as_ref().is_some_and(|before| is_same(before, &next, SAME));
+        state.weigh(&next);
+        floor = Some(next);
+        if !state.descend(counts) {
+            return Err(FitError::NoOptimum.into());
+        }
+        if same {
+            break;
+        }
+    }
+    floor.map(|floor| (state, floor)).ok_or_else(|| FitError::NoOptimum.into())
+}
+
+/// The floor that the residuals of `state` show.
+pub(super) fn seen_floor(state: &State<'_>) -> Result<Floor, DiagnoseError> {
+    let raw: Option<Vec<Vec<f64>>> = (0..state.terms.len()).map(|run| state.raw_residuals(run)).collect();
+    let raw = raw.ok_or(FitError::NoOptimum)?;
+    let seen: Vec<Seen<'_>> = state
+        .terms
+        .iter()
+        .zip(&raw)
+        .enumerate()
+        .map(|(run, (term, residuals))| Seen {
+            id: &term.rehearsal.run.id,
+            observations: &term.observations,
+            residuals,
+            time_s: &term.rehearsal.run.trajectory.time_s,
+            start_s: state.start_s(run),
+        })
+        .collect();
+    Ok(floor(&seen))
+}
+
+/// Whether two floors agree to a share `within`.
+pub(super) fn is_same(a: &Floor, b: &Floor, within: f64) -> bool {
+    let stds = a.runs.iter().flat_map(|run| &run.std_m).zip(b.runs.iter().flat_map(|run| &run.std_m));
+    (a.correlation - b.correlation).abs() <= within
+        && stds.into_iter().all(|(a, b)| (a / b - 1.0).abs() <= within)
+}

@@ -1,0 +1,141 @@
+//! What is named, with its intervals, and what had bent to cover for it.
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use super::result::{Bent, CauseParameter};
+use super::state::{State, covariance};
+use crate::fit::counts::Counts;
+use crate::statistics::{CHI2_95, NORMAL_95};
+
+/// The rise of the cost at an interval's end is met to this share.
+const MET: f64 = 0.03;
+/// Most points tried for one end.
+const MOST_POINTS: usize = 6;
+/// Steps that let all other numbers follow one that is pinned.
+const STEPS: usize = 12;
+/// A coefficient that moved by more of its standard deviations had bent.
+const BENT: f64 = 2.0;
+
+/// The numbers of the causes of `state`, whose baseline has `first`, with 95 % intervals from the profile of the
+/// likelihood.
+pub(super) fn values(state: &State<'_>, first: usize) -> Vec<CauseParameter> {
+    let free = state.parameters.len();
+    let covariance = covariance(state).unwrap_or_else(|| DMatrix::identity(free, free));
+    let places: Vec<usize> = (first..state.parameters.len()).collect();
+    let ends: Vec<f64> = places
+        .iter()
+        .flat_map(|&which| [(which, -1.0), (which, 1.0)])
+        .collect::<Vec<_>>()
+        .par_iter()
+        .map(|&(which, side)| end(state, which, side, &covariance))
+        .collect();
+    let unit = |name: &str| {
+        let cause = name.split('/').next().unwrap_or_default();
+        let effect = state.model.effects().iter().find(|effect| effect.cause().name() == cause);
+        effect
+            .and_then(|effect| {
+                let place = effect.names().iter().position(|known| known == name)?;
+                effect.parameters().nth(place).map(|info| info.unit.to_owned())
+            })
+            .unwrap_or_default()
+    };
+    let mut list: Vec<CauseParameter> = places
+        .iter()
+        .map(|&which| {
+            let parameter = &state.parameters.free[which];
+            let (lower, upper) = (ends[2 * (which - first)], ends[2 * (which - first) + 1]);
+            CauseParameter {
+                name: parameter.name().to_owned(),
+                value: state.point.values[which],
+                ci95: Some([lower, upper]),
+                unit: unit(parameter.name()),
+            }
+        })
+        .collect();
+    for term in &state.causes {
+        for (name, value) in &term.choices {
+            list.push(CauseParameter { name: name.clone(), value: *value, ci95: None, unit: unit(name) });
+        }
+        for (run, one) in state.terms.iter().enumerate() {
+            for (k, nuisance) in one.rehearsal.nuisances.iter().enumerate() {
+                let crate::simulate::Nuisance::Own { place, .. } = *nuisance else { continue };
+                let sim::model::Parameter::Effect(effect, value) = place else { continue };
+                let name = &state.model.effects()[effect].names()[value];
+                if state.model.effects()[effect].cause() == term.cause {
+                    list.push(CauseParameter {
+                        name: format!("{name}@{}", one.rehearsal.run.id),
+                        value: state.point.offsets[run][k],
+                        ci95: None,
+                        unit: unit(name),
+                    });
+                }
+            }
+        }
+    }
+    list
+}
+
+/// Where the profile of common number `which` crosses the limit on one `side`.
+fn end(state: &State<'_>, which: usize, side: f64, covariance: &DMatrix<f64>) -> f64 {
+    let (best, scale) = (state.point.values[which], state.parameters.free[which].scale);
+    let std = covariance[(which, which)].sqrt();
+    let limit = CHI2_95.sqrt();
+    let (mut inside, mut outside) = ((best, 0.0), None);
+    let mut next = best + side * NORMAL_95 * std;
+    for _ in 0..MOST_POINTS {
+        let x = scale.clamp(next);
+        if x == inside.0 {
+            return x;
+        }
+        let rise = rise(state, which, x, covariance);
+        if (rise / limit - 1.0).abs() <= MET || x != next && rise < limit {
+            return x;
+        }
+        if rise < limit {
+            inside = (x, rise);
+        } else {
+            outside = Some((x, rise));
+        }
+        next = match outside {
+            Some((far, high)) if high.is_finite() => {
+                inside.0 + (far - inside.0) * (limit - inside.1) / (high - inside.1)
+            }
+            Some((far, _)) => (inside.0 + far) / 2.0,
+            None => best + (inside.0 - best) * (limit / inside.1.max(0.1)).clamp(1.05, 3.0),
+        };
+    }
+    scale.clamp(next)
+}
+
+/// Root of how much more the best point with number `which` at `x` costs.
+fn rise(state: &State<'_>, which: usize, x: f64, covariance: &DMatrix<f64>) -> f64 {
+    let mut pinned = State { linear: Vec::new(), ..state.clone() };
+    // the others begin where they go if all is linear
+    let share = (x - state.point.values[which]) / covariance[(which, which)];
+    for (place, value) in pinned.point.values.iter_mut().enumerate() {
+        *value = state.parameters.free[place].scale.clamp(*value + share * covariance[(place, which)]);
+    }
+    pinned.point.values[which] = x;
+    pinned.parameters = state.parameters.pinned(which, x);
+    match pinned.steps(STEPS, &mut Counts::default()) {
+        true => (pinned.cost - state.cost).max(0.0).sqrt(),
+        false => f64::INFINITY,
+    }
+}
+
+/// Baseline coefficients that differ between `before` and `after`.
+pub(super) fn bent(before: &State<'_>, after: &State<'_>) -> Vec<Bent> {
+    let Some(covariance) = covariance(after) else { return Vec::new() };
+    let mut list: Vec<(f64, Bent)> = (0..before.parameters.len())
+        .map(|which| {
+            let (a, b) = (before.point.values[which], after.point.values[which]);
+            let std = covariance[(which, which)].sqrt();
+            let name = before.parameters.free[which].name().to_owned();
+            ((a - b).abs() / std, Bent { name, before: a, after: b, std })
+        })
+        .filter(|(moved, _)| *moved > BENT)
+        .collect();
+    list.sort_by(|a, b| b.0.total_cmp(&a.0));
+    list.into_iter().map(|(_, bent)| bent).collect()
+}

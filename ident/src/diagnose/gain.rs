@@ -1,0 +1,160 @@
+//! The gain on runs that nothing was fitted to: parameters frozen, the pose from the still images alone.
+
+use rand::{RngExt as _, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use sim::Model;
+
+use super::floor::Floor;
+use super::result::{HeldOut, HeldOutRun};
+use super::state::State;
+use crate::experiment::{Experiment, Run, Use};
+use crate::fit::FittedRun;
+use crate::fit::counts::Counts;
+use crate::fit::finish::hold_out;
+
+/// Bootstrap samples.
+const SAMPLES: usize = 2000;
+/// Runs from which on whole runs are drawn; with fewer, pieces of them.
+const RUNS: usize = 6;
+/// Steps from the optimum of all runs to that of all but one.
+const STEPS: usize = 4;
+/// Length of a piece \[s\].
+const PIECE_S: f64 = 0.5;
+
+/// Squares of residuals of one piece: before, after, count.
+type Piece = [f64; 3];
+
+/// Errors of `before` and `after` on held-out runs; where there are none, on each fitted run with both refitted to the
+/// others. `None` where that cannot be done.
+pub(super) fn gain(
+    experiment: &Experiment,
+    before: &State<'_>,
+    after: &State<'_>,
+    floor: &Floor,
+    counts: &mut Counts,
+) -> Option<HeldOut> {
+    let mut pieces: Vec<Vec<Piece>> = Vec::new();
+    let mut runs = Vec::new();
+    let mut noise = [0.0; 2];
+    let mut add = |run: &Run, models: [&Model; 2], std_m: &[f64], counts: &mut Counts| -> Option<()> {
+        let [a, b] = models.map(|model| hold_out(model, run, floor.noise_m, &mut *counts).ok());
+        let (a, b) = (a?, b?);
+        pieces.push(in_pieces(&a, &b));
+        let rms = |fitted: &FittedRun| {
+            let keypoints = 0..run.trajectory.keypoints.len();
+            keypoints.map(|k| rms_m(fitted, k)).collect::<Vec<_>>()
+        };
+        let std_m: Vec<f64> = (0..run.trajectory.keypoints.len())
+            .map(|k| std_m.get(k).copied().unwrap_or(floor.noise_m))
+            .collect();
+        noise[0] += std_m.iter().map(|s| s * s).sum::<f64>();
+        noise[1] += std_m.len() as f64;
+        runs.push(HeldOutRun {
+            id: run.id.clone(),
+            keypoints: run.trajectory.keypoints.clone(),
+            rms_before_m: rms(&a),
+            rms_after_m: rms(&b),
+            noise_floor_m: std_m,
+        });
+        Some(())
+    };
+    let held: Vec<&Run> = experiment.runs.iter().filter(|run| run.usage == Use::Holdout).collect();
+    let how = if held.is_empty() {
+        if before.terms.len() < 2 {
+            return None;
+        }
+        for left_out in 0..before.terms.len() {
+            let run = before.terms[left_out].rehearsal.run;
+            let models = [before, after].map(|state| without(state, left_out, counts));
+            let [Some(a), Some(b)] = models else { continue };
+            add(run, [&a, &b], &floor.runs[left_out].std_m, counts);
+        }
+        "leave-one-out"
+    } else {
+        let models = [before.calibrated(), after.calibrated()];
+        for run in held {
+            add(run, [&models[0], &models[1]], &[], counts);
+        }
+        "holdout"
+    };
+    let sum = |list: &[&Piece]| {
+        list.iter().fold([0.0; 3], |sum, piece| [sum[0] + piece[0], sum[1] + piece[1], sum[2] + piece[2]])
+    };
+    let all: Vec<&Piece> = pieces.iter().flatten().collect();
+    let [a, b, count] = sum(&all);
+    if count == 0.0 || a == 0.0 {
+        return None;
+    }
+    let whole: Vec<Piece> = pieces.iter().map(|run| sum(&run.iter().collect::<Vec<_>>())).collect();
+    let drawn: Vec<&Piece> = if whole.len() >= RUNS { whole.iter().collect() } else { all };
+    let gain = |[a, b, _]: [f64; 3]| 1.0 - (b / a.max(f64::MIN_POSITIVE)).sqrt();
+    let mut random = ChaCha8Rng::seed_from_u64(experiment.fit.seed);
+    let mut gains: Vec<f64> = (0..SAMPLES)
+        .map(|_| {
+            let sample: Vec<&Piece> =
+                (0..drawn.len()).map(|_| drawn[random.random_range(0..drawn.len())]).collect();
+            gain(sum(&sample))
+        })
+        .collect();
+    gains.sort_by(f64::total_cmp);
+    let quantile = |share: f64| gains[((SAMPLES - 1) as f64 * share).round() as usize];
+    Some(HeldOut {
+        rms_before_m: (a / count).sqrt(),
+        rms_after_m: (b / count).sqrt(),
+        noise_floor_m: (noise[0] / f64::max(noise[1], 1.0)).sqrt(),
+        gain: gain([a, b, count]),
+        gain_ci95: [quantile(0.025), quantile(0.975)],
+        how: how.into(),
+        runs,
+    })
+}
+
+/// The model of `state` fitted to all runs but one.
+fn without(state: &State<'_>, left_out: usize, counts: &mut Counts) -> Option<Model> {
+    let mut state = State { linear: Vec::new(), ..state.clone() };
+    state.terms.remove(left_out);
+    state.point.offsets.remove(left_out);
+    state.steps(STEPS, counts).then(|| state.calibrated())
+}
+
+fn cells(fitted: &FittedRun) -> impl Iterator<Item = (f64, usize, f64)> + '_ {
+    let width = fitted.measured.keypoints.len();
+    let from_s = fitted.scored_from_s;
+    let rows = fitted.measured.time_s.iter().enumerate().filter(move |(_, t)| **t >= from_s);
+    rows.flat_map(move |(row, &time_s)| {
+        (0..width).flat_map(move |k| {
+            let (m, s) = (fitted.measured.at(row, k), fitted.simulated.at(row, k));
+            (0..3).map(move |axis| (time_s, k, m[axis] - s[axis]))
+        })
+    })
+    .filter(|(.., residual)| residual.is_finite())
+}
+
+fn rms_m(fitted: &FittedRun, keypoint: usize) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (.., residual) in cells(fitted).filter(|(_, k, _)| *k == keypoint) {
+        sum += residual * residual;
+        count += 1.0;
+    }
+    (sum / f64::max(count, 1.0)).sqrt()
+}
+
+fn in_pieces(before: &FittedRun, after: &FittedRun) -> Vec<Piece> {
+    let from_s = before.scored_from_s.min(after.scored_from_s);
+    let mut pieces: Vec<Piece> = Vec::new();
+    let mut add = |time_s: f64, add: Piece| {
+        let place = ((time_s - from_s) / PIECE_S).max(0.0) as usize;
+        if pieces.len() <= place {
+            pieces.resize(place + 1, [0.0; 3]);
+        }
+        pieces[place].iter_mut().zip(add).for_each(|(sum, x)| *sum += x);
+    };
+    for (time_s, _, residual) in cells(before) {
+        add(time_s, [residual * residual, 0.0, 1.0]);
+    }
+    for (time_s, _, residual) in cells(after) {
+        add(time_s, [0.0, residual * residual, 0.0]);
+    }
+    pieces.retain(|piece| piece[2] > 0.0);
+    pieces
+}

@@ -1,0 +1,211 @@
+//! Gates that a description must pass before it is called a cause: what is left is noise, and each number is the same in
+//! all runs.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::floor::{Floor, slow_part};
+use super::result::{ConstancyTest, Fitness, PerRun};
+use super::state::{Nuisances, State};
+use crate::statistics::chi2_survival;
+
+/// Lags of the portmanteau test.
+const LAGS: usize = 8;
+/// Slow residuals this many standard deviations beyond noise are none.
+pub(super) const BEYOND_NOISE: f64 = 5.0;
+/// What is left beyond noise is no objection below this share of what was explained.
+pub(super) const LEFT_OVER: f64 = 0.03;
+/// Correlation that is no objection, however certain.
+const LITTLE_CORRELATION: f64 = 0.1;
+/// Probability below which chance is no explanation.
+const NO_CHANCE: f64 = 1e-6;
+/// A run sees a number when its effect there is worth this many standard deviations.
+const SEEN: f64 = 3.0;
+
+/// Residuals of `state` against the noise of `floor`.
+pub(super) fn fitness(state: &State<'_>, floor: &Floor) -> Fitness {
+    let nuisances = Nuisances::new(state);
+    let residuals: Vec<DVector<f64>> = state.linear.iter().map(|linear| linear.residuals.clone()).collect();
+    fitness_of(state, floor, &residuals, nuisances.used())
+}
+
+/// The same of any `residuals` of the runs of `state`, of which `used` degrees of freedom are gone.
+pub(super) fn fitness_of(state: &State<'_>, floor: &Floor, residuals: &[DVector<f64>], used: f64) -> Fitness {
+    let mut sums = [0.0; 4];
+    let (mut products, mut squares, mut metres) = ([0.0; LAGS], 0.0, 0.0);
+    let mut steep = 0.0;
+    for (run, whole) in residuals.iter().enumerate() {
+        let term = &state.terms[run];
+        let interval_s = floor.runs.get(run).map_or(1.0, |run| run.interval_s);
+        let time_s = &term.rehearsal.run.trajectory.time_s;
+        let slow = slow_part(&term.observations, whole, time_s, state.start_s(run), interval_s);
+        let add = [slow.squares, slow.functions, slow.all, slow.count];
+        sums.iter_mut().zip(add).for_each(|(sum, x)| *sum += x);
+        for series in series(term) {
+            for (lag, product) in products.iter_mut().enumerate() {
+                let pairs = series.iter().zip(series.iter().skip(lag + 1));
+                *product += pairs.map(|(&a, &b)| whole[a] * whole[b]).sum::<f64>();
+            }
+        }
+        squares += whole.norm_squared();
+        if let Some(raw) = state.raw_residuals(run) {
+            metres += raw.iter().map(|x| x * x).sum::<f64>();
+        }
+        // how the spectrum at 4 Hz follows the correlation
+        let turn = std::f64::consts::TAU * 4.0 * interval_s;
+        let rho = floor.correlation;
+        let slope = 2.0 * (turn.cos() - rho) / (1.0 + rho * rho - 2.0 * rho * turn.cos());
+        steep = f64::max(steep, slope.abs());
+    }
+    let [slow, functions, all, count] = sums;
+    let fast = (count - functions).max(1.0);
+    let level = ((all - slow) / fast).max(f64::MIN_POSITIVE);
+    let left = (functions - used).max(1.0);
+    let excess = slow / level - left;
+    let spread = 2.0 * left * (1.0 + left / fast) + (steep * floor.correlation_std * left).powi(2);
+    let correlations: Vec<f64> =
+        products.iter().map(|product| product / squares.max(f64::MIN_POSITIVE)).collect();
+    let portmanteau = count * correlations.iter().map(|r| r * r).sum::<f64>();
+    Fitness {
+        rms_m: (metres / count.max(1.0)).sqrt(),
+        chi2: all,
+        degrees: count - used,
+        excess,
+        z: excess / spread.sqrt(),
+        portmanteau_p: chi2_survival(portmanteau, LAGS as f64),
+        correlation: (correlations.iter().map(|r| r * r).sum::<f64>() / LAGS as f64).sqrt(),
+    }
+}
+
+impl Fitness {
+    /// Whether something beyond noise is left that matters beside `explained`, the cost saved so far, in `count`
+    /// observations.
+    pub(super) fn objects(&self, explained: f64, count: usize) -> bool {
+        let matters = self.excess > (LEFT_OVER * explained).max(super::search::NEGLIGIBLE * count as f64);
+        let correlated = self.portmanteau_p < NO_CHANCE && self.correlation > LITTLE_CORRELATION;
+        self.z > BEYOND_NOISE && matters || correlated
+    }
+}
+
+/// The observations of each coordinate, in the order of the images.
+fn series(term: &crate::fit::problem::Term<'_>) -> Vec<Vec<usize>> {
+    let width = term.observations.iter().map(|o| o.keypoint + 1).max().unwrap_or(0);
+    let mut series = vec![Vec::new(); 3 * width];
+    for (index, o) in term.observations.iter().enumerate() {
+        series[3 * o.keypoint + o.axis].push(index);
+    }
+    series
+}
+
+/// Whether the numbers of the causes are the same in all runs, and what each run would say.
+pub(super) fn constancy(state: &State<'_>, baseline: usize) -> Vec<(ConstancyTest, Vec<PerRun>)> {
+    let common = (baseline..state.parameters.len()).filter_map(|which| common(state, which));
+    common.chain(amplitudes(state)).collect()
+}
+
+fn ids(state: &State<'_>) -> Vec<String> {
+    state.terms.iter().map(|term| term.rehearsal.run.id.clone()).collect()
+}
+
+/// A number common to all runs: a value for each, all others following.
+fn common(state: &State<'_>, which: usize) -> Option<(ConstancyTest, Vec<PerRun>)> {
+    let parameter = &state.parameters.free[which];
+    let value = state.point.values[which];
+    let nuisances = Nuisances::except(state, Some(which));
+    let seen: Vec<usize> = (0..state.terms.len())
+        .filter(|&run| state.linear[run].jacobian.column(which).norm() * value.abs() > SEEN)
+        .collect();
+    if seen.len() < 2 {
+        return None;
+    }
+    let mut columns = DMatrix::zeros(nuisances.len(), seen.len());
+    for (place, &run) in seen.iter().enumerate() {
+        let rows = nuisances.of_run(run);
+        columns
+            .view_mut((rows.start, place), (rows.len(), 1))
+            .copy_from(&state.linear[run].jacobian.column(which));
+    }
+    nuisances.take_out(&mut columns);
+    let slope = columns.tr_mul(&nuisances.residuals(state));
+    let mut gram = columns.tr_mul(&columns);
+    let ridge = 1e-9 * gram.diagonal().max() + f64::MIN_POSITIVE;
+    for i in 0..seen.len() {
+        gram[(i, i)] += ridge;
+    }
+    let factor = gram.clone().cholesky()?;
+    let change = -factor.solve(&slope);
+    let weights = &gram * DVector::from_element(seen.len(), 1.0);
+    let mean = weights.dot(&change) / weights.sum();
+    let apart = change.add_scalar(-mean);
+    let chi2 = apart.dot(&(&gram * &apart)).max(0.0);
+    let covariance = factor.inverse();
+    let ids = ids(state);
+    let list = seen.iter().enumerate().map(|(place, &run)| PerRun {
+        run: ids[run].clone(),
+        parameter: parameter.name().to_owned(),
+        value: value + change[place],
+        std: covariance[(place, place)].sqrt(),
+    });
+    let degrees = seen.len() - 1;
+    let p = chi2_survival(chi2, degrees as f64);
+    Some((ConstancyTest { parameter: parameter.name().to_owned(), chi2, degrees, p }, list.collect()))
+}
+
+/// Numbers that each run has its own of: their common amplitude.
+fn amplitudes(state: &State<'_>) -> Option<(ConstancyTest, Vec<PerRun>)> {
+    let count = state.parameters.len();
+    let ids = ids(state);
+    let mut name = None;
+    let mut list: Vec<PerRun> = Vec::new();
+    for (run, term) in state.terms.iter().enumerate() {
+        let own: Vec<usize> = (0..term.rehearsal.nuisances.len())
+            .filter(|&k| matches!(term.rehearsal.nuisances[k], crate::simulate::Nuisance::Own { .. }))
+            .collect();
+        let Some(crate::simulate::Nuisance::Own { place, .. }) =
+            own.first().map(|&k| term.rehearsal.nuisances[k])
+        else {
+            continue;
+        };
+        let sim::model::Parameter::Effect(effect, _) = place else { continue };
+        let cause = state.model.effects()[effect].cause().name();
+        name = Some(format!("{cause}/amplitude"));
+        let values = DVector::from_iterator(own.len(), own.iter().map(|&k| state.point.offsets[run][k]));
+        let amplitude = values.norm();
+        let others = state.linear[run].jacobian.clone();
+        let keep: Vec<usize> =
+            (0..others.ncols()).filter(|c| *c < count || !own.contains(&(c - count))).collect();
+        let mut columns = others.select_columns(&own.iter().map(|k| count + k).collect::<Vec<_>>());
+        let mut basis = others.select_columns(&keep);
+        for mut column in basis.column_iter_mut() {
+            let norm = column.norm();
+            column /= norm.max(f64::MIN_POSITIVE);
+        }
+        let rows = basis.nrows();
+        let extra = basis.ncols();
+        let mut padded = basis.insert_rows(rows, extra, 0.0);
+        for k in 0..extra {
+            padded[(rows + k, k)] = 1e-3;
+        }
+        let span = padded.qr().q();
+        let span = span.rows(0, rows).into_owned();
+        let within = span.tr_mul(&columns);
+        columns.gemm(-1.0, &span, &within, 1.0);
+        let covariance = columns.tr_mul(&columns).cholesky()?.inverse();
+        let direction = if amplitude > 0.0 { &values / amplitude } else { values.clone() };
+        let std = direction.dot(&(&covariance * &direction)).max(0.0).sqrt();
+        list.push(PerRun { run: ids[run].clone(), parameter: name.clone()?, value: amplitude, std });
+    }
+    let name = name.filter(|_| list.len() >= 2)?;
+    let weight = |run: &PerRun| 1.0 / run.std.powi(2).max(f64::MIN_POSITIVE);
+    let total: f64 = list.iter().map(weight).sum();
+    let mean = list.iter().map(|run| weight(run) * run.value).sum::<f64>() / total;
+    let chi2 = list.iter().map(|run| weight(run) * (run.value - mean).powi(2)).sum();
+    let degrees = list.len() - 1;
+    Some((ConstancyTest { parameter: name, chi2, degrees, p: chi2_survival(chi2, degrees as f64) }, list))
+}
+
+impl ConstancyTest {
+    /// Whether the runs differ by more than chance, and by what matters beside `explained`, the cost saved.
+    pub(super) fn objects(&self, explained: f64) -> bool {
+        self.p < NO_CHANCE && self.chi2 > LEFT_OVER * explained
+    }
+}

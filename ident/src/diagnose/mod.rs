@@ -1,0 +1,159 @@
+//! From runs that a simulation does not repeat to the reason why.
+//!
+//! [`diagnose`] fits the model as it stands, the *baseline*, and asks of every cause that a simulation may lack
+//! ([`sim::effects`]) whether it would explain what is left, all fitted coefficients and starts following:
+//!
+//! 1. `baseline`, `floor`: the optimum, and how large and how lasting the keypoints' noise is, which must not swallow
+//!    what the model gets wrong;
+//! 2. `candidates`, `score`: exact derivatives of every cause at neutral, what the baseline could do projected out;
+//! 3. `search`: the best refitted in full, sets of up to three, each earning its place by the BIC;
+//! 4. `gates`: what is left must be noise, on held-out runs too, and each named number the same in all runs: otherwise
+//!    the description is none of a cause, and the verdict `unexplained`; `predict`: held-out runs also decide between
+//!    sets that explain the fitted ones alike;
+//! 5. `extend`, `gain`, `detect`, `residuals`: values with intervals, which coefficients had bent, the gain on runs not
+//!    fitted to, what would have been seen.
+//!
+//! ```no_run
+//! use ident::{diagnose, experiment::Experiment};
+//!
+//! let experiment = Experiment::read("experiment.toml".as_ref())?;
+//! let diagnosed = diagnose::diagnose(&experiment, &mut ())?;
+//! println!("{}", diagnosed.diagnosis.sentence);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod baseline;
+pub(crate) mod candidates;
+mod detect;
+mod error;
+mod extend;
+pub(crate) mod floor;
+mod gain;
+mod gates;
+mod next;
+mod predict;
+mod residuals;
+mod result;
+pub(crate) mod score;
+mod search;
+pub(crate) mod state;
+mod verdict;
+
+use std::time::Instant;
+
+use sim::Model;
+
+pub use error::DiagnoseError;
+pub use floor::RunFloor;
+pub use next::Next;
+pub use result::{
+    Alternative, Bent, CauseParameter, ConstancyTest, Detectable, Diagnosis, Fitness, Follows, HeldOut,
+    HeldOutRun, NamedCause, NextExperiment, NoiseFloor, PerRun, Residuals, RunResiduals, Verdict, Whiteness,
+    WorstInterval,
+};
+
+use crate::experiment::Experiment;
+use crate::fit::counts::Counts;
+use crate::fit::{FittedRun, Timing};
+use crate::names::did_you_mean;
+use crate::parameters::Parameters;
+
+/// Told what the diagnosis is at.
+pub trait Observer {
+    /// Whether to go on; `stage` says with what.
+    fn stage(&mut self, stage: &str) -> bool;
+}
+
+/// Watches nothing.
+impl Observer for () {
+    fn stage(&mut self, _: &str) -> bool {
+        true
+    }
+}
+
+/// A diagnosis, and what goes with it.
+#[derive(Debug, Clone)]
+pub struct Diagnosed {
+    /// `diagnosis.json`.
+    pub diagnosis: Diagnosis,
+    /// The calibrated model with what is named; without any cause where nothing is.
+    pub model: Model,
+    /// Fitted runs beside the baseline.
+    pub before: Vec<FittedRun>,
+    /// Fitted runs beside [`Diagnosed::model`], or beside the partial description.
+    pub after: Vec<FittedRun>,
+    /// The runs of [`Diagnosis::next_experiments`] in their order, without what needs no run.
+    pub next: Vec<Next>,
+    /// How long it took.
+    pub timing: Timing,
+    /// Runs simulated; several that share a pass count each.
+    pub rollouts: u64,
+}
+
+/// Runs that would pin down the fitted parameters `names`, best first, those of the first name before those of the next.
+///
+/// # Errors
+/// [`DiagnoseError`], for instance for a name that is not fitted.
+pub fn pin_down(
+    experiment: &Experiment,
+    names: &[String],
+) -> Result<(Vec<NextExperiment>, Vec<Next>), DiagnoseError> {
+    experiment.check()?;
+    let parameters = Parameters::select(&experiment.model, &experiment.fit)?;
+    let (state, floor) = baseline::baseline(experiment, parameters, &mut Counts::default())?;
+    let known: Vec<String> = state.parameters.free.iter().flat_map(|p| p.names.clone()).collect();
+    if let Some(name) = names.iter().find(|name| !known.contains(name)) {
+        return Err(DiagnoseError::NotFitted { name: name.clone(), hint: did_you_mean(name, &known) });
+    }
+    Ok(next::pinning(experiment, &state, &floor, names))
+}
+
+/// The noise is looked at once more when the leader's residuals show it this much otherwise.
+const OTHER_NOISE: f64 = 0.04;
+
+/// Says what the simulation of `experiment` gets wrong.
+///
+/// # Errors
+/// [`DiagnoseError`].
+pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<Diagnosed, DiagnoseError> {
+    let began = Instant::now();
+    experiment.check()?;
+    let parameters = Parameters::select(&experiment.model, &experiment.fit)?;
+    let fitted = candidates::fitted(&experiment.model, &parameters);
+    let mut counts = Counts::default();
+    let mut stage = |text: &str| observer.stage(text);
+    if !stage("fitting the baseline") {
+        return Err(DiagnoseError::Interrupted);
+    }
+    let (mut baseline, mut floor) = baseline::baseline(experiment, parameters, &mut counts)?;
+    let mut search = search::Search::new(experiment, &experiment.model, &fitted, &mut stage);
+    let mut found = search.run(baseline.clone())?;
+    let clearer = baseline::seen_floor(&found.leader)?;
+    if !found.leader.causes.is_empty() && !baseline::is_same(&floor, &clearer, OTHER_NOISE) {
+        // what the cause explains had looked like noise
+        floor = clearer;
+        baseline.weigh(&floor);
+        baseline.descend(&mut search.counts);
+        found = search.run(baseline.clone())?;
+    }
+    search.says("checking")?;
+    counts.evaluations += search.counts.evaluations;
+    counts.rollouts += search.counts.rollouts;
+    predict::decide(experiment, &mut found, &floor, &mut counts);
+    let (mut diagnosis, leader) =
+        verdict::verdict(experiment, &fitted, &baseline, &found, &floor, &mut counts);
+    search.says("planning the next run")?;
+    let (advice, next) = next::next(experiment, &baseline, &found, &floor, &diagnosis);
+    diagnosis.next_experiments = advice;
+    let named = !diagnosis.causes.is_empty();
+    let model = if named { leader.calibrated() } else { baseline.calibrated() };
+    Ok(Diagnosed {
+        before: baseline.repeated(),
+        after: leader.repeated(),
+        diagnosis,
+        model,
+        next,
+        timing: Timing { wall: began.elapsed(), threads: rayon::current_num_threads() },
+        rollouts: counts.rollouts,
+    })
+}

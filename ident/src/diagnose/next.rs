@@ -1,0 +1,150 @@
+//! What to do next: the run, or the look elsewhere, that tells the leader from its rivals.
+
+use std::collections::BTreeMap;
+
+use super::candidates::Term;
+use super::floor::Floor;
+use super::result::{Diagnosis, NextExperiment, Verdict};
+use super::search::{Found, sets};
+use super::state::State;
+use crate::design::{self, runs::Proposal};
+use crate::experiment::Experiment;
+
+/// A run worth making.
+pub type Next = Proposal;
+
+/// Runs listed.
+const LISTED: usize = 5;
+/// Separation up to which two causes are not told apart reliably.
+const SAFE: f64 = 30.0;
+/// A run that adds less than this share is none to recommend.
+const USEFUL: f64 = 0.1;
+
+/// Advice, best first, and the runs in it.
+pub(super) fn next(
+    experiment: &Experiment,
+    baseline: &State<'_>,
+    found: &Found<'_>,
+    floor: &Floor,
+    diagnosis: &Diagnosis,
+) -> (Vec<NextExperiment>, Vec<Next>) {
+    let (mut advice, mut runs) = (Vec::new(), Vec::new());
+    if let Some((a, b)) = rivals(found, diagnosis) {
+        let names = vec![a.0.cause.name().to_owned(), b.0.cause.name().to_owned()];
+        let list = design::separating(experiment, baseline, floor, [&a, &b]);
+        for worth in list.iter().take(LISTED).filter(|w| w.after > (1.0 + USEFUL) * w.before) {
+            advice.push(NextExperiment {
+                kind: worth.proposal.kind().into(),
+                what: worth.proposal.words(),
+                command: command(&worth.proposal),
+                separates: names.clone(),
+                before: worth.before,
+                after: worth.after,
+            });
+            runs.push(worth.proposal.clone());
+        }
+        let best = list.first().map_or(0.0, |worth| worth.after);
+        if best < SAFE {
+            advice.extend(elsewhere(&names));
+        }
+    }
+    let named: Vec<(&str, &str)> = diagnosis
+        .causes
+        .iter()
+        .flat_map(|cause| cause.aliases.iter().map(|alias| (cause.name.as_str(), alias.as_str())))
+        .collect();
+    for (name, alias) in named {
+        advice.extend(elsewhere(&[name.to_owned(), alias.to_owned()]));
+    }
+    (advice, runs)
+}
+
+/// Runs that take most of the uncertainty of the parameters `names` away.
+pub(super) fn pinning(
+    experiment: &Experiment,
+    state: &State<'_>,
+    floor: &Floor,
+    names: &[String],
+) -> (Vec<NextExperiment>, Vec<Next>) {
+    let (mut advice, mut runs): (Vec<NextExperiment>, Vec<Next>) = (Vec::new(), Vec::new());
+    for name in names {
+        for worth in design::pinning(experiment, state, floor, name).into_iter().take(LISTED) {
+            advice.push(NextExperiment {
+                kind: worth.proposal.kind().into(),
+                what: worth.proposal.words(),
+                command: command(&worth.proposal),
+                separates: vec![name.clone()],
+                before: worth.before,
+                after: worth.after,
+            });
+            runs.push(worth.proposal);
+        }
+    }
+    (advice, runs)
+}
+
+/// The command that makes the run; its config is written beside the diagnosis.
+fn command(proposal: &Proposal) -> String {
+    format!("rig run next/{}.toml --runs-dir runs", proposal.id)
+}
+
+type Rival = (Term, Vec<(String, f64)>);
+
+/// The leader's last cause and the one that would do as well, with their fitted sizes.
+fn rivals(found: &Found<'_>, diagnosis: &Diagnosis) -> Option<(Rival, Rival)> {
+    let rival = match diagnosis.verdict {
+        Verdict::Ambiguous => diagnosis.alternatives.first()?.names.clone(),
+        _ => return None,
+    };
+    let other =
+        found.tried.iter().find(|state| sets(state).iter().copied().eq(rival.iter().map(String::as_str)))?;
+    let differing = |state: &State<'_>, from: &State<'_>| -> Option<Rival> {
+        let term =
+            state.causes.iter().find(|term| from.causes.iter().all(|t| t.cause != term.cause))?.clone();
+        let model = state.calibrated();
+        let mut sizes: BTreeMap<String, f64> = BTreeMap::new();
+        for (name, ..) in term.directions(&model) {
+            sizes.insert(name.clone(), model.parameter(&name).unwrap_or(0.0));
+        }
+        // of numbers that each run has its own of, the largest
+        for (name, nuisance) in term.free(&state.model).own {
+            for (one, offsets) in state.terms.iter().zip(&state.point.offsets) {
+                let place = one.rehearsal.nuisances.iter().position(|known| *known == nuisance);
+                let value = place.map_or(0.0, |place| offsets[place]);
+                let size = sizes.entry(name.clone()).or_insert(0.0);
+                if value.abs() > size.abs() {
+                    *size = value;
+                }
+            }
+        }
+        let hidden =
+            term.hidden.iter().map(|(name, start)| (name.clone(), model.parameter(name).unwrap_or(*start)));
+        let term = Term { hidden: hidden.collect(), ..term };
+        Some((term, sizes.into_iter().collect()))
+    };
+    Some((differing(&found.leader, other)?, differing(other, &found.leader)?))
+}
+
+/// What tells two causes apart without a run: a ruler, a balance, a lamp.
+fn elsewhere(names: &[String]) -> Option<NextExperiment> {
+    let is = |list: &[&str]| names.iter().any(|name| list.contains(&name.as_str()));
+    let what = if is(&["link_mass", "buoyancy"]) {
+        "weigh each link dry and in water (to 0.01 g) and state both under [mechanism]"
+    } else if is(&["servo_delay", "servo_lag", "camera_delay"]) {
+        "let a lamp in the picture be switched by the servo board, or add a drop whose release is on the same clock"
+    } else if is(&["camera_scale", "keypoint_slip", "camera_tilt", "lens", "camera_rotation"]) {
+        "film a ruler, or a calibration board, in the plane of motion: rig calibrate camera"
+    } else if is(&["cob_offset", "tether"]) {
+        "look at the straight mechanism at rest in another pose, and at its cable"
+    } else {
+        return None;
+    };
+    Some(NextExperiment {
+        kind: "measurement".into(),
+        what: what.into(),
+        command: String::new(),
+        separates: names.to_vec(),
+        before: 0.0,
+        after: 0.0,
+    })
+}

@@ -1,0 +1,341 @@
+//! `diagnosis.json`.
+
+use serde::{Deserialize, Serialize};
+
+/// What the simulation gets wrong, as far as the runs tell.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Diagnosis {
+    /// In a word.
+    pub verdict: Verdict,
+    /// The verdict in a sentence.
+    pub sentence: String,
+    /// What is named; empty unless the verdict names something.
+    pub causes: Vec<NamedCause>,
+    /// Other sets of causes that these runs cannot tell from the named one.
+    pub alternatives: Vec<Alternative>,
+    /// Causes that are no candidates: their parameters are fitted.
+    pub fitted: Vec<String>,
+    /// Whether the residuals are noise, before and after.
+    pub whiteness: Whiteness,
+    /// Keypoint noise, one standard deviation per coordinate \[m\].
+    pub noise_m: f64,
+    /// Where the noise floor comes from.
+    pub noise: NoiseFloor,
+    /// What naming it gains on runs that it was not fitted to; absent where nothing is named, or no run is left to tell.
+    pub heldout: Option<HeldOut>,
+    /// For each cause the smallest size that these runs would have shown.
+    pub detectable: Vec<Detectable>,
+    /// Runs that would tell more, the best first.
+    pub next_experiments: Vec<NextExperiment>,
+    /// With `unexplained`: the best description there is, which is no cause.
+    pub partial: Vec<NamedCause>,
+    /// Coefficients of the baseline that had bent to cover for what is named.
+    pub bent: Vec<Bent>,
+    /// Residuals of the baseline, and what they follow.
+    pub residuals: Residuals,
+    /// Why the named causes were not accepted, or what else to know; one sentence each.
+    pub remarks: Vec<String>,
+}
+
+/// The verdict.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// The simulation repeats the runs down to their noise.
+    NothingDetectable,
+    /// One cause.
+    Cause,
+    /// Several causes.
+    Causes,
+    /// Causes that these runs cannot tell apart.
+    Ambiguous,
+    /// Something is wrong that no known cause explains.
+    Unexplained,
+}
+
+impl Verdict {
+    /// As `diagnosis.json` spells it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NothingDetectable => "nothing-detectable",
+            Self::Cause => "cause",
+            Self::Causes => "causes",
+            Self::Ambiguous => "ambiguous",
+            Self::Unexplained => "unexplained",
+        }
+    }
+
+    /// 0 for nothing, 10 named, 11 ambiguous, 12 unexplained.
+    pub fn exit_code(self) -> u8 {
+        match self {
+            Self::NothingDetectable => 0,
+            Self::Cause | Self::Causes => 10,
+            Self::Ambiguous => 11,
+            Self::Unexplained => 12,
+        }
+    }
+}
+
+/// A cause with its values.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NamedCause {
+    /// Its name.
+    pub name: String,
+    /// What it says.
+    pub sentence: String,
+    /// The term it adds.
+    pub formula: String,
+    /// Causes that no video of these runs tells from it.
+    pub aliases: Vec<String>,
+    /// Its values.
+    pub parameters: Vec<CauseParameter>,
+    /// By how much the BIC is lower with all causes than without this one.
+    pub delta_bic: f64,
+    /// What each run by itself would say.
+    pub per_run: Vec<PerRun>,
+}
+
+/// A value of a cause.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CauseParameter {
+    /// `<cause>/<parameter>`, with `@<run>` where each run has its own.
+    pub name: String,
+    /// SI.
+    pub value: f64,
+    /// 95 % interval; absent for what was chosen, not fitted.
+    pub ci95: Option<[f64; 2]>,
+    /// Its unit.
+    pub unit: String,
+}
+
+/// What one run by itself would say.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PerRun {
+    /// The run.
+    pub run: String,
+    /// The parameter.
+    pub parameter: String,
+    /// Its value, SI.
+    pub value: f64,
+    /// Its standard deviation.
+    pub std: f64,
+}
+
+/// A set of causes as good as the named one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Alternative {
+    /// Its causes.
+    pub names: Vec<String>,
+    /// BIC of the baseline minus its own.
+    pub delta_bic: f64,
+}
+
+/// Whether residuals are noise.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Whiteness {
+    /// Of the baseline.
+    pub before: Fitness,
+    /// With the causes named, or with the partial description.
+    pub after: Fitness,
+    /// Of the held-out runs, with what is named and all fitted numbers projected out.
+    pub heldout: Option<Fitness>,
+    /// Share of the baseline's squared residuals that is no noise: what could be explained at all.
+    pub explainable: f64,
+    /// Whether each named number is the same in all runs.
+    pub constancy: Vec<ConstancyTest>,
+}
+
+/// How residuals compare with the noise floor.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Fitness {
+    /// Root mean square of the residuals \[m\].
+    pub rms_m: f64,
+    /// Squares of whitened residuals in noise variances.
+    pub chi2: f64,
+    /// Degrees of freedom that are left of them.
+    pub degrees: f64,
+    /// Squares of what is slow among them beyond what noise leaves there.
+    pub excess: f64,
+    /// The same in its standard deviations.
+    pub z: f64,
+    /// Probability that white noise looks as correlated over the first eight lags.
+    pub portmanteau_p: f64,
+    /// Root mean square of these correlations.
+    pub correlation: f64,
+}
+
+/// Whether a number is the same in all runs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ConstancyTest {
+    /// The number.
+    pub parameter: String,
+    /// How far apart the runs are.
+    pub chi2: f64,
+    /// Runs that see it, less one.
+    pub degrees: usize,
+    /// Probability of as much by noise.
+    pub p: f64,
+}
+
+/// Where the noise floor comes from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NoiseFloor {
+    /// What it was taken from, in words.
+    pub source: String,
+    /// Correlation from one image to the next.
+    pub correlation: f64,
+    /// Its standard deviation.
+    pub correlation_std: f64,
+    /// Degrees of freedom that told it.
+    pub degrees: f64,
+    /// What the experiment says the noise is \[m\].
+    pub stated_m: Option<f64>,
+    /// By run and keypoint.
+    pub runs: Vec<super::floor::RunFloor>,
+}
+
+/// Errors on runs that nothing was fitted to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct HeldOut {
+    /// Root mean square coordinate residual of the baseline \[m\].
+    pub rms_before_m: f64,
+    /// With what is named \[m\].
+    pub rms_after_m: f64,
+    /// What noise alone leaves \[m\].
+    pub noise_floor_m: f64,
+    /// (before - after) / before.
+    pub gain: f64,
+    /// From a bootstrap over runs, or pieces of 0.5 s.
+    pub gain_ci95: [f64; 2],
+    /// `holdout` for runs held out, `leave-one-out` where each fitted run in turn was left out.
+    pub how: String,
+    /// By run and keypoint.
+    pub runs: Vec<HeldOutRun>,
+}
+
+/// Errors on one held-out run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct HeldOutRun {
+    /// The run.
+    pub id: String,
+    /// Keypoints.
+    pub keypoints: Vec<String>,
+    /// By keypoint \[m\].
+    pub rms_before_m: Vec<f64>,
+    /// By keypoint \[m\].
+    pub rms_after_m: Vec<f64>,
+    /// By keypoint \[m\].
+    pub noise_floor_m: Vec<f64>,
+}
+
+/// The smallest size of a cause that these runs would have shown.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Detectable {
+    /// `<cause>/<parameter>`.
+    pub name: String,
+    /// The size at which the cost would rise by 30; absent where the runs would not show it at all. Of a rate limit, the
+    /// highest that would be seen.
+    pub smallest: Option<f64>,
+    /// Its unit.
+    pub unit: String,
+}
+
+/// A run, or a look elsewhere, that would tell more.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NextExperiment {
+    /// `drop`, `driven`, or `measurement` for a ruler, a balance, a lamp.
+    pub kind: String,
+    /// In words.
+    pub what: String,
+    /// What to type, once `rig design` has written the config; empty for what is no run.
+    pub command: String,
+    /// The two rivals, or the loose parameter.
+    pub separates: Vec<String>,
+    /// Cost by which the rivals differ now; of a loose parameter, its standard deviation.
+    pub before: f64,
+    /// And with this run as well, as predicted.
+    pub after: f64,
+}
+
+/// A coefficient that had bent.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Bent {
+    /// Its name.
+    pub name: String,
+    /// Without what is named.
+    pub before: f64,
+    /// With it.
+    pub after: f64,
+    /// Standard deviation of the latter.
+    pub std: f64,
+}
+
+/// Residuals of the baseline and what they follow.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Residuals {
+    /// By run and keypoint: root mean square \[m\], before and after.
+    pub rms: Vec<RunResiduals>,
+    /// Correlation of slow residuals, all keypoints together, with where they are, how fast, how they speed up.
+    pub follows: Vec<Follows>,
+    /// Frequency that holds most of the baseline's residuals \[Hz\].
+    pub frequency_hz: Option<f64>,
+    /// Worst stretches of time, worst first.
+    pub worst: Vec<WorstInterval>,
+}
+
+/// Residuals of one run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunResiduals {
+    /// The run.
+    pub id: String,
+    /// Keypoints.
+    pub keypoints: Vec<String>,
+    /// By keypoint \[m\].
+    pub before_m: Vec<f64>,
+    /// By keypoint \[m\].
+    pub after_m: Vec<f64>,
+    /// By keypoint \[m\].
+    pub noise_m: Vec<f64>,
+}
+
+/// What residuals follow.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Follows {
+    /// `position`, `velocity`, `acceleration`, `link` (along and across it) ...
+    pub what: String,
+    /// Share of the residuals' squares that goes with it, 0 to 1.
+    pub share: f64,
+}
+
+/// A stretch of time with large residuals.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct WorstInterval {
+    /// The run.
+    pub run: String,
+    /// The keypoint.
+    pub keypoint: String,
+    /// From \[s\].
+    pub from_s: f64,
+    /// To \[s\].
+    pub to_s: f64,
+    /// Root mean square residual \[m\].
+    pub rms_m: f64,
+    /// Mean position \[m\].
+    pub x_m: f64,
+    /// Mean position \[m\].
+    pub z_m: f64,
+    /// Mean speed \[m/s\].
+    pub speed_m_s: f64,
+}
+
+impl Diagnosis {
+    /// The bytes of `diagnosis.json`.
+    ///
+    /// # Errors
+    /// Those of `serde_json`, for numbers that JSON does not know.
+    pub fn to_json(&self) -> Result<String, serde_json::Error> {
+        let mut text = serde_json::to_string_pretty(self)?;
+        text.push('\n');
+        Ok(text)
+    }
+}

@@ -1,0 +1,237 @@
+//! The score test: what each candidate would gain, from its derivatives at neutral alone.
+//!
+//! Derivatives of all candidates are exact and taken together, several causes a pass. What the baseline's coefficients,
+//! the starts of the runs and their priors could do as well is projected out of them; what is left, times the residuals,
+//! says how much cost the best value would save. A value of the wrong sign saves nothing.
+//!
+//! # Source
+//! C. R. Rao, "Large sample tests of statistical hypotheses concerning several parameters", Mathematical Proceedings of
+//! the Cambridge Philosophical Society 44 (1948) 50-57.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use sim::Model;
+
+use super::candidates::Term;
+use super::state::{Nuisances, State};
+use crate::fit::problem::Linear;
+use crate::simulate::Numbers;
+
+/// One derivative: of all keypoints of one run, or of all runs, by one number.
+#[derive(Debug, Clone)]
+pub(crate) struct Column {
+    /// Which of the candidates.
+    pub(crate) candidate: usize,
+    /// The number's name.
+    pub(crate) name: String,
+    /// The run, where each has its own.
+    pub(crate) run: Option<usize>,
+    /// Furthest that the number can go from neutral.
+    room: [f64; 2],
+}
+
+/// What one candidate would gain.
+#[derive(Debug, Clone)]
+pub(crate) struct Scored {
+    pub(crate) term: Term,
+    /// Cost that the best values would save, as far as all is linear.
+    pub(crate) gain: f64,
+    /// Numbers that it adds.
+    pub(crate) count: usize,
+}
+
+/// All candidates against one state.
+pub(crate) struct Scores {
+    pub(crate) list: Vec<Scored>,
+    pub(crate) columns: Vec<Column>,
+    /// Derivatives of the whitened residuals, shape (rows, columns).
+    raw: DMatrix<f64>,
+    /// The same with everything projected out that is fitted anyway, per unit of each number.
+    pub(crate) projected: DMatrix<f64>,
+    pub(crate) nuisances: Nuisances,
+}
+
+/// Directions that share a pass.
+struct Pack {
+    model: Model,
+    /// The causes in it, by candidate.
+    candidates: Vec<usize>,
+    /// Candidate, name, place.
+    directions: Vec<(usize, String, sim::model::Parameter)>,
+}
+
+impl Scores {
+    /// Scores `candidates` at the optimum `state`.
+    pub(crate) fn new(state: &State<'_>, candidates: &[Term]) -> Self {
+        let packs = packs(&state.model, candidates);
+        let nuisances = Nuisances::new(state);
+        let tasks: Vec<(usize, usize)> =
+            (0..packs.len()).flat_map(|pack| (0..state.terms.len()).map(move |run| (pack, run))).collect();
+        let parts: Vec<Option<Linear>> =
+            tasks.par_iter().map(|&(pack, run)| packs[pack].linear(state, run)).collect();
+
+        let runs = state.terms.len();
+        let mut columns: Vec<Column> = Vec::new();
+        let mut filled: Vec<DVector<f64>> = Vec::new();
+        for (index, candidate) in candidates.iter().enumerate() {
+            let Some(pack) = packs.iter().position(|pack| pack.candidates.contains(&index)) else { continue };
+            for (name, per_run, bounds) in candidate.directions(&packs[pack].model) {
+                let neutral = packs[pack].model.parameter(&name).unwrap_or(0.0);
+                let room = [bounds[0] - neutral, bounds[1] - neutral];
+                let of_run = |run: usize| {
+                    packs.iter().enumerate().find_map(|(number, pack)| {
+                        let place = pack.directions.iter().position(|(i, n, _)| *i == index && *n == name)?;
+                        let linear = parts[number * runs + run].as_ref()?;
+                        Some(linear.jacobian.column(place).into_owned())
+                    })
+                };
+                let mut column = |which: Option<usize>| {
+                    let mut whole = DVector::zeros(nuisances.len());
+                    for run in (0..runs).filter(|run| which.is_none_or(|which| which == *run)) {
+                        if let Some(part) = of_run(run) {
+                            whole.rows_range_mut(nuisances.of_run(run)).copy_from(&part);
+                        }
+                    }
+                    columns.push(Column { candidate: index, name: name.clone(), run: which, room });
+                    filled.push(whole);
+                };
+                if per_run { (0..runs).for_each(|run| column(Some(run))) } else { column(None) }
+            }
+        }
+        let raw = if filled.is_empty() {
+            DMatrix::zeros(nuisances.len(), 0)
+        } else {
+            DMatrix::from_columns(&filled)
+        };
+        let mut projected = raw.clone();
+        // in units of their own length, so that none is lost beside a larger one
+        let lengths: Vec<f64> =
+            raw.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect();
+        projected.column_iter_mut().zip(&lengths).for_each(|(mut column, length)| column /= *length);
+        nuisances.take_out(&mut projected);
+        projected.column_iter_mut().zip(&lengths).for_each(|(mut column, length)| column *= *length);
+        let residuals = nuisances.residuals(state);
+        let slopes = projected.tr_mul(&residuals);
+        let list = candidates
+            .iter()
+            .enumerate()
+            .map(|(index, term)| {
+                let own: Vec<usize> =
+                    (0..columns.len()).filter(|&column| columns[column].candidate == index).collect();
+                let gain = gain(&projected, &slopes, &columns, own, term.is_switch());
+                Scored { term: term.clone(), gain, count: term.count(&state.model, runs) }
+            })
+            .collect();
+        Self { list, columns, raw, projected, nuisances }
+    }
+
+    /// The linearisation of `state` with the candidate at `index` added, neutral.
+    pub(crate) fn extended(&self, state: &State<'_>, next: &State<'_>, index: usize) -> Vec<Linear> {
+        let (before, after) = (state.parameters.len(), next.parameters.len());
+        let find = |name: &str, run: usize| {
+            self.columns.iter().position(|column| {
+                column.candidate == index && column.name == name && column.run.is_none_or(|own| own == run)
+            })
+        };
+        let own = self.list[index].term.free(&next.model).own;
+        let one = |(run, linear): (usize, &Linear)| {
+            let rows = self.nuisances.of_run(run);
+            let nuisances = linear.jacobian.ncols() - before;
+            let mut jacobian = DMatrix::zeros(rows.len(), after + nuisances + own.len());
+            jacobian.columns_mut(0, before).copy_from(&linear.jacobian.columns(0, before));
+            jacobian.columns_mut(after, nuisances).copy_from(&linear.jacobian.columns(before, nuisances));
+            let names = next.parameters.free[before..].iter().map(|parameter| parameter.name());
+            let places = (before..after).chain(after + nuisances..after + nuisances + own.len());
+            for (place, name) in places.zip(names.chain(own.iter().map(|(name, _)| name.as_str()))) {
+                if let Some(column) = find(name, run) {
+                    let part = self.raw.column(column);
+                    jacobian.column_mut(place).copy_from(&part.rows_range(rows.clone()));
+                }
+            }
+            Linear { residuals: linear.residuals.clone(), jacobian }
+        };
+        state.linear.iter().enumerate().map(one).collect()
+    }
+}
+
+/// Cost saved by the best values of the columns `own` that have the right signs.
+fn gain(
+    projected: &DMatrix<f64>,
+    slopes: &DVector<f64>,
+    columns: &[Column],
+    mut own: Vec<usize>,
+    is_switch: bool,
+) -> f64 {
+    loop {
+        // what the fitted numbers imitate to the last digit gains nothing
+        own.retain(|&column| projected.column(column).norm_squared() > f64::MIN_POSITIVE);
+        if own.is_empty() {
+            return 0.0;
+        }
+        let part = projected.select_columns(&own);
+        let mut gram = part.tr_mul(&part);
+        let slope = DVector::from_iterator(own.len(), own.iter().map(|&column| slopes[column]));
+        if is_switch {
+            // the way there is not straight: only its direction counts
+            return if slope[0] < 0.0 { slope[0].powi(2) / gram[(0, 0)] } else { 0.0 };
+        }
+        for i in 0..own.len() {
+            gram[(i, i)] *= 1.0 + 1e-9;
+        }
+        let Some(factor) = gram.cholesky() else { return 0.0 };
+        let step = -factor.solve(&slope);
+        let wrong: Vec<usize> = (0..own.len())
+            .filter(|&i| {
+                let [lower, upper] = columns[own[i]].room;
+                step[i] < 0.0 && lower >= 0.0 || step[i] > 0.0 && upper <= 0.0
+            })
+            .map(|i| own[i])
+            .collect();
+        if wrong.is_empty() {
+            return -slope.dot(&step);
+        }
+        own.retain(|column| !wrong.contains(column));
+    }
+}
+
+/// Puts the directions of all candidates into as few passes as there can be: one value of a hidden number of each cause
+/// a pass, as many directions as share one.
+fn packs(model: &Model, candidates: &[Term]) -> Vec<Pack> {
+    let room = sim::Isa::best().lanes();
+    let mut packs: Vec<Pack> = Vec::new();
+    for (index, candidate) in candidates.iter().enumerate() {
+        let width = candidate.directions(&candidate.added_to(model)).len();
+        let fits = |pack: &Pack| {
+            pack.directions.len() + width <= room
+                && pack.candidates.iter().all(|&other| candidates[other].cause != candidate.cause)
+        };
+        let place = packs.iter().position(fits).unwrap_or_else(|| {
+            packs.push(Pack { model: model.clone(), candidates: Vec::new(), directions: Vec::new() });
+            packs.len() - 1
+        });
+        let pack = &mut packs[place];
+        pack.model = candidate.added_to(&pack.model);
+        pack.candidates.push(index);
+        for (name, ..) in candidate.directions(&pack.model) {
+            if let Ok(parameter) = pack.model.find_parameter(&name) {
+                pack.directions.push((index, name, parameter));
+            }
+        }
+    }
+    packs
+}
+
+impl Pack {
+    fn linear(&self, state: &State<'_>, run: usize) -> Option<Linear> {
+        let mut places = state.parameters.places();
+        let mut values = state.parameters.spread(&state.point.values);
+        let first = places.len();
+        for (_, _, place) in &self.directions {
+            places.push(*place);
+            values.push(self.model.get(*place));
+        }
+        let varied: Vec<_> = (first..places.len()).map(|place| place..place + 1).collect();
+        let at = Numbers { places: &places, values: &values, varied: &varied };
+        state.terms[run].linear(&self.model, &at, &state.point.offsets[run], 0..varied.len())
+    }
+}

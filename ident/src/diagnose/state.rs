@@ -1,0 +1,358 @@
+//! A model with some causes, fitted: what all tests start from.
+
+use nalgebra::{DMatrix, DVector};
+use sim::{Model, Trajectory};
+
+use super::candidates::Term as CauseTerm;
+use super::floor::Floor;
+use crate::fit::FittedRun;
+use crate::fit::counts::Counts;
+use crate::fit::least_squares::Descent;
+use crate::fit::objective::Objective;
+use crate::fit::problem::{Linear, Point, Problem, Term};
+use crate::fit::whitening::Whitening;
+use crate::parameters::Parameters;
+
+/// A model with some causes at its optimum.
+#[derive(Debug, Clone)]
+pub(crate) struct State<'a> {
+    /// The causes added to the baseline, in the order in which they were found.
+    pub(crate) causes: Vec<CauseTerm>,
+    /// The model with neutral causes.
+    pub(crate) model: Model,
+    /// The baseline's parameters first, then those of the causes.
+    pub(crate) parameters: Parameters,
+    pub(crate) terms: Vec<Term<'a>>,
+    pub(crate) point: Point,
+    /// Squares of whitened residuals, priors included.
+    pub(crate) cost: f64,
+    /// Residuals and derivatives at the point, by run.
+    pub(crate) linear: Vec<Linear>,
+    /// Numbers that the causes have added.
+    pub(crate) added: usize,
+    /// What held-out runs cost beyond those of the set that it competes with.
+    pub(crate) predicted: f64,
+}
+
+/// A share of the cost that is not worth a step: a twentieth of what could matter to anyone.
+const SMALL: f64 = 1e-5;
+/// Most steps of one descent: a fit that needs more is told apart by the next one.
+const MOST_STEPS: usize = 25;
+
+impl<'a> State<'a> {
+    /// The baseline before any fit.
+    pub(crate) fn baseline(model: &Model, parameters: Parameters, terms: Vec<Term<'a>>) -> Self {
+        let offsets = terms.iter().map(|term| vec![0.0; term.rehearsal.nuisances.len()]).collect();
+        let point = Point { values: parameters.start(), offsets };
+        Self {
+            causes: Vec::new(),
+            model: model.clone(),
+            parameters,
+            terms,
+            point,
+            cost: f64::INFINITY,
+            linear: Vec::new(),
+            added: 0,
+            predicted: 0.0,
+        }
+    }
+
+    pub(crate) fn problem(&self) -> Problem<'_> {
+        Problem { model: &self.model, parameters: &self.parameters, terms: self.terms.clone() }
+    }
+
+    /// Weighs residuals with the noise of `floor`, whitened.
+    pub(crate) fn weigh(&mut self, floor: &Floor) {
+        for (term, run) in self.terms.iter_mut().zip(&floor.runs) {
+            let trajectory = &term.rehearsal.run.trajectory;
+            let width = trajectory.keypoints.len();
+            for observation in &mut term.observations {
+                let stated = trajectory
+                    .std_m
+                    .as_ref()
+                    .map(|std| std[observation.instant * width + observation.keypoint])
+                    .filter(|std| std.is_finite() && *std > 0.0);
+                observation.per_m = 1.0 / (run.std_m[observation.keypoint] * stated.unwrap_or(1.0));
+            }
+            let whitening =
+                Whitening::new(&term.observations, &trajectory.time_s, floor.correlation, run.interval_s);
+            term.whitening = Some(whitening);
+        }
+        self.linear.clear();
+    }
+
+    /// Goes to the nearest optimum; whether there is one. Leaves the linearisation there.
+    pub(crate) fn descend(&mut self, counts: &mut Counts) -> bool {
+        self.steps(MOST_STEPS, counts) && self.linearised(counts)
+    }
+
+    /// Takes up to `most` steps towards the nearest optimum; whether any can be simulated. The linearisation is left
+    /// where it is that of the point.
+    pub(crate) fn steps(&mut self, most: usize, counts: &mut Counts) -> bool {
+        let mut linear = std::mem::take(&mut self.linear);
+        let (point, cost, linear) = {
+            let objective = Objective::squares(self.problem());
+            let mut descent = Descent::new(self.point.clone(), None);
+            for _ in 0..most {
+                if linear.is_empty() {
+                    let Some(found) = objective.problem.linearise(&descent.point, true, counts) else {
+                        return false;
+                    };
+                    linear = found;
+                }
+                let before = descent.point.clone();
+                descent.step_with(&objective, &linear, SMALL, counts);
+                if descent.point != before {
+                    linear.clear();
+                }
+                if descent.end.is_some() {
+                    break;
+                }
+            }
+            let Some(cost) = descent.cost else { return false };
+            (descent.point, cost, linear)
+        };
+        (self.point, self.cost, self.linear) = (point, cost, linear);
+        true
+    }
+
+    /// Sees to the linearisation at the point; whether there is one.
+    fn linearised(&mut self, counts: &mut Counts) -> bool {
+        if self.linear.is_empty() {
+            let Some(linear) = self.problem().linearise(&self.point, true, counts) else { return false };
+            self.linear = linear;
+        }
+        true
+    }
+
+    /// This state with `cause` added, neutral, before any fit.
+    pub(crate) fn with(&self, cause: &CauseTerm) -> Self {
+        let mut next = Self { linear: Vec::new(), ..self.clone() };
+        next.model = cause.added_to(&self.model);
+        cause.switched_on(&mut next.model);
+        let added = cause.free(&next.model);
+        next.added += added.free.len() + added.own.len() * self.terms.len();
+        next.point.values.extend(added.free.iter().map(|parameter| parameter.start));
+        next.parameters.free.extend(added.free);
+        for (term, offsets) in next.terms.iter_mut().zip(&mut next.point.offsets) {
+            for (_, nuisance) in &added.own {
+                term.rehearsal.nuisances.push(*nuisance);
+                offsets.push(0.0);
+            }
+        }
+        next.causes.push(cause.clone());
+        next
+    }
+
+    /// The model with all its numbers, but those that each run has its own of.
+    pub(crate) fn calibrated(&self) -> Model {
+        self.parameters.applied(&self.point.values, &self.model)
+    }
+
+    /// Observations in all.
+    pub(crate) fn count(&self) -> usize {
+        self.terms.iter().map(|term| term.observations.len()).sum()
+    }
+
+    /// What an added number must gain at least to be worth it.
+    pub(crate) fn ln_count(&self) -> f64 {
+        (self.count() as f64).max(2.0).ln()
+    }
+
+    /// Bayesian information criterion, up to a constant.
+    pub(crate) fn bic(&self) -> f64 {
+        self.cost + self.added as f64 * self.ln_count() + self.predicted
+    }
+
+    /// Residuals of a run before whitening, over the stated deviation or \[m\].
+    pub(crate) fn raw_residuals(&self, run: usize) -> Option<Vec<f64>> {
+        let term = &self.terms[run];
+        let model = self.calibrated();
+        let simulated = term.rehearsal.simulate(&model, &self.point.offsets[run], term.instants).ok()?;
+        let trajectory = &term.rehearsal.run.trajectory;
+        let width = trajectory.keypoints.len();
+        let raw = term.observations.iter().map(|o| {
+            let stated = trajectory.std_m.as_ref().map(|std| std[o.instant * width + o.keypoint]);
+            let stated = stated.filter(|std| std.is_finite() && *std > 0.0).unwrap_or(1.0);
+            (o.measured_m - simulated[o.instant * width + o.keypoint][o.axis]) / stated
+        });
+        Some(raw.collect())
+    }
+
+    /// Fitted runs beside their simulation.
+    pub(crate) fn repeated(&self) -> Vec<FittedRun> {
+        let model = self.calibrated();
+        let one = |(term, offsets): (&Term<'a>, &Vec<f64>)| {
+            let run = term.rehearsal.run;
+            let measured = run.trajectory.clone();
+            let position_m = term.rehearsal.simulate(&model, offsets, measured.time_s.len()).ok()?;
+            let start = term.rehearsal.start_with(&model, offsets);
+            let simulated = Trajectory {
+                time_s: measured.time_s.clone(),
+                keypoints: measured.keypoints.clone(),
+                position_m,
+                std_m: None,
+            };
+            Some(FittedRun {
+                id: run.id.clone(),
+                usage: run.usage,
+                initial: start.state,
+                start_s: start.start_s,
+                scored_from_s: start.start_s,
+                simulated,
+                measured,
+            })
+        };
+        self.terms.iter().zip(&self.point.offsets).filter_map(one).collect()
+    }
+
+    /// When the motion of a run starts \[s\].
+    pub(crate) fn start_s(&self, run: usize) -> f64 {
+        let rehearsal = &self.terms[run].rehearsal;
+        rehearsal.start_with(&self.model, &self.point.offsets[run]).start_s
+    }
+}
+
+/// Everything that is fitted anyway, to be taken out of what a cause would do.
+pub(crate) struct Nuisances {
+    /// Of each run, an orthonormal basis of what its own numbers do, shape (rows, own).
+    own: Vec<DMatrix<f64>>,
+    /// Of all runs one below the other, an orthonormal basis of what the common numbers do beyond that.
+    common: DMatrix<f64>,
+    /// First row of each run, and the end of the last.
+    rows: Vec<usize>,
+    /// Rows of priors at the end.
+    priors: usize,
+}
+
+impl Nuisances {
+    pub(crate) fn new(state: &State<'_>) -> Self {
+        Self::except(state, None)
+    }
+
+    /// Everything that is fitted but the common number `left_out`.
+    pub(crate) fn except(state: &State<'_>, left_out: Option<usize>) -> Self {
+        let free = state.parameters.len();
+        let mut rows = vec![0];
+        for linear in &state.linear {
+            rows.push(rows[rows.len() - 1] + linear.residuals.len());
+        }
+        let data = rows[rows.len() - 1];
+        let own: Vec<DMatrix<f64>> =
+            state.linear.iter().map(|linear| basis(&linear.jacobian, free)).collect();
+        let mut common = DMatrix::zeros(data + free, free);
+        for (run, linear) in state.linear.iter().enumerate() {
+            let mut part = linear.jacobian.columns(0, free).into_owned();
+            take_out(&own[run], &mut part);
+            common.rows_mut(rows[run], part.nrows()).copy_from(&part);
+        }
+        for (column, parameter) in state.parameters.free.iter().enumerate() {
+            let width = parameter.scale.width().max(f64::MIN_POSITIVE);
+            let std = parameter.prior.map_or(width, |prior| prior.std.get().min(width));
+            common[(data + column, column)] = 1.0 / std;
+        }
+        for mut column in common.column_iter_mut() {
+            let norm = column.norm();
+            column /= norm.max(f64::MIN_POSITIVE);
+        }
+        if let Some(left_out) = left_out {
+            common = common.remove_column(left_out);
+        }
+        let common = if common.ncols() == 0 { common } else { common.qr().q() };
+        Self { own, common, rows, priors: free }
+    }
+
+    /// Rows of the data and the priors.
+    pub(crate) fn len(&self) -> usize {
+        self.rows[self.rows.len() - 1] + self.priors
+    }
+
+    /// Degrees of freedom that the fitted numbers have taken from the data.
+    pub(crate) fn used(&self) -> f64 {
+        let own: usize = self.own.iter().map(DMatrix::ncols).sum();
+        own as f64 + self.common.rows(0, self.len() - self.priors).norm_squared()
+    }
+
+    /// The rows of a run.
+    pub(crate) fn of_run(&self, run: usize) -> std::ops::Range<usize> {
+        self.rows[run]..self.rows[run + 1]
+    }
+
+    /// Takes out of `columns`, shape (len, any), what the fitted numbers can do.
+    pub(crate) fn take_out(&self, columns: &mut DMatrix<f64>) {
+        for (run, own) in self.own.iter().enumerate() {
+            let range = self.of_run(run);
+            let mut part = columns.rows(range.start, range.len()).into_owned();
+            take_out(own, &mut part);
+            columns.rows_mut(range.start, range.len()).copy_from(&part);
+        }
+        take_out(&self.common, columns);
+    }
+
+    /// The residuals of all runs one below the other, what the fitted numbers can do taken out.
+    pub(crate) fn residuals(&self, state: &State<'_>) -> DVector<f64> {
+        let mut all = DMatrix::zeros(self.len(), 1);
+        for (run, linear) in state.linear.iter().enumerate() {
+            let range = self.of_run(run);
+            all.view_mut((range.start, 0), (range.len(), 1)).copy_from(&linear.residuals);
+        }
+        self.take_out(&mut all);
+        all.column(0).into_owned()
+    }
+}
+
+/// Covariance of the common numbers of `state`, as far as all is linear, shape (P, P); even bounds count as beliefs.
+pub(crate) fn covariance(state: &State<'_>) -> Option<DMatrix<f64>> {
+    let free = state.parameters.len();
+    let mut sizes = vec![0.0; free];
+    let mut rows = Vec::new();
+    for linear in &state.linear {
+        let mut part = linear.jacobian.columns(0, free).into_owned();
+        take_out(&basis(&linear.jacobian, free), &mut part);
+        for (size, column) in sizes.iter_mut().zip(part.column_iter()) {
+            *size += column.norm_squared();
+        }
+        rows.push(part);
+    }
+    let mut gram = DMatrix::zeros(free, free);
+    let beliefs: Vec<f64> = state
+        .parameters
+        .free
+        .iter()
+        .map(|parameter| {
+            let width = parameter.scale.width().max(f64::MIN_POSITIVE);
+            parameter.prior.map_or(width, |prior| prior.std.get().min(width)).powi(-2)
+        })
+        .collect();
+    let units: Vec<f64> = sizes.iter().zip(&beliefs).map(|(size, belief)| (size + belief).sqrt()).collect();
+    for mut part in rows {
+        for (mut column, unit) in part.column_iter_mut().zip(&units) {
+            column /= *unit;
+        }
+        gram.gemm_tr(1.0, &part, &part, 1.0);
+    }
+    for i in 0..free {
+        gram[(i, i)] += beliefs[i] / units[i].powi(2);
+    }
+    let inverse = gram.cholesky()?.inverse();
+    Some(DMatrix::from_fn(free, free, |i, j| inverse[(i, j)] / (units[i] * units[j])))
+}
+
+/// An orthonormal basis of the columns from `first` on.
+fn basis(jacobian: &DMatrix<f64>, first: usize) -> DMatrix<f64> {
+    let mut own = jacobian.columns(first, jacobian.ncols() - first).into_owned();
+    for mut column in own.column_iter_mut() {
+        let norm = column.norm();
+        if norm > 0.0 {
+            column /= norm;
+        }
+    }
+    if own.ncols() == 0 { own } else { own.qr().q() }
+}
+
+fn take_out(basis: &DMatrix<f64>, columns: &mut DMatrix<f64>) {
+    if basis.ncols() > 0 {
+        let within = basis.tr_mul(columns);
+        columns.gemm(-1.0, basis, &within, 1.0);
+    }
+}

@@ -1,0 +1,231 @@
+//! The verdict: what is named, what is not, and why.
+
+use sim::Cause;
+
+use super::floor::Floor;
+use super::gates::{constancy, fitness};
+use super::result::{
+    Alternative, ConstancyTest, Diagnosis, Fitness, NamedCause, NoiseFloor, PerRun, Verdict, Whiteness,
+};
+use super::search::{BETTER, Found, sets};
+use super::state::State;
+use super::{candidates, detect, extend, gain, predict, residuals};
+use crate::experiment::Experiment;
+use crate::fit::counts::Counts;
+
+/// Puts together what was found; also the state that describes the runs best.
+pub(super) fn verdict<'a>(
+    experiment: &'a Experiment,
+    fitted: &[Cause],
+    baseline: &State<'a>,
+    found: &Found<'a>,
+    floor: &Floor,
+    counts: &mut Counts,
+) -> (Diagnosis, State<'a>) {
+    let before = fitness(baseline, floor);
+    let accepted = !found.leader.causes.is_empty();
+    // where nothing is accepted, the best that was tried is a description at most
+    let best = found.tried.iter().find(|state| !state.causes.is_empty() && state.bic() < baseline.bic());
+    let leader = if accepted { &found.leader } else { best.unwrap_or(baseline) };
+    let explained = baseline.cost - leader.cost;
+    let after = if leader.causes.is_empty() { before } else { fitness(leader, floor) };
+    let tests = constancy(leader, baseline.parameters.len());
+    let heldout = predict::fitness(experiment, leader, floor, counts);
+    let total = baseline.count();
+
+    let mut remarks = Vec::new();
+    let verdict = if !accepted {
+        if before.objects(0.0, total) { Verdict::Unexplained } else { Verdict::NothingDetectable }
+    } else {
+        remarks = objections(&after, heldout.as_ref(), &tests, explained, total);
+        match leader.causes.len() {
+            _ if !remarks.is_empty() => Verdict::Unexplained,
+            1 => Verdict::Cause,
+            _ => Verdict::Causes,
+        }
+    };
+    let rivals = rivals(experiment, found);
+    let verdict = match verdict {
+        Verdict::Cause | Verdict::Causes if !rivals.is_empty() => Verdict::Ambiguous,
+        other => other,
+    };
+    let names = matches!(verdict, Verdict::Cause | Verdict::Causes | Verdict::Ambiguous);
+    let describes = names || verdict == Verdict::Unexplained;
+    let leader = if describes { leader.clone() } else { baseline.clone() };
+    let list = named(experiment, baseline, &leader, &tests, found);
+    let sentence = sentence(verdict, &list, &rivals, &before, floor);
+    let diagnosis = Diagnosis {
+        verdict,
+        sentence,
+        causes: if names { list.clone() } else { Vec::new() },
+        alternatives: if verdict == Verdict::Ambiguous { rivals } else { Vec::new() },
+        fitted: fitted.iter().map(|cause| cause.name().to_owned()).collect(),
+        whiteness: Whiteness {
+            before,
+            after: if describes { after } else { before },
+            heldout,
+            explainable: (before.excess / before.chi2).clamp(0.0, 1.0),
+            constancy: if describes { tests.into_iter().map(|(test, _)| test).collect() } else { Vec::new() },
+        },
+        noise_m: floor.noise_m,
+        noise: NoiseFloor {
+            source: source(floor),
+            correlation: floor.correlation,
+            correlation_std: floor.correlation_std,
+            degrees: floor.degrees,
+            stated_m: experiment.noise_m,
+            runs: floor.runs.clone(),
+        },
+        heldout: if describes && !leader.causes.is_empty() {
+            gain::gain(experiment, baseline, &leader, floor, counts)
+        } else {
+            None
+        },
+        detectable: detect::detectable(baseline, &found.first),
+        next_experiments: Vec::new(),
+        partial: if verdict == Verdict::Unexplained { list } else { Vec::new() },
+        bent: if names { extend::bent(baseline, &leader) } else { Vec::new() },
+        residuals: residuals::residuals(baseline, &leader, floor),
+        remarks,
+    };
+    (diagnosis, leader)
+}
+
+/// Why the description is none of a cause.
+fn objections(
+    after: &Fitness,
+    heldout: Option<&Fitness>,
+    tests: &[(ConstancyTest, Vec<PerRun>)],
+    explained: f64,
+    count: usize,
+) -> Vec<String> {
+    let mut list = Vec::new();
+    if after.objects(explained, count) {
+        list.push(format!(
+            "what is left is no noise: {:.0} noise variances beyond it ({:.0} standard deviations)",
+            after.excess, after.z
+        ));
+    }
+    if let Some(heldout) = heldout.filter(|heldout| heldout.objects(explained, count)) {
+        list.push(format!(
+            "on held-out runs what is left is no noise: {:.0} noise variances beyond it ({:.0} standard deviations)",
+            heldout.excess, heldout.z
+        ));
+    }
+    for (test, _) in tests.iter().filter(|(test, _)| test.objects(explained)) {
+        list.push(format!(
+            "{} differs from run to run: chi-square {:.0} with {} degrees of freedom",
+            test.parameter, test.chi2, test.degrees
+        ));
+    }
+    list
+}
+
+/// Other sets of causes within reach of the leader's BIC.
+fn rivals(experiment: &Experiment, found: &Found<'_>) -> Vec<Alternative> {
+    let leader = sets(&found.leader);
+    let class = |names: &[&'static str]| -> Vec<&'static str> {
+        let mut names: Vec<&'static str> = names
+            .iter()
+            .map(|&name| {
+                let aliases = name.parse().map(|cause: Cause| candidates::aliases(cause, experiment));
+                aliases.unwrap_or_default().into_iter().chain([name]).min().unwrap_or(name)
+            })
+            .collect();
+        names.sort_unstable();
+        names
+    };
+    let own = class(&leader);
+    let Some(baseline) = found.tried.iter().find(|state| state.causes.is_empty()) else { return Vec::new() };
+    let mut list: Vec<Alternative> = Vec::new();
+    for state in &found.tried {
+        let names = sets(state);
+        let theirs = class(&names);
+        let wider = own.iter().all(|name| theirs.contains(name));
+        let known = list.iter().any(|other| other.names.iter().map(String::as_str).eq(names.iter().copied()));
+        if names.is_empty() || wider || known || state.bic() > found.leader.bic() + BETTER {
+            continue;
+        }
+        list.push(Alternative {
+            names: names.into_iter().map(str::to_owned).collect(),
+            delta_bic: baseline.bic() - state.bic(),
+        });
+    }
+    list
+}
+
+/// The causes of `leader` with their values.
+fn named(
+    experiment: &Experiment,
+    baseline: &State<'_>,
+    leader: &State<'_>,
+    tests: &[(ConstancyTest, Vec<PerRun>)],
+    found: &Found<'_>,
+) -> Vec<NamedCause> {
+    let values = extend::values(leader, baseline.parameters.len());
+    let of = |name: &str, cause: &str| name.split('/').next() == Some(cause);
+    let one = |term: &candidates::Term| {
+        let info = term.info();
+        // the best set without this one, of those that were refitted
+        let rest: Vec<&str> = sets(leader).into_iter().filter(|name| *name != info.name).collect();
+        let without = found.tried.iter().find(|state| sets(state) == rest).unwrap_or(baseline);
+        NamedCause {
+            name: info.name.into(),
+            sentence: info.sentence.into(),
+            formula: info.formula.into(),
+            aliases: candidates::aliases(term.cause, experiment).into_iter().map(str::to_owned).collect(),
+            parameters: values.iter().filter(|value| of(&value.name, info.name)).cloned().collect(),
+            delta_bic: without.bic() - leader.bic(),
+            per_run: tests
+                .iter()
+                .flat_map(|(_, runs)| runs)
+                .filter(|run| of(&run.parameter, info.name))
+                .cloned()
+                .collect(),
+        }
+    };
+    leader.causes.iter().map(one).collect()
+}
+
+fn source(floor: &Floor) -> String {
+    format!(
+        "residuals of the still images ({:.0} % of all) and, while the mechanism moves, what of them is faster than a spline with a knot every 50 ms; {:.0} degrees of freedom",
+        100.0 * floor.still_share,
+        floor.degrees
+    )
+}
+
+fn sentence(
+    verdict: Verdict,
+    list: &[NamedCause],
+    rivals: &[Alternative],
+    before: &Fitness,
+    floor: &Floor,
+) -> String {
+    let said: Vec<String> = list.iter().map(|cause| format!("{} ({})", cause.sentence, cause.name)).collect();
+    match verdict {
+        Verdict::NothingDetectable => format!(
+            "Nothing detectable: the simulation repeats the runs down to their noise of {:.2} mm.",
+            floor.noise_m * 1e3
+        ),
+        Verdict::Cause | Verdict::Causes => capital(&format!("{}.", said.join("; and "))),
+        Verdict::Ambiguous => {
+            let others: Vec<String> = rivals.iter().map(|rival| rival.names.join(" + ")).collect();
+            format!(
+                "{}, or as well: {}. These runs cannot tell.",
+                capital(&said.join("; and ")),
+                others.join("; or ")
+            )
+        }
+        Verdict::Unexplained => format!(
+            "Something is wrong that no known cause explains: residuals of {:.2} mm against a noise of {:.2} mm.",
+            before.rms_m * 1e3,
+            floor.noise_m * 1e3
+        ),
+    }
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+}

@@ -1,0 +1,217 @@
+//! The diagnosis on the page: what is wrong, why, and what naming it gains, to be read in a minute.
+
+use ident::diagnose::{Diagnosis, NamedCause, Verdict};
+use maud::{Markup, html};
+
+use super::data::ReportData;
+use super::diagnosis_figures::{against, heat, spectrum};
+use super::diagnosis_text::{details, tone, value};
+use super::format::{millimetres, significant};
+
+/// The sections of the diagnosis; nothing without one.
+pub(super) fn section(data: &ReportData) -> Markup {
+    let Some(figures) = &data.diagnosis else { return html! {} };
+    let diagnosis = &figures.diagnosis;
+    let (list, title) = match diagnosis.verdict {
+        Verdict::Unexplained => (&diagnosis.partial, "Best description, which is no cause"),
+        _ => (&diagnosis.causes, "What is named"),
+    };
+    html! {
+        @if data.fit.is_some() {
+            div class={ "verdict " (tone(diagnosis.verdict).class()) } {
+                p.line { (diagnosis.sentence) }
+                ul { @for detail in details(diagnosis) { li { (detail) } } }
+            }
+        }
+        @if !list.is_empty() { (causes(diagnosis, list, title)) }
+        (errors(diagnosis))
+        (next(diagnosis))
+        section #residuals {
+            h2 { "Where and when" }
+            p.lead {
+                "Residuals (measured - simulated) of the fitted runs over time: pale is noise, dark six times the noise or more. \
+                 Before: the model as it was, fitted. After: with what is named."
+            }
+            (heat(figures))
+            p.legend { span.key.measured {} "before" span.key.simulated {} "after" span.key.band {} "a quarter of the noise" }
+            div.pair { (against(figures)) (spectrum(figures)) }
+            (worst(diagnosis))
+        }
+        (seen(diagnosis))
+    }
+}
+
+fn causes(diagnosis: &Diagnosis, list: &[NamedCause], title: &str) -> Markup {
+    html! {
+        section #causes {
+            h2 { (title) }
+            table.coefficients {
+                thead { tr { th { "cause" } th { "number" } th.number { "value (95 %)" } th { "by run" } } }
+                @for cause in list {
+                    tbody {
+                        @for (row, parameter) in cause.parameters.iter().enumerate() {
+                            tr {
+                                td { @if row == 0 { strong { (cause.name) } } }
+                                td { code { (parameter.name) } }
+                                td.number { (value(parameter)) }
+                                td {
+                                    @for run in cause.per_run.iter().filter(|run| run.parameter == parameter.name) {
+                                        span.share { (run.run) " " (significant(run.value)) " ± " (significant(run.std)) } " "
+                                    }
+                                }
+                            }
+                        }
+                        tr { td {} td colspan="3" {
+                            (cause.sentence) ". " code { (cause.formula) } " ΔBIC " (format!("{:.0}", cause.delta_bic))
+                            @if !cause.aliases.is_empty() { "; no video of these runs tells it from " (cause.aliases.join(", ")) }
+                        } }
+                    }
+                }
+            }
+            @if !diagnosis.alternatives.is_empty() {
+                h3 { "As well" }
+                table.facts { @for other in &diagnosis.alternatives {
+                    tr { th { (other.names.join(" + ")) } td { "ΔBIC " (format!("{:.0}", other.delta_bic)) } }
+                } }
+            }
+            @if !diagnosis.bent.is_empty() {
+                h3 { "Coefficients that had bent to cover for it" }
+                table.facts {
+                    tr { th { "coefficient" } th.number { "before" } th.number { "after" } th.number { "± 1 σ" } }
+                    @for bent in &diagnosis.bent {
+                        tr {
+                            td { code { (bent.name) } }
+                            td.number { (significant(bent.before)) } td.number { (significant(bent.after)) }
+                            td.number { (significant(bent.std)) }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Before, after, floor: held out where there is something, else as fitted.
+fn errors(diagnosis: &Diagnosis) -> Markup {
+    let row = |id: &str, names: &[String], before: &[f64], after: &[f64], noise: &[f64]| {
+        let cells: Vec<[String; 2]> = (0..names.len())
+            .map(|k| {
+                [format!("{} → {}", millimetres(before[k]), millimetres(after[k])), millimetres(noise[k])]
+            })
+            .collect();
+        html! { tr { td { (id) } @for [change, noise] in cells { td.number { (change) span.share { " / " (noise) } } } } }
+    };
+    let heading = |names: &[String]| {
+        html! { thead { tr { th { "run" } @for name in names { th.number { (name) " [mm] / noise" } } } } }
+    };
+    html! {
+        @if let Some(heldout) = &diagnosis.heldout {
+            section #gain {
+                h2 { "Gain on runs not fitted to" }
+                p.lead {
+                    @if heldout.how == "holdout" { "Held-out runs" } @else { "Each run in turn left out of both fits" }
+                    ": parameters frozen, pose from the still images alone. Root mean square per coordinate, before → after, beside what noise alone leaves."
+                }
+                table.errors {
+                    @if let Some(run) = heldout.runs.first() { (heading(&run.keypoints)) }
+                    tbody {
+                        @for run in &heldout.runs {
+                            (row(&run.id, &run.keypoints, &run.rms_before_m, &run.rms_after_m, &run.noise_floor_m))
+                        }
+                    }
+                }
+            }
+        }
+        section #fit-errors {
+            h2 { "Residuals of the fitted runs" }
+            p.lead {
+                "Noise floor " (millimetres(diagnosis.noise_m)) " mm per coordinate, correlation "
+                (format!("{:.2}", diagnosis.noise.correlation)) " from one image to the next. Source: " (diagnosis.noise.source) "."
+            }
+            table.errors {
+                @if let Some(run) = diagnosis.residuals.rms.first() { (heading(&run.keypoints)) }
+                tbody {
+                    @for run in &diagnosis.residuals.rms {
+                        (row(&run.id, &run.keypoints, &run.before_m, &run.after_m, &run.noise_m))
+                    }
+                }
+            }
+            table.facts {
+                tr { th { "" } th.number { "before" } th.number { "after" } }
+                tr { td { "slow residuals beyond noise [σ]" }
+                    td.number { (format!("{:.1}", diagnosis.whiteness.before.z)) } td.number { (format!("{:.1}", diagnosis.whiteness.after.z)) } }
+                tr { td { "chi-square per degree of freedom" }
+                    td.number { (format!("{:.3}", diagnosis.whiteness.before.chi2 / diagnosis.whiteness.before.degrees)) }
+                    td.number { (format!("{:.3}", diagnosis.whiteness.after.chi2 / diagnosis.whiteness.after.degrees)) } }
+                tr { td { "correlation over eight lags, p" }
+                    td.number { (significant(diagnosis.whiteness.before.portmanteau_p)) } td.number { (significant(diagnosis.whiteness.after.portmanteau_p)) } }
+                tr { td { "squares that could be explained at all" }
+                    td.number { (format!("{:.0} %", 100.0 * diagnosis.whiteness.explainable)) } td {} }
+            }
+        }
+    }
+}
+
+fn next(diagnosis: &Diagnosis) -> Markup {
+    html! {
+        @if !diagnosis.next_experiments.is_empty() {
+            section #next {
+                h2 { "What to do next" }
+                table.facts {
+                    tr { th { "do" } th { "tells apart" } th.number { "separation now" } th.number { "then" } }
+                    @for next in &diagnosis.next_experiments {
+                        tr {
+                            td { (next.what) @if !next.command.is_empty() { br; code { (next.command) } } } td { (next.separates.join(" / ")) }
+                            td.number { @if next.after > 0.0 { (significant(next.before)) } }
+                            td.number { @if next.after > 0.0 { (significant(next.after)) } }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn worst(diagnosis: &Diagnosis) -> Markup {
+    html! {
+        h3 { "Worst stretches before" }
+        table.facts {
+            tr { th { "run" } th { "keypoint" } th.number { "time [s]" } th.number { "rms [mm]" } th.number { "x, z [mm]" } th.number { "speed [mm/s]" } }
+            @for worst in &diagnosis.residuals.worst {
+                tr {
+                    td { (worst.run) } td { (worst.keypoint) }
+                    td.number { (format!("{:.2}–{:.2}", worst.from_s, worst.to_s)) }
+                    td.number { (millimetres(worst.rms_m)) }
+                    td.number { (format!("{:.0}, {:.0}", worst.x_m * 1e3, worst.z_m * 1e3)) }
+                    td.number { (format!("{:.0}", worst.speed_m_s * 1e3)) }
+                }
+            }
+        }
+    }
+}
+
+fn seen(diagnosis: &Diagnosis) -> Markup {
+    html! {
+        section #detectable {
+            h2 { "What these runs would have shown" }
+            p.lead {
+                "The smallest size of each cause that would have raised the cost by 30, all fitted coefficients following. \
+                 A dash: not visible in these runs."
+                @if !diagnosis.fitted.is_empty() { " Fitted anyway, hence no candidates: " (diagnosis.fitted.join(", ")) "." }
+            }
+            div.columns {
+                @for entry in &diagnosis.detectable {
+                    div {
+                        code { (entry.name) } " "
+                        span.number {
+                            @match entry.smallest {
+                                Some(size) => { (significant(size)) @if entry.unit != "1" { " " (entry.unit) } },
+                                None => "–",
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! The diagnosis in words: for a terminal, and for the top of the page.
+
+use std::fmt::Write as _;
+
+use ident::diagnose::{CauseParameter, Diagnosis, NextExperiment, Verdict};
+
+use super::format::{millimetres, significant};
+use super::verdict::Tone;
+
+/// How good the news is.
+pub(super) fn tone(verdict: Verdict) -> Tone {
+    match verdict {
+        Verdict::NothingDetectable | Verdict::Cause | Verdict::Causes => Tone::Good,
+        Verdict::Ambiguous => Tone::Caution,
+        Verdict::Unexplained => Tone::Bad,
+    }
+}
+
+/// `value unit (lower to upper)`.
+pub(super) fn value(parameter: &CauseParameter) -> String {
+    let unit = if parameter.unit == "1" { String::new() } else { format!(" {}", parameter.unit) };
+    match parameter.ci95 {
+        Some([lower, upper]) => {
+            format!(
+                "{}{unit} ({} to {})",
+                significant(parameter.value),
+                significant(lower),
+                significant(upper)
+            )
+        }
+        None => format!("{}{unit}", significant(parameter.value)),
+    }
+}
+
+/// Sentences that qualify the verdict.
+pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
+    let mut list = Vec::new();
+    for cause in &diagnosis.causes {
+        let numbers: Vec<String> = cause
+            .parameters
+            .iter()
+            .filter(|parameter| !parameter.name.contains('@'))
+            .map(|parameter| format!("{} = {}", parameter.name, value(parameter)))
+            .collect();
+        list.push(format!("{}, 95 % intervals in brackets.", numbers.join(", ")));
+        if !cause.aliases.is_empty() {
+            list.push(format!(
+                "No video of these runs tells {} from {}.",
+                cause.name,
+                cause.aliases.join(", ")
+            ));
+        }
+    }
+    if let Some(heldout) = &diagnosis.heldout {
+        let runs =
+            if heldout.how == "holdout" { "held-out runs" } else { "each run in turn left out of the fit" };
+        list.push(format!(
+            "On {runs} the residual goes from {} to {} mm, noise alone leaves {}: {:.0} % less ({:.0} to {:.0} %).",
+            millimetres(heldout.rms_before_m),
+            millimetres(heldout.rms_after_m),
+            millimetres(heldout.noise_floor_m),
+            100.0 * heldout.gain,
+            100.0 * heldout.gain_ci95[0],
+            100.0 * heldout.gain_ci95[1]
+        ));
+    }
+    if diagnosis.verdict == Verdict::Unexplained {
+        if !diagnosis.partial.is_empty() {
+            let names: Vec<&str> = diagnosis.partial.iter().map(|cause| cause.name.as_str()).collect();
+            list.push(format!("Best description, which is no cause: {}.", names.join(" + ")));
+        }
+        if let Some(follows) = diagnosis.residuals.follows.first().filter(|follows| follows.share > 0.05) {
+            list.push(format!(
+                "The residuals follow {} most ({:.0} % of their squares){}.",
+                follows.what,
+                100.0 * follows.share,
+                diagnosis
+                    .residuals
+                    .frequency_hz
+                    .map_or(String::new(), |hz| format!(", and swing at {hz:.1} Hz most"))
+            ));
+        }
+    }
+    list.extend(diagnosis.remarks.iter().map(|remark| capital(remark)));
+    if !diagnosis.bent.is_empty() {
+        let moved: Vec<String> = diagnosis
+            .bent
+            .iter()
+            .take(4)
+            .map(|bent| {
+                format!("{} {} instead of {}", bent.name, significant(bent.before), significant(bent.after))
+            })
+            .collect();
+        list.push(format!("To cover for it the fit had bent: {}.", moved.join(", ")));
+    }
+    list
+}
+
+/// A next step in a line.
+pub(super) fn advice(next: &NextExperiment) -> String {
+    let apart = next.separates.join(" and ");
+    if next.kind == "measurement" {
+        return format!("{}: tells {apart} apart.", next.what);
+    }
+    format!(
+        "{} ({}): separation of {apart} {} -> {}",
+        next.command,
+        next.what,
+        significant(next.before),
+        significant(next.after)
+    )
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters
+        .next()
+        .map_or(String::new(), |first| first.to_uppercase().chain(letters).collect::<String>() + ".")
+}
+
+/// The diagnosis as lines for a terminal.
+pub fn diagnosis_summary(diagnosis: &Diagnosis) -> String {
+    let mut text = format!("{}: {}\n", diagnosis.verdict.name(), diagnosis.sentence);
+    for detail in details(diagnosis) {
+        let _ = writeln!(text, "- {detail}");
+    }
+    let before = &diagnosis.whiteness.before;
+    let _ = writeln!(
+        text,
+        "- Residual {} mm, noise {} mm; {:.0} % of the squares could be explained.",
+        millimetres(before.rms_m),
+        millimetres(diagnosis.noise_m),
+        100.0 * diagnosis.whiteness.explainable
+    );
+    for next in diagnosis.next_experiments.iter().take(3) {
+        let _ = writeln!(text, "- Next: {}", advice(next));
+    }
+    text
+}

@@ -1,0 +1,137 @@
+//! The whole set of hidden-effect cases, through `rig diagnose`:
+//! `cargo run -p system-tests --example hidden_causes -- OUT [--seeds 10] [--only TEXT] [--every N] [--threads 2] [--keep]`
+//!
+//! Every finished case is a line of `OUT/outcomes.jsonl`; started again, it goes on where it stopped. The tables stand in
+//! `OUT/tables.md` and on standard output. `--only` takes the cases whose names contain a text, `--every` each n-th of them.
+//! `--keep` leaves the cases' files, `--make` only writes them. Build the program first: `cargo build -p rig`.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use rayon::prelude::*;
+use system_tests::hidden::cases::{self, Case};
+use system_tests::hidden::diagnose::{Outcome, diagnose};
+use system_tests::hidden::limit::Benches;
+use system_tests::hidden::score::tables;
+use system_tests::hidden::write::write;
+
+/// What the command line asks for.
+struct Options {
+    out: PathBuf,
+    seeds: u64,
+    only: Vec<String>,
+    every: usize,
+    threads: usize,
+    keep: bool,
+    make: bool,
+}
+
+impl Options {
+    fn read() -> Result<Self, Box<dyn std::error::Error>> {
+        let mut options = Self {
+            out: PathBuf::new(),
+            seeds: 10,
+            only: Vec::new(),
+            every: 1,
+            threads: 2,
+            keep: false,
+            make: false,
+        };
+        let mut words = std::env::args().skip(1);
+        while let Some(word) = words.next() {
+            let mut value = || words.next().ok_or(format!("{word} wants a value"));
+            match word.as_str() {
+                "--seeds" => options.seeds = value()?.parse()?,
+                "--only" => options.only.push(value()?),
+                "--every" => options.every = value()?.parse::<usize>()?.max(1),
+                "--threads" => options.threads = value()?.parse()?,
+                "--keep" => options.keep = true,
+                "--make" => options.make = true,
+                _ if options.out.as_os_str().is_empty() && !word.starts_with('-') => {
+                    options.out = word.into()
+                }
+                _ => return Err(format!("unknown argument `{word}`").into()),
+            }
+        }
+        if options.out.as_os_str().is_empty() {
+            return Err("name a folder for the outcomes".into());
+        }
+        Ok(options)
+    }
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let options = Options::read()?;
+    std::fs::create_dir_all(&options.out)?;
+    let file = options.out.join("outcomes.jsonl");
+    let mut outcomes = read(&file)?;
+    let wanted =
+        |case: &Case| options.only.is_empty() || options.only.iter().any(|text| case.id.contains(text));
+    let list = cases::all(options.seeds).into_iter().filter(wanted).step_by(options.every);
+    let mut list: Vec<Case> =
+        list.filter(|case| options.make || outcomes.iter().all(|outcome| outcome.id != case.id)).collect();
+    // neighbours in the list share the mechanism that their limits come from
+    list.sort_by_key(|case| case.seed);
+    eprintln!("{} cases to do, {} done before", list.len(), outcomes.len());
+    let log = Mutex::new((std::fs::OpenOptions::new().create(true).append(true).open(&file)?, Vec::new()));
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads).build()?;
+    let seeds: Vec<&[Case]> = list.chunk_by(|a, b| a.seed == b.seed).collect();
+    pool.install(|| {
+        seeds.into_par_iter().with_max_len(1).for_each(|cases| {
+            let mut benches = Benches::default();
+            for case in cases {
+                let folder = options.out.join("cases").join(&case.id);
+                if options.make {
+                    make(case, &mut benches, &folder);
+                    continue;
+                }
+                let Some(outcome) = diagnose(case, &mut benches, &folder) else {
+                    eprintln!("{}: these runs never show it", case.id);
+                    continue;
+                };
+                if !options.keep {
+                    let _ = std::fs::remove_dir_all(&folder);
+                }
+                let names: Vec<&str> = outcome.causes.iter().map(|cause| cause.name.as_str()).collect();
+                eprintln!(
+                    "{}: {} {} ({:.1} s) -> {:?}",
+                    outcome.id,
+                    outcome.verdict,
+                    names.join("+"),
+                    outcome.wall_s,
+                    outcome.judgement()
+                );
+                let line = serde_json::to_string(&outcome).expect("an outcome is JSON");
+                let mut log = log.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                writeln!(log.0, "{line}").expect("the log can be written");
+                log.1.push(outcome);
+            }
+        });
+    });
+    let (_, fresh) = log.into_inner()?;
+    outcomes.extend(fresh);
+    let tables = tables(&outcomes);
+    std::fs::write(options.out.join("tables.md"), &tables)?;
+    std::io::stdout().write_all(tables.as_bytes())?;
+    Ok(())
+}
+
+fn make(case: &Case, benches: &mut Benches, folder: &Path) {
+    std::fs::create_dir_all(folder).expect("a folder for the case");
+    match case.make(benches) {
+        Some(made) => {
+            write(case, &made, folder).expect("the case's files");
+            eprintln!("{}: {:?}", case.id, made.truth);
+        }
+        None => eprintln!("{}: these runs never show it", case.id),
+    }
+}
+
+fn read(file: &Path) -> Result<Vec<Outcome>, Box<dyn std::error::Error>> {
+    if !file.exists() {
+        return Ok(Vec::new());
+    }
+    // a line that was cut off by an interruption is a case to do again
+    Ok(std::fs::read_to_string(file)?.lines().filter_map(|line| serde_json::from_str(line).ok()).collect())
+}

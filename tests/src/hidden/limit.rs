@@ -1,0 +1,198 @@
+//! The smallest size of a cause that a case's runs can show: Fisher information by finite differences of the generator.
+//!
+//! What a fit may change by itself (coefficients, dampings, poses) is projected out of the difference that a cause makes, both
+//! whitened by the noise. What is left has a chi-square; the limit is where it is 30.
+
+use std::collections::HashMap;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::bench::{Bench, COARSE_S, LINKS, Run};
+use super::chain::Plane;
+use super::hide::Hideout;
+use super::terms::Hidden;
+use super::write::correlation;
+
+/// The chi-square at the limit.
+pub const CHI_SQUARE: f64 = 30.0;
+/// Standard deviation of a keypoint coordinate \[m\].
+pub const NOISE_M: f64 = 4e-4;
+
+/// How far a fit's bounds let its numbers go, as standard deviations: coefficients, dampings \[N m s/rad\], angles \[rad\].
+const COEFFICIENT: f64 = 3.0;
+const DAMPING: f64 = 1e-5;
+const ANGLE: f64 = 1.0;
+/// Steps of the finite differences: shares of coefficients and dampings, and an angle \[rad\].
+const SHARE: f64 = 0.02;
+const TURN: f64 = 1e-3;
+
+/// A column of seen coordinates over all fitted runs.
+type Column = Vec<f64>;
+
+/// What a fit of a bench can imitate.
+#[derive(Debug)]
+pub struct Imitation {
+    /// What is seen without any cause, run by run.
+    plain: Vec<Vec<[Plane; LINKS]>>,
+    basis: DMatrix<f64>,
+    correlation: f64,
+}
+
+fn flat(run: &[[Plane; LINKS]]) -> impl Iterator<Item = f64> + '_ {
+    run.iter().flatten().flatten().copied()
+}
+
+fn fitted(bench: &Bench) -> impl Iterator<Item = &Run> {
+    bench.runs.iter().filter(|run| !run.held_out)
+}
+
+/// Noise of unit size whose neighbours in time correlate.
+fn whitened(runs: &[Vec<f64>], correlation: f64) -> Column {
+    let rest = (1.0 - correlation * correlation).sqrt();
+    let width = 2 * LINKS;
+    let each = runs.iter().flat_map(|run| {
+        (0..run.len()).map(move |k| match k.checked_sub(width) {
+            Some(before) => (run[k] - correlation * run[before]) / (rest * NOISE_M),
+            None => run[k] / NOISE_M,
+        })
+    });
+    each.collect()
+}
+
+impl Imitation {
+    /// For the fitted runs of `bench`, seen with noise that correlates by `correlation` from image to image.
+    pub fn new(bench: &Bench, correlation: f64) -> Self {
+        let seen = |bench: &Bench| -> Vec<Vec<[Plane; LINKS]>> {
+            fitted(bench).map(|run| bench.watch(run, &Hidden::default(), COARSE_S)).collect()
+        };
+        let between = |a: &[Vec<[Plane; LINKS]>], b: &[Vec<[Plane; LINKS]>], step: f64| -> Column {
+            let runs = a.iter().zip(b);
+            let slopes = runs.map(|(a, b)| flat(a).zip(flat(b)).map(|(a, b)| (a - b) / step).collect());
+            whitened(&slopes.collect::<Vec<Vec<f64>>>(), correlation)
+        };
+        let plain = seen(bench);
+        let mut columns: Vec<(Column, f64)> = Vec::new();
+        let mut shared = |change: &dyn Fn(&mut Bench) -> &mut f64, loose: f64| {
+            let (mut up, mut down) = (bench.clone(), bench.clone());
+            let step = SHARE * *change(&mut up);
+            *change(&mut up) += step;
+            *change(&mut down) -= step;
+            columns.push((between(&seen(&up), &seen(&down), 2.0 * step), loose));
+        };
+        for link in 0..LINKS {
+            for place in 0..5 {
+                shared(
+                    &move |bench: &mut Bench| &mut bench.chain.links[link].shape.coefficients[place],
+                    COEFFICIENT,
+                );
+            }
+        }
+        if bench.fits_damping {
+            for link in 1..LINKS {
+                shared(&move |bench: &mut Bench| &mut bench.chain.links[link].damping, DAMPING);
+            }
+        }
+        for (place, run) in fitted(bench).enumerate() {
+            for link in usize::from(run.is_driven())..LINKS {
+                let turned = |by: f64| {
+                    let mut run = run.clone();
+                    run.motion.held[link] += by;
+                    bench.watch(&run, &Hidden::default(), COARSE_S)
+                };
+                let (mut up, mut down) = (plain.clone(), plain.clone());
+                (up[place], down[place]) = (turned(TURN), turned(-TURN));
+                columns.push((between(&up, &down, 2.0 * TURN), ANGLE));
+            }
+        }
+        let (rows, count) = (columns[0].0.len(), columns.len());
+        let mut matrix = DMatrix::zeros(rows + count, count);
+        for (place, (column, loose)) in columns.into_iter().enumerate() {
+            let mut column = DVector::from_vec(column).push(0.0).resize_vertically(rows + count, 0.0);
+            column[rows + place] = 1.0 / loose;
+            matrix.set_column(place, &column.normalize());
+        }
+        Self { plain, basis: matrix.qr().q(), correlation }
+    }
+
+    /// The difference that `hidden` makes, whitened, beyond what `others` can imitate.
+    fn left(&self, bench: &Bench, hidden: &Hidden, base: &Hidden) -> DVector<f64> {
+        let runs = fitted(bench).zip(&self.plain).map(|(run, plain)| {
+            let with = bench.watch(run, hidden, COARSE_S);
+            match base.0.is_empty() {
+                true => flat(&with).zip(flat(plain)).map(|(a, b)| a - b).collect(),
+                false => {
+                    let without = bench.watch(run, base, COARSE_S);
+                    flat(&with).zip(flat(&without)).map(|(a, b)| a - b).collect::<Vec<f64>>()
+                }
+            }
+        });
+        let difference = whitened(&runs.collect::<Vec<_>>(), self.correlation);
+        let rows = self.basis.nrows();
+        let difference = DVector::from_vec(difference).resize_vertically(rows, 0.0);
+        &difference - &self.basis * self.basis.tr_mul(&difference)
+    }
+
+    /// The chi-square by which the runs show `hidden` beyond all that a fit can imitate.
+    pub fn chi_square(&self, bench: &Bench, hidden: &Hidden) -> f64 {
+        self.left(bench, hidden, &Hidden::default()).norm_squared()
+    }
+
+    /// The same, with the partner `other` of a pair at work beside it and free too.
+    pub fn chi_square_beside(&self, bench: &Bench, both: &Hidden, other: &Hidden) -> f64 {
+        let own = self.left(bench, both, other);
+        let theirs = self.left(bench, other, &Hidden::default()).normalize();
+        own.norm_squared() - own.dot(&theirs).powi(2)
+    }
+
+    /// The size at which `at(size)` shows a chi-square of [`CHI_SQUARE`], from a first step: in proportion, then twice
+    /// with the true difference. `None` where the runs show nothing.
+    pub fn limit(&self, step: f64, chi_square: impl Fn(f64) -> f64) -> Option<f64> {
+        let mut size = step;
+        for _ in 0..4 {
+            let shown = chi_square(size);
+            if shown.is_nan() || shown < 1e-9 {
+                return None;
+            }
+            size *= (CHI_SQUARE / shown).sqrt().clamp(0.01, 100.0);
+        }
+        Some(size)
+    }
+}
+
+/// The largest angle between neighbouring links over the fitted runs \[rad\].
+pub fn largest_bend(bench: &Bench) -> f64 {
+    let records = fitted(bench).map(|run| bench.chain.run(&run.motion, &Hidden::default(), COARSE_S));
+    let bends = records.flat_map(|record| {
+        record
+            .states
+            .into_iter()
+            .flat_map(|state| (1..LINKS).map(move |i| state.angle[i] - state.angle[i - 1]))
+    });
+    bends.map(f64::abs).fold(0.0, f64::max)
+}
+
+/// Benches, what their fits can imitate and the limits of the causes there, made once each.
+#[derive(Debug, Default)]
+pub struct Benches {
+    benches: HashMap<(u64, bool), (Bench, Imitation)>,
+    limits: HashMap<(u64, bool, String), Option<f64>>,
+}
+
+impl Benches {
+    /// The bench of `seed`.
+    pub fn get(&mut self, seed: u64, fits_damping: bool) -> &(Bench, Imitation) {
+        self.benches.entry((seed, fits_damping)).or_insert_with(|| {
+            let bench = Bench::draw(seed, fits_damping);
+            let imitation = Imitation::new(&bench, correlation(seed));
+            (bench, imitation)
+        })
+    }
+
+    /// The limit of `hideout` on the bench of `seed`.
+    pub fn limit(&mut self, seed: u64, fits_damping: bool, hideout: &Hideout) -> Option<f64> {
+        self.get(seed, fits_damping);
+        let key = (seed, fits_damping, hideout.cause.clone());
+        let (bench, imitation) = &self.benches[&(seed, fits_damping)];
+        *self.limits.entry(key).or_insert_with(|| hideout.limit(bench, imitation, None))
+    }
+}

@@ -1,0 +1,80 @@
+//! A case as files: `experiment.toml`, the nominal model, trajectories with noise, servo tables.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use super::bench::{Draw, FINE_S, LINKS, MODEL, Run};
+use super::cases::{Case, Made};
+use super::limit::NOISE_M;
+use super::motion::Drive;
+
+/// Keypoints are read to this \[m\].
+const GRAIN_M: f64 = 5e-5;
+
+/// How much of the noise stays from image to image in the runs of `seed`.
+pub fn correlation(seed: u64) -> f64 {
+    Draw::new(seed, 4).even(0.0, 0.6)
+}
+
+/// Writes `case` into `folder`, which must be there; the experiment's path.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write(case: &Case, made: &Made, folder: &Path) -> std::io::Result<PathBuf> {
+    let parameters = if made.bench.fits_damping { "\"fluidcoef\", \"damping\"" } else { "\"fluidcoef\"" };
+    let mut text =
+        format!("model = \"chain.xml\"\nprescribed = true\n\n[fit]\nparameters = [{parameters}]\n");
+    for run in &made.bench.runs {
+        let (id, driven) = (&run.id, run.is_driven());
+        let (kind, usage) =
+            (if driven { "driven" } else { "drop" }, if run.held_out { "holdout" } else { "fit" });
+        let _ = write!(text, "\n[[run]]\nid = \"{id}\"\nkind = \"{kind}\"\ntrajectory = \"{id}.csv\"\n");
+        match &run.motion.drive {
+            Drive::Exact(servo) | Drive::Servo(servo, _) => {
+                let _ = writeln!(text, "servo = \"{id}-servo.csv\"");
+                let mut table = String::from("time_s,servo_rad\n");
+                for (time_s, angle) in servo.time_s.iter().zip(&servo.angle_rad) {
+                    let _ = writeln!(table, "{time_s},{angle}");
+                }
+                std::fs::write(folder.join(format!("{id}-servo.csv")), table)?;
+            }
+            Drive::None => {
+                let _ = writeln!(text, "release_s = {}", run.motion.start_s);
+            }
+        }
+        let _ = writeln!(text, "use = \"{usage}\"");
+        std::fs::write(folder.join(format!("{id}.csv")), trajectory(case, made, run))?;
+    }
+    std::fs::write(folder.join("chain.xml"), MODEL)?;
+    let path = folder.join("experiment.toml");
+    std::fs::write(&path, text)?;
+    Ok(path)
+}
+
+/// The keypoints of `run` as they are read: noise that correlates in time, rounded.
+fn trajectory(case: &Case, made: &Made, run: &Run) -> String {
+    // each case has its own noise, whatever else shares its seed
+    let own = case.id.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+    });
+    let mut draw = Draw::new(own, 16 + run.motion.run as u64);
+    let keep = correlation(case.seed);
+    let rest = (1.0 - keep * keep).sqrt();
+    let mut noise = [[0.0; 2]; LINKS];
+    let mut table = String::from("time_s");
+    for k in 1..=LINKS {
+        let _ = write!(table, ",P{k}_x_m,P{k}_z_m");
+    }
+    table.push('\n');
+    let seen = made.bench.watch(run, &made.hidden, FINE_S);
+    for (row, (time_s, points)) in run.times_s.iter().zip(seen).enumerate() {
+        let _ = write!(table, "{time_s}");
+        for (noise, point) in noise.iter_mut().flatten().zip(points.into_iter().flatten()) {
+            let fresh = NOISE_M * draw.normal();
+            *noise = if row == 0 { fresh } else { keep * *noise + rest * fresh };
+            let _ = write!(table, ",{:.5}", ((point + *noise) / GRAIN_M).round() * GRAIN_M);
+        }
+        table.push('\n');
+    }
+    table
+}
