@@ -197,7 +197,7 @@ fn gain(
 /// Puts the directions of all candidates into as few passes as there can be: one value of a hidden number of each cause
 /// a pass, as many directions as share one.
 fn packs(model: &Model, candidates: &[Term]) -> Vec<Pack> {
-    let room = sim::Isa::best().lanes();
+    let room = sim::Isa::best().directions();
     let mut packs: Vec<Pack> = Vec::new();
     for (index, candidate) in candidates.iter().enumerate() {
         let width = candidate.directions(&candidate.added_to(model)).len();
