@@ -5,6 +5,7 @@ mod common;
 
 use common::model;
 use sim::math::Vec3;
+use sim::model::KuttaLift;
 use sim::{JointKind, MjcfError, Model};
 
 fn read(body: &str) -> Result<Model, MjcfError> {
@@ -156,6 +157,16 @@ fn a_model_reads_back_from_its_export_to_the_bit() {
         }
         assert_eq!(again, model);
     }
+}
+
+#[test]
+fn an_export_says_whose_kutta_lift_it_has() {
+    let text = r#"<mujoco><custom><text name="kutta_lift" data="before-3.14"/></custom></mujoco>"#;
+    let export = Model::from_mjcf(text).unwrap().to_mjcf("");
+    assert!(export.contains("in MuJoCo before 3.14"), "{export}");
+    assert_eq!(Model::from_mjcf(&export).unwrap().settings.kutta_lift, KuttaLift::Clamped);
+    let error = Model::from_mjcf(&text.replace("before-3.14", "3.13")).unwrap_err().to_string();
+    assert!(error.contains("3.13") && error.contains("before-3.14"), "{error}");
 }
 
 #[test]

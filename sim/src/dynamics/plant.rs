@@ -259,7 +259,8 @@ impl<S: Space> Plant<S> {
             let before = self.fluid_geoms.len();
             for (place, geom) in model.geoms.iter().enumerate().filter(|(_, geom)| geom.body == index) {
                 if let Some(coefficients) = geom.fluid {
-                    let shape = Ellipsoid::new(shape::semi_axes(geom.kind, geom.size), coefficients);
+                    let shape = Ellipsoid::new(shape::semi_axes(geom.kind, geom.size), coefficients)
+                        .with_lift(model.settings.kutta_lift);
                     let (rot, axes) = S::shape_axes(&self.layout, index, geom.quat);
                     self.fluid_geoms.push(FluidGeom {
                         geom: place,

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use super::added_mass;
 use crate::math::{Vec3, Vector};
-use crate::model::FluidCoefficients;
+use crate::model::{FluidCoefficients, KuttaLift};
 use crate::scalar::Scalar;
 use crate::space::{ShapeAxes, Space, Spatial};
 
@@ -29,6 +29,8 @@ pub struct Ellipsoid<T> {
     kutta: T,
     blunt: T,
     slender: T,
+    /// What older engines divided by at least.
+    floor: f64,
 }
 
 impl<T: Scalar> Ellipsoid<T> {
@@ -55,7 +57,18 @@ impl<T: Scalar> Ellipsoid<T> {
             kutta: kutta * T::from_f64(PI),
             blunt,
             slender,
+            floor: 0.0,
         }
+    }
+
+    /// The same with the lift of these engines. Before 3.14, num and |v| den below were at least 1e-15, in SI.
+    #[must_use]
+    pub fn with_lift(self, lift: KuttaLift) -> Self {
+        let floor = match lift {
+            KuttaLift::Whole => 0.0,
+            KuttaLift::Clamped => 1e-15,
+        };
+        Self { floor, ..self }
     }
 
     /// Torque \[N m\] and force \[N\] of water of `density` \[kg/m3\] and dynamic `viscosity` \[Pa s\].
@@ -113,6 +126,7 @@ pub(crate) struct Immersed<S: Space> {
     kutta: S::T,
     blunt: S::T,
     slender: S::T,
+    floor: f64,
 }
 
 impl<S: Space> Immersed<S> {
@@ -128,6 +142,7 @@ impl<S: Space> Immersed<S> {
             kutta: shape.kutta,
             blunt: shape.blunt,
             slender: shape.slender,
+            floor: shape.floor,
         }
     }
 
@@ -158,9 +173,13 @@ impl<S: Space> Immersed<S> {
         let along = normal.dot(v);
         let squared = normal.dot(normal);
         // at rest both quotients are 0 / 0 and what they multiply is 0
-        let below = squared * speed;
+        let (mut below, mut facing) = (squared * speed, along);
         let moving = S::T::ZERO.less(below);
-        let shadow = (squared / S::T::select(moving, along, S::T::ONE)).sqrt();
+        if self.floor > 0.0 {
+            let floor = S::T::from_f64(self.floor);
+            (below, facing) = (below.max(floor), facing.max(floor));
+        }
+        let shadow = (squared / S::T::select(moving, facing, S::T::ONE)).sqrt();
         Shadow { speed, normal, along, below, shadow }
     }
 
@@ -212,6 +231,7 @@ impl<T: Scalar> Immersed<Spatial<T>> {
             kutta: f(self.kutta),
             blunt: f(self.blunt),
             slender: f(self.slender),
+            floor: self.floor,
         }
     }
 }

@@ -4,13 +4,13 @@ use std::collections::HashMap;
 
 use roxmltree::{Document, Node, NodeId};
 
-use super::MjcfError;
 use super::attributes::{Angles, Attributes, line, refused};
 use super::body::Tree;
 use super::defaults::Defaults;
+use super::{BEFORE_3_14, LIFT, MjcfError};
 use crate::effects::Cause;
 use crate::math::Vec3;
-use crate::model::{Actuator, ActuatorKind, Contacts, Integrator, JointKind, Model, Settings};
+use crate::model::{Actuator, ActuatorKind, Contacts, Integrator, JointKind, KuttaLift, Model, Settings};
 
 /// Sections that neither move nor shape anything simulated.
 const PASSED_OVER: [&str; 7] = ["size", "visual", "statistic", "asset", "custom", "sensor", "keyframe"];
@@ -76,6 +76,19 @@ pub(super) fn model(document: &Document<'_>) -> Result<Model<f64>, MjcfError> {
     for node in sections("custom").flat_map(|section| section.children()) {
         if node.has_tag_name("numeric") {
             cause(node, &mut model)?;
+        } else if node.has_tag_name("text") && node.attribute("name") == Some(LIFT) {
+            model.settings.kutta_lift = match node.attribute("data") {
+                Some(BEFORE_3_14) => KuttaLift::Clamped,
+                other => {
+                    return Err(MjcfError::Value {
+                        line: line(node),
+                        element: "text".into(),
+                        attribute: "data".into(),
+                        value: other.unwrap_or_default().into(),
+                        wanted: BEFORE_3_14.into(),
+                    });
+                }
+            };
         }
     }
     Ok(model)
@@ -140,6 +153,7 @@ fn settings<'a, 'i: 'a>(
         density: 0.0,
         viscosity: 0.0,
         wind: Vec3::ZERO,
+        kutta_lift: KuttaLift::Whole,
     };
     for node in sections {
         let attributes = Attributes::new(node, None)?;

@@ -5,7 +5,8 @@
 //! velocity and motor actuators on hinges and slides. What only draws, senses or serves contact is passed
 //! over. Whatever else would change the motion is refused by name and line, unless it says what holds
 //! anyway. Causes beyond MuJoCo ([`crate::effects`]) stand as `<custom>` numbers called `<cause>/<parameter>`, which MuJoCo
-//! passes over. Contact is not simulated: see [`Model::possible_contacts`](crate::Model::possible_contacts).
+//! passes over. `<text name="kutta_lift" data="before-3.14"/>` there asks for the lift of
+//! older engines ([`KuttaLift`](crate::model::KuttaLift)). Contact is not simulated: see [`Model::possible_contacts`](crate::Model::possible_contacts).
 
 mod assemble;
 mod attributes;
@@ -15,6 +16,10 @@ mod tables;
 mod write;
 
 use crate::model::Model;
+
+/// The `<custom>` text that says which engines' Kutta lift a model has, and what it says.
+const LIFT: &str = "kutta_lift";
+const BEFORE_3_14: &str = "before-3.14";
 
 /// Why MJCF text was refused.
 #[derive(Debug, thiserror::Error)]

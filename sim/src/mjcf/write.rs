@@ -2,16 +2,27 @@
 
 use std::fmt::Write as _;
 
-use crate::model::{ActuatorKind, GeomKind, Integrator, JointKind, Model};
+use super::{BEFORE_3_14, LIFT};
+use crate::model::{ActuatorKind, GeomKind, Integrator, JointKind, KuttaLift, Model};
 
 /// For which engines an export moves the same way.
 fn versions(model: &Model<f64>) -> &'static str {
     let turns_freely = |kind| matches!(kind, JointKind::Ball | JointKind::Free);
     let rk4 = model.settings.integrator == Integrator::Rk4;
-    if rk4 && model.joints.iter().any(|joint| turns_freely(joint.kind)) {
-        "Moves the same way in MuJoCo 4.0 and later; before that RK4 turned ball and free joints to a lower order."
-    } else {
-        "Moves the same way in MuJoCo 3.14 and later; before that the Kutta lift of small shapes was lost."
+    let newest = rk4 && model.joints.iter().any(|joint| turns_freely(joint.kind));
+    match (model.settings.kutta_lift, newest) {
+        (KuttaLift::Whole, false) => {
+            "Moves the same way in MuJoCo 3.14 and later; before that the Kutta lift of small shapes was lost."
+        }
+        (KuttaLift::Whole, true) => {
+            "Moves the same way in MuJoCo 4.0 and later; before that RK4 turned ball and free joints to a lower order."
+        }
+        (KuttaLift::Clamped, false) => {
+            "Moves the same way in MuJoCo before 3.14, where the Kutta lift of small shapes is lost."
+        }
+        (KuttaLift::Clamped, true) => {
+            "Moves the same way in no MuJoCo: the Kutta lift is that before 3.14, RK4 of free turns that from 4.0 on."
+        }
     }
 }
 
@@ -223,10 +234,15 @@ impl Writer<'_> {
     /// The causes' numbers, where MuJoCo keeps what it does not use itself.
     fn causes(&mut self) {
         let model = self.model;
-        if model.effects().is_empty() {
+        let clamped = model.settings.kutta_lift == KuttaLift::Clamped;
+        if model.effects().is_empty() && !clamped {
             return;
         }
         self.line(1, "custom", &[], false);
+        if clamped {
+            let text = [Some(("name", LIFT.into())), Some(("data", BEFORE_3_14.into()))];
+            self.line(2, "text", &text, true);
+        }
         for effect in model.effects() {
             for (name, &value) in effect.names().iter().zip(effect.values()) {
                 let number = [Some(("name", escaped(name))), Some(("data", numbers(&[value])))];

@@ -14,6 +14,17 @@ pub enum Integrator {
     Rk4,
 }
 
+/// Which engines' Kutta lift a model has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum KuttaLift {
+    /// The formula's: MuJoCo 3.14 and later.
+    #[default]
+    Whole,
+    /// That of MuJoCo before 3.14, which clamped a denominator far above its size on links of centimetres: nearly
+    /// none there.
+    Clamped,
+}
+
 /// Time step, gravity and the water.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings<T> {
@@ -29,6 +40,8 @@ pub struct Settings<T> {
     pub viscosity: T,
     /// Velocity of the water, world axes \[m/s\].
     pub wind: Vec3<T>,
+    /// Whose Kutta lift.
+    pub kutta_lift: KuttaLift,
 }
 
 /// A rigid body.
@@ -241,6 +254,7 @@ impl<T: Scalar> Settings<T> {
             density: f(self.density),
             viscosity: f(self.viscosity),
             wind: self.wind.map(f),
+            kutta_lift: self.kutta_lift,
         }
     }
 }

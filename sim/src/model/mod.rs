@@ -11,8 +11,8 @@ pub(crate) mod shape;
 pub(crate) use contacts::Contacts;
 pub use contacts::PossibleContact;
 pub use elements::{
-    Actuator, ActuatorKind, Body, FluidCoefficients, Geom, GeomKind, Integrator, Joint, JointKind, Settings,
-    Site,
+    Actuator, ActuatorKind, Body, FluidCoefficients, Geom, GeomKind, Integrator, Joint, JointKind, KuttaLift,
+    Settings, Site,
 };
 pub use parameters::{Parameter, UnknownParameter};
 
