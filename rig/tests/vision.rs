@@ -120,9 +120,11 @@ fn rigid_links_are_found_to_a_tenth_of_a_pixel_where_shares_of_the_length_are_no
         link_lengths_m: Some(vec![metres(LENGTH_PX * METRES_PER_PIXEL); 3]),
         ..VisionConfig::new(3, Mode::Links)
     };
+    let end_to_end =
+        VisionConfig { end_inset: ident::strict::NonNegative::new(0.0), ..VisionConfig::new(3, Mode::Arc) };
     let rows = [
         ("paper", VisionConfig::new(3, Mode::Paper), [14.0, 8.0]),
-        ("arc", VisionConfig::new(3, Mode::Arc), [0.8, 6.0]),
+        ("arc", end_to_end, [0.8, 6.0]),
         ("links, length free", VisionConfig::new(3, Mode::Links), [0.25, 0.25]),
         ("links, length known", known, [0.2, 0.2]),
     ];

@@ -42,6 +42,7 @@ pub fn positions(
         rollout::check(model, &candidate.state, sample_times_s)?;
     }
     let columns = rollout::columns(model, command)?;
+    let isa = if simulator::one_by_one(model, options) { Isa::Baseline } else { isa };
     let mut results = Vec::with_capacity(candidates.len());
     for group in candidates.chunks(isa.candidates()) {
         let group = Group { model, parameters, group, command, columns: &columns, sample_times_s, options };
@@ -98,6 +99,7 @@ pub fn sensitivities(
         qvel: vec![0.0; candidate.state.qvel.len()],
         start_s: 0.0,
     }];
+    let isa = if simulator::one_by_one(model, options) { Isa::Baseline } else { isa };
     let groups = if directions.is_empty() { &still } else { directions };
     for group in groups.chunks(isa.directions()) {
         let group =

@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test may")]
 
 use sim::batch::{self, Candidate};
-use sim::{Command, Isa, Method, Model, RolloutError, RolloutOptions, Steps, plan, rollout};
+use sim::{Command, Integrator, Isa, Method, Model, RolloutError, RolloutOptions, Steps, plan, rollout};
 
 const CHAIN: &str = include_str!("data/chain_friction.xml");
 const DRIVEN: &str = include_str!("data/chain_active.xml");
@@ -58,6 +58,11 @@ fn a_candidate_moves_the_same_to_the_bit_in_any_lane_of_any_instruction_set_and_
         (CHAIN, vec!["g3/kutta", "q2/frictionloss"], ours(Method::RungeKutta)),
         (DRIVEN, vec!["g1/angular", "servo/gain"], ours(Method::Extrapolation)),
         (ARM, vec!["q3/damping", "q4/stiffness2"], RolloutOptions::default()),
+        (
+            DRIVEN,
+            vec!["g2/blunt"],
+            RolloutOptions { integrator: Some(Integrator::ImplicitFast), ..RolloutOptions::default() },
+        ),
         (OCTOPUS, vec!["a1q3/damping"], ours(Method::Extrapolation)),
     ];
     for (text, names, options) in cases {

@@ -98,10 +98,11 @@ pub struct VisionConfig {
     /// Smoothing length of the centreline, as a multiple of the silhouette's half width. Default 0.4.
     #[serde(default = "smoothing")]
     pub smoothing: Positive,
-    /// Mode `arc`: the centreline stops this many mean half widths short of both ends. Default 0:
-    /// end to end. For comparison with trackers whose midlines do.
-    #[serde(default = "zero")]
-    pub end_inset: NonNegative,
+    /// Mode `arc`: the centreline stops this many mean half widths short of both ends. Default 0, end to end, for
+    /// what is held at `base_px`; 0.9 for a body that nothing holds, whose ends are round: its midline runs from the
+    /// centre of one cap to the other's, as trackers of animals have it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub end_inset: Option<NonNegative>,
     /// When to refuse an image.
     #[serde(default)]
     pub gates: Gates,
@@ -166,7 +167,7 @@ impl VisionConfig {
             min_area_px: min_area(),
             hole_share: hole_share(),
             smoothing: smoothing(),
-            end_inset: zero(),
+            end_inset: None,
             gates: Gates::default(),
         }
     }
@@ -208,6 +209,18 @@ impl VisionConfig {
             None => (1..=n).map(|i| i as f64 / n as f64).collect::<Vec<_>>(),
         };
         std::iter::once(0.0).chain(rest).collect()
+    }
+
+    /// How many mean half widths short of its ends the centreline stops, see the key.
+    pub fn end_inset(&self) -> f64 {
+        /// The centre of a round end is one half width in; a body narrows towards it.
+        const ROUND: f64 = 0.9;
+        match self.end_inset {
+            _ if self.mode != Mode::Arc => 0.0,
+            Some(inset) => inset.get(),
+            None if self.base_px.is_some() => 0.0,
+            None => ROUND,
+        }
     }
 
     /// [`Self::base_px`] as plain numbers.

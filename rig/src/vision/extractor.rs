@@ -240,7 +240,7 @@ impl Extractor {
         check_overlap(line.drawn(&mask).overlap(&mask), &self.config.gates)?;
         let edge = edge_points(&self.config, &seen.contrast, &mask, self.background.blocked());
         let sizes = Sizes::of(&line, mask.area());
-        let line = line.inset(self.config.end_inset.get());
+        let line = line.inset(self.config.end_inset());
         Ok(Candidate { line, mask, edge, sizes })
     }
 

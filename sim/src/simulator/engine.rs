@@ -97,12 +97,6 @@ impl<S: Space> Engine<S> {
             });
         }
         let slope = if stepper == Stepper::ImplicitFast { S::Slope::new(&plant) } else { None };
-        if S::T::LANES > 1 && slope.is_some() {
-            return Err(RolloutError::Unsupported {
-                what: "integrator implicitfast for many candidates at once".into(),
-                instead: "use our own steps, euler or rk4".into(),
-            });
-        }
         let work = Work::new(&plant);
         let drives = model.actuators.len();
         let joint_of_dof = model

@@ -29,7 +29,7 @@ impl<S: Space> Engine<S> {
                 }
             });
         }
-        // a constant: lanes, which never have slopes, are spared the program
+        // a constant: lanes, which are never stepped so, are spared the program
         if S::T::LANES == 1
             && let Some(slope) = &mut self.slope
         {

@@ -38,8 +38,13 @@ pub(crate) enum InSpace<T: Scalar> {
 
 /// The plane to compute `model` in; `None` for space. The water's slopes for implicitfast are there in space only.
 pub(crate) fn plane<T: Scalar>(model: &Model<T>, options: &RolloutOptions) -> Option<Plane<T>> {
+    (!one_by_one(model, options)).then(|| Plane::of(model)).flatten()
+}
+
+/// Whether the step needs the water's slopes, which are there in space only and not in lanes.
+pub(crate) fn one_by_one<T: Scalar>(model: &Model<T>, options: &RolloutOptions) -> bool {
     let integrator = options.integrator.unwrap_or(model.settings.integrator);
-    (integrator != Integrator::ImplicitFast || options.steps.is_some()).then(|| Plane::of(model)).flatten()
+    integrator == Integrator::ImplicitFast && options.steps.is_none()
 }
 
 macro_rules! in_space {
