@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::result::{Bent, CauseParameter};
-use super::state::{State, covariance};
+use super::state::{State, covariance, joint_covariance};
 use crate::fit::counts::Counts;
 use crate::statistics::{CHI2_95, NORMAL_95};
 
@@ -57,16 +57,22 @@ pub(super) fn values(state: &State<'_>, first: usize) -> Vec<CauseParameter> {
         for (name, value) in &term.choices {
             list.push(CauseParameter { name: name.clone(), value: *value, ci95: None, unit: unit(name) });
         }
+        if term.free(&state.model).own.is_empty() {
+            continue;
+        }
         for (run, one) in state.terms.iter().enumerate() {
+            let joint = joint_covariance(state, Some(run));
             for (k, nuisance) in one.rehearsal.nuisances.iter().enumerate() {
                 let crate::simulate::Nuisance::Own { place, .. } = *nuisance else { continue };
                 let sim::model::Parameter::Effect(effect, value) = place else { continue };
                 let name = &state.model.effects()[effect].names()[value];
                 if state.model.effects()[effect].cause() == term.cause {
+                    let best = state.point.offsets[run][k];
+                    let wide = joint.as_ref().map(|joint| NORMAL_95 * joint[(free + k, free + k)].sqrt());
                     list.push(CauseParameter {
                         name: format!("{name}@{}", one.rehearsal.run.id),
-                        value: state.point.offsets[run][k],
-                        ci95: None,
+                        value: best,
+                        ci95: wide.map(|wide| [best - wide, best + wide]),
                         unit: unit(name),
                     });
                 }

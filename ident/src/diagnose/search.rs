@@ -52,6 +52,8 @@ pub(super) struct Search<'b> {
     experiment: &'b Experiment,
     candidates: Vec<Term>,
     pub(super) counts: Counts,
+    /// Sets to which every candidate was tried to be added.
+    expanded: Vec<Vec<&'static str>>,
     stage: &'b mut dyn FnMut(&str) -> bool,
 }
 
@@ -64,7 +66,7 @@ impl<'b> Search<'b> {
     ) -> Self {
         let free = Cause::ALL.iter().copied().filter(|cause| !fitted.contains(cause));
         let candidates = free.flat_map(|cause| Term::all(cause, model)).collect();
-        Self { experiment, candidates, counts: Counts::default(), stage }
+        Self { experiment, candidates, counts: Counts::default(), expanded: Vec::new(), stage }
     }
 
     pub(super) fn says(&mut self, stage: &str) -> Result<(), DiagnoseError> {
@@ -123,6 +125,7 @@ impl<'b> Search<'b> {
     /// `state` with each of the short list in turn, refitted.
     fn expand<'a>(&mut self, state: &State<'a>, scores: &Scores) -> Vec<State<'a>> {
         let list = self.short_list(state, scores);
+        self.expanded.push(sets(state));
         let first: Vec<(Option<State<'a>>, Counts)> = list
             .par_iter()
             .map(|&index| {
@@ -225,10 +228,21 @@ impl<'b> Search<'b> {
             let mut best: Option<State<'a>> = None;
             for dropped in 0..leader.causes.len() {
                 let others: Vec<Term> = without(&leader.causes, dropped);
-                let Some(smaller) = self.refit(baseline, &others, &leader) else { continue };
+                let names = names(&others);
+                let known = tried.iter().find(|state| sets(state) == names).cloned();
+                let smaller = match known {
+                    Some(known) => known,
+                    None => match self.refit(baseline, &others, &leader) {
+                        Some(smaller) => smaller,
+                        None => continue,
+                    },
+                };
                 if !self.accepts(&smaller, &leader) {
                     best = Some(smaller);
                     break;
+                }
+                if self.expanded.contains(&names) {
+                    continue;
                 }
                 let scores = self.score(&smaller);
                 for other in self.expand(&smaller, &scores) {
@@ -274,7 +288,11 @@ impl<'b> Search<'b> {
 
 /// Names of the causes of `state`, sorted.
 pub(super) fn sets(state: &State<'_>) -> Vec<&'static str> {
-    let mut names: Vec<&'static str> = state.causes.iter().map(|term| term.cause.name()).collect();
+    names(&state.causes)
+}
+
+fn names(causes: &[Term]) -> Vec<&'static str> {
+    let mut names: Vec<&'static str> = causes.iter().map(|term| term.cause.name()).collect();
     names.sort_unstable();
     names
 }

@@ -303,39 +303,35 @@ impl Nuisances {
 
 /// Covariance of the common numbers of `state`, as far as all is linear, shape (P, P); even bounds count as beliefs.
 pub(crate) fn covariance(state: &State<'_>) -> Option<DMatrix<f64>> {
+    joint_covariance(state, None)
+}
+
+/// Covariance of the common numbers and, behind them, of those that run `run` has its own of, its pose among them.
+pub(crate) fn joint_covariance(state: &State<'_>, run: Option<usize>) -> Option<DMatrix<f64>> {
     let free = state.parameters.len();
-    let mut sizes = vec![0.0; free];
-    let mut rows = Vec::new();
-    for linear in &state.linear {
-        let mut part = linear.jacobian.columns(0, free).into_owned();
-        take_out(&basis(&linear.jacobian, free), &mut part);
-        for (size, column) in sizes.iter_mut().zip(part.column_iter()) {
-            *size += column.norm_squared();
+    let nuisances = run.map_or(&[][..], |run| &state.terms[run].rehearsal.nuisances);
+    let size = free + nuisances.len();
+    let mut gram = DMatrix::zeros(size, size);
+    for (which, linear) in state.linear.iter().enumerate() {
+        if run == Some(which) {
+            gram.gemm_tr(1.0, &linear.jacobian, &linear.jacobian, 1.0);
+        } else {
+            let mut part = linear.jacobian.columns(0, free).into_owned();
+            take_out(&basis(&linear.jacobian, free), &mut part);
+            gram.view_mut((0, 0), (free, free)).gemm_tr(1.0, &part, &part, 1.0);
         }
-        rows.push(part);
     }
-    let mut gram = DMatrix::zeros(free, free);
-    let beliefs: Vec<f64> = state
-        .parameters
-        .free
-        .iter()
-        .map(|parameter| {
-            let width = parameter.scale.width().max(f64::MIN_POSITIVE);
-            parameter.prior.map_or(width, |prior| prior.std.get().min(width)).powi(-2)
-        })
-        .collect();
-    let units: Vec<f64> = sizes.iter().zip(&beliefs).map(|(size, belief)| (size + belief).sqrt()).collect();
-    for mut part in rows {
-        for (mut column, unit) in part.column_iter_mut().zip(&units) {
-            column /= *unit;
-        }
-        gram.gemm_tr(1.0, &part, &part, 1.0);
+    let common = state.parameters.free.iter().map(|parameter| {
+        let width = parameter.scale.width().max(f64::MIN_POSITIVE);
+        parameter.prior.map_or(width, |prior| prior.std.get().min(width))
+    });
+    for (i, std) in common.chain(nuisances.iter().map(|nuisance| nuisance.belief())).enumerate() {
+        gram[(i, i)] += std.powi(-2);
     }
-    for i in 0..free {
-        gram[(i, i)] += beliefs[i] / units[i].powi(2);
-    }
-    let inverse = gram.cholesky()?.inverse();
-    Some(DMatrix::from_fn(free, free, |i, j| inverse[(i, j)] / (units[i] * units[j])))
+    let units: Vec<f64> = gram.diagonal().iter().map(|x| x.sqrt()).collect();
+    let scaled = DMatrix::from_fn(size, size, |i, j| gram[(i, j)] / (units[i] * units[j]));
+    let inverse = scaled.cholesky()?.inverse();
+    Some(DMatrix::from_fn(size, size, |i, j| inverse[(i, j)] / (units[i] * units[j])))
 }
 
 /// An orthonormal basis of the columns from `first` on.
