@@ -180,30 +180,45 @@ pub(crate) fn interval_s(time_s: &[f64]) -> f64 {
     steps.get(steps.len() / 2).copied().unwrap_or(1.0)
 }
 
-/// A run's coordinates, those seen at the same instants together, in pieces.
-fn stretches(run: usize, seen: &Seen<'_>, interval_s: f64) -> Vec<Stretch> {
-    let mut series: Vec<((usize, usize), Vec<usize>, Vec<f64>)> = Vec::new();
+/// Coordinates seen at the same instants.
+struct Alike {
+    instants: Vec<usize>,
+    /// Keypoint and axis of each.
+    coordinates: Vec<(usize, usize)>,
+    /// Residuals of each.
+    columns: Vec<Vec<f64>>,
+}
+
+/// A run's coordinates, those seen at the same instants together.
+fn alike(seen: &Seen<'_>) -> Vec<Alike> {
+    let mut single: Vec<Alike> = Vec::new();
     for (observation, &residual) in seen.observations.iter().zip(seen.residuals) {
         let key = (observation.keypoint, observation.axis);
-        let place = series.iter().position(|(known, ..)| *known == key).unwrap_or_else(|| {
-            series.push((key, Vec::new(), Vec::new()));
-            series.len() - 1
+        let place = single.iter().position(|one| one.coordinates[0] == key).unwrap_or_else(|| {
+            single.push(Alike { instants: Vec::new(), coordinates: vec![key], columns: vec![Vec::new()] });
+            single.len() - 1
         });
-        series[place].1.push(observation.instant);
-        series[place].2.push(residual);
+        single[place].instants.push(observation.instant);
+        single[place].columns[0].push(residual);
     }
-    let mut groups: Vec<(Vec<usize>, Vec<usize>, Vec<Vec<f64>>)> = Vec::new();
-    for ((keypoint, _), instants, values) in series {
-        match groups.iter_mut().find(|(known, ..)| *known == instants) {
-            Some((_, keypoints, columns)) => {
-                keypoints.push(keypoint);
-                columns.push(values);
+    let mut groups: Vec<Alike> = Vec::new();
+    for mut one in single {
+        match groups.iter_mut().find(|group| group.instants == one.instants) {
+            Some(group) => {
+                group.coordinates.append(&mut one.coordinates);
+                group.columns.append(&mut one.columns);
             }
-            None => groups.push((instants, vec![keypoint], vec![values])),
+            None => groups.push(one),
         }
     }
+    groups
+}
+
+/// The same in pieces that a spline can span.
+fn stretches(run: usize, seen: &Seen<'_>, interval_s: f64) -> Vec<Stretch> {
     let mut list = Vec::new();
-    for (instants, keypoints, columns) in groups {
+    for Alike { instants, coordinates, columns } in alike(seen) {
+        let keypoints: Vec<usize> = coordinates.iter().map(|(keypoint, _)| *keypoint).collect();
         let pieces = instants.len().div_ceil(SPAN).max(1);
         let size = instants.len().div_ceil(pieces).max(1);
         for (piece, part) in instants.chunks(size).enumerate() {

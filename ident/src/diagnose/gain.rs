@@ -17,7 +17,7 @@ const SAMPLES: usize = 2000;
 /// Runs from which on whole runs are drawn; with fewer, pieces of them.
 const RUNS: usize = 6;
 /// Steps from the optimum of all runs to that of all but one.
-const STEPS: usize = 4;
+const STEPS: usize = 2;
 /// Length of a piece \[s\].
 const PIECE_S: f64 = 0.5;
 
@@ -132,8 +132,11 @@ impl HeldOut {
 
 /// The model of `state` fitted to all runs but one.
 fn without(state: &State<'_>, left_out: usize, counts: &mut Counts) -> Option<Model> {
-    let mut state = State { linear: Vec::new(), ..state.clone() };
+    let mut state = state.clone();
     state.terms.remove(left_out);
+    if left_out < state.linear.len() {
+        state.linear.remove(left_out);
+    }
     state.point.offsets.remove(left_out);
     state.steps(STEPS, counts).then(|| state.calibrated())
 }
