@@ -189,8 +189,11 @@ fn diagnosed(path: &Path, frictionless: bool, swapped: bool) -> Diagnosis {
     diagnosis
 }
 
+/// The noise of an encoder is so small beside what any model of a pendulum leaves that the honest verdict is that the rest is
+/// unexplained; the largest part of the description must be the damping all the same.
 #[test]
-fn friction_that_the_pendulum_was_robbed_of_is_found_again() {
+#[ignore = "four diagnoses of real runs take minutes; run it with --ignored --nocapture to see the table"]
+fn damping_that_the_pendulum_was_robbed_of_leads_the_description() {
     let Some(shared) = std::env::var_os("RIG_SHARED") else {
         println!("skipped: RIG_SHARED does not name the folder of shared data");
         return;
@@ -199,11 +202,9 @@ fn friction_that_the_pendulum_was_robbed_of_is_found_again() {
     for swapped in [false, true] {
         let diagnosis = diagnosed(&path, true, swapped);
         assert_ne!(diagnosis.verdict, Verdict::NothingDetectable);
-        let gain = diagnosis.heldout.unwrap().gain;
-        assert!(gain > 0.3, "the best description predicts the other pieces only {gain} better");
-        let list: Vec<&str> =
-            diagnosis.causes.iter().chain(&diagnosis.partial).map(|cause| cause.name.as_str()).collect();
-        assert!(list.contains(&"coulomb_friction") || list.contains(&"joint_damping"), "{list:?}");
+        let described = diagnosis.causes.iter().chain(&diagnosis.partial);
+        let first = described.max_by(|a, b| a.delta_bic.total_cmp(&b.delta_bic)).unwrap();
+        assert!(["coulomb_friction", "joint_damping"].contains(&first.name.as_str()), "{}", first.name);
         diagnosed(&path, false, swapped);
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::result::{Bent, CauseParameter};
-use super::state::{State, covariance};
+use super::state::{Nuisances, State, covariance, joint_covariance};
 use crate::fit::counts::Counts;
 use crate::statistics::{CHI2_95, NORMAL_95};
 
@@ -14,6 +14,8 @@ const MET: f64 = 0.03;
 const MOST_POINTS: usize = 6;
 /// Steps that let all other numbers follow one that is pinned.
 const STEPS: usize = 12;
+/// What all other numbers could still save is no reason to let them go on, as a share of the rise.
+const BESIDE: f64 = 1.0;
 /// A coefficient that moved by more of its standard deviations had bent.
 const BENT: f64 = 2.0;
 
@@ -57,16 +59,22 @@ pub(super) fn values(state: &State<'_>, first: usize) -> Vec<CauseParameter> {
         for (name, value) in &term.choices {
             list.push(CauseParameter { name: name.clone(), value: *value, ci95: None, unit: unit(name) });
         }
+        if term.free(&state.model).own.is_empty() {
+            continue;
+        }
         for (run, one) in state.terms.iter().enumerate() {
+            let joint = joint_covariance(state, Some(run));
             for (k, nuisance) in one.rehearsal.nuisances.iter().enumerate() {
                 let crate::simulate::Nuisance::Own { place, .. } = *nuisance else { continue };
                 let sim::model::Parameter::Effect(effect, value) = place else { continue };
                 let name = &state.model.effects()[effect].names()[value];
                 if state.model.effects()[effect].cause() == term.cause {
+                    let best = state.point.offsets[run][k];
+                    let wide = joint.as_ref().map(|joint| NORMAL_95 * joint[(free + k, free + k)].sqrt());
                     list.push(CauseParameter {
                         name: format!("{name}@{}", one.rehearsal.run.id),
-                        value: state.point.offsets[run][k],
-                        ci95: None,
+                        value: best,
+                        ci95: wide.map(|wide| [best - wide, best + wide]),
                         unit: unit(name),
                     });
                 }
@@ -80,6 +88,7 @@ pub(super) fn values(state: &State<'_>, first: usize) -> Vec<CauseParameter> {
 fn end(state: &State<'_>, which: usize, side: f64, covariance: &DMatrix<f64>) -> f64 {
     let (best, scale) = (state.point.values[which], state.parameters.free[which].scale);
     let std = covariance[(which, which)].sqrt();
+    let others = Nuisances::except(state, Some(which));
     let limit = CHI2_95.sqrt();
     let (mut inside, mut outside) = ((best, 0.0), None);
     let mut next = best + side * NORMAL_95 * std;
@@ -88,7 +97,7 @@ fn end(state: &State<'_>, which: usize, side: f64, covariance: &DMatrix<f64>) ->
         if x == inside.0 {
             return x;
         }
-        let rise = rise(state, which, x, covariance);
+        let rise = rise(state, which, x, covariance, &others);
         if (rise / limit - 1.0).abs() <= MET || x != next && rise < limit {
             return x;
         }
@@ -109,7 +118,7 @@ fn end(state: &State<'_>, which: usize, side: f64, covariance: &DMatrix<f64>) ->
 }
 
 /// Root of how much more the best point with number `which` at `x` costs.
-fn rise(state: &State<'_>, which: usize, x: f64, covariance: &DMatrix<f64>) -> f64 {
+fn rise(state: &State<'_>, which: usize, x: f64, covariance: &DMatrix<f64>, others: &Nuisances) -> f64 {
     let mut pinned = State { linear: Vec::new(), ..state.clone() };
     // the others begin where they go if all is linear
     let share = (x - state.point.values[which]) / covariance[(which, which)];
@@ -118,7 +127,17 @@ fn rise(state: &State<'_>, which: usize, x: f64, covariance: &DMatrix<f64>) -> f
     }
     pinned.point.values[which] = x;
     pinned.parameters = state.parameters.pinned(which, x);
-    match pinned.steps(STEPS, &mut Counts::default()) {
+    let mut counts = Counts::default();
+    if let Some(residuals) = pinned.problem().residuals(&pinned.point, &mut counts) {
+        let all: f64 = residuals.iter().map(|r| r.norm_squared()).sum();
+        let left = others.left_of(residuals.iter()).norm_squared();
+        let least = others.residuals(state).norm_squared();
+        // what the others could still save if they went on is little: that they have not does not matter
+        if all - left <= BESIDE * (left - least).max(0.0) + BESIDE * CHI2_95 {
+            return (left - least).max(0.0).sqrt();
+        }
+    }
+    match pinned.steps(STEPS, &mut counts) {
         true => (pinned.cost - state.cost).max(0.0).sqrt(),
         false => f64::INFINITY,
     }

@@ -180,30 +180,45 @@ pub(crate) fn interval_s(time_s: &[f64]) -> f64 {
     steps.get(steps.len() / 2).copied().unwrap_or(1.0)
 }
 
-/// A run's coordinates, those seen at the same instants together, in pieces.
-fn stretches(run: usize, seen: &Seen<'_>, interval_s: f64) -> Vec<Stretch> {
-    let mut series: Vec<((usize, usize), Vec<usize>, Vec<f64>)> = Vec::new();
+/// Coordinates seen at the same instants.
+struct Alike {
+    instants: Vec<usize>,
+    /// Keypoint and axis of each.
+    coordinates: Vec<(usize, usize)>,
+    /// Residuals of each.
+    columns: Vec<Vec<f64>>,
+}
+
+/// A run's coordinates, those seen at the same instants together.
+fn alike(seen: &Seen<'_>) -> Vec<Alike> {
+    let mut single: Vec<Alike> = Vec::new();
     for (observation, &residual) in seen.observations.iter().zip(seen.residuals) {
         let key = (observation.keypoint, observation.axis);
-        let place = series.iter().position(|(known, ..)| *known == key).unwrap_or_else(|| {
-            series.push((key, Vec::new(), Vec::new()));
-            series.len() - 1
+        let place = single.iter().position(|one| one.coordinates[0] == key).unwrap_or_else(|| {
+            single.push(Alike { instants: Vec::new(), coordinates: vec![key], columns: vec![Vec::new()] });
+            single.len() - 1
         });
-        series[place].1.push(observation.instant);
-        series[place].2.push(residual);
+        single[place].instants.push(observation.instant);
+        single[place].columns[0].push(residual);
     }
-    let mut groups: Vec<(Vec<usize>, Vec<usize>, Vec<Vec<f64>>)> = Vec::new();
-    for ((keypoint, _), instants, values) in series {
-        match groups.iter_mut().find(|(known, ..)| *known == instants) {
-            Some((_, keypoints, columns)) => {
-                keypoints.push(keypoint);
-                columns.push(values);
+    let mut groups: Vec<Alike> = Vec::new();
+    for mut one in single {
+        match groups.iter_mut().find(|group| group.instants == one.instants) {
+            Some(group) => {
+                group.coordinates.append(&mut one.coordinates);
+                group.columns.append(&mut one.columns);
             }
-            None => groups.push((instants, vec![keypoint], vec![values])),
+            None => groups.push(one),
         }
     }
+    groups
+}
+
+/// The same in pieces that a spline can span.
+fn stretches(run: usize, seen: &Seen<'_>, interval_s: f64) -> Vec<Stretch> {
     let mut list = Vec::new();
-    for (instants, keypoints, columns) in groups {
+    for Alike { instants, coordinates, columns } in alike(seen) {
+        let keypoints: Vec<usize> = coordinates.iter().map(|(keypoint, _)| *keypoint).collect();
         let pieces = instants.len().div_ceil(SPAN).max(1);
         let size = instants.len().div_ceil(pieces).max(1);
         for (piece, part) in instants.chunks(size).enumerate() {
@@ -330,4 +345,71 @@ pub(crate) struct Slow {
     pub(crate) functions: f64,
     pub(crate) all: f64,
     pub(crate) count: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::*;
+
+    const NOISE_M: f64 = 4e-4;
+    const CORRELATION: f64 = 0.5;
+    /// 3000 numbers tell a standard deviation to 2 %, correlated ones a little less well.
+    const STD_TOLERANCE: f64 = 0.06;
+    /// Four standard deviations of the estimate.
+    const CORRELATION_TOLERANCE: f64 = 0.08;
+
+    /// Correlated noise on a slow error, with a gap of missing images.
+    fn run(error_m: f64, seed: u64) -> (Vec<Observation>, Vec<f64>, Vec<f64>) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let time_s: Vec<f64> = (0..300).map(|image| f64::from(image) * 0.01).collect();
+        let (mut observations, mut residuals) = (Vec::new(), Vec::new());
+        for keypoint in 0..3 {
+            for axis in [0, 2] {
+                let mut noise: f64 = StandardNormal.sample(&mut random);
+                for (instant, t) in time_s.iter().enumerate() {
+                    let normal: f64 = StandardNormal.sample(&mut random);
+                    noise = CORRELATION * noise + (1.0 - CORRELATION * CORRELATION).sqrt() * normal;
+                    if (120..131).contains(&instant) {
+                        continue;
+                    }
+                    observations.push(Observation { instant, keypoint, axis, measured_m: 0.0, per_m: 1.0 });
+                    let moving = f64::from(u8::from(*t > 0.3));
+                    let slow = error_m * (6.0 * t + keypoint as f64).sin() * moving;
+                    residuals.push(slow + NOISE_M * noise);
+                }
+            }
+        }
+        (observations, residuals, time_s)
+    }
+
+    #[test]
+    fn slow_errors_ten_times_the_noise_leave_the_floor_where_it_is() {
+        for (seed, error_m) in [(1, 0.0), (2, 4e-3)] {
+            let (observations, residuals, time_s) = run(error_m, seed);
+            let seen = Seen {
+                id: "run",
+                observations: &observations,
+                residuals: &residuals,
+                time_s: &time_s,
+                start_s: 0.3,
+            };
+            let floor = floor(&[seen]);
+            assert!((floor.noise_m / NOISE_M - 1.0).abs() < STD_TOLERANCE, "{}", floor.noise_m);
+            let correlation = floor.correlation;
+            assert!((correlation - CORRELATION).abs() < CORRELATION_TOLERANCE, "{correlation}");
+        }
+    }
+
+    #[test]
+    fn splines_add_up_to_one_everywhere() {
+        let time_s: Vec<f64> = (0..80).map(|image| 0.013 * f64::from(image)).collect();
+        let basis = basis(&time_s, 10, 0.05);
+        for row in basis.row_iter() {
+            assert!((row.sum() - 1.0).abs() < 1e-12, "{row}");
+        }
+    }
 }

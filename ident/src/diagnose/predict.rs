@@ -122,6 +122,9 @@ pub(super) fn decide<'a>(
     }
     let Some(least) = cost(experiment, &found.leader, floor, counts) else { return };
     for i in near {
+        if !found.tried[i].descend(counts) {
+            continue;
+        }
         if let Some(other) = cost(experiment, &found.tried[i], floor, counts) {
             found.tried[i].predicted = other - least;
         }

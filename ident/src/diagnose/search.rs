@@ -23,8 +23,11 @@ const FALSE_ALARM: f64 = 1e-4;
 const SHORT_LIST: usize = 5;
 /// After one step a candidate stays when its BIC is within this of the best one's, or within this share of what that one
 /// has saved.
-const NEAR: f64 = 40.0;
-const CATCH_UP: f64 = 0.3;
+const NEAR: f64 = 100.0;
+const CATCH_UP: f64 = 0.7;
+/// After three steps only what is within this of the best one goes on to its optimum.
+const LAST: f64 = 30.0;
+const LAST_SHARE: f64 = 0.1;
 /// And so many stay in any case.
 const KEPT: usize = 3;
 /// Sets that go on.
@@ -52,6 +55,8 @@ pub(super) struct Search<'b> {
     experiment: &'b Experiment,
     candidates: Vec<Term>,
     pub(super) counts: Counts,
+    /// Sets to which every candidate was tried to be added.
+    expanded: Vec<Vec<&'static str>>,
     stage: &'b mut dyn FnMut(&str) -> bool,
 }
 
@@ -64,7 +69,7 @@ impl<'b> Search<'b> {
     ) -> Self {
         let free = Cause::ALL.iter().copied().filter(|cause| !fitted.contains(cause));
         let candidates = free.flat_map(|cause| Term::all(cause, model)).collect();
-        Self { experiment, candidates, counts: Counts::default(), stage }
+        Self { experiment, candidates, counts: Counts::default(), expanded: Vec::new(), stage }
     }
 
     pub(super) fn says(&mut self, stage: &str) -> Result<(), DiagnoseError> {
@@ -123,6 +128,7 @@ impl<'b> Search<'b> {
     /// `state` with each of the short list in turn, refitted.
     fn expand<'a>(&mut self, state: &State<'a>, scores: &Scores) -> Vec<State<'a>> {
         let list = self.short_list(state, scores);
+        self.expanded.push(sets(state));
         let first: Vec<(Option<State<'a>>, Counts)> = list
             .par_iter()
             .map(|&index| {
@@ -141,14 +147,24 @@ impl<'b> Search<'b> {
         // what lies far behind after a step that is nearly the last one does not catch up
         let reach = best + NEAR.max(CATCH_UP * (state.bic() - best));
         let reach = reach.max(reached.get(KEPT - 1).copied().unwrap_or(f64::INFINITY));
-        let refitted: Vec<(Option<State<'a>>, Counts)> = first
+        let bent = |next: &State<'a>| next.causes.last().is_some_and(Term::is_strongly_bent);
+        let further: Vec<(Option<State<'a>>, Counts)> = first
             .into_par_iter()
             .map(|(next, mut counts)| {
-                let near = |next: &State<'a>| {
-                    next.bic() <= reach || next.causes.last().is_some_and(Term::is_strongly_bent)
-                };
-                let mut next = next.filter(near);
-                if !next.as_mut().is_some_and(|next| next.descend(&mut counts)) {
+                let mut next = next.filter(|next| next.bic() <= reach || bent(next));
+                if !next.as_mut().is_some_and(|next| next.steps(2, &mut counts)) {
+                    next = None;
+                }
+                (next, counts)
+            })
+            .collect();
+        let best =
+            further.iter().filter_map(|(next, _)| Some(next.as_ref()?.bic())).fold(f64::INFINITY, f64::min);
+        let reach = best + LAST.max(LAST_SHARE * (state.bic() - best));
+        let refitted: Vec<(Option<State<'a>>, Counts)> = further
+            .into_par_iter()
+            .map(|(mut next, mut counts)| {
+                if next.as_mut().is_some_and(|next| next.bic() <= reach && !next.descend(&mut counts)) {
                     next = None;
                 }
                 (next, counts)
@@ -199,9 +215,11 @@ impl<'b> Search<'b> {
             if more {
                 self.says("looking for a further cause")?;
                 next = self.expand(&leader, &scores);
-                for other in beam.iter().skip(1).take(BEAM - 1) {
-                    let scores = self.score(other);
-                    next.extend(self.expand(other, &scores));
+                for mut other in beam.iter().skip(1).take(BEAM - 1).cloned() {
+                    if other.descend(&mut self.counts) {
+                        let scores = self.score(&other);
+                        next.extend(self.expand(&other, &scores));
+                    }
                 }
             }
             beam = next;
@@ -225,10 +243,21 @@ impl<'b> Search<'b> {
             let mut best: Option<State<'a>> = None;
             for dropped in 0..leader.causes.len() {
                 let others: Vec<Term> = without(&leader.causes, dropped);
-                let Some(smaller) = self.refit(baseline, &others, &leader) else { continue };
+                let names = names(&others);
+                let known = tried.iter().find(|state| sets(state) == names).cloned();
+                let mut smaller = match known {
+                    Some(known) => known,
+                    None => match self.refit(baseline, &others, &leader) {
+                        Some(smaller) => smaller,
+                        None => continue,
+                    },
+                };
                 if !self.accepts(&smaller, &leader) {
                     best = Some(smaller);
                     break;
+                }
+                if self.expanded.contains(&names) || !smaller.descend(&mut self.counts) {
+                    continue;
                 }
                 let scores = self.score(&smaller);
                 for other in self.expand(&smaller, &scores) {
@@ -274,7 +303,11 @@ impl<'b> Search<'b> {
 
 /// Names of the causes of `state`, sorted.
 pub(super) fn sets(state: &State<'_>) -> Vec<&'static str> {
-    let mut names: Vec<&'static str> = state.causes.iter().map(|term| term.cause.name()).collect();
+    names(&state.causes)
+}
+
+fn names(causes: &[Term]) -> Vec<&'static str> {
+    let mut names: Vec<&'static str> = causes.iter().map(|term| term.cause.name()).collect();
     names.sort_unstable();
     names
 }

@@ -1,6 +1,7 @@
 //! A model with some causes, fitted: what all tests start from.
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use sim::{Model, Trajectory};
 
 use super::candidates::Term as CauseTerm;
@@ -258,7 +259,7 @@ impl Nuisances {
         if let Some(left_out) = left_out {
             common = common.remove_column(left_out);
         }
-        let common = if common.ncols() == 0 { common } else { common.qr().q() };
+        let common = orthonormal(common);
         Self { own, common, rows, priors: free }
     }
 
@@ -291,10 +292,15 @@ impl Nuisances {
 
     /// The residuals of all runs one below the other, what the fitted numbers can do taken out.
     pub(crate) fn residuals(&self, state: &State<'_>) -> DVector<f64> {
+        self.left_of(state.linear.iter().map(|linear| &linear.residuals))
+    }
+
+    /// The same of any `residuals`, by run.
+    pub(crate) fn left_of<'r>(&self, residuals: impl Iterator<Item = &'r DVector<f64>>) -> DVector<f64> {
         let mut all = DMatrix::zeros(self.len(), 1);
-        for (run, linear) in state.linear.iter().enumerate() {
+        for (run, residuals) in residuals.enumerate() {
             let range = self.of_run(run);
-            all.view_mut((range.start, 0), (range.len(), 1)).copy_from(&linear.residuals);
+            all.view_mut((range.start, 0), (range.len(), 1)).copy_from(residuals);
         }
         self.take_out(&mut all);
         all.column(0).into_owned()
@@ -303,39 +309,35 @@ impl Nuisances {
 
 /// Covariance of the common numbers of `state`, as far as all is linear, shape (P, P); even bounds count as beliefs.
 pub(crate) fn covariance(state: &State<'_>) -> Option<DMatrix<f64>> {
+    joint_covariance(state, None)
+}
+
+/// Covariance of the common numbers and, behind them, of those that run `run` has its own of, its pose among them.
+pub(crate) fn joint_covariance(state: &State<'_>, run: Option<usize>) -> Option<DMatrix<f64>> {
     let free = state.parameters.len();
-    let mut sizes = vec![0.0; free];
-    let mut rows = Vec::new();
-    for linear in &state.linear {
-        let mut part = linear.jacobian.columns(0, free).into_owned();
-        take_out(&basis(&linear.jacobian, free), &mut part);
-        for (size, column) in sizes.iter_mut().zip(part.column_iter()) {
-            *size += column.norm_squared();
+    let nuisances = run.map_or(&[][..], |run| &state.terms[run].rehearsal.nuisances);
+    let size = free + nuisances.len();
+    let mut gram = DMatrix::zeros(size, size);
+    for (which, linear) in state.linear.iter().enumerate() {
+        if run == Some(which) {
+            gram.gemm_tr(1.0, &linear.jacobian, &linear.jacobian, 1.0);
+        } else {
+            let mut part = linear.jacobian.columns(0, free).into_owned();
+            take_out(&basis(&linear.jacobian, free), &mut part);
+            gram.view_mut((0, 0), (free, free)).gemm_tr(1.0, &part, &part, 1.0);
         }
-        rows.push(part);
     }
-    let mut gram = DMatrix::zeros(free, free);
-    let beliefs: Vec<f64> = state
-        .parameters
-        .free
-        .iter()
-        .map(|parameter| {
-            let width = parameter.scale.width().max(f64::MIN_POSITIVE);
-            parameter.prior.map_or(width, |prior| prior.std.get().min(width)).powi(-2)
-        })
-        .collect();
-    let units: Vec<f64> = sizes.iter().zip(&beliefs).map(|(size, belief)| (size + belief).sqrt()).collect();
-    for mut part in rows {
-        for (mut column, unit) in part.column_iter_mut().zip(&units) {
-            column /= *unit;
-        }
-        gram.gemm_tr(1.0, &part, &part, 1.0);
+    let common = state.parameters.free.iter().map(|parameter| {
+        let width = parameter.scale.width().max(f64::MIN_POSITIVE);
+        parameter.prior.map_or(width, |prior| prior.std.get().min(width))
+    });
+    for (i, std) in common.chain(nuisances.iter().map(|nuisance| nuisance.belief())).enumerate() {
+        gram[(i, i)] += std.powi(-2);
     }
-    for i in 0..free {
-        gram[(i, i)] += beliefs[i] / units[i].powi(2);
-    }
-    let inverse = gram.cholesky()?.inverse();
-    Some(DMatrix::from_fn(free, free, |i, j| inverse[(i, j)] / (units[i] * units[j])))
+    let units: Vec<f64> = gram.diagonal().iter().map(|x| x.sqrt()).collect();
+    let scaled = DMatrix::from_fn(size, size, |i, j| gram[(i, j)] / (units[i] * units[j]));
+    let inverse = scaled.cholesky()?.inverse();
+    Some(DMatrix::from_fn(size, size, |i, j| inverse[(i, j)] / (units[i] * units[j])))
 }
 
 /// An orthonormal basis of the columns from `first` on.
@@ -347,8 +349,43 @@ fn basis(jacobian: &DMatrix<f64>, first: usize) -> DMatrix<f64> {
             column /= norm;
         }
     }
-    if own.ncols() == 0 { own } else { own.qr().q() }
+    orthonormal(own)
 }
+
+/// Rows that are made triangular together.
+const BLOCK: usize = 500;
+
+/// An orthonormal basis of the span of `columns`, which are many times longer than there are of them: blocks of rows are
+/// made triangular first, then all their triangles, and the columns are divided by the last one.
+fn orthonormal(columns: DMatrix<f64>) -> DMatrix<f64> {
+    let (rows, count) = columns.shape();
+    if count == 0 {
+        return columns;
+    }
+    let blocks: Vec<usize> = (0..rows).step_by(BLOCK).collect();
+    let triangles: Vec<DMatrix<f64>> = blocks
+        .par_iter()
+        .map(|&from| columns.rows(from, BLOCK.min(rows - from)).into_owned().qr().unpack_r())
+        .collect();
+    let mut stacked = DMatrix::zeros(triangles.iter().map(DMatrix::nrows).sum(), count);
+    let mut from = 0;
+    for triangle in triangles {
+        stacked.rows_mut(from, triangle.nrows()).copy_from(&triangle);
+        from += triangle.nrows();
+    }
+    let triangle = stacked.qr().unpack_r();
+    let largest = triangle.diagonal().amax();
+    match triangle.clone().try_inverse() {
+        Some(inverse) if triangle.diagonal().iter().all(|x| x.abs() > SINGULAR * largest) => {
+            columns * inverse
+        }
+        // columns that depend on each other
+        _ => columns.qr().q(),
+    }
+}
+
+/// A diagonal entry this small beside the largest is none.
+const SINGULAR: f64 = 1e-9;
 
 fn take_out(basis: &DMatrix<f64>, columns: &mut DMatrix<f64>) {
     if basis.ncols() > 0 {

@@ -5,7 +5,8 @@ use sim::Cause;
 use super::floor::Floor;
 use super::gates::{constancy, fitness};
 use super::result::{
-    Alternative, ConstancyTest, Diagnosis, Fitness, NamedCause, NoiseFloor, PerRun, Verdict, Whiteness,
+    Alternative, ConstancyTest, Diagnosis, Fitness, HeldOut, NamedCause, NoiseFloor, PerRun, Verdict,
+    Whiteness,
 };
 use super::search::{BETTER, Found, sets};
 use super::state::State;
@@ -32,12 +33,20 @@ pub(super) fn verdict<'a>(
     let tests = constancy(leader, baseline.parameters.len());
     let heldout = predict::fitness(experiment, leader, floor, counts);
     let total = baseline.count();
+    let gained = match leader.causes.is_empty() {
+        true => None,
+        false => gain::gain(experiment, baseline, leader, floor, counts),
+    };
 
     let mut remarks = Vec::new();
     let verdict = if !accepted {
         if before.objects(0.0, total) { Verdict::Unexplained } else { Verdict::NothingDetectable }
     } else {
         remarks = objections(&after, heldout.as_ref(), &tests, explained, total);
+        // what each run has its own of cannot be told beforehand
+        if leader.causes.iter().all(|term| term.free(&leader.model).own.is_empty()) {
+            remarks.extend(gained.as_ref().and_then(HeldOut::objection));
+        }
         match leader.causes.len() {
             _ if !remarks.is_empty() => Verdict::Unexplained,
             1 => Verdict::Cause,
@@ -76,11 +85,7 @@ pub(super) fn verdict<'a>(
             stated_m: experiment.noise_m,
             runs: floor.runs.clone(),
         },
-        heldout: if describes && !leader.causes.is_empty() {
-            gain::gain(experiment, baseline, &leader, floor, counts)
-        } else {
-            None
-        },
+        heldout: gained.filter(|_| describes),
         detectable: detect::detectable(baseline, &found.first),
         next_experiments: Vec::new(),
         partial: if verdict == Verdict::Unexplained { list } else { Vec::new() },

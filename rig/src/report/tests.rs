@@ -115,6 +115,7 @@ fn whole() -> ReportData {
         date: "2026-11-20 10:15:03 UTC".into(),
         description: "Drop of the three-link chain from the horizontal pose, hanging mount.".into(),
         end: Some(RunEnd::Success),
+        diagnosis: None,
         fit: Some(Fit {
             method: "hybrid".into(),
             seed: 1,

@@ -1,0 +1,104 @@
+//! The diagnosis on runs made by another integrator: what is hidden is found, and the run it asks for tells rivals apart.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test stops where it cannot go on, and shows its figures"
+)]
+
+mod common;
+
+use common::{chain, driven_chain, filmed_exactly, guess, still};
+use ident::design::runs::Motion;
+use ident::diagnose::{Verdict, diagnose, pin_down};
+use ident::experiment::{Experiment, FitConfig, Run, RunKind};
+use sim::{Command, Model};
+
+const START_S: f64 = 0.3;
+const NOISE_M: f64 = 4e-4;
+const CORRELATION: f64 = 0.4;
+/// A value is recovered to within this share of it: five standard deviations at the sizes hidden here.
+const RECOVERED: f64 = 0.2;
+
+fn with(mut model: Model, cause: &str, value: f64) -> Model {
+    model.add_effect(cause.split('/').next().unwrap()).unwrap();
+    model.set_parameter(cause, value).unwrap();
+    model
+}
+
+fn strokes(seconds: f64) -> Command {
+    let mut command = common::strokes(0.6, 1.2, seconds);
+    command.time_s.iter_mut().for_each(|t| *t += START_S - 0.2);
+    command
+}
+
+fn dropped(id: &str, model: &Model, pose: [f64; 3], seed: u64) -> Run {
+    let mut trajectory = filmed_exactly(model, &still(pose), &Command::default(), START_S, 2.5, true);
+    common::add_noise(&mut trajectory, NOISE_M, CORRELATION, seed);
+    Run { release_s: Some(START_S), prescribed: true, ..Run::new(id, RunKind::Drop, trajectory) }
+}
+
+fn driven(id: &str, model: &Model, command: Command, seconds: f64, seed: u64) -> Run {
+    let mut trajectory = filmed_exactly(model, &still([0.0; 3]), &command, START_S, seconds, true);
+    common::add_noise(&mut trajectory, NOISE_M, CORRELATION, seed);
+    Run { command: Some(command), prescribed: true, ..Run::new(id, RunKind::Driven, trajectory) }
+}
+
+/// The chain with default coefficients, those of the fluid and the passive joints fitted.
+fn experiment(truth: Model, runs: Vec<Run>) -> Experiment {
+    let mut model = guess(truth);
+    // not fitted: the driven joint's own
+    model.set_parameter("q1/damping", 2e-6).unwrap();
+    let fit = FitConfig { parameters: vec!["fluidcoef".into(), "damping".into()], ..FitConfig::default() };
+    Experiment { model, noise_m: None, fit, runs }
+}
+
+#[test]
+fn two_causes_at_once_are_both_named() {
+    let truth = with(with(chain(), "added_mass/scale", 1.0), "camera_delay/delay", 0.012);
+    let poses = [[1.5, 0.0, 0.0], [0.9, -1.2, 1.2], [-1.1, 0.3, -0.5]];
+    let runs =
+        poses.iter().zip(1..).map(|(&pose, seed)| dropped(&format!("drop-{seed}"), &truth, pose, seed));
+    let diagnosis = diagnose(&experiment(chain(), runs.collect()), &mut ()).unwrap().diagnosis;
+    println!("{} {:?}", diagnosis.sentence, diagnosis.remarks);
+    assert_eq!(diagnosis.verdict, Verdict::Causes);
+    for (name, hidden) in [("added_mass/scale", 1.0), ("camera_delay/delay", 0.012)] {
+        let mut all = diagnosis.causes.iter().flat_map(|cause| &cause.parameters);
+        let found = all.find(|parameter| parameter.name == name).unwrap();
+        assert!((found.value / hidden - 1.0).abs() < RECOVERED, "{found:?}");
+    }
+}
+
+#[test]
+fn first_suggested_run_resolves_an_ambiguity() {
+    let truth = with(driven_chain(), "linear_drag/drag", 2.5e-3);
+    let mut experiment = experiment(driven_chain(), vec![driven("driven", &truth, strokes(2.5), 2.5, 7)]);
+    let first = diagnose(&experiment, &mut ()).unwrap();
+    println!("{}", first.diagnosis.sentence);
+    for next in &first.diagnosis.next_experiments {
+        println!("{} {:?} {:.1} -> {:.1}", next.what, next.separates, next.before, next.after);
+    }
+    assert_eq!(first.diagnosis.verdict, Verdict::Ambiguous);
+    let next = &first.next[0];
+    let run = match &next.motion {
+        Motion::Drop { pose_rad } => dropped("next", &truth, [pose_rad[0], pose_rad[1], pose_rad[2]], 8),
+        Motion::Driven { .. } => driven("next", &truth, next.command(&experiment).unwrap(), next.seconds, 8),
+    };
+    experiment.runs.push(run);
+    let second = diagnose(&experiment, &mut ()).unwrap().diagnosis;
+    println!("{} {:?}", second.sentence, second.alternatives);
+    assert_eq!(second.verdict, Verdict::Cause);
+    assert_eq!(second.causes[0].name, "linear_drag");
+}
+
+#[test]
+fn a_loose_parameter_is_pinned_down_by_the_runs_proposed_for_it() {
+    let experiment =
+        experiment(driven_chain(), vec![driven("driven", &driven_chain(), strokes(2.0), 2.0, 3)]);
+    let (advice, runs) = pin_down(&experiment, &["g3/blunt".to_owned()]).unwrap();
+    assert_eq!(advice.len(), runs.len());
+    assert!(advice[0].after < 0.7 * advice[0].before, "{:?}", advice[0]);
+    assert!(advice.windows(2).all(|pair| pair[0].after <= pair[1].after), "best first");
+    let message = pin_down(&experiment, &["g3/blnt".to_owned()]).unwrap_err().to_string();
+    assert!(message.contains("did you mean `g3/blunt`?"), "{message}");
+}
