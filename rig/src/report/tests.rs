@@ -110,7 +110,6 @@ fn whole() -> ReportData {
         ..RunFigures::default()
     };
     ReportData {
-        diagnosis: None,
         id: "20261120T101503Z-ab12cd".into(),
         date: "2026-11-20 10:15:03 UTC".into(),
         description: "Drop of the three-link chain from the horizontal pose, hanging mount.".into(),
