@@ -120,7 +120,10 @@ impl Case {
                 let hideout = Hideout::draw(name, &benches.get(self.seed, fits_damping).0, &mut draw);
                 let limit = benches.limit(self.seed, fits_damping, &hideout)?;
                 let (bench, imitation) = benches.get(self.seed, fits_damping);
-                let (hidden, truth) = hideout.hide(bench, imitation, limit, size)?;
+                let (hidden, mut truth) = hideout.hide(bench, imitation, limit, size)?;
+                if matches!(self.kind, Kind::One(..)) {
+                    truth.rival = Some(benches.nearest(self.seed, fits_damping, name, &hidden));
+                }
                 (hidden, vec![truth])
             }
             Kind::Pair(a, b) => {

@@ -50,6 +50,8 @@ pub struct Truth {
     pub times: f64,
     /// Whether a bound of physics kept it smaller than asked for.
     pub clipped: bool,
+    /// The other cause that looks most like it in these runs, and the chi-square by which they differ.
+    pub rival: Option<(String, f64)>,
 }
 
 impl Hideout {
@@ -165,7 +167,8 @@ impl Hideout {
         let times = if self.inverse { times } else { size / limit };
         let hidden = self.at(size);
         let numbers = self.along.iter().map(|(name, _)| (name.clone(), hidden.get(name, 0.0)));
-        let truth = Truth { cause: self.cause.clone(), size: numbers.collect(), limit, times, clipped };
+        let truth =
+            Truth { cause: self.cause.clone(), size: numbers.collect(), limit, times, clipped, rival: None };
         Some((hidden, truth))
     }
 }

@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, DVector};
 use super::bench::{Bench, COARSE_S, LINKS, Run};
 use super::chain::Plane;
 use super::hide::Hideout;
+use super::rivals::Rivals;
 use super::terms::Hidden;
 use super::write::correlation;
 
@@ -114,8 +115,13 @@ impl Imitation {
         Self { plain, basis: matrix.qr().q(), correlation }
     }
 
-    /// The difference that `hidden` makes, whitened, beyond what `others` can imitate.
-    fn left(&self, bench: &Bench, hidden: &Hidden, base: &Hidden) -> DVector<f64> {
+    /// The difference that `hidden` makes, whitened, beyond what a fit can imitate.
+    pub(super) fn left(&self, bench: &Bench, hidden: &Hidden) -> DVector<f64> {
+        self.left_beside(bench, hidden, &Hidden::default())
+    }
+
+    /// The same, beside `base`.
+    fn left_beside(&self, bench: &Bench, hidden: &Hidden, base: &Hidden) -> DVector<f64> {
         let runs = fitted(bench).zip(&self.plain).map(|(run, plain)| {
             let with = bench.watch(run, hidden, COARSE_S);
             match base.0.is_empty() {
@@ -134,13 +140,13 @@ impl Imitation {
 
     /// The chi-square by which the runs show `hidden` beyond all that a fit can imitate.
     pub fn chi_square(&self, bench: &Bench, hidden: &Hidden) -> f64 {
-        self.left(bench, hidden, &Hidden::default()).norm_squared()
+        self.left(bench, hidden).norm_squared()
     }
 
     /// The same, with the partner `other` of a pair at work beside it and free too.
     pub fn chi_square_beside(&self, bench: &Bench, both: &Hidden, other: &Hidden) -> f64 {
-        let own = self.left(bench, both, other);
-        let theirs = self.left(bench, other, &Hidden::default()).normalize();
+        let own = self.left_beside(bench, both, other);
+        let theirs = self.left(bench, other).normalize();
         own.norm_squared() - own.dot(&theirs).powi(2)
     }
 
@@ -176,6 +182,7 @@ pub fn largest_bend(bench: &Bench) -> f64 {
 pub struct Benches {
     benches: HashMap<(u64, bool), (Bench, Imitation)>,
     limits: HashMap<(u64, bool, String), Option<f64>>,
+    rivals: HashMap<(u64, bool), Rivals>,
 }
 
 impl Benches {
@@ -186,6 +193,14 @@ impl Benches {
             let imitation = Imitation::new(&bench, correlation(seed));
             (bench, imitation)
         })
+    }
+
+    /// The rival of `cause`, as `hidden` has it, that is nearest to it on the bench of `seed`, and their chi-square apart.
+    pub fn nearest(&mut self, seed: u64, fits_damping: bool, cause: &str, hidden: &Hidden) -> (String, f64) {
+        self.get(seed, fits_damping);
+        let (bench, imitation) = &self.benches[&(seed, fits_damping)];
+        let rivals = self.rivals.entry((seed, fits_damping)).or_insert_with(|| Rivals::new(bench, imitation));
+        rivals.nearest(bench, imitation, cause, hidden)
     }
 
     /// The limit of `hideout` on the bench of `seed`.

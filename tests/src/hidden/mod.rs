@@ -16,6 +16,7 @@ pub mod fluid;
 pub mod hide;
 pub mod limit;
 pub mod motion;
+pub mod rivals;
 pub mod score;
 pub mod terms;
 pub mod write;

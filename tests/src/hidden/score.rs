@@ -9,6 +9,9 @@ use super::diagnose::{Named, Outcome};
 /// Gaps to the noise floor below this say nothing about how much of them was closed \[m\].
 const GAP_M: f64 = 3e-5;
 
+/// A cause that is nearer than this chi-square to another is not to be told from it.
+const APART: f64 = 30.0;
+
 /// How a diagnosis compares with what was hidden.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Judgement {
@@ -115,6 +118,8 @@ impl std::fmt::Display for Rate {
 pub struct Score {
     /// One cause at 5 and 20 times the limit: exact name up to declared aliases.
     pub strong: Rate,
+    /// Those of them that no other cause imitates: more than [`APART`] away from each.
+    pub distinct: Rate,
     /// The same at 2 times.
     pub faint: Rate,
     /// One cause at 0.3 times: nothing detectable.
@@ -153,12 +158,18 @@ impl Score {
             (before - floor > GAP_M).then(|| (before - after) / (before - floor))
         });
         let held: Vec<bool> = outcomes.iter().filter(|o| exact(o)).flat_map(Outcome::held).collect();
+        let distinct = |outcome: &&Outcome| {
+            outcome.truth.iter().all(|truth| truth.rival.as_ref().is_none_or(|(_, apart)| *apart > APART))
+        };
         Self {
             strong: Rate::count(one(4.0, 50.0), exact),
+            distinct: Rate::count(one(4.0, 50.0).filter(distinct), exact),
             faint: Rate::count(one(1.0, 4.0), exact),
             hidden: Rate::count(one(0.0, 1.0), |o| o.judgement() == Judgement::Nothing),
             alarms: Rate::count(kind("nothing"), |o| o.judgement() != Judgement::Nothing),
-            outside: Rate::count(kind("outside"), |o| o.judgement() == Judgement::Unexplained),
+            outside: Rate::count(kind("outside").filter(|o| o.is_full_size()), |o| {
+                o.judgement() == Judgement::Unexplained
+            }),
             wrong: Rate::count(outcomes.iter(), |o| o.judgement() == Judgement::Wrong),
             pairs: Rate::count(kind("pair"), exact),
             closed: median(gaps.collect()),
@@ -175,6 +186,11 @@ pub fn tables(outcomes: &[Outcome]) -> String {
     let closed = score.closed.map_or("no such case".into(), |share| format!("{:.1} %", 100.0 * share));
     for (what, found, wanted) in [
         ("one cause at 5 and 20 times the limit: exact name", score.strong.to_string(), "at least 97 %"),
+        (
+            "of these, where every other cause is a chi-square of 30 away",
+            score.distinct.to_string(),
+            "reported",
+        ),
         ("one cause at 2 times the limit: exact name", score.faint.to_string(), "reported"),
         ("one cause at 0.3 times the limit: nothing detectable", score.hidden.to_string(), "at least 97 %"),
         ("nothing hidden: false alarms", score.alarms.to_string(), "0 of 300"),
@@ -211,7 +227,7 @@ pub fn tables(outcomes: &[Outcome]) -> String {
         text.push('\n');
     }
     text.push_str("\nWhat was not named exactly:\n\n| hidden | taken for | cases |\n| --- | --- | --- |\n");
-    let mut confusion: BTreeMap<(String, String), Vec<&str>> = BTreeMap::new();
+    let mut confusion: BTreeMap<(String, String), Vec<String>> = BTreeMap::new();
     for outcome in outcomes {
         let judgement = outcome.judgement();
         let as_wanted = match outcome.kind.as_str() {
@@ -223,7 +239,11 @@ pub fn tables(outcomes: &[Outcome]) -> String {
         if !as_wanted {
             let hidden: Vec<&str> = outcome.truth.iter().map(|truth| truth.cause.as_str()).collect();
             let hidden = if hidden.is_empty() { "(nothing)".into() } else { hidden.join("+") };
-            confusion.entry((hidden, outcome.taken_for())).or_default().push(&outcome.id);
+            let near = outcome.truth.iter().filter_map(|truth| truth.rival.as_ref()).filter(|r| r.1 < APART);
+            let near: Vec<String> =
+                near.map(|(rival, apart)| format!(" ({rival} {apart:.0} away)")).collect();
+            let id = format!("{}{}", outcome.id, near.join(""));
+            confusion.entry((hidden, outcome.taken_for())).or_default().push(id);
         }
     }
     for ((hidden, taken), ids) in confusion {

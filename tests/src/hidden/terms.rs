@@ -18,7 +18,7 @@ const NOTCHES: f64 = 8.0;
 /// Strouhal number of shed vortices.
 const STROUHAL: f64 = 0.2;
 /// Half width of a wake \[m\].
-const WAKE_M: f64 = 0.01;
+const WAKE_M: f64 = 0.02;
 /// Where the magnet is, and the distance at which its pull is half its greatest \[m\].
 const MAGNET: Plane = [0.05, -0.06];
 const MAGNET_M: f64 = 0.02;
@@ -150,7 +150,7 @@ impl Terms {
             let to = add(other.centre, poses[i].centre, -1.0);
             let along = dot(to, relative) / speed;
             let aside = dot(to, to) - along * along;
-            if along > 0.0 { (along / 0.02).tanh() * (-aside / (WAKE_M * WAKE_M)).exp() } else { 0.0 }
+            if along > 0.0 { (along / 0.01).tanh() * (-aside / (WAKE_M * WAKE_M)).exp() } else { 0.0 }
         };
         let most = (0..N).filter(|&j| j != i).map(|j| ahead(&poses[j])).fold(0.0, f64::max);
         1.0 - self.shelter * most

@@ -1,0 +1,115 @@
+//! Which other cause looks most like the one that is hidden, and how far apart the two are in a case's runs.
+//!
+//! A diagnosis can name a cause only where no other one imitates it. Like the limit, this is found from the generator's own
+//! differences: what a fit and the rival together can imitate is projected out, and what is left has a chi-square.
+
+use nalgebra::DVector;
+use sim::Cause;
+use sim::effects::Role;
+
+use super::bench::Bench;
+use super::cases::same;
+use super::limit::{Imitation, largest_bend};
+use super::terms::Hidden;
+
+/// Steps of the differences, as a share of usual sizes.
+const STEP: f64 = 0.1;
+
+/// A rival in one of its shapes: the directions in which it changes what is seen, orthonormal.
+#[derive(Debug)]
+struct Rival {
+    cause: &'static str,
+    directions: Vec<DVector<f64>>,
+}
+
+/// All causes as rivals of each other on one bench.
+#[derive(Debug)]
+pub struct Rivals(Vec<Rival>);
+
+/// For each shape of `cause` the steps that span it.
+fn shapes(cause: Cause, bench: &Bench) -> Vec<Vec<Hidden>> {
+    let info = cause.info();
+    let name = info.name;
+    let size = info.parameters.iter().find(|parameter| parameter.role == Role::Size);
+    let step = STEP * size.map_or(0.0, |size| size.typical);
+    let of = |numbers: &[(String, f64)]| Hidden(numbers.iter().cloned().collect());
+    let own = |parameter: &str| format!("{name}/{parameter}");
+    let beside = |parameter: &str, value: f64| {
+        let size = size.map_or("", |size| size.name);
+        vec![of(&[(own(size), step), (own(parameter), value)])]
+    };
+    match name {
+        "current" | "camera_tilt" => vec![["x", "z"].map(|axis| of(&[(own(axis), step)])).to_vec()],
+        "cob_offset" => vec![["along", "across"].map(|axis| of(&[(own(axis), step)])).to_vec()],
+        "keypoint_slip" => vec![["P1", "P2", "P3"].map(|point| of(&[(own(point), step)])).to_vec()],
+        "tether" => {
+            // a stiffness and two coordinates of the anchor act in proportion
+            let anchors = [[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]];
+            let pulls = anchors.map(|[x, z]| of(&[(own("stiffness"), step), (own("x"), x), (own("z"), z)]));
+            vec![pulls.to_vec()]
+        }
+        "slosh" => [0.7, 1.0, 1.4, 1.8]
+            .map(|frequency| {
+                let parts = (0..bench.runs.len()).flat_map(|run| ["sin", "cos"].map(|part| (part, run)));
+                let part =
+                    |(part, run)| of(&[(format!("slosh/{part}@{run}"), step), (own("frequency"), frequency)]);
+                parts.filter(|(_, run)| !bench.runs[*run].held_out).map(part).collect()
+            })
+            .to_vec(),
+        "wall" => [-0.09, -0.075, 0.075, 0.09].map(|x| beside("x", x)).to_vec(),
+        "one_sided_stiffness" => [-1.0, 1.0].map(|side| beside("side", side)).to_vec(),
+        "end_stop" => {
+            let most = largest_bend(bench);
+            [0.2, 0.4, 0.6, 0.8].map(|share| beside("angle", share * most)).to_vec()
+        }
+        "servo_rate_limit" => {
+            [4.0, 2.8, 2.0, 1.4].map(|rate| vec![of(&[(own("share"), 1.0), (own("rate"), rate)])]).to_vec()
+        }
+        _ => vec![vec![of(&[(own(size.map_or("", |size| size.name)), step)])]],
+    }
+}
+
+impl Rivals {
+    /// All causes that a fit of `bench` does not already have.
+    pub fn new(bench: &Bench, imitation: &Imitation) -> Self {
+        let fitted = |cause: &Cause| bench.fits_damping && cause.info().name == "joint_damping";
+        let causes = Cause::ALL.iter().filter(|cause| !fitted(cause));
+        let each = causes.flat_map(|&cause| {
+            shapes(cause, bench).into_iter().map(move |steps| {
+                let mut directions: Vec<DVector<f64>> = Vec::new();
+                for step in steps {
+                    let mut left = imitation.left(bench, &step);
+                    let size = left.norm();
+                    for other in &directions {
+                        let along = other.dot(&left);
+                        left.axpy(-along, other, 1.0);
+                    }
+                    // a direction that is the others' but for rounding is none of its own
+                    if left.norm() > 1e-3 * size {
+                        directions.push(left.normalize());
+                    }
+                }
+                Rival { cause: cause.info().name, directions }
+            })
+        });
+        Self(each.collect())
+    }
+
+    /// The rival nearest to `cause` as `hidden` has it, and the chi-square by which they differ.
+    pub fn nearest(
+        &self,
+        bench: &Bench,
+        imitation: &Imitation,
+        cause: &str,
+        hidden: &Hidden,
+    ) -> (String, f64) {
+        let own = imitation.left(bench, hidden);
+        let others = self.0.iter().filter(|rival| rival.cause != cause && !same(rival.cause, cause, false));
+        let apart = others.map(|rival| {
+            let shared: f64 = rival.directions.iter().map(|along| along.dot(&own).powi(2)).sum();
+            (rival.cause, own.norm_squared() - shared)
+        });
+        let nearest = apart.min_by(|a, b| a.1.total_cmp(&b.1));
+        nearest.map_or((String::new(), own.norm_squared()), |(rival, chi)| (rival.to_owned(), chi))
+    }
+}
