@@ -1,0 +1,141 @@
+//! Causes hidden in measured data that `rig diagnose` must find: a slice of the set that `examples/hidden_causes.rs` goes through,
+//! and the cases that MuJoCo computed.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+use system_tests::hidden::cases::{self, Case, Kind};
+use system_tests::hidden::diagnose::{Outcome, diagnose, judge};
+use system_tests::hidden::hide::Truth;
+use system_tests::hidden::limit::Benches;
+use system_tests::hidden::score::{Judgement, Score, tables};
+use system_tests::repository;
+
+/// How many of the slice's strong causes may go without their exact name: tether and centre of buoyancy, servo lag and delay look
+/// almost the same at five times the limit.
+const UNNAMED: usize = 3;
+/// Of those that no other cause imitates.
+const UNNAMED_THOUGH_DISTINCT: usize = 1;
+/// Of MuJoCo's cases: its joint limits are damped and scale with inertia, which no cause of the library is; and added damping bends
+/// the baseline to its bounds, from where the refit does not come back yet.
+const UNNAMED_OF_MUJOCO: usize = 2;
+
+/// Two at a time: each diagnosis runs on one thread here.
+fn side_by_side<T: Sync, R: Send>(list: &[T], run: impl Fn(&T) -> R + Sync + Send) -> Vec<R> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
+    pool.install(|| list.par_iter().with_max_len(1).map(run).collect())
+}
+
+#[test]
+fn causes_hidden_by_another_simulator_are_named() {
+    let folder = repository().join("tests/data/hidden/mujoco");
+    let text = std::fs::read_to_string(folder.join("truth.csv")).expect("the truth");
+    let mut list: Vec<(String, Vec<Truth>)> = Vec::new();
+    for line in text.lines().skip(1) {
+        let [id, cause, parameter, value] =
+            line.split(',').collect::<Vec<_>>().try_into().expect("four columns");
+        if list.last().is_none_or(|(last, _)| last != id) {
+            list.push((id.into(), Vec::new()));
+        }
+        let truth = &mut list.last_mut().expect("just pushed").1;
+        if cause.is_empty() {
+            continue;
+        }
+        let number = (parameter.to_owned(), value.parse().expect("a number"));
+        match truth.first_mut() {
+            Some(truth) => truth.size.push(number),
+            None => truth.push(Truth {
+                cause: cause.into(),
+                size: vec![number],
+                limit: f64::NAN,
+                times: f64::INFINITY,
+                clipped: false,
+                rival: None,
+            }),
+        }
+    }
+    assert!(list.len() > 10, "{}", list.len());
+    let out = tempfile::tempdir().expect("a folder");
+    let outcomes = side_by_side(&list, |(id, truth)| {
+        let kind = if truth.is_empty() { Kind::Nothing } else { Kind::One("", 5.0) };
+        let case = Case { id: id.clone(), seed: 0, kind };
+        judge(&case, truth.clone(), &folder.join(id).join("experiment.toml"), &out.path().join(id))
+    });
+    let score = summary(&outcomes);
+    assert_eq!((score.alarms.hits, score.wrong.hits), (0, 0));
+    assert!(score.strong.of - score.strong.hits <= UNNAMED_OF_MUJOCO, "{}", score.strong);
+}
+
+/// Prints the tables and yields the figures.
+fn summary(outcomes: &[Outcome]) -> Score {
+    eprintln!("{}", tables(outcomes));
+    for outcome in outcomes.iter().filter(|outcome| outcome.judgement() == Judgement::Failed) {
+        eprintln!("{}: {}", outcome.id, outcome.error);
+    }
+    assert!(outcomes.iter().all(|outcome| outcome.judgement() != Judgement::Failed));
+    Score::of(outcomes)
+}
+
+/// Every cause at five times its limit, some at twenty, some far below; some without anything, a pair, and one that no library
+/// knows.
+fn slice() -> Vec<Case> {
+    let causes = sim::Cause::ALL;
+    let place = |name: &str| causes.iter().position(|cause| cause.info().name == name);
+    let wanted = |case: &Case| match case.kind {
+        Kind::One(name, size) => {
+            let place = place(name).expect("a cause");
+            // two mechanisms, so that few limits have to be found
+            let turn = place as u64 % 2 == case.seed.wrapping_sub(1);
+            turn && (size == 5.0 || size == 20.0 && place % 6 == 0 || size < 1.0 && place % 5 == 0)
+        }
+        Kind::Nothing => case.seed.is_multiple_of(40),
+        Kind::Pair(..) => case.id.ends_with("s12"),
+        Kind::Outside(name, size) => name == "vortex" && case.seed == 1 && size == 5.0,
+    };
+    cases::all(10).into_iter().filter(wanted).collect()
+}
+
+#[test]
+fn hidden_causes_are_named_and_nothing_else_is() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut list = slice();
+    list.sort_by_key(|case| case.seed);
+    let seeds: Vec<&[Case]> = list.chunk_by(|a, b| a.seed == b.seed).collect();
+    let run = |cases: &&[Case]| -> Vec<Outcome> {
+        let mut benches = Benches::default();
+        let one = |case: &Case| diagnose(case, &mut benches, &folder.path().join(&case.id));
+        cases.iter().filter_map(one).collect()
+    };
+    let outcomes: Vec<Outcome> = side_by_side(&seeds, run).into_iter().flatten().collect();
+    let score = summary(&outcomes);
+    assert!(score.strong.of >= 30 && score.alarms.of >= 7, "the slice is whole");
+    assert!(score.strong.of - score.strong.hits <= UNNAMED, "{}", score.strong);
+    let missed = score.distinct.of - score.distinct.hits;
+    assert!(missed <= UNNAMED_THOUGH_DISTINCT, "{}", score.distinct);
+    assert_eq!(score.hidden.hits, score.hidden.of, "what no run can show is not claimed");
+    assert_eq!(score.alarms.hits, 0, "nothing hidden is nothing found");
+    assert_eq!(score.outside.hits, score.outside.of, "what no cause explains has no name");
+    assert_eq!(score.wrong.hits, 0, "no wrong name");
+}
+
+#[test]
+fn list_of_cases_is_whole_and_the_same_each_time() {
+    let list = cases::all(10);
+    let mut ids: Vec<&str> = list.iter().map(|case| case.id.as_str()).collect();
+    ids.sort_unstable();
+    ids.dedup();
+    assert_eq!(ids.len(), list.len(), "names are unique");
+    let count = |wanted: fn(&Kind) -> bool| list.iter().filter(|case| wanted(&case.kind)).count();
+    assert_eq!(count(|kind| matches!(kind, Kind::One(..))), sim::Cause::ALL.len() * 4 * 10);
+    assert_eq!(count(|kind| matches!(kind, Kind::Nothing)), 300);
+    assert!(count(|kind| matches!(kind, Kind::Outside(..))) >= 40);
+    let files = |folder: &Path| {
+        let case = list.iter().find(|case| case.id == "stiffness-x5-s1").expect("a case");
+        let made = case.make(&mut Benches::default()).expect("it can be seen");
+        system_tests::hidden::write::write(case, &made, folder).expect("its files");
+        ["experiment.toml", "drop-1.csv", "driven-2.csv", "driven-2-servo.csv"]
+            .map(|name| std::fs::read(folder.join(name)).expect("a file"))
+    };
+    let [one, two] = [(); 2].map(|()| tempfile::tempdir().expect("a folder"));
+    assert!(files(one.path()) == files(two.path()), "equal cases have equal bytes");
+}
