@@ -208,9 +208,15 @@ impl<'b> Search<'b> {
                 break;
             }
             leader = best.clone();
-            let scores = self.score(&leader);
-            let least = SHARE * (baseline.cost - leader.cost);
-            let more = depth < MOST_CAUSES && self.promises(&leader, &scores, least);
+            let mut scores = self.score(&leader);
+            let mut least = SHARE * (baseline.cost - leader.cost);
+            let mut more = depth < MOST_CAUSES && self.promises(&leader, &scores, least);
+            if more && depth == 1 && self.started_anew(&baseline, &mut beam, &mut leader) {
+                tried.extend(beam.iter().cloned());
+                scores = self.score(&leader);
+                least = SHARE * (baseline.cost - leader.cost);
+                more = self.promises(&leader, &scores, least);
+            }
             let mut next = Vec::new();
             if more {
                 self.says("looking for a further cause")?;
@@ -230,6 +236,33 @@ impl<'b> Search<'b> {
         }
         tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
         Ok(Found { tried, leader, first })
+    }
+
+    /// Refits the best single causes from the model's own values: a baseline that has bent far to cover for a strong cause may
+    /// be no way to where it is explained. Whether the leader is another or better.
+    fn started_anew<'a>(
+        &mut self,
+        baseline: &State<'a>,
+        beam: &mut [State<'a>],
+        leader: &mut State<'a>,
+    ) -> bool {
+        let before = leader.bic();
+        for state in beam.iter_mut().take(BEAM) {
+            let mut anew = State { linear: Vec::new(), ..state.clone() };
+            let count = baseline.parameters.len();
+            anew.point.values[..count].copy_from_slice(&baseline.parameters.start());
+            if anew.descend(&mut self.counts) && anew.bic() < state.bic() {
+                *state = anew;
+            }
+        }
+        beam.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
+        match beam.first().filter(|best| best.bic() < before - 1.0) {
+            Some(best) => {
+                *leader = best.clone();
+                true
+            }
+            None => false,
+        }
     }
 
     /// Drops causes that are not needed, and exchanges those for which there is a better one.
