@@ -1,7 +1,6 @@
 //! Causes hidden in the mock tank, filmed by `rig run`, extracted from its pictures and found by `rig diagnose`.
 //!
-//! Found means the best description: its name alone, whether it is accepted as the cause or not. Keypoints from the mock's pictures
-//! state 8 um of noise, and systematic errors of the same size then count as something that no cause explains.
+//! Keypoints from the mock's pictures have 6 um of noise, and systematic errors of the same size, which must not count.
 
 use std::path::{Path, PathBuf};
 
@@ -71,13 +70,10 @@ fn diagnosed(folder: &Path, runs: &[PathBuf], held_out: &Path, parameters: &[&st
     json(&out.join("diagnosis.json"))
 }
 
-/// The causes named, or where none is accepted the best description.
+/// The causes named.
 fn found(diagnosis: &serde_json::Value) -> Vec<&str> {
-    let names = |key: &str| -> Vec<&str> {
-        let list = diagnosis[key].as_array().into_iter().flatten();
-        list.filter_map(|cause| cause["name"].as_str()).collect()
-    };
-    [names("causes"), names("partial")].concat()
+    let list = diagnosis["causes"].as_array().into_iter().flatten();
+    list.filter_map(|cause| cause["name"].as_str()).collect()
 }
 
 /// Two drops and one held out, with `causes` in the tank.
@@ -101,9 +97,6 @@ fn driven(causes: &str) -> serde_json::Value {
             set(config, "profile", "ccw_s", ccw_s);
             set(config, "profile", "cw_s", ccw_s / 2.0);
             set(config, "profile", "cycles", 2);
-            // other tests may keep the machine busy: a slow host is not what is tested
-            set(config, "servo", "dead_man_ms", 2000);
-            set(config, "camera", "stall_s", 2.0);
         })
     };
     let runs = [film(0.6, 0.8), film(0.4, 0.6)];
@@ -112,7 +105,6 @@ fn driven(causes: &str) -> serde_json::Value {
 }
 
 #[test]
-#[ignore = "the keypoints' stated noise leaves out the pictures' systematic errors: unexplained"]
 fn nothing_hidden_in_the_tank() {
     let diagnosis = drops("");
     assert_eq!(diagnosis["verdict"], "nothing-detectable", "{diagnosis:#}");
@@ -129,7 +121,7 @@ fn stiff_joints_in_the_tank_are_found_in_the_pictures() {
 }
 
 #[test]
-#[ignore = "no candidate is accepted yet: unexplained"]
+#[ignore = "taken for an offset centre of buoyancy that drifts from run to run: unexplained"]
 fn tether_in_the_tank_is_found_in_the_pictures() {
     assert_eq!(found(&drops("tether = { stiffness = 0.003, x = 0.06, z = 0.0 }")), ["tether"]);
 }
@@ -140,7 +132,6 @@ fn turned_camera_at_the_tank_is_found_in_the_pictures() {
 }
 
 #[test]
-#[ignore = "found once by hand; as a test it has only met a machine too busy for a servo's host"]
 fn servo_of_the_tank_that_goes_too_far_is_found_in_the_pictures() {
     assert_eq!(found(&driven("servo_gain = { scale = 0.1 }")), ["servo_gain"]);
 }

@@ -65,7 +65,7 @@ pub struct RunFloor {
 pub(crate) struct Seen<'a> {
     pub(crate) id: &'a str,
     pub(crate) observations: &'a [Observation],
-    /// Measured - simulated, over the deviation stated for the cell where there is one, else \[m\].
+    /// Measured - simulated \[m\], over how much less certain than usual the cell says it is.
     pub(crate) residuals: &'a [f64],
     pub(crate) time_s: &'a [f64],
     /// Until then the mechanism rests \[s\].

@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::floor::{Floor, slow_part};
 use super::result::{ConstancyTest, Fitness, PerRun};
+use super::search::{NEGLIGIBLE_M, negligible};
 use super::state::{Nuisances, State, joint_covariance};
 use crate::statistics::chi2_survival;
 
@@ -81,12 +82,14 @@ pub(super) fn fitness_of(state: &State<'_>, floor: &Floor, residuals: &[DVector<
 }
 
 impl Fitness {
-    /// Whether something beyond noise is left that matters beside `explained`, the cost saved so far, in `count`
-    /// observations.
-    pub(super) fn objects(&self, explained: f64, count: usize) -> bool {
-        let matters = self.excess > (LEFT_OVER * explained).max(super::search::NEGLIGIBLE * count as f64);
+    /// Whether something beyond noise of `noise_m` \[m\] is left that matters, by itself, in `count` observations, and beside
+    /// `explained`, the cost saved so far.
+    pub(super) fn objects(&self, explained: f64, noise_m: f64, count: usize) -> bool {
+        let beside = LEFT_OVER * explained;
+        let slow = self.z > BEYOND_NOISE && self.excess > beside.max(negligible(noise_m, count));
+        let left_m = noise_m * (self.chi2 / self.degrees.max(1.0)).sqrt();
         let correlated = self.portmanteau_p < NO_CHANCE && self.correlation > LITTLE_CORRELATION;
-        self.z > BEYOND_NOISE && matters || correlated
+        slow || correlated && self.chi2 > beside && left_m > NEGLIGIBLE_M
     }
 }
 

@@ -126,12 +126,13 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
         return Err(DiagnoseError::Interrupted);
     }
     let (mut baseline, mut floor) = baseline::baseline(experiment, parameters, &mut counts)?;
-    let mut search = search::Search::new(experiment, &experiment.model, &fitted, &mut stage);
+    let mut search = search::Search::new(experiment, &experiment.model, &fitted, floor.noise_m, &mut stage);
     let mut found = search.run(baseline.clone())?;
     let clearer = baseline::seen_floor(&found.leader)?;
     if !found.leader.causes.is_empty() && !baseline::is_same(&floor, &clearer, OTHER_NOISE) {
         // what the cause explains had looked like noise
         floor = clearer;
+        search.noise_m = floor.noise_m;
         baseline.weigh(&floor);
         baseline.descend(&mut search.counts);
         found = search.run(baseline.clone())?;

@@ -38,7 +38,15 @@ const MOST_CAUSES: usize = 3;
 /// modelled.
 const SHARE: f64 = 0.01;
 /// Cost saved an observation, in noise variances, below which a cause is there but does not matter.
-pub(super) const NEGLIGIBLE: f64 = 0.0025;
+const NEGLIGIBLE: f64 = 0.0025;
+/// Root mean square of a coordinate below which nothing matters, however certain \[m\]: pictures are wrong by a tenth of a pixel,
+/// on and on.
+pub(super) const NEGLIGIBLE_M: f64 = 2e-5;
+
+/// The cost below which something may be there but does not matter, in `count` observations with noise of `noise_m` \[m\].
+pub(super) fn negligible(noise_m: f64, count: usize) -> f64 {
+    NEGLIGIBLE.max((NEGLIGIBLE_M / noise_m).powi(2)) * count as f64
+}
 
 /// What was found.
 pub(super) struct Found<'a> {
@@ -55,6 +63,8 @@ pub(super) struct Search<'b> {
     experiment: &'b Experiment,
     candidates: Vec<Term>,
     pub(super) counts: Counts,
+    /// The noise of one coordinate \[m\].
+    pub(super) noise_m: f64,
     /// Sets to which every candidate was tried to be added.
     expanded: Vec<Vec<&'static str>>,
     stage: &'b mut dyn FnMut(&str) -> bool,
@@ -65,11 +75,12 @@ impl<'b> Search<'b> {
         experiment: &'b Experiment,
         model: &Model,
         fitted: &[Cause],
+        noise_m: f64,
         stage: &'b mut dyn FnMut(&str) -> bool,
     ) -> Self {
         let free = Cause::ALL.iter().copied().filter(|cause| !fitted.contains(cause));
         let candidates = free.flat_map(|cause| Term::all(cause, model)).collect();
-        Self { experiment, candidates, counts: Counts::default(), expanded: Vec::new(), stage }
+        Self { experiment, candidates, counts: Counts::default(), noise_m, expanded: Vec::new(), stage }
     }
 
     pub(super) fn says(&mut self, stage: &str) -> Result<(), DiagnoseError> {
@@ -184,7 +195,7 @@ impl<'b> Search<'b> {
         let chance = chi2_survival(gain, numbers as f64) * self.candidates.len() as f64;
         worse.bic() - better.bic() > BETTER
             && chance < FALSE_ALARM
-            && gain > NEGLIGIBLE * better.count() as f64
+            && gain > negligible(self.noise_m, better.count())
     }
 
     /// Looks for the best set of causes beside `baseline`.
@@ -194,7 +205,8 @@ impl<'b> Search<'b> {
         let mut tried: Vec<State<'a>> = vec![baseline.clone()];
         let mut leader = baseline.clone();
         let mut beam: Vec<State<'a>> = Vec::new();
-        if self.promises(&baseline, &first, 0.0) {
+        let matters = negligible(self.noise_m, baseline.count());
+        if self.promises(&baseline, &first, matters) {
             self.says("refitting the most promising causes")?;
             beam = self.expand(&baseline, &first);
         }
@@ -209,12 +221,12 @@ impl<'b> Search<'b> {
             }
             leader = best.clone();
             let mut scores = self.score(&leader);
-            let mut least = SHARE * (baseline.cost - leader.cost);
+            let mut least = matters.max(SHARE * (baseline.cost - leader.cost));
             let mut more = depth < MOST_CAUSES && self.promises(&leader, &scores, least);
             if more && depth == 1 && self.started_anew(&baseline, &mut beam, &mut leader) {
                 tried.extend(beam.iter().cloned());
                 scores = self.score(&leader);
-                least = SHARE * (baseline.cost - leader.cost);
+                least = matters.max(SHARE * (baseline.cost - leader.cost));
                 more = self.promises(&leader, &scores, least);
             }
             let mut next = Vec::new();

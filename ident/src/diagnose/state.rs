@@ -35,6 +35,25 @@ pub(crate) struct State<'a> {
     pub(crate) predicted: f64,
 }
 
+/// Deviations that a trajectory states for its cells, over what is usual for their keypoint; 1 where none is stated. Shape
+/// (N, K). How large noise is the residuals say; what is stated says only where there is more of it.
+fn relative_std(trajectory: &Trajectory) -> Vec<f64> {
+    let width = trajectory.keypoints.len();
+    let cells = trajectory.time_s.len() * width;
+    let stated = |cell: usize| {
+        let std = trajectory.std_m.as_ref().map(|std| std[cell]);
+        std.filter(|std| std.is_finite() && *std > 0.0)
+    };
+    let usual: Vec<f64> = (0..width)
+        .map(|keypoint| {
+            let squares: Vec<f64> =
+                (keypoint..cells).step_by(width).filter_map(stated).map(|std| std * std).collect();
+            (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+        })
+        .collect();
+    (0..cells).map(|cell| stated(cell).map_or(1.0, |std| std / usual[cell % width])).collect()
+}
+
 /// A share of the cost that is not worth a step: a twentieth of what could matter to anyone.
 const SMALL: f64 = 1e-5;
 /// Most steps of one descent: a fit that needs more is told apart by the next one.
@@ -67,13 +86,10 @@ impl<'a> State<'a> {
         for (term, run) in self.terms.iter_mut().zip(&floor.runs) {
             let trajectory = &term.rehearsal.run.trajectory;
             let width = trajectory.keypoints.len();
+            let relative = relative_std(trajectory);
             for observation in &mut term.observations {
-                let stated = trajectory
-                    .std_m
-                    .as_ref()
-                    .map(|std| std[observation.instant * width + observation.keypoint])
-                    .filter(|std| std.is_finite() && *std > 0.0);
-                observation.per_m = 1.0 / (run.std_m[observation.keypoint] * stated.unwrap_or(1.0));
+                let relative = relative[observation.instant * width + observation.keypoint];
+                observation.per_m = 1.0 / (run.std_m[observation.keypoint] * relative);
             }
             let whitening =
                 Whitening::new(&term.observations, &trajectory.time_s, floor.correlation, run.interval_s);
@@ -165,17 +181,17 @@ impl<'a> State<'a> {
         self.cost + self.added as f64 * self.ln_count() + self.predicted
     }
 
-    /// Residuals of a run before whitening, over the stated deviation or \[m\].
+    /// Residuals of a run before whitening \[m\], over how much less certain than usual the cell says it is.
     pub(crate) fn raw_residuals(&self, run: usize) -> Option<Vec<f64>> {
         let term = &self.terms[run];
         let model = self.calibrated();
         let simulated = term.rehearsal.simulate(&model, &self.point.offsets[run], term.instants).ok()?;
         let trajectory = &term.rehearsal.run.trajectory;
         let width = trajectory.keypoints.len();
+        let relative = relative_std(trajectory);
         let raw = term.observations.iter().map(|o| {
-            let stated = trajectory.std_m.as_ref().map(|std| std[o.instant * width + o.keypoint]);
-            let stated = stated.filter(|std| std.is_finite() && *std > 0.0).unwrap_or(1.0);
-            (o.measured_m - simulated[o.instant * width + o.keypoint][o.axis]) / stated
+            let cell = o.instant * width + o.keypoint;
+            (o.measured_m - simulated[cell][o.axis]) / relative[cell]
         });
         Some(raw.collect())
     }

@@ -32,7 +32,7 @@ pub(super) fn verdict<'a>(
     let after = if leader.causes.is_empty() { before } else { fitness(leader, floor) };
     let tests = constancy(leader, baseline.parameters.len());
     let heldout = predict::fitness(experiment, leader, floor, counts);
-    let total = baseline.count();
+    let count = baseline.count();
     let gained = match leader.causes.is_empty() {
         true => None,
         false => gain::gain(experiment, baseline, leader, floor, counts),
@@ -40,9 +40,13 @@ pub(super) fn verdict<'a>(
 
     let mut remarks = Vec::new();
     let verdict = if !accepted {
-        if before.objects(0.0, total) { Verdict::Unexplained } else { Verdict::NothingDetectable }
+        if before.objects(0.0, floor.noise_m, count) {
+            Verdict::Unexplained
+        } else {
+            Verdict::NothingDetectable
+        }
     } else {
-        remarks = objections(&after, heldout.as_ref(), &tests, explained, total);
+        remarks = objections(&after, heldout.as_ref(), &tests, explained, (floor.noise_m, count));
         // what each run has its own of cannot be told beforehand
         if leader.causes.iter().all(|term| term.free(&leader.model).own.is_empty()) {
             remarks.extend(gained.as_ref().and_then(HeldOut::objection));
@@ -102,16 +106,16 @@ fn objections(
     heldout: Option<&Fitness>,
     tests: &[(ConstancyTest, Vec<PerRun>)],
     explained: f64,
-    count: usize,
+    (noise_m, count): (f64, usize),
 ) -> Vec<String> {
     let mut list = Vec::new();
-    if after.objects(explained, count) {
+    if after.objects(explained, noise_m, count) {
         list.push(format!(
             "what is left is no noise: {:.0} noise variances beyond it ({:.0} standard deviations)",
             after.excess, after.z
         ));
     }
-    if let Some(heldout) = heldout.filter(|heldout| heldout.objects(explained, count)) {
+    if let Some(heldout) = heldout.filter(|heldout| heldout.objects(explained, noise_m, count)) {
         list.push(format!(
             "on held-out runs what is left is no noise: {:.0} noise variances beyond it ({:.0} standard deviations)",
             heldout.excess, heldout.z

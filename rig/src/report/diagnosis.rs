@@ -51,8 +51,8 @@ fn causes(diagnosis: &Diagnosis, list: &[NamedCause], title: &str) -> Markup {
                     tbody {
                         @for (row, parameter) in cause.parameters.iter().enumerate() {
                             tr {
-                                td { @if row == 0 { strong { (cause.name) } } }
-                                td { code { (parameter.name) } }
+                                td.name { @if row == 0 { strong { (cause.name) } } }
+                                td.name { code { (parameter.name) } }
                                 td.number { (value(parameter)) }
                                 td {
                                     @for run in cause.per_run.iter().filter(|run| run.parameter == parameter.name) {

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use ident::diagnose::{CauseParameter, Diagnosis, NextExperiment, Verdict};
 
-use super::format::{millimetres, significant};
+use super::format::{millimetres, significant, whole_percent};
 use super::verdict::Tone;
 
 /// How good the news is.
@@ -55,13 +55,13 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
         let runs =
             if heldout.how == "holdout" { "held-out runs" } else { "each run in turn left out of the fit" };
         list.push(format!(
-            "On {runs} the residual goes from {} to {} mm, noise alone leaves {}: {:.0} % less ({:.0} to {:.0} %).",
+            "On {runs} the residual goes from {} to {} mm, noise alone leaves {}: {} % less ({} to {} %).",
             millimetres(heldout.rms_before_m),
             millimetres(heldout.rms_after_m),
             millimetres(heldout.noise_floor_m),
-            100.0 * heldout.gain,
-            100.0 * heldout.gain_ci95[0],
-            100.0 * heldout.gain_ci95[1]
+            whole_percent(heldout.gain),
+            whole_percent(heldout.gain_ci95[0]),
+            whole_percent(heldout.gain_ci95[1])
         ));
     }
     if diagnosis.verdict == Verdict::Unexplained {

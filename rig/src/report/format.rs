@@ -5,6 +5,11 @@ pub(super) fn millimetres(metres: f64) -> String {
     format!("{:.2}", metres * 1e3)
 }
 
+/// A share in whole percent.
+pub(super) fn whole_percent(share: f64) -> String {
+    format!("{}", (100.0 * share).round() as i64)
+}
+
 /// Percent of a length with one decimal; a dash without a length.
 pub(super) fn percent(part: f64, whole: f64) -> String {
     if whole > 0.0 { format!("{:.1}", part / whole * 100.0) } else { "–".into() }
