@@ -104,7 +104,7 @@ impl Outside {
     }
 
     fn wait_for_motion(&self) -> PathBuf {
-        wait_until("the profile's start", 20.0, || {
+        wait_until("the profile's start", 60.0, || {
             only_run(&self.runs).is_some_and(|run| journal_holds(&run, "profile-started"))
         });
         std::thread::sleep(Duration::from_millis(300));
@@ -163,7 +163,7 @@ fn killed_rig_leaves_the_servo_to_the_dead_man_and_a_run_that_is_readable() {
     let run = outside.wait_for_motion();
     running.signal(Signal::KILL);
     // The dead-man's time in tests, and a margin.
-    wait_until("the dead-man", 1.5, || outside.last_pulse().is_none());
+    wait_until("the dead-man", 4.0, || outside.last_pulse().is_none());
     assert!(!run.join("stop.json").exists());
     let listed = run_rig(["runs".as_ref(), "ls".as_ref(), "--runs-dir".as_ref(), outside.runs.as_os_str()]);
     assert!(printed(&listed).contains("incomplete"), "{}", printed(&listed));

@@ -7,9 +7,8 @@
 //!    what the model gets wrong;
 //! 2. `candidates`, `score`: exact derivatives of every cause at neutral, what the baseline could do projected out;
 //! 3. `search`: the best refitted in full, sets of up to three, each earning its place by the BIC;
-//! 4. `gates`: what is left must be noise, on held-out runs too, and each named number the same in all runs: otherwise
-//!    the description is none of a cause, and the verdict `unexplained`; `predict`: held-out runs also decide between
-//!    sets that explain the fitted ones alike;
+//! 4. `gates`, `heldout`: what is left must be noise, on held-out runs too, and each named number the same in all runs:
+//!    otherwise the description is none of a cause, and the verdict `unexplained`;
 //! 5. `extend`, `gain`, `detect`, `residuals`: values with intervals, which coefficients had bent, the gain on runs not
 //!    fitted to, what would have been seen.
 //!
@@ -30,8 +29,8 @@ mod extend;
 pub(crate) mod floor;
 mod gain;
 mod gates;
+mod heldout;
 mod next;
-mod predict;
 mod residuals;
 mod result;
 pub(crate) mod score;
@@ -140,7 +139,6 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
     search.says("checking")?;
     counts.evaluations += search.counts.evaluations;
     counts.rollouts += search.counts.rollouts;
-    predict::decide(experiment, &mut found, &floor, &mut counts);
     let (mut diagnosis, leader) =
         verdict::verdict(experiment, &fitted, &baseline, &found, &floor, &mut counts);
     search.says("planning the next run")?;

@@ -31,8 +31,6 @@ pub(crate) struct State<'a> {
     pub(crate) linear: Vec<Linear>,
     /// Numbers that the causes have added.
     pub(crate) added: usize,
-    /// What held-out runs cost beyond those of the set that it competes with.
-    pub(crate) predicted: f64,
 }
 
 /// Deviations that a trajectory states for its cells, over what is usual for their keypoint; 1 where none is stated. Shape
@@ -73,7 +71,6 @@ impl<'a> State<'a> {
             cost: f64::INFINITY,
             linear: Vec::new(),
             added: 0,
-            predicted: 0.0,
         }
     }
 
@@ -178,7 +175,7 @@ impl<'a> State<'a> {
 
     /// Bayesian information criterion, up to a constant.
     pub(crate) fn bic(&self) -> f64 {
-        self.cost + self.added as f64 * self.ln_count() + self.predicted
+        self.cost + self.added as f64 * self.ln_count()
     }
 
     /// Residuals of a run before whitening \[m\], over how much less certain than usual the cell says it is.

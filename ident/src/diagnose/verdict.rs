@@ -10,7 +10,7 @@ use super::result::{
 };
 use super::search::{BETTER, Found, sets};
 use super::state::State;
-use super::{candidates, detect, extend, gain, predict, residuals};
+use super::{candidates, detect, extend, gain, heldout, residuals};
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
 
@@ -31,7 +31,7 @@ pub(super) fn verdict<'a>(
     let explained = baseline.cost - leader.cost;
     let after = if leader.causes.is_empty() { before } else { fitness(leader, floor) };
     let tests = constancy(leader, baseline.parameters.len());
-    let heldout = predict::fitness(experiment, leader, floor, counts);
+    let heldout = heldout::fitness(experiment, leader, floor, counts);
     let count = baseline.count();
     let gained = match leader.causes.is_empty() {
         true => None,
