@@ -11,11 +11,9 @@ use system_tests::hidden::limit::Benches;
 use system_tests::hidden::score::{Judgement, Score, tables};
 use system_tests::repository;
 
-/// How many of the slice's strong causes may go without their exact name: tether and centre of buoyancy, servo lag and delay look
-/// almost the same at five times the limit.
-const UNNAMED: usize = 3;
-/// Of those that no other cause imitates.
-const UNNAMED_THOUGH_DISTINCT: usize = 1;
+/// Strong causes of the slice that no other one imitates: to all others, like servo lag and delay, a rival is so near at five
+/// times the limit that the data do not tell them apart.
+const DISTINCT: usize = 25;
 /// Of MuJoCo's cases: its joint limits are damped and scale with inertia, which no cause of the library is; and added damping bends
 /// the baseline to its bounds, from where the refit does not come back yet.
 const UNNAMED_OF_MUJOCO: usize = 2;
@@ -109,9 +107,8 @@ fn hidden_causes_are_named_and_nothing_else_is() {
     let outcomes: Vec<Outcome> = side_by_side(&seeds, run).into_iter().flatten().collect();
     let score = summary(&outcomes);
     assert!(score.strong.of >= 30 && score.alarms.of >= 7, "the slice is whole");
-    assert!(score.strong.of - score.strong.hits <= UNNAMED, "{}", score.strong);
-    let missed = score.distinct.of - score.distinct.hits;
-    assert!(missed <= UNNAMED_THOUGH_DISTINCT, "{}", score.distinct);
+    assert!(score.distinct.of >= DISTINCT, "{}", score.distinct);
+    assert_eq!(score.distinct.hits, score.distinct.of, "what the data tell apart has its exact name");
     assert_eq!(score.hidden.hits, score.hidden.of, "what no run can show is not claimed");
     assert_eq!(score.alarms.hits, 0, "nothing hidden is nothing found");
     assert_eq!(score.outside.hits, score.outside.of, "what no cause explains has no name");

@@ -2,8 +2,8 @@
 //!
 //! A generator of its own, which shares definitions with the simulation and no code: the planar chain from Lagrange's equations
 //! ([`chain`], [`fluid`]), the causes' terms ([`terms`]), the drive ([`drive`]), fine Runge-Kutta steps and Basset's integral by
-//! quadrature ([`motion`]), the camera ([`camera`]). [`bench`] draws a mechanism and its runs, [`limit`] finds the smallest size
-//! that its runs can show, [`cases`] lists what is hidden where, [`write`] writes an `experiment.toml`, [`score`] judges what the
+//! quadrature ([`motion`]), the camera ([`camera`]). [`mod@bench`] draws a mechanism and its runs, [`limit`] finds the smallest size
+//! that its runs can show, [`cases`] lists what is hidden where, [`mod@write`] writes an `experiment.toml`, [`score`] judges what the
 //! program says and makes the tables.
 
 pub mod bench;

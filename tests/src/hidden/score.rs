@@ -118,7 +118,7 @@ impl std::fmt::Display for Rate {
 pub struct Score {
     /// One cause at 5 and 20 times the limit: exact name up to declared aliases.
     pub strong: Rate,
-    /// Those of them that no other cause imitates: more than [`APART`] away from each.
+    /// Those of them that no other cause imitates: a chi-square of more than 30 away from each.
     pub distinct: Rate,
     /// The same at 2 times.
     pub faint: Rate,
