@@ -1,5 +1,5 @@
-//! Takes a fit through its stages: a descent; or a search; or a descent, a search, and descents from several
-//! starts.
+//! Takes a fit through its stages: a descent; or a search; or, as long as more than the noise is left, a descent, one
+//! with all joints loose, a search, and descents from several starts.
 
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -123,20 +123,22 @@ impl Driver<'_> {
                 state.waiting = self.starts(search, state, counts);
             }
             Stage::Descent { origin, descent, .. } => {
+                let (origin, point) = (*origin, &descent.point);
                 let parameters = self.objective.parameters().len() as u64;
                 let most = (SEARCH_PER_PARAMETER * parameters).min(left / 4);
                 let at_the_noise = descent.cost.is_some_and(|cost| cost <= AT_THE_NOISE * self.squares);
-                if *origin == Origin::Model && (most == 0 || at_the_noise) {
+                let early = matches!(origin, Origin::Model | Origin::Loose);
+                if early && (most == 0 || at_the_noise) || !early && state.waiting.is_empty() {
                     return false;
                 }
-                if *origin != Origin::Model && state.waiting.is_empty() {
-                    return false;
-                }
-                state.ended.push(ended_at(*origin, descent));
-                if *origin == Origin::Model {
-                    let start = descent.point.clone();
-                    let search =
-                        Search::new(self.objective, start, Restarts::None, config.seed, most, counts);
+                let loose = (origin == Origin::Model).then(|| self.loosened(point)).flatten();
+                state.ended.push(ended_at(origin, descent));
+                if let Some(loose) = loose {
+                    state.waiting.push((Origin::Loose, loose));
+                } else if early {
+                    let best = best(&state.ended)
+                        .map_or_else(|| self.objective.problem.start(), |b| b.point.clone());
+                    let search = Search::new(self.objective, best, Restarts::None, config.seed, most, counts);
                     state.stage = Stage::Search(Box::new(search));
                     return true;
                 }
@@ -153,7 +155,15 @@ impl Driver<'_> {
         true
     }
 
-    /// Where further descents begin, the most promising first.
+    /// `point` with all joints set loose, if some was not: one that friction holds has no slope that would lead out of
+    /// there.
+    fn loosened(&self, point: &Point) -> Option<Point> {
+        let free = &self.objective.parameters().free;
+        let values: Vec<f64> = free.iter().zip(&point.values).map(|(p, &x)| p.scale.loose(x)).collect();
+        (values != point.values).then(|| Point { values, offsets: point.offsets.clone() })
+    }
+
+    /// Where descents begin after a search, the most promising first.
     fn starts(&self, search: &Search, state: &Checkpoint, counts: &mut Counts) -> Vec<(Origin, Point)> {
         let parameters = self.objective.parameters();
         let mut list = Vec::new();
@@ -161,12 +171,6 @@ impl Driver<'_> {
         // From where it began nothing new would come.
         if search.anchor.values != best.values {
             list.push((Origin::Search, search.anchor.clone()));
-        }
-        // A joint that friction holds has no slope that would lead out of there.
-        let loose: Vec<f64> =
-            parameters.free.iter().zip(&best.values).map(|(p, &x)| p.scale.loose(x)).collect();
-        if loose != best.values {
-            list.push((Origin::Loose, Point { values: loose, offsets: best.offsets.clone() }));
         }
         let drawn: Vec<Point> =
             spread(parameters.len(), DRAWN_PER_PARAMETER * parameters.len(), self.experiment.fit.seed)

@@ -19,9 +19,9 @@
 //!   * *several runs*: their images are pooled; *diverging candidates* rank last.
 //! * `cma-es`: the same search, with stated standard deviations.
 //! * `least-squares`: Levenberg-Marquardt from the model's values, starts and parameters together.
-//! * `hybrid`: least squares from the model's values; where that leaves more than the keypoints' noise, a short
-//!   search from there, then least squares from the search's best point, from the best point so far with all joints
-//!   loosened (one that friction holds has no slope that would lead out of there), and from the best of some points
+//! * `hybrid`: least squares from the model's values; as long as more than the keypoints' noise is left, least squares with
+//!   all joints loosened (one that friction holds has no slope that would lead out of there), a short search from the
+//!   best point so far, and least squares from the best point of the search and from the best of some points
 //!   drawn evenly. The best end counts; [`Fit::starts`] says whether the others agree. Never worse than
 //!   `least-squares`.
 //!
