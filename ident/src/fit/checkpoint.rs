@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::counts::Counts;
 use super::least_squares::Descent;
-use super::problem::Point;
+use super::problem::{Linear, Point};
 use super::search::Search;
 use crate::experiment::Experiment;
 
@@ -44,7 +44,7 @@ pub enum Origin {
     Model,
     /// Where the search ended.
     Search,
-    /// At the best point so far with its joints loose: next to no damping, friction loss and stiffness.
+    /// The same with loose joints: next to no dry friction.
     Loose,
     /// At the best of some points drawn evenly from the bounds.
     Drawn,
@@ -58,6 +58,11 @@ pub(super) struct Ended {
     /// `None`: its start cannot be simulated.
     pub(super) cost: Option<f64>,
     pub(super) reason: String,
+    /// Whether the point has been linearised.
+    pub(super) settled: bool,
+    /// The linearisation there; found again after a resumption.
+    #[serde(skip)]
+    pub(super) linear: Option<Vec<Linear>>,
 }
 
 /// Why a state file cannot be used.

@@ -1,5 +1,5 @@
-//! Takes a fit through its stages: a descent; or a search; or, as long as more than the noise is left, a descent, one
-//! with all joints loose, a search, and descents from several starts.
+//! Takes a fit through its stages: a descent; or a search; or, as long as more than the noise is left, a descent with
+//! loose joints, one from the model's own values, a search, and descents from several starts.
 
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -10,11 +10,12 @@ use super::checkpoint::{Checkpoint, Ended, Flow, Observer, Origin, Progress, Sta
 use super::counts::Counts;
 use super::least_squares::{Descent, Freedom};
 use super::objective::Objective;
-use super::problem::Point;
+use super::problem::{Linear, Point};
 use super::search::{Search, settle};
 use super::{FitError, INTERRUPTED};
 use crate::cmaes::Restarts;
 use crate::experiment::{Experiment, Method};
+use crate::parameters::FreeParameter;
 
 /// Candidates of the global phase of `hybrid`, per parameter: enough to leave a bad optimum, no more.
 const SEARCH_PER_PARAMETER: u64 = 20;
@@ -39,6 +40,10 @@ pub(super) struct Driver<'a> {
 /// Where a fit has ended.
 pub(super) struct Arrival {
     pub(super) point: Point,
+    /// Whether it has been linearised, and counted so.
+    pub(super) settled: bool,
+    /// The linearisation there, where it is at hand.
+    pub(super) linear: Option<Vec<Linear>>,
     pub(super) stop_reason: String,
     /// All descents of `hybrid`, the best among them; empty with other methods.
     pub(super) ended: Vec<Ended>,
@@ -46,8 +51,9 @@ pub(super) struct Arrival {
 
 impl Driver<'_> {
     /// The beginning of a fit.
-    pub(super) fn first(&self, counts: &mut Counts) -> Result<Checkpoint, FitError> {
+    pub(super) fn first(&self, counts: &mut Counts) -> Checkpoint {
         let (config, objective) = (&self.experiment.fit, self.objective);
+        let mut waiting = Vec::new();
         let searches = matches!(config.method, Method::Paper | Method::CmaEs);
         let stage = if searches && config.max_evaluations > 0 && !objective.parameters().is_empty() {
             let restarts = if config.method == Method::CmaEs { config.restarts } else { Restarts::None };
@@ -55,15 +61,26 @@ impl Driver<'_> {
             let search = Search::new(objective, start, restarts, config.seed, config.max_evaluations, counts);
             Stage::Search(Box::new(search))
         } else {
-            let (point, cost) = settle(objective, objective.problem.start(), counts);
-            if cost.is_none() && config.method != Method::Hybrid {
-                return Err(self.start_failed(&point));
-            }
-            let descent = Descent::new(point, cost);
-            Stage::Descent { origin: Origin::Model, descent, limit: config.max_evaluations }
+            let start = objective.problem.start();
+            let loose = (config.method == Method::Hybrid && config.max_evaluations > 0)
+                .then(|| self.loosened(&start))
+                .flatten();
+            let (origin, descent) = match loose {
+                Some(loose) => {
+                    waiting.push((Origin::Model, start));
+                    (Origin::Loose, Descent::with_loose_joints(loose))
+                }
+                // With nothing to turn, the starts of the runs are all there is to fit.
+                None if config.max_evaluations == 0 || objective.parameters().is_empty() => {
+                    let (start, cost) = settle(objective, start, counts);
+                    (Origin::Model, Descent::new(start, cost))
+                }
+                None => (Origin::Model, Descent::new(start, None)),
+            };
+            Stage::Descent { origin, descent, limit: config.max_evaluations }
         };
         let experiment = self.fingerprint.clone();
-        Ok(Checkpoint { experiment, counts: *counts, stage, ended: Vec::new(), waiting: Vec::new() })
+        Checkpoint { experiment, counts: *counts, stage, ended: Vec::new(), waiting }
     }
 
     /// Goes on from `state` to the end, or until the observer has had enough.
@@ -123,7 +140,7 @@ impl Driver<'_> {
                 state.waiting = self.starts(search, state, counts);
             }
             Stage::Descent { origin, descent, .. } => {
-                let (origin, point) = (*origin, &descent.point);
+                let origin = *origin;
                 let parameters = self.objective.parameters().len() as u64;
                 let most = (SEARCH_PER_PARAMETER * parameters).min(left / 4);
                 let at_the_noise = descent.cost.is_some_and(|cost| cost <= AT_THE_NOISE * self.squares);
@@ -131,11 +148,8 @@ impl Driver<'_> {
                 if early && (most == 0 || at_the_noise) || !early && state.waiting.is_empty() {
                     return false;
                 }
-                let loose = (origin == Origin::Model).then(|| self.loosened(point)).flatten();
                 state.ended.push(ended_at(origin, descent));
-                if let Some(loose) = loose {
-                    state.waiting.push((Origin::Loose, loose));
-                } else if early {
+                if origin == Origin::Model {
                     let best = best(&state.ended)
                         .map_or_else(|| self.objective.problem.start(), |b| b.point.clone());
                     let search = Search::new(self.objective, best, Restarts::None, config.seed, most, counts);
@@ -150,16 +164,16 @@ impl Driver<'_> {
         }
         let (origin, point) = state.waiting.remove(0);
         let limit = counts.evaluations + config.max_evaluations.saturating_sub(counts.evaluations) / shares;
-        let (point, cost) = settle(self.objective, point, counts);
-        state.stage = Stage::Descent { origin, descent: Descent::new(point, cost), limit };
+        state.stage = Stage::Descent { origin, descent: Descent::new(point, None), limit };
         true
     }
 
-    /// `point` with all joints set loose, if some was not: one that friction holds has no slope that would lead out of
-    /// there.
+    /// `point` with next to no dry friction, if there was some: a joint that friction holds has no slope that would lead
+    /// out of there.
     fn loosened(&self, point: &Point) -> Option<Point> {
-        let free = &self.objective.parameters().free;
-        let values: Vec<f64> = free.iter().zip(&point.values).map(|(p, &x)| p.scale.loose(x)).collect();
+        let loose = |(p, &x): (&FreeParameter, &f64)| if p.is_friction() { p.scale.loose(x) } else { x };
+        let values: Vec<f64> =
+            self.objective.parameters().free.iter().zip(&point.values).map(loose).collect();
         (values != point.values).then(|| Point { values, offsets: point.offsets.clone() })
     }
 
@@ -191,7 +205,8 @@ impl Driver<'_> {
             Stage::Search(mut search) => {
                 search.drop_anchor(self.objective, counts);
                 let (point, cost) = (search.anchor.clone(), search.cost);
-                Ended { origin: Origin::Search, point, cost, reason: reason.to_owned() }
+                let reason = reason.to_owned();
+                Ended { origin: Origin::Search, point, cost, reason, settled: false, linear: None }
             }
             Stage::Descent { origin, descent, .. } => {
                 Ended { reason: reason.to_owned(), ..ended_at(origin, &descent) }
@@ -203,8 +218,9 @@ impl Driver<'_> {
             return Err(self.start_failed(&ended[0].point));
         };
         let stop_reason = if reason == INTERRUPTED { reason.to_owned() } else { best.reason.clone() };
-        let point = best.point.clone();
-        Ok(Arrival { point, stop_reason, ended: if several { ended } else { Vec::new() } })
+        let Ended { point, settled, linear, .. } = best.clone();
+        let ended = if several { ended } else { Vec::new() };
+        Ok(Arrival { point, settled, linear, stop_reason, ended })
     }
 
     /// Which run cannot be simulated at `point`, and why.
@@ -222,7 +238,8 @@ impl Driver<'_> {
 
 fn ended_at(origin: Origin, descent: &Descent) -> Ended {
     let reason = descent.end.map_or(String::new(), |end| end.name().to_owned());
-    Ended { origin, point: descent.point.clone(), cost: descent.cost, reason }
+    let Descent { point, cost, settled, linear, .. } = descent.clone();
+    Ended { origin, point, cost, reason, settled, linear }
 }
 
 /// The one that cost least, the first of equals.

@@ -1,5 +1,7 @@
 //! From the optimum to error bars, held-out runs and `fit.json`.
 
+use std::borrow::Cow;
+
 use sim::{Model, Trajectory};
 
 use super::checkpoint::Ended;
@@ -39,7 +41,16 @@ pub(super) fn finish(
     mut counts: Counts,
 ) -> Result<(Fit, Model, Vec<FittedRun>), FitError> {
     let (problem, point) = (&objective.problem, &arrival.point);
-    let known = information(objective, point, assumed.stated, &mut counts).ok_or(FitError::NoOptimum)?;
+    let linear = match &arrival.linear {
+        Some(linear) => Cow::Borrowed(&linear[..]),
+        None => {
+            // After a resumption what was counted before is found again.
+            let (by_parameters, mut aside) = (!point.values.is_empty(), Counts::default());
+            let counts = if arrival.settled { &mut aside } else { &mut counts };
+            Cow::Owned(problem.linearise(point, by_parameters, counts).ok_or(FitError::NoOptimum)?)
+        }
+    };
+    let known = information(objective, point, &linear, assumed.stated).ok_or(FitError::NoOptimum)?;
     let free = &problem.parameters.free;
     if !free.is_empty()
         && free.iter().all(|parameter| parameter.prior.is_none())

@@ -11,7 +11,6 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-use super::counts::Counts;
 use super::noise::{Seen, correlated, seen};
 use super::objective::Objective;
 use super::problem::{Linear, Point};
@@ -83,17 +82,16 @@ fn settled_size(parameter: &FreeParameter, value: f64) -> f64 {
     (SETTLED * value.abs()).max(scale.resolution()).min(SETTLED_WIDTH * scale.width())
 }
 
-/// `stated`: the noise is what somebody says, not an estimate from the images.
+/// `linear`: the problem at `point`. `stated`: the noise is what somebody says, not an estimate from the images.
 pub(super) fn information(
     objective: &Objective<'_>,
     point: &Point,
+    linear: &[Linear],
     stated: bool,
-    counts: &mut Counts,
 ) -> Option<Information> {
     let problem = &objective.problem;
     let count = problem.parameters.len();
-    let linear = problem.linearise(point, count > 0, counts)?;
-    let seen = seen(objective, point, &linear, stated);
+    let seen = seen(objective, point, linear, stated);
     let mut runs = Vec::new();
     for (run, (linear, seen)) in linear.iter().zip(&seen).enumerate() {
         runs.push(one_run(objective, run, count, linear, *seen)?);

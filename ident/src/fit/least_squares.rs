@@ -9,11 +9,14 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::counts::Counts;
+use super::noise::lasting;
 use super::objective::Objective;
 use super::problem::{Linear, Point};
+use crate::experiment::Loss;
+use crate::parameters::Parameters;
 
 /// A descent under way. Serialising it loses nothing.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Descent {
     pub(crate) point: Point,
     /// JSON knows no infinity: `None` where the point cannot be simulated, or has not been.
@@ -21,7 +24,14 @@ pub(crate) struct Descent {
     damping: f64,
     /// Small decreases in a row.
     small: u32,
+    /// Iterations for which the joints' dry friction still stays as it is.
+    pub(super) frictions_wait: u32,
     pub(crate) end: Option<End>,
+    /// Whether the point has been linearised.
+    pub(super) settled: bool,
+    /// The linearisation at the point, where it is that of plain squares; found again after a resumption.
+    #[serde(skip)]
+    pub(super) linear: Option<Vec<Linear>>,
 }
 
 /// Why a descent ended.
@@ -57,8 +67,11 @@ pub(crate) enum Freedom {
     Nuisances,
 }
 
-/// A share of the cost that counts as small.
-const SMALL: f64 = 1e-6;
+/// A decrease of the cost is not worth a step below this share of what one degree of freedom is worth: a tenth of a
+/// standard deviation of the parameters.
+const WORTH: f64 = 0.01;
+/// Dampings tried at once, as multiples of the last good one: they share the lanes of one pass.
+const LADDER: [f64; 8] = [1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4, 1e5];
 /// Small decreases in a row that end a descent.
 const PATIENCE: u32 = 2;
 /// The damping of a descent's first trial, as a share of the curvature.
@@ -71,13 +84,31 @@ const MAX_DAMPING: f64 = 1e9;
 const DAMPING_FACTOR: f64 = 10.0;
 /// A decrease of at least this share of the promised one says that the linearisation holds so far.
 const AS_PROMISED: f64 = 0.5;
+/// Iterations of a descent with loose joints before their friction may grow.
+const FRICTIONS_WAIT: u32 = 3;
 /// Keeps directions that nothing depends on from making the equations singular.
 const RIDGE: f64 = 1e-12;
 
 impl Descent {
     /// A descent from `point`, whose cost may be known already.
     pub(crate) fn new(point: Point, cost: Option<f64>) -> Self {
-        Self { point, cost, damping: FIRST_DAMPING, small: 0, end: None }
+        Self {
+            point,
+            cost,
+            damping: FIRST_DAMPING,
+            small: 0,
+            frictions_wait: 0,
+            end: None,
+            settled: false,
+            linear: None,
+        }
+    }
+
+    /// A descent from a `point` whose joints have next to no dry friction. That stays so for some iterations, in which
+    /// damping takes up what it can: friction that may grow from the first does so wherever the motion is not yet repeated,
+    /// and holds the joints then.
+    pub(super) fn with_loose_joints(point: Point) -> Self {
+        Self { frictions_wait: FRICTIONS_WAIT, ..Self::new(point, None) }
     }
 
     /// Takes steps until the descent ends by itself.
@@ -105,8 +136,16 @@ impl Descent {
             (self.cost, self.end) = (None, Some(End::Failed));
             return;
         };
-        let normal = Normal::new(objective, &self.point, free, &linear, data);
-        self.follow(objective, &normal, by_parameters, SMALL, max_evaluations, counts);
+        let mut normal = Normal::new(objective, &self.point, free, &linear, data);
+        if by_parameters && self.frictions_wait > 0 {
+            self.frictions_wait -= 1;
+            normal.hold_frictions(objective.parameters());
+        }
+        let tries = Tries { by_parameters, dampings: &LADDER, worth: normal.worth, max_evaluations };
+        let before = self.point.clone();
+        self.follow(objective, &normal, &tries, counts);
+        self.settled = by_parameters && objective.loss == Loss::Squares && self.point == before;
+        self.linear = self.settled.then_some(linear);
     }
 
     /// One iteration with derivatives that are known already, as [`Problem::linearise`](super::problem::Problem::linearise)
@@ -121,44 +160,53 @@ impl Descent {
         let free = objective.parameters().len();
         let data = linear.iter().map(|linear| linear.residuals.norm_squared()).sum();
         let normal = Normal::new(objective, &self.point, free, linear, data);
-        self.follow(objective, &normal, true, small, u64::MAX, counts);
+        let worth = small * normal.cost;
+        let tries = Tries { by_parameters: true, dampings: &[1.0], worth, max_evaluations: u64::MAX };
+        self.follow(objective, &normal, &tries, counts);
     }
 
     /// Tries steps that `normal` promises to be good until one is.
-    fn follow(
-        &mut self,
-        objective: &Objective<'_>,
-        normal: &Normal,
-        by_parameters: bool,
-        small: f64,
-        max_evaluations: u64,
-        counts: &mut Counts,
-    ) {
-        let cost = normal.cost;
+    fn follow(&mut self, objective: &Objective<'_>, normal: &Normal, tries: &Tries<'_>, counts: &mut Counts) {
+        let (cost, worth) = (normal.cost, tries.worth);
         self.cost = Some(cost);
-        if normal.most() <= small * cost {
+        if normal.most() <= worth {
             self.end = Some(End::TolLoss);
             return;
         }
         let mut raise = DAMPING_FACTOR;
         loop {
-            let (trial, promised) = normal.trial(objective, &self.point, self.damping);
-            // Where friction starts to stick or a bound is met, promises are broken at every length of step.
-            if self.damping > MAX_DAMPING || (0.0..=small * cost).contains(&promised) {
+            let mut steps: Vec<(f64, Point, f64)> = tries
+                .dampings
+                .iter()
+                .map(|factor| (factor * self.damping).max(LEAST_DAMPING))
+                .filter(|damping| *damping <= MAX_DAMPING)
+                .map(|damping| {
+                    let (trial, promised) = normal.trial(objective, &self.point, damping);
+                    (damping, trial, promised)
+                })
+                // Where friction starts to stick or a bound is met, promises are broken at every length of step.
+                .filter(|(_, _, promised)| !(0.0..=worth).contains(promised))
+                .collect();
+            let Some(longest) = steps.last().map(|(damping, _, _)| *damping) else {
                 self.end = Some(End::TolStep);
                 return;
+            };
+            if tries.by_parameters {
+                let left = tries.max_evaluations.saturating_sub(counts.evaluations);
+                steps.truncate(usize::try_from(left).unwrap_or(usize::MAX));
             }
-            if by_parameters && counts.evaluations >= max_evaluations {
+            if steps.is_empty() {
                 self.end = Some(End::MaxEvaluations);
                 return;
             }
-            let trials = std::slice::from_ref(&trial);
-            let reached = objective.costs(trials, by_parameters, counts)[0];
+            let trials: Vec<Point> = steps.iter().map(|(_, trial, _)| trial.clone()).collect();
+            let costs = objective.costs(&trials, tries.by_parameters, counts);
+            let best = (0..steps.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
+            let (reached, (damping, trial, promised)) = (costs[best], steps.swap_remove(best));
             if reached < cost {
-                if cost - reached >= AS_PROMISED * promised {
-                    self.damping = (self.damping / DAMPING_FACTOR).max(LEAST_DAMPING);
-                }
-                self.small = if cost - reached <= small * cost { self.small + 1 } else { 0 };
+                let kept = cost - reached >= AS_PROMISED * promised;
+                self.damping = if kept { (damping / DAMPING_FACTOR).max(LEAST_DAMPING) } else { damping };
+                self.small = if cost - reached <= worth { self.small + 1 } else { 0 };
                 self.point = trial;
                 self.cost = Some(reached);
                 if self.small >= PATIENCE {
@@ -166,15 +214,27 @@ impl Descent {
                 }
                 return;
             }
-            self.damping *= raise;
+            self.damping = longest * raise;
             raise *= DAMPING_FACTOR;
         }
     }
 }
 
+/// How steps are tried.
+struct Tries<'a> {
+    by_parameters: bool,
+    /// As multiples of the descent's own damping, rising.
+    dampings: &'a [f64],
+    /// The decrease of the cost that is worth a step.
+    worth: f64,
+    max_evaluations: u64,
+}
+
 /// Normal equations in scaled unknowns: parameters first, then the nuisances run by run.
 struct Normal {
     cost: f64,
+    /// The decrease of the cost that is worth a step.
+    worth: f64,
     hessian: DMatrix<f64>,
     gradient: DVector<f64>,
     /// Size of one unit of each unknown.
@@ -198,6 +258,15 @@ impl Normal {
         let mut hessian = DMatrix::zeros(total, total);
         let mut gradient = DVector::zeros(total);
         let mut cost = data;
+        let rows: usize = linear.iter().map(|linear| linear.residuals.len()).sum();
+        let lasting: f64 = linear
+            .iter()
+            .zip(&problem.terms)
+            .map(|(linear, term)| {
+                linear.residuals.len() as f64 * lasting(&term.observations, &linear.residuals)
+            })
+            .sum();
+        let worth = WORTH * data * lasting / (rows as f64).powi(2).max(1.0);
         let mut first = free;
         for (run, linear) in linear.iter().enumerate() {
             let own = linear.jacobian.ncols() - free;
@@ -243,7 +312,14 @@ impl Normal {
             })
             .collect();
         held.resize(total, false);
-        Self { cost, hessian, gradient, size, held, free }
+        Self { cost, worth, hessian, gradient, size, held, free }
+    }
+
+    /// Holds the joints' dry friction where it is.
+    fn hold_frictions(&mut self, parameters: &Parameters) {
+        for (held, parameter) in self.held.iter_mut().zip(&parameters.free) {
+            *held |= parameter.is_friction();
+        }
     }
 
     /// The decrease that the linearisation promises if bounds are left aside: no step brings more.

@@ -19,11 +19,11 @@
 //!   * *several runs*: their images are pooled; *diverging candidates* rank last.
 //! * `cma-es`: the same search, with stated standard deviations.
 //! * `least-squares`: Levenberg-Marquardt from the model's values, starts and parameters together.
-//! * `hybrid`: least squares from the model's values; as long as more than the keypoints' noise is left, least squares with
-//!   all joints loosened (one that friction holds has no slope that would lead out of there), a short search from the
-//!   best point so far, and least squares from the best point of the search and from the best of some points
-//!   drawn evenly. The best end counts; [`Fit::starts`] says whether the others agree. Never worse than
-//!   `least-squares`.
+//! * `hybrid`: least squares from the model's values with loose joints (one that dry friction holds has no slope that would
+//!   lead out of there, one that moves too easily has); as long as more than the keypoints' noise is left, least squares
+//!   from the model's own values, a short search from the best point so far, and least squares from the best point of
+//!   the search and from the best of some points drawn evenly. The best end counts; [`Fit::starts`] says whether the others
+//!   agree. Never worse than `least-squares` where noise is left.
 //!
 //! # How sure
 //! Standard deviations rest on the sensitivities at the optimum, the noise each run's residuals show and its
@@ -54,6 +54,7 @@ pub(crate) mod whitening;
 
 use std::time::{Duration, Instant};
 
+use rayon::prelude::*;
 use sim::{Model, State, Trajectory};
 
 pub use checkpoint::{Checkpoint, CheckpointError, Flow, Observer, Origin, Progress};
@@ -161,10 +162,10 @@ fn run(
     unmoved(experiment, &parameters)?;
     let assumed = AssumedNoise::of(experiment);
     let use_stated = experiment.fit.method != Method::Paper;
-    let mut terms = Vec::new();
-    for run in fitted_runs() {
-        terms.push(whole(&experiment.model, run, assumed.of_run(run), use_stated)?);
-    }
+    let fitted_runs: Vec<&Run> = fitted_runs().collect();
+    let terms =
+        fitted_runs.par_iter().map(|run| whole(&experiment.model, run, assumed.of_run(run), use_stated));
+    let terms = terms.collect::<Result<Vec<_>, _>>()?;
     let loss = if experiment.fit.method == Method::Paper { Loss::Squares } else { experiment.fit.loss };
     let belief = belief.map(|belief| belief(&parameters)).transpose()?;
     let problem = Problem { model: &experiment.model, parameters: &parameters, terms };
@@ -192,7 +193,7 @@ fn run(
             counts = from.counts;
             from
         }
-        None => driver.first(&mut counts)?,
+        None => driver.first(&mut counts),
     };
     let arrival = driver.finish(state, &mut counts, observer)?;
     let (fit, model, runs) = finish::finish(experiment, &objective, arrival, &assumed, counts)?;

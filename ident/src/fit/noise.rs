@@ -4,7 +4,7 @@
 //! the number of images between. Residuals that a wrong model leaves are correlated, too, and widen the error bars
 //! just so.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::objective::Objective;
 use super::problem::{Linear, Point};
@@ -67,6 +67,12 @@ fn series(observations: &[Observation]) -> Vec<Vec<usize>> {
         series[3 * observation.keypoint + observation.axis].push(index);
     }
     series
+}
+
+/// By how much `residuals` that last count for less than as many independent ones: (1 + correlation) / (1 - correlation).
+pub(super) fn lasting(observations: &[Observation], residuals: &DVector<f64>) -> f64 {
+    let correlation = correlation(observations, residuals.as_slice());
+    (1.0 + correlation) / (1.0 - correlation)
 }
 
 fn correlation(observations: &[Observation], residuals: &[f64]) -> f64 {

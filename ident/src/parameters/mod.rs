@@ -34,6 +34,11 @@ impl FreeParameter {
     pub fn name(&self) -> &str {
         &self.names[0]
     }
+
+    /// Whether it is a joint's dry friction.
+    pub(crate) fn is_friction(&self) -> bool {
+        self.places.iter().all(|place| matches!(place, sim::model::Parameter::FrictionLoss(_)))
+    }
 }
 
 /// The free parameters of a fit, in the order of the model.

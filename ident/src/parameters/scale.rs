@@ -120,7 +120,7 @@ impl Scale {
         [lower, upper]
     }
 
-    /// `value`, or as good as nothing where it is a joint's resistance.
+    /// As good as nothing where it is a joint's resistance, else `value`.
     pub(crate) fn loose(&self, value: f64) -> f64 {
         match self.spread {
             Spread::Knee(_) => self.start(self.lower),
