@@ -5,8 +5,8 @@
 //!
 //! * A weight in air becomes the body's mass, and its prior where the balance's deviation is known.
 //! * A weight in water, with it, says what water the body displaces: its buoyancy, which MJCF holds as `gravcomp`,
-//!   displaced over own mass. Without a weight in water the model's own displaced mass stays, corrected for the
-//!   density of the water.
+//!   displaced over own mass; and the prior of its error, `buoyancy/<body>`, which is a share of it. Without a weight in
+//!   water the model's own displaced mass stays, corrected for the density of the water.
 //! * Temperature and salinity give the water's density, once anything is weighed.
 //!
 //! A model of which nothing was weighed stays as it is.
@@ -184,8 +184,29 @@ impl Mechanism {
                     fit.prior.entry(name).or_insert(Prior { mean, std });
                 }
             }
+            for body in self.wet_mass_kg.keys() {
+                let name = format!("buoyancy/{body}");
+                if let Some(prior) = self.buoyancy(body, std, model).filter(|_| !fit.fixed.contains(&name)) {
+                    fit.prior.entry(name).or_insert(prior);
+                }
+            }
+            fit.add_named_causes(model);
         }
         Ok(())
+    }
+}
+
+impl Mechanism {
+    /// What weighing says about the error of the water that `body` of `model` displaces, as a share of it.
+    ///
+    /// With weights D in air and W in water the body displaces D - W. The model's `gravcomp`, (D - W) / D, follows the mass, so
+    /// of the error of D only the share W / D is left to the buoyancy.
+    fn buoyancy(&self, body: &str, std_kg: Positive, model: &Model) -> Option<Prior> {
+        let known = model.bodies.iter().find(|known| known.name == body)?;
+        let follows = known.gravity_compensation;
+        let air = if self.dry_mass_kg.contains_key(body) { 1.0 - follows } else { 0.0 };
+        let std = Positive::new(std_kg.get() * air.hypot(1.0) / (known.mass * follows))?;
+        Some(Prior { mean: Finite::new(0.0)?, std })
     }
 }
 
@@ -231,7 +252,11 @@ mod tests {
         assert!((displaced / (1.5e-6 * 997.04796) - 1.0).abs() < 1e-6, "{displaced}");
         assert!((model.settings.density - 997.04796).abs() < 1e-4);
         assert_eq!(fit.prior["link1/mass"].mean.get(), 0.002);
-        assert_eq!(fit.prior.len(), 1);
+        // The balance's 0.02 g twice, once by a quarter: of 1.5 g displaced.
+        let (mean, std) = (fit.prior["buoyancy/link1"].mean.get(), fit.prior["buoyancy/link1"].std.get());
+        assert!(mean == 0.0 && (std / (2e-5 * 0.25_f64.hypot(1.0) / 0.0015) - 1.0).abs() < 1e-9, "{std}");
+        assert_eq!(fit.prior.len(), 2);
+        assert!(model.parameter_names().contains(&"buoyancy/link1".into()));
     }
 
     #[test]

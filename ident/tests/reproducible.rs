@@ -10,7 +10,7 @@ mod common;
 
 use common::*;
 use ident::experiment::{Experiment, Method};
-use ident::fit::{Checkpoint, FitError, Flow, Observer, Progress, fit, resume};
+use ident::fit::{Checkpoint, FitError, Flow, Observer, Origin, Progress, first_answer, fit, resume};
 
 fn problem(method: Method) -> Experiment {
     let truth = chain();
@@ -98,6 +98,27 @@ fn a_fit_broken_off_ends_as(whole: &str, experiment: &Experiment, mut interrupt:
     assert_eq!(broken.fit.stop_reason, "interrupted");
     let resumed = resume(experiment, interrupt.state.unwrap(), &mut ()).unwrap();
     assert_eq!(resumed.fit.to_json().unwrap(), whole, "{:?}", experiment.fit.method);
+}
+
+#[test]
+fn the_first_answer_is_whole_and_leads_to_the_bytes_of_the_last() {
+    let mut experiment = problem(Method::Hybrid);
+    experiment.fit.parameters.push("frictionloss".into());
+    experiment.fit.max_evaluations = 2000;
+    for joint in ["q2", "q3"] {
+        experiment.model.set_parameter(&format!("{joint}/frictionloss"), 1e-6).unwrap();
+    }
+    let (first, left) = first_answer(&experiment, &mut ()).unwrap();
+    assert!(first.fit.parameters.iter().any(|p| p.determined) && first.fit.loss_m2.is_finite());
+    let last = resume(&experiment, left.expect("more than the noise is left"), &mut ()).unwrap();
+    assert!(last.fit.loss_m2 <= first.fit.loss_m2 * (1.0 + 1e-9));
+    let starts: Vec<Origin> = last.fit.starts.iter().map(|start| start.from).collect();
+    assert_eq!(starts[..2], [Origin::Loose, Origin::Model]);
+    assert_eq!(last.fit.to_json().unwrap(), bytes(&experiment));
+    // At the noise there is nothing to go on to.
+    experiment.noise_m = Some(NOISE_M);
+    let (first, left) = first_answer(&experiment, &mut ()).unwrap();
+    assert!(left.is_none() && first.fit.to_json().unwrap() == bytes(&experiment));
 }
 
 #[test]

@@ -11,7 +11,7 @@ fn short_experiment(config: &mut toml::Table, cron: &str) {
 }
 
 #[test]
-fn daemon_runs_at_its_slot_and_journals_the_slots_it_skips() {
+fn daemon_runs_at_its_slot_recalibrates_and_journals_the_slots_it_skips() {
     let _turn = in_real_time();
     let folder = tempfile::tempdir().expect("a folder");
     let runs = folder.path().join("runs");
@@ -29,6 +29,11 @@ fn daemon_runs_at_its_slot_and_journals_the_slots_it_skips() {
     assert!(output.status.success(), "{}", printed(&output));
     let journal = std::fs::read_to_string(runs.join("daemon.jsonl")).expect("the daemon's journal");
     assert_eq!(journal.matches("\"done\"").count(), 2, "{journal}");
+    let good = runs.join("last-good");
+    assert_eq!(journal.matches("\"recalibrated\"").count(), 2, "{journal}");
+    let fit = system_tests::json(&good.join("fit.json"));
+    assert_eq!(fit["recalibration"]["accepted"], true, "{fit}");
+    assert!(good.join("model.xml").exists());
     // A run takes longer than the two seconds between slots.
     assert!(journal.contains("\"skipped\""), "{journal}");
 }

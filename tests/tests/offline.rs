@@ -301,6 +301,7 @@ fn odd_experiments_are_refused_with_file_line_and_remedy() {
         .collect();
     write(at, "gaps.csv", &format!("{}\n{}\n", lines[0], gaps.join("\n")));
     write(at, "name.csv", &table.replace("P2", "P9"));
+    write(at, "nan.csv", &format!("{}\n0,NaN,0,0,0,0,0\n", lines[0]));
     let blind = |line: &str| {
         let cells: Vec<&str> = line.split(',').collect();
         [&cells[..3], &["", ""], &cells[5..]].concat().join(",")
@@ -334,6 +335,14 @@ fn odd_experiments_are_refused_with_file_line_and_remedy() {
         (table("few.csv"), 4, &["run `a`: 2 of 2 images", "3 are the least"]),
         (table("gaps.csv"), 4, &["run `a`: 0 of", "check the extraction"]),
         (table("blind.csv"), 4, &["run `a`: keypoint `P2` is never seen; remove its columns"]),
+        (table("nan.csv"), 2, &["nan.csv, line 2, column P1_x_m: `NaN`", "leave the cell empty"]),
+        // A link that turns about a fixed pivot shows no lift.
+        (
+            with("\"g3/blunt\"", "\"g1/kutta\", \"g1/magnus\""),
+            4,
+            &["no fitted run sees `g1/kutta`, `g1/magnus`", "leave them out of `parameters`"],
+        ),
+        (with("g3/blunt", "buoyancy/lnk3"), 2, &["odd.toml, line 3", "did you mean `buoyancy/link3`?"]),
         ("[[run]]\nfolder = \"none\"\n".into(), 2, &["none", "there is no folder"]),
     ];
     for (text, code, wanted) in cases {

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Deserializer, Serialize};
+use sim::Model;
 
 use crate::cmaes::Restarts;
 use crate::strict::{Finite, Positive};
@@ -73,6 +74,20 @@ impl Default for FitConfig {
             max_evaluations: 5000,
             bounds: BTreeMap::new(),
             prior: BTreeMap::new(),
+        }
+    }
+}
+
+impl FitConfig {
+    /// Adds to `model` the causes whose parameters are to be fitted, `<cause>/<parameter>` in `parameters` or `prior`, with
+    /// neutral values; one that is there stays as it is.
+    pub fn add_named_causes(&self, model: &mut Model) {
+        for name in self.parameters.iter().chain(self.prior.keys()) {
+            let is_known = model.parameter_names().contains(name);
+            if let Some((cause, _)) = name.split_once('/').filter(|_| !is_known) {
+                // What is no cause is for the selection of parameters to find, or to refuse.
+                let _ = model.add_effect(cause);
+            }
         }
     }
 }

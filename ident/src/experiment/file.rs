@@ -86,6 +86,7 @@ fn load(file: File, path: &Path) -> Result<Experiment, ExperimentError> {
         .map_err(|source| ExperimentError::Model { path: model_path, source: source.into() })?;
     let mut fit = file.fit;
     file.mechanism.put_into(&file.water, &mut model, &mut fit)?;
+    fit.add_named_causes(&mut model);
     Ok(Experiment { model, noise_m: file.noise_m.map(Positive::get), fit, runs })
 }
 

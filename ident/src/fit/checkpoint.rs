@@ -139,6 +139,8 @@ pub struct Progress<'a> {
     pub rollouts: u64,
     /// Best loss so far \[m2\], over all images; infinite before there is one.
     pub loss_m2: f64,
+    /// Whether this start, or the search, has come to its end; others may follow.
+    pub has_ended: bool,
     /// From here the fit can be resumed.
     pub checkpoint: &'a Checkpoint,
 }

@@ -67,7 +67,9 @@ impl Driver<'_> {
                 .flatten();
             let (origin, descent) = match loose {
                 Some(loose) => {
-                    waiting.push((Origin::Model, start));
+                    if loose.values != start.values {
+                        waiting.push((Origin::Model, start));
+                    }
                     (Origin::Loose, Descent::with_loose_joints(loose))
                 }
                 // With nothing to turn, the starts of the runs are all there is to fit.
@@ -106,9 +108,6 @@ impl Driver<'_> {
                     ("descent", descent.cost, descent.end.map(|end| end.name()))
                 }
             };
-            if end.is_some() && self.goes_on(&mut state, counts) {
-                continue;
-            }
             state.counts = *counts;
             let best =
                 state.ended.iter().filter_map(|ended| ended.cost).chain(cost).fold(f64::INFINITY, f64::min);
@@ -118,40 +117,57 @@ impl Driver<'_> {
                 max_evaluations: self.experiment.fit.max_evaluations,
                 rollouts: counts.rollouts,
                 loss_m2: best * self.loss_m2,
+                has_ended: end.is_some(),
                 checkpoint: &state,
             });
             match (end, flow) {
-                (Some(end), _) => return self.arrive(state, end, counts),
-                (None, Flow::Stop) => return self.arrive(state, INTERRUPTED, counts),
+                (Some(end), _) if self.is_over(&state.stage, &state.waiting, counts) => {
+                    return self.arrive(state, end, counts);
+                }
+                (_, Flow::Stop) => return self.arrive(state, INTERRUPTED, counts),
+                (Some(end), Flow::Continue) => {
+                    if !self.goes_on(&mut state, counts) {
+                        return self.arrive(state, end, counts);
+                    }
+                }
                 (None, Flow::Continue) => {}
             }
         }
     }
 
-    /// Puts what follows a stage that has ended in its place, if anything does.
+    /// Whether nothing follows `stage`, which has ended.
+    fn is_over(&self, stage: &Stage, waiting: &[(Origin, Point)], counts: &Counts) -> bool {
+        match stage {
+            _ if self.experiment.fit.method != Method::Hybrid => true,
+            Stage::Search(_) => false,
+            Stage::Descent { origin: Origin::Model | Origin::Loose, descent, .. } => {
+                let at_the_noise = descent.cost.is_some_and(|cost| cost <= AT_THE_NOISE * self.squares);
+                self.search_evaluations(counts) == 0 || at_the_noise
+            }
+            Stage::Descent { .. } => waiting.is_empty(),
+        }
+    }
+
+    /// Candidates that a search may try.
+    fn search_evaluations(&self, counts: &Counts) -> u64 {
+        let left = self.experiment.fit.max_evaluations.saturating_sub(counts.evaluations);
+        (SEARCH_PER_PARAMETER * self.objective.parameters().len() as u64).min(left / 4)
+    }
+
+    /// Puts what follows a stage that has ended, if it is not over, in its place; false where there is nothing.
     fn goes_on(&self, state: &mut Checkpoint, counts: &mut Counts) -> bool {
         let config = &self.experiment.fit;
-        if config.method != Method::Hybrid {
-            return false;
-        }
-        let left = config.max_evaluations.saturating_sub(counts.evaluations);
         match &state.stage {
             Stage::Search(search) => {
                 state.waiting = self.starts(search, state, counts);
             }
             Stage::Descent { origin, descent, .. } => {
                 let origin = *origin;
-                let parameters = self.objective.parameters().len() as u64;
-                let most = (SEARCH_PER_PARAMETER * parameters).min(left / 4);
-                let at_the_noise = descent.cost.is_some_and(|cost| cost <= AT_THE_NOISE * self.squares);
-                let early = matches!(origin, Origin::Model | Origin::Loose);
-                if early && (most == 0 || at_the_noise) || !early && state.waiting.is_empty() {
-                    return false;
-                }
                 state.ended.push(ended_at(origin, descent));
-                if origin == Origin::Model {
+                if matches!(origin, Origin::Model | Origin::Loose) && state.waiting.is_empty() {
                     let best = best(&state.ended)
                         .map_or_else(|| self.objective.problem.start(), |b| b.point.clone());
+                    let most = self.search_evaluations(counts);
                     let search = Search::new(self.objective, best, Restarts::None, config.seed, most, counts);
                     state.stage = Stage::Search(Box::new(search));
                     return true;
@@ -168,13 +184,13 @@ impl Driver<'_> {
         true
     }
 
-    /// `point` with next to no dry friction, if there was some: a joint that friction holds has no slope that would lead
-    /// out of there.
+    /// `point` with next to no dry friction, where there may be some: a joint that friction holds has no slope that would
+    /// lead out of there.
     fn loosened(&self, point: &Point) -> Option<Point> {
+        let free = &self.objective.parameters().free;
         let loose = |(p, &x): (&FreeParameter, &f64)| if p.is_friction() { p.scale.loose(x) } else { x };
-        let values: Vec<f64> =
-            self.objective.parameters().free.iter().zip(&point.values).map(loose).collect();
-        (values != point.values).then(|| Point { values, offsets: point.offsets.clone() })
+        let values = free.iter().zip(&point.values).map(loose).collect();
+        free.iter().any(FreeParameter::is_friction).then(|| Point { values, offsets: point.offsets.clone() })
     }
 
     /// Where descents begin after a search, the most promising first.

@@ -61,7 +61,7 @@ pub(super) fn finish(
         });
     }
     let noise_m = noise_m(objective, &known, assumed);
-    let model = problem.parameters.applied(&point.values, &experiment.model);
+    let model = problem.parameters.applied(&point.values, problem.model);
     let interrupted = arrival.stop_reason == INTERRUPTED;
     let intervals = (experiment.fit.profile && !interrupted && !point.values.is_empty())
         .then(|| profile(objective, point, &known, &mut counts));

@@ -91,6 +91,23 @@ pub struct Fitted {
     pub timing: Timing,
 }
 
+impl Fitted {
+    /// The calibrated model as MJCF text that begins with `comment`. Causes that MJCF holds exactly stand where MuJoCo looks
+    /// for them; others stay as our own numbers, and the comment says what MuJoCo lacks.
+    pub fn to_mjcf(&self, comment: &str) -> String {
+        let folded = self.model.folded();
+        if folded.lost.is_empty() && folded.altered.is_empty() {
+            return folded.model.to_mjcf(comment);
+        }
+        let lost: Vec<&str> = folded.lost.iter().map(|cause| cause.name()).collect();
+        let lacks = match lost[..] {
+            [] => String::new(),
+            _ => format!(" MuJoCo itself moves without {}.", lost.join(", ")),
+        };
+        self.model.to_mjcf(&format!("{comment}{lacks}"))
+    }
+}
+
 /// One run beside its simulation.
 #[derive(Debug, Clone)]
 pub struct FittedRun {
@@ -139,6 +156,40 @@ pub fn resume(
     run(experiment, None, Some(checkpoint), observer)
 }
 
+/// As [`fit`], as far as the first start leads; and where the fit can be resumed, if other starts are worth a try. What the
+/// first start finds is whole: with its error bars, its held-out runs, its model.
+///
+/// # Errors
+/// [`FitError`].
+pub fn first_answer(
+    experiment: &Experiment,
+    observer: &mut dyn Observer,
+) -> Result<(Fitted, Option<Checkpoint>), FitError> {
+    let mut first = FirstStart { observer, left: None };
+    let fitted = fit(experiment, &mut first)?;
+    let left = first.left.filter(|_| fitted.fit.stop_reason == INTERRUPTED);
+    Ok((fitted, left))
+}
+
+/// Stops a fit at the end of its first start.
+struct FirstStart<'a> {
+    observer: &'a mut dyn Observer,
+    left: Option<Checkpoint>,
+}
+
+impl Observer for FirstStart<'_> {
+    fn progress(&mut self, progress: &Progress<'_>) -> Flow {
+        if self.observer.progress(progress) == Flow::Stop {
+            return Flow::Stop;
+        }
+        if progress.has_ended {
+            self.left = Some(progress.checkpoint.clone());
+            return Flow::Stop;
+        }
+        Flow::Continue
+    }
+}
+
 /// What an earlier fit says about the parameters of this one.
 type Inherited<'a> = dyn Fn(&Parameters) -> Result<Belief, FitError> + 'a;
 
@@ -151,24 +202,26 @@ fn run(
     let began = Instant::now();
     experiment.check()?;
     let expected = fingerprint(experiment);
+    let mut model = experiment.model.clone();
+    experiment.fit.add_named_causes(&mut model);
+    let model = &model;
     if let Some(got) = from.as_ref().map(|from| &from.experiment).filter(|got| **got != expected) {
         return Err(CheckpointError::OtherExperiment { expected, got: got.clone() }.into());
     }
-    let parameters = Parameters::select(&experiment.model, &experiment.fit)?;
+    let parameters = Parameters::select(model, &experiment.fit)?;
     let fitted_runs = || experiment.runs.iter().filter(|run| run.usage == Use::Fit);
     if fitted_runs().next().is_none() && !parameters.is_empty() {
         return Err(FitError::NothingToFit);
     }
-    unmoved(experiment, &parameters)?;
+    unmoved(model, experiment, &parameters)?;
     let assumed = AssumedNoise::of(experiment);
     let use_stated = experiment.fit.method != Method::Paper;
     let fitted_runs: Vec<&Run> = fitted_runs().collect();
-    let terms =
-        fitted_runs.par_iter().map(|run| whole(&experiment.model, run, assumed.of_run(run), use_stated));
+    let terms = fitted_runs.par_iter().map(|run| whole(model, run, assumed.of_run(run), use_stated));
     let terms = terms.collect::<Result<Vec<_>, _>>()?;
     let loss = if experiment.fit.method == Method::Paper { Loss::Squares } else { experiment.fit.loss };
     let belief = belief.map(|belief| belief(&parameters)).transpose()?;
-    let problem = Problem { model: &experiment.model, parameters: &parameters, terms };
+    let problem = Problem { model, parameters: &parameters, terms };
     let objective = Objective { problem, loss, belief };
 
     let mut counts = Counts::default();
@@ -203,9 +256,8 @@ fn run(
 
 /// Refuses a drive's gain that no fitted run drives, and a joint's resistance that every one overrides: their
 /// sensitivities are nothing but zeros.
-fn unmoved(experiment: &Experiment, parameters: &Parameters) -> Result<(), FitError> {
+fn unmoved(model: &Model, experiment: &Experiment, parameters: &Parameters) -> Result<(), FitError> {
     use sim::model::Parameter::{Damping, FrictionLoss, Gain, Stiffness};
-    let model = &experiment.model;
     let drives = |run: &Run, joint: usize| {
         let commanded = run.command.iter().flat_map(|command| &command.actuators);
         run.kind == RunKind::Driven

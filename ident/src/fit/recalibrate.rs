@@ -60,7 +60,9 @@ pub fn recalibrate(
     earlier: &Fit,
     observer: &mut dyn Observer,
 ) -> Result<Fitted, FitError> {
-    let parameters = Parameters::select(&experiment.model, &experiment.fit)?;
+    let mut model = experiment.model.clone();
+    experiment.fit.add_named_causes(&mut model);
+    let parameters = Parameters::select(&model, &experiment.fit)?;
     earlier.belief(&parameters, 1.0)?;
     let mut alone = run(experiment, None, None, observer)?;
     if alone.fit.stop_reason == INTERRUPTED {
@@ -84,7 +86,7 @@ pub fn recalibrate(
 /// Judges a fit of new runs, made without regard to `earlier`, against it.
 fn judge(earlier: &Fit, new: &Fit) -> Recalibration {
     let mut reasons = Vec::new();
-    if ["max-evaluations", "simulation-failed"].contains(&new.stop_reason.as_str()) {
+    if !new.has_converged() {
         reasons.push(format!("the new fit did not converge ({})", new.stop_reason));
     }
     let (before_m, after_m) = (residual_m(earlier), residual_m(new));
@@ -172,6 +174,11 @@ fn drift(earlier: &Fit, new: &Fit) -> Option<Drift> {
 }
 
 impl Fit {
+    /// Whether it ended because there was nothing more to gain, and not for want of evaluations.
+    pub fn has_converged(&self) -> bool {
+        !["max-evaluations", "simulation-failed", INTERRUPTED].contains(&self.stop_reason.as_str())
+    }
+
     fn names(&self) -> &[String] {
         self.information.as_ref().map_or(&[], |information| &information.names)
     }

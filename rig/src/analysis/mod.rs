@@ -11,7 +11,7 @@ pub mod timeline;
 use std::path::{Path, PathBuf};
 
 use ident::experiment::{Experiment, Run, RunKind};
-use ident::fit::{FitError, Observer};
+use ident::fit::{FitError, Fitted, Observer};
 use ident::table;
 
 use crate::config::{ConfigError, RigConfig};
@@ -130,12 +130,13 @@ impl Analysis<'_> {
         };
         let experiment = self.experiment(&timeline)?;
         progress.stage("fit", Some(experiment.fit.max_evaluations));
-        let fitted = timing.measure("fit", || ident::fit::fit(&experiment, progress))?;
-        write_json(&self.out.join(file::FIT), &fitted.fit)?;
-        let comment =
-            format!("Calibrated by rig {} on run {}.", env!("CARGO_PKG_VERSION"), self.run.start().id);
-        write_whole(&self.out.join(file::MODEL), fitted.model.to_mjcf(&comment).as_bytes())?;
-        timing.write(&self.out.join(file::TIMING))?;
+        let (mut fitted, left) = timing.measure("fit", || ident::fit::first_answer(&experiment, progress))?;
+        self.write_fit(&fitted, &timing)?;
+        if let Some(left) = left {
+            // The coefficients are there; whether another start ends in better ones is seen now.
+            fitted = timing.measure("other starts", || ident::fit::resume(&experiment, left, progress))?;
+            self.write_fit(&fitted, &timing)?;
+        }
 
         progress.stage("report", None);
         let shown = RunFolder::open(self.out)?;
@@ -147,6 +148,14 @@ impl Analysis<'_> {
         }
         write_whole(&self.out.join(file::REPORT), crate::report::render(&data).as_bytes())?;
         Ok(data)
+    }
+
+    fn write_fit(&self, fitted: &Fitted, timing: &Timing) -> Result<(), AnalysisError> {
+        write_json(&self.out.join(file::FIT), &fitted.fit)?;
+        let comment =
+            format!("Calibrated by rig {} on run {}.", env!("CARGO_PKG_VERSION"), self.run.start().id);
+        write_whole(&self.out.join(file::MODEL), fitted.to_mjcf(&comment).as_bytes())?;
+        Ok(timing.write(&self.out.join(file::TIMING))?)
     }
 
     fn extract(&self, timeline: &Timeline, progress: &mut dyn Progress) -> Result<Extraction, AnalysisError> {

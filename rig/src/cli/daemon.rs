@@ -1,16 +1,18 @@
-//! `rig daemon`: the experiment on its schedule, one run at a time. A page and an API come later.
+//! `rig daemon`: the experiment on its schedule, one run at a time, and after each the last good fit brought up to date. A
+//! page and an API come later.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::anyhow;
 use jiff::{Timestamp, Zoned};
 use serde_json::json;
 
+use super::last_good::LastGood;
 use super::progress::Bar;
 use super::run::{Experiment, base, threads};
 use super::signal::Interrupt;
-use super::{Failure, InRun, Outcome};
+use super::{Failure, InRun, Outcome, experiment};
 use crate::claim::Claim;
 use crate::clock::MonotonicNs;
 use crate::config::RigConfig;
@@ -37,6 +39,8 @@ pub struct Args {
 const LOOK: Duration = Duration::from_secs(20);
 /// The daemon's journal in the runs folder.
 const JOURNAL: &str = "daemon.jsonl";
+/// What the last good fit is brought up to date with, in the folder of the run.
+const EXPERIMENT: &str = "experiment.toml";
 
 /// Runs until a signal comes, or until `--max-runs` runs have ended.
 ///
@@ -100,6 +104,9 @@ impl Daemon<'_> {
             if interrupt.is_raised() {
                 break;
             }
+            if let Ok(Outcome { run: Some(run), .. }) = &ended {
+                self.recalibrate(run, &interrupt)?;
+            }
             let still = Zoned::now().checked_add(self.rest).map_err(Failure::input)?;
             self.skip(&slot, &still, "the rig was busy or the water not at rest")?;
             from = still;
@@ -110,6 +117,31 @@ impl Daemon<'_> {
             text: format!("{runs} runs"),
             ..Outcome::default()
         })
+    }
+
+    /// Brings the last good fit up to date with `run`, or says why it stays. Whatever is wrong with the run's fit, the schedule
+    /// goes on.
+    fn recalibrate(&self, run: &Path, interrupt: &Interrupt) -> Result<(), Failure> {
+        let good = LastGood::among(self.experiment.runs_dir);
+        let file = run.join(EXPERIMENT);
+        let update = || {
+            experiment::run(&experiment::Args::of_run(run, &file))?;
+            let experiment = ident::experiment::Experiment::read(&file).map_err(experiment::unfit)?;
+            good.update(&experiment, &run.display().to_string(), &mut Bar::new(interrupt.flag()))
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.experiment.threads).build();
+        let updated = tokio::task::block_in_place(|| pool.map_err(Failure::internal)?.install(update));
+        match updated {
+            Ok(verdict) if verdict.updated => {
+                self.note("recalibrated", json!({ "run": run, "verdict": verdict }))
+            }
+            Ok(verdict) => self.note("kept", json!({ "run": run, "verdict": verdict })),
+            Err(failure) => {
+                let why = format!("{:#}", failure.error());
+                eprintln!("rig: the last good fit stays: {why}");
+                self.note("kept", json!({ "run": run, "status": failure.status(), "why": why }))
+            }
+        }
     }
 
     fn skip(&self, after: &Zoned, until: &Zoned, why: &str) -> Result<(), Failure> {

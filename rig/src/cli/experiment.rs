@@ -27,6 +27,13 @@ pub struct Args {
     out: PathBuf,
 }
 
+impl Args {
+    /// Of one run to fit, as it was made, written to `out`.
+    pub(super) fn of_run(run: &Path, out: &Path) -> Self {
+        Self { runs: vec![run.into()], holdout: Vec::new(), model: None, out: out.into() }
+    }
+}
+
 /// The file, as `ident` reads it.
 #[derive(Serialize)]
 struct ExperimentFile {

@@ -10,6 +10,7 @@ use ident::experiment::{Experiment, Use};
 use ident::fit::{Checkpoint, CheckpointError, Fit, FitError, Fitted, Flow, INTERRUPTED, Observer, Progress};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::last_good::earlier;
 use super::signal::Interrupt;
 use super::{Failure, Outcome, experiment::unfit};
 use crate::record::RecordError;
@@ -137,7 +138,7 @@ pub fn write_results(fitted: &Fitted, source: &str, folder: &Path) -> Result<(),
     if !left_open.is_empty() {
         comment.push_str(&format!(" Left open by the data: {}.", left_open.join(", ")));
     }
-    write(file::MODEL, &fitted.model.to_mjcf(&comment)).map_err(Failure::internal)
+    write(file::MODEL, &fitted.to_mjcf(&comment)).map_err(Failure::internal)
 }
 
 fn description(experiment: &Experiment) -> String {
@@ -154,13 +155,6 @@ pub(super) fn name(path: &Path) -> String {
     }
     let folder = path.canonicalize().ok().and_then(|path| Some(path.parent()?.file_name()?.to_owned()));
     folder.map_or(stem, |folder| folder.to_string_lossy().into_owned())
-}
-
-/// Reads the fit.json of an earlier fit.
-fn earlier(path: &Path) -> Result<Fit, Failure> {
-    let read = || format!("reading the earlier fit {}", path.display());
-    let text = std::fs::read_to_string(path).with_context(read).map_err(Failure::Input)?;
-    serde_json::from_str(&text).with_context(read).map_err(Failure::Input)
 }
 
 fn fit(

@@ -10,6 +10,7 @@ pub mod export;
 pub mod extract;
 pub mod fit;
 pub mod jog;
+pub mod last_good;
 pub mod list;
 pub mod mock_board;
 pub mod mock_camera;
