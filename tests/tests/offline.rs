@@ -180,8 +180,9 @@ fn odd_simulations_are_refused_with_what_is_odd_and_what_to_do() {
 }
 
 /// A keypoint's mean distance from noise alone is 1.25 standard deviations, and 15 of the 21 numbers stay loose, which shows on a
-/// drop from another pose (0.65 mm at the tip); an optimum in which a joint sticks leaves 1.3 mm.
-const MOST_HELD_OUT: f64 = 2.0 * NOISE_M;
+/// drop from another pose (0.5 to 0.9 mm at the tip, from one draw of the noise to the next); an optimum in which a joint sticks
+/// leaves 1.3 mm.
+const MOST_HELD_OUT: f64 = 2.6 * NOISE_M;
 
 #[test]
 fn plainest_fit_of_two_drops_finds_the_motion_and_writes_the_agreed_fields() {

@@ -6,12 +6,11 @@ use rayon::prelude::*;
 use super::result::{Bent, CauseParameter};
 use super::state::{Nuisances, State, covariance, joint_covariance};
 use crate::fit::counts::Counts;
+use crate::fit::crossing::{Closeness, crossing};
 use crate::statistics::{CHI2_95, NORMAL_95};
 
-/// The rise of the cost at an interval's end is met to this share.
-const MET: f64 = 0.03;
-/// Most points tried for one end.
-const MOST_POINTS: usize = 6;
+/// The rise of the cost at an interval's end is met to 3 %.
+const CLOSENESS: Closeness = Closeness { met: 0.03, most_points: 6 };
 /// Steps that let all other numbers follow one that is pinned.
 const STEPS: usize = 12;
 /// What all other numbers could still save is no reason to let them go on, as a share of the rise.
@@ -90,31 +89,8 @@ fn end(state: &State<'_>, which: usize, side: f64, covariance: &DMatrix<f64>) ->
     let std = covariance[(which, which)].sqrt();
     let others = Nuisances::except(state, Some(which));
     let limit = CHI2_95.sqrt();
-    let (mut inside, mut outside) = ((best, 0.0), None);
-    let mut next = best + side * NORMAL_95 * std;
-    for _ in 0..MOST_POINTS {
-        let x = scale.clamp(next);
-        if x == inside.0 {
-            return x;
-        }
-        let rise = rise(state, which, x, covariance, &others);
-        if (rise / limit - 1.0).abs() <= MET || x != next && rise < limit {
-            return x;
-        }
-        if rise < limit {
-            inside = (x, rise);
-        } else {
-            outside = Some((x, rise));
-        }
-        next = match outside {
-            Some((far, high)) if high.is_finite() => {
-                inside.0 + (far - inside.0) * (limit - inside.1) / (high - inside.1)
-            }
-            Some((far, _)) => (inside.0 + far) / 2.0,
-            None => best + (inside.0 - best) * (limit / inside.1.max(0.1)).clamp(1.05, 3.0),
-        };
-    }
-    scale.clamp(next)
+    let next = best + side * NORMAL_95 * std;
+    crossing(best, next, limit, &scale, CLOSENESS, |x| rise(state, which, x, covariance, &others))
 }
 
 /// Root of how much more the best point with number `which` at `x` costs.

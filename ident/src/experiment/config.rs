@@ -79,10 +79,10 @@ impl Default for FitConfig {
 }
 
 impl FitConfig {
-    /// Adds to `model` the causes whose parameters are to be fitted, `<cause>/<parameter>` in `parameters` or `prior`, with
+    /// Adds to `model` the causes of which parameters are named, `<cause>/<parameter>` in `parameters`, `prior` or `fixed`, with
     /// neutral values; one that is there stays as it is.
     pub fn add_named_causes(&self, model: &mut Model) {
-        for name in self.parameters.iter().chain(self.prior.keys()) {
+        for name in self.parameters.iter().chain(self.prior.keys()).chain(&self.fixed) {
             let is_known = model.parameter_names().contains(name);
             if let Some((cause, _)) = name.split_once('/').filter(|_| !is_known) {
                 // What is no cause is for the selection of parameters to find, or to refuse.

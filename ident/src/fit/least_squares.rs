@@ -1,8 +1,8 @@
 //! Bounded Levenberg-Marquardt over parameters and nuisances together.
 //!
-//! Each iteration linearises every run and solves the damped normal equations, with more damping until the cost
-//! falls. It ends where the linearisation itself promises nothing worth a step. A parameter at a bound whose slope points outward is held for the iteration, steps are cut
-//! off at the bounds. The normal equations are those of an arrow: parameters touch every run, nuisances their
+//! Each iteration linearises every run and solves the damped normal equations for several dampings side by side, with more
+//! damping until the cost falls. It ends where the linearisation itself promises nothing worth a step. A parameter at a bound
+//! whose slope points outward is held for the iteration, steps are cut off at the bounds. The normal equations are those of an arrow: parameters touch every run, nuisances their
 //! own run only.
 
 use nalgebra::{DMatrix, DVector};

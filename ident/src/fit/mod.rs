@@ -38,6 +38,7 @@
 mod checkpoint;
 mod constancy;
 pub(crate) mod counts;
+pub(crate) mod crossing;
 mod driver;
 mod error;
 pub(crate) mod finish;

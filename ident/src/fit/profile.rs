@@ -9,18 +9,15 @@
 use rayon::prelude::*;
 
 use super::counts::Counts;
+use super::crossing::{Closeness, crossing};
 use super::information::Information;
 use super::least_squares::{Descent, Freedom};
 use super::objective::Objective;
 use super::problem::{Point, Problem};
 use crate::statistics::{CHI2_95, NORMAL_95};
 
-/// Most points of a profile on one side.
-const MOST_POINTS: usize = 8;
-/// The root of the cost's rise is met to this share: 1 % of the interval.
-const MET: f64 = 0.01;
-/// A step beyond the last point is at most this many times as far.
-const MOST_GROWTH: f64 = 3.0;
+/// The limit is met to 1 % of the interval.
+const CLOSENESS: Closeness = Closeness { met: 0.01, most_points: 8 };
 
 /// `[lower, upper]` of every free parameter; a bound where the data never object before it.
 pub(super) fn profile(
@@ -56,37 +53,9 @@ fn end(
     counts: &mut Counts,
 ) -> f64 {
     let (scale, best) = (objective.parameters().free[which].scale, point.values[which]);
-    let bound = if side < 0.0 { scale.lower() } else { scale.upper() };
-    // In roots of the cost's rise, which grow in proportion to the distance where all is linear.
     let limit = CHI2_95.sqrt() * known.std[which] / known.naive_std[which];
-    let (mut inside, mut outside) = ((best, 0.0), None);
-    let mut next = best + side * NORMAL_95 * known.std[which];
-    for _ in 0..MOST_POINTS {
-        let x = scale.clamp(next);
-        if x == inside.0 {
-            return x;
-        }
-        let rise = rise(objective, point, known, least, which, x, counts);
-        if (rise / limit - 1.0).abs() <= MET || x == bound && rise < limit {
-            return x;
-        }
-        if rise < limit {
-            inside = (x, rise);
-        } else {
-            outside = Some((x, rise));
-        }
-        next = match outside {
-            Some((far, high)) if high.is_finite() => {
-                inside.0 + (far - inside.0) * (limit - inside.1) / (high - inside.1)
-            }
-            Some((far, _)) => (inside.0 + far) / 2.0,
-            None => {
-                let growth = if inside.1 > 0.0 { (limit / inside.1).min(MOST_GROWTH) } else { MOST_GROWTH };
-                best + (inside.0 - best) * growth.max(1.0 + MET)
-            }
-        };
-    }
-    scale.clamp(next)
+    let next = best + side * NORMAL_95 * known.std[which];
+    crossing(best, next, limit, &scale, CLOSENESS, |x| rise(objective, point, known, least, which, x, counts))
 }
 
 /// Root of how much more the best point with parameter `which` at `x` costs.

@@ -1,0 +1,81 @@
+//! Where a profile of the likelihood crosses a limit.
+
+use crate::parameters::Scale;
+
+/// A step beyond the last point is at least and at most this many times as far.
+const GROWTH: [f64; 2] = [1.05, 3.0];
+/// A rise below this tells nothing about where the limit is.
+const FLAT: f64 = 0.1;
+
+/// How closely a limit is met.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Closeness {
+    /// As a share of the limit.
+    pub(crate) met: f64,
+    /// Most points tried.
+    pub(crate) most_points: usize,
+}
+
+/// The end on one side of `best`, first sought at `next`, of where `rise`, the root of the cost's rise, stays below `limit`; the
+/// bound of `scale` where it does not reach it before. In roots the rise grows in proportion to the distance where all is
+/// linear, so the next point is found by proportion; where the best values of all others cannot be found, half way.
+pub(crate) fn crossing(
+    best: f64,
+    mut next: f64,
+    limit: f64,
+    scale: &Scale,
+    closeness: Closeness,
+    mut rise: impl FnMut(f64) -> f64,
+) -> f64 {
+    let (mut inside, mut outside) = ((best, 0.0), None);
+    for _ in 0..closeness.most_points {
+        let x = scale.clamp(next);
+        if x == inside.0 {
+            return x;
+        }
+        let risen = rise(x);
+        if (risen / limit - 1.0).abs() <= closeness.met || x != next && risen < limit {
+            return x;
+        }
+        if risen < limit {
+            inside = (x, risen);
+        } else {
+            outside = Some((x, risen));
+        }
+        next = match outside {
+            Some((far, high)) if high.is_finite() => {
+                inside.0 + (far - inside.0) * (limit - inside.1) / (high - inside.1)
+            }
+            Some((far, _)) => (inside.0 + far) / 2.0,
+            None => best + (inside.0 - best) * (limit / inside.1.max(FLAT)).clamp(GROWTH[0], GROWTH[1]),
+        };
+    }
+    scale.clamp(next)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CLOSENESS: Closeness = Closeness { met: 0.01, most_points: 8 };
+
+    #[test]
+    fn a_limit_is_met_whether_the_rise_is_straight_bent_or_broken_off() {
+        let scale = Scale::new(-10.0, 10.0);
+        for (next, rise, wanted) in [
+            (0.5, (|x: f64| x) as fn(f64) -> f64, 2.0),
+            (8.0, |x| x.sqrt() * 1.3, (2.0_f64 / 1.3).powi(2)),
+            (9.0, |x| if x > 5.0 { f64::INFINITY } else { x }, 2.0),
+        ] {
+            let x = crossing(0.0, next, 2.0, &scale, CLOSENESS, rise);
+            assert!((rise(x) / 2.0 - 1.0).abs() < 0.02, "{x}, wanted {wanted}");
+        }
+    }
+
+    #[test]
+    fn a_rise_that_never_reaches_the_limit_ends_at_the_bound() {
+        let scale = Scale::new(-1.0, 1.0);
+        assert_eq!(crossing(0.0, -0.3, 2.0, &scale, CLOSENESS, f64::abs), -1.0);
+        assert_eq!(crossing(1.0, 1.3, 2.0, &scale, CLOSENESS, |_| 0.0), 1.0);
+    }
+}
