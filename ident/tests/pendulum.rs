@@ -20,8 +20,10 @@ const ARM1_M: f64 = 0.172719204;
 const P2_M: f64 = 0.2;
 /// Every how many of the 500 samples a second become images.
 const EVERY: usize = 5;
-/// Identification pieces fitted: the first ones, of 26.
-const PIECES: usize = 14;
+/// How many times better both arms are predicted than with the published parameters, at the least. Added is dry friction in both
+/// bearings: the authors' model has viscous friction only, in the elbow at its lower bound. With the outer arm's mass free, whose
+/// ratio to the other sets the motion, it makes 2.4 for the angles, and 6.7 for the outer point.
+const CLEAR_FACTOR: f64 = 2.0;
 
 /// Pieces of one set: times and both absolute angles, pi hanging down.
 fn pieces(path: &Path, set: &str) -> Vec<Vec<[f64; 3]>> {
@@ -95,8 +97,8 @@ fn score(fitted: &Fitted) -> [[f64; 2]; 2] {
 
 fn experiment(path: &Path, parameters: &[&str]) -> Experiment {
     let mut runs = Vec::new();
-    for (set, usage, most) in [("id", Use::Fit, PIECES), ("vad", Use::Holdout, usize::MAX)] {
-        for (index, samples) in pieces(path, set).iter().take(most).enumerate() {
+    for (set, usage) in [("id", Use::Fit), ("vad", Use::Holdout)] {
+        for (index, samples) in pieces(path, set).iter().enumerate() {
             let run = Run::new(format!("{set}-{index}"), RunKind::Free, trajectory(samples));
             runs.push(Run { usage, ..run });
         }
@@ -110,7 +112,7 @@ fn experiment(path: &Path, parameters: &[&str]) -> Experiment {
 }
 
 #[test]
-fn real_double_pendulum_is_predicted_at_least_as_well_as_by_its_authors() {
+fn real_double_pendulum_is_predicted_twice_as_well_as_by_its_authors() {
     let Some(shared) = std::env::var_os("RIG_SHARED") else {
         println!("skipped: RIG_SHARED does not name the folder of shared data");
         return;
@@ -135,9 +137,14 @@ fn real_double_pendulum_is_predicted_at_least_as_well_as_by_its_authors() {
             parameter.name, parameter.value, parameter.std, parameter.determined
         );
     }
-    assert!(ours[1][1] <= published[1][1], "P2: {} mm against {} mm", ours[1][1], published[1][1]);
-    let both = |errors: [f64; 2]| errors[0].hypot(errors[1]);
-    assert!(both(ours[0]) <= both(published[0]), "angles: {:?} against {:?}", ours[0], published[0]);
+    for (ours, published) in ours.iter().flatten().zip(published.iter().flatten()) {
+        assert!(CLEAR_FACTOR * ours <= *published, "{ours} against {published}");
+    }
+    // Dry friction is what was added: it is there, in both bearings, beyond doubt.
+    for name in ["shoulder/frictionloss", "elbow/frictionloss"] {
+        let p = fitted.fit.parameters.iter().find(|p| p.name == name).unwrap();
+        assert!(p.determined && p.value > 10.0 * p.std, "{p:?}");
+    }
 }
 
 /// Diagnoses the pendulum on the pieces of one set, with the other held out; `frictionless` forgets what the authors
