@@ -1,5 +1,7 @@
 //! The baseline: the model as it stands, fitted as `[fit]` says, at its optimum, with the noise floor that goes with it.
 
+use sim::model::Parameter;
+
 use super::DiagnoseError;
 use super::floor::{Floor, Seen, floor};
 use super::state::State;
@@ -36,11 +38,14 @@ pub(super) fn baseline<'a>(
         return Err(FitError::NothingToFit.into());
     }
     let mut state = State::baseline(&experiment.model, parameters, terms);
-    if !state.descend(counts) {
-        // from where the model stands there is no way: look further
+    // dry friction has optima of its own, where a joint sticks: a search is as wanted as in a fit
+    let sticks = state.parameters.places().iter().any(|place| matches!(place, Parameter::FrictionLoss(_)));
+    let searches = sticks && experiment.fit.method != Method::LeastSquares;
+    if searches || !state.descend(counts) {
         let mut wider = experiment.clone();
         wider.fit.method = Method::Hybrid;
         let fitted = fit::fit(&wider, &mut ())?;
+        counts.rollouts += fitted.fit.rollouts;
         for (value, parameter) in state.point.values.iter_mut().zip(&state.parameters.free) {
             if let Some(found) = fitted.fit.parameters.iter().find(|found| found.name == parameter.name()) {
                 *value = found.value;

@@ -126,7 +126,7 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
     }
     let (mut baseline, mut floor) = baseline::baseline(experiment, parameters, &mut counts)?;
     let mut search = search::Search::new(experiment, &experiment.model, &fitted, floor.noise_m, &mut stage);
-    let mut found = search.run(baseline.clone())?;
+    let mut found = search.run(&baseline)?;
     let clearer = baseline::seen_floor(&found.leader)?;
     if !found.leader.causes.is_empty() && !baseline::is_same(&floor, &clearer, OTHER_NOISE) {
         // what the cause explains had looked like noise
@@ -134,7 +134,11 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
         search.noise_m = floor.noise_m;
         baseline.weigh(&floor);
         baseline.descend(&mut search.counts);
-        found = search.run(baseline.clone())?;
+        found = search.run(&baseline)?;
+    }
+    let explained = baseline.cost - found.leader.cost;
+    if gates::fitness(&found.leader, &floor).objects(explained, floor.noise_m, baseline.count()) {
+        search.run_anew(&baseline, &mut found)?;
     }
     search.says("checking")?;
     counts.evaluations += search.counts.evaluations;

@@ -8,7 +8,7 @@ use super::result::{
     Alternative, ConstancyTest, Diagnosis, Fitness, HeldOut, NamedCause, NoiseFloor, PerRun, Verdict,
     Whiteness,
 };
-use super::search::{BETTER, Found, sets};
+use super::search::{AS_GOOD, Found, sets};
 use super::state::State;
 use super::{candidates, detect, extend, gain, heldout, residuals};
 use crate::experiment::Experiment;
@@ -152,7 +152,7 @@ fn rivals(experiment: &Experiment, found: &Found<'_>) -> Vec<Alternative> {
         let theirs = class(&names);
         let wider = own.iter().all(|name| theirs.contains(name));
         let known = list.iter().any(|other| other.names.iter().map(String::as_str).eq(names.iter().copied()));
-        if names.is_empty() || wider || known || state.bic() > found.leader.bic() + BETTER {
+        if names.is_empty() || wider || known || state.bic() > found.leader.bic() + AS_GOOD {
             continue;
         }
         list.push(Alternative {
