@@ -32,6 +32,9 @@ const LAST: f64 = 30.0;
 const LAST_SHARE: f64 = 0.1;
 /// And so many stay in any case.
 const KEPT: usize = 3;
+/// Other hidden numbers (where a stop is, how fast water sways) from which the best candidate is refitted: each may be the
+/// bottom of a valley of its own.
+const ELSEWHERE: usize = 4;
 /// Sets that go on.
 const BEAM: usize = 3;
 /// Causes in a set.
@@ -138,10 +141,20 @@ impl<'b> Search<'b> {
         })
     }
 
-    /// `state` with each of the short list in turn, refitted.
+    /// `state` with each of the short list in turn, refitted; the best of these from other hidden numbers too.
     fn expand<'a>(&mut self, state: &State<'a>, scores: &Scores) -> Vec<State<'a>> {
-        let list = self.short_list(state, scores);
         self.expanded.push(sets(state));
+        let mut all = self.refit_each(state, scores, &self.short_list(state, scores));
+        let best = all.iter().min_by(|a, b| a.bic().total_cmp(&b.bic()));
+        let others = best.and_then(|best| Some(starts_elsewhere(best.causes.last()?, scores)));
+        if let Some(others) = others.filter(|others| !others.is_empty()) {
+            all.extend(self.refit_each(state, scores, &others));
+        }
+        all
+    }
+
+    /// `state` with each candidate of `list` in turn, refitted.
+    fn refit_each<'a>(&mut self, state: &State<'a>, scores: &Scores, list: &[usize]) -> Vec<State<'a>> {
         let first: Vec<(Option<State<'a>>, Counts)> = list
             .par_iter()
             .map(|&index| {
@@ -373,6 +386,17 @@ impl<'b> Search<'b> {
         }
         state.descend(&mut self.counts).then_some(state)
     }
+}
+
+/// The most promising of the candidates that differ from `term` in hidden numbers alone.
+fn starts_elsewhere(term: &Term, scores: &Scores) -> Vec<usize> {
+    let differs = |other: &Term| {
+        other.cause == term.cause && other.choices == term.choices && other.hidden != term.hidden
+    };
+    let mut list: Vec<usize> = (0..scores.list.len()).filter(|&i| differs(&scores.list[i].term)).collect();
+    list.sort_by(|&a, &b| scores.list[b].gain.total_cmp(&scores.list[a].gain));
+    list.truncate(ELSEWHERE);
+    list
 }
 
 /// Names of the causes of `state`, sorted.
