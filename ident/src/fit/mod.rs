@@ -38,7 +38,7 @@
 mod checkpoint;
 mod constancy;
 pub(crate) mod counts;
-mod driver;
+pub(crate) mod driver;
 mod error;
 pub(crate) mod finish;
 mod information;
