@@ -137,8 +137,10 @@ impl Analysis<'_> {
         let comment =
             format!("Calibrated by rig {} on run {}.", env!("CARGO_PKG_VERSION"), self.run.start().id);
         write_whole(&self.out.join(file::MODEL), fitted.model.to_mjcf(&comment).as_bytes())?;
-        let diagnosed = timing.measure("diagnosis", || diagnose_fitted(experiment, &fitted, progress));
-        if let Ok(diagnosed) = &diagnosed {
+        let wanted = self.config.run.diagnose;
+        let diagnosed =
+            wanted.then(|| timing.measure("diagnosis", || diagnose_fitted(experiment, &fitted, progress)));
+        if let Some(Ok(diagnosed)) = &diagnosed {
             write_json(&self.out.join(file::DIAGNOSIS), &diagnosed.diagnosis)?;
         }
         timing.write(&self.out.join(file::TIMING))?;
@@ -148,9 +150,10 @@ impl Analysis<'_> {
         let mut data = ReportData::of_run(&shown)?;
         data.add_fitted(&fitted);
         match &diagnosed {
-            Ok(diagnosed) => data.diagnosis = Some(DiagnosisFigures::new(diagnosed)),
+            Some(Ok(diagnosed)) => data.diagnosis = Some(DiagnosisFigures::new(diagnosed)),
             // coefficients are worth having without it
-            Err(error) => data.warnings.push(format!("No diagnosis: {error}.")),
+            Some(Err(error)) => data.warnings.push(format!("No diagnosis: {error}.")),
+            None => {}
         }
         data.clocks.extend(timeline.clock_quality());
         if let Some(extraction) = &extraction {
