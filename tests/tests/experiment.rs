@@ -41,6 +41,7 @@ fn driven_run_ends_in_a_report_and_replays_to_the_same_bytes() {
         "trajectory.csv",
         "fit.json",
         "model.xml",
+        "diagnosis.json",
         "timing.json",
         "report.html",
     ] {
@@ -62,7 +63,7 @@ fn driven_run_ends_in_a_report_and_replays_to_the_same_bytes() {
         "1".as_ref(),
     ]);
     assert!(output.status.success(), "{}", printed(&output));
-    for name in ["frames.csv", "servo.csv", "trajectory.csv", "fit.json", "model.xml"] {
+    for name in ["frames.csv", "servo.csv", "trajectory.csv", "fit.json", "model.xml", "diagnosis.json"] {
         assert_same_bytes(&run.join(name), &again.join(name));
     }
 
@@ -72,7 +73,7 @@ fn driven_run_ends_in_a_report_and_replays_to_the_same_bytes() {
             (["--from", stage].map(std::ffi::OsStr::new), ["--out".as_ref(), redone.as_os_str()]);
         let output = run_rig(["replay".as_ref(), run.as_os_str()].into_iter().chain(from).chain(out));
         assert!(output.status.success(), "from {stage}: {}", printed(&output));
-        for name in ["trajectory.csv", "fit.json"] {
+        for name in ["trajectory.csv", "fit.json", "diagnosis.json"] {
             assert_same_bytes(&run.join(name), &redone.join(name));
         }
     }

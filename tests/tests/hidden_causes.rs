@@ -18,6 +18,10 @@ const DISTINCT: usize = 25;
 /// the baseline to its bounds, from where the refit does not come back yet.
 const UNNAMED_OF_MUJOCO: usize = 2;
 
+/// Strong causes that bend the baseline so far that one search from it does not find them: a refit passes coefficients too stiff for
+/// the planned steps, and a stop lies in another valley than the score says.
+const BENT: [&str; 2] = ["joint_damping-x20-s2", "end_stop-x20-s2"];
+
 /// Two at a time: each diagnosis runs on one thread here.
 fn side_by_side<T: Sync, R: Send>(list: &[T], run: impl Fn(&T) -> R + Sync + Send) -> Vec<R> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
@@ -84,7 +88,8 @@ fn slice() -> Vec<Case> {
             let place = place(name).expect("a cause");
             // two mechanisms, so that few limits have to be found
             let turn = place as u64 % 2 == case.seed.wrapping_sub(1);
-            turn && (size == 5.0 || size == 20.0 && place % 6 == 0 || size < 1.0 && place % 5 == 0)
+            BENT.contains(&&*case.id)
+                || turn && (size == 5.0 || size == 20.0 && place % 6 == 0 || size < 1.0 && place % 5 == 0)
         }
         Kind::Nothing => case.seed.is_multiple_of(40),
         Kind::Pair(..) => case.id.ends_with("s12"),

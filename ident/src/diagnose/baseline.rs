@@ -1,11 +1,14 @@
 //! The baseline: the model as it stands, fitted as `[fit]` says, at its optimum, with the noise floor that goes with it.
 
+use sim::model::Parameter;
+
 use super::DiagnoseError;
 use super::floor::{Floor, Seen, floor};
 use super::state::State;
 use crate::experiment::{Experiment, Method, Use};
 use crate::fit::counts::Counts;
-use crate::fit::problem::Term;
+use crate::fit::driver::spread;
+use crate::fit::problem::{Point, Term};
 use crate::fit::{self, FitError};
 use crate::initial;
 use crate::loss::{Weighting, observations};
@@ -14,6 +17,11 @@ use crate::simulate::Rehearsal;
 
 /// Times that floor and fit are found in turn: one needs the other.
 const TURNS: usize = 3;
+/// Points drawn per parameter of which the best become starts, and how many.
+const DRAWN_PER_PARAMETER: usize = 8;
+const DRAWN: usize = 2;
+/// Optima that differ by less cost are one.
+const NOISE_ALONE: f64 = 1.0;
 /// A floor that moves by less is the same.
 const SAME: f64 = 0.01;
 
@@ -36,11 +44,14 @@ pub(super) fn baseline<'a>(
         return Err(FitError::NothingToFit.into());
     }
     let mut state = State::baseline(&experiment.model, parameters, terms);
-    if !state.descend(counts) {
-        // from where the model stands there is no way: look further
+    // dry friction has optima of its own, where a joint sticks: a search is as wanted as in a fit
+    let sticks = state.parameters.places().iter().any(|place| matches!(place, Parameter::FrictionLoss(_)));
+    let searches = sticks && experiment.fit.method != Method::LeastSquares;
+    if searches || !state.descend(counts) {
         let mut wider = experiment.clone();
         wider.fit.method = Method::Hybrid;
         let fitted = fit::fit(&wider, &mut ())?;
+        counts.rollouts += fitted.fit.rollouts;
         for (value, parameter) in state.point.values.iter_mut().zip(&state.parameters.free) {
             if let Some(found) = fitted.fit.parameters.iter().find(|found| found.name == parameter.name()) {
                 *value = found.value;
@@ -64,6 +75,34 @@ pub(super) fn baseline<'a>(
         }
     }
     floor.map(|floor| (state, floor)).ok_or_else(|| FitError::NoOptimum.into())
+}
+
+/// A deeper optimum of `baseline`, if there is one where the causes of `leader` have led its numbers, or from the best of
+/// some points drawn evenly from the bounds: a cause must not be named for a baseline that was merely badly fitted.
+pub(super) fn deeper<'a>(
+    baseline: &State<'a>,
+    leader: &State<'a>,
+    seed: u64,
+    counts: &mut Counts,
+) -> Option<State<'a>> {
+    let parameters = &baseline.parameters;
+    let drawn = spread(parameters.len(), DRAWN_PER_PARAMETER * parameters.len(), seed);
+    let at = |values: Vec<f64>| Point { values, offsets: baseline.point.offsets.clone() };
+    let drawn: Vec<Point> = drawn.iter().map(|units| at(parameters.values(units))).collect();
+    let costs = baseline.problem().costs(&drawn, counts);
+    let mut order: Vec<usize> = (0..drawn.len()).filter(|&i| costs[i].is_finite()).collect();
+    order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+    let led = leader.point.values[..parameters.len()].to_vec();
+    let starts = order.iter().take(DRAWN).map(|&i| drawn[i].clone()).chain([at(led)]);
+    let mut best: Option<State<'a>> = None;
+    for point in starts {
+        let mut state = State { point, linear: Vec::new(), ..baseline.clone() };
+        let least = best.as_ref().map_or(baseline.cost - NOISE_ALONE, |best| best.cost);
+        if state.descend(counts) && state.cost < least {
+            best = Some(state);
+        }
+    }
+    best
 }
 
 /// The floor that the residuals of `state` show.

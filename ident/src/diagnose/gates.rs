@@ -12,7 +12,7 @@ use crate::statistics::chi2_survival;
 /// Lags of the portmanteau test.
 const LAGS: usize = 8;
 /// Slow residuals this many standard deviations beyond noise are none.
-pub(super) const BEYOND_NOISE: f64 = 5.0;
+pub(super) const BEYOND_NOISE: f64 = 6.0;
 /// What is left beyond noise is no objection below this share of what was explained.
 pub(super) const LEFT_OVER: f64 = 0.03;
 /// Correlation that is no objection, however certain.

@@ -6,6 +6,8 @@ use super::result::Fitness;
 use super::state::{Nuisances, State};
 use crate::experiment::{Experiment, Use};
 use crate::fit::counts::Counts;
+use crate::fit::least_squares::{Descent, Freedom};
+use crate::fit::objective::Objective;
 use crate::fit::problem::Term;
 use crate::initial;
 use crate::loss::{Weighting, observations};
@@ -53,6 +55,13 @@ pub(super) fn fitness<'a>(
     counts: &mut Counts,
 ) -> Option<Fitness> {
     let (mut held, floor) = held_out(experiment, leader, floor)?;
+    // what each run has its own of, its pose above all, may be too far off for a projection
+    held.point = {
+        let objective = Objective::squares(held.problem());
+        let mut descent = Descent::new(held.point.clone(), None);
+        descent.run(&objective, Freedom::Nuisances, counts);
+        descent.point
+    };
     held.linear = held.problem().linearise(&held.point, true, counts)?;
     let nuisances = Nuisances::new(&held);
     let left = nuisances.residuals(&held);

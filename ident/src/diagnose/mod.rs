@@ -109,6 +109,8 @@ pub fn pin_down(
 
 /// The noise is looked at once more when the leader's residuals show it this much otherwise.
 const OTHER_NOISE: f64 = 0.04;
+/// A cause that explains so much cost has bent the baseline so far that what bent it may not be what it points to.
+const FAR_BENT: f64 = 2000.0;
 
 /// Says what the simulation of `experiment` gets wrong.
 ///
@@ -126,15 +128,25 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
     }
     let (mut baseline, mut floor) = baseline::baseline(experiment, parameters, &mut counts)?;
     let mut search = search::Search::new(experiment, &experiment.model, &fitted, floor.noise_m, &mut stage);
-    let mut found = search.run(baseline.clone())?;
-    let clearer = baseline::seen_floor(&found.leader)?;
-    if !found.leader.causes.is_empty() && !baseline::is_same(&floor, &clearer, OTHER_NOISE) {
-        // what the cause explains had looked like noise
-        floor = clearer;
-        search.noise_m = floor.noise_m;
-        baseline.weigh(&floor);
-        baseline.descend(&mut search.counts);
-        found = search.run(baseline.clone())?;
+    let mut found = search.run(&baseline)?;
+    if !found.leader.causes.is_empty() {
+        let seed = experiment.fit.seed;
+        let deeper = baseline::deeper(&baseline, &found.leader, seed, &mut search.counts);
+        // what the cause explains may have looked like noise
+        let clearer = baseline::seen_floor(deeper.as_ref().unwrap_or(&found.leader))?;
+        if deeper.is_some() || !baseline::is_same(&floor, &clearer, OTHER_NOISE) {
+            baseline = deeper.unwrap_or(baseline);
+            floor = clearer;
+            search.noise_m = floor.noise_m;
+            baseline.weigh(&floor);
+            baseline.descend(&mut search.counts);
+            found = search.run(&baseline)?;
+        }
+    }
+    let explained = baseline.cost - found.leader.cost;
+    let left = gates::fitness(&found.leader, &floor);
+    if explained > FAR_BENT || left.objects(explained, floor.noise_m, baseline.count()) {
+        search.run_anew(&baseline, &mut found)?;
     }
     search.says("checking")?;
     counts.evaluations += search.counts.evaluations;

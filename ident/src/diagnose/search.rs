@@ -16,7 +16,9 @@ use crate::fit::counts::Counts;
 use crate::statistics::chi2_survival;
 
 /// A set of causes is better when its BIC is lower by more than this: odds of 150 to 1.
-pub(super) const BETTER: f64 = 10.0;
+const BETTER: f64 = 10.0;
+/// Within this of the best BIC another set is as good: odds below 20 to 1.
+pub(super) const AS_GOOD: f64 = 6.0;
 /// Chance that any of all candidates looks this good where nothing is.
 const FALSE_ALARM: f64 = 1e-4;
 /// Causes refitted in full at each stage.
@@ -30,6 +32,9 @@ const LAST: f64 = 30.0;
 const LAST_SHARE: f64 = 0.1;
 /// And so many stay in any case.
 const KEPT: usize = 3;
+/// Other hidden numbers (where a stop is, how fast water sways) from which the best candidate is refitted: each may be the
+/// bottom of a valley of its own.
+const ELSEWHERE: usize = 4;
 /// Sets that go on.
 const BEAM: usize = 3;
 /// Causes in a set.
@@ -136,10 +141,20 @@ impl<'b> Search<'b> {
         })
     }
 
-    /// `state` with each of the short list in turn, refitted.
+    /// `state` with each of the short list in turn, refitted; the best of these from other hidden numbers too.
     fn expand<'a>(&mut self, state: &State<'a>, scores: &Scores) -> Vec<State<'a>> {
-        let list = self.short_list(state, scores);
         self.expanded.push(sets(state));
+        let mut all = self.refit_each(state, scores, &self.short_list(state, scores));
+        let best = all.iter().min_by(|a, b| a.bic().total_cmp(&b.bic()));
+        let others = best.and_then(|best| Some(starts_elsewhere(best.causes.last()?, scores)));
+        if let Some(others) = others.filter(|others| !others.is_empty()) {
+            all.extend(self.refit_each(state, scores, &others));
+        }
+        all
+    }
+
+    /// `state` with each candidate of `list` in turn, refitted.
+    fn refit_each<'a>(&mut self, state: &State<'a>, scores: &Scores, list: &[usize]) -> Vec<State<'a>> {
         let first: Vec<(Option<State<'a>>, Counts)> = list
             .par_iter()
             .map(|&index| {
@@ -199,16 +214,43 @@ impl<'b> Search<'b> {
     }
 
     /// Looks for the best set of causes beside `baseline`.
-    pub(super) fn run<'a>(&mut self, baseline: State<'a>) -> Result<Found<'a>, DiagnoseError> {
+    pub(super) fn run<'a>(&mut self, baseline: &State<'a>) -> Result<Found<'a>, DiagnoseError> {
+        self.run_from(baseline, baseline)
+    }
+
+    /// Looks once more, from the model's own values, and adds what is better to `found`: a baseline that has bent far to cover
+    /// for a strong cause points to others.
+    pub(super) fn run_anew<'a>(
+        &mut self,
+        baseline: &State<'a>,
+        found: &mut Found<'a>,
+    ) -> Result<(), DiagnoseError> {
+        let mut start = State { linear: Vec::new(), ..baseline.clone() };
+        start.point.values = baseline.parameters.start();
+        if !start.stay(&mut self.counts) {
+            return Ok(());
+        }
+        self.expanded.clear();
+        let anew = self.run_from(baseline, &start)?;
+        found.tried.extend(anew.tried);
+        found.tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
+        if anew.leader.bic() < found.leader.bic() {
+            found.leader = anew.leader;
+        }
+        Ok(())
+    }
+
+    /// Looks for the best set of causes beside `baseline`, whose first causes are added at `start`.
+    fn run_from<'a>(&mut self, baseline: &State<'a>, start: &State<'a>) -> Result<Found<'a>, DiagnoseError> {
         self.says("scoring every cause")?;
-        let first = self.score(&baseline);
+        let first = self.score(start);
         let mut tried: Vec<State<'a>> = vec![baseline.clone()];
         let mut leader = baseline.clone();
         let mut beam: Vec<State<'a>> = Vec::new();
         let matters = negligible(self.noise_m, baseline.count());
-        if self.promises(&baseline, &first, matters) {
+        if self.promises(start, &first, matters) {
             self.says("refitting the most promising causes")?;
-            beam = self.expand(&baseline, &first);
+            beam = self.expand(start, &first);
         }
         for depth in 1..=MOST_CAUSES {
             beam.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
@@ -223,7 +265,7 @@ impl<'b> Search<'b> {
             let mut scores = self.score(&leader);
             let mut least = matters.max(SHARE * (baseline.cost - leader.cost));
             let mut more = depth < MOST_CAUSES && self.promises(&leader, &scores, least);
-            if more && depth == 1 && self.started_anew(&baseline, &mut beam, &mut leader) {
+            if more && depth == 1 && self.started_anew(baseline, &mut beam, &mut leader) {
                 tried.extend(beam.iter().cloned());
                 scores = self.score(&leader);
                 least = matters.max(SHARE * (baseline.cost - leader.cost));
@@ -244,7 +286,7 @@ impl<'b> Search<'b> {
         }
         if leader.causes.len() > 1 {
             self.says("exchanging and dropping causes")?;
-            leader = self.improved(&baseline, leader, &mut tried)?;
+            leader = self.improved(baseline, leader, &mut tried)?;
         }
         tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
         Ok(Found { tried, leader, first })
@@ -344,6 +386,17 @@ impl<'b> Search<'b> {
         }
         state.descend(&mut self.counts).then_some(state)
     }
+}
+
+/// The most promising of the candidates that differ from `term` in hidden numbers alone.
+fn starts_elsewhere(term: &Term, scores: &Scores) -> Vec<usize> {
+    let differs = |other: &Term| {
+        other.cause == term.cause && other.choices == term.choices && other.hidden != term.hidden
+    };
+    let mut list: Vec<usize> = (0..scores.list.len()).filter(|&i| differs(&scores.list[i].term)).collect();
+    list.sort_by(|&a, &b| scores.list[b].gain.total_cmp(&scores.list[a].gain));
+    list.truncate(ELSEWHERE);
+    list
 }
 
 /// Names of the causes of `state`, sorted.

@@ -130,6 +130,12 @@ impl<'a> State<'a> {
         true
     }
 
+    /// Stays where it is; whether that can be simulated.
+    pub(crate) fn stay(&mut self, counts: &mut Counts) -> bool {
+        self.cost = self.problem().costs(std::slice::from_ref(&self.point), counts)[0];
+        self.linearised(counts)
+    }
+
     /// Sees to the linearisation at the point; whether there is one.
     fn linearised(&mut self, counts: &mut Counts) -> bool {
         if self.linear.is_empty() {

@@ -8,11 +8,14 @@ use super::result::{
     Alternative, ConstancyTest, Diagnosis, Fitness, HeldOut, NamedCause, NoiseFloor, PerRun, Verdict,
     Whiteness,
 };
-use super::search::{BETTER, Found, sets};
+use super::search::{AS_GOOD, Found, sets};
 use super::state::State;
 use super::{candidates, detect, extend, gain, heldout, residuals};
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
+
+/// A number this near to a bound, as a share of their distance, is at it.
+const AT_BOUND: f64 = 0.02;
 
 /// Puts together what was found; also the state that describes the runs best.
 pub(super) fn verdict<'a>(
@@ -152,7 +155,7 @@ fn rivals(experiment: &Experiment, found: &Found<'_>) -> Vec<Alternative> {
         let theirs = class(&names);
         let wider = own.iter().all(|name| theirs.contains(name));
         let known = list.iter().any(|other| other.names.iter().map(String::as_str).eq(names.iter().copied()));
-        if names.is_empty() || wider || known || state.bic() > found.leader.bic() + BETTER {
+        if names.is_empty() || wider || known || behind(state, &found.leader) > AS_GOOD {
             continue;
         }
         list.push(Alternative {
@@ -161,6 +164,25 @@ fn rivals(experiment: &Experiment, found: &Found<'_>) -> Vec<Alternative> {
         });
     }
     list
+}
+
+/// How much worse `rival` is than `leader`, as a BIC. Where a tether is fixed or a stop begins is chosen to suit, and makes a cause
+/// no less likely to be the true one: such hidden numbers do not count, unless one is at a bound and makes it another cause.
+fn behind(rival: &State<'_>, leader: &State<'_>) -> f64 {
+    let hidden = |state: &State<'_>| state.causes.iter().map(|term| term.hidden.len()).sum::<usize>();
+    let sizes = |state: &State<'_>| state.added as f64 - hidden(state) as f64;
+    let by_sizes = rival.cost - leader.cost + (sizes(rival) - sizes(leader)) * leader.ln_count();
+    let is_free = |name: &str| {
+        let place = rival.parameters.free.iter().position(|parameter| parameter.name() == name);
+        place.is_none_or(|place| {
+            let (scale, value) = (rival.parameters.free[place].scale, rival.point.values[place]);
+            let near = AT_BOUND * scale.width();
+            value - scale.lower() > near && scale.upper() - value > near
+        })
+    };
+    let by_bic = rival.bic() - leader.bic();
+    let free = rival.causes.iter().flat_map(|term| &term.hidden).all(|(name, _)| is_free(name));
+    if free { by_bic.min(by_sizes) } else { by_bic }
 }
 
 /// The causes of `leader` with their values.

@@ -269,7 +269,7 @@ pub(super) fn best(ended: &[Ended]) -> Option<&Ended> {
 /// # Source
 /// M. D. McKay, R. J. Beckman, W. J. Conover, "A Comparison of Three Methods for Selecting Values of Input
 /// Variables in the Analysis of Output from a Computer Code", Technometrics 21 (1979) 239-245.
-fn spread(dimension: usize, count: usize, seed: u64) -> Vec<Vec<f64>> {
+pub(crate) fn spread(dimension: usize, count: usize, seed: u64) -> Vec<Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     // The streams from 0 on are the generations of the search.
     random.set_stream(u64::MAX);

@@ -39,7 +39,7 @@ mod checkpoint;
 mod constancy;
 pub(crate) mod counts;
 pub(crate) mod crossing;
-mod driver;
+pub(crate) mod driver;
 mod error;
 pub(crate) mod finish;
 mod information;

@@ -1,7 +1,8 @@
 //! From a recording to a report. A run is analysed by the same code that replays it, so both give the same bytes.
 //!
 //! ```text
-//! recording.mcap -> frames.csv, servo.csv, extraction.jsonl -> trajectory.csv -> fit.json, model.xml -> report.html
+//! recording.mcap -> frames.csv, servo.csv, extraction.jsonl -> trajectory.csv -> fit.json, model.xml
+//!                -> diagnosis.json -> report.html
 //! ```
 
 pub mod pictures;
@@ -10,7 +11,8 @@ pub mod timeline;
 
 use std::path::{Path, PathBuf};
 
-use ident::experiment::{Experiment, Run, RunKind};
+use ident::diagnose::{self, DiagnoseError, Diagnosed, diagnose};
+use ident::experiment::{Experiment, Method, Run, RunKind};
 use ident::fit::{FitError, Fitted, Observer};
 use ident::table;
 
@@ -19,7 +21,7 @@ use crate::record::RecordError;
 use crate::record::folder::{RunFolder, file, write_whole};
 use crate::record::frames::{self, FrameRow};
 use crate::record::timing::Timing;
-use crate::report::{GatherError, ReportData};
+use crate::report::{DiagnosisFigures, GatherError, ReportData};
 use crate::vision::VisionError;
 use crate::vision::calibration::CalibrationError;
 use crate::vision::{Extraction, Status};
@@ -85,9 +87,9 @@ impl From<GatherError> for AnalysisError {
 }
 
 /// Told while the analysis goes on.
-pub trait Progress: Observer {
+pub trait Progress: Observer + diagnose::Observer {
     /// A stage begins: its name, and how many steps it has where that is known.
-    fn stage(&mut self, name: &str, steps: Option<u64>);
+    fn begin(&mut self, name: &str, steps: Option<u64>);
     /// So many steps of the stage are done.
     fn step(&mut self, done: u64);
 }
@@ -129,7 +131,7 @@ impl Analysis<'_> {
             }
         };
         let experiment = self.experiment(&timeline)?;
-        progress.stage("fit", Some(experiment.fit.max_evaluations));
+        progress.begin("fit", Some(experiment.fit.max_evaluations));
         let (mut fitted, left) = timing.measure("fit", || ident::fit::first_answer(&experiment, progress))?;
         self.write_fit(&fitted, &timing)?;
         if let Some(left) = left {
@@ -137,11 +139,24 @@ impl Analysis<'_> {
             fitted = timing.measure("other starts", || ident::fit::resume(&experiment, left, progress))?;
             self.write_fit(&fitted, &timing)?;
         }
+        let wanted = self.config.run.diagnose;
+        let diagnosed =
+            wanted.then(|| timing.measure("diagnosis", || diagnose_fitted(experiment, &fitted, progress)));
+        if let Some(Ok(diagnosed)) = &diagnosed {
+            write_json(&self.out.join(file::DIAGNOSIS), &diagnosed.diagnosis)?;
+        }
+        timing.write(&self.out.join(file::TIMING))?;
 
-        progress.stage("report", None);
+        progress.begin("report", None);
         let shown = RunFolder::open(self.out)?;
         let mut data = ReportData::of_run(&shown)?;
         data.add_fitted(&fitted);
+        match &diagnosed {
+            Some(Ok(diagnosed)) => data.diagnosis = Some(DiagnosisFigures::new(diagnosed)),
+            // coefficients are worth having without it
+            Some(Err(error)) => data.warnings.push(format!("No diagnosis: {error}.")),
+            None => {}
+        }
         data.clocks.extend(timeline.clock_quality());
         if let Some(extraction) = &extraction {
             pictures::Source { run: self.run, timeline: &timeline }.show(&mut data, extraction, &fitted)?;
@@ -159,7 +174,7 @@ impl Analysis<'_> {
     }
 
     fn extract(&self, timeline: &Timeline, progress: &mut dyn Progress) -> Result<Extraction, AnalysisError> {
-        progress.stage("images", Some(timeline.images.len() as u64));
+        progress.begin("images", Some(timeline.images.len() as u64));
         let plane = self.config.calibration.plane(self.paths_from)?;
         let source = pictures::Source { run: self.run, timeline };
         let extraction = match self.from {
@@ -225,6 +240,17 @@ impl Analysis<'_> {
         };
         Ok(Experiment { model, noise_m: None, fit, runs: vec![run] })
     }
+}
+
+/// What `experiment` shows beyond its fit: the diagnosis begins where the fit has ended.
+fn diagnose_fitted(
+    experiment: Experiment,
+    fitted: &Fitted,
+    progress: &mut dyn Progress,
+) -> Result<Diagnosed, DiagnoseError> {
+    let mut calibrated = Experiment { model: fitted.model.clone(), ..experiment };
+    calibrated.fit.method = Method::LeastSquares;
+    diagnose(&calibrated, progress)
 }
 
 fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), RecordError> {

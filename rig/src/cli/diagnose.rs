@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
-use ident::diagnose::{DiagnoseError, Diagnosed, Observer, diagnose};
+use ident::diagnose::{DiagnoseError, Diagnosed, diagnose};
 use ident::experiment::{Experiment, Use};
-use indicatif::{ProgressBar, ProgressStyle};
 
 use super::design::write_configs;
+use super::progress::Bar;
 use super::signal::Interrupt;
 use super::{Failure, Outcome, experiment::unfit, fit::name};
 use crate::record::folder::{file, write_whole};
@@ -56,9 +56,9 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         .num_threads(args.threads.unwrap_or(0))
         .build()
         .map_err(Failure::internal)?;
-    let mut watcher = Watcher::new(interrupt);
-    let diagnosed = pool.install(|| diagnose(&experiment, &mut watcher));
-    watcher.bar.finish_and_clear();
+    let mut bar = Bar::new(interrupt.flag());
+    let diagnosed = pool.install(|| diagnose(&experiment, &mut bar));
+    drop(bar);
     let diagnosed = diagnosed.map_err(failure)?;
 
     let source = args.experiment.display().to_string();
@@ -136,28 +136,4 @@ pub fn write_results(diagnosed: &Diagnosed, source: &str, folder: &Path) -> Resu
     }
     write_whole(&folder.join(file::MODEL), diagnosed.model.to_mjcf(&comment).as_bytes())
         .map_err(Failure::internal)
-}
-
-/// Shows on a terminal what the diagnosis is at.
-struct Watcher {
-    bar: ProgressBar,
-    interrupt: Interrupt,
-}
-
-impl Watcher {
-    fn new(interrupt: Interrupt) -> Self {
-        let bar = ProgressBar::new_spinner();
-        if let Ok(style) = ProgressStyle::with_template("{spinner} {msg}, {elapsed}") {
-            bar.set_style(style);
-        }
-        Self { bar, interrupt }
-    }
-}
-
-impl Observer for Watcher {
-    fn stage(&mut self, stage: &str) -> bool {
-        self.bar.set_message(stage.to_owned());
-        self.bar.tick();
-        !self.interrupt.flag().load(std::sync::atomic::Ordering::Relaxed)
-    }
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use ident::diagnose;
 use ident::fit::{Flow, Observer, Progress as FitProgress};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -47,7 +48,7 @@ impl Drop for Bar {
 }
 
 impl Progress for Bar {
-    fn stage(&mut self, name: &str, steps: Option<u64>) {
+    fn begin(&mut self, name: &str, steps: Option<u64>) {
         let style = match steps {
             Some(_) => ProgressStyle::with_template("{msg:<28} {wide_bar} {pos}/{len} {eta}"),
             None => ProgressStyle::with_template("{spinner} {msg}"),
@@ -69,5 +70,12 @@ impl Observer for Bar {
         self.bar.set_position(progress.evaluations);
         self.bar.set_message(format!("fit: {} {:.3} mm rms", progress.phase, progress.loss_m2.sqrt() * 1e3));
         if self.interrupted.load(Ordering::Relaxed) { Flow::Stop } else { Flow::Continue }
+    }
+}
+
+impl diagnose::Observer for Bar {
+    fn stage(&mut self, stage: &str) -> bool {
+        self.say(format!("diagnosis: {stage}"));
+        !self.interrupted.load(Ordering::Relaxed)
     }
 }

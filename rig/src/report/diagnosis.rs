@@ -18,6 +18,7 @@ pub(super) fn section(data: &ReportData) -> Markup {
     };
     html! {
         @if data.fit.is_some() {
+            h2 #diagnosis { "Diagnosis" }
             div class={ "verdict " (tone(diagnosis.verdict).class()) } {
                 p.line { (diagnosis.sentence) }
                 ul { @for detail in details(diagnosis) { li { (detail) } } }

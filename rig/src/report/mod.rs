@@ -55,11 +55,12 @@ pub fn render(data: &ReportData) -> String {
             body {
                 main {
                     (sections::heading(data))
-                    (diagnosis::section(data))
+                    @if data.fit.is_none() { (diagnosis::section(data)) }
                     (sections::table_of_errors(data))
                     @for run in &data.runs { (sections::run(data, run)) }
                     (sections::pictures(data))
                     (coefficients::section(data))
+                    @if data.fit.is_some() { (diagnosis::section(data)) }
                     (sections::servo(data))
                     (sections::quality(data))
                     (sections::timings(data))

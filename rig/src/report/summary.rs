@@ -7,6 +7,7 @@ use ident::fit::Fit;
 
 use super::coefficients::weighted_sum;
 use super::data::ReportData;
+use super::diagnosis_text::diagnosis_summary;
 use super::format::{millimetres, percent, significant};
 use super::verdict::{is_combined, is_constant, verdict};
 
@@ -26,6 +27,10 @@ pub fn summary(data: &ReportData) -> String {
             for sum in fit.combinations.iter().filter_map(weighted_sum) {
                 let _ = writeln!(text, "seen: {sum}");
             }
+        }
+        if let Some(figures) = &data.diagnosis {
+            text.push('\n');
+            text.push_str(&diagnosis_summary(&figures.diagnosis));
         }
     }
     text

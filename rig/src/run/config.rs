@@ -52,6 +52,13 @@ pub struct RunConfig {
     /// The length that errors are stated in percent of \[m\].
     #[serde(default = "default_length")]
     pub characteristic_length_m: Positive,
+    /// Whether the fit is followed by a diagnosis, which takes long for a mechanism of many segments.
+    #[serde(default = "default_diagnose")]
+    pub diagnose: bool,
+}
+
+const fn default_diagnose() -> bool {
+    true
 }
 
 const fn default_settle() -> NonNegative {

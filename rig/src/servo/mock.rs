@@ -221,8 +221,8 @@ impl TrueClock {
     }
 }
 
-/// Longest sleep: a fault or the end may come at any time.
-const MAX_SLEEP_NS: i64 = 10_000_000;
+/// Longest sleep: a fault or the end may come at any time, and pictures wait for it.
+const MAX_SLEEP_NS: i64 = 5_000_000;
 const SLOW_S: f64 = 0.100;
 
 struct Machine {
@@ -333,8 +333,11 @@ impl Machine {
                 self.board.receive(&bytes[..length], tick, &mut self.pins);
             }
             self.board.advance(tick, &mut self.pins);
+            self.pins.sink.complete(now);
             self.pins.write_delayed();
         }
+        // nothing comes from it any more
+        self.pins.sink.complete(MonotonicNs(u64::MAX));
     }
 
     /// Sleeps until bytes come or something is due.

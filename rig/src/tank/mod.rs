@@ -8,7 +8,9 @@ pub mod scene;
 mod servo;
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use crate::clock::MonotonicNs;
 pub use config::TankConfig;
@@ -18,7 +20,18 @@ use motion::{Event, Motion};
 pub trait PulseSink: Send {
     /// From `at` on, `channel` puts out `pulse_us`, or nothing while detached.
     fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs);
+
+    /// All pulses before `until` are known.
+    fn complete(&mut self, until: MonotonicNs) {
+        let _ = until;
+    }
 }
+
+/// How long a picture waits for a board that a busy machine keeps from its pulses, and how often it looks.
+const PATIENCE_S: f64 = 1.0;
+const LOOK_AGAIN: Duration = Duration::from_millis(1);
+/// Stands for a tank that no board in this process moves.
+const NO_BOARD: u64 = u64::MAX;
 
 /// Why there is no tank.
 #[derive(Debug, thiserror::Error)]
@@ -85,6 +98,8 @@ pub struct Tank {
     shared: Arc<Mutex<Shared>>,
     config: Arc<TankConfig>,
     model: Arc<sim::Model>,
+    /// Until when the board's pulses are known.
+    complete_ns: Arc<AtomicU64>,
 }
 
 #[derive(Debug)]
@@ -110,6 +125,7 @@ impl Tank {
             shared: Arc::new(Mutex::new(Shared { motion, run_origin: None })),
             config: Arc::new(config.clone()),
             model: Arc::new(model),
+            complete_ns: Arc::new(AtomicU64::new(NO_BOARD)),
         })
     }
 
@@ -155,6 +171,15 @@ impl Tank {
         self.lock().motion.qpos(at)
     }
 
+    /// Waits, within reason, until all pulses before `at` are known: else a picture taken while the board's thread has no
+    /// processor would show a servo that stands still.
+    pub fn await_pulses(&self, at: MonotonicNs) {
+        let deadline = MonotonicNs::now().plus_seconds(PATIENCE_S);
+        while self.complete_ns.load(Ordering::Acquire) < at.0 && MonotonicNs::now() < deadline {
+            std::thread::sleep(LOOK_AGAIN);
+        }
+    }
+
     fn lock(&self) -> MutexGuard<'_, Shared> {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -163,5 +188,9 @@ impl Tank {
 impl PulseSink for Tank {
     fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs) {
         self.lock().motion.happen(at, Event::Pulse { channel, pulse_us });
+    }
+
+    fn complete(&mut self, until: MonotonicNs) {
+        self.complete_ns.store(until.0, Ordering::Release);
     }
 }

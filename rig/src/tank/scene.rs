@@ -24,6 +24,7 @@ pub struct TankScene {
 
 impl Scene for TankScene {
     fn picture(&mut self, at: MonotonicNs) -> Result<GrayImage, String> {
+        self.tank.await_pulses(at);
         let mut shapes = self.corners(at)?;
         if self.optics.slowness != 0.0 {
             self.roll(&mut shapes, at)?;

@@ -1,0 +1,63 @@
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::*;
+
+const NOISE_M: f64 = 4e-4;
+const CORRELATION: f64 = 0.5;
+/// 3000 numbers tell a standard deviation to 2 %, correlated ones a little less well.
+const STD_TOLERANCE: f64 = 0.06;
+/// Four standard deviations of the estimate.
+const CORRELATION_TOLERANCE: f64 = 0.08;
+
+/// Correlated noise on a slow error, with a gap of missing images.
+fn run(error_m: f64, seed: u64) -> (Vec<Observation>, Vec<f64>, Vec<f64>) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let time_s: Vec<f64> = (0..300).map(|image| f64::from(image) * 0.01).collect();
+    let (mut observations, mut residuals) = (Vec::new(), Vec::new());
+    for keypoint in 0..3 {
+        for axis in [0, 2] {
+            let mut noise: f64 = StandardNormal.sample(&mut random);
+            for (instant, t) in time_s.iter().enumerate() {
+                let normal: f64 = StandardNormal.sample(&mut random);
+                noise = CORRELATION * noise + (1.0 - CORRELATION * CORRELATION).sqrt() * normal;
+                if (120..131).contains(&instant) {
+                    continue;
+                }
+                observations.push(Observation { instant, keypoint, axis, measured_m: 0.0, per_m: 1.0 });
+                let moving = f64::from(u8::from(*t > 0.3));
+                let slow = error_m * (6.0 * t + keypoint as f64).sin() * moving;
+                residuals.push(slow + NOISE_M * noise);
+            }
+        }
+    }
+    (observations, residuals, time_s)
+}
+
+#[test]
+fn slow_errors_ten_times_the_noise_leave_the_floor_where_it_is() {
+    for (seed, error_m) in [(1, 0.0), (2, 4e-3)] {
+        let (observations, residuals, time_s) = run(error_m, seed);
+        let seen = Seen {
+            id: "run",
+            observations: &observations,
+            residuals: &residuals,
+            time_s: &time_s,
+            start_s: 0.3,
+        };
+        let floor = floor(&[seen]);
+        assert!((floor.noise_m / NOISE_M - 1.0).abs() < STD_TOLERANCE, "{}", floor.noise_m);
+        let correlation = floor.correlation;
+        assert!((correlation - CORRELATION).abs() < CORRELATION_TOLERANCE, "{correlation}");
+    }
+}
+
+#[test]
+fn splines_add_up_to_one_everywhere() {
+    let time_s: Vec<f64> = (0..80).map(|image| 0.013 * f64::from(image)).collect();
+    let basis = basis(&time_s, 10, 0.05);
+    for row in basis.row_iter() {
+        assert!((row.sum() - 1.0).abs() < 1e-12, "{row}");
+    }
+}
