@@ -128,7 +128,7 @@ impl<'a> Rehearsal<'a> {
     }
 
     fn options(&self, start_s: f64) -> RolloutOptions {
-        let (prescribed, steps) = (self.run.prescribed, self.steps);
+        let (prescribed, steps) = (self.run.prescribed, self.steps.clone());
         RolloutOptions { prescribed, start_s, steps, ..RolloutOptions::default() }
     }
 
