@@ -6,6 +6,7 @@
 
 pub mod batch;
 pub mod command;
+mod contact;
 pub mod dual;
 mod dynamics;
 pub mod effects;
@@ -24,6 +25,7 @@ pub mod steps;
 pub mod trajectory;
 
 pub use command::Command;
+pub use contact::{ContactWatch, Touch};
 pub use effects::{Cause, CommandPath, Effect};
 pub use lanes::Isa;
 pub use mjcf::MjcfError;
