@@ -93,6 +93,8 @@ fn a_candidate_that_diverges_has_its_own_error_and_disturbs_nobody() {
     candidates.iter_mut().for_each(|candidate| candidate.start_s = 0.0);
     // so much damping is far beyond what an explicit step can bear
     candidates[3].values[0] = 1.0;
+    // and this is no number at all
+    candidates[6].values[0] = f64::NAN;
     for isa in Isa::available() {
         let command = Command::default();
         let together =
@@ -100,7 +102,8 @@ fn a_candidate_that_diverges_has_its_own_error_and_disturbs_nobody() {
         for (k, positions) in together.into_iter().enumerate() {
             let expected = alone(&model, &parameters, &candidates[k], &command, &times, &options);
             assert_eq!(positions, expected, "{} {k}", isa.name());
-            assert_eq!(positions.is_err(), k == 3);
+            assert_eq!(matches!(positions, Err(RolloutError::Diverged { .. })), k == 3);
+            assert_eq!(matches!(positions, Err(RolloutError::BadParameter { .. })), k == 6);
         }
     }
 }
