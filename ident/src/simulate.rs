@@ -70,8 +70,8 @@ pub struct Numbers<'a> {
 
 /// Steps are planned this much more exact than wanted, for candidates that move faster than the nominal one.
 const MARGIN: f64 = 2.0;
-/// A candidate too stiff for the plan is simulated in steps of these shares of it, the first that it bears.
-const SHARES: [f64; 3] = [1.0, 0.25, 0.0625];
+/// A candidate too stiff for the plan is simulated with each step in so many parts, the first that it bears.
+const PARTS: [usize; 3] = [1, 4, 16];
 
 /// A run made ready to be simulated again and again.
 #[derive(Debug, Clone)]
@@ -115,7 +115,7 @@ impl<'a> Rehearsal<'a> {
         let mut rehearsal =
             Self { run, start: estimate.start, nuisances, command, steps: None, columns: columns.collect() };
         // Where no step is exact enough at the nominal values, the model's own has to do.
-        let options = rehearsal.options(rehearsal.start.start_s, 1.0);
+        let options = rehearsal.options(rehearsal.start.start_s, 1);
         let times = &run.trajectory.time_s;
         let plan = sim::plan(
             model,
@@ -129,26 +129,26 @@ impl<'a> Rehearsal<'a> {
         rehearsal
     }
 
-    fn options(&self, start_s: f64, share: f64) -> RolloutOptions {
-        let finer = |steps: Steps| Steps { longest_s: share * steps.longest_s, ..steps };
-        let (prescribed, steps) = (self.run.prescribed, self.steps.map(finer));
+    fn options(&self, start_s: f64, parts: usize) -> RolloutOptions {
+        let (prescribed, steps) =
+            (self.run.prescribed, self.steps.as_ref().map(|steps| steps.divided(parts)));
         RolloutOptions { prescribed, start_s, steps, ..RolloutOptions::default() }
     }
 
-    /// What `run` yields in steps of one of `shares` of the plan: a search must not end at the first candidate that is
+    /// What `run` yields with the plan's steps in so many `parts`: a search must not end at the first candidate that is
     /// stiffer than the nominal one.
     fn bearable<R>(
         &self,
-        shares: &[f64],
-        run: impl Fn(f64) -> Result<R, RolloutError>,
+        parts: &[usize],
+        run: impl Fn(usize) -> Result<R, RolloutError>,
     ) -> Result<R, RolloutError> {
-        let shares = if self.steps.is_some() { shares } else { &shares[..1] };
-        let mut result = run(shares[0]);
-        for &share in &shares[1..] {
+        let parts = if self.steps.is_some() { parts } else { &parts[..1] };
+        let mut result = run(parts[0]);
+        for &parts in &parts[1..] {
             if !matches!(result, Err(RolloutError::Diverged { .. })) {
                 break;
             }
-            result = run(share);
+            result = run(parts);
         }
         result
     }
@@ -186,8 +186,8 @@ impl<'a> Rehearsal<'a> {
         for (place, value) in self.own(offsets) {
             own.to_mut().set(place, value);
         }
-        let rollout = self.bearable(&SHARES, |share| {
-            rollout(&own, &state, &self.command, times, &self.options(start_s, share))
+        let rollout = self.bearable(&PARTS, |parts| {
+            rollout(&own, &state, &self.command, times, &self.options(start_s, parts))
         })?;
         Ok(self.measured(&rollout.position_m, rollout.keypoints.len()))
     }
@@ -207,15 +207,15 @@ impl<'a> Rehearsal<'a> {
         let candidates: Vec<_> = candidates.iter().map(|(v, o)| self.candidate(model, v, o)).collect();
         let times = &self.run.trajectory.time_s[..instants];
         let places = self.places(parameters);
-        let simulated = |candidates: &[Candidate], share: f64| {
-            let options = self.options(self.start.start_s, share);
+        let simulated = |candidates: &[Candidate], parts: usize| {
+            let options = self.options(self.start.start_s, parts);
             batch::positions(model, &places, candidates, &self.command, times, &options, Isa::best())
         };
-        let mut all = simulated(&candidates, SHARES[0])?;
+        let mut all = simulated(&candidates, PARTS[0])?;
         for (one, candidate) in all.iter_mut().zip(&candidates) {
             if self.steps.is_some() && matches!(one, Err(RolloutError::Diverged { .. })) {
-                let alone = |share| simulated(std::slice::from_ref(candidate), share)?.remove(0);
-                *one = self.bearable(&SHARES[1..], alone);
+                let alone = |parts| simulated(std::slice::from_ref(candidate), parts)?.remove(0);
+                *one = self.bearable(&PARTS[1..], alone);
             }
         }
         let width = model.keypoint_sites().len();
@@ -266,8 +266,8 @@ impl<'a> Rehearsal<'a> {
         let columns = columns.start.min(directions.len())..columns.end.min(directions.len());
         let directions = &directions[columns];
         let (times, command) = (&self.run.trajectory.time_s[..instants], &self.command);
-        let found = self.bearable(&SHARES, |share| {
-            let options = self.options(candidate.start_s, share);
+        let found = self.bearable(&PARTS, |parts| {
+            let options = self.options(candidate.start_s, parts);
             batch::sensitivities(
                 model,
                 &places,

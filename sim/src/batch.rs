@@ -48,6 +48,15 @@ pub fn positions(
         let group = Group { model, parameters, group, command, columns: &columns, sample_times_s, options };
         results.extend(dispatch(isa, group)?);
     }
+    for (candidate, result) in candidates.iter().zip(&mut results) {
+        let mut values = parameters.iter().zip(&candidate.values);
+        let unfit = values.find_map(|(&place, &value)| Some((place, rollout::unfit(place, value)?)));
+        if let Some((place, wanted)) = unfit {
+            let name = model.parameters().find(|(_, known)| *known == place);
+            let name = name.map_or_else(String::new, |(name, _)| name);
+            *result = Err(RolloutError::BadParameter { name, wanted });
+        }
+    }
     Ok(results)
 }
 

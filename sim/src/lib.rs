@@ -6,6 +6,7 @@
 
 pub mod batch;
 pub mod command;
+mod contact;
 pub mod dual;
 mod dynamics;
 pub mod effects;
@@ -15,6 +16,7 @@ pub mod math;
 pub mod mjcf;
 pub mod model;
 mod observation;
+mod plan;
 pub mod rollout;
 pub mod scalar;
 pub mod simulator;
@@ -23,12 +25,14 @@ pub mod steps;
 pub mod trajectory;
 
 pub use command::Command;
+pub use contact::{ContactWatch, Touch};
 pub use effects::{Cause, CommandPath, Effect};
 pub use lanes::Isa;
 pub use mjcf::MjcfError;
 pub use model::{Integrator, JointKind, Model, Poses, State};
+pub use plan::{ACCURACY_M, Plan, plan};
 pub use rollout::{Rollout, RolloutError, RolloutOptions, rollout};
 pub use scalar::Scalar;
 pub use simulator::Simulator;
-pub use steps::{ACCURACY_M, Method, Plan, Steps, plan};
+pub use steps::{Method, Steps};
 pub use trajectory::Trajectory;

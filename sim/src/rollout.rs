@@ -3,7 +3,7 @@
 use crate::command::Command;
 use crate::dynamics::{integrate, kinematics};
 use crate::effects::CommandPath;
-use crate::model::{Integrator, Model, State};
+use crate::model::{Integrator, Joint, Model, Parameter, State};
 use crate::observation::Film;
 use crate::observation::film::Keypoint;
 use crate::scalar::{Mask, Scalar, tuned};
@@ -71,12 +71,22 @@ pub enum RolloutError {
         nv: usize,
     },
     /// An initial state that is no number.
-    #[error("initial {what} {index} is not finite")]
+    #[error("initial {what} {index}, of joint `{joint}`, is not finite")]
     BadState {
         /// `qpos` or `qvel`.
         what: &'static str,
         /// Which entry.
         index: usize,
+        /// The joint it belongs to.
+        joint: String,
+    },
+    /// A number of the model that cannot be.
+    #[error("parameter `{name}` must be {wanted}")]
+    BadParameter {
+        /// The parameter.
+        name: String,
+        /// What it must be.
+        wanted: &'static str,
     },
     /// Sample times that are no numbers or fall.
     #[error("sample time {index} is {time_s} s: times must be finite and must not fall")]
@@ -151,6 +161,7 @@ pub fn rollout<T: Scalar>(
     options: &RolloutOptions,
 ) -> Result<Rollout<T>, RolloutError> {
     check(model, state, sample_times_s)?;
+    check_parameters(model)?;
     let columns = columns(model, command)?;
     let altered = model.altered();
     let model = altered.as_ref().unwrap_or(model);
@@ -352,7 +363,13 @@ pub(crate) fn check<T: Scalar>(
     let finite = |x: &T| x.abs().less(T::from_f64(f64::INFINITY)).all();
     for (what, values) in [("qpos", &state.qpos), ("qvel", &state.qvel)] {
         if let Some(index) = values.iter().position(|x| !finite(x)) {
-            return Err(RolloutError::BadState { what, index });
+            let first = |joint: &Joint<T>| match what {
+                "qpos" => joint.qpos_address,
+                _ => joint.dof_address,
+            };
+            let joint = model.joints.iter().rfind(|joint| first(joint) <= index);
+            let joint = joint.map_or_else(String::new, |joint| joint.name.clone());
+            return Err(RolloutError::BadState { what, index, joint });
         }
     }
     let mut latest = f64::NEG_INFINITY;
@@ -363,6 +380,22 @@ pub(crate) fn check<T: Scalar>(
         latest = time_s;
     }
     Ok(())
+}
+
+/// What is wrong with `value` as that of `parameter`, if anything.
+pub(crate) fn unfit<T: Scalar>(parameter: Parameter, value: T) -> Option<&'static str> {
+    match parameter {
+        _ if !value.abs().less(T::from_f64(f64::INFINITY)).all() => Some("finite"),
+        Parameter::Mass(_) if !T::ZERO.less(value).all() => Some("above 0"),
+        _ => None,
+    }
+}
+
+fn check_parameters<T: Scalar>(model: &Model<T>) -> Result<(), RolloutError> {
+    model.parameters().try_for_each(|(name, parameter)| match unfit(parameter, model.get(parameter)) {
+        Some(wanted) => Err(RolloutError::BadParameter { name, wanted }),
+        None => Ok(()),
+    })
 }
 
 /// For each of the model's actuators, the command's column.

@@ -1,17 +1,42 @@
 //! Where the steps of a run end.
 
+use std::sync::Arc;
+
 use crate::command::Command;
-use crate::model::{Model, State};
-use crate::rollout::{RolloutError, RolloutOptions, rollout};
+use crate::rollout::RolloutOptions;
 
 /// Steps chosen for accuracy, see [`plan`](crate::plan()). They meet the corners of the commands, and stiction and end stops
 /// are as stiff as at the model's own time step whatever the step.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Steps {
     /// How a step is taken.
     pub method: Method,
     /// No step is longer \[s\].
     pub longest_s: f64,
+    /// When steps end \[s\], counted from the start of motion, rising; beyond the last, and where there is none, steps are even
+    /// between the corners of the commands.
+    pub ends_s: Arc<[f64]>,
+}
+
+impl Steps {
+    /// Even steps between the corners of the commands, none longer than `longest_s` \[s\].
+    pub fn even(method: Method, longest_s: f64) -> Self {
+        Self { method, longest_s, ends_s: Arc::default() }
+    }
+
+    /// The same with each step in `parts` equal ones, for a candidate that is stiffer than what the steps were chosen for.
+    pub fn divided(&self, parts: usize) -> Self {
+        if parts <= 1 {
+            return self.clone();
+        }
+        let begins = std::iter::once(0.0).chain(self.ends_s.iter().copied());
+        let ends = begins.zip(self.ends_s.iter()).flat_map(|(from, &to)| {
+            (1..=parts).map(
+                move |part| if part == parts { to } else { from + (to - from) * part as f64 / parts as f64 },
+            )
+        });
+        Self { method: self.method, longest_s: self.longest_s / parts as f64, ends_s: ends.collect() }
+    }
 }
 
 /// Ways of taking a step.
@@ -19,77 +44,9 @@ pub struct Steps {
 pub enum Method {
     /// Classical fourth-order Runge-Kutta, explicit: soft mechanisms.
     RungeKutta,
-    /// Linearly implicit Euler with one, two and three parts of the step, extrapolated to third order: stiff joints and
-    /// drives (Deuflhard, Order and stepsize control in extrapolation methods, 1983).
-    Extrapolation,
-}
-
-/// Steps that are as exact as wanted.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Plan {
-    /// The steps.
-    pub steps: Steps,
-    /// Estimated error of the worst keypoint coordinate at the worst instant \[m\].
-    pub error_m: f64,
-}
-
-/// The wanted accuracy of keypoints where nobody says another \[m\]: a fortieth of what a camera resolves.
-pub const ACCURACY_M: f64 = 1e-5;
-/// Longest step tried \[s\], and by how much each next one is shorter.
-const LONGEST_S: f64 = 0.05;
-const SHORTER: f64 = 2.0 / 3.0;
-/// Shortest step worth trying \[s\].
-const SHORTEST_S: f64 = 1e-5;
-/// Methods with their order and their cost in evaluations of all forces.
-const METHODS: [(Method, i32, f64); 2] = [(Method::RungeKutta, 4, 4.0), (Method::Extrapolation, 3, 5.5)];
-
-/// Looks for the cheapest steps whose keypoints are within `accuracy_m` \[m\] of the motion itself at
-/// `sample_times_s`. Made once for a run, with its nominal model: every candidate of a fit then takes the same
-/// steps, so that the loss stays smooth.
-///
-/// Estimate: the difference to steps two thirds as long, over what the order of the method leaves of it.
-///
-/// # Errors
-/// [`RolloutError`] of the last attempt where no step is stable and exact enough.
-pub fn plan(
-    model: &Model,
-    state: &State,
-    command: &Command,
-    sample_times_s: &[f64],
-    options: &RolloutOptions,
-    accuracy_m: f64,
-) -> Result<Plan, RolloutError> {
-    let run = |method: Method, longest_s: f64| {
-        let options = RolloutOptions { steps: Some(Steps { method, longest_s }), ..options.clone() };
-        rollout(model, state, command, sample_times_s, &options).map(|run| run.position_m)
-    };
-    let mut best: Option<(Plan, f64)> = None;
-    let mut last = RolloutError::Inexact { accuracy_m, shortest_s: SHORTEST_S };
-    for (method, order, evaluations) in METHODS {
-        let mut longest_s = LONGEST_S;
-        let mut coarse = run(method, longest_s);
-        while longest_s > SHORTEST_S && best.is_none_or(|(_, cost)| evaluations / longest_s < cost) {
-            let fine = run(method, longest_s * SHORTER);
-            match (&coarse, &fine) {
-                (Ok(a), Ok(b)) => {
-                    let apart = a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| (a - b).abs());
-                    let error_m = apart.fold(0.0, f64::max) / (1.0 - SHORTER.powi(order));
-                    if error_m <= accuracy_m {
-                        let plan = Plan { steps: Steps { method, longest_s }, error_m };
-                        best = Some((plan, evaluations / longest_s));
-                        break;
-                    }
-                }
-                (Err(error), _) | (_, Err(error)) if matches!(error, RolloutError::Diverged { .. }) => {
-                    last = error.clone();
-                }
-                (Err(error), _) | (_, Err(error)) => return Err(error.clone()),
-            }
-            coarse = fine;
-            longest_s *= SHORTER;
-        }
-    }
-    best.map(|(plan, _)| plan).ok_or(last)
+    /// ROS34PW2 of Rang and Angermann (2005), third order, linearly implicit in the slopes of joints and drives: stiff joints
+    /// and drives.
+    Rosenbrock,
 }
 
 /// When steps end \[s\], counted from the start of motion.
@@ -104,11 +61,12 @@ pub(crate) struct Grid {
 const CORNER: f64 = 0.1;
 
 impl Grid {
-    /// Equal steps of `timestep_s`; with [`RolloutOptions::steps`] equal ones between the corners of `command`, none
-    /// longer.
+    /// Equal steps of `timestep_s`; with [`RolloutOptions::steps`] those, and after them equal ones between the corners of
+    /// `command`, none longer.
     pub(crate) fn new(timestep_s: f64, command: &Command, options: &RolloutOptions) -> Self {
         let mut instants = vec![0.0];
-        if options.steps.is_some() {
+        if let Some(steps) = &options.steps {
+            instants.extend(steps.ends_s.iter());
             for corner in corners(command, timestep_s) {
                 let (from, to) = (instants[instants.len() - 1], corner - options.start_s);
                 let parts = ((to - from) / timestep_s - 1e-9).ceil();
@@ -139,9 +97,12 @@ impl Grid {
     }
 }
 
+/// Jumps of rate that follow each other this fast \[s\] are a recording's noise, not a profile's corners.
+const CROWDED_S: f64 = 0.02;
+
 /// Times \[s\] at which the rate of some column of `command` jumps. None where jumps follow each other within steps of
-/// `timestep_s`: no step could be made to fit them.
-fn corners(command: &Command, timestep_s: f64) -> Vec<f64> {
+/// `timestep_s` or faster than a profile's: steps could not be made to fit them.
+pub(crate) fn corners(command: &Command, timestep_s: f64) -> Vec<f64> {
     let width = command.actuators.len();
     let rows = command.time_s.len();
     let rate = |column: usize, row: usize| {
@@ -161,7 +122,7 @@ fn corners(command: &Command, timestep_s: f64) -> Vec<f64> {
     corners.sort_by(f64::total_cmp);
     corners.dedup();
     let span = rows.checked_sub(1).map_or(0.0, |last| command.time_s[last] - command.time_s[0]);
-    let crowded = corners.len() as f64 * timestep_s > span;
+    let crowded = corners.len() as f64 * timestep_s.min(CROWDED_S) > span;
     if crowded { Vec::new() } else { corners }
 }
 
@@ -176,7 +137,7 @@ mod tests {
             time_s: vec![1.0, 1.5, 2.0, 2.25],
             angle_rad: vec![0.0, 0.5, 1.0, 0.0],
         };
-        let steps = Some(Steps { method: Method::RungeKutta, longest_s: 0.2 });
+        let steps = Some(Steps::even(Method::RungeKutta, 0.2));
         let options = RolloutOptions { start_s: 0.5, steps, ..RolloutOptions::default() };
         let grid = Grid::new(0.2, &command, &options);
         // 0.5 s of rest, 1 s up (the middle row is no corner), 0.25 s down, and on in whole steps

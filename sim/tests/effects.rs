@@ -234,9 +234,8 @@ fn causes_act_the_same_to_the_bit_in_lanes_and_alone() {
             Candidate { values, state: model.rest_state(), start_s: 0.0 }
         })
         .collect();
-    let ours =
-        |method| RolloutOptions { steps: Some(Steps { method, longest_s: 0.004 }), ..Default::default() };
-    for options in [options(false), options(true), ours(Method::RungeKutta), ours(Method::Extrapolation)] {
+    let ours = |method| RolloutOptions { steps: Some(Steps::even(method, 0.004)), ..Default::default() };
+    for options in [options(false), options(true), ours(Method::RungeKutta), ours(Method::Rosenbrock)] {
         for isa in Isa::available() {
             let together =
                 batch::positions(&model, &parameters, &candidates, &driven(), &samples(), &options, isa)

@@ -51,19 +51,18 @@ fn alone(
 #[test]
 fn a_candidate_moves_the_same_to_the_bit_in_any_lane_of_any_instruction_set_and_alone() {
     let times: Vec<f64> = (0..40).map(|k| 0.013 * f64::from(k)).collect();
-    let ours =
-        |method| RolloutOptions { steps: Some(Steps { method, longest_s: 0.004 }), ..Default::default() };
+    let ours = |method| RolloutOptions { steps: Some(Steps::even(method, 0.004)), ..Default::default() };
     let cases = [
         (CHAIN, vec!["g2/blunt", "q1/frictionloss", "link3/mass"], RolloutOptions::default()),
         (CHAIN, vec!["g3/kutta", "q2/frictionloss"], ours(Method::RungeKutta)),
-        (DRIVEN, vec!["g1/angular", "servo/gain"], ours(Method::Extrapolation)),
+        (DRIVEN, vec!["g1/angular", "servo/gain"], ours(Method::Rosenbrock)),
         (ARM, vec!["q3/damping", "q4/stiffness2"], RolloutOptions::default()),
         (
             DRIVEN,
             vec!["g2/blunt"],
             RolloutOptions { integrator: Some(Integrator::ImplicitFast), ..RolloutOptions::default() },
         ),
-        (OCTOPUS, vec!["a1q3/damping"], ours(Method::Extrapolation)),
+        (OCTOPUS, vec!["a1q3/damping"], ours(Method::Rosenbrock)),
     ];
     for (text, names, options) in cases {
         let model = Model::from_mjcf(text).unwrap();
@@ -90,13 +89,12 @@ fn a_candidate_that_diverges_has_its_own_error_and_disturbs_nobody() {
     let model = Model::from_mjcf(CHAIN).unwrap();
     let times = [0.1, 0.2];
     let (parameters, mut candidates) = candidates(&model, &["q2/damping"], 0.0);
-    let options = RolloutOptions {
-        steps: Some(Steps { method: Method::RungeKutta, longest_s: 0.01 }),
-        ..Default::default()
-    };
+    let options = RolloutOptions { steps: Some(Steps::even(Method::RungeKutta, 0.01)), ..Default::default() };
     candidates.iter_mut().for_each(|candidate| candidate.start_s = 0.0);
     // so much damping is far beyond what an explicit step can bear
     candidates[3].values[0] = 1.0;
+    // and this is no number at all
+    candidates[6].values[0] = f64::NAN;
     for isa in Isa::available() {
         let command = Command::default();
         let together =
@@ -104,7 +102,8 @@ fn a_candidate_that_diverges_has_its_own_error_and_disturbs_nobody() {
         for (k, positions) in together.into_iter().enumerate() {
             let expected = alone(&model, &parameters, &candidates[k], &command, &times, &options);
             assert_eq!(positions, expected, "{} {k}", isa.name());
-            assert_eq!(positions.is_err(), k == 3);
+            assert_eq!(matches!(positions, Err(RolloutError::Diverged { .. })), k == 3);
+            assert_eq!(matches!(positions, Err(RolloutError::BadParameter { .. })), k == 6);
         }
     }
 }
@@ -112,7 +111,7 @@ fn a_candidate_that_diverges_has_its_own_error_and_disturbs_nobody() {
 #[test]
 fn planned_steps_are_as_exact_as_asked_for() {
     for (text, expected) in
-        [(CHAIN, Method::RungeKutta), (DRIVEN, Method::RungeKutta), (ARM, Method::Extrapolation)]
+        [(CHAIN, Method::RungeKutta), (DRIVEN, Method::Rosenbrock), (ARM, Method::Rosenbrock)]
     {
         let model = Model::from_mjcf(text).unwrap();
         let mut state = model.rest_state();
@@ -128,15 +127,16 @@ fn planned_steps_are_as_exact_as_asked_for() {
             rollout(&model, &state, &command, &times, &options).unwrap().position_m
         };
         // the other method, at steps so short that it has no error to speak of
-        let finest = Steps { method: Method::Extrapolation, longest_s: 1e-4 };
-        let (planned, truth) = (run(plan.steps), run(finest));
+        let finest = Steps::even(Method::Rosenbrock, 1e-4);
+        let (planned, truth) = (run(plan.steps.clone()), run(finest));
         let worst = planned
             .iter()
             .flatten()
             .zip(truth.iter().flatten())
             .map(|(a, b)| (a - b).abs())
             .fold(0.0, f64::max);
-        println!("{}: {:?}, estimated {:.1e} m, true {worst:.1e} m", model.name, plan.steps, plan.error_m);
+        let (count, estimate_m) = (plan.steps.ends_s.len(), plan.error_m);
+        println!("{}: {count} steps, estimated {estimate_m:.1e} m, true {worst:.1e} m", model.name);
         assert_eq!(plan.steps.method, expected);
         assert!(worst < 2e-5, "{worst}");
     }
@@ -153,7 +153,7 @@ fn steps_over_the_corners_of_friction_keep_their_order() {
     state.qpos[0] = 1.0;
     let times: Vec<f64> = (0..=250).map(|k| 0.02 * f64::from(k)).collect();
     let run = |longest_s| {
-        let steps = Some(Steps { method: Method::RungeKutta, longest_s });
+        let steps = Some(Steps::even(Method::RungeKutta, longest_s));
         let options = RolloutOptions { steps, ..RolloutOptions::default() };
         rollout(&model, &state, &Command::default(), &times, &options).unwrap().position_m
     };

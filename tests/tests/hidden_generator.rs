@@ -62,7 +62,7 @@ fn simulated(model: &Model, run: &Run) -> Vec<[Plane; LINKS]> {
         state.qpos[0] = first;
         state.qpos[1] = held[1] - first;
     }
-    let steps = Some(Steps { method: sim::Method::RungeKutta, longest_s: SIM_S });
+    let steps = Some(Steps::even(sim::Method::RungeKutta, SIM_S));
     let options = RolloutOptions { prescribed, start_s: run.motion.start_s, steps, ..Default::default() };
     let seen = rollout(model, &state, &command, &run.times_s, &options).expect("it moves");
     seen.position_m.chunks(LINKS).map(|row| std::array::from_fn(|i| [row[i][0], row[i][2]])).collect()

@@ -4,7 +4,9 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, anyhow};
-use sim::{Command, Integrator, JointKind, Model, Rollout, RolloutError, RolloutOptions, rollout};
+use sim::{
+    Command, ContactWatch, Integrator, JointKind, Model, Rollout, RolloutError, RolloutOptions, rollout,
+};
 
 use super::{Failure, Outcome};
 
@@ -83,13 +85,6 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let model = Model::from_mjcf(&text)
         .with_context(|| format!("reading model {}", args.model.display()))
         .map_err(Failure::Input)?;
-    if let [first, ..] = model.possible_contacts() {
-        let [a, b] = &first.geoms;
-        tracing::warn!(
-            pairs = model.possible_contacts().len(),
-            "contact is not simulated: geoms such as `{a}` and `{b}` pass through each other"
-        );
-    }
     let mut state = model.rest_state();
     replace("--qpos", &mut state.qpos, args.qpos.as_deref(), &model, JointKind::nq)?;
     replace("--qvel", &mut state.qvel, args.qvel.as_deref(), &model, JointKind::nv)?;
@@ -114,8 +109,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         }
         Some(accuracy_m) => {
             sim::plan(&model, &state, &command, &times, &options, accuracy_m).and_then(|plan| {
-                let (method, step_s, error_m) = (plan.steps.method, plan.steps.longest_s, plan.error_m);
-                tracing::info!(?method, step_s, error_m, "steps");
+                let (method, steps, error_m) = (plan.steps.method, plan.steps.ends_s.len(), plan.error_m);
+                tracing::info!(?method, steps, error_m, "planned");
                 rollout(
                     &model,
                     &state,
@@ -135,6 +130,12 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         }
         _ => Failure::input(error),
     })?;
+    if let Some(touch) = ContactWatch::new(&model).and_then(|mut watch| watch.first_touch(&run)) {
+        let ([a, b], time_s) = (&touch.geoms.geoms, touch.time_s);
+        tracing::warn!(
+            "geoms `{a}` and `{b}` touch at {time_s:.4} s; contact is not simulated, so they pass through each other from then on"
+        );
+    }
     std::fs::write(&args.out, table(&model, &run))
         .with_context(|| format!("writing {}", args.out.display()))
         .map_err(Failure::Input)?;

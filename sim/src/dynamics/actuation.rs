@@ -22,6 +22,29 @@ impl<T: Scalar> Drive<T> {
     }
 }
 
+/// Adds to `rise` how fast the drives' forces rise because their commands do, shape (nv): from the first to the second of
+/// `commands` in a time of which `per_s` is the reciprocal \[1/s\]. A drive at the end of its force range does not push harder.
+#[inline(always)]
+pub(crate) fn rises<S: Space>(
+    plant: &Plant<S>,
+    qpos: &[S::T],
+    qvel: &[S::T],
+    (now, ahead): (&[S::T], &[S::T]),
+    per_s: S::T,
+    off: &[bool],
+    rise: &mut [S::T],
+) {
+    let commands = now.iter().zip(ahead);
+    for ((drive, (&now, &ahead)), _) in plant.drives.iter().zip(commands).zip(off).filter(|(_, off)| !**off) {
+        let mut force = drive.gear * drive.gain * (drive.command(ahead) - drive.command(now)) * per_s;
+        if let Some([low, high]) = drive.force_range {
+            let push = drive.raw_force(qpos, qvel, now);
+            force = S::T::select(low.less(push) & push.less(high), force, S::T::ZERO);
+        }
+        rise[drive.dof] += force;
+    }
+}
+
 /// Adds the drives' slopes, reversed, to `damping` (against velocity) and `stiffness` (against coordinate), shape (nv)
 /// each; a drive at the end of its force range has none.
 #[inline(always)]

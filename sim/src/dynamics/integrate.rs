@@ -53,19 +53,6 @@ fn turn<T: Scalar>(qpos: &[T], q: usize, qvel: &[T], dof: usize, h: T, out: &mut
     out[q..q + 4].copy_from_slice(&quat_at(qpos, q).product(by).normalized().0);
 }
 
-/// Scales the quaternions among the coordinates to unit length.
-pub(crate) fn normalise<S: Space>(plant: &Plant<S>, qpos: &mut [S::T]) {
-    for joint in &plant.joints {
-        let first = match joint.kind {
-            JointPlanKind::Hinge { .. } | JointPlanKind::Slide { .. } => continue,
-            JointPlanKind::Ball(_) => joint.q,
-            JointPlanKind::Free(_) => joint.q + 3,
-        };
-        let unit = quat_at(qpos, first).normalized();
-        qpos[first..first + 4].copy_from_slice(&unit.0);
-    }
-}
-
 /// The cubic through two values with their rates, at one share of the way.
 pub(crate) struct Hermite<T>([T; 4]);
 

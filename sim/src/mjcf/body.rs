@@ -337,6 +337,7 @@ impl<'a, 'd> Tree<'a, 'd> {
                 magnus: coefficient(4),
             }),
             contact_bits: [bits("contype")?, bits("conaffinity")?],
+            contact_margin_m: attributes.not_negative("margin", 0.0)?,
         });
         if body == 0 || kind == GeomKind::Plane {
             return Ok(None);

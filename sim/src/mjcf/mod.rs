@@ -6,7 +6,8 @@
 //! over. Whatever else would change the motion is refused by name and line, unless it says what holds
 //! anyway. Causes beyond MuJoCo ([`crate::effects`]) stand as `<custom>` numbers called `<cause>/<parameter>`, which MuJoCo
 //! passes over. `<text name="kutta_lift" data="before-3.14"/>` there asks for the lift of
-//! older engines ([`KuttaLift`](crate::model::KuttaLift)). Contact is not simulated: see [`Model::possible_contacts`](crate::Model::possible_contacts).
+//! older engines ([`KuttaLift`](crate::model::KuttaLift)). Contact is not simulated, but watched where somebody asks for it: see
+//! [`ContactWatch`](crate::ContactWatch).
 
 mod assemble;
 mod attributes;

@@ -163,10 +163,11 @@ const GEOM: Table = Table {
         "fluidcoef",
         "contype",
         "conaffinity",
+        "margin",
     ],
     passed_over: &[
-        "group", "material", "rgba", "condim", "friction", "solmix", "solref", "solimp", "margin", "gap",
-        "priority", "user",
+        "group", "material", "rgba", "condim", "friction", "solmix", "solref", "solimp", "gap", "priority",
+        "user",
     ],
     only: &[("shellinertia", &["false"])],
 };

@@ -212,6 +212,7 @@ impl Writer<'_> {
             (geom.quat.0 != [1.0, 0.0, 0.0, 0.0]).then(|| ("quat", numbers(&geom.quat.0))),
             Some(("contype", geom.contact_bits[0].to_string())),
             Some(("conaffinity", geom.contact_bits[1].to_string())),
+            (geom.contact_margin_m > 0.0).then(|| ("margin", numbers(&[geom.contact_margin_m]))),
             geom.fluid.map(|_| ("fluidshape", "ellipsoid".into())),
             geom.fluid.map(|c| ("fluidcoef", numbers(&[c.blunt, c.slender, c.angular, c.kutta, c.magnus]))),
         ];

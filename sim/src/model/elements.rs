@@ -188,8 +188,10 @@ pub struct Geom<T> {
     pub quat: Quat<T>,
     /// The ellipsoid fluid model's coefficients, where the geom uses it.
     pub fluid: Option<FluidCoefficients<T>>,
-    /// Contact bits, carried for export only.
+    /// MuJoCo's contact bits: which others it could collide with.
     pub contact_bits: [u32; 2],
+    /// MuJoCo's contact margin \[m\]: two geoms touch when closer than the sum of theirs.
+    pub contact_margin_m: f64,
 }
 
 /// A marked point fixed to a body.
@@ -316,6 +318,7 @@ impl<T: Scalar> Geom<T> {
                 magnus: f(c.magnus),
             }),
             contact_bits: self.contact_bits,
+            contact_margin_m: self.contact_margin_m,
         }
     }
 }

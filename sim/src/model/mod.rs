@@ -119,8 +119,8 @@ impl<T: Scalar> Model<T> {
         found.into_iter().map(|(_, index)| index).collect()
     }
 
-    /// The geoms that would collide in MuJoCo if they met. Contact is not simulated here: whoever runs such
-    /// a model should say so.
+    /// The geoms that would collide in MuJoCo if they met. Contact is not simulated here; a
+    /// [`ContactWatch`](crate::ContactWatch) says whether and when they first do in a rollout.
     pub fn possible_contacts(&self) -> &[PossibleContact] {
         &self.contacts.possible
     }

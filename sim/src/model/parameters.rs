@@ -137,7 +137,8 @@ impl<T: Scalar> Model<T> {
         *place = value;
     }
 
-    fn parameters(&self) -> impl Iterator<Item = (String, Parameter)> + '_ {
+    /// Every parameter with its name.
+    pub(crate) fn parameters(&self) -> impl Iterator<Item = (String, Parameter)> + '_ {
         let fluid =
             self.geoms.iter().enumerate().filter(|(_, geom)| geom.fluid.is_some()).flat_map(|(i, geom)| {
                 FLUID

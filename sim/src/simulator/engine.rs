@@ -1,7 +1,7 @@
 //! One mechanism in its space, stepped.
 
-use super::extrapolation::Extrapolation;
 use super::halving::{HALVINGS, Halving};
+use super::rosenbrock::Rosenbrock;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{Solver, multiply};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
@@ -21,7 +21,7 @@ pub(super) enum Stepper {
     Euler,
     ImplicitFast,
     RungeKutta,
-    Extrapolation,
+    Rosenbrock,
 }
 
 /// What [`super::Simulator`] is, in one space.
@@ -32,7 +32,7 @@ pub(crate) struct Engine<S: Space> {
     pub(super) solver: Option<Solver<S::T>>,
     pub(super) slope: Option<S::Slope>,
     pub(super) stepper: Stepper,
-    pub(super) extrapolation: Option<Extrapolation<S::T>>,
+    pub(super) rosenbrock: Option<Rosenbrock<S::T>>,
     pub(crate) timestep_s: f64,
     /// Room for steps that are taken again in halves, one for each halving.
     pub(super) halvings: Vec<Halving<S::T>>,
@@ -45,7 +45,7 @@ pub(crate) struct Engine<S: Space> {
     /// Per drive: whether it exerts no force.
     pub(super) off: Vec<bool>,
     /// Per dof: whether its acceleration is prescribed 0.
-    held: Vec<bool>,
+    pub(super) held: Vec<bool>,
     /// What the causes remember from step to step.
     pub(super) memory: Memory<S>,
     /// When, within a step, the forces are asked for.
@@ -76,15 +76,16 @@ impl<S: Space> Engine<S> {
         options: &RolloutOptions,
     ) -> Result<Self, RolloutError> {
         let own = model.settings.timestep_s;
-        let timestep_s = options.steps.map_or(options.timestep_s.unwrap_or(own), |steps| steps.longest_s);
+        let timestep_s =
+            options.steps.as_ref().map_or(options.timestep_s.unwrap_or(own), |steps| steps.longest_s);
         if !(timestep_s.is_finite() && timestep_s > 0.0) {
             return Err(RolloutError::Timestep { timestep_s });
         }
         let stepper = match (
-            options.steps.map(|steps| steps.method),
+            options.steps.as_ref().map(|steps| steps.method),
             options.integrator.unwrap_or(model.settings.integrator),
         ) {
-            (Some(Method::Extrapolation), _) => Stepper::Extrapolation,
+            (Some(Method::Rosenbrock), _) => Stepper::Rosenbrock,
             (Some(Method::RungeKutta), _) | (None, Integrator::Rk4) => Stepper::RungeKutta,
             (None, Integrator::Euler) => Stepper::Euler,
             (None, Integrator::ImplicitFast) => Stepper::ImplicitFast,
@@ -110,8 +111,7 @@ impl<S: Space> Engine<S> {
         let mut simulator = Self {
             solver: None,
             slope,
-            extrapolation: (stepper == Stepper::Extrapolation)
-                .then(|| Extrapolation::new(&plant, rest.qpos.len())),
+            rosenbrock: (stepper == Stepper::Rosenbrock).then(|| Rosenbrock::new(&plant)),
             stepper,
             timestep_s,
             halvings: Vec::new(),

@@ -71,7 +71,7 @@ impl<S: Space> Engine<S> {
         match self.stepper {
             Stepper::Euler | Stepper::ImplicitFast => self.euler(state, h),
             Stepper::RungeKutta => self.runge_kutta(state, time_s, h, command),
-            Stepper::Extrapolation => self.extrapolate(state, time_s, h, command),
+            Stepper::Rosenbrock => self.rosenbrock(state, time_s, h, command),
         }
     }
 }

@@ -1,10 +1,10 @@
 //! Moves one mechanism step by step.
 
 mod engine;
-mod extrapolation;
 mod forces;
 mod halving;
 mod integrators;
+mod rosenbrock;
 
 pub(crate) use engine::Engine;
 pub use forces::Forces;

@@ -1,0 +1,200 @@
+//! A Rosenbrock method: linearly implicit, for stiff joints and drives.
+
+use super::Engine;
+use crate::dynamics::plant::Plant;
+use crate::dynamics::restraint::multiply;
+use crate::dynamics::{actuation, inertia, integrate, passive};
+use crate::effects::Moment;
+use crate::model::State;
+use crate::scalar::{Scalar, tuned};
+use crate::space::Space;
+
+/// Stages of a step.
+const STAGES: usize = 4;
+/// ROS34PW2 of Rang and Angermann (New Rosenbrock W-methods of order 3 for partial differential algebraic equations of
+/// index 1, 2005): third order whatever stands for the slopes, stiffly accurate. What each stage's state takes from
+/// the stages before it,
+const ALPHA: [[f64; STAGES]; STAGES] = [
+    [0.0; STAGES],
+    [0.871_733_043_016_918_01, 0.0, 0.0, 0.0],
+    [0.844_570_600_153_694_23, -0.112_990_642_364_841_85, 0.0, 0.0],
+    [0.0, 0.0, 1.0, 0.0],
+];
+/// what the slopes act on besides the stage itself,
+const GAMMA: [[f64; STAGES]; STAGES] = [
+    [0.0; STAGES],
+    [-0.871_733_043_016_918_01, 0.0, 0.0, 0.0],
+    [-0.903_380_570_130_440_82, 0.054_180_672_388_095_326, 0.0, 0.0],
+    [0.242_123_807_060_953_46, -1.223_250_583_904_514_7, 0.545_260_255_335_102_14, 0.0],
+];
+/// the stage's own share of them,
+const OWN: f64 = 0.435_866_521_508_459;
+/// and the weights in the sum.
+const WEIGHTS: [f64; STAGES] =
+    [0.242_123_807_060_953_46, -1.223_250_583_904_514_7, 1.545_260_255_335_102, OWN];
+
+/// What a step works with.
+#[derive(Debug, Clone)]
+pub(super) struct Rosenbrock<T> {
+    /// Mass matrix at the start of the step, and the factors of M + g h B + (g h)^2 K.
+    mass: Vec<T>,
+    factors: Vec<T>,
+    /// Slopes of joints and drives there, dof by dof: damping and stiffness, neither below 0.
+    damping: Vec<T>,
+    stiffness: Vec<T>,
+    /// How fast the drives' forces rise because their commands do, dof by dof.
+    rise: Vec<T>,
+    /// The commands at the end of the step.
+    ahead: Vec<T>,
+    /// Each stage's share of the way and of the change of velocity.
+    way: [Vec<T>; STAGES],
+    gain: [Vec<T>; STAGES],
+    right: Vec<T>,
+}
+
+impl<T: Scalar> Rosenbrock<T> {
+    pub(super) fn new<S: Space<T = T>>(plant: &Plant<S>) -> Self {
+        let zeros = |n: usize| vec![T::ZERO; n];
+        let stages = || std::array::from_fn(|_| zeros(plant.nv));
+        Self {
+            mass: zeros(plant.chain.len()),
+            factors: zeros(plant.chain.len()),
+            damping: zeros(plant.nv),
+            stiffness: zeros(plant.nv),
+            rise: zeros(plant.nv),
+            ahead: zeros(plant.drives.len()),
+            way: stages(),
+            gain: stages(),
+            right: zeros(plant.nv),
+        }
+    }
+}
+
+/// The sum of the stages before `stage`, weighted by its row of `table`, at one dof.
+#[inline(always)]
+fn before<T: Scalar>(table: &[[f64; STAGES]; STAGES], stage: usize, of: &[Vec<T>; STAGES], dof: usize) -> T {
+    let mut sum = T::ZERO;
+    for (&share, part) in table[stage][..stage].iter().zip(of) {
+        if share != 0.0 {
+            sum += T::from_f64(share) * part[dof];
+        }
+    }
+    sum
+}
+
+impl<S: Space> Engine<S> {
+    /// One step in four stages, each (M + g h B + (g h)^2 K) k = h M a + what the slopes make of the stages before; a is the
+    /// acceleration at the stage's own state, M, B and K are the mass matrix and the diagonal slopes of joints and drives at
+    /// the start of the step. Coordinates follow along rotation vectors, as in Runge-Kutta.
+    pub(super) fn rosenbrock(
+        &mut self,
+        state: &mut State<S::T>,
+        time_s: f64,
+        h: f64,
+        command: &dyn Fn(usize, f64) -> S::T,
+    ) {
+        let Some(mut kept) = self.rosenbrock.take() else { return };
+        let mut stage = std::mem::replace(&mut self.stage, State { qpos: Vec::new(), qvel: Vec::new() });
+        for (drive, ahead) in kept.ahead.iter_mut().enumerate() {
+            *ahead = command(drive, time_s + h);
+        }
+        for k in 0..STAGES {
+            if k == 0 {
+                self.force_stage(&state.qpos, &state.qvel);
+                self.linearise(state, h, &mut kept);
+            } else {
+                tuned!(S::T, {
+                    for dof in 0..self.plant.nv {
+                        self.turned[dof] = before(&ALPHA, k, &kept.way, dof);
+                        stage.qvel[dof] = state.qvel[dof] + before(&ALPHA, k, &kept.gain, dof);
+                    }
+                    let (plant, turned) = (&self.plant, &self.turned);
+                    integrate::advance(plant, &state.qpos, turned, S::T::ONE, &mut stage.qpos);
+                });
+                let elapsed_s = ALPHA[k].iter().sum::<f64>() * h;
+                self.moment = Moment { time_s: time_s + elapsed_s, elapsed_s, arrived_s: None };
+                self.sample(time_s + elapsed_s, command);
+                self.position_stage(&stage.qpos);
+                self.force_stage(&stage.qpos, &stage.qvel);
+                self.matrix.copy_from_slice(&self.work.mass);
+                self.accelerate();
+            }
+            tuned!(S::T, {
+                if k == 0 {
+                    self.rate.copy_from_slice(&state.qvel);
+                    kept.right.copy_from_slice(&self.force);
+                } else {
+                    self.rate.copy_from_slice(&stage.qvel);
+                    integrate::follow_turn(&self.plant, &self.turned, &mut self.rate);
+                    multiply(&self.plant, &kept.mass, &self.force, &mut kept.right);
+                }
+                let share = S::T::from_f64(GAMMA[k].iter().sum::<f64>() + OWN);
+                let (own, h) = (S::T::from_f64(OWN), S::T::from_f64(h));
+                for dof in 0..self.plant.nv {
+                    let way = before(&GAMMA, k, &kept.way, dof);
+                    let gain = before(&GAMMA, k, &kept.gain, dof);
+                    let ahead = h * (self.rate[dof] + gain);
+                    let pull = kept.damping[dof] * gain + kept.stiffness[dof] * (way + own * ahead);
+                    let rise = share * h * kept.rise[dof];
+                    kept.right[dof] = h * (kept.right[dof] + rise - pull);
+                    kept.way[k][dof] = ahead;
+                }
+                for (right, &held) in kept.right.iter_mut().zip(&self.held) {
+                    if held {
+                        *right = S::T::ZERO;
+                    }
+                }
+                inertia::solve(&self.plant, &kept.factors, &mut kept.right);
+                let own = own * h;
+                for (dof, &gain) in kept.right.iter().enumerate() {
+                    kept.gain[k][dof] = gain;
+                    kept.way[k][dof] += own * gain;
+                }
+            });
+        }
+        tuned!(S::T, {
+            for dof in 0..self.plant.nv {
+                let sum = |of: &[Vec<S::T>; STAGES]| {
+                    let mut sum = S::T::ZERO;
+                    for (part, weight) in of.iter().zip(WEIGHTS) {
+                        sum += S::T::from_f64(weight) * part[dof];
+                    }
+                    sum
+                };
+                self.turned[dof] = sum(&kept.way);
+                state.qvel[dof] += sum(&kept.gain);
+            }
+            let (plant, turned) = (&self.plant, &self.turned);
+            integrate::advance(plant, &state.qpos, turned, S::T::ONE, &mut self.next_qpos);
+        });
+        state.qpos.copy_from_slice(&self.next_qpos);
+        self.stage = stage;
+        self.rosenbrock = Some(kept);
+    }
+
+    /// Fills `kept` with what holds for the whole step of `h` \[s\] that starts at `state`.
+    fn linearise(&mut self, state: &State<S::T>, h: f64, kept: &mut Rosenbrock<S::T>) {
+        tuned!(S::T, {
+            kept.mass.copy_from_slice(&self.work.mass);
+            kept.factors.copy_from_slice(&self.work.mass);
+            for slope in [&mut kept.damping, &mut kept.stiffness, &mut kept.rise] {
+                slope.fill(S::T::ZERO);
+            }
+            let (qpos, qvel, command, off) = (&state.qpos, &state.qvel, &self.command, &self.off);
+            let (damping, stiffness) = (&mut kept.damping, &mut kept.stiffness);
+            passive::slopes(&self.plant, qpos, qvel, damping, stiffness);
+            actuation::slopes(&self.plant, qpos, qvel, command, off, damping, stiffness);
+            let per_s = S::T::from_f64(1.0 / h);
+            actuation::rises(&self.plant, qpos, qvel, (command, &kept.ahead), per_s, off, &mut kept.rise);
+            let own = S::T::from_f64(OWN * h);
+            for dof in 0..self.plant.nv {
+                let (damping, stiffness) = (&mut kept.damping[dof], &mut kept.stiffness[dof]);
+                *damping = damping.max(S::T::ZERO);
+                *stiffness = stiffness.max(S::T::ZERO);
+                kept.factors[self.plant.row[dof]] += own * (*damping + own * *stiffness);
+            }
+            inertia::hold(&self.plant, &self.held, &mut kept.factors);
+            inertia::factor(&self.plant, &mut kept.factors);
+        });
+    }
+}

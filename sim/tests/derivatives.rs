@@ -1,0 +1,108 @@
+//! Derivatives of every reference model's run, from rest.
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "tests")]
+
+mod common;
+
+use common::{model, stroke_command};
+use sim::dual::Dual;
+use sim::{Command, Method, Model, RolloutOptions, State, Steps, rollout};
+
+/// Derivatives by so many parameters at once.
+const COUNT: usize = 4;
+type Number = Dual<f64, COUNT>;
+
+/// A model, how long it is followed \[s\], its steps, parameters, and the error of the differences themselves: their own
+/// order's, and where a joint breaks loose a corner's.
+struct Case {
+    name: &'static str,
+    duration_s: f64,
+    method: Method,
+    parameters: [&'static str; COUNT],
+    tolerance: f64,
+}
+
+const CASES: [Case; 5] = [
+    Case {
+        name: "chain_passive",
+        duration_s: 1.0,
+        method: Method::RungeKutta,
+        parameters: ["g2/blunt", "g3/kutta", "q2/damping", "link3/mass"],
+        tolerance: 1e-6,
+    },
+    Case {
+        name: "chain_friction",
+        duration_s: 0.5,
+        method: Method::RungeKutta,
+        parameters: ["g2/blunt", "q3/frictionloss", "q2/damping", "link3/mass"],
+        tolerance: 1e-3,
+    },
+    Case {
+        name: "chain_active",
+        duration_s: 1.0,
+        method: Method::Rosenbrock,
+        parameters: ["g2/slender", "g3/magnus", "servo/gain", "link3/mass"],
+        tolerance: 1e-6,
+    },
+    Case {
+        name: "arm8",
+        duration_s: 1.0,
+        method: Method::Rosenbrock,
+        parameters: ["geom#1/blunt", "q4/damping", "q3/stiffness2", "s5/mass"],
+        tolerance: 1e-6,
+    },
+    Case {
+        name: "octopus8",
+        duration_s: 0.2,
+        method: Method::Rosenbrock,
+        parameters: ["hub/blunt", "a1q2/damping", "a3q4/stiffness", "a2s3/mass"],
+        tolerance: 1e-6,
+    },
+];
+
+fn start(model: &Model) -> (State, Command) {
+    let mut state = model.rest_state();
+    if model.actuators.is_empty() {
+        state.qpos[0] = std::f64::consts::FRAC_PI_2;
+    }
+    (state, stroke_command(model, 0.5, 1.0))
+}
+
+#[test]
+fn derivatives_from_rest_are_finite_and_exact_on_every_model() {
+    for Case { name, duration_s, method, parameters, tolerance } in CASES {
+        let plain = model(name);
+        let (state, command) = start(&plain);
+        let times: Vec<f64> = (0..=10).map(|k| f64::from(k) * duration_s / 10.0).collect();
+        let steps = Some(Steps::even(method, 0.005));
+        let options = RolloutOptions { steps, ..RolloutOptions::default() };
+        let mut lifted = plain.map(Number::constant);
+        for (index, parameter) in parameters.into_iter().enumerate() {
+            let value = plain.parameter(parameter).unwrap();
+            lifted.set_parameter(parameter, Number::variable(value, index)).unwrap();
+        }
+        let numbers = |x: &[f64]| x.iter().map(|&x| Number::constant(x)).collect();
+        let lifted_state = State { qpos: numbers(&state.qpos), qvel: numbers(&state.qvel) };
+        let exact = rollout(&lifted, &lifted_state, &command, &times, &options).unwrap();
+        let at = |parameter: &str, value: f64| -> Vec<f64> {
+            let mut model = plain.clone();
+            model.set_parameter(parameter, value).unwrap();
+            rollout(&model, &state, &command, &times, &options).unwrap().qpos
+        };
+        for (index, parameter) in parameters.into_iter().enumerate() {
+            let value = plain.parameter(parameter).unwrap();
+            let step = 1e-3 * value;
+            let [a, b, c, d] = [-2.0, -1.0, 1.0, 2.0].map(|k| at(parameter, value + k * step));
+            // fourth order
+            let differences: Vec<f64> =
+                (0..a.len()).map(|i| (a[i] - d[i] + 8.0 * (c[i] - b[i])) / (12.0 * step)).collect();
+            let ours: Vec<f64> = exact.qpos.iter().map(|x| x.partials[index]).collect();
+            assert!(ours.iter().all(|x| x.is_finite()));
+            let worst = common::relative(&ours, &differences);
+            println!("{name} {parameter}: derivative against differences {worst:.1e}");
+            assert!(worst < tolerance, "{name} {parameter} {worst:e}");
+        }
+        // values are those of plain numbers to the bit
+        let values: Vec<f64> = exact.qpos.iter().map(|x| x.value).collect();
+        assert_eq!(values, rollout(&plain, &state, &command, &times, &options).unwrap().qpos);
+    }
+}
