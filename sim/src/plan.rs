@@ -1,8 +1,10 @@
 //! The cheapest steps that are as exact as wanted.
 
 use crate::command::Command;
-use crate::dynamics::{integrate, kinematics};
+use crate::dynamics::plant::Plant;
+use crate::dynamics::{Work, integrate, kinematics};
 use crate::effects::CommandPath;
+use crate::math::{Vec3, Vector};
 use crate::model::{Model, State};
 use crate::rollout::{self, RolloutError, RolloutOptions, rollout};
 use crate::simulator::{self, Engine};
@@ -14,7 +16,7 @@ use crate::steps::{self, Method, Steps};
 pub struct Plan {
     /// The steps.
     pub steps: Steps,
-    /// Estimated error of the worst keypoint coordinate at the worst instant \[m\].
+    /// Estimated error of the worst site at the worst instant \[m\].
     pub error_m: f64,
 }
 
@@ -22,22 +24,24 @@ pub struct Plan {
 pub const ACCURACY_M: f64 = 1e-5;
 /// Longest step tried \[s\].
 const LONGEST_S: f64 = 0.1;
+/// The same where steps over corners are taken again in up to 62 parts, by all lanes when one meets a corner \[s\].
+const LONGEST_EVEN_S: f64 = 0.02;
 /// Shortest step worth trying \[s\].
 const SHORTEST_S: f64 = 1e-5;
 /// Methods with their order and what a step costs, in evaluations of all forces; first the one that is never unstable.
 const METHODS: [(Method, i32, f64); 2] = [(Method::Rosenbrock, 3, 4.5), (Method::RungeKutta, 4, 4.0)];
 /// Attempts at meeting the wanted accuracy from below, once it is met.
-const REFINEMENTS: usize = 3;
+const REFINEMENTS: usize = 4;
 /// What an attempt aims at, as a share of the wanted accuracy, and the share that is close enough.
-const AIM: f64 = 0.75;
-const CLOSE: f64 = 0.5;
+const AIM: f64 = 0.85;
+const CLOSE: f64 = 0.7;
 /// A step is longer than the one before by this factor at most: what makes a nominal motion quick may come a little
 /// earlier or later in another candidate.
 const LONGER: f64 = 1.5;
 /// Explicit steps must stay sound when all are longer by this factor, for candidates that are stiffer.
 const STIFFER: f64 = 1.3;
 
-/// Looks for the cheapest steps whose keypoints are within `accuracy_m` \[m\] of the motion itself at
+/// Looks for the cheapest steps whose keypoints and other sites are within `accuracy_m` \[m\] of the motion itself at
 /// `sample_times_s`. Made once for a run, with its nominal model: every candidate of a fit then takes the same
 /// steps, so that the loss stays smooth.
 ///
@@ -91,7 +95,8 @@ impl Nominal<'_> {
         affordable: f64,
     ) -> Result<Option<(Plan, f64)>, RolloutError> {
         let mut best: Option<(Plan, f64)> = None;
-        let (mut longest_s, mut tolerance_m) = (LONGEST_S, accuracy_m);
+        let upper_s = if self.even() { LONGEST_EVEN_S } else { LONGEST_S };
+        let (mut longest_s, mut tolerance_m) = (upper_s, accuracy_m);
         let mut left = REFINEMENTS;
         let mut diverged = None;
         loop {
@@ -131,10 +136,10 @@ impl Nominal<'_> {
             let ratio = (AIM * accuracy_m / error_m.max(1e-12)).clamp(1e-3, 1e3);
             if self.even() {
                 let longer = longest_s * ratio.powf(1.0 / f64::from(order)).clamp(0.3, 2.0);
-                if exact && longest_s >= LONGEST_S {
+                if exact && longest_s >= upper_s {
                     return Ok(best);
                 }
-                longest_s = longer.min(LONGEST_S);
+                longest_s = longer.min(upper_s);
             } else {
                 tolerance_m *= ratio.powf(f64::from(order + 1) / f64::from(order)).clamp(1e-2, 1e2);
             }
@@ -151,9 +156,19 @@ impl Nominal<'_> {
         self.sample_times_s.last().map_or(0.0, |last| (last - self.options.start_s).max(SHORTEST_S))
     }
 
-    fn positions(&self, steps: Steps) -> Result<Vec<[f64; 3]>, RolloutError> {
+    /// Where the sites are at each sample.
+    fn positions(&self, steps: Steps) -> Result<Vec<Vec3<f64>>, RolloutError> {
         let options = RolloutOptions { steps: Some(steps), ..self.options.clone() };
-        rollout(self.model, self.state, self.command, self.sample_times_s, &options).map(|run| run.position_m)
+        let run = rollout(self.model, self.state, self.command, self.sample_times_s, &options)?;
+        let plant = Plant::<Spatial<f64>>::new(self.model, ());
+        let mut work = Work::new(&plant);
+        let mut positions = Vec::with_capacity(self.sample_times_s.len() * self.model.sites.len());
+        for qpos in run.qpos.chunks(self.model.nq().max(1)) {
+            kinematics::kinematics(&plant, qpos, &mut work);
+            let sites = self.model.sites.iter();
+            positions.extend(sites.map(|site| work.pos[site.body] + work.rot[site.body].apply(site.pos)));
+        }
+        Ok(positions)
     }
 
     /// When the commands have corners \[s\], counted from the start of motion; last the end of it.
@@ -240,9 +255,8 @@ impl Nominal<'_> {
     }
 }
 
-fn apart(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
-    let pairs = a.iter().flatten().zip(b.iter().flatten());
-    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+fn apart(a: &[Vec3<f64>], b: &[Vec3<f64>]) -> f64 {
+    a.iter().zip(b).map(|(&a, &b)| (a - b).norm()).fold(0.0, f64::max)
 }
 
 /// Goes along the nominal motion and finds out how long steps may be.
@@ -271,9 +285,8 @@ impl Explorer<'_> {
         let mut state = run.state.clone();
         engine.align(&mut state, options.start_s, &command);
         let points: Vec<(usize, S::Vec)> = model
-            .keypoint_sites()
-            .into_iter()
-            .map(|site| &model.sites[site])
+            .sites
+            .iter()
             .map(|site| (site.body, S::vector(&engine.plant.layout, site.body, site.pos)))
             .collect();
 
@@ -347,6 +360,5 @@ fn worst<S: Space<T = f64>>(engine: &mut Engine<S>, points: &[(usize, S::Vec)], 
         let work = &engine.work;
         points.iter().map(|&(body, at)| work.pos[body] + S::apply(&work.rot[body], at)).collect::<Vec<_>>()
     });
-    use crate::math::Vector as _;
     a.into_iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
 }

@@ -19,10 +19,10 @@ pub(crate) fn kinematics<S: Space>(plant: &Plant<S>, qpos: &[S::T], work: &mut W
         };
         for joint in &plant.joints[link.joints.clone()] {
             let turned = match joint.kind {
-                JointPlanKind::Hinge { axis } => {
+                JointPlanKind::Hinge { axis, along } => {
                     let angle = qpos[joint.q] - joint.reference;
                     work.axes[joint.dof].ang = S::apply_spin(&rot, axis);
-                    Some(S::product(&rot, &S::about(axis, angle.sin_cos())))
+                    Some(S::swung(&rot, axis, along, angle.sin_cos()))
                 }
                 JointPlanKind::Slide { axis } => {
                     let axis = S::apply(&rot, axis);

@@ -32,8 +32,14 @@ pub(crate) struct Link<S: Space> {
 /// How a joint moves its body, axes in the body's frame.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum JointPlanKind<S: Space> {
-    Hinge { axis: S::Spin },
-    Slide { axis: S::Vec },
+    /// `along`: the body's own axis that it lies on, if on one.
+    Hinge {
+        axis: S::Spin,
+        along: Option<usize>,
+    },
+    Slide {
+        axis: S::Vec,
+    },
     Ball(S::AnyTurn),
     Free(S::AnyTurn),
 }
@@ -211,7 +217,8 @@ impl<S: Space> Plant<S> {
             (JointKind::Free, Some(possible)) => JointPlanKind::Free(possible),
             // a plane is only made for a model without balls and free bodies
             (JointKind::Hinge | JointKind::Ball | JointKind::Free, _) => {
-                JointPlanKind::Hinge { axis: S::spin(&self.layout, joint.body, joint.axis) }
+                let axis = S::spin(&self.layout, joint.body, joint.axis);
+                JointPlanKind::Hinge { axis, along: S::along(axis) }
             }
         };
         self.joints.push(JointPlan {

@@ -36,6 +36,17 @@ impl<T: Scalar> Mat3<T> {
         Self([other.apply_transposed(a).0, other.apply_transposed(b).0, other.apply_transposed(c).0])
     }
 
+    /// The product with a rotation in the plane of the axes `I` and `J`, from `I` towards `J`.
+    #[inline(always)]
+    pub(crate) fn turned_in<const I: usize, const J: usize>(&self, sin: T, cos: T) -> Self {
+        let mut out = *self;
+        for (row, from) in out.0.iter_mut().zip(&self.0) {
+            row[I] = from[I] * cos + from[J] * sin;
+            row[J] = from[J] * cos - from[I] * sin;
+        }
+        out
+    }
+
     /// Column `i`.
     #[inline(always)]
     pub fn column(&self, i: usize) -> Vec3<T> {

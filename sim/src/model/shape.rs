@@ -2,8 +2,6 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::{Matrix3, SymmetricEigen};
-
 use super::GeomKind;
 use crate::math::{Mat3, Quat, Sym3, Vec3};
 
@@ -87,15 +85,41 @@ pub(crate) fn combine(parts: &[MassProperties]) -> MassProperties {
     MassProperties { mass, com, inertia, principal }
 }
 
-/// Principal moments and `frame_from_principal` of a symmetric inertia.
-pub(crate) fn principal_axes(Sym3([xx, yy, zz, xy, xz, yz]): Sym3<f64>) -> (Vec3<f64>, Quat<f64>) {
-    let eigen = SymmetricEigen::new(Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz));
-    let mut axes = eigen.eigenvectors;
-    if axes.determinant() < 0.0 {
-        axes = -axes;
+/// Products of inertia this small beside the moments are rounding.
+const NEGLIGIBLE: f64 = 1e-14;
+/// Jacobi's method needs a handful of turns.
+const MOST_TURNS: usize = 500;
+
+/// Principal moments and `frame_from_principal` of a symmetric inertia, by Jacobi's method (1846): turns in the plane of the
+/// largest product of inertia until none is left.
+///
+/// Where two moments are equal any axes between them would do, but the inertia-box fluid feels which: these are the ones that
+/// MuJoCo takes.
+pub(crate) fn principal_axes(inertia: Sym3<f64>) -> (Vec3<f64>, Quat<f64>) {
+    let mut axes = Mat3::<f64>::IDENTITY;
+    for _ in 0..MOST_TURNS {
+        let moment = |i: usize, j: usize| axes.column(i).dot(inertia.apply(axes.column(j)));
+        let [xy, xz, yz] = [moment(0, 1), moment(0, 2), moment(1, 2)];
+        let (i, j, product) = if xy.abs() > xz.abs() && xy.abs() > yz.abs() {
+            (0, 1, xy)
+        } else if xz.abs() > yz.abs() {
+            (0, 2, xz)
+        } else {
+            (1, 2, yz)
+        };
+        // the smaller of the two angles whose turn makes the product vanish
+        let steep = (moment(j, j) - moment(i, i)) / (2.0 * product);
+        let tan = f64::copysign(1.0, steep) / (steep.abs() + steep.hypot(1.0));
+        let cos = 1.0 / tan.hypot(1.0);
+        if product.abs() <= NEGLIGIBLE * (moment(0, 0) + moment(1, 1) + moment(2, 2)) {
+            break;
+        }
+        for row in &mut axes.0 {
+            (row[i], row[j]) = (cos * (row[i] - tan * row[j]), cos * (row[j] + tan * row[i]));
+        }
     }
-    let rows = Mat3(std::array::from_fn(|i| std::array::from_fn(|j| axes[(i, j)])));
-    (Vec3(std::array::from_fn(|i| eigen.eigenvalues[i])), quat_of(&rows))
+    let moments = std::array::from_fn(|i| axes.column(i).dot(inertia.apply(axes.column(i))));
+    (Vec3(moments), quat_of(&axes))
 }
 
 /// The unit quaternion of a rotation matrix.
@@ -144,6 +168,19 @@ mod tests {
             assert!((back.0[i] - moment).abs() < ROUNDING, "{back:?} {whole:?}");
         }
         assert!(joined.com.norm() < ROUNDING && (joined.mass - 3.0).abs() < ROUNDING);
+    }
+
+    #[test]
+    fn principal_axes_diagonalise_and_stay_where_two_moments_are_equal() {
+        let turn = Quat([0.3, -0.5, 0.7, 0.2]).normalized().matrix();
+        for moments in [[3e-5, 2e-5, 1.5e-5], [2e-5, 2e-5, 1e-5], [1e-5, 3e-5, 3e-5], [2e-5; 3]] {
+            let full = Sym3::rotated_diagonal(&turn, Vec3(moments));
+            let (found, axes) = principal_axes(full);
+            let back = Sym3::rotated_diagonal(&axes.matrix(), found);
+            let worst = full.0.iter().zip(back.0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(worst < NEGLIGIBLE * 6e-5, "{full:?} {back:?}");
+        }
+        assert_eq!(principal_axes(Sym3([2e-5, 2e-5, 1e-5, 0.0, 0.0, 0.0])).1, Quat::IDENTITY);
     }
 
     #[test]

@@ -292,6 +292,11 @@ impl<S: Space> Engine<S> {
         }
     }
 
+    /// Makes the mass matrix the one to be factored. The next [`Self::position_stage`] makes it anew.
+    pub(super) fn take_mass(&mut self) {
+        std::mem::swap(&mut self.matrix, &mut self.work.mass);
+    }
+
     /// Turns `force` into accelerations.
     pub(super) fn accelerate(&mut self) {
         tuned!(S::T, {

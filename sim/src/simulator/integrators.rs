@@ -13,7 +13,7 @@ impl<S: Space> Engine<S> {
     pub(super) fn euler(&mut self, state: &mut State<S::T>, h: f64) {
         self.force_stage(&state.qpos, &state.qvel);
         let h = S::T::from_f64(h);
-        self.matrix.copy_from_slice(&self.work.mass);
+        self.take_mass();
         if self.plant.damped || self.slope.is_some() {
             // the sums of Runge-Kutta are not in use here
             let (damping, unused) = (&mut self.sum_v, &mut self.sum_a);
@@ -66,7 +66,7 @@ impl<S: Space> Engine<S> {
                 self.position_stage(&stage.qpos);
             }
             self.force_stage(&stage.qpos, &stage.qvel);
-            self.matrix.copy_from_slice(&self.work.mass);
+            self.take_mass();
             self.accelerate();
             tuned!(S::T, {
                 self.rate.copy_from_slice(&stage.qvel);

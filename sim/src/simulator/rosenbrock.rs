@@ -16,16 +16,16 @@ const STAGES: usize = 4;
 /// the stages before it,
 const ALPHA: [[f64; STAGES]; STAGES] = [
     [0.0; STAGES],
-    [0.871_733_043_016_918_01, 0.0, 0.0, 0.0],
-    [0.844_570_600_153_694_23, -0.112_990_642_364_841_85, 0.0, 0.0],
+    [0.871_733_043_016_918, 0.0, 0.0, 0.0],
+    [0.844_570_600_153_694_2, -0.112_990_642_364_841_85, 0.0, 0.0],
     [0.0, 0.0, 1.0, 0.0],
 ];
 /// what the slopes act on besides the stage itself,
 const GAMMA: [[f64; STAGES]; STAGES] = [
     [0.0; STAGES],
-    [-0.871_733_043_016_918_01, 0.0, 0.0, 0.0],
-    [-0.903_380_570_130_440_82, 0.054_180_672_388_095_326, 0.0, 0.0],
-    [0.242_123_807_060_953_46, -1.223_250_583_904_514_7, 0.545_260_255_335_102_14, 0.0],
+    [-0.871_733_043_016_918, 0.0, 0.0, 0.0],
+    [-0.903_380_570_130_440_8, 0.054_180_672_388_095_326, 0.0, 0.0],
+    [0.242_123_807_060_953_46, -1.223_250_583_904_514_7, 0.545_260_255_335_102_1, 0.0],
 ];
 /// the stage's own share of them,
 const OWN: f64 = 0.435_866_521_508_459;
@@ -116,7 +116,7 @@ impl<S: Space> Engine<S> {
                 self.sample(time_s + elapsed_s, command);
                 self.position_stage(&stage.qpos);
                 self.force_stage(&stage.qpos, &stage.qvel);
-                self.matrix.copy_from_slice(&self.work.mass);
+                self.take_mass();
                 self.accelerate();
             }
             tuned!(S::T, {
@@ -175,8 +175,8 @@ impl<S: Space> Engine<S> {
     /// Fills `kept` with what holds for the whole step of `h` \[s\] that starts at `state`.
     fn linearise(&mut self, state: &State<S::T>, h: f64, kept: &mut Rosenbrock<S::T>) {
         tuned!(S::T, {
-            kept.mass.copy_from_slice(&self.work.mass);
-            kept.factors.copy_from_slice(&self.work.mass);
+            std::mem::swap(&mut kept.mass, &mut self.work.mass);
+            kept.factors.copy_from_slice(&kept.mass);
             for slope in [&mut kept.damping, &mut kept.stiffness, &mut kept.rise] {
                 slope.fill(S::T::ZERO);
             }

@@ -60,6 +60,21 @@ pub(crate) trait Space: Copy + Debug + Send + Sync + Sized + 'static {
     fn product(a: &Self::Rot, b: &Self::Rot) -> Self::Rot;
     /// Rotation about the unit turn `axis` by the angle with this sine and cosine.
     fn about(axis: Self::Spin, sin_cos: (Self::T, Self::T)) -> Self::Rot;
+    /// First a turn about the unit turn `axis` by the angle with this sine and cosine, then `rot`; `along` says which of the
+    /// own axes `axis` lies on, if on one.
+    #[inline(always)]
+    fn swung(
+        rot: &Self::Rot,
+        axis: Self::Spin,
+        _along: Option<usize>,
+        sin_cos: (Self::T, Self::T),
+    ) -> Self::Rot {
+        Self::product(rot, &Self::about(axis, sin_cos))
+    }
+    /// Which of the own axes a turn lies on, if that makes it cheaper.
+    fn along(_axis: Self::Spin) -> Option<usize> {
+        None
+    }
     /// Rotational inertia times angular velocity.
     fn momentum(inertia: &Self::Sym, w: Self::Spin) -> Self::Spin;
     /// Rotational inertia on rotated axes.

@@ -70,6 +70,20 @@ impl<T: Scalar> Space for Spatial<T> {
     }
 
     #[inline(always)]
+    fn swung(rot: &Mat3<T>, axis: Vec3<T>, along: Option<usize>, (sin, cos): (T, T)) -> Mat3<T> {
+        match along {
+            Some(0) => rot.turned_in::<1, 2>(sin * axis[0], cos),
+            Some(1) => rot.turned_in::<2, 0>(sin * axis[1], cos),
+            Some(2) => rot.turned_in::<0, 1>(sin * axis[2], cos),
+            _ => rot.product(&Mat3::about(axis, (sin, cos))),
+        }
+    }
+
+    fn along(axis: Vec3<T>) -> Option<usize> {
+        (0..3).find(|&k| axis[k].abs() == T::ONE)
+    }
+
+    #[inline(always)]
     fn momentum(inertia: &Sym3<T>, w: Vec3<T>) -> Vec3<T> {
         inertia.apply(w)
     }
