@@ -73,6 +73,9 @@ const MARGIN: f64 = 2.0;
 /// A candidate too stiff for the plan is simulated with each step in so many parts, the first that it bears.
 const PARTS: [usize; 3] = [1, 4, 16];
 
+/// One in so many steps of a plan is no longer than the short ones.
+const SHORT: usize = 10;
+
 /// A run made ready to be simulated again and again.
 #[derive(Debug, Clone)]
 pub struct Rehearsal<'a> {
@@ -127,6 +130,21 @@ impl<'a> Rehearsal<'a> {
         );
         rehearsal.steps = plan.ok().map(|plan| plan.steps);
         rehearsal
+    }
+
+    /// The same in even steps, as short as the short ones of the plan: for candidates with forces that the nominal model lacks,
+    /// which may be quick where that is slow.
+    pub fn evenly(mut self) -> Self {
+        if let Some(steps) = &self.steps {
+            let begins = std::iter::once(0.0).chain(steps.ends_s.iter().copied());
+            let mut lengths_s: Vec<f64> =
+                begins.zip(steps.ends_s.iter()).map(|(from, to)| to - from).collect();
+            lengths_s.sort_by(f64::total_cmp);
+            if let Some(&short_s) = lengths_s.get(lengths_s.len() / SHORT) {
+                self.steps = Some(Steps::even(steps.method, short_s));
+            }
+        }
+        self
     }
 
     fn options(&self, start_s: f64, parts: usize) -> RolloutOptions {
