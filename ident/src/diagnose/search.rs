@@ -149,6 +149,15 @@ impl<'b> Search<'b> {
         let others = best.and_then(|best| Some(starts_elsewhere(best.causes.last()?, scores)));
         if let Some(others) = others.filter(|others| !others.is_empty()) {
             all.extend(self.refit_each(state, scores, &others));
+            // one of each, or the beam would hold one cause alone
+            all.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
+            let mut known: Vec<Vec<&'static str>> = Vec::new();
+            all.retain(|state| {
+                let names = sets(state);
+                let is_first = !known.contains(&names);
+                known.push(names);
+                is_first
+            });
         }
         all
     }
