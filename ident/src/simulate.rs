@@ -73,6 +73,8 @@ const MARGIN: f64 = 2.0;
 /// A candidate too stiff for the plan is simulated with each step in so many parts, the first that it bears.
 const PARTS: [usize; 3] = [1, 4, 16];
 
+/// No keypoint moves by so much for one unit of any number \[m\].
+const MAD: f64 = 1e15;
 /// One in so many steps of a plan is no longer than the short ones.
 const SHORT: usize = 10;
 
@@ -286,7 +288,7 @@ impl<'a> Rehearsal<'a> {
         let (times, command) = (&self.run.trajectory.time_s[..instants], &self.command);
         let found = self.bearable(&PARTS, |parts| {
             let options = self.options(candidate.start_s, parts);
-            batch::sensitivities(
+            let found = batch::sensitivities(
                 model,
                 &places,
                 &candidate,
@@ -295,7 +297,17 @@ impl<'a> Rehearsal<'a> {
                 times,
                 &options,
                 Isa::best(),
-            )
+            )?;
+            // a motion that friction holds may stay sound while its derivatives grow without bound
+            let row = found.slopes.iter().flat_map(|slope| slope.iter().enumerate());
+            let mad = row.filter(|(_, slope)| !slope.iter().all(|x| x.abs() < MAD)).map(|(row, _)| row).min();
+            match mad {
+                Some(row) => Err(RolloutError::Diverged {
+                    joint: "of the derivatives".into(),
+                    time_s: times[row / model.keypoint_sites().len().max(1)],
+                }),
+                None => Ok(found),
+            }
         })?;
         let width = model.keypoint_sites().len();
         Ok(batch::Sensitivities {
