@@ -74,7 +74,7 @@ const MARGIN: f64 = 2.0;
 const PARTS: [usize; 3] = [1, 4, 16];
 
 /// No keypoint moves by so much for one unit of any number \[m\].
-const MAD: f64 = 1e15;
+const UNBOUNDED: f64 = 1e15;
 /// One in so many steps of a plan is no longer than the short ones.
 const SHORT: usize = 10;
 
@@ -300,10 +300,11 @@ impl<'a> Rehearsal<'a> {
             )?;
             // a motion that friction holds may stay sound while its derivatives grow without bound
             let row = found.slopes.iter().flat_map(|slope| slope.iter().enumerate());
-            let mad = row.filter(|(_, slope)| !slope.iter().all(|x| x.abs() < MAD)).map(|(row, _)| row).min();
-            match mad {
+            let first =
+                row.filter(|(_, slope)| !slope.iter().all(|x| x.abs() < UNBOUNDED)).map(|(row, _)| row).min();
+            match first {
                 Some(row) => Err(RolloutError::Diverged {
-                    joint: "of the derivatives".into(),
+                    joint: "(its derivatives)".into(),
                     time_s: times[row / model.keypoint_sites().len().max(1)],
                 }),
                 None => Ok(found),
