@@ -31,6 +31,8 @@ pub mod simulate;
 mod statistics;
 pub mod strict;
 pub mod table;
+mod text;
 pub mod weights;
 
 pub use geometry::characteristic_length_m;
+pub use text::millimetres;

@@ -13,6 +13,7 @@ use super::state::State;
 use super::{candidates, detect, extend, gain, heldout, residuals};
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
+use crate::text::millimetres;
 
 /// A number this near to a bound, as a share of their distance, is at it.
 const AT_BOUND: f64 = 0.02;
@@ -236,8 +237,8 @@ fn sentence(
     let said: Vec<String> = list.iter().map(|cause| format!("{} ({})", cause.sentence, cause.name)).collect();
     match verdict {
         Verdict::NothingDetectable => format!(
-            "Nothing detectable: the simulation repeats the runs down to their noise of {:.2} mm.",
-            floor.noise_m * 1e3
+            "Nothing detectable: the simulation repeats the runs down to their noise of {} mm.",
+            millimetres(floor.noise_m)
         ),
         Verdict::Cause | Verdict::Causes => capital(&format!("{}.", said.join("; and "))),
         Verdict::Ambiguous => {
@@ -249,9 +250,9 @@ fn sentence(
             )
         }
         Verdict::Unexplained => format!(
-            "Something is wrong that no known cause explains: residuals of {:.2} mm against a noise of {:.2} mm.",
-            before.rms_m * 1e3,
-            floor.noise_m * 1e3
+            "Something is wrong that no known cause explains: residuals of {} mm against a noise of {} mm.",
+            millimetres(before.rms_m),
+            millimetres(floor.noise_m)
         ),
     }
 }

@@ -71,7 +71,7 @@ fn table(runs: &[Listed]) -> String {
                 status(run),
                 duration_s(run).map_or("-".into(), |s| format!("{s:.1} s")),
                 images(run).map_or("-".into(), |count| count.to_string()),
-                fit_error_m(run).map_or("-".into(), |m| format!("{:.2} mm", m * 1e3)),
+                fit_error_m(run).map_or("-".into(), |m| format!("{} mm", ident::millimetres(m))),
             ),
             Err(error) => writeln!(text, "{id}  unreadable: {error}"),
         };

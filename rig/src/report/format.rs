@@ -1,9 +1,6 @@
 //! Numbers as people read them.
 
-/// Millimetres with two decimals.
-pub(super) fn millimetres(metres: f64) -> String {
-    format!("{:.2}", metres * 1e3)
-}
+pub(super) use ident::millimetres;
 
 /// A share in whole percent.
 pub(super) fn whole_percent(share: f64) -> String {
