@@ -233,7 +233,7 @@ impl<'a> State<'a> {
     }
 }
 
-/// Everything that is fitted anyway, to be taken out of what a cause would do.
+/// Everything that is fitted anyway, to be taken out of what a cause would do; what a bound stops is not, as it cannot follow.
 pub(crate) struct Nuisances {
     /// Of each run, an orthonormal basis of what its own numbers do, shape (rows, own).
     own: Vec<DMatrix<f64>>,
@@ -275,10 +275,9 @@ impl Nuisances {
             let norm = column.norm();
             column /= norm.max(f64::MIN_POSITIVE);
         }
-        if let Some(left_out) = left_out {
-            common = common.remove_column(left_out);
-        }
-        let common = orthonormal(common);
+        let gone: Vec<usize> =
+            (0..free).filter(|&which| left_out == Some(which) || is_stopped(state, which)).collect();
+        let common = orthonormal(common.remove_columns_at(&gone));
         Self { own, common, rows, priors: free }
     }
 
@@ -325,6 +324,18 @@ impl Nuisances {
         all.column(0).into_owned()
     }
 }
+
+/// Whether the common number `which` rests on a bound beyond which the data would have it.
+fn is_stopped(state: &State<'_>, which: usize) -> bool {
+    let (scale, value) = (state.parameters.free[which].scale, state.point.values[which]);
+    let near = AT_BOUND * scale.width();
+    let slope: f64 =
+        state.linear.iter().map(|linear| linear.jacobian.column(which).dot(&linear.residuals)).sum();
+    slope > 0.0 && value - scale.lower() <= near || slope < 0.0 && scale.upper() - value <= near
+}
+
+/// A number this near to a bound, as a share of their distance, rests on it.
+const AT_BOUND: f64 = 1e-9;
 
 /// Covariance of the common numbers of `state`, as far as all is linear, shape (P, P); even bounds count as beliefs.
 pub(crate) fn covariance(state: &State<'_>) -> Option<DMatrix<f64>> {
