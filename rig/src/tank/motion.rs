@@ -29,6 +29,14 @@ pub(super) enum Event {
     LetGo,
 }
 
+/// What a step stops at.
+#[derive(Debug, Clone, Copy)]
+enum Moment {
+    Event(Event),
+    /// A servo's period starts.
+    Period(usize),
+}
+
 /// One servo and what it is connected to.
 #[derive(Debug, Clone)]
 struct Drive {
@@ -162,11 +170,11 @@ impl Motion {
         let rest_ns = at.0.saturating_sub(self.now.step * self.step_ns).min(self.step_ns);
         let mut state = self.now.state.clone();
         if rest_ns > 0 && !self.now.held && self.now.still < STILL_SNAPSHOTS {
-            let command = self.command()?;
+            let angles = self.angles();
             let (time_s, rest_s) = (self.time_s(), rest_ns as f64 * 1e-9);
             // a step that is not kept must leave no memory
             let mut simulator = self.now.simulator.clone();
-            simulator.step_with(&mut state, time_s, rest_s, &|drive, _| command[drive])?;
+            simulator.step_with(&mut state, time_s, rest_s, &|drive, _| angles[drive].unwrap_or(0.0))?;
         }
         Ok(state.qpos)
     }
@@ -227,71 +235,103 @@ impl Motion {
 
     fn step(&mut self) -> Result<(), TankError> {
         let from = self.now.step * self.step_ns;
-        let until = from + self.step_ns;
-        self.take_events(MonotonicNs(from), MonotonicNs(until));
+        let before = self.angles();
+        self.pass(from, from + self.step_ns);
+        let after = self.angles();
         if !self.now.held {
-            let dt_s = self.step_ns as f64 * 1e-9;
-            for (servo, drive) in self.now.servos.iter_mut().zip(&self.drives) {
-                servo.turn(&drive.config, &self.linkage, dt_s);
-            }
-            let command = self.command()?;
-            let time_s = self.time_s();
-            self.now.simulator.step(&mut self.now.state, time_s, &command)?;
+            self.limp_as_told()?;
+            let (time_s, step_s) = (self.time_s(), self.step_ns as f64 * 1e-9);
+            let command = |actuator: usize, at_s: f64| match (before[actuator], after[actuator]) {
+                (Some(from), Some(to)) => from + (to - from) * (at_s - time_s) / step_s,
+                (_, to) => to.unwrap_or(0.0),
+            };
+            self.now.simulator.step_with(&mut self.now.state, time_s, step_s, &command)?;
         }
         self.now.step += 1;
         Ok(())
     }
 
-    /// What happens in `from..until`: releases at once, pulses at the start of a servo's period.
-    fn take_events(&mut self, from: MonotonicNs, until: MonotonicNs) {
-        let first = self.history.partition_point(|(at, _)| *at < from);
-        let happening = self.history[first..].iter().take_while(|(at, _)| *at < until);
-        for &(_, event) in happening {
-            self.now.still = 0;
-            let opens = match event {
-                Event::LetGo => true,
-                Event::Pulse { channel, pulse_us } => {
-                    for (drive, pulse) in self.drives.iter().zip(&mut self.now.pulses) {
-                        if drive.config.channel == channel {
-                            *pulse = pulse_us;
-                        }
-                    }
-                    self.release.channel == Some(channel)
-                        && pulse_us.is_some_and(|pulse_us| pulse_us >= self.release.open_us)
-                }
-            };
-            if opens && self.hold == Hold::Release {
-                self.now.held = false;
-            }
-        }
+    /// Passes from `from` to `until` \[ns\] as far as servos go: pulses change, hands let go, and each servo turns, and looks at
+    /// its pulse at the start of its period, at the very moment.
+    fn pass(&mut self, from: u64, until: u64) {
+        let first = self.history.partition_point(|(at, _)| at.0 < from);
+        let events = self.history[first..].iter().take_while(|(at, _)| at.0 < until);
+        let mut moments: Vec<(u64, Moment)> =
+            events.map(|&(at, event)| (at.0, Moment::Event(event))).collect();
         for (index, drive) in self.drives.iter().enumerate() {
             let period_ns = ((drive.config.period_s.get() * 1e9) as u64).max(1);
-            if from.0 / period_ns == until.0 / period_ns {
-                continue;
+            let starts = (from.div_ceil(period_ns)..until.div_ceil(period_ns)).map(|k| k * period_ns);
+            moments.extend(starts.map(|at| (at, Moment::Period(index))));
+        }
+        // what happens at the start of a period is seen in it
+        moments.sort_by_key(|&(at, ref moment)| (at, matches!(moment, Moment::Period(_))));
+        let mut now = from;
+        for (at, moment) in moments {
+            self.turn(at - now);
+            now = at;
+            match moment {
+                Moment::Event(event) => self.take(event),
+                Moment::Period(index) => self.latch(index),
             }
-            let link_rad = self.now.state.qpos[drive.qpos] * drive.gear;
-            self.now.servos[index].latch(&drive.config, &self.linkage, self.now.pulses[index], link_rad);
-            if self.now.pulses[index].is_some() && self.hold == Hold::FirstPulse {
-                self.now.held = false;
+        }
+        self.turn(until - now);
+    }
+
+    /// Servos turn for `duration` \[ns\].
+    fn turn(&mut self, duration: u64) {
+        if !self.now.held && duration > 0 {
+            for (servo, drive) in self.now.servos.iter_mut().zip(&self.drives) {
+                servo.turn(&drive.config, &self.linkage, duration as f64 * 1e-9);
             }
         }
     }
 
-    /// The actuators' commands \[rad\], and the simulator brought up to which of them are limp.
-    fn command(&mut self) -> Result<Vec<f64>, TankError> {
-        let mut command = vec![0.0; self.model.actuators.len()];
-        let mut limp = vec![true; command.len()];
-        for (servo, drive) in self.now.servos.iter().zip(&self.drives) {
-            if let Some(angle_rad) = servo.angle_rad() {
-                command[drive.actuator] = angle_rad;
-                limp[drive.actuator] = false;
+    fn take(&mut self, event: Event) {
+        self.now.still = 0;
+        let opens = match event {
+            Event::LetGo => true,
+            Event::Pulse { channel, pulse_us } => {
+                for (drive, pulse) in self.drives.iter().zip(&mut self.now.pulses) {
+                    if drive.config.channel == channel {
+                        *pulse = pulse_us;
+                    }
+                }
+                self.release.channel == Some(channel)
+                    && pulse_us.is_some_and(|pulse_us| pulse_us >= self.release.open_us)
             }
+        };
+        if opens && self.hold == Hold::Release {
+            self.now.held = false;
         }
+    }
+
+    /// Servo `index` takes up its pulse.
+    fn latch(&mut self, index: usize) {
+        let drive = &self.drives[index];
+        let link_rad = self.now.state.qpos[drive.qpos] * drive.gear;
+        self.now.servos[index].latch(&drive.config, &self.linkage, self.now.pulses[index], link_rad);
+        if self.now.pulses[index].is_some() && self.hold == Hold::FirstPulse {
+            self.now.held = false;
+        }
+    }
+
+    /// Where each actuator's servo stands \[rad\]; none where it is limp.
+    fn angles(&self) -> Vec<Option<f64>> {
+        let mut angles = vec![None; self.model.actuators.len()];
+        for (servo, drive) in self.now.servos.iter().zip(&self.drives) {
+            angles[drive.actuator] = servo.angle_rad();
+        }
+        angles
+    }
+
+    /// Brings the simulator up to which actuators are limp.
+    fn limp_as_told(&mut self) -> Result<(), TankError> {
+        let limp: Vec<bool> = self.angles().iter().map(Option::is_none).collect();
         if limp != self.now.limp {
             self.now.simulator = simulator(&self.model, &limp, self.step_ns)?;
             self.now.limp = limp;
         }
-        Ok(command)
+        Ok(())
     }
 }
 
