@@ -120,18 +120,27 @@ impl<'a> Rehearsal<'a> {
         let mut rehearsal =
             Self { run, start: estimate.start, nuisances, command, steps: None, columns: columns.collect() };
         // Where no step is exact enough at the nominal values, the model's own has to do.
-        let options = rehearsal.options(rehearsal.start.start_s, 1);
-        let times = &run.trajectory.time_s;
-        let plan = sim::plan(
-            model,
-            &rehearsal.start.state,
-            &rehearsal.command,
-            times,
-            &options,
-            sim::ACCURACY_M / MARGIN,
-        );
-        rehearsal.steps = plan.ok().map(|plan| plan.steps);
+        rehearsal.steps = rehearsal.planned(model, &rehearsal.start);
         rehearsal
+    }
+
+    /// Steps for `model` from `start`; none where no step is exact enough.
+    fn planned(&self, model: &Model, start: &Start) -> Option<Steps> {
+        let options = RolloutOptions { steps: None, ..self.options(start.start_s, 1) };
+        let times = &self.run.trajectory.time_s;
+        let plan = sim::plan(model, &start.state, &self.command, times, &options, sim::ACCURACY_M / MARGIN);
+        plan.ok().map(|plan| plan.steps)
+    }
+
+    /// The same in steps planned for `model` with `offsets`, which may be quicker or stiffer than the one before.
+    pub fn replanned(mut self, model: &Model, offsets: &[f64]) -> Self {
+        let mut own = model.clone();
+        for (place, value) in self.own(offsets) {
+            own.set(place, value);
+        }
+        let planned = self.planned(&own, &self.start_with(model, offsets));
+        self.steps = planned.or(self.steps);
+        self
     }
 
     /// The same in even steps, as short as the short ones of the plan: for candidates with forces that the nominal model lacks,

@@ -262,15 +262,17 @@ impl<T: Scalar> Run<'_, T> {
             }
             // a sample within a billionth of a step of an instant belongs to it
             let (instant, h) = (grid.instant(steps), grid.step(steps.max(1)));
-            let edge = T::from_f64(instant + 1e-9 * h);
             let mut row = first;
             while row < instants {
-                let elapsed = T::from_f64(sample_times_s[row]) - start_s;
-                let reached = !edge.less(elapsed);
-                if !reached.any() {
+                let (elapsed, reached, any, all) = tuned!(S::T, {
+                    let elapsed = T::from_f64(sample_times_s[row]) - start_s;
+                    let reached = !T::from_f64(instant + 1e-9 * h).less(elapsed);
+                    (elapsed, reached, reached.any(), reached.all())
+                });
+                if !any {
                     break;
                 }
-                if row == first && reached.all() {
+                if row == first && all {
                     first += 1;
                 }
                 let mut here = reached;

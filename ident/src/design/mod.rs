@@ -16,8 +16,9 @@ use rayon::prelude::*;
 
 use crate::diagnose::candidates::Term as CauseTerm;
 use crate::diagnose::floor::{Floor, RunFloor};
+use crate::diagnose::nuisances::covariance;
 use crate::diagnose::score::Scores;
-use crate::diagnose::state::{State, covariance};
+use crate::diagnose::state::State;
 use crate::experiment::{Experiment, Run};
 use crate::fit::counts::Counts;
 use crate::fit::problem::Term;

@@ -3,8 +3,9 @@
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
+use super::nuisances::{Nuisances, covariance, joint_covariance};
 use super::result::{Bent, CauseParameter};
-use super::state::{Nuisances, State, covariance, joint_covariance};
+use super::state::State;
 use crate::fit::counts::Counts;
 use crate::fit::crossing::{Closeness, crossing};
 use crate::statistics::{CHI2_95, NORMAL_95};

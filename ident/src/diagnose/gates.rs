@@ -4,9 +4,10 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::floor::{Floor, slow_part};
+use super::nuisances::{Nuisances, joint_covariance};
 use super::result::{ConstancyTest, Fitness, PerRun};
 use super::search::{NEGLIGIBLE_M, negligible};
-use super::state::{Nuisances, State, joint_covariance};
+use super::state::State;
 use crate::statistics::chi2_survival;
 
 /// Lags of the portmanteau test.

@@ -2,8 +2,9 @@
 
 use super::floor::{Floor, RunFloor, interval_s};
 use super::gates::fitness_of;
+use super::nuisances::Nuisances;
 use super::result::Fitness;
-use super::state::{Nuisances, State};
+use super::state::State;
 use crate::experiment::{Experiment, Use};
 use crate::fit::counts::Counts;
 use crate::fit::least_squares::{Descent, Freedom};

@@ -6,7 +6,7 @@
 //! 1. `baseline`, `floor`: the optimum, and how large and how lasting the keypoints' noise is, which must not swallow
 //!    what the model gets wrong;
 //! 2. `candidates`, `score`: exact derivatives of every cause at neutral, what the baseline could do projected out;
-//! 3. `search`: the best refitted in full, sets of up to three, each earning its place by the BIC;
+//! 3. `refit`, `search`: the best refitted in full, sets of up to three, each earning its place by the BIC;
 //! 4. `gates`, `heldout`: what is left must be noise, on held-out runs too, and each named number the same in all runs:
 //!    otherwise the description is none of a cause, and the verdict `unexplained`;
 //! 5. `extend`, `gain`, `detect`, `residuals`: values with intervals, which coefficients had bent, the gain on runs not
@@ -31,6 +31,8 @@ mod gain;
 mod gates;
 mod heldout;
 mod next;
+pub(crate) mod nuisances;
+mod refit;
 mod residuals;
 mod result;
 pub(crate) mod score;
@@ -134,19 +136,26 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
         let deeper = baseline::deeper(&baseline, &found.leader, seed, &mut search.counts);
         // what the cause explains may have looked like noise
         let clearer = baseline::seen_floor(deeper.as_ref().unwrap_or(&found.leader))?;
-        if deeper.is_some() || !baseline::is_same(&floor, &clearer, OTHER_NOISE) {
+        let is_deeper = deeper.is_some();
+        if is_deeper || !baseline::is_same(&floor, &clearer, OTHER_NOISE) {
             baseline = deeper.unwrap_or(baseline);
             floor = clearer;
             search.noise_m = floor.noise_m;
             baseline.weigh(&floor);
             baseline.descend(&mut search.counts);
-            found = search.run(&baseline)?;
+            found = if is_deeper {
+                search.run(&baseline)?
+            } else {
+                search.run_again(&baseline, found, &floor)?
+            };
         }
     }
     let explained = baseline.cost - found.leader.cost;
     let left = gates::fitness(&found.leader, &floor);
-    if explained > FAR_BENT || left.objects(explained, floor.noise_m, baseline.count()) {
-        search.run_anew(&baseline, &mut found)?;
+    let objected = left.objects(explained, floor.noise_m, baseline.count());
+    if objected || explained > FAR_BENT {
+        let most = if objected { search::MOST_CAUSES } else { found.leader.causes.len() };
+        search.run_anew(&baseline, &mut found, most)?;
     }
     search.says("checking")?;
     counts.evaluations += search.counts.evaluations;

@@ -13,7 +13,8 @@ use rayon::prelude::*;
 use sim::Model;
 
 use super::candidates::Term;
-use super::state::{Nuisances, State};
+use super::nuisances::Nuisances;
+use super::state::State;
 use crate::fit::problem::Linear;
 use crate::simulate::Numbers;
 

@@ -9,36 +9,24 @@ use sim::{Cause, Model};
 
 use super::DiagnoseError;
 use super::candidates::{self, Term};
-use super::score::{Scored, Scores};
+use super::floor::Floor;
+use super::refit::SHORT_LIST;
+use super::score::Scores;
 use super::state::State;
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
 use crate::statistics::chi2_survival;
 
 /// A set of causes is better when its BIC is lower by more than this: odds of 150 to 1.
-const BETTER: f64 = 10.0;
+pub(super) const BETTER: f64 = 10.0;
 /// Within this of the best BIC another set is as good: odds below 20 to 1.
 pub(super) const AS_GOOD: f64 = 6.0;
 /// Chance that any of all candidates looks this good where nothing is.
 const FALSE_ALARM: f64 = 1e-4;
-/// Causes refitted in full at each stage.
-const SHORT_LIST: usize = 5;
-/// After one step a candidate stays when its BIC is within this of the best one's, or within this share of what that one
-/// has saved.
-const NEAR: f64 = 100.0;
-const CATCH_UP: f64 = 0.7;
-/// After three steps only what is within this of the best one goes on to its optimum.
-const LAST: f64 = 30.0;
-const LAST_SHARE: f64 = 0.1;
-/// And so many stay in any case.
-const KEPT: usize = 3;
-/// Other hidden numbers (where a stop is, how fast water sways) from which the best candidate is refitted: each may be the
-/// bottom of a valley of its own.
-const ELSEWHERE: usize = 4;
 /// Sets that go on.
 const BEAM: usize = 3;
 /// Causes in a set.
-const MOST_CAUSES: usize = 3;
+pub(super) const MOST_CAUSES: usize = 3;
 /// A further cause saves at least this share of what the causes before it have saved: what is less is how these are
 /// modelled.
 const SHARE: f64 = 0.01;
@@ -65,13 +53,13 @@ pub(super) struct Found<'a> {
 
 /// The candidates and what they may be combined with.
 pub(super) struct Search<'b> {
-    experiment: &'b Experiment,
+    pub(super) experiment: &'b Experiment,
     candidates: Vec<Term>,
     pub(super) counts: Counts,
     /// The noise of one coordinate \[m\].
     pub(super) noise_m: f64,
     /// Sets to which every candidate was tried to be added.
-    expanded: Vec<Vec<&'static str>>,
+    pub(super) expanded: Vec<Vec<&'static str>>,
     stage: &'b mut dyn FnMut(&str) -> bool,
 }
 
@@ -109,109 +97,6 @@ impl<'b> Search<'b> {
         Scores::new(state, &open)
     }
 
-    /// The most promising candidates, one of each cause and class of aliases.
-    fn short_list(&self, state: &State<'_>, scores: &Scores) -> Vec<usize> {
-        let per_number = state.ln_count();
-        let worth = |scored: &Scored| scored.gain - scored.count as f64 * per_number;
-        let mut order: Vec<usize> = (0..scores.list.len()).collect();
-        order.sort_by(|&a, &b| worth(&scores.list[b]).total_cmp(&worth(&scores.list[a])));
-        let mut list: Vec<usize> = Vec::new();
-        for index in order {
-            let scored = &scores.list[index];
-            if list.len() == SHORT_LIST || worth(scored) <= 0.0 {
-                break;
-            }
-            let same = |&other: &usize| {
-                let other = &scores.list[other].term;
-                other.cause == scored.term.cause
-                    || candidates::aliases(other.cause, self.experiment).contains(&scored.term.cause.name())
-            };
-            if !list.iter().any(same) {
-                list.push(index);
-            }
-        }
-        list
-    }
-
-    /// Whether some candidate is good enough to be worth a refit at all.
-    fn promises(&self, state: &State<'_>, scores: &Scores, least: f64) -> bool {
-        let per_number = state.ln_count();
-        scores.list.iter().any(|scored| {
-            scored.gain >= least && scored.gain - scored.count as f64 * per_number > BETTER / 2.0
-        })
-    }
-
-    /// `state` with each of the short list in turn, refitted; the best of these from other hidden numbers too.
-    fn expand<'a>(&mut self, state: &State<'a>, scores: &Scores) -> Vec<State<'a>> {
-        self.expanded.push(sets(state));
-        let mut all = self.refit_each(state, scores, &self.short_list(state, scores));
-        let best = all.iter().min_by(|a, b| a.bic().total_cmp(&b.bic()));
-        let others = best.and_then(|best| Some(starts_elsewhere(best.causes.last()?, scores)));
-        if let Some(others) = others.filter(|others| !others.is_empty()) {
-            all.extend(self.refit_each(state, scores, &others));
-            // one of each, or the beam would hold one cause alone
-            all.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
-            let mut known: Vec<Vec<&'static str>> = Vec::new();
-            all.retain(|state| {
-                let names = sets(state);
-                let is_first = !known.contains(&names);
-                known.push(names);
-                is_first
-            });
-        }
-        all
-    }
-
-    /// `state` with each candidate of `list` in turn, refitted.
-    fn refit_each<'a>(&mut self, state: &State<'a>, scores: &Scores, list: &[usize]) -> Vec<State<'a>> {
-        let first: Vec<(Option<State<'a>>, Counts)> = list
-            .par_iter()
-            .map(|&index| {
-                let mut counts = Counts::default();
-                let scored = &scores.list[index];
-                let mut next = state.with(&scored.term);
-                if !scored.term.is_switch() {
-                    next.linear = scores.extended(state, &next, index);
-                }
-                (next.steps(1, &mut counts).then_some(next), counts)
-            })
-            .collect();
-        let mut reached: Vec<f64> = first.iter().filter_map(|(next, _)| Some(next.as_ref()?.bic())).collect();
-        reached.sort_by(f64::total_cmp);
-        let best = reached.first().copied().unwrap_or(f64::INFINITY);
-        // what lies far behind after a step that is nearly the last one does not catch up
-        let reach = best + NEAR.max(CATCH_UP * (state.bic() - best));
-        let reach = reach.max(reached.get(KEPT - 1).copied().unwrap_or(f64::INFINITY));
-        let bent = |next: &State<'a>| next.causes.last().is_some_and(Term::is_strongly_bent);
-        let further: Vec<(Option<State<'a>>, Counts)> = first
-            .into_par_iter()
-            .map(|(next, mut counts)| {
-                let mut next = next.filter(|next| next.bic() <= reach || bent(next));
-                if !next.as_mut().is_some_and(|next| next.steps(2, &mut counts)) {
-                    next = None;
-                }
-                (next, counts)
-            })
-            .collect();
-        let best =
-            further.iter().filter_map(|(next, _)| Some(next.as_ref()?.bic())).fold(f64::INFINITY, f64::min);
-        let reach = best + LAST.max(LAST_SHARE * (state.bic() - best));
-        let refitted: Vec<(Option<State<'a>>, Counts)> = further
-            .into_par_iter()
-            .map(|(mut next, mut counts)| {
-                if next.as_mut().is_some_and(|next| next.bic() <= reach && !next.descend(&mut counts)) {
-                    next = None;
-                }
-                (next, counts)
-            })
-            .collect();
-        for (_, own) in &refitted {
-            self.counts.evaluations += own.evaluations;
-            self.counts.rollouts += own.rollouts;
-        }
-        refitted.into_iter().filter_map(|(state, _)| state).collect()
-    }
-
     /// Whether `better` is so much better than `worse` that it is no chance.
     fn accepts(&self, worse: &State<'_>, better: &State<'_>) -> bool {
         let gain = worse.cost - better.cost;
@@ -224,15 +109,38 @@ impl<'b> Search<'b> {
 
     /// Looks for the best set of causes beside `baseline`.
     pub(super) fn run<'a>(&mut self, baseline: &State<'a>) -> Result<Found<'a>, DiagnoseError> {
-        self.run_from(baseline, baseline)
+        self.run_from(baseline, baseline, Vec::new(), MOST_CAUSES)
+    }
+
+    /// Looks once more with the noise of `floor`, from where each cause alone ended in `found`.
+    pub(super) fn run_again<'a>(
+        &mut self,
+        baseline: &State<'a>,
+        found: Found<'a>,
+        floor: &Floor,
+    ) -> Result<Found<'a>, DiagnoseError> {
+        self.expanded.clear();
+        let single = found.tried.into_iter().filter(|state| state.causes.len() == 1);
+        let single: Vec<State<'a>> = single.take(SHORT_LIST).collect();
+        let again = single
+            .into_par_iter()
+            .map(|mut state| {
+                let mut counts = Counts::default();
+                state.weigh(floor);
+                (state.descend(&mut counts).then_some(state), counts)
+            })
+            .collect();
+        let known = self.counted(again);
+        self.run_from(baseline, baseline, known, MOST_CAUSES)
     }
 
     /// Looks once more, from the model's own values, and adds what is better to `found`: a baseline that has bent far to cover
-    /// for a strong cause points to others.
+    /// for a strong cause points to others. Sets hold up to `most` causes.
     pub(super) fn run_anew<'a>(
         &mut self,
         baseline: &State<'a>,
         found: &mut Found<'a>,
+        most: usize,
     ) -> Result<(), DiagnoseError> {
         let mut start = State { linear: Vec::new(), ..baseline.clone() };
         start.point.values = baseline.parameters.start();
@@ -240,7 +148,7 @@ impl<'b> Search<'b> {
             return Ok(());
         }
         self.expanded.clear();
-        let anew = self.run_from(baseline, &start)?;
+        let anew = self.run_from(baseline, &start, Vec::new(), most)?;
         found.tried.extend(anew.tried);
         found.tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
         if anew.leader.bic() < found.leader.bic() {
@@ -249,8 +157,15 @@ impl<'b> Search<'b> {
         Ok(())
     }
 
-    /// Looks for the best set of causes beside `baseline`, whose first causes are added at `start`.
-    fn run_from<'a>(&mut self, baseline: &State<'a>, start: &State<'a>) -> Result<Found<'a>, DiagnoseError> {
+    /// Looks for the best set of up to `most` causes beside `baseline`, whose first causes are added at `start`, unless they are
+    /// `known`.
+    fn run_from<'a>(
+        &mut self,
+        baseline: &State<'a>,
+        start: &State<'a>,
+        known: Vec<State<'a>>,
+        most: usize,
+    ) -> Result<Found<'a>, DiagnoseError> {
         self.says("scoring every cause")?;
         let first = self.score(start);
         let mut tried: Vec<State<'a>> = vec![baseline.clone()];
@@ -259,9 +174,9 @@ impl<'b> Search<'b> {
         let matters = negligible(self.noise_m, baseline.count());
         if self.promises(start, &first, matters) {
             self.says("refitting the most promising causes")?;
-            beam = self.expand(start, &first);
+            beam = self.expand(start, &first, known);
         }
-        for depth in 1..=MOST_CAUSES {
+        for depth in 1..=most {
             beam.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
             beam.truncate(SHORT_LIST);
             tried.extend(beam.iter().cloned());
@@ -273,7 +188,7 @@ impl<'b> Search<'b> {
             leader = best.clone();
             let mut scores = self.score(&leader);
             let mut least = matters.max(SHARE * (baseline.cost - leader.cost));
-            let mut more = depth < MOST_CAUSES && self.promises(&leader, &scores, least);
+            let mut more = depth < most && self.promises(&leader, &scores, least);
             if more && depth == 1 && self.started_anew(baseline, &mut beam, &mut leader) {
                 tried.extend(beam.iter().cloned());
                 scores = self.score(&leader);
@@ -283,11 +198,11 @@ impl<'b> Search<'b> {
             let mut next = Vec::new();
             if more {
                 self.says("looking for a further cause")?;
-                next = self.expand(&leader, &scores);
+                next = self.expand(&leader, &scores, Vec::new());
                 for mut other in beam.iter().skip(1).take(BEAM - 1).cloned() {
                     if other.descend(&mut self.counts) {
                         let scores = self.score(&other);
-                        next.extend(self.expand(&other, &scores));
+                        next.extend(self.expand(&other, &scores, Vec::new()));
                     }
                 }
             }
@@ -356,7 +271,7 @@ impl<'b> Search<'b> {
                     continue;
                 }
                 let scores = self.score(&smaller);
-                for other in self.expand(&smaller, &scores) {
+                for other in self.expand(&smaller, &scores, Vec::new()) {
                     let known = best.as_ref().unwrap_or(&leader);
                     if other.bic() < known.bic() && sets(&other) != sets(&leader) {
                         best = Some(other.clone());
@@ -393,19 +308,9 @@ impl<'b> Search<'b> {
                 state.point.values[place] = parameter.scale.clamp(near.point.values[same]);
             }
         }
+        state.replan();
         state.descend(&mut self.counts).then_some(state)
     }
-}
-
-/// The most promising of the candidates that differ from `term` in hidden numbers alone.
-fn starts_elsewhere(term: &Term, scores: &Scores) -> Vec<usize> {
-    let differs = |other: &Term| {
-        other.cause == term.cause && other.choices == term.choices && other.hidden != term.hidden
-    };
-    let mut list: Vec<usize> = (0..scores.list.len()).filter(|&i| differs(&scores.list[i].term)).collect();
-    list.sort_by(|&a, &b| scores.list[b].gain.total_cmp(&scores.list[a].gain));
-    list.truncate(ELSEWHERE);
-    list
 }
 
 /// Names of the causes of `state`, sorted.

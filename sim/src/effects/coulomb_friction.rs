@@ -16,7 +16,7 @@ pub(crate) const INFO: Info = Info {
             .each(Per::Joint)
             .role(Role::Detail, 0.0),
         ParameterInfo::size("rate", "rad/s", [1e-3, 10.0], 0.05, "rate over which friction turns round")
-            .role(Role::Detail, 0.05),
+            .role(Role::Hidden(&[0.02]), 0.05),
         ParameterInfo::size(
             "breakaway",
             "1",

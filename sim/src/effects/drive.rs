@@ -221,20 +221,22 @@ impl<T: Scalar> CommandPath<T> {
     /// Works out what the stages hand on at the rows where it is not known yet.
     fn follow(&mut self, drive: usize) {
         let Some(track) = &mut self.tracks[drive] else { return };
-        while track.states.len() < self.time_s.len() {
-            let row = track.states.len();
-            let to = T::from_f64(track.angle[row]);
-            let states = match row.checked_sub(1) {
-                None => self.stages.steady(to),
-                Some(before) => {
-                    let from = T::from_f64(track.angle[before]);
-                    let duration = T::from_f64(self.time_s[row] - self.time_s[before]);
-                    let mut states = track.states[before];
-                    self.stages.pass(&mut states, Piece { from, to, duration });
-                    states
-                }
-            };
-            track.states.push(states);
-        }
+        tuned!(T, {
+            while track.states.len() < self.time_s.len() {
+                let row = track.states.len();
+                let to = T::from_f64(track.angle[row]);
+                let states = match row.checked_sub(1) {
+                    None => self.stages.steady(to),
+                    Some(before) => {
+                        let from = T::from_f64(track.angle[before]);
+                        let duration = T::from_f64(self.time_s[row] - self.time_s[before]);
+                        let mut states = track.states[before];
+                        self.stages.pass(&mut states, Piece { from, to, duration });
+                        states
+                    }
+                };
+                track.states.push(states);
+            }
+        });
     }
 }

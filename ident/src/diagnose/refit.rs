@@ -1,0 +1,163 @@
+//! Refits of the candidates that score best.
+
+use rayon::prelude::*;
+
+use super::candidates::{self, Term};
+use super::score::{Scored, Scores};
+use super::search::{BETTER, Search, sets};
+use super::state::State;
+use crate::fit::counts::Counts;
+
+/// Causes refitted in full at each stage.
+pub(super) const SHORT_LIST: usize = 5;
+/// After one step a candidate stays when its BIC is within this of the best one's, or within this share of what that one
+/// has saved.
+const NEAR: f64 = 100.0;
+const CATCH_UP: f64 = 0.7;
+/// After three steps only what is within this of the best one goes on to its optimum.
+const LAST: f64 = 30.0;
+const LAST_SHARE: f64 = 0.1;
+/// And so many stay in any case.
+const KEPT: usize = 3;
+/// Other hidden numbers (where a stop is, how fast water sways) from which the best candidate is refitted: each may be the
+/// bottom of a valley of its own.
+const ELSEWHERE: usize = 4;
+impl Search<'_> {
+    /// The most promising candidates, one of each cause and class of aliases.
+    fn short_list(&self, state: &State<'_>, scores: &Scores) -> Vec<usize> {
+        let per_number = state.ln_count();
+        let worth = |scored: &Scored| scored.gain - scored.count as f64 * per_number;
+        let mut order: Vec<usize> = (0..scores.list.len()).collect();
+        order.sort_by(|&a, &b| worth(&scores.list[b]).total_cmp(&worth(&scores.list[a])));
+        let mut list: Vec<usize> = Vec::new();
+        for index in order {
+            let scored = &scores.list[index];
+            if list.len() == SHORT_LIST || worth(scored) <= 0.0 {
+                break;
+            }
+            let same = |&other: &usize| {
+                let other = &scores.list[other].term;
+                other.cause == scored.term.cause
+                    || candidates::aliases(other.cause, self.experiment).contains(&scored.term.cause.name())
+            };
+            if !list.iter().any(same) {
+                list.push(index);
+            }
+        }
+        list
+    }
+
+    /// Whether some candidate is good enough to be worth a refit at all.
+    pub(super) fn promises(&self, state: &State<'_>, scores: &Scores, least: f64) -> bool {
+        let per_number = state.ln_count();
+        scores.list.iter().any(|scored| {
+            scored.gain >= least && scored.gain - scored.count as f64 * per_number > BETTER / 2.0
+        })
+    }
+
+    /// `state` with each of the short list in turn, refitted; the best of these from other hidden numbers too. What is `known`
+    /// already joins them as it is.
+    pub(super) fn expand<'a>(
+        &mut self,
+        state: &State<'a>,
+        scores: &Scores,
+        known: Vec<State<'a>>,
+    ) -> Vec<State<'a>> {
+        self.expanded.push(sets(state));
+        let mut list = self.short_list(state, scores);
+        list.retain(|&index| {
+            let cause = scores.list[index].term.cause;
+            known.iter().all(|state| state.causes.last().is_none_or(|term| term.cause != cause))
+        });
+        let mut all = self.refit_each(state, scores, &list);
+        let is_better = |best: &&State<'a>| known.iter().all(|known| best.bic() < known.bic());
+        let best = all.iter().min_by(|a, b| a.bic().total_cmp(&b.bic())).filter(is_better);
+        let others = best.and_then(|best| Some(starts_elsewhere(best.causes.last()?, scores)));
+        if let Some(others) = others.filter(|others| !others.is_empty()) {
+            all.extend(self.refit_each(state, scores, &others));
+            // one of each, or the beam would hold one cause alone
+            all.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
+            let mut seen: Vec<Vec<&'static str>> = Vec::new();
+            all.retain(|state| {
+                let names = sets(state);
+                let is_first = !seen.contains(&names);
+                seen.push(names);
+                is_first
+            });
+        }
+        all.extend(known);
+        all
+    }
+
+    /// `state` with each candidate of `list` in turn, refitted.
+    fn refit_each<'a>(&mut self, state: &State<'a>, scores: &Scores, list: &[usize]) -> Vec<State<'a>> {
+        let first: Vec<(Option<State<'a>>, Counts)> = list
+            .par_iter()
+            .map(|&index| {
+                let mut counts = Counts::default();
+                let scored = &scores.list[index];
+                let mut next = state.with(&scored.term);
+                if !scored.term.is_switch() {
+                    next.linear = scores.extended(state, &next, index);
+                }
+                (next.steps(1, &mut counts).then_some(next), counts)
+            })
+            .collect();
+        let mut reached: Vec<f64> = first.iter().filter_map(|(next, _)| Some(next.as_ref()?.bic())).collect();
+        reached.sort_by(f64::total_cmp);
+        let best = reached.first().copied().unwrap_or(f64::INFINITY);
+        // what lies far behind after a step that is nearly the last one does not catch up
+        let reach = best + NEAR.max(CATCH_UP * (state.bic() - best));
+        let reach = reach.max(reached.get(KEPT - 1).copied().unwrap_or(f64::INFINITY));
+        let bent = |next: &State<'a>| next.causes.last().is_some_and(Term::is_strongly_bent);
+        let further: Vec<(Option<State<'a>>, Counts)> = first
+            .into_par_iter()
+            .map(|(next, mut counts)| {
+                let mut next = next.filter(|next| next.bic() <= reach || bent(next));
+                if let Some(near) = &mut next {
+                    near.replan();
+                    if !near.steps(2, &mut counts) {
+                        next = None;
+                    }
+                }
+                (next, counts)
+            })
+            .collect();
+        let best =
+            further.iter().filter_map(|(next, _)| Some(next.as_ref()?.bic())).fold(f64::INFINITY, f64::min);
+        let reach = best + LAST.max(LAST_SHARE * (state.bic() - best));
+        let refitted: Vec<(Option<State<'a>>, Counts)> = further
+            .into_par_iter()
+            .map(|(mut next, mut counts)| {
+                if let Some(near) = next.as_mut().filter(|next| next.bic() <= reach) {
+                    near.replan();
+                    if !near.descend(&mut counts) {
+                        next = None;
+                    }
+                }
+                (next, counts)
+            })
+            .collect();
+        self.counted(refitted)
+    }
+
+    /// The states that could be refitted; what all have cost is counted.
+    pub(super) fn counted<'a>(&mut self, refitted: Vec<(Option<State<'a>>, Counts)>) -> Vec<State<'a>> {
+        for (_, own) in &refitted {
+            self.counts.evaluations += own.evaluations;
+            self.counts.rollouts += own.rollouts;
+        }
+        refitted.into_iter().filter_map(|(state, _)| state).collect()
+    }
+}
+
+/// The most promising of the candidates that differ from `term` in hidden numbers alone.
+fn starts_elsewhere(term: &Term, scores: &Scores) -> Vec<usize> {
+    let differs = |other: &Term| {
+        other.cause == term.cause && other.choices == term.choices && other.hidden != term.hidden
+    };
+    let mut list: Vec<usize> = (0..scores.list.len()).filter(|&i| differs(&scores.list[i].term)).collect();
+    list.sort_by(|&a, &b| scores.list[b].gain.total_cmp(&scores.list[a].gain));
+    list.truncate(ELSEWHERE);
+    list
+}
