@@ -155,6 +155,9 @@ pub(super) fn verdict(data: &ReportData) -> Verdict {
             )
         });
     }
+    if let Some(figures) = &data.diagnosis {
+        details.push(format!("Diagnosis: {}", figures.diagnosis.sentence));
+    }
     if let (Some(fitted), Some(heldout)) = (fitted, heldout)
         && heldout > 2.0 * fitted
     {
