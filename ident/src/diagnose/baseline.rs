@@ -96,9 +96,9 @@ pub(super) fn deeper<'a>(
     let starts = order.iter().take(DRAWN).map(|&i| drawn[i].clone()).chain([at(led)]);
     let mut best: Option<State<'a>> = None;
     for point in starts {
-        let mut state = State { point, linear: Vec::new(), cost: f64::INFINITY, ..baseline.clone() };
+        let mut state = State { point, linear: Vec::new(), ..baseline.clone() };
         let least = best.as_ref().map_or(baseline.cost - NOISE_ALONE, |best| best.cost);
-        if state.descends_below(least, counts) {
+        if state.descend(counts) && state.cost < least {
             best = Some(state);
         }
     }

@@ -255,14 +255,11 @@ impl<'b> Search<'b> {
             for dropped in 0..leader.causes.len() {
                 let others: Vec<Term> = without(&leader.causes, dropped);
                 let names = names(&others);
+                // from where the leader is as well: what it has found beside the cause must not count for the cause
+                let near = self.refit(baseline, &others, &leader);
                 let known = tried.iter().find(|state| sets(state) == names).cloned();
-                let mut smaller = match known {
-                    Some(known) => known,
-                    None => match self.refit(baseline, &others, &leader) {
-                        Some(smaller) => smaller,
-                        None => continue,
-                    },
-                };
+                let both = near.into_iter().chain(known);
+                let Some(mut smaller) = both.min_by(|a, b| a.cost.total_cmp(&b.cost)) else { continue };
                 if !self.accepts(&smaller, &leader) {
                     best = Some(smaller);
                     break;

@@ -99,21 +99,6 @@ impl<'a> State<'a> {
         self.steps(MOST_STEPS, counts) && self.linearised(counts)
     }
 
-    /// Goes to the nearest optimum if its cost is less than `least`; whether it is. Steps shrink on the way: once one has saved
-    /// less than what is missing, the rest will not save it.
-    pub(crate) fn descends_below(&mut self, least: f64, counts: &mut Counts) -> bool {
-        for _ in 0..MOST_STEPS {
-            let before = self.cost;
-            if !self.steps(1, counts) || before - self.cost < self.cost - least {
-                return false;
-            }
-            if self.cost < least {
-                return self.descend(counts);
-            }
-        }
-        false
-    }
-
     /// Takes up to `most` steps towards the nearest optimum; whether any can be simulated. The linearisation is left
     /// where it is that of the point.
     pub(crate) fn steps(&mut self, most: usize, counts: &mut Counts) -> bool {
