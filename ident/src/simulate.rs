@@ -120,25 +120,26 @@ impl<'a> Rehearsal<'a> {
         let mut rehearsal =
             Self { run, start: estimate.start, nuisances, command, steps: None, columns: columns.collect() };
         // Where no step is exact enough at the nominal values, the model's own has to do.
-        rehearsal.steps = rehearsal.planned(model, &rehearsal.start);
+        rehearsal.steps = rehearsal.planned(model, &rehearsal.start, sim::ACCURACY_M);
         rehearsal
     }
 
-    /// Steps for `model` from `start`; none where no step is exact enough.
-    fn planned(&self, model: &Model, start: &Start) -> Option<Steps> {
+    /// Steps for `model` from `start` as exact as `accuracy_m` \[m\]; none where no step is.
+    fn planned(&self, model: &Model, start: &Start, accuracy_m: f64) -> Option<Steps> {
         let options = RolloutOptions { steps: None, ..self.options(start.start_s, 1) };
         let times = &self.run.trajectory.time_s;
-        let plan = sim::plan(model, &start.state, &self.command, times, &options, sim::ACCURACY_M / MARGIN);
+        let plan = sim::plan(model, &start.state, &self.command, times, &options, accuracy_m / MARGIN);
         plan.ok().map(|plan| plan.steps)
     }
 
-    /// The same in steps planned for `model` with `offsets`, which may be quicker or stiffer than the one before.
-    pub fn replanned(mut self, model: &Model, offsets: &[f64]) -> Self {
+    /// The same in steps planned for `model` with `offsets`, which may be quicker or stiffer than the one before; as exact as
+    /// `accuracy_m` \[m\].
+    pub fn replanned(mut self, model: &Model, offsets: &[f64], accuracy_m: f64) -> Self {
         let mut own = model.clone();
         for (place, value) in self.own(offsets) {
             own.set(place, value);
         }
-        let planned = self.planned(&own, &self.start_with(model, offsets));
+        let planned = self.planned(&own, &self.start_with(model, offsets), accuracy_m);
         self.steps = planned.or(self.steps);
         self
     }

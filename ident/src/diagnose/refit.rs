@@ -91,6 +91,7 @@ impl Search<'_> {
 
     /// `state` with each candidate of `list` in turn, refitted.
     fn refit_each<'a>(&mut self, state: &State<'a>, scores: &Scores, list: &[usize]) -> Vec<State<'a>> {
+        let noise_m = self.noise_m;
         let first: Vec<(Option<State<'a>>, Counts)> = list
             .par_iter()
             .map(|&index| {
@@ -115,7 +116,7 @@ impl Search<'_> {
             .map(|(next, mut counts)| {
                 let mut next = next.filter(|next| next.bic() <= reach || bent(next));
                 if let Some(near) = &mut next {
-                    near.replan();
+                    near.replan(noise_m);
                     if !near.steps(2, &mut counts) {
                         next = None;
                     }
@@ -130,7 +131,7 @@ impl Search<'_> {
             .into_par_iter()
             .map(|(mut next, mut counts)| {
                 if let Some(near) = next.as_mut().filter(|next| next.bic() <= reach) {
-                    near.replan();
+                    near.replan(noise_m);
                     if !near.descend(&mut counts) {
                         next = None;
                     }

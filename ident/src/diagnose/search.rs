@@ -305,7 +305,7 @@ impl<'b> Search<'b> {
                 state.point.values[place] = parameter.scale.clamp(near.point.values[same]);
             }
         }
-        state.replan();
+        state.replan(self.noise_m);
         state.descend(&mut self.counts).then_some(state)
     }
 }
