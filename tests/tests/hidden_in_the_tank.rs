@@ -17,6 +17,12 @@ fn tank(folder: &Path, shipped: &str, causes: &str) -> PathBuf {
         .replace("damping=\"1e-06\"", "damping=\"2.4e-06\"");
     assert_ne!(truth, nominal);
     std::fs::write(folder.join(&name), truth).expect("the truth can be written");
+    // what is hidden shall be all that the model lacks
+    for servo in tank.get_mut("servo").and_then(toml::Value::as_array_mut).into_iter().flatten() {
+        let servo = servo.as_table_mut().expect("a servo");
+        servo.insert("lag_s".into(), 0.0.into());
+        servo.insert("period_s".into(), 0.001.into());
+    }
     tank.insert("causes".into(), causes.parse::<toml::Table>().expect("causes").into());
     let path = folder.join(shipped);
     std::fs::write(&path, tank.to_string()).expect("the tank can be written");

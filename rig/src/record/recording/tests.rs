@@ -156,7 +156,8 @@ fn killed_writer_leaves_a_readable_recording() {
             .spawn()
             .unwrap();
         let deadline = Instant::now() + Duration::from_secs(20);
-        while std::fs::metadata(&path).map_or(0, |data| data.len()) < (trial + 1) << 20 {
+        // one whole chunk, and a part of the next
+        while std::fs::metadata(&path).map_or(0, |data| data.len()) < (trial + 2) << 20 {
             assert!(Instant::now() < deadline, "the child never wrote");
             std::thread::sleep(Duration::from_millis(3));
         }
