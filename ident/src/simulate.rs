@@ -5,7 +5,7 @@
 
 use sim::batch::{self, Candidate, Direction};
 use sim::model::Parameter;
-use sim::{Command, Isa, Model, RolloutError, RolloutOptions, State, Steps, rollout};
+use sim::{Command, Isa, Method, Model, RolloutError, RolloutOptions, State, Steps, rollout};
 
 use crate::experiment::{Run, RunKind};
 use crate::geometry::moved;
@@ -88,8 +88,12 @@ pub struct Rehearsal<'a> {
     /// What is uncertain about the start.
     pub nuisances: Vec<Nuisance>,
     command: Command,
+    /// The cheapest steps that are exact enough; `None`: no step is.
+    plan: Option<Steps>,
     /// How it is stepped, the same for every candidate; `None`: as the model says.
     steps: Option<Steps>,
+    /// Into how many parts steps are divided, one after the other, for a candidate too stiff for them.
+    parts: &'static [usize],
     /// For each measured keypoint, the model's.
     columns: Vec<usize>,
 }
@@ -117,16 +121,25 @@ impl<'a> Rehearsal<'a> {
         // Prescribed joints are free in drops, which is what no command at all means to the simulation.
         let silent = run.prescribed && run.kind != RunKind::Driven;
         let command = run.command.clone().filter(|_| !silent).unwrap_or_default();
-        let mut rehearsal =
-            Self { run, start: estimate.start, nuisances, command, steps: None, columns: columns.collect() };
+        let mut rehearsal = Self {
+            run,
+            start: estimate.start,
+            nuisances,
+            command,
+            plan: None,
+            steps: None,
+            parts: &PARTS,
+            columns: columns.collect(),
+        };
         // Where no step is exact enough at the nominal values, the model's own has to do.
-        rehearsal.steps = rehearsal.planned(model, &rehearsal.start, sim::ACCURACY_M);
+        rehearsal.plan = rehearsal.planned(model, &rehearsal.start, sim::ACCURACY_M);
+        rehearsal.steps = rehearsal.plan.clone();
         rehearsal
     }
 
     /// Steps for `model` from `start` as exact as `accuracy_m` \[m\]; none where no step is.
     fn planned(&self, model: &Model, start: &Start, accuracy_m: f64) -> Option<Steps> {
-        let options = RolloutOptions { steps: None, ..self.options(start.start_s, 1) };
+        let options = RolloutOptions { steps: self.plan.clone(), ..self.options(start.start_s, 1) };
         let times = &self.run.trajectory.time_s;
         let plan = sim::plan(model, &start.state, &self.command, times, &options, accuracy_m / MARGIN);
         plan.ok().map(|plan| plan.steps)
@@ -140,22 +153,36 @@ impl<'a> Rehearsal<'a> {
             own.set(place, value);
         }
         let planned = self.planned(&own, &self.start_with(model, offsets), accuracy_m);
-        self.steps = planned.or(self.steps);
+        self.plan = planned.or(self.plan);
+        self.steps = self.plan.clone();
         self
     }
 
-    /// The same in even steps, as short as the short ones of the plan: for candidates with forces that the nominal model lacks,
-    /// which may be quick where that is slow.
-    pub fn evenly(mut self) -> Self {
-        if let Some(steps) = &self.steps {
-            let begins = std::iter::once(0.0).chain(steps.ends_s.iter().copied());
-            let mut lengths_s: Vec<f64> =
-                begins.zip(steps.ends_s.iter()).map(|(from, to)| to - from).collect();
-            lengths_s.sort_by(f64::total_cmp);
-            if let Some(&short_s) = lengths_s.get(lengths_s.len() / SHORT) {
-                self.steps = Some(Steps::even(steps.method, short_s));
-            }
-        }
+    /// The same in steps that are nowhere much longer than the short ones of the plan: for candidates with forces that the nominal
+    /// model lacks, which may be quick where that is slow.
+    pub fn nowhere_long(mut self) -> Self {
+        let Some(plan) = &self.plan else { return self };
+        let begins = std::iter::once(0.0).chain(plan.ends_s.iter().copied());
+        let steps: Vec<(f64, f64)> = begins.zip(plan.ends_s.iter()).map(|(from, &to)| (from, to)).collect();
+        let mut lengths_s: Vec<f64> = steps.iter().map(|(from, to)| to - from).collect();
+        lengths_s.sort_by(f64::total_cmp);
+        let Some(&short_s) = lengths_s.get(lengths_s.len() / SHORT) else { return self };
+        let longest_s = match plan.method {
+            // what is stiffer than the nominal model would make longer ones unstable
+            Method::RungeKutta => short_s,
+            Method::Rosenbrock => 2.0 * short_s,
+        };
+        let divided = steps.iter().flat_map(|(from, to)| {
+            let parts = ((to - from) / longest_s - 1e-9).ceil().max(1.0);
+            (1..=parts as usize).map(move |part| from + (to - from) * part as f64 / parts)
+        });
+        self.steps = Some(Steps { method: plan.method, longest_s, ends_s: divided.collect() });
+        self
+    }
+
+    /// The same without a second try for candidates too stiff for its steps: where there are many more of them.
+    pub fn in_one_try(mut self) -> Self {
+        self.parts = &PARTS[..1];
         self
     }
 
@@ -216,7 +243,7 @@ impl<'a> Rehearsal<'a> {
         for (place, value) in self.own(offsets) {
             own.to_mut().set(place, value);
         }
-        let rollout = self.bearable(&PARTS, |parts| {
+        let rollout = self.bearable(self.parts, |parts| {
             rollout(&own, &state, &self.command, times, &self.options(start_s, parts))
         })?;
         Ok(self.measured(&rollout.position_m, rollout.keypoints.len()))
@@ -241,11 +268,12 @@ impl<'a> Rehearsal<'a> {
             let options = self.options(self.start.start_s, parts);
             batch::positions(model, &places, candidates, &self.command, times, &options, Isa::best())
         };
-        let mut all = simulated(&candidates, PARTS[0])?;
+        let mut all = simulated(&candidates, self.parts[0])?;
+        let again = if self.steps.is_some() { &self.parts[1..] } else { &[] };
         for (one, candidate) in all.iter_mut().zip(&candidates) {
-            if self.steps.is_some() && matches!(one, Err(RolloutError::Diverged { .. })) {
+            if !again.is_empty() && matches!(one, Err(RolloutError::Diverged { .. })) {
                 let alone = |parts| simulated(std::slice::from_ref(candidate), parts)?.remove(0);
-                *one = self.bearable(&PARTS[1..], alone);
+                *one = self.bearable(again, alone);
             }
         }
         let width = model.keypoint_sites().len();
@@ -296,7 +324,7 @@ impl<'a> Rehearsal<'a> {
         let columns = columns.start.min(directions.len())..columns.end.min(directions.len());
         let directions = &directions[columns];
         let (times, command) = (&self.run.trajectory.time_s[..instants], &self.command);
-        let found = self.bearable(&PARTS, |parts| {
+        let found = self.bearable(self.parts, |parts| {
             let options = self.options(candidate.start_s, parts);
             let found = batch::sensitivities(
                 model,

@@ -35,6 +35,8 @@ const REFINEMENTS: usize = 4;
 /// What an attempt aims at, as a share of the wanted accuracy, and the share that is close enough.
 const AIM: f64 = 0.85;
 const CLOSE: f64 = 0.7;
+/// Steps from before that leave less than this share are too short to stay.
+const IDLE: f64 = 0.3;
 /// A step is longer than the one before by this factor at most: what makes a nominal motion quick may come a little
 /// earlier or later in another candidate.
 const LONGER: f64 = 1.5;
@@ -48,7 +50,7 @@ const STIFFER: f64 = 1.3;
 /// Steps are short where the motion is quick: each as long as leaves the same error, which a step and two of half the
 /// length tell. With friction loss or end stops they are even, because where a joint comes to stand differs from
 /// candidate to candidate. The error of the whole is estimated by the difference to steps half as long, over what the
-/// order of the method leaves of it.
+/// order of the method leaves of it. Planned steps in `options` stay where they are as exact as wanted, and not much more so.
 ///
 /// # Errors
 /// [`RolloutError`] of the last attempt where no step is stable and exact enough.
@@ -62,6 +64,9 @@ pub fn plan(
 ) -> Result<Plan, RolloutError> {
     rollout::check(model, state, sample_times_s)?;
     let run = Nominal { model, state, command, sample_times_s, options };
+    if let Some(plan) = options.steps.as_ref().and_then(|steps| run.still_good(steps, accuracy_m)) {
+        return Ok(plan);
+    }
     let mut best: Option<(Plan, f64)> = None;
     let mut last = RolloutError::Inexact { accuracy_m, shortest_s: SHORTEST_S };
     for (method, order, evaluations) in METHODS {
@@ -86,6 +91,21 @@ struct Nominal<'a> {
 }
 
 impl Nominal<'_> {
+    /// `steps`, planned for a motion like this one, if they do for this one too.
+    fn still_good(&self, steps: &Steps, accuracy_m: f64) -> Option<Plan> {
+        let (_, order, _) = METHODS.into_iter().find(|(method, ..)| *method == steps.method)?;
+        let span = self.span();
+        let before = steps.ends_s.partition_point(|&end| end < span - SHORTEST_S);
+        if before == 0 || self.even() {
+            return None;
+        }
+        let ends_s = steps.ends_s[..before].iter().copied().chain([span]).collect();
+        let steps = Steps { ends_s, ..steps.clone() };
+        let error_m = self.error(&steps, order).ok()?;
+        let exact = (IDLE * accuracy_m..=accuracy_m).contains(&error_m);
+        (exact && self.robust(&steps, error_m).ok()?).then_some(Plan { steps, error_m })
+    }
+
     /// The cheapest steps of `method` and their number, if fewer than `affordable` do.
     fn search(
         &self,

@@ -22,6 +22,8 @@ const DRAWN_PER_PARAMETER: usize = 8;
 const DRAWN: usize = 2;
 /// Optima that differ by less cost are one.
 const NOISE_ALONE: f64 = 1.0;
+/// And those that differ by a smaller share of what a cause explains: the cause is not named for the difference.
+const OF_EXPLAINED: f64 = 0.01;
 /// A floor that moves by less is the same.
 const SAME: f64 = 0.01;
 
@@ -38,7 +40,7 @@ pub(super) fn baseline<'a>(
         let estimate = initial::estimate(&experiment.model, run, noise_m)?;
         let weighting = Weighting { noise_m: seen.std_m, use_stated: false, run_weight: 1.0 };
         let list = observations(&run.trajectory, weighting, |_| true);
-        terms.push(Term::new(Rehearsal::new(&experiment.model, run, estimate).evenly(), list));
+        terms.push(Term::new(Rehearsal::new(&experiment.model, run, estimate), list));
     }
     if terms.is_empty() {
         return Err(FitError::NothingToFit.into());
@@ -66,6 +68,9 @@ pub(super) fn baseline<'a>(
         let next = seen_floor(&state)?;
         let same = floor.as_ref().is_some_and(|before| is_same(before, &next, SAME));
         state.weigh(&next);
+        if floor.is_none() {
+            state.replan(next.noise_m);
+        }
         floor = Some(next);
         if !state.descend(counts) {
             return Err(FitError::NoOptimum.into());
@@ -77,32 +82,43 @@ pub(super) fn baseline<'a>(
     floor.map(|floor| (state, floor)).ok_or_else(|| FitError::NoOptimum.into())
 }
 
-/// A deeper optimum of `baseline`, if there is one where the causes of `leader` have led its numbers, or from the best of
-/// some points drawn evenly from the bounds: a cause must not be named for a baseline that was merely badly fitted.
+/// A deeper optimum of `baseline`, if there is one where the causes of `leader` have led its numbers, or, if it is looked for
+/// `everywhere`, from the best of some points drawn evenly from the bounds: a cause must not be named for a baseline that was
+/// merely badly fitted.
 pub(super) fn deeper<'a>(
     baseline: &State<'a>,
     leader: &State<'a>,
+    everywhere: bool,
     seed: u64,
     counts: &mut Counts,
 ) -> Option<State<'a>> {
-    let parameters = &baseline.parameters;
-    let drawn = spread(parameters.len(), DRAWN_PER_PARAMETER * parameters.len(), seed);
     let at = |values: Vec<f64>| Point { values, offsets: baseline.point.offsets.clone() };
-    let drawn: Vec<Point> = drawn.iter().map(|units| at(parameters.values(units))).collect();
-    let costs = baseline.problem().costs(&drawn, counts);
-    let mut order: Vec<usize> = (0..drawn.len()).filter(|&i| costs[i].is_finite()).collect();
-    order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
-    let led = leader.point.values[..parameters.len()].to_vec();
-    let starts = order.iter().take(DRAWN).map(|&i| drawn[i].clone()).chain([at(led)]);
+    let led = at(leader.point.values[..baseline.parameters.len()].to_vec());
+    let drawn = if everywhere { best_drawn(baseline, seed, counts) } else { Vec::new() };
+    let deep = NOISE_ALONE.max(OF_EXPLAINED * (baseline.cost - leader.cost));
     let mut best: Option<State<'a>> = None;
-    for point in starts {
+    for point in drawn.into_iter().map(at).chain([led]) {
         let mut state = State { point, linear: Vec::new(), ..baseline.clone() };
-        let least = best.as_ref().map_or(baseline.cost - NOISE_ALONE, |best| best.cost);
+        let least = best.as_ref().map_or(baseline.cost - deep, |best| best.cost);
         if state.descend(counts) && state.cost < least {
             best = Some(state);
         }
     }
     best
+}
+
+/// The best of some points drawn evenly from the bounds of the numbers of `baseline`.
+fn best_drawn(baseline: &State<'_>, seed: u64, counts: &mut Counts) -> Vec<Vec<f64>> {
+    let parameters = &baseline.parameters;
+    let drawn = spread(parameters.len(), DRAWN_PER_PARAMETER * parameters.len(), seed);
+    let drawn: Vec<Vec<f64>> = drawn.iter().map(|units| parameters.values(units)).collect();
+    let point = |values: &Vec<f64>| Point { values: values.clone(), offsets: baseline.point.offsets.clone() };
+    let mut problem = baseline.problem();
+    problem.terms.iter_mut().for_each(|term| term.rehearsal = term.rehearsal.clone().in_one_try());
+    let costs = problem.costs(&drawn.iter().map(point).collect::<Vec<_>>(), counts);
+    let mut order: Vec<usize> = (0..drawn.len()).filter(|&i| costs[i].is_finite()).collect();
+    order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+    order.into_iter().take(DRAWN).map(|i| drawn[i].clone()).collect()
 }
 
 /// The floor that the residuals of `state` show.

@@ -23,7 +23,7 @@ const BENT: f64 = 2.0;
 /// likelihood.
 pub(super) fn values(state: &State<'_>, first: usize) -> Vec<CauseParameter> {
     let free = state.parameters.len();
-    let covariance = covariance(state).unwrap_or_else(|| DMatrix::identity(free, free));
+    let covariance = covariance(state).unwrap_or_else(|| DMatrix::identity(free, free)) * level(state);
     let places: Vec<usize> = (first..state.parameters.len()).collect();
     let ends: Vec<f64> = places
         .iter()
@@ -84,18 +84,33 @@ pub(super) fn values(state: &State<'_>, first: usize) -> Vec<CauseParameter> {
     list
 }
 
+/// What is left over what noise alone would leave, at least 1: no number is known better than the model repeats the runs.
+fn level(state: &State<'_>) -> f64 {
+    let left = state.count() as f64 - Nuisances::new(state).used();
+    (state.cost / left.max(1.0)).max(1.0)
+}
+
 /// Where the profile of common number `which` crosses the limit on one `side`.
 fn end(state: &State<'_>, which: usize, side: f64, covariance: &DMatrix<f64>) -> f64 {
     let (best, scale) = (state.point.values[which], state.parameters.free[which].scale);
     let std = covariance[(which, which)].sqrt();
     let others = Nuisances::except(state, Some(which));
-    let limit = CHI2_95.sqrt();
+    let limit = CHI2_95 * level(state);
     let next = best + side * NORMAL_95 * std;
-    crossing(best, next, limit, &scale, CLOSENESS, |x| rise(state, which, x, covariance, &others))
+    crossing(best, next, limit.sqrt(), &scale, CLOSENESS, |x| {
+        rise(state, which, x, covariance, &others, limit)
+    })
 }
 
-/// Root of how much more the best point with number `which` at `x` costs.
-fn rise(state: &State<'_>, which: usize, x: f64, covariance: &DMatrix<f64>, others: &Nuisances) -> f64 {
+/// Root of how much more the best point with number `which` at `x` costs, of which the `limit` is looked for.
+fn rise(
+    state: &State<'_>,
+    which: usize,
+    x: f64,
+    covariance: &DMatrix<f64>,
+    others: &Nuisances,
+    limit: f64,
+) -> f64 {
     let mut pinned = State { linear: Vec::new(), ..state.clone() };
     // the others begin where they go if all is linear
     let share = (x - state.point.values[which]) / covariance[(which, which)];
@@ -109,8 +124,9 @@ fn rise(state: &State<'_>, which: usize, x: f64, covariance: &DMatrix<f64>, othe
         let all: f64 = residuals.iter().map(|r| r.norm_squared()).sum();
         let left = others.left_of(residuals.iter()).norm_squared();
         let least = others.residuals(state).norm_squared();
-        // what the others could still save if they went on is little: that they have not does not matter
-        if all - left <= BESIDE * (left - least).max(0.0) + BESIDE * CHI2_95 {
+        let known: f64 = state.linear.iter().map(|linear| linear.residuals.norm_squared()).sum();
+        // what the others could still save if they went on is little, or not for what is pinned: that they have not does not matter
+        if all - left <= BESIDE * (left - least).max(0.0) + BESIDE * limit + (known - least) {
             return (left - least).max(0.0).sqrt();
         }
     }
@@ -123,10 +139,11 @@ fn rise(state: &State<'_>, which: usize, x: f64, covariance: &DMatrix<f64>, othe
 /// Baseline coefficients that differ between `before` and `after`.
 pub(super) fn bent(before: &State<'_>, after: &State<'_>) -> Vec<Bent> {
     let Some(covariance) = covariance(after) else { return Vec::new() };
+    let level = level(after);
     let mut list: Vec<(f64, Bent)> = (0..before.parameters.len())
         .map(|which| {
             let (a, b) = (before.point.values[which], after.point.values[which]);
-            let std = covariance[(which, which)].sqrt();
+            let std = (level * covariance[(which, which)]).sqrt();
             let name = before.parameters.free[which].name().to_owned();
             ((a - b).abs() / std, Bent { name, before: a, after: b, std })
         })

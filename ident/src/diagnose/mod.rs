@@ -111,8 +111,6 @@ pub fn pin_down(
 
 /// The noise is looked at once more when the leader's residuals show it this much otherwise.
 const OTHER_NOISE: f64 = 0.04;
-/// A cause that explains so much cost has bent the baseline so far that what bent it may not be what it points to.
-const FAR_BENT: f64 = 2000.0;
 
 /// Says what the simulation of `experiment` gets wrong.
 ///
@@ -133,7 +131,8 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
     let mut found = search.run(&baseline)?;
     if !found.leader.causes.is_empty() {
         let seed = experiment.fit.seed;
-        let deeper = baseline::deeper(&baseline, &found.leader, seed, &mut search.counts);
+        let is_clear = found.is_clear(&baseline);
+        let deeper = baseline::deeper(&baseline, &found.leader, !is_clear, seed, &mut search.counts);
         // what the cause explains may have looked like noise
         let clearer = baseline::seen_floor(deeper.as_ref().unwrap_or(&found.leader))?;
         let is_deeper = deeper.is_some();
@@ -146,14 +145,14 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
             found = if is_deeper {
                 search.run(&baseline)?
             } else {
-                search.run_again(&baseline, found, &floor)?
+                search.run_again(&baseline, found, &floor, is_clear)?
             };
         }
     }
     let explained = baseline.cost - found.leader.cost;
     let left = gates::fitness(&found.leader, &floor);
     let objected = left.objects(explained, floor.noise_m, baseline.count());
-    if objected || explained > FAR_BENT {
+    if objected || explained > search::FAR_BENT && !found.is_clear(&baseline) {
         let most = if objected { search::MOST_CAUSES } else { found.leader.causes.len() };
         search.run_anew(&baseline, &mut found, most)?;
     }

@@ -32,6 +32,10 @@ pub(super) const MOST_CAUSES: usize = 3;
 const SHARE: f64 = 0.01;
 /// Cost saved an observation, in noise variances, below which a cause is there but does not matter.
 const NEGLIGIBLE: f64 = 0.0025;
+/// A cause that explains so much cost has bent the baseline so far that what bent it may not be what it points to.
+pub(super) const FAR_BENT: f64 = 2000.0;
+/// A set that explains more than that is beyond doubt where every other one is behind by as much and by this share of it.
+const FAR_BEHIND: f64 = 0.1;
 /// Root mean square of a coordinate below which nothing matters, however certain \[m\]: pictures are wrong by a tenth of a pixel,
 /// on and on.
 pub(super) const NEGLIGIBLE_M: f64 = 2e-5;
@@ -49,6 +53,17 @@ pub(super) struct Found<'a> {
     pub(super) leader: State<'a>,
     /// Scores of all candidates against the baseline.
     pub(super) first: Scores,
+}
+
+impl Found<'_> {
+    /// Whether the leader is beyond doubt: it explains very much, and nothing else comes near.
+    pub(super) fn is_clear(&self, baseline: &State<'_>) -> bool {
+        let leader = sets(&self.leader);
+        let far = FAR_BENT.max(FAR_BEHIND * (baseline.cost - self.leader.cost));
+        let holds_leader = |state: &State<'_>| leader.iter().all(|name| sets(state).contains(name));
+        let mut others = self.tried.iter().filter(|state| !holds_leader(state));
+        !leader.is_empty() && others.all(|other| other.bic() - self.leader.bic() > far)
+    }
 }
 
 /// The candidates and what they may be combined with.
@@ -112,17 +127,21 @@ impl<'b> Search<'b> {
         self.run_from(baseline, baseline, Vec::new(), MOST_CAUSES)
     }
 
-    /// Looks once more with the noise of `floor`, from where each cause alone ended in `found`.
+    /// Looks once more with the noise of `floor`, from where the causes ended in `found`; not for others where its leader `is_clear`.
     pub(super) fn run_again<'a>(
         &mut self,
         baseline: &State<'a>,
         found: Found<'a>,
         floor: &Floor,
+        is_clear: bool,
     ) -> Result<Found<'a>, DiagnoseError> {
         self.expanded.clear();
-        let single = found.tried.into_iter().filter(|state| state.causes.len() == 1);
-        let single: Vec<State<'a>> = single.take(SHORT_LIST).collect();
-        let again = single
+        let sorts = found.tried.iter().filter(|state| !state.causes.is_empty());
+        let again: Vec<State<'a>> = match is_clear {
+            true => [&found.leader].into_iter().chain(sorts.take(SHORT_LIST)).cloned().collect(),
+            false => sorts.filter(|state| state.causes.len() == 1).take(SHORT_LIST).cloned().collect(),
+        };
+        let again = again
             .into_par_iter()
             .map(|mut state| {
                 let mut counts = Counts::default();
@@ -130,8 +149,20 @@ impl<'b> Search<'b> {
                 (state.descend(&mut counts).then_some(state), counts)
             })
             .collect();
-        let known = self.counted(again);
-        self.run_from(baseline, baseline, known, MOST_CAUSES)
+        let mut known = self.counted(again);
+        let leader = sets(&found.leader);
+        match known.first().filter(|first| is_clear && sets(first) == leader).cloned() {
+            Some(leader) => {
+                self.says("scoring every cause")?;
+                known.push(baseline.clone());
+                known.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
+                Ok(Found { first: self.score(baseline), leader, tried: known })
+            }
+            None => {
+                known.retain(|state| state.causes.len() == 1);
+                self.run_from(baseline, baseline, known, MOST_CAUSES)
+            }
+        }
     }
 
     /// Looks once more, from the model's own values, and adds what is better to `found`: a baseline that has bent far to cover

@@ -157,9 +157,16 @@ impl<'a> State<'a> {
         self.linear.clear();
     }
 
-    /// This state with `cause` added, neutral, before any fit.
+    /// The same in steps that are nowhere long, for forces that the model lacks.
+    pub(crate) fn nowhere_long(&self) -> Self {
+        let mut short = Self { linear: Vec::new(), ..self.clone() };
+        short.terms.iter_mut().for_each(|term| term.rehearsal = term.rehearsal.clone().nowhere_long());
+        short
+    }
+
+    /// This state with `cause` added, neutral, before any fit; in steps that are nowhere long.
     pub(crate) fn with(&self, cause: &CauseTerm) -> Self {
-        let mut next = Self { linear: Vec::new(), ..self.clone() };
+        let mut next = self.nowhere_long();
         next.model = cause.added_to(&self.model);
         cause.switched_on(&mut next.model);
         let added = cause.free(&next.model);
