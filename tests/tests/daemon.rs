@@ -7,6 +7,7 @@ fn short_experiment(config: &mut toml::Table, cron: &str) {
     set(config, "profile", "cycles", 1);
     set(config, "profile", "soft_start_cycles", 0);
     set(config, "fit", "parameters", vec!["q2/damping".to_owned()]);
+    set(config, "run", "diagnose", false);
     set(config, "schedule", "cron", cron);
 }
 

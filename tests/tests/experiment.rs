@@ -94,6 +94,7 @@ fn counter_clockwise_command_is_counter_clockwise_in_the_picture() {
         set(config, "profile", "cycles", 1);
         set(config, "profile", "soft_start_cycles", 0);
         set(config, "fit", "parameters", vec!["q2/damping".to_owned()]);
+        set(config, "run", "diagnose", false);
     });
     let output = run_rig(["run".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), runs.as_os_str()]);
     assert!(output.status.success(), "{}", printed(&output));

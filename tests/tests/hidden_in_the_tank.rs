@@ -38,6 +38,7 @@ fn film(folder: &Path, shipped: &str, causes: &str, change: impl FnOnce(&mut tom
         set(config, "mock", "tank", tank.to_str().expect("a readable path"));
         // what a run says of itself is not asked here
         set(config, "fit", "parameters", vec!["q2/damping".to_owned()]);
+        set(config, "run", "diagnose", false);
         change(config);
     });
     let output = run_rig(["run".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), runs.as_os_str()]);
