@@ -139,6 +139,13 @@ fn planned_steps_are_as_exact_as_asked_for() {
         println!("{}: {count} steps, estimated {estimate_m:.1e} m, true {worst:.1e} m", model.name);
         assert_eq!(plan.steps.method, expected);
         assert!(worst < 2e-5, "{worst}");
+        // steps that do for the motion stay, others do not
+        let again = |accuracy_m| {
+            let options = RolloutOptions { steps: Some(plan.steps.clone()), ..options.clone() };
+            sim::plan(&model, &state, &command, &times, &options, accuracy_m).unwrap().steps.ends_s.len()
+        };
+        assert_eq!(again(1e-5), count);
+        assert!(again(1e-8) > count && again(1e-4) <= count);
     }
 }
 
