@@ -121,6 +121,27 @@ pub fn sensitivities(
     Ok(all)
 }
 
+/// The `part` in question of each of the first `lanes` of `places`, shape (lanes, places). Goes through the places once: they are
+/// many and wide.
+fn per_lane<T: Scalar, L: Packed>(
+    places: &[[T; 3]],
+    lanes: usize,
+    part: impl Fn(T) -> L,
+) -> Vec<Vec<[f64; 3]>> {
+    let mut apart: Vec<Vec<[f64; 3]>> = (0..lanes).map(|_| Vec::with_capacity(places.len())).collect();
+    let mut numbers = [[0.0; Isa::MOST_CANDIDATES]; 3];
+    for place in places {
+        for (numbers, &x) in numbers.iter_mut().zip(place) {
+            part(x).unpack(numbers);
+        }
+        let [x, y, z] = &numbers;
+        for (lane, own) in apart.iter_mut().enumerate() {
+            own.push([x[lane], y[lane], z[lane]]);
+        }
+    }
+    apart
+}
+
 /// As many candidates as there are lanes, or fewer.
 struct Group<'a> {
     model: &'a Model,
@@ -159,26 +180,36 @@ impl InLanes for Group<'_> {
     type Output = Result<Vec<Positions>, RolloutError>;
     const MANIFOLD: bool = false;
 
+    fn wanted(&self) -> usize {
+        self.group.len()
+    }
+
     fn with<L: Packed>(self) -> Self::Output {
         let (model, state) = (self.model::<L>(), self.state::<L>());
         let model = model.altered().unwrap_or(model);
         let Self { command, columns, sample_times_s, options, .. } = self;
         let start_s = self.packed(|candidate| candidate.start_s);
-        let run = Run { model: &model, state: &state, start_s, command, columns, sample_times_s, options };
+        let states = false;
+        let run =
+            Run { model: &model, state: &state, start_s, command, columns, sample_times_s, options, states };
         let samples = match simulator::plane(&model, options) {
             Some(plane) => run.through::<Planar<L>>(plane),
             None => run.through::<Spatial<L>>(()),
         }?;
+        let lanes = self.group.len();
+        let position_m = per_lane(&samples.position_m, lanes, |x| x);
         let mut failed = samples.failed;
-        Ok((0..self.group.len())
-            .map(|lane| match failed[lane].take() {
+        Ok(position_m
+            .into_iter()
+            .enumerate()
+            .map(|(lane, position_m)| match failed[lane].take() {
                 // steps are counted on the clock of the commands
                 Some(RolloutError::Diverged { joint, time_s }) => {
                     let time_s = time_s + self.group[lane].start_s - options.start_s;
                     Err(RolloutError::Diverged { joint, time_s })
                 }
                 Some(error) => Err(error),
-                None => Ok(samples.position_m.iter().map(|place| place.map(|x| x.lane(lane))).collect()),
+                None => Ok(position_m),
             })
             .collect())
     }
@@ -208,6 +239,10 @@ impl InLanes for Fan<'_> {
     type Output = Result<Sensitivities, RolloutError>;
     const MANIFOLD: bool = true;
 
+    fn wanted(&self) -> usize {
+        self.group.len()
+    }
+
     fn with<L: Packed>(self) -> Self::Output {
         let Self { candidate, command, columns, sample_times_s, options, .. } = self;
         let mut model = self.model.map(Dual::<L, 1>::from_f64);
@@ -220,7 +255,9 @@ impl InLanes for Fan<'_> {
         let qvel = qvel.iter().enumerate().map(|(i, &v)| self.varied(v, |along| along.qvel[i])).collect();
         let state = State { qpos, qvel };
         let start_s = self.varied(candidate.start_s, |along| along.start_s);
-        let run = Run { model: &model, state: &state, start_s, command, columns, sample_times_s, options };
+        let states = false;
+        let run =
+            Run { model: &model, state: &state, start_s, command, columns, sample_times_s, options, states };
         let mut samples = match simulator::plane(&model, options) {
             Some(plane) => run.through::<Planar<Dual<L, 1>>>(plane),
             None => run.through::<Spatial<Dual<L, 1>>>(()),
@@ -229,10 +266,9 @@ impl InLanes for Fan<'_> {
             return Err(error);
         }
         let places = &samples.position_m;
-        let slope = |lane: usize| places.iter().map(|at| at.map(|x| x.partials[0].lane(lane))).collect();
         Ok(Sensitivities {
             position_m: places.iter().map(|at| at.map(|x| x.value.lane(0))).collect(),
-            slopes: (0..self.group.len()).map(slope).collect(),
+            slopes: per_lane(places, self.group.len(), |x| x.partials[0]),
         })
     }
 }

@@ -166,7 +166,8 @@ pub fn rollout<T: Scalar>(
     let altered = model.altered();
     let model = altered.as_ref().unwrap_or(model);
     let start_s = T::from_f64(options.start_s);
-    let run = Run { model, state, start_s, command, columns: &columns, sample_times_s, options };
+    let states = true;
+    let run = Run { model, state, start_s, command, columns: &columns, sample_times_s, options, states };
     let mut run = match simulator::plane(model, options) {
         Some(plane) => run.through::<Planar<T>>(plane),
         None => run.through::<Spatial<T>>(()),
@@ -195,11 +196,13 @@ pub(crate) struct Run<'a, T> {
     pub(crate) columns: &'a [Option<usize>],
     pub(crate) sample_times_s: &'a [f64],
     pub(crate) options: &'a RolloutOptions,
+    /// Whether coordinates and velocities are asked for, or keypoints only.
+    pub(crate) states: bool,
 }
 
 /// What came of it.
 pub(crate) struct Samples<T> {
-    /// Shapes as in [`Rollout`].
+    /// Shapes as in [`Rollout`]; coordinates and velocities are empty where nobody asks for them.
     pub(crate) qpos: Vec<T>,
     pub(crate) qvel: Vec<T>,
     pub(crate) position_m: Vec<[T; 3]>,
@@ -211,7 +214,7 @@ impl<T: Scalar> Run<'_, T> {
     /// Simulates in the space that `layout` describes. Every lane takes the same steps from its own start; a lane that
     /// diverges is put back to its initial state, so that its neighbours never meet its numbers.
     pub(crate) fn through<S: Space<T = T>>(&self, layout: S::Layout) -> Result<Samples<T>, RolloutError> {
-        let Self { model, state, start_s, command, columns, sample_times_s, options } = *self;
+        let Self { model, state, start_s, command, columns, sample_times_s, options, states } = *self;
         let path = CommandPath::new(model, command);
         let command = |drive: usize, time_s: f64| path.at(drive, time_s);
 
@@ -232,9 +235,10 @@ impl<T: Scalar> Run<'_, T> {
             .map(|(body, at)| (body, at, S::vector(&engine.plant.layout, body, at)))
             .collect();
         let (instants, nq, nv) = (sample_times_s.len(), after.qpos.len(), after.qvel.len());
+        let kept = if states { instants } else { 0 };
         let mut out = Samples {
-            qpos: vec![T::ZERO; instants * nq],
-            qvel: vec![T::ZERO; instants * nv],
+            qpos: vec![T::ZERO; kept * nq],
+            qvel: vec![T::ZERO; kept * nv],
             position_m: vec![[T::ZERO; 3]; instants * sites.len()],
             failed: vec![None; T::LANES],
         };
@@ -301,11 +305,15 @@ impl<T: Scalar> Run<'_, T> {
                             let [a, b, c] = *place;
                             *place = [T::select(here, x, a), T::select(here, y, b), T::select(here, z, c)];
                         }
-                        for (kept, &q) in out.qpos[row * nq..(row + 1) * nq].iter_mut().zip(&sample.qpos) {
-                            *kept = T::select(here, q, *kept);
-                        }
-                        for (kept, &v) in out.qvel[row * nv..(row + 1) * nv].iter_mut().zip(&sample.qvel) {
-                            *kept = T::select(here, v, *kept);
+                        if states {
+                            let kept = &mut out.qpos[row * nq..(row + 1) * nq];
+                            for (kept, &q) in kept.iter_mut().zip(&sample.qpos) {
+                                *kept = T::select(here, q, *kept);
+                            }
+                            let kept = &mut out.qvel[row * nv..(row + 1) * nv];
+                            for (kept, &v) in kept.iter_mut().zip(&sample.qvel) {
+                                *kept = T::select(here, v, *kept);
+                            }
                         }
                     }
                 });

@@ -267,18 +267,15 @@ fn sensitivities_in_lanes_are_the_derivatives() {
         })
         .collect();
     let candidate = Candidate { values, state: model.rest_state(), start_s: 0.0 };
-    let (command, isa) = (driven(), Isa::best());
-    let sensed = batch::sensitivities(
-        &model,
-        &parameters,
-        &candidate,
-        &directions,
-        &command,
-        &samples(),
-        &case.options,
-        isa,
-    )
-    .unwrap();
+    let command = driven();
+    let of = |isa: Isa| {
+        let (at, times, options) = (&candidate, &samples(), &case.options);
+        batch::sensitivities(&model, &parameters, at, &directions, &command, times, options, isa).unwrap()
+    };
+    let sensed = of(Isa::best());
+    for isa in Isa::available() {
+        assert_eq!(of(isa), sensed, "{}", isa.name());
+    }
     let names: Vec<String> = VARIED.iter().map(ToString::to_string).collect();
     let exact: Vec<Vec<f64>> = names.chunks(AT_ONCE).flat_map(|names| case.exact(&model, names)).collect();
     for ((name, slopes), exact) in names.iter().zip(&sensed.slopes).zip(&exact) {

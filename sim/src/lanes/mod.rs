@@ -53,20 +53,24 @@ impl Isa {
         Self::available().last().copied().unwrap_or(Self::Baseline)
     }
 
-    /// How many candidates share one pass.
+    /// No machine has lanes for more candidates.
+    pub(crate) const MOST_CANDIDATES: usize = 16;
+
+    /// How many candidates share one pass, at most: two registers full.
     pub fn candidates(self) -> usize {
         match self {
             Self::Baseline => 1,
-            // two registers of four, or one of eight
-            Self::Avx2 | Self::Avx512 => 8,
+            Self::Avx2 => 8,
+            Self::Avx512 => Self::MOST_CANDIDATES,
         }
     }
 
-    /// How many directions of one candidate share one pass.
+    /// How many directions of one candidate share one pass, at most: a register full, beside one of values.
     pub fn directions(self) -> usize {
         match self {
             Self::Baseline => 1,
-            Self::Avx2 | Self::Avx512 => 4,
+            Self::Avx2 => 4,
+            Self::Avx512 => 8,
         }
     }
 
@@ -89,20 +93,28 @@ pub(crate) trait InLanes {
     #[allow(dead_code, reason = "some machines have no registers to fill")]
     const MANIFOLD: bool;
 
+    /// How many lanes it needs.
+    #[allow(dead_code, reason = "some machines have one only")]
+    fn wanted(&self) -> usize;
+
     /// Does it.
     fn with<L: Packed>(self) -> Self::Output;
 }
 
-/// Does `work` in the lanes of `isa`; one that this machine lacks is replaced by its best.
+/// Does `work` in the lanes of `isa`, or narrower ones that it fits into; one that this machine lacks is replaced by its best.
 pub(crate) fn dispatch<W: InLanes>(isa: Isa, work: W) -> W::Output {
     let isa = if Isa::available().contains(&isa) { isa } else { Isa::best() };
+    #[cfg(all(target_arch = "x86_64", not(test)))]
+    let narrow = if W::MANIFOLD { Isa::Avx2.directions() } else { Isa::Avx2.candidates() };
     match isa {
+        #[cfg(all(target_arch = "x86_64", not(test)))]
+        Isa::Avx512 if work.wanted() > narrow && W::MANIFOLD => work.with::<x86::OneOfAvx512>(),
+        #[cfg(all(target_arch = "x86_64", not(test)))]
+        Isa::Avx512 if work.wanted() > narrow => work.with::<x86::TwoOfAvx512>(),
         #[cfg(all(target_arch = "x86_64", not(test)))]
         Isa::Avx2 | Isa::Avx512 if W::MANIFOLD => work.with::<x86::OneOfAvx2>(),
         #[cfg(all(target_arch = "x86_64", not(test)))]
-        Isa::Avx2 => work.with::<x86::TwoOfAvx2>(),
-        #[cfg(all(target_arch = "x86_64", not(test)))]
-        Isa::Avx512 => work.with::<x86::OneOfAvx512>(),
+        Isa::Avx2 | Isa::Avx512 => work.with::<x86::TwoOfAvx2>(),
         _ => work.with::<f64>(),
     }
 }
@@ -114,6 +126,9 @@ pub(crate) trait Packed: Scalar {
 
     /// The value in `lane`.
     fn lane(self, lane: usize) -> f64;
+
+    /// Writes the values of all lanes to the front of `values`.
+    fn unpack(self, values: &mut [f64]);
 }
 
 impl Packed for f64 {
@@ -123,5 +138,9 @@ impl Packed for f64 {
 
     fn lane(self, _: usize) -> f64 {
         self
+    }
+
+    fn unpack(self, values: &mut [f64]) {
+        values[0] = self;
     }
 }

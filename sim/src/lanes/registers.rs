@@ -31,6 +31,8 @@ pub(super) trait Register: Copy + Send + Sync + 'static {
     fn test(mask: Self::Mask, lane: usize) -> bool;
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
     fn get(self, lane: usize) -> f64;
+    /// Writes its numbers to `values`, which has room for just these.
+    fn store(self, values: &mut [f64]);
     fn set(self, lane: usize, x: f64) -> Self;
 
     fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask;
@@ -85,6 +87,13 @@ impl<R: Register, const N: usize> Packed for Lanes<R, N> {
 
     fn lane(self, lane: usize) -> f64 {
         self.0[lane / R::WIDTH].get(lane % R::WIDTH)
+    }
+
+    #[inline(always)]
+    fn unpack(self, values: &mut [f64]) {
+        for (register, values) in self.0.into_iter().zip(values.chunks_exact_mut(R::WIDTH)) {
+            register.store(values);
+        }
     }
 }
 

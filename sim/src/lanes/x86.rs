@@ -13,6 +13,7 @@ use super::registers::{Lanes, Register};
 pub(crate) type OneOfAvx2 = Lanes<__m256d, 1>;
 pub(crate) type TwoOfAvx2 = Lanes<__m256d, 2>;
 pub(crate) type OneOfAvx512 = Lanes<__m512d, 1>;
+pub(crate) type TwoOfAvx512 = Lanes<__m512d, 2>;
 
 #[target_feature(enable = "avx2")]
 fn with_avx2<O>(work: impl FnOnce() -> O) -> O {
@@ -79,6 +80,12 @@ macro_rules! register {
             // SAFETY: a register is its numbers side by side
             let numbers = unsafe { transmute::<$type, [f64; $width]>(self) };
             numbers[lane]
+        }
+
+        #[inline(always)]
+        fn store(self, values: &mut [f64]) {
+            // SAFETY: as above
+            values.copy_from_slice(&unsafe { transmute::<$type, [f64; $width]>(self) });
         }
 
         #[inline(always)]
