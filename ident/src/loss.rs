@@ -61,9 +61,23 @@ pub fn observations(
 /// Residuals, measured - simulated in standard deviations, of `observations` against `simulated_m`, which is
 /// laid out as their trajectory is: shape (N, K) with K = `width`.
 pub fn residuals(observations: &[Observation], simulated_m: &[[f64; 3]], width: usize) -> Vec<f64> {
-    let residual =
-        |o: &Observation| (o.measured_m - simulated_m[o.instant * width + o.keypoint][o.axis]) * o.per_m;
-    observations.iter().map(residual).collect()
+    residuals_of_all(observations, &[simulated_m], width).remove(0)
+}
+
+/// The same for each of several simulations; the observations, many more than fit a processor's cache, are gone through once.
+pub fn residuals_of_all(
+    observations: &[Observation],
+    simulated_m: &[&[[f64; 3]]],
+    width: usize,
+) -> Vec<Vec<f64>> {
+    let mut all: Vec<Vec<f64>> = simulated_m.iter().map(|_| Vec::with_capacity(observations.len())).collect();
+    for o in observations {
+        let place = o.instant * width + o.keypoint;
+        for (residuals, simulated_m) in all.iter_mut().zip(simulated_m) {
+            residuals.push((o.measured_m - simulated_m[place][o.axis]) * o.per_m);
+        }
+    }
+    all
 }
 
 /// Squared distances by keypoint, added up over images and runs.

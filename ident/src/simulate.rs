@@ -68,6 +68,8 @@ pub struct Numbers<'a> {
     pub varied: &'a [std::ops::Range<usize>],
 }
 
+/// Errors of simulation that are lost in the noise, as a share of it.
+const LOST: f64 = 0.05;
 /// Steps are planned this much more exact than wanted, for candidates that move faster than the nominal one.
 const MARGIN: f64 = 2.0;
 /// A candidate too stiff for the plan is simulated with each step in so many parts, the first that it bears.
@@ -99,9 +101,9 @@ pub struct Rehearsal<'a> {
 }
 
 impl<'a> Rehearsal<'a> {
-    /// Makes `run` ready with its `estimate`; keypoints that the model does not have must have been refused
-    /// before ([`crate::experiment::Experiment::check`]).
-    pub fn new(model: &Model, run: &'a Run, estimate: Estimate) -> Self {
+    /// Makes `run` ready with its `estimate`, in the cheapest steps whose errors are lost in noise of `noise_m` \[m\]; keypoints
+    /// that the model does not have must have been refused before ([`crate::experiment::Experiment::check`]).
+    pub fn new(model: &Model, run: &'a Run, estimate: Estimate, noise_m: f64) -> Self {
         let mut nuisances = Vec::new();
         if run.initial.is_none() {
             let frozen = prescribed_dofs(model, run);
@@ -132,27 +134,28 @@ impl<'a> Rehearsal<'a> {
             columns: columns.collect(),
         };
         // Where no step is exact enough at the nominal values, the model's own has to do.
-        rehearsal.plan = rehearsal.planned(model, &rehearsal.start, sim::ACCURACY_M);
+        rehearsal.plan = rehearsal.planned(model, &rehearsal.start, noise_m);
         rehearsal.steps = rehearsal.plan.clone();
         rehearsal
     }
 
-    /// Steps for `model` from `start` as exact as `accuracy_m` \[m\]; none where no step is.
-    fn planned(&self, model: &Model, start: &Start, accuracy_m: f64) -> Option<Steps> {
+    /// Steps for `model` from `start` whose errors are lost in noise of `noise_m` \[m\]; none where no step is so exact.
+    fn planned(&self, model: &Model, start: &Start, noise_m: f64) -> Option<Steps> {
+        let accuracy_m = sim::ACCURACY_M.max(LOST * noise_m);
         let options = RolloutOptions { steps: self.plan.clone(), ..self.options(start.start_s, 1) };
         let times = &self.run.trajectory.time_s;
         let plan = sim::plan(model, &start.state, &self.command, times, &options, accuracy_m / MARGIN);
         plan.ok().map(|plan| plan.steps)
     }
 
-    /// The same in steps planned for `model` with `offsets`, which may be quicker or stiffer than the one before; as exact as
-    /// `accuracy_m` \[m\].
-    pub fn replanned(mut self, model: &Model, offsets: &[f64], accuracy_m: f64) -> Self {
+    /// The same in steps planned for `model` with `offsets`, which may be quicker or stiffer than the one before, and for noise of
+    /// `noise_m` \[m\].
+    pub fn replanned(mut self, model: &Model, offsets: &[f64], noise_m: f64) -> Self {
         let mut own = model.clone();
         for (place, value) in self.own(offsets) {
             own.set(place, value);
         }
-        let planned = self.planned(&own, &self.start_with(model, offsets), accuracy_m);
+        let planned = self.planned(&own, &self.start_with(model, offsets), noise_m);
         self.plan = planned.or(self.plan);
         self.steps = self.plan.clone();
         self
@@ -246,7 +249,7 @@ impl<'a> Rehearsal<'a> {
         let rollout = self.bearable(self.parts, |parts| {
             rollout(&own, &state, &self.command, times, &self.options(start_s, parts))
         })?;
-        Ok(self.measured(&rollout.position_m, rollout.keypoints.len()))
+        Ok(self.measured(rollout.position_m, rollout.keypoints.len()))
     }
 
     /// What [`Rehearsal::simulate`] yields for each of many candidates, side by side: values of `parameters` in `model`, and
@@ -277,7 +280,7 @@ impl<'a> Rehearsal<'a> {
             }
         }
         let width = model.keypoint_sites().len();
-        Ok(all.into_iter().map(|one| one.map(|position_m| self.measured(&position_m, width))).collect())
+        Ok(all.into_iter().map(|one| one.map(|position_m| self.measured(position_m, width))).collect())
     }
 
     /// What [`Rehearsal::simulate`] yields, and its derivatives: by the parameters `at` which it is, then by the nuisances; of all these only the
@@ -350,8 +353,8 @@ impl<'a> Rehearsal<'a> {
         })?;
         let width = model.keypoint_sites().len();
         Ok(batch::Sensitivities {
-            position_m: self.measured(&found.position_m, width),
-            slopes: found.slopes.iter().map(|slope| self.measured(slope, width)).collect(),
+            position_m: self.measured(found.position_m, width),
+            slopes: found.slopes.into_iter().map(|slope| self.measured(slope, width)).collect(),
         })
     }
 
@@ -397,7 +400,10 @@ impl<'a> Rehearsal<'a> {
     }
 
     /// Of the model's keypoints, shape (N, `width`), those that were measured, in the trajectory's order.
-    fn measured(&self, positions: &[[f64; 3]], width: usize) -> Vec<[f64; 3]> {
+    fn measured(&self, positions: Vec<[f64; 3]>, width: usize) -> Vec<[f64; 3]> {
+        if self.columns.iter().copied().eq(0..width) {
+            return positions;
+        }
         positions.chunks(width.max(1)).flat_map(|row| self.columns.iter().map(|&k| row[k])).collect()
     }
 }

@@ -91,7 +91,7 @@ fn joined<'b>(
     let weighting = Weighting { noise_m: floor.noise_m, use_stated: false, run_weight: 1.0 };
     let list = observations(&run.trajectory, weighting, |_| true);
     let mut alone = State { linear: Vec::new(), ..state.clone() };
-    alone.terms = vec![Term::new(Rehearsal::new(&model, run, estimate), list)];
+    alone.terms = vec![Term::new(Rehearsal::new(&model, run, estimate, floor.noise_m), list)];
     alone.point.offsets = vec![vec![0.0; alone.terms[0].rehearsal.nuisances.len()]];
     let interval_s = floor.runs.first().map_or(0.01, |run| run.interval_s);
     let std_m = vec![floor.noise_m; run.trajectory.keypoints.len()];

@@ -40,7 +40,7 @@ pub(super) fn baseline<'a>(
         let estimate = initial::estimate(&experiment.model, run, noise_m)?;
         let weighting = Weighting { noise_m: seen.std_m, use_stated: false, run_weight: 1.0 };
         let list = observations(&run.trajectory, weighting, |_| true);
-        terms.push(Term::new(Rehearsal::new(&experiment.model, run, estimate), list));
+        terms.push(Term::new(Rehearsal::new(&experiment.model, run, estimate, noise_m), list));
     }
     if terms.is_empty() {
         return Err(FitError::NothingToFit.into());

@@ -22,7 +22,7 @@ fn held_out<'a>(experiment: &'a Experiment, state: &State<'a>, floor: &Floor) ->
         let estimate = initial::estimate(&model, run, floor.noise_m).ok()?;
         let weighting = Weighting { noise_m: floor.noise_m, use_stated: true, run_weight: 1.0 };
         let list = observations(&run.trajectory, weighting, |_| true);
-        terms.push(Term::new(Rehearsal::new(&model, run, estimate), list));
+        terms.push(Term::new(Rehearsal::new(&model, run, estimate, floor.noise_m), list));
         runs.push(RunFloor {
             id: run.id.clone(),
             std_m: vec![floor.noise_m; run.trajectory.keypoints.len()],

@@ -53,8 +53,6 @@ fn relative_std(trajectory: &Trajectory) -> Vec<f64> {
 
 /// A share of the cost that is not worth a step: a twentieth of what could matter to anyone.
 const SMALL: f64 = 1e-5;
-/// Errors of simulation that are lost in the noise, as a share of it.
-const EXACT: f64 = 0.05;
 /// Most steps of one descent: a fit that needs more is told apart by the next one.
 const MOST_STEPS: usize = 25;
 
@@ -146,13 +144,12 @@ impl<'a> State<'a> {
         true
     }
 
-    /// Plans the steps of all runs for what the model does now: with a cause it may be stiffer than the one they were planned for.
-    /// A twentieth of the noise, of `noise_m` \[m\], is exact enough.
+    /// Plans the steps of all runs for what the model does now, and for noise of `noise_m` \[m\]: with a cause it may be stiffer
+    /// than the one they were planned for.
     pub(crate) fn replan(&mut self, noise_m: f64) {
         let model = self.calibrated();
-        let accuracy_m = sim::ACCURACY_M.max(EXACT * noise_m);
         self.terms.par_iter_mut().zip(&self.point.offsets).for_each(|(term, offsets)| {
-            term.rehearsal = term.rehearsal.clone().replanned(&model, offsets, accuracy_m);
+            term.rehearsal = term.rehearsal.clone().replanned(&model, offsets, noise_m);
         });
         self.linear.clear();
     }

@@ -241,7 +241,7 @@ pub(crate) fn hold_out(
     };
     let weighting = Weighting { noise_m, use_stated: true, run_weight: 1.0 };
     let seen = observations(&run.trajectory, weighting, |time_s| time_s <= window_s);
-    let term = Term::new(Rehearsal::new(model, run, estimate), seen);
+    let term = Term::new(Rehearsal::new(model, run, estimate, noise_m), seen);
     let nothing = Parameters::default();
     let problem = Problem { model, parameters: &nothing, terms: vec![term] };
     let objective = Objective::squares(problem);

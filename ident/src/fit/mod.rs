@@ -15,7 +15,7 @@
 //!   * *convergence*: the stop criteria of [`crate::cmaes`] at a loss share of 1e-8, or `max_evaluations`;
 //!   * *initial poses and release times*: fitted by least squares at anchor points and eliminated in between
 //!     by linearisation, so that D stays the number of parameters and a candidate costs one simulation per run;
-//!   * *evaluation cache*: holds between two anchors, since a new anchor changes every loss;
+//!   * *evaluation cache*: none, since candidates drawn from a continuum do not come twice;
 //!   * *several runs*: their images are pooled; *diverging candidates* rank last.
 //! * `cma-es`: the same search, with stated standard deviations.
 //! * `least-squares`: Levenberg-Marquardt from the model's values, starts and parameters together.
@@ -316,5 +316,8 @@ impl AssumedNoise {
 fn whole<'a>(model: &Model, run: &'a Run, noise_m: f64, use_stated: bool) -> Result<Term<'a>, FitError> {
     let estimate = initial::estimate(model, run, noise_m)?;
     let weighting = Weighting { noise_m, use_stated, run_weight: run.weight };
-    Ok(Term::new(Rehearsal::new(model, run, estimate), observations(&run.trajectory, weighting, |_| true)))
+    Ok(Term::new(
+        Rehearsal::new(model, run, estimate, noise_m),
+        observations(&run.trajectory, weighting, |_| true),
+    ))
 }

@@ -10,7 +10,7 @@ use sim::model::Parameter;
 
 use super::counts::Counts;
 use super::whitening::Whitening;
-use crate::loss::{Observation, residuals};
+use crate::loss::{Observation, residuals, residuals_of_all};
 use crate::parameters::Parameters;
 use crate::simulate::{Numbers, Rehearsal};
 
@@ -43,17 +43,18 @@ impl<'a> Term<'a> {
         let candidates: Vec<(Vec<f64>, &[f64])> =
             points.iter().map(|point| (spread(point), &point.offsets[run][..])).collect();
         let width = self.rehearsal.run.trajectory.keypoints.len();
-        let of = |simulated: Vec<[f64; 3]>| {
-            let mut residuals = residuals(&self.observations, &simulated, width);
+        let all = self.rehearsal.simulate_all(problem.model, places, &candidates, self.instants);
+        let all: Vec<Option<Vec<[f64; 3]>>> =
+            all.map_or_else(|_| vec![None; points.len()], |all| all.into_iter().map(Result::ok).collect());
+        let simulated: Vec<&[[f64; 3]]> = all.iter().flatten().map(Vec::as_slice).collect();
+        let mut found = residuals_of_all(&self.observations, &simulated, width).into_iter();
+        let whitened = |mut residuals: Vec<f64>| {
             if let Some(whitening) = &self.whitening {
                 whitening.apply(&mut residuals);
             }
             residuals.into()
         };
-        match self.rehearsal.simulate_all(problem.model, places, &candidates, self.instants) {
-            Ok(all) => all.into_iter().map(|one| one.ok().map(of)).collect(),
-            Err(_) => vec![None; points.len()],
-        }
+        all.iter().map(|one| one.as_ref().and_then(|_| found.next()).map(whitened)).collect()
     }
 
     /// Residuals and the `columns` of their derivatives.
@@ -156,8 +157,9 @@ impl<'a> Problem<'a> {
         let runs = self.terms.len();
         counts.rollouts += (points.len() * runs) as u64;
         let places = self.parameters.places();
-        // one task is a run with as many points as share a pass
-        let together = sim::Isa::best().candidates();
+        // one task is a run with as many points as share a pass, or fewer where a thread would have nothing to do
+        let shares = rayon::current_num_threads().div_ceil(runs.max(1));
+        let together = points.len().div_ceil(shares).clamp(1, sim::Isa::best().candidates());
         let tasks: Vec<(usize, usize)> = (0..runs)
             .flat_map(|run| (0..points.len()).step_by(together).map(move |first| (run, first)))
             .collect();

@@ -41,8 +41,6 @@ pub(super) struct Search {
     pub(super) cost: Option<f64>,
     /// Best candidate since the anchor was set, in the unit box, with its cost.
     candidate: Option<(Vec<f64>, f64)>,
-    /// Everything evaluated since the anchor was set: losses before were measured with other starts.
-    cache: Vec<(Vec<f64>, Option<f64>)>,
     /// Derived from the anchor, never saved.
     #[serde(skip)]
     elimination: Option<Vec<Elimination>>,
@@ -81,16 +79,7 @@ impl Search {
         let (anchor, cost) = settle(objective, start, counts);
         let sampler = CmaEs::new(&objective.parameters().units(&anchor.values), options);
         let restarting = Restarting::new(restarts, &sampler);
-        Self {
-            sampler,
-            restarting,
-            stop: None,
-            anchor,
-            cost,
-            candidate: None,
-            cache: Vec::new(),
-            elimination: None,
-        }
+        Self { sampler, restarting, stop: None, anchor, cost, candidate: None, elimination: None }
     }
 
     /// Why the search is over, once it is.
@@ -129,49 +118,38 @@ impl Search {
 
     /// Fits the starts of the best candidate; it becomes the anchor if that makes it the best point.
     pub(super) fn drop_anchor(&mut self, objective: &Objective<'_>, counts: &mut Counts) {
-        let Some((point, _)) = self.candidate.take() else { return };
+        let Some((point, loss)) = self.candidate.take() else { return };
         let start =
             Point { values: objective.parameters().values(&point), offsets: self.anchor.offsets.clone() };
-        let (settled, cost) = settle(objective, start, counts);
+        let known = start.offsets.iter().all(Vec::is_empty);
+        let (settled, cost) = if known { (start, Some(loss)) } else { settle(objective, start, counts) };
         if cost.is_some_and(|cost| self.cost.is_none_or(|best| cost < best)) {
             (self.anchor, self.cost) = (settled, cost);
             self.elimination = Some(eliminate(objective, &self.anchor, counts));
-            self.cache.clear();
         }
     }
 
-    /// Losses of candidates in the unit box, known ones from the cache.
-    fn losses(&mut self, objective: &Objective<'_>, units: &[Vec<f64>], counts: &mut Counts) -> Vec<f64> {
-        let known =
-            |point: &Vec<f64>| self.cache.iter().find(|(other, _)| other == point).map(|(_, loss)| *loss);
-        let new: Vec<&Vec<f64>> = units.iter().filter(|point| known(point).is_none()).collect();
+    /// Losses of candidates in the unit box.
+    fn losses(&self, objective: &Objective<'_>, units: &[Vec<f64>], counts: &mut Counts) -> Vec<f64> {
         let problem = &objective.problem;
         let runs = problem.terms.len();
         counts.evaluations += units.len() as u64;
-        let points: Vec<Point> = new
-            .iter()
-            .map(|point| Point {
-                values: problem.parameters.values(point),
-                offsets: self.anchor.offsets.clone(),
-            })
-            .collect();
+        let point = |units: &Vec<f64>| Point {
+            values: problem.parameters.values(units),
+            offsets: self.anchor.offsets.clone(),
+        };
+        let points: Vec<Point> = units.iter().map(point).collect();
         let elimination = self.elimination.as_deref().unwrap_or(&[]);
         let judge = |run: usize, residuals: &DVector<f64>| match elimination.get(run) {
             Some(elimination) => elimination.cost(residuals, objective.loss),
             None => cost(residuals, objective.loss),
         };
         let parts = problem.judged(&points, judge, counts);
-        for (index, point) in new.into_iter().enumerate() {
-            let data: f64 = parts[index * runs..(index + 1) * runs].iter().sum();
-            let loss = data + objective.prior_cost(&points[index].values);
-            self.cache.push((point.clone(), Some(loss).filter(|loss| loss.is_finite())));
-        }
-        units.iter().map(|point| self.cached(point)).collect()
-    }
-
-    fn cached(&self, point: &Vec<f64>) -> f64 {
-        let found = self.cache.iter().find(|(other, _)| other == point);
-        found.and_then(|(_, loss)| *loss).unwrap_or(f64::INFINITY)
+        let loss = |(point, parts): (&Point, &[f64])| {
+            let loss = parts.iter().sum::<f64>() + objective.prior_cost(&point.values);
+            if loss.is_finite() { loss } else { f64::INFINITY }
+        };
+        points.iter().zip(parts.chunks(runs.max(1))).map(loss).collect()
     }
 }
 
@@ -203,7 +181,13 @@ pub(super) fn settle(
         .map(|run| {
             let start = Point { values: point.values.clone(), offsets: vec![point.offsets[run].clone()] };
             let (mut descent, mut own) = (Descent::new(start, None), Counts::default());
-            descent.run(&objective.alone(run), Freedom::Nuisances, &mut own);
+            let alone = objective.alone(run);
+            if alone.problem.terms[0].rehearsal.nuisances.is_empty() {
+                let cost = alone.costs(std::slice::from_ref(&descent.point), false, &mut own)[0];
+                descent.cost = Some(cost).filter(|cost| cost.is_finite());
+            } else {
+                descent.run(&alone, Freedom::Nuisances, &mut own);
+            }
             (descent, own)
         })
         .collect();
@@ -218,6 +202,9 @@ pub(super) fn settle(
 
 fn eliminate(objective: &Objective<'_>, anchor: &Point, counts: &mut Counts) -> Vec<Elimination> {
     let problem = &objective.problem;
+    if anchor.offsets.iter().all(Vec::is_empty) {
+        return Vec::new();
+    }
     let linear = problem.linearise(anchor, false, counts).unwrap_or_default();
     let one = |(run, linear): (usize, super::problem::Linear)| {
         let nuisances = &problem.terms[run].rehearsal.nuisances;

@@ -10,8 +10,17 @@ use crate::loss::Observation;
 /// The map for the observations of one run.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Whitening {
-    /// For each observation the one before of the same coordinate, and their correlation.
-    before: Vec<Option<(usize, f64)>>,
+    /// For each observation the one before of the same coordinate.
+    before: Vec<Option<Link>>,
+}
+
+/// How an observation's noise hangs on an earlier one's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Link {
+    earlier: usize,
+    correlation: f64,
+    /// One over the root of what the earlier one leaves of its variance.
+    scale: f64,
 }
 
 /// Correlations are believed up to here.
@@ -32,7 +41,8 @@ impl Whitening {
             let series = &mut last[3 * observation.keypoint + observation.axis];
             before.push(series.map(|earlier| {
                 let apart_s = time_s[observation.instant] - time_s[observations[earlier].instant];
-                (earlier, correlation.powf(apart_s / interval_s).clamp(0.0, MOST))
+                let correlation = correlation.powf(apart_s / interval_s).clamp(0.0, MOST);
+                Link { earlier, correlation, scale: (1.0 - correlation * correlation).sqrt().recip() }
             }));
             *series = Some(row);
         }
@@ -42,16 +52,15 @@ impl Whitening {
     /// Whitens `numbers`, one an observation.
     pub(crate) fn apply(&self, numbers: &mut [f64]) {
         for row in (0..numbers.len()).rev() {
-            if let Some((earlier, correlation)) = self.before[row] {
-                numbers[row] = (numbers[row] - correlation * numbers[earlier])
-                    / (1.0 - correlation * correlation).sqrt();
+            if let Some(Link { earlier, correlation, scale }) = self.before[row] {
+                numbers[row] = (numbers[row] - correlation * numbers[earlier]) * scale;
             }
         }
     }
 
     /// Logarithm of the determinant of the noise's correlation matrix.
     pub(crate) fn ln_determinant(&self) -> f64 {
-        self.before.iter().flatten().map(|(_, correlation)| (1.0 - correlation * correlation).ln()).sum()
+        -2.0 * self.before.iter().flatten().map(|link| link.scale.ln()).sum::<f64>()
     }
 }
 
