@@ -2,12 +2,12 @@
 
 use crate::command::Command;
 use crate::dual::Dual;
-use crate::lanes::{InLanes, Isa, Packed, dispatch};
+use crate::lanes::{InLanes, Isa, Packed, dispatch, dispatch_dual};
 use crate::model::{Model, Parameter, State};
 use crate::rollout::{self, RolloutError, RolloutOptions, Run};
 use crate::scalar::Scalar;
 use crate::simulator;
-use crate::space::{Planar, Spatial};
+use crate::space::{Planar, Space, Spatial};
 
 /// One variation of a run.
 #[derive(Debug, Clone, PartialEq)]
@@ -113,7 +113,7 @@ pub fn sensitivities(
     for group in groups.chunks(isa.directions()) {
         let group =
             Fan { model, parameters, candidate, group, command, columns: &columns, sample_times_s, options };
-        let Sensitivities { position_m, slopes } = dispatch(isa, group)?;
+        let Sensitivities { position_m, slopes } = dispatch_dual(isa, group)?;
         all.position_m = position_m;
         all.slopes.extend(slopes);
     }
@@ -143,6 +143,7 @@ fn per_lane<T: Scalar, L: Packed>(
 }
 
 /// As many candidates as there are lanes, or fewer.
+#[derive(Clone, Copy)]
 struct Group<'a> {
     model: &'a Model,
     parameters: &'a [Parameter],
@@ -174,48 +175,55 @@ impl Group<'_> {
             qvel: (0..qvel.len()).map(|i| self.packed(|candidate| candidate.state.qvel[i])).collect(),
         }
     }
+
+    fn through<L: Packed, S: Space<T = L>>(
+        &self,
+        model: &Model<L>,
+        layout: S::Layout,
+    ) -> Result<Vec<Positions>, RolloutError> {
+        let Self { group, command, columns, sample_times_s, options, .. } = *self;
+        let state = &self.state::<L>();
+        let start_s = self.packed(|candidate| candidate.start_s);
+        let run = Run { model, state, start_s, command, columns, sample_times_s, options, states: false };
+        let samples = run.through::<S>(layout)?;
+        let position_m = per_lane(&samples.position_m, group.len(), |x| x);
+        let one = |((candidate, position_m), failed): ((&Candidate, _), _)| match failed {
+            // steps are counted on the clock of the commands
+            Some(RolloutError::Diverged { joint, time_s }) => {
+                Err(RolloutError::Diverged { joint, time_s: time_s + candidate.start_s - options.start_s })
+            }
+            Some(error) => Err(error),
+            None => Ok(position_m),
+        };
+        Ok(group.iter().zip(position_m).zip(samples.failed).map(one).collect())
+    }
 }
 
 impl InLanes for Group<'_> {
     type Output = Result<Vec<Positions>, RolloutError>;
-    const MANIFOLD: bool = false;
-
     fn wanted(&self) -> usize {
         self.group.len()
     }
 
     fn with<L: Packed>(self) -> Self::Output {
-        let (model, state) = (self.model::<L>(), self.state::<L>());
+        let model = self.model::<L>();
         let model = model.altered().unwrap_or(model);
-        let Self { command, columns, sample_times_s, options, .. } = self;
-        let start_s = self.packed(|candidate| candidate.start_s);
-        let states = false;
-        let run =
-            Run { model: &model, state: &state, start_s, command, columns, sample_times_s, options, states };
-        let samples = match simulator::plane(&model, options) {
-            Some(plane) => run.through::<Planar<L>>(plane),
-            None => run.through::<Spatial<L>>(()),
-        }?;
-        let lanes = self.group.len();
-        let position_m = per_lane(&samples.position_m, lanes, |x| x);
-        let mut failed = samples.failed;
-        Ok(position_m
-            .into_iter()
-            .enumerate()
-            .map(|(lane, position_m)| match failed[lane].take() {
-                // steps are counted on the clock of the commands
-                Some(RolloutError::Diverged { joint, time_s }) => {
-                    let time_s = time_s + self.group[lane].start_s - options.start_s;
-                    Err(RolloutError::Diverged { joint, time_s })
-                }
-                Some(error) => Err(error),
-                None => Ok(position_m),
-            })
-            .collect())
+        if let Some(plane) = simulator::plane(&model, self.options) {
+            return self.through::<L, Planar<L>>(&model, plane);
+        }
+        let mut all = Vec::with_capacity(self.group.len());
+        for group in self.group.chunks(L::InSpace::LANES) {
+            let part = Group { group, ..self };
+            let model = part.model::<L::InSpace>();
+            let model = model.altered().unwrap_or(model);
+            all.extend(part.through::<L::InSpace, Spatial<L::InSpace>>(&model, ())?);
+        }
+        Ok(all)
     }
 }
 
 /// One candidate with as many directions as there are lanes, or fewer.
+#[derive(Clone, Copy)]
 struct Fan<'a> {
     model: &'a Model,
     parameters: &'a [Parameter],
@@ -233,35 +241,28 @@ impl Fan<'_> {
         let rates = L::pack(|lane| rate(&self.group[lane.min(self.group.len() - 1)]));
         Dual { value: L::from_f64(value), partials: [rates] }
     }
-}
 
-impl InLanes for Fan<'_> {
-    type Output = Result<Sensitivities, RolloutError>;
-    const MANIFOLD: bool = true;
-
-    fn wanted(&self) -> usize {
-        self.group.len()
-    }
-
-    fn with<L: Packed>(self) -> Self::Output {
-        let Self { candidate, command, columns, sample_times_s, options, .. } = self;
+    fn model<L: Packed>(&self) -> Model<Dual<L, 1>> {
         let mut model = self.model.map(Dual::<L, 1>::from_f64);
         for (index, &parameter) in self.parameters.iter().enumerate() {
-            model.set(parameter, self.varied(candidate.values[index], |along| along.values[index]));
+            model.set(parameter, self.varied(self.candidate.values[index], |along| along.values[index]));
         }
-        let model = model.altered().unwrap_or(model);
+        model
+    }
+
+    fn through<L: Packed, S: Space<T = Dual<L, 1>>>(
+        &self,
+        model: &Model<Dual<L, 1>>,
+        layout: S::Layout,
+    ) -> Result<Sensitivities, RolloutError> {
+        let Self { candidate, command, columns, sample_times_s, options, .. } = *self;
         let State { qpos, qvel } = &candidate.state;
         let qpos = qpos.iter().enumerate().map(|(i, &q)| self.varied(q, |along| along.qpos[i])).collect();
         let qvel = qvel.iter().enumerate().map(|(i, &v)| self.varied(v, |along| along.qvel[i])).collect();
-        let state = State { qpos, qvel };
+        let state = &State { qpos, qvel };
         let start_s = self.varied(candidate.start_s, |along| along.start_s);
-        let states = false;
-        let run =
-            Run { model: &model, state: &state, start_s, command, columns, sample_times_s, options, states };
-        let mut samples = match simulator::plane(&model, options) {
-            Some(plane) => run.through::<Planar<Dual<L, 1>>>(plane),
-            None => run.through::<Spatial<Dual<L, 1>>>(()),
-        }?;
+        let run = Run { model, state, start_s, command, columns, sample_times_s, options, states: false };
+        let mut samples = run.through::<S>(layout)?;
         if let Some(error) = samples.failed.iter_mut().find_map(Option::take) {
             return Err(error);
         }
@@ -270,5 +271,30 @@ impl InLanes for Fan<'_> {
             position_m: places.iter().map(|at| at.map(|x| x.value.lane(0))).collect(),
             slopes: per_lane(places, self.group.len(), |x| x.partials[0]),
         })
+    }
+}
+
+impl InLanes for Fan<'_> {
+    type Output = Result<Sensitivities, RolloutError>;
+    fn wanted(&self) -> usize {
+        self.group.len()
+    }
+
+    fn with<L: Packed>(self) -> Self::Output {
+        let model = self.model::<L>();
+        let model = model.altered().unwrap_or(model);
+        if let Some(plane) = simulator::plane(&model, self.options) {
+            return self.through::<L, Planar<Dual<L, 1>>>(&model, plane);
+        }
+        let mut all = Sensitivities { position_m: Vec::new(), slopes: Vec::with_capacity(self.group.len()) };
+        for group in self.group.chunks(L::InSpace::LANES) {
+            let part = Fan { group, ..self };
+            let model = part.model::<L::InSpace>();
+            let model = model.altered().unwrap_or(model);
+            let found = part.through::<L::InSpace, Spatial<Dual<L::InSpace, 1>>>(&model, ())?;
+            all.position_m = found.position_m;
+            all.slopes.extend(found.slopes);
+        }
+        Ok(all)
     }
 }

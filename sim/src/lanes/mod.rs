@@ -74,6 +74,14 @@ impl Isa {
         }
     }
 
+    /// Itself, or the best of this machine where that lacks it; the widest only for work that is `wide`.
+    fn here(self, wide: bool) -> Self {
+        match if Self::available().contains(&self) { self } else { Self::best() } {
+            Self::Avx512 if !wide => Self::Avx2,
+            isa => isa,
+        }
+    }
+
     /// Its name as the world writes it.
     pub fn name(self) -> &'static str {
         match self {
@@ -89,9 +97,6 @@ impl Isa {
 pub(crate) trait InLanes {
     /// What it yields.
     type Output;
-    /// Whether each of its numbers is several, which fill the registers by themselves.
-    #[allow(dead_code, reason = "some machines have no registers to fill")]
-    const MANIFOLD: bool;
 
     /// How many lanes it needs.
     #[allow(dead_code, reason = "some machines have one only")]
@@ -101,26 +106,36 @@ pub(crate) trait InLanes {
     fn with<L: Packed>(self) -> Self::Output;
 }
 
-/// Does `work` in the lanes of `isa`, or narrower ones that it fits into; one that this machine lacks is replaced by its best.
+/// Does `work` on plain numbers in the lanes of `isa`, or narrower ones that it fits into; one that this machine lacks is
+/// replaced by its best.
 pub(crate) fn dispatch<W: InLanes>(isa: Isa, work: W) -> W::Output {
-    let isa = if Isa::available().contains(&isa) { isa } else { Isa::best() };
-    #[cfg(all(target_arch = "x86_64", not(test)))]
-    let narrow = if W::MANIFOLD { Isa::Avx2.directions() } else { Isa::Avx2.candidates() };
-    match isa {
+    match isa.here(work.wanted() > Isa::Avx2.candidates()) {
         #[cfg(all(target_arch = "x86_64", not(test)))]
-        Isa::Avx512 if work.wanted() > narrow && W::MANIFOLD => work.with::<x86::OneOfAvx512>(),
+        Isa::Avx2 => work.with::<x86::TwoOfAvx2>(),
         #[cfg(all(target_arch = "x86_64", not(test)))]
-        Isa::Avx512 if work.wanted() > narrow => work.with::<x86::TwoOfAvx512>(),
+        Isa::Avx512 => work.with::<x86::TwoOfAvx512>(),
+        _ => work.with::<f64>(),
+    }
+}
+
+/// The same for work on numbers with a derivative each, which fill the registers by themselves. A function of its own: what
+/// is chosen at run time is compiled for every kind of lane.
+pub(crate) fn dispatch_dual<W: InLanes>(isa: Isa, work: W) -> W::Output {
+    match isa.here(work.wanted() > Isa::Avx2.directions()) {
         #[cfg(all(target_arch = "x86_64", not(test)))]
-        Isa::Avx2 | Isa::Avx512 if W::MANIFOLD => work.with::<x86::OneOfAvx2>(),
+        Isa::Avx2 => work.with::<x86::OneOfAvx2>(),
         #[cfg(all(target_arch = "x86_64", not(test)))]
-        Isa::Avx2 | Isa::Avx512 => work.with::<x86::TwoOfAvx2>(),
+        Isa::Avx512 => work.with::<x86::OneOfAvx512>(),
         _ => work.with::<f64>(),
     }
 }
 
 /// A scalar whose lanes can be filled and read.
 pub(crate) trait Packed: Scalar {
+    /// What mechanisms that move in space are computed in. Their stages are long: compiled for ever wider lanes they would take
+    /// minutes.
+    type InSpace: Packed;
+
     /// From one value per lane.
     fn pack(value: impl FnMut(usize) -> f64) -> Self;
 
@@ -132,6 +147,8 @@ pub(crate) trait Packed: Scalar {
 }
 
 impl Packed for f64 {
+    type InSpace = Self;
+
     fn pack(mut value: impl FnMut(usize) -> f64) -> Self {
         value(0)
     }
