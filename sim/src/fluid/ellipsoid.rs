@@ -219,6 +219,18 @@ impl<S: Space> Immersed<S> {
 }
 
 impl<T: Scalar> Immersed<Spatial<T>> {
+    /// The same with its axes in this order.
+    pub(crate) fn on_axes(&self, axes: ShapeAxes) -> Self {
+        let pick = |v: Vec3<T>| Vec3(axes.map(|k| v[k]));
+        Self {
+            added_mass: pick(self.added_mass),
+            added_inertia: pick(self.added_inertia),
+            section_squared: pick(self.section_squared),
+            angular_drag: pick(self.angular_drag),
+            ..*self
+        }
+    }
+
     pub(crate) fn map<U: Scalar>(&self, f: impl Fn(T) -> U + Copy) -> Immersed<Spatial<U>> {
         Immersed {
             added_mass: self.added_mass.map(f),

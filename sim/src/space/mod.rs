@@ -10,12 +10,13 @@ use std::fmt::Debug;
 use std::ops::{Add, AddAssign, SubAssign};
 
 pub(crate) use planar::Planar;
-pub(crate) use planar::Plane;
+pub(crate) use planar::{Plane, Turn};
 pub(crate) use spatial::Spatial;
 
 use crate::dynamics::Work;
 use crate::dynamics::plant::Plant;
 use crate::math::{Quat, Sym3, Vec3, Vector};
+use crate::model::Model;
 use crate::scalar::Scalar;
 
 /// Vectors, turns and rotations of the space that a mechanism moves in.
@@ -36,6 +37,8 @@ pub(crate) trait Space: Copy + Debug + Send + Sync + Sized + 'static {
     type AnyTurn: Copy + Debug + Send + Sync;
     /// The water's slopes for implicit integration, where they are to be had.
     type Slope: SlopeStage<Self>;
+    /// Dynamics of branches that each move in a plane of their own, where there can be such.
+    type Limbs: LimbStage<Self>;
 
     /// No rotation.
     const IDENTITY: Self::Rot;
@@ -120,6 +123,27 @@ pub(crate) trait SlopeStage<S: Space>: Debug + Clone + Send + Sync {
     fn new(plant: &Plant<S>) -> Option<Self>;
     /// Adds -`h` times the slope to `matrix`, stored as the mass matrix is.
     fn add(&mut self, plant: &Plant<S>, work: &Work<S>, h: S::T, matrix: &mut [S::T]);
+}
+
+/// Stands in for the general stages where a model suits it: from coordinates to forces, and from forces to accelerations.
+pub(crate) trait LimbStage<S: Space>: Debug + Clone + Send + Sync {
+    /// Made ready for a plant; `None` where it does not suit.
+    fn new(model: &Model<S::T>, plant: &Plant<S>) -> Option<Self>;
+    /// How many numbers [`Self::factor`] writes.
+    fn factors(&self) -> usize;
+    /// Adds to `force` all that the bodies exert on the dofs, shape (nv): inertia, weight, water.
+    fn forces(
+        &mut self,
+        plant: &Plant<S>,
+        qpos: &[S::T],
+        qvel: &[S::T],
+        work: &mut Work<S>,
+        force: &mut [S::T],
+    );
+    /// Factors the mass matrix at the coordinates of the last [`Self::forces`], once; `shift` is added to its diagonal, shape (nv).
+    fn factor(&mut self, plant: &Plant<S>, work: &Work<S>, shift: Option<&[S::T]>, factors: &mut [S::T]);
+    /// Solves for the right-hand side in `x`, in place.
+    fn solve(&mut self, factors: &[S::T], x: &mut [S::T]);
 }
 
 /// A motion: angular velocity and the velocity of the point at the origin, in world axes.

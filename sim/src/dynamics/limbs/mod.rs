@@ -1,0 +1,94 @@
+//! Limbs: branches on a moving base that each bend in a plane of their own, which rides on the base.
+//!
+//! All hinges of a limb are parallel and its bodies are symmetric about its plane. Seen on the plane's own axes every motion
+//! and wrench falls into two parts that do not mix but for turning velocities: one in the plane (a turn and two
+//! components), which the hinges add to, and one across it (a turn about two axes and one component), which all bodies
+//! of the limb share with the base. Inertias fall into two 3 x 3 blocks alike. The base moves in space, as any body.
+//!
+//! Spatial quantities of a limb stand about the foot of the base's origin on its plane.
+
+mod articulated;
+mod layout;
+mod motion;
+
+use articulated::{Across, Flat, ROW};
+use layout::Layout;
+use motion::Riding;
+
+use super::Work;
+use super::plant::Plant;
+use crate::math::Vec2;
+use crate::model::Model;
+use crate::scalar::Scalar;
+use crate::space::{LimbStage, Motion, Planar, Spatial, Wrench};
+
+/// The dynamics of a model whose bases carry limbs.
+#[derive(Debug, Clone)]
+pub(crate) struct Limbs<T: Scalar> {
+    layout: Layout<T>,
+    /// Velocity of the limb's origin, carried by each segment's hinge, per unit rate; shape (segments).
+    axes: Vec<Vec2<T>>,
+    /// Inertia of each segment in the plane; with all it carries, once factored. Shape (segments).
+    flat: Vec<Flat<T>>,
+    /// Inertia of each limb across its plane, shape (limbs).
+    across: Vec<Across<T>>,
+    /// Of the limb at work, shape (segments of the longest limb).
+    riding: Vec<Riding<T>>,
+    wrench: Vec<Wrench<Planar<T>>>,
+    motion: Vec<Motion<Planar<T>>>,
+}
+
+impl<T: Scalar> LimbStage<Spatial<T>> for Limbs<T> {
+    /// Restraints and causes want the mass matrix, and bodies one by one in space.
+    fn new(model: &Model<T>, plant: &Plant<Spatial<T>>) -> Option<Self> {
+        if !plant.restraints.is_empty() || plant.effects.any() {
+            return None;
+        }
+        let layout = Layout::of(model, plant)?;
+        let longest = layout.limbs.iter().map(|limb| limb.segments.len()).max()?;
+        Some(Self {
+            axes: vec![Vec2::ZERO; layout.segments.len()],
+            flat: vec![Flat::ZERO; layout.segments.len()],
+            across: vec![Across::ZERO; layout.limbs.len()],
+            riding: vec![Riding::STILL; longest],
+            wrench: vec![Wrench::ZERO; longest],
+            motion: vec![Motion::ZERO; longest],
+            layout,
+        })
+    }
+
+    fn factors(&self) -> usize {
+        self.layout.rows * ROW
+    }
+
+    #[inline(always)]
+    fn forces(
+        &mut self,
+        plant: &Plant<Spatial<T>>,
+        qpos: &[T],
+        qvel: &[T],
+        work: &mut Work<Spatial<T>>,
+        force: &mut [T],
+    ) {
+        self.move_and_push(plant, qpos, qvel, work, force);
+    }
+
+    #[inline(always)]
+    fn factor(
+        &mut self,
+        plant: &Plant<Spatial<T>>,
+        work: &Work<Spatial<T>>,
+        shift: Option<&[T]>,
+        factors: &mut [T],
+    ) {
+        self.factor_rows(plant, work, shift, factors);
+    }
+
+    #[inline(always)]
+    fn solve(&mut self, factors: &[T], x: &mut [T]) {
+        self.solve_rows(factors, x);
+    }
+}
+
+#[cfg(test)]
+mod tests;
