@@ -255,7 +255,7 @@ impl<S: Space> Engine<S> {
 
     /// What depends on the coordinates alone.
     pub(crate) fn position_stage(&mut self, qpos: &[S::T]) {
-        // limbs are moved when velocities are known too
+        // limbs move once velocities and forces are known too
         if self.limbs.is_some() {
             return;
         }
@@ -267,30 +267,21 @@ impl<S: Space> Engine<S> {
         });
     }
 
-    /// The forces on the dofs at this state, after [`Self::position_stage`].
+    /// The forces on the dofs at this state, after [`Self::position_stage`]; with limbs but for what their bodies exert.
     pub(super) fn force_stage(&mut self, qpos: &[S::T], qvel: &[S::T]) {
         let h = self.restraint_step_s;
-        if let Some(limbs) = &mut self.limbs {
+        tuned!(S::T, {
             let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
-            tuned!(S::T, {
-                force.fill(S::T::ZERO);
-                limbs.forces(plant, qpos, qvel, work, force);
-            });
-        } else {
-            let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
-            tuned!(S::T, {
+            force.fill(S::T::ZERO);
+            if self.limbs.is_none() {
                 bias::velocities(plant, qvel, work);
                 work.water = plant.effects.water(self.moment, self.clock, plant);
                 bias::bias(plant, work);
                 passive::gravity_compensation(plant, work);
                 fluid::fluid(plant, work);
                 plant.effects.wrenches(self.moment, plant, work, &mut self.memory);
-                force.fill(S::T::ZERO);
                 bias::project(plant, work, force);
-            });
-        }
-        tuned!(S::T, {
-            let (plant, force) = (&self.plant, &mut self.force);
+            }
             passive::springs(plant, qpos, force);
             passive::dampers(plant, qvel, force);
             plant.effects.forces(qpos, qvel, force);
@@ -323,16 +314,19 @@ impl<S: Space> Engine<S> {
         std::mem::swap(&mut self.matrix, &mut self.work.mass);
     }
 
-    /// Turns `force` into accelerations.
-    pub(super) fn accelerate(&mut self) {
+    /// Turns `force`, from [`Self::force_stage`] at this state, into accelerations.
+    pub(super) fn accelerate(&mut self, qpos: &[S::T], qvel: &[S::T]) {
         if let Some(limbs) = &mut self.limbs {
-            let (plant, work, factors) = (&self.plant, &self.work, &mut self.limb_factors);
-            let force = &mut self.force;
-            return tuned!(S::T, {
-                limbs.factor(plant, work, None, factors);
-                limbs.solve(factors, force);
-            });
+            let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
+            let factors = &mut self.limb_factors;
+            return tuned!(S::T, limbs.accelerate(plant, qpos, qvel, work, None, factors, force));
         }
+        self.take_mass();
+        self.solve_matrix();
+    }
+
+    /// Turns `force` into accelerations by the mass matrix in `matrix`.
+    pub(super) fn solve_matrix(&mut self) {
         tuned!(S::T, {
             inertia::hold(&self.plant, &self.held, &mut self.matrix);
             inertia::factor(&self.plant, &mut self.matrix);
@@ -368,7 +362,7 @@ impl<S: Space> Engine<S> {
         });
         self.still_held();
         self.matrix.copy_from_slice(&self.work.mass);
-        self.accelerate();
+        self.solve_matrix();
         tuned!(S::T, {
             for (v, &dv) in state.qvel.iter_mut().zip(&self.force) {
                 *v += dv;

@@ -74,7 +74,7 @@ impl<S: Space> Engine<S> {
             })
             .collect();
         self.matrix.copy_from_slice(&self.work.mass);
-        self.accelerate();
+        self.solve_matrix();
         let acceleration = self.force.clone();
         self.limbs = limbs;
         Forces {

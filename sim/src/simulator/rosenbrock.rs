@@ -117,8 +117,7 @@ impl<S: Space> Engine<S> {
                 self.sample(time_s + elapsed_s, command);
                 self.position_stage(&stage.qpos);
                 self.force_stage(&stage.qpos, &stage.qvel);
-                self.take_mass();
-                self.accelerate();
+                self.accelerate(&stage.qpos, &stage.qvel);
             }
             tuned!(S::T, {
                 if k == 0 {
@@ -137,8 +136,7 @@ impl<S: Space> Engine<S> {
                     let rise = share * h * kept.rise[dof];
                     // the force at the first stage, later the acceleration
                     let given = self.force[dof];
-                    kept.right[dof] =
-                        h * (rise - pull + if k == 0 { given } else { -(kept.shift[dof] * given) });
+                    kept.right[dof] = rise - pull + if k == 0 { given } else { -(kept.shift[dof] * given) };
                     kept.way[k][dof] = ahead;
                 }
                 for (right, &held) in kept.right.iter_mut().zip(&self.held) {
@@ -146,13 +144,18 @@ impl<S: Space> Engine<S> {
                         *right = S::T::ZERO;
                     }
                 }
+                let (plant, work) = (&self.plant, &mut self.work);
+                let Rosenbrock { factors, shift, right, .. } = &mut kept;
                 match &mut self.limbs {
-                    Some(limbs) => limbs.solve(&kept.factors, &mut kept.right),
-                    None => inertia::solve(&self.plant, &kept.factors, &mut kept.right),
+                    Some(limbs) if k == 0 => {
+                        limbs.accelerate(plant, &state.qpos, &state.qvel, work, Some(shift), factors, right);
+                    }
+                    Some(limbs) => limbs.solve(factors, right),
+                    None => inertia::solve(plant, factors, right),
                 }
                 let own = own * h;
                 for (dof, &solved) in kept.right.iter().enumerate() {
-                    let gain = if k == 0 { solved } else { solved + h * self.force[dof] };
+                    let gain = h * if k == 0 { solved } else { solved + self.force[dof] };
                     kept.gain[k][dof] = gain;
                     kept.way[k][dof] += own * gain;
                 }
@@ -197,9 +200,7 @@ impl<S: Space> Engine<S> {
                 *stiffness = stiffness.max(S::T::ZERO);
                 kept.shift[dof] = own * (*damping + own * *stiffness);
             }
-            if let Some(limbs) = &mut self.limbs {
-                limbs.factor(&self.plant, &self.work, Some(&kept.shift), &mut kept.factors);
-            } else {
+            if self.limbs.is_none() {
                 std::mem::swap(&mut kept.factors, &mut self.work.mass);
                 for (&start, &shift) in self.plant.row.iter().zip(&kept.shift) {
                     kept.factors[start] += shift;

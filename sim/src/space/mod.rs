@@ -110,6 +110,10 @@ pub(crate) trait Space: Copy + Debug + Send + Sync + Sized + 'static {
     fn shape_vector(axes: ShapeAxes, v: Vec3<Self::T>) -> Self::Vec;
     /// The components of a turn on a shape's axes.
     fn shape_spin(axes: ShapeAxes, w: Vec3<Self::T>) -> Self::Spin;
+    /// A vector of constants, which come in the order of [`ShapeAxes`].
+    fn constant(v: [f64; 3]) -> Self::Vec;
+    /// A turn of constants, which come in the order of [`ShapeAxes`].
+    fn constant_spin(w: [f64; 3]) -> Self::Spin;
     /// World position of the point `v`, fixed to the model's body `body` at `at` in its own axes.
     fn lift(layout: &Self::Layout, body: usize, at: Vec3<Self::T>, v: Self::Vec) -> [Self::T; 3];
 }
@@ -125,23 +129,25 @@ pub(crate) trait SlopeStage<S: Space>: Debug + Clone + Send + Sync {
     fn add(&mut self, plant: &Plant<S>, work: &Work<S>, h: S::T, matrix: &mut [S::T]);
 }
 
-/// Stands in for the general stages where a model suits it: from coordinates to forces, and from forces to accelerations.
+/// Stands in for the general stages where a model suits it.
 pub(crate) trait LimbStage<S: Space>: Debug + Clone + Send + Sync {
     /// Made ready for a plant; `None` where it does not suit.
     fn new(model: &Model<S::T>, plant: &Plant<S>) -> Option<Self>;
-    /// How many numbers [`Self::factor`] writes.
+    /// How many numbers the factors are.
     fn factors(&self) -> usize;
-    /// Adds to `force` all that the bodies exert on the dofs, shape (nv): inertia, weight, water.
-    fn forces(
+    /// Turns `force`, all that acts on the dofs but for what the bodies exert (inertia, weight, water), into accelerations, shape
+    /// (nv); writes the factors of the mass matrix, to the diagonal of which `shift` is added, shape (nv).
+    #[expect(clippy::too_many_arguments, reason = "one stage's inputs")]
+    fn accelerate(
         &mut self,
         plant: &Plant<S>,
         qpos: &[S::T],
         qvel: &[S::T],
         work: &mut Work<S>,
+        shift: Option<&[S::T]>,
+        factors: &mut [S::T],
         force: &mut [S::T],
     );
-    /// Factors the mass matrix at the coordinates of the last [`Self::forces`], once; `shift` is added to its diagonal, shape (nv).
-    fn factor(&mut self, plant: &Plant<S>, work: &Work<S>, shift: Option<&[S::T]>, factors: &mut [S::T]);
     /// Solves for the right-hand side in `x`, in place.
     fn solve(&mut self, factors: &[S::T], x: &mut [S::T]);
 }

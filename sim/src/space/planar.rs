@@ -60,6 +60,9 @@ impl<T: Scalar> Plane<T> {
     /// The plane that `model` moves in, if it does: hinges parallel, slides and wind at right angles to them, every
     /// shape that feels the water with one axis along them.
     pub(crate) fn of(model: &Model<T>) -> Option<Self> {
+        if model.joints.iter().any(|joint| matches!(joint.kind, JointKind::Ball | JointKind::Free)) {
+            return None;
+        }
         let mut world: Vec<Mat3<T>> = vec![Mat3::IDENTITY; model.bodies.len()];
         for (index, body) in model.bodies.iter().enumerate().skip(1) {
             world[index] = world[body.parent].product(&body.quat.matrix());
@@ -102,12 +105,8 @@ impl<T: Scalar> Plane<T> {
         });
         let bodies = branch.iter().all(|&index| {
             let body = &model.bodies[index];
-            let [xx, yy, zz, _, xz, yz] =
-                Sym3::rotated_diagonal(&plane.axes[index].product(&body.principal.matrix()), body.inertia).0;
-            let least = (xx + yy + zz) * T::from_f64(PARALLEL);
             let single = joints().filter(|joint| joint.body == index).count() <= 1;
-            let upright = !least.less(xz.abs()).any() && !least.less(yz.abs()).any();
-            single && even(index, body.com) && upright
+            single && even(index, body.com) && plane.across(index, body.principal).is_some()
         });
         let wet = plane.shapes_stand_upright(model, branch.iter().copied());
         let shapes = model.geoms.iter().filter(|geom| branch.contains(&geom.body) && geom.fluid.is_some());
@@ -300,6 +299,16 @@ impl<T: Scalar> Space for Planar<T> {
     }
 
     #[inline(always)]
+    fn constant([a, b, _]: [f64; 3]) -> Vec2<T> {
+        Vec2::constant([a, b])
+    }
+
+    #[inline(always)]
+    fn constant_spin([.., across]: [f64; 3]) -> Vec1<T> {
+        Vec1::constant([across])
+    }
+
+    #[inline(always)]
     fn lift(plane: &Plane<T>, body: usize, at: Vec3<T>, Vec2([x, y]): Vec2<T>) -> [T; 3] {
         let depth = plane.level(body, at);
         plane.axes[0].apply_transposed(Vec3([x, y, depth])).0
@@ -325,11 +334,16 @@ impl<T: Scalar> LimbStage<Planar<T>> for Never {
         match *self {}
     }
 
-    fn forces(&mut self, _: &Plant<Planar<T>>, _: &[T], _: &[T], _: &mut Work<Planar<T>>, _: &mut [T]) {
-        match *self {}
-    }
-
-    fn factor(&mut self, _: &Plant<Planar<T>>, _: &Work<Planar<T>>, _: Option<&[T]>, _: &mut [T]) {
+    fn accelerate(
+        &mut self,
+        _: &Plant<Planar<T>>,
+        _: &[T],
+        _: &[T],
+        _: &mut Work<Planar<T>>,
+        _: Option<&[T]>,
+        _: &mut [T],
+        _: &mut [T],
+    ) {
         match *self {}
     }
 

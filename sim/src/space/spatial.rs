@@ -153,6 +153,16 @@ impl<T: Scalar> Space for Spatial<T> {
     }
 
     #[inline(always)]
+    fn constant(v: [f64; 3]) -> Vec3<T> {
+        Vec3::constant(v)
+    }
+
+    #[inline(always)]
+    fn constant_spin(w: [f64; 3]) -> Vec3<T> {
+        Vec3::constant(w)
+    }
+
+    #[inline(always)]
     fn lift((): &(), _: usize, _: Vec3<T>, v: Vec3<T>) -> [T; 3] {
         v.0
     }

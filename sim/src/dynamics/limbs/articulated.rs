@@ -4,7 +4,7 @@
 //! of a limb's inertia is that of its bodies, rigid (Featherstone, Rigid Body Dynamics Algorithms, 2008, section 7.3).
 
 use super::Limbs;
-use super::layout::{BASE_DOFS, Limb};
+use super::layout::{BASE_DOFS, Base, Hinge, Layout, Limb};
 use crate::dynamics::Work;
 use crate::dynamics::plant::Plant;
 use crate::math::{Mat3, Sym3, Vec1, Vec2, Vec3};
@@ -46,7 +46,7 @@ impl<T: Scalar> Flat<T> {
     }
 
     #[inline(always)]
-    fn add(&mut self, other: &Self) {
+    pub(super) fn add(&mut self, other: &Self) {
         for (sum, &x) in self.0.iter_mut().zip(&other.0) {
             *sum += x;
         }
@@ -57,12 +57,21 @@ impl<T: Scalar> Flat<T> {
 /// limb's origin \[kg m2\].
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Across<T> {
-    pub(super) moment: Vec2<T>,
-    pub(super) inertia: [T; 3],
+    moment: Vec2<T>,
+    inertia: [T; 3],
 }
 
 impl<T: Scalar> Across<T> {
     pub(super) const ZERO: Self = Self { moment: Vec2([T::ZERO; 2]), inertia: [T::ZERO; 3] };
+
+    /// Adds a body with this `moment` of mass about the limb's origin and this `inertia` about its centre of mass.
+    #[inline(always)]
+    pub(super) fn carry(&mut self, moment: Vec2<T>, com: Vec2<T>, [xx, yy, xy]: [T; 3]) {
+        self.moment += moment;
+        self.inertia[0] += xx + moment[1] * com[1];
+        self.inertia[1] += yy + moment[0] * com[0];
+        self.inertia[2] += xy - moment[0] * com[1];
+    }
 }
 
 /// Symmetric, from motions in space to wrenches: torque = rotational w + coupling v, force = coupling^T w + linear v.
@@ -95,7 +104,7 @@ impl<T: Scalar> Articulated<T> {
 
     /// Adds a limb's: `flat` as its root feels it in the plane, `across` out of it.
     #[inline(always)]
-    fn add(&mut self, limb: &Limb<T>, flat: &Flat<T>, across: &Across<T>) {
+    pub(super) fn add(&mut self, limb: &Limb<T>, flat: &Flat<T>, across: &Across<T>) {
         let (d, zero) = (limb.depth, T::ZERO);
         let [ww, wx, wy, xx, xy, yy] = flat.0;
         let Vec2([mx, my]) = across.moment;
@@ -141,100 +150,159 @@ impl<T: Scalar> Limb<T> {
 /// axes; then, for each of a base's dofs, its row of the unit triangle and the reciprocal of the diagonal.
 pub(super) const ROW: usize = BASE_DOFS;
 
+/// What is left of the inertia and the wrench felt beyond a hinge.
+pub(super) struct Yielded<T: Scalar> {
+    pub(super) inertia: Flat<T>,
+    pub(super) wrench: Wrench<Planar<T>>,
+    pub(super) row: [T; ROW],
+    /// What pushes the hinge.
+    pub(super) rest: T,
+}
+
+/// Lets the hinge with `axis` yield to `force` and to the `wrench` beyond it, which meets `inertia` and, at the hinge, `added`.
 #[inline(always)]
-fn axis<T: Scalar>(row: &[T; ROW]) -> Motion<Spatial<T>> {
+pub(super) fn yielding<T: Scalar>(
+    axis: Motion<Planar<T>>,
+    added: T,
+    force: T,
+    inertia: Flat<T>,
+    wrench: Wrench<Planar<T>>,
+) -> Yielded<T> {
+    let push = inertia.apply(axis);
+    let felt = axis.power(Wrench { torque: Vec1([push[0]]), force: Vec2([push[1], push[2]]) });
+    let inverse = T::ONE / (felt + added);
+    let [sw, sx, sy] = [push[0] * inverse, push[1] * inverse, push[2] * inverse];
+    let Vec2([x, y]) = axis.lin;
+    let row = [x, y, sw, sx, sy, inverse];
+    let rest = force + axis.power(wrench);
+    Yielded { inertia: inertia.less([sw, sx, sy], push), wrench: passed(&row, wrench, rest), row, rest }
+}
+
+/// What of a wrench passes on beyond a hinge that is pushed by `rest`.
+#[inline(always)]
+fn passed<T: Scalar>(row: &[T; ROW], wrench: Wrench<Planar<T>>, rest: T) -> Wrench<Planar<T>> {
+    let [_, _, sw, sx, sy, _] = *row;
+    let (Vec1([z]), Vec2([fx, fy])) = (wrench.torque, wrench.force);
+    Wrench { torque: Vec1([z - sw * rest]), force: Vec2([fx - sx * rest, fy - sy * rest]) }
+}
+
+/// Axis of a base's dof from its row, on the base's own axes.
+#[inline(always)]
+pub(super) fn axis<T: Scalar>(row: &[T; ROW]) -> Motion<Spatial<T>> {
     let [a, b, c, x, y, z] = *row;
     Motion { ang: Vec3([a, b, c]), lin: Vec3([x, y, z]) }
 }
 
+/// Axis of a hinge from its row.
+#[inline(always)]
+fn hinge_axis<T: Scalar>(hinge: &Hinge, row: &[T; ROW]) -> Motion<Planar<T>> {
+    Motion { ang: Vec1::constant([hinge.axis]), lin: Vec2([row[0], row[1]]) }
+}
+
 /// What the diagonal holds besides the bodies' inertia.
 #[inline(always)]
-fn added<T: Scalar>(plant: &Plant<Spatial<T>>, shift: Option<&[T]>, dof: usize) -> T {
+pub(super) fn added<T: Scalar>(plant: &Plant<Spatial<T>>, shift: Option<&[T]>, dof: usize) -> T {
     match shift {
         Some(shift) => plant.armature[dof] + shift[dof],
         None => plant.armature[dof],
     }
 }
 
-impl<T: Scalar> Limbs<T> {
+impl<T: Scalar> Base<T> {
+    /// Writes its rows: it resists with the articulated inertia `felt`.
     #[inline(always)]
-    pub(super) fn factor_rows(
-        &mut self,
+    pub(super) fn factor(
+        &self,
         plant: &Plant<Spatial<T>>,
         work: &Work<Spatial<T>>,
         shift: Option<&[T]>,
-        factors: &mut [T],
+        felt: &Articulated<T>,
+        rows: &mut [[T; ROW]],
     ) {
-        let Self { layout, axes, flat, across, .. } = self;
-        let (rows, _) = factors.as_chunks_mut::<ROW>();
-        for base in &layout.bases {
-            let mut felt = base.inertia;
-            for (limb, across) in layout.limbs[base.limbs.clone()].iter().zip(&across[base.limbs.clone()]) {
-                let segments = &layout.segments[limb.segments.clone()];
-                let flat = &mut flat[limb.segments.clone()];
-                let axes = &axes[limb.segments.clone()];
-                let mut root = Flat::ZERO;
-                for (index, segment) in segments.iter().enumerate().rev() {
-                    let mut own = flat[index];
-                    if let Some(hinge) = &segment.hinge {
-                        let axis = Motion { ang: hinge.axis, lin: axes[index] };
-                        let push = own.apply(axis);
-                        let yields =
-                            axis.power(Wrench { torque: Vec1([push[0]]), force: Vec2([push[1], push[2]]) });
-                        let inverse = T::ONE / (yields + added(plant, shift, hinge.dof));
-                        let share = [push[0] * inverse, push[1] * inverse, push[2] * inverse];
-                        own = own.less(share, push);
-                        let Vec2([x, y]) = axis.lin;
-                        rows[hinge.dof] = [x, y, share[0], share[1], share[2], inverse];
-                    }
-                    match segment.parent {
-                        Some(parent) => flat[parent].add(&own),
-                        None => root.add(&own),
-                    }
-                }
-                felt.add(limb, &root, across);
+        let rot = &work.rot[self.link];
+        for dof in self.dofs.clone() {
+            let Motion { ang, lin } = work.axes[dof];
+            let (Vec3([a, b, c]), Vec3([x, y, z])) = (rot.apply_transposed(ang), rot.apply_transposed(lin));
+            rows[dof] = [a, b, c, x, y, z];
+        }
+        let (known, triangle) = rows.split_at_mut(self.rows);
+        let axes = &known[self.dofs.clone()];
+        for (i, row) in axes.iter().enumerate() {
+            let momentum = felt.apply(axis(row));
+            for (entry, other) in triangle[i].iter_mut().zip(&axes[..=i]) {
+                *entry = axis(other).power(momentum);
             }
-            let rot = &work.rot[base.link];
-            for dof in base.dofs.clone() {
-                let Motion { ang, lin } = work.axes[dof];
-                let (Vec3([a, b, c]), Vec3([x, y, z])) =
-                    (rot.apply_transposed(ang), rot.apply_transposed(lin));
-                rows[dof] = [a, b, c, x, y, z];
+            triangle[i][i] += added(plant, shift, self.dofs.start + i);
+        }
+        factor_triangle(&mut triangle[..axes.len()]);
+    }
+
+    /// Solves for its accelerations and yields its motion per unit of time, about its origin, on its own axes.
+    #[inline(always)]
+    pub(super) fn solve(&self, rows: &[[T; ROW]], x: &mut [T]) -> Motion<Spatial<T>> {
+        let axes = &rows[self.dofs.clone()];
+        let x = &mut x[self.dofs.clone()];
+        solve_triangle(&rows[self.rows..self.rows + axes.len()], x);
+        let mut moved = Motion::ZERO;
+        for (&x, row) in x.iter().zip(axes) {
+            moved = moved.plus(axis(row), x);
+        }
+        moved
+    }
+}
+
+impl<T: Scalar> Limbs<T> {
+    /// The limb `limb` follows its base, tips last: turns what pushes each hinge into its acceleration.
+    #[inline(always)]
+    pub(super) fn follow(
+        layout: &Layout<T>,
+        motion: &mut [Motion<Planar<T>>],
+        limb: &Limb<T>,
+        base: Motion<Spatial<T>>,
+        rows: &[[T; ROW]],
+        x: &mut [T],
+    ) {
+        let carried = limb.carried(base);
+        let start = Motion { ang: Vec1([carried.ang[2]]), lin: Vec2([carried.lin[0], carried.lin[1]]) };
+        for (k, segment) in layout.segments[limb.segments.clone()].iter().enumerate() {
+            let mut own = match segment.parent {
+                Some(parent) => motion[parent],
+                None => start,
+            };
+            if let Some(hinge) = &segment.hinge {
+                let row = &rows[hinge.dof];
+                let [_, _, sw, sx, sy, inverse] = *row;
+                let a =
+                    x[hinge.dof] * inverse - own.power(Wrench { torque: Vec1([sw]), force: Vec2([sx, sy]) });
+                x[hinge.dof] = a;
+                own = own.plus(hinge_axis(hinge, row), a);
             }
-            let (known, triangle) = rows.split_at_mut(base.rows);
-            let axes = &known[base.dofs.clone()];
-            for (i, row) in axes.iter().enumerate() {
-                let momentum = felt.apply(axis(row));
-                for (entry, other) in triangle[i].iter_mut().zip(&axes[..=i]) {
-                    *entry = axis(other).power(momentum);
-                }
-                triangle[i][i] += added(plant, shift, base.dofs.start + i);
-            }
-            factor_triangle(&mut triangle[..axes.len()]);
+            motion[k] = own;
         }
     }
 
+    /// See [`LimbStage::solve`](crate::space::LimbStage::solve).
     #[inline(always)]
     pub(super) fn solve_rows(&mut self, factors: &[T], x: &mut [T]) {
-        let Self { layout, axes: _, wrench, motion, .. } = self;
+        let Self { layout, wrenches, motion, .. } = self;
         let (rows, _) = factors.as_chunks::<ROW>();
         for base in &layout.bases {
             let mut total = Wrench::ZERO;
             for limb in &layout.limbs[base.limbs.clone()] {
                 let segments = &layout.segments[limb.segments.clone()];
-                let wrench = &mut wrench[..segments.len()];
-                wrench.fill(Wrench::ZERO);
-                let mut root = Wrench::<Planar<T>>::ZERO;
-                for (index, segment) in segments.iter().enumerate().rev() {
-                    let mut push = wrench[index];
+                let wrenches = &mut wrenches[..segments.len()];
+                wrenches.fill(Wrench::ZERO);
+                let mut root = Wrench::ZERO;
+                for (k, segment) in segments.iter().enumerate().rev() {
+                    let mut push = wrenches[k];
                     if let Some(hinge) = &segment.hinge {
-                        let [lx, ly, sw, sx, sy, _] = rows[hinge.dof];
-                        let rest = x[hinge.dof] - Motion { ang: hinge.axis, lin: Vec2([lx, ly]) }.power(push);
+                        let row = &rows[hinge.dof];
+                        let rest = x[hinge.dof] + hinge_axis(hinge, row).power(push);
                         x[hinge.dof] = rest;
-                        push += Wrench { torque: Vec1([sw * rest]), force: Vec2([sx * rest, sy * rest]) };
+                        push = passed(row, push, rest);
                     }
                     match segment.parent {
-                        Some(parent) => wrench[parent] += push,
+                        Some(parent) => wrenches[parent] += push,
                         None => root += push,
                     }
                 }
@@ -242,38 +310,12 @@ impl<T: Scalar> Limbs<T> {
                 let (torque, force) = (Vec3([T::ZERO, T::ZERO, z]), Vec3([fx, fy, T::ZERO]));
                 total += limb.felt(Wrench { torque, force });
             }
-            let axes = &rows[base.dofs.clone()];
-            let triangle = &rows[base.rows..base.rows + axes.len()];
-            let own = &mut x[base.dofs.clone()];
-            for (x, row) in own.iter_mut().zip(axes) {
-                *x -= axis(row).power(total);
+            for dof in base.dofs.clone() {
+                x[dof] += axis(&rows[dof]).power(total);
             }
-            solve_triangle(triangle, own);
-            let mut moved = Motion::ZERO;
-            for (&x, row) in own.iter().zip(axes) {
-                moved = moved.plus(axis(row), x);
-            }
+            let moved = base.solve(rows, x);
             for limb in &layout.limbs[base.limbs.clone()] {
-                let segments = &layout.segments[limb.segments.clone()];
-                let start = limb.carried(moved);
-                let start = Motion::<Planar<T>> {
-                    ang: Vec1([start.ang[2]]),
-                    lin: Vec2([start.lin[0], start.lin[1]]),
-                };
-                for (index, segment) in segments.iter().enumerate() {
-                    let mut own = match segment.parent {
-                        Some(parent) => motion[parent],
-                        None => start,
-                    };
-                    if let Some(hinge) = &segment.hinge {
-                        let [lx, ly, sw, sx, sy, inverse] = rows[hinge.dof];
-                        let share = Wrench { torque: Vec1([sw]), force: Vec2([sx, sy]) };
-                        let a = x[hinge.dof] * inverse - own.power(share);
-                        x[hinge.dof] = a;
-                        own = own.plus(Motion { ang: hinge.axis, lin: Vec2([lx, ly]) }, a);
-                    }
-                    motion[index] = own;
-                }
+                Self::follow(layout, motion, limb, moved, rows, x);
             }
         }
     }
@@ -285,12 +327,14 @@ fn factor_triangle<T: Scalar>(m: &mut [[T; ROW]]) {
     for j in 0..m.len() {
         let inverse = T::ONE / m[j][j];
         for i in (j + 1..m.len()).rev() {
-            let share = m[i][j] * inverse;
-            for k in j + 1..=i {
-                let taken = share * m[k][j];
-                m[i][k] -= taken;
+            let (above, below) = m.split_at_mut(i);
+            let row = &mut below[0];
+            let share = row[j] * inverse;
+            for (k, other) in above.iter().enumerate().skip(j + 1) {
+                row[k] -= share * other[j];
             }
-            m[i][j] = share;
+            row[i] -= share * row[j];
+            row[j] = share;
         }
         m[j][j] = inverse;
     }

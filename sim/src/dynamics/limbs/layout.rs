@@ -3,9 +3,9 @@
 use std::ops::Range;
 
 use super::articulated::Articulated;
-use crate::dynamics::plant::{JointPlanKind, Plant};
+use crate::dynamics::plant::Plant;
 use crate::fluid::{Immersed, ImmersedBox};
-use crate::math::{Mat3, Sym3, Vec1, Vec2, Vec3};
+use crate::math::{Mat3, Vec3};
 use crate::model::{Body, Model};
 use crate::scalar::Scalar;
 use crate::space::{Planar, Plane, ShapeAxes, Space, Spatial, Turn};
@@ -39,15 +39,15 @@ pub(super) struct Limb<T> {
     pub(super) segments: Range<usize>,
 }
 
-/// A body of a limb. At the reference its axes are the limb's.
+/// A body of a limb. At the reference its axes are the limb's. Its geometry is the same in every lane.
 #[derive(Debug, Clone)]
 pub(super) struct Segment<T: Scalar> {
     /// The segment that carries it, counted within the limb; `None` for the base.
     pub(super) parent: Option<usize>,
-    pub(super) pos: Vec2<T>,
-    pub(super) hinge: Option<Hinge<T>>,
+    pub(super) pos: [f64; 2],
+    pub(super) hinge: Option<Hinge>,
     pub(super) mass: T,
-    pub(super) com: Vec2<T>,
+    pub(super) com: [f64; 2],
     /// Inertia about the centre of mass, for turns in the plane \[kg m2\].
     pub(super) inertia: T,
     /// The same for turns about axes in the plane: (xx + yy) / 2, (xx - yy) / 2 and xy.
@@ -60,21 +60,23 @@ pub(super) struct Segment<T: Scalar> {
 
 /// The joint of a segment.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Hinge<T> {
-    pub(super) axis: Vec1<T>,
+pub(super) struct Hinge {
+    /// 1 across the plane, -1 against it.
+    pub(super) axis: f64,
     /// Anchor; `None` at the segment's origin.
-    pub(super) pos: Option<Vec2<T>>,
+    pub(super) pos: Option<[f64; 2]>,
     pub(super) q: usize,
     pub(super) dof: usize,
-    pub(super) reference: T,
+    pub(super) reference: f64,
 }
 
 /// What feels the water on a segment.
 #[derive(Debug, Clone)]
 pub(super) struct Shape<T: Scalar> {
-    pub(super) pos: Vec2<T>,
-    /// `segment_from_shape`; `None` for the identity.
-    pub(super) rot: Option<Turn<T>>,
+    /// Centre; `None` at the centre of mass.
+    pub(super) pos: Option<[f64; 2]>,
+    /// Cosine and sine of `segment_from_shape`; `None` for the identity.
+    pub(super) rot: Option<[f64; 2]>,
     pub(super) law: Law<T>,
 }
 
@@ -100,7 +102,7 @@ pub(super) struct Layout<T: Scalar> {
 pub(super) const BASE_DOFS: usize = 6;
 
 impl<T: Scalar> Layout<T> {
-    /// The layout of `model`, if what its bases carry rides in planes.
+    /// The layout of `model`, if what its bases carry rides in planes, in all lanes alike.
     pub(super) fn of(model: &Model<T>, plant: &Plant<Spatial<T>>) -> Option<Self> {
         let mut layout = Self {
             bases: Vec::new(),
@@ -109,12 +111,14 @@ impl<T: Scalar> Layout<T> {
             shapes: Vec::new(),
             rows: plant.nv,
         };
+        // a number that varies is none and fits no plane
+        let plain = model.map(|x| x.as_constant().unwrap_or(f64::NAN));
         let children =
             |parent: usize| (1..plant.links.len()).filter(move |&i| plant.links[i].parent == parent);
         for link in children(0) {
             let first = layout.limbs.len();
             for root in children(link) {
-                layout.add_limb(model, plant, root)?;
+                layout.add_limb(model, &plain, plant, root)?;
             }
             let (body, dofs) = (&model.bodies[link], plant.links[link].dofs.clone());
             if dofs.len() > BASE_DOFS {
@@ -135,81 +139,87 @@ impl<T: Scalar> Layout<T> {
         (!layout.limbs.is_empty()).then_some(layout)
     }
 
-    /// Adds the branch that begins with the body `root`, if it rides in a plane.
-    fn add_limb(&mut self, model: &Model<T>, plant: &Plant<Spatial<T>>, root: usize) -> Option<()> {
+    /// Adds the branch that begins with the body `root`, if it rides in a plane. `plain` has the model's constants.
+    fn add_limb(
+        &mut self,
+        model: &Model<T>,
+        plain: &Model<f64>,
+        plant: &Plant<Spatial<T>>,
+        root: usize,
+    ) -> Option<()> {
         let mut branch = vec![root];
-        for index in root + 1..model.bodies.len() {
-            if branch.contains(&model.bodies[index].parent) {
+        for index in root + 1..plain.bodies.len() {
+            if branch.contains(&plain.bodies[index].parent) {
                 branch.push(index);
             }
         }
-        let (plane, depth) = Plane::riding(model, &branch)?;
-        let first = self.segments.len();
+        let (plane, depth) = Plane::riding(plain, &branch)?;
+        let (first, mut mass) = (self.segments.len(), T::ZERO);
         for &index in &branch {
-            let link = &plant.links[index];
-            let body = &model.bodies[index];
-            let shapes = self.add_shapes(model, plant, &plane, index);
+            let body = &plain.bodies[index];
+            let shapes = self.add_shapes(plain, plant, &plane, index);
+            let joint = plain.joints.iter().find(|joint| joint.body == index);
+            let (inertia, tilting) = inertia(&plane, index, body, model.bodies[index].inertia);
+            mass += model.bodies[index].mass;
             self.segments.push(Segment {
-                parent: branch.iter().position(|&other| other == link.parent),
-                pos: Planar::vector(&plane, link.parent, body.pos),
-                hinge: plant.joints[link.joints.clone()].first().map(|joint| {
-                    let JointPlanKind::Hinge { axis, .. } = joint.kind else {
-                        unreachable!("hinges alone move what rides in a plane")
-                    };
-                    let own = model.joints.iter().find(|own| own.dof_address == joint.dof);
-                    let pos = own.map_or(Vec3::ZERO, |own| own.pos);
-                    Hinge {
-                        axis: Planar::spin(&plane, index, axis),
-                        pos: joint.pos.is_some().then(|| Planar::vector(&plane, index, pos)),
-                        q: joint.q,
-                        dof: joint.dof,
-                        reference: joint.reference,
-                    }
+                parent: branch.iter().position(|&other| other == body.parent),
+                pos: Planar::vector(&plane, body.parent, body.pos).0,
+                hinge: joint.map(|joint| Hinge {
+                    axis: Planar::spin(&plane, index, joint.axis).0[0],
+                    pos: (joint.pos != Vec3::ZERO).then(|| Planar::vector(&plane, index, joint.pos).0),
+                    q: joint.qpos_address,
+                    dof: joint.dof_address,
+                    reference: joint.reference,
                 }),
-                mass: body.mass,
-                com: Planar::vector(&plane, index, body.com),
-                inertia: Planar::inertia(&plane, index, link.inertia),
-                tilting: tilting(&plane, index, body),
-                held_mass: link.held_mass,
+                mass: model.bodies[index].mass,
+                com: Planar::vector(&plane, index, body.com).0,
+                inertia,
+                tilting,
+                held_mass: plant.links[index].held_mass,
                 shapes,
             });
         }
-        let mut mass = T::ZERO;
-        for segment in &self.segments[first..] {
-            mass += segment.mass;
-        }
-        let axes = *plane.axes(plant.links[root].parent);
+        let axes = plane.axes(plain.bodies[root].parent).0.map(|row| row.map(T::from_f64));
+        let (axes, depth) = (Mat3(axes), T::from_f64(depth));
         self.limbs.push(Limb { axes, depth, mass, segments: first..self.segments.len() });
         Some(())
     }
 
     fn add_shapes(
         &mut self,
-        model: &Model<T>,
+        plain: &Model<f64>,
         plant: &Plant<Spatial<T>>,
-        plane: &Plane<T>,
+        plane: &Plane<f64>,
         index: usize,
     ) -> Range<usize> {
         let first = self.shapes.len();
-        let mut add = |pos, quat, law: &dyn Fn(ShapeAxes) -> Law<T>| {
+        let body = &plain.bodies[index];
+        let mut add = |pos: Vec3<f64>, quat, law: &dyn Fn(ShapeAxes) -> Law<T>| {
             let (rot, axes) = Planar::shape_axes(plane, index, quat);
-            self.shapes.push(Shape { pos: Planar::vector(plane, index, pos), rot, law: law(axes) });
+            self.shapes.push(Shape {
+                pos: (pos != body.com).then(|| Planar::vector(plane, index, pos).0),
+                rot: rot.map(|Turn { cos, sin }| [cos, sin]),
+                law: law(axes),
+            });
         };
         for wet in plant.fluid_geoms.iter().filter(|wet| wet.body == index) {
-            let geom = &model.geoms[wet.geom];
+            let geom = &plain.geoms[wet.geom];
             add(geom.pos, geom.quat, &|axes| Law::Ellipsoid(wet.shape.on_axes(axes)));
         }
         for wet in plant.fluid_bodies.iter().filter(|wet| wet.body == index) {
-            let body = &model.bodies[index];
             add(body.com, body.principal, &|axes| Law::InertiaBox(wet.shape.on_axes(axes)));
         }
         first..self.shapes.len()
     }
 }
 
-fn tilting<T: Scalar>(plane: &Plane<T>, index: usize, body: &Body<T>) -> [T; 3] {
-    let principal = plane.axes(index).product(&body.principal.matrix());
-    let [xx, yy, _, xy, ..] = Sym3::rotated_diagonal(&principal, body.inertia).0;
-    let half = T::from_f64(0.5);
-    [(xx + yy) * half, (xx - yy) * half, xy]
+/// A segment's inertia with these principal moments: [`Segment::inertia`] and [`Segment::tilting`].
+fn inertia<T: Scalar>(plane: &Plane<f64>, index: usize, body: &Body<f64>, moments: Vec3<T>) -> (T, [T; 3]) {
+    let [x, y, z] = plane.axes(index).product(&body.principal.matrix()).0;
+    let sum = |a: [f64; 3], b: [f64; 3]| {
+        let share: [f64; 3] = std::array::from_fn(|k| a[k] * b[k]);
+        Vec3::constant(share).dot(moments)
+    };
+    let (xx, yy, xy, half) = (sum(x, x), sum(y, y), sum(x, y), T::from_f64(0.5));
+    (sum(z, z), [(xx + yy) * half, (xx - yy) * half, xy])
 }

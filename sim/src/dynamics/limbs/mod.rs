@@ -11,7 +11,7 @@ mod articulated;
 mod layout;
 mod motion;
 
-use articulated::{Across, Flat, ROW};
+use articulated::{Flat, ROW};
 use layout::Layout;
 use motion::Riding;
 
@@ -22,19 +22,18 @@ use crate::model::Model;
 use crate::scalar::Scalar;
 use crate::space::{LimbStage, Motion, Planar, Spatial, Wrench};
 
-/// The dynamics of a model whose bases carry limbs.
+/// The dynamics of a model whose bases carry limbs. Room for one limb at a time, shape (segments of the longest) each, so
+/// that its numbers stay near.
 #[derive(Debug, Clone)]
 pub(crate) struct Limbs<T: Scalar> {
     layout: Layout<T>,
-    /// Velocity of the limb's origin, carried by each segment's hinge, per unit rate; shape (segments).
+    /// Velocity of the limb's origin, were it carried by the hinge, per unit rate.
     axes: Vec<Vec2<T>>,
-    /// Inertia of each segment in the plane; with all it carries, once factored. Shape (segments).
-    flat: Vec<Flat<T>>,
-    /// Inertia of each limb across its plane, shape (limbs).
-    across: Vec<Across<T>>,
-    /// Of the limb at work, shape (segments of the longest limb).
+    /// In the plane: of each segment; with all it carries, tips first.
+    inertias: Vec<Flat<T>>,
+    wrenches: Vec<Wrench<Planar<T>>>,
     riding: Vec<Riding<T>>,
-    wrench: Vec<Wrench<Planar<T>>>,
+    /// Accelerations.
     motion: Vec<Motion<Planar<T>>>,
 }
 
@@ -47,13 +46,12 @@ impl<T: Scalar> LimbStage<Spatial<T>> for Limbs<T> {
         let layout = Layout::of(model, plant)?;
         let longest = layout.limbs.iter().map(|limb| limb.segments.len()).max()?;
         Some(Self {
-            axes: vec![Vec2::ZERO; layout.segments.len()],
-            flat: vec![Flat::ZERO; layout.segments.len()],
-            across: vec![Across::ZERO; layout.limbs.len()],
-            riding: vec![Riding::STILL; longest],
-            wrench: vec![Wrench::ZERO; longest],
-            motion: vec![Motion::ZERO; longest],
             layout,
+            axes: vec![Vec2::ZERO; longest],
+            inertias: vec![Flat::ZERO; longest],
+            wrenches: vec![Wrench::ZERO; longest],
+            riding: vec![Riding::STILL; longest],
+            motion: vec![Motion::ZERO; longest],
         })
     }
 
@@ -62,26 +60,18 @@ impl<T: Scalar> LimbStage<Spatial<T>> for Limbs<T> {
     }
 
     #[inline(always)]
-    fn forces(
+    fn accelerate(
         &mut self,
         plant: &Plant<Spatial<T>>,
         qpos: &[T],
         qvel: &[T],
         work: &mut Work<Spatial<T>>,
-        force: &mut [T],
-    ) {
-        self.move_and_push(plant, qpos, qvel, work, force);
-    }
-
-    #[inline(always)]
-    fn factor(
-        &mut self,
-        plant: &Plant<Spatial<T>>,
-        work: &Work<Spatial<T>>,
         shift: Option<&[T]>,
         factors: &mut [T],
+        force: &mut [T],
     ) {
-        self.factor_rows(plant, work, shift, factors);
+        let (rows, _) = factors.as_chunks_mut::<ROW>();
+        self.articulate(plant, qpos, qvel, work, shift, rows, force);
     }
 
     #[inline(always)]

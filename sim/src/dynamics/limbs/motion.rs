@@ -1,8 +1,9 @@
-//! From coordinates and velocities to forces, one body after the other, tips last; then back.
+//! From coordinates and velocities to accelerations, body by body: tips last, tips first, tips last (Featherstone, Rigid Body
+//! Dynamics Algorithms, 2008, section 7.3).
 
 use super::Limbs;
-use super::articulated::{Across, Flat};
-use super::layout::{Base, Law, Limb, Segment, Shape};
+use super::articulated::{Across, Flat, ROW, added, yielding};
+use super::layout::{Base, Law, Segment, Shape};
 use crate::dynamics::plant::Plant;
 use crate::dynamics::{Work, bias, fluid, inertia, kinematics, passive};
 use crate::math::{Mat3, Vec1, Vec2, Vec3};
@@ -94,113 +95,113 @@ fn at_point<T: Scalar>(velocity: &Motion<Planar<T>>, across: &MotionAcross<T>, a
 }
 
 impl<T: Scalar> Limbs<T> {
-    /// Moves every body and adds what they exert to `force`; keeps what [`Self::factor_rows`] needs.
+    /// See [`LimbStage::accelerate`](crate::space::LimbStage::accelerate).
+    #[expect(clippy::too_many_arguments, reason = "one stage's inputs")]
     #[inline(always)]
-    pub(super) fn move_and_push(
+    pub(super) fn articulate(
         &mut self,
         plant: &Plant<Spatial<T>>,
         qpos: &[T],
         qvel: &[T],
         work: &mut Work<Spatial<T>>,
+        shift: Option<&[T]>,
+        rows: &mut [[T; ROW]],
         force: &mut [T],
     ) {
+        let Self { layout, axes, inertias, riding, wrenches, motion } = self;
         bias::ground(plant, work);
-        for index in 0..self.layout.bases.len() {
-            let base = &self.layout.bases[index];
-            let (link, dofs, limbs) = (base.link, base.dofs.clone(), base.limbs.clone());
+        for base in &layout.bases {
             move_base(plant, base, qpos, qvel, work);
-            let rot = work.rot[link];
-            let (velocity, drift) = (back(&rot, work.velocity[link]), back(&rot, work.drift[link]));
+            let rot = work.rot[base.link];
+            let (velocity, drift) = (back(&rot, work.velocity[base.link]), back(&rot, work.drift[base.link]));
             let (gravity, water) = (rot.apply_transposed(plant.gravity), rot.apply_transposed(work.water));
+            let mut felt = base.inertia;
             let mut total = Wrench::ZERO;
-            for limb in limbs {
-                let axes = &self.layout.limbs[limb].axes;
-                let (gravity, water) = (axes.apply(gravity), axes.apply(water));
-                let pushed = self.push(plant, limb, (velocity, drift), (gravity, water), qpos, qvel, force);
-                total += self.layout.limbs[limb].felt(pushed);
+            for limb in &layout.limbs[base.limbs.clone()] {
+                let (velocity, velocity_across) = split(limb.carried(velocity));
+                let (drift, drift_across) = split(limb.carried(drift));
+                let around = Surroundings {
+                    velocity: velocity_across,
+                    gravity: limb.axes.apply(gravity),
+                    water: limb.axes.apply(water),
+                    density: plant.density,
+                    viscosity: plant.viscosity,
+                };
+                let root = Riding { velocity, drift, drift_across, ..Riding::STILL };
+
+                // tips last: motions, and what the bodies exert
+                let mut resists = Across::ZERO;
+                let mut pushed_across = WrenchAcross { torque: Vec2([T::ZERO; 2]), force: T::ZERO };
+                let segments = &layout.segments[limb.segments.clone()];
+                for (k, segment) in segments.iter().enumerate() {
+                    let parent = match segment.parent {
+                        Some(parent) => &riding[parent],
+                        None => &root,
+                    };
+                    let own = segment.swing(parent, &around, qpos, qvel, &mut axes[k]);
+                    let com = own.at + Planar::apply(&own.rot, Vec2::constant(segment.com));
+                    let tilting = segment.tilting_at(&own.rot);
+                    let moment = com * segment.mass;
+                    let rotational = segment.inertia + moment.dot(com);
+                    inertias[k] = Flat::of(&Inertia { mass: segment.mass, moment, rotational });
+                    resists.carry(moment, com, tilting);
+
+                    let velocity = at_point(&own.velocity, &around.velocity, com);
+                    let (mut push, mut push_across) = segment.inertial(&own, &around, com, velocity, tilting);
+                    for shape in &layout.shapes[segment.shapes.clone()] {
+                        let (more, more_across) = shape.wet(&own, &around, com, velocity);
+                        push += more;
+                        push_across.torque += more_across.torque;
+                        push_across.force += more_across.force;
+                    }
+                    pushed_across.torque += push_across.torque;
+                    pushed_across.force += push_across.force;
+                    wrenches[k] = push;
+                    riding[k] = own;
+                }
+
+                // tips first: what reaches the base
+                let mut inertia = Flat::ZERO;
+                let mut pushed = Wrench::<Planar<T>>::ZERO;
+                for (k, segment) in segments.iter().enumerate().rev() {
+                    let (mut own, mut push) = (inertias[k], wrenches[k]);
+                    if let Some(hinge) = &segment.hinge {
+                        let axis = Motion { ang: Vec1::constant([hinge.axis]), lin: axes[k] };
+                        let added = added(plant, shift, hinge.dof);
+                        let yielded = yielding(axis, added, force[hinge.dof], own, push);
+                        force[hinge.dof] = yielded.rest;
+                        rows[hinge.dof] = yielded.row;
+                        (own, push) = (yielded.inertia, yielded.wrench);
+                    }
+                    match segment.parent {
+                        Some(parent) => {
+                            inertias[parent].add(&own);
+                            wrenches[parent] += push;
+                        }
+                        None => {
+                            inertia.add(&own);
+                            pushed += push;
+                        }
+                    }
+                }
+                felt.add(limb, &inertia, &resists);
+                let (Vec2([x, y]), Vec1([z])) = (pushed_across.torque, pushed.torque);
+                let Vec2([fx, fy]) = pushed.force;
+                total +=
+                    limb.felt(Wrench { torque: Vec3([x, y, z]), force: Vec3([fx, fy, pushed_across.force]) });
             }
-            work.wrench[link] += Wrench { torque: rot.apply(total.torque), force: rot.apply(total.force) };
-            for dof in dofs {
-                force[dof] += work.axes[dof].power(work.wrench[link]);
+            let own = &mut work.wrench[base.link];
+            *own += Wrench { torque: rot.apply(total.torque), force: rot.apply(total.force) };
+            for dof in base.dofs.clone() {
+                force[dof] += work.axes[dof].power(*own);
             }
-            work.wrench[link] = Wrench::ZERO;
+            *own = Wrench::ZERO;
+            base.factor(plant, work, shift, &felt, rows);
+            let moved = base.solve(rows, force);
+            for limb in &layout.limbs[base.limbs.clone()] {
+                Self::follow(layout, motion, limb, moved, rows, force);
+            }
         }
-    }
-
-    /// Moves the limb `index` along with its base; yields the wrench on its root, about its origin.
-    #[expect(clippy::too_many_arguments, reason = "one stage's inputs")]
-    #[inline(always)]
-    fn push(
-        &mut self,
-        plant: &Plant<Spatial<T>>,
-        index: usize,
-        (velocity, drift): (Motion<Spatial<T>>, Motion<Spatial<T>>),
-        (gravity, water): (Vec3<T>, Vec3<T>),
-        qpos: &[T],
-        qvel: &[T],
-        force: &mut [T],
-    ) -> Wrench<Spatial<T>> {
-        let Self { layout, axes, flat: inertias, across, riding, wrench, .. } = self;
-        let limb: &Limb<T> = &layout.limbs[index];
-        let segments = &layout.segments[limb.segments.clone()];
-        let axes = &mut axes[limb.segments.clone()];
-        let inertias = &mut inertias[limb.segments.clone()];
-        let (velocity, drift) = (limb.carried(velocity), limb.carried(drift));
-        let ((velocity, velocity_across), (drift, drift_across)) = (split(velocity), split(drift));
-        let (density, viscosity) = (plant.density, plant.viscosity);
-        let around = Surroundings { velocity: velocity_across, gravity, water, density, viscosity };
-        let root = Riding { velocity, drift, drift_across, ..Riding::STILL };
-
-        let mut resists = Across::ZERO;
-        let mut pushed_across = WrenchAcross { torque: Vec2([T::ZERO; 2]), force: T::ZERO };
-        for (k, segment) in segments.iter().enumerate() {
-            let parent = match segment.parent {
-                Some(parent) => &riding[parent],
-                None => &root,
-            };
-            let own = segment.swing(parent, &around, qpos, qvel, &mut axes[k]);
-            let com = own.at + Planar::apply(&own.rot, segment.com);
-            let tilting = segment.tilting_at(&own.rot);
-            let moment = com * segment.mass;
-            inertias[k] = Flat::of(&Inertia {
-                mass: segment.mass,
-                moment,
-                rotational: segment.inertia + moment.dot(com),
-            });
-            let [xx, yy, xy] = tilting;
-            resists.moment += moment;
-            resists.inertia[0] += xx + moment[1] * com[1];
-            resists.inertia[1] += yy + moment[0] * com[0];
-            resists.inertia[2] += xy - moment[0] * com[1];
-
-            let (mut push, mut push_across) = segment.inertial(&own, &around, com, tilting);
-            for shape in &layout.shapes[segment.shapes.clone()] {
-                let (more, more_across) = shape.wet(&own, &around);
-                push += more;
-                push_across.torque += more_across.torque;
-                push_across.force += more_across.force;
-            }
-            pushed_across.torque += push_across.torque;
-            pushed_across.force += push_across.force;
-            wrench[k] = push;
-            riding[k] = own;
-        }
-        across[index] = resists;
-
-        let mut pushed = Wrench::<Planar<T>>::ZERO;
-        for (k, segment) in segments.iter().enumerate().rev() {
-            let push = wrench[k];
-            if let Some(hinge) = &segment.hinge {
-                force[hinge.dof] += Motion { ang: hinge.axis, lin: axes[k] }.power(push);
-            }
-            match segment.parent {
-                Some(parent) => wrench[parent] += push,
-                None => pushed += push,
-            }
-        }
-        let (Vec2([x, y]), Vec1([z])) = (pushed_across.torque, pushed.torque);
-        let Vec2([fx, fy]) = pushed.force;
-        Wrench { torque: Vec3([x, y, z]), force: Vec3([fx, fy, pushed_across.force]) }
     }
 }
 
@@ -238,18 +239,20 @@ impl<T: Scalar> Segment<T> {
         axis: &mut Vec2<T>,
     ) -> Riding<T> {
         let mut own = *parent;
-        own.at = parent.at + Planar::apply(&parent.rot, self.pos);
+        own.at = parent.at + Planar::apply(&parent.rot, Vec2::constant(self.pos));
         let Some(hinge) = &self.hinge else { return own };
-        let angle = qpos[hinge.q] - hinge.reference;
-        own.rot = Planar::swung(&parent.rot, hinge.axis, None, angle.sin_cos());
+        let angle = qpos[hinge.q] - T::from_f64(hinge.reference);
+        let along = Vec1::constant([hinge.axis]);
+        own.rot = Planar::swung(&parent.rot, along, None, angle.sin_cos());
         let mut anchor = own.at;
         if let Some(pos) = hinge.pos {
+            let pos = Vec2::constant(pos);
             anchor += Planar::apply(&parent.rot, pos);
             own.at = anchor - Planar::apply(&own.rot, pos);
         }
-        *axis = Planar::cross(hinge.axis, -anchor);
+        *axis = Planar::cross(along, -anchor);
         let rate = qvel[hinge.dof];
-        let swing = Motion::<Planar<T>> { ang: hinge.axis * rate, lin: *axis * rate };
+        let swing = Motion::<Planar<T>> { ang: along * rate, lin: *axis * rate };
         own.drift = parent.drift.and(parent.velocity.cross(swing));
         // the base's turn tilts the hinge
         let tilt = around.velocity.ang;
@@ -269,26 +272,27 @@ impl<T: Scalar> Segment<T> {
         [mean + along, mean - along, difference * sin + product * cos]
     }
 
-    /// The wrench that drift and weight call for, reversed (Newton and Euler about the centre of mass at `com`).
+    /// The wrench that drift and weight call for, reversed (Newton and Euler about the centre of mass at `com`, which moves at
+    /// `v`, `v_across`).
     #[inline(always)]
     fn inertial(
         &self,
         own: &Riding<T>,
         around: &Surroundings<T>,
         com: Vec2<T>,
+        (v, v_across): (Vec2<T>, T),
         tilting: [T; 3],
     ) -> (Wrench<Planar<T>>, WrenchAcross<T>) {
         let Riding { velocity, drift, drift_across, .. } = own;
         let tilt = around.velocity.ang;
-        let (v, v_across) = at_point(velocity, &around.velocity, com);
         let (a, a_across) = at_point(drift, drift_across, com);
         let a = a + Planar::cross(velocity.ang, v) + lever(tilt, v_across);
         let a_across = a_across + Planar::moment(tilt, v).0[0];
         let mut force = a * -self.mass;
         let mut force_across = -(a_across * self.mass);
         if let Some(held) = self.held_mass {
-            force = force - flat(around.gravity) * held;
-            force_across = force_across - around.gravity[2] * held;
+            force -= flat(around.gravity) * held;
+            force_across -= around.gravity[2] * held;
         }
 
         let spin = turned(tilting, tilt);
@@ -304,15 +308,28 @@ impl<T: Scalar> Segment<T> {
 }
 
 impl<T: Scalar> Shape<T> {
-    /// The water's wrench.
+    /// The water's wrench; the centre of mass is at `com` and moves at `velocity`.
     #[inline(always)]
-    fn wet(&self, own: &Riding<T>, around: &Surroundings<T>) -> (Wrench<Planar<T>>, WrenchAcross<T>) {
-        let at = own.at + Planar::apply(&own.rot, self.pos);
-        let rot = match &self.rot {
-            Some(rot) => Planar::product(&own.rot, rot),
+    fn wet(
+        &self,
+        own: &Riding<T>,
+        around: &Surroundings<T>,
+        com: Vec2<T>,
+        velocity: (Vec2<T>, T),
+    ) -> (Wrench<Planar<T>>, WrenchAcross<T>) {
+        let (at, (v, v_across)) = match self.pos {
+            Some(pos) => {
+                let at = own.at + Planar::apply(&own.rot, Vec2::constant(pos));
+                (at, at_point(&own.velocity, &around.velocity, at))
+            }
+            None => (com, velocity),
+        };
+        let rot = match self.rot {
+            Some([cos, sin]) => {
+                Planar::product(&own.rot, &Turn { cos: T::from_f64(cos), sin: T::from_f64(sin) })
+            }
             None => own.rot,
         };
-        let (v, v_across) = at_point(&own.velocity, &around.velocity, at);
         let Vec2([wx, wy]) = Planar::back(&rot, around.velocity.ang);
         let Vec2([vx, vy]) = Planar::back(&rot, v - flat(around.water));
         let w = Vec3([wx, wy, own.velocity.ang.0[0]]);
