@@ -43,10 +43,20 @@ pub fn positions(
     }
     let columns = rollout::columns(model, command)?;
     let isa = if simulator::one_by_one(model, options) { Isa::Baseline } else { isa };
-    let mut results = Vec::with_capacity(candidates.len());
-    for group in candidates.chunks(isa.candidates()) {
-        let group = Group { model, parameters, group, command, columns: &columns, sample_times_s, options };
-        results.extend(dispatch(isa, group)?);
+    // how a mechanism is best computed depends on whether its joints rub: a pass has candidates of one kind only
+    let rubs = |index: &usize| {
+        let mut values = parameters.iter().zip(&candidates[*index].values);
+        values.any(|(place, &value)| matches!(place, Parameter::FrictionLoss(_)) && value != 0.0)
+    };
+    let (rubbing, free): (Vec<usize>, Vec<usize>) = (0..candidates.len()).partition(rubs);
+    let mut results: Vec<Positions> = vec![Ok(Vec::new()); candidates.len()];
+    for places in [rubbing, free].iter().flat_map(|kind| kind.chunks(isa.candidates())) {
+        let group: Vec<&Candidate> = places.iter().map(|&place| &candidates[place]).collect();
+        let group =
+            Group { model, parameters, group: &group, command, columns: &columns, sample_times_s, options };
+        for (&place, positions) in places.iter().zip(dispatch(isa, group)?) {
+            results[place] = positions;
+        }
     }
     for (candidate, result) in candidates.iter().zip(&mut results) {
         let mut values = parameters.iter().zip(&candidate.values);
@@ -147,7 +157,7 @@ fn per_lane<T: Scalar, L: Packed>(
 struct Group<'a> {
     model: &'a Model,
     parameters: &'a [Parameter],
-    group: &'a [Candidate],
+    group: &'a [&'a Candidate],
     command: &'a Command,
     columns: &'a [Option<usize>],
     sample_times_s: &'a [f64],
@@ -157,7 +167,7 @@ struct Group<'a> {
 impl Group<'_> {
     /// One number of each candidate; lanes left over repeat the last one.
     fn packed<L: Packed>(&self, number: impl Fn(&Candidate) -> f64) -> L {
-        L::pack(|lane| number(&self.group[lane.min(self.group.len() - 1)]))
+        L::pack(|lane| number(self.group[lane.min(self.group.len() - 1)]))
     }
 
     fn model<L: Packed>(&self) -> Model<L> {
@@ -187,7 +197,7 @@ impl Group<'_> {
         let run = Run { model, state, start_s, command, columns, sample_times_s, options, states: false };
         let samples = run.through::<S>(layout)?;
         let position_m = per_lane(&samples.position_m, group.len(), |x| x);
-        let one = |((candidate, position_m), failed): ((&Candidate, _), _)| match failed {
+        let one = |((candidate, position_m), failed): ((&&Candidate, _), _)| match failed {
             // steps are counted on the clock of the commands
             Some(RolloutError::Diverged { joint, time_s }) => {
                 Err(RolloutError::Diverged { joint, time_s: time_s + candidate.start_s - options.start_s })

@@ -192,6 +192,11 @@ impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
         Self::constant(T::from_f64(x))
     }
 
+    fn as_constant(self) -> Option<f64> {
+        let still = self.partials.iter().all(|&rate| rate == T::ZERO);
+        if still { self.value.as_constant() } else { None }
+    }
+
     #[inline(always)]
     fn sqrt(self) -> Self {
         let root = self.value.sqrt();

@@ -92,6 +92,9 @@ pub trait Scalar:
     /// The constant `x`, the same in every lane, with no derivative.
     fn from_f64(x: f64) -> Self;
 
+    /// The constant that it is: the same in every lane, with no derivative.
+    fn as_constant(self) -> Option<f64>;
+
     /// Square root. Its derivative at 0 counts as 0, which keeps the derivative of |v| v finite at rest.
     fn sqrt(self) -> Self;
 
@@ -176,6 +179,10 @@ impl Scalar for f64 {
     #[inline(always)]
     fn from_f64(x: f64) -> Self {
         x
+    }
+
+    fn as_constant(self) -> Option<f64> {
+        Some(self)
     }
 
     #[inline(always)]

@@ -48,6 +48,29 @@ fn alone(
     rollout(&model, &candidate.state, command, times, &options).map(|run| run.position_m)
 }
 
+/// Limbs of which no joint rubs are computed in another way than those of which one does.
+#[test]
+fn candidates_without_friction_move_as_they_do_alone_beside_others_with_it() {
+    let times: Vec<f64> = (0..10).map(|k| 0.01 * f64::from(k)).collect();
+    let options =
+        RolloutOptions { steps: Some(Steps::even(Method::Rosenbrock, 0.004)), ..Default::default() };
+    let model = Model::from_mjcf(OCTOPUS).unwrap();
+    let command = stroke(&model);
+    let (parameters, mut candidates) = candidates(&model, &["a1q3/frictionloss"], 0.0);
+    for (k, candidate) in candidates.iter_mut().enumerate() {
+        candidate.start_s = 0.0;
+        candidate.values[0] = [0.0, 1e-4, 0.0][k % 3];
+    }
+    for isa in Isa::available() {
+        let together =
+            batch::positions(&model, &parameters, &candidates, &command, &times, &options, isa).unwrap();
+        for (candidate, positions) in candidates.iter().zip(together) {
+            let expected = alone(&model, &parameters, candidate, &command, &times, &options).unwrap();
+            assert_eq!(positions.unwrap(), expected, "{}", isa.name());
+        }
+    }
+}
+
 #[test]
 fn a_candidate_moves_the_same_to_the_bit_in_any_lane_of_any_instruction_set_and_alone() {
     let times: Vec<f64> = (0..40).map(|k| 0.013 * f64::from(k)).collect();

@@ -9,39 +9,58 @@ use crate::space::{Motion, Space, Wrench};
 /// accelerations 0, less gravity).
 #[inline(always)]
 pub(crate) fn velocities<S: Space>(plant: &Plant<S>, qvel: &[S::T], work: &mut Work<S>) {
-    work.drift[0] = Motion { ang: S::Spin::ZERO, lin: -plant.gravity };
-    for (index, link) in plant.links.iter().enumerate().skip(1) {
-        let mut velocity = work.velocity[link.parent];
-        let mut drift = work.drift[link.parent];
-        for joint in &plant.joints[link.joints.clone()] {
-            // the axes of a free body's travel are the world's and stay
-            let staying = if matches!(joint.kind, JointPlanKind::Free(_)) { 3 } else { 0 };
-            let axes = &work.axes[joint.dof..joint.dof + joint.nv];
-            let rates = &qvel[joint.dof..joint.dof + joint.nv];
-            for (axis, &rate) in axes[..staying].iter().zip(&rates[..staying]) {
-                velocity = velocity.plus(*axis, rate);
-            }
-            let mut own = Motion::ZERO;
-            for (axis, &rate) in axes[staying..].iter().zip(&rates[staying..]) {
-                own = own.plus(*axis, rate);
-            }
-            drift = drift.and(velocity.cross(own));
-            velocity = velocity.and(own);
-        }
-        work.velocity[index] = velocity;
-        work.drift[index] = drift;
+    ground(plant, work);
+    for index in 1..plant.links.len() {
+        velocity(plant, index, qvel, work);
     }
+}
+
+/// The world's own velocity and drift.
+#[inline(always)]
+pub(crate) fn ground<S: Space>(plant: &Plant<S>, work: &mut Work<S>) {
+    work.drift[0] = Motion { ang: S::Spin::ZERO, lin: -plant.gravity };
+}
+
+/// Velocity and drift of the body `index` alone, whose parent's are known.
+#[inline(always)]
+pub(crate) fn velocity<S: Space>(plant: &Plant<S>, index: usize, qvel: &[S::T], work: &mut Work<S>) {
+    let link = &plant.links[index];
+    let mut velocity = work.velocity[link.parent];
+    let mut drift = work.drift[link.parent];
+    for joint in &plant.joints[link.joints.clone()] {
+        // the axes of a free body's travel are the world's and stay
+        let staying = if matches!(joint.kind, JointPlanKind::Free(_)) { 3 } else { 0 };
+        let axes = &work.axes[joint.dof..joint.dof + joint.nv];
+        let rates = &qvel[joint.dof..joint.dof + joint.nv];
+        for (axis, &rate) in axes[..staying].iter().zip(&rates[..staying]) {
+            velocity = velocity.plus(*axis, rate);
+        }
+        let mut own = Motion::ZERO;
+        for (axis, &rate) in axes[staying..].iter().zip(&rates[staying..]) {
+            own = own.plus(*axis, rate);
+        }
+        drift = drift.and(velocity.cross(own));
+        velocity = velocity.and(own);
+    }
+    work.velocity[index] = velocity;
+    work.drift[index] = drift;
 }
 
 /// Adds to `work.wrench` the force each body needs for its drift, reversed.
 #[inline(always)]
 pub(crate) fn bias<S: Space>(plant: &Plant<S>, work: &mut Work<S>) {
     for index in 1..plant.links.len() {
-        let inertia = &work.inertia[index];
-        let velocity = work.velocity[index];
-        work.wrench[index] -= inertia.apply(work.drift[index]);
-        work.wrench[index] -= velocity.cross_force(inertia.apply(velocity));
+        resist(index, work);
     }
+}
+
+/// The same for the body `index` alone.
+#[inline(always)]
+pub(crate) fn resist<S: Space>(index: usize, work: &mut Work<S>) {
+    let inertia = &work.inertia[index];
+    let velocity = work.velocity[index];
+    work.wrench[index] -= inertia.apply(work.drift[index]);
+    work.wrench[index] -= velocity.cross_force(inertia.apply(velocity));
 }
 
 /// Adds to `force` what the wrenches on the bodies do to the dofs; `work.wrench` is used up.

@@ -59,15 +59,28 @@ impl<S: Space> FluidBody<S> {
 /// Adds the fluid's forces to `work.wrench`.
 #[inline(always)]
 pub(crate) fn fluid<S: Space>(plant: &Plant<S>, work: &mut Work<S>) {
-    let (density, viscosity) = (plant.density, plant.viscosity);
     for geom in &plant.fluid_geoms {
-        let (at, rot) = geom.place(plant, work);
-        let (w, v) = relative::<S>(work.velocity[geom.body], work.water, at, &rot);
-        work.wrench[geom.body] += about_root::<S>(geom.shape.wrench(density, viscosity, w, v), at, &rot);
+        on_geom(plant, geom, work);
     }
     for body in &plant.fluid_bodies {
-        let (at, rot) = body.place(work);
-        let (w, v) = relative::<S>(work.velocity[body.body], work.water, at, &rot);
-        work.wrench[body.body] += about_root::<S>(body.shape.wrench(density, viscosity, w, v), at, &rot);
+        on_body(plant, body, work);
     }
+}
+
+/// The same for one shape alone.
+#[inline(always)]
+pub(crate) fn on_geom<S: Space>(plant: &Plant<S>, geom: &FluidGeom<S>, work: &mut Work<S>) {
+    let (at, rot) = geom.place(plant, work);
+    let (w, v) = relative::<S>(work.velocity[geom.body], work.water, at, &rot);
+    let push = geom.shape.wrench(plant.density, plant.viscosity, w, v);
+    work.wrench[geom.body] += about_root::<S>(push, at, &rot);
+}
+
+/// The same for one body without shapes alone.
+#[inline(always)]
+pub(crate) fn on_body<S: Space>(plant: &Plant<S>, body: &FluidBody<S>, work: &mut Work<S>) {
+    let (at, rot) = body.place(work);
+    let (w, v) = relative::<S>(work.velocity[body.body], work.water, at, &rot);
+    let push = body.shape.wrench(plant.density, plant.viscosity, w, v);
+    work.wrench[body.body] += about_root::<S>(push, at, &rot);
 }

@@ -12,15 +12,22 @@ use crate::space::{Inertia, Space};
 /// Fills `work.inertia`: each body about its tree's root, world axes.
 #[inline(always)]
 pub(crate) fn body_inertias<S: Space>(plant: &Plant<S>, work: &mut Work<S>) {
-    for (index, link) in plant.links.iter().enumerate().skip(1) {
-        let com = work.pos[index] + S::apply(&work.rot[index], link.com) - work.pos[link.root];
-        work.com[index] = com;
-        work.inertia[index] = Inertia {
-            mass: link.mass,
-            moment: com * link.mass,
-            rotational: S::rotated(&link.inertia, &work.rot[index]) + S::of_point(link.mass, com),
-        };
+    for index in 1..plant.links.len() {
+        body_inertia(plant, index, work);
     }
+}
+
+/// The same for the body `index` alone.
+#[inline(always)]
+pub(crate) fn body_inertia<S: Space>(plant: &Plant<S>, index: usize, work: &mut Work<S>) {
+    let link = &plant.links[index];
+    let com = work.pos[index] + S::apply(&work.rot[index], link.com) - work.pos[link.root];
+    work.com[index] = com;
+    work.inertia[index] = Inertia {
+        mass: link.mass,
+        moment: com * link.mass,
+        rotational: S::rotated(&link.inertia, &work.rot[index]) + S::of_point(link.mass, com),
+    };
 }
 
 /// Fills `work.mass` from `work.inertia` and `work.axes`.

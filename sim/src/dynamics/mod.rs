@@ -9,6 +9,7 @@ pub(crate) mod implicit;
 pub(crate) mod inertia;
 pub(crate) mod integrate;
 pub(crate) mod kinematics;
+pub(crate) mod limbs;
 pub(crate) mod passive;
 pub(crate) mod plant;
 pub(crate) mod restraint;

@@ -80,10 +80,16 @@ pub(crate) fn slopes<S: Space>(
 /// Adds to `work.wrench` the share of each body's weight that is held up at its centre of mass.
 #[inline(always)]
 pub(crate) fn gravity_compensation<S: Space>(plant: &Plant<S>, work: &mut Work<S>) {
-    for (index, link) in plant.links.iter().enumerate() {
-        if let Some(mass) = link.held_mass {
-            let force = plant.gravity * -mass;
-            work.wrench[index] += Wrench { torque: S::moment(work.com[index], force), force };
-        }
+    for index in 1..plant.links.len() {
+        hold_up(plant, index, work);
+    }
+}
+
+/// The same for the body `index` alone.
+#[inline(always)]
+pub(crate) fn hold_up<S: Space>(plant: &Plant<S>, index: usize, work: &mut Work<S>) {
+    if let Some(mass) = plant.links[index].held_mass {
+        let force = plant.gravity * -mass;
+        work.wrench[index] += Wrench { torque: S::moment(work.com[index], force), force };
     }
 }

@@ -126,6 +126,11 @@ macro_rules! causes {
                 }
             }
 
+            /// Whether there is any.
+            pub(crate) fn any(&self) -> bool {
+                self.some
+            }
+
             /// Room for what they remember.
             pub(crate) fn memory(&self) -> Memory<S> {
                 Memory { $($step: vec![

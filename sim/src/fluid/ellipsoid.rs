@@ -12,15 +12,15 @@ use crate::space::{ShapeAxes, Space, Spatial};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ellipsoid<T> {
     /// Added mass over density \[m3\].
-    added_mass: Vec3<T>,
+    added_mass: [f64; 3],
     /// Added inertia over density \[m5\].
-    added_inertia: Vec3<T>,
+    added_inertia: [f64; 3],
     /// Squares of r_j r_k \[m4\].
-    section_squared: Vec3<T>,
+    section_squared: [f64; 3],
     /// Area seen from the thinnest axis \[m2\].
-    largest_area: T,
+    largest_area: f64,
     /// 6 pi rbar \[m\] and 8 pi rbar^3 \[m3\]: Stokes' sphere of the mean radius.
-    stokes: [T; 2],
+    stokes: [f64; 2],
     /// c2 I + c1 (Imax - I) \[m5\].
     angular_drag: Vec3<T>,
     /// c4 V \[m3\].
@@ -47,11 +47,11 @@ impl<T: Scalar> Ellipsoid<T> {
         let largest = 8.0 / 15.0 * PI * mid * high.powi(4);
         let FluidCoefficients { blunt, slender, angular, kutta, magnus } = coefficients;
         Self {
-            added_mass: Vec3::constant(added.mass),
-            added_inertia: Vec3::constant(added.inertia),
-            section_squared: Vec3::constant(section.map(|s| s * s)),
-            largest_area: T::from_f64(PI * mid * high),
-            stokes: [T::from_f64(6.0 * PI * mean), T::from_f64(8.0 * PI * mean * mean * mean)],
+            added_mass: added.mass,
+            added_inertia: added.inertia,
+            section_squared: section.map(|s| s * s),
+            largest_area: PI * mid * high,
+            stokes: [6.0 * PI * mean, 8.0 * PI * mean * mean * mean],
             angular_drag: Vec3(moment.map(|i| angular * T::from_f64(i) + slender * T::from_f64(largest - i))),
             magnus: magnus * T::from_f64(4.0 / 3.0 * PI * r[0] * r[1] * r[2]),
             kutta: kutta * T::from_f64(PI),
@@ -113,14 +113,14 @@ pub(crate) struct Resistance<T> {
     pub(crate) turning: T,
 }
 
-/// The ellipsoid on the axes of the space it moves in.
+/// The ellipsoid on the axes of the space it moves in; its geometry, the same in every lane, in their order.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Immersed<S: Space> {
-    added_mass: S::Vec,
-    added_inertia: S::Spin,
-    section_squared: S::Vec,
-    largest_area: S::T,
-    stokes: [S::T; 2],
+    added_mass: [f64; 3],
+    added_inertia: [f64; 3],
+    section_squared: [f64; 3],
+    largest_area: f64,
+    stokes: [f64; 2],
     angular_drag: S::Spin,
     magnus: S::T,
     kutta: S::T,
@@ -132,9 +132,9 @@ pub(crate) struct Immersed<S: Space> {
 impl<S: Space> Immersed<S> {
     pub(crate) fn new(shape: &Ellipsoid<S::T>, axes: ShapeAxes) -> Self {
         Self {
-            added_mass: S::shape_vector(axes, shape.added_mass),
-            added_inertia: S::shape_spin(axes, shape.added_inertia),
-            section_squared: S::shape_vector(axes, shape.section_squared),
+            added_mass: axes.map(|k| shape.added_mass[k]),
+            added_inertia: axes.map(|k| shape.added_inertia[k]),
+            section_squared: axes.map(|k| shape.section_squared[k]),
             largest_area: shape.largest_area,
             stokes: shape.stokes,
             angular_drag: S::shape_spin(axes, shape.angular_drag),
@@ -149,8 +149,8 @@ impl<S: Space> Immersed<S> {
     /// See [`Ellipsoid::wrench`].
     #[inline(always)]
     pub(crate) fn wrench(&self, density: S::T, viscosity: S::T, w: S::Spin, v: S::Vec) -> (S::Spin, S::Vec) {
-        let momentum = self.added_mass.times(v) * density;
-        let spin = self.added_inertia.times(w) * density;
+        let momentum = S::constant(self.added_mass).times(v) * density;
+        let spin = S::constant_spin(self.added_inertia).times(w) * density;
 
         let seen = self.shadow(v);
         let Shadow { normal, along, below, shadow, .. } = seen;
@@ -169,7 +169,7 @@ impl<S: Space> Immersed<S> {
     #[inline(always)]
     fn shadow(&self, v: S::Vec) -> Shadow<S> {
         let speed = v.norm();
-        let normal = self.section_squared.times(v);
+        let normal = S::constant(self.section_squared).times(v);
         let along = normal.dot(v);
         let squared = normal.dot(normal);
         // at rest both quotients are 0 / 0 and what they multiply is 0
@@ -204,28 +204,42 @@ impl<S: Space> Immersed<S> {
         &Shadow { speed, shadow, .. }: &Shadow<S>,
     ) -> Resistance<S::T> {
         let area = shadow * S::T::from_f64(PI);
+        let [slow, slow_turning] = self.stokes;
+        let (slow, slow_turning) = (S::T::from_f64(slow), S::T::from_f64(slow_turning));
+        let largest = S::T::from_f64(self.largest_area);
         Resistance {
-            slow: viscosity * self.stokes[0],
-            quadratic: density * speed * (self.blunt * area + self.slender * (self.largest_area - area)),
-            slow_turning: viscosity * self.stokes[1],
+            slow: viscosity * slow,
+            quadratic: density * speed * (self.blunt * area + self.slender * (largest - area)),
+            slow_turning: viscosity * slow_turning,
             turning: density * self.angular_drag.times(w).norm(),
         }
     }
 
     /// Added mass \[m3\] and inertia \[m5\] over density, on the shape's axes.
     pub(crate) fn added(&self) -> (S::Vec, S::Spin) {
-        (self.added_mass, self.added_inertia)
+        (S::constant(self.added_mass), S::constant_spin(self.added_inertia))
     }
 }
 
 impl<T: Scalar> Immersed<Spatial<T>> {
+    /// The same with its axes in this order.
+    pub(crate) fn on_axes(&self, axes: ShapeAxes) -> Self {
+        Self {
+            added_mass: axes.map(|k| self.added_mass[k]),
+            added_inertia: axes.map(|k| self.added_inertia[k]),
+            section_squared: axes.map(|k| self.section_squared[k]),
+            angular_drag: Vec3(axes.map(|k| self.angular_drag[k])),
+            ..*self
+        }
+    }
+
     pub(crate) fn map<U: Scalar>(&self, f: impl Fn(T) -> U + Copy) -> Immersed<Spatial<U>> {
         Immersed {
-            added_mass: self.added_mass.map(f),
-            added_inertia: self.added_inertia.map(f),
-            section_squared: self.section_squared.map(f),
-            largest_area: f(self.largest_area),
-            stokes: self.stokes.map(f),
+            added_mass: self.added_mass,
+            added_inertia: self.added_inertia,
+            section_squared: self.section_squared,
+            largest_area: self.largest_area,
+            stokes: self.stokes,
             angular_drag: self.angular_drag.map(f),
             magnus: f(self.magnus),
             kutta: f(self.kutta),

@@ -274,6 +274,11 @@ impl<R: Register, const N: usize> Scalar for Lanes<R, N> {
         Self([R::splat(x); N])
     }
 
+    fn as_constant(self) -> Option<f64> {
+        let first = self.lane(0);
+        (1..Self::LANES).all(|lane| self.lane(lane) == first).then_some(first)
+    }
+
     #[inline(always)]
     fn sqrt(self) -> Self {
         self.each(R::sqrt)

@@ -9,7 +9,7 @@ use crate::effects::{Memory, Moment};
 use crate::model::{ActuatorKind, Integrator, JointKind, Model, State};
 use crate::rollout::{RolloutError, RolloutOptions};
 use crate::scalar::{Mask, Scalar, tuned};
-use crate::space::{SlopeStage, Space};
+use crate::space::{LimbStage, SlopeStage, Space};
 use crate::steps::Method;
 
 /// A speed \[rad/s\] or \[m/s\] no mechanism in a tank reaches: beyond it the run counts as diverged.
@@ -31,6 +31,8 @@ pub(crate) struct Engine<S: Space> {
     pub(crate) work: Work<S>,
     pub(super) solver: Option<Solver<S::T>>,
     pub(super) slope: Option<S::Slope>,
+    /// Where branches bend in planes of their own: takes the place of the general stages in a step of ours.
+    pub(super) limbs: Option<S::Limbs>,
     pub(super) stepper: Stepper,
     pub(super) rosenbrock: Option<Rosenbrock<S::T>>,
     pub(crate) timestep_s: f64,
@@ -57,6 +59,8 @@ pub(crate) struct Engine<S: Space> {
     pub(super) command: Vec<S::T>,
     pub(super) force: Vec<S::T>,
     pub(super) matrix: Vec<S::T>,
+    /// What the limbs' mass matrix is factored into.
+    limb_factors: Vec<S::T>,
     /// Velocity at the start of the last step, after the prescribed joints' jump.
     pub(crate) departure: Vec<S::T>,
     pub(super) stage: State<S::T>,
@@ -98,6 +102,10 @@ impl<S: Space> Engine<S> {
             });
         }
         let slope = if stepper == Stepper::ImplicitFast { S::Slope::new(&plant) } else { None };
+        // prescribed joints want the mass matrix
+        let planned = options.steps.is_some() && !options.prescribed;
+        let limbs = if planned { S::Limbs::new(model, &plant) } else { None };
+        let factors = limbs.as_ref().map_or(0, S::Limbs::factors);
         let work = Work::new(&plant);
         let drives = model.actuators.len();
         let joint_of_dof = model
@@ -111,7 +119,10 @@ impl<S: Space> Engine<S> {
         let mut simulator = Self {
             solver: None,
             slope,
-            rosenbrock: (stepper == Stepper::Rosenbrock).then(|| Rosenbrock::new(&plant)),
+            rosenbrock: (stepper == Stepper::Rosenbrock)
+                .then(|| Rosenbrock::new(&plant, if limbs.is_some() { factors } else { plant.chain.len() })),
+            limbs,
+            limb_factors: vec![S::T::ZERO; factors],
             stepper,
             timestep_s,
             halvings: Vec::new(),
@@ -244,6 +255,10 @@ impl<S: Space> Engine<S> {
 
     /// What depends on the coordinates alone.
     pub(crate) fn position_stage(&mut self, qpos: &[S::T]) {
+        // limbs move once velocities and forces are known too
+        if self.limbs.is_some() {
+            return;
+        }
         tuned!(S::T, {
             kinematics::kinematics(&self.plant, qpos, &mut self.work);
             inertia::body_inertias(&self.plant, &mut self.work);
@@ -252,19 +267,21 @@ impl<S: Space> Engine<S> {
         });
     }
 
-    /// The forces on the dofs at this state, after [`Self::position_stage`].
+    /// The forces on the dofs at this state, after [`Self::position_stage`]; with limbs but for what their bodies exert.
     pub(super) fn force_stage(&mut self, qpos: &[S::T], qvel: &[S::T]) {
         let h = self.restraint_step_s;
         tuned!(S::T, {
             let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
-            bias::velocities(plant, qvel, work);
-            work.water = plant.effects.water(self.moment, self.clock, plant);
-            bias::bias(plant, work);
-            passive::gravity_compensation(plant, work);
-            fluid::fluid(plant, work);
-            plant.effects.wrenches(self.moment, plant, work, &mut self.memory);
             force.fill(S::T::ZERO);
-            bias::project(plant, work, force);
+            if self.limbs.is_none() {
+                bias::velocities(plant, qvel, work);
+                work.water = plant.effects.water(self.moment, self.clock, plant);
+                bias::bias(plant, work);
+                passive::gravity_compensation(plant, work);
+                fluid::fluid(plant, work);
+                plant.effects.wrenches(self.moment, plant, work, &mut self.memory);
+                bias::project(plant, work, force);
+            }
             passive::springs(plant, qpos, force);
             passive::dampers(plant, qvel, force);
             plant.effects.forces(qpos, qvel, force);
@@ -297,8 +314,19 @@ impl<S: Space> Engine<S> {
         std::mem::swap(&mut self.matrix, &mut self.work.mass);
     }
 
-    /// Turns `force` into accelerations.
-    pub(super) fn accelerate(&mut self) {
+    /// Turns `force`, from [`Self::force_stage`] at this state, into accelerations.
+    pub(super) fn accelerate(&mut self, qpos: &[S::T], qvel: &[S::T]) {
+        if let Some(limbs) = &mut self.limbs {
+            let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
+            let factors = &mut self.limb_factors;
+            return limbs.accelerate(plant, qpos, qvel, work, None, factors, force);
+        }
+        self.take_mass();
+        self.solve_matrix();
+    }
+
+    /// Turns `force` into accelerations by the mass matrix in `matrix`.
+    pub(super) fn solve_matrix(&mut self) {
         tuned!(S::T, {
             inertia::hold(&self.plant, &self.held, &mut self.matrix);
             inertia::factor(&self.plant, &mut self.matrix);
@@ -334,7 +362,7 @@ impl<S: Space> Engine<S> {
         });
         self.still_held();
         self.matrix.copy_from_slice(&self.work.mass);
-        self.accelerate();
+        self.solve_matrix();
         tuned!(S::T, {
             for (v, &dv) in state.qvel.iter_mut().zip(&self.force) {
                 *v += dv;

@@ -35,6 +35,8 @@ impl<S: Space> Engine<S> {
     /// See [`super::Simulator::forces`].
     pub(super) fn forces(&mut self, state: &State<S::T>, command: &[f64]) -> Forces<S::T> {
         let (qpos, qvel) = (&state.qpos, &state.qvel);
+        // each kind of force apart: the general way
+        let limbs = self.limbs.take();
         self.moment = Moment::default();
         self.sample(0.0, &|drive, _| S::T::from_f64(command[drive]));
         self.position_stage(qpos);
@@ -72,8 +74,9 @@ impl<S: Space> Engine<S> {
             })
             .collect();
         self.matrix.copy_from_slice(&self.work.mass);
-        self.accelerate();
+        self.solve_matrix();
         let acceleration = self.force.clone();
+        self.limbs = limbs;
         Forces {
             bias,
             spring,

@@ -35,7 +35,7 @@ impl<S: Space> Engine<S> {
         {
             slope.add(&self.plant, &self.work, h, &mut self.matrix);
         }
-        self.accelerate();
+        self.solve_matrix();
         tuned!(S::T, {
             for (v, &a) in state.qvel.iter_mut().zip(&self.force) {
                 *v += h * a;
@@ -66,8 +66,7 @@ impl<S: Space> Engine<S> {
                 self.position_stage(&stage.qpos);
             }
             self.force_stage(&stage.qpos, &stage.qvel);
-            self.take_mass();
-            self.accelerate();
+            self.accelerate(&stage.qpos, &stage.qvel);
             tuned!(S::T, {
                 self.rate.copy_from_slice(&stage.qvel);
                 if k > 0 {

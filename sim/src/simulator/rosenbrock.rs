@@ -2,12 +2,11 @@
 
 use super::Engine;
 use crate::dynamics::plant::Plant;
-use crate::dynamics::restraint::multiply;
 use crate::dynamics::{actuation, inertia, integrate, passive};
 use crate::effects::Moment;
 use crate::model::State;
 use crate::scalar::{Scalar, tuned};
-use crate::space::Space;
+use crate::space::{LimbStage, Space};
 
 /// Stages of a step.
 const STAGES: usize = 4;
@@ -36,9 +35,9 @@ const WEIGHTS: [f64; STAGES] =
 /// What a step works with.
 #[derive(Debug, Clone)]
 pub(super) struct Rosenbrock<T> {
-    /// Mass matrix at the start of the step, and the factors of M + g h B + (g h)^2 K.
-    mass: Vec<T>,
+    /// The factors of M + g h B + (g h)^2 K, and what is there besides the mass matrix, dof by dof.
     factors: Vec<T>,
+    shift: Vec<T>,
     /// Slopes of joints and drives there, dof by dof: damping and stiffness, neither below 0.
     damping: Vec<T>,
     stiffness: Vec<T>,
@@ -53,12 +52,13 @@ pub(super) struct Rosenbrock<T> {
 }
 
 impl<T: Scalar> Rosenbrock<T> {
-    pub(super) fn new<S: Space<T = T>>(plant: &Plant<S>) -> Self {
+    /// `factors`: how many numbers the factors are.
+    pub(super) fn new<S: Space<T = T>>(plant: &Plant<S>, factors: usize) -> Self {
         let zeros = |n: usize| vec![T::ZERO; n];
         let stages = || std::array::from_fn(|_| zeros(plant.nv));
         Self {
-            mass: zeros(plant.chain.len()),
-            factors: zeros(plant.chain.len()),
+            factors: zeros(factors),
+            shift: zeros(plant.nv),
             damping: zeros(plant.nv),
             stiffness: zeros(plant.nv),
             rise: zeros(plant.nv),
@@ -83,9 +83,10 @@ fn before<T: Scalar>(table: &[[f64; STAGES]; STAGES], stage: usize, of: &[Vec<T>
 }
 
 impl<S: Space> Engine<S> {
-    /// One step in four stages, each (M + g h B + (g h)^2 K) k = h M a + what the slopes make of the stages before; a is the
-    /// acceleration at the stage's own state, M, B and K are the mass matrix and the diagonal slopes of joints and drives at
-    /// the start of the step. Coordinates follow along rotation vectors, as in Runge-Kutta.
+    /// One step in four stages, each (M + D) k = h M a + what the slopes make of the stages before, D = g h B + (g h)^2 K; a is
+    /// the acceleration at the stage's own state, M, B and K are the mass matrix and the diagonal slopes of joints and drives
+    /// at the start of the step. After the first stage (M + D) (k - h a) = -h D a + ... spares the product with M.
+    /// Coordinates follow along rotation vectors, as in Runge-Kutta.
     pub(super) fn rosenbrock(
         &mut self,
         state: &mut State<S::T>,
@@ -116,17 +117,14 @@ impl<S: Space> Engine<S> {
                 self.sample(time_s + elapsed_s, command);
                 self.position_stage(&stage.qpos);
                 self.force_stage(&stage.qpos, &stage.qvel);
-                self.take_mass();
-                self.accelerate();
+                self.accelerate(&stage.qpos, &stage.qvel);
             }
             tuned!(S::T, {
                 if k == 0 {
                     self.rate.copy_from_slice(&state.qvel);
-                    kept.right.copy_from_slice(&self.force);
                 } else {
                     self.rate.copy_from_slice(&stage.qvel);
                     integrate::follow_turn(&self.plant, &self.turned, &mut self.rate);
-                    multiply(&self.plant, &kept.mass, &self.force, &mut kept.right);
                 }
                 let share = S::T::from_f64(GAMMA[k].iter().sum::<f64>() + OWN);
                 let (own, h) = (S::T::from_f64(OWN), S::T::from_f64(h));
@@ -136,7 +134,9 @@ impl<S: Space> Engine<S> {
                     let ahead = h * (self.rate[dof] + gain);
                     let pull = kept.damping[dof] * gain + kept.stiffness[dof] * (way + own * ahead);
                     let rise = share * h * kept.rise[dof];
-                    kept.right[dof] = h * (kept.right[dof] + rise - pull);
+                    // the force at the first stage, later the acceleration
+                    let given = self.force[dof];
+                    kept.right[dof] = rise - pull + if k == 0 { given } else { -(kept.shift[dof] * given) };
                     kept.way[k][dof] = ahead;
                 }
                 for (right, &held) in kept.right.iter_mut().zip(&self.held) {
@@ -144,9 +144,18 @@ impl<S: Space> Engine<S> {
                         *right = S::T::ZERO;
                     }
                 }
-                inertia::solve(&self.plant, &kept.factors, &mut kept.right);
+                let (plant, work) = (&self.plant, &mut self.work);
+                let Rosenbrock { factors, shift, right, .. } = &mut kept;
+                match &mut self.limbs {
+                    Some(limbs) if k == 0 => {
+                        limbs.accelerate(plant, &state.qpos, &state.qvel, work, Some(shift), factors, right);
+                    }
+                    Some(limbs) => limbs.solve(factors, right),
+                    None => inertia::solve(plant, factors, right),
+                }
                 let own = own * h;
-                for (dof, &gain) in kept.right.iter().enumerate() {
+                for (dof, &solved) in kept.right.iter().enumerate() {
+                    let gain = h * if k == 0 { solved } else { solved + self.force[dof] };
                     kept.gain[k][dof] = gain;
                     kept.way[k][dof] += own * gain;
                 }
@@ -175,8 +184,6 @@ impl<S: Space> Engine<S> {
     /// Fills `kept` with what holds for the whole step of `h` \[s\] that starts at `state`.
     fn linearise(&mut self, state: &State<S::T>, h: f64, kept: &mut Rosenbrock<S::T>) {
         tuned!(S::T, {
-            std::mem::swap(&mut kept.mass, &mut self.work.mass);
-            kept.factors.copy_from_slice(&kept.mass);
             for slope in [&mut kept.damping, &mut kept.stiffness, &mut kept.rise] {
                 slope.fill(S::T::ZERO);
             }
@@ -191,10 +198,16 @@ impl<S: Space> Engine<S> {
                 let (damping, stiffness) = (&mut kept.damping[dof], &mut kept.stiffness[dof]);
                 *damping = damping.max(S::T::ZERO);
                 *stiffness = stiffness.max(S::T::ZERO);
-                kept.factors[self.plant.row[dof]] += own * (*damping + own * *stiffness);
+                kept.shift[dof] = own * (*damping + own * *stiffness);
             }
-            inertia::hold(&self.plant, &self.held, &mut kept.factors);
-            inertia::factor(&self.plant, &mut kept.factors);
+            if self.limbs.is_none() {
+                std::mem::swap(&mut kept.factors, &mut self.work.mass);
+                for (&start, &shift) in self.plant.row.iter().zip(&kept.shift) {
+                    kept.factors[start] += shift;
+                }
+                inertia::hold(&self.plant, &self.held, &mut kept.factors);
+                inertia::factor(&self.plant, &mut kept.factors);
+            }
         });
     }
 }

@@ -10,12 +10,13 @@ use std::fmt::Debug;
 use std::ops::{Add, AddAssign, SubAssign};
 
 pub(crate) use planar::Planar;
-pub(crate) use planar::Plane;
+pub(crate) use planar::{Plane, Turn};
 pub(crate) use spatial::Spatial;
 
 use crate::dynamics::Work;
 use crate::dynamics::plant::Plant;
 use crate::math::{Quat, Sym3, Vec3, Vector};
+use crate::model::Model;
 use crate::scalar::Scalar;
 
 /// Vectors, turns and rotations of the space that a mechanism moves in.
@@ -36,6 +37,8 @@ pub(crate) trait Space: Copy + Debug + Send + Sync + Sized + 'static {
     type AnyTurn: Copy + Debug + Send + Sync;
     /// The water's slopes for implicit integration, where they are to be had.
     type Slope: SlopeStage<Self>;
+    /// Dynamics of branches that each move in a plane of their own, where there can be such.
+    type Limbs: LimbStage<Self>;
 
     /// No rotation.
     const IDENTITY: Self::Rot;
@@ -107,6 +110,10 @@ pub(crate) trait Space: Copy + Debug + Send + Sync + Sized + 'static {
     fn shape_vector(axes: ShapeAxes, v: Vec3<Self::T>) -> Self::Vec;
     /// The components of a turn on a shape's axes.
     fn shape_spin(axes: ShapeAxes, w: Vec3<Self::T>) -> Self::Spin;
+    /// A vector of constants, which come in the order of [`ShapeAxes`].
+    fn constant(v: [f64; 3]) -> Self::Vec;
+    /// A turn of constants, which come in the order of [`ShapeAxes`].
+    fn constant_spin(w: [f64; 3]) -> Self::Spin;
     /// World position of the point `v`, fixed to the model's body `body` at `at` in its own axes.
     fn lift(layout: &Self::Layout, body: usize, at: Vec3<Self::T>, v: Self::Vec) -> [Self::T; 3];
 }
@@ -120,6 +127,29 @@ pub(crate) trait SlopeStage<S: Space>: Debug + Clone + Send + Sync {
     fn new(plant: &Plant<S>) -> Option<Self>;
     /// Adds -`h` times the slope to `matrix`, stored as the mass matrix is.
     fn add(&mut self, plant: &Plant<S>, work: &Work<S>, h: S::T, matrix: &mut [S::T]);
+}
+
+/// Stands in for the general stages where a model suits it.
+pub(crate) trait LimbStage<S: Space>: Debug + Clone + Send + Sync {
+    /// Made ready for a plant; `None` where it does not suit.
+    fn new(model: &Model<S::T>, plant: &Plant<S>) -> Option<Self>;
+    /// How many numbers the factors are.
+    fn factors(&self) -> usize;
+    /// Turns `force`, all that acts on the dofs but for what the bodies exert (inertia, weight, water), into accelerations, shape
+    /// (nv); writes the factors of the mass matrix, to the diagonal of which `shift` is added, shape (nv).
+    #[expect(clippy::too_many_arguments, reason = "one stage's inputs")]
+    fn accelerate(
+        &mut self,
+        plant: &Plant<S>,
+        qpos: &[S::T],
+        qvel: &[S::T],
+        work: &mut Work<S>,
+        shift: Option<&[S::T]>,
+        factors: &mut [S::T],
+        force: &mut [S::T],
+    );
+    /// Solves for the right-hand side in `x`, in place.
+    fn solve(&mut self, factors: &[S::T], x: &mut [S::T]);
 }
 
 /// A motion: angular velocity and the velocity of the point at the origin, in world axes.

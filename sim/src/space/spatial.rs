@@ -4,6 +4,7 @@ use std::marker::PhantomData;
 
 use super::{ShapeAxes, Space};
 use crate::dynamics::implicit::FluidSlope;
+use crate::dynamics::limbs::Limbs;
 use crate::math::{Mat3, Quat, Sym3, Vec3};
 use crate::scalar::Scalar;
 
@@ -20,6 +21,7 @@ impl<T: Scalar> Space for Spatial<T> {
     type Layout = ();
     type AnyTurn = ();
     type Slope = FluidSlope<T>;
+    type Limbs = Limbs<T>;
 
     const IDENTITY: Mat3<T> = Mat3::IDENTITY;
     const NO_INERTIA: Sym3<T> = Sym3::ZERO;
@@ -148,6 +150,16 @@ impl<T: Scalar> Space for Spatial<T> {
 
     fn shape_spin(_: ShapeAxes, w: Vec3<T>) -> Vec3<T> {
         w
+    }
+
+    #[inline(always)]
+    fn constant(v: [f64; 3]) -> Vec3<T> {
+        Vec3::constant(v)
+    }
+
+    #[inline(always)]
+    fn constant_spin(w: [f64; 3]) -> Vec3<T> {
+        Vec3::constant(w)
     }
 
     #[inline(always)]
