@@ -36,6 +36,9 @@ const NEGLIGIBLE: f64 = 0.0025;
 pub(super) const FAR_BENT: f64 = 2000.0;
 /// A set that explains more than that is beyond doubt where every other one is behind by as much and by this share of it.
 const FAR_BEHIND: f64 = 0.1;
+/// Nothing is beyond doubt that leaves more than this of each observation, in noise variances: what explains the rest may
+/// explain it all.
+const WELL_EXPLAINED: f64 = 3.0;
 /// Root mean square of a coordinate below which nothing matters, however certain \[m\]: pictures are wrong by a tenth of a pixel,
 /// on and on.
 pub(super) const NEGLIGIBLE_M: f64 = 2e-5;
@@ -56,13 +59,14 @@ pub(super) struct Found<'a> {
 }
 
 impl Found<'_> {
-    /// Whether the leader is beyond doubt: it explains very much, and nothing else comes near.
+    /// Whether the leader is beyond doubt: it explains very much, leaves little, and nothing else comes near.
     pub(super) fn is_clear(&self, baseline: &State<'_>) -> bool {
         let leader = sets(&self.leader);
         let far = FAR_BENT.max(FAR_BEHIND * (baseline.cost - self.leader.cost));
         let holds_leader = |state: &State<'_>| leader.iter().all(|name| sets(state).contains(name));
         let mut others = self.tried.iter().filter(|state| !holds_leader(state));
-        !leader.is_empty() && others.all(|other| other.bic() - self.leader.bic() > far)
+        let explained = self.leader.cost < WELL_EXPLAINED * self.leader.count() as f64;
+        !leader.is_empty() && explained && others.all(|other| other.bic() - self.leader.bic() > far)
     }
 }
 
