@@ -211,6 +211,7 @@ impl Group<'_> {
 
 impl InLanes for Group<'_> {
     type Output = Result<Vec<Positions>, RolloutError>;
+
     fn wanted(&self) -> usize {
         self.group.len()
     }
@@ -286,6 +287,7 @@ impl Fan<'_> {
 
 impl InLanes for Fan<'_> {
     type Output = Result<Sensitivities, RolloutError>;
+
     fn wanted(&self) -> usize {
         self.group.len()
     }

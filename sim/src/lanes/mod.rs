@@ -99,7 +99,6 @@ pub(crate) trait InLanes {
     type Output;
 
     /// How many lanes it needs.
-    #[allow(dead_code, reason = "some machines have one only")]
     fn wanted(&self) -> usize;
 
     /// Does it.
