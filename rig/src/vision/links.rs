@@ -50,6 +50,9 @@ const CORRELATED: f64 = 1.5;
 /// What pixel sampling leaves however many points there are, 1 sigma \[px\]; measured on renders.
 const FLOOR_PX: f64 = 0.03;
 const ROUNDS: usize = 40;
+/// Half widths within which edge points count at first, and how that shrinks from round to round.
+const REACH: f64 = 2.0;
+const SHARPER: f64 = 0.5;
 /// Levenberg's damping, relative to the diagonal: almost none, and so much that nothing moves.
 const LEAST_DAMPING: f64 = 1e-9;
 const MOST_DAMPING: f64 = 1e9;
@@ -101,7 +104,9 @@ impl Chain {
         let size = self.size();
         let mut damping = 1e-3;
         let mut rows = self.residuals(edge, &pose)?;
-        let mut scale = robust_sigma(&rows);
+        // A straight chain's sides fit wherever it lies along its line: what its ends say must count until they meet.
+        let mut coarse = half / TUKEY * REACH;
+        let mut scale = robust_sigma(&rows).max(coarse);
         let mut cost = self.cost(&rows, scale, &pose);
         for _ in 0..ROUNDS {
             let (normal, right) = self.normal(&rows, scale, &pose);
@@ -125,11 +130,13 @@ impl Chain {
                     break true;
                 }
             };
-            scale = robust_sigma(&rows);
-            cost = self.cost(&rows, scale, &pose);
-            if settled {
+            let seen = robust_sigma(&rows);
+            if settled && seen >= coarse {
                 break;
             }
+            coarse *= SHARPER;
+            scale = seen.max(coarse);
+            cost = self.cost(&rows, scale, &pose);
         }
         let (normal, _) = self.normal(&rows, scale, &pose);
         let covariance = normal.cholesky()?.inverse() * CORRELATED;
@@ -406,9 +413,23 @@ mod tests {
 
     #[test]
     fn chain_is_recovered_from_points_on_its_outline() {
+        assert_recovered(&[0.2, 0.6, 1.3], [2.0, -1.5], 7.0);
+    }
+
+    #[test]
+    fn straight_chain_does_not_slide_along_its_line() {
+        for bend in [0.0, 0.01] {
+            for off in [-4.0, 2.0, 6.0] {
+                assert_recovered(&[0.0, bend, -bend], [off, 0.0], 8.0);
+            }
+        }
+    }
+
+    /// A chain with links at `angle` is found by a fit that starts `off` \[px\], with links of half width `half`.
+    fn assert_recovered(angle: &[f64], off: Px, half: f64) {
         let chain =
             Chain { lengths: vec![50.0, 50.0, 55.0], known: true, overhang: 5.0, rounding: 0.0, base: None };
-        let truth = Pose { base: [30.0, 40.0], angle: vec![0.2, 0.6, 1.3], half: vec![8.0; 3], unit: 1.0 };
+        let truth = Pose { base: [30.0, 40.0], angle: angle.to_vec(), half: vec![8.0; 3], unit: 1.0 };
         let points = truth.points(&chain.lengths);
         let mut edge = Vec::new();
         for (i, (start, angle)) in points.iter().zip(&truth.angle).enumerate() {
@@ -422,8 +443,8 @@ mod tests {
                     .map(|(u, v)| along(u, v)),
             );
         }
-        let start: Vec<Px> = points.iter().map(|p| [p[0] + 2.0, p[1] - 1.5]).collect();
-        let fitted = chain.fit(&edge, &start, 7.0).unwrap();
+        let start: Vec<Px> = points.iter().map(|p| [p[0] + off[0], p[1] + off[1]]).collect();
+        let fitted = chain.fit(&edge, &start, half).unwrap();
         for (a, b) in fitted.points.iter().zip(&points) {
             assert!(distance(*a, *b) < 0.01, "{a:?} {b:?}");
         }
