@@ -136,11 +136,12 @@ static void set_pulse(rig_board *b, uint8_t n, uint16_t pulse_us, uint32_t at)
     }
 }
 
+/* The next line of a running profile; where none runs, as after a jog beside an upload, the channel comes to rest. */
 static void next_segment(rig_board *b, uint8_t n, uint32_t at)
 {
     rig_channel *c = &b->channels[n];
     c->moving = false;
-    if (c->has_track && c->played < c->received) {
+    if (b->state == RIG_RUNNING && c->has_track && c->played < c->received) {
         const rig_segment *s = &b->segments[c->first + c->played++];
         line_begin(c, s->end_us, s->duration_us, at);
     }

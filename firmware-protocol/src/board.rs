@@ -241,10 +241,12 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         self.rest_if_still(at, hardware);
     }
 
+    /// The next line of a running profile; where none runs, as after a jog beside an upload, the channel comes to rest.
     fn next_segment(&mut self, index: usize, at: Ticks) {
+        let runs = self.state == State::Running;
         let channel = &mut self.channels[index];
         channel.line = match (&mut channel.track, channel.pulse) {
-            (Some(track), Some(pulse)) => self.store.next_line(track, pulse, at),
+            (Some(track), Some(pulse)) if runs => self.store.next_line(track, pulse, at),
             _ => None,
         };
     }

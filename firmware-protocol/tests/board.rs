@@ -334,6 +334,17 @@ fn telemetry_tells_pulses_at_even_ticks() {
 }
 
 #[test]
+fn jog_beside_an_uploaded_profile_ends_where_it_was_sent() {
+    let mut setup = Setup::ready(SafeState::Hold);
+    let segment = Segment { duration: DurationUs(22_000), end_pulse: PulseWidthUs(1216) };
+    setup.must(Command::Track { channel: SERVO, start_pulse: PulseWidthUs(1260), segments: 1 });
+    setup.must(Command::Segments { channel: SERVO, first: 0, segments: Segments::new(&[segment]).unwrap() });
+    setup.must(Command::Jog { channel: SERVO, pulse: PulseWidthUs(1407), duration: DurationUs(60_000) });
+    setup.silence(DurationUs(100_000));
+    assert_eq!((setup.board.state(), setup.board.pulse(SERVO)), (State::Idle, Some(PulseWidthUs(1407))));
+}
+
+#[test]
 fn hardware_fault_stops_and_the_first_reason_stays() {
     let mut setup = in_state(State::Running, SafeState::Detach);
     setup.board.trip(Fault::Overload, setup.now, &mut setup.bench);
