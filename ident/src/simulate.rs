@@ -5,7 +5,10 @@
 
 use sim::batch::{self, Candidate, Direction};
 use sim::model::Parameter;
-use sim::{Command, Isa, Method, Model, RolloutError, RolloutOptions, State, Steps, rollout};
+use sim::{
+    Command, ContactWatch, Isa, Method, Model, Rollout, RolloutError, RolloutOptions, State, Steps, Touch,
+    rollout,
+};
 
 use crate::experiment::{Run, RunKind};
 use crate::geometry::moved;
@@ -240,16 +243,34 @@ impl<'a> Rehearsal<'a> {
         offsets: &[f64],
         instants: usize,
     ) -> Result<Vec<[f64; 3]>, RolloutError> {
+        let rollout = self.rolled(model, offsets, instants)?;
+        Ok(self.measured(rollout.position_m, rollout.keypoints.len()))
+    }
+
+    /// The motion behind [`Rehearsal::simulate`], and what touched in it first, if anything did.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn simulate_watched(
+        &self,
+        model: &Model,
+        offsets: &[f64],
+    ) -> Result<(Vec<[f64; 3]>, Option<Touch>), RolloutError> {
+        let rollout = self.rolled(model, offsets, self.run.trajectory.time_s.len())?;
+        let touch = ContactWatch::new(model).and_then(|mut watch| watch.first_touch(&rollout));
+        Ok((self.measured(rollout.position_m, rollout.keypoints.len()), touch))
+    }
+
+    fn rolled(&self, model: &Model, offsets: &[f64], instants: usize) -> Result<Rollout<f64>, RolloutError> {
         let Start { state, start_s } = self.start_with(model, offsets);
         let times = &self.run.trajectory.time_s[..instants];
         let mut own = std::borrow::Cow::Borrowed(model);
         for (place, value) in self.own(offsets) {
             own.to_mut().set(place, value);
         }
-        let rollout = self.bearable(self.parts, |parts| {
+        self.bearable(self.parts, |parts| {
             rollout(&own, &state, &self.command, times, &self.options(start_s, parts))
-        })?;
-        Ok(self.measured(rollout.position_m, rollout.keypoints.len()))
+        })
     }
 
     /// What [`Rehearsal::simulate`] yields for each of many candidates, side by side: values of `parameters` in `model`, and

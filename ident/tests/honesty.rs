@@ -240,3 +240,19 @@ fn a_new_run_sharpens_an_earlier_fit_and_a_changed_mechanism_is_noticed() {
     let drift = verdict.drift.unwrap();
     assert!(drift.p < 1e-6 && drift.parameters == ["g3/blunt"], "{drift:?}");
 }
+
+/// Contact is not simulated: a fit says where its simulation goes through something, and when.
+#[test]
+fn a_fitted_run_that_goes_through_the_floor_says_so() {
+    let floor =
+        r#"<worldbody><geom name="floor" type="plane" pos="0 0 -0.07" size="1 1 1" conaffinity="1"/>"#;
+    let text = CHAIN.replace("<worldbody>", floor).replace("contype=\"0\"", "contype=\"1\"");
+    let above = sim::Model::from_mjcf(&text).unwrap();
+    let runs = |model: &sim::Model| vec![drop_run("swing", model, [-1.2, 0.0, 0.0], 0.1, 1.0, 3)];
+    let fitted = fit(&experiment(above.clone(), runs(&above), &["g3/blunt"]), &mut ()).unwrap();
+    let touch = fitted.fit.runs[0].touch.as_ref().unwrap();
+    assert!(touch.geoms.contains(&"floor".to_owned()), "{touch:?}");
+    assert!((0.1..1.0).contains(&touch.time_s), "{touch:?}");
+    let free = fit(&experiment(chain(), runs(&chain()), &["g3/blunt"]), &mut ()).unwrap();
+    assert_eq!(free.fit.runs[0].touch, None);
+}

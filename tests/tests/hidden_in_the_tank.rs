@@ -128,7 +128,6 @@ fn stiff_joints_in_the_tank_are_found_in_the_pictures() {
 }
 
 #[test]
-#[ignore = "taken for an offset centre of buoyancy that drifts from run to run: unexplained"]
 fn tether_in_the_tank_is_found_in_the_pictures() {
     assert_eq!(found(&drops("tether = { stiffness = 0.003, x = 0.06, z = 0.0 }")), ["tether"]);
 }

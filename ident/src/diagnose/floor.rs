@@ -10,7 +10,7 @@
 //! H. D. Patterson, R. Thompson, "Recovery of inter-block information when block sizes are unequal", Biometrika 58
 //! (1971) 545-554.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, RowDVector};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -25,6 +25,8 @@ const KNOT_IMAGES: f64 = 4.0;
 const SPAN: usize = 250;
 /// Least images for a spline of their own.
 const LEAST: usize = 12;
+/// What a spline shows beside the others at the least, of 1 at its top: less is not told from rounding.
+const TOLD: f64 = 1e-3;
 /// No camera sees better than this \[m\].
 const LEAST_STD_M: f64 = 1e-6;
 /// Correlations tried first.
@@ -266,9 +268,19 @@ pub(crate) fn basis(time_s: &[f64], still: usize, knot_s: f64) -> DMatrix<f64> {
             basis[(row, rest + first + k)] = value;
         }
     }
-    // functions that no image shows
-    let shown: Vec<usize> = (0..basis.ncols()).filter(|&k| basis.column(k).amax() > 1e-3).collect();
-    basis.select_columns(&shown)
+    basis.select_columns(&independent(&basis))
+}
+
+/// The functions without those that the images, of which some are missing, do not show or do not tell from the others.
+fn independent(basis: &DMatrix<f64>) -> Vec<usize> {
+    let factors = basis.clone().col_piv_qr();
+    let mut order = RowDVector::from_iterator(basis.ncols(), 0..basis.ncols());
+    factors.p().permute_columns(&mut order);
+    let sizes = factors.r().diagonal().abs();
+    let mut told: Vec<usize> =
+        order.iter().zip(&sizes).filter(|(_, size)| **size > TOLD).map(|(&k, _)| k).collect();
+    told.sort_unstable();
+    told
 }
 
 impl Stretch {

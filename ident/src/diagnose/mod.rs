@@ -157,8 +157,7 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
         search.run_anew(&baseline, &mut found, most)?;
     }
     search.says("checking")?;
-    counts.evaluations += search.counts.evaluations;
-    counts.rollouts += search.counts.rollouts;
+    counts.add(&search.counts);
     let (mut diagnosis, leader) =
         verdict::verdict(experiment, &fitted, &baseline, &found, &floor, &mut counts);
     search.says("planning the next run")?;

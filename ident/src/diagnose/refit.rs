@@ -144,10 +144,7 @@ impl Search<'_> {
 
     /// The states that could be refitted; what all have cost is counted.
     pub(super) fn counted<'a>(&mut self, refitted: Vec<(Option<State<'a>>, Counts)>) -> Vec<State<'a>> {
-        for (_, own) in &refitted {
-            self.counts.evaluations += own.evaluations;
-            self.counts.rollouts += own.rollouts;
-        }
+        refitted.iter().for_each(|(_, own)| self.counts.add(own));
         refitted.into_iter().filter_map(|(state, _)| state).collect()
     }
 }

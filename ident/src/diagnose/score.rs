@@ -68,9 +68,8 @@ impl Scores {
         let nuisances = Nuisances::new(state);
         let tasks: Vec<(usize, usize)> =
             (0..packs.len()).flat_map(|pack| (0..state.terms.len()).map(move |run| (pack, run))).collect();
-        let short = state.nowhere_long();
         let parts: Vec<Option<Linear>> =
-            tasks.par_iter().map(|&(pack, run)| packs[pack].linear(&short, run)).collect();
+            tasks.par_iter().map(|&(pack, run)| packs[pack].linear(state, run)).collect();
 
         let runs = state.terms.len();
         let mut columns: Vec<Column> = Vec::new();

@@ -7,6 +7,7 @@ use super::candidates::Term as CauseTerm;
 use super::floor::Floor;
 use crate::fit::FittedRun;
 use crate::fit::counts::Counts;
+use crate::fit::finish::repeat;
 use crate::fit::least_squares::Descent;
 use crate::fit::objective::Objective;
 use crate::fit::problem::{Linear, Point, Problem, Term};
@@ -155,7 +156,7 @@ impl<'a> State<'a> {
     }
 
     /// The same in steps that are nowhere long, for forces that the model lacks.
-    pub(crate) fn nowhere_long(&self) -> Self {
+    fn nowhere_long(&self) -> Self {
         let mut short = Self { linear: Vec::new(), ..self.clone() };
         short.terms.iter_mut().for_each(|term| term.rehearsal = term.rehearsal.clone().nowhere_long());
         short
@@ -219,25 +220,8 @@ impl<'a> State<'a> {
     pub(crate) fn repeated(&self) -> Vec<FittedRun> {
         let model = self.calibrated();
         let one = |(term, offsets): (&Term<'a>, &Vec<f64>)| {
-            let run = term.rehearsal.run;
-            let measured = run.trajectory.clone();
-            let position_m = term.rehearsal.simulate(&model, offsets, measured.time_s.len()).ok()?;
-            let start = term.rehearsal.start_with(&model, offsets);
-            let simulated = Trajectory {
-                time_s: measured.time_s.clone(),
-                keypoints: measured.keypoints.clone(),
-                position_m,
-                std_m: None,
-            };
-            Some(FittedRun {
-                id: run.id.clone(),
-                usage: run.usage,
-                initial: start.state,
-                start_s: start.start_s,
-                scored_from_s: start.start_s,
-                simulated,
-                measured,
-            })
+            let start_s = term.rehearsal.start_with(&model, offsets).start_s;
+            repeat(&model, &term.rehearsal, offsets, start_s).ok()
         };
         self.terms.iter().zip(&self.point.offsets).filter_map(one).collect()
     }

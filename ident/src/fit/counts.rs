@@ -10,3 +10,11 @@ pub(crate) struct Counts {
     /// Runs simulated.
     pub(crate) rollouts: u64,
 }
+
+impl Counts {
+    /// Counts what was counted apart.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.evaluations += other.evaluations;
+        self.rollouts += other.rollouts;
+    }
+}

@@ -111,6 +111,7 @@ pub(super) fn finish(
                 usage: run.usage,
                 keypoints: keypoint_errors(&run.measured, &run.simulated.position_m, run.scored_from_s),
                 noise,
+                touch: run.touch.clone(),
             })
             .collect(),
         characteristic_length_m: characteristic_length_m(&experiment.model),
@@ -253,7 +254,7 @@ pub(crate) fn hold_out(
     repeat(model, &objective.problem.terms[0].rehearsal, &offsets, scored_from_s)
 }
 
-fn repeat(
+pub(crate) fn repeat(
     model: &Model,
     rehearsal: &Rehearsal<'_>,
     offsets: &[f64],
@@ -261,8 +262,8 @@ fn repeat(
 ) -> Result<FittedRun, FitError> {
     let run = rehearsal.run;
     let measured = &run.trajectory;
-    let position_m = rehearsal
-        .simulate(model, offsets, measured.time_s.len())
+    let (position_m, touch) = rehearsal
+        .simulate_watched(model, offsets)
         .map_err(|source| FitError::Simulation { run: run.id.clone(), source })?;
     let start = rehearsal.start_with(model, offsets);
     Ok(FittedRun {
@@ -278,5 +279,6 @@ fn repeat(
             std_m: None,
         },
         measured: measured.clone(),
+        touch: touch.map(Into::into),
     })
 }

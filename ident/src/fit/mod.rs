@@ -9,7 +9,8 @@
 //! * `paper`: CMA-ES as published. Standard deviations stated by a trajectory are ignored: every image and
 //!   keypoint counts alike. What the paper leaves open is chosen thus:
 //!   * *search space*: the bounds mapped to the unit box ([`crate::parameters::Scale`]);
-//!   * *start*: the model's own values; *first step*: 0.2 of the box; *population*: 4 + 3 ln D;
+//!   * *start*: the model's own values; *first step*: 0.2 of the box; *population*: 4 + 3 ln D, up to the next
+//!     multiple of 8, which with AVX takes no longer;
 //!   * *bounds*: candidates are folded back into the box, which needs no penalty weight;
 //!   * *bounds' size*: fluid coefficients 0 to 10, joints by what would stop the mechanism (see there);
 //!   * *convergence*: the stop criteria of [`crate::cmaes`] at a loss share of 1e-8, or `max_evaluations`;
@@ -62,7 +63,8 @@ pub use checkpoint::{Checkpoint, CheckpointError, Flow, Observer, Origin, Progre
 pub use error::FitError;
 pub use recalibrate::{Drift, Recalibration, recalibrate};
 pub use report::{
-    Combination, Constancy, Fit, FittedParameter, JointInformation, NoiseSeen, RunErrors, RunValue, StartLoss,
+    Combination, Constancy, FirstTouch, Fit, FittedParameter, JointInformation, NoiseSeen, RunErrors,
+    RunValue, StartLoss,
 };
 
 use crate::experiment::{Experiment, Loss, Method, Run, RunKind, Use};
@@ -126,6 +128,8 @@ pub struct FittedRun {
     pub simulated: Trajectory,
     /// What was measured.
     pub measured: Trajectory,
+    /// Geoms of the calibrated model that touch: from then on it does not move as MuJoCo would have it.
+    pub touch: Option<FirstTouch>,
 }
 
 /// How long a fit took.

@@ -35,10 +35,7 @@ pub(super) fn profile(
             (end(objective, point, known, least, which, side, &mut own), own)
         })
         .collect();
-    for (_, own) in &ends {
-        counts.evaluations += own.evaluations;
-        counts.rollouts += own.rollouts;
-    }
+    ends.iter().for_each(|(_, own)| counts.add(own));
     ends.chunks_exact(2).map(|pair| [pair[0].0, pair[1].0]).collect()
 }
 

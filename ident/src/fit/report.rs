@@ -1,6 +1,7 @@
 //! `fit.json`.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
@@ -175,6 +176,35 @@ pub struct RunErrors {
     /// Its noise, where it was fitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<NoiseSeen>,
+    /// The first contact of its simulation, where there is one: contact is not simulated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub touch: Option<FirstTouch>,
+}
+
+/// Two geoms of the model that touch.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FirstTouch {
+    /// The geoms.
+    pub geoms: [String; 2],
+    /// When they first do \[s\].
+    pub time_s: f64,
+}
+
+impl fmt::Display for FirstTouch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ([a, b], time_s) = (&self.geoms, self.time_s);
+        write!(
+            f,
+            "geoms `{a}` and `{b}` touch at {time_s:.4} s; contact is not simulated, so they pass through each other from then on"
+        )
+    }
+}
+
+impl From<sim::Touch> for FirstTouch {
+    fn from(touch: sim::Touch) -> Self {
+        Self { geoms: touch.geoms.geoms, time_s: touch.time_s }
+    }
 }
 
 impl Fit {

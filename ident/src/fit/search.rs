@@ -26,6 +26,9 @@ const SIGMA: f64 = 0.2;
 const TOL_LOSS_SHARE: f64 = 1e-8;
 /// Steps shorter than this share of the box end the search.
 const TOL_STEP: f64 = 1e-7;
+/// Candidates that one pass simulates side by side with AVX2, half of those with AVX-512 (see [`sim::Isa::candidates`]): as long
+/// as there are fewer, more of them take no longer.
+const FULL: usize = 8;
 
 /// A search under way. Serialising it loses nothing.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -56,6 +59,11 @@ struct Elimination {
     pull: DVector<f64>,
 }
 
+/// Candidates of a generation: the tutorial's 4 + 3 ln D, and as many more as fill a pass.
+fn population(dimension: usize) -> usize {
+    (4 + (3.0 * (dimension.max(1) as f64).ln()) as usize).next_multiple_of(FULL)
+}
+
 impl Search {
     /// A search that starts at `start`, whose starts are fitted first.
     pub(super) fn new(
@@ -74,6 +82,7 @@ impl Search {
             tol_loss: 0.0,
             tol_loss_share: TOL_LOSS_SHARE,
             tol_step: TOL_STEP,
+            population: Some(population(objective.parameters().len())),
             ..Options::default()
         };
         let (anchor, cost) = settle(objective, start, counts);

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, anyhow};
+use ident::fit::FirstTouch;
 use sim::{
     Command, ContactWatch, Integrator, JointKind, Model, Rollout, RolloutError, RolloutOptions, rollout,
 };
@@ -131,10 +132,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         _ => Failure::input(error),
     })?;
     if let Some(touch) = ContactWatch::new(&model).and_then(|mut watch| watch.first_touch(&run)) {
-        let ([a, b], time_s) = (&touch.geoms.geoms, touch.time_s);
-        tracing::warn!(
-            "geoms `{a}` and `{b}` touch at {time_s:.4} s; contact is not simulated, so they pass through each other from then on"
-        );
+        tracing::warn!("{}", FirstTouch::from(touch));
     }
     std::fs::write(&args.out, table(&model, &run))
         .with_context(|| format!("writing {}", args.out.display()))

@@ -188,6 +188,10 @@ pub(super) fn verdict(data: &ReportData) -> Verdict {
             drifting.join(", ")
         ));
     }
+    for (run, touch) in fit.runs.iter().filter_map(|run| Some((run, run.touch.as_ref()?))) {
+        tone = Tone::Caution;
+        details.push(format!("In the simulation of {}, {touch}.", run.id));
+    }
     let elsewhere = fit.starts.iter().filter(|start| !start.agrees).count();
     if elsewhere > 0 {
         details.push(format!(

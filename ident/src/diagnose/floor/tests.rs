@@ -53,6 +53,25 @@ fn slow_errors_ten_times_the_noise_leave_the_floor_where_it_is() {
     }
 }
 
+/// More splines than images to tell them apart once took whole runs out of the sum, at some correlations.
+#[test]
+fn every_image_counts_however_few_of_them_show_the_motion() {
+    for (still, missing) in (85..=100).flat_map(|still| [0, 3, 6, 9].map(|missing| (still, missing))) {
+        let (from, to) = (still + 2, still + 2 + missing);
+        let images = (0..100).filter(|image| !(from..to).contains(image));
+        let time_s: Vec<f64> = images.map(|image| 0.01 * f64::from(image)).collect();
+        let still = time_s.len().min(still as usize);
+        let basis = basis(&time_s, still, 0.05);
+        let values = DMatrix::from_element(time_s.len(), 1, 1.0);
+        let stretch = Stretch { run: 0, keypoints: vec![0], time_s, values, basis, still };
+        for correlation in CORRELATIONS {
+            let left = stretch.left(correlation, 0.01);
+            assert!(left.degrees > 0.0, "{still} {missing} {correlation}");
+            assert!(left.squares[0] < 1e-6, "{still} {missing} {correlation}: {:?}", left.squares);
+        }
+    }
+}
+
 #[test]
 fn splines_add_up_to_one_everywhere() {
     let time_s: Vec<f64> = (0..80).map(|image| 0.013 * f64::from(image)).collect();
