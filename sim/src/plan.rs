@@ -2,7 +2,7 @@
 
 use crate::command::Command;
 use crate::dynamics::plant::Plant;
-use crate::dynamics::{Work, integrate, kinematics};
+use crate::dynamics::{Work, integrate, kinematics, restraint};
 use crate::effects::CommandPath;
 use crate::math::{Vec3, Vector};
 use crate::model::{Model, State};
@@ -24,8 +24,6 @@ pub struct Plan {
 pub const ACCURACY_M: f64 = 1e-5;
 /// Longest step tried \[s\].
 const LONGEST_S: f64 = 0.1;
-/// The same where steps over corners are taken again in up to 62 parts, by all lanes when one meets a corner \[s\].
-const LONGEST_EVEN_S: f64 = 0.02;
 /// Shortest step worth trying \[s\].
 const SHORTEST_S: f64 = 1e-5;
 /// Methods with their order and what a step costs, in evaluations of all forces; first the one that is never unstable.
@@ -115,7 +113,7 @@ impl Nominal<'_> {
         affordable: f64,
     ) -> Result<Option<(Plan, f64)>, RolloutError> {
         let mut best: Option<(Plan, f64)> = None;
-        let upper_s = if self.even() { LONGEST_EVEN_S } else { LONGEST_S };
+        let upper_s = if self.even() { restraint::LONGEST_STEP_S } else { LONGEST_S };
         let (mut longest_s, mut tolerance_m) = (upper_s, accuracy_m);
         let mut left = REFINEMENTS;
         let mut diverged = None;

@@ -221,7 +221,7 @@ impl<T: Scalar> Run<'_, T> {
         let mut engine = Engine::<S>::new(model, layout, options)?;
         engine.clock = start_s - T::from_f64(options.start_s);
         engine.switch_off(&columns.iter().map(Option::is_none).collect::<Vec<_>>());
-        let grid = Grid::new(engine.timestep_s, self.command, options);
+        let grid = Grid::new(engine.timestep_s, engine.longest_step_s(), self.command, options);
         let mut after = state.clone();
         engine.align(&mut after, options.start_s, &command);
         let initial = after.clone();

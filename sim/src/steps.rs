@@ -26,16 +26,27 @@ impl Steps {
 
     /// The same with each step in `parts` equal ones, for a candidate that is stiffer than what the steps were chosen for.
     pub fn divided(&self, parts: usize) -> Self {
-        if parts <= 1 {
-            return self.clone();
+        let parts = parts.max(1);
+        Self { longest_s: self.longest_s / parts as f64, ..self.split(|_| parts) }
+    }
+
+    /// The same with each step that is longer than `longest_s` \[s\] in equal ones that are not.
+    pub fn shortened(&self, longest_s: f64) -> Self {
+        let steps = self.split(|step_s| (step_s / longest_s - 1e-9).ceil().max(1.0) as usize);
+        Self { longest_s: self.longest_s.min(longest_s), ..steps }
+    }
+
+    /// The same with each step in as many equal ones as `parts` says of its length \[s\].
+    fn split(&self, parts: impl Fn(f64) -> usize) -> Self {
+        let mut ends = Vec::with_capacity(self.ends_s.len());
+        let mut from = 0.0;
+        for &to in self.ends_s.iter() {
+            let parts = parts(to - from);
+            ends.extend((1..parts).map(|part| from + (to - from) * part as f64 / parts as f64));
+            ends.push(to);
+            from = to;
         }
-        let begins = std::iter::once(0.0).chain(self.ends_s.iter().copied());
-        let ends = begins.zip(self.ends_s.iter()).flat_map(|(from, &to)| {
-            (1..=parts).map(
-                move |part| if part == parts { to } else { from + (to - from) * part as f64 / parts as f64 },
-            )
-        });
-        Self { method: self.method, longest_s: self.longest_s / parts as f64, ends_s: ends.collect() }
+        Self { ends_s: ends.into(), ..self.clone() }
     }
 }
 
@@ -61,12 +72,12 @@ pub(crate) struct Grid {
 const CORNER: f64 = 0.1;
 
 impl Grid {
-    /// Equal steps of `timestep_s`; with [`RolloutOptions::steps`] those, and after them equal ones between the corners of
-    /// `command`, none longer.
-    pub(crate) fn new(timestep_s: f64, command: &Command, options: &RolloutOptions) -> Self {
+    /// Equal steps of `timestep_s`; with [`RolloutOptions::steps`] those, in parts where they are longer than `most_s`, and
+    /// after them equal ones between the corners of `command`, none longer than `timestep_s`.
+    pub(crate) fn new(timestep_s: f64, most_s: f64, command: &Command, options: &RolloutOptions) -> Self {
         let mut instants = vec![0.0];
         if let Some(steps) = &options.steps {
-            instants.extend(steps.ends_s.iter());
+            instants.extend(steps.shortened(most_s).ends_s.iter());
             for corner in corners(command, timestep_s) {
                 let (from, to) = (instants[instants.len() - 1], corner - options.start_s);
                 let parts = ((to - from) / timestep_s - 1e-9).ceil();
@@ -139,12 +150,12 @@ mod tests {
         };
         let steps = Some(Steps::even(Method::RungeKutta, 0.2));
         let options = RolloutOptions { start_s: 0.5, steps, ..RolloutOptions::default() };
-        let grid = Grid::new(0.2, &command, &options);
+        let grid = Grid::new(0.2, f64::INFINITY, &command, &options);
         // 0.5 s of rest, 1 s up (the middle row is no corner), 0.25 s down, and on in whole steps
         let ends: Vec<f64> = (0..13).map(|k| (grid.instant(k) * 1e9).round() / 1e9).collect();
         let expected = [0.0, 0.166666667, 0.333333333, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.625, 1.75, 1.95, 2.15];
         assert_eq!(ends, expected);
         assert!((1..12).all(|k| (grid.step(k) - (grid.instant(k) - grid.instant(k - 1))).abs() < 1e-12));
-        assert_eq!(Grid::new(0.2, &command, &RolloutOptions::default()).instant(5), 1.0);
+        assert_eq!(Grid::new(0.2, f64::INFINITY, &command, &RolloutOptions::default()).instant(5), 1.0);
     }
 }

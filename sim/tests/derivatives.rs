@@ -106,3 +106,32 @@ fn derivatives_from_rest_are_finite_and_exact_on_every_model() {
         assert_eq!(values, rollout(&plain, &state, &command, &times, &options).unwrap().qpos);
     }
 }
+
+#[test]
+fn derivatives_stay_sound_where_friction_holds_however_long_the_steps() {
+    let mut plain = model("chain_friction");
+    for joint in ["q1", "q2", "q3"] {
+        // more than gravity moves
+        plain.set_parameter(&format!("{joint}/frictionloss"), 0.5).unwrap();
+    }
+    let (state, command) = start(&plain);
+    let mut lifted = plain.map(Number::constant);
+    for (index, parameter) in ["g2/blunt", "link2/mass", "q2/damping", "link3/mass"].into_iter().enumerate() {
+        let value = plain.parameter(parameter).unwrap();
+        lifted.set_parameter(parameter, Number::variable(value, index)).unwrap();
+    }
+    let numbers = |x: &[f64]| x.iter().map(|&x| Number::constant(x)).collect();
+    let state = State { qpos: numbers(&state.qpos), qvel: numbers(&state.qvel) };
+    let slopes = |method, longest_s| -> Vec<f64> {
+        let steps = Some(Steps::even(method, longest_s));
+        let options = RolloutOptions { steps, ..RolloutOptions::default() };
+        let end = rollout(&lifted, &state, &command, &[10.0], &options).unwrap();
+        end.qpos.iter().flat_map(|q| q.partials).collect()
+    };
+    for method in [Method::RungeKutta, Method::Rosenbrock] {
+        let worst = common::relative(&slopes(method, 0.1), &slopes(method, 0.001));
+        println!("{method:?}: derivatives of the creep in long steps against short ones {worst:.1e}");
+        // the third order of the coarser method at 16 ms
+        assert!(worst < 0.03, "{method:?} {worst:e}");
+    }
+}

@@ -3,7 +3,7 @@
 use super::halving::{HALVINGS, Halving};
 use super::rosenbrock::Rosenbrock;
 use crate::dynamics::plant::Plant;
-use crate::dynamics::restraint::{Solver, multiply};
+use crate::dynamics::restraint::{self, Solver, multiply};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
 use crate::effects::{Memory, Moment};
 use crate::model::{ActuatorKind, Integrator, JointKind, Model, State};
@@ -153,12 +153,20 @@ impl<S: Space> Engine<S> {
         if !simulator.plant.restraints.is_empty() {
             let weights = simulator.inverse_weights(model);
             simulator.solver = Some(Solver::new(&simulator.plant, weights));
+            if options.steps.is_some() {
+                simulator.timestep_s = timestep_s.min(simulator.longest_step_s());
+            }
             // what remembers would take the halves for steps of all lanes
             if options.steps.is_some() && !simulator.plant.effects.remember() {
                 simulator.halvings = vec![Halving::new(&simulator.stage); HALVINGS];
             }
         }
         Ok(simulator)
+    }
+
+    /// Longest step of our own that the model's restraints bear \[s\].
+    pub(crate) fn longest_step_s(&self) -> f64 {
+        self.solver.as_ref().map_or(f64::INFINITY, |_| restraint::LONGEST_STEP_S)
     }
 
     /// Switches off the drives at these places: they exert no force, and where they would prescribe their
