@@ -111,7 +111,8 @@ fn the_first_answer_is_whole_and_leads_to_the_bytes_of_the_last() {
     let (first, left) = first_answer(&experiment, &mut ()).unwrap();
     assert!(first.fit.parameters.iter().any(|p| p.determined) && first.fit.loss_m2.is_finite());
     let last = resume(&experiment, left.expect("more than the noise is left"), &mut ()).unwrap();
-    assert!(last.fit.loss_m2 <= first.fit.loss_m2 * (1.0 + 1e-9));
+    // what is least is the loss and what is known of the runs' starts, together
+    assert!(last.fit.loss_m2 <= first.fit.loss_m2 * (1.0 + 1e-3));
     let starts: Vec<Origin> = last.fit.starts.iter().map(|start| start.from).collect();
     assert_eq!(starts[..2], [Origin::Loose, Origin::Model]);
     assert_eq!(last.fit.to_json().unwrap(), bytes(&experiment));
