@@ -47,7 +47,9 @@ fn driven_run_ends_in_a_report_and_replays_to_the_same_bytes() {
     ] {
         assert!(run.join(name).exists(), "{name} is missing\n{}", printed(&output));
     }
-    assert_eq!(json(&run.join("stop.json"))["status"], "success");
+    let stop = json(&run.join("stop.json"));
+    assert_eq!(stop["status"], "success");
+    assert!(stop["learn_from"]["end"].is_u64(), "extracted while it was filmed: {stop}");
     let fit = json(&run.join("fit.json"));
     let errors = mean_errors_m(&fit);
     println!("mean keypoint errors [mm]: {:?}", errors.iter().map(|e| e * 1e3).collect::<Vec<_>>());

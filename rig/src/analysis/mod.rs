@@ -5,6 +5,7 @@
 //!                -> diagnosis.json -> report.html
 //! ```
 
+pub mod live;
 pub mod pictures;
 mod stored;
 pub mod timeline;
@@ -25,6 +26,7 @@ use crate::report::{DiagnosisFigures, GatherError, ReportData};
 use crate::vision::VisionError;
 use crate::vision::calibration::CalibrationError;
 use crate::vision::{Extraction, Status};
+use live::Live;
 use timeline::Timeline;
 
 /// The stage to begin with; the ones before are taken as they stand in the run's folder.
@@ -108,6 +110,8 @@ pub struct Analysis<'a> {
     pub from: Stage,
     /// Worker threads for the images.
     pub threads: usize,
+    /// The extraction that went on beside the filming.
+    pub live: Option<Live>,
 }
 
 impl Analysis<'_> {
@@ -115,15 +119,16 @@ impl Analysis<'_> {
     ///
     /// # Errors
     /// [`AnalysisError`]; the files of the stages before it are there.
-    pub fn carry_out(&self, progress: &mut dyn Progress) -> Result<ReportData, AnalysisError> {
+    pub fn carry_out(mut self, progress: &mut dyn Progress) -> Result<ReportData, AnalysisError> {
         let mut timing = Timing { workers: self.threads, ..Timing::default() };
         let timeline = timing.measure("recording", || Timeline::read(self.run, self.config))?;
         if let Some(command) = &timeline.command {
             table::write_command(&self.out.join(file::SERVO), command)?;
         }
+        let live = self.live.take();
         let extraction = match self.from {
             Stage::Frames | Stage::Mask | Stage::Keypoints => {
-                Some(timing.measure("images", || self.extract(&timeline, progress))?)
+                Some(timing.measure("images", || self.extract(&timeline, live, progress))?)
             }
             Stage::Trajectory => {
                 self.take_over(&[file::FRAMES, file::EXTRACTION, file::TRAJECTORY])?;
@@ -173,7 +178,12 @@ impl Analysis<'_> {
         Ok(timing.write(&self.out.join(file::TIMING))?)
     }
 
-    fn extract(&self, timeline: &Timeline, progress: &mut dyn Progress) -> Result<Extraction, AnalysisError> {
+    fn extract(
+        &self,
+        timeline: &Timeline,
+        live: Option<Live>,
+        progress: &mut dyn Progress,
+    ) -> Result<Extraction, AnalysisError> {
         progress.begin("images", Some(timeline.images.len() as u64));
         let plane = self.config.calibration.plane(self.paths_from)?;
         let source = pictures::Source { run: self.run, timeline };
@@ -189,9 +199,11 @@ impl Analysis<'_> {
                     _ => None,
                 };
                 let masks = masks.map(|records| records.into_iter().map(|record| record.mask).collect());
-                let task =
-                    pictures::Task { config: &self.config.vision, folder: self.paths_from, plane, masks };
-                task.carry_out(source, self.threads, |done| progress.step(done as u64))?
+                let learn_from = self.run.stop().and_then(|stop| stop.learn_from.clone());
+                let (config, folder) = (&self.config.vision, self.paths_from);
+                let task = pictures::Task { config, folder, plane, masks, learn_from };
+                let begun = live.and_then(|live| live.finish(&source.times_s()));
+                task.carry_out(source, begun, self.threads, |done| progress.step(done as u64))?
             }
         };
         stored::write(self.out, &extraction.records)?;

@@ -1,14 +1,17 @@
 //! The recorded images: through the extraction, and a few of them into the report.
 
 use std::collections::BTreeSet;
+use std::ops::Range;
 use std::path::Path;
 
 use ident::fit::{Fitted, FittedRun};
 use image::GrayImage;
 
 use super::AnalysisError;
+use super::live::Begun;
 use super::timeline::{ImageTime, Timeline, USABLE};
-use crate::camera::decode;
+use crate::camera::{CameraImage, decode};
+use crate::clock::MonotonicNs;
 use crate::record::folder::{RunFolder, file};
 use crate::record::reader::{Item, Recording};
 use crate::report::{Overlay, ReportData};
@@ -42,28 +45,36 @@ pub struct Task<'a> {
     pub plane: Plane,
     /// The silhouettes of all usable images, where they are given and not looked for.
     pub masks: Option<Vec<Option<Mask>>>,
+    /// Which of the images received the empty tank is learned from; all, where nobody says.
+    pub learn_from: Option<Range<u64>>,
 }
 
 impl Task<'_> {
-    /// Extracts the keypoints of all images of `source`; `progress` hears how many are done.
+    /// Extracts the keypoints of all images of `source`, going on from what was `begun` while it was filmed; `progress` hears
+    /// how many are done.
     ///
     /// # Errors
     /// [`AnalysisError`] when the recording cannot be read or its images cannot be told from their background.
     pub fn carry_out(
         self,
         source: Source<'_>,
+        begun: Option<Begun>,
         threads: usize,
         mut progress: impl FnMut(usize),
     ) -> Result<Extraction, AnalysisError> {
         let usable = source.usable();
-        let stride = usable.len().div_ceil(LEARN_FROM).max(1);
-        let mut extractor = {
-            let sample = source.load(usable.iter().step_by(stride).copied())?;
-            let sample: Vec<&TimedImage> = sample.iter().collect();
-            Extractor::learn(&sample, self.config, self.plane.clone(), self.folder, threads)?
+        let (mut extractor, mut records, left) = match begun {
+            Some(Begun { extractor, records, left }) => {
+                (extractor.with_threads(threads), records, Some(left))
+            }
+            None => {
+                let sample = sampled(&usable, |image| image.index as u64, self.learn_from.as_ref());
+                let sample = source.load(sample.into_iter().copied())?;
+                let sample: Vec<&TimedImage> = sample.iter().collect();
+                let (config, plane) = (self.config, self.plane.clone());
+                (Extractor::learn(&sample, config, plane, self.folder, threads)?, Vec::new(), None)
+            }
         };
-
-        let mut records: Vec<ImageRecord> = Vec::with_capacity(usable.len());
         let mut waiting: Vec<TimedImage> = Vec::with_capacity(AT_ONCE);
         let mut take_in = |waiting: &mut Vec<TimedImage>| {
             let mut found = match &self.masks {
@@ -74,21 +85,54 @@ impl Task<'_> {
             waiting.clear();
             progress(records.len());
         };
-        source.each(usable.iter().copied(), |image| {
+        let take = |image| {
             waiting.push(image);
             if waiting.len() == AT_ONCE {
                 take_in(&mut waiting);
             }
-        })?;
+        };
+        match left {
+            Some(left) => left.into_iter().for_each(take),
+            None => source.each(usable.iter().copied(), take)?,
+        }
         take_in(&mut waiting);
         Ok(Extraction::of(records, self.config.links, self.plane))
     }
+}
+
+/// An even sample of the `usable` images to learn the empty tank from: of those whose place among all images received, their
+/// `index`, is in `range`, or of all where none is.
+pub(super) fn sampled<'a, T>(
+    usable: &'a [T],
+    index: impl Fn(&T) -> u64,
+    range: Option<&Range<u64>>,
+) -> Vec<&'a T> {
+    let within = range.map(|range| usable.iter().filter(|image| range.contains(&index(image))).collect());
+    let within = within.filter(|within: &Vec<&T>| !within.is_empty());
+    let within = within.unwrap_or_else(|| usable.iter().collect());
+    let stride = within.len().div_ceil(LEARN_FROM).max(1);
+    within.into_iter().step_by(stride).collect()
+}
+
+/// An image as the extraction takes it, its time counted from `origin`.
+pub(super) fn timed(image: &CameraImage, origin: MonotonicNs) -> TimedImage {
+    let grey = match image.damaged {
+        true => Err("marked as damaged by the camera".to_owned()),
+        false => decode::grey(image).map_err(|error| error.to_string()),
+    };
+    let time_s = image.mid_exposure.seconds_since(origin);
+    TimedImage { name: image.sequence.to_string(), time_s, grey }
 }
 
 impl<'a> Source<'a> {
     /// How many usable images there are.
     pub fn count(self) -> usize {
         self.usable().len()
+    }
+
+    /// When each usable image was exposed \[s\].
+    pub fn times_s(self) -> Vec<f64> {
+        self.usable().iter().map(|image| image.row.time_s).collect()
     }
 
     /// Puts some images with what was found in them, the first pose, and centrelines into a report.
@@ -146,11 +190,7 @@ impl<'a> Source<'a> {
         for item in Recording::open(&self.run.file(file::RECORDING))? {
             let (_, Item::Image(image)) = item? else { continue };
             if index == next.index {
-                let grey = match image.damaged {
-                    true => Err("marked as damaged by the camera".to_owned()),
-                    false => decode::grey(&image).map_err(|error| error.to_string()),
-                };
-                take(TimedImage { name: image.sequence.to_string(), time_s: next.row.time_s, grey });
+                take(timed(&image, self.run.origin()));
                 match wanted.next() {
                     Some(image) => next = image,
                     None => break,

@@ -27,6 +27,21 @@ pub struct ImageTime {
     pub row: FrameRow,
 }
 
+/// Tells the images that can be used by their stamps: each later than all before.
+#[derive(Debug, Default)]
+pub(super) struct Rising(Option<MonotonicNs>);
+
+impl Rising {
+    /// Whether an image exposed at `mid_exposure`, the next received, can be used.
+    pub(super) fn takes(&mut self, mid_exposure: MonotonicNs) -> bool {
+        let rises = self.0.is_none_or(|latest| mid_exposure > latest);
+        if rises {
+            self.0 = Some(mid_exposure);
+        }
+        rises
+    }
+}
+
 /// See the module.
 #[derive(Debug, Clone)]
 pub struct Timeline {
@@ -48,7 +63,8 @@ impl Timeline {
     pub fn read(run: &RunFolder, config: &RigConfig) -> Result<Self, AnalysisError> {
         let origin = run.origin();
         let mut images: Vec<ImageTime> = Vec::new();
-        let mut last: Option<(u32, MonotonicNs)> = None;
+        let mut rising = Rising::default();
+        let mut last = None;
         let mut pings = Vec::new();
         let mut armed = None;
         let mut started = None;
@@ -56,12 +72,11 @@ impl Timeline {
             let (_, item) = item?;
             match item {
                 Item::Image(image) => {
-                    let rises = last.is_none_or(|(_, before)| image.mid_exposure > before);
-                    let (status, reason) = match rises {
+                    let (status, reason) = match rising.takes(image.mid_exposure) {
                         true => (USABLE, ""),
                         false => ("rejected", "its stamp is not later than the one before"),
                     };
-                    let lost_before = last.map_or(0, |(sequence, _)| images_lost(sequence, image.sequence));
+                    let lost_before = last.map_or(0, |last| images_lost(last, image.sequence));
                     let row = FrameRow {
                         sequence: image.sequence,
                         time_s: image.mid_exposure.seconds_since(origin),
@@ -72,9 +87,7 @@ impl Timeline {
                         reason: reason.into(),
                     };
                     images.push(ImageTime { index: images.len(), row });
-                    let latest =
-                        last.map_or(image.mid_exposure, |(_, before)| before.max(image.mid_exposure));
-                    last = Some((image.sequence, latest));
+                    last = Some(image.sequence);
                 }
                 Item::Servo(ServoEvent::Ping { sent, board_tick_us, received }) => {
                     pings.push(Ping { sent, board_tick_us, received });

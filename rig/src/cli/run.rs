@@ -7,6 +7,7 @@ use anyhow::anyhow;
 use super::progress::Bar;
 use super::signal::Interrupt;
 use super::{Failure, InRun, Outcome};
+use crate::analysis::live::Live;
 use crate::analysis::{Analysis, AnalysisError, Stage};
 use crate::claim::Claim;
 use crate::config::RigConfig;
@@ -84,6 +85,7 @@ impl Experiment<'_> {
         let bar = Bar::new(interrupt.flag());
         let job = Job { config: self.config, base: self.base, runs_dir: self.runs_dir };
         let mut phase = "";
+        let mut live = None;
         let conducted = job
             .conduct(interrupt.raised(), |folder, notice| match notice {
                 Notice::Phase(now, images) => {
@@ -93,6 +95,14 @@ impl Experiment<'_> {
                     }
                     bar.say(format!("{now}: {images} images"));
                 }
+                Notice::Image(image) if !self.film_only => {
+                    let origin = folder.origin();
+                    live.get_or_insert_with(|| Live::start(self.config, self.base, origin, self.threads))
+                        .iter_mut()
+                        .for_each(|live| live.image(&image));
+                }
+                Notice::Learn(from) => live.iter_mut().flatten().for_each(|live| live.learn(from.clone())),
+                Notice::Image(_) => {}
                 Notice::LetGo => bar.ask("The water is still: let go of the mechanism now."),
                 Notice::Journal(text) => tracing::info!("{text}"),
             })
@@ -123,6 +133,7 @@ impl Experiment<'_> {
                     paths_from: self.base,
                     from: Stage::Frames,
                     threads: self.threads,
+                    live: live.flatten(),
                 };
                 analysis.carry_out(&mut bar)
             })

@@ -211,6 +211,7 @@ mod tests {
                 images: 350,
                 images_lost: 2,
                 messages_dropped: 0,
+                learn_from: None,
             })
             .unwrap();
         let cut_short = create(dir.path(), "20261120T111503Z-ab12cd");

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Write;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 pub use ident::experiment::RunKind;
@@ -176,6 +177,10 @@ pub struct Stop {
     pub images_lost: u64,
     /// Messages that did not fit into the recording's queue.
     pub messages_dropped: u64,
+    /// Which of the images received, counted from 0, the empty tank was learned from while filming; absent where the motion
+    /// was too short for that.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub learn_from: Option<Range<u64>>,
 }
 
 /// A run's folder, being written or read.
@@ -363,6 +368,7 @@ mod tests {
             images: 12,
             images_lost: 1,
             messages_dropped: 0,
+            learn_from: None,
         };
         run.finish(stop.clone()).unwrap();
         assert_eq!(RunFolder::open(run.path()).unwrap().stop(), Some(&stop));

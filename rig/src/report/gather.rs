@@ -306,6 +306,7 @@ mod tests {
             images: 4,
             images_lost: 1,
             messages_dropped: 2,
+            learn_from: None,
         };
         folder.finish(stop).unwrap();
 

@@ -1,6 +1,7 @@
 //! Films one experiment: feeds the state machine with what the devices tell, and does what it says.
 
 use std::future::Future;
+use std::ops::Range;
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -37,9 +38,18 @@ pub struct Setup {
     pub recorder: Recorder,
 }
 
-/// Told as it happens; for journal and progress.
-#[derive(Debug, Clone, PartialEq)]
+/// The empty tank is learned from this share of the motion, and no less than these seconds of it \[s\]: both sides of the
+/// mechanism have been seen free by then, and what is left of the motion is time to look at the images.
+const LEARN_SHARE: f64 = 1.0 / 3.0;
+const LEARN_S: f64 = 2.0;
+
+/// Told as it happens; for journal, progress and the extraction beside the filming.
+#[derive(Debug, Clone)]
 pub enum Notice {
+    /// An image came, and is recorded.
+    Image(Arc<CameraImage>),
+    /// These of the images received show enough of the motion to learn the empty tank from.
+    Learn(Range<u64>),
     /// The phase changed, or time passed in it: phase and images so far.
     Phase(&'static str, u64),
     /// Something for the journal.
@@ -61,6 +71,8 @@ pub struct Filmed {
     pub recorded: Recorded,
     /// Images the camera's own count says were lost.
     pub images_lost: u64,
+    /// Which of the images received the empty tank was learned from, once enough motion was seen.
+    pub learn_from: Option<Range<u64>>,
 }
 
 /// Films until the machine stops, `interrupt` resolves, or a device fails. Whatever happens, the servo is stopped
@@ -79,8 +91,10 @@ pub async fn film(
     let camera = CameraThread::start(setup.camera, setup.stall, sender);
     let recorder = setup.recorder;
 
+    let enough_s = (LEARN_SHARE * setup.plan.motion_s()).max(LEARN_S);
     let mut machine = Machine::new(setup.plan, MonotonicNs::now());
     let mut images = ImageCount::default();
+    let (mut first_moving, mut learn_from) = (None, None);
     let mut interrupt = pin!(interrupt);
     let mut ticks = tokio::time::interval(TICK);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -100,10 +114,18 @@ pub async fn film(
                 _ = ticks.tick() => Event::Tick,
             },
         };
+        let now = MonotonicNs::now();
         if event == Event::Tick {
             notify(Notice::Phase(machine.phase(), images.received));
+            if let Some(moves_s) = machine.moves_for_s(now).filter(|_| learn_from.is_none()) {
+                let from = *first_moving.get_or_insert(images.received)..images.received;
+                if moves_s >= enough_s && !from.is_empty() {
+                    notify(Notice::Learn(from.clone()));
+                    learn_from = Some(from);
+                }
+            }
         }
-        match machine.on(event, MonotonicNs::now()) {
+        match machine.on(event, now) {
             None => {}
             Some(Action::Arm(start)) => {
                 if let (Some(servo), Some(profile)) = (&servo, &profile) {
@@ -134,7 +156,7 @@ pub async fn film(
         Err(error) if ending == Ending::Success => (Ending::Fail(with_causes(&error)), Recorded::default()),
         Err(_) => (ending, Recorded::default()),
     };
-    Filmed { ending, servo: outcome, stop_s, recorded, images_lost: images.lost }
+    Filmed { ending, servo: outcome, stop_s, recorded, images_lost: images.lost, learn_from }
 }
 
 /// Records what a device told and says what it means to the machine.
@@ -147,6 +169,7 @@ fn take_in(
     Ok(Some(match told {
         DeviceEvent::Image(image) => {
             recorder.image(Arc::clone(&image))?;
+            notify(Notice::Image(Arc::clone(&image)));
             Event::Image { identical: images.count(image) }
         }
         DeviceEvent::Changed(share) => Event::Changed(share),

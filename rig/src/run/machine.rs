@@ -101,8 +101,17 @@ pub struct Machine {
     plan: Plan,
     phase: Phase,
     began: MonotonicNs,
+    /// When motion began.
+    moves_since: Option<MonotonicNs>,
     identical: u32,
     last_change: f64,
+}
+
+impl Plan {
+    /// How long motion is filmed \[s\].
+    pub fn motion_s(&self) -> f64 {
+        self.profile_s + self.film_s
+    }
 }
 
 impl Machine {
@@ -112,9 +121,15 @@ impl Machine {
             plan,
             phase: Phase::Settling { still_since: None },
             began: now,
+            moves_since: None,
             identical: 0,
             last_change: 1.0,
         }
+    }
+
+    /// How long the mechanism has been moving, or has had time to \[s\]; none before.
+    pub fn moves_for_s(&self, now: MonotonicNs) -> Option<f64> {
+        self.moves_since.map(|since| now.seconds_since(since)).filter(|moves_s| *moves_s >= 0.0)
     }
 
     /// The present phase in a word, for progress.
@@ -151,6 +166,7 @@ impl Machine {
             Phase::Settling { still_since } => self.settle(still_since, &event, now),
             Phase::Armed { start } if event == Event::Started => {
                 self.phase = Phase::Playing { since: start };
+                self.moves_since = Some(start);
                 Some(Action::Journal("profile-started"))
             }
             Phase::Armed { start } if now > start.plus_seconds(BOARD_SLACK_S) => {
@@ -216,6 +232,7 @@ impl Machine {
 
     fn film(&mut self, entry: &'static str, now: MonotonicNs) -> Option<Action> {
         self.phase = Phase::Filming { until: now.plus_seconds(self.plan.film_s) };
+        self.moves_since.get_or_insert(now);
         Some(Action::Journal(entry))
     }
 
@@ -262,7 +279,10 @@ mod tests {
     #[test]
     fn driven_run_settles_arms_plays_films_on_and_succeeds() {
         let mut machine = driven_until_playing();
+        assert_eq!(machine.moves_for_s(at(0.8)), None, "armed for 0.9 s");
+        assert!((machine.moves_for_s(at(2.9)).unwrap() - 2.0).abs() < 1e-9);
         assert_eq!(machine.on(Event::Finished, at(3.9)), Some(Action::Journal("profile-finished")));
+        assert!((machine.moves_for_s(at(3.9)).unwrap() - 3.0).abs() < 1e-9, "still");
         assert_eq!(machine.on(Event::Tick, at(4.8)), None);
         assert_eq!(machine.on(Event::Tick, at(4.9)), Some(Action::Stop(Ending::Success)));
         assert_eq!(machine.on(Event::Fault("late".into()), at(5.0)), None);

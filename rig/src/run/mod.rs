@@ -126,7 +126,7 @@ impl Job<'_> {
             if let Notice::Journal(text) = &notice {
                 journal_error = journal.write(text, json!({})).err().or(journal_error.take());
             }
-            if notice == Notice::LetGo
+            if matches!(notice, Notice::LetGo)
                 && let Some(hand) = &mut hand
             {
                 hand.let_go();
@@ -228,6 +228,7 @@ fn stop(filmed: &Filmed) -> Stop {
         images: filmed.recorded.images,
         images_lost: filmed.images_lost,
         messages_dropped: filmed.recorded.dropped,
+        learn_from: filmed.learn_from.clone(),
     }
 }
 

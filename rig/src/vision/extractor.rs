@@ -125,6 +125,12 @@ impl Extractor {
         }
     }
 
+    /// The same with so many threads: results do not depend on them.
+    #[must_use]
+    pub fn with_threads(self, threads: usize) -> Self {
+        Self { threads, ..self }
+    }
+
     /// Takes the next images of the sequence, in order, and gives one record for each.
     pub fn push(&mut self, images: &[TimedImage]) -> Vec<ImageRecord> {
         let parts = in_parallel(images, self.threads, |image| self.parts(readable(image)?));

@@ -1,0 +1,101 @@
+use std::path::PathBuf;
+
+use super::*;
+use crate::camera::Encoding;
+use crate::tank::render::{Look, Renderer};
+use crate::vision::record::StoredRecord;
+
+const MS: u64 = 1_000_000;
+
+/// A film of the driven chain swaying, one image of which carries the stamp of the one before.
+struct Film {
+    config: RigConfig,
+    base: PathBuf,
+    images: Vec<Arc<CameraImage>>,
+}
+
+impl Film {
+    fn new() -> Self {
+        let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
+        let config = RigConfig::read(&base.join("chain-driven-pose-1.toml")).unwrap();
+        let text = std::fs::read_to_string(base.join(&config.run.model)).unwrap();
+        let model = sim::Model::from_mjcf(&text).unwrap();
+        let plane = config.calibration.plane(&base).unwrap();
+        let renderer = Renderer::new(plane, Look::plain(640, 480));
+        let image = |k: u32| {
+            let mut state = model.rest_state();
+            let turn = [0.5, 0.3, 0.2].map(|amplitude| amplitude * (0.2 * f64::from(k)).sin());
+            state.qpos.copy_from_slice(&turn);
+            let grey = renderer.draw(&model, &state.qpos);
+            let at = MonotonicNs(u64::from(if k == 7 { 6 } else { k }) * 10 * MS + MS);
+            Arc::new(CameraImage {
+                sequence: k,
+                stamp: at,
+                mid_exposure: at,
+                damaged: k == 20,
+                width_px: grey.width(),
+                height_px: grey.height(),
+                encoding: Encoding::Grey,
+                data: grey.into_raw(),
+            })
+        };
+        Self { images: (0..60).map(image).collect(), config, base }
+    }
+
+    fn live(&self) -> Live {
+        Live::start(&self.config, &self.base, MonotonicNs(0), 3).unwrap()
+    }
+
+    fn usable(&self) -> Vec<(u64, Arc<CameraImage>)> {
+        let numbered = (0..).zip(self.images.iter().cloned());
+        numbered.filter(|(index, _)| *index != 7).collect()
+    }
+
+    fn times_s(&self) -> Vec<f64> {
+        self.usable().iter().map(|(_, image)| image.mid_exposure.seconds_since(MonotonicNs(0))).collect()
+    }
+}
+
+fn stored(records: &[ImageRecord]) -> Vec<StoredRecord> {
+    records.iter().map(StoredRecord::from).collect()
+}
+
+#[test]
+fn images_looked_at_while_they_come_give_what_the_recording_gives() {
+    let film = Film::new();
+    let mut live = film.live();
+    for (index, image) in film.images.iter().enumerate() {
+        live.image(image);
+        if index == 39 {
+            live.learn(5..40);
+        }
+    }
+    let Begun { mut extractor, mut records, left } = live.finish(&film.times_s()).unwrap();
+    assert!(records.len() % AT_ONCE == 0 && records.len() + left.len() == 59, "{}", records.len());
+    records.append(&mut extractor.push(&left));
+
+    let usable = film.usable();
+    let sample = sampled(&usable, |(index, _)| *index, Some(&(5..40)));
+    let timed: fn(&CameraImage) -> TimedImage = |image| super::timed(image, MonotonicNs(0));
+    let sample: Vec<TimedImage> = sample.into_iter().map(|(_, image)| timed(image)).collect();
+    let plane = film.config.calibration.plane(&film.base).unwrap();
+    let sample: Vec<&TimedImage> = sample.iter().collect();
+    let mut offline = Extractor::learn(&sample, &film.config.vision, plane, &film.base, 2).unwrap();
+    let images: Vec<TimedImage> = usable.iter().map(|(_, image)| timed(image)).collect();
+    assert_eq!(stored(&records), stored(&offline.push(&images)));
+    let seen = records.iter().filter(|record| record.keypoints.len() == 4).count();
+    assert_eq!(seen, 58, "all but the damaged one");
+}
+
+#[test]
+fn a_film_too_short_to_learn_from_or_with_other_images_gives_nothing() {
+    let film = Film::new();
+    let mut live = film.live();
+    film.images[..30].iter().for_each(|image| live.image(image));
+    assert!(live.finish(&film.times_s()[..29]).is_none());
+
+    let mut live = film.live();
+    film.images.iter().for_each(|image| live.image(image));
+    live.learn(0..60);
+    assert!(live.finish(&film.times_s()[1..]).is_none(), "an image that the recording lacks");
+}
