@@ -80,6 +80,11 @@ const PARTS: [usize; 3] = [1, 4, 16];
 /// One in so many steps of a plan is no longer than the short ones.
 const SHORT: usize = 10;
 
+/// Errors of simulation that are lost in noise of `noise_m` \[m\].
+fn wanted_m(noise_m: f64) -> f64 {
+    sim::ACCURACY_M.max(LOST * noise_m)
+}
+
 /// A run made ready to be simulated again and again.
 #[derive(Debug, Clone)]
 pub struct Rehearsal<'a> {
@@ -104,6 +109,17 @@ impl<'a> Rehearsal<'a> {
     /// Makes `run` ready with its `estimate`, in the cheapest steps whose errors are lost in noise of `noise_m` \[m\]; keypoints
     /// that the model does not have must have been refused before ([`crate::experiment::Experiment::check`]).
     pub fn new(model: &Model, run: &'a Run, estimate: Estimate, noise_m: f64) -> Self {
+        Self::rougher(model, run, estimate, noise_m, 1.0)
+    }
+
+    /// As [`Rehearsal::new`], with errors of simulation that may be `rougher` times as large.
+    pub(crate) fn rougher(
+        model: &Model,
+        run: &'a Run,
+        estimate: Estimate,
+        noise_m: f64,
+        rougher: f64,
+    ) -> Self {
         let mut nuisances = Vec::new();
         if run.initial.is_none() {
             let frozen = prescribed_dofs(model, run);
@@ -134,14 +150,13 @@ impl<'a> Rehearsal<'a> {
             columns: columns.collect(),
         };
         // Where no step is exact enough at the nominal values, the model's own has to do.
-        rehearsal.plan = rehearsal.planned(model, &rehearsal.start, noise_m);
+        rehearsal.plan = rehearsal.planned(model, &rehearsal.start, rougher * wanted_m(noise_m));
         rehearsal.steps = rehearsal.plan.clone();
         rehearsal
     }
 
-    /// Steps for `model` from `start` whose errors are lost in noise of `noise_m` \[m\]; none where no step is so exact.
-    fn planned(&self, model: &Model, start: &Start, noise_m: f64) -> Option<Steps> {
-        let accuracy_m = sim::ACCURACY_M.max(LOST * noise_m);
+    /// Steps for `model` from `start` whose errors are at most `accuracy_m` \[m\]; none where no step is so exact.
+    fn planned(&self, model: &Model, start: &Start, accuracy_m: f64) -> Option<Steps> {
         let options = RolloutOptions { steps: self.plan.clone(), ..self.options(start.start_s, 1) };
         let times = &self.run.trajectory.time_s;
         let plan = sim::plan(model, &start.state, &self.command, times, &options, accuracy_m / MARGIN);
@@ -155,7 +170,7 @@ impl<'a> Rehearsal<'a> {
         for (place, value) in self.own(offsets) {
             own.set(place, value);
         }
-        let planned = self.planned(&own, &self.start_with(model, offsets), noise_m);
+        let planned = self.planned(&own, &self.start_with(model, offsets), wanted_m(noise_m));
         self.plan = planned.or(self.plan);
         self.steps = self.plan.clone();
         self

@@ -28,11 +28,12 @@ pub struct Checkpoint {
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Stage {
     Search(Box<Search>),
-    /// A descent, and how many evaluations there may be when it ends.
+    /// A descent, how many evaluations there may be when it ends, and, as long as it is on the rough objective, when that ends.
     Descent {
         origin: Origin,
         descent: Descent,
         limit: u64,
+        rough: Option<u64>,
     },
 }
 

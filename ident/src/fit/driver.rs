@@ -30,6 +30,8 @@ const AT_THE_NOISE: f64 = 1.1;
 pub(super) struct Driver<'a> {
     pub(super) experiment: &'a Experiment,
     pub(super) objective: &'a Objective<'a>,
+    /// Where descents begin, and a search between them goes on; `None`: on the whole as well.
+    pub(super) rough: Option<&'a Objective<'a>>,
     pub(super) fingerprint: String,
     /// What a cost of 1 is in loss \[m2\].
     pub(super) loss_m2: f64,
@@ -79,10 +81,22 @@ impl Driver<'_> {
                 }
                 None => (Origin::Model, Descent::new(start, None)),
             };
-            Stage::Descent { origin, descent, limit: config.max_evaluations }
+            self.descent(origin, descent, config.max_evaluations, counts)
         };
         let experiment = self.fingerprint.clone();
         Checkpoint { experiment, counts: *counts, stage, ended: Vec::new(), waiting }
+    }
+
+    /// A descent that begins on the rough objective, if there is one, where it may use half of the evaluations up to `limit`.
+    fn descent(&self, origin: Origin, descent: Descent, limit: u64, counts: &Counts) -> Stage {
+        let rough = self.rough.filter(|_| limit > 0 && !self.objective.parameters().is_empty());
+        let rough = rough.map(|_| limit - limit.saturating_sub(counts.evaluations) / 2);
+        Stage::Descent { origin, descent, limit, rough }
+    }
+
+    /// What a search, or a rough descent, works on.
+    fn roughly(&self) -> &Objective<'_> {
+        self.rough.unwrap_or(self.objective)
     }
 
     /// Goes on from `state` to the end, or until the observer has had enough.
@@ -96,14 +110,18 @@ impl Driver<'_> {
             let (phase, cost, end) = match &mut state.stage {
                 Stage::Search(search) => {
                     if search.stop().is_none() {
-                        search.step(self.objective, counts);
+                        search.step(self.roughly(), counts);
                     }
                     ("search", search.cost, search.stop().map(|stop| stop.name()))
                 }
-                Stage::Descent { descent, limit, .. } => {
+                Stage::Descent { descent, limit, rough, .. } => {
                     // A state may be that of a stage that had just ended.
                     if descent.end.is_none() {
-                        descent.step(self.objective, Freedom::Everything, *limit, counts);
+                        let (objective, limit) = match *rough {
+                            Some(limit) => (self.roughly(), limit),
+                            None => (self.objective, *limit),
+                        };
+                        descent.step(objective, Freedom::Everything, limit, counts);
                     }
                     ("descent", descent.cost, descent.end.map(|end| end.name()))
                 }
@@ -117,7 +135,7 @@ impl Driver<'_> {
                 max_evaluations: self.experiment.fit.max_evaluations,
                 rollouts: counts.rollouts,
                 loss_m2: best * self.loss_m2,
-                has_ended: end.is_some(),
+                has_ended: end.is_some() && !is_rough(&state.stage),
                 checkpoint: &state,
             });
             match (end, flow) {
@@ -140,6 +158,7 @@ impl Driver<'_> {
         match stage {
             _ if self.experiment.fit.method != Method::Hybrid => true,
             Stage::Search(_) => false,
+            stage if is_rough(stage) => false,
             Stage::Descent { origin: Origin::Model | Origin::Loose, descent, .. } => {
                 let at_the_noise = descent.cost.is_some_and(|cost| cost <= AT_THE_NOISE * self.squares);
                 self.search_evaluations(counts) == 0 || at_the_noise
@@ -161,6 +180,11 @@ impl Driver<'_> {
             Stage::Search(search) => {
                 state.waiting = self.starts(search, state, counts);
             }
+            &Stage::Descent { origin, ref descent, limit, rough: Some(_) } => {
+                let descent = Descent::new(descent.point.clone(), None);
+                state.stage = Stage::Descent { origin, descent, limit, rough: None };
+                return true;
+            }
             Stage::Descent { origin, descent, .. } => {
                 let origin = *origin;
                 state.ended.push(ended_at(origin, descent));
@@ -168,7 +192,7 @@ impl Driver<'_> {
                     let best = best(&state.ended)
                         .map_or_else(|| self.objective.problem.start(), |b| b.point.clone());
                     let most = self.search_evaluations(counts);
-                    let search = Search::new(self.objective, best, Restarts::None, config.seed, most, counts);
+                    let search = Search::new(self.roughly(), best, Restarts::None, config.seed, most, counts);
                     state.stage = Stage::Search(Box::new(search));
                     return true;
                 }
@@ -180,7 +204,7 @@ impl Driver<'_> {
         }
         let (origin, point) = state.waiting.remove(0);
         let limit = counts.evaluations + config.max_evaluations.saturating_sub(counts.evaluations) / shares;
-        state.stage = Stage::Descent { origin, descent: Descent::new(point, None), limit };
+        state.stage = self.descent(origin, Descent::new(point, None), limit, counts);
         true
     }
 
@@ -207,7 +231,7 @@ impl Driver<'_> {
                 .iter()
                 .map(|units| Point { values: parameters.values(units), offsets: best.offsets.clone() })
                 .collect();
-        let costs = self.objective.costs(&drawn, true, counts);
+        let costs = self.roughly().costs(&drawn, true, counts);
         let mut order: Vec<usize> = (0..drawn.len()).filter(|&i| costs[i].is_finite()).collect();
         order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
         list.extend(order.iter().take(DRAWN_STARTS).map(|&i| (Origin::Drawn, drawn[i].clone())));
@@ -219,10 +243,15 @@ impl Driver<'_> {
         let Checkpoint { stage, mut ended, .. } = state;
         let last = match stage {
             Stage::Search(mut search) => {
-                search.drop_anchor(self.objective, counts);
+                search.drop_anchor(self.roughly(), counts);
                 let (point, cost) = (search.anchor.clone(), search.cost);
+                let cost = if self.rough.is_some() { self.cost(&point, counts) } else { cost };
                 let reason = reason.to_owned();
                 Ended { origin: Origin::Search, point, cost, reason, settled: false, linear: None }
+            }
+            Stage::Descent { origin, descent, rough: Some(_), .. } => {
+                let (cost, reason) = (self.cost(&descent.point, counts), reason.to_owned());
+                Ended { origin, point: descent.point, cost, reason, settled: false, linear: None }
             }
             Stage::Descent { origin, descent, .. } => {
                 Ended { reason: reason.to_owned(), ..ended_at(origin, &descent) }
@@ -239,6 +268,12 @@ impl Driver<'_> {
         Ok(Arrival { point, settled, linear, stop_reason, ended })
     }
 
+    /// What `point` costs on the whole.
+    fn cost(&self, point: &Point, counts: &mut Counts) -> Option<f64> {
+        let costs = self.objective.costs(std::slice::from_ref(point), false, counts);
+        costs.into_iter().find(|cost| cost.is_finite())
+    }
+
     /// Which run cannot be simulated at `point`, and why.
     fn start_failed(&self, point: &Point) -> FitError {
         let problem = &self.objective.problem;
@@ -250,6 +285,10 @@ impl Driver<'_> {
         }
         FitError::NoOptimum
     }
+}
+
+fn is_rough(stage: &Stage) -> bool {
+    matches!(stage, Stage::Descent { rough: Some(_), .. })
 }
 
 fn ended_at(origin: Origin, descent: &Descent) -> Ended {

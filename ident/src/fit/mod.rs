@@ -23,8 +23,8 @@
 //! * `hybrid`: least squares from the model's values with loose joints (one that dry friction holds has no slope that would
 //!   lead out of there, one that moves too easily has); as long as more than the keypoints' noise is left, least squares
 //!   from the model's own values, a short search from the best point so far, and least squares from the best point of
-//!   the search and from the best of some points drawn evenly. The best end counts; [`Fit::starts`] says whether the others
-//!   agree. Never worse than `least-squares` where noise is left.
+//!   the search and from the best of some points drawn evenly. The search, and each descent as far as that leads, is on a rough
+//!   form of the data: fewer images, coarser steps. The best end counts; [`Fit::starts`] says whether the others agree.
 //!
 //! # How sure
 //! Standard deviations rest on the sensitivities at the optimum, the noise each run's residuals show and its
@@ -51,6 +51,7 @@ pub(crate) mod problem;
 mod profile;
 mod recalibrate;
 mod report;
+mod rough;
 mod search;
 pub(crate) mod whitening;
 
@@ -68,7 +69,7 @@ pub use report::{
 };
 
 use crate::experiment::{Experiment, Loss, Method, Run, RunKind, Use};
-use crate::initial;
+use crate::initial::{self, Estimate};
 use crate::loss::{Weighting, observations};
 use crate::parameters::Parameters;
 use crate::simulate::Rehearsal;
@@ -77,6 +78,7 @@ use counts::Counts;
 use driver::Driver;
 use objective::{Belief, Objective};
 use problem::{Problem, Term};
+use rough::Thinned;
 
 /// The reason a fit gives that was told to stop.
 pub const INTERRUPTED: &str = "interrupted";
@@ -222,8 +224,17 @@ fn run(
     let assumed = AssumedNoise::of(experiment);
     let use_stated = experiment.fit.method != Method::Paper;
     let fitted_runs: Vec<&Run> = fitted_runs().collect();
-    let terms = fitted_runs.par_iter().map(|run| whole(model, run, assumed.of_run(run), use_stated));
-    let terms = terms.collect::<Result<Vec<_>, _>>()?;
+    let roughly = experiment.fit.method == Method::Hybrid;
+    let thinned: Vec<Thinned> = fitted_runs.iter().filter(|_| roughly).map(|run| Thinned::new(run)).collect();
+    let terms = (0..fitted_runs.len()).into_par_iter().map(|index| {
+        let (run, noise_m) = (fitted_runs[index], assumed.of_run(fitted_runs[index]));
+        let estimate = initial::estimate(model, run, noise_m)?;
+        let weighting = Weighting { noise_m, use_stated, run_weight: run.weight };
+        let rough = || thinned.get(index).map(|thinned| thinned.term(model, estimate.clone(), weighting));
+        Ok(rayon::join(|| whole(model, run, estimate.clone(), weighting), rough))
+    });
+    let (terms, rough): (Vec<Term>, Vec<Option<Term>>) =
+        terms.collect::<Result<Vec<_>, FitError>>()?.into_iter().unzip();
     let loss = if experiment.fit.method == Method::Paper { Loss::Squares } else { experiment.fit.loss };
     let belief = belief.map(|belief| belief(&parameters)).transpose()?;
     let problem = Problem { model, parameters: &parameters, terms };
@@ -239,9 +250,11 @@ fn run(
         .sum();
     let observations: usize = terms.iter().map(|term| term.observations.len()).sum();
     let squares = terms.iter().map(|term| term.rehearsal.run.weight * term.observations.len() as f64).sum();
+    let rough = roughly.then(|| rough::rough(&objective, rough.into_iter().flatten().collect()));
     let driver = Driver {
         experiment,
         objective: &objective,
+        rough: rough.as_ref(),
         fingerprint: expected,
         loss_m2: observations as f64 / precisions / images,
         squares,
@@ -317,11 +330,9 @@ impl AssumedNoise {
 }
 
 /// A run with every image looked at.
-fn whole<'a>(model: &Model, run: &'a Run, noise_m: f64, use_stated: bool) -> Result<Term<'a>, FitError> {
-    let estimate = initial::estimate(model, run, noise_m)?;
-    let weighting = Weighting { noise_m, use_stated, run_weight: run.weight };
-    Ok(Term::new(
-        Rehearsal::new(model, run, estimate, noise_m),
+fn whole<'a>(model: &Model, run: &'a Run, estimate: Estimate, weighting: Weighting) -> Term<'a> {
+    Term::new(
+        Rehearsal::new(model, run, estimate, weighting.noise_m),
         observations(&run.trajectory, weighting, |_| true),
-    ))
+    )
 }

@@ -1,0 +1,55 @@
+//! A rough form of a fit's objective: fewer images and coarser steps. A descent goes most of its way there, for a fraction of
+//! what the whole costs, and the rest on the whole.
+
+use sim::{Model, Trajectory};
+
+use super::objective::Objective;
+use super::problem::{Problem, Term};
+use crate::experiment::Run;
+use crate::initial::Estimate;
+use crate::loss::{Weighting, observations};
+use crate::simulate::Rehearsal;
+
+/// Images of a run, at least, that tell a descent its way.
+const IMAGES: usize = 100;
+/// Errors of simulation may be so many times those of the whole.
+const ROUGHER: f64 = 30.0;
+
+/// A run with fewer images: one of each `stride`.
+#[derive(Debug)]
+pub(super) struct Thinned {
+    run: Run,
+    stride: usize,
+}
+
+impl Thinned {
+    pub(super) fn new(run: &Run) -> Self {
+        let stride = (run.trajectory.time_s.len() / IMAGES).max(1);
+        let whole = &run.trajectory;
+        let width = whole.keypoints.len();
+        let rows = || (0..whole.time_s.len()).step_by(stride);
+        let cells = || rows().flat_map(|row| row * width..(row + 1) * width);
+        let trajectory = Trajectory {
+            time_s: rows().map(|row| whole.time_s[row]).collect(),
+            keypoints: whole.keypoints.clone(),
+            position_m: cells().map(|cell| whole.position_m[cell]).collect(),
+            std_m: whole.std_m.as_ref().map(|std_m| cells().map(|cell| std_m[cell]).collect()),
+        };
+        Self { run: Run { trajectory, ..run.clone() }, stride }
+    }
+
+    /// The rough form of the run that was thinned, with its own `estimate`. Each image counts for those that were left out.
+    pub(super) fn term(&self, model: &Model, estimate: Estimate, weighting: Weighting) -> Term<'_> {
+        let run_weight = weighting.run_weight * self.stride as f64;
+        Term::new(
+            Rehearsal::rougher(model, &self.run, estimate, weighting.noise_m, ROUGHER),
+            observations(&self.run.trajectory, Weighting { run_weight, ..weighting }, |_| true),
+        )
+    }
+}
+
+/// `whole` with `terms` instead of its own.
+pub(super) fn rough<'a>(whole: &Objective<'a>, terms: Vec<Term<'a>>) -> Objective<'a> {
+    let problem = Problem { terms, ..whole.problem };
+    Objective { problem, loss: whole.loss, belief: whole.belief.clone() }
+}
