@@ -120,6 +120,7 @@ impl<T: Scalar> Plane<T> {
     }
 
     /// How far out of the plane a point fixed to `body` at `at`, in the body's axes, is.
+    #[inline(always)]
     fn level(&self, body: usize, at: Vec3<T>) -> T {
         self.depth[body] + Vec3(self.axes[body].0[2]).dot(at)
     }
