@@ -1,16 +1,17 @@
 //! The baseline: the model as it stands, fitted as `[fit]` says, at its optimum, with the noise floor that goes with it.
 
+use rayon::prelude::*;
 use sim::model::Parameter;
 
 use super::DiagnoseError;
 use super::floor::{Floor, Seen, floor};
 use super::state::State;
-use crate::experiment::{Experiment, Method, Use};
+use crate::experiment::{Experiment, Method, Run, Use};
 use crate::fit::counts::Counts;
 use crate::fit::driver::spread;
 use crate::fit::problem::{Point, Term};
 use crate::fit::{self, FitError};
-use crate::initial;
+use crate::initial::{self, StartError};
 use crate::loss::{Weighting, observations};
 use crate::parameters::Parameters;
 use crate::simulate::Rehearsal;
@@ -33,15 +34,18 @@ pub(super) fn baseline<'a>(
     parameters: Parameters,
     counts: &mut Counts,
 ) -> Result<(State<'a>, Floor), DiagnoseError> {
-    let mut terms = Vec::new();
-    for run in experiment.runs.iter().filter(|run| run.usage == Use::Fit) {
+    let term = |run: &'a Run| -> Result<Term<'a>, StartError> {
         let seen = initial::run_noise(run);
         let noise_m = experiment.noise_m.unwrap_or(seen.std_m);
         let estimate = initial::estimate(&experiment.model, run, noise_m)?;
         let weighting = Weighting { noise_m: seen.std_m, use_stated: false, run_weight: 1.0 };
         let list = observations(&run.trajectory, weighting, |_| true);
-        terms.push(Term::new(Rehearsal::new(&experiment.model, run, estimate, noise_m), list));
-    }
+        Ok(Term::new(Rehearsal::new(&experiment.model, run, estimate, noise_m), list))
+    };
+    let fitted = experiment.runs.par_iter().filter(|run| run.usage == Use::Fit);
+    // all of them, and the error of the first that has one
+    let terms: Vec<Result<Term<'a>, StartError>> = fitted.map(term).collect();
+    let terms = terms.into_iter().collect::<Result<Vec<Term<'a>>, StartError>>()?;
     if terms.is_empty() {
         return Err(FitError::NothingToFit.into());
     }
@@ -96,15 +100,19 @@ pub(super) fn deeper<'a>(
     let led = at(leader.point.values[..baseline.parameters.len()].to_vec());
     let drawn = if everywhere { best_drawn(baseline, seed, counts) } else { Vec::new() };
     let deep = NOISE_ALONE.max(OF_EXPLAINED * (baseline.cost - leader.cost));
-    let mut best: Option<State<'a>> = None;
-    for point in drawn.into_iter().map(at).chain([led]) {
-        let mut state = State { point, linear: Vec::new(), ..baseline.clone() };
-        let least = best.as_ref().map_or(baseline.cost - deep, |best| best.cost);
-        if state.descend(counts) && state.cost < least {
-            best = Some(state);
-        }
-    }
-    best
+    let points: Vec<Point> = drawn.into_iter().map(at).chain([led]).collect();
+    let ends: Vec<(Option<State<'a>>, Counts)> = points
+        .into_par_iter()
+        .map(|point| {
+            let (mut state, mut own) =
+                (State { point, linear: Vec::new(), ..baseline.clone() }, Counts::default());
+            (state.descend(&mut own).then_some(state), own)
+        })
+        .collect();
+    ends.iter().for_each(|(_, own)| counts.add(own));
+    let deeper =
+        ends.into_iter().filter_map(|(state, _)| state.filter(|end| end.cost < baseline.cost - deep));
+    deeper.min_by(|a, b| a.cost.total_cmp(&b.cost))
 }
 
 /// The best of some points drawn evenly from the bounds of the numbers of `baseline`.

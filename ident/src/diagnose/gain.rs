@@ -2,6 +2,7 @@
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 use sim::Model;
 
 use super::floor::Floor;
@@ -27,6 +28,46 @@ const HOLDOUT: &str = "holdout";
 /// Squares of residuals of one piece: before, after, count.
 type Piece = [f64; 3];
 
+/// A run that nothing was fitted to, and what predicts it.
+struct Test<'a> {
+    run: &'a Run,
+    /// Before and after.
+    models: [Model; 2],
+    /// Noise of each keypoint \[m\] that is known.
+    std_m: &'a [f64],
+}
+
+/// What a run has shown, and its pieces.
+type Tested = (HeldOutRun, Vec<Piece>);
+
+impl Test<'_> {
+    /// `None` where it cannot be simulated; also what that has cost.
+    fn carry_out(&self, noise_m: f64) -> (Option<Tested>, Counts) {
+        let predicted: Vec<(Option<FittedRun>, Counts)> = self
+            .models
+            .par_iter()
+            .map(|model| {
+                let mut own = Counts::default();
+                (hold_out(model, self.run, noise_m, &mut own).ok(), own)
+            })
+            .collect();
+        let mut counts = Counts::default();
+        predicted.iter().for_each(|(_, own)| counts.add(own));
+        let fitted: Vec<FittedRun> = predicted.into_iter().filter_map(|(fitted, _)| fitted).collect();
+        let [before, after] = &fitted[..] else { return (None, counts) };
+        let keypoints = 0..self.run.trajectory.keypoints.len();
+        let rms = |fitted: &FittedRun| keypoints.clone().map(|k| rms_m(fitted, k)).collect();
+        let shown = HeldOutRun {
+            id: self.run.id.clone(),
+            keypoints: self.run.trajectory.keypoints.clone(),
+            rms_before_m: rms(before),
+            rms_after_m: rms(after),
+            noise_floor_m: keypoints.clone().map(|k| *self.std_m.get(k).unwrap_or(&noise_m)).collect(),
+        };
+        (Some((shown, in_pieces(before, after))), counts)
+    }
+}
+
 /// Errors of `before` and `after` on held-out runs; where there are none, on each fitted run with both refitted to the
 /// others. `None` where that cannot be done.
 pub(super) fn gain(
@@ -36,50 +77,30 @@ pub(super) fn gain(
     floor: &Floor,
     counts: &mut Counts,
 ) -> Option<HeldOut> {
-    let mut pieces: Vec<Vec<Piece>> = Vec::new();
-    let mut runs = Vec::new();
-    let mut noise = [0.0; 2];
-    let mut add = |run: &Run, models: [&Model; 2], std_m: &[f64], counts: &mut Counts| -> Option<()> {
-        let [a, b] = models.map(|model| hold_out(model, run, floor.noise_m, &mut *counts).ok());
-        let (a, b) = (a?, b?);
-        pieces.push(in_pieces(&a, &b));
-        let rms = |fitted: &FittedRun| {
-            let keypoints = 0..run.trajectory.keypoints.len();
-            keypoints.map(|k| rms_m(fitted, k)).collect::<Vec<_>>()
-        };
-        let std_m: Vec<f64> = (0..run.trajectory.keypoints.len())
-            .map(|k| std_m.get(k).copied().unwrap_or(floor.noise_m))
-            .collect();
-        noise[0] += std_m.iter().map(|s| s * s).sum::<f64>();
-        noise[1] += std_m.len() as f64;
-        runs.push(HeldOutRun {
-            id: run.id.clone(),
-            keypoints: run.trajectory.keypoints.clone(),
-            rms_before_m: rms(&a),
-            rms_after_m: rms(&b),
-            noise_floor_m: std_m,
-        });
-        Some(())
-    };
     let held: Vec<&Run> = experiment.runs.iter().filter(|run| run.usage == Use::Holdout).collect();
-    let how = if held.is_empty() {
+    let how = if held.is_empty() { "leave-one-out" } else { HOLDOUT };
+    let tests: Vec<Test<'_>> = if held.is_empty() {
         if before.terms.len() < 2 {
             return None;
         }
-        for left_out in 0..before.terms.len() {
+        let each = 0..before.terms.len();
+        each.filter_map(|left_out| {
+            let [before_it, after_it] = [before, after].map(|state| without(state, left_out, counts));
             let run = before.terms[left_out].rehearsal.run;
-            let models = [before, after].map(|state| without(state, left_out, counts));
-            let [Some(a), Some(b)] = models else { continue };
-            add(run, [&a, &b], &floor.runs[left_out].std_m, counts);
-        }
-        "leave-one-out"
+            Some(Test { run, models: [before_it?, after_it?], std_m: &floor.runs[left_out].std_m })
+        })
+        .collect()
     } else {
         let models = [before.calibrated(), after.calibrated()];
-        for run in held {
-            add(run, [&models[0], &models[1]], &[], counts);
-        }
-        HOLDOUT
+        held.into_iter().map(|run| Test { run, models: models.clone(), std_m: &[] }).collect()
     };
+    let tested: Vec<(Option<Tested>, Counts)> =
+        tests.par_iter().map(|test| test.carry_out(floor.noise_m)).collect();
+    tested.iter().for_each(|(_, own)| counts.add(own));
+    let (runs, pieces): (Vec<HeldOutRun>, Vec<Vec<Piece>>) =
+        tested.into_iter().filter_map(|(tested, _)| tested).unzip();
+    let squared = runs.iter().flat_map(|run| &run.noise_floor_m).map(|std_m| std_m * std_m);
+    let noise = [squared.clone().sum::<f64>(), squared.count() as f64];
     let sum = |list: &[&Piece]| {
         list.iter().fold([0.0; 3], |sum, piece| [sum[0] + piece[0], sum[1] + piece[1], sum[2] + piece[2]])
     };

@@ -35,12 +35,16 @@ pub(super) fn verdict<'a>(
     let explained = baseline.cost - leader.cost;
     let after = if leader.causes.is_empty() { before } else { fitness(leader, floor) };
     let tests = constancy(leader, baseline.parameters.len());
-    let heldout = heldout::fitness(experiment, leader, floor, counts);
+    let mut more = Counts::default();
+    let (heldout, gained) = rayon::join(
+        || heldout::fitness(experiment, leader, floor, counts),
+        || match leader.causes.is_empty() {
+            true => None,
+            false => gain::gain(experiment, baseline, leader, floor, &mut more),
+        },
+    );
+    counts.add(&more);
     let count = baseline.count();
-    let gained = match leader.causes.is_empty() {
-        true => None,
-        false => gain::gain(experiment, baseline, leader, floor, counts),
-    };
 
     let mut remarks = Vec::new();
     let verdict = if !accepted {
@@ -168,11 +172,15 @@ fn rivals(experiment: &Experiment, found: &Found<'_>) -> Vec<Alternative> {
 }
 
 /// How much worse `rival` is than `leader`, as a BIC. Where a tether is fixed or a stop begins is chosen to suit, and makes a cause
-/// no less likely to be the true one: such hidden numbers do not count, unless one is at a bound and makes it another cause.
+/// no less likely to be the true one: such hidden numbers do not count against the rival, unless one is at a bound and makes it
+/// another cause; nor may they turn a set with more numbers into one with fewer.
 fn behind(rival: &State<'_>, leader: &State<'_>) -> f64 {
     let hidden = |state: &State<'_>| state.causes.iter().map(|term| term.hidden.len()).sum::<usize>();
-    let sizes = |state: &State<'_>| state.added as f64 - hidden(state) as f64;
-    let by_sizes = rival.cost - leader.cost + (sizes(rival) - sizes(leader)) * leader.ln_count();
+    let numbers = |with_hidden: bool| {
+        let count =
+            |state: &State<'_>| state.added as f64 - if with_hidden { 0.0 } else { hidden(state) as f64 };
+        count(rival) - count(leader)
+    };
     let is_free = |name: &str| {
         let place = rival.parameters.free.iter().position(|parameter| parameter.name() == name);
         place.is_none_or(|place| {
@@ -181,9 +189,13 @@ fn behind(rival: &State<'_>, leader: &State<'_>) -> f64 {
             value - scale.lower() > near && scale.upper() - value > near
         })
     };
-    let by_bic = rival.bic() - leader.bic();
     let free = rival.causes.iter().flat_map(|term| &term.hidden).all(|(name, _)| is_free(name));
-    if free { by_bic.min(by_sizes) } else { by_bic }
+    let more = match (numbers(true), numbers(false)) {
+        (all, _) if !free => all,
+        (all, sizes) if all * sizes < 0.0 => 0.0,
+        (all, sizes) => all.min(sizes),
+    };
+    rival.cost - leader.cost + more * leader.ln_count()
 }
 
 /// The causes of `leader` with their values.

@@ -44,8 +44,10 @@ pub struct Outcome {
     pub partial: Vec<String>,
     /// Held-out rms before and after, and the noise floor \[m\].
     pub heldout_m: Option<[f64; 3]>,
-    /// How long the program took \[s\], on one thread.
+    /// How long the program took \[s\].
     pub wall_s: f64,
+    /// On how many threads.
+    pub threads: usize,
     /// What went wrong, for a failed one.
     pub error: String,
 }
@@ -62,14 +64,17 @@ pub fn diagnose(case: &Case, benches: &mut Benches, folder: &Path) -> Option<Out
     Some(judge(case, made.truth, &experiment, &folder.join("diagnosis")))
 }
 
-/// Has `experiment` diagnosed into `out`.
+/// Has `experiment` diagnosed into `out`, with its share of the cores: the thread pool this runs in says how many cases are under way.
 ///
 /// # Panics
 /// When the program cannot be started.
 pub fn judge(case: &Case, truth: Vec<Truth>, experiment: &Path, out: &Path) -> Outcome {
+    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let threads = (cores / rayon::current_num_threads()).max(1);
     let started = Instant::now();
     let mut program = rig(["diagnose".as_ref(), experiment.as_os_str(), "--out".as_ref(), out.as_os_str()]);
-    let output = program.arg("--json").env("RAYON_NUM_THREADS", "1").output().expect("rig starts");
+    let output =
+        program.arg("--json").env("RAYON_NUM_THREADS", threads.to_string()).output().expect("rig starts");
     let wall_s = started.elapsed().as_secs_f64();
     let (kind, asked) = match case.kind {
         Kind::Nothing => ("nothing", 0.0),
@@ -88,6 +93,7 @@ pub fn judge(case: &Case, truth: Vec<Truth>, experiment: &Path, out: &Path) -> O
         partial: Vec::new(),
         heldout_m: None,
         wall_s,
+        threads,
         error: String::new(),
     };
     let file = out.join("diagnosis.json");
