@@ -33,6 +33,8 @@ const REFINEMENTS: usize = 4;
 /// What an attempt aims at, as a share of the wanted accuracy, and the share that is close enough.
 const AIM: f64 = 0.85;
 const CLOSE: f64 = 0.7;
+/// Even steps are many, each attempt follows the whole motion some five times, and the next one would save less than a fifth.
+const CLOSE_IF_EVEN: f64 = 0.4;
 /// Steps from before that leave less than this share are too short to stay.
 const IDLE: f64 = 0.3;
 /// A step is longer than the one before by this factor at most: what makes a nominal motion quick may come a little
@@ -99,9 +101,9 @@ impl Nominal<'_> {
         }
         let ends_s = steps.ends_s[..before].iter().copied().chain([span]).collect();
         let steps = Steps { ends_s, ..steps.clone() };
-        let error_m = self.error(&steps, order).ok()?;
+        let (error_m, positions) = self.error(&steps, order).ok()?;
         let exact = (IDLE * accuracy_m..=accuracy_m).contains(&error_m);
-        (exact && self.robust(&steps, error_m).ok()?).then_some(Plan { steps, error_m })
+        (exact && self.robust(&steps, &positions, error_m).ok()?).then_some(Plan { steps, error_m })
     }
 
     /// The cheapest steps of `method` and their number, if fewer than `affordable` do.
@@ -129,8 +131,8 @@ impl Nominal<'_> {
             };
             let count = ends_s.len() as f64;
             let steps = Steps { method, longest_s, ends_s: ends_s.into() };
-            let error_m = match self.error(&steps, order) {
-                Ok(error_m) => error_m,
+            let (error_m, positions) = match self.error(&steps, order) {
+                Ok(found) => found,
                 Err(error @ RolloutError::Diverged { .. }) => {
                     diverged = Some(error);
                     (longest_s, tolerance_m) = (longest_s * 0.6, tolerance_m * 0.5);
@@ -138,7 +140,7 @@ impl Nominal<'_> {
                 }
                 Err(error) => return Err(error),
             };
-            if error_m <= accuracy_m && !self.robust(&steps, error_m.max(0.1 * accuracy_m))? {
+            if error_m <= accuracy_m && !self.robust(&steps, &positions, error_m.max(0.1 * accuracy_m))? {
                 longest_s *= 0.8;
                 continue;
             }
@@ -146,7 +148,8 @@ impl Nominal<'_> {
             if exact {
                 best = Some((Plan { steps, error_m }, count));
                 left -= 1;
-                if left == 0 || error_m > CLOSE * accuracy_m {
+                let close = if self.even() { CLOSE_IF_EVEN } else { CLOSE };
+                if left == 0 || error_m > close * accuracy_m {
                     return Ok(best);
                 }
             }
@@ -220,23 +223,22 @@ impl Nominal<'_> {
         Steps { ends_s: ends.into(), ..steps.clone() }
     }
 
-    /// Estimated error of `steps` \[m\].
-    fn error(&self, steps: &Steps, order: i32) -> Result<f64, RolloutError> {
+    /// Estimated error of `steps` \[m\], and the positions with them.
+    fn error(&self, steps: &Steps, order: i32) -> Result<(f64, Vec<Vec3<f64>>), RolloutError> {
         let coarse = self.positions(steps.clone())?;
         let fine = self.positions(self.scaled(steps, 0.5))?;
-        Ok(apart(&coarse, &fine) / (1.0 - 0.5_f64.powi(order)))
+        Ok((apart(&coarse, &fine) / (1.0 - 0.5_f64.powi(order)), coarse))
     }
 
-    /// Whether longer explicit steps would be less exact, but no worse.
-    fn robust(&self, steps: &Steps, error_m: f64) -> Result<bool, RolloutError> {
+    /// Whether explicit steps longer than those that lead to the positions `here` would be less exact, but no worse.
+    fn robust(&self, steps: &Steps, here: &[Vec3<f64>], error_m: f64) -> Result<bool, RolloutError> {
         if steps.method != Method::RungeKutta {
             return Ok(true);
         }
         /// Over what the order explains.
         const WORSE: f64 = 10.0;
-        let here = self.positions(steps.clone())?;
         match self.positions(self.scaled(steps, STIFFER)) {
-            Ok(longer) => Ok(apart(&here, &longer) < WORSE * error_m),
+            Ok(longer) => Ok(apart(here, &longer) < WORSE * error_m),
             Err(RolloutError::Diverged { .. }) => Ok(false),
             Err(error) => Err(error),
         }

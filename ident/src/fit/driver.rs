@@ -8,7 +8,7 @@ use rand_distr::{Distribution, StandardUniform};
 
 use super::checkpoint::{Checkpoint, Ended, Flow, Observer, Origin, Progress, Stage};
 use super::counts::Counts;
-use super::least_squares::{Descent, Freedom};
+use super::least_squares::{Descent, End, Freedom};
 use super::objective::Objective;
 use super::problem::{Linear, Point};
 use super::search::{Search, settle};
@@ -107,12 +107,12 @@ impl Driver<'_> {
         observer: &mut dyn Observer,
     ) -> Result<Arrival, FitError> {
         loop {
-            let (phase, cost, end) = match &mut state.stage {
+            let (phase, cost, end, near) = match &mut state.stage {
                 Stage::Search(search) => {
                     if search.stop().is_none() {
                         search.step(self.roughly(), counts);
                     }
-                    ("search", search.cost, search.stop().map(|stop| stop.name()))
+                    ("search", search.cost, search.stop().map(|stop| stop.name()), false)
                 }
                 Stage::Descent { descent, limit, rough, .. } => {
                     // A state may be that of a stage that had just ended.
@@ -122,8 +122,12 @@ impl Driver<'_> {
                             None => (self.objective, *limit),
                         };
                         descent.step(objective, Freedom::Everything, limit, counts);
+                        // what is left of the way is one on the whole
+                        if rough.is_some() && descent.near {
+                            descent.end.get_or_insert(End::TolLoss);
+                        }
                     }
-                    ("descent", descent.cost, descent.end.map(|end| end.name()))
+                    ("descent", descent.cost, descent.end.map(|end| end.name()), descent.near)
                 }
             };
             state.counts = *counts;
@@ -135,7 +139,7 @@ impl Driver<'_> {
                 max_evaluations: self.experiment.fit.max_evaluations,
                 rollouts: counts.rollouts,
                 loss_m2: best * self.loss_m2,
-                has_ended: end.is_some() && !is_rough(&state.stage),
+                is_answer: (near || end.is_some()) && !is_rough(&state.stage),
                 checkpoint: &state,
             });
             match (end, flow) {

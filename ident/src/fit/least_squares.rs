@@ -27,6 +27,9 @@ pub(crate) struct Descent {
     /// Iterations for which the joints' dry friction still stays as it is.
     pub(super) frictions_wait: u32,
     pub(crate) end: Option<End>,
+    /// Whether the last step has lowered the cost so little that error bars hardly tell the points apart.
+    #[serde(skip)]
+    pub(super) near: bool,
     /// Whether the point has been linearised.
     pub(super) settled: bool,
     /// The linearisation at the point, where it is that of plain squares; found again after a resumption.
@@ -72,6 +75,8 @@ pub(crate) enum Freedom {
 const WORTH: f64 = 0.01;
 /// Dampings tried at once, as multiples of the last good one: they share the lanes of one pass.
 const LADDER: [f64; 8] = [1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4, 1e5];
+/// And below so many times that, half a standard deviation, the descent is near its end.
+const NEAR: f64 = 25.0;
 /// Small decreases in a row that end a descent.
 const PATIENCE: u32 = 2;
 /// The damping of a descent's first trial, as a share of the curvature.
@@ -99,6 +104,7 @@ impl Descent {
             small: 0,
             frictions_wait: 0,
             end: None,
+            near: false,
             settled: false,
             linear: None,
         }
@@ -137,13 +143,15 @@ impl Descent {
             return;
         };
         let mut normal = Normal::new(objective, &self.point, free, &linear, data);
-        if by_parameters && self.frictions_wait > 0 {
+        let waits = by_parameters && self.frictions_wait > 0;
+        if waits {
             self.frictions_wait -= 1;
             normal.hold_frictions(objective.parameters());
         }
         let tries = Tries { by_parameters, dampings: &LADDER, worth: normal.worth, max_evaluations };
         let before = self.point.clone();
         self.follow(objective, &normal, &tries, counts);
+        self.near &= !waits;
         self.settled = by_parameters && objective.loss == Loss::Squares && self.point == before;
         self.linear = self.settled.then_some(linear);
     }
@@ -207,6 +215,7 @@ impl Descent {
                 let kept = cost - reached >= AS_PROMISED * promised;
                 self.damping = if kept { (damping / DAMPING_FACTOR).max(LEAST_DAMPING) } else { damping };
                 self.small = if cost - reached <= worth { self.small + 1 } else { 0 };
+                self.near = cost - reached <= NEAR * worth;
                 self.point = trial;
                 self.cost = Some(reached);
                 if self.small >= PATIENCE {

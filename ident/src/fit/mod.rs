@@ -69,7 +69,7 @@ pub use report::{
 };
 
 use crate::experiment::{Experiment, Loss, Method, Run, RunKind, Use};
-use crate::initial::{self, Estimate};
+use crate::initial::{self, Estimate, StartError};
 use crate::loss::{Weighting, observations};
 use crate::parameters::Parameters;
 use crate::simulate::Rehearsal;
@@ -163,8 +163,8 @@ pub fn resume(
     run(experiment, None, Some(checkpoint), observer)
 }
 
-/// As [`fit`], as far as the first start leads; and where the fit can be resumed, if other starts are worth a try. What the
-/// first start finds is whole: with its error bars, its held-out runs, its model.
+/// As [`fit`], as far as the first start leads but for half a standard deviation; and where the fit can be resumed, if
+/// more is worth a try. What the first start finds is whole: with its error bars, its held-out runs, its model.
 ///
 /// # Errors
 /// [`FitError`].
@@ -178,7 +178,7 @@ pub fn first_answer(
     Ok((fitted, left))
 }
 
-/// Stops a fit at the end of its first start.
+/// Stops a fit where its first start has an answer.
 struct FirstStart<'a> {
     observer: &'a mut dyn Observer,
     left: Option<Checkpoint>,
@@ -189,7 +189,7 @@ impl Observer for FirstStart<'_> {
         if self.observer.progress(progress) == Flow::Stop {
             return Flow::Stop;
         }
-        if progress.has_ended {
+        if progress.is_answer {
             self.left = Some(progress.checkpoint.clone());
             return Flow::Stop;
         }
@@ -224,17 +224,22 @@ fn run(
     let assumed = AssumedNoise::of(experiment);
     let use_stated = experiment.fit.method != Method::Paper;
     let fitted_runs: Vec<&Run> = fitted_runs().collect();
+    let estimates = fitted_runs.par_iter().map(|run| initial::estimate(model, run, assumed.of_run(run)));
+    // all of them, and the error of the first that has one
+    let estimates: Vec<Result<Estimate, StartError>> = estimates.collect();
+    let estimates = estimates.into_iter().collect::<Result<Vec<Estimate>, StartError>>()?;
     let roughly = experiment.fit.method == Method::Hybrid;
-    let thinned: Vec<Thinned> = fitted_runs.iter().filter(|_| roughly).map(|run| Thinned::new(run)).collect();
-    let terms = (0..fitted_runs.len()).into_par_iter().map(|index| {
-        let (run, noise_m) = (fitted_runs[index], assumed.of_run(fitted_runs[index]));
-        let estimate = initial::estimate(model, run, noise_m)?;
-        let weighting = Weighting { noise_m, use_stated, run_weight: run.weight };
+    let thinned = |(run, estimate): (&&Run, &Estimate)| Thinned::new(run, estimate.start.start_s);
+    let thinned: Vec<Thinned> = match roughly {
+        true => fitted_runs.iter().zip(&estimates).map(thinned).collect(),
+        false => Vec::new(),
+    };
+    let terms = fitted_runs.par_iter().zip(&estimates).enumerate().map(|(index, (run, estimate))| {
+        let weighting = Weighting { noise_m: assumed.of_run(run), use_stated, run_weight: run.weight };
         let rough = || thinned.get(index).map(|thinned| thinned.term(model, estimate.clone(), weighting));
-        Ok(rayon::join(|| whole(model, run, estimate.clone(), weighting), rough))
+        rayon::join(|| whole(model, run, estimate.clone(), weighting), rough)
     });
-    let (terms, rough): (Vec<Term>, Vec<Option<Term>>) =
-        terms.collect::<Result<Vec<_>, FitError>>()?.into_iter().unzip();
+    let (terms, rough): (Vec<Term>, Vec<Option<Term>>) = terms.unzip();
     let loss = if experiment.fit.method == Method::Paper { Loss::Squares } else { experiment.fit.loss };
     let belief = belief.map(|belief| belief(&parameters)).transpose()?;
     let problem = Problem { model, parameters: &parameters, terms };

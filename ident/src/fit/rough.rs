@@ -1,5 +1,5 @@
-//! A rough form of a fit's objective: fewer images and coarser steps. A descent goes most of its way there, for a fraction of
-//! what the whole costs, and the rest on the whole.
+//! A rough form of a fit's objective: fewer images, of the first part of the motion, and coarser steps. A descent goes most of
+//! its way there, for a fraction of what the whole costs, and the rest on the whole.
 
 use sim::{Model, Trajectory};
 
@@ -10,12 +10,13 @@ use crate::initial::Estimate;
 use crate::loss::{Weighting, observations};
 use crate::simulate::Rehearsal;
 
-/// Images of a run, at least, that tell a descent its way.
+/// Images of a run, at least, that tell a descent its way, and the share of the motion that they show.
 const IMAGES: usize = 100;
+const SHARE: f64 = 0.6;
 /// Errors of simulation may be so many times those of the whole.
 const ROUGHER: f64 = 30.0;
 
-/// A run with fewer images: one of each `stride`.
+/// A run with fewer images: one of each `stride`, as long as they show the first part of its motion.
 #[derive(Debug)]
 pub(super) struct Thinned {
     run: Run,
@@ -23,14 +24,17 @@ pub(super) struct Thinned {
 }
 
 impl Thinned {
-    pub(super) fn new(run: &Run) -> Self {
-        let stride = (run.trajectory.time_s.len() / IMAGES).max(1);
+    /// Of a run whose motion starts at `start_s`.
+    pub(super) fn new(run: &Run, start_s: f64) -> Self {
         let whole = &run.trajectory;
-        let width = whole.keypoints.len();
-        let rows = || (0..whole.time_s.len()).step_by(stride);
+        let (times, width) = (&whole.time_s, whole.keypoints.len());
+        let until_s = times.last().map_or(start_s, |last_s| start_s + SHARE * (last_s - start_s));
+        let shown = times.partition_point(|&time_s| time_s <= until_s).max(IMAGES.min(times.len()));
+        let stride = (shown / IMAGES).max(1);
+        let rows = || (0..shown).step_by(stride);
         let cells = || rows().flat_map(|row| row * width..(row + 1) * width);
         let trajectory = Trajectory {
-            time_s: rows().map(|row| whole.time_s[row]).collect(),
+            time_s: rows().map(|row| times[row]).collect(),
             keypoints: whole.keypoints.clone(),
             position_m: cells().map(|cell| whole.position_m[cell]).collect(),
             std_m: whole.std_m.as_ref().map(|std_m| cells().map(|cell| std_m[cell]).collect()),

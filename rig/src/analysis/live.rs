@@ -20,7 +20,7 @@ use crate::vision::{ImageRecord, Plane, TimedImage, VisionConfig};
 /// Bytes of images that may wait for their turn; with more, they are taken from the recording afterwards.
 const MOST_WAITING: usize = 1 << 30;
 /// Images between two looks at what has come.
-const AT_ONCE: usize = 16;
+const AT_ONCE: usize = 4;
 /// How far behind the devices' threads the scheduler puts this one, as `nice` counts.
 const QUIET: i32 = 10;
 

@@ -27,7 +27,7 @@ use crate::vision::VisionError;
 use crate::vision::calibration::CalibrationError;
 use crate::vision::{Extraction, Status};
 use live::Live;
-use timeline::Timeline;
+use timeline::{Chronicle, Timeline};
 
 /// The stage to begin with; the ones before are taken as they stand in the run's folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
@@ -110,6 +110,8 @@ pub struct Analysis<'a> {
     pub from: Stage,
     /// Worker threads for the images.
     pub threads: usize,
+    /// What was heard while the run was filmed; else the recording says it.
+    pub chronicle: Option<Chronicle>,
     /// The extraction that went on beside the filming.
     pub live: Option<Live>,
 }
@@ -121,7 +123,11 @@ impl Analysis<'_> {
     /// [`AnalysisError`]; the files of the stages before it are there.
     pub fn carry_out(mut self, progress: &mut dyn Progress) -> Result<ReportData, AnalysisError> {
         let mut timing = Timing { workers: self.threads, ..Timing::default() };
-        let timeline = timing.measure("recording", || Timeline::read(self.run, self.config))?;
+        let chronicle = self.chronicle.take();
+        let timeline = timing.measure("recording", || match chronicle {
+            Some(chronicle) => chronicle.timeline(self.config),
+            None => Timeline::read(self.run, self.config),
+        })?;
         if let Some(command) = &timeline.command {
             table::write_command(&self.out.join(file::SERVO), command)?;
         }

@@ -1,5 +1,7 @@
 //! `extraction.jsonl`: what was found in each image, one line an image, to start again from.
 
+use rayon::prelude::*;
+
 use crate::record::RecordError;
 use crate::record::folder::{RunFolder, file, write_whole};
 use crate::vision::record::{ImageRecord, StoredRecord};
@@ -7,12 +9,10 @@ use crate::vision::record::{ImageRecord, StoredRecord};
 /// Writes the records into `folder`.
 pub(super) fn write(folder: &std::path::Path, records: &[ImageRecord]) -> Result<(), RecordError> {
     let path = folder.join(file::EXTRACTION);
-    let mut text = Vec::new();
-    for record in records {
-        serde_json::to_writer(&mut text, &StoredRecord::from(record))
-            .map_err(|error| RecordError::damaged(&path, error))?;
-        text.push(b'\n');
-    }
+    let line = |record| serde_json::to_vec(&StoredRecord::from(record));
+    let lines: Result<Vec<Vec<u8>>, serde_json::Error> = records.par_iter().map(line).collect();
+    let mut text = lines.map_err(|error| RecordError::damaged(&path, error))?.join(&b'\n');
+    text.push(b'\n');
     write_whole(&path, &text)
 }
 

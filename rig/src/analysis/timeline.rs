@@ -4,9 +4,10 @@
 use sim::Command;
 
 use super::AnalysisError;
-use crate::camera::images_lost;
+use crate::camera::{CameraImage, images_lost};
 use crate::clock::{ClockFit, MonotonicNs, Ping};
 use crate::config::RigConfig;
+use crate::profile::PulseProfile;
 use crate::record::ServoCommand;
 use crate::record::folder::{RunFolder, file};
 use crate::record::frames::FrameRow;
@@ -42,6 +43,87 @@ impl Rising {
     }
 }
 
+/// Takes in a run in the order in which it is recorded: from the recording, or beside it while it is made.
+#[derive(Debug)]
+pub struct Chronicle {
+    origin: MonotonicNs,
+    images: Vec<ImageTime>,
+    rising: Rising,
+    last: Option<u32>,
+    pings: Vec<Ping>,
+    armed: Option<PulseProfile>,
+    started_tick_us: Option<u64>,
+}
+
+impl Chronicle {
+    /// Of a run whose time counts from `origin`.
+    pub fn new(origin: MonotonicNs) -> Self {
+        Self {
+            origin,
+            images: Vec::new(),
+            rising: Rising::default(),
+            last: None,
+            pings: Vec::new(),
+            armed: None,
+            started_tick_us: None,
+        }
+    }
+
+    /// The next image received.
+    pub fn image(&mut self, image: &CameraImage) {
+        let (status, reason) = match self.rising.takes(image.mid_exposure) {
+            true => (USABLE, ""),
+            false => ("rejected", "its stamp is not later than the one before"),
+        };
+        let row = FrameRow {
+            sequence: image.sequence,
+            time_s: image.mid_exposure.seconds_since(self.origin),
+            stamp_ns: image.stamp.0,
+            damaged: image.damaged,
+            lost_before: self.last.map_or(0, |last| images_lost(last, image.sequence)),
+            status: status.into(),
+            reason: reason.into(),
+        };
+        self.images.push(ImageTime { index: self.images.len(), row });
+        self.last = Some(image.sequence);
+    }
+
+    /// The next event of the board.
+    pub fn servo(&mut self, event: &ServoEvent) {
+        match *event {
+            ServoEvent::Ping { sent, board_tick_us, received } => {
+                self.pings.push(Ping { sent, board_tick_us, received });
+            }
+            ServoEvent::Started { board_tick_us } => self.started_tick_us = Some(board_tick_us),
+            _ => {}
+        }
+    }
+
+    /// What the board was told next.
+    pub fn command(&mut self, command: &ServoCommand) {
+        if let ServoCommand::Arm { profile, .. } = command {
+            self.armed = Some(profile.clone());
+        }
+    }
+
+    /// What all of it says.
+    ///
+    /// # Errors
+    /// [`AnalysisError`] when the channels of `config` are not those of the run.
+    pub fn timeline(self, config: &RigConfig) -> Result<Timeline, AnalysisError> {
+        let clock = ClockFit::new(&self.pings);
+        let command = match (&config.servo, &config.profile, self.armed, self.started_tick_us, &clock) {
+            (Some(servo), Some(profile), Some(pulses), Some(tick_us), Some(clock)) => {
+                let start_s = clock.host(tick_us).seconds_since(self.origin);
+                Some(pulses.command(servo, profile.mirrored, start_s)?)
+            }
+            _ => None,
+        };
+        let clock_at = self.pings.last().map_or(self.origin, |ping| ping.received);
+        Ok(Timeline { images: self.images, clock, clock_at, command })
+    }
+}
+
 /// See the module.
 #[derive(Debug, Clone)]
 pub struct Timeline {
@@ -61,52 +143,15 @@ impl Timeline {
     /// # Errors
     /// [`AnalysisError`] when there is no readable recording, or the config's channels are not those of the run.
     pub fn read(run: &RunFolder, config: &RigConfig) -> Result<Self, AnalysisError> {
-        let origin = run.origin();
-        let mut images: Vec<ImageTime> = Vec::new();
-        let mut rising = Rising::default();
-        let mut last = None;
-        let mut pings = Vec::new();
-        let mut armed = None;
-        let mut started = None;
+        let mut chronicle = Chronicle::new(run.origin());
         for item in Recording::open(&run.file(file::RECORDING))? {
-            let (_, item) = item?;
-            match item {
-                Item::Image(image) => {
-                    let (status, reason) = match rising.takes(image.mid_exposure) {
-                        true => (USABLE, ""),
-                        false => ("rejected", "its stamp is not later than the one before"),
-                    };
-                    let lost_before = last.map_or(0, |last| images_lost(last, image.sequence));
-                    let row = FrameRow {
-                        sequence: image.sequence,
-                        time_s: image.mid_exposure.seconds_since(origin),
-                        stamp_ns: image.stamp.0,
-                        damaged: image.damaged,
-                        lost_before,
-                        status: status.into(),
-                        reason: reason.into(),
-                    };
-                    images.push(ImageTime { index: images.len(), row });
-                    last = Some(image.sequence);
-                }
-                Item::Servo(ServoEvent::Ping { sent, board_tick_us, received }) => {
-                    pings.push(Ping { sent, board_tick_us, received });
-                }
-                Item::Servo(ServoEvent::Started { board_tick_us }) => started = Some(board_tick_us),
-                Item::Command(ServoCommand::Arm { profile, .. }) => armed = Some(profile),
-                Item::Servo(_) | Item::Command(_) => {}
+            match item?.1 {
+                Item::Image(image) => chronicle.image(&image),
+                Item::Servo(event) => chronicle.servo(&event),
+                Item::Command(command) => chronicle.command(&command),
             }
         }
-        let clock = ClockFit::new(&pings);
-        let command = match (&config.servo, &config.profile, armed, started, &clock) {
-            (Some(servo), Some(profile), Some(pulses), Some(tick_us), Some(clock)) => {
-                let start_s = clock.host(tick_us).seconds_since(origin);
-                Some(pulses.command(servo, profile.mirrored, start_s)?)
-            }
-            _ => None,
-        };
-        let clock_at = pings.last().map_or(origin, |ping| ping.received);
-        Ok(Self { images, clock, clock_at, command })
+        chronicle.timeline(config)
     }
 
     /// How well the board's clock is known, for the report.

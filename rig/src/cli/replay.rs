@@ -67,6 +67,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             paths_from,
             from: args.from,
             threads: threads(args.threads),
+            chronicle: None,
             live: None,
         };
         let data = tokio::task::block_in_place(|| analysis.carry_out(&mut bar))

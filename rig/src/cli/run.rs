@@ -8,6 +8,7 @@ use super::progress::Bar;
 use super::signal::Interrupt;
 use super::{Failure, InRun, Outcome};
 use crate::analysis::live::Live;
+use crate::analysis::timeline::Chronicle;
 use crate::analysis::{Analysis, AnalysisError, Stage};
 use crate::claim::Claim;
 use crate::config::RigConfig;
@@ -86,25 +87,37 @@ impl Experiment<'_> {
         let job = Job { config: self.config, base: self.base, runs_dir: self.runs_dir };
         let mut phase = "";
         let mut live = None;
+        let mut chronicle = None;
         let conducted = job
-            .conduct(interrupt.raised(), |folder, notice| match notice {
-                Notice::Phase(now, images) => {
-                    if now != phase {
-                        bar.note(&format!("{}  {now}", folder.start().id));
-                        phase = now;
+            .conduct(interrupt.raised(), |folder, notice| {
+                let origin = folder.origin();
+                let chronicle = chronicle.get_or_insert_with(|| Chronicle::new(origin));
+                match notice {
+                    Notice::Phase(now, images) => {
+                        if now != phase {
+                            bar.note(&format!("{}  {now}", folder.start().id));
+                            phase = now;
+                        }
+                        bar.say(format!("{now}: {images} images"));
                     }
-                    bar.say(format!("{now}: {images} images"));
+                    Notice::Image(image) => {
+                        chronicle.image(&image);
+                        if !self.film_only {
+                            live.get_or_insert_with(|| {
+                                Live::start(self.config, self.base, origin, self.threads)
+                            })
+                            .iter_mut()
+                            .for_each(|live| live.image(&image));
+                        }
+                    }
+                    Notice::Servo(event) => chronicle.servo(&event),
+                    Notice::Command(command) => chronicle.command(&command),
+                    Notice::Learn(from) => {
+                        live.iter_mut().flatten().for_each(|live| live.learn(from.clone()));
+                    }
+                    Notice::LetGo => bar.ask("The water is still: let go of the mechanism now."),
+                    Notice::Journal(text) => tracing::info!("{text}"),
                 }
-                Notice::Image(image) if !self.film_only => {
-                    let origin = folder.origin();
-                    live.get_or_insert_with(|| Live::start(self.config, self.base, origin, self.threads))
-                        .iter_mut()
-                        .for_each(|live| live.image(&image));
-                }
-                Notice::Learn(from) => live.iter_mut().flatten().for_each(|live| live.learn(from.clone())),
-                Notice::Image(_) => {}
-                Notice::LetGo => bar.ask("The water is still: let go of the mechanism now."),
-                Notice::Journal(text) => tracing::info!("{text}"),
             })
             .await
             .map_err(filming_failed)?;
@@ -133,6 +146,7 @@ impl Experiment<'_> {
                     paths_from: self.base,
                     from: Stage::Frames,
                     threads: self.threads,
+                    chronicle,
                     live: live.flatten(),
                 };
                 analysis.carry_out(&mut bar)

@@ -48,6 +48,10 @@ const LEARN_S: f64 = 2.0;
 pub enum Notice {
     /// An image came, and is recorded.
     Image(Arc<CameraImage>),
+    /// So is this event of the board.
+    Servo(ServoEvent),
+    /// And this that the board was told.
+    Command(ServoCommand),
     /// These of the images received show enough of the motion to learn the empty tank from.
     Learn(Range<u64>),
     /// The phase changed, or time passed in it: phase and images so far.
@@ -132,7 +136,10 @@ pub async fn film(
                     notify(Notice::Journal("arming".into()));
                     servo.arm(profile.clone(), start);
                     let command = ServoCommand::Arm { start, profile: profile.clone() };
-                    next = recorder.command(&command).err().map(|error| Event::Fault(with_causes(&error)));
+                    match recorder.command(&command) {
+                        Ok(()) => notify(Notice::Command(command)),
+                        Err(error) => next = Some(Event::Fault(with_causes(&error))),
+                    }
                 }
             }
             Some(Action::AskForRelease) => notify(Notice::LetGo),
@@ -150,7 +157,10 @@ pub async fn film(
         // Faults on the way down change nothing: the ending is decided.
         let _ = take_in(told, &recorder, &mut images, &mut notify);
     }
-    let _ = recorder.command(&ServoCommand::Stop { outcome });
+    let stopped = ServoCommand::Stop { outcome };
+    if recorder.command(&stopped).is_ok() {
+        notify(Notice::Command(stopped));
+    }
     let (ending, recorded) = match tokio::task::block_in_place(|| recorder.finish()) {
         Ok(recorded) => (ending, recorded),
         Err(error) if ending == Ending::Success => (Ending::Fail(with_causes(&error)), Recorded::default()),
@@ -179,6 +189,7 @@ fn take_in(
         DeviceEvent::Panicked(thread) => Event::Fault(format!("our fault: the {thread} thread panicked")),
         DeviceEvent::Servo(event) => {
             recorder.servo(&event)?;
+            notify(Notice::Servo(event.clone()));
             match event {
                 ServoEvent::Started { .. } => Event::Started,
                 ServoEvent::Finished { .. } => Event::Finished,

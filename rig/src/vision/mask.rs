@@ -217,17 +217,10 @@ impl Mask {
 
 impl From<Mask> for StoredMask {
     fn from(mask: Mask) -> Self {
-        let mut runs = Vec::new();
-        let mut at = false;
-        let mut length = 0;
-        for bit in &mask.bits {
-            if *bit != at {
-                runs.push(length);
-                (at, length) = (*bit, 0);
-            }
-            length += 1;
-        }
-        runs.push(length);
+        // the first one is outside, if of no length
+        let begins_inside = mask.bits.first().is_none_or(|&bit| bit);
+        let lengths = mask.bits.chunk_by(|a, b| a == b).map(<[bool]>::len);
+        let runs = begins_inside.then_some(0).into_iter().chain(lengths).collect();
         let Mask { left, top, width, height, .. } = mask;
         Self { left, top, width, height, runs }
     }

@@ -1,11 +1,12 @@
 //! Which other cause looks most like the one that is hidden, and how far apart the two are in a case's runs.
 //!
 //! A diagnosis can name a cause only where no other one imitates it. Like the limit, this is found from the generator's own
-//! differences: what a fit and the rival together can imitate is projected out, and what is left has a chi-square.
+//! differences: what a fit and the rival together can imitate is projected out, and what is left has a chi-square. A rival of one
+//! number takes the size, within its bounds, at which it comes nearest, as strong as it then is: added mass bends on its way.
 
 use nalgebra::DVector;
 use sim::Cause;
-use sim::effects::Role;
+use sim::effects::{ParameterInfo, Role};
 
 use super::bench::Bench;
 use super::cases::same;
@@ -14,12 +15,42 @@ use super::terms::Hidden;
 
 /// Steps of the differences, as a share of usual sizes.
 const STEP: f64 = 0.1;
+/// Rivals, nearest first by their small steps, whose sizes are sought, and steps on the way there.
+const SOUGHT: usize = 5;
+const TURNS: usize = 4;
 
 /// A rival in one of its shapes: the directions in which it changes what is seen, orthonormal.
 #[derive(Debug)]
 struct Rival {
     cause: &'static str,
     directions: Vec<DVector<f64>>,
+    /// Its only step and the size in it, where it has one number.
+    single: Option<(Hidden, &'static ParameterInfo)>,
+}
+
+impl Rival {
+    /// The chi-square by which `own` differs from it, by its small steps.
+    fn apart(&self, own: &DVector<f64>) -> f64 {
+        own.norm_squared() - self.directions.iter().map(|along| along.dot(own).powi(2)).sum::<f64>()
+    }
+
+    /// The same at the size at which it is nearest.
+    fn nearest(&self, bench: &Bench, imitation: &Imitation, own: &DVector<f64>) -> f64 {
+        let Some((step, size)) = &self.single else { return self.apart(own) };
+        let name = format!("{}/{}", self.cause, size.name);
+        let [lower, upper] = size.bounds;
+        let left = |value: f64| imitation.left(bench, &step.clone().with(&name, value));
+        let mut nearest = own.norm_squared();
+        let (mut value, mut there) = (0.0, DVector::zeros(own.len()));
+        for _ in 0..TURNS {
+            let by = if value == 0.0 { step.get(&name, 0.0) } else { 0.05 * value };
+            let slope = (left(value + by) - &there) / by;
+            value = (value + slope.dot(&(own - &there)) / slope.norm_squared()).clamp(lower, upper);
+            there = left(value);
+            nearest = nearest.min((own - &there).norm_squared());
+        }
+        nearest
+    }
 }
 
 /// All causes as rivals of each other on one bench.
@@ -77,6 +108,8 @@ impl Rivals {
         let each = causes.flat_map(|&cause| {
             shapes(cause, bench).into_iter().map(move |steps| {
                 let mut directions: Vec<DVector<f64>> = Vec::new();
+                let size = cause.info().parameters.iter().find(|parameter| parameter.role == Role::Size);
+                let single = size.filter(|_| steps.len() == 1).map(|size| (steps[0].clone(), size));
                 for step in steps {
                     let mut left = imitation.left(bench, &step);
                     let size = left.norm();
@@ -89,7 +122,7 @@ impl Rivals {
                         directions.push(left.normalize());
                     }
                 }
-                Rival { cause: cause.info().name, directions }
+                Rival { cause: cause.info().name, directions, single }
             })
         });
         Self(each.collect())
@@ -105,11 +138,11 @@ impl Rivals {
     ) -> (String, f64) {
         let own = imitation.left(bench, hidden);
         let others = self.0.iter().filter(|rival| rival.cause != cause && !same(rival.cause, cause, false));
-        let apart = others.map(|rival| {
-            let shared: f64 = rival.directions.iter().map(|along| along.dot(&own).powi(2)).sum();
-            (rival.cause, own.norm_squared() - shared)
-        });
-        let nearest = apart.min_by(|a, b| a.1.total_cmp(&b.1));
+        let mut others: Vec<(&Rival, f64)> = others.map(|rival| (rival, rival.apart(&own))).collect();
+        others.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let sought =
+            others.iter().take(SOUGHT).map(|(rival, _)| (rival.cause, rival.nearest(bench, imitation, &own)));
+        let nearest = sought.min_by(|a, b| a.1.total_cmp(&b.1));
         nearest.map_or((String::new(), own.norm_squared()), |(rival, chi)| (rival.to_owned(), chi))
     }
 }
