@@ -109,9 +109,6 @@ pub fn pin_down(
     Ok(next::pinning(experiment, &state, &floor, names))
 }
 
-/// The noise is looked at once more when the leader's residuals show it this much otherwise.
-const OTHER_NOISE: f64 = 0.04;
-
 /// Says what the simulation of `experiment` gets wrong.
 ///
 /// # Errors
@@ -130,24 +127,16 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
     let mut search = search::Search::new(experiment, &experiment.model, &fitted, floor.noise_m, &mut stage);
     let mut found = search.run(&baseline)?;
     if !found.leader.causes.is_empty() {
+        let everywhere = !found.is_clear(&baseline);
         let seed = experiment.fit.seed;
-        let is_clear = found.is_clear(&baseline);
-        let deeper = baseline::deeper(&baseline, &found.leader, !is_clear, seed, &mut search.counts);
-        // what the cause explains may have looked like noise
-        let clearer = baseline::seen_floor(deeper.as_ref().unwrap_or(&found.leader))?;
-        let is_deeper = deeper.is_some();
-        if is_deeper || !baseline::is_same(&floor, &clearer, OTHER_NOISE) {
-            baseline = deeper.unwrap_or(baseline);
-            floor = clearer;
-            search.noise_m = floor.noise_m;
-            baseline.weigh(&floor);
-            baseline.descend(&mut search.counts);
-            found = if is_deeper {
-                search.run(&baseline)?
-            } else {
-                search.run_again(&baseline, found, &floor, is_clear)?
-            };
+        let deeper = baseline::deeper(&baseline, &found.leader, everywhere, seed, &mut search.counts);
+        if let Some(deeper) = deeper {
+            (floor, baseline) = (baseline::seen_floor(&deeper)?, deeper);
+            search.weigh(&mut baseline, &floor);
+            found = search.run(&baseline)?;
         }
+        let is_clear = found.is_clear(&baseline);
+        found = search.with_noise_seen(&mut baseline, &mut floor, found, is_clear)?;
     }
     let explained = baseline.cost - found.leader.cost;
     let left = gates::fitness(&found.leader, &floor);
@@ -155,6 +144,7 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
     if objected || explained > search::FAR_BENT && !found.is_clear(&baseline) {
         let most = if objected { search::MOST_CAUSES } else { found.leader.causes.len() };
         search.run_anew(&baseline, &mut found, most)?;
+        found = search.with_noise_seen(&mut baseline, &mut floor, found, true)?;
     }
     search.says("checking")?;
     counts.add(&search.counts);

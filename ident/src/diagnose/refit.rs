@@ -13,7 +13,7 @@ pub(super) const SHORT_LIST: usize = 5;
 /// After one step a candidate stays when its BIC is within this of the best one's, or within this share of what that one
 /// has saved.
 const NEAR: f64 = 100.0;
-const CATCH_UP: f64 = 0.7;
+const CATCH_UP: f64 = 0.9;
 /// After three steps only what is within this of the best one goes on to its optimum.
 const LAST: f64 = 30.0;
 const LAST_SHARE: f64 = 0.1;

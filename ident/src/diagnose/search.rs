@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use sim::{Cause, Model};
 
 use super::DiagnoseError;
+use super::baseline;
 use super::candidates::{self, Term};
 use super::floor::Floor;
 use super::refit::SHORT_LIST;
@@ -30,6 +31,8 @@ pub(super) const MOST_CAUSES: usize = 3;
 /// A further cause saves at least this share of what the causes before it have saved: what is less is how these are
 /// modelled.
 const SHARE: f64 = 0.01;
+/// Noise that differs by less is the same.
+const OTHER_NOISE: f64 = 0.04;
 /// Cost saved an observation, in noise variances, below which a cause is there but does not matter.
 const NEGLIGIBLE: f64 = 0.0025;
 /// A cause that explains so much cost has bent the baseline so far that what bent it may not be what it points to.
@@ -99,6 +102,13 @@ impl<'b> Search<'b> {
         if (self.stage)(stage) { Ok(()) } else { Err(DiagnoseError::Interrupted) }
     }
 
+    /// From here on noise is that of `floor`, for `baseline` too, which goes to its optimum with it.
+    pub(super) fn weigh(&mut self, baseline: &mut State<'_>, floor: &Floor) {
+        self.noise_m = floor.noise_m;
+        baseline.weigh(floor);
+        baseline.descend(&mut self.counts);
+    }
+
     /// Candidates that may join `state`.
     fn open(&self, state: &State<'_>) -> Vec<Term> {
         let taken = |cause: Cause| {
@@ -131,8 +141,26 @@ impl<'b> Search<'b> {
         self.run_from(baseline, baseline, Vec::new(), MOST_CAUSES)
     }
 
+    /// `found`, looked for once more if the residuals of its leader show another noise than `floor`, which they may have hidden in:
+    /// that is the floor then, and `baseline` weighed with it.
+    pub(super) fn with_noise_seen<'a>(
+        &mut self,
+        baseline: &mut State<'a>,
+        floor: &mut Floor,
+        found: Found<'a>,
+        is_clear: bool,
+    ) -> Result<Found<'a>, DiagnoseError> {
+        let seen = baseline::seen_floor(&found.leader)?;
+        if found.leader.causes.is_empty() || baseline::is_same(floor, &seen, OTHER_NOISE) {
+            return Ok(found);
+        }
+        *floor = seen;
+        self.weigh(baseline, floor);
+        self.run_again(baseline, found, floor, is_clear)
+    }
+
     /// Looks once more with the noise of `floor`, from where the causes ended in `found`; not for others where its leader `is_clear`.
-    pub(super) fn run_again<'a>(
+    fn run_again<'a>(
         &mut self,
         baseline: &State<'a>,
         found: Found<'a>,
@@ -140,10 +168,10 @@ impl<'b> Search<'b> {
         is_clear: bool,
     ) -> Result<Found<'a>, DiagnoseError> {
         self.expanded.clear();
-        let sorts = found.tried.iter().filter(|state| !state.causes.is_empty());
+        let with_causes = found.tried.iter().filter(|state| !state.causes.is_empty());
         let again: Vec<State<'a>> = match is_clear {
-            true => [&found.leader].into_iter().chain(sorts.take(SHORT_LIST)).cloned().collect(),
-            false => sorts.filter(|state| state.causes.len() == 1).take(SHORT_LIST).cloned().collect(),
+            true => [&found.leader].into_iter().chain(with_causes.take(SHORT_LIST)).cloned().collect(),
+            false => with_causes.filter(|state| state.causes.len() == 1).take(SHORT_LIST).cloned().collect(),
         };
         let again = again
             .into_par_iter()
