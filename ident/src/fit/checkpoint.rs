@@ -140,7 +140,8 @@ pub struct Progress<'a> {
     pub rollouts: u64,
     /// Best loss so far \[m2\], over all images; infinite before there is one.
     pub loss_m2: f64,
-    /// Whether this start, or the search, has come to its end, or so near that error bars hardly tell the difference.
+    /// Whether this start, or the search, has come to its end, or, where more than noise is left, so near that error bars hardly
+    /// tell the difference.
     pub is_answer: bool,
     /// From here the fit can be resumed.
     pub checkpoint: &'a Checkpoint,

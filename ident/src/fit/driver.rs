@@ -139,7 +139,8 @@ impl Driver<'_> {
                 max_evaluations: self.experiment.fit.max_evaluations,
                 rollouts: counts.rollouts,
                 loss_m2: best * self.loss_m2,
-                is_answer: (near || end.is_some()) && !is_rough(&state.stage),
+                // where nothing follows, the little that is left is better taken at once
+                is_answer: (end.is_some() || near && !self.at_the_noise(cost)) && !is_rough(&state.stage),
                 checkpoint: &state,
             });
             match (end, flow) {
@@ -164,11 +165,15 @@ impl Driver<'_> {
             Stage::Search(_) => false,
             stage if is_rough(stage) => false,
             Stage::Descent { origin: Origin::Model | Origin::Loose, descent, .. } => {
-                let at_the_noise = descent.cost.is_some_and(|cost| cost <= AT_THE_NOISE * self.squares);
-                self.search_evaluations(counts) == 0 || at_the_noise
+                self.search_evaluations(counts) == 0 || self.at_the_noise(descent.cost)
             }
             Stage::Descent { .. } => waiting.is_empty(),
         }
+    }
+
+    /// Whether `cost` is what noise alone leaves.
+    fn at_the_noise(&self, cost: Option<f64>) -> bool {
+        cost.is_some_and(|cost| cost <= AT_THE_NOISE * self.squares)
     }
 
     /// Candidates that a search may try.
