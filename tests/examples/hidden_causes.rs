@@ -3,7 +3,8 @@
 //!
 //! Every finished case is a line of `OUT/outcomes.jsonl`; started again, it goes on where it stopped. The tables stand in
 //! `OUT/tables.md` and on standard output. `--only` takes the cases whose names contain a text, `--every` each n-th of them.
-//! `--threads` says how many are under way at once; each has its share of the cores. `--keep` leaves the cases' files, `--make` only writes them. Build the program first: `cargo build -p rig`.
+//! `--threads` says how many are under way at once; each has its share of the cores. `--keep` leaves the cases' files, `--make` only
+//! writes them. Build the program first: `cargo build -p rig`.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
