@@ -225,8 +225,9 @@ impl Nominal<'_> {
 
     /// Estimated error of `steps` \[m\], and the positions with them.
     fn error(&self, steps: &Steps, order: i32) -> Result<(f64, Vec<Vec3<f64>>), RolloutError> {
-        let coarse = self.positions(steps.clone())?;
-        let fine = self.positions(self.scaled(steps, 0.5))?;
+        let (coarse, fine) =
+            rayon::join(|| self.positions(steps.clone()), || self.positions(self.scaled(steps, 0.5)));
+        let (coarse, fine) = (coarse?, fine?);
         Ok((apart(&coarse, &fine) / (1.0 - 0.5_f64.powi(order)), coarse))
     }
 
