@@ -10,6 +10,7 @@ use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 
 use super::pictures::{sampled, timed};
+use super::stored;
 use super::timeline::Rising;
 use crate::camera::CameraImage;
 use crate::clock::MonotonicNs;
@@ -40,6 +41,8 @@ pub struct Begun {
     pub extractor: Extractor,
     /// One for each usable image that was looked at.
     pub records: Vec<ImageRecord>,
+    /// Their lines in `extraction.jsonl`.
+    pub lines: Vec<u8>,
     /// The usable images after them.
     pub left: Vec<TimedImage>,
 }
@@ -69,6 +72,7 @@ impl Live {
             usable: VecDeque::new(),
             extractor: None,
             records: Vec::new(),
+            lines: Vec::new(),
         };
         let thread = std::thread::spawn(move || {
             // Without it the extraction is merely less polite.
@@ -122,10 +126,11 @@ struct Follower {
     usable: VecDeque<(u64, Arc<CameraImage>)>,
     extractor: Option<Extractor>,
     records: Vec<ImageRecord>,
+    lines: Vec<u8>,
 }
 
 impl Follower {
-    /// None where the empty tank was not learned.
+    /// None where the empty tank was not learned or a record cannot be kept.
     fn follow(&mut self, heard: &Receiver<Told>) -> Option<Begun> {
         loop {
             let ready = self.extractor.is_some() && self.usable.len() >= AT_ONCE;
@@ -140,11 +145,12 @@ impl Follower {
                     self.received += 1;
                 }
                 Ok(Told::Learn(from)) => self.learn(&from)?,
-                Err(TryRecvError::Empty) => self.look(),
+                Err(TryRecvError::Empty) => self.look()?,
                 Err(TryRecvError::Disconnected) => {
                     let left = self.next(self.usable.len());
-                    let (extractor, records) = (self.extractor.take()?, std::mem::take(&mut self.records));
-                    return Some(Begun { extractor, records, left });
+                    let (records, lines) =
+                        (std::mem::take(&mut self.records), std::mem::take(&mut self.lines));
+                    return Some(Begun { extractor: self.extractor.take()?, records, lines, left });
                 }
             }
         }
@@ -162,11 +168,14 @@ impl Follower {
     }
 
     /// Looks at the next images.
-    fn look(&mut self) {
+    fn look(&mut self) -> Option<()> {
         let images = self.next(AT_ONCE);
         if let Some(extractor) = &mut self.extractor {
-            self.records.append(&mut extractor.push(&images));
+            let mut records = extractor.push(&images);
+            self.lines.append(&mut stored::lines(&records).ok()?);
+            self.records.append(&mut records);
         }
+        Some(())
     }
 
     fn next(&mut self, count: usize) -> Vec<TimedImage> {

@@ -193,6 +193,7 @@ impl Analysis<'_> {
         progress.begin("images", Some(timeline.images.len() as u64));
         let plane = self.config.calibration.plane(self.paths_from)?;
         let source = pictures::Source { run: self.run, timeline };
+        let (mut lines, mut has_lines) = (Vec::new(), 0);
         let extraction = match self.from {
             Stage::Keypoints => {
                 let records = stored::read(self.run, source.count())?;
@@ -208,11 +209,14 @@ impl Analysis<'_> {
                 let learn_from = self.run.stop().and_then(|stop| stop.learn_from.clone());
                 let (config, folder) = (&self.config.vision, self.paths_from);
                 let task = pictures::Task { config, folder, plane, masks, learn_from };
-                let begun = live.and_then(|live| live.finish(&source.times_s()));
+                let mut begun = live.and_then(|live| live.finish(&source.times_s()));
+                if let Some(begun) = &mut begun {
+                    (lines, has_lines) = (std::mem::take(&mut begun.lines), begun.records.len());
+                }
                 task.carry_out(source, begun, self.threads, |done| progress.step(done as u64))?
             }
         };
-        stored::write(self.out, &extraction.records)?;
+        stored::write(self.out, lines, &extraction.records[has_lines..])?;
         let mut rows: Vec<FrameRow> = timeline.images.iter().map(|image| image.row.clone()).collect();
         let used = rows.iter_mut().filter(|row| row.status == timeline::USABLE);
         for (row, record) in used.zip(&extraction.records) {

@@ -64,7 +64,7 @@ impl Task<'_> {
     ) -> Result<Extraction, AnalysisError> {
         let usable = source.usable();
         let (mut extractor, mut records, left) = match begun {
-            Some(Begun { extractor, records, left }) => {
+            Some(Begun { extractor, records, left, .. }) => {
                 (extractor.with_threads(threads), records, Some(left))
             }
             None => {

@@ -6,14 +6,25 @@ use crate::record::RecordError;
 use crate::record::folder::{RunFolder, file, write_whole};
 use crate::vision::record::{ImageRecord, StoredRecord};
 
-/// Writes the records into `folder`.
-pub(super) fn write(folder: &std::path::Path, records: &[ImageRecord]) -> Result<(), RecordError> {
+/// The lines of some records.
+pub(super) fn lines(records: &[ImageRecord]) -> Result<Vec<u8>, serde_json::Error> {
+    let line = |record| {
+        let mut line = serde_json::to_vec(&StoredRecord::from(record))?;
+        line.push(b'\n');
+        Ok(line)
+    };
+    Ok(records.par_iter().map(line).collect::<Result<Vec<Vec<u8>>, serde_json::Error>>()?.concat())
+}
+
+/// Writes into `folder` the lines that are `begun`, and those of the records `left`.
+pub(super) fn write(
+    folder: &std::path::Path,
+    mut begun: Vec<u8>,
+    left: &[ImageRecord],
+) -> Result<(), RecordError> {
     let path = folder.join(file::EXTRACTION);
-    let line = |record| serde_json::to_vec(&StoredRecord::from(record));
-    let lines: Result<Vec<Vec<u8>>, serde_json::Error> = records.par_iter().map(line).collect();
-    let mut text = lines.map_err(|error| RecordError::damaged(&path, error))?.join(&b'\n');
-    text.push(b'\n');
-    write_whole(&path, &text)
+    begun.append(&mut lines(left).map_err(|error| RecordError::damaged(&path, error))?);
+    write_whole(&path, &begun)
 }
 
 /// Reads the records of `run`, which must be `count`: one for each usable image.

@@ -56,7 +56,7 @@ impl Film {
     }
 }
 
-fn stored(records: &[ImageRecord]) -> Vec<StoredRecord> {
+fn kept(records: &[ImageRecord]) -> Vec<StoredRecord> {
     records.iter().map(StoredRecord::from).collect()
 }
 
@@ -70,8 +70,9 @@ fn images_looked_at_while_they_come_give_what_the_recording_gives() {
             live.learn(5..40);
         }
     }
-    let Begun { mut extractor, mut records, left } = live.finish(&film.times_s()).unwrap();
+    let Begun { mut extractor, mut records, lines, left } = live.finish(&film.times_s()).unwrap();
     assert!(records.len() % AT_ONCE == 0 && records.len() + left.len() == 59, "{}", records.len());
+    assert_eq!(lines, stored::lines(&records).unwrap());
     records.append(&mut extractor.push(&left));
 
     let usable = film.usable();
@@ -82,7 +83,7 @@ fn images_looked_at_while_they_come_give_what_the_recording_gives() {
     let sample: Vec<&TimedImage> = sample.iter().collect();
     let mut offline = Extractor::learn(&sample, &film.config.vision, plane, &film.base, 2).unwrap();
     let images: Vec<TimedImage> = usable.iter().map(|(_, image)| timed(image)).collect();
-    assert_eq!(stored(&records), stored(&offline.push(&images)));
+    assert_eq!(kept(&records), kept(&offline.push(&images)));
     let seen = records.iter().filter(|record| record.keypoints.len() == 4).count();
     assert_eq!(seen, 58, "all but the damaged one");
 }
