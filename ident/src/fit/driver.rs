@@ -44,7 +44,7 @@ pub(super) struct Arrival {
     pub(super) point: Point,
     /// Whether it has been linearised, and counted so.
     pub(super) settled: bool,
-    /// The linearisation there, where it is at hand.
+    /// The linearisation there, or half a standard deviation away, where it is at hand.
     pub(super) linear: Option<Vec<Linear>>,
     pub(super) stop_reason: String,
     /// All descents of `hybrid`, the best among them; empty with other methods.
@@ -263,7 +263,12 @@ impl Driver<'_> {
                 Ended { origin, point: descent.point, cost, reason, settled: false, linear: None }
             }
             Stage::Descent { origin, descent, .. } => {
-                Ended { reason: reason.to_owned(), ..ended_at(origin, &descent) }
+                let mut ended = ended_at(origin, &descent);
+                if reason == INTERRUPTED {
+                    // near the end the error bars of the last step's beginning will do
+                    ended.linear = descent.linear;
+                }
+                Ended { reason: reason.to_owned(), ..ended }
             }
         };
         let several = !ended.is_empty();
@@ -303,7 +308,7 @@ fn is_rough(stage: &Stage) -> bool {
 fn ended_at(origin: Origin, descent: &Descent) -> Ended {
     let reason = descent.end.map_or(String::new(), |end| end.name().to_owned());
     let Descent { point, cost, settled, linear, .. } = descent.clone();
-    Ended { origin, point, cost, reason, settled, linear }
+    Ended { origin, point, cost, reason, settled, linear: linear.filter(|_| settled) }
 }
 
 /// The one that cost least, the first of equals.

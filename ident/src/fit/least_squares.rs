@@ -32,7 +32,8 @@ pub(crate) struct Descent {
     pub(super) near: bool,
     /// Whether the point has been linearised.
     pub(super) settled: bool,
-    /// The linearisation at the point, where it is that of plain squares; found again after a resumption.
+    /// The linearisation at the point, or that the last step began with where the point is `near` but not `settled`; of plain
+    /// squares only, and found again after a resumption.
     #[serde(skip)]
     pub(super) linear: Option<Vec<Linear>>,
 }
@@ -152,8 +153,9 @@ impl Descent {
         let before = self.point.clone();
         self.follow(objective, &normal, &tries, counts);
         self.near &= !waits;
-        self.settled = by_parameters && objective.loss == Loss::Squares && self.point == before;
-        self.linear = self.settled.then_some(linear);
+        let is_plain = by_parameters && objective.loss == Loss::Squares;
+        self.settled = is_plain && self.point == before;
+        self.linear = (self.settled || is_plain && self.near).then_some(linear);
     }
 
     /// One iteration with derivatives that are known already, as [`Problem::linearise`](super::problem::Problem::linearise)
@@ -280,7 +282,7 @@ impl Normal {
         for (run, linear) in linear.iter().enumerate() {
             let own = linear.jacobian.ncols() - free;
             let place = |column: usize| if column < free { column } else { first + column - free };
-            let block = linear.jacobian.tr_mul(&linear.jacobian);
+            let block = linear.gram();
             let slope = linear.jacobian.tr_mul(&linear.residuals);
             for i in 0..free + own {
                 gradient[place(i)] += slope[i] * size[place(i)];

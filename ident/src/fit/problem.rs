@@ -113,6 +113,21 @@ pub(crate) struct Linear {
     pub(crate) jacobian: DMatrix<f64>,
 }
 
+impl Linear {
+    /// Products of the Jacobian's columns, shape (columns, columns).
+    pub(crate) fn gram(&self) -> DMatrix<f64> {
+        let columns = self.jacobian.ncols();
+        let mut gram = DMatrix::zeros(columns, columns);
+        for i in 0..columns {
+            for j in 0..=i {
+                let product = self.jacobian.column(i).dot(&self.jacobian.column(j));
+                (gram[(i, j)], gram[(j, i)]) = (product, product);
+            }
+        }
+        gram
+    }
+}
+
 impl<'a> Problem<'a> {
     /// The start of a fit: the model's values, every offset 0.
     pub(crate) fn start(&self) -> Point {

@@ -217,7 +217,7 @@ fn eliminate(objective: &Objective<'_>, anchor: &Point, counts: &mut Counts) -> 
     let linear = problem.linearise(anchor, false, counts).unwrap_or_default();
     let one = |(run, linear): (usize, super::problem::Linear)| {
         let nuisances = &problem.terms[run].rehearsal.nuisances;
-        let mut hessian = linear.jacobian.tr_mul(&linear.jacobian);
+        let mut hessian = linear.gram();
         for (k, nuisance) in nuisances.iter().enumerate() {
             hessian[(k, k)] += nuisance.belief().powi(-2);
         }
