@@ -101,17 +101,11 @@ pub(super) fn deeper<'a>(
     let drawn = if everywhere { best_drawn(baseline, seed, counts) } else { Vec::new() };
     let deep = NOISE_ALONE.max(OF_EXPLAINED * (baseline.cost - leader.cost));
     let points: Vec<Point> = drawn.into_iter().map(at).chain([led]).collect();
-    let ends: Vec<(Option<State<'a>>, Counts)> = points
-        .into_par_iter()
-        .map(|point| {
-            let (mut state, mut own) =
-                (State { point, linear: Vec::new(), ..baseline.clone() }, Counts::default());
-            (state.descend(&mut own).then_some(state), own)
-        })
-        .collect();
-    ends.iter().for_each(|(_, own)| counts.add(own));
-    let deeper =
-        ends.into_iter().filter_map(|(state, _)| state.filter(|end| end.cost < baseline.cost - deep));
+    let ends = counts.of_each(points, |point, own| {
+        let mut state = State { point, linear: Vec::new(), ..baseline.clone() };
+        state.descend(own).then_some(state)
+    });
+    let deeper = ends.into_iter().flatten().filter(|end| end.cost < baseline.cost - deep);
     deeper.min_by(|a, b| a.cost.total_cmp(&b.cost))
 }
 

@@ -2,7 +2,6 @@
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 use sim::Model;
 
 use super::floor::Floor;
@@ -41,20 +40,11 @@ struct Test<'a> {
 type Tested = (HeldOutRun, Vec<Piece>);
 
 impl Test<'_> {
-    /// `None` where it cannot be simulated; also what that has cost.
-    fn carry_out(&self, noise_m: f64) -> (Option<Tested>, Counts) {
-        let predicted: Vec<(Option<FittedRun>, Counts)> = self
-            .models
-            .par_iter()
-            .map(|model| {
-                let mut own = Counts::default();
-                (hold_out(model, self.run, noise_m, &mut own).ok(), own)
-            })
-            .collect();
-        let mut counts = Counts::default();
-        predicted.iter().for_each(|(_, own)| counts.add(own));
-        let fitted: Vec<FittedRun> = predicted.into_iter().filter_map(|(fitted, _)| fitted).collect();
-        let [before, after] = &fitted[..] else { return (None, counts) };
+    /// `None` where it cannot be simulated.
+    fn carry_out(&self, noise_m: f64, counts: &mut Counts) -> Option<Tested> {
+        let predicted = |model: &Model, own: &mut Counts| hold_out(model, self.run, noise_m, own).ok();
+        let predicted = counts.of_each(self.models.iter().collect(), predicted);
+        let [Some(before), Some(after)] = &predicted[..] else { return None };
         let keypoints = 0..self.run.trajectory.keypoints.len();
         let rms = |fitted: &FittedRun| keypoints.clone().map(|k| rms_m(fitted, k)).collect();
         let shown = HeldOutRun {
@@ -64,7 +54,7 @@ impl Test<'_> {
             rms_after_m: rms(after),
             noise_floor_m: keypoints.clone().map(|k| *self.std_m.get(k).unwrap_or(&noise_m)).collect(),
         };
-        (Some((shown, in_pieces(before, after))), counts)
+        Some((shown, in_pieces(before, after)))
     }
 }
 
@@ -94,11 +84,8 @@ pub(super) fn gain(
         let models = [before.calibrated(), after.calibrated()];
         held.into_iter().map(|run| Test { run, models: models.clone(), std_m: &[] }).collect()
     };
-    let tested: Vec<(Option<Tested>, Counts)> =
-        tests.par_iter().map(|test| test.carry_out(floor.noise_m)).collect();
-    tested.iter().for_each(|(_, own)| counts.add(own));
-    let (runs, pieces): (Vec<HeldOutRun>, Vec<Vec<Piece>>) =
-        tested.into_iter().filter_map(|(tested, _)| tested).unzip();
+    let tested = counts.of_each(tests, |test, own| test.carry_out(floor.noise_m, own));
+    let (runs, pieces): (Vec<HeldOutRun>, Vec<Vec<Piece>>) = tested.into_iter().flatten().unzip();
     let squared = runs.iter().flat_map(|run| &run.noise_floor_m).map(|std_m| std_m * std_m);
     let noise = [squared.clone().sum::<f64>(), squared.count() as f64];
     let sum = |list: &[&Piece]| {

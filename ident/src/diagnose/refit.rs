@@ -1,12 +1,9 @@
 //! Refits of the candidates that score best.
 
-use rayon::prelude::*;
-
 use super::candidates::{self, Term};
 use super::score::{Scored, Scores};
 use super::search::{BETTER, Search, sets};
 use super::state::State;
-use crate::fit::counts::Counts;
 
 /// Causes refitted in full at each stage.
 pub(super) const SHORT_LIST: usize = 5;
@@ -92,60 +89,38 @@ impl Search<'_> {
     /// `state` with each candidate of `list` in turn, refitted.
     fn refit_each<'a>(&mut self, state: &State<'a>, scores: &Scores, list: &[usize]) -> Vec<State<'a>> {
         let noise_m = self.noise_m;
-        let first: Vec<(Option<State<'a>>, Counts)> = list
-            .par_iter()
-            .map(|&index| {
-                let mut counts = Counts::default();
-                let scored = &scores.list[index];
-                let mut next = state.with(&scored.term);
-                if !scored.term.is_switch() {
-                    next.linear = scores.extended(state, &next, index);
-                }
-                (next.steps(1, &mut counts).then_some(next), counts)
-            })
-            .collect();
-        let mut reached: Vec<f64> = first.iter().filter_map(|(next, _)| Some(next.as_ref()?.bic())).collect();
+        let first = self.counts.of_each(list.to_vec(), |index, counts| {
+            let scored = &scores.list[index];
+            let mut next = state.with(&scored.term);
+            if !scored.term.is_switch() {
+                next.linear = scores.extended(state, &next, index);
+            }
+            next.steps(1, counts).then_some(next)
+        });
+        let first: Vec<State<'a>> = first.into_iter().flatten().collect();
+        let mut reached: Vec<f64> = first.iter().map(State::bic).collect();
         reached.sort_by(f64::total_cmp);
         let best = reached.first().copied().unwrap_or(f64::INFINITY);
         // what lies far behind after a step that is nearly the last one does not catch up
         let reach = best + NEAR.max(CATCH_UP * (state.bic() - best));
         let reach = reach.max(reached.get(KEPT - 1).copied().unwrap_or(f64::INFINITY));
         let bent = |next: &State<'a>| next.causes.last().is_some_and(Term::is_strongly_bent);
-        let further: Vec<(Option<State<'a>>, Counts)> = first
-            .into_par_iter()
-            .map(|(next, mut counts)| {
-                let mut next = next.filter(|next| next.bic() <= reach || bent(next));
-                if let Some(near) = &mut next {
-                    near.replan(noise_m);
-                    if !near.steps(2, &mut counts) {
-                        next = None;
-                    }
-                }
-                (next, counts)
-            })
-            .collect();
-        let best =
-            further.iter().filter_map(|(next, _)| Some(next.as_ref()?.bic())).fold(f64::INFINITY, f64::min);
+        let near = first.into_iter().filter(|next| next.bic() <= reach || bent(next)).collect();
+        let further = self.counts.of_each(near, |mut next: State<'a>, counts| {
+            next.replan(noise_m);
+            next.steps(2, counts).then_some(next)
+        });
+        let further: Vec<State<'a>> = further.into_iter().flatten().collect();
+        let best = further.iter().map(State::bic).fold(f64::INFINITY, f64::min);
         let reach = best + LAST.max(LAST_SHARE * (state.bic() - best));
-        let refitted: Vec<(Option<State<'a>>, Counts)> = further
-            .into_par_iter()
-            .map(|(mut next, mut counts)| {
-                if let Some(near) = next.as_mut().filter(|next| next.bic() <= reach) {
-                    near.replan(noise_m);
-                    if !near.descend(&mut counts) {
-                        next = None;
-                    }
-                }
-                (next, counts)
-            })
-            .collect();
-        self.counted(refitted)
-    }
-
-    /// The states that could be refitted; what all have cost is counted.
-    pub(super) fn counted<'a>(&mut self, refitted: Vec<(Option<State<'a>>, Counts)>) -> Vec<State<'a>> {
-        refitted.iter().for_each(|(_, own)| self.counts.add(own));
-        refitted.into_iter().filter_map(|(state, _)| state).collect()
+        let refitted = self.counts.of_each(further, |mut next, counts| {
+            if next.bic() <= reach {
+                next.replan(noise_m);
+                return next.descend(counts).then_some(next);
+            }
+            Some(next)
+        });
+        refitted.into_iter().flatten().collect()
     }
 }
 

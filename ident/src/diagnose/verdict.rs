@@ -8,7 +8,7 @@ use super::result::{
     Alternative, ConstancyTest, Diagnosis, Fitness, HeldOut, NamedCause, NoiseFloor, PerRun, Verdict,
     Whiteness,
 };
-use super::search::{AS_GOOD, Found, sets};
+use super::search::{AS_GOOD, BETTER, Found, sets};
 use super::state::State;
 use super::{candidates, detect, extend, gain, heldout, residuals};
 use crate::experiment::Experiment;
@@ -65,12 +65,17 @@ pub(super) fn verdict<'a>(
             _ => Verdict::Causes,
         }
     };
-    let rivals = rivals(experiment, found);
+    let (rivals, others): (Vec<Rival>, Vec<Rival>) =
+        rivals(experiment, found).into_iter().partition(|rival| rival.behind <= AS_GOOD);
     let verdict = match verdict {
         Verdict::Cause | Verdict::Causes if !rivals.is_empty() => Verdict::Ambiguous,
         other => other,
     };
+    let rivals: Vec<Alternative> = rivals.into_iter().map(|rival| rival.set).collect();
     let names = matches!(verdict, Verdict::Cause | Verdict::Causes | Verdict::Ambiguous);
+    if names {
+        remarks.extend(others.iter().map(Rival::remark));
+    }
     let describes = names || verdict == Verdict::Unexplained;
     let leader = if describes { leader.clone() } else { baseline.clone() };
     let list = named(experiment, baseline, &leader, &tests, found);
@@ -138,8 +143,26 @@ fn objections(
     list
 }
 
+/// Another set of causes that explains the runs.
+struct Rival {
+    set: Alternative,
+    /// How much worse than the leader's its BIC is.
+    behind: f64,
+}
+
+impl Rival {
+    fn remark(&self) -> String {
+        format!(
+            "{} describes these runs nearly as well: a BIC of {:.1} behind, odds of 1 to {:.0}",
+            self.set.names.join(" + "),
+            self.behind,
+            (0.5 * self.behind).exp()
+        )
+    }
+}
+
 /// Other sets of causes within reach of the leader's BIC.
-fn rivals(experiment: &Experiment, found: &Found<'_>) -> Vec<Alternative> {
+fn rivals(experiment: &Experiment, found: &Found<'_>) -> Vec<Rival> {
     let leader = sets(&found.leader);
     let class = |names: &[&'static str]| -> Vec<&'static str> {
         let mut names: Vec<&'static str> = names
@@ -154,19 +177,19 @@ fn rivals(experiment: &Experiment, found: &Found<'_>) -> Vec<Alternative> {
     };
     let own = class(&leader);
     let Some(baseline) = found.tried.iter().find(|state| state.causes.is_empty()) else { return Vec::new() };
-    let mut list: Vec<Alternative> = Vec::new();
+    let mut list: Vec<Rival> = Vec::new();
     for state in &found.tried {
         let names = sets(state);
         let theirs = class(&names);
         let wider = own.iter().all(|name| theirs.contains(name));
-        let known = list.iter().any(|other| other.names.iter().map(String::as_str).eq(names.iter().copied()));
-        if names.is_empty() || wider || known || behind(state, &found.leader) > AS_GOOD {
+        let known =
+            list.iter().any(|other| other.set.names.iter().map(String::as_str).eq(names.iter().copied()));
+        let behind = behind(state, &found.leader);
+        if names.is_empty() || wider || known || behind > BETTER {
             continue;
         }
-        list.push(Alternative {
-            names: names.into_iter().map(str::to_owned).collect(),
-            delta_bic: baseline.bic() - state.bic(),
-        });
+        let names = names.into_iter().map(str::to_owned).collect();
+        list.push(Rival { set: Alternative { names, delta_bic: baseline.bic() - state.bic() }, behind });
     }
     list
 }

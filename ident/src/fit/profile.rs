@@ -6,8 +6,6 @@
 //! (R. E. Chandler, S. Bate, "Inference for clustered data using the independence loglikelihood", Biometrika 94
 //! (2007) 167-183.)
 
-use rayon::prelude::*;
-
 use super::counts::Counts;
 use super::crossing::{Closeness, crossing};
 use super::information::Information;
@@ -28,15 +26,9 @@ pub(super) fn profile(
 ) -> Vec<[f64; 2]> {
     let least = objective.costs(std::slice::from_ref(point), false, counts)[0];
     let sides: Vec<(usize, f64)> = (0..point.values.len()).flat_map(|i| [(i, -1.0), (i, 1.0)]).collect();
-    let ends: Vec<(f64, Counts)> = sides
-        .par_iter()
-        .map(|&(which, side)| {
-            let mut own = Counts::default();
-            (end(objective, point, known, least, which, side, &mut own), own)
-        })
-        .collect();
-    ends.iter().for_each(|(_, own)| counts.add(own));
-    ends.chunks_exact(2).map(|pair| [pair[0].0, pair[1].0]).collect()
+    let ends =
+        counts.of_each(sides, |(which, side), own| end(objective, point, known, least, which, side, own));
+    ends.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect()
 }
 
 /// Where the profile of parameter `which` crosses the limit on one `side`.
