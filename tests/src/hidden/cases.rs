@@ -130,13 +130,13 @@ impl Case {
                 let mut draw = Draw::new(self.seed, 3);
                 let (bench, imitation) = benches.get(self.seed, fits_damping);
                 let [a, b] = [a, b].map(|name| Hideout::draw(name, bench, &mut draw));
-                let hide = |hideout: &Hideout, partner: Option<&Hidden>| {
+                let hide = |hideout: &Hideout, partner: Option<(&Hideout, &Hidden)>| {
                     let limit = hideout.limit(bench, imitation, partner)?;
                     hideout.hide(bench, imitation, limit, PAIR_SIZE)
                 };
                 let (first, _) = hide(&a, None)?;
-                let (second, other) = hide(&b, Some(&first))?;
-                let (first, one) = hide(&a, Some(&second))?;
+                let (second, other) = hide(&b, Some((&a, &first)))?;
+                let (first, one) = hide(&a, Some((&b, &second)))?;
                 let mut both = first;
                 both.0.extend(second.0);
                 (both, vec![one, other])

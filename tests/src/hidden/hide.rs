@@ -19,6 +19,10 @@ pub const OUTSIDE: [(&str, &str, f64); 4] = [
 
 /// Share of a physical bound that a size may reach.
 const WITHIN: f64 = 0.9;
+/// By which share a number is changed to see what changing it does.
+const NUDGE: f64 = 0.02;
+/// Numbers that a fit does not turn.
+const SWITCHES: [&str; 2] = ["one_sided_stiffness/side", "servo_rate_limit/share"];
 
 /// Something to hide, its size left open.
 #[derive(Debug, Clone)]
@@ -130,8 +134,29 @@ impl Hideout {
         Hidden(scaled.chain(self.fixed.iter().cloned()).collect())
     }
 
+    /// `hidden`, of which this is a part, with each of its own numbers a little changed: by what a fit would turn.
+    fn nudged(&self, hidden: &Hidden) -> Vec<Hidden> {
+        let own = hidden.0.iter().map(|(name, &value)| (name.clone(), value));
+        let own = own.filter(|(name, _)| name.split('/').next() == Some(&self.cause));
+        let mut numbers: Vec<(String, f64)> = own.filter(|(name, _)| !SWITCHES.contains(&&**name)).collect();
+        if self.cause == "keypoint_slip" {
+            let others = ["P1", "P2", "P3"].map(|point| (format!("keypoint_slip/{point}"), 0.0));
+            numbers.extend(others.into_iter().filter(|(name, _)| !hidden.0.contains_key(name)));
+        }
+        let nudge = |(name, value): (String, f64)| {
+            let by = NUDGE * if value == 0.0 { self.usual } else { value };
+            hidden.clone().with(&name, value + by)
+        };
+        numbers.into_iter().map(nudge).collect()
+    }
+
     /// The smallest size that the fitted runs of `bench` show, beside `partner`; `None` where they show none.
-    pub fn limit(&self, bench: &Bench, imitation: &Imitation, partner: Option<&Hidden>) -> Option<f64> {
+    pub fn limit(
+        &self,
+        bench: &Bench,
+        imitation: &Imitation,
+        partner: Option<(&Self, &Hidden)>,
+    ) -> Option<f64> {
         let chi_square = |size: f64| self.chi_square(bench, imitation, partner, size);
         match self.inverse {
             true => seek(chi_square, CHI_SQUARE),
@@ -139,12 +164,18 @@ impl Hideout {
         }
     }
 
-    fn chi_square(&self, bench: &Bench, imitation: &Imitation, partner: Option<&Hidden>, size: f64) -> f64 {
+    fn chi_square(
+        &self,
+        bench: &Bench,
+        imitation: &Imitation,
+        partner: Option<(&Self, &Hidden)>,
+        size: f64,
+    ) -> f64 {
         let own = self.at(size);
-        let Some(partner) = partner else { return imitation.chi_square(bench, &own) };
+        let Some((other, partner)) = partner else { return imitation.chi_square(bench, &own) };
         let mut both = own;
         both.0.extend(partner.0.clone());
-        imitation.chi_square_beside(bench, &both, partner)
+        imitation.chi_square_beside(bench, &both, partner, &other.nudged(&both))
     }
 
     /// The cause at `times` its `limit`; `None` where no size is so strong.

@@ -143,11 +143,12 @@ impl Imitation {
         self.left(bench, hidden).norm_squared()
     }
 
-    /// The same, with the partner `other` of a pair at work beside it and free too.
-    pub fn chi_square_beside(&self, bench: &Bench, both: &Hidden, other: &Hidden) -> f64 {
+    /// The same, with the partner `other` of a pair at work beside it and each of its numbers free: one is changed in each of
+    /// `nudged`.
+    pub fn chi_square_beside(&self, bench: &Bench, both: &Hidden, other: &Hidden, nudged: &[Hidden]) -> f64 {
         let own = self.left_beside(bench, both, other);
-        let theirs = self.left(bench, other).normalize();
-        own.norm_squared() - own.dot(&theirs).powi(2)
+        let theirs = orthonormal(nudged.iter().map(|nudged| self.left_beside(bench, nudged, both)));
+        own.norm_squared() - theirs.iter().map(|along| along.dot(&own).powi(2)).sum::<f64>()
     }
 
     /// The size at which `at(size)` shows a chi-square of [`CHI_SQUARE`], from a first step: in proportion, then twice
@@ -163,6 +164,23 @@ impl Imitation {
         }
         Some(size)
     }
+}
+
+/// Orthonormal directions that span `columns`.
+pub(super) fn orthonormal(columns: impl Iterator<Item = DVector<f64>>) -> Vec<DVector<f64>> {
+    let mut directions: Vec<DVector<f64>> = Vec::new();
+    for mut left in columns {
+        let size = left.norm();
+        for other in &directions {
+            let along = other.dot(&left);
+            left.axpy(-along, other, 1.0);
+        }
+        // a direction that is the others' but for rounding is none of its own
+        if left.norm() > 1e-3 * size {
+            directions.push(left.normalize());
+        }
+    }
+    directions
 }
 
 /// The largest angle between neighbouring links over the fitted runs \[rad\].

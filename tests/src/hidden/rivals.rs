@@ -10,7 +10,7 @@ use sim::effects::{ParameterInfo, Role};
 
 use super::bench::Bench;
 use super::cases::same;
-use super::limit::{Imitation, largest_bend};
+use super::limit::{Imitation, largest_bend, orthonormal};
 use super::terms::Hidden;
 
 /// Steps of the differences, as a share of usual sizes.
@@ -107,21 +107,9 @@ impl Rivals {
         let causes = Cause::ALL.iter().filter(|cause| !fitted(cause));
         let each = causes.flat_map(|&cause| {
             shapes(cause, bench).into_iter().map(move |steps| {
-                let mut directions: Vec<DVector<f64>> = Vec::new();
                 let size = cause.info().parameters.iter().find(|parameter| parameter.role == Role::Size);
                 let single = size.filter(|_| steps.len() == 1).map(|size| (steps[0].clone(), size));
-                for step in steps {
-                    let mut left = imitation.left(bench, &step);
-                    let size = left.norm();
-                    for other in &directions {
-                        let along = other.dot(&left);
-                        left.axpy(-along, other, 1.0);
-                    }
-                    // a direction that is the others' but for rounding is none of its own
-                    if left.norm() > 1e-3 * size {
-                        directions.push(left.normalize());
-                    }
-                }
+                let directions = orthonormal(steps.iter().map(|step| imitation.left(bench, step)));
                 Rival { cause: cause.info().name, directions, single }
             })
         });
