@@ -64,8 +64,7 @@ impl Live {
             plane: config.calibration.plane(paths_from).ok()?,
             folder: paths_from.into(),
             origin,
-            // one core is the devices'
-            threads: threads.saturating_sub(1).max(1),
+            threads,
             waiting: Arc::clone(&waiting),
             rising: Rising::default(),
             received: 0,

@@ -1,19 +1,17 @@
 //! `extraction.jsonl`: what was found in each image, one line an image, to start again from.
 
-use rayon::prelude::*;
-
 use crate::record::RecordError;
 use crate::record::folder::{RunFolder, file, write_whole};
 use crate::vision::record::{ImageRecord, StoredRecord};
 
 /// The lines of some records.
 pub(super) fn lines(records: &[ImageRecord]) -> Result<Vec<u8>, serde_json::Error> {
-    let line = |record| {
-        let mut line = serde_json::to_vec(&StoredRecord::from(record))?;
-        line.push(b'\n');
-        Ok(line)
-    };
-    Ok(records.par_iter().map(line).collect::<Result<Vec<Vec<u8>>, serde_json::Error>>()?.concat())
+    let mut lines = Vec::new();
+    for record in records {
+        serde_json::to_writer(&mut lines, &StoredRecord::from(record))?;
+        lines.push(b'\n');
+    }
+    Ok(lines)
 }
 
 /// Writes into `folder` the lines that are `begun`, and those of the records `left`.
