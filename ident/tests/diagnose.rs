@@ -94,7 +94,7 @@ fn is_resolved(hidden: &str, value: f64) {
 
 #[test]
 fn first_suggested_run_resolves_an_ambiguity() {
-    is_resolved("drag_exponent/exponent", -0.3);
+    is_resolved("drag_exponent/exponent", -0.25);
     is_resolved("current/x", 3e-3);
 }
 
