@@ -62,6 +62,8 @@ fn two_causes_at_once_are_both_named() {
     let diagnosis = diagnose(&experiment(chain(), runs.collect()), &mut ()).unwrap().diagnosis;
     println!("{} {:?}", diagnosis.sentence, diagnosis.remarks);
     assert_eq!(diagnosis.verdict, Verdict::Causes);
+    let beyond_noise = 1.0 - (NOISE_M / diagnosis.whiteness.before.rms_m).powi(2);
+    assert!((diagnosis.whiteness.explainable - beyond_noise).abs() < 0.05, "{beyond_noise}: {diagnosis:?}");
     for (name, hidden) in [("added_mass/scale", 1.0), ("camera_delay/delay", 0.012)] {
         let mut all = diagnosis.causes.iter().flat_map(|cause| &cause.parameters);
         let found = all.find(|parameter| parameter.name == name).unwrap();

@@ -90,7 +90,7 @@ pub(super) fn verdict<'a>(
             before,
             after: if describes { after } else { before },
             heldout,
-            explainable: (before.excess / before.chi2).clamp(0.0, 1.0),
+            explainable: (1.0 - (floor.noise_m / before.rms_m).powi(2)).clamp(0.0, 1.0),
             constancy: if describes { tests.into_iter().map(|(test, _)| test).collect() } else { Vec::new() },
         },
         noise_m: floor.noise_m,
