@@ -61,10 +61,33 @@ pub(crate) fn moved(model: &Model, qpos: &[f64], delta: &[f64]) -> Vec<f64> {
     moved
 }
 
-fn turn(quaternion: &mut [f64], by: &[f64]) {
+/// The motion, shape (nv), that [`moved`] takes `from` by to come to `to`.
+pub(crate) fn motion(model: &Model, from: &[f64], to: &[f64]) -> Vec<f64> {
+    let mut motion = vec![0.0; model.nv()];
+    for joint in &model.joints {
+        let (q, v) = (joint.qpos_address, joint.dof_address);
+        let turned = |q: usize| (rotation(&from[q..q + 4]).inverse() * rotation(&to[q..q + 4])).scaled_axis();
+        match joint.kind {
+            JointKind::Hinge | JointKind::Slide => motion[v] = to[q] - from[q],
+            JointKind::Ball => motion[v..v + 3].copy_from_slice(turned(q).as_slice()),
+            JointKind::Free => {
+                for axis in 0..3 {
+                    motion[v + axis] = to[q + axis] - from[q + axis];
+                }
+                motion[v + 3..v + 6].copy_from_slice(turned(q + 3).as_slice());
+            }
+        }
+    }
+    motion
+}
+
+fn rotation(quaternion: &[f64]) -> UnitQuaternion<f64> {
     let [w, x, y, z] = [quaternion[0], quaternion[1], quaternion[2], quaternion[3]];
-    let before = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-    let after = before * UnitQuaternion::from_scaled_axis(Vector3::new(by[0], by[1], by[2]));
+    UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+}
+
+fn turn(quaternion: &mut [f64], by: &[f64]) {
+    let after = rotation(quaternion) * UnitQuaternion::from_scaled_axis(Vector3::new(by[0], by[1], by[2]));
     quaternion.copy_from_slice(&[after.w, after.i, after.j, after.k]);
 }
 
@@ -97,6 +120,21 @@ mod tests {
         );
         for (found, wanted) in turned.iter().zip([1.5, 2.0, 3.0, 0.5, 0.5, 0.5, 0.5]) {
             assert!((found - wanted).abs() < 1e-12, "{turned:?}");
+        }
+    }
+
+    #[test]
+    fn the_motion_between_two_poses_leads_from_one_to_the_other() {
+        let text = "<mujoco><worldbody><body><freejoint/><geom type=\"box\" size=\"1 1 1\"/>\
+                    <body><joint type=\"ball\"/><geom type=\"box\" size=\"1 1 1\"/>\
+                    <body><joint type=\"hinge\"/><geom type=\"box\" size=\"1 1 1\"/></body></body></body></worldbody></mujoco>";
+        let model = Model::from_mjcf(text).unwrap();
+        let from =
+            moved(&model, &model.rest_state().qpos, &[1.0, -2.0, 0.5, 0.3, -0.4, 2.0, 1.5, 0.2, -0.7, 4.0]);
+        let wanted = [0.1, 0.2, 0.3, -0.5, 0.6, 0.4, 1.1, -1.2, 0.3, -5.0];
+        let found = motion(&model, &from, &moved(&model, &from, &wanted));
+        for (found, wanted) in found.iter().zip(wanted) {
+            assert!((found - wanted).abs() < 1e-12, "{found} {wanted}");
         }
     }
 }

@@ -11,7 +11,7 @@ use sim::{
 };
 
 use crate::experiment::{Run, RunKind};
-use crate::geometry::moved;
+use crate::geometry::{motion, moved};
 use crate::initial::{Estimate, Start, prescribed_dofs};
 
 /// One uncertain number about the start of a run.
@@ -236,6 +236,18 @@ impl<'a> Rehearsal<'a> {
             }
         }
         Start { state: State { qpos: moved(model, &self.start.state.qpos, &delta), qvel }, start_s }
+    }
+
+    /// The offsets, one per nuisance, at which the motion starts as it does from `start`, as far as nuisances say so.
+    pub(crate) fn offsets_to(&self, model: &Model, start: &Start) -> Vec<f64> {
+        let delta = motion(model, &self.start.state.qpos, &start.state.qpos);
+        let offset = |nuisance: &Nuisance| match *nuisance {
+            Nuisance::Coordinate(dof) => delta[dof],
+            Nuisance::Rate(dof) => start.state.qvel[dof] - self.start.state.qvel[dof],
+            Nuisance::Release { .. } => nuisance.clamp(start.start_s - self.start.start_s),
+            Nuisance::Own { .. } => nuisance.clamp(0.0),
+        };
+        self.nuisances.iter().map(offset).collect()
     }
 
     /// Simulated positions \[m\] of the measured keypoints at the first `instants` of the run's images, shape

@@ -10,13 +10,19 @@ mod common;
 
 use common::*;
 use ident::experiment::{Experiment, Method};
-use ident::fit::{Checkpoint, FitError, Flow, Observer, Origin, Progress, first_answer, fit, resume};
+use ident::fit::{
+    Checkpoint, FitError, Flow, Observer, Origin, Progress, WarmStart, first_answer, fit, resume,
+};
 
 fn problem(method: Method) -> Experiment {
+    lasting(method, 1.0)
+}
+
+fn lasting(method: Method, duration_s: f64) -> Experiment {
     let truth = chain();
     let runs = vec![
-        drop_run("a", &truth, [1.2, 0.3, -0.4], 0.1, 1.0, 1),
-        drop_run("b", &truth, [1.5, -1.5, 1.0], 0.1, 1.0, 2),
+        drop_run("a", &truth, [1.2, 0.3, -0.4], 0.1, duration_s, 1),
+        drop_run("b", &truth, [1.5, -1.5, 1.0], 0.1, duration_s, 2),
     ];
     let mut experiment = experiment(guess(chain()), runs, &["angular", "kutta", "damping"]);
     // Less than there is: `hybrid` then searches on after its first descent.
@@ -100,15 +106,21 @@ fn a_fit_broken_off_ends_as(whole: &str, experiment: &Experiment, mut interrupt:
     assert_eq!(resumed.fit.to_json().unwrap(), whole, "{:?}", experiment.fit.method);
 }
 
-#[test]
-fn the_first_answer_is_whole_and_leads_to_the_bytes_of_the_last() {
-    let mut experiment = problem(Method::Hybrid);
+/// A problem whose fit does not end with its first answer.
+fn with_friction(duration_s: f64) -> Experiment {
+    let mut experiment = lasting(Method::Hybrid, duration_s);
     experiment.fit.parameters.push("frictionloss".into());
     experiment.fit.max_evaluations = 2000;
     for joint in ["q2", "q3"] {
         experiment.model.set_parameter(&format!("{joint}/frictionloss"), 1e-6).unwrap();
     }
-    let (first, left) = first_answer(&experiment, &mut ()).unwrap();
+    experiment
+}
+
+#[test]
+fn the_first_answer_is_whole_and_leads_to_the_bytes_of_the_last() {
+    let mut experiment = with_friction(1.0);
+    let (first, left) = first_answer(&experiment, None, &mut ()).unwrap();
     assert!(first.fit.parameters.iter().any(|p| p.determined) && first.fit.loss_m2.is_finite());
     let last = resume(&experiment, left.expect("more than the noise is left"), &mut ()).unwrap();
     // what is least is the loss and what is known of the runs' starts, together
@@ -118,8 +130,33 @@ fn the_first_answer_is_whole_and_leads_to_the_bytes_of_the_last() {
     assert_eq!(last.fit.to_json().unwrap(), bytes(&experiment));
     // At the noise there is nothing to go on to.
     experiment.noise_m = Some(NOISE_M);
-    let (first, left) = first_answer(&experiment, &mut ()).unwrap();
+    let (first, left) = first_answer(&experiment, None, &mut ()).unwrap();
     assert!(left.is_none() && first.fit.to_json().unwrap() == bytes(&experiment));
+}
+
+#[test]
+fn a_fit_begun_with_the_first_part_of_its_runs_ends_where_it_would_have_sooner() {
+    let experiment = with_friction(1.0);
+    let warm = WarmStart::of(&first_answer(&with_friction(0.75), None, &mut ()).unwrap().0);
+    let read: WarmStart = serde_json::from_str(&serde_json::to_string(&warm).unwrap()).unwrap();
+    assert_eq!(read, warm);
+
+    let (cold, _) = first_answer(&experiment, None, &mut ()).unwrap();
+    let (first, left) = first_answer(&experiment, Some(&warm), &mut ()).unwrap();
+    assert!(first.fit.rollouts * 2 < cold.fit.rollouts, "{} {}", first.fit.rollouts, cold.fit.rollouts);
+    for (a, b) in first.fit.parameters.iter().zip(&cold.fit.parameters).filter(|(_, b)| b.determined) {
+        assert!((a.value - b.value).abs() < b.std, "{}: {} {} +- {}", a.name, a.value, b.value, b.std);
+    }
+    let last = resume(&experiment, left.expect("more than the noise is left"), &mut ()).unwrap();
+    let whole = fit(&experiment, &mut ()).unwrap();
+    assert_eq!(last.fit.starts[0].from, Origin::Warm);
+    assert!((last.fit.loss_m2 / whole.fit.loss_m2 - 1.0).abs() < 1e-3);
+
+    // not all parameters are known to it
+    let mut other = experiment;
+    other.fit.parameters.push("slender".into());
+    let json = |warm| first_answer(&other, warm, &mut ()).unwrap().0.fit.to_json().unwrap();
+    assert!(json(Some(&warm)) == json(None));
 }
 
 #[test]

@@ -49,6 +49,18 @@ pub enum Origin {
     Loose,
     /// At the best of some points drawn evenly from the bounds.
     Drawn,
+    /// Where a fit of the first part of the runs ended.
+    Warm,
+}
+
+impl Origin {
+    /// Whether a descent from there may be all that is needed: else a search follows.
+    pub(super) fn precedes_search(self) -> bool {
+        match self {
+            Self::Model | Self::Loose | Self::Warm => true,
+            Self::Search | Self::Drawn => false,
+        }
+    }
 }
 
 /// A descent that is over.

@@ -52,8 +52,8 @@ pub(super) struct Arrival {
 }
 
 impl Driver<'_> {
-    /// The beginning of a fit.
-    pub(super) fn first(&self, counts: &mut Counts) -> Checkpoint {
+    /// The beginning of a fit: at `warm`, if there is one.
+    pub(super) fn first(&self, warm: Option<Point>, counts: &mut Counts) -> Checkpoint {
         let (config, objective) = (&self.experiment.fit, self.objective);
         let mut waiting = Vec::new();
         let searches = matches!(config.method, Method::Paper | Method::CmaEs);
@@ -67,21 +67,27 @@ impl Driver<'_> {
             let loose = (config.method == Method::Hybrid && config.max_evaluations > 0)
                 .then(|| self.loosened(&start))
                 .flatten();
-            let (origin, descent) = match loose {
-                Some(loose) => {
-                    if loose.values != start.values {
-                        waiting.push((Origin::Model, start));
-                    }
-                    (Origin::Loose, Descent::with_loose_joints(loose))
-                }
+            if loose.as_ref().is_some_and(|loose| loose.values != start.values) {
+                waiting.push((Origin::Model, start.clone()));
+            }
+            let limit = config.max_evaluations;
+            match (warm, loose) {
                 // With nothing to turn, the starts of the runs are all there is to fit.
-                None if config.max_evaluations == 0 || objective.parameters().is_empty() => {
+                _ if limit == 0 || objective.parameters().is_empty() => {
                     let (start, cost) = settle(objective, start, counts);
-                    (Origin::Model, Descent::new(start, cost))
+                    self.descent(Origin::Model, Descent::new(start, cost), limit, counts)
                 }
-                None => (Origin::Model, Descent::new(start, None)),
-            };
-            self.descent(origin, descent, config.max_evaluations, counts)
+                (Some(warm), _) => Stage::Descent {
+                    origin: Origin::Warm,
+                    descent: Descent::new(warm, None),
+                    limit,
+                    rough: None,
+                },
+                (None, Some(loose)) => {
+                    self.descent(Origin::Loose, Descent::with_loose_joints(loose), limit, counts)
+                }
+                (None, None) => self.descent(Origin::Model, Descent::new(start, None), limit, counts),
+            }
         };
         let experiment = self.fingerprint.clone();
         Checkpoint { experiment, counts: *counts, stage, ended: Vec::new(), waiting }
@@ -164,7 +170,7 @@ impl Driver<'_> {
             _ if self.experiment.fit.method != Method::Hybrid => true,
             Stage::Search(_) => false,
             stage if is_rough(stage) => false,
-            Stage::Descent { origin: Origin::Model | Origin::Loose, descent, .. } => {
+            Stage::Descent { origin, descent, .. } if origin.precedes_search() => {
                 self.search_evaluations(counts) == 0 || self.at_the_noise(descent.cost)
             }
             Stage::Descent { .. } => waiting.is_empty(),
@@ -197,7 +203,7 @@ impl Driver<'_> {
             Stage::Descent { origin, descent, .. } => {
                 let origin = *origin;
                 state.ended.push(ended_at(origin, descent));
-                if matches!(origin, Origin::Model | Origin::Loose) && state.waiting.is_empty() {
+                if origin.precedes_search() && state.waiting.is_empty() {
                     let best = best(&state.ended)
                         .map_or_else(|| self.objective.problem.start(), |b| b.point.clone());
                     let most = self.search_evaluations(counts);

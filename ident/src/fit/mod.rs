@@ -53,6 +53,7 @@ mod recalibrate;
 mod report;
 mod rough;
 mod search;
+mod warm;
 pub(crate) mod whitening;
 
 use std::time::{Duration, Instant};
@@ -67,6 +68,7 @@ pub use report::{
     Combination, Constancy, FirstTouch, Fit, FittedParameter, JointInformation, NoiseSeen, RunErrors,
     RunValue, StartLoss,
 };
+pub use warm::WarmStart;
 
 use crate::experiment::{Experiment, Loss, Method, Run, RunKind, Use};
 use crate::initial::{self, Estimate, StartError};
@@ -77,7 +79,7 @@ use checkpoint::fingerprint;
 use counts::Counts;
 use driver::Driver;
 use objective::{Belief, Objective};
-use problem::{Problem, Term};
+use problem::{Point, Problem, Term};
 use rough::Thinned;
 
 /// The reason a fit gives that was told to stop.
@@ -148,7 +150,7 @@ pub struct Timing {
 /// # Errors
 /// [`FitError`].
 pub fn fit(experiment: &Experiment, observer: &mut dyn Observer) -> Result<Fitted, FitError> {
-    run(experiment, None, None, observer)
+    run(experiment, None, Begin::Afresh, observer)
 }
 
 /// Goes on from `checkpoint`, which a fit of the same experiment left, to the result that one would have reached.
@@ -160,20 +162,22 @@ pub fn resume(
     checkpoint: Checkpoint,
     observer: &mut dyn Observer,
 ) -> Result<Fitted, FitError> {
-    run(experiment, None, Some(checkpoint), observer)
+    run(experiment, None, Begin::At(checkpoint), observer)
 }
 
 /// As [`fit`], as far as the first start leads but for half a standard deviation; and where the fit can be resumed, if
-/// more is worth a try. What the first start finds is whole: with its error bars, its held-out runs, its model.
+/// more is worth a try. What the first start finds is whole: with its error bars, its held-out runs, its model. That start is
+/// `warm`, where that suits the experiment.
 ///
 /// # Errors
 /// [`FitError`].
 pub fn first_answer(
     experiment: &Experiment,
+    warm: Option<&WarmStart>,
     observer: &mut dyn Observer,
 ) -> Result<(Fitted, Option<Checkpoint>), FitError> {
     let mut first = FirstStart { observer, left: None };
-    let fitted = fit(experiment, &mut first)?;
+    let fitted = run(experiment, None, warm.map_or(Begin::Afresh, Begin::Warm), &mut first)?;
     let left = first.left.filter(|_| fitted.fit.stop_reason == INTERRUPTED);
     Ok((fitted, left))
 }
@@ -197,13 +201,23 @@ impl Observer for FirstStart<'_> {
     }
 }
 
+/// Where a fit begins.
+enum Begin<'a> {
+    /// At the model's values, as its method says.
+    Afresh,
+    /// With a descent from here, which nothing rough has to precede.
+    Warm(&'a WarmStart),
+    /// Where it was left.
+    At(Checkpoint),
+}
+
 /// What an earlier fit says about the parameters of this one.
 type Inherited<'a> = dyn Fn(&Parameters) -> Result<Belief, FitError> + 'a;
 
 fn run(
     experiment: &Experiment,
     belief: Option<&Inherited<'_>>,
-    from: Option<Checkpoint>,
+    begin: Begin<'_>,
     observer: &mut dyn Observer,
 ) -> Result<Fitted, FitError> {
     let began = Instant::now();
@@ -212,8 +226,11 @@ fn run(
     let mut model = experiment.model.clone();
     experiment.fit.add_named_causes(&mut model);
     let model = &model;
-    if let Some(got) = from.as_ref().map(|from| &from.experiment).filter(|got| **got != expected) {
-        return Err(CheckpointError::OtherExperiment { expected, got: got.clone() }.into());
+    match &begin {
+        Begin::At(Checkpoint { experiment: got, .. }) if *got != expected => {
+            return Err(CheckpointError::OtherExperiment { expected, got: got.clone() }.into());
+        }
+        _ => {}
     }
     let parameters = Parameters::select(model, &experiment.fit)?;
     let fitted_runs = || experiment.runs.iter().filter(|run| run.usage == Use::Fit);
@@ -228,7 +245,12 @@ fn run(
     // all of them, and the error of the first that has one
     let estimates: Vec<Result<Estimate, StartError>> = estimates.collect();
     let estimates = estimates.into_iter().collect::<Result<Vec<Estimate>, StartError>>()?;
-    let roughly = experiment.fit.method == Method::Hybrid;
+    let hybrid = experiment.fit.method == Method::Hybrid;
+    let warm = match &begin {
+        Begin::Warm(warm) if hybrid => warm.values(&parameters).map(|values| (warm, values)),
+        _ => None,
+    };
+    let roughly = hybrid && warm.is_none();
     let thinned = |(run, estimate): (&&Run, &Estimate)| Thinned::new(run, estimate.start.start_s);
     let thinned: Vec<Thinned> = match roughly {
         true => fitted_runs.iter().zip(&estimates).map(thinned).collect(),
@@ -264,12 +286,18 @@ fn run(
         loss_m2: observations as f64 / precisions / images,
         squares,
     };
-    let state = match from {
-        Some(from) => {
-            counts = from.counts;
-            from
+    let state = match begin {
+        Begin::At(state) => {
+            counts = state.counts;
+            state
         }
-        None => driver.first(&mut counts),
+        Begin::Warm(_) | Begin::Afresh => {
+            let start = warm.map(|(warm, values)| {
+                let terms = objective.problem.terms.iter();
+                Point { values, offsets: terms.map(|term| warm.offsets(model, &term.rehearsal)).collect() }
+            });
+            driver.first(start, &mut counts)
+        }
     };
     let arrival = driver.finish(state, &mut counts, observer)?;
     let (fit, model, runs) = finish::finish(experiment, &objective, arrival, &assumed, counts)?;

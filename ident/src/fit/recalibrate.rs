@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 
 use super::objective::Belief;
-use super::{Fit, FitError, Fitted, INTERRUPTED, Observer, run};
+use super::{Begin, Fit, FitError, Fitted, INTERRUPTED, Observer, run};
 use crate::experiment::Experiment;
 use crate::parameters::Parameters;
 use crate::statistics::chi2_survival;
@@ -64,7 +64,7 @@ pub fn recalibrate(
     experiment.fit.add_named_causes(&mut model);
     let parameters = Parameters::select(&model, &experiment.fit)?;
     earlier.belief(&parameters, 1.0)?;
-    let mut alone = run(experiment, None, None, observer)?;
+    let mut alone = run(experiment, None, Begin::Afresh, observer)?;
     if alone.fit.stop_reason == INTERRUPTED {
         return Ok(alone);
     }
@@ -76,7 +76,7 @@ pub fn recalibrate(
     // The model's values would be a worse start than what the new runs say by themselves.
     let start = Experiment { model: alone.model.clone(), ..experiment.clone() };
     let belief = |parameters: &Parameters| earlier.belief(parameters, alone.fit.overweight());
-    let mut both = run(&start, Some(&belief), None, observer)?;
+    let mut both = run(&start, Some(&belief), Begin::Afresh, observer)?;
     both.fit.evaluations += alone.fit.evaluations;
     both.fit.rollouts += alone.fit.rollouts;
     both.fit.recalibration = Some(verdict);
