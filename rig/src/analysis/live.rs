@@ -1,5 +1,5 @@
 //! Keypoints while the run is still filmed: a quiet thread takes the images as they come, so that little is left to do after
-//! the last one. It gives what the recording would give, to the bit.
+//! the last one. It gives what the recording would give, to the bit; and a first fit of what there is so far.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -9,14 +9,19 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 
+use ident::experiment::Method;
+
+use super::early::EarlyFit;
 use super::pictures::{sampled, timed};
-use super::stored;
-use super::timeline::Rising;
+use super::timeline::{Chronicle, Rising};
+use super::{experiment, stored};
 use crate::camera::CameraImage;
 use crate::clock::MonotonicNs;
 use crate::config::RigConfig;
+use crate::record::folder::RunFolder;
 use crate::vision::extractor::Extractor;
-use crate::vision::{ImageRecord, Plane, TimedImage, VisionConfig};
+use crate::vision::record::trajectory;
+use crate::vision::{ImageRecord, Plane, TimedImage};
 
 /// Bytes of images that may wait for their turn; with more, they are taken from the recording afterwards.
 const MOST_WAITING: usize = 1 << 30;
@@ -45,25 +50,29 @@ pub struct Begun {
     pub lines: Vec<u8>,
     /// The usable images after them.
     pub left: Vec<TimedImage>,
+    /// A fit of some of them.
+    pub early: Option<EarlyFit>,
 }
 
 #[derive(Debug)]
 enum Told {
     Image(Arc<CameraImage>),
     Learn(Range<u64>),
+    Fit(Box<Chronicle>),
 }
 
 impl Live {
-    /// Begins for a run whose time counts from `origin`; none with a calibration that cannot be used, which the analysis
-    /// will say. `paths_from`: the folder that paths in `config` start from.
-    pub fn start(config: &RigConfig, paths_from: &Path, origin: MonotonicNs, threads: usize) -> Option<Self> {
+    /// Begins for `run`, which is filmed; none with a calibration that cannot be used, which the analysis will say.
+    /// `paths_from`: the folder that paths in `config` start from.
+    pub fn start(run: &RunFolder, config: &RigConfig, paths_from: &Path, threads: usize) -> Option<Self> {
         let (told, heard) = channel();
         let waiting = Arc::new(AtomicUsize::new(0));
         let mut follower = Follower {
-            config: config.vision.clone(),
+            run: run.clone(),
+            config: config.clone(),
             plane: config.calibration.plane(paths_from).ok()?,
             folder: paths_from.into(),
-            origin,
+            origin: run.origin(),
             threads,
             waiting: Arc::clone(&waiting),
             rising: Rising::default(),
@@ -72,6 +81,8 @@ impl Live {
             extractor: None,
             records: Vec::new(),
             lines: Vec::new(),
+            fit: None,
+            early: None,
         };
         let thread = std::thread::spawn(move || {
             // Without it the extraction is merely less polite.
@@ -94,6 +105,11 @@ impl Live {
         self.tell(Told::Learn(from));
     }
 
+    /// Enough of the run has been seen for a first fit, with what the `chronicle` says of it so far.
+    pub fn fit(&mut self, chronicle: Chronicle) {
+        self.tell(Told::Fit(Box::new(chronicle)));
+    }
+
     fn tell(&mut self, told: Told) {
         // A follower that has ended has nothing to give, which shows at the end.
         if let Some(sender) = &self.told {
@@ -112,7 +128,8 @@ impl Live {
 }
 
 struct Follower {
-    config: VisionConfig,
+    run: RunFolder,
+    config: RigConfig,
     plane: Plane,
     folder: PathBuf,
     origin: MonotonicNs,
@@ -126,6 +143,9 @@ struct Follower {
     extractor: Option<Extractor>,
     records: Vec<ImageRecord>,
     lines: Vec<u8>,
+    /// For a fit to begin once the images have been caught up with.
+    fit: Option<Box<Chronicle>>,
+    early: Option<EarlyFit>,
 }
 
 impl Follower {
@@ -133,6 +153,12 @@ impl Follower {
     fn follow(&mut self, heard: &Receiver<Told>) -> Option<Begun> {
         loop {
             let ready = self.extractor.is_some() && self.usable.len() >= AT_ONCE;
+            if self.extractor.is_some()
+                && !ready
+                && let Some(chronicle) = self.fit.take()
+            {
+                self.early = self.begin_fit(*chronicle);
+            }
             let told = if ready { heard.try_recv() } else { heard.recv().map_err(TryRecvError::from) };
             match told {
                 Ok(Told::Image(image)) => {
@@ -144,12 +170,14 @@ impl Follower {
                     self.received += 1;
                 }
                 Ok(Told::Learn(from)) => self.learn(&from)?,
+                Ok(Told::Fit(chronicle)) => self.fit = Some(chronicle),
                 Err(TryRecvError::Empty) => self.look()?,
                 Err(TryRecvError::Disconnected) => {
                     let left = self.next(self.usable.len());
                     let (records, lines) =
                         (std::mem::take(&mut self.records), std::mem::take(&mut self.lines));
-                    return Some(Begun { extractor: self.extractor.take()?, records, lines, left });
+                    let (extractor, early) = (self.extractor.take()?, self.early.take());
+                    return Some(Begun { extractor, records, lines, left, early });
                 }
             }
         }
@@ -161,7 +189,7 @@ impl Follower {
         let sample: Vec<TimedImage> =
             sample.into_iter().map(|(_, image)| timed(image, self.origin)).collect();
         let sample: Vec<&TimedImage> = sample.iter().collect();
-        let (config, plane) = (&self.config, self.plane.clone());
+        let (config, plane) = (&self.config.vision, self.plane.clone());
         self.extractor = Some(Extractor::learn(&sample, config, plane, &self.folder, self.threads).ok()?);
         Some(())
     }
@@ -175,6 +203,16 @@ impl Follower {
             self.records.append(&mut records);
         }
         Some(())
+    }
+
+    /// Fits what has been seen so far; none where that cannot be done, or where the fit of the whole begins elsewhere.
+    fn begin_fit(&self, chronicle: Chronicle) -> Option<EarlyFit> {
+        if self.config.fit.method != Method::Hybrid {
+            return None;
+        }
+        let timeline = chronicle.timeline(&self.config).ok()?;
+        let seen = trajectory(&self.records, self.config.vision.links);
+        Some(EarlyFit::begin(experiment(&self.run, &self.config, &timeline, seen).ok()?, self.threads))
     }
 
     fn next(&mut self, count: usize) -> Vec<TimedImage> {

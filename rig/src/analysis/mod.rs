@@ -5,6 +5,7 @@
 //!                -> diagnosis.json -> report.html
 //! ```
 
+mod early;
 pub mod live;
 pub mod pictures;
 mod stored;
@@ -14,18 +15,20 @@ use std::path::{Path, PathBuf};
 
 use ident::diagnose::{self, DiagnoseError, Diagnosed, diagnose};
 use ident::experiment::{Experiment, Method, Run, RunKind};
-use ident::fit::{FitError, Fitted, Observer};
+use ident::fit::{FitError, Fitted, Observer, WarmStart};
 use ident::table;
+use sim::{Model, Trajectory};
 
 use crate::config::{ConfigError, RigConfig};
 use crate::record::RecordError;
-use crate::record::folder::{RunFolder, file, write_whole};
+use crate::record::folder::{RunFolder, file, read_json, write_json, write_whole};
 use crate::record::frames::{self, FrameRow};
-use crate::record::timing::Timing;
+use crate::record::timing::{self, Timing};
 use crate::report::{DiagnosisFigures, GatherError, ReportData};
 use crate::vision::VisionError;
 use crate::vision::calibration::CalibrationError;
 use crate::vision::{Extraction, Status};
+use early::EarlyFit;
 use live::Live;
 use timeline::{Chronicle, Timeline};
 
@@ -132,18 +135,26 @@ impl Analysis<'_> {
             table::write_command(&self.out.join(file::SERVO), command)?;
         }
         let live = self.live.take();
-        let extraction = match self.from {
+        let (extraction, early) = match self.from {
             Stage::Frames | Stage::Mask | Stage::Keypoints => {
-                Some(timing.measure("images", || self.extract(&timeline, live, progress))?)
+                let (extraction, early) =
+                    timing.measure("images", || self.extract(&timeline, live, progress))?;
+                (Some(extraction), early)
             }
             Stage::Trajectory => {
                 self.take_over(&[file::FRAMES, file::EXTRACTION, file::TRAJECTORY])?;
-                None
+                (None, None)
             }
         };
-        let experiment = self.experiment(&timeline)?;
+        let trajectory = table::read_trajectory(&self.out.join(file::TRAJECTORY))?;
+        let experiment = experiment(self.run, self.config, &timeline, trajectory)?;
+        let warm = self.warm_start(early, &mut timing)?;
         progress.begin("fit", Some(experiment.fit.max_evaluations));
-        let (mut fitted, left) = timing.measure("fit", || ident::fit::first_answer(&experiment, progress))?;
+        let (mut fitted, left) =
+            timing.measure("fit", || ident::fit::first_answer(&experiment, warm.as_ref(), progress))?;
+        if let Some(warm) = &warm {
+            write_json(&self.out.join(file::WARM_START), warm)?;
+        }
         self.write_fit(&fitted, &timing)?;
         if let Some(left) = left {
             // The coefficients are there; whether another start ends in better ones is seen now.
@@ -176,6 +187,22 @@ impl Analysis<'_> {
         Ok(data)
     }
 
+    /// Where the fit begins: at what an `early` one came to, or where it did as the run was recorded.
+    fn warm_start(
+        &self,
+        early: Option<EarlyFit>,
+        timing: &mut Timing,
+    ) -> Result<Option<WarmStart>, RecordError> {
+        if let Some((warm, wall)) = early.and_then(EarlyFit::result) {
+            timing
+                .stages
+                .push(timing::Stage { name: "early fit, while filming".into(), wall_s: wall.as_secs_f64() });
+            return Ok(Some(warm));
+        }
+        let path = self.run.file(file::WARM_START);
+        if path.exists() { read_json(&path).map(Some) } else { Ok(None) }
+    }
+
     fn write_fit(&self, fitted: &Fitted, timing: &Timing) -> Result<(), AnalysisError> {
         write_json(&self.out.join(file::FIT), &fitted.fit)?;
         let comment =
@@ -189,11 +216,11 @@ impl Analysis<'_> {
         timeline: &Timeline,
         live: Option<Live>,
         progress: &mut dyn Progress,
-    ) -> Result<Extraction, AnalysisError> {
+    ) -> Result<(Extraction, Option<EarlyFit>), AnalysisError> {
         progress.begin("images", Some(timeline.images.len() as u64));
         let plane = self.config.calibration.plane(self.paths_from)?;
         let source = pictures::Source { run: self.run, timeline };
-        let (mut lines, mut has_lines) = (Vec::new(), 0);
+        let (mut lines, mut has_lines, mut early) = (Vec::new(), 0, None);
         let extraction = match self.from {
             Stage::Keypoints => {
                 let records = stored::read(self.run, source.count())?;
@@ -212,6 +239,7 @@ impl Analysis<'_> {
                 let mut begun = live.and_then(|live| live.finish(&source.times_s()));
                 if let Some(begun) = &mut begun {
                     (lines, has_lines) = (std::mem::take(&mut begun.lines), begun.records.len());
+                    early = begun.early.take();
                 }
                 task.carry_out(source, begun, self.threads, |done| progress.step(done as u64))?
             }
@@ -230,7 +258,7 @@ impl Analysis<'_> {
         }
         frames::write(&self.out.join(file::FRAMES), &rows)?;
         table::write_trajectory(&self.out.join(file::TRAJECTORY), &extraction.trajectory)?;
-        Ok(extraction)
+        Ok((extraction, early))
     }
 
     /// Copies files of the run that are taken as they are into another folder for results.
@@ -244,24 +272,28 @@ impl Analysis<'_> {
         }
         Ok(())
     }
+}
 
-    fn experiment(&self, timeline: &Timeline) -> Result<Experiment, AnalysisError> {
-        let start = self.run.start();
-        let path = self.run.file(&start.model);
-        let text = std::fs::read_to_string(&path).map_err(RecordError::io("reading", &path))?;
-        let mut model =
-            sim::Model::from_mjcf(&text).map_err(|source| AnalysisError::Model { path, source })?;
-        let mut fit = self.config.fit.clone();
-        self.config.mechanism.weights().put_into(&self.config.water.water(), &mut model, &mut fit)?;
-        let trajectory = table::read_trajectory(&self.out.join(file::TRAJECTORY))?;
-        let kind = start.kind;
-        let run = Run {
-            command: timeline.command.clone().filter(|_| kind == RunKind::Driven),
-            prescribed: start.prescribed && kind == RunKind::Driven,
-            ..Run::new(start.id.as_str(), kind, trajectory)
-        };
-        Ok(Experiment { model, noise_m: None, fit, runs: vec![run] })
-    }
+/// `run` as a fit takes it, with the keypoints of its `trajectory`.
+fn experiment(
+    run: &RunFolder,
+    config: &RigConfig,
+    timeline: &Timeline,
+    trajectory: Trajectory,
+) -> Result<Experiment, AnalysisError> {
+    let start = run.start();
+    let path = run.file(&start.model);
+    let text = std::fs::read_to_string(&path).map_err(RecordError::io("reading", &path))?;
+    let mut model = Model::from_mjcf(&text).map_err(|source| AnalysisError::Model { path, source })?;
+    let mut fit = config.fit.clone();
+    config.mechanism.weights().put_into(&config.water.water(), &mut model, &mut fit)?;
+    let kind = start.kind;
+    let run = Run {
+        command: timeline.command.clone().filter(|_| kind == RunKind::Driven),
+        prescribed: start.prescribed && kind == RunKind::Driven,
+        ..Run::new(start.id.as_str(), kind, trajectory)
+    };
+    Ok(Experiment { model, noise_m: None, fit, runs: vec![run] })
 }
 
 /// What `experiment` shows beyond its fit: the diagnosis begins where the fit has ended.
@@ -273,10 +305,4 @@ fn diagnose_fitted(
     let mut calibrated = Experiment { model: fitted.model.clone(), ..experiment };
     calibrated.fit.method = Method::LeastSquares;
     diagnose(&calibrated, progress)
-}
-
-fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), RecordError> {
-    let mut json = serde_json::to_vec_pretty(value).map_err(|error| RecordError::damaged(path, error))?;
-    json.push(b'\n');
-    write_whole(path, &json)
 }

@@ -29,7 +29,7 @@ pub struct ImageTime {
 }
 
 /// Tells the images that can be used by their stamps: each later than all before.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Rising(Option<MonotonicNs>);
 
 impl Rising {
@@ -44,7 +44,7 @@ impl Rising {
 }
 
 /// Takes in a run in the order in which it is recorded: from the recording, or beside it while it is made.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Chronicle {
     origin: MonotonicNs,
     images: Vec<ImageTime>,

@@ -104,7 +104,7 @@ impl Experiment<'_> {
                         chronicle.image(&image);
                         if !self.film_only {
                             live.get_or_insert_with(|| {
-                                Live::start(self.config, self.base, origin, self.threads)
+                                Live::start(folder, self.config, self.base, self.threads)
                             })
                             .iter_mut()
                             .for_each(|live| live.image(&image));
@@ -114,6 +114,9 @@ impl Experiment<'_> {
                     Notice::Command(command) => chronicle.command(&command),
                     Notice::Learn(from) => {
                         live.iter_mut().flatten().for_each(|live| live.learn(from.clone()));
+                    }
+                    Notice::Fit => {
+                        live.iter_mut().flatten().for_each(|live| live.fit(chronicle.clone()));
                     }
                     Notice::LetGo => bar.ask("The water is still: let go of the mechanism now."),
                     Notice::Journal(text) => tracing::info!("{text}"),

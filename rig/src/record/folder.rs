@@ -36,6 +36,8 @@ pub mod file {
     pub const EXTRACTION: &str = "extraction.jsonl";
     /// Keypoints over time.
     pub const TRAJECTORY: &str = "trajectory.csv";
+    /// What the fit began with; there where a fit of the first part was done before the rest was filmed.
+    pub const WARM_START: &str = "warm-start.json";
     /// What was fitted.
     pub const FIT: &str = "fit.json";
     /// What the simulation gets wrong, and why.
@@ -321,13 +323,15 @@ fn sync_folder(path: &Path) -> Result<(), RecordError> {
         .map_err(RecordError::io("forcing to the disk folder", path))
 }
 
-fn write_json(path: &Path, value: &impl Serialize) -> Result<(), RecordError> {
+/// Writes `value` as JSON in one step.
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), RecordError> {
     let mut json = serde_json::to_vec_pretty(value).map_err(|error| RecordError::damaged(path, error))?;
     json.push(b'\n');
     write_whole(path, &json)
 }
 
-fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, RecordError> {
+/// Reads a value from JSON.
+pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, RecordError> {
     let text = std::fs::read(path).map_err(RecordError::io("reading", path))?;
     serde_json::from_slice(&text).map_err(|error| RecordError::damaged(path, error))
 }

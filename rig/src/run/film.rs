@@ -42,6 +42,8 @@ pub struct Setup {
 /// mechanism have been seen free by then, and what is left of the motion is time to look at the images.
 const LEARN_SHARE: f64 = 1.0 / 3.0;
 const LEARN_S: f64 = 2.0;
+/// What this share of the motion shows is worth a first fit, and what is left is time for it.
+const FIT_SHARE: f64 = 0.75;
 
 /// Told as it happens; for journal, progress and the extraction beside the filming.
 #[derive(Debug, Clone)]
@@ -54,6 +56,8 @@ pub enum Notice {
     Command(ServoCommand),
     /// These of the images received show enough of the motion to learn the empty tank from.
     Learn(Range<u64>),
+    /// Enough of the motion has been filmed for a first fit.
+    Fit,
     /// The phase changed, or time passed in it: phase and images so far.
     Phase(&'static str, u64),
     /// Something for the journal.
@@ -95,10 +99,11 @@ pub async fn film(
     let camera = CameraThread::start(setup.camera, setup.stall, sender);
     let recorder = setup.recorder;
 
+    let fit_s = FIT_SHARE * setup.plan.motion_s();
     let enough_s = (LEARN_SHARE * setup.plan.motion_s()).max(LEARN_S);
     let mut machine = Machine::new(setup.plan, MonotonicNs::now());
     let mut images = ImageCount::default();
-    let (mut first_moving, mut learn_from) = (None, None);
+    let (mut first_moving, mut learn_from, mut fits) = (None, None, false);
     let mut interrupt = pin!(interrupt);
     let mut ticks = tokio::time::interval(TICK);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -121,11 +126,15 @@ pub async fn film(
         let now = MonotonicNs::now();
         if event == Event::Tick {
             notify(Notice::Phase(machine.phase(), images.received));
-            if let Some(moves_s) = machine.moves_for_s(now).filter(|_| learn_from.is_none()) {
+            if let Some(moves_s) = machine.moves_for_s(now) {
                 let from = *first_moving.get_or_insert(images.received)..images.received;
-                if moves_s >= enough_s && !from.is_empty() {
+                if learn_from.is_none() && moves_s >= enough_s && !from.is_empty() {
                     notify(Notice::Learn(from.clone()));
                     learn_from = Some(from);
+                }
+                if !fits && moves_s >= fit_s {
+                    notify(Notice::Fit);
+                    fits = true;
                 }
             }
         }

@@ -79,25 +79,30 @@ pub struct Extraction {
     pub plane: Plane,
 }
 
+/// The keypoints P0..P`links` of `records` over time.
+pub(crate) fn trajectory(records: &[ImageRecord], links: usize) -> sim::Trajectory {
+    let mut trajectory = sim::Trajectory {
+        keypoints: (0..=links).map(|i| format!("P{i}")).collect(),
+        ..sim::Trajectory::default()
+    };
+    let mut std_m = Vec::new();
+    for record in records {
+        trajectory.time_s.push(record.time_s);
+        for i in 0..=links {
+            let keypoint = record.keypoints.get(i);
+            let [x, z] = keypoint.map_or([f64::NAN; 2], |k| k.metres);
+            trajectory.position_m.push([x, f64::NAN, z]);
+            std_m.push(keypoint.map_or(f64::NAN, |k| k.std_m));
+        }
+    }
+    trajectory.std_m = Some(std_m);
+    trajectory
+}
+
 impl Extraction {
     /// Puts records of `links + 1` keypoints into one trajectory.
     pub fn of(records: Vec<ImageRecord>, links: usize, plane: Plane) -> Self {
-        let mut trajectory = sim::Trajectory {
-            keypoints: (0..=links).map(|i| format!("P{i}")).collect(),
-            std_m: Some(Vec::new()),
-            ..sim::Trajectory::default()
-        };
-        let mut std_m = Vec::new();
-        for record in &records {
-            trajectory.time_s.push(record.time_s);
-            for i in 0..=links {
-                let keypoint = record.keypoints.get(i);
-                let [x, z] = keypoint.map_or([f64::NAN; 2], |k| k.metres);
-                trajectory.position_m.push([x, f64::NAN, z]);
-                std_m.push(keypoint.map_or(f64::NAN, |k| k.std_m));
-            }
-        }
-        trajectory.std_m = Some(std_m);
+        let trajectory = trajectory(&records, links);
         Self { records, trajectory, plane }
     }
 

@@ -1,7 +1,9 @@
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 use super::*;
 use crate::camera::Encoding;
+use crate::record::folder;
 use crate::tank::render::{Look, Renderer};
 use crate::vision::record::StoredRecord;
 
@@ -11,7 +13,9 @@ const MS: u64 = 1_000_000;
 struct Film {
     config: RigConfig,
     base: PathBuf,
+    run: RunFolder,
     images: Vec<Arc<CameraImage>>,
+    _runs: tempfile::TempDir,
 }
 
 impl Film {
@@ -39,11 +43,26 @@ impl Film {
                 data: grey.into_raw(),
             })
         };
-        Self { images: (0..60).map(image).collect(), config, base }
+        let runs = tempfile::tempdir().unwrap();
+        let start = folder::Start {
+            id: folder::RunId::now(),
+            kind: folder::RunKind::Free,
+            model: folder::file::MODEL_START.into(),
+            prescribed: false,
+            clock: folder::ClockPair { monotonic_ns: MonotonicNs(0), utc: "2026-11-20T10:15:03Z".into() },
+            version: "0.1.0".into(),
+            board: None,
+            camera: None,
+            config: String::new(),
+            details: Default::default(),
+        };
+        let run = RunFolder::create(runs.path(), start).unwrap();
+        run.write(folder::file::MODEL_START, text.as_bytes()).unwrap();
+        Self { images: (0..60).map(image).collect(), config, base, run, _runs: runs }
     }
 
     fn live(&self) -> Live {
-        Live::start(&self.config, &self.base, MonotonicNs(0), 3).unwrap()
+        Live::start(&self.run, &self.config, &self.base, 3).unwrap()
     }
 
     fn usable(&self) -> Vec<(u64, Arc<CameraImage>)> {
@@ -70,9 +89,10 @@ fn images_looked_at_while_they_come_give_what_the_recording_gives() {
             live.learn(5..40);
         }
     }
-    let Begun { mut extractor, mut records, lines, left } = live.finish(&film.times_s()).unwrap();
+    let Begun { mut extractor, mut records, lines, left, early } = live.finish(&film.times_s()).unwrap();
     assert!(records.len() % AT_ONCE == 0 && records.len() + left.len() == 59, "{}", records.len());
     assert_eq!(lines, stored::lines(&records).unwrap());
+    assert!(early.is_none(), "nobody asked for a fit");
     records.append(&mut extractor.push(&left));
 
     let usable = film.usable();
@@ -99,4 +119,39 @@ fn a_film_too_short_to_learn_from_or_with_other_images_gives_nothing() {
     film.images.iter().for_each(|image| live.image(image));
     live.learn(0..60);
     assert!(live.finish(&film.times_s()[1..]).is_none(), "an image that the recording lacks");
+}
+
+#[test]
+fn what_has_been_seen_is_fitted_while_the_rest_is_filmed() {
+    let mut film = Film::new();
+    film.config.fit.parameters = vec!["damping".into()];
+    film.config.fit.max_evaluations = 40;
+    let early = |film: &Film| {
+        let mut live = film.live();
+        film.images.iter().for_each(|image| live.image(image));
+        live.learn(5..40);
+        live.fit(Chronicle::new(MonotonicNs(0)));
+        let few = AT_ONCE * film.images[0].data.len();
+        until(|| live.waiting.load(Ordering::Relaxed) < few);
+        live.finish(&film.times_s()).unwrap().early
+    };
+    let result = |fit: EarlyFit| {
+        until(|| fit.is_done());
+        fit.result()
+    };
+    assert!(result(early(&film).unwrap()).is_some());
+
+    film.config.fit.method = Method::Paper;
+    assert!(early(&film).is_none(), "another method begins at the model's values");
+    film.config.fit.method = Method::Hybrid;
+    film.config.fit.parameters = vec!["nonsense".into()];
+    let wrong = result(early(&film).unwrap());
+    assert!(wrong.is_none(), "what is wrong is for the fit of the whole to say");
+}
+
+fn until(condition: impl Fn() -> bool) {
+    let patience = Instant::now() + Duration::from_secs(60);
+    while !condition() && Instant::now() < patience {
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
