@@ -64,17 +64,21 @@ pub fn residuals(observations: &[Observation], simulated_m: &[[f64; 3]], width: 
     residuals_of_all(observations, &[simulated_m], width).remove(0)
 }
 
-/// The same for each of several simulations; the observations, many more than fit a processor's cache, are gone through once.
+/// The same for each of several simulations.
 pub fn residuals_of_all(
     observations: &[Observation],
     simulated_m: &[&[[f64; 3]]],
     width: usize,
 ) -> Vec<Vec<f64>> {
+    /// Observations that stay in a processor's nearest cache while all simulations are held against them.
+    const AT_ONCE: usize = 512;
     let mut all: Vec<Vec<f64>> = simulated_m.iter().map(|_| Vec::with_capacity(observations.len())).collect();
-    for o in observations {
-        let place = o.instant * width + o.keypoint;
+    for observations in observations.chunks(AT_ONCE) {
         for (residuals, simulated_m) in all.iter_mut().zip(simulated_m) {
-            residuals.push((o.measured_m - simulated_m[place][o.axis]) * o.per_m);
+            let residual = |o: &Observation| {
+                (o.measured_m - simulated_m[o.instant * width + o.keypoint][o.axis]) * o.per_m
+            };
+            residuals.extend(observations.iter().map(residual));
         }
     }
     all

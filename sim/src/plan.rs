@@ -28,6 +28,10 @@ const LONGEST_S: f64 = 0.1;
 const SHORTEST_S: f64 = 1e-5;
 /// Methods with their order and what a step costs, in evaluations of all forces; first the one that is never unstable.
 const METHODS: [(Method, i32, f64); 2] = [(Method::Rosenbrock, 3, 4.5), (Method::RungeKutta, 4, 4.0)];
+/// The first attempt allows each step this share of the wanted accuracy: errors add up.
+const FIRST_SHARE: f64 = 1.0 / 30.0;
+/// What an attempt promises may turn out so many times as costly.
+const DOUBTFUL: f64 = 2.0;
 /// Attempts at meeting the wanted accuracy from below, once it is met.
 const REFINEMENTS: usize = 4;
 /// What an attempt aims at, as a share of the wanted accuracy, and the share that is close enough.
@@ -67,18 +71,30 @@ pub fn plan(
     if let Some(plan) = options.steps.as_ref().and_then(|steps| run.still_good(steps, accuracy_m)) {
         return Ok(plan);
     }
-    let mut best: Option<(Plan, f64)> = None;
-    let mut last = RolloutError::Inexact { accuracy_m, shortest_s: SHORTEST_S };
-    for (method, order, evaluations) in METHODS {
-        let affordable = best.as_ref().map_or(f64::INFINITY, |(_, cost)| cost / evaluations);
-        match run.search(method, order, accuracy_m, affordable) {
-            Ok(Some((plan, count))) => best = Some((plan, evaluations * count)),
-            Ok(None) => {}
-            Err(error @ RolloutError::Diverged { .. }) => last = error,
-            Err(error) => return Err(error),
-        }
+    let mut searches =
+        METHODS.map(|(method, order, evaluations)| Search::new(&run, method, order, evaluations, accuracy_m));
+    // the method that promises to be cheaper has the next attempt
+    loop {
+        let found = searches.iter().filter_map(Search::cost).fold(f64::INFINITY, f64::min);
+        let promised = |search: &Search| (!search.over).then_some(search.promised);
+        let next = (0..searches.len())
+            .filter(|&index| promised(&searches[index]).is_some_and(|promised| promised < found))
+            .min_by(|&a, &b| searches[a].promised.total_cmp(&searches[b].promised));
+        let Some(next) = next else { break };
+        let rivals = searches.iter().filter(|search| search.method != searches[next].method);
+        let hoped =
+            rivals.filter_map(promised).filter(|&promised| promised > 0.0).fold(f64::INFINITY, f64::min);
+        searches[next].attempt(&run, accuracy_m, found.min(DOUBTFUL * hoped))?;
     }
-    best.map(|(plan, _)| plan).ok_or(last)
+    let cheapest = searches.iter_mut().min_by(|a, b| {
+        let [a, b] = [a, b].map(|search| search.cost().unwrap_or(f64::INFINITY));
+        a.total_cmp(&b)
+    });
+    let inexact = RolloutError::Inexact { accuracy_m, shortest_s: SHORTEST_S };
+    match cheapest.and_then(|search| search.best.take()) {
+        Some((plan, _)) => Ok(plan),
+        None => Err(searches.into_iter().rev().find_map(|search| search.diverged).unwrap_or(inexact)),
+    }
 }
 
 /// A run to be planned.
@@ -104,67 +120,6 @@ impl Nominal<'_> {
         let (error_m, positions) = self.error(&steps, order).ok()?;
         let exact = (IDLE * accuracy_m..=accuracy_m).contains(&error_m);
         (exact && self.robust(&steps, &positions, error_m).ok()?).then_some(Plan { steps, error_m })
-    }
-
-    /// The cheapest steps of `method` and their number, if fewer than `affordable` do.
-    fn search(
-        &self,
-        method: Method,
-        order: i32,
-        accuracy_m: f64,
-        affordable: f64,
-    ) -> Result<Option<(Plan, f64)>, RolloutError> {
-        let mut best: Option<(Plan, f64)> = None;
-        let upper_s = if self.even() { restraint::LONGEST_STEP_S } else { LONGEST_S };
-        let (mut longest_s, mut tolerance_m) = (upper_s, accuracy_m);
-        let mut left = REFINEMENTS;
-        let mut diverged = None;
-        loop {
-            let cheapest = best.as_ref().map_or(affordable, |(_, count)| affordable.min(*count));
-            let most = cheapest.min(self.span() / SHORTEST_S);
-            let Some(ends_s) = self.ends(method, order, tolerance_m, longest_s, most)? else {
-                // what is left to try costs more
-                return match (best, diverged) {
-                    (None, Some(error)) => Err(error),
-                    (best, _) => Ok(best),
-                };
-            };
-            let count = ends_s.len() as f64;
-            let steps = Steps { method, longest_s, ends_s: ends_s.into() };
-            let (error_m, positions) = match self.error(&steps, order) {
-                Ok(found) => found,
-                Err(error @ RolloutError::Diverged { .. }) => {
-                    diverged = Some(error);
-                    (longest_s, tolerance_m) = (longest_s * 0.6, tolerance_m * 0.5);
-                    continue;
-                }
-                Err(error) => return Err(error),
-            };
-            if error_m <= accuracy_m && !self.robust(&steps, &positions, error_m.max(0.1 * accuracy_m))? {
-                longest_s *= 0.8;
-                continue;
-            }
-            let exact = error_m <= accuracy_m;
-            if exact {
-                best = Some((Plan { steps, error_m }, count));
-                left -= 1;
-                let close = if self.even() { CLOSE_IF_EVEN } else { CLOSE };
-                if left == 0 || error_m > close * accuracy_m {
-                    return Ok(best);
-                }
-            }
-            // what the error of the whole leaves to be gained, or asks for
-            let ratio = (AIM * accuracy_m / error_m.max(1e-12)).clamp(1e-3, 1e3);
-            if self.even() {
-                let longer = longest_s * ratio.powf(1.0 / f64::from(order)).clamp(0.3, 2.0);
-                if exact && longest_s >= upper_s {
-                    return Ok(best);
-                }
-                longest_s = longer.min(upper_s);
-            } else {
-                tolerance_m *= ratio.powf(f64::from(order + 1) / f64::from(order)).clamp(1e-2, 1e2);
-            }
-        }
     }
 
     /// Whether steps are to be even.
@@ -273,6 +228,103 @@ impl Nominal<'_> {
             Some(plane) => explorer.ends::<Planar<f64>>(plane, &corners),
             None => explorer.ends::<Spatial<f64>>((), &corners),
         }
+    }
+}
+
+/// Attempts at the cheapest steps of one method.
+struct Search {
+    method: Method,
+    order: i32,
+    /// What a step costs, in evaluations of all forces.
+    evaluations: f64,
+    /// What the next attempt is made with.
+    longest_s: f64,
+    tolerance_m: f64,
+    /// What exact steps will cost, going by the last attempt; 0 before the first.
+    promised: f64,
+    /// The cheapest exact steps so far, and how many they are.
+    best: Option<(Plan, f64)>,
+    /// Attempts left once they are exact.
+    left: usize,
+    diverged: Option<RolloutError>,
+    over: bool,
+}
+
+impl Search {
+    fn new(run: &Nominal<'_>, method: Method, order: i32, evaluations: f64, accuracy_m: f64) -> Self {
+        Self {
+            method,
+            order,
+            evaluations,
+            longest_s: if run.even() { restraint::LONGEST_STEP_S } else { LONGEST_S },
+            tolerance_m: FIRST_SHARE * accuracy_m,
+            promised: 0.0,
+            best: None,
+            left: REFINEMENTS,
+            diverged: None,
+            over: false,
+        }
+    }
+
+    /// What the best steps cost.
+    fn cost(&self) -> Option<f64> {
+        self.best.as_ref().map(|(_, count)| self.evaluations * count)
+    }
+
+    /// One attempt, which is the last unless its steps cost less than is `affordable`.
+    fn attempt(&mut self, run: &Nominal<'_>, accuracy_m: f64, affordable: f64) -> Result<(), RolloutError> {
+        let (longest_s, order) = (self.longest_s, self.order);
+        let most = (affordable / self.evaluations).min(run.span() / SHORTEST_S);
+        let ends_s = match run.ends(self.method, order, self.tolerance_m, longest_s, most) {
+            Ok(Some(ends_s)) => ends_s,
+            // what is left to try costs more
+            Ok(None) => {
+                self.over = true;
+                return Ok(());
+            }
+            Err(error @ RolloutError::Diverged { .. }) => {
+                (self.diverged, self.over) = (Some(error), true);
+                return Ok(());
+            }
+            Err(error) => return Err(error),
+        };
+        let count = ends_s.len() as f64;
+        let steps = Steps { method: self.method, longest_s, ends_s: ends_s.into() };
+        let (error_m, positions) = match run.error(&steps, order) {
+            Ok(found) => found,
+            Err(error @ RolloutError::Diverged { .. }) => {
+                self.diverged = Some(error);
+                self.longest_s *= 0.6;
+                self.tolerance_m *= 0.5;
+                return Ok(());
+            }
+            Err(error) => return Err(error),
+        };
+        let exact = error_m <= accuracy_m;
+        if exact && !run.robust(&steps, &positions, error_m.max(0.1 * accuracy_m))? {
+            self.longest_s *= 0.8;
+            self.promised = self.evaluations * count / 0.8;
+            return Ok(());
+        }
+        // what the error of the whole leaves to be gained, or asks for
+        let ratio = (AIM * accuracy_m / error_m.max(1e-12)).clamp(1e-3, 1e3);
+        self.promised = self.evaluations * count / ratio.powf(1.0 / f64::from(order));
+        if exact {
+            self.best = Some((Plan { steps, error_m }, count));
+            self.left -= 1;
+            let (close, longest) = match run.even() {
+                true => (CLOSE_IF_EVEN, longest_s >= restraint::LONGEST_STEP_S),
+                false => (CLOSE, false),
+            };
+            self.over = self.left == 0 || error_m > close * accuracy_m || longest;
+        }
+        if run.even() {
+            let longer = longest_s * ratio.powf(1.0 / f64::from(order)).clamp(0.3, 2.0);
+            self.longest_s = longer.min(restraint::LONGEST_STEP_S);
+        } else {
+            self.tolerance_m *= ratio.powf(f64::from(order + 1) / f64::from(order)).clamp(1e-2, 1e2);
+        }
+        Ok(())
     }
 }
 

@@ -23,6 +23,14 @@ impl Loss {
         }
     }
 
+    /// What all of `residuals` cost.
+    pub(crate) fn total(self, residuals: &DVector<f64>) -> f64 {
+        match self {
+            Self::Squares => residuals.norm_squared(),
+            Self::Huber => residuals.iter().map(|&r| self.cost(r)).sum(),
+        }
+    }
+
     /// Weight of a residual's row in the normal equations that have the same slope.
     fn weight(self, residual: f64) -> f64 {
         match self {
@@ -119,7 +127,7 @@ impl<'a> Objective<'a> {
     }
 
     fn robust_costs(&self, points: &[Point], counts: &mut Counts) -> Vec<f64> {
-        let judge = |_: usize, residuals: &DVector<f64>| residuals.iter().map(|&r| self.loss.cost(r)).sum();
+        let judge = |_: usize, residuals: &DVector<f64>| self.loss.total(residuals);
         let parts = self.problem.judged(points, judge, counts);
         self.problem.summed(points, &parts)
     }
@@ -134,7 +142,7 @@ impl<'a> Objective<'a> {
         let mut runs = self.problem.linearise(point, by_parameters, counts)?;
         let mut cost = 0.0;
         for linear in &mut runs {
-            cost += linear.residuals.iter().map(|&r| self.loss.cost(r)).sum::<f64>();
+            cost += self.loss.total(&linear.residuals);
             if self.loss == Loss::Squares {
                 continue;
             }

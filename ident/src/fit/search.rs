@@ -151,7 +151,7 @@ impl Search {
         let elimination = self.elimination.as_deref().unwrap_or(&[]);
         let judge = |run: usize, residuals: &DVector<f64>| match elimination.get(run) {
             Some(elimination) => elimination.cost(residuals, objective.loss),
-            None => cost(residuals, objective.loss),
+            None => objective.loss.total(residuals),
         };
         let parts = problem.judged(&points, judge, counts);
         let loss = |(point, parts): (&Point, &[f64])| {
@@ -169,13 +169,9 @@ impl Elimination {
         let step = self.hessian.solve(&slope);
         match loss {
             Loss::Squares => residuals.norm_squared() - slope.dot(&step),
-            Loss::Huber => cost(&(residuals - &self.jacobian * step), loss),
+            Loss::Huber => loss.total(&(residuals - &self.jacobian * step)),
         }
     }
-}
-
-fn cost(residuals: &DVector<f64>, loss: Loss) -> f64 {
-    residuals.iter().map(|&r| loss.cost(r)).sum()
 }
 
 /// Fits the start of every run, each by itself, the parameters held; with the cost reached.
