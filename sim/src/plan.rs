@@ -2,14 +2,19 @@
 
 use crate::command::Command;
 use crate::dynamics::plant::Plant;
-use crate::dynamics::{Work, integrate, kinematics, restraint};
-use crate::effects::CommandPath;
-use crate::math::{Vec3, Vector};
+use crate::dynamics::{Work, kinematics};
+use crate::math::Vec3;
 use crate::model::{Model, State};
 use crate::rollout::{self, RolloutError, RolloutOptions, rollout};
-use crate::simulator::{self, Engine};
-use crate::space::{Planar, Space, Spatial};
+use crate::simulator;
+use crate::space::{Planar, Spatial};
 use crate::steps::{self, Method, Steps};
+
+mod explorer;
+mod search;
+
+use explorer::Explorer;
+use search::Search;
 
 /// Steps that are as exact as wanted.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,28 +27,14 @@ pub struct Plan {
 
 /// The wanted accuracy of keypoints where nobody says another \[m\]: a fortieth of what a camera resolves.
 pub const ACCURACY_M: f64 = 1e-5;
-/// Longest step tried \[s\].
-const LONGEST_S: f64 = 0.1;
 /// Shortest step worth trying \[s\].
 const SHORTEST_S: f64 = 1e-5;
 /// Methods with their order and what a step costs, in evaluations of all forces; first the one that is never unstable.
 const METHODS: [(Method, i32, f64); 2] = [(Method::Rosenbrock, 3, 4.5), (Method::RungeKutta, 4, 4.0)];
-/// The first attempt allows each step this share of the wanted accuracy: errors add up.
-const FIRST_SHARE: f64 = 1.0 / 30.0;
 /// What an attempt promises may turn out so many times as costly.
 const DOUBTFUL: f64 = 2.0;
-/// Attempts at meeting the wanted accuracy from below, once it is met.
-const REFINEMENTS: usize = 4;
-/// What an attempt aims at, as a share of the wanted accuracy, and the share that is close enough.
-const AIM: f64 = 0.85;
-const CLOSE: f64 = 0.7;
-/// Even steps are many, each attempt follows the whole motion some five times, and the next one would save less than a fifth.
-const CLOSE_IF_EVEN: f64 = 0.4;
 /// Steps from before that leave less than this share are too short to stay.
 const IDLE: f64 = 0.3;
-/// A step is longer than the one before by this factor at most: what makes a nominal motion quick may come a little
-/// earlier or later in another candidate.
-const LONGER: f64 = 1.5;
 /// Explicit steps must stay sound when all are longer by this factor, for candidates that are stiffer.
 const STIFFER: f64 = 1.3;
 
@@ -231,207 +222,6 @@ impl Nominal<'_> {
     }
 }
 
-/// Attempts at the cheapest steps of one method.
-struct Search {
-    method: Method,
-    order: i32,
-    /// What a step costs, in evaluations of all forces.
-    evaluations: f64,
-    /// What the next attempt is made with.
-    longest_s: f64,
-    tolerance_m: f64,
-    /// What exact steps will cost, going by the last attempt; 0 before the first.
-    promised: f64,
-    /// The cheapest exact steps so far, and how many they are.
-    best: Option<(Plan, f64)>,
-    /// Attempts left once they are exact.
-    left: usize,
-    diverged: Option<RolloutError>,
-    over: bool,
-}
-
-impl Search {
-    fn new(run: &Nominal<'_>, method: Method, order: i32, evaluations: f64, accuracy_m: f64) -> Self {
-        Self {
-            method,
-            order,
-            evaluations,
-            longest_s: if run.even() { restraint::LONGEST_STEP_S } else { LONGEST_S },
-            tolerance_m: FIRST_SHARE * accuracy_m,
-            promised: 0.0,
-            best: None,
-            left: REFINEMENTS,
-            diverged: None,
-            over: false,
-        }
-    }
-
-    /// What the best steps cost.
-    fn cost(&self) -> Option<f64> {
-        self.best.as_ref().map(|(_, count)| self.evaluations * count)
-    }
-
-    /// One attempt, which is the last unless its steps cost less than is `affordable`.
-    fn attempt(&mut self, run: &Nominal<'_>, accuracy_m: f64, affordable: f64) -> Result<(), RolloutError> {
-        let (longest_s, order) = (self.longest_s, self.order);
-        let most = (affordable / self.evaluations).min(run.span() / SHORTEST_S);
-        let ends_s = match run.ends(self.method, order, self.tolerance_m, longest_s, most) {
-            Ok(Some(ends_s)) => ends_s,
-            // what is left to try costs more
-            Ok(None) => {
-                self.over = true;
-                return Ok(());
-            }
-            Err(error @ RolloutError::Diverged { .. }) => {
-                (self.diverged, self.over) = (Some(error), true);
-                return Ok(());
-            }
-            Err(error) => return Err(error),
-        };
-        let count = ends_s.len() as f64;
-        let steps = Steps { method: self.method, longest_s, ends_s: ends_s.into() };
-        let (error_m, positions) = match run.error(&steps, order) {
-            Ok(found) => found,
-            Err(error @ RolloutError::Diverged { .. }) => {
-                self.diverged = Some(error);
-                self.longest_s *= 0.6;
-                self.tolerance_m *= 0.5;
-                return Ok(());
-            }
-            Err(error) => return Err(error),
-        };
-        let exact = error_m <= accuracy_m;
-        if exact && !run.robust(&steps, &positions, error_m.max(0.1 * accuracy_m))? {
-            self.longest_s *= 0.8;
-            self.promised = self.evaluations * count / 0.8;
-            return Ok(());
-        }
-        // what the error of the whole leaves to be gained, or asks for
-        let ratio = (AIM * accuracy_m / error_m.max(1e-12)).clamp(1e-3, 1e3);
-        self.promised = self.evaluations * count / ratio.powf(1.0 / f64::from(order));
-        if exact {
-            self.best = Some((Plan { steps, error_m }, count));
-            self.left -= 1;
-            let (close, longest) = match run.even() {
-                true => (CLOSE_IF_EVEN, longest_s >= restraint::LONGEST_STEP_S),
-                false => (CLOSE, false),
-            };
-            self.over = self.left == 0 || error_m > close * accuracy_m || longest;
-        }
-        if run.even() {
-            let longer = longest_s * ratio.powf(1.0 / f64::from(order)).clamp(0.3, 2.0);
-            self.longest_s = longer.min(restraint::LONGEST_STEP_S);
-        } else {
-            self.tolerance_m *= ratio.powf(f64::from(order + 1) / f64::from(order)).clamp(1e-2, 1e2);
-        }
-        Ok(())
-    }
-}
-
 fn apart(a: &[Vec3<f64>], b: &[Vec3<f64>]) -> f64 {
     a.iter().zip(b).map(|(&a, &b)| (a - b).norm()).fold(0.0, f64::max)
-}
-
-/// Goes along the nominal motion and finds out how long steps may be.
-struct Explorer<'a> {
-    run: &'a Nominal<'a>,
-    model: &'a Model,
-    options: &'a RolloutOptions,
-    order: i32,
-    tolerance_m: f64,
-    longest_s: f64,
-    most: f64,
-}
-
-impl Explorer<'_> {
-    fn ends<S: Space<T = f64>>(
-        &self,
-        layout: S::Layout,
-        corners: &[f64],
-    ) -> Result<Option<Vec<f64>>, RolloutError> {
-        let Self { run, model, options, order, tolerance_m, longest_s, most } = *self;
-        let columns = rollout::columns(model, run.command)?;
-        let path = CommandPath::new(model, run.command);
-        let command = |drive: usize, time_s: f64| path.at(drive, time_s);
-        let mut engine = Engine::<S>::new(model, layout, options)?;
-        engine.switch_off(&columns.iter().map(Option::is_none).collect::<Vec<_>>());
-        let mut state = run.state.clone();
-        engine.align(&mut state, options.start_s, &command);
-        let points: Vec<(usize, S::Vec)> = model
-            .sites
-            .iter()
-            .map(|site| (site.body, S::vector(&engine.plant.layout, site.body, site.pos)))
-            .collect();
-
-        let mut ends = Vec::new();
-        let mut now = 0.0;
-        // as a first guess, short; then as long as the last one would have been
-        let mut wanted = 0.1 * longest_s;
-        for &corner in corners {
-            while now < corner {
-                let left = corner - now;
-                // no sliver before the corner
-                let parts = (left / wanted - 0.01).ceil().max(1.0);
-                let h = if parts <= 2.0 { left / parts } else { wanted };
-                let mut whole = engine.clone();
-                let mut far = state.clone();
-                let sound = whole.step_with(&mut far, options.start_s + now, h, &command);
-                let mut halves = engine.clone();
-                let mut near = state.clone();
-                let start_s = options.start_s + now;
-                let sound = sound && halves.step_with(&mut near, start_s, 0.5 * h, &command);
-                let departure = halves.departure.clone();
-                let middle = near.clone();
-                let sound = sound && halves.step_with(&mut near, start_s + 0.5 * h, 0.5 * h, &command);
-                let error_m = if sound {
-                    let mut sample = far.qpos.clone();
-                    let (from, to) = ((&state.qpos[..], &departure[..]), (&far.qpos[..], &far.qvel[..]));
-                    integrate::between(&engine.plant, from, to, h, 0.5, &mut sample);
-                    let between = worst(&mut whole, &points, &sample, &middle.qpos);
-                    let end = worst(&mut whole, &points, &far.qpos, &near.qpos);
-                    // an error of the velocity leads astray in the next step
-                    let mut astray = [far.qpos.clone(), near.qpos.clone()];
-                    for (astray, from) in astray.iter_mut().zip([&far, &near]) {
-                        integrate::advance(&engine.plant, &from.qpos, &from.qvel, h, astray);
-                    }
-                    let next = worst(&mut whole, &points, &astray[0], &astray[1]);
-                    between.max(end).max(next)
-                } else {
-                    f64::INFINITY
-                };
-                let ratio = (tolerance_m / error_m.max(1e-15)).powf(1.0 / f64::from(order + 1));
-                if ratio < 0.8 && h > SHORTEST_S {
-                    wanted = h * (0.9 * ratio).max(0.2);
-                    continue;
-                }
-                if !sound {
-                    return Err(halves
-                        .diverged(&near, 0, start_s + h)
-                        .or_else(|| whole.diverged(&far, 0, start_s + h))
-                        .unwrap_or(RolloutError::Inexact {
-                            accuracy_m: tolerance_m,
-                            shortest_s: SHORTEST_S,
-                        }));
-                }
-                now = if parts <= 1.0 { corner } else { now + h };
-                ends.push(now);
-                if ends.len() as f64 >= most {
-                    return Ok(None);
-                }
-                wanted = (h * (0.9 * ratio).min(LONGER)).max(wanted.min(h)).min(longest_s);
-                (state, engine) = (near, halves);
-            }
-        }
-        Ok(Some(ends))
-    }
-}
-
-/// How far apart \[m\] the coordinates `a` and `b` put some of the `points`, fixed to their bodies.
-fn worst<S: Space<T = f64>>(engine: &mut Engine<S>, points: &[(usize, S::Vec)], a: &[f64], b: &[f64]) -> f64 {
-    let [a, b] = [a, b].map(|qpos| {
-        kinematics::kinematics(&engine.plant, qpos, &mut engine.work);
-        let work = &engine.work;
-        points.iter().map(|&(body, at)| work.pos[body] + S::apply(&work.rot[body], at)).collect::<Vec<_>>()
-    });
-    a.into_iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
 }

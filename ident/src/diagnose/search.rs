@@ -19,9 +19,9 @@ use crate::statistics::chi2_survival;
 
 /// A set of causes is better when its BIC is lower by more than this: odds of 150 to 1.
 pub(super) const BETTER: f64 = 10.0;
-/// Within this of the best BIC another set is as good: odds below 4.5 to 1. Of the names given in the whole set of hidden effects
-/// one in a hundred is wrong with it, and fewer would leave open what is right far more often than not.
-pub(super) const AS_GOOD: f64 = 3.0;
+/// Within this of the best BIC another set is as good: odds below 2.7 to 1, which are "not worth more than a bare mention"
+/// (R. E. Kass, A. E. Raftery, "Bayes Factors", Journal of the American Statistical Association 90 (1995) 773-795).
+pub(super) const AS_GOOD: f64 = 2.0;
 /// Chance that any of all candidates looks this good where nothing is.
 const FALSE_ALARM: f64 = 1e-4;
 /// Sets that go on.
@@ -31,6 +31,9 @@ pub(super) const MOST_CAUSES: usize = 3;
 /// A further cause saves at least this share of what the causes before it have saved: what is less is how these are
 /// modelled.
 const SHARE: f64 = 0.01;
+/// A leader to which nothing can be added may still stand in for two causes that resemble it, if what it leaves exceeds the
+/// noise's squares by this share: then the sets behind it go on.
+const LEFT: f64 = 0.1;
 /// Noise that differs by less is the same.
 const OTHER_NOISE: f64 = 0.04;
 /// Cost saved an observation, in noise variances, below which a cause is there but does not matter.
@@ -255,13 +258,19 @@ impl<'b> Search<'b> {
                 more = self.promises(&leader, &scores, least);
             }
             let mut next = Vec::new();
-            if more {
+            let leaves_much = leader.cost > (1.0 + LEFT) * leader.count() as f64;
+            if more || leaves_much && depth < most {
                 self.says("looking for a further cause")?;
-                next = self.expand(&leader, &scores, Vec::new());
+                if more {
+                    next = self.expand(&leader, &scores, Vec::new());
+                }
                 for mut other in beam.iter().skip(1).take(BEAM - 1).cloned() {
                     if other.descend(&mut self.counts) {
                         let scores = self.score(&other);
-                        next.extend(self.expand(&other, &scores, Vec::new()));
+                        // alone, it has the leader to overtake
+                        if more || self.promises(&other, &scores, least + other.cost - leader.cost) {
+                            next.extend(self.expand(&other, &scores, Vec::new()));
+                        }
                     }
                 }
             }

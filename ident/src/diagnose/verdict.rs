@@ -184,7 +184,7 @@ fn rivals(experiment: &Experiment, found: &Found<'_>) -> Vec<Rival> {
         let wider = own.iter().all(|name| theirs.contains(name));
         let known =
             list.iter().any(|other| other.set.names.iter().map(String::as_str).eq(names.iter().copied()));
-        let behind = behind(state, &found.leader);
+        let behind = behind(state, &found.leader, baseline.cost - found.leader.cost);
         if names.is_empty() || wider || known || behind > BETTER {
             continue;
         }
@@ -196,8 +196,14 @@ fn rivals(experiment: &Experiment, found: &Found<'_>) -> Vec<Rival> {
 
 /// How much worse `rival` is than `leader`, as a BIC. Where a tether is fixed or a stop begins is chosen to suit, and makes a cause
 /// no less likely to be the true one: such hidden numbers do not count against the rival, unless one is at a bound and makes it
-/// another cause; nor may they turn a set with more numbers into one with fewer.
-fn behind(rival: &State<'_>, leader: &State<'_>) -> f64 {
+/// another cause; nor may they turn a set with more numbers into one with fewer. A number more costs the rival no more than one of
+/// the size in question would, of which `explained` is the cost saved: the BIC expects effects that a single observation shows, and
+/// has two numbers of a faint cause pass for one of another.
+///
+/// # Source
+/// E. I. George, D. P. Foster, "Calibration and empirical Bayes variable selection", Biometrika 87 (2000) 731-747: 1 + ln of the
+/// cost saved by each number.
+fn behind(rival: &State<'_>, leader: &State<'_>, explained: f64) -> f64 {
     let hidden = |state: &State<'_>| state.causes.iter().map(|term| term.hidden.len()).sum::<usize>();
     let numbers = |with_hidden: bool| {
         let count =
@@ -218,7 +224,11 @@ fn behind(rival: &State<'_>, leader: &State<'_>) -> f64 {
         (all, sizes) if all * sizes < 0.0 => 0.0,
         (all, sizes) => all.min(sizes),
     };
-    rival.cost - leader.cost + more * leader.ln_count()
+    let mut each = leader.ln_count();
+    if more > 0.0 {
+        each = each.min(1.0 + (explained / rival.added.max(1) as f64).max(1.0).ln());
+    }
+    rival.cost - leader.cost + more * each
 }
 
 /// The causes of `leader` with their values.

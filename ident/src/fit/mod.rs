@@ -24,7 +24,8 @@
 //!   lead out of there, one that moves too easily has); as long as more than the keypoints' noise is left, least squares
 //!   from the model's own values, a short search from the best point so far, and least squares from the best point of
 //!   the search and from the best of some points drawn evenly. The search, and each descent as far as that leads, is on a rough
-//!   form of the data: fewer images, coarser steps. The best end counts; [`Fit::starts`] says whether the others agree.
+//!   form of the data: fewer images, coarser steps. The best end counts; [`Fit::starts`] says whether the others agree. Who has
+//!   fitted the first part of the runs while the rest was filmed begins with what that came to ([`WarmStart`]) instead.
 //!
 //! # How sure
 //! Standard deviations rest on the sensitivities at the optimum, the noise each run's residuals show and its

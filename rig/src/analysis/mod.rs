@@ -1,7 +1,7 @@
 //! From a recording to a report. A run is analysed by the same code that replays it, so both give the same bytes.
 //!
 //! ```text
-//! recording.mcap -> frames.csv, servo.csv, extraction.jsonl -> trajectory.csv -> fit.json, model.xml
+//! recording.mcap -> frames.csv, servo.csv, extraction.jsonl -> trajectory.csv -> warm-start.json, fit.json, model.xml
 //!                -> diagnosis.json -> report.html
 //! ```
 

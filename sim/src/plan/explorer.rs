@@ -1,0 +1,118 @@
+//! How long steps may be where.
+
+use super::{Nominal, SHORTEST_S};
+use crate::dynamics::{integrate, kinematics};
+use crate::effects::CommandPath;
+use crate::math::Vector;
+use crate::model::Model;
+use crate::rollout::{self, RolloutError, RolloutOptions};
+use crate::simulator::Engine;
+use crate::space::Space;
+
+/// A step is longer than the one before by this factor at most: what makes a nominal motion quick may come a little
+/// earlier or later in another candidate.
+const LONGER: f64 = 1.5;
+
+/// Goes along the nominal motion and finds out how long steps may be.
+pub(super) struct Explorer<'a> {
+    pub(super) run: &'a Nominal<'a>,
+    pub(super) model: &'a Model,
+    pub(super) options: &'a RolloutOptions,
+    pub(super) order: i32,
+    pub(super) tolerance_m: f64,
+    pub(super) longest_s: f64,
+    pub(super) most: f64,
+}
+
+impl Explorer<'_> {
+    pub(super) fn ends<S: Space<T = f64>>(
+        &self,
+        layout: S::Layout,
+        corners: &[f64],
+    ) -> Result<Option<Vec<f64>>, RolloutError> {
+        let Self { run, model, options, order, tolerance_m, longest_s, most } = *self;
+        let columns = rollout::columns(model, run.command)?;
+        let path = CommandPath::new(model, run.command);
+        let command = |drive: usize, time_s: f64| path.at(drive, time_s);
+        let mut engine = Engine::<S>::new(model, layout, options)?;
+        engine.switch_off(&columns.iter().map(Option::is_none).collect::<Vec<_>>());
+        let mut state = run.state.clone();
+        engine.align(&mut state, options.start_s, &command);
+        let points: Vec<(usize, S::Vec)> = model
+            .sites
+            .iter()
+            .map(|site| (site.body, S::vector(&engine.plant.layout, site.body, site.pos)))
+            .collect();
+
+        let mut ends = Vec::new();
+        let mut now = 0.0;
+        // as a first guess, short; then as long as the last one would have been
+        let mut wanted = 0.1 * longest_s;
+        for &corner in corners {
+            while now < corner {
+                let left = corner - now;
+                // no sliver before the corner
+                let parts = (left / wanted - 0.01).ceil().max(1.0);
+                let h = if parts <= 2.0 { left / parts } else { wanted };
+                let mut whole = engine.clone();
+                let mut far = state.clone();
+                let sound = whole.step_with(&mut far, options.start_s + now, h, &command);
+                let mut halves = engine.clone();
+                let mut near = state.clone();
+                let start_s = options.start_s + now;
+                let sound = sound && halves.step_with(&mut near, start_s, 0.5 * h, &command);
+                let departure = halves.departure.clone();
+                let middle = near.clone();
+                let sound = sound && halves.step_with(&mut near, start_s + 0.5 * h, 0.5 * h, &command);
+                let error_m = if sound {
+                    let mut sample = far.qpos.clone();
+                    let (from, to) = ((&state.qpos[..], &departure[..]), (&far.qpos[..], &far.qvel[..]));
+                    integrate::between(&engine.plant, from, to, h, 0.5, &mut sample);
+                    let between = worst(&mut whole, &points, &sample, &middle.qpos);
+                    let end = worst(&mut whole, &points, &far.qpos, &near.qpos);
+                    // an error of the velocity leads astray in the next step
+                    let mut astray = [far.qpos.clone(), near.qpos.clone()];
+                    for (astray, from) in astray.iter_mut().zip([&far, &near]) {
+                        integrate::advance(&engine.plant, &from.qpos, &from.qvel, h, astray);
+                    }
+                    let next = worst(&mut whole, &points, &astray[0], &astray[1]);
+                    between.max(end).max(next)
+                } else {
+                    f64::INFINITY
+                };
+                let ratio = (tolerance_m / error_m.max(1e-15)).powf(1.0 / f64::from(order + 1));
+                if ratio < 0.8 && h > SHORTEST_S {
+                    wanted = h * (0.9 * ratio).max(0.2);
+                    continue;
+                }
+                if !sound {
+                    return Err(halves
+                        .diverged(&near, 0, start_s + h)
+                        .or_else(|| whole.diverged(&far, 0, start_s + h))
+                        .unwrap_or(RolloutError::Inexact {
+                            accuracy_m: tolerance_m,
+                            shortest_s: SHORTEST_S,
+                        }));
+                }
+                now = if parts <= 1.0 { corner } else { now + h };
+                ends.push(now);
+                if ends.len() as f64 >= most {
+                    return Ok(None);
+                }
+                wanted = (h * (0.9 * ratio).min(LONGER)).max(wanted.min(h)).min(longest_s);
+                (state, engine) = (near, halves);
+            }
+        }
+        Ok(Some(ends))
+    }
+}
+
+/// How far apart \[m\] the coordinates `a` and `b` put some of the `points`, fixed to their bodies.
+fn worst<S: Space<T = f64>>(engine: &mut Engine<S>, points: &[(usize, S::Vec)], a: &[f64], b: &[f64]) -> f64 {
+    let [a, b] = [a, b].map(|qpos| {
+        kinematics::kinematics(&engine.plant, qpos, &mut engine.work);
+        let work = &engine.work;
+        points.iter().map(|&(body, at)| work.pos[body] + S::apply(&work.rot[body], at)).collect::<Vec<_>>()
+    });
+    a.into_iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
+}
