@@ -96,8 +96,8 @@ fn is_resolved(hidden: &str, value: f64) {
 
 #[test]
 fn first_suggested_run_resolves_an_ambiguity() {
-    is_resolved("drag_exponent/exponent", -0.25);
-    is_resolved("current/x", 3e-3);
+    is_resolved("drag_exponent/exponent", -0.22);
+    is_resolved("current/x", 2.5e-3);
 }
 
 #[test]
