@@ -163,7 +163,7 @@ pub fn resume(
     checkpoint: Checkpoint,
     observer: &mut dyn Observer,
 ) -> Result<Fitted, FitError> {
-    run(experiment, None, Begin::At(checkpoint), observer)
+    run(experiment, None, Begin::At(Box::new(checkpoint)), observer)
 }
 
 /// As [`fit`], as far as the first start leads but for half a standard deviation; and where the fit can be resumed, if
@@ -209,7 +209,7 @@ enum Begin<'a> {
     /// With a descent from here, which nothing rough has to precede.
     Warm(&'a WarmStart),
     /// Where it was left.
-    At(Checkpoint),
+    At(Box<Checkpoint>),
 }
 
 /// What an earlier fit says about the parameters of this one.
@@ -227,11 +227,10 @@ fn run(
     let mut model = experiment.model.clone();
     experiment.fit.add_named_causes(&mut model);
     let model = &model;
-    match &begin {
-        Begin::At(Checkpoint { experiment: got, .. }) if *got != expected => {
-            return Err(CheckpointError::OtherExperiment { expected, got: got.clone() }.into());
-        }
-        _ => {}
+    if let Begin::At(state) = &begin
+        && state.experiment != expected
+    {
+        return Err(CheckpointError::OtherExperiment { expected, got: state.experiment.clone() }.into());
     }
     let parameters = Parameters::select(model, &experiment.fit)?;
     let fitted_runs = || experiment.runs.iter().filter(|run| run.usage == Use::Fit);
@@ -290,7 +289,7 @@ fn run(
     let state = match begin {
         Begin::At(state) => {
             counts = state.counts;
-            state
+            *state
         }
         Begin::Warm(_) | Begin::Afresh => {
             let start = warm.map(|(warm, values)| {
