@@ -132,13 +132,15 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn drawn(curves: &[(&str, Vec<(f64, f64)>)]) -> Result<String, Box<dyn Error>> {
     const SIZE: [f64; 2] = [280.0, 260.0];
     const MARGIN: [f64; 2] = [60.0, 45.0];
+    /// The last label reaches beyond its axis by half of its width.
+    const LAST_LABEL: f64 = 8.0;
     let all = || curves.iter().flat_map(|(_, points)| points);
     let lowest = all().map(|point| point.1).fold(f64::INFINITY, f64::min).log10().floor();
     let highest = all().map(|point| point.1).fold(0.0, f64::max).log10().ceil();
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" font-family=\"sans-serif\" font-size=\"12\">\n\
          <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n",
-        SIZE[0] * curves.len() as f64,
+        SIZE[0] * curves.len() as f64 + LAST_LABEL,
         SIZE[1]
     );
     for (number, (name, points)) in curves.iter().enumerate() {
