@@ -71,6 +71,31 @@ fn two_causes_at_once_are_both_named() {
     }
 }
 
+/// A dozen misread keypoints among thousands would weigh more than all noise together.
+#[test]
+fn keypoints_misread_in_single_images_are_set_aside_and_hide_nothing() {
+    let truth = with(chain(), "added_mass/scale", 1.0);
+    let poses = [[1.5, 0.0, 0.0], [0.9, -1.2, 1.2]];
+    let runs = poses.iter().zip(1..).map(|(&pose, seed)| {
+        let mut run = dropped(&format!("drop-{seed}"), &truth, pose, seed);
+        let width = run.trajectory.keypoints.len();
+        for (place, by_m) in [0.012, -0.02, 0.03, -0.04, 0.015, 0.025].into_iter().enumerate() {
+            let point = &mut run.trajectory.position_m[(7 + 40 * place) * width + place % width];
+            point[0] += by_m;
+            point[2] -= 0.5 * by_m;
+        }
+        Run { release_s: run.release_s, prescribed: true, ..Run::new(run.id, run.kind, run.trajectory) }
+    });
+    let experiment = experiment(chain(), runs.collect());
+    assert_eq!(experiment.runs.iter().map(|run| run.set_aside.len()).collect::<Vec<_>>(), [6, 6]);
+    let diagnosis = diagnose(&experiment, &mut ()).unwrap().diagnosis;
+    println!("{} {:?}", diagnosis.sentence, diagnosis.remarks);
+    assert_eq!(diagnosis.verdict, Verdict::Cause);
+    assert_eq!(diagnosis.causes[0].name, "added_mass");
+    assert!((diagnosis.noise_m / NOISE_M - 1.0).abs() < 0.1, "{}", diagnosis.noise_m);
+    assert!(diagnosis.remarks.iter().any(|remark| remark.starts_with("6 keypoints of drop-1 are set aside")));
+}
+
 /// One drop with `hidden` in it leaves an ambiguity; the run that the diagnosis asks for, made with the same mechanism,
 /// leaves none.
 fn is_resolved(hidden: &str, value: f64) {

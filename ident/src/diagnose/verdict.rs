@@ -11,7 +11,7 @@ use super::result::{
 use super::search::{AS_GOOD, BETTER, Found, sets};
 use super::state::State;
 use super::{candidates, detect, extend, gain, heldout, residuals};
-use crate::experiment::Experiment;
+use crate::experiment::{Experiment, Spike};
 use crate::fit::counts::Counts;
 use crate::text::millimetres;
 
@@ -76,6 +76,7 @@ pub(super) fn verdict<'a>(
     if names {
         remarks.extend(others.iter().map(Rival::remark));
     }
+    remarks.extend(experiment.runs.iter().filter_map(|run| Spike::sentence(&run.id, &run.set_aside)));
     let describes = names || verdict == Verdict::Unexplained;
     let leader = if describes { leader.clone() } else { baseline.clone() };
     let list = named(experiment, baseline, &leader, &tests, found);

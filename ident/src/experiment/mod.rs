@@ -9,6 +9,7 @@ mod config;
 mod error;
 mod file;
 mod folder;
+mod spikes;
 
 use std::path::Path;
 
@@ -17,6 +18,7 @@ use sim::{Command, Model, State, Trajectory};
 
 pub use config::{FitConfig, Loss, Method, Prior};
 pub use error::{ExperimentError, Place};
+pub use spikes::Spike;
 
 /// A model and the runs it should reproduce.
 #[derive(Debug, Clone)]
@@ -40,8 +42,10 @@ pub struct Run {
     pub kind: RunKind,
     /// Whether it is fitted or only scored.
     pub usage: Use,
-    /// Measured keypoints, named as sites of the model.
+    /// Measured keypoints, named as sites of the model; gaps where they were set aside.
     pub trajectory: Trajectory,
+    /// Keypoints that were misread in single images.
+    pub set_aside: Vec<Spike>,
     /// Commanded angles; a driven run has them.
     pub command: Option<Command>,
     /// Actuated joints follow the command exactly while the run is driven.
@@ -83,13 +87,16 @@ pub enum Use {
 pub const DEFAULT_INIT_S: f64 = 0.1;
 
 impl Run {
-    /// A run of `kind` with nothing but its trajectory known; fields are public, set the others.
-    pub fn new(id: impl Into<String>, kind: RunKind, trajectory: Trajectory) -> Self {
+    /// A run of `kind` with nothing but its trajectory known, of which keypoints misread in single images are set aside; fields are
+    /// public, set the others.
+    pub fn new(id: impl Into<String>, kind: RunKind, mut trajectory: Trajectory) -> Self {
+        let set_aside = spikes::set_aside(&mut trajectory);
         Self {
             id: id.into(),
             kind,
             usage: Use::Fit,
             trajectory,
+            set_aside,
             command: None,
             prescribed: false,
             release_s: None,

@@ -105,11 +105,13 @@ pub(super) fn finish(
         parameters: fitted_parameters(objective, point, &known, intervals.as_deref()),
         runs: runs
             .iter()
+            .zip(&experiment.runs)
             .zip(noise)
-            .map(|(run, noise)| RunErrors {
+            .map(|((run, measured), noise)| RunErrors {
                 id: run.id.clone(),
                 usage: run.usage,
                 keypoints: keypoint_errors(&run.measured, &run.simulated.position_m, run.scored_from_s),
+                set_aside: measured.set_aside.clone(),
                 noise,
                 touch: run.touch.clone(),
             })

@@ -5,7 +5,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::experiment::Use;
+use crate::experiment::{Spike, Use};
 use crate::loss::KeypointError;
 
 /// The outcome of a fit, as `fit.json` holds it: equal input gives equal bytes.
@@ -173,6 +173,9 @@ pub struct RunErrors {
     pub usage: Use,
     /// By keypoint.
     pub keypoints: Vec<KeypointError>,
+    /// Its keypoints that were misread in single images, and count nowhere.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub set_aside: Vec<Spike>,
     /// Its noise, where it was fitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<NoiseSeen>,

@@ -1,6 +1,6 @@
 //! What came out, in sentences for someone who has a minute.
 
-use ident::experiment::Use;
+use ident::experiment::{Spike, Use};
 use ident::fit::{Fit, FittedParameter};
 
 use super::data::{ReportData, RunEnd};
@@ -167,6 +167,8 @@ pub(super) fn verdict(data: &ReportData) -> Verdict {
             heldout / fitted
         ));
     }
+    let set_aside = fit.runs.iter().filter_map(|run| Spike::sentence(&run.id, &run.set_aside));
+    details.extend(set_aside.map(|sentence| format!("{sentence}.")));
     let loose = fit.parameters.iter().filter(|p| !is_settled(fit, p)).count();
     let bound = fit.parameters.iter().filter(|p| p.at_bound).count();
     if loose > 0 {

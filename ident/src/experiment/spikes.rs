@@ -1,0 +1,248 @@
+//! Keypoints that were misread in single images: a reflection, another marker, a bubble.
+//!
+//! One such *spike* of 20 mm among keypoints read to 0.4 mm weighs as much as 2500 images, so it must not be fitted. A spike is
+//! told from motion by the images around it alone, without any model: the keypoint leaves its path, which is smooth there, and is
+//! back at once. What stays away for many images, jumps to a new place, or turns sharply as a joint does at its stop, is no spike.
+
+use serde::{Deserialize, Serialize};
+use sim::Trajectory;
+
+use crate::initial::noise_m;
+use crate::text::millimetres;
+
+/// A keypoint in one image that was set aside.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Spike {
+    /// When \[s\].
+    pub time_s: f64,
+    /// Keypoint.
+    pub keypoint: String,
+    /// How far it is from where the images around it have it \[m\].
+    pub off_m: f64,
+}
+
+impl Spike {
+    /// What was set aside of the run `id`, in a sentence; `None` where nothing was.
+    pub fn sentence(id: &str, spikes: &[Self]) -> Option<String> {
+        let farthest = spikes.iter().max_by(|a, b| a.off_m.total_cmp(&b.off_m))?;
+        let (count, are) = match spikes.len() {
+            1 => ("1 keypoint".to_owned(), "is"),
+            many => (format!("{many} keypoints"), "are"),
+        };
+        Some(format!(
+            "{count} of {id} {are} set aside as misread, at most {} mm off the path of the images around it ({} at {:.3} s)",
+            millimetres(farthest.off_m),
+            farthest.keypoint,
+            farthest.time_s
+        ))
+    }
+}
+
+/// Standard deviations off its path from which on a keypoint is suspected: its neighbours are not judged by it then.
+const SUSPECT: f64 = 5.0;
+/// And from which on it is a spike: noise of a million images stays below.
+const SPIKE: f64 = 8.0;
+/// A path is smooth where the nearest images and the next ones tell the same of it, to this share of the spike.
+const SMOOTH: f64 = 0.5;
+/// A spike is at least this share of itself away from where the keypoint was before and is after.
+const AWAY: f64 = 0.5;
+/// Images that tell a path at once: a cubic's.
+const NODES: usize = 4;
+
+/// Takes the spikes out of `trajectory`, where they become gaps.
+pub(super) fn set_aside(trajectory: &mut Trajectory) -> Vec<Spike> {
+    let noise_m = noise_m([&*trajectory]);
+    let width = trajectory.keypoints.len();
+    let mut list = Vec::new();
+    for keypoint in 0..width {
+        let path = Path::new(trajectory, keypoint);
+        for (place, off_m) in path.spikes(noise_m) {
+            let row = path.rows[place];
+            trajectory.position_m[row * width + keypoint] = [f64::NAN; 3];
+            let (time_s, keypoint) = (trajectory.time_s[row], trajectory.keypoints[keypoint].clone());
+            list.push(Spike { time_s, keypoint, off_m });
+        }
+    }
+    list.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    list
+}
+
+/// Where a keypoint was seen.
+struct Path {
+    rows: Vec<usize>,
+    time_s: Vec<f64>,
+    /// 0 along an axis that was never observed.
+    points: Vec<[f64; 3]>,
+}
+
+impl Path {
+    fn new(trajectory: &Trajectory, keypoint: usize) -> Self {
+        let is_seen = |row: &usize| trajectory.at(*row, keypoint).iter().any(|x| x.is_finite());
+        let rows: Vec<usize> = (0..trajectory.time_s.len()).filter(is_seen).collect();
+        let point = |&row: &usize| trajectory.at(row, keypoint).map(|x| if x.is_finite() { x } else { 0.0 });
+        Self {
+            time_s: rows.iter().map(|&row| trajectory.time_s[row]).collect(),
+            points: rows.iter().map(point).collect(),
+            rows,
+        }
+    }
+
+    /// Places of the spikes, and how far off they are \[m\].
+    fn spikes(&self, noise_m: f64) -> Vec<(usize, f64)> {
+        let all: Vec<usize> = (0..self.rows.len()).collect();
+        let is_off = |place: usize, others: &[usize], limit: f64| {
+            let (path, spread) = self.predicted(place, &nearest(place, others, 0)?)?;
+            let off_m = distance(self.points[place], path);
+            (off_m > limit * spread * noise_m).then_some((off_m, path))
+        };
+        // where a path begins or ends there is nothing to hold it against
+        let is_inside = |place: usize| place > 0 && place + 1 < all.len();
+        let suspect: Vec<bool> =
+            all.iter().map(|&place| is_inside(place) && is_off(place, &all, SUSPECT).is_some()).collect();
+        let good = all_but(&all, |place| suspect[place]);
+        let leaves_smooth_path = |&place: &usize| {
+            let (off_m, path) = is_off(place, &good, SPIKE)?;
+            let after = good.partition_point(|&other| other < place);
+            // within a few images of an end there is no wider path
+            let at_end = after < NODES || after + NODES > good.len();
+            let wider = nearest(place, &good, NODES / 2).and_then(|nodes| self.predicted(place, &nodes));
+            let is_smooth = at_end || wider.is_some_and(|(wider, _)| distance(path, wider) < SMOOTH * off_m);
+            is_smooth.then_some((place, off_m))
+        };
+        let mut list: Vec<(usize, f64)> =
+            all.iter().filter(|&&place| suspect[place]).filter_map(leaves_smooth_path).collect();
+        let rest = all_but(&all, |place| list.iter().any(|(off, _)| *off == place));
+        list.retain(|&(place, off_m)| {
+            let after = rest.partition_point(|&other| other < place);
+            let beside =
+                [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|at| rest.get(at));
+            beside.into_iter().all(|&at| distance(self.points[at], self.points[place]) > AWAY * off_m)
+        });
+        list
+    }
+
+    /// Where the cubic through `nodes` has the keypoint at `place`, and how much noise of 1 makes of the distance to it.
+    fn predicted(&self, place: usize, nodes: &[usize]) -> Option<([f64; 3], f64)> {
+        let (mut point, mut squares) = ([0.0; 3], 1.0);
+        for &node in nodes {
+            let others = nodes.iter().filter(|&&other| other != node);
+            let weight: f64 = others
+                .map(|&other| {
+                    (self.time_s[place] - self.time_s[other]) / (self.time_s[node] - self.time_s[other])
+                })
+                .product();
+            point.iter_mut().zip(self.points[node]).for_each(|(sum, x)| *sum += weight * x);
+            squares += weight * weight;
+        }
+        point.iter().all(|x| x.is_finite()).then_some((point, squares.sqrt()))
+    }
+}
+
+/// [`NODES`] places of `list`, which rises, about `place`: the nearest two of each side but the first `skipped`, more of one where
+/// the other has ended.
+fn nearest(place: usize, list: &[usize], skipped: usize) -> Option<Vec<usize>> {
+    let before = list.partition_point(|&other| other < place).saturating_sub(skipped);
+    let after = list.partition_point(|&other| other <= place) + skipped;
+    let (left, right) = (&list[..before], list.get(after..)?);
+    let from_left = left.len().min((NODES / 2).max(NODES.saturating_sub(right.len())));
+    let right = right.get(..NODES - from_left)?;
+    Some(left[left.len() - from_left..].iter().chain(right).copied().collect())
+}
+
+fn all_but(all: &[usize], is_out: impl Fn(usize) -> bool) -> Vec<usize> {
+    all.iter().copied().filter(|&place| !is_out(place)).collect()
+}
+
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution as _, Normal};
+
+    use super::*;
+
+    const NOISE_M: f64 = 4e-4;
+
+    /// Two keypoints on `path`, half as far from the origin the second, with noise; `per_s` images a second for 2.5 s.
+    fn filmed(per_s: f64, path: impl Fn(f64) -> [f64; 2]) -> Trajectory {
+        let mut random = ChaCha8Rng::seed_from_u64(7);
+        let normal = Normal::new(0.0, NOISE_M).expect("a deviation");
+        let time_s: Vec<f64> = (0..(2.5 * per_s) as usize).map(|image| image as f64 / per_s).collect();
+        let mut position_m = Vec::new();
+        for &time_s in &time_s {
+            let [x, z] = path(time_s);
+            for share in [1.0, 0.5] {
+                let mut seen = |at: f64| share * at + normal.sample(&mut random);
+                position_m.push([seen(x), f64::NAN, seen(z)]);
+            }
+        }
+        Trajectory { time_s, keypoints: vec!["P1".into(), "P2".into()], position_m, std_m: None }
+    }
+
+    /// Swings on a circle of 80 mm at `hz`.
+    fn swing(hz: f64) -> impl Fn(f64) -> [f64; 2] {
+        move |time_s| {
+            let angle = 0.8 * (std::f64::consts::TAU * hz * time_s).sin();
+            [0.08 * angle.sin(), -0.08 * angle.cos()]
+        }
+    }
+
+    fn misread(trajectory: &mut Trajectory, row: usize, keypoint: usize, by_m: [f64; 2]) {
+        let point = &mut trajectory.position_m[2 * row + keypoint];
+        *point = [point[0] + by_m[0], f64::NAN, point[2] + by_m[1]];
+    }
+
+    fn found(mut trajectory: Trajectory) -> Vec<(usize, String)> {
+        let per_s = 1.0 / trajectory.time_s[1];
+        let spikes = set_aside(&mut trajectory);
+        let gaps = trajectory.position_m.iter().filter(|p| p[0].is_nan()).count();
+        assert_eq!(gaps, spikes.len());
+        spikes.into_iter().map(|s| ((s.time_s * per_s).round() as usize, s.keypoint)).collect()
+    }
+
+    #[test]
+    fn spikes_are_set_aside_alone_in_pairs_and_near_the_ends() {
+        let mut trajectory = filmed(100.0, swing(2.0));
+        misread(&mut trajectory, 1, 0, [0.03, 0.0]);
+        misread(&mut trajectory, 60, 1, [0.006, -0.004]);
+        misread(&mut trajectory, 100, 0, [-0.03, 0.02]);
+        misread(&mut trajectory, 101, 0, [0.01, 0.03]);
+        misread(&mut trajectory, 200, 1, [0.05, 0.0]);
+        misread(&mut trajectory, 203, 1, [0.05, 0.0]);
+        misread(&mut trajectory, 248, 1, [0.04, 0.04]);
+        let wanted = [(1, "P1"), (60, "P2"), (100, "P1"), (101, "P1"), (200, "P2"), (203, "P2"), (248, "P2")];
+        assert_eq!(found(trajectory), wanted.map(|(row, name)| (row, name.to_owned())));
+    }
+
+    #[test]
+    fn motion_is_no_spike_however_sudden() {
+        let bounce = |time_s: f64| {
+            let turned = swing(2.0)(time_s);
+            [turned[0].abs(), turned[1]]
+        };
+        let jump = |time_s: f64| if time_s < 1.0 { [0.0, -0.08] } else { [0.03, -0.08] };
+        let elsewhere = |time_s: f64| if (1.0..1.1).contains(&time_s) { [0.05, -0.02] } else { [0.0, -0.08] };
+        for per_s in [30.0, 50.0, 100.0, 500.0] {
+            assert_eq!(found(filmed(per_s, swing(2.0))), [], "swinging, {per_s}");
+            assert_eq!(found(filmed(per_s, swing(5.0))), [], "shaking, {per_s}");
+            assert_eq!(found(filmed(per_s, bounce)), [], "bouncing, {per_s}");
+            assert_eq!(found(filmed(per_s, jump)), [], "jumping, {per_s}");
+        }
+        assert_eq!(found(filmed(100.0, elsewhere)), [], "read elsewhere for long");
+    }
+
+    #[test]
+    fn what_is_set_aside_is_said() {
+        let mut trajectory = filmed(100.0, swing(1.0));
+        misread(&mut trajectory, 123, 1, [0.02, 0.0]);
+        let spikes = set_aside(&mut trajectory);
+        let said = Spike::sentence("drop-1", &spikes).expect("one is");
+        assert!(said.starts_with("1 keypoint of drop-1 is set aside as misread, at most "), "{said}");
+        assert!(said.ends_with("(P2 at 1.230 s)"), "{said}");
+        assert_eq!(Spike::sentence("drop-1", &[]), None);
+    }
+}
