@@ -22,7 +22,7 @@ const TURNS: usize = 3;
 const DRAWN_PER_PARAMETER: usize = 8;
 const DRAWN: usize = 2;
 /// Optima that differ by less cost are one.
-const NOISE_ALONE: f64 = 1.0;
+pub(super) const NOISE_ALONE: f64 = 1.0;
 /// And those that differ by a smaller share of what a cause explains: the cause is not named for the difference.
 const OF_EXPLAINED: f64 = 0.01;
 /// A floor that moves by less is the same.

@@ -40,6 +40,8 @@ const MET: f64 = 4e-3;
 pub(crate) struct Floor {
     /// Standard deviation of one coordinate, over all runs and keypoints \[m\].
     pub noise_m: f64,
+    /// Its standard deviation \[m\].
+    pub noise_std_m: f64,
     /// Correlation from one image to the next.
     pub correlation: f64,
     /// Its standard deviation.
@@ -122,17 +124,25 @@ pub(crate) fn floor(runs: &[Seen<'_>]) -> Floor {
     };
     let (correlation, curvature) = least(|correlation| judge(correlation).0);
     let (_, sums) = judge(correlation);
-    let all = sums.iter().flatten().fold([0.0; 2], |all, sum| [all[0] + sum[0], all[1] + sum[1]]);
-    let common = (all[0] / all[1].max(1.0)).sqrt().max(LEAST_STD_M);
+    let common = |sums: &[Vec<[f64; 2]>]| {
+        let all = sums.iter().flatten().fold([0.0; 2], |all, sum| [all[0] + sum[0], all[1] + sum[1]]);
+        ((all[0] / all[1].max(1.0)).sqrt().max(LEAST_STD_M), all[1])
+    };
+    let (noise_m, degrees) = common(&sums);
+    let correlation_std = (2.0 / curvature.max(2.0)).sqrt();
+    // of fast residuals more are noise, the more lasting it is
+    let (lasting_m, _) = common(&judge((correlation + correlation_std).min(MOST_CORRELATED)).1);
+    let noise_std_m = (lasting_m - noise_m).hypot(noise_m / (2.0 * degrees.max(1.0)).sqrt());
     let std = |sum: &[f64; 2]| {
-        if sum[1] >= 2.0 * LEAST as f64 { (sum[0] / sum[1]).sqrt().max(LEAST_STD_M) } else { common }
+        if sum[1] >= 2.0 * LEAST as f64 { (sum[0] / sum[1]).sqrt().max(LEAST_STD_M) } else { noise_m }
     };
     let images = |of: &dyn Fn(&Stretch) -> usize| stretches.iter().map(of).sum::<usize>() as f64;
     Floor {
-        noise_m: common,
+        noise_m,
+        noise_std_m,
         correlation,
-        correlation_std: (2.0 / curvature.max(2.0)).sqrt(),
-        degrees: all[1],
+        correlation_std,
+        degrees,
         still_share: images(&|s| s.still) / images(&|s| s.time_s.len()).max(1.0),
         runs: runs
             .iter()

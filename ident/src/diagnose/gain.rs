@@ -124,11 +124,14 @@ pub(super) fn gain(
 const GAP: f64 = 0.1;
 /// A cause closes at least this share of it on runs that it was not fitted to; a stand-in does not.
 const CLOSED: f64 = 0.4;
+/// Standard deviations by which the noise may exceed its floor.
+const NOISIER: f64 = 2.0;
 
 impl HeldOut {
     /// Why what is named is not believed, where runs were held out that it should have predicted.
-    pub(super) fn objection(&self) -> Option<String> {
-        let gap = 1.0 - self.noise_floor_m / self.rms_before_m;
+    pub(super) fn objection(&self, floor: &Floor) -> Option<String> {
+        let most = 1.0 + NOISIER * floor.noise_std_m / floor.noise_m;
+        let gap = 1.0 - most * self.noise_floor_m / self.rms_before_m;
         (self.how == HOLDOUT && gap > GAP && self.gain < CLOSED * gap).then(|| {
             format!(
                 "on held-out runs it closes only {:.0} % of the gap to the noise",

@@ -35,6 +35,7 @@ pub(crate) mod nuisances;
 mod refit;
 mod residuals;
 mod result;
+mod rivals;
 pub(crate) mod score;
 mod search;
 pub(crate) mod state;
@@ -144,6 +145,10 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
     if objected || explained > search::FAR_BENT && !found.is_clear(&baseline) {
         let most = if objected { search::MOST_CAUSES } else { found.leader.causes.len() };
         search.run_anew(&baseline, &mut found, most)?;
+        found = search.with_noise_seen(&mut baseline, &mut floor, found, true)?;
+    }
+    rivals::lead(&mut found, &mut search.counts);
+    if explained > search::FAR_BENT && search.settle(&baseline, &mut found) {
         found = search.with_noise_seen(&mut baseline, &mut floor, found, true)?;
     }
     search.says("checking")?;

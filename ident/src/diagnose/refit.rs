@@ -1,9 +1,11 @@
 //! Refits of the candidates that score best.
 
+use super::baseline::NOISE_ALONE;
 use super::candidates::{self, Term};
 use super::score::{Scored, Scores};
-use super::search::{BETTER, Search, sets};
+use super::search::{BETTER, Found, Search, sets};
 use super::state::State;
+use crate::fit::problem::Point;
 
 /// Causes refitted in full at each stage.
 pub(super) const SHORT_LIST: usize = 5;
@@ -19,6 +21,7 @@ const KEPT: usize = 3;
 /// Other hidden numbers (where a stop is, how fast water sways) from which the best candidate is refitted: each may be the
 /// bottom of a valley of its own.
 const ELSEWHERE: usize = 4;
+
 impl Search<'_> {
     /// The most promising candidates, one of each cause and class of aliases.
     fn short_list(&self, state: &State<'_>, scores: &Scores) -> Vec<usize> {
@@ -121,6 +124,47 @@ impl Search<'_> {
             Some(next)
         });
         refitted.into_iter().flatten().collect()
+    }
+
+    /// Refits the leader of `found` from elsewhere: from the model's own values and starts, and from those of `baseline`. The way
+    /// from a baseline that has bent far may end in another optimum, and dry friction has many. Whether one of them is better.
+    pub(super) fn settle<'a>(&mut self, baseline: &State<'a>, found: &mut Found<'a>) -> bool {
+        let leader = &found.leader;
+        let still = baseline.point.offsets.iter().map(|offsets| vec![0.0; offsets.len()]).collect();
+        let own = Point { values: baseline.parameters.start(), offsets: still };
+        let ends = self.counts.of_each(vec![own, baseline.point.clone()], |start, counts| {
+            let mut state = leader.started_at(&start);
+            state.descend(counts).then_some(state)
+        });
+        let best = ends.into_iter().flatten().min_by(|a, b| a.cost.total_cmp(&b.cost));
+        let Some(better) = best.filter(|end| end.cost < leader.cost - NOISE_ALONE) else { return false };
+        let names = sets(&better);
+        found.tried.retain(|state| sets(state) != names);
+        found.tried.push(better.clone());
+        found.tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
+        found.leader = better;
+        true
+    }
+
+    /// `baseline` with `causes`, started where `near` is.
+    pub(super) fn refit<'a>(
+        &mut self,
+        baseline: &State<'a>,
+        causes: &[Term],
+        near: &State<'a>,
+    ) -> Option<State<'a>> {
+        let mut state = State { linear: Vec::new(), ..baseline.clone() };
+        for term in causes {
+            state = state.with(term);
+        }
+        for (place, parameter) in state.parameters.free.iter().enumerate() {
+            let same = near.parameters.free.iter().position(|other| other.names == parameter.names);
+            if let Some(same) = same {
+                state.point.values[place] = parameter.scale.clamp(near.point.values[same]);
+            }
+        }
+        state.replan(self.noise_m);
+        state.descend(&mut self.counts).then_some(state)
     }
 }
 

@@ -182,6 +182,8 @@ pub struct ConstancyTest {
 pub struct NoiseFloor {
     /// What it was taken from, in words.
     pub source: String,
+    /// Standard deviation of `noise_m` \[m\].
+    pub std_m: f64,
     /// Correlation from one image to the next.
     pub correlation: f64,
     /// Its standard deviation.

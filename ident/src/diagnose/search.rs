@@ -15,6 +15,7 @@ use super::score::Scores;
 use super::state::State;
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
+use crate::fit::problem::Point;
 use crate::statistics::chi2_survival;
 
 /// A set of causes is better when its BIC is lower by more than this: odds of 150 to 1.
@@ -294,9 +295,8 @@ impl<'b> Search<'b> {
     ) -> bool {
         let before = leader.bic();
         for state in beam.iter_mut().take(BEAM) {
-            let mut anew = State { linear: Vec::new(), ..state.clone() };
-            let count = baseline.parameters.len();
-            anew.point.values[..count].copy_from_slice(&baseline.parameters.start());
+            let offsets = state.point.offsets.clone();
+            let mut anew = state.started_at(&Point { values: baseline.parameters.start(), offsets });
             if anew.descend(&mut self.counts) && anew.bic() < state.bic() {
                 *state = anew;
             }
@@ -354,27 +354,6 @@ impl<'b> Search<'b> {
             }
         }
         Ok(leader)
-    }
-
-    /// `baseline` with `causes`, started where `near` is.
-    pub(super) fn refit<'a>(
-        &mut self,
-        baseline: &State<'a>,
-        causes: &[Term],
-        near: &State<'a>,
-    ) -> Option<State<'a>> {
-        let mut state = State { linear: Vec::new(), ..baseline.clone() };
-        for term in causes {
-            state = state.with(term);
-        }
-        for (place, parameter) in state.parameters.free.iter().enumerate() {
-            let same = near.parameters.free.iter().position(|other| other.names == parameter.names);
-            if let Some(same) = same {
-                state.point.values[place] = parameter.scale.clamp(near.point.values[same]);
-            }
-        }
-        state.replan(self.noise_m);
-        state.descend(&mut self.counts).then_some(state)
     }
 }
 

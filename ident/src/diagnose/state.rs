@@ -181,6 +181,16 @@ impl<'a> State<'a> {
         next
     }
 
+    /// This state with the baseline's numbers and starts at `point`, before any fit; those of its causes stay.
+    pub(crate) fn started_at(&self, point: &Point) -> Self {
+        let mut state = Self { linear: Vec::new(), ..self.clone() };
+        let pairs = state.point.offsets.iter_mut().zip(&point.offsets);
+        for (own, given) in pairs.chain([(&mut state.point.values, &point.values)]) {
+            own[..given.len()].copy_from_slice(given);
+        }
+        state
+    }
+
     /// The model with all its numbers, but those that each run has its own of.
     pub(crate) fn calibrated(&self) -> Model {
         self.parameters.applied(&self.point.values, &self.model)

@@ -5,18 +5,15 @@ use sim::Cause;
 use super::floor::Floor;
 use super::gates::{constancy, fitness};
 use super::result::{
-    Alternative, ConstancyTest, Diagnosis, Fitness, HeldOut, NamedCause, NoiseFloor, PerRun, Verdict,
-    Whiteness,
+    Alternative, ConstancyTest, Diagnosis, Fitness, NamedCause, NoiseFloor, PerRun, Verdict, Whiteness,
 };
-use super::search::{AS_GOOD, BETTER, Found, sets};
+use super::rivals::{Rival, rivals};
+use super::search::{AS_GOOD, Found, sets};
 use super::state::State;
 use super::{candidates, detect, extend, gain, heldout, residuals};
 use crate::experiment::{Experiment, Spike};
 use crate::fit::counts::Counts;
 use crate::text::millimetres;
-
-/// A number this near to a bound, as a share of their distance, is at it.
-const AT_BOUND: f64 = 0.02;
 
 /// Puts together what was found; also the state that describes the runs best.
 pub(super) fn verdict<'a>(
@@ -57,7 +54,7 @@ pub(super) fn verdict<'a>(
         remarks = objections(&after, heldout.as_ref(), &tests, explained, (floor.noise_m, count));
         // what each run has its own of cannot be told beforehand
         if leader.causes.iter().all(|term| term.free(&leader.model).own.is_empty()) {
-            remarks.extend(gained.as_ref().and_then(HeldOut::objection));
+            remarks.extend(gained.as_ref().and_then(|gained| gained.objection(floor)));
         }
         match leader.causes.len() {
             _ if !remarks.is_empty() => Verdict::Unexplained,
@@ -97,6 +94,7 @@ pub(super) fn verdict<'a>(
         noise_m: floor.noise_m,
         noise: NoiseFloor {
             source: source(floor),
+            std_m: floor.noise_std_m,
             correlation: floor.correlation,
             correlation_std: floor.correlation_std,
             degrees: floor.degrees,
@@ -142,94 +140,6 @@ fn objections(
         ));
     }
     list
-}
-
-/// Another set of causes that explains the runs.
-struct Rival {
-    set: Alternative,
-    /// How much worse than the leader's its BIC is.
-    behind: f64,
-}
-
-impl Rival {
-    fn remark(&self) -> String {
-        format!(
-            "{} describes these runs nearly as well: a BIC of {:.1} behind, odds of 1 to {:.0}",
-            self.set.names.join(" + "),
-            self.behind,
-            (0.5 * self.behind).exp()
-        )
-    }
-}
-
-/// Other sets of causes within reach of the leader's BIC.
-fn rivals(experiment: &Experiment, found: &Found<'_>) -> Vec<Rival> {
-    let leader = sets(&found.leader);
-    let class = |names: &[&'static str]| -> Vec<&'static str> {
-        let mut names: Vec<&'static str> = names
-            .iter()
-            .map(|&name| {
-                let aliases = name.parse().map(|cause: Cause| candidates::aliases(cause, experiment));
-                aliases.unwrap_or_default().into_iter().chain([name]).min().unwrap_or(name)
-            })
-            .collect();
-        names.sort_unstable();
-        names
-    };
-    let own = class(&leader);
-    let Some(baseline) = found.tried.iter().find(|state| state.causes.is_empty()) else { return Vec::new() };
-    let mut list: Vec<Rival> = Vec::new();
-    for state in &found.tried {
-        let names = sets(state);
-        let theirs = class(&names);
-        let wider = own.iter().all(|name| theirs.contains(name));
-        let known =
-            list.iter().any(|other| other.set.names.iter().map(String::as_str).eq(names.iter().copied()));
-        let behind = behind(state, &found.leader, baseline.cost - found.leader.cost);
-        if names.is_empty() || wider || known || behind > BETTER {
-            continue;
-        }
-        let names = names.into_iter().map(str::to_owned).collect();
-        list.push(Rival { set: Alternative { names, delta_bic: baseline.bic() - state.bic() }, behind });
-    }
-    list
-}
-
-/// How much worse `rival` is than `leader`, as a BIC. Where a tether is fixed or a stop begins is chosen to suit, and makes a cause
-/// no less likely to be the true one: such hidden numbers do not count against the rival, unless one is at a bound and makes it
-/// another cause; nor may they turn a set with more numbers into one with fewer. A number more costs the rival no more than one of
-/// the size in question would, of which `explained` is the cost saved: the BIC expects effects that a single observation shows, and
-/// has two numbers of a faint cause pass for one of another.
-///
-/// # Source
-/// E. I. George, D. P. Foster, "Calibration and empirical Bayes variable selection", Biometrika 87 (2000) 731-747: 1 + ln of the
-/// cost saved by each number.
-fn behind(rival: &State<'_>, leader: &State<'_>, explained: f64) -> f64 {
-    let hidden = |state: &State<'_>| state.causes.iter().map(|term| term.hidden.len()).sum::<usize>();
-    let numbers = |with_hidden: bool| {
-        let count =
-            |state: &State<'_>| state.added as f64 - if with_hidden { 0.0 } else { hidden(state) as f64 };
-        count(rival) - count(leader)
-    };
-    let is_free = |name: &str| {
-        let place = rival.parameters.free.iter().position(|parameter| parameter.name() == name);
-        place.is_none_or(|place| {
-            let (scale, value) = (rival.parameters.free[place].scale, rival.point.values[place]);
-            let near = AT_BOUND * scale.width();
-            value - scale.lower() > near && scale.upper() - value > near
-        })
-    };
-    let free = rival.causes.iter().flat_map(|term| &term.hidden).all(|(name, _)| is_free(name));
-    let more = match (numbers(true), numbers(false)) {
-        (all, _) if !free => all,
-        (all, sizes) if all * sizes < 0.0 => 0.0,
-        (all, sizes) => all.min(sizes),
-    };
-    let mut each = leader.ln_count();
-    if more > 0.0 {
-        each = each.min(1.0 + (explained / rival.added.max(1) as f64).max(1.0).ln());
-    }
-    rival.cost - leader.cost + more * each
 }
 
 /// The causes of `leader` with their values.
