@@ -118,6 +118,8 @@ fn real_double_pendulum_is_predicted_twice_as_well_as_by_its_authors() {
         return;
     };
     let path = PathBuf::from(shared).join("data/pendulum-in-air/double_pendulum.csv");
+    let misread = experiment(&path, &[]).runs.into_iter().flat_map(|run| run.set_aside).count();
+    assert_eq!(misread, 0, "encoders misread nothing, however fast the arms");
     let published = score(&fit(&experiment(&path, &[]), &mut ()).unwrap());
     let fitted = fit(&experiment(&path, &["damping", "frictionloss", "arm2/mass"]), &mut ()).unwrap();
     let ours = score(&fitted);

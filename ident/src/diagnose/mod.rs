@@ -6,7 +6,8 @@
 //! 1. `baseline`, `floor`: the optimum, and how large and how lasting the keypoints' noise is, which must not swallow
 //!    what the model gets wrong;
 //! 2. `candidates`, `score`: exact derivatives of every cause at neutral, what the baseline could do projected out;
-//! 3. `refit`, `search`: the best refitted in full, sets of up to three, each earning its place by the BIC;
+//! 3. `refit`, `search`: the best refitted in full, sets of up to three, each earning its place by the BIC; `rivals`: what
+//!    explains the runs about as well;
 //! 4. `gates`, `heldout`: what is left must be noise, on held-out runs too, and each named number the same in all runs:
 //!    otherwise the description is none of a cause, and the verdict `unexplained`;
 //! 5. `extend`, `gain`, `detect`, `residuals`: values with intervals, which coefficients had bent, the gain on runs not
