@@ -1,10 +1,11 @@
 //! The whole set of hidden-effect cases, through `rig diagnose`:
-//! `cargo run -p system-tests --example hidden_causes -- OUT [--seeds 10] [--only TEXT] [--every N] [--threads 2] [--keep]`
+//! `cargo run -p system-tests --example hidden_causes -- OUT [--seeds 10] [--only TEXT] [--every N] [--threads 2] [--keep]
+//! [--images-every 1] [--misread 0]`
 //!
 //! Every finished case is a line of `OUT/outcomes.jsonl`; started again, it goes on where it stopped. The tables stand in
 //! `OUT/tables.md` and on standard output. `--only` takes the cases whose names contain a text, `--every` each n-th of them.
 //! `--threads` says how many are under way at once; each has its share of the cores. `--keep` leaves the cases' files, `--make` only
-//! writes them. Build the program first: `cargo build -p rig`.
+//! writes them. `--images-every` keeps each so many-th of 100 images a second, `--misread` puts a share of the keypoints 20 mm off. Build the program first: `cargo build -p rig`.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -15,7 +16,7 @@ use system_tests::hidden::cases::{self, Case};
 use system_tests::hidden::diagnose::{Outcome, diagnose};
 use system_tests::hidden::limit::Benches;
 use system_tests::hidden::score::tables;
-use system_tests::hidden::write::write;
+use system_tests::hidden::write::{Film, write};
 
 /// What the command line asks for.
 struct Options {
@@ -26,6 +27,7 @@ struct Options {
     threads: usize,
     keep: bool,
     make: bool,
+    film: Film,
 }
 
 impl Options {
@@ -38,6 +40,7 @@ impl Options {
             threads: 2,
             keep: false,
             make: false,
+            film: Film::default(),
         };
         let mut words = std::env::args().skip(1);
         while let Some(word) = words.next() {
@@ -47,6 +50,8 @@ impl Options {
                 "--only" => options.only.push(value()?),
                 "--every" => options.every = value()?.parse::<usize>()?.max(1),
                 "--threads" => options.threads = value()?.parse()?,
+                "--images-every" => options.film.every = value()?.parse::<usize>()?.max(1),
+                "--misread" => options.film.misread = value()?.parse()?,
                 "--keep" => options.keep = true,
                 "--make" => options.make = true,
                 _ if options.out.as_os_str().is_empty() && !word.starts_with('-') => {
@@ -84,10 +89,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             for case in cases {
                 let folder = options.out.join("cases").join(&case.id);
                 if options.make {
-                    make(case, &mut benches, &folder);
+                    make(case, &mut benches, options.film, &folder);
                     continue;
                 }
-                let Some(outcome) = diagnose(case, &mut benches, &folder) else {
+                let Some(outcome) = diagnose(case, &mut benches, options.film, &folder) else {
                     eprintln!("{}: these runs never show it", case.id);
                     continue;
                 };
@@ -118,11 +123,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-fn make(case: &Case, benches: &mut Benches, folder: &Path) {
+fn make(case: &Case, benches: &mut Benches, film: Film, folder: &Path) {
     std::fs::create_dir_all(folder).expect("a folder for the case");
     match case.make(benches) {
         Some(made) => {
-            write(case, &made, folder).expect("the case's files");
+            write(case, &made, film, folder).expect("the case's files");
             eprintln!("{}: {:?}", case.id, made.truth);
         }
         None => eprintln!("{}: these runs never show it", case.id),

@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 use sim::Trajectory;
 
-use crate::initial::noise_m;
+use crate::initial::calm_noise_m;
 use crate::text::millimetres;
 
 /// A keypoint in one image that was set aside.
@@ -51,12 +51,14 @@ const AWAY: f64 = 0.5;
 /// Images that tell a path at once: a cubic's.
 const NODES: usize = 4;
 
-/// A keypoint seen in fewer images has no path.
+/// Where a larger share is suspected, images are too few for the motion and tell no path.
+const MOST: f64 = 0.1;
+/// A keypoint seen in fewer images has none.
 const LEAST: usize = 16;
 
 /// Takes the spikes out of `trajectory`, where they become gaps.
 pub(super) fn set_aside(trajectory: &mut Trajectory) -> Vec<Spike> {
-    let noise_m = noise_m([&*trajectory]);
+    let noise_m = calm_noise_m([&*trajectory]);
     let width = trajectory.keypoints.len();
     let mut list = Vec::new();
     for keypoint in 0..width {
@@ -70,6 +72,19 @@ pub(super) fn set_aside(trajectory: &mut Trajectory) -> Vec<Spike> {
     }
     list.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     list
+}
+
+/// How far a keypoint is off its path.
+struct Off {
+    off_m: f64,
+    path: [f64; 3],
+    limit_m: f64,
+}
+
+impl Off {
+    fn share(&self) -> f64 {
+        self.off_m / self.limit_m
+    }
 }
 
 /// Where a keypoint was seen.
@@ -101,14 +116,15 @@ impl Path {
         if all.len() < LEAST {
             return Vec::new();
         }
-        let off = |place: usize, others: &[usize], limit: f64| self.off(place, others, limit * noise_m);
-        // the ends first: misread, they would make suspects of their neighbours, which have nothing else beside them
-        let is_end = |place: usize| place == 0 || place + 1 == all.len();
-        let inner = all_but(&all, |place| is_end(place) && off(place, &all, SUSPECT).is_some());
-        let good = all_but(&inner, |place| off(place, &inner, SUSPECT).is_some());
+        let good = self.beyond_suspicion(all.clone(), SUSPECT * noise_m);
+        if ((all.len() - good.len()) as f64) > MOST * all.len() as f64 {
+            return Vec::new();
+        }
         let least_m = LEAST_SHARE * self.room_m(&good);
         let leaves_smooth_path = |&place: &usize| {
-            let (off_m, path) = off(place, &good, SPIKE).filter(|(off_m, _)| *off_m > least_m)?;
+            let Off { off_m, path, .. } = self
+                .off(place, &good, SPIKE * noise_m)
+                .filter(|off| off.share() > 1.0 && off.off_m > least_m)?;
             let after = good.partition_point(|&other| other < place);
             let wider = if after == 0 || after == good.len() {
                 path
@@ -134,8 +150,28 @@ impl Path {
         list
     }
 
-    /// How far `place` is off the path that `others` tell, if by more than noise with this `limit_m` does, and where that has it.
-    fn off(&self, place: usize, others: &[usize], limit_m: f64) -> Option<(f64, [f64; 3])> {
+    /// What of `all` is left when the one that is farthest off the path of the others is left out, and then the next, until none is
+    /// off by more than noise with this `limit_m` is.
+    fn beyond_suspicion(&self, all: Vec<usize>, limit_m: f64) -> Vec<usize> {
+        let mut good = all;
+        let share =
+            |at: usize, good: &[usize]| self.off(good[at], good, limit_m).map_or(0.0, |off| off.share());
+        let mut shares: Vec<f64> = (0..good.len()).map(|at| share(at, &good)).collect();
+        while let Some(at) = (0..good.len()).max_by(|&a, &b| shares[a].total_cmp(&shares[b])) {
+            if shares[at] <= 1.0 {
+                break;
+            }
+            good.remove(at);
+            shares.remove(at);
+            for near in at.saturating_sub(NODES)..(at + NODES).min(good.len()) {
+                shares[near] = share(near, &good);
+            }
+        }
+        good
+    }
+
+    /// How far `place` is off the path that `others` tell, and how far noise with this `limit_m` may put it.
+    fn off(&self, place: usize, others: &[usize], limit_m: f64) -> Option<Off> {
         let nodes = nearest(place, others, 0)?;
         let is_between = nodes[0] < place && place < nodes[NODES - 1];
         let (path, limit_m) = if is_between {
@@ -149,8 +185,7 @@ impl Path {
                 (self.predicted(place, next(2))?, self.predicted(place, next(3))?);
             (line, limit_m * spread + 2.0 * distance(line, bent))
         };
-        let off_m = distance(self.points[place], path);
-        (off_m > limit_m).then_some((off_m, path))
+        Some(Off { off_m: distance(self.points[place], path), path, limit_m })
     }
 
     /// The diagonal of the box about `places`.
@@ -288,8 +323,10 @@ mod tests {
         let jump = |time_s: f64| if time_s < 1.0 { [0.0, -0.08] } else { [0.03, -0.08] };
         let elsewhere = |time_s: f64| if (1.0..1.1).contains(&time_s) { [0.05, -0.02] } else { [0.0, -0.08] };
         for per_s in [8.0, 15.0, 30.0, 50.0, 100.0, 500.0] {
-            assert_eq!(found(filmed(per_s, swing(2.0))), [], "swinging, {per_s}");
-            assert_eq!(found(filmed(per_s, swing(5.0))), [], "shaking, {per_s}");
+            for hz in [0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0] {
+                assert_eq!(found(filmed(per_s, swing(hz))), [], "swinging at {hz}, {per_s}");
+                assert_eq!(found(filmed(per_s, at_rest_first(swing(hz)))), [], "started at {hz}, {per_s}");
+            }
             assert_eq!(found(filmed(per_s, bounce)), [], "bouncing, {per_s}");
             assert_eq!(found(filmed(per_s, jump)), [], "jumping, {per_s}");
         }

@@ -9,6 +9,7 @@ mod release;
 
 use sim::{JointKind, Model, State};
 
+pub(crate) use noise::calm_noise_m;
 pub use noise::{RunNoise, noise_m, run_noise};
 pub use release::{Release, release};
 

@@ -5,8 +5,9 @@ use sim::{Command, Trajectory};
 use super::release;
 use crate::experiment::{Run, RunKind};
 
-/// Median of the absolute value of a standard normal number.
+/// Median of the absolute value of a standard normal number, and what a quarter of all are below.
 const MEDIAN: f64 = 0.674_489_75;
+const QUARTER: f64 = 0.318_639_36;
 /// No camera sees better than this \[m\]; it keeps exact data from dividing by nothing.
 const FLOOR_M: f64 = 1e-6;
 /// Instants count as evenly spaced when their steps agree to this share.
@@ -90,6 +91,18 @@ fn third_difference(correlation: f64) -> f64 {
 /// evenly spaced images: those of a smooth motion vanish. It leaves out whatever is slow, hence is a lower limit on
 /// what a fit can reach.
 pub fn noise_m<'a>(trajectories: impl IntoIterator<Item = &'a Trajectory>) -> f64 {
+    roughness_m(trajectories, 0.5, MEDIAN)
+}
+
+/// The same from the calmest quarter of the images alone: where few images are taken of a quick motion, they are rough without any
+/// noise.
+pub(crate) fn calm_noise_m<'a>(trajectories: impl IntoIterator<Item = &'a Trajectory>) -> f64 {
+    roughness_m(trajectories, 0.25, QUARTER)
+}
+
+/// Noise of whose third differences the given `share` would be as small as those of `trajectories` are; of a standard normal
+/// number so many are below `quantile` in size.
+fn roughness_m<'a>(trajectories: impl IntoIterator<Item = &'a Trajectory>, share: f64, quantile: f64) -> f64 {
     let mut differences = Vec::new();
     for trajectory in trajectories {
         let time = &trajectory.time_s;
@@ -112,7 +125,7 @@ pub fn noise_m<'a>(trajectories: impl IntoIterator<Item = &'a Trajectory>) -> f6
     if differences.is_empty() {
         return FLOOR_M;
     }
-    let middle = differences.len() / 2;
-    let (_, median, _) = differences.select_nth_unstable_by(middle, f64::total_cmp);
-    (*median / MEDIAN / third_difference(0.0).sqrt()).max(FLOOR_M)
+    let place = (share * differences.len() as f64) as usize;
+    let (_, found, _) = differences.select_nth_unstable_by(place, f64::total_cmp);
+    (*found / quantile / third_difference(0.0).sqrt()).max(FLOOR_M)
 }

@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::cases::{Case, Kind};
 use super::hide::Truth;
 use super::limit::Benches;
-use super::write::write;
+use super::write::{Film, write};
 use crate::{json, printed, rig};
 
 /// A named cause, as the diagnosis states it.
@@ -52,15 +52,15 @@ pub struct Outcome {
     pub error: String,
 }
 
-/// Makes `case` in `folder`, has it diagnosed there and yields what came of it; `None` where these runs cannot show what should be
+/// Makes `case`, filmed as `film` says, in `folder`, has it diagnosed there and yields what came of it; `None` where these runs cannot show what should be
 /// hidden.
 ///
 /// # Panics
 /// When files cannot be written or the program cannot be started.
-pub fn diagnose(case: &Case, benches: &mut Benches, folder: &Path) -> Option<Outcome> {
+pub fn diagnose(case: &Case, benches: &mut Benches, film: Film, folder: &Path) -> Option<Outcome> {
     let made = case.make(benches)?;
     std::fs::create_dir_all(folder).expect("a folder for the case");
-    let experiment = write(case, &made, folder).expect("the case's files");
+    let experiment = write(case, &made, film, folder).expect("the case's files");
     Some(judge(case, made.truth, &experiment, &folder.join("diagnosis")))
 }
 

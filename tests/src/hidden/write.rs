@@ -11,16 +11,34 @@ use super::motion::Drive;
 /// Keypoints are read to this \[m\].
 const GRAIN_M: f64 = 5e-5;
 
+/// How far off a misread keypoint is, along each axis \[m\].
+const MISREAD_M: f64 = 0.02;
+
+/// How a case is filmed and read.
+#[derive(Debug, Clone, Copy)]
+pub struct Film {
+    /// Of the images at 100 a second each so many-th is kept.
+    pub every: usize,
+    /// Share of the keypoints that are misread.
+    pub misread: f64,
+}
+
+impl Default for Film {
+    fn default() -> Self {
+        Self { every: 1, misread: 0.0 }
+    }
+}
+
 /// How much of the noise stays from image to image in the runs of `seed`.
 pub fn correlation(seed: u64) -> f64 {
     Draw::new(seed, 4).even(0.0, 0.6)
 }
 
-/// Writes `case` into `folder`, which must be there; the experiment's path.
+/// Writes `case`, filmed as `film` says, into `folder`, which must be there; the experiment's path.
 ///
 /// # Errors
 /// When a file cannot be written.
-pub fn write(case: &Case, made: &Made, folder: &Path) -> std::io::Result<PathBuf> {
+pub fn write(case: &Case, made: &Made, film: Film, folder: &Path) -> std::io::Result<PathBuf> {
     let parameters = if made.bench.fits_damping { "\"fluidcoef\", \"damping\"" } else { "\"fluidcoef\"" };
     let mut text =
         format!("model = \"chain.xml\"\nprescribed = true\n\n[fit]\nparameters = [{parameters}]\n");
@@ -43,7 +61,7 @@ pub fn write(case: &Case, made: &Made, folder: &Path) -> std::io::Result<PathBuf
             }
         }
         let _ = writeln!(text, "use = \"{usage}\"");
-        std::fs::write(folder.join(format!("{id}.csv")), trajectory(case, made, run))?;
+        std::fs::write(folder.join(format!("{id}.csv")), trajectory(case, made, film, run))?;
     }
     std::fs::write(folder.join("chain.xml"), MODEL)?;
     let path = folder.join("experiment.toml");
@@ -51,13 +69,14 @@ pub fn write(case: &Case, made: &Made, folder: &Path) -> std::io::Result<PathBuf
     Ok(path)
 }
 
-/// The keypoints of `run` as they are read: noise that correlates in time, rounded.
-fn trajectory(case: &Case, made: &Made, run: &Run) -> String {
+/// The keypoints of `run` as they are read: noise that correlates in time, rounded, some misread.
+fn trajectory(case: &Case, made: &Made, film: Film, run: &Run) -> String {
     // each case has its own noise, whatever else shares its seed
     let own = case.id.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
     });
     let mut draw = Draw::new(own, 16 + run.motion.run as u64);
+    let mut misread = Draw::new(own, 32 + run.motion.run as u64);
     let keep = correlation(case.seed);
     let rest = (1.0 - keep * keep).sqrt();
     let mut noise = [[0.0; 2]; LINKS];
@@ -68,13 +87,19 @@ fn trajectory(case: &Case, made: &Made, run: &Run) -> String {
     table.push('\n');
     let seen = made.bench.watch(run, &made.hidden, FINE_S);
     for (row, (time_s, points)) in run.times_s.iter().zip(seen).enumerate() {
-        let _ = write!(table, "{time_s}");
-        for (noise, point) in noise.iter_mut().flatten().zip(points.into_iter().flatten()) {
-            let fresh = NOISE_M * draw.normal();
-            *noise = if row == 0 { fresh } else { keep * *noise + rest * fresh };
-            let _ = write!(table, ",{:.5}", ((point + *noise) / GRAIN_M).round() * GRAIN_M);
+        let mut cells = String::new();
+        for (noise, point) in noise.iter_mut().zip(points) {
+            let is_misread = misread.even(0.0, 1.0) < film.misread;
+            for (noise, point) in noise.iter_mut().zip(point) {
+                let fresh = NOISE_M * draw.normal();
+                *noise = if row == 0 { fresh } else { keep * *noise + rest * fresh };
+                let off = if is_misread { MISREAD_M * misread.normal() } else { 0.0 };
+                let _ = write!(cells, ",{:.5}", ((point + *noise + off) / GRAIN_M).round() * GRAIN_M);
+            }
         }
-        table.push('\n');
+        if row.is_multiple_of(film.every) {
+            let _ = writeln!(table, "{time_s}{cells}");
+        }
     }
     table
 }
