@@ -163,8 +163,9 @@ impl Path {
             }
             good.remove(at);
             shares.remove(at);
-            for near in at.saturating_sub(NODES)..(at + NODES).min(good.len()) {
-                shares[near] = share(near, &good);
+            let (first, last) = (at.saturating_sub(NODES), (at + NODES).min(good.len()));
+            for (near, known) in (first..last).zip(&mut shares[first..last]) {
+                *known = share(near, &good);
             }
         }
         good
