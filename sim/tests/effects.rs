@@ -7,7 +7,7 @@ use common::{model, relative};
 use sim::batch::{self, Candidate, Direction};
 use sim::dual::Dual;
 use sim::effects::{Cause, Role};
-use sim::{Command, Integrator, Isa, Method, Model, RolloutOptions, State, Steps, rollout};
+use sim::{Command, Integrator, Isa, Method, Model, RolloutOptions, State, Steps, plan, rollout};
 
 /// So many derivatives in one pass; the engine is compiled for this one size.
 const AT_ONCE: usize = 6;
@@ -190,6 +190,48 @@ fn step(cause: Cause) -> f64 {
 fn disagreement(exact: &[f64], differences: &[f64], step: f64) -> f64 {
     let largest = differences.iter().chain(exact).fold(0.0_f64, |most, x| most.max(x.abs()));
     if largest * step < 1e-15 { 0.0 } else { relative(exact, differences) }
+}
+
+/// Friction that stops a link within a quarter of a millisecond of rest. Explicit steps chatter about rest there: positions stay
+/// near, and derivatives grow without bound.
+#[test]
+fn planned_steps_bear_strong_friction() {
+    let [mut case, ..] = cases();
+    for (name, value) in [("coulomb_friction/torque", 1e-5), ("coulomb_friction/rate", 0.015)] {
+        case.model.add_effect("coulomb_friction").unwrap();
+        case.model.set_parameter(name, value).unwrap();
+    }
+    let state = State { qpos: case.qpos.to_vec(), qvel: vec![0.0; 3] };
+    let own = RolloutOptions::default();
+    let planned = plan(&case.model, &state, &case.command, &samples(), &own, 1e-5).unwrap();
+    // the explicit ones that are as exact are ten times as many
+    assert!(planned.steps.ends_s.len() < 400, "{}", planned.steps.ends_s.len());
+    case.options = RolloutOptions { steps: Some(planned.steps), ..own };
+    let name = "coulomb_friction/torque".to_owned();
+    let step = 1e-10;
+    let differences = case.differences(&case.model, &name, step, false);
+    let exact = case.exact(&case.model, &[name]);
+    assert!(relative(&exact[0], &differences) < DIFFERENCE, "{:e}", relative(&exact[0], &differences));
+}
+
+/// The velocity jumps where the command has a corner, and memory with it. After a jump it fades as the root of
+/// time, so that the error falls as the step to the power of one and a half.
+#[test]
+fn history_of_a_driven_link_converges_as_its_steps() {
+    let [.., mut case] = cases();
+    case.model.add_effect("basset").unwrap();
+    case.model.set_parameter("basset/history", 2e-4).unwrap();
+    let time_s: Vec<f64> = (0..=110).map(|k| 0.01 * f64::from(k)).collect();
+    let angle_rad = time_s.iter().map(|t| 0.5 * (7.0 * t).sin()).collect();
+    case.command = Command { actuators: vec!["servo".into()], time_s, angle_rad };
+    let mut with_steps = |h: f64| {
+        case.options.steps = Some(Steps::even(Method::RungeKutta, h));
+        case.plain(&case.model)
+    };
+    let [coarse, middle, fine] = [5e-3, 2.5e-3, 1.25e-3].map(&mut with_steps);
+    let apart = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let (first, second) = (apart(&coarse, &middle), apart(&middle, &fine));
+    assert!(second < 0.4 * first && second < 2e-6, "{first:e} {second:e}");
 }
 
 /// `plain` with every cause, all sizes at a share of what is typical.

@@ -1,10 +1,11 @@
 //! The whole set of hidden-effect cases, through `rig diagnose`:
-//! `cargo run -p system-tests --example hidden_causes -- OUT [--seeds 10] [--only TEXT] [--every N] [--threads 2] [--keep]
+//! `cargo run -p system-tests --example hidden_causes -- OUT [--seeds 10] [--times N] [--only TEXT] [--every N] [--threads 2] [--keep]
 //! [--images-every 1] [--misread 0]`
 //!
 //! Every finished case is a line of `OUT/outcomes.jsonl`; started again, it goes on where it stopped. The tables stand in
 //! `OUT/tables.md` and on standard output. `--only` takes the cases whose names contain a text, `--every` each n-th of them.
-//! `--threads` says how many are under way at once; each has its share of the cores. `--keep` leaves the cases' files, `--make` only
+//! `--times` hides
+//! causes at so many times their limits instead of the usual sizes. `--threads` says how many are under way at once; each has its share of the cores. `--keep` leaves the cases' files, `--make` only
 //! writes them. `--images-every` keeps each so many-th of 100 images a second, `--misread` puts a share of the keypoints 20 mm off. Build the program first: `cargo build -p rig`.
 
 use std::io::Write as _;
@@ -12,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use rayon::prelude::*;
-use system_tests::hidden::cases::{self, Case};
+use system_tests::hidden::cases::{self, Case, SIZES};
 use system_tests::hidden::diagnose::{Outcome, diagnose};
 use system_tests::hidden::limit::Benches;
 use system_tests::hidden::score::tables;
@@ -22,6 +23,7 @@ use system_tests::hidden::write::{Film, write};
 struct Options {
     out: PathBuf,
     seeds: u64,
+    times: Vec<f64>,
     only: Vec<String>,
     every: usize,
     threads: usize,
@@ -35,6 +37,7 @@ impl Options {
         let mut options = Self {
             out: PathBuf::new(),
             seeds: 10,
+            times: Vec::new(),
             only: Vec::new(),
             every: 1,
             threads: 2,
@@ -47,6 +50,7 @@ impl Options {
             let mut value = || words.next().ok_or(format!("{word} wants a value"));
             match word.as_str() {
                 "--seeds" => options.seeds = value()?.parse()?,
+                "--times" => options.times.push(value()?.parse()?),
                 "--only" => options.only.push(value()?),
                 "--every" => options.every = value()?.parse::<usize>()?.max(1),
                 "--threads" => options.threads = value()?.parse()?,
@@ -65,6 +69,10 @@ impl Options {
         }
         Ok(options)
     }
+
+    fn sizes(&self) -> &[f64] {
+        if self.times.is_empty() { &SIZES } else { &self.times }
+    }
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -74,7 +82,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut outcomes = read(&file)?;
     let wanted =
         |case: &Case| options.only.is_empty() || options.only.iter().any(|text| case.id.contains(text));
-    let list = cases::all(options.seeds).into_iter().filter(wanted).step_by(options.every);
+    let list = cases::all(options.seeds, options.sizes()).into_iter().filter(wanted).step_by(options.every);
     let mut list: Vec<Case> =
         list.filter(|case| options.make || outcomes.iter().all(|outcome| outcome.id != case.id)).collect();
     // neighbours in the list share the mechanism that their limits come from

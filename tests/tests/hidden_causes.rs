@@ -95,7 +95,7 @@ fn slice() -> Vec<Case> {
         Kind::Pair(..) => PAIRS.iter().any(|seed| case.id.ends_with(seed)),
         Kind::Outside(name, size) => name == "vortex" && case.seed == 1 && size == 5.0,
     };
-    cases::all(10).into_iter().filter(wanted).collect()
+    cases::all(10, &cases::SIZES).into_iter().filter(wanted).collect()
 }
 
 /// Has `list` diagnosed, filmed as `film` says.
@@ -134,7 +134,7 @@ fn hidden_causes_are_named_from_few_images_with_misread_keypoints() {
         Kind::Nothing => case.seed % 100 == 7,
         _ => false,
     };
-    let list: Vec<Case> = cases::all(4).into_iter().filter(wanted).collect();
+    let list: Vec<Case> = cases::all(4, &cases::SIZES).into_iter().filter(wanted).collect();
     let score = diagnosed(list, Film { every: 3, misread: 0.005 });
     assert_eq!((score.strong.hits, score.strong.of), (4, 4), "each cause has its exact name");
     assert_eq!((score.alarms.hits, score.alarms.of), (0, 3), "nothing hidden is nothing found");
@@ -142,7 +142,7 @@ fn hidden_causes_are_named_from_few_images_with_misread_keypoints() {
 
 #[test]
 fn list_of_cases_is_whole_and_the_same_each_time() {
-    let list = cases::all(10);
+    let list = cases::all(10, &cases::SIZES);
     let mut ids: Vec<&str> = list.iter().map(|case| case.id.as_str()).collect();
     ids.sort_unstable();
     ids.dedup();

@@ -72,9 +72,25 @@ impl<S: Space> Step<S> for Term<S> {
     fn forces(&self, _: &[S::T], qvel: &[S::T], force: &mut [S::T]) {
         for axle in &self.axles {
             let w = qvel[axle.dof];
-            let of = w * self.stribeck;
-            let share = S::T::ONE + self.breakaway * (-(of * of)).exp();
-            force[axle.dof] -= axle.size * share * w / (w * w + self.rate * self.rate).sqrt();
+            force[axle.dof] -= self.per_rate(axle.size, w) * w;
         }
+    }
+
+    /// As if it went on to rest along a straight line: a step over rest ends near it and not beyond.
+    #[inline(always)]
+    fn slopes(&self, _: &[S::T], qvel: &[S::T], damping: &mut [S::T], _: &mut [S::T]) {
+        for axle in &self.axles {
+            damping[axle.dof] += self.per_rate(axle.size, qvel[axle.dof]);
+        }
+    }
+}
+
+impl<S: Space> Term<S> {
+    /// Torque over rate at the rate `w`, where the hinge rubs with the torque `size`.
+    #[inline(always)]
+    fn per_rate(&self, size: S::T, w: S::T) -> S::T {
+        let of = w * self.stribeck;
+        let share = S::T::ONE + self.breakaway * (-(of * of)).exp();
+        size * share / (w * w + self.rate * self.rate).sqrt()
     }
 }

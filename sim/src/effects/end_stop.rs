@@ -52,4 +52,12 @@ impl<S: Space> Step<S> for Term<S> {
             force[axle.dof] -= axle.size * beyond;
         }
     }
+
+    #[inline(always)]
+    fn slopes(&self, qpos: &[S::T], _: &[S::T], _: &mut [S::T], stiffness: &mut [S::T]) {
+        for axle in &self.axles {
+            let pressed = self.angle.less((qpos[axle.q] - axle.slack).abs());
+            stiffness[axle.dof] += S::T::select(pressed, axle.size, S::T::ZERO);
+        }
+    }
 }

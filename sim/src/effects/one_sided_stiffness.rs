@@ -57,4 +57,12 @@ impl<S: Space> Step<S> for Term<S> {
             force[axle.dof] -= axle.size * bent * self.side;
         }
     }
+
+    #[inline(always)]
+    fn slopes(&self, qpos: &[S::T], _: &[S::T], _: &mut [S::T], stiffness: &mut [S::T]) {
+        for axle in &self.axles {
+            let pulls = S::T::ZERO.less(self.side * (qpos[axle.q] - axle.slack));
+            stiffness[axle.dof] += S::T::select(pulls, axle.size, S::T::ZERO);
+        }
+    }
 }

@@ -45,6 +45,11 @@ pub(crate) trait Step<S: Space>: Sized + Debug + Clone + Send + Sync {
     /// Adds to the forces on the degrees of freedom.
     #[inline(always)]
     fn forces(&self, _qpos: &[S::T], _qvel: &[S::T], _force: &mut [S::T]) {}
+
+    /// Adds how fast its force on each degree of freedom falls with the rate and with the coordinate, for implicit steps: about,
+    /// where it may be stiff. Exact or not, motions are the same in the limit of short steps.
+    #[inline(always)]
+    fn slopes(&self, _qpos: &[S::T], _qvel: &[S::T], _damping: &mut [S::T], _stiffness: &mut [S::T]) {}
 }
 
 macro_rules! causes {
@@ -223,6 +228,33 @@ macro_rules! causes {
             fn forces_apart(&self, qpos: &[S::T], qvel: &[S::T], force: &mut [S::T]) {
                 $(if let Some(term) = &self.$step {
                         crate::scalar::tuned!(S::T, term.forces(qpos, qvel, force));
+                    })*
+            }
+
+            /// Adds how fast these fall with the rate and with the coordinate.
+            #[inline(always)]
+            pub(crate) fn slopes(
+                &self,
+                qpos: &[S::T],
+                qvel: &[S::T],
+                damping: &mut [S::T],
+                stiffness: &mut [S::T],
+            ) {
+                if self.some {
+                    self.slopes_apart(qpos, qvel, damping, stiffness);
+                }
+            }
+
+            #[inline(never)]
+            fn slopes_apart(
+                &self,
+                qpos: &[S::T],
+                qvel: &[S::T],
+                damping: &mut [S::T],
+                stiffness: &mut [S::T],
+            ) {
+                $(if let Some(term) = &self.$step {
+                        crate::scalar::tuned!(S::T, term.slopes(qpos, qvel, damping, stiffness));
                     })*
             }
         }

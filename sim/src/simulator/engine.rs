@@ -248,6 +248,11 @@ impl<S: Space> Engine<S> {
         self.last_step_s = h;
         self.sample(time_s, command);
         self.position_stage(&state.qpos);
+        if self.prescribed.contains(&true) && self.plant.effects.remember() {
+            // what remembers arrives with the velocity before the jump, and jumps with it
+            self.force_stage(&state.qpos, &state.qvel);
+            self.moment.arrived_s = Some(0.0);
+        }
         self.prescribe(state, time_s + h, h, command);
         self.departure.copy_from_slice(&state.qvel);
         self.halving(state, time_s, h, command, 0);

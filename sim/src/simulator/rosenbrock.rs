@@ -38,7 +38,7 @@ pub(super) struct Rosenbrock<T> {
     /// The factors of M + g h B + (g h)^2 K, and what is there besides the mass matrix, dof by dof.
     factors: Vec<T>,
     shift: Vec<T>,
-    /// Slopes of joints and drives there, dof by dof: damping and stiffness, neither below 0.
+    /// Slopes of joints, drives and causes there, dof by dof: damping and stiffness, neither below 0.
     damping: Vec<T>,
     stiffness: Vec<T>,
     /// How fast the drives' forces rise because their commands do, dof by dof.
@@ -84,8 +84,8 @@ fn before<T: Scalar>(table: &[[f64; STAGES]; STAGES], stage: usize, of: &[Vec<T>
 
 impl<S: Space> Engine<S> {
     /// One step in four stages, each (M + D) k = h M a + what the slopes make of the stages before, D = g h B + (g h)^2 K; a is
-    /// the acceleration at the stage's own state, M, B and K are the mass matrix and the diagonal slopes of joints and drives
-    /// at the start of the step. After the first stage (M + D) (k - h a) = -h D a + ... spares the product with M.
+    /// the acceleration at the stage's own state, M, B and K are the mass matrix and the diagonal slopes of joints, drives and
+    /// causes at the start of the step. After the first stage (M + D) (k - h a) = -h D a + ... spares the product with M.
     /// Coordinates follow along rotation vectors, as in Runge-Kutta.
     pub(super) fn rosenbrock(
         &mut self,
@@ -191,6 +191,7 @@ impl<S: Space> Engine<S> {
             let (damping, stiffness) = (&mut kept.damping, &mut kept.stiffness);
             passive::slopes(&self.plant, qpos, qvel, damping, stiffness);
             actuation::slopes(&self.plant, qpos, qvel, command, off, damping, stiffness);
+            self.plant.effects.slopes(qpos, qvel, damping, stiffness);
             let per_s = S::T::from_f64(1.0 / h);
             actuation::rises(&self.plant, qpos, qvel, (command, &kept.ahead), per_s, off, &mut kept.rise);
             let own = S::T::from_f64(OWN * h);

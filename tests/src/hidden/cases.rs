@@ -56,13 +56,13 @@ pub struct Made {
     pub truth: Vec<Truth>,
 }
 
-/// All cases with `seeds` of each cause and size, by group.
-pub fn all(seeds: u64) -> Vec<Case> {
+/// All cases with `seeds` of each cause in each of `sizes`, by group.
+pub fn all(seeds: u64, sizes: &[f64]) -> Vec<Case> {
     let mut list = Vec::new();
     let names: Vec<&'static str> = Cause::ALL.iter().map(|cause| cause.info().name).collect();
     for seed in 0..seeds {
         for name in &names {
-            for size in SIZES {
+            for &size in sizes {
                 let id = format!("{name}-x{size}-s{seed}");
                 list.push(Case { id, seed, kind: Kind::One(name, size) });
             }
