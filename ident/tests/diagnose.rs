@@ -96,6 +96,25 @@ fn keypoints_misread_in_single_images_are_set_aside_and_hide_nothing() {
     assert!(diagnosis.remarks.iter().any(|remark| remark.starts_with("6 keypoints of drop-1 are set aside")));
 }
 
+/// The servo's hinge rubs too where it is let go, and a fit has the friction of the passive ones only.
+#[test]
+fn what_is_fitted_at_some_joints_only_is_said_and_found_where_it_is_fitted() {
+    let truth = with(driven_chain(), "coulomb_friction/q1", 1e-5);
+    let poses = [[1.5, 0.0, 0.0], [0.9, -1.2, 1.2]];
+    let runs =
+        poses.iter().zip(1..).map(|(&pose, seed)| dropped(&format!("drop-{seed}"), &truth, pose, seed));
+    let mut experiment = experiment(driven_chain(), runs.collect());
+    experiment.fit.parameters.push("frictionloss".into());
+    let first = diagnose(&experiment, &mut ()).unwrap().diagnosis;
+    println!("{} {:?}", first.sentence, first.remarks);
+    assert_ne!(first.verdict, Verdict::NothingDetectable);
+    assert!(first.remarks.iter().any(|said| said.starts_with("not tried: `q1/damping`, `q1/frictionloss`")));
+    experiment.fit.parameters.push("q1/frictionloss".into());
+    let second = diagnose(&experiment, &mut ()).unwrap().diagnosis;
+    println!("{} {:?}", second.sentence, second.remarks);
+    assert_eq!(second.verdict, Verdict::NothingDetectable);
+}
+
 /// One drop with `hidden` in it leaves an ambiguity; the run that the diagnosis asks for, made with the same mechanism,
 /// leaves none.
 fn is_resolved(hidden: &str, value: f64) {

@@ -73,6 +73,9 @@ pub(super) fn verdict<'a>(
     if names {
         remarks.extend(others.iter().map(Rival::remark));
     }
+    if verdict != Verdict::NothingDetectable {
+        remarks.extend(candidates::fitted_in_part(experiment, &baseline.parameters));
+    }
     remarks.extend(experiment.runs.iter().filter_map(|run| Spike::sentence(&run.id, &run.set_aside)));
     let describes = names || verdict == Verdict::Unexplained;
     let leader = if describes { leader.clone() } else { baseline.clone() };
