@@ -72,8 +72,10 @@ pub(crate) fn fitted_in_part(experiment: &Experiment, parameters: &Parameters) -
 pub(crate) fn aliases(cause: Cause, experiment: &Experiment) -> Vec<&'static str> {
     let weighed = |ending: &str| experiment.fit.prior.keys().any(|name| name.contains(ending));
     let fitted = || experiment.runs.iter().filter(|run| run.usage == Use::Fit);
+    let carried = experiment.model.bodies.iter().any(|body| body.gravity_compensation != 0.0);
     let holds = |when: AliasWhen| match when {
-        AliasWhen::UnlessWeighed => !(weighed("/mass") && weighed("buoyancy/")),
+        // the water's share that a model has forgotten is nothing a mass could stand for
+        AliasWhen::UnlessWeighed => carried && !(weighed("/mass") && weighed("buoyancy/")),
         AliasWhen::EveryRunDriven => fitted().all(|run| run.kind == RunKind::Driven),
     };
     cause.info().aliases.iter().filter(|alias| holds(alias.when)).map(|alias| alias.name).collect()

@@ -11,17 +11,23 @@ pub(crate) const INFO: Info = Info {
     parameters: &[ParameterInfo::size(
         "scale",
         "1",
-        [-0.5, 0.5],
+        [-2.5, 0.5],
         0.02,
-        "error of the angle, as a share of it",
+        "error of the angle, as a share of it; -2: the other way, or the picture is mirrored",
     )],
     aliases: &[],
-    sentence: "the servo goes further, or less far, than it was told",
+    sentence: "the servo goes further, or less far, than it was told, or the other way",
     formula: "(1 + g) q_cmd",
     source: "definition; about the command 0",
     mjcf: Some(Mjcf { how: "actuator gear, kp, kv, forcerange", exact: true, fold }),
     in_picture_plane: false,
 };
+
+/// `range` times `factor`, which may turn it round.
+fn scaled(range: [f64; 2], factor: f64) -> [f64; 2] {
+    let [a, b] = range.map(|force| force * factor);
+    [a.min(b), a.max(b)]
+}
 
 /// A gear of 1 / (1 + g) asks for the angle (1 + g) c; gains and force range make up for it.
 fn fold(effect: &Effect<f64>, model: &mut Model<f64>) {
@@ -30,17 +36,17 @@ fn fold(effect: &Effect<f64>, model: &mut Model<f64>) {
         match actuator.kind {
             crate::model::ActuatorKind::Motor => {
                 actuator.gear *= gain;
-                actuator.force_range = actuator.force_range.map(|range| range.map(|force| force / gain));
+                actuator.force_range = actuator.force_range.map(|range| scaled(range, 1.0 / gain));
             }
             crate::model::ActuatorKind::Position | crate::model::ActuatorKind::Velocity => {
                 actuator.gear /= gain;
                 actuator.kp *= gain * gain;
                 actuator.kv *= gain * gain;
-                actuator.force_range = actuator.force_range.map(|range| range.map(|force| force * gain));
+                actuator.force_range = actuator.force_range.map(|range| scaled(range, gain));
             }
         }
         // what MuJoCo keeps in range is the command before the gear
-        actuator.command_range = actuator.command_range.map(|range| range.map(|command| command / gain));
+        actuator.command_range = actuator.command_range.map(|range| scaled(range, 1.0 / gain));
     }
 }
 

@@ -155,27 +155,28 @@ fn neutral_causes_change_nothing_and_absent_ones_not_a_bit() {
 #[test]
 fn folded_causes_move_the_same_way_without_any() {
     let times = grid(1.0, 0.05);
-    let model = with(
-        &chain("active"),
-        &[
-            ("current/x", 0.02),
-            ("buoyancy/scale", 0.05),
-            ("link_mass/link2", 0.1),
-            ("joint_damping/damping", 1e-6),
-            ("stiffness/q3", 1e-5),
-            ("servo_gain/scale", 0.1),
-            ("keypoint_slip/P2", 0.001),
-        ],
-    );
-    let folded = model.folded();
-    assert!(folded.lost.is_empty() && folded.altered.is_empty() && folded.model.effects().is_empty());
+    let values = [
+        ("current/x", 0.02),
+        ("buoyancy/scale", 0.05),
+        ("link_mass/link2", 0.1),
+        ("joint_damping/damping", 1e-6),
+        ("stiffness/q3", 1e-5),
+        ("keypoint_slip/P2", 0.001),
+    ];
+    let model = with(&chain("active"), &values);
     let command =
         Command { actuators: vec!["servo".into()], time_s: vec![0.0, 1.0], angle_rad: vec![0.0, 0.8] };
     let moved = |model: &Model| {
         rollout(model, &model.rest_state(), &command, &times, &rk4(0.0005)).unwrap().position_m
     };
-    for (a, b) in moved(&model).iter().flatten().zip(moved(&folded.model).iter().flatten()) {
-        assert!((a - b).abs() < 1e-9, "{a} {b}");
+    // as told, and the other way
+    for gain in [0.1, -1.9] {
+        let model = with(&model, &[("servo_gain/scale", gain)]);
+        let folded = model.folded();
+        assert!(folded.lost.is_empty() && folded.altered.is_empty() && folded.model.effects().is_empty());
+        for (a, b) in moved(&model).iter().flatten().zip(moved(&folded.model).iter().flatten()) {
+            assert!((a - b).abs() < 1e-9, "{a} {b}");
+        }
     }
     let lost = with(&model, &[("added_mass/scale", 1.0), ("coulomb_friction/torque", 1e-6)]).folded();
     assert_eq!((lost.lost, lost.altered), (vec![Cause::AddedMass], vec![Cause::CoulombFriction]));
