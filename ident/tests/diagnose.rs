@@ -11,7 +11,7 @@ mod common;
 use common::{chain, driven_chain, filmed_exactly, guess, still};
 use ident::design::runs::Motion;
 use ident::diagnose::{Verdict, diagnose, pin_down};
-use ident::experiment::{Experiment, FitConfig, Run, RunKind};
+use ident::experiment::{Experiment, FitConfig, Run, RunKind, Use};
 use sim::{Command, Model};
 
 const START_S: f64 = 0.3;
@@ -115,13 +115,13 @@ fn what_is_fitted_at_some_joints_only_is_said_and_found_where_it_is_fitted() {
     assert_eq!(second.verdict, Verdict::NothingDetectable);
 }
 
-/// One drop with `hidden` in it leaves an ambiguity; the run that the diagnosis asks for, made with the same mechanism,
-/// leaves none.
-fn is_resolved(hidden: &str, value: f64) {
+/// One drop with `hidden` in it leaves an ambiguity; the run that the diagnosis asks for, made with the same mechanism and put to
+/// this `usage`, leaves none.
+fn is_resolved(hidden: &str, value: f64, usage: Use) {
     let truth = with(driven_chain(), hidden, value);
     let mut experiment = experiment(driven_chain(), vec![dropped("drop", &truth, [1.2, 0.0, 0.0], 1)]);
     let first = diagnose(&experiment, &mut ()).unwrap();
-    println!("{} {:?}", first.diagnosis.sentence, first.diagnosis.alternatives);
+    println!("{} {:?} {:?}", first.diagnosis.sentence, first.diagnosis.alternatives, first.diagnosis.remarks);
     for next in &first.diagnosis.next_experiments {
         println!("    {} {:?} {:.1} -> {:.1}", next.what, next.separates, next.before, next.after);
     }
@@ -131,17 +131,26 @@ fn is_resolved(hidden: &str, value: f64) {
         Motion::Drop { pose_rad } => dropped("next", &truth, [pose_rad[0], pose_rad[1], pose_rad[2]], 8),
         Motion::Driven { .. } => driven("next", &truth, next.command(&experiment).unwrap(), next.seconds, 8),
     };
-    experiment.runs.push(run);
+    experiment.runs.push(Run { usage, ..run });
     let second = diagnose(&experiment, &mut ()).unwrap().diagnosis;
-    println!("{} {:?}", second.sentence, second.alternatives);
+    println!("{} {:?} {:?}", second.sentence, second.alternatives, second.remarks);
     assert_eq!(second.verdict, Verdict::Cause);
     assert_eq!(Some(second.causes[0].name.as_str()), hidden.split('/').next());
+    if usage == Use::Holdout {
+        assert_eq!(first.diagnosis.causes[0].parameters, second.causes[0].parameters, "asked, not fitted");
+    }
 }
 
 #[test]
 fn first_suggested_run_resolves_an_ambiguity() {
-    is_resolved("drag_exponent/exponent", -0.22);
-    is_resolved("current/x", 2.5e-3);
+    is_resolved("drag_exponent/exponent", -0.19, Use::Fit);
+    is_resolved("current/x", 2.5e-3, Use::Fit);
+}
+
+#[test]
+fn a_run_held_out_resolves_an_ambiguity_too() {
+    is_resolved("drag_exponent/exponent", -0.19, Use::Holdout);
+    is_resolved("current/x", 2.5e-3, Use::Holdout);
 }
 
 #[test]

@@ -1,8 +1,10 @@
-//! Whether what is left on held-out runs is noise.
+//! What held-out runs say of a description: whether what it leaves of them is noise, and how probable it had them.
+
+use nalgebra::{DMatrix, DVector};
 
 use super::floor::{Floor, RunFloor, interval_s};
 use super::gates::fitness_of;
-use super::nuisances::Nuisances;
+use super::nuisances::{Nuisances, joint_information};
 use super::result::Fitness;
 use super::state::State;
 use crate::experiment::{Experiment, Use};
@@ -69,4 +71,45 @@ pub(super) fn fitness<'a>(
     let residuals: Vec<_> =
         (0..held.terms.len()).map(|run| left.rows_range(nuisances.of_run(run)).into_owned()).collect();
     Some(fitness_of(&held, &floor, &residuals, nuisances.used()))
+}
+
+/// `state`, at its optimum of the fitted runs, with the held-out ones beside them, before any fit to these. `None` where nothing is
+/// held out.
+pub(super) fn joined<'a>(experiment: &'a Experiment, state: &State<'a>, floor: &Floor) -> Option<State<'a>> {
+    let (held, _) = held_out(experiment, state, floor)?;
+    let mut all = State { linear: Vec::new(), ..state.clone() };
+    all.terms.extend(held.terms);
+    all.point.offsets.extend(held.point.offsets);
+    Some(all)
+}
+
+/// How improbable `state`, at its optimum of the fitted runs, has the held-out ones: -2 ln of their probability density, up to a
+/// constant that all descriptions share, with the numbers as uncertain as the fit leaves them. `all`: what was
+/// [`joined`], at its optimum; what these runs have moved is for this score alone, and nothing is fitted to them.
+///
+/// The density is that of all runs over that of the fitted ones, each by Laplace's approximation: what the least cost grows by
+/// when the held-out runs join, and the logarithm of how much the information grows.
+///
+/// # Source
+/// A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), sections 4.1 and 7.2 (log predictive density).
+pub(super) fn deviance(state: &State<'_>, all: &State<'_>) -> Option<f64> {
+    let free = state.parameters.len();
+    let mut log_determinant = log_growth(&joint_information(state, None), &joint_information(all, None))?;
+    for run in state.terms.len()..all.terms.len() {
+        let nuisances = &all.terms[run].rehearsal.nuisances;
+        let beliefs = nuisances.iter().map(|nuisance| nuisance.belief().powi(-2));
+        let before = DMatrix::from_diagonal(&DVector::from_iterator(nuisances.len(), beliefs));
+        let own = all.linear[run].jacobian.columns(free, nuisances.len());
+        log_determinant += log_growth(&before, &(&before + own.tr_mul(&own)))?;
+    }
+    Some(all.cost - state.cost + log_determinant)
+}
+
+/// Logarithm of the determinant of `after` over that of `before`, both positive.
+fn log_growth(before: &DMatrix<f64>, after: &DMatrix<f64>) -> Option<f64> {
+    // in units that make both well conditioned
+    let units: Vec<f64> = before.diagonal().iter().map(|x| x.sqrt()).collect();
+    let scaled =
+        |m: &DMatrix<f64>| DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| m[(i, j)] / (units[i] * units[j]));
+    Some(scaled(after).cholesky()?.ln_determinant() - scaled(before).cholesky()?.ln_determinant())
 }

@@ -7,7 +7,7 @@
 //!    what the model gets wrong;
 //! 2. `candidates`, `score`: exact derivatives of every cause at neutral, what the baseline could do projected out;
 //! 3. `refit`, `search`: the best refitted in full, sets of up to three, each earning its place by the BIC; `rivals`: what
-//!    explains the runs about as well;
+//!    explains the runs about as well, held-out ones included;
 //! 4. `gates`, `heldout`: what is left must be noise, on held-out runs too, and each named number the same in all runs:
 //!    otherwise the description is none of a cause, and the verdict `unexplained`;
 //! 5. `extend`, `gain`, `detect`, `residuals`: values with intervals, which coefficients had bent, the gain on runs not
@@ -148,14 +148,15 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
         search.run_anew(&baseline, &mut found, most)?;
         found = search.with_noise_seen(&mut baseline, &mut floor, found, true)?;
     }
-    rivals::lead(&mut found, &mut search.counts);
     if explained > search::FAR_BENT && search.settle(&baseline, &mut found) {
         found = search.with_noise_seen(&mut baseline, &mut floor, found, true)?;
     }
+    search.says("comparing what is nearly as good")?;
+    let contest = rivals::contest(experiment, &mut found, &floor, &mut search.counts);
     search.says("checking")?;
     counts.add(&search.counts);
     let (mut diagnosis, leader) =
-        verdict::verdict(experiment, &fitted, &baseline, &found, &floor, &mut counts);
+        verdict::verdict(experiment, &fitted, &baseline, (&found, contest), &floor, &mut counts);
     search.says("planning the next run")?;
     let (advice, next) = next::next(experiment, &baseline, &found, &floor, &diagnosis);
     diagnosis.next_experiments = advice;

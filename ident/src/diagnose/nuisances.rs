@@ -116,6 +116,16 @@ pub(crate) fn covariance(state: &State<'_>) -> Option<DMatrix<f64>> {
 
 /// Covariance of the common numbers and, behind them, of those that run `run` has its own of, its pose among them.
 pub(crate) fn joint_covariance(state: &State<'_>, run: Option<usize>) -> Option<DMatrix<f64>> {
+    let gram = joint_information(state, run);
+    let size = gram.nrows();
+    let units: Vec<f64> = gram.diagonal().iter().map(|x| x.sqrt()).collect();
+    let scaled = DMatrix::from_fn(size, size, |i, j| gram[(i, j)] / (units[i] * units[j]));
+    let inverse = scaled.cholesky()?.inverse();
+    Some(DMatrix::from_fn(size, size, |i, j| inverse[(i, j)] / (units[i] * units[j])))
+}
+
+/// What [`joint_covariance`] is the inverse of.
+pub(super) fn joint_information(state: &State<'_>, run: Option<usize>) -> DMatrix<f64> {
     let free = state.parameters.len();
     let nuisances = run.map_or(&[][..], |run| &state.terms[run].rehearsal.nuisances);
     let size = free + nuisances.len();
@@ -136,10 +146,7 @@ pub(crate) fn joint_covariance(state: &State<'_>, run: Option<usize>) -> Option<
     for (i, std) in common.chain(nuisances.iter().map(|nuisance| nuisance.belief())).enumerate() {
         gram[(i, i)] += std.powi(-2);
     }
-    let units: Vec<f64> = gram.diagonal().iter().map(|x| x.sqrt()).collect();
-    let scaled = DMatrix::from_fn(size, size, |i, j| gram[(i, j)] / (units[i] * units[j]));
-    let inverse = scaled.cholesky()?.inverse();
-    Some(DMatrix::from_fn(size, size, |i, j| inverse[(i, j)] / (units[i] * units[j])))
+    gram
 }
 
 /// An orthonormal basis of the columns from `first` on.

@@ -1,8 +1,14 @@
 //! Other sets of causes that explain the runs about as well as the leader.
+//!
+//! Where two sets come near each other by the runs they were fitted to, the held-out runs are asked as well: by how much more probable
+//! the one had them than the other is as good an evidence, and no number has followed it.
 
 use sim::Cause;
 
 use super::candidates;
+use super::floor::Floor;
+use super::gates::fitness;
+use super::heldout;
 use super::result::Alternative;
 use super::search::{BETTER, Found, sets};
 use super::state::State;
@@ -12,10 +18,21 @@ use crate::fit::counts::Counts;
 /// A number this near to a bound, as a share of their distance, is at it.
 const AT_BOUND: f64 = 0.02;
 
+/// Sets that the search has no further behind than this are gone into.
+const NEAR: f64 = 2.0 * BETTER;
+
+/// What a number costs that one of two sets has more, where they come near each other. The BIC's ln n expects numbers that a single
+/// observation shows: it would have a tether for an offset, which is a tether fixed far away, and one number of another cause for two
+/// of a faint one.
+///
+/// # Source
+/// H. Akaike, "A new look at the statistical model identification", IEEE Transactions on Automatic Control 19 (1974) 716-723.
+const A_NUMBER: f64 = 2.0;
+
 /// Another set of causes that explains the runs.
 pub(super) struct Rival {
     pub(super) set: Alternative,
-    /// How much worse than the leader's its BIC is.
+    /// How much worse than the leader's its BIC is, with what held-out runs say.
     pub(super) behind: f64,
 }
 
@@ -30,67 +47,135 @@ impl Rival {
     }
 }
 
-/// Other sets of causes within reach of the leader's BIC.
-pub(super) fn rivals(experiment: &Experiment, found: &Found<'_>) -> Vec<Rival> {
-    let leader = sets(&found.leader);
-    let class = |names: &[&'static str]| -> Vec<&'static str> {
-        let mut names: Vec<&'static str> = names
-            .iter()
-            .map(|&name| {
-                let aliases = name.parse().map(|cause: Cause| candidates::aliases(cause, experiment));
-                aliases.unwrap_or_default().into_iter().chain([name]).min().unwrap_or(name)
-            })
-            .collect();
-        names.sort_unstable();
-        names
+/// How the sets nearest to the leader compare with it.
+#[derive(Default)]
+pub(super) struct Contest<'a> {
+    /// Other sets within reach of the leader, nearest first.
+    pub(super) rivals: Vec<Rival>,
+    /// What had led by the fitted runs alone, where it no longer does.
+    pub(super) overtaken: Option<State<'a>>,
+}
+
+/// A set of causes that may lead.
+struct Contender<'a> {
+    state: State<'a>,
+    /// [`heldout::deviance`].
+    heldout: Option<f64>,
+}
+
+/// Decides which of the sets near the leader of `found` leads, and says which others are within reach of it.
+pub(super) fn contest<'a>(
+    experiment: &'a Experiment,
+    found: &mut Found<'a>,
+    floor: &Floor,
+    counts: &mut Counts,
+) -> Contest<'a> {
+    let Some(baseline) = found.tried.iter().find(|state| state.causes.is_empty()) else {
+        return Contest::default();
     };
-    let own = class(&leader);
-    let Some(baseline) = found.tried.iter().find(|state| state.causes.is_empty()) else { return Vec::new() };
-    let explained = baseline.cost - found.leader.cost;
-    let mut list: Vec<Rival> = Vec::new();
-    for state in &found.tried {
-        let names = sets(state);
-        let theirs = class(&names);
-        let wider = own.iter().all(|name| theirs.contains(name));
-        let known =
-            list.iter().any(|other| other.set.names.iter().map(String::as_str).eq(names.iter().copied()));
-        // two numbers of a faint cause may pass for one of another
-        let per_size = state.ln_count().min(faint(explained / state.added.max(1) as f64));
-        let behind = behind(state, &found.leader, per_size);
-        if names.is_empty() || wider || known || behind > BETTER {
-            continue;
+    let (cost, bic, count) = (baseline.cost, baseline.bic(), baseline.count());
+    // what is nearly as good as what leaves too much leaves as much
+    if fitness(&found.leader, floor).objects(cost - found.leader.cost, floor.noise_m, count) {
+        return Contest::default();
+    }
+    let mut states = vec![found.leader.clone()];
+    for state in found.tried.iter().filter(|state| !state.causes.is_empty()) {
+        let known = states.iter().any(|other| sets(other) == sets(state));
+        let near = behind(state, &found.leader, A_NUMBER) <= NEAR;
+        if near && !known && !is_wider(state, &found.leader, experiment) {
+            states.push(state.clone());
         }
-        let names = names.into_iter().map(str::to_owned).collect();
-        list.push(Rival { set: Alternative { names, delta_bic: baseline.bic() - state.bic() }, behind });
     }
-    list
-}
-
-/// Puts another set of as many causes at the head of `found`, if one is ahead of its leader: the BIC, by which sets are sought,
-/// is hard on hidden numbers.
-pub(super) fn lead(found: &mut Found<'_>, counts: &mut Counts) {
-    let leader = &found.leader;
-    let rivals = found.tried.iter().filter(|state| state.causes.len() == leader.causes.len());
-    let pairs = rivals.map(|rival| (behind(rival, leader, leader.ln_count()), rival));
-    let ahead = pairs.filter(|(behind, _)| *behind < 0.0).min_by(|a, b| a.0.total_cmp(&b.0));
-    let Some(mut rival) = ahead.map(|(_, rival)| rival.clone()) else { return };
-    if rival.descend(counts) {
-        found.leader = rival;
+    if states.len() == 1 {
+        return Contest::default();
     }
+    let contenders = gone_into(experiment, states, floor, counts);
+    let by_heldout = |rival: &Contender<'_>, leader: &Contender<'_>| {
+        rival.heldout.zip(leader.heldout).map_or(0.0, |(rival, leader)| rival - leader)
+    };
+    // the BIC, by which sets are sought, is hard on hidden numbers, and knows of the fitted runs alone
+    let first = &contenders[0];
+    let as_many = contenders.iter().filter(|other| other.state.causes.len() == first.state.causes.len());
+    let whole = first.state.ln_count();
+    let ahead =
+        as_many.map(|other| (behind(&other.state, &first.state, whole) + by_heldout(other, first), other));
+    let leader = ahead.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(first, |(_, other)| other);
+    let mut rivals: Vec<Rival> = Vec::new();
+    for other in contenders.iter().filter(|other| !is_wider(&other.state, &leader.state, experiment)) {
+        let by_fitted = behind(&other.state, &leader.state, A_NUMBER);
+        let behind = by_fitted + by_heldout(other, leader);
+        if behind <= BETTER {
+            let names = sets(&other.state).into_iter().map(str::to_owned).collect();
+            rivals.push(Rival { set: Alternative { names, delta_bic: bic - other.state.bic() }, behind });
+        }
+    }
+    rivals.sort_by(|a, b| a.behind.total_cmp(&b.behind));
+    let overtaken = (sets(&leader.state) != sets(&first.state)).then(|| first.state.clone());
+    found.leader = leader.state.clone();
+    for contender in contenders {
+        let names = sets(&contender.state);
+        found.tried.retain(|state| sets(state) != names);
+        found.tried.push(contender.state);
+    }
+    found.tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
+    Contest { rivals, overtaken }
 }
 
-/// What a number costs that saves this much: less than the BIC has it cost, which expects numbers that a single observation shows.
-///
-/// # Source
-/// E. I. George, D. P. Foster, "Calibration and empirical Bayes variable selection", Biometrika 87 (2000) 731-747.
-fn faint(saved: f64) -> f64 {
-    1.0 + saved.max(1.0).ln()
+/// Whether the causes of `state` hold those of `leader`, which cannot be told from their aliases.
+fn is_wider(state: &State<'_>, leader: &State<'_>, experiment: &Experiment) -> bool {
+    let class = |state: &State<'_>| -> Vec<&'static str> {
+        let of = |name: &'static str| {
+            let aliases = name.parse().map(|cause: Cause| candidates::aliases(cause, experiment));
+            aliases.unwrap_or_default().into_iter().chain([name]).min().unwrap_or(name)
+        };
+        sets(state).into_iter().map(of).collect()
+    };
+    let theirs = class(state);
+    class(leader).iter().all(|name| theirs.contains(name))
 }
 
-/// How much worse `rival` is than `leader`, as a BIC. Of the numbers that one has more than the other each hidden one (where a tether
-/// is fixed, where a stop begins) costs what one does that saves as much as it saves beside the other set: the BIC would have a
-/// far tether for an offset. A size costs the rival `per_size`. A hidden number at a bound makes the rival another
-/// cause, and costs it the BIC's whole.
+/// `states`, the leader first, each at the best optimum that it or, for the baseline's numbers, the leader's other rivals have met: sets
+/// that resemble each other share their valleys, and a descent that has ended in another one says nothing about the set.
+fn gone_into<'a>(
+    experiment: &'a Experiment,
+    states: Vec<State<'a>>,
+    floor: &Floor,
+    counts: &mut Counts,
+) -> Vec<Contender<'a>> {
+    let states = exchanged(states, counts);
+    let joined: Option<Vec<State<'a>>> =
+        states.iter().map(|state| heldout::joined(experiment, state, floor)).collect();
+    let all = joined.map(|joined| exchanged(joined, counts));
+    let heldout: Vec<Option<f64>> = match &all {
+        Some(all) => states.iter().zip(all).map(|(state, all)| heldout::deviance(state, all)).collect(),
+        None => vec![None; states.len()],
+    };
+    states.into_iter().zip(heldout).map(|(state, heldout)| Contender { state, heldout }).collect()
+}
+
+/// `states`, the leader first, at their optima: the leader started from those of the others as well, and they from its.
+fn exchanged<'a>(states: Vec<State<'a>>, counts: &mut Counts) -> Vec<State<'a>> {
+    let best =
+        |ends: Vec<Option<State<'a>>>| ends.into_iter().flatten().min_by(|a, b| a.cost.total_cmp(&b.cost));
+    let descended = |mut state: State<'a>, counts: &mut Counts| state.descend(counts).then_some(state);
+    let ends = counts.of_each(states.clone(), descended);
+    let ends: Vec<State<'a>> =
+        ends.into_iter().zip(states).map(|(end, state)| end.unwrap_or(state)).collect();
+    let starts = ends[1..].iter().map(|other| ends[0].started_at(&other.point_of_baseline())).collect();
+    let mut leaders = counts.of_each(starts, descended);
+    leaders.push(Some(ends[0].clone()));
+    let leader = best(leaders).unwrap_or_else(|| ends[0].clone());
+    let starts = ends[1..].iter().map(|other| other.started_at(&leader.point_of_baseline())).collect();
+    let others = counts.of_each(starts, descended).into_iter().zip(&ends[1..]);
+    let others =
+        others.map(|(anew, known)| best(vec![anew, Some(known.clone())]).unwrap_or_else(|| known.clone()));
+    let others: Vec<State<'a>> = others.collect();
+    std::iter::once(leader).chain(others).collect()
+}
+
+/// How much worse `rival` is than `leader`, as a BIC, but that of numbers that one has more than the other a hidden one (where a
+/// tether is fixed, where a stop begins) costs [`A_NUMBER`], and a size the rival `per_size`. A hidden number at a bound makes the
+/// rival another cause, and costs it the BIC's whole.
 fn behind(rival: &State<'_>, leader: &State<'_>, per_size: f64) -> f64 {
     let of_hidden = |state: &State<'_>| state.causes.iter().map(|term| term.hidden.len()).sum::<usize>();
     let saved = leader.cost - rival.cost;
@@ -106,8 +191,7 @@ fn behind(rival: &State<'_>, leader: &State<'_>, per_size: f64) -> f64 {
     let a_size = if sizes > 0.0 { per_size } else { whole };
     let charge = match holds_bound(rival) {
         true => all * whole,
-        false if hidden == 0.0 => sizes * a_size,
-        false => sizes * a_size + hidden * faint(saved / hidden),
+        false => sizes * a_size + hidden * A_NUMBER,
     };
     charge - saved
 }

@@ -5,9 +5,10 @@ use sim::Cause;
 use super::floor::Floor;
 use super::gates::{constancy, fitness};
 use super::result::{
-    Alternative, ConstancyTest, Diagnosis, Fitness, NamedCause, NoiseFloor, PerRun, Verdict, Whiteness,
+    Alternative, ConstancyTest, Diagnosis, Fitness, HeldOut, NamedCause, NoiseFloor, PerRun, Verdict,
+    Whiteness,
 };
-use super::rivals::{Rival, rivals};
+use super::rivals::{Contest, Rival};
 use super::search::{AS_GOOD, Found, sets};
 use super::state::State;
 use super::{candidates, detect, extend, gain, heldout, residuals};
@@ -20,7 +21,7 @@ pub(super) fn verdict<'a>(
     experiment: &'a Experiment,
     fitted: &[Cause],
     baseline: &State<'a>,
-    found: &Found<'a>,
+    (found, contest): (&Found<'a>, Contest<'a>),
     floor: &Floor,
     counts: &mut Counts,
 ) -> (Diagnosis, State<'a>) {
@@ -29,20 +30,8 @@ pub(super) fn verdict<'a>(
     // where nothing is accepted, the best that was tried is a description at most
     let best = found.tried.iter().find(|state| !state.causes.is_empty() && state.bic() < baseline.bic());
     let leader = if accepted { &found.leader } else { best.unwrap_or(baseline) };
-    let explained = baseline.cost - leader.cost;
-    let after = if leader.causes.is_empty() { before } else { fitness(leader, floor) };
-    let tests = constancy(leader, baseline.parameters.len());
-    let mut more = Counts::default();
-    let (heldout, gained) = rayon::join(
-        || heldout::fitness(experiment, leader, floor, counts),
-        || match leader.causes.is_empty() {
-            true => None,
-            false => gain::gain(experiment, baseline, leader, floor, &mut more),
-        },
-    );
-    counts.add(&more);
     let count = baseline.count();
-
+    let gates = Gates::new(experiment, (baseline, before), leader, floor, counts);
     let mut remarks = Vec::new();
     let verdict = if !accepted {
         if before.objects(0.0, floor.noise_m, count) {
@@ -51,10 +40,12 @@ pub(super) fn verdict<'a>(
             Verdict::NothingDetectable
         }
     } else {
-        remarks = objections(&after, heldout.as_ref(), &tests, explained, (floor.noise_m, count));
-        // what each run has its own of cannot be told beforehand
-        if leader.causes.iter().all(|term| term.free(&leader.model).own.is_empty()) {
-            remarks.extend(gained.as_ref().and_then(|gained| gained.objection(floor)));
+        remarks = gates.objections(leader, floor);
+        // held-out runs that have chosen the leader are no longer as strict with it
+        if let Some(other) = contest.overtaken.filter(|_| remarks.is_empty()) {
+            let gates = Gates::new(experiment, (baseline, before), &other, floor, counts);
+            let beside = |said| format!("{}, first by the fitted runs: {said}", sets(&other).join(" + "));
+            remarks = gates.objections(&other, floor).into_iter().map(beside).collect();
         }
         match leader.causes.len() {
             _ if !remarks.is_empty() => Verdict::Unexplained,
@@ -63,7 +54,7 @@ pub(super) fn verdict<'a>(
         }
     };
     let (rivals, others): (Vec<Rival>, Vec<Rival>) =
-        rivals(experiment, found).into_iter().partition(|rival| rival.behind <= AS_GOOD);
+        contest.rivals.into_iter().partition(|rival| rival.behind <= AS_GOOD);
     let verdict = match verdict {
         Verdict::Cause | Verdict::Causes if !rivals.is_empty() => Verdict::Ambiguous,
         other => other,
@@ -79,7 +70,7 @@ pub(super) fn verdict<'a>(
     remarks.extend(experiment.runs.iter().filter_map(|run| Spike::sentence(&run.id, &run.set_aside)));
     let describes = names || verdict == Verdict::Unexplained;
     let leader = if describes { leader.clone() } else { baseline.clone() };
-    let list = named(experiment, baseline, &leader, &tests, found);
+    let list = named(experiment, baseline, &leader, &gates.constancy, found);
     let sentence = sentence(verdict, &list, &rivals, &before, floor);
     let diagnosis = Diagnosis {
         verdict,
@@ -89,10 +80,14 @@ pub(super) fn verdict<'a>(
         fitted: fitted.iter().map(|cause| cause.name().to_owned()).collect(),
         whiteness: Whiteness {
             before,
-            after: if describes { after } else { before },
-            heldout,
+            after: if describes { gates.after } else { before },
+            heldout: gates.heldout,
             explainable: (1.0 - (floor.noise_m / before.rms_m).powi(2)).clamp(0.0, 1.0),
-            constancy: if describes { tests.into_iter().map(|(test, _)| test).collect() } else { Vec::new() },
+            constancy: if describes {
+                gates.constancy.into_iter().map(|(test, _)| test).collect()
+            } else {
+                Vec::new()
+            },
         },
         noise_m: floor.noise_m,
         noise: NoiseFloor {
@@ -104,7 +99,7 @@ pub(super) fn verdict<'a>(
             stated_m: experiment.noise_m,
             runs: floor.runs.clone(),
         },
-        heldout: gained.filter(|_| describes),
+        heldout: gates.gained.filter(|_| describes),
         detectable: detect::detectable(baseline, &found.first),
         next_experiments: Vec::new(),
         partial: if verdict == Verdict::Unexplained { list } else { Vec::new() },
@@ -115,34 +110,69 @@ pub(super) fn verdict<'a>(
     (diagnosis, leader)
 }
 
-/// Why the description is none of a cause.
-fn objections(
-    after: &Fitness,
-    heldout: Option<&Fitness>,
-    tests: &[(ConstancyTest, Vec<PerRun>)],
+/// What the gates have found.
+struct Gates {
+    /// Cost saved.
     explained: f64,
-    (noise_m, count): (f64, usize),
-) -> Vec<String> {
-    let mut list = Vec::new();
-    if after.objects(explained, noise_m, count) {
-        list.push(format!(
-            "what is left is no noise: {:.0} noise variances beyond it ({:.0} standard deviations)",
-            after.excess, after.z
-        ));
+    count: usize,
+    after: Fitness,
+    heldout: Option<Fitness>,
+    constancy: Vec<(ConstancyTest, Vec<PerRun>)>,
+    gained: Option<HeldOut>,
+}
+
+impl Gates {
+    /// `before`: fitness of the baseline.
+    fn new(
+        experiment: &Experiment,
+        (baseline, before): (&State<'_>, Fitness),
+        leader: &State<'_>,
+        floor: &Floor,
+        counts: &mut Counts,
+    ) -> Self {
+        let mut more = Counts::default();
+        let (heldout, gained) = rayon::join(
+            || heldout::fitness(experiment, leader, floor, counts),
+            || match leader.causes.is_empty() {
+                true => None,
+                false => gain::gain(experiment, baseline, leader, floor, &mut more),
+            },
+        );
+        counts.add(&more);
+        Self {
+            explained: baseline.cost - leader.cost,
+            count: baseline.count(),
+            after: if leader.causes.is_empty() { before } else { fitness(leader, floor) },
+            heldout,
+            constancy: constancy(leader, baseline.parameters.len()),
+            gained,
+        }
     }
-    if let Some(heldout) = heldout.filter(|heldout| heldout.objects(explained, noise_m, count)) {
-        list.push(format!(
-            "on held-out runs what is left is no noise: {:.0} noise variances beyond it ({:.0} standard deviations)",
-            heldout.excess, heldout.z
-        ));
+
+    /// Why `leader` is no description of a cause.
+    fn objections(&self, leader: &State<'_>, floor: &Floor) -> Vec<String> {
+        let objects = |fitness: &&Fitness| fitness.objects(self.explained, floor.noise_m, self.count);
+        let is_none = |fitness: &Fitness| {
+            let Fitness { excess, z, .. } = fitness;
+            format!(
+                "what is left is no noise: {excess:.0} noise variances beyond it ({z:.0} standard deviations)"
+            )
+        };
+        let mut list: Vec<String> = Some(&self.after).filter(objects).map(is_none).into_iter().collect();
+        let heldout = self.heldout.as_ref().filter(objects).map(is_none);
+        list.extend(heldout.map(|said| format!("on held-out runs {said}")));
+        for (test, _) in self.constancy.iter().filter(|(test, _)| test.objects(self.explained)) {
+            list.push(format!(
+                "{} differs from run to run: chi-square {:.0} with {} degrees of freedom",
+                test.parameter, test.chi2, test.degrees
+            ));
+        }
+        // what each run has its own of cannot be told beforehand
+        if leader.causes.iter().all(|term| term.free(&leader.model).own.is_empty()) {
+            list.extend(self.gained.as_ref().and_then(|gained| gained.objection(floor)));
+        }
+        list
     }
-    for (test, _) in tests.iter().filter(|(test, _)| test.objects(explained)) {
-        list.push(format!(
-            "{} differs from run to run: chi-square {:.0} with {} degrees of freedom",
-            test.parameter, test.chi2, test.degrees
-        ));
-    }
-    list
 }
 
 /// The causes of `leader` with their values.
