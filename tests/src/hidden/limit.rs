@@ -30,10 +30,11 @@ const TURN: f64 = 1e-3;
 /// A column of seen coordinates over all fitted runs.
 type Column = Vec<f64>;
 
-/// What a fit of a bench can imitate.
+/// What a fit of some runs of a bench can imitate.
 #[derive(Debug)]
 pub struct Imitation {
-    /// What is seen without any cause, run by run.
+    pub(super) runs: Vec<Run>,
+    /// What is seen in them without any cause.
     plain: Vec<Vec<[Plane; LINKS]>>,
     basis: DMatrix<f64>,
     correlation: f64,
@@ -43,6 +44,7 @@ fn flat(run: &[[Plane; LINKS]]) -> impl Iterator<Item = f64> + '_ {
     run.iter().flatten().flatten().copied()
 }
 
+/// The runs of `bench` that are fitted.
 fn fitted(bench: &Bench) -> impl Iterator<Item = &Run> {
     bench.runs.iter().filter(|run| !run.held_out)
 }
@@ -61,10 +63,11 @@ fn whitened(runs: &[Vec<f64>], correlation: f64) -> Column {
 }
 
 impl Imitation {
-    /// For the fitted runs of `bench`, seen with noise that correlates by `correlation` from image to image.
-    pub fn new(bench: &Bench, correlation: f64) -> Self {
+    /// For `runs` of `bench`, seen with noise that correlates by `correlation` from image to image.
+    pub fn new<'r>(bench: &Bench, runs: impl IntoIterator<Item = &'r Run>, correlation: f64) -> Self {
+        let runs: Vec<Run> = runs.into_iter().cloned().collect();
         let seen = |bench: &Bench| -> Vec<Vec<[Plane; LINKS]>> {
-            fitted(bench).map(|run| bench.watch(run, &Hidden::default(), COARSE_S)).collect()
+            runs.iter().map(|run| bench.watch(run, &Hidden::default(), COARSE_S)).collect()
         };
         let between = |a: &[Vec<[Plane; LINKS]>], b: &[Vec<[Plane; LINKS]>], step: f64| -> Column {
             let runs = a.iter().zip(b);
@@ -93,7 +96,7 @@ impl Imitation {
                 shared(&move |bench: &mut Bench| &mut bench.chain.links[link].damping, DAMPING);
             }
         }
-        for (place, run) in fitted(bench).enumerate() {
+        for (place, run) in runs.iter().enumerate() {
             for link in usize::from(run.is_driven())..LINKS {
                 let turned = |by: f64| {
                     let mut run = run.clone();
@@ -112,7 +115,7 @@ impl Imitation {
             column[rows + place] = 1.0 / loose;
             matrix.set_column(place, &column.normalize());
         }
-        Self { plain, basis: matrix.qr().q(), correlation }
+        Self { runs, plain, basis: matrix.qr().q(), correlation }
     }
 
     /// The difference that `hidden` makes, whitened, beyond what a fit can imitate.
@@ -122,7 +125,7 @@ impl Imitation {
 
     /// The same, beside `base`.
     fn left_beside(&self, bench: &Bench, hidden: &Hidden, base: &Hidden) -> DVector<f64> {
-        let runs = fitted(bench).zip(&self.plain).map(|(run, plain)| {
+        let runs = self.runs.iter().zip(&self.plain).map(|(run, plain)| {
             let with = bench.watch(run, hidden, COARSE_S);
             match base.0.is_empty() {
                 true => flat(&with).zip(flat(plain)).map(|(a, b)| a - b).collect(),
@@ -200,7 +203,8 @@ pub fn largest_bend(bench: &Bench) -> f64 {
 pub struct Benches {
     benches: HashMap<(u64, bool), (Bench, Imitation)>,
     limits: HashMap<(u64, bool, String), Option<f64>>,
-    rivals: HashMap<(u64, bool), Rivals>,
+    /// In all runs, those held out too: a description is scored on them.
+    rivals: HashMap<(u64, bool), (Imitation, Rivals)>,
 }
 
 impl Benches {
@@ -208,7 +212,7 @@ impl Benches {
     pub fn get(&mut self, seed: u64, fits_damping: bool) -> &(Bench, Imitation) {
         self.benches.entry((seed, fits_damping)).or_insert_with(|| {
             let bench = Bench::draw(seed, fits_damping);
-            let imitation = Imitation::new(&bench, correlation(seed));
+            let imitation = Imitation::new(&bench, fitted(&bench), correlation(seed));
             (bench, imitation)
         })
     }
@@ -216,8 +220,12 @@ impl Benches {
     /// The rival of `cause`, as `hidden` has it, that is nearest to it on the bench of `seed`, and their chi-square apart.
     pub fn nearest(&mut self, seed: u64, fits_damping: bool, cause: &str, hidden: &Hidden) -> (String, f64) {
         self.get(seed, fits_damping);
-        let (bench, imitation) = &self.benches[&(seed, fits_damping)];
-        let rivals = self.rivals.entry((seed, fits_damping)).or_insert_with(|| Rivals::new(bench, imitation));
+        let (bench, _) = &self.benches[&(seed, fits_damping)];
+        let (imitation, rivals) = self.rivals.entry((seed, fits_damping)).or_insert_with(|| {
+            let imitation = Imitation::new(bench, &bench.runs, correlation(seed));
+            let rivals = Rivals::new(bench, &imitation);
+            (imitation, rivals)
+        });
         rivals.nearest(bench, imitation, cause, hidden)
     }
 

@@ -8,7 +8,7 @@ use nalgebra::DVector;
 use sim::Cause;
 use sim::effects::{ParameterInfo, Role};
 
-use super::bench::Bench;
+use super::bench::{Bench, Run};
 use super::cases::same;
 use super::limit::{Imitation, largest_bend, orthonormal};
 use super::terms::Hidden;
@@ -58,7 +58,7 @@ impl Rival {
 pub struct Rivals(Vec<Rival>);
 
 /// For each shape of `cause` the steps that span it.
-fn shapes(cause: Cause, bench: &Bench) -> Vec<Vec<Hidden>> {
+fn shapes(cause: Cause, bench: &Bench, runs: &[Run]) -> Vec<Vec<Hidden>> {
     let info = cause.info();
     let name = info.name;
     let size = info.parameters.iter().find(|parameter| parameter.role == Role::Size);
@@ -81,10 +81,10 @@ fn shapes(cause: Cause, bench: &Bench) -> Vec<Vec<Hidden>> {
         }
         "slosh" => [0.7, 1.0, 1.4, 1.8]
             .map(|frequency| {
-                let parts = (0..bench.runs.len()).flat_map(|run| ["sin", "cos"].map(|part| (part, run)));
+                let parts = runs.iter().flat_map(|run| ["sin", "cos"].map(|part| (part, run.motion.run)));
                 let part =
                     |(part, run)| of(&[(format!("slosh/{part}@{run}"), step), (own("frequency"), frequency)]);
-                parts.filter(|(_, run)| !bench.runs[*run].held_out).map(part).collect()
+                parts.map(part).collect()
             })
             .to_vec(),
         "wall" => [-0.09, -0.075, 0.075, 0.09].map(|x| beside("x", x)).to_vec(),
@@ -106,7 +106,7 @@ impl Rivals {
         let fitted = |cause: &Cause| bench.fits_damping && cause.info().name == "joint_damping";
         let causes = Cause::ALL.iter().filter(|cause| !fitted(cause));
         let each = causes.flat_map(|&cause| {
-            shapes(cause, bench).into_iter().map(move |steps| {
+            shapes(cause, bench, &imitation.runs).into_iter().map(move |steps| {
                 let size = cause.info().parameters.iter().find(|parameter| parameter.role == Role::Size);
                 let single = size.filter(|_| steps.len() == 1).map(|size| (steps[0].clone(), size));
                 let directions = orthonormal(steps.iter().map(|step| imitation.left(bench, step)));
