@@ -93,6 +93,10 @@ pub(super) fn joined<'a>(experiment: &'a Experiment, state: &State<'a>, floor: &
 /// # Source
 /// A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), sections 4.1 and 7.2 (log predictive density).
 pub(super) fn deviance(state: &State<'_>, all: &State<'_>) -> Option<f64> {
+    // what could not be simulated has no optimum
+    if state.linear.len() < state.terms.len() || all.linear.len() < all.terms.len() {
+        return None;
+    }
     let free = state.parameters.len();
     let mut log_determinant = log_growth(&joint_information(state, None), &joint_information(all, None))?;
     for run in state.terms.len()..all.terms.len() {

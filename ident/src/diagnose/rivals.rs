@@ -1,7 +1,7 @@
-//! Other sets of causes that explain the runs about as well as the leader.
+//! Sets of causes that explain the runs about as well as each other.
 //!
-//! Where two sets come near each other by the runs they were fitted to, the held-out runs are asked as well: by how much more probable
-//! the one had them than the other is as good an evidence, and no number has followed it.
+//! Each is refitted from where the others have ended. Then the held-out runs are asked: by how much more probable one set had them
+//! than another is as good an evidence as the fitted ones, and no number follows it.
 
 use sim::Cause;
 
@@ -134,8 +134,8 @@ fn is_wider(state: &State<'_>, leader: &State<'_>, experiment: &Experiment) -> b
     class(leader).iter().all(|name| theirs.contains(name))
 }
 
-/// `states`, the leader first, each at the best optimum that it or, for the baseline's numbers, the leader's other rivals have met: sets
-/// that resemble each other share their valleys, and a descent that has ended in another one says nothing about the set.
+/// `states`, the leader first, fairly compared: sets that resemble each other share the valleys of their coefficients, and a descent
+/// that has ended in another valley than its rival's says nothing about the set.
 fn gone_into<'a>(
     experiment: &'a Experiment,
     states: Vec<State<'a>>,
