@@ -18,7 +18,7 @@ use crate::fit::counts::Counts;
 /// A number this near to a bound, as a share of their distance, is at it.
 const AT_BOUND: f64 = 0.02;
 
-/// Sets that the search has no further behind than this are gone into.
+/// Sets that the search, by the BIC, has no further behind than this are gone into.
 const NEAR: f64 = 2.0 * BETTER;
 
 /// What a number costs that one of two sets has more, where they come near each other. The BIC's ln n expects numbers that a single
@@ -81,7 +81,7 @@ pub(super) fn contest<'a>(
     let mut states = vec![found.leader.clone()];
     for state in found.tried.iter().filter(|state| !state.causes.is_empty()) {
         let known = states.iter().any(|other| sets(other) == sets(state));
-        let near = behind(state, &found.leader, A_NUMBER) <= NEAR;
+        let near = behind(state, &found.leader, found.leader.ln_count()) <= NEAR;
         if near && !known && !is_wider(state, &found.leader, experiment) {
             states.push(state.clone());
         }
