@@ -27,12 +27,13 @@ const ANGLE: f64 = 1.0;
 const SHARE: f64 = 0.02;
 const TURN: f64 = 1e-3;
 
-/// A column of seen coordinates over all fitted runs.
+/// A column of seen coordinates over several runs.
 type Column = Vec<f64>;
 
 /// What a fit of some runs of a bench can imitate.
 #[derive(Debug)]
 pub struct Imitation {
+    /// The runs that are fitted.
     pub(super) runs: Vec<Run>,
     /// What is seen in them without any cause.
     plain: Vec<Vec<[Plane; LINKS]>>,
