@@ -2,7 +2,7 @@
 
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
-use crate::scalar::Scalar;
+use crate::scalar::{Mask as _, Scalar};
 
 /// A value and its partial derivatives with respect to N variables, exact to rounding.
 ///
@@ -230,6 +230,41 @@ impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
     }
 
     #[inline(always)]
+    fn growing_length<const K: usize>(x: [Self; K]) -> Self {
+        let mut values = [T::ZERO; K];
+        let mut k = 0;
+        while k < K {
+            values[k] = x[k].value;
+            k += 1;
+        }
+        let value = T::growing_length(values);
+        let positive = T::ZERO.less(value);
+        let mut k = 0;
+        while k < K {
+            // the direction of the vector, where it has one
+            values[k] = values[k] / T::select(positive, value, T::ONE);
+            k += 1;
+        }
+        let mut partials = [T::ZERO; N];
+        let mut i = 0;
+        while i < N {
+            let (mut along, mut slopes) = (T::ZERO, [T::ZERO; K]);
+            let mut k = 0;
+            while k < K {
+                along += values[k] * x[k].partials[i];
+                slopes[k] = x[k].partials[i];
+                k += 1;
+            }
+            partials[i] = match positive.all() {
+                true => along,
+                false => T::select(positive, along, T::growing_length(slopes)),
+            };
+            i += 1;
+        }
+        Self { value, partials }
+    }
+
+    #[inline(always)]
     fn exp(self) -> Self {
         let value = self.value.exp();
         self.chain(value, value)
@@ -289,6 +324,23 @@ mod tests {
             let difference = (plain(at + step) - plain(at - step)) / (2.0 * step);
             assert!((exact - difference).abs() < DIFFERENCE, "{name}: {exact} {difference}");
         }
+    }
+
+    #[test]
+    fn a_length_that_can_only_grow_does_so_from_zero() {
+        type Two = Dual<f64, 2>;
+        // |(a + b, 2 a)| at a = b = 0 and elsewhere
+        let length = |a: f64, b: f64| {
+            let (a, b) = (Two::variable(a, 0), Two::variable(b, 1));
+            Two::growing_length([a + b, a + a])
+        };
+        assert_eq!(length(0.0, 0.0).partials, [5f64.sqrt(), 1.0]);
+        let Two { value, partials } = length(1.0, 1.0);
+        assert_eq!(value, 8f64.sqrt());
+        let [a, b] = partials;
+        assert!((a - 6.0 / value).hypot(b - 2.0 / value) < 1e-12, "{partials:?}");
+        assert_eq!(Two::growing_length([Two::variable(0.0, 1) * Two::from_f64(-3.0)]).partials, [0.0, 3.0]);
+        assert_eq!(Two::growing_length([-Two::variable(2.0, 1)]), Two::variable(2.0, 1));
     }
 
     #[test]

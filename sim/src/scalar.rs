@@ -107,6 +107,22 @@ pub trait Scalar:
     /// Absolute value. Its derivative at 0 counts as 0.
     fn abs(self) -> Self;
 
+    /// Length of the vector `x` of one component or more. Where it is 0 its derivatives are how fast it grows, for what can only
+    /// grow from there: a coefficient that rests on 0 must see that it may leave it.
+    #[inline(always)]
+    fn growing_length<const K: usize>(x: [Self; K]) -> Self {
+        if K == 1 {
+            return x[0].abs();
+        }
+        let mut squares = x[0] * x[0];
+        let mut k = 1;
+        while k < K {
+            squares += x[k] * x[k];
+            k += 1;
+        }
+        squares.sqrt()
+    }
+
     /// Where `self < other`. False where either is NaN.
     fn less(self, other: Self) -> Self::Mask;
 

@@ -108,6 +108,49 @@ fn derivatives_from_rest_are_finite_and_exact_on_every_model() {
 }
 
 #[test]
+fn coefficients_at_zero_see_that_they_may_leave_it() {
+    for (name, parameters, method) in [
+        ("chain_passive", ["g2/slender", "g2/angular", "g3/slender", "g3/angular"], Method::RungeKutta),
+        (
+            "octopus8",
+            ["geom#1/slender", "geom#1/angular", "geom#2/slender", "geom#2/angular"],
+            Method::Rosenbrock,
+        ),
+    ] {
+        let mut plain = model(name);
+        let (state, command) = start(&plain);
+        let times = [0.1, 0.2];
+        let options = RolloutOptions { steps: Some(Steps::even(method, 0.005)), ..RolloutOptions::default() };
+        for parameter in parameters {
+            plain.set_parameter(parameter, 0.0).unwrap();
+        }
+        let mut lifted = plain.map(Number::constant);
+        for (index, parameter) in parameters.into_iter().enumerate() {
+            lifted.set_parameter(parameter, Number::variable(0.0, index)).unwrap();
+        }
+        let numbers = |x: &[f64]| x.iter().map(|&x| Number::constant(x)).collect();
+        let lifted_state = State { qpos: numbers(&state.qpos), qvel: numbers(&state.qvel) };
+        let exact = rollout(&lifted, &lifted_state, &command, &times, &options).unwrap();
+        for (index, parameter) in parameters.into_iter().enumerate() {
+            let at = |value: f64| {
+                let mut model = plain.clone();
+                model.set_parameter(parameter, value).unwrap();
+                rollout(&model, &state, &command, &times, &options).unwrap().qpos
+            };
+            // from one side, second order
+            let step = 1e-3;
+            let [a, b, c] = [0.0, step, 2.0 * step].map(at);
+            let differences: Vec<f64> =
+                (0..a.len()).map(|i| (4.0 * b[i] - 3.0 * a[i] - c[i]) / (2.0 * step)).collect();
+            let ours: Vec<f64> = exact.qpos.iter().map(|x| x.partials[index]).collect();
+            let worst = common::relative(&ours, &differences);
+            println!("{name} {parameter}: derivative against differences {worst:.1e}");
+            assert!(worst < 1e-5, "{name} {parameter} {worst:e}");
+        }
+    }
+}
+
+#[test]
 fn derivatives_stay_sound_where_friction_holds_however_long_the_steps() {
     let mut plain = model("chain_friction");
     for joint in ["q1", "q2", "q3"] {

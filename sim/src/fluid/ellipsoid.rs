@@ -211,7 +211,8 @@ impl<S: Space> Immersed<S> {
             slow: viscosity * slow,
             quadratic: density * speed * (self.blunt * area + self.slender * (largest - area)),
             slow_turning: viscosity * slow_turning,
-            turning: density * self.angular_drag.times(w).norm(),
+            // no coefficient is negative
+            turning: density * self.angular_drag.times(w).growing_norm(),
         }
     }
 

@@ -32,6 +32,9 @@ pub trait Vector<T>:
     /// Length; its derivative at the zero vector counts as 0.
     fn norm(self) -> T;
 
+    /// The same where the vector can only grow from zero: its derivatives there are how fast it does.
+    fn growing_norm(self) -> T;
+
     /// The absolute value of each component.
     fn magnitudes(self) -> Self;
 }
@@ -96,6 +99,11 @@ macro_rules! vector {
             fn norm(self) -> T {
                 let $v = self;
                 $norm
+            }
+
+            #[inline(always)]
+            fn growing_norm(self) -> T {
+                T::growing_length(self.0)
             }
         }
 
