@@ -8,6 +8,7 @@ use super::result::{Bent, CauseParameter};
 use super::state::State;
 use crate::fit::counts::Counts;
 use crate::fit::crossing::{Closeness, crossing};
+use crate::fit::problem::Point;
 use crate::statistics::{CHI2_95, NORMAL_95};
 
 /// The rise of the cost at an interval's end is met to 3 %.
@@ -15,7 +16,7 @@ const CLOSENESS: Closeness = Closeness { met: 0.03, most_points: 6 };
 /// Steps that let all other numbers follow one that is pinned.
 const STEPS: usize = 12;
 /// What all other numbers could still save is no reason to let them go on, as a share of the rise.
-const BESIDE: f64 = 1.0;
+const BESIDE: f64 = 0.1;
 /// A coefficient that moved by more of its standard deviations had bent.
 const BENT: f64 = 2.0;
 
@@ -93,46 +94,83 @@ fn level(state: &State<'_>) -> f64 {
 /// Where the profile of common number `which` crosses the limit on one `side`.
 fn end(state: &State<'_>, which: usize, side: f64, covariance: &DMatrix<f64>) -> f64 {
     let (best, scale) = (state.point.values[which], state.parameters.free[which].scale);
-    let std = covariance[(which, which)].sqrt();
-    let others = Nuisances::except(state, Some(which));
     let limit = CHI2_95 * level(state);
-    let next = best + side * NORMAL_95 * std;
-    crossing(best, next, limit.sqrt(), &scale, CLOSENESS, |x| {
-        rise(state, which, x, covariance, &others, limit)
-    })
+    let passed = vec![state.point.clone()];
+    let mut profile =
+        Profile { state, which, covariance, others: Nuisances::except(state, Some(which)), limit, passed };
+    let next = best + side * NORMAL_95 * covariance[(which, which)].sqrt();
+    crossing(best, next, limit.sqrt(), &scale, CLOSENESS, |x| profile.rise(x))
 }
 
-/// Root of how much more the best point with number `which` at `x` costs, of which the `limit` is looked for.
-fn rise(
-    state: &State<'_>,
+/// What the cost rises by as a common number leaves its optimum and all others follow.
+struct Profile<'s> {
+    /// At its optimum.
+    state: &'s State<'s>,
+    /// The number.
     which: usize,
-    x: f64,
-    covariance: &DMatrix<f64>,
-    others: &Nuisances,
+    covariance: &'s DMatrix<f64>,
+    others: Nuisances,
+    /// The rise that is looked for.
     limit: f64,
-) -> f64 {
-    let mut pinned = State { linear: Vec::new(), ..state.clone() };
-    // the others begin where they go if all is linear
-    let share = (x - state.point.values[which]) / covariance[(which, which)];
-    for (place, value) in pinned.point.values.iter_mut().enumerate() {
-        *value = state.parameters.free[place].scale.clamp(*value + share * covariance[(place, which)]);
-    }
-    pinned.point.values[which] = x;
-    pinned.parameters = state.parameters.pinned(which, x);
-    let mut counts = Counts::default();
-    if let Some(residuals) = pinned.problem().residuals(&pinned.point, &mut counts) {
-        let all: f64 = residuals.iter().map(|r| r.norm_squared()).sum();
-        let left = others.left_of(residuals.iter()).norm_squared();
-        let least = others.residuals(state).norm_squared();
-        let known: f64 = state.linear.iter().map(|linear| linear.residuals.norm_squared()).sum();
-        // what the others could still save if they went on is little, or not for what is pinned: that they have not does not matter
-        if all - left <= BESIDE * (left - least).max(0.0) + BESIDE * limit + (known - least) {
-            return (left - least).max(0.0).sqrt();
+    /// The optimum, and points at which all others had followed.
+    passed: Vec<Point>,
+}
+
+impl Profile<'_> {
+    /// Root of how much more the best point with the number at `x` costs.
+    fn rise(&mut self, x: f64) -> f64 {
+        let Self { state, which, limit, .. } = *self;
+        let mut pinned = State { linear: Vec::new(), point: self.ahead(x), ..state.clone() };
+        pinned.parameters = state.parameters.pinned(which, x);
+        let mut counts = Counts::default();
+        if let Some(residuals) = pinned.problem().residuals(&pinned.point, &mut counts) {
+            let all: f64 = residuals.iter().map(|r| r.norm_squared()).sum();
+            let left = self.others.left_of(residuals.iter()).norm_squared();
+            let least = self.others.residuals(state).norm_squared();
+            let known: f64 = state.linear.iter().map(|linear| linear.residuals.norm_squared()).sum();
+            // what the others could still save if they went on is little, or not for what is pinned: that they have not does not
+            // matter
+            if all - left <= BESIDE * (left - least).max(0.0) + BESIDE * limit + (known - least) {
+                self.passed.push(pinned.point);
+                return (left - least).max(0.0).sqrt();
+            }
         }
+        if !pinned.steps(STEPS, &mut counts) {
+            return f64::INFINITY;
+        }
+        self.passed.push(pinned.point);
+        (pinned.cost - state.cost).max(0.0).sqrt()
     }
-    match pinned.steps(STEPS, &mut counts) {
-        true => (pinned.cost - state.cost).max(0.0).sqrt(),
-        false => f64::INFINITY,
+
+    /// Where all others are with the number at `x`, if they go on straight from the points that are nearest.
+    fn ahead(&self, x: f64) -> Point {
+        let Self { state, which, covariance, .. } = *self;
+        let mut near: Vec<&Point> = self.passed.iter().collect();
+        near.sort_by(|a, b| (a.values[which] - x).abs().total_cmp(&(b.values[which] - x).abs()));
+        let mut point = near[0].clone();
+        match near.get(1) {
+            Some(next) => {
+                let share = (x - point.values[which]) / (next.values[which] - point.values[which]);
+                let from = point.values.iter_mut().chain(point.offsets.iter_mut().flatten());
+                let to = next.values.iter().chain(next.offsets.iter().flatten());
+                from.zip(to).for_each(|(from, to)| *from += share * (to - *from));
+            }
+            None => {
+                let share = (x - point.values[which]) / covariance[(which, which)];
+                for (place, value) in point.values.iter_mut().enumerate() {
+                    *value += share * covariance[(place, which)];
+                }
+            }
+        }
+        for (parameter, value) in state.parameters.free.iter().zip(&mut point.values) {
+            *value = parameter.scale.clamp(*value);
+        }
+        for (term, offsets) in state.terms.iter().zip(&mut point.offsets) {
+            let nuisances = term.rehearsal.nuisances.iter();
+            nuisances.zip(offsets).for_each(|(nuisance, offset)| *offset = nuisance.clamp(*offset));
+        }
+        point.values[which] = x;
+        point
     }
 }
 

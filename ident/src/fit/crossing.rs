@@ -4,8 +4,8 @@ use crate::parameters::Scale;
 
 /// A step beyond the last point is at least and at most this many times as far.
 const GROWTH: [f64; 2] = [1.05, 3.0];
-/// A rise below this tells nothing about where the limit is.
-const FLAT: f64 = 0.1;
+/// A rise to more than so many times the limit tells nothing about where the limit is.
+const STEEP: f64 = 4.0;
 
 /// How closely a limit is met.
 #[derive(Debug, Clone, Copy)]
@@ -17,8 +17,8 @@ pub(crate) struct Closeness {
 }
 
 /// The end on one side of `best`, first sought at `next`, of where `rise`, the root of the cost's rise, stays below `limit`; the
-/// bound of `scale` where it does not reach it before. In roots the rise grows in proportion to the distance where all is
-/// linear, so the next point is found by proportion; where the best values of all others cannot be found, half way.
+/// bound of `scale` where it does not reach it before. In roots the rise is straight where all is linear, so the next point is
+/// found by proportion; half way to where it is far beyond the limit, or where the best values of all others cannot be found.
 pub(crate) fn crossing(
     best: f64,
     mut next: f64,
@@ -27,7 +27,7 @@ pub(crate) fn crossing(
     closeness: Closeness,
     mut rise: impl FnMut(f64) -> f64,
 ) -> f64 {
-    let (mut inside, mut outside) = ((best, 0.0), None);
+    let (mut before, mut inside, mut outside) = ((best, 0.0), (best, 0.0), None);
     for _ in 0..closeness.most_points {
         let x = scale.clamp(next);
         if x == inside.0 {
@@ -38,16 +38,21 @@ pub(crate) fn crossing(
             return x;
         }
         if risen < limit {
-            inside = (x, risen);
+            (before, inside) = (inside, (x, risen));
         } else {
             outside = Some((x, risen));
         }
         next = match outside {
-            Some((far, high)) if high.is_finite() => {
+            Some((far, high)) if high < STEEP * limit => {
                 inside.0 + (far - inside.0) * (limit - inside.1) / (high - inside.1)
             }
             Some((far, _)) => (inside.0 + far) / 2.0,
-            None => best + (inside.0 - best) * (limit / inside.1.max(FLAT)).clamp(GROWTH[0], GROWTH[1]),
+            None => {
+                // as steeply as it rose last
+                let further = (limit - inside.1) / (inside.1 - before.1).max(0.0) * (inside.0 - before.0);
+                let growth = 1.0 + further / (inside.0 - best);
+                best + (inside.0 - best) * growth.clamp(GROWTH[0], GROWTH[1])
+            }
         };
     }
     scale.clamp(next)
@@ -66,6 +71,9 @@ mod tests {
             (0.5, (|x: f64| x) as fn(f64) -> f64, 2.0),
             (8.0, |x| x.sqrt() * 1.3, (2.0_f64 / 1.3).powi(2)),
             (9.0, |x| if x > 5.0 { f64::INFINITY } else { x }, 2.0),
+            // as where a number comes near a bound at which the model is another
+            (9.0, |x| if x > 8.9 { 100.0 } else { 0.25 * x }, 8.0),
+            (0.2, |x| 0.7 * x.cbrt() + 0.6, 8.0),
         ] {
             let x = crossing(0.0, next, 2.0, &scale, CLOSENESS, rise);
             assert!((rise(x) / 2.0 - 1.0).abs() < 0.02, "{x}, wanted {wanted}");
