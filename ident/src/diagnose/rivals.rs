@@ -3,6 +3,7 @@
 //! Each is refitted from where the others have ended. Then the held-out runs are asked: by how much more probable one set had them
 //! than another is as good an evidence as the fitted ones, and no number follows it.
 
+use rayon::prelude::*;
 use sim::Cause;
 
 use super::candidates;
@@ -144,7 +145,7 @@ fn gone_into<'a>(
 ) -> Vec<Contender<'a>> {
     let states = exchanged(states, counts);
     let joined: Option<Vec<State<'a>>> =
-        states.iter().map(|state| heldout::joined(experiment, state, floor)).collect();
+        states.par_iter().map(|state| heldout::joined(experiment, state, floor)).collect();
     let all = joined.map(|joined| exchanged(joined, counts));
     let heldout: Vec<Option<f64>> = match &all {
         Some(all) => states.iter().zip(all).map(|(state, all)| heldout::deviance(state, all)).collect(),

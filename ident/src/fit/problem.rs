@@ -116,15 +116,7 @@ pub(crate) struct Linear {
 impl Linear {
     /// Products of the Jacobian's columns, shape (columns, columns).
     pub(crate) fn gram(&self) -> DMatrix<f64> {
-        let columns = self.jacobian.ncols();
-        let mut gram = DMatrix::zeros(columns, columns);
-        for i in 0..columns {
-            for j in 0..=i {
-                let product = self.jacobian.column(i).dot(&self.jacobian.column(j));
-                (gram[(i, j)], gram[(j, i)]) = (product, product);
-            }
-        }
-        gram
+        self.jacobian.transpose() * &self.jacobian
     }
 }
 
