@@ -73,32 +73,32 @@ pub(super) fn fitness<'a>(
     Some(fitness_of(&held, &floor, &residuals, nuisances.used()))
 }
 
-/// `state`, at its optimum of the fitted runs, with the held-out ones beside them, before any fit to these. `None` where nothing is
-/// held out.
-pub(super) fn joined<'a>(experiment: &'a Experiment, state: &State<'a>, floor: &Floor) -> Option<State<'a>> {
+/// How improbable `state`, at its optimum of the fitted runs, has the held-out ones: -2 ln of their probability density, up to a
+/// constant that all descriptions share, with the numbers as uncertain as the fit leaves them. `None` where nothing is held out, or
+/// cannot be simulated.
+///
+/// The density is that of all runs over that of the fitted ones, each by Laplace's approximation: what the least cost grows by
+/// when the held-out runs join, and the logarithm of how much the information grows. What these move the numbers by is for this
+/// score alone, and nothing is fitted to them.
+///
+/// # Source
+/// A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), sections 4.1 and 7.2 (log predictive density).
+pub(super) fn deviance<'a>(
+    experiment: &'a Experiment,
+    state: &State<'a>,
+    floor: &Floor,
+    counts: &mut Counts,
+) -> Option<f64> {
     let (held, _) = held_out(experiment, state, floor)?;
     let mut all = State { linear: Vec::new(), ..state.clone() };
     all.terms.extend(held.terms);
     all.point.offsets.extend(held.point.offsets);
-    Some(all)
-}
-
-/// How improbable `state`, at its optimum of the fitted runs, has the held-out ones: -2 ln of their probability density, up to a
-/// constant that all descriptions share, with the numbers as uncertain as the fit leaves them. `all`: what was
-/// [`joined`], at its optimum; what these runs have moved is for this score alone, and nothing is fitted to them.
-///
-/// The density is that of all runs over that of the fitted ones, each by Laplace's approximation: what the least cost grows by
-/// when the held-out runs join, and the logarithm of how much the information grows.
-///
-/// # Source
-/// A. Gelman et al., "Bayesian Data Analysis", 3rd ed. (2013), sections 4.1 and 7.2 (log predictive density).
-pub(super) fn deviance(state: &State<'_>, all: &State<'_>) -> Option<f64> {
     // what could not be simulated has no optimum
-    if state.linear.len() < state.terms.len() || all.linear.len() < all.terms.len() {
+    if state.linear.is_empty() || !all.descend(counts) {
         return None;
     }
     let free = state.parameters.len();
-    let mut log_determinant = log_growth(&joint_information(state, None), &joint_information(all, None))?;
+    let mut log_determinant = log_growth(&joint_information(state, None), &joint_information(&all, None))?;
     for run in state.terms.len()..all.terms.len() {
         let nuisances = &all.terms[run].rehearsal.nuisances;
         let beliefs = nuisances.iter().map(|nuisance| nuisance.belief().powi(-2));

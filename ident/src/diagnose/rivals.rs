@@ -1,9 +1,8 @@
 //! Sets of causes that explain the runs about as well as each other.
 //!
-//! Each is refitted from where the others have ended. Then the held-out runs are asked: by how much more probable one set had them
-//! than another is as good an evidence as the fitted ones, and no number follows it.
+//! The held-out runs are asked as well: by how much more probable one set had them than another is as good an evidence as the
+//! fitted ones, and no number follows it.
 
-use rayon::prelude::*;
 use sim::Cause;
 
 use super::candidates;
@@ -90,7 +89,7 @@ pub(super) fn contest<'a>(
     if states.len() == 1 {
         return Contest::default();
     }
-    let contenders = gone_into(experiment, states, floor, counts);
+    let contenders = counts.of_each(states, |state, counts| gone_into(experiment, state, floor, counts));
     let by_heldout = |rival: &Contender<'_>, leader: &Contender<'_>| {
         rival.heldout.zip(leader.heldout).map_or(0.0, |(rival, leader)| rival - leader)
     };
@@ -135,43 +134,19 @@ fn is_wider(state: &State<'_>, leader: &State<'_>, experiment: &Experiment) -> b
     class(leader).iter().all(|name| theirs.contains(name))
 }
 
-/// `states`, the leader first, fairly compared: sets that resemble each other share the valleys of their coefficients, and a descent
-/// that has ended in another valley than its rival's says nothing about the set.
+/// `state` at its optimum, and what held-out runs say of it.
 fn gone_into<'a>(
     experiment: &'a Experiment,
-    states: Vec<State<'a>>,
+    mut state: State<'a>,
     floor: &Floor,
     counts: &mut Counts,
-) -> Vec<Contender<'a>> {
-    let states = exchanged(states, counts);
-    let joined: Option<Vec<State<'a>>> =
-        states.par_iter().map(|state| heldout::joined(experiment, state, floor)).collect();
-    let all = joined.map(|joined| exchanged(joined, counts));
-    let heldout: Vec<Option<f64>> = match &all {
-        Some(all) => states.iter().zip(all).map(|(state, all)| heldout::deviance(state, all)).collect(),
-        None => vec![None; states.len()],
-    };
-    states.into_iter().zip(heldout).map(|(state, heldout)| Contender { state, heldout }).collect()
-}
-
-/// `states`, the leader first, at their optima: the leader started from those of the others as well, and they from its.
-fn exchanged<'a>(states: Vec<State<'a>>, counts: &mut Counts) -> Vec<State<'a>> {
-    let best =
-        |ends: Vec<Option<State<'a>>>| ends.into_iter().flatten().min_by(|a, b| a.cost.total_cmp(&b.cost));
-    let descended = |mut state: State<'a>, counts: &mut Counts| state.descend(counts).then_some(state);
-    let ends = counts.of_each(states.clone(), descended);
-    let ends: Vec<State<'a>> =
-        ends.into_iter().zip(states).map(|(end, state)| end.unwrap_or(state)).collect();
-    let starts = ends[1..].iter().map(|other| ends[0].started_at(&other.point_of_baseline())).collect();
-    let mut leaders = counts.of_each(starts, descended);
-    leaders.push(Some(ends[0].clone()));
-    let leader = best(leaders).unwrap_or_else(|| ends[0].clone());
-    let starts = ends[1..].iter().map(|other| other.started_at(&leader.point_of_baseline())).collect();
-    let others = counts.of_each(starts, descended).into_iter().zip(&ends[1..]);
-    let others =
-        others.map(|(anew, known)| best(vec![anew, Some(known.clone())]).unwrap_or_else(|| known.clone()));
-    let others: Vec<State<'a>> = others.collect();
-    std::iter::once(leader).chain(others).collect()
+) -> Contender<'a> {
+    let known = state.clone();
+    if !state.descend(counts) {
+        state = known;
+    }
+    let heldout = heldout::deviance(experiment, &state, floor, counts);
+    Contender { state, heldout }
 }
 
 /// How much worse `rival` is than `leader`, as a BIC, but that of numbers that one has more than the other a hidden one (where a

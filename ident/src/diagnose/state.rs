@@ -191,16 +191,6 @@ impl<'a> State<'a> {
         state
     }
 
-    /// Where this state is with the baseline's numbers and starts.
-    pub(crate) fn point_of_baseline(&self) -> Point {
-        let mut point = self.point.clone();
-        for added in self.causes.iter().map(|cause| cause.free(&self.model)) {
-            point.values.truncate(point.values.len() - added.free.len());
-            point.offsets.iter_mut().for_each(|offsets| offsets.truncate(offsets.len() - added.own.len()));
-        }
-        point
-    }
-
     /// The model with all its numbers, but those that each run has its own of.
     pub(crate) fn calibrated(&self) -> Model {
         self.parameters.applied(&self.point.values, &self.model)
