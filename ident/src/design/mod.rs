@@ -48,10 +48,13 @@ pub(crate) fn separating(
     let proposals = runs::proposals(experiment, floor);
     let terms = [rivals[0].0.clone(), rivals[1].0.clone()];
     let sizes = [&rivals[0].1, &rivals[1].1];
-    let before = separation(&Scores::new(state, &terms), sizes);
+    // coefficients that a bound stops in these runs may leave it in the next: without residuals none is stopped
+    let mut state = state.clone();
+    state.linear.iter_mut().for_each(|linear| linear.residuals.fill(0.0));
+    let before = separation(&Scores::new(&state, &terms), sizes);
     let one = |proposal: &Proposal| {
         let run = proposal.run(experiment);
-        let with = joined(experiment, state, floor, proposal, &run)?;
+        let with = joined(experiment, &state, floor, proposal, &run)?;
         let after = separation(&Scores::new(&with, &terms), sizes);
         Some(Worth { proposal: proposal.clone(), before, after })
     };
