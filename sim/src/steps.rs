@@ -68,16 +68,23 @@ pub(crate) struct Grid {
     timestep_s: f64,
 }
 
+/// Steps after the planned ones are as long as the median of this many: the last may be a sliver, and the longest of all may
+/// be too long where the motion is quick.
+const LAST: usize = 5;
 /// A change of rate this small beside the largest counts as none: smooth commands have no corners.
 const CORNER: f64 = 0.1;
 
 impl Grid {
     /// Equal steps of `timestep_s`; with [`RolloutOptions::steps`] those, in parts where they are longer than `most_s`, and
-    /// after them equal ones between the corners of `command`, none longer than `timestep_s`.
-    pub(crate) fn new(timestep_s: f64, most_s: f64, command: &Command, options: &RolloutOptions) -> Self {
+    /// after them equal ones between the corners of `command`, none longer than `timestep_s` or than the last of them.
+    pub(crate) fn new(mut timestep_s: f64, most_s: f64, command: &Command, options: &RolloutOptions) -> Self {
         let mut instants = vec![0.0];
         if let Some(steps) = &options.steps {
             instants.extend(steps.shortened(most_s).ends_s.iter());
+            let mut last_s: Vec<f64> =
+                instants.windows(2).rev().take(LAST).map(|pair| pair[1] - pair[0]).collect();
+            last_s.sort_by(f64::total_cmp);
+            timestep_s = last_s.get(last_s.len() / 2).map_or(timestep_s, |&median| timestep_s.min(median));
             for corner in corners(command, timestep_s) {
                 let (from, to) = (instants[instants.len() - 1], corner - options.start_s);
                 let parts = ((to - from) / timestep_s - 1e-9).ceil();

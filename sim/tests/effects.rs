@@ -251,6 +251,30 @@ fn with_every_cause(plain: &Model, share: f64) -> Model {
     model
 }
 
+#[test]
+fn what_is_seen_after_the_planned_steps_is_as_exact() {
+    const LATE_S: f64 = 0.08;
+    let [case, ..] = cases();
+    let state = State { qpos: case.qpos.to_vec(), qvel: vec![0.0; 3] };
+    // the steps end while the chain falls, and are short there
+    let times: Vec<f64> = (0..32).map(|k| 0.01 * f64::from(k)).collect();
+    let own = RolloutOptions { integrator: None, timestep_s: None, ..case.options.clone() };
+    let planned = plan(&case.model, &state, &case.command, &times, &own, 1e-5).unwrap();
+    let mut late = case.model.clone();
+    late.add_effect("camera_delay").unwrap();
+    late.set_parameter("camera_delay/delay", LATE_S).unwrap();
+    let own = RolloutOptions { steps: Some(planned.steps), ..own };
+    let seen = rollout(&late, &state, &case.command, &times, &own).unwrap();
+    let shifted: Vec<f64> = times.iter().map(|t| t + LATE_S).collect();
+    let fine = RolloutOptions { steps: Some(Steps::even(Method::RungeKutta, 5e-4)), ..own };
+    let truth = rollout(&case.model, &state, &case.command, &shifted, &fine).unwrap();
+    let coordinates = seen.position_m.iter().flatten().zip(truth.position_m.iter().flatten());
+    let error_m = coordinates.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    println!("{error_m:.1e} m");
+    // steps as long as the last are not chosen for what follows
+    assert!(error_m < 5e-5, "{error_m:e}");
+}
+
 /// Parameters of every way in which a cause acts, and that differ from lane to lane: delays fall into other rows and steps.
 const VARIED: [&str; 10] = [
     "added_mass/scale",
