@@ -31,11 +31,18 @@ const SEEN: f64 = 3.0;
 pub(super) fn fitness(state: &State<'_>, floor: &Floor) -> Fitness {
     let nuisances = Nuisances::new(state);
     let residuals: Vec<DVector<f64>> = state.linear.iter().map(|linear| linear.residuals.clone()).collect();
-    fitness_of(state, floor, &residuals, nuisances.used())
+    fitness_of(state, floor, &residuals, nuisances.used(), 0.0)
 }
 
-/// The same of any `residuals` of the runs of `state`, of which `used` degrees of freedom are gone.
-pub(super) fn fitness_of(state: &State<'_>, floor: &Floor, residuals: &[DVector<f64>], used: f64) -> Fitness {
+/// The same of any `residuals` of the runs of `state`, of which `used` degrees of freedom are gone, and that have cost `lost`
+/// elsewhere.
+pub(super) fn fitness_of(
+    state: &State<'_>,
+    floor: &Floor,
+    residuals: &[DVector<f64>],
+    used: f64,
+    lost: f64,
+) -> Fitness {
     let mut sums = [0.0; 4];
     let (mut products, mut squares, mut metres) = ([0.0; LAGS], 0.0, 0.0);
     let mut steep = 0.0;
@@ -66,7 +73,7 @@ pub(super) fn fitness_of(state: &State<'_>, floor: &Floor, residuals: &[DVector<
     let fast = (count - functions).max(1.0);
     let level = ((all - slow) / fast).max(f64::MIN_POSITIVE);
     let left = (functions - used).max(1.0);
-    let excess = slow / level - left;
+    let excess = slow / level - left + lost;
     let spread = 2.0 * left * (1.0 + left / fast) + (steep * floor.correlation_std * left).powi(2);
     let correlations: Vec<f64> =
         products.iter().map(|product| product / squares.max(f64::MIN_POSITIVE)).collect();

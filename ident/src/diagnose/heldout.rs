@@ -70,7 +70,37 @@ pub(super) fn fitness<'a>(
     let left = nuisances.residuals(&held);
     let residuals: Vec<_> =
         (0..held.terms.len()).map(|run| left.rows_range(nuisances.of_run(run)).into_owned()).collect();
-    Some(fitness_of(&held, &floor, &residuals, nuisances.used()))
+    Some(fitness_of(&held, &floor, &residuals, nuisances.used(), 0.0))
+}
+
+/// The same after a fit of all runs together, from the optimum of the fitted ones: what these lose by it counts as well, so
+/// that numbers follow the held-out runs just as far as the fit leaves them open.
+pub(super) fn fitness_of_all<'a>(
+    experiment: &'a Experiment,
+    leader: &State<'a>,
+    floor: &Floor,
+    counts: &mut Counts,
+) -> Option<Fitness> {
+    let (mut held, floor) = held_out(experiment, leader, floor)?;
+    let mut all = joined(leader, &held, counts)?;
+    let first = leader.terms.len();
+    held.linear = all.linear.split_off(first);
+    held.point.offsets = all.point.offsets.split_off(first);
+    held.point.values = all.point.values;
+    let residuals: Vec<_> = held.linear.iter().map(|linear| linear.residuals.clone()).collect();
+    let own = held.terms.iter().map(|term| term.rehearsal.nuisances.len() as f64).sum();
+    let kept: f64 = residuals.iter().map(DVector::norm_squared).sum();
+    let lost = (all.cost - leader.cost - kept).max(0.0);
+    Some(fitness_of(&held, &floor, &residuals, own, lost))
+}
+
+/// `state` with the runs `held` besides, at their common optimum. `None` where there is none.
+fn joined<'a>(state: &State<'a>, held: &State<'a>, counts: &mut Counts) -> Option<State<'a>> {
+    let mut all = State { linear: Vec::new(), ..state.clone() };
+    all.terms.extend(held.terms.iter().cloned());
+    all.point.offsets.extend(held.point.offsets.iter().cloned());
+    // what could not be simulated has no optimum
+    (!state.linear.is_empty() && all.descend(counts)).then_some(all)
 }
 
 /// How improbable `state`, at its optimum of the fitted runs, has the held-out ones: -2 ln of their probability density, up to a
@@ -90,13 +120,7 @@ pub(super) fn deviance<'a>(
     counts: &mut Counts,
 ) -> Option<f64> {
     let (held, _) = held_out(experiment, state, floor)?;
-    let mut all = State { linear: Vec::new(), ..state.clone() };
-    all.terms.extend(held.terms);
-    all.point.offsets.extend(held.point.offsets);
-    // what could not be simulated has no optimum
-    if state.linear.is_empty() || !all.descend(counts) {
-        return None;
-    }
+    let all = joined(state, &held, counts)?;
     let free = state.parameters.len();
     let mut log_determinant = log_growth(&joint_information(state, None), &joint_information(&all, None))?;
     for run in state.terms.len()..all.terms.len() {

@@ -132,6 +132,19 @@ pub(super) fn select(model: &Model, config: &FitConfig) -> Result<Parameters, Pa
     let candidates = candidates(model);
     let names: Vec<String> = candidates.iter().map(|candidate| candidate.name.clone()).collect();
     let unknown = |table: &'static str, name: &str| {
+        // a kind means that of passive joints
+        let joints = |candidate: &&Candidate| {
+            let place = candidate.place;
+            let of_joint = matches!(
+                place,
+                Parameter::Damping(_) | Parameter::FrictionLoss(_) | Parameter::Stiffness(..)
+            );
+            of_joint && candidate.is_kind(name)
+        };
+        if let Some(driven) = candidates.iter().find(joints) {
+            let hint = format!(" (but of driven joints; ask for `{}` by name)", driven.name);
+            return ParameterError::Unknown { table, name: name.to_owned(), hint };
+        }
         let kinds =
             ["fluidcoef"].into_iter().chain(candidates.iter().map(Candidate::kind)).map(str::to_owned);
         let mut known: Vec<String> = if name.contains('/') { names.clone() } else { kinds.collect() };

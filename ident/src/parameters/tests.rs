@@ -55,6 +55,17 @@ fn names_globs_fixed_ties_and_priors_choose() {
 }
 
 #[test]
+fn a_kind_that_only_driven_joints_have_is_pointed_out() {
+    let driven =
+        MODEL.replace("</actuator>", "<position name=\"second\" joint=\"j2\" kp=\"0.1\"/></actuator>");
+    let config: FitConfig = toml::from_str("parameters = [\"damping\"]").unwrap();
+    let error = Parameters::select(&Model::from_mjcf(&driven).unwrap(), &config).unwrap_err().to_string();
+    let wanted =
+        "names `damping`, which the model does not have (but of driven joints; ask for `j1/damping` by name)";
+    assert!(error.ends_with(wanted), "{error}");
+}
+
+#[test]
 fn values_go_to_every_tied_place_and_back() {
     let parameters = select("parameters = [\"kutta\", \"damping\"]\ntie = [[\"*/kutta\"]]").unwrap();
     let mut model = model();

@@ -55,7 +55,7 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
         let runs =
             if heldout.how == "holdout" { "held-out runs" } else { "each run in turn left out of the fit" };
         list.push(format!(
-            "On {runs} the residual goes from {} to {} mm, noise alone leaves {}: {} % less ({} to {} %).",
+            "On {runs} the residual goes from {} to {} mm, noise alone leaves {}: a gain of {} % ({} to {} %).",
             millimetres(heldout.rms_before_m),
             millimetres(heldout.rms_after_m),
             millimetres(heldout.noise_floor_m),
