@@ -137,7 +137,8 @@ pub struct Whiteness {
     pub before: Fitness,
     /// With the causes named, or with the partial description.
     pub after: Fitness,
-    /// Of the held-out runs, with what is named and all fitted numbers projected out.
+    /// Of the held-out runs, with what is named and all fitted numbers projected out; where these runs object and a fit of all
+    /// runs together repeats them, after that fit, with what the fitted runs lose by it in `excess`.
     pub heldout: Option<Fitness>,
     /// Share of the baseline's squared residuals that is no noise: what could be explained at all.
     pub explainable: f64,
