@@ -1,5 +1,7 @@
 //! Joint coordinates that put the keypoints where an image shows them.
 
+use std::f64::consts::TAU;
+
 use nalgebra::{DMatrix, DVector};
 use sim::{JointKind, Model};
 
@@ -27,8 +29,8 @@ const STEP: f64 = 1e-6;
 const ARRIVED: f64 = 1e-10;
 
 /// The coordinates, shape (nq), nearest to `targets`: by descent from `guess`, and where that ends far off, from
-/// a search hinge by hinge. `frozen`, shape (nv), marks what must stay. Directions that no target sees stay at
-/// the guess.
+/// a search hinge by hinge; of the angles that look the same, whole turns apart, those next to the reference. `frozen`, shape
+/// (nv), marks what must stay. Directions that no target sees stay at the guess.
 pub(super) fn pose(
     model: &Model,
     targets: &[Target],
@@ -38,11 +40,25 @@ pub(super) fn pose(
 ) -> Vec<f64> {
     let near = descend(model, targets, guess, frozen);
     let limit = (GOOD * noise_m).powi(2) * targets.len() as f64;
-    if cost(model, targets, &near) <= limit {
-        return near;
+    let mut best = near;
+    if cost(model, targets, &best) > limit {
+        let far = descend(model, targets, &sweep(model, targets, guess, frozen), frozen);
+        if cost(model, targets, &far) < cost(model, targets, &best) {
+            best = far;
+        }
     }
-    let far = descend(model, targets, &sweep(model, targets, guess, frozen), frozen);
-    if cost(model, targets, &far) < cost(model, targets, &near) { far } else { near }
+    unwind(model, &mut best, frozen);
+    best
+}
+
+/// Takes whole turns out of hinges: a descent over a folded chain winds some up, and a spring or a stop would feel them.
+fn unwind(model: &Model, qpos: &mut [f64], frozen: &[bool]) {
+    let hinges = model.joints.iter().filter(|joint| joint.kind == JointKind::Hinge);
+    for joint in hinges.filter(|joint| !frozen[joint.dof_address]) {
+        let middle = joint.limit.map_or(joint.reference, |[lower, upper]| 0.5 * (lower + upper));
+        let angle = &mut qpos[joint.qpos_address];
+        *angle -= TAU * ((*angle - middle) / TAU).round();
+    }
 }
 
 fn residuals(model: &Model, targets: &[Target], qpos: &[f64]) -> DVector<f64> {
@@ -63,10 +79,7 @@ fn sweep(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) -> V
         }
         let tried = (0..ANGLES).map(|k| {
             let mut trial = qpos.clone();
-            let turn = std::f64::consts::TAU * k as f64 / ANGLES as f64;
-            // Of the angles one turn apart, the one next to the reference.
-            trial[joint.qpos_address] =
-                joint.reference + turn - if 2 * k > ANGLES { std::f64::consts::TAU } else { 0.0 };
+            trial[joint.qpos_address] = joint.reference + TAU * k as f64 / ANGLES as f64;
             (cost(model, targets, &trial), trial)
         });
         if let Some((_, best)) = tried.min_by(|a, b| a.0.total_cmp(&b.0)) {
