@@ -2,6 +2,7 @@
 
 use crate::command::Command;
 use crate::dual::Dual;
+use crate::effects::is_soft;
 use crate::lanes::{InLanes, Isa, Packed, dispatch, dispatch_dual};
 use crate::model::{Model, Parameter, State};
 use crate::rollout::{self, RolloutError, RolloutOptions, Run};
@@ -46,7 +47,12 @@ pub fn positions(
     // how a mechanism is best computed depends on whether its joints rub: a pass has candidates of one kind only
     let rubs = |index: &usize| {
         let mut values = parameters.iter().zip(&candidates[*index].values);
-        values.any(|(place, &value)| matches!(place, Parameter::FrictionLoss(_)) && value != 0.0)
+        let is_friction = |place: &Parameter| match *place {
+            Parameter::FrictionLoss(_) => true,
+            Parameter::Effect(effect, _) => is_soft(&model.effects()[effect]),
+            _ => false,
+        };
+        values.any(|(place, &value)| is_friction(place) && value != 0.0)
     };
     let (rubbing, free): (Vec<usize>, Vec<usize>) = (0..candidates.len()).partition(rubs);
     let mut results: Vec<Positions> = vec![Ok(Vec::new()); candidates.len()];

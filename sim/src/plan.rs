@@ -115,7 +115,9 @@ impl Nominal<'_> {
 
     /// Whether steps are to be even.
     fn even(&self) -> bool {
-        self.model.joints.iter().any(|joint| joint.limit.is_some() || joint.friction_loss != 0.0)
+        let altered = self.model.altered();
+        let model = altered.as_ref().unwrap_or(self.model);
+        model.joints.iter().any(|joint| joint.limit.is_some() || joint.friction_loss != 0.0)
     }
 
     /// How long the motion is followed \[s\].

@@ -214,6 +214,29 @@ fn planned_steps_bear_strong_friction() {
     assert!(relative(&exact[0], &differences) < DIFFERENCE, "{:e}", relative(&exact[0], &differences));
 }
 
+/// Soft friction is solved for with the joints' own friction loss: its torque moves all of them at once, from none on.
+#[test]
+fn soft_friction_is_friction_loss() {
+    let [mut case, ..] = cases();
+    let hinges: Vec<String> =
+        case.model.joints.iter().map(|joint| format!("{}/frictionloss", joint.name)).collect();
+    let torque = "coulomb_friction/torque".to_owned();
+    for torque_n_m in [0.0, 2e-6] {
+        let mut lossy = case.model.clone();
+        lossy.remove_effect(Cause::CoulombFriction);
+        hinges.iter().for_each(|name| lossy.set_parameter(name, torque_n_m).unwrap());
+        case.model.add_effect("coulomb_friction").unwrap();
+        case.model.set_parameter("coulomb_friction/soft", 1.0).unwrap();
+        case.model.set_parameter(&torque, torque_n_m).unwrap();
+        let own = case.exact(&case.model, std::slice::from_ref(&torque)).remove(0);
+        let each = case.exact(&lossy, &hinges);
+        let together: Vec<f64> = (0..own.len()).map(|i| each.iter().map(|one| one[i]).sum()).collect();
+        assert!(own.iter().any(|x| *x != 0.0));
+        // rounding, which friction's stops make more of
+        assert!(relative(&own, &together) < 1e-9, "{:e}", relative(&own, &together));
+    }
+}
+
 /// The velocity jumps where the command has a corner, and memory with it. After a jump it fades as the root of
 /// time, so that the error falls as the step to the power of one and a half.
 #[test]

@@ -1,6 +1,6 @@
 //! Which causes may be at work, and what of each is free.
 
-use sim::effects::{AliasWhen, Info, Role};
+use sim::effects::{AliasWhen, Info, ParameterInfo, Role};
 use sim::{Cause, Model};
 
 use crate::experiment::{Experiment, RunKind, Use};
@@ -92,35 +92,48 @@ impl Term {
         let Some(effect) = with.effects().iter().find(|effect| effect.cause() == cause) else {
             return Vec::new();
         };
-        let mut list = vec![Self { cause, choices: Vec::new(), hidden: Vec::new() }];
-        let mut sizes = 0;
-        for (name, parameter) in effect.names().iter().zip(effect.parameters()) {
-            let (values, is_choice) = match parameter.role {
-                Role::Choice(values) => (values, true),
-                Role::Hidden(values) => (values, false),
-                Role::Size | Role::Switch => {
-                    sizes += 1;
-                    continue;
-                }
-                Role::Detail => continue,
-            };
-            list = list
-                .iter()
-                .flat_map(|term| {
-                    values.iter().map(|&value| {
-                        let mut term = term.clone();
-                        let place = if is_choice { &mut term.choices } else { &mut term.hidden };
-                        place.push((name.clone(), value));
-                        term
-                    })
-                })
-                .collect();
+        let is_size = |parameter: &ParameterInfo| matches!(parameter.role, Role::Size | Role::Switch);
+        if !effect.parameters().any(is_size) {
+            return Vec::new();
         }
-        if sizes == 0 { Vec::new() } else { list }
+        let mut list = vec![Self { cause, choices: Vec::new(), hidden: Vec::new() }];
+        let all = || effect.names().iter().zip(effect.parameters());
+        for (name, parameter) in all() {
+            if let Role::Choice(values) = parameter.role {
+                let chosen = |term: &Self, value: f64| {
+                    let choices = [&term.choices[..], &[(name.clone(), value)]].concat();
+                    Self { choices, ..term.clone() }
+                };
+                list = list.iter().flat_map(|term| values.iter().map(|&value| chosen(term, value))).collect();
+            }
+        }
+        for (name, parameter) in all() {
+            if let Role::Hidden(values) = parameter.role {
+                let started = |term: &Self| match term.is_idle(parameter) {
+                    true => vec![term.clone()],
+                    false => values.iter().map(|&value| term.hidden_at(name, value)).collect(),
+                };
+                list = list.iter().flat_map(started).collect();
+            }
+        }
+        list
     }
 
     pub(crate) fn info(&self) -> &'static Info {
         self.cause.info()
+    }
+
+    fn hidden_at(&self, name: &str, value: f64) -> Self {
+        let hidden = [&self.hidden[..], &[(name.to_owned(), value)]].concat();
+        Self { hidden, ..self.clone() }
+    }
+
+    /// Whether `parameter` has no say beside the choices made.
+    fn is_idle(&self, parameter: &ParameterInfo) -> bool {
+        parameter.idle_where.is_some_and(|(choice, value)| {
+            let name = format!("{}/{choice}", self.cause.name());
+            self.choices.iter().any(|(own, chosen)| *own == name && *chosen == value)
+        })
     }
 
     /// Whether the cause is there or not, and nothing in between.
@@ -157,7 +170,7 @@ impl Term {
     pub(crate) fn free(&self, model: &Model) -> Added {
         let mut added = Added { free: Vec::new(), own: Vec::new() };
         for (name, parameter) in names(self.cause, model) {
-            if !matches!(parameter.role, Role::Size | Role::Hidden(_)) {
+            if !matches!(parameter.role, Role::Size | Role::Hidden(_)) || self.is_idle(&parameter) {
                 continue;
             }
             let Ok(place) = model.find_parameter(&name) else { continue };
@@ -194,7 +207,7 @@ impl Term {
 }
 
 /// The parameters of `cause` in `model`, named.
-pub(crate) fn names(cause: Cause, model: &Model) -> Vec<(String, sim::effects::ParameterInfo)> {
+pub(crate) fn names(cause: Cause, model: &Model) -> Vec<(String, ParameterInfo)> {
     let effect = model.effects().iter().find(|effect| effect.cause() == cause);
     effect.map_or(Vec::new(), |effect| {
         effect.names().iter().cloned().zip(effect.parameters().copied()).collect()

@@ -18,8 +18,8 @@ const LAST: f64 = 30.0;
 const LAST_SHARE: f64 = 0.1;
 /// And so many stay in any case.
 const KEPT: usize = 3;
-/// Other hidden numbers (where a stop is, how fast water sways) from which the best candidate is refitted: each may be the
-/// bottom of a valley of its own.
+/// Other hidden numbers (where a stop is, how fast water sways) and choices from which the best candidate is refitted: each may
+/// be the bottom of a valley of its own.
 const ELSEWHERE: usize = 4;
 
 impl Search<'_> {
@@ -168,11 +168,9 @@ impl Search<'_> {
     }
 }
 
-/// The most promising of the candidates that differ from `term` in hidden numbers alone.
+/// The most promising of the candidates that differ from `term` in hidden numbers or choices alone.
 fn starts_elsewhere(term: &Term, scores: &Scores) -> Vec<usize> {
-    let differs = |other: &Term| {
-        other.cause == term.cause && other.choices == term.choices && other.hidden != term.hidden
-    };
+    let differs = |other: &Term| other.cause == term.cause && other != term;
     let mut list: Vec<usize> = (0..scores.list.len()).filter(|&i| differs(&scores.list[i].term)).collect();
     list.sort_by(|&a, &b| scores.list[b].gain.total_cmp(&scores.list[a].gain));
     list.truncate(ELSEWHERE);

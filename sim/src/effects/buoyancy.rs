@@ -17,7 +17,7 @@ pub(crate) const INFO: Info = Info {
     sentence: "the water carries another weight than the model says: density, bubbles, or volume",
     formula: "m_b -> m_b + scale m_w, m_b = mass gravcomp, m_w the same or, in a model without any gravcomp, rho V of the shapes",
     source: "Archimedes; acts at the centre of mass, see cob_offset",
-    mjcf: Some(Mjcf { how: "body gravcomp", exact: true, fold: alter }),
+    mjcf: Some(Mjcf { how: "body gravcomp", exact: |_| true, fold: alter }),
     in_picture_plane: false,
 };
 

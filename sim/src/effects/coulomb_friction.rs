@@ -1,7 +1,10 @@
 //! `coulomb_friction`: the hinges rub with a torque that does not ask how fast.
+//!
+//! Near rest it creeps, in one of two forms: at a rate common to all hinges, or, `soft`, as MuJoCo's friction loss does, at one that
+//! grows with the torque that the hinge bears and with its inverse inertia. Soft friction is solved for as friction loss is.
 
 use super::joints::{Axle, sizes};
-use super::{Effect, Info, Kind, Mjcf, ParameterInfo, Per, Role, Step};
+use super::{Cause, Effect, Info, Kind, Mjcf, ParameterInfo, Per, Role, Step};
 use crate::dynamics::plant::Plant;
 use crate::model::Model;
 use crate::scalar::Scalar;
@@ -16,7 +19,8 @@ pub(crate) const INFO: Info = Info {
             .each(Per::Joint)
             .role(Role::Detail, 0.0),
         ParameterInfo::size("rate", "rad/s", [1e-3, 10.0], 0.05, "rate over which friction turns round")
-            .role(Role::Hidden(&[0.02]), 0.05),
+            .role(Role::Hidden(&[0.02]), 0.05)
+            .idle_where("soft", 1.0),
         ParameterInfo::size(
             "breakaway",
             "1",
@@ -24,7 +28,8 @@ pub(crate) const INFO: Info = Info {
             0.5,
             "how much more it is near rest, as a share (Stribeck)",
         )
-        .role(Role::Detail, 0.0),
+        .role(Role::Detail, 0.0)
+        .idle_where("soft", 1.0),
         ParameterInfo::size(
             "stribeck_rate",
             "rad/s",
@@ -32,21 +37,44 @@ pub(crate) const INFO: Info = Info {
             0.5,
             "rate over which that share is lost",
         )
-        .role(Role::Detail, 0.5),
+        .role(Role::Detail, 0.5)
+        .idle_where("soft", 1.0),
+        ParameterInfo::size(
+            "soft",
+            "1",
+            [0.0, 1.0],
+            1.0,
+            "1: creeps as MuJoCo's friction loss does, at a rate that grows with what the hinge bears",
+        )
+        .role(Role::Choice(&[0.0, 1.0]), 0.0),
     ],
     aliases: &[],
     sentence: "the hinges rub with a torque that does not depend on speed",
-    formula: "tau = -tau_c (1 + b exp(-(w/w_s)^2)) w / sqrt(w^2 + rate^2)",
+    formula: "tau = -tau_c (1 + b exp(-(w/w_s)^2)) w / sqrt(w^2 + rate^2); soft: MuJoCo's friction loss",
     source: "Coulomb, Stribeck; smooth through rest, where it creeps instead of sticking",
-    mjcf: Some(Mjcf { how: "joint frictionloss", exact: false, fold }),
+    mjcf: Some(Mjcf { how: "joint frictionloss, exactly so where it is soft", exact: is_soft, fold }),
     in_picture_plane: false,
 };
 
+/// Whether `effect` is friction of the soft form.
+pub(crate) fn is_soft<T: Scalar>(effect: &Effect<T>) -> bool {
+    effect.cause() == Cause::CoulombFriction && effect.one(5) != T::ZERO
+}
+
 /// As MuJoCo's friction loss, which creeps in another way.
-fn fold(effect: &Effect<f64>, model: &mut Model<f64>) {
+fn fold<T: Scalar>(effect: &Effect<T>, model: &mut Model<T>) {
     for axle in sizes(effect, model, [0, 1], false) {
         model.joints[axle.joint].friction_loss += axle.size;
     }
+}
+
+/// Soft friction is the model's own; whether this is.
+pub(crate) fn alter<T: Scalar>(effect: &Effect<T>, model: &mut Model<T>) -> bool {
+    let soft = is_soft(effect);
+    if soft {
+        fold(effect, model);
+    }
+    soft
 }
 
 /// The rubbing hinges.
@@ -61,7 +89,7 @@ pub(crate) struct Term<S: Space> {
 impl<S: Space> Step<S> for Term<S> {
     fn new(effect: &Effect<S::T>, model: &Model<S::T>, _: &Plant<S>) -> Self {
         Self {
-            axles: sizes(effect, model, [0, 1], false),
+            axles: if is_soft(effect) { Vec::new() } else { sizes(effect, model, [0, 1], false) },
             rate: effect.one(2),
             breakaway: effect.one(3),
             stribeck: S::T::ONE / effect.one(4),

@@ -18,7 +18,7 @@ pub(crate) const INFO: Info = Info {
     sentence: "the water flows past at a steady speed",
     formula: "v -> v - u in every force of the water",
     source: "MuJoCo's `wind`; one velocity everywhere, no boundary layer",
-    mjcf: Some(Mjcf { how: "option wind", exact: true, fold: alter }),
+    mjcf: Some(Mjcf { how: "option wind", exact: |_| true, fold: alter }),
     in_picture_plane: true,
 };
 

@@ -67,6 +67,8 @@ pub struct ParameterInfo {
     pub per: Per,
     /// Whether each run has its own value, as the phase of waves does.
     pub per_run: bool,
+    /// Says nothing where the choice of this name has this value.
+    pub idle_where: Option<(&'static str, f64)>,
     /// What it is.
     pub meaning: &'static str,
 }
@@ -81,7 +83,18 @@ impl ParameterInfo {
         meaning: &'static str,
     ) -> Self {
         let (role, per) = (Role::Size, Per::Model);
-        Self { name, unit, bounds, neutral: 0.0, typical, role, per, per_run: false, meaning }
+        Self {
+            name,
+            unit,
+            bounds,
+            neutral: 0.0,
+            typical,
+            role,
+            per,
+            per_run: false,
+            idle_where: None,
+            meaning,
+        }
     }
 
     /// The same, called after each element of a kind.
@@ -94,6 +107,12 @@ impl ParameterInfo {
     pub(crate) const fn role(mut self, role: Role, neutral: f64) -> Self {
         self.role = role;
         self.neutral = neutral;
+        self
+    }
+
+    /// The same, without a say where the choice called `name` has `value`.
+    pub(crate) const fn idle_where(mut self, name: &'static str, value: f64) -> Self {
+        self.idle_where = Some((name, value));
         self
     }
 
@@ -110,7 +129,7 @@ pub struct Mjcf {
     /// Which attribute holds it, for the report.
     pub how: &'static str,
     /// Whether MuJoCo then moves exactly the same way.
-    pub exact: bool,
+    pub exact: fn(&super::Effect<f64>) -> bool,
     /// Writes the parameters' values into the model, in the order of [`Effect::values`](super::Effect::values).
     pub(crate) fold: fn(&super::Effect<f64>, &mut Model<f64>),
 }

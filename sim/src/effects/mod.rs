@@ -18,7 +18,7 @@
 //! [`Info`] and that section's hook, and one line:
 //!
 //! - `model`: it changes the model's own numbers before anything moves (`fn alter`). Nothing in a step knows of it.
-//! - `step`: it exerts forces or has inertia (`Step`).
+//! - `step`: it exerts forces or has inertia (`Step`); `+ alter` where one of its forms changes the model's own numbers instead.
 //! - `drive`: it changes the command on its way to the drives (`drive::Stage`), in the order of the list.
 //! - `picture`: it changes what the camera sees (`Look`), in the order of the list.
 //!
@@ -53,6 +53,7 @@ mod stiffness;
 mod tether;
 mod wall;
 
+pub(crate) use coulomb_friction::is_soft;
 pub use drive::CommandPath;
 pub use info::{Alias, AliasWhen, Info, Kind, Mjcf, ParameterInfo, Per, Role};
 pub(crate) use step::{Moment, Step};
@@ -81,7 +82,7 @@ causes! {
         drag_exponent DragExponent,
         wall Wall,
         basset Basset,
-        coulomb_friction CoulombFriction,
+        coulomb_friction CoulombFriction + alter,
         one_sided_stiffness OneSidedStiffness,
         end_stop EndStop,
         tether Tether,
@@ -274,7 +275,7 @@ impl Model<f64> {
             match effect.cause.info().mjcf {
                 Some(mjcf) => {
                     (mjcf.fold)(effect, &mut model);
-                    if !mjcf.exact {
+                    if !(mjcf.exact)(effect) {
                         altered.push(effect.cause);
                     }
                 }

@@ -19,7 +19,7 @@ pub(crate) const INFO: Info = Info {
     sentence: "the servo goes further, or less far, than it was told, or the other way",
     formula: "(1 + g) q_cmd",
     source: "definition; about the command 0",
-    mjcf: Some(Mjcf { how: "actuator gear, kp, kv, forcerange", exact: true, fold }),
+    mjcf: Some(Mjcf { how: "actuator gear, kp, kv, forcerange", exact: |_| true, fold }),
     in_picture_plane: false,
 };
 

@@ -55,7 +55,7 @@ pub(crate) trait Step<S: Space>: Sized + Debug + Clone + Send + Sync {
 macro_rules! causes {
     (
         model { $($model:ident $Model:ident,)* }
-        step { $($step:ident $Step:ident,)* }
+        step { $($step:ident $Step:ident $(+ $alter:ident)?,)* }
         drive { $($drive:ident $Drive:ident,)* }
         picture { $($picture:ident $Picture:ident,)* }
     ) => {
@@ -104,6 +104,7 @@ macro_rules! causes {
         fn alter<T: Scalar>(effect: &Effect<T>, model: &mut Model<T>) -> bool {
             match effect.cause {
                 $(Cause::$Model => $model::alter(effect, model),)*
+                $($(Cause::$Step => return $step::$alter(effect, model),)?)*
                 _ => return false,
             }
             true

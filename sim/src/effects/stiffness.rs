@@ -24,7 +24,7 @@ pub(crate) const INFO: Info = Info {
     sentence: "something springs the joints back: a cable, a cover, glue",
     formula: "tau = -k x, x from springref; without the joints on the tank's frame, where there are others",
     source: "linear spring",
-    mjcf: Some(Mjcf { how: "joint stiffness", exact: true, fold: alter }),
+    mjcf: Some(Mjcf { how: "joint stiffness", exact: |_| true, fold: alter }),
     in_picture_plane: false,
 };
 

@@ -20,7 +20,7 @@ pub(crate) const INFO: Info = Info {
     sentence: "what is taken for a keypoint sits further along its link than the model's",
     formula: "P_i + s_i t_i, t_i from the link's joint towards P_i",
     source: "definition; fixed to the link, so there at rest too",
-    mjcf: Some(Mjcf { how: "site pos", exact: true, fold: alter }),
+    mjcf: Some(Mjcf { how: "site pos", exact: |_| true, fold: alter }),
     in_picture_plane: false,
 };
 

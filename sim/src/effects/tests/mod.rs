@@ -161,6 +161,8 @@ fn folded_causes_move_the_same_way_without_any() {
         ("link_mass/link2", 0.1),
         ("joint_damping/damping", 1e-6),
         ("stiffness/q3", 1e-5),
+        ("coulomb_friction/torque", 2e-6),
+        ("coulomb_friction/soft", 1.0),
         ("keypoint_slip/P2", 0.001),
     ];
     let model = with(&chain("active"), &values);
@@ -178,7 +180,8 @@ fn folded_causes_move_the_same_way_without_any() {
             assert!((a - b).abs() < 1e-9, "{a} {b}");
         }
     }
-    let lost = with(&model, &[("added_mass/scale", 1.0), ("coulomb_friction/torque", 1e-6)]).folded();
+    let creeping = [("coulomb_friction/torque", 1e-6), ("coulomb_friction/soft", 0.0)];
+    let lost = with(&with(&model, &[("added_mass/scale", 1.0)]), &creeping).folded();
     assert_eq!((lost.lost, lost.altered), (vec![Cause::AddedMass], vec![Cause::CoulombFriction]));
 }
 

@@ -24,9 +24,12 @@ fn listed() -> String {
                 Role::Choice(_) => "choice",
                 Role::Detail => "detail",
             };
+            let idle = parameter
+                .idle_where
+                .map_or(String::new(), |(choice, value)| format!("; idle where `{choice}` is {value}"));
             let [low, high] = parameter.bounds;
             page += &format!(
-                "| `{}/{own}` | {} | {low}..{high} | {} | {part} | {} |\n",
+                "| `{}/{own}` | {} | {low}..{high} | {} | {part} | {}{idle} |\n",
                 info.name, parameter.unit, parameter.neutral, parameter.meaning
             );
         }
@@ -38,7 +41,9 @@ fn listed() -> String {
             page += &format!("\nNo video tells it from `{}` {when}.\n", alias.name);
         }
         let held = match info.mjcf {
-            Some(mjcf) if mjcf.exact => format!("MJCF holds it: {}.", mjcf.how),
+            Some(mjcf) if (mjcf.exact)(&super::super::Effect::new(*cause, &chain("active"))) => {
+                format!("MJCF holds it: {}.", mjcf.how)
+            }
             Some(mjcf) => format!("MJCF holds it in a slightly other form: {}.", mjcf.how),
             None => "MJCF cannot hold it.".into(),
         };
