@@ -202,7 +202,7 @@ fn amplitudes(state: &State<'_>) -> Option<(ConstancyTest, Vec<PerRun>)> {
 }
 
 impl ConstancyTest {
-    /// Whether the runs differ by more than chance, and by what matters beside `explained`, the cost saved.
+    /// Whether the runs differ by more than chance, and by what matters beside `explained`, the cost that the cause has saved.
     pub(super) fn objects(&self, explained: f64) -> bool {
         self.p < APART && self.chi2 > DRIFT * explained
     }

@@ -65,7 +65,13 @@ pub(super) struct Found<'a> {
     pub(super) first: Scores,
 }
 
-impl Found<'_> {
+impl<'a> Found<'a> {
+    /// The best set that was refitted of the causes of `state` but the one called `name`.
+    pub(super) fn without(&self, state: &State<'_>, name: &str) -> Option<&State<'a>> {
+        let rest: Vec<&str> = sets(state).into_iter().filter(|own| *own != name).collect();
+        self.tried.iter().find(|state| sets(state) == rest)
+    }
+
     /// Whether the leader is beyond doubt: it explains very much, leaves little, and nothing else comes near.
     pub(super) fn is_clear(&self, baseline: &State<'_>) -> bool {
         let leader = sets(&self.leader);

@@ -40,12 +40,12 @@ pub(super) fn verdict<'a>(
             Verdict::NothingDetectable
         }
     } else {
-        remarks = gates.objections(leader, floor);
+        remarks = gates.objections(leader, found, floor);
         // held-out runs that have chosen the leader are no longer as strict with it
         if let Some(other) = contest.overtaken.filter(|_| remarks.is_empty()) {
             let gates = Gates::new(experiment, (baseline, before), &other, floor, counts);
             let beside = |said| format!("{}, first by the fitted runs: {said}", sets(&other).join(" + "));
-            remarks = gates.objections(&other, floor).into_iter().map(beside).collect();
+            remarks = gates.objections(&other, found, floor).into_iter().map(beside).collect();
         }
         match leader.causes.len() {
             _ if !remarks.is_empty() => Verdict::Unexplained,
@@ -173,16 +173,21 @@ impl Gates {
     }
 
     /// Why `leader` is no description of a cause.
-    fn objections(&self, leader: &State<'_>, floor: &Floor) -> Vec<String> {
+    fn objections(&self, leader: &State<'_>, found: &Found<'_>, floor: &Floor) -> Vec<String> {
         let mut list = Vec::new();
         if self.beyond_noise(&self.after, floor) {
             list.push(is_no_noise(&self.after));
         }
-        for (test, _) in self.constancy.iter().filter(|(test, _)| test.objects(self.explained)) {
-            list.push(format!(
-                "{} differs from run to run: chi-square {:.0} with {} degrees of freedom",
-                test.parameter, test.chi2, test.degrees
-            ));
+        for (test, _) in &self.constancy {
+            // a small cause beside a large one drifts as what the large one leaves does: it is asked for what it explains itself
+            let cause = test.parameter.split('/').next().unwrap_or_default();
+            let own = found.without(leader, cause).map(|without| without.cost - leader.cost);
+            if test.objects(own.unwrap_or(self.explained).min(self.explained)) {
+                list.push(format!(
+                    "{} differs from run to run: chi-square {:.0} with {} degrees of freedom",
+                    test.parameter, test.chi2, test.degrees
+                ));
+            }
         }
         if !self.followed {
             list.extend(self.held_out_objections(leader, floor));
@@ -219,9 +224,7 @@ fn named(
     let of = |name: &str, cause: &str| name.split('/').next() == Some(cause);
     let one = |term: &candidates::Term| {
         let info = term.info();
-        // the best set without this one, of those that were refitted
-        let rest: Vec<&str> = sets(leader).into_iter().filter(|name| *name != info.name).collect();
-        let without = found.tried.iter().find(|state| sets(state) == rest).unwrap_or(baseline);
+        let without = found.without(leader, info.name).unwrap_or(baseline);
         NamedCause {
             name: info.name.into(),
             sentence: info.sentence.into(),
