@@ -96,6 +96,28 @@ fn keypoints_misread_in_single_images_are_set_aside_and_hide_nothing() {
     assert!(diagnosis.remarks.iter().any(|remark| remark.starts_with("6 keypoints of drop-1 are set aside")));
 }
 
+/// Springs in the hinges of a chain that lies flat are all that brings it back: the baseline bends out of shape without them, and
+/// what its derivatives point to from there is an end stop near 0.
+#[test]
+fn a_cause_too_strong_for_derivatives_is_named() {
+    let stiffness = 3e-5;
+    let mut plain = driven_chain();
+    plain.settings.gravity = sim::math::Vec3([0.0, 9.81, 0.0]);
+    let truth = with(plain.clone(), "stiffness/stiffness", stiffness);
+    let swings = [(0.5, 1.6), (0.7, 1.1)];
+    let runs = swings.iter().zip(1..).map(|(&(amplitude, period), seed)| {
+        let mut command = common::strokes(amplitude, period, 3.5);
+        command.time_s.iter_mut().for_each(|t| *t += START_S - 0.2);
+        driven(&format!("driven-{seed}"), &truth, command, 3.5, seed)
+    });
+    let diagnosis = diagnose(&experiment(plain, runs.collect()), &mut ()).unwrap().diagnosis;
+    println!("{} {:?} {:?}", diagnosis.sentence, diagnosis.causes, diagnosis.remarks);
+    assert_eq!(diagnosis.verdict, Verdict::Cause);
+    let found = &diagnosis.causes[0].parameters[0];
+    assert_eq!(found.name, "stiffness/stiffness");
+    assert!((found.value / stiffness - 1.0).abs() < RECOVERED, "{found:?}");
+}
+
 /// The servo's hinge rubs too where it is let go, and a fit has the friction of the passive ones only.
 #[test]
 fn what_is_fitted_at_some_joints_only_is_said_and_found_where_it_is_fitted() {

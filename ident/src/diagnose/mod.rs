@@ -37,6 +37,7 @@ mod refit;
 mod residuals;
 mod result;
 mod rivals;
+mod scan;
 pub(crate) mod score;
 mod search;
 pub(crate) mod state;
@@ -143,7 +144,8 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
     let explained = baseline.cost - found.leader.cost;
     let left = gates::fitness(&found.leader, &floor);
     let objected = left.objects(explained, floor.noise_m, baseline.count());
-    if objected || explained > search::FAR_BENT && !found.is_clear(&baseline) {
+    let stands_in = rivals::holds_bound(&found.leader);
+    if objected || explained > search::FAR_BENT && (stands_in || !found.is_clear(&baseline)) {
         let most = if objected { search::MOST_CAUSES } else { found.leader.causes.len() };
         search.run_anew(&baseline, &mut found, most)?;
         found = search.with_noise_seen(&mut baseline, &mut floor, found, true)?;

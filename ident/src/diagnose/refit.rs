@@ -35,16 +35,18 @@ impl Search<'_> {
             if list.len() == SHORT_LIST || worth(scored) <= 0.0 {
                 break;
             }
-            let same = |&other: &usize| {
-                let other = &scores.list[other].term;
-                other.cause == scored.term.cause
-                    || candidates::aliases(other.cause, self.experiment).contains(&scored.term.cause.name())
-            };
+            let same = |&other: &usize| self.is_same(&scores.list[other].term, &scored.term);
             if !list.iter().any(same) {
                 list.push(index);
             }
         }
         list
+    }
+
+    /// Whether two candidates are of one cause, or of aliases.
+    pub(super) fn is_same(&self, one: &Term, other: &Term) -> bool {
+        one.cause == other.cause
+            || candidates::aliases(one.cause, self.experiment).contains(&other.cause.name())
     }
 
     /// Whether some candidate is good enough to be worth a refit at all.

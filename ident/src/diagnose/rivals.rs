@@ -173,7 +173,7 @@ fn behind(rival: &State<'_>, leader: &State<'_>, per_size: f64) -> f64 {
 }
 
 /// Whether a hidden number of a cause of `state` is at a bound.
-fn holds_bound(state: &State<'_>) -> bool {
+pub(super) fn holds_bound(state: &State<'_>) -> bool {
     state.causes.iter().flat_map(|term| &term.hidden).any(|(name, _)| {
         let place = state.parameters.free.iter().position(|parameter| parameter.name() == name);
         place.is_some_and(|place| {

@@ -126,6 +126,13 @@ impl Scores {
         Self { list, columns, raw, projected, nuisances }
     }
 
+    /// By how much the number `name` of the candidate at `index` moves whitened residuals, per unit; `None` where it does nothing.
+    pub(crate) fn length(&self, index: usize, name: &str) -> Option<f64> {
+        let own = |column: &Column| column.candidate == index && column.name == name;
+        let length = self.raw.column(self.columns.iter().position(own)?).norm();
+        (length > 0.0).then_some(length)
+    }
+
     /// The linearisation of `state` with the candidate at `index` added, neutral.
     pub(crate) fn extended(&self, state: &State<'_>, next: &State<'_>, index: usize) -> Vec<Linear> {
         let (before, after) = (state.parameters.len(), next.parameters.len());

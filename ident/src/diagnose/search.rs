@@ -8,7 +8,7 @@ use sim::{Cause, Model};
 
 use super::DiagnoseError;
 use super::baseline;
-use super::candidates::{self, Term};
+use super::candidates::Term;
 use super::floor::Floor;
 use super::refit::SHORT_LIST;
 use super::score::Scores;
@@ -121,13 +121,8 @@ impl<'b> Search<'b> {
 
     /// Candidates that may join `state`.
     fn open(&self, state: &State<'_>) -> Vec<Term> {
-        let taken = |cause: Cause| {
-            state.causes.iter().any(|term| {
-                term.cause == cause
-                    || candidates::aliases(term.cause, self.experiment).contains(&cause.name())
-            })
-        };
-        self.candidates.iter().filter(|term| !taken(term.cause)).cloned().collect()
+        let taken = |term: &&Term| state.causes.iter().any(|own| self.is_same(own, term));
+        self.candidates.iter().filter(|term| !taken(term)).cloned().collect()
     }
 
     pub(super) fn score(&mut self, state: &State<'_>) -> Scores {
@@ -148,7 +143,8 @@ impl<'b> Search<'b> {
 
     /// Looks for the best set of causes beside `baseline`.
     pub(super) fn run<'a>(&mut self, baseline: &State<'a>) -> Result<Found<'a>, DiagnoseError> {
-        self.run_from(baseline, baseline, Vec::new(), MOST_CAUSES)
+        let first = self.first_scores(baseline)?;
+        self.run_from(baseline, (baseline, first), Vec::new(), MOST_CAUSES)
     }
 
     /// `found`, looked for once more if the residuals of its leader show another noise than `floor`, which they may have hidden in:
@@ -191,14 +187,15 @@ impl<'b> Search<'b> {
         let leader = sets(&found.leader);
         match known.first().filter(|first| is_clear && sets(first) == leader).cloned() {
             Some(leader) => {
-                self.says("scoring every cause")?;
+                let first = self.first_scores(baseline)?;
                 known.push(baseline.clone());
                 known.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
-                Ok(Found { first: self.score(baseline), leader, tried: known })
+                Ok(Found { first, leader, tried: known })
             }
             None => {
                 known.retain(|state| state.causes.len() == 1);
-                self.run_from(baseline, baseline, known, MOST_CAUSES)
+                let first = self.first_scores(baseline)?;
+                self.run_from(baseline, (baseline, first), known, MOST_CAUSES)
             }
         }
     }
@@ -217,7 +214,10 @@ impl<'b> Search<'b> {
             return Ok(());
         }
         self.expanded.clear();
-        let anew = self.run_from(baseline, &start, Vec::new(), most)?;
+        let first = self.first_scores(&start)?;
+        self.says("trying causes at several sizes")?;
+        let known = self.scanned(&start, &first);
+        let anew = self.run_from(baseline, (&start, first), known, most)?;
         found.tried.extend(anew.tried);
         found.tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
         if anew.leader.bic() < found.leader.bic() {
@@ -226,17 +226,20 @@ impl<'b> Search<'b> {
         Ok(())
     }
 
-    /// Looks for the best set of up to `most` causes beside `baseline`, whose first causes are added at `start`, unless they are
-    /// `known`.
+    fn first_scores(&mut self, state: &State<'_>) -> Result<Scores, DiagnoseError> {
+        self.says("scoring every cause")?;
+        Ok(self.score(state))
+    }
+
+    /// Looks for the best set of up to `most` causes beside `baseline`, whose first causes are added at `start`, with its scores
+    /// `first`, unless they are `known`.
     fn run_from<'a>(
         &mut self,
         baseline: &State<'a>,
-        start: &State<'a>,
+        (start, first): (&State<'a>, Scores),
         known: Vec<State<'a>>,
         most: usize,
     ) -> Result<Found<'a>, DiagnoseError> {
-        self.says("scoring every cause")?;
-        let first = self.score(start);
         let mut tried: Vec<State<'a>> = vec![baseline.clone()];
         let mut leader = baseline.clone();
         let mut beam: Vec<State<'a>> = Vec::new();
