@@ -137,6 +137,23 @@ fn what_is_fitted_at_some_joints_only_is_said_and_found_where_it_is_fitted() {
     assert_eq!(second.verdict, Verdict::NothingDetectable);
 }
 
+/// Nothing is wrong with the model; its servo was off in the drop, which nobody has said.
+#[test]
+fn a_servo_that_was_off_is_asked_about() {
+    let pose = still([0.4, 0.0, 0.0]);
+    let mut trajectory = filmed_exactly(&driven_chain(), &pose, &Command::default(), START_S, 0.8, true);
+    common::add_noise(&mut trajectory, NOISE_M, CORRELATION, 1);
+    let mut experiment = experiment(driven_chain(), vec![Run::new("drop", RunKind::Drop, trajectory)]);
+    let first = diagnose(&experiment, &mut ()).unwrap().diagnosis;
+    println!("{} {:?}", first.sentence, first.remarks);
+    assert_ne!(first.verdict, Verdict::NothingDetectable);
+    let asks = |said: &String| said.contains("`q1` at 0.") && said.contains("`prescribed = true`");
+    assert!(first.remarks.iter().any(asks));
+    experiment.runs[0].prescribed = true;
+    let second = diagnose(&experiment, &mut ()).unwrap().diagnosis;
+    assert_eq!((second.verdict, second.remarks), (Verdict::NothingDetectable, Vec::new()));
+}
+
 /// One drop with `hidden` in it leaves an ambiguity; the run that the diagnosis asks for, made with the same mechanism and put to
 /// this `usage`, leaves none.
 fn is_resolved(hidden: &str, value: f64, usage: Use) {

@@ -4,7 +4,6 @@ use sim::effects::{AliasWhen, Info, ParameterInfo, Role};
 use sim::{Cause, Model};
 
 use crate::experiment::{Experiment, RunKind, Use};
-use crate::initial::prescribed_dofs;
 use crate::parameters::{FreeParameter, Parameters, Scale};
 use crate::simulate::Nuisance;
 
@@ -40,32 +39,6 @@ pub(crate) fn fitted(model: &Model, parameters: &Parameters) -> Vec<Cause> {
     };
     let places = parameters.places();
     Cause::ALL.iter().copied().filter(|cause| places.iter().any(|place| covers(cause, place))).collect()
-}
-
-/// What is said of causes that are no candidates, being fitted, but not at every joint that turns freely in a fitted run: they
-/// may be at work there.
-pub(crate) fn fitted_in_part(experiment: &Experiment, parameters: &Parameters) -> Option<String> {
-    let model = &experiment.model;
-    let runs = experiment.runs.iter().filter(|run| run.usage == Use::Fit);
-    let frozen: Vec<Vec<bool>> = runs.map(|run| prescribed_dofs(model, run)).collect();
-    let names: Vec<&String> = parameters.free.iter().flat_map(|parameter| &parameter.names).collect();
-    let mut missing = Vec::new();
-    for ending in ["/damping", "/frictionloss"] {
-        if !names.iter().any(|name| name.ends_with(ending)) {
-            continue;
-        }
-        for joint in model.joints.iter().filter(|joint| joint.kind.nv() == 1) {
-            let name = format!("{}{ending}", joint.name);
-            let turns = frozen.iter().any(|frozen| !frozen[joint.dof_address]);
-            if turns && !names.contains(&&name) {
-                missing.push(format!("`{name}`"));
-            }
-        }
-    }
-    (!missing.is_empty()).then(|| {
-        let list = missing.join(", ");
-        format!("not tried: {list}, of which the fit has others; under [fit] parameters they are fitted too")
-    })
 }
 
 /// Names of the causes that no video of these runs tells from `cause`.

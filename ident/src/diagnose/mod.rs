@@ -6,12 +6,12 @@
 //! 1. `baseline`, `floor`: the optimum, and how large and how lasting the keypoints' noise is, which must not swallow
 //!    what the model gets wrong;
 //! 2. `candidates`, `score`: exact derivatives of every cause at neutral, what the baseline could do projected out;
-//! 3. `refit`, `search`: the best refitted in full, sets of up to three, each earning its place by the BIC; `rivals`: what
-//!    explains the runs about as well, held-out ones included;
+//! 3. `refit`, `search`: the best refitted in full, sets of up to three, each earning its place by the BIC; `scan`: causes
+//!    too strong to be seen in derivatives; `rivals`: what explains the runs about as well, held-out ones included;
 //! 4. `gates`, `heldout`: what is left must be noise, on held-out runs too, and each named number the same in all runs:
 //!    otherwise the description is none of a cause, and the verdict `unexplained`;
 //! 5. `extend`, `gain`, `detect`, `residuals`: values with intervals, which coefficients had bent, the gain on runs not
-//!    fitted to, what would have been seen.
+//!    fitted to, what would have been seen; `remarks`: what of the set-up may mislead.
 //!
 //! ```no_run
 //! use ident::{diagnose, experiment::Experiment};
@@ -34,6 +34,7 @@ mod heldout;
 mod next;
 pub(crate) mod nuisances;
 mod refit;
+mod remarks;
 mod residuals;
 mod result;
 mod rivals;

@@ -4,6 +4,7 @@ use sim::Cause;
 
 use super::floor::Floor;
 use super::gates::{constancy, fitness};
+use super::remarks::{fitted_in_part, held_in_drops};
 use super::result::{
     Alternative, ConstancyTest, Diagnosis, Fitness, HeldOut, NamedCause, NoiseFloor, PerRun, Verdict,
     Whiteness,
@@ -68,7 +69,8 @@ pub(super) fn verdict<'a>(
         remarks.extend(others.iter().map(Rival::remark));
     }
     if verdict != Verdict::NothingDetectable {
-        remarks.extend(candidates::fitted_in_part(experiment, &baseline.parameters));
+        remarks.extend(fitted_in_part(experiment, &baseline.parameters));
+        remarks.extend(held_in_drops(baseline));
     }
     remarks.extend(experiment.runs.iter().filter_map(|run| Spike::sentence(&run.id, &run.set_aside)));
     let describes = names || verdict == Verdict::Unexplained;
