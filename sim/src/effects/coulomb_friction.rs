@@ -18,7 +18,7 @@ pub(crate) const INFO: Info = Info {
         ParameterInfo::size("", "N m", [0.0, 1e-2], 2e-6, "the same for one hinge alone, added to it")
             .each(Per::Joint)
             .role(Role::Detail, 0.0),
-        ParameterInfo::size("rate", "rad/s", [1e-3, 10.0], 0.05, "rate over which friction turns round")
+        ParameterInfo::size("rate", "rad/s", [1e-3, 1.0], 0.05, "rate over which friction turns round")
             .role(Role::Hidden(&[0.02]), 0.05)
             .idle_where("soft", 1.0),
         ParameterInfo::size(
