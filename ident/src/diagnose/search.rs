@@ -4,6 +4,8 @@
 //! One cause after the other fails where two strong ones hide each other: so the three best sets go on, not one; in the
 //! end each cause must earn its place in the set, and may be exchanged for another.
 
+use std::cmp::Ordering;
+
 use sim::{Cause, Model};
 
 use super::DiagnoseError;
@@ -141,6 +143,11 @@ impl<'b> Search<'b> {
             && gain > negligible(self.noise_m, better.count())
     }
 
+    /// Whether `better` is so much better than `worse`, with fewer causes, that it is neither chance nor how those are modelled.
+    fn needs(&self, baseline: &State<'_>, worse: &State<'_>, better: &State<'_>) -> bool {
+        self.accepts(worse, better) && worse.cost - better.cost >= SHARE * (baseline.cost - worse.cost)
+    }
+
     /// Looks for the best set of causes beside `baseline`.
     pub(super) fn run<'a>(&mut self, baseline: &State<'a>) -> Result<Found<'a>, DiagnoseError> {
         let first = self.first_scores(baseline)?;
@@ -220,7 +227,13 @@ impl<'b> Search<'b> {
         let anew = self.run_from(baseline, (&start, first), known, most)?;
         found.tried.extend(anew.tried);
         found.tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
-        if anew.leader.bic() < found.leader.bic() {
+        let (old, new) = (&found.leader, &anew.leader);
+        let is_better = match new.causes.len().cmp(&old.causes.len()) {
+            Ordering::Less => !self.needs(baseline, new, old),
+            Ordering::Equal => new.bic() < old.bic(),
+            Ordering::Greater => self.needs(baseline, old, new),
+        };
+        if is_better {
             found.leader = anew.leader;
         }
         Ok(())
@@ -253,8 +266,7 @@ impl<'b> Search<'b> {
             beam.truncate(SHORT_LIST);
             tried.extend(beam.iter().cloned());
             let Some(best) = beam.first() else { break };
-            let least = SHARE * (baseline.cost - leader.cost);
-            if !self.accepts(&leader, best) || leader.cost - best.cost < least {
+            if !self.needs(baseline, &leader, best) {
                 break;
             }
             leader = best.clone();
@@ -289,6 +301,7 @@ impl<'b> Search<'b> {
         if leader.causes.len() > 1 {
             self.says("exchanging and dropping causes")?;
             leader = self.improved(baseline, leader, &mut tried)?;
+            tried.push(leader.clone());
         }
         tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
         Ok(Found { tried, leader, first })
@@ -337,7 +350,7 @@ impl<'b> Search<'b> {
                 let known = tried.iter().find(|state| sets(state) == names).cloned();
                 let both = near.into_iter().chain(known);
                 let Some(mut smaller) = both.min_by(|a, b| a.cost.total_cmp(&b.cost)) else { continue };
-                if !self.accepts(&smaller, &leader) {
+                if !self.needs(baseline, &smaller, &leader) {
                     best = Some(smaller);
                     break;
                 }
