@@ -10,7 +10,7 @@ mod common;
 
 use common::{chain, driven_chain, filmed_exactly, guess, still};
 use ident::design::runs::Motion;
-use ident::diagnose::{Verdict, diagnose, pin_down};
+use ident::diagnose::{Diagnosis, Verdict, diagnose, pin_down};
 use ident::experiment::{Experiment, FitConfig, Run, RunKind, Use};
 use sim::{Command, Model};
 
@@ -152,6 +152,30 @@ fn a_servo_that_was_off_is_asked_about() {
     experiment.runs[0].prescribed = true;
     let second = diagnose(&experiment, &mut ()).unwrap().diagnosis;
     assert_eq!((second.verdict, second.remarks), (Verdict::NothingDetectable, Vec::new()));
+}
+
+/// A late servo and a late camera are told apart by a drop whose release is on the same clock; by another one they are not.
+#[test]
+fn only_a_stated_release_tells_the_clocks_apart() {
+    let truth = with(driven_chain(), "servo_delay/delay", 0.03);
+    let drop = dropped("drop", &truth, [1.2, 0.0, 0.0], 1);
+    let runs = vec![drop, driven("driven", &truth, strokes(2.5), 2.5, 2)];
+    let mut experiment = experiment(driven_chain(), runs);
+    let stated = diagnose(&experiment, &mut ()).unwrap().diagnosis;
+    experiment.runs[0].release_s = None;
+    let unknown = diagnose(&experiment, &mut ()).unwrap().diagnosis;
+    println!("{} {}", stated.sentence, unknown.sentence);
+    let causes = |diagnosis: &Diagnosis| -> Vec<(String, Vec<String>)> {
+        diagnosis.causes.iter().map(|cause| (cause.name.clone(), cause.aliases.clone())).collect()
+    };
+    assert_eq!((stated.verdict, causes(&stated)), (Verdict::Cause, vec![("servo_delay".into(), vec![])]));
+    let [(name, aliases)] = &causes(&unknown)[..] else { panic!("{}", unknown.sentence) };
+    let mut both = [&aliases[..], &[name.clone()]].concat();
+    both.sort();
+    assert_eq!(
+        (unknown.verdict, &both[..]),
+        (Verdict::Cause, &["camera_delay".into(), "servo_delay".into()][..])
+    );
 }
 
 /// One drop with `hidden` in it leaves an ambiguity; the run that the diagnosis asks for, made with the same mechanism and put to

@@ -49,7 +49,9 @@ pub(crate) fn aliases(cause: Cause, experiment: &Experiment) -> Vec<&'static str
     let holds = |when: AliasWhen| match when {
         // the water's share that a model has forgotten is nothing a mass could stand for
         AliasWhen::UnlessWeighed => carried && !(weighed("/mass") && weighed("buoyancy/")),
-        AliasWhen::EveryRunDriven => fitted().all(|run| run.kind == RunKind::Driven),
+        AliasWhen::NoReleaseStated => {
+            !fitted().any(|run| run.kind == RunKind::Drop && run.release_s.is_some())
+        }
     };
     cause.info().aliases.iter().filter(|alias| holds(alias.when)).map(|alias| alias.name).collect()
 }

@@ -172,6 +172,6 @@ pub struct Alias {
 pub enum AliasWhen {
     /// Unless both weights, dry and wet, carry a prior.
     UnlessWeighed,
-    /// Where every run is driven.
-    EveryRunDriven,
+    /// Where no drop states its release: what is let go at an unknown time shows no clock.
+    NoReleaseStated,
 }

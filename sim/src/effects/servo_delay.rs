@@ -8,7 +8,7 @@ pub(crate) const INFO: Info = Info {
     name: "servo_delay",
     kind: Kind::Drive,
     parameters: &[ParameterInfo::size("delay", "s", [0.0, 0.2], 0.005, "time from the command to the drive")],
-    aliases: &[Alias { name: "camera_delay", when: AliasWhen::EveryRunDriven }],
+    aliases: &[Alias { name: "camera_delay", when: AliasWhen::NoReleaseStated }],
     sentence: "the servo acts later than it was told",
     formula: "q_cmd(t - d)",
     source: "dead time: transmission, pulse period, controller",

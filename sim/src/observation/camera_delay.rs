@@ -14,7 +14,7 @@ pub(crate) const INFO: Info = Info {
         0.005,
         "how much later than its time says an image was taken; below 0: earlier",
     )],
-    aliases: &[Alias { name: "servo_delay", when: AliasWhen::EveryRunDriven }],
+    aliases: &[Alias { name: "servo_delay", when: AliasWhen::NoReleaseStated }],
     sentence: "the camera's clock is off: images show another instant than their times say",
     formula: "y(t + d)",
     source: "definition",

@@ -36,7 +36,7 @@ fn listed() -> String {
         for alias in info.aliases {
             let when = match alias.when {
                 AliasWhen::UnlessWeighed => "unless both weights carry a prior",
-                AliasWhen::EveryRunDriven => "where every run is driven",
+                AliasWhen::NoReleaseStated => "where no drop states its release",
             };
             page += &format!("\nNo video tells it from `{}` {when}.\n", alias.name);
         }
