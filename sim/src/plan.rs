@@ -33,8 +33,10 @@ const SHORTEST_S: f64 = 1e-5;
 const METHODS: [(Method, i32, f64); 2] = [(Method::Rosenbrock, 3, 4.5), (Method::RungeKutta, 4, 4.0)];
 /// What an attempt promises may turn out so many times as costly.
 const DOUBTFUL: f64 = 2.0;
-/// Steps from before that leave less than this share are too short to stay.
+/// Steps from before that leave less than this share of the wanted accuracy are too short to stay.
 const IDLE: f64 = 0.3;
+/// Steps from before that are off by more than this factor are for another motion.
+const OTHER_MOTION: f64 = 30.0;
 /// Explicit steps must stay sound when all are longer by this factor, for candidates that are stiffer.
 const STIFFER: f64 = 1.3;
 
@@ -45,7 +47,8 @@ const STIFFER: f64 = 1.3;
 /// Steps are short where the motion is quick: each as long as leaves the same error, which a step and two of half the
 /// length tell. With friction loss or end stops they are even, because where a joint comes to stand differs from
 /// candidate to candidate. The error of the whole is estimated by the difference to steps half as long, over what the
-/// order of the method leaves of it. Planned steps in `options` stay where they are as exact as wanted, and not much more so.
+/// order of the method leaves of it. Planned steps in `options` stay where they are as exact as wanted and not much more so, or
+/// can be made so all alike.
 ///
 /// # Errors
 /// [`RolloutError`] of the last attempt where no step is stable and exact enough.
@@ -98,7 +101,7 @@ struct Nominal<'a> {
 }
 
 impl Nominal<'_> {
-    /// `steps`, planned for a motion like this one, if they do for this one too.
+    /// `steps`, planned for a motion like this one, if they do for this one too, all longer or shorter if need be.
     fn still_good(&self, steps: &Steps, accuracy_m: f64) -> Option<Plan> {
         let (_, order, _) = METHODS.into_iter().find(|(method, ..)| *method == steps.method)?;
         let span = self.span();
@@ -107,10 +110,16 @@ impl Nominal<'_> {
             return None;
         }
         let ends_s = steps.ends_s[..before].iter().copied().chain([span]).collect();
-        let steps = Steps { ends_s, ..steps.clone() };
-        let (error_m, positions) = self.error(&steps, order).ok()?;
-        let exact = (IDLE * accuracy_m..=accuracy_m).contains(&error_m);
-        (exact && self.robust(&steps, &positions, error_m).ok()?).then_some(Plan { steps, error_m })
+        let mut steps = Steps { ends_s, ..steps.clone() };
+        let (mut error_m, mut positions) = self.error(&steps, order).ok()?;
+        let exact = |error_m: f64| (IDLE * accuracy_m..=accuracy_m).contains(&error_m);
+        let ratio = search::AIM * accuracy_m / error_m.max(f64::MIN_POSITIVE);
+        if !exact(error_m) && (OTHER_MOTION.recip()..OTHER_MOTION).contains(&ratio) {
+            steps = self.scaled(&steps, ratio.powf(1.0 / f64::from(order)));
+            (error_m, positions) = self.error(&steps, order).ok()?;
+        }
+        let good = exact(error_m) && self.robust(&steps, &positions, error_m).ok()?;
+        good.then_some(Plan { steps, error_m })
     }
 
     /// Whether steps are to be even.

@@ -7,12 +7,13 @@ use crate::steps::{Method, Steps};
 
 /// Longest step tried \[s\].
 const LONGEST_S: f64 = 0.1;
-/// The first attempt allows each step this share of the wanted accuracy: errors add up.
-const FIRST_SHARE: f64 = 1.0 / 30.0;
+/// The first attempt allows each step this share of the wanted accuracy. Errors add up where nothing damps them, but steps too
+/// long are sooner tried than steps too short.
+const FIRST_SHARE: f64 = 1.0;
 /// Attempts at meeting the wanted accuracy from below, once it is met.
 const REFINEMENTS: usize = 4;
 /// What an attempt aims at, as a share of the wanted accuracy, and the share that is close enough.
-const AIM: f64 = 0.85;
+pub(super) const AIM: f64 = 0.85;
 const CLOSE: f64 = 0.7;
 /// Even steps are many, each attempt follows the whole motion some five times, and the next one would save less than a fifth.
 const CLOSE_IF_EVEN: f64 = 0.4;
