@@ -139,7 +139,7 @@ fn common(state: &State<'_>, which: usize) -> Option<(ConstancyTest, Vec<PerRun>
             .view_mut((rows.start, place), (rows.len(), 1))
             .copy_from(&state.linear[run].jacobian.column(which));
     }
-    nuisances.take_out(&mut columns);
+    nuisances.take_out(columns.as_view_mut());
     let slope = columns.tr_mul(&nuisances.residuals(state));
     let mut gram = columns.tr_mul(&columns);
     let ridge = 1e-9 * gram.diagonal().max() + f64::MIN_POSITIVE;

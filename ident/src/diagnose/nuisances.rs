@@ -1,6 +1,6 @@
 //! What is fitted anyway, and must be taken out of what a cause would do.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixViewMut, DVector};
 use rayon::prelude::*;
 
 use super::state::State;
@@ -35,7 +35,7 @@ impl Nuisances {
         let mut common = DMatrix::zeros(data + free, free);
         for (run, linear) in state.linear.iter().enumerate() {
             let mut part = linear.jacobian.columns(0, free).into_owned();
-            take_out(&own[run], &mut part);
+            take_out(&own[run], part.as_view_mut());
             common.rows_mut(rows[run], part.nrows()).copy_from(&part);
         }
         for (column, parameter) in state.parameters.free.iter().enumerate() {
@@ -70,12 +70,10 @@ impl Nuisances {
     }
 
     /// Takes out of `columns`, shape (len, any), what the fitted numbers can do.
-    pub(crate) fn take_out(&self, columns: &mut DMatrix<f64>) {
+    pub(crate) fn take_out(&self, mut columns: DMatrixViewMut<'_, f64>) {
         for (run, own) in self.own.iter().enumerate() {
             let range = self.of_run(run);
-            let mut part = columns.rows(range.start, range.len()).into_owned();
-            take_out(own, &mut part);
-            columns.rows_mut(range.start, range.len()).copy_from(&part);
+            take_out(own, columns.rows_mut(range.start, range.len()));
         }
         take_out(&self.common, columns);
     }
@@ -92,7 +90,7 @@ impl Nuisances {
             let range = self.of_run(run);
             all.view_mut((range.start, 0), (range.len(), 1)).copy_from(residuals);
         }
-        self.take_out(&mut all);
+        self.take_out(all.as_view_mut());
         all.column(0).into_owned()
     }
 }
@@ -135,7 +133,7 @@ pub(super) fn joint_information(state: &State<'_>, run: Option<usize>) -> DMatri
             gram.gemm_tr(1.0, &linear.jacobian, &linear.jacobian, 1.0);
         } else {
             let mut part = linear.jacobian.columns(0, free).into_owned();
-            take_out(&basis(&linear.jacobian, free), &mut part);
+            take_out(&basis(&linear.jacobian, free), part.as_view_mut());
             gram.view_mut((0, 0), (free, free)).gemm_tr(1.0, &part, &part, 1.0);
         }
     }
@@ -196,9 +194,9 @@ fn orthonormal(columns: DMatrix<f64>) -> DMatrix<f64> {
 /// A diagonal entry this small beside the largest is none.
 const SINGULAR: f64 = 1e-9;
 
-fn take_out(basis: &DMatrix<f64>, columns: &mut DMatrix<f64>) {
+fn take_out(basis: &DMatrix<f64>, mut columns: DMatrixViewMut<'_, f64>) {
     if basis.ncols() > 0 {
-        let within = basis.tr_mul(columns);
+        let within = basis.tr_mul(&columns);
         columns.gemm(-1.0, basis, &within, 1.0);
     }
 }

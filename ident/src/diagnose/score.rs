@@ -8,7 +8,7 @@
 //! C. R. Rao, "Large sample tests of statistical hypotheses concerning several parameters", Mathematical Proceedings of
 //! the Cambridge Philosophical Society 44 (1948) 50-57.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixViewMut, DVector};
 use rayon::prelude::*;
 use sim::Model;
 
@@ -40,6 +40,9 @@ pub(crate) struct Scored {
     /// Numbers that it adds.
     pub(crate) count: usize,
 }
+
+/// Columns that are projected together.
+const TOGETHER: usize = 8;
 
 /// All candidates against one state.
 pub(crate) struct Scores {
@@ -73,48 +76,45 @@ impl Scores {
 
         let runs = state.terms.len();
         let mut columns: Vec<Column> = Vec::new();
-        let mut filled: Vec<DVector<f64>> = Vec::new();
+        let mut sources: Vec<(usize, usize)> = Vec::new();
         for (index, candidate) in candidates.iter().enumerate() {
             let Some(pack) = packs.iter().position(|pack| pack.candidates.contains(&index)) else { continue };
             for (name, per_run, bounds) in candidate.directions(&packs[pack].model) {
+                let own = |(candidate, own, _): &(usize, String, _)| *candidate == index && *own == name;
+                let Some(place) = packs[pack].directions.iter().position(own) else { continue };
                 let neutral = packs[pack].model.parameter(&name).unwrap_or(0.0);
                 let room = [bounds[0] - neutral, bounds[1] - neutral];
-                let of_run = |run: usize| {
-                    packs.iter().enumerate().find_map(|(number, pack)| {
-                        let place = pack.directions.iter().position(|(i, n, _)| *i == index && *n == name)?;
-                        let linear = parts[number * runs + run].as_ref()?;
-                        Some(linear.jacobian.column(place).into_owned())
-                    })
-                };
-                let mut column = |which: Option<usize>| {
-                    let mut whole = DVector::zeros(nuisances.len());
-                    for run in (0..runs).filter(|run| which.is_none_or(|which| which == *run)) {
-                        if let Some(part) = of_run(run) {
-                            whole.rows_range_mut(nuisances.of_run(run)).copy_from(&part);
-                        }
-                    }
-                    columns.push(Column { candidate: index, name: name.clone(), run: which, room });
-                    filled.push(whole);
-                };
-                if per_run { (0..runs).for_each(|run| column(Some(run))) } else { column(None) }
+                let of = if per_run { (0..runs).map(Some).collect() } else { vec![None] };
+                for run in of {
+                    columns.push(Column { candidate: index, name: name.clone(), run, room });
+                    sources.push((pack, place));
+                }
             }
         }
-        let raw = if filled.is_empty() {
-            DMatrix::zeros(nuisances.len(), 0)
-        } else {
-            DMatrix::from_columns(&filled)
-        };
+        let rows = nuisances.len();
+        let mut raw = DMatrix::zeros(rows, columns.len());
+        let filled = raw.as_mut_slice().par_chunks_mut(rows.max(1)).zip(&columns).zip(&sources);
+        filled.for_each(|((whole, column), &(pack, place))| {
+            for run in (0..runs).filter(|run| column.run.is_none_or(|own| own == *run)) {
+                if let Some(linear) = &parts[pack * runs + run] {
+                    whole[nuisances.of_run(run)].copy_from_slice(linear.jacobian.column(place).as_slice());
+                }
+            }
+        });
         let mut projected = raw.clone();
-        // in units of their own length, so that none is lost beside a larger one
-        let lengths: Vec<f64> =
-            raw.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect();
-        projected.column_iter_mut().zip(&lengths).for_each(|(mut column, length)| column /= *length);
-        nuisances.take_out(&mut projected);
-        projected.column_iter_mut().zip(&lengths).for_each(|(mut column, length)| column *= *length);
+        projected.as_mut_slice().par_chunks_mut(TOGETHER * rows.max(1)).for_each(|several| {
+            let mut several = DMatrixViewMut::from_slice(several, rows, several.len() / rows);
+            // in units of their own length, so that none is lost beside a larger one
+            let lengths: Vec<f64> =
+                several.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect();
+            several.column_iter_mut().zip(&lengths).for_each(|(mut column, length)| column /= *length);
+            nuisances.take_out(several.as_view_mut());
+            several.column_iter_mut().zip(&lengths).for_each(|(mut column, length)| column *= *length);
+        });
         let residuals = nuisances.residuals(state);
         let slopes = projected.tr_mul(&residuals);
         let list = candidates
-            .iter()
+            .par_iter()
             .enumerate()
             .map(|(index, term)| {
                 let own: Vec<usize> =
