@@ -109,8 +109,14 @@ impl Search<'_> {
         // what lies far behind after a step that is nearly the last one does not catch up
         let reach = best + NEAR.max(CATCH_UP * (state.bic() - best));
         let reach = reach.max(reached.get(KEPT - 1).copied().unwrap_or(f64::INFINITY));
+        // unless its score had promised more, and the way there is no straight line
+        let promised = |next: &State<'a>| {
+            let scored = scores.list.iter().find(|scored| next.causes.last() == Some(&scored.term));
+            scored.map_or(f64::INFINITY, |scored| next.bic() - next.cost + state.cost - scored.gain)
+        };
+        let within = |next: &State<'a>, reach: f64| next.bic() <= reach || promised(next) <= reach;
         let bent = |next: &State<'a>| next.causes.last().is_some_and(Term::is_strongly_bent);
-        let near = first.into_iter().filter(|next| next.bic() <= reach || bent(next)).collect();
+        let near = first.into_iter().filter(|next| within(next, reach) || bent(next)).collect();
         let further = self.counts.of_each(near, |mut next: State<'a>, counts| {
             next.replan(noise_m);
             next.steps(2, counts).then_some(next)
@@ -119,7 +125,7 @@ impl Search<'_> {
         let best = further.iter().map(State::bic).fold(f64::INFINITY, f64::min);
         let reach = best + LAST.max(LAST_SHARE * (state.bic() - best));
         let refitted = self.counts.of_each(further, |mut next, counts| {
-            if next.bic() <= reach {
+            if within(&next, reach) {
                 next.replan(noise_m);
                 return next.descend(counts).then_some(next);
             }
