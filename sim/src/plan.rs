@@ -37,6 +37,8 @@ const DOUBTFUL: f64 = 2.0;
 const IDLE: f64 = 0.3;
 /// Steps from before that are off by more than this factor are for another motion.
 const OTHER_MOTION: f64 = 30.0;
+/// No more steps than this many times as many as before: what needs more is another mechanism, and no fit would come to its end.
+const DEARER: f64 = 10.0;
 /// Explicit steps must stay sound when all are longer by this factor, for candidates that are stiffer.
 const STIFFER: f64 = 1.3;
 
@@ -48,7 +50,7 @@ const STIFFER: f64 = 1.3;
 /// length tell. With friction loss or end stops they are even, because where a joint comes to stand differs from
 /// candidate to candidate. The error of the whole is estimated by the difference to steps half as long, over what the
 /// order of the method leaves of it. Planned steps in `options` stay where they are as exact as wanted and not much more so, or
-/// can be made so all alike.
+/// can be made so all alike; where others are needed, there are at most ten times as many.
 ///
 /// # Errors
 /// [`RolloutError`] of the last attempt where no step is stable and exact enough.
@@ -67,6 +69,8 @@ pub fn plan(
     }
     let mut searches =
         METHODS.map(|(method, order, evaluations)| Search::new(&run, method, order, evaluations, accuracy_m));
+    let before = options.steps.as_ref().map_or(0, |steps| steps.ends_s.len());
+    let most = if before == 0 { f64::INFINITY } else { DEARER * before as f64 };
     // the method that promises to be cheaper has the next attempt
     loop {
         let found = searches.iter().filter_map(Search::cost).fold(f64::INFINITY, f64::min);
@@ -78,7 +82,7 @@ pub fn plan(
         let rivals = searches.iter().filter(|search| search.method != searches[next].method);
         let hoped =
             rivals.filter_map(promised).filter(|&promised| promised > 0.0).fold(f64::INFINITY, f64::min);
-        searches[next].attempt(&run, accuracy_m, found.min(DOUBTFUL * hoped))?;
+        searches[next].attempt(&run, accuracy_m, found.min(DOUBTFUL * hoped), most)?;
     }
     let cheapest = searches.iter_mut().min_by(|a, b| {
         let [a, b] = [a, b].map(|search| search.cost().unwrap_or(f64::INFINITY));
