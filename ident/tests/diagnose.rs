@@ -118,6 +118,20 @@ fn a_cause_too_strong_for_derivatives_is_named() {
     assert!((found.value / stiffness - 1.0).abs() < RECOVERED, "{found:?}");
 }
 
+/// The drag of a current on what rests grows with its square: the first steps from none lead nowhere, and a turned camera is
+/// nearly as good.
+#[test]
+fn a_faint_current_is_not_given_up() {
+    let truth = with(chain(), "current/x", 0.012);
+    let poses = [[0.0, 0.2, 0.0], [0.1, 0.0, 0.0]];
+    let runs =
+        poses.iter().zip(1..).map(|(&pose, seed)| dropped(&format!("drop-{seed}"), &truth, pose, seed));
+    let diagnosis = diagnose(&experiment(chain(), runs.collect()), &mut ()).unwrap().diagnosis;
+    println!("{} {:?} {:?}", diagnosis.sentence, diagnosis.causes, diagnosis.remarks);
+    assert_eq!(diagnosis.verdict, Verdict::Cause);
+    assert_eq!(diagnosis.causes[0].name, "current");
+}
+
 /// The servo's hinge rubs too where it is let go, and a fit has the friction of the passive ones only.
 #[test]
 fn what_is_fitted_at_some_joints_only_is_said_and_found_where_it_is_fitted() {
