@@ -21,6 +21,9 @@ const KEPT: usize = 3;
 /// Other hidden numbers (where a stop is, how fast water sways) and choices from which the best candidate is refitted: each may
 /// be the bottom of a valley of its own.
 const ELSEWHERE: usize = 4;
+/// Starts of one candidate that promise the same within this share are told apart by a step from each, of so many.
+const SAME_PROMISE: f64 = 0.02;
+const STARTS: usize = 4;
 
 impl Search<'_> {
     /// The most promising candidates, one of each cause and class of aliases.
@@ -71,12 +74,12 @@ impl Search<'_> {
             let cause = scores.list[index].term.cause;
             known.iter().all(|state| state.causes.last().is_none_or(|term| term.cause != cause))
         });
-        let mut all = self.refit_each(state, scores, &list);
+        let mut all = self.refit_each(state, scores, list.iter().map(|&index| equal_starts(index, scores)));
         let is_better = |best: &&State<'a>| known.iter().all(|known| best.bic() < known.bic());
         let best = all.iter().min_by(|a, b| a.bic().total_cmp(&b.bic())).filter(is_better);
         let others = best.and_then(|best| Some(starts_elsewhere(best.causes.last()?, scores)));
         if let Some(others) = others.filter(|others| !others.is_empty()) {
-            all.extend(self.refit_each(state, scores, &others));
+            all.extend(self.refit_each(state, scores, others.into_iter().map(|index| vec![index])));
             // one of each, or the beam would hold one cause alone
             all.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
             let mut seen: Vec<Vec<&'static str>> = Vec::new();
@@ -91,18 +94,27 @@ impl Search<'_> {
         all
     }
 
-    /// `state` with each candidate of `list` in turn, refitted.
-    fn refit_each<'a>(&mut self, state: &State<'a>, scores: &Scores, list: &[usize]) -> Vec<State<'a>> {
+    /// `state` with each candidate of `list` in turn, from the best of its starts, refitted.
+    fn refit_each<'a>(
+        &mut self,
+        state: &State<'a>,
+        scores: &Scores,
+        list: impl Iterator<Item = Vec<usize>>,
+    ) -> Vec<State<'a>> {
         let noise_m = self.noise_m;
-        let first = self.counts.of_each(list.to_vec(), |index, counts| {
+        let starts = list.enumerate().flat_map(|(of, starts)| starts.into_iter().map(move |index| (of, index)));
+        let first = self.counts.of_each(starts.collect(), |(of, index), counts| {
             let scored = &scores.list[index];
             let mut next = state.with(&scored.term);
             if !scored.term.is_switch() {
                 next.linear = scores.extended(state, &next, index);
             }
-            next.steps(1, counts).then_some(next)
+            next.steps(1, counts).then_some((of, next))
         });
-        let first: Vec<State<'a>> = first.into_iter().flatten().collect();
+        let mut first: Vec<(usize, State<'a>)> = first.into_iter().flatten().collect();
+        first.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.bic().total_cmp(&b.1.bic())));
+        first.dedup_by_key(|(of, _)| *of);
+        let first: Vec<State<'a>> = first.into_iter().map(|(_, next)| next).collect();
         let mut reached: Vec<f64> = first.iter().map(State::bic).collect();
         reached.sort_by(f64::total_cmp);
         let best = reached.first().copied().unwrap_or(f64::INFINITY);
@@ -174,6 +186,16 @@ impl Search<'_> {
         state.replan(self.noise_m);
         state.descend(&mut self.counts).then_some(state)
     }
+}
+
+/// The candidate at `index`, and those that differ from it in hidden numbers or choices alone and promise the same.
+fn equal_starts(index: usize, scores: &Scores) -> Vec<usize> {
+    let Scored { term, gain, .. } = &scores.list[index];
+    let same = |other: &Scored| other.term.cause == term.cause && other.gain >= (1.0 - SAME_PROMISE) * gain;
+    let mut list: Vec<usize> = (0..scores.list.len()).filter(|&i| same(&scores.list[i])).collect();
+    list.sort_by(|&a, &b| scores.list[b].gain.total_cmp(&scores.list[a].gain));
+    list.truncate(STARTS);
+    list
 }
 
 /// The most promising of the candidates that differ from `term` in hidden numbers or choices alone.
