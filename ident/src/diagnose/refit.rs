@@ -102,7 +102,8 @@ impl Search<'_> {
         list: impl Iterator<Item = Vec<usize>>,
     ) -> Vec<State<'a>> {
         let noise_m = self.noise_m;
-        let starts = list.enumerate().flat_map(|(of, starts)| starts.into_iter().map(move |index| (of, index)));
+        let starts =
+            list.enumerate().flat_map(|(of, starts)| starts.into_iter().map(move |index| (of, index)));
         let first = self.counts.of_each(starts.collect(), |(of, index), counts| {
             let scored = &scores.list[index];
             let mut next = state.with(&scored.term);
