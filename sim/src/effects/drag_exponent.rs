@@ -1,4 +1,6 @@
 //! `drag_exponent`: drag grows with another power of speed than the square.
+//!
+//! An exponent of -1 would be viscous drag, which is `linear_drag`: it stays away from that.
 
 use super::waters::wet;
 use super::{Effect, Info, Kind, Moment, ParameterInfo, Role, Step};
@@ -17,7 +19,7 @@ pub(crate) const INFO: Info = Info {
     name: "drag_exponent",
     kind: Kind::Physics,
     parameters: &[
-        ParameterInfo::size("exponent", "1", [-1.0, 1.0], 0.2, "power of speed in the drag coefficient"),
+        ParameterInfo::size("exponent", "1", [-0.95, 1.0], 0.2, "power of speed in the drag coefficient"),
         ParameterInfo::size("speed", "m/s", [1e-3, 10.0], 0.08, "speed at which the coefficients hold")
             .role(Role::Detail, 0.08),
     ],
