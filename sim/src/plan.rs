@@ -69,8 +69,6 @@ pub fn plan(
     }
     let mut searches =
         METHODS.map(|(method, order, evaluations)| Search::new(&run, method, order, evaluations, accuracy_m));
-    let before = options.steps.as_ref().map_or(0, |steps| steps.ends_s.len());
-    let most = if before == 0 { f64::INFINITY } else { DEARER * before as f64 };
     // the method that promises to be cheaper has the next attempt
     loop {
         let found = searches.iter().filter_map(Search::cost).fold(f64::INFINITY, f64::min);
@@ -82,7 +80,7 @@ pub fn plan(
         let rivals = searches.iter().filter(|search| search.method != searches[next].method);
         let hoped =
             rivals.filter_map(promised).filter(|&promised| promised > 0.0).fold(f64::INFINITY, f64::min);
-        searches[next].attempt(&run, accuracy_m, found.min(DOUBTFUL * hoped), most)?;
+        searches[next].attempt(&run, accuracy_m, found.min(DOUBTFUL * hoped))?;
     }
     let cheapest = searches.iter_mut().min_by(|a, b| {
         let [a, b] = [a, b].map(|search| search.cost().unwrap_or(f64::INFINITY));
@@ -131,6 +129,13 @@ impl Nominal<'_> {
         let altered = self.model.altered();
         let model = altered.as_ref().unwrap_or(self.model);
         model.joints.iter().any(|joint| joint.limit.is_some() || joint.friction_loss != 0.0)
+    }
+
+    /// More steps than these are not worth trying.
+    fn most(&self) -> f64 {
+        let before = self.options.steps.as_ref().map_or(0, |steps| steps.ends_s.len());
+        let dear = if before == 0 { f64::INFINITY } else { DEARER * before as f64 };
+        dear.min(self.span() / SHORTEST_S)
     }
 
     /// How long the motion is followed \[s\].

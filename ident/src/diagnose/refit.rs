@@ -1,5 +1,7 @@
 //! Refits of the candidates that score best.
 
+use sim::Cause;
+
 use super::baseline::NOISE_ALONE;
 use super::candidates::{self, Term};
 use super::score::{Scored, Scores};
@@ -18,12 +20,11 @@ const LAST: f64 = 30.0;
 const LAST_SHARE: f64 = 0.1;
 /// And so many stay in any case.
 const KEPT: usize = 3;
-/// Other hidden numbers (where a stop is, how fast water sways) and choices from which the best candidate is refitted: each may
-/// be the bottom of a valley of its own.
-const ELSEWHERE: usize = 4;
-/// Starts of one candidate that promise the same within this share are told apart by a step from each, of so many.
-const SAME_PROMISE: f64 = 0.02;
+/// Hidden numbers (where a stop is, how fast water sways) and choices from which a candidate is refitted, each maybe the bottom of a
+/// valley of its own: so many others for the best candidate, and for any as many as promise the same within this share, which a
+/// step from each tells apart.
 const STARTS: usize = 4;
+const SAME_PROMISE: f64 = 0.02;
 
 impl Search<'_> {
     /// The most promising candidates, one of each cause and class of aliases.
@@ -189,21 +190,23 @@ impl Search<'_> {
     }
 }
 
-/// The candidate at `index`, and those that differ from it in hidden numbers or choices alone and promise the same.
+/// The candidate at `index`, and those of its cause that promise the same.
 fn equal_starts(index: usize, scores: &Scores) -> Vec<usize> {
     let Scored { term, gain, .. } = &scores.list[index];
-    let same = |other: &Scored| other.term.cause == term.cause && other.gain >= (1.0 - SAME_PROMISE) * gain;
-    let mut list: Vec<usize> = (0..scores.list.len()).filter(|&i| same(&scores.list[i])).collect();
-    list.sort_by(|&a, &b| scores.list[b].gain.total_cmp(&scores.list[a].gain));
-    list.truncate(STARTS);
-    list
+    let same = |&other: &usize| other != index && scores.list[other].gain >= (1.0 - SAME_PROMISE) * gain;
+    std::iter::once(index).chain(of_cause(term.cause, scores).into_iter().filter(same)).take(STARTS).collect()
 }
 
 /// The most promising of the candidates that differ from `term` in hidden numbers or choices alone.
 fn starts_elsewhere(term: &Term, scores: &Scores) -> Vec<usize> {
-    let differs = |other: &Term| other.cause == term.cause && other != term;
-    let mut list: Vec<usize> = (0..scores.list.len()).filter(|&i| differs(&scores.list[i].term)).collect();
+    let differs = |&other: &usize| scores.list[other].term != *term;
+    of_cause(term.cause, scores).into_iter().filter(differs).take(STARTS).collect()
+}
+
+/// The candidates of `cause`, the most promising first.
+fn of_cause(cause: Cause, scores: &Scores) -> Vec<usize> {
+    let mut list: Vec<usize> =
+        (0..scores.list.len()).filter(|&index| scores.list[index].term.cause == cause).collect();
     list.sort_by(|&a, &b| scores.list[b].gain.total_cmp(&scores.list[a].gain));
-    list.truncate(ELSEWHERE);
     list
 }

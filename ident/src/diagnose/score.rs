@@ -84,8 +84,7 @@ impl Scores {
                 let Some(place) = packs[pack].directions.iter().position(own) else { continue };
                 let neutral = packs[pack].model.parameter(&name).unwrap_or(0.0);
                 let room = [bounds[0] - neutral, bounds[1] - neutral];
-                let of = if per_run { (0..runs).map(Some).collect() } else { vec![None] };
-                for run in of {
+                for run in if per_run { (0..runs).map(Some).collect() } else { vec![None] } {
                     columns.push(Column { candidate: index, name: name.clone(), run, room });
                     sources.push((pack, place));
                 }

@@ -1,6 +1,6 @@
 //! Attempts at the cheapest steps of one method.
 
-use super::{Nominal, Plan, SHORTEST_S};
+use super::{Nominal, Plan};
 use crate::dynamics::restraint;
 use crate::rollout::RolloutError;
 use crate::steps::{Method, Steps};
@@ -64,16 +64,15 @@ impl Search {
         self.best.as_ref().map(|(_, count)| self.evaluations * count)
     }
 
-    /// One attempt, which is the last unless its steps cost less than is `affordable` and are fewer than `most`.
+    /// One attempt, which is the last unless its steps cost less than is `affordable`.
     pub(super) fn attempt(
         &mut self,
         run: &Nominal<'_>,
         accuracy_m: f64,
         affordable: f64,
-        most: f64,
     ) -> Result<(), RolloutError> {
         let (longest_s, order) = (self.longest_s, self.order);
-        let most = most.min(affordable / self.evaluations).min(run.span() / SHORTEST_S);
+        let most = run.most().min(affordable / self.evaluations);
         let ends_s = match run.ends(self.method, order, self.tolerance_m, longest_s, most) {
             Ok(Some(ends_s)) => ends_s,
             // what is left to try costs more
