@@ -86,7 +86,7 @@ pub fn plan(
         let [a, b] = [a, b].map(|search| search.cost().unwrap_or(f64::INFINITY));
         a.total_cmp(&b)
     });
-    let inexact = RolloutError::Inexact { accuracy_m, shortest_s: SHORTEST_S };
+    let inexact = RolloutError::Inexact { accuracy_m, shortest_s: run.span() / run.most() };
     match cheapest.and_then(|search| search.best.take()) {
         Some((plan, _)) => Ok(plan),
         None => Err(searches.into_iter().rev().find_map(|search| search.diverged).unwrap_or(inexact)),

@@ -165,10 +165,18 @@ fn planned_steps_are_as_exact_as_asked_for() {
         // steps that do for the motion stay, others do not
         let again = |accuracy_m| {
             let options = RolloutOptions { steps: Some(plan.steps.clone()), ..options.clone() };
-            sim::plan(&model, &state, &command, &times, &options, accuracy_m).unwrap().steps.ends_s.len()
+            sim::plan(&model, &state, &command, &times, &options, accuracy_m).map(|plan| plan.steps)
         };
-        assert_eq!(again(1e-5), count);
-        assert!(again(1e-8) > count && again(1e-4) <= count);
+        assert_eq!(again(1e-5).unwrap().ends_s.len(), count);
+        assert!(again(1e-8).unwrap().ends_s.len() > count && again(1e-4).unwrap().ends_s.len() <= count);
+        // made shorter all alike they are as exact as others would be
+        let shorter = again(3e-6).unwrap();
+        assert_eq!(shorter.method, expected);
+        let shorter = run(shorter);
+        let apart = shorter.iter().flatten().zip(truth.iter().flatten()).map(|(a, b)| (a - b).abs());
+        assert!(apart.fold(0.0, f64::max) < 6e-6);
+        // more than twenty times as many explicit steps would do, thousands of the others
+        assert!(matches!(again(1e-12), Err(RolloutError::Inexact { .. })));
     }
 }
 
