@@ -18,7 +18,7 @@ mod motion;
 
 pub use motion::UPDATE;
 
-use crate::command::{ChannelConfig, SafeState};
+use crate::channel::{ChannelConfig, SafeState};
 use crate::event::{Ack, Event, Fault, Identity, MAX_CHANNELS, Occurrence, State, Telemetry};
 use crate::packet::Decoder;
 use crate::units::{Channel, DurationMs, DurationUs, Name, PulseWidthUs, Sequence, Ticks};

@@ -1,6 +1,6 @@
 //! What the board says to the host.
 
-use crate::command::ChannelConfig;
+use crate::channel::ChannelConfig;
 use crate::layout::{Reader, Writer, coded};
 use crate::packet::Packet;
 use crate::units::{Channel, DurationMs, Name, PulseWidthUs, Sequence, Ticks};

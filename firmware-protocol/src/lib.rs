@@ -4,8 +4,8 @@
 //! their timing. The host uploads a profile, arms it at a board tick to come, and keeps sending; a board that hears
 //! nothing valid for its dead-man's time puts every channel in its safe state and stays so until acknowledged.
 //!
-//! Contents: [`packet`] frames bytes on the line, [`command`] and [`event`] are the messages, [`units`] their
-//! integers, [`board`] is a whole board but for its hardware. No allocation, no `std`.
+//! Contents: [`packet`] frames bytes on the line, [`command`] and [`event`] are the messages, [`channel`] what both
+//! say of a channel, [`units`] their integers, [`board`] is a whole board but for its hardware. No allocation, no `std`.
 //! `vectors/messages.txt` holds one packet per line with its meaning, `vectors/session.txt` a whole conversation with
 //! the pulses it causes: firmware in C that reproduces both conforms. `reference/board.c` is such firmware, all but
 //! port, pins and clock; the tests compile it and hold it to the vectors and to [`board`] on random conversations.
@@ -58,7 +58,7 @@
 //! | 90 | telemetry | tick u32, state u8, channels n u8, n times pulse u16 µs (0: detached) |
 //! | 91 | happened | occurrence u8, fault u8, tick u32 |
 //!
-//! Codes: [`ChannelKind`](command::ChannelKind), [`SafeState`](command::SafeState), [`State`](event::State),
+//! Codes: [`ChannelKind`](channel::ChannelKind), [`SafeState`](channel::SafeState), [`State`](event::State),
 //! [`Fault`](event::Fault), [`Refusal`](event::Refusal), [`Occurrence`](event::Occurrence).
 //!
 //! # Rules
@@ -80,6 +80,7 @@
 #![no_std]
 
 pub mod board;
+pub mod channel;
 pub mod command;
 pub mod event;
 mod layout;

@@ -5,7 +5,8 @@
 mod bench;
 
 use firmware_protocol::board::DEFAULT_DEAD_MAN;
-use firmware_protocol::command::{ChannelConfig, Command, SafeState, Segment, Segments};
+use firmware_protocol::channel::{ChannelConfig, SafeState};
+use firmware_protocol::command::{Command, Segment, Segments};
 use firmware_protocol::event::{Event, Fault, Occurrence, Refusal, State};
 use firmware_protocol::units::{Channel, DurationMs, DurationUs, PulseWidthUs, RateUsPerS, Sequence, Ticks};
 use proptest::prelude::*;

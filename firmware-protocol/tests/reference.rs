@@ -7,7 +7,8 @@ mod bench;
 use std::path::{Path, PathBuf};
 use std::process::{Command as Process, Stdio};
 
-use firmware_protocol::command::{ChannelConfig, ChannelKind, Command, SafeState, Segment, Segments};
+use firmware_protocol::channel::{ChannelConfig, ChannelKind, SafeState};
+use firmware_protocol::command::{Command, Segment, Segments};
 use firmware_protocol::event::{Fault, State};
 use firmware_protocol::units::{Channel, DurationMs, DurationUs, PulseWidthUs, RateUsPerS, Sequence};
 

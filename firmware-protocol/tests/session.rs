@@ -4,7 +4,8 @@
 
 mod bench;
 
-use firmware_protocol::command::{Command, SafeState, Segment, Segments};
+use firmware_protocol::channel::SafeState;
+use firmware_protocol::command::{Command, Segment, Segments};
 use firmware_protocol::event::Fault;
 use firmware_protocol::packet::Packet;
 use firmware_protocol::units::{DurationMs, DurationUs, PulseWidthUs, Sequence};

@@ -2,9 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may")]
 
-use firmware_protocol::command::{
-    ChannelConfig, ChannelKind, Command, MAX_SEGMENTS_PER_PACKET, SafeState, Segment, Segments,
-};
+use firmware_protocol::channel::{ChannelConfig, ChannelKind, SafeState};
+use firmware_protocol::command::{Command, MAX_SEGMENTS_PER_PACKET, Segment, Segments};
 use firmware_protocol::event::{
     Ack, Event, Fault, Identity, MAX_CHANNELS, Occurrence, Refusal, State, Status, Telemetry,
 };

@@ -2,7 +2,8 @@
 
 use super::motion::Line;
 use super::{Board, DEAD_MAN_RANGE, Hardware, MAX_DURATION, MAX_LEAD, MIN_LEAD, REMEMBERED};
-use crate::command::{ChannelConfig, ChannelKind, Command, Segment, kind};
+use crate::channel::{ChannelConfig, ChannelKind};
+use crate::command::{Command, Segment, kind};
 use crate::event::{Ack, Event, Fault, Refusal, State, Status};
 use crate::packet::Packet;
 use crate::units::{Channel, DurationMs, DurationUs, PulseWidthUs, RateUsPerS, Sequence, Ticks};

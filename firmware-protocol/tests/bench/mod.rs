@@ -7,7 +7,8 @@
 use std::fmt::Write as _;
 
 use firmware_protocol::board::{Board, BoardConfig, Hardware};
-use firmware_protocol::command::{ChannelConfig, ChannelKind, Command, SafeState, Segment, Segments};
+use firmware_protocol::channel::{ChannelConfig, ChannelKind, SafeState};
+use firmware_protocol::command::{Command, Segment, Segments};
 use firmware_protocol::event::{Ack, Event, Fault, Refusal};
 use firmware_protocol::packet::Decoder;
 use firmware_protocol::units::{Channel, DurationUs, Name, PulseWidthUs, RateUsPerS, Sequence, Ticks};

@@ -1,7 +1,7 @@
 //! The `[servo]` table: which board, and what hangs on its channels.
 
 use firmware_protocol::board::DEAD_MAN_RANGE;
-use firmware_protocol::command as wire;
+use firmware_protocol::channel as wire;
 use firmware_protocol::event::MAX_CHANNELS;
 use firmware_protocol::units::{Channel, Name, PulseWidthUs, RateUsPerS};
 use ident::strict::Positive;

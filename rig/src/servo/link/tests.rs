@@ -1,7 +1,8 @@
 //! Host and board in virtual time, over a line that loses what the test says.
 
 use firmware_protocol::board::{Board, BoardConfig, Hardware};
-use firmware_protocol::command::{ChannelConfig, ChannelKind, SafeState, Segment, Segments};
+use firmware_protocol::channel::{ChannelConfig, ChannelKind, SafeState};
+use firmware_protocol::command::{Segment, Segments};
 use firmware_protocol::event::{Ack, Refusal};
 use firmware_protocol::units::{Channel, DurationMs, DurationUs, Name, PulseWidthUs, RateUsPerS, Ticks};
 use proptest::prelude::*;
