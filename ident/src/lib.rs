@@ -18,6 +18,7 @@
 //! [`cmaes`] searches.
 
 pub mod cmaes;
+mod config;
 pub mod design;
 pub mod diagnose;
 pub mod experiment;

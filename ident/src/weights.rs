@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use sim::Model;
 
-use crate::experiment::{FitConfig, Prior};
+use crate::config::{FitConfig, Prior};
 use crate::names::did_you_mean;
 use crate::strict::{Finite, NonNegative, Positive};
 

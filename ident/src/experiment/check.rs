@@ -6,38 +6,45 @@ use crate::names::did_you_mean;
 /// Least images of a run: fewer than this show a pose, but no motion.
 const MIN_IMAGES: usize = 3;
 
-pub(super) fn check(experiment: &Experiment) -> Result<(), ExperimentError> {
-    if experiment.runs.is_empty() {
-        return Err(ExperimentError::NoRuns);
-    }
-    let sites = experiment.model.keypoints();
-    let actuators: Vec<String> =
-        experiment.model.actuators.iter().map(|actuator| actuator.name.clone()).collect();
-    for (place, run) in experiment.runs.iter().enumerate() {
-        let refuse = |reason: String| Err(ExperimentError::Run { run: run.id.clone(), reason });
-        if experiment.runs[..place].iter().any(|other| other.id == run.id) {
-            return refuse("another run has the same id; give each its own".into());
+impl Experiment {
+    /// Says whether the runs can be compared with the model at all: names meet, starts are known, there is
+    /// something to see.
+    ///
+    /// # Errors
+    /// The first contradiction found, naming the run.
+    pub fn check(&self) -> Result<(), ExperimentError> {
+        if self.runs.is_empty() {
+            return Err(ExperimentError::NoRuns);
         }
-        for keypoint in &run.trajectory.keypoints {
-            if !sites.contains(keypoint) {
-                let hint = did_you_mean(keypoint, &sites);
-                return refuse(format!(
-                    "the trajectory shows `{keypoint}`, but the model has no site of that name{hint}; add the site or remove the columns"
-                ));
+        let sites = self.model.keypoints();
+        let actuators: Vec<String> =
+            self.model.actuators.iter().map(|actuator| actuator.name.clone()).collect();
+        for (place, run) in self.runs.iter().enumerate() {
+            let refuse = |reason: String| Err(ExperimentError::Run { run: run.id.clone(), reason });
+            if self.runs[..place].iter().any(|other| other.id == run.id) {
+                return refuse("another run has the same id; give each its own".into());
             }
-        }
-        for actuator in run.command.iter().flat_map(|command| &command.actuators) {
-            if !actuators.contains(actuator) {
-                let hint = did_you_mean(actuator, &actuators);
-                return refuse(format!(
-                    "the servo table commands `{actuator}`, but the model has no actuator of that name{hint}"
-                ));
+            for keypoint in &run.trajectory.keypoints {
+                if !sites.contains(keypoint) {
+                    let hint = did_you_mean(keypoint, &sites);
+                    return refuse(format!(
+                        "the trajectory shows `{keypoint}`, but the model has no site of that name{hint}; add the site or remove the columns"
+                    ));
+                }
             }
+            for actuator in run.command.iter().flat_map(|command| &command.actuators) {
+                if !actuators.contains(actuator) {
+                    let hint = did_you_mean(actuator, &actuators);
+                    return refuse(format!(
+                        "the servo table commands `{actuator}`, but the model has no actuator of that name{hint}"
+                    ));
+                }
+            }
+            start(run)?;
+            images(run)?;
         }
-        start(run)?;
-        images(run)?;
+        Ok(())
     }
-    Ok(())
 }
 
 /// The motion must have a known kind of start.

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use sim::Model;
 
-use super::folder::Folder;
-use super::{DEFAULT_INIT_S, Experiment, ExperimentError, FitConfig, Run, RunKind, Use};
-use crate::names::not_there;
+use super::folder::{Folder, read_text};
+use super::{DEFAULT_INIT_S, Experiment, ExperimentError, Run, RunKind, Use};
+use crate::config::FitConfig;
 use crate::parameters::Parameters;
 use crate::strict::{self, Finite, Positive, StrictError};
 use crate::table::{read_command, read_trajectory};
@@ -45,15 +45,21 @@ struct Entry {
     weight: Option<Positive>,
 }
 
-pub(super) fn read(path: &Path) -> Result<Experiment, ExperimentError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|source| StrictError::Unreadable { path: path.into(), source })?;
-    let experiment = load(strict::parse(&text, path)?, path).and_then(|experiment| {
-        experiment.check()?;
-        Parameters::select(&experiment.model, &experiment.fit)?;
-        Ok(experiment)
-    });
-    experiment.map_err(|error| error.located(path, &text))
+impl Experiment {
+    /// Reads `experiment.toml` at `path` and everything it names; relative paths start at the file.
+    ///
+    /// # Errors
+    /// [`ExperimentError`], naming the file, and within it the line or the run.
+    pub fn read(path: &Path) -> Result<Self, ExperimentError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| StrictError::Unreadable { path: path.into(), source })?;
+        let experiment = load(strict::parse(&text, path)?, path).and_then(|experiment| {
+            experiment.check()?;
+            Parameters::select(&experiment.model, &experiment.fit)?;
+            Ok(experiment)
+        });
+        experiment.map_err(|error| error.located(path, &text))
+    }
 }
 
 fn load(file: File, path: &Path) -> Result<Experiment, ExperimentError> {
@@ -142,12 +148,4 @@ impl Entry {
         run.weight = self.weight.map_or(1.0, Positive::get);
         Ok(run)
     }
-}
-
-pub(super) fn read_text(what: &'static str, path: &Path) -> Result<String, ExperimentError> {
-    std::fs::read_to_string(path).map_err(|source| ExperimentError::Unreadable {
-        what,
-        path: path.into(),
-        source: not_there(source, path),
-    })
 }

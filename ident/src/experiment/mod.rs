@@ -5,18 +5,15 @@
 //! [`Experiment::check`].
 
 mod check;
-mod config;
 mod error;
 mod file;
 mod folder;
 mod spikes;
 
-use std::path::Path;
-
 use serde::{Deserialize, Serialize};
 use sim::{Command, Model, State, Trajectory};
 
-pub use config::{FitConfig, Loss, Method, Prior};
+pub use crate::config::{FitConfig, Loss, Method, Prior};
 pub use error::{ExperimentError, Place};
 pub use spikes::Spike;
 
@@ -104,25 +101,6 @@ impl Run {
             weight: 1.0,
             initial: None,
         }
-    }
-}
-
-impl Experiment {
-    /// Reads `experiment.toml` at `path` and everything it names; relative paths start at the file.
-    ///
-    /// # Errors
-    /// [`ExperimentError`], naming the file, and within it the line or the run.
-    pub fn read(path: &Path) -> Result<Self, ExperimentError> {
-        file::read(path)
-    }
-
-    /// Says whether the runs can be compared with the model at all: names meet, starts are known, there is
-    /// something to see.
-    ///
-    /// # Errors
-    /// The first contradiction found, naming the run.
-    pub fn check(&self) -> Result<(), ExperimentError> {
-        check::check(self)
     }
 }
 

@@ -14,7 +14,8 @@ use super::problem::{Linear, Point};
 use super::search::{Search, settle};
 use super::{FitError, INTERRUPTED};
 use crate::cmaes::Restarts;
-use crate::experiment::{Experiment, Method};
+use crate::config::Method;
+use crate::experiment::Experiment;
 use crate::parameters::FreeParameter;
 
 /// Candidates of the global phase of `hybrid`, per parameter: enough to leave a bad optimum, no more.

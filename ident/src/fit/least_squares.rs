@@ -12,7 +12,7 @@ use super::counts::Counts;
 use super::noise::lasting;
 use super::objective::Objective;
 use super::problem::{Linear, Point};
-use crate::experiment::Loss;
+use crate::config::Loss;
 use crate::parameters::Parameters;
 
 /// A descent under way. Serialising it loses nothing.

@@ -71,7 +71,8 @@ pub use report::{
 };
 pub use warm::WarmStart;
 
-use crate::experiment::{Experiment, Loss, Method, Run, RunKind, Use};
+use crate::config::{Loss, Method};
+use crate::experiment::{Experiment, Run, RunKind, Use};
 use crate::initial::{self, Estimate, StartError};
 use crate::loss::{Weighting, observations};
 use crate::parameters::Parameters;

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::counts::Counts;
 use super::problem::{Linear, Point, Problem};
-use crate::experiment::Loss;
+use crate::config::Loss;
 use crate::parameters::Parameters;
 
 /// Beyond so many standard deviations a residual counts linearly: 95 % efficient where the noise is normal.

@@ -10,6 +10,7 @@ use sim::model::Parameter;
 
 use super::counts::Counts;
 use super::whitening::Whitening;
+use crate::config::Prior;
 use crate::loss::{Observation, residuals, residuals_of_all};
 use crate::parameters::Parameters;
 use crate::simulate::{Numbers, Rehearsal};
@@ -135,8 +136,7 @@ impl<'a> Problem<'a> {
     /// Squared distance from the priors in their standard deviations.
     pub(crate) fn prior_cost(&self, values: &[f64]) -> f64 {
         let parameters = self.parameters.free.iter().zip(values);
-        let cost =
-            |prior: crate::experiment::Prior, x: f64| ((x - prior.mean.get()) / prior.std.get()).powi(2);
+        let cost = |prior: Prior, x: f64| ((x - prior.mean.get()) / prior.std.get()).powi(2);
         parameters.filter_map(|(parameter, &x)| Some(cost(parameter.prior?, x))).sum()
     }
 

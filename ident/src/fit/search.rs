@@ -16,7 +16,7 @@ use super::least_squares::{Descent, Freedom};
 use super::objective::Objective;
 use super::problem::Point;
 use crate::cmaes::{CmaEs, Options, Restarting, Restarts, Stop};
-use crate::experiment::Loss;
+use crate::config::Loss;
 
 /// Generations between anchors.
 const PERIOD: u64 = 10;

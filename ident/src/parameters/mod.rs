@@ -4,15 +4,16 @@
 //! free parameter: as SI values ([`Parameters::apply`]), or between 0 and 1 ([`Parameters::values`],
 //! [`Parameters::units`]) for a search that wants every direction alike. Tied names share one entry.
 
+mod error;
 mod scale;
 mod select;
 
 use sim::Model;
 
+pub use error::ParameterError;
 pub use scale::Scale;
-pub use select::ParameterError;
 
-use crate::experiment::{FitConfig, Prior};
+use crate::config::Prior;
 
 /// One free number of a fit.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,14 +50,6 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// What `config` asks for, looked up in `model`.
-    ///
-    /// # Errors
-    /// [`ParameterError`], for a name the model does not have or wishes that contradict each other.
-    pub fn select(model: &Model, config: &FitConfig) -> Result<Self, ParameterError> {
-        select::select(model, config)
-    }
-
     /// Number of free parameters.
     pub fn len(&self) -> usize {
         self.free.len()

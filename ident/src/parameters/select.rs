@@ -3,106 +3,9 @@
 use sim::Model;
 use sim::model::Parameter;
 
-use super::{FreeParameter, Parameters, Scale};
-use crate::experiment::FitConfig;
+use super::{FreeParameter, ParameterError, Parameters, Scale};
+use crate::config::FitConfig;
 use crate::names::{did_you_mean, glob};
-
-/// Why a `[fit]` table does not go with the model, or with itself.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ParameterError {
-    /// No parameter of that name or kind.
-    #[error("`{table}` names `{name}`, which the model does not have{hint}")]
-    Unknown {
-        /// The key of the `[fit]` table.
-        table: &'static str,
-        /// What it says.
-        name: String,
-        /// The nearest name.
-        hint: String,
-    },
-    /// What is asked for is excluded again.
-    #[error("`fixed` names everything that `parameters` asks for; to fit nothing, write `parameters = []`")]
-    AllFixed,
-    /// Two wishes that exclude each other.
-    #[error("`{name}` stands under both `{first}` and `{second}`; remove it from one of them")]
-    Contradiction {
-        /// The parameter.
-        name: String,
-        /// One key.
-        first: &'static str,
-        /// The other.
-        second: &'static str,
-    },
-    /// A tie names a parameter that is not fitted.
-    #[error("`tie` names `{name}`, which is not fitted; add it to `parameters` or leave it out")]
-    TiedButNotFitted {
-        /// The parameter.
-        name: String,
-    },
-    /// A parameter stands in two ties.
-    #[error("`{name}` stands in more than one `tie`; join these into one")]
-    TiedTwice {
-        /// The parameter.
-        name: String,
-    },
-    /// Tied parameters are not of one kind.
-    #[error("`tie` joins `{first}` and `{second}`, which are not of one kind; tie like with like")]
-    TiedUnlike {
-        /// One parameter.
-        first: String,
-        /// The other.
-        second: String,
-    },
-    /// Bounds the wrong way round, or shut.
-    #[error("bounds of `{name}` are [{lower}, {upper}]; the lower one must be less than the upper one")]
-    Bounds {
-        /// The key of `[fit.bounds]`.
-        name: String,
-        /// Lower bound.
-        lower: f64,
-        /// Upper bound.
-        upper: f64,
-    },
-    /// A bound that physics excludes.
-    #[error("bounds of `{name}` reach down to {lower}; a {kind} is never below 0")]
-    Negative {
-        /// The parameter.
-        name: String,
-        /// Its kind.
-        kind: String,
-        /// Lower bound.
-        lower: f64,
-    },
-    /// A prior outside the bounds.
-    #[error("prior of `{name}` has mean {mean}, outside its bounds [{lower}, {upper}]; widen the bounds")]
-    Prior {
-        /// The parameter.
-        name: String,
-        /// Mean of the prior.
-        mean: f64,
-        /// Lower bound.
-        lower: f64,
-        /// Upper bound.
-        upper: f64,
-    },
-}
-
-impl ParameterError {
-    /// The name at fault, mostly as the `[fit]` table spells it.
-    pub(crate) fn name(&self) -> &str {
-        match self {
-            Self::Unknown { name, .. }
-            | Self::Contradiction { name, .. }
-            | Self::TiedButNotFitted { name }
-            | Self::TiedTwice { name }
-            | Self::TiedUnlike { first: name, .. }
-            | Self::Bounds { name, .. }
-            | Self::Negative { name, .. }
-            | Self::Prior { name, .. } => name,
-            Self::AllFixed => "fixed",
-        }
-    }
-}
 
 /// A parameter of the model with the names it can be asked for by.
 struct Candidate {
@@ -128,31 +31,73 @@ impl Candidate {
     }
 }
 
-pub(super) fn select(model: &Model, config: &FitConfig) -> Result<Parameters, ParameterError> {
-    let candidates = candidates(model);
-    let names: Vec<String> = candidates.iter().map(|candidate| candidate.name.clone()).collect();
-    let unknown = |table: &'static str, name: &str| {
-        // a kind means that of passive joints
-        let joints = |candidate: &&Candidate| {
-            let place = candidate.place;
-            let of_joint = matches!(
-                place,
-                Parameter::Damping(_) | Parameter::FrictionLoss(_) | Parameter::Stiffness(..)
-            );
-            of_joint && candidate.is_kind(name)
-        };
-        if let Some(driven) = candidates.iter().find(joints) {
-            let hint = format!(" (but of driven joints; ask for `{}` by name)", driven.name);
-            return ParameterError::Unknown { table, name: name.to_owned(), hint };
+impl Parameters {
+    /// What `config` asks for, looked up in `model`.
+    ///
+    /// # Errors
+    /// [`ParameterError`], for a name the model does not have or wishes that contradict each other.
+    pub fn select(model: &Model, config: &FitConfig) -> Result<Self, ParameterError> {
+        let candidates = candidates(model);
+        let fitted = fitted(&candidates, config)?;
+        let tie = ties(&candidates, &fitted, config)?;
+        let mut free: Vec<FreeParameter> = Vec::new();
+        for (at, candidate) in candidates.iter().enumerate().filter(|(at, _)| fitted[*at]) {
+            let is_tied = |other: &usize| tie[at].is_some() && tie[*other] == tie[at];
+            let members: Vec<&Candidate> = match tie[at] {
+                Some(_) => (0..candidates.len()).filter(is_tied).map(|member| &candidates[member]).collect(),
+                None => vec![candidate],
+            };
+            if members[0].place != candidate.place {
+                continue;
+            }
+            let prior = members.iter().find_map(|member| config.prior.get(&member.name)).copied();
+            let value = prior.map_or(model.get(candidate.place), |prior| prior.mean.get());
+            let scale = scale(model, candidate, value, config)?;
+            free.push(FreeParameter {
+                names: members.iter().map(|member| member.name.clone()).collect(),
+                places: members.iter().map(|member| member.place).collect(),
+                start: scale.start(value),
+                scale,
+                prior,
+            });
         }
-        let kinds =
-            ["fluidcoef"].into_iter().chain(candidates.iter().map(Candidate::kind)).map(str::to_owned);
-        let mut known: Vec<String> = if name.contains('/') { names.clone() } else { kinds.collect() };
-        known.sort();
-        known.dedup();
-        ParameterError::Unknown { table, name: name.to_owned(), hint: did_you_mean(name, &known) }
-    };
+        for parameter in &free {
+            if let Some(mean) = parameter.prior.map(|prior| prior.mean.get()) {
+                let (lower, upper) = (parameter.scale.lower(), parameter.scale.upper());
+                if !(lower..=upper).contains(&mean) {
+                    return Err(ParameterError::Prior { name: parameter.name().into(), mean, lower, upper });
+                }
+            }
+        }
+        Ok(Self { free })
+    }
+}
 
+/// The error that `table` of the config names `name`, which means none of `candidates`.
+fn unknown(candidates: &[Candidate], table: &'static str, name: &str) -> ParameterError {
+    // a kind means that of passive joints
+    let is_of_driven_joint = |candidate: &&Candidate| {
+        let place = candidate.place;
+        let of_joint =
+            matches!(place, Parameter::Damping(_) | Parameter::FrictionLoss(_) | Parameter::Stiffness(..));
+        of_joint && candidate.is_kind(name)
+    };
+    if let Some(driven) = candidates.iter().find(is_of_driven_joint) {
+        let hint = format!(" (but of driven joints; ask for `{}` by name)", driven.name);
+        return ParameterError::Unknown { table, name: name.to_owned(), hint };
+    }
+    let mut known: Vec<String> = if name.contains('/') {
+        candidates.iter().map(|candidate| candidate.name.clone()).collect()
+    } else {
+        ["fluidcoef"].into_iter().chain(candidates.iter().map(Candidate::kind)).map(str::to_owned).collect()
+    };
+    known.sort();
+    known.dedup();
+    ParameterError::Unknown { table, name: name.to_owned(), hint: did_you_mean(name, &known) }
+}
+
+/// Whether `config` has each of `candidates` fitted.
+fn fitted(candidates: &[Candidate], config: &FitConfig) -> Result<Vec<bool>, ParameterError> {
     let mut fitted = vec![false; candidates.len()];
     // The kinds fitted by default may be absent from a model; what somebody wrote may not.
     let is_default = config.parameters == FitConfig::default().parameters;
@@ -165,12 +110,12 @@ pub(super) fn select(model: &Model, config: &FitConfig) -> Result<Parameters, Pa
             found |= named || by_kind;
         }
         if !found {
-            return Err(unknown("parameters", pattern));
+            return Err(unknown(candidates, "parameters", pattern));
         }
     }
     for name in config.prior.keys() {
-        let at = names.iter().position(|known| known == name).ok_or_else(|| unknown("prior", name))?;
-        fitted[at] = true;
+        let at = candidates.iter().position(|known| known.name == *name);
+        fitted[at.ok_or_else(|| unknown(candidates, "prior", name))?] = true;
     }
     for pattern in &config.fixed {
         let mut found = false;
@@ -189,7 +134,7 @@ pub(super) fn select(model: &Model, config: &FitConfig) -> Result<Parameters, Pa
             found = true;
         }
         if !found {
-            return Err(unknown("fixed", pattern));
+            return Err(unknown(candidates, "fixed", pattern));
         }
     }
     if !config.fixed.is_empty() && !fitted.contains(&true) && !config.parameters.is_empty() {
@@ -197,11 +142,19 @@ pub(super) fn select(model: &Model, config: &FitConfig) -> Result<Parameters, Pa
     }
     for name in config.bounds.keys() {
         if !candidates.iter().any(|candidate| candidate.is_meant(name)) {
-            return Err(unknown("bounds", name));
+            return Err(unknown(candidates, "bounds", name));
         }
     }
+    Ok(fitted)
+}
 
-    let mut owner: Vec<Option<usize>> = vec![None; candidates.len()];
+/// The place in `config.tie` of the group that each of `candidates` belongs to.
+fn ties(
+    candidates: &[Candidate],
+    fitted: &[bool],
+    config: &FitConfig,
+) -> Result<Vec<Option<usize>>, ParameterError> {
+    let mut tie: Vec<Option<usize>> = vec![None; candidates.len()];
     for (group, patterns) in config.tie.iter().enumerate() {
         let mut first: Option<&Candidate> = None;
         for pattern in patterns {
@@ -211,50 +164,22 @@ pub(super) fn select(model: &Model, config: &FitConfig) -> Result<Parameters, Pa
                 if !fitted[at] {
                     return Err(ParameterError::TiedButNotFitted { name });
                 }
-                if owner[at].is_some_and(|other| other != group) {
+                if tie[at].is_some_and(|other| other != group) {
                     return Err(ParameterError::TiedTwice { name });
                 }
                 let first = first.get_or_insert(candidate);
                 if first.kind() != candidate.kind() {
                     return Err(ParameterError::TiedUnlike { first: first.name.clone(), second: name });
                 }
-                owner[at] = Some(group);
+                tie[at] = Some(group);
                 found = true;
             }
             if !found {
-                return Err(unknown("tie", pattern));
+                return Err(unknown(candidates, "tie", pattern));
             }
         }
     }
-
-    let mut free: Vec<FreeParameter> = Vec::new();
-    for (at, candidate) in candidates.iter().enumerate().filter(|(at, _)| fitted[*at]) {
-        let tied = |other: &usize| owner[at].is_some() && owner[*other] == owner[at];
-        let members: Vec<usize> =
-            if owner[at].is_some() { (0..candidates.len()).filter(tied).collect() } else { vec![at] };
-        if members[0] != at {
-            continue;
-        }
-        let prior = members.iter().find_map(|&member| config.prior.get(&names[member])).copied();
-        let value = prior.map_or(model.get(candidate.place), |prior| prior.mean.get());
-        let scale = scale(model, candidate, value, config)?;
-        free.push(FreeParameter {
-            names: members.iter().map(|&member| names[member].clone()).collect(),
-            places: members.iter().map(|&member| candidates[member].place).collect(),
-            start: scale.start(value),
-            scale,
-            prior,
-        });
-    }
-    for parameter in &free {
-        if let Some(mean) = parameter.prior.map(|prior| prior.mean.get()) {
-            let (lower, upper) = (parameter.scale.lower(), parameter.scale.upper());
-            if !(lower..=upper).contains(&mean) {
-                return Err(ParameterError::Prior { name: parameter.name().into(), mean, lower, upper });
-            }
-        }
-    }
-    Ok(Parameters { free })
+    Ok(tie)
 }
 
 fn candidates(model: &Model) -> Vec<Candidate> {

@@ -1,0 +1,98 @@
+//! Why a `[fit]` table was refused.
+
+/// Why a `[fit]` table does not go with the model, or with itself.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ParameterError {
+    /// No parameter of that name or kind.
+    #[error("`{table}` names `{name}`, which the model does not have{hint}")]
+    Unknown {
+        /// The key of the `[fit]` table.
+        table: &'static str,
+        /// What it says.
+        name: String,
+        /// The nearest name.
+        hint: String,
+    },
+    /// What is asked for is excluded again.
+    #[error("`fixed` names everything that `parameters` asks for; to fit nothing, write `parameters = []`")]
+    AllFixed,
+    /// Two wishes that exclude each other.
+    #[error("`{name}` stands under both `{first}` and `{second}`; remove it from one of them")]
+    Contradiction {
+        /// The parameter.
+        name: String,
+        /// One key.
+        first: &'static str,
+        /// The other.
+        second: &'static str,
+    },
+    /// A tie names a parameter that is not fitted.
+    #[error("`tie` names `{name}`, which is not fitted; add it to `parameters` or leave it out")]
+    TiedButNotFitted {
+        /// The parameter.
+        name: String,
+    },
+    /// A parameter stands in two ties.
+    #[error("`{name}` stands in more than one `tie`; join these into one")]
+    TiedTwice {
+        /// The parameter.
+        name: String,
+    },
+    /// Tied parameters are not of one kind.
+    #[error("`tie` joins `{first}` and `{second}`, which are not of one kind; tie like with like")]
+    TiedUnlike {
+        /// One parameter.
+        first: String,
+        /// The other.
+        second: String,
+    },
+    /// Bounds the wrong way round, or shut.
+    #[error("bounds of `{name}` are [{lower}, {upper}]; the lower one must be less than the upper one")]
+    Bounds {
+        /// The key of `[fit.bounds]`.
+        name: String,
+        /// Lower bound.
+        lower: f64,
+        /// Upper bound.
+        upper: f64,
+    },
+    /// A bound that physics excludes.
+    #[error("bounds of `{name}` reach down to {lower}; a {kind} is never below 0")]
+    Negative {
+        /// The parameter.
+        name: String,
+        /// Its kind.
+        kind: String,
+        /// Lower bound.
+        lower: f64,
+    },
+    /// A prior outside the bounds.
+    #[error("prior of `{name}` has mean {mean}, outside its bounds [{lower}, {upper}]; widen the bounds")]
+    Prior {
+        /// The parameter.
+        name: String,
+        /// Mean of the prior.
+        mean: f64,
+        /// Lower bound.
+        lower: f64,
+        /// Upper bound.
+        upper: f64,
+    },
+}
+
+impl ParameterError {
+    /// The name at fault, mostly as the `[fit]` table spells it.
+    pub(crate) fn name(&self) -> &str {
+        match self {
+            Self::Unknown { name, .. }
+            | Self::Contradiction { name, .. }
+            | Self::TiedButNotFitted { name }
+            | Self::TiedTwice { name }
+            | Self::TiedUnlike { first: name, .. }
+            | Self::Bounds { name, .. }
+            | Self::Negative { name, .. }
+            | Self::Prior { name, .. } => name,
+            Self::AllFixed => "fixed",
+        }
+    }
+}
