@@ -14,16 +14,16 @@ pub mod runs;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use crate::diagnose::candidates::Term as CauseTerm;
-use crate::diagnose::floor::{Floor, RunFloor};
-use crate::diagnose::nuisances::covariance;
-use crate::diagnose::score::Scores;
-use crate::diagnose::state::State;
 use crate::experiment::{Experiment, Run};
 use crate::fit::counts::Counts;
 use crate::fit::problem::Term;
+use crate::hypothesis::candidates::Term as CauseTerm;
+use crate::hypothesis::nuisances::covariance;
+use crate::hypothesis::score::Scores;
+use crate::hypothesis::state::State;
 use crate::initial::Estimate;
 use crate::loss::{Weighting, observations};
+use crate::noise::floor::{Floor, RunFloor};
 use crate::simulate::Rehearsal;
 use runs::Proposal;
 

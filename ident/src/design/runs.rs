@@ -3,9 +3,9 @@
 use serde::{Deserialize, Serialize};
 use sim::{Command, State, Trajectory};
 
-use crate::diagnose::floor::Floor;
 use crate::experiment::{Experiment, Run, RunKind};
 use crate::initial::Start;
+use crate::noise::floor::Floor;
 
 /// A run that could be made.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

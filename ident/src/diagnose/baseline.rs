@@ -4,16 +4,16 @@ use rayon::prelude::*;
 use sim::model::Parameter;
 
 use super::DiagnoseError;
-use super::floor::{Floor, Seen, floor};
-use super::state::State;
 use crate::config::Method;
 use crate::experiment::{Experiment, Run, Use};
 use crate::fit::counts::Counts;
 use crate::fit::driver::spread;
 use crate::fit::problem::{Point, Term};
 use crate::fit::{self, FitError};
+use crate::hypothesis::state::State;
 use crate::initial::{self, StartError};
 use crate::loss::{Weighting, observations};
+use crate::noise::floor::{Floor, Seen, floor};
 use crate::parameters::Parameters;
 use crate::simulate::Rehearsal;
 

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use sim::effects::Role;
 
-use super::candidates;
 use super::result::Detectable;
-use super::score::Scores;
-use super::state::State;
+use crate::hypothesis::candidates;
+use crate::hypothesis::score::Scores;
+use crate::hypothesis::state::State;
 
 /// Cost saved at which a cause would have been seen beyond doubt.
 const SEEN: f64 = 30.0;

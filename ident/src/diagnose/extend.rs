@@ -3,12 +3,12 @@
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use super::nuisances::{Nuisances, covariance, joint_covariance};
 use super::result::{Bent, CauseParameter};
-use super::state::State;
 use crate::fit::counts::Counts;
 use crate::fit::crossing::{Closeness, crossing};
 use crate::fit::problem::Point;
+use crate::hypothesis::nuisances::{Nuisances, covariance, joint_covariance};
+use crate::hypothesis::state::State;
 use crate::statistics::{CHI2_95, NORMAL_95};
 
 /// The rise of the cost at an interval's end is met to 3 %.

@@ -4,13 +4,13 @@ use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use sim::Model;
 
-use super::floor::Floor;
 use super::result::{HeldOut, HeldOutRun};
-use super::state::State;
 use crate::experiment::{Experiment, Run, Use};
 use crate::fit::FittedRun;
 use crate::fit::counts::Counts;
-use crate::fit::finish::hold_out;
+use crate::fit::repeat::hold_out;
+use crate::hypothesis::state::State;
+use crate::noise::floor::Floor;
 
 /// Bootstrap samples.
 const SAMPLES: usize = 2000;

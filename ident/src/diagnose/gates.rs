@@ -3,11 +3,12 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::floor::{Floor, slow_part};
-use super::nuisances::{Nuisances, joint_covariance};
 use super::result::{ConstancyTest, Fitness, PerRun};
 use super::search::{NEGLIGIBLE_M, negligible};
-use super::state::State;
+use crate::hypothesis::nuisances::{Nuisances, joint_covariance};
+use crate::hypothesis::state::State;
+use crate::noise::floor::{Floor, slow_part};
+use crate::noise::series;
 use crate::statistics::chi2_survival;
 
 /// Lags of the portmanteau test.
@@ -53,7 +54,7 @@ pub(super) fn fitness_of(
         let slow = slow_part(&term.observations, whole, time_s, state.start_s(run), interval_s);
         let add = [slow.squares, slow.functions, slow.all, slow.count];
         sums.iter_mut().zip(add).for_each(|(sum, x)| *sum += x);
-        for series in series(term) {
+        for series in series(&term.observations) {
             for (lag, product) in products.iter_mut().enumerate() {
                 let pairs = series.iter().zip(series.iter().skip(lag + 1));
                 *product += pairs.map(|(&a, &b)| whole[a] * whole[b]).sum::<f64>();
@@ -99,16 +100,6 @@ impl Fitness {
         let correlated = self.portmanteau_p < NO_CHANCE && self.correlation > LITTLE_CORRELATION;
         slow || correlated && self.chi2 > beside && left_m > NEGLIGIBLE_M
     }
-}
-
-/// The observations of each coordinate, in the order of the images.
-fn series(term: &crate::fit::problem::Term<'_>) -> Vec<Vec<usize>> {
-    let width = term.observations.iter().map(|o| o.keypoint + 1).max().unwrap_or(0);
-    let mut series = vec![Vec::new(); 3 * width];
-    for (index, o) in term.observations.iter().enumerate() {
-        series[3 * o.keypoint + o.axis].push(index);
-    }
-    series
 }
 
 /// Whether the numbers of the causes are the same in all runs, and what each run would say.

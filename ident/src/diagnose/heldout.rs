@@ -2,18 +2,18 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::floor::{Floor, RunFloor, interval_s};
 use super::gates::fitness_of;
-use super::nuisances::{Nuisances, joint_information};
 use super::result::Fitness;
-use super::state::State;
 use crate::experiment::{Experiment, Use};
 use crate::fit::counts::Counts;
 use crate::fit::least_squares::{Descent, Freedom};
 use crate::fit::objective::Objective;
 use crate::fit::problem::Term;
+use crate::hypothesis::nuisances::{Nuisances, joint_information};
+use crate::hypothesis::state::State;
 use crate::initial;
 use crate::loss::{Weighting, observations};
+use crate::noise::floor::{Floor, RunFloor, interval_s};
 use crate::simulate::Rehearsal;
 
 /// The held-out runs with the numbers of `state`, weighed with the noise of `floor`.

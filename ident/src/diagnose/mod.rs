@@ -23,33 +23,28 @@
 //! ```
 
 mod baseline;
-pub(crate) mod candidates;
 mod detect;
 mod error;
 mod extend;
-pub(crate) mod floor;
 mod gain;
 mod gates;
 mod heldout;
 mod next;
-pub(crate) mod nuisances;
 mod refit;
 mod remarks;
 mod residuals;
 mod result;
 mod rivals;
 mod scan;
-pub(crate) mod score;
 mod search;
-pub(crate) mod state;
 mod verdict;
 
 use std::time::Instant;
 
 use sim::Model;
 
+pub use crate::noise::floor::RunFloor;
 pub use error::DiagnoseError;
-pub use floor::RunFloor;
 pub use next::Next;
 pub use result::{
     Alternative, Bent, CauseParameter, ConstancyTest, Detectable, Diagnosis, Fitness, Follows, HeldOut,
@@ -60,6 +55,7 @@ pub use result::{
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
 use crate::fit::{FittedRun, Timing};
+use crate::hypothesis::candidates;
 use crate::names::did_you_mean;
 use crate::parameters::Parameters;
 

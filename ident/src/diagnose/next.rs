@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use super::candidates::Term;
-use super::floor::Floor;
 use super::result::{Diagnosis, NextExperiment, Verdict};
 use super::search::{Found, sets};
-use super::state::State;
 use crate::design::{self, runs::Proposal};
 use crate::experiment::Experiment;
+use crate::hypothesis::candidates::Term;
+use crate::hypothesis::state::State;
+use crate::noise::floor::Floor;
 
 /// A run worth making.
 pub type Next = Proposal;

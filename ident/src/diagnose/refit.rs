@@ -3,11 +3,11 @@
 use sim::Cause;
 
 use super::baseline::NOISE_ALONE;
-use super::candidates::{self, Term};
-use super::score::{Scored, Scores};
 use super::search::{BETTER, Found, Search, sets};
-use super::state::State;
 use crate::fit::problem::Point;
+use crate::hypothesis::candidates::{self, Term};
+use crate::hypothesis::score::{Scored, Scores};
+use crate::hypothesis::state::State;
 
 /// Causes refitted in full at each stage.
 pub(super) const SHORT_LIST: usize = 5;

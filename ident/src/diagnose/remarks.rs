@@ -2,8 +2,8 @@
 
 use sim::model::{Actuator, ActuatorKind, JointKind};
 
-use super::state::State;
 use crate::experiment::{Experiment, RunKind, Use};
+use crate::hypothesis::state::State;
 use crate::initial::prescribed_dofs;
 use crate::parameters::Parameters;
 

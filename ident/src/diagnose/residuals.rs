@@ -1,8 +1,8 @@
 //! What the residuals look like: by run and keypoint, what they follow, how fast they swing, where they are worst.
 
-use super::floor::{Floor, interval_s};
 use super::result::{Follows, Residuals, RunResiduals, WorstInterval};
-use super::state::State;
+use crate::hypothesis::state::State;
+use crate::noise::floor::{Floor, interval_s};
 
 /// Length of a worst interval \[s\].
 const PIECE_S: f64 = 0.25;

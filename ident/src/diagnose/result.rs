@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::noise::floor::RunFloor;
+
 /// What the simulation gets wrong, as far as the runs tell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Diagnosis {
@@ -194,7 +196,7 @@ pub struct NoiseFloor {
     /// What the experiment says the noise is \[m\].
     pub stated_m: Option<f64>,
     /// By run and keypoint.
-    pub runs: Vec<super::floor::RunFloor>,
+    pub runs: Vec<RunFloor>,
 }
 
 /// Errors on runs that nothing was fitted to.

@@ -5,15 +5,15 @@
 
 use sim::Cause;
 
-use super::candidates;
-use super::floor::Floor;
 use super::gates::fitness;
 use super::heldout;
 use super::result::Alternative;
 use super::search::{BETTER, Found, sets};
-use super::state::State;
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
+use crate::hypothesis::candidates;
+use crate::hypothesis::state::State;
+use crate::noise::floor::Floor;
 
 /// A number this near to a bound, as a share of their distance, is at it.
 const AT_BOUND: f64 = 0.02;

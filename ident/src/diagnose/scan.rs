@@ -3,12 +3,12 @@
 //! What bends the baseline out of shape is hidden from the score test, which looks along straight lines from there. A chain with a
 //! rubber sleeve on each hinge moves otherwise altogether; only a simulation with sleeves shows it.
 
-use super::candidates::Term;
 use super::refit::SHORT_LIST;
-use super::score::Scores;
 use super::search::Search;
-use super::state::State;
 use crate::fit::problem::Point;
+use crate::hypothesis::candidates::Term;
+use crate::hypothesis::score::Scores;
+use crate::hypothesis::state::State;
 
 /// Sizes that are tried, over the one that would move the keypoints by as much as they are away, were all linear.
 const SIZES: [f64; 6] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0];

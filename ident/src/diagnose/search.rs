@@ -10,14 +10,14 @@ use sim::{Cause, Model};
 
 use super::DiagnoseError;
 use super::baseline;
-use super::candidates::Term;
-use super::floor::Floor;
 use super::refit::SHORT_LIST;
-use super::score::Scores;
-use super::state::State;
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
 use crate::fit::problem::Point;
+use crate::hypothesis::candidates::Term;
+use crate::hypothesis::score::Scores;
+use crate::hypothesis::state::State;
+use crate::noise::floor::Floor;
 use crate::statistics::chi2_survival;
 
 /// A set of causes is better when its BIC is lower by more than this: odds of 150 to 1.

@@ -2,7 +2,6 @@
 
 use sim::Cause;
 
-use super::floor::Floor;
 use super::gates::{constancy, fitness};
 use super::remarks::{fitted_in_part, held_in_drops};
 use super::result::{
@@ -11,10 +10,12 @@ use super::result::{
 };
 use super::rivals::{Contest, Rival};
 use super::search::{AS_GOOD, Found, sets};
-use super::state::State;
-use super::{candidates, detect, extend, gain, heldout, residuals};
+use super::{detect, extend, gain, heldout, residuals};
 use crate::experiment::{Experiment, Spike};
 use crate::fit::counts::Counts;
+use crate::hypothesis::candidates;
+use crate::hypothesis::state::State;
+use crate::noise::floor::Floor;
 use crate::text::millimetres;
 
 /// Puts together what was found; also the state that describes the runs best.

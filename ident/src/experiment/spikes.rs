@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 use sim::Trajectory;
 
-use crate::initial::calm_noise_m;
+use crate::noise::calm_noise_m;
 use crate::text::millimetres;
 
 /// A keypoint in one image that was set aside.

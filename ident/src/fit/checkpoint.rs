@@ -139,6 +139,9 @@ pub(super) fn fingerprint(experiment: &Experiment) -> String {
     format!("{hash:016x}")
 }
 
+/// The reason a fit gives that was told to stop.
+pub const INTERRUPTED: &str = "interrupted";
+
 /// What a fit says after each generation or iteration.
 #[derive(Debug, Clone, Copy)]
 pub struct Progress<'a> {

@@ -6,13 +6,13 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardUniform};
 
-use super::checkpoint::{Checkpoint, Ended, Flow, Observer, Origin, Progress, Stage};
+use super::checkpoint::{Checkpoint, Ended, Flow, INTERRUPTED, Observer, Origin, Progress, Stage};
 use super::counts::Counts;
+use super::error::FitError;
 use super::least_squares::{Descent, End, Freedom};
 use super::objective::Objective;
 use super::problem::{Linear, Point};
 use super::search::{Search, settle};
-use super::{FitError, INTERRUPTED};
 use crate::cmaes::Restarts;
 use crate::config::Method;
 use crate::experiment::Experiment;

@@ -1,6 +1,6 @@
 //! Why there is no fit.
 
-use super::CheckpointError;
+use super::checkpoint::CheckpointError;
 use crate::experiment::ExperimentError;
 use crate::initial::StartError;
 use crate::parameters::ParameterError;

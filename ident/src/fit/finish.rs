@@ -2,27 +2,25 @@
 
 use std::borrow::Cow;
 
-use sim::{Model, Trajectory};
+use sim::Model;
 
-use super::checkpoint::Ended;
+use super::checkpoint::{Ended, INTERRUPTED};
 use super::constancy::constancy;
 use super::counts::Counts;
 use super::driver::{Arrival, best};
+use super::error::FitError;
+use super::fitted::FittedRun;
 use super::information::{Information, information};
-use super::least_squares::{Descent, Freedom};
+use super::noise::AssumedNoise;
 use super::objective::Objective;
-use super::problem::{Point, Problem, Term};
+use super::problem::Point;
 use super::profile::profile;
-use super::{
-    AssumedNoise, Combination, Fit, FitError, FittedParameter, FittedRun, INTERRUPTED, JointInformation,
-    NoiseSeen, RunErrors, StartLoss,
-};
-use crate::experiment::{Experiment, Run, RunKind, Use};
+use super::repeat::{hold_out, repeat};
+use super::report::{Combination, Fit, FittedParameter, JointInformation, NoiseSeen, RunErrors, StartLoss};
+use crate::experiment::{Experiment, Use};
 use crate::geometry::characteristic_length_m;
-use crate::initial;
-use crate::loss::{SquaredError, Weighting, keypoint_errors, observations};
+use crate::loss::{SquaredError, keypoint_errors};
 use crate::parameters::Parameters;
-use crate::simulate::Rehearsal;
 
 /// A value this share of the bounds' width from a bound lies on it.
 const AT_BOUND: f64 = 1e-9;
@@ -223,64 +221,4 @@ fn starts(arrival: &Arrival, known: &Information, loss_m2: f64) -> Vec<StartLoss
         agrees: agrees(ended),
     };
     arrival.ended.iter().map(start).collect()
-}
-
-/// Scores a held-out run: its start comes from its still images alone, or where there are none (`free`, or let
-/// go before the first image) from the first `init_s` seconds of motion, which are not scored. A release that
-/// nobody stated is seen in the motion only, and takes the same share of it.
-pub(crate) fn hold_out(
-    model: &Model,
-    run: &Run,
-    noise_m: f64,
-    counts: &mut Counts,
-) -> Result<FittedRun, FitError> {
-    let estimate = initial::estimate(model, run, noise_m)?;
-    let start_s = estimate.start.start_s;
-    let has_still = run.kind != RunKind::Free && run.trajectory.time_s[0] <= start_s;
-    let window_s = match estimate.release {
-        Some(release) => release.latest_s + run.init_s,
-        None if has_still || run.initial.is_some() => start_s,
-        None => start_s.max(run.trajectory.time_s[0]) + run.init_s,
-    };
-    let weighting = Weighting { noise_m, use_stated: true, run_weight: 1.0 };
-    let seen = observations(&run.trajectory, weighting, |time_s| time_s <= window_s);
-    let term = Term::new(Rehearsal::new(model, run, estimate, noise_m), seen);
-    let nothing = Parameters::default();
-    let problem = Problem { model, parameters: &nothing, terms: vec![term] };
-    let objective = Objective::squares(problem);
-    let mut descent = Descent::new(objective.problem.start(), None);
-    descent.run(&objective, Freedom::Nuisances, counts);
-    let offsets = descent.point.offsets.concat();
-    counts.rollouts += 1;
-    let scored_from_s = if window_s > start_s { window_s.next_up() } else { start_s };
-    repeat(model, &objective.problem.terms[0].rehearsal, &offsets, scored_from_s)
-}
-
-pub(crate) fn repeat(
-    model: &Model,
-    rehearsal: &Rehearsal<'_>,
-    offsets: &[f64],
-    scored_from_s: f64,
-) -> Result<FittedRun, FitError> {
-    let run = rehearsal.run;
-    let measured = &run.trajectory;
-    let (position_m, touch) = rehearsal
-        .simulate_watched(model, offsets)
-        .map_err(|source| FitError::Simulation { run: run.id.clone(), source })?;
-    let start = rehearsal.start_with(model, offsets);
-    Ok(FittedRun {
-        id: run.id.clone(),
-        usage: run.usage,
-        initial: start.state,
-        start_s: start.start_s,
-        scored_from_s,
-        simulated: Trajectory {
-            time_s: measured.time_s.clone(),
-            keypoints: measured.keypoints.clone(),
-            position_m,
-            std_m: None,
-        },
-        measured: measured.clone(),
-        touch: touch.map(Into::into),
-    })
 }

@@ -11,9 +11,10 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-use super::noise::{Seen, correlated, seen};
+use super::noise::{Seen, seen};
 use super::objective::Objective;
 use super::problem::{Linear, Point};
+use crate::noise::correlated;
 use crate::parameters::FreeParameter;
 
 /// What is known about each parameter.

@@ -9,10 +9,10 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::counts::Counts;
-use super::noise::lasting;
 use super::objective::Objective;
 use super::problem::{Linear, Point};
 use crate::config::Loss;
+use crate::noise::lasting;
 use crate::parameters::Parameters;
 
 /// A descent under way. Serialising it loses nothing.

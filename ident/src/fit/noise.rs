@@ -1,14 +1,13 @@
-//! What the residuals at the optimum say about the noise: its size and how long it lasts.
+//! Noise that a fit assumes, and what the residuals at the optimum say about it: its size and how long it lasts.
 //!
-//! The noise of a coordinate is taken as a first-order autoregression over the images: correlation to the power of
-//! the number of images between. Residuals that a wrong model leaves are correlated, too, and widen the error bars
-//! just so.
-
-use nalgebra::{DMatrix, DVector};
+//! Residuals that a wrong model leaves are correlated, too, and widen the error bars just so.
 
 use super::objective::Objective;
 use super::problem::{Linear, Point};
-use crate::loss::Observation;
+use crate::config::Method;
+use crate::experiment::{Experiment, Run};
+use crate::initial;
+use crate::noise::{correlation, noise_m};
 
 /// Noise of one run against what was assumed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,8 +22,6 @@ pub(super) struct Seen {
     pub(super) rms_m: f64,
 }
 
-/// Correlations are believed up to here: beyond, a run would count as a handful of images.
-const MOST_CORRELATED: f64 = 0.99;
 /// A stated noise is believed unless the residuals exceed it by so many standard deviations of their mean square.
 const BEYOND_DOUBT: f64 = 4.0;
 /// Of the degrees of freedom of a run, parameters and correlation use up no more than this share.
@@ -59,96 +56,28 @@ pub(super) fn seen(objective: &Objective<'_>, point: &Point, linear: &[Linear], 
     linear.iter().enumerate().map(one).collect()
 }
 
-/// The observations of each coordinate, in the order of the images.
-fn series(observations: &[Observation]) -> Vec<Vec<usize>> {
-    let width = observations.iter().map(|o| o.keypoint + 1).max().unwrap_or(0);
-    let mut series = vec![Vec::new(); 3 * width];
-    for (index, observation) in observations.iter().enumerate() {
-        series[3 * observation.keypoint + observation.axis].push(index);
-    }
-    series
+/// Keypoint noise before the fit, one standard deviation per coordinate \[m\].
+pub(super) struct AssumedNoise {
+    /// Somebody stated it.
+    pub(super) stated: bool,
+    /// Of all runs together.
+    pub(super) common_m: f64,
+    /// Of each run, in the order of the experiment.
+    runs_m: Vec<(String, f64)>,
 }
 
-/// By how much `residuals` that last count for less than as many independent ones: (1 + correlation) / (1 - correlation).
-pub(super) fn lasting(observations: &[Observation], residuals: &DVector<f64>) -> f64 {
-    let correlation = correlation(observations, residuals.as_slice());
-    (1.0 + correlation) / (1.0 - correlation)
-}
-
-fn correlation(observations: &[Observation], residuals: &[f64]) -> f64 {
-    let (mut products, mut before, mut after) = (0.0, 0.0, 0.0);
-    for series in series(observations) {
-        for pair in series.windows(2).map(|pair| [pair[0], pair[1]]) {
-            let [a, b] = pair;
-            if observations[b].instant == observations[a].instant + 1 {
-                products += residuals[a] * residuals[b];
-                before += residuals[a] * residuals[a];
-                after += residuals[b] * residuals[b];
-            }
-        }
+impl AssumedNoise {
+    /// As stated; else as the images of each run tell. `paper` weighs all runs alike.
+    pub(super) fn of(experiment: &Experiment) -> Self {
+        let common_m =
+            experiment.noise_m.unwrap_or_else(|| noise_m(experiment.runs.iter().map(|run| &run.trajectory)));
+        let own = experiment.noise_m.is_none() && experiment.fit.method != Method::Paper;
+        let of_run = |run: &Run| if own { initial::run_noise(run).std_m } else { common_m };
+        let runs_m = experiment.runs.iter().map(|run| (run.id.clone(), of_run(run))).collect();
+        Self { stated: experiment.noise_m.is_some(), common_m, runs_m }
     }
-    let product: f64 = before * after;
-    if product > 0.0 { (products / product.sqrt()).clamp(0.0, MOST_CORRELATED) } else { 0.0 }
-}
 
-/// Correlation matrix of the observations times `columns`, shape (observations, columns), in one pass forward and
-/// one backward.
-pub(super) fn correlated(
-    observations: &[Observation],
-    correlation: f64,
-    columns: &DMatrix<f64>,
-) -> DMatrix<f64> {
-    let mut product = columns.clone();
-    if correlation == 0.0 {
-        return product;
-    }
-    let fade = |a: usize, b: usize| {
-        let images = observations[a].instant.abs_diff(observations[b].instant);
-        correlation.powi(i32::try_from(images).unwrap_or(i32::MAX))
-    };
-    for series in series(observations) {
-        for column in 0..columns.ncols() {
-            for reverse in [false, true] {
-                let mut carried = 0.0;
-                let mut last: Option<usize> = None;
-                let mut visit = |&row: &usize| {
-                    carried *= last.map_or(0.0, |last| fade(last, row));
-                    product[(row, column)] += carried;
-                    carried += columns[(row, column)];
-                    last = Some(row);
-                };
-                if reverse {
-                    series.iter().rev().for_each(&mut visit);
-                } else {
-                    series.iter().for_each(&mut visit);
-                }
-            }
-        }
-    }
-    product
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn both_passes_multiply_by_the_correlation_matrix_across_gaps() {
-        let at = |instant: usize, axis: usize| Observation {
-            instant,
-            keypoint: 0,
-            axis,
-            measured_m: 0.0,
-            per_m: 1.0,
-        };
-        let observations = [at(0, 0), at(0, 2), at(1, 0), at(4, 0), at(4, 2)];
-        let columns = DMatrix::from_fn(5, 2, |i, j| (1.3 * i as f64 + 0.7 * j as f64).sin());
-        let rho: f64 = 0.6;
-        let matrix = DMatrix::from_fn(5, 5, |i, j| {
-            let (a, b) = (observations[i], observations[j]);
-            if a.axis == b.axis { rho.powi(a.instant.abs_diff(b.instant) as i32) } else { 0.0 }
-        });
-        let difference = correlated(&observations, rho, &columns) - matrix * &columns;
-        assert!(difference.amax() < 1e-14, "{difference}");
+    pub(super) fn of_run(&self, run: &Run) -> f64 {
+        self.runs_m.iter().find(|(id, _)| *id == run.id).map_or(self.common_m, |(_, noise_m)| *noise_m)
     }
 }

@@ -9,9 +9,9 @@ use sim::batch::Sensitivities;
 use sim::model::Parameter;
 
 use super::counts::Counts;
-use super::whitening::Whitening;
 use crate::config::Prior;
 use crate::loss::{Observation, residuals, residuals_of_all};
+use crate::noise::Whitening;
 use crate::parameters::Parameters;
 use crate::simulate::{Numbers, Rehearsal};
 

@@ -6,39 +6,16 @@
 //! d' (C + D)⁻¹ d, over the directions that both see.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
-use serde::{Deserialize, Serialize};
 
+use super::checkpoint::{INTERRUPTED, Observer};
+use super::error::FitError;
+use super::fitted::Fitted;
 use super::objective::Belief;
-use super::{Begin, Fit, FitError, Fitted, INTERRUPTED, Observer, run};
+use super::report::{Drift, Fit, Recalibration};
+use super::run::{Begin, run};
 use crate::experiment::Experiment;
 use crate::parameters::Parameters;
 use crate::statistics::chi2_survival;
-
-/// What became of an earlier fit when a new run came.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Recalibration {
-    /// Whether the new fit passed all gates and may replace the earlier one.
-    pub accepted: bool,
-    /// Why not, one sentence each.
-    pub reasons: Vec<String>,
-    /// Whether the mechanism is still the same; absent where both fits see nothing in common.
-    pub drift: Option<Drift>,
-}
-
-/// Chi-square test that the earlier and the new data have one set of parameters.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Drift {
-    /// Squared difference of both estimates in its standard deviations.
-    pub chi2: f64,
-    /// Directions that both see.
-    pub degrees: usize,
-    /// Probability of so much without drift.
-    pub p: f64,
-    /// Settled parameters that changed by more than three standard deviations of the difference.
-    pub parameters: Vec<String>,
-}
 
 /// Drift is believed below this probability: one false alarm in a thousand recalibrations.
 const DRIFT_P: f64 = 1e-3;

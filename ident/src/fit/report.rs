@@ -5,6 +5,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::checkpoint::Origin;
 use crate::experiment::{Spike, Use};
 use crate::loss::KeypointError;
 
@@ -50,7 +51,33 @@ pub struct Fit {
     pub information: Option<JointInformation>,
     /// What became of an earlier fit that this one started from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub recalibration: Option<super::Recalibration>,
+    pub recalibration: Option<Recalibration>,
+}
+
+/// What became of an earlier fit when a new run came.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recalibration {
+    /// Whether the new fit passed all gates and may replace the earlier one.
+    pub accepted: bool,
+    /// Why not, one sentence each.
+    pub reasons: Vec<String>,
+    /// Whether the mechanism is still the same; absent where both fits see nothing in common.
+    pub drift: Option<Drift>,
+}
+
+/// Chi-square test that the earlier and the new data have one set of parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Drift {
+    /// Squared difference of both estimates in its standard deviations.
+    pub chi2: f64,
+    /// Directions that both see.
+    pub degrees: usize,
+    /// Probability of so much without drift.
+    pub p: f64,
+    /// Settled parameters that changed by more than three standard deviations of the difference.
+    pub parameters: Vec<String>,
 }
 
 /// A weighted sum of parameters of one group of [`Fit::unidentifiable`].
@@ -76,7 +103,7 @@ pub struct Combination {
 #[serde(deny_unknown_fields)]
 pub struct StartLoss {
     /// Where it began.
-    pub from: super::Origin,
+    pub from: Origin,
     /// About its loss \[m2\]; absent where the start could not be simulated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loss_m2: Option<f64>,

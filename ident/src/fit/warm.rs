@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use sim::{Model, State};
 
-use super::{Fitted, FittedRun};
+use super::fitted::{Fitted, FittedRun};
 use crate::initial::Start;
 use crate::parameters::{FreeParameter, Parameters};
 use crate::simulate::Rehearsal;

@@ -9,8 +9,7 @@ mod release;
 
 use sim::{JointKind, Model, State};
 
-pub(crate) use noise::calm_noise_m;
-pub use noise::{RunNoise, noise_m, run_noise};
+pub use noise::{RunNoise, run_noise};
 pub use release::{Release, release};
 
 use crate::experiment::{Run, RunKind};

@@ -1,21 +1,13 @@
-//! Keypoint noise from the images alone.
+//! Noise of a run from its images alone, those before its motion above all.
 
 use sim::{Command, Trajectory};
 
 use super::release;
 use crate::experiment::{Run, RunKind};
+use crate::noise::{LEAST_NOISE_M, MOST_CORRELATED, noise_m, third_difference};
 
-/// Median of the absolute value of a standard normal number, and what a quarter of all are below.
-const MEDIAN: f64 = 0.674_489_75;
-const QUARTER: f64 = 0.318_639_36;
-/// No camera sees better than this \[m\]; it keeps exact data from dividing by nothing.
-const FLOOR_M: f64 = 1e-6;
-/// Instants count as evenly spaced when their steps agree to this share.
-const EVEN: f64 = 0.2;
 /// Least still images that tell the noise: with three keypoints, to some 10 %.
 const MIN_STILL: usize = 15;
-/// Noise of real images is never more of the same than this.
-const MOST_CORRELATED: f64 = 0.99;
 
 /// Keypoint noise of one run.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,53 +71,5 @@ fn still_noise(trajectory: &Trajectory, still: usize) -> Option<(f64, f64)> {
     let correlation = ((seen + 1.0 / n) / (1.0 - 3.0 / n)).clamp(0.0, MOST_CORRELATED);
     // The mean has followed correlated noise: fewer degrees of freedom are left.
     let lost = ((1.0 + correlation) / (1.0 - correlation) / n).min(0.5);
-    Some(((squares / freedom / (1.0 - lost) * (1.0 - 1.0 / n)).sqrt().max(FLOOR_M), correlation))
-}
-
-/// Variance of third differences of noise whose variance is 1: of white noise 1 + 9 + 9 + 1.
-fn third_difference(correlation: f64) -> f64 {
-    20.0 - 30.0 * correlation + 12.0 * correlation.powi(2) - 2.0 * correlation.powi(3)
-}
-
-/// Standard deviation of one coordinate \[m\], robustly, from the third differences of `trajectories` over
-/// evenly spaced images: those of a smooth motion vanish. It leaves out whatever is slow, hence is a lower limit on
-/// what a fit can reach.
-pub fn noise_m<'a>(trajectories: impl IntoIterator<Item = &'a Trajectory>) -> f64 {
-    roughness_m(trajectories, 0.5, MEDIAN)
-}
-
-/// The same from the calmest quarter of the images alone: where few images are taken of a quick motion, they are rough without any
-/// noise.
-pub(crate) fn calm_noise_m<'a>(trajectories: impl IntoIterator<Item = &'a Trajectory>) -> f64 {
-    roughness_m(trajectories, 0.25, QUARTER)
-}
-
-/// Noise of whose third differences the given `share` would be as small as those of `trajectories` are; of a standard normal
-/// number so many are below `quantile` in size.
-fn roughness_m<'a>(trajectories: impl IntoIterator<Item = &'a Trajectory>, share: f64, quantile: f64) -> f64 {
-    let mut differences = Vec::new();
-    for trajectory in trajectories {
-        let time = &trajectory.time_s;
-        for row in 3..time.len() {
-            let step = (time[row] - time[row - 3]) / 3.0;
-            if (row - 3..row).any(|i| (time[i + 1] - time[i] - step).abs() > EVEN * step) {
-                continue;
-            }
-            for keypoint in 0..trajectory.keypoints.len() {
-                for axis in 0..3 {
-                    let at = |back: usize| trajectory.at(row - back, keypoint)[axis];
-                    let difference = at(0) - 3.0 * at(1) + 3.0 * at(2) - at(3);
-                    if difference.is_finite() {
-                        differences.push(difference.abs());
-                    }
-                }
-            }
-        }
-    }
-    if differences.is_empty() {
-        return FLOOR_M;
-    }
-    let place = (share * differences.len() as f64) as usize;
-    let (_, found, _) = differences.select_nth_unstable_by(place, f64::total_cmp);
-    (*found / quantile / third_difference(0.0).sqrt()).max(FLOOR_M)
+    Some(((squares / freedom / (1.0 - lost) * (1.0 - 1.0 / n)).sqrt().max(LEAST_NOISE_M), correlation))
 }

@@ -1,6 +1,7 @@
 use sim::{RolloutOptions, rollout};
 
 use super::*;
+use crate::noise::noise_m;
 
 const MODEL: &str = include_str!("../../tests/data/chain.xml");
 const NOISE_M: f64 = 4e-4;

@@ -1,4 +1,5 @@
 use super::*;
+use crate::config::FitConfig;
 use crate::strict::{Finite, Positive};
 
 const MODEL: &str = r#"<mujoco model="two">

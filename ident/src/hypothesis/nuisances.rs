@@ -123,7 +123,7 @@ pub(crate) fn joint_covariance(state: &State<'_>, run: Option<usize>) -> Option<
 }
 
 /// What [`joint_covariance`] is the inverse of.
-pub(super) fn joint_information(state: &State<'_>, run: Option<usize>) -> DMatrix<f64> {
+pub(crate) fn joint_information(state: &State<'_>, run: Option<usize>) -> DMatrix<f64> {
     let free = state.parameters.len();
     let nuisances = run.map_or(&[][..], |run| &state.terms[run].rehearsal.nuisances);
     let size = free + nuisances.len();

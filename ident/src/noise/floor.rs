@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, DVector, RowDVector};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::fit::whitening::Whitening;
+use super::{LEAST_NOISE_M, Whitening};
 use crate::loss::Observation;
 
 /// Distance of the spline's knots \[s\]: it follows what is slower than some 8 Hz.
@@ -27,8 +27,6 @@ const SPAN: usize = 250;
 const LEAST: usize = 12;
 /// What a spline shows beside the others at the least, of 1 at its top: less is not told from rounding.
 const TOLD: f64 = 1e-3;
-/// No camera sees better than this \[m\].
-const LEAST_STD_M: f64 = 1e-6;
 /// Correlations tried first.
 const CORRELATIONS: [f64; 8] = [0.0, 0.15, 0.3, 0.45, 0.6, 0.7, 0.8, 0.9];
 const MOST_CORRELATED: f64 = 0.95;
@@ -126,7 +124,7 @@ pub(crate) fn floor(runs: &[Seen<'_>]) -> Floor {
     let (_, sums) = judge(correlation);
     let common = |sums: &[Vec<[f64; 2]>]| {
         let all = sums.iter().flatten().fold([0.0; 2], |all, sum| [all[0] + sum[0], all[1] + sum[1]]);
-        ((all[0] / all[1].max(1.0)).sqrt().max(LEAST_STD_M), all[1])
+        ((all[0] / all[1].max(1.0)).sqrt().max(LEAST_NOISE_M), all[1])
     };
     let (noise_m, degrees) = common(&sums);
     let correlation_std = (2.0 / curvature.max(2.0)).sqrt();
@@ -134,7 +132,7 @@ pub(crate) fn floor(runs: &[Seen<'_>]) -> Floor {
     let (lasting_m, _) = common(&judge((correlation + correlation_std).min(MOST_CORRELATED)).1);
     let noise_std_m = (lasting_m - noise_m).hypot(noise_m / (2.0 * degrees.max(1.0)).sqrt());
     let std = |sum: &[f64; 2]| {
-        if sum[1] >= 2.0 * LEAST as f64 { (sum[0] / sum[1]).sqrt().max(LEAST_STD_M) } else { noise_m }
+        if sum[1] >= 2.0 * LEAST as f64 { (sum[0] / sum[1]).sqrt().max(LEAST_NOISE_M) } else { noise_m }
     };
     let images = |of: &dyn Fn(&Stretch) -> usize| stretches.iter().map(of).sum::<usize>() as f64;
     Floor {

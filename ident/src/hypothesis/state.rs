@@ -4,14 +4,14 @@ use rayon::prelude::*;
 use sim::{Model, Trajectory};
 
 use super::candidates::Term as CauseTerm;
-use super::floor::Floor;
 use crate::fit::FittedRun;
 use crate::fit::counts::Counts;
-use crate::fit::finish::repeat;
 use crate::fit::least_squares::Descent;
 use crate::fit::objective::Objective;
 use crate::fit::problem::{Linear, Point, Problem, Term};
-use crate::fit::whitening::Whitening;
+use crate::fit::repeat::repeat;
+use crate::noise::Whitening;
+use crate::noise::floor::Floor;
 use crate::parameters::Parameters;
 
 /// A model with some causes at its optimum.

@@ -1,0 +1,68 @@
+//! What a fit yields.
+
+use std::time::Duration;
+
+use sim::{Model, State, Trajectory};
+
+use super::report::{FirstTouch, Fit};
+use crate::experiment::Use;
+
+/// A calibrated model, and how well it repeats the runs.
+#[derive(Debug, Clone)]
+pub struct Fitted {
+    /// `fit.json`.
+    pub fit: Fit,
+    /// The calibrated model.
+    pub model: Model,
+    /// Each run of the experiment, in its order.
+    pub runs: Vec<FittedRun>,
+    /// How long it took; kept apart, because [`Fit`] must not depend on it.
+    pub timing: Timing,
+}
+
+impl Fitted {
+    /// The calibrated model as MJCF text that begins with `comment`. Causes that MJCF holds exactly stand where MuJoCo looks
+    /// for them; others stay as our own numbers, and the comment says what MuJoCo lacks.
+    pub fn to_mjcf(&self, comment: &str) -> String {
+        let folded = self.model.folded();
+        if folded.lost.is_empty() && folded.altered.is_empty() {
+            return folded.model.to_mjcf(comment);
+        }
+        let lost: Vec<&str> = folded.lost.iter().map(|cause| cause.name()).collect();
+        let lacks = match lost[..] {
+            [] => String::new(),
+            _ => format!(" MuJoCo itself moves without {}.", lost.join(", ")),
+        };
+        self.model.to_mjcf(&format!("{comment}{lacks}"))
+    }
+}
+
+/// One run beside its simulation.
+#[derive(Debug, Clone)]
+pub struct FittedRun {
+    /// The run.
+    pub id: String,
+    /// Fitted or held out.
+    pub usage: Use,
+    /// Estimated state, held until the motion starts.
+    pub initial: State,
+    /// When the motion starts \[s\].
+    pub start_s: f64,
+    /// Errors are over the images from here on \[s\].
+    pub scored_from_s: f64,
+    /// The same keypoints at the same instants, from the calibrated model.
+    pub simulated: Trajectory,
+    /// What was measured.
+    pub measured: Trajectory,
+    /// Geoms of the calibrated model that touch: from then on it does not move as MuJoCo would have it.
+    pub touch: Option<FirstTouch>,
+}
+
+/// How long a fit took.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Timing {
+    /// From the first estimate to the last error bar.
+    pub wall: Duration,
+    /// Threads that simulated.
+    pub threads: usize,
+}
