@@ -3,9 +3,11 @@
 use crate::command::Command;
 use crate::dual::Dual;
 use crate::effects::is_soft;
+use crate::error::RolloutError;
 use crate::lanes::{InLanes, Isa, Packed, dispatch, dispatch_dual};
 use crate::model::{Model, Parameter, State};
-use crate::rollout::{self, RolloutError, RolloutOptions, Run};
+use crate::options::RolloutOptions;
+use crate::rollout::{self, Run};
 use crate::scalar::Scalar;
 use crate::simulator;
 use crate::space::{Planar, Space, Spatial};

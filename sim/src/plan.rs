@@ -3,9 +3,11 @@
 use crate::command::Command;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::{Work, kinematics};
+use crate::error::RolloutError;
 use crate::math::Vec3;
 use crate::model::{Model, State};
-use crate::rollout::{self, RolloutError, RolloutOptions, rollout};
+use crate::options::RolloutOptions;
+use crate::rollout::{self, rollout};
 use crate::simulator;
 use crate::space::{Planar, Spatial};
 use crate::steps::{self, Method, Steps};

@@ -3,118 +3,16 @@
 use crate::command::Command;
 use crate::dynamics::{integrate, kinematics};
 use crate::effects::CommandPath;
-use crate::model::{Integrator, Joint, Model, Parameter, State};
+use crate::error::RolloutError;
+use crate::model::{Joint, Model, Parameter, State};
 use crate::observation::Film;
 use crate::observation::film::Keypoint;
+use crate::options::RolloutOptions;
 use crate::scalar::{Mask, Scalar, tuned};
 use crate::simulator::{self, Engine};
 use crate::space::{Planar, Space, Spatial};
-use crate::steps::{Grid, Steps};
+use crate::steps::Grid;
 use crate::trajectory::Trajectory;
-
-/// How a run is stepped.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct RolloutOptions {
-    /// Integrator; `None`: the model's own.
-    pub integrator: Option<Integrator>,
-    /// Time step \[s\]; `None`: the model's own.
-    pub timestep_s: Option<f64>,
-    /// Hold the command over each step, as MuJoCo does, instead of sampling it at Runge-Kutta's stages.
-    pub hold_command: bool,
-    /// The joints of position drives follow their commands exactly, see
-    /// [`Simulator`](crate::Simulator); a drive without a command
-    /// leaves its joint free.
-    pub prescribed: bool,
-    /// When motion starts \[s\]; until then the initial state is held.
-    pub start_s: f64,
-    /// Our own steps instead of MuJoCo's: integrator, time step and `hold_command` then play no part.
-    pub steps: Option<Steps>,
-}
-
-/// Why a run could not be simulated.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum RolloutError {
-    /// A velocity is not a number or absurd.
-    #[error(
-        "simulation diverged at joint `{joint}` at {time_s} s; take a smaller time step or check the model's numbers"
-    )]
-    Diverged {
-        /// The first joint at fault.
-        joint: String,
-        /// When \[s\].
-        time_s: f64,
-    },
-    /// A time step that is none.
-    #[error("time step {timestep_s} s must be finite and above 0")]
-    Timestep {
-        /// The step \[s\].
-        timestep_s: f64,
-    },
-    /// A command for an actuator the model does not have.
-    #[error("command for `{actuator}`, but the model's actuators are: {known}")]
-    UnknownActuator {
-        /// The command's column.
-        actuator: String,
-        /// The model's actuators, listed.
-        known: String,
-    },
-    /// A state of another shape than the model.
-    #[error("state has {qpos} coordinates and {qvel} velocities, the model {nq} and {nv}")]
-    Shape {
-        /// Coordinates given.
-        qpos: usize,
-        /// Velocities given.
-        qvel: usize,
-        /// Coordinates wanted.
-        nq: usize,
-        /// Velocities wanted.
-        nv: usize,
-    },
-    /// An initial state that is no number.
-    #[error("initial {what} {index}, of joint `{joint}`, is not finite")]
-    BadState {
-        /// `qpos` or `qvel`.
-        what: &'static str,
-        /// Which entry.
-        index: usize,
-        /// The joint it belongs to.
-        joint: String,
-    },
-    /// A number of the model that cannot be.
-    #[error("parameter `{name}` must be {wanted}")]
-    BadParameter {
-        /// The parameter.
-        name: String,
-        /// What it must be.
-        wanted: &'static str,
-    },
-    /// Sample times that are no numbers or fall.
-    #[error("sample time {index} is {time_s} s: times must be finite and must not fall")]
-    SampleTime {
-        /// Which one.
-        index: usize,
-        /// The time \[s\].
-        time_s: f64,
-    },
-    /// No step is as exact as wanted.
-    #[error(
-        "no step down to {shortest_s} s keeps the keypoints within {accuracy_m} m; ask for less accuracy"
-    )]
-    Inexact {
-        /// The wanted accuracy \[m\].
-        accuracy_m: f64,
-        /// The shortest step tried \[s\].
-        shortest_s: f64,
-    },
-    /// Something this version cannot do.
-    #[error("{what} is not supported; {instead}")]
-    Unsupported {
-        /// What was asked for.
-        what: String,
-        /// What to do instead.
-        instead: String,
-    },
-}
 
 /// A run, sampled.
 #[derive(Debug, Clone, PartialEq)]
@@ -221,7 +119,13 @@ impl<T: Scalar> Run<'_, T> {
         let mut engine = Engine::<S>::new(model, layout, options)?;
         engine.clock = start_s - T::from_f64(options.start_s);
         engine.switch_off(&columns.iter().map(Option::is_none).collect::<Vec<_>>());
-        let grid = Grid::new(engine.timestep_s, engine.longest_step_s(), self.command, options);
+        let grid = match &options.steps {
+            Some(steps) => {
+                let lengths_s = [engine.timestep_s, engine.longest_step_s()];
+                Grid::planned(steps, lengths_s, self.command, options.start_s)
+            }
+            None => Grid::equal(engine.timestep_s),
+        };
         let mut after = state.clone();
         engine.align(&mut after, options.start_s, &command);
         let initial = after.clone();

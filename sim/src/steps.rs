@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use crate::command::Command;
-use crate::rollout::RolloutOptions;
 
 /// Steps chosen for accuracy, see [`plan`](crate::plan()). They meet the corners of the commands, and stiction and end stops
 /// are as stiff as at the model's own time step whatever the step.
@@ -70,28 +69,35 @@ pub(crate) struct Grid {
 
 /// Steps after the planned ones are as long as the median of this many: the last may be a sliver, and the longest of all may
 /// be too long where the motion is quick.
-const LAST: usize = 5;
+const LAST_STEPS: usize = 5;
 /// A change of rate this small beside the largest counts as none: smooth commands have no corners.
-const CORNER: f64 = 0.1;
+const CORNER_SHARE: f64 = 0.1;
 
 impl Grid {
-    /// Equal steps of `timestep_s`; with [`RolloutOptions::steps`] those, in parts where they are longer than `most_s`, and
-    /// after them equal ones between the corners of `command`, none longer than `timestep_s` or than the last of them.
-    pub(crate) fn new(mut timestep_s: f64, most_s: f64, command: &Command, options: &RolloutOptions) -> Self {
+    /// Equal steps of `timestep_s`.
+    pub(crate) fn equal(timestep_s: f64) -> Self {
+        Self { instants: vec![0.0], timestep_s }
+    }
+
+    /// `steps`, in parts where they are longer than `most_s`, and after them equal ones between the corners of `command`, none
+    /// longer than `timestep_s` or than the last of them; the motion starts at `start_s`. All times in \[s\].
+    pub(crate) fn planned(
+        steps: &Steps,
+        [timestep_s, most_s]: [f64; 2],
+        command: &Command,
+        start_s: f64,
+    ) -> Self {
         let mut instants = vec![0.0];
-        if let Some(steps) = &options.steps {
-            instants.extend(steps.shortened(most_s).ends_s.iter());
-            let mut last_s: Vec<f64> =
-                instants.windows(2).rev().take(LAST).map(|pair| pair[1] - pair[0]).collect();
-            last_s.sort_by(f64::total_cmp);
-            timestep_s = last_s.get(last_s.len() / 2).map_or(timestep_s, |&median| timestep_s.min(median));
-            for corner in corners(command, timestep_s) {
-                let (from, to) = (instants[instants.len() - 1], corner - options.start_s);
-                let parts = ((to - from) / timestep_s - 1e-9).ceil();
-                instants.extend(
-                    (1..=parts.max(0.0) as usize).map(|part| from + (to - from) * part as f64 / parts),
-                );
-            }
+        instants.extend(steps.shortened(most_s).ends_s.iter());
+        let mut last_s: Vec<f64> =
+            instants.windows(2).rev().take(LAST_STEPS).map(|pair| pair[1] - pair[0]).collect();
+        last_s.sort_by(f64::total_cmp);
+        let timestep_s = last_s.get(last_s.len() / 2).map_or(timestep_s, |&median| timestep_s.min(median));
+        for corner in corners(command, timestep_s) {
+            let (from, to) = (instants[instants.len() - 1], corner - start_s);
+            let parts = ((to - from) / timestep_s - 1e-9).ceil();
+            instants
+                .extend((1..=parts.max(0.0) as usize).map(|part| from + (to - from) * part as f64 / parts));
         }
         Self { instants, timestep_s }
     }
@@ -135,7 +141,9 @@ pub(crate) fn corners(command: &Command, timestep_s: f64) -> Vec<f64> {
             f64::abs(after - before)
         };
         let largest = (0..rows).map(jump).fold(0.0, f64::max);
-        corners.extend((0..rows).filter(|&row| jump(row) > CORNER * largest).map(|row| command.time_s[row]));
+        corners.extend(
+            (0..rows).filter(|&row| jump(row) > CORNER_SHARE * largest).map(|row| command.time_s[row]),
+        );
     }
     corners.sort_by(f64::total_cmp);
     corners.dedup();
@@ -155,14 +163,13 @@ mod tests {
             time_s: vec![1.0, 1.5, 2.0, 2.25],
             angle_rad: vec![0.0, 0.5, 1.0, 0.0],
         };
-        let steps = Some(Steps::even(Method::RungeKutta, 0.2));
-        let options = RolloutOptions { start_s: 0.5, steps, ..RolloutOptions::default() };
-        let grid = Grid::new(0.2, f64::INFINITY, &command, &options);
+        let steps = Steps::even(Method::RungeKutta, 0.2);
+        let grid = Grid::planned(&steps, [0.2, f64::INFINITY], &command, 0.5);
         // 0.5 s of rest, 1 s up (the middle row is no corner), 0.25 s down, and on in whole steps
         let ends: Vec<f64> = (0..13).map(|k| (grid.instant(k) * 1e9).round() / 1e9).collect();
         let expected = [0.0, 0.166666667, 0.333333333, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.625, 1.75, 1.95, 2.15];
         assert_eq!(ends, expected);
         assert!((1..12).all(|k| (grid.step(k) - (grid.instant(k) - grid.instant(k - 1))).abs() < 1e-12));
-        assert_eq!(Grid::new(0.2, f64::INFINITY, &command, &RolloutOptions::default()).instant(5), 1.0);
+        assert_eq!(Grid::equal(0.2).instant(5), 1.0);
     }
 }

@@ -3,9 +3,11 @@
 use super::{Nominal, SHORTEST_S};
 use crate::dynamics::{integrate, kinematics};
 use crate::effects::CommandPath;
+use crate::error::RolloutError;
 use crate::math::Vector;
 use crate::model::Model;
-use crate::rollout::{self, RolloutError, RolloutOptions};
+use crate::options::RolloutOptions;
+use crate::rollout;
 use crate::simulator::Engine;
 use crate::space::Space;
 

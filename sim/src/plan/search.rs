@@ -2,7 +2,7 @@
 
 use super::{Nominal, Plan};
 use crate::dynamics::restraint;
-use crate::rollout::RolloutError;
+use crate::error::RolloutError;
 use crate::steps::{Method, Steps};
 
 /// Longest step tried \[s\].

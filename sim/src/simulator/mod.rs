@@ -9,8 +9,9 @@ mod rosenbrock;
 pub(crate) use engine::Engine;
 pub use forces::Forces;
 
+use crate::error::RolloutError;
 use crate::model::{Integrator, Model, State};
-use crate::rollout::{RolloutError, RolloutOptions};
+use crate::options::RolloutOptions;
 use crate::scalar::Scalar;
 use crate::space::{Planar, Plane, Spatial};
 

@@ -11,7 +11,8 @@ mod water;
 use super::{Cause, Role};
 use crate::math::Vec3;
 use crate::model::{Integrator, Model, State};
-use crate::rollout::{RolloutOptions, rollout};
+use crate::options::RolloutOptions;
+use crate::rollout::rollout;
 use crate::simulator::Simulator;
 use crate::{Command, Rollout};
 
