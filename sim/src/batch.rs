@@ -2,6 +2,7 @@
 
 use crate::command::Command;
 use crate::dual::Dual;
+use crate::dynamics::stages::Stages;
 use crate::effects::is_soft;
 use crate::error::RolloutError;
 use crate::lanes::{InLanes, Isa, Packed, dispatch, dispatch_dual};
@@ -10,7 +11,7 @@ use crate::options::RolloutOptions;
 use crate::rollout::{self, Run};
 use crate::scalar::Scalar;
 use crate::simulator;
-use crate::space::{Planar, Space, Spatial};
+use crate::space::{Planar, Spatial};
 
 /// One variation of a run.
 #[derive(Debug, Clone, PartialEq)]
@@ -194,7 +195,7 @@ impl Group<'_> {
         }
     }
 
-    fn through<L: Packed, S: Space<T = L>>(
+    fn through<L: Packed, S: Stages<T = L>>(
         &self,
         model: &Model<L>,
         layout: S::Layout,
@@ -269,7 +270,7 @@ impl Fan<'_> {
         model
     }
 
-    fn through<L: Packed, S: Space<T = Dual<L, 1>>>(
+    fn through<L: Packed, S: Stages<T = Dual<L, 1>>>(
         &self,
         model: &Model<Dual<L, 1>>,
         layout: S::Layout,

@@ -1,6 +1,7 @@
 //! Moves a mechanism through a whole run and samples it.
 
 use crate::command::Command;
+use crate::dynamics::stages::Stages;
 use crate::dynamics::{integrate, kinematics};
 use crate::effects::CommandPath;
 use crate::error::RolloutError;
@@ -10,7 +11,7 @@ use crate::observation::film::Keypoint;
 use crate::options::RolloutOptions;
 use crate::scalar::{Mask, Scalar, tuned};
 use crate::simulator::{self, Engine};
-use crate::space::{Planar, Space, Spatial};
+use crate::space::{Planar, Spatial};
 use crate::steps::Grid;
 use crate::trajectory::Trajectory;
 
@@ -111,7 +112,7 @@ pub(crate) struct Samples<T> {
 impl<T: Scalar> Run<'_, T> {
     /// Simulates in the space that `layout` describes. Every lane takes the same steps from its own start; a lane that
     /// diverges is put back to its initial state, so that its neighbours never meet its numbers.
-    pub(crate) fn through<S: Space<T = T>>(&self, layout: S::Layout) -> Result<Samples<T>, RolloutError> {
+    pub(crate) fn through<S: Stages<T = T>>(&self, layout: S::Layout) -> Result<Samples<T>, RolloutError> {
         let Self { model, state, start_s, command, columns, sample_times_s, options, states } = *self;
         let path = CommandPath::new(model, command);
         let command = |drive: usize, time_s: f64| path.at(drive, time_s);
@@ -244,7 +245,7 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     /// Notes which lanes have diverged and puts them back.
-    fn set_back<S: Space<T = T>>(
+    fn set_back<S: Stages<T = T>>(
         &self,
         engine: &Engine<S>,
         initial: &State<T>,

@@ -6,11 +6,12 @@
 use super::Work;
 use super::fluid::relative;
 use super::plant::Plant;
+use super::stages::SlopeStage;
 use crate::dual::Dual;
 use crate::fluid::{Immersed, ImmersedBox};
 use crate::math::{Mat3, Vec3};
 use crate::scalar::Scalar;
-use crate::space::{Motion, SlopeStage, Spatial, Wrench};
+use crate::space::{Motion, Spatial, Wrench};
 
 /// A number with its derivatives by angular and linear velocity.
 type Probe<T> = Dual<T, 6>;

@@ -11,8 +11,10 @@ pub(crate) mod integrate;
 pub(crate) mod kinematics;
 pub(crate) mod limbs;
 pub(crate) mod passive;
+pub(crate) mod plane;
 pub(crate) mod plant;
 pub(crate) mod restraint;
+pub(crate) mod stages;
 
 use crate::math::{Quat, Vec3, Vector};
 use crate::model::{Model, Poses};

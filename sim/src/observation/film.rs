@@ -2,6 +2,7 @@
 
 use crate::dynamics::integrate::Hermite;
 use crate::dynamics::plant::Plant;
+use crate::dynamics::stages::Stages;
 use crate::dynamics::{Work, bias, kinematics};
 use crate::effects::Looks;
 use crate::math::{Vec3, Vector};
@@ -47,7 +48,7 @@ struct Span<T> {
 pub(crate) type Keypoint<S> = (usize, Vec3<<S as Space>::T>, <S as Space>::Vec);
 
 /// Where the keypoints are in `state` and how they move: hands each on to `keep`, which gets its place in `sites` too.
-fn watch<S: Space>(
+fn watch<S: Stages>(
     engine: &mut Engine<S>,
     state: &State<S::T>,
     sites: &[Keypoint<S>],
@@ -91,7 +92,7 @@ impl<T: Scalar> Film<T> {
     }
 
     /// Where the points are until the motion starts.
-    pub(crate) fn open<S: Space<T = T>>(
+    pub(crate) fn open<S: Stages<T = T>>(
         &mut self,
         engine: &mut Engine<S>,
         state: &State<T>,
@@ -102,7 +103,7 @@ impl<T: Scalar> Film<T> {
     }
 
     /// How the points moved in the step between two states, which ended `end_s` \[s\] after the start.
-    pub(crate) fn record<S: Space<T = T>>(
+    pub(crate) fn record<S: Stages<T = T>>(
         &mut self,
         engine: &mut Engine<S>,
         ends: [&State<T>; 2],

@@ -1,6 +1,7 @@
 //! How long steps may be where.
 
 use super::{Nominal, SHORTEST_S};
+use crate::dynamics::stages::Stages;
 use crate::dynamics::{integrate, kinematics};
 use crate::effects::CommandPath;
 use crate::error::RolloutError;
@@ -9,7 +10,6 @@ use crate::model::Model;
 use crate::options::RolloutOptions;
 use crate::rollout;
 use crate::simulator::Engine;
-use crate::space::Space;
 
 /// A step is longer than the one before by this factor at most: what makes a nominal motion quick may come a little
 /// earlier or later in another candidate.
@@ -27,7 +27,7 @@ pub(super) struct Explorer<'a> {
 }
 
 impl Explorer<'_> {
-    pub(super) fn ends<S: Space<T = f64>>(
+    pub(super) fn ends<S: Stages<T = f64>>(
         &self,
         layout: S::Layout,
         corners: &[f64],
@@ -110,7 +110,12 @@ impl Explorer<'_> {
 }
 
 /// How far apart \[m\] the coordinates `a` and `b` put some of the `points`, fixed to their bodies.
-fn worst<S: Space<T = f64>>(engine: &mut Engine<S>, points: &[(usize, S::Vec)], a: &[f64], b: &[f64]) -> f64 {
+fn worst<S: Stages<T = f64>>(
+    engine: &mut Engine<S>,
+    points: &[(usize, S::Vec)],
+    a: &[f64],
+    b: &[f64],
+) -> f64 {
     let [a, b] = [a, b].map(|qpos| {
         kinematics::kinematics(&engine.plant, qpos, &mut engine.work);
         let work = &engine.work;

@@ -4,13 +4,13 @@ use super::halving::{HALVINGS, Halving};
 use super::rosenbrock::Rosenbrock;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{self, Solver, multiply};
+use crate::dynamics::stages::{LimbStage, SlopeStage, Stages};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
 use crate::effects::{Memory, Moment};
 use crate::error::RolloutError;
 use crate::model::{ActuatorKind, Integrator, JointKind, Model, State};
 use crate::options::RolloutOptions;
 use crate::scalar::{Mask, Scalar, tuned};
-use crate::space::{LimbStage, SlopeStage, Space};
 use crate::steps::Method;
 
 /// A speed \[rad/s\] or \[m/s\] no mechanism in a tank reaches: beyond it the run counts as diverged.
@@ -27,7 +27,7 @@ pub(super) enum Stepper {
 
 /// What [`super::Simulator`] is, in one space.
 #[derive(Debug, Clone)]
-pub(crate) struct Engine<S: Space> {
+pub(crate) struct Engine<S: Stages> {
     pub(crate) plant: Plant<S>,
     pub(crate) work: Work<S>,
     pub(super) solver: Option<Solver<S::T>>,
@@ -73,7 +73,7 @@ pub(crate) struct Engine<S: Space> {
     pub(super) turned: Vec<S::T>,
 }
 
-impl<S: Space> Engine<S> {
+impl<S: Stages> Engine<S> {
     /// Prepares `model`, laid out in its space.
     pub(crate) fn new(
         model: &Model<S::T>,

@@ -2,11 +2,11 @@
 
 use super::Engine;
 use crate::dynamics::plant::Plant;
+use crate::dynamics::stages::Stages;
 use crate::dynamics::{Work, actuation, bias, fluid, passive};
 use crate::effects::Moment;
 use crate::model::State;
 use crate::scalar::Scalar;
-use crate::space::Space;
 
 /// The generalized forces at one state, shape (nv) each, with MuJoCo's signs.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,7 +31,7 @@ pub struct Forces<T> {
     pub acceleration: Vec<T>,
 }
 
-impl<S: Space> Engine<S> {
+impl<S: Stages> Engine<S> {
     /// See [`super::Simulator::forces`].
     pub(super) fn forces(&mut self, state: &State<S::T>, command: &[f64]) -> Forces<S::T> {
         let (qpos, qvel) = (&state.qpos, &state.qvel);

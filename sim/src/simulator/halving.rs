@@ -2,10 +2,10 @@
 
 use super::Engine;
 use super::engine::Stepper;
+use crate::dynamics::stages::Stages;
 use crate::effects::Moment;
 use crate::model::State;
 use crate::scalar::{Mask, Scalar, tuned};
-use crate::space::Space;
 
 /// How often at most a step over a corner is halved.
 pub(super) const HALVINGS: usize = 5;
@@ -23,7 +23,7 @@ impl<T: Scalar> Halving<T> {
     }
 }
 
-impl<S: Space> Engine<S> {
+impl<S: Stages> Engine<S> {
     /// One step of `h` \[s\] from `time_s`. Where friction loss or an end stop changes sides on the way, accelerations have
     /// a corner that leaves little of a method's order: those lanes take the step again as two, `level` halvings
     /// having been made. So a lane's steps are its own, whoever its neighbours are. The steps' lengths depend on the

@@ -1,13 +1,13 @@
 //! One step in time, by each of the integrators.
 
 use super::Engine;
+use crate::dynamics::stages::{SlopeStage, Stages};
 use crate::dynamics::{actuation, integrate, passive};
 use crate::effects::Moment;
 use crate::model::State;
 use crate::scalar::{Scalar, tuned};
-use crate::space::{SlopeStage, Space};
 
-impl<S: Space> Engine<S> {
+impl<S: Stages> Engine<S> {
     /// Semi-implicit Euler: v += h (M + h B)^-1 f, then q along the new v. B is the slope of the joints' dampers
     /// and, for implicitfast, of the water and the drives too.
     pub(super) fn euler(&mut self, state: &mut State<S::T>, h: f64) {

@@ -2,11 +2,11 @@
 
 use super::Engine;
 use crate::dynamics::plant::Plant;
+use crate::dynamics::stages::{LimbStage, Stages};
 use crate::dynamics::{actuation, inertia, integrate, passive};
 use crate::effects::Moment;
 use crate::model::State;
 use crate::scalar::{Scalar, tuned};
-use crate::space::{LimbStage, Space};
 
 /// Stages of a step.
 const STAGES: usize = 4;
@@ -53,7 +53,7 @@ pub(super) struct Rosenbrock<T> {
 
 impl<T: Scalar> Rosenbrock<T> {
     /// `factors`: how many numbers the factors are.
-    pub(super) fn new<S: Space<T = T>>(plant: &Plant<S>, factors: usize) -> Self {
+    pub(super) fn new<S: Stages<T = T>>(plant: &Plant<S>, factors: usize) -> Self {
         let zeros = |n: usize| vec![T::ZERO; n];
         let stages = || std::array::from_fn(|_| zeros(plant.nv));
         Self {
@@ -82,7 +82,7 @@ fn before<T: Scalar>(table: &[[f64; STAGES]; STAGES], stage: usize, of: &[Vec<T>
     sum
 }
 
-impl<S: Space> Engine<S> {
+impl<S: Stages> Engine<S> {
     /// One step in four stages, each (M + D) k = h M a + what the slopes make of the stages before, D = g h B + (g h)^2 K; a is
     /// the acceleration at the stage's own state, M, B and K are the mass matrix and the diagonal slopes of joints, drives and
     /// causes at the start of the step. After the first stage (M + D) (k - h a) = -h D a + ... spares the product with M.

@@ -1,6 +1,6 @@
 //! Where a mechanism moves: in space, or, when all its hinges are parallel, in one plane.
 //!
-//! The dynamics are written once over a [`Space`]. In a plane a velocity has two components and a turn one, so the
+//! Algebra only: no mechanism is known here. The dynamics are written once over a [`Space`]. In a plane a velocity has two components and a turn one, so the
 //! same laws cost a fraction.
 
 mod planar;
@@ -9,14 +9,10 @@ mod spatial;
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, SubAssign};
 
-pub(crate) use planar::Planar;
-pub(crate) use planar::{Plane, Turn};
+pub(crate) use planar::{Never, Planar, Plane, Turn, tiny};
 pub(crate) use spatial::Spatial;
 
-use crate::dynamics::Work;
-use crate::dynamics::plant::Plant;
 use crate::math::{Quat, Sym3, Vec3, Vector};
-use crate::model::Model;
 use crate::scalar::Scalar;
 
 /// Vectors, turns and rotations of the space that a mechanism moves in.
@@ -35,10 +31,6 @@ pub(crate) trait Space: Copy + Debug + Send + Sync + Sized + 'static {
     type Layout: Debug + Clone + Send + Sync;
     /// What a joint with a quaternion holds: where bodies cannot turn every way, nothing can be made of this type.
     type AnyTurn: Copy + Debug + Send + Sync;
-    /// The water's slopes for implicit integration, where they are to be had.
-    type Slope: SlopeStage<Self>;
-    /// Dynamics of branches that each move in a plane of their own, where there can be such.
-    type Limbs: LimbStage<Self>;
 
     /// No rotation.
     const IDENTITY: Self::Rot;
@@ -120,37 +112,6 @@ pub(crate) trait Space: Copy + Debug + Send + Sync + Sized + 'static {
 
 /// Which of a shape's own axes stand for this space's first, second and, for turns in a plane, third.
 pub(crate) type ShapeAxes = [usize; 3];
-
-/// Adds the slopes of velocity-dependent forces to a matrix.
-pub(crate) trait SlopeStage<S: Space>: Debug + Clone + Send + Sync {
-    /// Made ready for a plant; `None` where this space has none.
-    fn new(plant: &Plant<S>) -> Option<Self>;
-    /// Adds -`h` times the slope to `matrix`, stored as the mass matrix is.
-    fn add(&mut self, plant: &Plant<S>, work: &Work<S>, h: S::T, matrix: &mut [S::T]);
-}
-
-/// Stands in for the general stages where a model suits it.
-pub(crate) trait LimbStage<S: Space>: Debug + Clone + Send + Sync {
-    /// Made ready for a plant; `None` where it does not suit.
-    fn new(model: &Model<S::T>, plant: &Plant<S>) -> Option<Self>;
-    /// How many numbers the factors are.
-    fn factors(&self) -> usize;
-    /// Turns `force`, all that acts on the dofs but for what the bodies exert (inertia, weight, water), into accelerations, shape
-    /// (nv); writes the factors of the mass matrix, to the diagonal of which `shift` is added, shape (nv).
-    #[expect(clippy::too_many_arguments, reason = "one stage's inputs")]
-    fn accelerate(
-        &mut self,
-        plant: &Plant<S>,
-        qpos: &[S::T],
-        qvel: &[S::T],
-        work: &mut Work<S>,
-        shift: Option<&[S::T]>,
-        factors: &mut [S::T],
-        force: &mut [S::T],
-    );
-    /// Solves for the right-hand side in `x`, in place.
-    fn solve(&mut self, factors: &[S::T], x: &mut [S::T]);
-}
 
 /// A motion: angular velocity and the velocity of the point at the origin, in world axes.
 #[derive(Debug, Clone, Copy)]

@@ -3,8 +3,6 @@
 use std::marker::PhantomData;
 
 use super::{ShapeAxes, Space};
-use crate::dynamics::implicit::FluidSlope;
-use crate::dynamics::limbs::Limbs;
 use crate::math::{Mat3, Quat, Sym3, Vec3};
 use crate::scalar::Scalar;
 
@@ -20,8 +18,6 @@ impl<T: Scalar> Space for Spatial<T> {
     type Sym = Sym3<T>;
     type Layout = ();
     type AnyTurn = ();
-    type Slope = FluidSlope<T>;
-    type Limbs = Limbs<T>;
 
     const IDENTITY: Mat3<T> = Mat3::IDENTITY;
     const NO_INERTIA: Sym3<T> = Sym3::ZERO;

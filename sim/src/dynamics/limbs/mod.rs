@@ -17,10 +17,11 @@ use motion::Riding;
 
 use super::Work;
 use super::plant::Plant;
+use super::stages::LimbStage;
 use crate::math::Vec2;
 use crate::model::Model;
 use crate::scalar::{Scalar, tuned};
-use crate::space::{LimbStage, Motion, Planar, Spatial, Wrench};
+use crate::space::{Motion, Planar, Spatial, Wrench};
 
 /// The dynamics of a model whose bases carry limbs. Room for one limb at a time, shape (segments of the longest) each, so
 /// that its numbers stay near.

@@ -1,10 +1,11 @@
 //! Causes in a plane and in space.
 
 use super::*;
+use crate::dynamics::stages::Stages;
 use crate::simulator::Engine;
-use crate::space::{Planar, Plane, Space, Spatial};
+use crate::space::{Planar, Plane, Spatial};
 
-fn moved_in<S: Space<T = f64>>(model: &Model, layout: S::Layout, options: &RolloutOptions) -> State {
+fn moved_in<S: Stages<T = f64>>(model: &Model, layout: S::Layout, options: &RolloutOptions) -> State {
     let altered = model.altered();
     let model = altered.as_ref().unwrap_or(model);
     let mut engine = Engine::<S>::new(model, layout, options).unwrap();
