@@ -1,6 +1,5 @@
 //! The model laid out for stepping: everything that depends on the model alone, computed once.
 
-use crate::effects::Terms;
 use crate::fluid::{Ellipsoid, Immersed, ImmersedBox, InertiaBox};
 use crate::math::{Quat, Sym3, Vec3, Vector};
 use crate::model::{ActuatorKind, JointKind, Model, shape};
@@ -123,8 +122,6 @@ pub(crate) struct Plant<S: Space> {
     pub(crate) nv: usize,
     /// Whether some joint has a damper.
     pub(crate) damped: bool,
-    /// The causes that act in a step.
-    pub(crate) effects: Terms<S>,
 }
 
 impl<S: Space> Plant<S> {
@@ -148,7 +145,6 @@ impl<S: Space> Plant<S> {
             chain: Vec::new(),
             nv: model.nv(),
             damped: false,
-            effects: Terms::NONE,
         };
         let weighty = plant.gravity != S::Vec::ZERO;
         for (index, body) in model.bodies.iter().enumerate() {
@@ -177,7 +173,6 @@ impl<S: Space> Plant<S> {
         }
         plant.add_fluid(model);
         plant.drives = model.actuators.iter().map(|actuator| drive(model, actuator)).collect();
-        plant.effects = Terms::new(model, &plant);
         plant
     }
 

@@ -121,9 +121,6 @@ macro_rules! causes {
         }
 
         impl<S: Space> Terms<S> {
-            /// None at all.
-            pub(crate) const NONE: Self = Self { some: false, $($step: None,)* };
-
             /// Those that `model` carries.
             pub(crate) fn new(model: &Model<S::T>, plant: &crate::dynamics::plant::Plant<S>) -> Self {
                 Self {

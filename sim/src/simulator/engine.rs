@@ -6,7 +6,7 @@ use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{self, Solver, multiply};
 use crate::dynamics::stages::{LimbStage, SlopeStage, Stages};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
-use crate::effects::{Memory, Moment};
+use crate::effects::{Memory, Moment, Terms};
 use crate::error::RolloutError;
 use crate::model::{ActuatorKind, Integrator, JointKind, Model, State};
 use crate::options::RolloutOptions;
@@ -29,6 +29,8 @@ pub(super) enum Stepper {
 #[derive(Debug, Clone)]
 pub(crate) struct Engine<S: Stages> {
     pub(crate) plant: Plant<S>,
+    /// The causes that act in a step.
+    pub(super) terms: Terms<S>,
     pub(crate) work: Work<S>,
     pub(super) solver: Option<Solver<S::T>>,
     pub(super) slope: Option<S::Slope>,
@@ -96,6 +98,7 @@ impl<S: Stages> Engine<S> {
             (None, Integrator::ImplicitFast) => Stepper::ImplicitFast,
         };
         let plant = Plant::new(model, layout);
+        let terms = Terms::new(model, &plant);
         if let (Stepper::ImplicitFast, Some(body)) = (stepper, plant.lone_free_body()) {
             return Err(RolloutError::Unsupported {
                 what: format!("integrator implicitfast on the lone free body `{}`", model.bodies[body].name),
@@ -103,9 +106,9 @@ impl<S: Stages> Engine<S> {
             });
         }
         let slope = if stepper == Stepper::ImplicitFast { S::Slope::new(&plant) } else { None };
-        // prescribed joints want the mass matrix
-        let planned = options.steps.is_some() && !options.prescribed;
-        let limbs = if planned { S::Limbs::new(model, &plant) } else { None };
+        // prescribed joints want the mass matrix, and limbs know of no causes
+        let plain = options.steps.is_some() && !options.prescribed && !terms.any();
+        let limbs = if plain { S::Limbs::new(model, &plant) } else { None };
         let factors = limbs.as_ref().map_or(0, S::Limbs::factors);
         let work = Work::new(&plant);
         let drives = model.actuators.len();
@@ -133,7 +136,7 @@ impl<S: Stages> Engine<S> {
             prescribed: model.actuators.iter().map(|actuator| follows(actuator.kind)).collect(),
             off: vec![false; drives],
             held: vec![false; plant.nv],
-            memory: plant.effects.memory(),
+            memory: terms.memory(),
             moment: Moment::default(),
             clock: S::T::ZERO,
             last_step_s: f64::INFINITY,
@@ -148,6 +151,7 @@ impl<S: Stages> Engine<S> {
             turned: zeros(),
             stage: rest,
             plant,
+            terms,
             work,
         };
         simulator.mark_held();
@@ -158,7 +162,7 @@ impl<S: Stages> Engine<S> {
                 simulator.timestep_s = timestep_s.min(simulator.longest_step_s());
             }
             // what remembers would take the halves for steps of all lanes
-            if options.steps.is_some() && !simulator.plant.effects.remember() {
+            if options.steps.is_some() && !simulator.terms.remember() {
                 simulator.halvings = vec![Halving::new(&simulator.stage); HALVINGS];
             }
         }
@@ -249,7 +253,7 @@ impl<S: Stages> Engine<S> {
         self.last_step_s = h;
         self.sample(time_s, command);
         self.position_stage(&state.qpos);
-        if self.prescribed.contains(&true) && self.plant.effects.remember() {
+        if self.prescribed.contains(&true) && self.terms.remember() {
             // what remembers arrives with the velocity before the jump, and jumps with it
             self.force_stage(&state.qpos, &state.qvel);
             self.moment.arrived_s = Some(0.0);
@@ -277,7 +281,7 @@ impl<S: Stages> Engine<S> {
             kinematics::kinematics(&self.plant, qpos, &mut self.work);
             inertia::body_inertias(&self.plant, &mut self.work);
             inertia::mass_matrix(&self.plant, &mut self.work);
-            self.plant.effects.inertia(&self.plant, &mut self.work);
+            self.terms.inertia(&self.plant, &mut self.work);
         });
     }
 
@@ -285,20 +289,20 @@ impl<S: Stages> Engine<S> {
     pub(super) fn force_stage(&mut self, qpos: &[S::T], qvel: &[S::T]) {
         let h = self.restraint_step_s;
         tuned!(S::T, {
-            let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
+            let (plant, terms, work, force) = (&self.plant, &self.terms, &mut self.work, &mut self.force);
             force.fill(S::T::ZERO);
             if self.limbs.is_none() {
                 bias::velocities(plant, qvel, work);
-                work.water = plant.effects.water(self.moment, self.clock, plant);
+                work.water = terms.water(self.moment, self.clock, plant);
                 bias::bias(plant, work);
                 passive::gravity_compensation(plant, work);
                 fluid::fluid(plant, work);
-                plant.effects.wrenches(self.moment, plant, work, &mut self.memory);
+                terms.wrenches(self.moment, plant, work, &mut self.memory);
                 bias::project(plant, work, force);
             }
             passive::springs(plant, qpos, force);
             passive::dampers(plant, qvel, force);
-            plant.effects.forces(qpos, qvel, force);
+            terms.forces(qpos, qvel, force);
             actuation::actuation(plant, qpos, qvel, &self.command, &self.off, force);
         });
         self.still_held();

@@ -40,9 +40,9 @@ impl<S: Stages> Engine<S> {
         self.moment = Moment::default();
         self.sample(0.0, &|drive, _| S::T::from_f64(command[drive]));
         self.position_stage(qpos);
-        let (plant, work) = (&self.plant, &mut self.work);
+        let (plant, terms, work) = (&self.plant, &self.terms, &mut self.work);
         bias::velocities(plant, qvel, work);
-        work.water = plant.effects.water(self.moment, self.clock, plant);
+        work.water = terms.water(self.moment, self.clock, plant);
         let zeros = || vec![S::T::ZERO; plant.nv];
         let mut of_wrenches = |add: &dyn Fn(&Plant<S>, &mut Work<S>)| {
             let mut force = zeros();
@@ -56,9 +56,9 @@ impl<S: Stages> Engine<S> {
         // what memories hold does not depend on who asks
         let memory = std::cell::RefCell::new(self.memory.clone());
         let mut effect = of_wrenches(&|plant: &Plant<S>, work: &mut Work<S>| {
-            plant.effects.wrenches(Moment::default(), plant, work, &mut memory.borrow_mut());
+            terms.wrenches(Moment::default(), plant, work, &mut memory.borrow_mut());
         });
-        plant.effects.forces(qpos, qvel, &mut effect);
+        terms.forces(qpos, qvel, &mut effect);
         let (mut spring, mut damper, mut actuator) = (zeros(), zeros(), zeros());
         passive::springs(plant, qpos, &mut spring);
         passive::dampers(plant, qvel, &mut damper);

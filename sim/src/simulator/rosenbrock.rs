@@ -191,7 +191,7 @@ impl<S: Stages> Engine<S> {
             let (damping, stiffness) = (&mut kept.damping, &mut kept.stiffness);
             passive::slopes(&self.plant, qpos, qvel, damping, stiffness);
             actuation::slopes(&self.plant, qpos, qvel, command, off, damping, stiffness);
-            self.plant.effects.slopes(qpos, qvel, damping, stiffness);
+            self.terms.slopes(qpos, qvel, damping, stiffness);
             let per_s = S::T::from_f64(1.0 / h);
             actuation::rises(&self.plant, qpos, qvel, (command, &kept.ahead), per_s, off, &mut kept.rise);
             let own = S::T::from_f64(OWN * h);

@@ -41,7 +41,7 @@ pub(crate) struct Limbs<T: Scalar> {
 impl<T: Scalar> LimbStage<Spatial<T>> for Limbs<T> {
     /// Restraints and causes want the mass matrix, and bodies one by one in space.
     fn new(model: &Model<T>, plant: &Plant<Spatial<T>>) -> Option<Self> {
-        if !plant.restraints.is_empty() || plant.effects.any() {
+        if !plant.restraints.is_empty() {
             return None;
         }
         let layout = Layout::of(model, plant)?;
