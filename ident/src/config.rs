@@ -86,7 +86,7 @@ impl FitConfig {
             let is_known = model.parameter_names().contains(name);
             if let Some((cause, _)) = name.split_once('/').filter(|_| !is_known) {
                 // What is no cause is for the selection of parameters to find, or to refuse.
-                let _ = model.add_effect(cause);
+                let _ = model.add_cause(cause);
             }
         }
     }

@@ -21,7 +21,7 @@ const CORRELATION: f64 = 0.4;
 const RECOVERED: f64 = 0.2;
 
 fn with(mut model: Model, cause: &str, value: f64) -> Model {
-    model.add_effect(cause.split('/').next().unwrap()).unwrap();
+    model.add_cause(cause.split('/').next().unwrap()).unwrap();
     model.set_parameter(cause, value).unwrap();
     model
 }

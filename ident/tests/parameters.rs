@@ -36,7 +36,7 @@ fn recovered(names: &[&str], values: &[f64], driven: bool) -> Fit {
     let mut truth = model.clone();
     for (name, &value) in names.iter().zip(values) {
         if let Some((cause, _)) = name.split_once('/') {
-            let _ = truth.add_effect(cause);
+            let _ = truth.add_cause(cause);
         }
         truth.set_parameter(name, value).unwrap();
     }
@@ -83,7 +83,7 @@ fn every_class_of_parameter_is_found_by_its_name() {
 #[test]
 fn weights_in_air_and_water_make_mass_and_buoyancy_fitted_with_their_priors() {
     let mut truth = chain();
-    truth.add_effect("buoyancy").unwrap();
+    truth.add_cause("buoyancy").unwrap();
     truth.set_parameter("buoyancy/link3", 0.02).unwrap();
     let mass_kg = truth.parameter("link3/mass").unwrap();
     let body = truth.bodies.iter().find(|body| body.name == "link3").unwrap();

@@ -1,9 +1,9 @@
 //! Many candidates for one run at once, side by side in SIMD lanes.
 
+use crate::causes::is_soft;
 use crate::command::Command;
 use crate::dual::Dual;
 use crate::dynamics::stages::Stages;
-use crate::effects::is_soft;
 use crate::error::RolloutError;
 use crate::lanes::{InLanes, Isa, Packed, dispatch, dispatch_dual};
 use crate::model::{Model, Parameter, State};
@@ -52,7 +52,7 @@ pub fn positions(
         let mut values = parameters.iter().zip(&candidates[*index].values);
         let is_friction = |place: &Parameter| match *place {
             Parameter::FrictionLoss(_) => true,
-            Parameter::Effect(effect, _) => is_soft(&model.effects()[effect]),
+            Parameter::Cause(cause, _) => is_soft(&model.causes()[cause]),
             _ => false,
         };
         values.any(|(place, &value)| is_friction(place) && value != 0.0)

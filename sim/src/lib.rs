@@ -5,18 +5,18 @@
 //! code carries plain numbers, derivatives and SIMD lanes.
 
 pub mod batch;
+pub mod causes;
 pub mod command;
 mod contact;
 pub mod dual;
 mod dynamics;
-pub mod effects;
 pub mod error;
+mod film;
 pub mod fluid;
 pub mod lanes;
 pub mod math;
 pub mod mjcf;
 pub mod model;
-mod observation;
 pub mod options;
 mod plan;
 pub mod rollout;
@@ -26,9 +26,9 @@ mod space;
 pub mod steps;
 pub mod trajectory;
 
+pub use causes::{Cause, CauseValues, CommandPath};
 pub use command::Command;
 pub use contact::{ContactWatch, Touch};
-pub use effects::{Cause, CommandPath, Effect};
 pub use error::RolloutError;
 pub use lanes::Isa;
 pub use mjcf::MjcfError;

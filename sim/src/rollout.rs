@@ -1,13 +1,13 @@
 //! Moves a mechanism through a whole run and samples it.
 
+use crate::causes::CommandPath;
 use crate::command::Command;
 use crate::dynamics::stages::Stages;
 use crate::dynamics::{integrate, kinematics};
-use crate::effects::CommandPath;
 use crate::error::RolloutError;
+use crate::film::Film;
+use crate::film::Keypoint;
 use crate::model::{Joint, Model, Parameter, State};
-use crate::observation::Film;
-use crate::observation::film::Keypoint;
 use crate::options::RolloutOptions;
 use crate::scalar::{Mask, Scalar, tuned};
 use crate::simulator::{self, Engine};
@@ -27,7 +27,7 @@ pub struct Rollout<T> {
     /// Names of the keypoints, shape (K).
     pub keypoints: Vec<String>,
     /// Keypoint positions \[m\], world frame, row-major, shape (N, K): as seen, where the model carries causes in the
-    /// camera ([`crate::effects`]).
+    /// camera ([`crate::causes`]).
     pub position_m: Vec<[T; 3]>,
 }
 

@@ -5,8 +5,8 @@ mod common;
 
 use common::{model, relative};
 use sim::batch::{self, Candidate, Direction};
+use sim::causes::{Cause, Role};
 use sim::dual::Dual;
-use sim::effects::{Cause, Role};
 use sim::{Command, Integrator, Isa, Method, Model, RolloutOptions, State, Steps, plan, rollout};
 
 /// So many derivatives in one pass; the engine is compiled for this one size.
@@ -115,8 +115,8 @@ impl Case {
 /// Each cause alone, neutral, then with its sizes up: (model, names of its parameters with something to say).
 fn settings(plain: &Model, cause: Cause, up: bool) -> (Model, Vec<String>) {
     let mut model = plain.clone();
-    model.add_effect(cause.name()).unwrap();
-    let effect = &model.effects()[0];
+    model.add_cause(cause.name()).unwrap();
+    let effect = &model.causes()[0];
     let parameters: Vec<_> = effect.names().iter().cloned().zip(effect.parameters()).collect();
     let mut names = Vec::new();
     for (name, parameter) in parameters {
@@ -150,8 +150,8 @@ fn derivatives_by_every_parameter_are_exact_at_zero_effect_and_beyond() {
         for &cause in Cause::ALL {
             for up in [false, true] {
                 let (model, names) = settings(&case.model, cause, up);
-                let info: Vec<_> = model.effects()[0].parameters().collect();
-                let all = model.effects()[0].names().to_vec();
+                let info: Vec<_> = model.causes()[0].parameters().collect();
+                let all = model.causes()[0].names().to_vec();
                 for names in names.chunks(AT_ONCE) {
                     for (name, exact) in names.iter().zip(case.exact(&model, names)) {
                         assert!(exact.iter().all(|x| x.is_finite()), "{} {name}", case.name);
@@ -179,9 +179,9 @@ const DIFFERENCE: f64 = 1e-5;
 /// Step of the differences, as a share of a parameter's typical size. Where the force or the command has corners, few
 /// instants of the integrator may lie between the values compared.
 fn step(cause: Cause) -> f64 {
-    match cause {
-        Cause::EndStop | Cause::OneSidedStiffness => 1e-5,
-        Cause::ServoDelay | Cause::ServoLag | Cause::Backlash | Cause::ServoRateLimit => 1e-6,
+    match cause.name() {
+        "end_stop" | "one_sided_stiffness" => 1e-5,
+        "servo_delay" | "servo_lag" | "backlash" | "servo_rate_limit" => 1e-6,
         _ => 1e-3,
     }
 }
@@ -198,7 +198,7 @@ fn disagreement(exact: &[f64], differences: &[f64], step: f64) -> f64 {
 fn planned_steps_bear_strong_friction() {
     let [mut case, ..] = cases();
     for (name, value) in [("coulomb_friction/torque", 1e-5), ("coulomb_friction/rate", 0.015)] {
-        case.model.add_effect("coulomb_friction").unwrap();
+        case.model.add_cause("coulomb_friction").unwrap();
         case.model.set_parameter(name, value).unwrap();
     }
     let state = State { qpos: case.qpos.to_vec(), qvel: vec![0.0; 3] };
@@ -223,9 +223,9 @@ fn soft_friction_is_friction_loss() {
     let torque = "coulomb_friction/torque".to_owned();
     for torque_n_m in [0.0, 2e-6] {
         let mut lossy = case.model.clone();
-        lossy.remove_effect(Cause::CoulombFriction);
+        lossy.remove_cause("coulomb_friction".parse().unwrap());
         hinges.iter().for_each(|name| lossy.set_parameter(name, torque_n_m).unwrap());
-        case.model.add_effect("coulomb_friction").unwrap();
+        case.model.add_cause("coulomb_friction").unwrap();
         case.model.set_parameter("coulomb_friction/soft", 1.0).unwrap();
         case.model.set_parameter(&torque, torque_n_m).unwrap();
         let own = case.exact(&case.model, std::slice::from_ref(&torque)).remove(0);
@@ -242,7 +242,7 @@ fn soft_friction_is_friction_loss() {
 #[test]
 fn history_of_a_driven_link_converges_as_its_steps() {
     let [.., mut case] = cases();
-    case.model.add_effect("basset").unwrap();
+    case.model.add_cause("basset").unwrap();
     case.model.set_parameter("basset/history", 2e-4).unwrap();
     let time_s: Vec<f64> = (0..=110).map(|k| 0.01 * f64::from(k)).collect();
     let angle_rad = time_s.iter().map(|t| 0.5 * (7.0 * t).sin()).collect();
@@ -261,9 +261,9 @@ fn history_of_a_driven_link_converges_as_its_steps() {
 fn with_every_cause(plain: &Model, share: f64) -> Model {
     let mut model = plain.clone();
     for cause in Cause::ALL {
-        model.add_effect(cause.name()).unwrap();
+        model.add_cause(cause.name()).unwrap();
     }
-    let effects = model.effects().to_vec();
+    let effects = model.causes().to_vec();
     for effect in &effects {
         for (name, parameter) in effect.names().iter().zip(effect.parameters()) {
             if matches!(parameter.role, Role::Size | Role::Switch) {
@@ -284,7 +284,7 @@ fn what_is_seen_after_the_planned_steps_is_as_exact() {
     let own = RolloutOptions { integrator: None, timestep_s: None, ..case.options.clone() };
     let planned = plan(&case.model, &state, &case.command, &times, &own, 1e-5).unwrap();
     let mut late = case.model.clone();
-    late.add_effect("camera_delay").unwrap();
+    late.add_cause("camera_delay").unwrap();
     late.set_parameter("camera_delay/delay", LATE_S).unwrap();
     let own = RolloutOptions { steps: Some(planned.steps), ..own };
     let seen = rollout(&late, &state, &case.command, &times, &own).unwrap();

@@ -108,7 +108,7 @@ fn hidden_stiffness_is_named_with_its_value_and_the_model_extended() {
     let folder = tempfile::tempdir().expect("a folder");
     let hidden = 3e-5;
     let hide = |model: &mut Model| {
-        model.add_effect("stiffness").expect("a cause");
+        model.add_cause("stiffness").expect("a cause");
         model.set_parameter("stiffness/stiffness", hidden).expect("its size");
     };
     let experiment = write(folder.path(), &POSES, hide, |t| t);
@@ -133,7 +133,7 @@ fn hidden_stiffness_is_named_with_its_value_and_the_model_extended() {
 fn what_the_fit_leaves_open_is_no_objection_of_held_out_runs() {
     let folder = tempfile::tempdir().expect("a folder");
     let hide = |model: &mut Model| {
-        model.add_effect("keypoint_slip").expect("a cause");
+        model.add_cause("keypoint_slip").expect("a cause");
         model.set_parameter("keypoint_slip/P2", 0.001).expect("its size");
         for geom in ["g1", "g2", "g3"] {
             model.set_parameter(&format!("{geom}/blunt"), 1.1).expect("its drag");

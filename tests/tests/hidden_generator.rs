@@ -34,7 +34,7 @@ fn with_causes(model: &Model, hidden: &Hidden, run: usize) -> Model {
         let (name, of) = name.split_once('@').unwrap_or((name, ""));
         if of.is_empty() || of == run.to_string() {
             let cause = name.split_once('/').expect("<cause>/<parameter>").0;
-            model.add_effect(cause).expect("a cause");
+            model.add_cause(cause).expect("a cause");
             model.set_parameter(name, value).expect("a parameter");
         }
     }

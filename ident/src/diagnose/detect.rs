@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use sim::effects::Role;
+use sim::causes::Role;
 
 use super::result::Detectable;
 use crate::hypothesis::candidates;

@@ -35,7 +35,7 @@ pub(super) fn values(state: &State<'_>, first: usize) -> Vec<CauseParameter> {
         .collect();
     let unit = |name: &str| {
         let cause = name.split('/').next().unwrap_or_default();
-        let effect = state.model.effects().iter().find(|effect| effect.cause().name() == cause);
+        let effect = state.model.causes().iter().find(|effect| effect.cause().name() == cause);
         effect
             .and_then(|effect| {
                 let place = effect.names().iter().position(|known| known == name)?;
@@ -67,9 +67,9 @@ pub(super) fn values(state: &State<'_>, first: usize) -> Vec<CauseParameter> {
             let joint = joint_covariance(state, Some(run));
             for (k, nuisance) in one.rehearsal.nuisances.iter().enumerate() {
                 let crate::simulate::Nuisance::Own { place, .. } = *nuisance else { continue };
-                let sim::model::Parameter::Effect(effect, value) = place else { continue };
-                let name = &state.model.effects()[effect].names()[value];
-                if state.model.effects()[effect].cause() == term.cause {
+                let sim::model::Parameter::Cause(effect, value) = place else { continue };
+                let name = &state.model.causes()[effect].names()[value];
+                if state.model.causes()[effect].cause() == term.cause {
                     let best = state.point.offsets[run][k];
                     let wide = joint.as_ref().map(|joint| NORMAL_95 * joint[(free + k, free + k)].sqrt());
                     list.push(CauseParameter {

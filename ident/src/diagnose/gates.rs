@@ -171,8 +171,8 @@ fn amplitudes(state: &State<'_>) -> Option<(ConstancyTest, Vec<PerRun>)> {
         else {
             continue;
         };
-        let sim::model::Parameter::Effect(effect, _) = place else { continue };
-        let cause = state.model.effects()[effect].cause().name();
+        let sim::model::Parameter::Cause(effect, _) = place else { continue };
+        let cause = state.model.causes()[effect].cause().name();
         name = Some(format!("{cause}/amplitude"));
         let values = DVector::from_iterator(own.len(), own.iter().map(|&k| state.point.offsets[run][k]));
         let amplitude = values.norm();

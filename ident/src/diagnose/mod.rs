@@ -1,7 +1,7 @@
 //! From runs that a simulation does not repeat to the reason why.
 //!
 //! [`diagnose`] fits the model as it stands, the *baseline*, and asks of every cause that a simulation may lack
-//! ([`sim::effects`]) whether it would explain what is left, all fitted coefficients and starts following:
+//! ([`sim::causes`]) whether it would explain what is left, all fitted coefficients and starts following:
 //!
 //! 1. `baseline`, `floor`: the optimum, and how large and how lasting the keypoints' noise is, which must not swallow
 //!    what the model gets wrong;

@@ -1,6 +1,7 @@
 //! Which causes may be at work, and what of each is free.
 
-use sim::effects::{AliasWhen, Info, ParameterInfo, Role};
+use sim::causes::{AliasWhen, CauseInfo, ParameterInfo, Role};
+use sim::model::Parameter;
 use sim::{Cause, Model};
 
 use crate::experiment::{Experiment, RunKind, Use};
@@ -27,14 +28,13 @@ pub(crate) struct Added {
 
 /// Causes that are no candidates because their parameters are fitted anyway.
 pub(crate) fn fitted(model: &Model, parameters: &Parameters) -> Vec<Cause> {
-    use sim::model::Parameter::{Damping, Effect, FrictionLoss, Mass, Stiffness};
     let is = |name: &str, cause: &Cause| cause.name() == name;
-    let covers = |cause: &Cause, place: &sim::model::Parameter| match *place {
-        Damping(_) => is("joint_damping", cause),
-        FrictionLoss(_) => is("coulomb_friction", cause),
-        Stiffness(_, 0) => is("stiffness", cause),
-        Mass(_) => is("link_mass", cause),
-        Effect(effect, _) => model.effects()[effect].cause() == *cause,
+    let covers = |cause: &Cause, place: &Parameter| match *place {
+        Parameter::Damping(_) => is("joint_damping", cause),
+        Parameter::FrictionLoss(_) => is("coulomb_friction", cause),
+        Parameter::Stiffness(_, 0) => is("stiffness", cause),
+        Parameter::Mass(_) => is("link_mass", cause),
+        Parameter::Cause(carried, _) => model.causes()[carried].cause() == *cause,
         _ => false,
     };
     let places = parameters.places();
@@ -61,10 +61,10 @@ impl Term {
     /// model has nothing that it could act on.
     pub(crate) fn all(cause: Cause, model: &Model) -> Vec<Self> {
         let mut with = model.clone();
-        if with.add_effect(cause.name()).is_err() {
+        if with.add_cause(cause.name()).is_err() {
             return Vec::new();
         }
-        let Some(effect) = with.effects().iter().find(|effect| effect.cause() == cause) else {
+        let Some(effect) = with.causes().iter().find(|effect| effect.cause() == cause) else {
             return Vec::new();
         };
         let is_size = |parameter: &ParameterInfo| matches!(parameter.role, Role::Size | Role::Switch);
@@ -94,7 +94,7 @@ impl Term {
         list
     }
 
-    pub(crate) fn info(&self) -> &'static Info {
+    pub(crate) fn info(&self) -> &'static CauseInfo {
         self.cause.info()
     }
 
@@ -125,7 +125,7 @@ impl Term {
     pub(crate) fn added_to(&self, model: &Model) -> Model {
         let mut model = model.clone();
         // names come from the model itself
-        let _ = model.add_effect(self.cause.name());
+        let _ = model.add_cause(self.cause.name());
         for (name, value) in self.choices.iter().chain(&self.hidden) {
             let _ = model.set_parameter(name, *value);
         }
@@ -183,7 +183,7 @@ impl Term {
 
 /// The parameters of `cause` in `model`, named.
 pub(crate) fn names(cause: Cause, model: &Model) -> Vec<(String, ParameterInfo)> {
-    let effect = model.effects().iter().find(|effect| effect.cause() == cause);
+    let effect = model.causes().iter().find(|effect| effect.cause() == cause);
     effect.map_or(Vec::new(), |effect| {
         effect.names().iter().cloned().zip(effect.parameters().copied()).collect()
     })

@@ -203,7 +203,7 @@ fn candidates(model: &Model) -> Vec<Candidate> {
             Parameter::Mass(body) => moves(body),
             Parameter::Gain(_) => true,
             // a cause's parameters are fitted where somebody names them
-            Parameter::Effect(..) => false,
+            Parameter::Cause(..) => false,
         };
         Some(Candidate { name, place, by_kind })
     };
@@ -237,7 +237,7 @@ fn scale(
     };
     let signed = match candidate.place {
         Parameter::Fluid(..) | Parameter::Stiffness(..) => true,
-        Parameter::Effect(effect, place) => effect_bounds(model, effect, place)[0] < 0.0,
+        Parameter::Cause(effect, place) => effect_bounds(model, effect, place)[0] < 0.0,
         _ => false,
     };
     if lower < 0.0 && !signed {
@@ -248,7 +248,7 @@ fn scale(
         Parameter::Damping(_) | Parameter::FrictionLoss(_) | Parameter::Stiffness(..) => {
             Scale::with_knee(lower, upper)
         }
-        Parameter::Fluid(..) | Parameter::Mass(_) | Parameter::Gain(_) | Parameter::Effect(..) => {
+        Parameter::Fluid(..) | Parameter::Mass(_) | Parameter::Gain(_) | Parameter::Cause(..) => {
             Scale::new(lower, upper)
         }
     })
@@ -272,13 +272,13 @@ fn default_bounds(model: &Model, candidate: &Candidate, value: f64) -> [f64; 2] 
         Parameter::Stiffness(..) => [-torque(1000.0 * inertia), torque(1000.0 * inertia)],
         Parameter::Mass(_) => [0.5 * value, 2.0 * value],
         Parameter::Gain(_) => [0.1 * value, 10.0 * value],
-        Parameter::Effect(effect, place) => effect_bounds(model, effect, place),
+        Parameter::Cause(effect, place) => effect_bounds(model, effect, place),
     }
 }
 
 /// What physics allows the parameter at `place` of the model's cause `effect`.
 fn effect_bounds(model: &Model, effect: usize, place: usize) -> [f64; 2] {
-    let parameter = model.effects()[effect].parameters().nth(place);
+    let parameter = model.causes()[effect].parameters().nth(place);
     parameter.map_or([f64::NEG_INFINITY, f64::INFINITY], |parameter| parameter.bounds)
 }
 

@@ -29,7 +29,7 @@ pub(super) fn put_into(model: &mut Model, causes: &Causes) -> Result<(), TankErr
             let reason = "nothing in a picture slips; move the site in the model that is fitted".to_owned();
             return Err(refuse(cause, reason));
         }
-        model.add_effect(cause).map_err(|error| refuse(cause, error.to_string()))?;
+        model.add_cause(cause).map_err(|error| refuse(cause, error.to_string()))?;
         for (parameter, value) in numbers {
             let name = format!("{cause}/{parameter}");
             model.set_parameter(&name, value.get()).map_err(|error| refuse(cause, error.to_string()))?;

@@ -87,7 +87,7 @@ impl<T: Scalar> Plane<T> {
         let shapes = self.shapes_stand_upright(model, 1..model.bodies.len());
         // vectors in the picture's plane, x and z, must lie in the plane of motion
         let [x, _, z] = [0, 1, 2].map(|k| self.axes[0].column(k)[2]);
-        let pictured = !model.effects().iter().any(|effect| effect.cause().info().in_picture_plane)
+        let pictured = !model.causes().iter().any(|carried| carried.cause().info().in_picture_plane)
             || tiny(x) && tiny(z);
         joints && shapes && pictured && tiny(self.axes[0].apply(model.settings.wind)[2])
     }

@@ -8,7 +8,7 @@ use super::attributes::{Angles, Attributes, line, refused};
 use super::body::Tree;
 use super::defaults::Defaults;
 use super::{BEFORE_3_14, LIFT, MjcfError};
-use crate::effects::Cause;
+use crate::causes::Cause;
 use crate::math::Vec3;
 use crate::model::{Actuator, ActuatorKind, Contacts, Integrator, JointKind, KuttaLift, Model, Settings};
 
@@ -62,7 +62,7 @@ pub(super) fn model(document: &Document<'_>) -> Result<Model<f64>, MjcfError> {
         sites: tree.sites,
         actuators: Vec::new(),
         contacts: Contacts::default(),
-        effects: Vec::new(),
+        causes: Vec::new(),
     };
     for node in sections("actuator").flat_map(|section| section.children()).filter(Node::is_element) {
         let actuator = actuator(node, &defaults, &compiler, &model)?;
@@ -254,11 +254,11 @@ fn cause(node: Node<'_, '_>, model: &mut Model<f64>) -> Result<(), MjcfError> {
     };
     let number = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
     let number = number.ok_or_else(|| invalid("data", text, "one finite number".into()))?;
-    let effect = model.add_cause(cause);
-    let known = effect.names().join(", ");
-    let place = effect.names().iter().position(|known| known == name);
+    let carried = model.carry(cause);
+    let known = carried.names().join(", ");
+    let place = carried.names().iter().position(|known| known == name);
     let place = place.ok_or_else(|| invalid("name", name, format!("one of {known}")))?;
-    *effect.value_mut(place) = number;
+    *carried.value_mut(place) = number;
     Ok(())
 }
 

@@ -4,7 +4,7 @@
 //! `viscosity`, `wind`; default classes; the body tree with inertial, joints, geoms, gravcomp and sites; position,
 //! velocity and motor actuators on hinges and slides. What only draws, senses or serves contact is passed
 //! over. Whatever else would change the motion is refused by name and line, unless it says what holds
-//! anyway. Causes beyond MuJoCo ([`crate::effects`]) stand as `<custom>` numbers called `<cause>/<parameter>`, which MuJoCo
+//! anyway. Causes beyond MuJoCo ([`crate::causes`]) stand as `<custom>` numbers called `<cause>/<parameter>`, which MuJoCo
 //! passes over. `<text name="kutta_lift" data="before-3.14"/>` there asks for the lift of
 //! older engines ([`KuttaLift`](crate::model::KuttaLift)). Contact is not simulated, but watched where somebody asks for it: see
 //! [`ContactWatch`](crate::ContactWatch).

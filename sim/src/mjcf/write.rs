@@ -101,8 +101,8 @@ impl Writer<'_> {
         // two hyphens would end the comment
         let comment = comment.replace("--", "- -");
         let _ = writeln!(self.out, "<!-- {comment}\n     {} -->", versions(self.model));
-        if !self.model.effects().is_empty() {
-            let names: Vec<_> = self.model.effects().iter().map(|effect| effect.cause().name()).collect();
+        if !self.model.causes().is_empty() {
+            let names: Vec<_> = self.model.causes().iter().map(|carried| carried.cause().name()).collect();
             let names = names.join(", ");
             let _ = writeln!(
                 self.out,
@@ -236,7 +236,7 @@ impl Writer<'_> {
     fn causes(&mut self) {
         let model = self.model;
         let clamped = model.settings.kutta_lift == KuttaLift::Clamped;
-        if model.effects().is_empty() && !clamped {
+        if model.causes().is_empty() && !clamped {
             return;
         }
         self.line(1, "custom", &[], false);
@@ -244,8 +244,8 @@ impl Writer<'_> {
             let text = [Some(("name", LIFT.into())), Some(("data", BEFORE_3_14.into()))];
             self.line(2, "text", &text, true);
         }
-        for effect in model.effects() {
-            for (name, &value) in effect.names().iter().zip(effect.values()) {
+        for cause in model.causes() {
+            for (name, &value) in cause.names().iter().zip(cause.values()) {
                 let number = [Some(("name", escaped(name))), Some(("data", numbers(&[value])))];
                 self.line(2, "numeric", &number, true);
             }

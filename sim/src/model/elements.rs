@@ -92,6 +92,11 @@ impl JointKind {
         }
     }
 
+    /// Whether it has one axis, along or about which it moves.
+    pub fn is_axle(self) -> bool {
+        matches!(self, Self::Hinge | Self::Slide)
+    }
+
     /// Number of velocities.
     pub fn nv(self) -> usize {
         match self {

@@ -3,6 +3,7 @@
 //! A [`Model`] is read from MJCF ([`Model::from_mjcf`]), changed by named parameters
 //! ([`Model::set_parameter`]) and lifted to other number types ([`Model::map`]).
 
+pub(crate) mod cause;
 mod contacts;
 mod elements;
 mod parameters;
@@ -16,7 +17,8 @@ pub use elements::{
 };
 pub use parameters::{Parameter, UnknownParameter};
 
-use crate::effects::Effect;
+use cause::CauseValues;
+
 use crate::math::{Mat3, Quat, Vec3};
 use crate::scalar::Scalar;
 
@@ -40,7 +42,7 @@ pub struct Model<T = f64> {
     /// Drives.
     pub actuators: Vec<Actuator<T>>,
     pub(crate) contacts: Contacts,
-    pub(crate) effects: Vec<Effect<T>>,
+    pub(crate) causes: Vec<CauseValues<T>>,
 }
 
 /// Generalized coordinates and velocities at one instant.
@@ -145,7 +147,7 @@ impl<T: Scalar> Model<T> {
             sites: self.sites.iter().map(|site| site.map(f)).collect(),
             actuators: self.actuators.iter().map(|actuator| actuator.map(f)).collect(),
             contacts: self.contacts.clone(),
-            effects: self.map_effects(f),
+            causes: self.causes.iter().map(|carried| carried.map(f)).collect(),
         }
     }
 }

@@ -18,8 +18,8 @@ pub enum Parameter {
     Mass(usize),
     /// `<actuator>/gain`: a position drive's kp, a velocity drive's kv, a motor's gear.
     Gain(usize),
-    /// `<cause>/<parameter>`: (which of the model's effects, which of its values).
-    Effect(usize, usize),
+    /// `<cause>/<parameter>`: (which of the model's causes, which of its values).
+    Cause(usize, usize),
 }
 
 /// No such parameter in the model.
@@ -96,7 +96,7 @@ impl<T: Scalar> Model<T> {
                     ActuatorKind::Motor => actuator.gear,
                 }
             }
-            Parameter::Effect(effect, value) => self.effects[effect].values()[value],
+            Parameter::Cause(cause, value) => self.causes[cause].values()[value],
         }
     }
 
@@ -132,7 +132,7 @@ impl<T: Scalar> Model<T> {
                     ActuatorKind::Motor => &mut actuator.gear,
                 }
             }
-            Parameter::Effect(effect, value) => self.effects[effect].value_mut(value),
+            Parameter::Cause(cause, value) => self.causes[cause].value_mut(value),
         };
         *place = value;
     }
@@ -167,9 +167,9 @@ impl<T: Scalar> Model<T> {
             .iter()
             .enumerate()
             .map(|(i, actuator)| (format!("{}/gain", actuator.name), Parameter::Gain(i)));
-        let causes = self.effects.iter().enumerate().flat_map(|(i, effect)| {
-            let names = effect.names().iter().enumerate();
-            names.map(move |(k, name)| (name.clone(), Parameter::Effect(i, k)))
+        let causes = self.causes.iter().enumerate().flat_map(|(i, cause)| {
+            let names = cause.names().iter().enumerate();
+            names.map(move |(k, name)| (name.clone(), Parameter::Cause(i, k)))
         });
         fluid.chain(joints).chain(masses).chain(gains).chain(causes)
     }

@@ -1,9 +1,9 @@
 //! How long steps may be where.
 
 use super::{Nominal, SHORTEST_S};
+use crate::causes::CommandPath;
 use crate::dynamics::stages::Stages;
 use crate::dynamics::{integrate, kinematics};
-use crate::effects::CommandPath;
 use crate::error::RolloutError;
 use crate::math::Vector;
 use crate::model::Model;

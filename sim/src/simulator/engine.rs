@@ -2,11 +2,11 @@
 
 use super::halving::{HALVINGS, Halving};
 use super::rosenbrock::Rosenbrock;
+use crate::causes::{Memory, Moment, Terms};
 use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{self, Solver, multiply};
 use crate::dynamics::stages::{LimbStage, SlopeStage, Stages};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
-use crate::effects::{Memory, Moment, Terms};
 use crate::error::RolloutError;
 use crate::model::{ActuatorKind, Integrator, JointKind, Model, State};
 use crate::options::RolloutOptions;

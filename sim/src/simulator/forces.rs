@@ -1,10 +1,10 @@
 //! Every force of one state, apart.
 
 use super::Engine;
+use crate::causes::Moment;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::stages::Stages;
 use crate::dynamics::{Work, actuation, bias, fluid, passive};
-use crate::effects::Moment;
 use crate::model::State;
 use crate::scalar::Scalar;
 
@@ -23,7 +23,7 @@ pub struct Forces<T> {
     pub fluid: Vec<T>,
     /// Drives.
     pub actuator: Vec<T>,
-    /// Causes beyond MuJoCo ([`crate::effects`]) that act as forces.
+    /// Causes beyond MuJoCo ([`crate::causes`]) that act as forces.
     pub effect: Vec<T>,
     /// Friction loss and end stops.
     pub restraint: Vec<T>,

@@ -2,8 +2,8 @@
 
 use super::Engine;
 use super::engine::Stepper;
+use crate::causes::Moment;
 use crate::dynamics::stages::Stages;
-use crate::effects::Moment;
 use crate::model::State;
 use crate::scalar::{Mask, Scalar, tuned};
 

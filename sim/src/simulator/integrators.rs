@@ -1,9 +1,9 @@
 //! One step in time, by each of the integrators.
 
 use super::Engine;
+use crate::causes::Moment;
 use crate::dynamics::stages::{SlopeStage, Stages};
 use crate::dynamics::{actuation, integrate, passive};
-use crate::effects::Moment;
 use crate::model::State;
 use crate::scalar::{Scalar, tuned};
 

@@ -1,10 +1,10 @@
 //! A Rosenbrock method: linearly implicit, for stiff joints and drives.
 
 use super::Engine;
+use crate::causes::Moment;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::stages::{LimbStage, Stages};
 use crate::dynamics::{actuation, inertia, integrate, passive};
-use crate::effects::Moment;
 use crate::model::State;
 use crate::scalar::{Scalar, tuned};
 

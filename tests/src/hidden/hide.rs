@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use sim::Cause;
-use sim::effects::Role;
+use sim::causes::Role;
 
 use super::bench::{Bench, Draw};
 use super::limit::{CHI_SQUARE, Imitation, largest_bend};

@@ -6,7 +6,7 @@
 
 use nalgebra::DVector;
 use sim::Cause;
-use sim::effects::{ParameterInfo, Role};
+use sim::causes::{ParameterInfo, Role};
 
 use super::bench::{Bench, Run};
 use super::cases::same;

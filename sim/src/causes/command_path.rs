@@ -1,0 +1,149 @@
+//! The command on its way to the drives, through the causes between: see [`super::drive`].
+
+use super::drive::stage::Piece;
+use super::{STAGES, Stages};
+use crate::command::Command;
+use crate::model::Model;
+use crate::scalar::{Mask, Scalar, tuned};
+
+/// The commands as a model's drives get them: what the servos were told, with the causes between.
+#[derive(Debug, Clone)]
+pub struct CommandPath<T: Scalar> {
+    stages: Stages<T>,
+    /// Row times \[s\].
+    time_s: Vec<f64>,
+    /// Per actuator of the model; `None` without a command.
+    tracks: Vec<Option<Track<T>>>,
+}
+
+#[derive(Debug, Clone)]
+struct Track<T: Scalar> {
+    /// Commanded angle in each row.
+    angle: Vec<f64>,
+    /// What each stage hands on at each row; empty without stages.
+    states: Vec<StageStates<T>>,
+}
+
+/// What each stage hands on at one instant.
+type StageStates<T> = [T; STAGES];
+
+impl<T: Scalar> CommandPath<T> {
+    /// `command` on its way to the drives of `model`; actuators without a column are commanded 0.
+    pub fn new(model: &Model<T>, command: &Command) -> Self {
+        let stages = Stages::new(model);
+        let width = command.actuators.len();
+        let tracks = model.actuators.iter().map(|actuator| {
+            let column = command.actuators.iter().position(|name| *name == actuator.name)?;
+            let angle = command.angle_rad.iter().skip(column).step_by(width).copied().collect();
+            Some(Track { angle, states: Vec::new() })
+        });
+        let mut path = Self { tracks: tracks.collect(), time_s: command.time_s.clone(), stages };
+        if !path.stages.is_empty() {
+            for drive in 0..path.tracks.len() {
+                path.follow(drive);
+            }
+        }
+        path
+    }
+
+    /// Adds a row: from `time_s` on the drives are told `angle_rad`, shape (actuators with a command, in the model's order),
+    /// and went there straight from the row before. For commands that come in while a mechanism moves.
+    ///
+    /// # Panics
+    /// When the time does not rise, or when there are not as many angles as commanded actuators.
+    pub fn push(&mut self, time_s: f64, angle_rad: &[f64]) {
+        assert!(self.time_s.last().is_none_or(|&last| last < time_s), "rows rise in time");
+        let commanded = self.tracks.iter().flatten().count();
+        assert_eq!(angle_rad.len(), commanded, "one angle for each commanded actuator");
+        self.time_s.push(time_s);
+        for (track, &angle) in self.tracks.iter_mut().flatten().zip(angle_rad) {
+            track.angle.push(angle);
+        }
+        if !self.stages.is_empty() {
+            for drive in 0..self.tracks.len() {
+                self.follow(drive);
+            }
+        }
+    }
+
+    /// What the model's actuator `drive` gets at `time_s`; 0 without a command.
+    pub fn at(&self, drive: usize, time_s: f64) -> T {
+        let Some(track) = &self.tracks[drive] else { return T::ZERO };
+        let Some(last) = self.time_s.len().checked_sub(1) else { return T::ZERO };
+        let row = self.time_s.partition_point(|&t| t <= time_s).saturating_sub(1);
+        if self.stages.is_empty() {
+            return T::from_f64(self.straight(track, row, time_s));
+        }
+        tuned!(T, self.after_stages(track, row, last, time_s))
+    }
+
+    /// What comes out of all stages at `time_s`, which is after row `row`.
+    #[inline(always)]
+    fn after_stages(&self, track: &Track<T>, mut row: usize, last: usize, time_s: f64) -> T {
+        let given = self.stages.given(T::from_f64(time_s));
+        // lanes may have been given their command in other rows
+        let mut first = row;
+        while first > 0 && given.less(T::from_f64(self.time_s[first])).any() {
+            first -= 1;
+        }
+        while row < last && !given.less(T::from_f64(self.time_s[row + 1])).all() {
+            row += 1;
+        }
+        let mut value = T::ZERO;
+        for row in first..=row {
+            let before = given.less(T::from_f64(self.time_s[row]));
+            let here = self.passed(track, row, given);
+            value = if row == first { here } else { T::select(before, value, here) };
+        }
+        value
+    }
+
+    /// The command as given, straight between rows.
+    fn straight(&self, track: &Track<T>, row: usize, time_s: f64) -> f64 {
+        let value = track.angle[row];
+        match self.time_s.get(row + 1) {
+            Some(&after) if time_s >= self.time_s[row] => {
+                let before = self.time_s[row];
+                value + (time_s - before) / (after - before) * (track.angle[row + 1] - value)
+            }
+            _ => value,
+        }
+    }
+
+    /// What comes out `given` after row `row`, before the next.
+    #[inline(always)]
+    fn passed(&self, track: &Track<T>, row: usize, given: T) -> T {
+        let duration = (given - T::from_f64(self.time_s[row])).max(T::ZERO);
+        let mut states = track.states[row];
+        let from = track.angle[row];
+        let slope = match self.time_s.get(row + 1) {
+            Some(&after) => (track.angle[row + 1] - from) / (after - self.time_s[row]),
+            None => 0.0,
+        };
+        let to = T::from_f64(from) + duration * T::from_f64(slope);
+        self.stages.pass(&mut states, Piece { from: T::from_f64(from), to, duration });
+        states[STAGES - 1]
+    }
+
+    /// Works out what the stages hand on at the rows where it is not known yet.
+    fn follow(&mut self, drive: usize) {
+        let Some(track) = &mut self.tracks[drive] else { return };
+        tuned!(T, {
+            while track.states.len() < self.time_s.len() {
+                let row = track.states.len();
+                let to = T::from_f64(track.angle[row]);
+                let states = match row.checked_sub(1) {
+                    None => self.stages.steady(to),
+                    Some(before) => {
+                        let from = T::from_f64(track.angle[before]);
+                        let duration = T::from_f64(self.time_s[row] - self.time_s[before]);
+                        let mut states = track.states[before];
+                        self.stages.pass(&mut states, Piece { from, to, duration });
+                        states
+                    }
+                };
+                track.states.push(states);
+            }
+        });
+    }
+}

@@ -1,0 +1,8 @@
+//! Causes between the command and the drive.
+
+pub(crate) mod backlash;
+pub(crate) mod servo_delay;
+pub(crate) mod servo_gain;
+pub(crate) mod servo_lag;
+pub(crate) mod servo_rate_limit;
+pub(super) mod stage;

@@ -1,0 +1,98 @@
+//! What a cause between command and drive may do.
+//!
+//! A command is straight between its rows. Every stage is exact on straight pieces: it hands on as many pieces as its law has
+//! corners, so that neither the rows' spacing nor the integrator's step plays a part, and derivatives are exact too.
+
+use crate::model::cause::CauseValues;
+use crate::scalar::Scalar;
+
+/// A straight piece of a command.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Piece<T> {
+    /// Where it starts.
+    pub(crate) from: T,
+    /// Where it ends.
+    pub(crate) to: T,
+    /// How long it takes \[s\], 0 or more.
+    pub(crate) duration: T,
+}
+
+impl<T: Scalar> Piece<T> {
+    /// Change per second; 0 where it takes no time.
+    #[inline(always)]
+    pub(crate) fn slope(&self) -> T {
+        let lasts = T::ZERO.less(self.duration);
+        T::select(lasts, (self.to - self.from) / T::select(lasts, self.duration, T::ONE), T::ZERO)
+    }
+}
+
+/// Two stages cut pieces in two: four. Twice that leaves room for a third.
+const MOST_PIECES: usize = 8;
+
+/// A few pieces in a row.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pieces<T> {
+    items: [Piece<T>; MOST_PIECES],
+    count: usize,
+}
+
+impl<T: Scalar> Pieces<T> {
+    /// None yet.
+    #[inline(always)]
+    pub(crate) fn new() -> Self {
+        let none = Piece { from: T::ZERO, to: T::ZERO, duration: T::ZERO };
+        Self { items: [none; MOST_PIECES], count: 0 }
+    }
+
+    /// One.
+    #[inline(always)]
+    pub(crate) fn of(piece: Piece<T>) -> Self {
+        let mut pieces = Self::new();
+        pieces.push(piece);
+        pieces
+    }
+
+    /// One more.
+    #[inline(always)]
+    pub(crate) fn push(&mut self, piece: Piece<T>) {
+        assert!(self.count < MOST_PIECES, "a new stage that cuts pieces needs more room");
+        self.items[self.count] = piece;
+        self.count += 1;
+    }
+
+    #[inline(always)]
+    pub(crate) fn as_slice(&self) -> &[Piece<T>] {
+        &self.items[..self.count]
+    }
+
+    /// Where the last one ends.
+    #[inline(always)]
+    pub(crate) fn end(&self) -> T {
+        self.items[self.count - 1].to
+    }
+}
+
+/// What a cause does to the command.
+pub(crate) trait Stage<T: Scalar>: Sized {
+    /// The cause with these values.
+    fn new(values: &CauseValues<T>) -> Self;
+
+    /// When the command was given that acts at `time_s`.
+    #[inline(always)]
+    fn given(&self, time_s: T) -> T {
+        time_s
+    }
+
+    /// What it hands on when the command has stood still for ever.
+    #[inline(always)]
+    fn steady(&self, command: T) -> T {
+        command
+    }
+
+    /// Hands on what becomes of `piece`; `state` is where the last piece handed on ended.
+    #[inline(always)]
+    fn pass(&self, state: &mut T, piece: Piece<T>, out: &mut Pieces<T>) {
+        *state = piece.to;
+        out.push(piece);
+    }
+}
