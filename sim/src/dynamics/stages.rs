@@ -3,12 +3,9 @@
 use std::fmt::Debug;
 
 use super::Work;
-use super::implicit::FluidSlope;
-use super::limbs::Limbs;
 use super::plant::Plant;
 use crate::model::Model;
-use crate::scalar::Scalar;
-use crate::space::{Never, Planar, Space, Spatial};
+use crate::space::Space;
 
 /// A space with the stages that only some spaces have.
 pub(crate) trait Stages: Space {
@@ -16,16 +13,6 @@ pub(crate) trait Stages: Space {
     type Slope: SlopeStage<Self>;
     /// Dynamics of branches that each move in a plane of their own, where there can be such.
     type Limbs: LimbStage<Self>;
-}
-
-impl<T: Scalar> Stages for Spatial<T> {
-    type Slope = FluidSlope<T>;
-    type Limbs = Limbs<T>;
-}
-
-impl<T: Scalar> Stages for Planar<T> {
-    type Slope = Never;
-    type Limbs = Never;
 }
 
 /// Adds the slopes of velocity-dependent forces to a matrix.
@@ -57,41 +44,4 @@ pub(crate) trait LimbStage<S: Space>: Debug + Clone + Send + Sync {
     );
     /// Solves for the right-hand side in `x`, in place.
     fn solve(&mut self, factors: &[S::T], x: &mut [S::T]);
-}
-
-impl<T: Scalar> SlopeStage<Planar<T>> for Never {
-    fn new(_: &Plant<Planar<T>>) -> Option<Self> {
-        None
-    }
-
-    fn add(&mut self, _: &Plant<Planar<T>>, _: &Work<Planar<T>>, _: T, _: &mut [T]) {
-        match *self {}
-    }
-}
-
-impl<T: Scalar> LimbStage<Planar<T>> for Never {
-    fn new(_: &Model<T>, _: &Plant<Planar<T>>) -> Option<Self> {
-        None
-    }
-
-    fn factors(&self) -> usize {
-        match *self {}
-    }
-
-    fn accelerate(
-        &mut self,
-        _: &Plant<Planar<T>>,
-        _: &[T],
-        _: &[T],
-        _: &mut Work<Planar<T>>,
-        _: Option<&[T]>,
-        _: &mut [T],
-        _: &mut [T],
-    ) {
-        match *self {}
-    }
-
-    fn solve(&mut self, _: &[T], _: &mut [T]) {
-        match *self {}
-    }
 }

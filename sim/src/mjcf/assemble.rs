@@ -4,10 +4,12 @@ use std::collections::HashMap;
 
 use roxmltree::{Document, Node, NodeId};
 
-use super::attributes::{Angles, Attributes, line, refused};
+use super::attributes::{Attributes, line, refused};
 use super::body::Tree;
+use super::compiler::{Compiler, compiler};
 use super::defaults::Defaults;
-use super::{BEFORE_3_14, LIFT, MjcfError};
+use super::error::MjcfError;
+use super::write::{BEFORE_3_14, LIFT};
 use crate::causes::Cause;
 use crate::math::Vec3;
 use crate::model::{Actuator, ActuatorKind, Contacts, Integrator, JointKind, KuttaLift, Model, Settings};
@@ -18,13 +20,6 @@ const PASSED_OVER: [&str; 7] = ["size", "visual", "statistic", "asset", "custom"
 const REFUSED: [&str; 4] = ["equality", "tendon", "deformable", "extension"];
 /// MuJoCo's standard gravity.
 const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
-
-pub(super) struct Compiler {
-    pub(super) angles: Angles,
-    pub(super) autolimits: bool,
-    /// `None`: geoms count where a body has no `<inertial>`.
-    pub(super) inertia_from_geoms: Option<bool>,
-}
 
 pub(super) fn model(document: &Document<'_>) -> Result<Model<f64>, MjcfError> {
     let root = document.root_element();
@@ -111,34 +106,6 @@ fn places(root: Node<'_, '_>) -> HashMap<NodeId, usize> {
         }
     }
     places
-}
-
-fn compiler<'a, 'i: 'a>(sections: impl Iterator<Item = Node<'a, 'i>>) -> Result<Compiler, MjcfError> {
-    let mut compiler = Compiler {
-        angles: Angles { degrees: true, euler_sequence: "xyz".into() },
-        autolimits: true,
-        inertia_from_geoms: None,
-    };
-    const FLAG: [(&str, bool); 2] = [("true", true), ("false", false)];
-    for node in sections {
-        let attributes = Attributes::new(node, None)?;
-        let degrees = compiler.angles.degrees;
-        compiler.angles.degrees =
-            attributes.one_of("angle", &[("degree", true), ("radian", false)], degrees)?;
-        compiler.autolimits = attributes.one_of("autolimits", &FLAG, compiler.autolimits)?;
-        compiler.inertia_from_geoms = attributes.one_of(
-            "inertiafromgeom",
-            &[("true", Some(true)), ("false", Some(false)), ("auto", None)],
-            compiler.inertia_from_geoms,
-        )?;
-        if let Some(sequence) = attributes.text("eulerseq") {
-            if sequence.len() != 3 || !sequence.chars().all(|c| "xyzXYZ".contains(c)) {
-                return Err(attributes.invalid("eulerseq", "three letters out of xyzXYZ"));
-            }
-            compiler.angles.euler_sequence = sequence.into();
-        }
-    }
-    Ok(compiler)
 }
 
 /// The settings, and whether contact is on.

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use roxmltree::Node;
 
-use super::MjcfError;
+use super::error::MjcfError;
 use super::tables::table;
 use crate::math::{Mat3, Quat, Vec3};
 use crate::model::shape;

@@ -4,10 +4,10 @@ use std::collections::HashMap;
 
 use roxmltree::{Node, NodeId};
 
-use super::MjcfError;
-use super::assemble::Compiler;
 use super::attributes::{Attributes, from_z, line, refused};
+use super::compiler::Compiler;
 use super::defaults::Defaults;
+use super::error::MjcfError;
 use crate::math::{Quat, Sym3, Vec3};
 use crate::model::shape::{self, MassProperties};
 use crate::model::{Body, FluidCoefficients, Geom, GeomKind, Joint, JointKind, Site};

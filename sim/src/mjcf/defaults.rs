@@ -4,8 +4,8 @@ use std::collections::HashMap;
 
 use roxmltree::Node;
 
-use super::MjcfError;
 use super::attributes::{Values, checked, line, refused};
+use super::error::MjcfError;
 use super::tables::table;
 
 /// One class: its attributes by element.

@@ -2,8 +2,11 @@
 
 use std::fmt::Write as _;
 
-use super::{BEFORE_3_14, LIFT};
 use crate::model::{ActuatorKind, GeomKind, Integrator, JointKind, KuttaLift, Model};
+
+/// The `<custom>` text that says which engines' Kutta lift a model has, and what it says.
+pub(super) const LIFT: &str = "kutta_lift";
+pub(super) const BEFORE_3_14: &str = "before-3.14";
 
 /// For which engines an export moves the same way.
 fn versions(model: &Model<f64>) -> &'static str {

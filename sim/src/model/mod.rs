@@ -19,7 +19,7 @@ pub use parameters::{Parameter, UnknownParameter};
 
 use cause::CauseValues;
 
-use crate::math::{Mat3, Quat, Vec3};
+use crate::math::Quat;
 use crate::scalar::Scalar;
 
 /// A mechanism in its water. Element 0 of `bodies` is the world.
@@ -53,21 +53,6 @@ pub struct State<T = f64> {
     /// Velocities, shape (nv): \[rad/s\] or \[m/s\]; a ball's in the body's axes; a free joint's linear part
     /// in world axes, its angular part in the body's.
     pub qvel: Vec<T>,
-}
-
-/// World poses of everything at one set of coordinates.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Poses<T = f64> {
-    /// Origins of the bodies \[m\], shape (bodies).
-    pub body_pos: Vec<Vec3<T>>,
-    /// `world_from_body`, shape (bodies).
-    pub body_rot: Vec<Mat3<T>>,
-    /// Centres of the geoms \[m\], shape (geoms).
-    pub geom_pos: Vec<Vec3<T>>,
-    /// `world_from_geom`, shape (geoms).
-    pub geom_rot: Vec<Mat3<T>>,
-    /// Positions of the sites \[m\], shape (sites).
-    pub site_pos: Vec<Vec3<T>>,
 }
 
 impl<T: Scalar> Model<T> {
@@ -125,15 +110,6 @@ impl<T: Scalar> Model<T> {
     /// [`ContactWatch`](crate::ContactWatch) says whether and when they first do in a rollout.
     pub fn possible_contacts(&self) -> &[PossibleContact] {
         &self.contacts.possible
-    }
-
-    /// World poses of bodies, geoms and sites at the coordinates `qpos`, shape (nq).
-    ///
-    /// # Panics
-    /// When `qpos` has another length than [`Model::nq`].
-    pub fn poses(&self, qpos: &[T]) -> Poses<T> {
-        assert_eq!(qpos.len(), self.nq(), "qpos has as many entries as the model has coordinates");
-        crate::dynamics::poses(self, qpos)
     }
 
     /// The same model with every number put through `f`, for instance to lift it to another scalar.

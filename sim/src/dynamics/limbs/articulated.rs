@@ -4,6 +4,7 @@
 //! of a limb's inertia is that of its bodies, rigid (Featherstone, Rigid Body Dynamics Algorithms, 2008, section 7.3).
 
 use super::Limbs;
+use super::inertia::Articulated;
 use super::layout::{BASE_DOFS, Base, Hinge, Layout, Limb};
 use crate::dynamics::Work;
 use crate::dynamics::plant::Plant;
@@ -74,34 +75,7 @@ impl<T: Scalar> Across<T> {
     }
 }
 
-/// Symmetric, from motions in space to wrenches: torque = rotational w + coupling v, force = coupling^T w + linear v.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Articulated<T> {
-    rotational: Sym3<T>,
-    coupling: Mat3<T>,
-    linear: Sym3<T>,
-}
-
 impl<T: Scalar> Articulated<T> {
-    /// Of a rigid body about its origin: `inertia` about the centre of mass at `com`.
-    pub(super) fn of_body(mass: T, com: Vec3<T>, inertia: Sym3<T>) -> Self {
-        let [x, y, z] = (com * mass).0;
-        let zero = T::ZERO;
-        Self {
-            rotational: inertia + Sym3::of_point(mass, com),
-            coupling: Mat3([[zero, -z, y], [z, zero, -x], [-y, x, zero]]),
-            linear: Sym3([mass, mass, mass, zero, zero, zero]),
-        }
-    }
-
-    #[inline(always)]
-    fn apply(&self, motion: Motion<Spatial<T>>) -> Wrench<Spatial<T>> {
-        Wrench {
-            torque: self.rotational.apply(motion.ang) + self.coupling.apply(motion.lin),
-            force: self.coupling.apply_transposed(motion.ang) + self.linear.apply(motion.lin),
-        }
-    }
-
     /// Adds a limb's: `flat` as its root feels it in the plane, `across` out of it.
     #[inline(always)]
     pub(super) fn add(&mut self, limb: &Limb<T>, flat: &Flat<T>, across: &Across<T>) {

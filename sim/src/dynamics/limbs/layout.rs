@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::articulated::Articulated;
+use super::inertia::Articulated;
 use crate::dynamics::plant::Plant;
 use crate::fluid::{Immersed, ImmersedBox};
 use crate::math::{Mat3, Vec3};

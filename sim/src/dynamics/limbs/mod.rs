@@ -8,6 +8,7 @@
 //! Spatial quantities of a limb stand about the foot of the base's origin on its plane.
 
 mod articulated;
+mod inertia;
 mod layout;
 mod motion;
 
