@@ -38,11 +38,13 @@ pub struct Worth {
     pub after: f64,
 }
 
-/// Runs that separate the rivals `a` and `b` with these `sizes` of their numbers, best first. `state` is the baseline.
+/// Runs that separate two rivals with these sizes of their numbers, best first. `state` is the baseline; `counts` says whether
+/// anybody waits for them.
 pub(crate) fn separating(
     experiment: &Experiment,
     state: &State<'_>,
     floor: &Floor,
+    counts: &Counts,
     rivals: [&(CauseTerm, Vec<(String, f64)>); 2],
 ) -> Vec<Worth> {
     let proposals = runs::proposals(experiment, floor);
@@ -51,18 +53,24 @@ pub(crate) fn separating(
     // coefficients that a bound stops in these runs may leave it in the next: without residuals none is stopped
     let mut state = state.clone();
     state.linear.iter_mut().for_each(|linear| linear.residuals.fill(0.0));
-    let before = separation(&Scores::new(&state, &terms), sizes);
+    let before = separation(&Scores::new(&state, &terms, counts), sizes);
     let one = |proposal: &Proposal| {
         let run = proposal.run(experiment);
-        let with = joined(experiment, &state, floor, proposal, &run)?;
-        let after = separation(&Scores::new(&with, &terms), sizes);
+        let with = joined(experiment, &state, floor, proposal, &run, counts)?;
+        let after = separation(&Scores::new(&with, &terms, counts), sizes);
         Some(Worth { proposal: proposal.clone(), before, after })
     };
     ranked(proposals.par_iter().filter_map(one).collect(), |worth| -worth.after)
 }
 
 /// Runs that pin down the fitted parameter called `name`, best first.
-pub(crate) fn pinning(experiment: &Experiment, state: &State<'_>, floor: &Floor, name: &str) -> Vec<Worth> {
+pub(crate) fn pinning(
+    experiment: &Experiment,
+    state: &State<'_>,
+    floor: &Floor,
+    name: &str,
+    counts: &Counts,
+) -> Vec<Worth> {
     let Some(which) = state.parameters.free.iter().position(|p| p.names.iter().any(|n| n == name)) else {
         return Vec::new();
     };
@@ -70,7 +78,7 @@ pub(crate) fn pinning(experiment: &Experiment, state: &State<'_>, floor: &Floor,
     let Some(before) = std(state) else { return Vec::new() };
     let one = |proposal: &Proposal| {
         let run = proposal.run(experiment);
-        let after = std(&joined(experiment, state, floor, proposal, &run)?)?;
+        let after = std(&joined(experiment, state, floor, proposal, &run, counts)?)?;
         Some(Worth { proposal: proposal.clone(), before, after })
     };
     ranked(runs::proposals(experiment, floor).par_iter().filter_map(one).collect(), |worth| worth.after)
@@ -88,7 +96,11 @@ fn joined<'b>(
     floor: &Floor,
     proposal: &Proposal,
     run: &'b Run,
+    counts: &Counts,
 ) -> Option<State<'b>> {
+    if counts.is_stopped() {
+        return None;
+    }
     let model = state.calibrated();
     let estimate = Estimate { start: proposal.start(experiment), release: None };
     let weighting = Weighting { noise_m: floor.noise_m, use_stated: false, run_weight: 1.0 };
@@ -100,7 +112,7 @@ fn joined<'b>(
     let std_m = vec![floor.noise_m; run.trajectory.keypoints.len()];
     let own = Floor { runs: vec![RunFloor { id: run.id.clone(), std_m, interval_s }], ..floor.clone() };
     alone.weigh(&own);
-    let mut linear = alone.problem().linearise(&alone.point, true, &mut Counts::default())?;
+    let mut linear = alone.problem().linearise(&alone.point, true, &mut counts.apart())?;
     linear.iter_mut().for_each(|linear| linear.residuals.fill(0.0));
     let mut with = state.clone();
     with.terms.append(&mut alone.terms);

@@ -9,7 +9,7 @@ use crate::experiment::{Experiment, Run, Use};
 use crate::fit::counts::Counts;
 use crate::fit::driver::spread;
 use crate::fit::problem::{Point, Term};
-use crate::fit::{self, FitError};
+use crate::fit::{self, FitError, Flow};
 use crate::hypothesis::state::State;
 use crate::initial::{self, StartError};
 use crate::loss::{Weighting, observations};
@@ -18,16 +18,16 @@ use crate::parameters::Parameters;
 use crate::simulate::Rehearsal;
 
 /// Times that floor and fit are found in turn: one needs the other.
-const TURNS: usize = 3;
+const MOST_TURNS: usize = 3;
 /// Points drawn per parameter of which the best become starts, and how many.
 const DRAWN_PER_PARAMETER: usize = 8;
-const DRAWN: usize = 2;
-/// Optima that differ by less cost are one.
-pub(super) const NOISE_ALONE: f64 = 1.0;
+const DRAWN_STARTS: usize = 2;
+/// Optima that differ by less cost, one standard deviation of one number, are one.
+pub(super) const SAME_OPTIMUM_COST: f64 = 1.0;
 /// And those that differ by a smaller share of what a cause explains: the cause is not named for the difference.
-const OF_EXPLAINED: f64 = 0.01;
-/// A floor that moves by less is the same.
-const SAME: f64 = 0.01;
+const SAME_OPTIMUM_SHARE: f64 = 0.01;
+/// A noise floor that moves by less than this share has been found: the fit would not move with it.
+const SAME_FLOOR_SHARE: f64 = 0.01;
 
 /// The fitted baseline of `experiment`, and its noise floor.
 pub(super) fn baseline<'a>(
@@ -57,7 +57,7 @@ pub(super) fn baseline<'a>(
     if searches || !state.descend(counts) {
         let mut wider = experiment.clone();
         wider.fit.method = Method::Hybrid;
-        let fitted = fit::fit(&wider, &mut ())?;
+        let fitted = fit::fit(&wider, &mut Watched(counts))?;
         counts.rollouts += fitted.fit.rollouts;
         for (value, parameter) in state.point.values.iter_mut().zip(&state.parameters.free) {
             if let Some(found) = fitted.fit.parameters.iter().find(|found| found.name == parameter.name()) {
@@ -69,12 +69,12 @@ pub(super) fn baseline<'a>(
         }
     }
     let mut floor: Option<Floor> = None;
-    for _ in 0..TURNS {
+    for _ in 0..MOST_TURNS {
         let next = seen_floor(&state)?;
-        let same = floor.as_ref().is_some_and(|before| is_same(before, &next, SAME));
+        let same = floor.as_ref().is_some_and(|before| is_same(before, &next, SAME_FLOOR_SHARE));
         state.weigh(&next);
         if floor.is_none() {
-            state.replan(next.noise_m);
+            state.replan(next.noise_m, counts);
         }
         floor = Some(next);
         if !state.descend(counts) {
@@ -85,6 +85,15 @@ pub(super) fn baseline<'a>(
         }
     }
     floor.map(|floor| (state, floor)).ok_or_else(|| FitError::NoOptimum.into())
+}
+
+/// Ends a fit for which nobody waits.
+struct Watched<'a>(&'a Counts);
+
+impl fit::Observer for Watched<'_> {
+    fn progress(&mut self, _: &fit::Progress<'_>) -> Flow {
+        if self.0.is_stopped() { Flow::Stop } else { Flow::Continue }
+    }
 }
 
 /// A deeper optimum of `baseline`, if there is one where the causes of `leader` have led its numbers, or, if it is looked for
@@ -100,7 +109,7 @@ pub(super) fn deeper<'a>(
     let at = |values: Vec<f64>| Point { values, offsets: baseline.point.offsets.clone() };
     let led = at(leader.point.values[..baseline.parameters.len()].to_vec());
     let drawn = if everywhere { best_drawn(baseline, seed, counts) } else { Vec::new() };
-    let deep = NOISE_ALONE.max(OF_EXPLAINED * (baseline.cost - leader.cost));
+    let deep = SAME_OPTIMUM_COST.max(SAME_OPTIMUM_SHARE * (baseline.cost - leader.cost));
     let points: Vec<Point> = drawn.into_iter().map(at).chain([led]).collect();
     let ends = counts.of_each(points, |point, own| {
         let mut state = State { point, linear: Vec::new(), ..baseline.clone() };
@@ -121,7 +130,7 @@ fn best_drawn(baseline: &State<'_>, seed: u64, counts: &mut Counts) -> Vec<Vec<f
     let costs = problem.costs(&drawn.iter().map(point).collect::<Vec<_>>(), counts);
     let mut order: Vec<usize> = (0..drawn.len()).filter(|&i| costs[i].is_finite()).collect();
     order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
-    order.into_iter().take(DRAWN).map(|i| drawn[i].clone()).collect()
+    order.into_iter().take(DRAWN_STARTS).map(|i| drawn[i].clone()).collect()
 }
 
 /// The floor that the residuals of `state` show.

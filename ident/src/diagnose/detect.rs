@@ -9,8 +9,8 @@ use crate::hypothesis::candidates;
 use crate::hypothesis::score::Scores;
 use crate::hypothesis::state::State;
 
-/// Cost saved at which a cause would have been seen beyond doubt.
-const SEEN: f64 = 30.0;
+/// Cost saved at which a cause is seen beyond doubt: of one number, 5.5 standard deviations from neutral.
+pub(super) const BEYOND_DOUBT_COST: f64 = 30.0;
 
 /// For each size of each cause the smallest that would raise the cost by 30 whatever the fitted numbers do; of hidden
 /// numbers, at the value where it shows best.
@@ -37,14 +37,14 @@ pub(super) fn detectable(state: &State<'_>, scores: &Scores) -> Vec<Detectable> 
             let Some((hidden, value)) = term.hidden.first() else { continue };
             let unit = parameters.iter().find(|(known, _)| known == hidden).map_or("", |(_, info)| info.unit);
             let highest = limits.entry(hidden.clone()).or_insert(0.0);
-            if square >= SEEN {
+            if square >= BEYOND_DOUBT_COST {
                 *highest = highest.max(*value);
             }
             let smallest = Some(*highest).filter(|rate| *rate > 0.0);
             put(&mut list, Detectable { name: hidden.clone(), smallest, unit: unit.into() }, f64::max);
             continue;
         }
-        let size = (SEEN / square.max(f64::MIN_POSITIVE)).sqrt();
+        let size = (BEYOND_DOUBT_COST / square.max(f64::MIN_POSITIVE)).sqrt();
         let most = info.bounds[1].abs().max(info.bounds[0].abs());
         let smallest = Some(size).filter(|size| *size <= most);
         put(&mut list, Detectable { name, smallest, unit: info.unit.into() }, f64::min);

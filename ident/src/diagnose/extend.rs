@@ -14,15 +14,15 @@ use crate::statistics::{CHI2_95, NORMAL_95};
 /// The rise of the cost at an interval's end is met to 3 %.
 const CLOSENESS: Closeness = Closeness { met: 0.03, most_points: 6 };
 /// Steps that let all other numbers follow one that is pinned.
-const STEPS: usize = 12;
+const MOST_STEPS: usize = 12;
 /// What all other numbers could still save is no reason to let them go on, as a share of the rise.
-const BESIDE: f64 = 0.1;
+const UNSETTLED_SHARE: f64 = 0.1;
 /// A coefficient that moved by more of its standard deviations had bent.
-const BENT: f64 = 2.0;
+const BENT_Z: f64 = 2.0;
 
 /// The numbers of the causes of `state`, whose baseline has `first`, with 95 % intervals from the profile of the
-/// likelihood.
-pub(super) fn values(state: &State<'_>, first: usize) -> Vec<CauseParameter> {
+/// likelihood; `counts` says whether anybody waits for them.
+pub(super) fn values(state: &State<'_>, first: usize, counts: &Counts) -> Vec<CauseParameter> {
     let free = state.parameters.len();
     let covariance = covariance(state).unwrap_or_else(|| DMatrix::identity(free, free)) * level(state);
     let places: Vec<usize> = (first..state.parameters.len()).collect();
@@ -31,7 +31,7 @@ pub(super) fn values(state: &State<'_>, first: usize) -> Vec<CauseParameter> {
         .flat_map(|&which| [(which, -1.0), (which, 1.0)])
         .collect::<Vec<_>>()
         .par_iter()
-        .map(|&(which, side)| end(state, which, side, &covariance))
+        .map(|&(which, side)| end(state, which, side, &covariance, counts.apart()))
         .collect();
     let unit = |name: &str| {
         let cause = name.split('/').next().unwrap_or_default();
@@ -92,12 +92,19 @@ fn level(state: &State<'_>) -> f64 {
 }
 
 /// Where the profile of common number `which` crosses the limit on one `side`.
-fn end(state: &State<'_>, which: usize, side: f64, covariance: &DMatrix<f64>) -> f64 {
+fn end(state: &State<'_>, which: usize, side: f64, covariance: &DMatrix<f64>, counts: Counts) -> f64 {
     let (best, scale) = (state.point.values[which], state.parameters.free[which].scale);
     let limit = CHI2_95 * level(state);
     let passed = vec![state.point.clone()];
-    let mut profile =
-        Profile { state, which, covariance, others: Nuisances::except(state, Some(which)), limit, passed };
+    let mut profile = Profile {
+        state,
+        which,
+        covariance,
+        others: Nuisances::except(state, Some(which)),
+        limit,
+        passed,
+        counts,
+    };
     let next = best + side * NORMAL_95 * covariance[(which, which)].sqrt();
     crossing(best, next, limit.sqrt(), &scale, CLOSENESS, |x| profile.rise(x))
 }
@@ -114,6 +121,7 @@ struct Profile<'s> {
     limit: f64,
     /// The optimum, and points at which all others had followed.
     passed: Vec<Point>,
+    counts: Counts,
 }
 
 impl Profile<'_> {
@@ -122,20 +130,21 @@ impl Profile<'_> {
         let Self { state, which, limit, .. } = *self;
         let mut pinned = State { linear: Vec::new(), point: self.ahead(x), ..state.clone() };
         pinned.parameters = state.parameters.pinned(which, x);
-        let mut counts = Counts::default();
-        if let Some(residuals) = pinned.problem().residuals(&pinned.point, &mut counts) {
+        if let Some(residuals) = pinned.problem().residuals(&pinned.point, &mut self.counts) {
             let all: f64 = residuals.iter().map(|r| r.norm_squared()).sum();
             let left = self.others.left_of(residuals.iter()).norm_squared();
             let least = self.others.residuals(state).norm_squared();
             let known: f64 = state.linear.iter().map(|linear| linear.residuals.norm_squared()).sum();
             // what the others could still save if they went on is little, or not for what is pinned: that they have not does not
             // matter
-            if all - left <= BESIDE * (left - least).max(0.0) + BESIDE * limit + (known - least) {
+            if all - left
+                <= UNSETTLED_SHARE * (left - least).max(0.0) + UNSETTLED_SHARE * limit + (known - least)
+            {
                 self.passed.push(pinned.point);
                 return (left - least).max(0.0).sqrt();
             }
         }
-        if !pinned.steps(STEPS, &mut counts) {
+        if !pinned.steps(MOST_STEPS, &mut self.counts) {
             return f64::INFINITY;
         }
         self.passed.push(pinned.point);
@@ -185,7 +194,7 @@ pub(super) fn bent(before: &State<'_>, after: &State<'_>) -> Vec<Bent> {
             let name = before.parameters.free[which].name().to_owned();
             ((a - b).abs() / std, Bent { name, before: a, after: b, std })
         })
-        .filter(|(moved, _)| *moved > BENT)
+        .filter(|(moved, _)| *moved > BENT_Z)
         .collect();
     list.sort_by(|a, b| b.0.total_cmp(&a.0));
     list.into_iter().map(|(_, bent)| bent).collect()

@@ -13,11 +13,11 @@ use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
 
 /// Bootstrap samples.
-const SAMPLES: usize = 2000;
+const BOOTSTRAP_SAMPLES: usize = 2000;
 /// Runs from which on whole runs are drawn; with fewer, pieces of them.
-const RUNS: usize = 6;
+const WHOLE_RUNS_FROM: usize = 6;
 /// Steps from the optimum of all runs to that of all but one.
-const STEPS: usize = 2;
+const MOST_STEPS: usize = 2;
 /// Length of a piece \[s\].
 const PIECE_S: f64 = 0.5;
 
@@ -97,10 +97,10 @@ pub(super) fn gain(
         return None;
     }
     let whole: Vec<Piece> = pieces.iter().map(|run| sum(&run.iter().collect::<Vec<_>>())).collect();
-    let drawn: Vec<&Piece> = if whole.len() >= RUNS { whole.iter().collect() } else { all };
+    let drawn: Vec<&Piece> = if whole.len() >= WHOLE_RUNS_FROM { whole.iter().collect() } else { all };
     let gain = |[a, b, _]: [f64; 3]| 1.0 - (b / a.max(f64::MIN_POSITIVE)).sqrt();
     let mut random = ChaCha8Rng::seed_from_u64(experiment.fit.seed);
-    let mut gains: Vec<f64> = (0..SAMPLES)
+    let mut gains: Vec<f64> = (0..BOOTSTRAP_SAMPLES)
         .map(|_| {
             let sample: Vec<&Piece> =
                 (0..drawn.len()).map(|_| drawn[random.random_range(0..drawn.len())]).collect();
@@ -108,7 +108,7 @@ pub(super) fn gain(
         })
         .collect();
     gains.sort_by(f64::total_cmp);
-    let quantile = |share: f64| gains[((SAMPLES - 1) as f64 * share).round() as usize];
+    let quantile = |share: f64| gains[((BOOTSTRAP_SAMPLES - 1) as f64 * share).round() as usize];
     Some(HeldOut {
         rms_before_m: (a / count).sqrt(),
         rms_after_m: (b / count).sqrt(),
@@ -121,23 +121,25 @@ pub(super) fn gain(
 }
 
 /// A gap between residual and noise that is worth closing, as a share of the residual.
-const GAP: f64 = 0.1;
+const WORTHWHILE_GAP_SHARE: f64 = 0.1;
 /// A cause closes at least this share of it on runs that it was not fitted to; a stand-in does not.
-const CLOSED: f64 = 0.4;
+const CLOSED_BY_A_CAUSE_SHARE: f64 = 0.4;
 /// Standard deviations by which the noise may exceed its floor.
-const NOISIER: f64 = 2.0;
+const NOISIER_Z: f64 = 2.0;
 
 impl HeldOut {
     /// Why what is named is not believed, where runs were held out that it should have predicted.
     pub(super) fn objection(&self, floor: &Floor) -> Option<String> {
-        let most = 1.0 + NOISIER * floor.noise_std_m / floor.noise_m;
+        let most = 1.0 + NOISIER_Z * floor.noise_std_m / floor.noise_m;
         let gap = 1.0 - most * self.noise_floor_m / self.rms_before_m;
-        (self.how == HOLDOUT && gap > GAP && self.gain < CLOSED * gap).then(|| {
-            format!(
-                "on held-out runs it closes only {:.0} % of the gap to the noise",
-                100.0 * (self.gain / gap).max(0.0)
-            )
-        })
+        (self.how == HOLDOUT && gap > WORTHWHILE_GAP_SHARE && self.gain < CLOSED_BY_A_CAUSE_SHARE * gap).then(
+            || {
+                format!(
+                    "on held-out runs it closes only {:.0} % of the gap to the noise",
+                    100.0 * (self.gain / gap).max(0.0)
+                )
+            },
+        )
     }
 }
 
@@ -149,7 +151,7 @@ fn without(state: &State<'_>, left_out: usize, counts: &mut Counts) -> Option<Mo
         state.linear.remove(left_out);
     }
     state.point.offsets.remove(left_out);
-    state.steps(STEPS, counts).then(|| state.calibrated())
+    state.steps(MOST_STEPS, counts).then(|| state.calibrated())
 }
 
 fn cells(fitted: &FittedRun) -> impl Iterator<Item = (f64, usize, f64)> + '_ {

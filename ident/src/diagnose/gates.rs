@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::result::{ConstancyTest, Fitness, PerRun};
-use super::search::{NEGLIGIBLE_M, negligible};
+use super::sets::{NEGLIGIBLE_M, negligible};
 use crate::hypothesis::nuisances::{Nuisances, joint_covariance};
 use crate::hypothesis::state::State;
 use crate::noise::floor::{Floor, slow_part};
@@ -12,21 +12,21 @@ use crate::noise::series;
 use crate::statistics::chi2_survival;
 
 /// Lags of the portmanteau test.
-const LAGS: usize = 8;
+const PORTMANTEAU_LAGS: usize = 8;
 /// Slow residuals this many standard deviations beyond noise are none.
-pub(super) const BEYOND_NOISE: f64 = 6.0;
+pub(super) const BEYOND_NOISE_Z: f64 = 6.0;
 /// What is left beyond noise is no objection below this share of what was explained.
-pub(super) const LEFT_OVER: f64 = 0.03;
+pub(super) const LEFT_OVER_SHARE: f64 = 0.03;
 /// Correlation that is no objection, however certain.
 const LITTLE_CORRELATION: f64 = 0.1;
 /// Probability below which chance is no explanation.
-const NO_CHANCE: f64 = 1e-6;
+const NO_CHANCE_P: f64 = 1e-6;
 /// Probability below which runs that differ do so not by chance, and the share of what was explained from which on it
 /// matters: a stand-in drifts, a cause that is modelled to a percent hardly does.
-const APART: f64 = 1e-4;
-const DRIFT: f64 = 0.015;
+const RUNS_DIFFER_P: f64 = 1e-4;
+const RUNS_DIFFER_SHARE: f64 = 0.015;
 /// A run sees a number when its effect there is worth this many standard deviations.
-const SEEN: f64 = 3.0;
+const SEEN_IN_RUN_Z: f64 = 3.0;
 
 /// Residuals of `state` against the noise of `floor`.
 pub(super) fn fitness(state: &State<'_>, floor: &Floor) -> Fitness {
@@ -45,7 +45,7 @@ pub(super) fn fitness_of(
     lost: f64,
 ) -> Fitness {
     let mut sums = [0.0; 4];
-    let (mut products, mut squares, mut metres) = ([0.0; LAGS], 0.0, 0.0);
+    let (mut products, mut squares, mut metres) = ([0.0; PORTMANTEAU_LAGS], 0.0, 0.0);
     let mut steep = 0.0;
     for (run, whole) in residuals.iter().enumerate() {
         let term = &state.terms[run];
@@ -85,8 +85,8 @@ pub(super) fn fitness_of(
         degrees: count - used,
         excess,
         z: excess / spread.sqrt(),
-        portmanteau_p: chi2_survival(portmanteau, LAGS as f64),
-        correlation: (correlations.iter().map(|r| r * r).sum::<f64>() / LAGS as f64).sqrt(),
+        portmanteau_p: chi2_survival(portmanteau, PORTMANTEAU_LAGS as f64),
+        correlation: (correlations.iter().map(|r| r * r).sum::<f64>() / PORTMANTEAU_LAGS as f64).sqrt(),
     }
 }
 
@@ -94,10 +94,10 @@ impl Fitness {
     /// Whether something beyond noise of `noise_m` \[m\] is left that matters, by itself, in `count` observations, and beside
     /// `explained`, the cost saved so far.
     pub(super) fn objects(&self, explained: f64, noise_m: f64, count: usize) -> bool {
-        let beside = LEFT_OVER * explained;
-        let slow = self.z > BEYOND_NOISE && self.excess > beside.max(negligible(noise_m, count));
+        let beside = LEFT_OVER_SHARE * explained;
+        let slow = self.z > BEYOND_NOISE_Z && self.excess > beside.max(negligible(noise_m, count));
         let left_m = noise_m * (self.chi2 / self.degrees.max(1.0)).sqrt();
-        let correlated = self.portmanteau_p < NO_CHANCE && self.correlation > LITTLE_CORRELATION;
+        let correlated = self.portmanteau_p < NO_CHANCE_P && self.correlation > LITTLE_CORRELATION;
         slow || correlated && self.chi2 > beside && left_m > NEGLIGIBLE_M
     }
 }
@@ -118,7 +118,7 @@ fn common(state: &State<'_>, which: usize) -> Option<(ConstancyTest, Vec<PerRun>
     let value = state.point.values[which];
     let nuisances = Nuisances::except(state, Some(which));
     let seen: Vec<usize> = (0..state.terms.len())
-        .filter(|&run| state.linear[run].jacobian.column(which).norm() * value.abs() > SEEN)
+        .filter(|&run| state.linear[run].jacobian.column(which).norm() * value.abs() > SEEN_IN_RUN_Z)
         .collect();
     if seen.len() < 2 {
         return None;
@@ -195,6 +195,6 @@ fn amplitudes(state: &State<'_>) -> Option<(ConstancyTest, Vec<PerRun>)> {
 impl ConstancyTest {
     /// Whether the runs differ by more than chance, and by what matters beside `explained`, the cost that the cause has saved.
     pub(super) fn objects(&self, explained: f64) -> bool {
-        self.p < APART && self.chi2 > DRIFT * explained
+        self.p < RUNS_DIFFER_P && self.chi2 > RUNS_DIFFER_SHARE * explained
     }
 }

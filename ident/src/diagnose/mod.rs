@@ -37,8 +37,11 @@ mod result;
 mod rivals;
 mod scan;
 mod search;
+mod sets;
 mod verdict;
 
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use sim::Model;
@@ -63,6 +66,12 @@ use crate::parameters::Parameters;
 pub trait Observer {
     /// Whether to go on; `stage` says with what.
     fn stage(&mut self, stage: &str) -> bool;
+
+    /// Becomes true when nobody waits for the diagnosis any longer. Asked for once; looked at before every simulation, by all
+    /// threads, so that a diagnosis ends in the midst of a stage too.
+    fn interrupted(&self) -> Arc<AtomicBool> {
+        Arc::default()
+    }
 }
 
 /// Watches nothing.
@@ -101,30 +110,41 @@ pub fn pin_down(
 ) -> Result<(Vec<NextExperiment>, Vec<Next>), DiagnoseError> {
     experiment.check()?;
     let parameters = Parameters::select(&experiment.model, &experiment.fit)?;
-    let (state, floor) = baseline::baseline(experiment, parameters, &mut Counts::default())?;
+    let mut counts = Counts::default();
+    let (state, floor) = baseline::baseline(experiment, parameters, &mut counts)?;
     let known: Vec<String> = state.parameters.free.iter().flat_map(|p| p.names.clone()).collect();
     if let Some(name) = names.iter().find(|name| !known.contains(name)) {
         return Err(DiagnoseError::NotFitted { name: name.clone(), hint: did_you_mean(name, &known) });
     }
-    Ok(next::pinning(experiment, &state, &floor, names))
+    Ok(next::pinning(experiment, &state, &floor, names, &counts))
 }
 
 /// Says what the simulation of `experiment` gets wrong.
 ///
 /// # Errors
-/// [`DiagnoseError`].
+/// [`DiagnoseError`]; [`DiagnoseError::Interrupted`] soon after the observer has had enough.
 pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<Diagnosed, DiagnoseError> {
+    let counts = Counts::until(observer.interrupted());
+    let diagnosed = diagnosed(experiment, counts.apart(), observer);
+    // a diagnosis that was stopped has found that nothing can be simulated, whatever it makes of that
+    if counts.is_stopped() { Err(DiagnoseError::Interrupted) } else { diagnosed }
+}
+
+fn diagnosed(
+    experiment: &Experiment,
+    mut counts: Counts,
+    observer: &mut dyn Observer,
+) -> Result<Diagnosed, DiagnoseError> {
     let began = Instant::now();
     experiment.check()?;
     let parameters = Parameters::select(&experiment.model, &experiment.fit)?;
     let fitted = candidates::fitted(&experiment.model, &parameters);
-    let mut counts = Counts::default();
     let mut stage = |text: &str| observer.stage(text);
     if !stage("fitting the baseline") {
         return Err(DiagnoseError::Interrupted);
     }
     let (mut baseline, mut floor) = baseline::baseline(experiment, parameters, &mut counts)?;
-    let mut search = search::Search::new(experiment, &experiment.model, &fitted, floor.noise_m, &mut stage);
+    let mut search = sets::Search::new(experiment, &fitted, floor.noise_m, counts.apart(), &mut stage);
     let mut found = search.run(&baseline)?;
     if !found.leader.causes.is_empty() {
         let everywhere = !found.is_clear(&baseline);
@@ -142,12 +162,12 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
     let left = gates::fitness(&found.leader, &floor);
     let objected = left.objects(explained, floor.noise_m, baseline.count());
     let stands_in = rivals::holds_bound(&found.leader);
-    if objected || explained > search::FAR_BENT && (stands_in || !found.is_clear(&baseline)) {
-        let most = if objected { search::MOST_CAUSES } else { found.leader.causes.len() };
+    if objected || explained > sets::FAR_BENT_COST && (stands_in || !found.is_clear(&baseline)) {
+        let most = if objected { sets::MOST_CAUSES } else { found.leader.causes.len() };
         search.run_anew(&baseline, &mut found, most)?;
         found = search.with_noise_seen(&mut baseline, &mut floor, found, true)?;
     }
-    if explained > search::FAR_BENT && search.settle(&baseline, &mut found) {
+    if explained > sets::FAR_BENT_COST && search.settle(&baseline, &mut found) {
         found = search.with_noise_seen(&mut baseline, &mut floor, found, true)?;
     }
     search.says("comparing what is nearly as good")?;
@@ -157,7 +177,7 @@ pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<
     let (mut diagnosis, leader) =
         verdict::verdict(experiment, &fitted, &baseline, (&found, contest), &floor, &mut counts);
     search.says("planning the next run")?;
-    let (advice, next) = next::next(experiment, &baseline, &found, &floor, &diagnosis);
+    let (advice, next) = next::next(experiment, &baseline, &found, &floor, &diagnosis, &counts);
     diagnosis.next_experiments = advice;
     let named = !diagnosis.causes.is_empty();
     let model = if named { leader.calibrated() } else { baseline.calibrated() };

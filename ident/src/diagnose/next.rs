@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use super::detect::BEYOND_DOUBT_COST;
 use super::result::{Diagnosis, NextExperiment, Verdict};
-use super::search::{Found, sets};
+use super::sets::{Found, sets};
 use crate::design::{self, runs::Proposal};
 use crate::experiment::Experiment;
+use crate::fit::counts::Counts;
 use crate::hypothesis::candidates::Term;
 use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
@@ -13,12 +15,12 @@ use crate::noise::floor::Floor;
 /// A run worth making.
 pub type Next = Proposal;
 
-/// Runs listed.
-const LISTED: usize = 5;
-/// Separation up to which two causes are not told apart reliably.
-const SAFE: f64 = 30.0;
-/// A run that adds less than this share is none to recommend.
-const USEFUL: f64 = 0.1;
+/// Runs listed for one question.
+const MOST_LISTED: usize = 5;
+/// Cost by which two causes must differ to be told apart reliably: the cost at which a cause is seen beyond doubt.
+const TOLD_APART_COST: f64 = BEYOND_DOUBT_COST;
+/// A run that adds less than this share to what the runs tell already is none to recommend.
+const WORTHWHILE_SHARE: f64 = 0.1;
 
 /// Advice, best first, and the runs in it.
 pub(super) fn next(
@@ -27,12 +29,13 @@ pub(super) fn next(
     found: &Found<'_>,
     floor: &Floor,
     diagnosis: &Diagnosis,
+    counts: &Counts,
 ) -> (Vec<NextExperiment>, Vec<Next>) {
     let (mut advice, mut runs) = (Vec::new(), Vec::new());
     if let Some((a, b)) = rivals(found, diagnosis) {
         let names = vec![a.0.cause.name().to_owned(), b.0.cause.name().to_owned()];
-        let list = design::separating(experiment, baseline, floor, [&a, &b]);
-        for worth in list.iter().take(LISTED).filter(|w| w.after > (1.0 + USEFUL) * w.before) {
+        let list = design::separating(experiment, baseline, floor, counts, [&a, &b]);
+        for worth in list.iter().take(MOST_LISTED).filter(|w| w.after > (1.0 + WORTHWHILE_SHARE) * w.before) {
             advice.push(NextExperiment {
                 kind: worth.proposal.kind().into(),
                 what: worth.proposal.words(),
@@ -44,7 +47,7 @@ pub(super) fn next(
             runs.push(worth.proposal.clone());
         }
         let best = list.first().map_or(0.0, |worth| worth.after);
-        if best < SAFE {
+        if best < TOLD_APART_COST {
             advice.extend(elsewhere(&names));
         }
     }
@@ -65,10 +68,11 @@ pub(super) fn pinning(
     state: &State<'_>,
     floor: &Floor,
     names: &[String],
+    counts: &Counts,
 ) -> (Vec<NextExperiment>, Vec<Next>) {
     let (mut advice, mut runs): (Vec<NextExperiment>, Vec<Next>) = (Vec::new(), Vec::new());
     for name in names {
-        for worth in design::pinning(experiment, state, floor, name).into_iter().take(LISTED) {
+        for worth in design::pinning(experiment, state, floor, name, counts).into_iter().take(MOST_LISTED) {
             advice.push(NextExperiment {
                 kind: worth.proposal.kind().into(),
                 what: worth.proposal.words(),
@@ -133,7 +137,8 @@ fn elsewhere(names: &[String]) -> Option<NextExperiment> {
     } else if is(&["servo_delay", "servo_lag", "camera_delay"]) {
         "let a lamp in the picture be switched by the servo board, or add a drop whose release is on the same clock"
     } else if is(&["camera_scale", "keypoint_slip", "camera_tilt", "lens", "camera_rotation"]) {
-        "film a ruler, or a calibration board, in the plane of motion: rig calibrate camera"
+        "measure the scale: a ruler in the plane of motion, seen over at least half of the picture, gives metres_per_pixel under \
+         [calibration]"
     } else if is(&["cob_offset", "tether"]) {
         "look at the straight mechanism at rest in another pose, and at its cable"
     } else {

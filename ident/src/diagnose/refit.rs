@@ -2,29 +2,28 @@
 
 use sim::Cause;
 
-use super::baseline::NOISE_ALONE;
-use super::search::{BETTER, Found, Search, sets};
+use super::baseline::SAME_OPTIMUM_COST;
+use super::sets::{BETTER_DELTA_BIC, Found, SHORT_LIST, Search, sets};
 use crate::fit::problem::Point;
-use crate::hypothesis::candidates::{self, Term};
+use crate::hypothesis::candidates::Term;
 use crate::hypothesis::score::{Scored, Scores};
 use crate::hypothesis::state::State;
 
-/// Causes refitted in full at each stage.
-pub(super) const SHORT_LIST: usize = 5;
 /// After one step a candidate stays when its BIC is within this of the best one's, or within this share of what that one
-/// has saved.
-const NEAR: f64 = 100.0;
-const CATCH_UP: f64 = 0.9;
-/// After three steps only what is within this of the best one goes on to its optimum.
-const LAST: f64 = 30.0;
-const LAST_SHARE: f64 = 0.1;
+/// has saved: a step is mostly nearly the whole way, and what it leaves is far less than either.
+const AFTER_ONE_STEP_DELTA_BIC: f64 = 100.0;
+const AFTER_ONE_STEP_SHARE: f64 = 0.9;
 /// And so many stay in any case.
-const KEPT: usize = 3;
+const KEPT_AFTER_ONE_STEP: usize = 3;
+/// After three steps only what is within this of the best one, or within this share of what that one has saved, goes on to its
+/// optimum.
+const AFTER_THREE_STEPS_DELTA_BIC: f64 = 30.0;
+const AFTER_THREE_STEPS_SHARE: f64 = 0.1;
 /// Hidden numbers (where a stop is, how fast water sways) and choices from which a candidate is refitted, each maybe the bottom of a
 /// valley of its own: so many others for the best candidate, and for any as many as promise the same within this share, which a
 /// step from each tells apart.
-const STARTS: usize = 4;
-const SAME_PROMISE: f64 = 0.02;
+const MOST_STARTS: usize = 4;
+const SAME_PROMISE_SHARE: f64 = 0.02;
 
 impl Search<'_> {
     /// The most promising candidates, one of each cause and class of aliases.
@@ -47,17 +46,11 @@ impl Search<'_> {
         list
     }
 
-    /// Whether two candidates are of one cause, or of aliases.
-    pub(super) fn is_same(&self, one: &Term, other: &Term) -> bool {
-        one.cause == other.cause
-            || candidates::aliases(one.cause, self.experiment).contains(&other.cause.name())
-    }
-
     /// Whether some candidate is good enough to be worth a refit at all.
     pub(super) fn promises(&self, state: &State<'_>, scores: &Scores, least: f64) -> bool {
         let per_number = state.ln_count();
         scores.list.iter().any(|scored| {
-            scored.gain >= least && scored.gain - scored.count as f64 * per_number > BETTER / 2.0
+            scored.gain >= least && scored.gain - scored.count as f64 * per_number > BETTER_DELTA_BIC / 2.0
         })
     }
 
@@ -121,8 +114,8 @@ impl Search<'_> {
         reached.sort_by(f64::total_cmp);
         let best = reached.first().copied().unwrap_or(f64::INFINITY);
         // what lies far behind after a step that is nearly the last one does not catch up
-        let reach = best + NEAR.max(CATCH_UP * (state.bic() - best));
-        let reach = reach.max(reached.get(KEPT - 1).copied().unwrap_or(f64::INFINITY));
+        let reach = best + AFTER_ONE_STEP_DELTA_BIC.max(AFTER_ONE_STEP_SHARE * (state.bic() - best));
+        let reach = reach.max(reached.get(KEPT_AFTER_ONE_STEP - 1).copied().unwrap_or(f64::INFINITY));
         // unless its score had promised more, and the way there is no straight line
         let promised = |next: &State<'a>| {
             let scored = scores.list.iter().find(|scored| next.causes.last() == Some(&scored.term));
@@ -132,15 +125,15 @@ impl Search<'_> {
         let bent = |next: &State<'a>| next.causes.last().is_some_and(Term::is_strongly_bent);
         let near = first.into_iter().filter(|next| within(next, reach) || bent(next)).collect();
         let further = self.counts.of_each(near, |mut next: State<'a>, counts| {
-            next.replan(noise_m);
+            next.replan(noise_m, counts);
             next.steps(2, counts).then_some(next)
         });
         let further: Vec<State<'a>> = further.into_iter().flatten().collect();
         let best = further.iter().map(State::bic).fold(f64::INFINITY, f64::min);
-        let reach = best + LAST.max(LAST_SHARE * (state.bic() - best));
+        let reach = best + AFTER_THREE_STEPS_DELTA_BIC.max(AFTER_THREE_STEPS_SHARE * (state.bic() - best));
         let refitted = self.counts.of_each(further, |mut next, counts| {
             if within(&next, reach) {
-                next.replan(noise_m);
+                next.replan(noise_m, counts);
                 return next.descend(counts).then_some(next);
             }
             Some(next)
@@ -159,7 +152,9 @@ impl Search<'_> {
             state.descend(counts).then_some(state)
         });
         let best = ends.into_iter().flatten().min_by(|a, b| a.cost.total_cmp(&b.cost));
-        let Some(better) = best.filter(|end| end.cost < leader.cost - NOISE_ALONE) else { return false };
+        let Some(better) = best.filter(|end| end.cost < leader.cost - SAME_OPTIMUM_COST) else {
+            return false;
+        };
         let names = sets(&better);
         found.tried.retain(|state| sets(state) != names);
         found.tried.push(better.clone());
@@ -185,7 +180,7 @@ impl Search<'_> {
                 state.point.values[place] = parameter.scale.clamp(near.point.values[same]);
             }
         }
-        state.replan(self.noise_m);
+        state.replan(self.noise_m, &self.counts);
         state.descend(&mut self.counts).then_some(state)
     }
 }
@@ -193,14 +188,18 @@ impl Search<'_> {
 /// The candidate at `index`, and those of its cause that promise the same.
 fn equal_starts(index: usize, scores: &Scores) -> Vec<usize> {
     let Scored { term, gain, .. } = &scores.list[index];
-    let same = |&other: &usize| other != index && scores.list[other].gain >= (1.0 - SAME_PROMISE) * gain;
-    std::iter::once(index).chain(of_cause(term.cause, scores).into_iter().filter(same)).take(STARTS).collect()
+    let same =
+        |&other: &usize| other != index && scores.list[other].gain >= (1.0 - SAME_PROMISE_SHARE) * gain;
+    std::iter::once(index)
+        .chain(of_cause(term.cause, scores).into_iter().filter(same))
+        .take(MOST_STARTS)
+        .collect()
 }
 
 /// The most promising of the candidates that differ from `term` in hidden numbers or choices alone.
 fn starts_elsewhere(term: &Term, scores: &Scores) -> Vec<usize> {
     let differs = |&other: &usize| scores.list[other].term != *term;
-    of_cause(term.cause, scores).into_iter().filter(differs).take(STARTS).collect()
+    of_cause(term.cause, scores).into_iter().filter(differs).take(MOST_STARTS).collect()
 }
 
 /// The candidates of `cause`, the most promising first.

@@ -7,7 +7,7 @@ use crate::noise::floor::{Floor, interval_s};
 /// Length of a worst interval \[s\].
 const PIECE_S: f64 = 0.25;
 /// Worst intervals listed.
-const WORST: usize = 5;
+const WORST_LISTED: usize = 5;
 
 pub(super) fn residuals(before: &State<'_>, after: &State<'_>, floor: &Floor) -> Residuals {
     let mut list = Residuals::default();
@@ -51,7 +51,7 @@ pub(super) fn residuals(before: &State<'_>, after: &State<'_>, floor: &Floor) ->
         }
     }
     worst.sort_by(|a, b| b.rms_m.total_cmp(&a.rms_m));
-    worst.truncate(WORST);
+    worst.truncate(WORST_LISTED);
     list.worst = worst;
     list.follows = motions.shares();
     list.frequency_hz = spectrum.peak();
@@ -118,7 +118,8 @@ struct Motions {
     regressors: [Vec<f64>; 5],
 }
 
-const WHAT: [&str; 5] = ["position", "velocity", "acceleration", "direction of motion", "constant offset"];
+const REGRESSORS: [&str; 5] =
+    ["position", "velocity", "acceleration", "direction of motion", "constant offset"];
 
 impl Motions {
     fn add(
@@ -148,7 +149,7 @@ impl Motions {
     /// Share of the squares that goes with each by itself.
     fn shares(&self) -> Vec<Follows> {
         let all: f64 = self.residuals.iter().map(|r| r * r).sum();
-        let mut list: Vec<Follows> = WHAT
+        let mut list: Vec<Follows> = REGRESSORS
             .iter()
             .zip(&self.regressors)
             .map(|(what, regressor)| {

@@ -8,18 +8,19 @@ use sim::Cause;
 use super::gates::fitness;
 use super::heldout;
 use super::result::Alternative;
-use super::search::{BETTER, Found, sets};
+use super::sets::{BETTER_DELTA_BIC, Found, sets};
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
 use crate::hypothesis::candidates;
 use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
 
-/// A number this near to a bound, as a share of their distance, is at it.
-const AT_BOUND: f64 = 0.02;
+/// A hidden number this near to a bound, as a share of the bounds' width, has run into it: the least cost is beyond.
+const HIDDEN_AT_BOUND_SHARE: f64 = 0.02;
 
-/// Sets that the search, by the BIC, has no further behind than this are gone into.
-const NEAR: f64 = 2.0 * BETTER;
+/// Sets that the search, by the BIC, has no further behind than this are gone into: twice what they may be
+/// behind in the end, as held-out runs may still move them.
+const NEAR_RIVAL_DELTA_BIC: f64 = 2.0 * BETTER_DELTA_BIC;
 
 /// What a number costs that one of two sets has more, where they come near each other. The BIC's ln n expects numbers that a single
 /// observation shows: it would have a tether for an offset, which is a tether fixed far away, and one number of another cause for two
@@ -27,7 +28,7 @@ const NEAR: f64 = 2.0 * BETTER;
 ///
 /// # Source
 /// H. Akaike, "A new look at the statistical model identification", IEEE Transactions on Automatic Control 19 (1974) 716-723.
-const A_NUMBER: f64 = 2.0;
+const NUMBER_AIC_COST: f64 = 2.0;
 
 /// Another set of causes that explains the runs.
 pub(super) struct Rival {
@@ -81,7 +82,7 @@ pub(super) fn contest<'a>(
     let mut states = vec![found.leader.clone()];
     for state in found.tried.iter().filter(|state| !state.causes.is_empty()) {
         let known = states.iter().any(|other| sets(other) == sets(state));
-        let near = behind(state, &found.leader, found.leader.ln_count()) <= NEAR;
+        let near = behind(state, &found.leader, found.leader.ln_count()) <= NEAR_RIVAL_DELTA_BIC;
         if near && !known && !is_wider(state, &found.leader, experiment) {
             states.push(state.clone());
         }
@@ -102,9 +103,9 @@ pub(super) fn contest<'a>(
     let leader = ahead.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(first, |(_, other)| other);
     let mut rivals: Vec<Rival> = Vec::new();
     for other in contenders.iter().filter(|other| !is_wider(&other.state, &leader.state, experiment)) {
-        let by_fitted = behind(&other.state, &leader.state, A_NUMBER);
+        let by_fitted = behind(&other.state, &leader.state, NUMBER_AIC_COST);
         let behind = by_fitted + by_heldout(other, leader);
-        if behind <= BETTER {
+        if behind <= BETTER_DELTA_BIC {
             let names = sets(&other.state).into_iter().map(str::to_owned).collect();
             rivals.push(Rival { set: Alternative { names, delta_bic: bic - other.state.bic() }, behind });
         }
@@ -150,7 +151,7 @@ fn gone_into<'a>(
 }
 
 /// How much worse `rival` is than `leader`, as a BIC, but that of numbers that one has more than the other a hidden one (where a
-/// tether is fixed, where a stop begins) costs [`A_NUMBER`], and a size the rival `per_size`. A hidden number at a bound makes the
+/// tether is fixed, where a stop begins) costs [`NUMBER_AIC_COST`], and a size the rival `per_size`. A hidden number at a bound makes the
 /// rival another cause, and costs it the BIC's whole.
 fn behind(rival: &State<'_>, leader: &State<'_>, per_size: f64) -> f64 {
     let of_hidden = |state: &State<'_>| state.causes.iter().map(|term| term.hidden.len()).sum::<usize>();
@@ -167,7 +168,7 @@ fn behind(rival: &State<'_>, leader: &State<'_>, per_size: f64) -> f64 {
     let a_size = if sizes > 0.0 { per_size } else { whole };
     let charge = match holds_bound(rival) {
         true => all * whole,
-        false => sizes * a_size + hidden * A_NUMBER,
+        false => sizes * a_size + hidden * NUMBER_AIC_COST,
     };
     charge - saved
 }
@@ -178,7 +179,7 @@ pub(super) fn holds_bound(state: &State<'_>) -> bool {
         let place = state.parameters.free.iter().position(|parameter| parameter.name() == name);
         place.is_some_and(|place| {
             let (scale, value) = (&state.parameters.free[place].scale, state.point.values[place]);
-            let near = AT_BOUND * scale.width();
+            let near = HIDDEN_AT_BOUND_SHARE * scale.width();
             value - scale.lower() <= near || scale.upper() - value <= near
         })
     })

@@ -3,17 +3,16 @@
 //! What bends the baseline out of shape is hidden from the score test, which looks along straight lines from there. A chain with a
 //! rubber sleeve on each hinge moves otherwise altogether; only a simulation with sleeves shows it.
 
-use super::refit::SHORT_LIST;
-use super::search::Search;
+use super::sets::{SHORT_LIST, Search};
 use crate::fit::problem::Point;
 use crate::hypothesis::candidates::Term;
 use crate::hypothesis::score::Scores;
 use crate::hypothesis::state::State;
 
 /// Sizes that are tried, over the one that would move the keypoints by as much as they are away, were all linear.
-const SIZES: [f64; 6] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
+const TRIED_SIZES: [f64; 6] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
 /// Descents that go on for as long as each saves more than this.
-const WORTH_A_DESCENT: f64 = 1.0;
+const WORTH_A_DESCENT_COST: f64 = 1.0;
 const MOST_DESCENTS: usize = 4;
 
 impl Search<'_> {
@@ -44,11 +43,11 @@ impl Search<'_> {
         let refitted = self.counts.of_each(best, |mut state, counts| {
             for _ in 0..MOST_DESCENTS {
                 let before = state.cost;
-                state.replan(noise_m);
+                state.replan(noise_m, counts);
                 if !state.descend(counts) {
                     return None;
                 }
-                if before - state.cost < WORTH_A_DESCENT {
+                if before - state.cost < WORTH_A_DESCENT_COST {
                     break;
                 }
             }
@@ -67,7 +66,7 @@ fn points(term: &Term, state: &State<'_>, usual: impl Fn(&str) -> Option<f64>) -
     for (name, per_run, [lower, upper]) in term.directions(&state.model) {
         let place = state.parameters.free.iter().position(|parameter| parameter.name() == name);
         let (false, Some(place), Some(usual)) = (per_run, place, usual(&name)) else { continue };
-        for size in SIZES.iter().flat_map(|size| [size * usual, -size * usual]) {
+        for size in TRIED_SIZES.iter().flat_map(|size| [size * usual, -size * usual]) {
             let mut point = state.point.clone();
             point.values[place] += size;
             if (lower..=upper).contains(&point.values[place]) {

@@ -6,146 +6,29 @@
 
 use std::cmp::Ordering;
 
-use sim::{Cause, Model};
-
 use super::DiagnoseError;
 use super::baseline;
-use super::refit::SHORT_LIST;
-use crate::experiment::Experiment;
-use crate::fit::counts::Counts;
+use super::sets::{FURTHER_CAUSE_SHARE, Found, MOST_CAUSES, SHORT_LIST, Search, names, negligible, sets};
 use crate::fit::problem::Point;
 use crate::hypothesis::candidates::Term;
 use crate::hypothesis::score::Scores;
 use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
-use crate::statistics::chi2_survival;
 
-/// A set of causes is better when its BIC is lower by more than this: odds of 150 to 1.
-pub(super) const BETTER: f64 = 10.0;
-/// Within this of the best BIC another set is as good: odds below 2.7 to 1, which are "not worth more than a bare mention"
-/// (R. E. Kass, A. E. Raftery, "Bayes Factors", Journal of the American Statistical Association 90 (1995) 773-795).
-pub(super) const AS_GOOD: f64 = 2.0;
-/// Chance that any of all candidates looks this good where nothing is.
-const FALSE_ALARM: f64 = 1e-4;
-/// Sets that go on.
-const BEAM: usize = 3;
-/// Causes in a set.
-pub(super) const MOST_CAUSES: usize = 3;
-/// A further cause saves at least this share of what the causes before it have saved: what is less is how these are
-/// modelled.
-const SHARE: f64 = 0.01;
+/// Sets that go on to the next cause, a choice: each costs a stage of refits.
+const BEAM_WIDTH: usize = 3;
 /// A leader to which nothing can be added may still stand in for two causes that resemble it, if what it leaves exceeds the
 /// noise's squares by this share: then the sets behind it go on.
-const LEFT: f64 = 0.1;
-/// Noise that differs by less is the same.
-const OTHER_NOISE: f64 = 0.04;
-/// Cost saved an observation, in noise variances, below which a cause is there but does not matter.
-const NEGLIGIBLE: f64 = 0.0025;
-/// A cause that explains so much cost has bent the baseline so far that what bent it may not be what it points to.
-pub(super) const FAR_BENT: f64 = 2000.0;
-/// A set that explains more than that is beyond doubt where every other one is behind by as much and by this share of it.
-const FAR_BEHIND: f64 = 0.1;
-/// Nothing is beyond doubt that leaves more than this of each observation, in noise variances: what explains the rest may
-/// explain it all.
-const WELL_EXPLAINED: f64 = 3.0;
-/// Root mean square of a coordinate below which nothing matters, however certain \[m\]: pictures are wrong by a tenth of a pixel,
-/// on and on.
-pub(super) const NEGLIGIBLE_M: f64 = 2e-5;
+const LEFT_BEYOND_NOISE_SHARE: f64 = 0.1;
+/// Noise floors that differ by less than this share are the same: a search with the other would end as this one did.
+const SAME_NOISE_SHARE: f64 = 0.04;
 
-/// The cost below which something may be there but does not matter, in `count` observations with noise of `noise_m` \[m\].
-pub(super) fn negligible(noise_m: f64, count: usize) -> f64 {
-    NEGLIGIBLE.max((NEGLIGIBLE_M / noise_m).powi(2)) * count as f64
-}
-
-/// What was found.
-pub(super) struct Found<'a> {
-    /// Every set that was refitted, by BIC, the baseline among them.
-    pub(super) tried: Vec<State<'a>>,
-    /// The accepted one; the baseline where there is none.
-    pub(super) leader: State<'a>,
-    /// Scores of all candidates against the baseline.
-    pub(super) first: Scores,
-}
-
-impl<'a> Found<'a> {
-    /// The best set that was refitted of the causes of `state` but the one called `name`.
-    pub(super) fn without(&self, state: &State<'_>, name: &str) -> Option<&State<'a>> {
-        let rest: Vec<&str> = sets(state).into_iter().filter(|own| *own != name).collect();
-        self.tried.iter().find(|state| sets(state) == rest)
-    }
-
-    /// Whether the leader is beyond doubt: it explains very much, leaves little, and nothing else comes near.
-    pub(super) fn is_clear(&self, baseline: &State<'_>) -> bool {
-        let leader = sets(&self.leader);
-        let far = FAR_BENT.max(FAR_BEHIND * (baseline.cost - self.leader.cost));
-        let holds_leader = |state: &State<'_>| leader.iter().all(|name| sets(state).contains(name));
-        let mut others = self.tried.iter().filter(|state| !holds_leader(state));
-        let explained = self.leader.cost < WELL_EXPLAINED * self.leader.count() as f64;
-        !leader.is_empty() && explained && others.all(|other| other.bic() - self.leader.bic() > far)
-    }
-}
-
-/// The candidates and what they may be combined with.
-pub(super) struct Search<'b> {
-    pub(super) experiment: &'b Experiment,
-    candidates: Vec<Term>,
-    pub(super) counts: Counts,
-    /// The noise of one coordinate \[m\].
-    pub(super) noise_m: f64,
-    /// Sets to which every candidate was tried to be added.
-    pub(super) expanded: Vec<Vec<&'static str>>,
-    stage: &'b mut dyn FnMut(&str) -> bool,
-}
-
-impl<'b> Search<'b> {
-    pub(super) fn new(
-        experiment: &'b Experiment,
-        model: &Model,
-        fitted: &[Cause],
-        noise_m: f64,
-        stage: &'b mut dyn FnMut(&str) -> bool,
-    ) -> Self {
-        let free = Cause::ALL.iter().copied().filter(|cause| !fitted.contains(cause));
-        let candidates = free.flat_map(|cause| Term::all(cause, model)).collect();
-        Self { experiment, candidates, counts: Counts::default(), noise_m, expanded: Vec::new(), stage }
-    }
-
-    pub(super) fn says(&mut self, stage: &str) -> Result<(), DiagnoseError> {
-        if (self.stage)(stage) { Ok(()) } else { Err(DiagnoseError::Interrupted) }
-    }
-
+impl Search<'_> {
     /// From here on noise is that of `floor`, for `baseline` too, which goes to its optimum with it.
     pub(super) fn weigh(&mut self, baseline: &mut State<'_>, floor: &Floor) {
         self.noise_m = floor.noise_m;
         baseline.weigh(floor);
         baseline.descend(&mut self.counts);
-    }
-
-    /// Candidates that may join `state`.
-    fn open(&self, state: &State<'_>) -> Vec<Term> {
-        let taken = |term: &&Term| state.causes.iter().any(|own| self.is_same(own, term));
-        self.candidates.iter().filter(|term| !taken(term)).cloned().collect()
-    }
-
-    pub(super) fn score(&mut self, state: &State<'_>) -> Scores {
-        let open = self.open(state);
-        self.counts.rollouts += (open.len() * state.terms.len()) as u64;
-        Scores::new(state, &open)
-    }
-
-    /// Whether `better` is so much better than `worse` that it is no chance.
-    fn accepts(&self, worse: &State<'_>, better: &State<'_>) -> bool {
-        let gain = worse.cost - better.cost;
-        let numbers = better.added.saturating_sub(worse.added).max(1);
-        let chance = chi2_survival(gain, numbers as f64) * self.candidates.len() as f64;
-        worse.bic() - better.bic() > BETTER
-            && chance < FALSE_ALARM
-            && gain > negligible(self.noise_m, better.count())
-    }
-
-    /// Whether `better` is so much better than `worse`, with fewer causes, that it is neither chance nor how those are modelled.
-    fn needs(&self, baseline: &State<'_>, worse: &State<'_>, better: &State<'_>) -> bool {
-        self.accepts(worse, better) && worse.cost - better.cost >= SHARE * (baseline.cost - worse.cost)
     }
 
     /// Looks for the best set of causes beside `baseline`.
@@ -164,7 +47,7 @@ impl<'b> Search<'b> {
         is_clear: bool,
     ) -> Result<Found<'a>, DiagnoseError> {
         let seen = baseline::seen_floor(&found.leader)?;
-        if found.leader.causes.is_empty() || baseline::is_same(floor, &seen, OTHER_NOISE) {
+        if found.leader.causes.is_empty() || baseline::is_same(floor, &seen, SAME_NOISE_SHARE) {
             return Ok(found);
         }
         *floor = seen;
@@ -271,22 +154,22 @@ impl<'b> Search<'b> {
             }
             leader = best.clone();
             let mut scores = self.score(&leader);
-            let mut least = matters.max(SHARE * (baseline.cost - leader.cost));
+            let mut least = matters.max(FURTHER_CAUSE_SHARE * (baseline.cost - leader.cost));
             let mut more = depth < most && self.promises(&leader, &scores, least);
             if more && depth == 1 && self.started_anew(baseline, &mut beam, &mut leader) {
                 tried.extend(beam.iter().cloned());
                 scores = self.score(&leader);
-                least = matters.max(SHARE * (baseline.cost - leader.cost));
+                least = matters.max(FURTHER_CAUSE_SHARE * (baseline.cost - leader.cost));
                 more = self.promises(&leader, &scores, least);
             }
             let mut next = Vec::new();
-            let leaves_much = leader.cost > (1.0 + LEFT) * leader.count() as f64;
+            let leaves_much = leader.cost > (1.0 + LEFT_BEYOND_NOISE_SHARE) * leader.count() as f64;
             if more || leaves_much && depth < most {
                 self.says("looking for a further cause")?;
                 if more {
                     next = self.expand(&leader, &scores, Vec::new());
                 }
-                for mut other in beam.iter().skip(1).take(BEAM - 1).cloned() {
+                for mut other in beam.iter().skip(1).take(BEAM_WIDTH - 1).cloned() {
                     if other.descend(&mut self.counts) {
                         let scores = self.score(&other);
                         // alone, it has the leader to overtake
@@ -316,7 +199,7 @@ impl<'b> Search<'b> {
         leader: &mut State<'a>,
     ) -> bool {
         let before = leader.bic();
-        for state in beam.iter_mut().take(BEAM) {
+        for state in beam.iter_mut().take(BEAM_WIDTH) {
             let offsets = state.point.offsets.clone();
             let mut anew = state.started_at(&Point { values: baseline.parameters.start(), offsets });
             if anew.descend(&mut self.counts) && anew.bic() < state.bic() {
@@ -377,17 +260,6 @@ impl<'b> Search<'b> {
         }
         Ok(leader)
     }
-}
-
-/// Names of the causes of `state`, sorted.
-pub(super) fn sets(state: &State<'_>) -> Vec<&'static str> {
-    names(&state.causes)
-}
-
-fn names(causes: &[Term]) -> Vec<&'static str> {
-    let mut names: Vec<&'static str> = causes.iter().map(|term| term.cause.name()).collect();
-    names.sort_unstable();
-    names
 }
 
 fn without(causes: &[Term], dropped: usize) -> Vec<Term> {

@@ -9,7 +9,7 @@ use super::result::{
     Whiteness,
 };
 use super::rivals::{Contest, Rival};
-use super::search::{AS_GOOD, Found, sets};
+use super::sets::{Found, sets};
 use super::{detect, extend, gain, heldout, residuals};
 use crate::experiment::{Experiment, Spike};
 use crate::fit::counts::Counts;
@@ -17,6 +17,10 @@ use crate::hypothesis::candidates;
 use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
 use crate::text::millimetres;
+
+/// Within this of the best BIC another set is as good: odds below 2.7 to 1, which are "not worth more than a bare mention"
+/// (R. E. Kass, A. E. Raftery, "Bayes Factors", Journal of the American Statistical Association 90 (1995) 773-795).
+const AS_GOOD_DELTA_BIC: f64 = 2.0;
 
 /// Puts together what was found; also the state that describes the runs best.
 pub(super) fn verdict<'a>(
@@ -56,7 +60,7 @@ pub(super) fn verdict<'a>(
         }
     };
     let (rivals, others): (Vec<Rival>, Vec<Rival>) =
-        contest.rivals.into_iter().partition(|rival| rival.behind <= AS_GOOD);
+        contest.rivals.into_iter().partition(|rival| rival.behind <= AS_GOOD_DELTA_BIC);
     let verdict = match verdict {
         Verdict::Cause | Verdict::Causes if !rivals.is_empty() => Verdict::Ambiguous,
         other => other,
@@ -76,7 +80,7 @@ pub(super) fn verdict<'a>(
     remarks.extend(experiment.runs.iter().filter_map(|run| Spike::sentence(&run.id, &run.set_aside)));
     let describes = names || verdict == Verdict::Unexplained;
     let leader = if describes { leader.clone() } else { baseline.clone() };
-    let list = named(experiment, baseline, &leader, &gates.constancy, found);
+    let list = named(experiment, baseline, &leader, &gates.constancy, found, counts);
     let sentence = sentence(verdict, &list, &rivals, &before, floor);
     let diagnosis = Diagnosis {
         verdict,
@@ -141,7 +145,7 @@ impl Gates {
         floor: &Floor,
         counts: &mut Counts,
     ) -> Self {
-        let mut more = Counts::default();
+        let mut more = counts.apart();
         let (heldout, gained) = rayon::join(
             || heldout::fitness(experiment, leader, floor, counts),
             || match leader.causes.is_empty() {
@@ -222,8 +226,9 @@ fn named(
     leader: &State<'_>,
     tests: &[(ConstancyTest, Vec<PerRun>)],
     found: &Found<'_>,
+    counts: &Counts,
 ) -> Vec<NamedCause> {
-    let values = extend::values(leader, baseline.parameters.len());
+    let values = extend::values(leader, baseline.parameters.len(), counts);
     let of = |name: &str, cause: &str| name.split('/').next() == Some(cause);
     let one = |term: &candidates::Term| {
         let info = term.info();

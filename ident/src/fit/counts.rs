@@ -1,18 +1,40 @@
-//! What a fit has cost so far.
+//! What a fit has cost so far, and whether anybody still waits for it.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Candidates tried and runs simulated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Counts {
     /// Parameter vectors tried, those of finite differences included.
     pub(crate) evaluations: u64,
     /// Runs simulated.
     pub(crate) rollouts: u64,
+    /// Raised by whoever no longer waits. From then on no run is simulated: every point looks as if it could not be, so that
+    /// all loops end by themselves, and what they found is to be thrown away.
+    #[serde(skip)]
+    stop: Arc<AtomicBool>,
 }
 
 impl Counts {
+    /// Nothing counted yet; `stop` says when nobody waits any longer.
+    pub(crate) fn until(stop: Arc<AtomicBool>) -> Self {
+        Self { stop, ..Self::default() }
+    }
+
+    /// Nothing counted yet, for part of the same work.
+    pub(crate) fn apart(&self) -> Self {
+        Self::until(Arc::clone(&self.stop))
+    }
+
+    /// Whether nobody waits for the result any longer.
+    pub(crate) fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
     /// Counts what was counted apart.
     pub(crate) fn add(&mut self, other: &Self) {
         self.evaluations += other.evaluations;
@@ -26,7 +48,7 @@ impl Counts {
         work: impl Fn(T, &mut Self) -> R + Sync,
     ) -> Vec<R> {
         let counted = items.into_par_iter().map(|item| {
-            let mut own = Self::default();
+            let mut own = self.apart();
             (work(item, &mut own), own)
         });
         let (results, counts): (Vec<R>, Vec<Self>) = counted.unzip();

@@ -25,7 +25,7 @@ const DRAWN_PER_PARAMETER: usize = 8;
 /// Starts among the drawn points.
 const DRAWN_STARTS: usize = 1;
 /// Mean squared residual, in that of the noise, up to which no other optimum is worth looking for.
-const AT_THE_NOISE: f64 = 1.1;
+const AT_THE_NOISE_RATIO: f64 = 1.1;
 
 /// Takes a fit through its stages.
 pub(super) struct Driver<'a> {
@@ -91,7 +91,7 @@ impl Driver<'_> {
             }
         };
         let experiment = self.fingerprint.clone();
-        Checkpoint { experiment, counts: *counts, stage, ended: Vec::new(), waiting }
+        Checkpoint { experiment, counts: counts.clone(), stage, ended: Vec::new(), waiting }
     }
 
     /// A descent that begins on the rough objective, if there is one, where it may use half of the evaluations up to `limit`.
@@ -137,7 +137,7 @@ impl Driver<'_> {
                     ("descent", descent.cost, descent.end.map(|end| end.name()), descent.near)
                 }
             };
-            state.counts = *counts;
+            state.counts = counts.clone();
             let best =
                 state.ended.iter().filter_map(|ended| ended.cost).chain(cost).fold(f64::INFINITY, f64::min);
             let flow = observer.progress(&Progress {
@@ -180,7 +180,7 @@ impl Driver<'_> {
 
     /// Whether `cost` is what noise alone leaves.
     fn at_the_noise(&self, cost: Option<f64>) -> bool {
-        cost.is_some_and(|cost| cost <= AT_THE_NOISE * self.squares)
+        cost.is_some_and(|cost| cost <= AT_THE_NOISE_RATIO * self.squares)
     }
 
     /// Candidates that a search may try.

@@ -20,16 +20,14 @@ use super::report::{Combination, Fit, FittedParameter, JointInformation, NoiseSe
 use crate::experiment::{Experiment, Use};
 use crate::geometry::characteristic_length_m;
 use crate::loss::{SquaredError, keypoint_errors};
-use crate::parameters::Parameters;
+use crate::parameters::{ON_BOUND_SHARE, Parameters};
 
-/// A value this share of the bounds' width from a bound lies on it.
-const AT_BOUND: f64 = 1e-9;
 /// Losses that differ by no more than this share are one.
-const SAME_LOSS: f64 = 0.01;
+const SAME_LOSS_SHARE: f64 = 0.01;
 /// Settled values that differ by no more standard deviations are one.
-const SAME_VALUE: f64 = 3.0;
+const SAME_VALUE_Z: f64 = 3.0;
 /// Residuals of up to this many times the noise that the images show are noise.
-const NOISE_ALONE: f64 = 1.25;
+const NOISE_ALONE_RATIO: f64 = 1.25;
 
 pub(super) fn finish(
     experiment: &Experiment,
@@ -43,7 +41,7 @@ pub(super) fn finish(
         Some(linear) => Cow::Borrowed(&linear[..]),
         None => {
             // After a resumption what was counted before is found again.
-            let (by_parameters, mut aside) = (!point.values.is_empty(), Counts::default());
+            let (by_parameters, mut aside) = (!point.values.is_empty(), counts.apart());
             let counts = if arrival.settled { &mut aside } else { &mut counts };
             Cow::Owned(problem.linearise(point, by_parameters, counts).ok_or(FitError::NoOptimum)?)
         }
@@ -144,7 +142,7 @@ fn noise_m(objective: &Objective<'_>, known: &Information, assumed: &AssumedNois
     };
     let left_m = mean_square(&|run| known.runs[run].seen.rms_m.powi(2)).sqrt();
     let shown_m = mean_square(&|run| assumed.of_run(terms[run].rehearsal.run).powi(2)).sqrt();
-    if left_m <= NOISE_ALONE * shown_m { left_m } else { shown_m }
+    if left_m <= NOISE_ALONE_RATIO * shown_m { left_m } else { shown_m }
 }
 
 fn fitted_parameters(
@@ -158,7 +156,7 @@ fn fitted_parameters(
     let mut list = Vec::new();
     for (i, parameter) in parameters.free.iter().enumerate() {
         let (scale, value) = (&parameter.scale, point.values[i]);
-        let near = AT_BOUND * scale.width();
+        let near = ON_BOUND_SHARE * scale.width();
         let by_run = constancy(parameters, &point.values, known, &ids, i);
         let by_run = by_run.filter(|_| known.determined[i]);
         list.extend(parameter.names.iter().map(|name| FittedParameter {
@@ -208,12 +206,12 @@ fn starts(arrival: &Arrival, known: &Information, loss_m2: f64) -> Vec<StartLoss
     let Some(best) = best(&arrival.ended) else { return Vec::new() };
     let agrees = |ended: &Ended| {
         let same_loss =
-            ended.cost.zip(best.cost).is_some_and(|(cost, best)| cost <= best * (1.0 + SAME_LOSS));
+            ended.cost.zip(best.cost).is_some_and(|(cost, best)| cost <= best * (1.0 + SAME_LOSS_SHARE));
         let values = ended.point.values.iter().zip(&best.point.values).zip(&known.std).zip(&known.determined);
         same_loss
             && values
                 .into_iter()
-                .all(|(((a, b), std), settled)| !settled || (a - b).abs() <= SAME_VALUE * std)
+                .all(|(((a, b), std), settled)| !settled || (a - b).abs() <= SAME_VALUE_Z * std)
     };
     let start = |ended: &Ended| StartLoss {
         from: ended.origin,

@@ -173,6 +173,9 @@ impl<'a> Problem<'a> {
         let parts: Vec<Vec<f64>> = tasks
             .par_iter()
             .map(|&(run, first)| {
+                if counts.is_stopped() {
+                    return vec![f64::INFINITY; together.min(points.len() - first)];
+                }
                 let (term, points) = (&self.terms[run], &points[first..points.len().min(first + together)]);
                 let residuals = term.residuals(self, &places, points, run);
                 let cost = |(residuals, point): (Option<DVector<f64>>, &Point)| {
@@ -206,7 +209,8 @@ impl<'a> Problem<'a> {
         let places = self.parameters.places();
         let one = |run: usize| {
             let points = std::slice::from_ref(point);
-            self.terms[run].residuals(self, &places, points, run).pop().flatten()
+            let simulated = || self.terms[run].residuals(self, &places, points, run).pop().flatten();
+            if counts.is_stopped() { None } else { simulated() }
         };
         (0..self.terms.len()).into_par_iter().map(one).collect()
     }
@@ -242,7 +246,8 @@ impl<'a> Problem<'a> {
             .par_iter()
             .map(|&(run, first)| {
                 let columns = first..first + together;
-                self.terms[run].linear(self.model, &at, &point.offsets[run], columns)
+                let linear = || self.terms[run].linear(self.model, &at, &point.offsets[run], columns);
+                if counts.is_stopped() { None } else { linear() }
             })
             .collect();
         let mut linear: Vec<Linear> = Vec::with_capacity(self.terms.len());

@@ -165,7 +165,7 @@ pub(super) fn run(
     };
     let state = match begin {
         Begin::At(state) => {
-            counts = state.counts;
+            counts = state.counts.clone();
             *state
         }
         Begin::Warm(_) | Begin::Afresh => {

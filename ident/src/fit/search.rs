@@ -3,7 +3,7 @@
 //! The starts of the runs are not searched but eliminated: at an anchor point every run's start is fitted by
 //! least squares, and how its keypoints answer to it is linearised there. Each candidate then costs one
 //! simulation per run, and the part of its residuals that another start would explain is taken out of its
-//! loss. Every [`PERIOD`] generations the best candidate has its starts fitted for real; if it is better, it
+//! loss. Every [`ANCHOR_PERIOD`] generations the best candidate has its starts fitted for real; if it is better, it
 //! becomes the anchor. Searched as extra dimensions instead, three angles per run would double the dimension
 //! of a fit of a few runs and hide shallow directions of the parameters behind steep ones of the poses.
 
@@ -19,16 +19,16 @@ use crate::cmaes::{CmaEs, Options, Restarting, Restarts, Stop};
 use crate::config::Loss;
 
 /// Generations between anchors.
-const PERIOD: u64 = 10;
+const ANCHOR_PERIOD: u64 = 10;
 /// Initial step as a share of the unit box: the start is a guess, the box holds everything possible.
-const SIGMA: f64 = 0.2;
+const FIRST_STEP_SHARE: f64 = 0.2;
 /// Losses that differ less, as a share of the best, end the search.
 const TOL_LOSS_SHARE: f64 = 1e-8;
 /// Steps shorter than this share of the box end the search.
-const TOL_STEP: f64 = 1e-7;
+const TOL_STEP_SHARE: f64 = 1e-7;
 /// Candidates that one pass simulates side by side with AVX2, half of those with AVX-512 (see [`sim::Isa::candidates`]): as long
 /// as there are fewer, more of them take no longer.
-const FULL: usize = 8;
+const PASS_CANDIDATES: usize = 8;
 
 /// A search under way. Serialising it loses nothing.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -61,7 +61,7 @@ struct Elimination {
 
 /// Candidates of a generation: the tutorial's 4 + 3 ln D, and as many more as fill a pass.
 fn population(dimension: usize) -> usize {
-    (4 + (3.0 * (dimension.max(1) as f64).ln()) as usize).next_multiple_of(FULL)
+    (4 + (3.0 * (dimension.max(1) as f64).ln()) as usize).next_multiple_of(PASS_CANDIDATES)
 }
 
 impl Search {
@@ -75,13 +75,13 @@ impl Search {
         counts: &mut Counts,
     ) -> Self {
         let options = Options {
-            sigma: SIGMA,
+            sigma: FIRST_STEP_SHARE,
             unit_box: true,
             seed,
             max_evaluations,
             tol_loss: 0.0,
             tol_loss_share: TOL_LOSS_SHARE,
-            tol_step: TOL_STEP,
+            tol_step: TOL_STEP_SHARE,
             population: Some(population(objective.parameters().len())),
             ..Options::default()
         };
@@ -101,7 +101,7 @@ impl Search {
         if self.elimination.is_none() {
             // On resuming, these rollouts were counted before.
             let fresh = self.sampler.generation() == 0 && self.restarting.count() == 0;
-            let mut aside = Counts::default();
+            let mut aside = counts.apart();
             self.elimination =
                 Some(eliminate(objective, &self.anchor, if fresh { counts } else { &mut aside }));
         }
@@ -114,7 +114,7 @@ impl Search {
         }
         self.sampler.tell(&generation, &losses);
         let converged = self.sampler.stop();
-        if self.sampler.generation().is_multiple_of(PERIOD) || converged.is_some() {
+        if self.sampler.generation().is_multiple_of(ANCHOR_PERIOD) || converged.is_some() {
             self.drop_anchor(objective, counts);
         }
         if converged.is_some() {
@@ -185,7 +185,7 @@ pub(super) fn settle(
         .into_par_iter()
         .map(|run| {
             let start = Point { values: point.values.clone(), offsets: vec![point.offsets[run].clone()] };
-            let (mut descent, mut own) = (Descent::new(start, None), Counts::default());
+            let (mut descent, mut own) = (Descent::new(start, None), counts.apart());
             let alone = objective.alone(run);
             if alone.problem.terms[0].rehearsal.nuisances.is_empty() {
                 let cost = alone.costs(std::slice::from_ref(&descent.point), false, &mut own)[0];

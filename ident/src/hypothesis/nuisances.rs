@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DMatrixViewMut, DVector};
 use rayon::prelude::*;
 
 use super::state::State;
+use crate::parameters::ON_BOUND_SHARE;
 
 /// Everything that is fitted anyway, to be taken out of what a cause would do; what a bound stops is not, as it cannot follow.
 pub(crate) struct Nuisances {
@@ -98,14 +99,11 @@ impl Nuisances {
 /// Whether the common number `which` rests on a bound beyond which the data would have it.
 fn is_stopped(state: &State<'_>, which: usize) -> bool {
     let (scale, value) = (state.parameters.free[which].scale, state.point.values[which]);
-    let near = AT_BOUND * scale.width();
+    let near = ON_BOUND_SHARE * scale.width();
     let slope: f64 =
         state.linear.iter().map(|linear| linear.jacobian.column(which).dot(&linear.residuals)).sum();
     slope > 0.0 && value - scale.lower() <= near || slope < 0.0 && scale.upper() - value <= near
 }
-
-/// A number this near to a bound, as a share of their distance, rests on it.
-const AT_BOUND: f64 = 1e-9;
 
 /// Covariance of the common numbers of `state`, as far as all is linear, shape (P, P); even bounds count as beliefs.
 pub(crate) fn covariance(state: &State<'_>) -> Option<DMatrix<f64>> {
@@ -160,7 +158,7 @@ fn basis(jacobian: &DMatrix<f64>, first: usize) -> DMatrix<f64> {
 }
 
 /// Rows that are made triangular together.
-const BLOCK: usize = 500;
+const BLOCK_ROWS: usize = 500;
 
 /// An orthonormal basis of the span of `columns`, which are many times longer than there are of them: blocks of rows are
 /// made triangular first, then all their triangles, and the columns are divided by the last one.
@@ -169,10 +167,10 @@ fn orthonormal(columns: DMatrix<f64>) -> DMatrix<f64> {
     if count == 0 {
         return columns;
     }
-    let blocks: Vec<usize> = (0..rows).step_by(BLOCK).collect();
+    let blocks: Vec<usize> = (0..rows).step_by(BLOCK_ROWS).collect();
     let triangles: Vec<DMatrix<f64>> = blocks
         .par_iter()
-        .map(|&from| columns.rows(from, BLOCK.min(rows - from)).into_owned().qr().unpack_r())
+        .map(|&from| columns.rows(from, BLOCK_ROWS.min(rows - from)).into_owned().qr().unpack_r())
         .collect();
     let mut stacked = DMatrix::zeros(triangles.iter().map(DMatrix::nrows).sum(), count);
     let mut from = 0;
@@ -183,7 +181,7 @@ fn orthonormal(columns: DMatrix<f64>) -> DMatrix<f64> {
     let triangle = stacked.qr().unpack_r();
     let largest = triangle.diagonal().amax();
     match triangle.clone().try_inverse() {
-        Some(inverse) if triangle.diagonal().iter().all(|x| x.abs() > SINGULAR * largest) => {
+        Some(inverse) if triangle.diagonal().iter().all(|x| x.abs() > SINGULAR_SHARE * largest) => {
             columns * inverse
         }
         // columns that depend on each other
@@ -192,7 +190,7 @@ fn orthonormal(columns: DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// A diagonal entry this small beside the largest is none.
-const SINGULAR: f64 = 1e-9;
+const SINGULAR_SHARE: f64 = 1e-9;
 
 fn take_out(basis: &DMatrix<f64>, mut columns: DMatrixViewMut<'_, f64>) {
     if basis.ncols() > 0 {

@@ -15,6 +15,7 @@ use sim::Model;
 use super::candidates::Term;
 use super::nuisances::Nuisances;
 use super::state::State;
+use crate::fit::counts::Counts;
 use crate::fit::problem::Linear;
 use crate::simulate::Numbers;
 
@@ -42,7 +43,7 @@ pub(crate) struct Scored {
 }
 
 /// Columns that are projected together.
-const TOGETHER: usize = 8;
+const COLUMNS_TOGETHER: usize = 8;
 
 /// All candidates against one state.
 pub(crate) struct Scores {
@@ -65,14 +66,16 @@ struct Pack {
 }
 
 impl Scores {
-    /// Scores `candidates` at the optimum `state`.
-    pub(crate) fn new(state: &State<'_>, candidates: &[Term]) -> Self {
+    /// Scores `candidates` at the optimum `state`; `counts` says whether anybody waits for it.
+    pub(crate) fn new(state: &State<'_>, candidates: &[Term], counts: &Counts) -> Self {
         let packs = packs(&state.model, candidates);
         let nuisances = Nuisances::new(state);
         let tasks: Vec<(usize, usize)> =
             (0..packs.len()).flat_map(|pack| (0..state.terms.len()).map(move |run| (pack, run))).collect();
-        let parts: Vec<Option<Linear>> =
-            tasks.par_iter().map(|&(pack, run)| packs[pack].linear(state, run)).collect();
+        let linear = |&(pack, run): &(usize, usize)| {
+            if counts.is_stopped() { None } else { packs[pack].linear(state, run) }
+        };
+        let parts: Vec<Option<Linear>> = tasks.par_iter().map(linear).collect();
 
         let runs = state.terms.len();
         let mut columns: Vec<Column> = Vec::new();
@@ -101,7 +104,7 @@ impl Scores {
             }
         });
         let mut projected = raw.clone();
-        projected.as_mut_slice().par_chunks_mut(TOGETHER * rows.max(1)).for_each(|several| {
+        projected.as_mut_slice().par_chunks_mut(COLUMNS_TOGETHER * rows.max(1)).for_each(|several| {
             let mut several = DMatrixViewMut::from_slice(several, rows, several.len() / rows);
             // in units of their own length, so that none is lost beside a larger one
             let lengths: Vec<f64> =

@@ -53,7 +53,7 @@ fn relative_std(trajectory: &Trajectory) -> Vec<f64> {
 }
 
 /// A share of the cost that is not worth a step: a twentieth of what could matter to anyone.
-const SMALL: f64 = 1e-5;
+const NOT_WORTH_A_STEP_SHARE: f64 = 1e-5;
 /// Most steps of one descent: a fit that needs more is told apart by the next one.
 const MOST_STEPS: usize = 25;
 
@@ -115,7 +115,7 @@ impl<'a> State<'a> {
                     linear = found;
                 }
                 let before = descent.point.clone();
-                descent.step_with(&objective, &linear, SMALL, counts);
+                descent.step_with(&objective, &linear, NOT_WORTH_A_STEP_SHARE, counts);
                 if descent.point != before {
                     linear.clear();
                 }
@@ -147,7 +147,10 @@ impl<'a> State<'a> {
 
     /// Plans the steps of all runs for what the model does now, and for noise of `noise_m` \[m\]: with a cause it may be stiffer
     /// than the one they were planned for.
-    pub(crate) fn replan(&mut self, noise_m: f64) {
+    pub(crate) fn replan(&mut self, noise_m: f64, counts: &Counts) {
+        if counts.is_stopped() {
+            return;
+        }
         let model = self.calibrated();
         self.terms.par_iter_mut().zip(&self.point.offsets).for_each(|(term, offsets)| {
             term.rehearsal = term.rehearsal.clone().replanned(&model, offsets, noise_m);

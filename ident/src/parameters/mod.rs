@@ -11,6 +11,7 @@ mod select;
 use sim::Model;
 
 pub use error::ParameterError;
+pub(crate) use scale::ON_BOUND_SHARE;
 pub use scale::Scale;
 
 use crate::config::Prior;

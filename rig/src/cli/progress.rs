@@ -78,4 +78,8 @@ impl diagnose::Observer for Bar {
         self.say(format!("diagnosis: {stage}"));
         !self.interrupted.load(Ordering::Relaxed)
     }
+
+    fn interrupted(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.interrupted)
+    }
 }

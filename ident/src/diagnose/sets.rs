@@ -1,0 +1,146 @@
+//! Sets of causes: which there may be, and when one is better than another.
+
+use sim::Cause;
+
+use super::DiagnoseError;
+use crate::experiment::Experiment;
+use crate::fit::counts::Counts;
+use crate::hypothesis::candidates::{self, Term};
+use crate::hypothesis::score::Scores;
+use crate::hypothesis::state::State;
+use crate::statistics::chi2_survival;
+
+/// A set of causes is better when its BIC is lower by more than this: odds of 150 to 1.
+pub(super) const BETTER_DELTA_BIC: f64 = 10.0;
+/// Chance that any of all candidates looks this good where nothing is.
+const FALSE_ALARM_P: f64 = 1e-4;
+/// Causes in a set, a choice: each further one costs a stage of refits.
+pub(super) const MOST_CAUSES: usize = 3;
+/// Causes refitted in full at each stage, a choice: each costs a descent.
+pub(super) const SHORT_LIST: usize = 5;
+/// A further cause saves at least this share of the cost that the causes before it have saved: what is less is how these are
+/// modelled.
+pub(super) const FURTHER_CAUSE_SHARE: f64 = 0.01;
+/// Cost saved an observation, in noise variances, below which a cause is there but does not matter: a twentieth of the noise's
+/// standard deviation.
+const NEGLIGIBLE_VARIANCES: f64 = 0.0025;
+/// Root mean square of a coordinate below which nothing matters, however certain \[m\]: pictures are wrong by a tenth of a pixel,
+/// on and on.
+pub(super) const NEGLIGIBLE_M: f64 = 2e-5;
+/// A cause that explains so much cost has bent the baseline so far that what bent it may not be what it points to.
+pub(super) const FAR_BENT_COST: f64 = 2000.0;
+/// A set that explains more than that is beyond doubt where every other one is behind by as much and by this share of it.
+const FAR_BEHIND_SHARE: f64 = 0.1;
+/// Nothing is beyond doubt that leaves more than this of each observation, in noise variances: what explains the rest may
+/// explain it all.
+const WELL_EXPLAINED_VARIANCES: f64 = 3.0;
+
+/// The cost below which something may be there but does not matter, in `count` observations with noise of `noise_m` \[m\].
+pub(super) fn negligible(noise_m: f64, count: usize) -> f64 {
+    NEGLIGIBLE_VARIANCES.max((NEGLIGIBLE_M / noise_m).powi(2)) * count as f64
+}
+
+/// What was found.
+pub(super) struct Found<'a> {
+    /// Every set that was refitted, by BIC, the baseline among them.
+    pub(super) tried: Vec<State<'a>>,
+    /// The accepted one; the baseline where there is none.
+    pub(super) leader: State<'a>,
+    /// Scores of all candidates against the baseline.
+    pub(super) first: Scores,
+}
+
+impl<'a> Found<'a> {
+    /// The best set that was refitted of the causes of `state` but the one called `name`.
+    pub(super) fn without(&self, state: &State<'_>, name: &str) -> Option<&State<'a>> {
+        let rest: Vec<&str> = sets(state).into_iter().filter(|own| *own != name).collect();
+        self.tried.iter().find(|state| sets(state) == rest)
+    }
+
+    /// Whether the leader is beyond doubt: it explains very much, leaves little, and nothing else comes near.
+    pub(super) fn is_clear(&self, baseline: &State<'_>) -> bool {
+        let leader = sets(&self.leader);
+        let far = FAR_BENT_COST.max(FAR_BEHIND_SHARE * (baseline.cost - self.leader.cost));
+        let holds_leader = |state: &State<'_>| leader.iter().all(|name| sets(state).contains(name));
+        let mut others = self.tried.iter().filter(|state| !holds_leader(state));
+        let explained = self.leader.cost < WELL_EXPLAINED_VARIANCES * self.leader.count() as f64;
+        !leader.is_empty() && explained && others.all(|other| other.bic() - self.leader.bic() > far)
+    }
+}
+
+/// The candidates and what they may be combined with.
+pub(super) struct Search<'b> {
+    pub(super) experiment: &'b Experiment,
+    candidates: Vec<Term>,
+    pub(super) counts: Counts,
+    /// The noise of one coordinate \[m\].
+    pub(super) noise_m: f64,
+    /// Sets to which every candidate was tried to be added.
+    pub(super) expanded: Vec<Vec<&'static str>>,
+    stage: &'b mut dyn FnMut(&str) -> bool,
+}
+
+impl<'b> Search<'b> {
+    pub(super) fn new(
+        experiment: &'b Experiment,
+        fitted: &[Cause],
+        noise_m: f64,
+        counts: Counts,
+        stage: &'b mut dyn FnMut(&str) -> bool,
+    ) -> Self {
+        let free = Cause::ALL.iter().copied().filter(|cause| !fitted.contains(cause));
+        let candidates = free.flat_map(|cause| Term::all(cause, &experiment.model)).collect();
+        Self { experiment, candidates, counts, noise_m, expanded: Vec::new(), stage }
+    }
+
+    pub(super) fn says(&mut self, stage: &str) -> Result<(), DiagnoseError> {
+        let goes_on = !self.counts.is_stopped() && (self.stage)(stage);
+        if goes_on { Ok(()) } else { Err(DiagnoseError::Interrupted) }
+    }
+
+    /// Candidates that may join `state`.
+    pub(super) fn open(&self, state: &State<'_>) -> Vec<Term> {
+        let taken = |term: &&Term| state.causes.iter().any(|own| self.is_same(own, term));
+        self.candidates.iter().filter(|term| !taken(term)).cloned().collect()
+    }
+
+    pub(super) fn score(&mut self, state: &State<'_>) -> Scores {
+        let open = self.open(state);
+        self.counts.rollouts += (open.len() * state.terms.len()) as u64;
+        Scores::new(state, &open, &self.counts)
+    }
+
+    /// Whether `better` is so much better than `worse` that it is no chance.
+    pub(super) fn accepts(&self, worse: &State<'_>, better: &State<'_>) -> bool {
+        let gain = worse.cost - better.cost;
+        let numbers = better.added.saturating_sub(worse.added).max(1);
+        let chance = chi2_survival(gain, numbers as f64) * self.candidates.len() as f64;
+        worse.bic() - better.bic() > BETTER_DELTA_BIC
+            && chance < FALSE_ALARM_P
+            && gain > negligible(self.noise_m, better.count())
+    }
+
+    /// Whether `better` is so much better than `worse`, with fewer causes, that it is neither chance nor how those are modelled.
+    pub(super) fn needs(&self, baseline: &State<'_>, worse: &State<'_>, better: &State<'_>) -> bool {
+        self.accepts(worse, better)
+            && worse.cost - better.cost >= FURTHER_CAUSE_SHARE * (baseline.cost - worse.cost)
+    }
+
+    /// Whether two candidates are of one cause, or of aliases.
+    pub(super) fn is_same(&self, one: &Term, other: &Term) -> bool {
+        one.cause == other.cause
+            || candidates::aliases(one.cause, self.experiment).contains(&other.cause.name())
+    }
+}
+
+/// Names of the causes of `state`, sorted.
+pub(super) fn sets(state: &State<'_>) -> Vec<&'static str> {
+    names(&state.causes)
+}
+
+/// Names of `causes`, sorted.
+pub(super) fn names(causes: &[Term]) -> Vec<&'static str> {
+    let mut names: Vec<&'static str> = causes.iter().map(|term| term.cause.name()).collect();
+    names.sort_unstable();
+    names
+}
