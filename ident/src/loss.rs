@@ -71,9 +71,9 @@ pub fn residuals_of_all(
     width: usize,
 ) -> Vec<Vec<f64>> {
     /// Observations that stay in a processor's nearest cache while all simulations are held against them.
-    const AT_ONCE: usize = 512;
+    const OBSERVATIONS_AT_ONCE: usize = 512;
     let mut all: Vec<Vec<f64>> = simulated_m.iter().map(|_| Vec::with_capacity(observations.len())).collect();
-    for observations in observations.chunks(AT_ONCE) {
+    for observations in observations.chunks(OBSERVATIONS_AT_ONCE) {
         for (residuals, simulated_m) in all.iter_mut().zip(simulated_m) {
             let residual = |o: &Observation| {
                 (o.measured_m - simulated_m[o.instant * width + o.keypoint][o.axis]) * o.per_m

@@ -72,17 +72,17 @@ pub struct Numbers<'a> {
 }
 
 /// Errors of simulation that are lost in the noise, as a share of it.
-const LOST: f64 = 0.05;
+const LOST_IN_NOISE_SHARE: f64 = 0.05;
 /// Steps are planned this much more exact than wanted, for candidates that move faster than the nominal one.
-const MARGIN: f64 = 2.0;
+const PLAN_MARGIN: f64 = 2.0;
 /// A candidate too stiff for the plan is simulated with each step in so many parts, the first that it bears.
-const PARTS: [usize; 3] = [1, 4, 16];
+const STEP_PARTS: [usize; 3] = [1, 4, 16];
 /// One in so many steps of a plan is no longer than the short ones.
-const SHORT: usize = 10;
+const SHORT_STEPS_RATIO: usize = 10;
 
 /// Errors of simulation that are lost in noise of `noise_m` \[m\].
 fn wanted_m(noise_m: f64) -> f64 {
-    sim::ACCURACY_M.max(LOST * noise_m)
+    sim::ACCURACY_M.max(LOST_IN_NOISE_SHARE * noise_m)
 }
 
 /// A run made ready to be simulated again and again.
@@ -146,7 +146,7 @@ impl<'a> Rehearsal<'a> {
             command,
             plan: None,
             steps: None,
-            parts: &PARTS,
+            parts: &STEP_PARTS,
             columns: columns.collect(),
         };
         // Where no step is exact enough at the nominal values, the model's own has to do.
@@ -159,7 +159,7 @@ impl<'a> Rehearsal<'a> {
     fn planned(&self, model: &Model, start: &Start, accuracy_m: f64) -> Option<Steps> {
         let options = RolloutOptions { steps: self.plan.clone(), ..self.options(start.start_s, 1) };
         let times = &self.run.trajectory.time_s;
-        let plan = sim::plan(model, &start.state, &self.command, times, &options, accuracy_m / MARGIN);
+        let plan = sim::plan(model, &start.state, &self.command, times, &options, accuracy_m / PLAN_MARGIN);
         plan.ok().map(|plan| plan.steps)
     }
 
@@ -183,7 +183,7 @@ impl<'a> Rehearsal<'a> {
         let begins = std::iter::once(0.0).chain(plan.ends_s.iter().copied());
         let mut lengths_s: Vec<f64> = begins.zip(plan.ends_s.iter()).map(|(from, &to)| to - from).collect();
         lengths_s.sort_by(f64::total_cmp);
-        let Some(&short_s) = lengths_s.get(lengths_s.len() / SHORT) else { return self };
+        let Some(&short_s) = lengths_s.get(lengths_s.len() / SHORT_STEPS_RATIO) else { return self };
         self.steps = Some(plan.shortened(match plan.method {
             // what is stiffer than the nominal model would make longer ones unstable
             Method::RungeKutta => short_s,
@@ -194,7 +194,7 @@ impl<'a> Rehearsal<'a> {
 
     /// The same without a second try for candidates too stiff for its steps: where there are many more of them.
     pub fn in_one_try(mut self) -> Self {
-        self.parts = &PARTS[..1];
+        self.parts = &STEP_PARTS[..1];
         self
     }
 
@@ -412,15 +412,18 @@ impl<'a> Rehearsal<'a> {
     /// How the coordinates follow the offset of `dof`. A hinge's coordinate is the offset's own; quaternions bend.
     fn coordinate_slope(&self, model: &Model, dof: usize, offsets: &[f64]) -> Vec<f64> {
         /// Half the step of a central difference, at which a rotation's third-order term is 1e-12.
-        const STEP: f64 = 1e-6;
+        const DIFFERENCE_STEP: f64 = 1e-6;
         let at = |shift: f64| {
             let shifted = self.nuisances.iter().zip(offsets).map(|(nuisance, &offset)| {
                 if *nuisance == Nuisance::Coordinate(dof) { offset + shift } else { offset }
             });
             self.start_with(model, &shifted.collect::<Vec<_>>()).state.qpos
         };
-        let mut slope: Vec<f64> =
-            at(STEP).iter().zip(at(-STEP)).map(|(a, b)| (a - b) / (2.0 * STEP)).collect();
+        let mut slope: Vec<f64> = at(DIFFERENCE_STEP)
+            .iter()
+            .zip(at(-DIFFERENCE_STEP))
+            .map(|(a, b)| (a - b) / (2.0 * DIFFERENCE_STEP))
+            .collect();
         for joint in model.joints.iter().filter(|joint| joint.kind.nq() == 1) {
             slope[joint.qpos_address] = f64::from(u8::from(joint.dof_address == dof));
         }

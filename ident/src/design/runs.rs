@@ -43,16 +43,16 @@ pub enum Motion {
 /// Rest before anything moves \[s\].
 const REST_S: f64 = 0.3;
 /// Length of a proposed run \[s\].
-const SECONDS: f64 = 3.0;
+const RUN_S: f64 = 3.0;
 /// Angles of the first hinge in drops \[rad\].
-const ANGLES: [f64; 6] = [1.5, -1.5, 0.8, -0.8, 2.5, -2.5];
+const FIRST_ANGLES_RAD: [f64; 6] = [1.5, -1.5, 0.8, -0.8, 2.5, -2.5];
 /// Angles between links in bent poses \[rad\].
-const BEND: f64 = 1.2;
-const AMPLITUDES: [f64; 3] = [0.2, 0.6, 0.9];
+const BEND_RAD: f64 = 1.2;
+const AMPLITUDES_RAD: [f64; 3] = [0.2, 0.6, 0.9];
 /// Pairs of strokes \[s\]; the counter-clockwise one takes two thirds.
 const PERIODS_S: [f64; 3] = [0.6, 1.5, 3.0];
 /// No servo is asked for more \[rad/s\].
-const FASTEST: f64 = 8.0;
+const FASTEST_RAD_S: f64 = 8.0;
 
 /// What could be run with the mechanism of `experiment`.
 pub(crate) fn proposals(experiment: &Experiment, floor: &Floor) -> Vec<Proposal> {
@@ -62,18 +62,18 @@ pub(crate) fn proposals(experiment: &Experiment, floor: &Floor) -> Vec<Proposal>
         (0..model.joints.len()).filter(|&joint| model.joints[joint].kind == sim::JointKind::Hinge).collect();
     let mut list = Vec::new();
     let mut add = |id: String, motion: Motion| {
-        list.push(Proposal { id, motion, seconds: SECONDS, interval_s });
+        list.push(Proposal { id, motion, seconds: RUN_S, interval_s });
     };
     if !hinges.is_empty() {
-        let mut poses: Vec<Vec<f64>> = ANGLES
+        let mut poses: Vec<Vec<f64>> = FIRST_ANGLES_RAD
             .iter()
             .map(|&angle| (0..hinges.len()).map(|k| if k == 0 { angle } else { 0.0 }).collect())
             .collect();
         for side in [1.0, -1.0] {
             let bent = |k: usize| match k {
                 0 => 0.9 * side,
-                k if k % 2 == 1 => -BEND * side,
-                _ => BEND * side,
+                k if k % 2 == 1 => -BEND_RAD * side,
+                _ => BEND_RAD * side,
             };
             poses.push((0..hinges.len()).map(bent).collect());
         }
@@ -83,10 +83,10 @@ pub(crate) fn proposals(experiment: &Experiment, floor: &Floor) -> Vec<Proposal>
     }
     if !model.actuators.is_empty() {
         let mut number = 0;
-        for amplitude_rad in AMPLITUDES {
+        for amplitude_rad in AMPLITUDES_RAD {
             for period_s in PERIODS_S {
                 let (ccw_s, cw_s) = (period_s * 2.0 / 3.0, period_s / 3.0);
-                if 2.0 * amplitude_rad / cw_s <= FASTEST {
+                if 2.0 * amplitude_rad / cw_s <= FASTEST_RAD_S {
                     number += 1;
                     add(format!("driven-{number}"), Motion::Driven { amplitude_rad, ccw_s, cw_s });
                 }

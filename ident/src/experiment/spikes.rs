@@ -39,22 +39,22 @@ impl Spike {
 }
 
 /// Standard deviations off its path from which on a keypoint is suspected: its neighbours are not judged by it then.
-const SUSPECT: f64 = 5.0;
+const SUSPECT_Z: f64 = 5.0;
 /// And from which on it is a spike: noise of a million images stays below.
-const SPIKE: f64 = 8.0;
+const SPIKE_Z: f64 = 8.0;
 /// But no less than this share of the room that the keypoint moves in: noise is not the same everywhere.
-const LEAST_SHARE: f64 = 5e-3;
+const LEAST_SPIKE_SHARE: f64 = 5e-3;
 /// A path is smooth where the nearest images and the next ones tell the same of it, to this share of the spike.
-const SMOOTH: f64 = 0.5;
+const SMOOTH_PATH_SHARE: f64 = 0.5;
 /// A spike is at least this share of itself away from where the keypoint was before and is after.
-const AWAY: f64 = 0.5;
+const AWAY_SHARE: f64 = 0.5;
 /// Images that tell a path at once: a cubic's.
-const NODES: usize = 4;
+const PATH_IMAGES: usize = 4;
 
 /// Where a larger share is suspected, images are too few for the motion and tell no path.
-const MOST: f64 = 0.1;
+const MOST_SUSPECTED_SHARE: f64 = 0.1;
 /// A keypoint seen in fewer images has none.
-const LEAST: usize = 16;
+const LEAST_IMAGES: usize = 16;
 
 /// Takes the spikes out of `trajectory`, where they become gaps.
 pub(super) fn set_aside(trajectory: &mut Trajectory) -> Vec<Spike> {
@@ -113,28 +113,28 @@ impl Path {
     /// Places of the spikes, and how far off they are \[m\].
     fn spikes(&self, noise_m: f64) -> Vec<(usize, f64)> {
         let all: Vec<usize> = (0..self.rows.len()).collect();
-        if all.len() < LEAST {
+        if all.len() < LEAST_IMAGES {
             return Vec::new();
         }
-        let good = self.beyond_suspicion(all.clone(), SUSPECT * noise_m);
-        if ((all.len() - good.len()) as f64) > MOST * all.len() as f64 {
+        let good = self.beyond_suspicion(all.clone(), SUSPECT_Z * noise_m);
+        if ((all.len() - good.len()) as f64) > MOST_SUSPECTED_SHARE * all.len() as f64 {
             return Vec::new();
         }
-        let least_m = LEAST_SHARE * self.room_m(&good);
+        let least_m = LEAST_SPIKE_SHARE * self.room_m(&good);
         let leaves_smooth_path = |&place: &usize| {
             let Off { off_m, path, .. } = self
-                .off(place, &good, SPIKE * noise_m)
+                .off(place, &good, SPIKE_Z * noise_m)
                 .filter(|off| off.share() > 1.0 && off.off_m > least_m)?;
             let after = good.partition_point(|&other| other < place);
             let wider = if after == 0 || after == good.len() {
                 path
-            } else if after < NODES || after + NODES > good.len() {
+            } else if after < PATH_IMAGES || after + PATH_IMAGES > good.len() {
                 // near its ends a path goes no further: it must rest there
                 self.mean(&nearest(place, &good, 0)?)
             } else {
-                self.predicted(place, &nearest(place, &good, NODES / 2)?)?.0
+                self.predicted(place, &nearest(place, &good, PATH_IMAGES / 2)?)?.0
             };
-            (distance(path, wider) < SMOOTH * off_m).then_some((place, off_m))
+            (distance(path, wider) < SMOOTH_PATH_SHARE * off_m).then_some((place, off_m))
         };
         let mut list: Vec<(usize, f64)> = all_but(&all, |place| good.binary_search(&place).is_ok())
             .iter()
@@ -145,7 +145,7 @@ impl Path {
             let after = rest.partition_point(|&other| other < place);
             let beside =
                 [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|at| rest.get(at));
-            beside.into_iter().all(|&at| distance(self.points[at], self.points[place]) > AWAY * off_m)
+            beside.into_iter().all(|&at| distance(self.points[at], self.points[place]) > AWAY_SHARE * off_m)
         });
         list
     }
@@ -163,7 +163,7 @@ impl Path {
             }
             good.remove(at);
             shares.remove(at);
-            let (first, last) = (at.saturating_sub(NODES), (at + NODES).min(good.len()));
+            let (first, last) = (at.saturating_sub(PATH_IMAGES), (at + PATH_IMAGES).min(good.len()));
             for (near, known) in (first..last).zip(&mut shares[first..last]) {
                 *known = share(near, &good);
             }
@@ -174,14 +174,14 @@ impl Path {
     /// How far `place` is off the path that `others` tell, and how far noise with this `limit_m` may put it.
     fn off(&self, place: usize, others: &[usize], limit_m: f64) -> Option<Off> {
         let nodes = nearest(place, others, 0)?;
-        let is_between = nodes[0] < place && place < nodes[NODES - 1];
+        let is_between = nodes[0] < place && place < nodes[PATH_IMAGES - 1];
         let (path, limit_m) = if is_between {
             let (cubic, spread) = self.predicted(place, &nodes)?;
             (cubic, limit_m * spread)
         } else {
             // beyond the last image a cubic makes too much of noise; a line is as wrong as the path bends
             let next =
-                |count: usize| if place < nodes[0] { &nodes[..count] } else { &nodes[NODES - count..] };
+                |count: usize| if place < nodes[0] { &nodes[..count] } else { &nodes[PATH_IMAGES - count..] };
             let ((line, spread), (bent, _)) =
                 (self.predicted(place, next(2))?, self.predicted(place, next(3))?);
             (line, limit_m * spread + 2.0 * distance(line, bent))
@@ -220,14 +220,14 @@ impl Path {
     }
 }
 
-/// [`NODES`] places of `list`, which rises, about `place`: the nearest two of each side but the first `skipped`, more of one where
+/// [`PATH_IMAGES`] places of `list`, which rises, about `place`: the nearest two of each side but the first `skipped`, more of one where
 /// the other has ended.
 fn nearest(place: usize, list: &[usize], skipped: usize) -> Option<Vec<usize>> {
     let before = list.partition_point(|&other| other < place).saturating_sub(skipped);
     let after = list.partition_point(|&other| other <= place) + skipped;
     let (left, right) = (&list[..before], list.get(after..)?);
-    let from_left = left.len().min((NODES / 2).max(NODES.saturating_sub(right.len())));
-    let right = right.get(..NODES - from_left)?;
+    let from_left = left.len().min((PATH_IMAGES / 2).max(PATH_IMAGES.saturating_sub(right.len())));
+    let right = right.get(..PATH_IMAGES - from_left)?;
     Some(left[left.len() - from_left..].iter().chain(right).copied().collect())
 }
 

@@ -6,7 +6,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::information::{Information, RunInformation, SETTLED_WIDTH, sandwich};
+use super::information::{Information, RunInformation, SETTLED_WIDTH_SHARE, sandwich};
 use super::report::{Constancy, RunValue};
 use crate::parameters::Parameters;
 use crate::statistics::chi2_survival;
@@ -22,8 +22,9 @@ pub(super) fn constancy(
 ) -> Option<(Vec<RunValue>, Constancy)> {
     let (changes, covariance) = split(parameters, known, which)?;
     let width = parameters.free[which].scale.width();
-    let runs: Vec<usize> =
-        (0..changes.len()).filter(|&run| covariance[(run, run)].sqrt() <= SETTLED_WIDTH * width).collect();
+    let runs: Vec<usize> = (0..changes.len())
+        .filter(|&run| covariance[(run, run)].sqrt() <= SETTLED_WIDTH_SHARE * width)
+        .collect();
     if runs.len() < 2 {
         return None;
     }

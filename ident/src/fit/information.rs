@@ -64,23 +64,23 @@ pub(super) struct RunInformation {
 }
 
 /// A value is settled when its deviation is at most this share of it, or at most its scale's resolution.
-const SETTLED: f64 = 1.0 / 3.0;
+const SETTLED_SHARE: f64 = 1.0 / 3.0;
 /// And at most this share of the bounds: a deviation that the bounds themselves limit says nothing.
-pub(super) const SETTLED_WIDTH: f64 = 1.0 / 6.0;
+pub(super) const SETTLED_WIDTH_SHARE: f64 = 1.0 / 6.0;
 /// Share of an unseen direction that makes a parameter part of it.
-const SHARE: f64 = 0.05;
+const IN_DIRECTION_SHARE: f64 = 0.05;
 /// A direction is unseen when its variance is this share of what the bounds alone give, the belief in the bounds
 /// being as strong as the data.
-const UNSEEN: f64 = 0.5;
+const UNSEEN_SHARE: f64 = 0.5;
 /// Squared standard deviations of all residuals together, over the whole bounds, that are as good as none.
-const BLIND: f64 = 1e-4;
+const BLIND_CHI2: f64 = 1e-4;
 /// Precision of an even belief over a width of 1.
-const EVEN: f64 = 12.0;
+const EVEN_BELIEF_PRECISION: f64 = 12.0;
 
 /// The size at which a deviation of this parameter counts as settled.
 fn settled_size(parameter: &FreeParameter, value: f64) -> f64 {
     let scale = &parameter.scale;
-    (SETTLED * value.abs()).max(scale.resolution()).min(SETTLED_WIDTH * scale.width())
+    (SETTLED_SHARE * value.abs()).max(scale.resolution()).min(SETTLED_WIDTH_SHARE * scale.width())
 }
 
 /// `linear`: the problem at `point`. `stated`: the noise is what somebody says, not an estimate from the images.
@@ -121,7 +121,7 @@ pub(super) fn information(
     }
     let identity = DMatrix::<f64>::identity(count, count);
     let data = sandwich(&weight, &noise, &identity)?;
-    let mut believed = &identity * EVEN;
+    let mut believed = &identity * EVEN_BELIEF_PRECISION;
     for (i, parameter) in free.iter().enumerate() {
         if let Some(prior) = parameter.prior {
             believed[(i, i)] += (widths[i] / prior.std.get()).powi(2);
@@ -148,7 +148,7 @@ pub(super) fn information(
         std: deviations(&covariance),
         naive_std: deviations(&naive),
         determined: determined.collect(),
-        blind: (0..count).map(|i| weight[(i, i)] < BLIND).collect(),
+        blind: (0..count).map(|i| weight[(i, i)] < BLIND_CHI2).collect(),
         covariance: in_widths(covariance),
         joint: joint(&data, &widths),
         effective,
@@ -232,7 +232,7 @@ fn groups(
     let mut leader: Vec<usize> = (0..count).collect();
     for i in 0..count {
         for j in 0..i {
-            if projector[(i, j)].abs() > SHARE && !narrow(i) && !narrow(j) {
+            if projector[(i, j)].abs() > IN_DIRECTION_SHARE && !narrow(i) && !narrow(j) {
                 let (keep, merge) = (leader[i].min(leader[j]), leader[i].max(leader[j]));
                 leader.iter_mut().filter(|l| **l == merge).for_each(|l| *l = keep);
             }
@@ -248,7 +248,7 @@ fn unseen(covariance: &DMatrix<f64>) -> Vec<DVector<f64>> {
     let eigen = SymmetricEigen::new(covariance.clone());
     let directions = eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter());
     directions
-        .filter(|(variance, _)| **variance > UNSEEN)
+        .filter(|(variance, _)| **variance > UNSEEN_SHARE)
         .map(|(_, direction)| direction.into_owned())
         .collect()
 }
@@ -275,5 +275,5 @@ fn combinations(members: Vec<usize>, covariance: &DMatrix<f64>, widths: &[f64], 
 fn scaled_to_one(numbers: Vec<f64>) -> Vec<f64> {
     let largest =
         numbers.iter().copied().fold(0.0, |most: f64, x| if x.abs() > most.abs() { x } else { most });
-    numbers.iter().map(|x| x / largest).map(|x| if x.abs() < SHARE { 0.0 } else { x }).collect()
+    numbers.iter().map(|x| x / largest).map(|x| if x.abs() < IN_DIRECTION_SHARE { 0.0 } else { x }).collect()
 }

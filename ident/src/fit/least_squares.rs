@@ -73,13 +73,13 @@ pub(crate) enum Freedom {
 
 /// A decrease of the cost is not worth a step below this share of what one degree of freedom is worth: a tenth of a
 /// standard deviation of the parameters.
-const WORTH: f64 = 0.01;
+const WORTH_A_STEP_SHARE: f64 = 0.01;
 /// Dampings tried at once, as multiples of the last good one: they share the lanes of one pass.
-const LADDER: [f64; 8] = [1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4, 1e5];
+const DAMPING_LADDER: [f64; 8] = [1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4, 1e5];
 /// And below so many times that, half a standard deviation, the descent is near its end.
-const NEAR: f64 = 25.0;
+const NEAR_THE_END_RATIO: f64 = 25.0;
 /// Small decreases in a row that end a descent.
-const PATIENCE: u32 = 2;
+const SMALL_DECREASES: u32 = 2;
 /// The damping of a descent's first trial, as a share of the curvature.
 const FIRST_DAMPING: f64 = 1e-3;
 /// Damping by which a step counts as undamped.
@@ -89,11 +89,11 @@ const MAX_DAMPING: f64 = 1e9;
 /// much more.
 const DAMPING_FACTOR: f64 = 10.0;
 /// A decrease of at least this share of the promised one says that the linearisation holds so far.
-const AS_PROMISED: f64 = 0.5;
+const KEPT_PROMISE_SHARE: f64 = 0.5;
 /// Iterations of a descent with loose joints before their friction may grow.
-const FRICTIONS_WAIT: u32 = 3;
+const FRICTIONS_WAIT_ITERATIONS: u32 = 3;
 /// Keeps directions that nothing depends on from making the equations singular.
-const RIDGE: f64 = 1e-12;
+const RIDGE_SHARE: f64 = 1e-12;
 
 impl Descent {
     /// A descent from `point`, whose cost may be known already.
@@ -115,7 +115,7 @@ impl Descent {
     /// damping takes up what it can: friction that may grow from the first does so wherever the motion is not yet repeated,
     /// and holds the joints then.
     pub(super) fn with_loose_joints(point: Point) -> Self {
-        Self { frictions_wait: FRICTIONS_WAIT, ..Self::new(point, None) }
+        Self { frictions_wait: FRICTIONS_WAIT_ITERATIONS, ..Self::new(point, None) }
     }
 
     /// Takes steps until the descent ends by itself.
@@ -149,7 +149,7 @@ impl Descent {
             self.frictions_wait -= 1;
             normal.hold_frictions(objective.parameters());
         }
-        let tries = Tries { by_parameters, dampings: &LADDER, worth: normal.worth, max_evaluations };
+        let tries = Tries { by_parameters, dampings: &DAMPING_LADDER, worth: normal.worth, max_evaluations };
         let before = self.point.clone();
         self.follow(objective, &normal, &tries, counts);
         self.near &= !waits;
@@ -214,13 +214,13 @@ impl Descent {
             let best = (0..steps.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
             let (reached, (damping, trial, promised)) = (costs[best], steps.swap_remove(best));
             if reached < cost {
-                let kept = cost - reached >= AS_PROMISED * promised;
+                let kept = cost - reached >= KEPT_PROMISE_SHARE * promised;
                 self.damping = if kept { (damping / DAMPING_FACTOR).max(LEAST_DAMPING) } else { damping };
                 self.small = if cost - reached <= worth { self.small + 1 } else { 0 };
-                self.near = cost - reached <= NEAR * worth;
+                self.near = cost - reached <= NEAR_THE_END_RATIO * worth;
                 self.point = trial;
                 self.cost = Some(reached);
-                if self.small >= PATIENCE {
+                if self.small >= SMALL_DECREASES {
                     self.end = Some(End::TolLoss);
                 }
                 return;
@@ -277,7 +277,7 @@ impl Normal {
                 linear.residuals.len() as f64 * lasting(&term.observations, &linear.residuals)
             })
             .sum();
-        let worth = WORTH * data * lasting / (rows as f64).powi(2).max(1.0);
+        let worth = WORTH_A_STEP_SHARE * data * lasting / (rows as f64).powi(2).max(1.0);
         let mut first = free;
         for (run, linear) in linear.iter().enumerate() {
             let own = linear.jacobian.ncols() - free;
@@ -388,7 +388,7 @@ impl Normal {
         let displaced = DVector::from_iterator(fixed.len(), fixed.iter().map(|by| by.unwrap_or(0.0)));
         let mut pull = -(&self.gradient + &self.hessian * &displaced);
         let mut hessian = self.hessian.clone();
-        let ridge = RIDGE * hessian.diagonal().max() + f64::MIN_POSITIVE;
+        let ridge = RIDGE_SHARE * hessian.diagonal().max() + f64::MIN_POSITIVE;
         for (i, fixed) in fixed.iter().enumerate() {
             hessian[(i, i)] += damping * hessian[(i, i)] + ridge;
             if fixed.is_some() {

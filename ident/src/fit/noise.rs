@@ -23,9 +23,9 @@ pub(super) struct Seen {
 }
 
 /// A stated noise is believed unless the residuals exceed it by so many standard deviations of their mean square.
-const BEYOND_DOUBT: f64 = 4.0;
+const STATED_NOISE_REFUTED_Z: f64 = 4.0;
 /// Of the degrees of freedom of a run, parameters and correlation use up no more than this share.
-const MOST_USED: f64 = 0.5;
+const MOST_USED_SHARE: f64 = 0.5;
 
 /// Each run's noise, from its residuals in `linear`. A `stated` noise is only ever enlarged.
 pub(super) fn seen(objective: &Objective<'_>, point: &Point, linear: &[Linear], stated: bool) -> Vec<Seen> {
@@ -39,7 +39,7 @@ pub(super) fn seen(objective: &Objective<'_>, point: &Point, linear: &[Linear], 
         let unknowns =
             point.offsets[run].len() as f64 + point.values.len() as f64 * count / (total as f64).max(1.0);
         // A slow residual is followed by the fit more easily than a quick one.
-        let used = (unknowns * (1.0 + correlation) / (1.0 - correlation)).min(MOST_USED * count);
+        let used = (unknowns * (1.0 + correlation) / (1.0 - correlation)).min(MOST_USED_SHARE * count);
         let left = (count - used).max(1.0);
         let squares: f64 = believed.iter().map(|r| r * r).sum();
         let squares_per_degree = squares / left / slope.max(0.1).powi(2);
@@ -47,7 +47,7 @@ pub(super) fn seen(objective: &Objective<'_>, point: &Point, linear: &[Linear], 
         let weight = term.rehearsal.run.weight;
         let scatter = (2.0 * (1.0 + correlation.powi(2)) / (1.0 - correlation.powi(2)) / left).sqrt();
         let scale = match stated {
-            true if squares_per_degree <= weight * (1.0 + BEYOND_DOUBT * scatter) => weight.sqrt(),
+            true if squares_per_degree <= weight * (1.0 + STATED_NOISE_REFUTED_Z * scatter) => weight.sqrt(),
             _ => squares_per_degree.sqrt(),
         };
         let chi2_per_degree = squares_per_degree / weight;

@@ -12,13 +12,13 @@ use crate::parameters::Parameters;
 /// # Source
 /// P. J. Huber, "Robust Estimation of a Location Parameter", Annals of Mathematical Statistics 35 (1964) 73-101;
 /// the constant: P. J. Huber, "Robust Statistics" (1981), section 4.5.
-const HUBER: f64 = 1.345;
+const HUBER_Z: f64 = 1.345;
 
 impl Loss {
     /// What a residual \[standard deviations\] costs: its square, as far as it is believed.
     pub(crate) fn cost(self, residual: f64) -> f64 {
         match self {
-            Self::Huber if residual.abs() > HUBER => HUBER * (2.0 * residual.abs() - HUBER),
+            Self::Huber if residual.abs() > HUBER_Z => HUBER_Z * (2.0 * residual.abs() - HUBER_Z),
             Self::Huber | Self::Squares => residual * residual,
         }
     }
@@ -34,7 +34,7 @@ impl Loss {
     /// Weight of a residual's row in the normal equations that have the same slope.
     fn weight(self, residual: f64) -> f64 {
         match self {
-            Self::Huber if residual.abs() > HUBER => HUBER / residual.abs(),
+            Self::Huber if residual.abs() > HUBER_Z => HUBER_Z / residual.abs(),
             Self::Huber | Self::Squares => 1.0,
         }
     }
@@ -46,7 +46,7 @@ impl Loss {
 
     /// Slope of [`Loss::influence`].
     pub(crate) fn slope(self, residual: f64) -> f64 {
-        if self == Self::Huber && residual.abs() > HUBER { 0.0 } else { 1.0 }
+        if self == Self::Huber && residual.abs() > HUBER_Z { 0.0 } else { 1.0 }
     }
 }
 

@@ -20,11 +20,11 @@ use crate::statistics::chi2_survival;
 /// Drift is believed below this probability: one false alarm in a thousand recalibrations.
 const DRIFT_P: f64 = 1e-3;
 /// A single parameter's change worth naming, in standard deviations.
-const CHANGED: f64 = 3.0;
+const CHANGED_Z: f64 = 3.0;
 /// A direction is seen by both when neither knows it this many times better than the other.
-const FAR_APART: f64 = 1e4;
+const FAR_APART_RATIO: f64 = 1e4;
 /// Residuals may grow by this factor against the earlier fit's.
-const MOST_WORSE: f64 = 1.5;
+const WORSE_RESIDUAL_RATIO: f64 = 1.5;
 
 /// Fits new runs, once by themselves; and, where that passes the gates against `earlier`, once more with what the
 /// earlier fit found. [`Fit::recalibration`] of the outcome says which of both it is: a fit that was not accepted is
@@ -68,10 +68,10 @@ fn judge(earlier: &Fit, new: &Fit) -> Recalibration {
     }
     let (before_m, after_m) = (residual_m(earlier), residual_m(new));
     if let (Some(before_m), Some(after_m)) = (before_m, after_m)
-        && after_m > MOST_WORSE * before_m.max(new.noise_m)
+        && after_m > WORSE_RESIDUAL_RATIO * before_m.max(new.noise_m)
     {
         reasons.push(format!(
-            "its residuals of {:.3} mm exceed {MOST_WORSE} times the earlier {:.3} mm",
+            "its residuals of {:.3} mm exceed {WORSE_RESIDUAL_RATIO} times the earlier {:.3} mm",
             after_m * 1e3,
             before_m * 1e3
         ));
@@ -135,7 +135,7 @@ fn drift(earlier: &Fit, new: &Fit) -> Option<Drift> {
     let (mut chi2, mut degrees) = (0.0, 0);
     for (share, coordinate) in eigen.eigenvalues.iter().zip(&coordinates) {
         let share = share.clamp(0.0, 1.0);
-        if share.min(1.0 - share) * FAR_APART >= 1.0 {
+        if share.min(1.0 - share) * FAR_APART_RATIO >= 1.0 {
             chi2 += share * (1.0 - share) * coordinate * coordinate;
             degrees += 1;
         }
@@ -144,7 +144,7 @@ fn drift(earlier: &Fit, new: &Fit) -> Option<Drift> {
         let of = |fit: &Fit| {
             fit.parameters.iter().find(|p| p.name == ***name && p.determined).map(|p| (p.value, p.std))
         };
-        of(earlier).zip(of(new)).is_some_and(|((a, s), (b, t))| (a - b).abs() > CHANGED * s.hypot(t))
+        of(earlier).zip(of(new)).is_some_and(|((a, s), (b, t))| (a - b).abs() > CHANGED_Z * s.hypot(t))
     };
     let parameters = common.iter().filter(changed).map(|name| (*name).clone()).collect();
     (degrees > 0).then(|| Drift { chi2, degrees, p: chi2_survival(chi2, degrees as f64), parameters })

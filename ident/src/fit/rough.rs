@@ -11,10 +11,10 @@ use crate::loss::{Weighting, observations};
 use crate::simulate::Rehearsal;
 
 /// Images of a run, at least, that tell a descent its way, and the share of the motion that they show.
-const IMAGES: usize = 100;
-const SHARE: f64 = 0.6;
+const ROUGH_IMAGES: usize = 100;
+const ROUGH_MOTION_SHARE: f64 = 0.6;
 /// Errors of simulation may be so many times those of the whole.
-const ROUGHER: f64 = 30.0;
+const ROUGH_ERROR_RATIO: f64 = 30.0;
 
 /// A run with fewer images: one of each `stride`, as long as they show the first part of its motion.
 #[derive(Debug)]
@@ -28,9 +28,10 @@ impl Thinned {
     pub(super) fn new(run: &Run, start_s: f64) -> Self {
         let whole = &run.trajectory;
         let (times, width) = (&whole.time_s, whole.keypoints.len());
-        let until_s = times.last().map_or(start_s, |last_s| start_s + SHARE * (last_s - start_s));
-        let shown = times.partition_point(|&time_s| time_s <= until_s).max(IMAGES.min(times.len()));
-        let stride = (shown / IMAGES).max(1);
+        let until_s =
+            times.last().map_or(start_s, |last_s| start_s + ROUGH_MOTION_SHARE * (last_s - start_s));
+        let shown = times.partition_point(|&time_s| time_s <= until_s).max(ROUGH_IMAGES.min(times.len()));
+        let stride = (shown / ROUGH_IMAGES).max(1);
         let rows = || (0..shown).step_by(stride);
         let cells = || rows().flat_map(|row| row * width..(row + 1) * width);
         let trajectory = Trajectory {
@@ -46,7 +47,7 @@ impl Thinned {
     pub(super) fn term(&self, model: &Model, estimate: Estimate, weighting: Weighting) -> Term<'_> {
         let run_weight = weighting.run_weight * self.stride as f64;
         Term::new(
-            Rehearsal::rougher(model, &self.run, estimate, weighting.noise_m, ROUGHER),
+            Rehearsal::rougher(model, &self.run, estimate, weighting.noise_m, ROUGH_ERROR_RATIO),
             observations(&self.run.trajectory, Weighting { run_weight, ..weighting }, |_| true),
         )
     }

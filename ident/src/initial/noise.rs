@@ -7,7 +7,7 @@ use crate::experiment::{Run, RunKind};
 use crate::noise::{LEAST_NOISE_M, MOST_CORRELATED, noise_m, third_difference};
 
 /// Least still images that tell the noise: with three keypoints, to some 10 %.
-const MIN_STILL: usize = 15;
+const LEAST_STILL_IMAGES: usize = 15;
 
 /// Keypoint noise of one run.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,7 +47,7 @@ fn still_noise(trajectory: &Trajectory, still: usize) -> Option<(f64, f64)> {
         for axis in 0..3 {
             let series: Vec<f64> = (0..still).map(|row| trajectory.at(row, keypoint)[axis]).collect();
             let seen: Vec<f64> = series.iter().copied().filter(|x| x.is_finite()).collect();
-            if seen.len() < MIN_STILL {
+            if seen.len() < LEAST_STILL_IMAGES {
                 continue;
             }
             longest = longest.max(seen.len());

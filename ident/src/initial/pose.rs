@@ -19,14 +19,14 @@ pub(super) struct Target {
 }
 
 /// Angles tried per hinge before the descent: a hinge may be anywhere on its circle.
-const ANGLES: usize = 24;
+const TRIED_ANGLES: usize = 24;
 /// A pose this many standard deviations off, root mean square, is worth another start.
-const GOOD: f64 = 3.0;
-const ITERATIONS: usize = 60;
+const GOOD_POSE_Z: f64 = 3.0;
+const MOST_ITERATIONS: usize = 60;
 /// Step of the finite differences \[rad\] or \[m\].
-const STEP: f64 = 1e-6;
+const DIFFERENCE_STEP: f64 = 1e-6;
 /// A descent has arrived when its steps are shorter \[rad\] or \[m\].
-const ARRIVED: f64 = 1e-10;
+const ARRIVED_STEP: f64 = 1e-10;
 
 /// The coordinates, shape (nq), nearest to `targets`: by descent from `guess`, and where that ends far off, from
 /// a search hinge by hinge; of the angles that look the same, whole turns apart, those next to the reference. `frozen`, shape
@@ -39,7 +39,7 @@ pub(super) fn pose(
     noise_m: f64,
 ) -> Vec<f64> {
     let near = descend(model, targets, guess, frozen);
-    let limit = (GOOD * noise_m).powi(2) * targets.len() as f64;
+    let limit = (GOOD_POSE_Z * noise_m).powi(2) * targets.len() as f64;
     let mut best = near;
     if cost(model, targets, &best) > limit {
         let far = descend(model, targets, &sweep(model, targets, guess, frozen), frozen);
@@ -77,9 +77,9 @@ fn sweep(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) -> V
         if joint.kind != JointKind::Hinge || frozen[joint.dof_address] {
             continue;
         }
-        let tried = (0..ANGLES).map(|k| {
+        let tried = (0..TRIED_ANGLES).map(|k| {
             let mut trial = qpos.clone();
-            trial[joint.qpos_address] = joint.reference + TAU * k as f64 / ANGLES as f64;
+            trial[joint.qpos_address] = joint.reference + TAU * k as f64 / TRIED_ANGLES as f64;
             (cost(model, targets, &trial), trial)
         });
         if let Some((_, best)) = tried.min_by(|a, b| a.0.total_cmp(&b.0)) {
@@ -104,13 +104,16 @@ fn descend(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) ->
     };
     let mut qpos = guess.to_vec();
     let mut damping = 1e-3;
-    for _ in 0..ITERATIONS {
+    for _ in 0..MOST_ITERATIONS {
         let r = residuals(model, targets, &qpos);
         let mut jacobian = DMatrix::zeros(targets.len(), dofs.len());
         for column in 0..dofs.len() {
             let mut step = DVector::zeros(dofs.len());
-            step[column] = STEP;
-            jacobian.set_column(column, &((residuals(model, targets, &stepped(&qpos, &step)) - &r) / STEP));
+            step[column] = DIFFERENCE_STEP;
+            jacobian.set_column(
+                column,
+                &((residuals(model, targets, &stepped(&qpos, &step)) - &r) / DIFFERENCE_STEP),
+            );
         }
         let gradient = jacobian.tr_mul(&r);
         let mut hessian = jacobian.tr_mul(&jacobian);
@@ -123,7 +126,7 @@ fn descend(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) ->
         if cost(model, targets, &trial) <= r.norm_squared() {
             qpos = trial;
             damping = (damping / 10.0).max(1e-9);
-            if step.amax() < ARRIVED {
+            if step.amax() < ARRIVED_STEP {
                 break;
             }
         } else {

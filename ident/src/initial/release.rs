@@ -18,7 +18,7 @@ const REST_IMAGES: usize = 5;
 /// Images in a row that must show motion: one alone may be a slip of the extraction.
 const MOVING_IMAGES: usize = 3;
 /// Mean displacement in standard deviations, over all coordinates, that counts as motion.
-const MOVED: f64 = 4.0;
+const MOVED_Z: f64 = 4.0;
 
 /// Finds the release in a drop. The images before it show rest, so their running mean is the reference;
 /// motion then starts with constant acceleration, so the root of the displacement is linear in time and its
@@ -33,7 +33,7 @@ pub fn release(trajectory: &Trajectory, noise_m: f64) -> Option<Release> {
     for from in 1..=seen.len().saturating_sub(MOVING_IMAGES) {
         let rest = mean(trajectory, &seen[..from]);
         // The mean over few images is itself uncertain.
-        let threshold = MOVED * noise_m * (1.0 + 1.0 / from.min(REST_IMAGES) as f64).sqrt();
+        let threshold = MOVED_Z * noise_m * (1.0 + 1.0 / from.min(REST_IMAGES) as f64).sqrt();
         let moved =
             |instant: &usize| displacement(trajectory, *instant, &rest).is_some_and(|d| d > threshold);
         if !seen[from..from + MOVING_IMAGES].iter().all(moved) {

@@ -22,16 +22,17 @@ const KNOT_S: f64 = 0.05;
 /// Images to a knot at the least: fewer would leave no noise to look at.
 const KNOT_IMAGES: f64 = 4.0;
 /// Images that one spline spans at most.
-const SPAN: usize = 250;
+const SPLINE_IMAGES: usize = 250;
 /// Least images for a spline of their own.
-const LEAST: usize = 12;
+const LEAST_IMAGES: usize = 12;
 /// What a spline shows beside the others at the least, of 1 at its top: less is not told from rounding.
-const TOLD: f64 = 1e-3;
+const INDEPENDENT_SHARE: f64 = 1e-3;
 /// Correlations tried first.
-const CORRELATIONS: [f64; 8] = [0.0, 0.15, 0.3, 0.45, 0.6, 0.7, 0.8, 0.9];
+const TRIED_CORRELATIONS: [f64; 8] = [0.0, 0.15, 0.3, 0.45, 0.6, 0.7, 0.8, 0.9];
+/// And up to here it is sought.
 const MOST_CORRELATED: f64 = 0.95;
 /// The correlation is sought to this.
-const MET: f64 = 4e-3;
+const CORRELATION_TOLERANCE: f64 = 4e-3;
 
 /// The noise of an experiment's keypoints.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -132,7 +133,11 @@ pub(crate) fn floor(runs: &[Seen<'_>]) -> Floor {
     let (lasting_m, _) = common(&judge((correlation + correlation_std).min(MOST_CORRELATED)).1);
     let noise_std_m = (lasting_m - noise_m).hypot(noise_m / (2.0 * degrees.max(1.0)).sqrt());
     let std = |sum: &[f64; 2]| {
-        if sum[1] >= 2.0 * LEAST as f64 { (sum[0] / sum[1]).sqrt().max(LEAST_NOISE_M) } else { noise_m }
+        if sum[1] >= 2.0 * LEAST_IMAGES as f64 {
+            (sum[0] / sum[1]).sqrt().max(LEAST_NOISE_M)
+        } else {
+            noise_m
+        }
     };
     let images = |of: &dyn Fn(&Stretch) -> usize| stretches.iter().map(of).sum::<usize>() as f64;
     Floor {
@@ -157,15 +162,15 @@ pub(crate) fn floor(runs: &[Seen<'_>]) -> Floor {
 
 /// Where `of` is least among the correlations, and its second derivative there.
 fn least(of: impl Fn(f64) -> f64) -> (f64, f64) {
-    let tried: Vec<f64> = CORRELATIONS.iter().map(|&c| of(c)).collect();
+    let tried: Vec<f64> = TRIED_CORRELATIONS.iter().map(|&c| of(c)).collect();
     let best = (0..tried.len()).min_by(|&a, &b| tried[a].total_cmp(&tried[b])).unwrap_or(0);
-    let mut low = CORRELATIONS[best.saturating_sub(1)];
-    let mut high = CORRELATIONS.get(best + 1).copied().unwrap_or(MOST_CORRELATED);
+    let mut low = TRIED_CORRELATIONS[best.saturating_sub(1)];
+    let mut high = TRIED_CORRELATIONS.get(best + 1).copied().unwrap_or(MOST_CORRELATED);
     // golden section
     let share = (5f64.sqrt() - 1.0) / 2.0;
     let (mut a, mut b) = (high - share * (high - low), low + share * (high - low));
     let (mut at_a, mut at_b) = (of(a), of(b));
-    while high - low > MET {
+    while high - low > CORRELATION_TOLERANCE {
         if at_a < at_b {
             (high, b, at_b) = (b, a, at_a);
             a = high - share * (high - low);
@@ -180,7 +185,7 @@ fn least(of: impl Fn(f64) -> f64) -> (f64, f64) {
     let step = 0.03;
     let middle = found.max(step);
     let curvature = (of(middle - step) - 2.0 * of(middle) + of(middle + step)) / (step * step);
-    (if found < 2.0 * MET { 0.0 } else { found }, curvature)
+    (if found < 2.0 * CORRELATION_TOLERANCE { 0.0 } else { found }, curvature)
 }
 
 /// The usual time between images: the median.
@@ -229,13 +234,13 @@ fn stretches(run: usize, seen: &Seen<'_>, interval_s: f64) -> Vec<Stretch> {
     let mut list = Vec::new();
     for Alike { instants, coordinates, columns } in alike(seen) {
         let keypoints: Vec<usize> = coordinates.iter().map(|(keypoint, _)| *keypoint).collect();
-        let pieces = instants.len().div_ceil(SPAN).max(1);
+        let pieces = instants.len().div_ceil(SPLINE_IMAGES).max(1);
         let size = instants.len().div_ceil(pieces).max(1);
         for (piece, part) in instants.chunks(size).enumerate() {
             let time_s: Vec<f64> = part.iter().map(|&instant| seen.time_s[instant]).collect();
             let still = time_s.partition_point(|&t| t <= seen.start_s);
             let basis = basis(&time_s, still, (KNOT_IMAGES * interval_s).max(KNOT_S));
-            if time_s.len() < LEAST || basis.ncols() + 4 > time_s.len() {
+            if time_s.len() < LEAST_IMAGES || basis.ncols() + 4 > time_s.len() {
                 continue;
             }
             let values = DMatrix::from_fn(part.len(), columns.len(), |row, column| {
@@ -286,7 +291,7 @@ fn independent(basis: &DMatrix<f64>) -> Vec<usize> {
     factors.p().permute_columns(&mut order);
     let sizes = factors.r().diagonal().abs();
     let mut told: Vec<usize> =
-        order.iter().zip(&sizes).filter(|(_, size)| **size > TOLD).map(|(&k, _)| k).collect();
+        order.iter().zip(&sizes).filter(|(_, size)| **size > INDEPENDENT_SHARE).map(|(&k, _)| k).collect();
     told.sort_unstable();
     told
 }

@@ -23,8 +23,8 @@ struct Link {
     scale: f64,
 }
 
-/// Correlations are believed up to here.
-const MOST: f64 = 0.999;
+/// Correlations are believed up to here: with 1, whitening would divide by nothing.
+const MOST_CORRELATED: f64 = 0.999;
 
 impl Whitening {
     /// For `observations` of images at `time_s` \[s\] with `correlation` over `interval_s` \[s\].
@@ -41,7 +41,7 @@ impl Whitening {
             let series = &mut last[3 * observation.keypoint + observation.axis];
             before.push(series.map(|earlier| {
                 let apart_s = time_s[observation.instant] - time_s[observations[earlier].instant];
-                let correlation = correlation.powf(apart_s / interval_s).clamp(0.0, MOST);
+                let correlation = correlation.powf(apart_s / interval_s).clamp(0.0, MOST_CORRELATED);
                 Link { earlier, correlation, scale: (1.0 - correlation * correlation).sqrt().recip() }
             }));
             *series = Some(row);

@@ -7,8 +7,8 @@ use sim::Command;
 
 use super::{Rows, TableError, read_text, write_text};
 
-const ANGLE: &str = "a finite angle in radians; a command has no gaps";
-const MEASURED: &str = "a finite angle in radians; leave the cell empty where nothing was measured";
+const ANGLE_WANTED: &str = "a finite angle in radians; a command has no gaps";
+const MEASURED_WANTED: &str = "a finite angle in radians; leave the cell empty where nothing was measured";
 
 /// Reads the servo table at `path`; commanded angles in radians.
 ///
@@ -53,10 +53,10 @@ pub fn parse_command(text: &str, path: &Path) -> Result<Command, TableError> {
     let mut angle_rad = Vec::with_capacity(time_s.len() * commanded.len());
     for row in 0..time_s.len() {
         for &column in &commanded {
-            angle_rad.push(rows.number(row, column, ANGLE)?);
+            angle_rad.push(rows.number(row, column, ANGLE_WANTED)?);
         }
         for &column in &measured {
-            rows.number_or_gap(row, column, MEASURED)?;
+            rows.number_or_gap(row, column, MEASURED_WANTED)?;
         }
     }
     Ok(Command { actuators, time_s, angle_rad })

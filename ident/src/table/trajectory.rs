@@ -7,8 +7,8 @@ use sim::Trajectory;
 
 use super::{Rows, TableError, read_text, write_text};
 
-const COORDINATE: &str = "a finite number of metres; leave the cell empty where nothing was seen";
-const STD: &str = "a finite number of metres above 0; leave the cell empty where it is not known";
+const COORDINATE_WANTED: &str = "a finite number of metres; leave the cell empty where nothing was seen";
+const STD_WANTED: &str = "a finite number of metres above 0; leave the cell empty where it is not known";
 
 /// What a column other than the time holds.
 enum Quantity {
@@ -81,12 +81,12 @@ pub fn parse_trajectory(text: &str, path: &Path) -> Result<Trajectory, TableErro
             let cell = row * width + keypoint;
             match (quantity, &mut std_m) {
                 (Quantity::Axis(axis), _) => {
-                    position_m[cell][*axis] = rows.number_or_gap(row, column, COORDINATE)?;
+                    position_m[cell][*axis] = rows.number_or_gap(row, column, COORDINATE_WANTED)?;
                 }
                 (Quantity::Std, Some(std_m)) => {
-                    let std = rows.number_or_gap(row, column, STD)?;
+                    let std = rows.number_or_gap(row, column, STD_WANTED)?;
                     if std <= 0.0 {
-                        return Err(rows.cell(row, column, STD));
+                        return Err(rows.cell(row, column, STD_WANTED));
                     }
                     std_m[cell] = std;
                 }
