@@ -1,7 +1,8 @@
 //! Sizes and poses of a mechanism, as far as a fit needs them.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use sim::{JointKind, Model};
+use sim::Model;
+use sim::model::{Coordinates, Joint};
 
 /// Length of the mechanism \[m\]: the greatest distance between the ends of its moving shapes' axes, its marked
 /// points and its bodies' origins, all joints at their reference. Errors are stated as shares of it (80 mm for
@@ -45,16 +46,13 @@ fn half_extents(geom: &sim::model::Geom<f64>) -> [f64; 3] {
 /// free joint shifts along the world's and turns about its own.
 pub(crate) fn moved(model: &Model, qpos: &[f64], delta: &[f64]) -> Vec<f64> {
     let mut moved = qpos.to_vec();
-    for joint in &model.joints {
-        let (q, v) = (joint.qpos_address, joint.dof_address);
-        match joint.kind {
-            JointKind::Hinge | JointKind::Slide => moved[q] += delta[v],
-            JointKind::Ball => turn(&mut moved[q..q + 4], &delta[v..v + 3]),
-            JointKind::Free => {
-                for axis in 0..3 {
-                    moved[q + axis] += delta[v + axis];
+    for (coordinates, q, v) in model.joints.iter().flat_map(Joint::coordinates) {
+        match coordinates {
+            Coordinates::Rotation => turn(&mut moved[q..q + 4], &delta[v..v + 3]),
+            Coordinates::Axis | Coordinates::Position => {
+                for k in 0..coordinates.nv() {
+                    moved[q + k] += delta[v + k];
                 }
-                turn(&mut moved[q + 3..q + 7], &delta[v + 3..v + 6]);
             }
         }
     }
@@ -64,17 +62,16 @@ pub(crate) fn moved(model: &Model, qpos: &[f64], delta: &[f64]) -> Vec<f64> {
 /// The motion, shape (nv), that [`moved`] takes `from` by to come to `to`.
 pub(crate) fn motion(model: &Model, from: &[f64], to: &[f64]) -> Vec<f64> {
     let mut motion = vec![0.0; model.nv()];
-    for joint in &model.joints {
-        let (q, v) = (joint.qpos_address, joint.dof_address);
-        let turned = |q: usize| (rotation(&from[q..q + 4]).inverse() * rotation(&to[q..q + 4])).scaled_axis();
-        match joint.kind {
-            JointKind::Hinge | JointKind::Slide => motion[v] = to[q] - from[q],
-            JointKind::Ball => motion[v..v + 3].copy_from_slice(turned(q).as_slice()),
-            JointKind::Free => {
-                for axis in 0..3 {
-                    motion[v + axis] = to[q + axis] - from[q + axis];
+    for (coordinates, q, v) in model.joints.iter().flat_map(Joint::coordinates) {
+        match coordinates {
+            Coordinates::Rotation => {
+                let turned = rotation(&from[q..q + 4]).inverse() * rotation(&to[q..q + 4]);
+                motion[v..v + 3].copy_from_slice(turned.scaled_axis().as_slice());
+            }
+            Coordinates::Axis | Coordinates::Position => {
+                for k in 0..coordinates.nv() {
+                    motion[v + k] = to[q + k] - from[q + k];
                 }
-                motion[v + 3..v + 6].copy_from_slice(turned(q + 3).as_slice());
             }
         }
     }

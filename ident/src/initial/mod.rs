@@ -7,7 +7,8 @@ mod noise;
 mod pose;
 mod release;
 
-use sim::{JointKind, Model, State};
+use sim::model::Coordinates;
+use sim::{Model, State};
 
 pub use noise::{RunNoise, run_noise};
 pub use release::{Release, release};
@@ -163,18 +164,14 @@ fn moving_state(model: &Model, run: &Run, seen: &[usize], noise_m: f64) -> State
     }
     let mut state = State { qpos: poses[0].clone(), qvel: vec![0.0; model.nv()] };
     let since: Vec<f64> = used.iter().map(|&instant| times[instant] - start_s).collect();
-    for joint in &model.joints {
-        // A ball's rates start at nothing: the fit finds them.
-        let coordinates = match joint.kind {
-            JointKind::Hinge | JointKind::Slide => 1,
-            JointKind::Free => 3,
-            JointKind::Ball => 0,
-        };
-        for axis in 0..coordinates {
-            let values: Vec<f64> = poses.iter().map(|pose| pose[joint.qpos_address + axis]).collect();
+    // The rates of rotations start at nothing: the fit finds them.
+    let numbers = model.joints.iter().flat_map(sim::model::Joint::coordinates);
+    for (coordinates, q, dof) in numbers.filter(|(coordinates, ..)| *coordinates != Coordinates::Rotation) {
+        for k in 0..coordinates.nq() {
+            let values: Vec<f64> = poses.iter().map(|pose| pose[q + k]).collect();
             if let Some([value, rate]) = parabola(&since, &values) {
-                state.qpos[joint.qpos_address + axis] = value;
-                state.qvel[joint.dof_address + axis] = rate;
+                state.qpos[q + k] = value;
+                state.qvel[dof + k] = rate;
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Stage 3: velocities, and the forces that gravity and rotation alone call for (recursive Newton-Euler).
 
 use super::Work;
-use super::plant::{JointPlanKind, Plant};
+use super::plant::Plant;
 use crate::math::Vector;
 use crate::space::{Motion, Space, Wrench};
 
@@ -28,8 +28,7 @@ pub(crate) fn velocity<S: Space>(plant: &Plant<S>, index: usize, qvel: &[S::T], 
     let mut velocity = work.velocity[link.parent];
     let mut drift = work.drift[link.parent];
     for joint in &plant.joints[link.joints.clone()] {
-        // the axes of a free body's travel are the world's and stay
-        let staying = if matches!(joint.kind, JointPlanKind::Free(_)) { 3 } else { 0 };
+        let staying = joint.staying();
         let axes = &work.axes[joint.dof..joint.dof + joint.nv];
         let rates = &qvel[joint.dof..joint.dof + joint.nv];
         for (axis, &rate) in axes[..staying].iter().zip(&rates[..staying]) {

@@ -1,6 +1,6 @@
 //! Stage 8: coordinates along velocities, and between two instants.
 
-use super::plant::{JointPlanKind, Plant};
+use super::plant::{Place, Plant};
 use crate::math::{Quat, Vec3};
 use crate::scalar::Scalar;
 use crate::space::Space;
@@ -8,18 +8,11 @@ use crate::space::Space;
 /// Writes to `out` the coordinates `qpos` moved along `qvel` for `h` \[s\]; quaternions by exponential map.
 #[inline(always)]
 pub(crate) fn advance<S: Space>(plant: &Plant<S>, qpos: &[S::T], qvel: &[S::T], h: S::T, out: &mut [S::T]) {
-    for joint in &plant.joints {
-        let (q, dof) = (joint.q, joint.dof);
-        match joint.kind {
-            JointPlanKind::Hinge { .. } | JointPlanKind::Slide { .. } => out[q] = qpos[q] + h * qvel[dof],
-            JointPlanKind::Ball(_) => turn(qpos, q, qvel, dof, h, out),
-            JointPlanKind::Free(_) => {
-                for k in 0..3 {
-                    out[q + k] = qpos[q + k] + h * qvel[dof + k];
-                }
-                turn(qpos, q + 3, qvel, dof + 3, h, out);
-            }
-        }
+    for &Place { q, dof } in &plant.numbers {
+        out[q] = qpos[q] + h * qvel[dof];
+    }
+    for &Place { q, dof } in &plant.rotations {
+        turn(qpos, q, qvel, dof, h, out);
     }
 }
 
@@ -28,12 +21,7 @@ pub(crate) fn advance<S: Space>(plant: &Plant<S>, qpos: &[S::T], qvel: &[S::T], 
 /// Runge-Kutta fourth order on rotations too (Munthe-Kaas, 1999).
 #[inline(always)]
 pub(crate) fn follow_turn<S: Space>(plant: &Plant<S>, turned: &[S::T], rate: &mut [S::T]) {
-    for joint in &plant.joints {
-        let first = match joint.kind {
-            JointPlanKind::Hinge { .. } | JointPlanKind::Slide { .. } => continue,
-            JointPlanKind::Ball(_) => joint.dof,
-            JointPlanKind::Free(_) => joint.dof + 3,
-        };
+    for &Place { dof: first, .. } in &plant.rotations {
         let u = Vec3([turned[first], turned[first + 1], turned[first + 2]]);
         let w = Vec3([rate[first], rate[first + 1], rate[first + 2]]);
         let once = u.cross(w);
@@ -109,19 +97,10 @@ pub(crate) fn between<S: Space>(
     out: &mut [S::T],
 ) {
     let cubic = Hermite::new(S::T::from_f64(h), s);
-    for joint in &plant.joints {
-        let (q, dof) = (joint.q, joint.dof);
-        match joint.kind {
-            JointPlanKind::Hinge { .. } | JointPlanKind::Slide { .. } => {
-                out[q] = cubic.blend(q0[q], v0[dof], q1[q], v1[dof])
-            }
-            JointPlanKind::Ball(_) => cubic.turn((q0, v0), (q1, v1), q, dof, out),
-            JointPlanKind::Free(_) => {
-                for k in 0..3 {
-                    out[q + k] = cubic.blend(q0[q + k], v0[dof + k], q1[q + k], v1[dof + k]);
-                }
-                cubic.turn((q0, v0), (q1, v1), q + 3, dof + 3, out);
-            }
-        }
+    for &Place { q, dof } in &plant.numbers {
+        out[q] = cubic.blend(q0[q], v0[dof], q1[q], v1[dof]);
+    }
+    for &Place { q, dof } in &plant.rotations {
+        cubic.turn((q0, v0), (q1, v1), q, dof, out);
     }
 }

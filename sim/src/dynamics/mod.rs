@@ -8,6 +8,7 @@ pub(crate) mod fluid;
 pub(crate) mod implicit;
 pub(crate) mod inertia;
 pub(crate) mod integrate;
+pub(crate) mod joint;
 pub(crate) mod kinematics;
 pub(crate) mod limbs;
 pub(crate) mod passive;

@@ -1,40 +1,15 @@
 //! Stage 4: springs, dampers, gravity compensation.
 
 use super::Work;
-use super::plant::{JointPlanKind, Plant};
-use crate::math::Quat;
+use super::plant::Plant;
 use crate::scalar::Scalar;
 use crate::space::{Space, Wrench};
 
-/// Adds the joints' springs, -(a x + b x^2 + c x^3), to `force`.
+/// Adds the joints' springs to `force`.
 #[inline(always)]
 pub(crate) fn springs<S: Space>(plant: &Plant<S>, qpos: &[S::T], force: &mut [S::T]) {
     for joint in plant.joints.iter().filter(|joint| joint.springy) {
-        let [a, b, c] = joint.stiffness;
-        match joint.kind {
-            JointPlanKind::Hinge { .. } | JointPlanKind::Slide { .. } => {
-                let x = qpos[joint.q] - joint.spring_reference;
-                force[joint.dof] -= x * (a + x * (b + x * c));
-            }
-            JointPlanKind::Ball(_) => unbend(a, qpos, joint.q, Quat::IDENTITY, force, joint.dof),
-            JointPlanKind::Free(_) => {
-                let link = &plant.links[plant.dof_body[joint.dof]];
-                unbend(a, qpos, joint.q + 3, link.quat, force, joint.dof + 3);
-                for k in 0..3 {
-                    force[joint.dof + k] -= a * (qpos[joint.q + k] - link.reference[k]);
-                }
-            }
-        }
-    }
-}
-
-/// Adds the spring of a rotation whose quaternion stands at `q`, slack at `slack`.
-#[inline(always)]
-fn unbend<T: Scalar>(stiffness: T, qpos: &[T], q: usize, slack: Quat<T>, force: &mut [T], dof: usize) {
-    let now = Quat([qpos[q], qpos[q + 1], qpos[q + 2], qpos[q + 3]]).normalized();
-    let bend = slack.conjugate().product(now).rotation_vector();
-    for k in 0..3 {
-        force[dof + k] -= stiffness * bend[k];
+        joint.spring(qpos, force);
     }
 }
 

@@ -21,7 +21,7 @@ impl<T: Scalar> Plane<T> {
     /// The plane that `model` moves in, if it does: hinges parallel, slides and wind at right angles to them, every
     /// shape that feels the water with one axis along them.
     pub(crate) fn of(model: &Model<T>) -> Option<Self> {
-        if model.joints.iter().any(|joint| matches!(joint.kind, JointKind::Ball | JointKind::Free)) {
+        if model.joints.iter().any(|joint| !joint.kind.is_axle()) {
             return None;
         }
         let mut world: Vec<Mat3<T>> = vec![Mat3::IDENTITY; model.bodies.len()];

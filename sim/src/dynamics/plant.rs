@@ -1,8 +1,9 @@
 //! The model laid out for stepping: everything that depends on the model alone, computed once.
 
+use super::joint::JointPlan;
 use crate::fluid::{Ellipsoid, Immersed, ImmersedBox, InertiaBox};
-use crate::math::{Quat, Sym3, Vec3, Vector};
-use crate::model::{ActuatorKind, JointKind, Model, shape};
+use crate::math::{Sym3, Vector};
+use crate::model::{ActuatorKind, Body, Coordinates, Joint, Model, shape};
 use crate::scalar::{Mask, Scalar};
 use crate::space::Space;
 
@@ -15,9 +16,6 @@ pub(crate) struct Link<S: Space> {
     pub(crate) pos: S::Vec,
     /// `parent_from_body` at the reference; `None` for the identity.
     pub(crate) rot: Option<S::Rot>,
-    /// Position and orientation at the reference as the model has them, for the springs of free joints.
-    pub(crate) reference: Vec3<S::T>,
-    pub(crate) quat: Quat<S::T>,
     pub(crate) mass: S::T,
     pub(crate) com: S::Vec,
     /// Inertia about the centre of mass, body axes.
@@ -26,38 +24,6 @@ pub(crate) struct Link<S: Space> {
     pub(crate) held_mass: Option<S::T>,
     pub(crate) joints: std::ops::Range<usize>,
     pub(crate) dofs: std::ops::Range<usize>,
-}
-
-/// How a joint moves its body, axes in the body's frame.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum JointPlanKind<S: Space> {
-    /// `along`: the body's own axis that it lies on, if on one.
-    Hinge {
-        axis: S::Spin,
-        along: Option<usize>,
-    },
-    Slide {
-        axis: S::Vec,
-    },
-    Ball(S::AnyTurn),
-    Free(S::AnyTurn),
-}
-
-#[derive(Debug, Clone)]
-pub(crate) struct JointPlan<S: Space> {
-    pub(crate) kind: JointPlanKind<S>,
-    /// Degrees of freedom.
-    pub(crate) nv: usize,
-    pub(crate) q: usize,
-    pub(crate) dof: usize,
-    /// Anchor in the body's frame; `None` at its origin.
-    pub(crate) pos: Option<S::Vec>,
-    pub(crate) reference: S::T,
-    pub(crate) spring_reference: S::T,
-    pub(crate) stiffness: [S::T; 3],
-    pub(crate) springy: bool,
-    pub(crate) damping: [S::T; 3],
-    pub(crate) damped: bool,
 }
 
 #[derive(Debug, Clone)]
@@ -91,6 +57,13 @@ pub(crate) struct Drive<T> {
     pub(crate) force_range: Option<[T; 2]>,
 }
 
+/// Where a coordinate, or the first of four, stands in `qpos`, and its velocity in `qvel`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Place {
+    pub(crate) q: usize,
+    pub(crate) dof: usize,
+}
+
 /// A joint's end stop, or the friction loss of one axis: a force on one degree of freedom, between bounds.
 #[derive(Debug, Clone)]
 pub(crate) enum Restraint<T> {
@@ -109,6 +82,9 @@ pub(crate) struct Plant<S: Space> {
     pub(crate) viscosity: S::T,
     pub(crate) links: Vec<Link<S>>,
     pub(crate) joints: Vec<JointPlan<S>>,
+    /// Coordinates that are numbers, and those that are quaternions: each with its velocity's place.
+    pub(crate) numbers: Vec<Place>,
+    pub(crate) rotations: Vec<Place>,
     pub(crate) dof_body: Vec<usize>,
     pub(crate) armature: Vec<S::T>,
     pub(crate) fluid_geoms: Vec<FluidGeom<S>>,
@@ -135,6 +111,8 @@ impl<S: Space> Plant<S> {
             viscosity: model.settings.viscosity,
             links: Vec::with_capacity(model.bodies.len()),
             joints: Vec::with_capacity(model.joints.len()),
+            numbers: Vec::new(),
+            rotations: Vec::new(),
             dof_body: Vec::new(),
             armature: Vec::new(),
             fluid_geoms: Vec::new(),
@@ -151,7 +129,7 @@ impl<S: Space> Plant<S> {
             let first = plant.joints.len();
             let first_dof = plant.dof_body.len();
             for joint in model.joints.iter().filter(|joint| joint.body == index) {
-                plant.add_joint(joint);
+                plant.add_joint(joint, body);
             }
             let held = body.mass * body.gravity_compensation;
             let inertia = Sym3::rotated_diagonal(&body.principal.matrix(), body.inertia);
@@ -160,8 +138,6 @@ impl<S: Space> Plant<S> {
                 root: if body.parent == 0 { index } else { plant.links[body.parent].root },
                 pos: S::vector(&plant.layout, body.parent, body.pos),
                 rot: S::link_rotation(&plant.layout, body.quat),
-                reference: body.pos,
-                quat: body.quat,
                 mass: body.mass,
                 com: S::vector(&plant.layout, index, body.com),
                 inertia: S::inertia(&plant.layout, index, inertia),
@@ -181,7 +157,7 @@ impl<S: Space> Plant<S> {
         (1..self.links.len()).find(|&index| {
             let link = &self.links[index];
             link.dofs.len() == 6
-                && matches!(self.joints[link.joints.start].kind, JointPlanKind::Free(_))
+                && self.joints[link.joints.start].is_free()
                 && self
                     .links
                     .iter()
@@ -189,46 +165,28 @@ impl<S: Space> Plant<S> {
         })
     }
 
-    fn add_joint(&mut self, joint: &crate::model::Joint<S::T>) {
-        let nonzero = |x: S::T| x != S::T::ZERO;
-        let damped = joint.damping.into_iter().any(nonzero);
-        self.damped |= damped;
-        for k in 0..joint.kind.nv() {
-            let dof = joint.dof_address + k;
+    fn add_joint(&mut self, joint: &Joint<S::T>, body: &Body<S::T>) {
+        let plan = JointPlan::new(joint, body, &self.layout);
+        self.damped |= plan.damped;
+        for dof in plan.dof..plan.dof + plan.nv {
             self.dof_body.push(joint.body);
             self.armature.push(joint.armature);
-            if nonzero(joint.friction_loss) {
+            if joint.friction_loss != S::T::ZERO {
                 self.restraints.push(Restraint::Friction { dof, loss: joint.friction_loss });
             }
         }
         if let Some(range) = joint.limit {
             self.restraints.push(Restraint::Limit { q: joint.qpos_address, dof: joint.dof_address, range });
         }
-        let kind = match (joint.kind, S::any_turn_possible(&self.layout)) {
-            (JointKind::Slide, _) => {
-                JointPlanKind::Slide { axis: S::vector(&self.layout, joint.body, joint.axis) }
+        for (coordinates, q, dof) in joint.coordinates() {
+            match coordinates {
+                Coordinates::Rotation => self.rotations.push(Place { q, dof }),
+                Coordinates::Axis | Coordinates::Position => {
+                    self.numbers.extend((0..coordinates.nq()).map(|k| Place { q: q + k, dof: dof + k }));
+                }
             }
-            (JointKind::Ball, Some(possible)) => JointPlanKind::Ball(possible),
-            (JointKind::Free, Some(possible)) => JointPlanKind::Free(possible),
-            // a plane is only made for a model without balls and free bodies
-            (JointKind::Hinge | JointKind::Ball | JointKind::Free, _) => {
-                let axis = S::spin(&self.layout, joint.body, joint.axis);
-                JointPlanKind::Hinge { axis, along: S::along(axis) }
-            }
-        };
-        self.joints.push(JointPlan {
-            kind,
-            nv: joint.kind.nv(),
-            q: joint.qpos_address,
-            dof: joint.dof_address,
-            pos: (joint.pos != Vec3::ZERO).then(|| S::vector(&self.layout, joint.body, joint.pos)),
-            reference: joint.reference,
-            spring_reference: joint.spring_reference,
-            stiffness: joint.stiffness,
-            springy: joint.stiffness.into_iter().any(nonzero),
-            damping: joint.damping,
-            damped,
-        });
+        }
+        self.joints.push(plan);
     }
 
     /// The rows of the mass matrix of this body's dofs: each rides on the ones before it and its ancestors'.

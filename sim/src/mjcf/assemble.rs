@@ -12,7 +12,7 @@ use super::error::MjcfError;
 use super::write::{BEFORE_3_14, LIFT};
 use crate::causes::Cause;
 use crate::math::Vec3;
-use crate::model::{Actuator, ActuatorKind, Contacts, Integrator, JointKind, KuttaLift, Model, Settings};
+use crate::model::{Actuator, ActuatorKind, Contacts, Integrator, KuttaLift, Model, Settings};
 
 /// Sections that neither move nor shape anything simulated.
 const PASSED_OVER: [&str; 7] = ["size", "visual", "statistic", "asset", "custom", "sensor", "keyframe"];
@@ -174,7 +174,7 @@ fn actuator<'a>(
         .iter()
         .position(|joint| joint.name == joint_name)
         .ok_or_else(|| attributes.invalid("joint", "the name of a joint"))?;
-    if !matches!(model.joints[joint].kind, JointKind::Hinge | JointKind::Slide) {
+    if !model.joints[joint].kind.is_axle() {
         return Err(attributes.invalid("joint", "a hinge or a slide"));
     }
     let (kp, kv) = match kind {

@@ -192,13 +192,7 @@ impl<'a, 'd> Tree<'a, 'd> {
         let kind = if node.has_tag_name("freejoint") {
             JointKind::Free
         } else {
-            let kinds = [
-                ("hinge", JointKind::Hinge),
-                ("slide", JointKind::Slide),
-                ("ball", JointKind::Ball),
-                ("free", JointKind::Free),
-            ];
-            attributes.one_of("type", &kinds, JointKind::Hinge)?
+            attributes.one_of("type", &JointKind::NAMED, JointKind::Hinge)?
         };
         let earlier: Vec<JointKind> =
             self.joints.iter().filter(|joint| joint.body == body).map(|joint| joint.kind).collect();
@@ -217,7 +211,7 @@ impl<'a, 'd> Tree<'a, 'd> {
         }
         let angles = &self.compiler.angles;
         let in_radians = |x: f64| if kind == JointKind::Hinge { angles.radians(x) } else { x };
-        let single = matches!(kind, JointKind::Hinge | JointKind::Slide);
+        let single = kind.is_axle();
         let limit = attributes.limited_range("range", "limited", self.compiler.autolimits)?;
         if limit.is_some() && !single {
             return Err(

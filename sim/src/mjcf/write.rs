@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::model::{ActuatorKind, GeomKind, Integrator, JointKind, KuttaLift, Model};
+use crate::model::{ActuatorKind, GeomKind, Integrator, KuttaLift, Model};
 
 /// The `<custom>` text that says which engines' Kutta lift a model has, and what it says.
 pub(super) const LIFT: &str = "kutta_lift";
@@ -10,9 +10,8 @@ pub(super) const BEFORE_3_14: &str = "before-3.14";
 
 /// For which engines an export moves the same way.
 fn versions(model: &Model<f64>) -> &'static str {
-    let turns_freely = |kind| matches!(kind, JointKind::Ball | JointKind::Free);
     let rk4 = model.settings.integrator == Integrator::Rk4;
-    let newest = rk4 && model.joints.iter().any(|joint| turns_freely(joint.kind));
+    let newest = rk4 && model.joints.iter().any(|joint| !joint.kind.is_axle());
     match (model.settings.kutta_lift, newest) {
         (KuttaLift::Whole, false) => {
             "Moves the same way in MuJoCo 3.14 and later; before that the Kutta lift of small shapes was lost."
@@ -174,17 +173,11 @@ impl Writer<'_> {
     }
 
     fn joint(&mut self, joint: &crate::model::Joint<f64>, depth: usize) {
-        let (kind, single) = match joint.kind {
-            JointKind::Hinge => ("hinge", true),
-            JointKind::Slide => ("slide", true),
-            JointKind::Ball => ("ball", false),
-            JointKind::Free => ("free", false),
-        };
         let attributes = [
             name(&joint.name, joint.named),
-            Some(("type", kind.into())),
+            Some(("type", joint.kind.mjcf_name().into())),
             (joint.pos.0 != [0.0; 3]).then(|| ("pos", numbers(&joint.pos.0))),
-            single.then(|| ("axis", numbers(&joint.axis.0))),
+            joint.kind.is_axle().then(|| ("axis", numbers(&joint.axis.0))),
             unless(0.0, "ref", joint.reference),
             unless(0.0, "springref", joint.spring_reference),
             (joint.stiffness != [0.0; 3]).then(|| ("stiffness", polynomial(joint.stiffness))),

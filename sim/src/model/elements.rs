@@ -69,79 +69,6 @@ pub struct Body<T> {
     pub gravity_compensation: T,
 }
 
-/// The kinds of joint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum JointKind {
-    /// Turns about an axis: one angle \[rad\].
-    Hinge,
-    /// Slides along an axis: one travel \[m\].
-    Slide,
-    /// Turns about a point: a unit quaternion, three rates.
-    Ball,
-    /// Floats: position and unit quaternion, six rates.
-    Free,
-}
-
-impl JointKind {
-    /// Number of coordinates.
-    pub fn nq(self) -> usize {
-        match self {
-            Self::Hinge | Self::Slide => 1,
-            Self::Ball => 4,
-            Self::Free => 7,
-        }
-    }
-
-    /// Whether it has one axis, along or about which it moves.
-    pub fn is_axle(self) -> bool {
-        matches!(self, Self::Hinge | Self::Slide)
-    }
-
-    /// Number of velocities.
-    pub fn nv(self) -> usize {
-        match self {
-            Self::Hinge | Self::Slide => 1,
-            Self::Ball => 3,
-            Self::Free => 6,
-        }
-    }
-}
-
-/// A joint between a body and its parent.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Joint<T> {
-    /// Its name, or `joint#` and its place in the file.
-    pub name: String,
-    /// Whether the file names it.
-    pub named: bool,
-    /// Kind.
-    pub kind: JointKind,
-    /// The body it moves.
-    pub body: usize,
-    /// First coordinate in `qpos`.
-    pub qpos_address: usize,
-    /// First velocity in `qvel`.
-    pub dof_address: usize,
-    /// Anchor in the body's frame \[m\].
-    pub pos: Vec3<T>,
-    /// Axis in the body's frame, unit length.
-    pub axis: Vec3<T>,
-    /// Coordinate of a hinge or slide at which the body stands as the file places it.
-    pub reference: T,
-    /// Coordinate of a hinge or slide at which its spring is slack.
-    pub spring_reference: T,
-    /// Spring -(a x + b x^2 + c x^3), x from `spring_reference`: a, b, c \[N m/rad, ...\].
-    pub stiffness: [T; 3],
-    /// Damper -(a v + b v|v| + c v^3): a, b, c \[N m s/rad, ...\].
-    pub damping: [T; 3],
-    /// Added to the inertia on this joint's axes \[kg m2\] or \[kg\].
-    pub armature: T,
-    /// Friction loss \[N m\] or \[N\], on each axis.
-    pub friction_loss: T,
-    /// End stops of a hinge \[rad\] or slide \[m\].
-    pub limit: Option<[T; 2]>,
-}
-
 /// The shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GeomKind {
@@ -279,28 +206,6 @@ impl<T: Scalar> Body<T> {
             com: self.com.map(f),
             principal: self.principal.map(f),
             gravity_compensation: f(self.gravity_compensation),
-        }
-    }
-}
-
-impl<T: Scalar> Joint<T> {
-    pub(crate) fn map<U>(&self, f: impl Fn(T) -> U + Copy) -> Joint<U> {
-        Joint {
-            name: self.name.clone(),
-            named: self.named,
-            kind: self.kind,
-            body: self.body,
-            qpos_address: self.qpos_address,
-            dof_address: self.dof_address,
-            pos: self.pos.map(f),
-            axis: self.axis.map(f),
-            reference: f(self.reference),
-            spring_reference: f(self.spring_reference),
-            stiffness: self.stiffness.map(f),
-            damping: self.damping.map(f),
-            armature: f(self.armature),
-            friction_loss: f(self.friction_loss),
-            limit: self.limit.map(|range| range.map(f)),
         }
     }
 }

@@ -6,20 +6,20 @@
 pub(crate) mod cause;
 mod contacts;
 mod elements;
+mod joint;
 mod parameters;
 pub(crate) mod shape;
 
 pub(crate) use contacts::Contacts;
 pub use contacts::PossibleContact;
 pub use elements::{
-    Actuator, ActuatorKind, Body, FluidCoefficients, Geom, GeomKind, Integrator, Joint, JointKind, KuttaLift,
-    Settings, Site,
+    Actuator, ActuatorKind, Body, FluidCoefficients, Geom, GeomKind, Integrator, KuttaLift, Settings, Site,
 };
+pub use joint::{Coordinates, Joint, JointKind};
 pub use parameters::{Parameter, UnknownParameter};
 
 use cause::CauseValues;
 
-use crate::math::Quat;
 use crate::scalar::Scalar;
 
 /// A mechanism in its water. Element 0 of `bodies` is the world.
@@ -70,13 +70,12 @@ impl<T: Scalar> Model<T> {
     pub fn rest_state(&self) -> State<T> {
         let mut qpos = Vec::with_capacity(self.nq());
         for joint in &self.joints {
-            match joint.kind {
-                JointKind::Hinge | JointKind::Slide => qpos.push(joint.reference),
-                JointKind::Ball => qpos.extend(Quat::<T>::IDENTITY.0),
-                JointKind::Free => {
-                    let body = &self.bodies[joint.body];
-                    qpos.extend(body.pos.0);
-                    qpos.extend(body.quat.0);
+            let (pos, quat) = joint.rest(&self.bodies[joint.body]);
+            for (coordinates, ..) in joint.coordinates() {
+                match coordinates {
+                    Coordinates::Axis => qpos.push(joint.reference),
+                    Coordinates::Position => qpos.extend(pos.0),
+                    Coordinates::Rotation => qpos.extend(quat.0),
                 }
             }
         }

@@ -1,6 +1,6 @@
 //! The model's numbers by name: what a fit turns.
 
-use super::{ActuatorKind, JointKind, Model};
+use super::{ActuatorKind, Model};
 use crate::scalar::Scalar;
 
 /// A place in a model, found once by name and then read and written quickly.
@@ -147,10 +147,7 @@ impl<T: Scalar> Model<T> {
                     .map(move |(k, of)| (format!("{}/{of}", geom.name), Parameter::Fluid(i, k)))
             });
         let joints = self.joints.iter().enumerate().flat_map(|(i, joint)| {
-            let powers = match joint.kind {
-                JointKind::Hinge | JointKind::Slide => 3,
-                JointKind::Ball | JointKind::Free => 1,
-            };
+            let powers = if joint.kind.is_axle() { 3 } else { 1 };
             [("damping", Parameter::Damping(i)), ("frictionloss", Parameter::FrictionLoss(i))]
                 .into_iter()
                 .chain((0..powers).map(move |k| (STIFFNESS[k], Parameter::Stiffness(i, k))))

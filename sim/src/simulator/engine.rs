@@ -8,7 +8,7 @@ use crate::dynamics::restraint::{self, Solver, multiply};
 use crate::dynamics::stages::{LimbStage, SlopeStage, Stages};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
 use crate::error::RolloutError;
-use crate::model::{ActuatorKind, Integrator, JointKind, Model, State};
+use crate::model::{ActuatorKind, Coordinates, Integrator, Model, State};
 use crate::options::RolloutOptions;
 use crate::scalar::{Mask, Scalar, tuned};
 use crate::steps::Method;
@@ -211,13 +211,11 @@ impl<S: Stages> Engine<S> {
             })
             .collect();
         for joint in &model.joints {
-            let three: &[usize] = match joint.kind {
-                JointKind::Hinge | JointKind::Slide => &[],
-                JointKind::Ball => &[0],
-                JointKind::Free => &[0, 3],
-            };
-            for &first in three {
-                let axes = &mut weights[joint.dof_address + first..joint.dof_address + first + 3];
+            for (coordinates, _, dof) in joint.coordinates() {
+                let axes = &mut weights[dof..dof + coordinates.nv()];
+                if coordinates == Coordinates::Axis {
+                    continue;
+                }
                 let mean = (axes[0] + axes[1] + axes[2]) * S::T::from_f64(1.0 / 3.0);
                 axes.fill(mean);
             }
