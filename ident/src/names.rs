@@ -2,56 +2,47 @@
 
 use std::path::Path;
 
+use wildmatch::WildMatch;
+
 /// Whether `name` matches `pattern`, where `*` stands for any run of characters and `?` for any one.
 pub(crate) fn glob(pattern: &str, name: &str) -> bool {
-    let (pattern, name): (Vec<char>, Vec<char>) = (pattern.chars().collect(), name.chars().collect());
-    let (mut p, mut n) = (0, 0);
-    // Where to go on after giving the last star one more character.
-    let mut retry = None;
-    while n < name.len() {
-        match pattern.get(p) {
-            Some('*') => {
-                retry = Some((p, n));
-                p += 1;
-            }
-            Some(&c) if c == '?' || c == name[n] => {
-                p += 1;
-                n += 1;
-            }
-            _ => match retry {
-                Some((star, taken)) => {
-                    retry = Some((star, taken + 1));
-                    p = star + 1;
-                    n = taken + 1;
-                }
-                None => return false,
-            },
-        }
-    }
-    pattern[p..].iter().all(|&c| c == '*')
+    WildMatch::new(pattern).matches(name)
+}
+
+/// Of `known` the name nearest to `name`, if it is near enough for a slip of the keyboard.
+pub(crate) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    // A name cut short is nearer than one of as many letters.
+    let distance = |k: &str| if k.starts_with(name) { 0 } else { strsim::damerau_levenshtein(name, k) };
+    let (distance, nearest) = known.into_iter().map(|k| (distance(k), k)).min()?;
+    (distance <= name.len().max(nearest.len()) / 2).then_some(nearest)
 }
 
 /// ` (did you mean ...?)` with the known name nearest to `name`, or the known names where none is near.
 pub(crate) fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a String>) -> String {
     let known: Vec<&String> = known.into_iter().collect();
-    // A name cut short is nearer than one of as many letters.
-    let distance = |k: &str| if k.starts_with(name) { 0 } else { strsim::damerau_levenshtein(name, k) };
-    let nearest = known.iter().map(|&k| (distance(k), k)).min();
-    match nearest {
-        Some((distance, nearest)) if distance <= name.len().max(nearest.len()) / 2 => {
-            format!(" (did you mean `{nearest}`?)")
-        }
-        Some(_) if known.len() <= 12 => {
+    if let Some(nearest) = nearest(name, known.iter().map(|k| k.as_str())) {
+        return format!(" (did you mean `{nearest}`?)");
+    }
+    match known.iter().min_by_key(|k| (strsim::damerau_levenshtein(name, k), **k)) {
+        Some(_) if known.len() <= MOST_NAMED => {
             let list: Vec<String> = known.iter().map(|k| format!("`{k}`")).collect();
             format!(" (it has {})", list.join(", "))
         }
-        Some((_, nearest)) => format!(" (it has {} others, such as `{nearest}`)", known.len()),
+        Some(like) => format!(" (it has {} others, such as `{like}`)", known.len()),
         None => " (it has none)".to_owned(),
     }
 }
 
+/// Known names that are all listed where none is near: one line's worth.
+const MOST_NAMED: usize = 12;
+
+/// The text of the file at `path`; where it is not there, the error names the file that may have been meant.
+pub(crate) fn read_text(path: &Path) -> std::io::Result<String> {
+    std::fs::read_to_string(path).map_err(|error| not_there(error, path))
+}
+
 /// `error`, which opening `path` gave, with the file of its folder that may have been meant.
-pub(crate) fn not_there(error: std::io::Error, path: &Path) -> std::io::Error {
+fn not_there(error: std::io::Error, path: &Path) -> std::io::Error {
     if error.kind() != std::io::ErrorKind::NotFound {
         return error;
     }

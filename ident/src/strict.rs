@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer, Serialize};
 
+use crate::names::nearest;
+
 /// Why a TOML document was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum StrictError {
@@ -58,11 +60,7 @@ fn nearest_key(message: &str) -> Option<&str> {
     }
     let mut names = message.split('`').skip(1).step_by(2);
     let unknown = names.next()?;
-    names
-        .map(|known| (strsim::damerau_levenshtein(unknown, known), known))
-        .filter(|(distance, known)| *distance <= known.len().max(unknown.len()) / 2)
-        .min()
-        .map(|(_, known)| known)
+    nearest(unknown, names)
 }
 
 macro_rules! ranged {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use super::{ExperimentError, Run, RunKind};
-use crate::names::not_there;
+use crate::names;
 use crate::table::{read_command, read_trajectory};
 
 /// What a fit needs of `start.json`; the rest of it is for others.
@@ -62,9 +62,5 @@ impl Folder {
 }
 
 pub(super) fn read_text(what: &'static str, path: &Path) -> Result<String, ExperimentError> {
-    std::fs::read_to_string(path).map_err(|source| ExperimentError::Unreadable {
-        what,
-        path: path.into(),
-        source: not_there(source, path),
-    })
+    names::read_text(path).map_err(|source| ExperimentError::Unreadable { what, path: path.into(), source })
 }

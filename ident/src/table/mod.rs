@@ -5,97 +5,16 @@
 //! is no finite number, a row out of order or a column nobody knows is refused with file, line and column.
 
 mod command;
+mod error;
 mod trajectory;
 
 use std::path::{Path, PathBuf};
 
-use crate::names::not_there;
+use crate::names;
 
 pub use command::{parse_command, read_command, write_command};
+pub use error::TableError;
 pub use trajectory::{parse_trajectory, read_trajectory, trajectory_text, write_trajectory};
-
-/// Why a table was refused or could not be written.
-#[derive(Debug, thiserror::Error)]
-pub enum TableError {
-    /// The file could not be read.
-    #[error("reading table {}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The file could not be written.
-    #[error("writing table {}", path.display())]
-    Unwritable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The text is no CSV.
-    #[error("{}: not a table of comma separated values", path.display())]
-    Malformed {
-        /// The file.
-        path: PathBuf,
-        /// Where and why.
-        source: csv::Error,
-    },
-    /// The first line is not a header of the wanted form.
-    #[error("{}, line 1: {reason}", path.display())]
-    Header {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong and what is wanted.
-        reason: String,
-    },
-    /// A row has another number of cells than the header.
-    #[error("{}, line {line}: {got} cells under a header of {expected}; a gap is an empty cell, its comma stays", path.display())]
-    Width {
-        /// The file.
-        path: PathBuf,
-        /// Line, counted from 1.
-        line: u64,
-        /// Cells in the header.
-        expected: usize,
-        /// Cells in the row.
-        got: usize,
-    },
-    /// A cell does not hold what its column wants.
-    #[error("{}, line {line}, column {column}: `{text}` is not {wanted}", path.display())]
-    Cell {
-        /// The file.
-        path: PathBuf,
-        /// Line, counted from 1.
-        line: u64,
-        /// Column title.
-        column: String,
-        /// What the cell holds.
-        text: String,
-        /// What it should hold, and what to do about it.
-        wanted: &'static str,
-    },
-    /// Time does not rise from one row to the next.
-    #[error("{}, line {line}, column time_s: {time_s} does not come after {before_s} of the row above; sort the rows and drop doubles", path.display())]
-    Order {
-        /// The file.
-        path: PathBuf,
-        /// Line, counted from 1.
-        line: u64,
-        /// Time of this row \[s\].
-        time_s: f64,
-        /// Time of the row above \[s\].
-        before_s: f64,
-    },
-    /// There is a header and nothing below it.
-    #[error("{}: no rows below the header; {wanted}", path.display())]
-    Empty {
-        /// The file.
-        path: PathBuf,
-        /// What is needed.
-        wanted: &'static str,
-    },
-}
 
 /// A table as text: its header, and its rows with their line numbers.
 struct Rows {
@@ -174,8 +93,7 @@ impl Rows {
 }
 
 fn read_text(path: &Path) -> Result<String, TableError> {
-    std::fs::read_to_string(path)
-        .map_err(|source| TableError::Unreadable { path: path.into(), source: not_there(source, path) })
+    names::read_text(path).map_err(|source| TableError::Unreadable { path: path.into(), source })
 }
 
 fn write_text(path: &Path, text: &str) -> Result<(), TableError> {
