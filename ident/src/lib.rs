@@ -31,7 +31,7 @@ mod names;
 mod noise;
 pub mod parameters;
 pub mod simulate;
-mod statistics;
+pub mod statistics;
 pub mod strict;
 pub mod table;
 mod text;

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::CmaEs;
+use crate::statistics::median;
 
 /// How a search is run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -176,12 +177,9 @@ impl CmaEs {
         let full = self.options.history_for(n);
         let worse = |list: &[Loss]| {
             let share = full * 3 / 10;
-            let median = |part: &[Loss]| {
-                let mut part: Vec<f64> = part.iter().map(|loss| loss.unwrap_or(f64::INFINITY)).collect();
-                part.sort_by(f64::total_cmp);
-                part[part.len() / 2]
-            };
-            list.len() >= full && median(&list[list.len() - share..]) >= median(&list[..share])
+            let middle =
+                |part: &[Loss]| median(part.iter().map(|loss| loss.unwrap_or(f64::INFINITY)).collect());
+            list.len() >= full && middle(&list[list.len() - share..]) >= middle(&list[..share])
         };
         worse(&self.history.best) && worse(&self.history.median)
     }

@@ -9,7 +9,7 @@ use crate::hypothesis::nuisances::{Nuisances, joint_covariance};
 use crate::hypothesis::state::State;
 use crate::noise::floor::{Floor, slow_part};
 use crate::noise::series;
-use crate::statistics::chi2_survival;
+use crate::statistics::{chi2_survival, one_value};
 
 /// Lags of the portmanteau test.
 const PORTMANTEAU_LAGS: usize = 8;
@@ -139,10 +139,7 @@ fn common(state: &State<'_>, which: usize) -> Option<(ConstancyTest, Vec<PerRun>
     }
     let factor = gram.clone().cholesky()?;
     let change = -factor.solve(&slope);
-    let weights = &gram * DVector::from_element(seen.len(), 1.0);
-    let mean = weights.dot(&change) / weights.sum();
-    let apart = change.add_scalar(-mean);
-    let chi2 = apart.dot(&(&gram * &apart)).max(0.0);
+    let (chi2, degrees, p) = one_value(&change, |values| &gram * values);
     let covariance = factor.inverse();
     let ids = ids(state);
     let list = seen.iter().enumerate().map(|(place, &run)| PerRun {
@@ -151,8 +148,6 @@ fn common(state: &State<'_>, which: usize) -> Option<(ConstancyTest, Vec<PerRun>
         value: value + change[place],
         std: covariance[(place, place)].sqrt(),
     });
-    let degrees = seen.len() - 1;
-    let p = chi2_survival(chi2, degrees as f64);
     Some((ConstancyTest { parameter: parameter.name().to_owned(), chi2, degrees, p }, list.collect()))
 }
 

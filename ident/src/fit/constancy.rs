@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use super::information::{Information, RunInformation, SETTLED_WIDTH_SHARE, sandwich};
 use super::report::{Constancy, RunValue};
 use crate::parameters::Parameters;
-use crate::statistics::chi2_survival;
+use crate::statistics::one_value;
 
 /// Values of parameter `which` per run that sees it, and the test that they are one; `None` with fewer than two
 /// such runs.
@@ -36,13 +36,8 @@ pub(super) fn constancy(
     let changes = DVector::from_iterator(runs.len(), runs.iter().map(|&run| changes[run]));
     let part = DMatrix::from_fn(runs.len(), runs.len(), |i, j| covariance[(runs[i], runs[j])]);
     let factor = part.cholesky()?;
-    let ones = DVector::from_element(runs.len(), 1.0);
-    let weights = factor.solve(&ones);
-    let mean = weights.dot(&changes) / weights.sum();
-    let apart = changes.add_scalar(-mean);
-    let chi2 = apart.dot(&factor.solve(&apart)).max(0.0);
-    let degrees = runs.len() - 1;
-    Some((list.collect(), Constancy { chi2, degrees, p: chi2_survival(chi2, degrees as f64) }))
+    let (chi2, degrees, p) = one_value(&changes, |values| factor.solve(values));
+    Some((list.collect(), Constancy { chi2, degrees, p }))
 }
 
 /// Changes of parameter `which` in every run, shape (runs), and their covariance.

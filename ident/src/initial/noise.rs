@@ -4,7 +4,7 @@ use sim::{Command, Trajectory};
 
 use super::release;
 use crate::experiment::{Run, RunKind};
-use crate::noise::{LEAST_NOISE_M, MOST_CORRELATED, noise_m, third_difference};
+use crate::noise::{LEAST_NOISE_M, MOST_CORRELATED, Neighbours, noise_m, third_difference};
 
 /// Least still images that tell the noise: with three keypoints, to some 10 %.
 const LEAST_STILL_IMAGES: usize = 15;
@@ -41,7 +41,7 @@ pub fn run_noise(run: &Run) -> RunNoise {
 /// Standard deviation \[m\] and correlation over the first `still` images, each coordinate about its own mean.
 fn still_noise(trajectory: &Trajectory, still: usize) -> Option<(f64, f64)> {
     let (mut squares, mut freedom) = (0.0, 0.0);
-    let (mut products, mut before, mut after) = (0.0, 0.0, 0.0);
+    let mut neighbours = Neighbours::default();
     let mut longest = 0;
     for keypoint in 0..trajectory.keypoints.len() {
         for axis in 0..3 {
@@ -55,17 +55,14 @@ fn still_noise(trajectory: &Trajectory, still: usize) -> Option<(f64, f64)> {
             squares += seen.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
             freedom += seen.len() as f64 - 1.0;
             for pair in series.windows(2).filter(|pair| pair[0].is_finite() && pair[1].is_finite()) {
-                let (a, b) = (pair[0] - mean, pair[1] - mean);
-                products += a * b;
-                before += a * a;
-                after += b * b;
+                neighbours.add(pair[0] - mean, pair[1] - mean);
             }
         }
     }
     if freedom == 0.0 {
         return None;
     }
-    let seen = products / (before * after).sqrt().max(f64::MIN_POSITIVE);
+    let seen = neighbours.correlation();
     // Taking out the mean of n images makes neighbours look (1 + 3 correlation) / n less alike.
     let n = longest as f64;
     let correlation = ((seen + 1.0 / n) / (1.0 - 3.0 / n)).clamp(0.0, MOST_CORRELATED);

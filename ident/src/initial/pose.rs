@@ -90,6 +90,9 @@ fn sweep(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) -> V
 }
 
 /// Levenberg-Marquardt; the damping never quite vanishes, which keeps unseen directions where they are.
+///
+/// A loop of its own beside that of a fit: there are no bounds, priors or dampings tried side by side here, and damping is absolute,
+/// where a fit's is a share of each curvature.
 fn descend(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) -> Vec<f64> {
     let dofs: Vec<usize> = (0..model.nv()).filter(|&dof| !frozen[dof]).collect();
     if dofs.is_empty() || targets.is_empty() {

@@ -26,21 +26,39 @@ pub(crate) fn lasting(observations: &[Observation], residuals: &DVector<f64>) ->
     (1.0 + correlation) / (1.0 - correlation)
 }
 
+/// Residuals of neighbouring images, added up to their correlation.
+#[derive(Default)]
+pub(crate) struct Neighbours {
+    products: f64,
+    squares_before: f64,
+    squares_after: f64,
+}
+
+impl Neighbours {
+    /// One of an image, and that of the next.
+    pub(crate) fn add(&mut self, before: f64, after: f64) {
+        self.products += before * after;
+        self.squares_before += before * before;
+        self.squares_after += after * after;
+    }
+
+    /// -1 to 1; 0 where all are nothing.
+    pub(crate) fn correlation(&self) -> f64 {
+        self.products / (self.squares_before * self.squares_after).sqrt().max(f64::MIN_POSITIVE)
+    }
+}
+
 /// First-order correlation of `residuals` from one image to the next, 0 to [`MOST_CORRELATED`].
 pub(crate) fn correlation(observations: &[Observation], residuals: &[f64]) -> f64 {
-    let (mut products, mut before, mut after) = (0.0, 0.0, 0.0);
+    let mut neighbours = Neighbours::default();
     for series in series(observations) {
-        for pair in series.windows(2).map(|pair| [pair[0], pair[1]]) {
-            let [a, b] = pair;
-            if observations[b].instant == observations[a].instant + 1 {
-                products += residuals[a] * residuals[b];
-                before += residuals[a] * residuals[a];
-                after += residuals[b] * residuals[b];
+        for pair in series.windows(2) {
+            if observations[pair[1]].instant == observations[pair[0]].instant + 1 {
+                neighbours.add(residuals[pair[0]], residuals[pair[1]]);
             }
         }
     }
-    let product: f64 = before * after;
-    if product > 0.0 { (products / product.sqrt()).clamp(0.0, MOST_CORRELATED) } else { 0.0 }
+    neighbours.correlation().clamp(0.0, MOST_CORRELATED)
 }
 
 /// Correlation matrix of the observations times `columns`, shape (observations, columns), in one pass forward and

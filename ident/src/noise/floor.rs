@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{LEAST_NOISE_M, Whitening};
 use crate::loss::Observation;
+use crate::statistics::median;
 
 /// Distance of the spline's knots \[s\]: it follows what is slower than some 8 Hz.
 const KNOT_S: f64 = 0.05;
@@ -190,9 +191,7 @@ fn least(of: impl Fn(f64) -> f64) -> (f64, f64) {
 
 /// The usual time between images: the median.
 pub(crate) fn interval_s(time_s: &[f64]) -> f64 {
-    let mut steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    steps.sort_by(f64::total_cmp);
-    steps.get(steps.len() / 2).copied().unwrap_or(1.0)
+    median(time_s.windows(2).map(|pair| pair[1] - pair[0]).collect()).unwrap_or(1.0)
 }
 
 /// Coordinates seen at the same instants.

@@ -6,6 +6,6 @@ pub(crate) mod floor;
 mod roughness;
 mod whitening;
 
-pub(crate) use correlation::{MOST_CORRELATED, correlated, correlation, lasting, series};
+pub(crate) use correlation::{MOST_CORRELATED, Neighbours, correlated, correlation, lasting, series};
 pub(crate) use roughness::{LEAST_NOISE_M, calm_noise_m, noise_m, third_difference};
 pub(crate) use whitening::Whitening;

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use ident::statistics::median;
+
 use super::cases::same;
 use super::diagnose::{Named, Outcome};
 
@@ -140,11 +142,6 @@ pub struct Score {
     pub wall_s: f64,
     /// Threads that each diagnosis had, at most.
     pub threads: usize,
-}
-
-fn median(mut numbers: Vec<f64>) -> Option<f64> {
-    numbers.sort_by(f64::total_cmp);
-    numbers.get(numbers.len() / 2).copied()
 }
 
 impl Score {
