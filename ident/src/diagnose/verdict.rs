@@ -39,13 +39,7 @@ pub(super) fn verdict<'a>(
     let count = baseline.count();
     let gates = Gates::new(experiment, (baseline, before), leader, floor, counts);
     let mut remarks = Vec::new();
-    let verdict = if !accepted {
-        if before.objects(0.0, floor.noise_m, count) {
-            Verdict::Unexplained
-        } else {
-            Verdict::NothingDetectable
-        }
-    } else {
+    if accepted {
         remarks = gates.objections(leader, found, floor);
         // held-out runs that have chosen the leader are no longer as strict with it
         if let Some(other) = contest.overtaken.filter(|_| remarks.is_empty()) {
@@ -53,17 +47,16 @@ pub(super) fn verdict<'a>(
             let beside = |said| format!("{}, first by the fitted runs: {said}", sets(&other).join(" + "));
             remarks = gates.objections(&other, found, floor).into_iter().map(beside).collect();
         }
-        match leader.causes.len() {
-            _ if !remarks.is_empty() => Verdict::Unexplained,
-            1 => Verdict::Cause,
-            _ => Verdict::Causes,
-        }
-    };
+    }
     let (rivals, others): (Vec<Rival>, Vec<Rival>) =
         contest.rivals.into_iter().partition(|rival| rival.behind <= AS_GOOD_DELTA_BIC);
-    let verdict = match verdict {
-        Verdict::Cause | Verdict::Causes if !rivals.is_empty() => Verdict::Ambiguous,
-        other => other,
+    let objected = !remarks.is_empty() || !accepted && before.objects(0.0, floor.noise_m, count);
+    let verdict = match leader.causes.len() {
+        _ if objected => Verdict::Unexplained,
+        _ if !accepted => Verdict::NothingDetectable,
+        _ if !rivals.is_empty() => Verdict::Ambiguous,
+        1 => Verdict::Cause,
+        _ => Verdict::Causes,
     };
     let rivals: Vec<Alternative> = rivals.into_iter().map(|rival| rival.set).collect();
     let names = matches!(verdict, Verdict::Cause | Verdict::Causes | Verdict::Ambiguous);
@@ -88,27 +81,9 @@ pub(super) fn verdict<'a>(
         causes: if names { list.clone() } else { Vec::new() },
         alternatives: if verdict == Verdict::Ambiguous { rivals } else { Vec::new() },
         fitted: fitted.iter().map(|cause| cause.name().to_owned()).collect(),
-        whiteness: Whiteness {
-            before,
-            after: if describes { gates.after } else { before },
-            heldout: gates.heldout,
-            explainable: (1.0 - (floor.noise_m / before.rms_m).powi(2)).clamp(0.0, 1.0),
-            constancy: if describes {
-                gates.constancy.into_iter().map(|(test, _)| test).collect()
-            } else {
-                Vec::new()
-            },
-        },
+        whiteness: gates.whiteness(before, describes, floor),
         noise_m: floor.noise_m,
-        noise: NoiseFloor {
-            source: source(floor),
-            std_m: floor.noise_std_m,
-            correlation: floor.correlation,
-            correlation_std: floor.correlation_std,
-            degrees: floor.degrees,
-            stated_m: experiment.noise_m,
-            runs: floor.runs.clone(),
-        },
+        noise: noise(experiment, floor),
         heldout: gates.gained.filter(|_| describes),
         detectable: detect::detectable(baseline, &found.first),
         next_experiments: Vec::new(),
@@ -173,6 +148,18 @@ impl Gates {
             }
         }
         gates
+    }
+
+    /// Whether residuals are noise; `describes`: after the description too, not `before` alone.
+    fn whiteness(&self, before: Fitness, describes: bool, floor: &Floor) -> Whiteness {
+        let tests = self.constancy.iter().filter(|_| describes);
+        Whiteness {
+            before,
+            after: if describes { self.after } else { before },
+            heldout: self.heldout,
+            explainable: (1.0 - (floor.noise_m / before.rms_m).powi(2)).clamp(0.0, 1.0),
+            constancy: tests.map(|(test, _)| test.clone()).collect(),
+        }
     }
 
     fn beyond_noise(&self, fitness: &Fitness, floor: &Floor) -> bool {
@@ -251,12 +238,21 @@ fn named(
     leader.causes.iter().map(one).collect()
 }
 
-fn source(floor: &Floor) -> String {
-    format!(
-        "residuals of the still images ({:.0} % of all) and, while the mechanism moves, what of them is faster than a spline with a knot every 50 ms; {:.0} degrees of freedom",
-        100.0 * floor.still_share,
-        floor.degrees
-    )
+/// Where the noise floor comes from.
+fn noise(experiment: &Experiment, floor: &Floor) -> NoiseFloor {
+    NoiseFloor {
+        source: format!(
+            "residuals of the still images ({:.0} % of all) and, while the mechanism moves, what of them is faster than a spline with a knot every 50 ms; {:.0} degrees of freedom",
+            100.0 * floor.still_share,
+            floor.degrees
+        ),
+        std_m: floor.noise_std_m,
+        correlation: floor.correlation,
+        correlation_std: floor.correlation_std,
+        degrees: floor.degrees,
+        stated_m: experiment.noise_m,
+        runs: floor.runs.clone(),
+    }
 }
 
 fn sentence(

@@ -29,15 +29,15 @@ const AT_THE_NOISE_RATIO: f64 = 1.1;
 
 /// Takes a fit through its stages.
 pub(super) struct Driver<'a> {
-    pub(super) experiment: &'a Experiment,
-    pub(super) objective: &'a Objective<'a>,
+    experiment: &'a Experiment,
+    objective: &'a Objective<'a>,
     /// Where descents begin, and a search between them goes on; `None`: on the whole as well.
-    pub(super) rough: Option<&'a Objective<'a>>,
-    pub(super) fingerprint: String,
+    rough: Option<&'a Objective<'a>>,
+    fingerprint: String,
     /// What a cost of 1 is in loss \[m2\].
-    pub(super) loss_m2: f64,
+    loss_m2: f64,
     /// The cost that noise alone would leave.
-    pub(super) squares: f64,
+    squares: f64,
 }
 
 /// Where a fit has ended.
@@ -52,7 +52,28 @@ pub(super) struct Arrival {
     pub(super) ended: Vec<Ended>,
 }
 
-impl Driver<'_> {
+impl<'a> Driver<'a> {
+    /// `rough`: where descents begin, if not on the whole; `fingerprint`: of the experiment.
+    pub(super) fn new(
+        experiment: &'a Experiment,
+        objective: &'a Objective<'a>,
+        rough: Option<&'a Objective<'a>>,
+        fingerprint: String,
+    ) -> Self {
+        let terms = &objective.problem.terms;
+        let images: f64 = terms.iter().map(|term| term.rehearsal.run.weight * term.instants as f64).sum();
+        // Of weights that may differ from cell to cell, the mean.
+        let precisions: f64 = terms
+            .iter()
+            .flat_map(|term| term.observations.iter().map(|o| o.per_m.powi(2) / term.rehearsal.run.weight))
+            .sum();
+        let observations: usize = terms.iter().map(|term| term.observations.len()).sum();
+        let squares =
+            terms.iter().map(|term| term.rehearsal.run.weight * term.observations.len() as f64).sum();
+        let loss_m2 = observations as f64 / precisions / images;
+        Self { experiment, objective, rough, fingerprint, loss_m2, squares }
+    }
+
     /// The beginning of a fit: at `warm`, if there is one.
     pub(super) fn first(&self, warm: Option<Point>, counts: &mut Counts) -> Checkpoint {
         let (config, objective) = (&self.experiment.fit, self.objective);

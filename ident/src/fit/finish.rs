@@ -10,7 +10,7 @@ use super::counts::Counts;
 use super::driver::{Arrival, best};
 use super::error::FitError;
 use super::fitted::FittedRun;
-use super::information::{Information, information};
+use super::information::{Information, RunInformation, information};
 use super::noise::AssumedNoise;
 use super::objective::Objective;
 use super::problem::Point;
@@ -62,33 +62,7 @@ pub(super) fn finish(
     let intervals = (experiment.fit.profile && !interrupted && !point.values.is_empty())
         .then(|| profile(objective, point, &known, &mut counts));
 
-    let mut runs = Vec::new();
-    let mut noise = Vec::new();
-    let mut error = SquaredError::default();
-    let mut fitted = problem.terms.iter().zip(&point.offsets).zip(&known.runs);
-    for run in &experiment.runs {
-        let repeated = match (run.usage, &mut fitted) {
-            (Use::Fit, terms) => {
-                let Some(((term, offsets), information)) = terms.next() else { continue };
-                counts.rollouts += 1;
-                let start = term.rehearsal.start_with(&model, offsets);
-                let repeated = repeat(&model, &term.rehearsal, offsets, start.start_s)?;
-                error.add(&run.trajectory, &repeated.simulated.position_m, start.start_s, run.weight);
-                noise.push(Some(NoiseSeen {
-                    assumed_m: assumed.of_run(run),
-                    residual_m: information.seen.rms_m,
-                    correlation: information.seen.correlation,
-                    chi2_per_degree: information.seen.chi2_per_degree,
-                }));
-                repeated
-            }
-            (Use::Holdout, _) => {
-                noise.push(None);
-                hold_out(&model, run, noise_m, &mut counts)?
-            }
-        };
-        runs.push(repeated);
-    }
+    let repeated = repeated(experiment, objective, point, (&model, noise_m), (&known, assumed), &mut counts)?;
 
     let fit = Fit {
         method: experiment.fit.method.name().into(),
@@ -96,13 +70,14 @@ pub(super) fn finish(
         evaluations: counts.evaluations,
         rollouts: counts.rollouts,
         stop_reason: arrival.stop_reason.clone(),
-        loss_m2: error.loss_m2(),
+        loss_m2: repeated.loss_m2,
         noise_m,
         parameters: fitted_parameters(objective, point, &known, intervals.as_deref()),
-        runs: runs
+        runs: repeated
+            .runs
             .iter()
             .zip(&experiment.runs)
-            .zip(noise)
+            .zip(repeated.noise)
             .map(|((run, measured), noise)| RunErrors {
                 id: run.id.clone(),
                 usage: run.usage,
@@ -116,14 +91,56 @@ pub(super) fn finish(
         unidentifiable: known.groups.iter().map(|group| names(problem.parameters, &group.members)).collect(),
         combinations: combinations(problem.parameters, point, &known),
         effective_parameters: known.effective,
-        starts: starts(&arrival, &known, error.loss_m2()),
+        starts: starts(&arrival, &known, repeated.loss_m2),
         information: Some(JointInformation {
             names: names(problem.parameters, &(0..problem.parameters.len()).collect::<Vec<_>>()),
             matrix: known.joint.row_iter().map(|row| row.iter().copied().collect()).collect(),
         }),
         recalibration: None,
     };
-    Ok((fit, model, runs))
+    Ok((fit, model, repeated.runs))
+}
+
+/// Every run of an experiment beside its simulation.
+struct Repeated {
+    runs: Vec<FittedRun>,
+    /// Noise of the fitted ones.
+    noise: Vec<Option<NoiseSeen>>,
+    /// Of the fitted ones \[m2\].
+    loss_m2: f64,
+}
+
+/// Repeats every run of `experiment` with the calibrated `model`, held-out ones against noise of `noise_m` \[m\].
+fn repeated(
+    experiment: &Experiment,
+    objective: &Objective<'_>,
+    point: &Point,
+    (model, noise_m): (&Model, f64),
+    (known, assumed): (&Information, &AssumedNoise),
+    counts: &mut Counts,
+) -> Result<Repeated, FitError> {
+    let (mut runs, mut noise, mut error) = (Vec::new(), Vec::new(), SquaredError::default());
+    let mut fitted = objective.problem.terms.iter().zip(&point.offsets).zip(&known.runs);
+    for run in &experiment.runs {
+        if run.usage == Use::Holdout {
+            noise.push(None);
+            runs.push(hold_out(model, run, noise_m, counts)?);
+            continue;
+        }
+        let Some(((term, offsets), RunInformation { seen, .. })) = fitted.next() else { continue };
+        counts.rollouts += 1;
+        let start_s = term.rehearsal.start_with(model, offsets).start_s;
+        let repeated = repeat(model, &term.rehearsal, offsets, start_s)?;
+        error.add(&run.trajectory, &repeated.simulated.position_m, start_s, run.weight);
+        noise.push(Some(NoiseSeen {
+            assumed_m: assumed.of_run(run),
+            residual_m: seen.rms_m,
+            correlation: seen.correlation,
+            chi2_per_degree: seen.chi2_per_degree,
+        }));
+        runs.push(repeated);
+    }
+    Ok(Repeated { runs, noise, loss_m2: error.loss_m2() })
 }
 
 fn names(parameters: &Parameters, places: &[usize]) -> Vec<String> {

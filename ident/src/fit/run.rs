@@ -92,6 +92,7 @@ pub(super) enum Begin<'a> {
 /// What an earlier fit says about the parameters of this one.
 pub(super) type Inherited<'a> = dyn Fn(&Parameters) -> Result<Belief, FitError> + 'a;
 
+/// A fit from where it begins to its end, with what an earlier one says as a `belief`.
 pub(super) fn run(
     experiment: &Experiment,
     belief: Option<&Inherited<'_>>,
@@ -145,24 +146,8 @@ pub(super) fn run(
     let objective = Objective { problem, loss, belief };
 
     let mut counts = Counts::default();
-    let terms = &objective.problem.terms;
-    let images: f64 = terms.iter().map(|term| term.rehearsal.run.weight * term.instants as f64).sum();
-    // Of weights that may differ from cell to cell, the mean.
-    let precisions: f64 = terms
-        .iter()
-        .flat_map(|term| term.observations.iter().map(|o| o.per_m.powi(2) / term.rehearsal.run.weight))
-        .sum();
-    let observations: usize = terms.iter().map(|term| term.observations.len()).sum();
-    let squares = terms.iter().map(|term| term.rehearsal.run.weight * term.observations.len() as f64).sum();
     let rough = roughly.then(|| rough::rough(&objective, rough.into_iter().flatten().collect()));
-    let driver = Driver {
-        experiment,
-        objective: &objective,
-        rough: rough.as_ref(),
-        fingerprint: expected,
-        loss_m2: observations as f64 / precisions / images,
-        squares,
-    };
+    let driver = Driver::new(experiment, &objective, rough.as_ref(), expected);
     let state = match begin {
         Begin::At(state) => {
             counts = state.counts.clone();
