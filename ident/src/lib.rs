@@ -12,10 +12,14 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! On the way: [`table`] reads trajectories and servo commands, [`initial`] finds where and when each run
-//! starts, [`parameters`] names what may be turned, [`weights`] what a balance
-//! knows of it, [`simulate`] repeats a run, [`loss`] compares,
-//! [`cmaes`] searches.
+//! Rooms, each of which knows only those before it:
+//! * `statistics`, `names`, [`strict`], [`table`]: medians and chi-squares, names as people type them, TOML and CSV read strictly;
+//! * [`loss`], `noise`: how far keypoints are off, how large their noise is and how long it lasts;
+//! * [`cmaes`]: a sampler that searches; `config`, [`parameters`], [`weights`]: the `[fit]` table, what it turns, what a balance knows;
+//! * [`experiment`]: a model and its runs; [`initial`]: where and when each starts; [`simulate`]: a run repeated;
+//! * [`fit`]: search and least squares, error bars;
+//! * `hypothesis`: a model with some causes, and what a further one would gain; [`design`]: the next run; [`diagnose`]: what the
+//!   simulation gets wrong.
 
 pub mod cmaes;
 mod config;

@@ -26,6 +26,11 @@ use constants::Constants;
 pub use restarts::{Restarting, Restarts};
 pub use stop::{Options, Stop};
 
+/// A step may grow this many times its first size.
+const MAX_GROWTH: f64 = 1e4;
+/// Largest ratio of the covariance's eigenvalues that double precision still resolves.
+const MAX_CONDITION: f64 = 1e14;
+
 /// A search under way. Serialising it loses nothing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CmaEs {
@@ -196,6 +201,41 @@ impl CmaEs {
         let ranked: Vec<f64> = order.iter().map(|&candidate| losses[candidate]).collect();
         self.history.push(&ranked, self.options.history_for(n));
         self.stop = self.reason_to_stop(&ranked, &generation.axes);
+    }
+
+    /// Criteria of the tutorial's appendix B.3 on the state after a generation.
+    fn reason_to_stop(&self, ranked: &[f64], axes: &(DVector<f64>, DMatrix<f64>)) -> Option<Stop> {
+        let (n, options) = (self.mean.len(), &self.options);
+        let best = self.best.as_ref().map_or(f64::INFINITY, |(_, loss)| *loss);
+        if options.target.is_some_and(|target| best <= target) {
+            return Some(Stop::Target);
+        }
+        if self.evaluations + ranked.len() as u64 > options.max_evaluations {
+            return Some(Stop::MaxEvaluations);
+        }
+        let window = 10 + (30.0 * n as f64 / ranked.len() as f64).ceil() as usize;
+        if self.history.is_flat(window, ranked, options.tol_loss + options.tol_loss_share * best.abs()) {
+            return Some(Stop::TolLoss);
+        }
+        let deviation = |i: usize| self.covariance[i * n + i].sqrt();
+        if (0..n).all(|i| self.sigma * self.path_c[i].abs().max(deviation(i)) < options.tol_step) {
+            return Some(Stop::TolStep);
+        }
+        if self.sigma > MAX_GROWTH * options.sigma || !self.sigma.is_finite() {
+            return Some(Stop::Diverged);
+        }
+        let (roots, vectors) = axes;
+        if (roots.max() / roots.min()).powi(2) > MAX_CONDITION {
+            return Some(Stop::Condition);
+        }
+        let axis = self.generation as usize % n;
+        let unmoved = |i: usize, by: f64| self.mean[i] + by == self.mean[i];
+        if (0..n).all(|i| unmoved(i, 0.1 * self.sigma * roots[axis] * vectors[(i, axis)]))
+            || (0..n).any(|i| unmoved(i, 0.2 * self.sigma * deviation(i)))
+        {
+            return Some(Stop::NoEffect);
+        }
+        self.history.is_stagnant(options.history_for(n)).then_some(Stop::Stagnation)
     }
 }
 

@@ -1,9 +1,7 @@
 //! When a search is over, and why.
 
-use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::CmaEs;
 use crate::statistics::median;
 
 /// How a search is run.
@@ -113,74 +111,27 @@ impl History {
             }
         }
     }
-}
 
-/// A step may grow this many times its first size.
-const MAX_GROWTH: f64 = 1e4;
-/// Largest ratio of the covariance's eigenvalues that double precision still resolves.
-const MAX_CONDITION: f64 = 1e14;
-
-impl CmaEs {
-    /// Criteria of the tutorial's appendix B.3 on the state after a generation.
-    pub(super) fn reason_to_stop(&self, ranked: &[f64], axes: &(DVector<f64>, DMatrix<f64>)) -> Option<Stop> {
-        let (n, options) = (self.mean.len(), &self.options);
-        let best = self.best.as_ref().map_or(f64::INFINITY, |(_, loss)| *loss);
-        if options.target.is_some_and(|target| best <= target) {
-            return Some(Stop::Target);
-        }
-        if self.evaluations + ranked.len() as u64 > options.max_evaluations {
-            return Some(Stop::MaxEvaluations);
-        }
-        if self.is_flat(ranked, options.tol_loss + options.tol_loss_share * best.abs()) {
-            return Some(Stop::TolLoss);
-        }
-        let deviation = |i: usize| self.covariance[i * n + i].sqrt();
-        if (0..n).all(|i| self.sigma * self.path_c[i].abs().max(deviation(i)) < options.tol_step) {
-            return Some(Stop::TolStep);
-        }
-        if self.sigma > MAX_GROWTH * options.sigma || !self.sigma.is_finite() {
-            return Some(Stop::Diverged);
-        }
-        let (roots, vectors) = axes;
-        if (roots.max() / roots.min()).powi(2) > MAX_CONDITION {
-            return Some(Stop::Condition);
-        }
-        let axis = self.generation as usize % n;
-        let unmoved = |i: usize, by: f64| self.mean[i] + by == self.mean[i];
-        if (0..n).all(|i| unmoved(i, 0.1 * self.sigma * roots[axis] * vectors[(i, axis)]))
-            || (0..n).any(|i| unmoved(i, 0.2 * self.sigma * deviation(i)))
-        {
-            return Some(Stop::NoEffect);
-        }
-        self.is_stagnant().then_some(Stop::Stagnation)
-    }
-
-    fn is_flat(&self, ranked: &[f64], tolerance: f64) -> bool {
-        let n = self.mean.len() as f64;
-        let window = 10 + (30.0 * n / ranked.len() as f64).ceil() as usize;
-        let best = &self.history.best;
-        if best.len() < window {
+    /// Whether the losses of the last `window` generations, and those `ranked` in this one, differ by no more than `tolerance`.
+    pub(super) fn is_flat(&self, window: usize, ranked: &[f64], tolerance: f64) -> bool {
+        if self.best.len() < window {
             return false;
         }
-        let Some(recent) = best[best.len() - window..].iter().copied().collect::<Option<Vec<f64>>>() else {
-            return false;
-        };
-        let all = || recent.iter().chain(ranked);
-        let (low, high) =
-            (all().copied().fold(f64::INFINITY, f64::min), all().copied().fold(f64::NEG_INFINITY, f64::max));
+        let recent: Option<Vec<f64>> = self.best[self.best.len() - window..].iter().copied().collect();
+        let Some(recent) = recent else { return false };
+        let all = || recent.iter().chain(ranked).copied();
+        let (low, high) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
         high - low <= tolerance
     }
 
-    /// The recent 30 % of the history are no better than its first 30 %, in best and in median loss.
-    fn is_stagnant(&self) -> bool {
-        let n = self.mean.len();
-        let full = self.options.history_for(n);
+    /// Whether the recent 30 % of a history `full` as long are no better than its first 30 %, in best and in median loss.
+    pub(super) fn is_stagnant(&self, full: usize) -> bool {
         let worse = |list: &[Loss]| {
             let share = full * 3 / 10;
             let middle =
                 |part: &[Loss]| median(part.iter().map(|loss| loss.unwrap_or(f64::INFINITY)).collect());
             list.len() >= full && middle(&list[list.len() - share..]) >= middle(&list[..share])
         };
-        worse(&self.history.best) && worse(&self.history.median)
+        worse(&self.best) && worse(&self.median)
     }
 }

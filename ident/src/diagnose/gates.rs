@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::result::{ConstancyTest, Fitness, PerRun};
+use super::result::{ConstancyTest, GoodnessOfFit, PerRun};
 use super::sets::{NEGLIGIBLE_M, negligible};
 use crate::hypothesis::nuisances::{Nuisances, joint_covariance};
 use crate::hypothesis::state::State;
@@ -29,21 +29,21 @@ const RUNS_DIFFER_SHARE: f64 = 0.015;
 const SEEN_IN_RUN_Z: f64 = 3.0;
 
 /// Residuals of `state` against the noise of `floor`.
-pub(super) fn fitness(state: &State<'_>, floor: &Floor) -> Fitness {
+pub(super) fn goodness_of_fit(state: &State<'_>, floor: &Floor) -> GoodnessOfFit {
     let nuisances = Nuisances::new(state);
     let residuals: Vec<DVector<f64>> = state.linear.iter().map(|linear| linear.residuals.clone()).collect();
-    fitness_of(state, floor, &residuals, nuisances.used(), 0.0)
+    goodness_of(state, floor, &residuals, nuisances.used(), 0.0)
 }
 
 /// The same of any `residuals` of the runs of `state`, of which `used` degrees of freedom are gone, and that have cost `lost`
 /// elsewhere.
-pub(super) fn fitness_of(
+pub(super) fn goodness_of(
     state: &State<'_>,
     floor: &Floor,
     residuals: &[DVector<f64>],
     used: f64,
     lost: f64,
-) -> Fitness {
+) -> GoodnessOfFit {
     let mut sums = [0.0; 4];
     let (mut products, mut squares, mut metres) = ([0.0; PORTMANTEAU_LAGS], 0.0, 0.0);
     let mut steep = 0.0;
@@ -79,7 +79,7 @@ pub(super) fn fitness_of(
     let correlations: Vec<f64> =
         products.iter().map(|product| product / squares.max(f64::MIN_POSITIVE)).collect();
     let portmanteau = count * correlations.iter().map(|r| r * r).sum::<f64>();
-    Fitness {
+    GoodnessOfFit {
         rms_m: (metres / count.max(1.0)).sqrt(),
         chi2: all,
         degrees: count - used,
@@ -90,7 +90,7 @@ pub(super) fn fitness_of(
     }
 }
 
-impl Fitness {
+impl GoodnessOfFit {
     /// Whether something beyond noise of `noise_m` \[m\] is left that matters, by itself, in `count` observations, and beside
     /// `explained`, the cost saved so far.
     pub(super) fn objects(&self, explained: f64, noise_m: f64, count: usize) -> bool {

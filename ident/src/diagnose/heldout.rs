@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::gates::fitness_of;
-use super::result::Fitness;
+use super::gates::goodness_of;
+use super::result::GoodnessOfFit;
 use crate::experiment::{Experiment, Use};
 use crate::fit::counts::Counts;
 use crate::fit::least_squares::{Descent, Freedom};
@@ -51,12 +51,12 @@ fn held_out<'a>(experiment: &'a Experiment, state: &State<'a>, floor: &Floor) ->
 }
 
 /// Residuals of held-out runs against noise, with all fitted numbers projected out.
-pub(super) fn fitness<'a>(
+pub(super) fn goodness_of_fit<'a>(
     experiment: &'a Experiment,
     leader: &State<'a>,
     floor: &Floor,
     counts: &mut Counts,
-) -> Option<Fitness> {
+) -> Option<GoodnessOfFit> {
     let (mut held, floor) = held_out(experiment, leader, floor)?;
     // what each run has its own of, its pose above all, may be too far off for a projection
     held.point = {
@@ -70,17 +70,17 @@ pub(super) fn fitness<'a>(
     let left = nuisances.residuals(&held);
     let residuals: Vec<_> =
         (0..held.terms.len()).map(|run| left.rows_range(nuisances.of_run(run)).into_owned()).collect();
-    Some(fitness_of(&held, &floor, &residuals, nuisances.used(), 0.0))
+    Some(goodness_of(&held, &floor, &residuals, nuisances.used(), 0.0))
 }
 
 /// The same after a fit of all runs together, from the optimum of the fitted ones: what these lose by it counts as well, so
 /// that numbers follow the held-out runs just as far as the fit leaves them open.
-pub(super) fn fitness_of_all<'a>(
+pub(super) fn goodness_of_all<'a>(
     experiment: &'a Experiment,
     leader: &State<'a>,
     floor: &Floor,
     counts: &mut Counts,
-) -> Option<Fitness> {
+) -> Option<GoodnessOfFit> {
     let (mut held, floor) = held_out(experiment, leader, floor)?;
     let mut all = joined(leader, &held, counts)?;
     let first = leader.terms.len();
@@ -91,7 +91,7 @@ pub(super) fn fitness_of_all<'a>(
     let own = held.terms.iter().map(|term| term.rehearsal.nuisances.len() as f64).sum();
     let kept: f64 = residuals.iter().map(DVector::norm_squared).sum();
     let lost = (all.cost - leader.cost - kept).max(0.0);
-    Some(fitness_of(&held, &floor, &residuals, own, lost))
+    Some(goodness_of(&held, &floor, &residuals, own, lost))
 }
 
 /// `state` with the runs `held` besides, at their common optimum. `None` where there is none.

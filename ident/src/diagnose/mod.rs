@@ -3,14 +3,14 @@
 //! [`diagnose`] fits the model as it stands, the *baseline*, and asks of every cause that a simulation may lack
 //! ([`sim::causes`]) whether it would explain what is left, all fitted coefficients and starts following:
 //!
-//! 1. `baseline`, `floor`: the optimum, and how large and how lasting the keypoints' noise is, which must not swallow
+//! 1. `baseline`, `crate::noise::floor`: the optimum, and how large and how lasting the keypoints' noise is, which must not swallow
 //!    what the model gets wrong;
-//! 2. `candidates`, `score`: exact derivatives of every cause at neutral, what the baseline could do projected out;
-//! 3. `refit`, `search`: the best refitted in full, sets of up to three, each earning its place by the BIC; `scan`: causes
+//! 2. `crate::hypothesis`: exact derivatives of every cause at neutral, what the baseline could do projected out;
+//! 3. `sets`, `refit`, `search`: the best refitted in full, sets of up to three, each earning its place by the BIC; `scan`: causes
 //!    too strong to be seen in derivatives; `rivals`: what explains the runs about as well, held-out ones included;
 //! 4. `gates`, `heldout`: what is left must be noise, on held-out runs too, and each named number the same in all runs:
 //!    otherwise the description is none of a cause, and the verdict `unexplained`;
-//! 5. `extend`, `gain`, `detect`, `residuals`: values with intervals, which coefficients had bent, the gain on runs not
+//! 5. `intervals`, `gain`, `detect`, `residuals`: values with intervals, which coefficients had bent, the gain on runs not
 //!    fitted to, what would have been seen; `remarks`: what of the set-up may mislead.
 //!
 //! ```no_run
@@ -25,10 +25,10 @@
 mod baseline;
 mod detect;
 mod error;
-mod extend;
 mod gain;
 mod gates;
 mod heldout;
+mod intervals;
 mod next;
 mod refit;
 mod remarks;
@@ -50,7 +50,7 @@ pub use crate::noise::floor::RunFloor;
 pub use error::DiagnoseError;
 pub use next::Next;
 pub use result::{
-    Alternative, Bent, CauseParameter, ConstancyTest, Detectable, Diagnosis, Fitness, Follows, HeldOut,
+    Alternative, Bent, CauseParameter, ConstancyTest, Detectable, Diagnosis, Follows, GoodnessOfFit, HeldOut,
     HeldOutRun, NamedCause, NextExperiment, NoiseFloor, PerRun, Residuals, RunResiduals, Verdict, Whiteness,
     WorstInterval,
 };
@@ -159,7 +159,7 @@ fn diagnosed(
         found = search.with_noise_seen(&mut baseline, &mut floor, found, is_clear)?;
     }
     let explained = baseline.cost - found.leader.cost;
-    let left = gates::fitness(&found.leader, &floor);
+    let left = gates::goodness_of_fit(&found.leader, &floor);
     let objected = left.objects(explained, floor.noise_m, baseline.count());
     let stands_in = rivals::holds_bound(&found.leader);
     if objected || explained > sets::FAR_BENT_COST && (stands_in || !found.is_clear(&baseline)) {

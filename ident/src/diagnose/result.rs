@@ -136,12 +136,12 @@ pub struct Alternative {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Whiteness {
     /// Of the baseline.
-    pub before: Fitness,
+    pub before: GoodnessOfFit,
     /// With the causes named, or with the partial description.
-    pub after: Fitness,
+    pub after: GoodnessOfFit,
     /// Of the held-out runs, with what is named and all fitted numbers projected out; where these runs object and a fit of all
     /// runs together repeats them, after that fit, with what the fitted runs lose by it in `excess`.
-    pub heldout: Option<Fitness>,
+    pub heldout: Option<GoodnessOfFit>,
     /// Share of the baseline's squared residuals that is no noise: what could be explained at all.
     pub explainable: f64,
     /// Whether each named number is the same in all runs.
@@ -150,7 +150,7 @@ pub struct Whiteness {
 
 /// How residuals compare with the noise floor.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Fitness {
+pub struct GoodnessOfFit {
     /// Root mean square of the residuals \[m\].
     pub rms_m: f64,
     /// Squares of whitened residuals in noise variances.

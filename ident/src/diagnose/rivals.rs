@@ -5,7 +5,7 @@
 
 use sim::Cause;
 
-use super::gates::fitness;
+use super::gates::goodness_of_fit;
 use super::heldout;
 use super::result::Alternative;
 use super::sets::{BETTER_DELTA_BIC, Found, sets};
@@ -76,7 +76,7 @@ pub(super) fn contest<'a>(
     };
     let (cost, bic, count) = (baseline.cost, baseline.bic(), baseline.count());
     // what is nearly as good as what leaves too much leaves as much
-    if fitness(&found.leader, floor).objects(cost - found.leader.cost, floor.noise_m, count) {
+    if goodness_of_fit(&found.leader, floor).objects(cost - found.leader.cost, floor.noise_m, count) {
         return Contest::default();
     }
     let mut states = vec![found.leader.clone()];

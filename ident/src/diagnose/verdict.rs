@@ -2,15 +2,15 @@
 
 use sim::Cause;
 
-use super::gates::{constancy, fitness};
+use super::gates::{constancy, goodness_of_fit};
 use super::remarks::{fitted_in_part, held_in_drops};
 use super::result::{
-    Alternative, ConstancyTest, Diagnosis, Fitness, HeldOut, NamedCause, NoiseFloor, PerRun, Verdict,
+    Alternative, ConstancyTest, Diagnosis, GoodnessOfFit, HeldOut, NamedCause, NoiseFloor, PerRun, Verdict,
     Whiteness,
 };
 use super::rivals::{Contest, Rival};
 use super::sets::{Found, sets};
-use super::{detect, extend, gain, heldout, residuals};
+use super::{detect, gain, heldout, intervals, residuals};
 use crate::experiment::{Experiment, Spike};
 use crate::fit::counts::Counts;
 use crate::hypothesis::candidates;
@@ -31,7 +31,7 @@ pub(super) fn verdict<'a>(
     floor: &Floor,
     counts: &mut Counts,
 ) -> (Diagnosis, State<'a>) {
-    let before = fitness(baseline, floor);
+    let before = goodness_of_fit(baseline, floor);
     let accepted = !found.leader.causes.is_empty();
     // where nothing is accepted, the best that was tried is a description at most
     let best = found.tried.iter().find(|state| !state.causes.is_empty() && state.bic() < baseline.bic());
@@ -88,7 +88,7 @@ pub(super) fn verdict<'a>(
         detectable: detect::detectable(baseline, &found.first),
         next_experiments: Vec::new(),
         partial: if verdict == Verdict::Unexplained { list } else { Vec::new() },
-        bent: if names { extend::bent(baseline, &leader) } else { Vec::new() },
+        bent: if names { intervals::bent(baseline, &leader) } else { Vec::new() },
         residuals: residuals::residuals(baseline, &leader, floor),
         remarks,
     };
@@ -103,8 +103,8 @@ struct Gates {
     /// Cost saved.
     explained: f64,
     count: usize,
-    after: Fitness,
-    heldout: Option<Fitness>,
+    after: GoodnessOfFit,
+    heldout: Option<GoodnessOfFit>,
     constancy: Vec<(ConstancyTest, Vec<PerRun>)>,
     gained: Option<HeldOut>,
     /// Whether held-out runs are noise only once the numbers have followed them.
@@ -115,21 +115,21 @@ impl Gates {
     /// `before`: fitness of the baseline.
     fn new(
         experiment: &Experiment,
-        (baseline, before): (&State<'_>, Fitness),
+        (baseline, before): (&State<'_>, GoodnessOfFit),
         leader: &State<'_>,
         floor: &Floor,
         counts: &mut Counts,
     ) -> Self {
         let mut more = counts.apart();
         let (heldout, gained) = rayon::join(
-            || heldout::fitness(experiment, leader, floor, counts),
+            || heldout::goodness_of_fit(experiment, leader, floor, counts),
             || match leader.causes.is_empty() {
                 true => None,
                 false => gain::gain(experiment, baseline, leader, floor, &mut more),
             },
         );
         counts.add(&more);
-        let after = if leader.causes.is_empty() { before } else { fitness(leader, floor) };
+        let after = if leader.causes.is_empty() { before } else { goodness_of_fit(leader, floor) };
         let mut gates = Self {
             explained: baseline.cost - leader.cost,
             count: baseline.count(),
@@ -141,7 +141,7 @@ impl Gates {
         };
         // numbers that the fit leaves open may be anything elsewhere: that is no objection to the cause
         if !leader.causes.is_empty() && !gates.held_out_objections(leader, floor).is_empty() {
-            let together = heldout::fitness_of_all(experiment, leader, floor, counts);
+            let together = heldout::goodness_of_all(experiment, leader, floor, counts);
             if let Some(together) = together.filter(|fitness| !gates.beyond_noise(fitness, floor)) {
                 gates.followed = true;
                 gates.heldout = Some(together);
@@ -151,7 +151,7 @@ impl Gates {
     }
 
     /// Whether residuals are noise; `describes`: after the description too, not `before` alone.
-    fn whiteness(&self, before: Fitness, describes: bool, floor: &Floor) -> Whiteness {
+    fn whiteness(&self, before: GoodnessOfFit, describes: bool, floor: &Floor) -> Whiteness {
         let tests = self.constancy.iter().filter(|_| describes);
         Whiteness {
             before,
@@ -162,7 +162,7 @@ impl Gates {
         }
     }
 
-    fn beyond_noise(&self, fitness: &Fitness, floor: &Floor) -> bool {
+    fn beyond_noise(&self, fitness: &GoodnessOfFit, floor: &Floor) -> bool {
         fitness.objects(self.explained, floor.noise_m, self.count)
     }
 
@@ -202,7 +202,7 @@ impl Gates {
     }
 }
 
-fn is_no_noise(Fitness { excess, z, .. }: &Fitness) -> String {
+fn is_no_noise(GoodnessOfFit { excess, z, .. }: &GoodnessOfFit) -> String {
     format!("what is left is no noise: {excess:.0} noise variances beyond it ({z:.0} standard deviations)")
 }
 
@@ -215,7 +215,7 @@ fn named(
     found: &Found<'_>,
     counts: &Counts,
 ) -> Vec<NamedCause> {
-    let values = extend::values(leader, baseline.parameters.len(), counts);
+    let values = intervals::values(leader, baseline.parameters.len(), counts);
     let of = |name: &str, cause: &str| name.split('/').next() == Some(cause);
     let one = |term: &candidates::Term| {
         let info = term.info();
@@ -259,7 +259,7 @@ fn sentence(
     verdict: Verdict,
     list: &[NamedCause],
     rivals: &[Alternative],
-    before: &Fitness,
+    before: &GoodnessOfFit,
     floor: &Floor,
 ) -> String {
     let said: Vec<String> = list.iter().map(|cause| format!("{} ({})", cause.sentence, cause.name)).collect();

@@ -57,7 +57,7 @@ mod report;
 mod rough;
 mod run;
 mod search;
-mod warm;
+mod warm_start;
 
 pub use checkpoint::{Checkpoint, CheckpointError, Flow, INTERRUPTED, Observer, Origin, Progress};
 pub use error::FitError;
@@ -68,4 +68,4 @@ pub use report::{
     Recalibration, RunErrors, RunValue, StartLoss,
 };
 pub use run::{first_answer, fit, resume};
-pub use warm::WarmStart;
+pub use warm_start::WarmStart;

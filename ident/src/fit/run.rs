@@ -15,7 +15,7 @@ use super::noise::AssumedNoise;
 use super::objective::{Belief, Objective};
 use super::problem::{Point, Problem, Term};
 use super::rough::{self, Thinned};
-use super::warm::WarmStart;
+use super::warm_start::WarmStart;
 use crate::config::{Loss, Method};
 use crate::experiment::{Experiment, Run, RunKind, Use};
 use crate::initial::{self, Estimate, StartError};
