@@ -1,11 +1,13 @@
-//! Camera and servo board on threads of their own, talking to the coordinator through one bounded queue.
+//! Camera and servo board on threads of their own. Images come to the coordinator through a bounded queue; whatever the board
+//! tells and every fault comes through one without a bound, so that nothing on the way to the safe stop ever waits for room.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use tokio::sync::mpsc as events;
+use tokio::sync::mpsc::error::TrySendError::{Closed, Full};
+use tokio::sync::mpsc::{Sender, UnboundedSender};
 
 use super::stillness::changed_share;
 use crate::camera::{Camera, CameraError, CameraImage, decode};
@@ -13,13 +15,18 @@ use crate::clock::MonotonicNs;
 use crate::profile::{PulseProfile, PulseTrack};
 use crate::servo::{ServoBoard, ServoError, ServoEvent, StopOutcome};
 
-/// What the devices tell the coordinator.
+/// What the camera shows.
 #[derive(Debug)]
-pub enum DeviceEvent {
+pub enum Seen {
     /// An image, in order of exposure.
     Image(Arc<CameraImage>),
     /// Share of the picture that changed within [`STILLNESS_SPAN_S`].
     Changed(f64),
+}
+
+/// What must not wait: few and small, even from a board that tells a hundred pulses a second.
+#[derive(Debug)]
+pub enum Signal {
     /// The camera failed; nothing more comes from it.
     CameraFailed(CameraError),
     /// Something the board told.
@@ -32,17 +39,19 @@ pub enum DeviceEvent {
 
 /// Images compared for stillness lie so far apart \[s\].
 pub const STILLNESS_SPAN_S: f64 = 0.1;
+/// The camera's thread looks so often whether there is room in a full queue.
+const ROOM_PERIOD: Duration = Duration::from_millis(1);
 /// Time between two looks at the board.
 const SERVO_PERIOD: Duration = Duration::from_millis(5);
 
-/// Sends [`DeviceEvent::Panicked`] when its thread unwinds.
-struct PanicReport(&'static str, events::Sender<DeviceEvent>);
+/// Sends [`Signal::Panicked`] when its thread unwinds.
+struct PanicReport(&'static str, UnboundedSender<Signal>);
 
 impl Drop for PanicReport {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            // A full queue means that the coordinator is gone or as good as: nobody is left to tell.
-            let _ = self.1.try_send(DeviceEvent::Panicked(self.0));
+            // Fails only when the coordinator is gone: nobody is left to tell.
+            let _ = self.1.send(Signal::Panicked(self.0));
         }
     }
 }
@@ -55,37 +64,51 @@ pub struct CameraThread {
 }
 
 impl CameraThread {
-    /// Starts `camera` and passes its images on; silence for `stall` is a fault.
+    /// Starts `camera` and passes its images on; silence for `stall` is a fault. While the queue is full the camera waits, and
+    /// counts what it loses.
     ///
     /// # Errors
     /// [`CameraError`] when the camera does not start.
     pub fn start(
         mut camera: Box<dyn Camera>,
         stall: Duration,
-        events: events::Sender<DeviceEvent>,
+        seen: Sender<Seen>,
+        signals: UnboundedSender<Signal>,
     ) -> Result<Self, CameraError> {
         camera.start()?;
-        let (quit, quitting) = sync_channel(1);
+        let (quit, quitting) = sync_channel::<()>(1);
         let (look_at, watched) = sync_channel(1);
-        let watcher_events = events.clone();
-        let watcher = std::thread::spawn(move || watch_stillness(&watched, &watcher_events));
+        let (watcher_seen, watcher_signals) = (seen.clone(), signals.clone());
+        let watcher = std::thread::spawn(move || {
+            let _report = PanicReport("stillness", watcher_signals);
+            watch_stillness(&watched, &watcher_seen);
+        });
         let thread = std::thread::spawn(move || {
-            let _report = PanicReport("camera", events.clone());
-            while !matches!(quitting.try_recv(), Ok(()) | Err(std::sync::mpsc::TryRecvError::Disconnected)) {
-                let event = match camera.next_image(stall) {
-                    Ok(image) => {
-                        let image = Arc::new(image);
-                        // The watcher looks at what it has time for.
-                        if let Err(TrySendError::Disconnected(_)) = look_at.try_send(Arc::clone(&image)) {
-                            break;
-                        }
-                        DeviceEvent::Image(image)
+            let _report = PanicReport("camera", signals.clone());
+            let quits = || !matches!(quitting.try_recv(), Err(TryRecvError::Empty));
+            'film: while !quits() {
+                let image = match camera.next_image(stall) {
+                    Ok(image) => Arc::new(image),
+                    Err(error) => {
+                        let _ = signals.send(Signal::CameraFailed(error));
+                        break;
                     }
-                    Err(error) => DeviceEvent::CameraFailed(error),
                 };
-                let failed = matches!(event, DeviceEvent::CameraFailed(_));
-                if events.blocking_send(event).is_err() || failed {
+                // The watcher looks at what it has time for.
+                if let Err(TrySendError::Disconnected(_)) = look_at.try_send(Arc::clone(&image)) {
                     break;
+                }
+                let mut waiting = Some(Seen::Image(image));
+                while let Some(image) = waiting.take() {
+                    match seen.try_send(image) {
+                        Ok(()) => {}
+                        Err(Full(image)) if !quits() => {
+                            waiting = Some(image);
+                            std::thread::sleep(ROOM_PERIOD);
+                        }
+                        // Nobody wants it any more.
+                        Err(Full(_) | Closed(_)) => break 'film,
+                    }
                 }
             }
             camera.stop();
@@ -105,8 +128,7 @@ impl Drop for CameraThread {
     }
 }
 
-fn watch_stillness(images: &Receiver<Arc<CameraImage>>, events: &events::Sender<DeviceEvent>) {
-    let _report = PanicReport("stillness", events.clone());
+fn watch_stillness(images: &Receiver<Arc<CameraImage>>, seen: &Sender<Seen>) {
     let mut before: Option<(MonotonicNs, image::GrayImage)> = None;
     for image in images {
         if before.as_ref().is_some_and(|(then, _)| image.mid_exposure.seconds_since(*then) < STILLNESS_SPAN_S)
@@ -116,7 +138,8 @@ fn watch_stillness(images: &Receiver<Arc<CameraImage>>, events: &events::Sender<
         // A damaged image says nothing about the water; extraction reports it later.
         let Ok(picture) = decode::grey(&image) else { continue };
         if let Some((_, before)) = &before
-            && events.blocking_send(DeviceEvent::Changed(changed_share(before, &picture))).is_err()
+            // What finds no room is not missed: the next look follows.
+            && let Err(Closed(_)) = seen.try_send(Seen::Changed(changed_share(before, &picture)))
         {
             return;
         }
@@ -141,22 +164,22 @@ pub struct ServoThread {
 
 impl ServoThread {
     /// Takes the board over.
-    pub fn start(mut board: Box<dyn ServoBoard>, events: events::Sender<DeviceEvent>) -> Self {
+    pub fn start(mut board: Box<dyn ServoBoard>, signals: UnboundedSender<Signal>) -> Self {
         let (orders, inbox) = sync_channel(4);
         let thread = std::thread::spawn(move || {
-            let _report = PanicReport("servo", events.clone());
-            serve(board.as_mut(), &inbox, &events);
+            let _report = PanicReport("servo", signals.clone());
+            serve(board.as_mut(), &inbox, &signals);
         });
         Self { orders, thread: Some(thread), outcome: None }
     }
 
     /// Moves every channel of `profile` to where its track starts, within `duration_s`; a refusal comes back as
-    /// [`DeviceEvent::ServoFailed`].
+    /// [`Signal::ServoFailed`].
     pub fn approach(&self, profile: &PulseProfile, duration_s: f64) {
         let _ = self.orders.try_send(Order::Approach(profile.clone(), duration_s));
     }
 
-    /// Uploads and arms; a refusal comes back as [`DeviceEvent::ServoFailed`].
+    /// Uploads and arms; a refusal comes back as [`Signal::ServoFailed`].
     pub fn arm(&self, profile: PulseProfile, start: MonotonicNs) {
         // A full or closed inbox means the thread has ended, which it reports itself.
         let _ = self.orders.try_send(Order::Arm(profile, start));
@@ -188,28 +211,28 @@ impl Drop for ServoThread {
     }
 }
 
-fn serve(board: &mut dyn ServoBoard, orders: &Receiver<Order>, events: &events::Sender<DeviceEvent>) {
+fn serve(board: &mut dyn ServoBoard, orders: &Receiver<Order>, signals: &UnboundedSender<Signal>) {
     loop {
         match orders.recv_timeout(SERVO_PERIOD) {
             Ok(Order::Approach(profile, duration_s)) => {
                 let jog = |track: &PulseTrack| board.jog(track.channel, track.start_pulse_us, duration_s);
                 if let Err(error) = profile.tracks.iter().try_for_each(jog) {
-                    let _ = events.blocking_send(DeviceEvent::ServoFailed(error));
+                    let _ = signals.send(Signal::ServoFailed(error));
                 }
             }
             Ok(Order::Arm(profile, start)) => {
                 if let Err(error) = board.arm(&profile, start) {
-                    let _ = events.blocking_send(DeviceEvent::ServoFailed(error));
+                    let _ = signals.send(Signal::ServoFailed(error));
                 }
             }
             Ok(Order::Stop(answer)) => {
                 let outcome = board.stop();
                 // What the board told on its way to the stop still belongs into the recording.
-                forward(board, events);
+                forward(board, signals);
                 let _ = answer.send(outcome);
                 return;
             }
-            Err(RecvTimeoutError::Timeout) => forward(board, events),
+            Err(RecvTimeoutError::Timeout) => forward(board, signals),
             Err(RecvTimeoutError::Disconnected) => {
                 board.stop();
                 return;
@@ -218,15 +241,18 @@ fn serve(board: &mut dyn ServoBoard, orders: &Receiver<Order>, events: &events::
     }
 }
 
-fn forward(board: &mut dyn ServoBoard, events: &events::Sender<DeviceEvent>) {
+fn forward(board: &mut dyn ServoBoard, signals: &UnboundedSender<Signal>) {
     match board.poll() {
         Ok(told) => {
             for event in told {
-                let _ = events.try_send(DeviceEvent::Servo(event));
+                let _ = signals.send(Signal::Servo(event));
             }
         }
         Err(error) => {
-            let _ = events.try_send(DeviceEvent::ServoFailed(error));
+            let _ = signals.send(Signal::ServoFailed(error));
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -9,7 +9,7 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
-use super::devices::{CameraThread, DeviceEvent, ServoThread};
+use super::devices::{CameraThread, Seen, ServoThread, Signal};
 use super::machine::{Action, Ending, Event, Machine, Plan};
 use crate::camera::{Camera, CameraError, CameraImage, images_lost};
 use crate::causes::with_causes;
@@ -19,8 +19,8 @@ use crate::record::recording::{Recorded, Recorder};
 use crate::record::{RecordError, ServoCommand};
 use crate::servo::{ServoBoard, ServoEvent, StopOutcome};
 
-/// Events that may wait for the coordinator: several seconds of images.
-const QUEUE: usize = 1024;
+/// Images, and measures of how still they are, that may wait for the coordinator: several seconds of them.
+const QUEUE_IMAGES: usize = 1024;
 /// The machine hears of time at least so often.
 const TICK: Duration = Duration::from_millis(10);
 
@@ -90,20 +90,19 @@ pub async fn film(
     interrupt: impl Future<Output = ()>,
     mut notify: impl FnMut(Notice),
 ) -> Filmed {
-    let (sender, mut devices) = mpsc::channel(QUEUE);
+    let (signals, mut signalled) = mpsc::unbounded_channel();
+    let (seen, mut to_see) = mpsc::channel(QUEUE_IMAGES);
     let profile = setup.drive.as_ref().map(|(_, profile)| profile.clone());
-    let mut servo = setup.drive.map(|(board, _)| ServoThread::start(board, sender.clone()));
+    let mut servo = setup.drive.map(|(board, _)| ServoThread::start(board, signals.clone()));
     if let (Some(servo), Some(profile)) = (&servo, &profile) {
         servo.approach(profile, setup.plan.approach_s);
     }
-    let camera = CameraThread::start(setup.camera, setup.stall, sender);
+    let camera = CameraThread::start(setup.camera, setup.stall, seen, signals);
     let recorder = setup.recorder;
 
-    let fit_s = FIT_SHARE * setup.plan.motion_s();
-    let enough_s = (LEARN_SHARE * setup.plan.motion_s()).max(LEARN_S);
+    let mut milestones = Milestones::new(setup.plan.motion_s());
     let mut machine = Machine::new(setup.plan, MonotonicNs::now());
     let mut images = ImageCount::default();
-    let (mut first_moving, mut learn_from, mut fits) = (None, None, false);
     let mut interrupt = pin!(interrupt);
     let mut ticks = tokio::time::interval(TICK);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -115,11 +114,13 @@ pub async fn film(
             None => tokio::select! {
                 biased;
                 () = &mut interrupt => Event::Interrupted,
-                Some(told) = devices.recv() => match take_in(told, &recorder, &mut images, &mut notify) {
+                Some(signal) = signalled.recv() => match take_signal(signal, &recorder, &mut notify) {
                     Ok(Some(event)) => event,
                     Ok(None) => continue,
                     Err(error) => Event::Fault(with_causes(&error)),
                 },
+                Some(seen) = to_see.recv() => take_seen(seen, &recorder, &mut images, &mut notify)
+                    .unwrap_or_else(|error| Event::Fault(with_causes(&error))),
                 _ = ticks.tick() => Event::Tick,
             },
         };
@@ -127,15 +128,7 @@ pub async fn film(
         if event == Event::Tick {
             notify(Notice::Phase(machine.phase(), images.received));
             if let Some(moves_s) = machine.moves_for_s(now) {
-                let from = *first_moving.get_or_insert(images.received)..images.received;
-                if learn_from.is_none() && moves_s >= enough_s && !from.is_empty() {
-                    notify(Notice::Learn(from.clone()));
-                    learn_from = Some(from);
-                }
-                if !fits && moves_s >= fit_s {
-                    notify(Notice::Fit);
-                    fits = true;
-                }
+                milestones.pass(moves_s, images.received, &mut notify);
             }
         }
         match machine.on(event, now) {
@@ -162,9 +155,12 @@ pub async fn film(
         tokio::task::block_in_place(|| servo.as_mut().map_or(StopOutcome::NotNeeded, ServoThread::stop));
     let stop_s = MonotonicNs::now().seconds_since(decided);
     tokio::task::block_in_place(|| drop(camera));
-    while let Ok(told) = devices.try_recv() {
-        // Faults on the way down change nothing: the ending is decided.
-        let _ = take_in(told, &recorder, &mut images, &mut notify);
+    // What was told and seen before still belongs into the recording; faults on the way down change nothing.
+    while let Ok(signal) = signalled.try_recv() {
+        let _ = take_signal(signal, &recorder, &mut notify);
+    }
+    while let Ok(seen) = to_see.try_recv() {
+        let _ = take_seen(seen, &recorder, &mut images, &mut notify);
     }
     let stopped = ServoCommand::Stop { outcome };
     if recorder.command(&stopped).is_ok() {
@@ -175,28 +171,81 @@ pub async fn film(
         Err(error) if ending == Ending::Success => (Ending::Fail(with_causes(&error)), Recorded::default()),
         Err(_) => (ending, Recorded::default()),
     };
-    Filmed { ending, servo: outcome, stop_s, recorded, images_lost: images.lost, learn_from }
+    Filmed {
+        ending,
+        servo: outcome,
+        stop_s,
+        recorded,
+        images_lost: images.lost,
+        learn_from: milestones.learn_from,
+    }
 }
 
-/// Records what a device told and says what it means to the machine.
-fn take_in(
-    told: DeviceEvent,
+/// When enough of the motion has been filmed for the work beside the filming.
+struct Milestones {
+    learn_s: f64,
+    fit_s: f64,
+    /// Images received before the motion began.
+    first_moving: Option<u64>,
+    learn_from: Option<Range<u64>>,
+    fits: bool,
+}
+
+impl Milestones {
+    /// Of a motion that takes `motion_s` \[s\].
+    fn new(motion_s: f64) -> Self {
+        Self {
+            learn_s: (LEARN_SHARE * motion_s).max(LEARN_S),
+            fit_s: FIT_SHARE * motion_s,
+            first_moving: None,
+            learn_from: None,
+            fits: false,
+        }
+    }
+
+    /// The mechanism has moved for `moves_s` \[s\], and so many images are `received`.
+    fn pass(&mut self, moves_s: f64, received: u64, notify: &mut impl FnMut(Notice)) {
+        let from = *self.first_moving.get_or_insert(received)..received;
+        if self.learn_from.is_none() && moves_s >= self.learn_s && !from.is_empty() {
+            notify(Notice::Learn(from.clone()));
+            self.learn_from = Some(from);
+        }
+        if !self.fits && moves_s >= self.fit_s {
+            notify(Notice::Fit);
+            self.fits = true;
+        }
+    }
+}
+
+/// Records what the camera shows and says what it means to the machine.
+fn take_seen(
+    seen: Seen,
     recorder: &Recorder,
     images: &mut ImageCount,
     notify: &mut impl FnMut(Notice),
-) -> Result<Option<Event>, RecordError> {
-    Ok(Some(match told {
-        DeviceEvent::Image(image) => {
+) -> Result<Event, RecordError> {
+    Ok(match seen {
+        Seen::Image(image) => {
             recorder.image(Arc::clone(&image))?;
             notify(Notice::Image(Arc::clone(&image)));
             Event::Image { identical: images.count(image) }
         }
-        DeviceEvent::Changed(share) => Event::Changed(share),
-        DeviceEvent::CameraFailed(CameraError::End) => Event::Fault("camera: no more images".into()),
-        DeviceEvent::CameraFailed(error) => Event::Fault(with_causes(&error)),
-        DeviceEvent::ServoFailed(error) => Event::Fault(with_causes(&error)),
-        DeviceEvent::Panicked(thread) => Event::Fault(format!("our fault: the {thread} thread panicked")),
-        DeviceEvent::Servo(event) => {
+        Seen::Changed(share) => Event::Changed(share),
+    })
+}
+
+/// Records what a device told and says what it means to the machine, if anything.
+fn take_signal(
+    signal: Signal,
+    recorder: &Recorder,
+    notify: &mut impl FnMut(Notice),
+) -> Result<Option<Event>, RecordError> {
+    Ok(Some(match signal {
+        Signal::CameraFailed(CameraError::End) => Event::Fault("camera: no more images".into()),
+        Signal::CameraFailed(error) => Event::Fault(with_causes(&error)),
+        Signal::ServoFailed(error) => Event::Fault(with_causes(&error)),
+        Signal::Panicked(thread) => Event::Fault(format!("our fault: the {thread} thread panicked")),
+        Signal::Servo(event) => {
             recorder.servo(&event)?;
             notify(Notice::Servo(event.clone()));
             match event {
