@@ -7,8 +7,11 @@
 use std::path::{Path, PathBuf};
 
 use ident::strict;
+use rig::calibration::Calibration;
+use rig::images;
+use rig::images::TimedImage;
 use rig::vision::extractor::LEARN_FROM;
-use rig::vision::{Calibration, Extractor, TimedImage, VisionConfig, source};
+use rig::vision::{Extractor, VisionConfig};
 use rustix::time::{ClockId, clock_gettime};
 use serde::Deserialize;
 
@@ -32,8 +35,8 @@ fn main() -> anyhow::Result<()> {
     let config: Config = strict::read(&config_path)?;
     let folder = config_path.parent().unwrap_or(Path::new(""));
     let plane = config.calibration.plane(folder)?;
-    let source = source::open(&frames, Some(FPS))?;
-    let sample = source::sample(&*source, LEARN_FROM)?;
+    let source = images::open(&frames, Some(FPS))?;
+    let sample = images::sample(&*source, LEARN_FROM)?;
     let sample: Vec<&TimedImage> = sample.iter().collect();
     let images: Vec<TimedImage> = source.images()?.take(MOST).collect::<Result<_, _>>()?;
 

@@ -6,13 +6,15 @@
 //! [`servo`] moves the mechanism meanwhile. [`tank`] is the simulated tank behind mock board and mock camera.
 
 pub mod analysis;
+pub mod calibration;
 pub mod camera;
-pub mod causes;
 pub mod claim;
 pub mod cli;
 pub mod clock;
 pub mod config;
 pub mod doctor;
+pub mod error_chain;
+pub mod images;
 pub mod profile;
 pub mod record;
 pub mod report;

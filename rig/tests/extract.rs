@@ -3,10 +3,10 @@
 
 use std::path::Path;
 
+use rig::calibration::Plane;
 use rig::cli::Failure;
 use rig::cli::extract::{Args, run};
 use rig::tank::render::{Look, Renderer};
-use rig::vision::Plane;
 
 const CONFIG: &str = "
 [camera]

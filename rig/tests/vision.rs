@@ -9,12 +9,11 @@ use image::GrayImage;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use rig::calibration::{Plane, Px};
+use rig::images::TimedImage;
 use rig::tank::render::{Look, Renderer};
 use rig::vision::spline::{distance, moved};
-use rig::vision::{
-    Extraction, Extractor, Mask, Mode, Plane, Px, Status, StoredRecord, TimedImage, VisionConfig,
-    extract_sequence,
-};
+use rig::vision::{Extraction, Extractor, Mask, Mode, Status, StoredRecord, VisionConfig, extract_sequence};
 
 const SIDE_PX: u32 = 480;
 /// Sensor noise of all renders, 1 sigma \[grey levels of 255\].

@@ -8,9 +8,9 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use rig::vision::{
-    Calibration, Extraction, ImageRecord, Status, VisionConfig, extract_sequence, source, spline,
-};
+use rig::calibration::Calibration;
+use rig::images;
+use rig::vision::{Extraction, ImageRecord, Status, VisionConfig, extract_sequence, spline};
 use serde::Deserialize;
 
 /// A rejected image among those with a midline counts as this \[px\].
@@ -54,7 +54,7 @@ fn extraction(folder: &Path) -> Extraction {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/worm.toml");
     let config: Config = ident::strict::read(&config).unwrap();
     let plane = config.calibration.plane(Path::new("")).unwrap();
-    let source = source::open(&folder.join("frames"), Some(30.0)).unwrap();
+    let source = images::open(&folder.join("frames"), Some(30.0)).unwrap();
     let images: Vec<_> = source.images().unwrap().map(Result::unwrap).collect();
     extract_sequence(&images, &config.vision, &plane, Path::new(""), 2).unwrap()
 }

@@ -73,7 +73,7 @@ fn octopus_simulates_and_renders() {
     let options = sim::RolloutOptions { timestep_s: Some(0.00025), ..Default::default() };
     let times = [0.0, 0.25, 0.5];
     let swim = sim::rollout(&model, &model.rest_state(), &stroke, &times, &options).expect("a rollout");
-    let plane = rig::vision::Plane::square(0.001, [320.0, 200.0]);
+    let plane = rig::calibration::Plane::square(0.001, [320.0, 200.0]);
     let renderer = rig::tank::render::Renderer::new(plane, rig::tank::render::Look::plain(640, 480));
     let dark = |instant: usize| {
         let qpos = &swim.qpos[instant * model.nq()..(instant + 1) * model.nq()];

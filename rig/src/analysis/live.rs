@@ -12,16 +12,20 @@ use std::thread::JoinHandle;
 use ident::experiment::Method;
 
 use super::early::EarlyFit;
-use super::pictures::{sampled, timed};
+use super::experiment::experiment;
+use super::sampled::sampled;
+use super::stored;
 use super::timeline::{Chronicle, Rising};
-use super::{experiment, stored};
+use crate::calibration::Plane;
 use crate::camera::CameraImage;
 use crate::clock::MonotonicNs;
 use crate::config::RigConfig;
+use crate::images::TimedImage;
+use crate::images::recording::timed;
 use crate::record::folder::RunFolder;
+use crate::vision::ImageRecord;
 use crate::vision::extractor::Extractor;
 use crate::vision::record::trajectory;
-use crate::vision::{ImageRecord, Plane, TimedImage};
 
 /// Bytes of images that may wait for their turn; with more, they are taken from the recording afterwards.
 const MOST_WAITING: usize = 1 << 30;

@@ -6,29 +6,31 @@
 //! ```
 
 mod early;
+mod error;
+mod experiment;
 pub mod live;
 pub mod pictures;
+mod sampled;
 mod stored;
 pub mod timeline;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use ident::diagnose::{self, DiagnoseError, Diagnosed, diagnose};
-use ident::experiment::{Experiment, Method, Run, RunKind};
-use ident::fit::{FitError, Fitted, Observer, WarmStart};
+use ident::experiment::{Experiment, Method};
+use ident::fit::{Fitted, Observer, WarmStart};
 use ident::table;
-use sim::{Model, Trajectory};
 
-use crate::config::{ConfigError, RigConfig};
+use crate::config::RigConfig;
 use crate::record::RecordError;
 use crate::record::folder::{RunFolder, file, read_json, write_json, write_whole};
 use crate::record::frames::{self, FrameRow};
 use crate::record::timing::{self, Timing};
-use crate::report::{DiagnosisFigures, GatherError, ReportData};
-use crate::vision::VisionError;
-use crate::vision::calibration::CalibrationError;
+use crate::report::{DiagnosisFigures, ReportData};
 use crate::vision::{Extraction, Status};
 use early::EarlyFit;
+pub use error::AnalysisError;
+use experiment::experiment;
 use live::Live;
 use timeline::{Chronicle, Timeline};
 
@@ -43,52 +45,6 @@ pub enum Stage {
     Keypoints,
     /// From `trajectory.csv`.
     Trajectory,
-}
-
-/// Why an analysis ended early.
-#[derive(Debug, thiserror::Error)]
-pub enum AnalysisError {
-    /// A file of the run.
-    #[error(transparent)]
-    Record(#[from] RecordError),
-    /// The config as recorded, or the one given instead.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
-    /// The calibration.
-    #[error(transparent)]
-    Calibration(#[from] CalibrationError),
-    /// The images.
-    #[error("extracting keypoints")]
-    Vision(#[from] VisionError),
-    /// The profile as recorded does not fit the config.
-    #[error(transparent)]
-    Profile(#[from] crate::profile::ProfileError),
-    /// A table of the run.
-    #[error(transparent)]
-    Table(#[from] table::TableError),
-    /// The model.
-    #[error("model {}", path.display())]
-    Model {
-        /// The model's file.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: sim::mjcf::MjcfError,
-    },
-    /// The weights of the mechanism.
-    #[error(transparent)]
-    Weights(#[from] ident::weights::WeightError),
-    /// The fit.
-    #[error("fitting")]
-    Fit(#[from] FitError),
-}
-
-impl From<GatherError> for AnalysisError {
-    fn from(error: GatherError) -> Self {
-        match error {
-            GatherError::Record(error) => Self::Record(error),
-            GatherError::Table(error) => Self::Table(error),
-        }
-    }
 }
 
 /// Told while the analysis goes on.
@@ -272,28 +228,6 @@ impl Analysis<'_> {
         }
         Ok(())
     }
-}
-
-/// `run` as a fit takes it, with the keypoints of its `trajectory`.
-fn experiment(
-    run: &RunFolder,
-    config: &RigConfig,
-    timeline: &Timeline,
-    trajectory: Trajectory,
-) -> Result<Experiment, AnalysisError> {
-    let start = run.start();
-    let path = run.file(&start.model);
-    let text = std::fs::read_to_string(&path).map_err(RecordError::io("reading", &path))?;
-    let mut model = Model::from_mjcf(&text).map_err(|source| AnalysisError::Model { path, source })?;
-    let mut fit = config.fit.clone();
-    config.mechanism.weights().put_into(&config.water.water(), &mut model, &mut fit)?;
-    let kind = start.kind;
-    let run = Run {
-        command: timeline.command.clone().filter(|_| kind == RunKind::Driven),
-        prescribed: start.prescribed && kind == RunKind::Driven,
-        ..Run::new(start.id.as_str(), kind, trajectory)
-    };
-    Ok(Experiment { model, noise_m: None, fit, runs: vec![run] })
 }
 
 /// What `experiment` shows beyond its fit: the diagnosis begins where the fit has ended.

@@ -7,17 +7,19 @@ use std::path::Path;
 use ident::fit::{Fitted, FittedRun};
 use image::GrayImage;
 
-use super::AnalysisError;
+use super::error::AnalysisError;
 use super::live::Begun;
+use super::sampled::sampled;
 use super::timeline::{ImageTime, Timeline, USABLE};
-use crate::camera::{CameraImage, decode};
-use crate::clock::MonotonicNs;
+use crate::calibration::Plane;
+use crate::images::TimedImage;
+use crate::images::recording::timed;
 use crate::record::folder::{RunFolder, file};
 use crate::record::reader::{Item, Recording};
 use crate::report::{Overlay, ReportData};
 use crate::tank::render::{Look, Renderer};
-use crate::vision::extractor::{Extractor, LEARN_FROM};
-use crate::vision::{Extraction, ImageRecord, Mask, Plane, Status, TimedImage, VisionConfig};
+use crate::vision::extractor::Extractor;
+use crate::vision::{Extraction, ImageRecord, Mask, Status, VisionConfig};
 
 /// Images whose pictures are held in memory at once.
 const AT_ONCE: usize = 64;
@@ -98,30 +100,6 @@ impl Task<'_> {
         take_in(&mut waiting);
         Ok(Extraction::of(records, self.config.links, self.plane))
     }
-}
-
-/// An even sample of the `usable` images to learn the empty tank from: of those whose place among all images received, their
-/// `index`, is in `range`, or of all where none is.
-pub(super) fn sampled<'a, T>(
-    usable: &'a [T],
-    index: impl Fn(&T) -> u64,
-    range: Option<&Range<u64>>,
-) -> Vec<&'a T> {
-    let within = range.map(|range| usable.iter().filter(|image| range.contains(&index(image))).collect());
-    let within = within.filter(|within: &Vec<&T>| !within.is_empty());
-    let within = within.unwrap_or_else(|| usable.iter().collect());
-    let stride = within.len().div_ceil(LEARN_FROM).max(1);
-    within.into_iter().step_by(stride).collect()
-}
-
-/// An image as the extraction takes it, its time counted from `origin`.
-pub(super) fn timed(image: &CameraImage, origin: MonotonicNs) -> TimedImage {
-    let grey = match image.damaged {
-        true => Err("marked as damaged by the camera".to_owned()),
-        false => decode::grey(image).map_err(|error| error.to_string()),
-    };
-    let time_s = image.mid_exposure.seconds_since(origin);
-    TimedImage { name: image.sequence.to_string(), time_s, grey }
 }
 
 impl<'a> Source<'a> {

@@ -3,16 +3,16 @@
 
 use sim::Command;
 
-use super::AnalysisError;
+use super::error::AnalysisError;
 use crate::camera::{CameraImage, images_lost};
 use crate::clock::{ClockFit, MonotonicNs, Ping};
 use crate::config::RigConfig;
-use crate::profile::PulseProfile;
 use crate::record::ServoCommand;
 use crate::record::folder::{RunFolder, file};
 use crate::record::frames::FrameRow;
 use crate::record::reader::{Item, Recording};
 use crate::report::ClockQuality;
+use crate::servo::PulseProfile;
 use crate::servo::ServoEvent;
 
 /// [`FrameRow::status`] of an image that gets a row in the trajectory, before extraction says more: a row that did not
@@ -144,13 +144,15 @@ impl Timeline {
     /// [`AnalysisError`] when there is no readable recording, or the config's channels are not those of the run.
     pub fn read(run: &RunFolder, config: &RigConfig) -> Result<Self, AnalysisError> {
         let mut chronicle = Chronicle::new(run.origin());
-        for item in Recording::open(&run.file(file::RECORDING))? {
+        let mut recording = Recording::open(&run.file(file::RECORDING))?;
+        for item in recording.by_ref() {
             match item?.1 {
                 Item::Image(image) => chronicle.image(&image),
                 Item::Servo(event) => chronicle.servo(&event),
                 Item::Command(command) => chronicle.command(&command),
             }
         }
+        recording.warn_if_cut_off();
         chronicle.timeline(config)
     }
 

@@ -1,51 +1,23 @@
-//! Cameras: one trait, and real, mock and replayed ones behind it.
+//! Cameras: one trait, and a real one, a mock and one in another process behind it.
+//!
+//! Another kind is a file with its `impl Camera`, a word of [`CameraKind`] and a line of [`open`]. The trait's tests
+//! in the mock say what is expected of one: images in order of exposure, stamps on CLOCK_MONOTONIC, every call back within
+//! its timeout.
 
 pub mod config;
 pub mod decode;
-pub mod folder;
 pub mod mock;
-pub mod recorded;
+mod open;
 pub mod socket;
 pub mod v4l;
 pub mod wire;
 
 pub use config::{CameraConfig, CameraKind};
+pub use open::open;
 
-use std::path::Path;
 use std::time::Duration;
 
 use crate::clock::MonotonicNs;
-use crate::tank::Tank;
-use mock::CameraFault;
-
-/// Opens the camera that `config` describes; relative paths in it start at `folder`. A mock camera looks at `tank`
-/// and plays `faults`.
-///
-/// # Errors
-/// [`CameraError::Refused`] naming what is missing or what the camera refuses.
-pub fn open(
-    config: &CameraConfig,
-    folder: &Path,
-    tank: Option<&Tank>,
-    faults: &[CameraFault],
-) -> Result<Box<dyn Camera>, CameraError> {
-    let refused = |what: &str| CameraError::Refused { camera: "[camera]".into(), what: what.into() };
-    Ok(match config.kind {
-        CameraKind::V4l => Box::new(v4l::V4lCamera::open(config)?),
-        CameraKind::Mock => {
-            let tank = tank.ok_or_else(|| refused("`kind = \"mock\"` needs a table [tank] to look at"))?;
-            let scene = Box::new(tank.scene(config));
-            Box::new(mock::MockCamera::new(config, scene, tank.stamp_truth(), faults.to_vec())?)
-        }
-        CameraKind::Socket => {
-            let tank = config.tank.as_ref().map(|tank| folder.join(tank));
-            Box::new(socket::SocketCamera::open(&CameraConfig { tank, ..config.clone() })?)
-        }
-        CameraKind::Folder => {
-            return Err(refused("a run needs a camera: set `kind` to v4l, mock or socket"));
-        }
-    })
-}
 
 /// A source of images. It lives on a thread of its own; every call returns within its timeout.
 pub trait Camera: Send {

@@ -6,10 +6,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
 use ident::design::runs::{Motion, Proposal};
-use ident::diagnose::{NextExperiment, diagnose, pin_down};
+use ident::diagnose::{DiagnoseError, NextExperiment, diagnose, pin_down};
 use ident::experiment::Experiment;
 
-use super::diagnose::failure;
 use super::{Failure, Outcome, experiment::unfit};
 use crate::record::folder::write_whole;
 
@@ -120,4 +119,13 @@ fn changed(base: &toml::Table, proposal: &Proposal) -> Result<toml::Table, Failu
         }
     }
     Ok(config)
+}
+
+/// What kind of failure a diagnosis ended with.
+pub(super) fn failure(error: DiagnoseError) -> Failure {
+    match error {
+        DiagnoseError::Interrupted => Failure::Interrupted(error.into()),
+        error if error.is_lack_of_data() => Failure::data(error),
+        error => Failure::input(error),
+    }
 }

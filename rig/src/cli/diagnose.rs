@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
-use ident::diagnose::{DiagnoseError, Diagnosed, diagnose};
+use ident::diagnose::{Diagnosed, diagnose};
 use ident::experiment::{Experiment, Use};
 
-use super::design::write_configs;
+use super::design::{failure, write_configs};
 use super::progress::Bar;
 use super::signal::Interrupt;
 use super::{Failure, Outcome, experiment::unfit, fit::name};
@@ -104,15 +104,6 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         ),
         ..Outcome::default()
     })
-}
-
-/// What kind of failure a diagnosis ended with.
-pub(super) fn failure(error: DiagnoseError) -> Failure {
-    match error {
-        DiagnoseError::Interrupted => Failure::Interrupted(error.into()),
-        error if error.is_lack_of_data() => Failure::data(error),
-        error => Failure::input(error),
-    }
 }
 
 /// Writes `diagnosis.json` and the extended `model.xml` to `folder`; `source` says in the model what it was made from.

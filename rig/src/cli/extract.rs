@@ -10,8 +10,11 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Deserialize;
 
 use super::{Failure, Outcome};
+use crate::calibration::Calibration;
+use crate::images;
+use crate::images::TimedImage;
 use crate::vision::extractor::LEARN_FROM;
-use crate::vision::{Calibration, Extraction, Extractor, Status, TimedImage, VisionConfig, output, source};
+use crate::vision::{Extraction, Extractor, Status, VisionConfig, output};
 
 /// Keypoints from images: a folder of pictures, or a video where ffmpeg is installed.
 #[derive(clap::Args, Debug)]
@@ -66,11 +69,11 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let plane = config.calibration.plane(folder).map_err(Failure::input)?;
     config.vision.check().map_err(Failure::input)?;
     let fps = config.camera.fps.map(Positive::get);
-    let source = source::open(&args.frames, fps).map_err(Failure::input)?;
+    let source = images::open(&args.frames, fps).map_err(Failure::input)?;
     let threads =
         args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, Into::into), Into::into);
 
-    let sample = source::sample(&*source, LEARN_FROM).map_err(Failure::input)?;
+    let sample = images::sample(&*source, LEARN_FROM).map_err(Failure::input)?;
     let sample: Vec<&TimedImage> = sample.iter().collect();
     let mut extractor =
         Extractor::learn(&sample, &config.vision, plane.clone(), folder, threads).map_err(classified)?;

@@ -10,7 +10,6 @@ use ident::experiment::{Experiment, Use};
 use ident::fit::{Checkpoint, CheckpointError, Fit, FitError, Fitted, Flow, INTERRUPTED, Observer, Progress};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::last_good::earlier;
 use super::signal::Interrupt;
 use super::{Failure, Outcome, experiment::unfit};
 use crate::record::RecordError;
@@ -236,4 +235,11 @@ impl Observer for Watcher {
         }
         if interrupted { Flow::Stop } else { Flow::Continue }
     }
+}
+
+/// Reads the fit.json of an earlier fit.
+pub(super) fn earlier(path: &Path) -> Result<Fit, Failure> {
+    let read = || format!("reading the earlier fit {}", path.display());
+    let text = std::fs::read_to_string(path).with_context(read).map_err(Failure::Input)?;
+    serde_json::from_str(&text).with_context(read).map_err(Failure::Input)
 }

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use ident::experiment::Experiment;
-use ident::fit::{Drift, Fit, FitError, Fitted, Observer, fit, recalibrate};
+use ident::fit::{Drift, FitError, Fitted, Observer, fit, recalibrate};
 use serde::Serialize;
 
 use super::Failure;
-use super::fit::write_results;
+use super::fit::{earlier, write_results};
 use crate::record::folder::file;
 
 /// The folder of the last good fit, among the run folders: `fit.json` and `model.xml`.
@@ -87,13 +87,6 @@ fn judged(fitted: &Fitted, first: bool) -> Verdict {
         why.push(format!("the new fit did not converge ({})", fitted.fit.stop_reason));
     }
     Verdict { updated: why.is_empty(), first, why, drift: judged.and_then(|verdict| verdict.drift.clone()) }
-}
-
-/// Reads the fit.json of an earlier fit.
-pub(super) fn earlier(path: &Path) -> Result<Fit, Failure> {
-    let read = || format!("reading the earlier fit {}", path.display());
-    let text = std::fs::read_to_string(path).with_context(read).map_err(Failure::Input)?;
-    serde_json::from_str(&text).with_context(read).map_err(Failure::Input)
 }
 
 #[cfg(test)]

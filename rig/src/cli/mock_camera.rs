@@ -12,8 +12,9 @@ use super::{Failure, Outcome};
 use crate::camera::mock::{CameraFault, MockCamera};
 use crate::camera::socket;
 use crate::clock::MonotonicNs;
+use crate::servo::PulseSink as _;
 use crate::servo::pulse_log::PulseLogReader;
-use crate::tank::{PulseSink as _, Tank};
+use crate::tank::Tank;
 
 /// Whoever creates this file in the tank's folder asks for the release.
 pub const RELEASE: &str = "release";

@@ -1,18 +1,22 @@
 //! A rig config: one TOML file that says everything about an experiment, read strictly.
 
+mod error;
+mod tables;
+
+pub use error::ConfigError;
+pub use tables::{MechanismConfig, MotionKind, Mount, RunConfig, ScheduleConfig, WaterConfig};
+
 use std::path::{Path, PathBuf};
 
 use ident::experiment::FitConfig;
-use ident::strict::{self, NonNegative, StrictError};
+use ident::strict::{self, NonNegative};
 use serde::{Deserialize, Serialize};
 
+use crate::calibration::Calibration;
 use crate::camera::config::{CameraConfig, CameraKind};
 use crate::camera::mock::CameraFaultKind;
 use crate::profile::{Profile, ProfileConfig};
-use crate::run::config::{MechanismConfig, MotionKind, RunConfig, ScheduleConfig, WaterConfig};
 use crate::servo::{BoardFault, BoardKind, ServoConfig};
-
-use crate::vision::calibration::Calibration;
 use crate::vision::config::{Background, VisionConfig};
 
 /// Everything about an experiment. One table each; the fields' types document the options.
@@ -79,22 +83,6 @@ pub enum FaultKind {
     Camera(CameraFaultKind),
     /// The servo board.
     Board(BoardFault),
-}
-
-/// Why a config cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum ConfigError {
-    /// The text is at fault.
-    #[error(transparent)]
-    Strict(#[from] StrictError),
-    /// Its tables contradict each other.
-    #[error("{}: {why}", path.display())]
-    Contradiction {
-        /// The config.
-        path: PathBuf,
-        /// What, and what to do.
-        why: String,
-    },
 }
 
 impl RigConfig {

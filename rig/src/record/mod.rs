@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::clock::MonotonicNs;
-use crate::profile::PulseProfile;
+use crate::servo::PulseProfile;
 use crate::servo::StopOutcome;
 
 /// What went wrong with a run's files.

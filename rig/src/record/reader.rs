@@ -83,6 +83,16 @@ impl Recording {
         self.end
     }
 
+    /// Says so where the recording, read to its end, was cut off. The verbs that read one all say it alike.
+    pub fn warn_if_cut_off(&self) {
+        if self.end == End::CutOff {
+            tracing::warn!(
+                "{}: cut off, by a kill or a power cut; what was written before is whole and is used",
+                self.path.display()
+            );
+        }
+    }
+
     fn camera_channel(&self) -> Result<Option<CameraInfo>, RecordError> {
         let Some(messages) = &self.messages else { return Ok(None) };
         let channels = (1..=u8::MAX).map_while(|id| messages.get_channel(id.into()));

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use ident::diagnose::{CauseParameter, Diagnosis, NextExperiment, Verdict};
 
 use super::format::{millimetres, significant, whole_percent};
-use super::verdict::Tone;
+use super::tone::Tone;
 
 /// How good the news is.
 pub(super) fn tone(verdict: Verdict) -> Tone {

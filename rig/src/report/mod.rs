@@ -25,6 +25,7 @@ mod sections;
 mod summary;
 #[cfg(test)]
 mod tests;
+mod tone;
 mod verdict;
 
 pub use data::{ClockQuality, ImageQuality, Overlay, ReportData, RunEnd, RunFigures, ServoTrace};

@@ -242,7 +242,7 @@ fn errors_beyond_five_percent_of_the_length_are_not_called_accurate() {
         fit.runs[0].keypoints[2].mean_error_m = 0.05;
     }
     let poor = super::verdict::verdict(&data);
-    assert_eq!((good, poor.tone), (super::verdict::Tone::Good, super::verdict::Tone::Caution));
+    assert_eq!((good, poor.tone), (super::tone::Tone::Good, super::tone::Tone::Caution));
     assert!(poor.details[0].contains("More than 5 %"), "{:?}", poor.details);
 }
 

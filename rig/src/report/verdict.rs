@@ -6,28 +6,7 @@ use ident::fit::{Fit, FittedParameter};
 use super::data::{ReportData, RunEnd};
 use super::diagnosis_text;
 use super::format::{counted, millimetres, percent};
-
-/// How good the news is; decides the colour.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Tone {
-    /// As hoped.
-    Good,
-    /// Usable, with a reserve that the text names.
-    Caution,
-    /// Did not work.
-    Bad,
-}
-
-impl Tone {
-    /// Class in the style sheet.
-    pub(super) fn class(self) -> &'static str {
-        match self {
-            Self::Good => "good",
-            Self::Caution => "caution",
-            Self::Bad => "bad",
-        }
-    }
-}
+use super::tone::Tone;
 
 /// The verdict line, and sentences that qualify it.
 #[derive(Debug, PartialEq, Eq)]

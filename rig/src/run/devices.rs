@@ -12,7 +12,7 @@ use tokio::sync::mpsc::{Sender, UnboundedSender};
 use super::stillness::changed_share;
 use crate::camera::{Camera, CameraError, CameraImage, decode};
 use crate::clock::MonotonicNs;
-use crate::profile::{PulseProfile, PulseTrack};
+use crate::servo::{PulseProfile, PulseTrack};
 use crate::servo::{ServoBoard, ServoError, ServoEvent, StopOutcome};
 
 /// What the camera shows.

@@ -12,11 +12,11 @@ use tokio::time::MissedTickBehavior;
 use super::devices::{CameraThread, Seen, ServoThread, Signal};
 use super::machine::{Action, Ending, Event, Machine, Plan};
 use crate::camera::{Camera, CameraError, CameraImage, images_lost};
-use crate::causes::with_causes;
 use crate::clock::MonotonicNs;
-use crate::profile::PulseProfile;
+use crate::error_chain::with_causes;
 use crate::record::recording::{Recorded, Recorder};
 use crate::record::{RecordError, ServoCommand};
+use crate::servo::PulseProfile;
 use crate::servo::{ServoBoard, ServoEvent, StopOutcome};
 
 /// Images, and measures of how still they are, that may wait for the coordinator: several seconds of them.

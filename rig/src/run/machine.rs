@@ -3,8 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::config::MotionKind;
 use crate::clock::MonotonicNs;
+use crate::config::MotionKind;
 
 /// How a run ended, as `stop.json` says it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

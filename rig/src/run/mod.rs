@@ -1,8 +1,8 @@
 //! One experiment from still water to a recorded run: the state machine, the device threads it talks to, and the
 //! one safe stop that every way out passes.
 
-pub mod config;
 pub mod devices;
+mod error;
 pub mod film;
 pub mod machine;
 pub mod open;
@@ -10,19 +10,19 @@ pub mod stillness;
 
 use std::collections::BTreeMap;
 use std::future::Future;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use ident::experiment::RunKind;
 use serde_json::json;
 
-use crate::camera::CameraError;
+use crate::config::MotionKind;
 use crate::config::RigConfig;
-use crate::profile::{Profile, ProfileError, PulseProfile};
+use crate::profile::{Profile, ProfileError};
 use crate::record::RecordError;
 use crate::record::folder::{ClockPair, RunFolder, RunId, Start, Status, Stop, file};
 use crate::record::recording::{Recorder, RecorderOptions};
-use crate::servo::ServoError;
-use config::MotionKind;
+use crate::servo::{PulseProfile, PulseTrack};
+pub use error::RunError;
 use film::{Filmed, Notice, Setup, film};
 use machine::{Ending, Plan};
 
@@ -30,44 +30,6 @@ use machine::{Ending, Plan};
 const LEAD_S: f64 = 0.4;
 /// How long the servo takes to its start pulse before a run \[s\]: slow, since nobody knows where it stands.
 const APPROACH_S: f64 = 1.5;
-
-/// Why a run could not be filmed.
-#[derive(Debug, thiserror::Error)]
-pub enum RunError {
-    /// The camera.
-    #[error(transparent)]
-    Camera(#[from] CameraError),
-    /// The board.
-    #[error(transparent)]
-    Servo(#[from] ServoError),
-    /// The run's files.
-    #[error(transparent)]
-    Record(#[from] RecordError),
-    /// The profile breaks a limit.
-    #[error(transparent)]
-    Profile(#[from] ProfileError),
-    /// The mock tank.
-    #[error(transparent)]
-    Tank(#[from] crate::tank::TankError),
-    /// Another process has the port.
-    #[error(transparent)]
-    Claim(#[from] crate::claim::ClaimError),
-    /// A file named by the config.
-    #[error("reading {}", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-}
-
-impl RunError {
-    /// The config or a file it names is at fault, not a device.
-    pub fn is_input(&self) -> bool {
-        matches!(self, Self::Profile(_) | Self::File { .. } | Self::Tank(_))
-    }
-}
 
 /// What is run, and where it is kept.
 pub struct Job<'a> {
@@ -151,7 +113,7 @@ impl Job<'_> {
             return Ok(None);
         };
         let pulses = Profile::new(profile)?.pulses(servo)?;
-        let driven = |track: &crate::profile::PulseTrack| servo.channel(track.channel);
+        let driven = |track: &PulseTrack| servo.channel(track.channel);
         if pulses.tracks.iter().filter_map(driven).all(|channel| channel.calibrated) {
             return Ok(Some(pulses));
         }
@@ -247,7 +209,7 @@ mod tests {
     #[test]
     fn servo_that_is_not_calibrated_first_moves_little_and_slowly() {
         let (careful, plain) = (pulses(false), pulses(true));
-        let reach = |track: &crate::profile::PulseTrack| -> u16 {
+        let reach = |track: &PulseTrack| -> u16 {
             let first = &track.segments[..3];
             first.iter().map(|&(_, pulse)| pulse.abs_diff(track.start_pulse_us)).max().unwrap()
         };

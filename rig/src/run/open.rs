@@ -5,14 +5,15 @@ use std::sync::{Arc, OnceLock};
 
 use ident::strict;
 
-use super::RunError;
-use crate::camera::mock::CameraFault;
+use super::error::RunError;
+use crate::camera::mock::{CameraFault, Scene, StampTruth};
 use crate::camera::{self, Camera};
 use crate::claim::{Claim, port_lock};
 use crate::clock::MonotonicNs;
 use crate::config::{FaultKind, RigConfig};
+use crate::servo::PulseSink;
 use crate::servo::{self, BoardFault, BoardKind, MockOptions, ServoBoard, ServoConfig};
-use crate::tank::{PulseSink, Tank};
+use crate::tank::{Tank, TankError};
 
 /// The devices of a run.
 pub struct Opened {
@@ -64,7 +65,10 @@ pub fn open(config: &RigConfig, base: &Path) -> Result<Opened, RunError> {
         }
         _ => (None, None),
     };
-    let camera = camera::open(&config.camera, base, tank.as_ref(), &camera_faults(config))?;
+    let scene = tank.as_ref().map(|tank| -> (Box<dyn Scene>, StampTruth, Vec<CameraFault>) {
+        (Box::new(tank.scene(&config.camera)), tank.stamp_truth(), camera_faults(config))
+    });
+    let camera = camera::open(&config.camera, base, scene)?;
     let hand = tank.clone().map(Hand);
     Ok(Opened { camera, board, hand, tank, run_start, claim: port })
 }
@@ -82,7 +86,7 @@ pub fn board(config: &RigConfig, base: &Path) -> Result<(Box<dyn ServoBoard>, Op
 fn tank(config: &RigConfig, base: &Path) -> Result<Option<Tank>, RunError> {
     let Some(mock) = &config.mock else { return Ok(None) };
     let path = base.join(&mock.tank);
-    let tank = strict::read(&path).map_err(crate::tank::TankError::Config)?;
+    let tank = strict::read(&path).map_err(TankError::Config)?;
     Ok(Some(Tank::new(&tank, path.parent().unwrap_or(base))?))
 }
 

@@ -17,8 +17,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{BoardInfo, SerialBoard, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome};
 use crate::clock::MonotonicNs;
-use crate::profile::PulseProfile;
-use crate::tank::PulseSink;
+use crate::servo::PulseProfile;
+use crate::servo::PulseSink;
 
 /// How a mock board fails.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,12 +1,16 @@
-//! Servo boards: one trait, and serial, mock and replayed ones behind it.
+//! Servo boards: one trait, and a real one on a serial port, a mock and none behind it.
+//!
+//! Another kind is a file with its `impl ServoBoard`, a word of [`BoardKind`] and a line of [`open`].
 
 pub mod config;
 mod link;
 pub mod mock;
+pub mod no_board;
+mod open;
 mod port;
 pub mod pulse_log;
+mod pulses;
 mod refusal;
-pub mod replay;
 pub mod serial;
 mod sessionless;
 #[cfg(test)]
@@ -14,30 +18,12 @@ mod tests;
 
 pub use config::{BoardKind, ServoChannel, ServoConfig};
 pub use mock::{BoardFault, MockBoard, MockOptions, MockServo};
-pub use replay::{NoBoard, ReplayBoard};
+pub use no_board::NoBoard;
+pub use open::open;
+pub use pulses::{PulseProfile, PulseSink, PulseTrack};
 pub use serial::SerialBoard;
 
 use crate::clock::{MonotonicNs, Ping};
-use crate::tank::PulseSink;
-
-/// Opens the board that `config` names. `mock` says what a mock board is like and where its pulses go; the other
-/// kinds have no use for it.
-///
-/// # Errors
-/// As [`SerialBoard::open`].
-pub fn open(
-    config: &ServoConfig,
-    mock: (MockOptions, Box<dyn PulseSink>),
-) -> Result<Box<dyn ServoBoard>, ServoError> {
-    Ok(match config.kind {
-        BoardKind::None => Box::new(NoBoard::default()),
-        BoardKind::Mock => Box::new(MockServo::open(config, mock.0, mock.1)?),
-        BoardKind::Serial => {
-            let port = config.port.as_deref().unwrap_or_default();
-            Box::new(SerialBoard::open(port, config, false)?)
-        }
-    })
-}
 
 /// A board that moves the mechanism. Calls block briefly (at most about 100 ms); the link to a real board keeps
 /// itself alive on a thread of its own.
@@ -50,7 +36,7 @@ pub trait ServoBoard: Send {
     ///
     /// # Errors
     /// [`ServoError`]; nothing moves after an error.
-    fn arm(&mut self, profile: &crate::profile::PulseProfile, start: MonotonicNs) -> Result<(), ServoError>;
+    fn arm(&mut self, profile: &PulseProfile, start: MonotonicNs) -> Result<(), ServoError>;
 
     /// Moves one channel to `pulse_us` over `duration_s`, at once.
     ///

@@ -8,7 +8,7 @@ use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use crate::clock::MonotonicNs;
-use crate::tank::PulseSink;
+use crate::servo::PulseSink;
 
 /// Appends pulses to a log.
 #[derive(Debug)]

@@ -19,7 +19,7 @@ use super::port::{self, HELLO_TIMEOUT, Received};
 pub use super::sessionless::{emergency_stop, query_status};
 use super::{BoardInfo, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome, refusal};
 use crate::clock::{ClockFit, MonotonicNs};
-use crate::profile::PulseProfile;
+use crate::servo::PulseProfile;
 
 const HELLO_EVERY: Duration = Duration::from_millis(200);
 /// Pings at the start, for a clock good enough to arm by.

@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use super::config::tests::example;
 use super::*;
 use crate::clock::ClockFit;
-use crate::profile::{Profile, PulseProfile, PulseTrack};
+use crate::profile::Profile;
+use crate::servo::{PulseProfile, PulseTrack};
 
 /// What a quick answer may take while other tests keep all cores busy.
 const BUSY: Duration = Duration::from_secs(2);
@@ -339,19 +340,4 @@ fn config_opens_the_board_it_names() {
     let pulses = Profile::new(&profile).unwrap().pulses(&example()).unwrap();
     mock.jog(0, pulses.tracks[0].start_pulse_us, 0.0).unwrap();
     mock.arm(&pulses, MonotonicNs::now().plus_seconds(0.2)).unwrap();
-}
-
-#[test]
-fn replay_tells_all_events_in_order() {
-    let info = BoardInfo { name: "x".into(), protocol_version: 1, boot_id: 1, channels: 1 };
-    let events: Vec<_> = (0..600).map(|n| ServoEvent::Started { board_tick_us: n }).collect();
-    let mut board = ReplayBoard::new(info, events.clone());
-    let mut told = Vec::new();
-    loop {
-        match board.poll().unwrap() {
-            more if more.is_empty() => break,
-            more => told.extend(more),
-        }
-    }
-    assert_eq!(told, events);
 }

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use ident::strict::Finite;
 use sim::Model;
 
-use super::TankError;
+use super::error::TankError;
 
 /// The tank's causes: numbers by cause and parameter, as in `added_mass = { scale = 0.8 }`.
 pub type Causes = BTreeMap<String, BTreeMap<String, Finite>>;

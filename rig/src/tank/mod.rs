@@ -2,93 +2,28 @@
 
 pub mod causes;
 pub mod config;
+mod error;
 mod motion;
 pub mod render;
 pub mod scene;
 mod servo;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use crate::clock::MonotonicNs;
+use crate::servo::PulseSink;
 pub use config::TankConfig;
+pub use error::TankError;
 use motion::{Event, Motion};
-
-/// Where a mock board's pulses go.
-pub trait PulseSink: Send {
-    /// From `at` on, `channel` puts out `pulse_us`, or nothing while detached.
-    fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs);
-
-    /// All pulses before `until` are known.
-    fn complete(&mut self, until: MonotonicNs) {
-        let _ = until;
-    }
-}
 
 /// How long a picture waits for a board that a busy machine keeps from its pulses, and how often it looks.
 const PATIENCE_S: f64 = 1.0;
 const LOOK_AGAIN: Duration = Duration::from_millis(1);
 /// Stands for a tank that no board in this process moves.
 const NO_BOARD: u64 = u64::MAX;
-
-/// Why there is no tank.
-#[derive(Debug, thiserror::Error)]
-pub enum TankError {
-    /// The tank's file was refused.
-    #[error("reading the tank")]
-    Config(#[from] ident::strict::StrictError),
-    /// The model's file cannot be read.
-    #[error("reading the tank's model {}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The model's file was refused.
-    #[error("the tank's model {}", path.display())]
-    Model {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: Box<sim::MjcfError>,
-    },
-    /// The initial pose has another number of coordinates than the model.
-    #[error("tank: initial_qpos has {got} numbers, the model {wanted} coordinates")]
-    InitialPose {
-        /// Numbers given.
-        got: usize,
-        /// Coordinates of the model.
-        wanted: usize,
-    },
-    /// A servo turns an actuator that is not there.
-    #[error("tank: a servo turns the actuator `{actuator}`, the model has: {known}")]
-    UnknownActuator {
-        /// The name given.
-        actuator: String,
-        /// The model's.
-        known: String,
-    },
-    /// A cause that the tank cannot hide.
-    #[error("tank: cause `{cause}`: {reason}")]
-    Cause {
-        /// Its name.
-        cause: String,
-        /// Why not.
-        reason: String,
-    },
-    /// A servo that does not turn.
-    #[error("tank: us_per_rad of the servo on `{actuator}` is 0; it must be above or below")]
-    NoTravel {
-        /// The servo's actuator.
-        actuator: String,
-    },
-    /// The simulation refused or diverged.
-    #[error("tank: simulating")]
-    Simulation(#[from] sim::RolloutError),
-}
 
 /// The live tank, shared by mock board and mock camera: clones are the same tank.
 ///

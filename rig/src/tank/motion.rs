@@ -5,9 +5,9 @@
 
 use sim::{Model, RolloutOptions, Simulator, State};
 
-use super::TankError;
 use super::causes::Linkage;
 use super::config::{Hold, Release, TankConfig, TankServo};
+use super::error::TankError;
 use super::servo::Servo;
 use crate::clock::MonotonicNs;
 

@@ -10,7 +10,7 @@ use sim::Model;
 use sim::math::{Mat3, Vec3};
 use sim::model::{Geom, GeomKind};
 
-use crate::vision::{Plane, Px};
+use crate::calibration::{Plane, Px};
 
 /// How a scene is lit and filmed.
 #[derive(Debug, Clone, PartialEq)]

@@ -9,10 +9,10 @@ use rand_distr::{Distribution, StandardNormal};
 use super::Tank;
 use super::causes::Optics;
 use super::render::{Look, Renderer, corners, project};
+use crate::calibration::Plane;
 use crate::camera::CameraConfig;
 use crate::camera::mock::{Scene, StampTruth};
 use crate::clock::MonotonicNs;
-use crate::vision::Plane;
 
 /// A camera's view of the tank.
 pub struct TankScene {

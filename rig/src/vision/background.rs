@@ -11,9 +11,11 @@ use nalgebra::{Matrix6, Vector6};
 
 use super::component::components;
 use super::config::{Background as Method, Polarity, VisionConfig};
-use super::gates::Rejection;
+use super::median::median;
+use super::rejection::Rejection;
 use super::sample::bilinear;
-use super::{Mask, Px, VisionError};
+use super::{Mask, VisionError};
+use crate::calibration::Px;
 
 /// The empty tank, learnt.
 #[derive(Debug, Clone)]
@@ -405,10 +407,4 @@ fn smaller_steps(image: &GrayImage, limit: usize) -> usize {
         }
     }
     count
-}
-
-/// The middle value; the slice is reordered. Callers pass at least one value.
-pub(super) fn median<T: Copy + PartialOrd>(values: &mut [T]) -> T {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, |a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal)).1
 }

@@ -5,10 +5,12 @@
 //! its normal where half the contrast is passed, the line is smoothed, and it is led on, still between the
 //! edges, until the silhouette ends.
 
-use super::background::{Contrast, median};
-use super::gates::Rejection;
+use super::Mask;
+use super::background::Contrast;
+use super::median::median;
+use super::rejection::Rejection;
 use super::spline::{arc_lengths, distance, moved, resampled, smoothed, tangents, unit};
-use super::{Mask, Px};
+use crate::calibration::Px;
 
 /// The mechanism's middle line in one image.
 #[derive(Debug, Clone, PartialEq)]

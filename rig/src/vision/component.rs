@@ -1,8 +1,9 @@
 //! Connected parts of a mask, and which of them is the mechanism.
 
-use super::runs::{Run, connected, runs};
+use super::Mask;
+use super::pixel_runs::{Run, connected, runs};
 use super::spline::distance;
-use super::{Mask, Px};
+use crate::calibration::Px;
 
 /// One connected part (corners connect).
 #[derive(Debug, Clone)]

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use ident::strict::{NonNegative, Positive, Share};
 use serde::{Deserialize, Serialize};
 
-use super::{Px, VisionError};
+use super::VisionError;
+use crate::calibration::Px;
 
 /// Where the keypoints between the two ends lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,7 +1,8 @@
 //! The silhouette's edge as sub-pixel points.
 
+use super::Mask;
 use super::background::Contrast;
-use super::{Mask, Px};
+use crate::calibration::Px;
 
 /// Every place on a pixel's four sides where the contrast passes half the mechanism's, along the edge of
 /// `part`; about 1.3 a pixel of edge, in the order of their pixels. Places beside the picture's border or

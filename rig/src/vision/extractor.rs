@@ -8,18 +8,21 @@ use std::path::Path;
 use image::GrayImage;
 
 use super::background::{Background, Contrast};
-use super::calibration::Plane;
 use super::centreline::Centreline;
 use super::component::{choose, components};
 use super::config::{Background as Method, VisionConfig};
-use super::gates::{Rejection, Sizes, check_overlap};
+use super::gates::{Sizes, check_overlap};
 use super::keypoints::{CLEAR_PX, Found, Shape, edge_points, place};
 use super::parallel::in_parallel;
 use super::parts::{Parts, Seen};
-use super::record::{Extraction, ImageRecord, Keypoint, Status, TimedImage};
+use super::record::{Extraction, ImageRecord, Keypoint, Status};
+use super::rejection::Rejection;
 use super::spline::{arc_lengths, distance, point_at};
 use super::thin::{longest_path, radii, thinned};
-use super::{Mask, Px, VisionError};
+use super::{Mask, VisionError};
+use crate::calibration::Plane;
+use crate::calibration::Px;
+use crate::images::TimedImage;
 
 /// Runs images through the stages, in order.
 #[derive(Debug)]

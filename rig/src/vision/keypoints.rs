@@ -1,14 +1,16 @@
 //! P0..Pn on a centreline, in the three modes.
 
+use super::Mask;
 use super::background::Contrast;
-use super::calibration::Plane;
 use super::centreline::Centreline;
 use super::config::{Mode, VisionConfig};
 use super::contour::contour;
-use super::gates::{Rejection, check_overlap};
+use super::gates::check_overlap;
 use super::links::Chain;
+use super::rejection::Rejection;
 use super::spline::{arc_lengths, distance, moved, point_at, unit};
-use super::{Mask, Px};
+use crate::calibration::Plane;
+use crate::calibration::Px;
 
 /// P0..Pn in one image, before they are put into metres.
 #[derive(Debug, Clone, PartialEq)]

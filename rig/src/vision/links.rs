@@ -8,9 +8,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::background::median;
+use super::Mask;
+use super::median::median;
 use super::spline::distance;
-use super::{Mask, Px};
+use crate::calibration::Px;
 
 /// What is known of the chain before it is seen.
 #[derive(Debug, Clone, PartialEq)]

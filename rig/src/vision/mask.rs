@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Px;
-use super::runs::{Run, connected, runs};
+use super::pixel_runs::{Run, connected, runs};
+use crate::calibration::Px;
 
 /// A rectangle of the picture with one bit a pixel. Outside it everything is background.
 ///

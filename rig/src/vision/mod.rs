@@ -11,7 +11,6 @@
 //! Pixels are `[column, row]`, the centre of the top left one is `[0, 0]`.
 
 pub mod background;
-pub mod calibration;
 pub mod centreline;
 pub mod component;
 pub mod config;
@@ -21,25 +20,22 @@ pub mod gates;
 pub mod keypoints;
 pub mod links;
 pub mod mask;
+mod median;
 pub mod output;
 pub mod overlay;
 mod parallel;
 mod parts;
+mod pixel_runs;
 pub mod record;
-mod runs;
+pub mod rejection;
 pub mod sample;
-pub mod source;
 pub mod spline;
 pub mod thin;
 
-pub use calibration::{Calibration, CalibrationError, Plane};
 pub use config::{Mode, VisionConfig};
 pub use extractor::{Extractor, extract_sequence};
 pub use mask::Mask;
-pub use record::{Extraction, ImageRecord, Keypoint, Status, StoredKeypoint, StoredRecord, TimedImage};
-
-/// A place in a picture, `[column, row]` \[px\].
-pub type Px = [f64; 2];
+pub use record::{Extraction, ImageRecord, Keypoint, Status, StoredKeypoint, StoredRecord};
 
 /// Why a whole sequence could not be extracted.
 #[derive(Debug, thiserror::Error)]

@@ -2,9 +2,10 @@
 
 use image::{GrayImage, Rgb, RgbImage};
 
+use super::Mask;
 use super::record::{ImageRecord, Status};
 use super::spline::{distance, moved, unit};
-use super::{Mask, Px};
+use crate::calibration::Px;
 
 /// Rim of the silhouette.
 const RIM: Rgb<u8> = Rgb([40, 200, 80]);

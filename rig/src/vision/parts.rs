@@ -3,7 +3,7 @@
 use super::Mask;
 use super::background::Contrast;
 use super::component::Component;
-use super::gates::Rejection;
+use super::rejection::Rejection;
 
 /// An image's parts, and the contrast they were found in.
 pub(super) struct Parts {

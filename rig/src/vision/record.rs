@@ -1,21 +1,10 @@
 //! What goes into an extraction and what comes out of it.
 
-use image::GrayImage;
 use serde::{Deserialize, Serialize};
 
-use super::calibration::Plane;
-use super::{Mask, Px};
-
-/// An image and when it was exposed.
-#[derive(Debug, Clone)]
-pub struct TimedImage {
-    /// File name, or whatever else tells it from the others.
-    pub name: String,
-    /// Mid-exposure \[s\].
-    pub time_s: f64,
-    /// The picture, or why it could not be read.
-    pub grey: Result<GrayImage, String>,
-}
+use super::Mask;
+use crate::calibration::Plane;
+use crate::calibration::Px;
 
 /// How far an image's keypoints can be trusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,6 +1,6 @@
 //! Reading grey values between pixels.
 
-use super::Px;
+use crate::calibration::Px;
 
 /// `values`, shape (height, width), at `px`: bilinear between the four pixels around; 0 outside.
 #[inline]

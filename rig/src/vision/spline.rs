@@ -1,6 +1,6 @@
 //! Curves as points: arc length, even spacing, smoothing.
 
-use super::Px;
+use crate::calibration::Px;
 
 /// Arc length from the first point to each, shape as `points` \[px\].
 pub fn arc_lengths(points: &[Px]) -> Vec<f64> {

@@ -3,7 +3,8 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::{Mask, Px};
+use super::Mask;
+use crate::calibration::Px;
 
 /// The four neighbours that share an edge, then the four that share a corner.
 const NEIGHBOURS: [(isize, isize); 8] =

@@ -1,5 +1,5 @@
 use super::*;
-use crate::camera::{Camera, CameraError, Encoding, recorded::RecordedCamera};
+use crate::camera::Encoding;
 use crate::record::reader::{End, Item, Recording};
 
 fn info() -> CameraInfo {
@@ -63,20 +63,6 @@ fn recording_gives_back_what_was_handed_over_in_order() {
         assert_eq!(event, &ping(index as u64));
     }
     assert!(matches!(items[10], Item::Command(ServoCommand::Stop { .. })));
-}
-
-#[test]
-fn recording_serves_as_a_camera() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("recording.mcap");
-    record(&path, 4);
-    let mut camera = RecordedCamera::open(&path).unwrap();
-    camera.start().unwrap();
-    for sequence in 0..4 {
-        let got = camera.next_image(Duration::ZERO).unwrap();
-        assert_eq!((got.sequence, got.damaged), (sequence, sequence == 3));
-    }
-    assert!(matches!(camera.next_image(Duration::ZERO), Err(CameraError::End)));
 }
 
 #[test]

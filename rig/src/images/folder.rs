@@ -1,49 +1,13 @@
-//! A folder of pictures as a camera: its files in the order of their names.
+//! A folder of pictures: its files in the order of their names.
 //!
 //! A `frames.csv` (`file,time_s`) in the folder says which files and when; otherwise they are evenly spaced.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
-use image::ImageFormat;
-
-use super::{Camera, CameraError, CameraImage, CameraInfo, Encoding};
-use crate::clock::MonotonicNs;
-
-/// Why a folder's pictures cannot be listed.
-#[derive(Debug, thiserror::Error)]
-pub enum FolderError {
-    /// The folder or a file in it could not be read.
-    #[error("reading {}", path.display())]
-    Unreadable {
-        /// Which.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// `frames.csv` is not one.
-    #[error("{} line {line}: {what}", path.display())]
-    Frames {
-        /// The file.
-        path: PathBuf,
-        /// Its line, from 1.
-        line: u64,
-        /// What is wrong.
-        what: String,
-    },
-    /// No pictures.
-    #[error("{} holds no .png, .jpg or .jpeg files", path.display())]
-    Empty {
-        /// The folder.
-        path: PathBuf,
-    },
-    /// Nothing says when the pictures were taken.
-    #[error("{} has no frames.csv: set [camera] fps", path.display())]
-    NoTimes {
-        /// The folder.
-        path: PathBuf,
-    },
-}
+use super::error::{FolderError, SourceError};
+use super::source::{ImageSource, TimedImage};
+use crate::camera::decode::grey_file;
+use crate::error_chain::with_causes;
 
 /// A picture's file and its time.
 #[derive(Debug, Clone, PartialEq)]
@@ -120,88 +84,31 @@ fn listed(folder: &Path, table: &Path) -> Result<Vec<Entry>, FolderError> {
     Ok(entries)
 }
 
-/// A folder of pictures behind the camera trait: hands them over as fast as they are asked for.
-#[derive(Debug)]
-pub struct FolderCamera {
-    info: CameraInfo,
+/// The pictures of a folder.
+pub(super) struct Folder {
     entries: Vec<Entry>,
-    next: usize,
-    start: MonotonicNs,
 }
 
-impl FolderCamera {
-    /// The pictures of `folder`, as [`entries`] lists them; stamps count from `start`.
-    ///
-    /// # Errors
-    /// [`FolderError`], also when the first picture cannot be read.
-    pub fn open(folder: &Path, fps: Option<f64>, start: MonotonicNs) -> Result<Self, FolderError> {
-        let entries = entries(folder, fps)?;
-        let path = &entries[0].path;
-        let unreadable = |source: std::io::Error| FolderError::Unreadable { path: path.clone(), source };
-        let bytes = std::fs::read(path).map_err(unreadable)?;
-        let (width_px, height_px) = size(&bytes).map_err(|e| unreadable(std::io::Error::other(e)))?;
-        let span_s = entries[entries.len() - 1].time_s - entries[0].time_s;
-        let counted = if span_s > 0.0 { (entries.len() - 1) as f64 / span_s } else { 0.0 };
-        let info = CameraInfo {
-            name: format!("folder {}", folder.display()),
-            width_px,
-            height_px,
-            fps: fps.unwrap_or(counted),
-            encoding: encoding(&bytes),
-            mid_exposure_offset_s: 0.0,
-        };
-        Ok(Self { info, entries, next: 0, start })
+impl Folder {
+    /// The pictures of `folder`, as [`entries`] lists them.
+    pub(super) fn open(folder: &Path, fps: Option<f64>) -> Result<Self, FolderError> {
+        Ok(Self { entries: entries(folder, fps)? })
     }
 }
 
-impl Camera for FolderCamera {
-    fn info(&self) -> &CameraInfo {
-        &self.info
+impl ImageSource for Folder {
+    fn images(&self) -> Result<Box<dyn Iterator<Item = Result<TimedImage, SourceError>> + '_>, SourceError> {
+        Ok(Box::new(self.entries.iter().map(|entry| {
+            let bytes = std::fs::read(&entry.path).map_err(|error| error.to_string());
+            let name = entry.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let grey = bytes.and_then(|bytes| grey_file(&bytes).map_err(|error| with_causes(&error)));
+            Ok(TimedImage { name, time_s: entry.time_s, grey })
+        })))
     }
 
-    fn start(&mut self) -> Result<(), CameraError> {
-        self.next = 0;
-        Ok(())
+    fn len_hint(&self) -> Option<usize> {
+        Some(self.entries.len())
     }
-
-    fn next_image(&mut self, _timeout: Duration) -> Result<CameraImage, CameraError> {
-        let entry = self.entries.get(self.next).ok_or(CameraError::End)?;
-        let refused = |what: String| CameraError::Refused {
-            camera: self.info.name.clone(),
-            what: format!("{}: {what}", entry.path.display()),
-        };
-        let data = std::fs::read(&entry.path).map_err(|error| refused(error.to_string()))?;
-        // A damaged file keeps its place in the sequence; its decoder says what is wrong.
-        let (width_px, height_px) = size(&data).unwrap_or((self.info.width_px, self.info.height_px));
-        let at = self.start.plus_seconds(entry.time_s);
-        let image = CameraImage {
-            sequence: self.next as u32,
-            stamp: at,
-            mid_exposure: at,
-            damaged: false,
-            width_px,
-            height_px,
-            encoding: encoding(&data),
-            data,
-        };
-        self.next += 1;
-        Ok(image)
-    }
-
-    fn stop(&mut self) {
-        self.next = self.entries.len();
-    }
-}
-
-fn encoding(data: &[u8]) -> Encoding {
-    match image::guess_format(data) {
-        Ok(ImageFormat::Jpeg) => Encoding::Jpeg,
-        _ => Encoding::Png,
-    }
-}
-
-fn size(data: &[u8]) -> Result<(u32, u32), image::ImageError> {
-    image::ImageReader::new(std::io::Cursor::new(data)).with_guessed_format()?.into_dimensions()
 }
 
 #[cfg(test)]
@@ -245,18 +152,5 @@ mod tests {
             let message = entries(folder.path(), None).unwrap_err().to_string();
             assert!(message.contains(what), "{message}");
         }
-    }
-
-    #[test]
-    fn camera_hands_over_every_picture_with_its_own_size_and_then_ends() {
-        let folder = folder_of(&["a.png", "b.png"]);
-        let mut camera = FolderCamera::open(folder.path(), Some(10.0), MonotonicNs(1_000)).unwrap();
-        camera.start().unwrap();
-        let first = camera.next_image(Duration::ZERO).unwrap();
-        let second = camera.next_image(Duration::ZERO).unwrap();
-        assert_eq!((first.width_px, second.width_px, second.sequence), (4, 5, 1));
-        assert_eq!(second.mid_exposure, MonotonicNs(100_001_000));
-        assert_eq!(super::super::decode::grey(&second).unwrap().dimensions(), (5, 3));
-        assert!(matches!(camera.next_image(Duration::ZERO), Err(CameraError::End)));
     }
 }

@@ -6,7 +6,8 @@ use ident::strict::{self, Finite, Positive, StrictError};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::Px;
+/// A place in a picture, `[column, row]` \[px\]; the centre of the top left pixel is `[0, 0]`.
+pub type Px = [f64; 2];
 
 /// Where the picture shows the plane of motion: two numbers, or a file written by `rig calibrate`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,0 +1,58 @@
+//! Why an analysis ended early.
+
+use std::path::PathBuf;
+
+use ident::fit::FitError;
+use ident::table;
+
+use crate::calibration::CalibrationError;
+use crate::config::ConfigError;
+use crate::record::RecordError;
+use crate::report::GatherError;
+use crate::vision::VisionError;
+
+/// Why an analysis ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum AnalysisError {
+    /// A file of the run.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// The config as recorded, or the one given instead.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The calibration.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
+    /// The images.
+    #[error("extracting keypoints")]
+    Vision(#[from] VisionError),
+    /// The profile as recorded does not fit the config.
+    #[error(transparent)]
+    Profile(#[from] crate::profile::ProfileError),
+    /// A table of the run.
+    #[error(transparent)]
+    Table(#[from] table::TableError),
+    /// The model.
+    #[error("model {}", path.display())]
+    Model {
+        /// The model's file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: sim::mjcf::MjcfError,
+    },
+    /// The weights of the mechanism.
+    #[error(transparent)]
+    Weights(#[from] ident::weights::WeightError),
+    /// The fit.
+    #[error("fitting")]
+    Fit(#[from] FitError),
+}
+
+impl From<GatherError> for AnalysisError {
+    fn from(error: GatherError) -> Self {
+        match error {
+            GatherError::Record(error) => Self::Record(error),
+            GatherError::Table(error) => Self::Table(error),
+        }
+    }
+}

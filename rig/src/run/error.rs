@@ -1,0 +1,46 @@
+//! Why a run could not be filmed.
+
+use std::path::PathBuf;
+
+use crate::camera::CameraError;
+use crate::profile::ProfileError;
+use crate::record::RecordError;
+use crate::servo::ServoError;
+
+/// Why a run could not be filmed.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The camera.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// The board.
+    #[error(transparent)]
+    Servo(#[from] ServoError),
+    /// The run's files.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// The profile breaks a limit.
+    #[error(transparent)]
+    Profile(#[from] ProfileError),
+    /// The mock tank.
+    #[error(transparent)]
+    Tank(#[from] crate::tank::TankError),
+    /// Another process has the port.
+    #[error(transparent)]
+    Claim(#[from] crate::claim::ClaimError),
+    /// A file named by the config.
+    #[error("reading {}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+impl RunError {
+    /// The config or a file it names is at fault, not a device.
+    pub fn is_input(&self) -> bool {
+        matches!(self, Self::Profile(_) | Self::File { .. } | Self::Tank(_))
+    }
+}
