@@ -76,3 +76,16 @@ fn simulate_is_silent_in_a_pipe_and_writes_what_was_asked() {
     assert!(table.starts_with("time_s,q0,q1,q2,v0,v1,v2,P0_x_m,P0_y_m,P0_z_m,P1_x_m"), "{table}");
     assert_eq!(table.lines().count(), 7, "{table}");
 }
+
+#[test]
+fn runs_are_listed_in_the_folder_named_either_way() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().as_os_str();
+    for arguments in [
+        &["runs".as_ref(), "ls".as_ref(), path][..],
+        &["runs".as_ref(), "ls".as_ref(), "--runs-dir".as_ref(), path],
+    ] {
+        let output = run_rig(arguments.iter().copied());
+        assert!(output.status.success() && printed(&output).contains("no runs yet"), "{}", printed(&output));
+    }
+}

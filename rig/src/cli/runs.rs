@@ -24,7 +24,10 @@ pub struct Args {
 #[derive(clap::Subcommand, Debug)]
 pub enum Action {
     /// List all runs, the newest last.
-    Ls,
+    Ls {
+        /// The runs folder; left out: --runs-dir.
+        folder: Option<PathBuf>,
+    },
     /// Show one run: how it went, its journal and its results.
     Show {
         /// The run's folder, or its id in the runs folder.
@@ -38,8 +41,8 @@ pub enum Action {
 /// [`Failure::Input`] when there is no such folder or run.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     match &args.action {
-        Action::Ls => {
-            let runs = list(&args.runs_dir).map_err(Failure::input)?;
+        Action::Ls { folder } => {
+            let runs = list(folder.as_ref().unwrap_or(&args.runs_dir)).map_err(Failure::input)?;
             Ok(Outcome { text: table(&runs), ..Outcome::default() })
         }
         Action::Show { run } => {
@@ -217,7 +220,7 @@ mod tests {
         let cut_short = create(dir.path(), "20261120T111503Z-ab12cd");
         cut_short.journal().unwrap().write("armed", serde_json::json!({"boot_id": 7})).unwrap();
 
-        let text = show(dir.path(), Action::Ls);
+        let text = show(dir.path(), Action::Ls { folder: None });
         let lines: Vec<_> = text.lines().collect();
         assert_eq!(lines[1], "20261120T101503Z-ab12cd  success          3.5 s      350  1.50 mm");
         assert!(lines[2].contains("incomplete") && lines[2].ends_with('-'), "{text}");

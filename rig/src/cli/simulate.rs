@@ -5,6 +5,8 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, anyhow};
 use ident::fit::FirstTouch;
+use sim::causes::Kind;
+use sim::math::Vec3;
 use sim::{
     Command, ContactWatch, Integrator, JointKind, Model, Rollout, RolloutError, RolloutOptions, rollout,
 };
@@ -184,7 +186,8 @@ fn sample_times(args: &Args) -> Result<Vec<f64>, Failure> {
     Ok((0..=rows as u64).map(|row| row as f64 * args.every_s).collect())
 }
 
-/// The rows as CSV: time, coordinates, velocities, every site, all of one instant.
+/// The rows as CSV: time, coordinates, velocities, every site, all of one instant. Where the model carries causes in the
+/// camera, keypoints are where it sees them.
 fn table(model: &Model, run: &Rollout<f64>) -> String {
     let (nq, nv) = (model.nq(), model.nv());
     let mut out = String::from("time_s");
@@ -198,12 +201,17 @@ fn table(model: &Model, run: &Rollout<f64>) -> String {
         let _ = write!(out, ",{0}_x_m,{0}_y_m,{0}_z_m", site.name);
     }
     out.push('\n');
+    let filmed = model.causes().iter().any(|carried| carried.cause().info().kind == Kind::Camera);
+    let keypoints = if filmed { model.keypoint_sites() } else { Vec::new() };
     for (instant, time_s) in run.time_s.iter().enumerate() {
         let qpos = &run.qpos[instant * nq..(instant + 1) * nq];
         let qvel = &run.qvel[instant * nv..(instant + 1) * nv];
         // nine decimals of a second hide that k * 0.01 is not quite what it says
         let _ = write!(out, "{}", (time_s * 1e9).round() / 1e9);
-        let sites = model.poses(qpos).site_pos;
+        let mut sites = model.poses(qpos).site_pos;
+        for (keypoint, &site) in keypoints.iter().enumerate() {
+            sites[site] = Vec3(run.position_m[instant * keypoints.len() + keypoint]);
+        }
         for value in qpos.iter().chain(qvel).chain(sites.iter().flat_map(|at| &at.0)) {
             let _ = write!(out, ",{value}");
         }
@@ -320,6 +328,31 @@ mod tests {
             let worst = differences.fold(0.0, f64::max);
             println!("{file}: worst site coordinate {worst:.1e} m off over {} rows", ours.len());
             assert!(worst < SITE_M && ours.len() == 501, "{file}: {worst:e}");
+        }
+    }
+
+    #[test]
+    fn keypoints_are_where_a_camera_with_causes_sees_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let turned = "<custom><numeric name=\"camera_rotation/angle\" data=\"0.1\"/></custom></mujoco>";
+        let rows = |model: &str| -> Vec<Vec<f64>> {
+            let args = args(folder.path(), model);
+            run(&args).unwrap();
+            let text = std::fs::read_to_string(&args.out).unwrap();
+            text.lines()
+                .skip(1)
+                .map(|row| row.split(',').map(|cell| cell.parse().unwrap()).collect())
+                .collect()
+        };
+        let (plain, seen) = (rows(PENDULUM), rows(&PENDULUM.replace("</mujoco>", turned)));
+        assert_eq!(plain.len(), seen.len());
+        for (plain, seen) in plain.iter().zip(&seen) {
+            let ([.., x, _, z], [.., seen_x, _, seen_z]) = (&plain[..], &seen[..]) else { panic!() };
+            assert_eq!(plain[..3], seen[..3], "the motion is the same");
+            // Turned by 0.1 rad about the world's origin, the pendulum's hinge, whichever way: the same length, not the same place.
+            assert!((x.hypot(*z) - seen_x.hypot(*seen_z)).abs() < 1e-9, "{plain:?} {seen:?}");
+            let between = (x * seen_x + z * seen_z) / (x.hypot(*z) * seen_x.hypot(*seen_z));
+            assert!((between.acos() - 0.1).abs() < 1e-6, "{between}");
         }
     }
 }
