@@ -39,12 +39,8 @@ fn held_out<'a>(experiment: &'a Experiment, state: &State<'a>, floor: &Floor) ->
     held.point.values.clone_from(&state.point.values);
     // what each run has its own of is seen in that run only
     for cause in &state.causes {
-        for (_, nuisance) in cause.free(&held.model).own {
-            for (term, offsets) in held.terms.iter_mut().zip(&mut held.point.offsets) {
-                term.rehearsal.nuisances.push(nuisance);
-                offsets.push(0.0);
-            }
-        }
+        let added = cause.free(&held.model);
+        held.add_own(&added.own);
     }
     held.weigh(&floor);
     Some((held, floor))

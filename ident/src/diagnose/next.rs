@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::detect::BEYOND_DOUBT_COST;
 use super::result::{Diagnosis, NextExperiment, Verdict};
 use super::sets::{Found, sets};
-use crate::design::{self, runs::Proposal};
+use crate::design::{self, Worth, runs::Proposal};
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
 use crate::hypothesis::candidates::Term;
@@ -36,14 +36,7 @@ pub(super) fn next(
         let names = vec![a.0.cause.name().to_owned(), b.0.cause.name().to_owned()];
         let list = design::separating(experiment, baseline, floor, counts, [&a, &b]);
         for worth in list.iter().take(MOST_LISTED).filter(|w| w.after > (1.0 + WORTHWHILE_SHARE) * w.before) {
-            advice.push(NextExperiment {
-                kind: worth.proposal.kind().into(),
-                what: worth.proposal.words(),
-                command: command(&worth.proposal),
-                separates: names.clone(),
-                before: worth.before,
-                after: worth.after,
-            });
+            advice.push(advised(worth, names.clone()));
             runs.push(worth.proposal.clone());
         }
         let best = list.first().map_or(0.0, |worth| worth.after);
@@ -51,13 +44,9 @@ pub(super) fn next(
             advice.extend(elsewhere(&names));
         }
     }
-    let named: Vec<(&str, &str)> = diagnosis
-        .causes
-        .iter()
-        .flat_map(|cause| cause.aliases.iter().map(|alias| (cause.name.as_str(), alias.as_str())))
-        .collect();
-    for (name, alias) in named {
-        advice.extend(elsewhere(&[name.to_owned(), alias.to_owned()]));
+    for cause in &diagnosis.causes {
+        advice
+            .extend(cause.aliases.iter().filter_map(|alias| elsewhere(&[cause.name.clone(), alias.clone()])));
     }
     (advice, runs)
 }
@@ -73,23 +62,24 @@ pub(super) fn pinning(
     let (mut advice, mut runs): (Vec<NextExperiment>, Vec<Next>) = (Vec::new(), Vec::new());
     for name in names {
         for worth in design::pinning(experiment, state, floor, name, counts).into_iter().take(MOST_LISTED) {
-            advice.push(NextExperiment {
-                kind: worth.proposal.kind().into(),
-                what: worth.proposal.words(),
-                command: command(&worth.proposal),
-                separates: vec![name.clone()],
-                before: worth.before,
-                after: worth.after,
-            });
+            advice.push(advised(&worth, vec![name.clone()]));
             runs.push(worth.proposal);
         }
     }
     (advice, runs)
 }
 
-/// The command that makes the run; its config is written beside the diagnosis.
-fn command(proposal: &Proposal) -> String {
-    format!("rig run next/{}.toml --runs-dir runs", proposal.id)
+/// A run as it is advised; its config is written beside the diagnosis.
+fn advised(worth: &Worth, separates: Vec<String>) -> NextExperiment {
+    let Worth { proposal, before, after } = worth;
+    NextExperiment {
+        kind: proposal.kind().into(),
+        what: proposal.words(),
+        command: format!("rig run next/{}.toml --runs-dir runs", proposal.id),
+        separates,
+        before: *before,
+        after: *after,
+    }
 }
 
 type Rival = (Term, Vec<(String, f64)>);

@@ -13,6 +13,7 @@ use crate::fit::repeat::repeat;
 use crate::noise::Whitening;
 use crate::noise::floor::Floor;
 use crate::parameters::Parameters;
+use crate::simulate::Nuisance;
 
 /// A model with some causes at its optimum.
 #[derive(Debug, Clone)]
@@ -174,14 +175,17 @@ impl<'a> State<'a> {
         next.added += added.free.len() + added.own.len() * self.terms.len();
         next.point.values.extend(added.free.iter().map(|parameter| parameter.start));
         next.parameters.free.extend(added.free);
-        for (term, offsets) in next.terms.iter_mut().zip(&mut next.point.offsets) {
-            for (_, nuisance) in &added.own {
-                term.rehearsal.nuisances.push(*nuisance);
-                offsets.push(0.0);
-            }
-        }
+        next.add_own(&added.own);
         next.causes.push(cause.clone());
         next
+    }
+
+    /// Adds numbers that each run has its own of, at 0.
+    pub(crate) fn add_own(&mut self, own: &[(String, Nuisance)]) {
+        for (term, offsets) in self.terms.iter_mut().zip(&mut self.point.offsets) {
+            term.rehearsal.nuisances.extend(own.iter().map(|(_, nuisance)| *nuisance));
+            offsets.resize(term.rehearsal.nuisances.len(), 0.0);
+        }
     }
 
     /// This state with the baseline's numbers and starts at `point`, before any fit; those of its causes stay.
