@@ -6,6 +6,7 @@
 //! [`servo`] moves the mechanism meanwhile. [`tank`] is the simulated tank behind mock board and mock camera.
 
 pub mod analysis;
+pub mod app;
 pub mod calibration;
 pub mod camera;
 pub mod claim;

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
 
-use super::run::base;
 use super::{Failure, Outcome};
+use crate::app::base;
 use crate::config::RigConfig;
 use crate::doctor::{Check, Health, devices, host};
 

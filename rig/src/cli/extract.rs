@@ -10,6 +10,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Deserialize;
 
 use super::{Failure, Outcome};
+use crate::app::threads;
 use crate::calibration::Calibration;
 use crate::images;
 use crate::images::TimedImage;
@@ -70,13 +71,12 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     config.vision.check().map_err(Failure::input)?;
     let fps = config.camera.fps.map(Positive::get);
     let source = images::open(&args.frames, fps).map_err(Failure::input)?;
-    let threads =
-        args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, Into::into), Into::into);
 
     let sample = images::sample(&*source, LEARN_FROM).map_err(Failure::input)?;
     let sample: Vec<&TimedImage> = sample.iter().collect();
     let mut extractor =
-        Extractor::learn(&sample, &config.vision, plane.clone(), folder, threads).map_err(classified)?;
+        Extractor::learn(&sample, &config.vision, plane.clone(), folder, threads(args.threads))
+            .map_err(classified)?;
     let progress = bar(source.len_hint());
     let mut records = Vec::new();
     let mut images = source.images().map_err(Failure::input)?;

@@ -5,12 +5,11 @@ use std::time::Duration;
 
 use anyhow::anyhow;
 
-use super::run::base;
-use super::signal::Interrupt;
 use super::{Failure, Outcome};
+use crate::app::{Interrupt, base, interruptible};
 use crate::config::RigConfig;
 use crate::run::open;
-use crate::servo::StopOutcome;
+use crate::servo::{ServoChannel, StopOutcome};
 
 /// Arguments of `rig jog`.
 #[derive(clap::Args, Debug)]
@@ -68,9 +67,17 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         }
         (None, None) => return Err(input("say where to: --angle-rad or --pulse-us".into())),
     };
-    let runtime = tokio::runtime::Runtime::new().map_err(Failure::internal)?;
-    let interrupt = runtime.block_on(async { Interrupt::listen() }).map_err(Failure::internal)?;
-    let (mut board, _port) = open::board(&config, base(&args.config)).map_err(Failure::hardware)?;
+    interruptible(async |interrupt| move_to(args, &config, channel, pulse_us, interrupt))
+}
+
+fn move_to(
+    args: &Args,
+    config: &RigConfig,
+    channel: &ServoChannel,
+    pulse_us: u16,
+    interrupt: &Interrupt,
+) -> Result<Outcome, Failure> {
+    let (mut board, _port) = open::board(config, base(&args.config)).map_err(Failure::hardware)?;
     let moved = board.jog(channel.id, pulse_us, args.duration_s).and_then(|()| {
         let until = std::time::Instant::now() + Duration::from_secs_f64(args.duration_s + args.stay_s);
         while std::time::Instant::now() < until && !interrupt.is_raised() {

@@ -8,6 +8,7 @@ use ident::fit::{Flow, Observer, Progress as FitProgress};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::analysis::Progress;
+use crate::app::Watcher;
 
 /// See the module.
 #[derive(Debug)]
@@ -22,22 +23,28 @@ impl Bar {
         // indicatif draws to standard error, and only on a terminal.
         Self { bar: ProgressBar::no_length(), interrupted }
     }
+}
 
-    /// Shows a line of text with a spinner.
-    pub fn say(&self, text: impl Into<String>) {
+impl Watcher for Bar {
+    fn say(&mut self, text: String) {
         self.bar.set_style(ProgressStyle::default_spinner());
-        self.bar.set_message(text.into());
+        self.bar.set_message(text);
         self.bar.tick();
     }
 
-    /// Prints a line that stays, on a terminal only.
-    pub fn note(&self, text: &str) {
+    /// On a terminal only.
+    fn note(&mut self, text: &str) {
         self.bar.println(text);
     }
 
-    /// Prints a line that somebody must act on, in a pipe too.
-    pub fn ask(&self, text: &str) {
+    /// In a pipe too.
+    fn tell(&mut self, text: &str) {
         if self.bar.is_hidden() { eprintln!("{text}") } else { self.bar.println(text) }
+    }
+
+    fn clear(&mut self) {
+        self.bar.finish_and_clear();
+        self.bar.reset();
     }
 }
 

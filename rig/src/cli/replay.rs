@@ -1,16 +1,18 @@
 //! `rig replay`.
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use anyhow::anyhow;
 
 use super::progress::Bar;
-use super::run::{analysis_failed, base, finished, summary, threads};
-use super::signal::Interrupt;
-use super::{Failure, InRun, Outcome};
+use super::{Failure, Outcome};
 use crate::analysis::{Analysis, Stage};
+use crate::app::experiment::analysed;
+use crate::app::{base, interruptible, threads};
 use crate::config::RigConfig;
 use crate::record::folder::{RunFolder, file, write_whole};
+use crate::report;
 
 /// Arguments of `rig replay`.
 #[derive(clap::Args, Debug)]
@@ -28,7 +30,7 @@ pub struct Args {
     pub config: Option<PathBuf>,
     /// Worker threads; as many as there are cores when left out
     #[arg(long)]
-    pub threads: Option<usize>,
+    pub threads: Option<NonZeroUsize>,
 }
 
 /// Redoes a run's analysis into another folder.
@@ -56,25 +58,19 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             write_whole(&args.out.join(name), &bytes).map_err(Failure::input)?;
         }
     }
-    let runtime = tokio::runtime::Runtime::new().map_err(Failure::internal)?;
-    runtime.block_on(async {
-        let interrupt = Interrupt::listen().map_err(Failure::internal)?;
-        let mut bar = Bar::new(interrupt.flag());
-        let analysis = Analysis {
-            run: &run,
-            out: &args.out,
-            config: &config,
-            paths_from,
-            from: args.from,
-            threads: threads(args.threads),
-            chronicle: None,
-            live: None,
-        };
-        let data = tokio::task::block_in_place(|| analysis.carry_out(&mut bar))
-            .map_err(|error| analysis_failed(error, InRun(args.run.clone())))?;
-        let text = summary(&data, &args.out);
-        drop(bar);
-        finished(&interrupt, &text, InRun(args.run.clone()))?;
+    let analysis = Analysis {
+        run: &run,
+        out: &args.out,
+        config: &config,
+        paths_from,
+        from: args.from,
+        threads: threads(args.threads),
+        chronicle: None,
+        live: None,
+    };
+    interruptible(async |interrupt| {
+        let data = analysed(analysis, interrupt, &mut Bar::new(interrupt.flag()))?;
+        let text = report::written(&data, &args.out);
         Ok(Outcome { out: Some(args.out.clone()), run: Some(args.run.clone()), text, ..Outcome::default() })
     })
 }

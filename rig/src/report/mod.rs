@@ -32,7 +32,7 @@ pub use data::{ClockQuality, ImageQuality, Overlay, ReportData, RunEnd, RunFigur
 pub use diagnosis_figures::DiagnosisFigures;
 pub use diagnosis_text::diagnosis_summary;
 pub use gather::GatherError;
-pub use summary::summary;
+pub use summary::{summary, written};
 
 use maud::{DOCTYPE, PreEscaped, html};
 

@@ -1,6 +1,7 @@
 //! The report in a terminal: the verdict, the errors, the coefficients.
 
 use std::fmt::Write as _;
+use std::path::Path;
 
 use ident::experiment::Use;
 use ident::fit::Fit;
@@ -10,6 +11,14 @@ use super::data::ReportData;
 use super::diagnosis_text::diagnosis_summary;
 use super::format::{millimetres, percent, significant};
 use super::verdict::{is_combined, is_constant, verdict};
+use crate::record::folder::file;
+
+/// What came out, as lines for a terminal, and where in `folder` to look at it whole.
+pub fn written(data: &ReportData, folder: &Path) -> String {
+    let report = folder.join(file::REPORT);
+    let report = std::fs::canonicalize(&report).unwrap_or(report);
+    format!("{}\nreport: file://{}", summary(data), report.display())
+}
 
 /// What came out, as lines for a terminal.
 pub fn summary(data: &ReportData) -> String {

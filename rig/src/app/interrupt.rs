@@ -6,6 +6,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
+use super::Failure;
+
+/// Carries out `work`, which hears of signals meanwhile.
+///
+/// # Errors
+/// What `work` gives; [`Failure::Internal`] when the system lets nobody listen.
+pub fn interruptible<T>(work: impl AsyncFnOnce(&Interrupt) -> Result<T, Failure>) -> Result<T, Failure> {
+    let runtime = tokio::runtime::Runtime::new().map_err(Failure::internal)?;
+    runtime.block_on(async { work(&Interrupt::listen().map_err(Failure::internal)?).await })
+}
+
 /// Listens for as long as its runtime lives.
 #[derive(Debug, Clone)]
 pub struct Interrupt {

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use ident::experiment::Experiment;
-use ident::fit::{Drift, FitError, Fitted, Observer, fit, recalibrate};
+use ident::fit::{Drift, Fitted, Observer, fit, recalibrate};
 use serde::Serialize;
 
 use super::Failure;
-use super::fit::{earlier, write_results};
+use super::results::{earlier, write_fit};
 use crate::record::folder::file;
 
 /// The folder of the last good fit, among the run folders: `fit.json` and `model.xml`.
@@ -58,15 +58,11 @@ impl LastGood {
         source: &str,
         observer: &mut dyn Observer,
     ) -> Result<Verdict, Failure> {
-        let refuse = |error: FitError| match error.is_lack_of_data() {
-            true => Failure::data(error),
-            false => Failure::input(error),
-        };
         let path = self.folder.join(file::FIT);
         let first = !path.exists();
         let fitted = match first {
-            true => fit(experiment, observer).map_err(refuse)?,
-            false => recalibrate(experiment, &earlier(&path)?, observer).map_err(refuse)?,
+            true => fit(experiment, observer)?,
+            false => recalibrate(experiment, &earlier(&path)?, observer)?,
         };
         let verdict = judged(&fitted, first);
         if verdict.updated {
@@ -74,7 +70,7 @@ impl LastGood {
             std::fs::create_dir_all(folder)
                 .with_context(|| format!("creating {}", folder.display()))
                 .map_err(Failure::Internal)?;
-            write_results(&fitted, source, folder)?;
+            write_fit(&fitted, source, folder)?;
         }
         Ok(verdict)
     }

@@ -1,0 +1,119 @@
+//! Run folders put together into an `experiment.toml`.
+
+use std::path::{Component, Path, PathBuf};
+
+use anyhow::{Context as _, anyhow};
+use ident::experiment::{Experiment, FitConfig, Use};
+use ident::weights::{Mechanism, Water};
+use serde::{Deserialize, Serialize};
+
+use super::Failure;
+use crate::record::folder::{RunFolder, Start, file, write_whole};
+
+/// The file, as `ident` reads it.
+#[derive(Serialize)]
+struct ExperimentFile {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    model: Option<PathBuf>,
+    fit: FitConfig,
+    mechanism: Mechanism,
+    water: Water,
+    run: Vec<RunEntry>,
+}
+
+#[derive(Serialize)]
+struct RunEntry {
+    folder: PathBuf,
+    #[serde(rename = "use")]
+    usage: Use,
+}
+
+/// What an experiment takes over from the config its first run was made with.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct RunConfig {
+    fit: FitConfig,
+    mechanism: Mechanism,
+    water: Water,
+}
+
+/// Writes the experiment of the run folders `runs` to `out`, with the model they were made with or another, and gives it as a fit
+/// reads it.
+///
+/// # Errors
+/// [`Failure::Input`] when a folder is no run, [`Failure::Data`] when a run has nothing to fit.
+pub fn compose(runs: &[(Use, &Path)], model: Option<&Path>, out: &Path) -> Result<Experiment, Failure> {
+    let whole = std::path::absolute(out).map_err(Failure::input)?;
+    let home = whole.parent().unwrap_or(Path::new("/"));
+    std::fs::create_dir_all(home)
+        .with_context(|| format!("creating {}", home.display()))
+        .map_err(Failure::Input)?;
+
+    let mut entries = Vec::new();
+    let mut config = None;
+    for &(usage, path) in runs {
+        let start = usable(path)?;
+        if config.is_none() {
+            config = Some(run_config(&start, path)?);
+        }
+        entries.push(RunEntry { folder: relative(path, home)?, usage });
+    }
+    let model = model.map(|model| relative(model, home)).transpose()?;
+    let RunConfig { fit, mechanism, water } = config.unwrap_or_default();
+    let file = ExperimentFile { model, fit, mechanism, water, run: entries };
+    let text = toml::to_string(&file).map_err(Failure::internal)?;
+    write_whole(out, text.as_bytes()).map_err(Failure::input)?;
+    // Read back as the fit will read it: what it would refuse is said now.
+    Ok(Experiment::read(out)?)
+}
+
+/// Opens a run folder and sees that it holds a trajectory.
+fn usable(path: &Path) -> Result<Start, Failure> {
+    let folder = RunFolder::open(path).map_err(Failure::input)?;
+    if !folder.file(file::TRAJECTORY).is_file() {
+        return Err(Failure::Data(anyhow!(
+            "run {} has no {}; extract it first with `rig replay`",
+            path.display(),
+            file::TRAJECTORY
+        )));
+    }
+    if folder.stop().is_none() {
+        tracing::warn!("run {} is incomplete: it has no {}", path.display(), file::STOP);
+    }
+    Ok(folder.start().clone())
+}
+
+fn run_config(start: &Start, path: &Path) -> Result<RunConfig, Failure> {
+    toml::from_str(&start.config)
+        .with_context(|| format!("reading the config inside {}", path.join(file::START).display()))
+        .map_err(Failure::Input)
+}
+
+/// `path` as seen from the folder `home`, which is absolute.
+fn relative(path: &Path, home: &Path) -> Result<PathBuf, Failure> {
+    let canonical = |path: &Path| {
+        path.canonicalize().with_context(|| format!("reading {}", path.display())).map_err(Failure::Input)
+    };
+    Ok(between(&canonical(home)?, &canonical(path)?))
+}
+
+/// The way from one absolute folder to another path, both without links and dots.
+fn between(from: &Path, to: &Path) -> PathBuf {
+    let (from, to): (Vec<_>, Vec<_>) = (from.components().collect(), to.components().collect());
+    let common = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
+    let up = std::iter::repeat_n(Component::ParentDir, from.len() - common);
+    up.chain(to[common..].iter().copied()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn way_between_folders_goes_up_to_the_common_one_and_down_again() {
+        let way = |from: &str, to: &str| between(Path::new(from), Path::new(to));
+        assert_eq!(way("/a/b", "/a/runs/1"), Path::new("../runs/1"));
+        assert_eq!(way("/a", "/a/runs/1"), Path::new("runs/1"));
+        assert_eq!(way("/a/b/c", "/d"), Path::new("../../../d"));
+    }
+}

@@ -1,0 +1,65 @@
+//! Configs of the runs to make next.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use anyhow::{Context as _, anyhow};
+use ident::design::runs::{Motion, Proposal};
+
+use super::Failure;
+use crate::record::folder::write_whole;
+
+/// Tables and keys of a rig config that hold paths.
+const PATHS: [(&str, &str); 4] =
+    [("run", "model"), ("mock", "tank"), ("vision", "static_mask"), ("calibration", "file")];
+
+/// Writes a config for each of `next` to `folder`: `config` with another motion.
+///
+/// # Errors
+/// [`Failure::Input`] where `config` cannot be read, [`Failure::Internal`] where the folder cannot be written.
+pub fn write_configs(config: &Path, next: &[Proposal], folder: &Path) -> Result<(), Failure> {
+    let reading = || format!("reading the rig's config {}", config.display());
+    let text = std::fs::read_to_string(config).with_context(reading).map_err(Failure::Input)?;
+    let mut base: toml::Table = text.parse().with_context(reading).map_err(Failure::Input)?;
+    let origin = std::path::absolute(config).with_context(reading).map_err(Failure::Input)?;
+    for (table, key) in PATHS {
+        let Some(value) = base.get_mut(table).and_then(|table| table.get_mut(key)) else { continue };
+        if let (Some(relative), Some(parent)) = (value.as_str(), origin.parent()) {
+            *value = parent.join(relative).display().to_string().into();
+        }
+    }
+    std::fs::create_dir_all(folder).map_err(Failure::internal)?;
+    let mut written = BTreeSet::new();
+    for proposal in next.iter().filter(|proposal| written.insert(proposal.id.clone())) {
+        let config = changed(&base, proposal)?;
+        let text = format!("# Proposed by rig design: {}.\n{config}", proposal.words());
+        write_whole(&folder.join(format!("{}.toml", proposal.id)), text.as_bytes())
+            .map_err(Failure::internal)?;
+    }
+    Ok(())
+}
+
+fn changed(base: &toml::Table, proposal: &Proposal) -> Result<toml::Table, Failure> {
+    let mut config = base.clone();
+    let run = config.get_mut("run").and_then(toml::Value::as_table_mut);
+    let run = run.ok_or_else(|| Failure::Input(anyhow!("the rig's config has no [run] table")))?;
+    run.insert("name".into(), format!("Next: {}", proposal.words()).into());
+    run.insert("kind".into(), proposal.kind().into());
+    match proposal.motion {
+        Motion::Drop { .. } => {
+            run.insert("film_s".into(), proposal.seconds.into());
+            config.remove("profile");
+        }
+        Motion::Driven { amplitude_rad, ccw_s, cw_s } => {
+            let mut profile =
+                config.get("profile").and_then(toml::Value::as_table).cloned().unwrap_or_default();
+            for (key, number) in [("amplitude_rad", amplitude_rad), ("ccw_s", ccw_s), ("cw_s", cw_s)] {
+                profile.insert(key.into(), number.into());
+            }
+            profile.insert("cycles".into(), i64::from(proposal.cycles()).into());
+            profile.insert("soft_start_cycles".into(), 0.into());
+            config.insert("profile".into(), profile.into());
+        }
+    }
+    Ok(config)
+}

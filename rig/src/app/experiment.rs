@@ -1,0 +1,131 @@
+//! One experiment from config to report, for `rig run` and `rig daemon`; the same analysis for a recorded run.
+
+use std::path::Path;
+
+use anyhow::anyhow;
+
+use super::live::Beside;
+use super::{Failure, InRun, Interrupt, Watcher};
+use crate::analysis::{Analysis, AnalysisError, Stage};
+use crate::claim::Claim;
+use crate::config::RigConfig;
+use crate::doctor::{self, Health};
+use crate::report::ReportData;
+use crate::run::machine::Ending;
+use crate::run::{Conducted, Job, RunError};
+
+/// An experiment as its config says it.
+pub struct Experiment<'a> {
+    /// The config.
+    pub config: &'a RigConfig,
+    /// The folder that relative paths in it start from.
+    pub base: &'a Path,
+    /// The folder of run folders.
+    pub runs_dir: &'a Path,
+    /// Extraction and fit are left to a replay.
+    pub film_only: bool,
+    /// Worker threads.
+    pub threads: usize,
+}
+
+/// An experiment that was carried out.
+pub struct Done {
+    /// The run.
+    pub conducted: Conducted,
+    /// What its report shows, unless it was only filmed.
+    pub data: Option<ReportData>,
+}
+
+impl Experiment<'_> {
+    /// Claims the folder of run folders, and sees that there is room in it.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] when another process has it, or it has no room.
+    pub fn claim(&self) -> Result<Claim, Failure> {
+        let claim = Claim::take("the runs folder", &self.runs_dir.join(".lock")).map_err(Failure::input)?;
+        for check in doctor::host::runs_folder(self.runs_dir, self.config.expected_bytes()) {
+            if check.health == Health::Bad {
+                return Err(Failure::Input(anyhow!("{}: {}", check.subject, check.finding)));
+            }
+        }
+        Ok(claim)
+    }
+
+    /// Carries it out once.
+    ///
+    /// # Errors
+    /// [`Failure`] by class; a run that has begun stays readable and is named by [`InRun`].
+    pub async fn carry_out(&self, interrupt: &Interrupt, watcher: &mut dyn Watcher) -> Result<Done, Failure> {
+        let job = Job { config: self.config, base: self.base, runs_dir: self.runs_dir };
+        let mut beside = Beside::new(self.config, self.base, (!self.film_only).then_some(self.threads));
+        let conducted = job
+            .conduct(interrupt.raised(), |folder, notice| beside.hear(folder, notice, watcher))
+            .await
+            .map_err(filming_failed)?;
+        let folder = &conducted.folder;
+        let here = InRun(folder.path().into());
+        match &conducted.filmed.ending {
+            Ending::Success => {}
+            Ending::Abort(reason) => {
+                return Err(Failure::Interrupted(anyhow!("aborted: {reason}").context(here)));
+            }
+            Ending::Fail(reason) => {
+                return Err(Failure::Hardware(anyhow!("run incomplete: {reason}").context(here)));
+            }
+        }
+        if self.film_only {
+            return Ok(Done { conducted, data: None });
+        }
+        let analysis = Analysis {
+            run: folder,
+            out: folder.path(),
+            config: self.config,
+            paths_from: self.base,
+            from: Stage::Frames,
+            threads: self.threads,
+            chronicle: beside.chronicle,
+            live: beside.live,
+        };
+        let data = analysed(analysis, interrupt, watcher)?;
+        Ok(Done { conducted, data: Some(data) })
+    }
+}
+
+/// Carries out `analysis`.
+///
+/// # Errors
+/// [`Failure`] by class, [`Failure::Interrupted`] too when a signal has made the fit end with its best so far: what was asked for
+/// is not there, though all files are.
+pub fn analysed(
+    analysis: Analysis<'_>,
+    interrupt: &Interrupt,
+    watcher: &mut dyn Watcher,
+) -> Result<ReportData, Failure> {
+    let (run, out) = (InRun(analysis.run.path().into()), analysis.out.to_owned());
+    let analysed = tokio::task::block_in_place(|| analysis.carry_out(watcher));
+    watcher.clear();
+    let data = match analysed {
+        Ok(data) => data,
+        Err(error) => return Err(analysis_failed(error, run)),
+    };
+    if interrupt.is_raised() {
+        let text = crate::report::written(&data, &out);
+        return Err(Failure::Interrupted(
+            anyhow!("interrupted; the best so far is written\n{text}").context(run),
+        ));
+    }
+    Ok(data)
+}
+
+fn filming_failed(error: RunError) -> Failure {
+    if error.is_input() { Failure::input(error) } else { Failure::hardware(error) }
+}
+
+fn analysis_failed(error: AnalysisError, run: InRun) -> Failure {
+    let lacking = match &error {
+        AnalysisError::Vision(_) => true,
+        AnalysisError::Fit(error) => error.is_lack_of_data(),
+        _ => false,
+    };
+    Failure::data_if(lacking, anyhow::Error::new(error).context(run))
+}

@@ -1,0 +1,115 @@
+//! Whose fault it is that something ended badly.
+
+use std::path::PathBuf;
+
+/// Why something ended badly; decides the exit code, and what a daemon's journal says.
+#[derive(Debug)]
+pub enum Failure {
+    /// Our fault: exit code 1.
+    Internal(anyhow::Error),
+    /// The input or the config is wrong: exit code 2.
+    Input(anyhow::Error),
+    /// A servo board, a camera or the recording failed: exit code 3.
+    Hardware(anyhow::Error),
+    /// The data cannot answer what was asked: exit code 4.
+    Data(anyhow::Error),
+    /// The user's Ctrl-C or a SIGTERM ended it: exit code 130.
+    Interrupted(anyhow::Error),
+}
+
+impl Failure {
+    /// Classifies an error as wrong input.
+    pub fn input(error: impl Into<anyhow::Error>) -> Self {
+        Self::Input(error.into())
+    }
+
+    /// Classifies an error as our fault.
+    pub fn internal(error: impl Into<anyhow::Error>) -> Self {
+        Self::Internal(error.into())
+    }
+
+    /// Classifies an error as a hardware fault.
+    pub fn hardware(error: impl Into<anyhow::Error>) -> Self {
+        Self::Hardware(error.into())
+    }
+
+    /// Classifies an error as data that cannot answer.
+    pub fn data(error: impl Into<anyhow::Error>) -> Self {
+        Self::Data(error.into())
+    }
+
+    /// Classifies an error as the data's fault where they lack what was asked for, else as the input's.
+    pub fn data_if(lacking: bool, error: impl Into<anyhow::Error>) -> Self {
+        if lacking { Self::data(error) } else { Self::input(error) }
+    }
+
+    /// The process's exit code.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Internal(_) => 1,
+            Self::Input(_) => 2,
+            Self::Hardware(_) => 3,
+            Self::Data(_) => 4,
+            Self::Interrupted(_) => 130,
+        }
+    }
+
+    /// The class in a word, as `--json` says it.
+    pub fn status(&self) -> &'static str {
+        match self {
+            Self::Internal(_) => "internal-error",
+            Self::Input(_) => "input-error",
+            Self::Hardware(_) => "hardware-fault",
+            Self::Data(_) => "data-cannot-answer",
+            Self::Interrupted(_) => "interrupted",
+        }
+    }
+
+    /// What happened.
+    pub fn error(&self) -> &anyhow::Error {
+        match self {
+            Self::Internal(e) | Self::Input(e) | Self::Hardware(e) | Self::Data(e) | Self::Interrupted(e) => {
+                e
+            }
+        }
+    }
+
+    /// The run it happened in.
+    pub fn run(&self) -> Option<&PathBuf> {
+        self.error().downcast_ref().map(|InRun(run)| run)
+    }
+}
+
+impl From<ident::experiment::ExperimentError> for Failure {
+    fn from(error: ident::experiment::ExperimentError) -> Self {
+        Self::data_if(error.is_lack_of_data(), error)
+    }
+}
+
+impl From<ident::fit::FitError> for Failure {
+    fn from(error: ident::fit::FitError) -> Self {
+        Self::data_if(error.is_lack_of_data(), error)
+    }
+}
+
+impl From<ident::diagnose::DiagnoseError> for Failure {
+    fn from(error: ident::diagnose::DiagnoseError) -> Self {
+        match error {
+            ident::diagnose::DiagnoseError::Interrupted => Self::Interrupted(error.into()),
+            error => Self::data_if(error.is_lack_of_data(), error),
+        }
+    }
+}
+
+/// Context of an error that happened within a run, whose folder stays: put on with [`anyhow::Error::context`].
+#[derive(Debug)]
+pub struct InRun(
+    /// The run folder.
+    pub PathBuf,
+);
+
+impl std::fmt::Display for InRun {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "run {}", self.0.display())
+    }
+}

@@ -1,0 +1,58 @@
+//! What goes on beside the filming: a chronicle of what was told, and extraction and first fit of what was filmed so far.
+
+use std::path::Path;
+
+use super::Watcher;
+use crate::analysis::live::Live;
+use crate::analysis::timeline::Chronicle;
+use crate::config::RigConfig;
+use crate::record::folder::RunFolder;
+use crate::run::film::Notice;
+
+/// Hears what is filmed and passes it to whoever looks at it meanwhile.
+pub(super) struct Beside<'a> {
+    config: &'a RigConfig,
+    base: &'a Path,
+    /// Worker threads of the extraction; none where the run is only filmed.
+    threads: Option<usize>,
+    phase: &'static str,
+    /// What was heard since the run began.
+    pub(super) chronicle: Option<Chronicle>,
+    /// The extraction since the first image.
+    pub(super) live: Option<Live>,
+}
+
+impl<'a> Beside<'a> {
+    /// Beside a run of `config`, whose relative paths start at `base`.
+    pub(super) fn new(config: &'a RigConfig, base: &'a Path, threads: Option<usize>) -> Self {
+        Self { config, base, threads, phase: "", chronicle: None, live: None }
+    }
+
+    /// The next notice of the run in `folder`.
+    pub(super) fn hear(&mut self, folder: &RunFolder, notice: Notice, watcher: &mut dyn Watcher) {
+        if self.chronicle.is_none() {
+            self.chronicle = Some(Chronicle::new(folder.origin()));
+            self.live = self.threads.and_then(|threads| Live::start(folder, self.config, self.base, threads));
+        }
+        let (Some(chronicle), live) = (&mut self.chronicle, &mut self.live) else { return };
+        match notice {
+            Notice::Phase(now, images) => {
+                if now != self.phase {
+                    watcher.note(&format!("{}  {now}", folder.start().id));
+                    self.phase = now;
+                }
+                watcher.say(format!("{now}: {images} images"));
+            }
+            Notice::Image(image) => {
+                chronicle.image(&image);
+                live.iter_mut().for_each(|live| live.image(&image));
+            }
+            Notice::Servo(event) => chronicle.servo(&event),
+            Notice::Command(command) => chronicle.command(&command),
+            Notice::Learn(from) => live.iter_mut().for_each(|live| live.learn(from.clone())),
+            Notice::Fit => live.iter_mut().for_each(|live| live.fit(chronicle.clone())),
+            Notice::LetGo => watcher.tell("The water is still: let go of the mechanism now."),
+            Notice::Journal(text) => tracing::info!("{text}"),
+        }
+    }
+}

@@ -1,0 +1,54 @@
+//! What the program does with all of it: one experiment from config to report, runs put together, fits and diagnoses into
+//! folders, the last good fit, experiments on a schedule.
+//!
+//! It tells a [`Watcher`] how it goes and answers with results; arguments and printing are the command line's.
+
+pub mod compose;
+pub mod daemon;
+pub mod design;
+pub mod diagnose;
+pub mod experiment;
+mod failure;
+pub mod fit;
+mod interrupt;
+pub mod last_good;
+mod live;
+mod results;
+
+pub use failure::{Failure, InRun};
+pub use interrupt::{Interrupt, interruptible};
+
+use std::num::NonZeroUsize;
+use std::path::Path;
+
+use crate::analysis::Progress;
+
+/// Whoever looks on.
+pub trait Watcher: Progress + Send {
+    /// What is being done now.
+    fn say(&mut self, text: String);
+    /// Something that happened, for who looks on.
+    fn note(&mut self, text: &str);
+    /// Something that somebody must act on or know.
+    fn tell(&mut self, text: &str);
+    /// What was being done has ended.
+    fn clear(&mut self);
+}
+
+/// The folder that relative paths in the config at `path` start from.
+pub fn base(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Worker threads asked for, or one for each core.
+pub fn threads(asked: Option<NonZeroUsize>) -> usize {
+    asked.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZeroUsize::get)
+}
+
+/// Carries out `work` on so many threads.
+fn on_threads<T: Send>(
+    threads: usize,
+    work: impl FnOnce() -> Result<T, Failure> + Send,
+) -> Result<T, Failure> {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(Failure::internal)?.install(work)
+}
