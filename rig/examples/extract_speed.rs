@@ -8,10 +8,9 @@ use std::path::{Path, PathBuf};
 
 use ident::strict;
 use rig::calibration::Calibration;
-use rig::images;
-use rig::images::TimedImage;
+use rig::images::{self, TimedImage};
 use rig::vision::extractor::LEARN_FROM;
-use rig::vision::{Extractor, VisionConfig};
+use rig::vision::{Task, VisionConfig};
 use rustix::time::{ClockId, clock_gettime};
 use serde::Deserialize;
 
@@ -28,6 +27,10 @@ const MOST: usize = 300;
 const FPS: f64 = 100.0;
 
 fn main() -> anyhow::Result<()> {
+    rayon::ThreadPoolBuilder::new().num_threads(1).build()?.install(timed)
+}
+
+fn timed() -> anyhow::Result<()> {
     let mut args = std::env::args_os().skip(1).map(PathBuf::from);
     let (Some(frames), Some(config_path)) = (args.next(), args.next()) else {
         anyhow::bail!("usage: extract_speed FRAMES CONFIG");
@@ -36,12 +39,11 @@ fn main() -> anyhow::Result<()> {
     let folder = config_path.parent().unwrap_or(Path::new(""));
     let plane = config.calibration.plane(folder)?;
     let source = images::open(&frames, Some(FPS))?;
-    let sample = images::sample(&*source, LEARN_FROM)?;
-    let sample: Vec<&TimedImage> = sample.iter().collect();
+    let sample = source.sample(LEARN_FROM)?;
     let images: Vec<TimedImage> = source.images()?.take(MOST).collect::<Result<_, _>>()?;
 
     let started = cpu_ms();
-    let mut extractor = Extractor::learn(&sample, &config.vision, plane, folder, 1)?;
+    let mut extractor = Task::new(&config.vision, plane, folder).learn(&sample)?;
     let learnt = cpu_ms();
     let records = extractor.push(&images);
     let done = cpu_ms();

@@ -13,7 +13,7 @@ use rig::calibration::{Plane, Px};
 use rig::images::TimedImage;
 use rig::tank::render::{Look, Renderer};
 use rig::vision::spline::{distance, moved};
-use rig::vision::{Extraction, Extractor, Mask, Mode, Status, StoredRecord, VisionConfig, extract_sequence};
+use rig::vision::{Extraction, Mask, Mode, SequenceError, Status, StoredRecord, Task, VisionConfig};
 
 const SIDE_PX: u32 = 480;
 /// Sensor noise of all renders, 1 sigma \[grey levels of 255\].
@@ -39,8 +39,17 @@ fn timed(images: Vec<GrayImage>) -> Vec<TimedImage> {
     images.into_iter().enumerate().map(image).collect()
 }
 
+fn sequence(
+    images: &[TimedImage],
+    config: &VisionConfig,
+    plane: &Plane,
+    folder: &Path,
+) -> Result<Extraction, SequenceError> {
+    Task::new(config, plane.clone(), folder).extract(images, |_, _| Ok(()))
+}
+
 fn extracted(images: Vec<GrayImage>, config: &VisionConfig) -> Extraction {
-    extract_sequence(&timed(images), config, &plane(), Path::new(""), 2).unwrap()
+    sequence(&timed(images), config, &plane(), Path::new("")).unwrap()
 }
 
 /// P0..P3 of three links of `length` pixels, the first at `angle` to the picture's right, each next one turned
@@ -211,7 +220,7 @@ fn mechanism_at_its_bracket_is_followed_and_its_hidden_pivot_inferred() {
     let (images, truth) = swing(&renderer, 40);
     let images = timed(images);
     let started = std::time::Instant::now();
-    let found = extract_sequence(&images, &config, &tank_plane(), folder.path(), 1).unwrap();
+    let found = sequence(&images, &config, &tank_plane(), folder.path()).unwrap();
     let mean = errors(&found, &truth);
     let std = found.records[0].keypoints.iter().map(|k| k.std_m * 1e6).collect::<Vec<_>>();
     println!(
@@ -236,8 +245,7 @@ fn background_is_learnt_around_a_mechanism_that_hardly_moves_or_never() {
             images.truncate(6);
             truth.truncate(6);
         }
-        let found =
-            extract_sequence(&timed(images), &chain_config(), &tank_plane(), Path::new(""), 2).unwrap();
+        let found = sequence(&timed(images), &chain_config(), &tank_plane(), Path::new("")).unwrap();
         let mean = errors(&found, &truth);
         println!("moving {moving}: {mean:?} m");
         assert!(mean.iter().all(|e| *e < 25e-6), "{mean:?}");
@@ -249,8 +257,7 @@ fn positive_angle_turns_counter_clockwise_in_the_picture_and_up_is_positive() {
     let model = sim::Model::from_mjcf(CHAIN).unwrap();
     let renderer = Renderer::new(tank_plane(), Look::plain(640, 480));
     let image = noisy(renderer.draw(&model, &[0.5, 0.0, 0.0]), 1);
-    let found =
-        extract_sequence(&timed(vec![image]), &chain_config(), &tank_plane(), Path::new(""), 1).unwrap();
+    let found = sequence(&timed(vec![image]), &chain_config(), &tank_plane(), Path::new("")).unwrap();
     let [x, y, z] = found.trajectory.at(0, 3);
     // Hanging down and turned counter-clockwise the tip goes to the right and stays below the pivot.
     assert!((x - 0.0775 * 0.5f64.sin()).abs() < 1e-4 && (z + 0.0775 * 0.5f64.cos()).abs() < 1e-4, "{x} {z}");
@@ -329,7 +336,7 @@ fn specks_and_a_bright_mechanism_change_nothing() {
             image.put_pixel(x, y, image::Luma([if (x + y) % 2 == 0 { 255 } else { 0 }]));
         }
     }
-    let found = extract_sequence(&timed(images), &chain_config(), &tank_plane(), Path::new(""), 2).unwrap();
+    let found = sequence(&timed(images), &chain_config(), &tank_plane(), Path::new("")).unwrap();
     let mean = errors(&found, &truth);
     println!("specks: {mean:?} m");
     assert!(mean.iter().all(|e| *e < 50e-6), "{mean:?}");
@@ -364,8 +371,7 @@ fn a_mechanism_that_touches_itself_or_is_half_gone_is_a_row_of_gaps() {
 fn images_without_anything_in_them_are_an_error_that_says_so() {
     let renderer = Renderer::new(plane(), Look::plain(SIDE_PX, SIDE_PX));
     let empty = timed(vec![noisy(renderer.draw_polygons(&[]), 4)]);
-    let error =
-        extract_sequence(&empty, &VisionConfig::new(3, Mode::Arc), &plane(), Path::new(""), 1).unwrap_err();
+    let error = sequence(&empty, &VisionConfig::new(3, Mode::Arc), &plane(), Path::new("")).unwrap_err();
     assert!(error.to_string().contains("background"), "{error}");
 }
 
@@ -374,10 +380,12 @@ fn result_depends_neither_on_threads_nor_on_how_images_are_handed_over() {
     let renderer = Renderer::new(tank_plane(), Look::plain(640, 480));
     let images = timed(swing(&renderer, 12).0);
     let config = chain_config();
-    let whole = extract_sequence(&images, &config, &tank_plane(), Path::new(""), 1).unwrap();
-    let threads = extract_sequence(&images, &config, &tank_plane(), Path::new(""), 3).unwrap();
-    let sample: Vec<&TimedImage> = images.iter().collect();
-    let mut live = Extractor::learn(&sample, &config, tank_plane(), Path::new(""), 1).unwrap();
+    let by = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| sequence(&images, &config, &tank_plane(), Path::new(""))).unwrap()
+    };
+    let (whole, threads) = (by(1), by(3));
+    let mut live = Task::new(&config, tank_plane(), Path::new("")).learn(&images).unwrap();
     let records = images.chunks(1).flat_map(|image| live.push(image)).collect();
     let live = Extraction::of(records, 3, tank_plane());
     assert_eq!(bits(&whole), bits(&threads));
@@ -398,7 +406,7 @@ fn extraction_starts_again_from_its_stored_silhouettes_or_keypoints_with_the_sam
     let images = timed(images);
     let free = VisionConfig { base_px: None, ..VisionConfig::new(3, Mode::Arc) };
     for config in [chain_config(), free] {
-        let whole = extract_sequence(&images, &config, &tank_plane(), Path::new(""), 2).unwrap();
+        let whole = sequence(&images, &config, &tank_plane(), Path::new("")).unwrap();
         assert_eq!(whole.count(Status::Ok), 12);
         let stored: Vec<String> = whole
             .records
@@ -408,10 +416,9 @@ fn extraction_starts_again_from_its_stored_silhouettes_or_keypoints_with_the_sam
         let stored: Vec<StoredRecord> =
             stored.iter().map(|text| serde_json::from_str(text).unwrap()).collect();
 
-        let sample: Vec<&TimedImage> = images.iter().collect();
-        let mut extractor = Extractor::learn(&sample, &config, tank_plane(), Path::new(""), 2).unwrap();
         let masks: Vec<Option<Mask>> = stored.iter().map(|record| record.mask.clone()).collect();
-        let records = extractor.push_with_masks(&images, &masks);
+        let task = Task { masks: Some(masks), ..Task::new(&config, tank_plane(), Path::new("")) };
+        let records = task.learn(&images).unwrap().push(&images);
         for (again, before) in records.iter().zip(&whole.records) {
             assert_eq!(
                 (again.status, &again.reason, &again.mask),

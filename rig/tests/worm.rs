@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use rig::calibration::Calibration;
-use rig::images;
-use rig::vision::{Extraction, ImageRecord, Status, VisionConfig, extract_sequence, spline};
+use rig::images::{self, TimedImage};
+use rig::vision::{Extraction, ImageRecord, SequenceError, Status, Task, VisionConfig, spline};
 use serde::Deserialize;
 
 /// A rejected image among those with a midline counts as this \[px\].
@@ -55,8 +55,8 @@ fn extraction(folder: &Path) -> Extraction {
     let config: Config = ident::strict::read(&config).unwrap();
     let plane = config.calibration.plane(Path::new("")).unwrap();
     let source = images::open(&folder.join("frames"), Some(30.0)).unwrap();
-    let images: Vec<_> = source.images().unwrap().map(Result::unwrap).collect();
-    extract_sequence(&images, &config.vision, &plane, Path::new(""), 2).unwrap()
+    let heard = |_: &[TimedImage], _: &[ImageRecord]| Ok::<(), SequenceError>(());
+    Task::new(&config.vision, plane, Path::new("")).extract(source.as_ref(), heard).unwrap()
 }
 
 /// Rms distance of the tracker's points from our line, wherever along it \[px\]: blind to where each line ends.

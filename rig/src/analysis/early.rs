@@ -10,14 +10,15 @@ use ident::fit::{Flow, Observer, Progress, WarmStart, first_answer};
 
 /// A fit under way beside the filming.
 #[derive(Debug)]
-pub struct EarlyFit {
+pub(super) struct EarlyFit {
     unwanted: Arc<AtomicBool>,
     thread: JoinHandle<Option<(WarmStart, Duration)>>,
 }
 
 impl EarlyFit {
-    /// Begins to fit `experiment` on so many threads of its own, as quiet as the caller's: they inherit its niceness.
-    pub(super) fn begin(experiment: Experiment, threads: usize) -> Self {
+    /// Begins to fit `experiment` on as many threads of its own as the caller's pool has, and as quiet: they inherit its niceness.
+    pub(super) fn begin(experiment: Experiment) -> Self {
+        let threads = rayon::current_num_threads();
         let unwanted = Arc::new(AtomicBool::new(false));
         let mut until = Until(Arc::clone(&unwanted));
         let thread = std::thread::spawn(move || {

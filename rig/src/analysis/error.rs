@@ -9,7 +9,7 @@ use crate::calibration::CalibrationError;
 use crate::config::ConfigError;
 use crate::record::RecordError;
 use crate::report::GatherError;
-use crate::vision::VisionError;
+use crate::vision::SequenceError;
 
 /// Why an analysis ended early.
 #[derive(Debug, thiserror::Error)]
@@ -24,8 +24,8 @@ pub enum AnalysisError {
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
     /// The images.
-    #[error("extracting keypoints")]
-    Vision(#[from] VisionError),
+    #[error(transparent)]
+    Images(#[from] SequenceError),
     /// The profile as recorded does not fit the config.
     #[error(transparent)]
     Profile(#[from] crate::profile::ProfileError),

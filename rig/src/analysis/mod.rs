@@ -9,8 +9,7 @@ mod early;
 mod error;
 mod experiment;
 pub mod live;
-pub mod pictures;
-mod sampled;
+mod pictures;
 mod stored;
 pub mod timeline;
 
@@ -22,12 +21,14 @@ use ident::fit::{Fitted, Observer, WarmStart};
 use ident::table;
 
 use crate::config::RigConfig;
+use crate::images::TimedImage;
+use crate::images::recording::RecordedImages;
 use crate::record::RecordError;
 use crate::record::folder::{RunFolder, file, read_json, write_json, write_whole};
 use crate::record::frames::{self, FrameRow};
 use crate::record::timing::{self, Timing};
 use crate::report::{DiagnosisFigures, ReportData};
-use crate::vision::{Extraction, Status};
+use crate::vision::{Extraction, ImageRecord, Status, Task};
 use early::EarlyFit;
 pub use error::AnalysisError;
 use experiment::experiment;
@@ -67,8 +68,6 @@ pub struct Analysis<'a> {
     pub paths_from: &'a Path,
     /// Where to begin.
     pub from: Stage,
-    /// Worker threads for the images.
-    pub threads: usize,
     /// What was heard while the run was filmed; else the recording says it.
     pub chronicle: Option<Chronicle>,
     /// The extraction that went on beside the filming.
@@ -76,12 +75,13 @@ pub struct Analysis<'a> {
 }
 
 impl Analysis<'_> {
-    /// Carries out all stages from [`Analysis::from`] on and writes their files; what the report shows comes back.
+    /// Carries out all stages from [`Analysis::from`] on and writes their files; what the report shows comes back. The threads of
+    /// the caller's pool work on it; the results do not depend on how many those are.
     ///
     /// # Errors
     /// [`AnalysisError`]; the files of the stages before it are there.
     pub fn carry_out(mut self, progress: &mut dyn Progress) -> Result<ReportData, AnalysisError> {
-        let mut timing = Timing { workers: self.threads, ..Timing::default() };
+        let mut timing = Timing { workers: rayon::current_num_threads(), ..Timing::default() };
         let chronicle = self.chronicle.take();
         let timeline = timing.measure("recording", || match chronicle {
             Some(chronicle) => chronicle.timeline(self.config),
@@ -137,7 +137,7 @@ impl Analysis<'_> {
         }
         data.clocks.extend(timeline.clock_quality());
         if let Some(extraction) = &extraction {
-            pictures::Source { run: self.run, timeline: &timeline }.show(&mut data, extraction, &fitted)?;
+            pictures::show(&mut data, extraction, &fitted, &self.images(&timeline))?;
         }
         write_whole(&self.out.join(file::REPORT), crate::report::render(&data).as_bytes())?;
         Ok(data)
@@ -174,30 +174,35 @@ impl Analysis<'_> {
         progress: &mut dyn Progress,
     ) -> Result<(Extraction, Option<EarlyFit>), AnalysisError> {
         progress.begin("images", Some(timeline.images.len() as u64));
-        let plane = self.config.calibration.plane(self.paths_from)?;
-        let source = pictures::Source { run: self.run, timeline };
+        let (config, folder) = (&self.config.vision, self.paths_from);
+        let plane = self.config.calibration.plane(folder)?;
+        let stored = match self.from {
+            Stage::Mask | Stage::Keypoints => Some(stored::read(self.run, timeline.usable().count())?),
+            _ => None,
+        };
+        let mut done = 0;
+        let mut found = |images: &[TimedImage], _: &[ImageRecord]| {
+            done += images.len() as u64;
+            progress.step(done);
+            Ok::<(), AnalysisError>(())
+        };
+        let mut task = Task::new(config, plane, folder);
         let (mut lines, mut has_lines, mut early) = (Vec::new(), 0, None);
-        let extraction = match self.from {
-            Stage::Keypoints => {
-                let records = stored::read(self.run, source.count())?;
-                let records = records.into_iter().map(|record| record.record(&plane)).collect();
-                Extraction::of(records, self.config.vision.links, plane)
-            }
-            _ => {
-                let masks = match self.from {
-                    Stage::Mask => Some(stored::read(self.run, source.count())?),
-                    _ => None,
-                };
-                let masks = masks.map(|records| records.into_iter().map(|record| record.mask).collect());
-                let learn_from = self.run.stop().and_then(|stop| stop.learn_from.clone());
-                let (config, folder) = (&self.config.vision, self.paths_from);
-                let task = pictures::Task { config, folder, plane, masks, learn_from };
-                let mut begun = live.and_then(|live| live.finish(&source.times_s()));
-                if let Some(begun) = &mut begun {
-                    (lines, has_lines) = (std::mem::take(&mut begun.lines), begun.records.len());
-                    early = begun.early.take();
+        let extraction = if let (Stage::Keypoints, Some(stored)) = (self.from, &stored) {
+            let records = stored.iter().map(|record| record.record(&task.plane)).collect();
+            Extraction::of(records, config.links, task.plane)
+        } else {
+            task.masks = stored.map(|stored| stored.into_iter().map(|record| record.mask).collect());
+            let times_s: Vec<f64> = timeline.usable().map(|image| image.row.time_s).collect();
+            match live.and_then(|live| live.finish(&times_s, self.run.origin())) {
+                Some(begun) => {
+                    (lines, has_lines, early) = (begun.lines, begun.records.len(), begun.early);
+                    let mut extractor = begun.extractor;
+                    let left = begun.left.iter().map(|image| Ok(TimedImage::of(image, self.run.origin())));
+                    let records = task.go_on(&mut extractor, left, begun.records, found)?;
+                    Extraction::of(records, config.links, task.plane)
                 }
-                task.carry_out(source, begun, self.threads, |done| progress.step(done as u64))?
+                None => task.extract(&self.images(timeline), &mut found)?,
             }
         };
         stored::write(self.out, lines, &extraction.records[has_lines..])?;
@@ -215,6 +220,11 @@ impl Analysis<'_> {
         frames::write(&self.out.join(file::FRAMES), &rows)?;
         table::write_trajectory(&self.out.join(file::TRAJECTORY), &extraction.trajectory)?;
         Ok((extraction, early))
+    }
+
+    /// The run's images that get a row in the trajectory.
+    fn images(&self, timeline: &Timeline) -> RecordedImages {
+        RecordedImages::of_run(self.run).usable_at(timeline.usable().map(|image| image.index).collect())
     }
 
     /// Copies files of the run that are taken as they are into another folder for results.

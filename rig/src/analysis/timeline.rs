@@ -4,7 +4,7 @@
 use sim::Command;
 
 use super::error::AnalysisError;
-use crate::camera::{CameraImage, images_lost};
+use crate::camera::{CameraImage, Rising, images_lost};
 use crate::clock::{ClockFit, MonotonicNs, Ping};
 use crate::config::RigConfig;
 use crate::record::ServoCommand;
@@ -23,24 +23,9 @@ pub const USABLE: &str = "ok";
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImageTime {
     /// Its place in the recording.
-    pub index: usize,
+    pub index: u64,
     /// Its row of `frames.csv`.
     pub row: FrameRow,
-}
-
-/// Tells the images that can be used by their stamps: each later than all before.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Rising(Option<MonotonicNs>);
-
-impl Rising {
-    /// Whether an image exposed at `mid_exposure`, the next received, can be used.
-    pub(super) fn takes(&mut self, mid_exposure: MonotonicNs) -> bool {
-        let rises = self.0.is_none_or(|latest| mid_exposure > latest);
-        if rises {
-            self.0 = Some(mid_exposure);
-        }
-        rises
-    }
 }
 
 /// Takes in a run in the order in which it is recorded: from the recording, or beside it while it is made.
@@ -84,7 +69,7 @@ impl Chronicle {
             status: status.into(),
             reason: reason.into(),
         };
-        self.images.push(ImageTime { index: self.images.len(), row });
+        self.images.push(ImageTime { index: self.images.len() as u64, row });
         self.last = Some(image.sequence);
     }
 
@@ -154,6 +139,11 @@ impl Timeline {
         }
         recording.warn_if_cut_off();
         chronicle.timeline(config)
+    }
+
+    /// The images that get a row in the trajectory.
+    pub fn usable(&self) -> impl Iterator<Item = &ImageTime> {
+        self.images.iter().filter(|image| image.row.status == USABLE)
     }
 
     /// How well the board's clock is known, for the report.

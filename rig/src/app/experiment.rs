@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::anyhow;
 
 use super::live::Beside;
-use super::{Failure, InRun, Interrupt, Watcher};
+use super::{Failure, InRun, Interrupt, Watcher, on_threads};
 use crate::analysis::{Analysis, AnalysisError, Stage};
 use crate::claim::Claim;
 use crate::config::RigConfig;
@@ -13,6 +13,7 @@ use crate::doctor::{self, Health};
 use crate::report::ReportData;
 use crate::run::machine::Ending;
 use crate::run::{Conducted, Job, RunError};
+use crate::vision::SequenceError;
 
 /// An experiment as its config says it.
 pub struct Experiment<'a> {
@@ -82,29 +83,29 @@ impl Experiment<'_> {
             config: self.config,
             paths_from: self.base,
             from: Stage::Frames,
-            threads: self.threads,
             chronicle: beside.chronicle,
             live: beside.live,
         };
-        let data = analysed(analysis, interrupt, watcher)?;
+        let data = analysed(analysis, self.threads, interrupt, watcher)?;
         Ok(Done { conducted, data: Some(data) })
     }
 }
 
-/// Carries out `analysis`.
+/// Carries out `analysis` on so many threads.
 ///
 /// # Errors
 /// [`Failure`] by class, [`Failure::Interrupted`] too when a signal has made the fit end with its best so far: what was asked for
 /// is not there, though all files are.
 pub fn analysed(
     analysis: Analysis<'_>,
+    threads: usize,
     interrupt: &Interrupt,
     watcher: &mut dyn Watcher,
 ) -> Result<ReportData, Failure> {
     let (run, out) = (InRun(analysis.run.path().into()), analysis.out.to_owned());
-    let analysed = tokio::task::block_in_place(|| analysis.carry_out(watcher));
+    let analysed = tokio::task::block_in_place(|| on_threads(threads, || Ok(analysis.carry_out(watcher))));
     watcher.clear();
-    let data = match analysed {
+    let data = match analysed? {
         Ok(data) => data,
         Err(error) => return Err(analysis_failed(error, run)),
     };
@@ -123,7 +124,7 @@ fn filming_failed(error: RunError) -> Failure {
 
 fn analysis_failed(error: AnalysisError, run: InRun) -> Failure {
     let lacking = match &error {
-        AnalysisError::Vision(_) => true,
+        AnalysisError::Images(SequenceError::Vision(_)) => true,
         AnalysisError::Fit(error) => error.is_lack_of_data(),
         _ => false,
     };

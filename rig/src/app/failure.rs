@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::vision::{SequenceError, VisionError};
+
 /// Why something ended badly; decides the exit code, and what a daemon's journal says.
 #[derive(Debug)]
 pub enum Failure {
@@ -83,6 +85,15 @@ impl Failure {
 impl From<ident::experiment::ExperimentError> for Failure {
     fn from(error: ident::experiment::ExperimentError) -> Self {
         Self::data_if(error.is_lack_of_data(), error)
+    }
+}
+
+/// Wrong settings are the input's fault, pictures without a mechanism the data's.
+impl From<SequenceError> for Failure {
+    fn from(error: SequenceError) -> Self {
+        use VisionError::{NoBackground, NoImages};
+        let lacking = matches!(error, SequenceError::Vision(NoBackground { .. } | NoImages));
+        Self::data_if(lacking, error)
     }
 }
 

@@ -46,7 +46,10 @@ pub fn threads(asked: Option<NonZeroUsize>) -> usize {
 }
 
 /// Carries out `work` on so many threads.
-fn on_threads<T: Send>(
+///
+/// # Errors
+/// What `work` gives; [`Failure::Internal`] where the system has no threads to give.
+pub fn on_threads<T: Send>(
     threads: usize,
     work: impl FnOnce() -> Result<T, Failure> + Send,
 ) -> Result<T, Failure> {

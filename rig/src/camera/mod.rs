@@ -128,6 +128,21 @@ pub fn images_lost(before: u32, now: u32) -> u32 {
     if step < 1 << 31 { step.saturating_sub(1) } else { 0 }
 }
 
+/// Tells the images that can be used by their stamps: each later than all before.
+#[derive(Debug, Clone, Default)]
+pub struct Rising(Option<MonotonicNs>);
+
+impl Rising {
+    /// Whether an image exposed at `mid_exposure`, the next received, can be used.
+    pub fn takes(&mut self, mid_exposure: MonotonicNs) -> bool {
+        let rises = self.0.is_none_or(|latest| mid_exposure > latest);
+        if rises {
+            self.0 = Some(mid_exposure);
+        }
+        rises
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::images_lost;

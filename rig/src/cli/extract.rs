@@ -3,19 +3,19 @@
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::Context;
 use ident::strict::{self, Positive};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Deserialize;
 
+use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::app::threads;
+use crate::analysis::Progress as _;
+use crate::app::{Watcher as _, on_threads, threads};
 use crate::calibration::Calibration;
-use crate::images;
-use crate::images::TimedImage;
-use crate::vision::extractor::LEARN_FROM;
-use crate::vision::{Extraction, Extractor, Status, VisionConfig, output};
+use crate::images::{self, TimedImage};
+use crate::vision::{Extraction, ImageRecord, Status, Task, VisionConfig, output, overlay};
 
 /// Keypoints from images: a folder of pictures, or a video where ffmpeg is installed.
 #[derive(clap::Args, Debug)]
@@ -55,8 +55,6 @@ struct Camera {
     fps: Option<Positive>,
 }
 
-/// Images whose intermediate pictures are held at once.
-const AT_ONCE: usize = 64;
 /// Enlargement of overlays.
 const ZOOM: u32 = 4;
 
@@ -72,49 +70,24 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let fps = config.camera.fps.map(Positive::get);
     let source = images::open(&args.frames, fps).map_err(Failure::input)?;
 
-    let sample = images::sample(&*source, LEARN_FROM).map_err(Failure::input)?;
-    let sample: Vec<&TimedImage> = sample.iter().collect();
-    let mut extractor =
-        Extractor::learn(&sample, &config.vision, plane.clone(), folder, threads(args.threads))
-            .map_err(classified)?;
-    let progress = bar(source.len_hint());
-    let mut records = Vec::new();
-    let mut images = source.images().map_err(Failure::input)?;
-    loop {
-        let chunk: Vec<TimedImage> =
-            images.by_ref().take(AT_ONCE).collect::<Result<_, _>>().map_err(Failure::input)?;
-        if chunk.is_empty() {
-            break;
-        }
-        let found = extractor.push(&chunk);
+    let mut bar = Bar::new(Arc::default());
+    bar.begin("images", source.len_hint().map(|count| count as u64));
+    let mut done = 0;
+    let mut found = |images: &[TimedImage], records: &[ImageRecord]| {
         if let Some(overlays) = &args.overlays {
-            draw(overlays, &chunk, &found).map_err(Failure::input)?;
+            draw(overlays, images, records).map_err(Failure::input)?;
         }
-        progress.inc(chunk.len() as u64);
-        records.extend(found);
-    }
-    progress.finish_and_clear();
-    let extraction = Extraction::of(records, config.vision.links, plane);
+        done += images.len() as u64;
+        bar.step(done);
+        Ok::<(), Failure>(())
+    };
+    let task = Task::new(&config.vision, plane, folder);
+    let threads = threads(args.threads);
+    let extraction = on_threads(threads, || task.extract(source.as_ref(), &mut found));
+    bar.clear();
+    let extraction = extraction?;
     write(args, &extraction).map_err(Failure::input)?;
     Ok(Outcome { out: Some(args.out.clone()), text: summary(&extraction, &args.out), ..Outcome::default() })
-}
-
-/// Wrong settings are the input's fault, pictures without a mechanism the data's.
-fn classified(error: crate::vision::VisionError) -> Failure {
-    use crate::vision::VisionError as E;
-    match error {
-        E::NoBackground { .. } | E::NoImages => Failure::data(error),
-        E::Config { .. } | E::Picture { .. } => Failure::input(error),
-    }
-}
-
-fn bar(length: Option<usize>) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(length.map(|n| n as u64), ProgressDrawTarget::stderr());
-    bar.set_message("extracting");
-    match ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} images {per_sec}") {
-        Ok(style) => bar.with_style(style),
-        Err(_) => bar,
-    }
 }
 
 fn write(args: &Args, extraction: &Extraction) -> anyhow::Result<()> {
@@ -136,12 +109,12 @@ fn write(args: &Args, extraction: &Extraction) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn draw(folder: &Path, images: &[TimedImage], found: &[crate::vision::ImageRecord]) -> anyhow::Result<()> {
+fn draw(folder: &Path, images: &[TimedImage], found: &[ImageRecord]) -> anyhow::Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("creating {}", folder.display()))?;
     for (image, record) in images.iter().zip(found) {
         if let Ok(grey) = &image.grey {
             let path = folder.join(Path::new(&image.name).with_extension("png"));
-            crate::vision::overlay::overlay(grey, record, ZOOM)
+            overlay::overlay(grey, record, ZOOM)
                 .save(&path)
                 .with_context(|| format!("writing {}", path.display()))?;
         }

@@ -64,12 +64,11 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         config: &config,
         paths_from,
         from: args.from,
-        threads: threads(args.threads),
         chronicle: None,
         live: None,
     };
     interruptible(async |interrupt| {
-        let data = analysed(analysis, interrupt, &mut Bar::new(interrupt.flag()))?;
+        let data = analysed(analysis, threads(args.threads), interrupt, &mut Bar::new(interrupt.flag()))?;
         let text = report::written(&data, &args.out);
         Ok(Outcome { out: Some(args.out.clone()), run: Some(args.run.clone()), text, ..Outcome::default() })
     })

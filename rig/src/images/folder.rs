@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use super::error::{FolderError, SourceError};
-use super::source::{ImageSource, TimedImage};
+use super::source::{ImageSource, Images, TimedImage};
 use crate::camera::decode::grey_file;
 use crate::error_chain::with_causes;
 
@@ -97,7 +97,7 @@ impl Folder {
 }
 
 impl ImageSource for Folder {
-    fn images(&self) -> Result<Box<dyn Iterator<Item = Result<TimedImage, SourceError>> + '_>, SourceError> {
+    fn images(&self) -> Result<Images<'_>, SourceError> {
         Ok(Box::new(self.entries.iter().map(|entry| {
             let bytes = std::fs::read(&entry.path).map_err(|error| error.to_string());
             let name = entry.path.file_name().unwrap_or_default().to_string_lossy().into_owned();

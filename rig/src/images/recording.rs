@@ -1,46 +1,92 @@
 //! The images of a run folder's `recording.mcap`.
 
+use std::collections::BTreeSet;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::error::SourceError;
-use super::source::{ImageSource, TimedImage};
-use crate::camera::{CameraImage, decode};
+use super::source::{ImageSource, Images, TimedImage};
+use crate::camera::{CameraImage, Rising};
 use crate::clock::MonotonicNs;
 use crate::record::RecordError;
+use crate::record::folder::{RunFolder, file};
 use crate::record::reader::{Item, Recording};
 
-/// The images of a recording for extraction; they can be read more than once.
+/// The usable images of a recording: each later than all before.
 #[derive(Debug)]
 pub struct RecordedImages {
     path: PathBuf,
+    /// Times count from here; from the first image where nobody says.
     origin: Option<MonotonicNs>,
+    /// Which of the images received the empty tank is learned from; all, where nobody says.
+    learn_from: Option<Range<u64>>,
+    /// Places of the usable ones among all images received, where they are known.
+    usable: Option<Vec<u64>>,
     /// Whether it was said that the recording is cut off.
     warned: AtomicBool,
 }
 
 impl RecordedImages {
-    /// The images of the recording at `path`; times count from `origin`, the run's, or from the first image.
-    pub fn new(path: &Path, origin: Option<MonotonicNs>) -> Self {
-        Self { path: path.into(), origin, warned: AtomicBool::new(false) }
+    /// The images of the recording at `path`; times count from the first.
+    pub fn of_file(path: &Path) -> Self {
+        Self {
+            path: path.into(),
+            origin: None,
+            learn_from: None,
+            usable: None,
+            warned: AtomicBool::new(false),
+        }
     }
-}
 
-impl ImageSource for RecordedImages {
-    /// A recording that was cut off gives what it holds, with a warning; a damaged one an error.
-    fn images(&self) -> Result<Box<dyn Iterator<Item = Result<TimedImage, SourceError>> + '_>, SourceError> {
+    /// Those of `run`, in its time.
+    pub fn of_run(run: &RunFolder) -> Self {
+        Self {
+            origin: Some(run.origin()),
+            learn_from: run.stop().and_then(|stop| stop.learn_from.clone()),
+            ..Self::of_file(&run.file(file::RECORDING))
+        }
+    }
+
+    /// The same, where the places of the usable images are known from an earlier look.
+    #[must_use]
+    pub fn usable_at(self, places: Vec<u64>) -> Self {
+        Self { usable: Some(places), ..self }
+    }
+
+    /// The usable images with these numbers, from 0.
+    ///
+    /// # Errors
+    /// [`SourceError`].
+    pub fn numbered(&self, numbers: &BTreeSet<usize>) -> Result<Vec<TimedImage>, SourceError> {
+        let end = numbers.last().map_or(0, |last| last + 1);
+        let mut origin = self.origin;
+        let mut images = Vec::new();
+        for (number, received) in self.received()?.take(end).enumerate() {
+            let (_, image) = received?;
+            let origin = *origin.get_or_insert(image.mid_exposure);
+            if numbers.contains(&number) {
+                images.push(TimedImage::of(&image, origin));
+            }
+        }
+        Ok(images)
+    }
+
+    /// The usable images, not decoded yet, with their places among all received.
+    fn received(&self) -> Result<impl Iterator<Item = Result<(u64, CameraImage), SourceError>>, SourceError> {
         let mut recording = Recording::open(&self.path)?;
         if recording.camera_info().is_none() {
             return Err(RecordError::damaged(&self.path, "holds no camera's images").into());
         }
-        let mut origin = self.origin;
-        Ok(Box::new(std::iter::from_fn(move || {
+        let (mut rising, mut place) = (Rising::default(), 0..);
+        Ok(std::iter::from_fn(move || {
             loop {
                 match recording.next() {
                     Some(Ok((_, Item::Image(image)))) => {
-                        let origin = *origin.get_or_insert(image.mid_exposure);
-                        let image = timed(&image, origin);
-                        return Some(Ok(TimedImage { name: format!("image {}", image.name), ..image }));
+                        let place = place.next()?;
+                        if rising.takes(image.mid_exposure) {
+                            return Some(Ok((place, image)));
+                        }
                     }
                     Some(Ok(_)) => {}
                     Some(Err(error)) => return Some(Err(error.into())),
@@ -52,22 +98,46 @@ impl ImageSource for RecordedImages {
                     }
                 }
             }
+        }))
+    }
+}
+
+impl ImageSource for RecordedImages {
+    /// A recording that was cut off gives what it holds, with a warning; a damaged one an error.
+    fn images(&self) -> Result<Images<'_>, SourceError> {
+        let mut origin = self.origin;
+        Ok(Box::new(self.received()?.map(move |received| {
+            let (_, image) = received?;
+            Ok(TimedImage::of(&image, *origin.get_or_insert(image.mid_exposure)))
         })))
     }
 
     fn len_hint(&self) -> Option<usize> {
-        None
+        self.usable.as_ref().map(Vec::len)
+    }
+
+    /// As the run itself took them while it was filmed.
+    fn sample(&self, most: usize) -> Result<Vec<TimedImage>, SourceError> {
+        let places = match &self.usable {
+            Some(places) => places.clone(),
+            None => self.received()?.map(|next| Ok(next?.0)).collect::<Result<_, SourceError>>()?,
+        };
+        self.numbered(&even(&places, most, self.learn_from.as_ref()).collect())
     }
 }
 
-/// An image as the extraction takes it, its time counted from `origin`.
-pub fn timed(image: &CameraImage, origin: MonotonicNs) -> TimedImage {
-    let grey = match image.damaged {
-        true => Err("marked as damaged by the camera".to_owned()),
-        false => decode::grey(image).map_err(|error| error.to_string()),
-    };
-    let time_s = image.mid_exposure.seconds_since(origin);
-    TimedImage { name: image.sequence.to_string(), time_s, grey }
+/// The numbers of at most `most` of `places`, which rise, spread evenly over those of them that are in `range`, or over all where
+/// none is.
+pub(super) fn even(
+    places: &[u64],
+    most: usize,
+    range: Option<&Range<u64>>,
+) -> impl Iterator<Item = usize> + use<> {
+    let start = |end: u64| places.partition_point(|&place| place < end);
+    let within = range.map(|range| start(range.start)..start(range.end)).filter(|within| !within.is_empty());
+    let within = within.unwrap_or(0..places.len());
+    let stride = within.len().div_ceil(most).max(1);
+    within.step_by(stride)
 }
 
 #[cfg(test)]
@@ -115,7 +185,8 @@ mod tests {
             assert_eq!(images[2].grey.as_ref().unwrap().as_raw(), &[2; 8]);
             assert!(images[1].grey.as_ref().unwrap_err().contains("damaged"));
         }
-        let from_start = RecordedImages::new(&path, Some(MonotonicNs(4_000_000_000)));
+        let from_start =
+            RecordedImages { origin: Some(MonotonicNs(4_000_000_000)), ..RecordedImages::of_file(&path) };
         let first = from_start.images().unwrap().next().unwrap().unwrap();
         assert!((first.time_s - 1.001).abs() < 1e-12);
     }

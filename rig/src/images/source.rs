@@ -3,6 +3,8 @@
 use image::GrayImage;
 
 use super::error::SourceError;
+use crate::camera::{CameraImage, decode};
+use crate::clock::MonotonicNs;
 
 /// An image and when it was exposed.
 #[derive(Debug, Clone)]
@@ -15,15 +17,97 @@ pub struct TimedImage {
     pub grey: Result<GrayImage, String>,
 }
 
+impl TimedImage {
+    /// An image as received, its time counted from `origin`.
+    pub fn of(image: &CameraImage, origin: MonotonicNs) -> Self {
+        let grey = match image.damaged {
+            true => Err("marked as damaged by the camera".to_owned()),
+            false => decode::grey(image).map_err(|error| error.to_string()),
+        };
+        let time_s = image.mid_exposure.seconds_since(origin);
+        Self { name: image.sequence.to_string(), time_s, grey }
+    }
+}
+
+/// Images in order of time, or why there are no more.
+pub type Images<'a> = Box<dyn Iterator<Item = Result<TimedImage, SourceError>> + 'a>;
+
 /// A sequence of images that can be read more than once: first for a sample, then for good.
-pub trait ImageSource {
+pub trait ImageSource: Send + Sync {
     /// Reads from the beginning.
     ///
     /// # Errors
     /// [`SourceError`] when the sequence as a whole cannot be read. A single damaged image is an image with a
     /// reason instead of a picture.
-    fn images(&self) -> Result<Box<dyn Iterator<Item = Result<TimedImage, SourceError>> + '_>, SourceError>;
+    fn images(&self) -> Result<Images<'_>, SourceError>;
 
     /// How many images there are, where that is known beforehand.
     fn len_hint(&self) -> Option<usize>;
+
+    /// At most `most` images spread evenly over the sequence, whatever its length: every image until there are too
+    /// many, then every second of those, and so on.
+    ///
+    /// # Errors
+    /// [`SourceError`].
+    fn sample(&self, most: usize) -> Result<Vec<TimedImage>, SourceError> {
+        let mut kept: Vec<TimedImage> = Vec::new();
+        let mut stride = self.len_hint().map_or(1, |len| len.div_ceil(most).max(1));
+        for (i, image) in self.images()?.enumerate() {
+            if i % stride != 0 {
+                continue;
+            }
+            kept.push(image?);
+            if kept.len() > most {
+                let mut even = false;
+                kept.retain(|_| {
+                    even = !even;
+                    even
+                });
+                stride *= 2;
+            }
+        }
+        Ok(kept)
+    }
+}
+
+/// Images in memory.
+impl ImageSource for [TimedImage] {
+    fn images(&self) -> Result<Images<'_>, SourceError> {
+        Ok(Box::new(self.iter().cloned().map(Ok)))
+    }
+
+    fn len_hint(&self) -> Option<usize> {
+        Some(self.len())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Counted(usize, bool);
+
+    impl ImageSource for Counted {
+        fn images(&self) -> Result<Images<'_>, SourceError> {
+            let image = |i| TimedImage { name: format!("{i}"), time_s: i as f64, grey: Err(String::new()) };
+            Ok(Box::new((0..self.0).map(move |i| Ok(image(i)))))
+        }
+
+        fn len_hint(&self) -> Option<usize> {
+            self.1.then_some(self.0)
+        }
+    }
+
+    #[test]
+    fn sample_is_even_and_spans_the_sequence_known_length_or_not() {
+        for known in [true, false] {
+            for length in [1, 7, 8, 9, 100, 1000] {
+                let kept = Counted(length, known).sample(8).unwrap();
+                assert!((4..=8).contains(&kept.len()) || kept.len() == length, "{length}: {}", kept.len());
+                let steps: Vec<f64> = kept.windows(2).map(|p| p[1].time_s - p[0].time_s).collect();
+                assert!(steps.windows(2).all(|s| s[0] == s[1]), "{steps:?}");
+                assert!(kept.last().unwrap().time_s >= 0.74 * (length - 1) as f64, "{length} {known}");
+            }
+        }
+    }
 }

@@ -7,7 +7,7 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use image::GrayImage;
 
 use super::error::SourceError;
-use super::source::{ImageSource, TimedImage};
+use super::source::{ImageSource, Images, TimedImage};
 
 /// A video, decoded to grey pictures by ffmpeg in a process of its own.
 #[derive(Debug)]
@@ -50,7 +50,7 @@ impl Video {
 }
 
 impl ImageSource for Video {
-    fn images(&self) -> Result<Box<dyn Iterator<Item = Result<TimedImage, SourceError>> + '_>, SourceError> {
+    fn images(&self) -> Result<Images<'_>, SourceError> {
         let mut child = Command::new("ffmpeg")
             .args(["-v", "error", "-nostdin", "-noautorotate", "-i"])
             .arg(&self.path)

@@ -3,9 +3,11 @@
 //! Offline and live are one: an [`Extractor`] learns the background and the usual size from a sample of images
 //! (of the whole sequence, or the first still ones), then takes images in order, any number at a time.
 
+use std::collections::VecDeque;
 use std::path::Path;
 
 use image::GrayImage;
+use rayon::prelude::*;
 
 use super::background::{Background, Contrast};
 use super::centreline::Centreline;
@@ -13,9 +15,8 @@ use super::component::{choose, components};
 use super::config::{Background as Method, VisionConfig};
 use super::gates::{Sizes, check_overlap};
 use super::keypoints::{CLEAR_PX, Found, Shape, edge_points, place};
-use super::parallel::in_parallel;
 use super::parts::{Parts, Seen};
-use super::record::{Extraction, ImageRecord, Keypoint, Status};
+use super::record::{ImageRecord, Keypoint, Status};
 use super::rejection::Rejection;
 use super::spline::{arc_lengths, distance, point_at};
 use super::thin::{longest_path, radii, thinned};
@@ -31,7 +32,8 @@ pub struct Extractor {
     plane: Plane,
     background: Background,
     usual: Option<Sizes>,
-    threads: usize,
+    /// The silhouettes of the images to come, where they are given and not looked for.
+    masks: Option<VecDeque<Option<Mask>>>,
     last: Last,
 }
 
@@ -73,8 +75,8 @@ struct Oriented {
 }
 
 impl Extractor {
-    /// Learns background and usual size from `sample` (at most [`LEARN_FROM`] are worth giving), using
-    /// `threads` threads. Pictures named by the config are looked for in `folder`.
+    /// Learns background and usual size from `sample` (at most [`LEARN_FROM`] are worth giving). Pictures named by the
+    /// config are looked for in `folder`.
     ///
     /// # Errors
     /// [`VisionError`]: a config that contradicts itself, an unreadable picture, no readable image, or none with
@@ -84,7 +86,6 @@ impl Extractor {
         config: &VisionConfig,
         plane: Plane,
         folder: &Path,
-        threads: usize,
     ) -> Result<Self, VisionError> {
         config.check()?;
         let images: Vec<&GrayImage> = sample.iter().filter_map(|image| image.grey.as_ref().ok()).collect();
@@ -111,9 +112,15 @@ impl Extractor {
             )?;
         }
         let background = Background::learn(&images, config, empty.as_ref(), blocked)?;
-        let mut extractor =
-            Self { config: config.clone(), plane, background, usual: None, threads, last: Last::default() };
-        let found = in_parallel(&images, threads, |image| {
+        let mut extractor = Self {
+            config: config.clone(),
+            plane,
+            background,
+            usual: None,
+            masks: None,
+            last: Last::default(),
+        };
+        let found = in_parallel(&images, |image| {
             let parts = extractor.parts(image)?;
             let chosen = extractor.choice(&parts, None)?;
             extractor.candidate(&parts.seen(chosen)).map(|candidate| candidate.sizes)
@@ -128,45 +135,48 @@ impl Extractor {
         }
     }
 
-    /// The same with so many threads: results do not depend on them.
-    #[must_use]
-    pub fn with_threads(self, threads: usize) -> Self {
-        Self { threads, ..self }
-    }
-
-    /// Takes the next images of the sequence, in order, and gives one record for each.
-    pub fn push(&mut self, images: &[TimedImage]) -> Vec<ImageRecord> {
-        let parts = in_parallel(images, self.threads, |image| self.parts(readable(image)?));
-        let seen = parts
-            .into_iter()
-            .map(|parts| {
-                let parts = parts?;
-                let chosen = self.choice(&parts, self.last.centroid)?;
-                self.last.centroid = Some(parts.parts[chosen].centroid);
-                Ok(parts.seen(chosen))
-            })
-            .collect();
-        self.measure(images, seen)
-    }
-
-    /// The same with the mechanism's silhouettes given, one for each image, instead of found: those of the
+    /// The same with the mechanism's silhouettes given, one for each image to come, instead of found: those of the
     /// records of another extraction give that extraction's results again. An image without one is rejected.
-    pub fn push_with_masks(&mut self, images: &[TimedImage], masks: &[Option<Mask>]) -> Vec<ImageRecord> {
-        let given: Vec<(&TimedImage, Option<&Mask>)> =
-            images.iter().zip(masks.iter().map(Option::as_ref).chain(std::iter::repeat(None))).collect();
-        let seen = in_parallel(&given, self.threads, |(image, mask)| {
-            let parts = self.parts(readable(image)?)?;
-            match mask {
-                Some(mask) => parts.with(mask),
-                None => self.choice(&parts, None).and(Err(Rejection::NoMask)),
-            }
+    #[must_use]
+    pub fn with_masks(self, masks: Vec<Option<Mask>>) -> Self {
+        Self { masks: Some(masks.into()), ..self }
+    }
+
+    /// Takes the next images of the sequence, in order, and gives one record for each. They are worked on by the threads of the
+    /// caller's pool; results do not depend on how many those are.
+    pub fn push(&mut self, images: &[TimedImage]) -> Vec<ImageRecord> {
+        let given = self.masks.as_mut().map(|masks| {
+            let mut next = || masks.pop_front().flatten();
+            images.iter().map(|_| next()).collect::<Vec<_>>()
         });
+        let seen = match given {
+            Some(masks) => {
+                let given: Vec<(&TimedImage, Option<Mask>)> = images.iter().zip(masks).collect();
+                in_parallel(&given, |(image, mask)| {
+                    let parts = self.parts(readable(image)?)?;
+                    match mask {
+                        Some(mask) => parts.with(mask),
+                        None => self.choice(&parts, None).and(Err(Rejection::NoMask)),
+                    }
+                })
+            }
+            None => {
+                let parts = in_parallel(images, |image| self.parts(readable(image)?));
+                let follow = |parts: Result<Parts, Rejection>| {
+                    let parts = parts?;
+                    let chosen = self.choice(&parts, self.last.centroid)?;
+                    self.last.centroid = Some(parts.parts[chosen].centroid);
+                    Ok(parts.seen(chosen))
+                };
+                parts.into_iter().map(follow).collect()
+            }
+        };
         self.measure(images, seen)
     }
 
     /// Everything behind the silhouette.
     fn measure(&mut self, images: &[TimedImage], seen: Vec<Result<Seen, Rejection>>) -> Vec<ImageRecord> {
-        let candidates = in_parallel(&seen, self.threads, |seen| match seen {
+        let candidates = in_parallel(&seen, |seen| match seen {
             Ok(seen) => self.candidate(seen),
             Err(why) => Err(why.clone()),
         });
@@ -193,7 +203,7 @@ impl Extractor {
                 oriented.and_then(|oriented| undisturbed.map(|()| oriented))
             })
             .collect();
-        let found = in_parallel(&oriented, self.threads, |oriented| match oriented {
+        let found = in_parallel(&oriented, |oriented| match oriented {
             Ok(oriented) => {
                 let Candidate { line, mask, edge, .. } = &oriented.candidate;
                 place(
@@ -350,25 +360,9 @@ impl Extractor {
     }
 }
 
-/// Extracts a whole sequence that is in memory, learning from images spread evenly over it. Relative paths in
-/// the config start at `folder`.
-///
-/// # Errors
-/// [`VisionError`], as [`Extractor::learn`].
-pub fn extract_sequence(
-    images: &[TimedImage],
-    config: &VisionConfig,
-    plane: &Plane,
-    folder: &Path,
-    threads: usize,
-) -> Result<Extraction, VisionError> {
-    /// Images whose intermediate pictures are held at once.
-    const AT_ONCE: usize = 64;
-    let stride = images.len().div_ceil(LEARN_FROM).max(1);
-    let sample: Vec<&TimedImage> = images.iter().step_by(stride).collect();
-    let mut extractor = Extractor::learn(&sample, config, plane.clone(), folder, threads)?;
-    let records = images.chunks(AT_ONCE).flat_map(|chunk| extractor.push(chunk)).collect();
-    Ok(Extraction::of(records, config.links, plane.clone()))
+/// `work` on every item, in the items' order.
+fn in_parallel<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync + Send) -> Vec<R> {
+    items.par_iter().map(work).collect()
 }
 
 fn readable(image: &TimedImage) -> Result<&GrayImage, Rejection> {

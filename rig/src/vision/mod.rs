@@ -3,7 +3,7 @@
 //! An image's way: [`background`] says how much darker (or brighter) than the empty tank each pixel is,
 //! [`component`] picks the mechanism's silhouette, [`thin`] finds its medial path, [`centreline`] moves that to
 //! the middle between sub-pixel edges and out to both ends, [`keypoints`] puts P0..Pn on it, and [`gates`]
-//! refuse what cannot be the mechanism. [`Extractor`] runs a sequence through all of them: the stages that
+//! refuse what cannot be the mechanism. [`Extractor`] takes images through all of them, [`sequence`] a whole sequence: the stages that
 //! need one image alone in parallel, those that look at the image before in order, so that the result does
 //! not depend on the number of threads. A rejected image keeps its row, empty, and its reason: no point is
 //! ever made up.
@@ -23,19 +23,22 @@ pub mod mask;
 mod median;
 pub mod output;
 pub mod overlay;
-mod parallel;
 mod parts;
 mod pixel_runs;
 pub mod record;
 pub mod rejection;
 pub mod sample;
+pub mod sequence;
 pub mod spline;
 pub mod thin;
 
 pub use config::{Mode, VisionConfig};
-pub use extractor::{Extractor, extract_sequence};
+pub use extractor::Extractor;
 pub use mask::Mask;
 pub use record::{Extraction, ImageRecord, Keypoint, Status, StoredKeypoint, StoredRecord};
+pub use sequence::Task;
+
+use crate::images::SourceError;
 
 /// Why a whole sequence could not be extracted.
 #[derive(Debug, thiserror::Error)]
@@ -70,4 +73,15 @@ pub enum VisionError {
     /// There was nothing to extract from.
     #[error("no images to extract from")]
     NoImages,
+}
+
+/// Why a sequence from somewhere could not be extracted.
+#[derive(Debug, thiserror::Error)]
+pub enum SequenceError {
+    /// Its images cannot be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// They say nothing.
+    #[error("extracting keypoints")]
+    Vision(#[from] VisionError),
 }

@@ -113,7 +113,7 @@ pub struct StoredRecord {
     pub status: Status,
     /// Why not further; empty when `Ok`.
     pub reason: String,
-    /// The silhouette, for [`super::Extractor::push_with_masks`].
+    /// The silhouette, for [`super::Extractor::with_masks`].
     pub mask: Option<Mask>,
     /// P0..Pn in the picture; empty when rejected.
     pub keypoints: Vec<StoredKeypoint>,
@@ -145,14 +145,14 @@ impl From<&ImageRecord> for StoredRecord {
 
 impl StoredRecord {
     /// The record again, its keypoints put into metres by `plane`; without its centreline, which is not kept.
-    pub fn record(self, plane: &Plane) -> ImageRecord {
+    pub fn record(&self, plane: &Plane) -> ImageRecord {
         ImageRecord {
-            name: self.name,
+            name: self.name.clone(),
             time_s: self.time_s,
             status: self.status,
-            reason: self.reason,
+            reason: self.reason.clone(),
             keypoints: self.keypoints.iter().map(|k| Keypoint::seen(k.px, k.std_px, plane)).collect(),
-            mask: self.mask,
+            mask: self.mask.clone(),
             centreline: Vec::new(),
         }
     }

@@ -2,9 +2,14 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use super::*;
-use crate::camera::Encoding;
+use crate::camera::{CameraInfo, Encoding};
+use crate::images::TimedImage;
+use crate::images::recording::RecordedImages;
 use crate::record::folder;
+use crate::record::recording::{Recorder, RecorderOptions};
+use crate::servo::StopOutcome;
 use crate::tank::render::{Look, Renderer};
+use crate::vision::SequenceError;
 use crate::vision::record::StoredRecord;
 
 const MS: u64 = 1_000_000;
@@ -65,13 +70,40 @@ impl Film {
         Live::start(&self.run, &self.config, &self.base, 3).unwrap()
     }
 
-    fn usable(&self) -> Vec<(u64, Arc<CameraImage>)> {
-        let numbered = (0..).zip(self.images.iter().cloned());
-        numbered.filter(|(index, _)| *index != 7).collect()
+    /// When the usable images were exposed.
+    fn times_s(&self) -> Vec<f64> {
+        let usable = (0..).zip(&self.images).filter(|(index, _)| *index != 7);
+        usable.map(|(_, image)| image.mid_exposure.seconds_since(MonotonicNs(0))).collect()
     }
 
-    fn times_s(&self) -> Vec<f64> {
-        self.usable().iter().map(|(_, image)| image.mid_exposure.seconds_since(MonotonicNs(0))).collect()
+    /// The run with all images in its recording, and what the empty tank was learned from.
+    fn recorded(&self, learn_from: Range<u64>) -> RunFolder {
+        let mut run = self.run.clone();
+        let first = &self.images[0];
+        let info = CameraInfo {
+            name: "test".into(),
+            width_px: first.width_px,
+            height_px: first.height_px,
+            fps: 100.0,
+            encoding: Encoding::Grey,
+            mid_exposure_offset_s: 0.0,
+        };
+        let path = run.file(folder::file::RECORDING);
+        let recorder = Recorder::create(&path, Some(&info), RecorderOptions::default()).unwrap();
+        self.images.iter().for_each(|image| recorder.image(Arc::clone(image)).unwrap());
+        recorder.finish().unwrap();
+        let stop = folder::Stop {
+            status: folder::Status::Success,
+            reason: None,
+            clock: run.start().clock.clone(),
+            servo: StopOutcome::NotNeeded,
+            images: self.images.len() as u64,
+            images_lost: 0,
+            messages_dropped: 0,
+            learn_from: Some(learn_from),
+        };
+        run.finish(stop).unwrap();
+        run
     }
 }
 
@@ -89,21 +121,20 @@ fn images_looked_at_while_they_come_give_what_the_recording_gives() {
             live.learn(5..40);
         }
     }
-    let Begun { mut extractor, mut records, lines, left, early } = live.finish(&film.times_s()).unwrap();
-    assert!(records.len() % AT_ONCE == 0 && records.len() + left.len() == 59, "{}", records.len());
+    let begun = live.finish(&film.times_s(), MonotonicNs(0)).unwrap();
+    let Begun { mut extractor, mut records, lines, left, early } = begun;
+    assert_eq!(records.len() + left.len(), 59);
     assert_eq!(lines, stored::lines(&records).unwrap());
     assert!(early.is_none(), "nobody asked for a fit");
+    let timed = |image: &Arc<CameraImage>| TimedImage::of(image, MonotonicNs(0));
+    let left: Vec<TimedImage> = left.iter().map(timed).collect();
     records.append(&mut extractor.push(&left));
 
-    let usable = film.usable();
-    let sample = sampled(&usable, |(index, _)| *index, Some(&(5..40)));
-    let timed: fn(&CameraImage) -> TimedImage = |image| super::timed(image, MonotonicNs(0));
-    let sample: Vec<TimedImage> = sample.into_iter().map(|(_, image)| timed(image)).collect();
+    let recorded = RecordedImages::of_run(&film.recorded(5..40));
     let plane = film.config.calibration.plane(&film.base).unwrap();
-    let sample: Vec<&TimedImage> = sample.iter().collect();
-    let mut offline = Extractor::learn(&sample, &film.config.vision, plane, &film.base, 2).unwrap();
-    let images: Vec<TimedImage> = usable.iter().map(|(_, image)| timed(image)).collect();
-    assert_eq!(kept(&records), kept(&offline.push(&images)));
+    let task = Task::new(&film.config.vision, plane, &film.base);
+    let offline = task.extract(&recorded, |_, _| Ok::<(), SequenceError>(())).unwrap();
+    assert_eq!(kept(&records), kept(&offline.records));
     let seen = records.iter().filter(|record| record.keypoints.len() == 4).count();
     assert_eq!(seen, 58, "all but the damaged one");
 }
@@ -113,12 +144,12 @@ fn a_film_too_short_to_learn_from_or_with_other_images_gives_nothing() {
     let film = Film::new();
     let mut live = film.live();
     film.images[..30].iter().for_each(|image| live.image(image));
-    assert!(live.finish(&film.times_s()[..29]).is_none());
+    assert!(live.finish(&film.times_s()[..29], MonotonicNs(0)).is_none());
 
     let mut live = film.live();
     film.images.iter().for_each(|image| live.image(image));
     live.learn(0..60);
-    assert!(live.finish(&film.times_s()[1..]).is_none(), "an image that the recording lacks");
+    assert!(live.finish(&film.times_s()[1..], MonotonicNs(0)).is_none(), "an image that the recording lacks");
 }
 
 #[test]
@@ -129,11 +160,10 @@ fn what_has_been_seen_is_fitted_while_the_rest_is_filmed() {
     let early = |film: &Film| {
         let mut live = film.live();
         film.images.iter().for_each(|image| live.image(image));
-        live.learn(5..40);
         live.fit(Chronicle::new(MonotonicNs(0)));
-        let few = AT_ONCE * film.images[0].data.len();
-        until(|| live.waiting.load(Ordering::Relaxed) < few);
-        live.finish(&film.times_s()).unwrap().early
+        live.learn(5..40);
+        until(|| live.images.waiting() < AT_ONCE);
+        live.finish(&film.times_s(), MonotonicNs(0)).unwrap().early
     };
     let result = |fit: EarlyFit| {
         until(|| fit.is_done());

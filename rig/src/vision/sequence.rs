@@ -1,0 +1,104 @@
+//! A whole sequence of images through an [`Extractor`]: the one way in, be they filmed just now, recorded, or files.
+
+use std::path::Path;
+
+use super::config::VisionConfig;
+use super::extractor::{Extractor, LEARN_FROM};
+use super::mask::Mask;
+use super::record::{Extraction, ImageRecord};
+use super::{SequenceError, VisionError};
+use crate::calibration::Plane;
+use crate::images::{ImageSource, TimedImage};
+
+/// Images whose intermediate pictures are held at once, where nobody waits for the first ones.
+const AT_ONCE: usize = 64;
+
+/// How keypoints are extracted.
+#[derive(Debug, Clone)]
+pub struct Task<'a> {
+    /// The `[vision]` table.
+    pub config: &'a VisionConfig,
+    /// From pixels to metres.
+    pub plane: Plane,
+    /// The folder that paths in the table start from.
+    pub folder: &'a Path,
+    /// The silhouettes of all images, where they are given and not looked for.
+    pub masks: Option<Vec<Option<Mask>>>,
+}
+
+impl<'a> Task<'a> {
+    /// Of a `[vision]` table whose paths start at `folder`.
+    pub fn new(config: &'a VisionConfig, plane: Plane, folder: &'a Path) -> Self {
+        Self { config, plane, folder, masks: None }
+    }
+
+    /// An extractor that knows the empty tank from a `sample` of the sequence.
+    ///
+    /// # Errors
+    /// As [`Extractor::learn`].
+    pub fn learn(&self, sample: &[TimedImage]) -> Result<Extractor, VisionError> {
+        let sample: Vec<&TimedImage> = sample.iter().collect();
+        let extractor = Extractor::learn(&sample, self.config, self.plane.clone(), self.folder)?;
+        Ok(match &self.masks {
+            Some(masks) => extractor.with_masks(masks.clone()),
+            None => extractor,
+        })
+    }
+
+    /// All of `source`; `found` is given some images at a time with what was found in them.
+    ///
+    /// # Errors
+    /// [`SequenceError`]; and what `found` gives.
+    pub fn extract<E: From<SequenceError>>(
+        self,
+        source: &(impl ImageSource + ?Sized),
+        mut found: impl FnMut(&[TimedImage], &[ImageRecord]) -> Result<(), E>,
+    ) -> Result<Extraction, E> {
+        let sample = source.sample(LEARN_FROM).map_err(SequenceError::from)?;
+        let mut extractor = self.learn(&sample).map_err(SequenceError::from)?;
+        drop(sample);
+        let images = source.images().map_err(SequenceError::from)?;
+        let images = images.map(|image| image.map_err(|error| SequenceError::from(error).into()));
+        let records = self.go_on(&mut extractor, images, Vec::new(), &mut found)?;
+        Ok(Extraction::of(records, self.config.links, self.plane))
+    }
+
+    /// The records of a sequence from those `begun` and the `images` after them.
+    ///
+    /// # Errors
+    /// What `images` or `found` give.
+    pub fn go_on<E>(
+        &self,
+        extractor: &mut Extractor,
+        images: impl Iterator<Item = Result<TimedImage, E>>,
+        mut begun: Vec<ImageRecord>,
+        mut found: impl FnMut(&[TimedImage], &[ImageRecord]) -> Result<(), E>,
+    ) -> Result<Vec<ImageRecord>, E> {
+        drive(extractor, images, AT_ONCE, |images, records| {
+            found(images, &records)?;
+            begun.extend(records);
+            Ok(())
+        })?;
+        Ok(begun)
+    }
+}
+
+/// Takes `images` through `extractor`, `at_once` at a time; `found` is given each portion with one record for each of its images.
+///
+/// # Errors
+/// What `images` or `found` give; what was found before has been given.
+pub fn drive<E>(
+    extractor: &mut Extractor,
+    mut images: impl Iterator<Item = Result<TimedImage, E>>,
+    at_once: usize,
+    mut found: impl FnMut(&[TimedImage], Vec<ImageRecord>) -> Result<(), E>,
+) -> Result<(), E> {
+    loop {
+        let portion: Vec<TimedImage> = images.by_ref().take(at_once).collect::<Result<_, E>>()?;
+        if portion.is_empty() {
+            return Ok(());
+        }
+        let records = extractor.push(&portion);
+        found(&portion, records)?;
+    }
+}
