@@ -3,8 +3,9 @@
 //! Each run has nuisances of its own: the coordinates of its initial pose, its rates if it is `free`, its
 //! release if nobody stated it. They are offsets from the estimates of [`crate::initial`], 0 at first.
 
-use sim::batch::{self, Candidate, Direction};
+use sim::batch::{self, Candidate};
 use sim::model::Parameter;
+use sim::sensitivities::{self, Direction};
 use sim::{
     Command, ContactWatch, Isa, Method, Model, Rollout, RolloutError, RolloutOptions, State, Steps, Touch,
     rollout,
@@ -334,7 +335,7 @@ impl<'a> Rehearsal<'a> {
         offsets: &[f64],
         columns: std::ops::Range<usize>,
         instants: usize,
-    ) -> Result<batch::Sensitivities, RolloutError> {
+    ) -> Result<sensitivities::Sensitivities, RolloutError> {
         let candidate = self.candidate(model, at.values, offsets);
         let places = self.places(at.places);
         let none = || Direction {
@@ -368,7 +369,7 @@ impl<'a> Rehearsal<'a> {
         let (times, command) = (&self.run.trajectory.time_s[..instants], &self.command);
         let found = self.bearable(self.parts, |parts| {
             let options = self.options(candidate.start_s, parts);
-            batch::sensitivities(
+            sensitivities::sensitivities(
                 model,
                 &places,
                 &candidate,
@@ -380,7 +381,7 @@ impl<'a> Rehearsal<'a> {
             )
         })?;
         let width = model.keypoint_sites().len();
-        Ok(batch::Sensitivities {
+        Ok(sensitivities::Sensitivities {
             position_m: self.measured(found.position_m, width),
             slopes: found.slopes.into_iter().map(|slope| self.measured(slope, width)).collect(),
         })

@@ -9,7 +9,8 @@ mod cases;
 
 use cases::{Case, MODELS};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use sim::batch::{self, Direction};
+use sim::batch;
+use sim::sensitivities::{self, Direction};
 use sim::{ContactWatch, Integrator, Isa, Model, RolloutOptions};
 
 /// What a fit asks for \[m\].
@@ -72,7 +73,7 @@ fn derivatives(criterion: &mut Criterion) {
             group.throughput(Throughput::Elements(directions.len() as u64));
             group.bench_function(BenchmarkId::new(name, isa.name()), |bencher| {
                 bencher.iter(|| {
-                    batch::sensitivities(
+                    sensitivities::sensitivities(
                         &case.model,
                         &parameters,
                         &candidate,

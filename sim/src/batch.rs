@@ -2,10 +2,9 @@
 
 use crate::causes::is_soft;
 use crate::command::Command;
-use crate::dual::Dual;
 use crate::dynamics::stages::Stages;
 use crate::error::RolloutError;
-use crate::lanes::{InLanes, Isa, Packed, dispatch, dispatch_dual};
+use crate::lanes::{InLanes, Isa, Packed, dispatch};
 use crate::model::{Model, Parameter, State};
 use crate::options::RolloutOptions;
 use crate::rollout::{self, Run};
@@ -79,70 +78,9 @@ pub fn positions(
     Ok(results)
 }
 
-/// One way to vary a candidate: the rates at which its numbers change together.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Direction {
-    /// Of the parameters' values, shape (P).
-    pub values: Vec<f64>,
-    /// Of the coordinates, shape (nq).
-    pub qpos: Vec<f64>,
-    /// Of the velocities, shape (nv).
-    pub qvel: Vec<f64>,
-    /// Of the start.
-    pub start_s: f64,
-}
-
-/// A candidate's keypoint positions with their derivatives.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sensitivities {
-    /// Positions \[m\], row-major, shape (N, K).
-    pub position_m: Vec<[f64; 3]>,
-    /// Their derivatives along each direction, shape (directions, N, K).
-    pub slopes: Vec<Vec<[f64; 3]>>,
-}
-
-/// Keypoint positions of `candidate` and their derivatives along each of `directions`, exact to rounding (forward mode,
-/// one direction a lane). Other arguments as for [`positions`].
-///
-/// # Errors
-/// [`RolloutError`].
-#[expect(clippy::too_many_arguments, reason = "a run, a point and its directions")]
-pub fn sensitivities(
-    model: &Model,
-    parameters: &[Parameter],
-    candidate: &Candidate,
-    directions: &[Direction],
-    command: &Command,
-    sample_times_s: &[f64],
-    options: &RolloutOptions,
-    isa: Isa,
-) -> Result<Sensitivities, RolloutError> {
-    rollout::check(model, &candidate.state, sample_times_s)?;
-    let columns = rollout::columns(model, command)?;
-    let mut all = Sensitivities { position_m: Vec::new(), slopes: Vec::with_capacity(directions.len()) };
-    // without any direction there still are positions
-    let still = [Direction {
-        values: vec![0.0; parameters.len()],
-        qpos: vec![0.0; candidate.state.qpos.len()],
-        qvel: vec![0.0; candidate.state.qvel.len()],
-        start_s: 0.0,
-    }];
-    let isa = if simulator::one_by_one(model, options) { Isa::Baseline } else { isa };
-    let groups = if directions.is_empty() { &still } else { directions };
-    for group in groups.chunks(isa.directions()) {
-        let group =
-            Fan { model, parameters, candidate, group, command, columns: &columns, sample_times_s, options };
-        let Sensitivities { position_m, slopes } = dispatch_dual(isa, group)?;
-        all.position_m = position_m;
-        all.slopes.extend(slopes);
-    }
-    all.slopes.truncate(directions.len());
-    Ok(all)
-}
-
 /// The `part` in question of each of the first `lanes` of `places`, shape (lanes, places). Goes through the places once: they are
 /// many and wide.
-fn per_lane<T: Scalar, L: Packed>(
+pub(crate) fn per_lane<T: Scalar, L: Packed>(
     places: &[[T; 3]],
     lanes: usize,
     part: impl Fn(T) -> L,
@@ -237,84 +175,6 @@ impl InLanes for Group<'_> {
             let model = part.model::<L::InSpace>();
             let model = model.altered().unwrap_or(model);
             all.extend(part.through::<L::InSpace, Spatial<L::InSpace>>(&model, ())?);
-        }
-        Ok(all)
-    }
-}
-
-/// One candidate with as many directions as there are lanes, or fewer.
-#[derive(Clone, Copy)]
-struct Fan<'a> {
-    model: &'a Model,
-    parameters: &'a [Parameter],
-    candidate: &'a Candidate,
-    group: &'a [Direction],
-    command: &'a Command,
-    columns: &'a [Option<usize>],
-    sample_times_s: &'a [f64],
-    options: &'a RolloutOptions,
-}
-
-impl Fan<'_> {
-    /// `value` with its rate along each lane's direction; lanes left over repeat the last one.
-    fn varied<L: Packed>(&self, value: f64, rate: impl Fn(&Direction) -> f64) -> Dual<L, 1> {
-        let rates = L::pack(|lane| rate(&self.group[lane.min(self.group.len() - 1)]));
-        Dual { value: L::from_f64(value), partials: [rates] }
-    }
-
-    fn model<L: Packed>(&self) -> Model<Dual<L, 1>> {
-        let mut model = self.model.map(Dual::<L, 1>::from_f64);
-        for (index, &parameter) in self.parameters.iter().enumerate() {
-            model.set(parameter, self.varied(self.candidate.values[index], |along| along.values[index]));
-        }
-        model
-    }
-
-    fn through<L: Packed, S: Stages<T = Dual<L, 1>>>(
-        &self,
-        model: &Model<Dual<L, 1>>,
-        layout: S::Layout,
-    ) -> Result<Sensitivities, RolloutError> {
-        let Self { candidate, command, columns, sample_times_s, options, .. } = *self;
-        let State { qpos, qvel } = &candidate.state;
-        let qpos = qpos.iter().enumerate().map(|(i, &q)| self.varied(q, |along| along.qpos[i])).collect();
-        let qvel = qvel.iter().enumerate().map(|(i, &v)| self.varied(v, |along| along.qvel[i])).collect();
-        let state = &State { qpos, qvel };
-        let start_s = self.varied(candidate.start_s, |along| along.start_s);
-        let run = Run { model, state, start_s, command, columns, sample_times_s, options, states: false };
-        let mut samples = run.through::<S>(layout)?;
-        if let Some(error) = samples.failed.iter_mut().find_map(Option::take) {
-            return Err(error);
-        }
-        let places = &samples.position_m;
-        Ok(Sensitivities {
-            position_m: places.iter().map(|at| at.map(|x| x.value.lane(0))).collect(),
-            slopes: per_lane(places, self.group.len(), |x| x.partials[0]),
-        })
-    }
-}
-
-impl InLanes for Fan<'_> {
-    type Output = Result<Sensitivities, RolloutError>;
-
-    fn wanted(&self) -> usize {
-        self.group.len()
-    }
-
-    fn with<L: Packed>(self) -> Self::Output {
-        let model = self.model::<L>();
-        let model = model.altered().unwrap_or(model);
-        if let Some(plane) = simulator::plane(&model, self.options) {
-            return self.through::<L, Planar<Dual<L, 1>>>(&model, plane);
-        }
-        let mut all = Sensitivities { position_m: Vec::new(), slopes: Vec::with_capacity(self.group.len()) };
-        for group in self.group.chunks(L::InSpace::LANES) {
-            let part = Fan { group, ..self };
-            let model = part.model::<L::InSpace>();
-            let model = model.altered().unwrap_or(model);
-            let found = part.through::<L::InSpace, Spatial<Dual<L::InSpace, 1>>>(&model, ())?;
-            all.position_m = found.position_m;
-            all.slopes.extend(found.slopes);
         }
         Ok(all)
     }

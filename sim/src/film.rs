@@ -29,8 +29,9 @@ pub(crate) struct Film<T: Scalar> {
     still: Vec<[T; 3]>,
 }
 
+/// The first place in the lanes of `mask`, the second one in the others.
 #[inline(always)]
-fn choose<T: Scalar>(mask: T::Mask, [a, b, c]: [T; 3], [x, y, z]: [T; 3]) -> [T; 3] {
+pub(crate) fn choose<T: Scalar>(mask: T::Mask, [a, b, c]: [T; 3], [x, y, z]: [T; 3]) -> [T; 3] {
     [T::select(mask, a, x), T::select(mask, b, y), T::select(mask, c, z)]
 }
 

@@ -21,6 +21,7 @@ pub mod options;
 mod plan;
 pub mod rollout;
 pub mod scalar;
+pub mod sensitivities;
 pub mod simulator;
 mod space;
 pub mod steps;

@@ -5,8 +5,7 @@ use crate::command::Command;
 use crate::dynamics::stages::Stages;
 use crate::dynamics::{integrate, kinematics};
 use crate::error::RolloutError;
-use crate::film::Film;
-use crate::film::Keypoint;
+use crate::film::{Film, Keypoint, choose};
 use crate::model::{Joint, Model, Parameter, State};
 use crate::options::RolloutOptions;
 use crate::scalar::{Mask, Scalar, tuned};
@@ -113,7 +112,7 @@ impl<T: Scalar> Run<'_, T> {
     /// Simulates in the space that `layout` describes. Every lane takes the same steps from its own start; a lane that
     /// diverges is put back to its initial state, so that its neighbours never meet its numbers.
     pub(crate) fn through<S: Stages<T = T>>(&self, layout: S::Layout) -> Result<Samples<T>, RolloutError> {
-        let Self { model, state, start_s, command, columns, sample_times_s, options, states } = *self;
+        let Self { model, state, start_s, command, columns, sample_times_s, options, .. } = *self;
         let path = CommandPath::new(model, command);
         let command = |drive: usize, time_s: f64| path.at(drive, time_s);
 
@@ -131,7 +130,6 @@ impl<T: Scalar> Run<'_, T> {
         engine.align(&mut after, options.start_s, &command);
         let initial = after.clone();
         let mut before = after.clone();
-        let mut sample = after.clone();
 
         let sites: Vec<Keypoint<S>> = model
             .keypoint_sites()
@@ -139,93 +137,38 @@ impl<T: Scalar> Run<'_, T> {
             .map(|site| (model.sites[site].body, model.sites[site].pos))
             .map(|(body, at)| (body, at, S::vector(&engine.plant.layout, body, at)))
             .collect();
-        let (instants, nq, nv) = (sample_times_s.len(), after.qpos.len(), after.qvel.len());
-        let kept = if states { instants } else { 0 };
-        let mut out = Samples {
-            qpos: vec![T::ZERO; kept * nq],
-            qvel: vec![T::ZERO; kept * nv],
-            position_m: vec![[T::ZERO; 3]; instants * sites.len()],
-            failed: vec![None; T::LANES],
-        };
+        let instants = sample_times_s.len();
+        let mut sampler = Sampler::new(self, sites, &after);
         let mut film = Film::new(model, start_s, options.start_s);
         if let Some(film) = &mut film {
-            film.open(&mut engine, &after, &sites);
+            film.open(&mut engine, &after, &sampler.sites);
         }
-        // the first sample that some lane still waits for; `after` stands at grid.instant(steps)
-        let (mut first, mut steps) = (0, 0_usize);
-        while first < instants {
+        // `after` stands at grid.instant(steps)
+        let mut steps = 0_usize;
+        while sampler.first < instants {
+            let h = grid.step(steps.max(1));
+            let mut begin_s = None;
             if steps > 0 {
-                let (passed, h) = (grid.instant(steps - 1), grid.step(steps));
+                let passed = grid.instant(steps - 1);
+                begin_s = Some(passed);
                 let time_s = options.start_s + passed;
                 before.qpos.copy_from_slice(&after.qpos);
                 if !engine.step_with(&mut after, time_s, h, &command) {
-                    self.set_back(&engine, &initial, &mut after, time_s + h, &mut out.failed);
-                    if out.failed.iter().all(Option::is_some) {
+                    self.set_back(&engine, &initial, &mut after, time_s + h, &mut sampler.out.failed);
+                    if sampler.out.failed.iter().all(Option::is_some) {
                         break;
                     }
                 }
                 before.qvel.copy_from_slice(&engine.departure);
                 if let Some(film) = &mut film {
-                    film.record(&mut engine, [&before, &after], &sites, passed + h);
+                    film.record(&mut engine, [&before, &after], &sampler.sites, passed + h);
                 }
             }
-            // a sample within a billionth of a step of an instant belongs to it
-            let (instant, h) = (grid.instant(steps), grid.step(steps.max(1)));
-            let mut row = first;
-            while row < instants {
-                let (elapsed, reached, any, all) = tuned!(S::T, {
-                    let elapsed = T::from_f64(sample_times_s[row]) - start_s;
-                    let reached = !T::from_f64(instant + 1e-9 * h).less(elapsed);
-                    (elapsed, reached, reached.any(), reached.all())
-                });
-                if !any {
-                    break;
-                }
-                if row == first && all {
-                    first += 1;
-                }
-                let mut here = reached;
-                tuned!(S::T, {
-                    if steps == 0 {
-                        sample.qpos.copy_from_slice(&after.qpos);
-                        sample.qvel.copy_from_slice(&after.qvel);
-                    } else {
-                        let passed = grid.instant(steps - 1);
-                        here = here & T::from_f64(passed + 1e-9 * h).less(elapsed);
-                        let share = (elapsed - T::from_f64(passed)) * T::from_f64(1.0 / h);
-                        let (start, end) =
-                            ((&before.qpos[..], &before.qvel[..]), (&after.qpos[..], &after.qvel[..]));
-                        integrate::between(&engine.plant, start, end, h, share, &mut sample.qpos);
-                        for ((v, &v0), &v1) in sample.qvel.iter_mut().zip(&before.qvel).zip(&after.qvel) {
-                            *v = v0 + share * (v1 - v0);
-                        }
-                    }
-                    if here.any() {
-                        kinematics::kinematics(&engine.plant, &sample.qpos, &mut engine.work);
-                        let (work, layout) = (&engine.work, &engine.plant.layout);
-                        let places = &mut out.position_m[row * sites.len()..(row + 1) * sites.len()];
-                        for (place, &(body, own, at)) in places.iter_mut().zip(&sites) {
-                            let [x, y, z] =
-                                S::lift(layout, body, own, work.pos[body] + S::apply(&work.rot[body], at));
-                            let [a, b, c] = *place;
-                            *place = [T::select(here, x, a), T::select(here, y, b), T::select(here, z, c)];
-                        }
-                        if states {
-                            let kept = &mut out.qpos[row * nq..(row + 1) * nq];
-                            for (kept, &q) in kept.iter_mut().zip(&sample.qpos) {
-                                *kept = T::select(here, q, *kept);
-                            }
-                            let kept = &mut out.qvel[row * nv..(row + 1) * nv];
-                            for (kept, &v) in kept.iter_mut().zip(&sample.qvel) {
-                                *kept = T::select(here, v, *kept);
-                            }
-                        }
-                    }
-                });
-                row += 1;
-            }
+            let stride = Stride { before: &before, after: &after, begin_s, end_s: grid.instant(steps), h };
+            sampler.take(&mut engine, &stride);
             steps += 1;
         }
+        let Sampler { sites, mut out, .. } = sampler;
         if let Some(film) = &mut film {
             // what is seen late is seen after the last sample
             while !film.reaches(sample_times_s) && out.failed.iter().any(Option::is_none) {
@@ -262,6 +205,111 @@ impl<T: Scalar> Run<'_, T> {
         }
         for (v, &from) in state.qvel.iter_mut().zip(&initial.qvel) {
             *v = T::select(sound, *v, from);
+        }
+    }
+}
+
+/// A step that was taken; the start itself before the first.
+struct Stride<'a, T> {
+    before: &'a State<T>,
+    after: &'a State<T>,
+    /// When it begins \[s\], from the motion's start; none for the start itself.
+    begin_s: Option<f64>,
+    /// When it ends \[s\], from the motion's start.
+    end_s: f64,
+    h: f64,
+}
+
+/// Takes the samples step by step.
+struct Sampler<'a, S: Stages> {
+    run: &'a Run<'a, S::T>,
+    sites: Vec<Keypoint<S>>,
+    /// The first sample that some lane still waits for.
+    first: usize,
+    sample: State<S::T>,
+    out: Samples<S::T>,
+}
+
+impl<'a, S: Stages> Sampler<'a, S> {
+    fn new(run: &'a Run<'a, S::T>, sites: Vec<Keypoint<S>>, state: &State<S::T>) -> Self {
+        let instants = run.sample_times_s.len();
+        let kept = if run.states { instants } else { 0 };
+        let out = Samples {
+            qpos: vec![S::T::ZERO; kept * state.qpos.len()],
+            qvel: vec![S::T::ZERO; kept * state.qvel.len()],
+            position_m: vec![[S::T::ZERO; 3]; instants * sites.len()],
+            failed: vec![None; S::T::LANES],
+        };
+        Self { run, sites, first: 0, sample: state.clone(), out }
+    }
+
+    /// Takes what samples lie in `stride`, each lane its own. One within a billionth of a step of an instant belongs to it.
+    fn take(&mut self, engine: &mut Engine<S>, stride: &Stride<'_, S::T>) {
+        let h = stride.h;
+        for row in self.first..self.run.sample_times_s.len() {
+            let (elapsed, reached, any, all) = tuned!(S::T, {
+                let elapsed = S::T::from_f64(self.run.sample_times_s[row]) - self.run.start_s;
+                let reached = !S::T::from_f64(stride.end_s + 1e-9 * h).less(elapsed);
+                (elapsed, reached, reached.any(), reached.all())
+            });
+            if !any {
+                break;
+            }
+            if row == self.first && all {
+                self.first += 1;
+            }
+            tuned!(S::T, {
+                let mut here = reached;
+                match stride.begin_s {
+                    None => {
+                        self.sample.qpos.copy_from_slice(&stride.after.qpos);
+                        self.sample.qvel.copy_from_slice(&stride.after.qvel);
+                    }
+                    Some(begin_s) => {
+                        here = here & S::T::from_f64(begin_s + 1e-9 * h).less(elapsed);
+                        self.between(
+                            engine,
+                            stride,
+                            (elapsed - S::T::from_f64(begin_s)) * S::T::from_f64(1.0 / h),
+                        );
+                    }
+                }
+                if here.any() {
+                    self.keep(engine, row, here);
+                }
+            });
+        }
+    }
+
+    /// Puts the sample at this `share` of the step.
+    #[inline(always)]
+    fn between(&mut self, engine: &Engine<S>, stride: &Stride<'_, S::T>, share: S::T) {
+        let (before, after) = (stride.before, stride.after);
+        let (start, end) = ((&before.qpos[..], &before.qvel[..]), (&after.qpos[..], &after.qvel[..]));
+        integrate::between(&engine.plant, start, end, stride.h, share, &mut self.sample.qpos);
+        for ((v, &v0), &v1) in self.sample.qvel.iter_mut().zip(&before.qvel).zip(&after.qvel) {
+            *v = v0 + share * (v1 - v0);
+        }
+    }
+
+    /// Keeps the sample as `row` in the lanes that are `here`.
+    #[inline(always)]
+    fn keep(&mut self, engine: &mut Engine<S>, row: usize, here: <S::T as Scalar>::Mask) {
+        kinematics::kinematics(&engine.plant, &self.sample.qpos, &mut engine.work);
+        let (work, layout) = (&engine.work, &engine.plant.layout);
+        let places = &mut self.out.position_m[row * self.sites.len()..(row + 1) * self.sites.len()];
+        for (place, &(body, own, at)) in places.iter_mut().zip(&self.sites) {
+            let seen = S::lift(layout, body, own, work.pos[body] + S::apply(&work.rot[body], at));
+            *place = choose(here, seen, *place);
+        }
+        if self.run.states {
+            let (nq, nv) = (self.sample.qpos.len(), self.sample.qvel.len());
+            for (kept, &q) in self.out.qpos[row * nq..(row + 1) * nq].iter_mut().zip(&self.sample.qpos) {
+                *kept = S::T::select(here, q, *kept);
+            }
+            for (kept, &v) in self.out.qvel[row * nv..(row + 1) * nv].iter_mut().zip(&self.sample.qvel) {
+                *kept = S::T::select(here, v, *kept);
+            }
         }
     }
 }

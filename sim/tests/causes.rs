@@ -4,9 +4,10 @@
 mod common;
 
 use common::{model, relative};
-use sim::batch::{self, Candidate, Direction};
+use sim::batch::{self, Candidate};
 use sim::causes::{Cause, Role};
 use sim::dual::Dual;
+use sim::sensitivities::{self, Direction};
 use sim::{Command, Integrator, Isa, Method, Model, RolloutOptions, State, Steps, plan, rollout};
 
 /// So many derivatives in one pass; the engine is compiled for this one size.
@@ -359,7 +360,8 @@ fn sensitivities_in_lanes_are_the_derivatives() {
     let command = driven();
     let of = |isa: Isa| {
         let (at, times, options) = (&candidate, &samples(), &case.options);
-        batch::sensitivities(&model, &parameters, at, &directions, &command, times, options, isa).unwrap()
+        sensitivities::sensitivities(&model, &parameters, at, &directions, &command, times, options, isa)
+            .unwrap()
     };
     let sensed = of(Isa::best());
     for isa in Isa::available() {

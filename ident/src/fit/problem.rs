@@ -5,8 +5,8 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use sim::Model;
-use sim::batch::Sensitivities;
 use sim::model::Parameter;
+use sim::sensitivities::Sensitivities;
 
 use super::counts::Counts;
 use crate::config::Prior;

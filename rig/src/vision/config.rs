@@ -1,12 +1,14 @@
 //! The `[vision]` table.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use ident::strict::{NonNegative, Positive, Share};
+use image::GrayImage;
 use serde::{Deserialize, Serialize};
 
 use super::VisionError;
 use crate::calibration::Px;
+use crate::camera::decode::grey_file;
 
 /// Where the keypoints between the two ends lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -260,4 +262,22 @@ fn hole_share() -> Share {
 
 fn smoothing() -> Positive {
     positive(0.4)
+}
+
+/// Reads the picture at `path` in `folder`, which the option `key` names; it must have the images' `size`, width and height \[px\].
+pub(super) fn picture(
+    key: &'static str,
+    folder: &Path,
+    path: &Path,
+    size: (u32, u32),
+) -> Result<GrayImage, VisionError> {
+    let refuse = |what: String| VisionError::Picture { key, path: path.into(), what };
+    let bytes = std::fs::read(folder.join(path)).map_err(|error| refuse(error.to_string()))?;
+    let picture = grey_file(&bytes).map_err(|error| refuse(error.to_string()))?;
+    match picture.dimensions() {
+        got if got == size => Ok(picture),
+        (width, height) => {
+            Err(refuse(format!("{width}x{height} px, but the images have {}x{}", size.0, size.1)))
+        }
+    }
 }

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::background::{Background, Contrast};
 use super::centreline::Centreline;
 use super::component::{choose, components};
-use super::config::{Background as Method, VisionConfig};
+use super::config::{Background as Method, VisionConfig, picture};
 use super::gates::{Sizes, check_overlap};
 use super::keypoints::{CLEAR_PX, Found, Shape, edge_points, place};
 use super::parts::{Parts, Seen};
@@ -20,7 +20,7 @@ use super::record::{ImageRecord, Keypoint, Status};
 use super::rejection::Rejection;
 use super::spline::{arc_lengths, distance, point_at};
 use super::thin::{longest_path, radii, thinned};
-use super::{Mask, VisionError};
+use super::{Mask, VisionError, static_mask};
 use crate::calibration::Plane;
 use crate::calibration::Px;
 use crate::images::TimedImage;
@@ -92,25 +92,15 @@ impl Extractor {
         if images.is_empty() {
             return Err(VisionError::NoImages);
         }
+        let size = images[0].dimensions();
         let empty = match &config.background {
-            Method::Picture(path) => Some(picture("background", folder, path)?),
+            Method::Picture(path) => Some(picture("background", folder, path, size)?),
             _ => None,
         };
         let blocked = match &config.static_mask {
-            Some(path) => Some(static_mask(&picture("static_mask", folder, path)?)),
+            Some(path) => Some(static_mask::read(folder, path, size)?),
             None => None,
         };
-        if let (Some(empty), Some(path)) = (&empty, named(&config.background)) {
-            same_size("background", path, empty.dimensions(), images[0].dimensions())?;
-        }
-        if let (Some(blocked), Some(path)) = (&blocked, &config.static_mask) {
-            same_size(
-                "static_mask",
-                path,
-                (blocked.width as u32, blocked.height as u32),
-                images[0].dimensions(),
-            )?;
-        }
         let background = Background::learn(&images, config, empty.as_ref(), blocked)?;
         let mut extractor = Self {
             config: config.clone(),
@@ -373,32 +363,4 @@ fn compared(points: &[Px]) -> Vec<Px> {
     let lengths = arc_lengths(points);
     let total = lengths[lengths.len() - 1];
     (0..COMPARED).map(|i| point_at(points, &lengths, total * i as f64 / (COMPARED - 1) as f64)).collect()
-}
-
-fn named(background: &Method) -> Option<&Path> {
-    match background {
-        Method::Picture(path) => Some(path),
-        _ => None,
-    }
-}
-
-fn picture(key: &'static str, folder: &Path, path: &Path) -> Result<GrayImage, VisionError> {
-    let refuse = |what: String| VisionError::Picture { key, path: path.into(), what };
-    let bytes = std::fs::read(folder.join(path)).map_err(|error| refuse(error.to_string()))?;
-    crate::camera::decode::grey_file(&bytes).map_err(|error| refuse(error.to_string()))
-}
-
-fn static_mask(picture: &GrayImage) -> Mask {
-    const WHITE: u8 = 128;
-    let mut mask = Mask::empty(0, 0, picture.width() as usize, picture.height() as usize);
-    mask.bits.iter_mut().zip(picture.as_raw()).for_each(|(bit, grey)| *bit = *grey >= WHITE);
-    mask
-}
-
-fn same_size(key: &'static str, path: &Path, got: (u32, u32), wanted: (u32, u32)) -> Result<(), VisionError> {
-    if got == wanted {
-        return Ok(());
-    }
-    let what = format!("{}x{} px, but the images have {}x{}", got.0, got.1, wanted.0, wanted.1);
-    Err(VisionError::Picture { key, path: path.into(), what })
 }

@@ -30,6 +30,7 @@ pub mod rejection;
 pub mod sample;
 pub mod sequence;
 pub mod spline;
+mod static_mask;
 pub mod thin;
 
 pub use config::{Mode, VisionConfig};

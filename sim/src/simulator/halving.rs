@@ -1,7 +1,6 @@
 //! Steps over corners of the motion, taken again in halves.
 
 use super::Engine;
-use super::engine::Stepper;
 use crate::causes::Moment;
 use crate::dynamics::stages::Stages;
 use crate::model::State;
@@ -65,14 +64,6 @@ impl<S: Stages> Engine<S> {
                 *v = S::T::select(changed, *v, whole);
             }
         });
-    }
-
-    fn whole(&mut self, state: &mut State<S::T>, time_s: f64, h: f64, command: &dyn Fn(usize, f64) -> S::T) {
-        match self.stepper {
-            Stepper::Euler | Stepper::ImplicitFast => self.euler(state, h),
-            Stepper::RungeKutta => self.runge_kutta(state, time_s, h, command),
-            Stepper::Rosenbrock => self.rosenbrock(state, time_s, h, command),
-        }
     }
 }
 

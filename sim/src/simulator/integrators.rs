@@ -1,6 +1,7 @@
 //! One step in time, by each of the integrators.
 
 use super::Engine;
+use super::engine::Stepper;
 use crate::causes::Moment;
 use crate::dynamics::stages::{SlopeStage, Stages};
 use crate::dynamics::{actuation, integrate, passive};
@@ -8,6 +9,21 @@ use crate::model::State;
 use crate::scalar::{Scalar, tuned};
 
 impl<S: Stages> Engine<S> {
+    /// One step of `h` \[s\] from `time_s`, by the integrator in use.
+    pub(super) fn whole(
+        &mut self,
+        state: &mut State<S::T>,
+        time_s: f64,
+        h: f64,
+        command: &dyn Fn(usize, f64) -> S::T,
+    ) {
+        match self.stepper {
+            Stepper::Euler | Stepper::ImplicitFast => self.euler(state, h),
+            Stepper::RungeKutta => self.runge_kutta(state, time_s, h, command),
+            Stepper::Rosenbrock => self.rosenbrock(state, time_s, h, command),
+        }
+    }
+
     /// Semi-implicit Euler: v += h (M + h B)^-1 f, then q along the new v. B is the slope of the joints' dampers
     /// and, for implicitfast, of the water and the drives too.
     pub(super) fn euler(&mut self, state: &mut State<S::T>, h: f64) {
