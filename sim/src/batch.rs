@@ -166,16 +166,9 @@ impl InLanes for Group<'_> {
     fn with<L: Packed>(self) -> Self::Output {
         let model = self.model::<L>();
         let model = model.altered().unwrap_or(model);
-        if let Some(plane) = simulator::plane(&model, self.options) {
-            return self.through::<L, Planar<L>>(&model, plane);
+        match simulator::plane(&model, self.options) {
+            Some(plane) => self.through::<L, Planar<L>>(&model, plane),
+            None => self.through::<L, Spatial<L>>(&model, ()),
         }
-        let mut all = Vec::with_capacity(self.group.len());
-        for group in self.group.chunks(L::InSpace::LANES) {
-            let part = Group { group, ..self };
-            let model = part.model::<L::InSpace>();
-            let model = model.altered().unwrap_or(model);
-            all.extend(part.through::<L::InSpace, Spatial<L::InSpace>>(&model, ())?);
-        }
-        Ok(all)
     }
 }

@@ -137,18 +137,9 @@ impl InLanes for Fan<'_> {
     fn with<L: Packed>(self) -> Self::Output {
         let model = self.model::<L>();
         let model = model.altered().unwrap_or(model);
-        if let Some(plane) = simulator::plane(&model, self.options) {
-            return self.through::<L, Planar<Dual<L, 1>>>(&model, plane);
+        match simulator::plane(&model, self.options) {
+            Some(plane) => self.through::<L, Planar<Dual<L, 1>>>(&model, plane),
+            None => self.through::<L, Spatial<Dual<L, 1>>>(&model, ()),
         }
-        let mut all = Sensitivities { position_m: Vec::new(), slopes: Vec::with_capacity(self.group.len()) };
-        for group in self.group.chunks(L::InSpace::LANES) {
-            let part = Fan { group, ..self };
-            let model = part.model::<L::InSpace>();
-            let model = model.altered().unwrap_or(model);
-            let found = part.through::<L::InSpace, Spatial<Dual<L::InSpace, 1>>>(&model, ())?;
-            all.position_m = found.position_m;
-            all.slopes.extend(found.slopes);
-        }
-        Ok(all)
     }
 }

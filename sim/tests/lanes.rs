@@ -48,7 +48,7 @@ fn alone(
     rollout(&model, &candidate.state, command, times, &options).map(|run| run.position_m)
 }
 
-/// Limbs of which no joint rubs are computed in another way than those of which one does.
+/// Where joints rub, steps are shorter and taken in halves.
 #[test]
 fn candidates_without_friction_move_as_they_do_alone_beside_others_with_it() {
     let times: Vec<f64> = (0..10).map(|k| 0.01 * f64::from(k)).collect();

@@ -51,11 +51,6 @@ macro_rules! causes {
                 }
             }
 
-            /// Whether there is any.
-            pub(crate) fn any(&self) -> bool {
-                self.some
-            }
-
             /// Room for what they remember.
             pub(crate) fn memory(&self) -> Memory<S> {
                 Memory { $($step: vec![

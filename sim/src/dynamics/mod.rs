@@ -10,7 +10,6 @@ pub(crate) mod inertia;
 pub(crate) mod integrate;
 pub(crate) mod joint;
 pub(crate) mod kinematics;
-pub(crate) mod limbs;
 pub(crate) mod passive;
 pub(crate) mod plane;
 pub(crate) mod plant;

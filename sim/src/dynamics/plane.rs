@@ -39,42 +39,6 @@ impl<T: Scalar> Plane<T> {
         plane.holds(model).then_some(plane)
     }
 
-    /// The plane that the bodies of `branch` move in relative to the body they hang from, each after its parent:
-    /// hinges alone move them, all parallel and one a body at most; masses and wet shapes lie even in one plane. That
-    /// plane is fixed to the carrier, whose own axes count as the world's; it goes through the carrier's origin but for a
-    /// distance along the hinges \[m\], which comes second.
-    pub(crate) fn riding(model: &Model<T>, branch: &[usize]) -> Option<(Self, T)> {
-        let joints = || model.joints.iter().filter(|joint| branch.contains(&joint.body));
-        let hinge = joints().next()?;
-        let mut carried: Vec<Mat3<T>> = vec![Mat3::IDENTITY; model.bodies.len()];
-        let mut origin = vec![Vec3::ZERO; model.bodies.len()];
-        for &index in branch {
-            let body = &model.bodies[index];
-            origin[index] = origin[body.parent] + carried[body.parent].apply(body.pos);
-            carried[index] = carried[body.parent].product(&body.quat.matrix());
-        }
-        let across = carried[hinge.body].apply(hinge.axis);
-        let plane = upright(across);
-        let depth: Vec<T> = origin.into_iter().map(|origin| across.dot(origin)).collect();
-        let plane = Self { axes: carried.iter().map(|rot| plane.product(rot)).collect(), depth };
-
-        let level = plane.level(branch[0], model.bodies[branch[0]].com);
-        let even = |index: usize, at: Vec3<T>| tiny(plane.level(index, at) - level);
-        let hinges = joints().all(|joint| {
-            let [x, y, _] = plane.axes[joint.body].apply(joint.axis).0;
-            joint.kind == JointKind::Hinge && tiny(x) && tiny(y)
-        });
-        let bodies = branch.iter().all(|&index| {
-            let body = &model.bodies[index];
-            let single = joints().filter(|joint| joint.body == index).count() <= 1;
-            single && even(index, body.com) && plane.across(index, body.principal).is_some()
-        });
-        let wet = plane.shapes_stand_upright(model, branch.iter().copied());
-        let shapes = model.geoms.iter().filter(|geom| branch.contains(&geom.body) && geom.fluid.is_some());
-        let even = shapes.into_iter().all(|geom| even(geom.body, geom.pos));
-        (hinges && bodies && wet && even).then_some((plane, level))
-    }
-
     fn holds(&self, model: &Model<T>) -> bool {
         let joints = model.joints.iter().all(|joint| {
             let [x, y, z] = self.axes[joint.body].apply(joint.axis).0;

@@ -223,17 +223,6 @@ impl<S: Space> Immersed<S> {
 }
 
 impl<T: Scalar> Immersed<Spatial<T>> {
-    /// The same with its axes in this order.
-    pub(crate) fn on_axes(&self, axes: ShapeAxes) -> Self {
-        Self {
-            added_mass: axes.map(|k| self.added_mass[k]),
-            added_inertia: axes.map(|k| self.added_inertia[k]),
-            section_squared: axes.map(|k| self.section_squared[k]),
-            angular_drag: Vec3(axes.map(|k| self.angular_drag[k])),
-            ..*self
-        }
-    }
-
     pub(crate) fn map<U: Scalar>(&self, f: impl Fn(T) -> U + Copy) -> Immersed<Spatial<U>> {
         Immersed {
             added_mass: self.added_mass,

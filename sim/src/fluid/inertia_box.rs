@@ -78,12 +78,6 @@ impl<S: Space> ImmersedBox<S> {
 }
 
 impl<T: Scalar> ImmersedBox<Spatial<T>> {
-    /// The same with its axes in this order.
-    pub(crate) fn on_axes(&self, axes: ShapeAxes) -> Self {
-        let pick = |v: Vec3<T>| Vec3(axes.map(|k| v[k]));
-        Self { turning: pick(self.turning), facing: pick(self.facing), ..*self }
-    }
-
     pub(crate) fn map<U: Scalar>(&self, f: impl Fn(T) -> U + Copy) -> ImmersedBox<Spatial<U>> {
         ImmersedBox { stokes: self.stokes.map(f), turning: self.turning.map(f), facing: self.facing.map(f) }
     }

@@ -131,10 +131,6 @@ pub(crate) fn dispatch_dual<W: InLanes>(isa: Isa, work: W) -> W::Output {
 
 /// A scalar whose lanes can be filled and read.
 pub(crate) trait Packed: Scalar {
-    /// What mechanisms that move in space are computed in. Their stages are long: compiled for ever wider lanes they would take
-    /// minutes.
-    type InSpace: Packed;
-
     /// From one value per lane.
     fn pack(value: impl FnMut(usize) -> f64) -> Self;
 
@@ -146,8 +142,6 @@ pub(crate) trait Packed: Scalar {
 }
 
 impl Packed for f64 {
-    type InSpace = Self;
-
     fn pack(mut value: impl FnMut(usize) -> f64) -> Self {
         value(0)
     }

@@ -8,8 +8,6 @@ use crate::scalar::{Mask, Scalar, sin_cos};
 
 /// One register of numbers.
 pub(super) trait Register: Copy + Send + Sync + 'static {
-    /// What mechanisms that move in space are computed in.
-    type InSpace: Register;
     /// One truth value per number.
     type Mask: Copy + Send + Sync + fmt::Debug;
     /// Numbers in it.
@@ -77,8 +75,6 @@ impl<R: Register, const N: usize> Lanes<R, N> {
 }
 
 impl<R: Register, const N: usize> Packed for Lanes<R, N> {
-    type InSpace = Lanes<R::InSpace, N>;
-
     fn pack(mut value: impl FnMut(usize) -> f64) -> Self {
         let mut out = [R::ZERO; N];
         for (i, register) in out.iter_mut().enumerate() {

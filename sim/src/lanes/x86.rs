@@ -117,7 +117,6 @@ impl Register for __m256d {
         _mm256_xor_pd,
         _mm256_andnot_pd
     );
-    type InSpace = Self;
     type Mask = Self;
 
     #[inline(always)]
@@ -173,7 +172,6 @@ impl Register for __m512d {
         unsafe { with_avx512(work) }
     }
 
-    type InSpace = __m256d;
     type Mask = __mmask8;
 
     register!(

@@ -5,7 +5,7 @@ use super::rosenbrock::Rosenbrock;
 use crate::causes::{Memory, Moment, Terms};
 use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{self, Solver, multiply};
-use crate::dynamics::stages::{LimbStage, SlopeStage, Stages};
+use crate::dynamics::stages::{SlopeStage, Stages};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
 use crate::error::RolloutError;
 use crate::model::{ActuatorKind, Coordinates, Integrator, Model, State};
@@ -34,8 +34,6 @@ pub(crate) struct Engine<S: Stages> {
     pub(crate) work: Work<S>,
     pub(super) solver: Option<Solver<S::T>>,
     pub(super) slope: Option<S::Slope>,
-    /// Where branches bend in planes of their own: takes the place of the general stages in a step of ours.
-    pub(super) limbs: Option<S::Limbs>,
     pub(super) stepper: Stepper,
     pub(super) rosenbrock: Option<Rosenbrock<S::T>>,
     pub(crate) timestep_s: f64,
@@ -62,8 +60,6 @@ pub(crate) struct Engine<S: Stages> {
     pub(super) command: Vec<S::T>,
     pub(super) force: Vec<S::T>,
     pub(super) matrix: Vec<S::T>,
-    /// What the limbs' mass matrix is factored into.
-    limb_factors: Vec<S::T>,
     /// Velocity at the start of the last step, after the prescribed joints' jump.
     pub(crate) departure: Vec<S::T>,
     pub(super) stage: State<S::T>,
@@ -106,10 +102,6 @@ impl<S: Stages> Engine<S> {
             });
         }
         let slope = if stepper == Stepper::ImplicitFast { S::Slope::new(&plant) } else { None };
-        // prescribed joints want the mass matrix, and limbs know of no causes
-        let plain = options.steps.is_some() && !options.prescribed && !terms.any();
-        let limbs = if plain { S::Limbs::new(model, &plant) } else { None };
-        let factors = limbs.as_ref().map_or(0, S::Limbs::factors);
         let work = Work::new(&plant);
         let drives = model.actuators.len();
         let joint_of_dof = model
@@ -123,10 +115,7 @@ impl<S: Stages> Engine<S> {
         let mut simulator = Self {
             solver: None,
             slope,
-            rosenbrock: (stepper == Stepper::Rosenbrock)
-                .then(|| Rosenbrock::new(&plant, if limbs.is_some() { factors } else { plant.chain.len() })),
-            limbs,
-            limb_factors: vec![S::T::ZERO; factors],
+            rosenbrock: (stepper == Stepper::Rosenbrock).then(|| Rosenbrock::new(&plant)),
             stepper,
             timestep_s,
             halvings: Vec::new(),
@@ -271,10 +260,6 @@ impl<S: Stages> Engine<S> {
 
     /// What depends on the coordinates alone.
     pub(crate) fn position_stage(&mut self, qpos: &[S::T]) {
-        // limbs move once velocities and forces are known too
-        if self.limbs.is_some() {
-            return;
-        }
         tuned!(S::T, {
             kinematics::kinematics(&self.plant, qpos, &mut self.work);
             inertia::body_inertias(&self.plant, &mut self.work);
@@ -283,21 +268,19 @@ impl<S: Stages> Engine<S> {
         });
     }
 
-    /// The forces on the dofs at this state, after [`Self::position_stage`]; with limbs but for what their bodies exert.
+    /// The forces on the dofs at this state, after [`Self::position_stage`].
     pub(super) fn force_stage(&mut self, qpos: &[S::T], qvel: &[S::T]) {
         let h = self.restraint_step_s;
         tuned!(S::T, {
             let (plant, terms, work, force) = (&self.plant, &self.terms, &mut self.work, &mut self.force);
             force.fill(S::T::ZERO);
-            if self.limbs.is_none() {
-                bias::velocities(plant, qvel, work);
-                work.water = terms.water(self.moment, self.clock, plant);
-                bias::bias(plant, work);
-                passive::gravity_compensation(plant, work);
-                fluid::fluid(plant, work);
-                terms.wrenches(self.moment, plant, work, &mut self.memory);
-                bias::project(plant, work, force);
-            }
+            bias::velocities(plant, qvel, work);
+            work.water = terms.water(self.moment, self.clock, plant);
+            bias::bias(plant, work);
+            passive::gravity_compensation(plant, work);
+            fluid::fluid(plant, work);
+            terms.wrenches(self.moment, plant, work, &mut self.memory);
+            bias::project(plant, work, force);
             passive::springs(plant, qpos, force);
             passive::dampers(plant, qvel, force);
             terms.forces(qpos, qvel, force);
@@ -330,13 +313,8 @@ impl<S: Stages> Engine<S> {
         std::mem::swap(&mut self.matrix, &mut self.work.mass);
     }
 
-    /// Turns `force`, from [`Self::force_stage`] at this state, into accelerations.
-    pub(super) fn accelerate(&mut self, qpos: &[S::T], qvel: &[S::T]) {
-        if let Some(limbs) = &mut self.limbs {
-            let (plant, work, force) = (&self.plant, &mut self.work, &mut self.force);
-            let factors = &mut self.limb_factors;
-            return limbs.accelerate(plant, qpos, qvel, work, None, factors, force);
-        }
+    /// Turns `force`, from [`Self::force_stage`], into accelerations.
+    pub(super) fn accelerate(&mut self) {
         self.take_mass();
         self.solve_matrix();
     }

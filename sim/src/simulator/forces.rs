@@ -35,8 +35,6 @@ impl<S: Stages> Engine<S> {
     /// See [`super::Simulator::forces`].
     pub(super) fn forces(&mut self, state: &State<S::T>, command: &[f64]) -> Forces<S::T> {
         let (qpos, qvel) = (&state.qpos, &state.qvel);
-        // each kind of force apart: the general way
-        let limbs = self.limbs.take();
         self.moment = Moment::default();
         self.sample(0.0, &|drive, _| S::T::from_f64(command[drive]));
         self.position_stage(qpos);
@@ -76,7 +74,6 @@ impl<S: Stages> Engine<S> {
         self.matrix.copy_from_slice(&self.work.mass);
         self.solve_matrix();
         let acceleration = self.force.clone();
-        self.limbs = limbs;
         Forces {
             bias,
             spring,

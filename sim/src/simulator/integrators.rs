@@ -82,7 +82,7 @@ impl<S: Stages> Engine<S> {
                 self.position_stage(&stage.qpos);
             }
             self.force_stage(&stage.qpos, &stage.qvel);
-            self.accelerate(&stage.qpos, &stage.qvel);
+            self.accelerate();
             tuned!(S::T, {
                 self.rate.copy_from_slice(&stage.qvel);
                 if k > 0 {

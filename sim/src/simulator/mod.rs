@@ -26,8 +26,7 @@ use crate::space::{Planar, Plane, Spatial};
 /// [`CommandPath`](crate::CommandPath) applies, and the camera's.
 ///
 /// A mechanism whose hinges are all parallel is computed in their plane, at a fraction of the cost and with the same
-/// motion to rounding. So is, with steps of our own ([`RolloutOptions::steps`]), each branch of parallel hinges on a moving body
-/// in its plane, where there are no friction loss, no end stops, no prescribed joints and no causes that act in a step.
+/// motion to rounding.
 #[derive(Debug, Clone)]
 pub struct Simulator<T: Scalar>(pub(crate) InSpace<T>);
 

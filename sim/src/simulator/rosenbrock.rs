@@ -3,7 +3,7 @@
 use super::Engine;
 use crate::causes::Moment;
 use crate::dynamics::plant::Plant;
-use crate::dynamics::stages::{LimbStage, Stages};
+use crate::dynamics::stages::Stages;
 use crate::dynamics::{actuation, inertia, integrate, passive};
 use crate::model::State;
 use crate::scalar::{Scalar, tuned};
@@ -52,12 +52,11 @@ pub(super) struct Rosenbrock<T> {
 }
 
 impl<T: Scalar> Rosenbrock<T> {
-    /// `factors`: how many numbers the factors are.
-    pub(super) fn new<S: Stages<T = T>>(plant: &Plant<S>, factors: usize) -> Self {
+    pub(super) fn new<S: Stages<T = T>>(plant: &Plant<S>) -> Self {
         let zeros = |n: usize| vec![T::ZERO; n];
         let stages = || std::array::from_fn(|_| zeros(plant.nv));
         Self {
-            factors: zeros(factors),
+            factors: zeros(plant.chain.len()),
             shift: zeros(plant.nv),
             damping: zeros(plant.nv),
             stiffness: zeros(plant.nv),
@@ -117,7 +116,7 @@ impl<S: Stages> Engine<S> {
                 self.sample(time_s + elapsed_s, command);
                 self.position_stage(&stage.qpos);
                 self.force_stage(&stage.qpos, &stage.qvel);
-                self.accelerate(&stage.qpos, &stage.qvel);
+                self.accelerate();
             }
             tuned!(S::T, {
                 if k == 0 {
@@ -144,15 +143,7 @@ impl<S: Stages> Engine<S> {
                         *right = S::T::ZERO;
                     }
                 }
-                let (plant, work) = (&self.plant, &mut self.work);
-                let Rosenbrock { factors, shift, right, .. } = &mut kept;
-                match &mut self.limbs {
-                    Some(limbs) if k == 0 => {
-                        limbs.accelerate(plant, &state.qpos, &state.qvel, work, Some(shift), factors, right);
-                    }
-                    Some(limbs) => limbs.solve(factors, right),
-                    None => inertia::solve(plant, factors, right),
-                }
+                inertia::solve(&self.plant, &kept.factors, &mut kept.right);
                 let own = own * h;
                 for (dof, &solved) in kept.right.iter().enumerate() {
                     let gain = h * if k == 0 { solved } else { solved + self.force[dof] };
@@ -201,14 +192,12 @@ impl<S: Stages> Engine<S> {
                 *stiffness = stiffness.max(S::T::ZERO);
                 kept.shift[dof] = own * (*damping + own * *stiffness);
             }
-            if self.limbs.is_none() {
-                std::mem::swap(&mut kept.factors, &mut self.work.mass);
-                for (&start, &shift) in self.plant.row.iter().zip(&kept.shift) {
-                    kept.factors[start] += shift;
-                }
-                inertia::hold(&self.plant, &self.held, &mut kept.factors);
-                inertia::factor(&self.plant, &mut kept.factors);
+            std::mem::swap(&mut kept.factors, &mut self.work.mass);
+            for (&start, &shift) in self.plant.row.iter().zip(&kept.shift) {
+                kept.factors[start] += shift;
             }
+            inertia::hold(&self.plant, &self.held, &mut kept.factors);
+            inertia::factor(&self.plant, &mut kept.factors);
         });
     }
 }

@@ -9,7 +9,7 @@ mod spatial;
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, SubAssign};
 
-pub(crate) use planar::{Never, Planar, Plane, Turn, tiny};
+pub(crate) use planar::{Never, Planar, Plane, tiny};
 pub(crate) use spatial::Spatial;
 
 use crate::math::{Quat, Sym3, Vec3, Vector};

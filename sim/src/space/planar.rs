@@ -43,11 +43,6 @@ pub(crate) fn tiny<T: Scalar>(x: T) -> bool {
 }
 
 impl<T: Scalar> Plane<T> {
-    /// `plane_from_body` at the reference, by rows.
-    pub(crate) fn axes(&self, body: usize) -> &Mat3<T> {
-        &self.axes[body]
-    }
-
     /// How far out of the plane a point fixed to `body` at `at`, in the body's axes, is.
     #[inline(always)]
     pub(crate) fn level(&self, body: usize, at: Vec3<T>) -> T {
