@@ -4,6 +4,8 @@
 //! lies between t₀ and t₃; the midpoint is the best guess, wrong by at most half the round trip. [`ClockFit`] draws a
 //! line through many such guesses, trusting those that came back fastest.
 
+use std::sync::{Arc, OnceLock};
+
 use serde::{Deserialize, Serialize};
 
 /// An instant on the host's CLOCK_MONOTONIC, in nanoseconds: the clock of V4L2 stamps and of every process
@@ -27,6 +29,26 @@ impl MonotonicNs {
     /// This instant moved by `seconds`, which may be negative.
     pub fn plus_seconds(self, seconds: f64) -> Self {
         Self(self.0.wrapping_add_signed((seconds * 1e9).round() as i64))
+    }
+}
+
+/// Puts the instants of an earlier run into one that goes on: as long after its start as they were after theirs.
+#[derive(Debug, Clone)]
+pub struct ReplayClock {
+    origin: MonotonicNs,
+    start: Arc<OnceLock<MonotonicNs>>,
+}
+
+impl ReplayClock {
+    /// Of a run that began at `origin`, for one that begins at `start`: at the first question, where that is not known by then.
+    pub fn new(origin: MonotonicNs, start: Arc<OnceLock<MonotonicNs>>) -> Self {
+        Self { origin, start }
+    }
+
+    /// What is now to `then`.
+    pub fn again(&self, then: MonotonicNs) -> MonotonicNs {
+        let start = self.start.get_or_init(MonotonicNs::now);
+        MonotonicNs(start.0.wrapping_add(then.0.wrapping_sub(self.origin.0)))
     }
 }
 

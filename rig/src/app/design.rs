@@ -10,8 +10,13 @@ use super::Failure;
 use crate::record::folder::write_whole;
 
 /// Tables and keys of a rig config that hold paths.
-const PATHS: [(&str, &str); 4] =
-    [("run", "model"), ("mock", "tank"), ("vision", "static_mask"), ("calibration", "file")];
+const PATHS: [(&str, &str); 5] = [
+    ("run", "model"),
+    ("mock", "tank"),
+    ("replay", "run"),
+    ("vision", "static_mask"),
+    ("calibration", "file"),
+];
 
 /// Writes a config for each of `next` to `folder`: `config` with another motion.
 ///

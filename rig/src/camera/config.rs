@@ -6,7 +6,7 @@ use std::time::Duration;
 use ident::strict::{NonNegative, Positive};
 use serde::{Deserialize, Serialize};
 
-use super::{CameraError, Encoding};
+use super::{CameraError, CameraKind, Encoding};
 
 /// Which camera, and how it is set up.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -45,21 +45,6 @@ pub struct CameraConfig {
     /// Without an image for so long the camera counts as stalled \[s\]. Default: five periods, at least 0.2.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stall_s: Option<Positive>,
-}
-
-/// Where images come from.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum CameraKind {
-    /// A folder of images.
-    #[default]
-    Folder,
-    /// A Video4Linux2 camera.
-    V4l,
-    /// The simulated tank of this process.
-    Mock,
-    /// The simulated tank of a `rig mock-camera` process.
-    Socket,
 }
 
 impl Default for CameraConfig {

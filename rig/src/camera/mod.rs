@@ -1,19 +1,19 @@
-//! Cameras: one trait, and a real one, a mock and one in another process behind it.
+//! Cameras: one trait, and a real one, a mock, one in another process and a recorded one behind it.
 //!
-//! Another kind is a file with its `impl Camera`, a word of [`CameraKind`] and a line of [`open`]. The trait's tests
-//! in the mock say what is expected of one: images in order of exposure, stamps on CLOCK_MONOTONIC, every call back within
+//! Another kind is a file and a line of the list in `kinds`. The trait's tests in the mock say what is expected of one: images in order of exposure, stamps on CLOCK_MONOTONIC, every call back within
 //! its timeout.
 
 pub mod config;
 pub mod decode;
+mod kinds;
 pub mod mock;
-mod open;
+pub mod replay;
 pub mod socket;
 pub mod v4l;
 pub mod wire;
 
-pub use config::{CameraConfig, CameraKind};
-pub use open::open;
+pub use config::CameraConfig;
+pub use kinds::{CameraKind, Opening, open};
 
 use std::time::Duration;
 

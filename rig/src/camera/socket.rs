@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use super::kinds::Opening;
 use super::{Camera, CameraConfig, CameraError, CameraImage, CameraInfo, wire};
 
 /// Name of the socket in the tank's folder.
@@ -37,6 +38,12 @@ pub struct SocketCamera {
     stream: Option<UnixStream>,
     /// Bytes of a message that has not come whole yet.
     pending: Vec<u8>,
+}
+
+/// The camera of another process.
+pub(super) fn open(opening: Opening<'_>) -> Result<Box<dyn Camera>, CameraError> {
+    let tank = opening.config.tank.as_ref().map(|tank| opening.folder.join(tank));
+    Ok(Box::new(SocketCamera::open(&CameraConfig { tank, ..opening.config.clone() })?))
 }
 
 impl SocketCamera {

@@ -13,8 +13,8 @@ use ident::strict::{self, NonNegative};
 use serde::{Deserialize, Serialize};
 
 use crate::calibration::Calibration;
-use crate::camera::config::{CameraConfig, CameraKind};
 use crate::camera::mock::CameraFaultKind;
+use crate::camera::{CameraConfig, CameraKind};
 use crate::profile::{Profile, ProfileConfig};
 use crate::servo::{BoardFault, BoardKind, ServoConfig};
 use crate::vision::config::{Background, VisionConfig};
@@ -52,6 +52,17 @@ pub struct RigConfig {
     /// The simulated tank behind mock board and mock camera.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mock: Option<MockConfig>,
+    /// The recorded run behind replayed board and replayed camera.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub replay: Option<ReplayConfig>,
+}
+
+/// The `[replay]` table.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ReplayConfig {
+    /// The run's folder, relative to the config.
+    pub run: PathBuf,
 }
 
 /// The `[mock]` table.
@@ -114,8 +125,11 @@ impl RigConfig {
                 "a drop plays no profile: remove the table [profile], or say kind = \"driven\"",
             );
         }
-        if self.needs_tank() && self.mock.is_none() {
+        if self.has(BoardKind::Mock, CameraKind::Mock) && self.mock.is_none() {
             return contradiction("mock board or mock camera without a tank: add [mock] tank = \"...\"");
+        }
+        if self.has(BoardKind::Replay, CameraKind::Replay) && self.replay.is_none() {
+            return contradiction("replayed board or camera without a run: add [replay] run = \"...\"");
         }
         if let Err(error) = self.vision.check() {
             return contradiction(&format!("[vision]: {error}"));
@@ -135,9 +149,9 @@ impl RigConfig {
         (f64::from(self.camera.width_px) * f64::from(self.camera.height_px) * fps * seconds) as u64
     }
 
-    fn needs_tank(&self) -> bool {
-        let mock_board = self.servo.as_ref().is_some_and(|servo| servo.kind == BoardKind::Mock);
-        mock_board || self.camera.kind == CameraKind::Mock
+    /// Whether board or camera are of these kinds.
+    fn has(&self, board: BoardKind, camera: CameraKind) -> bool {
+        self.servo.as_ref().is_some_and(|servo| servo.kind == board) || self.camera.kind == camera
     }
 
     /// The files beside the config that an analysis needs, and a copy of the config that names them without

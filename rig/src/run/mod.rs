@@ -6,6 +6,7 @@ mod error;
 pub mod film;
 pub mod machine;
 pub mod open;
+mod recorded;
 pub mod stillness;
 
 use std::collections::BTreeMap;

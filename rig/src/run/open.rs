@@ -1,4 +1,4 @@
-//! Opens what a config names: board, camera, and the simulated tank behind the mock ones.
+//! Opens what a config names: board, camera, the simulated tank behind the mock ones, the recorded run behind the replayed ones.
 
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -6,11 +6,13 @@ use std::sync::{Arc, OnceLock};
 use ident::strict;
 
 use super::error::RunError;
+use super::recorded;
 use crate::camera::mock::{CameraFault, Scene, StampTruth};
 use crate::camera::{self, Camera};
 use crate::claim::{Claim, port_lock};
 use crate::clock::MonotonicNs;
 use crate::config::{FaultKind, RigConfig};
+use crate::record::folder::RunFolder;
 use crate::servo::PulseSink;
 use crate::servo::{self, BoardFault, BoardKind, MockOptions, ServoBoard, ServoConfig};
 use crate::tank::{Tank, TankError};
@@ -60,15 +62,16 @@ pub fn open(config: &RigConfig, base: &Path) -> Result<Opened, RunError> {
     let run_start = Arc::default();
     let (board, port) = match &config.servo {
         Some(servo) if servo.kind != BoardKind::None => {
-            let (board, claim) = open_board(config, servo, tank.as_ref(), &run_start)?;
+            let (board, claim) = open_board(config, base, servo, tank.as_ref(), &run_start)?;
             (Some(board), claim)
         }
         _ => (None, None),
     };
-    let scene = tank.as_ref().map(|tank| -> (Box<dyn Scene>, StampTruth, Vec<CameraFault>) {
+    let mock = tank.as_ref().map(|tank| -> (Box<dyn Scene>, StampTruth, Vec<CameraFault>) {
         (Box::new(tank.scene(&config.camera)), tank.stamp_truth(), camera_faults(config))
     });
-    let camera = camera::open(&config.camera, base, scene)?;
+    let film = replayed(config, base)?.map(|run| recorded::film(&run, &run_start)).transpose()?.flatten();
+    let camera = camera::open(camera::Opening { config: &config.camera, folder: base, mock, film })?;
     let hand = tank.clone().map(Hand);
     Ok(Opened { camera, board, hand, tank, run_start, claim: port })
 }
@@ -80,7 +83,11 @@ pub fn open(config: &RigConfig, base: &Path) -> Result<Opened, RunError> {
 pub fn board(config: &RigConfig, base: &Path) -> Result<(Box<dyn ServoBoard>, Option<Claim>), RunError> {
     let none = ServoConfig::none();
     let servo = config.servo.as_ref().unwrap_or(&none);
-    open_board(config, servo, tank(config, base)?.as_ref(), &Arc::default())
+    open_board(config, base, servo, tank(config, base)?.as_ref(), &Arc::default())
+}
+
+fn replayed(config: &RigConfig, base: &Path) -> Result<Option<RunFolder>, RunError> {
+    Ok(config.replay.as_ref().map(|replay| RunFolder::open(&base.join(&replay.run))).transpose()?)
 }
 
 fn tank(config: &RigConfig, base: &Path) -> Result<Option<Tank>, RunError> {
@@ -92,14 +99,12 @@ fn tank(config: &RigConfig, base: &Path) -> Result<Option<Tank>, RunError> {
 
 fn open_board(
     config: &RigConfig,
+    base: &Path,
     servo: &ServoConfig,
     tank: Option<&Tank>,
     run_start: &Arc<OnceLock<MonotonicNs>>,
 ) -> Result<(Box<dyn ServoBoard>, Option<Claim>), RunError> {
-    let claim = match &servo.port {
-        Some(port) if servo.kind == BoardKind::Serial => Some(Claim::take(port, &port_lock(port))?),
-        _ => None,
-    };
+    let claim = servo.port.as_ref().map(|port| Claim::take(port, &port_lock(port))).transpose()?;
     let options = MockOptions {
         faults: board_faults(config),
         run_start: Arc::clone(run_start),
@@ -109,7 +114,9 @@ fn open_board(
         Some(tank) => Box::new(tank.clone()),
         None => Box::new(Nowhere),
     };
-    Ok((servo::open(servo, (options, sink))?, claim))
+    let told = replayed(config, base)?.map(|run| recorded::told(&run, run_start)).transpose()?.flatten();
+    let opening = servo::Opening { config: servo, mock: (options, sink), told };
+    Ok((servo::open(opening)?, claim))
 }
 
 fn board_faults(config: &RigConfig) -> Vec<(f64, BoardFault)> {

@@ -1,5 +1,6 @@
 //! The `[servo]` table: which board, and what hangs on its channels.
 
+use super::BoardKind;
 use firmware_protocol::board::DEAD_MAN_RANGE;
 use firmware_protocol::channel as wire;
 use firmware_protocol::event::MAX_CHANNELS;
@@ -29,18 +30,6 @@ pub struct ServoConfig {
     /// The channels in use.
     #[serde(default, rename = "channel")]
     pub channels: Vec<ServoChannel>,
-}
-
-/// Which kind of board.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum BoardKind {
-    /// A board on a serial port.
-    Serial,
-    /// A mock board behind a pseudo-terminal, in this process.
-    Mock,
-    /// No board: nothing is driven.
-    None,
 }
 
 /// What a channel drives.

@@ -1,25 +1,26 @@
-//! Servo boards: one trait, and a real one on a serial port, a mock and none behind it.
+//! Servo boards: one trait, and a real one on a serial port, a mock, a recorded one and none behind it.
 //!
-//! Another kind is a file with its `impl ServoBoard`, a word of [`BoardKind`] and a line of [`open`].
+//! Another kind is a file and a line of the list in `kinds`.
 
 pub mod config;
+mod kinds;
 mod link;
 pub mod mock;
 pub mod no_board;
-mod open;
 mod port;
 pub mod pulse_log;
 mod pulses;
 mod refusal;
+pub mod replay;
 pub mod serial;
 mod sessionless;
 #[cfg(test)]
 mod tests;
 
-pub use config::{BoardKind, ServoChannel, ServoConfig};
+pub use config::{ServoChannel, ServoConfig};
+pub use kinds::{BoardKind, Opening, open};
 pub use mock::{BoardFault, MockBoard, MockOptions, MockServo};
 pub use no_board::NoBoard;
-pub use open::open;
 pub use pulses::{PulseProfile, PulseSink, PulseTrack};
 pub use serial::SerialBoard;
 

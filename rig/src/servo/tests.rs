@@ -328,12 +328,16 @@ fn board_refuses_what_its_limits_forbid_with_the_limit() {
     assert!(board.jog(0, 1500, f64::NAN).is_err());
 }
 
+fn opened(config: &ServoConfig) -> Box<dyn ServoBoard> {
+    open(Opening { config, mock: (options(&[]), Box::new(Recorder::default())), told: None }).unwrap()
+}
+
 #[test]
 fn config_opens_the_board_it_names() {
-    let mut none = open(&ServoConfig::none(), (options(&[]), Box::new(Recorder::default()))).unwrap();
+    let mut none = opened(&ServoConfig::none());
     assert_eq!(none.stop(), StopOutcome::NotNeeded);
     assert!(none.arm(&PulseProfile::default(), MonotonicNs::now()).is_err());
-    let mut mock = open(&example(), (options(&[]), Box::new(Recorder::default()))).unwrap();
+    let mut mock = opened(&example());
     assert_eq!((mock.info().boot_id, mock.info().channels), (7, 16));
     let text = "amplitude_rad = 0.3\nccw_s = 0.2\ncw_s = 0.1\ncycles = 1\n";
     let profile = ident::strict::parse(text, std::path::Path::new("rig.toml")).unwrap();
