@@ -54,13 +54,13 @@ fn zero() -> Finite {
 }
 
 /// Share of the amplitude and of the speed in a cautious motion.
-const CAUTION: f64 = 0.1;
+const CAUTIOUS_SHARE: f64 = 0.1;
 
 impl ProfileConfig {
     /// The small, slow motion that comes first where a servo is not calibrated: one cycle of a tenth of the amplitude
     /// at a tenth of the speed.
     pub fn cautious(&self) -> Self {
-        let share = |x: Positive| Positive::new(x.get() * CAUTION).unwrap_or(x);
+        let share = |x: Positive| Positive::new(x.get() * CAUTIOUS_SHARE).unwrap_or(x);
         Self { amplitude_rad: share(self.amplitude_rad), cycles: 1, soft_start_cycles: 0, ..self.clone() }
     }
 }

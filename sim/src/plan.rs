@@ -34,15 +34,15 @@ const SHORTEST_S: f64 = 1e-5;
 /// Methods with their order and what a step costs, in evaluations of all forces; first the one that is never unstable.
 const METHODS: [(Method, i32, f64); 2] = [(Method::Rosenbrock, 3, 4.5), (Method::RungeKutta, 4, 4.0)];
 /// What an attempt promises may turn out so many times as costly.
-const DOUBTFUL: f64 = 2.0;
+const DOUBTFUL_COST_RATIO: f64 = 2.0;
 /// Steps from before that leave less than this share of the wanted accuracy are too short to stay.
-const IDLE: f64 = 0.3;
+const TOO_FINE_ERROR_SHARE: f64 = 0.3;
 /// Steps from before that are off by more than this factor are for another motion.
-const OTHER_MOTION: f64 = 30.0;
+const OTHER_MOTION_ERROR_RATIO: f64 = 30.0;
 /// No more steps than this many times as many as before: what needs more is another mechanism, and no fit would come to its end.
-const DEARER: f64 = 10.0;
+const MOST_STEPS_RATIO: f64 = 10.0;
 /// Explicit steps must stay sound when all are longer by this factor, for candidates that are stiffer.
-const STIFFER: f64 = 1.3;
+const STABILITY_RATIO: f64 = 1.3;
 
 /// Looks for the cheapest steps whose keypoints and other sites are within `accuracy_m` \[m\] of the motion itself at
 /// `sample_times_s`. Made once for a run, with its nominal model: every candidate of a fit then takes the same
@@ -82,7 +82,7 @@ pub fn plan(
         let rivals = searches.iter().filter(|search| search.method != searches[next].method);
         let hoped =
             rivals.filter_map(promised).filter(|&promised| promised > 0.0).fold(f64::INFINITY, f64::min);
-        searches[next].attempt(&run, accuracy_m, found.min(DOUBTFUL * hoped))?;
+        searches[next].attempt(&run, accuracy_m, found.min(DOUBTFUL_COST_RATIO * hoped))?;
     }
     let cheapest = searches.iter_mut().min_by(|a, b| {
         let [a, b] = [a, b].map(|search| search.cost().unwrap_or(f64::INFINITY));
@@ -116,9 +116,9 @@ impl Nominal<'_> {
         let ends_s = steps.ends_s[..before].iter().copied().chain([span]).collect();
         let mut steps = Steps { ends_s, ..steps.clone() };
         let (mut error_m, mut positions) = self.error(&steps, order).ok()?;
-        let exact = |error_m: f64| (IDLE * accuracy_m..=accuracy_m).contains(&error_m);
-        let ratio = search::AIM * accuracy_m / error_m.max(f64::MIN_POSITIVE);
-        if !exact(error_m) && (OTHER_MOTION.recip()..OTHER_MOTION).contains(&ratio) {
+        let exact = |error_m: f64| (TOO_FINE_ERROR_SHARE * accuracy_m..=accuracy_m).contains(&error_m);
+        let ratio = search::AIMED_ERROR_SHARE * accuracy_m / error_m.max(f64::MIN_POSITIVE);
+        if !exact(error_m) && (OTHER_MOTION_ERROR_RATIO.recip()..OTHER_MOTION_ERROR_RATIO).contains(&ratio) {
             steps = self.scaled(&steps, ratio.powf(1.0 / f64::from(order)));
             (error_m, positions) = self.error(&steps, order).ok()?;
         }
@@ -136,7 +136,7 @@ impl Nominal<'_> {
     /// More steps than these are not worth trying.
     fn most(&self) -> f64 {
         let before = self.options.steps.as_ref().map_or(0, |steps| steps.ends_s.len());
-        let dear = if before == 0 { f64::INFINITY } else { DEARER * before as f64 };
+        let dear = if before == 0 { f64::INFINITY } else { MOST_STEPS_RATIO * before as f64 };
         dear.min(self.span() / SHORTEST_S)
     }
 
@@ -206,7 +206,7 @@ impl Nominal<'_> {
         }
         /// Over what the order explains.
         const WORSE: f64 = 10.0;
-        match self.positions(self.scaled(steps, STIFFER)) {
+        match self.positions(self.scaled(steps, STABILITY_RATIO)) {
             Ok(longer) => Ok(apart(here, &longer) < WORSE * error_m),
             Err(RolloutError::Diverged { .. }) => Ok(false),
             Err(error) => Err(error),

@@ -25,9 +25,9 @@ use crate::vision::sequence::drive;
 use crate::vision::{ImageRecord, Task};
 
 /// Images looked at together.
-const AT_ONCE: usize = 4;
+const IMAGES_AT_ONCE: usize = 4;
 /// How far behind the devices' threads the scheduler puts this one, as `nice` counts.
-const QUIET: i32 = 10;
+const NICENESS: i32 = 10;
 
 /// An extraction under way beside the filming.
 #[derive(Debug)]
@@ -67,7 +67,7 @@ impl Live {
         };
         let thread = std::thread::spawn(move || {
             // Without it the extraction is merely less polite. The pool's threads inherit it.
-            let _ = rustix::process::nice(QUIET);
+            let _ = rustix::process::nice(NICENESS);
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().ok()?;
             pool.install(|| follower.follow(images))
         });
@@ -119,10 +119,10 @@ impl Follower {
         drop(sample);
         let (mut records, mut lines, mut early) = (Vec::new(), Vec::new(), None);
         let waiting = images.waiting();
-        drive(&mut extractor, images.by_ref().map(Ok), AT_ONCE, |_, mut found| {
+        drive(&mut extractor, images.by_ref().map(Ok), IMAGES_AT_ONCE, |_, mut found| {
             lines.append(&mut stored::lines(&found)?);
             records.append(&mut found);
-            if waiting.count() < AT_ONCE
+            if waiting.count() < IMAGES_AT_ONCE
                 && let Ok(chronicle) = self.fits.try_recv()
             {
                 early = self.begin_fit(&records, chronicle);

@@ -13,9 +13,9 @@ use crate::tank::render::{Look, Renderer};
 use crate::vision::{Extraction, ImageRecord, SequenceError, Status};
 
 /// Images shown in a report with what was found in them.
-const SHOWN: usize = 6;
+const SHOWN_IMAGES: usize = 6;
 /// Centrelines drawn for the superimposed motion.
-const CENTRELINES: usize = 40;
+const DRAWN_CENTRELINES: usize = 40;
 
 /// Puts some images with what was found in them, the first pose, and centrelines into a report.
 ///
@@ -39,7 +39,7 @@ pub(super) fn show(
     figures.centrelines_m = extraction
         .records
         .iter()
-        .step_by(extraction.records.len().div_ceil(CENTRELINES).max(1))
+        .step_by(extraction.records.len().div_ceil(DRAWN_CENTRELINES).max(1))
         .map(|record| record.centreline.iter().map(|&px| extraction.plane.metres(px)).collect())
         .collect();
     if let (Some(pose), Some(run)) = (&figures.measured_pose, fitted.runs.first()) {
@@ -57,7 +57,7 @@ fn drawn(fitted: &Fitted, run: &FittedRun, like: &GrayImage, plane: &Plane) -> G
 /// The first image, evenly spread ones, and the first rejected one: an index into the records each.
 fn worth_showing(extraction: &Extraction) -> BTreeSet<usize> {
     let records = &extraction.records;
-    let spread = (0..SHOWN - 1).map(|k| k * (records.len() - 1) / (SHOWN - 1).max(1));
+    let spread = (0..SHOWN_IMAGES - 1).map(|k| k * (records.len() - 1) / (SHOWN_IMAGES - 1).max(1));
     let rejected = records.iter().position(|record| record.status == Status::Rejected);
     spread.chain(rejected).collect()
 }

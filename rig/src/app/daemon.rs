@@ -20,7 +20,7 @@ use crate::record::journal::{self, Journal};
 use crate::schedule::Schedule;
 
 /// The wall clock is looked at so often: a jump of it is noticed within this time.
-const LOOK: Duration = Duration::from_secs(20);
+const CLOCK_PERIOD: Duration = Duration::from_secs(20);
 /// The daemon's journal in the runs folder.
 const JOURNAL: &str = "daemon.jsonl";
 /// What the last good fit is brought up to date with, in the folder of the run.
@@ -145,7 +145,7 @@ async fn wait_until(slot: &Zoned, interrupt: &Interrupt) -> bool {
         }
         tokio::select! {
             () = interrupt.raised() => return false,
-            () = tokio::time::sleep(left.min(LOOK)) => {}
+            () = tokio::time::sleep(left.min(CLOCK_PERIOD)) => {}
         }
     }
 }

@@ -10,7 +10,7 @@ use super::Failure;
 use crate::record::folder::write_whole;
 
 /// Tables and keys of a rig config that hold paths.
-const PATHS: [(&str, &str); 5] = [
+const PATH_KEYS: [(&str, &str); 5] = [
     ("run", "model"),
     ("mock", "tank"),
     ("replay", "run"),
@@ -27,7 +27,7 @@ pub fn write_configs(config: &Path, next: &[Proposal], folder: &Path) -> Result<
     let text = std::fs::read_to_string(config).with_context(reading).map_err(Failure::Input)?;
     let mut base: toml::Table = text.parse().with_context(reading).map_err(Failure::Input)?;
     let origin = std::path::absolute(config).with_context(reading).map_err(Failure::Input)?;
-    for (table, key) in PATHS {
+    for (table, key) in PATH_KEYS {
         let Some(value) = base.get_mut(table).and_then(|table| table.get_mut(key)) else { continue };
         if let (Some(relative), Some(parent)) = (value.as_str(), origin.parent()) {
             *value = parent.join(relative).display().to_string().into();

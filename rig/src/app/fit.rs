@@ -30,9 +30,9 @@ pub struct FitJob<'a> {
 }
 
 /// Where a fit stands, to go on from; gone when it is done.
-const STATE: &str = "fit-state.json";
+const STATE_FILE: &str = "fit-state.json";
 /// A fit of new runs that may not replace the earlier one.
-const REFUSED: &str = "fit-refused.json";
+const REFUSED_FILE: &str = "fit-refused.json";
 /// An interrupted fit loses at most this much work.
 const SAVE_EVERY: Duration = Duration::from_secs(5);
 
@@ -56,13 +56,13 @@ impl FitJob<'_> {
         data.add_fitted(&fitted);
         if let Some(refused) = fitted.fit.recalibration.as_ref().filter(|verdict| !verdict.accepted) {
             let json = fitted.fit.to_json().map_err(Failure::internal)?;
-            write_whole(&self.out.join(REFUSED), json.as_bytes()).map_err(Failure::internal)?;
+            write_whole(&self.out.join(REFUSED_FILE), json.as_bytes()).map_err(Failure::internal)?;
             let kept = self.prior.unwrap_or(Path::new("the earlier fit"));
             return Err(Failure::Data(anyhow!(
                 "{} stays as it is: {}; what the new runs say by themselves is in {}",
                 kept.display(),
                 refused.reasons.join("; "),
-                self.out.join(REFUSED).display()
+                self.out.join(REFUSED_FILE).display()
             )));
         }
         write_fit(&fitted, &given.source(), self.out)?;
@@ -83,7 +83,7 @@ impl FitJob<'_> {
         earlier: Option<&Fit>,
         watcher: &mut dyn Watcher,
     ) -> Result<Fitted, Failure> {
-        let (experiment, state) = (&given.experiment, &self.out.join(STATE));
+        let (experiment, state) = (&given.experiment, &self.out.join(STATE_FILE));
         if self.resume && !state.exists() {
             return Err(Failure::Input(anyhow!(
                 "{} is not there: no fit was interrupted in this folder; leave out --resume",

@@ -41,7 +41,7 @@ pub struct StampTruth {
 }
 
 /// Images that wait for the program before the oldest is lost, as in a driver's buffers.
-const BUFFERED: u32 = 4;
+const BUFFERED_IMAGES: u32 = 4;
 /// Share of the images that an intermittent camera loses.
 const INTERMITTENT_LOSS: f64 = 0.3;
 /// JPEG quality of a common webcam.
@@ -141,7 +141,7 @@ impl MockCamera {
             let now = MonotonicNs::now();
             // What the program left waiting for too long is lost, and leaves a gap in the count.
             let elapsed = (now.seconds_since(first) * self.info.fps).max(0.0) as u32;
-            if elapsed > self.next + BUFFERED {
+            if elapsed > self.next + BUFFERED_IMAGES {
                 self.next = elapsed - 1;
             }
             let exposed = self.exposed(first, self.next);

@@ -19,7 +19,7 @@ use super::{Camera, CameraConfig, CameraError, CameraImage, CameraInfo, wire};
 pub const SOCKET: &str = "camera.sock";
 
 /// The other side must greet within this time; a client that is served already keeps others waiting.
-const GREETING: Duration = Duration::from_secs(3);
+const GREETING_TIMEOUT: Duration = Duration::from_secs(3);
 /// Longest greeting believed.
 const MAX_GREETING_BYTES: usize = 1 << 16;
 
@@ -143,20 +143,20 @@ fn connect(path: &Path, config: &CameraConfig) -> Result<(UnixStream, CameraInfo
         Ok(Answer::Refused(what)) => Err(refused(what)),
         Err(error) => Err(refused(format!(
             "no greeting within {} s ({error}); is another run using it?",
-            GREETING.as_secs()
+            GREETING_TIMEOUT.as_secs()
         ))),
     }
 }
 
 fn send(stream: &mut UnixStream, value: &impl Serialize) -> std::io::Result<()> {
     let json = serde_json::to_vec(value)?;
-    stream.set_write_timeout(Some(GREETING))?;
+    stream.set_write_timeout(Some(GREETING_TIMEOUT))?;
     stream.write_all(&(json.len() as u32).to_le_bytes())?;
     stream.write_all(&json)
 }
 
 fn receive<T: DeserializeOwned>(stream: &mut UnixStream) -> std::io::Result<T> {
-    stream.set_read_timeout(Some(GREETING))?;
+    stream.set_read_timeout(Some(GREETING_TIMEOUT))?;
     let mut length = [0; 4];
     stream.read_exact(&mut length)?;
     let length = u32::from_le_bytes(length) as usize;

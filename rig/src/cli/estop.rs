@@ -20,7 +20,7 @@ pub struct Args {
 }
 
 /// A running rig stops its servo within 0.1 s and lets go of the port soon after.
-const PATIENCE: Duration = Duration::from_secs(5);
+const RELEASE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Stops the servo.
 ///
@@ -54,7 +54,7 @@ fn tell(holder: u32, port: &str) -> Result<Outcome, Failure> {
     kill_process(process, Signal::TERM).map_err(|error| {
         Failure::Hardware(anyhow!("telling process {holder}, which holds {port}: {error}"))
     })?;
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + RELEASE_TIMEOUT;
     while Claim::holder(&port_lock(port)) == Some(holder) {
         if Instant::now() > deadline {
             return Err(Failure::Hardware(anyhow!(

@@ -11,7 +11,7 @@ use crate::run::open;
 use crate::servo::{ServoBoard, ServoError, ServoEvent};
 
 /// How long board and camera are looked at.
-const LOOK: Duration = Duration::from_millis(1500);
+const LOOK_DURATION: Duration = Duration::from_millis(1500);
 /// A run is refused when the board's clock is known less well than this \[s\].
 const MAX_CLOCK_SIGMA_S: f64 = 1e-3;
 /// A crystal further off than this is broken \[ppm\].
@@ -51,7 +51,7 @@ fn look_at_board(board: &mut dyn ServoBoard) -> Vec<Check> {
 }
 
 fn pings(board: &mut dyn ServoBoard) -> Result<Vec<Ping>, ServoError> {
-    let until = Instant::now() + LOOK;
+    let until = Instant::now() + LOOK_DURATION;
     let mut pings = Vec::new();
     while Instant::now() < until {
         pings.extend(board.poll()?.into_iter().filter_map(|event| match event {
@@ -81,7 +81,7 @@ fn clock_finding(pings: &[Ping]) -> Check {
         return Check::bad(subject, format!("{finding}; 1 ms is allowed: use a faster or less busy line"));
     }
     // After so short a look the rate is known only roughly: only a clear departure says something.
-    let rate_sigma_ppm = sigma_s / LOOK.as_secs_f64() * 1e6;
+    let rate_sigma_ppm = sigma_s / LOOK_DURATION.as_secs_f64() * 1e6;
     if fit.drift_ppm().abs() > MAX_DRIFT_PPM + 5.0 * rate_sigma_ppm {
         return Check::doubtful(subject, format!("{finding}; its rate is off by {:.0} ppm", fit.drift_ppm()));
     }
@@ -94,7 +94,7 @@ fn look_at_camera(camera: &mut dyn Camera, stall: Duration) -> Vec<Check> {
     if let Err(error) = camera.start() {
         return vec![Check::bad(subject, error.to_string())];
     }
-    let until = Instant::now() + LOOK;
+    let until = Instant::now() + LOOK_DURATION;
     let (mut seen, mut lost) = (Vec::new(), 0);
     while Instant::now() < until {
         match camera.next_image(stall) {
@@ -132,7 +132,7 @@ mod tests {
     use super::super::Health;
     use super::*;
 
-    /// Pings over `LOOK` through a line of the given one-way delays, to a clock `ppm` fast.
+    /// Pings over `LOOK_DURATION` through a line of the given one-way delays, to a clock `ppm` fast.
     fn recorded(to_s: f64, back_s: f64, ppm: f64) -> Vec<Ping> {
         let origin = MonotonicNs(1_000_000_000);
         (0..30)

@@ -29,12 +29,12 @@ impl DiagnosisFigures {
 }
 
 /// Cells of a heat strip.
-const CELLS: usize = 125;
+const STRIP_CELLS: usize = 125;
 /// Times the noise at which a cell is as dark as it gets.
-const DARKEST: f64 = 6.0;
+const DARKEST_SIGMAS: f64 = 6.0;
 /// Values of the abscissa told apart.
-const BINS: usize = 14;
-const SMALL: (u32, u32) = (540, 210);
+const ABSCISSA_BINS: usize = 14;
+const SMALL_PX: (u32, u32) = (540, 210);
 
 /// Distance between measured and simulated at an instant, over the root of the coordinates seen \[m\].
 fn misfit(run: &FittedRun, instant: usize, keypoint: usize) -> Option<f64> {
@@ -50,24 +50,24 @@ pub(super) fn heat(figures: &DiagnosisFigures) -> Markup {
     let strip = |run: &FittedRun, keypoint: usize| {
         let times = &run.measured.time_s;
         let (from, to) = (times[0], times[times.len() - 1]);
-        let mut cells = vec![(0.0, 0.0); CELLS];
+        let mut cells = vec![(0.0, 0.0); STRIP_CELLS];
         for (instant, &t) in times.iter().enumerate() {
             if let Some(misfit) = misfit(run, instant, keypoint) {
-                let place = ((t - from) / (to - from).max(1e-9) * CELLS as f64) as usize;
-                let cell = &mut cells[place.min(CELLS - 1)];
+                let place = ((t - from) / (to - from).max(1e-9) * STRIP_CELLS as f64) as usize;
+                let cell = &mut cells[place.min(STRIP_CELLS - 1)];
                 *cell = (cell.0 + misfit * misfit, cell.1 + 1.0);
             }
         }
         let mut svg = String::new();
         for (place, (sum, count)) in cells.iter().enumerate().filter(|(_, (_, count))| *count > 0.0) {
             let ratio = (sum / count).sqrt() / noise_m;
-            let dark = ((ratio - 1.0) / (DARKEST - 1.0)).clamp(0.03, 1.0);
+            let dark = ((ratio - 1.0) / (DARKEST_SIGMAS - 1.0)).clamp(0.03, 1.0);
             svg.push_str(&format!(
                 "<rect class=\"heat\" x=\"{place}\" y=\"0\" width=\"1.05\" height=\"10\" fill-opacity=\"{dark:.2}\"/>"
             ));
         }
         html! {
-            svg.heatstrip viewBox=(format!("0 0 {CELLS} 10")) preserveAspectRatio="none" { (PreEscaped(svg)) }
+            svg.heatstrip viewBox=(format!("0 0 {STRIP_CELLS} 10")) preserveAspectRatio="none" { (PreEscaped(svg)) }
         }
     };
     html! {
@@ -130,7 +130,7 @@ pub(super) fn against(figures: &DiagnosisFigures) -> Markup {
             title: format!("mean residual against {name}"),
             x_label: format!("{name} [{unit}], x and z alike"),
             y_label: "residual [mm]".into(),
-            size: SMALL,
+            size: SMALL_PX,
             band: Some(0.25 * figures.diagnosis.noise_m * 1e3),
             series: series.into(),
             ..Chart::default()
@@ -142,7 +142,7 @@ pub(super) fn against(figures: &DiagnosisFigures) -> Markup {
 /// Means over equally many points each.
 fn binned(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let size = points.len().div_ceil(BINS).max(1);
+    let size = points.len().div_ceil(ABSCISSA_BINS).max(1);
     let mean = |chunk: &[(f64, f64)]| {
         let n = chunk.len() as f64;
         (chunk.iter().map(|p| p.0).sum::<f64>() / n, chunk.iter().map(|p| p.1).sum::<f64>() / n)
@@ -183,7 +183,7 @@ pub(super) fn spectrum(figures: &DiagnosisFigures) -> Markup {
         title: "residuals by frequency".into(),
         x_label: "frequency [Hz]".into(),
         y_label: "amplitude [mm]".into(),
-        size: SMALL,
+        size: SMALL_PX,
         series: vec![
             Series { width: 2.0, ..Series::line(line(&figures.before), MEASURED) },
             Series { width: 1.6, ..Series::line(line(&figures.after), SIMULATED) },

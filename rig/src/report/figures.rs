@@ -9,11 +9,11 @@ use super::data::{RunFigures, ServoTrace};
 /// Axes of the plane of motion: index into a position, and name.
 const AXES: [(usize, &str); 2] = [(0, "x"), (2, "z")];
 /// About this many poses are superimposed: more become a grey mass.
-const POSES: usize = 45;
+const DRAWN_POSES: usize = 45;
 /// A keypoint that the simulation moves by less is one of the frame \[m\].
 const FIXED_M: f64 = 1e-6;
-const WIDE: (u32, u32) = (540, 190);
-const SQUARE: (u32, u32) = (420, 400);
+const WIDE_PX: (u32, u32) = (540, 190);
+const SQUARE_PX: (u32, u32) = (420, 400);
 
 /// Position of keypoint `keypoint` along `axis` \[mm\] over time.
 fn track(trajectory: &Trajectory, keypoint: usize, axis: usize) -> Vec<(f64, f64)> {
@@ -48,7 +48,7 @@ pub(super) fn over_time(run: &RunFigures) -> Markup {
                 title: format!("{name}, {letter}"),
                 x_label: "time [s]".into(),
                 y_label: format!("{letter} [mm]"),
-                size: WIDE,
+                size: WIDE_PX,
                 marks: run.start_s.into_iter().collect(),
                 series,
                 ..Chart::default()
@@ -70,7 +70,7 @@ pub(super) fn residuals(run: &RunFigures, noise_m: f64) -> Markup {
             title: format!("residual in {letter}"),
             x_label: "time [s]".into(),
             y_label: "residual [mm]".into(),
-            size: WIDE,
+            size: WIDE_PX,
             band: (noise_m > 0.0).then_some(2e3 * noise_m),
             marks: run.start_s.into_iter().collect(),
             series: series.collect(),
@@ -124,7 +124,7 @@ pub(super) fn first_pose(run: &RunFigures) -> Markup {
         title: "first pose".into(),
         x_label: "x [mm]".into(),
         y_label: "z [mm]".into(),
-        size: SQUARE,
+        size: SQUARE_PX,
         equal_axes: true,
         ..Chart::default()
     };
@@ -146,9 +146,9 @@ pub(super) fn superimposed(run: &RunFigures) -> Markup {
         if trajectory.time_s.is_empty() {
             continue;
         }
-        let stride = trajectory.time_s.len().div_ceil(POSES).max(1);
+        let stride = trajectory.time_s.len().div_ceil(DRAWN_POSES).max(1);
         let lines: Vec<_> = if colour == MEASURED && !run.centrelines_m.is_empty() {
-            let every = run.centrelines_m.len().div_ceil(POSES).max(1);
+            let every = run.centrelines_m.len().div_ceil(DRAWN_POSES).max(1);
             let line = |c: &Vec<[f64; 2]>| c.iter().map(|p| (p[0] * 1e3, p[1] * 1e3)).collect();
             run.centrelines_m.iter().step_by(every).map(line).collect()
         } else {
@@ -178,7 +178,7 @@ pub(super) fn superimposed(run: &RunFigures) -> Markup {
             title: title.into(),
             x_label: "x [mm]".into(),
             y_label: "z [mm]".into(),
-            size: SQUARE,
+            size: SQUARE_PX,
             equal_axes: true,
             series,
             ..Chart::default()

@@ -216,13 +216,13 @@ fn image_warnings(rows: &[FrameRow]) -> Vec<String> {
 
 /// The `<actuator>_measured_rad` columns of a servo table; `None` where it has none.
 fn measured(path: &Path) -> Option<Command> {
-    const ENDING: &str = "_measured_rad";
+    const MEASURED_ENDING: &str = "_measured_rad";
     let mut reader = csv::Reader::from_path(path).ok()?;
     let header = reader.headers().ok()?.clone();
     let columns: Vec<_> = header
         .iter()
         .enumerate()
-        .filter_map(|(i, name)| Some((i, name.strip_suffix(ENDING)?.to_owned())))
+        .filter_map(|(i, name)| Some((i, name.strip_suffix(MEASURED_ENDING)?.to_owned())))
         .collect();
     if columns.is_empty() {
         return None;

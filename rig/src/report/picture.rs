@@ -10,16 +10,16 @@ use super::chart::KEYPOINTS;
 use super::data::{Overlay, to_rgb};
 
 /// The mask's tint.
-const TINT: [f64; 3] = [64.0, 160.0, 255.0];
+const MASK_RGB: [f64; 3] = [64.0, 160.0, 255.0];
 /// JPEG quality: a sensor's noise would make a lossless picture six times as large.
-const QUALITY: u8 = 85;
+const JPEG_QUALITY: u8 = 85;
 /// How much of the tint shows.
 const TINT_SHARE: f64 = 0.35;
 
 /// The picture as an inline image; nothing when it cannot be encoded, which only an empty one cannot.
 fn data_uri(image: DynamicImage) -> Option<String> {
     let mut jpeg = Vec::new();
-    image.write_with_encoder(JpegEncoder::new_with_quality(&mut jpeg, QUALITY)).ok()?;
+    image.write_with_encoder(JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY)).ok()?;
     Some(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
 }
 
@@ -29,8 +29,9 @@ fn tinted(image: &GrayImage, mask: Option<&GrayImage>) -> RgbImage {
     let Some(mask) = mask.filter(|mask| mask.dimensions() == image.dimensions()) else { return rgb };
     for (pixel, seen) in rgb.pixels_mut().zip(mask.pixels()) {
         if seen.0[0] > 0 {
-            let mix =
-                |c: usize| (f64::from(pixel.0[c]) * (1.0 - TINT_SHARE) + TINT[c] * TINT_SHARE).round() as u8;
+            let mix = |c: usize| {
+                (f64::from(pixel.0[c]) * (1.0 - TINT_SHARE) + MASK_RGB[c] * TINT_SHARE).round() as u8
+            };
             *pixel = Rgb([mix(0), mix(1), mix(2)]);
         }
     }

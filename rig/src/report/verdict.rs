@@ -60,43 +60,84 @@ pub(super) fn mean_error_m(fit: &Fit, usage: Use) -> Option<f64> {
 
 /// Reads the verdict off the data.
 pub(super) fn verdict(data: &ReportData) -> Verdict {
-    let mut details = Vec::new();
-    match &data.end {
-        Some(RunEnd::Abort(reason)) => {
-            return Verdict { tone: Tone::Bad, line: format!("Aborted: {reason}"), details };
-        }
-        Some(RunEnd::Fail(reason)) => {
-            return Verdict { tone: Tone::Bad, line: format!("Failed: {reason}"), details };
-        }
-        Some(RunEnd::Success) | None => {}
+    match (&data.end, &data.fit, &data.diagnosis) {
+        (Some(RunEnd::Abort(reason)), ..) => Verdict::plain(Tone::Bad, format!("Aborted: {reason}")),
+        (Some(RunEnd::Fail(reason)), ..) => Verdict::plain(Tone::Bad, format!("Failed: {reason}")),
+        (_, Some(fit), _) => of_fit(fit, data),
+        (_, None, Some(figures)) => Verdict {
+            tone: diagnosis_text::tone(figures.diagnosis.verdict),
+            line: figures.diagnosis.sentence.clone(),
+            details: diagnosis_text::details(&figures.diagnosis),
+        },
+        (_, None, None) => Verdict::plain(Tone::Caution, measured(data)),
     }
-    if let (None, Some(figures)) = (&data.fit, &data.diagnosis) {
-        let diagnosis = &figures.diagnosis;
-        return Verdict {
-            tone: diagnosis_text::tone(diagnosis.verdict),
-            line: diagnosis.sentence.clone(),
-            details: diagnosis_text::details(diagnosis),
-        };
+}
+
+impl Verdict {
+    fn plain(tone: Tone, line: String) -> Self {
+        Self { tone, line, details: Vec::new() }
     }
-    let Some(fit) = &data.fit else {
-        let keypoints = data.runs.iter().map(|run| run.measured.keypoints.len()).max().unwrap_or(0);
-        let line = match &data.images {
-            Some(images) => {
-                format!("Filmed and measured: {} of {} images gave keypoints.", images.used, images.received)
-            }
-            None if keypoints > 0 => {
-                format!("Measured {}; no model was fitted.", counted(keypoints, "keypoint"))
-            }
-            None => "Nothing was measured.".into(),
-        };
-        return Verdict { tone: Tone::Caution, line, details };
-    };
+
+    fn caution(&mut self, detail: String) {
+        self.tone = Tone::Caution;
+        self.details.push(detail);
+    }
+}
+
+fn measured(data: &ReportData) -> String {
+    let keypoints = data.runs.iter().map(|run| run.measured.keypoints.len()).max().unwrap_or(0);
+    match &data.images {
+        Some(images) => {
+            format!("Filmed and measured: {} of {} images gave keypoints.", images.used, images.received)
+        }
+        None if keypoints > 0 => format!("Measured {}; no model was fitted.", counted(keypoints, "keypoint")),
+        None => "Nothing was measured.".into(),
+    }
+}
+
+fn of_fit(fit: &Fit, data: &ReportData) -> Verdict {
     let length = fit.characteristic_length_m;
     let (fitted, heldout) = (mean_error_m(fit, Use::Fit), mean_error_m(fit, Use::Holdout));
+    let worst = fitted.into_iter().chain(heldout).fold(0.0, f64::max);
+    let tone = if fitted.or(heldout).is_none() { Tone::Bad } else { Tone::Good };
+    let mut verdict = Verdict::plain(tone, follows(fitted, heldout, length));
+    if length > 0.0 && worst > ACCURATE_SHARE * length {
+        verdict.caution("More than 5 % of the length: the paper would not call this accurate.".into());
+    }
+    if fit.noise_m > 0.0 && worst > 0.0 {
+        verdict.details.push(beside_noise(worst / (MEAN_PLANE_NOISE * fit.noise_m), fit.noise_m));
+    }
+    if let Some(figures) = &data.diagnosis {
+        verdict.details.push(format!("Diagnosis: {}", figures.diagnosis.sentence));
+    }
+    if let (Some(fitted), Some(heldout)) = (fitted, heldout)
+        && heldout > 2.0 * fitted
+    {
+        let ratio = heldout / fitted;
+        verdict.caution(format!("Held-out runs are predicted {ratio:.1} times worse than the fitted ones."));
+    }
+    let set_aside = fit.runs.iter().filter_map(|run| Spike::sentence(&run.id, &run.set_aside));
+    verdict.details.extend(set_aside.map(|sentence| format!("{sentence}.")));
+    verdict.details.extend(on_coefficients(fit));
+    for (run, touch) in fit.runs.iter().filter_map(|run| Some((run, run.touch.as_ref()?))) {
+        verdict.caution(format!("In the simulation of {}, {touch}.", run.id));
+    }
+    let elsewhere = fit.starts.iter().filter(|start| !start.agrees).count();
+    if elsewhere > 0 {
+        verdict.details.push(format!(
+            "{elsewhere} of {} of the search ended elsewhere: there are other optima, of which the best counts.",
+            counted(fit.starts.len(), "start")
+        ));
+    }
+    verdict
+}
+
+/// How well the model follows the keypoints, by the mean errors \[m\] of fitted and held-out runs.
+fn follows(fitted: Option<f64>, heldout: Option<f64>, length_m: f64) -> String {
     let say = |error: f64| {
-        format!("{} mm ({} % of {:.0} mm)", millimetres(error), percent(error, length), length * 1e3)
+        format!("{} mm ({} % of {:.0} mm)", millimetres(error), percent(error, length_m), length_m * 1e3)
     };
-    let line = match (fitted, heldout) {
+    match (fitted, heldout) {
         (Some(fitted), Some(heldout)) => format!(
             "The calibrated model follows the keypoints to {} where it was fitted and to {} on held-out runs.",
             say(fitted),
@@ -107,53 +148,31 @@ pub(super) fn verdict(data: &ReportData) -> Verdict {
         }
         (None, Some(error)) => format!("The model predicts the held-out runs to {} on average.", say(error)),
         (None, None) => "The fit left no error that could be scored.".into(),
-    };
-    let worst = fitted.into_iter().chain(heldout).fold(0.0, f64::max);
-    let mut tone = if fitted.or(heldout).is_none() {
-        Tone::Bad
-    } else if length > 0.0 && worst > ACCURATE_SHARE * length {
-        Tone::Caution
-    } else {
-        Tone::Good
-    };
-    if tone == Tone::Caution {
-        details.push("More than 5 % of the length: the paper would not call this accurate.".into());
     }
-    if fit.noise_m > 0.0 && worst > 0.0 {
-        let ratio = worst / (MEAN_PLANE_NOISE * fit.noise_m);
-        details.push(if ratio <= NOISE_MARGIN {
-            format!(
-                "This is what keypoint noise alone leaves ({} mm, 1 σ per axis): the data see no fault in the model.",
-                millimetres(fit.noise_m)
-            )
-        } else {
-            format!(
-                "The error is {ratio:.1} times what keypoint noise alone would leave ({} mm, 1 σ per axis): the model \
-                 misses something that the residuals show.",
-                millimetres(fit.noise_m)
-            )
-        });
+}
+
+/// What an error of `ratio` times what noise alone would leave means.
+fn beside_noise(ratio: f64, noise_m: f64) -> String {
+    let noise = format!("({} mm, 1 σ per axis)", millimetres(noise_m));
+    if ratio <= NOISE_MARGIN {
+        return format!(
+            "This is what keypoint noise alone leaves {noise}: the data see no fault in the model."
+        );
     }
-    if let Some(figures) = &data.diagnosis {
-        details.push(format!("Diagnosis: {}", figures.diagnosis.sentence));
-    }
-    if let (Some(fitted), Some(heldout)) = (fitted, heldout)
-        && heldout > 2.0 * fitted
-    {
-        tone = Tone::Caution;
-        details.push(format!(
-            "Held-out runs are predicted {:.1} times worse than the fitted ones.",
-            heldout / fitted
-        ));
-    }
-    let set_aside = fit.runs.iter().filter_map(|run| Spike::sentence(&run.id, &run.set_aside));
-    details.extend(set_aside.map(|sentence| format!("{sentence}.")));
+    format!(
+        "The error is {ratio:.1} times what keypoint noise alone would leave {noise}: the model misses something that \
+         the residuals show."
+    )
+}
+
+/// Which coefficients are not to be read as measured.
+fn on_coefficients(fit: &Fit) -> Vec<String> {
+    let mut details = Vec::new();
     let loose = fit.parameters.iter().filter(|p| !is_settled(fit, p)).count();
     let bound = fit.parameters.iter().filter(|p| p.at_bound).count();
     if loose > 0 {
         details.push(format!(
-            "{} of {} left open by these runs: do not read their values as measured.",
-            loose,
+            "{loose} of {} left open by these runs: do not read their values as measured.",
             counted(fit.parameters.len(), "coefficient") + if loose == 1 { " is" } else { " are" },
         ));
     }
@@ -169,16 +188,5 @@ pub(super) fn verdict(data: &ReportData) -> Verdict {
             drifting.join(", ")
         ));
     }
-    for (run, touch) in fit.runs.iter().filter_map(|run| Some((run, run.touch.as_ref()?))) {
-        tone = Tone::Caution;
-        details.push(format!("In the simulation of {}, {touch}.", run.id));
-    }
-    let elsewhere = fit.starts.iter().filter(|start| !start.agrees).count();
-    if elsewhere > 0 {
-        details.push(format!(
-            "{elsewhere} of {} of the search ended elsewhere: there are other optima, of which the best counts.",
-            counted(fit.starts.len(), "start")
-        ));
-    }
-    Verdict { tone, line, details }
+    details
 }

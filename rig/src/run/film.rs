@@ -22,7 +22,7 @@ use crate::servo::{ServoBoard, ServoEvent, StopOutcome};
 /// Images, and measures of how still they are, that may wait for the coordinator: several seconds of them.
 const QUEUE_IMAGES: usize = 1024;
 /// The machine hears of time at least so often.
-const TICK: Duration = Duration::from_millis(10);
+const TICK_PERIOD: Duration = Duration::from_millis(10);
 
 /// What a run is filmed with.
 pub struct Setup {
@@ -85,11 +85,7 @@ pub struct Filmed {
 
 /// Films until the machine stops, `interrupt` resolves, or a device fails. Whatever happens, the servo is stopped
 /// before anything else is closed.
-pub async fn film(
-    setup: Setup,
-    interrupt: impl Future<Output = ()>,
-    mut notify: impl FnMut(Notice),
-) -> Filmed {
+pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: impl FnMut(Notice)) -> Filmed {
     let (signals, mut signalled) = mpsc::unbounded_channel();
     let (seen, mut to_see) = mpsc::channel(QUEUE_IMAGES);
     let profile = setup.drive.as_ref().map(|(_, profile)| profile.clone());
@@ -98,13 +94,12 @@ pub async fn film(
         servo.approach(profile, setup.plan.approach_s);
     }
     let camera = CameraThread::start(setup.camera, setup.stall, seen, signals);
-    let recorder = setup.recorder;
+    let mut kept = Kept { recorder: setup.recorder, images: ImageCount::default(), notify };
 
     let mut milestones = Milestones::new(setup.plan.motion_s());
     let mut machine = Machine::new(setup.plan, MonotonicNs::now());
-    let mut images = ImageCount::default();
     let mut interrupt = pin!(interrupt);
-    let mut ticks = tokio::time::interval(TICK);
+    let mut ticks = tokio::time::interval(TICK_PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut next = camera.as_ref().err().map(|error| Event::Fault(error.to_string()));
 
@@ -114,38 +109,36 @@ pub async fn film(
             None => tokio::select! {
                 biased;
                 () = &mut interrupt => Event::Interrupted,
-                Some(signal) = signalled.recv() => match take_signal(signal, &recorder, &mut notify) {
+                Some(signal) = signalled.recv() => match kept.take_signal(signal) {
                     Ok(Some(event)) => event,
                     Ok(None) => continue,
                     Err(error) => Event::Fault(with_causes(&error)),
                 },
-                Some(seen) = to_see.recv() => take_seen(seen, &recorder, &mut images, &mut notify)
-                    .unwrap_or_else(|error| Event::Fault(with_causes(&error))),
+                Some(seen) = to_see.recv() => {
+                    kept.take_seen(seen).unwrap_or_else(|error| Event::Fault(with_causes(&error)))
+                }
                 _ = ticks.tick() => Event::Tick,
             },
         };
         let now = MonotonicNs::now();
         if event == Event::Tick {
-            notify(Notice::Phase(machine.phase(), images.received));
+            (kept.notify)(Notice::Phase(machine.phase(), kept.images.received));
             if let Some(moves_s) = machine.moves_for_s(now) {
-                milestones.pass(moves_s, images.received, &mut notify);
+                milestones.pass(moves_s, kept.images.received, &mut kept.notify);
             }
         }
         match machine.on(event, now) {
             None => {}
             Some(Action::Arm(start)) => {
                 if let (Some(servo), Some(profile)) = (&servo, &profile) {
-                    notify(Notice::Journal("arming".into()));
+                    (kept.notify)(Notice::Journal("arming".into()));
                     servo.arm(profile.clone(), start);
-                    let command = ServoCommand::Arm { start, profile: profile.clone() };
-                    match recorder.command(&command) {
-                        Ok(()) => notify(Notice::Command(command)),
-                        Err(error) => next = Some(Event::Fault(with_causes(&error))),
-                    }
+                    let told = kept.command(ServoCommand::Arm { start, profile: profile.clone() });
+                    next = told.err().map(|error| Event::Fault(with_causes(&error)));
                 }
             }
-            Some(Action::AskForRelease) => notify(Notice::LetGo),
-            Some(Action::Journal(text)) => notify(Notice::Journal(text.into())),
+            Some(Action::AskForRelease) => (kept.notify)(Notice::LetGo),
+            Some(Action::Journal(text)) => (kept.notify)(Notice::Journal(text.into())),
             Some(Action::Stop(ending)) => break ending,
         }
     };
@@ -157,28 +150,15 @@ pub async fn film(
     tokio::task::block_in_place(|| drop(camera));
     // What was told and seen before still belongs into the recording; faults on the way down change nothing.
     while let Ok(signal) = signalled.try_recv() {
-        let _ = take_signal(signal, &recorder, &mut notify);
+        let _ = kept.take_signal(signal);
     }
     while let Ok(seen) = to_see.try_recv() {
-        let _ = take_seen(seen, &recorder, &mut images, &mut notify);
+        let _ = kept.take_seen(seen);
     }
-    let stopped = ServoCommand::Stop { outcome };
-    if recorder.command(&stopped).is_ok() {
-        notify(Notice::Command(stopped));
-    }
-    let (ending, recorded) = match tokio::task::block_in_place(|| recorder.finish()) {
-        Ok(recorded) => (ending, recorded),
-        Err(error) if ending == Ending::Success => (Ending::Fail(with_causes(&error)), Recorded::default()),
-        Err(_) => (ending, Recorded::default()),
-    };
-    Filmed {
-        ending,
-        servo: outcome,
-        stop_s,
-        recorded,
-        images_lost: images.lost,
-        learn_from: milestones.learn_from,
-    }
+    let _ = kept.command(ServoCommand::Stop { outcome });
+    let images_lost = kept.images.lost;
+    let (ending, recorded) = kept.finish(ending);
+    Filmed { ending, servo: outcome, stop_s, recorded, images_lost, learn_from: milestones.learn_from }
 }
 
 /// When enough of the motion has been filmed for the work beside the filming.
@@ -217,48 +197,66 @@ impl Milestones {
     }
 }
 
-/// Records what the camera shows and says what it means to the machine.
-fn take_seen(
-    seen: Seen,
-    recorder: &Recorder,
-    images: &mut ImageCount,
-    notify: &mut impl FnMut(Notice),
-) -> Result<Event, RecordError> {
-    Ok(match seen {
-        Seen::Image(image) => {
-            recorder.image(Arc::clone(&image))?;
-            notify(Notice::Image(Arc::clone(&image)));
-            Event::Image { identical: images.count(image) }
-        }
-        Seen::Changed(share) => Event::Changed(share),
-    })
+/// Where everything goes that is told and seen: into the recording, and to who listens.
+struct Kept<N> {
+    recorder: Recorder,
+    images: ImageCount,
+    notify: N,
 }
 
-/// Records what a device told and says what it means to the machine, if anything.
-fn take_signal(
-    signal: Signal,
-    recorder: &Recorder,
-    notify: &mut impl FnMut(Notice),
-) -> Result<Option<Event>, RecordError> {
-    Ok(Some(match signal {
-        Signal::CameraFailed(CameraError::End) => Event::Fault("camera: no more images".into()),
-        Signal::CameraFailed(error) => Event::Fault(with_causes(&error)),
-        Signal::ServoFailed(error) => Event::Fault(with_causes(&error)),
-        Signal::Panicked(thread) => Event::Fault(format!("our fault: the {thread} thread panicked")),
-        Signal::Servo(event) => {
-            recorder.servo(&event)?;
-            notify(Notice::Servo(event.clone()));
-            match event {
-                ServoEvent::Started { .. } => Event::Started,
-                ServoEvent::Finished { .. } => Event::Finished,
-                ServoEvent::Note { text } => {
-                    notify(Notice::Journal(format!("servo: {text}")));
-                    return Ok(None);
-                }
-                ServoEvent::Ping { .. } | ServoEvent::Pulse { .. } => return Ok(None),
+impl<N: FnMut(Notice)> Kept<N> {
+    /// Records what the camera shows and says what it means to the machine.
+    fn take_seen(&mut self, seen: Seen) -> Result<Event, RecordError> {
+        Ok(match seen {
+            Seen::Image(image) => {
+                self.recorder.image(Arc::clone(&image))?;
+                (self.notify)(Notice::Image(Arc::clone(&image)));
+                Event::Image { identical: self.images.count(image) }
             }
+            Seen::Changed(share) => Event::Changed(share),
+        })
+    }
+
+    /// Records what a device told and says what it means to the machine, if anything.
+    fn take_signal(&mut self, signal: Signal) -> Result<Option<Event>, RecordError> {
+        Ok(Some(match signal {
+            Signal::CameraFailed(CameraError::End) => Event::Fault("camera: no more images".into()),
+            Signal::CameraFailed(error) => Event::Fault(with_causes(&error)),
+            Signal::ServoFailed(error) => Event::Fault(with_causes(&error)),
+            Signal::Panicked(thread) => Event::Fault(format!("our fault: the {thread} thread panicked")),
+            Signal::Servo(event) => {
+                self.recorder.servo(&event)?;
+                (self.notify)(Notice::Servo(event.clone()));
+                match event {
+                    ServoEvent::Started { .. } => Event::Started,
+                    ServoEvent::Finished { .. } => Event::Finished,
+                    ServoEvent::Note { text } => {
+                        (self.notify)(Notice::Journal(format!("servo: {text}")));
+                        return Ok(None);
+                    }
+                    ServoEvent::Ping { .. } | ServoEvent::Pulse { .. } => return Ok(None),
+                }
+            }
+        }))
+    }
+
+    /// Records what the board was told.
+    fn command(&mut self, command: ServoCommand) -> Result<(), RecordError> {
+        self.recorder.command(&command)?;
+        (self.notify)(Notice::Command(command));
+        Ok(())
+    }
+
+    /// Closes the recording. A success without a whole recording is none.
+    fn finish(self, ending: Ending) -> (Ending, Recorded) {
+        match tokio::task::block_in_place(|| self.recorder.finish()) {
+            Ok(recorded) => (ending, recorded),
+            Err(error) if ending == Ending::Success => {
+                (Ending::Fail(with_causes(&error)), Recorded::default())
+            }
+            Err(_) => (ending, Recorded::default()),
         }
-    }))
+    }
 }
 
 #[derive(Default)]

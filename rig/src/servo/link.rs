@@ -19,14 +19,14 @@ const BURST_S: f64 = 0.010;
 /// Wait for an answer before asking again; doubles each time.
 const FIRST_WAIT_S: f64 = 0.025;
 /// How often a command is sent at most.
-const TRIES: u32 = 3;
+const MOST_TRIES: u32 = 3;
 const E_STOP_EVERY_S: f64 = 0.020;
 /// Clock samples kept: a minute's worth.
-const SAMPLES: usize = 1200;
+const CLOCK_SAMPLES: usize = 1200;
 /// Pings whose answer may still come.
-const PINGS: usize = 64;
+const OPEN_PINGS: usize = 64;
 /// Events kept for an owner that does not ask: some minutes' worth.
-const EVENTS: usize = 50_000;
+const MOST_EVENTS: usize = 50_000;
 
 /// What is wrong with the board or the line to it.
 #[derive(Debug, Clone, PartialEq)]
@@ -227,7 +227,7 @@ impl Link {
     }
 
     fn tell(&mut self, event: ServoEvent) {
-        if self.events.len() < EVENTS {
+        if self.events.len() < MOST_EVENTS {
             self.events.push(event);
         } else {
             self.dropped_events += 1;
@@ -280,7 +280,7 @@ impl Link {
             return Some(Command::EStop.encode(sequence).encode());
         }
         if let Some(asked) = self.under_way.as_mut().filter(|asked| now >= asked.next) {
-            if asked.sent == TRIES {
+            if asked.sent == MOST_TRIES {
                 self.fail_under_way();
             } else {
                 asked.sent += 1;
@@ -294,7 +294,7 @@ impl Link {
             self.burst = self.burst.saturating_sub(1);
             self.heartbeat = Some(now.plus_seconds(pause_s));
             let sequence = self.number();
-            self.pings.truncate(PINGS - 1);
+            self.pings.truncate(OPEN_PINGS - 1);
             self.pings.push_front((sequence, now));
             return Some(Command::Ping.encode(sequence).encode());
         }

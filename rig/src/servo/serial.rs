@@ -24,7 +24,7 @@ use crate::servo::PulseProfile;
 
 const HELLO_EVERY: Duration = Duration::from_millis(200);
 /// Pings at the start, for a clock good enough to arm by.
-const BURST: u32 = 8;
+const FIRST_PINGS: u32 = 8;
 /// A command's three tries take 175 ms; more means that the thread is held up.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 /// How long an e-stop is repeated before the board is left to its dead-man.
@@ -184,7 +184,7 @@ impl SerialBoard {
         }
         // From the hello on the dead-man watches; the commands so far kept it quiet.
         let mut link = self.shared.link();
-        link.keep_alive(BURST, MonotonicNs::now());
+        link.keep_alive(FIRST_PINGS, MonotonicNs::now());
         link.expect_fault(Fault::None);
         match link.take_trouble() {
             // The one acknowledged, should the board have told of it.

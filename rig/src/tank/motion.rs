@@ -14,7 +14,7 @@ use crate::clock::MonotonicNs;
 /// Snapshots are this far apart \[ns\].
 const SNAPSHOT_EVERY_NS: u64 = 20_000_000;
 /// So many are kept: five seconds, much longer than any log is behind.
-const SNAPSHOTS: usize = 250;
+const MOST_SNAPSHOTS: usize = 250;
 /// Slower than this everywhere \[rad/s\] for `STILL_SNAPSHOTS` in a row, half a second, and the mechanism stands
 /// still until something happens; hours of waiting then cost nothing.
 const STILL_RAD_PER_S: f64 = 1e-6;
@@ -192,7 +192,7 @@ impl Motion {
                 self.settle();
                 if keep {
                     self.snapshots.push_back(self.now.clone());
-                    if self.snapshots.len() > SNAPSHOTS {
+                    if self.snapshots.len() > MOST_SNAPSHOTS {
                         self.snapshots.pop_front();
                         self.forget();
                     }

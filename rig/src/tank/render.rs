@@ -58,9 +58,9 @@ pub struct Renderer {
 /// Sub-rows of a pixel.
 const SUB_ROWS: usize = 8;
 /// Corners of a polygon in place of a circle: its sides are within 0.03 px of a circle of 40 px.
-const CIRCLE: usize = 80;
+const CIRCLE_CORNERS: usize = 80;
 /// The blur's kernel ends after this many sigmas.
-const KERNEL: f64 = 3.0;
+const KERNEL_SIGMAS: f64 = 3.0;
 
 impl Renderer {
     /// A camera that sees the plane of motion as `plane` says, in the light of `look`.
@@ -158,7 +158,8 @@ fn outline(geom: &Geom<f64>, pos: Vec3<f64>, rot: &Mat3<f64>) -> Vec<[f64; 2]> {
         let Vec3([x, _, z]) = pos + rot.apply(Vec3(local));
         [x, z]
     };
-    let circle = || (0..CIRCLE).map(|i| (i as f64 * std::f64::consts::TAU / CIRCLE as f64).sin_cos());
+    let circle =
+        || (0..CIRCLE_CORNERS).map(|i| (i as f64 * std::f64::consts::TAU / CIRCLE_CORNERS as f64).sin_cos());
     let [a, b, c] = geom.size;
     match geom.kind {
         GeomKind::Plane => Vec::new(),
@@ -224,7 +225,7 @@ impl Patch {
     /// The union of convex `polygons`; `None` when nothing of it is in the picture.
     fn of(polygons: &[Vec<Px>], blur_px: f64, width: u32, height: u32) -> Option<Self> {
         let corners = || polygons.iter().flatten().filter(|p| p[0].is_finite() && p[1].is_finite());
-        let margin = KERNEL * blur_px + 1.0;
+        let margin = KERNEL_SIGMAS * blur_px + 1.0;
         let bound = |axis: usize, size: u32| {
             let low = corners().map(|p| p[axis]).fold(f64::INFINITY, f64::min) - margin;
             let high = corners().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) + margin;
@@ -281,7 +282,7 @@ impl Patch {
         if sigma <= 0.0 {
             return;
         }
-        let reach = (KERNEL * sigma).ceil() as usize;
+        let reach = (KERNEL_SIGMAS * sigma).ceil() as usize;
         let bell: Vec<f64> =
             (0..=2 * reach).map(|i| (-0.5 * ((i as f64 - reach as f64) / sigma).powi(2)).exp()).collect();
         let sum: f64 = bell.iter().sum();
@@ -318,7 +319,7 @@ impl Patch {
 
 /// Adds one sub-row's share to the cover of a row of pixels: the union of `spans`, in pixels from the left.
 fn add_union(spans: &mut [(f64, f64)], cover: &mut [f32]) {
-    const SHARE: f64 = 1.0 / SUB_ROWS as f64;
+    const ROW_SHARE: f64 = 1.0 / SUB_ROWS as f64;
     spans.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut done = 0.0f64;
     for &(from, to) in spans.iter() {
@@ -329,11 +330,11 @@ fn add_union(spans: &mut [(f64, f64)], cover: &mut [f32]) {
         done = to;
         let (first, last) = (from as usize, (to.ceil() as usize).max(1) - 1);
         if first == last {
-            cover[first] += (SHARE * (to - from)) as f32;
+            cover[first] += (ROW_SHARE * (to - from)) as f32;
         } else {
-            cover[first] += (SHARE * (first as f64 + 1.0 - from)) as f32;
-            cover[first + 1..last].iter_mut().for_each(|pixel| *pixel += SHARE as f32);
-            cover[last] += (SHARE * (to - last as f64)) as f32;
+            cover[first] += (ROW_SHARE * (first as f64 + 1.0 - from)) as f32;
+            cover[first + 1..last].iter_mut().for_each(|pixel| *pixel += ROW_SHARE as f32);
+            cover[last] += (ROW_SHARE * (to - last as f64)) as f32;
         }
     }
 }

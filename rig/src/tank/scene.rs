@@ -104,7 +104,7 @@ impl Tank {
 }
 
 /// Length of the table that noise is taken from: a prime, so that rows of no picture line up with it.
-const TABLE: usize = 1_048_573;
+const NOISE_NUMBERS: usize = 1_048_573;
 
 /// A sensor's noise: normal, independent from pixel to pixel. Drawn once into a table that each image enters at a place of
 /// its own, since drawing 300 000 numbers for each image would take longer than the image's period.
@@ -118,7 +118,7 @@ impl Noise {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut grey = || -> f64 { StandardNormal.sample(&mut random) };
         let table = if std_grey > 0.0 {
-            (0..TABLE).map(|_| (grey() * std_grey).round() as i8).collect()
+            (0..NOISE_NUMBERS).map(|_| (grey() * std_grey).round() as i8).collect()
         } else {
             Vec::new()
         };
@@ -129,11 +129,11 @@ impl Noise {
         if self.table.is_empty() {
             return;
         }
-        let mut from = ChaCha8Rng::seed_from_u64(self.seed ^ at.0).random_range(0..TABLE);
+        let mut from = ChaCha8Rng::seed_from_u64(self.seed ^ at.0).random_range(0..NOISE_NUMBERS);
         let mut pixels: &mut [u8] = picture;
         while !pixels.is_empty() {
             // Slice by slice, which the compiler does for many pixels at once.
-            let (now, later) = pixels.split_at_mut(pixels.len().min(TABLE - from));
+            let (now, later) = pixels.split_at_mut(pixels.len().min(NOISE_NUMBERS - from));
             for (pixel, &noise) in now.iter_mut().zip(&self.table[from..]) {
                 *pixel = pixel.saturating_add_signed(noise);
             }

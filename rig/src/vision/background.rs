@@ -230,7 +230,7 @@ impl Plane {
     /// The quadratic surface through most of `image`: Tukey's biweight, reweighted from the median outward, so
     /// that a mechanism that covers up to a third of the picture does not bend it.
     fn through(image: &GrayImage) -> Self {
-        const SAMPLES: usize = 4000;
+        const NOISE_SAMPLES: usize = 4000;
         const ROUNDS: usize = 8;
         const TUKEY: f64 = 4.685;
         const MAD_TO_SIGMA: f64 = 1.4826;
@@ -241,7 +241,7 @@ impl Plane {
             let (u, v) = (2.0 * x / width as f64 - 1.0, 2.0 * y / height as f64 - 1.0);
             Vector6::new(1.0, u, v, u * u, u * v, v * v)
         };
-        let stride = ((width * height) as f64 / SAMPLES as f64).sqrt().ceil().max(1.0) as usize;
+        let stride = ((width * height) as f64 / NOISE_SAMPLES as f64).sqrt().ceil().max(1.0) as usize;
         let mut samples = Vec::new();
         for y in (stride / 2..height).step_by(stride) {
             for x in (stride / 2..width).step_by(stride) {
@@ -365,16 +365,16 @@ fn level(values: &[f32], noise: f32, min_area_px: f64) -> Result<f32, Rejection>
 fn noise(image: &GrayImage) -> f32 {
     /// 1.4826 turns a median of sizes into a sigma, the root undoes the sum of two noises.
     const SIZE_TO_SIGMA: f32 = 1.4826 / std::f32::consts::SQRT_2;
-    const QUANTISATION: f32 = 0.3;
+    const QUANTISATION_GREY: f32 = 0.3;
     /// Most cameras' noise is below this.
-    const USUALLY: usize = 15;
+    const USUAL_NOISE_GREY: usize = 15;
     let total = (image.width() as usize).saturating_sub(1) * image.height() as usize;
     // The median by halving its range: counting what is below a limit is quicker than a histogram. `below`
     // and `up_to` are how many differ by less than `least`, and by no more than `most`.
     let (mut least, mut below) = (0, 0);
-    let (mut most, mut up_to) = (USUALLY, smaller_steps(image, USUALLY + 1));
+    let (mut most, mut up_to) = (USUAL_NOISE_GREY, smaller_steps(image, USUAL_NOISE_GREY + 1));
     if 2 * up_to < total.max(1) {
-        (least, below, most, up_to) = (USUALLY + 1, up_to, 255, total);
+        (least, below, most, up_to) = (USUAL_NOISE_GREY + 1, up_to, 255, total);
     }
     while least < most {
         let middle = (least + most) / 2;
@@ -387,18 +387,18 @@ fn noise(image: &GrayImage) -> f32 {
     }
     // Sizes are rounded: the median lies inside this one, in proportion.
     let inside = (total as f32 / 2.0 - below as f32) / (up_to - below).max(1) as f32;
-    ((least as f32 - 0.5 + inside).max(0.0) * SIZE_TO_SIGMA).max(QUANTISATION)
+    ((least as f32 - 0.5 + inside).max(0.0) * SIZE_TO_SIGMA).max(QUANTISATION_GREY)
 }
 
 /// How many neighbours in a row differ by less than `limit` grey levels.
 fn smaller_steps(image: &GrayImage, limit: usize) -> usize {
     /// No more than a byte can count, in whole registers.
-    const BLOCK: usize = 240;
+    const BLOCK_PX: usize = 240;
     let Some(most) = limit.checked_sub(1) else { return 0 };
     let most = most.min(255) as u8;
     let mut count = 0;
     for row in image.as_raw().chunks_exact(image.width().max(1) as usize) {
-        for (left, right) in row.chunks(BLOCK).zip(row[1..].chunks(BLOCK)) {
+        for (left, right) in row.chunks(BLOCK_PX).zip(row[1..].chunks(BLOCK_PX)) {
             let small = left
                 .iter()
                 .zip(right)

@@ -31,12 +31,12 @@ pub struct Centreline {
 const CORE_WEIGHT: f64 = 10.0;
 const END_SMOOTHING: f64 = 2.0;
 /// Midpoints are found, smoothed and found again this many times.
-const ROUNDS: usize = 3;
+const MIDPOINT_ROUNDS: usize = 3;
 /// An edge is looked for as far as this many half widths of the thinned path, and `REACH_PX` more.
-const REACH: f64 = 2.0;
+const REACH_HALF_WIDTHS: f64 = 2.0;
 const REACH_PX: f64 = 3.0;
 /// A half width this many times the thinned path's, and `WIDEST_PX` more, has met something else.
-const WIDEST: f64 = 1.5;
+const WIDEST_RATIO: f64 = 1.5;
 const WIDEST_PX: f64 = 1.5;
 /// Step of looking for an edge \[px\]; below half the blur of any lens.
 const STEP_PX: f64 = 0.25;
@@ -72,7 +72,7 @@ impl Centreline {
             .collect();
         points = smoothed(&points, &vec![1.0; points.len()], scale);
         let mut between = Between::default();
-        for _ in 0..ROUNDS {
+        for _ in 0..MIDPOINT_ROUNDS {
             between = Between::edges(contrast, &points, &stretched(&expected, 0, points.len(), 0));
             let seen = between.weights.iter().filter(|&&w| w > 0.0).count();
             if (seen as f64) < LEAST_SEEN * points.len() as f64 {
@@ -152,15 +152,15 @@ impl Centreline {
 /// end in a round or pointed end are hardly cut.
 fn bent_part(typical: f64, total: f64, radius: impl Fn(f64) -> f64) -> f64 {
     /// Growth per pixel: 0.7 on the way out of a right angle; 0.1 along a sharply pointed arm.
-    const STEEP: f64 = 0.35;
+    const STEEP_GROWTH: f64 = 0.35;
     /// Cut beyond that, in half widths: the path is still turning.
-    const MARGIN: f64 = 0.4;
+    const CUT_HALF_WIDTHS: f64 = 0.4;
     let window = (0.4 * typical).max(2.0);
     let mut s = 0.0;
-    while s < total / 4.0 && radius(s + window) - radius(s) > STEEP * window {
+    while s < total / 4.0 && radius(s + window) - radius(s) > STEEP_GROWTH * window {
         s += 0.5;
     }
-    s + MARGIN * radius(s)
+    s + CUT_HALF_WIDTHS * radius(s)
 }
 
 /// Both edges beside each point of a line.
@@ -177,8 +177,9 @@ impl Between {
         let mut out = Self::default();
         for ((point, [tx, ty]), expected) in points.iter().zip(tangents(points)).zip(expected) {
             let normal = [-ty, tx];
-            let sides = both_edges(contrast, *point, normal, expected / 2.0, REACH * expected + REACH_PX)
-                .filter(|[left, right]| (left + right) / 2.0 <= WIDEST * expected + WIDEST_PX);
+            let sides =
+                both_edges(contrast, *point, normal, expected / 2.0, REACH_HALF_WIDTHS * expected + REACH_PX)
+                    .filter(|[left, right]| (left + right) / 2.0 <= WIDEST_RATIO * expected + WIDEST_PX);
             // Where an edge is missing the line bridges.
             let shift = sides.map_or(0.0, |[left, right]| (left - right) / 2.0);
             out.middles.push(moved(*point, normal, shift));
@@ -219,22 +220,22 @@ fn both_edges(contrast: &Contrast, point: Px, normal: Px, likely: f64, reach: f6
 /// is not expected to end, beyond `reach` nothing is looked for.
 fn edge(contrast: &Contrast, point: Px, direction: Px, likely: f64, reach: f64) -> Option<f64> {
     /// What is left of the contrast outside, as a share; noise permitting.
-    const OUTSIDE: f64 = 0.15;
+    const OUTSIDE_CONTRAST_SHARE: f64 = 0.15;
     /// The contrast inside is looked for this far behind the edge's foot [px]: more than any lens blurs.
     const INSIDE_PX: f64 = 2.5;
     /// As long as this share of the contrast is reached from pixel to pixel, no edge is near.
     const WELL_INSIDE: f32 = 0.6;
-    const BEHIND: usize = (INSIDE_PX / STEP_PX) as usize;
-    const PIXEL: usize = (1.0 / STEP_PX) as usize;
-    let low = (OUTSIDE * f64::from(contrast.level)).max(3.0 * f64::from(contrast.noise));
+    const INSIDE_STEPS: usize = (INSIDE_PX / STEP_PX) as usize;
+    const STEPS_PER_PX: usize = (1.0 / STEP_PX) as usize;
+    let low = (OUTSIDE_CONTRAST_SHARE * f64::from(contrast.level)).max(3.0 * f64::from(contrast.noise));
     let steps = (reach / STEP_PX) as usize;
     let at = |i: usize| contrast.at(moved(point, direction, i as f64 * STEP_PX));
     let well_inside = WELL_INSIDE * contrast.level;
     let pixel = |k: usize| contrast.nearest(moved(point, direction, k as f64)) < well_inside;
     let skipped = if pixel(likely as usize) { 0 } else { likely as usize };
-    let near = (skipped..=steps / PIXEL).find(|&k| pixel(k)).map_or(steps, |k| k * PIXEL);
-    let start = near.saturating_sub(PIXEL + BEHIND);
-    let mut values = Vec::with_capacity(2 * (PIXEL + BEHIND));
+    let near = (skipped..=steps / STEPS_PER_PX).find(|&k| pixel(k)).map_or(steps, |k| k * STEPS_PER_PX);
+    let start = near.saturating_sub(STEPS_PER_PX + INSIDE_STEPS);
+    let mut values = Vec::with_capacity(2 * (STEPS_PER_PX + INSIDE_STEPS));
     for i in start..=steps {
         let value = at(i);
         values.push(value);
@@ -244,7 +245,7 @@ fn edge(contrast: &Contrast, point: Px, direction: Px, likely: f64, reach: f64) 
     }
     // Beside something else the contrast never falls so low: its lowest place is the foot.
     let foot = (0..values.len()).rev().min_by(|&a, &b| values[a].total_cmp(&values[b]))?;
-    let behind = foot.saturating_sub(BEHIND);
+    let behind = foot.saturating_sub(INSIDE_STEPS);
     let half = values[behind..=foot].iter().copied().fold(0.0, f64::max) / 2.0;
     let last_inside = (0..foot).rev().find(|&i| values[i] > half)?;
     let (inside, outside) = (values[last_inside], values[last_inside + 1]);
@@ -256,15 +257,15 @@ fn edge(contrast: &Contrast, point: Px, direction: Px, likely: f64, reach: f64) 
 /// points passed, the end last.
 fn led_on(contrast: &Contrast, start: Px, direction: Px, half_width: f64) -> Vec<Px> {
     /// Farther than this many half widths is not the end of the same thing.
-    const FARTHEST: f64 = 6.0;
+    const FARTHEST_HALF_WIDTHS: f64 = 6.0;
     /// Share of the last step's direction in the next one's: the end of a bent tail bends on.
-    const TURN: f64 = 0.3;
+    const KEPT_TURN_SHARE: f64 = 0.3;
     /// Largest move sideways per pixel forward.
-    const SIDEWAYS: f64 = 0.5;
+    const MOST_SIDEWAYS_SHARE: f64 = 0.5;
     let mut level = contrast.at(start);
     let mut points = Vec::new();
     let (mut at, mut along, mut half_width) = (start, direction, half_width);
-    while (points.len() as f64) < FARTHEST * half_width.max(2.0) {
+    while (points.len() as f64) < FARTHEST_HALF_WIDTHS * half_width.max(2.0) {
         let half = level.max(f64::from(contrast.level) / 2.0) / 2.0;
         let (here, ahead) = (contrast.at(at), contrast.at(moved(at, along, 1.0)));
         if here <= half {
@@ -277,14 +278,17 @@ fn led_on(contrast: &Contrast, start: Px, direction: Px, half_width: f64) -> Vec
         let mut next = moved(at, along, 1.0);
         let normal = [-along[1], along[0]];
         if let Some([left, right]) = both_edges(contrast, next, normal, 0.0, 1.5 * half_width + 1.0) {
-            let shift = ((left - right) / 2.0).clamp(-SIDEWAYS, SIDEWAYS);
+            let shift = ((left - right) / 2.0).clamp(-MOST_SIDEWAYS_SHARE, MOST_SIDEWAYS_SHARE);
             next = moved(next, normal, shift);
             half_width = half_width.min((left + right) / 2.0).max(1.0);
         }
         let step = unit(at, next);
         along = unit(
             [0.0, 0.0],
-            [along[0] + TURN * (step[0] - along[0]), along[1] + TURN * (step[1] - along[1])],
+            [
+                along[0] + KEPT_TURN_SHARE * (step[0] - along[0]),
+                along[1] + KEPT_TURN_SHARE * (step[1] - along[1]),
+            ],
         );
         level = 0.7 * level + 0.3 * contrast.at(next);
         at = next;

@@ -217,12 +217,12 @@ impl VisionConfig {
     /// How many mean half widths short of its ends the centreline stops, see the key.
     pub fn end_inset(&self) -> f64 {
         /// The centre of a round end is one half width in; a body narrows towards it.
-        const ROUND: f64 = 0.9;
+        const ROUND_END_INSET: f64 = 0.9;
         match self.end_inset {
             _ if self.mode != Mode::Arc => 0.0,
             Some(inset) => inset.get(),
             None if self.base_px.is_some() => 0.0,
-            None => ROUND,
+            None => ROUND_END_INSET,
         }
     }
 

@@ -50,7 +50,7 @@ struct Last {
 /// A sample for [`Extractor::learn`] needs no more images than this.
 pub const LEARN_FROM: usize = 41;
 /// Points at which two lines are compared.
-const COMPARED: usize = 25;
+const COMPARED_POINTS: usize = 25;
 /// A silhouette's end this close to static mask or border is not the mechanism's \[px\].
 const COVERED_PX: f64 = 3.0;
 /// A gap of twice this between two parts of a silhouette is no wider than their blurred edges: they may touch
@@ -362,5 +362,7 @@ fn readable(image: &TimedImage) -> Result<&GrayImage, Rejection> {
 fn compared(points: &[Px]) -> Vec<Px> {
     let lengths = arc_lengths(points);
     let total = lengths[lengths.len() - 1];
-    (0..COMPARED).map(|i| point_at(points, &lengths, total * i as f64 / (COMPARED - 1) as f64)).collect()
+    (0..COMPARED_POINTS)
+        .map(|i| point_at(points, &lengths, total * i as f64 / (COMPARED_POINTS - 1) as f64))
+        .collect()
 }

@@ -123,12 +123,12 @@ fn on_links(config: &VisionConfig, plane: &Plane, shape: &Shape) -> Result<Found
 /// P0 and its sigma where the picture does not show the base end, `overhang` before which P0 would lie.
 fn hidden_base(config: &VisionConfig, overhang: f64, shape: &Shape) -> Option<(Px, f64)> {
     /// Farther than this from the visible end, `base_px` says that the end is not the base.
-    const SIGMAS: f64 = 4.0;
+    const OTHER_END_SIGMAS: f64 = 4.0;
     let start = shape.line.points[0];
     let width = 2.0 * shape.line.mean_half_width();
     let sigma = config.base_std_px.get();
     match config.base() {
-        Some(base) if shape.base_covered || distance(base, start) > overhang + SIGMAS * sigma => {
+        Some(base) if shape.base_covered || distance(base, start) > overhang + OTHER_END_SIGMAS * sigma => {
             Some((base, sigma))
         }
         None if shape.base_covered => Some((start, width)),

@@ -42,18 +42,18 @@ pub struct FittedChain {
 }
 
 /// Edge points closer to an inner joint than this many half widths are left out.
-const JOINT: f64 = 1.5;
+const JOINT_HALF_WIDTHS: f64 = 1.5;
 /// Tukey's constant, and the factor from a median size to a sigma.
 const TUKEY: f64 = 4.685;
 const SIZE_TO_SIGMA: f64 = 1.4826;
 /// Neighbouring edge points share pixels, and so their noise.
-const CORRELATED: f64 = 1.5;
+const CORRELATED_POINTS: f64 = 1.5;
 /// What pixel sampling leaves however many points there are, 1 sigma \[px\]; measured on renders.
 const FLOOR_PX: f64 = 0.03;
-const ROUNDS: usize = 40;
+const MOST_ROUNDS: usize = 40;
 /// Half widths within which edge points count at first, and how that shrinks from round to round.
-const REACH: f64 = 2.0;
-const SHARPER: f64 = 0.5;
+const FIRST_REACH_HALF_WIDTHS: f64 = 2.0;
+const REACH_SHRINK_SHARE: f64 = 0.5;
 /// Levenberg's damping, relative to the diagonal: almost none, and so much that nothing moves.
 const LEAST_DAMPING: f64 = 1e-9;
 const MOST_DAMPING: f64 = 1e9;
@@ -106,10 +106,10 @@ impl Chain {
         let mut damping = 1e-3;
         let mut rows = self.residuals(edge, &pose)?;
         // A straight chain's sides fit wherever it lies along its line: what its ends say must count until they meet.
-        let mut coarse = half / TUKEY * REACH;
+        let mut coarse = half / TUKEY * FIRST_REACH_HALF_WIDTHS;
         let mut scale = robust_sigma(&rows).max(coarse);
         let mut cost = self.cost(&rows, scale, &pose);
-        for _ in 0..ROUNDS {
+        for _ in 0..MOST_ROUNDS {
             let (normal, right) = self.normal(&rows, scale, &pose);
             let settled = loop {
                 let mut damped = normal.clone();
@@ -135,12 +135,12 @@ impl Chain {
             if settled && seen >= coarse {
                 break;
             }
-            coarse *= SHARPER;
+            coarse *= REACH_SHRINK_SHARE;
             scale = seen.max(coarse);
             cost = self.cost(&rows, scale, &pose);
         }
         let (normal, _) = self.normal(&rows, scale, &pose);
-        let covariance = normal.cholesky()?.inverse() * CORRELATED;
+        let covariance = normal.cholesky()?.inverse() * CORRELATED_POINTS;
         let std_px = (0..=n).map(|i| self.keypoint_std(i, &pose, &covariance)).collect();
         let points = pose.points(&self.lengths);
         points.iter().flatten().all(|v| v.is_finite()).then_some(FittedChain {
@@ -246,7 +246,7 @@ impl Chain {
         for &p in edge {
             let near_joint = |pair: &[Placed]| {
                 let [dx, dy] = [p[0] - pair[1].start[0], p[1] - pair[1].start[1]];
-                dx * dx + dy * dy < (JOINT * pair[1].half.max(pair[0].half)).powi(2)
+                dx * dx + dy * dy < (JOINT_HALF_WIDTHS * pair[1].half.max(pair[0].half)).powi(2)
             };
             let near_base = || {
                 self.base.is_some() && self.seen_from(0, &links[0], p).at[0] < -self.overhang + links[0].half

@@ -8,15 +8,15 @@ use super::spline::{distance, moved, unit};
 use crate::calibration::Px;
 
 /// Rim of the silhouette.
-const RIM: Rgb<u8> = Rgb([40, 200, 80]);
+const RIM_RGB: Rgb<u8> = Rgb([40, 200, 80]);
 /// Centreline.
-const LINE: Rgb<u8> = Rgb([255, 160, 0]);
+const CENTRELINE_RGB: Rgb<u8> = Rgb([255, 160, 0]);
 /// P0 and Pn.
-const END: Rgb<u8> = Rgb([230, 30, 30]);
+const END_RGB: Rgb<u8> = Rgb([230, 30, 30]);
 /// P1..Pn-1.
-const INNER: Rgb<u8> = Rgb([30, 220, 255]);
+const INNER_RGB: Rgb<u8> = Rgb([30, 220, 255]);
 /// Rim of a silhouette that was rejected.
-const REFUSED: Rgb<u8> = Rgb([220, 60, 220]);
+const REJECTED_RGB: Rgb<u8> = Rgb([220, 60, 220]);
 
 /// `image` enlarged `zoom` times with what `record` found in it.
 pub fn overlay(image: &GrayImage, record: &ImageRecord, zoom: u32) -> RgbImage {
@@ -26,14 +26,14 @@ pub fn overlay(image: &GrayImage, record: &ImageRecord, zoom: u32) -> RgbImage {
         Rgb([grey; 3])
     });
     if let Some(mask) = &record.mask {
-        let colour = if record.status == Status::Rejected { REFUSED } else { RIM };
+        let colour = if record.status == Status::Rejected { REJECTED_RGB } else { RIM_RGB };
         draw_rim(&mut out, mask, zoom, colour);
     }
     for pair in record.centreline.windows(2) {
-        draw_segment(&mut out, pair[0], pair[1], zoom, LINE);
+        draw_segment(&mut out, pair[0], pair[1], zoom, CENTRELINE_RGB);
     }
     for (i, keypoint) in record.keypoints.iter().enumerate() {
-        let colour = if i == 0 || i + 1 == record.keypoints.len() { END } else { INNER };
+        let colour = if i == 0 || i + 1 == record.keypoints.len() { END_RGB } else { INNER_RGB };
         let radius = 1.0 + 0.6 * f64::from(zoom);
         let [x, y] = keypoint.px.map(|c| (c + 0.5) * f64::from(zoom));
         let reach = radius.ceil() as i64;

@@ -125,8 +125,8 @@ pub fn longest_path(skeleton: &Mask) -> Vec<Px> {
 /// Dijkstra over the skeleton's pixels: the farthest one from `start`, and where each was reached from.
 fn farthest(skeleton: &Mask, start: usize) -> (usize, Vec<usize>) {
     // 7/5 is the root of 2 to 1 %, in whole numbers: no tie is ever broken by rounding.
-    const STRAIGHT: u32 = 5;
-    const DIAGONAL: u32 = 7;
+    const STRAIGHT_STEP: u32 = 5;
+    const DIAGONAL_STEP: u32 = 7;
     let (w, h) = (skeleton.width, skeleton.height);
     let mut distance = vec![u32::MAX; w * h];
     let mut came_from = vec![start; w * h];
@@ -146,7 +146,7 @@ fn farthest(skeleton: &Mask, start: usize) -> (usize, Vec<usize>) {
             if x >= w || y >= h || !skeleton.bits[y * w + x] {
                 continue;
             }
-            let further = d + if dx == 0 || dy == 0 { STRAIGHT } else { DIAGONAL };
+            let further = d + if dx == 0 || dy == 0 { STRAIGHT_STEP } else { DIAGONAL_STEP };
             if further < distance[y * w + x] {
                 distance[y * w + x] = further;
                 came_from[y * w + x] = at;

@@ -20,9 +20,9 @@ pub(super) struct Solid {
 }
 
 /// Rounds of the search at most; smooth shapes need a few dozen.
-const ROUNDS: usize = 200;
+const MOST_ROUNDS: usize = 200;
 /// The search ends when this share of the distance, or less, may be left to be found.
-const CLOSE: f64 = 1e-9;
+const UNFOUND_SHARE: f64 = 1e-9;
 /// Cores closer than this \[m\] count as touching.
 const TOUCHING_M: f64 = 1e-12;
 
@@ -94,14 +94,14 @@ fn between_cores(a: &Solid, b: &Solid) -> f64 {
     let mut simplex = Simplex { points: [Vec3::ZERO; 4], count: 0 };
     let mut nearest = difference(b.at - a.at);
     simplex.push(nearest);
-    for _ in 0..ROUNDS {
+    for _ in 0..MOST_ROUNDS {
         let squared = nearest.dot(nearest);
         if squared < TOUCHING_M * TOUCHING_M {
             return 0.0;
         }
         let next = difference(-nearest);
         // no point of the set lies nearer along this direction than `next` does
-        if squared - nearest.dot(next) <= CLOSE * squared || simplex.has(next) {
+        if squared - nearest.dot(next) <= UNFOUND_SHARE * squared || simplex.has(next) {
             break;
         }
         simplex.push(next);

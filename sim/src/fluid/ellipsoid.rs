@@ -61,7 +61,7 @@ impl<T: Scalar> Ellipsoid<T> {
         }
     }
 
-    /// The same with the lift of these engines. Before 3.14, num and |v| den below were at least 1e-15, in SI.
+    /// The same with the lift of these engines. Before 3.14, num and |v| den of [`Self::wrench`] were at least 1e-15, in SI.
     #[must_use]
     pub fn with_lift(self, lift: KuttaLift) -> Self {
         let floor = match lift {
@@ -81,7 +81,7 @@ impl<T: Scalar> Ellipsoid<T> {
     ///
     /// T = rho (mA v) x v + rho (IA w) x w - (8 pi mu rbar^3 + rho |(c2 I + c1 (Imax - I)) w|) w
     ///
-    /// with the shadow area A = pi sqrt(den / num), num = sum (s v)^2, den = sum s^4 v^2, s_i = r_j r_k, the shadow's
+    /// with the projected area A = pi sqrt(den / num), num = sum (s v)^2, den = sum s^4 v^2, s_i = r_j r_k, its
     /// normal n = s^2 v / sqrt(den), cos(a) = n.v / |v|. Smooth enough at rest: every derivative is finite.
     ///
     /// # Source
@@ -91,13 +91,18 @@ impl<T: Scalar> Ellipsoid<T> {
     }
 }
 
-/// The shape as the water meets it.
-struct Shadow<S: Space> {
+/// The shape as the water meets it: what the formulas of [`Ellipsoid::wrench`] have in common.
+struct Projection<S: Space> {
+    /// |v| \[m/s\].
     speed: S::T,
+    /// The normal of the projected area, not of length 1: s^2 v.
     normal: S::Vec,
-    along: S::T,
-    below: S::T,
-    shadow: S::T,
+    /// num, which is normal.v.
+    num: S::T,
+    /// |v| den, den being normal.normal.
+    speed_den: S::T,
+    /// Projected area A over pi \[m2\].
+    area_over_pi: S::T,
 }
 
 /// What resists a shape's motion, per unit of velocity.
@@ -152,11 +157,11 @@ impl<S: Space> Immersed<S> {
         let momentum = S::constant(self.added_mass).times(v) * density;
         let spin = S::constant_spin(self.added_inertia).times(w) * density;
 
-        let seen = self.shadow(v);
-        let Shadow { normal, along, below, shadow, .. } = seen;
-        let moving = S::T::ZERO.less(below);
-        let lift = self.kutta * shadow * along / S::T::select(moving, below, S::T::ONE);
-        let drag = self.resisted(density, viscosity, w, &seen);
+        let projection = self.projection(v);
+        let Projection { normal, num, speed_den, area_over_pi, .. } = projection;
+        let moving = S::T::ZERO.less(speed_den);
+        let lift = self.kutta * area_over_pi * num / S::T::select(moving, speed_den, S::T::ONE);
+        let drag = self.resisted(density, viscosity, w, &projection);
 
         let force = S::cross(S::moment(normal, v), v) * (density * lift)
             - S::cross(w, momentum - v * (density * self.magnus))
@@ -165,22 +170,21 @@ impl<S: Space> Immersed<S> {
         (torque, force)
     }
 
-    /// The shape as the water meets it.
     #[inline(always)]
-    fn shadow(&self, v: S::Vec) -> Shadow<S> {
+    fn projection(&self, v: S::Vec) -> Projection<S> {
         let speed = v.norm();
         let normal = S::constant(self.section_squared).times(v);
-        let along = normal.dot(v);
-        let squared = normal.dot(normal);
+        let num = normal.dot(v);
+        let den = normal.dot(normal);
         // at rest both quotients are 0 / 0 and what they multiply is 0
-        let (mut below, mut facing) = (squared * speed, along);
-        let moving = S::T::ZERO.less(below);
+        let (mut speed_den, mut area_num) = (den * speed, num);
+        let moving = S::T::ZERO.less(speed_den);
         if self.floor > 0.0 {
             let floor = S::T::from_f64(self.floor);
-            (below, facing) = (below.max(floor), facing.max(floor));
+            (speed_den, area_num) = (speed_den.max(floor), area_num.max(floor));
         }
-        let shadow = (squared / S::T::select(moving, facing, S::T::ONE)).sqrt();
-        Shadow { speed, normal, along, below, shadow }
+        let area_over_pi = (den / S::T::select(moving, area_num, S::T::ONE)).sqrt();
+        Projection { speed, normal, num, speed_den, area_over_pi }
     }
 
     /// What resists moving and turning: force = -(slow + quadratic) v, torque = -(slow_turning + turning) w.
@@ -192,7 +196,7 @@ impl<S: Space> Immersed<S> {
         w: S::Spin,
         v: S::Vec,
     ) -> Resistance<S::T> {
-        self.resisted(density, viscosity, w, &self.shadow(v))
+        self.resisted(density, viscosity, w, &self.projection(v))
     }
 
     #[inline(always)]
@@ -201,9 +205,9 @@ impl<S: Space> Immersed<S> {
         density: S::T,
         viscosity: S::T,
         w: S::Spin,
-        &Shadow { speed, shadow, .. }: &Shadow<S>,
+        &Projection { speed, area_over_pi, .. }: &Projection<S>,
     ) -> Resistance<S::T> {
-        let area = shadow * S::T::from_f64(PI);
+        let area = area_over_pi * S::T::from_f64(PI);
         let [slow, slow_turning] = self.stokes;
         let (slow, slow_turning) = (S::T::from_f64(slow), S::T::from_f64(slow_turning));
         let largest = S::T::from_f64(self.largest_area);

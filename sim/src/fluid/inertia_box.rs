@@ -14,7 +14,7 @@ pub struct InertiaBox<T> {
     /// b_i (b_j^4 + b_k^4) / 64 \[m5\].
     turning: Vec3<T>,
     /// b_j b_k / 2 \[m2\].
-    facing: Vec3<T>,
+    half_faces: Vec3<T>,
 }
 
 impl<T: Scalar> InertiaBox<T> {
@@ -29,11 +29,11 @@ impl<T: Scalar> InertiaBox<T> {
         let turning = std::array::from_fn(|i| {
             sides[i] * (fourth[(i + 1) % 3] + fourth[(i + 2) % 3]) * T::from_f64(1.0 / 64.0)
         });
-        let facing = std::array::from_fn(|i| sides[(i + 1) % 3] * sides[(i + 2) % 3] * T::from_f64(0.5));
+        let half_faces = std::array::from_fn(|i| sides[(i + 1) % 3] * sides[(i + 2) % 3] * T::from_f64(0.5));
         Self {
             stokes: [mean * mean * mean * T::from_f64(PI), mean * T::from_f64(3.0 * PI)],
             turning: Vec3(turning),
-            facing: Vec3(facing),
+            half_faces: Vec3(half_faces),
         }
     }
 
@@ -55,7 +55,7 @@ impl<T: Scalar> InertiaBox<T> {
 pub(crate) struct ImmersedBox<S: Space> {
     stokes: [S::T; 2],
     turning: S::Spin,
-    facing: S::Vec,
+    half_faces: S::Vec,
 }
 
 impl<S: Space> ImmersedBox<S> {
@@ -63,7 +63,7 @@ impl<S: Space> ImmersedBox<S> {
         Self {
             stokes: shape.stokes,
             turning: S::shape_spin(axes, shape.turning),
-            facing: S::shape_vector(axes, shape.facing),
+            half_faces: S::shape_vector(axes, shape.half_faces),
         }
     }
 
@@ -72,13 +72,17 @@ impl<S: Space> ImmersedBox<S> {
     pub(crate) fn wrench(&self, density: S::T, viscosity: S::T, w: S::Spin, v: S::Vec) -> (S::Spin, S::Vec) {
         let [slow_turning, slow] = self.stokes;
         let torque = w * -(viscosity * slow_turning) - self.turning.times(w.magnitudes()).times(w) * density;
-        let force = v * -(viscosity * slow) - self.facing.times(v.magnitudes()).times(v) * density;
+        let force = v * -(viscosity * slow) - self.half_faces.times(v.magnitudes()).times(v) * density;
         (torque, force)
     }
 }
 
 impl<T: Scalar> ImmersedBox<Spatial<T>> {
     pub(crate) fn map<U: Scalar>(&self, f: impl Fn(T) -> U + Copy) -> ImmersedBox<Spatial<U>> {
-        ImmersedBox { stokes: self.stokes.map(f), turning: self.turning.map(f), facing: self.facing.map(f) }
+        ImmersedBox {
+            stokes: self.stokes.map(f),
+            turning: self.turning.map(f),
+            half_faces: self.half_faces.map(f),
+        }
     }
 }

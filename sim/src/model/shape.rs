@@ -86,7 +86,7 @@ pub(crate) fn combine(parts: &[MassProperties]) -> MassProperties {
 }
 
 /// Products of inertia this small beside the moments are rounding.
-const NEGLIGIBLE: f64 = 1e-14;
+const NEGLIGIBLE_PRODUCT_SHARE: f64 = 1e-14;
 /// Jacobi's method needs a handful of turns.
 const MOST_TURNS: usize = 500;
 
@@ -111,7 +111,7 @@ pub(crate) fn principal_axes(inertia: Sym3<f64>) -> (Vec3<f64>, Quat<f64>) {
         let steep = (moment(j, j) - moment(i, i)) / (2.0 * product);
         let tan = f64::copysign(1.0, steep) / (steep.abs() + steep.hypot(1.0));
         let cos = 1.0 / tan.hypot(1.0);
-        if product.abs() <= NEGLIGIBLE * (moment(0, 0) + moment(1, 1) + moment(2, 2)) {
+        if product.abs() <= NEGLIGIBLE_PRODUCT_SHARE * (moment(0, 0) + moment(1, 1) + moment(2, 2)) {
             break;
         }
         for row in &mut axes.0 {
@@ -178,7 +178,7 @@ mod tests {
             let (found, axes) = principal_axes(full);
             let back = Sym3::rotated_diagonal(&axes.matrix(), found);
             let worst = full.0.iter().zip(back.0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            assert!(worst < NEGLIGIBLE * 6e-5, "{full:?} {back:?}");
+            assert!(worst < NEGLIGIBLE_PRODUCT_SHARE * 6e-5, "{full:?} {back:?}");
         }
         assert_eq!(principal_axes(Sym3([2e-5, 2e-5, 1e-5, 0.0, 0.0, 0.0])).1, Quat::IDENTITY);
     }

@@ -13,7 +13,7 @@ use crate::simulator::Engine;
 
 /// A step is longer than the one before by this factor at most: what makes a nominal motion quick may come a little
 /// earlier or later in another candidate.
-const LONGER: f64 = 1.5;
+const MOST_GROWTH_RATIO: f64 = 1.5;
 
 /// Goes along the nominal motion and finds out how long steps may be.
 pub(super) struct Explorer<'a> {
@@ -101,7 +101,7 @@ impl Explorer<'_> {
                 if ends.len() as f64 >= most {
                     return Ok(None);
                 }
-                wanted = (h * (0.9 * ratio).min(LONGER)).max(wanted.min(h)).min(longest_s);
+                wanted = (h * (0.9 * ratio).min(MOST_GROWTH_RATIO)).max(wanted.min(h)).min(longest_s);
                 (state, engine) = (near, halves);
             }
         }

@@ -11,10 +11,10 @@ const LONGEST_S: f64 = 0.1;
 /// long are sooner tried than steps too short.
 const FIRST_SHARE: f64 = 1.0;
 /// Attempts at meeting the wanted accuracy from below, once it is met.
-const REFINEMENTS: usize = 4;
+const MOST_REFINEMENTS: usize = 4;
 /// What an attempt aims at, as a share of the wanted accuracy, and the share that is close enough.
-pub(super) const AIM: f64 = 0.85;
-const CLOSE: f64 = 0.7;
+pub(super) const AIMED_ERROR_SHARE: f64 = 0.85;
+const CLOSE_ERROR_SHARE: f64 = 0.7;
 /// Even steps are many, each attempt follows the whole motion some five times, and the next one would save less than a fifth.
 const CLOSE_IF_EVEN: f64 = 0.4;
 
@@ -53,7 +53,7 @@ impl Search {
             tolerance_m: FIRST_SHARE * accuracy_m,
             promised: 0.0,
             best: None,
-            left: REFINEMENTS,
+            left: MOST_REFINEMENTS,
             diverged: None,
             over: false,
         }
@@ -105,14 +105,14 @@ impl Search {
             return Ok(());
         }
         // what the error of the whole leaves to be gained, or asks for
-        let ratio = (AIM * accuracy_m / error_m.max(1e-12)).clamp(1e-3, 1e3);
+        let ratio = (AIMED_ERROR_SHARE * accuracy_m / error_m.max(1e-12)).clamp(1e-3, 1e3);
         self.promised = self.evaluations * count / ratio.powf(1.0 / f64::from(order));
         if exact {
             self.best = Some((Plan { steps, error_m }, count));
             self.left -= 1;
             let (close, longest) = match run.even() {
                 true => (CLOSE_IF_EVEN, longest_s >= restraint::LONGEST_STEP_S),
-                false => (CLOSE, false),
+                false => (CLOSE_ERROR_SHARE, false),
             };
             self.over = self.left == 0 || error_m > close * accuracy_m || longest;
         }

@@ -1,6 +1,6 @@
 //! One mechanism in its space, stepped.
 
-use super::halving::{HALVINGS, Halving};
+use super::halving::{Halving, MOST_HALVINGS};
 use super::rosenbrock::Rosenbrock;
 use crate::causes::{Memory, Moment, Terms};
 use crate::dynamics::plant::Plant;
@@ -152,7 +152,7 @@ impl<S: Stages> Engine<S> {
             }
             // what remembers would take the halves for steps of all lanes
             if options.steps.is_some() && !simulator.terms.remember() {
-                simulator.halvings = vec![Halving::new(&simulator.stage); HALVINGS];
+                simulator.halvings = vec![Halving::new(&simulator.stage); MOST_HALVINGS];
             }
         }
         Ok(simulator)

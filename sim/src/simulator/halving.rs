@@ -7,7 +7,7 @@ use crate::model::State;
 use crate::scalar::{Mask, Scalar, tuned};
 
 /// How often at most a step over a corner is halved.
-pub(super) const HALVINGS: usize = 5;
+pub(super) const MOST_HALVINGS: usize = 5;
 
 /// A step's start, and its end if taken whole.
 #[derive(Debug, Clone)]

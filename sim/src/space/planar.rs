@@ -35,11 +35,11 @@ pub(crate) struct Plane<T> {
 }
 
 /// Directions this close count as the same: rounding in a chain of rotations is less.
-const PARALLEL: f64 = 1e-12;
+const PARALLEL_TOLERANCE: f64 = 1e-12;
 
 /// Whether `x` counts as 0.
 pub(crate) fn tiny<T: Scalar>(x: T) -> bool {
-    x.abs().less(T::from_f64(PARALLEL)).all()
+    x.abs().less(T::from_f64(PARALLEL_TOLERANCE)).all()
 }
 
 impl<T: Scalar> Plane<T> {

@@ -162,7 +162,7 @@ fn what_has_been_seen_is_fitted_while_the_rest_is_filmed() {
         film.images.iter().for_each(|image| live.image(image));
         live.fit(Chronicle::new(MonotonicNs(0)));
         live.learn(5..40);
-        until(|| live.images.waiting() < AT_ONCE);
+        until(|| live.images.waiting() < IMAGES_AT_ONCE);
         live.finish(&film.times_s(), MonotonicNs(0)).unwrap().early
     };
     let result = |fit: EarlyFit| {

@@ -6,7 +6,7 @@ use firmware_protocol::event::{Event, Fault, Identity, Occurrence, State, kind a
 use firmware_protocol::packet::Packet;
 use firmware_protocol::units::Sequence;
 
-use super::{Link, SAMPLES, Trouble};
+use super::{CLOCK_SAMPLES, Link, Trouble};
 use crate::clock::{MonotonicNs, Ping};
 use crate::servo::ServoEvent;
 
@@ -87,7 +87,7 @@ impl Link {
         // Each ping is a new question with a number of its own, so an answer belongs to one sending only.
         let Some(index) = self.pings.iter().position(|&(number, _)| number == sequence) else { return };
         let Some((_, sent)) = self.pings.remove(index) else { return };
-        if self.samples.len() == SAMPLES {
+        if self.samples.len() == CLOCK_SAMPLES {
             self.samples.pop_front();
         }
         self.samples.push_back(Ping { sent, board_tick_us, received });

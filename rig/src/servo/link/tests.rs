@@ -298,12 +298,12 @@ fn restart_is_found_by_the_next_pong_when_the_greeting_is_lost() {
 #[test]
 fn events_nobody_takes_are_counted_not_hoarded() {
     let mut bench = Bench::new();
-    for _ in 0..EVENTS + 10 {
+    for _ in 0..MOST_EVENTS + 10 {
         bench.link.note("x");
     }
     let events = bench.link.take_events();
     assert!(matches!(events.last(), Some(ServoEvent::Note { text }) if text.contains("dropped")));
-    assert_eq!(events.len(), EVENTS + 1);
+    assert_eq!(events.len(), MOST_EVENTS + 1);
 }
 
 proptest! {

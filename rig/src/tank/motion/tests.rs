@@ -158,7 +158,7 @@ fn hours_of_pulses_are_not_all_kept() {
         pulse(&mut motion, time_s, Some(1500 + (period % 50) as u16));
         angle(&mut motion, time_s);
     }
-    assert!(motion.history.len() <= SNAPSHOTS + 2, "{}", motion.history.len());
+    assert!(motion.history.len() <= MOST_SNAPSHOTS + 2, "{}", motion.history.len());
 }
 
 #[test]

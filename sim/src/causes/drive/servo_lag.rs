@@ -19,7 +19,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
 /// Below this a lag is none \[s\].
 const INSTANT_S: f64 = 1e-9;
 /// What is left after so many time constants is rounding.
-const OVER: f64 = 50.0;
+const VANISHED_TIME_CONSTANTS: f64 = 50.0;
 
 /// The filter.
 #[derive(Debug, Clone)]
@@ -38,7 +38,7 @@ impl<T: Scalar> Stage<T> for Term<T> {
     fn pass(&self, state: &mut T, piece: Piece<T>, out: &mut Pieces<T>) {
         let instant = T::from_f64(INSTANT_S);
         let time = T::select(self.time.less(instant), instant, self.time);
-        let left = (-(piece.duration / time).min(T::from_f64(OVER))).exp();
+        let left = (-(piece.duration / time).min(T::from_f64(VANISHED_TIME_CONSTANTS))).exp();
         let behind = piece.slope() * self.time;
         let from = *state;
         let to = piece.to - behind + (from - piece.from + behind) * left;

@@ -5,14 +5,14 @@ use crate::model::Model;
 use crate::model::cause::{CauseInfo, CauseValues, Kind, Mjcf, ParameterInfo};
 use crate::scalar::Scalar;
 
-const BOUNDS: [f64; 2] = [-0.5, 0.5];
+const BOUNDS_M_PER_S: [f64; 2] = [-0.5, 0.5];
 
 pub(crate) const INFO: CauseInfo = CauseInfo {
     name: "current",
     kind: Kind::Physics,
     parameters: &[
-        ParameterInfo::size("x", "m/s", BOUNDS, 0.01, "velocity of the water to the right"),
-        ParameterInfo::size("z", "m/s", BOUNDS, 0.01, "velocity of the water upwards"),
+        ParameterInfo::size("x", "m/s", BOUNDS_M_PER_S, 0.01, "velocity of the water to the right"),
+        ParameterInfo::size("z", "m/s", BOUNDS_M_PER_S, 0.01, "velocity of the water upwards"),
     ],
     aliases: &[],
     sentence: "the water flows past at a steady speed",

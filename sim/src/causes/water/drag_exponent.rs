@@ -14,7 +14,7 @@ use crate::scalar::Scalar;
 use crate::space::Space;
 
 /// The power counts from this share of the reference speed on, which keeps it finite at rest.
-const FLOOR: f64 = 1e-3;
+const LEAST_SPEED_SHARE: f64 = 1e-3;
 
 pub(crate) const INFO: CauseInfo = CauseInfo {
     name: "drag_exponent",
@@ -51,7 +51,7 @@ impl<S: Space> Step<S> for Term<S> {
             let at = wet(geom, plant, work);
             let (w, v) = at.moving;
             let speeds = v * self.per_speed;
-            let squared = speeds.dot(speeds) + S::T::from_f64(FLOOR * FLOOR);
+            let squared = speeds.dot(speeds) + S::T::from_f64(LEAST_SPEED_SHARE * LEAST_SPEED_SHARE);
             let excess = (self.half * squared.ln()).exp() - S::T::ONE;
             let drag = geom.shape.resistance(plant.density, plant.viscosity, w, v).quadratic;
             let force = v * -(drag * excess);

@@ -10,7 +10,7 @@ use crate::model::cause::{CauseInfo, CauseValues, Kind, ParameterInfo, Role};
 use crate::scalar::Scalar;
 use crate::space::Space;
 
-const BOUNDS: [f64; 2] = [-0.2, 0.2];
+const BOUNDS_M_PER_S: [f64; 2] = [-0.2, 0.2];
 /// From tanks of 2 m to beakers of 10 cm.
 const FREQUENCIES_HZ: &[f64] = &[0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.4, 1.6, 1.8, 2.1, 2.4, 2.7];
 
@@ -18,10 +18,22 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     name: "slosh",
     kind: Kind::Physics,
     parameters: &[
-        ParameterInfo::size("sin", "m/s", BOUNDS, 0.005, "velocity to the right in phase with sin(2 pi f t)")
-            .each_run(),
-        ParameterInfo::size("cos", "m/s", BOUNDS, 0.005, "velocity to the right in phase with cos(2 pi f t)")
-            .each_run(),
+        ParameterInfo::size(
+            "sin",
+            "m/s",
+            BOUNDS_M_PER_S,
+            0.005,
+            "velocity to the right in phase with sin(2 pi f t)",
+        )
+        .each_run(),
+        ParameterInfo::size(
+            "cos",
+            "m/s",
+            BOUNDS_M_PER_S,
+            0.005,
+            "velocity to the right in phase with cos(2 pi f t)",
+        )
+        .each_run(),
         ParameterInfo::size("frequency", "Hz", [0.2, 5.0], 0.1, "frequency of the tank's waves")
             .role(Role::Hidden(FREQUENCIES_HZ), 1.0),
     ],
