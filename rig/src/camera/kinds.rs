@@ -1,15 +1,17 @@
 //! The kinds of camera that a config can name.
 //!
-//! Another one is a file with its `impl Camera` and a function that opens it, and a line of the list at the end.
+//! Another one is a file with its `impl Camera`, and a line of the list at the end that says how it is opened.
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use super::config::CameraConfig;
-use super::mock::{CameraFault, Scene, StampTruth};
-use super::replay::Film;
-use super::{Camera, CameraError, mock, replay, socket, v4l};
+use super::mock::{CameraFault, MockCamera, Scene, StampTruth};
+use super::replay::{Film, ReplayCamera};
+use super::socket::SocketCamera;
+use super::v4l::V4lCamera;
+use super::{Camera, CameraError};
 
 /// What a camera is opened with.
 pub struct Opening<'a> {
@@ -24,7 +26,7 @@ pub struct Opening<'a> {
 }
 
 macro_rules! cameras {
-    ($($(#[$attribute:meta])* $kind:ident => $open:path,)*) => {
+    ($($(#[$attribute:meta])* $kind:ident => $open:expr,)*) => {
         /// Where images come from.
         #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
         #[serde(rename_all = "lowercase")]
@@ -38,27 +40,39 @@ macro_rules! cameras {
         /// [`CameraError::Refused`] naming what is missing or what the camera refuses.
         pub fn open(opening: Opening<'_>) -> Result<Box<dyn Camera>, CameraError> {
             match opening.config.kind {
-                $(CameraKind::$kind => $open(opening),)*
+                $(CameraKind::$kind => open_by(opening, $open),)*
             }
         }
     };
 }
 
-fn no_camera(_: Opening<'_>) -> Result<Box<dyn Camera>, CameraError> {
-    let what = "a run needs a camera: set `kind` to v4l, mock, socket or replay".into();
-    Err(CameraError::Refused { camera: "[camera]".into(), what })
+fn open_by<C: Camera + 'static>(
+    opening: Opening<'_>,
+    open: impl FnOnce(Opening<'_>) -> Result<C, CameraError>,
+) -> Result<Box<dyn Camera>, CameraError> {
+    Ok(Box::new(open(opening)?))
+}
+
+fn refused<T>(what: &str) -> Result<T, CameraError> {
+    Err(CameraError::Refused { camera: "[camera]".into(), what: what.into() })
 }
 
 cameras! {
     /// A folder of images, for `rig extract`; no camera.
     #[default]
-    Folder => no_camera,
+    Folder => |_| refused::<ReplayCamera>("a run needs a camera: set `kind` to v4l, mock, socket or replay"),
     /// A Video4Linux2 camera.
-    V4l => v4l::open,
+    V4l => |opening| V4lCamera::open(opening.config),
     /// The simulated tank of this process.
-    Mock => mock::open,
+    Mock => |opening| match opening.mock {
+        Some((scene, truth, faults)) => MockCamera::new(opening.config, scene, truth, faults),
+        None => refused("`kind = \"mock\"` needs a tank to look at: add [mock] tank = \"...\""),
+    },
     /// The simulated tank of a `rig mock-camera` process.
-    Socket => socket::open,
+    Socket => |opening| SocketCamera::open(opening.config, opening.folder),
     /// The images of a recorded run, each as long after the run's start as it came then.
-    Replay => replay::open,
+    Replay => |opening| match opening.film {
+        Some(film) => Ok(ReplayCamera::new(film)),
+        None => refused("`kind = \"replay\"` needs a recorded run with a camera: add [replay] run = \"...\""),
+    },
 }

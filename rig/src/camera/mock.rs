@@ -11,7 +11,6 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::kinds::Opening;
 use super::{Camera, CameraConfig, CameraError, CameraImage, CameraInfo, Encoding};
 use crate::clock::MonotonicNs;
 
@@ -60,14 +59,6 @@ pub struct MockCamera {
     next: u32,
     /// What a stuck camera keeps showing.
     last_picture: Option<GrayImage>,
-}
-
-/// The camera of the simulated tank.
-pub(super) fn open(opening: Opening<'_>) -> Result<Box<dyn Camera>, CameraError> {
-    let needs = "`kind = \"mock\"` needs a tank to look at: add [mock] tank = \"...\"".into();
-    let (scene, truth, faults) =
-        opening.mock.ok_or(CameraError::Refused { camera: "[camera]".into(), what: needs })?;
-    Ok(Box::new(MockCamera::new(opening.config, scene, truth, faults)?))
 }
 
 impl MockCamera {

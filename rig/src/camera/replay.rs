@@ -2,7 +2,6 @@
 
 use std::time::{Duration, Instant};
 
-use super::kinds::Opening;
 use super::{Camera, CameraError, CameraImage, CameraInfo};
 use crate::clock::{MonotonicNs, ReplayClock};
 
@@ -20,16 +19,16 @@ pub struct Film {
 }
 
 /// Shows each image as long after the run's start as it came then, and stamps it so.
-struct ReplayCamera {
+pub struct ReplayCamera {
     film: Film,
     next: Option<(MonotonicNs, CameraImage)>,
 }
 
-/// The camera of a recorded run.
-pub(super) fn open(opening: Opening<'_>) -> Result<Box<dyn Camera>, CameraError> {
-    let needs = "`kind = \"replay\"` needs a recorded run with a camera: add [replay] run = \"...\"".into();
-    let film = opening.film.ok_or(CameraError::Refused { camera: "[camera]".into(), what: needs })?;
-    Ok(Box::new(ReplayCamera { film, next: None }))
+impl ReplayCamera {
+    /// The camera of that run.
+    pub fn new(film: Film) -> Self {
+        Self { film, next: None }
+    }
 }
 
 impl Camera for ReplayCamera {
@@ -106,7 +105,7 @@ mod tests {
         };
         let start = Arc::new(OnceLock::from(MonotonicNs::now()));
         let clock = ReplayClock::new(MonotonicNs(1_000_000_000), start);
-        ReplayCamera { film: Film { info, received: Box::new(images.into_iter()), clock }, next: None }
+        ReplayCamera::new(Film { info, received: Box::new(images.into_iter()), clock })
     }
 
     #[test]

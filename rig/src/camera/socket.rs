@@ -12,7 +12,6 @@ use std::time::{Duration, Instant};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::kinds::Opening;
 use super::{Camera, CameraConfig, CameraError, CameraImage, CameraInfo, wire};
 
 /// Name of the socket in the tank's folder.
@@ -40,19 +39,14 @@ pub struct SocketCamera {
     pending: Vec<u8>,
 }
 
-/// The camera of another process.
-pub(super) fn open(opening: Opening<'_>) -> Result<Box<dyn Camera>, CameraError> {
-    let tank = opening.config.tank.as_ref().map(|tank| opening.folder.join(tank));
-    Ok(Box::new(SocketCamera::open(&CameraConfig { tank, ..opening.config.clone() })?))
-}
-
 impl SocketCamera {
-    /// Connects to the mock camera in the tank's folder that `config` names, and sets it up.
+    /// Connects to the mock camera in the tank's folder that `config` names, relative to `folder`, and sets it up.
     ///
     /// # Errors
     /// [`CameraError::Refused`] when nobody listens there or the camera refuses.
-    pub fn open(config: &CameraConfig) -> Result<Self, CameraError> {
-        let path = config.tank.as_ref().ok_or_else(|| config.missing("tank"))?.join(SOCKET);
+    pub fn open(config: &CameraConfig, folder: &Path) -> Result<Self, CameraError> {
+        let tank = config.tank.as_ref().ok_or_else(|| config.missing("tank"))?;
+        let path = folder.join(tank).join(SOCKET);
         let (stream, info) = connect(&path, config)?;
         Ok(Self { info, path, config: config.clone(), stream: Some(stream), pending: Vec::new() })
     }

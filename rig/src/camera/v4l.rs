@@ -17,7 +17,6 @@ use v4l::buffer::{Flags, Metadata, Type};
 use v4l::io::mmap::Stream;
 use v4l::io::traits::{CaptureStream, Stream as _};
 
-use super::kinds::Opening;
 use super::{Camera, CameraConfig, CameraError, CameraImage, CameraInfo, Encoding};
 use crate::clock::MonotonicNs;
 
@@ -40,11 +39,6 @@ pub struct V4lCamera {
     /// Bytes from one row to the next in the driver's buffers.
     stride: usize,
     stream: Option<Stream<'static>>,
-}
-
-/// The camera behind a device node.
-pub(super) fn open(opening: Opening<'_>) -> Result<Box<dyn Camera>, CameraError> {
-    Ok(Box::new(V4lCamera::open(opening.config)?))
 }
 
 impl V4lCamera {

@@ -202,14 +202,17 @@ noise_grey = 0.0
     }
 
     fn connect(tank: &Path) -> SocketCamera {
-        let mut camera = SocketCamera::open(&CameraConfig {
-            tank: Some(tank.into()),
-            width_px: 160,
-            height_px: 90,
-            fps: Positive::new(50.0),
-            exposure_s: Positive::new(0.002),
-            ..CameraConfig::default()
-        })
+        let mut camera = SocketCamera::open(
+            &CameraConfig {
+                tank: Some(tank.into()),
+                width_px: 160,
+                height_px: 90,
+                fps: Positive::new(50.0),
+                exposure_s: Positive::new(0.002),
+                ..CameraConfig::default()
+            },
+            Path::new(""),
+        )
         .unwrap();
         camera.start().unwrap();
         camera

@@ -1,14 +1,16 @@
 //! The kinds of servo board that a config can name.
 //!
-//! Another one is a file with its `impl ServoBoard` and a function that opens it, and a line of the list at the end.
+//! Another one is a file with its `impl ServoBoard`, and a line of the list at the end that says how it is opened.
 
 use serde::{Deserialize, Serialize};
 
 use super::config::ServoConfig;
-use super::mock::MockOptions;
+use super::mock::{MockOptions, MockServo};
+use super::no_board::NoBoard;
 use super::pulses::PulseSink;
 use super::replay::Told;
-use super::{ServoBoard, ServoError, mock, no_board, replay, serial};
+use super::serial::SerialBoard;
+use super::{ServoBoard, ServoError};
 
 /// What a board is opened with.
 pub struct Opening<'a> {
@@ -21,7 +23,7 @@ pub struct Opening<'a> {
 }
 
 macro_rules! boards {
-    ($($(#[$attribute:meta])* $kind:ident => $open:path,)*) => {
+    ($($(#[$attribute:meta])* $kind:ident => $open:expr,)*) => {
         /// Which kind of board.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
         #[serde(rename_all = "kebab-case")]
@@ -35,19 +37,31 @@ macro_rules! boards {
         /// [`ServoError`] naming the board, what is missing, or what it refuses.
         pub fn open(opening: Opening<'_>) -> Result<Box<dyn ServoBoard>, ServoError> {
             match opening.config.kind {
-                $(BoardKind::$kind => $open(opening),)*
+                $(BoardKind::$kind => open_by(opening, $open),)*
             }
         }
     };
 }
 
+fn open_by<B: ServoBoard + 'static>(
+    opening: Opening<'_>,
+    open: impl FnOnce(Opening<'_>) -> Result<B, ServoError>,
+) -> Result<Box<dyn ServoBoard>, ServoError> {
+    Ok(Box::new(open(opening)?))
+}
+
 boards! {
     /// A board on a serial port.
-    Serial => serial::open,
+    Serial => |opening| {
+        SerialBoard::open(opening.config.port.as_deref().unwrap_or_default(), opening.config, false)
+    },
     /// A mock board behind a pseudo-terminal, in this process.
-    Mock => mock::open,
+    Mock => |opening| MockServo::open(opening.config, opening.mock.0, opening.mock.1),
     /// The board of a recorded run, which tells again what it told then; nothing moves.
-    Replay => replay::open,
+    Replay => |opening| opening.told.ok_or_else(|| ServoError::Refused {
+        request: "opening".into(),
+        why: "add [replay] run = \"...\", a recorded run that had a board".into(),
+    }),
     /// No board: nothing is driven.
-    None => no_board::open,
+    None => |_| Ok(NoBoard::default()),
 }

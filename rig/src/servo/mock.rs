@@ -15,7 +15,6 @@ use firmware_protocol::units::{Channel, Name, PulseWidthUs, Ticks};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::{Deserialize, Serialize};
 
-use super::kinds::Opening;
 use super::{BoardInfo, SerialBoard, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome};
 use crate::clock::MonotonicNs;
 use crate::servo::PulseProfile;
@@ -127,12 +126,6 @@ pub struct MockServo {
     // Dropped in this order: the goodbye needs somebody to hear it.
     serial: SerialBoard,
     _board: MockBoard,
-}
-
-/// The mock board of this process.
-pub(super) fn open(opening: Opening<'_>) -> Result<Box<dyn ServoBoard>, ServoError> {
-    let (options, sink) = opening.mock;
-    Ok(Box::new(MockServo::open(opening.config, options, sink)?))
 }
 
 impl MockServo {

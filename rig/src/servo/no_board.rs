@@ -1,7 +1,6 @@
 //! No board at all.
 
 use super::PulseProfile;
-use super::kinds::Opening;
 use super::{BoardInfo, ServoBoard, ServoError, ServoEvent, StopOutcome};
 use crate::clock::MonotonicNs;
 
@@ -12,12 +11,6 @@ impl Default for NoBoard {
     fn default() -> Self {
         Self(BoardInfo { name: "none".into(), protocol_version: 0, boot_id: 0, channels: 0 })
     }
-}
-
-/// No board.
-#[expect(clippy::unnecessary_wraps, reason = "as the others are opened")]
-pub(super) fn open(_: Opening<'_>) -> Result<Box<dyn ServoBoard>, ServoError> {
-    Ok(Box::new(NoBoard::default()))
 }
 
 impl NoBoard {

@@ -2,12 +2,11 @@
 
 use std::collections::VecDeque;
 
-use super::kinds::Opening;
 use super::pulses::PulseProfile;
 use super::{BoardInfo, ServoBoard, ServoError, ServoEvent, StopOutcome};
 use crate::clock::{MonotonicNs, ReplayClock};
 
-/// What a board told in a recorded run.
+/// What a board told in a recorded run, and the board that tells it again.
 #[derive(Debug)]
 pub struct Told {
     /// What the board was.
@@ -20,18 +19,6 @@ pub struct Told {
     pub clock: ReplayClock,
 }
 
-/// The board of a recorded run.
-pub(super) fn open(opening: Opening<'_>) -> Result<Box<dyn ServoBoard>, ServoError> {
-    match opening.told {
-        Some(told) => Ok(Box::new(told)),
-        None => Err(refused("opening", "add [replay] run = \"...\", a recorded run that had a board")),
-    }
-}
-
-fn refused(request: &str, why: &str) -> ServoError {
-    ServoError::Refused { request: request.into(), why: why.into() }
-}
-
 impl ServoBoard for Told {
     fn info(&self) -> &BoardInfo {
         &self.info
@@ -41,10 +28,10 @@ impl ServoBoard for Told {
     fn arm(&mut self, profile: &PulseProfile, _: MonotonicNs) -> Result<(), ServoError> {
         match &self.profile {
             Some(played) if played == profile => Ok(()),
-            _ => Err(refused(
-                "arming",
-                "the replayed run played another profile: take [profile] and [servo] from it",
-            )),
+            _ => Err(ServoError::Refused {
+                request: "arming".into(),
+                why: "the replayed run played another profile: take [profile] and [servo] from it".into(),
+            }),
         }
     }
 

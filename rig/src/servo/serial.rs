@@ -14,7 +14,6 @@ use firmware_protocol::event::{Ack, Event, Fault, Identity, Refusal, Status};
 use firmware_protocol::units::{Channel, DurationMs, DurationUs, PulseWidthUs, Ticks};
 use serialport::SerialPort;
 
-use super::kinds::Opening;
 use super::link::{Link, Trouble};
 use super::port::{self, HELLO_TIMEOUT, Received};
 pub use super::sessionless::{emergency_stop, query_status};
@@ -71,12 +70,6 @@ impl Shared {
             link = self.changed.wait_timeout(link, left).unwrap_or_else(PoisonError::into_inner).0;
         }
     }
-}
-
-/// The board on a serial port.
-pub(super) fn open(opening: Opening<'_>) -> Result<Box<dyn ServoBoard>, ServoError> {
-    let port = opening.config.port.as_deref().unwrap_or_default();
-    Ok(Box::new(SerialBoard::open(port, opening.config, false)?))
 }
 
 impl SerialBoard {

@@ -37,11 +37,15 @@ fn fault(at_s: f64, kind: CameraFaultKind) -> Vec<CameraFault> {
     vec![CameraFault { at_s: NonNegative::new(at_s).unwrap(), kind }]
 }
 
+fn connected(tank: &Path) -> Result<SocketCamera, CameraError> {
+    SocketCamera::open(&config(tank), Path::new(""))
+}
+
 #[test]
 fn images_arrive_as_they_were_taken_and_the_server_ends_with_its_client() {
     let tank = tempfile::tempdir().unwrap();
     let server = server(tank.path(), Vec::new());
-    let mut camera = SocketCamera::open(&config(tank.path())).unwrap();
+    let mut camera = connected(tank.path()).unwrap();
     assert_eq!((camera.info().width_px, camera.info().fps), (64, 100.0));
     camera.start().unwrap();
     for _ in 0..10 {
@@ -56,7 +60,7 @@ fn images_arrive_as_they_were_taken_and_the_server_ends_with_its_client() {
 fn server_that_goes_is_gone() {
     let tank = tempfile::tempdir().unwrap();
     let server = server(tank.path(), fault(0.05, CameraFaultKind::Off));
-    let mut camera = SocketCamera::open(&config(tank.path())).unwrap();
+    let mut camera = connected(tank.path()).unwrap();
     camera.start().unwrap();
     let error = loop {
         match camera.next_image(TIMEOUT) {
@@ -72,7 +76,7 @@ fn server_that_goes_is_gone() {
 fn silent_server_is_a_stall() {
     let tank = tempfile::tempdir().unwrap();
     let server = server(tank.path(), fault(0.05, CameraFaultKind::Slow));
-    let mut camera = SocketCamera::open(&config(tank.path())).unwrap();
+    let mut camera = connected(tank.path()).unwrap();
     camera.start().unwrap();
     let error = loop {
         match camera.next_image(TIMEOUT) {
@@ -129,7 +133,7 @@ fn refusal_of_the_camera_reaches_the_client_with_its_reason() {
     let tank = tempfile::tempdir().unwrap();
     let server = server(tank.path(), Vec::new());
     let config = CameraConfig { exposure_s: Positive::new(0.5), ..config(tank.path()) };
-    let error = SocketCamera::open(&config).err().unwrap().to_string();
+    let error = SocketCamera::open(&config, Path::new("")).err().unwrap().to_string();
     assert!(error.contains("0.5 s") && error.contains("100"), "{error}");
     assert!(server.join().unwrap().is_err());
 }
@@ -137,7 +141,7 @@ fn refusal_of_the_camera_reaches_the_client_with_its_reason() {
 #[test]
 fn nobody_listening_is_told_with_what_to_start() {
     let tank = tempfile::tempdir().unwrap();
-    let error = SocketCamera::open(&config(tank.path())).err().unwrap().to_string();
+    let error = connected(tank.path()).err().unwrap().to_string();
     assert!(error.contains("rig mock-camera"), "{error}");
 }
 
