@@ -1,9 +1,20 @@
 //! Runs tank experiments: drives a servo board, films, extracts keypoints, fits, reports, replays.
 //!
-//! One image's way through the house: [`camera`] hands it over with its stamp, [`record`] keeps it,
-//! [`clock`] puts it on the run's time, [`vision`] turns it into a mask, a centreline and keypoints, the
-//! run's trajectory goes to `ident`, and [`report`] shows what came out. [`run`] holds the whole together;
-//! [`servo`] moves the mechanism meanwhile. [`tank`] is the simulated tank behind mock board and mock camera.
+//! One image's way through the house: [`camera`] hands it over with its stamp, [`run`] passes it on, [`record`] keeps it,
+//! [`images`] gives it out again, just filmed or from a recording alike, [`vision`] turns it into a mask, a centreline and
+//! keypoints, [`analysis`] gives the run's trajectory to `ident`, and [`report`] shows what came out.
+//!
+//! Rooms, each of which knows only those before it:
+//! * [`error_chain`], [`claim`], [`schedule`], [`clock`], [`calibration`]: an error's causes, what one process has alone, when a daemon
+//!   runs, ticks and stamps on one clock, pixels in metres;
+//! * [`camera`], [`servo`]: the two traits, and a real, a mock and a recorded device behind each;
+//! * [`profile`], [`tank`], [`record`]: the stroke, the simulated tank behind the mocks, run folders and recordings;
+//! * [`images`], [`report`]: where images come from, the page that is made of results;
+//! * [`vision`], [`config`]: images to keypoints, the config as a whole;
+//! * [`run`], [`analysis`], [`doctor`]: a film from still water to the safe stop, a recording to a report, what is wrong with the rig;
+//! * [`app`]: one experiment, fits, diagnoses, the daemon; [`cli`]: arguments and printing.
+//!
+//! Who works beside whom, and what lies between them: `docs/threads.md`.
 
 pub mod analysis;
 pub mod app;

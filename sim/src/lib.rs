@@ -3,6 +3,15 @@
 //! A [`Model`] comes from MJCF text. [`rollout()`] moves it through time and hands back keypoint
 //! positions; a [`Simulator`] moves it step by step. Everything is generic over [`Scalar`], so that the same
 //! code carries plain numbers, derivatives and SIMD lanes.
+//!
+//! Rooms, each of which knows only those before it:
+//! * [`error`], [`command`], [`trajectory`], [`scalar`], [`math`], [`dual`], [`lanes`], [`steps`], [`options`]: numbers of all kinds, and what goes in and out;
+//! * [`model`]: what MJCF says, as data, causes as values among them; `space`: motions and wrenches in space or in a plane;
+//! * [`fluid`], `dynamics`: water on one shape; the stages of a step over the whole tree;
+//! * [`causes`]: what a simulation may lack, one file each, by place: water, joint, drive, tether, camera;
+//! * [`simulator`], [`mjcf`]: one step, by each of the methods; the format, read and written;
+//! * `film`, [`rollout`]: a whole run as a camera sees it; `plan`: the cheapest steps for it; `contact`: where bodies meet;
+//! * [`batch`], [`sensitivities`]: many candidates, or one with derivatives, in SIMD lanes.
 
 pub mod batch;
 pub mod causes;
