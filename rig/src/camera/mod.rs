@@ -5,6 +5,8 @@
 
 pub mod config;
 pub mod decode;
+#[cfg(test)]
+pub(crate) mod fixtures;
 mod kinds;
 pub mod mock;
 pub mod replay;

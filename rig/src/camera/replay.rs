@@ -75,34 +75,17 @@ mod tests {
     use std::sync::{Arc, OnceLock};
 
     use super::*;
-    use crate::camera::Encoding;
+    use crate::camera::fixtures;
 
     const TIMEOUT: Duration = Duration::from_millis(300);
 
     fn camera(times_ms: &[u64]) -> ReplayCamera {
         let image = |(sequence, &at_ms): (usize, &u64)| {
             let at = MonotonicNs(at_ms * 1_000_000);
-            let image = CameraImage {
-                sequence: sequence as u32,
-                stamp: at,
-                mid_exposure: at,
-                damaged: false,
-                width_px: 1,
-                height_px: 1,
-                encoding: Encoding::Grey,
-                data: vec![sequence as u8],
-            };
-            Ok((at, image))
+            Ok((at, fixtures::image(sequence as u32, at, (1, 1))))
         };
         let images: Vec<_> = times_ms.iter().enumerate().map(image).collect();
-        let info = CameraInfo {
-            name: "test".into(),
-            width_px: 1,
-            height_px: 1,
-            fps: 100.0,
-            encoding: Encoding::Grey,
-            mid_exposure_offset_s: 0.0,
-        };
+        let info = fixtures::info((1, 1));
         let start = Arc::new(OnceLock::from(MonotonicNs::now()));
         let clock = ReplayClock::new(MonotonicNs(1_000_000_000), start);
         ReplayCamera::new(Film { info, received: Box::new(images.into_iter()), clock })

@@ -143,38 +143,29 @@ pub(super) fn even(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::{CameraInfo, Encoding};
+    use crate::camera::fixtures;
     use crate::record::recording::{Recorder, RecorderOptions};
+
+    /// A recording of three images 10 ms apart, the first one at `at`, each as `changed`.
+    fn record(path: &Path, at: MonotonicNs, size: (u32, u32), changed: impl Fn(CameraImage) -> CameraImage) {
+        let recorder =
+            Recorder::create(path, Some(&fixtures::info(size)), RecorderOptions::default()).unwrap();
+        for sequence in 0..3 {
+            let at = at.plus_seconds(0.01 * f64::from(sequence));
+            recorder.image(changed(fixtures::image(sequence, at, size)).into()).unwrap();
+        }
+        recorder.finish().unwrap();
+    }
 
     #[test]
     fn recording_is_a_source_of_timed_pictures_and_damaged_images_keep_their_place() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("recording.mcap");
-        let info = CameraInfo {
-            name: "test".into(),
-            width_px: 4,
-            height_px: 2,
-            fps: 100.0,
-            encoding: Encoding::Grey,
-            mid_exposure_offset_s: 0.001,
-        };
-        let recorder = Recorder::create(&path, Some(&info), RecorderOptions::default()).unwrap();
-        for sequence in 0..3 {
-            let stamp = MonotonicNs(5_000_000_000).plus_seconds(0.01 * f64::from(sequence));
-            recorder
-                .image(std::sync::Arc::new(CameraImage {
-                    sequence,
-                    stamp,
-                    mid_exposure: stamp.plus_seconds(0.001),
-                    damaged: sequence == 1,
-                    width_px: 4,
-                    height_px: 2,
-                    encoding: Encoding::Grey,
-                    data: vec![sequence as u8; 8],
-                }))
-                .unwrap();
-        }
-        recorder.finish().unwrap();
+        record(&path, MonotonicNs(5_000_000_000), (4, 2), |image| CameraImage {
+            mid_exposure: image.stamp.plus_seconds(0.001),
+            damaged: image.sequence == 1,
+            ..image
+        });
 
         let source = crate::images::open(&path, None).unwrap();
         // More than once, as extraction does.
@@ -196,34 +187,9 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("recording.mcap");
         // Images larger than a chunk: each has one of its own.
-        let size = (2048, 1024);
-        let info = CameraInfo {
-            name: "test".into(),
-            width_px: size.0,
-            height_px: size.1,
-            fps: 100.0,
-            encoding: Encoding::Grey,
-            mid_exposure_offset_s: 0.0,
-        };
-        let recorder = Recorder::create(&path, Some(&info), RecorderOptions::default()).unwrap();
-        for sequence in 0..3 {
-            let stamp = MonotonicNs(1).plus_seconds(0.01 * f64::from(sequence));
-            recorder
-                .image(std::sync::Arc::new(CameraImage {
-                    sequence,
-                    stamp,
-                    mid_exposure: stamp,
-                    damaged: false,
-                    width_px: size.0,
-                    height_px: size.1,
-                    encoding: Encoding::Grey,
-                    data: vec![7 + sequence as u8; (size.0 * size.1) as usize],
-                }))
-                .unwrap();
-        }
-        recorder.finish().unwrap();
+        record(&path, MonotonicNs(1), (2048, 1024), |image| image);
         let whole = std::fs::read(&path).unwrap();
-        let second = whole.windows(64).position(|bytes| bytes == [8; 64]).unwrap();
+        let second = whole.windows(64).position(|bytes| bytes == [1; 64]).unwrap();
         let read = |bytes: &[u8]| -> Vec<Result<TimedImage, SourceError>> {
             std::fs::write(&path, bytes).unwrap();
             crate::images::open(&path, None).unwrap().images().unwrap().collect()

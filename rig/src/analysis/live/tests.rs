@@ -2,7 +2,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use super::*;
-use crate::camera::{CameraInfo, Encoding};
+use crate::camera::fixtures;
 use crate::images::TimedImage;
 use crate::images::recording::RecordedImages;
 use crate::record::folder;
@@ -13,6 +13,7 @@ use crate::vision::SequenceError;
 use crate::vision::record::StoredRecord;
 
 const MS: u64 = 1_000_000;
+const SIZE_PX: (u32, u32) = (640, 480);
 
 /// A film of the driven chain swaying, one image of which carries the stamp of the one before.
 struct Film {
@@ -30,23 +31,15 @@ impl Film {
         let text = std::fs::read_to_string(base.join(&config.run.model)).unwrap();
         let model = sim::Model::from_mjcf(&text).unwrap();
         let plane = config.calibration.plane(&base).unwrap();
-        let renderer = Renderer::new(plane, Look::plain(640, 480));
+        let renderer = Renderer::new(plane, Look::plain(SIZE_PX.0, SIZE_PX.1));
         let image = |k: u32| {
             let mut state = model.rest_state();
             let turn = [0.5, 0.3, 0.2].map(|amplitude| amplitude * (0.2 * f64::from(k)).sin());
             state.qpos.copy_from_slice(&turn);
             let grey = renderer.draw(&model, &state.qpos);
             let at = MonotonicNs(u64::from(if k == 7 { 6 } else { k }) * 10 * MS + MS);
-            Arc::new(CameraImage {
-                sequence: k,
-                stamp: at,
-                mid_exposure: at,
-                damaged: k == 20,
-                width_px: grey.width(),
-                height_px: grey.height(),
-                encoding: Encoding::Grey,
-                data: grey.into_raw(),
-            })
+            let image = fixtures::image(k, at, SIZE_PX);
+            Arc::new(CameraImage { damaged: k == 20, data: grey.into_raw(), ..image })
         };
         let runs = tempfile::tempdir().unwrap();
         let start = folder::Start {
@@ -79,15 +72,7 @@ impl Film {
     /// The run with all images in its recording, and what the empty tank was learned from.
     fn recorded(&self, learn_from: Range<u64>) -> RunFolder {
         let mut run = self.run.clone();
-        let first = &self.images[0];
-        let info = CameraInfo {
-            name: "test".into(),
-            width_px: first.width_px,
-            height_px: first.height_px,
-            fps: 100.0,
-            encoding: Encoding::Grey,
-            mid_exposure_offset_s: 0.0,
-        };
+        let info = fixtures::info(SIZE_PX);
         let path = run.file(folder::file::RECORDING);
         let recorder = Recorder::create(&path, Some(&info), RecorderOptions::default()).unwrap();
         self.images.iter().for_each(|image| recorder.image(Arc::clone(image)).unwrap());

@@ -1,30 +1,16 @@
 use super::*;
-use crate::camera::Encoding;
+use crate::camera::fixtures;
 use crate::record::reader::{End, Item, Recording};
 
+const SIZE_PX: (u32, u32) = (8, 4);
+
 fn info() -> CameraInfo {
-    CameraInfo {
-        name: "test".into(),
-        width_px: 8,
-        height_px: 4,
-        fps: 100.0,
-        encoding: Encoding::Grey,
-        mid_exposure_offset_s: 0.001,
-    }
+    fixtures::info(SIZE_PX)
 }
 
 fn image(sequence: u32) -> Arc<CameraImage> {
-    let stamp = MonotonicNs(1_000_000 * u64::from(sequence));
-    Arc::new(CameraImage {
-        sequence,
-        stamp,
-        mid_exposure: stamp.plus_seconds(0.001),
-        damaged: sequence == 3,
-        width_px: 8,
-        height_px: 4,
-        encoding: Encoding::Grey,
-        data: vec![sequence as u8; 32],
-    })
+    let image = fixtures::image(sequence, MonotonicNs(1_000_000 * u64::from(sequence)), SIZE_PX);
+    Arc::new(CameraImage { damaged: sequence == 3, ..image })
 }
 
 fn ping(sent: u64) -> ServoEvent {

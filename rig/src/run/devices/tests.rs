@@ -6,7 +6,7 @@ use std::time::Instant;
 use tokio::sync::mpsc::{channel, unbounded_channel};
 
 use super::*;
-use crate::camera::{CameraInfo, Encoding};
+use crate::camera::{CameraInfo, fixtures};
 use crate::servo::BoardInfo;
 
 /// More than any of the queues between device and coordinator ever held.
@@ -83,17 +83,7 @@ impl Camera for Endless {
     }
 
     fn next_image(&mut self, _: Duration) -> Result<CameraImage, CameraError> {
-        let now = MonotonicNs::now();
-        Ok(CameraImage {
-            sequence: 0,
-            stamp: now,
-            mid_exposure: now,
-            damaged: false,
-            width_px: 2,
-            height_px: 1,
-            encoding: Encoding::Grey,
-            data: vec![0; 2],
-        })
+        Ok(fixtures::image(0, MonotonicNs::now(), (2, 1)))
     }
 
     fn stop(&mut self) {}
@@ -101,17 +91,10 @@ impl Camera for Endless {
 
 #[test]
 fn a_full_queue_of_images_holds_up_no_end_and_keeps_their_order() {
-    let info = CameraInfo {
-        name: "test".into(),
-        width_px: 2,
-        height_px: 1,
-        fps: 100.0,
-        encoding: Encoding::Grey,
-        mid_exposure_offset_s: 0.0,
-    };
     let (signals, mut signalled) = unbounded_channel();
     let (seen, mut to_see) = channel(3);
-    let camera = CameraThread::start(Box::new(Endless(info)), PROMPT, seen, signals).unwrap();
+    let camera =
+        CameraThread::start(Box::new(Endless(fixtures::info((2, 1)))), PROMPT, seen, signals).unwrap();
     while to_see.len() < 3 {
         std::thread::yield_now();
     }
