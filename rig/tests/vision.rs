@@ -10,7 +10,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rig::calibration::{Plane, Px};
-use rig::images::TimedImage;
+use rig::images::{ImageSource, Images, SourceError, TimedImage};
 use rig::tank::render::{Look, Renderer};
 use rig::vision::spline::{distance, moved};
 use rig::vision::{Extraction, Mask, Mode, SequenceError, Status, StoredRecord, Task, VisionConfig};
@@ -39,13 +39,25 @@ fn timed(images: Vec<GrayImage>) -> Vec<TimedImage> {
     images.into_iter().enumerate().map(image).collect()
 }
 
+struct InMemory<'a>(&'a [TimedImage]);
+
+impl ImageSource for InMemory<'_> {
+    fn images(&self) -> Result<Images<'_>, SourceError> {
+        Ok(Box::new(self.0.iter().cloned().map(Ok)))
+    }
+
+    fn len_hint(&self) -> Option<usize> {
+        Some(self.0.len())
+    }
+}
+
 fn sequence(
     images: &[TimedImage],
     config: &VisionConfig,
     plane: &Plane,
     folder: &Path,
 ) -> Result<Extraction, SequenceError> {
-    Task::new(config, plane.clone(), folder).extract(images, |_, _| Ok(()))
+    Task::new(config, plane.clone(), folder).extract(&InMemory(images), |_, _| Ok(()))
 }
 
 fn extracted(images: Vec<GrayImage>, config: &VisionConfig) -> Extraction {
@@ -418,7 +430,7 @@ fn extraction_starts_again_from_its_stored_silhouettes_or_keypoints_with_the_sam
             stored.iter().map(|text| serde_json::from_str(text).unwrap()).collect();
 
         let masks: Vec<Option<Mask>> = stored.iter().map(|record| record.mask.clone()).collect();
-        let task = Task { masks: Some(masks), ..Task::new(&config, tank_plane(), Path::new("")) };
+        let mut task = Task { masks: Some(masks), ..Task::new(&config, tank_plane(), Path::new("")) };
         let records = task.learn(&images).unwrap().push(&images);
         for (again, before) in records.iter().zip(&whole.records) {
             assert_eq!(

@@ -26,7 +26,7 @@ pub struct Opening<'a> {
 }
 
 macro_rules! cameras {
-    ($($(#[$attribute:meta])* $kind:ident => $open:expr,)*) => {
+    ($($(#[$attribute:meta])* $kind:ident => |$opening:pat_param| $open:expr,)*) => {
         /// Where images come from.
         #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
         #[serde(rename_all = "lowercase")]
@@ -39,18 +39,14 @@ macro_rules! cameras {
         /// # Errors
         /// [`CameraError::Refused`] naming what is missing or what the camera refuses.
         pub fn open(opening: Opening<'_>) -> Result<Box<dyn Camera>, CameraError> {
-            match opening.config.kind {
-                $(CameraKind::$kind => open_by(opening, $open),)*
-            }
+            Ok(match opening.config.kind {
+                $(CameraKind::$kind => {
+                    let $opening = opening;
+                    Box::new($open?)
+                })*
+            })
         }
     };
-}
-
-fn open_by<C: Camera + 'static>(
-    opening: Opening<'_>,
-    open: impl FnOnce(Opening<'_>) -> Result<C, CameraError>,
-) -> Result<Box<dyn Camera>, CameraError> {
-    Ok(Box::new(open(opening)?))
 }
 
 fn refused<T>(what: &str) -> Result<T, CameraError> {

@@ -70,17 +70,6 @@ pub trait ImageSource: Send + Sync {
     }
 }
 
-/// Images in memory.
-impl ImageSource for [TimedImage] {
-    fn images(&self) -> Result<Images<'_>, SourceError> {
-        Ok(Box::new(self.iter().cloned().map(Ok)))
-    }
-
-    fn len_hint(&self) -> Option<usize> {
-        Some(self.len())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

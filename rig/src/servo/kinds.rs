@@ -23,7 +23,7 @@ pub struct Opening<'a> {
 }
 
 macro_rules! boards {
-    ($($(#[$attribute:meta])* $kind:ident => $open:expr,)*) => {
+    ($($(#[$attribute:meta])* $kind:ident => |$opening:pat_param| $open:expr,)*) => {
         /// Which kind of board.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
         #[serde(rename_all = "kebab-case")]
@@ -36,18 +36,14 @@ macro_rules! boards {
         /// # Errors
         /// [`ServoError`] naming the board, what is missing, or what it refuses.
         pub fn open(opening: Opening<'_>) -> Result<Box<dyn ServoBoard>, ServoError> {
-            match opening.config.kind {
-                $(BoardKind::$kind => open_by(opening, $open),)*
-            }
+            Ok(match opening.config.kind {
+                $(BoardKind::$kind => {
+                    let $opening = opening;
+                    Box::new($open?)
+                })*
+            })
         }
     };
-}
-
-fn open_by<B: ServoBoard + 'static>(
-    opening: Opening<'_>,
-    open: impl FnOnce(Opening<'_>) -> Result<B, ServoError>,
-) -> Result<Box<dyn ServoBoard>, ServoError> {
-    Ok(Box::new(open(opening)?))
 }
 
 boards! {

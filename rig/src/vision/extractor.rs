@@ -82,7 +82,7 @@ impl Extractor {
     /// [`VisionError`]: a config that contradicts itself, an unreadable picture, no readable image, or none with
     /// a silhouette.
     pub fn learn(
-        sample: &[&TimedImage],
+        sample: &[TimedImage],
         config: &VisionConfig,
         plane: Plane,
         folder: &Path,

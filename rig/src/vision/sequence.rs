@@ -32,15 +32,14 @@ impl<'a> Task<'a> {
         Self { config, plane, folder, masks: None }
     }
 
-    /// An extractor that knows the empty tank from a `sample` of the sequence.
+    /// An extractor that knows the empty tank from a `sample` of the sequence, to be driven through all of it.
     ///
     /// # Errors
     /// As [`Extractor::learn`].
-    pub fn learn(&self, sample: &[TimedImage]) -> Result<Extractor, VisionError> {
-        let sample: Vec<&TimedImage> = sample.iter().collect();
-        let extractor = Extractor::learn(&sample, self.config, self.plane.clone(), self.folder)?;
-        Ok(match &self.masks {
-            Some(masks) => extractor.with_masks(masks.clone()),
+    pub fn learn(&mut self, sample: &[TimedImage]) -> Result<Extractor, VisionError> {
+        let extractor = Extractor::learn(sample, self.config, self.plane.clone(), self.folder)?;
+        Ok(match self.masks.take() {
+            Some(masks) => extractor.with_masks(masks),
             None => extractor,
         })
     }
@@ -50,7 +49,7 @@ impl<'a> Task<'a> {
     /// # Errors
     /// [`SequenceError`]; and what `found` gives.
     pub fn extract<E: From<SequenceError>>(
-        self,
+        mut self,
         source: &(impl ImageSource + ?Sized),
         mut found: impl FnMut(&[TimedImage], &[ImageRecord]) -> Result<(), E>,
     ) -> Result<Extraction, E> {
