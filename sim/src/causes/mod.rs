@@ -18,9 +18,9 @@
 //! the list below each. Adding a cause is its file, with its [`CauseInfo`] and that section's hook, and one line of the list:
 //!
 //! - `model`: it changes the model's own numbers before anything moves (`fn alter`). Nothing in a step knows of it.
-//! - `step`: it exerts forces or has inertia ([`hooks::Step`]); `+ alter` where one of its forms changes the model's own numbers instead.
-//! - `drive`: it changes the command on its way to the drives ([`drive::stage::Stage`]), in the order of the list.
-//! - `picture`: it changes what the camera sees ([`camera::look::Look`]), in the order of the list.
+//! - `step`: it exerts forces or has inertia (`hooks::Step`); `+ alter` where one of its forms changes the model's own numbers instead.
+//! - `drive`: it changes the command on its way to the drives (`drive::stage::Stage`), in the order of the list.
+//! - `picture`: it changes what the camera sees (`camera::look::Look`), in the order of the list.
 //!
 //! A cause that is absent costs nothing and leaves the motion the same to the bit.
 
