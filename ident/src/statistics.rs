@@ -1,5 +1,7 @@
 //! The little of statistics that a fit needs.
 
+use std::cmp::Ordering;
+
 use nalgebra::DVector;
 
 /// The chi-square of one degree of freedom that 95 % stay below: the square of [`NORMAL_95`].
@@ -7,10 +9,15 @@ pub(crate) const CHI2_95: f64 = 3.841_458_820_694_124;
 /// Standard deviations to either side that hold 95 % of a normal variable.
 pub(crate) const NORMAL_95: f64 = 1.959_963_984_540_054;
 
-/// The middle of `values`, of an even number the upper one; `None` without any.
-pub fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
+/// Turns the median of the sizes of normal deviations into their standard deviation: 1 / quantile(3/4).
+pub const MEDIAN_TO_SIGMA: f64 = 1.4826;
+/// Tukey's constant: deviations of more standard deviations count nothing; 95 % efficient on normal ones.
+pub const TUKEY_SIGMAS: f64 = 4.685;
+
+/// The middle of `values` in this total `order`, of an even number the upper one; `None` without any. They are reordered.
+pub fn median<T: Copy>(values: &mut [T], order: impl FnMut(&T, &T) -> Ordering) -> Option<T> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, order).1)
 }
 
 /// Chi-square test that `values` are one, where `weigh` multiplies by their inverse covariance: chi-square, degrees of freedom, and

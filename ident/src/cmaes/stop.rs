@@ -128,8 +128,10 @@ impl History {
     pub(super) fn is_stagnant(&self, full: usize) -> bool {
         let worse = |list: &[Loss]| {
             let share = full * 3 / 10;
-            let middle =
-                |part: &[Loss]| median(part.iter().map(|loss| loss.unwrap_or(f64::INFINITY)).collect());
+            let middle = |part: &[Loss]| {
+                let mut part: Vec<f64> = part.iter().map(|loss| loss.unwrap_or(f64::INFINITY)).collect();
+                median(&mut part, f64::total_cmp)
+            };
             list.len() >= full && middle(&list[list.len() - share..]) >= middle(&list[..share])
         };
         worse(&self.best) && worse(&self.median)

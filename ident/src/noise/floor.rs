@@ -191,7 +191,8 @@ fn least(of: impl Fn(f64) -> f64) -> (f64, f64) {
 
 /// The usual time between images: the median.
 pub(crate) fn interval_s(time_s: &[f64]) -> f64 {
-    median(time_s.windows(2).map(|pair| pair[1] - pair[0]).collect()).unwrap_or(1.0)
+    let mut steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    median(&mut steps, f64::total_cmp).unwrap_or(1.0)
 }
 
 /// Coordinates seen at the same instants.

@@ -6,12 +6,12 @@
 //! with the flat one wherever the mechanism never moves away: there the temporal one shows the mechanism
 //! itself, which is told from scenery by its touching what moves.
 
+use ident::statistics::{MEDIAN_TO_SIGMA, TUKEY_SIGMAS, median};
 use image::GrayImage;
 use nalgebra::{Matrix6, Vector6};
 
 use super::component::components;
 use super::config::{Background as Method, Polarity, VisionConfig};
-use super::median::median;
 use super::rejection::Rejection;
 use super::sample::bilinear;
 use super::{Mask, VisionError};
@@ -148,10 +148,8 @@ impl Background {
         let flat = Self { reference: Some(surface.clone()), ..self.clone() };
         let mut levels: Vec<f32> =
             images.iter().filter_map(|image| Some(flat.contrast(image).ok()?.level)).collect();
-        if levels.is_empty() {
-            return clear;
-        }
-        let half = median(&mut levels) / 2.0;
+        let Some(level) = median(&mut levels, f32::total_cmp) else { return clear };
+        let half = level / 2.0;
         let mut still = Mask::empty(0, 0, width, height);
         for (i, bit) in still.bits.iter_mut().enumerate() {
             let free =
@@ -230,10 +228,8 @@ impl Plane {
     /// The quadratic surface through most of `image`: Tukey's biweight, reweighted from the median outward, so
     /// that a mechanism that covers up to a third of the picture does not bend it.
     fn through(image: &GrayImage) -> Self {
-        const NOISE_SAMPLES: usize = 4000;
+        const SURFACE_SAMPLES: usize = 4000;
         const ROUNDS: usize = 8;
-        const TUKEY: f64 = 4.685;
-        const MAD_TO_SIGMA: f64 = 1.4826;
         /// Quantisation: a perfectly even background still has this residual [grey levels].
         const LEAST_SCALE: f64 = 0.5;
         let (width, height) = (image.width() as usize, image.height() as usize);
@@ -241,18 +237,19 @@ impl Plane {
             let (u, v) = (2.0 * x / width as f64 - 1.0, 2.0 * y / height as f64 - 1.0);
             Vector6::new(1.0, u, v, u * u, u * v, v * v)
         };
-        let stride = ((width * height) as f64 / NOISE_SAMPLES as f64).sqrt().ceil().max(1.0) as usize;
+        let stride = ((width * height) as f64 / SURFACE_SAMPLES as f64).sqrt().ceil().max(1.0) as usize;
         let mut samples = Vec::new();
         for y in (stride / 2..height).step_by(stride) {
             for x in (stride / 2..width).step_by(stride) {
                 samples.push((terms(x as f64, y as f64), f64::from(image.as_raw()[y * width + x])));
             }
         }
+        let middle = |values: &mut Vec<f64>| median(values, f64::total_cmp).unwrap_or(0.0);
         let mut values: Vec<f64> = samples.iter().map(|s| s.1).collect();
-        let mut surface = Vector6::new(median(&mut values), 0.0, 0.0, 0.0, 0.0, 0.0);
+        let mut surface = Vector6::new(middle(&mut values), 0.0, 0.0, 0.0, 0.0, 0.0);
         for _ in 0..ROUNDS {
             let mut sizes: Vec<f64> = samples.iter().map(|(t, v)| (v - t.dot(&surface)).abs()).collect();
-            let reach = TUKEY * (MAD_TO_SIGMA * median(&mut sizes)).max(LEAST_SCALE);
+            let reach = TUKEY_SIGMAS * (MEDIAN_TO_SIGMA * middle(&mut sizes)).max(LEAST_SCALE);
             let (mut normal, mut right) = (Matrix6::identity() * 1e-9, Vector6::zeros());
             for (t, value) in &samples {
                 let off = (value - t.dot(&surface)) / reach;
@@ -278,7 +275,7 @@ impl Plane {
 /// reach of its own clear end.
 fn clear_view(images: &[&GrayImage], sign: f32) -> Plane {
     let mut noises: Vec<f32> = images.iter().map(|image| noise(image)).collect();
-    let reach = CLEAR_REACH * median(&mut noises);
+    let reach = CLEAR_REACH * median(&mut noises, f32::total_cmp).unwrap_or(0.0);
     let mut plane = Plane::of(images[0]);
     let mut values = vec![0u8; images.len()];
     for (i, grey) in plane.grey.iter_mut().enumerate() {
@@ -363,8 +360,8 @@ fn level(values: &[f32], noise: f32, min_area_px: f64) -> Result<f32, Rejection>
 
 /// Noise of one pixel \[grey levels\], from the differences of neighbours; at least that of quantisation.
 fn noise(image: &GrayImage) -> f32 {
-    /// 1.4826 turns a median of sizes into a sigma, the root undoes the sum of two noises.
-    const SIZE_TO_SIGMA: f32 = 1.4826 / std::f32::consts::SQRT_2;
+    /// The root undoes the sum of two noises.
+    const DIFFERENCE_TO_SIGMA: f32 = MEDIAN_TO_SIGMA as f32 / std::f32::consts::SQRT_2;
     const QUANTISATION_GREY: f32 = 0.3;
     /// Most cameras' noise is below this.
     const USUAL_NOISE_GREY: usize = 15;
@@ -387,7 +384,7 @@ fn noise(image: &GrayImage) -> f32 {
     }
     // Sizes are rounded: the median lies inside this one, in proportion.
     let inside = (total as f32 / 2.0 - below as f32) / (up_to - below).max(1) as f32;
-    ((least as f32 - 0.5 + inside).max(0.0) * SIZE_TO_SIGMA).max(QUANTISATION_GREY)
+    ((least as f32 - 0.5 + inside).max(0.0) * DIFFERENCE_TO_SIGMA).max(QUANTISATION_GREY)
 }
 
 /// How many neighbours in a row differ by less than `limit` grey levels.

@@ -7,10 +7,10 @@
 
 use super::Mask;
 use super::background::Contrast;
-use super::median::median;
 use super::rejection::Rejection;
 use super::spline::{arc_lengths, distance, moved, resampled, smoothed, tangents, unit};
 use crate::calibration::Px;
+use ident::statistics::{MEDIAN_TO_SIGMA, median};
 
 /// The mechanism's middle line in one image.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,7 +57,7 @@ impl Centreline {
     ) -> Result<Self, Rejection> {
         let lengths = arc_lengths(&medial);
         let total = lengths.last().copied().unwrap_or(0.0);
-        let typical = median(&mut radius.to_vec());
+        let typical = median(&mut radius.to_vec(), f64::total_cmp).unwrap_or(0.0);
         let at = |s: f64| radius[lengths.partition_point(|&l| l < s).min(radius.len() - 1)];
         let from = bent_part(typical, total, at);
         let to = total - bent_part(typical, total, |s| at(total - s));
@@ -201,10 +201,9 @@ impl Between {
 
     /// Robust sigma of the middles about their smoothed line \[px\].
     fn scatter(&self, scale: f64) -> f64 {
-        const SIZE_TO_SIGMA: f64 = 1.4826;
         let line = smoothed(&self.middles, &self.weights, scale);
         let mut off: Vec<f64> = self.middles.iter().zip(&line).map(|(a, b)| distance(*a, *b)).collect();
-        SIZE_TO_SIGMA * median(&mut off)
+        MEDIAN_TO_SIGMA * median(&mut off, f64::total_cmp).unwrap_or(0.0)
     }
 }
 

@@ -2,8 +2,8 @@
 
 use super::centreline::Centreline;
 use super::config::Gates;
-use super::median::median;
 use super::rejection::Rejection;
+use ident::statistics::median;
 
 /// A silhouette's measures.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,11 +24,13 @@ impl Sizes {
 
     /// The median of each measure; `None` without any.
     pub fn usual(of: &[Self]) -> Option<Self> {
-        let middle = |measure: fn(&Self) -> f64| median(&mut of.iter().map(measure).collect::<Vec<_>>());
-        (!of.is_empty()).then(|| Self {
-            length_px: middle(|s| s.length_px),
-            width_px: middle(|s| s.width_px),
-            area_px: middle(|s| s.area_px),
+        let middle = |measure: fn(&Self) -> f64| {
+            median(&mut of.iter().map(measure).collect::<Vec<_>>(), f64::total_cmp)
+        };
+        Some(Self {
+            length_px: middle(|s| s.length_px)?,
+            width_px: middle(|s| s.width_px)?,
+            area_px: middle(|s| s.area_px)?,
         })
     }
 

@@ -6,10 +6,10 @@
 //! known) until the edge points lie on the rectangles' outline, with Tukey's weights against screws, dirt and
 //! rounded corners. Points near the inner joints take no part: how links overlap there is not modelled.
 
+use ident::statistics::{MEDIAN_TO_SIGMA, TUKEY_SIGMAS, median};
 use nalgebra::{DMatrix, DVector};
 
 use super::Mask;
-use super::median::median;
 use super::spline::distance;
 use crate::calibration::Px;
 
@@ -43,9 +43,6 @@ pub struct FittedChain {
 
 /// Edge points closer to an inner joint than this many half widths are left out.
 const JOINT_HALF_WIDTHS: f64 = 1.5;
-/// Tukey's constant, and the factor from a median size to a sigma.
-const TUKEY: f64 = 4.685;
-const SIZE_TO_SIGMA: f64 = 1.4826;
 /// Neighbouring edge points share pixels, and so their noise.
 const CORRELATED_POINTS: f64 = 1.5;
 /// What pixel sampling leaves however many points there are, 1 sigma \[px\]; measured on renders.
@@ -106,7 +103,7 @@ impl Chain {
         let mut damping = 1e-3;
         let mut rows = self.residuals(edge, &pose)?;
         // A straight chain's sides fit wherever it lies along its line: what its ends say must count until they meet.
-        let mut coarse = half / TUKEY * FIRST_REACH_HALF_WIDTHS;
+        let mut coarse = half / TUKEY_SIGMAS * FIRST_REACH_HALF_WIDTHS;
         let mut scale = robust_sigma(&rows).max(coarse);
         let mut cost = self.cost(&rows, scale, &pose);
         for _ in 0..MOST_ROUNDS {
@@ -288,7 +285,7 @@ impl Chain {
     }
 
     fn cost(&self, rows: &[Residual], scale: f64, pose: &Pose) -> f64 {
-        let reach = TUKEY * scale;
+        let reach = TUKEY_SIGMAS * scale;
         let rho = |r: f64| {
             let share = 1.0 - (r / reach).powi(2).min(1.0);
             reach * reach / 3.0 * (1.0 - share.powi(3))
@@ -306,7 +303,7 @@ impl Chain {
         let mut normal = DMatrix::zeros(size, size);
         let mut right = DVector::zeros(size);
         for row in rows {
-            let share = 1.0 - (row.value / (TUKEY * scale)).powi(2);
+            let share = 1.0 - (row.value / (TUKEY_SIGMAS * scale)).powi(2);
             if share <= 0.0 {
                 continue;
             }
@@ -352,7 +349,7 @@ impl Chain {
 /// Robust sigma of the residuals \[px\].
 fn robust_sigma(rows: &[Residual]) -> f64 {
     let mut sizes: Vec<f64> = rows.iter().map(|row| row.value.abs()).collect();
-    (SIZE_TO_SIGMA * median(&mut sizes)).max(FLOOR_PX)
+    (MEDIAN_TO_SIGMA * median(&mut sizes, f64::total_cmp).unwrap_or(0.0)).max(FLOOR_PX)
 }
 
 impl Pose {

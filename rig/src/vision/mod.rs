@@ -20,7 +20,6 @@ pub mod gates;
 pub mod keypoints;
 pub mod links;
 pub mod mask;
-mod median;
 pub mod output;
 pub mod overlay;
 mod parts;

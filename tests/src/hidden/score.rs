@@ -160,6 +160,7 @@ impl Score {
         let distinct = |outcome: &&Outcome| {
             outcome.truth.iter().all(|truth| truth.rival.as_ref().is_none_or(|(_, apart)| *apart > APART))
         };
+        let mut wall_s: Vec<f64> = outcomes.iter().map(|outcome| outcome.wall_s).collect();
         Self {
             strong: Rate::count(one(4.0, f64::INFINITY), exact),
             distinct: Rate::count(one(4.0, f64::INFINITY).filter(distinct), exact),
@@ -171,9 +172,9 @@ impl Score {
             }),
             wrong: Rate::count(outcomes.iter(), |o| o.judgement() == Judgement::Wrong),
             pairs: Rate::count(kind("pair"), exact),
-            closed: median(gaps.collect()),
+            closed: median(&mut gaps.collect::<Vec<f64>>(), f64::total_cmp),
             intervals: Rate { hits: held.iter().filter(|held| **held).count(), of: held.len() },
-            wall_s: median(outcomes.iter().map(|outcome| outcome.wall_s).collect()).unwrap_or(0.0),
+            wall_s: median(&mut wall_s, f64::total_cmp).unwrap_or(0.0),
             threads: outcomes.iter().map(|outcome| outcome.threads).max().unwrap_or(0),
         }
     }
