@@ -43,7 +43,7 @@ fn timed() -> anyhow::Result<()> {
     let images: Vec<TimedImage> = source.images()?.take(MOST).collect::<Result<_, _>>()?;
 
     let started = cpu_ms();
-    let mut extractor = Task::new(&config.vision, plane, folder).learn(&sample)?;
+    let mut extractor = Task::new(&config.vision, None, plane, folder)?.learn(&sample)?;
     let learnt = cpu_ms();
     let records = extractor.push(&images);
     let done = cpu_ms();

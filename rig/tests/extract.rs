@@ -40,6 +40,7 @@ fn args(folder: &Path, config: &str, centreline: &str) -> Args {
     Args {
         frames,
         config: folder.join("rig.toml"),
+        model: None,
         out: folder.join("t.csv"),
         centreline: Some(folder.join(centreline)),
         overlays: Some(folder.join("overlays")),

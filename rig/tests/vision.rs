@@ -57,7 +57,7 @@ fn sequence(
     plane: &Plane,
     folder: &Path,
 ) -> Result<Extraction, SequenceError> {
-    Task::new(config, plane.clone(), folder).extract(&InMemory(images), |_, _| Ok(()))
+    Task::new(config, None, plane.clone(), folder)?.extract(&InMemory(images), |_, _| Ok(()))
 }
 
 fn extracted(images: Vec<GrayImage>, config: &VisionConfig) -> Extraction {
@@ -136,16 +136,20 @@ fn mean_errors(config: &VisionConfig, bend: f64) -> ([f64; 4], f64) {
 
 #[test]
 fn rigid_links_are_found_to_a_tenth_of_a_pixel_where_shares_of_the_length_are_not() {
-    let known = VisionConfig {
-        link_lengths_m: Some(vec![metres(LENGTH_PX * METRES_PER_PIXEL); 3]),
+    // Square ends at the pivots: with lengths free, a straight chain could as well be shorter and reach past them.
+    let links = VisionConfig {
+        overhang_m: ident::strict::NonNegative::new(0.0),
+        end_rounding: ident::strict::Share::new(0.0),
         ..VisionConfig::new(3, Mode::Links)
     };
+    let known =
+        VisionConfig { link_lengths_m: Some(vec![metres(LENGTH_PX * METRES_PER_PIXEL); 3]), ..links.clone() };
     let end_to_end =
         VisionConfig { end_inset: ident::strict::NonNegative::new(0.0), ..VisionConfig::new(3, Mode::Arc) };
     let rows = [
         ("paper", VisionConfig::new(3, Mode::Paper), [14.0, 8.0]),
         ("arc", end_to_end, [0.8, 6.0]),
-        ("links, length free", VisionConfig::new(3, Mode::Links), [0.25, 0.25]),
+        ("links, length free", links, [0.25, 0.25]),
         ("links, length known", known, [0.2, 0.2]),
     ];
     for (name, config, [ends, joints]) in rows {
@@ -167,6 +171,30 @@ fn rigid_links_are_found_to_a_tenth_of_a_pixel_where_shares_of_the_length_are_no
     }
 }
 
+/// What nobody has said of the links' ends is told by the images where they can, and where they cannot the keypoints' sigmas say so.
+#[test]
+fn ends_of_links_that_nobody_has_stated_are_estimated_or_doubted() {
+    let renderer = Renderer::new(tank_plane(), Look::plain(640, 480));
+    let (swinging, truth) = swing(&renderer, 12);
+    let config = VisionConfig { overhang_m: None, end_rounding: None, ..chain_config() };
+    let found = sequence(&timed(swinging), &config, &tank_plane(), Path::new("")).unwrap();
+    let learned = |key: &str| found.learned.iter().find(|learned| learned.key == key).unwrap();
+    let (overhang, rounding) = (learned("overhang_m"), learned("end_rounding"));
+    println!("{overhang:?} {rounding:?}");
+    assert!((overhang.value - 0.0025).abs() < 3.0 * overhang.std && overhang.std < 5e-5, "{overhang:?}");
+    assert_eq!(rounding.value, 0.0);
+    for (record, truth) in found.records.iter().zip(&truth) {
+        for (keypoint, truth) in record.keypoints.iter().zip(truth) {
+            assert!(distance(keypoint.metres, *truth) < 1e-4, "{:?} {truth:?}", keypoint.metres);
+        }
+    }
+
+    let straight = VisionConfig { overhang_m: None, ..VisionConfig::new(3, Mode::Links) };
+    let (mean, within) = mean_errors(&straight, 0.0);
+    assert!(mean[0] > 1.0, "one straight chain tells: {mean:?}");
+    assert!(within > 0.9, "{mean:?} are not within what is said of them: {within}");
+}
+
 /// The three-link mechanism of the shipped experiments: links of 30 mm overlapping by 5 mm, P0 at the motor.
 const CHAIN: &str = "<mujoco><default><geom type='box' size='0.005 0.0025 0.015' pos='0 0 -0.0125' density='1240'/></default>
   <worldbody><body name='l1'><joint name='q1' axis='0 -1 0'/><geom name='g1'/><site name='P0'/><site name='P1' pos='0 0 -0.025'/>
@@ -182,7 +210,7 @@ fn tank_plane() -> Plane {
 fn chain_config() -> VisionConfig {
     VisionConfig {
         link_lengths_m: Some([0.025, 0.025, 0.0275].map(metres).to_vec()),
-        overhang_m: ident::strict::NonNegative::new(0.0025).unwrap(),
+        overhang_m: ident::strict::NonNegative::new(0.0025),
         base_px: Some(finite([320.0, 60.0])),
         ..VisionConfig::new(3, Mode::Links)
     }
@@ -398,7 +426,7 @@ fn result_depends_neither_on_threads_nor_on_how_images_are_handed_over() {
         pool.install(|| sequence(&images, &config, &tank_plane(), Path::new(""))).unwrap()
     };
     let (whole, threads) = (by(1), by(3));
-    let mut live = Task::new(&config, tank_plane(), Path::new("")).learn(&images).unwrap();
+    let mut live = Task::new(&config, None, tank_plane(), Path::new("")).unwrap().learn(&images).unwrap();
     let records = images.chunks(1).flat_map(|image| live.push(image)).collect();
     let live = Extraction::of(records, 3, tank_plane());
     assert_eq!(bits(&whole), bits(&threads));
@@ -430,7 +458,8 @@ fn extraction_starts_again_from_its_stored_silhouettes_or_keypoints_with_the_sam
             stored.iter().map(|text| serde_json::from_str(text).unwrap()).collect();
 
         let masks: Vec<Option<Mask>> = stored.iter().map(|record| record.mask.clone()).collect();
-        let mut task = Task { masks: Some(masks), ..Task::new(&config, tank_plane(), Path::new("")) };
+        let mut task =
+            Task { masks: Some(masks), ..Task::new(&config, None, tank_plane(), Path::new("")).unwrap() };
         let records = task.learn(&images).unwrap().push(&images);
         for (again, before) in records.iter().zip(&whole.records) {
             assert_eq!(

@@ -56,7 +56,7 @@ fn extraction(folder: &Path) -> Extraction {
     let plane = config.calibration.plane(Path::new("")).unwrap();
     let source = images::open(&folder.join("frames"), Some(30.0)).unwrap();
     let heard = |_: &[TimedImage], _: &[ImageRecord]| Ok::<(), SequenceError>(());
-    Task::new(&config.vision, plane, Path::new("")).extract(source.as_ref(), heard).unwrap()
+    Task::new(&config.vision, None, plane, Path::new("")).unwrap().extract(source.as_ref(), heard).unwrap()
 }
 
 /// Rms distance of the tracker's points from our line, wherever along it \[px\]: blind to where each line ends.

@@ -9,6 +9,13 @@ use crate::config::RigConfig;
 use crate::record::RecordError;
 use crate::record::folder::RunFolder;
 
+/// The model that `run` was made with.
+pub(super) fn model(run: &RunFolder) -> Result<Model, AnalysisError> {
+    let path = run.file(&run.start().model);
+    let text = std::fs::read_to_string(&path).map_err(RecordError::io("reading", &path))?;
+    Model::from_mjcf(&text).map_err(|source| AnalysisError::Model { path, source })
+}
+
 /// `run` as a fit takes it, with the keypoints of its `trajectory`.
 pub(super) fn experiment(
     run: &RunFolder,
@@ -17,9 +24,7 @@ pub(super) fn experiment(
     trajectory: Trajectory,
 ) -> Result<Experiment, AnalysisError> {
     let start = run.start();
-    let path = run.file(&start.model);
-    let text = std::fs::read_to_string(&path).map_err(RecordError::io("reading", &path))?;
-    let mut model = Model::from_mjcf(&text).map_err(|source| AnalysisError::Model { path, source })?;
+    let mut model = model(run)?;
     let mut fit = config.fit.clone();
     config.mechanism.weights().put_into(&config.water.water(), &mut model, &mut fit)?;
     let kind = start.kind;

@@ -8,9 +8,10 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 
 use ident::experiment::Method;
+use sim::Trajectory;
 
 use super::early::EarlyFit;
-use super::experiment::experiment;
+use super::experiment::{experiment, model};
 use super::stored;
 use super::timeline::Chronicle;
 use crate::calibration::Plane;
@@ -114,8 +115,10 @@ impl Follower {
     /// None where the empty tank was not learned or a record cannot be kept: the analysis will try again and say why.
     fn follow(self, mut images: LiveImages) -> Option<Begun> {
         let sample = images.sample(LEARN_FROM)?;
-        let mut extractor =
-            Task::new(&self.config.vision, self.plane.clone(), &self.folder).learn(&sample).ok()?;
+        let model = model(&self.run).ok()?;
+        let mut task = Task::new(&self.config.vision, Some(&model), self.plane.clone(), &self.folder).ok()?;
+        let links = task.outline.links;
+        let mut extractor = task.learn(&sample).ok()?;
         drop(sample);
         let (mut records, mut lines, mut early) = (Vec::new(), Vec::new(), None);
         let waiting = images.waiting();
@@ -125,7 +128,7 @@ impl Follower {
             if waiting.count() < IMAGES_AT_ONCE
                 && let Ok(chronicle) = self.fits.try_recv()
             {
-                early = self.begin_fit(&records, chronicle);
+                early = self.begin_fit(trajectory(&records, links), chronicle);
             }
             Ok::<(), serde_json::Error>(())
         })
@@ -134,12 +137,11 @@ impl Follower {
     }
 
     /// Fits what has been seen so far; none where that cannot be done, or where the fit of the whole begins elsewhere.
-    fn begin_fit(&self, seen: &[ImageRecord], chronicle: Chronicle) -> Option<EarlyFit> {
+    fn begin_fit(&self, seen: Trajectory, chronicle: Chronicle) -> Option<EarlyFit> {
         if self.config.fit.method != Method::Hybrid {
             return None;
         }
         let timeline = chronicle.timeline(&self.config).ok()?;
-        let seen = trajectory(seen, self.config.vision.links);
         Some(EarlyFit::begin(experiment(&self.run, &self.config, &timeline, seen).ok()?))
     }
 }

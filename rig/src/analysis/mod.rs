@@ -28,7 +28,7 @@ use crate::record::folder::{RunFolder, file, read_json, write_json, write_whole}
 use crate::record::frames::{self, FrameRow};
 use crate::record::timing::{self, Timing};
 use crate::report::{DiagnosisFigures, ReportData};
-use crate::vision::{Extraction, ImageRecord, Status, Task};
+use crate::vision::{Extraction, ImageRecord, SequenceError, Status, Task};
 use early::EarlyFit;
 pub use error::AnalysisError;
 use experiment::experiment;
@@ -186,11 +186,13 @@ impl Analysis<'_> {
             progress.step(done);
             Ok::<(), AnalysisError>(())
         };
-        let mut task = Task::new(config, plane, folder);
+        let model = experiment::model(self.run)?;
+        let mut task = Task::new(config, Some(&model), plane, folder).map_err(SequenceError::from)?;
+        let links = task.outline.links;
         let (mut lines, mut has_lines, mut early) = (Vec::new(), 0, None);
         let extraction = if let (Stage::Keypoints, Some(stored)) = (self.from, &stored) {
             let records = stored.iter().map(|record| record.record(&task.plane)).collect();
-            Extraction::of(records, config.links, task.plane)
+            Extraction::of(records, links, task.plane)
         } else {
             task.masks = stored.map(|stored| stored.into_iter().map(|record| record.mask).collect());
             let times_s: Vec<f64> = timeline.usable().map(|image| image.row.time_s).collect();
@@ -200,7 +202,7 @@ impl Analysis<'_> {
                     let mut extractor = begun.extractor;
                     let left = begun.left.iter().map(|image| Ok(TimedImage::of(image, self.run.origin())));
                     let records = task.go_on(&mut extractor, left, begun.records, found)?;
-                    Extraction::of(records, config.links, task.plane)
+                    Extraction::of(records, links, task.plane)
                 }
                 None => task.extract(&self.images(timeline), &mut found)?,
             }

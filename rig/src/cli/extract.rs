@@ -8,6 +8,7 @@ use std::sync::Arc;
 use anyhow::Context;
 use ident::strict::{self, Positive};
 use serde::Deserialize;
+use sim::Model;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
@@ -15,6 +16,7 @@ use crate::analysis::Progress as _;
 use crate::app::{Watcher as _, on_threads, threads};
 use crate::calibration::Calibration;
 use crate::images::{self, TimedImage};
+use crate::vision::extractor::Learned;
 use crate::vision::{Extraction, ImageRecord, Status, Task, VisionConfig, output, overlay};
 
 /// Keypoints from images: a folder of pictures, or a video where ffmpeg is installed.
@@ -23,9 +25,12 @@ pub struct Args {
     /// Folder of pictures (in order of name, or as its frames.csv says), or a video file.
     #[arg(value_name = "FRAMES")]
     pub frames: PathBuf,
-    /// Any rig config; only its `[camera]` fps, `[calibration]` and `[vision]` are used.
+    /// Any rig config; only its `[camera]` fps, `[calibration]`, `[vision]` and the model of `[run]` are used.
     #[arg(long, value_name = "TOML")]
     pub config: PathBuf,
+    /// The mechanism's MuJoCo model, whose sites P0..Pn say what its shape is where `[vision]` does not; left out: that of `[run]`.
+    #[arg(long, value_name = "MODEL.xml")]
+    pub model: Option<PathBuf>,
     /// The trajectory to write; each image's status goes to `<out>.frames.csv`.
     #[arg(long, value_name = "CSV")]
     pub out: PathBuf,
@@ -46,7 +51,16 @@ struct Config {
     #[serde(default)]
     camera: Camera,
     calibration: Calibration,
+    #[serde(default)]
     vision: VisionConfig,
+    #[serde(default)]
+    run: Run,
+}
+
+/// The one key of `[run]` that matters here.
+#[derive(Debug, Default, Deserialize)]
+struct Run {
+    model: Option<PathBuf>,
 }
 
 /// The one key of `[camera]` that matters here; `rig run` checks the others.
@@ -66,7 +80,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let config: Config = strict::read(&args.config).map_err(Failure::input)?;
     let folder = args.config.parent().unwrap_or(Path::new(""));
     let plane = config.calibration.plane(folder).map_err(Failure::input)?;
-    config.vision.check().map_err(Failure::input)?;
+    let named = args.model.clone().or(config.run.model.as_ref().map(|model| folder.join(model)));
+    let model = named.as_deref().map(read_model).transpose()?;
     let fps = config.camera.fps.map(Positive::get);
     let source = images::open(&args.frames, fps).map_err(Failure::input)?;
 
@@ -81,13 +96,22 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         bar.step(done);
         Ok::<(), Failure>(())
     };
-    let task = Task::new(&config.vision, plane, folder);
+    let task = Task::new(&config.vision, model.as_ref(), plane, folder).map_err(Failure::input)?;
     let threads = threads(args.threads);
     let extraction = on_threads(threads, || task.extract(source.as_ref(), &mut found));
     bar.clear();
     let extraction = extraction?;
     write(args, &extraction).map_err(Failure::input)?;
     Ok(Outcome { out: Some(args.out.clone()), text: summary(&extraction, &args.out), ..Outcome::default() })
+}
+
+fn read_model(path: &Path) -> Result<Model, Failure> {
+    let text = std::fs::read_to_string(path)
+        .with_context(|| format!("reading {}", path.display()))
+        .map_err(Failure::Input)?;
+    Model::from_mjcf(&text)
+        .with_context(|| format!("reading model {}", path.display()))
+        .map_err(Failure::Input)
 }
 
 fn write(args: &Args, extraction: &Extraction) -> anyhow::Result<()> {
@@ -127,7 +151,14 @@ fn summary(extraction: &Extraction, out: &Path) -> String {
     let [ok, doubtful, rejected] =
         [Status::Ok, Status::Doubtful, Status::Rejected].map(|status| extraction.count(status));
     let total = extraction.records.len();
-    format!(
+    let told: String = extraction
+        .learned
+        .iter()
+        .map(|Learned { key, value, std }| {
+            format!("{key} = {value:.5} ± {std:.5}, from the images: nobody says it\n")
+        })
+        .collect();
+    told + &format!(
         "{}: {total} images, {ok} ok, {doubtful} doubtful, {rejected} rejected; reasons in {}.frames.csv\n",
         out.display(),
         out.display()

@@ -35,7 +35,8 @@ pub struct RigConfig {
     pub camera: CameraConfig,
     /// From pixels to metres.
     pub calibration: Calibration,
-    /// From images to keypoints.
+    /// From images to keypoints, where the model does not say it.
+    #[serde(default)]
     pub vision: VisionConfig,
     /// What else is known of the mechanism.
     #[serde(default)]
@@ -131,7 +132,7 @@ impl RigConfig {
         if self.has(BoardKind::Replay, CameraKind::Replay) && self.replay.is_none() {
             return contradiction("replayed board or camera without a run: add [replay] run = \"...\"");
         }
-        if let Err(error) = self.vision.check() {
+        if let Some(Err(error)) = self.vision.links.map(|links| self.vision.check(links)) {
             return contradiction(&format!("[vision]: {error}"));
         }
         Ok(self)

@@ -55,27 +55,34 @@ pub enum Background {
 ///
 /// Lengths in the picture are pixels, lengths of the mechanism metres. Defaults marked *guessed* are ours and
 /// unmeasured on real tanks.
+///
+/// What the mechanism's shape is (`links` to `shares`) comes from the model where the table leaves it out
+/// ([`Outline`](super::outline::Outline)).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VisionConfig {
     /// Number of links n: keypoints are P0..Pn. From 1 to 64.
-    pub links: usize,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub links: Option<usize>,
     /// How they are placed.
-    pub mode: Mode,
-    /// Mode `links`: pivot-to-pivot lengths \[m\], the last one to the tip. Left out: equal and fitted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mode: Option<Mode>,
+    /// Mode `links`: pivot-to-pivot lengths \[m\], the last one to the tip. Without a model: equal and fitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub link_lengths_m: Option<Vec<Positive>>,
-    /// Mode `links`: how far a link reaches past its pivots \[m\], half the overlap of two links. Default 0.
-    #[serde(default = "zero")]
-    pub overhang_m: NonNegative,
-    /// Mode `links`: radius of the free ends' corners as a share of the half width: 0 square (default), 1 round.
-    #[serde(default = "no_share")]
-    pub end_rounding: Share,
-    /// Mode `arc`: P1..Pn at these shares of the arc length, rising. Default: equal steps.
+    /// Mode `links`: how far a link reaches past its pivots \[m\], half the overlap of two links. Without a model: estimated
+    /// from the images.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub overhang_m: Option<NonNegative>,
+    /// Mode `links`: radius of the free ends' corners as a share of the half width: 0 square, 1 round. Without a model:
+    /// whichever explains the images better.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub end_rounding: Option<Share>,
+    /// Mode `arc`: P1..Pn at these shares of the arc length, rising. Without a model: equal steps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shares: Option<Vec<Share>>,
-    /// P0, roughly \[px\]. Tells base from tip, and holds P0 where it is hidden. Left out: the upper end in
-    /// the first image, then the end that lies nearer to it from image to image.
+    /// P0, roughly \[px\]. Tells base from tip, and holds P0 where it is hidden. Left out: where the model holds it; without one
+    /// the upper end in the first image, then the end that lies nearer to it from image to image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base_px: Option<[ident::strict::Finite; 2]>,
     /// How well `base_px` is known, 1 sigma \[px\]; counts in mode `links` where the base is hidden.
@@ -152,15 +159,14 @@ impl Default for Gates {
 /// Most links a mechanism may have.
 const MAX_LINKS: usize = 64;
 
-impl VisionConfig {
-    /// A config with every optional key left out.
-    pub fn new(links: usize, mode: Mode) -> Self {
+impl Default for VisionConfig {
+    fn default() -> Self {
         Self {
-            links,
-            mode,
+            links: None,
+            mode: None,
             link_lengths_m: None,
-            overhang_m: zero(),
-            end_rounding: no_share(),
+            overhang_m: None,
+            end_rounding: None,
             shares: None,
             base_px: None,
             base_std_px: base_std(),
@@ -174,28 +180,31 @@ impl VisionConfig {
             gates: Gates::default(),
         }
     }
+}
 
-    /// Checks what single keys cannot say about themselves.
+impl VisionConfig {
+    /// A config with every other key left out.
+    pub fn new(links: usize, mode: Mode) -> Self {
+        Self { links: Some(links), mode: Some(mode), ..Self::default() }
+    }
+
+    /// Checks what single keys cannot say about themselves, for a mechanism of so many `links`.
     ///
     /// # Errors
     /// [`VisionError::Config`] naming the keys.
-    pub fn check(&self) -> Result<(), VisionError> {
+    pub fn check(&self, links: usize) -> Result<(), VisionError> {
         let refuse = |what: String| Err(VisionError::Config { what });
-        if self.links == 0 || self.links > MAX_LINKS {
-            return refuse(format!("links = {} must be between 1 and {MAX_LINKS}", self.links));
+        if links == 0 || links > MAX_LINKS {
+            return refuse(format!("links = {links} must be between 1 and {MAX_LINKS}"));
         }
         if let Some(lengths) = &self.link_lengths_m
-            && lengths.len() != self.links
+            && lengths.len() != links
         {
-            return refuse(format!(
-                "link_lengths_m has {} entries for links = {}",
-                lengths.len(),
-                self.links
-            ));
+            return refuse(format!("link_lengths_m has {} entries for links = {links}", lengths.len()));
         }
         if let Some(shares) = &self.shares {
-            if shares.len() != self.links {
-                return refuse(format!("shares has {} entries for links = {}", shares.len(), self.links));
+            if shares.len() != links {
+                return refuse(format!("shares has {} entries for links = {links}", shares.len()));
             }
             if shares[0].get() <= 0.0 || shares.windows(2).any(|pair| pair[0] >= pair[1]) {
                 return refuse("shares must rise strictly from above 0".into());
@@ -204,24 +213,14 @@ impl VisionConfig {
         Ok(())
     }
 
-    /// Shares of the arc length of P0..Pn, shape (links + 1).
-    pub fn arc_shares(&self) -> Vec<f64> {
-        let n = self.links;
-        let rest = match &self.shares {
-            Some(shares) => shares.iter().map(|s| s.get()).collect(),
-            None => (1..=n).map(|i| i as f64 / n as f64).collect::<Vec<_>>(),
-        };
-        std::iter::once(0.0).chain(rest).collect()
-    }
-
     /// How many mean half widths short of its ends the centreline stops, see the key.
-    pub fn end_inset(&self) -> f64 {
+    pub fn end_inset(&self, mode: Mode, held: bool) -> f64 {
         /// The centre of a round end is one half width in; a body narrows towards it.
         const ROUND_END_INSET: f64 = 0.9;
         match self.end_inset {
-            _ if self.mode != Mode::Arc => 0.0,
+            _ if mode != Mode::Arc => 0.0,
             Some(inset) => inset.get(),
-            None if self.base_px.is_some() => 0.0,
+            None if held => 0.0,
             None => ROUND_END_INSET,
         }
     }
@@ -232,20 +231,12 @@ impl VisionConfig {
     }
 }
 
-fn zero() -> NonNegative {
-    NonNegative::new(0.0).unwrap_or_else(|| unreachable!("0 is in range"))
-}
-
 fn share(value: f64) -> Share {
     Share::new(value).unwrap_or_else(|| unreachable!("{value} is a share"))
 }
 
 fn positive(value: f64) -> Positive {
     Positive::new(value).unwrap_or_else(|| unreachable!("{value} is positive"))
-}
-
-fn no_share() -> Share {
-    share(0.0)
 }
 
 fn base_std() -> Positive {

@@ -12,15 +12,17 @@ use rayon::prelude::*;
 use super::background::{Background, Contrast};
 use super::centreline::Centreline;
 use super::component::{choose, components};
-use super::config::{Background as Method, VisionConfig, picture};
+use super::config::{Background as Method, Mode, VisionConfig, picture};
+use super::continuity::{Continuity, Marks};
 use super::gates::{Sizes, check_overlap};
 use super::keypoints::{CLEAR_PX, Found, Shape, edge_points, place};
+use super::outline::Outline;
 use super::parts::{Parts, Seen};
 use super::record::{ImageRecord, Keypoint, Status};
 use super::rejection::Rejection;
 use super::spline::{arc_lengths, distance, point_at};
 use super::thin::{longest_path, radii, thinned};
-use super::{Mask, VisionError, static_mask};
+use super::{Mask, VisionError, ends, static_mask};
 use crate::calibration::Plane;
 use crate::calibration::Px;
 use crate::images::TimedImage;
@@ -29,6 +31,10 @@ use crate::images::TimedImage;
 #[derive(Debug)]
 pub struct Extractor {
     config: VisionConfig,
+    outline: Outline,
+    /// P0, roughly, where somebody says \[px\].
+    base: Option<Px>,
+    learned: Vec<Learned>,
     plane: Plane,
     background: Background,
     usual: Option<Sizes>,
@@ -37,9 +43,24 @@ pub struct Extractor {
     last: Last,
 }
 
+/// A number of the mechanism's shape that the images told.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Learned {
+    /// The `[vision]` key that would say it.
+    pub key: &'static str,
+    /// Its value, in the key's unit.
+    pub value: f64,
+    /// Its standard deviation.
+    pub std: f64,
+}
+
+/// Three roundings are told apart, half of the way from one to the next is no error.
+const ROUNDING_STD: f64 = 0.15;
+
 /// What an image takes from the ones before it.
 #[derive(Debug, Default)]
 struct Last {
+    continuity: Continuity,
     centroid: Option<Px>,
     line: Option<Vec<Px>>,
     gap: usize,
@@ -84,10 +105,10 @@ impl Extractor {
     pub fn learn(
         sample: &[TimedImage],
         config: &VisionConfig,
+        outline: &Outline,
         plane: Plane,
         folder: &Path,
     ) -> Result<Self, VisionError> {
-        config.check()?;
         let images: Vec<&GrayImage> = sample.iter().filter_map(|image| image.grey.as_ref().ok()).collect();
         if images.is_empty() {
             return Err(VisionError::NoImages);
@@ -104,6 +125,9 @@ impl Extractor {
         let background = Background::learn(&images, config, empty.as_ref(), blocked)?;
         let mut extractor = Self {
             config: config.clone(),
+            base: config.base().or(outline.base_m.map(|base| plane.pixel(base))),
+            outline: outline.clone(),
+            learned: Vec::new(),
             plane,
             background,
             usual: None,
@@ -121,8 +145,42 @@ impl Extractor {
             (None, Some(why)) => {
                 Err(VisionError::NoBackground { images: images.len(), what: why.to_string() })
             }
-            _ => Ok(extractor),
+            _ => {
+                extractor.learn_ends(&images);
+                Ok(extractor)
+            }
         }
+    }
+
+    /// Learns from `images` what nobody has said of the links' ends.
+    fn learn_ends(&mut self, images: &[&GrayImage]) {
+        let known = self.outline.overhang_m.is_some() && self.outline.end_rounding.is_some();
+        if known || self.outline.mode != Mode::Links {
+            return;
+        }
+        let seen = in_parallel(images, |image| {
+            let parts = self.parts(image)?;
+            let chosen = self.choice(&parts, None)?;
+            Ok(parts.seen(chosen))
+        });
+        let oriented = self.oriented_all(&seen);
+        self.last = Last::default();
+        let shapes: Vec<Shape<'_>> = oriented.iter().flatten().map(|oriented| self.shape(oriented)).collect();
+        let Some(ends) = ends::learn(&self.outline, &self.plane, &shapes) else { return };
+        if self.outline.overhang_m.is_none() {
+            let (value, std) = ends.overhang_m;
+            self.outline.overhang_m = Some((value, std));
+            self.learned.push(Learned { key: "overhang_m", value, std });
+        }
+        if self.outline.end_rounding.is_none() {
+            self.outline.end_rounding = Some(ends.rounding);
+            self.learned.push(Learned { key: "end_rounding", value: ends.rounding, std: ROUNDING_STD });
+        }
+    }
+
+    /// What nobody had said of the mechanism's shape and the sample told.
+    pub fn learned(&self) -> &[Learned] {
+        &self.learned
     }
 
     /// The same with the mechanism's silhouettes given, one for each image to come, instead of found: those of the
@@ -135,23 +193,25 @@ impl Extractor {
     /// Takes the next images of the sequence, in order, and gives one record for each. They are worked on by the threads of the
     /// caller's pool; results do not depend on how many those are.
     pub fn push(&mut self, images: &[TimedImage]) -> Vec<ImageRecord> {
-        let given = self.masks.as_mut().map(|masks| {
-            let mut next = || masks.pop_front().flatten();
-            images.iter().map(|_| next()).collect::<Vec<_>>()
-        });
-        let seen = match given {
+        let marks = in_parallel(images, |image| readable(image).map(Marks::of));
+        let own = marks.into_iter().map(|marks| self.last.continuity.take(marks?));
+        let images_of_their_own: Vec<Result<&GrayImage, Rejection>> =
+            own.zip(images).map(|(own, image)| own.and_then(|()| readable(image))).collect();
+        let parts =
+            in_parallel(&images_of_their_own, |image| self.parts(image.as_ref().map_err(Clone::clone)?));
+        let seen = match self.masks.as_mut() {
             Some(masks) => {
-                let given: Vec<(&TimedImage, Option<Mask>)> = images.iter().zip(masks).collect();
-                in_parallel(&given, |(image, mask)| {
-                    let parts = self.parts(readable(image)?)?;
+                let masks: Vec<Option<Mask>> = parts.iter().map(|_| masks.pop_front().flatten()).collect();
+                let given = |(parts, mask): (Result<Parts, Rejection>, Option<Mask>)| {
+                    let parts = parts?;
                     match mask {
-                        Some(mask) => parts.with(mask),
+                        Some(mask) => parts.with(&mask),
                         None => self.choice(&parts, None).and(Err(Rejection::NoMask)),
                     }
-                })
+                };
+                parts.into_iter().zip(masks).map(given).collect()
             }
             None => {
-                let parts = in_parallel(images, |image| self.parts(readable(image)?));
                 let follow = |parts: Result<Parts, Rejection>| {
                     let parts = parts?;
                     let chosen = self.choice(&parts, self.last.centroid)?;
@@ -164,15 +224,15 @@ impl Extractor {
         self.measure(images, seen)
     }
 
-    /// Everything behind the silhouette.
-    fn measure(&mut self, images: &[TimedImage], seen: Vec<Result<Seen, Rejection>>) -> Vec<ImageRecord> {
-        let candidates = in_parallel(&seen, |seen| match seen {
+    /// The silhouettes' middle lines, base first.
+    fn oriented_all(&mut self, seen: &[Result<Seen, Rejection>]) -> Vec<Result<Oriented, Rejection>> {
+        let candidates = in_parallel(seen, |seen| match seen {
             Ok(seen) => self.candidate(seen),
             Err(why) => Err(why.clone()),
         });
-        let oriented: Vec<Result<Oriented, Rejection>> = candidates
+        candidates
             .into_iter()
-            .zip(&seen)
+            .zip(seen)
             .map(|(candidate, seen)| {
                 let oriented = match (candidate, seen) {
                     (Ok(candidate), Ok(seen)) => self.oriented(candidate, seen),
@@ -192,16 +252,20 @@ impl Extractor {
                 let undisturbed = self.undisturbed(seen, area_px.unwrap_or(seen.silhouette.area() as f64));
                 oriented.and_then(|oriented| undisturbed.map(|()| oriented))
             })
-            .collect();
+            .collect()
+    }
+
+    fn shape<'a>(&self, oriented: &'a Oriented) -> Shape<'a> {
+        let Candidate { line, mask, edge, .. } = &oriented.candidate;
+        let base = self.base.map(|base| (base, self.config.base_std_px.get()));
+        Shape { line, mask, edge, base_covered: oriented.base_covered, base }
+    }
+
+    /// Everything behind the silhouette.
+    fn measure(&mut self, images: &[TimedImage], seen: Vec<Result<Seen, Rejection>>) -> Vec<ImageRecord> {
+        let oriented = self.oriented_all(&seen);
         let found = in_parallel(&oriented, |oriented| match oriented {
-            Ok(oriented) => {
-                let Candidate { line, mask, edge, .. } = &oriented.candidate;
-                place(
-                    &self.config,
-                    &self.plane,
-                    &Shape { line, mask, edge, base_covered: oriented.base_covered },
-                )
-            }
+            Ok(oriented) => place(&self.outline, &self.config.gates, &self.plane, &self.shape(oriented)),
             Err(why) => Err(why.clone()),
         });
         images
@@ -227,7 +291,7 @@ impl Extractor {
     fn choice(&self, parts: &Parts, last: Option<Px>) -> Result<usize, Rejection> {
         let least = self.config.min_area_px.get();
         let diagonal = (parts.contrast.width as f64).hypot(parts.contrast.height as f64);
-        choose(&parts.parts, least, self.config.base(), BASE_REACH * diagonal, last)
+        choose(&parts.parts, least, self.base, BASE_REACH * diagonal, last)
             .ok_or(Rejection::NothingThere { min_area_px: least })
     }
 
@@ -247,9 +311,9 @@ impl Extractor {
         let radius = radii(&mask, &medial);
         let line = Centreline::follow(&seen.contrast, medial, &radius, self.config.smoothing.get())?;
         check_overlap(line.drawn(&mask).overlap(&mask), &self.config.gates)?;
-        let edge = edge_points(&self.config, &seen.contrast, &mask, self.background.blocked());
+        let edge = edge_points(self.outline.mode, &seen.contrast, &mask, self.background.blocked());
         let sizes = Sizes::of(&line, mask.area());
-        let line = line.inset(self.config.end_inset());
+        let line = line.inset(self.config.end_inset(self.outline.mode, self.base.is_some()));
         Ok(Candidate { line, mask, edge, sizes })
     }
 
@@ -260,7 +324,7 @@ impl Extractor {
         }
         let Candidate { line, mask, edge, sizes } = candidate;
         let (start, end) = (line.points[0], line.points[line.points.len() - 1]);
-        let backwards = match (self.config.base(), &self.last.line) {
+        let backwards = match (self.base, &self.last.line) {
             (Some(base), _) => distance(base, end) < distance(base, start),
             (None, Some(last)) => {
                 let here = compared(&line.points);
@@ -297,7 +361,7 @@ impl Extractor {
         let gates = &self.config.gates;
         let share = seen.cut_object_px as f64 / area_px;
         let limit = if self.last.intruder { gates.cut_object } else { gates.intruder };
-        self.last.intruder = self.config.base_px.is_none() && share >= limit.get() && share > 0.0;
+        self.last.intruder = self.base.is_none() && share >= limit.get() && share > 0.0;
         if self.last.intruder { Err(Rejection::Intruder { object_px: seen.cut_object_px }) } else { Ok(()) }
     }
 
@@ -309,8 +373,7 @@ impl Extractor {
                 "another object of {cut_object_px} px is cut by the picture's border: it may be a part of the mechanism"
             ));
         }
-        let lost =
-            self.config.base_px.is_none() && self.last.gap > gates.longest_gap && self.last.line.is_some();
+        let lost = self.base.is_none() && self.last.gap > gates.longest_gap && self.last.line.is_some();
         lost.then(|| format!("base and tip may have changed places during {} rejected images", self.last.gap))
     }
 

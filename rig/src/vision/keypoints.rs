@@ -3,10 +3,11 @@
 use super::Mask;
 use super::background::Contrast;
 use super::centreline::Centreline;
-use super::config::{Mode, VisionConfig};
+use super::config::{Gates, Mode};
 use super::contour::contour;
 use super::gates::check_overlap;
-use super::links::Chain;
+use super::links::{Chain, FittedChain};
+use super::outline::Outline;
 use super::rejection::Rejection;
 use super::spline::{arc_lengths, distance, moved, point_at, unit};
 use crate::calibration::Plane;
@@ -32,6 +33,8 @@ pub struct Shape<'a> {
     pub edge: &'a [Px],
     /// The base end is covered by the static mask or cut by the picture's border.
     pub base_covered: bool,
+    /// P0, roughly, and its sigma \[px\], where somebody says.
+    pub base: Option<(Px, f64)>,
 }
 
 /// An edge this close to the static mask is the mask's own \[px\].
@@ -42,13 +45,8 @@ const END_STD_PX: f64 = 0.3;
 const LINE_STD_PX: f64 = 0.1;
 
 /// Edge points of a silhouette, where the mode needs them.
-pub fn edge_points(
-    config: &VisionConfig,
-    contrast: &Contrast,
-    part: &Mask,
-    blocked: Option<&Mask>,
-) -> Vec<Px> {
-    match config.mode {
+pub fn edge_points(mode: Mode, contrast: &Contrast, part: &Mask, blocked: Option<&Mask>) -> Vec<Px> {
+    match mode {
         Mode::Links => contour(contrast, part, blocked, CLEAR_PX),
         Mode::Arc | Mode::Paper => Vec::new(),
     }
@@ -58,11 +56,17 @@ pub fn edge_points(
 ///
 /// # Errors
 /// [`Rejection::NoFit`] and [`Rejection::Overlap`] in mode `links`.
-pub fn place(config: &VisionConfig, plane: &Plane, shape: &Shape) -> Result<Found, Rejection> {
-    match config.mode {
-        Mode::Paper => Ok(on_medial_path(config.links, shape.line)),
-        Mode::Arc => Ok(on_arc(config, shape)),
-        Mode::Links => on_links(config, plane, shape),
+pub fn place(outline: &Outline, gates: &Gates, plane: &Plane, shape: &Shape) -> Result<Found, Rejection> {
+    match outline.mode {
+        Mode::Paper => Ok(on_medial_path(outline.links, shape.line)),
+        Mode::Arc => Ok(on_arc(outline, shape)),
+        Mode::Links => {
+            let chain = chain(outline, plane, shape);
+            let fitted = on_links(&chain, shape)?;
+            let overlap = chain.drawn(&fitted, shape.mask).overlap(shape.mask);
+            check_overlap(overlap, gates)?;
+            Ok(Found { points: fitted.points, std_px: fitted.std_px })
+        }
     }
 }
 
@@ -79,9 +83,9 @@ fn on_medial_path(links: usize, line: &Centreline) -> Found {
     }
 }
 
-/// Shares of the arc length, from the base (where it is covered: from `base_px`, straight) to the tip.
-fn on_arc(config: &VisionConfig, shape: &Shape) -> Found {
-    let covered = hidden_base(config, 0.0, shape);
+/// Shares of the arc length, from the base (where it is covered: from where P0 is said to be, straight) to the tip.
+fn on_arc(outline: &Outline, shape: &Shape) -> Found {
+    let covered = hidden_base(0.0, shape);
     let mut points = shape.line.points.clone();
     if let Some((base, _)) = covered {
         points.insert(0, base);
@@ -92,43 +96,48 @@ fn on_arc(config: &VisionConfig, shape: &Shape) -> Found {
     let inner = shape.line.scatter_px.max(LINE_STD_PX);
     // A share of an uncertain length moves with both ends.
     let std = |share: f64| inner.hypot((1.0 - share) * base_std).hypot(share * END_STD_PX);
-    let shares = config.arc_shares();
+    let shares = &outline.shares;
     Found {
         points: shares.iter().map(|share| point_at(&points, &lengths, share * total)).collect(),
         std_px: shares.iter().map(|&share| std(share)).collect(),
     }
 }
 
-fn on_links(config: &VisionConfig, plane: &Plane, shape: &Shape) -> Result<Found, Rejection> {
-    let middle = shape.line.points[shape.line.points.len() / 2];
-    let scale = plane.metres_per_pixel(middle);
+/// The chain that `outline` describes, in pixels where `shape` is.
+pub(super) fn chain(outline: &Outline, plane: &Plane, shape: &Shape) -> Chain {
+    let scale = plane.metres_per_pixel(shape.line.points[shape.line.points.len() / 2]);
     let lengths: Option<Vec<f64>> =
-        config.link_lengths_m.as_ref().map(|all| all.iter().map(|l| l.get() / scale).collect());
-    let overhang = config.overhang_m.get() / scale;
-    let chain = Chain {
+        outline.lengths_m.as_ref().map(|all| all.iter().map(|length| length / scale).collect());
+    let (overhang, overhang_std) = outline.overhang_m.unwrap_or((0.0, f64::INFINITY));
+    let overhang = overhang / scale;
+    Chain {
         known: lengths.is_some(),
-        lengths: lengths.unwrap_or_else(|| vec![1.0; config.links]),
+        lengths: lengths.unwrap_or_else(|| vec![1.0; outline.links]),
         overhang,
-        rounding: config.end_rounding.get(),
-        base: hidden_base(config, overhang, shape),
-    };
-    let start = first_guess(&chain, shape.line);
-    let no_fit = Rejection::NoFit { links: config.links, points: shape.edge.len() };
-    let fitted = chain.fit(shape.edge, &start, shape.line.mean_half_width()).ok_or(no_fit)?;
-    let overlap = chain.drawn(&fitted, shape.mask).overlap(shape.mask);
-    check_overlap(overlap, &config.gates)?;
-    Ok(Found { points: fitted.points, std_px: fitted.std_px })
+        overhang_std: overhang_std / scale,
+        tip_overhang: outline.tip_overhang_m / scale,
+        rounding: outline.end_rounding.unwrap_or(0.0),
+        base: hidden_base(overhang, shape),
+    }
+}
+
+/// `chain` where its edge points say.
+pub(super) fn on_links(chain: &Chain, shape: &Shape) -> Result<FittedChain, Rejection> {
+    let start = first_guess(chain, shape.line);
+    let no_fit = Rejection::NoFit { links: chain.lengths.len(), points: shape.edge.len() };
+    chain.fit(shape.edge, &start, shape.line.mean_half_width()).ok_or(no_fit)
 }
 
 /// P0 and its sigma where the picture does not show the base end, `overhang` before which P0 would lie.
-fn hidden_base(config: &VisionConfig, overhang: f64, shape: &Shape) -> Option<(Px, f64)> {
-    /// Farther than this from the visible end, `base_px` says that the end is not the base.
+fn hidden_base(overhang: f64, shape: &Shape) -> Option<(Px, f64)> {
+    /// Farther than this from the visible end, what is said of P0 says that the end is not the base.
     const OTHER_END_SIGMAS: f64 = 4.0;
     let start = shape.line.points[0];
     let width = 2.0 * shape.line.mean_half_width();
-    let sigma = config.base_std_px.get();
-    match config.base() {
-        Some(base) if shape.base_covered || distance(base, start) > overhang + OTHER_END_SIGMAS * sigma => {
+    match shape.base {
+        Some((base, sigma))
+            if shape.base_covered || distance(base, start) > overhang + OTHER_END_SIGMAS * sigma =>
+        {
             Some((base, sigma))
         }
         None if shape.base_covered => Some((start, width)),

@@ -20,8 +20,12 @@ pub struct Chain {
     pub lengths: Vec<f64>,
     /// Whether the lengths are taken as they are.
     pub known: bool,
-    /// How far the first link reaches back past P0 \[px\].
+    /// How far each link reaches past its pivots \[px\].
     pub overhang: f64,
+    /// How well that is known, 1 sigma \[px\]: 0 to take it as it is, infinite where it is only where a fit begins.
+    pub overhang_std: f64,
+    /// How far the last link reaches past Pn \[px\].
+    pub tip_overhang: f64,
     /// Corner radius of the free ends, as a share of the half width.
     pub rounding: f64,
     /// P0 where it is not seen, and its sigma \[px\].
@@ -39,6 +43,10 @@ pub struct FittedChain {
     pub half_width: Vec<f64>,
     /// Robust sigma of the edge points about the outline \[px\].
     pub scatter_px: f64,
+    /// The overhang \[px\] and its sigma, 0 where it was given.
+    pub overhang: (f64, f64),
+    /// How badly the outline explains the edge points it is asked about, the fewer the better: Tukey's mean at a fixed scale.
+    pub misfit: f64,
 }
 
 /// Edge points closer to an inner joint than this many half widths are left out.
@@ -47,6 +55,8 @@ const JOINT_HALF_WIDTHS: f64 = 1.5;
 const CORRELATED_POINTS: f64 = 1.5;
 /// What pixel sampling leaves however many points there are, 1 sigma \[px\]; measured on renders.
 const FLOOR_PX: f64 = 0.03;
+/// Scale at which fits of other outlines are compared \[px\]: what blurred edges leave.
+const MISFIT_SCALE_PX: f64 = 0.3;
 const MOST_ROUNDS: usize = 40;
 /// Half widths within which edge points count at first, and how that shrinks from round to round.
 const FIRST_REACH_HALF_WIDTHS: f64 = 2.0;
@@ -57,12 +67,13 @@ const MOST_DAMPING: f64 = 1e9;
 /// A step below this ends the fit \[px, and rad times link length\].
 const SETTLED_PX: f64 = 1e-4;
 
-/// Parameters in order: P0 x, y; n angles; n half widths; the unit of length when it is not known.
+/// Parameters in order: P0 x, y; n angles; n half widths; the unit of length when it is not known; the overhang when that is free.
 struct Pose {
     base: Px,
     angle: Vec<f64>,
     half: Vec<f64>,
     unit: f64,
+    overhang: f64,
 }
 
 /// A link where a pose puts it.
@@ -72,6 +83,7 @@ struct Placed {
     sin: f64,
     half: f64,
     length: f64,
+    overhang: f64,
 }
 
 /// A point seen from a link.
@@ -81,8 +93,8 @@ struct Residual {
     link: usize,
     /// Signed distance to its outline, negative inside \[px\].
     value: f64,
-    /// Derivatives by the point along and across the link, by the half width and by the length.
-    slope: [f64; 4],
+    /// Derivatives by the point along and across the link, by the half width, by the length and by the overhang.
+    slope: [f64; 5],
     /// The point along and across the link, from its start \[px\].
     at: [f64; 2],
 }
@@ -98,6 +110,7 @@ impl Chain {
             angle: start.windows(2).map(|p| (p[1][1] - p[0][1]).atan2(p[1][0] - p[0][0])).collect(),
             half: vec![half; n],
             unit: self.unit(start),
+            overhang: self.overhang,
         };
         let size = self.size();
         let mut damping = 1e-3;
@@ -112,7 +125,7 @@ impl Chain {
                 let mut damped = normal.clone();
                 (0..size).for_each(|i| damped[(i, i)] *= 1.0 + damping);
                 let step = damped.cholesky()?.solve(&right);
-                let next = pose.moved(&step, self.known);
+                let next = pose.moved(&step, self);
                 // The weights' scale stays while steps are compared, or no two costs would be comparable.
                 let next_rows = self.residuals(edge, &next)?;
                 if self.cost(&next_rows, scale, &next) <= cost {
@@ -139,13 +152,22 @@ impl Chain {
         let (normal, _) = self.normal(&rows, scale, &pose);
         let covariance = normal.cholesky()?.inverse() * CORRELATED_POINTS;
         let std_px = (0..=n).map(|i| self.keypoint_std(i, &pose, &covariance)).collect();
+        let overhang_std = if self.overhang_free() { covariance[(size - 1, size - 1)].sqrt() } else { 0.0 };
         let points = pose.points(&self.lengths);
         points.iter().flatten().all(|v| v.is_finite()).then_some(FittedChain {
             points,
             std_px,
+            misfit: self.misfit(edge, &pose),
+            overhang: (pose.overhang, overhang_std),
             half_width: pose.half,
             scatter_px: scale,
         })
+    }
+
+    fn misfit(&self, edge: &[Px], pose: &Pose) -> f64 {
+        let rows = self.residuals(edge, pose).unwrap_or_default();
+        let rho = |r: f64| 1.0 - (1.0 - (r / (TUKEY_SIGMAS * MISFIT_SCALE_PX)).powi(2).min(1.0)).powi(3);
+        rows.iter().map(|row| rho(row.value)).sum::<f64>() / rows.len().max(1) as f64
     }
 
     /// The chain's silhouette in the rectangle of `like`.
@@ -156,9 +178,10 @@ impl Chain {
             angle: fitted.points.windows(2).map(|p| (p[1][1] - p[0][1]).atan2(p[1][0] - p[0][0])).collect(),
             half: fitted.half_width.clone(),
             unit: self.unit(&fitted.points),
+            overhang: fitted.overhang.0,
         };
         for (i, link) in self.placed(&pose).iter().enumerate() {
-            let ends = [-self.overhang, link.length + self.overhang];
+            let ends = [-link.overhang, link.length + link.overhang.max(self.tip_overhang)];
             let corners = ends.into_iter().flat_map(|u| [(u, link.half), (u, -link.half)]);
             let corners: Vec<Px> = corners
                 .map(|(u, v)| [u * link.cos - v * link.sin, u * link.sin + v * link.cos])
@@ -193,7 +216,7 @@ impl Chain {
             .map(|((length, angle), &half)| {
                 let (sin, cos) = angle.sin_cos();
                 let length = length * pose.unit;
-                let link = Placed { start, cos, sin, half, length };
+                let link = Placed { start, cos, sin, half, length, overhang: pose.overhang };
                 start = [start[0] + length * cos, start[1] + length * sin];
                 link
             })
@@ -211,16 +234,15 @@ impl Chain {
 
     /// Where `p` is for link `i`, which is `link`.
     fn seen_from(&self, i: usize, link: &Placed, p: Px) -> Residual {
-        let Placed { start, cos, sin, half, length } = *link;
+        let Placed { start, cos, sin, half, length, overhang } = *link;
         let d = [p[0] - start[0], p[1] - start[1]];
         let (u, v) = (cos * d[0] + sin * d[1], cos * d[1] - sin * d[0]);
         let last = i + 1 == self.lengths.len();
-        let back = self.overhang;
-        let front = if last { 0.0 } else { self.overhang };
+        let front = if last { self.tip_overhang } else { overhang };
         // Only the chain's free ends are rounded.
         let free = if u < length / 2.0 { i == 0 } else { last };
         let corner = if free { self.rounding * half } else { 0.0 };
-        let (beyond, side) = if u < length / 2.0 { (-back - u, -1.0) } else { (u - length - front, 1.0) };
+        let (beyond, side) = if u < length / 2.0 { (-overhang - u, -1.0) } else { (u - length - front, 1.0) };
         let (a, b) = (beyond + corner, v.abs() - half + corner);
         let sign_v = if v < 0.0 { -1.0 } else { 1.0 };
         let (value, by_a, by_b) = if a > 0.0 && b > 0.0 {
@@ -233,7 +255,9 @@ impl Chain {
         };
         let by_half = -by_b + if free { self.rounding * (by_a + by_b - 1.0) } else { 0.0 };
         let by_length = if side > 0.0 { -by_a } else { 0.0 };
-        Residual { link: i, value, slope: [by_a * side, by_b * sign_v, by_half, by_length], at: [u, v] }
+        let by_overhang = if side > 0.0 && last { 0.0 } else { -by_a };
+        let slope = [by_a * side, by_b * sign_v, by_half, by_length, by_overhang];
+        Residual { link: i, value, slope, at: [u, v] }
     }
 
     /// Every edge point that counts, seen from the link it is nearest to; `None` when too few count.
@@ -246,7 +270,7 @@ impl Chain {
                 dx * dx + dy * dy < (JOINT_HALF_WIDTHS * pair[1].half.max(pair[0].half)).powi(2)
             };
             let near_base = || {
-                self.base.is_some() && self.seen_from(0, &links[0], p).at[0] < -self.overhang + links[0].half
+                self.base.is_some() && self.seen_from(0, &links[0], p).at[0] < -pose.overhang + links[0].half
             };
             if links.windows(2).any(near_joint) || near_base() {
                 continue;
@@ -257,15 +281,20 @@ impl Chain {
         (rows.len() >= 2 * self.size()).then_some(rows)
     }
 
+    /// Whether a fit moves the overhang.
+    fn overhang_free(&self) -> bool {
+        self.overhang_std > 0.0
+    }
+
     /// Number of parameters.
     fn size(&self) -> usize {
-        2 + 2 * self.lengths.len() + usize::from(!self.known)
+        2 + 2 * self.lengths.len() + usize::from(!self.known) + usize::from(self.overhang_free())
     }
 
     /// Derivatives of a residual by all parameters, into `slope`.
     fn slope(&self, row: &Residual, links: &[Placed], slope: &mut [f64]) {
         let (n, i) = (links.len(), row.link);
-        let ([by_u, by_v, by_half, by_length], [u, v]) = (row.slope, row.at);
+        let ([by_u, by_v, by_half, by_length, by_overhang], [u, v]) = (row.slope, row.at);
         slope.fill(0.0);
         // Moving the link's start moves the point the other way in the link's frame.
         let Placed { cos, sin, .. } = links[i];
@@ -282,6 +311,9 @@ impl Chain {
         if !self.known {
             slope[2 + 2 * n] += by_length * self.lengths[i];
         }
+        if self.overhang_free() {
+            slope[self.size() - 1] = by_overhang;
+        }
     }
 
     fn cost(&self, rows: &[Residual], scale: f64, pose: &Pose) -> f64 {
@@ -292,7 +324,11 @@ impl Chain {
         };
         let seen: f64 = rows.iter().map(|row| rho(row.value)).sum();
         let hidden = self.base.map_or(0.0, |(base, sigma)| (distance(base, pose.base) / sigma).powi(2));
-        seen / (scale * scale) + hidden
+        let overhang = match self.overhang_free() {
+            true => ((self.overhang - pose.overhang) / self.overhang_std).powi(2),
+            false => 0.0,
+        };
+        seen / (scale * scale) + hidden + overhang
     }
 
     /// Gauss-Newton's normal matrix, lower half, and right side, in units of sigma.
@@ -322,6 +358,10 @@ impl Chain {
                 normal[(axis, axis)] += sigma.powi(-2);
                 right[axis] += (base[axis] - pose.base[axis]) / (sigma * sigma);
             }
+        }
+        if self.overhang_free() {
+            normal[(size - 1, size - 1)] += self.overhang_std.powi(-2);
+            right[size - 1] += (self.overhang - pose.overhang) / self.overhang_std.powi(2);
         }
         (normal, right)
     }
@@ -363,13 +403,17 @@ impl Pose {
         points
     }
 
-    fn moved(&self, step: &DVector<f64>, known: bool) -> Self {
+    fn moved(&self, step: &DVector<f64>, chain: &Chain) -> Self {
         let n = self.angle.len();
         Self {
             base: [self.base[0] + step[0], self.base[1] + step[1]],
             angle: (0..n).map(|i| self.angle[i] + step[2 + i]).collect(),
             half: (0..n).map(|i| (self.half[i] + step[2 + n + i]).max(0.5)).collect(),
-            unit: if known { self.unit } else { (self.unit + step[2 + 2 * n]).max(1e-6) },
+            unit: if chain.known { self.unit } else { (self.unit + step[2 + 2 * n]).max(1e-6) },
+            overhang: match chain.overhang_free() {
+                true => (self.overhang + step[chain.size() - 1]).max(0.0),
+                false => self.overhang,
+            },
         }
     }
 }
@@ -381,24 +425,45 @@ mod tests {
     /// Central differences of a smooth distance.
     const DIFFERENCE: f64 = 1e-5;
 
+    fn chain(lengths: &[f64], overhang: f64) -> Chain {
+        Chain {
+            lengths: lengths.to_vec(),
+            known: true,
+            overhang,
+            overhang_std: 0.0,
+            tip_overhang: 0.0,
+            rounding: 0.0,
+            base: None,
+        }
+    }
+
     #[test]
     fn slopes_agree_with_differences() {
-        let chain =
-            Chain { lengths: vec![1.0, 1.0, 1.2], known: false, overhang: 2.0, rounding: 0.4, base: None };
-        let pose =
-            Pose { base: [10.0, 20.0], angle: vec![0.3, 0.9, -0.2], half: vec![5.0, 6.0, 4.0], unit: 40.0 };
+        let chain = Chain {
+            overhang_std: f64::INFINITY,
+            known: false,
+            rounding: 0.4,
+            ..chain(&[1.0, 1.0, 1.2], 2.0)
+        };
+        let pose = Pose {
+            base: [10.0, 20.0],
+            angle: vec![0.3, 0.9, -0.2],
+            half: vec![5.0, 6.0, 4.0],
+            unit: 40.0,
+            overhang: 2.0,
+        };
         let corners = [[9.0, 27.0], [2.0, 14.0], [60.0, 80.0], [40.0, 23.0], [110.0, 52.0], [111.5, 58.0]];
         let edge: Vec<Px> =
             corners.iter().flat_map(|c| (0..4).map(|k| [c[0] + 0.3 * f64::from(k), c[1]])).collect();
         let rows = |pose: &Pose| chain.residuals(&edge, pose).unwrap();
         let links = chain.placed(&pose);
-        let mut slope = [0.0; 9];
+        let mut slope = [0.0; 10];
         let at = rows(&pose);
-        for parameter in 0..9 {
+        for parameter in 0..10 {
             let step = |sign: f64| {
-                let mut step = DVector::zeros(9);
+                let mut step = DVector::zeros(10);
                 step[parameter] = sign * DIFFERENCE;
-                rows(&pose.moved(&step, false))
+                rows(&pose.moved(&step, &chain))
             };
             let (up, down) = (step(1.0), step(-1.0));
             for (k, row) in at.iter().enumerate() {
@@ -425,9 +490,10 @@ mod tests {
 
     /// A chain with links at `angle` is found by a fit that starts `off` \[px\], with links of half width `half`.
     fn assert_recovered(angle: &[f64], off: Px, half: f64) {
-        let chain =
-            Chain { lengths: vec![50.0, 50.0, 55.0], known: true, overhang: 5.0, rounding: 0.0, base: None };
-        let truth = Pose { base: [30.0, 40.0], angle: angle.to_vec(), half: vec![8.0; 3], unit: 1.0 };
+        let chain = chain(&[50.0, 50.0, 55.0], 5.0);
+        let half_widths = vec![8.0; 3];
+        let truth =
+            Pose { base: [30.0, 40.0], angle: angle.to_vec(), half: half_widths, unit: 1.0, overhang: 5.0 };
         let points = truth.points(&chain.lengths);
         let mut edge = Vec::new();
         for (i, (start, angle)) in points.iter().zip(&truth.angle).enumerate() {
@@ -442,9 +508,13 @@ mod tests {
             );
         }
         let start: Vec<Px> = points.iter().map(|p| [p[0] + off[0], p[1] + off[1]]).collect();
-        let fitted = chain.fit(&edge, &start, half).unwrap();
-        for (a, b) in fitted.points.iter().zip(&points) {
-            assert!(distance(*a, *b) < 0.01, "{a:?} {b:?}");
+        let free = Chain { overhang: 1.0, overhang_std: f64::INFINITY, ..chain.clone() };
+        for chain in [chain, free] {
+            let fitted = chain.fit(&edge, &start, half).unwrap();
+            for (a, b) in fitted.points.iter().zip(&points) {
+                assert!(distance(*a, *b) < 0.01, "{a:?} {b:?}");
+            }
+            assert!((fitted.overhang.0 - 5.0).abs() < 0.01, "{:?}", fitted.overhang);
         }
     }
 }

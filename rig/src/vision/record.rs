@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Mask;
+use super::extractor::Learned;
 use crate::calibration::Plane;
 use crate::calibration::Px;
 
@@ -66,6 +67,8 @@ pub struct Extraction {
     pub trajectory: sim::Trajectory,
     /// From pixels to metres.
     pub plane: Plane,
+    /// What nobody had said of the mechanism's shape and the images told.
+    pub learned: Vec<Learned>,
 }
 
 /// The keypoints P0..P`links` of `records` over time.
@@ -92,7 +95,7 @@ impl Extraction {
     /// Puts records of `links + 1` keypoints into one trajectory.
     pub fn of(records: Vec<ImageRecord>, links: usize, plane: Plane) -> Self {
         let trajectory = trajectory(&records, links);
-        Self { records, trajectory, plane }
+        Self { records, trajectory, plane, learned: Vec::new() }
     }
 
     /// How many images have the given status.

@@ -6,6 +6,15 @@ pub enum Rejection {
     /// The picture's file could not be read.
     #[error("unreadable: {0}")]
     Unreadable(String),
+    /// A picture handed out twice.
+    #[error("the same picture as an image before: it was not exposed when it says")]
+    Repeated,
+    /// Parts of two pictures.
+    #[error("torn: {rows} rows together are those of an image before")]
+    Torn {
+        /// How many.
+        rows: usize,
+    },
     /// Another size than the background's.
     #[error("image is {}x{} px, its background {}x{} px", got[0], got[1], wanted[0], wanted[1])]
     Size {

@@ -2,9 +2,12 @@
 
 use std::path::Path;
 
+use sim::Model;
+
 use super::config::VisionConfig;
 use super::extractor::{Extractor, LEARN_FROM};
 use super::mask::Mask;
+use super::outline::Outline;
 use super::record::{Extraction, ImageRecord};
 use super::{SequenceError, VisionError};
 use crate::calibration::Plane;
@@ -18,6 +21,8 @@ const AT_ONCE: usize = 64;
 pub struct Task<'a> {
     /// The `[vision]` table.
     pub config: &'a VisionConfig,
+    /// What it and the model say of the mechanism's shape.
+    pub outline: Outline,
     /// From pixels to metres.
     pub plane: Plane,
     /// The folder that paths in the table start from.
@@ -27,9 +32,17 @@ pub struct Task<'a> {
 }
 
 impl<'a> Task<'a> {
-    /// Of a `[vision]` table whose paths start at `folder`.
-    pub fn new(config: &'a VisionConfig, plane: Plane, folder: &'a Path) -> Self {
-        Self { config, plane, folder, masks: None }
+    /// Of a `[vision]` table whose paths start at `folder`, and the model of what is seen.
+    ///
+    /// # Errors
+    /// As [`Outline::new`].
+    pub fn new(
+        config: &'a VisionConfig,
+        model: Option<&Model>,
+        plane: Plane,
+        folder: &'a Path,
+    ) -> Result<Self, VisionError> {
+        Ok(Self { config, outline: Outline::new(config, model)?, plane, folder, masks: None })
     }
 
     /// An extractor that knows the empty tank from a `sample` of the sequence, to be driven through all of it.
@@ -37,7 +50,8 @@ impl<'a> Task<'a> {
     /// # Errors
     /// As [`Extractor::learn`].
     pub fn learn(&mut self, sample: &[TimedImage]) -> Result<Extractor, VisionError> {
-        let extractor = Extractor::learn(sample, self.config, self.plane.clone(), self.folder)?;
+        let extractor =
+            Extractor::learn(sample, self.config, &self.outline, self.plane.clone(), self.folder)?;
         Ok(match self.masks.take() {
             Some(masks) => extractor.with_masks(masks),
             None => extractor,
@@ -59,7 +73,8 @@ impl<'a> Task<'a> {
         let images = source.images().map_err(SequenceError::from)?;
         let images = images.map(|image| image.map_err(|error| SequenceError::from(error).into()));
         let records = self.go_on(&mut extractor, images, Vec::new(), &mut found)?;
-        Ok(Extraction::of(records, self.config.links, self.plane))
+        let extraction = Extraction::of(records, self.outline.links, self.plane);
+        Ok(Extraction { learned: extractor.learned().to_vec(), ..extraction })
     }
 
     /// The records of a sequence from those `begun` and the `images` after them.

@@ -117,7 +117,8 @@ fn images_looked_at_while_they_come_give_what_the_recording_gives() {
 
     let recorded = RecordedImages::of_run(&film.recorded(5..40));
     let plane = film.config.calibration.plane(&film.base).unwrap();
-    let task = Task::new(&film.config.vision, plane, &film.base);
+    let model = model(&film.run).unwrap();
+    let task = Task::new(&film.config.vision, Some(&model), plane, &film.base).unwrap();
     let offline = task.extract(&recorded, |_, _| Ok::<(), SequenceError>(())).unwrap();
     assert_eq!(kept(&records), kept(&offline.records));
     let seen = records.iter().filter(|record| record.keypoints.len() == 4).count();
