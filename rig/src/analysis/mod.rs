@@ -15,8 +15,7 @@ pub mod timeline;
 
 use std::path::Path;
 
-use ident::diagnose::{self, DiagnoseError, Diagnosed, diagnose};
-use ident::experiment::{Experiment, Method};
+use ident::diagnose::{self, diagnose};
 use ident::fit::{Fitted, Observer, WarmStart};
 use ident::table;
 
@@ -119,7 +118,8 @@ impl Analysis<'_> {
         }
         let wanted = self.config.run.diagnose;
         let diagnosed =
-            wanted.then(|| timing.measure("diagnosis", || diagnose_fitted(experiment, &fitted, progress)));
+            // from the model itself, not from where the fit has ended: causes are sought from both
+            wanted.then(|| timing.measure("diagnosis", || diagnose(&experiment, progress)));
         if let Some(Ok(diagnosed)) = &diagnosed {
             write_json(&self.out.join(file::DIAGNOSIS), &diagnosed.diagnosis)?;
         }
@@ -240,15 +240,4 @@ impl Analysis<'_> {
         }
         Ok(())
     }
-}
-
-/// What `experiment` shows beyond its fit: the diagnosis begins where the fit has ended.
-fn diagnose_fitted(
-    experiment: Experiment,
-    fitted: &Fitted,
-    progress: &mut dyn Progress,
-) -> Result<Diagnosed, DiagnoseError> {
-    let mut calibrated = Experiment { model: fitted.model.clone(), ..experiment };
-    calibrated.fit.method = Method::LeastSquares;
-    diagnose(&calibrated, progress)
 }

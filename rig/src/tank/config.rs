@@ -20,7 +20,7 @@ pub struct TankConfig {
     /// What keeps the mechanism in its initial pose. Default `nothing`.
     #[serde(default)]
     pub hold: Hold,
-    /// Time step of the simulation \[s\]. Default: the model's.
+    /// Time step of the simulation \[s\]. Default: the model's, but no longer than 0.2 ms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timestep_s: Option<Positive>,
     /// Seed of the camera's noise. Default 1.

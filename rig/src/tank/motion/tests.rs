@@ -132,8 +132,8 @@ fn free_fall_agrees_with_a_rollout_of_the_same_model() {
     model.actuators[0].kp = 0.0;
     model.actuators[0].kv = 0.0;
     let state = State { qpos: vec![1.5], qvel: vec![0.0] };
-    let rollout =
-        sim::rollout(&model, &state, &sim::Command::default(), &times, &RolloutOptions::default()).unwrap();
+    let options = RolloutOptions { timestep_s: Some(TIMESTEP_S), ..RolloutOptions::default() };
+    let rollout = sim::rollout(&model, &state, &sim::Command::default(), &times, &options).unwrap();
     for (&time_s, expected) in times.iter().zip(&rollout.qpos) {
         let got = angle(&mut motion, 1.0 + time_s);
         assert!((got - expected).abs() < 1e-9, "{time_s}: {got} {expected}");
