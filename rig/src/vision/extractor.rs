@@ -14,6 +14,7 @@ use super::centreline::Centreline;
 use super::component::{choose, components};
 use super::config::{Background as Method, Mode, VisionConfig, picture};
 use super::continuity::{Continuity, Marks};
+use super::exposure::Exposure;
 use super::gates::{Sizes, check_overlap};
 use super::keypoints::{CLEAR_PX, Found, Shape, edge_points, place};
 use super::outline::Outline;
@@ -36,6 +37,7 @@ pub struct Extractor {
     base: Option<Px>,
     learned: Vec<Learned>,
     plane: Plane,
+    exposure: Option<Exposure>,
     background: Background,
     usual: Option<Sizes>,
     /// The silhouettes of the images to come, where they are given and not looked for.
@@ -129,6 +131,7 @@ impl Extractor {
             outline: outline.clone(),
             learned: Vec::new(),
             plane,
+            exposure: Exposure::usual(&images),
             background,
             usual: None,
             masks: None,
@@ -197,8 +200,11 @@ impl Extractor {
         let own = marks.into_iter().map(|marks| self.last.continuity.take(marks?));
         let images_of_their_own: Vec<Result<&GrayImage, Rejection>> =
             own.zip(images).map(|(own, image)| own.and_then(|()| readable(image))).collect();
-        let parts =
-            in_parallel(&images_of_their_own, |image| self.parts(image.as_ref().map_err(Clone::clone)?));
+        let parts = in_parallel(&images_of_their_own, |image| {
+            let image = image.as_ref().map_err(Clone::clone)?;
+            self.exposure.as_ref().map_or(Ok(()), |usual| Exposure::of(image).check(usual))?;
+            self.parts(image)
+        });
         let seen = match self.masks.as_mut() {
             Some(masks) => {
                 let masks: Vec<Option<Mask>> = parts.iter().map(|_| masks.pop_front().flatten()).collect();

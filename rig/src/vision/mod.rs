@@ -17,6 +17,7 @@ pub mod config;
 mod continuity;
 pub mod contour;
 mod ends;
+mod exposure;
 pub mod extractor;
 pub mod gates;
 pub mod keypoints;

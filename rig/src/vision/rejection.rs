@@ -6,6 +6,20 @@ pub enum Rejection {
     /// The picture's file could not be read.
     #[error("unreadable: {0}")]
     Unreadable(String),
+    /// Hardly exposed.
+    #[error("dark: its middle grey level is {grey:.0}, usually {usual:.0}")]
+    Dark {
+        /// The middle grey level.
+        grey: f64,
+        /// That of the sequence.
+        usual: f64,
+    },
+    /// Exposed too much.
+    #[error("saturated: {:.0} % of its pixels are as light as can be", share * 100.0)]
+    Saturated {
+        /// Share of the pixels.
+        share: f64,
+    },
     /// A picture handed out twice.
     #[error("the same picture as an image before: it was not exposed when it says")]
     Repeated,
