@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use rig::config::RigConfig;
 use rig::profile::Profile;
+use rig::vision::{Mode, Outline};
 use system_tests::{changed_config, printed, repository, run_rig, set};
 
 fn toml_files(folder: &Path) -> Vec<PathBuf> {
@@ -30,10 +31,10 @@ fn every_shipped_rig_config_can_be_run() {
             .unwrap_or_else(|error| panic!("{}: {error}", model_path.display()));
         let model =
             sim::Model::from_mjcf(&text).unwrap_or_else(|error| panic!("{}: {error}", model_path.display()));
-        let keypoints = model.keypoints();
-        for point in 1..=config.vision.links {
-            assert!(keypoints.contains(&format!("P{point}")), "{}: no site P{point}", path.display());
-        }
+        let outline = Outline::new(&config.vision, Some(&model));
+        let outline = outline.unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        assert!(outline.base_m.is_some(), "{}: nothing says where P0 is", path.display());
+        assert!(outline.mode == Mode::Arc || outline.overhang_m.is_some(), "{}: {outline:?}", path.display());
         if let (Some(profile), Some(servo)) = (&config.profile, &config.servo) {
             let profile = Profile::new(profile).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
             profile.pulses(servo).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
