@@ -70,4 +70,20 @@ pub enum SourceError {
         /// Its last words.
         said: String,
     },
+    /// No image lies in the part that was asked for.
+    #[error(
+        "no image lies between {from_s} s and {to_s} s of the source's own time: change --from-s or --to-s"
+    )]
+    Window {
+        /// Its beginning.
+        from_s: f64,
+        /// Its end.
+        to_s: f64,
+    },
+    /// Times cannot be divided by this.
+    #[error("slow motion {factor} is not a positive number: 240 images/s played at 30 is 8")]
+    SlowMotion {
+        /// What was given.
+        factor: f64,
+    },
 }
