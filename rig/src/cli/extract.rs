@@ -35,10 +35,10 @@ pub struct Args {
     /// Also draw mask, centreline and keypoints over every image into this folder.
     #[arg(long, value_name = "FOLDER")]
     pub overlays: Option<PathBuf>,
-    /// Leave out what was filmed before this, in the film's own time [s].
+    /// Leave out what was filmed before this, in seconds of the film's own time.
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub from_s: Option<f64>,
-    /// Leave out what was filmed after this, in the film's own time [s].
+    /// Leave out what was filmed after this, in seconds of the film's own time.
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub to_s: Option<f64>,
     /// How much slower than life the film plays; times are divided by it. 240 images/s played at 30 is 8.
