@@ -44,6 +44,9 @@ fn args(folder: &Path, config: &str, centreline: &str) -> Args {
         out: folder.join("t.csv"),
         centreline: Some(folder.join(centreline)),
         overlays: Some(folder.join("overlays")),
+        from_s: None,
+        to_s: None,
+        slow_motion: None,
         threads: None,
     }
 }

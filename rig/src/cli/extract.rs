@@ -15,7 +15,7 @@ use super::{Failure, Outcome};
 use crate::analysis::Progress as _;
 use crate::app::{Watcher as _, on_threads, threads};
 use crate::calibration::Calibration;
-use crate::images::{self, TimedImage};
+use crate::images::{self, ImageSource as _, TimedImage, Trimmed, Window};
 use crate::vision::extractor::Learned;
 use crate::vision::{Extraction, ImageRecord, Status, Task, VisionConfig, output, overlay};
 
@@ -40,6 +40,15 @@ pub struct Args {
     /// Also draw mask, centreline and keypoints over every image into this folder.
     #[arg(long, value_name = "FOLDER")]
     pub overlays: Option<PathBuf>,
+    /// Leave out what was filmed before this, in seconds of the film's own time.
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    pub from_s: Option<f64>,
+    /// Leave out what was filmed after this, in seconds of the film's own time.
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    pub to_s: Option<f64>,
+    /// How much slower than life the film plays; times are divided by it. 240 images/s played at 30 is 8.
+    #[arg(long, value_name = "F")]
+    pub slow_motion: Option<f64>,
     /// Threads to use [default: all processors]; the result does not depend on it.
     #[arg(long, value_name = "N")]
     pub threads: Option<std::num::NonZeroUsize>,
@@ -83,7 +92,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let named = args.model.clone().or(config.run.model.as_ref().map(|model| folder.join(model)));
     let model = named.as_deref().map(read_model).transpose()?;
     let fps = config.camera.fps.map(Positive::get);
-    let source = images::open(&args.frames, fps).map_err(Failure::input)?;
+    let window = Window::new(args.from_s, args.to_s, args.slow_motion).map_err(Failure::input)?;
+    let source = Trimmed::new(images::open(&args.frames, fps).map_err(Failure::input)?, window);
 
     let mut bar = Bar::new(Arc::default());
     bar.begin("images", source.len_hint().map(|count| count as u64));
@@ -98,7 +108,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     };
     let task = Task::new(&config.vision, model.as_ref(), plane, folder).map_err(Failure::input)?;
     let threads = threads(args.threads);
-    let extraction = on_threads(threads, || task.extract(source.as_ref(), &mut found));
+    let extraction = on_threads(threads, || task.extract(&source, &mut found));
     bar.clear();
     let extraction = extraction?;
     write(args, &extraction).map_err(Failure::input)?;

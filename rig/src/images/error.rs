@@ -70,4 +70,18 @@ pub enum SourceError {
         /// Its last words.
         said: String,
     },
+    /// No image lies in the part that was asked for.
+    #[error("no image lies between {from} and {to} of the source's own time: change --from-s or --to-s")]
+    Window {
+        /// Its beginning.
+        from: String,
+        /// Its end.
+        to: String,
+    },
+    /// Times cannot be divided by this.
+    #[error("slow motion {factor} is not a positive number: 240 images/s played at 30 is 8")]
+    SlowMotion {
+        /// What was given.
+        factor: f64,
+    },
 }

@@ -8,10 +8,12 @@ pub mod folder;
 pub mod live;
 pub mod recording;
 mod source;
+mod trimmed;
 mod video;
 
 pub use error::{FolderError, SourceError};
 pub use source::{ImageSource, Images, TimedImage};
+pub use trimmed::{Trimmed, Window};
 
 use std::path::Path;
 

@@ -44,30 +44,38 @@ pub trait ImageSource: Send + Sync {
     /// How many images there are, where that is known beforehand.
     fn len_hint(&self) -> Option<usize>;
 
-    /// At most `most` images spread evenly over the sequence, whatever its length: every image until there are too
-    /// many, then every second of those, and so on.
+    /// At most `most` images to learn the empty tank from: spread evenly over the sequence, unless the source knows better ones.
     ///
     /// # Errors
     /// [`SourceError`].
     fn sample(&self, most: usize) -> Result<Vec<TimedImage>, SourceError> {
-        let mut kept: Vec<TimedImage> = Vec::new();
-        let mut stride = self.len_hint().map_or(1, |len| len.div_ceil(most).max(1));
-        for (i, image) in self.images()?.enumerate() {
-            if i % stride != 0 {
-                continue;
-            }
-            kept.push(image?);
-            if kept.len() > most {
-                let mut even = false;
-                kept.retain(|_| {
-                    even = !even;
-                    even
-                });
-                stride *= 2;
-            }
-        }
-        Ok(kept)
+        even_sample(self, most)
     }
+}
+
+/// At most `most` images spread evenly over a sequence, whatever its length: every image until there are too many, then every
+/// second of those, and so on.
+pub(super) fn even_sample(
+    source: &(impl ImageSource + ?Sized),
+    most: usize,
+) -> Result<Vec<TimedImage>, SourceError> {
+    let mut kept: Vec<TimedImage> = Vec::new();
+    let mut stride = source.len_hint().map_or(1, |len| len.div_ceil(most).max(1));
+    for (i, image) in source.images()?.enumerate() {
+        if i % stride != 0 {
+            continue;
+        }
+        kept.push(image?);
+        if kept.len() > most {
+            let mut even = false;
+            kept.retain(|_| {
+                even = !even;
+                even
+            });
+            stride *= 2;
+        }
+    }
+    Ok(kept)
 }
 
 #[cfg(test)]
