@@ -16,7 +16,7 @@ use super::Mask;
 use super::background::{Background, Contrast};
 use super::centreline::Centreline;
 use super::component::{choose, components};
-use super::config::VisionConfig;
+use super::config::{Mode, VisionConfig};
 use super::continuity::{Continuity, Marks};
 use super::exposure::Exposure;
 use super::gates::{Sizes, check_overlap};
@@ -43,6 +43,8 @@ pub struct Extractor {
     exposure: Option<Exposure>,
     background: Background,
     usual: Option<Sizes>,
+    /// Sigma of the usual length \[px\].
+    length_scatter_px: f64,
     /// The silhouettes of the images to come, where they are given and not looked for.
     masks: Option<VecDeque<Option<Mask>>>,
     last: Last,
@@ -242,6 +244,12 @@ impl Extractor {
         };
         let line = if backwards { line.reversed() } else { line };
         let base_covered = self.covered(line.points[0], &seen.contrast);
+        // What is held at its base and seen whole keeps its length; links say it by their fit.
+        if let (Some(usual), Some(_), Mode::Arc, false) =
+            (&self.usual, self.base, self.outline.mode, base_covered)
+        {
+            sizes.check_length(usual, self.length_scatter_px)?;
+        }
         let doubt = self.doubt(seen.cut_object_px, sizes.area_px);
         Ok(Oriented { candidate: Candidate { line, mask, edge, sizes }, base_covered, doubt })
     }

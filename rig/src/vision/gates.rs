@@ -3,7 +3,7 @@
 use super::centreline::Centreline;
 use super::config::Gates;
 use super::rejection::Rejection;
-use ident::statistics::median;
+use ident::statistics::{MEDIAN_TO_SIGMA, median};
 
 /// A silhouette's measures.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,6 +32,32 @@ impl Sizes {
             width_px: middle(|s| s.width_px)?,
             area_px: middle(|s| s.area_px)?,
         })
+    }
+
+    /// Sigma of the length \[px\] among `of`, those that are far off left aside; 0 without any.
+    pub fn length_scatter_px(of: &[Self]) -> f64 {
+        let mut lengths: Vec<f64> = of.iter().map(|sizes| sizes.length_px).collect();
+        let Some(middle) = median(&mut lengths, f64::total_cmp) else { return 0.0 };
+        let mut off: Vec<f64> = lengths.iter().map(|length| (length - middle).abs()).collect();
+        MEDIAN_TO_SIGMA * median(&mut off, f64::total_cmp).unwrap_or(0.0)
+    }
+
+    /// Compares the length of something that keeps its own with what is `usual`, whose sigma is `scatter_px`: an end that was lost is
+    /// many of them short.
+    ///
+    /// # Errors
+    /// [`Rejection::Unusual`].
+    pub fn check_length(&self, usual: &Self, scatter_px: f64) -> Result<(), Rejection> {
+        /// No noise reaches so far.
+        const LOST_SIGMAS: f64 = 8.0;
+        /// Nor what poses make of a blurred end.
+        const LEAST_PX: f64 = 2.0;
+        let (got, usual) = (self.length_px, usual.length_px);
+        let limit_px = (LOST_SIGMAS * scatter_px).max(LEAST_PX);
+        if (got - usual).abs() <= limit_px {
+            return Ok(());
+        }
+        Err(Rejection::Unusual { what: "length", got, usual, limit: limit_px / usual })
     }
 
     /// Compares with what is `usual`.

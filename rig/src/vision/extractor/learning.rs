@@ -68,6 +68,7 @@ impl Extractor {
             exposure: Exposure::usual(&images),
             background,
             usual: None,
+            length_scatter_px: 0.0,
             masks: None,
             last: Last::default(),
         };
@@ -78,6 +79,7 @@ impl Extractor {
         });
         let sizes: Vec<Sizes> = found.iter().filter_map(|sizes| sizes.as_ref().ok().copied()).collect();
         extractor.usual = Sizes::usual(&sizes);
+        extractor.length_scatter_px = Sizes::length_scatter_px(&sizes);
         match (extractor.usual, found.into_iter().find_map(Result::err)) {
             (None, Some(why)) => {
                 Err(VisionError::NoBackground { images: images.len(), what: why.to_string() })

@@ -1,0 +1,86 @@
+//! Films that the mock camera did not draw, read as `rig extract` reads them:
+//! `cargo run --release -p system-tests --example clips -- [--level clean|usual|hard|broken] [--count N] [--first SEED] [--seconds S]
+//! [--large] [--write FOLDER] [--json FILE]`
+//!
+//! A line a film, and for each level the worst and what counts over all its films. Without `--level` all four. `--write` leaves every
+//! tenth picture of each film to look at. One thread.
+#![allow(clippy::print_stdout, reason = "its output is the point")]
+
+use std::path::PathBuf;
+
+use system_tests::clips::clip::{Clip, Level, clip};
+use system_tests::clips::score::{Score, score};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let value =
+        |name: &str| arguments.iter().position(|one| one == name).and_then(|at| arguments.get(at + 1));
+    let number = |name: &str, otherwise: f64| value(name).map_or(Ok(otherwise), |text| text.parse());
+    let (count, first) = (number("--count", 10.0)? as u64, number("--first", 0.0)? as u64);
+    let seconds = number("--seconds", 2.0)?;
+    let large = arguments.iter().any(|one| one == "--large");
+    let folder = value("--write").map(PathBuf::from);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let mut all = Vec::new();
+    for (name, level) in
+        Level::ALL.into_iter().filter(|(name, _)| value("--level").is_none_or(|one| one == name))
+    {
+        let mut scores = Vec::new();
+        for seed in first..first + count {
+            let clip = clip(level, seed, seconds, large);
+            if let Some(folder) = &folder {
+                write(&clip, folder)?;
+            }
+            let score = pool.install(|| score(&clip));
+            println!("{}", line(&score));
+            scores.push(score);
+        }
+        println!("{}\n", summary(name, &scores));
+        all.extend(scores);
+    }
+    if let Some(path) = value("--json") {
+        std::fs::write(path, serde_json::to_vec_pretty(&all)?)?;
+    }
+    Ok(())
+}
+
+fn line(score: &Score) -> String {
+    if let Some(why) = &score.refused {
+        return format!("{:32} refused: {why}", score.name);
+    }
+    let rms: Vec<String> = score.rms_px.iter().map(|rms| format!("{rms:6.2}")).collect();
+    format!(
+        "{:32} rms [px] {:28} answered {:5.1} %  wrong {:3} of {:3}  error/sigma {:6.2}  {:4.0} images/s",
+        score.name,
+        rms.join(" "),
+        100.0 * score.answered,
+        score.wrong_unflagged,
+        score.images,
+        score.normalised,
+        score.images_per_s
+    )
+}
+
+fn summary(level: &str, scores: &[Score]) -> String {
+    let refused = scores.iter().filter(|score| score.refused.is_some()).count();
+    let wrong: usize = scores.iter().map(|score| score.wrong_unflagged).sum();
+    let images: usize = scores.iter().map(|score| score.images).sum();
+    let answered = scores.iter().map(|score| score.answered).sum::<f64>() / scores.len().max(1) as f64;
+    let worst = scores.iter().flat_map(|score| &score.rms_px).copied().fold(0.0, f64::max);
+    format!(
+        "{level}: {} films, {refused} refused, worst rms {worst:.2} px, {:.1} % answered, {wrong} of {images} images wrong and unflagged",
+        scores.len(),
+        100.0 * answered
+    )
+}
+
+fn write(clip: &Clip, folder: &std::path::Path) -> Result<(), Box<dyn std::error::Error>> {
+    let folder = folder.join(clip.name.replace([' ', '(', ')'], "-"));
+    std::fs::create_dir_all(&folder)?;
+    for image in clip.images.iter().step_by(10) {
+        if let Ok(grey) = &image.grey {
+            grey.save(folder.join(format!("{}.png", image.name)))?;
+        }
+    }
+    Ok(())
+}

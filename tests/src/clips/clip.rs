@@ -1,0 +1,285 @@
+//! A film of one level of difficulty.
+
+use std::f64::consts::TAU;
+
+use ident::strict::{Finite, Positive, Share};
+use image::GrayImage;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rig::calibration::Plane;
+use rig::images::TimedImage;
+use rig::vision::{Mode, VisionConfig};
+
+use super::mechanism::Mechanism;
+use super::picture::{Picture, between};
+use super::shape::{Px, Shape};
+
+/// How hard the pictures are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Level {
+    /// Even light, little noise.
+    Clean,
+    /// Uneven light, dirt, noise, a motor in front of the root.
+    Usual,
+    /// One of: a bar across the picture, little contrast, bubbles, caustics, flicker.
+    Hard,
+    /// As clean, but some images are black, torn, repeated or saturated, and something swims past.
+    Broken,
+}
+
+impl Level {
+    /// All of them, by name.
+    pub const ALL: [(&'static str, Self); 4] =
+        [("clean", Self::Clean), ("usual", Self::Usual), ("hard", Self::Hard), ("broken", Self::Broken)];
+}
+
+/// What an image really shows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Truth {
+    /// P0..Pn \[px\].
+    pub points: Vec<Px>,
+    /// What is wrong with the image itself, if anything.
+    pub trouble: Option<&'static str>,
+}
+
+/// A film with its truth.
+#[derive(Debug)]
+pub struct Clip {
+    /// Level, mechanism and seed, and what makes it hard.
+    pub name: String,
+    /// Its images.
+    pub images: Vec<TimedImage>,
+    /// What each shows.
+    pub truth: Vec<Truth>,
+    /// What its maker would say of it.
+    pub config: VisionConfig,
+    /// Pixels to metres.
+    pub plane: Plane,
+}
+
+/// Images a second.
+const FPS: f64 = 50.0;
+/// What makes a film hard.
+const HARD: [&str; 5] = ["bar", "low contrast", "bubbles", "caustics", "flicker"];
+/// How well somebody who clicks on P0 meets it \[px\].
+const CLICK_PX: f64 = 3.0;
+
+/// All that is drawn once for a film.
+struct Tank {
+    level: f64,
+    slope: [f64; 2],
+    vignette: f64,
+    specks: Vec<Shape>,
+    motor: Vec<Shape>,
+    hardship: Option<&'static str>,
+    bar: Shape,
+    bubbles: Vec<[f64; 4]>,
+    contrast: f64,
+    blur: f64,
+    noise: f64,
+    /// Whether something swims past.
+    swims: bool,
+}
+
+/// The film of `seconds` \[s\] at `level` that `seed` draws; odd seeds are arms, each third chain is of odd sizes; `large`: 1280 by 720.
+pub fn clip(level: Level, seed: u64, seconds: f64, large: bool) -> Clip {
+    let random = &mut ChaCha8Rng::seed_from_u64(seed.wrapping_mul(7919) + level as u64);
+    let (width, height) = if large { (1280, 720) } else { (640, 480) };
+    let arm = seed % 2 == 1;
+    let scale = match (arm, large) {
+        (false, false) => 0.00025,
+        (false, true) => 0.00015,
+        (true, false) => 0.0005,
+        (true, true) => 0.00032,
+    };
+    let mechanism = if arm { Mechanism::arm(scale) } else { Mechanism::chain(random, scale, seed % 6 == 4) };
+    let motion = mechanism.motion(random);
+    let base =
+        [width as f64 / 2.0 + between(random, -8.0, 8.0), 0.13 * height as f64 + between(random, -3.0, 3.0)];
+    let tank = Tank::drawn(level, seed, [width as f64, height as f64], base, &mechanism, random);
+    let count = (seconds * FPS).round() as usize;
+    let mut images: Vec<GrayImage> = Vec::with_capacity(count);
+    let mut truth = Vec::with_capacity(count);
+    for i in 0..count {
+        let time_s = i as f64 / FPS;
+        let (shapes, points) = mechanism.at(&motion, base, time_s);
+        let trouble = if level == Level::Broken { trouble(i) } else { None };
+        let grey = match trouble {
+            Some("repeated") => images[i - 1].clone(),
+            Some("torn") => {
+                let now = tank.picture(&shapes, width, height, i, random);
+                let cut = height as u32 / 2;
+                GrayImage::from_fn(width as u32, height as u32, |x, y| {
+                    *if y < cut { &images[i - 1] } else { &now }.get_pixel(x, y)
+                })
+            }
+            Some("black") => Picture::of(width, height, |_| 3.0).expose(1.5, random),
+            Some("saturated") => Picture::of(width, height, |_| 400.0).expose(2.0, random),
+            _ => tank.picture(&shapes, width, height, i, random),
+        };
+        images.push(grey);
+        truth.push(Truth { points, trouble });
+    }
+    let timed = |(i, grey): (usize, GrayImage)| TimedImage {
+        name: format!("{i:05}"),
+        time_s: i as f64 / FPS,
+        grey: Ok(grey),
+    };
+    let click = base.map(|place| Finite::new(place + between(random, -CLICK_PX, CLICK_PX)));
+    let kind = if arm { "arm" } else { "chain" };
+    let name = Level::ALL.iter().find(|(_, one)| *one == level).map_or("", |(name, _)| name);
+    let hardship = tank.hardship.map_or(String::new(), |what| format!(" ({what})"));
+    Clip {
+        name: format!("{name} {kind} {seed}{hardship}"),
+        images: images.into_iter().enumerate().map(timed).collect(),
+        truth,
+        config: config(&mechanism, scale, click),
+        plane: Plane::square(scale, base),
+    }
+}
+
+/// What is wrong with image `i` of a broken film: something every 13 images; the body swims by from the 30th on.
+fn trouble(i: usize) -> Option<&'static str> {
+    match i {
+        0..8 => None,
+        30..50 => Some("swimmer"),
+        _ if !i.is_multiple_of(13) => None,
+        _ => Some(["black", "torn", "repeated", "saturated"][i / 13 % 4]),
+    }
+}
+
+/// As whoever made the film would write it: what a calliper tells, but not how far links reach past their pivots.
+fn config(mechanism: &Mechanism, scale: f64, click: [Option<Finite>; 2]) -> VisionConfig {
+    let base_px = match click {
+        [Some(column), Some(row)] => Some([column, row]),
+        _ => None,
+    };
+    match mechanism {
+        Mechanism::Chain { lengths, .. } => VisionConfig {
+            link_lengths_m: lengths.iter().map(|length| Positive::new(length * scale)).collect(),
+            base_px,
+            ..VisionConfig::new(lengths.len(), Mode::Links)
+        },
+        Mechanism::Arm { shares, .. } => VisionConfig {
+            shares: shares.iter().map(|share| Share::new(*share)).collect(),
+            base_px,
+            ..VisionConfig::new(shares.len(), Mode::Arc)
+        },
+    }
+}
+
+impl Tank {
+    fn drawn(
+        level: Level,
+        seed: u64,
+        [width, height]: [f64; 2],
+        base: Px,
+        mechanism: &Mechanism,
+        random: &mut ChaCha8Rng,
+    ) -> Self {
+        let usual = level == Level::Usual;
+        let hardship = (level == Level::Hard).then(|| HARD[(seed / 2) as usize % HARD.len()]);
+        let strength = if usual { 1.0 } else { 0.1 };
+        let speck = |random: &mut ChaCha8Rng| Shape::Disc {
+            centre: [between(random, 0.0, width), between(random, 0.0, height)],
+            radius: between(random, 0.8, 2.5),
+        };
+        let half = match mechanism {
+            Mechanism::Chain { half, .. } => *half,
+            Mechanism::Arm { half, .. } => half[0],
+        };
+        // The motor hides P0 and what is above it.
+        let bracket = |from: f64, to: f64, half: f64| Shape::Bar {
+            ends: [[base[0], from], [base[0], to]],
+            past: [0.0; 2],
+            half,
+            round: 0.0,
+        };
+        let motor = vec![
+            bracket(-20.0, base[1] + 0.4 * half, 1.9 * half),
+            bracket(-20.0, base[1] - half, 4.0 * half),
+        ];
+        let across = between(random, 0.45, 0.7) * height;
+        Self {
+            level: between(random, 150.0, 190.0),
+            slope: [0, 1].map(|_| strength * between(random, -0.25, 0.25)),
+            vignette: strength * between(random, 0.1, 0.3),
+            specks: if usual { (0..25).map(|_| speck(random)).collect() } else { Vec::new() },
+            motor: if usual { motor } else { Vec::new() },
+            hardship,
+            bar: Shape::Bar {
+                ends: [[-20.0, across], [width + 20.0, across + between(random, -40.0, 40.0)]],
+                past: [0.0; 2],
+                half: 0.011 * width,
+                round: 0.0,
+            },
+            bubbles: (0..12)
+                .map(|_| {
+                    let [column, row] = [between(random, 0.0, width), between(random, 0.0, height)];
+                    [column, row, between(random, 4.0, 12.0), between(random, 60.0, 160.0)]
+                })
+                .collect(),
+            contrast: if hardship == Some("low contrast") { 0.25 } else { between(random, 0.6, 0.75) },
+            blur: if usual { 0.8 } else { 0.6 },
+            noise: if usual { between(random, 4.0, 6.0) } else { 2.0 },
+            swims: level == Level::Broken,
+        }
+    }
+
+    fn picture(
+        &self,
+        shapes: &[Shape],
+        width: usize,
+        height: usize,
+        i: usize,
+        random: &mut ChaCha8Rng,
+    ) -> GrayImage {
+        let time_s = i as f64 / FPS;
+        let (w, h) = (width as f64, height as f64);
+        let light = |[x, y]: Px| {
+            let (u, v) = (x / w - 0.5, y / h - 0.5);
+            self.level * (1.0 + self.slope[0] * u + self.slope[1] * v - self.vignette * 2.0 * (u * u + v * v))
+        };
+        let mut picture = Picture::of(width, height, light);
+        picture.draw(&self.specks, |_, light| 0.5 * light);
+        if self.hardship == Some("bar") {
+            picture.draw(std::slice::from_ref(&self.bar), |_, light| 0.35 * light);
+        }
+        picture.draw(shapes, |p, _| (1.0 - self.contrast) * light(p));
+        picture.draw(&self.motor, |p, _| 0.3 * light(p));
+        match self.hardship {
+            Some("bubbles") => {
+                for [column, row, radius, speed] in &self.bubbles {
+                    let centre = [*column, (row - speed * time_s).rem_euclid(h)];
+                    let ring = |radius: f64, half: f64| Shape::Ring { centre, radius, half };
+                    picture.draw(&[ring(*radius, 1.2)], |_, light| 0.6 * light);
+                    picture.draw(&[ring(radius - 2.5, 1.0)], |_, light| (1.25 * light).min(250.0));
+                }
+            }
+            Some("caustics") => {
+                let wave = |[x, y]: Px, k: f64, turn: f64, f: f64| {
+                    (TAU * ((x * turn.cos() + y * turn.sin()) / k + f * time_s)).sin()
+                };
+                picture.shine(|p| {
+                    let sum = wave(p, 71.0, 0.4, 0.9) + wave(p, 53.0, 1.9, -1.1) + wave(p, 97.0, 2.7, 0.6);
+                    1.0 + 0.05 * (sum / 1.5).powi(3)
+                });
+            }
+            Some("flicker") => picture.shine(|_| 1.0 + 0.05 * (TAU * 7.0 * time_s).sin()),
+            _ => {}
+        }
+        if self.swims && trouble(i) == Some("swimmer") {
+            let along = (i as f64 - 30.0) / 20.0;
+            let centre = [w * (1.1 - 1.2 * along), h * (0.55 + 0.03 * (9.0 * along).sin())];
+            let body = Shape::Bar {
+                ends: [[centre[0] - 28.0, centre[1]], [centre[0] + 28.0, centre[1] + 6.0]],
+                past: [8.0; 2],
+                half: 11.0,
+                round: 11.0,
+            };
+            picture.draw(&[body], |p, _| 0.4 * light(p));
+        }
+        picture.blur(self.blur);
+        picture.expose(self.noise, random)
+    }
+}

@@ -1,0 +1,122 @@
+//! Outlines as signed distances: negative inside, in pixels.
+
+/// A place in a picture, column and row \[px\]; the centre of the top left pixel is (0, 0).
+pub type Px = [f64; 2];
+
+/// One outline.
+#[derive(Debug, Clone)]
+pub enum Shape {
+    /// A bar from one point past another: its ends lie `past` beyond them; corners of radius `round`.
+    Bar {
+        /// Its axis.
+        ends: [Px; 2],
+        /// How far it reaches past each end of its axis.
+        past: [f64; 2],
+        /// Half its width.
+        half: f64,
+        /// Radius of its corners.
+        round: f64,
+    },
+    /// A tapered band along a line, with square ends.
+    Band {
+        /// The line.
+        line: Vec<Px>,
+        /// Half its width at each point of the line.
+        half: Vec<f64>,
+    },
+    /// A disc.
+    Disc {
+        /// Its centre.
+        centre: Px,
+        /// Its radius.
+        radius: f64,
+    },
+    /// A ring, as a bubble's rim.
+    Ring {
+        /// Its centre.
+        centre: Px,
+        /// The rim's middle radius.
+        radius: f64,
+        /// Half the rim's width.
+        half: f64,
+    },
+}
+
+fn along(from: Px, to: Px, p: Px) -> (f64, f64, f64) {
+    let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
+    let length = dx.hypot(dy).max(1e-12);
+    let (px, py) = (p[0] - from[0], p[1] - from[1]);
+    ((px * dx + py * dy) / length, (py * dx - px * dy) / length, length)
+}
+
+impl Shape {
+    /// Signed distance of `p` \[px\]; exact near the outline.
+    pub fn distance(&self, p: Px) -> f64 {
+        match self {
+            Self::Bar { ends, past, half, round } => {
+                let (u, v, length) = along(ends[0], ends[1], p);
+                let middle = (length + past[1] - past[0]) / 2.0;
+                let reach = (length + past[0] + past[1]) / 2.0;
+                let (a, b) = ((u - middle).abs() - reach + round, v.abs() - half + round);
+                a.max(0.0).hypot(b.max(0.0)) + a.max(b).min(0.0) - round
+            }
+            Self::Band { line, half } => {
+                let last = line.len() - 2;
+                // Pieces with round joints, cut square at both ends; the band bends too little to come behind one.
+                let piece = |i: usize| {
+                    let (u, v, length) = along(line[i], line[i + 1], p);
+                    let share = (u / length).clamp(0.0, 1.0);
+                    let side = half[i] + share * (half[i + 1] - half[i]);
+                    (u - length).max(-u).max(0.0).hypot(v) - side
+                };
+                let band = (0..=last).map(piece).fold(f64::INFINITY, f64::min);
+                let (before, ..) = along(line[0], line[1], p);
+                let (after, _, length) = along(line[last], line[last + 1], p);
+                band.max(-before).max(after - length)
+            }
+            Self::Disc { centre, radius } => (p[0] - centre[0]).hypot(p[1] - centre[1]) - radius,
+            Self::Ring { centre, radius, half } => {
+                ((p[0] - centre[0]).hypot(p[1] - centre[1]) - radius).abs() - half
+            }
+        }
+    }
+
+    /// The rectangle that holds it: least column and row, greatest column and row.
+    pub fn bounds(&self) -> [f64; 4] {
+        let around = |points: &[Px], reach: f64| {
+            let of = |axis: usize, worst: f64, pick: fn(f64, f64) -> f64| {
+                points.iter().map(|point| point[axis]).fold(worst, pick)
+            };
+            [
+                of(0, f64::INFINITY, f64::min) - reach,
+                of(1, f64::INFINITY, f64::min) - reach,
+                of(0, f64::NEG_INFINITY, f64::max) + reach,
+                of(1, f64::NEG_INFINITY, f64::max) + reach,
+            ]
+        };
+        match self {
+            Self::Bar { ends, past, half, .. } => around(ends, half + past[0].max(past[1])),
+            Self::Band { line, half } => around(line, half.iter().copied().fold(0.0, f64::max)),
+            Self::Disc { centre, radius } => around(&[*centre], *radius),
+            Self::Ring { centre, radius, half } => around(&[*centre], radius + half),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_are_those_to_the_outline() {
+        let bar = Shape::Bar { ends: [[0.0, 0.0], [10.0, 0.0]], past: [2.0, 1.0], half: 3.0, round: 0.0 };
+        for (p, wanted) in [([5.0, 4.0], 1.0), ([-3.0, 0.0], 1.0), ([12.0, 0.0], 1.0), ([5.0, 0.0], -3.0)] {
+            assert!((bar.distance(p) - wanted).abs() < 1e-12, "{p:?}: {}", bar.distance(p));
+        }
+        let band =
+            Shape::Band { line: vec![[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], half: vec![4.0, 3.0, 2.0] };
+        for (p, wanted) in [([10.0, 5.0], 2.0), ([-1.0, 0.0], 1.0), ([20.0, 0.0], 0.0), ([5.0, 3.5], 0.0)] {
+            assert!((band.distance(p) - wanted).abs() < 1e-9, "{p:?}: {}", band.distance(p));
+        }
+    }
+}
