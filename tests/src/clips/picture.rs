@@ -7,8 +7,11 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::shape::{Px, Shape};
 
-/// Samples to a side of a pixel that an outline crosses.
-const SAMPLES: usize = 6;
+/// Samples of a pixel that an outline crosses.
+const SAMPLES: usize = 36;
+
+/// The golden section: steps of it fill a side evenly, so that upright and level outlines get 36 shares too.
+const GOLDEN: f64 = 0.618_033_988_749_895;
 
 /// Linear light \[grey levels\], shape (height, width).
 #[derive(Debug, Clone)]
@@ -45,11 +48,14 @@ impl Picture {
                     d if d > 0.8 => 0.0,
                     d if d < -0.8 => 1.0,
                     _ => {
-                        let step = 1.0 / SAMPLES as f64;
-                        let off = |k: usize| (k as f64 + 0.5) * step - 0.5;
-                        let inside = (0..SAMPLES * SAMPLES)
-                            .filter(|k| distance([p[0] + off(k % SAMPLES), p[1] + off(k / SAMPLES)]) < 0.0);
-                        inside.count() as f64 * step * step
+                        let off = |k: usize| {
+                            let k = k as f64 + 0.5;
+                            [k / SAMPLES as f64 - 0.5, (k * GOLDEN).fract() - 0.5]
+                        };
+                        let inside = (0..SAMPLES)
+                            .map(off)
+                            .filter(|off| distance([p[0] + off[0], p[1] + off[1]]) < 0.0);
+                        inside.count() as f64 / SAMPLES as f64
                     }
                 };
                 let light = &mut self.light[row * self.width + column];
