@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// A place in a picture, `[column, row]` \[px\]; the centre of the top left pixel is `[0, 0]`.
 pub type Px = [f64; 2];
 
-/// Where the picture shows the plane of motion: two numbers, or a file written by `rig calibrate`.
+/// Where the picture shows the plane of motion: two numbers, or a file that holds what a calibration came to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {

@@ -10,7 +10,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rig::calibration::{Plane, Px};
-use rig::images::{ImageSource, Images, SourceError, TimedImage};
+use rig::images::TimedImage;
 use rig::tank::render::{Look, Renderer};
 use rig::vision::spline::{distance, moved};
 use rig::vision::{Extraction, Mask, Mode, SequenceError, Status, StoredRecord, Task, VisionConfig};
@@ -39,25 +39,13 @@ fn timed(images: Vec<GrayImage>) -> Vec<TimedImage> {
     images.into_iter().enumerate().map(image).collect()
 }
 
-struct InMemory<'a>(&'a [TimedImage]);
-
-impl ImageSource for InMemory<'_> {
-    fn images(&self) -> Result<Images<'_>, SourceError> {
-        Ok(Box::new(self.0.iter().cloned().map(Ok)))
-    }
-
-    fn len_hint(&self) -> Option<usize> {
-        Some(self.0.len())
-    }
-}
-
 fn sequence(
     images: &[TimedImage],
     config: &VisionConfig,
     plane: &Plane,
     folder: &Path,
 ) -> Result<Extraction, SequenceError> {
-    Task::new(config, None, plane.clone(), folder)?.extract(&InMemory(images), |_, _| Ok(()))
+    Task::new(config, None, plane.clone(), folder)?.extract(images, |_, _| Ok(()))
 }
 
 fn extracted(images: Vec<GrayImage>, config: &VisionConfig) -> Extraction {

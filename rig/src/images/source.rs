@@ -53,6 +53,17 @@ pub trait ImageSource: Send + Sync {
     }
 }
 
+/// Images at hand, in order of time.
+impl ImageSource for [TimedImage] {
+    fn images(&self) -> Result<Images<'_>, SourceError> {
+        Ok(Box::new(self.iter().cloned().map(Ok)))
+    }
+
+    fn len_hint(&self) -> Option<usize> {
+        Some(self.len())
+    }
+}
+
 /// At most `most` images spread evenly over a sequence, whatever its length: every image until there are too many, then every
 /// second of those, and so on.
 pub(super) fn even_sample(

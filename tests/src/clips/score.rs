@@ -3,7 +3,6 @@
 use std::path::Path;
 use std::time::Instant;
 
-use rig::images::{ImageSource, Images, SourceError, TimedImage};
 use rig::vision::{Extraction, SequenceError, Status, Task};
 use serde::Serialize;
 
@@ -33,24 +32,12 @@ pub struct Score {
     pub refused: Option<String>,
 }
 
-struct InMemory<'a>(&'a [TimedImage]);
-
-impl ImageSource for InMemory<'_> {
-    fn images(&self) -> Result<Images<'_>, SourceError> {
-        Ok(Box::new(self.0.iter().cloned().map(Ok)))
-    }
-
-    fn len_hint(&self) -> Option<usize> {
-        Some(self.0.len())
-    }
-}
-
 /// Reads `clip` on the caller's pool of threads, as `rig extract` does, and judges what comes out.
 pub fn score(clip: &Clip) -> Score {
     let mut first = None;
     let found = Task::new(&clip.config, None, clip.plane.clone(), Path::new("")).map_err(SequenceError::from);
     let found = found.and_then(|task| {
-        task.extract(&InMemory(&clip.images), |images, _| {
+        task.extract(clip.images.as_slice(), |images, _| {
             first.get_or_insert((Instant::now(), images.len()));
             Ok::<(), SequenceError>(())
         })
