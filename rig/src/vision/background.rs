@@ -2,9 +2,11 @@
 //!
 //! Three ways to know the empty tank: a picture of it; what each pixel shows while the mechanism is elsewhere
 //! (`temporal`: the values near its own bright end, for a dark mechanism); a smooth surface through the
-//! picture's background (`flat`: a quadratic, fitted robustly). `auto` takes the temporal one and mends it
-//! with the flat one wherever the mechanism never moves away: there the temporal one shows the mechanism
-//! itself, which is told from scenery by its touching what moves.
+//! picture's background (`flat`: a quadratic, fitted robustly). What never moves and is as dark as the mechanism
+//! may be a part of it (its root), or hide it (a motor before the root), or only look like it (a bar behind): [`Still`].
+//! Lamps flicker: an image is compared with the empty tank as light as its own.
+
+mod levels;
 
 use ident::statistics::{MEDIAN_TO_SIGMA, TUKEY_SIGMAS, median};
 use image::GrayImage;
@@ -16,6 +18,7 @@ use super::rejection::Rejection;
 use super::sample::bilinear;
 use super::{Mask, VisionError};
 use crate::calibration::Px;
+use levels::{LEAST_CONTRAST, NOISE_REACH, level, noise};
 
 /// The empty tank, learnt.
 #[derive(Debug, Clone)]
@@ -26,8 +29,19 @@ pub struct Background {
     sign: f32,
     /// Where the mechanism never is.
     blocked: Option<Mask>,
+    /// Where something still is as dark as the mechanism, and not taken for it.
+    still: Option<Mask>,
     /// Smallest silhouette that counts \[px\].
     min_area_px: f64,
+}
+
+/// What is made of things as dark as the mechanism that never move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Still {
+    /// Those that touch what moves are the mechanism's own.
+    Own,
+    /// None is: they are a part of the tank, and say nothing of what is before or behind them.
+    Foreign,
 }
 
 #[derive(Debug, Clone)]
@@ -52,18 +66,13 @@ pub struct Contrast {
     pub noise: f32,
 }
 
-/// Multiple of the noise that no background pixel reaches.
-const NOISE_REACH: f32 = 4.0;
-/// Contrast below which nothing is told apart even without noise \[grey levels\]: compression leaves as much.
-const LEAST_CONTRAST: f32 = 6.0;
-/// Largest share of an image that a mechanism may cover.
-const MOST_COVER: f64 = 0.5;
 /// One side's differences must weigh this many times the other's for `polarity = "auto"`.
 const CLEAR_POLARITY: f64 = 2.0;
-/// A pixel's clear view is looked for near this share of its sorted values: mirrors and bubbles lie above.
+/// A pixel's clear view is looked for from this share of its sorted values on: mirrors and bubbles lie above.
 const CLEAR_SHARE: f64 = 0.9;
-/// Values this many sigmas below that share are still the clear view.
-const CLEAR_REACH: f32 = 6.0;
+/// Values this many sigmas below are still the clear view, and those within this share of the mechanism's contrast.
+const CLEAR_SIGMAS: f32 = 6.0;
+const CLEAR_CONTRAST: f32 = 0.5;
 /// What never moves is the mechanism's when it touches what moves in this share of the images.
 const TOUCHING_SHARE: f64 = 0.2;
 /// Width of a blurred edge \[px\].
@@ -71,7 +80,7 @@ const SKIRT_PX: usize = 3;
 
 impl Background {
     /// Learns the empty tank from `images`, a sample of the sequence; `empty` is the picture of it, if the
-    /// config names one, and `blocked` the static mask.
+    /// config names one, and `blocked` the static mask. `still` counts where images and not a picture of it tell.
     ///
     /// # Errors
     /// [`VisionError::NoBackground`] when neither polarity stands out, [`VisionError::Config`] when `temporal`
@@ -81,6 +90,7 @@ impl Background {
         config: &VisionConfig,
         empty: Option<&GrayImage>,
         blocked: Option<Mask>,
+        still: Still,
     ) -> Result<Self, VisionError> {
         let first = images.first().ok_or(VisionError::NoImages)?;
         let sign = match config.polarity {
@@ -89,9 +99,9 @@ impl Background {
             Polarity::Auto => polarity(images)?,
         };
         let min_area_px = config.min_area_px.get();
-        let mut background = Self { reference: None, sign, blocked, min_area_px };
+        let mut background = Self { reference: None, sign, blocked, still: None, min_area_px };
         let same_size = images.iter().all(|image| image.dimensions() == first.dimensions());
-        background.reference = match &config.background {
+        let clear = match &config.background {
             Method::Picture(_) => empty.map(Plane::of),
             Method::Flat => None,
             Method::Auto if !same_size => None,
@@ -100,15 +110,41 @@ impl Background {
                     what: "background = \"temporal\" needs images of one size; use \"flat\"".into(),
                 });
             }
-            Method::Temporal => Some(clear_view(images, sign)),
-            Method::Auto => Some(background.mended(images, clear_view(images, sign))),
+            Method::Temporal | Method::Auto => Some(clear_view(images, sign, background.usual_level(images))),
         };
+        let Some(clear) = clear else { return Ok(background) };
+        let surface = Plane::through(&clear.image());
+        let level = background.level_before(&surface, images);
+        let alike = level.map(|level| background.alike(&clear, &surface, level / 2.0));
+        background.reference = Some(match (still, &config.background, level, alike) {
+            (Still::Own, Method::Auto, Some(level), Some(alike)) => {
+                background.mended(images, clear, &surface, &alike, level / 2.0)
+            }
+            (Still::Foreign, _, _, Some(alike)) => {
+                let still = alike.grown(SKIRT_PX).over(alike.width, alike.height);
+                let reference = clear.with(&surface, &still);
+                background.still = Some(still);
+                reference
+            }
+            _ => clear,
+        });
         Ok(background)
+    }
+
+    /// Whether [`Still`] makes a difference under `config`.
+    pub fn depends_on_still(config: &VisionConfig) -> bool {
+        config.background != Method::Flat
     }
 
     /// The static mask.
     pub fn blocked(&self) -> Option<&Mask> {
         self.blocked.as_ref()
+    }
+
+    /// Where something still is as dark as the mechanism, and an edge's width around it: there the mechanism cannot be told from
+    /// what else it may be, and a smooth surface stands for the empty tank.
+    pub fn still(&self) -> Option<&Mask> {
+        self.still.as_ref()
     }
 
     /// What `image` shows beside the empty tank.
@@ -129,7 +165,8 @@ impl Background {
                 &surface
             }
         };
-        let difference = |(empty, seen): (&f32, &u8)| self.sign * (empty - f32::from(*seen));
+        let light = self.reference.as_ref().map_or(1.0, |plane| plane.light_of(image));
+        let difference = |(empty, seen): (&f32, &u8)| self.sign * (light * empty - f32::from(*seen));
         let mut values: Vec<f32> = reference.grey.iter().zip(image.as_raw()).map(difference).collect();
         if let Some(blocked) = &self.blocked {
             for (y, values) in values.chunks_exact_mut(width.max(1)).enumerate() {
@@ -141,23 +178,47 @@ impl Background {
         Ok(Contrast { width, height, values, level, noise })
     }
 
-    /// `clear` with a smooth surface in place of everything that belongs to the mechanism but never moves.
-    fn mended(&self, images: &[&GrayImage], mut clear: Plane) -> Plane {
-        let (width, height) = (clear.width, clear.height);
-        let surface = Plane::through(&clear.image());
+    /// What the mechanism usually differs by from the smooth surface through each image \[grey levels\].
+    fn usual_level(&self, images: &[&GrayImage]) -> Option<f32> {
+        let flat = Self { reference: None, ..self.clone() };
+        let mut levels: Vec<f32> =
+            images.iter().filter_map(|image| Some(flat.contrast(image).ok()?.level)).collect();
+        median(&mut levels, f32::total_cmp)
+    }
+
+    /// The same from `surface`.
+    fn level_before(&self, surface: &Plane, images: &[&GrayImage]) -> Option<f32> {
         let flat = Self { reference: Some(surface.clone()), ..self.clone() };
         let mut levels: Vec<f32> =
             images.iter().filter_map(|image| Some(flat.contrast(image).ok()?.level)).collect();
-        let Some(level) = median(&mut levels, f32::total_cmp) else { return clear };
-        let half = level / 2.0;
-        let mut still = Mask::empty(0, 0, width, height);
-        for (i, bit) in still.bits.iter_mut().enumerate() {
+        median(&mut levels, f32::total_cmp)
+    }
+
+    /// Where `clear` differs from `surface` as the mechanism does, by more than `half` \[grey levels\].
+    fn alike(&self, clear: &Plane, surface: &Plane, half: f32) -> Mask {
+        let (width, height) = (clear.width, clear.height);
+        let mut alike = Mask::empty(0, 0, width, height);
+        for (i, bit) in alike.bits.iter_mut().enumerate() {
             let free =
                 self.blocked.as_ref().is_none_or(|b| !b.at((i % width) as isize, (i / width) as isize));
             *bit = free && self.sign * (surface.grey[i] - clear.grey[i]) > half;
         }
-        let still = components(&still, SKIRT_PX * SKIRT_PX);
-        if still.is_empty() {
+        alike
+    }
+
+    /// `clear` with a smooth surface in place of everything that belongs to the mechanism but never moves: what of `alike` touches
+    /// what moves.
+    fn mended(
+        &self,
+        images: &[&GrayImage],
+        mut clear: Plane,
+        surface: &Plane,
+        alike: &Mask,
+        half: f32,
+    ) -> Plane {
+        let (width, height) = (clear.width, clear.height);
+        let alike = components(alike, SKIRT_PX * SKIRT_PX);
+        if alike.is_empty() {
             return clear;
         }
         let moving: Vec<Vec<bool>> = images
@@ -168,7 +229,7 @@ impl Background {
             })
             .filter(|moving| moving.iter().filter(|&&m| m).count() as f64 > self.min_area_px / 4.0)
             .collect();
-        for part in still {
+        for part in alike {
             let wide = part.mask.grown(SKIRT_PX);
             let wide = || wide.pixels().filter(|&(x, y)| x < width && y < height);
             let touches =
@@ -218,11 +279,33 @@ impl Plane {
         Self { width: image.width() as usize, height: image.height() as usize, grey }
     }
 
+    /// The same with `other` where `mask`, of the whole picture, is set.
+    fn with(mut self, other: &Self, mask: &Mask) -> Self {
+        let pixels = self.grey.iter_mut().zip(&other.grey).zip(&mask.bits);
+        pixels.filter(|(_, bit)| **bit).for_each(|((grey, other), _)| *grey = *other);
+        self
+    }
+
     fn image(&self) -> GrayImage {
         let at = |x: u32, y: u32| self.grey[y as usize * self.width + x as usize];
         GrayImage::from_fn(self.width as u32, self.height as u32, |x, y| {
             image::Luma([at(x, y).round().clamp(0.0, 255.0) as u8])
         })
+    }
+
+    /// How light `image` is beside this: the middle of its pixels' ratios. Most of a picture is background.
+    fn light_of(&self, image: &GrayImage) -> f32 {
+        /// Every so many-th pixel says enough.
+        const STRIDE_PX: usize = 211;
+        /// Darker pixels' ratios are those of their noise \[grey levels\].
+        const LEAST_GREY: f32 = 8.0;
+        /// No lamp flickers by more than this share, either way: what is farther off says something else.
+        const MOST_FLICKER: f32 = 0.3;
+        let pixels = self.grey.iter().zip(image.as_raw()).step_by(STRIDE_PX);
+        let ratio = |(empty, seen): (&f32, &u8)| f32::from(*seen) / empty;
+        let mut ratios: Vec<f32> = pixels.filter(|(empty, _)| **empty > LEAST_GREY).map(ratio).collect();
+        let light = median(&mut ratios, f32::total_cmp).unwrap_or(1.0);
+        if (light - 1.0).abs() < MOST_FLICKER { light } else { 1.0 }
     }
 
     /// The quadratic surface through most of `image`: Tukey's biweight, reweighted from the median outward, so
@@ -272,10 +355,12 @@ impl Plane {
 }
 
 /// What each pixel shows while nothing dark (`sign` > 0) or bright covers it: the median of its values within
-/// reach of its own clear end.
-fn clear_view(images: &[&GrayImage], sign: f32) -> Plane {
+/// reach of its own clear end. `level`: what the mechanism differs by, if that is known: less is no mechanism.
+fn clear_view(images: &[&GrayImage], sign: f32, level: Option<f32>) -> Plane {
+    const ROUNDS: usize = 3;
     let mut noises: Vec<f32> = images.iter().map(|image| noise(image)).collect();
-    let reach = CLEAR_REACH * median(&mut noises, f32::total_cmp).unwrap_or(0.0);
+    let noise = median(&mut noises, f32::total_cmp).unwrap_or(0.0);
+    let reach = (CLEAR_SIGMAS * noise).max(CLEAR_CONTRAST * level.unwrap_or(0.0));
     let mut plane = Plane::of(images[0]);
     let mut values = vec![0u8; images.len()];
     for (i, grey) in plane.grey.iter_mut().enumerate() {
@@ -286,10 +371,14 @@ fn clear_view(images: &[&GrayImage], sign: f32) -> Plane {
         if sign < 0.0 {
             values.reverse();
         }
-        let clear = f32::from(values[((values.len() - 1) as f64 * CLEAR_SHARE).round() as usize]);
-        let first = values.partition_point(|&v| sign * (clear - f32::from(v)) > reach);
-        let seen = &values[first..];
-        *grey = (f32::from(seen[(seen.len() - 1) / 2]) + f32::from(seen[seen.len() / 2])) / 2.0;
+        let mut clear = f32::from(values[((values.len() - 1) as f64 * CLEAR_SHARE).round() as usize]);
+        // The clear end is a reflection now and then: from it down to where most clear values are.
+        for _ in 0..ROUNDS {
+            let first = values.partition_point(|&v| sign * (clear - f32::from(v)) > reach);
+            let seen = &values[first..];
+            clear = (f32::from(seen[(seen.len() - 1) / 2]) + f32::from(seen[seen.len() / 2])) / 2.0;
+        }
+        *grey = clear;
     }
     plane
 }
@@ -321,87 +410,4 @@ fn polarity(images: &[&GrayImage]) -> Result<f32, VisionError> {
             "dark and bright parts weigh {dark:.0} to {bright:.0}; set [vision] polarity to \"dark\" or \"bright\""
         ))
     }
-}
-
-/// What the mechanism differs by: the median of what exceeds half of itself, found by iteration.
-fn level(values: &[f32], noise: f32, min_area_px: f64) -> Result<f32, Rejection> {
-    const ROUNDS: usize = 12;
-    let least = (NOISE_REACH * noise).max(LEAST_CONTRAST);
-    let mut histogram = [0usize; 256];
-    for block in values.chunks(64) {
-        // Most of a picture is background: it is passed over a block at a time.
-        if block.iter().fold(false, |any, &v| any | (v > least)) {
-            block.iter().filter(|&&v| v > least).for_each(|&v| histogram[v as usize & 255] += 1);
-        }
-    }
-    let mut threshold = least;
-    for _ in 0..ROUNDS {
-        let from = threshold as usize;
-        let count: usize = histogram[from..].iter().sum();
-        if (count as f64) < min_area_px {
-            return Err(Rejection::NoContrast { least, area_px: count });
-        }
-        if count as f64 > MOST_COVER * values.len() as f64 {
-            return Err(Rejection::NoContrast { least: threshold, area_px: count });
-        }
-        let mut passed = 0;
-        let middle = (from..256).find(|&v| {
-            passed += histogram[v];
-            2 * passed >= count
-        });
-        let next = (middle.unwrap_or(255) as f32 / 2.0).max(least);
-        if (next - threshold).abs() < 0.5 {
-            break;
-        }
-        threshold = next;
-    }
-    Ok(2.0 * threshold)
-}
-
-/// Noise of one pixel \[grey levels\], from the differences of neighbours; at least that of quantisation.
-fn noise(image: &GrayImage) -> f32 {
-    /// The root undoes the sum of two noises.
-    const DIFFERENCE_TO_SIGMA: f32 = MEDIAN_TO_SIGMA as f32 / std::f32::consts::SQRT_2;
-    const QUANTISATION_GREY: f32 = 0.3;
-    /// Most cameras' noise is below this.
-    const USUAL_NOISE_GREY: usize = 15;
-    let total = (image.width() as usize).saturating_sub(1) * image.height() as usize;
-    // The median by halving its range: counting what is below a limit is quicker than a histogram. `below`
-    // and `up_to` are how many differ by less than `least`, and by no more than `most`.
-    let (mut least, mut below) = (0, 0);
-    let (mut most, mut up_to) = (USUAL_NOISE_GREY, smaller_steps(image, USUAL_NOISE_GREY + 1));
-    if 2 * up_to < total.max(1) {
-        (least, below, most, up_to) = (USUAL_NOISE_GREY + 1, up_to, 255, total);
-    }
-    while least < most {
-        let middle = (least + most) / 2;
-        let count = smaller_steps(image, middle + 1);
-        if 2 * count >= total.max(1) {
-            (most, up_to) = (middle, count);
-        } else {
-            (least, below) = (middle + 1, count);
-        }
-    }
-    // Sizes are rounded: the median lies inside this one, in proportion.
-    let inside = (total as f32 / 2.0 - below as f32) / (up_to - below).max(1) as f32;
-    ((least as f32 - 0.5 + inside).max(0.0) * DIFFERENCE_TO_SIGMA).max(QUANTISATION_GREY)
-}
-
-/// How many neighbours in a row differ by less than `limit` grey levels.
-fn smaller_steps(image: &GrayImage, limit: usize) -> usize {
-    /// No more than a byte can count, in whole registers.
-    const BLOCK_PX: usize = 240;
-    let Some(most) = limit.checked_sub(1) else { return 0 };
-    let most = most.min(255) as u8;
-    let mut count = 0;
-    for row in image.as_raw().chunks_exact(image.width().max(1) as usize) {
-        for (left, right) in row.chunks(BLOCK_PX).zip(row[1..].chunks(BLOCK_PX)) {
-            let small = left
-                .iter()
-                .zip(right)
-                .map(|(a, b)| u8::from((*a).max(*b).wrapping_sub((*a).min(*b)) <= most));
-            count += usize::from(small.fold(0u8, u8::wrapping_add));
-        }
-    }
-    count
 }

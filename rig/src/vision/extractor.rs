@@ -4,23 +4,29 @@
 //! (of the whole sequence, or the first still ones), then takes images in order, any number at a time.
 
 mod learning;
+mod tracking;
 
 pub use learning::{LEARN_FROM, Learned};
+use tracking::{Placed, Track};
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use image::GrayImage;
 use rayon::prelude::*;
 
 use super::Mask;
 use super::background::{Background, Contrast};
+use super::bridges::Bridges;
 use super::centreline::Centreline;
 use super::component::{choose, components};
 use super::config::{Mode, VisionConfig};
 use super::continuity::{Continuity, Marks};
 use super::exposure::Exposure;
+use super::figure::film::Film;
+use super::figure::fit::Fitted;
 use super::gates::{Sizes, check_overlap};
-use super::keypoints::{CLEAR_PX, Found, Shape, edge_points, place};
+use super::keypoints::{CLEAR_PX, Shape, edge_points, place};
 use super::outline::Outline;
 use super::parts::{Parts, Seen};
 use super::record::{ImageRecord, Keypoint, Status};
@@ -42,6 +48,11 @@ pub struct Extractor {
     plane: Plane,
     exposure: Option<Exposure>,
     background: Background,
+    bridges: Bridges,
+    /// Where nothing of the mechanism's outline can be seen, an edge's width around included.
+    hidden: Option<Mask>,
+    /// What the images share of a mechanism whose base is known.
+    film: Option<Arc<Film>>,
     usual: Option<Sizes>,
     /// Sigma of the usual length \[px\].
     length_scatter_px: f64,
@@ -57,6 +68,7 @@ struct Last {
     centroid: Option<Px>,
     line: Option<Vec<Px>>,
     gap: usize,
+    track: Track,
     /// Another object that the border cuts came in sight and has not left it since.
     intruder: bool,
 }
@@ -106,46 +118,56 @@ impl Extractor {
             self.exposure.as_ref().map_or(Ok(()), |usual| Exposure::of(image).check(usual))?;
             self.parts(image)
         });
-        let seen = match self.masks.as_mut() {
+        let seen: Vec<(Option<Contrast>, Result<Seen, Rejection>)> = match self.masks.as_mut() {
             Some(masks) => {
                 let masks: Vec<Option<Mask>> = parts.iter().map(|_| masks.pop_front().flatten()).collect();
-                let given = |(parts, mask): (Result<Parts, Rejection>, Option<Mask>)| {
-                    let parts = parts?;
-                    match mask {
-                        Some(mask) => parts.with(&mask),
-                        None => self.choice(&parts, None).and(Err(Rejection::NoMask)),
+                let given = |(parts, mask): (Result<Parts, Rejection>, Option<Mask>)| match (parts, mask) {
+                    (Err(why), _) => (None, Err(why)),
+                    (Ok(parts), Some(mask)) => shown(parts.with(&mask)),
+                    (Ok(parts), None) => {
+                        let why = self.choice(&parts, None).err().unwrap_or(Rejection::NoMask);
+                        (Some(parts.contrast), Err(why))
                     }
                 };
                 parts.into_iter().zip(masks).map(given).collect()
             }
             None => {
-                let follow = |parts: Result<Parts, Rejection>| {
-                    let parts = parts?;
-                    let chosen = self.choice(&parts, self.last.centroid)?;
-                    self.last.centroid = Some(parts.parts[chosen].centroid);
-                    Ok(parts.seen(chosen))
+                let follow = |parts: Result<Parts, Rejection>| match parts {
+                    Err(why) => (None, Err(why)),
+                    Ok(parts) => match self.choice(&parts, self.last.centroid) {
+                        Err(why) => (Some(parts.contrast), Err(why)),
+                        Ok(chosen) => {
+                            self.last.centroid = Some(parts.parts[chosen].centroid);
+                            let (contrast, seen) = parts.seen(chosen);
+                            (Some(contrast), Ok(seen))
+                        }
+                    },
                 };
                 parts.into_iter().map(follow).collect()
             }
         };
-        self.measure(images, seen)
+        let (contrasts, seen): (Vec<_>, Vec<_>) = seen.into_iter().unzip();
+        self.measure(images, &contrasts, seen)
     }
 
     /// The silhouettes' middle lines, base first.
-    fn oriented_all(&mut self, seen: &[Result<Seen, Rejection>]) -> Vec<Result<Oriented, Rejection>> {
-        let candidates = in_parallel(seen, |seen| match seen {
-            Ok(seen) => self.candidate(seen),
-            Err(why) => Err(why.clone()),
+    fn oriented_all(
+        &mut self,
+        contrasts: &[Option<Contrast>],
+        seen: &[Result<Seen, Rejection>],
+    ) -> Vec<Result<Oriented, Rejection>> {
+        let jobs: Vec<_> = contrasts.iter().zip(seen).collect();
+        let candidates = in_parallel(&jobs, |job| match job {
+            (Some(contrast), Ok(seen)) => self.candidate(contrast, seen),
+            (_, Err(why)) => Err(why.clone()),
+            (None, Ok(_)) => unreachable!("a silhouette is seen in a contrast"),
         });
         candidates
             .into_iter()
-            .zip(seen)
-            .map(|(candidate, seen)| {
-                let oriented = match (candidate, seen) {
-                    (Ok(candidate), Ok(seen)) => self.oriented(candidate, seen),
-                    (Err(why), _) => Err(why),
-                    (Ok(_), Err(why)) => Err(why.clone()),
-                };
+            .zip(jobs)
+            .map(|(candidate, job)| {
+                let (Some(contrast), Ok(seen)) = job else { return candidate.and(Err(Rejection::NoMask)) };
+                let oriented = candidate.and_then(|candidate| self.oriented(candidate, contrast, seen));
                 match &oriented {
                     Ok(oriented) => {
                         self.last.line = Some(compared(&oriented.candidate.line.points));
@@ -154,7 +176,6 @@ impl Extractor {
                     Err(_) => self.last.gap += 1,
                 }
                 // Its way is followed on, but not given out while it is not certain whose it is.
-                let Ok(seen) = seen else { return oriented };
                 let area_px = oriented.as_ref().map(|oriented| oriented.candidate.sizes.area_px);
                 let undisturbed = self.undisturbed(seen, area_px.unwrap_or(seen.silhouette.area() as f64));
                 oriented.and_then(|oriented| undisturbed.map(|()| oriented))
@@ -168,20 +189,47 @@ impl Extractor {
         Shape { line, mask, edge, base_covered: oriented.base_covered, base }
     }
 
+    /// The keypoints where a silhouette tells them.
+    fn by_silhouette(&self, oriented: &Oriented) -> Result<Placed, Rejection> {
+        let found = place(&self.outline, &self.config.gates, &self.plane, &self.shape(oriented))?;
+        let line = oriented.candidate.line.points.clone();
+        Ok(Placed { found, line, doubt: oriented.doubt.clone() })
+    }
+
     /// Everything behind the silhouette.
-    fn measure(&mut self, images: &[TimedImage], seen: Vec<Result<Seen, Rejection>>) -> Vec<ImageRecord> {
-        let oriented = self.oriented_all(&seen);
-        let found = in_parallel(&oriented, |oriented| match oriented {
-            Ok(oriented) => place(&self.outline, &self.config.gates, &self.plane, &self.shape(oriented)),
-            Err(why) => Err(why.clone()),
+    fn measure(
+        &mut self,
+        images: &[TimedImage],
+        contrasts: &[Option<Contrast>],
+        seen: Vec<Result<Seen, Rejection>>,
+    ) -> Vec<ImageRecord> {
+        let oriented = self.oriented_all(contrasts, &seen);
+        let placed: Vec<Result<Placed, Rejection>> = match self.film.clone() {
+            Some(film) => {
+                let found = self.tracked(&film, images, contrasts, &oriented);
+                // Where the outline is not found, the silhouette alone may still tell.
+                let alone = |(found, oriented): (Result<Fitted, Rejection>, &Result<Oriented, Rejection>)| {
+                    found.map(|found| Placed::by_outline(&film, &found)).or_else(|why| {
+                        let placed = self.by_silhouette(oriented.as_ref().map_err(|_| why.clone())?)?;
+                        Ok(Placed { doubt: Some(format!("by its silhouette alone: {why}")), ..placed })
+                    })
+                };
+                found.into_iter().zip(&oriented).map(alone).collect()
+            }
+            None => in_parallel(&oriented, |oriented| {
+                self.by_silhouette(oriented.as_ref().map_err(Clone::clone)?)
+            }),
+        };
+        let masks = seen.into_iter().map(|seen| seen.ok().map(|seen| seen.silhouette));
+        let masks = masks.zip(oriented).map(|(silhouette, oriented)| match oriented {
+            Ok(oriented) => Some(oriented.candidate.mask),
+            Err(_) => silhouette,
         });
         images
             .iter()
-            .zip(found)
-            .zip(oriented.into_iter().zip(seen))
-            .map(|((image, found), (oriented, seen))| {
-                self.record(image, found, oriented.ok(), seen.ok().map(|seen| seen.silhouette))
-            })
+            .zip(placed)
+            .zip(masks)
+            .map(|((image, placed), mask)| self.record(image, placed, mask))
             .collect()
     }
 
@@ -190,7 +238,12 @@ impl Extractor {
         /// Fewer pixels than this are noise even where a small cut object is looked for.
         const SPECK_PX: usize = 2;
         let contrast = self.background.contrast(image)?;
-        let parts = components(&contrast.silhouette(), SPECK_PX);
+        let mut silhouette = contrast.silhouette();
+        if let Some(still) = self.background.still() {
+            silhouette = silhouette.without(still);
+            self.bridges.join(&mut silhouette);
+        }
+        let parts = components(&silhouette, SPECK_PX);
         Ok(Parts { contrast, parts })
     }
 
@@ -203,7 +256,7 @@ impl Extractor {
     }
 
     /// Fills, thins and follows the silhouette.
-    fn candidate(&self, seen: &Seen) -> Result<Candidate, Rejection> {
+    fn candidate(&self, contrast: &Contrast, seen: &Seen) -> Result<Candidate, Rejection> {
         let mut mask = seen.silhouette.framed(1);
         let limit_px = (self.config.hole_share.get() * mask.area() as f64) as usize;
         let hole_px = mask.fill_holes(limit_px);
@@ -216,16 +269,30 @@ impl Extractor {
         }
         let medial = longest_path(&thinned(&mask));
         let radius = radii(&mask, &medial);
-        let line = Centreline::follow(&seen.contrast, medial, &radius, self.config.smoothing.get())?;
-        check_overlap(line.drawn(&mask).overlap(&mask), &self.config.gates)?;
-        let edge = edge_points(self.outline.mode, &seen.contrast, &mask, self.background.blocked());
+        let line = Centreline::follow(contrast, medial, &radius, self.config.smoothing.get())?;
+        let (drawn, told) = (self.told(line.drawn(&mask)), self.told(mask.clone()));
+        check_overlap(drawn.overlap(&told), &self.config.gates)?;
+        let edge = edge_points(self.outline.mode, contrast, &mask, self.background.blocked());
         let sizes = Sizes::of(&line, mask.area());
         let line = line.inset(self.config.end_inset(self.outline.mode, self.base.is_some()));
         Ok(Candidate { line, mask, edge, sizes })
     }
 
+    /// What of `mask` can be told from things that are still.
+    fn told(&self, mask: Mask) -> Mask {
+        match self.background.still() {
+            Some(still) => mask.without(still),
+            None => mask,
+        }
+    }
+
     /// Compares the candidate with what is usual and turns its base end to the front.
-    fn oriented(&self, candidate: Candidate, seen: &Seen) -> Result<Oriented, Rejection> {
+    fn oriented(
+        &self,
+        candidate: Candidate,
+        contrast: &Contrast,
+        seen: &Seen,
+    ) -> Result<Oriented, Rejection> {
         if let Some(usual) = &self.usual {
             candidate.sizes.check(usual, &self.config.gates)?;
         }
@@ -243,7 +310,7 @@ impl Extractor {
             (None, None) => end[1] < start[1],
         };
         let line = if backwards { line.reversed() } else { line };
-        let base_covered = self.covered(line.points[0], &seen.contrast);
+        let base_covered = self.covered(line.points[0], contrast);
         // What is held at its base and seen whole keeps its length; links say it by their fit.
         if let (Some(usual), Some(_), Mode::Arc, false) =
             (&self.usual, self.base, self.outline.mode, base_covered)
@@ -261,7 +328,7 @@ impl Extractor {
         let at_border = x.min(y).min(right - x).min(bottom - y) < COVERED_PX;
         let reach = COVERED_PX as isize + CLEAR_PX;
         at_border
-            || self.background.blocked().is_some_and(|mask| {
+            || [self.background.blocked(), self.background.still()].into_iter().flatten().any(|mask| {
                 (-reach..=reach).any(|dy| {
                     (-reach..=reach).any(|dx| mask.at(x.round() as isize + dx, y.round() as isize + dy))
                 })
@@ -293,37 +360,28 @@ impl Extractor {
     fn record(
         &self,
         image: &TimedImage,
-        found: Result<Found, Rejection>,
-        oriented: Option<Oriented>,
-        silhouette: Option<Mask>,
+        placed: Result<Placed, Rejection>,
+        mask: Option<Mask>,
     ) -> ImageRecord {
-        let record = |status, reason, keypoints, mask, centreline| ImageRecord {
-            name: image.name.clone(),
-            time_s: image.time_s,
-            status,
-            reason,
-            keypoints,
-            mask,
-            centreline,
-        };
-        match (found, oriented) {
-            (Ok(found), Some(Oriented { candidate, doubt, .. })) => {
+        let (status, reason, keypoints, centreline) = match placed {
+            Ok(Placed { found, line, doubt }) => {
                 let keypoints = found.points.iter().zip(&found.std_px);
                 let keypoints =
                     keypoints.map(|(px, std_px)| Keypoint::seen(*px, *std_px, &self.plane)).collect();
                 let status = if doubt.is_some() { Status::Doubtful } else { Status::Ok };
-                record(
-                    status,
-                    doubt.unwrap_or_default(),
-                    keypoints,
-                    Some(candidate.mask),
-                    candidate.line.points,
-                )
+                (status, doubt.unwrap_or_default(), keypoints, line)
             }
-            (Err(why), _) => record(Status::Rejected, why.to_string(), Vec::new(), silhouette, Vec::new()),
-            (Ok(_), None) => unreachable!("only an oriented silhouette has keypoints"),
-        }
+            Err(why) => (Status::Rejected, why.to_string(), Vec::new(), Vec::new()),
+        };
+        let (name, time_s) = (image.name.clone(), image.time_s);
+        ImageRecord { name, time_s, status, reason, keypoints, mask, centreline }
     }
+}
+
+fn shown(
+    (contrast, seen): (Contrast, Result<Seen, Rejection>),
+) -> (Option<Contrast>, Result<Seen, Rejection>) {
+    (Some(contrast), seen)
 }
 
 /// `work` on every item, in the items' order.

@@ -129,7 +129,7 @@ pub(super) fn on_links(chain: &Chain, shape: &Shape) -> Result<FittedChain, Reje
 }
 
 /// P0 and its sigma where the picture does not show the base end, `overhang` before which P0 would lie.
-fn hidden_base(overhang: f64, shape: &Shape) -> Option<(Px, f64)> {
+pub(super) fn hidden_base(overhang: f64, shape: &Shape) -> Option<(Px, f64)> {
     /// Farther than this from the visible end, what is said of P0 says that the end is not the base.
     const OTHER_END_SIGMAS: f64 = 4.0;
     let start = shape.line.points[0];

@@ -146,6 +146,24 @@ impl Mask {
         out
     }
 
+    /// The same as a mask of a whole picture of `width` by `height` pixels.
+    pub fn over(&self, width: usize, height: usize) -> Self {
+        let mut out = Self::empty(0, 0, width, height);
+        for (x, y) in self.pixels().filter(|&(x, y)| x < width && y < height) {
+            out.bits[y * width + x] = true;
+        }
+        out
+    }
+
+    /// The same without the pixels of `other`.
+    pub fn without(mut self, other: &Self) -> Self {
+        let (left, top, width) = (self.left, self.top, self.width.max(1));
+        for (i, bit) in self.bits.iter_mut().enumerate().filter(|(_, bit)| **bit) {
+            *bit = !other.at((left + i % width) as isize, (top + i / width) as isize);
+        }
+        self
+    }
+
     /// Fills every hole of at most `largest` pixels and returns the size of the largest one left open.
     ///
     /// A hole is background that no path of edge-sharing pixels connects with the outside.

@@ -11,6 +11,7 @@
 //! Pixels are `[column, row]`, the centre of the top left one is `[0, 0]`.
 
 pub mod background;
+mod bridges;
 pub mod centreline;
 pub mod component;
 pub mod config;
@@ -19,6 +20,7 @@ pub mod contour;
 mod ends;
 mod exposure;
 pub mod extractor;
+mod figure;
 pub mod gates;
 pub mod keypoints;
 pub mod links;

@@ -11,9 +11,8 @@ pub(super) struct Parts {
     pub(super) parts: Vec<Component>,
 }
 
-/// An image in which the mechanism's silhouette is known.
+/// What is known of the mechanism's silhouette in an image.
 pub(super) struct Seen {
-    pub(super) contrast: Contrast,
     pub(super) silhouette: Mask,
     /// Size of the largest other part that the picture's border cuts \[px\].
     pub(super) cut_object_px: usize,
@@ -21,22 +20,22 @@ pub(super) struct Seen {
 
 impl Parts {
     /// With part `chosen` as the mechanism.
-    pub(super) fn seen(mut self, chosen: usize) -> Seen {
+    pub(super) fn seen(mut self, chosen: usize) -> (Contrast, Seen) {
         let silhouette = self.parts.swap_remove(chosen).mask;
-        Seen { silhouette, contrast: self.contrast, cut_object_px: largest_cut(self.parts.iter()) }
+        (self.contrast, Seen { silhouette, cut_object_px: largest_cut(self.parts.iter()) })
     }
 
     /// With the silhouette given.
-    pub(super) fn with(self, mask: &Mask) -> Result<Seen, Rejection> {
+    pub(super) fn with(self, mask: &Mask) -> (Contrast, Result<Seen, Rejection>) {
         let silhouette = mask.framed(0);
         let wanted = [self.contrast.width, self.contrast.height];
         let got = [silhouette.left + silhouette.width, silhouette.top + silhouette.height];
         if got[0] > wanted[0] || got[1] > wanted[1] {
-            return Err(Rejection::MaskSize { wanted, got });
+            return (self.contrast, Err(Rejection::MaskSize { wanted, got }));
         }
         let apart = |part: &&Component| part.mask.shared(&silhouette) == 0;
         let cut_object_px = largest_cut(self.parts.iter().filter(apart));
-        Ok(Seen { silhouette, contrast: self.contrast, cut_object_px })
+        (self.contrast, Ok(Seen { silhouette, cut_object_px }))
     }
 }
 

@@ -129,4 +129,24 @@ pub enum Rejection {
         /// Number of edge points.
         points: usize,
     },
+    /// The mechanism's outline is not where it should be.
+    #[error("{}", no_outline(*part, *found, *open))]
+    NoOutline {
+        /// The part that is not found, from the base; none for the whole.
+        part: Option<usize>,
+        /// Places of it where an edge is.
+        found: usize,
+        /// Places of it that nothing hides.
+        open: usize,
+    },
+}
+
+fn no_outline(part: Option<usize>, found: usize, open: usize) -> String {
+    let of = part.map_or("the mechanism".to_owned(), |part| format!("its part {} from the base", part + 1));
+    match open {
+        0 => format!("the outline of {of} is not found where it should be"),
+        _ => format!(
+            "an edge is seen at {found} of {open} places of the outline of {of}: something is in the way, or it is elsewhere"
+        ),
+    }
 }

@@ -1,18 +1,24 @@
 //! What an extractor learns from a sample before it takes images: the empty tank, what is usual, what nobody has said.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use image::GrayImage;
 
+use super::tracking::Learnt;
 use super::{Extractor, Last, in_parallel};
 use crate::calibration::Plane;
 use crate::images::TimedImage;
-use crate::vision::background::Background;
+use crate::vision::background::{Background, Contrast, Still};
+use crate::vision::bridges::Bridges;
 use crate::vision::config::{Background as Method, Mode, VisionConfig, picture};
 use crate::vision::exposure::Exposure;
+use crate::vision::figure::chain::OVERHANG;
 use crate::vision::gates::Sizes;
-use crate::vision::keypoints::Shape;
+use crate::vision::keypoints::{CLEAR_PX, Shape};
 use crate::vision::outline::Outline;
+use crate::vision::parts::Seen;
+use crate::vision::rejection::Rejection;
 use crate::vision::{VisionError, ends, static_mask};
 
 /// A sample for [`Extractor::learn`] needs no more images than this.
@@ -28,6 +34,10 @@ pub struct Learned {
     pub std: f64,
 }
 
+/// Explanations of a sample that differ by less are as good as each other.
+const SAME_EVIDENCE: f64 = 0.03;
+/// So far around what is still the empty tank was hardly ever seen clear \[px\].
+const SHADED_PX: usize = 2;
 /// Three roundings are told apart, half of the way from one to the next is no error.
 const ROUNDING_STD: f64 = 0.15;
 
@@ -58,51 +68,116 @@ impl Extractor {
             Some(path) => Some(static_mask::read(folder, path, size)?),
             None => None,
         };
-        let background = Background::learn(&images, config, empty.as_ref(), blocked)?;
-        let mut extractor = Self {
+        let learn = |still: Still| {
+            let background = Background::learn(&images, config, empty.as_ref(), blocked.clone(), still)?;
+            Self::before(background, &images, config, outline, &plane).usual(&images)
+        };
+        let own = learn(Still::Own);
+        let held = own.as_ref().map_or(true, |(extractor, _)| extractor.base.is_some());
+        if !(held && Background::depends_on_still(config)) {
+            return own.map(|(extractor, _)| extractor);
+        }
+        // What is still is the mechanism's own where that explains the pictures as well as leaving it out.
+        match (own, learn(Still::Foreign)) {
+            (Ok((own, explained)), Ok((foreign, better))) => {
+                Ok(if explained >= better - SAME_EVIDENCE { own } else { foreign })
+            }
+            (Ok((own, _)), Err(_)) => Ok(own),
+            (Err(_), Ok((foreign, _))) => Ok(foreign),
+            (Err(why), Err(_)) => Err(why),
+        }
+    }
+
+    /// One that has looked at the empty tank alone.
+    fn before(
+        background: Background,
+        images: &[&GrayImage],
+        config: &VisionConfig,
+        outline: &Outline,
+        plane: &Plane,
+    ) -> Self {
+        let hidden = [
+            background.blocked().map(|blocked| blocked.grown(CLEAR_PX as usize)),
+            background.still().map(|still| still.grown(SHADED_PX).over(still.width, still.height)),
+        ];
+        let hidden = hidden.into_iter().flatten().reduce(|mut all, one| {
+            all.bits.iter_mut().zip(&one.bits).for_each(|(all, one)| *all |= one);
+            all
+        });
+        Self {
             config: config.clone(),
             base: config.base().or(outline.base_m.map(|base| plane.pixel(base))),
             outline: outline.clone(),
             learned: Vec::new(),
-            plane,
-            exposure: Exposure::usual(&images),
+            plane: plane.clone(),
+            exposure: Exposure::usual(images),
+            bridges: background.still().map(Bridges::over).unwrap_or_default(),
+            hidden,
             background,
+            film: None,
             usual: None,
             length_scatter_px: 0.0,
             masks: None,
             last: Last::default(),
-        };
-        let found = in_parallel(&images, |image| {
-            let parts = extractor.parts(image)?;
-            let chosen = extractor.choice(&parts, None)?;
-            extractor.candidate(&parts.seen(chosen)).map(|candidate| candidate.sizes)
-        });
-        let sizes: Vec<Sizes> = found.iter().filter_map(|sizes| sizes.as_ref().ok().copied()).collect();
-        extractor.usual = Sizes::usual(&sizes);
-        extractor.length_scatter_px = Sizes::length_scatter_px(&sizes);
-        match (extractor.usual, found.into_iter().find_map(Result::err)) {
-            (None, Some(why)) => {
-                Err(VisionError::NoBackground { images: images.len(), what: why.to_string() })
-            }
-            _ => {
-                extractor.learn_ends(&images);
-                Ok(extractor)
-            }
         }
     }
 
-    /// Learns from `images` what nobody has said of the links' ends.
-    fn learn_ends(&mut self, images: &[&GrayImage]) {
+    /// The same with what is usual in `images`, and how well they are explained: 1 is best.
+    fn usual(mut self, images: &[&GrayImage]) -> Result<(Self, f64), VisionError> {
+        let seen = in_parallel(images, |image| {
+            let parts = match self.parts(image) {
+                Ok(parts) => parts,
+                Err(why) => return (None, Err(why)),
+            };
+            match self.choice(&parts, None) {
+                Ok(chosen) => {
+                    let (contrast, seen) = parts.seen(chosen);
+                    (Some(contrast), Ok(seen))
+                }
+                Err(why) => (Some(parts.contrast), Err(why)),
+            }
+        });
+        let (contrasts, seen): (Vec<_>, Vec<_>) = seen.into_iter().unzip();
+        let found = self.oriented_all(&contrasts, &seen);
+        self.last = Last::default();
+        let sizes: Vec<Sizes> = found.iter().flatten().map(|one| one.candidate.sizes).collect();
+        self.usual = Sizes::usual(&sizes);
+        self.length_scatter_px = Sizes::length_scatter_px(&sizes);
+        if self.usual.is_none()
+            && let Some(why) = found.iter().find_map(|found| found.as_ref().err())
+        {
+            return Err(VisionError::NoBackground { images: images.len(), what: why.to_string() });
+        }
+        if let Some(learnt) = self.learn_film(&contrasts, &found) {
+            let explained = learnt.evidence.explained * (1.0 - learnt.evidence.misfit);
+            self.take_film(learnt);
+            return Ok((self, explained));
+        }
+        self.learn_ends(&contrasts, &seen);
+        Ok((self, 0.0))
+    }
+
+    fn take_film(&mut self, Learnt { film, rounding, .. }: Learnt) {
+        if self.outline.mode == Mode::Links && self.outline.overhang_m.is_none() {
+            let (value, std) = film.shared(OVERHANG);
+            let (value, std) = (value * film.scale_m(), std * film.scale_m());
+            self.outline.overhang_m = Some((value, std));
+            self.learned.push(Learned { key: "overhang_m", value, std });
+        }
+        if self.outline.mode == Mode::Links && self.outline.end_rounding.is_none() {
+            self.outline.end_rounding = Some(rounding);
+            self.learned.push(Learned { key: "end_rounding", value: rounding, std: ROUNDING_STD });
+        }
+        self.film = Some(Arc::new(film));
+    }
+
+    /// Learns what nobody has said of the links' ends.
+    fn learn_ends(&mut self, contrasts: &[Option<Contrast>], seen: &[Result<Seen, Rejection>]) {
         let known = self.outline.overhang_m.is_some() && self.outline.end_rounding.is_some();
         if known || self.outline.mode != Mode::Links {
             return;
         }
-        let seen = in_parallel(images, |image| {
-            let parts = self.parts(image)?;
-            let chosen = self.choice(&parts, None)?;
-            Ok(parts.seen(chosen))
-        });
-        let oriented = self.oriented_all(&seen);
+        let oriented = self.oriented_all(contrasts, seen);
         self.last = Last::default();
         let shapes: Vec<Shape<'_>> = oriented.iter().flatten().map(|oriented| self.shape(oriented)).collect();
         let Some(ends) = ends::learn(&self.outline, &self.plane, &shapes) else { return };
