@@ -27,7 +27,6 @@ metres_per_pixel = 0.001
 origin_px = [100.0, 50.0]
 [vision]
 links = 2
-mode = \"arc\"
 ";
 /// A camera that is not square to the plane, with a lens.
 const TILTED: &str = "metres_from_pixels = [[2e-4, 1e-6, -0.05], [-2e-6, -2.1e-4, 0.06], [1e-5, 2e-5, 1.0]]
@@ -171,11 +170,12 @@ fn what_cannot_be_taken_over_is_refused_with_a_remedy() {
     let no_calibration = "[camera]\nfps = 50.0\n";
     let unsorted = DLC.replace("\n2,", "\n1,");
     let wcon = br#"{"units":{"t":"s","x":"mm","y":"mm"},"data":[{"id":1,"t":[3],"x":[1],"y":[1]}]}"#;
-    let cases: [Case; 15] = [
+    let cases: [Case; 16] = [
         (dlc, CONFIG, vec![], 2, "--keypoints a,b,c (or P1=a,P2=b): the file has `hip`, `toe`"),
         (dlc, CONFIG, vec!["--keypoints", "hip,tip"], 2, "no body part `tip`; the file has `hip`, `toe`"),
         (dlc, &no_rate, with(&[]), 2, "give --fps, a table --times (file,time_s), or [camera] fps in"),
         (dlc, no_calibration, with(&[]), 2, "[calibration] needs either"),
+        (dlc, CONFIG, with(&["--y-down"]), 2, "--y-down is for WCON"),
         (dlc, CONFIG, with(&["--fps", "0"]), 2, "--fps 0 must be finite and above 0"),
         (dlc, CONFIG, with(&["--std-px", "-1"]), 2, "--std-px -1 must be finite and above 0"),
         (
@@ -209,7 +209,7 @@ fn what_cannot_be_taken_over_is_refused_with_a_remedy() {
             CONFIG,
             vec![],
             4,
-            "no keypoint in any of 1 images: P0: a line has two points or more, this one 1",
+            "no keypoint in any of 1 images: a line has two points or more, this one 1",
         ),
     ];
     for (text, config, more, code, wanted) in cases {

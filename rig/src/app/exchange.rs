@@ -14,7 +14,7 @@ use crate::interchange::wcon::{self, Document, Line, Written};
 use crate::interchange::{Format, Imported, Marks, Times, dlc, marks, sleap};
 use crate::record::folder::{RunFolder, file, write_whole};
 use crate::vision::outline::Outline;
-use crate::vision::{Status, output};
+use crate::vision::{Mode, Status, VisionConfig, output};
 
 /// A file of more bytes than this is no table of keypoints.
 const MOST_BYTES: u64 = 1 << 30;
@@ -28,6 +28,8 @@ pub struct Import<'a> {
     pub format: Option<Format>,
     /// Any rig config: its calibration, rate and shares.
     pub config: &'a Path,
+    /// The mechanism's model; left out: the config's.
+    pub model: Option<&'a Path>,
     /// The trajectory to write; each image's status goes to `<out>.frames.csv`.
     pub out: &'a Path,
     /// Which body parts are keypoints, see [`marks::chosen`].
@@ -132,6 +134,11 @@ impl Import<'_> {
     ) -> Result<Imported, Failure> {
         let in_file =
             |error| Failure::Input(anyhow::Error::new(error).context(self.file.display().to_string()));
+        if self.y_down {
+            return Err(Failure::Input(anyhow!(
+                "--y-down is for WCON: that a picture's rows grow downward is known"
+            )));
+        }
         let least_likelihood = Share::new(self.least_likelihood).map(Share::get).ok_or_else(|| {
             Failure::Input(anyhow!("--least-likelihood {} must be between 0 and 1", self.least_likelihood))
         })?;
@@ -208,16 +215,20 @@ impl Import<'_> {
             notes.push(format!("its points are the keypoints {}", names.join(", ")));
             return document.imported(self.individual, &[]).map_err(in_file);
         }
-        let shares = shares(config)?;
+        let shares = shares(config, self.model)?;
         notes.push(format!("P0..P{} at shares {shares:.4?} of the line", shares.len() - 1));
         document.imported(self.individual, &shares).map_err(in_file)
     }
 }
 
-/// Where P0..Pn lie on the line, as shares of its length: what `[vision]` says, or the model of `[run]`.
-fn shares(config: &ExtractionConfig) -> Result<Vec<f64>, Failure> {
-    let model = config.model().map(|path| super::read_model(&path)).transpose()?;
-    let outline = Outline::new(&config.vision, model.as_ref()).map_err(Failure::input)?;
+/// Where P0..Pn lie on the line, as shares of its length: what `[vision]` says, or the model.
+fn shares(config: &ExtractionConfig, model: Option<&Path>) -> Result<Vec<f64>, Failure> {
+    let path = model.map(Path::to_owned).or(config.model());
+    let model = path.as_deref().map(super::read_model).transpose()?;
+    // On a line nothing depends on how it was found.
+    let mode = config.vision.mode.or(model.is_none().then_some(Mode::Arc));
+    let vision = VisionConfig { mode, ..config.vision.clone() };
+    let outline = Outline::new(&vision, model.as_ref()).map_err(Failure::input)?;
     match outline.lengths_m {
         // A line that others drew ends at P0 and Pn; how far links reach past them is not in it.
         Some(lengths_m) if config.vision.shares.is_none() => {

@@ -2,9 +2,6 @@
 
 use std::path::PathBuf;
 
-use anyhow::anyhow;
-use clap::ValueEnum as _;
-
 use super::{Failure, Outcome};
 use crate::app::exchange::{Import, ImportOutcome, frames_file};
 use crate::interchange::Format;
@@ -12,15 +9,20 @@ use crate::vision::Status;
 
 /// Keypoints that other programs found, to a trajectory that `rig fit` reads.
 #[derive(clap::Args, Debug)]
-#[command(override_usage = "rig import [dlc|sleap|wcon] <FILE> --config <TOML> --out <CSV>")]
+#[command(allow_missing_positional = true)]
 pub struct Args {
-    /// The other program's file, with its format before it if that is not to be told by how the file begins: dlc (DeepLabCut's CSV),
-    /// sleap (SLEAP's analysis CSV) or wcon
-    #[arg(value_name = "FORMAT] [FILE", num_args = 1..=2, required = true)]
-    pub what: Vec<PathBuf>,
+    /// Its format; left out: told by how the file begins
+    #[arg(value_enum, value_name = "FORMAT")]
+    pub format: Option<Format>,
+    /// The other program's file
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
     /// Any rig config; only its `[calibration]`, `[camera]` fps, and for lines `[vision]` and the model of `[run]` are used
     #[arg(long, value_name = "TOML")]
     pub config: PathBuf,
+    /// The mechanism's MuJoCo model, which says where on a WCON line the keypoints are; left out: `[vision]`, or the model of `[run]`
+    #[arg(long, value_name = "MODEL.xml")]
+    pub model: Option<PathBuf>,
     /// The trajectory to write; each image's status goes to `<out>.frames.csv`
     #[arg(long, value_name = "CSV")]
     pub out: PathBuf,
@@ -52,25 +54,11 @@ pub struct Args {
 /// # Errors
 /// As [`Import::carry_out`].
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
-    let (format, file) = match &args.what[..] {
-        [file] => (None, file),
-        [format, file] => {
-            let name = format.to_string_lossy();
-            let known = Format::from_str(&name, false);
-            (
-                Some(
-                    known
-                        .map_err(|_| Failure::Input(anyhow!("`{name}` is no format: dlc, sleap or wcon")))?,
-                ),
-                file,
-            )
-        }
-        _ => return Err(Failure::Input(anyhow!("one file at a time, with its format before it"))),
-    };
     let import = Import {
-        file,
-        format,
+        file: &args.file,
+        format: args.format,
         config: &args.config,
+        model: args.model.as_deref(),
         out: &args.out,
         keypoints: args.keypoints.as_deref(),
         individual: args.individual.as_deref(),

@@ -41,8 +41,9 @@ pub fn read(text: &str, individual: Option<&str>) -> Result<Marks, InterchangeEr
     let individuals = if several { Some(titles(1, "individuals")?) } else { None };
     let first = if several { 3 } else { 2 };
     let (parts, coords) = (titles(first - 1, "bodyparts")?, titles(first, "coords")?);
+    // Of the scorer's row nothing is used but its beginning.
     for row in &rows[1..=first] {
-        sheet::check_width(row, rows[0].1.len())?;
+        sheet::check_width(row, parts.len())?;
     }
     // What names an image takes as many columns as have no coordinate above them.
     let index = coords.iter().skip(1).take_while(|title| title.is_empty()).count() + 1;

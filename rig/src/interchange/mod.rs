@@ -51,12 +51,19 @@ impl Imported {
 
     /// Adds an image: each keypoint's `[x, z]` \[m\], or why it is not there.
     fn push(&mut self, name: String, time_s: f64, points: Vec<Result<[f64; 2], String>>) {
-        let missing: Vec<String> = points
-            .iter()
-            .zip(&self.trajectory.keypoints)
-            .filter_map(|(point, keypoint)| point.as_ref().err().map(|why| format!("{keypoint}: {why}")))
-            .collect();
-        let status = match missing.len() {
+        let whys: Vec<&String> = points.iter().filter_map(|point| point.as_ref().err()).collect();
+        let (missing, alike) = (whys.len(), whys.windows(2).all(|pair| pair[0] == pair[1]));
+        let reason = match whys.first() {
+            // A line as a whole is at fault.
+            Some(why) if alike && missing == points.len() => (*why).clone(),
+            _ => {
+                let named = points.iter().zip(&self.trajectory.keypoints);
+                let missing = named
+                    .filter_map(|(point, name)| point.as_ref().err().map(|why| format!("{name}: {why}")));
+                missing.collect::<Vec<_>>().join("; ")
+            }
+        };
+        let status = match missing {
             0 => Status::Ok,
             some if some < points.len() => Status::Doubtful,
             _ => Status::Rejected,
@@ -64,7 +71,7 @@ impl Imported {
         self.trajectory.time_s.push(time_s);
         let place = |point: Result<[f64; 2], String>| point.map_or([f64::NAN; 3], |[x, z]| [x, f64::NAN, z]);
         self.trajectory.position_m.extend(points.into_iter().map(place));
-        self.images.push(ImageStatus { name, time_s, status, reason: missing.join("; ") });
+        self.images.push(ImageStatus { name, time_s, status, reason });
     }
 
     /// How many images have the given status.

@@ -10,11 +10,12 @@ pub(super) enum Kind {
 }
 
 /// Short names, which take [`PREFIXES`]' short forms.
-const SHORT: [(&str, f64, Kind); 9] = [
+const SHORT: [(&str, f64, Kind); 10] = [
     ("s", 1.0, Kind::Time),
     ("sec", 1.0, Kind::Time),
     ("min", 60.0, Kind::Time),
     ("h", 3600.0, Kind::Time),
+    ("hr", 3600.0, Kind::Time),
     ("d", 86400.0, Kind::Time),
     ("m", 1.0, Kind::Length),
     ("in", 0.0254, Kind::Length),

@@ -32,6 +32,8 @@ fn labels_are_read_by_animal_with_their_images_numbers() {
     assert_eq!((marks.parts.len(), marks.images[1].marks[0].px), (1, Some([30.0, 40.0])));
     assert_eq!(marks.images[1].name, "labeled-data/film/img0034.png");
     assert_eq!(marks.images[1].frame, Some(34));
+    let short_scorer = LABELLED.replacen("scorer,,,me,me,me", "scorer,,,me", 1);
+    assert_eq!(read(&short_scorer, Some("right")).unwrap(), marks);
     assert_eq!(read(LABELLED, Some("single")).unwrap().parts, ["floor"]);
     let one_column = "scorer,me,me\nbodyparts,toe,toe\ncoords,x,y\nlabeled-data\\film\\7.png,1,2\nlabeled-data/film/last.png,1,2\n";
     let marks = read(one_column, None).unwrap();

@@ -24,6 +24,7 @@ fn one_instant_or_many_bare_or_in_lists_are_the_same() {
         r#"[{"id":1,"t":0,"x":[2],"y":[1.7]}]"#,
         r#"[{"id":1,"t":0,"x":-8,"y":11.7,"ox":0.01,"oy":-0.01}]"#,
         r#"[{"id":1,"t":[0],"x":[[1]],"y":[[0.7]],"cx":[1],"cy":[1]}]"#,
+        r#"[{"id":1,"t":0,"x":2,"y":1.7},{"id":1,"t":[0],"x":[2],"y":[1.7]}]"#,
         r#"[{"id":1,"t":[0],"x":[[2]],"y":[[1.7]],"ox":0,"oy":0,"cx":[1],"cy":[1]}]"#,
     ] {
         let found = points(data);
@@ -88,7 +89,7 @@ fn odd_documents_are_refused_with_their_place() {
         (with(r#"[{"id":1,"t":0,"x":["a"],"y":[1]}]"#), r#"data[0].x[0]: "a" is not a number"#),
         (with(r#"[{"id":1,"t":0,"x":[1e300],"y":[1]}]"#), "check the units"),
         (with(r#"[{"id":1,"t":[0,1],"x":[1,2],"y":[1,2],"ox":[1],"oy":0}]"#), "data[0].ox[1]: is missing"),
-        (with(r#"[{"id":1,"t":[0,0],"x":[1,2],"y":[1,2]}]"#), "id 1: two lines at 0 s"),
+        (with(r#"[{"id":1,"t":[0,0,0],"x":[1,1,2],"y":[1,1,2]}]"#), "id 1: two lines at 0 s"),
     ] {
         let error = read(&text).unwrap_err().to_string();
         assert!(error.contains(wanted), "{wanted:?} is not in {error:?}");
