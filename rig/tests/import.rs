@@ -1,10 +1,13 @@
 //! `rig import` and `rig export` of other programs' files, from arguments to files.
 #![expect(clippy::unwrap_used, reason = "a test may")]
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use clap::Parser;
+use rig::calibration::Calibration;
 use rig::cli::{Failure, Outcome, export, import};
+use rig::record::folder::{ClockPair, RunFolder, RunId, RunKind, Start};
 use sim::Trajectory;
 
 #[derive(Parser)]
@@ -112,6 +115,45 @@ fn other_formats_are_told_by_how_they_begin() {
 
 /// Of the distance from the world's origin.
 const ROUND_TRIP: f64 = 1e-9;
+
+/// A run that was filmed through the lens of [`TILTED`].
+fn run_folder(at: &Path) -> PathBuf {
+    let start = Start {
+        id: RunId::now(),
+        kind: RunKind::Drop,
+        model: "model-start.xml".into(),
+        prescribed: false,
+        clock: ClockPair::now(),
+        version: "0.1.0".into(),
+        board: None,
+        camera: None,
+        config: "[run]\nname = \"a drop\"\n[camera]\nfps = 100.0\n[calibration]\nfile = \"tank.toml\"\n"
+            .into(),
+        details: BTreeMap::new(),
+    };
+    let run = RunFolder::create(at, start).unwrap();
+    run.write("tank.toml", TILTED.as_bytes()).unwrap();
+    run.write("trajectory.csv", b"time_s,P1_x_m,P1_z_m,P1_std_m\n0.5,0.01,-0.02,0.0001\n0.51,,,\n").unwrap();
+    run.path().into()
+}
+
+#[test]
+fn a_run_knows_its_own_camera() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let run = run_folder(at);
+    exported("dlc", &run, &at.join("d.csv"), &[]).unwrap();
+    let text = std::fs::read_to_string(at.join("d.csv")).unwrap();
+    let tank = run.join("tank.toml");
+    let plane = Calibration { metres_per_pixel: None, origin_px: None, file: Some(tank) }.plane(at).unwrap();
+    let [column, row] = plane.pixel([0.01, -0.02]);
+    assert_eq!(text.lines().skip(3).collect::<Vec<_>>(), [format!("0,{column},{row},1"), "1,,,0".into()]);
+    let frames = std::fs::read_to_string(at.join("d.csv.frames.csv")).unwrap();
+    assert!(frames.ends_with("0,0.5,ok,\n1,0.51,rejected,gap in the trajectory\n"), "{frames}");
+    exported("wcon", &run, &at.join("w.wcon"), &[]).unwrap();
+    let text = std::fs::read_to_string(at.join("w.wcon")).unwrap();
+    assert!(text.contains(&*run.file_name().unwrap().to_string_lossy()), "{text}");
+}
 
 #[test]
 fn what_goes_out_comes_back_the_same() {

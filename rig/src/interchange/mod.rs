@@ -160,4 +160,40 @@ mod tests {
             assert!(error.contains(wanted), "{error}");
         }
     }
+
+    const FILES: [&str; 3] = [
+        "scorer,,,a,a,a,a\nindividuals,,,i,i,j,j\nbodyparts,,,P0,P0,P0,P0\ncoords,,,x,y,x,y\nl,f,i1.png,1,2,3,4\nl,f,i2.png,1,2,,\n",
+        "track,frame_idx,instance.score,P0.x,P0.y,P0.score\nt,0,0.9,1,2,0.5\nt,3,,1.5,2e1,nan\n",
+        r#"{"units":{"t":"0.1*s","x":"mm","y":"mm"},"data":[{"id":1,"t":[0,1],"x":[[1,null],[2,3]],"y":[[1,2],[3,4]],"head":"R"}]}"#,
+    ];
+
+    proptest::proptest! {
+        /// Whatever becomes of a file on its way, its reader ends with an answer or an error.
+        #[test]
+        fn damaged_files_are_read_or_refused(
+            cut in 0_usize..400,
+            changes in proptest::collection::vec((0_usize..400, proptest::char::range('\t', '~')), 0..8),
+        ) {
+            let plane = crate::calibration::Plane::square(0.001, [0.0, 0.0]);
+            for file in FILES {
+                let mut letters: Vec<char> = file.chars().collect();
+                for (at, letter) in &changes {
+                    let count = letters.len();
+                    letters[at % count] = *letter;
+                }
+                letters.truncate(if cut < 200 { letters.len() } else { cut - 200 });
+                let text: String = letters.into_iter().collect();
+                for marks in [dlc::read(&text, None), dlc::read(&text, Some("i")), sleap::read(&text, None)].into_iter().flatten() {
+                    let (choices, times) = (marks::chosen(&marks.parts, None), marks.times_s(&Times::Rate(10.0)));
+                    if let (Ok(choices), Ok(times_s)) = (choices, times) {
+                        let imported = marks.imported(&choices, &times_s, &plane, 0.6, Some(1.0));
+                        proptest::prop_assert_eq!(imported.trajectory.position_m.len(), choices.len() * times_s.len());
+                    }
+                }
+                if let Ok(Ok(imported)) = wcon::read(&text).map(|document| document.imported(None, &[0.0, 0.5, 1.0])) {
+                    proptest::prop_assert_eq!(imported.trajectory.position_m.len(), 3 * imported.images.len());
+                }
+            }
+        }
+    }
 }
