@@ -1,6 +1,6 @@
 //! A video file, decoded by ffmpeg.
 
-use std::io::{BufReader, Read};
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::thread::JoinHandle;
@@ -14,8 +14,6 @@ use super::source::{ImageSource, Images, TimedImage};
 #[derive(Debug)]
 pub(super) struct Video {
     path: PathBuf,
-    width: usize,
-    height: usize,
     /// When each image was taken, by the file's own stamps.
     times_s: Vec<f64>,
 }
@@ -35,27 +33,27 @@ impl Video {
                 Err(failed("ffprobe", path, &String::from_utf8_lossy(&out.stderr)))
             }
         };
-        let size = probe(&["-show_entries", "stream=width,height"])?;
-        let sides: Vec<usize> = size.trim().split(',').filter_map(|side| side.parse().ok()).collect();
-        let [width, height] = sides[..] else {
-            return Err(failed("ffprobe", path, "it holds no pictures"));
-        };
         let stamps = probe(&["-show_entries", "frame=best_effort_timestamp_time"])?;
         let times_s: Vec<f64> =
             stamps.lines().filter_map(|line| line.trim_end_matches(',').parse().ok()).collect();
-        if times_s.is_empty() || times_s.windows(2).any(|pair| pair[0] >= pair[1]) {
+        if times_s.is_empty() {
+            return Err(failed("ffprobe", path, "it holds no pictures"));
+        }
+        if times_s.windows(2).any(|pair| pair[0] >= pair[1]) {
             return Err(failed("ffprobe", path, "its images have no rising time stamps"));
         }
-        Ok(Self { path: path.into(), width, height, times_s })
+        Ok(Self { path: path.into(), times_s })
     }
 }
 
 impl ImageSource for Video {
     fn images(&self) -> Result<Images<'_>, SourceError> {
         let mut child = Command::new("ffmpeg")
-            .args(["-v", "error", "-nostdin", "-noautorotate", "-i"])
+            .args(["-v", "error", "-nostdin", "-i"])
             .arg(&self.path)
-            .args(["-map", "0:v:0", every_image(), "passthrough", "-f", "rawvideo", "-pix_fmt", "gray", "-"])
+            .args(["-map", "0:v:0", every_image(), "passthrough"])
+            // Each picture says its own size: a telephone held upright films lying pictures, which ffmpeg turns.
+            .args(["-f", "image2pipe", "-c:v", "pgm", "-pix_fmt", "gray", "-"])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -103,16 +101,14 @@ impl Iterator for Decoded<'_> {
     type Item = Result<TimedImage, SourceError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let Video { path, width, height, times_s } = self.video;
+        let Video { path, times_s } = self.video;
         let time_s = *times_s.get(self.next)?;
-        let mut grey = vec![0; width * height];
-        let read = self.pixels.as_mut()?.read_exact(&mut grey);
-        let image = GrayImage::from_raw(*width as u32, *height as u32, grey);
+        let image = picture(self.pixels.as_mut()?);
         let name = format!("{:06}", self.next);
         self.next += 1;
-        match (read, image) {
-            (Ok(()), Some(image)) => Some(Ok(TimedImage { name, time_s, grey: Ok(image) })),
-            _ => {
+        match image {
+            Some(image) => Some(Ok(TimedImage { name, time_s, grey: Ok(image) })),
+            None => {
                 self.pixels = None;
                 let said = self.said.take().and_then(|said| said.join().ok()).unwrap_or_default();
                 let given = format!("{said}\nit gave {} of {} images", self.next - 1, times_s.len());
@@ -120,6 +116,28 @@ impl Iterator for Decoded<'_> {
             }
         }
     }
+}
+
+/// The next picture of a pipe of portable grey maps (`P5`, width, height, 255, then the pixels); none where it ends.
+fn picture(pipe: &mut impl BufRead) -> Option<GrayImage> {
+    /// Longer than any line of such a head.
+    const LINE_BYTES: u64 = 64;
+    /// No film has larger ones.
+    const MOST_PIXELS: u64 = 1 << 28;
+    let mut line = || {
+        let mut line = String::new();
+        pipe.by_ref().take(LINE_BYTES).read_line(&mut line).ok()?;
+        Some(line.trim_end().to_owned())
+    };
+    let (kind, size, most) = (line()?, line()?, line()?);
+    let (width, height) = size.split_once(' ')?;
+    let (width, height): (u32, u32) = (width.parse().ok()?, height.parse().ok()?);
+    if kind != "P5" || most != "255" || u64::from(width) * u64::from(height) > MOST_PIXELS {
+        return None;
+    }
+    let mut grey = vec![0; width as usize * height as usize];
+    pipe.read_exact(&mut grey).ok()?;
+    GrayImage::from_raw(width, height, grey)
 }
 
 impl Drop for Decoded<'_> {
@@ -180,6 +198,44 @@ mod tests {
             error.contains("ffmpeg could not read") && error.contains("it gave 40 of 41 images"),
             "{error}"
         );
+    }
+
+    #[test]
+    fn a_film_of_a_telephone_held_upright_stands_upright() {
+        let folder = tempfile::tempdir().unwrap();
+        let Some(path) = film(folder.path()) else { return };
+        let turned = folder.path().join("turned.mp4");
+        let copy = Command::new("ffmpeg")
+            .args(["-v", "error", "-nostdin", "-i"])
+            .arg(&path)
+            .args(["-c", "copy", "-metadata:s:v:0", "rotate=90"])
+            .arg(&turned)
+            .output();
+        let image = |path: &Path| {
+            let film = Video::open(path).unwrap();
+            film.images().unwrap().next().unwrap().unwrap().grey.unwrap()
+        };
+        let lying = image(&path);
+        match image(&turned) {
+            // ffmpeg since version 6 marks no film as turned that way.
+            same if same == lying => eprintln!("skipped: a turned film ({:?})", copy.map(|copy| copy.status)),
+            upright => {
+                assert_eq!(upright.dimensions(), (48, 64));
+                let turns = [image::imageops::rotate90(&lying), image::imageops::rotate270(&lying)];
+                assert!(turns.contains(&upright));
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_picture_is_none() {
+        assert_eq!(picture(&mut &b"P5\n2 1\n255\n\x01\x02"[..]).unwrap().into_raw(), [1, 2]);
+        let huge = "P5\n4000000000 4000000000\n255\n";
+        for bytes in
+            ["", huge, "P5\n2 1\n255\n\u{1}", "P6\n2 1\n255\nab", "P5\n2\n255\nab", "P5\n2 1\n65535\nab"]
+        {
+            assert_eq!(picture(&mut bytes.as_bytes()), None, "{bytes:?}");
+        }
     }
 
     #[test]
