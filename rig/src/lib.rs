@@ -10,7 +10,7 @@
 //! * [`camera`], [`servo`]: the two traits, and a real, a mock and a recorded device behind each;
 //! * [`profile`], [`tank`], [`record`]: the stroke, the simulated tank behind the mocks, run folders and recordings;
 //! * [`images`], [`report`]: where images come from, the page that is made of results;
-//! * [`vision`], [`config`]: images to keypoints, the config as a whole;
+//! * [`vision`], [`config`], [`interchange`]: images to keypoints, the config as a whole, keypoints from and to other programs;
 //! * [`run`], [`analysis`], [`doctor`]: a film from still water to the safe stop, a recording to a report, what is wrong with the rig;
 //! * [`app`]: one experiment, fits, diagnoses, the daemon; [`cli`]: arguments and printing.
 //!
@@ -27,6 +27,7 @@ pub mod config;
 pub mod doctor;
 pub mod error_chain;
 pub mod images;
+pub mod interchange;
 pub mod profile;
 pub mod record;
 pub mod report;

@@ -59,6 +59,8 @@ enum Verb {
     Runs(cli::runs::Args),
     /// Hand results to other programs
     Export(cli::export::Args),
+    /// Take over keypoints that other programs found
+    Import(cli::import::Args),
 }
 
 fn main() -> ExitCode {
@@ -83,6 +85,7 @@ fn main() -> ExitCode {
         Verb::MockCamera(args) => cli::mock_camera::run(args),
         Verb::Runs(args) => cli::runs::run(args),
         Verb::Export(args) => cli::export::run(args),
+        Verb::Import(args) => cli::import::run(args),
     };
     if cli.json {
         say_json(&result)

@@ -7,6 +7,7 @@ pub mod compose;
 pub mod daemon;
 pub mod design;
 pub mod diagnose;
+pub mod exchange;
 pub mod experiment;
 mod failure;
 pub mod fit;
@@ -20,6 +21,9 @@ pub use interrupt::{Interrupt, interruptible};
 
 use std::num::NonZeroUsize;
 use std::path::Path;
+
+use anyhow::Context as _;
+use sim::Model;
 
 use crate::analysis::Progress;
 
@@ -38,6 +42,19 @@ pub trait Watcher: Progress + Send {
 /// The folder that relative paths in the config at `path` start from.
 pub fn base(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// The model at `path`.
+///
+/// # Errors
+/// [`Failure::Input`].
+pub fn read_model(path: &Path) -> Result<Model, Failure> {
+    let text = std::fs::read_to_string(path)
+        .with_context(|| format!("reading {}", path.display()))
+        .map_err(Failure::Input)?;
+    Model::from_mjcf(&text)
+        .with_context(|| format!("reading model {}", path.display()))
+        .map_err(Failure::Input)
 }
 
 /// Worker threads asked for, or one for each core.

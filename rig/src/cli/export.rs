@@ -3,11 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
-use serde_json::{Value, json};
-use sim::Trajectory;
 
 use super::{Failure, Outcome};
-use crate::record::folder::{RunFolder, file, write_whole};
+use crate::app::exchange::{Export, frames_file};
+use crate::record::folder::{file, write_whole};
 
 /// Hands a run's results to other programs.
 #[derive(clap::Args, Debug)]
@@ -15,12 +14,15 @@ pub struct Args {
     /// What to write
     #[arg(value_enum)]
     format: Format,
-    /// The run folder, or the folder a fit wrote to
+    /// The run folder, or the folder a fit wrote to; for csv, dlc and wcon also a trajectory
     #[arg(value_name = "RUN")]
     run: PathBuf,
     /// Where to write it
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// dlc: any rig config with the `[calibration]` that the film was made with; left out: the run's own
+    #[arg(long, value_name = "TOML")]
+    config: Option<PathBuf>,
 }
 
 /// What can be exported.
@@ -30,6 +32,8 @@ enum Format {
     Mjcf,
     /// Keypoints over time: trajectory.csv
     Csv,
+    /// Keypoints in the picture as DeepLabCut's CSV; times go to `<FILE>.frames.csv`
+    Dlc,
     /// Keypoints over time as Worm tracker Commons Object Notation
     Wcon,
 }
@@ -37,57 +41,59 @@ enum Format {
 /// Carries out `rig export`.
 ///
 /// # Errors
-/// [`Failure::Input`] when RUN is no folder, [`Failure::Data`] when it lacks what is to be exported.
+/// [`Failure::Input`] when RUN is not what it should be, [`Failure::Data`] when it lacks what is to be exported.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
-    if !args.run.is_dir() {
-        return Err(Failure::Input(anyhow!("{} is not a folder; give a run folder", args.run.display())));
+    if args.config.is_some() && args.format != Format::Dlc {
+        return Err(Failure::Input(anyhow!(
+            "--config says how keypoints lie in the picture: only dlc has a use for it"
+        )));
     }
-    let bytes = match args.format {
-        Format::Mjcf => read(&args.run, file::MODEL, "fit it first with `rig fit`")?,
-        Format::Csv => read(&args.run, file::TRAJECTORY, "extract it first with `rig replay`")?,
-        Format::Wcon => {
-            let path = args.run.join(file::TRAJECTORY);
-            read(&args.run, file::TRAJECTORY, "extract it first with `rig replay`")?;
-            let trajectory = ident::table::read_trajectory(&path).map_err(Failure::input)?;
-            let id = RunFolder::open(&args.run)
-                .map_or_else(|_| "rig".to_owned(), |folder| folder.start().id.to_string());
-            serde_json::to_vec(&wcon(&trajectory, &id)).map_err(Failure::internal)?
+    let export = Export { from: &args.run, config: args.config.as_deref(), out: &args.out };
+    let mut text = format!("{}\n", args.out.display());
+    match args.format {
+        Format::Mjcf => copy(&model(&args.run)?, &args.out)?,
+        Format::Csv => copy(&export.path()?, &args.out)?,
+        Format::Dlc => {
+            export.dlc()?;
+            text.push_str(&format!(
+                "{}: its images' times, for `rig import`\n",
+                frames_file(&args.out).display()
+            ));
         }
-    };
-    write_whole(&args.out, &bytes).map_err(Failure::input)?;
-    let text = format!("{}\n", args.out.display());
+        Format::Wcon => export.wcon()?,
+    }
     Ok(Outcome { out: Some(args.out.clone()), text, ..Outcome::default() })
 }
 
-fn read(run: &Path, name: &str, remedy: &str) -> Result<Vec<u8>, Failure> {
-    let path = run.join(name);
-    if !path.is_file() {
-        return Err(Failure::Data(anyhow!("{} holds no {name}; {remedy}", run.display())));
+fn model(run: &Path) -> Result<PathBuf, Failure> {
+    if !run.is_dir() {
+        return Err(Failure::Input(anyhow!("{} is not a folder; give a run folder", run.display())));
     }
-    std::fs::read(&path).with_context(|| format!("reading {}", path.display())).map_err(Failure::Input)
+    let path = run.join(file::MODEL);
+    if !path.is_file() {
+        return Err(Failure::Data(anyhow!(
+            "{} holds no {}; fit it first with `rig fit`",
+            run.display(),
+            file::MODEL
+        )));
+    }
+    Ok(path)
 }
 
-/// Keypoints as a WCON skeleton: z of the picture's plane becomes WCON's y; a gap is null.
-fn wcon(trajectory: &Trajectory, id: &str) -> Value {
-    let axis = |axis: usize| -> Vec<Vec<Option<f64>>> {
-        let keypoints = trajectory.keypoints.len();
-        let finite = |p: &[f64; 3]| Some(p[axis]).filter(|value| value.is_finite());
-        trajectory.position_m.chunks(keypoints.max(1)).map(|row| row.iter().map(finite).collect()).collect()
-    };
-    json!({
-        "units": { "t": "s", "x": "m", "y": "m" },
-        "metadata": { "software": { "name": "rig", "version": env!("CARGO_PKG_VERSION") } },
-        "data": [{ "id": id, "t": trajectory.time_s, "x": axis(0), "y": axis(2) }],
-        "comments": [format!("points: {}; y is upward", trajectory.keypoints.join(", "))],
-    })
+fn copy(from: &Path, to: &Path) -> Result<(), Failure> {
+    let bytes =
+        std::fs::read(from).with_context(|| format!("reading {}", from.display())).map_err(Failure::Input)?;
+    write_whole(to, &bytes).map_err(Failure::input)
 }
 
 #[cfg(test)]
 mod tests {
+    use serde_json::{Value, json};
+
     use super::*;
 
     fn args(run: &Path, format: Format) -> Args {
-        Args { format, run: run.into(), out: run.join("exported") }
+        Args { format, run: run.into(), out: run.join("exported"), config: None }
     }
 
     #[test]
@@ -115,8 +121,8 @@ mod tests {
         run(&args(folder.path(), Format::Wcon)).unwrap();
         let bytes = std::fs::read(folder.path().join("exported")).unwrap();
         let wcon: Value = serde_json::from_slice(&bytes).unwrap();
-        assert_eq!(wcon["data"][0]["x"], json!([[0.1, 0.3], [null, 0.5]]));
-        assert_eq!(wcon["data"][0]["y"], json!([[0.2, 0.4], [null, 0.6]]));
-        assert_eq!(wcon["units"]["x"], "m");
+        assert_eq!(wcon["data"][0]["x"], json!([[100.0, 300.0], [null, 500.0]]));
+        assert_eq!(wcon["data"][0]["y"], json!([[200.0, 400.0], [null, 600.0]]));
+        assert_eq!(wcon["units"]["x"], "mm");
     }
 }

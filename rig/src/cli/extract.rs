@@ -6,18 +6,17 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Context;
-use ident::strict::{self, Positive};
-use serde::Deserialize;
-use sim::Model;
+use serde_json::json;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
 use crate::analysis::Progress as _;
-use crate::app::{Watcher as _, on_threads, threads};
-use crate::calibration::Calibration;
+use crate::app::{Watcher as _, on_threads, read_model, threads};
+use crate::config::ExtractionConfig;
 use crate::images::{self, ImageSource as _, TimedImage, Trimmed, Window};
+use crate::interchange::wcon::{self, Line, Written};
 use crate::vision::extractor::Learned;
-use crate::vision::{Extraction, ImageRecord, Status, Task, VisionConfig, output, overlay};
+use crate::vision::{Extraction, ImageRecord, Status, Task, output, overlay};
 
 /// Keypoints from images: a folder of pictures, or a video where ffmpeg is installed.
 #[derive(clap::Args, Debug)]
@@ -54,30 +53,6 @@ pub struct Args {
     pub threads: Option<std::num::NonZeroUsize>,
 }
 
-/// The tables of a rig config that extraction uses; others belong to other verbs.
-#[derive(Debug, Deserialize)]
-struct Config {
-    #[serde(default)]
-    camera: Camera,
-    calibration: Calibration,
-    #[serde(default)]
-    vision: VisionConfig,
-    #[serde(default)]
-    run: Run,
-}
-
-/// The one key of `[run]` that matters here.
-#[derive(Debug, Default, Deserialize)]
-struct Run {
-    model: Option<PathBuf>,
-}
-
-/// The one key of `[camera]` that matters here; `rig run` checks the others.
-#[derive(Debug, Default, Deserialize)]
-struct Camera {
-    fps: Option<Positive>,
-}
-
 /// Enlargement of overlays.
 const ZOOM: u32 = 4;
 
@@ -86,14 +61,12 @@ const ZOOM: u32 = 4;
 /// # Errors
 /// Input: config, folder or pictures are wrong. Data: nothing in the images can be told from the background.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
-    let config: Config = strict::read(&args.config).map_err(Failure::input)?;
-    let folder = args.config.parent().unwrap_or(Path::new(""));
-    let plane = config.calibration.plane(folder).map_err(Failure::input)?;
-    let named = args.model.clone().or(config.run.model.as_ref().map(|model| folder.join(model)));
+    let config = ExtractionConfig::read(&args.config).map_err(Failure::input)?;
+    let plane = config.plane().map_err(Failure::input)?;
+    let named = args.model.clone().or(config.model());
     let model = named.as_deref().map(read_model).transpose()?;
-    let fps = config.camera.fps.map(Positive::get);
     let window = Window::new(args.from_s, args.to_s, args.slow_motion).map_err(Failure::input)?;
-    let source = Trimmed::new(images::open(&args.frames, fps).map_err(Failure::input)?, window);
+    let source = Trimmed::new(images::open(&args.frames, config.fps()).map_err(Failure::input)?, window);
 
     let mut bar = Bar::new(Arc::default());
     bar.begin("images", source.len_hint().map(|count| count as u64));
@@ -106,7 +79,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         bar.step(done);
         Ok::<(), Failure>(())
     };
-    let task = Task::new(&config.vision, model.as_ref(), plane, folder).map_err(Failure::input)?;
+    let task = Task::new(&config.vision, model.as_ref(), plane, config.folder()).map_err(Failure::input)?;
     let threads = threads(args.threads);
     let extraction = on_threads(threads, || task.extract(&source, &mut found));
     bar.clear();
@@ -115,32 +88,42 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     Ok(Outcome { out: Some(args.out.clone()), text: summary(&extraction, &args.out), ..Outcome::default() })
 }
 
-fn read_model(path: &Path) -> Result<Model, Failure> {
-    let text = std::fs::read_to_string(path)
-        .with_context(|| format!("reading {}", path.display()))
-        .map_err(Failure::Input)?;
-    Model::from_mjcf(&text)
-        .with_context(|| format!("reading model {}", path.display()))
-        .map_err(Failure::Input)
-}
-
-fn write(args: &Args, extraction: &Extraction) -> anyhow::Result<()> {
+fn write<'a>(args: &Args, extraction: &'a Extraction) -> anyhow::Result<()> {
     let create = |path: &Path| {
         File::create(path).map(BufWriter::new).with_context(|| format!("writing {}", path.display()))
     };
     ident::table::write_trajectory(&args.out, &extraction.trajectory)?;
     let mut frames = args.out.clone().into_os_string();
     frames.push(".frames.csv");
-    output::write_frames(extraction, create(Path::new(&frames))?)?;
+    let row = |r: &'a ImageRecord| (r.name.as_str(), r.time_s, r.status, r.reason.as_str());
+    output::write_frames(extraction.records.iter().map(row), create(Path::new(&frames))?)?;
     if let Some(path) = &args.centreline {
         if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("wcon")) {
             let id = args.frames.file_name().unwrap_or_default().to_string_lossy();
-            serde_json::to_writer(create(path)?, &output::wcon(extraction, &id))?;
+            serde_json::to_writer(create(path)?, &wcon::document(&centrelines(extraction, &id)))?;
         } else {
             output::write_centreline_csv(extraction, create(path)?)?;
         }
     }
     Ok(())
+}
+
+/// The centrelines as a document to write; an image's reason stands in our own block.
+fn centrelines<'a>(extraction: &Extraction, id: &'a str) -> Written<'a> {
+    let line = |record: &ImageRecord| {
+        let points = match output::centreline(extraction, record) {
+            Some(points) => points.into_iter().map(Some).collect(),
+            None => vec![None; output::CENTRELINE_POINTS],
+        };
+        Line { time_s: record.time_s, points }
+    };
+    let image = |r: &ImageRecord| json!({ "file": r.name, "status": r.status, "reason": r.reason });
+    Written {
+        id,
+        lines: extraction.records.iter().map(line).collect(),
+        keypoints: None,
+        images: Some(extraction.records.iter().map(image).collect()),
+    }
 }
 
 fn draw(folder: &Path, images: &[TimedImage], found: &[ImageRecord]) -> anyhow::Result<()> {

@@ -9,6 +9,7 @@ pub mod experiment;
 pub mod export;
 pub mod extract;
 pub mod fit;
+pub mod import;
 pub mod jog;
 pub mod list;
 pub mod mock_board;

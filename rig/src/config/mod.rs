@@ -1,9 +1,11 @@
 //! A rig config: one TOML file that says everything about an experiment, read strictly.
 
 mod error;
+mod extraction;
 mod tables;
 
 pub use error::ConfigError;
+pub use extraction::ExtractionConfig;
 pub use tables::{MechanismConfig, MotionKind, Mount, RunConfig, ScheduleConfig, WaterConfig};
 
 use std::path::{Path, PathBuf};

@@ -25,9 +25,10 @@ pub struct Entry {
 /// # Errors
 /// [`FolderError`].
 pub fn entries(folder: &Path, fps: Option<f64>) -> Result<Vec<Entry>, FolderError> {
-    let table = folder.join("frames.csv");
-    let found = if table.is_file() {
-        listed(folder, &table)?
+    let listed = folder.join("frames.csv");
+    let found: Vec<Entry> = if listed.is_file() {
+        let entry = |(name, time_s)| Entry { path: folder.join::<String>(name), time_s };
+        table(&listed)?.into_iter().map(entry).collect()
     } else {
         let files = files(folder)?;
         if files.is_empty() {
@@ -54,7 +55,11 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>, FolderError> {
     Ok(files)
 }
 
-fn listed(folder: &Path, table: &Path) -> Result<Vec<Entry>, FolderError> {
+/// The rows of a table `file,time_s` \[s\] in order of time; its other columns are ignored.
+///
+/// # Errors
+/// [`FolderError`] with the line.
+pub fn table(table: &Path) -> Result<Vec<(String, f64)>, FolderError> {
     let refuse = |line: u64, what: String| FolderError::Frames { path: table.into(), line, what };
     let mut csv = csv::Reader::from_path(table).map_err(|error| refuse(1, error.to_string()))?;
     let headers = csv.headers().map_err(|error| refuse(1, error.to_string()))?.clone();
@@ -62,7 +67,7 @@ fn listed(folder: &Path, table: &Path) -> Result<Vec<Entry>, FolderError> {
         headers.iter().position(|h| h == name).ok_or_else(|| refuse(1, format!("no column {name}")))
     };
     let (file, time) = (column("file")?, column("time_s")?);
-    let mut entries: Vec<Entry> = Vec::new();
+    let mut rows: Vec<(String, f64)> = Vec::new();
     for row in csv.records() {
         let row = row.map_err(|error| refuse(error.position().map_or(0, |p| p.line()), error.to_string()))?;
         let line = row.position().map_or(0, |p| p.line());
@@ -76,12 +81,12 @@ fn listed(folder: &Path, table: &Path) -> Result<Vec<Entry>, FolderError> {
         let time_s = cell(time).parse::<f64>().ok().filter(|t| t.is_finite());
         let time_s =
             time_s.ok_or_else(|| refuse(line, format!("time_s `{}` is not a number", cell(time))))?;
-        if entries.last().is_some_and(|last| last.time_s >= time_s) {
+        if rows.last().is_some_and(|(_, last_s)| *last_s >= time_s) {
             return Err(refuse(line, format!("time_s {time_s} does not rise")));
         }
-        entries.push(Entry { path: folder.join(name), time_s });
+        rows.push((cell(file).to_owned(), time_s));
     }
-    Ok(entries)
+    Ok(rows)
 }
 
 /// The pictures of a folder.

@@ -1,8 +1,9 @@
 //! A video file, decoded by ffmpeg.
 
-use std::io::{BufReader, Read};
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
+use std::thread::JoinHandle;
 
 use image::GrayImage;
 
@@ -13,8 +14,6 @@ use super::source::{ImageSource, Images, TimedImage};
 #[derive(Debug)]
 pub(super) struct Video {
     path: PathBuf,
-    width: usize,
-    height: usize,
     /// When each image was taken, by the file's own stamps.
     times_s: Vec<f64>,
 }
@@ -34,34 +33,36 @@ impl Video {
                 Err(failed("ffprobe", path, &String::from_utf8_lossy(&out.stderr)))
             }
         };
-        let size = probe(&["-show_entries", "stream=width,height"])?;
-        let sides: Vec<usize> = size.trim().split(',').filter_map(|side| side.parse().ok()).collect();
-        let [width, height] = sides[..] else {
-            return Err(failed("ffprobe", path, &format!("no picture size in `{}`", size.trim())));
-        };
         let stamps = probe(&["-show_entries", "frame=best_effort_timestamp_time"])?;
         let times_s: Vec<f64> =
             stamps.lines().filter_map(|line| line.trim_end_matches(',').parse().ok()).collect();
-        if times_s.is_empty() || times_s.windows(2).any(|pair| pair[0] >= pair[1]) {
+        if times_s.is_empty() {
+            return Err(failed("ffprobe", path, "it holds no pictures"));
+        }
+        if times_s.windows(2).any(|pair| pair[0] >= pair[1]) {
             return Err(failed("ffprobe", path, "its images have no rising time stamps"));
         }
-        Ok(Self { path: path.into(), width, height, times_s })
+        Ok(Self { path: path.into(), times_s })
     }
 }
 
 impl ImageSource for Video {
     fn images(&self) -> Result<Images<'_>, SourceError> {
         let mut child = Command::new("ffmpeg")
-            .args(["-v", "error", "-nostdin", "-noautorotate", "-i"])
+            .args(["-v", "error", "-nostdin", "-i"])
             .arg(&self.path)
-            .args(["-map", "0:v:0", "-fps_mode", "passthrough", "-f", "rawvideo", "-pix_fmt", "gray", "-"])
+            .args(["-map", "0:v:0", every_image(), "passthrough"])
+            // Each picture says its own size: a telephone held upright films lying pictures, which ffmpeg turns.
+            .args(["-f", "image2pipe", "-c:v", "pgm", "-pix_fmt", "gray", "-"])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
-            .stderr(Stdio::null())
+            .stderr(Stdio::piped())
             .spawn()
             .map_err(|_| SourceError::NoFfmpeg { path: self.path.clone() })?;
         let pixels = child.stdout.take().map(BufReader::new);
-        Ok(Box::new(Decoded { video: self, child, pixels, next: 0 }))
+        // Read as it comes: ffmpeg would wait for ever on a full pipe.
+        let said = child.stderr.take().map(|mut pipe| std::thread::spawn(move || last_words(&mut pipe)));
+        Ok(Box::new(Decoded { video: self, child, pixels, said, next: 0 }))
     }
 
     fn len_hint(&self) -> Option<usize> {
@@ -69,11 +70,30 @@ impl ImageSource for Video {
     }
 }
 
+/// ffmpeg's option to hand on each image once, whatever its time; it has another name since version 5.1.
+fn every_image() -> &'static str {
+    let help = Command::new("ffmpeg").args(["-v", "quiet", "-h", "long"]).stdin(Stdio::null()).output();
+    let new = help.is_ok_and(|help| String::from_utf8_lossy(&help.stdout).contains("-fps_mode"));
+    if new { "-fps_mode" } else { "-vsync" }
+}
+
+/// The end of what a program says until it ends.
+fn last_words(pipe: &mut impl Read) -> String {
+    const MOST_BYTES: usize = 4096;
+    let (mut end, mut buffer) = (Vec::new(), [0; MOST_BYTES]);
+    while let Ok(count @ 1..) = pipe.read(&mut buffer) {
+        end.extend_from_slice(&buffer[..count]);
+        end.drain(..end.len().saturating_sub(MOST_BYTES));
+    }
+    String::from_utf8_lossy(&end).into_owned()
+}
+
 /// A running ffmpeg and the pictures still to come from it.
 struct Decoded<'a> {
     video: &'a Video,
     child: Child,
     pixels: Option<BufReader<ChildStdout>>,
+    said: Option<JoinHandle<String>>,
     next: usize,
 }
 
@@ -81,22 +101,43 @@ impl Iterator for Decoded<'_> {
     type Item = Result<TimedImage, SourceError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let Video { path, width, height, times_s } = self.video;
+        let Video { path, times_s } = self.video;
         let time_s = *times_s.get(self.next)?;
-        let mut grey = vec![0; width * height];
-        let read = self.pixels.as_mut()?.read_exact(&mut grey);
-        let image = GrayImage::from_raw(*width as u32, *height as u32, grey);
+        let image = picture(self.pixels.as_mut()?);
         let name = format!("{:06}", self.next);
         self.next += 1;
-        match (read, image) {
-            (Ok(()), Some(image)) => Some(Ok(TimedImage { name, time_s, grey: Ok(image) })),
-            _ => {
+        match image {
+            Some(image) => Some(Ok(TimedImage { name, time_s, grey: Ok(image) })),
+            None => {
                 self.pixels = None;
-                let said = format!("it gave {} of {} images", self.next - 1, times_s.len());
-                Some(Err(failed("ffmpeg", path, &said)))
+                let said = self.said.take().and_then(|said| said.join().ok()).unwrap_or_default();
+                let given = format!("{said}\nit gave {} of {} images", self.next - 1, times_s.len());
+                Some(Err(failed("ffmpeg", path, &given)))
             }
         }
     }
+}
+
+/// The next picture of a pipe of portable grey maps (`P5`, width, height, 255, then the pixels); none where it ends.
+fn picture(pipe: &mut impl BufRead) -> Option<GrayImage> {
+    /// Longer than any line of such a head.
+    const LINE_BYTES: u64 = 64;
+    /// No film has larger ones.
+    const MOST_PIXELS: u64 = 1 << 28;
+    let mut line = || {
+        let mut line = String::new();
+        pipe.by_ref().take(LINE_BYTES).read_line(&mut line).ok()?;
+        Some(line.trim_end().to_owned())
+    };
+    let (kind, size, most) = (line()?, line()?, line()?);
+    let (width, height) = size.split_once(' ')?;
+    let (width, height): (u32, u32) = (width.parse().ok()?, height.parse().ok()?);
+    if kind != "P5" || most != "255" || u64::from(width) * u64::from(height) > MOST_PIXELS {
+        return None;
+    }
+    let mut grey = vec![0; width as usize * height as usize];
+    pipe.read_exact(&mut grey).ok()?;
+    GrayImage::from_raw(width, height, grey)
 }
 
 impl Drop for Decoded<'_> {
@@ -109,6 +150,105 @@ impl Drop for Decoded<'_> {
 }
 
 fn failed(program: &'static str, path: &Path, said: &str) -> SourceError {
-    let last = said.lines().last().unwrap_or("no reason given").to_owned();
-    SourceError::Video { program, path: path.into(), said: last }
+    /// The last line alone often says no more than that it failed.
+    const LINES: usize = 2;
+    let lines: Vec<&str> = said.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    let said = match lines.len() {
+        0 => "no reason given".to_owned(),
+        count => lines[count.saturating_sub(LINES)..].join("; "),
+    };
+    SourceError::Video { program, path: path.into(), said }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two seconds of a test picture with some images left out.
+    fn film(folder: &Path) -> Option<PathBuf> {
+        let film = folder.join("film.mp4");
+        let made = Command::new("ffmpeg")
+            .args(["-v", "error", "-nostdin", "-f", "lavfi", "-i", "testsrc=duration=2:size=64x48:rate=25"])
+            .args(["-vf", "select=mod(n\\,5)", every_image(), "vfr", "-pix_fmt", "yuv420p"])
+            .arg(&film)
+            .output();
+        let made = made.is_ok_and(|made| made.status.success());
+        if !made {
+            eprintln!("skipped: films as files (ffmpeg is not there, or cannot encode)");
+        }
+        made.then_some(film)
+    }
+
+    #[test]
+    fn images_have_the_times_of_their_stamps_and_a_lost_end_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let Some(path) = film(folder.path()) else { return };
+        let mut film = Video::open(&path).unwrap();
+        let images: Vec<TimedImage> = film.images().unwrap().map(Result::unwrap).collect();
+        assert_eq!(images.len(), 40);
+        let steps: Vec<f64> = images.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).collect();
+        let near = |step: &f64, wanted: f64| (step - wanted).abs() < 1e-5;
+        assert!(steps.iter().all(|step| near(step, 0.04) || near(step, 0.08)), "{steps:?}");
+        assert_eq!(steps.iter().filter(|step| near(step, 0.08)).count(), 9, "{steps:?}");
+        assert_eq!(images[0].grey.as_ref().unwrap().dimensions(), (64, 48));
+
+        film.times_s.push(100.0);
+        let error = film.images().unwrap().last().unwrap().unwrap_err().to_string();
+        assert!(
+            error.contains("ffmpeg could not read") && error.contains("it gave 40 of 41 images"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn a_film_of_a_telephone_held_upright_stands_upright() {
+        let folder = tempfile::tempdir().unwrap();
+        let Some(path) = film(folder.path()) else { return };
+        let turned = folder.path().join("turned.mp4");
+        let copy = Command::new("ffmpeg")
+            .args(["-v", "error", "-nostdin", "-i"])
+            .arg(&path)
+            .args(["-c", "copy", "-metadata:s:v:0", "rotate=90"])
+            .arg(&turned)
+            .output();
+        let image = |path: &Path| {
+            let film = Video::open(path).unwrap();
+            film.images().unwrap().next().unwrap().unwrap().grey.unwrap()
+        };
+        let lying = image(&path);
+        match image(&turned) {
+            // ffmpeg since version 6 marks no film as turned that way.
+            same if same == lying => eprintln!("skipped: a turned film ({:?})", copy.map(|copy| copy.status)),
+            upright => {
+                assert_eq!(upright.dimensions(), (48, 64));
+                let turns = [image::imageops::rotate90(&lying), image::imageops::rotate270(&lying)];
+                assert!(turns.contains(&upright));
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_picture_is_none() {
+        assert_eq!(picture(&mut &b"P5\n2 1\n255\n\x01\x02"[..]).unwrap().into_raw(), [1, 2]);
+        let huge = "P5\n4000000000 4000000000\n255\n";
+        for bytes in
+            ["", huge, "P5\n2 1\n255\n\u{1}", "P6\n2 1\n255\nab", "P5\n2\n255\nab", "P5\n2 1\n65535\nab"]
+        {
+            assert_eq!(picture(&mut bytes.as_bytes()), None, "{bytes:?}");
+        }
+    }
+
+    #[test]
+    fn files_without_pictures_are_refused_with_what_ffprobe_says() {
+        let folder = tempfile::tempdir().unwrap();
+        let Some(path) = film(folder.path()) else { return };
+        let whole = std::fs::read(&path).unwrap();
+        let cut = folder.path().join("cut.mp4");
+        std::fs::write(&cut, &whole[..whole.len() / 2]).unwrap();
+        let error = Video::open(&cut).unwrap_err().to_string();
+        assert!(error.contains("moov atom not found"), "{error}");
+        std::fs::write(&cut, "hello").unwrap();
+        let error = Video::open(&cut).unwrap_err().to_string();
+        assert!(error.contains("Invalid data found"), "{error}");
+    }
 }

@@ -96,45 +96,81 @@ pub fn clip(level: Level, seed: u64, seconds: f64, large: bool) -> Clip {
     let motion = mechanism.motion(random);
     let base =
         [width as f64 / 2.0 + between(random, -8.0, 8.0), 0.13 * height as f64 + between(random, -3.0, 3.0)];
-    let tank = Tank::drawn(level, seed, [width as f64, height as f64], base, &mechanism, random);
     let count = (seconds * FPS).round() as usize;
-    let mut images: Vec<GrayImage> = Vec::with_capacity(count);
-    let mut truth = Vec::with_capacity(count);
-    for i in 0..count {
-        let time_s = i as f64 / FPS;
-        let (shapes, points) = mechanism.at(&motion, base, time_s);
-        let trouble = if level == Level::Broken { trouble(i) } else { None };
-        let grey = match trouble {
-            Some("repeated") => images[i - 1].clone(),
-            Some("torn") => {
-                let now = tank.picture(&shapes, width, height, i, random);
-                let cut = height as u32 / 2;
-                GrayImage::from_fn(width as u32, height as u32, |x, y| {
-                    *if y < cut { &images[i - 1] } else { &now }.get_pixel(x, y)
-                })
-            }
-            Some("black") => Picture::of(width, height, |_| 3.0).expose(1.5, random),
-            Some("saturated") => Picture::of(width, height, |_| 400.0).expose(2.0, random),
-            _ => tank.picture(&shapes, width, height, i, random),
+    let scenes = (0..count).map(|i| mechanism.at(&motion, base, i as f64 / FPS)).collect();
+    Film { level, seed, size: [width, height], base, fps: FPS, mechanism: &mechanism, scale }
+        .shot(scenes, random)
+}
+
+/// A film of 640 by 480 at `level` of a chain that moves as it is told: `points` are P0..Pn \[px\], one row an image, `fps` a second;
+/// `scale` \[m/px\]. The world origin is at P0 of the first image.
+pub fn told_clip(
+    level: Level,
+    seed: u64,
+    mechanism: &Mechanism,
+    scale: f64,
+    points: Vec<Vec<Px>>,
+    fps: f64,
+) -> Clip {
+    let random = &mut ChaCha8Rng::seed_from_u64(seed);
+    let base = points[0][0];
+    let scenes = points.into_iter().map(|points| (mechanism.through(&points), points)).collect();
+    Film { level, seed, size: [640, 480], base, fps, mechanism, scale }.shot(scenes, random)
+}
+
+/// What is filmed and how.
+struct Film<'a> {
+    level: Level,
+    seed: u64,
+    size: [usize; 2],
+    base: Px,
+    fps: f64,
+    mechanism: &'a Mechanism,
+    scale: f64,
+}
+
+impl Film<'_> {
+    /// The film of some scenes, an outline and its P0..Pn each.
+    fn shot(&self, scenes: Vec<(Vec<Shape>, Vec<Px>)>, random: &mut ChaCha8Rng) -> Clip {
+        let Self { level, seed, size: [width, height], base, fps, mechanism, scale } = *self;
+        let tank = Tank::drawn(level, seed, [width as f64, height as f64], base, mechanism, random);
+        let mut images: Vec<GrayImage> = Vec::with_capacity(scenes.len());
+        let mut truth = Vec::with_capacity(scenes.len());
+        for (i, (shapes, points)) in scenes.into_iter().enumerate() {
+            let time_s = i as f64 / fps;
+            let trouble = if level == Level::Broken { trouble(i) } else { None };
+            let grey = match trouble {
+                Some("repeated") => images[i - 1].clone(),
+                Some("torn") => {
+                    let now = tank.picture(&shapes, width, height, (i, time_s), random);
+                    let cut = height as u32 / 2;
+                    GrayImage::from_fn(width as u32, height as u32, |x, y| {
+                        *if y < cut { &images[i - 1] } else { &now }.get_pixel(x, y)
+                    })
+                }
+                Some("black") => Picture::of(width, height, |_| 3.0).expose(1.5, random),
+                Some("saturated") => Picture::of(width, height, |_| 400.0).expose(2.0, random),
+                _ => tank.picture(&shapes, width, height, (i, time_s), random),
+            };
+            images.push(grey);
+            truth.push(Truth { points, trouble });
+        }
+        let timed = |(i, grey): (usize, GrayImage)| TimedImage {
+            name: format!("{i:05}"),
+            time_s: i as f64 / fps,
+            grey: Ok(grey),
         };
-        images.push(grey);
-        truth.push(Truth { points, trouble });
-    }
-    let timed = |(i, grey): (usize, GrayImage)| TimedImage {
-        name: format!("{i:05}"),
-        time_s: i as f64 / FPS,
-        grey: Ok(grey),
-    };
-    let click = base.map(|place| Finite::new(place + between(random, -CLICK_PX, CLICK_PX)));
-    let kind = if arm { "arm" } else { "chain" };
-    let name = Level::ALL.iter().find(|(_, one)| *one == level).map_or("", |(name, _)| name);
-    let hardship = tank.hardship.map_or(String::new(), |what| format!(" ({what})"));
-    Clip {
-        name: format!("{name} {kind} {seed}{hardship}"),
-        images: images.into_iter().enumerate().map(timed).collect(),
-        truth,
-        config: config(&mechanism, scale, click),
-        plane: Plane::square(scale, base),
+        let click = base.map(|place| Finite::new(place + between(random, -CLICK_PX, CLICK_PX)));
+        let kind = if matches!(mechanism, Mechanism::Arm { .. }) { "arm" } else { "chain" };
+        let name = Level::ALL.iter().find(|(_, one)| *one == level).map_or("", |(name, _)| name);
+        let hardship = tank.hardship.map_or(String::new(), |what| format!(" ({what})"));
+        Clip {
+            name: format!("{name} {kind} {seed}{hardship}"),
+            images: images.into_iter().enumerate().map(timed).collect(),
+            truth,
+            config: config(mechanism, scale, click),
+            plane: Plane::square(scale, base),
+        }
     }
 }
 
@@ -231,10 +267,9 @@ impl Tank {
         shapes: &[Shape],
         width: usize,
         height: usize,
-        i: usize,
+        (i, time_s): (usize, f64),
         random: &mut ChaCha8Rng,
     ) -> GrayImage {
-        let time_s = i as f64 / FPS;
         let (w, h) = (width as f64, height as f64);
         let light = |[x, y]: Px| {
             let (u, v) = (x / w - 0.5, y / h - 0.5);

@@ -38,12 +38,18 @@ pub struct Motion(Vec<[[f64; 3]; 2]>);
 const LINE: usize = 60;
 
 impl Mechanism {
-    /// A three-link chain of the shipped sizes, or for odd draws another one; at this scale \[m/px\].
+    /// The three-link chain of the shipped sizes, at this scale \[m/px\].
+    pub fn shipped_chain(metres_per_pixel: f64) -> Self {
+        let px = |metres: f64| metres / metres_per_pixel;
+        let lengths = [0.025, 0.025, 0.0275].map(px).to_vec();
+        Self::Chain { lengths, overhang: px(0.0025), half: px(0.005), round: 0.0 }
+    }
+
+    /// That chain, or for odd draws another one; at this scale \[m/px\].
     pub fn chain(random: &mut ChaCha8Rng, metres_per_pixel: f64, own: bool) -> Self {
         let px = |metres: f64| metres / metres_per_pixel;
         if !own {
-            let lengths = [0.025, 0.025, 0.0275].map(px).to_vec();
-            return Self::Chain { lengths, overhang: px(0.0025), half: px(0.005), round: 0.0 };
+            return Self::shipped_chain(metres_per_pixel);
         }
         let links = 2 + (between(random, 0.0, 2.99) as usize);
         let half = px(between(random, 0.003, 0.005));
@@ -89,21 +95,14 @@ impl Mechanism {
             motion.0[joint].iter().map(sine).sum()
         };
         match self {
-            Self::Chain { lengths, overhang, half, round } => {
+            Self::Chain { lengths, .. } => {
                 let (mut points, mut heading) = (vec![base], 0.0);
                 for (joint, length) in lengths.iter().enumerate() {
                     heading += angle(joint);
                     let [x, y] = points[joint];
                     points.push([x + length * f64::sin(heading), y + length * f64::cos(heading)]);
                 }
-                let last = lengths.len() - 1;
-                let bar = |(i, pair): (usize, &[Px])| Shape::Bar {
-                    ends: [pair[0], pair[1]],
-                    past: [*overhang, if i == last { 0.0 } else { *overhang }],
-                    half: *half,
-                    round: *round,
-                };
-                (points.windows(2).enumerate().map(bar).collect(), points)
+                (self.through(&points), points)
             }
             Self::Arm { length, half, shares } => {
                 let step = length / LINE as f64;
@@ -126,5 +125,17 @@ impl Mechanism {
                 (vec![Shape::Band { line, half: halves }], points)
             }
         }
+    }
+
+    /// Outline of a chain whose P0..Pn are `points`; an arm bends between its points, and has none by them alone.
+    pub fn through(&self, points: &[Px]) -> Vec<Shape> {
+        let Self::Chain { lengths, overhang, half, round } = self else { return Vec::new() };
+        let bar = |(i, pair): (usize, &[Px])| Shape::Bar {
+            ends: [pair[0], pair[1]],
+            past: [*overhang, if i + 1 == lengths.len() { 0.0 } else { *overhang }],
+            half: *half,
+            round: *round,
+        };
+        points.windows(2).enumerate().map(bar).collect()
     }
 }
