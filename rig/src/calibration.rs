@@ -77,6 +77,14 @@ pub enum CalibrationError {
         /// The file.
         path: PathBuf,
     },
+    /// Pictures of another size than those of the calibration.
+    #[error("the calibration was made from pictures of {}x{} px, these have {}x{} px: film at that size, or calibrate again", wanted[0], wanted[1], got[0], got[1])]
+    Size {
+        /// Of the calibration \[px\].
+        wanted: [u32; 2],
+        /// Of the pictures \[px\].
+        got: [u32; 2],
+    },
     /// The file's homography maps the picture to a line or a point.
     #[error("calibration {}: metres_from_pixels cannot be inverted; calibrate again", path.display())]
     Singular {
@@ -92,6 +100,8 @@ pub struct Plane {
     pixels_from_metres: Matrix3<f64>,
     centre_px: Vector2<f64>,
     radial_per_px2: f64,
+    /// Width and height of the pictures that it is of, where that is known \[px\].
+    picture_px: Option<[u32; 2]>,
 }
 
 impl Calibration {
@@ -114,12 +124,13 @@ impl Calibration {
                 let content = CalibrationFile::read(&path)?;
                 let m = content.metres_from_pixels;
                 let [x, y] = content.radial_centre_px;
-                Plane::new(
+                let plane = Plane::new(
                     Matrix3::from_fn(|i, j| m[i][j].get()),
                     [x.get(), y.get()],
                     content.radial_per_px2.get(),
-                )
-                .ok_or(CalibrationError::Singular { path })
+                );
+                let plane = plane.ok_or(CalibrationError::Singular { path })?;
+                Ok(Plane { picture_px: content.picture_px, ..plane })
             }
             _ => Err(CalibrationError::Incomplete),
         }
@@ -156,13 +167,26 @@ impl Plane {
             pixels_from_metres: Matrix3::new(1.0 / s, 0.0, column, 0.0, -1.0 / s, row, 0.0, 0.0, 1.0),
             centre_px: Vector2::zeros(),
             radial_per_px2: 0.0,
+            picture_px: None,
         }
     }
 
     /// A plane seen through homography and radial term, as in [`CalibrationFile`]; `None` when singular.
     pub fn new(metres_from_pixels: Matrix3<f64>, centre_px: Px, radial_per_px2: f64) -> Option<Self> {
         let pixels_from_metres = metres_from_pixels.try_inverse()?;
-        Some(Self { metres_from_pixels, pixels_from_metres, centre_px: centre_px.into(), radial_per_px2 })
+        let centre_px = centre_px.into();
+        Some(Self { metres_from_pixels, pixels_from_metres, centre_px, radial_per_px2, picture_px: None })
+    }
+
+    /// Whether it holds for pictures of this width and height \[px\].
+    ///
+    /// # Errors
+    /// [`CalibrationError::Size`] where it was made from others.
+    pub fn fits(&self, got: [u32; 2]) -> Result<(), CalibrationError> {
+        match self.picture_px {
+            Some(wanted) if wanted != got => Err(CalibrationError::Size { wanted, got }),
+            _ => Ok(()),
+        }
     }
 
     /// World position `[x, z]` \[m\] of what is seen at `px`.
@@ -282,7 +306,10 @@ mod tests {
         }
         let whole = "metres_from_pixels = [[1e-3, 0.0, 0.0], [0.0, -1e-3, 0.0], [0.0, 0.0, 1.0]]\n\
                      radial_centre_px = [0.0, 0.0]\nradial_per_px2 = 0.0\ndate = \"2026-11-20\"\n";
-        assert!(plane(whole).is_ok());
+        assert!(plane(whole).unwrap().fits([1, 1]).is_ok());
+        let sized = plane(&format!("{whole}picture_px = [640, 480]\n")).unwrap();
+        assert!(sized.fits([640, 480]).is_ok());
+        assert!(matches!(sized.fits([480, 640]), Err(CalibrationError::Size { .. })));
         assert!(matches!(plane(&format!("{whole}dat = \"x\"\n")), Err(CalibrationError::File(_))));
         assert!(matches!(plane("\u{0}"), Err(CalibrationError::File(_))));
     }

@@ -70,15 +70,21 @@ impl WallCamera {
         [at.x, -at.y]
     }
 
-    /// Where the place of the plane is seen, by Newton on [`Self::traced`].
+    /// Where the place of its plane is seen.
     pub fn seen(&self, place: Place) -> Place {
+        self.seen_behind(place, 0.0)
+    }
+
+    /// Where the place of the plane `behind_m` behind its own is seen, by Newton on [`Self::traced`].
+    pub fn seen_behind(&self, place: Place, behind_m: f64) -> Place {
         const STEP_PX: f64 = 1e-3;
         let [width, height] = self.size_px.map(f64::from);
         let mut px = Vector2::new(width / 2.0, height / 2.0);
         for _ in 0..30 {
-            let here = Vector2::from(self.traced(px.into(), 0.0));
-            let slope =
-                |off: Vector2<f64>| (Vector2::from(self.traced((px + off).into(), 0.0)) - here) / STEP_PX;
+            let here = Vector2::from(self.traced(px.into(), behind_m));
+            let slope = |off: Vector2<f64>| {
+                (Vector2::from(self.traced((px + off).into(), behind_m)) - here) / STEP_PX
+            };
             let (across, down) = (slope(Vector2::new(STEP_PX, 0.0)), slope(Vector2::new(0.0, STEP_PX)));
             let matrix = nalgebra::Matrix2::from_columns(&[across, down]);
             let step = matrix.lu().solve(&(Vector2::from(place) - here)).expect("a camera that sees");

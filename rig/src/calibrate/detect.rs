@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 use super::board::Board;
 use super::field::Field;
 use super::grid::{self, Grid};
-use super::saddle::{Saddle, refined, saddles};
+use super::saddle::{Saddle, refined, saddles, symmetric};
 use crate::calibration::Px;
 
 /// An inner corner: where it is seen and where on the board it is.
@@ -64,8 +64,8 @@ const LEAST_SIDE_PX: u32 = 32;
 /// Halvings of a picture in which corners are looked for: large or blurred boards are found in a smaller one.
 const LEVELS: usize = 4;
 /// A window's standard deviation as a share of the distance between neighbours, and its limits \[px\].
-const WINDOW: f64 = 0.17;
-const WINDOW_PX: [f64; 2] = [1.4, 7.0];
+const WINDOW: f64 = 0.2;
+const WINDOW_PX: [f64; 2] = [1.4, 12.0];
 /// How far refinement may move a corner, as a share of the distance between neighbours.
 const STRAY: f64 = 0.3;
 
@@ -129,7 +129,8 @@ fn sharp(full: &Field, found: &Grid, scale: f64) -> Grid {
 
 /// The corner near `start`, where neighbours are `spacing` away \[px\].
 fn near(full: &Field, start: Px, spacing: f64) -> Option<Px> {
-    refined(full, start, (WINDOW * spacing).clamp(WINDOW_PX[0], WINDOW_PX[1]), STRAY * spacing)
+    let sigma = (WINDOW * spacing).clamp(WINDOW_PX[0], WINDOW_PX[1]);
+    refined(full, start, sigma, STRAY * spacing).filter(|&at| symmetric(full, at, sigma))
 }
 
 /// Least distance to a neighbour \[px\].

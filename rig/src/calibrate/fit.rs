@@ -1,5 +1,8 @@
-//! One plane from boards at several places of it: homography and radial term together with where each board lay, by
+//! One plane from boards at several places of it: homography, radial term and its centre together with where each board lay, by
 //! Levenberg-Marquardt.
+//!
+//! The centre is the picture's unless the corners clearly say otherwise: refraction bends lines about the foot of the camera's plumb
+//! on the wall, and a camera that is turned by 2 degrees has that 2 degrees beside the middle.
 //!
 //! A board's own place and turn in the plane are unknown, so a board of which only a part is seen, or that looks the same from two
 //! sides, tells as much as any other: only distances on it count.
@@ -48,10 +51,21 @@ const STEPS: usize = 200;
 const ENDED: f64 = 1e-12;
 /// Damping beyond which no step betters anything.
 const MOST_DAMPING: f64 = 1e12;
-/// Parameters of the plane: eight of the homography and the radial term.
-const PLANE: usize = 9;
+/// Parameters of the plane: eight of the homography, the radial term, its centre.
+const PLANE: usize = 11;
+/// How far the radial term's centre lies from the picture's, 1 sigma \[half diagonals\].
+const CENTRE_SIGMA: f64 = 0.1;
+/// How well a corner is seen, roughly, for weighing that against corners \[px\].
+const CORNER_PX: f64 = 0.05;
+/// Where the radial term stands among them; its centre comes after it.
+const RADIAL: usize = 8;
 /// Parameters of a board: turn and place.
 const POSE: usize = 3;
+/// Weight of a centre's place among the corners' squares \[px²\]: where it may move, and where it must not.
+const LOOSE: f64 = (CORNER_PX / CENTRE_SIGMA) * (CORNER_PX / CENTRE_SIGMA);
+const FIRM: f64 = 1e9;
+/// Least betterment of the corners' squares that moves the centre, in variances of a corner: 1 chance in 1000 that it is noise.
+const CLEARLY: f64 = 13.8;
 /// A corner is misread beyond so many standard deviations, and never within so many pixels.
 const MISREAD_SIGMAS: f64 = 6.0;
 const MISREAD_PX: f64 = 0.3;
@@ -80,6 +94,8 @@ struct State {
     map: Matrix3<f64>,
     /// Radial term by half diagonals squared.
     radial: f64,
+    /// Its centre \[half diagonals\].
+    centre: Vector2<f64>,
     /// Turn \[rad\] and place \[m\] of each picture's board in the first one's.
     poses: Vec<(f64, Vector2<f64>)>,
 }
@@ -115,15 +131,25 @@ pub fn fit(pictures: &[Seen], size_px: [u32; 2]) -> Result<Fit, FitError> {
             laid(corners.map(|point| (point.board, project(&map, point.seen))))
         })
         .collect();
-    let mut state = State { map, radial: 0.0, poses };
-    state = search(&points, state, first)?;
-    if set_aside(&mut points, &state) {
-        state = search(&points, state, first)?;
+    let mut state = State { map, radial: 0.0, centre: Vector2::zeros(), poses };
+    state = search(&points, state, first, FIRM)?;
+    let moved = search(&points, state.clone(), first, LOOSE)?;
+    if set_aside(&mut points, &moved) {
+        state = search(&points, state, first, FIRM)?;
+    }
+    let moved = search(&points, state.clone(), first, LOOSE)?;
+    let (held, free) = (state.squares(&points, FIRM), moved.squares(&points, LOOSE));
+    let unknowns = PLANE + POSE * (pictures.len() - 1);
+    let numbers = 2 * points.iter().filter(|point| point.used).count();
+    if held - free > CLEARLY * free / numbers.saturating_sub(unknowns).max(1) as f64 {
+        state = moved;
     }
     let normal =
         Matrix3::new(1.0 / unit, 0.0, -centre[0] / unit, 0.0, 1.0 / unit, -centre[1] / unit, 0.0, 0.0, 1.0);
     let radial_per_px2 = state.radial / (unit * unit);
-    let plane = Plane::new(state.map * normal, centre, radial_per_px2).ok_or(FitError::Diverged)?;
+    let radial_centre = Vector2::from(centre) + state.centre * unit;
+    let plane =
+        Plane::new(state.map * normal, radial_centre.into(), radial_per_px2).ok_or(FitError::Diverged)?;
     let each = |picture: usize| points.iter().filter(move |point| point.picture == picture);
     Ok(Fit {
         plane,
@@ -140,7 +166,8 @@ pub fn fit(pictures: &[Seen], size_px: [u32; 2]) -> Result<Fit, FitError> {
 impl State {
     /// Straight place of a seen one.
     fn straight(&self, seen: Vector2<f64>) -> Vector2<f64> {
-        seen * (1.0 + self.radial * seen.norm_squared())
+        let off = seen - self.centre;
+        self.centre + off * (1.0 + self.radial * off.norm_squared())
     }
 
     /// How far the corner is from where its board has it \[m\].
@@ -149,19 +176,21 @@ impl State {
         project(&self.map, self.straight(point.seen)) - (Rotation2::new(turn) * point.board + place)
     }
 
-    /// Sum of the squared errors \[px²\].
-    fn squares(&self, points: &[Point]) -> f64 {
+    /// Sum of the squared errors, that of the radial centre among them \[px²\].
+    fn squares(&self, points: &[Point], centre_weight: f64) -> f64 {
         let used = points.iter().filter(|point| point.used);
-        used.map(|point| (self.error(point) * point.px_per_m).norm_squared()).sum()
+        let corners: f64 = used.map(|point| (self.error(point) * point.px_per_m).norm_squared()).sum();
+        corners + centre_weight * self.centre.norm_squared()
     }
 
     /// Moved by `step`, in the order of [`equations`].
     fn moved(&self, step: &DVector<f64>, first: usize) -> Self {
         let mut new = self.clone();
-        for i in 0..PLANE - 1 {
+        for i in 0..RADIAL {
             new.map[(i / 3, i % 3)] += step[i];
         }
-        new.radial += step[PLANE - 1];
+        new.radial += step[RADIAL];
+        new.centre += Vector2::new(step[RADIAL + 1], step[RADIAL + 2]);
         for (picture, pose) in new.poses.iter_mut().enumerate() {
             if let Some(at) = pose_at(picture, first) {
                 pose.0 += step[at];
@@ -189,46 +218,61 @@ pub(super) fn slope(map: &Matrix3<f64>, at: Vector2<f64>) -> Matrix2<f64> {
 }
 
 /// Normal equations of the linearised errors: their squares and their right side.
-fn equations(points: &[Point], state: &State, first: usize) -> (DMatrix<f64>, DVector<f64>) {
+fn equations(
+    points: &[Point],
+    state: &State,
+    first: usize,
+    centre_weight: f64,
+) -> (DMatrix<f64>, DVector<f64>) {
     let size = PLANE + POSE * (state.poses.len() - 1);
     let (mut squares, mut sides) = (DMatrix::zeros(size, size), DVector::zeros(size));
     for point in points.iter().filter(|point| point.used) {
         let straight = state.straight(point.seen);
         let (map, image) = (&state.map, project(&state.map, straight));
         let weight = map[(2, 0)] * straight.x + map[(2, 1)] * straight.y + map[(2, 2)];
-        let with_radial = slope(map, straight) * point.seen * point.seen.norm_squared();
+        let off = point.seen - state.centre;
+        let slope = slope(map, straight);
+        let with_radial = slope * off * off.norm_squared();
+        let with_centre =
+            -state.radial * slope * (Matrix2::identity() * off.norm_squared() + 2.0 * off * off.transpose());
         let error = state.error(point);
         let (turn, _) = state.poses[point.picture];
         let with_turn = Rotation2::new(turn + std::f64::consts::FRAC_PI_2) * point.board;
         let pose = pose_at(point.picture, first);
         for axis in 0..2 {
-            let mut row = [(0, 0.0); PLANE + POSE];
+            let mut row = [(0, 0.0); 10];
             for (j, coordinate) in [straight.x, straight.y, 1.0].into_iter().enumerate() {
                 row[j] = (3 * axis + j, coordinate / weight);
             }
             row[3] = (6, -image[axis] * straight.x / weight);
             row[4] = (7, -image[axis] * straight.y / weight);
-            row[5] = (8, with_radial[axis]);
+            row[5] = (RADIAL, with_radial[axis]);
+            row[6] = (RADIAL + 1, with_centre[(axis, 0)]);
+            row[7] = (RADIAL + 2, with_centre[(axis, 1)]);
             if let Some(at) = pose {
-                row[6] = (at, -with_turn[axis]);
-                row[7] = (at + 1 + axis, -1.0);
+                row[8] = (at, -with_turn[axis]);
+                row[9] = (at + 1 + axis, -1.0);
             }
-            for &(i, a) in &row[..8] {
+            for &(i, a) in &row {
                 sides[i] -= a * error[axis] * point.px_per_m.powi(2);
-                for &(j, b) in &row[..8] {
+                for &(j, b) in &row {
                     squares[(i, j)] += a * b * point.px_per_m.powi(2);
                 }
             }
         }
     }
+    for axis in 0..2 {
+        squares[(RADIAL + 1 + axis, RADIAL + 1 + axis)] += centre_weight;
+        sides[RADIAL + 1 + axis] -= centre_weight * state.centre[axis];
+    }
     (squares, sides)
 }
 
-fn search(points: &[Point], mut state: State, first: usize) -> Result<State, FitError> {
+fn search(points: &[Point], mut state: State, first: usize, centre_weight: f64) -> Result<State, FitError> {
     let mut damping = 1e-3;
-    let mut now = state.squares(points);
+    let mut now = state.squares(points, centre_weight);
     for _ in 0..STEPS {
-        let (squares, sides) = equations(points, &state, first);
+        let (squares, sides) = equations(points, &state, first, centre_weight);
         loop {
             let mut damped = squares.clone();
             for i in 0..damped.nrows() {
@@ -237,7 +281,7 @@ fn search(points: &[Point], mut state: State, first: usize) -> Result<State, Fit
             let step = damped.cholesky().map(|factors| factors.solve(&sides));
             if let Some(step) = step {
                 let tried = state.moved(&step, first);
-                let then = tried.squares(points);
+                let then = tried.squares(points, centre_weight);
                 if then <= now {
                     let better = now - then;
                     (state, now) = (tried, then);

@@ -55,8 +55,8 @@ const LEAST_COVER: f64 = 0.3;
 const GOOD_COVER: f64 = 0.6;
 /// Fewer pictures than this are worth a word.
 const FEW_PICTURES: usize = 3;
-/// A homography and a radial term follow a wall that is seen at an angle to here \[rad\].
-const GOOD_TILT_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
+/// A homography and a radial term were tried on walls seen at an angle up to here \[rad\].
+const GOOD_TILT_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
 
 /// The share of the picture's width and height between the outermost corners.
 ///
@@ -151,8 +151,8 @@ impl Quality {
         }
         if self.tilt_rad > GOOD_TILT_RAD {
             warnings.push(
-                "the camera looks at an angle: turn it square to the plane if you can; one radial term does not follow a wall seen at an \
-                 angle, which leaves some tenths of a millimetre"
+                "the camera looks at the plane at an angle of more than 15°, for which this calibration was not tried: turn it square \
+                 to the plane"
                     .into(),
             );
         }

@@ -5,6 +5,8 @@ use std::fmt::Write as _;
 use super::Calibrated;
 
 const MM: f64 = 1e3;
+/// Smaller angles cannot be told from none: their cosine is as near to 1 as the scale is known.
+const LEAST_TILT_DEGREES: f64 = 1.0;
 
 /// What there is to say, in lines.
 pub fn text(calibrated: &Calibrated) -> String {
@@ -26,10 +28,13 @@ pub fn text(calibrated: &Calibrated) -> String {
         "scale {:.4} mm/px in the middle; {across:+.1} % from left to right, {down:+.1} % from top to bottom",
         quality.metres_per_px * MM
     );
-    let _ = writeln!(out, "camera's axis {:.1}° off the plane's normal", quality.tilt_rad.to_degrees());
+    let degrees = quality.tilt_rad.to_degrees();
+    let told = if degrees < LEAST_TILT_DEGREES { ", as good as none" } else { "" };
+    let _ = writeln!(out, "camera's axis {degrees:.1}° off the plane's normal{told}");
+    let [column, row] = calibrated.plane.radial_centre_px();
     let _ = writeln!(
         out,
-        "radial term {:.3e} /px²: {:+.2} % at the picture's corners",
+        "radial term {:.3e} /px² about [{column:.1}, {row:.1}] px: {:+.2} % at the picture's corners",
         calibrated.plane.radial_per_px2(),
         100.0 * quality.radial_share
     );

@@ -153,3 +153,33 @@ pub(super) fn refined(field: &Field, start: Px, sigma: f64, most_px: f64) -> Opt
     }
     None
 }
+
+/// Largest share of what varies around a corner that may differ from one side to the opposite one: noise, and light from one side.
+const MOST_LOPSIDED: f64 = 0.04;
+/// How far is looked, in standard deviations of a window's weight.
+const LOOK_SIGMAS: f64 = 2.0;
+
+/// Whether opposite places around a corner look alike, as they do unless something covers part of it; `sigma` \[px\] is the window's.
+pub(super) fn symmetric(field: &Field, at: Px, sigma: f64) -> bool {
+    let reach = (LOOK_SIGMAS * sigma).round() as i32;
+    let (mut odd, mut even, mut mean, mut count) = (0.0, 0.0, 0.0, 0.0);
+    for j in 0..=reach {
+        for i in -reach..=reach {
+            // Each pair once.
+            if i * i + j * j > reach * reach || (j == 0 && i <= 0) {
+                continue;
+            }
+            let off = [f64::from(i), f64::from(j)];
+            let there = field.between([at[0] + off[0], at[1] + off[1]]);
+            let opposite = field.between([at[0] - off[0], at[1] - off[1]]);
+            let (Some(there), Some(opposite)) = (there, opposite) else { return false };
+            let (there, opposite) = (f64::from(there), f64::from(opposite));
+            let half = (there + opposite) / 2.0;
+            odd += ((there - opposite) / 2.0).powi(2);
+            even += half * half;
+            mean += half;
+            count += 1.0;
+        }
+    }
+    odd < MOST_LOPSIDED * (even - mean * mean / count)
+}
