@@ -90,8 +90,8 @@ pub fn detect(picture: &GrayImage, board: &Board) -> Result<Vec<Corner>, DetectE
         if level.width.min(level.height) < LEAST_SIDE_PX as usize {
             break;
         }
-        let smoothed = level.smoothed(SMOOTHING_PX);
-        let found = grid::largest(&saddles(&smoothed), board.count());
+        let corners = if halvings == 0 { saddles(&full) } else { saddles(&level.smoothed(SMOOTHING_PX)) };
+        let found = grid::largest(&corners, board.count());
         let mut grid = sharp(&full, &found, (1 << halvings) as f64);
         fill(&full, &mut grid);
         if grid.len() > best.len() {

@@ -21,8 +21,6 @@ pub type Seen = Vec<(Px, [f64; 2])>;
 pub struct Fit {
     /// The plane; its world is the board of one of the pictures, so far.
     pub plane: Plane,
-    /// Radial term \[1/px²\].
-    pub radial_per_px2: f64,
     /// Distance of each corner from where its board has it \[m\], by picture.
     pub errors_m: Vec<Vec<f64>>,
     /// Whether a corner was set aside, by picture: it was misread.
@@ -153,7 +151,6 @@ pub fn fit(pictures: &[Seen], size_px: [u32; 2]) -> Result<Fit, FitError> {
     let each = |picture: usize| points.iter().filter(move |point| point.picture == picture);
     Ok(Fit {
         plane,
-        radial_per_px2,
         errors_m: (0..pictures.len())
             .map(|picture| each(picture).map(|point| state.error(point).norm()).collect())
             .collect(),
@@ -331,4 +328,57 @@ fn laid(pairs: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)> + Clone) -> (f
     });
     let turn = sine.atan2(cosine);
     (turn, to - Rotation2::new(turn) * from)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE_PX: [u32; 2] = [1280, 720];
+    /// What the centre, which is drawn to the middle a little, leaves of exact corners \[m\].
+    const DRAWN_M: f64 = 3e-7;
+
+    /// What a camera of `plane` sees of boards of 9 x 6 corners that are turned and moved.
+    fn seen(plane: &Plane, rows: usize) -> Vec<Seen> {
+        let board = |(turn, x, z): (f64, f64, f64)| {
+            let corner = |k: usize| {
+                let board = [0.02 * (k % 9) as f64, 0.02 * (k / 9) as f64];
+                let place = Rotation2::new(turn) * Vector2::from(board) + Vector2::new(x, z);
+                (plane.pixel(place.into()), board)
+            };
+            (0..9 * rows).map(corner).collect()
+        };
+        [(0.0, -0.2, -0.1), (0.4, 0.0, -0.1), (2.0, 0.1, 0.0), (-1.5, -0.15, 0.1)].map(board).into()
+    }
+
+    #[test]
+    fn plane_is_found_from_boards_that_lie_anywhere_in_it() {
+        // Tilted, with a radial term about another place than the middle.
+        let map = Matrix3::new(4e-4, 1e-6, -0.25, -2e-6, -4.2e-4, 0.15, 4e-5, 2e-5, 1.0);
+        let plane = Plane::new(map, [600.0, 400.0], -4e-8).unwrap();
+        let seen = seen(&plane, 6);
+        let fit = fit(&seen, SIZE_PX).unwrap();
+        let worst_m = fit.errors_m.iter().flatten().copied().fold(0.0, f64::max);
+        assert!(worst_m < DRAWN_M, "{worst_m}");
+        assert!((fit.plane.radial_per_px2() / -4e-8 - 1.0).abs() < 1e-3, "{}", fit.plane.radial_per_px2());
+        let centre = fit.plane.radial_centre_px();
+        assert!((centre[0] - 600.0).hypot(centre[1] - 400.0) < 1.0, "{centre:?}");
+        // Distances in the plane are what they are, whatever world the fit has chosen.
+        let apart = |plane: &Plane, a: Px, b: Px| {
+            (Vector2::from(plane.metres(a)) - Vector2::from(plane.metres(b))).norm()
+        };
+        for (a, b) in [([200.0, 200.0], [900.0, 500.0]), ([640.0, 300.0], [650.0, 600.0])] {
+            let off_m = apart(&fit.plane, a, b) - apart(&plane, a, b);
+            assert!(off_m.abs() < 10.0 * DRAWN_M, "{off_m}");
+        }
+    }
+
+    #[test]
+    fn corners_on_a_line_are_refused_with_their_picture() {
+        let plane = Plane::square(4e-4, [640.0, 360.0]);
+        let mut pictures = seen(&plane, 6);
+        pictures[2].truncate(9);
+        assert_eq!(fit(&pictures, SIZE_PX), Err(FitError::Singular { picture: 2 }));
+        assert!(fit(&[], SIZE_PX).is_err());
+    }
 }

@@ -163,13 +163,14 @@ impl Quality {
     }
 }
 
-/// Corners a side between the outermost ones seen.
+/// Corners a side between the outermost ones seen, the longer side first.
 fn sides(corners: &Seen, square_m: f64) -> [usize; 2] {
-    [0, 1].map(|axis| {
+    let sides = [0, 1].map(|axis| {
         let at = corners.iter().map(|(_, board)| board[axis] / square_m);
         let (least, most) = at.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
         (most - least).round() as usize + 1
-    })
+    });
+    [sides[0].max(sides[1]), sides[0].min(sides[1])]
 }
 
 fn rms(errors: impl Iterator<Item = f64> + Clone) -> f64 {
