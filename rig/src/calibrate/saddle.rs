@@ -155,7 +155,7 @@ pub(super) fn refined(field: &Field, start: Px, sigma: f64, most_px: f64) -> Opt
 }
 
 /// Largest share of what varies around a corner that may differ from one side to the opposite one: noise, and light from one side.
-const MOST_LOPSIDED: f64 = 0.04;
+const MOST_LOPSIDED: f64 = 0.02;
 /// How far is looked, in standard deviations of a window's weight.
 const LOOK_SIGMAS: f64 = 2.0;
 
