@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use ident::strict::{self, Finite, Positive, StrictError};
+use ident::strict::{self, Finite, NonNegative, Positive, StrictError};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -24,8 +24,10 @@ pub struct Calibration {
     pub file: Option<PathBuf>,
 }
 
-/// What a calibration file must say; other keys (date, camera, error) are for people.
+/// What a calibration file says, as `rig calibrate camera` writes it. The first three keys are needed; the others tell people where
+/// it comes from and how good it is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct CalibrationFile {
     /// Row by row, shape (3, 3): undistorted pixel `[column, row, 1]` to `[x, z, 1]` \[m\], up to a factor.
     pub metres_from_pixels: [[Finite; 3]; 3],
@@ -33,6 +35,30 @@ pub struct CalibrationFile {
     pub radial_centre_px: [Finite; 2],
     /// Radial term k \[1/px²\]: undistorted = centre + (seen - centre) (1 + k r²), r the seen distance.
     pub radial_per_px2: Finite,
+    /// When it was made, RFC 3339.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub date: Option<String>,
+    /// Which camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<String>,
+    /// The board, as `--board` named it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub board: Option<String>,
+    /// Pictures that it was made from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub images: Option<u32>,
+    /// Width and height of those pictures \[px\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub picture_px: Option<[u32; 2]>,
+    /// Root mean square distance of the board's corners from where the board has them \[mm\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rms_mm: Option<NonNegative>,
+    /// The largest such distance \[mm\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub worst_mm: Option<NonNegative>,
+    /// How much farther from the camera than the board the plane lies, corrected for by the refraction at the wall \[m\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plane_offset_m: Option<Finite>,
 }
 
 /// Why a calibration cannot be used.
@@ -44,6 +70,21 @@ pub enum CalibrationError {
     /// The file is not one.
     #[error("reading the calibration")]
     File(#[from] StrictError),
+    /// The file is a camera's own calibration, as other programs make them in air.
+    #[error("{} holds a camera matrix: a pinhole camera calibrated in air is 8 to 15 % wrong under water, where the wall refracts. Put the \
+             chessboard into the water, in the mechanism's plane, take pictures, and let rig calibrate camera make the file", path.display())]
+    InAir {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Pictures of another size than those of the calibration.
+    #[error("the calibration was made from pictures of {}x{} px, these have {}x{} px: film at that size, or calibrate again", wanted[0], wanted[1], got[0], got[1])]
+    Size {
+        /// Of the calibration \[px\].
+        wanted: [u32; 2],
+        /// Of the pictures \[px\].
+        got: [u32; 2],
+    },
     /// The file's homography maps the picture to a line or a point.
     #[error("calibration {}: metres_from_pixels cannot be inverted; calibrate again", path.display())]
     Singular {
@@ -59,6 +100,8 @@ pub struct Plane {
     pixels_from_metres: Matrix3<f64>,
     centre_px: Vector2<f64>,
     radial_per_px2: f64,
+    /// Width and height of the pictures that it is of, where that is known \[px\].
+    picture_px: Option<[u32; 2]>,
 }
 
 impl Calibration {
@@ -78,18 +121,39 @@ impl Calibration {
             }
             (None, None, Some(file)) => {
                 let path = folder.join(file);
-                let content: CalibrationFile = strict::read(&path)?;
+                let content = CalibrationFile::read(&path)?;
                 let m = content.metres_from_pixels;
                 let [x, y] = content.radial_centre_px;
-                Plane::new(
+                let plane = Plane::new(
                     Matrix3::from_fn(|i, j| m[i][j].get()),
                     [x.get(), y.get()],
                     content.radial_per_px2.get(),
-                )
-                .ok_or(CalibrationError::Singular { path })
+                );
+                let plane = plane.ok_or(CalibrationError::Singular { path })?;
+                Ok(Plane { picture_px: content.picture_px, ..plane })
             }
             _ => Err(CalibrationError::Incomplete),
         }
+    }
+}
+
+/// Words of which one stands in every camera model that OpenCV, ROS, Kalibr or MATLAB write, and none in a [`CalibrationFile`].
+const PINHOLE: [&str; 5] =
+    ["camera_matrix", "cameraMatrix", "distortion_coefficients", "intrinsics", "IntrinsicMatrix"];
+
+impl CalibrationFile {
+    /// Reads the file at `path`.
+    ///
+    /// # Errors
+    /// [`CalibrationError::InAir`] for the file of a pinhole camera, whatever its format; [`CalibrationError::File`].
+    pub fn read(path: &Path) -> Result<Self, CalibrationError> {
+        let unreadable = |source| StrictError::Unreadable { path: path.into(), source };
+        let bytes = std::fs::read(path).map_err(unreadable)?;
+        let text = String::from_utf8_lossy(&bytes);
+        if !text.contains("metres_from_pixels") && PINHOLE.iter().any(|word| text.contains(word)) {
+            return Err(CalibrationError::InAir { path: path.into() });
+        }
+        Ok(strict::parse(&text, path)?)
     }
 }
 
@@ -103,20 +167,66 @@ impl Plane {
             pixels_from_metres: Matrix3::new(1.0 / s, 0.0, column, 0.0, -1.0 / s, row, 0.0, 0.0, 1.0),
             centre_px: Vector2::zeros(),
             radial_per_px2: 0.0,
+            picture_px: None,
         }
     }
 
     /// A plane seen through homography and radial term, as in [`CalibrationFile`]; `None` when singular.
     pub fn new(metres_from_pixels: Matrix3<f64>, centre_px: Px, radial_per_px2: f64) -> Option<Self> {
         let pixels_from_metres = metres_from_pixels.try_inverse()?;
-        Some(Self { metres_from_pixels, pixels_from_metres, centre_px: centre_px.into(), radial_per_px2 })
+        let centre_px = centre_px.into();
+        Some(Self { metres_from_pixels, pixels_from_metres, centre_px, radial_per_px2, picture_px: None })
+    }
+
+    /// Whether it holds for pictures of this width and height \[px\].
+    ///
+    /// # Errors
+    /// [`CalibrationError::Size`] where it was made from others.
+    pub fn fits(&self, got: [u32; 2]) -> Result<(), CalibrationError> {
+        match self.picture_px {
+            Some(wanted) if wanted != got => Err(CalibrationError::Size { wanted, got }),
+            _ => Ok(()),
+        }
     }
 
     /// World position `[x, z]` \[m\] of what is seen at `px`.
     pub fn metres(&self, px: Px) -> [f64; 2] {
+        project(&self.metres_from_pixels, self.straight(px))
+    }
+
+    /// Where what is seen at `px` would be seen without radial distortion \[px\].
+    fn straight(&self, px: Px) -> Vector2<f64> {
         let offset = Vector2::from(px) - self.centre_px;
-        let straight = self.centre_px + offset * (1.0 + self.radial_per_px2 * offset.norm_squared());
-        project(&self.metres_from_pixels, straight)
+        self.centre_px + offset * (1.0 + self.radial_per_px2 * offset.norm_squared())
+    }
+
+    /// How the world position changes at `px` along the picture's columns' numbers and its rows', radial distortion left out, shape
+    /// (2, 2) \[m/px\].
+    pub fn straight_slope(&self, px: Px) -> Matrix2<f64> {
+        let (map, at) = (&self.metres_from_pixels, self.straight(px));
+        let [x, z] = project(map, at);
+        let weight = map[(2, 0)] * at.x + map[(2, 1)] * at.y + map[(2, 2)];
+        Matrix2::from_fn(|i, j| (map[(i, j)] - [x, z][i] * map[(2, j)]) / weight)
+    }
+
+    /// The same plane in another world; `None` when `world_from_this` is singular.
+    pub fn in_world(&self, world_from_this: &Matrix3<f64>) -> Option<Self> {
+        Self::new(world_from_this * self.metres_from_pixels, self.centre_px.into(), self.radial_per_px2)
+    }
+
+    /// Undistorted pixel `[column, row, 1]` to `[x, z, 1]` \[m\], up to a factor.
+    pub fn metres_from_pixels(&self) -> &Matrix3<f64> {
+        &self.metres_from_pixels
+    }
+
+    /// Centre of the radial distortion \[px\].
+    pub fn radial_centre_px(&self) -> Px {
+        self.centre_px.into()
+    }
+
+    /// Radial term \[1/px²\], as in [`CalibrationFile`].
+    pub fn radial_per_px2(&self) -> f64 {
+        self.radial_per_px2
     }
 
     /// Where the world position `[x, z]` \[m\] is seen \[px\].
@@ -176,6 +286,32 @@ mod tests {
             let back = plane.pixel(plane.metres(px));
             assert!((back[0] - px[0]).hypot(back[1] - px[1]) < ROUNDING * 100.0, "{px:?} {back:?}");
         }
+    }
+
+    #[test]
+    fn camera_calibrated_in_air_is_refused_and_so_is_a_key_nobody_knows() {
+        let folder = tempfile::tempdir().unwrap();
+        let calibration =
+            Calibration { metres_per_pixel: None, origin_px: None, file: Some("camera.yaml".into()) };
+        let plane = |text: &str| {
+            std::fs::write(folder.path().join("camera.yaml"), text).unwrap();
+            calibration.plane(folder.path())
+        };
+        let opencv = "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n";
+        let toml = "camera_matrix = [[900.0, 0.0, 640.0], [0.0, 900.0, 360.0], [0.0, 0.0, 1.0]]\n";
+        for text in [opencv, toml] {
+            let message = plane(text).unwrap_err().to_string();
+            assert!(message.contains("8 to 15 % wrong under water"), "{message}");
+            assert!(message.contains("rig calibrate camera"), "{message}");
+        }
+        let whole = "metres_from_pixels = [[1e-3, 0.0, 0.0], [0.0, -1e-3, 0.0], [0.0, 0.0, 1.0]]\n\
+                     radial_centre_px = [0.0, 0.0]\nradial_per_px2 = 0.0\ndate = \"2026-11-20\"\n";
+        assert!(plane(whole).unwrap().fits([1, 1]).is_ok());
+        let sized = plane(&format!("{whole}picture_px = [640, 480]\n")).unwrap();
+        assert!(sized.fits([640, 480]).is_ok());
+        assert!(matches!(sized.fits([480, 640]), Err(CalibrationError::Size { .. })));
+        assert!(matches!(plane(&format!("{whole}dat = \"x\"\n")), Err(CalibrationError::File(_))));
+        assert!(matches!(plane("\u{0}"), Err(CalibrationError::File(_))));
     }
 
     #[test]

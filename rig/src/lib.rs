@@ -9,7 +9,7 @@
 //!   runs, ticks and stamps on one clock, pixels in metres;
 //! * [`camera`], [`servo`]: the two traits, and a real, a mock and a recorded device behind each;
 //! * [`profile`], [`tank`], [`record`]: the stroke, the simulated tank behind the mocks, run folders and recordings;
-//! * [`images`], [`report`]: where images come from, the page that is made of results;
+//! * [`images`], [`report`], [`calibrate`]: where images come from, the page that is made of results, pictures of a board to a plane;
 //! * [`vision`], [`config`], [`interchange`]: images to keypoints, the config as a whole, keypoints from and to other programs;
 //! * [`run`], [`analysis`], [`doctor`]: a film from still water to the safe stop, a recording to a report, what is wrong with the rig;
 //! * [`app`]: one experiment, fits, diagnoses, the daemon; [`cli`]: arguments and printing.
@@ -18,6 +18,7 @@
 
 pub mod analysis;
 pub mod app;
+pub mod calibrate;
 pub mod calibration;
 pub mod camera;
 pub mod claim;

@@ -27,6 +27,8 @@ enum Verb {
     Run(cli::run::Args),
     /// Redo a recorded run, from any stage, into another folder
     Replay(cli::replay::Args),
+    /// Measure what a rig needs once: pixels to metres
+    Calibrate(cli::calibrate::Args),
     /// Images to keypoint trajectories
     Extract(cli::extract::Args),
     /// Put run folders together into an experiment.toml
@@ -69,6 +71,7 @@ fn main() -> ExitCode {
     let result = match &cli.verb {
         Verb::Run(args) => cli::run::run(args),
         Verb::Replay(args) => cli::replay::run(args),
+        Verb::Calibrate(args) => cli::calibrate::run(args),
         Verb::Extract(args) => cli::extract::run(args),
         Verb::Experiment(args) => cli::experiment::run(args),
         Verb::Fit(args) => cli::fit::run(args),

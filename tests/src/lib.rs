@@ -2,6 +2,7 @@
 
 pub mod clips;
 pub mod hidden;
+pub mod wall;
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};

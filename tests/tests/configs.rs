@@ -126,6 +126,16 @@ fn wrong_configs_are_refused_with_file_line_caret_and_remedy() {
     });
     assert!(too_fast.contains("4000"), "{too_fast}");
 
+    // Before anything moves: what is filmed with it would be worth nothing.
+    let folder = tempfile::tempdir().expect("a folder");
+    let camera = folder.path().join("camera.yaml");
+    std::fs::write(&camera, "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n").expect("a file");
+    let in_air = refusal(|config| {
+        let path = camera.to_str().expect("a readable path");
+        config["calibration"] = toml::Table::from_iter([("file".into(), path.into())]).into();
+    });
+    assert!(in_air.contains("8 to 15 % wrong under water"), "{in_air}");
+
     let no_tank = refusal(|config| drop(config.remove("mock")));
     assert!(no_tank.contains("[mock]"), "{no_tank}");
 }

@@ -3,6 +3,7 @@
 //!
 //! It tells a [`Watcher`] how it goes and answers with results; arguments and printing are the command line's.
 
+pub mod calibrate;
 pub mod compose;
 pub mod daemon;
 pub mod design;

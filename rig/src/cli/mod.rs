@@ -1,5 +1,6 @@
 //! The command line: one file per verb, each a `clap` argument struct and a function that carries it out.
 
+pub mod calibrate;
 pub mod daemon;
 pub mod design;
 pub mod diagnose;

@@ -183,3 +183,19 @@ impl RigConfig {
         (config, files)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn calibration_file_goes_with_the_config_into_a_run_folder() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/chain-driven-pose-1.toml");
+        let mut config = RigConfig::read(&path).unwrap();
+        config.calibration =
+            Calibration { metres_per_pixel: None, origin_px: None, file: Some("of-may/tank.toml".into()) };
+        let (kept, files) = config.gathered();
+        assert_eq!(files, [Path::new("of-may/tank.toml")]);
+        assert_eq!(kept.calibration.file.as_deref(), Some(Path::new("tank.toml")));
+    }
+}

@@ -4,9 +4,11 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use super::Check;
+use crate::calibration::Calibration;
 use crate::camera::{Camera, images_lost};
 use crate::clock::{ClockFit, MonotonicNs, Ping};
 use crate::config::RigConfig;
+use crate::error_chain::with_causes;
 use crate::run::open;
 use crate::servo::{ServoBoard, ServoError, ServoEvent};
 
@@ -31,9 +33,26 @@ pub fn look(config: &RigConfig, base: &Path) -> Vec<Check> {
         checks.extend(look_at_board(board.as_mut()));
         board.stop();
     }
+    let filmed = opened.camera.info();
+    checks.push(calibration_finding(&config.calibration, base, [filmed.width_px, filmed.height_px]));
     checks.extend(look_at_camera(opened.camera.as_mut(), config.camera.stall()));
     opened.camera.stop();
     checks
+}
+
+/// Whether the calibration can be used for pictures of this size \[px\].
+fn calibration_finding(calibration: &Calibration, base: &Path, size_px: [u32; 2]) -> Check {
+    let subject = "calibration";
+    let plane = calibration.plane(base).and_then(|plane| plane.fits(size_px).map(|()| plane));
+    match plane {
+        Ok(plane) => {
+            let middle = size_px.map(|side| (f64::from(side) - 1.0) / 2.0);
+            let scale = plane.metres_per_pixel(middle) * 1e3;
+            let from = calibration.file.as_deref().map_or("[calibration]".into(), Path::to_string_lossy);
+            Check::good(subject, format!("{from}: {scale:.4} mm/px in the middle of the picture"))
+        }
+        Err(error) => Check::bad(subject, with_causes(&error)),
+    }
 }
 
 fn look_at_board(board: &mut dyn ServoBoard) -> Vec<Check> {

@@ -49,7 +49,7 @@ pub enum SourceError {
     #[error(transparent)]
     Recording(#[from] RecordError),
     /// Neither a folder nor a file.
-    #[error("{} is neither a run, a folder of pictures nor a video file", path.display())]
+    #[error("{} is neither a run, a folder of pictures, a picture nor a video file", path.display())]
     Nothing {
         /// What was given.
         path: PathBuf,

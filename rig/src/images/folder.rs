@@ -41,13 +41,18 @@ pub fn entries(folder: &Path, fps: Option<f64>) -> Result<Vec<Entry>, FolderErro
     if found.is_empty() { Err(FolderError::Empty { path: folder.into() }) } else { Ok(found) }
 }
 
+/// Whether the file is a picture, by its ending.
+pub(super) fn is_picture(file: &Path) -> bool {
+    let ending = file.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    matches!(ending.as_deref(), Some("png" | "jpg" | "jpeg"))
+}
+
 fn files(folder: &Path) -> Result<Vec<PathBuf>, FolderError> {
     let unreadable = |source| FolderError::Unreadable { path: folder.into(), source };
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
         let path = entry.map_err(unreadable)?.path();
-        let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-        if matches!(ending.as_deref(), Some("png" | "jpg" | "jpeg")) {
+        if is_picture(&path) {
             files.push(path);
         }
     }
@@ -98,6 +103,11 @@ impl Folder {
     /// The pictures of `folder`, as [`entries`] lists them.
     pub(super) fn open(folder: &Path, fps: Option<f64>) -> Result<Self, FolderError> {
         Ok(Self { entries: entries(folder, fps)? })
+    }
+
+    /// A single picture.
+    pub(super) fn of_one(path: &Path) -> Self {
+        Self { entries: vec![Entry { path: path.into(), time_s: 0.0 }] }
     }
 }
 

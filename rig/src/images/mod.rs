@@ -1,4 +1,4 @@
-//! Where a sequence of images comes from: a camera that films, a recorded run, a folder of pictures or a video file. Each gives
+//! Where a sequence of images comes from: a camera that films, a recorded run, a folder of pictures, a single one or a video file. Each gives
 //! images with their times, in order of time, or says why not; all but a camera can be read again, behind [`ImageSource`].
 //!
 //! Another kind of source is a file with its `impl ImageSource` and a line of [`open`].
@@ -22,7 +22,7 @@ use folder::Folder;
 use recording::RecordedImages;
 use video::Video;
 
-/// The source that `path` is: a run folder, a recording, a folder of pictures, or a video file. `fps` is for pictures without times of their own.
+/// The source that `path` is: a run folder, a recording, a folder of pictures, a single picture, or a video file. `fps` is for pictures without times of their own.
 ///
 /// # Errors
 /// [`SourceError`].
@@ -34,6 +34,8 @@ pub fn open(path: &Path, fps: Option<f64>) -> Result<Box<dyn ImageSource>, Sourc
         Ok(Box::new(RecordedImages::of_file(path)))
     } else if path.is_dir() {
         Ok(Box::new(Folder::open(path, fps)?))
+    } else if path.is_file() && folder::is_picture(path) {
+        Ok(Box::new(Folder::of_one(path)))
     } else if path.is_file() {
         Ok(Box::new(Video::open(path)?))
     } else {

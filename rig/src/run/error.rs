@@ -28,6 +28,9 @@ pub enum RunError {
     /// Another process has the port.
     #[error(transparent)]
     Claim(#[from] crate::claim::ClaimError),
+    /// The calibration cannot be used: better known before anything moves.
+    #[error(transparent)]
+    Calibration(#[from] crate::calibration::CalibrationError),
     /// A file named by the config.
     #[error("reading {}", path.display())]
     File {
@@ -41,6 +44,6 @@ pub enum RunError {
 impl RunError {
     /// The config or a file it names is at fault, not a device.
     pub fn is_input(&self) -> bool {
-        matches!(self, Self::Profile(_) | Self::File { .. } | Self::Tank(_))
+        matches!(self, Self::Profile(_) | Self::File { .. } | Self::Tank(_) | Self::Calibration(_))
     }
 }

@@ -62,7 +62,10 @@ impl Job<'_> {
         mut notify: impl FnMut(&RunFolder, Notice),
     ) -> Result<Conducted, RunError> {
         let pulses = self.pulses()?;
+        let plane = self.config.calibration.plane(self.base)?;
         let mut opened = open::open(self.config, self.base)?;
+        let filmed = opened.camera.info();
+        plane.fits([filmed.width_px, filmed.height_px])?;
         let origin = ClockPair::now();
         opened.begin(origin.monotonic_ns);
         let mut folder = self.create(&opened, origin)?;

@@ -66,6 +66,9 @@ pub enum VisionError {
         /// What is wrong with it.
         what: String,
     },
+    /// The calibration is of other pictures.
+    #[error(transparent)]
+    Calibration(#[from] crate::calibration::CalibrationError),
     /// No image stands out from its background.
     #[error(
         "telling the mechanism from its background in {images} images: {what}; light the tank evenly, or name \

@@ -48,8 +48,11 @@ impl<'a> Task<'a> {
     /// An extractor that knows the empty tank from a `sample` of the sequence, to be driven through all of it.
     ///
     /// # Errors
-    /// As [`Extractor::learn`].
+    /// As [`Extractor::learn`]; and where the calibration is of pictures of another size.
     pub fn learn(&mut self, sample: &[TimedImage]) -> Result<Extractor, VisionError> {
+        if let Some(grey) = sample.iter().find_map(|image| image.grey.as_ref().ok()) {
+            self.plane.fits(grey.dimensions().into())?;
+        }
         let extractor =
             Extractor::learn(sample, self.config, &self.outline, self.plane.clone(), self.folder)?;
         Ok(match self.masks.take() {

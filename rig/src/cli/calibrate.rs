@@ -1,0 +1,107 @@
+//! `rig calibrate`: what is measured once for a rig.
+
+use std::path::PathBuf;
+
+use ident::strict::Positive;
+
+use super::progress::Bar;
+use super::{Failure, Outcome};
+use crate::app::{calibrate::from_pictures, on_threads, threads};
+use crate::calibrate::port::Port;
+use crate::calibrate::world::Upright;
+use crate::calibrate::{Board, Setup, report};
+use crate::calibration::Px;
+use crate::record::folder::write_whole;
+use std::sync::Arc;
+
+/// Arguments of `rig calibrate`.
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    /// What to calibrate
+    #[command(subcommand)]
+    pub what: What,
+}
+
+/// What can be calibrated.
+#[derive(clap::Subcommand, Debug)]
+pub enum What {
+    /// Pixels to metres, from pictures of a chessboard in the water, in the mechanism's plane of motion
+    Camera(CameraArgs),
+}
+
+/// Arguments of `rig calibrate camera`.
+#[derive(clap::Args, Debug)]
+pub struct CameraArgs {
+    /// Folder of pictures, or one picture, of the board IN THE WATER, at several places of the mechanism's plane of motion
+    #[arg(value_name = "IMAGES")]
+    pub images: PathBuf,
+    /// The board: inner corners (where four squares meet) along its sides, and the side of a square in metres
+    #[arg(long, value_name = "chessboard:COLSxROWS:SQUARE_M")]
+    pub board: Board,
+    /// Where the world's origin is seen, column and row; the centre of the top left pixel is 0,0
+    #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
+    pub origin_px: Px,
+    /// The calibration file to write, for `[calibration] file`
+    #[arg(long, value_name = "TOML")]
+    pub out: PathBuf,
+    /// Two places on a plumb line, the lower and the upper one: z points from one to the other [default: x along the picture's rows]
+    #[arg(long, value_name = "X1,Y1,X2,Y2", value_parser = numbers::<4>, allow_hyphen_values = true, conflicts_with = "level_px")]
+    pub up_px: Option<[f64; 4]>,
+    /// Two places on the still surface of the water, the left and the right one: x points from one to the other
+    #[arg(long, value_name = "X1,Y1,X2,Y2", value_parser = numbers::<4>, allow_hyphen_values = true)]
+    pub level_px: Option<[f64; 4]>,
+    /// How much farther from the camera than the board the mechanism's plane lies, in metres; negative: nearer
+    #[arg(long, value_name = "D", value_parser = numbers::<1>, allow_hyphen_values = true, requires = "port")]
+    pub plane_offset_m: Option<[f64; 1]>,
+    /// Metres of air, wall and water between camera and board, for --plane-offset-m
+    #[arg(long, value_name = "AIR_M:GLASS_M:WATER_M", requires = "plane_offset_m")]
+    pub port: Option<Port>,
+    /// Largest root mean square error of a picture, in millimetres; worse ones are refused
+    #[arg(long, value_name = "MM", default_value = "0.3", value_parser = positive)]
+    pub most_rms_mm: Positive,
+    /// Which camera this is, for people
+    #[arg(long, value_name = "NAME")]
+    pub camera: Option<String>,
+}
+
+/// Numbers with commas between them.
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let each = text.split(',').map(|number| number.trim().parse::<f64>().ok().filter(|x| x.is_finite()));
+    let numbers = each.collect::<Option<Vec<f64>>>().and_then(|numbers| numbers.try_into().ok());
+    numbers.ok_or_else(|| format!("{N} numbers are wanted, with commas between them"))
+}
+
+fn positive(text: &str) -> Result<Positive, String> {
+    text.parse().ok().and_then(Positive::new).ok_or_else(|| "a number above 0 is wanted".into())
+}
+
+/// Carries out `rig calibrate`.
+///
+/// # Errors
+/// Input: pictures that cannot be read or of different sizes. Data: no board, too little of the picture covered, too large an error.
+pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    let What::Camera(args) = &args.what;
+    let upright = match (args.up_px, args.level_px) {
+        (Some([x1, y1, x2, y2]), _) => Upright::Plumb([[x1, y1], [x2, y2]]),
+        (None, Some([x1, y1, x2, y2])) => Upright::Level([[x1, y1], [x2, y2]]),
+        (None, None) => Upright::Rows,
+    };
+    let setup = Setup {
+        board: args.board,
+        origin_px: args.origin_px,
+        upright,
+        offset: args.plane_offset_m.map(|[behind_m]| behind_m).zip(args.port),
+        most_rms_m: args.most_rms_mm.get() * 1e-3,
+    };
+    let mut bar = Bar::new(Arc::default());
+    let calibrated = on_threads(threads(None), || from_pictures(&args.images, &setup, &mut bar))?;
+    let date = jiff::Timestamp::now().strftime("%Y-%m-%dT%H:%M:%SZ").to_string();
+    let file = report::toml(&calibrated, &date, args.camera.as_deref());
+    write_whole(&args.out, file.as_bytes()).map_err(Failure::input)?;
+    let text = format!(
+        "{}{}: for a rig config's [calibration] file, instead of metres_per_pixel and origin_px\n",
+        report::text(&calibrated),
+        args.out.display()
+    );
+    Ok(Outcome { out: Some(args.out.clone()), text, ..Outcome::default() })
+}
