@@ -9,13 +9,37 @@ fn scores(level: Level, seeds: &[u64]) -> Vec<Score> {
     seeds.iter().map(|seed| score(&clip(level, *seed, SECONDS, false))).collect()
 }
 
+/// Worst root mean square error of a keypoint [px]: what three times the films of the example's first ten seeds reach.
+const READ_PX: f64 = 0.15;
+
+fn are_read(level: Level, seeds: &[u64]) {
+    for score in scores(level, seeds) {
+        assert!(score.rms_px.iter().all(|rms| *rms < READ_PX), "{score:?}");
+        assert!(score.answered > 0.95 && score.wrong_unflagged == 0, "{score:?}");
+    }
+}
+
 #[test]
 fn clean_films_are_read_to_a_fraction_of_a_pixel_though_nobody_states_the_overhang() {
-    for score in scores(Level::Clean, &[0, 1, 4]) {
-        let arm = score.rms_px.len() == 3;
-        let bar_px = if arm { 0.25 } else { 0.08 };
-        assert!(score.rms_px.iter().all(|rms| *rms < bar_px), "{score:?}");
-        assert!(score.answered > 0.95 && score.wrong_unflagged == 0, "{score:?}");
+    are_read(Level::Clean, &[0, 1, 4]);
+}
+
+#[test]
+fn a_motor_before_the_root_dirt_and_uneven_light_hide_no_chain() {
+    are_read(Level::Usual, &[0, 4]);
+}
+
+#[test]
+fn bars_bubbles_caustics_flicker_and_little_contrast_mislead_nobody() {
+    are_read(Level::Hard, &[0, 1, 3, 4, 7, 8]);
+}
+
+/// How well the place of a hidden root is known depends on how far the arm swings; what is said of it must hold.
+#[test]
+fn an_arm_whose_root_is_hidden_says_how_well_it_is_known() {
+    for score in scores(Level::Usual, &[3, 5]) {
+        assert!(score.wrong_unflagged == 0 && score.normalised < 3.0, "{score:?}");
+        assert!(score.rms_px.last().is_some_and(|tip| *tip < READ_PX), "{score:?}");
     }
 }
 

@@ -70,9 +70,8 @@ pub struct Contrast {
 const CLEAR_POLARITY: f64 = 2.0;
 /// A pixel's clear view is looked for from this share of its sorted values on: mirrors and bubbles lie above.
 const CLEAR_SHARE: f64 = 0.9;
-/// Values this many sigmas below are still the clear view, and those within this share of the mechanism's contrast.
+/// Values this many sigmas below are still the clear view.
 const CLEAR_SIGMAS: f32 = 6.0;
-const CLEAR_CONTRAST: f32 = 0.5;
 /// What never moves is the mechanism's when it touches what moves in this share of the images.
 const TOUCHING_SHARE: f64 = 0.2;
 /// Width of a blurred edge \[px\].
@@ -110,7 +109,7 @@ impl Background {
                     what: "background = \"temporal\" needs images of one size; use \"flat\"".into(),
                 });
             }
-            Method::Temporal | Method::Auto => Some(clear_view(images, sign, background.usual_level(images))),
+            Method::Temporal | Method::Auto => Some(clear_view(images, sign)),
         };
         let Some(clear) = clear else { return Ok(background) };
         let surface = Plane::through(&clear.image());
@@ -178,15 +177,7 @@ impl Background {
         Ok(Contrast { width, height, values, level, noise })
     }
 
-    /// What the mechanism usually differs by from the smooth surface through each image \[grey levels\].
-    fn usual_level(&self, images: &[&GrayImage]) -> Option<f32> {
-        let flat = Self { reference: None, ..self.clone() };
-        let mut levels: Vec<f32> =
-            images.iter().filter_map(|image| Some(flat.contrast(image).ok()?.level)).collect();
-        median(&mut levels, f32::total_cmp)
-    }
-
-    /// The same from `surface`.
+    /// What the mechanism usually differs by from `surface` \[grey levels\].
     fn level_before(&self, surface: &Plane, images: &[&GrayImage]) -> Option<f32> {
         let flat = Self { reference: Some(surface.clone()), ..self.clone() };
         let mut levels: Vec<f32> =
@@ -355,12 +346,13 @@ impl Plane {
 }
 
 /// What each pixel shows while nothing dark (`sign` > 0) or bright covers it: the median of its values within
-/// reach of its own clear end. `level`: what the mechanism differs by, if that is known: less is no mechanism.
-fn clear_view(images: &[&GrayImage], sign: f32, level: Option<f32>) -> Plane {
+/// reach of its own clear end.
+fn clear_view(images: &[&GrayImage], sign: f32) -> Plane {
     const ROUNDS: usize = 3;
     let mut noises: Vec<f32> = images.iter().map(|image| noise(image)).collect();
     let noise = median(&mut noises, f32::total_cmp).unwrap_or(0.0);
-    let reach = (CLEAR_SIGMAS * noise).max(CLEAR_CONTRAST * level.unwrap_or(0.0));
+    // A value that the mechanism's blurred edge shades while it rests there must stay out of reach, light that plays must not.
+    let reach = CLEAR_SIGMAS * noise.max(play_of_light(images));
     let mut plane = Plane::of(images[0]);
     let mut values = vec![0u8; images.len()];
     for (i, grey) in plane.grey.iter_mut().enumerate() {
@@ -381,6 +373,20 @@ fn clear_view(images: &[&GrayImage], sign: f32, level: Option<f32>) -> Plane {
         *grey = clear;
     }
     plane
+}
+
+/// How much a pixel of the empty tank changes from image to image, 1 sigma \[grey levels\]: most pixels are such.
+fn play_of_light(images: &[&GrayImage]) -> f32 {
+    /// Every so many-th pixel says enough.
+    const STRIDE_PX: usize = 101;
+    let middle = |mut values: Vec<f32>| median(&mut values, f32::total_cmp).unwrap_or(0.0);
+    let pixels = images.iter().map(|image| image.as_raw().len()).min().unwrap_or(0);
+    let of = |at: usize| {
+        let values: Vec<f32> = images.iter().map(|image| f32::from(image.as_raw()[at])).collect();
+        let usual = middle(values.clone());
+        middle(values.into_iter().map(|value| (value - usual).abs()).collect())
+    };
+    MEDIAN_TO_SIGMA as f32 * middle((0..pixels).step_by(STRIDE_PX).map(of).collect())
 }
 
 /// +1 when what stands out of the background is dark, -1 when it is bright.

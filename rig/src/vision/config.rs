@@ -39,7 +39,8 @@ pub enum Polarity {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Background {
-    /// `temporal`; where the mechanism never moves away, and for images of several sizes, `flat`.
+    /// `temporal`, for images of several sizes `flat`. What never moves and is as dark as the mechanism is taken for a part of it, or
+    /// for something of the tank's before or behind it, whichever explains the images.
     #[default]
     Auto,
     /// What each pixel shows while the mechanism is elsewhere.

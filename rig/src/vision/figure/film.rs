@@ -10,6 +10,7 @@ use super::fit::{Fitted, fit};
 use super::{Figure, Prior};
 use crate::calibration::Px;
 use crate::vision::rejection::Rejection;
+use crate::vision::spline::distance;
 
 /// A figure whose shared numbers are known.
 #[derive(Debug)]
@@ -19,8 +20,8 @@ pub(in crate::vision) struct Film {
     prior: Prior,
     /// The shared numbers and their sigmas.
     shared: Vec<(f64, f64)>,
-    /// The sample has told them: a further image says nothing new of them.
-    told: bool,
+    /// The sample's images agree on them: a further one says nothing new.
+    agreed: bool,
 }
 
 /// How well a film's images are explained.
@@ -47,6 +48,11 @@ const LEAST_FOUND_PART: f64 = 0.5;
 const JUDGED_PLACES: usize = 12;
 /// What differs between images by more than this many of its sigmas is not the same in all.
 const SAME_SIGMAS: f64 = 1.5;
+/// What one pose may mislead by however often it is seen, 1 sigma \[px\]: how its edges lie on the pixels; measured on the mock's
+/// pictures. Poses in which a keypoint lies this far from where it did are others \[px\], and fewer of them leave it to each image.
+const POSE_STD_PX: f64 = 0.1;
+const OTHER_POSE_PX: f64 = 2.0;
+const LEAST_POSES: usize = 8;
 /// What differs by more than this many sigmas of its mean is each image's own.
 const OTHER_SIGMAS: f64 = 30.0;
 /// What many images cannot better, 1 sigma \[px\]: how blurred an edge is, is not known.
@@ -83,15 +89,18 @@ impl Film {
                 return None;
             }
             let Agreed { shared: together, excess } = film.together(&known, &first)?;
+            let poses = film.poses(&known);
+            let one_pose = POSE_STD_PX / (poses as f64).sqrt();
             let std = |(std, excess): (&f64, &f64)| match loose_px {
                 Some(loose) => std.hypot(loose),
-                None => std.hypot(*excess),
+                None => std.hypot(*excess).hypot(one_pose),
             };
             let stds = together.iter().map(|(_, std)| std).zip(&excess).map(std).zip(&first);
             let stds: Vec<f64> = stds.map(|(std, (_, before))| std.min(*before)).collect();
             let shared = together.iter().zip(stds).map(|((mean, _), std)| (*mean, std)).collect();
             film = Self::knowing(film.figure, canvas, shared);
-            film.told = loose_px.is_none()
+            film.agreed = loose_px.is_none()
+                && poses >= LEAST_POSES
                 && together.iter().zip(&excess).all(|((_, std), excess)| *excess < OTHER_SIGMAS * std);
         }
         let fits = film.all(views, starts);
@@ -103,12 +112,26 @@ impl Film {
         Some((film, evidence))
     }
 
+    /// How many poses `fits` are of that differ.
+    fn poses(&self, fits: &[&Fitted]) -> usize {
+        let mut poses: Vec<Vec<Px>> = Vec::new();
+        for fit in fits {
+            let points = self.figure.points(&fit.pose).0;
+            let same =
+                |other: &Vec<Px>| points.iter().zip(other).all(|(a, b)| distance(*a, *b) < OTHER_POSE_PX);
+            if !poses.iter().any(same) {
+                poses.push(points);
+            }
+        }
+        poses.len()
+    }
+
     fn knowing(figure: Box<dyn Figure>, canvas: &Canvas, shared: Vec<(f64, f64)>) -> Self {
         let mut mean: Vec<f64> = shared.iter().map(|(mean, _)| *mean).collect();
         let std: Vec<f64> = shared.iter().map(|(_, std)| *std).collect();
         mean.resize(figure.size(), 0.0);
         let prior = Prior::new(mean, &std, figure.stiffness());
-        Self { figure, canvas: canvas.clone(), prior, shared, told: false }
+        Self { figure, canvas: canvas.clone(), prior, shared, agreed: false }
     }
 
     fn all(&self, views: &[View], starts: &[Option<Vec<f64>>]) -> Vec<Option<Fitted>> {
@@ -212,7 +235,7 @@ impl Film {
                 return Err(Rejection::NoOutline { part: Some(i), found: part.found, open: part.open });
             }
         }
-        if self.told
+        if self.agreed
             && let Some(covariance) = self.covariance(&fitted)
         {
             fitted.covariance = covariance;

@@ -37,7 +37,7 @@ pub(in crate::vision) struct Support {
 /// What pixel sampling leaves of an edge however often it is seen, 1 sigma \[px\]; measured on renders.
 const FLOOR_PX: f64 = 0.03;
 /// The same of a keypoint, which many edges tell, 1 sigma \[px\].
-const KEYPOINT_FLOOR_PX: f64 = 0.01;
+const KEYPOINT_FLOOR_PX: f64 = 0.03;
 /// Neighbouring places share pixels, and so their noise.
 const CORRELATED_PLACES: f64 = 1.5;
 /// How the reach shrinks, and its end \[px\].
