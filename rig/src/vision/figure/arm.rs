@@ -43,7 +43,7 @@ const START_STD: f64 = 0.02;
 /// Length of a piece \[px\].
 const PIECE_PX: f64 = 2.5;
 /// Parts of its outline told apart.
-const PARTS: usize = 4;
+const PARTS: usize = 8;
 /// Places on a round corner, and across an end.
 const ARC_PLACES: usize = 5;
 const END_SPACING_PX: f64 = 2.0;
