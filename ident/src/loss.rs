@@ -180,6 +180,7 @@ mod tests {
                 [GAP, GAP, GAP],
             ],
             std_m: Some(vec![0.1, GAP, 0.1, 0.5, 0.1, 0.1]),
+            pose_std_m: None,
         }
     }
 

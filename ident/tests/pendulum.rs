@@ -57,6 +57,7 @@ fn trajectory(samples: &[[f64; 3]]) -> Trajectory {
         keypoints: vec!["P1".into(), "P2".into()],
         position_m: images.iter().flat_map(both).collect(),
         std_m: None,
+        pose_std_m: None,
     }
 }
 

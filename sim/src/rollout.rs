@@ -38,6 +38,7 @@ impl Rollout<f64> {
             keypoints: self.keypoints.clone(),
             position_m: self.position_m.clone(),
             std_m: None,
+            pose_std_m: None,
         }
     }
 }

@@ -11,6 +11,9 @@ pub struct Trajectory {
     pub position_m: Vec<[f64; 3]>,
     /// Standard deviation of each position \[m\], shape (N, K), where the source states one.
     pub std_m: Option<Vec<f64>>,
+    /// The part of that deviation \[m\] that follows the pose, shape (N, K), where the source tells it apart: it stays while the
+    /// mechanism rests and comes back with the pose, so no average over images takes it out.
+    pub pose_std_m: Option<Vec<f64>>,
 }
 
 impl Trajectory {

@@ -1,13 +1,14 @@
 //! Films that the mock camera did not draw, read as `rig extract` reads them:
 //! `cargo run --release -p system-tests --example clips -- [--level clean|usual|hard|broken] [--count N] [--first SEED] [--seconds S]
-//! [--large] [--write FOLDER] [--json FILE]`
+//! [--large] [--write FOLDER] [--json FILE] [--errors FILE.csv]`
 //!
 //! A line a film, and for each level the worst and what counts over all its films. Without `--level` all four. `--write` leaves every
-//! tenth picture of each film to look at. One thread.
+//! tenth picture of each film to look at, `--errors` each keypoint of each answered image beside the truth. One thread.
 #![allow(clippy::print_stdout, reason = "its output is the point")]
 
 use std::path::PathBuf;
 
+use rig::vision::{Extraction, Status};
 use system_tests::clips::clip::{Clip, Level, clip};
 use system_tests::clips::score::{Score, score};
 
@@ -21,6 +22,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let large = arguments.iter().any(|one| one == "--large");
     let folder = value("--write").map(PathBuf::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let mut errors = value("--errors").map(csv::Writer::from_path).transpose()?;
+    if let Some(errors) = &mut errors {
+        errors.write_record(ERROR_COLUMNS)?;
+    }
     let mut all = Vec::new();
     for (name, level) in
         Level::ALL.into_iter().filter(|(name, _)| value("--level").is_none_or(|one| one == name))
@@ -31,7 +36,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             if let Some(folder) = &folder {
                 write(&clip, folder)?;
             }
-            let score = pool.install(|| score(&clip));
+            let (score, extraction) = pool.install(|| score(&clip));
+            if let (Some(errors), Some(extraction)) = (&mut errors, extraction) {
+                compare(&clip, &extraction, errors)?;
+            }
             println!("{}", line(&score));
             scores.push(score);
         }
@@ -40,6 +48,29 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     if let Some(path) = value("--json") {
         std::fs::write(path, serde_json::to_vec_pretty(&all)?)?;
+    }
+    Ok(())
+}
+
+/// Columns of `--errors`.
+const ERROR_COLUMNS: [&str; 8] =
+    ["film", "time_s", "keypoint", "true_x_px", "true_y_px", "error_x_px", "error_y_px", "std_px"];
+
+/// Writes a row for each keypoint that was answered.
+fn compare(
+    clip: &Clip,
+    extraction: &Extraction,
+    out: &mut csv::Writer<std::fs::File>,
+) -> Result<(), csv::Error> {
+    for (record, truth) in extraction.records.iter().zip(&clip.truth) {
+        if record.status != Status::Ok {
+            continue;
+        }
+        for (place, (keypoint, point)) in record.keypoints.iter().zip(&truth.points).enumerate() {
+            let error = [0, 1].map(|axis| keypoint.px[axis] - point[axis]);
+            let numbers = (point[0], point[1], error[0], error[1], keypoint.std_px);
+            out.serialize((&clip.name, record.time_s, format!("P{place}"), numbers))?;
+        }
     }
     Ok(())
 }

@@ -6,7 +6,7 @@ use system_tests::clips::score::{Score, score};
 const SECONDS: f64 = 1.2;
 
 fn scores(level: Level, seeds: &[u64]) -> Vec<Score> {
-    seeds.iter().map(|seed| score(&clip(level, *seed, SECONDS, false))).collect()
+    seeds.iter().map(|seed| score(&clip(level, *seed, SECONDS, false)).0).collect()
 }
 
 /// Worst root mean square error of a keypoint [px]: what three times the films of the example's first ten seeds reach.

@@ -142,6 +142,7 @@ impl Proposal {
             keypoints,
             time_s,
             std_m: None,
+            pose_std_m: None,
         };
         let kind = match self.motion {
             Motion::Drop { .. } => RunKind::Drop,

@@ -14,6 +14,7 @@ use crate::hypothesis::state::State;
 use crate::initial::{self, StartError};
 use crate::loss::{Weighting, observations};
 use crate::noise::floor::{Floor, Seen, floor};
+use crate::noise::pose::PoseErrors;
 use crate::parameters::Parameters;
 use crate::simulate::Rehearsal;
 
@@ -148,6 +149,7 @@ pub(super) fn seen_floor(state: &State<'_>) -> Result<Floor, DiagnoseError> {
             residuals,
             time_s: &term.rehearsal.run.trajectory.time_s,
             start_s: state.start_s(run),
+            pose_std_m: PoseErrors::of(&term.rehearsal.run.trajectory).map(|errors| errors.rms_m()),
         })
         .collect();
     Ok(floor(&seen))

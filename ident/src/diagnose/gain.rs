@@ -11,6 +11,7 @@ use crate::fit::counts::Counts;
 use crate::fit::repeat::hold_out;
 use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
+use crate::noise::pose::PoseErrors;
 
 /// Bootstrap samples.
 const BOOTSTRAP_SAMPLES: usize = 2000;
@@ -45,6 +46,7 @@ impl Test<'_> {
         let predicted = |model: &Model, own: &mut Counts| hold_out(model, self.run, noise_m, own).ok();
         let predicted = counts.of_each(self.models.iter().collect(), predicted);
         let [Some(before), Some(after)] = &predicted[..] else { return None };
+        let pose_m = PoseErrors::of(&self.run.trajectory).map_or(0.0, |errors| errors.rms_m());
         let keypoints = 0..self.run.trajectory.keypoints.len();
         let rms = |fitted: &FittedRun| keypoints.clone().map(|k| rms_m(fitted, k)).collect();
         let shown = HeldOutRun {
@@ -52,7 +54,10 @@ impl Test<'_> {
             keypoints: self.run.trajectory.keypoints.clone(),
             rms_before_m: rms(before),
             rms_after_m: rms(after),
-            noise_floor_m: keypoints.clone().map(|k| *self.std_m.get(k).unwrap_or(&noise_m)).collect(),
+            noise_floor_m: keypoints
+                .clone()
+                .map(|k| self.std_m.get(k).unwrap_or(&noise_m).hypot(pose_m))
+                .collect(),
         };
         Some((shown, in_pieces(before, after)))
     }

@@ -15,6 +15,9 @@ use crate::statistics::{chi2_survival, one_value};
 const PORTMANTEAU_LAGS: usize = 8;
 /// Slow residuals this many standard deviations beyond noise are none.
 pub(super) const BEYOND_NOISE_Z: f64 = 6.0;
+/// The variance of what pictures get wrong with the pose is known to this share of it, 1 sigma: it is told by other pictures than
+/// these.
+const POSE_VARIANCE_STD: f64 = 0.5;
 /// What is left beyond noise is no objection below this share of what was explained.
 pub(super) const LEFT_OVER_SHARE: f64 = 0.03;
 /// Correlation that is no objection, however certain.
@@ -75,7 +78,9 @@ pub(super) fn goodness_of(
     let level = ((all - slow) / fast).max(f64::MIN_POSITIVE);
     let left = (functions - used).max(1.0);
     let excess = slow / level - left + lost;
-    let spread = 2.0 * left * (1.0 + left / fast) + (steep * floor.correlation_std * left).powi(2);
+    let pose = if floor.pose_std_m.is_some() { POSE_VARIANCE_STD * left } else { 0.0 };
+    let spread =
+        2.0 * left * (1.0 + left / fast) + (steep * floor.correlation_std * left).powi(2) + pose * pose;
     let correlations: Vec<f64> =
         products.iter().map(|product| product / squares.max(f64::MIN_POSITIVE)).collect();
     let portmanteau = count * correlations.iter().map(|r| r * r).sum::<f64>();
@@ -91,12 +96,12 @@ pub(super) fn goodness_of(
 }
 
 impl GoodnessOfFit {
-    /// Whether something beyond noise of `noise_m` \[m\] is left that matters, by itself, in `count` observations, and beside
+    /// Whether something beyond the noise of `floor` is left that matters, by itself, in `count` observations, and beside
     /// `explained`, the cost saved so far.
-    pub(super) fn objects(&self, explained: f64, noise_m: f64, count: usize) -> bool {
+    pub(super) fn objects(&self, explained: f64, floor: &Floor, count: usize) -> bool {
         let beside = LEFT_OVER_SHARE * explained;
-        let slow = self.z > BEYOND_NOISE_Z && self.excess > beside.max(negligible(noise_m, count));
-        let left_m = noise_m * (self.chi2 / self.degrees.max(1.0)).sqrt();
+        let slow = self.z > BEYOND_NOISE_Z && self.excess > beside.max(negligible(floor, count));
+        let left_m = floor.noise_m * (self.chi2 / self.degrees.max(1.0)).sqrt();
         let correlated = self.portmanteau_p < NO_CHANCE_P && self.correlation > LITTLE_CORRELATION;
         slow || correlated && self.chi2 > beside && left_m > NEGLIGIBLE_M
     }

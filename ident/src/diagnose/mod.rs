@@ -144,7 +144,7 @@ fn diagnosed(
         return Err(DiagnoseError::Interrupted);
     }
     let (mut baseline, mut floor) = baseline::baseline(experiment, parameters, &mut counts)?;
-    let mut search = sets::Search::new(experiment, &fitted, floor.noise_m, counts.apart(), &mut stage);
+    let mut search = sets::Search::new(experiment, &fitted, &floor, counts.apart(), &mut stage);
     let mut found = search.run(&baseline)?;
     if !found.leader.causes.is_empty() {
         let everywhere = !found.is_clear(&baseline);
@@ -160,7 +160,7 @@ fn diagnosed(
     }
     let explained = baseline.cost - found.leader.cost;
     let left = gates::goodness_of_fit(&found.leader, &floor);
-    let objected = left.objects(explained, floor.noise_m, baseline.count());
+    let objected = left.objects(explained, &floor, baseline.count());
     let stands_in = rivals::holds_bound(&found.leader);
     if objected || explained > sets::FAR_BENT_COST && (stands_in || !found.is_clear(&baseline)) {
         let most = if objected { sets::MOST_CAUSES } else { found.leader.causes.len() };

@@ -95,7 +95,7 @@ impl Search<'_> {
         scores: &Scores,
         list: impl Iterator<Item = Vec<usize>>,
     ) -> Vec<State<'a>> {
-        let noise_m = self.noise_m;
+        let noise_m = self.floor.noise_m;
         let starts =
             list.enumerate().flat_map(|(of, starts)| starts.into_iter().map(move |index| (of, index)));
         let first = self.counts.of_each(starts.collect(), |(of, index), counts| {
@@ -180,7 +180,7 @@ impl Search<'_> {
                 state.point.values[place] = parameter.scale.clamp(near.point.values[same]);
             }
         }
-        state.replan(self.noise_m, &self.counts);
+        state.replan(self.floor.noise_m, &self.counts);
         state.descend(&mut self.counts).then_some(state)
     }
 }

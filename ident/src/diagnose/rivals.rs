@@ -76,7 +76,7 @@ pub(super) fn contest<'a>(
     };
     let (cost, bic, count) = (baseline.cost, baseline.bic(), baseline.count());
     // what is nearly as good as what leaves too much leaves as much
-    if goodness_of_fit(&found.leader, floor).objects(cost - found.leader.cost, floor.noise_m, count) {
+    if goodness_of_fit(&found.leader, floor).objects(cost - found.leader.cost, floor, count) {
         return Contest::default();
     }
     let mut states = vec![found.leader.clone()];

@@ -39,7 +39,7 @@ impl Search<'_> {
                 best.push(state);
             }
         }
-        let noise_m = self.noise_m;
+        let noise_m = self.floor.noise_m;
         let refitted = self.counts.of_each(best, |mut state, counts| {
             for _ in 0..MOST_DESCENTS {
                 let before = state.cost;

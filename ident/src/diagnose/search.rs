@@ -26,7 +26,7 @@ const SAME_NOISE_SHARE: f64 = 0.04;
 impl Search<'_> {
     /// From here on noise is that of `floor`, for `baseline` too, which goes to its optimum with it.
     pub(super) fn weigh(&mut self, baseline: &mut State<'_>, floor: &Floor) {
-        self.noise_m = floor.noise_m;
+        self.floor = floor.clone();
         baseline.weigh(floor);
         baseline.descend(&mut self.counts);
     }
@@ -139,7 +139,7 @@ impl Search<'_> {
         let mut tried: Vec<State<'a>> = vec![baseline.clone()];
         let mut leader = baseline.clone();
         let mut beam: Vec<State<'a>> = Vec::new();
-        let matters = negligible(self.noise_m, baseline.count());
+        let matters = negligible(&self.floor, baseline.count());
         if self.promises(start, &first, matters) {
             self.says("refitting the most promising causes")?;
             beam = self.expand(start, &first, known);

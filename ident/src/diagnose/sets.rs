@@ -8,6 +8,7 @@ use crate::fit::counts::Counts;
 use crate::hypothesis::candidates::{self, Term};
 use crate::hypothesis::score::Scores;
 use crate::hypothesis::state::State;
+use crate::noise::floor::Floor;
 use crate::statistics::chi2_survival;
 
 /// A set of causes is better when its BIC is lower by more than this: odds of 150 to 1.
@@ -24,8 +25,8 @@ pub(super) const FURTHER_CAUSE_SHARE: f64 = 0.01;
 /// Cost saved an observation, in noise variances, below which a cause is there but does not matter: a twentieth of the noise's
 /// standard deviation.
 const NEGLIGIBLE_VARIANCES: f64 = 0.0025;
-/// Root mean square of a coordinate below which nothing matters, however certain \[m\]: pictures are wrong by a tenth of a pixel,
-/// on and on.
+/// Root mean square of a coordinate below which nothing matters, however certain \[m\], where nobody says what pictures get wrong
+/// with the pose: that may be a tenth of a pixel.
 pub(super) const NEGLIGIBLE_M: f64 = 2e-5;
 /// A cause that explains so much cost has bent the baseline so far that what bent it may not be what it points to.
 pub(super) const FAR_BENT_COST: f64 = 2000.0;
@@ -35,9 +36,11 @@ const FAR_BEHIND_SHARE: f64 = 0.1;
 /// explain it all.
 const WELL_EXPLAINED_VARIANCES: f64 = 3.0;
 
-/// The cost below which something may be there but does not matter, in `count` observations with noise of `noise_m` \[m\].
-pub(super) fn negligible(noise_m: f64, count: usize) -> f64 {
-    NEGLIGIBLE_VARIANCES.max((NEGLIGIBLE_M / noise_m).powi(2)) * count as f64
+/// The cost below which something may be there but does not matter, in `count` observations with the noise of `floor`.
+pub(super) fn negligible(floor: &Floor, count: usize) -> f64 {
+    // what follows the pose, where it is known, has left the cost already
+    let pictures = if floor.pose_std_m.is_some() { 0.0 } else { NEGLIGIBLE_M / floor.noise_m };
+    NEGLIGIBLE_VARIANCES.max(pictures.powi(2)) * count as f64
 }
 
 /// What was found.
@@ -73,8 +76,8 @@ pub(super) struct Search<'b> {
     pub(super) experiment: &'b Experiment,
     candidates: Vec<Term>,
     pub(super) counts: Counts,
-    /// The noise of one coordinate \[m\].
-    pub(super) noise_m: f64,
+    /// The noise.
+    pub(super) floor: Floor,
     /// Sets to which every candidate was tried to be added.
     pub(super) expanded: Vec<Vec<&'static str>>,
     stage: &'b mut dyn FnMut(&str) -> bool,
@@ -84,13 +87,13 @@ impl<'b> Search<'b> {
     pub(super) fn new(
         experiment: &'b Experiment,
         fitted: &[Cause],
-        noise_m: f64,
+        floor: &Floor,
         counts: Counts,
         stage: &'b mut dyn FnMut(&str) -> bool,
     ) -> Self {
         let free = Cause::ALL.iter().copied().filter(|cause| !fitted.contains(cause));
         let candidates = free.flat_map(|cause| Term::all(cause, &experiment.model)).collect();
-        Self { experiment, candidates, counts, noise_m, expanded: Vec::new(), stage }
+        Self { experiment, candidates, counts, floor: floor.clone(), expanded: Vec::new(), stage }
     }
 
     pub(super) fn says(&mut self, stage: &str) -> Result<(), DiagnoseError> {
@@ -117,7 +120,7 @@ impl<'b> Search<'b> {
         let chance = chi2_survival(gain, numbers as f64) * self.candidates.len() as f64;
         worse.bic() - better.bic() > BETTER_DELTA_BIC
             && chance < FALSE_ALARM_P
-            && gain > negligible(self.noise_m, better.count())
+            && gain > negligible(&self.floor, better.count())
     }
 
     /// Whether `better` is so much better than `worse`, with fewer causes, that it is neither chance nor how those are modelled.

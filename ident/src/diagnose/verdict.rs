@@ -50,7 +50,7 @@ pub(super) fn verdict<'a>(
     }
     let (rivals, others): (Vec<Rival>, Vec<Rival>) =
         contest.rivals.into_iter().partition(|rival| rival.behind <= AS_GOOD_DELTA_BIC);
-    let objected = !remarks.is_empty() || !accepted && before.objects(0.0, floor.noise_m, count);
+    let objected = !remarks.is_empty() || !accepted && before.objects(0.0, floor, count);
     let verdict = match leader.causes.len() {
         _ if objected => Verdict::Unexplained,
         _ if !accepted => Verdict::NothingDetectable,
@@ -163,7 +163,7 @@ impl Gates {
     }
 
     fn beyond_noise(&self, fitness: &GoodnessOfFit, floor: &Floor) -> bool {
-        fitness.objects(self.explained, floor.noise_m, self.count)
+        fitness.objects(self.explained, floor, self.count)
     }
 
     /// Why `leader` is no description of a cause.
@@ -265,8 +265,13 @@ fn sentence(
     let said: Vec<String> = list.iter().map(|cause| format!("{} ({})", cause.sentence, cause.name)).collect();
     match verdict {
         Verdict::NothingDetectable => format!(
-            "Nothing detectable: the simulation repeats the runs down to their noise of {} mm.",
-            millimetres(floor.noise_m)
+            "Nothing detectable: the simulation repeats the runs to {} mm, keypoints have a noise of {} mm{}.",
+            millimetres(before.rms_m),
+            millimetres(floor.noise_m),
+            match floor.pose_std_m {
+                Some(std_m) => format!(" and follow the pose wrongly by {} mm", millimetres(std_m)),
+                None => String::new(),
+            }
         ),
         Verdict::Cause | Verdict::Causes => capital(&format!("{}.", said.join("; and "))),
         Verdict::Ambiguous => {

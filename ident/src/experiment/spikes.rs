@@ -262,7 +262,13 @@ mod tests {
                 position_m.push([seen(x), f64::NAN, seen(z)]);
             }
         }
-        Trajectory { time_s, keypoints: vec!["P1".into(), "P2".into()], position_m, std_m: None }
+        Trajectory {
+            time_s,
+            keypoints: vec!["P1".into(), "P2".into()],
+            position_m,
+            std_m: None,
+            pose_std_m: None,
+        }
     }
 
     /// Swings on a circle of 80 mm at `hz`.

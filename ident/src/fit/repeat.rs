@@ -68,6 +68,7 @@ pub(crate) fn repeat(
             keypoints: measured.keypoints.clone(),
             position_m,
             std_m: None,
+            pose_std_m: None,
         },
         measured: measured.clone(),
         touch: touch.map(Into::into),

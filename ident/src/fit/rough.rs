@@ -39,6 +39,8 @@ impl Thinned {
             keypoints: whole.keypoints.clone(),
             position_m: cells().map(|cell| whole.position_m[cell]).collect(),
             std_m: whole.std_m.as_ref().map(|std_m| cells().map(|cell| std_m[cell]).collect()),
+            // its weights are for a start alone
+            pose_std_m: None,
         };
         Self { run: Run { trajectory, ..run.clone() }, stride }
     }

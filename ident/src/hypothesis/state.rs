@@ -12,6 +12,7 @@ use crate::fit::problem::{Linear, Point, Problem, Term};
 use crate::fit::repeat::repeat;
 use crate::noise::Whitening;
 use crate::noise::floor::Floor;
+use crate::noise::pose::PoseErrors;
 use crate::parameters::Parameters;
 use crate::simulate::Nuisance;
 
@@ -89,9 +90,13 @@ impl<'a> State<'a> {
                 let relative = relative[observation.instant * width + observation.keypoint];
                 observation.per_m = 1.0 / (run.std_m[observation.keypoint] * relative);
             }
-            let whitening =
-                Whitening::new(&term.observations, &trajectory.time_s, floor.correlation, run.interval_s);
-            term.whitening = Some(whitening);
+            term.whitening = Some(Whitening::new(
+                &term.observations,
+                &trajectory.time_s,
+                floor.correlation,
+                run.interval_s,
+                PoseErrors::of(trajectory).as_ref(),
+            ));
         }
         self.linear.clear();
     }

@@ -50,6 +50,8 @@ pub(crate) struct Floor {
     pub degrees: f64,
     /// Of these, the share of images that show the mechanism at rest.
     pub still_share: f64,
+    /// Standard deviation of what pictures get wrong with the pose, where every run states it \[m\].
+    pub pose_std_m: Option<f64>,
     /// By run, then keypoint.
     pub runs: Vec<RunFloor>,
 }
@@ -74,6 +76,8 @@ pub(crate) struct Seen<'a> {
     pub(crate) time_s: &'a [f64],
     /// Until then the mechanism rests \[s\].
     pub(crate) start_s: f64,
+    /// Standard deviation of what follows the pose, where it is stated \[m\].
+    pub(crate) pose_std_m: Option<f64>,
 }
 
 /// Images of coordinates that were seen at the same instants.
@@ -147,6 +151,10 @@ pub(crate) fn floor(runs: &[Seen<'_>]) -> Floor {
         correlation,
         correlation_std,
         degrees,
+        pose_std_m: runs.iter().map(|run| run.pose_std_m).collect::<Option<Vec<f64>>>().map(|all| {
+            let squares = all.iter().map(|std| std * std).sum::<f64>();
+            (squares / all.len().max(1) as f64).sqrt()
+        }),
         still_share: images(&|s| s.still) / images(&|s| s.time_s.len()).max(1.0),
         runs: runs
             .iter()
@@ -301,7 +309,7 @@ impl Stretch {
         let observations: Vec<Observation> = (0..self.time_s.len())
             .map(|instant| Observation { instant, keypoint: 0, axis: 0, measured_m: 0.0, per_m: 1.0 })
             .collect();
-        let whitening = Whitening::new(&observations, &self.time_s, correlation, interval_s);
+        let whitening = Whitening::new(&observations, &self.time_s, correlation, interval_s, None);
         let white = |mut matrix: DMatrix<f64>| {
             matrix.column_iter_mut().for_each(|mut column| whitening.apply(column.as_mut_slice()));
             matrix
@@ -352,7 +360,8 @@ pub(crate) fn slow_part(
     start_s: f64,
     interval_s: f64,
 ) -> Slow {
-    let seen = Seen { id: "", observations, residuals: residuals.as_slice(), time_s, start_s };
+    let seen =
+        Seen { id: "", observations, residuals: residuals.as_slice(), time_s, start_s, pose_std_m: None };
     let mut slow =
         Slow { squares: 0.0, functions: 0.0, all: residuals.norm_squared(), count: residuals.len() as f64 };
     for stretch in stretches(0, &seen, interval_s) {

@@ -3,6 +3,7 @@
 
 mod correlation;
 pub(crate) mod floor;
+pub(crate) mod pose;
 mod roughness;
 mod whitening;
 

@@ -1,25 +1,37 @@
-//! Takes out of residuals what the noise before them tells.
+//! Takes out of residuals what those before them tell.
 //!
-//! The noise of a coordinate is a first-order autoregression: what is correlated by rho from one image to the next is by
-//! rho^d over d times the usual time between images. Each residual minus what the one before says of it, over the root of
-//! what is left of its variance, is white; the same linear map on derivatives makes least squares the maximum of the
-//! likelihood.
+//! An error of a coordinate has two parts. Noise is a first-order autoregression in time: what is correlated by rho from one
+//! image to the next is by rho^d over d times the usual time between images. What pictures get wrong with the pose
+//! ([`PoseErrors`]) is one in the way that the mechanism has gone: it stays while the mechanism rests. A Kalman filter knows what
+//! all errors before say of the next one; what is left, over the root of its variance, is white. That is a linear map, and
+//! the same map on derivatives makes least squares the maximum of the likelihood.
+//!
+//! # Source
+//! R. E. Kalman, "A new approach to linear filtering and prediction problems", Journal of Basic Engineering 82 (1960) 35-45;
+//! innovations as a likelihood: F. C. Schweppe, IEEE Transactions on Information Theory 11 (1965) 61-70.
 
+use super::pose::PoseErrors;
 use crate::loss::Observation;
 
 /// The map for the observations of one run.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Whitening {
-    /// For each observation the one before of the same coordinate.
-    before: Vec<Option<Link>>,
+    /// For each observation.
+    steps: Vec<Step>,
 }
 
-/// How an observation's noise hangs on an earlier one's.
+/// What the observations before say of one.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Link {
-    earlier: usize,
-    correlation: f64,
-    /// One over the root of what the earlier one leaves of its variance.
+struct Step {
+    /// The observation before of the same coordinate.
+    earlier: Option<usize>,
+    /// How much is left since then of noise and of what follows the pose.
+    kept: [f64; 2],
+    /// Standard deviation of what follows the pose, over that of noise.
+    pose: f64,
+    /// By how much of what is new noise and what follows the pose are known better, both in standard deviations.
+    gain: [f64; 2],
+    /// One over the standard deviation of what is new.
     scale: f64,
 }
 
@@ -27,40 +39,63 @@ struct Link {
 const MOST_CORRELATED: f64 = 0.999;
 
 impl Whitening {
-    /// For `observations` of images at `time_s` \[s\] with `correlation` over `interval_s` \[s\].
+    /// For `observations` of images at `time_s` \[s\] with noise of `correlation` over `interval_s` \[s\], weighed by it, and what
+    /// follows the pose, where that is known.
     pub(crate) fn new(
         observations: &[Observation],
         time_s: &[f64],
         correlation: f64,
         interval_s: f64,
+        pose: Option<&PoseErrors>,
     ) -> Self {
         let width = observations.iter().map(|o| o.keypoint + 1).max().unwrap_or(0);
-        let mut last: Vec<Option<usize>> = vec![None; 3 * width];
-        let mut before = Vec::with_capacity(observations.len());
-        for (row, observation) in observations.iter().enumerate() {
-            let series = &mut last[3 * observation.keypoint + observation.axis];
-            before.push(series.map(|earlier| {
-                let apart_s = time_s[observation.instant] - time_s[observations[earlier].instant];
-                let correlation = correlation.powf(apart_s / interval_s).clamp(0.0, MOST_CORRELATED);
-                Link { earlier, correlation, scale: (1.0 - correlation * correlation).sqrt().recip() }
-            }));
-            *series = Some(row);
+        let mut last: Vec<Option<(usize, [[f64; 2]; 2])>> = vec![None; 3 * width];
+        let mut steps = Vec::with_capacity(observations.len());
+        for (row, now) in observations.iter().enumerate() {
+            let series = &mut last[3 * now.keypoint + now.axis];
+            let share = pose.map_or(0.0, |pose| pose.std_m(now) * now.per_m);
+            let (earlier, kept, [[a, b], [_, d]]) = match *series {
+                None => (None, [0.0; 2], [[1.0, 0.0], [0.0, 1.0]]),
+                Some((earlier, [[a, b], [_, d]])) => {
+                    let before = &observations[earlier];
+                    let apart_s = time_s[now.instant] - time_s[before.instant];
+                    let noise = correlation.powf(apart_s / interval_s).clamp(0.0, MOST_CORRELATED);
+                    let stays = pose.map_or(0.0, |pose| pose.correlation(before, now));
+                    let (noise2, stays2) = (noise * noise, stays * stays);
+                    let across = noise * stays * b;
+                    let after = [[1.0 + noise2 * (a - 1.0), across], [across, 1.0 + stays2 * (d - 1.0)]];
+                    (Some(earlier), [noise, stays], after)
+                }
+            };
+            // what an observation, noise + share * pose, has in common with each
+            let shared = [a + share * b, b + share * d];
+            let variance = shared[0] + share * shared[1];
+            let gain = shared.map(|one| one / variance);
+            let left = [
+                [a - gain[0] * shared[0], b - gain[0] * shared[1]],
+                [b - gain[1] * shared[0], d - gain[1] * shared[1]],
+            ];
+            *series = Some((row, left));
+            steps.push(Step { earlier, kept, pose: share, gain, scale: variance.sqrt().recip() });
         }
-        Self { before }
+        Self { steps }
     }
 
     /// Whitens `numbers`, one an observation.
     pub(crate) fn apply(&self, numbers: &mut [f64]) {
-        for row in (0..numbers.len()).rev() {
-            if let Some(Link { earlier, correlation, scale }) = self.before[row] {
-                numbers[row] = (numbers[row] - correlation * numbers[earlier]) * scale;
-            }
+        let mut known: Vec<[f64; 2]> = Vec::with_capacity(numbers.len());
+        for (number, step) in numbers.iter_mut().zip(&self.steps) {
+            let before = step.earlier.map_or([0.0; 2], |earlier| known[earlier]);
+            let [noise, pose] = [step.kept[0] * before[0], step.kept[1] * before[1]];
+            let new = *number - noise - step.pose * pose;
+            known.push([noise + step.gain[0] * new, pose + step.gain[1] * new]);
+            *number = new * step.scale;
         }
     }
 
-    /// Logarithm of the determinant of the noise's correlation matrix.
+    /// Logarithm of the determinant of the errors' covariance, in units of the noise's.
     pub(crate) fn ln_determinant(&self) -> f64 {
-        -2.0 * self.before.iter().flatten().map(|link| link.scale.ln()).sum::<f64>()
+        -2.0 * self.steps.iter().map(|step| step.scale.ln()).sum::<f64>()
     }
 }
 
@@ -68,17 +103,37 @@ impl Whitening {
 mod tests {
     use super::*;
 
-    #[test]
-    fn whitened_columns_have_the_inverse_correlation_as_their_product() {
-        let at = |instant: usize| Observation { instant, keypoint: 0, axis: 0, measured_m: 0.0, per_m: 1.0 };
-        let time_s = [0.0, 0.01, 0.02, 0.05];
-        let (rho, list): (f64, Vec<_>) = (0.6, (0..4).map(at).collect());
-        let whitening = Whitening::new(&list, &time_s, rho, 0.01);
-        let matrix = nalgebra::DMatrix::from_fn(4, 4, |i, j| rho.powf((time_s[i] - time_s[j]).abs() / 0.01));
-        let mut white = nalgebra::DMatrix::<f64>::identity(4, 4);
+    /// Whitened unit columns, and the determinant, against a covariance.
+    fn agrees(whitening: &Whitening, covariance: &nalgebra::DMatrix<f64>) {
+        let size = covariance.nrows();
+        let mut white = nalgebra::DMatrix::<f64>::identity(size, size);
         white.column_iter_mut().for_each(|mut column| whitening.apply(column.as_mut_slice()));
-        let unity = &white * &matrix * white.transpose();
-        assert!((unity - nalgebra::DMatrix::identity(4, 4)).amax() < 1e-12);
-        assert!((whitening.ln_determinant() - matrix.determinant().ln()).abs() < 1e-12);
+        let unity = &white * covariance * white.transpose();
+        assert!((unity - nalgebra::DMatrix::identity(size, size)).amax() < 1e-12);
+        assert!((whitening.ln_determinant() - covariance.determinant().ln()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn whitened_columns_have_the_inverse_covariance_as_their_product() {
+        let at = |instant: usize| Observation { instant, keypoint: 0, axis: 0, measured_m: 0.0, per_m: 1e5 };
+        let time_s: [f64; 4] = [0.0, 0.01, 0.02, 0.05];
+        let (rho, list): (f64, Vec<_>) = (0.6, (0..4).map(at).collect());
+        let noise = nalgebra::DMatrix::from_fn(4, 4, |i, j| rho.powf((time_s[i] - time_s[j]).abs() / 0.01));
+        agrees(&Whitening::new(&list, &time_s, rho, 0.01, None), &noise);
+
+        // at rest, on by 0.1 mm, and far away
+        let x_m = [0.0, 0.0, 1e-4, 5e-2];
+        let trajectory = sim::Trajectory {
+            time_s: time_s.to_vec(),
+            keypoints: vec!["P1".into()],
+            position_m: x_m.iter().map(|&x| [x, f64::NAN, 0.0]).collect(),
+            std_m: None,
+            pose_std_m: Some(vec![2e-5; 4]),
+        };
+        let pose = PoseErrors::of(&trajectory).unwrap();
+        let stays = |i: usize, j: usize| pose.correlation(&list[i.min(j)], &list[i.max(j)]);
+        assert_eq!((stays(0, 1), stays(0, 2) < 1.0, stays(2, 3) < 1e-6), (1.0, true, true));
+        let both = nalgebra::DMatrix::from_fn(4, 4, |i, j| noise[(i, j)] + 4.0 * stays(i, j));
+        agrees(&Whitening::new(&list, &time_s, rho, 0.01, Some(&pose)), &both);
     }
 }

@@ -19,13 +19,16 @@ fn flat(trajectory: &Trajectory) -> Vec<f64> {
 
 #[test]
 fn absent_axes_gaps_and_uneven_times_are_read() {
-    let read =
-        trajectory("time_s,P1_x_m,P1_z_m,P2_z_m,P1_std_m\n0,0.1,,0.3,0.001\n0.5,0.2,-0.1,,\n").unwrap();
+    let read = trajectory(
+        "time_s,P1_x_m,P1_z_m,P2_z_m,P1_std_m,P1_pose_std_m\n0,0.1,,0.3,0.001,2e-4\n0.5,0.2,-0.1,,,\n",
+    )
+    .unwrap();
     assert_eq!(read.keypoints, ["P1", "P2"]);
     assert_eq!(read.time_s, [0.0, 0.5]);
     let nan = f64::NAN;
     assert!(same(&flat(&read), &[0.1, nan, nan, nan, nan, 0.3, 0.2, nan, -0.1, nan, nan, nan]));
     assert!(same(&read.std_m.unwrap(), &[0.001, nan, nan, nan]));
+    assert!(same(&read.pose_std_m.unwrap(), &[2e-4, nan, nan, nan]));
 }
 
 #[test]
@@ -124,6 +127,7 @@ proptest! {
             keypoints: vec!["P1".into(), "tip_a".into()],
             position_m: cells[..rows * width].iter().map(|c| [c.1, c.2, c.3]).collect(),
             std_m: Some(cells[..rows * width].iter().map(|c| c.4).collect()),
+            pose_std_m: Some(cells[..rows * width].iter().map(|c| c.4 / 3.0).collect()),
         };
         // One axis of one keypoint was never observed.
         for row in 0..rows {
@@ -135,6 +139,7 @@ proptest! {
         prop_assert!(same(&flat(&read), &flat(&wanted)));
         if rows > 0 {
             prop_assert!(same(&read.std_m.unwrap(), &wanted.std_m.unwrap()));
+            prop_assert!(same(&read.pose_std_m.unwrap(), &wanted.pose_std_m.unwrap()));
         }
     }
 }

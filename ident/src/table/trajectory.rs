@@ -1,4 +1,4 @@
-//! `trajectory.csv`: `time_s,P1_x_m,P1_z_m,...`, optionally `P1_std_m`.
+//! `trajectory.csv`: `time_s,P1_x_m,P1_z_m,...`, optionally `P1_std_m` and the part of it that follows the pose, `P1_pose_std_m`.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -13,18 +13,52 @@ const STD_WANTED: &str = "a finite number of metres above 0; leave the cell empt
 /// What a column other than the time holds.
 enum Quantity {
     Axis(usize),
-    Std,
+    /// Of all, or of what follows the pose.
+    Std(Deviation),
+}
+
+/// A column of standard deviations.
+#[derive(Clone, Copy, PartialEq)]
+enum Deviation {
+    Whole,
+    Pose,
+}
+
+impl Deviation {
+    const ALL: [Self; 2] = [Self::Whole, Self::Pose];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Whole => "std",
+            Self::Pose => "pose_std",
+        }
+    }
+
+    /// Its cells in `trajectory`.
+    fn of(self, trajectory: &Trajectory) -> Option<&Vec<f64>> {
+        match self {
+            Self::Whole => trajectory.std_m.as_ref(),
+            Self::Pose => trajectory.pose_std_m.as_ref(),
+        }
+    }
 }
 
 /// `P1_x_m` is keypoint `P1`, axis 0.
 fn meaning(title: &str) -> Option<(&str, Quantity)> {
-    let (keypoint, quantity) = title.strip_suffix("_m")?.rsplit_once('_')?;
-    let quantity = match quantity {
-        "x" => Quantity::Axis(0),
-        "y" => Quantity::Axis(1),
-        "z" => Quantity::Axis(2),
-        "std" => Quantity::Std,
-        _ => return None,
+    let all = title.strip_suffix("_m")?;
+    let (keypoint, quantity) = match all.strip_suffix("_pose_std") {
+        Some(keypoint) => (keypoint, Quantity::Std(Deviation::Pose)),
+        None => {
+            let (keypoint, quantity) = all.rsplit_once('_')?;
+            let quantity = match quantity {
+                "x" => Quantity::Axis(0),
+                "y" => Quantity::Axis(1),
+                "z" => Quantity::Axis(2),
+                "std" => Quantity::Std(Deviation::Whole),
+                _ => return None,
+            };
+            (keypoint, quantity)
+        }
     };
     (!keypoint.is_empty()).then_some((keypoint, quantity))
 }
@@ -50,7 +84,7 @@ pub fn parse_trajectory(text: &str, path: &Path) -> Result<Trajectory, TableErro
     for (column, title) in rows.header.iter().enumerate().skip(1) {
         let (keypoint, quantity) = meaning(title).ok_or_else(|| {
             refuse(format!(
-                "unknown column `{title}`; wanted are <keypoint>_x_m, <keypoint>_y_m, <keypoint>_z_m and <keypoint>_std_m"
+                "unknown column `{title}`; wanted are <keypoint>_x_m, <keypoint>_y_m, <keypoint>_z_m, <keypoint>_std_m and <keypoint>_pose_std_m"
             ))
         })?;
         let index = keypoints.iter().position(|known| known == keypoint).unwrap_or_else(|| {
@@ -74,27 +108,32 @@ pub fn parse_trajectory(text: &str, path: &Path) -> Result<Trajectory, TableErro
     let time_s = rows.times()?;
     let (width, length) = (keypoints.len(), time_s.len());
     let mut position_m = vec![[f64::NAN; 3]; length * width];
-    let has_std = columns.iter().any(|(.., quantity)| matches!(quantity, Quantity::Std));
-    let mut std_m = has_std.then(|| vec![f64::NAN; length * width]);
+    let mut stds_m = Deviation::ALL.map(|one| {
+        let is_there =
+            columns.iter().any(|(.., quantity)| matches!(quantity, Quantity::Std(own) if *own == one));
+        is_there.then(|| vec![f64::NAN; length * width])
+    });
     for row in 0..length {
         for &(column, keypoint, ref quantity) in &columns {
             let cell = row * width + keypoint;
-            match (quantity, &mut std_m) {
-                (Quantity::Axis(axis), _) => {
+            match quantity {
+                Quantity::Axis(axis) => {
                     position_m[cell][*axis] = rows.number_or_gap(row, column, COORDINATE_WANTED)?;
                 }
-                (Quantity::Std, Some(std_m)) => {
+                Quantity::Std(deviation) => {
                     let std = rows.number_or_gap(row, column, STD_WANTED)?;
                     if std <= 0.0 {
                         return Err(rows.cell(row, column, STD_WANTED));
                     }
-                    std_m[cell] = std;
+                    if let Some(std_m) = &mut stds_m[*deviation as usize] {
+                        std_m[cell] = std;
+                    }
                 }
-                (Quantity::Std, None) => {}
             }
         }
     }
-    Ok(Trajectory { time_s, keypoints, position_m, std_m })
+    let [std_m, pose_std_m] = stds_m;
+    Ok(Trajectory { time_s, keypoints, position_m, std_m, pose_std_m })
 }
 
 /// Writes `trajectory` to `path`.
@@ -122,15 +161,14 @@ pub fn trajectory_text(trajectory: &Trajectory) -> String {
         }
         columns.extend(axes.into_iter().map(|axis| (keypoint, Quantity::Axis(axis))));
         let stated = |std: &Vec<f64>| std.iter().skip(keypoint).step_by(width).any(|s| s.is_finite());
-        if trajectory.std_m.as_ref().is_some_and(stated) {
-            columns.push((keypoint, Quantity::Std));
-        }
+        let deviations = Deviation::ALL.into_iter().filter(|one| one.of(trajectory).is_some_and(stated));
+        columns.extend(deviations.map(|one| (keypoint, Quantity::Std(one))));
     }
     let mut text = String::from("time_s");
     for (keypoint, quantity) in &columns {
         let name = match quantity {
             Quantity::Axis(axis) => ["x", "y", "z"][*axis],
-            Quantity::Std => "std",
+            Quantity::Std(deviation) => deviation.name(),
         };
         // Writing into a string cannot fail.
         let _ = write!(text, ",{}_{name}_m", trajectory.keypoints[*keypoint]);
@@ -142,7 +180,7 @@ pub fn trajectory_text(trajectory: &Trajectory) -> String {
             let cell = row * width + keypoint;
             let value = match quantity {
                 Quantity::Axis(axis) => trajectory.position_m[cell][*axis],
-                Quantity::Std => trajectory.std_m.as_ref().map_or(f64::NAN, |std| std[cell]),
+                Quantity::Std(deviation) => deviation.of(trajectory).map_or(f64::NAN, |std| std[cell]),
             };
             text.push(',');
             if value.is_finite() {

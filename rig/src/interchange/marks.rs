@@ -6,6 +6,7 @@ use super::error::listed;
 use super::{Imported, InterchangeError};
 use crate::calibration::{Plane, Px};
 use crate::vision::Keypoint;
+use crate::vision::keypoints::Sigma;
 
 /// A body part in one image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -169,7 +170,7 @@ fn place(mark: Mark, plane: &Plane, least_likelihood: f64, std_px: f64) -> Resul
     if let Some(likelihood) = mark.likelihood.filter(|likelihood| *likelihood < least_likelihood) {
         return Err(format!("likelihood {likelihood:.3} is below {least_likelihood}"));
     }
-    let keypoint = Keypoint::seen(px, std_px, plane);
+    let keypoint = Keypoint::seen(px, Sigma::untold(std_px), plane);
     match keypoint.metres.iter().all(|metres| metres.is_finite()) {
         true => Ok(keypoint),
         false => Err(format!("the calibration shows no place at [{}, {}] px", px[0], px[1])),

@@ -223,6 +223,7 @@ mod tests {
             keypoints: vec!["P1".into()],
             position_m: x_m.iter().map(|&x| [x, f64::NAN, 0.0]).collect(),
             std_m: None,
+            pose_std_m: None,
         }
     }
 

@@ -365,9 +365,9 @@ impl Extractor {
     ) -> ImageRecord {
         let (status, reason, keypoints, centreline) = match placed {
             Ok(Placed { found, line, doubt }) => {
-                let keypoints = found.points.iter().zip(&found.std_px);
+                let keypoints = found.points.iter().zip(&found.sigmas);
                 let keypoints =
-                    keypoints.map(|(px, std_px)| Keypoint::seen(*px, *std_px, &self.plane)).collect();
+                    keypoints.map(|(px, sigma)| Keypoint::seen(*px, *sigma, &self.plane)).collect();
                 let status = if doubt.is_some() { Status::Doubtful } else { Status::Ok };
                 (status, doubt.unwrap_or_default(), keypoints, line)
             }

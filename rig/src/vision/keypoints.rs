@@ -18,8 +18,31 @@ use crate::calibration::Px;
 pub struct Found {
     /// Positions \[px\].
     pub points: Vec<Px>,
-    /// Sigma of each, per axis \[px\].
-    pub std_px: Vec<f64>,
+    /// Sigma of each.
+    pub sigmas: Vec<Sigma>,
+}
+
+/// How far off a keypoint may be, 1 sigma per axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sigma {
+    /// By what is each image's own \[px\].
+    pub white_px: f64,
+    /// By what comes back with the pose \[px\]: how the outline lies on the pixels, and what is known of the mechanism's shape only so
+    /// far.
+    pub pose_px: f64,
+}
+
+impl Sigma {
+    /// Of `whole_px`, where nothing tells its parts: half of its variance each.
+    pub fn untold(whole_px: f64) -> Self {
+        let part = whole_px * std::f64::consts::FRAC_1_SQRT_2;
+        Self { white_px: part, pose_px: part }
+    }
+
+    /// Both together \[px\].
+    pub fn whole_px(&self) -> f64 {
+        self.white_px.hypot(self.pose_px)
+    }
 }
 
 /// What keypoints are placed on: one image's silhouette, its edge and its middle.
@@ -65,7 +88,7 @@ pub fn place(outline: &Outline, gates: &Gates, plane: &Plane, shape: &Shape) -> 
             let fitted = on_links(&chain, shape)?;
             let overlap = chain.drawn(&fitted, shape.mask).overlap(shape.mask);
             check_overlap(overlap, gates)?;
-            Ok(Found { points: fitted.points, std_px: fitted.std_px })
+            Ok(Found { points: fitted.points, sigmas: untold(&fitted.std_px) })
         }
     }
 }
@@ -79,7 +102,7 @@ fn on_medial_path(links: usize, line: &Centreline) -> Found {
     let half = line.mean_half_width();
     Found {
         points: (0..=links).map(|i| point_at(&line.medial, &lengths, total * share(i))).collect(),
-        std_px: (0..=links).map(|i| half * share(i).hypot(1.0 - share(i))).collect(),
+        sigmas: (0..=links).map(|i| Sigma::untold(half * share(i).hypot(1.0 - share(i)))).collect(),
     }
 }
 
@@ -99,8 +122,12 @@ fn on_arc(outline: &Outline, shape: &Shape) -> Found {
     let shares = &outline.shares;
     Found {
         points: shares.iter().map(|share| point_at(&points, &lengths, share * total)).collect(),
-        std_px: shares.iter().map(|&share| std(share)).collect(),
+        sigmas: shares.iter().map(|&share| Sigma::untold(std(share))).collect(),
     }
+}
+
+fn untold(std_px: &[f64]) -> Vec<Sigma> {
+    std_px.iter().map(|std_px| Sigma::untold(*std_px)).collect()
 }
 
 /// The chain that `outline` describes, in pixels where `shape` is.

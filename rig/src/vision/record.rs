@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Mask;
 use super::extractor::Learned;
+use super::keypoints::Sigma;
 use crate::calibration::Plane;
 use crate::calibration::Px;
 
@@ -26,16 +27,23 @@ pub struct Keypoint {
     pub px: Px,
     /// Sigma per axis in the picture \[px\].
     pub std_px: f64,
+    /// The part of it that comes back with the pose \[px\].
+    pub pose_std_px: f64,
     /// Position in the plane of motion, `[x, z]` \[m\].
     pub metres: [f64; 2],
     /// Sigma per axis \[m\].
     pub std_m: f64,
+    /// The part of it that comes back with the pose \[m\].
+    pub pose_std_m: f64,
 }
 
 impl Keypoint {
-    /// A keypoint seen at `px`, sigma `std_px` per axis, in the plane of motion.
-    pub fn seen(px: Px, std_px: f64, plane: &Plane) -> Self {
-        Self { px, std_px, metres: plane.metres(px), std_m: std_px * plane.metres_per_pixel(px) }
+    /// A keypoint seen at `px`, as surely as `sigma` says, in the plane of motion.
+    pub fn seen(px: Px, sigma: Sigma, plane: &Plane) -> Self {
+        let (std_px, pose_std_px) = (sigma.whole_px(), sigma.pose_px);
+        let scale_m = plane.metres_per_pixel(px);
+        let (std_m, pose_std_m) = (std_px * scale_m, pose_std_px * scale_m);
+        Self { px, std_px, pose_std_px, metres: plane.metres(px), std_m, pose_std_m }
     }
 }
 
@@ -77,7 +85,7 @@ pub(crate) fn trajectory(records: &[ImageRecord], links: usize) -> sim::Trajecto
         keypoints: (0..=links).map(|i| format!("P{i}")).collect(),
         ..sim::Trajectory::default()
     };
-    let mut std_m = Vec::new();
+    let (mut std_m, mut pose_std_m) = (Vec::new(), Vec::new());
     for record in records {
         trajectory.time_s.push(record.time_s);
         for i in 0..=links {
@@ -85,9 +93,12 @@ pub(crate) fn trajectory(records: &[ImageRecord], links: usize) -> sim::Trajecto
             let [x, z] = keypoint.map_or([f64::NAN; 2], |k| k.metres);
             trajectory.position_m.push([x, f64::NAN, z]);
             std_m.push(keypoint.map_or(f64::NAN, |k| k.std_m));
+            let pose = keypoint.map(|k| k.pose_std_m).filter(|std| *std > 0.0);
+            pose_std_m.push(pose.unwrap_or(f64::NAN));
         }
     }
     trajectory.std_m = Some(std_m);
+    trajectory.pose_std_m = Some(pose_std_m);
     trajectory
 }
 
@@ -130,11 +141,22 @@ pub struct StoredKeypoint {
     pub px: Px,
     /// Sigma per axis \[px\].
     pub std_px: f64,
+    /// The part of it that comes back with the pose \[px\]; 0 in runs from before it was told apart.
+    #[serde(default)]
+    pub pose_std_px: f64,
+}
+
+impl StoredKeypoint {
+    fn sigma(&self) -> Sigma {
+        let white = self.std_px.powi(2) - self.pose_std_px.powi(2);
+        Sigma { white_px: white.max(0.0).sqrt(), pose_px: self.pose_std_px }
+    }
 }
 
 impl From<&ImageRecord> for StoredRecord {
     fn from(record: &ImageRecord) -> Self {
-        let keypoint = |k: &Keypoint| StoredKeypoint { px: k.px, std_px: k.std_px };
+        let keypoint =
+            |k: &Keypoint| StoredKeypoint { px: k.px, std_px: k.std_px, pose_std_px: k.pose_std_px };
         Self {
             name: record.name.clone(),
             time_s: record.time_s,
@@ -154,7 +176,7 @@ impl StoredRecord {
             time_s: self.time_s,
             status: self.status,
             reason: self.reason.clone(),
-            keypoints: self.keypoints.iter().map(|k| Keypoint::seen(k.px, k.std_px, plane)).collect(),
+            keypoints: self.keypoints.iter().map(|k| Keypoint::seen(k.px, k.sigma(), plane)).collect(),
             mask: self.mask.clone(),
             centreline: Vec::new(),
         }

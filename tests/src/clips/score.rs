@@ -32,8 +32,9 @@ pub struct Score {
     pub refused: Option<String>,
 }
 
-/// Reads `clip` on the caller's pool of threads, as `rig extract` does, and judges what comes out.
-pub fn score(clip: &Clip) -> Score {
+/// Reads `clip` on the caller's pool of threads, as `rig extract` does, and judges what comes out; with the extraction, unless it is
+/// refused.
+pub fn score(clip: &Clip) -> (Score, Option<Extraction>) {
     let mut first = None;
     let found = Task::new(&clip.config, None, clip.plane.clone(), Path::new("")).map_err(SequenceError::from);
     let found = found.and_then(|task| {
@@ -46,10 +47,10 @@ pub fn score(clip: &Clip) -> Score {
         (clip.images.len() - portion) as f64 / since.elapsed().as_secs_f64()
     });
     match found {
-        Ok(extraction) => Score { images_per_s: took, ..judged(clip, &extraction) },
+        Ok(extraction) => (Score { images_per_s: took, ..judged(clip, &extraction) }, Some(extraction)),
         Err(error) => {
             let refused = Some(rig::error_chain::with_causes(&error));
-            Score { refused, ..judged_nothing(clip) }
+            (Score { refused, ..judged_nothing(clip) }, None)
         }
     }
 }

@@ -89,6 +89,7 @@ fn what_is_written_is_read_back_with_its_gaps() {
         keypoints: vec!["P0".into(), "P1".into()],
         position_m: vec![[0.0, f64::NAN, 0.0], [0.025, f64::NAN, -0.01], gap, [0.01, f64::NAN, -0.02]],
         std_m: None,
+        pose_std_m: None,
     };
     let text = text(&trajectory, &plane).unwrap();
     assert!(

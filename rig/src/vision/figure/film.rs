@@ -9,6 +9,7 @@ use super::edges::View;
 use super::fit::{Fitted, fit};
 use super::{Figure, Prior};
 use crate::calibration::Px;
+use crate::vision::keypoints::Sigma;
 use crate::vision::rejection::Rejection;
 use crate::vision::spline::distance;
 
@@ -253,10 +254,10 @@ impl Film {
     }
 
     /// P0..Pn where a fit puts them \[px\], sigma of each per axis, and the middle line.
-    pub(in crate::vision) fn keypoints(&self, fitted: &Fitted) -> (Vec<Px>, Vec<f64>, Vec<Px>) {
-        let (points, std_px) = fitted.keypoints(self.figure.as_ref(), &self.canvas);
+    pub(in crate::vision) fn keypoints(&self, fitted: &Fitted) -> (Vec<Px>, Vec<Sigma>, Vec<Px>) {
+        let (points, sigmas) = fitted.keypoints(self.figure.as_ref(), &self.canvas);
         let line = self.figure.line(&fitted.pose).into_iter().map(|at| self.canvas.px(at)).collect();
-        (points, std_px, line)
+        (points, sigmas, line)
     }
 
     /// A number that all images share, and its sigma \[px\].

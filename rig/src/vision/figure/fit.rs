@@ -7,6 +7,7 @@ use super::canvas::Canvas;
 use super::edges::{Rim, Seen, View};
 use super::{Figure, Prior};
 use crate::calibration::Px;
+use crate::vision::keypoints::Sigma;
 
 /// A figure where a picture shows it.
 #[derive(Debug, Clone)]
@@ -36,8 +37,9 @@ pub(in crate::vision) struct Support {
 
 /// What pixel sampling leaves of an edge however often it is seen, 1 sigma \[px\]; measured on renders.
 const FLOOR_PX: f64 = 0.03;
-/// The same of a keypoint, which many edges tell, 1 sigma \[px\].
-const KEYPOINT_FLOOR_PX: f64 = 0.03;
+/// What is wrong with a keypoint, which many edges tell, by how these lie on the pixels, 1 sigma \[px\]: every image of a pose repeats
+/// it. Measured on the mock's pictures (0.02 to 0.03) and on the clips of `tests/src/clips` (0.01 to 0.02).
+const POSE_FLOOR_PX: f64 = 0.02;
 /// Neighbouring places share pixels, and so their noise.
 const CORRELATED_PLACES: f64 = 1.5;
 /// How the reach shrinks, and its end \[px\].
@@ -202,19 +204,39 @@ pub(in crate::vision) fn fit(
 
 impl Fitted {
     /// P0..Pn in the picture \[px\], and sigma of each per axis.
-    pub(in crate::vision) fn keypoints(&self, figure: &dyn Figure, canvas: &Canvas) -> (Vec<Px>, Vec<f64>) {
+    pub(in crate::vision) fn keypoints(&self, figure: &dyn Figure, canvas: &Canvas) -> (Vec<Px>, Vec<Sigma>) {
         let size = figure.size();
         let (points, slopes) = figure.points(&self.pose);
-        let std_px = slopes.chunks_exact(2 * size).zip(&points).map(|(rows, at)| {
+        let alone = self.covariance_alone(figure);
+        let sigmas = slopes.chunks_exact(2 * size).zip(&points).map(|(rows, at)| {
             let [[a, b], [c, d]] = canvas.jacobian(*at);
-            let variance = |row: [f64; 2]| {
-                let by = DVector::from_fn(size, |k, _| row[0] * rows[k] + row[1] * rows[size + k]);
-                by.dot(&(&self.covariance * &by))
+            let variance = |covariance: &DMatrix<f64>| {
+                let of_row = |row: [f64; 2]| {
+                    let by = DVector::from_fn(size, |k, _| row[0] * rows[k] + row[1] * rows[size + k]);
+                    by.dot(&(covariance * &by))
+                };
+                ((of_row([a, b]) + of_row([c, d])) / 2.0).max(0.0)
             };
-            ((variance([a, b]) + variance([c, d])) / 2.0).max(0.0).sqrt().hypot(KEYPOINT_FLOOR_PX)
+            let (whole, own) = (variance(&self.covariance), variance(&alone));
+            Sigma {
+                white_px: own.min(whole).sqrt(),
+                pose_px: (whole - own).max(0.0).sqrt().hypot(POSE_FLOOR_PX),
+            }
         });
-        let std_px = std_px.collect();
-        (points.into_iter().map(|at| canvas.px(at)).collect(), std_px)
+        let sigmas = sigmas.collect();
+        (points.into_iter().map(|at| canvas.px(at)).collect(), sigmas)
+    }
+
+    /// Covariance of the numbers by what is this picture's own, its noise: were those known that all images share.
+    fn covariance_alone(&self, figure: &dyn Figure) -> DMatrix<f64> {
+        let (size, shared) = (figure.size(), figure.shared());
+        let own = size - shared;
+        let stiff = &self.information + figure.stiffness();
+        let mut covariance = DMatrix::zeros(size, size);
+        if let Some(factor) = stiff.view((shared, shared), (own, own)).into_owned().cholesky() {
+            covariance.view_mut((shared, shared), (own, own)).copy_from(&factor.inverse());
+        }
+        covariance
     }
 
     /// All parts together.
