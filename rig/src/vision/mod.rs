@@ -35,6 +35,7 @@ pub mod record;
 pub mod rejection;
 pub mod sample;
 pub mod sequence;
+pub mod silhouettes;
 pub mod spline;
 mod static_mask;
 pub mod thin;
