@@ -11,7 +11,7 @@ use super::mask::Mask;
 use super::outline::Outline;
 use super::record::{Extraction, ImageRecord};
 use super::silhouettes::Silhouettes;
-use super::{SequenceError, VisionError};
+use super::{SequenceError, VisionError, sam2};
 use crate::calibration::Plane;
 use crate::images::{ImageSource, TimedImage};
 
@@ -87,6 +87,9 @@ impl<'a> Task<'a> {
         source: &(impl ImageSource + ?Sized),
         mut found: impl FnMut(&[TimedImage], &[ImageRecord]) -> Result<(), E>,
     ) -> Result<Extraction, E> {
+        if let (Some(sam2), None, None) = (self.config.sam2(), &self.masks, &self.silhouettes) {
+            self.silhouettes = Some(Arc::new(sam2::segment(sam2, self.folder, source)?));
+        }
         let sample = source.sample(LEARN_FROM).map_err(SequenceError::from)?;
         let mut extractor = self.learn(&sample).map_err(SequenceError::from)?;
         drop(sample);
