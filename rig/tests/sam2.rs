@@ -104,12 +104,12 @@ fn with_runtime<T>(given: Result<T, SequenceError>) -> Option<Result<T, Sequence
 }
 
 #[test]
-fn both_exports_follow_a_click_through_the_film_both_ways() {
+fn all_exports_follow_a_click_through_the_film_both_ways() {
     let film = film();
     let classical = VisionConfig { segmenter: Segmenter::Classical, ..config(&data("video"), [0.0; 2]) };
     let expected = extract(&classical, &film).unwrap();
     assert_eq!(expected.count(Status::Ok), IMAGES);
-    for export in ["video", "image"] {
+    for export in ["video", "video-objptr", "image"] {
         let config = config(&data(export), on_bar(CLICKED, 90.0, 0.0));
         let Some(found) = with_runtime(extract(&config, &film)) else { return };
         let found = found.unwrap();
