@@ -4,8 +4,8 @@
 //! place of the ones that differ from the empty tank, static mask taken away like from those. Everything after them stays as it is.
 //!
 //! The network is not here: it is a folder of ONNX graphs that public tools export from the published weights, run by ONNX Runtime, whose
-//! library is loaded when it is asked for. [`files`] tells the two kinds of export apart, [`signature`] holds their tensors against what is
-//! known, [`preprocess`] and [`logits`] are the ways in and out, [`video`] remembers as SAM 2 does ([`memory`]), [`still`] asks image by image.
+//! library is loaded when it is asked for. `files` tells the two kinds of export apart, `signature` holds their tensors against what is
+//! known, `preprocess` and `logits` are the ways in and out, `video` remembers as SAM 2 does (`memory`), `single` asks image by image.
 
 mod array;
 mod config;
@@ -17,7 +17,7 @@ mod memory;
 mod preprocess;
 mod propagate;
 mod signature;
-mod still;
+mod single;
 mod video;
 
 pub use config::{Click, Crop, Sam2Config, Segmenter};
@@ -33,7 +33,7 @@ use array::Array;
 use files::Files;
 use logits::Logits;
 use preprocess::Prompt;
-use still::Still;
+use single::Single;
 use video::Video;
 
 /// Cells of a decoder's answer, across and down.
@@ -71,6 +71,6 @@ fn open(config: &Sam2Config, folder: &Path) -> Result<Box<dyn Follower>, Sam2Err
     let threads = config.threads.map_or_else(rayon::current_num_threads, std::num::NonZeroUsize::get);
     Ok(match files {
         Files::Video(files) => Box::new(Video::read(&runtime, &files, threads)?),
-        Files::Image(files) => Box::new(Still::read(&runtime, &files, threads)?),
+        Files::Image(files) => Box::new(Single::read(&runtime, &files, threads)?),
     })
 }

@@ -47,7 +47,7 @@ const AWAY_CELLS: f32 = 8.0;
 
 /// The two graphs and what was found last.
 #[derive(Debug)]
-pub(super) struct Still {
+pub(super) struct Single {
     encoder: Graph,
     decoder: Graph,
     prompt: Option<Prompt>,
@@ -55,7 +55,7 @@ pub(super) struct Still {
     last: Option<Logits>,
 }
 
-impl Still {
+impl Single {
     /// Reads the graphs, to be run on so many threads.
     pub(super) fn read(runtime: &Environment, files: &ImageFiles, threads: usize) -> Result<Self, Sam2Error> {
         let read = |path, signature| Graph::read(runtime, path, signature, threads);
@@ -110,7 +110,7 @@ fn asked_again(first: &Prompt, last: &Logits) -> Option<Prompt> {
     Some(Prompt::new(coords, labels))
 }
 
-impl Follower for Still {
+impl Follower for Single {
     fn clicked(&mut self, _: usize, pixels: &Array, prompt: &Prompt) -> Result<Logits, Sam2Error> {
         let found = self.answer(pixels, prompt, None)?;
         self.prompt = Some(prompt.clone());
