@@ -14,6 +14,7 @@ mod stored;
 pub mod timeline;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use ident::diagnose::{self, diagnose};
 use ident::fit::{Fitted, Observer, WarmStart};
@@ -194,7 +195,16 @@ impl Analysis<'_> {
             let records = stored.iter().map(|record| record.record(&task.plane)).collect();
             Extraction::of(records, links, task.plane)
         } else {
-            task.masks = stored.map(|stored| stored.into_iter().map(|record| record.mask).collect());
+            match stored {
+                // What is usual is learned from its silhouettes too.
+                Some(stored) if config.sam2().is_some() => {
+                    let found = stored.into_iter().filter_map(|record| Some((record.time_s, record.mask?)));
+                    task.silhouettes = Some(Arc::new(found.collect()));
+                }
+                stored => {
+                    task.masks = stored.map(|stored| stored.into_iter().map(|record| record.mask).collect());
+                }
+            }
             let times_s: Vec<f64> = timeline.usable().map(|image| image.row.time_s).collect();
             match live.and_then(|live| live.finish(&times_s, self.run.origin())) {
                 Some(begun) => {

@@ -13,7 +13,7 @@ use crate::doctor::{self, Health};
 use crate::report::ReportData;
 use crate::run::machine::Ending;
 use crate::run::{Conducted, Job, RunError};
-use crate::vision::SequenceError;
+use crate::vision::{SequenceError, VisionError};
 
 /// An experiment as its config says it.
 pub struct Experiment<'a> {
@@ -38,11 +38,18 @@ pub struct Done {
 }
 
 impl Experiment<'_> {
-    /// Claims the folder of run folders, and sees that there is room in it.
+    /// Claims the folder of run folders, and sees that there is room in it, and that what is filmed can be extracted.
     ///
     /// # Errors
-    /// [`Failure::Input`] when another process has it, or it has no room.
+    /// [`Failure::Input`] when another process has it, or it has no room; and for SAM 2, whose clicks are in a picture of a film.
     pub fn claim(&self) -> Result<Claim, Failure> {
+        if self.config.vision.sam2().is_some() && !self.film_only {
+            return Err(Failure::Input(anyhow!(
+                "[vision] segmenter = \"sam2\" is for films that are recorded already: it is clicked in one of their images, and takes far \
+                 longer than the filming; say \"classical\" here or `rig run --film-only`, then `rig replay RUN --config CONFIG --out DIR` \
+                 with segmenter = \"sam2\" and the clicks in CONFIG"
+            )));
+        }
         let claim = Claim::take("the runs folder", &self.runs_dir.join(".lock")).map_err(Failure::input)?;
         for check in doctor::host::runs_folder(self.runs_dir, self.config.expected_bytes()) {
             if check.health == Health::Bad {
@@ -124,6 +131,7 @@ fn filming_failed(error: RunError) -> Failure {
 
 fn analysis_failed(error: AnalysisError, run: InRun) -> Failure {
     let lacking = match &error {
+        AnalysisError::Images(SequenceError::Vision(VisionError::Sam2(_))) => false,
         AnalysisError::Images(SequenceError::Vision(_)) => true,
         AnalysisError::Fit(error) => error.is_lack_of_data(),
         _ => false,

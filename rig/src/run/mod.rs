@@ -140,7 +140,10 @@ impl Job<'_> {
 
     /// Makes the run folder with all that an analysis needs later.
     fn create(&self, opened: &open::Opened, clock: ClockPair) -> Result<RunFolder, RunError> {
-        let (config, files) = self.config.gathered();
+        let (mut config, files) = self.config.gathered();
+        if let Some(sam2) = &mut config.vision.sam2 {
+            sam2.start_from(self.base);
+        }
         let read = |path: &Path| {
             let path = self.base.join(path);
             std::fs::read(&path).map_err(|source| RunError::File { path, source })

@@ -7,6 +7,7 @@ use image::GrayImage;
 use serde::{Deserialize, Serialize};
 
 use super::VisionError;
+use super::sam2::{Sam2Config, Segmenter};
 use crate::calibration::Px;
 use crate::camera::decode::grey_file;
 
@@ -114,6 +115,12 @@ pub struct VisionConfig {
     /// centre of one cap to the other's, as trackers of animals have it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub end_inset: Option<NonNegative>,
+    /// `classical` (default), or `sam2`: recorded films only, see `sam2`.
+    #[serde(default)]
+    pub segmenter: Segmenter,
+    /// Graphs and clicks of `segmenter = "sam2"`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sam2: Option<Sam2Config>,
     /// When to refuse an image.
     #[serde(default)]
     pub gates: Gates,
@@ -178,6 +185,8 @@ impl Default for VisionConfig {
             hole_share: hole_share(),
             smoothing: smoothing(),
             end_inset: None,
+            segmenter: Segmenter::default(),
+            sam2: None,
             gates: Gates::default(),
         }
     }
@@ -211,7 +220,20 @@ impl VisionConfig {
                 return refuse("shares must rise strictly from above 0".into());
             }
         }
-        Ok(())
+        match (self.segmenter, &self.sam2) {
+            (Segmenter::Sam2, None) => {
+                refuse("segmenter = \"sam2\" needs the table [vision.sam2]: weights, clicks".into())
+            }
+            (Segmenter::Sam2, Some(sam2)) => {
+                sam2.fault().map_or(Ok(()), |fault| refuse(format!("sam2: {fault}")))
+            }
+            (Segmenter::Classical, _) => Ok(()),
+        }
+    }
+
+    /// What SAM 2 is to do, where it is to segment.
+    pub fn sam2(&self) -> Option<&Sam2Config> {
+        self.sam2.as_ref().filter(|_| self.segmenter == Segmenter::Sam2)
     }
 
     /// How many mean half widths short of its ends the centreline stops, see the key.

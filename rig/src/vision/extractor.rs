@@ -31,6 +31,7 @@ use super::outline::Outline;
 use super::parts::{Parts, Seen};
 use super::record::{ImageRecord, Keypoint, Status};
 use super::rejection::Rejection;
+use super::silhouettes::Silhouettes;
 use super::spline::{arc_lengths, distance, point_at};
 use super::thin::{longest_path, radii, thinned};
 use crate::calibration::Plane;
@@ -58,6 +59,8 @@ pub struct Extractor {
     length_scatter_px: f64,
     /// The silhouettes of the images to come, where they are given and not looked for.
     masks: Option<VecDeque<Option<Mask>>>,
+    /// Silhouettes of the sequence that stand for what differs from the empty tank.
+    silhouettes: Option<Arc<Silhouettes>>,
     last: Last,
 }
 
@@ -111,12 +114,12 @@ impl Extractor {
     pub fn push(&mut self, images: &[TimedImage]) -> Vec<ImageRecord> {
         let marks = in_parallel(images, |image| readable(image).map(Marks::of));
         let own = marks.into_iter().map(|marks| self.last.continuity.take(marks?));
-        let sound: Vec<Result<&GrayImage, Rejection>> =
-            own.zip(images).map(|(own, image)| own.and_then(|()| readable(image))).collect();
-        let parts = in_parallel(&sound, |image| {
+        let sound: Vec<(Result<&GrayImage, Rejection>, f64)> =
+            own.zip(images).map(|(own, image)| (own.and_then(|()| readable(image)), image.time_s)).collect();
+        let parts = in_parallel(&sound, |(image, time_s)| {
             let image = image.as_ref().map_err(Clone::clone)?;
             self.exposure.as_ref().map_or(Ok(()), |usual| Exposure::of(image).check(usual))?;
-            self.parts(image)
+            self.parts(image, *time_s)
         });
         let seen: Vec<(Option<Contrast>, Result<Seen, Rejection>)> = match self.masks.as_mut() {
             Some(masks) => {
@@ -233,12 +236,15 @@ impl Extractor {
             .collect()
     }
 
-    /// What an image shows apart from the empty tank.
-    fn parts(&self, image: &GrayImage) -> Result<Parts, Rejection> {
+    /// What an image, taken at `time_s`, shows apart from the empty tank.
+    fn parts(&self, image: &GrayImage, time_s: f64) -> Result<Parts, Rejection> {
         /// Fewer pixels than this are noise even where a small cut object is looked for.
         const SPECK_PX: usize = 2;
-        let contrast = self.background.contrast(image)?;
-        let mut silhouette = contrast.silhouette();
+        let mut contrast = self.background.contrast(image)?;
+        let mut silhouette = match &self.silhouettes {
+            Some(given) => given.seen(time_s, &mut contrast, self.background.blocked()),
+            None => contrast.silhouette(),
+        };
         if let Some(still) = self.background.still() {
             silhouette = silhouette.without(still);
             self.bridges.join(&mut silhouette);
@@ -251,8 +257,10 @@ impl Extractor {
     fn choice(&self, parts: &Parts, last: Option<Px>) -> Result<usize, Rejection> {
         let least = self.config.min_area_px.get();
         let diagonal = (parts.contrast.width as f64).hypot(parts.contrast.height as f64);
-        choose(&parts.parts, least, self.base, BASE_REACH * diagonal, last)
-            .ok_or(Rejection::NothingThere { min_area_px: least })
+        choose(&parts.parts, least, self.base, BASE_REACH * diagonal, last).ok_or(match self.silhouettes {
+            Some(_) => Rejection::NotSegmented,
+            None => Rejection::NothingThere { min_area_px: least },
+        })
     }
 
     /// Fills, thins and follows the silhouette.

@@ -7,7 +7,7 @@
 //! on the line itself. [`gates`] refuse what cannot be the mechanism. [`Extractor`] takes images through all of them,
 //! [`sequence`] a whole sequence: the stages that need one image alone in parallel, those that look at the image before in order,
 //! so that the result does not depend on the number of threads. A rejected image keeps its row, empty, and its reason: no point is
-//! ever made up.
+//! ever made up. Where the config asks for it, [`sam2`] finds the silhouettes of a recorded film instead.
 //!
 //! Pixels are `[column, row]`, the centre of the top left one is `[0, 0]`.
 
@@ -33,8 +33,10 @@ mod parts;
 mod pixel_runs;
 pub mod record;
 pub mod rejection;
+pub mod sam2;
 pub mod sample;
 pub mod sequence;
+pub mod silhouettes;
 pub mod spline;
 mod static_mask;
 pub mod thin;
@@ -81,6 +83,9 @@ pub enum VisionError {
         /// What was seen instead.
         what: String,
     },
+    /// SAM 2 is wanted and did not segment.
+    #[error(transparent)]
+    Sam2(#[from] sam2::Sam2Error),
     /// There was nothing to extract from.
     #[error("no images to extract from")]
     NoImages,

@@ -51,6 +51,9 @@ pub enum Rejection {
         /// The limit \[px\].
         min_area_px: f64,
     },
+    /// What is followed is not found.
+    #[error("SAM 2 finds nothing of what was clicked")]
+    NotSegmented,
     /// The silhouettes were given, but not this image's.
     #[error("no silhouette was stored for this image")]
     NoMask,

@@ -1,6 +1,7 @@
 //! A whole sequence of images through an [`Extractor`]: the one way in, be they filmed just now, recorded, or files.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use sim::Model;
 
@@ -9,7 +10,8 @@ use super::extractor::{Extractor, LEARN_FROM};
 use super::mask::Mask;
 use super::outline::Outline;
 use super::record::{Extraction, ImageRecord};
-use super::{SequenceError, VisionError};
+use super::silhouettes::Silhouettes;
+use super::{SequenceError, VisionError, sam2};
 use crate::calibration::Plane;
 use crate::images::{ImageSource, TimedImage};
 
@@ -29,6 +31,8 @@ pub struct Task<'a> {
     pub folder: &'a Path,
     /// The silhouettes of all images, where they are given and not looked for.
     pub masks: Option<Vec<Option<Mask>>>,
+    /// The silhouettes of all images, where they stand for what differs from the empty tank: in what is learned too.
+    pub silhouettes: Option<Arc<Silhouettes>>,
 }
 
 impl<'a> Task<'a> {
@@ -42,7 +46,14 @@ impl<'a> Task<'a> {
         plane: Plane,
         folder: &'a Path,
     ) -> Result<Self, VisionError> {
-        Ok(Self { config, outline: Outline::new(config, model)?, plane, folder, masks: None })
+        Ok(Self {
+            config,
+            outline: Outline::new(config, model)?,
+            plane,
+            folder,
+            masks: None,
+            silhouettes: None,
+        })
     }
 
     /// An extractor that knows the empty tank from a `sample` of the sequence, to be driven through all of it.
@@ -53,8 +64,14 @@ impl<'a> Task<'a> {
         if let Some(grey) = sample.iter().find_map(|image| image.grey.as_ref().ok()) {
             self.plane.fits(grey.dimensions().into())?;
         }
-        let extractor =
-            Extractor::learn(sample, self.config, &self.outline, self.plane.clone(), self.folder)?;
+        let extractor = Extractor::learn(
+            sample,
+            self.config,
+            &self.outline,
+            self.plane.clone(),
+            self.folder,
+            self.silhouettes.clone(),
+        )?;
         Ok(match self.masks.take() {
             Some(masks) => extractor.with_masks(masks),
             None => extractor,
@@ -70,6 +87,9 @@ impl<'a> Task<'a> {
         source: &(impl ImageSource + ?Sized),
         mut found: impl FnMut(&[TimedImage], &[ImageRecord]) -> Result<(), E>,
     ) -> Result<Extraction, E> {
+        if let (Some(sam2), None, None) = (self.config.sam2(), &self.masks, &self.silhouettes) {
+            self.silhouettes = Some(Arc::new(sam2::segment(sam2, self.folder, source)?));
+        }
         let sample = source.sample(LEARN_FROM).map_err(SequenceError::from)?;
         let mut extractor = self.learn(&sample).map_err(SequenceError::from)?;
         drop(sample);

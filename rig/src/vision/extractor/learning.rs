@@ -19,6 +19,7 @@ use crate::vision::keypoints::{CLEAR_PX, Shape};
 use crate::vision::outline::Outline;
 use crate::vision::parts::Seen;
 use crate::vision::rejection::Rejection;
+use crate::vision::silhouettes::Silhouettes;
 use crate::vision::{VisionError, ends, static_mask};
 
 /// A sample for [`Extractor::learn`] needs no more images than this.
@@ -43,7 +44,8 @@ const ROUNDING_STD: f64 = 0.15;
 
 impl Extractor {
     /// Learns background and usual size from `sample` (at most [`LEARN_FROM`] are worth giving). Pictures named by the
-    /// config are looked for in `folder`.
+    /// config are looked for in `folder`. `silhouettes`: of the whole sequence, where something else than the difference from the
+    /// empty tank has found them.
     ///
     /// # Errors
     /// [`VisionError`]: a config that contradicts itself, an unreadable picture, no readable image, or none with
@@ -54,8 +56,10 @@ impl Extractor {
         outline: &Outline,
         plane: Plane,
         folder: &Path,
+        silhouettes: Option<Arc<Silhouettes>>,
     ) -> Result<Self, VisionError> {
-        let images: Vec<&GrayImage> = sample.iter().filter_map(|image| image.grey.as_ref().ok()).collect();
+        let readable = sample.iter().filter_map(|image| Some((image.grey.as_ref().ok()?, image.time_s)));
+        let (images, times_s): (Vec<&GrayImage>, Vec<f64>) = readable.unzip();
         if images.is_empty() {
             return Err(VisionError::NoImages);
         }
@@ -70,7 +74,8 @@ impl Extractor {
         };
         let learn = |still: Still| {
             let background = Background::learn(&images, config, empty.as_ref(), blocked.clone(), still)?;
-            Self::before(background, &images, config, outline, &plane).usual(&images)
+            let before = Self::before(background, &images, config, outline, &plane);
+            Self { silhouettes: silhouettes.clone(), ..before }.usual(&images, &times_s)
         };
         let own = learn(Still::Own);
         let held = own.as_ref().map_or(true, |(extractor, _)| extractor.base.is_some());
@@ -118,14 +123,16 @@ impl Extractor {
             usual: None,
             length_scatter_px: 0.0,
             masks: None,
+            silhouettes: None,
             last: Last::default(),
         }
     }
 
-    /// The same with what is usual in `images`, and how well they are explained: 1 is best.
-    fn usual(mut self, images: &[&GrayImage]) -> Result<(Self, f64), VisionError> {
-        let seen = in_parallel(images, |image| {
-            let parts = match self.parts(image) {
+    /// The same with what is usual in `images`, taken at `times_s`, and how well they are explained: 1 is best.
+    fn usual(mut self, images: &[&GrayImage], times_s: &[f64]) -> Result<(Self, f64), VisionError> {
+        let timed: Vec<(&GrayImage, f64)> = images.iter().copied().zip(times_s.iter().copied()).collect();
+        let seen = in_parallel(&timed, |(image, time_s)| {
+            let parts = match self.parts(image, *time_s) {
                 Ok(parts) => parts,
                 Err(why) => return (None, Err(why)),
             };
