@@ -344,7 +344,7 @@ fn verb_writes_a_file_that_a_config_can_name_and_refuses_bad_pictures() {
         "{text}"
     );
     eprintln!("{}", std::fs::read_to_string(&out).expect("the file"));
-    let calibration = Calibration { metres_per_pixel: None, origin_px: None, file: Some("tank.toml".into()) };
+    let calibration = Calibration { file: Some("tank.toml".into()), ..Calibration::default() };
     let plane = calibration.plane(folder.path()).expect("a calibration");
     let truth = from_origin(&camera, [640.0, 80.0]);
     let places: Vec<Place> = (0..9).map(|i| [400.0 + 60.0 * f64::from(i), 250.0]).collect();
