@@ -205,6 +205,26 @@ fn what_is_another_board_is_refused_with_what_is_wrong() {
 }
 
 #[test]
+fn tags_of_another_size_than_was_said_scale_everything_and_do_not_show() {
+    let camera = WallCamera::square();
+    let pictures: Vec<GrayImage> = spread(&camera)
+        .iter()
+        .take(4)
+        .enumerate()
+        .map(|(i, placed)| picture(&camera, Some(placed), &Trouble::usual(), i as u64))
+        .collect();
+    let [right, wrong] = [1.0, 1.05].map(|share| {
+        let board = board_of(TAGS, share * TAG_M, SPACING);
+        let found: Vec<Picture> =
+            pictures.iter().enumerate().map(|(i, picture)| found_in(picture, &board, i as u64)).collect();
+        calibrated(&found, &setup(board)).quality
+    });
+    for (a, b) in [(right.metres_per_px, wrong.metres_per_px), (right.rms_m, wrong.rms_m)] {
+        assert!((b / a - 1.05).abs() < 1e-3, "{a} {b}");
+    }
+}
+
+#[test]
 fn camera_that_rolls_is_laid_upright_by_plumb_line_and_water_level() {
     let camera = WallCamera::square();
     let found: Vec<Picture> = spread(&camera)

@@ -42,6 +42,9 @@ const LOOKS: [[f64; 2]; 5] = [[0.0, 0.0], [-0.2, -0.2], [0.2, -0.2], [-0.2, 0.2]
 
 /// The tag between four `corners`, given clockwise as seen; its neighbours are `spacing` away \[sides\].
 pub(super) fn read(field: &Field, corners: [Px; 4], spacing: f64) -> Option<Reading> {
+    if !may_be_framed(field, corners.map(Vector2::from), spacing) {
+        return None;
+    }
     let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(Vector2::from);
     let pairs: Vec<_> = square.into_iter().zip(corners.map(Vector2::from)).collect();
     let map = homography(&pairs)?;
@@ -95,6 +98,20 @@ pub(super) fn read(field: &Field, corners: [Px; 4], spacing: f64) -> Option<Read
         None
     };
     found(false).or_else(|| found(true))
+}
+
+/// Whether the middle of each side is darker inside than outside, as far as can be seen: most places that are no tag are told by that
+/// in a moment.
+fn may_be_framed(field: &Field, corners: [Vector2<f64>; 4], spacing: f64) -> bool {
+    let centre = corners.iter().sum::<Vector2<f64>>() / 4.0;
+    (0..4).all(|i| {
+        let middle = (corners[i] + corners[(i + 1) % 4]) / 2.0;
+        // The centre is half a side away.
+        let inward = 2.0 * (centre - middle);
+        let border = field.between((middle + inward * (BORDER as f64 / 2.0 / CELLS as f64)).into());
+        let gap = field.between((middle - inward * (spacing / 2.0)).into());
+        border.zip(gap).is_none_or(|(border, gap)| f64::from(gap - border) > LEAST_CONTRAST / 2.0)
+    })
 }
 
 /// A code whose cell at each row and column is the one that `from` names of `code`.

@@ -204,4 +204,15 @@ mod tests {
         assert_eq!(files, [Path::new("of-may/tank.toml")]);
         assert_eq!(kept.calibration.file.as_deref(), Some(Path::new("tank.toml")));
     }
+
+    #[test]
+    fn a_view_from_above_and_a_mount_that_is_not_horizontal_contradict_each_other() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/chain-driven-hanging.toml");
+        let text = std::fs::read_to_string(&path).unwrap();
+        let above = text.replace("# view = \"x-z\"  ", "view = \"x-y\"  ");
+        let message = RigConfig::parse(&above, &path).unwrap_err().to_string();
+        assert!(message.contains("mount = \"horizontal\""), "{message}");
+        let flat = above.replace("mount = \"hanging\"", "mount = \"horizontal\"");
+        assert_eq!(RigConfig::parse(&flat, &path).unwrap().calibration.view, Some(View::Xy));
+    }
 }
