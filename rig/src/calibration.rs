@@ -1,24 +1,31 @@
 //! The `[calibration]` table: from pixels to metres in the plane of motion.
 
+mod view;
+
 use std::path::{Path, PathBuf};
 
 use ident::strict::{self, Finite, NonNegative, Positive, StrictError};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
+pub use view::View;
+
 /// A place in a picture, `[column, row]` \[px\]; the centre of the top left pixel is `[0, 0]`.
 pub type Px = [f64; 2];
 
 /// Where the picture shows the plane of motion: two numbers, or a file that holds what a calibration came to.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
     /// Scale \[m/px\] of a camera square to the plane.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub metres_per_pixel: Option<Positive>,
-    /// Where the world origin is seen \[px\]; picture rows grow downward, z grows upward.
+    /// Where the world origin is seen \[px\]; picture rows grow downward, z (or y, from above) grows upward.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin_px: Option<[Finite; 2]>,
+    /// Which plane the camera looks at; a file says it itself. Default x-z.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub view: Option<View>,
     /// Instead of both: a [`CalibrationFile`], its path beside the config.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
@@ -29,12 +36,15 @@ pub struct Calibration {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CalibrationFile {
-    /// Row by row, shape (3, 3): undistorted pixel `[column, row, 1]` to `[x, z, 1]` \[m\], up to a factor.
+    /// Row by row, shape (3, 3): undistorted pixel `[column, row, 1]` to `[x, z, 1]` (from above `[x, y, 1]`) \[m\], up to a factor.
     pub metres_from_pixels: [[Finite; 3]; 3],
     /// Centre of the radial distortion \[px\].
     pub radial_centre_px: [Finite; 2],
     /// Radial term k \[1/px²\]: undistorted = centre + (seen - centre) (1 + k r²), r the seen distance.
     pub radial_per_px2: Finite,
+    /// Which plane the camera looks at. Default x-z.
+    #[serde(default)]
+    pub view: View,
     /// When it was made, RFC 3339.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub date: Option<String>,
@@ -67,6 +77,16 @@ pub enum CalibrationError {
     /// Neither or both ways were used.
     #[error("[calibration] needs either metres_per_pixel and origin_px, or file")]
     Incomplete,
+    /// Table and file contradict each other.
+    #[error("[calibration] says view = \"{table}\", the calibration {} says \"{file}\": leave `view` out of the table", path.display())]
+    View {
+        /// Of the table.
+        table: View,
+        /// Of the file.
+        file: View,
+        /// The file.
+        path: PathBuf,
+    },
     /// The file is not one.
     #[error("reading the calibration")]
     File(#[from] StrictError),
@@ -102,12 +122,13 @@ pub struct Plane {
     radial_per_px2: f64,
     /// Width and height of the pictures that it is of, where that is known \[px\].
     picture_px: Option<[u32; 2]>,
+    view: View,
 }
 
 impl Calibration {
     /// A camera square to the plane: `metres_per_pixel` \[m/px\], world origin seen at `origin_px`.
     pub fn square(metres_per_pixel: Positive, origin_px: [Finite; 2]) -> Self {
-        Self { metres_per_pixel: Some(metres_per_pixel), origin_px: Some(origin_px), file: None }
+        Self { metres_per_pixel: Some(metres_per_pixel), origin_px: Some(origin_px), ..Self::default() }
     }
 
     /// The plane it describes; a relative `file` starts at `folder`.
@@ -117,11 +138,15 @@ impl Calibration {
     pub fn plane(&self, folder: &Path) -> Result<Plane, CalibrationError> {
         match (&self.metres_per_pixel, &self.origin_px, &self.file) {
             (Some(scale), Some([column, row]), None) => {
-                Ok(Plane::square(scale.get(), [column.get(), row.get()]))
+                let plane = Plane::square(scale.get(), [column.get(), row.get()]);
+                Ok(plane.viewed(self.view.unwrap_or_default()))
             }
             (None, None, Some(file)) => {
                 let path = folder.join(file);
                 let content = CalibrationFile::read(&path)?;
+                if let Some(table) = self.view.filter(|view| *view != content.view) {
+                    return Err(CalibrationError::View { table, file: content.view, path });
+                }
                 let m = content.metres_from_pixels;
                 let [x, y] = content.radial_centre_px;
                 let plane = Plane::new(
@@ -130,7 +155,7 @@ impl Calibration {
                     content.radial_per_px2.get(),
                 );
                 let plane = plane.ok_or(CalibrationError::Singular { path })?;
-                Ok(Plane { picture_px: content.picture_px, ..plane })
+                Ok(Plane { picture_px: content.picture_px, ..plane.viewed(content.view) })
             }
             _ => Err(CalibrationError::Incomplete),
         }
@@ -168,6 +193,7 @@ impl Plane {
             centre_px: Vector2::zeros(),
             radial_per_px2: 0.0,
             picture_px: None,
+            view: View::default(),
         }
     }
 
@@ -175,7 +201,18 @@ impl Plane {
     pub fn new(metres_from_pixels: Matrix3<f64>, centre_px: Px, radial_per_px2: f64) -> Option<Self> {
         let pixels_from_metres = metres_from_pixels.try_inverse()?;
         let centre_px = centre_px.into();
-        Some(Self { metres_from_pixels, pixels_from_metres, centre_px, radial_per_px2, picture_px: None })
+        let (picture_px, view) = (None, View::default());
+        Some(Self { metres_from_pixels, pixels_from_metres, centre_px, radial_per_px2, picture_px, view })
+    }
+
+    /// The same as `view` has it.
+    pub fn viewed(self, view: View) -> Self {
+        Self { view, ..self }
+    }
+
+    /// Which plane of the world it is.
+    pub fn view(&self) -> View {
+        self.view
     }
 
     /// Whether it holds for pictures of this width and height \[px\].
@@ -189,7 +226,7 @@ impl Plane {
         }
     }
 
-    /// World position `[x, z]` \[m\] of what is seen at `px`.
+    /// Position \[m\] in the plane of what is seen at `px`, to the right and up: `[x, z]`, or what its [`View`] says.
     pub fn metres(&self, px: Px) -> [f64; 2] {
         project(&self.metres_from_pixels, self.straight(px))
     }
@@ -211,7 +248,9 @@ impl Plane {
 
     /// The same plane in another world; `None` when `world_from_this` is singular.
     pub fn in_world(&self, world_from_this: &Matrix3<f64>) -> Option<Self> {
-        Self::new(world_from_this * self.metres_from_pixels, self.centre_px.into(), self.radial_per_px2)
+        let plane =
+            Self::new(world_from_this * self.metres_from_pixels, self.centre_px.into(), self.radial_per_px2)?;
+        Some(plane.viewed(self.view))
     }
 
     /// Undistorted pixel `[column, row, 1]` to `[x, z, 1]` \[m\], up to a factor.
@@ -229,7 +268,7 @@ impl Plane {
         self.radial_per_px2
     }
 
-    /// Where the world position `[x, z]` \[m\] is seen \[px\].
+    /// Where the position \[m\] in the plane is seen \[px\]; see [`Self::metres`].
     pub fn pixel(&self, metres: [f64; 2]) -> Px {
         let straight = Vector2::from(project(&self.pixels_from_metres, metres.into())) - self.centre_px;
         // Newton on r (1 + k r²) = |straight|; converges at once for any lens that does not fold the picture.
@@ -291,8 +330,7 @@ mod tests {
     #[test]
     fn camera_calibrated_in_air_is_refused_and_so_is_a_key_nobody_knows() {
         let folder = tempfile::tempdir().unwrap();
-        let calibration =
-            Calibration { metres_per_pixel: None, origin_px: None, file: Some("camera.yaml".into()) };
+        let calibration = Calibration { file: Some("camera.yaml".into()), ..Calibration::default() };
         let plane = |text: &str| {
             std::fs::write(folder.path().join("camera.yaml"), text).unwrap();
             calibration.plane(folder.path())
@@ -311,12 +349,19 @@ mod tests {
         assert!(sized.fits([640, 480]).is_ok());
         assert!(matches!(sized.fits([480, 640]), Err(CalibrationError::Size { .. })));
         assert!(matches!(plane(&format!("{whole}dat = \"x\"\n")), Err(CalibrationError::File(_))));
+        let above = format!("{whole}view = \"x-y\"\n");
+        assert_eq!([plane(whole).unwrap().view(), plane(&above).unwrap().view()], [View::Xz, View::Xy]);
+        let table = |view| Calibration { view: Some(view), ..calibration.clone() }.plane(folder.path());
+        assert!(table(View::Xy).is_ok());
+        let message = table(View::Xz).unwrap_err().to_string();
+        assert!(message.contains("says view = \"x-z\"") && message.contains("says \"x-y\""), "{message}");
+        assert!(plane(&format!("{whole}view = \"y-z\"\n")).is_err());
         assert!(matches!(plane("\u{0}"), Err(CalibrationError::File(_))));
     }
 
     #[test]
     fn half_a_calibration_is_refused() {
-        let half = Calibration { metres_per_pixel: Positive::new(1.0), origin_px: None, file: None };
+        let half = Calibration { metres_per_pixel: Positive::new(1.0), ..Calibration::default() };
         assert!(matches!(half.plane(Path::new(".")), Err(CalibrationError::Incomplete)));
     }
 }

@@ -145,7 +145,7 @@ fn a_run_knows_its_own_camera() {
     exported("dlc", &run, &at.join("d.csv"), &[]).unwrap();
     let text = std::fs::read_to_string(at.join("d.csv")).unwrap();
     let tank = run.join("tank.toml");
-    let plane = Calibration { metres_per_pixel: None, origin_px: None, file: Some(tank) }.plane(at).unwrap();
+    let plane = Calibration { file: Some(tank), ..Calibration::default() }.plane(at).unwrap();
     let [column, row] = plane.pixel([0.01, -0.02]);
     assert_eq!(text.lines().skip(3).collect::<Vec<_>>(), [format!("0,{column},{row},1"), "1,,,0".into()]);
     let frames = std::fs::read_to_string(at.join("d.csv.frames.csv")).unwrap();

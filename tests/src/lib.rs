@@ -2,6 +2,8 @@
 
 pub mod clips;
 pub mod hidden;
+pub mod planes;
+pub mod tags;
 pub mod wall;
 
 use std::path::{Path, PathBuf};

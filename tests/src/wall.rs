@@ -1,5 +1,5 @@
-//! A camera that looks into a tank through its flat wall, ray by ray, and a chessboard in the water: pictures whose truth is known,
-//! drawn by code that shares none with the calibration.
+//! A camera that looks into a tank through its flat wall, ray by ray, and a board in the water: pictures whose truth is known, drawn
+//! by code that shares none with the calibration.
 //!
 //! Frame of the wall: x right, y down, z from the camera into the tank; its outer face is z = 0 and the camera's pupil lies on
 //! x = y = 0. The plane of motion is parallel to the wall; world x points right, world z up.
@@ -97,6 +97,18 @@ impl WallCamera {
     }
 }
 
+/// A printed board in the plane of motion or before or behind it.
+pub trait Sheet {
+    /// Its paint, 0 to 1, at a place of its plane, as [`WallCamera::traced`] counts \[m\]; `None` beside it.
+    fn paint(&self, place: Place) -> Option<f64>;
+
+    /// How much farther from the camera than the plane of motion it lies \[m\].
+    fn behind_m(&self) -> f64;
+
+    /// The corners that are looked for \[m\].
+    fn corners(&self) -> Vec<Place>;
+}
+
 /// A chessboard in the plane of motion.
 #[derive(Debug, Clone, Copy)]
 pub struct PlacedBoard {
@@ -117,9 +129,10 @@ impl PlacedBoard {
     fn squares(&self, place: Place) -> Vector2<f64> {
         Rotation2::new(-self.turn_rad) * (Vector2::from(place) - Vector2::from(self.middle)) / self.square_m
     }
+}
 
-    /// Its inner corners in the plane \[m\].
-    pub fn inner_corners(&self) -> Vec<Place> {
+impl Sheet for PlacedBoard {
+    fn corners(&self) -> Vec<Place> {
         let [columns, rows] = self.corners;
         let half = Vector2::new(columns as f64 - 1.0, rows as f64 - 1.0) / 2.0;
         let place = |i: usize| {
@@ -129,7 +142,11 @@ impl PlacedBoard {
         (0..columns * rows).map(place).collect()
     }
 
-    /// Its paint, 0 to 1; `None` beside it. A white margin of half a square surrounds the squares.
+    fn behind_m(&self) -> f64 {
+        self.behind_m
+    }
+
+    /// A white margin of half a square surrounds the squares.
     fn paint(&self, place: Place) -> Option<f64> {
         let [columns, rows] = self.corners.map(|count| count as f64);
         let at = self.squares(place) + Vector2::new(columns + 1.0, rows + 1.0) / 2.0;
@@ -171,7 +188,7 @@ const GOLDEN: f64 = 0.618_033_988_749_895;
 const TANK: f64 = 0.35;
 
 /// The picture that `camera` takes of `board`, of random numbers from `seed`.
-pub fn picture(camera: &WallCamera, board: Option<&PlacedBoard>, trouble: &Trouble, seed: u64) -> GrayImage {
+pub fn picture(camera: &WallCamera, board: Option<&dyn Sheet>, trouble: &Trouble, seed: u64) -> GrayImage {
     let [width, height] = camera.size_px.map(|side| side as usize);
     let paint = |px: Place| {
         if let Some((middle, radius)) = trouble.finger
@@ -179,7 +196,7 @@ pub fn picture(camera: &WallCamera, board: Option<&PlacedBoard>, trouble: &Troub
         {
             return 0.7;
         }
-        board.and_then(|board| board.paint(camera.traced(px, board.behind_m))).unwrap_or(TANK)
+        board.and_then(|board| board.paint(camera.traced(px, board.behind_m()))).unwrap_or(TANK)
     };
     let light = |[column, row]: Place| {
         let corners = [[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]];
@@ -202,8 +219,8 @@ pub fn picture(camera: &WallCamera, board: Option<&PlacedBoard>, trouble: &Troub
     picture.expose(trouble.noise, &mut ChaCha8Rng::seed_from_u64(seed))
 }
 
-/// Ten places of a board, spread over what `camera` sees.
-pub fn spread(camera: &WallCamera, corners: [usize; 2], square_m: f64) -> Vec<PlacedBoard> {
+/// Ten places of a board's middle, spread over what `camera` sees, and how it is turned there \[rad\].
+pub fn ten_places(camera: &WallCamera) -> Vec<(Place, f64)> {
     let [width, height] = camera.size_px.map(f64::from);
     let shares = [
         [0.5, 0.5, 0.0],
@@ -217,9 +234,13 @@ pub fn spread(camera: &WallCamera, corners: [usize; 2], square_m: f64) -> Vec<Pl
         [0.72, 0.5, -1.6],
         [0.45, 0.55, 0.7],
     ];
-    let board = |[column, row, turn_rad]: [f64; 3]| {
-        let middle = camera.traced([column * width, row * height], 0.0);
-        PlacedBoard { corners, square_m, middle, turn_rad, behind_m: 0.0 }
-    };
-    shares.map(board).into()
+    let middle =
+        |[column, row, turn_rad]: [f64; 3]| (camera.traced([column * width, row * height], 0.0), turn_rad);
+    shares.map(middle).into()
+}
+
+/// A chessboard at these ten places.
+pub fn spread(camera: &WallCamera, corners: [usize; 2], square_m: f64) -> Vec<PlacedBoard> {
+    let board = |(middle, turn_rad)| PlacedBoard { corners, square_m, middle, turn_rad, behind_m: 0.0 };
+    ten_places(camera).into_iter().map(board).collect()
 }

@@ -9,8 +9,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
 use rig::calibrate::world::Upright;
 use rig::calibrate::{Board, CalibrateError, Calibrated, Corner, Picture, Setup, calibrate, detect};
-use rig::calibration::{Calibration, CalibrationError, Plane};
-use system_tests::wall::{Place, PlacedBoard, Trouble, WallCamera, picture, spread};
+use rig::calibration::{Calibration, CalibrationError, View};
+use system_tests::planes::{covered, errors, from_origin, most, rms, shape_errors};
+use system_tests::wall::{Place, PlacedBoard, Sheet, Trouble, WallCamera, picture, spread};
 use system_tests::{printed, run_rig};
 
 const CORNERS: [usize; 2] = [9, 6];
@@ -21,7 +22,14 @@ fn board() -> Board {
 }
 
 fn setup() -> Setup {
-    Setup { board: board(), origin_px: [640.0, 80.0], upright: Upright::Rows, offset: None, most_rms_m: 3e-4 }
+    Setup {
+        board: board(),
+        view: View::Xz,
+        origin_px: [640.0, 80.0],
+        upright: Upright::Rows,
+        offset: None,
+        most_rms_m: 3e-4,
+    }
 }
 
 /// What is found in pictures of boards at these places.
@@ -36,7 +44,7 @@ fn pictures(camera: &WallCamera, boards: &[PlacedBoard], trouble: &Trouble) -> V
 
 /// Errors of the corners found in a picture, and how many of the board's are not \[px\].
 fn detection(camera: &WallCamera, placed: &PlacedBoard, found: &Picture) -> (Vec<f64>, usize) {
-    let truth: Vec<Place> = placed.inner_corners().into_iter().map(|corner| camera.seen(corner)).collect();
+    let truth: Vec<Place> = placed.corners().into_iter().map(|corner| camera.seen(corner)).collect();
     let corners = found.corners.as_ref().unwrap_or_else(|why| panic!("{}: {why}", found.name));
     let errors: Vec<f64> = corners
         .iter()
@@ -46,57 +54,6 @@ fn detection(camera: &WallCamera, placed: &PlacedBoard, found: &Picture) -> (Vec
         })
         .collect();
     (errors, truth.len() - corners.len())
-}
-
-fn rms(errors: &[f64]) -> f64 {
-    (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt()
-}
-
-/// Places all over what the corners cover.
-fn covered(pictures: &[Picture]) -> Vec<Place> {
-    const STEPS: usize = 24;
-    let corners = pictures.iter().flat_map(|picture| picture.corners.iter().flatten());
-    let all: Vec<Place> = corners.map(|corner| corner.px).collect();
-    let end =
-        |axis: usize, pick: fn(f64, f64) -> f64| all.iter().map(|px| px[axis]).reduce(pick).expect("corners");
-    let [x, y] = [0, 1].map(|axis| (end(axis, f64::min), end(axis, f64::max)));
-    let part = |(least, most): (f64, f64), i: usize| least + (most - least) * i as f64 / STEPS as f64;
-    (0..(STEPS + 1).pow(2)).map(|i| [part(x, i % (STEPS + 1)), part(y, i / (STEPS + 1))]).collect()
-}
-
-/// Distances of what the plane says from what is there, as both stand \[m\].
-fn errors(plane: &Plane, truth: impl Fn(Place) -> Place, places: &[Place]) -> Vec<f64> {
-    let off = |&px: &Place| (Vector2::from(plane.metres(px)) - Vector2::from(truth(px))).norm();
-    places.iter().map(off).collect()
-}
-
-/// The same, turned and moved as they fit best: what is left is shape.
-fn shape_errors(plane: &Plane, truth: impl Fn(Place) -> Place, places: &[Place]) -> Vec<f64> {
-    let told: Vec<Vector2<f64>> = places.iter().map(|&px| plane.metres(px).into()).collect();
-    let there: Vec<Vector2<f64>> = places.iter().map(|&px| truth(px).into()).collect();
-    let about_middle = |places: Vec<Vector2<f64>>| -> Vec<Vector2<f64>> {
-        let middle = places.iter().sum::<Vector2<f64>>() / places.len() as f64;
-        places.into_iter().map(|place| place - middle).collect()
-    };
-    let (told, there) = (about_middle(told), about_middle(there));
-    let pairs = || told.iter().zip(&there);
-    let (sine, cosine) =
-        pairs().fold((0.0, 0.0), |(sine, cosine), (a, b)| (sine + a.perp(b), cosine + a.dot(b)));
-    let turn = Rotation2::new(sine.atan2(cosine));
-    pairs().map(|(a, b)| (turn * a - b).norm()).collect()
-}
-
-fn most(errors: &[f64]) -> f64 {
-    errors.iter().copied().fold(0.0, f64::max)
-}
-
-/// The camera's own truth, from where it sees the origin.
-fn from_origin(camera: &WallCamera, origin_px: Place) -> impl Fn(Place) -> Place {
-    let origin = camera.traced(origin_px, 0.0);
-    move |px| {
-        let [x, z] = camera.traced(px, 0.0);
-        [x - origin[0], z - origin[1]]
-    }
 }
 
 fn calibrated(pictures: &[Picture], setup: &Setup) -> Calibrated {
@@ -139,7 +96,7 @@ fn corners_with_noise(camera: &WallCamera, boards: &[PlacedBoard], noise_px: f64
             let px = camera.seen_behind(at, placed.behind_m).map(|x| x + normal.sample(&mut random));
             Corner { px, place: [(k % CORNERS[0]) as i32, (k / CORNERS[0]) as i32] }
         };
-        let corners = placed.inner_corners().into_iter().enumerate().map(&mut corner).collect();
+        let corners = placed.corners().into_iter().enumerate().map(&mut corner).collect();
         Picture { name: format!("{i}.png"), size_px: Some(camera.size_px), corners: Ok(corners) }
     };
     boards.iter().enumerate().map(&mut look).collect()
@@ -344,12 +301,21 @@ fn verb_writes_a_file_that_a_config_can_name_and_refuses_bad_pictures() {
         "{text}"
     );
     eprintln!("{}", std::fs::read_to_string(&out).expect("the file"));
-    let calibration = Calibration { metres_per_pixel: None, origin_px: None, file: Some("tank.toml".into()) };
+    let calibration = Calibration { file: Some("tank.toml".into()), ..Calibration::default() };
     let plane = calibration.plane(folder.path()).expect("a calibration");
     let truth = from_origin(&camera, [640.0, 80.0]);
     let places: Vec<Place> = (0..9).map(|i| [400.0 + 60.0 * f64::from(i), 250.0]).collect();
     assert!(most(&errors(&plane, truth, &places)) < 1e-4);
     assert!(matches!(plane.fits([640, 480]), Err(CalibrationError::Size { .. })));
+
+    assert_eq!(plane.view(), View::Xz);
+    let above = rig_calibrate(&images, &out, &["--view", "x-y"]);
+    assert!(above.status.success(), "{}", printed(&above));
+    let from_above = calibration.plane(folder.path()).expect("a calibration");
+    assert_eq!(
+        (from_above.view(), from_above.metres([400.0, 250.0])),
+        (View::Xy, plane.metres([400.0, 250.0]))
+    );
 
     let as_json = rig_calibrate(&images, &out, &["--json"]);
     let object: serde_json::Value = serde_json::from_slice(&as_json.stdout).expect("one object");
@@ -381,6 +347,7 @@ fn mistakes_of_the_command_line_are_explained() {
         (&["--plane-offset-m", "0.02", "--port", "0.5:0.01"], "AIR_M:GLASS_M:WATER_M"),
         (&["--most-rms-mm", "0"], "a number above 0"),
         (&["--up-px", "1,2,3"], "4 numbers are wanted"),
+        (&["--view", "y-z"], "possible values: x-z, x-y"),
         (&["--up-px", "1,2,3,nan"], "4 numbers are wanted"),
         (&["--up-px", "1,2,3,4", "--level-px", "1,2,3,4"], "cannot be used with"),
     ] {

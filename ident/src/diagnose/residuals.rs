@@ -38,7 +38,7 @@ pub(super) fn residuals(before: &State<'_>, after: &State<'_>, floor: &Floor) ->
         let time_s = &trajectory.time_s[..term.instants];
         motions.add(term, &a, &simulated, width);
         for keypoint in 0..width {
-            for axis in [0, 2] {
+            for axis in 0..3 {
                 let own = term
                     .observations
                     .iter()
@@ -68,7 +68,7 @@ fn pieces(
     width: usize,
 ) -> Vec<WorstInterval> {
     let time_s = &term.rehearsal.run.trajectory.time_s;
-    let mut list: Vec<(usize, f64, f64, [f64; 2])> = Vec::new();
+    let mut list: Vec<(usize, f64, f64, [f64; 3])> = Vec::new();
     for (o, r) in term.observations.iter().zip(residuals).filter(|(o, _)| o.keypoint == keypoint) {
         let place = ((time_s[o.instant] - time_s[0]) / PIECE_S) as usize;
         let at = simulated[o.instant * width + keypoint];
@@ -76,18 +76,20 @@ fn pieces(
             Some(last) => {
                 last.1 += r * r;
                 last.2 += 1.0;
-                last.3 = [last.3[0] + at[0], last.3[1] + at[2]];
+                last.3 = std::array::from_fn(|axis| last.3[axis] + at[axis]);
             }
-            None => list.push((place, r * r, 1.0, [at[0], at[2]])),
+            None => list.push((place, r * r, 1.0, at)),
         }
     }
+    let is_seen = |axis: &usize| term.observations.iter().any(|o| o.axis == *axis);
+    let seen: Vec<usize> = (0..3).filter(is_seen).collect();
     let speed = |from_s: f64, to_s: f64| {
         let rows: Vec<usize> = (0..term.instants).filter(|&i| (from_s..to_s).contains(&time_s[i])).collect();
         let way: f64 = rows
             .windows(2)
             .map(|pair| {
                 let [a, b] = [pair[0], pair[1]].map(|row| simulated[row * width + keypoint]);
-                (a[0] - b[0]).hypot(a[2] - b[2])
+                seen.iter().map(|&axis| (a[axis] - b[axis]).powi(2)).sum::<f64>().sqrt()
             })
             .sum();
         let span = rows.last().zip(rows.first()).map_or(0.0, |(b, a)| time_s[*b] - time_s[*a]);
@@ -96,14 +98,16 @@ fn pieces(
     list.into_iter()
         .map(|(place, squares, count, at)| {
             let from_s = time_s[0] + place as f64 * PIECE_S;
+            let mean = |axis: usize| seen.contains(&axis).then_some(at[axis] / count);
             WorstInterval {
                 run: id.to_owned(),
                 keypoint: name.to_owned(),
                 from_s,
                 to_s: from_s + PIECE_S,
                 rms_m: (squares / count).sqrt(),
-                x_m: at[0] / count,
-                z_m: at[1] / count,
+                x_m: mean(0),
+                y_m: mean(1),
+                z_m: mean(2),
                 speed_m_s: speed(from_s, from_s + PIECE_S),
             }
         })

@@ -325,10 +325,15 @@ pub struct WorstInterval {
     pub to_s: f64,
     /// Root mean square residual \[m\].
     pub rms_m: f64,
-    /// Mean position \[m\].
-    pub x_m: f64,
-    /// Mean position \[m\].
-    pub z_m: f64,
+    /// Mean position \[m\], where it was seen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub x_m: Option<f64>,
+    /// Mean position \[m\], where it was seen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub y_m: Option<f64>,
+    /// Mean position \[m\], where it was seen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub z_m: Option<f64>,
     /// Mean speed \[m/s\].
     pub speed_m_s: f64,
 }

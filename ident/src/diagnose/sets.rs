@@ -3,6 +3,7 @@
 use sim::Cause;
 
 use super::DiagnoseError;
+use super::remarks::needs_side_view;
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
 use crate::hypothesis::candidates::{self, Term};
@@ -91,7 +92,8 @@ impl<'b> Search<'b> {
         counts: Counts,
         stage: &'b mut dyn FnMut(&str) -> bool,
     ) -> Self {
-        let free = Cause::ALL.iter().copied().filter(|cause| !fitted.contains(cause));
+        let may_be = |cause: &Cause| !fitted.contains(cause) && !needs_side_view(*cause, experiment);
+        let free = Cause::ALL.iter().copied().filter(may_be);
         let candidates = free.flat_map(|cause| Term::all(cause, &experiment.model)).collect();
         Self { experiment, candidates, counts, floor: floor.clone(), expanded: Vec::new(), stage }
     }

@@ -3,7 +3,7 @@
 use sim::Cause;
 
 use super::gates::{constancy, goodness_of_fit};
-use super::remarks::{fitted_in_part, held_in_drops};
+use super::remarks::{fitted_in_part, held_in_drops, seen_from_above};
 use super::result::{
     Alternative, ConstancyTest, Diagnosis, GoodnessOfFit, HeldOut, NamedCause, NoiseFloor, PerRun, Verdict,
     Whiteness,
@@ -70,6 +70,7 @@ pub(super) fn verdict<'a>(
         remarks.extend(fitted_in_part(experiment, &baseline.parameters));
         remarks.extend(held_in_drops(baseline));
     }
+    remarks.extend(seen_from_above(experiment));
     remarks.extend(experiment.runs.iter().filter_map(|run| Spike::sentence(&run.id, &run.set_aside)));
     let describes = names || verdict == Verdict::Unexplained;
     let leader = if describes { leader.clone() } else { baseline.clone() };

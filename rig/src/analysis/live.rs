@@ -128,7 +128,7 @@ impl Follower {
             if waiting.count() < IMAGES_AT_ONCE
                 && let Ok(chronicle) = self.fits.try_recv()
             {
-                early = self.begin_fit(trajectory(&records, links), chronicle);
+                early = self.begin_fit(trajectory(&records, links, self.plane.view()), chronicle);
             }
             Ok::<(), serde_json::Error>(())
         })

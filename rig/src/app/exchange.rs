@@ -7,7 +7,7 @@ use ident::strict::{Positive, Share};
 use sim::Trajectory;
 
 use super::Failure;
-use crate::calibration::Plane;
+use crate::calibration::{Plane, View};
 use crate::config::ExtractionConfig;
 use crate::images::folder;
 use crate::interchange::wcon::{self, Document, Line, Written};
@@ -75,7 +75,7 @@ impl Import<'_> {
         let config = ExtractionConfig::read(self.config).map_err(Failure::input)?;
         let in_file = |error| Failure::Input(anyhow::Error::new(error).context(self.reading(Some(format))));
         let mut notes = Vec::new();
-        let imported = match format {
+        let mut imported = match format {
             Format::Dlc => {
                 self.seen(dlc::read(&text, self.individual).map_err(in_file)?, &config, &mut notes)?
             }
@@ -90,6 +90,11 @@ impl Import<'_> {
                 imported
             }
         };
+        // What lines and marks have as z is up in the picture.
+        let view = config.view().map_err(Failure::input)?;
+        for point in &mut imported.trajectory.position_m {
+            *point = view.world(View::Xz.seen(*point));
+        }
         if imported.images.len() == imported.count(Status::Rejected) {
             let first =
                 imported.images.first().map_or("the file has no images", |image| image.reason.as_str());
@@ -344,8 +349,8 @@ impl Export<'_> {
         let names: Vec<String> = (0..trajectory.time_s.len()).map(|image| image.to_string()).collect();
         let rows = names.iter().enumerate().map(|(image, name)| {
             let row = image * trajectory.keypoints.len()..(image + 1) * trajectory.keypoints.len();
-            let gaps =
-                trajectory.position_m[row.clone()].iter().filter(|p| p[0].is_nan() || p[2].is_nan()).count();
+            let is_gap = |place: &&[f64; 3]| plane.view().seen(**place).iter().any(|metres| metres.is_nan());
+            let gaps = trajectory.position_m[row.clone()].iter().filter(is_gap).count();
             let status = match gaps {
                 0 => Status::Ok,
                 gaps if gaps < row.len() => Status::Doubtful,
@@ -368,8 +373,11 @@ impl Export<'_> {
     pub fn wcon(&self) -> Result<(), Failure> {
         let trajectory = self.trajectory()?;
         let id = self.run().map_or_else(|| "rig".to_owned(), |run| run.start().id.to_string());
+        let view = View::of(&trajectory);
         let line = |(time_s, row): (&f64, &[[f64; 3]])| {
-            let point = |[x, _, z]: &[f64; 3]| (x.is_finite() && z.is_finite()).then_some([*x, *z]);
+            let point = |place: &[f64; 3]| {
+                Some(view.seen(*place)).filter(|seen| seen.iter().all(|metres| metres.is_finite()))
+            };
             Line { time_s: *time_s, points: row.iter().map(point).collect() }
         };
         let rows = trajectory.position_m.chunks(trajectory.keypoints.len().max(1));

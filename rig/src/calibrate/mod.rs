@@ -1,11 +1,12 @@
 //! Pictures of a board, held in the water in the mechanism's plane of motion, to that plane as the camera sees it.
 //!
-//! [`detect()`] finds the board's inner corners in one picture: saddle points (`saddle`), put in order (`grid`). [`fit()`] makes one
-//! plane of those of all pictures, a homography and a radial term, which is what a flat wall, water and lens come to in one plane to
-//! within hundredths of a millimetre. [`world`] lays the origin and the axes, [`port`] moves the result to a plane nearer or farther,
-//! and [`report`] says how good it is.
+//! [`detect()`] finds the board's corners in one picture: saddle points (`saddle`), put in order (`grid`) or read as tags (`tags`,
+//! `code`). [`fit()`] makes one plane of those of all pictures, a homography and a radial term, which is what a flat wall, water and
+//! lens come to in one plane to within hundredths of a millimetre. [`world`] lays the origin and the axes, [`port`] moves the result
+//! to a plane nearer or farther, and [`report`] says how good it is.
 
 mod board;
+mod code;
 mod detect;
 mod error;
 mod field;
@@ -16,6 +17,8 @@ pub mod port;
 mod quality;
 pub mod report;
 mod saddle;
+pub mod tag36h11;
+mod tags;
 pub mod world;
 
 pub use board::{Board, BoardError};
@@ -23,8 +26,9 @@ pub use detect::{Corner, DetectError, detect};
 pub use error::CalibrateError;
 pub use fit::{Fit, FitError, Seen, fit};
 pub use quality::Quality;
+pub use tags::TagError;
 
-use crate::calibration::{Plane, Px};
+use crate::calibration::{Plane, Px, View};
 use nalgebra::Vector2;
 use port::Port;
 use world::Upright;
@@ -45,6 +49,8 @@ pub struct Picture {
 pub struct Setup {
     /// The board.
     pub board: Board,
+    /// Which plane of the world it is.
+    pub view: View,
     /// Where the world's origin is seen.
     pub origin_px: Px,
     /// Which way is up.
@@ -84,12 +90,10 @@ pub fn calibrate(pictures: &[Picture], setup: &Setup) -> Result<Calibrated, Cali
     if with_board.is_empty() {
         return Err(CalibrateError::no_board(pictures));
     }
-    let square_m = setup.board.square_m.get();
     let seen: Vec<Seen> = with_board
         .iter()
         .map(|(_, corners)| {
-            let metres = |corner: &Corner| corner.place.map(|steps| f64::from(steps) * square_m);
-            corners.iter().map(|corner| (corner.px, metres(corner))).collect()
+            corners.iter().map(|corner| (corner.px, setup.board.metres(corner.place))).collect()
         })
         .collect();
     quality::covered(&seen, size_px)?;
@@ -117,7 +121,7 @@ pub fn calibrate(pictures: &[Picture], setup: &Setup) -> Result<Calibrated, Cali
         plane = farther.plane;
     }
     let laid = world::laid(&plane, setup.origin_px, setup.upright)?;
-    let plane = plane.in_world(&laid).ok_or(CalibrateError::Fit(FitError::Diverged))?;
+    let plane = plane.in_world(&laid).ok_or(CalibrateError::Fit(FitError::Diverged))?.viewed(setup.view);
     quality.look(&plane, &seen, setup, size_px);
     Ok(Calibrated { plane, setup: *setup, size_px, quality })
 }

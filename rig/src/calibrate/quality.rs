@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 
 use super::error::never_whole;
 use super::fit::{Fit, Seen};
-use super::{CalibrateError, Picture, Setup};
+use super::{Board, CalibrateError, Picture, Setup};
 use crate::calibration::{Plane, Px};
 
 /// How good a calibration is.
@@ -126,10 +126,11 @@ impl Quality {
 
     fn warn(&self, plane: &Plane, seen: &[Seen], setup: &Setup, size_px: [u32; 2]) -> Vec<String> {
         let mut warnings = Vec::new();
-        if let Some(most) = seen.iter().max_by_key(|corners| corners.len())
+        if let Board::Chessboard { square_m, .. } = setup.board
+            && let Some(most) = seen.iter().max_by_key(|corners| corners.len())
             && most.len() < setup.board.count()
         {
-            warnings.push(never_whole(&setup.board, most.len(), sides(most, setup.board.square_m.get())));
+            warnings.push(never_whole(&setup.board, most.len(), sides(most, square_m.get())));
         }
         if self.pictures.len() < FEW_PICTURES {
             warnings.push(
@@ -157,7 +158,9 @@ impl Quality {
             );
         }
         if plane.straight_slope(setup.origin_px)[(1, 1)] > 0.0 {
-            warnings.push("z points downward in the picture: is the order of the two places right?".into());
+            let [_, (_, up)] = setup.view.seen_axes();
+            warnings
+                .push(format!("{up} points downward in the picture: is the order of the two places right?"));
         }
         warnings
     }

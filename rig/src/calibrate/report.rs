@@ -107,9 +107,15 @@ pub fn toml(calibrated: &Calibrated, date: &str, camera: Option<&str>) -> String
             "plane_offset_m = {behind_m:?}           # the plane lies so much behind the board [m]"
         );
     }
+    let [(_, right), (_, up)] = calibrated.plane.view().seen_axes();
     let _ = writeln!(
         out,
-        "\n# Undistorted pixel [column, row, 1] to [x, z, 1] [m], up to a factor.\nmetres_from_pixels = [\n{}]\n\
+        "view = \"{}\"                    # the plane that the camera looks at: {right} to the right in the picture, {up} up",
+        calibrated.plane.view()
+    );
+    let _ = writeln!(
+        out,
+        "\n# Undistorted pixel [column, row, 1] to [{right}, {up}, 1] [m], up to a factor.\nmetres_from_pixels = [\n{}]\n\
          # Undistorted = centre + (seen - centre) (1 + k r^2), r the seen distance from the centre.\n\
          radial_centre_px = [{column:?}, {row:?}]  # [px]\n\
          radial_per_px2 = {:?}  # k [1/px^2]",

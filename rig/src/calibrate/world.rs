@@ -1,4 +1,4 @@
-//! Where the world lies in the plane that was fitted: its origin, and which way is up.
+//! Where the world lies in the plane that was fitted: its origin, and which way is up. From above y stands for z.
 
 use nalgebra::{Matrix3, Rotation2, Vector2};
 

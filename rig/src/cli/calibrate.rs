@@ -10,7 +10,7 @@ use crate::app::{calibrate::from_pictures, on_threads, threads};
 use crate::calibrate::port::Port;
 use crate::calibrate::world::Upright;
 use crate::calibrate::{Board, Setup, report};
-use crate::calibration::Px;
+use crate::calibration::{Px, View};
 use crate::record::folder::write_whole;
 use std::sync::Arc;
 
@@ -25,7 +25,7 @@ pub struct Args {
 /// What can be calibrated.
 #[derive(clap::Subcommand, Debug)]
 pub enum What {
-    /// Pixels to metres, from pictures of a chessboard in the water, in the mechanism's plane of motion
+    /// Pixels to metres, from pictures of a chessboard or an aprilgrid in the water, in the mechanism's plane of motion
     Camera(CameraArgs),
 }
 
@@ -35,19 +35,27 @@ pub struct CameraArgs {
     /// Folder of pictures, or one picture, of the board IN THE WATER, at several places of the mechanism's plane of motion
     #[arg(value_name = "IMAGES")]
     pub images: PathBuf,
-    /// The board: inner corners (where four squares meet) along its sides, and the side of a square in metres
-    #[arg(long, value_name = "chessboard:COLSxROWS:SQUARE_M")]
+    /// The board. A chessboard: inner corners (where four squares meet) along its sides, and the side of a square in metres. An
+    /// aprilgrid as Kalibr prints it (family 36h11, tag 0 at the lower left): tags along its lower side, rows, the side of a tag with
+    /// its black border in metres, and the gap between tags as a share of that. Measure what came out of the printer
+    #[arg(long, value_name = "chessboard:COLSxROWS:SQUARE_M|aprilgrid:COLSxROWS:TAG_M:SPACING")]
     pub board: Board,
+    /// Which plane of the model's world the camera looks at. x-z: from the side, z up in the picture. x-y: from above, y up in the
+    /// picture and z towards the camera; trajectories then have the columns P1_x_m,P1_y_m
+    #[arg(long, value_enum, default_value_t)]
+    pub view: View,
     /// Where the world's origin is seen, column and row; the centre of the top left pixel is 0,0
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     pub origin_px: Px,
     /// The calibration file to write, for `[calibration] file`
     #[arg(long, value_name = "TOML")]
     pub out: PathBuf,
-    /// Two places on a plumb line, the lower and the upper one: z points from one to the other [default: x along the picture's rows]
+    /// Two places on a plumb line, the lower and the upper one: z (with --view x-y: y) points from one to the other [default: x along
+    /// the picture's rows]
     #[arg(long, value_name = "X1,Y1,X2,Y2", value_parser = numbers::<4>, allow_hyphen_values = true, conflicts_with = "level_px")]
     pub up_px: Option<[f64; 4]>,
-    /// Two places on the still surface of the water, the left and the right one: x points from one to the other
+    /// Two places on the still surface of the water (from above: on the tank's edge), the left and the right one: x points from one to
+    /// the other
     #[arg(long, value_name = "X1,Y1,X2,Y2", value_parser = numbers::<4>, allow_hyphen_values = true)]
     pub level_px: Option<[f64; 4]>,
     /// How much farther from the camera than the board the mechanism's plane lies, in metres; negative: nearer
@@ -88,6 +96,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     };
     let setup = Setup {
         board: args.board,
+        view: args.view,
         origin_px: args.origin_px,
         upright,
         offset: args.plane_offset_m.map(|[behind_m]| behind_m).zip(args.port),

@@ -6,7 +6,7 @@ use ident::strict::{self, Positive};
 use serde::Deserialize;
 
 use super::ConfigError;
-use crate::calibration::{Calibration, CalibrationError, Plane};
+use crate::calibration::{Calibration, CalibrationError, Plane, View};
 use crate::vision::VisionConfig;
 
 /// The tables of any rig config that say how pictures are read; others belong to other verbs.
@@ -77,5 +77,17 @@ impl ExtractionConfig {
     /// [`CalibrationError`]; [`CalibrationError::Incomplete`] too where the table is missing.
     pub fn plane(&self) -> Result<Plane, CalibrationError> {
         self.calibration.as_ref().ok_or(CalibrationError::Incomplete)?.plane(&self.folder)
+    }
+
+    /// Which plane the camera looks at: x-z where there is no calibration to say otherwise.
+    ///
+    /// # Errors
+    /// [`CalibrationError`] where its file cannot be read.
+    pub fn view(&self) -> Result<View, CalibrationError> {
+        match &self.calibration {
+            Some(calibration) if calibration.file.is_some() => Ok(calibration.plane(&self.folder)?.view()),
+            Some(calibration) => Ok(calibration.view.unwrap_or_default()),
+            None => Ok(View::default()),
+        }
     }
 }

@@ -14,7 +14,7 @@ use ident::experiment::FitConfig;
 use ident::strict::{self, NonNegative};
 use serde::{Deserialize, Serialize};
 
-use crate::calibration::Calibration;
+use crate::calibration::{Calibration, View};
 use crate::camera::mock::CameraFaultKind;
 use crate::camera::{CameraConfig, CameraKind};
 use crate::profile::{Profile, ProfileConfig};
@@ -134,6 +134,13 @@ impl RigConfig {
         if self.has(BoardKind::Replay, CameraKind::Replay) && self.replay.is_none() {
             return contradiction("replayed board or camera without a run: add [replay] run = \"...\"");
         }
+        let above = self.calibration.view == Some(View::Xy);
+        if above && matches!(self.mechanism.mount, Some(Mount::Hanging | Mount::Upright)) {
+            return contradiction(
+                "[calibration] view = \"x-y\" is a camera above a horizontal plane of motion, [mechanism] mount is another one: say \
+                 mount = \"horizontal\", or leave `view` out",
+            );
+        }
         if let Some(Err(error)) = self.vision.links.map(|links| self.vision.check(links)) {
             return contradiction(&format!("[vision]: {error}"));
         }
@@ -192,10 +199,20 @@ mod tests {
     fn calibration_file_goes_with_the_config_into_a_run_folder() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/chain-driven-pose-1.toml");
         let mut config = RigConfig::read(&path).unwrap();
-        config.calibration =
-            Calibration { metres_per_pixel: None, origin_px: None, file: Some("of-may/tank.toml".into()) };
+        config.calibration = Calibration { file: Some("of-may/tank.toml".into()), ..Calibration::default() };
         let (kept, files) = config.gathered();
         assert_eq!(files, [Path::new("of-may/tank.toml")]);
         assert_eq!(kept.calibration.file.as_deref(), Some(Path::new("tank.toml")));
+    }
+
+    #[test]
+    fn a_view_from_above_and_a_mount_that_is_not_horizontal_contradict_each_other() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/chain-driven-hanging.toml");
+        let text = std::fs::read_to_string(&path).unwrap();
+        let above = text.replace("# view = \"x-z\"  ", "view = \"x-y\"  ");
+        let message = RigConfig::parse(&above, &path).unwrap_err().to_string();
+        assert!(message.contains("mount = \"horizontal\""), "{message}");
+        let flat = above.replace("mount = \"hanging\"", "mount = \"horizontal\"");
+        assert_eq!(RigConfig::parse(&flat, &path).unwrap().calibration.view, Some(View::Xy));
     }
 }

@@ -168,10 +168,12 @@ fn number_at_the_end(name: &str) -> Option<u64> {
 /// [`InterchangeError::Choice`] where a keypoint moves towards the camera, which no picture shows.
 pub fn text(trajectory: &Trajectory, plane: &Plane) -> Result<String, InterchangeError> {
     let width = trajectory.keypoints.len();
-    if let Some(cell) = trajectory.position_m.iter().position(|[_, y, _]| y.is_finite()) {
+    let (view, depth) = (plane.view(), plane.view().depth_axis());
+    if let Some(cell) = trajectory.position_m.iter().position(|place| place[depth].is_finite()) {
         let what = format!(
-            "{}_y_m is observed: a picture shows the plane of motion only",
-            trajectory.keypoints[cell % width]
+            "{}_{}_m is observed: a picture shows the plane of motion only, by the calibration {view}",
+            trajectory.keypoints[cell % width],
+            ["x", "y", "z"][depth]
         );
         return Err(InterchangeError::choice(what));
     }
@@ -184,8 +186,8 @@ pub fn text(trajectory: &Trajectory, plane: &Plane) -> Result<String, Interchang
     csv.write_record(head("coords", &|at| ["x", "y", "likelihood"][at % 3].into()))?;
     for (image, row) in trajectory.position_m.chunks(width.max(1)).enumerate() {
         let mut cells = vec![image.to_string()];
-        for [x, _, z] in row {
-            let px = plane.pixel([*x, *z]);
+        for place in row {
+            let px = plane.pixel(view.seen(*place));
             match px.iter().all(|side| side.is_finite()) {
                 true => cells.extend([px[0].to_string(), px[1].to_string(), "1".into()]),
                 false => cells.extend([String::new(), String::new(), "0".into()]),

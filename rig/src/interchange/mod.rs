@@ -38,7 +38,7 @@ pub struct ImageStatus {
 /// What was read from another program's file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Imported {
-    /// The keypoints over time, one row an image; NaN where one is missing. y is never observed.
+    /// The keypoints over time, one row an image; NaN where one is missing. z is up in the picture, y is never observed.
     pub trajectory: Trajectory,
     /// What became of each image.
     pub images: Vec<ImageStatus>,

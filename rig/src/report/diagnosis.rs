@@ -1,6 +1,6 @@
 //! The diagnosis on the page: what is wrong, why, and what naming it gains, to be read in a minute.
 
-use ident::diagnose::{Diagnosis, NamedCause, Verdict};
+use ident::diagnose::{Diagnosis, NamedCause, Verdict, WorstInterval};
 use maud::{Markup, html};
 
 use super::data::ReportData;
@@ -177,18 +177,25 @@ fn worst(diagnosis: &Diagnosis) -> Markup {
     html! {
         h3 { "Worst stretches before" }
         table.facts {
-            tr { th { "run" } th { "keypoint" } th.number { "time [s]" } th.number { "rms [mm]" } th.number { "x, z [mm]" } th.number { "speed [mm/s]" } }
+            tr { th { "run" } th { "keypoint" } th.number { "time [s]" } th.number { "rms [mm]" } th.number { "place [mm]" } th.number { "speed [mm/s]" } }
             @for worst in &diagnosis.residuals.worst {
                 tr {
                     td { (worst.run) } td { (worst.keypoint) }
                     td.number { (format!("{:.2}–{:.2}", worst.from_s, worst.to_s)) }
                     td.number { (millimetres(worst.rms_m)) }
-                    td.number { (format!("{:.0}, {:.0}", worst.x_m * 1e3, worst.z_m * 1e3)) }
+                    td.number { (place(worst)) }
                     td.number { (format!("{:.0}", worst.speed_m_s * 1e3)) }
                 }
             }
         }
     }
+}
+
+/// Where a worst interval lies, by the axes that were seen \[mm\].
+fn place(worst: &WorstInterval) -> String {
+    let axes = [("x", worst.x_m), ("y", worst.y_m), ("z", worst.z_m)];
+    let seen = axes.into_iter().filter_map(|(axis, metres)| Some(format!("{axis} {:.0}", metres? * 1e3)));
+    seen.collect::<Vec<_>>().join(", ")
 }
 
 fn seen(diagnosis: &Diagnosis) -> Markup {

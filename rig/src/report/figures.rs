@@ -5,9 +5,8 @@ use sim::{Command, Trajectory};
 
 use super::chart::{Chart, KEYPOINTS, MEASURED, SIMULATED, Series};
 use super::data::{RunFigures, ServoTrace};
+use crate::calibration::View;
 
-/// Axes of the plane of motion: index into a position, and name.
-const AXES: [(usize, &str); 2] = [(0, "x"), (2, "z")];
 /// About this many poses are superimposed: more become a grey mass.
 const DRAWN_POSES: usize = 45;
 /// A keypoint that the simulation moves by less is one of the frame \[m\].
@@ -37,8 +36,9 @@ fn is_fixed(simulated: &Trajectory, name: &str) -> bool {
 pub(super) fn over_time(run: &RunFigures) -> Markup {
     let moving =
         run.measured.keypoints.iter().enumerate().filter(|(_, name)| !is_fixed(&run.simulated, name));
+    let axes = View::of(&run.measured).seen_axes();
     let charts = moving.flat_map(|(k, name)| {
-        AXES.map(|(axis, letter)| {
+        axes.map(|(axis, letter)| {
             let measured = track(&run.measured, k, axis);
             let mut series = vec![Series { width: 2.6, opacity: 0.7, ..Series::line(measured, MEASURED) }];
             if let Some(k) = column(&run.simulated, name) {
@@ -60,7 +60,7 @@ pub(super) fn over_time(run: &RunFigures) -> Markup {
 
 /// Measured minus simulated over time, with a band of two sigma of the keypoint noise.
 pub(super) fn residuals(run: &RunFigures, noise_m: f64) -> Markup {
-    let charts = AXES.map(|(axis, letter)| {
+    let charts = View::of(&run.measured).seen_axes().map(|(axis, letter)| {
         let series = run.measured.keypoints.iter().enumerate().filter_map(|(k, name)| {
             let other = column(&run.simulated, name)?;
             let points = residual(&run.measured, k, &run.simulated, other, axis);
@@ -104,11 +104,22 @@ fn residual(
 }
 
 /// The pose at one instant as a line \[mm\] from the base over the keypoints.
-fn pose(trajectory: &Trajectory, instant: usize, base_m: Option<[f64; 3]>) -> Vec<(f64, f64)> {
+fn pose(trajectory: &Trajectory, instant: usize, base_m: Option<[f64; 3]>, view: View) -> Vec<(f64, f64)> {
     let has_base = trajectory.keypoints.iter().any(|name| name == "P0");
     let base = base_m.filter(|_| !has_base);
     let keypoints = (0..trajectory.keypoints.len()).map(|k| trajectory.at(instant, k));
-    base.into_iter().chain(keypoints).map(|p| (p[0] * 1e3, p[2] * 1e3)).collect()
+    base.into_iter().chain(keypoints).map(|place| millimetres(place, view)).collect()
+}
+
+/// What is seen of a place \[mm\].
+fn millimetres(place: [f64; 3], view: View) -> (f64, f64) {
+    view.seen(place).map(|metres| metres * 1e3).into()
+}
+
+/// A square drawing of the plane of motion, without anything in it.
+fn drawing(title: &str, view: View) -> Chart {
+    let [x_label, y_label] = view.seen_axes().map(|(_, axis)| format!("{axis} [mm]"));
+    Chart { title: title.into(), x_label, y_label, size: SQUARE_PX, equal_axes: true, ..Chart::default() }
 }
 
 fn is_whole(pose: &[(f64, f64)]) -> bool {
@@ -117,17 +128,11 @@ fn is_whole(pose: &[(f64, f64)]) -> bool {
 
 /// Figs. a and b as drawings: the first pose, measured and simulated, on the same axes.
 pub(super) fn first_pose(run: &RunFigures) -> Markup {
+    let view = View::of(&run.measured);
     let first = |trajectory: &Trajectory| {
-        (0..trajectory.time_s.len()).map(|i| pose(trajectory, i, run.base_m)).find(|p| is_whole(p))
+        (0..trajectory.time_s.len()).map(|i| pose(trajectory, i, run.base_m, view)).find(|p| is_whole(p))
     };
-    let mut chart = Chart {
-        title: "first pose".into(),
-        x_label: "x [mm]".into(),
-        y_label: "z [mm]".into(),
-        size: SQUARE_PX,
-        equal_axes: true,
-        ..Chart::default()
-    };
+    let mut chart = drawing("first pose", view);
     for (trajectory, colour) in [(&run.measured, MEASURED), (&run.simulated, SIMULATED)] {
         if let Some(points) = first(trajectory) {
             chart.dots.extend(points.iter().map(|&p| (p, colour)));
@@ -139,6 +144,7 @@ pub(super) fn first_pose(run: &RunFigures) -> Markup {
 
 /// Figs. c: poses over time superimposed, early ones pale, and every keypoint's path.
 pub(super) fn superimposed(run: &RunFigures) -> Markup {
+    let view = View::of(&run.measured);
     let mut charts = Vec::new();
     for (trajectory, title, colour) in
         [(&run.measured, "motion measured", MEASURED), (&run.simulated, "motion simulated", SIMULATED)]
@@ -153,7 +159,7 @@ pub(super) fn superimposed(run: &RunFigures) -> Markup {
             run.centrelines_m.iter().step_by(every).map(line).collect()
         } else {
             let instants = (0..trajectory.time_s.len()).step_by(stride);
-            instants.map(|i| pose(trajectory, i, run.base_m)).collect()
+            instants.map(|i| pose(trajectory, i, run.base_m, view)).collect()
         };
         let last = lines.len().max(2) - 1;
         let mut series: Vec<_> = lines
@@ -167,22 +173,10 @@ pub(super) fn superimposed(run: &RunFigures) -> Markup {
             })
             .collect();
         for k in 0..trajectory.keypoints.len() {
-            let xz = |i: usize| {
-                let p = trajectory.at(i, k);
-                (p[0] * 1e3, p[2] * 1e3)
-            };
-            let path = (0..trajectory.time_s.len()).map(xz).collect();
+            let path = (0..trajectory.time_s.len()).map(|i| millimetres(trajectory.at(i, k), view)).collect();
             series.push(Series { width: 1.2, ..Series::line(path, KEYPOINTS[k % KEYPOINTS.len()]) });
         }
-        charts.push(Chart {
-            title: title.into(),
-            x_label: "x [mm]".into(),
-            y_label: "z [mm]".into(),
-            size: SQUARE_PX,
-            equal_axes: true,
-            series,
-            ..Chart::default()
-        });
+        charts.push(Chart { series, ..drawing(title, view) });
     }
     html! { @for chart in charts { (chart.svg()) } }
 }
@@ -252,8 +246,20 @@ mod tests {
     #[test]
     fn pose_starts_at_the_base_only_when_p0_is_not_a_keypoint() {
         let mut chain = trajectory(&[0.0], &[0.025]);
-        assert_eq!(pose(&chain, 0, Some([0.0; 3])), [(0.0, 0.0), (25.0, 0.0)]);
+        assert_eq!(pose(&chain, 0, Some([0.0; 3]), View::Xz), [(0.0, 0.0), (25.0, 0.0)]);
         chain.keypoints = vec!["P0".into()];
-        assert_eq!(pose(&chain, 0, Some([0.0; 3])), [(25.0, 0.0)]);
+        assert_eq!(pose(&chain, 0, Some([0.0; 3]), View::Xz), [(25.0, 0.0)]);
+    }
+
+    #[test]
+    fn motion_that_was_filmed_from_above_is_drawn_in_x_and_y() {
+        let mut seen = trajectory(&[0.0, 0.1], &[0.0, 0.001]);
+        seen.position_m.iter_mut().for_each(|place| *place = [place[0], 0.03, f64::NAN]);
+        let run = RunFigures { simulated: with_y(seen.clone()), measured: seen, ..RunFigures::default() };
+        for markup in [over_time(&run), residuals(&run, 0.0), superimposed(&run), first_pose(&run)] {
+            let text = markup.into_string();
+            assert!(text.contains("y [mm]") || text.contains("residual in y"), "{text}");
+            assert!(!text.contains("z [mm]") && !text.contains("residual in z"), "{text}");
+        }
     }
 }

@@ -106,6 +106,9 @@ pub struct TankView {
     pub metres_per_pixel: Positive,
     /// Where the world origin is seen \[px\].
     pub origin_px: [Finite; 2],
+    /// Which plane the camera looks at. Default x-z.
+    #[serde(default)]
+    pub plane: crate::calibration::View,
     /// Grey of the water in the middle of the picture, 0 to 255. Default 200.
     #[serde(default = "water")]
     pub water_grey: NonNegative,

@@ -10,7 +10,7 @@ use sim::Model;
 use sim::math::{Mat3, Vec3};
 use sim::model::{Geom, GeomKind};
 
-use crate::calibration::{Plane, Px};
+use crate::calibration::{Plane, Px, View};
 
 /// How a scene is lit and filmed.
 #[derive(Debug, Clone, PartialEq)]
@@ -137,14 +137,14 @@ fn light(look: &Look, x: usize, y: usize) -> f64 {
 
 /// Outlines of a model's geoms in the picture \[px\], walls and floors left out.
 pub fn outlines(model: &Model, qpos: &[f64], plane: &Plane) -> Vec<Vec<Px>> {
-    project(&corners(model, qpos), plane)
+    project(&corners(model, qpos, plane.view()), plane)
 }
 
-/// For each geom, points `[x, z]` \[m\] whose convex hull is its outline, walls and floors left out.
-pub(super) fn corners(model: &Model, qpos: &[f64]) -> Vec<Vec<[f64; 2]>> {
+/// For each geom, points \[m\] in the plane of `view` whose convex hull is its outline, walls and floors left out.
+pub(super) fn corners(model: &Model, qpos: &[f64], view: View) -> Vec<Vec<[f64; 2]>> {
     let poses = model.poses(qpos);
     let geoms = model.geoms.iter().zip(poses.geom_pos.iter().zip(&poses.geom_rot));
-    geoms.map(|(geom, (pos, rot))| outline(geom, *pos, rot)).filter(|p| !p.is_empty()).collect()
+    geoms.map(|(geom, (pos, rot))| outline(geom, *pos, rot, view)).filter(|p| !p.is_empty()).collect()
 }
 
 /// The outlines of geoms with these corners in the picture \[px\].
@@ -152,12 +152,9 @@ pub(super) fn project(corners: &[Vec<[f64; 2]>], plane: &Plane) -> Vec<Vec<Px>> 
     corners.iter().map(|points| hull(points.iter().map(|&p| plane.pixel(p)).collect())).collect()
 }
 
-/// Points `[x, z]` \[m\] whose convex hull is what the camera sees of a geom at `pos`, turned by `rot`.
-fn outline(geom: &Geom<f64>, pos: Vec3<f64>, rot: &Mat3<f64>) -> Vec<[f64; 2]> {
-    let at = |local: [f64; 3]| {
-        let Vec3([x, _, z]) = pos + rot.apply(Vec3(local));
-        [x, z]
-    };
+/// Points \[m\] whose convex hull is what the camera sees of a geom at `pos`, turned by `rot`.
+fn outline(geom: &Geom<f64>, pos: Vec3<f64>, rot: &Mat3<f64>, view: View) -> Vec<[f64; 2]> {
+    let at = |local: [f64; 3]| view.seen((pos + rot.apply(Vec3(local))).0);
     let circle =
         || (0..CIRCLE_CORNERS).map(|i| (i as f64 * std::f64::consts::TAU / CIRCLE_CORNERS as f64).sin_cos());
     let [a, b, c] = geom.size;
@@ -173,18 +170,18 @@ fn outline(geom: &Geom<f64>, pos: Vec3<f64>, rot: &Mat3<f64>) -> Vec<[f64; 2]> {
         GeomKind::Sphere | GeomKind::Capsule => {
             let half = if geom.kind == GeomKind::Capsule { b } else { 0.0 };
             let ends = [at([0.0, 0.0, half]), at([0.0, 0.0, -half])];
-            circle().flat_map(|(s, k)| ends.map(|[x, z]| [x + a * k, z + a * s])).collect()
+            circle().flat_map(|(s, k)| ends.map(|[x, up]| [x + a * k, up + a * s])).collect()
         }
         GeomKind::Ellipsoid => {
             // The shadow of a ball put through M = rot diag(size) is an ellipse with the matrix M M' of its two
             // rows; its Cholesky factor turns a circle into it.
             let row = |i: usize| Vec3([rot.0[i][0] * a, rot.0[i][1] * b, rot.0[i][2] * c]);
-            let (x, z) = (row(0), row(2));
+            let [x, up] = view.seen_axes().map(|(axis, _)| row(axis));
             let first = x.norm();
-            let cross = x.dot(z) / first;
-            let second = (z.dot(z) - cross * cross).max(0.0).sqrt();
-            let [x0, z0] = at([0.0; 3]);
-            circle().map(|(s, k)| [x0 + first * k, z0 + cross * k + second * s]).collect()
+            let cross = x.dot(up) / first;
+            let second = (up.dot(up) - cross * cross).max(0.0).sqrt();
+            let [x0, up0] = at([0.0; 3]);
+            circle().map(|(s, k)| [x0 + first * k, up0 + cross * k + second * s]).collect()
         }
     }
 }

@@ -46,7 +46,7 @@ impl TankScene {
             let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}"));
             format!("{error}{}", cause.unwrap_or_default())
         })?;
-        Ok(corners(self.tank.model(), &qpos))
+        Ok(corners(self.tank.model(), &qpos, self.renderer.plane.view()))
     }
 
     /// Lets each point be seen when its row is taken: on the parabola through three instants of the motion.
@@ -79,7 +79,8 @@ impl Tank {
     /// What a camera set up as `camera` says sees of this tank.
     pub fn scene(&self, camera: &CameraConfig) -> TankScene {
         let view = &self.config().view;
-        let plane = Plane::square(view.metres_per_pixel.get(), view.origin_px.map(Finite::get));
+        let plane =
+            Plane::square(view.metres_per_pixel.get(), view.origin_px.map(Finite::get)).viewed(view.plane);
         let look = Look {
             water: view.water_grey.get(),
             mechanism: view.mechanism_grey.get(),

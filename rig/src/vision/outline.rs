@@ -25,8 +25,8 @@ pub struct Outline {
     pub end_rounding: Option<f64>,
     /// Mode `arc`: P0..Pn at these shares of the arc length, end to end, shape (n + 1).
     pub shares: Vec<f64>,
-    /// Where P0 is fixed in the world, `[x, z]` \[m\]; none where it moves or nobody says.
-    pub base_m: Option<[f64; 2]>,
+    /// Where P0 is fixed in the world \[m\]; none where it moves or nobody says.
+    pub base_m: Option<[f64; 3]>,
 }
 
 impl Outline {
@@ -89,7 +89,7 @@ struct ModelShape {
     front_m: f64,
     /// Of the ends, where both are alike.
     rounding: Option<f64>,
-    base_m: Option<[f64; 2]>,
+    base_m: Option<[f64; 3]>,
 }
 
 /// How far joints are turned \[rad, m\] to see what is rigid: no angle that a mechanism would have by itself.
@@ -158,7 +158,7 @@ impl ModelShape {
             back_m: back.0,
             front_m: front.0,
             rounding: back.1.filter(|_| back.1 == front.1),
-            base_m: (fixed && !floats(model)).then_some([base[0], base[2]]),
+            base_m: (fixed && !floats(model)).then_some(base.0),
         })
     }
 
@@ -262,7 +262,7 @@ mod tests {
             assert_eq!((outline.links, outline.mode), (3, Mode::Links), "{name}");
             assert!(near(&outline.lengths_m.unwrap(), &[0.025, 0.025, 0.0275]), "{name}");
             assert!(near(&[outline.overhang_m.unwrap().0, outline.tip_overhang_m], &[0.0025, 0.0]), "{name}");
-            assert_eq!((outline.end_rounding, outline.base_m), (Some(0.0), Some([0.0, 0.0])), "{name}");
+            assert_eq!((outline.end_rounding, outline.base_m), (Some(0.0), Some([0.0; 3])), "{name}");
         }
     }
 

@@ -25,13 +25,14 @@ pub fn write_frames<'a>(
     Ok(())
 }
 
-/// Writes `time_s,c0_x_m,c0_z_m,...`, one row an image, empty cells where it was rejected.
+/// Writes `time_s,c0_x_m,c0_z_m,...` (from above y for z), one row an image, empty cells where it was rejected.
 ///
 /// # Errors
 /// What the writer says.
 pub fn write_centreline_csv(extraction: &Extraction, out: impl Write) -> Result<(), csv::Error> {
     let mut csv = csv::Writer::from_writer(out);
-    let names = (0..CENTRELINE_POINTS).flat_map(|i| [format!("c{i}_x_m"), format!("c{i}_z_m")]);
+    let axes = extraction.plane.view().seen_axes();
+    let names = (0..CENTRELINE_POINTS).flat_map(|i| axes.map(|(_, axis)| format!("c{i}_{axis}_m")));
     csv.write_record(std::iter::once("time_s".to_owned()).chain(names))?;
     for record in &extraction.records {
         let cells: Vec<String> = match centreline(extraction, record) {
@@ -44,7 +45,7 @@ pub fn write_centreline_csv(extraction: &Extraction, out: impl Write) -> Result<
     Ok(())
 }
 
-/// An image's centreline in the plane of motion, [`CENTRELINE_POINTS`] points `[x, z]` \[m\]; none where it was rejected.
+/// An image's centreline in the plane of motion, [`CENTRELINE_POINTS`] points \[m\] to the right and up; none where it was rejected.
 pub fn centreline(extraction: &Extraction, record: &ImageRecord) -> Option<Vec<[f64; 2]>> {
     let lengths = arc_lengths(&record.centreline);
     let total = *lengths.last()?;

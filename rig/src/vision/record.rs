@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::Mask;
 use super::extractor::Learned;
 use super::keypoints::Sigma;
-use crate::calibration::Plane;
 use crate::calibration::Px;
+use crate::calibration::{Plane, View};
 
 /// How far an image's keypoints can be trusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -71,7 +71,7 @@ pub struct ImageRecord {
 pub struct Extraction {
     /// One record an image, in order.
     pub records: Vec<ImageRecord>,
-    /// P0..Pn over time in the plane of motion; NaN where an image was rejected. y is never observed.
+    /// P0..Pn over time in the plane of motion; NaN where an image was rejected. What is along the camera's view is never observed.
     pub trajectory: sim::Trajectory,
     /// From pixels to metres.
     pub plane: Plane,
@@ -79,8 +79,8 @@ pub struct Extraction {
     pub learned: Vec<Learned>,
 }
 
-/// The keypoints P0..P`links` of `records` over time.
-pub(crate) fn trajectory(records: &[ImageRecord], links: usize) -> sim::Trajectory {
+/// The keypoints P0..P`links` of `records` over time, as `view` shows them.
+pub(crate) fn trajectory(records: &[ImageRecord], links: usize, view: View) -> sim::Trajectory {
     let mut trajectory = sim::Trajectory {
         keypoints: (0..=links).map(|i| format!("P{i}")).collect(),
         ..sim::Trajectory::default()
@@ -90,8 +90,7 @@ pub(crate) fn trajectory(records: &[ImageRecord], links: usize) -> sim::Trajecto
         trajectory.time_s.push(record.time_s);
         for i in 0..=links {
             let keypoint = record.keypoints.get(i);
-            let [x, z] = keypoint.map_or([f64::NAN; 2], |k| k.metres);
-            trajectory.position_m.push([x, f64::NAN, z]);
+            trajectory.position_m.push(view.world(keypoint.map_or([f64::NAN; 2], |k| k.metres)));
             std_m.push(keypoint.map_or(f64::NAN, |k| k.std_m));
             let pose = keypoint.map(|k| k.pose_std_m).filter(|std| *std > 0.0);
             pose_std_m.push(pose.unwrap_or(f64::NAN));
@@ -105,7 +104,7 @@ pub(crate) fn trajectory(records: &[ImageRecord], links: usize) -> sim::Trajecto
 impl Extraction {
     /// Puts records of `links + 1` keypoints into one trajectory.
     pub fn of(records: Vec<ImageRecord>, links: usize, plane: Plane) -> Self {
-        let trajectory = trajectory(&records, links);
+        let trajectory = trajectory(&records, links, plane.view());
         Self { records, trajectory, plane, learned: Vec::new() }
     }
 

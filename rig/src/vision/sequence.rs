@@ -39,13 +39,22 @@ impl<'a> Task<'a> {
     /// Of a `[vision]` table whose paths start at `folder`, and the model of what is seen.
     ///
     /// # Errors
-    /// As [`Outline::new`].
+    /// As [`Outline::new`]; and where the camera looks along the plane in which the model moves.
     pub fn new(
         config: &'a VisionConfig,
         model: Option<&Model>,
         plane: Plane,
         folder: &'a Path,
     ) -> Result<Self, VisionError> {
+        let view = plane.view();
+        if let Some(model) = model.filter(|model| view.misses(model)) {
+            let what = format!(
+                "is asked to follow the model {} in the {view} plane, but none of its hinges turns there: the calibration's `view` is \
+                 the plane that the camera looks at, and the model moves in another one",
+                model.name
+            );
+            return Err(VisionError::Config { what });
+        }
         Ok(Self {
             config,
             outline: Outline::new(config, model)?,

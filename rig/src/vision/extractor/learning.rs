@@ -111,7 +111,7 @@ impl Extractor {
         });
         Self {
             config: config.clone(),
-            base: config.base().or(outline.base_m.map(|base| plane.pixel(base))),
+            base: config.base().or(outline.base_m.map(|base| plane.pixel(plane.view().seen(base)))),
             outline: outline.clone(),
             learned: Vec::new(),
             plane: plane.clone(),
