@@ -13,9 +13,11 @@
 
 pub mod background;
 mod bridges;
+pub mod captioned;
 pub mod centreline;
 pub mod component;
 pub mod config;
+pub mod contact_sheet;
 mod continuity;
 pub mod contour;
 mod ends;
@@ -32,6 +34,7 @@ pub mod overlay;
 mod parts;
 mod pixel_runs;
 pub mod record;
+pub mod refused;
 pub mod rejection;
 pub mod sample;
 pub mod sequence;
