@@ -235,3 +235,58 @@ pub fn write_sheet(path: &Path, source: &dyn ImageSource, extraction: &Extractio
     write_whole(path, &bytes).map_err(Failure::input)?;
     Ok(true)
 }
+
+#[cfg(test)]
+mod tests {
+    use sim::Trajectory;
+
+    use super::*;
+
+    fn images(times_s: &[f64]) -> Vec<TimedImage> {
+        let image = |&time_s: &f64| TimedImage { name: String::new(), time_s, grey: Err(String::new()) };
+        times_s.iter().map(image).collect()
+    }
+
+    #[test]
+    fn rate_is_that_of_most_images_and_one_image_is_shown_for_a_second() {
+        assert!((rate(&images(&[0.0, 0.0201, 0.04, 0.0599, 0.5, 0.52])) - 50.0).abs() < 1.0);
+        for odd in [&[][..], &[3.0], &[3.0, 3.0], &[3.0, f64::NAN]] {
+            assert_eq!(rate(&images(odd)), 1.0, "{odd:?}");
+        }
+    }
+
+    #[test]
+    fn simulation_is_drawn_from_its_base_at_the_images_own_time_only() {
+        let figures = RunFigures {
+            base_m: Some([0.0, 0.0, 0.0]),
+            simulated: Trajectory {
+                time_s: vec![0.1, 0.2],
+                keypoints: vec!["P1".into()],
+                position_m: vec![[0.01, 0.0, -0.02], [0.03, 0.0, -0.01]],
+                ..Trajectory::default()
+            },
+            ..RunFigures::default()
+        };
+        let plane = Plane::square(0.001, [100.0, 50.0]);
+        let at = |time_s| simulated_px(&figures, &plane, time_s);
+        let near = |got: Option<Vec<Px>>, wanted: [Px; 2]| {
+            let got = got.unwrap();
+            got.len() == 2
+                && got.iter().flatten().zip(wanted.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-9)
+        };
+        assert!(near(at(0.2 + 1e-7), [[100.0, 50.0], [130.0, 60.0]]));
+        assert!(near(at(0.1), [[100.0, 50.0], [110.0, 70.0]]));
+        assert_eq!((at(0.0), at(0.15), at(0.3)), (None, None, None));
+    }
+
+    #[test]
+    fn names_of_other_films_and_pictures_are_refused_and_folders_are_folders() {
+        let folder = tempfile::tempdir().unwrap();
+        let plan = |name: &str| Overlays::plan(&folder.path().join(name), 1.0);
+        assert!(matches!(plan("look"), Ok(Overlays::Folder(_))));
+        assert!(matches!(plan("look.2026.11.24"), Ok(Overlays::Folder(_))));
+        assert!(plan("look.avi").is_err_and(|failure| failure.exit_code() == 2));
+        assert!(sheet_format(Path::new("a.PNG")).is_ok() && sheet_format(Path::new("a.jpeg")).is_ok());
+        assert!(sheet_format(Path::new("a.pdf")).is_err() && sheet_format(Path::new("a")).is_err());
+    }
+}

@@ -10,6 +10,8 @@ use crate::lettering::{self, Size};
 
 /// Small pictures are enlarged to at least this width \[px\]: lines a pixel wide hardly survive a film's compression.
 const LEAST_WIDTH_PX: u32 = 960;
+/// Width of the lines of what was found \[px\].
+const PEN_PX: u8 = 2;
 /// Around the words \[px\].
 const MARGIN_PX: u32 = 8;
 /// Lines that a reason may take.
@@ -46,17 +48,20 @@ impl Captioned {
     pub fn picture(&self, image: &TimedImage, record: &ImageRecord, simulated: Option<&[Px]>) -> RgbImage {
         let [width, height] = self.size_px();
         let blank = GrayImage::from_pixel(self.image_px[0], self.image_px[1], image::Luma([BLANK]));
-        let mut canvas = Canvas::enlarged(image.grey.as_ref().unwrap_or(&blank), self.zoom).with_pen(2);
+        let mut canvas = Canvas::enlarged(image.grey.as_ref().unwrap_or(&blank), self.zoom);
         if image.grey.is_ok() {
+            if let Some(simulated) = simulated {
+                // Wider and below: where both agree what was found lies within it.
+                canvas = canvas.with_pen(3 * PEN_PX);
+                canvas.line(simulated, SIMULATED_RGB);
+                let outer = 5.0 + 2.0 * f64::from(self.zoom);
+                simulated.iter().for_each(|&px| canvas.ring(px, outer - 2.5, outer, SIMULATED_RGB));
+            }
+            canvas = canvas.with_pen(PEN_PX);
             if record.centreline.is_empty() {
                 canvas.links(record);
             }
             canvas.found(record);
-            if let Some(simulated) = simulated {
-                canvas.line(simulated, SIMULATED_RGB);
-                let outer = 3.0 + f64::from(self.zoom);
-                simulated.iter().for_each(|&px| canvas.ring(px, outer - 2.5, outer, SIMULATED_RGB));
-            }
         }
         let mut picture = RgbImage::from_pixel(width, height, STRIP);
         // One of another size than the film's must not cover the strip.
@@ -90,7 +95,7 @@ fn caption(picture: &mut RgbImage, top: u32, record: &ImageRecord, simulated: bo
     if simulated {
         put("  simulated", SIMULATED_RGB);
     }
-    put(&format!("  {}", record.name), INK);
+    put(&format!("  image {}", record.name), INK);
     let letters = picture.width().saturating_sub(2 * MARGIN_PX) / Size::Small.letter_px();
     let reason = lettering::wrapped(&record.reason, letters as usize, REASON_LINES as usize);
     for (line, row) in reason.iter().zip(0..) {
@@ -136,7 +141,7 @@ mod tests {
             film.picture(&dark, &record(Status::Rejected, &long), Some(&[[20.0, 10.0], [30.0, 40.0]]));
         assert!(words(&rejected, REJECTED) && words(&rejected, SIMULATED_RGB));
         assert_eq!(
-            rejected.get_pixel(30 * 15 + 7 + 16, 40 * 15 + 7),
+            rejected.get_pixel(30 * 15 + 7 + 34, 40 * 15 + 7),
             &SIMULATED_RGB,
             "a ring around the point"
         );

@@ -19,7 +19,7 @@ const INNER_RGB: Rgb<u8> = Rgb([30, 220, 255]);
 /// Rim of a silhouette that was rejected.
 const REJECTED_RGB: Rgb<u8> = Rgb([220, 60, 220]);
 /// What a simulation does.
-pub(super) const SIMULATED_RGB: Rgb<u8> = Rgb([255, 70, 200]);
+pub(super) const SIMULATED_RGB: Rgb<u8> = Rgb([90, 140, 255]);
 
 /// A picture to draw on, `scale` of its pixels for one of the camera's.
 #[derive(Debug)]
@@ -140,8 +140,10 @@ impl Canvas {
             let along = length * i as f64 / steps.max(1) as f64;
             let at = if length > 0.0 { moved(a, unit(a, b), along) } else { a };
             let [x, y] = self.place(at);
-            for dx in 0..self.pen {
-                for dy in 0..self.pen {
+            let pen = i16::from(self.pen);
+            let width = (1 - pen) / 2..=pen / 2;
+            for dx in width.clone() {
+                for dy in width.clone() {
                     self.put([x + f64::from(dx), y + f64::from(dy)], colour);
                 }
             }
