@@ -11,7 +11,8 @@
 //! * [`profile`], [`tank`], [`record`]: the stroke, the simulated tank behind the mocks, run folders and recordings;
 //! * [`images`], [`report`], [`calibrate`]: where images come from, the page that is made of results, pictures of a board to a plane;
 //! * [`vision`], [`config`], [`interchange`]: images to keypoints, the config as a whole, keypoints from and to other programs;
-//! * [`run`], [`analysis`], [`doctor`]: a film from still water to the safe stop, a recording to a report, what is wrong with the rig;
+//! * [`run`], [`analysis`], [`doctor`], [`preview`]: a film from still water to the safe stop, a recording to a report, what is wrong
+//!   with the rig, what its camera sees;
 //! * [`app`]: one experiment, fits, diagnoses, the daemon; [`cli`]: arguments and printing.
 //!
 //! Who works beside whom, and what lies between them: `docs/threads.md`.
@@ -30,6 +31,7 @@ pub mod error_chain;
 pub mod images;
 pub mod interchange;
 pub mod lettering;
+pub mod preview;
 pub mod profile;
 pub mod reasons;
 pub mod record;

@@ -39,6 +39,7 @@ pub mod rejection;
 pub mod sample;
 pub mod sequence;
 pub mod spline;
+pub mod standing_out;
 mod static_mask;
 pub mod thin;
 
