@@ -5,13 +5,14 @@
 //! keypoints, [`analysis`] gives the run's trajectory to `ident`, and [`report`] shows what came out.
 //!
 //! Rooms, each of which knows only those before it:
-//! * [`error_chain`], [`claim`], [`schedule`], [`clock`], [`calibration`]: an error's causes, what one process has alone, when a daemon
-//!   runs, ticks and stamps on one clock, pixels in metres;
+//! * [`error_chain`], [`reasons`], [`lettering`], [`claim`], [`schedule`], [`clock`], [`calibration`]: an error's causes, reasons told
+//!   together, words in pictures, what one process has alone, when a daemon runs, ticks and stamps on one clock, pixels in metres;
 //! * [`camera`], [`servo`]: the two traits, and a real, a mock and a recorded device behind each;
 //! * [`profile`], [`tank`], [`record`]: the stroke, the simulated tank behind the mocks, run folders and recordings;
 //! * [`images`], [`report`], [`calibrate`]: where images come from, the page that is made of results, pictures of a board to a plane;
 //! * [`vision`], [`config`], [`interchange`]: images to keypoints, the config as a whole, keypoints from and to other programs;
-//! * [`run`], [`analysis`], [`doctor`]: a film from still water to the safe stop, a recording to a report, what is wrong with the rig;
+//! * [`run`], [`analysis`], [`doctor`], [`preview`]: a film from still water to the safe stop, a recording to a report, what is wrong
+//!   with the rig, what its camera sees;
 //! * [`app`]: one experiment, fits, diagnoses, the daemon; [`cli`]: arguments and printing.
 //!
 //! Who works beside whom, and what lies between them: `docs/threads.md`.
@@ -29,7 +30,10 @@ pub mod doctor;
 pub mod error_chain;
 pub mod images;
 pub mod interchange;
+pub mod lettering;
+pub mod preview;
 pub mod profile;
+pub mod reasons;
 pub mod record;
 pub mod report;
 pub mod run;

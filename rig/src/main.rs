@@ -43,6 +43,8 @@ enum Verb {
     Simulate(cli::simulate::Args),
     /// Run the experiment on its schedule
     Daemon(cli::daemon::Args),
+    /// Show what the camera sees, with focus, light and flicker, on a page of this machine
+    Preview(cli::preview::Args),
     /// Check everything a run needs, and say what to do about the rest
     Doctor(cli::doctor::Args),
     /// List serial ports and cameras, and why one cannot be used
@@ -79,6 +81,7 @@ fn main() -> ExitCode {
         Verb::Design(args) => cli::design::run(args),
         Verb::Simulate(args) => cli::simulate::run(args),
         Verb::Daemon(args) => cli::daemon::run(args),
+        Verb::Preview(args) => cli::preview::run(args),
         Verb::Doctor(args) => cli::doctor::run(args),
         Verb::List(args) => cli::list::run(args),
         Verb::Status(args) => cli::status::run(args),

@@ -44,6 +44,7 @@ fn args(folder: &Path, config: &str, centreline: &str) -> Args {
         out: folder.join("t.csv"),
         centreline: Some(folder.join(centreline)),
         overlays: Some(folder.join("overlays")),
+        contact_sheet: Some(folder.join("sheet.png")),
         from_s: None,
         to_s: None,
         slow_motion: None,
@@ -75,6 +76,38 @@ fn folder_becomes_trajectory_frames_centreline_and_overlays() {
     let cells: Vec<&str> = centreline.lines().nth(2).unwrap().split(',').collect();
     assert!(cells[1..].iter().all(|cell| cell.is_empty()) && cells.len() == 203);
     assert!(folder.path().join("overlays/c.png").is_file());
+    assert!(outcome.text.contains("sheet.png: refused"), "{}", outcome.text);
+    let sheet = image::open(folder.path().join("sheet.png")).unwrap();
+    assert_eq!(sheet.width(), 1380);
+}
+
+#[test]
+fn overlays_with_a_films_ending_are_a_film_with_every_image_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut args = args(folder.path(), CONFIG, "c.csv");
+    let path = folder.path().join("look.mkv");
+    args.overlays = Some(path.clone());
+    match run(&args) {
+        Err(Failure::Input(error)) if error.to_string().starts_with("writing the film") => {
+            return eprintln!("skipped: {error}");
+        }
+        outcome => drop(outcome.unwrap()),
+    }
+    let film = rig::images::open(&path, None).unwrap();
+    let images: Vec<_> = film.images().unwrap().map(Result::unwrap).collect();
+    let times_s: Vec<f64> = images.iter().map(|image| (image.time_s * 1e3).round() / 1e3).collect();
+    assert_eq!(times_s, [0.0, 0.05, 0.1]);
+    // The bar of 10 px by 80 px is there in the first and the last one.
+    let dark = |image: &rig::images::TimedImage| {
+        let grey = image.grey.as_ref().unwrap();
+        let picture = image::imageops::crop_imm(grey, 0, 0, grey.width(), grey.width() * 130 / 100);
+        picture.to_image().pixels().filter(|pixel| pixel.0[0] < 120).count()
+    };
+    assert!(dark(&images[0]) > 30_000 && dark(&images[1]) < 1000 && dark(&images[2]) > 30_000);
+
+    args.overlays = Some(folder.path().join("look.avi"));
+    let Err(Failure::Input(error)) = run(&args) else { panic!() };
+    assert!(error.to_string().contains(".mp4, .webm or .mkv"), "{error}");
 }
 
 #[test]

@@ -10,17 +10,18 @@ mod error;
 mod experiment;
 pub mod live;
 mod pictures;
-mod stored;
+pub mod stored;
 pub mod timeline;
 
 use std::path::Path;
 use std::sync::Arc;
 
-use ident::diagnose::{self, diagnose};
+use ident::diagnose::{self, DiagnoseError, Diagnosed, diagnose};
 use ident::fit::{Fitted, Observer, WarmStart};
 use ident::table;
 
 use crate::config::RigConfig;
+use crate::error_chain::with_causes;
 use crate::images::TimedImage;
 use crate::images::recording::RecordedImages;
 use crate::record::RecordError;
@@ -74,12 +75,19 @@ pub struct Analysis<'a> {
     pub live: Option<Live>,
 }
 
+/// What the keypoints say.
+struct Answer {
+    fitted: Fitted,
+    /// Where it was asked for.
+    diagnosed: Option<Result<Diagnosed, DiagnoseError>>,
+}
+
 impl Analysis<'_> {
     /// Carries out all stages from [`Analysis::from`] on and writes their files; what the report shows comes back. The threads of
     /// the caller's pool work on it; the results do not depend on how many those are.
     ///
     /// # Errors
-    /// [`AnalysisError`]; the files of the stages before it are there.
+    /// [`AnalysisError`]; the files of the stages before it are there, and a report of what the images gave.
     pub fn carry_out(mut self, progress: &mut dyn Progress) -> Result<ReportData, AnalysisError> {
         let mut timing = Timing { workers: rayon::current_num_threads(), ..Timing::default() };
         let chronicle = self.chronicle.take();
@@ -102,20 +110,35 @@ impl Analysis<'_> {
                 (None, None)
             }
         };
+        let answer = self.answer(&timeline, early, &mut timing, progress);
+        progress.begin("report", None);
+        let data = self.report(&timeline, extraction.as_ref(), answer.as_ref());
+        // Why there is no fit says more than why there is no report of it.
+        answer.and(data)
+    }
+
+    /// Fit and diagnosis of the keypoints.
+    fn answer(
+        &self,
+        timeline: &Timeline,
+        early: Option<EarlyFit>,
+        timing: &mut Timing,
+        progress: &mut dyn Progress,
+    ) -> Result<Answer, AnalysisError> {
         let trajectory = table::read_trajectory(&self.out.join(file::TRAJECTORY))?;
-        let experiment = experiment(self.run, self.config, &timeline, trajectory)?;
-        let warm = self.warm_start(early, &mut timing)?;
+        let experiment = experiment(self.run, self.config, timeline, trajectory)?;
+        let warm = self.warm_start(early, timing)?;
         progress.begin("fit", Some(experiment.fit.max_evaluations));
         let (mut fitted, left) =
             timing.measure("fit", || ident::fit::first_answer(&experiment, warm.as_ref(), progress))?;
         if let Some(warm) = &warm {
             write_json(&self.out.join(file::WARM_START), warm)?;
         }
-        self.write_fit(&fitted, &timing)?;
+        self.write_fit(&fitted, timing)?;
         if let Some(left) = left {
             // The coefficients are there; whether another start ends in better ones is seen now.
             fitted = timing.measure("other starts", || ident::fit::resume(&experiment, left, progress))?;
-            self.write_fit(&fitted, &timing)?;
+            self.write_fit(&fitted, timing)?;
         }
         let wanted = self.config.run.diagnose;
         let diagnosed =
@@ -125,20 +148,33 @@ impl Analysis<'_> {
             write_json(&self.out.join(file::DIAGNOSIS), &diagnosed.diagnosis)?;
         }
         timing.write(&self.out.join(file::TIMING))?;
+        Ok(Answer { fitted, diagnosed })
+    }
 
-        progress.begin("report", None);
-        let shown = RunFolder::open(self.out)?;
-        let mut data = ReportData::of_run(&shown)?;
-        data.add_fitted(&fitted);
-        match &diagnosed {
-            Some(Ok(diagnosed)) => data.diagnosis = Some(DiagnosisFigures::new(diagnosed)),
-            // coefficients are worth having without it
-            Some(Err(error)) => data.warnings.push(format!("No diagnosis: {error}.")),
-            None => {}
+    /// Writes the report; without an answer it shows what the images gave, and why there is none.
+    fn report(
+        &self,
+        timeline: &Timeline,
+        extraction: Option<&Extraction>,
+        answer: Result<&Answer, &AnalysisError>,
+    ) -> Result<ReportData, AnalysisError> {
+        let mut data = ReportData::of_run(&RunFolder::open(self.out)?)?;
+        match answer {
+            Ok(Answer { fitted, diagnosed }) => {
+                data.add_fitted(fitted);
+                match diagnosed {
+                    Some(Ok(diagnosed)) => data.diagnosis = Some(DiagnosisFigures::new(diagnosed)),
+                    // coefficients are worth having without it
+                    Some(Err(error)) => data.warnings.push(format!("No diagnosis: {error}.")),
+                    None => {}
+                }
+            }
+            Err(error) => data.warnings.push(format!("No fit: {}.", with_causes(error))),
         }
         data.clocks.extend(timeline.clock_quality());
-        if let Some(extraction) = &extraction {
-            pictures::show(&mut data, extraction, &fitted, &self.images(&timeline))?;
+        if let Some(extraction) = extraction {
+            let images = self.images(timeline);
+            pictures::show(&mut data, extraction, answer.ok().map(|answer| &answer.fitted), &images)?;
         }
         write_whole(&self.out.join(file::REPORT), crate::report::render(&data).as_bytes())?;
         Ok(data)

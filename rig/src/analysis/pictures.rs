@@ -1,15 +1,18 @@
 //! A few of the recorded images in the report.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use ident::fit::{Fitted, FittedRun};
 use image::GrayImage;
 
 use super::error::AnalysisError;
 use crate::calibration::Plane;
+use crate::images::TimedImage;
 use crate::images::recording::RecordedImages;
-use crate::report::{Overlay, ReportData};
+use crate::report::{Overlay, RefusedImages, ReportData};
 use crate::tank::render::{Look, Renderer};
+use crate::vision::contact_sheet::MOST_SHOWN;
+use crate::vision::refused::refused;
 use crate::vision::{Extraction, ImageRecord, SequenceError, Status};
 
 /// Images shown in a report with what was found in them.
@@ -17,32 +20,50 @@ const SHOWN_IMAGES: usize = 6;
 /// Centrelines drawn for the superimposed motion.
 const DRAWN_CENTRELINES: usize = 40;
 
-/// Puts some images with what was found in them, the first pose, and centrelines into a report.
+/// Puts some images with what was found in them, refused ones by reason, the first pose, and centrelines into a report.
 ///
 /// # Errors
 /// [`AnalysisError`] when the recording cannot be read again.
 pub(super) fn show(
     data: &mut ReportData,
     extraction: &Extraction,
-    fitted: &Fitted,
+    fitted: Option<&Fitted>,
     source: &RecordedImages,
 ) -> Result<(), AnalysisError> {
-    let shown = worth_showing(extraction);
-    let images = source.numbered(&shown).map_err(SequenceError::from)?;
-    data.overlays = shown
-        .iter()
-        .zip(&images)
-        .filter_map(|(&index, image)| Some(overlay(image.grey.as_ref().ok()?, &extraction.records[index])))
+    let records = &extraction.records;
+    let groups = refused(records, MOST_SHOWN);
+    let spread = worth_showing(extraction);
+    let wanted: BTreeSet<usize> =
+        spread.iter().chain(groups.iter().flat_map(|group| &group.shown)).copied().collect();
+    let images = source.numbered(&wanted).map_err(SequenceError::from)?;
+    let images: BTreeMap<usize, TimedImage> = wanted.into_iter().zip(images).collect();
+    let overlay = |index: &usize| {
+        let grey = images.get(index)?.grey.as_ref().ok()?;
+        Some(overlay(grey, &records[*index]))
+    };
+    data.overlays = spread.iter().filter_map(overlay).collect();
+    data.refused = groups
+        .into_iter()
+        .map(|group| {
+            let shown: Vec<Overlay> = group.shown.iter().filter_map(overlay).collect();
+            RefusedImages {
+                unreadable: group.shown.len() - shown.len(),
+                reason: group.reason,
+                doubtful: group.status == Status::Doubtful,
+                count: group.count,
+                shown,
+            }
+        })
         .collect();
     let Some(figures) = data.runs.first_mut() else { return Ok(()) };
     figures.measured_pose = data.overlays.first().cloned();
-    figures.centrelines_m = extraction
-        .records
+    figures.centrelines_m = records
         .iter()
-        .step_by(extraction.records.len().div_ceil(DRAWN_CENTRELINES).max(1))
+        .step_by(records.len().div_ceil(DRAWN_CENTRELINES).max(1))
         .map(|record| record.centreline.iter().map(|&px| extraction.plane.metres(px)).collect())
         .collect();
-    if let (Some(pose), Some(run)) = (&figures.measured_pose, fitted.runs.first()) {
+    let run = fitted.and_then(|fitted| Some((fitted, fitted.runs.first()?)));
+    if let (Some(pose), Some((fitted, run))) = (&figures.measured_pose, run) {
         figures.simulated_pose = Some(drawn(fitted, run, &pose.image, &extraction.plane));
     }
     Ok(())
@@ -54,16 +75,16 @@ fn drawn(fitted: &Fitted, run: &FittedRun, like: &GrayImage, plane: &Plane) -> G
     Renderer::new(plane.clone(), look).draw(&fitted.model, &run.initial.qpos)
 }
 
-/// The first image, evenly spread ones, and the first rejected one: an index into the records each.
+/// The first image, and evenly spread ones: an index into the records each.
 fn worth_showing(extraction: &Extraction) -> BTreeSet<usize> {
-    let records = &extraction.records;
-    let spread = (0..SHOWN_IMAGES - 1).map(|k| k * (records.len() - 1) / (SHOWN_IMAGES - 1).max(1));
-    let rejected = records.iter().position(|record| record.status == Status::Rejected);
-    spread.chain(rejected).collect()
+    let last = extraction.records.len().saturating_sub(1);
+    let spread = (0..SHOWN_IMAGES).map(|k| k * last / (SHOWN_IMAGES - 1));
+    spread.filter(|&index| index < extraction.records.len()).collect()
 }
 
 fn overlay(image: &GrayImage, record: &ImageRecord) -> Overlay {
     Overlay {
+        name: record.name.clone(),
         time_s: record.time_s,
         image: image.clone(),
         mask: record.mask.as_ref().map(|mask| mask.picture(image.width(), image.height())),

@@ -1,5 +1,8 @@
 //! `extraction.jsonl`: what was found in each image, one line an image, to start again from.
 
+use std::path::Path;
+
+use crate::calibration::Plane;
 use crate::record::RecordError;
 use crate::record::folder::{RunFolder, file, write_whole};
 use crate::vision::record::{ImageRecord, StoredRecord};
@@ -15,11 +18,7 @@ pub(super) fn lines(records: &[ImageRecord]) -> Result<Vec<u8>, serde_json::Erro
 }
 
 /// Writes into `folder` the lines that are `begun`, and those of the records `left`.
-pub(super) fn write(
-    folder: &std::path::Path,
-    mut begun: Vec<u8>,
-    left: &[ImageRecord],
-) -> Result<(), RecordError> {
+pub(super) fn write(folder: &Path, mut begun: Vec<u8>, left: &[ImageRecord]) -> Result<(), RecordError> {
     let path = folder.join(file::EXTRACTION);
     begun.append(&mut lines(left).map_err(|error| RecordError::damaged(&path, error))?);
     write_whole(&path, &begun)
@@ -28,16 +27,29 @@ pub(super) fn write(
 /// Reads the records of `run`, which must be `count`: one for each usable image.
 pub(super) fn read(run: &RunFolder, count: usize) -> Result<Vec<StoredRecord>, RecordError> {
     let path = run.file(file::EXTRACTION);
-    let text = std::fs::read_to_string(&path).map_err(RecordError::io("reading", &path))?;
-    let record = |(line, text): (usize, &str)| {
-        let damaged =
-            |error: serde_json::Error| RecordError::damaged(&path, format!("line {}: {error}", line + 1));
-        serde_json::from_str(text).map_err(damaged)
-    };
-    let records = text.lines().enumerate().map(record).collect::<Result<Vec<StoredRecord>, _>>()?;
+    let records = read_all(&path)?;
     if records.len() != count {
         let why = format!("{} images, the recording has {count}; replay from frames", records.len());
         return Err(RecordError::damaged(&path, why));
     }
     Ok(records)
+}
+
+/// What was found in each usable image, as it stands in a folder of results; without centrelines, which are not kept.
+///
+/// # Errors
+/// [`RecordError`].
+pub fn found(folder: &Path, plane: &Plane) -> Result<Vec<ImageRecord>, RecordError> {
+    let records = read_all(&folder.join(file::EXTRACTION))?;
+    Ok(records.iter().map(|record| record.record(plane)).collect())
+}
+
+fn read_all(path: &Path) -> Result<Vec<StoredRecord>, RecordError> {
+    let text = std::fs::read_to_string(path).map_err(RecordError::io("reading", path))?;
+    let record = |(line, text): (usize, &str)| {
+        let damaged =
+            |error: serde_json::Error| RecordError::damaged(path, format!("line {}: {error}", line + 1));
+        serde_json::from_str(text).map_err(damaged)
+    };
+    text.lines().enumerate().map(record).collect()
 }

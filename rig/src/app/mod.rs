@@ -15,6 +15,7 @@ pub mod fit;
 mod interrupt;
 pub mod last_good;
 mod live;
+pub mod look;
 mod results;
 
 pub use failure::{Failure, InRun};

@@ -11,12 +11,13 @@ use serde_json::json;
 use super::progress::Bar;
 use super::{Failure, Outcome};
 use crate::analysis::Progress as _;
+use crate::app::look::{self, Overlays};
 use crate::app::{Watcher as _, on_threads, read_model, threads};
 use crate::config::ExtractionConfig;
 use crate::images::{self, ImageSource as _, TimedImage, Trimmed, Window};
 use crate::interchange::wcon::{self, Line, Written};
 use crate::vision::extractor::Learned;
-use crate::vision::{Extraction, ImageRecord, Status, Task, output, overlay};
+use crate::vision::{Extraction, ImageRecord, Status, Task, output};
 
 /// Keypoints from images: a folder of pictures, or a video where ffmpeg is installed.
 #[derive(clap::Args, Debug)]
@@ -36,9 +37,13 @@ pub struct Args {
     /// Also write whole centrelines: CSV, or WCON by the ending .wcon.
     #[arg(long, value_name = "CSV|WCON")]
     pub centreline: Option<PathBuf>,
-    /// Also draw mask, centreline and keypoints over every image into this folder.
-    #[arg(long, value_name = "FOLDER")]
+    /// Also draw mask, centreline and keypoints over every image: pictures in a folder, or a film by the ending .mp4, .webm or .mkv (needs
+    /// ffmpeg), which plays as the images' source does.
+    #[arg(long, visible_alias = "overlay", value_name = "FOLDER|FILM")]
     pub overlays: Option<PathBuf>,
+    /// Also put refused and doubtful images, by reason, on one picture, where there are any.
+    #[arg(long, value_name = "PNG|JPG")]
+    pub contact_sheet: Option<PathBuf>,
     /// Leave out what was filmed before this, in seconds of the film's own time.
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub from_s: Option<f64>,
@@ -53,9 +58,6 @@ pub struct Args {
     pub threads: Option<std::num::NonZeroUsize>,
 }
 
-/// Enlargement of overlays.
-const ZOOM: u32 = 4;
-
 /// Carries out `rig extract`.
 ///
 /// # Errors
@@ -66,14 +68,18 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let named = args.model.clone().or(config.model());
     let model = named.as_deref().map(read_model).transpose()?;
     let window = Window::new(args.from_s, args.to_s, args.slow_motion).map_err(Failure::input)?;
+    args.contact_sheet.as_deref().map(look::sheet_format).transpose()?;
+    let slowed = args.slow_motion.unwrap_or(1.0);
+    let plan = |path: &Path| Overlays::plan(path, slowed);
+    let mut overlays = args.overlays.as_deref().map(plan).transpose()?;
     let source = Trimmed::new(images::open(&args.frames, config.fps()).map_err(Failure::input)?, window);
 
     let mut bar = Bar::new(Arc::default());
     bar.begin("images", source.len_hint().map(|count| count as u64));
     let mut done = 0;
     let mut found = |images: &[TimedImage], records: &[ImageRecord]| {
-        if let Some(overlays) = &args.overlays {
-            draw(overlays, images, records).map_err(Failure::input)?;
+        if let Some(overlays) = &mut overlays {
+            overlays.draw(images, records)?;
         }
         done += images.len() as u64;
         bar.step(done);
@@ -85,7 +91,15 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     bar.clear();
     let extraction = extraction?;
     write(args, &extraction).map_err(Failure::input)?;
-    Ok(Outcome { out: Some(args.out.clone()), text: summary(&extraction, &args.out), ..Outcome::default() })
+    overlays.map(Overlays::finish).transpose()?;
+    let mut text = summary(&extraction, &args.out);
+    if let Some(path) = &args.contact_sheet {
+        text.push_str(&match look::write_sheet(path, &source, &extraction)? {
+            true => format!("{}: refused and doubtful images by reason\n", path.display()),
+            false => format!("{} is not there: no image was refused or doubtful\n", path.display()),
+        });
+    }
+    Ok(Outcome { out: Some(args.out.clone()), text, ..Outcome::default() })
 }
 
 fn write<'a>(args: &Args, extraction: &'a Extraction) -> anyhow::Result<()> {
@@ -124,19 +138,6 @@ fn centrelines<'a>(extraction: &Extraction, id: &'a str) -> Written<'a> {
         keypoints: None,
         images: Some(extraction.records.iter().map(image).collect()),
     }
-}
-
-fn draw(folder: &Path, images: &[TimedImage], found: &[ImageRecord]) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| format!("creating {}", folder.display()))?;
-    for (image, record) in images.iter().zip(found) {
-        if let Ok(grey) = &image.grey {
-            let path = folder.join(Path::new(&image.name).with_extension("png"));
-            overlay::overlay(grey, record, ZOOM)
-                .save(&path)
-                .with_context(|| format!("writing {}", path.display()))?;
-        }
-    }
-    Ok(())
 }
 
 /// How many images went through, and the reasons of the others by how often they came.

@@ -9,6 +9,7 @@ use super::progress::Bar;
 use super::{Failure, Outcome};
 use crate::analysis::{Analysis, Stage};
 use crate::app::experiment::analysed;
+use crate::app::look::Filming;
 use crate::app::{base, interruptible, threads};
 use crate::config::RigConfig;
 use crate::record::folder::{RunFolder, file, write_whole};
@@ -28,6 +29,9 @@ pub struct Args {
     /// Another config than the one the run was made with
     #[arg(long)]
     pub config: Option<PathBuf>,
+    /// Also write a film of what was found in the images and what the fitted simulation does: .mp4, .webm or .mkv; needs ffmpeg
+    #[arg(long, visible_alias = "overlays", value_name = "FILM")]
+    pub overlay: Option<PathBuf>,
     /// Worker threads; as many as there are cores when left out
     #[arg(long)]
     pub threads: Option<NonZeroUsize>,
@@ -40,6 +44,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let run = RunFolder::open(&args.run).map_err(Failure::input)?;
     std::fs::create_dir_all(&args.out).map_err(Failure::input)?;
+    let film = args.overlay.as_deref().map(|path| Filming::plan(path, 1.0)).transpose()?;
     if same_folder(&args.run, &args.out) {
         return Err(Failure::Input(anyhow!(
             "--out {} is the run itself, which a replay never writes into",
@@ -67,8 +72,16 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         chronicle: None,
         live: None,
     };
-    interruptible(async |interrupt| {
-        let data = analysed(analysis, threads(args.threads), interrupt, &mut Bar::new(interrupt.flag()))?;
+    let (run, config) = (&run, &config);
+    interruptible(async move |interrupt| {
+        let data = analysed(analysis, threads(args.threads), interrupt, &mut Bar::new(interrupt.flag()));
+        let filmed = film.map_or(Ok(()), |film| {
+            let plane = config.calibration.plane(paths_from).map_err(Failure::input)?;
+            film.run(run, &args.out, &plane, data.as_ref().ok().and_then(|data| data.runs.first()))
+        });
+        // Without a fit the film shows the keypoints alone; why there is none is told all the same.
+        let data = data?;
+        filmed?;
         let text = report::written(&data, &args.out);
         Ok(Outcome { out: Some(args.out.clone()), run: Some(args.run.clone()), text, ..Outcome::default() })
     })

@@ -85,3 +85,44 @@ pub enum SourceError {
         factor: f64,
     },
 }
+
+/// Why a film cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum FilmError {
+    /// The file's name says nothing of a film.
+    #[error("{} is no film's name: end it in .mp4, .webm or .mkv", path.display())]
+    Ending {
+        /// The name.
+        path: PathBuf,
+    },
+    /// Films need ffmpeg.
+    #[error("writing the film {} needs the program ffmpeg: install the package ffmpeg", path.display())]
+    NoFfmpeg {
+        /// The film.
+        path: PathBuf,
+    },
+    /// This ffmpeg was built without.
+    #[error("writing the film {}: the installed ffmpeg has neither {wanted}; choose another ending", path.display())]
+    NoEncoder {
+        /// The film.
+        path: PathBuf,
+        /// Encoders, one of which is needed.
+        wanted: String,
+    },
+    /// The file cannot be there.
+    #[error("creating the film {}", path.display())]
+    Create {
+        /// The film.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// ffmpeg gave up.
+    #[error("ffmpeg could not write {}: {said}", path.display())]
+    Failed {
+        /// The film.
+        path: PathBuf,
+        /// Its last words.
+        said: String,
+    },
+}

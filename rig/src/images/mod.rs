@@ -1,9 +1,12 @@
 //! Where a sequence of images comes from: a camera that films, a recorded run, a folder of pictures, a single one or a video file. Each gives
 //! images with their times, in order of time, or says why not; all but a camera can be read again, behind [`ImageSource`].
 //!
+//! [`film`] goes the other way, pictures to a video file.
+//!
 //! Another kind of source is a file with its `impl ImageSource` and a line of [`open`].
 
 mod error;
+pub mod film;
 pub mod folder;
 pub mod live;
 pub mod recording;
@@ -11,7 +14,7 @@ mod source;
 mod trimmed;
 mod video;
 
-pub use error::{FolderError, SourceError};
+pub use error::{FilmError, FolderError, SourceError};
 pub use source::{ImageSource, Images, TimedImage};
 pub use trimmed::{Trimmed, Window};
 

@@ -78,7 +78,7 @@ fn every_image() -> &'static str {
 }
 
 /// The end of what a program says until it ends.
-fn last_words(pipe: &mut impl Read) -> String {
+pub(super) fn last_words(pipe: &mut impl Read) -> String {
     const MOST_BYTES: usize = 4096;
     let (mut end, mut buffer) = (Vec::new(), [0; MOST_BYTES]);
     while let Ok(count @ 1..) = pipe.read(&mut buffer) {
@@ -150,14 +150,18 @@ impl Drop for Decoded<'_> {
 }
 
 fn failed(program: &'static str, path: &Path, said: &str) -> SourceError {
+    SourceError::Video { program, path: path.into(), said: last_lines(said) }
+}
+
+/// The end of what a program said, in one line.
+pub(super) fn last_lines(said: &str) -> String {
     /// The last line alone often says no more than that it failed.
     const LINES: usize = 2;
     let lines: Vec<&str> = said.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
-    let said = match lines.len() {
+    match lines.len() {
         0 => "no reason given".to_owned(),
         count => lines[count.saturating_sub(LINES)..].join("; "),
-    };
-    SourceError::Video { program, path: path.into(), said }
+    }
 }
 
 #[cfg(test)]

@@ -27,6 +27,8 @@ pub struct ReportData {
     pub runs: Vec<RunFigures>,
     /// Selected camera images with what vision found.
     pub overlays: Vec<Overlay>,
+    /// Images that were refused or doubted, by reason.
+    pub refused: Vec<RefusedImages>,
     /// What the servos were told and did.
     pub servo: Option<ServoTrace>,
     /// What the camera delivered and what became of it.
@@ -81,6 +83,8 @@ pub struct RunFigures {
 /// A camera image and what vision found in it. Pixels count from the centre of the top left one.
 #[derive(Debug, Clone)]
 pub struct Overlay {
+    /// The image's name, or the camera's count.
+    pub name: String,
     /// Mid-exposure \[s\] on the run's time.
     pub time_s: f64,
     /// The image.
@@ -93,6 +97,21 @@ pub struct Overlay {
     pub keypoints_px: Vec<(String, [f64; 2])>,
     /// Accepted, or why it was rejected.
     pub status: String,
+}
+
+/// Images that were refused or doubted for one reason.
+#[derive(Debug, Clone)]
+pub struct RefusedImages {
+    /// Why, in plain words.
+    pub reason: String,
+    /// They have keypoints, which may mislead; else they have none.
+    pub doubtful: bool,
+    /// How many they are.
+    pub count: usize,
+    /// Some of them.
+    pub shown: Vec<Overlay>,
+    /// How many more would be shown if they could be read.
+    pub unreadable: usize,
 }
 
 /// Commanded and measured servo angles.

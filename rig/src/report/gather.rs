@@ -1,6 +1,5 @@
 //! Fills a report from a run folder, whatever files are there, and from a fit.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use ident::fit::Fitted;
@@ -9,6 +8,7 @@ use sim::{Command, Model, State};
 
 use super::data::{ImageQuality, ReportData, RunEnd, RunFigures, ServoTrace};
 use super::format::counted;
+use crate::reasons::told_together;
 use crate::record::RecordError;
 use crate::record::folder::{RunFolder, RunKind, Start, Status, Stop, file};
 use crate::record::frames::{self, FrameRow};
@@ -177,13 +177,10 @@ fn provenance(start: &Start) -> Vec<(String, String)> {
 }
 
 fn images(rows: &[FrameRow], dropped: usize) -> ImageQuality {
-    let mut rejected = BTreeMap::<&str, usize>::new();
-    for row in rows.iter().filter(|row| row.status != "ok") {
-        let reason = if row.reason.is_empty() { &row.status } else { &row.reason };
-        *rejected.entry(reason).or_default() += 1;
-    }
-    let mut rejected: Vec<_> = rejected.into_iter().map(|(reason, n)| (reason.to_owned(), n)).collect();
-    rejected.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+    let reasons = rows.iter().filter(|row| row.status != "ok");
+    let reasons = reasons.map(|row| if row.reason.is_empty() { &row.status } else { &row.reason });
+    let rejected = told_together(reasons.map(String::as_str));
+    let rejected = rejected.into_iter().map(|told| (told.text, told.members.len())).collect();
     let gaps = rows.windows(2).map(|pair| pair[1].time_s - pair[0].time_s);
     let span = rows.last().zip(rows.first()).map_or(0.0, |(last, first)| last.time_s - first.time_s);
     ImageQuality {
@@ -242,6 +239,8 @@ fn measured(path: &Path) -> Option<Command> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
     use crate::clock::MonotonicNs;
     use crate::record::folder::{ClockPair, RunId};

@@ -8,6 +8,7 @@
 //! - `data`: what a report is made of; `gather`: filled from a run folder
 //! - `verdict`: the sentences at the top; `summary`: the same for a terminal
 //! - `chart`, `figures`: plots; `picture`: images with what vision found in them
+//! - `refused`: images that were refused or doubted, by reason
 //! - `page`: the page as a whole; `sections`, `coefficients`: its parts
 //! - `diagnosis`, `diagnosis_figures`, `diagnosis_text`: what the simulation gets wrong, on the page and in a terminal
 
@@ -22,6 +23,7 @@ mod format;
 mod gather;
 mod page;
 mod picture;
+mod refused;
 mod sections;
 mod summary;
 #[cfg(test)]
@@ -29,7 +31,9 @@ mod tests;
 mod tone;
 mod verdict;
 
-pub use data::{ClockQuality, ImageQuality, Overlay, ReportData, RunEnd, RunFigures, ServoTrace};
+pub use data::{
+    ClockQuality, ImageQuality, Overlay, RefusedImages, ReportData, RunEnd, RunFigures, ServoTrace,
+};
 pub use diagnosis_figures::DiagnosisFigures;
 pub use diagnosis_text::diagnosis_summary;
 pub use gather::GatherError;

@@ -3,7 +3,7 @@
 use maud::{DOCTYPE, PreEscaped, html};
 
 use super::data::ReportData;
-use super::{coefficients, diagnosis, sections};
+use super::{coefficients, diagnosis, refused, sections};
 
 /// The page's looks; colours of the figures are mapped there for dark screens.
 const STYLE: &str = include_str!("style.css");
@@ -29,6 +29,7 @@ pub fn render(data: &ReportData) -> String {
                     (sections::table_of_errors(data))
                     @for run in &data.runs { (sections::run(data, run)) }
                     (sections::pictures(data))
+                    (refused::section(data))
                     (coefficients::section(data))
                     @if data.fit.is_some() { (diagnosis::section(data)) }
                     (sections::servo(data))

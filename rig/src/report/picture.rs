@@ -16,11 +16,25 @@ const JPEG_QUALITY: u8 = 85;
 /// How much of the tint shows.
 const TINT_SHARE: f64 = 0.35;
 
-/// The picture as an inline image; nothing when it cannot be encoded, which only an empty one cannot.
-fn data_uri(image: DynamicImage) -> Option<String> {
-    let mut jpeg = Vec::new();
-    image.write_with_encoder(JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY)).ok()?;
-    Some(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
+/// A picture as an inline image.
+pub(super) struct Picture(String);
+
+impl Picture {
+    /// `image` with what `mask` covers tinted; nothing when it cannot be encoded, which only an empty one cannot.
+    pub(super) fn of(image: &GrayImage, mask: Option<&GrayImage>) -> Option<Self> {
+        let picture: DynamicImage = match mask {
+            Some(mask) => tinted(image, Some(mask)).into(),
+            None => image.clone().into(),
+        };
+        let mut jpeg = Vec::new();
+        picture.write_with_encoder(JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY)).ok()?;
+        Some(Self(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg))))
+    }
+
+    /// What it takes of the page.
+    pub(super) fn bytes(&self) -> usize {
+        self.0.len()
+    }
 }
 
 /// The image with masked pixels tinted.
@@ -40,21 +54,33 @@ fn tinted(image: &GrayImage, mask: Option<&GrayImage>) -> RgbImage {
 
 /// An image with what vision found; lines and labels are vectors and stay sharp.
 pub(super) fn overlay(overlay: &Overlay) -> Markup {
-    let (width, height) = overlay.image.dimensions();
-    let picture = match &overlay.mask {
-        Some(mask) => tinted(&overlay.image, Some(mask)).into(),
-        None => overlay.image.clone().into(),
+    let Some(picture) = Picture::of(&overlay.image, overlay.mask.as_ref()) else { return html! {} };
+    let alt = format!("image at {:.3} s, {}", overlay.time_s, overlay.status);
+    let caption = html! {
+        (format!("{:.3} s", overlay.time_s)) @if !overlay.status.is_empty() { " · " (overlay.status) }
     };
-    let Some(uri) = data_uri(picture) else { return html! {} };
+    drawn_over(overlay, &picture, 1.0, &alt, &caption)
+}
+
+/// `picture`, which shows the image of `overlay` at any size, with the rest of it drawn over, its marks `larger` than usual; `alt` says the
+/// picture to whom cannot see.
+pub(super) fn drawn_over(
+    overlay: &Overlay,
+    picture: &Picture,
+    larger: f64,
+    alt: &str,
+    caption: &Markup,
+) -> Markup {
+    let (width, height) = overlay.image.dimensions();
     // The centre of the top left pixel is (0, 0) here and (0.5, 0.5) in SVG.
     let at = |p: &[f64; 2]| format!("{:.2},{:.2} ", p[0] + 0.5, p[1] + 0.5);
     let line: String = overlay.centreline_px.iter().map(at).collect();
     let keypoints = overlay.keypoints_px.iter().filter(|(_, p)| p[0].is_finite() && p[1].is_finite());
-    let radius = f64::from(width) / 100.0;
+    let radius = larger * f64::from(width) / 100.0;
     html! {
         figure.picture {
-            svg viewBox={ "0 0 " (width) " " (height) } role="img" {
-                image href=(uri) width=(width) height=(height) {}
+            svg viewBox={ "0 0 " (width) " " (height) } role="img" aria-label={ (alt) (found(overlay)) } {
+                image href=(picture.0) width=(width) height=(height) {}
                 @if !line.is_empty() { polyline.centreline points=(line) {} }
                 @for (k, (name, p)) in keypoints.enumerate() {
                     @let colour = KEYPOINTS[k % KEYPOINTS.len()];
@@ -64,16 +90,37 @@ pub(super) fn overlay(overlay: &Overlay) -> Markup {
                         font-size=(3.2 * radius) { (name) }
                 }
             }
-            figcaption { (format!("{:.3} s", overlay.time_s)) @if !overlay.status.is_empty() { " · " (overlay.status) } }
+            figcaption { (caption) }
         }
+    }
+}
+
+/// What is drawn over the picture, in words.
+fn found(overlay: &Overlay) -> String {
+    let keypoints = match &overlay.keypoints_px[..] {
+        [] => None,
+        [(only, _)] => Some(format!("keypoint {only}")),
+        [(first, _), .., (last, _)] => Some(format!("keypoints {first} to {last}")),
+    };
+    let parts: Vec<String> = [
+        overlay.mask.is_some().then(|| "silhouette".to_owned()),
+        (!overlay.centreline_px.is_empty()).then(|| "centreline".to_owned()),
+        keypoints,
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    match parts.is_empty() {
+        true => "; nothing found in it".into(),
+        false => format!("; drawn over it: {}", parts.join(", ")),
     }
 }
 
 /// A plain picture with a caption.
 pub(super) fn plain(image: &GrayImage, caption: &str) -> Markup {
-    let Some(uri) = data_uri(image.clone().into()) else { return html! {} };
+    let Some(picture) = Picture::of(image, None) else { return html! {} };
     html! {
-        figure.picture { img src=(uri) alt=(caption); figcaption { (caption) } }
+        figure.picture { img src=(picture.0) alt=(caption); figcaption { (caption) } }
     }
 }
 

@@ -84,7 +84,45 @@ fn overlay(time_s: f64) -> Overlay {
         base = [base[0] + 100.0 * angle.sin(), base[1] + 100.0 * angle.cos()];
         keypoints_px.push((format!("P{}", link + 1), base));
     }
-    Overlay { time_s, image, mask: Some(mask), centreline_px, keypoints_px, status: "accepted".into() }
+    let name = format!("{:.0}", time_s * 100.0);
+    Overlay { name, time_s, image, mask: Some(mask), centreline_px, keypoints_px, status: "accepted".into() }
+}
+
+/// Dark images in which nothing was found, and doubtful ones.
+fn refused() -> Vec<RefusedImages> {
+    let dark = |k: u32| Overlay {
+        image: GrayImage::from_pixel(640, 480, Luma([20 + k as u8])),
+        mask: None,
+        centreline_px: Vec::new(),
+        keypoints_px: Vec::new(),
+        status: format!("dark: its middle grey level is {}, usually 190", 20 + k),
+        ..overlay(0.01 * f64::from(k))
+    };
+    let doubt = "P2 is known to 1.4 px (1 sigma) only: too little of the mechanism is seen there";
+    let doubtful = |time_s: f64| Overlay { status: doubt.into(), ..overlay(time_s) };
+    vec![
+        RefusedImages {
+            reason: "dark: its middle grey level is 20 to 23, usually 190".into(),
+            doubtful: false,
+            count: 7,
+            shown: [0, 1, 2, 3].map(dark).to_vec(),
+            unreadable: 0,
+        },
+        RefusedImages {
+            reason: "unreadable: marked as damaged by the camera".into(),
+            doubtful: false,
+            count: 1,
+            shown: Vec::new(),
+            unreadable: 1,
+        },
+        RefusedImages {
+            reason: doubt.into(),
+            doubtful: true,
+            count: 2,
+            shown: [0.5, 0.9].map(doubtful).to_vec(),
+            unreadable: 0,
+        },
+    ]
 }
 
 fn whole() -> ReportData {
@@ -134,6 +172,7 @@ fn whole() -> ReportData {
         }),
         runs: vec![run("drop-horizontal", Use::Fit, 0.002), run("drop-right-angle", Use::Holdout, 0.006)],
         overlays: [0.0, 0.4, 0.8].map(overlay).to_vec(),
+        refused: refused(),
         servo: Some(ServoTrace {
             commanded: Command {
                 actuators: vec!["servo".into()],
@@ -176,7 +215,7 @@ fn whole_report_shows_every_part_and_asks_nothing_of_the_net() {
     if let Ok(path) = std::env::var("RIG_REPORT_SAMPLE") {
         std::fs::write(path, &page).unwrap();
     }
-    for part in ["errors", "images", "coefficients", "servo", "quality", "timings", "provenance"] {
+    for part in ["errors", "images", "refused", "coefficients", "servo", "quality", "timings", "provenance"] {
         assert!(page.contains(&format!("<section id=\"{part}\"")), "no section {part}");
     }
     assert!(page.contains("follows the keypoints to 0.27 mm (0.3 % of 80 mm) where it was fitted"));
@@ -209,6 +248,12 @@ fn names_from_elsewhere_cannot_bring_a_script_along() {
     for overlay in &mut data.overlays {
         overlay.status = HOSTILE.into();
         overlay.keypoints_px[0].0 = HOSTILE.into();
+    }
+    for group in &mut data.refused {
+        group.reason = HOSTILE.into();
+        for shown in &mut group.shown {
+            (shown.name, shown.status) = (HOSTILE.into(), HOSTILE.into());
+        }
     }
     if let Some(servo) = &mut data.servo {
         servo.commanded.actuators[0] = HOSTILE.into();

@@ -67,11 +67,7 @@ pub fn open(config: &RigConfig, base: &Path) -> Result<Opened, RunError> {
         }
         _ => (None, None),
     };
-    let mock = tank.as_ref().map(|tank| -> (Box<dyn Scene>, StampTruth, Vec<CameraFault>) {
-        (Box::new(tank.scene(&config.camera)), tank.stamp_truth(), camera_faults(config))
-    });
-    let film = replayed(config, base)?.map(|run| recorded::film(&run, &run_start)).transpose()?.flatten();
-    let camera = camera::open(camera::Opening { config: &config.camera, folder: base, mock, film })?;
+    let camera = open_camera(config, base, tank.as_ref(), &run_start)?;
     let hand = tank.clone().map(Hand);
     Ok(Opened { camera, board, hand, tank, run_start, claim: port })
 }
@@ -84,6 +80,28 @@ pub fn board(config: &RigConfig, base: &Path) -> Result<(Box<dyn ServoBoard>, Op
     let none = ServoConfig::none();
     let servo = config.servo.as_ref().unwrap_or(&none);
     open_board(config, base, servo, tank(config, base)?.as_ref(), &Arc::default())
+}
+
+/// Opens the camera alone, to be looked through; what mocks and recordings do is timed from now.
+///
+/// # Errors
+/// As [`open`].
+pub fn camera(config: &RigConfig, base: &Path) -> Result<Box<dyn Camera>, RunError> {
+    let tank = tank(config, base)?;
+    open_camera(config, base, tank.as_ref(), &Arc::new(OnceLock::from(MonotonicNs::now())))
+}
+
+fn open_camera(
+    config: &RigConfig,
+    base: &Path,
+    tank: Option<&Tank>,
+    run_start: &Arc<OnceLock<MonotonicNs>>,
+) -> Result<Box<dyn Camera>, RunError> {
+    let mock = tank.map(|tank| -> (Box<dyn Scene>, StampTruth, Vec<CameraFault>) {
+        (Box::new(tank.scene(&config.camera)), tank.stamp_truth(), camera_faults(config))
+    });
+    let film = replayed(config, base)?.map(|run| recorded::film(&run, run_start)).transpose()?.flatten();
+    Ok(camera::open(camera::Opening { config: &config.camera, folder: base, mock, film })?)
 }
 
 fn replayed(config: &RigConfig, base: &Path) -> Result<Option<RunFolder>, RunError> {

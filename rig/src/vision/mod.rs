@@ -13,9 +13,11 @@
 
 pub mod background;
 mod bridges;
+pub mod captioned;
 pub mod centreline;
 pub mod component;
 pub mod config;
+pub mod contact_sheet;
 mod continuity;
 pub mod contour;
 mod ends;
@@ -32,12 +34,14 @@ pub mod overlay;
 mod parts;
 mod pixel_runs;
 pub mod record;
+pub mod refused;
 pub mod rejection;
 pub mod sam2;
 pub mod sample;
 pub mod sequence;
 pub mod silhouettes;
 pub mod spline;
+pub mod standing_out;
 mod static_mask;
 pub mod thin;
 
