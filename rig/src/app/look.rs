@@ -183,7 +183,8 @@ fn simulated_px(figures: &RunFigures, plane: &Plane, time_s: f64) -> Option<Vec<
     let keypoints = figures.simulated.keypoints.len();
     let base = figures.base_m.filter(|_| figures.simulated.keypoints.iter().all(|name| name != "P0"));
     let points = figures.simulated.position_m.get(row * keypoints..(row + 1) * keypoints)?;
-    Some(base.iter().chain(points).map(|&[x, _, z]| plane.pixel([x, z])).collect())
+    let view = plane.view();
+    Some(base.iter().chain(points).map(|&point| plane.pixel(view.seen(point))).collect())
 }
 
 /// Images a second, by the usual time between two.

@@ -109,6 +109,7 @@ mod tests {
     use super::*;
     use crate::calibration::Plane;
     use crate::vision::Keypoint;
+    use crate::vision::keypoints::Sigma;
 
     fn record(status: Status, reason: &str) -> ImageRecord {
         let plane = Plane::square(0.001, [0.0, 0.0]);
@@ -117,7 +118,9 @@ mod tests {
             time_s: 0.12,
             status,
             reason: reason.into(),
-            keypoints: [[20.0, 10.0], [20.0, 40.0]].map(|px| Keypoint::seen(px, 0.1, &plane)).to_vec(),
+            keypoints: [[20.0, 10.0], [20.0, 40.0]]
+                .map(|px| Keypoint::seen(px, Sigma::untold(0.1), &plane))
+                .to_vec(),
             mask: None,
             centreline: Vec::new(),
         }

@@ -168,6 +168,7 @@ mod tests {
     use super::*;
     use crate::calibration::Plane;
     use crate::vision::Keypoint;
+    use crate::vision::keypoints::Sigma;
 
     /// A bar from (4, 2) to (6, 9) with its middle line and both ends.
     fn record(status: Status) -> ImageRecord {
@@ -179,7 +180,9 @@ mod tests {
             time_s: 0.0,
             status,
             reason: String::new(),
-            keypoints: [[5.0, 2.0], [5.0, 9.0]].map(|px| Keypoint::seen(px, 0.1, &plane)).to_vec(),
+            keypoints: [[5.0, 2.0], [5.0, 9.0]]
+                .map(|px| Keypoint::seen(px, Sigma::untold(0.1), &plane))
+                .to_vec(),
             mask: Some(mask),
             centreline: vec![[5.0, 2.0], [5.0, 9.0]],
         }
