@@ -1,14 +1,14 @@
 //! Films that the mock camera did not draw, read as `rig extract` reads them:
 //! `cargo run --release -p system-tests --example clips -- [--level clean|usual|hard|broken] [--count N] [--first SEED] [--seconds S]
-//! [--large] [--write FOLDER] [--json FILE]`
+//! [--bodies] [--large] [--write FOLDER] [--json FILE]`
 //!
-//! A line a film, and for each level the worst and what counts over all its films. Without `--level` all four. `--write` leaves every
+//! A line a film, and for each level the worst and what counts over all its films. Without `--level` all four. `--bodies`: what nothing holds. `--write` leaves every
 //! tenth picture of each film to look at. One thread.
 #![allow(clippy::print_stdout, reason = "its output is the point")]
 
 use std::path::PathBuf;
 
-use system_tests::clips::clip::{Clip, Level, clip};
+use system_tests::clips::clip::{Clip, Level, body_clip, clip};
 use system_tests::clips::score::{Score, score};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -19,6 +19,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (count, first) = (number("--count", 10.0)? as u64, number("--first", 0.0)? as u64);
     let seconds = number("--seconds", 2.0)?;
     let large = arguments.iter().any(|one| one == "--large");
+    let drawn = if arguments.iter().any(|one| one == "--bodies") { body_clip } else { clip };
     let folder = value("--write").map(PathBuf::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let mut all = Vec::new();
@@ -27,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     {
         let mut scores = Vec::new();
         for seed in first..first + count {
-            let clip = clip(level, seed, seconds, large);
+            let clip = drawn(level, seed, seconds, large);
             if let Some(folder) = &folder {
                 write(&clip, folder)?;
             }

@@ -201,7 +201,10 @@ impl Analysis<'_> {
                     (lines, has_lines, early) = (begun.lines, begun.records.len(), begun.early);
                     let mut extractor = begun.extractor;
                     let left = begun.left.iter().map(|image| Ok(TimedImage::of(image, self.run.origin())));
-                    let records = task.go_on(&mut extractor, left, begun.records, found)?;
+                    let mut records = task.go_on(&mut extractor, left, begun.records, found)?;
+                    if extractor.settle(&mut records) {
+                        (lines, has_lines, early) = (Vec::new(), 0, None);
+                    }
                     Extraction::of(records, links, task.plane)
                 }
                 None => task.extract(&self.images(timeline), &mut found)?,

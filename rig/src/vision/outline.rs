@@ -25,6 +25,8 @@ pub struct Outline {
     pub end_rounding: Option<f64>,
     /// Mode `arc`: P0..Pn at these shares of the arc length, end to end, shape (n + 1).
     pub shares: Vec<f64>,
+    /// Mode `centroid`: from P0 to P1 \[m\]; none where pictures must tell.
+    pub heading_m: Option<f64>,
     /// Where P0 is fixed in the world, `[x, z]` \[m\]; none where it moves or nobody says.
     pub base_m: Option<[f64; 2]>,
 }
@@ -37,12 +39,23 @@ impl Outline {
     /// together.
     pub fn new(config: &VisionConfig, model: Option<&Model>) -> Result<Self, VisionError> {
         let refuse = |what: &str| Err(VisionError::Config { what: what.into() });
-        let known = model.map(ModelShape::of).transpose()?;
-        let Some(links) = config.links.or(known.as_ref().map(|known| known.lengths_m.len())) else {
+        let known = match (model.map(ModelShape::of).transpose(), config.mode) {
+            // A body's model need not have a point ahead.
+            (Err(_), Some(Mode::Centroid)) => None,
+            (known, _) => known?,
+        };
+        // A body has its centroid and a point ahead of it, whatever else may be said.
+        let body = (config.mode == Some(Mode::Centroid)).then_some(1);
+        let Some(links) = body.or(config.links).or(known.as_ref().map(|known| known.lengths_m.len())) else {
             return refuse("needs `links`, the number of links, or a model that has keypoints");
         };
         // What the model says of another number of links does not fit.
         let known = known.filter(|known| known.lengths_m.len() == links);
+        if body.is_some() && (config.links.is_some_and(|links| links != 1) || config.base_px.is_some()) {
+            return refuse(
+                "mode = \"centroid\" is for one body that nothing holds: remove `links` and `base_px`",
+            );
+        }
         let Some(mode) = config.mode.or(known.as_ref().map(|known| known.mode)) else {
             return refuse(
                 "needs `mode` = \"links\", \"arc\" or \"paper\", or a model with as many keypoints",
@@ -74,7 +87,11 @@ impl Outline {
                 .map(|share| share.get())
                 .or(rigid.and_then(|known| known.rounding)),
             shares,
-            base_m: known.and_then(|known| known.base_m),
+            heading_m: config
+                .heading_m
+                .map(|heading| heading.get())
+                .or(rigid.map(|known| known.lengths_m[0]).filter(|_| body.is_some())),
+            base_m: known.and_then(|known| known.base_m).filter(|_| body.is_none()),
         })
     }
 }

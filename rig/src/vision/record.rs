@@ -71,16 +71,19 @@ pub struct Extraction {
     pub learned: Vec<Learned>,
 }
 
-/// The keypoints P0..P`links` of `records` over time.
+/// The keypoints P0..P`links` of `records` over time. Those that no image shows, as a round body's P1, are left out where any image
+/// shows another.
 pub(crate) fn trajectory(records: &[ImageRecord], links: usize) -> sim::Trajectory {
+    let shown = records.iter().map(|record| record.keypoints.len()).max().filter(|&most| most > 0);
+    let count = shown.map_or(links + 1, |most| most.min(links + 1));
     let mut trajectory = sim::Trajectory {
-        keypoints: (0..=links).map(|i| format!("P{i}")).collect(),
+        keypoints: (0..count).map(|i| format!("P{i}")).collect(),
         ..sim::Trajectory::default()
     };
     let mut std_m = Vec::new();
     for record in records {
         trajectory.time_s.push(record.time_s);
-        for i in 0..=links {
+        for i in 0..count {
             let keypoint = record.keypoints.get(i);
             let [x, z] = keypoint.map_or([f64::NAN; 2], |k| k.metres);
             trajectory.position_m.push([x, f64::NAN, z]);

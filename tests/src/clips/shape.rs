@@ -24,6 +24,22 @@ pub enum Shape {
         /// Half its width at each point of the line.
         half: Vec<f64>,
     },
+    /// Two discs and what a string around both holds.
+    Egg {
+        /// Their centres.
+        ends: [Px; 2],
+        /// Their radii.
+        radii: [f64; 2],
+    },
+    /// An ellipse.
+    Ellipse {
+        /// Its centre.
+        centre: Px,
+        /// Its half axes.
+        axes: [f64; 2],
+        /// How far the first one is turned from the columns' direction to the rows' \[rad\].
+        turn: f64,
+    },
     /// A disc.
     Disc {
         /// Its centre.
@@ -74,10 +90,47 @@ impl Shape {
                 let (after, _, length) = along(line[last], line[last + 1], p);
                 band.max(-before).max(after - length)
             }
+            Self::Egg { ends, radii: [first, second] } => {
+                let (u, v, length) = along(ends[0], ends[1], p);
+                let v = v.abs();
+                // The straight side leans by the difference of the radii.
+                let lean = (first - second) / length;
+                let upright = (1.0 - lean * lean).sqrt();
+                match upright * u - lean * v {
+                    k if k < 0.0 => u.hypot(v) - first,
+                    k if k > upright * length => (u - length).hypot(v) - second,
+                    _ => lean * u + upright * v - first,
+                }
+            }
+            Self::Ellipse { centre, axes: [a, b], turn } => {
+                let (sin, cos) = turn.sin_cos();
+                let (x, y) = (p[0] - centre[0], p[1] - centre[1]);
+                let (u, v) = ((cos * x + sin * y) / a, (cos * y - sin * x) / b);
+                let from_centre = u.hypot(v).max(1e-12);
+                // To first order.
+                (from_centre - 1.0) * from_centre / (u / a).hypot(v / b).max(1e-12)
+            }
             Self::Disc { centre, radius } => (p[0] - centre[0]).hypot(p[1] - centre[1]) - radius,
             Self::Ring { centre, radius, half } => {
                 ((p[0] - centre[0]).hypot(p[1] - centre[1]) - radius).abs() - half
             }
+        }
+    }
+
+    /// The same turned by `angle` \[rad\], from the columns' direction to the rows', about (0, 0), which then lies at `centre`.
+    #[must_use]
+    pub fn placed(&self, at: Px, angle: f64) -> Self {
+        let (sin, cos) = angle.sin_cos();
+        let place = |[x, y]: Px| [at[0] + cos * x - sin * y, at[1] + sin * x + cos * y];
+        match self.clone() {
+            Self::Bar { ends, past, half, round } => Self::Bar { ends: ends.map(place), past, half, round },
+            Self::Band { line, half } => Self::Band { line: line.into_iter().map(place).collect(), half },
+            Self::Egg { ends, radii } => Self::Egg { ends: ends.map(place), radii },
+            Self::Ellipse { centre, axes, turn } => {
+                Self::Ellipse { centre: place(centre), axes, turn: turn + angle }
+            }
+            Self::Disc { centre, radius } => Self::Disc { centre: place(centre), radius },
+            Self::Ring { centre, radius, half } => Self::Ring { centre: place(centre), radius, half },
         }
     }
 
@@ -97,6 +150,8 @@ impl Shape {
         match self {
             Self::Bar { ends, past, half, .. } => around(ends, half + past[0].max(past[1])),
             Self::Band { line, half } => around(line, half.iter().copied().fold(0.0, f64::max)),
+            Self::Egg { ends, radii } => around(ends, radii[0].max(radii[1])),
+            Self::Ellipse { centre, axes, .. } => around(&[*centre], axes[0].max(axes[1])),
             Self::Disc { centre, radius } => around(&[*centre], *radius),
             Self::Ring { centre, radius, half } => around(&[*centre], radius + half),
         }
@@ -112,6 +167,17 @@ mod tests {
         let bar = Shape::Bar { ends: [[0.0, 0.0], [10.0, 0.0]], past: [2.0, 1.0], half: 3.0, round: 0.0 };
         for (p, wanted) in [([5.0, 4.0], 1.0), ([-3.0, 0.0], 1.0), ([12.0, 0.0], 1.0), ([5.0, 0.0], -3.0)] {
             assert!((bar.distance(p) - wanted).abs() < 1e-12, "{p:?}: {}", bar.distance(p));
+        }
+        let egg = Shape::Egg { ends: [[0.0, 0.0], [10.0, 0.0]], radii: [5.0, 2.0] };
+        for (p, wanted) in [([-6.0, 0.0], 1.0), ([13.0, 0.0], 1.0), ([0.0, 0.0], -5.0)] {
+            assert!((egg.distance(p) - wanted).abs() < 1e-9, "{p:?}: {}", egg.distance(p));
+        }
+        let ellipse =
+            Shape::Ellipse { centre: [0.0, 0.0], axes: [10.0, 4.0], turn: 0.0 }.placed([3.0, 1.0], 0.5);
+        let (sin, cos) = 0.5_f64.sin_cos();
+        for out in [10.0, 10.5] {
+            let d = ellipse.distance([3.0 + out * cos, 1.0 + out * sin]);
+            assert!((d - (out - 10.0)).abs() < 0.03, "{d} {out}");
         }
         let band =
             Shape::Band { line: vec![[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], half: vec![4.0, 3.0, 2.0] };

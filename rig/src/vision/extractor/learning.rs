@@ -116,6 +116,7 @@ impl Extractor {
             background,
             film: None,
             usual: None,
+            bodies: Default::default(),
             length_scatter_px: 0.0,
             masks: None,
             last: Last::default(),
@@ -138,6 +139,9 @@ impl Extractor {
             }
         });
         let (contrasts, seen): (Vec<_>, Vec<_>) = seen.into_iter().unzip();
+        if self.outline.mode == Mode::Centroid {
+            return self.usual_body(&contrasts, &seen).map(|extractor| (extractor, 0.0));
+        }
         let found = self.oriented_all(&contrasts, &seen);
         self.last = Last::default();
         let sizes: Vec<Sizes> = found.iter().flatten().map(|one| one.candidate.sizes).collect();
