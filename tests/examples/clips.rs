@@ -1,14 +1,14 @@
 //! Films that the mock camera did not draw, read as `rig extract` reads them:
 //! `cargo run --release -p system-tests --example clips -- [--level clean|usual|hard|broken] [--count N] [--first SEED] [--seconds S]
-//! [--bodies] [--large] [--write FOLDER] [--json FILE]`
+//! [--bodies] [--octopus] [--large] [--write FOLDER] [--json FILE]`
 //!
-//! A line a film, and for each level the worst and what counts over all its films. Without `--level` all four. `--bodies`: what nothing holds. `--write` leaves every
+//! A line a film, and for each level the worst and what counts over all its films. Without `--level` all four. `--bodies`, `--octopus`: what nothing holds. `--write` leaves every
 //! tenth picture of each film to look at. One thread.
 #![allow(clippy::print_stdout, reason = "its output is the point")]
 
 use std::path::PathBuf;
 
-use system_tests::clips::clip::{Clip, Level, body_clip, clip};
+use system_tests::clips::clip::{Clip, Level, body_clip, clip, octopus_clip};
 use system_tests::clips::score::{Score, score};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -19,7 +19,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (count, first) = (number("--count", 10.0)? as u64, number("--first", 0.0)? as u64);
     let seconds = number("--seconds", 2.0)?;
     let large = arguments.iter().any(|one| one == "--large");
-    let drawn = if arguments.iter().any(|one| one == "--bodies") { body_clip } else { clip };
+    let drawn =
+        match (arguments.iter().any(|one| one == "--bodies"), arguments.iter().any(|one| one == "--octopus"))
+        {
+            (true, _) => body_clip,
+            (_, true) => octopus_clip,
+            _ => clip,
+        };
     let folder = value("--write").map(PathBuf::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let mut all = Vec::new();

@@ -188,11 +188,11 @@ impl Analysis<'_> {
         };
         let model = experiment::model(self.run)?;
         let mut task = Task::new(config, Some(&model), plane, folder).map_err(SequenceError::from)?;
-        let links = task.outline.links;
+        let names = task.outline.keypoints();
         let (mut lines, mut has_lines, mut early) = (Vec::new(), 0, None);
         let extraction = if let (Stage::Keypoints, Some(stored)) = (self.from, &stored) {
             let records = stored.iter().map(|record| record.record(&task.plane)).collect();
-            Extraction::of(records, links, task.plane)
+            Extraction::named(records, names, task.plane)
         } else {
             task.masks = stored.map(|stored| stored.into_iter().map(|record| record.mask).collect());
             let times_s: Vec<f64> = timeline.usable().map(|image| image.row.time_s).collect();
@@ -205,7 +205,7 @@ impl Analysis<'_> {
                     if extractor.settle(&mut records) {
                         (lines, has_lines, early) = (Vec::new(), 0, None);
                     }
-                    Extraction::of(records, links, task.plane)
+                    Extraction::named(records, names, task.plane)
                 }
                 None => task.extract(&self.images(timeline), &mut found)?,
             }

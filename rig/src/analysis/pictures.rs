@@ -32,7 +32,9 @@ pub(super) fn show(
     data.overlays = shown
         .iter()
         .zip(&images)
-        .filter_map(|(&index, image)| Some(overlay(image.grey.as_ref().ok()?, &extraction.records[index])))
+        .filter_map(|(&index, image)| {
+            Some(overlay(image.grey.as_ref().ok()?, &extraction.records[index], &extraction.names))
+        })
         .collect();
     let Some(figures) = data.runs.first_mut() else { return Ok(()) };
     figures.measured_pose = data.overlays.first().cloned();
@@ -62,13 +64,13 @@ fn worth_showing(extraction: &Extraction) -> BTreeSet<usize> {
     spread.chain(rejected).collect()
 }
 
-fn overlay(image: &GrayImage, record: &ImageRecord) -> Overlay {
+fn overlay(image: &GrayImage, record: &ImageRecord, names: &[String]) -> Overlay {
     Overlay {
         time_s: record.time_s,
         image: image.clone(),
         mask: record.mask.as_ref().map(|mask| mask.picture(image.width(), image.height())),
         centreline_px: record.centreline.clone(),
-        keypoints_px: record.keypoints.iter().enumerate().map(|(i, k)| (format!("P{i}"), k.px)).collect(),
+        keypoints_px: names.iter().cloned().zip(record.keypoints.iter().map(|k| k.px)).collect(),
         status: if record.reason.is_empty() { "ok".into() } else { record.reason.clone() },
     }
 }

@@ -22,6 +22,15 @@ pub enum Mode {
     Paper,
     /// A rigid body that nothing holds: P0 its centroid, P1 a point ahead of it; a round body has no P1.
     Centroid,
+    /// Arms on one body that nothing holds, as the model has them: P0 of the body, `a1P0`, `a1P1` and so on of the arms.
+    Arms,
+}
+
+impl Mode {
+    /// Whether nothing holds what is seen.
+    pub fn is_free(self) -> bool {
+        matches!(self, Self::Centroid | Self::Arms)
+    }
 }
 
 /// Which end of a free body is ahead.

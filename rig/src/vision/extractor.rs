@@ -17,6 +17,7 @@ use image::GrayImage;
 use rayon::prelude::*;
 
 use super::Mask;
+use super::arms::Swim;
 use super::background::{Background, Contrast};
 use super::body::Bodies;
 use super::bridges::Bridges;
@@ -58,6 +59,8 @@ pub struct Extractor {
     usual: Option<Sizes>,
     /// Mode `centroid`: what is usual of the body, and its headings.
     bodies: Bodies,
+    /// Mode `arms`: where they were last.
+    swim: Swim,
     /// Sigma of the usual length \[px\].
     length_scatter_px: f64,
     /// The silhouettes of the images to come, where they are given and not looked for.
@@ -207,8 +210,10 @@ impl Extractor {
         contrasts: &[Option<Contrast>],
         seen: Vec<Result<Seen, Rejection>>,
     ) -> Vec<ImageRecord> {
-        if self.outline.mode == Mode::Centroid {
-            return self.bodies_in(images, contrasts, seen);
+        match self.outline.mode {
+            Mode::Centroid => return self.bodies_in(images, contrasts, seen),
+            Mode::Arms => return self.arms_in(images, contrasts, seen),
+            Mode::Links | Mode::Arc | Mode::Paper => {}
         }
         let oriented = self.oriented_all(contrasts, &seen);
         let placed: Vec<Result<Placed, Rejection>> = match self.film.clone() {

@@ -48,7 +48,7 @@ const LINE_STD_PX: f64 = 0.1;
 pub fn edge_points(mode: Mode, contrast: &Contrast, part: &Mask, blocked: Option<&Mask>) -> Vec<Px> {
     match mode {
         Mode::Links => contour(contrast, part, blocked, CLEAR_PX),
-        Mode::Arc | Mode::Paper | Mode::Centroid => Vec::new(),
+        Mode::Arc | Mode::Paper | Mode::Centroid | Mode::Arms => Vec::new(),
     }
 }
 
@@ -58,7 +58,7 @@ pub fn edge_points(mode: Mode, contrast: &Contrast, part: &Mask, blocked: Option
 /// [`Rejection::NoFit`] and [`Rejection::Overlap`] in mode `links`.
 pub fn place(outline: &Outline, gates: &Gates, plane: &Plane, shape: &Shape) -> Result<Found, Rejection> {
     match outline.mode {
-        Mode::Paper | Mode::Centroid => Ok(on_medial_path(outline.links, shape.line)),
+        Mode::Paper | Mode::Centroid | Mode::Arms => Ok(on_medial_path(outline.links, shape.line)),
         Mode::Arc => Ok(on_arc(outline, shape)),
         Mode::Links => {
             let chain = chain(outline, plane, shape);

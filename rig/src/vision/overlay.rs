@@ -33,6 +33,9 @@ pub fn overlay(image: &GrayImage, record: &ImageRecord, zoom: u32) -> RgbImage {
         draw_segment(&mut out, pair[0], pair[1], zoom, CENTRELINE_RGB);
     }
     for (i, keypoint) in record.keypoints.iter().enumerate() {
+        if !keypoint.px.iter().all(|px| px.is_finite()) {
+            continue;
+        }
         let colour = if i == 0 || i + 1 == record.keypoints.len() { END_RGB } else { INNER_RGB };
         let radius = 1.0 + 0.6 * f64::from(zoom);
         let [x, y] = keypoint.px.map(|c| (c + 0.5) * f64::from(zoom));

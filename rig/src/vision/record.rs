@@ -37,6 +37,11 @@ impl Keypoint {
     pub fn seen(px: Px, std_px: f64, plane: &Plane) -> Self {
         Self { px, std_px, metres: plane.metres(px), std_m: std_px * plane.metres_per_pixel(px) }
     }
+
+    fn stored(stored: Option<&StoredKeypoint>, plane: &Plane) -> Self {
+        let (px, std_px) = stored.map_or(([f64::NAN; 2], f64::NAN), |stored| (stored.px, stored.std_px));
+        Self::seen(px, std_px, plane)
+    }
 }
 
 /// What one image gave.
@@ -50,7 +55,7 @@ pub struct ImageRecord {
     pub status: Status,
     /// Why not further; empty when `Ok`.
     pub reason: String,
-    /// P0..Pn; empty when rejected.
+    /// P0..Pn; empty when rejected. One that is not seen is no number.
     pub keypoints: Vec<Keypoint>,
     /// The silhouette, as far as the stages got.
     pub mask: Option<Mask>,
@@ -65,25 +70,34 @@ pub struct Extraction {
     pub records: Vec<ImageRecord>,
     /// P0..Pn over time in the plane of motion; NaN where an image was rejected. y is never observed.
     pub trajectory: sim::Trajectory,
+    /// Names of the records' keypoints.
+    pub names: Vec<String>,
     /// From pixels to metres.
     pub plane: Plane,
     /// What nobody had said of the mechanism's shape and the images told.
     pub learned: Vec<Learned>,
 }
 
-/// The keypoints P0..P`links` of `records` over time. Those that no image shows, as a round body's P1, are left out where any image
-/// shows another.
-pub(crate) fn trajectory(records: &[ImageRecord], links: usize) -> sim::Trajectory {
-    let shown = records.iter().map(|record| record.keypoints.len()).max().filter(|&most| most > 0);
-    let count = shown.map_or(links + 1, |most| most.min(links + 1));
+/// The keypoints of `records`, which are called `names`, over time. Those that no image shows, as a round body's P1, are left out where
+/// any image shows another.
+pub(crate) fn trajectory(records: &[ImageRecord], names: &[String]) -> sim::Trajectory {
+    let shown = |i: &usize| {
+        records
+            .iter()
+            .any(|record| record.keypoints.get(*i).is_some_and(|k| k.px.iter().all(|px| px.is_finite())))
+    };
+    let mut kept: Vec<usize> = (0..names.len()).filter(shown).collect();
+    if kept.is_empty() {
+        kept = (0..names.len()).collect();
+    }
     let mut trajectory = sim::Trajectory {
-        keypoints: (0..count).map(|i| format!("P{i}")).collect(),
+        keypoints: kept.iter().map(|&i| names[i].clone()).collect(),
         ..sim::Trajectory::default()
     };
     let mut std_m = Vec::new();
     for record in records {
         trajectory.time_s.push(record.time_s);
-        for i in 0..count {
+        for &i in &kept {
             let keypoint = record.keypoints.get(i);
             let [x, z] = keypoint.map_or([f64::NAN; 2], |k| k.metres);
             trajectory.position_m.push([x, f64::NAN, z]);
@@ -97,8 +111,13 @@ pub(crate) fn trajectory(records: &[ImageRecord], links: usize) -> sim::Trajecto
 impl Extraction {
     /// Puts records of `links + 1` keypoints into one trajectory.
     pub fn of(records: Vec<ImageRecord>, links: usize, plane: Plane) -> Self {
-        let trajectory = trajectory(&records, links);
-        Self { records, trajectory, plane, learned: Vec::new() }
+        Self::named(records, (0..=links).map(|i| format!("P{i}")).collect(), plane)
+    }
+
+    /// Puts records whose keypoints are called `names` into one trajectory.
+    pub fn named(records: Vec<ImageRecord>, names: Vec<String>, plane: Plane) -> Self {
+        let trajectory = trajectory(&records, &names);
+        Self { records, trajectory, names, plane, learned: Vec::new() }
     }
 
     /// How many images have the given status.
@@ -121,8 +140,8 @@ pub struct StoredRecord {
     pub reason: String,
     /// The silhouette, for [`super::Extractor::with_masks`].
     pub mask: Option<Mask>,
-    /// P0..Pn in the picture; empty when rejected.
-    pub keypoints: Vec<StoredKeypoint>,
+    /// P0..Pn in the picture, nothing for one that is not seen; empty when rejected.
+    pub keypoints: Vec<Option<StoredKeypoint>>,
 }
 
 /// A keypoint before it is put into metres.
@@ -137,7 +156,10 @@ pub struct StoredKeypoint {
 
 impl From<&ImageRecord> for StoredRecord {
     fn from(record: &ImageRecord) -> Self {
-        let keypoint = |k: &Keypoint| StoredKeypoint { px: k.px, std_px: k.std_px };
+        let keypoint = |k: &Keypoint| {
+            let seen = k.px.iter().all(|px| px.is_finite());
+            seen.then_some(StoredKeypoint { px: k.px, std_px: k.std_px })
+        };
         Self {
             name: record.name.clone(),
             time_s: record.time_s,
@@ -157,7 +179,7 @@ impl StoredRecord {
             time_s: self.time_s,
             status: self.status,
             reason: self.reason.clone(),
-            keypoints: self.keypoints.iter().map(|k| Keypoint::seen(k.px, k.std_px, plane)).collect(),
+            keypoints: self.keypoints.iter().map(|k| Keypoint::stored(k.as_ref(), plane)).collect(),
             mask: self.mask.clone(),
             centreline: Vec::new(),
         }

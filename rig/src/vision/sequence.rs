@@ -77,7 +77,7 @@ impl<'a> Task<'a> {
         let images = images.map(|image| image.map_err(|error| SequenceError::from(error).into()));
         let mut records = self.go_on(&mut extractor, images, Vec::new(), &mut found)?;
         extractor.settle(&mut records);
-        let extraction = Extraction::of(records, self.outline.links, self.plane);
+        let extraction = Extraction::named(records, self.outline.keypoints(), self.plane);
         Ok(Extraction { learned: extractor.learned().to_vec(), ..extraction })
     }
 

@@ -12,6 +12,7 @@ use rig::vision::{Ahead, VisionConfig};
 
 use super::body::{Body, KINDS};
 use super::mechanism::Mechanism;
+use super::octopus::{self, Swimming};
 use super::picture::{Picture, between};
 use super::shape::{Px, Shape};
 use super::subject::Subject;
@@ -57,6 +58,8 @@ pub struct Clip {
     pub config: VisionConfig,
     /// Pixels to metres.
     pub plane: Plane,
+    /// The model of what is filmed, where its maker has one.
+    pub model: Option<sim::Model>,
 }
 
 /// Images a second.
@@ -132,6 +135,21 @@ pub fn body_clip(level: Level, seed: u64, seconds: f64, large: bool) -> Clip {
     Film { level, seed, size: [width, height], base, fps: FPS, subject, scale: 0.0005 }.shot(scenes, random)
 }
 
+/// The film of the shipped octopus: every third seed as it is simulated, the next turning, the next with each arm by itself; as [`clip`].
+pub fn octopus_clip(level: Level, seed: u64, seconds: f64, large: bool) -> Clip {
+    let random = &mut ChaCha8Rng::seed_from_u64(seed.wrapping_mul(15_485_863) + level as u64);
+    let (size, scale) = if large { ([1280, 720], 0.0004) } else { ([640, 480], 0.0007) };
+    let swimming = [Swimming::Stroke, Swimming::Course, Swimming::Apart][seed as usize % 3];
+    let model = octopus::model();
+    let base = [size[0] as f64 / 2.0, 0.36 * size[1] as f64];
+    let times_s: Vec<f64> = (0..(seconds * FPS).round() as usize).map(|i| i as f64 / FPS).collect();
+    let poses = octopus::motion(&model, swimming, &times_s, random);
+    let scenes = poses.iter().map(|qpos| octopus::seen(&model, qpos, base, scale)).collect();
+    let subject = Subject::Octopus(swimming);
+    let clip = Film { level, seed, size, base, fps: FPS, subject, scale }.shot(scenes, random);
+    Clip { model: Some(model), ..clip }
+}
+
 /// A film of 640 by 480 at `level` of a chain that moves as it is told: `points` are P0..Pn \[px\], one row an image, `fps` a second;
 /// `scale` \[m/px\]. The world origin is at P0 of the first image.
 pub fn told_clip(
@@ -204,6 +222,7 @@ impl Film<'_> {
             truth,
             config: subject.config(scale, click),
             plane: Plane::square(scale, base),
+            model: None,
         }
     }
 }

@@ -31,6 +31,8 @@ pub enum Shape {
         /// Their radii.
         radii: [f64; 2],
     },
+    /// A convex polygon, its corners in turn, as [`Self::polygon`] gives them.
+    Polygon(Vec<Px>),
     /// An ellipse.
     Ellipse {
         /// Its centre.
@@ -66,6 +68,32 @@ fn along(from: Px, to: Px, p: Px) -> (f64, f64, f64) {
 }
 
 impl Shape {
+    /// The convex outline of some points.
+    pub fn polygon(mut points: Vec<Px>) -> Self {
+        points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+        // Andrew's monotone chain: once there, once back.
+        let half = |points: &mut dyn Iterator<Item = &Px>| {
+            let mut chain: Vec<Px> = Vec::new();
+            for &point in points {
+                let turns_back = |chain: &[Px]| match chain {
+                    [.., a, b] => {
+                        (b[0] - a[0]) * (point[1] - a[1]) - (b[1] - a[1]) * (point[0] - a[0]) <= 1e-9
+                    }
+                    _ => false,
+                };
+                while turns_back(&chain) {
+                    chain.pop();
+                }
+                chain.push(point);
+            }
+            chain.pop();
+            chain
+        };
+        let mut corners = half(&mut points.iter());
+        corners.extend(half(&mut points.iter().rev()));
+        Self::Polygon(corners)
+    }
+
     /// Signed distance of `p` \[px\]; exact near the outline.
     pub fn distance(&self, p: Px) -> f64 {
         match self {
@@ -102,6 +130,16 @@ impl Shape {
                     _ => lean * u + upright * v - first,
                 }
             }
+            Self::Polygon(corners) => {
+                let next = corners.iter().cycle().skip(1);
+                let sides = corners.iter().zip(next).map(|(from, to)| along(*from, *to, p));
+                let (mut outside, mut nearest) = (f64::NEG_INFINITY, f64::INFINITY);
+                for (u, v, length) in sides {
+                    outside = outside.max(-v);
+                    nearest = nearest.min((u - length).max(-u).max(0.0).hypot(v));
+                }
+                if outside > 0.0 { nearest } else { outside }
+            }
             Self::Ellipse { centre, axes: [a, b], turn } => {
                 let (sin, cos) = turn.sin_cos();
                 let (x, y) = (p[0] - centre[0], p[1] - centre[1]);
@@ -126,6 +164,7 @@ impl Shape {
             Self::Bar { ends, past, half, round } => Self::Bar { ends: ends.map(place), past, half, round },
             Self::Band { line, half } => Self::Band { line: line.into_iter().map(place).collect(), half },
             Self::Egg { ends, radii } => Self::Egg { ends: ends.map(place), radii },
+            Self::Polygon(corners) => Self::Polygon(corners.into_iter().map(place).collect()),
             Self::Ellipse { centre, axes, turn } => {
                 Self::Ellipse { centre: place(centre), axes, turn: turn + angle }
             }
@@ -151,6 +190,7 @@ impl Shape {
             Self::Bar { ends, past, half, .. } => around(ends, half + past[0].max(past[1])),
             Self::Band { line, half } => around(line, half.iter().copied().fold(0.0, f64::max)),
             Self::Egg { ends, radii } => around(ends, radii[0].max(radii[1])),
+            Self::Polygon(corners) => around(corners, 0.0),
             Self::Ellipse { centre, axes, .. } => around(&[*centre], axes[0].max(axes[1])),
             Self::Disc { centre, radius } => around(&[*centre], *radius),
             Self::Ring { centre, radius, half } => around(&[*centre], radius + half),
@@ -171,6 +211,10 @@ mod tests {
         let egg = Shape::Egg { ends: [[0.0, 0.0], [10.0, 0.0]], radii: [5.0, 2.0] };
         for (p, wanted) in [([-6.0, 0.0], 1.0), ([13.0, 0.0], 1.0), ([0.0, 0.0], -5.0)] {
             assert!((egg.distance(p) - wanted).abs() < 1e-9, "{p:?}: {}", egg.distance(p));
+        }
+        let square = Shape::polygon(vec![[0.0, 0.0], [4.0, 4.0], [4.0, 0.0], [2.0, 2.0], [0.0, 4.0]]);
+        for (p, wanted) in [([2.0, -1.0], 1.0), ([2.0, 3.0], -1.0), ([7.0, 8.0], 5.0)] {
+            assert!((square.distance(p) - wanted).abs() < 1e-9, "{p:?}: {}", square.distance(p));
         }
         let ellipse =
             Shape::Ellipse { centre: [0.0, 0.0], axes: [10.0, 4.0], turn: 0.0 }.placed([3.0, 1.0], 0.5);

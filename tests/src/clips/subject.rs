@@ -5,6 +5,7 @@ use rig::vision::{Ahead, Mode, VisionConfig};
 
 use super::body::Body;
 use super::mechanism::Mechanism;
+use super::octopus::Swimming;
 use super::shape::{Px, Shape};
 
 /// What is filmed.
@@ -14,6 +15,8 @@ pub enum Subject<'a> {
     Held(&'a Mechanism),
     /// A rigid body, P1 so far ahead \[px\], and which end is ahead as somebody sees it who looks at the first image.
     Free(&'a Body, f64, Ahead),
+    /// The octopus, and how it swims.
+    Octopus(Swimming),
 }
 
 impl Subject<'_> {
@@ -23,6 +26,9 @@ impl Subject<'_> {
             Self::Held(Mechanism::Arm { .. }) => "arm",
             Self::Held(Mechanism::Chain { .. }) => "chain",
             Self::Free(body, ..) => body.kind,
+            Self::Octopus(Swimming::Stroke) => "octopus",
+            Self::Octopus(Swimming::Course) => "octopus, turning",
+            Self::Octopus(Swimming::Apart) => "octopus, arms apart",
         }
     }
 
@@ -31,7 +37,7 @@ impl Subject<'_> {
         match self {
             Self::Held(Mechanism::Chain { half, .. }) => Some(*half),
             Self::Held(Mechanism::Arm { half, .. }) => Some(half[0]),
-            Self::Free(..) => None,
+            Self::Free(..) | Self::Octopus(_) => None,
         }
     }
 
@@ -40,7 +46,8 @@ impl Subject<'_> {
         /// Where a blurred edge ends \[px\].
         const SKIRT_PX: f64 = 4.0;
         match self {
-            Self::Held(_) => false,
+            // Its arms say themselves what is not seen of them.
+            Self::Held(_) | Self::Octopus(_) => false,
             Self::Free(body, ..) => thing.distance(points[0]) < body.reach + SKIRT_PX,
         }
     }
@@ -62,6 +69,7 @@ impl Subject<'_> {
                 base_px,
                 ..VisionConfig::new(shares.len(), Mode::Arc)
             },
+            Self::Octopus(_) => VisionConfig::default(),
             Self::Free(_, ahead_px, ahead) => VisionConfig {
                 heading_m: Positive::new(ahead_px * scale),
                 ahead: *ahead,

@@ -78,7 +78,7 @@ impl Headings {
         match self.latest[..] {
             [(before_s, before), (latest_s, latest)] => {
                 let share = (time_s - latest_s) / (latest_s - before_s).max(f64::MIN_POSITIVE);
-                (share > 0.0 && share <= LONGEST_GAP).then(|| latest + share * (latest - before))
+                (share > 0.0 && share <= LONGEST_GAP).then_some(latest + share * (latest - before))
             }
             [(_, latest)] => Some(latest),
             _ => None,
@@ -89,8 +89,7 @@ impl Headings {
     fn by_itself(&self, moments: &Moments, ahead: Ahead) -> f64 {
         let axis = moments.axis_rad;
         let wanted = match ahead {
-            Ahead::Blunt => None,
-            Ahead::Pointed => None,
+            Ahead::Blunt | Ahead::Pointed => None,
             Ahead::Right => Some([1.0, 0.0]),
             Ahead::Left => Some([-1.0, 0.0]),
             // Picture rows grow downward.

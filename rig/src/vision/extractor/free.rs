@@ -4,6 +4,7 @@ use super::tracking::Placed;
 use super::{Extractor, Last, Learned, in_parallel};
 use crate::images::TimedImage;
 use crate::vision::VisionError;
+use crate::vision::arms::{Swim, Swimming};
 use crate::vision::background::Contrast;
 use crate::vision::body::{Body, Usual};
 use crate::vision::parts::Seen;
@@ -78,6 +79,61 @@ impl Extractor {
             self.record(image, placed, mask)
         });
         records.collect()
+    }
+
+    /// The same where a sample shows the body of a swimmer with arms.
+    pub(super) fn usual_arms(
+        mut self,
+        contrasts: &[Option<Contrast>],
+        seen: &[Result<Seen, Rejection>],
+    ) -> Result<Self, VisionError> {
+        // One that shows it is enough.
+        let mut why = None;
+        let shown = contrasts.iter().zip(seen).any(|(contrast, seen)| {
+            let found = self.arms_of(&mut Swim::default(), contrast.as_ref(), seen);
+            why = found.err();
+            why.is_none()
+        });
+        if !shown {
+            let what = why.map_or_else(String::new, |why| why.to_string());
+            return Err(VisionError::NoBackground { images: seen.len(), what });
+        }
+        self.last = Last::default();
+        Ok(self)
+    }
+
+    fn arms_of(
+        &self,
+        swim: &mut Swim,
+        contrast: Option<&Contrast>,
+        seen: &Result<Seen, Rejection>,
+    ) -> Result<Swimming, Rejection> {
+        match (contrast, seen, &self.outline.swimmer) {
+            (Some(contrast), Ok(seen), Some(swimmer)) => {
+                swim.take(&self.view(contrast), &seen.silhouette, swimmer, &self.plane)
+            }
+            (_, Err(why), _) => Err(why.clone()),
+            _ => Err(Rejection::NoMask),
+        }
+    }
+
+    /// Everything behind the silhouette of a swimmer with arms.
+    pub(super) fn arms_in(
+        &mut self,
+        images: &[TimedImage],
+        contrasts: &[Option<Contrast>],
+        seen: Vec<Result<Seen, Rejection>>,
+    ) -> Vec<ImageRecord> {
+        let mut swim = std::mem::take(&mut self.swim);
+        let all = images.iter().zip(contrasts).zip(seen);
+        let records = all.map(|((image, contrast), seen)| {
+            let placed = self.arms_of(&mut swim, contrast.as_ref(), &seen);
+            let placed = placed.map(|Swimming { found, line, doubt }| Placed { found, line, doubt });
+            self.record(image, placed, seen.ok().map(|seen| seen.silhouette))
+        });
+        let records = records.collect();
+        self.swim = swim;
+        records
     }
 
     /// Says of all images that were taken, whose records are `records`, what only all together tell: which end of a free body is ahead.

@@ -117,6 +117,7 @@ impl Extractor {
             film: None,
             usual: None,
             bodies: Default::default(),
+            swim: Default::default(),
             length_scatter_px: 0.0,
             masks: None,
             last: Last::default(),
@@ -139,8 +140,10 @@ impl Extractor {
             }
         });
         let (contrasts, seen): (Vec<_>, Vec<_>) = seen.into_iter().unzip();
-        if self.outline.mode == Mode::Centroid {
-            return self.usual_body(&contrasts, &seen).map(|extractor| (extractor, 0.0));
+        match self.outline.mode {
+            Mode::Centroid => return self.usual_body(&contrasts, &seen).map(|extractor| (extractor, 0.0)),
+            Mode::Arms => return self.usual_arms(&contrasts, &seen).map(|extractor| (extractor, 0.0)),
+            Mode::Links | Mode::Arc | Mode::Paper => {}
         }
         let found = self.oriented_all(&contrasts, &seen);
         self.last = Last::default();
