@@ -80,8 +80,10 @@ fn a_body_that_a_bar_covers_or_another_touches_is_flagged() {
 #[test]
 fn an_octopus_is_read_as_far_as_it_is_seen() {
     const SHORT: f64 = 0.24;
+    /// Worst root mean square error of a keypoint; half of what tells P1 may be hidden by other arms [px].
+    const OCTOPUS_PX: f64 = 0.3;
     let alike = score(&octopus_clip(Level::Clean, 1, SHORT, false));
-    assert!(alike.rms_px.iter().all(|rms| *rms < READ_PX), "{alike:?}");
+    assert!(alike.rms_px.iter().all(|rms| *rms < OCTOPUS_PX), "{alike:?}");
     assert!(alike.answered > 0.5 && alike.wrong_unflagged == 0, "{alike:?}");
     let apart = score(&octopus_clip(Level::Clean, 2, SHORT, false));
     assert_eq!(apart.wrong_unflagged, 0, "{apart:?}");

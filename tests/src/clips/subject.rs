@@ -73,7 +73,8 @@ impl Subject<'_> {
             Self::Free(_, ahead_px, ahead) => VisionConfig {
                 heading_m: Positive::new(ahead_px * scale),
                 ahead: *ahead,
-                ..VisionConfig::new(1, Mode::Centroid)
+                mode: Some(Mode::Centroid),
+                ..VisionConfig::default()
             },
         }
     }
