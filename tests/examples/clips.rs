@@ -1,16 +1,17 @@
 //! Films that the mock camera did not draw, read as `rig extract` reads them:
 //! `cargo run --release -p system-tests --example clips -- [--level clean|usual|hard|broken] [--count N] [--first SEED] [--seconds S]
-//! [--large] [--write FOLDER] [--json FILE] [--errors FILE.csv]`
+//! [--bodies] [--octopus] [--large] [--write FOLDER] [--json FILE] [--errors FILE.csv]`
 //!
-//! A line a film, and for each level the worst and what counts over all its films. Without `--level` all four. `--write` leaves every
-//! tenth picture of each film to look at, `--errors` each keypoint of each answered image beside the truth. One thread.
+//! A line a film, and for each level the worst and what counts over all its films. Without `--level` all four. `--bodies`, `--octopus`:
+//! what nothing holds. `--write` leaves every tenth picture of each film to look at, `--errors` each keypoint of each answered image
+//! beside the truth. One thread.
 #![allow(clippy::print_stdout, reason = "its output is the point")]
 
 use std::path::PathBuf;
 
 use rig::vision::{Extraction, Status};
-use system_tests::clips::clip::{Clip, Level, clip};
-use system_tests::clips::score::{Score, score};
+use system_tests::clips::clip::{Clip, Level, body_clip, clip, octopus_clip};
+use system_tests::clips::score::{Score, read};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -20,6 +21,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (count, first) = (number("--count", 10.0)? as u64, number("--first", 0.0)? as u64);
     let seconds = number("--seconds", 2.0)?;
     let large = arguments.iter().any(|one| one == "--large");
+    let drawn =
+        match (arguments.iter().any(|one| one == "--bodies"), arguments.iter().any(|one| one == "--octopus"))
+        {
+            (true, _) => body_clip,
+            (_, true) => octopus_clip,
+            _ => clip,
+        };
     let folder = value("--write").map(PathBuf::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let mut errors = value("--errors").map(csv::Writer::from_path).transpose()?;
@@ -32,11 +40,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     {
         let mut scores = Vec::new();
         for seed in first..first + count {
-            let clip = clip(level, seed, seconds, large);
+            let clip = drawn(level, seed, seconds, large);
             if let Some(folder) = &folder {
                 write(&clip, folder)?;
             }
-            let (score, extraction) = pool.install(|| score(&clip));
+            let (score, extraction) = pool.install(|| read(&clip));
             if let (Some(errors), Some(extraction)) = (&mut errors, extraction) {
                 compare(&clip, &extraction, errors)?;
             }

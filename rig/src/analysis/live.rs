@@ -117,7 +117,7 @@ impl Follower {
         let sample = images.sample(LEARN_FROM)?;
         let model = model(&self.run).ok()?;
         let mut task = Task::new(&self.config.vision, Some(&model), self.plane.clone(), &self.folder).ok()?;
-        let links = task.outline.links;
+        let names = task.outline.keypoints();
         let mut extractor = task.learn(&sample).ok()?;
         drop(sample);
         let (mut records, mut lines, mut early) = (Vec::new(), Vec::new(), None);
@@ -128,7 +128,7 @@ impl Follower {
             if waiting.count() < IMAGES_AT_ONCE
                 && let Ok(chronicle) = self.fits.try_recv()
             {
-                early = self.begin_fit(trajectory(&records, links, self.plane.view()), chronicle);
+                early = self.begin_fit(trajectory(&records, &names, self.plane.view()), chronicle);
             }
             Ok::<(), serde_json::Error>(())
         })

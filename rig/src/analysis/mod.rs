@@ -225,11 +225,11 @@ impl Analysis<'_> {
         };
         let model = experiment::model(self.run)?;
         let mut task = Task::new(config, Some(&model), plane, folder).map_err(SequenceError::from)?;
-        let links = task.outline.links;
+        let names = task.outline.keypoints();
         let (mut lines, mut has_lines, mut early) = (Vec::new(), 0, None);
         let extraction = if let (Stage::Keypoints, Some(stored)) = (self.from, &stored) {
             let records = stored.iter().map(|record| record.record(&task.plane)).collect();
-            Extraction::of(records, links, task.plane)
+            Extraction::named(records, names, task.plane)
         } else {
             match stored {
                 // What is usual is learned from its silhouettes too.
@@ -247,8 +247,11 @@ impl Analysis<'_> {
                     (lines, has_lines, early) = (begun.lines, begun.records.len(), begun.early);
                     let mut extractor = begun.extractor;
                     let left = begun.left.iter().map(|image| Ok(TimedImage::of(image, self.run.origin())));
-                    let records = task.go_on(&mut extractor, left, begun.records, found)?;
-                    Extraction::of(records, links, task.plane)
+                    let mut records = task.go_on(&mut extractor, left, begun.records, found)?;
+                    if extractor.settle(&mut records) {
+                        (lines, has_lines, early) = (Vec::new(), 0, None);
+                    }
+                    Extraction::named(records, names, task.plane)
                 }
                 None => task.extract(&self.images(timeline), &mut found)?,
             }

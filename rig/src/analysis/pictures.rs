@@ -39,7 +39,7 @@ pub(super) fn show(
     let images: BTreeMap<usize, TimedImage> = wanted.into_iter().zip(images).collect();
     let overlay = |index: &usize| {
         let grey = images.get(index)?.grey.as_ref().ok()?;
-        Some(overlay(grey, &records[*index]))
+        Some(overlay(grey, &records[*index], &extraction.names))
     };
     data.overlays = spread.iter().filter_map(overlay).collect();
     data.refused = groups
@@ -82,14 +82,14 @@ fn worth_showing(extraction: &Extraction) -> BTreeSet<usize> {
     spread.filter(|&index| index < extraction.records.len()).collect()
 }
 
-fn overlay(image: &GrayImage, record: &ImageRecord) -> Overlay {
+fn overlay(image: &GrayImage, record: &ImageRecord, names: &[String]) -> Overlay {
     Overlay {
         name: record.name.clone(),
         time_s: record.time_s,
         image: image.clone(),
         mask: record.mask.as_ref().map(|mask| mask.picture(image.width(), image.height())),
         centreline_px: record.centreline.clone(),
-        keypoints_px: record.keypoints.iter().enumerate().map(|(i, k)| (format!("P{i}"), k.px)).collect(),
+        keypoints_px: names.iter().cloned().zip(record.keypoints.iter().map(|k| k.px)).collect(),
         status: if record.reason.is_empty() { "ok".into() } else { record.reason.clone() },
     }
 }

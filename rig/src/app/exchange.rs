@@ -234,6 +234,11 @@ fn shares(config: &ExtractionConfig, model: Option<&Path>) -> Result<Vec<f64>, F
     let mode = config.vision.mode.or(model.is_none().then_some(Mode::Arc));
     let vision = VisionConfig { mode, ..config.vision.clone() };
     let outline = Outline::new(&vision, model.as_ref()).map_err(Failure::input)?;
+    if outline.mode.is_free() {
+        return Err(Failure::Input(anyhow!(
+            "a line has no keypoints of a free body; state [vision] `mode` = \"arc\" and `links`"
+        )));
+    }
     match outline.lengths_m {
         // A line that others drew ends at P0 and Pn; how far links reach past them is not in it.
         Some(lengths_m) if config.vision.shares.is_none() => {

@@ -21,6 +21,36 @@ pub enum Mode {
     Arc,
     /// Equal shares of the raw medial path, whose ends stop short and which cuts corners: as published.
     Paper,
+    /// A rigid body that nothing holds: P0 its centroid, P1 a point ahead of it; a round body has no P1.
+    Centroid,
+    /// Arms on one body that nothing holds, as the model has them: P0 of the body, `a1P0`, `a1P1` and so on of the arms.
+    Arms,
+}
+
+impl Mode {
+    /// Whether nothing holds what is seen.
+    pub fn is_free(self) -> bool {
+        matches!(self, Self::Centroid | Self::Arms)
+    }
+}
+
+/// Which end of a free body is ahead.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ahead {
+    /// The blunt one, as a fish's head.
+    #[default]
+    Blunt,
+    /// The pointed one.
+    Pointed,
+    /// The one on the right in the first image.
+    Right,
+    /// The one on the left in the first image.
+    Left,
+    /// The upper one in the first image.
+    Up,
+    /// The lower one in the first image.
+    Down,
 }
 
 /// Whether the mechanism is darker or brighter than the tank.
@@ -110,6 +140,14 @@ pub struct VisionConfig {
     /// Smoothing length of the centreline, as a multiple of the silhouette's half width. Default 0.4.
     #[serde(default = "smoothing")]
     pub smoothing: Positive,
+    /// Mode `centroid`: how far ahead of P0 P1 is put \[m\]. Without it, and without a model that has both: half of the body's length,
+    /// from the images.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub heading_m: Option<Positive>,
+    /// Mode `centroid`: which end is ahead, `blunt` (default), `pointed`, or the one that is `right`, `left`, `up` or `down` in the first
+    /// image, for bodies whose ends look alike.
+    #[serde(default)]
+    pub ahead: Ahead,
     /// Mode `arc`: the centreline stops this many mean half widths short of both ends. Default 0, end to end, for
     /// what is held at `base_px`; 0.9 for a body that nothing holds, whose ends are round: its midline runs from the
     /// centre of one cap to the other's, as trackers of animals have it.
@@ -187,6 +225,8 @@ impl Default for VisionConfig {
             end_inset: None,
             segmenter: Segmenter::default(),
             sam2: None,
+            heading_m: None,
+            ahead: Ahead::default(),
             gates: Gates::default(),
         }
     }

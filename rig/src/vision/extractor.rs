@@ -3,6 +3,7 @@
 //! Offline and live are one: an [`Extractor`] learns the background and the usual size from a sample of images
 //! (of the whole sequence, or the first still ones), then takes images in order, any number at a time.
 
+mod free;
 mod learning;
 mod tracking;
 
@@ -16,7 +17,9 @@ use image::GrayImage;
 use rayon::prelude::*;
 
 use super::Mask;
+use super::arms::Swim;
 use super::background::{Background, Contrast};
+use super::body::Bodies;
 use super::bridges::Bridges;
 use super::centreline::Centreline;
 use super::component::{choose, components};
@@ -55,6 +58,10 @@ pub struct Extractor {
     /// What the images share of a mechanism whose base is known.
     film: Option<Arc<Film>>,
     usual: Option<Sizes>,
+    /// Mode `centroid`: what is usual of the body, and its headings.
+    bodies: Bodies,
+    /// Mode `arms`: where they were last.
+    swim: Swim,
     /// Sigma of the usual length \[px\].
     length_scatter_px: f64,
     /// The silhouettes of the images to come, where they are given and not looked for.
@@ -206,6 +213,11 @@ impl Extractor {
         contrasts: &[Option<Contrast>],
         seen: Vec<Result<Seen, Rejection>>,
     ) -> Vec<ImageRecord> {
+        match self.outline.mode {
+            Mode::Centroid => return self.bodies_in(images, contrasts, seen),
+            Mode::Arms => return self.arms_in(images, contrasts, seen),
+            Mode::Links | Mode::Arc | Mode::Paper => {}
+        }
         let oriented = self.oriented_all(contrasts, &seen);
         let placed: Vec<Result<Placed, Rejection>> = match self.film.clone() {
             Some(film) => {
@@ -255,6 +267,9 @@ impl Extractor {
 
     /// Which part is the mechanism.
     fn choice(&self, parts: &Parts, last: Option<Px>) -> Result<usize, Rejection> {
+        if let Some(chosen) = self.bodies.choice(&parts.parts, &self.config.gates, last) {
+            return Ok(chosen);
+        }
         let least = self.config.min_area_px.get();
         let diagonal = (parts.contrast.width as f64).hypot(parts.contrast.height as f64);
         choose(&parts.parts, least, self.base, BASE_REACH * diagonal, last).ok_or(match self.silhouettes {

@@ -39,6 +39,11 @@ impl Sigma {
         Self { white_px: part, pose_px: part }
     }
 
+    /// Of `whole_px`, of which `pose_px` comes back with the pose.
+    pub fn of(whole_px: f64, pose_px: f64) -> Self {
+        Self { white_px: (whole_px * whole_px - pose_px * pose_px).max(0.0).sqrt(), pose_px }
+    }
+
     /// Both together \[px\].
     pub fn whole_px(&self) -> f64 {
         self.white_px.hypot(self.pose_px)
@@ -71,7 +76,7 @@ const LINE_STD_PX: f64 = 0.1;
 pub fn edge_points(mode: Mode, contrast: &Contrast, part: &Mask, blocked: Option<&Mask>) -> Vec<Px> {
     match mode {
         Mode::Links => contour(contrast, part, blocked, CLEAR_PX),
-        Mode::Arc | Mode::Paper => Vec::new(),
+        Mode::Arc | Mode::Paper | Mode::Centroid | Mode::Arms => Vec::new(),
     }
 }
 
@@ -81,7 +86,7 @@ pub fn edge_points(mode: Mode, contrast: &Contrast, part: &Mask, blocked: Option
 /// [`Rejection::NoFit`] and [`Rejection::Overlap`] in mode `links`.
 pub fn place(outline: &Outline, gates: &Gates, plane: &Plane, shape: &Shape) -> Result<Found, Rejection> {
     match outline.mode {
-        Mode::Paper => Ok(on_medial_path(outline.links, shape.line)),
+        Mode::Paper | Mode::Centroid | Mode::Arms => Ok(on_medial_path(outline.links, shape.line)),
         Mode::Arc => Ok(on_arc(outline, shape)),
         Mode::Links => {
             let chain = chain(outline, plane, shape);

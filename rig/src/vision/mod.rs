@@ -4,14 +4,16 @@
 //! [`component`] picks the mechanism's silhouette, [`thin`] finds its medial path, [`centreline`] moves that to
 //! the middle between sub-pixel edges and out to both ends. Where P0 is held, `figure` then lays the mechanism's own outline
 //! on the edges that the picture shows, beginning at that line or where the images before lead; elsewhere [`keypoints`] puts P0..Pn
-//! on the line itself. [`gates`] refuse what cannot be the mechanism. [`Extractor`] takes images through all of them,
+//! on the line itself. What nothing holds is read whole: `body`, [`arms`]. [`gates`] refuse what cannot be the mechanism. [`Extractor`] takes images through all of them,
 //! [`sequence`] a whole sequence: the stages that need one image alone in parallel, those that look at the image before in order,
 //! so that the result does not depend on the number of threads. A rejected image keeps its row, empty, and its reason: no point is
 //! ever made up. Where the config asks for it, [`sam2`] finds the silhouettes of a recorded film instead.
 //!
 //! Pixels are `[column, row]`, the centre of the top left one is `[0, 0]`.
 
+pub mod arms;
 pub mod background;
+mod body;
 mod bridges;
 pub mod captioned;
 pub mod centreline;
@@ -45,7 +47,7 @@ pub mod standing_out;
 mod static_mask;
 pub mod thin;
 
-pub use config::{Mode, VisionConfig};
+pub use config::{Ahead, Mode, VisionConfig};
 pub use extractor::Extractor;
 pub use mask::Mask;
 pub use outline::Outline;

@@ -1,11 +1,12 @@
 //! What is known of the mechanism's shape before it is seen: from its model, from the `[vision]` table, which wins, or learned
 //! from the pictures.
 
-use sim::math::Vec3;
+use sim::math::{Mat3, Vec3};
 use sim::model::GeomKind;
 use sim::{JointKind, Model};
 
 use super::VisionError;
+use super::arms::Swimmer;
 use super::config::{Mode, VisionConfig};
 
 /// A mechanism's shape in the plane of motion.
@@ -25,6 +26,10 @@ pub struct Outline {
     pub end_rounding: Option<f64>,
     /// Mode `arc`: P0..Pn at these shares of the arc length, end to end, shape (n + 1).
     pub shares: Vec<f64>,
+    /// Mode `centroid`: from P0 to P1 \[m\]; none where pictures must tell.
+    pub heading_m: Option<f64>,
+    /// Mode `arms`: the body and its arms.
+    pub swimmer: Option<Swimmer>,
     /// Where P0 is fixed in the world \[m\]; none where it moves or nobody says.
     pub base_m: Option<[f64; 3]>,
 }
@@ -37,18 +42,44 @@ impl Outline {
     /// together.
     pub fn new(config: &VisionConfig, model: Option<&Model>) -> Result<Self, VisionError> {
         let refuse = |what: &str| Err(VisionError::Config { what: what.into() });
-        let known = model.map(ModelShape::of).transpose()?;
-        let Some(links) = config.links.or(known.as_ref().map(|known| known.lengths_m.len())) else {
+        let swimmer = model.map(Swimmer::of).transpose()?.flatten();
+        let arms = swimmer.filter(|_| config.mode.is_none_or(|mode| mode == Mode::Arms));
+        if config.mode == Some(Mode::Arms) && arms.is_none() {
+            return refuse(
+                "mode = \"arms\" needs a model with a free joint and arms whose sites are a1P0, a1P1 and so on",
+            );
+        }
+        let mode = config.mode.or(arms.as_ref().map(|_| Mode::Arms));
+        let free = mode.is_some_and(Mode::is_free);
+        let known = match model.map(ModelShape::of).transpose() {
+            // A free body's model need not have a chain of keypoints.
+            Err(_) if free => None,
+            known => known?,
+        };
+        if free && (config.links.is_some() || config.base_px.is_some()) {
+            return refuse(
+                "modes \"centroid\" and \"arms\" are for what nothing holds: remove `links` and `base_px`",
+            );
+        }
+        let links = match &arms {
+            Some(arms) => Some(arms.keypoints.len() - 1),
+            // The centroid, and a point ahead of it.
+            None if free => Some(1),
+            None => config.links.or(known.as_ref().map(|known| known.lengths_m.len())),
+        };
+        let Some(links) = links else {
             return refuse("needs `links`, the number of links, or a model that has keypoints");
         };
         // What the model says of another number of links does not fit.
         let known = known.filter(|known| known.lengths_m.len() == links);
-        let Some(mode) = config.mode.or(known.as_ref().map(|known| known.mode)) else {
+        let Some(mode) = mode.or(known.as_ref().map(|known| known.mode)) else {
             return refuse(
                 "needs `mode` = \"links\", \"arc\" or \"paper\", or a model with as many keypoints",
             );
         };
-        config.check(links)?;
+        if !free {
+            config.check(links)?;
+        }
         let rigid = known.as_ref().filter(|known| known.mode == Mode::Links);
         let lengths_m = match &config.link_lengths_m {
             Some(lengths) => Some(lengths.iter().map(|length| length.get()).collect()),
@@ -74,8 +105,21 @@ impl Outline {
                 .map(|share| share.get())
                 .or(rigid.and_then(|known| known.rounding)),
             shares,
-            base_m: known.and_then(|known| known.base_m),
+            heading_m: config
+                .heading_m
+                .map(|heading| heading.get())
+                .or(rigid.map(|known| known.lengths_m[0]).filter(|_| free)),
+            swimmer: arms,
+            base_m: known.and_then(|known| known.base_m).filter(|_| !free),
         })
+    }
+}
+
+impl Outline {
+    /// Names of the keypoints.
+    pub fn keypoints(&self) -> Vec<String> {
+        let of_arms = self.swimmer.as_ref().map(|swimmer| swimmer.keypoints.clone());
+        of_arms.unwrap_or_else(|| (0..=self.links).map(|i| format!("P{i}")).collect())
     }
 }
 
@@ -179,16 +223,17 @@ fn floats(model: &Model) -> bool {
 }
 
 /// Where everything is in one pose.
-struct Pose {
-    bodies: Vec<Vec3<f64>>,
-    sites: Vec<Vec3<f64>>,
+pub(super) struct Pose {
+    pub(super) bodies: Vec<Vec3<f64>>,
+    turns: Vec<Mat3<f64>>,
+    pub(super) sites: Vec<Vec3<f64>>,
     /// Centre, and the axes as columns in the world.
-    geoms: Vec<(Vec3<f64>, [Vec3<f64>; 3])>,
+    pub(super) geoms: Vec<(Vec3<f64>, [Vec3<f64>; 3])>,
 }
 
 impl Pose {
     /// At rest, but for each hinge and slide `turn` further on, each by another share of it.
-    fn at(model: &Model, turn: f64) -> Self {
+    pub(super) fn at(model: &Model, turn: f64) -> Self {
         let mut qpos = model.rest_state().qpos;
         for (i, joint) in model.joints.iter().enumerate() {
             if matches!(joint.kind, JointKind::Hinge | JointKind::Slide) {
@@ -199,13 +244,19 @@ impl Pose {
         let axes = poses.geom_rot.iter().map(|rot| [0, 1, 2].map(|k| rot.column(k)));
         Self {
             bodies: poses.body_pos,
+            turns: poses.body_rot,
             sites: poses.site_pos,
             geoms: poses.geom_pos.iter().copied().zip(axes).collect(),
         }
     }
 
+    /// `way` in the frame of `body`, in the world's.
+    pub(super) fn turned(&self, body: usize, way: Vec3<f64>) -> Vec3<f64> {
+        self.turns[body].apply(way)
+    }
+
     /// How far geom `geom` reaches from `from` in the direction `along` \[m\].
-    fn extent(&self, model: &Model, geom: usize, along: Vec3<f64>, from: Vec3<f64>) -> f64 {
+    pub(super) fn extent(&self, model: &Model, geom: usize, along: Vec3<f64>, from: Vec3<f64>) -> f64 {
         let (centre, axes) = &self.geoms[geom];
         let [a, b, c] = axes.map(|axis| axis.dot(along).abs());
         let [x, y, z] = model.geoms[geom].size;

@@ -82,6 +82,9 @@ impl Canvas {
         }
         self.line(&record.centreline, CENTRELINE_RGB);
         for (i, keypoint) in record.keypoints.iter().enumerate() {
+            if !keypoint.px.iter().all(|px| px.is_finite()) {
+                continue;
+            }
             let colour = if i == 0 || i + 1 == record.keypoints.len() { END_RGB } else { INNER_RGB };
             let radius = (1.0 + 0.6 * self.scale.max(2.0)) * f64::from(self.pen);
             self.ring(keypoint.px, 0.0, radius, colour);

@@ -45,6 +45,18 @@ impl Keypoint {
         let (std_m, pose_std_m) = (std_px * scale_m, pose_std_px * scale_m);
         Self { px, std_px, pose_std_px, metres: plane.metres(px), std_m, pose_std_m }
     }
+
+    fn stored(stored: Option<&StoredKeypoint>, plane: &Plane) -> Self {
+        let nothing = ([f64::NAN; 2], f64::NAN, f64::NAN);
+        let (px, std_px, pose_std_px) =
+            stored.map_or(nothing, |stored| (stored.px, stored.std_px, stored.pose_std_px));
+        Self::seen(px, Sigma::of(std_px, pose_std_px), plane)
+    }
+
+    /// How sure it is.
+    pub fn sigma(&self) -> Sigma {
+        Sigma::of(self.std_px, self.pose_std_px)
+    }
 }
 
 /// What one image gave.
@@ -58,7 +70,7 @@ pub struct ImageRecord {
     pub status: Status,
     /// Why not further; empty when `Ok`.
     pub reason: String,
-    /// P0..Pn; empty when rejected.
+    /// P0..Pn; empty when rejected. One that is not seen is no number.
     pub keypoints: Vec<Keypoint>,
     /// The silhouette, as far as the stages got.
     pub mask: Option<Mask>,
@@ -73,22 +85,34 @@ pub struct Extraction {
     pub records: Vec<ImageRecord>,
     /// P0..Pn over time in the plane of motion; NaN where an image was rejected. What is along the camera's view is never observed.
     pub trajectory: sim::Trajectory,
+    /// Names of the records' keypoints.
+    pub names: Vec<String>,
     /// From pixels to metres.
     pub plane: Plane,
     /// What nobody had said of the mechanism's shape and the images told.
     pub learned: Vec<Learned>,
 }
 
-/// The keypoints P0..P`links` of `records` over time, as `view` shows them.
-pub(crate) fn trajectory(records: &[ImageRecord], links: usize, view: View) -> sim::Trajectory {
+/// The keypoints of `records`, which are called `names`, over time, as `view` shows them. Those that no image
+/// shows, as a round body's P1, are left out where any image shows another.
+pub(crate) fn trajectory(records: &[ImageRecord], names: &[String], view: View) -> sim::Trajectory {
+    let shown = |i: &usize| {
+        records
+            .iter()
+            .any(|record| record.keypoints.get(*i).is_some_and(|k| k.px.iter().all(|px| px.is_finite())))
+    };
+    let mut kept: Vec<usize> = (0..names.len()).filter(shown).collect();
+    if kept.is_empty() {
+        kept = (0..names.len()).collect();
+    }
     let mut trajectory = sim::Trajectory {
-        keypoints: (0..=links).map(|i| format!("P{i}")).collect(),
+        keypoints: kept.iter().map(|&i| names[i].clone()).collect(),
         ..sim::Trajectory::default()
     };
     let (mut std_m, mut pose_std_m) = (Vec::new(), Vec::new());
     for record in records {
         trajectory.time_s.push(record.time_s);
-        for i in 0..=links {
+        for &i in &kept {
             let keypoint = record.keypoints.get(i);
             trajectory.position_m.push(view.world(keypoint.map_or([f64::NAN; 2], |k| k.metres)));
             std_m.push(keypoint.map_or(f64::NAN, |k| k.std_m));
@@ -104,8 +128,13 @@ pub(crate) fn trajectory(records: &[ImageRecord], links: usize, view: View) -> s
 impl Extraction {
     /// Puts records of `links + 1` keypoints into one trajectory.
     pub fn of(records: Vec<ImageRecord>, links: usize, plane: Plane) -> Self {
-        let trajectory = trajectory(&records, links, plane.view());
-        Self { records, trajectory, plane, learned: Vec::new() }
+        Self::named(records, (0..=links).map(|i| format!("P{i}")).collect(), plane)
+    }
+
+    /// Puts records whose keypoints are called `names` into one trajectory.
+    pub fn named(records: Vec<ImageRecord>, names: Vec<String>, plane: Plane) -> Self {
+        let trajectory = trajectory(&records, &names, plane.view());
+        Self { records, trajectory, names, plane, learned: Vec::new() }
     }
 
     /// How many images have the given status.
@@ -128,8 +157,8 @@ pub struct StoredRecord {
     pub reason: String,
     /// The silhouette, for [`super::Extractor::with_masks`].
     pub mask: Option<Mask>,
-    /// P0..Pn in the picture; empty when rejected.
-    pub keypoints: Vec<StoredKeypoint>,
+    /// P0..Pn in the picture, nothing for one that is not seen; empty when rejected.
+    pub keypoints: Vec<Option<StoredKeypoint>>,
 }
 
 /// A keypoint before it is put into metres.
@@ -145,17 +174,12 @@ pub struct StoredKeypoint {
     pub pose_std_px: f64,
 }
 
-impl StoredKeypoint {
-    fn sigma(&self) -> Sigma {
-        let white = self.std_px.powi(2) - self.pose_std_px.powi(2);
-        Sigma { white_px: white.max(0.0).sqrt(), pose_px: self.pose_std_px }
-    }
-}
-
 impl From<&ImageRecord> for StoredRecord {
     fn from(record: &ImageRecord) -> Self {
-        let keypoint =
-            |k: &Keypoint| StoredKeypoint { px: k.px, std_px: k.std_px, pose_std_px: k.pose_std_px };
+        let keypoint = |k: &Keypoint| {
+            let seen = k.px.iter().all(|px| px.is_finite());
+            seen.then_some(StoredKeypoint { px: k.px, std_px: k.std_px, pose_std_px: k.pose_std_px })
+        };
         Self {
             name: record.name.clone(),
             time_s: record.time_s,
@@ -175,7 +199,7 @@ impl StoredRecord {
             time_s: self.time_s,
             status: self.status,
             reason: self.reason.clone(),
-            keypoints: self.keypoints.iter().map(|k| Keypoint::seen(k.px, k.sigma(), plane)).collect(),
+            keypoints: self.keypoints.iter().map(|k| Keypoint::stored(k.as_ref(), plane)).collect(),
             mask: self.mask.clone(),
             centreline: Vec::new(),
         }

@@ -65,6 +65,12 @@ pub enum Rejection {
         /// What the silhouette needs \[px\].
         got: [usize; 2],
     },
+    /// It is not seen whole.
+    #[error("cut by {by}: it is not seen whole")]
+    Cut {
+        /// What cuts it.
+        by: &'static str,
+    },
     /// The silhouette encloses background.
     #[error("touches itself: encloses {hole_px} px of background, limit {limit_px}")]
     Closed {

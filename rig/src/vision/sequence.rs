@@ -104,8 +104,9 @@ impl<'a> Task<'a> {
         drop(sample);
         let images = source.images().map_err(SequenceError::from)?;
         let images = images.map(|image| image.map_err(|error| SequenceError::from(error).into()));
-        let records = self.go_on(&mut extractor, images, Vec::new(), &mut found)?;
-        let extraction = Extraction::of(records, self.outline.links, self.plane);
+        let mut records = self.go_on(&mut extractor, images, Vec::new(), &mut found)?;
+        extractor.settle(&mut records);
+        let extraction = Extraction::named(records, self.outline.keypoints(), self.plane);
         Ok(Extraction { learned: extractor.learned().to_vec(), ..extraction })
     }
 

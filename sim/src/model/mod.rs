@@ -82,24 +82,31 @@ impl<T: Scalar> Model<T> {
         State { qpos, qvel: vec![T::ZERO; self.nv()] }
     }
 
-    /// Names of the keypoints: the sites called `P0`, `P1`, ..., in the order of their numbers.
+    /// Names of the keypoints: the sites called `P0`, `P1`, ..., in the order of their numbers, then those of arms, `a1P0`, `a1P1`, ...,
+    /// `a2P0` and so on.
     pub fn keypoints(&self) -> Vec<String> {
         self.keypoint_sites().into_iter().map(|site| self.sites[site].name.clone()).collect()
     }
 
     /// Indices into `sites` of the keypoints, in the order of [`Model::keypoints`].
     pub fn keypoint_sites(&self) -> Vec<usize> {
-        let number = |name: &str| -> Option<u32> {
-            let digits = name.strip_prefix('P')?;
+        let number = |digits: &str| -> Option<u32> {
             // "P01" and "P+1" are other names
             let number: u32 = digits.parse().ok()?;
             (number.to_string() == digits).then_some(number)
         };
-        let mut found: Vec<(u32, usize)> = self
+        let numbers = |name: &str| -> Option<[u32; 2]> {
+            let (arm, digits) = name.split_once('P')?;
+            // no arm is 0
+            let arm =
+                if arm.is_empty() { 0 } else { number(arm.strip_prefix('a')?).filter(|&arm| arm > 0)? };
+            Some([arm, number(digits)?])
+        };
+        let mut found: Vec<([u32; 2], usize)> = self
             .sites
             .iter()
             .enumerate()
-            .filter_map(|(index, site)| Some((number(&site.name)?, index)))
+            .filter_map(|(index, site)| Some((numbers(&site.name)?, index)))
             .collect();
         found.sort_unstable();
         found.into_iter().map(|(_, index)| index).collect()

@@ -2,17 +2,20 @@
 
 use std::f64::consts::TAU;
 
-use ident::strict::{Finite, Positive, Share};
+use ident::strict::Finite;
 use image::GrayImage;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rig::calibration::Plane;
 use rig::images::TimedImage;
-use rig::vision::{Mode, VisionConfig};
+use rig::vision::{Ahead, VisionConfig};
 
+use super::body::{Body, KINDS};
 use super::mechanism::Mechanism;
+use super::octopus::{self, Swimming};
 use super::picture::{Picture, between};
 use super::shape::{Px, Shape};
+use super::subject::Subject;
 
 /// How hard the pictures are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -38,7 +41,7 @@ impl Level {
 pub struct Truth {
     /// P0..Pn \[px\].
     pub points: Vec<Px>,
-    /// What is wrong with the image itself, if anything.
+    /// What is wrong with the image itself, if anything, or covers what it shows.
     pub trouble: Option<&'static str>,
 }
 
@@ -55,6 +58,8 @@ pub struct Clip {
     pub config: VisionConfig,
     /// Pixels to metres.
     pub plane: Plane,
+    /// The model of what is filmed, where its maker has one.
+    pub model: Option<sim::Model>,
 }
 
 /// Images a second.
@@ -79,6 +84,8 @@ struct Tank {
     noise: f64,
     /// Whether something swims past.
     swims: bool,
+    /// Width and height of the picture \[px\].
+    size: [f64; 2],
 }
 
 /// The film of `seconds` \[s\] at `level` that `seed` draws; odd seeds are arms, each third chain is of odd sizes; `large`: 1280 by 720.
@@ -98,8 +105,49 @@ pub fn clip(level: Level, seed: u64, seconds: f64, large: bool) -> Clip {
         [width as f64 / 2.0 + between(random, -8.0, 8.0), 0.13 * height as f64 + between(random, -3.0, 3.0)];
     let count = (seconds * FPS).round() as usize;
     let scenes = (0..count).map(|i| mechanism.at(&motion, base, i as f64 / FPS)).collect();
-    Film { level, seed, size: [width, height], base, fps: FPS, mechanism: &mechanism, scale }
-        .shot(scenes, random)
+    let subject = Subject::Held(&mechanism);
+    Film { level, seed, size: [width, height], base, fps: FPS, subject, scale }.shot(scenes, random)
+}
+
+/// The film of a rigid body that nothing holds, of the kind `seed` modulo their number; as [`clip`].
+pub fn body_clip(level: Level, seed: u64, seconds: f64, large: bool) -> Clip {
+    /// Where P1 is put ahead of P0 \[px\].
+    const AHEAD_PX: f64 = 30.0;
+    let random = &mut ChaCha8Rng::seed_from_u64(seed.wrapping_mul(104_729) + level as u64);
+    let (width, height) = if large { (1280, 720) } else { (640, 480) };
+    let body = Body::of(KINDS[seed as usize % KINDS.len()], large);
+    let course = body.course([width as f64, height as f64], random);
+    let count = (seconds * FPS).round() as usize;
+    let scenes: Vec<(Vec<Shape>, Vec<Px>)> =
+        (0..count).map(|i| body.at(&course, i as f64 / FPS, AHEAD_PX)).collect();
+    // Where both ends look alike, somebody has to say which is ahead.
+    let ahead = match scenes.first().map(|(_, points)| points.as_slice()) {
+        Some([centre, point]) if body.kind == "ellipse" => {
+            if point[0] > centre[0] {
+                Ahead::Right
+            } else {
+                Ahead::Left
+            }
+        }
+        _ => Ahead::Blunt,
+    };
+    let (subject, base) = (Subject::Free(&body, AHEAD_PX, ahead), [width as f64 / 2.0, height as f64 / 2.0]);
+    Film { level, seed, size: [width, height], base, fps: FPS, subject, scale: 0.0005 }.shot(scenes, random)
+}
+
+/// The film of the shipped octopus: every third seed as it is simulated, the next turning, the next with each arm by itself; as [`clip`].
+pub fn octopus_clip(level: Level, seed: u64, seconds: f64, large: bool) -> Clip {
+    let random = &mut ChaCha8Rng::seed_from_u64(seed.wrapping_mul(15_485_863) + level as u64);
+    let (size, scale) = if large { ([1280, 720], 0.0004) } else { ([640, 480], 0.0007) };
+    let swimming = [Swimming::Stroke, Swimming::Course, Swimming::Apart][seed as usize % 3];
+    let model = octopus::model();
+    let base = [size[0] as f64 / 2.0, 0.36 * size[1] as f64];
+    let times_s: Vec<f64> = (0..(seconds * FPS).round() as usize).map(|i| i as f64 / FPS).collect();
+    let poses = octopus::motion(&model, swimming, &times_s, random);
+    let scenes = poses.iter().map(|qpos| octopus::seen(&model, qpos, base, scale)).collect();
+    let subject = Subject::Octopus(swimming);
+    let clip = Film { level, seed, size, base, fps: FPS, subject, scale }.shot(scenes, random);
+    Clip { model: Some(model), ..clip }
 }
 
 /// A film of 640 by 480 at `level` of a chain that moves as it is told: `points` are P0..Pn \[px\], one row an image, `fps` a second;
@@ -115,7 +163,8 @@ pub fn told_clip(
     let random = &mut ChaCha8Rng::seed_from_u64(seed);
     let base = points[0][0];
     let scenes = points.into_iter().map(|points| (mechanism.through(&points), points)).collect();
-    Film { level, seed, size: [640, 480], base, fps, mechanism, scale }.shot(scenes, random)
+    let subject = Subject::Held(mechanism);
+    Film { level, seed, size: [640, 480], base, fps, subject, scale }.shot(scenes, random)
 }
 
 /// What is filmed and how.
@@ -125,15 +174,15 @@ struct Film<'a> {
     size: [usize; 2],
     base: Px,
     fps: f64,
-    mechanism: &'a Mechanism,
+    subject: Subject<'a>,
     scale: f64,
 }
 
 impl Film<'_> {
     /// The film of some scenes, an outline and its P0..Pn each.
     fn shot(&self, scenes: Vec<(Vec<Shape>, Vec<Px>)>, random: &mut ChaCha8Rng) -> Clip {
-        let Self { level, seed, size: [width, height], base, fps, mechanism, scale } = *self;
-        let tank = Tank::drawn(level, seed, [width as f64, height as f64], base, mechanism, random);
+        let Self { level, seed, size: [width, height], base, fps, subject, scale } = *self;
+        let tank = Tank::drawn(level, seed, [width as f64, height as f64], base, subject.held(), random);
         let mut images: Vec<GrayImage> = Vec::with_capacity(scenes.len());
         let mut truth = Vec::with_capacity(scenes.len());
         for (i, (shapes, points)) in scenes.into_iter().enumerate() {
@@ -153,7 +202,10 @@ impl Film<'_> {
                 _ => tank.picture(&shapes, width, height, (i, time_s), random),
             };
             images.push(grey);
-            truth.push(Truth { points, trouble });
+            let covered = tank.things(i).iter().any(|thing| subject.meets(&points, thing));
+            // Nothing that swims past hides what hangs; what is free meets it or does not.
+            let trouble = trouble.filter(|what| *what != "swimmer" || subject.held().is_some());
+            truth.push(Truth { points, trouble: trouble.or(covered.then_some("covered")) });
         }
         let timed = |(i, grey): (usize, GrayImage)| TimedImage {
             name: format!("{i:05}"),
@@ -161,15 +213,16 @@ impl Film<'_> {
             grey: Ok(grey),
         };
         let click = base.map(|place| Finite::new(place + between(random, -CLICK_PX, CLICK_PX)));
-        let kind = if matches!(mechanism, Mechanism::Arm { .. }) { "arm" } else { "chain" };
+        let kind = subject.kind();
         let name = Level::ALL.iter().find(|(_, one)| *one == level).map_or("", |(name, _)| name);
         let hardship = tank.hardship.map_or(String::new(), |what| format!(" ({what})"));
         Clip {
             name: format!("{name} {kind} {seed}{hardship}"),
             images: images.into_iter().enumerate().map(timed).collect(),
             truth,
-            config: config(mechanism, scale, click),
+            config: subject.config(scale, click),
             plane: Plane::square(scale, base),
+            model: None,
         }
     }
 }
@@ -184,33 +237,13 @@ fn trouble(i: usize) -> Option<&'static str> {
     }
 }
 
-/// As whoever made the film would write it: what a calliper tells, but not how far links reach past their pivots.
-fn config(mechanism: &Mechanism, scale: f64, click: [Option<Finite>; 2]) -> VisionConfig {
-    let base_px = match click {
-        [Some(column), Some(row)] => Some([column, row]),
-        _ => None,
-    };
-    match mechanism {
-        Mechanism::Chain { lengths, .. } => VisionConfig {
-            link_lengths_m: lengths.iter().map(|length| Positive::new(length * scale)).collect(),
-            base_px,
-            ..VisionConfig::new(lengths.len(), Mode::Links)
-        },
-        Mechanism::Arm { shares, .. } => VisionConfig {
-            shares: shares.iter().map(|share| Share::new(*share)).collect(),
-            base_px,
-            ..VisionConfig::new(shares.len(), Mode::Arc)
-        },
-    }
-}
-
 impl Tank {
     fn drawn(
         level: Level,
         seed: u64,
         [width, height]: [f64; 2],
         base: Px,
-        mechanism: &Mechanism,
+        held: Option<f64>,
         random: &mut ChaCha8Rng,
     ) -> Self {
         let usual = level == Level::Usual;
@@ -220,10 +253,7 @@ impl Tank {
             centre: [between(random, 0.0, width), between(random, 0.0, height)],
             radius: between(random, 0.8, 2.5),
         };
-        let half = match mechanism {
-            Mechanism::Chain { half, .. } => *half,
-            Mechanism::Arm { half, .. } => half[0],
-        };
+        let half = held.unwrap_or_default();
         // The motor hides P0 and what is above it.
         let bracket = |from: f64, to: f64, half: f64| Shape::Bar {
             ends: [[base[0], from], [base[0], to]],
@@ -241,7 +271,7 @@ impl Tank {
             slope: [0, 1].map(|_| strength * between(random, -0.25, 0.25)),
             vignette: strength * between(random, 0.1, 0.3),
             specks: if usual { (0..25).map(|_| speck(random)).collect() } else { Vec::new() },
-            motor: if usual { motor } else { Vec::new() },
+            motor: if usual && held.is_some() { motor } else { Vec::new() },
             hardship,
             bar: Shape::Bar {
                 ends: [[-20.0, across], [width + 20.0, across + between(random, -40.0, 40.0)]],
@@ -259,7 +289,29 @@ impl Tank {
             blur: if usual { 0.8 } else { 0.6 },
             noise: if usual { between(random, 4.0, 6.0) } else { 2.0 },
             swims: level == Level::Broken,
+            size: [width, height],
         }
+    }
+
+    /// What swims past in image `i`.
+    fn swimmer(&self, i: usize) -> Option<Shape> {
+        let [w, h] = self.size;
+        (self.swims && trouble(i) == Some("swimmer")).then(|| {
+            let along = (i as f64 - 30.0) / 20.0;
+            let centre = [w * (1.1 - 1.2 * along), h * (0.55 + 0.03 * (9.0 * along).sin())];
+            Shape::Bar {
+                ends: [[centre[0] - 28.0, centre[1]], [centre[0] + 28.0, centre[1] + 6.0]],
+                past: [8.0; 2],
+                half: 11.0,
+                round: 11.0,
+            }
+        })
+    }
+
+    /// What can cover something in image `i`, or merge with it.
+    fn things(&self, i: usize) -> Vec<Shape> {
+        let bar = (self.hardship == Some("bar")).then(|| self.bar.clone());
+        bar.into_iter().chain(self.swimmer(i)).collect()
     }
 
     fn picture(
@@ -303,15 +355,7 @@ impl Tank {
             Some("flicker") => picture.shine(|_| 1.0 + 0.05 * (TAU * 7.0 * time_s).sin()),
             _ => {}
         }
-        if self.swims && trouble(i) == Some("swimmer") {
-            let along = (i as f64 - 30.0) / 20.0;
-            let centre = [w * (1.1 - 1.2 * along), h * (0.55 + 0.03 * (9.0 * along).sin())];
-            let body = Shape::Bar {
-                ends: [[centre[0] - 28.0, centre[1]], [centre[0] + 28.0, centre[1] + 6.0]],
-                past: [8.0; 2],
-                half: 11.0,
-                round: 11.0,
-            };
+        if let Some(body) = self.swimmer(i) {
             picture.draw(&[body], |p, _| 0.4 * light(p));
         }
         picture.blur(self.blur);

@@ -33,16 +33,19 @@ impl Picture {
     /// Draws `shapes` as one body: each pixel's light becomes `paint(place, light before)` by the share that they cover.
     pub fn draw(&mut self, shapes: &[Shape], paint: impl Fn(Px, f64) -> f64) {
         let bounds: Vec<[f64; 4]> = shapes.iter().map(Shape::bounds).collect();
+        let mut close: Vec<&Shape> = Vec::new();
         for row in 0..self.height {
             for column in 0..self.width {
                 let p = [column as f64, row as f64];
                 let near = |b: &&[f64; 4]| {
                     p[0] > b[0] - 1.0 && p[1] > b[1] - 1.0 && p[0] < b[2] + 1.0 && p[1] < b[3] + 1.0
                 };
-                if !bounds.iter().any(|b| near(&b)) {
+                close.clear();
+                close.extend(shapes.iter().zip(&bounds).filter(|(_, b)| near(b)).map(|(shape, _)| shape));
+                if close.is_empty() {
                     continue;
                 }
-                let distance = |p: Px| shapes.iter().map(|s| s.distance(p)).fold(f64::INFINITY, f64::min);
+                let distance = |p: Px| close.iter().map(|s| s.distance(p)).fold(f64::INFINITY, f64::min);
                 let middle = distance(p);
                 let cover = match middle {
                     d if d > 0.8 => 0.0,

@@ -32,11 +32,17 @@ pub struct Score {
     pub refused: Option<String>,
 }
 
+/// [`read`] without the extraction.
+pub fn score(clip: &Clip) -> Score {
+    read(clip).0
+}
+
 /// Reads `clip` on the caller's pool of threads, as `rig extract` does, and judges what comes out; with the extraction, unless it is
 /// refused.
-pub fn score(clip: &Clip) -> (Score, Option<Extraction>) {
+pub fn read(clip: &Clip) -> (Score, Option<Extraction>) {
     let mut first = None;
-    let found = Task::new(&clip.config, None, clip.plane.clone(), Path::new("")).map_err(SequenceError::from);
+    let found = Task::new(&clip.config, clip.model.as_ref(), clip.plane.clone(), Path::new(""))
+        .map_err(SequenceError::from);
     let found = found.and_then(|task| {
         task.extract(clip.images.as_slice(), |images, _| {
             first.get_or_insert((Instant::now(), images.len()));
@@ -82,7 +88,8 @@ pub fn judged(clip: &Clip, extraction: &Extraction) -> Score {
         answers += 1;
         sound_answers += usize::from(measurable);
         let mut worst: f64 = 0.0;
-        for ((keypoint, point), sum) in record.keypoints.iter().zip(&truth.points).zip(&mut squares) {
+        let points = record.keypoints.iter().zip(&truth.points).zip(&mut squares);
+        for ((keypoint, point), sum) in points.filter(|((keypoint, _), _)| keypoint.std_px.is_finite()) {
             let off = [0, 1].map(|axis| keypoint.px[axis] - point[axis]);
             let square = off[0] * off[0] + off[1] * off[1];
             *sum += square;

@@ -24,6 +24,24 @@ pub enum Shape {
         /// Half its width at each point of the line.
         half: Vec<f64>,
     },
+    /// Two discs and what a string around both holds.
+    Egg {
+        /// Their centres.
+        ends: [Px; 2],
+        /// Their radii.
+        radii: [f64; 2],
+    },
+    /// A convex polygon, its corners in turn, as [`Self::polygon`] gives them.
+    Polygon(Vec<Px>),
+    /// An ellipse.
+    Ellipse {
+        /// Its centre.
+        centre: Px,
+        /// Its half axes.
+        axes: [f64; 2],
+        /// How far the first one is turned from the columns' direction to the rows' \[rad\].
+        turn: f64,
+    },
     /// A disc.
     Disc {
         /// Its centre.
@@ -50,6 +68,32 @@ fn along(from: Px, to: Px, p: Px) -> (f64, f64, f64) {
 }
 
 impl Shape {
+    /// The convex outline of some points.
+    pub fn polygon(mut points: Vec<Px>) -> Self {
+        points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+        // Andrew's monotone chain: once there, once back.
+        let half = |points: &mut dyn Iterator<Item = &Px>| {
+            let mut chain: Vec<Px> = Vec::new();
+            for &point in points {
+                let turns_back = |chain: &[Px]| match chain {
+                    [.., a, b] => {
+                        (b[0] - a[0]) * (point[1] - a[1]) - (b[1] - a[1]) * (point[0] - a[0]) <= 1e-9
+                    }
+                    _ => false,
+                };
+                while turns_back(&chain) {
+                    chain.pop();
+                }
+                chain.push(point);
+            }
+            chain.pop();
+            chain
+        };
+        let mut corners = half(&mut points.iter());
+        corners.extend(half(&mut points.iter().rev()));
+        Self::Polygon(corners)
+    }
+
     /// Signed distance of `p` \[px\]; exact near the outline.
     pub fn distance(&self, p: Px) -> f64 {
         match self {
@@ -74,10 +118,58 @@ impl Shape {
                 let (after, _, length) = along(line[last], line[last + 1], p);
                 band.max(-before).max(after - length)
             }
+            Self::Egg { ends, radii: [first, second] } => {
+                let (u, v, length) = along(ends[0], ends[1], p);
+                let v = v.abs();
+                // The straight side leans by the difference of the radii.
+                let lean = (first - second) / length;
+                let upright = (1.0 - lean * lean).sqrt();
+                match upright * u - lean * v {
+                    k if k < 0.0 => u.hypot(v) - first,
+                    k if k > upright * length => (u - length).hypot(v) - second,
+                    _ => lean * u + upright * v - first,
+                }
+            }
+            Self::Polygon(corners) => {
+                let next = corners.iter().cycle().skip(1);
+                let sides = corners.iter().zip(next).map(|(from, to)| along(*from, *to, p));
+                let (mut outside, mut nearest) = (f64::NEG_INFINITY, f64::INFINITY);
+                for (u, v, length) in sides {
+                    outside = outside.max(-v);
+                    nearest = nearest.min((u - length).max(-u).max(0.0).hypot(v));
+                }
+                if outside > 0.0 { nearest } else { outside }
+            }
+            Self::Ellipse { centre, axes: [a, b], turn } => {
+                let (sin, cos) = turn.sin_cos();
+                let (x, y) = (p[0] - centre[0], p[1] - centre[1]);
+                let (u, v) = ((cos * x + sin * y) / a, (cos * y - sin * x) / b);
+                let from_centre = u.hypot(v).max(1e-12);
+                // To first order.
+                (from_centre - 1.0) * from_centre / (u / a).hypot(v / b).max(1e-12)
+            }
             Self::Disc { centre, radius } => (p[0] - centre[0]).hypot(p[1] - centre[1]) - radius,
             Self::Ring { centre, radius, half } => {
                 ((p[0] - centre[0]).hypot(p[1] - centre[1]) - radius).abs() - half
             }
+        }
+    }
+
+    /// The same turned by `angle` \[rad\], from the columns' direction to the rows', about (0, 0), which then lies at `centre`.
+    #[must_use]
+    pub fn placed(&self, at: Px, angle: f64) -> Self {
+        let (sin, cos) = angle.sin_cos();
+        let place = |[x, y]: Px| [at[0] + cos * x - sin * y, at[1] + sin * x + cos * y];
+        match self.clone() {
+            Self::Bar { ends, past, half, round } => Self::Bar { ends: ends.map(place), past, half, round },
+            Self::Band { line, half } => Self::Band { line: line.into_iter().map(place).collect(), half },
+            Self::Egg { ends, radii } => Self::Egg { ends: ends.map(place), radii },
+            Self::Polygon(corners) => Self::Polygon(corners.into_iter().map(place).collect()),
+            Self::Ellipse { centre, axes, turn } => {
+                Self::Ellipse { centre: place(centre), axes, turn: turn + angle }
+            }
+            Self::Disc { centre, radius } => Self::Disc { centre: place(centre), radius },
+            Self::Ring { centre, radius, half } => Self::Ring { centre: place(centre), radius, half },
         }
     }
 
@@ -97,6 +189,9 @@ impl Shape {
         match self {
             Self::Bar { ends, past, half, .. } => around(ends, half + past[0].max(past[1])),
             Self::Band { line, half } => around(line, half.iter().copied().fold(0.0, f64::max)),
+            Self::Egg { ends, radii } => around(ends, radii[0].max(radii[1])),
+            Self::Polygon(corners) => around(corners, 0.0),
+            Self::Ellipse { centre, axes, .. } => around(&[*centre], axes[0].max(axes[1])),
             Self::Disc { centre, radius } => around(&[*centre], *radius),
             Self::Ring { centre, radius, half } => around(&[*centre], radius + half),
         }
@@ -112,6 +207,21 @@ mod tests {
         let bar = Shape::Bar { ends: [[0.0, 0.0], [10.0, 0.0]], past: [2.0, 1.0], half: 3.0, round: 0.0 };
         for (p, wanted) in [([5.0, 4.0], 1.0), ([-3.0, 0.0], 1.0), ([12.0, 0.0], 1.0), ([5.0, 0.0], -3.0)] {
             assert!((bar.distance(p) - wanted).abs() < 1e-12, "{p:?}: {}", bar.distance(p));
+        }
+        let egg = Shape::Egg { ends: [[0.0, 0.0], [10.0, 0.0]], radii: [5.0, 2.0] };
+        for (p, wanted) in [([-6.0, 0.0], 1.0), ([13.0, 0.0], 1.0), ([0.0, 0.0], -5.0)] {
+            assert!((egg.distance(p) - wanted).abs() < 1e-9, "{p:?}: {}", egg.distance(p));
+        }
+        let square = Shape::polygon(vec![[0.0, 0.0], [4.0, 4.0], [4.0, 0.0], [2.0, 2.0], [0.0, 4.0]]);
+        for (p, wanted) in [([2.0, -1.0], 1.0), ([2.0, 3.0], -1.0), ([7.0, 8.0], 5.0)] {
+            assert!((square.distance(p) - wanted).abs() < 1e-9, "{p:?}: {}", square.distance(p));
+        }
+        let ellipse =
+            Shape::Ellipse { centre: [0.0, 0.0], axes: [10.0, 4.0], turn: 0.0 }.placed([3.0, 1.0], 0.5);
+        let (sin, cos) = 0.5_f64.sin_cos();
+        for out in [10.0, 10.5] {
+            let d = ellipse.distance([3.0 + out * cos, 1.0 + out * sin]);
+            assert!((d - (out - 10.0)).abs() < 0.03, "{d} {out}");
         }
         let band =
             Shape::Band { line: vec![[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], half: vec![4.0, 3.0, 2.0] };

@@ -121,6 +121,8 @@ impl Extractor {
             background,
             film: None,
             usual: None,
+            bodies: Default::default(),
+            swim: Default::default(),
             length_scatter_px: 0.0,
             masks: None,
             silhouettes: None,
@@ -145,6 +147,11 @@ impl Extractor {
             }
         });
         let (contrasts, seen): (Vec<_>, Vec<_>) = seen.into_iter().unzip();
+        match self.outline.mode {
+            Mode::Centroid => return self.usual_body(&contrasts, &seen).map(|extractor| (extractor, 0.0)),
+            Mode::Arms => return self.usual_arms(&contrasts, &seen).map(|extractor| (extractor, 0.0)),
+            Mode::Links | Mode::Arc | Mode::Paper => {}
+        }
         let found = self.oriented_all(&contrasts, &seen);
         self.last = Last::default();
         let sizes: Vec<Sizes> = found.iter().flatten().map(|one| one.candidate.sizes).collect();

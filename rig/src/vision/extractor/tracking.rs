@@ -96,7 +96,7 @@ impl Extractor {
                         &lines,
                         rounding,
                     ),
-                    Mode::Arc | Mode::Paper => self.arm_of(&canvas, base, &lines, rounding),
+                    _ => self.arm_of(&canvas, base, &lines, rounding),
                 };
                 let (views, starts): (Vec<View>, Vec<Option<Vec<f64>>>) = contrasts
                     .iter()
