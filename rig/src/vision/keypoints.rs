@@ -25,28 +25,17 @@ pub struct Found {
 /// How far off a keypoint may be, 1 sigma per axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sigma {
-    /// By what is each image's own \[px\].
-    pub white_px: f64,
+    /// By all together \[px\].
+    pub whole_px: f64,
     /// By what comes back with the pose \[px\]: how the outline lies on the pixels, and what is known of the mechanism's shape only so
-    /// far.
+    /// far. The rest is each image's own.
     pub pose_px: f64,
 }
 
 impl Sigma {
     /// Of `whole_px`, where nothing tells its parts: half of its variance each.
     pub fn untold(whole_px: f64) -> Self {
-        let part = whole_px * std::f64::consts::FRAC_1_SQRT_2;
-        Self { white_px: part, pose_px: part }
-    }
-
-    /// Of `whole_px`, of which `pose_px` comes back with the pose.
-    pub fn of(whole_px: f64, pose_px: f64) -> Self {
-        Self { white_px: (whole_px * whole_px - pose_px * pose_px).max(0.0).sqrt(), pose_px }
-    }
-
-    /// Both together \[px\].
-    pub fn whole_px(&self) -> f64 {
-        self.white_px.hypot(self.pose_px)
+        Self { whole_px, pose_px: whole_px * std::f64::consts::FRAC_1_SQRT_2 }
     }
 }
 

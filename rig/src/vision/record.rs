@@ -40,7 +40,7 @@ pub struct Keypoint {
 impl Keypoint {
     /// A keypoint seen at `px`, as surely as `sigma` says, in the plane of motion.
     pub fn seen(px: Px, sigma: Sigma, plane: &Plane) -> Self {
-        let (std_px, pose_std_px) = (sigma.whole_px(), sigma.pose_px);
+        let Sigma { whole_px: std_px, pose_px: pose_std_px } = sigma;
         let scale_m = plane.metres_per_pixel(px);
         let (std_m, pose_std_m) = (std_px * scale_m, pose_std_px * scale_m);
         Self { px, std_px, pose_std_px, metres: plane.metres(px), std_m, pose_std_m }
@@ -50,12 +50,12 @@ impl Keypoint {
         let nothing = ([f64::NAN; 2], f64::NAN, f64::NAN);
         let (px, std_px, pose_std_px) =
             stored.map_or(nothing, |stored| (stored.px, stored.std_px, stored.pose_std_px));
-        Self::seen(px, Sigma::of(std_px, pose_std_px), plane)
+        Self::seen(px, Sigma { whole_px: std_px, pose_px: pose_std_px }, plane)
     }
 
     /// How sure it is.
     pub fn sigma(&self) -> Sigma {
-        Sigma::of(self.std_px, self.pose_std_px)
+        Sigma { whole_px: self.std_px, pose_px: self.pose_std_px }
     }
 }
 

@@ -14,7 +14,7 @@ use crate::vision::figure::chain::Chain;
 use crate::vision::figure::edges::View;
 use crate::vision::figure::film::{Evidence, Film, START_REACH_PX};
 use crate::vision::figure::fit::Fitted;
-use crate::vision::keypoints::{Found, Sigma, hidden_base};
+use crate::vision::keypoints::{Found, hidden_base};
 use crate::vision::outline::Outline;
 use crate::vision::rejection::Rejection;
 use crate::vision::spline::{arc_lengths, distance};
@@ -56,7 +56,7 @@ impl Placed {
     /// Where a film's figure lies.
     pub(super) fn by_outline(film: &Film, fitted: &Fitted) -> Self {
         let (points, sigmas, line) = film.keypoints(fitted);
-        let worst = sigmas.iter().map(Sigma::whole_px).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+        let worst = sigmas.iter().map(|sigma| sigma.whole_px).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
         let doubt = worst.filter(|(_, std)| *std > CERTAIN_PX).map(|(i, std)| {
             format!("P{i} is known to {std:.1} px (1 sigma) only: too little of the mechanism is seen there")
         });

@@ -218,10 +218,8 @@ impl Fitted {
                 ((of_row([a, b]) + of_row([c, d])) / 2.0).max(0.0)
             };
             let (whole, own) = (variance(&self.covariance), variance(&alone));
-            Sigma {
-                white_px: own.min(whole).sqrt(),
-                pose_px: (whole - own).max(0.0).sqrt().hypot(POSE_FLOOR_PX),
-            }
+            let pose_px = (whole - own).max(0.0).sqrt().hypot(POSE_FLOOR_PX);
+            Sigma { whole_px: own.min(whole).sqrt().hypot(pose_px), pose_px }
         });
         let sigmas = sigmas.collect();
         (points.into_iter().map(|at| canvas.px(at)).collect(), sigmas)
