@@ -100,7 +100,9 @@ impl GoodnessOfFit {
     /// `explained`, the cost saved so far.
     pub(super) fn objects(&self, explained: f64, floor: &Floor, count: usize) -> bool {
         let beside = LEFT_OVER_SHARE * explained;
-        let slow = self.z > BEYOND_NOISE_Z && self.excess > beside.max(negligible(floor, count));
+        // of runs that state none, held-out ones perhaps, no more is asked than of those that do
+        let seen = floor.pose_std_m.is_none_or(|std_m| self.rms_m > std_m);
+        let slow = seen && self.z > BEYOND_NOISE_Z && self.excess > beside.max(negligible(floor, count));
         let left_m = floor.noise_m * (self.chi2 / self.degrees.max(1.0)).sqrt();
         let correlated = self.portmanteau_p < NO_CHANCE_P && self.correlation > LITTLE_CORRELATION;
         slow || correlated && self.chi2 > beside && left_m > NEGLIGIBLE_M

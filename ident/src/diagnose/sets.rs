@@ -123,6 +123,19 @@ impl<'b> Search<'b> {
         worse.bic() - better.bic() > BETTER_DELTA_BIC
             && chance < FALSE_ALARM_P
             && gain > negligible(&self.floor, better.count())
+            && self.exceeds_pictures(worse, better)
+    }
+
+    /// Whether what `better` explains beyond `worse` is larger than what pictures get wrong with the pose: this may be alike in all
+    /// poses, a scale or a shift by a hundredth of a pixel.
+    fn exceeds_pictures(&self, worse: &State<'_>, better: &State<'_>) -> bool {
+        let Some(pose_std_m) = self.floor.pose_std_m else { return true };
+        let squares = |state: &State<'_>| -> Option<f64> {
+            let runs = (0..state.terms.len()).map(|run| state.raw_residuals(run));
+            runs.map(|raw| Some(raw?.iter().map(|x| x * x).sum::<f64>())).sum()
+        };
+        let explained = squares(worse).zip(squares(better)).map(|(worse, better)| worse - better);
+        explained.is_some_and(|squares| squares > pose_std_m.powi(2) * better.count() as f64)
     }
 
     /// Whether `better` is so much better than `worse`, with fewer causes, that it is neither chance nor how those are modelled.
