@@ -1,12 +1,12 @@
 //! Several arms on one free body, as an octopus has them: the body's place and heading, and each arm's keypoints.
 //!
-//! All geometry is the model's ([`shape`]). [`hub`] finds the body's ellipse by its free rim, [`branch`] how far each arm's joints have
-//! turned, so that the outline laid out by the model meets the edges in the picture ([`settle`]). Which arm is which follows from
+//! All geometry is the model's (`shape`). `hub` finds the body's ellipse by its free rim, `branch` how far each arm's joints have
+//! turned, so that the outline laid out by the model meets the edges in the picture (`settle`). Which arm is which follows from
 //! where it hangs on the body.
 //!
 //! A camera that looks along y does not see everything. Arms one before the other are read as one, as long as they lie together;
 //! an arm whose plane the camera looks along shows no length, and only its root, which the body carries, is given. What is
-//! not known to [`MOST_STD_PX`] is left out.
+//! not known to `MOST_STD_PX` is left out.
 
 mod branch;
 mod hub;
