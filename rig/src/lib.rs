@@ -26,6 +26,7 @@ pub mod claim;
 pub mod cli;
 pub mod clock;
 pub mod config;
+mod coverage;
 pub mod doctor;
 pub mod error_chain;
 pub mod images;

@@ -1,9 +1,10 @@
 //! Films that the mock camera did not draw, read as `rig extract` reads them:
 //! `cargo run --release -p system-tests --example clips -- [--level clean|usual|hard|broken] [--count N] [--first SEED] [--seconds S]
-//! [--bodies] [--octopus] [--large] [--write FOLDER] [--json FILE] [--errors FILE.csv]`
+//! [--bodies] [--octopus] [--large] [--self-check] [--write FOLDER [--every N]] [--json FILE] [--errors FILE.csv]`
 //!
 //! A line a film, and for each level the worst and what counts over all its films. Without `--level` all four. `--bodies`, `--octopus`:
-//! what nothing holds. `--write` leaves every tenth picture of each film to look at, `--errors` each keypoint of each answered image
+//! what nothing holds. `--write` leaves every tenth picture of each film to look at, or each so many-th by `--every`, and where its keypoints
+//! truly are (truth.csv; `scripts/paper-recipe` reads that). `--errors` each keypoint of each answered image
 //! beside the truth. One thread.
 #![allow(clippy::print_stdout, reason = "its output is the point")]
 
@@ -28,6 +29,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             (_, true) => octopus_clip,
             _ => clip,
         };
+    let self_check = arguments.iter().any(|one| one == "--self-check");
     let folder = value("--write").map(PathBuf::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let mut errors = value("--errors").map(csv::Writer::from_path).transpose()?;
@@ -42,13 +44,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         for seed in first..first + count {
             let clip = drawn(level, seed, seconds, large);
             if let Some(folder) = &folder {
-                write(&clip, folder)?;
+                write(&clip, folder, number("--every", 10.0)? as usize)?;
             }
-            let (score, extraction) = pool.install(|| read(&clip));
+            let (score, extraction) = pool.install(|| read(&clip, self_check));
+            println!("{}", line(&score));
+            if let Some(check) = extraction.as_ref().and_then(|extraction| extraction.checked.as_ref()) {
+                print!("{check}");
+            }
             if let (Some(errors), Some(extraction)) = (&mut errors, extraction) {
                 compare(&clip, &extraction, errors)?;
             }
-            println!("{}", line(&score));
             scores.push(score);
         }
         println!("{}\n", summary(name, &scores));
@@ -113,13 +118,20 @@ fn summary(level: &str, scores: &[Score]) -> String {
     )
 }
 
-fn write(clip: &Clip, folder: &std::path::Path) -> Result<(), Box<dyn std::error::Error>> {
+fn write(clip: &Clip, folder: &std::path::Path, every: usize) -> Result<(), Box<dyn std::error::Error>> {
     let folder = folder.join(clip.name.replace([' ', '(', ')'], "-"));
     std::fs::create_dir_all(&folder)?;
-    for image in clip.images.iter().step_by(10) {
+    let mut truth = csv::Writer::from_path(folder.join("truth.csv"))?;
+    let points = clip.truth.first().map_or(0, |truth| truth.points.len());
+    let columns = (0..points).flat_map(|i| ["x", "y"].map(|axis| format!("P{i}_{axis}_px")));
+    truth.write_record(std::iter::once("image".to_owned()).chain(columns))?;
+    for (image, shown) in clip.images.iter().zip(&clip.truth).step_by(every.max(1)) {
         if let Ok(grey) = &image.grey {
             grey.save(folder.join(format!("{}.png", image.name)))?;
+            let cells = shown.points.iter().flatten().map(f64::to_string);
+            truth.write_record(std::iter::once(image.name.clone()).chain(cells))?;
         }
     }
+    truth.flush()?;
     Ok(())
 }

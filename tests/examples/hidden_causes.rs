@@ -1,12 +1,14 @@
 //! The whole set of hidden-effect cases, through `rig diagnose`:
 //! `cargo run -p system-tests --example hidden_causes -- OUT [--seeds 10] [--times N] [--only TEXT] [--every N] [--threads 2] [--keep]
-//! [--images-every 1] [--misread 0]`
+//! [--images-every 1] [--misread 0] [--pictures]`
 //!
 //! Every finished case is a line of `OUT/outcomes.jsonl`; started again, it goes on where it stopped. The tables stand in
 //! `OUT/tables.md` and on standard output. `--only` takes the cases whose names contain a text, `--every` each n-th of them.
 //! `--times` hides
 //! causes at so many times their limits instead of the usual sizes. `--threads` says how many are under way at once; each has its share of the cores. `--keep` leaves the cases' files, `--make` only
-//! writes them. `--images-every` keeps each so many-th of 100 images a second, `--misread` puts a share of the keypoints 20 mm off. Build the program first: `cargo build -p rig`.
+//! writes them. `--images-every` keeps each so many-th of 100 images a second, `--misread` puts a share of the keypoints 20 mm off.
+//! `--pictures` draws every image and reads it as `rig extract --self-check` does, instead of putting noise on keypoints; limits are still those
+//! of 0.4 mm of noise. Build the program first: `cargo build -p rig`.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -56,6 +58,7 @@ impl Options {
                 "--threads" => options.threads = value()?.parse()?,
                 "--images-every" => options.film.every = value()?.parse::<usize>()?.max(1),
                 "--misread" => options.film.misread = value()?.parse()?,
+                "--pictures" => options.film.pictures = true,
                 "--keep" => options.keep = true,
                 "--make" => options.make = true,
                 _ if options.out.as_os_str().is_empty() && !word.starts_with('-') => {

@@ -44,6 +44,10 @@ pub struct Args {
     /// Also put refused and doubtful images, by reason, on one picture, where there are any.
     #[arg(long, value_name = "PNG|JPG")]
     pub contact_sheet: Option<PathBuf>,
+    /// Also draw the motion that was found again, in the film's own tank, light, sharpness and noise, and read it again: prints how far off
+    /// each keypoint is by an image's noise and by what comes back with the pose, and writes the sigmas that this tells.
+    #[arg(long)]
+    pub self_check: bool,
     /// Leave out what was filmed before this, in seconds of the film's own time.
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub from_s: Option<f64>,
@@ -86,6 +90,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         Ok::<(), Failure>(())
     };
     let task = Task::new(&config.vision, model.as_ref(), plane, config.folder()).map_err(Failure::input)?;
+    let task = Task { self_check: args.self_check, ..task };
     let threads = threads(args.threads);
     let extraction = on_threads(threads, || task.extract(&source, &mut found));
     bar.clear();
@@ -152,9 +157,11 @@ fn summary(extraction: &Extraction, out: &Path) -> String {
             format!("{key} = {value:.5} ± {std:.5}, from the images: nobody says it\n")
         })
         .collect();
-    told + &format!(
-        "{}: {total} images, {ok} ok, {doubtful} doubtful, {rejected} rejected; reasons in {}.frames.csv\n",
-        out.display(),
-        out.display()
-    )
+    let checked: String = extraction.checked.as_ref().map(ToString::to_string).unwrap_or_default();
+    told + &checked
+        + &format!(
+            "{}: {total} images, {ok} ok, {doubtful} doubtful, {rejected} rejected; reasons in {}.frames.csv\n",
+            out.display(),
+            out.display()
+        )
 }

@@ -1,9 +1,7 @@
 //! Draws a mechanism as a camera would see it.
 //!
-//! Every geom's outline in the plane of the picture is a convex polygon. Their union is sampled on eight
-//! sub-rows a pixel, exactly along each, then blurred as a lens does: sub-pixel edges are where they should be,
-//! also where geoms overlap or only touch. Only the mechanism's own rectangle is drawn anew for each image.
-//! Noise is the camera's business, not the scene's.
+//! Every geom's outline in the plane of the picture is a convex polygon; `coverage` says what their union covers. Only the
+//! mechanism's own rectangle is drawn anew for each image. Noise is the camera's business, not the scene's.
 
 use image::GrayImage;
 use sim::Model;
@@ -11,6 +9,7 @@ use sim::math::{Mat3, Vec3};
 use sim::model::{Geom, GeomKind};
 
 use crate::calibration::{Plane, Px, View};
+use crate::coverage::Coverage;
 
 /// How a scene is lit and filmed.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,12 +54,8 @@ pub struct Renderer {
     empty: Vec<f32>,
 }
 
-/// Sub-rows of a pixel.
-const SUB_ROWS: usize = 8;
 /// Corners of a polygon in place of a circle: its sides are within 0.03 px of a circle of 40 px.
 const CIRCLE_CORNERS: usize = 80;
-/// The blur's kernel ends after this many sigmas.
-const KERNEL_SIGMAS: f64 = 3.0;
 
 impl Renderer {
     /// A camera that sees the plane of motion as `plane` says, in the light of `look`.
@@ -99,8 +94,10 @@ impl Renderer {
         let (width, height) = (self.look.width_px, self.look.height_px);
         let mut mask = GrayImage::new(width, height);
         for polygon in &self.look.scenery {
-            let Some(patch) = Patch::of(std::slice::from_ref(polygon), 0.0, width, height) else { continue };
-            for (x, y, cover) in patch.pixels() {
+            let Some(coverage) = Coverage::of(std::slice::from_ref(polygon), 0.0, width, height) else {
+                continue;
+            };
+            for (x, y, cover) in coverage.pixels() {
                 if cover <= 0.0 {
                     continue;
                 }
@@ -116,9 +113,9 @@ impl Renderer {
 
     fn paint(&self, polygons: &[Vec<Px>], grey: &mut [f32]) {
         let (width, height) = (self.look.width_px, self.look.height_px);
-        let Some(patch) = Patch::of(polygons, self.look.blur_px, width, height) else { return };
+        let Some(coverage) = Coverage::of(polygons, self.look.blur_px, width, height) else { return };
         let even = self.look.falloff == 0.0;
-        for (x, y, cover) in patch.pixels() {
+        for (x, y, cover) in coverage.pixels() {
             if cover > 0.0 {
                 let light = if even { 1.0 } else { light(&self.look, x, y) };
                 let pixel = &mut grey[y * width as usize + x];
@@ -208,132 +205,6 @@ fn hull(mut points: Vec<Px>) -> Vec<Px> {
     add(&mut points.iter());
     add(&mut points.iter().rev());
     chain
-}
-
-/// How much of each pixel of a rectangle is covered, blurred.
-struct Patch {
-    left: usize,
-    top: usize,
-    width: usize,
-    cover: Vec<f32>,
-}
-
-impl Patch {
-    /// The union of convex `polygons`; `None` when nothing of it is in the picture.
-    fn of(polygons: &[Vec<Px>], blur_px: f64, width: u32, height: u32) -> Option<Self> {
-        let corners = || polygons.iter().flatten().filter(|p| p[0].is_finite() && p[1].is_finite());
-        let margin = KERNEL_SIGMAS * blur_px + 1.0;
-        let bound = |axis: usize, size: u32| {
-            let low = corners().map(|p| p[axis]).fold(f64::INFINITY, f64::min) - margin;
-            let high = corners().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) + margin;
-            let (low, high) = (low.floor().max(0.0), high.ceil().min(f64::from(size) - 1.0));
-            (low <= high).then_some((low as usize, high as usize))
-        };
-        let ((left, right), (top, bottom)) = (bound(0, width)?, bound(1, height)?);
-        let (width, height) = (right + 1 - left, bottom + 1 - top);
-        let mut patch = Self { left, top, width, cover: vec![0.0; width * height] };
-        let mut rows: Vec<Vec<(f64, f64)>> = vec![Vec::new(); height * SUB_ROWS];
-        for polygon in polygons {
-            patch.cut(polygon, &mut rows);
-        }
-        for (i, spans) in rows.iter_mut().enumerate() {
-            let row = i / SUB_ROWS * width;
-            add_union(spans, &mut patch.cover[row..row + width]);
-        }
-        patch.blur(blur_px);
-        Some(patch)
-    }
-
-    /// Adds where each sub-row runs through `polygon`, in pixels from the rectangle's left edge.
-    fn cut(&self, polygon: &[Px], rows: &mut [Vec<(f64, f64)>]) {
-        let per = SUB_ROWS as f64;
-        // Sub-row i runs at this height; the centre of the picture's first row is 0.
-        let height = |i: usize| self.top as f64 - 0.5 + (i as f64 + 0.5) / per;
-        let place = |y: f64| (y - self.top as f64 + 0.5) * per - 0.5;
-        let lowest = polygon.iter().map(|p| p[1]).fold(f64::INFINITY, f64::min);
-        let highest = polygon.iter().map(|p| p[1]).fold(f64::NEG_INFINITY, f64::max);
-        let first = place(lowest).ceil().max(0.0) as usize;
-        let end = (place(highest).floor() + 1.0).clamp(0.0, rows.len() as f64) as usize;
-        let mut spans = vec![(f64::INFINITY, f64::NEG_INFINITY); end.saturating_sub(first)];
-        for (k, a) in polygon.iter().enumerate() {
-            let b = polygon[(k + 1) % polygon.len()];
-            let (low, high) = if a[1] <= b[1] { (*a, b) } else { (b, *a) };
-            let from = place(low[1]).ceil().max(first as f64) as usize;
-            let to = (place(high[1]).floor() + 1.0).clamp(0.0, end as f64) as usize;
-            for i in from..to.max(from) {
-                let share = (height(i) - low[1]) / (high[1] - low[1]).max(f64::MIN_POSITIVE);
-                let x = low[0] + share * (high[0] - low[0]) - self.left as f64 + 0.5;
-                let span = &mut spans[i - first];
-                *span = (span.0.min(x), span.1.max(x));
-            }
-        }
-        for (row, span) in rows[first.min(end)..end].iter_mut().zip(spans) {
-            if span.0 < span.1 {
-                row.push(span);
-            }
-        }
-    }
-
-    /// Gauss's bell across, then down.
-    fn blur(&mut self, sigma: f64) {
-        if sigma <= 0.0 {
-            return;
-        }
-        let reach = (KERNEL_SIGMAS * sigma).ceil() as usize;
-        let bell: Vec<f64> =
-            (0..=2 * reach).map(|i| (-0.5 * ((i as f64 - reach as f64) / sigma).powi(2)).exp()).collect();
-        let sum: f64 = bell.iter().sum();
-        let bell: Vec<f32> = bell.iter().map(|weight| (weight / sum) as f32).collect();
-        let (width, height) = (self.width, self.cover.len() / self.width);
-        let mut across = vec![0.0f32; self.cover.len()];
-        for (from, to) in self.cover.chunks_exact(width).zip(across.chunks_exact_mut(width)) {
-            for (k, weight) in bell.iter().enumerate() {
-                // Column x takes from column x + k - reach, as far as the rectangle goes.
-                let (skip, lead) = (k.saturating_sub(reach), reach.saturating_sub(k));
-                let source = from.iter().skip(skip);
-                to.iter_mut().skip(lead).zip(source).for_each(|(t, f)| *t += weight * f);
-            }
-        }
-        self.cover.fill(0.0);
-        for y in 0..height {
-            let to = &mut self.cover[y * width..(y + 1) * width];
-            for (k, weight) in bell.iter().enumerate() {
-                let Some(row) = (y + k).checked_sub(reach).filter(|row| *row < height) else { continue };
-                let from = &across[row * width..(row + 1) * width];
-                to.iter_mut().zip(from).for_each(|(t, f)| *t += weight * f);
-            }
-        }
-    }
-
-    /// Column, row and cover of each pixel.
-    fn pixels(&self) -> impl Iterator<Item = (usize, usize, f32)> + '_ {
-        let rows = self.cover.chunks_exact(self.width).enumerate();
-        rows.flat_map(move |(y, row)| {
-            row.iter().enumerate().map(move |(x, cover)| (self.left + x, self.top + y, *cover))
-        })
-    }
-}
-
-/// Adds one sub-row's share to the cover of a row of pixels: the union of `spans`, in pixels from the left.
-fn add_union(spans: &mut [(f64, f64)], cover: &mut [f32]) {
-    const ROW_SHARE: f64 = 1.0 / SUB_ROWS as f64;
-    spans.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut done = 0.0f64;
-    for &(from, to) in spans.iter() {
-        let (from, to) = (from.max(done), to.min(cover.len() as f64));
-        if from >= to {
-            continue;
-        }
-        done = to;
-        let (first, last) = (from as usize, (to.ceil() as usize).max(1) - 1);
-        if first == last {
-            cover[first] += (ROW_SHARE * (to - from)) as f32;
-        } else {
-            cover[first] += (ROW_SHARE * (first as f64 + 1.0 - from)) as f32;
-            cover[first + 1..last].iter_mut().for_each(|pixel| *pixel += ROW_SHARE as f32);
-            cover[last] += (ROW_SHARE * (to - last as f64)) as f32;
-        }
-    }
 }
 
 #[cfg(test)]

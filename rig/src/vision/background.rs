@@ -146,6 +146,20 @@ impl Background {
         self.still.as_ref()
     }
 
+    /// +1 for a dark mechanism, -1 for a bright one.
+    pub(super) fn sign(&self) -> f32 {
+        self.sign
+    }
+
+    /// Grey value of the tank without the mechanism at each pixel, shape (height, width), as `images` show what in it is still.
+    pub(super) fn empty_tank(&self, images: &[&GrayImage]) -> Vec<f32> {
+        let reference = self.reference.clone().unwrap_or_else(|| Plane::through(images[0]));
+        match &self.still {
+            Some(still) => reference.with(&clear_view(images, self.sign), still).grey,
+            None => reference.grey,
+        }
+    }
+
     /// What `image` shows beside the empty tank.
     ///
     /// # Errors

@@ -5,6 +5,7 @@
 
 mod free;
 mod learning;
+mod redrawn;
 mod tracking;
 
 pub use learning::{LEARN_FROM, Learned};

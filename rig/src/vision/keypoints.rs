@@ -37,6 +37,11 @@ impl Sigma {
     pub fn untold(whole_px: f64) -> Self {
         Self { whole_px, pose_px: whole_px * std::f64::consts::FRAC_1_SQRT_2 }
     }
+
+    /// What is the image's own \[px\].
+    pub fn white_px(self) -> f64 {
+        (self.whole_px * self.whole_px - self.pose_px * self.pose_px).max(0.0).sqrt()
+    }
 }
 
 /// What keypoints are placed on: one image's silhouette, its edge and its middle.

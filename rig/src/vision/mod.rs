@@ -40,6 +40,7 @@ pub mod refused;
 pub mod rejection;
 pub mod sam2;
 pub mod sample;
+pub mod self_check;
 pub mod sequence;
 pub mod silhouettes;
 pub mod spline;
@@ -92,6 +93,9 @@ pub enum VisionError {
     /// SAM 2 is wanted and did not segment.
     #[error(transparent)]
     Sam2(#[from] sam2::Sam2Error),
+    /// How well keypoints are found cannot be told from the film itself.
+    #[error(transparent)]
+    SelfCheck(#[from] self_check::SelfCheckError),
     /// There was nothing to extract from.
     #[error("no images to extract from")]
     NoImages,

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::Mask;
 use super::extractor::Learned;
 use super::keypoints::Sigma;
+use super::self_check::SelfCheck;
 use crate::calibration::Px;
 use crate::calibration::{Plane, View};
 
@@ -91,6 +92,8 @@ pub struct Extraction {
     pub plane: Plane,
     /// What nobody had said of the mechanism's shape and the images told.
     pub learned: Vec<Learned>,
+    /// What the film drawn again told of its keypoints' errors, where it was.
+    pub checked: Option<SelfCheck>,
 }
 
 /// The keypoints of `records`, which are called `names`, over time, as `view` shows them. Those that no image
@@ -134,7 +137,12 @@ impl Extraction {
     /// Puts records whose keypoints are called `names` into one trajectory.
     pub fn named(records: Vec<ImageRecord>, names: Vec<String>, plane: Plane) -> Self {
         let trajectory = trajectory(&records, &names, plane.view());
-        Self { records, trajectory, names, plane, learned: Vec::new() }
+        Self { records, trajectory, names, plane, learned: Vec::new(), checked: None }
+    }
+
+    /// Takes the records' keypoints into the trajectory again, after they were changed.
+    pub(super) fn renew_trajectory(&mut self) {
+        self.trajectory = trajectory(&self.records, &self.names, self.plane.view());
     }
 
     /// How many images have the given status.

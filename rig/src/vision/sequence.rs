@@ -10,6 +10,7 @@ use super::extractor::{Extractor, LEARN_FROM};
 use super::mask::Mask;
 use super::outline::Outline;
 use super::record::{Extraction, ImageRecord};
+use super::self_check::SelfCheck;
 use super::silhouettes::Silhouettes;
 use super::{SequenceError, VisionError, sam2};
 use crate::calibration::Plane;
@@ -33,6 +34,8 @@ pub struct Task<'a> {
     pub masks: Option<Vec<Option<Mask>>>,
     /// The silhouettes of all images, where they stand for what differs from the empty tank: in what is learned too.
     pub silhouettes: Option<Arc<Silhouettes>>,
+    /// Whether the film is drawn again to tell how well its keypoints are found.
+    pub self_check: bool,
 }
 
 impl<'a> Task<'a> {
@@ -62,6 +65,7 @@ impl<'a> Task<'a> {
             folder,
             masks: None,
             silhouettes: None,
+            self_check: false,
         })
     }
 
@@ -101,13 +105,36 @@ impl<'a> Task<'a> {
         }
         let sample = source.sample(LEARN_FROM).map_err(SequenceError::from)?;
         let mut extractor = self.learn(&sample).map_err(SequenceError::from)?;
-        drop(sample);
+        let sample = self.self_check.then_some(sample);
         let images = source.images().map_err(SequenceError::from)?;
         let images = images.map(|image| image.map_err(|error| SequenceError::from(error).into()));
         let mut records = self.go_on(&mut extractor, images, Vec::new(), &mut found)?;
         extractor.settle(&mut records);
-        let extraction = Extraction::named(records, self.outline.keypoints(), self.plane);
-        Ok(Extraction { learned: extractor.learned().to_vec(), ..extraction })
+        let extraction = Extraction::named(records, self.outline.keypoints(), self.plane.clone());
+        let mut extraction = Extraction { learned: extractor.learned().to_vec(), ..extraction };
+        if let Some(sample) = sample {
+            let check = self.checked(&extractor, &extraction, &sample).map_err(SequenceError::from)?;
+            check.weigh(&mut extraction);
+            extraction.checked = Some(check);
+        }
+        Ok(extraction)
+    }
+
+    /// What `extractor`, which found `extraction` in a film of which `sample` is a part, makes of that film drawn again.
+    ///
+    /// # Errors
+    /// [`VisionError::SelfCheck`].
+    pub fn checked(
+        &self,
+        extractor: &Extractor,
+        extraction: &Extraction,
+        sample: &[TimedImage],
+    ) -> Result<SelfCheck, VisionError> {
+        let learn = |sample: &[TimedImage]| {
+            let plane = self.plane.clone();
+            Extractor::learn(sample, self.config, &self.outline, plane, self.folder, None)
+        };
+        Ok(SelfCheck::of(extractor, extraction, sample, learn)?)
     }
 
     /// The records of a sequence from those `begun` and the `images` after them.

@@ -8,10 +8,11 @@ use rand_distr::{Distribution, StandardNormal};
 use super::shape::{Px, Shape};
 
 /// Samples of a pixel that an outline crosses.
-const SAMPLES: usize = 36;
+const SAMPLES: usize = 144;
 
-/// The golden section: steps of it fill a side evenly, so that upright and level outlines get 36 shares too.
-const GOLDEN: f64 = 0.618_033_988_749_895;
+/// Each sample lies in its own row and its own column of them, so many rows below the one in the column before: upright and level
+/// outlines get 144 shares too, and the samples' middle is the pixel's.
+const ROWS_ON: usize = 89;
 
 /// Linear light \[grey levels\], shape (height, width).
 #[derive(Debug, Clone)]
@@ -52,8 +53,7 @@ impl Picture {
                     d if d < -0.8 => 1.0,
                     _ => {
                         let off = |k: usize| {
-                            let k = k as f64 + 0.5;
-                            [k / SAMPLES as f64 - 0.5, (k * GOLDEN).fract() - 0.5]
+                            [k, k * ROWS_ON % SAMPLES].map(|k| (k as f64 + 0.5) / SAMPLES as f64 - 0.5)
                         };
                         let inside = (0..SAMPLES)
                             .map(off)

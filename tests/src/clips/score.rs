@@ -34,16 +34,17 @@ pub struct Score {
 
 /// [`read`] without the extraction.
 pub fn score(clip: &Clip) -> Score {
-    read(clip).0
+    read(clip, false).0
 }
 
-/// Reads `clip` on the caller's pool of threads, as `rig extract` does, and judges what comes out; with the extraction, unless it is
-/// refused.
-pub fn read(clip: &Clip) -> (Score, Option<Extraction>) {
+/// Reads `clip` on the caller's pool of threads, as `rig extract` (with `--self-check` or without) does, and judges what comes out; with
+/// the extraction, unless it is refused.
+pub fn read(clip: &Clip, self_check: bool) -> (Score, Option<Extraction>) {
     let mut first = None;
     let found = Task::new(&clip.config, clip.model.as_ref(), clip.plane.clone(), Path::new(""))
         .map_err(SequenceError::from);
     let found = found.and_then(|task| {
+        let task = Task { self_check, ..task };
         task.extract(clip.images.as_slice(), |images, _| {
             first.get_or_insert((Instant::now(), images.len()));
             Ok::<(), SequenceError>(())

@@ -3,7 +3,7 @@
 //! A generator of its own, which shares definitions with the simulation and no code: the planar chain from Lagrange's equations
 //! ([`chain`], [`fluid`]), the causes' terms ([`terms`]), the drive ([`drive`]), fine Runge-Kutta steps and Basset's integral by
 //! quadrature ([`motion`]), the camera ([`camera`]). [`mod@bench`] draws a mechanism and its runs, [`limit`] finds the smallest size
-//! that its runs can show, [`cases`] lists what is hidden where, [`mod@write`] writes an `experiment.toml`, [`score`] judges what the
+//! that its runs can show, [`cases`] lists what is hidden where, [`mod@write`] writes an `experiment.toml`, [`pictures`] the films of its runs, [`score`] judges what the
 //! program says and makes the tables.
 
 pub mod bench;
@@ -16,6 +16,7 @@ pub mod fluid;
 pub mod hide;
 pub mod limit;
 pub mod motion;
+pub mod pictures;
 pub mod rivals;
 pub mod score;
 pub mod terms;

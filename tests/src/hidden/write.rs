@@ -7,6 +7,7 @@ use super::bench::{Draw, FINE_S, LINKS, MODEL, Run};
 use super::cases::{Case, Made};
 use super::limit::NOISE_M;
 use super::motion::Drive;
+use super::pictures;
 
 /// Keypoints are read to this \[m\].
 const GRAIN_M: f64 = 5e-5;
@@ -21,11 +22,13 @@ pub struct Film {
     pub every: usize,
     /// Share of the keypoints that are misread.
     pub misread: f64,
+    /// Pictures are drawn and read, instead of keypoints with noise being written.
+    pub pictures: bool,
 }
 
 impl Default for Film {
     fn default() -> Self {
-        Self { every: 1, misread: 0.0 }
+        Self { every: 1, misread: 0.0, pictures: false }
     }
 }
 
@@ -61,20 +64,29 @@ pub fn write(case: &Case, made: &Made, film: Film, folder: &Path) -> std::io::Re
             }
         }
         let _ = writeln!(text, "use = \"{usage}\"");
-        std::fs::write(folder.join(format!("{id}.csv")), trajectory(case, made, film, run))?;
+        let table = match film.pictures {
+            true => pictures::trajectory(made, film, run, own(case))?,
+            false => trajectory(case, made, film, run),
+        };
+        std::fs::write(folder.join(format!("{id}.csv")), table)?;
     }
-    std::fs::write(folder.join("chain.xml"), MODEL)?;
+    let model = if film.pictures { pictures::with_base(MODEL) } else { MODEL.to_owned() };
+    std::fs::write(folder.join("chain.xml"), model)?;
     let path = folder.join("experiment.toml");
     std::fs::write(&path, text)?;
     Ok(path)
 }
 
+/// Each case has its own noise, whatever else shares its seed.
+fn own(case: &Case) -> u64 {
+    case.id
+        .bytes()
+        .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
 /// The keypoints of `run` as they are read: noise that correlates in time, rounded, some misread.
 fn trajectory(case: &Case, made: &Made, film: Film, run: &Run) -> String {
-    // each case has its own noise, whatever else shares its seed
-    let own = case.id.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-    });
+    let own = own(case);
     let mut draw = Draw::new(own, 16 + run.motion.run as u64);
     let mut misread = Draw::new(own, 32 + run.motion.run as u64);
     let keep = correlation(case.seed);

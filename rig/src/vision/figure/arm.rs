@@ -46,6 +46,8 @@ const PIECE_PX: f64 = 2.5;
 const PARTS: usize = 8;
 /// Places on a round corner, and across an end.
 const ARC_PLACES: usize = 5;
+/// Sides of a drawn round corner.
+const ROUND_CORNERS: usize = 12;
 const END_SPACING_PX: f64 = 2.0;
 /// An edge this near another part's is not told from it \[px\].
 const TOUCHING_PX: f64 = 2.5;
@@ -282,6 +284,42 @@ impl Figure for Arm {
 
     fn line(&self, pose: &[f64]) -> Vec<Px> {
         self.bent(pose).points
+    }
+
+    fn polygons(&self, pose: &[f64]) -> Vec<Vec<Px>> {
+        let line = self.bent(pose);
+        let beside = |node: usize, along: f64, across: f64| -> Px {
+            let (sin, cos) = line.heading[node].sin_cos();
+            let half = Self::half(pose, node as f64 / self.pieces as f64).0;
+            let [x, y] = line.points[node];
+            [x + half * (along * cos - across * sin), y + half * (along * sin + across * cos)]
+        };
+        // Where the round tip begins its corners take over.
+        let tip = self.rounding * pose[HALF + WIDTHS - 1];
+        let straight = |node: usize| (1.0 - node as f64 / self.pieces as f64) * pose[LENGTH] >= tip;
+        let end = (0..=self.pieces).rev().find(|node| straight(*node)).unwrap_or(0).max(1);
+        let piece = |node: usize| {
+            let next = node + 1;
+            vec![
+                beside(node, 0.0, -1.0),
+                beside(next, 0.0, -1.0),
+                beside(next, 0.0, 1.0),
+                beside(node, 0.0, 1.0),
+            ]
+        };
+        let mut polygons: Vec<Vec<Px>> = (0..end).map(piece).collect();
+        let corner = |k: usize, side: f64| {
+            let (sin, cos) = (std::f64::consts::FRAC_PI_2 * k as f64 / ROUND_CORNERS as f64).sin_cos();
+            let r = self.rounding;
+            beside(self.pieces, r * (sin - 1.0), side * (1.0 - r + r * cos))
+        };
+        if self.rounding > 0.0 {
+            let mut cap = vec![beside(end, 0.0, 1.0), beside(end, 0.0, -1.0)];
+            cap.extend((0..=ROUND_CORNERS).map(|k| corner(k, -1.0)));
+            cap.extend((0..=ROUND_CORNERS).rev().map(|k| corner(k, 1.0)));
+            polygons.push(cap);
+        }
+        polygons
     }
 }
 

@@ -33,6 +33,8 @@ const JOINT_HALF_WIDTHS: f64 = 1.5;
 const TOUCHING_PX: f64 = 2.5;
 /// Places on a round corner.
 const ARC_PLACES: usize = 6;
+/// Sides of a drawn one.
+const ROUND_CORNERS: usize = 12;
 
 /// A link where a pose puts it.
 struct Placed {
@@ -245,6 +247,38 @@ impl Figure for Chain {
 
     fn line(&self, pose: &[f64]) -> Vec<Px> {
         self.points(pose).0
+    }
+
+    fn polygons(&self, pose: &[f64]) -> Vec<Vec<Px>> {
+        let links = self.placed(pose);
+        let last = links.len() - 1;
+        let corner = |link: &Placed, way: f64, side: f64, round: bool| -> Vec<Px> {
+            let end = if way < 0.0 { -link.past[0] } else { link.length + link.past[1] };
+            let r = if round { self.rounding } else { 0.0 };
+            let turns = if r > 0.0 { ROUND_CORNERS } else { 0 };
+            let at = |k: usize| {
+                let turn = if turns == 0 { 0.0 } else { k as f64 / turns as f64 };
+                let (sin, cos) = (std::f64::consts::FRAC_PI_2 * turn).sin_cos();
+                // From the side towards the end, on a circle of radius r about the corner's centre.
+                link.on([end + way * r * link.half * (sin - 1.0), side * link.half * (1.0 - r + r * cos)])
+            };
+            (0..=turns).map(at).collect()
+        };
+        let of = |(i, link): (usize, &Placed)| {
+            let backwards = |mut points: Vec<Px>| {
+                points.reverse();
+                points
+            };
+            let (first, last) = (i == 0, i == last);
+            [
+                corner(link, 1.0, -1.0, last),
+                backwards(corner(link, 1.0, 1.0, last)),
+                corner(link, -1.0, 1.0, first),
+                backwards(corner(link, -1.0, -1.0, first)),
+            ]
+            .concat()
+        };
+        links.iter().enumerate().map(of).collect()
     }
 }
 

@@ -86,6 +86,14 @@ impl View<'_> {
         }
     }
 
+    /// The slope of the edge `off` outward of `rim` as a share of its step, over two pixels \[1/px\]; none without a step.
+    pub(in crate::vision) fn slope(&self, rim: &Rim, off: f64) -> Option<f64> {
+        let at = |by: f64| self.contrast.at([0, 1].map(|axis| rim.at[axis] + (off + by) * rim.outward[axis]));
+        let side = SIDES_PX as f64;
+        let step = at(-side) - at(side);
+        (step > LEAST_STEP * f64::from(self.contrast.level)).then(|| (at(-1.0) - at(1.0)) / 2.0 / step)
+    }
+
     fn is_hidden(&self, [x, y]: Px) -> bool {
         let (right, bottom) = ((self.contrast.width - 1) as f64, (self.contrast.height - 1) as f64);
         // So written a place that is no number is hidden too.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::canvas::Canvas;
 use super::edges::View;
-use super::fit::{Fitted, fit};
+use super::fit::{Fitted, edge_slopes, fit};
 use super::{Figure, Prior};
 use crate::calibration::Px;
 use crate::vision::keypoints::Sigma;
@@ -258,6 +258,18 @@ impl Film {
         let (points, sigmas) = fitted.keypoints(self.figure.as_ref(), &self.canvas);
         let line = self.figure.line(&fitted.pose).into_iter().map(|at| self.canvas.px(at)).collect();
         (points, sigmas, line)
+    }
+
+    /// The mechanism in `pose`: convex polygons that are it together, and P0..Pn \[px\].
+    pub(in crate::vision) fn drawn(&self, pose: &[f64]) -> (Vec<Vec<Px>>, Vec<Px>) {
+        let px = |places: Vec<Px>| places.into_iter().map(|at| self.canvas.px(at)).collect();
+        let polygons = self.figure.polygons(pose).into_iter().map(px).collect();
+        (polygons, px(self.figure.points(pose).0))
+    }
+
+    /// The slopes of the edges that `view` shows of the outline of `pose`, each as a share of its step \[1/px\].
+    pub(in crate::vision) fn edge_slopes(&self, view: &View, pose: &[f64]) -> Vec<f64> {
+        edge_slopes(self.figure.as_ref(), &self.canvas, view, pose)
     }
 
     /// A number that all images share, and its sigma \[px\].

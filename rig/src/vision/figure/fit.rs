@@ -202,6 +202,22 @@ pub(in crate::vision) fn fit(
     })
 }
 
+/// The slopes of the edges that `view` shows of the outline of `pose`, each as a share of its step \[1/px\].
+pub(in crate::vision) fn edge_slopes(
+    figure: &dyn Figure,
+    canvas: &Canvas,
+    view: &View,
+    pose: &[f64],
+) -> Vec<f64> {
+    let look = Look::new(figure, canvas, view, pose, LEAST_REACH_PX);
+    let edges = look.rims.iter().zip(&look.seen);
+    let slopes = edges.filter_map(|(rim, seen)| match seen {
+        Seen::Edge(off) => view.slope(rim, *off),
+        Seen::Nothing | Seen::Hidden => None,
+    });
+    slopes.collect()
+}
+
 impl Fitted {
     /// P0..Pn in the picture \[px\], and sigma of each per axis.
     pub(in crate::vision) fn keypoints(&self, figure: &dyn Figure, canvas: &Canvas) -> (Vec<Px>, Vec<Sigma>) {

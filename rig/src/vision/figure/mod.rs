@@ -52,6 +52,9 @@ pub(super) trait Figure: std::fmt::Debug + Send + Sync {
 
     /// Middle line of `pose`, base first.
     fn line(&self, pose: &[f64]) -> Vec<Px>;
+
+    /// Convex polygons on the canvas that are the mechanism in `pose` together.
+    fn polygons(&self, pose: &[f64]) -> Vec<Vec<Px>>;
 }
 
 #[cfg(test)]
