@@ -44,6 +44,7 @@ fn args(folder: &Path, config: &str, centreline: &str) -> Args {
         out: folder.join("t.csv"),
         centreline: Some(folder.join(centreline)),
         overlays: Some(folder.join("overlays")),
+        self_check: false,
         contact_sheet: Some(folder.join("sheet.png")),
         from_s: None,
         to_s: None,
@@ -122,6 +123,16 @@ fn centreline_ending_in_wcon_is_a_wcon_document_in_millimetres() {
     assert!((data["y"][0][100].as_f64().unwrap() + 80.0).abs() < 0.3);
     assert!(data["x"][1][0].is_null());
     assert_eq!(document["@rig"]["images"][1]["status"], "rejected");
+}
+
+#[test]
+fn a_film_of_too_few_images_is_not_checked_by_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut args = args(folder.path(), CONFIG, "c.csv");
+    args.self_check = true;
+    let Err(Failure::Input(error)) = run(&args) else { panic!() };
+    let text = rig::error_chain::with_causes(error.as_ref());
+    assert!(text.contains("only 2 images were found without a doubt, at least 8 are needed"), "{text}");
 }
 
 #[test]

@@ -48,8 +48,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             }
             let (score, extraction) = pool.install(|| read(&clip, self_check));
             println!("{}", line(&score));
-            if let Some(check) = extraction.as_ref().and_then(|extraction| extraction.checked.as_ref()) {
-                print!("{check}");
+            match extraction.as_ref().and_then(|extraction| extraction.checked.as_ref()) {
+                Some(Ok(check)) => print!("{check}"),
+                Some(Err(why)) => println!("the film {why}"),
+                None => {}
             }
             if let (Some(errors), Some(extraction)) = (&mut errors, extraction) {
                 compare(&clip, &extraction, errors)?;

@@ -22,13 +22,14 @@ use ident::table;
 
 use crate::config::RigConfig;
 use crate::error_chain::with_causes;
-use crate::images::TimedImage;
 use crate::images::recording::RecordedImages;
+use crate::images::{ImageSource as _, TimedImage};
 use crate::record::RecordError;
 use crate::record::folder::{RunFolder, file, read_json, write_json, write_whole};
 use crate::record::frames::{self, FrameRow};
 use crate::record::timing::{self, Timing};
 use crate::report::{DiagnosisFigures, ReportData};
+use crate::vision::extractor::LEARN_FROM;
 use crate::vision::{Extraction, ImageRecord, SequenceError, Status, Task};
 use early::EarlyFit;
 pub use error::AnalysisError;
@@ -229,7 +230,7 @@ impl Analysis<'_> {
         let (mut lines, mut has_lines, mut early) = (Vec::new(), 0, None);
         let extraction = if let (Stage::Keypoints, Some(stored)) = (self.from, &stored) {
             let records = stored.iter().map(|record| record.record(&task.plane)).collect();
-            Extraction::named(records, names, task.plane)
+            Extraction::named(records, names, task.plane.clone())
         } else {
             match stored {
                 // What is usual is learned from its silhouettes too.
@@ -248,14 +249,25 @@ impl Analysis<'_> {
                     let mut extractor = begun.extractor;
                     let left = begun.left.iter().map(|image| Ok(TimedImage::of(image, self.run.origin())));
                     let mut records = task.go_on(&mut extractor, left, begun.records, found)?;
-                    if extractor.settle(&mut records) {
+                    let settled = extractor.settle(&mut records);
+                    if settled || task.self_check {
                         (lines, has_lines, early) = (Vec::new(), 0, None);
                     }
-                    Extraction::named(records, names, task.plane)
+                    let mut extraction = Extraction::named(records, names, task.plane.clone());
+                    if task.self_check {
+                        let sample = self.images(timeline).sample(LEARN_FROM).map_err(SequenceError::from)?;
+                        task.check(&extractor, &mut extraction, &sample);
+                    }
+                    extraction
                 }
                 None => task.extract(&self.images(timeline), &mut found)?,
             }
         };
+        if let Some(Err(why)) = &extraction.checked {
+            tracing::warn!(
+                "[vision] self_check: the film {why}; keypoints keep the sigmas that they have without it"
+            );
+        }
         stored::write(self.out, lines, &extraction.records[has_lines..])?;
         let mut rows: Vec<FrameRow> = timeline.images.iter().map(|image| image.row.clone()).collect();
         let used = rows.iter_mut().filter(|row| row.status == timeline::USABLE);

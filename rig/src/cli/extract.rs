@@ -90,14 +90,17 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         Ok::<(), Failure>(())
     };
     let task = Task::new(&config.vision, model.as_ref(), plane, config.folder()).map_err(Failure::input)?;
-    let task = Task { self_check: args.self_check, ..task };
+    let task = Task { self_check: args.self_check || task.self_check, ..task };
     let threads = threads(args.threads);
     let extraction = on_threads(threads, || task.extract(&source, &mut found));
     bar.clear();
     let extraction = extraction?;
+    let checked = extraction.checked.clone().transpose().context("checking the film by drawing it again");
+    let checked = checked.map_err(Failure::input)?;
     write(args, &extraction).map_err(Failure::input)?;
     overlays.map(Overlays::finish).transpose()?;
-    let mut text = summary(&extraction, &args.out);
+    let mut text = checked.as_ref().map(ToString::to_string).unwrap_or_default();
+    text.push_str(&summary(&extraction, &args.out));
     if let Some(path) = &args.contact_sheet {
         text.push_str(&match look::write_sheet(path, &source, &extraction)? {
             true => format!("{}: refused and doubtful images by reason\n", path.display()),
@@ -157,11 +160,9 @@ fn summary(extraction: &Extraction, out: &Path) -> String {
             format!("{key} = {value:.5} ± {std:.5}, from the images: nobody says it\n")
         })
         .collect();
-    let checked: String = extraction.checked.as_ref().map(ToString::to_string).unwrap_or_default();
-    told + &checked
-        + &format!(
-            "{}: {total} images, {ok} ok, {doubtful} doubtful, {rejected} rejected; reasons in {}.frames.csv\n",
-            out.display(),
-            out.display()
-        )
+    told + &format!(
+        "{}: {total} images, {ok} ok, {doubtful} doubtful, {rejected} rejected; reasons in {}.frames.csv\n",
+        out.display(),
+        out.display()
+    )
 }

@@ -159,6 +159,10 @@ pub struct VisionConfig {
     /// Graphs and clicks of `segmenter = "sam2"`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sam2: Option<Sam2Config>,
+    /// Whether a film is drawn again, once it is read, and read again, to tell how far off its keypoints are; takes about as long as reading
+    /// it and learning from it four times more. Default false.
+    #[serde(default)]
+    pub self_check: bool,
     /// When to refuse an image.
     #[serde(default)]
     pub gates: Gates,
@@ -227,6 +231,7 @@ impl Default for VisionConfig {
             sam2: None,
             heading_m: None,
             ahead: Ahead::default(),
+            self_check: false,
             gates: Gates::default(),
         }
     }

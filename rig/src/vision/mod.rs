@@ -93,9 +93,6 @@ pub enum VisionError {
     /// SAM 2 is wanted and did not segment.
     #[error(transparent)]
     Sam2(#[from] sam2::Sam2Error),
-    /// How well keypoints are found cannot be told from the film itself.
-    #[error(transparent)]
-    SelfCheck(#[from] self_check::SelfCheckError),
     /// There was nothing to extract from.
     #[error("no images to extract from")]
     NoImages,

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::Mask;
 use super::extractor::Learned;
 use super::keypoints::Sigma;
-use super::self_check::SelfCheck;
+use super::self_check::{SelfCheck, SelfCheckError};
 use crate::calibration::Px;
 use crate::calibration::{Plane, View};
 
@@ -92,8 +92,8 @@ pub struct Extraction {
     pub plane: Plane,
     /// What nobody had said of the mechanism's shape and the images told.
     pub learned: Vec<Learned>,
-    /// What the film drawn again told of its keypoints' errors, where it was.
-    pub checked: Option<SelfCheck>,
+    /// What the film drawn again told of its keypoints' errors, or why it could not; none where nobody asked.
+    pub checked: Option<Result<SelfCheck, SelfCheckError>>,
 }
 
 /// The keypoints of `records`, which are called `names`, over time, as `view` shows them. Those that no image

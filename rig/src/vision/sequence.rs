@@ -65,7 +65,7 @@ impl<'a> Task<'a> {
             folder,
             masks: None,
             silhouettes: None,
-            self_check: false,
+            self_check: config.self_check,
         })
     }
 
@@ -113,28 +113,24 @@ impl<'a> Task<'a> {
         let extraction = Extraction::named(records, self.outline.keypoints(), self.plane.clone());
         let mut extraction = Extraction { learned: extractor.learned().to_vec(), ..extraction };
         if let Some(sample) = sample {
-            let check = self.checked(&extractor, &extraction, &sample).map_err(SequenceError::from)?;
-            check.weigh(&mut extraction);
-            extraction.checked = Some(check);
+            self.check(&extractor, &mut extraction, &sample);
         }
         Ok(extraction)
     }
 
-    /// What `extractor`, which found `extraction` in a film of which `sample` is a part, makes of that film drawn again.
-    ///
-    /// # Errors
-    /// [`VisionError::SelfCheck`].
-    pub fn checked(
-        &self,
-        extractor: &Extractor,
-        extraction: &Extraction,
-        sample: &[TimedImage],
-    ) -> Result<SelfCheck, VisionError> {
+    /// Draws the film in which `extractor` found `extraction`, and of which `sample` is a part, again, and says of the keypoints how far off
+    /// they are as that tells.
+    pub fn check(&self, extractor: &Extractor, extraction: &mut Extraction, sample: &[TimedImage]) {
+        // Which of a few shapes its ends have is known by now; trying them all again would take most of the time.
+        let outline = Outline { end_rounding: extractor.end_rounding(), ..self.outline.clone() };
         let learn = |sample: &[TimedImage]| {
-            let plane = self.plane.clone();
-            Extractor::learn(sample, self.config, &self.outline, plane, self.folder, None)
+            Extractor::learn(sample, self.config, &outline, self.plane.clone(), self.folder, None)
         };
-        Ok(SelfCheck::of(extractor, extraction, sample, learn)?)
+        let check = SelfCheck::of(extractor, extraction, sample, learn);
+        if let Ok(check) = &check {
+            check.weigh(extraction);
+        }
+        extraction.checked = Some(check);
     }
 
     /// The records of a sequence from those `begun` and the `images` after them.

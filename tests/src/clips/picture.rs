@@ -8,11 +8,11 @@ use rand_distr::{Distribution, StandardNormal};
 use super::shape::{Px, Shape};
 
 /// Samples of a pixel that an outline crosses.
-const SAMPLES: usize = 144;
+const SAMPLES: usize = 64;
 
 /// Each sample lies in its own row and its own column of them, so many rows below the one in the column before: upright and level
-/// outlines get 144 shares too, and the samples' middle is the pixel's.
-const ROWS_ON: usize = 89;
+/// outlines get 64 shares too, and the samples' middle is the pixel's.
+const ROWS_ON: usize = 39;
 
 /// Linear light \[grey levels\], shape (height, width).
 #[derive(Debug, Clone)]

@@ -10,6 +10,11 @@ impl Extractor {
         &self.background
     }
 
+    /// Corner radius of the mechanism's free ends, as a share of its half width there; none where nothing told.
+    pub(in crate::vision) fn end_rounding(&self) -> Option<f64> {
+        self.outline.end_rounding
+    }
+
     /// The mechanism whose middle lies on `line`: convex polygons that are it together, and P0..Pn \[px\]; none where nobody knows
     /// its outline.
     pub(in crate::vision) fn drawn(&self, line: &[Px]) -> Option<(Vec<Vec<Px>>, Vec<Px>)> {

@@ -46,7 +46,7 @@ pub struct Checked {
 }
 
 /// Why a film cannot be checked by itself.
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug, Clone, thiserror::Error)]
 pub enum SelfCheckError {
     /// Nothing to draw.
     #[error(
@@ -65,7 +65,7 @@ pub enum SelfCheckError {
         wanted: usize,
     },
     /// The pictures drawn again say nothing.
-    #[error("the film drawn again could not be read: {0}")]
+    #[error("drawn again could not be read: {0}")]
     Unread(String),
 }
 

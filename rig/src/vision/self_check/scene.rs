@@ -2,7 +2,7 @@
 
 use ident::statistics::median;
 use image::GrayImage;
-use rand::SeedableRng;
+use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -22,8 +22,8 @@ pub(super) struct Scene {
     still: Option<Mask>,
     /// What the mechanism differs by from that \[grey levels\]; negative where it is brighter.
     step: f32,
-    /// Noise of one pixel, 1 sigma \[grey levels\].
-    noise: f32,
+    /// Noise of twice as many pixels as a picture has \[grey levels\]: each picture takes it from another place on.
+    noise: Vec<f32>,
     /// Blur of the lens, 1 sigma \[px\].
     blur_px: f64,
 }
@@ -52,6 +52,12 @@ impl Scene {
         let blur_px = (seen_px * seen_px - MEASURED_BY_PX2).max(LEAST_BLUR_PX * LEAST_BLUR_PX).sqrt();
         let empty = background.empty_tank(images);
         let still = background.still().cloned();
+        let mut random = ChaCha8Rng::seed_from_u64(0);
+        let noise = (0..2 * width * height).map(|_| -> f32 {
+            let normal: f32 = StandardNormal.sample(&mut random);
+            noise * normal
+        });
+        let noise = noise.collect();
         Some(Self { width, height, empty, still, step: background.sign() * level, noise, blur_px })
     }
 
@@ -65,12 +71,11 @@ impl Scene {
                 grey[i] -= share * self.step;
             }
         }
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let exposed = grey.iter().map(|grey| {
-            let noise: f32 = StandardNormal.sample(&mut random);
-            (grey + self.noise * noise).round().clamp(0.0, 255.0) as u8
-        });
+        let from = ChaCha8Rng::seed_from_u64(seed).random_range(0..grey.len().max(1));
+        let noise = self.noise.iter().skip(from);
         let mut image = GrayImage::new(self.width as u32, self.height as u32);
+        // Truncating after the half is rounding, and below 0 it ends there.
+        let exposed = grey.iter().zip(noise).map(|(grey, noise)| (grey + noise + 0.5) as u8);
         image.iter_mut().zip(exposed).for_each(|(pixel, grey)| *pixel = grey);
         image
     }
