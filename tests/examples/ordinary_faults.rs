@@ -23,8 +23,14 @@ struct Options {
 
 impl Options {
     fn read() -> Result<Self, Box<dyn std::error::Error>> {
-        let mut options =
-            Self { out: PathBuf::new(), first: 5000, mechanisms: 10, only: Vec::new(), threads: 2, keep: false };
+        let mut options = Self {
+            out: PathBuf::new(),
+            first: 5000,
+            mechanisms: 10,
+            only: Vec::new(),
+            threads: 2,
+            keep: false,
+        };
         let mut words = std::env::args().skip(1);
         while let Some(word) = words.next() {
             let mut value = || words.next().ok_or(format!("{word} wants a value"));
@@ -34,7 +40,9 @@ impl Options {
                 "--only" => options.only.push(value()?),
                 "--threads" => options.threads = value()?.parse()?,
                 "--keep" => options.keep = true,
-                _ if options.out.as_os_str().is_empty() && !word.starts_with('-') => options.out = word.into(),
+                _ if options.out.as_os_str().is_empty() && !word.starts_with('-') => {
+                    options.out = word.into()
+                }
                 _ => return Err(format!("unknown argument `{word}`").into()),
             }
         }

@@ -83,6 +83,9 @@ impl Verdict {
 pub struct NamedCause {
     /// Its name.
     pub name: String,
+    /// The link, hinge, shape or keypoint that it sits in, where it is one alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub element: Option<String>,
     /// What it says.
     pub sentence: String,
     /// The term it adds.
@@ -336,6 +339,13 @@ pub struct WorstInterval {
     pub z_m: Option<f64>,
     /// Mean speed \[m/s\].
     pub speed_m_s: f64,
+}
+
+impl NamedCause {
+    /// Its name and, where it sits in one element alone, that: `buoyancy/link3`.
+    pub fn label(&self) -> String {
+        self.element.as_ref().map_or_else(|| self.name.clone(), |element| format!("{}/{element}", self.name))
+    }
 }
 
 impl Diagnosis {

@@ -170,7 +170,7 @@ fn behind(rival: &State<'_>, leader: &State<'_>, per_size: f64) -> f64 {
         true => all * whole,
         false => sizes * a_size + hidden * NUMBER_AIC_COST,
     };
-    charge - saved
+    charge + rival.choice_cost() - leader.choice_cost() - saved
 }
 
 /// Whether a hidden number of a cause of `state` is at a bound.

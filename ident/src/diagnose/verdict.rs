@@ -61,6 +61,7 @@ pub(super) fn verdict<'a>(
     let rivals: Vec<Alternative> = rivals.into_iter().map(|rival| rival.set).collect();
     let names = matches!(verdict, Verdict::Cause | Verdict::Causes | Verdict::Ambiguous);
     if names {
+        remarks.extend(leader.causes.iter().filter_map(|term| place_unknown(term, leader, found)));
         if gates.followed {
             remarks.push(LEFT_OPEN.into());
         }
@@ -207,6 +208,24 @@ fn is_no_noise(GoodnessOfFit { excess, z, .. }: &GoodnessOfFit) -> String {
     format!("what is left is no noise: {excess:.0} noise variances beyond it ({z:.0} standard deviations)")
 }
 
+/// The other elements that `term`, a cause of `leader`, could as well sit in.
+fn doubts(term: &candidates::Term, leader: &State<'_>, found: &Found<'_>) -> Vec<String> {
+    let same =
+        |state: &&State<'_>| sets(state) == sets(leader) && state.bic() - leader.bic() <= AS_GOOD_DELTA_BIC;
+    let other = |state: &State<'_>| {
+        let own = state.causes.iter().find(|other| other.cause == term.cause)?;
+        own.element().filter(|element| term.element() != Some(element)).map(str::to_owned)
+    };
+    found.elsewhere.iter().filter(same).filter_map(other).collect()
+}
+
+fn place_unknown(term: &candidates::Term, leader: &State<'_>, found: &Found<'_>) -> Option<String> {
+    let own = term.element()?;
+    let others = doubts(term, leader, found);
+    let name = term.info().name;
+    (!others.is_empty()).then(|| format!("{name} sits in {own}, or as well in {}", others.join(" or ")))
+}
+
 /// The causes of `leader` with their values.
 fn named(
     experiment: &Experiment,
@@ -223,6 +242,7 @@ fn named(
         let without = found.without(leader, info.name).unwrap_or(baseline);
         NamedCause {
             name: info.name.into(),
+            element: term.element().filter(|_| doubts(term, leader, found).is_empty()).map(str::to_owned),
             sentence: info.sentence.into(),
             formula: info.formula.into(),
             aliases: candidates::aliases(term.cause, experiment).into_iter().map(str::to_owned).collect(),
@@ -263,7 +283,11 @@ fn sentence(
     before: &GoodnessOfFit,
     floor: &Floor,
 ) -> String {
-    let said: Vec<String> = list.iter().map(|cause| format!("{} ({})", cause.sentence, cause.name)).collect();
+    let of = |cause: &NamedCause| match &cause.element {
+        Some(element) => format!("{}, at {element} alone ({})", cause.sentence, cause.label()),
+        None => format!("{} ({})", cause.sentence, cause.name),
+    };
+    let said: Vec<String> = list.iter().map(of).collect();
     match verdict {
         Verdict::NothingDetectable => format!(
             "Nothing detectable: the simulation repeats the runs to {} mm, keypoints have a noise of {} mm{}.",

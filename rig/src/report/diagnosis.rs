@@ -52,7 +52,7 @@ fn causes(diagnosis: &Diagnosis, list: &[NamedCause], title: &str) -> Markup {
                     tbody {
                         @for (row, parameter) in cause.parameters.iter().enumerate() {
                             tr {
-                                td.name { @if row == 0 { strong { (cause.name) } } }
+                                td.name { @if row == 0 { strong { (cause.label()) } } }
                                 td.name { code { (parameter.name) } }
                                 td.number { (value(parameter)) }
                                 td {

@@ -134,9 +134,8 @@ impl Faulty {
             truth.push(Fault { cause: cause.into(), element, size });
         };
         let link = |draw: &mut Draw, count: usize| Some(format!("link{}", 1 + draw.place(count)));
-        let hinge = |draw: &mut Draw, first: usize| {
-            Some(format!("q{}", first + draw.place(LINKS + 1 - first)))
-        };
+        let hinge =
+            |draw: &mut Draw, first: usize| Some(format!("q{}", first + draw.place(LINKS + 1 - first)));
         let either = |draw: &mut Draw, low: f64, high: f64| draw.sign() * draw.even(low, high);
         match kind {
             Kind::Nothing => {}

@@ -107,7 +107,8 @@ impl Judged {
     pub fn nearness(&self) -> Nearness {
         let Outcome { verdict, causes, alternatives, .. } = &self.outcome;
         let names = |set: &[String]| {
-            set.len() == self.truth.len() && set.iter().all(|name| self.holds(name.split('/').next().unwrap_or(name)))
+            set.len() == self.truth.len()
+                && set.iter().all(|name| self.holds(name.split('/').next().unwrap_or(name)))
         };
         let leader: Vec<String> = causes.iter().map(|cause| cause.name.clone()).collect();
         match verdict.as_str() {
@@ -137,8 +138,11 @@ impl Judged {
             Some(element) => format!("{name}/{element}"),
             None => name.to_owned(),
         };
-        let truth: Vec<String> =
-            self.truth.iter().map(|fault| format!("{} {:.3e}", of(&fault.cause, &fault.element), fault.size)).collect();
+        let truth: Vec<String> = self
+            .truth
+            .iter()
+            .map(|fault| format!("{} {:.3e}", of(&fault.cause, &fault.element), fault.size))
+            .collect();
         let said: Vec<String> =
             self.outcome.causes.iter().map(|cause| of(&cause.name, &cause.element)).collect();
         let others: Vec<String> = self.outcome.alternatives.iter().map(|set| set.join("+")).collect();

@@ -28,7 +28,8 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
 pub(crate) fn alter<T: Scalar>(values: &CauseValues<T>, model: &mut Model<T>) {
     let links: Vec<usize> = model.carriers().collect();
     for (link, &longer) in links.into_iter().zip(values.each(0)) {
-        let hinge = model.joints.iter().find(|joint| joint.body == link).map_or(Vec3::ZERO, |joint| joint.pos);
+        let hinge =
+            model.joints.iter().find(|joint| joint.body == link).map_or(Vec3::ZERO, |joint| joint.pos);
         for next in model.carried_by(link) {
             let arm = model.bodies[next].pos - hinge;
             let length = arm.norm();

@@ -66,9 +66,8 @@ fn inertia_slows_a_pendulum() {
 #[test]
 fn longer_links_and_askew_ones_stand_where_geometry_says() {
     let model = chain("active");
-    let at = |values: &[(&str, f64)], q: [f64; 3]| {
-        run(&with(&model, values), &q, &[0.0], &rk4(1e-3)).position_m
-    };
+    let at =
+        |values: &[(&str, f64)], q: [f64; 3]| run(&with(&model, values), &q, &[0.0], &rk4(1e-3)).position_m;
     let q = [0.3, -0.5, 0.8];
     let plain = at(&[], q);
     let longer = at(&[("link_length/link2", 0.002)], q);
