@@ -25,6 +25,7 @@
 mod baseline;
 mod detect;
 mod error;
+mod established;
 mod gain;
 mod gates;
 mod heldout;
@@ -51,7 +52,7 @@ pub use error::DiagnoseError;
 pub use next::Next;
 pub use result::{
     Alternative, Bent, CauseParameter, ConstancyTest, Detectable, Diagnosis, Follows, GoodnessOfFit, HeldOut,
-    HeldOutRun, NamedCause, NextExperiment, NoiseFloor, PerRun, Residuals, RunResiduals, Verdict, Whiteness,
+    HeldOutRun, NamedCause, NextExperiment, NoiseFloor, PerRun, Remainder, Residuals, RunRemainder, RunResiduals, Verdict, Whiteness,
     WorstInterval,
 };
 
@@ -178,13 +179,16 @@ fn diagnosed(
     let contest = rivals::contest(experiment, &mut found, &floor, &mut search.counts);
     search.says("checking")?;
     counts.add(&search.counts);
-    let (mut diagnosis, leader) =
+    let (mut diagnosis, leader, established) =
         verdict::verdict(experiment, &fitted, &baseline, (&found, contest), &floor, &mut counts);
     search.says("planning the next run")?;
     let (advice, next) = next::next(experiment, &baseline, &found, &floor, &diagnosis, &counts);
     diagnosis.next_experiments = advice;
-    let named = !diagnosis.causes.is_empty();
-    let model = if named { leader.calibrated() } else { baseline.calibrated() };
+    let model = match (&established, diagnosis.causes.is_empty()) {
+        (_, false) => leader.calibrated(),
+        (Some(state), true) => state.calibrated(),
+        (None, true) => baseline.calibrated(),
+    };
     Ok(Diagnosed {
         before: baseline.repeated(),
         after: leader.repeated(),

@@ -123,7 +123,7 @@ pub(super) fn contest<'a>(
 }
 
 /// Whether the causes of `state` hold those of `leader`, which cannot be told from their aliases.
-fn is_wider(state: &State<'_>, leader: &State<'_>, experiment: &Experiment) -> bool {
+pub(super) fn is_wider(state: &State<'_>, leader: &State<'_>, experiment: &Experiment) -> bool {
     let class = |state: &State<'_>| -> Vec<&'static str> {
         let of = |name: &'static str| {
             let aliases = name.parse().map(|cause: Cause| candidates::aliases(cause, experiment));

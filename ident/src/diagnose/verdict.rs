@@ -10,7 +10,7 @@ use super::result::{
 };
 use super::rivals::{Contest, Rival};
 use super::sets::{Found, sets};
-use super::{detect, gain, heldout, intervals, residuals};
+use super::{detect, established, gain, heldout, intervals, residuals};
 use crate::experiment::{Experiment, Spike};
 use crate::fit::counts::Counts;
 use crate::hypothesis::candidates;
@@ -22,7 +22,8 @@ use crate::text::millimetres;
 /// (R. E. Kass, A. E. Raftery, "Bayes Factors", Journal of the American Statistical Association 90 (1995) 773-795).
 const AS_GOOD_DELTA_BIC: f64 = 2.0;
 
-/// Puts together what was found; also the state that describes the runs best.
+/// Puts together what was found; also the state that describes the runs best, and where that is not explained, what of it is beyond
+/// doubt.
 pub(super) fn verdict<'a>(
     experiment: &'a Experiment,
     fitted: &[Cause],
@@ -30,7 +31,7 @@ pub(super) fn verdict<'a>(
     (found, contest): (&Found<'a>, Contest<'a>),
     floor: &Floor,
     counts: &mut Counts,
-) -> (Diagnosis, State<'a>) {
+) -> (Diagnosis, State<'a>, Option<State<'a>>) {
     let before = goodness_of_fit(baseline, floor);
     let accepted = !found.leader.causes.is_empty();
     // where nothing is accepted, the best that was tried is a description at most
@@ -76,7 +77,13 @@ pub(super) fn verdict<'a>(
     let describes = names || verdict == Verdict::Unexplained;
     let leader = if describes { leader.clone() } else { baseline.clone() };
     let list = named(experiment, baseline, &leader, &gates.constancy, found, counts);
-    let sentence = sentence(verdict, &list, &rivals, &before, floor);
+    let known = (verdict == Verdict::Unexplained)
+        .then(|| established::established(experiment, baseline, found, floor, counts));
+    let beyond_doubt = known.as_ref().map_or(Vec::new(), |known| {
+        named(experiment, baseline, &known.state, &known.constancy, found, counts)
+    });
+    let sentence = sentence(verdict, &list, &rivals, &before, (&beyond_doubt, floor));
+    let checked = gates.gained.as_ref().map_or("none", |gained| &gained.how).to_owned();
     let diagnosis = Diagnosis {
         verdict,
         sentence,
@@ -90,11 +97,14 @@ pub(super) fn verdict<'a>(
         detectable: detect::detectable(baseline, &found.first),
         next_experiments: Vec::new(),
         partial: if verdict == Verdict::Unexplained { list } else { Vec::new() },
+        remainder: known.as_ref().map(|known| established::remainder(baseline, &known.state, floor)),
+        established: beyond_doubt,
+        checked,
         bent: if names { intervals::bent(baseline, &leader) } else { Vec::new() },
         residuals: residuals::residuals(baseline, &leader, floor),
         remarks,
     };
-    (diagnosis, leader)
+    (diagnosis, leader, known.map(|known| known.state))
 }
 
 const LEFT_OPEN: &str = "the held-out runs are missed by more than noise, by no more than the fit leaves its numbers open: fitted \
@@ -188,6 +198,9 @@ impl Gates {
         if !self.followed {
             list.extend(self.held_out_objections(leader, floor));
         }
+        // what each run has its own of cannot be told beforehand
+        let is_common = leader.causes.iter().all(|term| term.free(&leader.model).own.is_empty());
+        list.extend(self.gained.as_ref().filter(|_| is_common).and_then(HeldOut::none_perhaps));
         list
     }
 
@@ -281,7 +294,7 @@ fn sentence(
     list: &[NamedCause],
     rivals: &[Alternative],
     before: &GoodnessOfFit,
-    floor: &Floor,
+    (established, floor): (&[NamedCause], &Floor),
 ) -> String {
     let of = |cause: &NamedCause| match &cause.element {
         Some(element) => format!("{}, at {element} alone ({})", cause.sentence, cause.label()),
@@ -307,11 +320,15 @@ fn sentence(
                 others.join("; or ")
             )
         }
-        Verdict::Unexplained => format!(
-            "Something is wrong that no known cause explains: residuals of {} mm against a noise of {} mm.",
-            millimetres(before.rms_m),
-            millimetres(floor.noise_m)
-        ),
+        Verdict::Unexplained => {
+            let known: Vec<String> = established.iter().map(of).collect();
+            format!(
+                "Something is wrong that no known cause explains: residuals of {} mm against a noise of {} mm.{}",
+                millimetres(before.rms_m),
+                millimetres(floor.noise_m),
+                if known.is_empty() { String::new() } else { format!(" Beyond doubt: {}.", known.join("; and ")) }
+            )
+        }
     }
 }
 

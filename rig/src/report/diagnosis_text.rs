@@ -65,6 +65,13 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
         ));
     }
     if diagnosis.verdict == Verdict::Unexplained {
+        if let Some(remainder) = diagnosis.remainder.as_ref().filter(|_| !diagnosis.established.is_empty()) {
+            list.push(format!(
+                "Beside what is beyond doubt {} mm are left, {} % of the squares that are no noise.",
+                millimetres(remainder.rms_m),
+                whole_percent(remainder.share)
+            ));
+        }
         if !diagnosis.partial.is_empty() {
             let names: Vec<String> = diagnosis.partial.iter().map(NamedCause::label).collect();
             list.push(format!("Best description, which is no cause: {}.", names.join(" + ")));
