@@ -1,16 +1,17 @@
 //! What is beyond doubt although the rest is not explained.
 //!
-//! On a real rig several ordinary things are a little wrong at once, and finding the first must not depend on finding the last. Causes are
-//! taken one after the other, each the best of all that could join those before it, for as long as each shows by itself: no other one
-//! comes near, its numbers hardly differ from run to run, and it helps on runs that it was not fitted to.
+//! On a real rig several ordinary things are a little wrong at once, and finding the first must not depend on finding the last. Of the best
+//! description those causes are beyond doubt that show by themselves beside the others: nothing could stand in their place, their
+//! numbers hardly differ from run to run, and they help on runs that they were not fitted to.
 
 use super::gain;
 use super::gates::constancy;
 use super::result::{ConstancyTest, PerRun, Remainder, RunRemainder};
-use super::rivals::is_wider;
+use super::rivals::{holds_bound, is_wider};
 use super::sets::{Found, sets};
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
+use crate::hypothesis::candidates::{Term, names};
 use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
 
@@ -27,48 +28,72 @@ pub(super) struct Established<'a> {
     pub(super) constancy: Vec<(ConstancyTest, Vec<PerRun>)>,
 }
 
-/// What of the sets that `found` tried beside `baseline` is beyond doubt.
+/// What of `leader`, the best description that `found` holds beside `baseline`, is beyond doubt.
 pub(super) fn established<'a>(
     experiment: &'a Experiment,
     baseline: &State<'a>,
-    found: &Found<'a>,
+    (found, leader): (&Found<'a>, &State<'a>),
     floor: &Floor,
     counts: &mut Counts,
 ) -> Established<'a> {
-    let mut known = Established { state: baseline.clone(), constancy: Vec::new() };
-    loop {
-        let size = known.state.causes.len() + 1;
-        let joins = |state: &&State<'a>| {
-            let names = sets(state);
-            state.causes.len() == size && sets(&known.state).iter().all(|name| names.contains(name))
+    let nothing = || Established { state: baseline.clone(), constancy: Vec::new() };
+    let tests = constancy(leader, baseline.parameters.len());
+    let mut names: Vec<&'static str> = Vec::new();
+    for term in &leader.causes {
+        let name = term.info().name;
+        let without = match leader.causes.len() {
+            1 => Some(baseline),
+            _ => found.without(leader, name),
         };
-        // by the BIC, best first
-        let Some(mut next) = found.tried.iter().find(joins).cloned() else { return known };
-        if next.bic() >= known.state.bic() || !next.descend(counts) {
-            return known;
-        }
-        let is_near = |state: &State<'_>| state.bic() - next.bic() < BEYOND_DOUBT_DELTA_BIC;
-        let mut others = found.tried.iter().filter(joins).filter(|state| sets(state) != sets(&next));
-        if others.any(|state| is_near(state) && !is_wider(state, &next, experiment)) {
-            return known;
-        }
-        let saved = known.state.cost - next.cost;
-        let tests = constancy(&next, baseline.parameters.len());
-        let is_new = |test: &ConstancyTest| {
-            let cause = test.parameter.split('/').next().unwrap_or_default();
-            !sets(&known.state).contains(&cause)
+        let Some(without) = without else { continue };
+        let saved = without.cost - leader.cost;
+        let differs = |test: &ConstancyTest| {
+            let is_its = test.parameter.split('/').next() == Some(name);
+            is_its && test.is_no_chance() && test.chi2 > RUNS_MAY_DIFFER_SHARE * saved
         };
-        let differ =
-            |test: &ConstancyTest| test.is_no_chance() && test.chi2 > RUNS_MAY_DIFFER_SHARE * saved;
-        if tests.iter().any(|(test, _)| is_new(test) && differ(test)) {
-            return known;
+        let is_doubtful = is_nowhere(term, leader)
+            || has_rival(experiment, found, leader, name)
+            || tests.iter().any(|(test, _)| differs(test));
+        if is_doubtful {
+            continue;
         }
-        let gained = gain::gain(experiment, &known.state, &next, floor, counts);
-        if gained.is_none_or(|gained| gained.may_be_none()) {
-            return known;
+        let gained = gain::gain(experiment, without, leader, floor, counts);
+        if gained.is_some_and(|gained| !gained.may_be_none()) {
+            names.push(name);
         }
-        known = Established { state: next, constancy: tests };
     }
+    names.sort_unstable();
+    let known = match names.is_empty() {
+        true => None,
+        false => found.tried.iter().chain([leader]).find(|state| sets(state) == names).cloned(),
+    };
+    let Some(mut state) = known else { return nothing() };
+    if !state.descend(counts) {
+        return nothing();
+    }
+    let constancy = constancy(&state, baseline.parameters.len());
+    Established { state, constancy }
+}
+
+/// Whether a place that belongs to `term` has run into the end of where it may be: then it is not there, and stands in for something
+/// else.
+fn is_nowhere(term: &Term, leader: &State<'_>) -> bool {
+    let parameters = names(term.cause, &leader.model);
+    let is_place = |name: &str| parameters.iter().any(|(own, info)| own == name && info.unit == "m");
+    term.hidden.iter().any(|(name, _)| is_place(name) && holds_bound(leader, name))
+}
+
+/// Whether another cause in the place of the one called `name` would describe the runs about as well.
+fn has_rival(experiment: &Experiment, found: &Found<'_>, leader: &State<'_>, name: &str) -> bool {
+    let rest: Vec<&str> = sets(leader).into_iter().filter(|own| *own != name).collect();
+    found.tried.iter().any(|other| {
+        let theirs = sets(other);
+        theirs.len() == leader.causes.len()
+            && theirs != sets(leader)
+            && rest.iter().all(|name| theirs.contains(name))
+            && other.bic() - leader.bic() < BEYOND_DOUBT_DELTA_BIC
+            && !is_wider(other, leader, experiment)
+    })
 }
 
 /// What `state` leaves of the runs that `baseline` was fitted to.
@@ -86,10 +111,7 @@ pub(super) fn remainder(baseline: &State<'_>, state: &State<'_>, floor: &Floor) 
         rms_m: rms(&after.concat()),
         share: beyond(&after) / beyond(&before).max(f64::MIN_POSITIVE),
         runs: runs
-            .map(|(term, squares)| RunRemainder {
-                id: term.rehearsal.run.id.clone(),
-                rms_m: rms(squares),
-            })
+            .map(|(term, squares)| RunRemainder { id: term.rehearsal.run.id.clone(), rms_m: rms(squares) })
             .collect(),
     }
 }

@@ -52,8 +52,8 @@ pub use error::DiagnoseError;
 pub use next::Next;
 pub use result::{
     Alternative, Bent, CauseParameter, ConstancyTest, Detectable, Diagnosis, Follows, GoodnessOfFit, HeldOut,
-    HeldOutRun, NamedCause, NextExperiment, NoiseFloor, PerRun, Remainder, Residuals, RunRemainder, RunResiduals, Verdict, Whiteness,
-    WorstInterval,
+    HeldOutRun, NamedCause, NextExperiment, NoiseFloor, PerRun, Remainder, Residuals, RunRemainder,
+    RunResiduals, Verdict, Whiteness, WorstInterval,
 };
 
 use crate::experiment::Experiment;
@@ -162,7 +162,7 @@ fn diagnosed(
     let explained = baseline.cost - found.leader.cost;
     let left = gates::goodness_of_fit(&found.leader, &floor);
     let objected = left.objects(explained, &floor, baseline.count());
-    let stands_in = rivals::holds_bound(&found.leader);
+    let stands_in = rivals::stands_in(&found.leader);
     if objected || explained > sets::FAR_BENT_COST && (stands_in || !found.is_clear(&baseline)) {
         let most = if objected { sets::MOST_CAUSES } else { found.leader.causes.len() };
         search.run_anew(&baseline, &mut found, most)?;

@@ -230,11 +230,13 @@ fn started_near<'a>(baseline: &State<'a>, causes: &[Term], near: &State<'a>) -> 
     state
 }
 
-/// The candidate at `index`, and those of its cause that promise the same.
+/// The candidate at `index`, and those of its cause, in the same element, that promise the same.
 fn equal_starts(index: usize, scores: &Scores) -> Vec<usize> {
     let Scored { term, gain, .. } = &scores.list[index];
-    let same =
-        |&other: &usize| other != index && scores.list[other].gain >= (1.0 - SAME_PROMISE_SHARE) * gain;
+    let same = |&other: &usize| {
+        let Scored { term: its, gain: promised, .. } = &scores.list[other];
+        other != index && its.element == term.element && *promised >= (1.0 - SAME_PROMISE_SHARE) * gain
+    };
     std::iter::once(index)
         .chain(of_cause(term.cause, scores).into_iter().filter(same))
         .take(MOST_STARTS)

@@ -78,7 +78,7 @@ pub(super) fn verdict<'a>(
     let leader = if describes { leader.clone() } else { baseline.clone() };
     let list = named(experiment, baseline, &leader, &gates.constancy, found, counts);
     let known = (verdict == Verdict::Unexplained)
-        .then(|| established::established(experiment, baseline, found, floor, counts));
+        .then(|| established::established(experiment, baseline, (found, &leader), floor, counts));
     let beyond_doubt = known.as_ref().map_or(Vec::new(), |known| {
         named(experiment, baseline, &known.state, &known.constancy, found, counts)
     });
@@ -326,7 +326,11 @@ fn sentence(
                 "Something is wrong that no known cause explains: residuals of {} mm against a noise of {} mm.{}",
                 millimetres(before.rms_m),
                 millimetres(floor.noise_m),
-                if known.is_empty() { String::new() } else { format!(" Beyond doubt: {}.", known.join("; and ")) }
+                if known.is_empty() {
+                    String::new()
+                } else {
+                    format!(" Beyond doubt: {}.", known.join("; and "))
+                }
             )
         }
     }
