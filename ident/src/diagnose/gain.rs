@@ -138,11 +138,12 @@ impl HeldOut {
         self.gain_ci95[0] <= 0.0
     }
 
-    /// The same as a reason why it is not believed.
+    /// The same as a reason why it is not believed, where runs were held out: a fit to all runs but one may leave numbers open that all
+    /// together hold, and says little against a cause.
     pub(super) fn none_perhaps(&self) -> Option<String> {
         let [low, high] = self.gain_ci95.map(|gain| 100.0 * gain);
-        let runs = if self.how == HOLDOUT { "held-out runs" } else { "runs left out of the fit" };
-        self.may_be_none().then(|| format!("on {runs} it may gain nothing: {low:.1} to {high:.1} %"))
+        let is_none = self.how == HOLDOUT && self.may_be_none();
+        is_none.then(|| format!("on held-out runs it may gain nothing: {low:.1} to {high:.1} %"))
     }
 
     /// Why what is named is not believed, where runs were held out that it should have predicted.
