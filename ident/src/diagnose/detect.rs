@@ -29,6 +29,9 @@ pub(super) fn detectable(state: &State<'_>, scores: &Scores) -> Vec<Detectable> 
     let mut limits: BTreeMap<String, f64> = BTreeMap::new();
     for ((candidate, name), square) in squares {
         let term = &scores.list[candidate].term;
+        if term.is_choice() {
+            continue;
+        }
         let model = term.added_to(&state.model);
         let parameters = candidates::names(term.cause, &model);
         let Some((_, info)) = parameters.iter().find(|(known, _)| *known == name) else { continue };

@@ -133,6 +133,19 @@ const CLOSED_BY_A_CAUSE_SHARE: f64 = 0.4;
 const NOISIER_Z: f64 = 2.0;
 
 impl HeldOut {
+    /// Whether what is named may as well gain nothing on runs that it was not fitted to.
+    pub(super) fn may_be_none(&self) -> bool {
+        self.gain_ci95[0] <= 0.0
+    }
+
+    /// The same as a reason why it is not believed, where runs were held out: a fit to all runs but one may leave numbers open that all
+    /// together hold, and says little against a cause.
+    pub(super) fn none_perhaps(&self) -> Option<String> {
+        let [low, high] = self.gain_ci95.map(|gain| 100.0 * gain);
+        let is_none = self.how == HOLDOUT && self.may_be_none();
+        is_none.then(|| format!("on held-out runs it may gain nothing: {low:.1} to {high:.1} %"))
+    }
+
     /// Why what is named is not believed, where runs were held out that it should have predicted.
     pub(super) fn objection(&self, floor: &Floor) -> Option<String> {
         let most = 1.0 + NOISIER_Z * floor.noise_std_m / floor.noise_m;

@@ -197,6 +197,11 @@ fn amplitudes(state: &State<'_>) -> Option<(ConstancyTest, Vec<PerRun>)> {
 impl ConstancyTest {
     /// Whether the runs differ by more than chance, and by what matters beside `explained`, the cost that the cause has saved.
     pub(super) fn objects(&self, explained: f64) -> bool {
-        self.p < RUNS_DIFFER_P && self.chi2 > RUNS_DIFFER_SHARE * explained
+        self.is_no_chance() && self.chi2 > RUNS_DIFFER_SHARE * explained
+    }
+
+    /// Whether the runs differ by more than chance.
+    pub(super) fn is_no_chance(&self) -> bool {
+        self.p < RUNS_DIFFER_P
     }
 }

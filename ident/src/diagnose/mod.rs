@@ -6,8 +6,8 @@
 //! 1. `baseline`, `crate::noise::floor`: the optimum, and how large and how lasting the keypoints' noise is, which must not swallow
 //!    what the model gets wrong;
 //! 2. `crate::hypothesis`: exact derivatives of every cause at neutral, what the baseline could do projected out;
-//! 3. `sets`, `refit`, `search`: the best refitted in full, sets of up to three, each earning its place by the BIC; `scan`: causes
-//!    too strong to be seen in derivatives; `rivals`: what explains the runs about as well, held-out ones included;
+//! 3. `sets`, `refit`, `search`: the best refitted in full, sets of up to three, each earning its place by the BIC, in one element or
+//!    in all; `scan`: causes too strong to be seen in derivatives; `rivals`: what explains the runs about as well, held-out ones included;
 //! 4. `gates`, `heldout`: what is left must be noise, on held-out runs too, and each named number the same in all runs:
 //!    otherwise the description is none of a cause, and the verdict `unexplained`;
 //! 5. `intervals`, `gain`, `detect`, `residuals`: values with intervals, which coefficients had bent, the gain on runs not
@@ -25,6 +25,7 @@
 mod baseline;
 mod detect;
 mod error;
+mod established;
 mod gain;
 mod gates;
 mod heldout;
@@ -51,8 +52,8 @@ pub use error::DiagnoseError;
 pub use next::Next;
 pub use result::{
     Alternative, Bent, CauseParameter, ConstancyTest, Detectable, Diagnosis, Follows, GoodnessOfFit, HeldOut,
-    HeldOutRun, NamedCause, NextExperiment, NoiseFloor, PerRun, Residuals, RunResiduals, Verdict, Whiteness,
-    WorstInterval,
+    HeldOutRun, NamedCause, NextExperiment, NoiseFloor, PerRun, Remainder, Residuals, RunRemainder,
+    RunResiduals, Verdict, Whiteness, WorstInterval,
 };
 
 use crate::experiment::Experiment;
@@ -109,7 +110,7 @@ pub fn pin_down(
     names: &[String],
 ) -> Result<(Vec<NextExperiment>, Vec<Next>), DiagnoseError> {
     experiment.check()?;
-    let parameters = Parameters::select(&experiment.model, &experiment.fit)?;
+    let parameters = Parameters::of(&experiment.model, experiment)?;
     let mut counts = Counts::default();
     let (state, floor) = baseline::baseline(experiment, parameters, &mut counts)?;
     let known: Vec<String> = state.parameters.free.iter().flat_map(|p| p.names.clone()).collect();
@@ -137,7 +138,7 @@ fn diagnosed(
 ) -> Result<Diagnosed, DiagnoseError> {
     let began = Instant::now();
     experiment.check()?;
-    let parameters = Parameters::select(&experiment.model, &experiment.fit)?;
+    let parameters = Parameters::of(&experiment.model, experiment)?;
     let fitted = candidates::fitted(&experiment.model, &parameters);
     let mut stage = |text: &str| observer.stage(text);
     if !stage("fitting the baseline") {
@@ -161,7 +162,7 @@ fn diagnosed(
     let explained = baseline.cost - found.leader.cost;
     let left = gates::goodness_of_fit(&found.leader, &floor);
     let objected = left.objects(explained, &floor, baseline.count());
-    let stands_in = rivals::holds_bound(&found.leader);
+    let stands_in = rivals::stands_in(&found.leader);
     if objected || explained > sets::FAR_BENT_COST && (stands_in || !found.is_clear(&baseline)) {
         let most = if objected { sets::MOST_CAUSES } else { found.leader.causes.len() };
         search.run_anew(&baseline, &mut found, most)?;
@@ -170,17 +171,24 @@ fn diagnosed(
     if explained > sets::FAR_BENT_COST && search.settle(&baseline, &mut found) {
         found = search.with_noise_seen(&mut baseline, &mut floor, found, true)?;
     }
+    if !found.leader.causes.is_empty() {
+        search.says("asking where it sits")?;
+        search.place(&baseline, &mut found);
+    }
     search.says("comparing what is nearly as good")?;
     let contest = rivals::contest(experiment, &mut found, &floor, &mut search.counts);
     search.says("checking")?;
     counts.add(&search.counts);
-    let (mut diagnosis, leader) =
+    let (mut diagnosis, leader, established) =
         verdict::verdict(experiment, &fitted, &baseline, (&found, contest), &floor, &mut counts);
     search.says("planning the next run")?;
     let (advice, next) = next::next(experiment, &baseline, &found, &floor, &diagnosis, &counts);
     diagnosis.next_experiments = advice;
-    let named = !diagnosis.causes.is_empty();
-    let model = if named { leader.calibrated() } else { baseline.calibrated() };
+    let model = match (&established, diagnosis.causes.is_empty()) {
+        (_, false) => leader.calibrated(),
+        (Some(state), true) => state.calibrated(),
+        (None, true) => baseline.calibrated(),
+    };
     Ok(Diagnosed {
         before: baseline.repeated(),
         after: leader.repeated(),

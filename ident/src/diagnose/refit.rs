@@ -29,7 +29,8 @@ impl Search<'_> {
     /// The most promising candidates, one of each cause and class of aliases.
     fn short_list(&self, state: &State<'_>, scores: &Scores) -> Vec<usize> {
         let per_number = state.ln_count();
-        let worth = |scored: &Scored| scored.gain - scored.count as f64 * per_number;
+        let worth =
+            |scored: &Scored| scored.gain - scored.count as f64 * per_number - scored.term.choice_cost();
         let mut order: Vec<usize> = (0..scores.list.len()).collect();
         order.sort_by(|&a, &b| worth(&scores.list[b]).total_cmp(&worth(&scores.list[a])));
         let mut list: Vec<usize> = Vec::new();
@@ -50,7 +51,8 @@ impl Search<'_> {
     pub(super) fn promises(&self, state: &State<'_>, scores: &Scores, least: f64) -> bool {
         let per_number = state.ln_count();
         scores.list.iter().any(|scored| {
-            scored.gain >= least && scored.gain - scored.count as f64 * per_number > BETTER_DELTA_BIC / 2.0
+            let worth = scored.gain - scored.count as f64 * per_number - scored.term.choice_cost();
+            scored.gain >= least && worth > BETTER_DELTA_BIC / 2.0
         })
     }
 
@@ -163,6 +165,43 @@ impl Search<'_> {
         true
     }
 
+    /// Moves each cause of the leader of `found` to the element where it explains most, or to all of them together. Whether any has
+    /// moved.
+    pub(super) fn place<'a>(&mut self, baseline: &State<'a>, found: &mut Found<'a>) -> bool {
+        let mut moved = false;
+        for which in 0..found.leader.causes.len() {
+            let leader = found.leader.clone();
+            let others = leader.causes[which].elsewhere(&baseline.model);
+            let noise_m = self.floor.noise_m;
+            let placed = self.counts.of_each(others, |other, counts| {
+                let causes: Vec<Term> = leader
+                    .causes
+                    .iter()
+                    .enumerate()
+                    .map(|(place, term)| if place == which { other.clone() } else { term.clone() })
+                    .collect();
+                let mut state = started_near(baseline, &causes, &leader);
+                state.replan(noise_m, counts);
+                let goes_on = state.steps(3, counts)
+                    && state.bic() - leader.bic() < AFTER_THREE_STEPS_DELTA_BIC
+                    && state.descend(counts);
+                goes_on.then_some(state)
+            });
+            let placed: Vec<State<'a>> = placed.into_iter().flatten().collect();
+            let best = placed.iter().min_by(|a, b| a.bic().total_cmp(&b.bic()));
+            if let Some(better) = best.filter(|best| best.bic() < leader.bic()).cloned() {
+                moved = true;
+                let names = sets(&better);
+                found.tried.retain(|state| sets(state) != names);
+                found.tried.push(better.clone());
+                found.leader = better;
+            }
+            found.elsewhere.extend(placed);
+        }
+        found.tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
+        moved
+    }
+
     /// `baseline` with `causes`, started where `near` is.
     pub(super) fn refit<'a>(
         &mut self,
@@ -170,26 +209,34 @@ impl Search<'_> {
         causes: &[Term],
         near: &State<'a>,
     ) -> Option<State<'a>> {
-        let mut state = State { linear: Vec::new(), ..baseline.clone() };
-        for term in causes {
-            state = state.with(term);
-        }
-        for (place, parameter) in state.parameters.free.iter().enumerate() {
-            let same = near.parameters.free.iter().position(|other| other.names == parameter.names);
-            if let Some(same) = same {
-                state.point.values[place] = parameter.scale.clamp(near.point.values[same]);
-            }
-        }
+        let mut state = started_near(baseline, causes, near);
         state.replan(self.floor.noise_m, &self.counts);
         state.descend(&mut self.counts).then_some(state)
     }
 }
 
-/// The candidate at `index`, and those of its cause that promise the same.
+/// `baseline` with `causes`, before any fit, its numbers those of `near` where that has them.
+fn started_near<'a>(baseline: &State<'a>, causes: &[Term], near: &State<'a>) -> State<'a> {
+    let mut state = State { linear: Vec::new(), ..baseline.clone() };
+    for term in causes {
+        state = state.with(term);
+    }
+    for (place, parameter) in state.parameters.free.iter().enumerate() {
+        let same = near.parameters.free.iter().position(|other| other.names == parameter.names);
+        if let Some(same) = same {
+            state.point.values[place] = parameter.scale.clamp(near.point.values[same]);
+        }
+    }
+    state
+}
+
+/// The candidate at `index`, and those of its cause, in the same element, that promise the same.
 fn equal_starts(index: usize, scores: &Scores) -> Vec<usize> {
     let Scored { term, gain, .. } = &scores.list[index];
-    let same =
-        |&other: &usize| other != index && scores.list[other].gain >= (1.0 - SAME_PROMISE_SHARE) * gain;
+    let same = |&other: &usize| {
+        let Scored { term: its, gain: promised, .. } = &scores.list[other];
+        other != index && its.element == term.element && *promised >= (1.0 - SAME_PROMISE_SHARE) * gain
+    };
     std::iter::once(index)
         .chain(of_cause(term.cause, scores).into_iter().filter(same))
         .take(MOST_STARTS)
@@ -198,7 +245,10 @@ fn equal_starts(index: usize, scores: &Scores) -> Vec<usize> {
 
 /// The most promising of the candidates that differ from `term` in hidden numbers or choices alone.
 fn starts_elsewhere(term: &Term, scores: &Scores) -> Vec<usize> {
-    let differs = |&other: &usize| scores.list[other].term != *term;
+    let differs = |&other: &usize| {
+        let other = &scores.list[other].term;
+        other != term && other.element == term.element
+    };
     of_cause(term.cause, scores).into_iter().filter(differs).take(MOST_STARTS).collect()
 }
 

@@ -31,12 +31,41 @@ pub struct Diagnosis {
     pub next_experiments: Vec<NextExperiment>,
     /// With `unexplained`: the best description there is, which is no cause.
     pub partial: Vec<NamedCause>,
+    /// With `unexplained`: the causes that are beyond doubt all the same.
+    #[serde(default)]
+    pub established: Vec<NamedCause>,
+    /// With `unexplained`: what is left beside these.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub remainder: Option<Remainder>,
+    /// How the gain was checked: `holdout`, `leave-one-out`, or `none`.
+    #[serde(default)]
+    pub checked: String,
     /// Coefficients of the baseline that had bent to cover for what is named.
     pub bent: Vec<Bent>,
     /// Residuals of the baseline, and what they follow.
     pub residuals: Residuals,
     /// Why the named causes were not accepted, or what else to know; one sentence each.
     pub remarks: Vec<String>,
+}
+
+/// What no named cause explains.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Remainder {
+    /// Root mean square of the residuals of the fitted runs \[m\].
+    pub rms_m: f64,
+    /// Its squares beyond the noise's, as a share of the baseline's.
+    pub share: f64,
+    /// By run.
+    pub runs: Vec<RunRemainder>,
+}
+
+/// What is left of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunRemainder {
+    /// The run.
+    pub id: String,
+    /// Root mean square of its residuals \[m\].
+    pub rms_m: f64,
 }
 
 /// The verdict.
@@ -83,6 +112,9 @@ impl Verdict {
 pub struct NamedCause {
     /// Its name.
     pub name: String,
+    /// The link, hinge, shape or keypoint that it sits in, where it is one alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub element: Option<String>,
     /// What it says.
     pub sentence: String,
     /// The term it adds.
@@ -336,6 +368,13 @@ pub struct WorstInterval {
     pub z_m: Option<f64>,
     /// Mean speed \[m/s\].
     pub speed_m_s: f64,
+}
+
+impl NamedCause {
+    /// Its name and, where it sits in one element alone, that: `buoyancy/link3`.
+    pub fn label(&self) -> String {
+        self.element.as_ref().map_or_else(|| self.name.clone(), |element| format!("{}/{element}", self.name))
+    }
 }
 
 impl Diagnosis {

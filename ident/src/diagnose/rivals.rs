@@ -123,7 +123,7 @@ pub(super) fn contest<'a>(
 }
 
 /// Whether the causes of `state` hold those of `leader`, which cannot be told from their aliases.
-fn is_wider(state: &State<'_>, leader: &State<'_>, experiment: &Experiment) -> bool {
+pub(super) fn is_wider(state: &State<'_>, leader: &State<'_>, experiment: &Experiment) -> bool {
     let class = |state: &State<'_>| -> Vec<&'static str> {
         let of = |name: &'static str| {
             let aliases = name.parse().map(|cause: Cause| candidates::aliases(cause, experiment));
@@ -166,21 +166,24 @@ fn behind(rival: &State<'_>, leader: &State<'_>, per_size: f64) -> f64 {
     };
     let whole = leader.ln_count();
     let a_size = if sizes > 0.0 { per_size } else { whole };
-    let charge = match holds_bound(rival) {
+    let charge = match stands_in(rival) {
         true => all * whole,
         false => sizes * a_size + hidden * NUMBER_AIC_COST,
     };
-    charge - saved
+    charge + rival.choice_cost() - leader.choice_cost() - saved
 }
 
 /// Whether a hidden number of a cause of `state` is at a bound.
-pub(super) fn holds_bound(state: &State<'_>) -> bool {
-    state.causes.iter().flat_map(|term| &term.hidden).any(|(name, _)| {
-        let place = state.parameters.free.iter().position(|parameter| parameter.name() == name);
-        place.is_some_and(|place| {
-            let (scale, value) = (&state.parameters.free[place].scale, state.point.values[place]);
-            let near = HIDDEN_AT_BOUND_SHARE * scale.width();
-            value - scale.lower() <= near || scale.upper() - value <= near
-        })
+pub(super) fn stands_in(state: &State<'_>) -> bool {
+    state.causes.iter().flat_map(|term| &term.hidden).any(|(name, _)| holds_bound(state, name))
+}
+
+/// Whether the number of `state` called `name` is at a bound.
+pub(super) fn holds_bound(state: &State<'_>, name: &str) -> bool {
+    let place = state.parameters.free.iter().position(|parameter| parameter.name() == name);
+    place.is_some_and(|place| {
+        let (scale, value) = (&state.parameters.free[place].scale, state.point.values[place]);
+        let near = HIDDEN_AT_BOUND_SHARE * scale.width();
+        value - scale.lower() <= near || scale.upper() - value <= near
     })
 }

@@ -19,7 +19,18 @@ impl Search<'_> {
     /// `start`, which `scores` belong to, with each single cause at the size at which it comes nearest to the runs, the best of them
     /// refitted.
     pub(super) fn scanned<'a>(&mut self, start: &State<'a>, scores: &Scores) -> Vec<State<'a>> {
-        let all: Vec<usize> = (0..scores.list.len()).collect();
+        // of the elements that a cause may sit in, the most promising: the others come to their turn where it leads
+        let of = |index: usize| &scores.list[index];
+        let is_first = |&index: &usize| {
+            let mut forms =
+                (0..scores.list.len()).filter(|&other| of(other).term.is_form_of(&of(index).term));
+            forms.all(|other| match of(other).gain.total_cmp(&of(index).gain) {
+                std::cmp::Ordering::Less => true,
+                std::cmp::Ordering::Equal => other >= index,
+                std::cmp::Ordering::Greater => false,
+            })
+        };
+        let all: Vec<usize> = (0..scores.list.len()).filter(is_first).collect();
         let scanned = self.counts.of_each(all, |index, counts| {
             let term = &scores.list[index].term;
             let state = start.with(term);

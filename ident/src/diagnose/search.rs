@@ -80,7 +80,7 @@ impl Search<'_> {
                 let first = self.first_scores(baseline)?;
                 known.push(baseline.clone());
                 known.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
-                Ok(Found { first, leader, tried: known })
+                Ok(Found { first, leader, tried: known, elsewhere: Vec::new() })
             }
             None => {
                 known.retain(|state| state.causes.len() == 1);
@@ -187,7 +187,7 @@ impl Search<'_> {
             tried.push(leader.clone());
         }
         tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
-        Ok(Found { tried, leader, first })
+        Ok(Found { tried, leader, first, elsewhere: Vec::new() })
     }
 
     /// Refits the best single causes from the model's own values: a baseline that has bent far to cover for a strong cause may

@@ -52,6 +52,8 @@ pub(super) struct Found<'a> {
     pub(super) leader: State<'a>,
     /// Scores of all candidates against the baseline.
     pub(super) first: Scores,
+    /// The leader with one of its causes in another element each.
+    pub(super) elsewhere: Vec<State<'a>>,
 }
 
 impl<'a> Found<'a> {
@@ -119,7 +121,10 @@ impl<'b> Search<'b> {
     pub(super) fn accepts(&self, worse: &State<'_>, better: &State<'_>) -> bool {
         let gain = worse.cost - better.cost;
         let numbers = better.added.saturating_sub(worse.added).max(1);
-        let chance = chi2_survival(gain, numbers as f64) * self.candidates.len() as f64;
+        // in which element a cause sits is a choice of its own, which `choice_cost` counts
+        let causes = self.candidates.iter().filter(|term| !term.is_choice()).count() as f64;
+        let places = (0.5 * (better.choice_cost() - worse.choice_cost())).exp().max(1.0);
+        let chance = chi2_survival(gain, numbers as f64) * causes * places;
         worse.bic() - better.bic() > BETTER_DELTA_BIC
             && chance < FALSE_ALARM_P
             && gain > negligible(&self.floor, better.count())

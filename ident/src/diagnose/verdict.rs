@@ -10,7 +10,7 @@ use super::result::{
 };
 use super::rivals::{Contest, Rival};
 use super::sets::{Found, sets};
-use super::{detect, gain, heldout, intervals, residuals};
+use super::{detect, established, gain, heldout, intervals, residuals};
 use crate::experiment::{Experiment, Spike};
 use crate::fit::counts::Counts;
 use crate::hypothesis::candidates;
@@ -22,7 +22,8 @@ use crate::text::millimetres;
 /// (R. E. Kass, A. E. Raftery, "Bayes Factors", Journal of the American Statistical Association 90 (1995) 773-795).
 const AS_GOOD_DELTA_BIC: f64 = 2.0;
 
-/// Puts together what was found; also the state that describes the runs best.
+/// Puts together what was found; also the state that describes the runs best, and where that is not explained, what of it is beyond
+/// doubt.
 pub(super) fn verdict<'a>(
     experiment: &'a Experiment,
     fitted: &[Cause],
@@ -30,7 +31,7 @@ pub(super) fn verdict<'a>(
     (found, contest): (&Found<'a>, Contest<'a>),
     floor: &Floor,
     counts: &mut Counts,
-) -> (Diagnosis, State<'a>) {
+) -> (Diagnosis, State<'a>, Option<State<'a>>) {
     let before = goodness_of_fit(baseline, floor);
     let accepted = !found.leader.causes.is_empty();
     // where nothing is accepted, the best that was tried is a description at most
@@ -61,6 +62,7 @@ pub(super) fn verdict<'a>(
     let rivals: Vec<Alternative> = rivals.into_iter().map(|rival| rival.set).collect();
     let names = matches!(verdict, Verdict::Cause | Verdict::Causes | Verdict::Ambiguous);
     if names {
+        remarks.extend(leader.causes.iter().filter_map(|term| place_unknown(term, leader, found)));
         if gates.followed {
             remarks.push(LEFT_OPEN.into());
         }
@@ -75,7 +77,13 @@ pub(super) fn verdict<'a>(
     let describes = names || verdict == Verdict::Unexplained;
     let leader = if describes { leader.clone() } else { baseline.clone() };
     let list = named(experiment, baseline, &leader, &gates.constancy, found, counts);
-    let sentence = sentence(verdict, &list, &rivals, &before, floor);
+    let known = (verdict == Verdict::Unexplained)
+        .then(|| established::established(experiment, baseline, (found, &leader), floor, counts));
+    let beyond_doubt = known.as_ref().map_or(Vec::new(), |known| {
+        named(experiment, baseline, &known.state, &known.constancy, found, counts)
+    });
+    let sentence = sentence(verdict, &list, &rivals, &before, (&beyond_doubt, floor));
+    let checked = gates.gained.as_ref().map_or("none", |gained| &gained.how).to_owned();
     let diagnosis = Diagnosis {
         verdict,
         sentence,
@@ -89,11 +97,14 @@ pub(super) fn verdict<'a>(
         detectable: detect::detectable(baseline, &found.first),
         next_experiments: Vec::new(),
         partial: if verdict == Verdict::Unexplained { list } else { Vec::new() },
+        remainder: known.as_ref().map(|known| established::remainder(baseline, &known.state, floor)),
+        established: beyond_doubt,
+        checked,
         bent: if names { intervals::bent(baseline, &leader) } else { Vec::new() },
         residuals: residuals::residuals(baseline, &leader, floor),
         remarks,
     };
-    (diagnosis, leader)
+    (diagnosis, leader, known.map(|known| known.state))
 }
 
 const LEFT_OPEN: &str = "the held-out runs are missed by more than noise, by no more than the fit leaves its numbers open: fitted \
@@ -187,6 +198,9 @@ impl Gates {
         if !self.followed {
             list.extend(self.held_out_objections(leader, floor));
         }
+        // what each run has its own of cannot be told beforehand
+        let is_common = leader.causes.iter().all(|term| term.free(&leader.model).own.is_empty());
+        list.extend(self.gained.as_ref().filter(|_| is_common).and_then(HeldOut::none_perhaps));
         list
     }
 
@@ -207,6 +221,24 @@ fn is_no_noise(GoodnessOfFit { excess, z, .. }: &GoodnessOfFit) -> String {
     format!("what is left is no noise: {excess:.0} noise variances beyond it ({z:.0} standard deviations)")
 }
 
+/// The other elements that `term`, a cause of `leader`, could as well sit in.
+fn doubts(term: &candidates::Term, leader: &State<'_>, found: &Found<'_>) -> Vec<String> {
+    let same =
+        |state: &&State<'_>| sets(state) == sets(leader) && state.bic() - leader.bic() <= AS_GOOD_DELTA_BIC;
+    let other = |state: &State<'_>| {
+        let own = state.causes.iter().find(|other| other.cause == term.cause)?;
+        own.element().filter(|element| term.element() != Some(element)).map(str::to_owned)
+    };
+    found.elsewhere.iter().filter(same).filter_map(other).collect()
+}
+
+fn place_unknown(term: &candidates::Term, leader: &State<'_>, found: &Found<'_>) -> Option<String> {
+    let own = term.element()?;
+    let others = doubts(term, leader, found);
+    let name = term.info().name;
+    (!others.is_empty()).then(|| format!("{name} sits in {own}, or as well in {}", others.join(" or ")))
+}
+
 /// The causes of `leader` with their values.
 fn named(
     experiment: &Experiment,
@@ -223,6 +255,7 @@ fn named(
         let without = found.without(leader, info.name).unwrap_or(baseline);
         NamedCause {
             name: info.name.into(),
+            element: term.element().filter(|_| doubts(term, leader, found).is_empty()).map(str::to_owned),
             sentence: info.sentence.into(),
             formula: info.formula.into(),
             aliases: candidates::aliases(term.cause, experiment).into_iter().map(str::to_owned).collect(),
@@ -261,9 +294,13 @@ fn sentence(
     list: &[NamedCause],
     rivals: &[Alternative],
     before: &GoodnessOfFit,
-    floor: &Floor,
+    (established, floor): (&[NamedCause], &Floor),
 ) -> String {
-    let said: Vec<String> = list.iter().map(|cause| format!("{} ({})", cause.sentence, cause.name)).collect();
+    let of = |cause: &NamedCause| match &cause.element {
+        Some(element) => format!("{}, at {element} alone ({})", cause.sentence, cause.label()),
+        None => format!("{} ({})", cause.sentence, cause.name),
+    };
+    let said: Vec<String> = list.iter().map(of).collect();
     match verdict {
         Verdict::NothingDetectable => format!(
             "Nothing detectable: the simulation repeats the runs to {} mm, keypoints have a noise of {} mm{}.",
@@ -283,11 +320,19 @@ fn sentence(
                 others.join("; or ")
             )
         }
-        Verdict::Unexplained => format!(
-            "Something is wrong that no known cause explains: residuals of {} mm against a noise of {} mm.",
-            millimetres(before.rms_m),
-            millimetres(floor.noise_m)
-        ),
+        Verdict::Unexplained => {
+            let known: Vec<String> = established.iter().map(of).collect();
+            format!(
+                "Something is wrong that no known cause explains: residuals of {} mm against a noise of {} mm.{}",
+                millimetres(before.rms_m),
+                millimetres(floor.noise_m),
+                if known.is_empty() {
+                    String::new()
+                } else {
+                    format!(" Beyond doubt: {}.", known.join("; and "))
+                }
+            )
+        }
     }
 }
 

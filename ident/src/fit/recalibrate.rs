@@ -39,7 +39,7 @@ pub fn recalibrate(
 ) -> Result<Fitted, FitError> {
     let mut model = experiment.model.clone();
     experiment.fit.add_named_causes(&mut model);
-    let parameters = Parameters::select(&model, &experiment.fit)?;
+    let parameters = Parameters::of(&model, experiment)?;
     earlier.belief(&parameters, 1.0)?;
     let mut alone = run(experiment, None, Begin::Afresh, observer)?;
     if alone.fit.stop_reason == INTERRUPTED {

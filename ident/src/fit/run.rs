@@ -110,7 +110,7 @@ pub(super) fn run(
     {
         return Err(CheckpointError::OtherExperiment { expected, got: state.experiment.clone() }.into());
     }
-    let parameters = Parameters::select(model, &experiment.fit)?;
+    let parameters = Parameters::of(model, experiment)?;
     let fitted_runs = || experiment.runs.iter().filter(|run| run.usage == Use::Fit);
     if fitted_runs().next().is_none() && !parameters.is_empty() {
         return Err(FitError::NothingToFit);

@@ -1,6 +1,6 @@
 //! Which causes may be at work, and what of each is free.
 
-use sim::causes::{AliasWhen, CauseInfo, ParameterInfo, Role};
+use sim::causes::{AliasWhen, CauseInfo, CauseValues, ParameterInfo, Per, Role};
 use sim::model::Parameter;
 use sim::{Cause, Model};
 
@@ -16,7 +16,22 @@ pub(crate) struct Term {
     pub(crate) choices: Vec<(String, f64)>,
     /// Names and start values of parameters that say nothing at neutral sizes.
     pub(crate) hidden: Vec<(String, f64)>,
+    /// The one element that it sits in; `None` for all of them together.
+    pub(crate) element: Option<Element>,
 }
+
+/// A link, hinge, shape or keypoint that a cause sits in, chosen among several.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Element {
+    /// The parameter that is its size there, `<cause>/<element>`.
+    pub(crate) size: String,
+    /// How many it could have been.
+    of: usize,
+}
+
+/// Most elements that a cause is tried in one by one, a choice: each costs a derivative, and of twenty segments of an arm no film tells
+/// which.
+const MOST_ELEMENTS: usize = 12;
 
 /// What a cause adds to a fit.
 pub(crate) struct Added {
@@ -67,11 +82,10 @@ impl Term {
         let Some(effect) = with.causes().iter().find(|effect| effect.cause() == cause) else {
             return Vec::new();
         };
-        let is_size = |parameter: &ParameterInfo| matches!(parameter.role, Role::Size | Role::Switch);
-        if !effect.parameters().any(is_size) {
-            return Vec::new();
-        }
-        let mut list = vec![Self { cause, choices: Vec::new(), hidden: Vec::new() }];
+        let mut list: Vec<Self> = forms(effect)
+            .into_iter()
+            .map(|element| Self { cause, choices: Vec::new(), hidden: Vec::new(), element })
+            .collect();
         let all = || effect.names().iter().zip(effect.parameters());
         for (name, parameter) in all() {
             if let Role::Choice(values) = parameter.role {
@@ -145,11 +159,12 @@ impl Term {
     pub(crate) fn free(&self, model: &Model) -> Added {
         let mut added = Added { free: Vec::new(), own: Vec::new() };
         for (name, parameter) in names(self.cause, model) {
-            if !matches!(parameter.role, Role::Size | Role::Hidden(_)) || self.is_idle(&parameter) {
+            let is_free = matches!(parameter.role, Role::Hidden(_)) || self.is_size(&name, &parameter);
+            if !is_free || self.is_idle(&parameter) {
                 continue;
             }
             let Ok(place) = model.find_parameter(&name) else { continue };
-            let [lower, upper] = parameter.bounds;
+            let [lower, upper] = self.bounds(&parameter);
             if parameter.per_run {
                 added.own.push((name, Nuisance::Own { place, lower, upper }));
             } else {
@@ -169,9 +184,57 @@ impl Term {
     pub(crate) fn directions(&self, model: &Model) -> Vec<(String, bool, [f64; 2])> {
         let sizes = names(self.cause, model).into_iter();
         sizes
-            .filter(|(_, parameter)| matches!(parameter.role, Role::Size | Role::Switch))
-            .map(|(name, parameter)| (name, parameter.per_run, parameter.bounds))
+            .filter(|(name, parameter)| parameter.role == Role::Switch || self.is_size(name, parameter))
+            .map(|(name, parameter)| (name, parameter.per_run, self.bounds(&parameter)))
             .collect()
+    }
+
+    /// Whether the parameter called `name` is how strong the cause is.
+    fn is_size(&self, name: &str, parameter: &ParameterInfo) -> bool {
+        match &self.element {
+            Some(element) => element.size == name,
+            None => parameter.role == Role::Size,
+        }
+    }
+
+    /// Bounds of `parameter`: of an element's size, which adds to the common one, those of that one.
+    fn bounds(&self, parameter: &ParameterInfo) -> [f64; 2] {
+        let common = || {
+            let mut sizes = self.info().parameters.iter().filter(|other| other.role == Role::Size);
+            sizes.find(|other| other.per == Per::Model)
+        };
+        let is_element = parameter.role == Role::Detail;
+        if is_element { common().map_or(parameter.bounds, |size| size.bounds) } else { parameter.bounds }
+    }
+
+    /// The element that it sits in, by the element's own name.
+    pub(crate) fn element(&self) -> Option<&str> {
+        let element = self.element.as_ref()?;
+        Some(element.size.split_once('/').map_or(&element.size, |(_, name)| name))
+    }
+
+    /// What the choice of its element costs, as a BIC: twice the logarithm of how many there are.
+    pub(crate) fn choice_cost(&self) -> f64 {
+        self.element.as_ref().map_or(0.0, |element| 2.0 * (element.of as f64).ln())
+    }
+
+    /// Whether it is one of several places of its cause.
+    pub(crate) fn is_choice(&self) -> bool {
+        self.element.as_ref().is_some_and(|element| element.of > 1)
+    }
+
+    /// The cause in its other places: in one element, or in all together; choices and hidden numbers stay.
+    pub(crate) fn elsewhere(&self, model: &Model) -> Vec<Self> {
+        let with = self.added_to(model);
+        let effect = with.causes().iter().find(|effect| effect.cause() == self.cause);
+        let all =
+            effect.map_or(Vec::new(), forms).into_iter().map(|element| Self { element, ..self.clone() });
+        all.filter(|other| other.element != self.element).collect()
+    }
+
+    /// Whether what it needs of a model beside sizes is what `other`, of the same cause, needs.
+    pub(crate) fn is_form_of(&self, other: &Self) -> bool {
+        (self.cause, &self.choices, &self.hidden) == (other.cause, &other.choices, &other.hidden)
     }
 
     /// Free numbers it adds to a fit of `runs` runs.
@@ -179,6 +242,23 @@ impl Term {
         let added = self.free(&self.added_to(model));
         added.free.len() + added.own.len() * runs
     }
+}
+
+/// Where `effect` may sit: in all elements together, and in each alone where there are several. An effect with but one element sits there.
+fn forms(effect: &CauseValues) -> Vec<Option<Element>> {
+    let of_elements = |parameter: &ParameterInfo| parameter.per != Per::Model;
+    let sizes =
+        || effect.parameters().filter(|parameter| matches!(parameter.role, Role::Size | Role::Switch));
+    let members = effect.names().iter().zip(effect.parameters());
+    let members: Vec<&String> =
+        members.filter(|(_, parameter)| of_elements(parameter)).map(|(name, _)| name).collect();
+    let count = members.len();
+    let common = sizes().any(|parameter| !of_elements(parameter));
+    let each = members.into_iter().map(|name| Some(Element { size: name.clone(), of: count }));
+    let alone = count > 1 || !common;
+    let each = each.filter(|_| alone && count <= MOST_ELEMENTS);
+    let together = common || count > MOST_ELEMENTS || count > 1 && sizes().next().is_some();
+    together.then_some(None).into_iter().chain(each).collect()
 }
 
 /// The parameters of `cause` in `model`, named.

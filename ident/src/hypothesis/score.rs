@@ -213,7 +213,11 @@ fn packs(model: &Model, candidates: &[Term]) -> Vec<Pack> {
         let width = candidate.directions(&candidate.added_to(model)).len();
         let fits = |pack: &Pack| {
             pack.directions.len() + width <= room
-                && pack.candidates.iter().all(|&other| candidates[other].cause != candidate.cause)
+                && pack
+                    .candidates
+                    .iter()
+                    .map(|&other| &candidates[other])
+                    .all(|other| other.cause != candidate.cause || other.is_form_of(candidate))
         };
         let place = packs.iter().position(fits).unwrap_or_else(|| {
             packs.push(Pack { model: model.clone(), candidates: Vec::new(), directions: Vec::new() });

@@ -220,7 +220,12 @@ impl<'a> State<'a> {
 
     /// Bayesian information criterion, up to a constant.
     pub(crate) fn bic(&self) -> f64 {
-        self.cost + self.added as f64 * self.ln_count()
+        self.cost + self.added as f64 * self.ln_count() + self.choice_cost()
+    }
+
+    /// What the choices of elements in it cost, as a BIC.
+    pub(crate) fn choice_cost(&self) -> f64 {
+        self.causes.iter().map(CauseTerm::choice_cost).sum()
     }
 
     /// Residuals of a run before whitening \[m\], over how much less certain than usual the cell says it is.

@@ -5,6 +5,8 @@ use sim::model::Parameter;
 
 use super::{FreeParameter, ParameterError, Parameters, Scale};
 use crate::config::FitConfig;
+use crate::experiment::{Experiment, Use};
+use crate::initial::prescribed_dofs;
 use crate::names::{did_you_mean, glob};
 
 /// A parameter of the model with the names it can be asked for by.
@@ -37,7 +39,29 @@ impl Parameters {
     /// # Errors
     /// [`ParameterError`], for a name the model does not have or wishes that contradict each other.
     pub fn select(model: &Model, config: &FitConfig) -> Result<Self, ParameterError> {
-        let candidates = candidates(model);
+        Self::select_with(model, config, &[])
+    }
+
+    /// The same for `experiment`, with `model` in place of its own: the kind `damping` means those joints of a drive as well that turn
+    /// freely in a fitted run, as where a servo is off in drops.
+    ///
+    /// # Errors
+    /// [`ParameterError`].
+    pub fn of(model: &Model, experiment: &Experiment) -> Result<Self, ParameterError> {
+        let fitted = experiment.runs.iter().filter(|run| run.usage == Use::Fit);
+        let mut loose = vec![false; model.joints.len()];
+        for run in fitted.filter(|run| run.prescribed) {
+            let frozen = prescribed_dofs(model, run);
+            for (loose, joint) in loose.iter_mut().zip(&model.joints) {
+                *loose |= joint.kind.is_axle() && !frozen[joint.dof_address];
+            }
+        }
+        Self::select_with(model, &experiment.fit, &loose)
+    }
+
+    /// `loose`: which joints turn freely in some run, driven ones too; those beyond its end do not.
+    fn select_with(model: &Model, config: &FitConfig, loose: &[bool]) -> Result<Self, ParameterError> {
+        let candidates = candidates(model, loose);
         let fitted = fitted(&candidates, config)?;
         let tie = ties(&candidates, &fitted, config)?;
         let mut free: Vec<FreeParameter> = Vec::new();
@@ -182,7 +206,7 @@ fn ties(
     Ok(tie)
 }
 
-fn candidates(model: &Model) -> Vec<Candidate> {
+fn candidates(model: &Model, loose: &[bool]) -> Vec<Candidate> {
     let moves = |mut body: usize| {
         while body != 0 {
             if model.joints.iter().any(|joint| joint.body == body) {
@@ -197,9 +221,8 @@ fn candidates(model: &Model) -> Vec<Candidate> {
         let place = model.find_parameter(&name).ok()?;
         let by_kind = match place {
             Parameter::Fluid(geom, _) => moves(model.geoms[geom].body),
-            Parameter::Damping(joint) | Parameter::FrictionLoss(joint) | Parameter::Stiffness(joint, _) => {
-                passive(joint)
-            }
+            Parameter::Damping(joint) => passive(joint) || loose.get(joint).is_some_and(|&loose| loose),
+            Parameter::FrictionLoss(joint) | Parameter::Stiffness(joint, _) => passive(joint),
             Parameter::Mass(body) => moves(body),
             Parameter::Gain(_) => true,
             // a cause's parameters are fitted where somebody names them

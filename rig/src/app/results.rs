@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use ident::diagnose::Diagnosed;
+use ident::diagnose::{Diagnosed, NamedCause};
 use ident::experiment::{Experiment, Use};
 use ident::fit::{Fit, Fitted};
 
@@ -101,7 +101,7 @@ pub(super) fn write_diagnosis(diagnosed: &Diagnosed, source: &str, folder: &Path
     let folded = diagnosed.model.folded();
     let mut comment =
         format!("Diagnosed by rig {} on {source}: {}.", env!("CARGO_PKG_VERSION"), diagnosis.verdict.name());
-    let names: Vec<&str> = diagnosis.causes.iter().map(|cause| cause.name.as_str()).collect();
+    let names: Vec<String> = diagnosis.causes.iter().map(NamedCause::label).collect();
     if !names.is_empty() {
         comment.push_str(&format!(" Extended by {}, kept as custom numbers.", names.join(", ")));
     }

@@ -24,7 +24,10 @@ pub(super) fn section(data: &ReportData) -> Markup {
                 ul { @for detail in details(diagnosis) { li { (detail) } } }
             }
         }
-        @if !list.is_empty() { (causes(diagnosis, list, title)) }
+        @if !diagnosis.established.is_empty() {
+            (causes(diagnosis, &diagnosis.established, "established", "Beyond doubt, whatever the rest may be"))
+        }
+        @if !list.is_empty() { (causes(diagnosis, list, "causes", title)) }
         (errors(diagnosis))
         (next(diagnosis))
         section #residuals {
@@ -42,9 +45,9 @@ pub(super) fn section(data: &ReportData) -> Markup {
     }
 }
 
-fn causes(diagnosis: &Diagnosis, list: &[NamedCause], title: &str) -> Markup {
+fn causes(diagnosis: &Diagnosis, list: &[NamedCause], id: &str, title: &str) -> Markup {
     html! {
-        section #causes {
+        section id=(id) {
             h2 { (title) }
             table.coefficients {
                 thead { tr { th { "cause" } th { "number" } th.number { "value (95 %)" } th { "by run" } } }
@@ -52,7 +55,7 @@ fn causes(diagnosis: &Diagnosis, list: &[NamedCause], title: &str) -> Markup {
                     tbody {
                         @for (row, parameter) in cause.parameters.iter().enumerate() {
                             tr {
-                                td.name { @if row == 0 { strong { (cause.name) } } }
+                                td.name { @if row == 0 { strong { (cause.label()) } } }
                                 td.name { code { (parameter.name) } }
                                 td.number { (value(parameter)) }
                                 td {

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use ident::diagnose::{CauseParameter, Diagnosis, NextExperiment, Verdict};
+use ident::diagnose::{CauseParameter, Diagnosis, NamedCause, NextExperiment, Verdict};
 
 use super::format::{millimetres, significant, whole_percent};
 use super::tone::Tone;
@@ -46,7 +46,7 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
         if !cause.aliases.is_empty() {
             list.push(format!(
                 "No video of these runs tells {} from {}.",
-                cause.name,
+                cause.label(),
                 cause.aliases.join(", ")
             ));
         }
@@ -65,8 +65,15 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
         ));
     }
     if diagnosis.verdict == Verdict::Unexplained {
+        if let Some(remainder) = diagnosis.remainder.as_ref().filter(|_| !diagnosis.established.is_empty()) {
+            list.push(format!(
+                "Beside what is beyond doubt {} mm are left, {} % of the squares that are no noise.",
+                millimetres(remainder.rms_m),
+                whole_percent(remainder.share)
+            ));
+        }
         if !diagnosis.partial.is_empty() {
-            let names: Vec<&str> = diagnosis.partial.iter().map(|cause| cause.name.as_str()).collect();
+            let names: Vec<String> = diagnosis.partial.iter().map(NamedCause::label).collect();
             list.push(format!("Best description, which is no cause: {}.", names.join(" + ")));
         }
         if let Some(follows) = diagnosis.residuals.follows.first().filter(|follows| follows.share > 0.05) {

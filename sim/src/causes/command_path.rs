@@ -121,7 +121,8 @@ impl<T: Scalar> CommandPath<T> {
             None => 0.0,
         };
         let to = T::from_f64(from) + duration * T::from_f64(slope);
-        self.stages.pass(&mut states, Piece { from: T::from_f64(from), to, duration });
+        let start_s = T::from_f64(self.time_s[row]);
+        self.stages.pass(&mut states, Piece { from: T::from_f64(from), to, start_s, duration });
         states[STAGES - 1]
     }
 
@@ -138,7 +139,8 @@ impl<T: Scalar> CommandPath<T> {
                         let from = T::from_f64(track.angle[before]);
                         let duration = T::from_f64(self.time_s[row] - self.time_s[before]);
                         let mut states = track.states[before];
-                        self.stages.pass(&mut states, Piece { from, to, duration });
+                        let start_s = T::from_f64(self.time_s[before]);
+                        self.stages.pass(&mut states, Piece { from, to, start_s, duration });
                         states
                     }
                 };

@@ -27,6 +27,7 @@
 #[macro_use]
 mod list;
 
+mod body;
 mod camera;
 mod command_path;
 mod drive;
@@ -62,6 +63,9 @@ causes! {
         joint_damping in joint,
         stiffness in joint,
         keypoint_slip in camera,
+        inertia in body,
+        link_length in body,
+        joint_zero in joint,
     }
     step {
         added_mass in water,
@@ -75,9 +79,11 @@ causes! {
         one_sided_stiffness in joint,
         end_stop in joint,
         tether in self,
+        medium_drag in body,
     }
     drive {
         servo_gain in drive,
+        servo_sag in drive,
         servo_rate_limit in drive,
         servo_lag in drive,
         backlash in drive,
@@ -90,6 +96,7 @@ causes! {
         camera_tilt in camera,
         camera_scale in camera,
         camera_rotation in camera,
+        camera_offset in camera,
     }
 }
 

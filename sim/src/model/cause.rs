@@ -1,7 +1,7 @@
 //! Causes as values: what a cause says about itself, and a cause in a model with its numbers. Which causes there are and
 //! what they do stands in [`crate::causes`].
 
-use super::{Joint, Model};
+use super::{Joint, JointKind, Model};
 use crate::scalar::Scalar;
 
 /// Where a cause sits.
@@ -48,6 +48,10 @@ pub enum Per {
     Geom,
     /// Each keypoint, after which it is called.
     Keypoint,
+    /// Each hinge that a drive or a spring holds, after which it is called.
+    Held,
+    /// Each body that carries another one on a joint, after which it is called.
+    Link,
 }
 
 /// One parameter of a cause, or one family of them.
@@ -236,6 +240,8 @@ impl<T: Scalar> CauseValues<T> {
                     wet.map(|geom| geom.name.clone()).collect()
                 }
                 Per::Keypoint => model.keypoints(),
+                Per::Held => model.held_hinges().map(|(_, joint)| joint.name.clone()).collect(),
+                Per::Link => model.carriers().map(|body| model.bodies[body].name.clone()).collect(),
             };
             for element in elements {
                 carried.names.push(format!("{}/{element}", cause.info().name));
@@ -328,6 +334,28 @@ impl<T: Scalar> Model<T> {
     /// The joints with one axis, hinges and slides, each with its place in `joints`.
     pub(crate) fn axles(&self) -> impl Iterator<Item = (usize, &Joint<T>)> {
         self.joints.iter().enumerate().filter(|(_, joint)| joint.kind.is_axle())
+    }
+
+    /// The hinges that a drive or a spring holds, each with its place in `joints`.
+    pub(crate) fn held_hinges(&self) -> impl Iterator<Item = (usize, &Joint<T>)> {
+        let is_held = |(place, joint): &(usize, &Joint<T>)| {
+            let sprung = joint.stiffness.iter().any(|power| *power != T::ZERO);
+            joint.kind == JointKind::Hinge
+                && (sprung || self.actuators.iter().any(|actuator| actuator.joint == *place))
+        };
+        self.joints.iter().enumerate().filter(is_held)
+    }
+
+    /// The bodies that carry another one on a joint, and move themselves.
+    pub(crate) fn carriers(&self) -> impl Iterator<Item = usize> + '_ {
+        let moves = |body: usize| self.joints.iter().any(|joint| joint.body == body);
+        (1..self.bodies.len()).filter(move |&body| moves(body) && !self.carried_by(body).is_empty())
+    }
+
+    /// The bodies that `body` carries on joints.
+    pub(crate) fn carried_by(&self, body: usize) -> Vec<usize> {
+        let moves = |body: usize| self.joints.iter().any(|joint| joint.body == body);
+        (1..self.bodies.len()).filter(|&next| self.bodies[next].parent == body && moves(next)).collect()
     }
 
     /// The bodies with mass.

@@ -109,6 +109,8 @@ pub struct Bench {
     pub chain: Chain<LINKS>,
     /// Whether the fit also has the dampings of the passive pivots, which are then not the nominal ones.
     pub fits_damping: bool,
+    /// The nominal model, where a fit starts.
+    pub model: &'static str,
     /// Its runs: those to fit first.
     pub runs: Vec<Run>,
 }
@@ -160,7 +162,7 @@ impl Bench {
             run.motion.run = place;
             run.held_out = place >= 4;
         }
-        Self { chain: chain(coefficients, damping), fits_damping, runs }
+        Self { chain: chain(coefficients, damping), fits_damping, model: MODEL, runs }
     }
 
     fn drop(id: &str, held: [f64; LINKS], draw: &mut Draw) -> Run {

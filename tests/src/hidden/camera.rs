@@ -14,6 +14,7 @@ pub fn images<const N: usize>(record: &Record<N>, hidden: &Hidden, times_s: &[f6
     let tilt = [get("camera_tilt/x"), get("camera_tilt/z")];
     let scale = 1.0 + get("camera_scale/scale");
     let (sin, cos) = get("camera_rotation/angle").sin_cos();
+    let origin = [get("camera_offset/x"), get("camera_offset/z")];
     let slips: [f64; N] = std::array::from_fn(|i| get(&format!("keypoint_slip/P{}", i + 1)));
     // a keypoint further along its link lies on the line from the end before through its own
     let slipped = |i: usize, when: f64| -> Plane {
@@ -34,7 +35,7 @@ pub fn images<const N: usize>(record: &Record<N>, hidden: &Hidden, times_s: &[f6
         at = add(at, off, radial * (off[0] * off[0] + off[1] * off[1]));
         let keystone = scale * (1.0 + tilt[0] * at[0] + tilt[1] * at[1]);
         let [x, z] = at.map(|a| a * keystone);
-        [cos * x - sin * z, sin * x + cos * z]
+        [cos * x - sin * z + origin[0], sin * x + cos * z + origin[1]]
     };
     times_s.iter().map(|&time_s| std::array::from_fn(|i| seen(i, time_s))).collect()
 }

@@ -1,7 +1,5 @@
 //! What is hidden where: the list of cases, each made anew from its own description.
 
-use sim::Cause;
-
 use super::bench::{Bench, Draw};
 use super::hide::{Hideout, OUTSIDE, Truth};
 use super::limit::Benches;
@@ -20,6 +18,38 @@ pub const NOTHING: u64 = 300;
 const NOTHING_SEED: u64 = 1000;
 /// Size of both causes of a pair, each measured with the other one free too.
 const PAIR_SIZE: f64 = 8.0;
+
+/// The causes that are hidden, in an order that pairs are drawn from.
+pub const HIDDEN: [&str; 28] = [
+    "current",
+    "buoyancy",
+    "link_mass",
+    "joint_damping",
+    "stiffness",
+    "keypoint_slip",
+    "added_mass",
+    "slosh",
+    "cob_offset",
+    "linear_drag",
+    "drag_exponent",
+    "wall",
+    "basset",
+    "coulomb_friction",
+    "one_sided_stiffness",
+    "end_stop",
+    "tether",
+    "servo_gain",
+    "servo_rate_limit",
+    "servo_lag",
+    "backlash",
+    "servo_delay",
+    "camera_delay",
+    "rolling_shutter",
+    "lens",
+    "camera_tilt",
+    "camera_scale",
+    "camera_rotation",
+];
 
 /// What a case hides.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,9 +89,8 @@ pub struct Made {
 /// All cases with `seeds` of each cause in each of `sizes`, by group.
 pub fn all(seeds: u64, sizes: &[f64]) -> Vec<Case> {
     let mut list = Vec::new();
-    let names: Vec<&'static str> = Cause::ALL.iter().map(|cause| cause.info().name).collect();
     for seed in 0..seeds {
-        for name in &names {
+        for name in HIDDEN {
             for &size in sizes {
                 let id = format!("{name}-x{size}-s{seed}");
                 list.push(Case { id, seed, kind: Kind::One(name, size) });
@@ -70,9 +99,9 @@ pub fn all(seeds: u64, sizes: &[f64]) -> Vec<Case> {
     }
     for pair in 0..PAIRS {
         let mut draw = Draw::new(pair, 11);
-        let first = names[draw.place(names.len())];
-        let others: Vec<&&str> =
-            names.iter().filter(|name| !same(name, first, false) && **name != first).collect();
+        let first = HIDDEN[draw.place(HIDDEN.len())];
+        let others: Vec<&'static str> =
+            HIDDEN.into_iter().filter(|name| !same(name, first, false) && *name != first).collect();
         let second = others[draw.place(others.len())];
         let id = format!("pair-{first}+{second}-s{pair}");
         list.push(Case { id, seed: pair % seeds.max(1), kind: Kind::Pair(first, second) });

@@ -5,7 +5,7 @@
 //! sum_j arm_ij n_j da_j/dt, which gives the mass matrix and, differentiated again, everything else.
 
 use super::fluid::Ellipsoid;
-use super::terms::Terms;
+use super::terms::{Hidden, Terms};
 
 /// A vector in the picture's plane: x to the right, z up.
 pub type Plane = [f64; 2];
@@ -90,6 +90,20 @@ pub struct Pose {
 }
 
 impl<const N: usize> Chain<N> {
+    /// The chain whose single links are as `hidden` has them: another weight, inertia or length.
+    pub(super) fn changed(&self, hidden: &Hidden) -> Self {
+        let mut chain = self.clone();
+        for (i, link) in chain.links.iter_mut().enumerate() {
+            let own = |cause: &str| hidden.get(&format!("{cause}/link{}", i + 1), 0.0);
+            let heavier = 1.0 + own("link_mass");
+            link.mass_kg *= heavier;
+            link.inertia_kg_m2 *= heavier * (1.0 + hidden.get("inertia/scale", 0.0) + own("inertia"));
+            link.held_kg *= 1.0 + own("buoyancy");
+            link.length_m += own("link_length");
+        }
+        chain
+    }
+
     /// Where the links are.
     pub fn poses(&self, state: &State<N>) -> [Pose; N] {
         let (mut pivot, mut velocity) = ([0.0; 2], [0.0; 2]);
@@ -186,13 +200,14 @@ impl<const N: usize> Chain<N> {
             right[i] += wet.torque + offset[0] * held * self.gravity;
         }
         self.tip_force(&poses, terms, &mut right);
+        self.medium(&poses, terms.medium, &mut right);
         for i in 0..N {
             let before = i.checked_sub(1).map(|before| (state.angle[before], state.rate[before]));
             let (angle, rate) = before.unwrap_or((0.0, 0.0));
             let (bend, turn) = (state.angle[i] - angle, state.rate[i] - rate);
-            let mut torque = -self.links[i].damping * turn + terms.hinge(turn);
+            let mut torque = -self.links[i].damping * turn + terms.hinge(i, turn);
             if i > 0 {
-                torque += terms.spring(bend, turn);
+                torque += terms.spring(i, bend, turn);
                 right[i - 1] -= torque;
             } else if let Root::Torque(drive) = root {
                 torque += drive;
@@ -207,6 +222,28 @@ impl<const N: usize> Chain<N> {
         let force = terms.at_tip(poses[N - 1].end);
         for (j, pose) in poses.iter().enumerate() {
             right[j] += self.links[j].length_m * dot(pose.across, force);
+        }
+    }
+
+    /// Resistance of the medium to each link's motion across itself, by Simpson's rule along it.
+    fn medium(&self, poses: &[Pose; N], drag: f64, right: &mut [f64; N]) {
+        const PARTS: usize = 40;
+        if drag == 0.0 {
+            return;
+        }
+        for (i, (link, pose)) in self.links.iter().zip(poses).enumerate() {
+            let part_m = link.length_m / PARTS as f64;
+            for k in 0..=PARTS {
+                let weight = if k == 0 || k == PARTS { 1.0 } else { 2.0 + 2.0 * (k % 2) as f64 } / 3.0;
+                let out_m = k as f64 * part_m;
+                let velocity = add(pose.velocity, pose.across, (out_m - link.centre_m) * pose.rate);
+                let across = dot(velocity, pose.across);
+                let force = -drag * across.abs() * across * weight * part_m;
+                for (j, other) in poses[..=i].iter().enumerate() {
+                    let arm = if i == j { out_m } else { self.links[j].length_m };
+                    right[j] += arm * force * dot(other.across, pose.across);
+                }
+            }
         }
     }
 

@@ -17,6 +17,9 @@ use crate::{json, printed, rig};
 pub struct Named {
     /// Its name.
     pub name: String,
+    /// The one element that it sits in, where it says so.
+    #[serde(default)]
+    pub element: Option<String>,
     /// Causes that no video tells from it.
     pub aliases: Vec<String>,
     /// Its parameters: name, value, 95 % interval.
@@ -131,6 +134,7 @@ fn named(cause: &Value) -> Named {
     let parameters = cause["parameters"].as_array().into_iter().flatten();
     Named {
         name: cause["name"].as_str().unwrap_or_default().into(),
+        element: cause["element"].as_str().map(str::to_owned),
         aliases: texts(&cause["aliases"]),
         parameters: parameters
             .filter_map(|parameter| {

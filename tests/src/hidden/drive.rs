@@ -34,7 +34,8 @@ pub struct Path {
 }
 
 impl Path {
-    /// `servo` from time 0 to `end_s` through gain, rate limit, lag, backlash and delay.
+    /// `servo` from time 0 to `end_s`, looked at every so often, through gain, a reach that sags, rate limit, lag, backlash, delay and
+    /// the horn's zero.
     pub fn new(servo: &Servo, hidden: &Hidden, end_s: f64) -> Self {
         let gain = 1.0 + hidden.get("servo_gain/scale", 0.0);
         let limited = hidden.get("servo_rate_limit/share", 0.0) > 0.5;
@@ -45,7 +46,15 @@ impl Path {
         let keep = if lag > 0.0 { (-FINE_S / lag).exp() } else { 0.0 };
         // the exact answer to an input that rises evenly over one instant
         let lead = if lag > 0.0 { 1.0 - (1.0 - keep) * lag / FINE_S } else { 1.0 };
-        let told = |k: usize| gain * servo.at(k as f64 * FINE_S);
+        let zero = hidden.get("joint_zero/q1", 0.0);
+        let sag = hidden.get("servo_sag/rate", 0.0);
+        let every = hidden.get("servo_refresh/period", 0.0);
+        let told = |k: usize| {
+            let now = k as f64 * FINE_S;
+            // to the instant, whatever rounding says of a whole number of periods
+            let looked = if every > 0.0 { ((now / every + 1e-6).floor() * every).min(now) } else { now };
+            gain * (1.0 - sag * now) * servo.at(looked)
+        };
         let (mut turned, mut before) = (told(0), told(0));
         let (mut lagged, mut played) = (turned, turned);
         let count = (end_s / FINE_S).ceil() as usize + 2;
@@ -55,7 +64,7 @@ impl Path {
                 lagged = keep * lagged + (1.0 - keep - lead) * before + lead * turned;
                 before = turned;
                 played = played.clamp(lagged - play, lagged + play);
-                played
+                played + zero
             })
             .collect();
         if delay > 0.0 {

@@ -57,6 +57,10 @@ pub struct Record<const N: usize> {
 impl<const N: usize> Chain<N> {
     /// Moves the chain through `motion` with what is `hidden`, in steps of `step_s`.
     pub fn run(&self, motion: &Motion<N>, hidden: &Hidden, step_s: f64) -> Record<N> {
+        self.changed(hidden).moved(motion, hidden, step_s)
+    }
+
+    fn moved(&self, motion: &Motion<N>, hidden: &Hidden, step_s: f64) -> Record<N> {
         let mut terms = Terms::new(hidden, motion.run, N);
         let path = match &motion.drive {
             Drive::None => None,

@@ -9,7 +9,7 @@ use sim::Cause;
 use sim::causes::{ParameterInfo, Role};
 
 use super::bench::{Bench, Run};
-use super::cases::same;
+use super::cases::{HIDDEN, same};
 use super::limit::{Imitation, largest_bend, orthonormal};
 use super::terms::Hidden;
 
@@ -104,7 +104,7 @@ impl Rivals {
     /// All causes that a fit of `bench` does not already have.
     pub fn new(bench: &Bench, imitation: &Imitation) -> Self {
         let fitted = |cause: &Cause| bench.fits_damping && cause.info().name == "joint_damping";
-        let causes = Cause::ALL.iter().filter(|cause| !fitted(cause));
+        let causes = Cause::ALL.iter().filter(|cause| HIDDEN.contains(&cause.name()) && !fitted(cause));
         let each = causes.flat_map(|&cause| {
             shapes(cause, bench, &imitation.runs).into_iter().map(move |steps| {
                 let size = cause.info().parameters.iter().find(|parameter| parameter.role == Role::Size);

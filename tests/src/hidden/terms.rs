@@ -23,8 +23,8 @@ const WAKE_M: f64 = 0.02;
 const MAGNET: Plane = [0.05, -0.06];
 const MAGNET_M: f64 = 0.02;
 
-/// Numbers by name, `<cause>/<parameter>` as in `docs/causes.md`; slosh has its phases run by run, as
-/// `slosh/sin@<run>`. Besides: `vortex/lift`, `detent/torque`, `wake/shelter`, `magnet/force`, which no library knows.
+/// Numbers by name, `<cause>/<parameter>` as in `docs/causes.md`, those of one hinge alone called after `q1`, `q2`, ...; slosh has its
+/// phases run by run, as `slosh/sin@<run>`. Besides: `vortex/lift`, `detent/torque`, `wake/shelter`, `magnet/force`, which no library knows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Hidden(pub BTreeMap<String, f64>);
 
@@ -59,9 +59,12 @@ pub struct Terms {
     reference_speed: f64,
     /// Scale, place \[m\], reach \[m\].
     wall: [f64; 3],
-    damping: f64,
-    friction: f64,
-    stiffness: f64,
+    /// By hinge, as are the next two.
+    damping: Vec<f64>,
+    friction: Vec<f64>,
+    stiffness: Vec<f64>,
+    /// Resistance of what is around, a metre of link \[kg/m2\].
+    pub(super) medium: f64,
     /// Stiffness and side.
     one_sided: [f64; 2],
     /// Stiffness and angle \[rad\].
@@ -80,6 +83,10 @@ impl Terms {
     /// The terms that `hidden` makes in the run at place `run`.
     pub fn new(hidden: &Hidden, run: usize, links: usize) -> Self {
         let get = |name: &str| hidden.get(name, 0.0);
+        let hinges = |cause: &str, all: &str| -> Vec<f64> {
+            let all = get(&format!("{cause}/{all}"));
+            (1..=links).map(|hinge| all + get(&format!("{cause}/q{hinge}"))).collect()
+        };
         let phase = |link: usize| hidden.get(&format!("vortex/phase{link}@{run}"), 0.0);
         Self {
             added_mass: get("added_mass/scale"),
@@ -98,9 +105,10 @@ impl Terms {
             exponent: get("drag_exponent/exponent"),
             reference_speed: hidden.get("drag_exponent/speed", 0.08),
             wall: [get("wall/scale"), hidden.get("wall/x", 0.1), hidden.get("wall/reach", 0.015)],
-            damping: get("joint_damping/damping"),
-            friction: get("coulomb_friction/torque"),
-            stiffness: get("stiffness/stiffness"),
+            damping: hinges("joint_damping", "damping"),
+            friction: hinges("coulomb_friction", "torque"),
+            stiffness: hinges("stiffness", "stiffness"),
+            medium: get("medium_drag/drag"),
             one_sided: [get("one_sided_stiffness/stiffness"), hidden.get("one_sided_stiffness/side", 1.0)],
             stop: [get("end_stop/stiffness"), hidden.get("end_stop/angle", 0.4)],
             detent: get("detent/torque"),
@@ -177,17 +185,17 @@ impl Terms {
         }
     }
 
-    /// Torque of every hinge at the rate `turn` \[rad/s\].
-    pub(super) fn hinge(&self, turn: f64) -> f64 {
-        let friction = if self.friction == 0.0 { 0.0 } else { (turn / FRICTION_RATE).tanh() };
-        -self.damping * turn - self.friction * friction
+    /// Torque of hinge `i` at the rate `turn` \[rad/s\].
+    pub(super) fn hinge(&self, i: usize, turn: f64) -> f64 {
+        let friction = if self.friction[i] == 0.0 { 0.0 } else { (turn / FRICTION_RATE).tanh() };
+        -self.damping[i] * turn - self.friction[i] * friction
     }
 
-    /// Torque of a hinge between links, bent by `bend` \[rad\].
-    pub(super) fn spring(&self, bend: f64, turn: f64) -> f64 {
+    /// Torque of hinge `i`, between links, bent by `bend` \[rad\].
+    pub(super) fn spring(&self, i: usize, bend: f64, turn: f64) -> f64 {
         let [pull, side] = self.one_sided;
         let [stop, angle] = self.stop;
-        let mut torque = -self.stiffness * bend - pull * side * (side * bend).max(0.0);
+        let mut torque = -self.stiffness[i] * bend - pull * side * (side * bend).max(0.0);
         if stop != 0.0 {
             let beyond = bend.abs() - angle;
             let pressed = 0.5 * (beyond + beyond.hypot(STOP_CORNER));

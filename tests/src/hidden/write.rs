@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use super::bench::{Draw, FINE_S, LINKS, MODEL, Run};
+use super::bench::{Draw, FINE_S, LINKS, Run};
 use super::cases::{Case, Made};
 use super::limit::NOISE_M;
 use super::motion::Drive;
@@ -42,7 +42,11 @@ pub fn correlation(seed: u64) -> f64 {
 /// # Errors
 /// When a file cannot be written.
 pub fn write(case: &Case, made: &Made, film: Film, folder: &Path) -> std::io::Result<PathBuf> {
-    let parameters = if made.bench.fits_damping { "\"fluidcoef\", \"damping\"" } else { "\"fluidcoef\"" };
+    let wet = made.bench.chain.density > 0.0;
+    let groups = [("fluidcoef", wet), ("damping", made.bench.fits_damping)];
+    let groups: Vec<String> =
+        groups.iter().filter(|(_, is_fitted)| *is_fitted).map(|(name, _)| format!("\"{name}\"")).collect();
+    let parameters = groups.join(", ");
     let mut text =
         format!("model = \"chain.xml\"\nprescribed = true\n\n[fit]\nparameters = [{parameters}]\n");
     for run in &made.bench.runs {
@@ -70,7 +74,8 @@ pub fn write(case: &Case, made: &Made, film: Film, folder: &Path) -> std::io::Re
         };
         std::fs::write(folder.join(format!("{id}.csv")), table)?;
     }
-    let model = if film.pictures { pictures::with_base(MODEL) } else { MODEL.to_owned() };
+    let model = made.bench.model;
+    let model = if film.pictures { pictures::with_base(model) } else { model.to_owned() };
     std::fs::write(folder.join("chain.xml"), model)?;
     let path = folder.join("experiment.toml");
     std::fs::write(&path, text)?;

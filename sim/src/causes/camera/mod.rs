@@ -4,6 +4,7 @@
 //! coordinates are the world's x and z; y, the depth, stays.
 
 pub(crate) mod camera_delay;
+pub(crate) mod camera_offset;
 pub(crate) mod camera_rotation;
 pub(crate) mod camera_scale;
 pub(crate) mod camera_tilt;

@@ -39,7 +39,12 @@ impl<T: Scalar> Stage<T> for Term<T> {
         let still = (start + ahead - piece.from) / T::select(moves, slope, T::ONE);
         let still = T::select(moves, still, piece.duration).clamp(T::ZERO, piece.duration);
         *state = end;
-        out.push(Piece { from: start, to: start, duration: still });
-        out.push(Piece { from: start, to: end, duration: piece.duration - still });
+        out.push(Piece { from: start, to: start, duration: still, ..piece });
+        out.push(Piece {
+            from: start,
+            to: end,
+            start_s: piece.start_s + still,
+            duration: piece.duration - still,
+        });
     }
 }

@@ -5,4 +5,5 @@ pub(crate) mod servo_delay;
 pub(crate) mod servo_gain;
 pub(crate) mod servo_lag;
 pub(crate) mod servo_rate_limit;
+pub(crate) mod servo_sag;
 pub(super) mod stage;

@@ -43,6 +43,6 @@ impl<T: Scalar> Stage<T> for Term<T> {
         let from = *state;
         let to = piece.to - behind + (from - piece.from + behind) * left;
         *state = to;
-        out.push(Piece { from, to, duration: piece.duration });
+        out.push(Piece { from, to, ..piece });
     }
 }

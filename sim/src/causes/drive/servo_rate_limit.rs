@@ -52,7 +52,7 @@ impl<T: Scalar> Stage<T> for Term<T> {
         let from = piece.from + self.share * (start - piece.from);
         let over = corner + self.share * (met - corner);
         let to = piece.to + self.share * (end - piece.to);
-        out.push(Piece { from, to: over, duration: chase });
-        out.push(Piece { from: over, to, duration: rest });
+        out.push(Piece { from, to: over, duration: chase, ..piece });
+        out.push(Piece { from: over, to, start_s: piece.start_s + chase, duration: rest });
     }
 }

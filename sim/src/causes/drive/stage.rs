@@ -13,6 +13,8 @@ pub(crate) struct Piece<T> {
     pub(crate) from: T,
     /// Where it ends.
     pub(crate) to: T,
+    /// When it starts \[s\], as the command's rows are timed.
+    pub(crate) start_s: T,
     /// How long it takes \[s\], 0 or more.
     pub(crate) duration: T,
 }
@@ -40,7 +42,7 @@ impl<T: Scalar> Pieces<T> {
     /// None yet.
     #[inline(always)]
     pub(crate) fn new() -> Self {
-        let none = Piece { from: T::ZERO, to: T::ZERO, duration: T::ZERO };
+        let none = Piece { from: T::ZERO, to: T::ZERO, start_s: T::ZERO, duration: T::ZERO };
         Self { items: [none; MOST_PIECES], count: 0 }
     }
 

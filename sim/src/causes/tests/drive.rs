@@ -21,6 +21,12 @@ fn drives_obey_their_laws_on_any_command() {
     let path = |values: &[(&str, f64)]| CommandPath::new(&with(&model, values), &command);
     let limited = path(&[("servo_rate_limit/share", 1.0), ("servo_rate_limit/rate", 3.0)]);
     let lagging = path(&[("servo_lag/time", 0.03)]);
+    // what sags bends between rows, which the limit behind takes as straight: by 1e-5 rad where rows are 10 ms apart
+    let rows: Vec<f64> = (5..=130).map(|k| 0.01 * f64::from(k)).collect();
+    let angle_rad = rows.iter().map(|&t| command.at(0, t)).collect();
+    let dense = Command { time_s: rows, angle_rad, ..command.clone() };
+    let sagging = [("servo_sag/rate", 0.2), ("servo_rate_limit/share", 1.0), ("servo_rate_limit/rate", 3.0)];
+    let sagging = CommandPath::new(&with(&model, &sagging), &dense);
     let loose = path(&[("backlash/half_width", 0.05)]);
     let all = path(&[
         ("servo_rate_limit/share", 1.0),
@@ -41,6 +47,15 @@ fn drives_obey_their_laws_on_any_command() {
             // first order in steps of some microseconds
             assert!((ours - expected).abs() < 1e-4, "{what} at {time_s} s: {ours} {expected}");
         }
+        let mut now = 0.0;
+        let sagged = stepped(&command, time_s, |y, u, h| {
+            now += h;
+            limit(y, (1.0 - 0.2 * now) * u, h)
+        });
+        // before its first row a command stands still, and with it what has become of it
+        assert!(time_s < 0.05 || (sagging.at(0, time_s) - sagged).abs() < 1e-4, "sag at {time_s} s");
+        let alone = path(&[("servo_sag/rate", 0.2)]).at(0, time_s);
+        assert!((alone - (1.0 - 0.2 * time_s.max(0.05)) * command.at(0, time_s)).abs() < 1e-12, "{time_s} s");
         let mut limited = 1.1 * command.at(0, 0.0);
         let expected = if time_s < 0.04 {
             limited

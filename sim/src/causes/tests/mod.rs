@@ -1,6 +1,7 @@
 //! What physics says must come of each cause.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+mod body;
 mod camera;
 mod drive;
 mod joint;
@@ -99,7 +100,7 @@ fn causes_have_the_contract_s_names() {
     let names = "added_mass current slosh buoyancy link_mass cob_offset linear_drag drag_exponent wall basset \
          coulomb_friction joint_damping stiffness one_sided_stiffness end_stop backlash servo_delay servo_lag servo_gain \
          servo_rate_limit tether camera_delay camera_scale camera_rotation camera_tilt rolling_shutter lens \
-         keypoint_slip";
+         keypoint_slip inertia medium_drag link_length joint_zero servo_sag camera_offset";
     let mut expected: Vec<&str> = names.split_whitespace().collect();
     let mut ours: Vec<&str> = Cause::ALL.iter().map(|cause| cause.name()).collect();
     expected.sort_unstable();
@@ -165,6 +166,9 @@ fn folded_causes_move_the_same_way_without_any() {
         ("coulomb_friction/torque", 2e-6),
         ("coulomb_friction/soft", 1.0),
         ("keypoint_slip/P2", 0.001),
+        ("inertia/link3", 0.2),
+        ("link_length/link2", 0.002),
+        ("joint_zero/q1", 0.1),
     ];
     let model = with(&chain("active"), &values);
     let command =

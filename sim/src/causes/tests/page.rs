@@ -14,6 +14,7 @@ fn listed() -> String {
         for parameter in info.parameters {
             let own = match parameter.per {
                 Per::Model => parameter.name.to_owned(),
+                Per::Held => "<joint>".to_owned(),
                 per => format!("<{}>", format!("{per:?}").to_lowercase()),
             };
             let part = match parameter.role {
