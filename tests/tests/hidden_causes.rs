@@ -134,7 +134,7 @@ fn hidden_causes_are_named_from_few_images_with_misread_keypoints() {
         _ => false,
     };
     let list: Vec<Case> = cases::all(4, &cases::SIZES).into_iter().filter(wanted).collect();
-    let score = diagnosed(list, Film { every: 3, misread: 0.005 });
+    let score = diagnosed(list, Film { every: 3, misread: 0.005, ..Film::default() });
     assert_eq!((score.strong.hits, score.strong.of), (4, 4), "each cause has its exact name");
     assert_eq!((score.alarms.hits, score.alarms.of), (0, 3), "nothing hidden is nothing found");
 }
