@@ -197,10 +197,10 @@ impl Gates {
         }
         if !self.followed {
             list.extend(self.held_out_objections(leader, floor));
+            // what each run has its own of cannot be told beforehand
+            let is_common = leader.causes.iter().all(|term| term.free(&leader.model).own.is_empty());
+            list.extend(self.gained.as_ref().filter(|_| is_common).and_then(HeldOut::none_perhaps));
         }
-        // what each run has its own of cannot be told beforehand
-        let is_common = leader.causes.iter().all(|term| term.free(&leader.model).own.is_empty());
-        list.extend(self.gained.as_ref().filter(|_| is_common).and_then(HeldOut::none_perhaps));
         list
     }
 
