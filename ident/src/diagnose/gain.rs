@@ -131,6 +131,8 @@ const WORTHWHILE_GAP_SHARE: f64 = 0.1;
 const CLOSED_BY_A_CAUSE_SHARE: f64 = 0.4;
 /// Standard deviations by which the noise may exceed its floor.
 const NOISIER_Z: f64 = 2.0;
+/// A gain below this share may be chance where its interval reaches 0.
+const LITTLE_GAIN: f64 = 0.1;
 
 impl HeldOut {
     /// Whether what is named may as well gain nothing on runs that it was not fitted to.
@@ -138,11 +140,11 @@ impl HeldOut {
         self.gain_ci95[0] <= 0.0
     }
 
-    /// The same as a reason why it is not believed, where runs were held out: a fit to all runs but one may leave numbers open that all
-    /// together hold, and says little against a cause.
+    /// The same as a reason why it is not believed, where runs were held out and gain little: a fit to all runs but one may leave numbers
+    /// open that all together hold, and few held-out runs leave a wide interval about a large gain.
     pub(super) fn none_perhaps(&self) -> Option<String> {
         let [low, high] = self.gain_ci95.map(|gain| 100.0 * gain);
-        let is_none = self.how == HOLDOUT && self.may_be_none();
+        let is_none = self.how == HOLDOUT && self.may_be_none() && self.gain < LITTLE_GAIN;
         is_none.then(|| format!("on held-out runs it may gain nothing: {low:.1} to {high:.1} %"))
     }
 
