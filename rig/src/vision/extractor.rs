@@ -28,6 +28,7 @@ use super::config::{Mode, VisionConfig};
 use super::continuity::{Continuity, Marks};
 use super::exposure::Exposure;
 use super::figure::film::Film;
+use super::figure::fit::Fitted;
 use super::gates::{Sizes, check_overlap};
 use super::keypoints::{CLEAR_PX, Shape, edge_points, place};
 use super::outline::Outline;
@@ -218,21 +219,27 @@ impl Extractor {
             Mode::Arms => return self.arms_in(images, contrasts, seen),
             Mode::Links | Mode::Arc | Mode::Paper => {}
         }
-        let (placed, oriented): (Vec<Result<Placed, Rejection>>, Vec<Option<Oriented>>) =
-            match self.film.clone() {
-                Some(film) => self.tracked(&film, images, contrasts, &seen).into_iter().unzip(),
-                None => {
-                    let oriented = self.oriented_all(contrasts, &seen);
-                    let placed = in_parallel(&oriented, |oriented| {
-                        self.by_silhouette(oriented.as_ref().map_err(Clone::clone)?)
-                    });
-                    (placed, oriented.into_iter().map(Result::ok).collect())
-                }
-            };
+        let oriented = self.oriented_all(contrasts, &seen);
+        let placed: Vec<Result<Placed, Rejection>> = match self.film.clone() {
+            Some(film) => {
+                let found = self.tracked(&film, images, contrasts, &oriented);
+                // Where the outline is not found, the silhouette alone may still tell.
+                let alone = |(found, oriented): (Result<Fitted, Rejection>, &Result<Oriented, Rejection>)| {
+                    found.map(|found| Placed::by_outline(&film, &found)).or_else(|why| {
+                        let placed = self.by_silhouette(oriented.as_ref().map_err(|_| why.clone())?)?;
+                        Ok(Placed { doubt: Some(format!("by its silhouette alone: {why}")), ..placed })
+                    })
+                };
+                found.into_iter().zip(&oriented).map(alone).collect()
+            }
+            None => in_parallel(&oriented, |oriented| {
+                self.by_silhouette(oriented.as_ref().map_err(Clone::clone)?)
+            }),
+        };
         let masks = seen.into_iter().map(|seen| seen.ok().map(|seen| seen.silhouette));
         let masks = masks.zip(oriented).map(|(silhouette, oriented)| match oriented {
-            Some(oriented) => Some(oriented.candidate.mask),
-            None => silhouette,
+            Ok(oriented) => Some(oriented.candidate.mask),
+            Err(_) => silhouette,
         });
         images
             .iter()

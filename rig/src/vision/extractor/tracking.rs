@@ -1,8 +1,8 @@
 //! The mechanism's outline through the images of a film: from each image's silhouette where that tells, else from where it was.
 
-use std::collections::VecDeque;
+use rayon::prelude::*;
 
-use super::{Extractor, Oriented, in_parallel};
+use super::{Extractor, Oriented};
 use crate::calibration::Px;
 use crate::images::TimedImage;
 use crate::vision::background::Contrast;
@@ -16,7 +16,6 @@ use crate::vision::figure::film::{Evidence, Film, START_REACH_PX};
 use crate::vision::figure::fit::Fitted;
 use crate::vision::keypoints::{Found, hidden_base};
 use crate::vision::outline::Outline;
-use crate::vision::parts::Seen;
 use crate::vision::rejection::Rejection;
 use crate::vision::spline::{arc_lengths, distance};
 
@@ -48,18 +47,6 @@ pub(super) struct Placed {
     /// The middle line, base first \[px\].
     pub(super) line: Vec<Px>,
     pub(super) doubt: Option<String>,
-}
-
-/// An image's silhouette and the outline found from there.
-struct Own {
-    oriented: Option<Oriented>,
-    found: Result<Fitted, Rejection>,
-}
-
-impl Own {
-    fn none(why: Rejection) -> Self {
-        Self { oriented: None, found: Err(why) }
-    }
 }
 
 /// A keypoint of a larger sigma is doubtful \[px\].
@@ -183,74 +170,43 @@ impl Extractor {
         View { contrast, hidden: self.hidden.as_ref() }
     }
 
-    /// The mechanism in each image: from where the images before lead if its outline lies there beyond doubt, which spares following the
-    /// silhouette; else from its own silhouette, of which the line comes along; else from the images before whatever is seen there.
+    /// The figure in each image: from its own silhouette, else from the images before.
     pub(super) fn tracked(
         &mut self,
         film: &Film,
         images: &[TimedImage],
         contrasts: &[Option<Contrast>],
-        seen: &[Result<Seen, Rejection>],
-    ) -> Vec<(Result<Placed, Rejection>, Option<Oriented>)> {
+        oriented: &[Result<Oriented, Rejection>],
+    ) -> Vec<Result<Fitted, Rejection>> {
+        let jobs: Vec<(&Option<Contrast>, &Result<Oriented, Rejection>)> =
+            contrasts.iter().zip(oriented).collect();
+        let own: Vec<Result<Fitted, Rejection>> = jobs
+            .into_par_iter()
+            .map(|(contrast, oriented)| match (contrast, oriented) {
+                (Some(contrast), Ok(oriented)) => film.fit(
+                    &self.view(contrast),
+                    film.start(&oriented.candidate.line.points),
+                    START_REACH_PX,
+                ),
+                (_, Err(why)) => Err(why.clone()),
+                (None, Ok(_)) => unreachable!("a silhouette is seen in a contrast"),
+            })
+            .collect();
         let mut track = std::mem::take(&mut self.last.track);
-        let mut looked: VecDeque<Own> = VecDeque::new();
-        let mut next = 0;
-        let mut all = Vec::with_capacity(images.len());
-        for (i, image) in images.iter().enumerate() {
-            let led = || {
-                let (start, reach) = track.expected(film, image.time_s)?;
-                film.fit(&self.view(contrasts[i].as_ref()?), start, reach).ok()
-            };
-            let sure = if seen[i].is_ok() { led().filter(|found| film.is_sure(found)) } else { None };
-            let Own { oriented, found } = match sure {
-                Some(found) => Own { oriented: None, found: Ok(found) },
-                None => {
-                    if i >= next {
-                        // Where one image wants it the next ones may: as many at once as there are threads. It changes no result.
-                        let these: Vec<usize> =
-                            (i..images.len()).take(rayon::current_num_threads()).collect();
-                        next = i + these.len();
-                        looked =
-                            in_parallel(&these, |at| self.own(film, contrasts[*at].as_ref(), &seen[*at]))
-                                .into();
-                    }
-                    // Those of images that turned out not to want it are left behind.
-                    looked.drain(..looked.len() - (next - i));
-                    let Own { oriented, found } =
-                        looked.pop_front().unwrap_or_else(|| Own::none(Rejection::NoMask));
-                    Own { oriented, found: found.or_else(|why| led().ok_or(why)) }
-                }
-            };
+        let found = own.into_iter().zip(images).zip(contrasts).map(|((own, image), contrast)| {
+            let found = own.or_else(|why| {
+                let contrast = contrast.as_ref().ok_or_else(|| why.clone())?;
+                let (start, reach) = track.expected(film, image.time_s).ok_or(why)?;
+                film.fit(&self.view(contrast), start, reach)
+            });
             if let Ok(found) = &found {
                 track.take(image.time_s, &found.pose);
             }
-            // Where the outline is not found, the silhouette alone may still tell.
-            let placed = found.map(|found| Placed::by_outline(film, &found)).or_else(|why| {
-                let placed = self.by_silhouette(oriented.as_ref().ok_or_else(|| why.clone())?)?;
-                Ok(Placed { doubt: Some(format!("by its silhouette alone: {why}")), ..placed })
-            });
-            all.push((placed, oriented));
-        }
+            found
+        });
+        let found = found.collect();
         self.last.track = track;
-        all
-    }
-
-    /// What an image's own silhouette leads to.
-    fn own(&self, film: &Film, contrast: Option<&Contrast>, seen: &Result<Seen, Rejection>) -> Own {
-        let (contrast, seen) = match (contrast, seen) {
-            (Some(contrast), Ok(seen)) => (contrast, seen),
-            (_, Err(why)) => return Own::none(why.clone()),
-            (None, Ok(_)) => return Own::none(Rejection::NoMask),
-        };
-        let oriented = self.candidate(contrast, seen).and_then(|one| self.oriented(one, contrast, seen));
-        match oriented {
-            Ok(oriented) => {
-                let start = film.start(&oriented.candidate.line.points);
-                let found = film.fit(&self.view(contrast), start, START_REACH_PX);
-                Own { oriented: Some(oriented), found }
-            }
-            Err(why) => Own::none(why),
-        }
+        found
     }
 }
 

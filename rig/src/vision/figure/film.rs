@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::canvas::Canvas;
 use super::edges::View;
-use super::fit::{Fitted, Support, edge_slopes, fit};
+use super::fit::{Fitted, edge_slopes, fit};
 use super::{Figure, Prior};
 use crate::calibration::Px;
 use crate::vision::keypoints::Sigma;
@@ -23,8 +23,6 @@ pub(in crate::vision) struct Film {
     shared: Vec<(f64, f64)>,
     /// The sample's images agree on them: a further one says nothing new.
     agreed: bool,
-    /// Middle of the sample's misfits; none below what an outline leaves that is all there.
-    usual_misfit: f64,
 }
 
 /// How well a film's images are explained.
@@ -49,12 +47,6 @@ const LEAST_OPEN: f64 = 0.35;
 const LEAST_FOUND: f64 = 0.75;
 const LEAST_FOUND_PART: f64 = 0.5;
 const JUDGED_PLACES: usize = 12;
-/// Shares of the outline that are open to be seen, and of that there, on each part, where nothing is doubted; and how much worse than
-/// usual it may be explained.
-const SURE_OPEN: f64 = 0.7;
-const SURE_FOUND: f64 = 0.9;
-const MOST_MISFIT: f64 = 1.5;
-const LEAST_MISFIT: f64 = 0.02;
 /// What differs between images by more than this many of its sigmas is not the same in all.
 const SAME_SIGMAS: f64 = 1.5;
 /// What one pose may mislead by however often it is seen, 1 sigma \[px\]: how its edges lie on the pixels; measured on the mock's
@@ -113,8 +105,6 @@ impl Film {
                 && together.iter().zip(&excess).all(|((_, std), excess)| *excess < OTHER_SIGMAS * std);
         }
         let fits = film.all(views, starts);
-        let mut explained: Vec<f64> = fits.iter().flatten().map(|fit| fit.misfit).collect();
-        film.usual_misfit = median(&mut explained, f64::total_cmp).unwrap_or(0.0).max(LEAST_MISFIT);
         let misfits = fits.iter().map(|fit| fit.as_ref().map_or(1.0, |fit| fit.misfit));
         let evidence = Evidence {
             explained: fits.iter().flatten().count() as f64 / fits.len().max(1) as f64,
@@ -142,7 +132,7 @@ impl Film {
         let std: Vec<f64> = shared.iter().map(|(_, std)| *std).collect();
         mean.resize(figure.size(), 0.0);
         let prior = Prior::new(mean, &std, figure.stiffness());
-        Self { figure, canvas: canvas.clone(), prior, shared, agreed: false, usual_misfit: LEAST_MISFIT }
+        Self { figure, canvas: canvas.clone(), prior, shared, agreed: false }
     }
 
     fn all(&self, views: &[View], starts: &[Option<Vec<f64>>]) -> Vec<Option<Fitted>> {
@@ -252,16 +242,6 @@ impl Film {
             fitted.covariance = covariance;
         }
         Ok(fitted)
-    }
-
-    /// Whether nearly all of the outline that can be seen is there, and explained as well as is usual: a fit that was led there by the
-    /// images before is then as good as one that was led there by its own.
-    pub(in crate::vision) fn is_sure(&self, fitted: &Fitted) -> bool {
-        let there = |of: &Support| of.open < JUDGED_PLACES || of.found as f64 >= SURE_FOUND * of.open as f64;
-        let whole = fitted.whole();
-        whole.open as f64 >= SURE_OPEN * whole.places as f64
-            && fitted.support.iter().all(there)
-            && fitted.misfit <= MOST_MISFIT * self.usual_misfit
     }
 
     /// Of a fit's numbers, where the shared ones are known from the sample and from this image's no better.

@@ -47,9 +47,9 @@ const REACH_SHRINK_SHARE: f64 = 0.5;
 const LEAST_REACH_PX: f64 = 3.0;
 /// Steps at each reach, and at the last one.
 const STEPS: usize = 3;
-const LAST_STEPS: usize = 12;
+const LAST_STEPS: usize = 8;
 /// A step by which no edge moves more than this ends the fit \[px\].
-const SETTLED_PX: f64 = 1e-4;
+const SETTLED_PX: f64 = 2e-3;
 /// A step that moves the outline farther than so many reaches has lost it.
 const MOST_STEPS_REACH: f64 = 4.0;
 /// An edge nearer than this to the outline, or than so many sigmas, is the outline's \[px\].
