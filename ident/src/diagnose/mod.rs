@@ -60,8 +60,8 @@ use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
 use crate::fit::{FittedRun, Timing};
 use crate::hypothesis::candidates;
+use crate::initial::free_parameters;
 use crate::names::did_you_mean;
-use crate::parameters::Parameters;
 
 /// Told what the diagnosis is at.
 pub trait Observer {
@@ -110,7 +110,7 @@ pub fn pin_down(
     names: &[String],
 ) -> Result<(Vec<NextExperiment>, Vec<Next>), DiagnoseError> {
     experiment.check()?;
-    let parameters = Parameters::of(&experiment.model, experiment)?;
+    let parameters = free_parameters(&experiment.model, experiment)?;
     let mut counts = Counts::default();
     let (state, floor) = baseline::baseline(experiment, parameters, &mut counts)?;
     let known: Vec<String> = state.parameters.free.iter().flat_map(|p| p.names.clone()).collect();
@@ -138,7 +138,7 @@ fn diagnosed(
 ) -> Result<Diagnosed, DiagnoseError> {
     let began = Instant::now();
     experiment.check()?;
-    let parameters = Parameters::of(&experiment.model, experiment)?;
+    let parameters = free_parameters(&experiment.model, experiment)?;
     let fitted = candidates::fitted(&experiment.model, &parameters);
     let mut stage = |text: &str| observer.stage(text);
     if !stage("fitting the baseline") {

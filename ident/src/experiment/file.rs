@@ -55,7 +55,7 @@ impl Experiment {
             .map_err(|source| StrictError::Unreadable { path: path.into(), source })?;
         let experiment = load(strict::parse(&text, path)?, path).and_then(|experiment| {
             experiment.check()?;
-            Parameters::of(&experiment.model, &experiment)?;
+            Parameters::select(&experiment.model, &experiment.fit)?;
             Ok(experiment)
         });
         experiment.map_err(|error| error.located(path, &text))

@@ -14,6 +14,7 @@ use super::objective::Belief;
 use super::report::{Drift, Fit, Recalibration};
 use super::run::{Begin, run};
 use crate::experiment::Experiment;
+use crate::initial::free_parameters;
 use crate::parameters::Parameters;
 use crate::statistics::chi2_survival;
 
@@ -39,7 +40,7 @@ pub fn recalibrate(
 ) -> Result<Fitted, FitError> {
     let mut model = experiment.model.clone();
     experiment.fit.add_named_causes(&mut model);
-    let parameters = Parameters::of(&model, experiment)?;
+    let parameters = free_parameters(&model, experiment)?;
     earlier.belief(&parameters, 1.0)?;
     let mut alone = run(experiment, None, Begin::Afresh, observer)?;
     if alone.fit.stop_reason == INTERRUPTED {

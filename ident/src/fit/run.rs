@@ -18,6 +18,7 @@ use super::rough::{self, Thinned};
 use super::warm_start::WarmStart;
 use crate::config::{Loss, Method};
 use crate::experiment::{Experiment, Run, RunKind, Use};
+use crate::initial::free_parameters;
 use crate::initial::{self, Estimate, StartError};
 use crate::loss::{Weighting, observations};
 use crate::parameters::Parameters;
@@ -110,7 +111,7 @@ pub(super) fn run(
     {
         return Err(CheckpointError::OtherExperiment { expected, got: state.experiment.clone() }.into());
     }
-    let parameters = Parameters::of(model, experiment)?;
+    let parameters = free_parameters(model, experiment)?;
     let fitted_runs = || experiment.runs.iter().filter(|run| run.usage == Use::Fit);
     if fitted_runs().next().is_none() && !parameters.is_empty() {
         return Err(FitError::NothingToFit);

@@ -13,7 +13,8 @@ use sim::{Model, State};
 pub use noise::{RunNoise, run_noise};
 pub use release::{Release, release};
 
-use crate::experiment::{Run, RunKind};
+use crate::experiment::{Experiment, Run, RunKind, Use};
+use crate::parameters::{ParameterError, Parameters};
 use pose::{Target, pose};
 
 /// State at the start of the motion.
@@ -108,6 +109,23 @@ pub(crate) fn prescribed_dofs(model: &Model, run: &Run) -> Vec<bool> {
         }
     }
     frozen
+}
+
+/// What a fit of `experiment` frees of `model`: the kind `damping` means those joints of a drive as well that turn freely in a fitted run, as
+/// where a servo is off in drops.
+///
+/// # Errors
+/// [`ParameterError`].
+pub(crate) fn free_parameters(model: &Model, experiment: &Experiment) -> Result<Parameters, ParameterError> {
+    let fitted = experiment.runs.iter().filter(|run| run.usage == Use::Fit);
+    let mut loose = vec![false; model.joints.len()];
+    for run in fitted.filter(|run| run.prescribed) {
+        let frozen = prescribed_dofs(model, run);
+        for (loose, joint) in loose.iter_mut().zip(&model.joints) {
+            *loose |= joint.kind.is_axle() && !frozen[joint.dof_address];
+        }
+    }
+    Parameters::select_with(model, &experiment.fit, &loose)
 }
 
 /// The columns of the command with the actuators they drive.

@@ -5,8 +5,6 @@ use sim::model::Parameter;
 
 use super::{FreeParameter, ParameterError, Parameters, Scale};
 use crate::config::FitConfig;
-use crate::experiment::{Experiment, Use};
-use crate::initial::prescribed_dofs;
 use crate::names::{did_you_mean, glob};
 
 /// A parameter of the model with the names it can be asked for by.
@@ -42,25 +40,15 @@ impl Parameters {
         Self::select_with(model, config, &[])
     }
 
-    /// The same for `experiment`, with `model` in place of its own: the kind `damping` means those joints of a drive as well that turn
-    /// freely in a fitted run, as where a servo is off in drops.
+    /// The same, where `loose` says which joints turn freely in some run, driven ones too; those beyond its end do not.
     ///
     /// # Errors
     /// [`ParameterError`].
-    pub fn of(model: &Model, experiment: &Experiment) -> Result<Self, ParameterError> {
-        let fitted = experiment.runs.iter().filter(|run| run.usage == Use::Fit);
-        let mut loose = vec![false; model.joints.len()];
-        for run in fitted.filter(|run| run.prescribed) {
-            let frozen = prescribed_dofs(model, run);
-            for (loose, joint) in loose.iter_mut().zip(&model.joints) {
-                *loose |= joint.kind.is_axle() && !frozen[joint.dof_address];
-            }
-        }
-        Self::select_with(model, &experiment.fit, &loose)
-    }
-
-    /// `loose`: which joints turn freely in some run, driven ones too; those beyond its end do not.
-    fn select_with(model: &Model, config: &FitConfig, loose: &[bool]) -> Result<Self, ParameterError> {
+    pub(crate) fn select_with(
+        model: &Model,
+        config: &FitConfig,
+        loose: &[bool],
+    ) -> Result<Self, ParameterError> {
         let candidates = candidates(model, loose);
         let fitted = fitted(&candidates, config)?;
         let tie = ties(&candidates, &fitted, config)?;
