@@ -12,7 +12,6 @@
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 
 use rayon::prelude::*;
 use system_tests::hidden::cases::{self, Case, SIZES};
@@ -20,6 +19,7 @@ use system_tests::hidden::diagnose::{Outcome, diagnose};
 use system_tests::hidden::limit::Benches;
 use system_tests::hidden::score::tables;
 use system_tests::hidden::write::{Film, write};
+use system_tests::journal::Journal;
 
 /// What the command line asks for.
 struct Options {
@@ -81,8 +81,7 @@ impl Options {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let options = Options::read()?;
     std::fs::create_dir_all(&options.out)?;
-    let file = options.out.join("outcomes.jsonl");
-    let mut outcomes = read(&file)?;
+    let (journal, mut outcomes) = Journal::<Outcome>::open(&options.out.join("outcomes.jsonl"))?;
     let wanted =
         |case: &Case| options.only.is_empty() || options.only.iter().any(|text| case.id.contains(text));
     let list = cases::all(options.seeds, options.sizes()).into_iter().filter(wanted).step_by(options.every);
@@ -91,7 +90,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // neighbours in the list share the mechanism that their limits come from
     list.sort_by_key(|case| case.seed);
     eprintln!("{} cases to do, {} done before", list.len(), outcomes.len());
-    let log = Mutex::new((std::fs::OpenOptions::new().create(true).append(true).open(&file)?, Vec::new()));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads).build()?;
     let seeds: Vec<&[Case]> = list.chunk_by(|a, b| a.seed == b.seed).collect();
     pool.install(|| {
@@ -119,15 +117,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                     outcome.wall_s,
                     outcome.judgement()
                 );
-                let line = serde_json::to_string(&outcome).expect("an outcome is JSON");
-                let mut log = log.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-                writeln!(log.0, "{line}").expect("the log can be written");
-                log.1.push(outcome);
+                journal.add(outcome);
             }
         });
     });
-    let (_, fresh) = log.into_inner()?;
-    outcomes.extend(fresh);
+    outcomes.extend(journal.added());
     let tables = tables(&outcomes);
     std::fs::write(options.out.join("tables.md"), &tables)?;
     std::io::stdout().write_all(tables.as_bytes())?;
@@ -143,12 +137,4 @@ fn make(case: &Case, benches: &mut Benches, film: Film, folder: &Path) {
         }
         None => eprintln!("{}: these runs never show it", case.id),
     }
-}
-
-fn read(file: &Path) -> Result<Vec<Outcome>, Box<dyn std::error::Error>> {
-    if !file.exists() {
-        return Ok(Vec::new());
-    }
-    // a line that was cut off by an interruption is a case to do again
-    Ok(std::fs::read_to_string(file)?.lines().filter_map(|line| serde_json::from_str(line).ok()).collect())
 }

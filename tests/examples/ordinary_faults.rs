@@ -6,9 +6,9 @@
 
 use std::io::Write as _;
 use std::path::PathBuf;
-use std::sync::Mutex;
 
 use rayon::prelude::*;
+use system_tests::journal::Journal;
 use system_tests::ordinary::faults::Kind;
 use system_tests::ordinary::judge::{Judged, diagnose, number, table};
 
@@ -56,10 +56,7 @@ impl Options {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let options = Options::read()?;
     std::fs::create_dir_all(&options.out)?;
-    let file = options.out.join("judged.jsonl");
-    let before = if file.exists() { std::fs::read_to_string(&file)? } else { String::new() };
-    // a line that was cut off by an interruption is a case to do again
-    let mut list: Vec<Judged> = before.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+    let (journal, mut list) = Journal::<Judged>::open(&options.out.join("judged.jsonl"))?;
     let seeds = options.first..options.first + options.mechanisms;
     let is_wanted = |kind: &Kind| {
         options.only.is_empty() || options.only.iter().any(|text| kind.words().contains(text.as_str()))
@@ -72,7 +69,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         })
         .collect();
     eprintln!("{} cases to do, {} done before", open.len(), list.len());
-    let log = Mutex::new((std::fs::OpenOptions::new().create(true).append(true).open(&file)?, Vec::new()));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads).build()?;
     pool.install(|| {
         open.into_par_iter().with_max_len(1).for_each(|(kind, seed)| {
@@ -81,14 +77,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 let _ = std::fs::remove_dir_all(options.out.join(&judged.outcome.id));
             }
             eprintln!("{}", judged.line());
-            let line = serde_json::to_string(&judged).expect("an outcome is JSON");
-            let mut log = log.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            writeln!(log.0, "{line}").expect("the log can be written");
-            log.1.push(judged);
+            journal.add(judged);
         });
     });
-    let (_, fresh) = log.into_inner()?;
-    list.extend(fresh);
+    list.extend(journal.added());
     let table = table(&list);
     std::fs::write(options.out.join("table.md"), &table)?;
     std::io::stdout().write_all(table.as_bytes())?;

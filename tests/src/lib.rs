@@ -2,6 +2,7 @@
 
 pub mod clips;
 pub mod hidden;
+pub mod journal;
 pub mod ordinary;
 pub mod planes;
 pub mod tags;
