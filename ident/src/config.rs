@@ -1,4 +1,4 @@
-//! The `[fit]` table: what is fitted, and how.
+//! The `[fit]` table, what is fitted and how, and the `[diagnose]` table, what may be wrong and how long it is sought.
 
 use std::collections::BTreeMap;
 
@@ -91,6 +91,27 @@ impl FitConfig {
         }
     }
 }
+
+/// The `[diagnose]` table of an `experiment.toml` or of a rig config.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DiagnoseConfig {
+    /// Causes that cannot be.
+    pub exclude: Vec<String>,
+    /// How likely a cause is before any run is looked at, over what a cause usually is.
+    pub odds: BTreeMap<String, Positive>,
+    /// How long causes are sought \[s\]; the best found by then is what is said.
+    pub limit_s: Positive,
+}
+
+impl Default for DiagnoseConfig {
+    fn default() -> Self {
+        Self { exclude: Vec::new(), odds: BTreeMap::new(), limit_s: DEFAULT_LIMIT_S }
+    }
+}
+
+/// A minute, about as long as somebody at the tank waits.
+const DEFAULT_LIMIT_S: Positive = Positive::literal(60.0);
 
 /// How the optimum is sought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

@@ -15,7 +15,8 @@
 //! Rooms, each of which knows only those before it:
 //! * `statistics`, `names`, [`strict`], [`table`]: medians and chi-squares, names as people type them, TOML and CSV read strictly;
 //! * [`loss`], `noise`: how far keypoints are off, how large their noise is and how long it lasts;
-//! * [`cmaes`]: a sampler that searches; `config`, [`parameters`], [`weights`]: the `[fit]` table, what it turns, what a balance knows;
+//! * [`cmaes`]: a sampler that searches; `config`, `own_cause`, [`parameters`], [`weights`]: the `[fit]` and `[[cause]]` tables, what a fit turns, what a balance
+//!   knows;
 //! * [`experiment`]: a model and its runs; [`initial`]: where and when each starts; [`simulate`]: a run repeated;
 //! * [`fit`]: search and least squares, error bars;
 //! * `hypothesis`: a model with some causes, and what a further one would gain; [`design`]: the next run; [`diagnose`]: what the
@@ -33,6 +34,7 @@ pub mod initial;
 pub mod loss;
 mod names;
 mod noise;
+mod own_cause;
 pub mod parameters;
 pub mod simulate;
 pub mod statistics;

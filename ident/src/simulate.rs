@@ -280,7 +280,16 @@ impl<'a> Rehearsal<'a> {
         Ok((self.measured(rollout.position_m, rollout.keypoints.len()), touch))
     }
 
-    fn rolled(&self, model: &Model, offsets: &[f64], instants: usize) -> Result<Rollout<f64>, RolloutError> {
+    /// The motion behind [`Rehearsal::simulate`].
+    ///
+    /// # Errors
+    /// As there.
+    pub(crate) fn rolled(
+        &self,
+        model: &Model,
+        offsets: &[f64],
+        instants: usize,
+    ) -> Result<Rollout<f64>, RolloutError> {
         let Start { state, start_s } = self.start_with(model, offsets);
         let times = &self.run.trajectory.time_s[..instants];
         let mut own = std::borrow::Cow::Borrowed(model);

@@ -11,7 +11,7 @@ mod common;
 use common::{chain, driven_chain, filmed_exactly, guess, still};
 use ident::design::runs::Motion;
 use ident::diagnose::{Diagnosis, Verdict, diagnose, pin_down};
-use ident::experiment::{Experiment, FitConfig, Run, RunKind, Use};
+use ident::experiment::{DiagnoseConfig, Experiment, FitConfig, Run, RunKind, Use};
 use sim::{Command, Model};
 
 const START_S: f64 = 0.3;
@@ -50,7 +50,7 @@ fn experiment(truth: Model, runs: Vec<Run>) -> Experiment {
     // not fitted: the driven joint's own
     model.set_parameter("q1/damping", 2e-6).unwrap();
     let fit = FitConfig { parameters: vec!["fluidcoef".into(), "damping".into()], ..FitConfig::default() };
-    Experiment { model, noise_m: None, fit, runs }
+    Experiment { model, noise_m: None, fit, diagnose: DiagnoseConfig::default(), runs }
 }
 
 #[test]
@@ -118,18 +118,45 @@ fn a_cause_too_strong_for_derivatives_is_named() {
     assert!((found.value / stiffness - 1.0).abs() < RECOVERED, "{found:?}");
 }
 
-/// The drag of a current on what rests grows with its square: the first steps from none lead nowhere, and a turned camera is
-/// nearly as good.
-#[test]
-fn a_faint_current_is_not_given_up() {
+/// Two drops in a faint current, of which the model has none.
+fn in_a_faint_current() -> Experiment {
     let truth = with(chain(), "current/x", 0.012);
     let poses = [[0.0, 0.2, 0.0], [0.1, 0.0, 0.0]];
     let runs =
         poses.iter().zip(1..).map(|(&pose, seed)| dropped(&format!("drop-{seed}"), &truth, pose, seed));
-    let diagnosis = diagnose(&experiment(chain(), runs.collect()), &mut ()).unwrap().diagnosis;
+    experiment(chain(), runs.collect())
+}
+
+/// The drag of a current on what rests grows with its square: the first steps from none lead nowhere, and a turned camera is
+/// nearly as good.
+#[test]
+fn a_faint_current_is_not_given_up() {
+    let diagnosis = diagnose(&in_a_faint_current(), &mut ()).unwrap().diagnosis;
     println!("{} {:?} {:?}", diagnosis.sentence, diagnosis.causes, diagnosis.remarks);
     assert_eq!(diagnosis.verdict, Verdict::Cause);
     assert_eq!(diagnosis.causes[0].name, "current");
+}
+
+/// What cannot be is not tried, what is unlikely must explain more, and after the limit the best so far is said.
+#[test]
+fn what_is_known_beforehand_and_how_long_it_may_take_count() {
+    let plain = in_a_faint_current();
+    let said = |change: &str| {
+        let mut experiment = plain.clone();
+        experiment.diagnose = toml::from_str::<DiagnoseConfig>(change).unwrap();
+        let diagnosis = diagnose(&experiment, &mut ()).unwrap().diagnosis;
+        println!("{change}: {} {:?}", diagnosis.sentence, diagnosis.remarks);
+        diagnosis
+    };
+    let names = |diagnosis: &Diagnosis, name: &str| diagnosis.causes.iter().any(|cause| cause.name == name);
+    let excluded = said("exclude = [\"current\"]");
+    assert!(!names(&excluded, "current"));
+    assert!(excluded.detectable.iter().all(|entry| !entry.name.starts_with("current/")));
+    let unlikely = said("odds = { current = 1e-300 }");
+    assert!(!names(&unlikely, "current"), "1381 noise variances are more than it explains");
+    let cut = said("limit_s = 1e-3");
+    assert!(!cut.complete && cut.causes.is_empty(), "{}", cut.sentence);
+    assert!(cut.remarks.iter().any(|said| said.contains("limit_s")), "{:?}", cut.remarks);
 }
 
 /// The servo's hinge rubs too where it is let go, and a fit has the friction of the passive ones only.

@@ -9,7 +9,7 @@
 mod common;
 
 use common::*;
-use ident::experiment::{Experiment, FitConfig, Run};
+use ident::experiment::{DiagnoseConfig, Experiment, FitConfig, Run};
 use ident::fit::{Fit, fit};
 use ident::weights::{Mechanism, Water};
 use sim::Model;
@@ -27,7 +27,13 @@ fn springy() -> Model {
 }
 
 fn named(model: Model, runs: Vec<Run>, fit: &str) -> Experiment {
-    Experiment { model, noise_m: Some(NOISE_M), fit: toml::from_str::<FitConfig>(fit).unwrap(), runs }
+    Experiment {
+        model,
+        noise_m: Some(NOISE_M),
+        fit: toml::from_str::<FitConfig>(fit).unwrap(),
+        diagnose: DiagnoseConfig::default(),
+        runs,
+    }
 }
 
 /// Fits `names` of the model without causes to runs of one in which they have `values`.

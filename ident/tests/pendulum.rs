@@ -10,7 +10,7 @@
 use std::path::{Path, PathBuf};
 
 use ident::diagnose::{Diagnosis, Verdict, diagnose};
-use ident::experiment::{Experiment, FitConfig, Method, Run, RunKind, Use};
+use ident::experiment::{DiagnoseConfig, Experiment, FitConfig, Method, Run, RunKind, Use};
 use ident::fit::{Fitted, fit};
 use sim::model::Parameter;
 use sim::{Model, Trajectory};
@@ -109,7 +109,13 @@ fn experiment(path: &Path, parameters: &[&str]) -> Experiment {
         method: Method::LeastSquares,
         ..FitConfig::default()
     };
-    Experiment { model: Model::from_mjcf(MODEL).unwrap(), noise_m: None, fit, runs }
+    Experiment {
+        model: Model::from_mjcf(MODEL).unwrap(),
+        noise_m: None,
+        fit,
+        diagnose: DiagnoseConfig::default(),
+        runs,
+    }
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Where the keypoints are seen, step by step, for whoever looks between the steps.
 
 use crate::causes::Looks;
+use crate::causes::own::Shifts;
 use crate::dynamics::integrate::Hermite;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::stages::Stages;
@@ -18,6 +19,7 @@ use crate::space::Space;
 #[derive(Debug, Clone)]
 pub(crate) struct Film<T: Scalar> {
     looks: Looks<T>,
+    shifts: Shifts<T>,
     points: usize,
     /// When motion starts \[s\], lane by lane, and about when.
     start_s: T,
@@ -79,10 +81,11 @@ fn look<S: Space>(plant: &Plant<S>, work: &Work<S>, &(body, own, at): &Keypoint<
 impl<T: Scalar> Film<T> {
     /// A camera with the causes of `model`; `None` when it has none.
     pub(crate) fn new(model: &Model<T>, start_s: T, about_s: f64) -> Option<Self> {
-        let looks = Looks::new(model);
+        let (looks, shifts) = (Looks::new(model), Shifts::new(model));
         let points = model.keypoint_sites().len();
-        (!looks.is_empty()).then(|| Self {
+        (!looks.is_empty() || !shifts.is_empty()).then(|| Self {
             looks,
+            shifts,
             points,
             start_s,
             about_s,
@@ -204,7 +207,8 @@ impl<T: Scalar> Film<T> {
                     let shared = T::from_f64(time_s) + self.late();
                     *at = self.at(point, time_s, shared + self.later(point, time_s, shared));
                 }
-                *at = self.looks.see(*at);
+                // another place in the tank, which the camera then looks at
+                *at = self.looks.see(self.shifts.see(point, time_s, *at));
             }
         }
     }

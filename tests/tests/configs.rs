@@ -136,6 +136,14 @@ fn wrong_configs_are_refused_with_file_line_caret_and_remedy() {
     });
     assert!(in_air.contains("8 to 15 % wrong under water"), "{in_air}");
 
+    for (table, key, name, meant) in
+        [("fit", "parameters", "fluidcoeff", "fluidcoef"), ("diagnose", "exclude", "tehter", "tether")]
+    {
+        let refused = refusal(|config| set(config, table, key, vec![name]));
+        assert!(refused.contains(name) && refused.contains(&format!("`{meant}`")), "{refused}");
+        assert!(!refused.contains("filmed"), "{refused}");
+    }
+
     let no_tank = refusal(|config| drop(config.remove("mock")));
     assert!(no_tank.contains("[mock]"), "{no_tank}");
 }

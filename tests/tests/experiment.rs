@@ -28,6 +28,8 @@ fn driven_run_ends_in_a_report_and_replays_to_the_same_bytes() {
         set(config, "profile", "cycles", 4);
         set(config, "profile", "soft_start_cycles", 0);
         set(config, "fit", "max_evaluations", 300);
+        // a search that is cut short ends where the machine had come to
+        set(config, "diagnose", "limit_s", 600.0);
     });
     let output = run_rig(["run".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), runs.as_os_str()]);
     assert!(output.status.success(), "{}", printed(&output));

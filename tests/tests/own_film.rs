@@ -123,9 +123,10 @@ fn own_film_becomes_coefficients_and_a_diagnosis() {
     assert_eq!(diagnosis["verdict"], "nothing-detectable", "{diagnosis:#}");
 }
 
-/// Mean distance that a good fit leaves, and one of a drop that it has not seen \[m\]: the keypoints' own error is 6 µm.
+/// Mean distance that a good fit leaves, and one of a drop that it has not seen \[m\]: the keypoints' own error is 6 µm. Of ten films that
+/// differ in their noise, the tip of the unseen drop was missed by 10 to 24 µm, 16 on average: the film leaves five coefficients open.
 const FITTED_M: f64 = 12e-6;
-const HELD_OUT_M: f64 = 20e-6;
+const HELD_OUT_M: f64 = 30e-6;
 /// The same of a compressed film, whose keypoints are wrong by 10 µm and alike from image to image: what it leaves open of the
 /// coefficients moves a drop that it has not seen.
 const FILM_HELD_OUT_M: f64 = 40e-6;

@@ -52,6 +52,7 @@ pub(super) fn detectable(state: &State<'_>, scores: &Scores) -> Vec<Detectable> 
         let smallest = Some(size).filter(|size| *size <= most);
         put(&mut list, Detectable { name, smallest, unit: info.unit.into() }, f64::min);
     }
+    list.sort_by(|a, b| a.name.cmp(&b.name));
     list
 }
 

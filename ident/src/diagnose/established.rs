@@ -71,6 +71,11 @@ pub(super) fn established<'a>(
     if !state.descend(counts) {
         return nothing();
     }
+    // each may help a description that the other runs contradict as a whole
+    let gained = gain::gain(experiment, baseline, &state, floor, counts);
+    if gained.is_none_or(|gained| gained.may_be_none()) {
+        return nothing();
+    }
     let constancy = constancy(&state, baseline.parameters.len());
     Established { state, constancy }
 }
@@ -113,5 +118,6 @@ pub(super) fn remainder(baseline: &State<'_>, state: &State<'_>, floor: &Floor) 
         runs: runs
             .map(|(term, squares)| RunRemainder { id: term.rehearsal.run.id.clone(), rms_m: rms(squares) })
             .collect(),
+        force: None,
     }
 }

@@ -12,6 +12,7 @@ use crate::fit::repeat::hold_out;
 use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
 use crate::noise::pose::PoseErrors;
+use crate::simulate::Nuisance;
 
 /// Bootstrap samples.
 const BOOTSTRAP_SAMPLES: usize = 2000;
@@ -19,6 +20,8 @@ const BOOTSTRAP_SAMPLES: usize = 2000;
 const WHOLE_RUNS_FROM: usize = 6;
 /// Steps from the optimum of all runs to that of all but one.
 const MOST_STEPS: usize = 2;
+/// What of a run the numbers that it has its own of are told by, where there are any: the rest is scored.
+const SEEN_SHARE: f64 = 0.5;
 /// Length of a piece \[s\].
 const PIECE_S: f64 = 0.5;
 
@@ -33,6 +36,8 @@ struct Test<'a> {
     run: &'a Run,
     /// Before and after.
     models: [Model; 2],
+    /// What each run has its own of, before and after.
+    own: &'a [Vec<Nuisance>; 2],
     /// Noise of each keypoint \[m\] that is known.
     std_m: &'a [f64],
 }
@@ -43,8 +48,12 @@ type Tested = (HeldOutRun, Vec<Piece>);
 impl Test<'_> {
     /// `None` where it cannot be simulated.
     fn carry_out(&self, noise_m: f64, counts: &mut Counts) -> Option<Tested> {
-        let predicted = |model: &Model, own: &mut Counts| hold_out(model, self.run, noise_m, own).ok();
-        let predicted = counts.of_each(self.models.iter().collect(), predicted);
+        // both know as much of the run beforehand
+        let seen_share = if self.own.iter().all(Vec::is_empty) { 0.0 } else { SEEN_SHARE };
+        let predicted = |(model, own): (&Model, &Vec<Nuisance>), counts: &mut Counts| {
+            hold_out(model, self.run, noise_m, (own, seen_share), counts).ok()
+        };
+        let predicted = counts.of_each(self.models.iter().zip(self.own).collect(), predicted);
         let [Some(before), Some(after)] = &predicted[..] else { return None };
         let pose_m = PoseErrors::of(&self.run.trajectory).map_or(0.0, |errors| errors.rms_m());
         let keypoints = 0..self.run.trajectory.keypoints.len();
@@ -73,6 +82,8 @@ pub(super) fn gain(
     counts: &mut Counts,
 ) -> Option<HeldOut> {
     let held: Vec<&Run> = experiment.runs.iter().filter(|run| run.usage == Use::Holdout).collect();
+    let own = [before, after].map(|state| state.own().into_iter().map(|(_, nuisance)| nuisance).collect());
+    let own: &[Vec<Nuisance>; 2] = &own;
     let how = if held.is_empty() { "leave-one-out" } else { HOLDOUT };
     let tests: Vec<Test<'_>> = if held.is_empty() {
         if before.terms.len() < 2 {
@@ -82,12 +93,12 @@ pub(super) fn gain(
         each.filter_map(|left_out| {
             let [before_it, after_it] = [before, after].map(|state| without(state, left_out, counts));
             let run = before.terms[left_out].rehearsal.run;
-            Some(Test { run, models: [before_it?, after_it?], std_m: &floor.runs[left_out].std_m })
+            Some(Test { run, models: [before_it?, after_it?], own, std_m: &floor.runs[left_out].std_m })
         })
         .collect()
     } else {
         let models = [before.calibrated(), after.calibrated()];
-        held.into_iter().map(|run| Test { run, models: models.clone(), std_m: &[] }).collect()
+        held.into_iter().map(|run| Test { run, models: models.clone(), own, std_m: &[] }).collect()
     };
     let tested = counts.of_each(tests, |test, own| test.carry_out(floor.noise_m, own));
     let (runs, pieces): (Vec<HeldOutRun>, Vec<Vec<Piece>>) = tested.into_iter().flatten().unzip();

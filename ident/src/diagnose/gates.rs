@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::result::{ConstancyTest, GoodnessOfFit, PerRun};
 use super::sets::{NEGLIGIBLE_M, negligible};
+use crate::hypothesis::candidates::Term;
 use crate::hypothesis::nuisances::{Nuisances, joint_covariance};
 use crate::hypothesis::state::State;
 use crate::noise::floor::{Floor, slow_part};
@@ -112,7 +113,9 @@ impl GoodnessOfFit {
 /// Whether the numbers of the causes are the same in all runs, and what each run would say.
 pub(super) fn constancy(state: &State<'_>, baseline: usize) -> Vec<(ConstancyTest, Vec<PerRun>)> {
     let common = (baseline..state.parameters.len()).filter_map(|which| common(state, which));
-    common.chain(amplitudes(state)).collect()
+    // what differs from run to run is asked for no constancy
+    let own = state.causes.iter().filter(|term| !term.by_run).filter_map(|term| amplitudes(state, term));
+    common.chain(own).collect()
 }
 
 fn ids(state: &State<'_>) -> Vec<String> {
@@ -158,24 +161,19 @@ fn common(state: &State<'_>, which: usize) -> Option<(ConstancyTest, Vec<PerRun>
     Some((ConstancyTest { parameter: parameter.name().to_owned(), chi2, degrees, p }, list.collect()))
 }
 
-/// Numbers that each run has its own of: their common amplitude.
-fn amplitudes(state: &State<'_>) -> Option<(ConstancyTest, Vec<PerRun>)> {
+/// Numbers that each run has its own of by their nature, as the phase of waves: their common amplitude.
+fn amplitudes(state: &State<'_>, term: &Term) -> Option<(ConstancyTest, Vec<PerRun>)> {
     let count = state.parameters.len();
     let ids = ids(state);
-    let mut name = None;
+    let name = format!("{}/amplitude", term.info().name);
     let mut list: Vec<PerRun> = Vec::new();
-    for (run, term) in state.terms.iter().enumerate() {
-        let own: Vec<usize> = (0..term.rehearsal.nuisances.len())
-            .filter(|&k| matches!(term.rehearsal.nuisances[k], crate::simulate::Nuisance::Own { .. }))
-            .collect();
-        let Some(crate::simulate::Nuisance::Own { place, .. }) =
-            own.first().map(|&k| term.rehearsal.nuisances[k])
-        else {
+    for (run, id) in ids.iter().enumerate() {
+        let nuisances = &state.terms[run].rehearsal.nuisances;
+        let is_its = |&k: &usize| state.own_name(nuisances[k]).is_some_and(|name| term.owns(name));
+        let own: Vec<usize> = (0..nuisances.len()).filter(is_its).collect();
+        if own.is_empty() {
             continue;
-        };
-        let sim::model::Parameter::Cause(effect, _) = place else { continue };
-        let cause = state.model.causes()[effect].cause().name();
-        name = Some(format!("{cause}/amplitude"));
+        }
         let values = DVector::from_iterator(own.len(), own.iter().map(|&k| state.point.offsets[run][k]));
         let amplitude = values.norm();
         let joint = joint_covariance(state, Some(run))?;
@@ -183,9 +181,11 @@ fn amplitudes(state: &State<'_>) -> Option<(ConstancyTest, Vec<PerRun>)> {
             DMatrix::from_fn(own.len(), own.len(), |i, j| joint[(count + own[i], count + own[j])]);
         let direction = if amplitude > 0.0 { &values / amplitude } else { values.clone() };
         let std = direction.dot(&(&covariance * &direction)).max(0.0).sqrt();
-        list.push(PerRun { run: ids[run].clone(), parameter: name.clone()?, value: amplitude, std });
+        list.push(PerRun { run: id.clone(), parameter: name.clone(), value: amplitude, std });
     }
-    let name = name.filter(|_| list.len() >= 2)?;
+    if list.len() < 2 {
+        return None;
+    }
     let weight = |run: &PerRun| 1.0 / run.std.powi(2).max(f64::MIN_POSITIVE);
     let total: f64 = list.iter().map(weight).sum();
     let mean = list.iter().map(|run| weight(run) * run.value).sum::<f64>() / total;

@@ -38,10 +38,7 @@ fn held_out<'a>(experiment: &'a Experiment, state: &State<'a>, floor: &Floor) ->
     let mut held = State::baseline(&state.model, state.parameters.clone(), terms);
     held.point.values.clone_from(&state.point.values);
     // what each run has its own of is seen in that run only
-    for cause in &state.causes {
-        let added = cause.free(&held.model);
-        held.add_own(&added.own);
-    }
+    held.add_own(&state.own());
     held.weigh(&floor);
     Some((held, floor))
 }

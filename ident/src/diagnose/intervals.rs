@@ -66,12 +66,11 @@ pub(super) fn values(state: &State<'_>, first: usize, counts: &Counts) -> Vec<Ca
         for (run, one) in state.terms.iter().enumerate() {
             let joint = joint_covariance(state, Some(run));
             for (k, nuisance) in one.rehearsal.nuisances.iter().enumerate() {
-                let crate::simulate::Nuisance::Own { place, .. } = *nuisance else { continue };
-                let sim::model::Parameter::Cause(effect, value) = place else { continue };
-                let name = &state.model.causes()[effect].names()[value];
-                if state.model.causes()[effect].cause() == term.cause {
+                let Some(name) = state.own_name(*nuisance) else { continue };
+                if term.owns(name) {
                     let best = state.point.offsets[run][k];
-                    let wide = joint.as_ref().map(|joint| NORMAL_95 * joint[(free + k, free + k)].sqrt());
+                    let variance = |joint: &DMatrix<f64>| level(state) * joint[(free + k, free + k)];
+                    let wide = joint.as_ref().map(|joint| NORMAL_95 * variance(joint).sqrt());
                     list.push(CauseParameter {
                         name: format!("{name}@{}", one.rehearsal.run.id),
                         value: best,
@@ -106,7 +105,9 @@ fn end(state: &State<'_>, which: usize, side: f64, covariance: &DMatrix<f64>, co
         counts,
     };
     let next = best + side * NORMAL_95 * covariance[(which, which)].sqrt();
-    crossing(best, next, limit.sqrt(), &scale, CLOSENESS, |x| profile.rise(x))
+    let end = crossing(best, next, limit.sqrt(), &scale, CLOSENESS, |x| profile.rise(x));
+    // as if the cost rose as a parabola, where nobody waits for its profile
+    if profile.counts.is_stopped() { scale.clamp(next) } else { end }
 }
 
 /// What the cost rises by as a common number leaves its optimum and all others follow.

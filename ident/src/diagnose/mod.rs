@@ -9,7 +9,8 @@
 //! 3. `sets`, `refit`, `search`: the best refitted in full, sets of up to three, each earning its place by the BIC, in one element or
 //!    in all; `scan`: causes too strong to be seen in derivatives; `rivals`: what explains the runs about as well, held-out ones included;
 //! 4. `gates`, `heldout`: what is left must be noise, on held-out runs too, and each named number the same in all runs:
-//!    otherwise the description is none of a cause, and the verdict `unexplained`;
+//!    otherwise the description is none of a cause, and the verdict `unexplained`; `established`, `unknown_force`: what of it is beyond
+//!    doubt all the same, and what force would account for the rest;
 //! 5. `intervals`, `gain`, `detect`, `residuals`: values with intervals, which coefficients had bent, the gain on runs not
 //!    fitted to, what would have been seen; `remarks`: what of the set-up may mislead.
 //!
@@ -26,6 +27,7 @@ mod baseline;
 mod detect;
 mod error;
 mod established;
+mod force;
 mod gain;
 mod gates;
 mod heldout;
@@ -38,17 +40,20 @@ mod result;
 mod rivals;
 mod scan;
 mod search;
+mod seek;
 mod sets;
+mod unknown_force;
 mod verdict;
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use sim::Model;
 
 pub use crate::noise::floor::RunFloor;
 pub use error::DiagnoseError;
+pub use force::{ForceCurve, JointForce, Resembled, UnknownForce};
 pub use next::Next;
 pub use result::{
     Alternative, Bent, CauseParameter, ConstancyTest, Detectable, Diagnosis, Follows, GoodnessOfFit, HeldOut,
@@ -62,14 +67,15 @@ use crate::fit::{FittedRun, Timing};
 use crate::hypothesis::candidates;
 use crate::initial::free_parameters;
 use crate::names::did_you_mean;
+use seek::Standing;
 
 /// Told what the diagnosis is at.
 pub trait Observer {
     /// Whether to go on; `stage` says with what.
     fn stage(&mut self, stage: &str) -> bool;
 
-    /// Becomes true when nobody waits for the diagnosis any longer. Asked for once; looked at before every simulation, by all
-    /// threads, so that a diagnosis ends in the midst of a stage too.
+    /// Becomes true when nobody waits for more than what the search has found. Asked for once; looked at before every simulation, by all
+    /// threads, so that a search ends in the midst of a stage too.
     fn interrupted(&self) -> Arc<AtomicBool> {
         Arc::default()
     }
@@ -120,15 +126,32 @@ pub fn pin_down(
     Ok(next::pinning(experiment, &state, &floor, names, &counts))
 }
 
-/// Says what the simulation of `experiment` gets wrong.
+/// The force that the model as it stands, fitted, lacks, where one helps on runs that it was not fitted to: see [`UnknownForce`].
 ///
 /// # Errors
-/// [`DiagnoseError`]; [`DiagnoseError::Interrupted`] soon after the observer has had enough.
+/// [`DiagnoseError`].
+pub fn unknown_force(experiment: &Experiment) -> Result<Option<UnknownForce>, DiagnoseError> {
+    experiment.check()?;
+    let parameters = free_parameters(&experiment.model, experiment)?;
+    let candidates = verdict::possible(experiment, &candidates::fitted(&experiment.model, &parameters));
+    let mut counts = Counts::default();
+    let (state, floor) = baseline::baseline(experiment, parameters, &mut counts)?;
+    Ok(unknown_force::unknown_force(experiment, &state, &candidates, &floor, &mut counts))
+}
+
+/// What of the time limit the search may take: what it finds is to be checked as well.
+const SEARCH_SHARE: f64 = 0.75;
+/// How long somebody who has interrupted the search waits for a check of what it has found.
+const GRACE: Duration = Duration::from_millis(700);
+
+/// Says what the simulation of `experiment` gets wrong. Where its limit is over, or the observer has had enough, that is the best so
+/// far.
+///
+/// # Errors
+/// [`DiagnoseError`]; [`DiagnoseError::Interrupted`] where the observer has had enough before the model is fitted.
 pub fn diagnose(experiment: &Experiment, observer: &mut dyn Observer) -> Result<Diagnosed, DiagnoseError> {
     let counts = Counts::until(observer.interrupted());
-    let diagnosed = diagnosed(experiment, counts.apart(), observer);
-    // a diagnosis that was stopped has found that nothing can be simulated, whatever it makes of that
-    if counts.is_stopped() { Err(DiagnoseError::Interrupted) } else { diagnosed }
+    diagnosed(experiment, counts, observer)
 }
 
 fn diagnosed(
@@ -140,53 +163,45 @@ fn diagnosed(
     experiment.check()?;
     let parameters = free_parameters(&experiment.model, experiment)?;
     let fitted = candidates::fitted(&experiment.model, &parameters);
+    let interrupted = || Err(DiagnoseError::Interrupted);
+    if !observer.stage("fitting the baseline") {
+        return interrupted();
+    }
+    let fitted_model = baseline::baseline(experiment, parameters, &mut counts);
+    if counts.is_stopped() {
+        return interrupted();
+    }
+    let (baseline, floor) = fitted_model?;
+    let limit = |share: f64| Duration::try_from_secs_f64(share * experiment.diagnose.limit_s.get());
+    let by = |counts: Counts, share: f64| match limit(share).ok().and_then(|limit| began.checked_add(limit)) {
+        Some(deadline) => counts.by(deadline),
+        None => counts,
+    };
     let mut stage = |text: &str| observer.stage(text);
-    if !stage("fitting the baseline") {
-        return Err(DiagnoseError::Interrupted);
-    }
-    let (mut baseline, mut floor) = baseline::baseline(experiment, parameters, &mut counts)?;
-    let mut search = sets::Search::new(experiment, &fitted, &floor, counts.apart(), &mut stage);
-    let mut found = search.run(&baseline)?;
-    if !found.leader.causes.is_empty() {
-        let everywhere = !found.is_clear(&baseline);
-        let seed = experiment.fit.seed;
-        let deeper = baseline::deeper(&baseline, &found.leader, everywhere, seed, &mut search.counts);
-        if let Some(deeper) = deeper {
-            (floor, baseline) = (baseline::seen_floor(&deeper)?, deeper);
-            search.weigh(&mut baseline, &floor);
-            found = search.run(&baseline)?;
-        }
-        let is_clear = found.is_clear(&baseline);
-        found = search.with_noise_seen(&mut baseline, &mut floor, found, is_clear)?;
-    }
-    let explained = baseline.cost - found.leader.cost;
-    let left = gates::goodness_of_fit(&found.leader, &floor);
-    let objected = left.objects(explained, &floor, baseline.count());
-    let stands_in = rivals::stands_in(&found.leader);
-    if objected || explained > sets::FAR_BENT_COST && (stands_in || !found.is_clear(&baseline)) {
-        let most = if objected { sets::MOST_CAUSES } else { found.leader.causes.len() };
-        search.run_anew(&baseline, &mut found, most)?;
-        found = search.with_noise_seen(&mut baseline, &mut floor, found, true)?;
-    }
-    if explained > sets::FAR_BENT_COST && search.settle(&baseline, &mut found) {
-        found = search.with_noise_seen(&mut baseline, &mut floor, found, true)?;
-    }
-    if !found.leader.causes.is_empty() {
-        search.says("asking where it sits")?;
-        search.place(&baseline, &mut found);
-    }
-    search.says("comparing what is nearly as good")?;
-    let contest = rivals::contest(experiment, &mut found, &floor, &mut search.counts);
-    search.says("checking")?;
-    counts.add(&search.counts);
+    let mut search =
+        sets::Search::new(experiment, &fitted, &floor, by(counts.apart(), SEARCH_SHARE), &mut stage);
+    let Standing { baseline, floor, mut found } = search.seek(baseline, floor)?;
+    let mut checking = match counts.is_stopped() {
+        true => Counts::default().by(Instant::now() + GRACE),
+        false => by(counts.apart(), 1.0),
+    };
+    checking.add(&counts);
+    checking.add(&search.counts);
+    search.says("comparing what is nearly as good");
+    let contest = rivals::contest(experiment, &mut found, &floor, &mut checking);
+    search.says("checking");
     let (mut diagnosis, leader, established) =
-        verdict::verdict(experiment, &fitted, &baseline, (&found, contest), &floor, &mut counts);
-    search.says("planning the next run")?;
-    let (advice, next) = next::next(experiment, &baseline, &found, &floor, &diagnosis, &counts);
+        verdict::verdict(experiment, &fitted, &baseline, (&found, contest), &floor, &mut checking);
+    diagnosis.complete = !search.is_cut() && !checking.is_stopped();
+    search.says("planning the next run");
+    let (advice, next) = next::next(experiment, &baseline, &found, &floor, &diagnosis, &checking);
     diagnosis.next_experiments = advice;
+    if !diagnosis.complete {
+        diagnosis.remarks.push(remarks::ended_early(experiment.diagnose.limit_s.get()));
+    }
     let model = match (&established, diagnosis.causes.is_empty()) {
-        (_, false) => leader.calibrated(),
-        (Some(state), true) => state.calibrated(),
+        (_, false) => leader.expected(),
+        (Some(state), true) => state.expected(),
         (None, true) => baseline.calibrated(),
     };
     Ok(Diagnosed {
@@ -196,6 +211,6 @@ fn diagnosed(
         model,
         next,
         timing: Timing { wall: began.elapsed(), threads: rayon::current_num_threads() },
-        rollouts: counts.rollouts,
+        rollouts: checking.rollouts,
     })
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::detect::BEYOND_DOUBT_COST;
-use super::result::{Diagnosis, NextExperiment, Verdict};
+use super::result::{Diagnosis, NamedCause, NextExperiment, Verdict};
 use super::sets::{Found, sets};
 use crate::design::{self, Worth, runs::Proposal};
 use crate::experiment::Experiment;
@@ -32,7 +32,8 @@ pub(super) fn next(
     counts: &Counts,
 ) -> (Vec<NextExperiment>, Vec<Next>) {
     let (mut advice, mut runs) = (Vec::new(), Vec::new());
-    if let Some((a, b)) = rivals(found, diagnosis) {
+    let apart = rivals(found, diagnosis).filter(|_| diagnosis.complete);
+    if let Some((a, b)) = apart {
         let names = vec![a.0.cause.name().to_owned(), b.0.cause.name().to_owned()];
         let list = design::separating(experiment, baseline, floor, counts, [&a, &b]);
         for worth in list.iter().take(MOST_LISTED).filter(|w| w.after > (1.0 + WORTHWHILE_SHARE) * w.before) {
@@ -48,7 +49,43 @@ pub(super) fn next(
         advice
             .extend(cause.aliases.iter().filter_map(|alias| elsewhere(&[cause.name.clone(), alias.clone()])));
     }
+    match diagnosis.verdict {
+        Verdict::Suspected => advice.insert(0, repeated(HELD_OUT)),
+        Verdict::Unexplained => advice.insert(0, repeated(TWICE)),
+        _ => {}
+    }
+    let described = [&diagnosis.causes, &diagnosis.established, &diagnosis.partial];
+    let mut looked_at: Vec<&NamedCause> = Vec::new();
+    for cause in described.into_iter().flatten() {
+        if looked_at.iter().all(|other| other.name != cause.name) {
+            looked_at.push(cause);
+        }
+    }
+    advice.extend(looked_at.into_iter().map(|cause| measured(&cause.check, &[cause.label()])));
     (advice, runs)
+}
+
+/// What one more run is good for where nothing has checked what is named.
+const HELD_OUT: &str = "make one more run, from another pose or with other strokes, and hold it out (`rig experiment RUN --holdout \
+                        OTHER`): what is named must help there too";
+/// And where nothing is.
+const TWICE: &str = "make the same run twice: what differs between the two is no property of the mechanism";
+
+/// A run to make by hand, for what only one more can show.
+fn repeated(what: &str) -> NextExperiment {
+    NextExperiment { kind: "repeat".into(), ..measured(what, &[]) }
+}
+
+/// A look at the tank.
+fn measured(what: &str, separates: &[String]) -> NextExperiment {
+    NextExperiment {
+        kind: "measurement".into(),
+        what: what.into(),
+        command: String::new(),
+        separates: separates.to_vec(),
+        before: 0.0,
+        after: 0.0,
+    }
 }
 
 /// Runs that take most of the uncertainty of the parameters `names` away.
@@ -134,12 +171,5 @@ fn elsewhere(names: &[String]) -> Option<NextExperiment> {
     } else {
         return None;
     };
-    Some(NextExperiment {
-        kind: "measurement".into(),
-        what: what.into(),
-        command: String::new(),
-        separates: names.to_vec(),
-        before: 0.0,
-        after: 0.0,
-    })
+    Some(measured(what, names))
 }

@@ -171,7 +171,7 @@ impl Search<'_> {
         let mut moved = false;
         for which in 0..found.leader.causes.len() {
             let leader = found.leader.clone();
-            let others = leader.causes[which].elsewhere(&baseline.model);
+            let others = leader.causes[which].elsewhere(&baseline.model, baseline.terms.len());
             let noise_m = self.floor.noise_m;
             let placed = self.counts.of_each(others, |other, counts| {
                 let causes: Vec<Term> = leader
@@ -222,9 +222,17 @@ fn started_near<'a>(baseline: &State<'a>, causes: &[Term], near: &State<'a>) -> 
         state = state.with(term);
     }
     for (place, parameter) in state.parameters.free.iter().enumerate() {
-        let same = near.parameters.free.iter().position(|other| other.names == parameter.names);
-        if let Some(same) = same {
-            state.point.values[place] = parameter.scale.clamp(near.point.values[same]);
+        if let Some(value) = near.value(parameter.name()) {
+            state.point.values[place] = parameter.scale.clamp(value);
+        }
+    }
+    for run in 0..state.terms.len() {
+        for (k, nuisance) in state.terms[run].rehearsal.nuisances.iter().enumerate() {
+            let name = state.own_name(*nuisance);
+            if let Some(value) = name.and_then(|name| near.own_value(name, run).or_else(|| near.value(name)))
+            {
+                state.point.offsets[run][k] = nuisance.clamp(value);
+            }
         }
     }
     state
@@ -235,7 +243,7 @@ fn equal_starts(index: usize, scores: &Scores) -> Vec<usize> {
     let Scored { term, gain, .. } = &scores.list[index];
     let same = |&other: &usize| {
         let Scored { term: its, gain: promised, .. } = &scores.list[other];
-        other != index && its.element == term.element && *promised >= (1.0 - SAME_PROMISE_SHARE) * gain
+        other != index && its.is_placed_as(term) && *promised >= (1.0 - SAME_PROMISE_SHARE) * gain
     };
     std::iter::once(index)
         .chain(of_cause(term.cause, scores).into_iter().filter(same))
@@ -247,7 +255,7 @@ fn equal_starts(index: usize, scores: &Scores) -> Vec<usize> {
 fn starts_elsewhere(term: &Term, scores: &Scores) -> Vec<usize> {
     let differs = |&other: &usize| {
         let other = &scores.list[other].term;
-        other != term && other.element == term.element
+        other != term && other.is_placed_as(term)
     };
     of_cause(term.cause, scores).into_iter().filter(differs).take(MOST_STARTS).collect()
 }

@@ -20,7 +20,8 @@ const WITHOUT_AXES: [&str; 2] = ["camera_delay", "keypoint_slip"];
 pub(super) fn needs_side_view(cause: Cause, experiment: &Experiment) -> bool {
     let info = cause.info();
     let has_axes = info.in_picture_plane || info.kind == Kind::Camera && !WITHOUT_AXES.contains(&info.name);
-    has_axes && experiment.runs.iter().any(from_above)
+    // whoever writes a cause down knows where the camera is
+    has_axes && !cause.is_own() && experiment.runs.iter().any(from_above)
 }
 
 fn from_above(run: &Run) -> bool {
@@ -98,4 +99,11 @@ pub(super) fn held_in_drops(baseline: &State<'_>) -> Option<String> {
             list.join(", ")
         )
     })
+}
+
+/// That a search was ended by its limit of `limit_s` \[s\], or by a signal.
+pub(super) fn ended_early(limit_s: f64) -> String {
+    format!(
+        "the search was ended early, by a signal or its limit of {limit_s} s (`limit_s` under [diagnose]): more may be found in more time"
+    )
 }

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::force::UnknownForce;
 use crate::noise::floor::RunFloor;
 
 /// What the simulation gets wrong, as far as the runs tell.
@@ -40,12 +41,20 @@ pub struct Diagnosis {
     /// How the gain was checked: `holdout`, `leave-one-out`, or `none`.
     #[serde(default)]
     pub checked: String,
+    /// Whether the search came to its end, and was not ended by its limit or by a signal.
+    #[serde(default = "ended")]
+    pub complete: bool,
     /// Coefficients of the baseline that had bent to cover for what is named.
     pub bent: Vec<Bent>,
     /// Residuals of the baseline, and what they follow.
     pub residuals: Residuals,
     /// Why the named causes were not accepted, or what else to know; one sentence each.
     pub remarks: Vec<String>,
+}
+
+/// As diagnoses from before there was a limit were.
+fn ended() -> bool {
+    true
 }
 
 /// What no named cause explains.
@@ -57,6 +66,9 @@ pub struct Remainder {
     pub share: f64,
     /// By run.
     pub runs: Vec<RunRemainder>,
+    /// A force that accounts for some of it, where one helps on runs that it was not fitted to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub force: Option<UnknownForce>,
 }
 
 /// What is left of a run.
@@ -74,6 +86,8 @@ pub struct RunRemainder {
 pub enum Verdict {
     /// The simulation repeats the runs down to their noise.
     NothingDetectable,
+    /// Causes that explain the runs, but nothing has checked them: there is no other run.
+    Suspected,
     /// One cause.
     Cause,
     /// Several causes.
@@ -89,6 +103,7 @@ impl Verdict {
     pub fn name(self) -> &'static str {
         match self {
             Self::NothingDetectable => "nothing-detectable",
+            Self::Suspected => "suspected",
             Self::Cause => "cause",
             Self::Causes => "causes",
             Self::Ambiguous => "ambiguous",
@@ -100,7 +115,7 @@ impl Verdict {
     pub fn exit_code(self) -> u8 {
         match self {
             Self::NothingDetectable => 0,
-            Self::Cause | Self::Causes => 10,
+            Self::Suspected | Self::Cause | Self::Causes => 10,
             Self::Ambiguous => 11,
             Self::Unexplained => 12,
         }
@@ -115,8 +130,14 @@ pub struct NamedCause {
     /// The link, hinge, shape or keypoint that it sits in, where it is one alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub element: Option<String>,
+    /// Whether it is another in each run: then its sizes are those of the runs, `<cause>/<parameter>@<run>`.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub by_run: bool,
     /// What it says.
     pub sentence: String,
+    /// What to look at, at the tank.
+    #[serde(default)]
+    pub check: String,
     /// The term it adds.
     pub formula: String,
     /// Causes that no video of these runs tells from it.
@@ -387,4 +408,8 @@ impl Diagnosis {
         text.push('\n');
         Ok(text)
     }
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
 }

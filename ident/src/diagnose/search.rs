@@ -8,6 +8,7 @@ use std::cmp::Ordering;
 
 use super::DiagnoseError;
 use super::baseline;
+use super::seek::Standing;
 use super::sets::{FURTHER_CAUSE_SHARE, Found, MOST_CAUSES, SHORT_LIST, Search, names, negligible, sets};
 use crate::fit::problem::Point;
 use crate::hypothesis::candidates::Term;
@@ -32,27 +33,27 @@ impl Search<'_> {
     }
 
     /// Looks for the best set of causes beside `baseline`.
-    pub(super) fn run<'a>(&mut self, baseline: &State<'a>) -> Result<Found<'a>, DiagnoseError> {
-        let first = self.first_scores(baseline)?;
+    pub(super) fn run<'a>(&mut self, baseline: &State<'a>) -> Found<'a> {
+        let first = self.first_scores(baseline);
         self.run_from(baseline, (baseline, first), Vec::new(), MOST_CAUSES)
     }
 
-    /// `found`, looked for once more if the residuals of its leader show another noise than `floor`, which they may have hidden in:
-    /// that is the floor then, and `baseline` weighed with it.
+    /// `standing`, looked for once more if the residuals of its leader show another noise than its floor, which they may have hidden in:
+    /// that is the floor then, and the baseline weighed with it.
     pub(super) fn with_noise_seen<'a>(
         &mut self,
-        baseline: &mut State<'a>,
-        floor: &mut Floor,
-        found: Found<'a>,
+        standing: Standing<'a>,
         is_clear: bool,
-    ) -> Result<Found<'a>, DiagnoseError> {
-        let seen = baseline::seen_floor(&found.leader)?;
-        if found.leader.causes.is_empty() || baseline::is_same(floor, &seen, SAME_NOISE_SHARE) {
-            return Ok(found);
+    ) -> Result<Standing<'a>, DiagnoseError> {
+        let floor = baseline::seen_floor(&standing.found.leader)?;
+        let is_same = baseline::is_same(&standing.floor, &floor, SAME_NOISE_SHARE);
+        if standing.found.leader.causes.is_empty() || is_same {
+            return Ok(standing);
         }
-        *floor = seen;
-        self.weigh(baseline, floor);
-        self.run_again(baseline, found, floor, is_clear)
+        let Standing { mut baseline, found, .. } = standing;
+        self.weigh(&mut baseline, &floor);
+        let found = self.run_again(&baseline, found, &floor, is_clear);
+        Ok(Standing { baseline, floor, found })
     }
 
     /// Looks once more with the noise of `floor`, from where the causes ended in `found`; not for others where its leader `is_clear`.
@@ -62,7 +63,7 @@ impl Search<'_> {
         found: Found<'a>,
         floor: &Floor,
         is_clear: bool,
-    ) -> Result<Found<'a>, DiagnoseError> {
+    ) -> Found<'a> {
         self.expanded.clear();
         let with_causes = found.tried.iter().filter(|state| !state.causes.is_empty());
         let again: Vec<State<'a>> = match is_clear {
@@ -77,14 +78,14 @@ impl Search<'_> {
         let leader = sets(&found.leader);
         match known.first().filter(|first| is_clear && sets(first) == leader).cloned() {
             Some(leader) => {
-                let first = self.first_scores(baseline)?;
+                let first = self.first_scores(baseline);
                 known.push(baseline.clone());
                 known.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
-                Ok(Found { first, leader, tried: known, elsewhere: Vec::new() })
+                Found { first, leader, tried: known, elsewhere: Vec::new() }
             }
             None => {
                 known.retain(|state| state.causes.len() == 1);
-                let first = self.first_scores(baseline)?;
+                let first = self.first_scores(baseline);
                 self.run_from(baseline, (baseline, first), known, MOST_CAUSES)
             }
         }
@@ -92,22 +93,17 @@ impl Search<'_> {
 
     /// Looks once more, from the model's own values, and adds what is better to `found`: a baseline that has bent far to cover
     /// for a strong cause points to others. Sets hold up to `most` causes.
-    pub(super) fn run_anew<'a>(
-        &mut self,
-        baseline: &State<'a>,
-        found: &mut Found<'a>,
-        most: usize,
-    ) -> Result<(), DiagnoseError> {
+    pub(super) fn run_anew<'a>(&mut self, baseline: &State<'a>, found: &mut Found<'a>, most: usize) {
         let mut start = State { linear: Vec::new(), ..baseline.clone() };
         start.point.values = baseline.parameters.start();
         if !start.stay(&mut self.counts) {
-            return Ok(());
+            return;
         }
         self.expanded.clear();
-        let first = self.first_scores(&start)?;
-        self.says("trying causes at several sizes")?;
+        let first = self.first_scores(&start);
+        self.says("trying causes at several sizes");
         let known = self.scanned(&start, &first);
-        let anew = self.run_from(baseline, (&start, first), known, most)?;
+        let anew = self.run_from(baseline, (&start, first), known, most);
         found.tried.extend(anew.tried);
         found.tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
         let (old, new) = (&found.leader, &anew.leader);
@@ -119,12 +115,11 @@ impl Search<'_> {
         if is_better {
             found.leader = anew.leader;
         }
-        Ok(())
     }
 
-    fn first_scores(&mut self, state: &State<'_>) -> Result<Scores, DiagnoseError> {
-        self.says("scoring every cause")?;
-        Ok(self.score(state))
+    fn first_scores(&mut self, state: &State<'_>) -> Scores {
+        self.says("scoring every cause");
+        self.score(state)
     }
 
     /// Looks for the best set of up to `most` causes beside `baseline`, whose first causes are added at `start`, with its scores
@@ -135,13 +130,13 @@ impl Search<'_> {
         (start, first): (&State<'a>, Scores),
         known: Vec<State<'a>>,
         most: usize,
-    ) -> Result<Found<'a>, DiagnoseError> {
+    ) -> Found<'a> {
         let mut tried: Vec<State<'a>> = vec![baseline.clone()];
         let mut leader = baseline.clone();
         let mut beam: Vec<State<'a>> = Vec::new();
         let matters = negligible(&self.floor, baseline.count());
         if self.promises(start, &first, matters) {
-            self.says("refitting the most promising causes")?;
+            self.says("refitting the most promising causes");
             beam = self.expand(start, &first, known);
         }
         for depth in 1..=most {
@@ -153,6 +148,7 @@ impl Search<'_> {
                 break;
             }
             leader = best.clone();
+            self.leading = sets(&leader);
             let mut scores = self.score(&leader);
             let mut least = matters.max(FURTHER_CAUSE_SHARE * (baseline.cost - leader.cost));
             let mut more = depth < most && self.promises(&leader, &scores, least);
@@ -165,7 +161,7 @@ impl Search<'_> {
             let mut next = Vec::new();
             let leaves_much = leader.cost > (1.0 + LEFT_BEYOND_NOISE_SHARE) * leader.count() as f64;
             if more || leaves_much && depth < most {
-                self.says("looking for a further cause")?;
+                self.says("looking for a further cause");
                 if more {
                     next = self.expand(&leader, &scores, Vec::new());
                 }
@@ -182,12 +178,13 @@ impl Search<'_> {
             beam = next;
         }
         if leader.causes.len() > 1 {
-            self.says("exchanging and dropping causes")?;
-            leader = self.improved(baseline, leader, &mut tried)?;
+            self.says("exchanging and dropping causes");
+            leader = self.improved(baseline, leader, &mut tried);
             tried.push(leader.clone());
         }
         tried.sort_by(|a, b| a.bic().total_cmp(&b.bic()));
-        Ok(Found { tried, leader, first, elsewhere: Vec::new() })
+        self.leading = sets(&leader);
+        Found { tried, leader, first, elsewhere: Vec::new() }
     }
 
     /// Refits the best single causes from the model's own values: a baseline that has bent far to cover for a strong cause may
@@ -222,7 +219,7 @@ impl Search<'_> {
         baseline: &State<'a>,
         mut leader: State<'a>,
         tried: &mut Vec<State<'a>>,
-    ) -> Result<State<'a>, DiagnoseError> {
+    ) -> State<'a> {
         for _ in 0..MOST_CAUSES {
             let mut best: Option<State<'a>> = None;
             for dropped in 0..leader.causes.len() {
@@ -258,7 +255,7 @@ impl Search<'_> {
                 break;
             }
         }
-        Ok(leader)
+        leader
     }
 }
 

@@ -2,9 +2,8 @@
 
 use sim::Cause;
 
-use super::DiagnoseError;
-use super::remarks::needs_side_view;
-use crate::experiment::Experiment;
+use super::verdict::possible;
+use crate::experiment::{DiagnoseConfig, Experiment, Use};
 use crate::fit::counts::Counts;
 use crate::hypothesis::candidates::{self, Term};
 use crate::hypothesis::score::Scores;
@@ -45,6 +44,7 @@ pub(super) fn negligible(floor: &Floor, count: usize) -> f64 {
 }
 
 /// What was found.
+#[derive(Clone)]
 pub(super) struct Found<'a> {
     /// Every set that was refitted, by BIC, the baseline among them.
     pub(super) tried: Vec<State<'a>>,
@@ -83,6 +83,8 @@ pub(super) struct Search<'b> {
     pub(super) floor: Floor,
     /// Sets to which every candidate was tried to be added.
     pub(super) expanded: Vec<Vec<&'static str>>,
+    /// The causes that lead.
+    pub(super) leading: Vec<&'static str>,
     stage: &'b mut dyn FnMut(&str) -> bool,
 }
 
@@ -94,15 +96,29 @@ impl<'b> Search<'b> {
         counts: Counts,
         stage: &'b mut dyn FnMut(&str) -> bool,
     ) -> Self {
-        let may_be = |cause: &Cause| !fitted.contains(cause) && !needs_side_view(*cause, experiment);
-        let free = Cause::ALL.iter().copied().filter(may_be);
-        let candidates = free.flat_map(|cause| Term::all(cause, &experiment.model)).collect();
-        Self { experiment, candidates, counts, floor: floor.clone(), expanded: Vec::new(), stage }
+        let DiagnoseConfig { odds, .. } = &experiment.diagnose;
+        let odds = |cause: Cause| odds.get(cause.name()).map_or(1.0, |odds| odds.get());
+        let runs = experiment.runs.iter().filter(|run| run.usage == Use::Fit).count();
+        let all = |cause: Cause| Term::all(cause, &experiment.model, runs, odds(cause));
+        let candidates = possible(experiment, fitted).into_iter().flat_map(all).collect();
+        let (expanded, leading) = (Vec::new(), Vec::new());
+        Self { experiment, candidates, counts, floor: floor.clone(), expanded, leading, stage }
     }
 
-    pub(super) fn says(&mut self, stage: &str) -> Result<(), DiagnoseError> {
-        let goes_on = !self.counts.is_stopped() && (self.stage)(stage);
-        if goes_on { Ok(()) } else { Err(DiagnoseError::Interrupted) }
+    /// Tells the observer what is done now, beside what leads so far. Whoever has had enough ends the search with what it has.
+    pub(super) fn says(&mut self, stage: &str) {
+        let so_far = match self.leading.is_empty() {
+            true => String::new(),
+            false => format!("; so far: {}", self.leading.join(" + ")),
+        };
+        if !(self.stage)(&format!("{stage}{so_far}")) {
+            self.counts.stop();
+        }
+    }
+
+    /// Whether it was ended before its end.
+    pub(super) fn is_cut(&self) -> bool {
+        self.counts.is_stopped()
     }
 
     /// Candidates that may join `state`.

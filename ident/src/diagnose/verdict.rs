@@ -3,15 +3,16 @@
 use sim::Cause;
 
 use super::gates::{constancy, goodness_of_fit};
-use super::remarks::{fitted_in_part, held_in_drops, seen_from_above};
+use super::remarks::{fitted_in_part, held_in_drops, needs_side_view, seen_from_above};
 use super::result::{
-    Alternative, ConstancyTest, Diagnosis, GoodnessOfFit, HeldOut, NamedCause, NoiseFloor, PerRun, Verdict,
-    Whiteness,
+    Alternative, ConstancyTest, Diagnosis, GoodnessOfFit, HeldOut, NamedCause, NoiseFloor, PerRun, Remainder,
+    Verdict, Whiteness,
 };
 use super::rivals::{Contest, Rival};
 use super::sets::{Found, sets};
+use super::unknown_force::unknown_force;
 use super::{detect, established, gain, heldout, intervals, residuals};
-use crate::experiment::{Experiment, Spike};
+use crate::experiment::{DiagnoseConfig, Experiment, Spike};
 use crate::fit::counts::Counts;
 use crate::hypothesis::candidates;
 use crate::hypothesis::state::State;
@@ -49,6 +50,9 @@ pub(super) fn verdict<'a>(
             remarks = gates.objections(&other, found, floor).into_iter().map(beside).collect();
         }
     }
+    if accepted && counts.is_stopped() {
+        remarks.push(UNCHECKED.into());
+    }
     let (rivals, others): (Vec<Rival>, Vec<Rival>) =
         contest.rivals.into_iter().partition(|rival| rival.behind <= AS_GOOD_DELTA_BIC);
     let objected = !remarks.is_empty() || !accepted && before.objects(0.0, floor, count);
@@ -56,11 +60,12 @@ pub(super) fn verdict<'a>(
         _ if objected => Verdict::Unexplained,
         _ if !accepted => Verdict::NothingDetectable,
         _ if !rivals.is_empty() => Verdict::Ambiguous,
+        _ if gates.gained.is_none() => Verdict::Suspected,
         1 => Verdict::Cause,
         _ => Verdict::Causes,
     };
     let rivals: Vec<Alternative> = rivals.into_iter().map(|rival| rival.set).collect();
-    let names = matches!(verdict, Verdict::Cause | Verdict::Causes | Verdict::Ambiguous);
+    let names = !matches!(verdict, Verdict::NothingDetectable | Verdict::Unexplained);
     if names {
         remarks.extend(leader.causes.iter().filter_map(|term| place_unknown(term, leader, found)));
         if gates.followed {
@@ -82,6 +87,13 @@ pub(super) fn verdict<'a>(
     let beyond_doubt = known.as_ref().map_or(Vec::new(), |known| {
         named(experiment, baseline, &known.state, &known.constancy, found, counts)
     });
+    let remainder = known.as_ref().map(|known| {
+        let causes = possible(experiment, fitted);
+        Remainder {
+            force: unknown_force(experiment, &known.state, &causes, floor, counts),
+            ..established::remainder(baseline, &known.state, floor)
+        }
+    });
     let sentence = sentence(verdict, &list, &rivals, &before, (&beyond_doubt, floor));
     let checked = gates.gained.as_ref().map_or("none", |gained| &gained.how).to_owned();
     let diagnosis = Diagnosis {
@@ -97,9 +109,10 @@ pub(super) fn verdict<'a>(
         detectable: detect::detectable(baseline, &found.first),
         next_experiments: Vec::new(),
         partial: if verdict == Verdict::Unexplained { list } else { Vec::new() },
-        remainder: known.as_ref().map(|known| established::remainder(baseline, &known.state, floor)),
+        remainder,
         established: beyond_doubt,
         checked,
+        complete: true,
         bent: if names { intervals::bent(baseline, &leader) } else { Vec::new() },
         residuals: residuals::residuals(baseline, &leader, floor),
         remarks,
@@ -107,8 +120,20 @@ pub(super) fn verdict<'a>(
     (diagnosis, leader, known.map(|known| known.state))
 }
 
+/// The causes that may be at work beside what is `fitted`.
+pub(super) fn possible(experiment: &Experiment, fitted: &[Cause]) -> Vec<Cause> {
+    let DiagnoseConfig { exclude, .. } = &experiment.diagnose;
+    let may_be = |cause: &Cause| {
+        let excluded = exclude.iter().any(|name| name == cause.name());
+        !excluded && !fitted.contains(cause) && !needs_side_view(*cause, experiment)
+    };
+    experiment.model.known_causes().filter(may_be).collect()
+}
+
 const LEFT_OPEN: &str = "the held-out runs are missed by more than noise, by no more than the fit leaves its numbers open: fitted \
                          together with the others they are repeated";
+
+const UNCHECKED: &str = "there was no time to check it";
 
 /// What the gates have found.
 struct Gates {
@@ -197,9 +222,7 @@ impl Gates {
         }
         if !self.followed {
             list.extend(self.held_out_objections(leader, floor));
-            // what each run has its own of cannot be told beforehand
-            let is_common = leader.causes.iter().all(|term| term.free(&leader.model).own.is_empty());
-            list.extend(self.gained.as_ref().filter(|_| is_common).and_then(HeldOut::none_perhaps));
+            list.extend(self.gained.as_ref().filter(|_| is_told(leader)).and_then(HeldOut::none_perhaps));
         }
         list
     }
@@ -209,12 +232,17 @@ impl Gates {
         let heldout = self.heldout.as_ref().filter(|fitness| self.beyond_noise(fitness, floor));
         let mut list: Vec<String> =
             heldout.map(|fitness| format!("on held-out runs {}", is_no_noise(fitness))).into_iter().collect();
-        // what each run has its own of cannot be told beforehand
-        if leader.causes.iter().all(|term| term.free(&leader.model).own.is_empty()) {
-            list.extend(self.gained.as_ref().and_then(|gained| gained.objection(floor)));
-        }
+        list.extend(
+            self.gained.as_ref().filter(|_| is_told(leader)).and_then(|gained| gained.objection(floor)),
+        );
         list
     }
+}
+
+/// Whether a run that `leader` was not fitted to should be predicted by it: what comes and goes within a run, as waves do, its first half
+/// does not tell.
+fn is_told(leader: &State<'_>) -> bool {
+    leader.causes.iter().all(|term| term.by_run || term.free(&leader.model).own.is_empty())
 }
 
 fn is_no_noise(GoodnessOfFit { excess, z, .. }: &GoodnessOfFit) -> String {
@@ -255,8 +283,10 @@ fn named(
         let without = found.without(leader, info.name).unwrap_or(baseline);
         NamedCause {
             name: info.name.into(),
+            by_run: term.by_run,
             element: term.element().filter(|_| doubts(term, leader, found).is_empty()).map(str::to_owned),
             sentence: info.sentence.into(),
+            check: info.check.into(),
             formula: info.formula.into(),
             aliases: candidates::aliases(term.cause, experiment).into_iter().map(str::to_owned).collect(),
             parameters: values.iter().filter(|value| of(&value.name, info.name)).cloned().collect(),
@@ -296,9 +326,10 @@ fn sentence(
     before: &GoodnessOfFit,
     (established, floor): (&[NamedCause], &Floor),
 ) -> String {
+    let how = |cause: &NamedCause| if cause.by_run { ", differently in each run" } else { "" };
     let of = |cause: &NamedCause| match &cause.element {
-        Some(element) => format!("{}, at {element} alone ({})", cause.sentence, cause.label()),
-        None => format!("{} ({})", cause.sentence, cause.name),
+        Some(element) => format!("{}, at {element} alone{} ({})", cause.sentence, how(cause), cause.label()),
+        None => format!("{}{} ({})", cause.sentence, how(cause), cause.name),
     };
     let said: Vec<String> = list.iter().map(of).collect();
     match verdict {
@@ -311,6 +342,9 @@ fn sentence(
                 None => String::new(),
             }
         ),
+        Verdict::Suspected => {
+            format!("Most likely, though no other run has checked it: {}.", said.join("; and "))
+        }
         Verdict::Cause | Verdict::Causes => capital(&format!("{}.", said.join("; and "))),
         Verdict::Ambiguous => {
             let others: Vec<String> = rivals.iter().map(|rival| rival.names.join(" + ")).collect();

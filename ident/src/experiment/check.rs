@@ -2,6 +2,7 @@
 
 use super::{Experiment, ExperimentError, Run, RunKind};
 use crate::names::did_you_mean;
+use crate::parameters::Parameters;
 
 /// Least images of a run: fewer than this show a pose, but no motion.
 const MIN_IMAGES: usize = 3;
@@ -16,6 +17,7 @@ impl Experiment {
         if self.runs.is_empty() {
             return Err(ExperimentError::NoRuns);
         }
+        self.check_causes()?;
         let sites = self.model.keypoints();
         let actuators: Vec<String> =
             self.model.actuators.iter().map(|actuator| actuator.name.clone()).collect();
@@ -42,6 +44,28 @@ impl Experiment {
             }
             start(run)?;
             images(run)?;
+        }
+        Ok(())
+    }
+
+    /// Says whether what `[fit]` and `[diagnose]` name is there, with any runs or none.
+    ///
+    /// # Errors
+    /// The first name that is not.
+    pub fn check_names(&self) -> Result<(), ExperimentError> {
+        Parameters::select(&self.model, &self.fit)?;
+        self.check_causes()
+    }
+
+    /// What `[diagnose]` speaks of must be causes.
+    fn check_causes(&self) -> Result<(), ExperimentError> {
+        let known: Vec<String> = self.model.known_causes().map(|cause| cause.name().to_owned()).collect();
+        let named = self.diagnose.exclude.iter().map(|name| ("exclude", name));
+        for (key, name) in named.chain(self.diagnose.odds.keys().map(|name| ("odds", name))) {
+            if !known.contains(name) {
+                let hint = did_you_mean(name, &known);
+                return Err(ExperimentError::NoCause { key, name: name.clone(), hint });
+            }
         }
         Ok(())
     }

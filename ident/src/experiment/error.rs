@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::own_cause::CauseError;
 use crate::parameters::ParameterError;
 use crate::strict::StrictError;
 use crate::table::TableError;
@@ -26,6 +27,9 @@ pub enum ExperimentError {
     /// The `[mechanism]` or `[water]` table.
     #[error(transparent)]
     Weights(#[from] WeightError),
+    /// A `[[cause]]` table.
+    #[error(transparent)]
+    Cause(#[from] CauseError),
     /// `experiment.toml` itself.
     #[error(transparent)]
     Config(#[from] StrictError),
@@ -75,6 +79,16 @@ pub enum ExperimentError {
     /// There is no run at all.
     #[error("the experiment has no runs; add a `[[run]]`")]
     NoRuns,
+    /// `[diagnose]` names what is no cause.
+    #[error("`{key}` under [diagnose] names `{name}`, which is no cause{hint}; docs/causes.md lists all")]
+    NoCause {
+        /// The key.
+        key: &'static str,
+        /// The name.
+        name: String,
+        /// What may have been meant.
+        hint: String,
+    },
     /// A run contradicts itself or the model, or says too little.
     #[error("run `{run}`: {reason}")]
     Run {
@@ -106,9 +120,15 @@ impl ExperimentError {
     /// Puts the place in `text`, which is `path`, to an error that knows a name written there.
     pub(super) fn located(self, path: &Path, text: &str) -> Self {
         let name = match &self {
+            Self::Cause(error) => {
+                let place = meant(error, text);
+                let error = CauseError { is_located: place.is_some(), ..error.clone() };
+                return Self::At { path: path.into(), place, source: Box::new(Self::Cause(error)) };
+            }
             Self::Run { run, .. } | Self::Data { run, .. } => run,
             Self::Parameters(error) => error.name(),
             Self::Weights(error) => error.name(),
+            Self::NoCause { name, .. } => name,
             Self::NoRuns => "",
             _ => return self,
         };
@@ -141,6 +161,36 @@ impl std::fmt::Display for Place {
         writeln!(f, ", line {number}\n{margin} |\n{number} | {}", self.text)?;
         write!(f, "{margin} | {}{}", " ".repeat(self.column), "^".repeat(self.width))
     }
+}
+
+/// The place that `error` means in the `[[cause]]` of `text` that it is about; that cause's name where it means nothing on one line.
+fn meant(error: &CauseError, text: &str) -> Option<Place> {
+    let error = &error.error;
+    let names = |line: &&str| says(line, &error.cause).is_some() && line.contains("name");
+    let begin = text.lines().position(|line| names(&line))?;
+    let (at, width) = error.meant;
+    // the name may stand below what is meant, so the lines of the same table above it come last
+    let table = text.lines().take(begin).enumerate();
+    let head = table.filter(|(_, line)| line.trim_start().starts_with('[')).last().map_or(0, |(at, _)| at);
+    let below = text.lines().enumerate().skip(begin);
+    let lines = below.chain(text.lines().enumerate().take(begin).skip(head));
+    let is_expression = !error.text.chars().all(|c| c.is_alphanumeric() || c == '_');
+    // a parameter's name stands in expressions too: where it is a key, that is meant
+    let is_key = |line: &str, column: usize| {
+        let rest: String = line.chars().skip(column + width).collect();
+        !is_expression && rest.trim_start().starts_with('=')
+    };
+    let all: Vec<(usize, &str)> = lines.collect();
+    let key = all.iter().find(|(_, line)| says(line, &error.text).is_some_and(|column| is_key(line, column)));
+    let found = key.into_iter().chain(&all).find_map(|&(index, line)| {
+        let column = match is_expression {
+            true => line.find(&error.text).map(|byte| line[..byte].chars().count()),
+            false => says(line, &error.text),
+        };
+        Some((index, line, column? + at))
+    });
+    let (index, line, column) = found?;
+    Some(Place { line: index + 1, text: line.to_owned(), column, width })
 }
 
 /// How many characters a line of TOML has before `name` as a whole key or string.

@@ -7,8 +7,8 @@ use sim::Model;
 
 use super::folder::{Folder, read_text};
 use super::{DEFAULT_INIT_S, Experiment, ExperimentError, Run, RunKind, Use};
-use crate::config::FitConfig;
-use crate::parameters::Parameters;
+use crate::config::{DiagnoseConfig, FitConfig};
+use crate::own_cause::CauseConfig;
 use crate::strict::{self, Finite, Positive, StrictError};
 use crate::table::{read_command, read_trajectory};
 use crate::weights::{Mechanism, Water};
@@ -22,9 +22,13 @@ struct File {
     #[serde(default)]
     fit: FitConfig,
     #[serde(default)]
+    diagnose: DiagnoseConfig,
+    #[serde(default)]
     mechanism: Mechanism,
     #[serde(default)]
     water: Water,
+    #[serde(default)]
+    cause: Vec<CauseConfig>,
     #[serde(default)]
     run: Vec<Entry>,
 }
@@ -55,7 +59,7 @@ impl Experiment {
             .map_err(|source| StrictError::Unreadable { path: path.into(), source })?;
         let experiment = load(strict::parse(&text, path)?, path).and_then(|experiment| {
             experiment.check()?;
-            Parameters::select(&experiment.model, &experiment.fit)?;
+            experiment.check_names()?;
             Ok(experiment)
         });
         experiment.map_err(|error| error.located(path, &text))
@@ -92,8 +96,9 @@ fn load(file: File, path: &Path) -> Result<Experiment, ExperimentError> {
         .map_err(|source| ExperimentError::Model { path: model_path, source: source.into() })?;
     let mut fit = file.fit;
     file.mechanism.put_into(&file.water, &mut model, &mut fit)?;
+    CauseConfig::define(&file.cause, &mut model)?;
     fit.add_named_causes(&mut model);
-    Ok(Experiment { model, noise_m: file.noise_m.map(Positive::get), fit, runs })
+    Ok(Experiment { model, noise_m: file.noise_m.map(Positive::get), fit, diagnose: file.diagnose, runs })
 }
 
 impl Entry {

@@ -13,7 +13,8 @@ mod spikes;
 use serde::{Deserialize, Serialize};
 use sim::{Command, Model, State, Trajectory};
 
-pub use crate::config::{FitConfig, Loss, Method, Prior};
+pub use crate::config::{DiagnoseConfig, FitConfig, Loss, Method, Prior};
+pub use crate::own_cause::{CauseConfig, CauseError, CauseParameterConfig};
 pub use error::{ExperimentError, Place};
 pub use spikes::Spike;
 
@@ -26,6 +27,8 @@ pub struct Experiment {
     pub noise_m: Option<f64>,
     /// What is fitted, and how.
     pub fit: FitConfig,
+    /// What may be wrong with the model, and how long it is sought.
+    pub diagnose: DiagnoseConfig,
     /// The runs, in the order of the file.
     pub runs: Vec<Run>,
 }

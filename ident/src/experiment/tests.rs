@@ -209,3 +209,82 @@ fn lack_of_data_is_told_from_wrong_input() {
     assert!(!folder.read("model=\"../m.xml\"\n").unwrap_err().is_lack_of_data());
     assert!(!Experiment::read(Path::new("none.toml")).unwrap_err().is_lack_of_data());
 }
+
+const CAUSE: &str = r#"model = "../m.xml"
+[[run]]
+id = "d"
+kind = "drop"
+trajectory = "../d.csv"
+[[cause]]
+name = "detent"
+joint = "j2"
+torque = "-size * tanh(v / width)"
+[cause.parameters]
+size = { unit = "N m", bounds = [0.0, 1e-2], typical = 1e-5 }
+width = { unit = "rad/s", bounds = [1e-3, 1.0], typical = 0.05, hidden = [0.02, 0.2] }
+"#;
+
+#[test]
+fn a_cause_written_down_is_known_to_the_model_and_fitted_by_name() {
+    let folder = Folder::new();
+    let plain = folder.read(CAUSE).unwrap();
+    let known: Vec<&str> = plain.model.own_causes().iter().map(|cause| cause.name()).collect();
+    assert_eq!(known, ["detent"]);
+    assert!(plain.model.causes().is_empty(), "nobody asked for it yet");
+    let named =
+        folder.read(&format!("{CAUSE}[fit]\nparameters = [\"detent/size\", \"detent/width\"]\n")).unwrap();
+    assert_eq!(named.model.parameter("detent/width").unwrap(), 0.02);
+    let selected = crate::parameters::Parameters::select(&named.model, &named.fit).unwrap();
+    assert_eq!(
+        selected.free.iter().flat_map(|free| &free.names).collect::<Vec<_>>(),
+        ["detent/size", "detent/width"]
+    );
+    // what a rig config hands on reads back the same
+    let table =
+        |text: &str| toml::from_str::<std::collections::BTreeMap<String, Vec<CauseConfig>>>(text).unwrap();
+    let causes =
+        table(CAUSE.split_once("[[cause]]").map(|(_, text)| format!("[[cause]]{text}")).unwrap().as_str());
+    assert_eq!(table(&toml::to_string(&causes).unwrap()), causes);
+}
+
+#[test]
+fn a_cause_that_is_wrong_is_shown_where_it_stands() {
+    let folder = Folder::new();
+    let width = ", hidden = [0.02, 0.2] }";
+    let cases = [
+        ("-size * tanh(v / width)", "-size * tanh(v / widht)", "`widht` (did you mean `width`?)", 9, "^^^^^"),
+        ("-size * tanh(v / width)", "-size * tanh(v / width", "this `(` is never closed", 9, "            ^"),
+        (
+            "-size * tanh(v / width)",
+            "-size * v / abs(v) * width",
+            "is no finite number at v = 0.000",
+            9,
+            "^^^",
+        ),
+        (
+            "-size * tanh(v / width)",
+            "-size * command * width",
+            "no actuator drives the joint `j2`",
+            9,
+            "^^^^^^^",
+        ),
+        ("joint = \"j2\"", "joint = \"j3\"", "no hinge or slide `j3`", 8, "^^"),
+        ("joint = \"j2\"", "", "it acts nowhere", 7, "^^^^^^"),
+        ("joint = \"j2\"", "joint = \"j2\"\nbody = \"l2\"", "it acts in one place", 7, "^^^^^^"),
+        ("joint = \"j2\"", "body = \"l2\"", "`torque` does not go with body `l2`", 9, "^^^^^^"),
+        ("joint = \"j2\"", "joint = \"j2\"\npoint = [0, 0, 0]", "`point` belongs to a `body`", 9, "^^^^^"),
+        (width, ", hidden = [] }", "`hidden` needs one start value", 12, "^^^^^"),
+        (width, ", hidden = [7.0] }", "its start 7 under `hidden` lies outside", 12, "^^^^^"),
+        (width, "}", "must lie within the bounds 0.001 and 1 of a size", 12, "^^^^^"),
+        ("\"detent\"", "\"slosh\"", "a known cause is called that", 7, "^^^^^"),
+        ("typical = 1e-5", "typical = 0", "must be finite and above 0", 11, "^"),
+    ];
+    for (old, new, reason, line, carets) in cases {
+        let message = folder.refusal(&CAUSE.replace(old, new));
+        let shown = format!("line {line}");
+        assert!(
+            message.contains(reason) && message.contains(&shown) && message.contains(carets),
+            "{new}: {message}"
+        );
+    }
+}

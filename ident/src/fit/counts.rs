@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -17,6 +18,9 @@ pub(crate) struct Counts {
     /// all loops end by themselves, and what they found is to be thrown away.
     #[serde(skip)]
     stop: Arc<AtomicBool>,
+    /// When nobody waits any longer in any case.
+    #[serde(skip)]
+    deadline: Option<Instant>,
 }
 
 impl Counts {
@@ -27,12 +31,22 @@ impl Counts {
 
     /// Nothing counted yet, for part of the same work.
     pub(crate) fn apart(&self) -> Self {
-        Self::until(Arc::clone(&self.stop))
+        Self { deadline: self.deadline, ..Self::until(Arc::clone(&self.stop)) }
+    }
+
+    /// The same, where nobody waits any longer from `deadline` on either.
+    pub(crate) fn by(self, deadline: Instant) -> Self {
+        Self { deadline: Some(self.deadline.map_or(deadline, |own| own.min(deadline))), ..self }
+    }
+
+    /// Says that nobody waits any longer.
+    pub(crate) fn stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
     }
 
     /// Whether nobody waits for the result any longer.
     pub(crate) fn is_stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.stop.load(Ordering::Relaxed) || self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
     }
 
     /// Counts what was counted apart.

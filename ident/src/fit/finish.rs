@@ -124,7 +124,7 @@ fn repeated(
     for run in &experiment.runs {
         if run.usage == Use::Holdout {
             noise.push(None);
-            runs.push(hold_out(model, run, noise_m, counts)?);
+            runs.push(hold_out(model, run, noise_m, (&[], 0.0), counts)?);
             continue;
         }
         let Some(((term, offsets), RunInformation { seen, .. })) = fitted.next() else { continue };

@@ -18,6 +18,10 @@ pub(crate) struct Term {
     pub(crate) hidden: Vec<(String, f64)>,
     /// The one element that it sits in; `None` for all of them together.
     pub(crate) element: Option<Element>,
+    /// Whether each run has its own size.
+    pub(crate) by_run: bool,
+    /// How likely it is before any run is looked at, over what a cause usually is.
+    pub(crate) odds: f64,
 }
 
 /// A link, hinge, shape or keypoint that a cause sits in, chosen among several.
@@ -32,6 +36,8 @@ pub(crate) struct Element {
 /// Most elements that a cause is tried in one by one, a choice: each costs a derivative, and of twenty segments of an arm no film tells
 /// which.
 const MOST_ELEMENTS: usize = 12;
+/// Most runs in which a cause is tried with a size for each, a choice: so many numbers are no explanation any more.
+const MOST_RUNS: usize = 12;
 
 /// What a cause adds to a fit.
 pub(crate) struct Added {
@@ -53,7 +59,7 @@ pub(crate) fn fitted(model: &Model, parameters: &Parameters) -> Vec<Cause> {
         _ => false,
     };
     let places = parameters.places();
-    Cause::ALL.iter().copied().filter(|cause| places.iter().any(|place| covers(cause, place))).collect()
+    model.known_causes().filter(|cause| places.iter().any(|place| covers(cause, place))).collect()
 }
 
 /// Names of the causes that no video of these runs tells from `cause`.
@@ -73,8 +79,8 @@ pub(crate) fn aliases(cause: Cause, experiment: &Experiment) -> Vec<&'static str
 
 impl Term {
     /// Every way in which `cause` may be at work, by the grids of its discrete and hidden parameters; none where the
-    /// model has nothing that it could act on.
-    pub(crate) fn all(cause: Cause, model: &Model) -> Vec<Self> {
+    /// model has nothing that it could act on. `runs` is how many are fitted; `odds`: see [`Term::odds`].
+    pub(crate) fn all(cause: Cause, model: &Model, runs: usize, odds: f64) -> Vec<Self> {
         let mut with = model.clone();
         if with.add_cause(cause.name()).is_err() {
             return Vec::new();
@@ -84,8 +90,18 @@ impl Term {
         };
         let mut list: Vec<Self> = forms(effect)
             .into_iter()
-            .map(|element| Self { cause, choices: Vec::new(), hidden: Vec::new(), element })
+            .map(|element| Self {
+                cause,
+                choices: Vec::new(),
+                hidden: Vec::new(),
+                element,
+                by_run: false,
+                odds,
+            })
             .collect();
+        // in one element alone it is tried where the cause leads
+        let by_run = list.iter().filter(|term| term.element.is_none()).filter_map(|term| term.by_run(runs));
+        list.extend(by_run.collect::<Vec<_>>());
         let all = || effect.names().iter().zip(effect.parameters());
         for (name, parameter) in all() {
             if let Role::Choice(values) = parameter.role {
@@ -115,6 +131,23 @@ impl Term {
     fn hidden_at(&self, name: &str, value: f64) -> Self {
         let hidden = [&self.hidden[..], &[(name.to_owned(), value)]].concat();
         Self { hidden, ..self.clone() }
+    }
+
+    /// The same with a size of its own in each of `runs` runs, where these may differ.
+    fn by_run(&self, runs: usize) -> Option<Self> {
+        let mut sizes = self.info().parameters.iter().filter(|parameter| parameter.role == Role::Size);
+        let may = (2..=MOST_RUNS).contains(&runs) && sizes.any(|size| size.may_differ);
+        may.then(|| Self { by_run: true, ..self.clone() })
+    }
+
+    /// Whether the parameter called `name` is one of this cause's.
+    pub(crate) fn owns(&self, name: &str) -> bool {
+        name.split('/').next() == Some(self.cause.name())
+    }
+
+    /// Whether `parameter`, called `name`, is another number in each run.
+    fn is_own(&self, name: &str, parameter: &ParameterInfo) -> bool {
+        parameter.per_run || self.by_run && self.is_size(name, parameter)
     }
 
     /// Whether `parameter` has no say beside the choices made.
@@ -165,7 +198,7 @@ impl Term {
             }
             let Ok(place) = model.find_parameter(&name) else { continue };
             let [lower, upper] = self.bounds(&parameter);
-            if parameter.per_run {
+            if self.is_own(&name, &parameter) {
                 added.own.push((name, Nuisance::Own { place, lower, upper }));
             } else {
                 added.free.push(FreeParameter {
@@ -185,7 +218,10 @@ impl Term {
         let sizes = names(self.cause, model).into_iter();
         sizes
             .filter(|(name, parameter)| parameter.role == Role::Switch || self.is_size(name, parameter))
-            .map(|(name, parameter)| (name, parameter.per_run, self.bounds(&parameter)))
+            .map(|(name, parameter)| {
+                let (own, bounds) = (self.is_own(&name, &parameter), self.bounds(&parameter));
+                (name, own, bounds)
+            })
             .collect()
     }
 
@@ -213,23 +249,32 @@ impl Term {
         Some(element.size.split_once('/').map_or(&element.size, |(_, name)| name))
     }
 
-    /// What the choice of its element costs, as a BIC: twice the logarithm of how many there are.
+    /// What the choice of its element and its [`Term::odds`] cost, as a BIC: twice the logarithm of how many elements there are, over
+    /// the odds.
     pub(crate) fn choice_cost(&self) -> f64 {
-        self.element.as_ref().map_or(0.0, |element| 2.0 * (element.of as f64).ln())
+        2.0 * (self.element.as_ref().map_or(1.0, |element| element.of as f64) / self.odds).ln()
     }
 
-    /// Whether it is one of several places of its cause.
+    /// Whether it is one of several forms of its cause, which are no further causes.
     pub(crate) fn is_choice(&self) -> bool {
-        self.element.as_ref().is_some_and(|element| element.of > 1)
+        self.by_run || self.element.as_ref().is_some_and(|element| element.of > 1)
     }
 
-    /// The cause in its other places: in one element, or in all together; choices and hidden numbers stay.
-    pub(crate) fn elsewhere(&self, model: &Model) -> Vec<Self> {
+    /// The cause in its other places: in one element, or in all together; and, as it sits, the same in all of `runs` runs or another in
+    /// each. Choices and hidden numbers stay.
+    pub(crate) fn elsewhere(&self, model: &Model, runs: usize) -> Vec<Self> {
         let with = self.added_to(model);
         let effect = with.causes().iter().find(|effect| effect.cause() == self.cause);
         let all =
             effect.map_or(Vec::new(), forms).into_iter().map(|element| Self { element, ..self.clone() });
-        all.filter(|other| other.element != self.element).collect()
+        let other =
+            if self.by_run { Some(Self { by_run: false, ..self.clone() }) } else { self.by_run(runs) };
+        all.filter(|other| other.element != self.element).chain(other).collect()
+    }
+
+    /// Whether it sits where `other` does, the same in all runs or another in each as that is.
+    pub(crate) fn is_placed_as(&self, other: &Self) -> bool {
+        (&self.element, self.by_run) == (&other.element, other.by_run)
     }
 
     /// Whether what it needs of a model beside sizes is what `other`, of the same cause, needs.

@@ -7,6 +7,7 @@ use super::state::State;
 use crate::parameters::ON_BOUND_SHARE;
 
 /// Everything that is fitted anyway, to be taken out of what a cause would do; what a bound stops is not, as it cannot follow.
+#[derive(Clone)]
 pub(crate) struct Nuisances {
     /// Of each run, an orthonormal basis of what its own numbers do, shape (rows, own).
     own: Vec<DMatrix<f64>>,
@@ -143,6 +144,44 @@ pub(crate) fn joint_information(state: &State<'_>, run: Option<usize>) -> DMatri
         gram[(i, i)] += std.powi(-2);
     }
     gram
+}
+
+/// What each run of `state` costs at the optimum of all others, summed, as far as all is linear; each run's own numbers follow. `None`
+/// where that is not determined.
+pub(crate) fn crossed_cost(state: &State<'_>) -> Option<f64> {
+    let free = state.parameters.len();
+    let mut runs: Vec<(DMatrix<f64>, DVector<f64>, f64)> = Vec::new();
+    let (mut gram, mut slope) = (DMatrix::zeros(free, free), DVector::zeros(free));
+    for (i, parameter) in state.parameters.free.iter().enumerate() {
+        let width = parameter.scale.width().max(f64::MIN_POSITIVE);
+        let std = parameter.prior.map_or(width, |prior| prior.std.get().min(width));
+        gram[(i, i)] = std.powi(-2);
+        if let Some(prior) = parameter.prior {
+            slope[i] = (state.point.values[i] - prior.mean.get()) * std.powi(-2);
+        }
+    }
+    for linear in &state.linear {
+        let own = basis(&linear.jacobian, free);
+        let mut part = linear.jacobian.columns(0, free).into_owned();
+        take_out(&own, part.as_view_mut());
+        let mut left = DMatrix::from_column_slice(linear.residuals.len(), 1, linear.residuals.as_slice());
+        take_out(&own, left.as_view_mut());
+        let left = left.column(0);
+        let one = (part.tr_mul(&part), part.tr_mul(&left), left.norm_squared());
+        gram += &one.0;
+        slope += &one.1;
+        runs.push(one);
+    }
+    let cost = |(own_gram, own_slope, cost): &(DMatrix<f64>, DVector<f64>, f64)| {
+        let others = &gram - own_gram;
+        let units: Vec<f64> = others.diagonal().iter().map(|x| x.sqrt()).collect();
+        let scaled = DMatrix::from_fn(free, free, |i, j| others[(i, j)] / (units[i] * units[j]));
+        let wanted = DVector::from_fn(free, |i, _| (own_slope[i] - slope[i]) / units[i]);
+        let mut step = scaled.cholesky()?.solve(&wanted);
+        step.iter_mut().zip(&units).for_each(|(step, unit)| *step /= unit);
+        Some(cost + 2.0 * own_slope.dot(&step) + step.dot(&(own_gram * &step)))
+    };
+    runs.iter().map(cost).sum()
 }
 
 /// An orthonormal basis of the columns from `first` on.

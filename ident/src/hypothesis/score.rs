@@ -46,6 +46,7 @@ pub(crate) struct Scored {
 const COLUMNS_TOGETHER: usize = 8;
 
 /// All candidates against one state.
+#[derive(Clone)]
 pub(crate) struct Scores {
     pub(crate) list: Vec<Scored>,
     pub(crate) columns: Vec<Column>,
@@ -61,8 +62,8 @@ struct Pack {
     model: Model,
     /// The causes in it, by candidate.
     candidates: Vec<usize>,
-    /// Candidate, name, place.
-    directions: Vec<(usize, String, sim::model::Parameter)>,
+    /// Names and places; those of one cause in several forms once.
+    directions: Vec<(String, sim::model::Parameter)>,
 }
 
 impl Scores {
@@ -83,8 +84,7 @@ impl Scores {
         for (index, candidate) in candidates.iter().enumerate() {
             let Some(pack) = packs.iter().position(|pack| pack.candidates.contains(&index)) else { continue };
             for (name, per_run, bounds) in candidate.directions(&packs[pack].model) {
-                let own = |(candidate, own, _): &(usize, String, _)| *candidate == index && *own == name;
-                let Some(place) = packs[pack].directions.iter().position(own) else { continue };
+                let Some(place) = packs[pack].place(&name) else { continue };
                 let neutral = packs[pack].model.parameter(&name).unwrap_or(0.0);
                 let room = [bounds[0] - neutral, bounds[1] - neutral];
                 for run in if per_run { (0..runs).map(Some).collect() } else { vec![None] } {
@@ -133,6 +133,18 @@ impl Scores {
         let own = |column: &Column| column.candidate == index && column.name == name;
         let length = self.raw.column(self.columns.iter().position(own)?).norm();
         (length > 0.0).then_some(length)
+    }
+
+    /// For each candidate, what share of `change`, a change of all residuals with everything projected out that is fitted anyway, it could
+    /// bring about.
+    pub(crate) fn shares(&self, change: &DVector<f64>) -> Vec<f64> {
+        let all = change.norm_squared().max(f64::MIN_POSITIVE);
+        let slopes = -self.projected.tr_mul(change);
+        let share = |(index, scored): (usize, &Scored)| {
+            let own = (0..self.columns.len()).filter(|&column| self.columns[column].candidate == index);
+            gain(&self.projected, &slopes, &self.columns, own.collect(), scored.term.is_switch()) / all
+        };
+        self.list.iter().enumerate().map(share).collect()
     }
 
     /// The linearisation of `state` with the candidate at `index` added, neutral.
@@ -210,9 +222,11 @@ fn packs(model: &Model, candidates: &[Term]) -> Vec<Pack> {
     let room = sim::Isa::best().directions();
     let mut packs: Vec<Pack> = Vec::new();
     for (index, candidate) in candidates.iter().enumerate() {
-        let width = candidate.directions(&candidate.added_to(model)).len();
+        let names: Vec<String> =
+            candidate.directions(&candidate.added_to(model)).into_iter().map(|(name, ..)| name).collect();
         let fits = |pack: &Pack| {
-            pack.directions.len() + width <= room
+            let more = names.iter().filter(|name| pack.place(name).is_none()).count();
+            pack.directions.len() + more <= room
                 && pack
                     .candidates
                     .iter()
@@ -226,9 +240,9 @@ fn packs(model: &Model, candidates: &[Term]) -> Vec<Pack> {
         let pack = &mut packs[place];
         pack.model = candidate.added_to(&pack.model);
         pack.candidates.push(index);
-        for (name, ..) in candidate.directions(&pack.model) {
-            if let Ok(parameter) = pack.model.find_parameter(&name) {
-                pack.directions.push((index, name, parameter));
+        for name in names {
+            if let (None, Ok(parameter)) = (pack.place(&name), pack.model.find_parameter(&name)) {
+                pack.directions.push((name, parameter));
             }
         }
     }
@@ -236,11 +250,15 @@ fn packs(model: &Model, candidates: &[Term]) -> Vec<Pack> {
 }
 
 impl Pack {
+    fn place(&self, name: &str) -> Option<usize> {
+        self.directions.iter().position(|(own, _)| own == name)
+    }
+
     fn linear(&self, state: &State<'_>, run: usize) -> Option<Linear> {
         let mut places = state.parameters.places();
         let mut values = state.parameters.spread(&state.point.values);
         let first = places.len();
-        for (_, _, place) in &self.directions {
+        for (_, place) in &self.directions {
             places.push(*place);
             values.push(self.model.get(*place));
         }

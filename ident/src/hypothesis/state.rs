@@ -1,6 +1,7 @@
 //! A model with some causes, fitted: what all tests start from.
 
 use rayon::prelude::*;
+use sim::model::Parameter;
 use sim::{Model, Trajectory};
 
 use super::candidates::Term as CauseTerm;
@@ -206,6 +207,46 @@ impl<'a> State<'a> {
     /// The model with all its numbers, but those that each run has its own of.
     pub(crate) fn calibrated(&self) -> Model {
         self.parameters.applied(&self.point.values, &self.model)
+    }
+
+    /// The model as it may be expected to be in a further run: as [`State::calibrated`], with the mean of the sizes that differ from run
+    /// to run.
+    pub(crate) fn expected(&self) -> Model {
+        let mut model = self.calibrated();
+        let own = self.causes.iter().filter(|term| term.by_run).flat_map(|term| term.free(&self.model).own);
+        for (name, _) in own {
+            if let (Some(value), Ok(place)) = (self.value(&name), model.find_parameter(&name)) {
+                model.set(place, value);
+            }
+        }
+        model
+    }
+
+    /// The number called `name`: the common one, or the mean over the runs. `None` where it is not free.
+    pub(crate) fn value(&self, name: &str) -> Option<f64> {
+        let common = self.parameters.free.iter().position(|parameter| parameter.name() == name);
+        common.map(|place| self.point.values[place]).or_else(|| {
+            let each = (0..self.terms.len()).map(|run| self.own_value(name, run));
+            let each: Vec<f64> = each.collect::<Option<_>>()?;
+            (!each.is_empty()).then(|| each.iter().sum::<f64>() / each.len() as f64)
+        })
+    }
+
+    /// The number called `name` that `run` has its own of.
+    pub(crate) fn own_value(&self, name: &str, run: usize) -> Option<f64> {
+        let mut nuisances = self.terms[run].rehearsal.nuisances.iter().zip(&self.point.offsets[run]);
+        nuisances.find(|(nuisance, _)| self.own_name(**nuisance) == Some(name)).map(|(_, value)| *value)
+    }
+
+    /// The numbers of its causes that each run has its own of, and their names.
+    pub(crate) fn own(&self) -> Vec<(String, Nuisance)> {
+        self.causes.iter().flat_map(|term| term.free(&self.model).own).collect()
+    }
+
+    /// The name of a parameter that each run has its own of.
+    pub(crate) fn own_name(&self, nuisance: Nuisance) -> Option<&str> {
+        let Nuisance::Own { place: Parameter::Cause(effect, value), .. } = nuisance else { return None };
+        Some(&self.model.causes()[effect].names()[value])
     }
 
     /// Observations in all.

@@ -2,7 +2,7 @@
 
 #![allow(dead_code, reason = "each test binary uses its part")]
 
-use ident::experiment::{Experiment, FitConfig, Run, RunKind};
+use ident::experiment::{DiagnoseConfig, Experiment, FitConfig, Run, RunKind};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -138,5 +138,5 @@ pub(crate) fn experiment(model: Model, runs: Vec<Run>, parameters: &[&str]) -> E
         parameters: parameters.iter().map(|&name| name.to_owned()).collect(),
         ..FitConfig::default()
     };
-    Experiment { model, noise_m: Some(NOISE_M), fit, runs }
+    Experiment { model, noise_m: Some(NOISE_M), fit, diagnose: DiagnoseConfig::default(), runs }
 }

@@ -40,9 +40,9 @@ pub enum AnalysisError {
         /// What is wrong with it.
         source: sim::mjcf::MjcfError,
     },
-    /// The weights of the mechanism.
+    /// What the config says of the fit does not go with the model.
     #[error(transparent)]
-    Weights(#[from] ident::weights::WeightError),
+    Experiment(#[from] ident::experiment::ExperimentError),
     /// The fit.
     #[error("fitting")]
     Fit(#[from] FitError),

@@ -1,6 +1,6 @@
 //! A run as a fit takes it.
 
-use ident::experiment::{Experiment, Run, RunKind};
+use ident::experiment::{CauseConfig, Experiment, ExperimentError, Run, RunKind};
 use sim::{Model, Trajectory};
 
 use super::error::AnalysisError;
@@ -16,6 +16,20 @@ pub(super) fn model(run: &RunFolder) -> Result<Model, AnalysisError> {
     Model::from_mjcf(&text).map_err(|source| AnalysisError::Model { path, source })
 }
 
+/// What `config` says of the fit, with `model`, before there is any run.
+///
+/// # Errors
+/// [`ExperimentError`] where they do not go together.
+pub fn prepared(config: &RigConfig, mut model: Model) -> Result<Experiment, ExperimentError> {
+    let (mut fit, diagnose) = (config.fit.clone(), config.diagnose.clone());
+    config.mechanism.weights().put_into(&config.water.water(), &mut model, &mut fit)?;
+    CauseConfig::define(&config.cause, &mut model)?;
+    fit.add_named_causes(&mut model);
+    let experiment = Experiment { model, noise_m: None, fit, diagnose, runs: Vec::new() };
+    experiment.check_names()?;
+    Ok(experiment)
+}
+
 /// `run` as a fit takes it, with the keypoints of its `trajectory`.
 pub(super) fn experiment(
     run: &RunFolder,
@@ -24,14 +38,13 @@ pub(super) fn experiment(
     trajectory: Trajectory,
 ) -> Result<Experiment, AnalysisError> {
     let start = run.start();
-    let mut model = model(run)?;
-    let mut fit = config.fit.clone();
-    config.mechanism.weights().put_into(&config.water.water(), &mut model, &mut fit)?;
+    let mut experiment = prepared(config, model(run)?)?;
     let kind = start.kind;
     let run = Run {
         command: timeline.command.clone().filter(|_| kind == RunKind::Driven),
         prescribed: start.prescribed && kind == RunKind::Driven,
         ..Run::new(start.id.as_str(), kind, trajectory)
     };
-    Ok(Experiment { model, noise_m: None, fit, runs: vec![run] })
+    experiment.runs.push(run);
+    Ok(experiment)
 }

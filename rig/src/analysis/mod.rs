@@ -34,6 +34,7 @@ use crate::vision::{Extraction, ImageRecord, SequenceError, Status, Task};
 use early::EarlyFit;
 pub use error::AnalysisError;
 use experiment::experiment;
+pub use experiment::prepared;
 use live::Live;
 use timeline::{Chronicle, Timeline};
 

@@ -3,7 +3,7 @@
 use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
-use ident::experiment::{Experiment, FitConfig, Use};
+use ident::experiment::{CauseConfig, DiagnoseConfig, Experiment, FitConfig, Use};
 use ident::weights::{Mechanism, Water};
 use serde::{Deserialize, Serialize};
 
@@ -16,8 +16,11 @@ struct ExperimentFile {
     #[serde(skip_serializing_if = "Option::is_none")]
     model: Option<PathBuf>,
     fit: FitConfig,
+    diagnose: DiagnoseConfig,
     mechanism: Mechanism,
     water: Water,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    cause: Vec<CauseConfig>,
     run: Vec<RunEntry>,
 }
 
@@ -33,8 +36,10 @@ struct RunEntry {
 #[serde(default)]
 struct RunConfig {
     fit: FitConfig,
+    diagnose: DiagnoseConfig,
     mechanism: Mechanism,
     water: Water,
+    cause: Vec<CauseConfig>,
 }
 
 /// Writes the experiment of the run folders `runs` to `out`, with the model they were made with or another, and gives it as a fit
@@ -59,8 +64,8 @@ pub fn compose(runs: &[(Use, &Path)], model: Option<&Path>, out: &Path) -> Resul
         entries.push(RunEntry { folder: relative(path, home)?, usage });
     }
     let model = model.map(|model| relative(model, home)).transpose()?;
-    let RunConfig { fit, mechanism, water } = config.unwrap_or_default();
-    let file = ExperimentFile { model, fit, mechanism, water, run: entries };
+    let RunConfig { fit, diagnose, mechanism, water, cause } = config.unwrap_or_default();
+    let file = ExperimentFile { model, fit, diagnose, mechanism, water, cause, run: entries };
     let text = toml::to_string(&file).map_err(Failure::internal)?;
     write_whole(out, text.as_bytes()).map_err(Failure::input)?;
     // Read back as the fit will read it: what it would refuse is said now.

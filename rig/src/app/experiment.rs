@@ -5,8 +5,8 @@ use std::path::Path;
 use anyhow::anyhow;
 
 use super::live::Beside;
-use super::{Failure, InRun, Interrupt, Watcher, on_threads};
-use crate::analysis::{Analysis, AnalysisError, Stage};
+use super::{Failure, InRun, Interrupt, Watcher, on_threads, read_model};
+use crate::analysis::{Analysis, AnalysisError, Stage, prepared};
 use crate::claim::Claim;
 use crate::config::RigConfig;
 use crate::doctor::{self, Health};
@@ -38,10 +38,10 @@ pub struct Done {
 }
 
 impl Experiment<'_> {
-    /// Claims the folder of run folders, and sees that there is room in it, and that what is filmed can be extracted.
+    /// Claims the folder of run folders, and sees that there is room in it, and that what is filmed can be extracted and fitted.
     ///
     /// # Errors
-    /// [`Failure::Input`] when another process has it, or it has no room; and for SAM 2, whose clicks are in a picture of a film.
+    /// [`Failure::Input`] when another process has it, or it has no room; where the config names what the model has not; and for SAM 2, whose clicks are in a picture of a film.
     pub fn claim(&self) -> Result<Claim, Failure> {
         if self.config.vision.sam2().is_some() && !self.film_only {
             return Err(Failure::Input(anyhow!(
@@ -49,6 +49,9 @@ impl Experiment<'_> {
                  longer than the filming; say \"classical\" here or `rig run --film-only`, then `rig replay RUN --config CONFIG --out DIR` \
                  with segmenter = \"sam2\" and the clicks in CONFIG"
             )));
+        }
+        if !self.film_only {
+            prepared(self.config, read_model(&self.base.join(&self.config.run.model))?)?;
         }
         let claim = Claim::take("the runs folder", &self.runs_dir.join(".lock")).map_err(Failure::input)?;
         for check in doctor::host::runs_folder(self.runs_dir, self.config.expected_bytes()) {

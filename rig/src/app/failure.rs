@@ -4,6 +4,9 @@ use std::path::PathBuf;
 
 use crate::vision::{SequenceError, VisionError};
 
+/// Exit code of a process that a signal has ended, as shells give it for Ctrl-C.
+pub const INTERRUPTED: u8 = 130;
+
 /// Why something ended badly; decides the exit code, and what a daemon's journal says.
 #[derive(Debug)]
 pub enum Failure {
@@ -15,7 +18,7 @@ pub enum Failure {
     Hardware(anyhow::Error),
     /// The data cannot answer what was asked: exit code 4.
     Data(anyhow::Error),
-    /// The user's Ctrl-C or a SIGTERM ended it: exit code 130.
+    /// The user's Ctrl-C or a SIGTERM ended it: exit code [`INTERRUPTED`].
     Interrupted(anyhow::Error),
 }
 
@@ -52,7 +55,7 @@ impl Failure {
             Self::Input(_) => 2,
             Self::Hardware(_) => 3,
             Self::Data(_) => 4,
-            Self::Interrupted(_) => 130,
+            Self::Interrupted(_) => INTERRUPTED,
         }
     }
 

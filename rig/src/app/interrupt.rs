@@ -7,6 +7,7 @@ use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
 use super::Failure;
+use super::failure::INTERRUPTED;
 
 /// Carries out `work`, which hears of signals meanwhile.
 ///
@@ -23,9 +24,6 @@ pub struct Interrupt {
     flag: Arc<AtomicBool>,
     told: watch::Receiver<bool>,
 }
-
-/// Exit code of a process ended at once by a second signal, as shells give it for Ctrl-C.
-const AT_ONCE: i32 = 130;
 
 impl Interrupt {
     /// Begins to listen; must be called within a tokio runtime.
@@ -46,7 +44,7 @@ impl Interrupt {
                 }
                 if raised.swap(true, Ordering::Relaxed) {
                     // The board's dead-man stops what still moves.
-                    std::process::exit(AT_ONCE);
+                    std::process::exit(INTERRUPTED.into());
                 }
                 let _ = tell.send(true);
             }

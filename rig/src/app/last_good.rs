@@ -87,7 +87,7 @@ fn judged(fitted: &Fitted, first: bool) -> Verdict {
 
 #[cfg(test)]
 mod tests {
-    use ident::experiment::{FitConfig, Method, Run, RunKind};
+    use ident::experiment::{DiagnoseConfig, FitConfig, Method, Run, RunKind};
     use sim::{Command, Model, RolloutOptions, State, rollout};
 
     use super::*;
@@ -126,7 +126,7 @@ mod tests {
             method: Method::LeastSquares,
             ..FitConfig::default()
         };
-        Experiment { model, noise_m: None, fit, runs: vec![run] }
+        Experiment { model, noise_m: None, fit, diagnose: DiagnoseConfig::default(), runs: vec![run] }
     }
 
     #[test]

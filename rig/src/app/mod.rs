@@ -18,7 +18,7 @@ mod live;
 pub mod look;
 mod results;
 
-pub use failure::{Failure, InRun};
+pub use failure::{Failure, INTERRUPTED, InRun};
 pub use interrupt::{Interrupt, interruptible};
 
 use std::num::NonZeroUsize;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use super::progress::Bar;
 use super::{Failure, Outcome};
 use crate::app::diagnose::diagnosed;
-use crate::app::{interruptible, threads};
+use crate::app::{INTERRUPTED, interruptible, threads};
 use crate::report;
 
 /// Says what the simulation gets wrong, and why.
@@ -32,7 +32,7 @@ pub struct Args {
 /// Carries out `rig diagnose`.
 ///
 /// # Errors
-/// As [`diagnosed`].
+/// As [`diagnosed`]. After a signal the best so far is written and printed, and the exit code is that of a signal.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     interruptible(async |interrupt| {
         let mut bar = Bar::new(interrupt.flag());
@@ -43,7 +43,11 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         Ok(Outcome {
             out: Some(args.out.clone()),
             verdict: Some(verdict.name().into()),
-            exit_code: if args.exit_code { verdict.exit_code() } else { 0 },
+            exit_code: match args.exit_code {
+                _ if interrupt.is_raised() => INTERRUPTED,
+                true => verdict.exit_code(),
+                false => 0,
+            },
             text,
             ..Outcome::default()
         })

@@ -10,7 +10,7 @@ pub use tables::{MechanismConfig, MotionKind, Mount, RunConfig, ScheduleConfig, 
 
 use std::path::{Path, PathBuf};
 
-use ident::experiment::FitConfig;
+use ident::experiment::{CauseConfig, DiagnoseConfig, FitConfig};
 use ident::strict::{self, NonNegative};
 use serde::{Deserialize, Serialize};
 
@@ -49,6 +49,12 @@ pub struct RigConfig {
     /// What is fitted and how.
     #[serde(default)]
     pub fit: FitConfig,
+    /// What may be wrong with the model, and how long it is sought.
+    #[serde(default)]
+    pub diagnose: DiagnoseConfig,
+    /// Causes of one's own that a diagnosis tries.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cause: Vec<CauseConfig>,
     /// When `rig daemon` runs it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub schedule: Option<ScheduleConfig>,

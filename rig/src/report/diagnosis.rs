@@ -1,10 +1,10 @@
 //! The diagnosis on the page: what is wrong, why, and what naming it gains, to be read in a minute.
 
-use ident::diagnose::{Diagnosis, NamedCause, Verdict, WorstInterval};
+use ident::diagnose::{Diagnosis, NamedCause, UnknownForce, Verdict, WorstInterval};
 use maud::{Markup, html};
 
 use super::data::ReportData;
-use super::diagnosis_figures::{against, heat, spectrum};
+use super::diagnosis_figures::{against, heat, spectrum, unknown_force};
 use super::diagnosis_text::{details, tone, value};
 use super::format::{millimetres, significant};
 
@@ -14,6 +14,7 @@ pub(super) fn section(data: &ReportData) -> Markup {
     let diagnosis = &figures.diagnosis;
     let (list, title) = match diagnosis.verdict {
         Verdict::Unexplained => (&diagnosis.partial, "Best description, which is no cause"),
+        Verdict::Suspected => (&diagnosis.causes, "What is suspected: no other run has checked it"),
         _ => (&diagnosis.causes, "What is named"),
     };
     html! {
@@ -28,6 +29,9 @@ pub(super) fn section(data: &ReportData) -> Markup {
             (causes(diagnosis, &diagnosis.established, "established", "Beyond doubt, whatever the rest may be"))
         }
         @if !list.is_empty() { (causes(diagnosis, list, "causes", title)) }
+        @if let Some(force) = diagnosis.remainder.as_ref().and_then(|remainder| remainder.force.as_ref()) {
+            (force_section(force))
+        }
         (errors(diagnosis))
         (next(diagnosis))
         section #residuals {
@@ -42,6 +46,25 @@ pub(super) fn section(data: &ReportData) -> Markup {
             (worst(diagnosis))
         }
         (seen(diagnosis))
+    }
+}
+
+fn force_section(force: &UnknownForce) -> Markup {
+    html! {
+        section #unknown-force {
+            h2 { "A force that nobody has a name for" }
+            p.lead {
+                "What of the rest a smooth function of each joint's own angle and rate accounts for. One line for each of three angles: the \
+                 least of the runs, the middle, and the greatest."
+            }
+            div.pair { @for joint in &force.joints { (unknown_force(joint)) } }
+            @for joint in &force.joints {
+                details {
+                    summary { "as a [[cause]] on " (joint.joint) ", to be fitted by its size or carried as it is (1)" }
+                    pre { (joint.to_cause()) }
+                }
+            }
+        }
     }
 }
 
@@ -67,6 +90,7 @@ fn causes(diagnosis: &Diagnosis, list: &[NamedCause], id: &str, title: &str) -> 
                         }
                         tr { td {} td colspan="3" {
                             (cause.sentence) ". " code { (cause.formula) } " ΔBIC " (format!("{:.0}", cause.delta_bic))
+                            @if !cause.check.is_empty() { "; to check: " (cause.check) }
                             @if !cause.aliases.is_empty() { "; no video of these runs tells it from " (cause.aliases.join(", ")) }
                         } }
                     }
@@ -162,7 +186,7 @@ fn next(diagnosis: &Diagnosis) -> Markup {
             section #next {
                 h2 { "What to do next" }
                 table.facts {
-                    tr { th { "do" } th { "tells apart" } th.number { "separation now" } th.number { "then" } }
+                    tr { th { "do" } th { "tells apart, or checks" } th.number { "separation now" } th.number { "then" } }
                     @for next in &diagnosis.next_experiments {
                         tr {
                             td { (next.what) @if !next.command.is_empty() { br; code { (next.command) } } } td { (next.separates.join(" / ")) }

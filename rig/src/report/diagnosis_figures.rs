@@ -1,10 +1,10 @@
 //! The figures of a diagnosis: where and when residuals are large, and what they follow.
 
-use ident::diagnose::{Diagnosed, Diagnosis};
+use ident::diagnose::{Diagnosed, Diagnosis, JointForce};
 use ident::fit::FittedRun;
 use maud::{Markup, PreEscaped, html};
 
-use super::chart::{Chart, MEASURED, SIMULATED, Series};
+use super::chart::{Chart, KEYPOINTS, MEASURED, SIMULATED, Series};
 
 /// A diagnosis with the motions it rests on.
 #[derive(Debug, Clone)]
@@ -42,6 +42,25 @@ fn misfit(run: &FittedRun, instant: usize, keypoint: usize) -> Option<f64> {
     let squares: Vec<f64> =
         (0..3).map(|axis| (m[axis] - s[axis]).powi(2)).filter(|d| d.is_finite()).collect();
     (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
+}
+
+/// The unknown force on a joint over its rate, a line for each of some angles.
+pub(super) fn unknown_force(force: &JointForce) -> Markup {
+    let is_slide = force.unit == "N";
+    let micro = |x: f64| 1e6 * x;
+    let line = |(place, curve): (usize, &ident::diagnose::ForceCurve)| {
+        let points = curve.rate.iter().zip(&curve.force).map(|(&rate, &force)| (rate, micro(force)));
+        Series { width: 1.8, ..Series::line(points.collect(), KEYPOINTS[place % KEYPOINTS.len()]) }
+    };
+    let chart = Chart {
+        title: format!("unknown force on {}", force.joint),
+        x_label: if is_slide { "rate [m/s]" } else { "rate [rad/s]" }.into(),
+        y_label: if is_slide { "force [uN]" } else { "torque [uN m]" }.into(),
+        size: SMALL_PX,
+        series: force.curves.iter().enumerate().map(line).collect(),
+        ..Chart::default()
+    };
+    chart.svg()
 }
 
 /// One strip per run and keypoint: time to the right, darker where residuals are larger.

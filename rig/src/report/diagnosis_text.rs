@@ -2,7 +2,9 @@
 
 use std::fmt::Write as _;
 
-use ident::diagnose::{CauseParameter, Diagnosis, NamedCause, NextExperiment, Verdict};
+use ident::diagnose::{
+    CauseParameter, Diagnosis, NamedCause, NextExperiment, Resembled, UnknownForce, Verdict,
+};
 
 use super::format::{millimetres, significant, whole_percent};
 use super::tone::Tone;
@@ -11,7 +13,7 @@ use super::tone::Tone;
 pub(super) fn tone(verdict: Verdict) -> Tone {
     match verdict {
         Verdict::NothingDetectable | Verdict::Cause | Verdict::Causes => Tone::Good,
-        Verdict::Ambiguous => Tone::Caution,
+        Verdict::Suspected | Verdict::Ambiguous => Tone::Caution,
         Verdict::Unexplained => Tone::Bad,
     }
 }
@@ -72,6 +74,9 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
                 whole_percent(remainder.share)
             ));
         }
+        list.extend(
+            diagnosis.remainder.as_ref().and_then(|remainder| remainder.force.as_ref()).map(unknown_force),
+        );
         if !diagnosis.partial.is_empty() {
             let names: Vec<String> = diagnosis.partial.iter().map(NamedCause::label).collect();
             list.push(format!("Best description, which is no cause: {}.", names.join(" + ")));
@@ -106,8 +111,12 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
 /// A next step in a line.
 pub(super) fn advice(next: &NextExperiment) -> String {
     let apart = next.separates.join(" and ");
-    if next.kind == "measurement" {
-        return format!("{}: tells {apart} apart.", next.what);
+    if next.command.is_empty() {
+        return match &next.separates[..] {
+            [] => format!("{}.", next.what),
+            [one] => format!("to check {one}: {}.", next.what),
+            _ => format!("{}: tells {apart} apart.", next.what),
+        };
     }
     format!(
         "{} ({}): separation of {apart} {} -> {}",
@@ -143,4 +152,22 @@ pub fn diagnosis_summary(diagnosis: &Diagnosis) -> String {
         let _ = writeln!(text, "- Next: {}", advice(next));
     }
     text
+}
+
+fn unknown_force(force: &UnknownForce) -> String {
+    let joints: Vec<&str> = force.joints.iter().map(|joint| joint.joint.as_str()).collect();
+    let resembled = |other: &Resembled| format!("{} ({} %)", other.name, whole_percent(other.share));
+    let resembles: Vec<String> = force.resembles.iter().map(resembled).collect();
+    format!(
+        "A force on {} that nobody has a name for, by angle and rate, takes {} % ({} to {} %) of what is left on runs that it was not \
+         fitted to{}.",
+        joints.join(", "),
+        whole_percent(force.heldout.gain),
+        whole_percent(force.heldout.gain_ci95[0]),
+        whole_percent(force.heldout.gain_ci95[1]),
+        match resembles.is_empty() {
+            true => "; no cause resembles it".into(),
+            false => format!("; of what it does could be done by {}", resembles.join(", ")),
+        }
+    )
 }

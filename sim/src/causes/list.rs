@@ -37,6 +37,8 @@ macro_rules! causes {
         pub(crate) struct Terms<S: Space> {
             /// Whether there is any.
             some: bool,
+            /// Those that somebody wrote down.
+            pub(crate) own: Option<Box<own::Acting<S>>>,
             $($step: Option<$step_in::$step::Term<S>>,)*
         }
 
@@ -45,6 +47,7 @@ macro_rules! causes {
             pub(crate) fn new(model: &Model<S::T>, plant: &Plant<S>) -> Self {
                 Self {
                     some: false $(|| model.has(Cause::new(&$step_in::$step::INFO)))*,
+                    own: own::Acting::new(model, plant),
                     $($step: model
                         .carried(Cause::new(&$step_in::$step::INFO))
                         .map(|values| $step_in::$step::Term::new(values, model, plant)),)*

@@ -22,6 +22,8 @@
 //! - `drive`: it changes the command on its way to the drives (`drive::stage::Stage`), in the order of the list.
 //! - `picture`: it changes what the camera sees (`camera::look::Look`), in the order of the list.
 //!
+//! A cause may also be written down as an expression, without compiling anything: [`own`].
+//!
 //! A cause that is absent costs nothing and leaves the motion the same to the bit.
 
 #[macro_use]
@@ -33,6 +35,7 @@ mod command_path;
 mod drive;
 mod hooks;
 mod joint;
+pub mod own;
 mod tether;
 mod water;
 
@@ -122,12 +125,14 @@ impl std::str::FromStr for Cause {
 }
 
 impl<T: Scalar> Model<T> {
-    /// Adds the cause called `name` with neutral values, at which it changes nothing. One that is there stays as it is.
+    /// Adds the cause called `name`, one of the model's own or of [`Cause::ALL`], with neutral values, at which it changes nothing.
+    /// One that is there stays as it is.
     ///
     /// # Errors
     /// [`UnknownCause`].
     pub fn add_cause(&mut self, name: &str) -> Result<Cause, UnknownCause> {
-        let cause: Cause = name.parse()?;
+        let own = self.own.iter().copied().find(|cause| cause.name() == name);
+        let cause = own.map_or_else(|| name.parse(), Ok)?;
         self.carry(cause);
         Ok(cause)
     }

@@ -22,6 +22,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "a cable pulls at the tip",
+    check: "look for a cable, line or hair that pulls, and cut or loosen it",
     formula: "F = k (anchor - tip), at the last keypoint",
     source: "linear spring of no length; the cable's own drag is not counted",
     mjcf: None,

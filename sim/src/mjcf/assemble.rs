@@ -58,6 +58,8 @@ pub(super) fn model(document: &Document<'_>) -> Result<Model<f64>, MjcfError> {
         actuators: Vec::new(),
         contacts: Contacts::default(),
         causes: Vec::new(),
+        own: Vec::new(),
+        foreign: Vec::new(),
     };
     for node in sections("actuator").flat_map(|section| section.children()).filter(Node::is_element) {
         let actuator = actuator(node, &defaults, &compiler, &model)?;
@@ -205,13 +207,17 @@ fn actuator<'a>(
     })
 }
 
-/// A number called `<cause>/<parameter>` adds the cause; any other is somebody else's.
+/// A number called `<cause>/<parameter>` adds the cause; any other is somebody else's, or of a cause that is yet to be written down.
 fn cause(node: Node<'_, '_>, model: &mut Model<f64>) -> Result<(), MjcfError> {
     let name = node.attribute("name").unwrap_or_default();
+    let text = node.attribute("data").unwrap_or_default();
     let Some(cause) = name.split_once('/').and_then(|(cause, _)| cause.parse::<Cause>().ok()) else {
+        if let Some(number) = text.trim().parse::<f64>().ok().filter(|x| x.is_finite() && name.contains('/'))
+        {
+            model.foreign.push((name.to_owned(), number));
+        }
         return Ok(());
     };
-    let text = node.attribute("data").unwrap_or_default();
     let invalid = |attribute: &str, value: &str, wanted: String| MjcfError::Value {
         line: line(node),
         element: "numeric".into(),

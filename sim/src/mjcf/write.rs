@@ -101,7 +101,7 @@ impl Writer<'_> {
             Integrator::Rk4 => "RK4",
         };
         // two hyphens would end the comment
-        let comment = comment.replace("--", "- -");
+        let comment = comment.replace("--", "- - ");
         let _ = writeln!(self.out, "<!-- {comment}\n     {} -->", versions(self.model));
         if !self.model.causes().is_empty() {
             let names: Vec<_> = self.model.causes().iter().map(|carried| carried.cause().name()).collect();
@@ -110,6 +110,16 @@ impl Writer<'_> {
                 self.out,
                 "<!-- Except for the causes under custom, which MuJoCo passes over: {names} -->"
             );
+            let own = self.model.causes().iter().filter(|carried| carried.cause().is_own());
+            for info in own.map(|carried| carried.cause().info()) {
+                // no comment may hold two dashes in a row
+                let formula = info.formula.replace("--", "- - ");
+                let _ = writeln!(
+                    self.out,
+                    "<!-- {} is no cause that every reader knows; its numbers go with [[cause]] {formula} -->",
+                    info.name
+                );
+            }
         }
         self.line(0, "mujoco", &[Some(("model", escaped(&self.model.name)))], false);
         let compiler = [Some(("angle", "radian".into())), Some(("autolimits", "true".into()))];

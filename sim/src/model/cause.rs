@@ -1,6 +1,8 @@
 //! Causes as values: what a cause says about itself, and a cause in a model with its numbers. Which causes there are and
 //! what they do stands in [`crate::causes`].
 
+use std::any::Any;
+
 use super::{Joint, JointKind, Model};
 use crate::scalar::Scalar;
 
@@ -73,6 +75,8 @@ pub struct ParameterInfo {
     pub per: Per,
     /// Whether each run has its own value, as the phase of waves does.
     pub per_run: bool,
+    /// Whether it may be another in each run: bubbles gather and go, somebody touches the camera between runs.
+    pub may_differ: bool,
     /// Says nothing where the choice of this name has this value.
     pub idle_where: Option<(&'static str, f64)>,
     /// What it is.
@@ -98,6 +102,7 @@ impl ParameterInfo {
             role,
             per,
             per_run: false,
+            may_differ: false,
             idle_where: None,
             meaning,
         }
@@ -119,6 +124,12 @@ impl ParameterInfo {
     /// The same, without a say where the choice called `name` has `value`.
     pub(crate) const fn idle_where(mut self, name: &'static str, value: f64) -> Self {
         self.idle_where = Some((name, value));
+        self
+    }
+
+    /// The same, perhaps another in each run.
+    pub(crate) const fn may_differ(mut self) -> Self {
+        self.may_differ = true;
         self
     }
 
@@ -153,6 +164,8 @@ pub struct CauseInfo {
     pub aliases: &'static [Alias],
     /// A sentence for the report.
     pub sentence: &'static str,
+    /// How to look for it at the tank, without a run, or by which run.
+    pub check: &'static str,
     /// The term it adds.
     pub formula: &'static str,
     /// Where the term comes from, and its limits.
@@ -184,27 +197,47 @@ pub enum AliasWhen {
 
 /// One of the causes that a simulation may lack.
 #[derive(Clone, Copy)]
-pub struct Cause(&'static CauseInfo);
+pub struct Cause {
+    info: &'static CauseInfo,
+    /// What somebody wrote down, where it is not one of [`Self::ALL`]; only [`crate::causes::own`] knows what it is.
+    own: Option<&'static (dyn Any + Send + Sync)>,
+}
 
 impl Cause {
     pub(crate) const fn new(info: &'static CauseInfo) -> Self {
-        Self(info)
+        Self { info, own: None }
+    }
+
+    pub(crate) const fn own(info: &'static CauseInfo, own: &'static (dyn Any + Send + Sync)) -> Self {
+        Self { info, own: Some(own) }
     }
 
     /// What it says about itself.
     pub fn info(self) -> &'static CauseInfo {
-        self.0
+        self.info
     }
 
     /// Its name.
     pub fn name(self) -> &'static str {
-        self.0.name
+        self.info.name
+    }
+
+    /// Whether somebody wrote it down ([`crate::causes::own`]), and it is none of [`Self::ALL`].
+    pub fn is_own(self) -> bool {
+        self.own.is_some()
+    }
+
+    /// What was written down of it, if that is an `Own`.
+    pub(crate) fn as_own<Own: Any>(self) -> Option<&'static Own> {
+        self.own?.downcast_ref()
     }
 }
 
 impl PartialEq for Cause {
     fn eq(&self, other: &Self) -> bool {
-        self.name() == other.name()
+        // two that were written down are one where everything written is the same
+        let place = |cause: &Self| cause.own.map(|own| std::ptr::from_ref(own).cast::<()>());
+        self.name() == other.name() && place(self) == place(other)
     }
 }
 
@@ -212,7 +245,11 @@ impl Eq for Cause {}
 
 impl std::fmt::Debug for Cause {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
+        match self.own {
+            // with its name and place its expressions say all that it does
+            Some(_) => write!(f, "{} ({})", self.name(), self.info.formula),
+            None => f.write_str(self.name()),
+        }
     }
 }
 

@@ -18,7 +18,7 @@ pub use elements::{
 pub use joint::{Coordinates, Joint, JointKind};
 pub use parameters::{Parameter, UnknownParameter};
 
-use cause::CauseValues;
+use cause::{Cause, CauseValues};
 
 use crate::scalar::Scalar;
 
@@ -43,6 +43,10 @@ pub struct Model<T = f64> {
     pub actuators: Vec<Actuator<T>>,
     pub(crate) contacts: Contacts,
     pub(crate) causes: Vec<CauseValues<T>>,
+    /// Causes that somebody wrote down, whether the model carries them or not.
+    pub(crate) own: Vec<Cause>,
+    /// Numbers called `<name>/<parameter>` in the model's file that belong to no cause known yet.
+    pub(crate) foreign: Vec<(String, f64)>,
 }
 
 /// Generalized coordinates and velocities at one instant.
@@ -130,6 +134,8 @@ impl<T: Scalar> Model<T> {
             actuators: self.actuators.iter().map(|actuator| actuator.map(f)).collect(),
             contacts: self.contacts.clone(),
             causes: self.causes.iter().map(|carried| carried.map(f)).collect(),
+            own: self.own.clone(),
+            foreign: self.foreign.clone(),
         }
     }
 }

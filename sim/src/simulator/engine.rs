@@ -280,10 +280,16 @@ impl<S: Stages> Engine<S> {
             passive::gravity_compensation(plant, work);
             fluid::fluid(plant, work);
             terms.wrenches(self.moment, plant, work, &mut self.memory);
+            if let Some(own) = &terms.own {
+                own.wrenches(self.moment, self.clock, plant, work);
+            }
             bias::project(plant, work, force);
             passive::springs(plant, qpos, force);
             passive::dampers(plant, qvel, force);
             terms.forces(qpos, qvel, force);
+            if let Some(own) = &terms.own {
+                own.forces((self.moment, self.clock), (qpos, qvel), &self.command, force);
+            }
             actuation::actuation(plant, qpos, qvel, &self.command, &self.off, force);
         });
         self.still_held();

@@ -55,8 +55,15 @@ impl<S: Stages> Engine<S> {
         let memory = std::cell::RefCell::new(self.memory.clone());
         let mut effect = of_wrenches(&|plant: &Plant<S>, work: &mut Work<S>| {
             terms.wrenches(Moment::default(), plant, work, &mut memory.borrow_mut());
+            if let Some(own) = &terms.own {
+                own.wrenches(Moment::default(), S::T::ZERO, plant, work);
+            }
         });
         terms.forces(qpos, qvel, &mut effect);
+        if let Some(own) = &terms.own {
+            let now = (Moment::default(), S::T::ZERO);
+            own.forces(now, (qpos, qvel), &self.command, &mut effect);
+        }
         let (mut spring, mut damper, mut actuator) = (zeros(), zeros(), zeros());
         passive::springs(plant, qpos, &mut spring);
         passive::dampers(plant, qvel, &mut damper);

@@ -183,6 +183,9 @@ impl<S: Stages> Engine<S> {
             passive::slopes(&self.plant, qpos, qvel, damping, stiffness);
             actuation::slopes(&self.plant, qpos, qvel, command, off, damping, stiffness);
             self.terms.slopes(qpos, qvel, damping, stiffness);
+            if let Some(own) = &self.terms.own {
+                own.slopes((self.moment, self.clock), (qpos, qvel), command, damping, stiffness);
+            }
             let per_s = S::T::from_f64(1.0 / h);
             actuation::rises(&self.plant, qpos, qvel, (command, &kept.ahead), per_s, off, &mut kept.rise);
             let own = S::T::from_f64(OWN * h);

@@ -196,6 +196,7 @@ impl Bench {
     pub fn watch(&self, run: &Run, hidden: &Hidden, step_s: f64) -> Vec<[Plane; LINKS]> {
         // a memory of every step since the start costs the square of their number
         let step_s = if hidden.get("basset/history", 0.0) > 0.0 { step_s.max(COARSE_S) } else { step_s };
+        let hidden = &hidden.in_run(run.motion.run);
         images(&self.chain.run(&run.motion, hidden, step_s), hidden, &run.times_s)
     }
 }

@@ -40,7 +40,7 @@ impl Outcome {
 
     /// The judgement.
     pub fn judgement(&self) -> Judgement {
-        let named = self.verdict == "cause" || self.verdict == "causes";
+        let named = self.verdict == "cause" || self.verdict == "causes" || self.verdict == "suspected";
         match self.verdict.as_str() {
             "nothing-detectable" => Judgement::Nothing,
             "ambiguous" => Judgement::Ambiguous,

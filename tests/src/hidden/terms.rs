@@ -24,7 +24,7 @@ const MAGNET: Plane = [0.05, -0.06];
 const MAGNET_M: f64 = 0.02;
 
 /// Numbers by name, `<cause>/<parameter>` as in `docs/causes.md`, those of one hinge alone called after `q1`, `q2`, ...; slosh has its
-/// phases run by run, as `slosh/sin@<run>`. Besides: `vortex/lift`, `detent/torque`, `wake/shelter`, `magnet/force`, which no library knows.
+/// phases run by run, as `slosh/sin@<run>`, and any other number may be another in a run in the same way. Besides: `vortex/lift`, `detent/torque`, `wake/shelter`, `magnet/force`, which no library knows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Hidden(pub BTreeMap<String, f64>);
 
@@ -32,6 +32,14 @@ impl Hidden {
     /// The number called `name`; `otherwise` where it is not there.
     pub fn get(&self, name: &str, otherwise: f64) -> f64 {
         self.0.get(name).copied().unwrap_or(otherwise)
+    }
+
+    /// What is hidden in run number `run`: there `<name>@<run>` is what `<name>` is otherwise.
+    #[must_use]
+    pub fn in_run(&self, run: usize) -> Self {
+        let ending = format!("@{run}");
+        let own = self.0.iter().filter_map(|(name, &value)| Some((name.strip_suffix(&ending)?, value)));
+        own.fold(self.clone(), |all, (name, value)| all.with(name, value))
     }
 
     /// With `name` set to `value`.
@@ -69,7 +77,8 @@ pub struct Terms {
     one_sided: [f64; 2],
     /// Stiffness and angle \[rad\].
     stop: [f64; 2],
-    detent: f64,
+    /// By hinge.
+    detent: Vec<f64>,
     tether: f64,
     anchor: Plane,
     magnet: f64,
@@ -111,7 +120,7 @@ impl Terms {
             medium: get("medium_drag/drag"),
             one_sided: [get("one_sided_stiffness/stiffness"), hidden.get("one_sided_stiffness/side", 1.0)],
             stop: [get("end_stop/stiffness"), hidden.get("end_stop/angle", 0.4)],
-            detent: get("detent/torque"),
+            detent: hinges("detent", "torque"),
             tether: get("tether/stiffness"),
             anchor: [hidden.get("tether/x", 0.05), hidden.get("tether/z", 0.05)],
             magnet: get("magnet/force"),
@@ -202,8 +211,8 @@ impl Terms {
             let contact = 0.5 * (1.0 + beyond / beyond.hypot(STOP_CORNER));
             torque -= stop * (pressed * bend.signum() + contact * STOP_DAMPING_S * turn);
         }
-        if self.detent != 0.0 {
-            torque -= self.detent * (NOTCHES * bend).sin();
+        if self.detent[i] != 0.0 {
+            torque -= self.detent[i] * (NOTCHES * bend).sin();
         }
         torque
     }

@@ -46,11 +46,15 @@ pub enum Kind {
     LagFrictionTurn,
     /// A bubble on one link and an origin that is off.
     BubbleAndOrigin,
+    /// The water flows differently in each run.
+    ShiftingCurrent,
+    /// Bubbles come and go between runs.
+    Bubbles,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 18] = [
         Self::Nothing,
         Self::OwnHinge,
         Self::Bubble,
@@ -67,6 +71,8 @@ impl Kind {
         Self::Air,
         Self::LagFrictionTurn,
         Self::BubbleAndOrigin,
+        Self::ShiftingCurrent,
+        Self::Bubbles,
     ];
 
     /// In words.
@@ -88,6 +94,8 @@ impl Kind {
             Self::Air => "drag of the air",
             Self::LagFrictionTurn => "lag, friction, turned camera",
             Self::BubbleAndOrigin => "buoyancy of one link, origin",
+            Self::ShiftingCurrent => "current, differently in each run",
+            Self::Bubbles => "buoyancy, differently in each run",
         }
     }
 }
@@ -158,13 +166,26 @@ impl Faulty {
                 put("coulomb_friction", None, "torque", draw.even(1e-6, 3e-6));
                 put("camera_rotation", None, "angle", either(draw, 0.008, 0.02));
             }
-            Kind::Origin => {}
+            Kind::Origin | Kind::ShiftingCurrent | Kind::Bubbles => {}
         }
         if matches!(kind, Kind::Origin | Kind::BubbleAndOrigin) {
             let (size, turn) = (draw.even(2.5e-4, 6e-4), draw.even(0.0, std::f64::consts::TAU));
             hidden.0.insert("camera_offset/x".into(), size * turn.cos());
             hidden.0.insert("camera_offset/z".into(), size * turn.sin());
             truth.push(Fault { cause: "camera_offset".into(), element: None, size });
+        }
+        let mut each_run = |cause: &str, parameters: &[&str], size: f64| {
+            for (run, parameter) in
+                (0..bench.runs.len()).flat_map(|run| parameters.iter().map(move |p| (run, p)))
+            {
+                hidden.0.insert(format!("{cause}/{parameter}@{run}"), draw.even(-size, size));
+            }
+            truth.push(Fault { cause: cause.into(), element: None, size });
+        };
+        match kind {
+            Kind::ShiftingCurrent => each_run("current", &["x", "z"], 0.012),
+            Kind::Bubbles => each_run("buoyancy", &["scale"], 0.03),
+            _ => {}
         }
         if kind == Kind::Air {
             dry(&mut bench);

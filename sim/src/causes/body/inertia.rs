@@ -21,6 +21,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "the links' mass lies further out, or further in, than the model says",
+    check: "hang each link alone by its pivot in air and time ten swings",
     formula: "I -> I (1 + scale) about the centre of mass, which stays with the mass",
     source: "definition; all principal moments alike, so that they stay those of some body",
     mjcf: Some(Mjcf { how: "inertial diaginertia", exact: |_| true, fold: alter }),

@@ -18,6 +18,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     .each(Per::Link)],
     aliases: &[],
     sentence: "a link is longer from hinge to hinge than the model says",
+    check: "measure each link from pivot to pivot, to 0.1 mm",
     formula: "the next hinge d further out; keypoints on the link in proportion; mass and shape stay",
     source: "definition; of the last link, which carries none, see keypoint_slip",
     mjcf: Some(Mjcf { how: "body pos, site pos", exact: |_| true, fold: alter }),

@@ -27,6 +27,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "what is around resists the links, and the model has no fluid: air, most likely",
+    check: "state density and viscosity of the medium in the model",
     formula: "dF = -c |v| v ds along each link, v the part of the velocity across it; only in models without a fluid",
     source: "Morison's drag by the cross-flow principle (S. F. Hoerner, Fluid-Dynamic Drag, 1965); a link reaches from its hinge to the \
              farthest of the next hinges and keypoints, or twice as far as its centre of mass",

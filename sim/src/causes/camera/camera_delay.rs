@@ -13,9 +13,11 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
         [-0.2, 0.2],
         0.005,
         "how much later than its time says an image was taken; below 0: earlier",
-    )],
+    )
+    .may_differ()],
     aliases: &[Alias { name: "servo_delay", when: AliasWhen::NoReleaseStated }],
     sentence: "the camera's clock is off: images show another instant than their times say",
+    check: "put the board's sync lamp into view and compare its flash with the times of the pictures",
     formula: "y(t + d)",
     source: "definition",
     mjcf: None,

@@ -8,11 +8,13 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     name: "camera_offset",
     kind: Kind::Camera,
     parameters: &[
-        ParameterInfo::size("x", "m", [-0.05, 0.05], 5e-4, "by which the picture is further to the right"),
-        ParameterInfo::size("z", "m", [-0.05, 0.05], 5e-4, "by which the picture is further up"),
+        ParameterInfo::size("x", "m", [-0.05, 0.05], 5e-4, "by which the picture is further to the right")
+            .may_differ(),
+        ParameterInfo::size("z", "m", [-0.05, 0.05], 5e-4, "by which the picture is further up").may_differ(),
     ],
     aliases: &[],
     sentence: "the picture's origin is not the mechanism's: the whole picture is shifted",
+    check: "look where the first pivot is in the picture and state it as origin_px",
     formula: "y + (x, z)",
     source: "definition; after all else that the camera does",
     mjcf: None,

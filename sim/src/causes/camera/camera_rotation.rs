@@ -16,6 +16,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     )],
     aliases: &[],
     sentence: "the camera is not level: the whole picture is turned",
+    check: "hang a plumb line into the picture, or look at the still surface",
     formula: "R(angle) y, about the world's origin",
     source: "definition",
     mjcf: None,

@@ -16,6 +16,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     )],
     aliases: &[],
     sentence: "the calibration's scale is wrong: all lengths by the same share",
+    check: "lay a ruler into the plane of motion, in the water",
     formula: "(1 + s) y, about the world's origin",
     source: "definition",
     mjcf: None,

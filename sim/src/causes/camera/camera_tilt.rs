@@ -15,6 +15,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "the camera does not look square at the plane: one side looks larger",
+    check: "`rig calibrate camera` with a board in the plane of motion",
     formula: "(1 + k_x x + k_z z) y",
     source: "perspective to first order: k = tan(tilt) / distance",
     mjcf: None,

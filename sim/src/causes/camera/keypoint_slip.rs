@@ -18,6 +18,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     .each(Per::Keypoint)],
     aliases: &[],
     sentence: "what is taken for a keypoint sits further along its link than the model's",
+    check: "measure where the pivots are on the links, or what the tracker clings to",
     formula: "P_i + s_i t_i, t_i from the link's joint towards P_i",
     source: "definition; fixed to the link, so there at rest too",
     mjcf: Some(Mjcf { how: "site pos", exact: |_| true, fold: alter }),

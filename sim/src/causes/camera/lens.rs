@@ -28,6 +28,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "the lens or the tank's window bends the picture towards its corners",
+    check: "`rig calibrate camera` with a board in the plane of motion",
     formula: "c + (1 + k r^2) (y - c), r the distance from the camera's axis c",
     source: "radial term of Brown's model; a flat port in water gives tan asin(sin a / 1.33)",
     mjcf: None,

@@ -16,6 +16,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     )],
     aliases: &[],
     sentence: "the camera takes its rows one after the other",
+    check: "look up the sensor's readout time and state readout_s under [camera]",
     formula: "y(t + r z), z the point's height at t",
     source: "rolling shutter of CMOS sensors: 10-30 ms over an image, 50-300 ms/m; an image's time is that of z = 0",
     mjcf: None,

@@ -10,6 +10,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     parameters: &[ParameterInfo::size("half_width", "rad", [0.0, 0.3], 0.01, "half the play")],
     aliases: &[],
     sentence: "there is play between the servo and the joint",
+    check: "hold the command, turn the horn by hand and measure how far it gives",
     formula: "q stays until q_cmd is b away, then follows at that distance",
     source: "the play operator, exact on straight pieces of the command; in the middle of its play before the first row",
     mjcf: None,

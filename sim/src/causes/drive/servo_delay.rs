@@ -10,6 +10,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     parameters: &[ParameterInfo::size("delay", "s", [0.0, 0.2], 0.005, "time from the command to the drive")],
     aliases: &[Alias { name: "camera_delay", when: AliasWhen::NoReleaseStated }],
     sentence: "the servo acts later than it was told",
+    check: "put the board's sync lamp into view and compare its flash with the horn's first motion",
     formula: "q_cmd(t - d)",
     source: "dead time: transmission, pulse period, controller",
     mjcf: None,

@@ -17,6 +17,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     )],
     aliases: &[],
     sentence: "the servo goes further, or less far, than it was told, or the other way",
+    check: "command plus and minus 30 degrees and measure the horn's angles with a protractor",
     formula: "(1 + g) q_cmd",
     source: "definition; about the command 0",
     mjcf: Some(Mjcf { how: "actuator gear, kp, kv, forcerange", exact: |_| true, fold }),

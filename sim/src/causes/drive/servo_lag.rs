@@ -10,6 +10,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     parameters: &[ParameterInfo::size("time", "s", [0.0, 0.5], 0.02, "time constant")],
     aliases: &[],
     sentence: "the servo follows its command sluggishly",
+    check: "command a step, film the horn and see whether it creeps into its end",
     formula: "1 / (1 + tau s)",
     source: "first-order lag, exact on straight pieces of the command",
     mjcf: None,

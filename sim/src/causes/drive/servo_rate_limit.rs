@@ -15,6 +15,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "the servo is not fast enough for the stroke",
+    check: "command a step, film the horn and see how fast it turns",
     formula: "dq/dt = clamp(towards q_cmd, -r, r)",
     source: "definition; exact on straight pieces of the command",
     mjcf: None,

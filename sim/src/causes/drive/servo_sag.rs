@@ -16,6 +16,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     )],
     aliases: &[],
     sentence: "the servo's reach sags while the run lasts: its supply falls, or it slips",
+    check: "measure the servo's supply while it moves, and its horn's angle at the same command early and late",
     formula: "(1 - r t) q_cmd, t since the run's start",
     source: "the first term of any drift; about the command 0",
     mjcf: None,

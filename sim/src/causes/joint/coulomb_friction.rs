@@ -15,10 +15,12 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     name: "coulomb_friction",
     kind: Kind::Joint,
     parameters: &[
-        ParameterInfo::size("torque", "N m", [0.0, 1e-2], 2e-6, "friction torque of every hinge"),
+        ParameterInfo::size("torque", "N m", [0.0, 1e-2], 2e-6, "friction torque of every hinge")
+            .may_differ(),
         ParameterInfo::size("", "N m", [0.0, 1e-2], 2e-6, "the same for one hinge alone, added to it")
             .each(Per::Joint)
-            .role(Role::Detail, 0.0),
+            .role(Role::Detail, 0.0)
+            .may_differ(),
         ParameterInfo::size("rate", "rad/s", [1e-3, 1.0], 0.05, "rate over which friction turns round")
             .role(Role::Hidden(&[0.02]), 0.05)
             .idle_where("soft", 1.0),
@@ -51,6 +53,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "the hinges rub with a torque that does not depend on speed",
+    check: "turn each hinge slowly in air with a hanging weight and note which one starts it",
     formula: "tau = -tau_c (1 + b exp(-(w/w_s)^2)) w / sqrt(w^2 + rate^2); soft: MuJoCo's friction loss",
     source: "Coulomb, Stribeck; smooth through rest, where it creeps instead of sticking",
     mjcf: Some(Mjcf { how: "joint frictionloss, exactly so where it is soft", exact: is_soft, fold }),

@@ -27,6 +27,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "the joints hit a stop at an angle",
+    check: "bend each hinge by hand as far as it goes and measure the angles",
     formula: "tau = -k max(|x| - angle, 0) sign(x), x from springref; joints as for stiffness",
     source: "linear stop without damping",
     mjcf: None,

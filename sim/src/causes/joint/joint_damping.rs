@@ -16,6 +16,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "the hinges are more viscous than the model says",
+    check: "swing each hinge alone in air and watch it die away",
     formula: "tau = -d w",
     source: "linear damper; w is the rate between the two bodies, not against the water",
     mjcf: Some(Mjcf { how: "joint damping", exact: |_| true, fold: alter }),

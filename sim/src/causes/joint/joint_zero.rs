@@ -15,9 +15,11 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
         0.02,
         "by which the link stands further round where its drive or spring has 0",
     )
-    .each(Per::Held)],
+    .each(Per::Held)
+    .may_differ()],
     aliases: &[],
     sentence: "a link is mounted askew: its hinge's zero is not the drive's or the spring's",
+    check: "lay the mechanism straight along a ruler and read its angles there",
     formula: "the link stands at q + z",
     source: "definition; a hinge that nothing holds has no zero that a video could show",
     mjcf: Some(Mjcf { how: "body pos, quat", exact: |_| true, fold: alter }),

@@ -33,6 +33,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "the joints spring back from one side only: a film hinge, a cable on one side",
+    check: "bend each hinge by hand to either side and feel which is harder",
     formula: "tau = -k max(side x, 0) side, x from springref; joints as for stiffness",
     source: "linear spring that only pulls",
     mjcf: None,

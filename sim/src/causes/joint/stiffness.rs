@@ -22,6 +22,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "something springs the joints back: a cable, a cover, glue",
+    check: "turn each hinge by hand in air and see whether it springs back",
     formula: "tau = -k x, x from springref; without the joints on the tank's frame, where there are others",
     source: "linear spring",
     mjcf: Some(Mjcf { how: "joint stiffness", exact: |_| true, fold: alter }),

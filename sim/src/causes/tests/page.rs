@@ -9,7 +9,7 @@ fn listed() -> String {
     for cause in Cause::ALL {
         let info = cause.info();
         page += &format!("### `{}`\n\n{}. {}.\n\n", info.name, capital(info.sentence), info.formula);
-        page += &format!("Source: {}.\n\n", info.source);
+        page += &format!("Source: {}.\n\nTo check: {}.\n\n", info.source, info.check);
         page += "| parameter | unit | bounds | neutral | part | meaning |\n| --- | --- | --- | --- | --- | --- |\n";
         for parameter in info.parameters {
             let own = match parameter.per {
@@ -28,9 +28,10 @@ fn listed() -> String {
             let idle = parameter
                 .idle_where
                 .map_or(String::new(), |(choice, value)| format!("; idle where `{choice}` is {value}"));
+            let differs = if parameter.may_differ { "; may differ from run to run" } else { "" };
             let [low, high] = parameter.bounds;
             page += &format!(
-                "| `{}/{own}` | {} | {low}..{high} | {} | {part} | {}{idle} |\n",
+                "| `{}/{own}` | {} | {low}..{high} | {} | {part} | {}{idle}{differs} |\n",
                 info.name, parameter.unit, parameter.neutral, parameter.meaning
             );
         }

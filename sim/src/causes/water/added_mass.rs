@@ -21,6 +21,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "the links carry water along when they speed up",
+    check: "repeat a fast and a slow stroke: what grows with acceleration alone is added mass",
     formula: "F = -scale mA (dv/dt - w x v), T = -scale IA dw/dt in each ellipsoid's axes, in the mass matrix",
     source: "Lamb, Hydrodynamics, 1932, sections 114 and 124: the part of Kirchhoff's equations that MuJoCo leaves out. \
              Unbounded water; water that itself speeds up is not counted",

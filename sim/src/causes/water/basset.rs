@@ -22,6 +22,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     )],
     aliases: &[],
     sentence: "the boundary layer's memory drags on after every change of speed",
+    check: "repeat a stroke after a long rest and straight after another",
     formula: "F = -c int a(s) / sqrt(t - s) ds at the centre of each ellipsoid, a the rate of its velocity against the water",
     source: "Basset 1888; a sphere of radius r has c = 6 r^2 sqrt(pi rho mu). World axes; what came before the run is forgotten",
     mjcf: None,

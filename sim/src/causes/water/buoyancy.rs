@@ -8,13 +8,16 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     name: "buoyancy",
     kind: Kind::Physics,
     parameters: &[
-        ParameterInfo::size("scale", "1", [-0.5, 1.5], 0.01, "error of the displaced mass, as a share of it"),
+        ParameterInfo::size("scale", "1", [-0.5, 1.5], 0.01, "error of the displaced mass, as a share of it")
+            .may_differ(),
         ParameterInfo::size("", "1", [-0.5, 1.5], 0.01, "the same for one body alone, added to it")
             .each(Per::Body)
-            .role(Role::Detail, 0.0),
+            .role(Role::Detail, 0.0)
+            .may_differ(),
     ],
     aliases: &[Alias { name: "link_mass", when: AliasWhen::UnlessWeighed }],
     sentence: "the water carries another weight than the model says: density, bubbles, or volume",
+    check: "weigh each link in water, look for bubbles on it, and measure the water's density",
     formula: "m_b -> m_b + scale m_w, m_b = mass gravcomp, m_w the same or, in a model without any gravcomp, rho V of the shapes",
     source: "Archimedes; acts at the centre of mass, see cob_offset",
     mjcf: Some(Mjcf { how: "body gravcomp", exact: |_| true, fold: alter }),

@@ -38,6 +38,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "the centre of buoyancy is not the centre of mass: air, ballast, uneven print",
+    check: "let each link hang freely in water by its middle and see which way it turns",
     formula: "tau = m_b g (o_t sin q + o_n cos q), m_b = mass gravcomp",
     source: "hydrostatics; a link without a hinge counts its own -z as along and x as across",
     mjcf: None,

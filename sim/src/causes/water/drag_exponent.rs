@@ -26,6 +26,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "the drag coefficients fall or rise with speed (Reynolds number)",
+    check: "let it drop from a small and from a large angle and compare",
     formula: "C(v) = C0 ((v/v0)^2 + 1e-6)^(p/2) in the quadratic drag force",
     source: "power law over a decade of Reynolds numbers; p = -0.2..-0.5 at 100..1000. Drag on turning keeps its square",
     mjcf: None,

@@ -20,6 +20,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     )],
     aliases: &[],
     sentence: "the water resists in proportion to speed, besides its square",
+    check: "let it drop slowly and fast: what slow motion feels more of is linear drag",
     formula: "F = -c v at the centre of each ellipsoid, v against the water",
     source: "Stokes; one value for all shapes, whatever their size",
     mjcf: None,

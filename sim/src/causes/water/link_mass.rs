@@ -15,6 +15,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[Alias { name: "buoyancy", when: AliasWhen::UnlessWeighed }],
     sentence: "the links have another mass than the model says",
+    check: "weigh each link dry, to 0.01 g",
     formula: "m -> m (1 + scale), I -> I (1 + scale); the displaced water stays",
     source: "definition",
     mjcf: Some(Mjcf { how: "inertial mass, diaginertia; body gravcomp", exact: |_| true, fold: alter }),

@@ -39,6 +39,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "the water in the tank sways at its own frequency",
+    check: "wait longer before the run, and film a float beside the mechanism",
     formula: "u = sin sin(2 pi f t) + cos cos(2 pi f t) to the right, t since the run's start",
     source: "first mode of a tank of length L and depth h: f = sqrt(g pi / L tanh(pi h / L)) / (2 pi). The same velocity \
              everywhere; the pressure of the swaying water itself is not counted",

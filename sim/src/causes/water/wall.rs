@@ -29,6 +29,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     ],
     aliases: &[],
     sentence: "a wall is near: the water resists more where the mechanism comes close to it",
+    check: "move the mechanism twice as far from wall, floor and surface and repeat",
     formula: "drag on moving and turning x (1 + scale exp(-|x_wall - x| / reach))",
     source: "exponential fit to drag near a plane; a vertical wall square to the picture, added mass unchanged",
     mjcf: None,
