@@ -135,7 +135,7 @@ impl<'a> Rehearsal<'a> {
             nuisances
                 .push(Nuisance::Release { lower: release.earliest_s - from, upper: release.latest_s - from });
         }
-        let known = model.keypoints();
+        let known = model.marks();
         let columns = run.trajectory.keypoints.iter().filter_map(|name| known.iter().position(|k| k == name));
         // Prescribed joints are free in drops, which is what no command at all means to the simulation.
         let silent = run.prescribed && run.kind != RunKind::Driven;
@@ -328,7 +328,7 @@ impl<'a> Rehearsal<'a> {
                 *one = self.bearable(again, alone);
             }
         }
-        let width = model.keypoint_sites().len();
+        let width = model.marks().len();
         Ok(all.into_iter().map(|one| one.map(|position_m| self.measured(position_m, width))).collect())
     }
 
@@ -389,7 +389,7 @@ impl<'a> Rehearsal<'a> {
                 Isa::best(),
             )
         })?;
-        let width = model.keypoint_sites().len();
+        let width = model.marks().len();
         Ok(sensitivities::Sensitivities {
             position_m: self.measured(found.position_m, width),
             slopes: found.slopes.into_iter().map(|slope| self.measured(slope, width)).collect(),

@@ -21,6 +21,8 @@ pub(crate) struct Film<T: Scalar> {
     looks: Looks<T>,
     shifts: Shifts<T>,
     points: usize,
+    /// How many marks there are besides, which no camera sees.
+    unseen: usize,
     /// When motion starts \[s\], lane by lane, and about when.
     start_s: T,
     about_s: f64,
@@ -87,6 +89,7 @@ impl<T: Scalar> Film<T> {
             looks,
             shifts,
             points,
+            unseen: model.encoders.len(),
             start_s,
             about_s,
             ends_s: vec![0.0],
@@ -194,15 +197,17 @@ impl<T: Scalar> Film<T> {
         place
     }
 
-    /// What the images taken at `times_s` show: `position_m`, shape (N, K), comes in as where the points are then.
+    /// What the images taken at `times_s` show: `position_m`, shape (N, K), comes in as where the points are then. Encoders, which stand
+    /// after the points, stay.
     pub(crate) fn develop(&self, times_s: &[f64], position_m: &mut [[T; 3]]) {
         tuned!(T, self.develop_each(times_s, position_m));
     }
 
     #[inline(always)]
     fn develop_each(&self, times_s: &[f64], position_m: &mut [[T; 3]]) {
-        for (&time_s, points) in times_s.iter().zip(position_m.chunks_exact_mut(self.points.max(1))) {
-            for (point, at) in points.iter_mut().enumerate() {
+        let width = (self.points + self.unseen).max(1);
+        for (&time_s, marks) in times_s.iter().zip(position_m.chunks_exact_mut(width)) {
+            for (point, at) in marks.iter_mut().take(self.points).enumerate() {
                 if self.looks.shifts() {
                     let shared = T::from_f64(time_s) + self.late();
                     *at = self.at(point, time_s, shared + self.later(point, time_s, shared));

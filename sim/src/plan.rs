@@ -5,7 +5,7 @@ use crate::dynamics::plant::Plant;
 use crate::dynamics::{Work, kinematics};
 use crate::error::RolloutError;
 use crate::math::Vec3;
-use crate::model::{Model, State};
+use crate::model::{Encoder, Model, State};
 use crate::options::RolloutOptions;
 use crate::rollout::{self, rollout};
 use crate::simulator;
@@ -145,7 +145,7 @@ impl Nominal<'_> {
         self.sample_times_s.last().map_or(0.0, |last| (last - self.options.start_s).max(SHORTEST_S))
     }
 
-    /// Where the sites are at each sample.
+    /// Where the sites and the encoders' pointers are at each sample.
     fn positions(&self, steps: Steps) -> Result<Vec<Vec3<f64>>, RolloutError> {
         let options = RolloutOptions { steps: Some(steps), ..self.options.clone() };
         let run = rollout(self.model, self.state, self.command, self.sample_times_s, &options)?;
@@ -156,6 +156,10 @@ impl Nominal<'_> {
             kinematics::kinematics(&plant, qpos, &mut work);
             let sites = self.model.sites.iter();
             positions.extend(sites.map(|site| work.pos[site.body] + work.rot[site.body].apply(site.pos)));
+            let pointer = |encoder: &Encoder<f64>| {
+                Vec3(encoder.pointer(qpos[self.model.joints[encoder.joint].qpos_address]))
+            };
+            positions.extend(self.model.encoders.iter().map(pointer));
         }
         Ok(positions)
     }

@@ -23,7 +23,7 @@ pub struct Rollout<T> {
     pub qpos: Vec<T>,
     /// Velocities, row-major, shape (N, nv).
     pub qvel: Vec<T>,
-    /// Names of the keypoints, shape (K).
+    /// Names of the keypoints and encoders, shape (K): [`Model::marks`].
     pub keypoints: Vec<String>,
     /// Keypoint positions \[m\], world frame, row-major, shape (N, K): as seen, where the model carries causes in the
     /// camera ([`crate::causes`]).
@@ -77,7 +77,7 @@ pub fn rollout<T: Scalar>(
             time_s: sample_times_s.to_vec(),
             qpos: run.qpos,
             qvel: run.qvel,
-            keypoints: model.keypoints(),
+            keypoints: model.marks(),
             position_m: run.position_m,
         }),
     }
@@ -238,7 +238,7 @@ impl<'a, S: Stages> Sampler<'a, S> {
         let out = Samples {
             qpos: vec![S::T::ZERO; kept * state.qpos.len()],
             qvel: vec![S::T::ZERO; kept * state.qvel.len()],
-            position_m: vec![[S::T::ZERO; 3]; instants * sites.len()],
+            position_m: vec![[S::T::ZERO; 3]; instants * (sites.len() + run.model.encoders.len())],
             failed: vec![None; S::T::LANES],
         };
         Self { run, sites, first: 0, sample: state.clone(), out }
@@ -298,10 +298,17 @@ impl<'a, S: Stages> Sampler<'a, S> {
     fn keep(&mut self, engine: &mut Engine<S>, row: usize, here: <S::T as Scalar>::Mask) {
         kinematics::kinematics(&engine.plant, &self.sample.qpos, &mut engine.work);
         let (work, layout) = (&engine.work, &engine.plant.layout);
-        let places = &mut self.out.position_m[row * self.sites.len()..(row + 1) * self.sites.len()];
-        for (place, &(body, own, at)) in places.iter_mut().zip(&self.sites) {
+        let model = self.run.model;
+        let width = self.sites.len() + model.encoders.len();
+        let (points, pointers) =
+            self.out.position_m[row * width..(row + 1) * width].split_at_mut(self.sites.len());
+        for (place, &(body, own, at)) in points.iter_mut().zip(&self.sites) {
             let seen = S::lift(layout, body, own, work.pos[body] + S::apply(&work.rot[body], at));
             *place = choose(here, seen, *place);
+        }
+        for (place, encoder) in pointers.iter_mut().zip(&model.encoders) {
+            let angle = self.sample.qpos[model.joints[encoder.joint].qpos_address];
+            *place = choose(here, encoder.pointer(angle), *place);
         }
         if self.run.states {
             let (nq, nv) = (self.sample.qpos.len(), self.sample.qvel.len());

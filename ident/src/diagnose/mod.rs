@@ -187,6 +187,13 @@ fn diagnosed(
     };
     checking.add(&counts);
     checking.add(&search.counts);
+    // a search that was ended in the midst of a refit has no derivatives of it yet
+    if search.is_cut() {
+        found.tried.retain(|state| !state.linear.is_empty());
+        if !found.leader.linearised(&mut checking) {
+            found.leader = baseline.clone();
+        }
+    }
     search.says("comparing what is nearly as good");
     let contest = rivals::contest(experiment, &mut found, &floor, &mut checking);
     search.says("checking");

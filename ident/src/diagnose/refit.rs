@@ -165,12 +165,13 @@ impl Search<'_> {
         true
     }
 
-    /// Moves each cause of the leader of `found` to the element where it explains most, or to all of them together. Whether any has
-    /// moved.
+    /// Moves each cause of the leader of `found` to the element where it explains most, or to all of them together, or makes its numbers
+    /// those of each run or common to all. Whether any has moved.
     pub(super) fn place<'a>(&mut self, baseline: &State<'a>, found: &mut Found<'a>) -> bool {
         let mut moved = false;
         for which in 0..found.leader.causes.len() {
             let leader = found.leader.clone();
+            let level = leader.level();
             let others = leader.causes[which].elsewhere(&baseline.model, baseline.terms.len());
             let noise_m = self.floor.noise_m;
             let placed = self.counts.of_each(others, |other, counts| {
@@ -183,13 +184,13 @@ impl Search<'_> {
                 let mut state = started_near(baseline, &causes, &leader);
                 state.replan(noise_m, counts);
                 let goes_on = state.steps(3, counts)
-                    && state.bic() - leader.bic() < AFTER_THREE_STEPS_DELTA_BIC
+                    && state.bic_at(level) - leader.bic_at(level) < AFTER_THREE_STEPS_DELTA_BIC
                     && state.descend(counts);
                 goes_on.then_some(state)
             });
             let placed: Vec<State<'a>> = placed.into_iter().flatten().collect();
-            let best = placed.iter().min_by(|a, b| a.bic().total_cmp(&b.bic()));
-            if let Some(better) = best.filter(|best| best.bic() < leader.bic()).cloned() {
+            let best = placed.iter().min_by(|a, b| a.bic_at(level).total_cmp(&b.bic_at(level)));
+            if let Some(better) = best.filter(|best| best.bic_at(level) < leader.bic_at(level)).cloned() {
                 moved = true;
                 let names = sets(&better);
                 found.tried.retain(|state| sets(state) != names);

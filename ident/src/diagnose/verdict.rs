@@ -55,8 +55,18 @@ pub(super) fn verdict<'a>(
     }
     let (rivals, others): (Vec<Rival>, Vec<Rival>) =
         contest.rivals.into_iter().partition(|rival| rival.behind <= AS_GOOD_DELTA_BIC);
-    let objected = !remarks.is_empty() || !accepted && before.objects(0.0, floor, count);
+    let beyond_noise = before.objects(0.0, floor, count);
+    // where the model leaves noise alone, what helps no other run is none of its faults
+    let doubt = gates.gained.as_ref().and_then(HeldOut::none_perhaps);
+    let faint = accepted && !beyond_noise && doubt.is_some_and(|doubt| remarks == [doubt]);
+    if faint {
+        let leader = sets(leader).join(" + ");
+        remarks =
+            remarks.iter().map(|said| format!("{leader} would fit a little better, but {said}")).collect();
+    }
+    let objected = !faint && !remarks.is_empty() || !accepted && beyond_noise;
     let verdict = match leader.causes.len() {
+        _ if faint => Verdict::NothingDetectable,
         _ if objected => Verdict::Unexplained,
         _ if !accepted => Verdict::NothingDetectable,
         _ if !rivals.is_empty() => Verdict::Ambiguous,

@@ -1,5 +1,7 @@
 //! Whether the runs can be compared with the model at all.
 
+use sim::model::encoded_joint;
+
 use super::{Experiment, ExperimentError, Run, RunKind};
 use crate::names::did_you_mean;
 use crate::parameters::Parameters;
@@ -18,7 +20,7 @@ impl Experiment {
             return Err(ExperimentError::NoRuns);
         }
         self.check_causes()?;
-        let sites = self.model.keypoints();
+        let marks = self.model.marks();
         let actuators: Vec<String> =
             self.model.actuators.iter().map(|actuator| actuator.name.clone()).collect();
         for (place, run) in self.runs.iter().enumerate() {
@@ -27,8 +29,15 @@ impl Experiment {
                 return refuse("another run has the same id; give each its own".into());
             }
             for keypoint in &run.trajectory.keypoints {
-                if !sites.contains(keypoint) {
-                    let hint = did_you_mean(keypoint, &sites);
+                if let Some(joint) = encoded_joint(keypoint).filter(|_| !marks.contains(keypoint)) {
+                    let hinges: Vec<String> = self.model.hinges().map(str::to_owned).collect();
+                    let hint = did_you_mean(joint, &hinges);
+                    return refuse(format!(
+                        "the trajectory has angles of `{joint}`, but the model has no hinge of that name{hint}; rename or remove the column `{keypoint}`"
+                    ));
+                }
+                if !marks.contains(keypoint) {
+                    let hint = did_you_mean(keypoint, &marks);
                     return refuse(format!(
                         "the trajectory shows `{keypoint}`, but the model has no site of that name{hint}; add the site or remove the columns"
                     ));

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use sim::Model;
+use sim::model::encoded_joint;
 
 use super::folder::{Folder, read_text};
 use super::{DEFAULT_INIT_S, Experiment, ExperimentError, Run, RunKind, Use};
@@ -97,6 +98,11 @@ fn load(file: File, path: &Path) -> Result<Experiment, ExperimentError> {
     let mut fit = file.fit;
     file.mechanism.put_into(&file.water, &mut model, &mut fit)?;
     CauseConfig::define(&file.cause, &mut model)?;
+    // a hinge that is not there is found out when the runs are checked
+    for joint in runs.iter().flat_map(|run| &run.trajectory.keypoints).filter_map(|name| encoded_joint(name))
+    {
+        model.add_encoder(joint);
+    }
     fit.add_named_causes(&mut model);
     Ok(Experiment { model, noise_m: file.noise_m.map(Positive::get), fit, diagnose: file.diagnose, runs })
 }

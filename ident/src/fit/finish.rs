@@ -17,7 +17,8 @@ use super::problem::Point;
 use super::profile::profile;
 use super::repeat::{hold_out, repeat};
 use super::report::{Combination, Fit, FittedParameter, JointInformation, NoiseSeen, RunErrors, StartLoss};
-use crate::experiment::{Experiment, Use};
+use super::rest::rested;
+use crate::experiment::{Experiment, Method, Use};
 use crate::geometry::characteristic_length_m;
 use crate::loss::{SquaredError, keypoint_errors};
 use crate::parameters::{ON_BOUND_SHARE, Parameters};
@@ -32,10 +33,15 @@ const NOISE_ALONE_RATIO: f64 = 1.25;
 pub(super) fn finish(
     experiment: &Experiment,
     objective: &Objective<'_>,
-    arrival: Arrival,
+    mut arrival: Arrival,
     assumed: &AssumedNoise,
     mut counts: Counts,
 ) -> Result<(Fit, Model, Vec<FittedRun>), FitError> {
+    let interrupted = arrival.stop_reason == INTERRUPTED;
+    // the paper's recipe ends where its search does
+    if experiment.fit.method != Method::Paper && !interrupted {
+        rest(objective, &mut arrival, assumed, &mut counts);
+    }
     let (problem, point) = (&objective.problem, &arrival.point);
     let linear = match &arrival.linear {
         Some(linear) => Cow::Borrowed(&linear[..]),
@@ -58,7 +64,6 @@ pub(super) fn finish(
     }
     let noise_m = noise_m(objective, &known, assumed);
     let model = problem.parameters.applied(&point.values, problem.model);
-    let interrupted = arrival.stop_reason == INTERRUPTED;
     let intervals = (experiment.fit.profile && !interrupted && !point.values.is_empty())
         .then(|| profile(objective, point, &known, &mut counts));
 
@@ -99,6 +104,21 @@ pub(super) fn finish(
         recalibration: None,
     };
     Ok((fit, model, repeated.runs))
+}
+
+/// Puts what the runs leave open back to where the fit began.
+fn rest(objective: &Objective<'_>, arrival: &mut Arrival, assumed: &AssumedNoise, counts: &mut Counts) {
+    let (problem, point) = (&objective.problem, &arrival.point);
+    let linear = match arrival.linear.take() {
+        Some(linear) => Some(linear),
+        None => problem.linearise(point, !point.values.is_empty(), &mut counts.apart()),
+    };
+    let known = linear.as_deref().and_then(|linear| information(objective, point, linear, assumed.stated));
+    let rested = known.and_then(|known| rested(objective, point, &known, &mut counts.apart()));
+    match rested {
+        Some(point) => (arrival.point, arrival.settled) = (point, false),
+        None => arrival.linear = linear,
+    }
 }
 
 /// Every run of an experiment beside its simulation.

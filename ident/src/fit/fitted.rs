@@ -21,19 +21,20 @@ pub struct Fitted {
 }
 
 impl Fitted {
-    /// The calibrated model as MJCF text that begins with `comment`. Causes that MJCF holds exactly stand where MuJoCo looks
+    /// The calibrated model as MJCF text that begins with `comment`, with a keyframe where each run starts. Causes that MJCF holds exactly stand where MuJoCo looks
     /// for them; others stay as our own numbers, and the comment says what MuJoCo lacks.
     pub fn to_mjcf(&self, comment: &str) -> String {
         let folded = self.model.folded();
+        let starts = FittedRun::starts(&self.runs);
         if folded.lost.is_empty() && folded.altered.is_empty() {
-            return folded.model.to_mjcf(comment);
+            return folded.model.to_mjcf_from(comment, &starts);
         }
         let lost: Vec<&str> = folded.lost.iter().map(|cause| cause.name()).collect();
         let lacks = match lost[..] {
             [] => String::new(),
             _ => format!(" MuJoCo itself moves without {}.", lost.join(", ")),
         };
-        self.model.to_mjcf(&format!("{comment}{lacks}"))
+        self.model.to_mjcf_from(&format!("{comment}{lacks}"), &starts)
     }
 }
 
@@ -56,6 +57,13 @@ pub struct FittedRun {
     pub measured: Trajectory,
     /// Geoms of the calibrated model that touch: from then on it does not move as MuJoCo would have it.
     pub touch: Option<FirstTouch>,
+}
+
+impl FittedRun {
+    /// Where each of `runs` starts, by its id.
+    pub fn starts(runs: &[Self]) -> Vec<(&str, &State)> {
+        runs.iter().map(|run| (run.id.as_str(), &run.initial)).collect()
+    }
 }
 
 /// How long a fit took.

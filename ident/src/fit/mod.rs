@@ -54,6 +54,7 @@ mod profile;
 mod recalibrate;
 pub(crate) mod repeat;
 mod report;
+mod rest;
 mod rough;
 mod run;
 mod search;

@@ -144,7 +144,7 @@ impl<'a> State<'a> {
     }
 
     /// Sees to the linearisation at the point; whether there is one.
-    fn linearised(&mut self, counts: &mut Counts) -> bool {
+    pub(crate) fn linearised(&mut self, counts: &mut Counts) -> bool {
         if self.linear.is_empty() {
             let Some(linear) = self.problem().linearise(&self.point, true, counts) else { return false };
             self.linear = linear;
@@ -262,6 +262,20 @@ impl<'a> State<'a> {
     /// Bayesian information criterion, up to a constant.
     pub(crate) fn bic(&self) -> f64 {
         self.cost + self.added as f64 * self.ln_count() + self.choice_cost()
+    }
+
+    /// The same where residuals are `level` times as large as noise: what no description explains makes every difference between two
+    /// descriptions larger, by that factor.
+    ///
+    /// # Source
+    /// K. P. Burnham, D. R. Anderson, Model Selection and Multimodel Inference, 2002, section 2.5 (overdispersion).
+    pub(crate) fn bic_at(&self, level: f64) -> f64 {
+        self.bic() - self.cost + self.cost / level
+    }
+
+    /// Squares left over those of noise, 1 at the least.
+    pub(crate) fn level(&self) -> f64 {
+        (self.cost / self.count() as f64).max(1.0)
     }
 
     /// What the choices of elements in it cost, as a BIC.

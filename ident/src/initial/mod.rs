@@ -7,7 +7,7 @@ mod noise;
 mod pose;
 mod release;
 
-use sim::model::Coordinates;
+use sim::model::{Coordinates, encoded_joint};
 use sim::{Model, State};
 
 pub use noise::{RunNoise, run_noise};
@@ -15,7 +15,7 @@ pub use release::{Release, release};
 
 use crate::experiment::{Experiment, Run, RunKind, Use};
 use crate::parameters::{ParameterError, Parameters};
-use pose::{Target, pose};
+use pose::{Mark, Target, pose};
 
 /// State at the start of the motion.
 #[derive(Debug, Clone, PartialEq)]
@@ -151,16 +151,21 @@ fn prescribe(model: &Model, run: &Run, time_s: f64, qpos: &mut [f64]) {
 /// Mean position of each coordinate of each keypoint over `instants`.
 fn targets(model: &Model, run: &Run, instants: &[usize]) -> Vec<Target> {
     let sites = model.keypoint_sites();
-    let site = |name: &String| sites.iter().copied().find(|&site| &model.sites[site].name == name);
+    let mark = |name: &String| match encoded_joint(name) {
+        Some(joint) => {
+            model.joints.iter().find(|own| own.name == joint).map(|own| Mark::Angle(own.qpos_address))
+        }
+        None => sites.iter().copied().find(|&site| &model.sites[site].name == name).map(Mark::Site),
+    };
     let mut list = Vec::new();
     for (column, name) in run.trajectory.keypoints.iter().enumerate() {
-        let Some(site) = site(name) else { continue };
+        let Some(mark) = mark(name) else { continue };
         for axis in 0..3 {
             let values = instants.iter().map(|&instant| run.trajectory.at(instant, column)[axis]);
             let values: Vec<f64> = values.filter(|x| x.is_finite()).collect();
             if !values.is_empty() {
                 let mean_m = values.iter().sum::<f64>() / values.len() as f64;
-                list.push(Target { site, axis, mean_m });
+                list.push(Target { mark, axis, mean_m });
             }
         }
     }

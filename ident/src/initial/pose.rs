@@ -3,15 +3,25 @@
 use std::f64::consts::TAU;
 
 use nalgebra::{DMatrix, DVector};
+use sim::model::{Joint, POINTER_M};
 use sim::{JointKind, Model};
 
 use crate::geometry::moved;
 
-/// One observed coordinate of a site.
+/// What is observed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Mark {
+    /// One of the model's sites.
+    Site(usize),
+    /// The coordinate at this place, by an encoder's pointer.
+    Angle(usize),
+}
+
+/// One observed coordinate of a mark.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Target {
-    /// Index into the model's sites.
-    pub(super) site: usize,
+    /// Which.
+    pub(super) mark: Mark,
     /// 0, 1, 2 for x, y, z.
     pub(super) axis: usize,
     /// Where it was seen \[m\].
@@ -47,14 +57,19 @@ pub(super) fn pose(
             best = far;
         }
     }
-    unwind(model, &mut best, frozen);
+    let stays = |joint: &Joint<f64>| {
+        let read = targets.iter().any(|target| target.mark == Mark::Angle(joint.qpos_address));
+        read || frozen[joint.dof_address]
+    };
+    unwind(model, &mut best, stays);
     best
 }
 
-/// Takes whole turns out of hinges: a descent over a folded chain winds some up, and a spring or a stop would feel them.
-fn unwind(model: &Model, qpos: &mut [f64], frozen: &[bool]) {
+/// Takes whole turns out of hinges, but of those that stay: a descent over a folded chain winds some up, and a spring or a stop would
+/// feel them. An encoder counts turns.
+fn unwind(model: &Model, qpos: &mut [f64], stays: impl Fn(&Joint<f64>) -> bool) {
     let hinges = model.joints.iter().filter(|joint| joint.kind == JointKind::Hinge);
-    for joint in hinges.filter(|joint| !frozen[joint.dof_address]) {
+    for joint in hinges.filter(|joint| !stays(joint)) {
         let middle = joint.limit.map_or(joint.reference, |[lower, upper]| 0.5 * (lower + upper));
         let angle = &mut qpos[joint.qpos_address];
         *angle -= TAU * ((*angle - middle) / TAU).round();
@@ -63,7 +78,11 @@ fn unwind(model: &Model, qpos: &mut [f64], frozen: &[bool]) {
 
 fn residuals(model: &Model, targets: &[Target], qpos: &[f64]) -> DVector<f64> {
     let poses = model.poses(qpos);
-    DVector::from_iterator(targets.len(), targets.iter().map(|t| t.mean_m - poses.site_pos[t.site].0[t.axis]))
+    let off = |target: &Target| match target.mark {
+        Mark::Site(site) => target.mean_m - poses.site_pos[site].0[target.axis],
+        Mark::Angle(angle) => target.mean_m - POINTER_M * qpos[angle],
+    };
+    DVector::from_iterator(targets.len(), targets.iter().map(off))
 }
 
 fn cost(model: &Model, targets: &[Target], qpos: &[f64]) -> f64 {

@@ -1,5 +1,6 @@
 use sim::{RolloutOptions, rollout};
 
+use super::pose::Mark;
 use super::*;
 use crate::noise::noise_m;
 
@@ -81,7 +82,9 @@ fn hinges_are_not_wound_up() {
             let wanted = [first, second, third];
             let seen = model.poses(&wanted).site_pos;
             let targets: Vec<Target> = (0..seen.len())
-                .flat_map(|site| [0, 2].map(|axis| Target { site, axis, mean_m: seen[site].0[axis] }))
+                .flat_map(|site| {
+                    [0, 2].map(|axis| Target { mark: Mark::Site(site), axis, mean_m: seen[site].0[axis] })
+                })
                 .collect();
             let found = pose(&model, &targets, &[0.0; 3], &[false; 3], NOISE_M);
             for (angle, wanted) in found.iter().zip(wanted) {

@@ -143,3 +143,15 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn angles_of_encoders_stand_beside_keypoints_and_come_back_the_same() {
+    let text = "time_s,P1_x_m,P1_z_m,q1_rad,q2_rad\n0,0.1,0.2,-3.5,\n0.5,0.3,,0.25,7.125\n";
+    let read = parse_trajectory(text, Path::new("t.csv")).unwrap();
+    assert_eq!(read.keypoints, ["P1", "q1_rad", "q2_rad"]);
+    assert_eq!(read.at(0, 1)[0], -3.5 * sim::model::POINTER_M);
+    assert!(read.at(0, 2)[0].is_nan() && read.at(0, 1)[2].is_nan());
+    assert_eq!(trajectory_text(&read), text);
+    let bad = parse_trajectory("time_s,q1_rad\n0,much\n", Path::new("t.csv")).unwrap_err().to_string();
+    assert!(bad.contains("q1_rad") && bad.contains("radians"), "{bad}");
+}

@@ -1,18 +1,23 @@
-//! `trajectory.csv`: `time_s,P1_x_m,P1_z_m,...`, optionally `P1_std_m` and the part of it that follows the pose, `P1_pose_std_m`.
+//! `trajectory.csv`: `time_s,P1_x_m,P1_z_m,...`, optionally `P1_std_m` and the part of it that follows the pose, `P1_pose_std_m`; beside these or
+//! alone `q1_rad`, angles that an encoder read on a hinge.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use sim::Trajectory;
+use sim::model::{POINTER_M, encoded_joint};
 
 use super::{Rows, TableError, read_text, write_text};
 
 const COORDINATE_WANTED: &str = "a finite number of metres; leave the cell empty where nothing was seen";
+const ANGLE_WANTED: &str = "a finite number of radians; leave the cell empty where nothing was read";
 const STD_WANTED: &str = "a finite number of metres above 0; leave the cell empty where it is not known";
 
 /// What a column other than the time holds.
 enum Quantity {
     Axis(usize),
+    /// Of a hinge, kept as the way of a pointer.
+    Angle,
     /// Of all, or of what follows the pose.
     Std(Deviation),
 }
@@ -43,8 +48,11 @@ impl Deviation {
     }
 }
 
-/// `P1_x_m` is keypoint `P1`, axis 0.
+/// `P1_x_m` is keypoint `P1`, axis 0; `q1_rad` is a mark of that name.
 fn meaning(title: &str) -> Option<(&str, Quantity)> {
+    if encoded_joint(title).is_some() {
+        return Some((title, Quantity::Angle));
+    }
     let all = title.strip_suffix("_m")?;
     let (keypoint, quantity) = match all.strip_suffix("_pose_std") {
         Some(keypoint) => (keypoint, Quantity::Std(Deviation::Pose)),
@@ -63,7 +71,8 @@ fn meaning(title: &str) -> Option<(&str, Quantity)> {
     (!keypoint.is_empty()).then_some((keypoint, quantity))
 }
 
-/// Reads the trajectory table at `path`; positions in metres, tank frame.
+/// Reads the trajectory table at `path`; positions in metres, tank frame. Angles of encoders come as the way of a pointer of
+/// [`POINTER_M`] in place of x.
 ///
 /// # Errors
 /// [`TableError`], naming file, line and column.
@@ -84,7 +93,7 @@ pub fn parse_trajectory(text: &str, path: &Path) -> Result<Trajectory, TableErro
     for (column, title) in rows.header.iter().enumerate().skip(1) {
         let (keypoint, quantity) = meaning(title).ok_or_else(|| {
             refuse(format!(
-                "unknown column `{title}`; wanted are <keypoint>_x_m, <keypoint>_y_m, <keypoint>_z_m, <keypoint>_std_m and <keypoint>_pose_std_m"
+                "unknown column `{title}`; wanted are <keypoint>_x_m, <keypoint>_y_m, <keypoint>_z_m, <keypoint>_std_m, <keypoint>_pose_std_m and <joint>_rad"
             ))
         })?;
         let index = keypoints.iter().position(|known| known == keypoint).unwrap_or_else(|| {
@@ -92,11 +101,13 @@ pub fn parse_trajectory(text: &str, path: &Path) -> Result<Trajectory, TableErro
             located.push(false);
             keypoints.len() - 1
         });
-        located[index] |= matches!(quantity, Quantity::Axis(_));
+        located[index] |= matches!(quantity, Quantity::Axis(_) | Quantity::Angle);
         columns.push((column, index, quantity));
     }
     if keypoints.is_empty() {
-        return Err(refuse("no keypoint columns; wanted is at least one such as `P1_x_m`".into()));
+        return Err(refuse(
+            "no keypoint columns; wanted is at least one such as `P1_x_m`, or `q1_rad` of an encoder".into(),
+        ));
     }
     if let Some(lost) = located.iter().position(|seen| !seen) {
         let name = &keypoints[lost];
@@ -119,6 +130,10 @@ pub fn parse_trajectory(text: &str, path: &Path) -> Result<Trajectory, TableErro
             match quantity {
                 Quantity::Axis(axis) => {
                     position_m[cell][*axis] = rows.number_or_gap(row, column, COORDINATE_WANTED)?;
+                }
+                Quantity::Angle => {
+                    let angle_rad = rows.number_or_gap(row, column, ANGLE_WANTED)?;
+                    position_m[cell][0] = POINTER_M * angle_rad;
                 }
                 Quantity::Std(deviation) => {
                     let std = rows.number_or_gap(row, column, STD_WANTED)?;
@@ -152,6 +167,10 @@ pub fn trajectory_text(trajectory: &Trajectory) -> String {
     let width = trajectory.keypoints.len();
     let mut columns = Vec::new();
     for keypoint in 0..width {
+        if encoded_joint(&trajectory.keypoints[keypoint]).is_some() {
+            columns.push((keypoint, Quantity::Angle));
+            continue;
+        }
         let seen = |axis: usize| {
             trajectory.position_m.iter().skip(keypoint).step_by(width).any(|p| p[axis].is_finite())
         };
@@ -166,12 +185,13 @@ pub fn trajectory_text(trajectory: &Trajectory) -> String {
     }
     let mut text = String::from("time_s");
     for (keypoint, quantity) in &columns {
-        let name = match quantity {
-            Quantity::Axis(axis) => ["x", "y", "z"][*axis],
-            Quantity::Std(deviation) => deviation.name(),
-        };
+        let mark = &trajectory.keypoints[*keypoint];
         // Writing into a string cannot fail.
-        let _ = write!(text, ",{}_{name}_m", trajectory.keypoints[*keypoint]);
+        let _ = match quantity {
+            Quantity::Axis(axis) => write!(text, ",{mark}_{}_m", ["x", "y", "z"][*axis]),
+            Quantity::Angle => write!(text, ",{mark}"),
+            Quantity::Std(deviation) => write!(text, ",{mark}_{}_m", deviation.name()),
+        };
     }
     text.push('\n');
     for (row, time_s) in trajectory.time_s.iter().enumerate() {
@@ -180,6 +200,7 @@ pub fn trajectory_text(trajectory: &Trajectory) -> String {
             let cell = row * width + keypoint;
             let value = match quantity {
                 Quantity::Axis(axis) => trajectory.position_m[cell][*axis],
+                Quantity::Angle => trajectory.position_m[cell][0] / POINTER_M,
                 Quantity::Std(deviation) => deviation.of(trajectory).map_or(f64::NAN, |std| std[cell]),
             };
             text.push(',');

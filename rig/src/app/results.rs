@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use ident::diagnose::{Diagnosed, NamedCause};
 use ident::experiment::{Experiment, Use};
-use ident::fit::{Fit, Fitted};
+use ident::fit::{Fit, Fitted, FittedRun};
 
 use super::Failure;
 use crate::record::folder::{file, write_whole};
@@ -109,8 +109,8 @@ pub(super) fn write_diagnosis(diagnosed: &Diagnosed, source: &str, folder: &Path
         let lost: Vec<&str> = folded.lost.iter().map(|cause| cause.name()).collect();
         comment.push_str(&format!(" MuJoCo itself moves without {}.", lost.join(", ")));
     }
-    write_whole(&folder.join(file::MODEL), diagnosed.model.to_mjcf(&comment).as_bytes())
-        .map_err(Failure::internal)
+    let text = diagnosed.model.to_mjcf_from(&comment, &FittedRun::starts(&diagnosed.after));
+    write_whole(&folder.join(file::MODEL), text.as_bytes()).map_err(Failure::internal)
 }
 
 /// Reads the fit.json of an earlier fit.

@@ -1,6 +1,7 @@
 //! The figures of one run, after the paper's Figs. 4 to 7.
 
 use maud::{Markup, html};
+use sim::model::{POINTER_M, encoded_joint};
 use sim::{Command, Trajectory};
 
 use super::chart::{Chart, KEYPOINTS, MEASURED, SIMULATED, Series};
@@ -14,9 +15,9 @@ const FIXED_M: f64 = 1e-6;
 const WIDE_PX: (u32, u32) = (540, 190);
 const SQUARE_PX: (u32, u32) = (420, 400);
 
-/// Position of keypoint `keypoint` along `axis` \[mm\] over time.
-fn track(trajectory: &Trajectory, keypoint: usize, axis: usize) -> Vec<(f64, f64)> {
-    let position = |instant: usize| trajectory.at(instant, keypoint)[axis] * 1e3;
+/// Position of keypoint `keypoint` along `axis`, of which `unit_m` make one, over time.
+fn track(trajectory: &Trajectory, keypoint: usize, axis: usize, unit_m: f64) -> Vec<(f64, f64)> {
+    let position = |instant: usize| trajectory.at(instant, keypoint)[axis] / unit_m;
     trajectory.time_s.iter().enumerate().map(|(instant, &t)| (t, position(instant))).collect()
 }
 
@@ -37,17 +38,26 @@ pub(super) fn over_time(run: &RunFigures) -> Markup {
     let moving =
         run.measured.keypoints.iter().enumerate().filter(|(_, name)| !is_fixed(&run.simulated, name));
     let axes = View::of(&run.measured).seen_axes();
+    let panels = |name: &String| match encoded_joint(name) {
+        Some(joint) => vec![(0, joint.to_owned(), "angle [rad]".to_owned(), POINTER_M)],
+        None => axes
+            .map(|(axis, letter)| (axis, format!("{name}, {letter}"), format!("{letter} [mm]"), 1e-3))
+            .to_vec(),
+    };
     let charts = moving.flat_map(|(k, name)| {
-        axes.map(|(axis, letter)| {
-            let measured = track(&run.measured, k, axis);
+        panels(name).into_iter().map(move |(axis, title, y_label, unit_m)| {
+            let measured = track(&run.measured, k, axis, unit_m);
             let mut series = vec![Series { width: 2.6, opacity: 0.7, ..Series::line(measured, MEASURED) }];
             if let Some(k) = column(&run.simulated, name) {
-                series.push(Series { width: 1.6, ..Series::line(track(&run.simulated, k, axis), SIMULATED) });
+                series.push(Series {
+                    width: 1.6,
+                    ..Series::line(track(&run.simulated, k, axis, unit_m), SIMULATED)
+                });
             }
             Chart {
-                title: format!("{name}, {letter}"),
+                title,
                 x_label: "time [s]".into(),
-                y_label: format!("{letter} [mm]"),
+                y_label,
                 size: WIDE_PX,
                 marks: run.start_s.into_iter().collect(),
                 series,
@@ -107,7 +117,8 @@ fn residual(
 fn pose(trajectory: &Trajectory, instant: usize, base_m: Option<[f64; 3]>, view: View) -> Vec<(f64, f64)> {
     let has_base = trajectory.keypoints.iter().any(|name| name == "P0");
     let base = base_m.filter(|_| !has_base);
-    let keypoints = (0..trajectory.keypoints.len()).map(|k| trajectory.at(instant, k));
+    let is_point = |k: &usize| encoded_joint(&trajectory.keypoints[*k]).is_none();
+    let keypoints = (0..trajectory.keypoints.len()).filter(is_point).map(|k| trajectory.at(instant, k));
     base.into_iter().chain(keypoints).map(|place| millimetres(place, view)).collect()
 }
 
@@ -172,7 +183,9 @@ pub(super) fn superimposed(run: &RunFigures) -> Markup {
                 width: 1.0,
             })
             .collect();
-        for k in 0..trajectory.keypoints.len() {
+        for (k, _) in
+            trajectory.keypoints.iter().enumerate().filter(|(_, name)| encoded_joint(name).is_none())
+        {
             let path = (0..trajectory.time_s.len()).map(|i| millimetres(trajectory.at(i, k), view)).collect();
             series.push(Series { width: 1.2, ..Series::line(path, KEYPOINTS[k % KEYPOINTS.len()]) });
         }

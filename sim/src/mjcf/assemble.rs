@@ -58,6 +58,7 @@ pub(super) fn model(document: &Document<'_>) -> Result<Model<f64>, MjcfError> {
         actuators: Vec::new(),
         contacts: Contacts::default(),
         causes: Vec::new(),
+        encoders: Vec::new(),
         own: Vec::new(),
         foreign: Vec::new(),
     };

@@ -20,7 +20,7 @@ mod write;
 
 pub use error::MjcfError;
 
-use crate::model::Model;
+use crate::model::{Model, State};
 
 impl Model<f64> {
     /// Reads a model from MJCF `text`.
@@ -47,6 +47,11 @@ impl Model<f64> {
     /// Writes the model as MJCF that MuJoCo loads and moves the same way, but for the causes it carries, which are written
     /// for ourselves and named at the head; [`Model::folded`] writes into it what MJCF can hold. `comment` stands first.
     pub fn to_mjcf(&self, comment: &str) -> String {
-        write::model(self, comment)
+        write::model(self, comment, &[])
+    }
+
+    /// The same with a keyframe for each of `starts`, called after it: there MuJoCo, and whoever looks at the model, begins.
+    pub fn to_mjcf_from(&self, comment: &str, starts: &[(&str, &State)]) -> String {
+        write::model(self, comment, starts)
     }
 }

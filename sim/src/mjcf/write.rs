@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::model::{ActuatorKind, GeomKind, Integrator, KuttaLift, Model};
+use crate::model::{ActuatorKind, GeomKind, Integrator, KuttaLift, Model, State};
 
 /// The `<custom>` text that says which engines' Kutta lift a model has, and what it says.
 pub(super) const LIFT: &str = "kutta_lift";
@@ -35,7 +35,7 @@ struct Writer<'m> {
 }
 
 /// The model as text. Numbers are written so that they read back to the same bits.
-pub(super) fn model(model: &Model<f64>, comment: &str) -> String {
+pub(super) fn model(model: &Model<f64>, comment: &str, starts: &[(&str, &State)]) -> String {
     let mut children = vec![Vec::new(); model.bodies.len()];
     for (index, body) in model.bodies.iter().enumerate().skip(1) {
         children[body.parent].push(index);
@@ -48,6 +48,7 @@ pub(super) fn model(model: &Model<f64>, comment: &str) -> String {
     writer.exclusions();
     writer.actuators();
     writer.causes();
+    writer.keyframes(starts);
     writer.out.push_str("</mujoco>\n");
     writer.out
 }
@@ -257,6 +258,23 @@ impl Writer<'_> {
             }
         }
         self.out.push_str("  </custom>\n");
+    }
+
+    fn keyframes(&mut self, starts: &[(&str, &State)]) {
+        if starts.is_empty() {
+            return;
+        }
+        self.line(1, "keyframe", &[], false);
+        for (of, state) in starts {
+            let moves = state.qvel.iter().any(|rate| *rate != 0.0);
+            let key = [
+                name(of, true),
+                Some(("qpos", numbers(&state.qpos))),
+                moves.then(|| ("qvel", numbers(&state.qvel))),
+            ];
+            self.line(2, "key", &key, true);
+        }
+        self.out.push_str("  </keyframe>\n");
     }
 
     fn actuators(&mut self) {

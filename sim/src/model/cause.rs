@@ -50,7 +50,7 @@ pub enum Per {
     Geom,
     /// Each keypoint, after which it is called.
     Keypoint,
-    /// Each hinge that a drive or a spring holds, after which it is called.
+    /// Each hinge that a drive or a spring holds or an encoder reads, after which it is called.
     Held,
     /// Each body that carries another one on a joint, after which it is called.
     Link,
@@ -373,12 +373,13 @@ impl<T: Scalar> Model<T> {
         self.joints.iter().enumerate().filter(|(_, joint)| joint.kind.is_axle())
     }
 
-    /// The hinges that a drive or a spring holds, each with its place in `joints`.
+    /// The hinges that a drive or a spring holds or an encoder reads, each with its place in `joints`.
     pub(crate) fn held_hinges(&self) -> impl Iterator<Item = (usize, &Joint<T>)> {
         let is_held = |(place, joint): &(usize, &Joint<T>)| {
             let sprung = joint.stiffness.iter().any(|power| *power != T::ZERO);
-            joint.kind == JointKind::Hinge
-                && (sprung || self.actuators.iter().any(|actuator| actuator.joint == *place))
+            let driven = self.actuators.iter().any(|actuator| actuator.joint == *place);
+            let read = self.encoders.iter().any(|encoder| encoder.joint == *place);
+            joint.kind == JointKind::Hinge && (sprung || driven || read)
         };
         self.joints.iter().enumerate().filter(is_held)
     }

@@ -6,6 +6,7 @@
 pub(crate) mod cause;
 mod contacts;
 mod elements;
+mod encoder;
 mod joint;
 mod parameters;
 pub(crate) mod shape;
@@ -15,6 +16,8 @@ pub use contacts::PossibleContact;
 pub use elements::{
     Actuator, ActuatorKind, Body, FluidCoefficients, Geom, GeomKind, Integrator, KuttaLift, Settings, Site,
 };
+pub(crate) use encoder::Encoder;
+pub use encoder::{POINTER_M, encoded_joint};
 pub use joint::{Coordinates, Joint, JointKind};
 pub use parameters::{Parameter, UnknownParameter};
 
@@ -41,6 +44,8 @@ pub struct Model<T = f64> {
     pub sites: Vec<Site<T>>,
     /// Drives.
     pub actuators: Vec<Actuator<T>>,
+    /// What reads joints' angles, if anything does: no part of the mechanism, and of no file.
+    pub(crate) encoders: Vec<Encoder<T>>,
     pub(crate) contacts: Contacts,
     pub(crate) causes: Vec<CauseValues<T>>,
     /// Causes that somebody wrote down, whether the model carries them or not.
@@ -132,6 +137,11 @@ impl<T: Scalar> Model<T> {
             geoms: self.geoms.iter().map(|geom| geom.map(f)).collect(),
             sites: self.sites.iter().map(|site| site.map(f)).collect(),
             actuators: self.actuators.iter().map(|actuator| actuator.map(f)).collect(),
+            encoders: self
+                .encoders
+                .iter()
+                .map(|own| Encoder { joint: own.joint, zero: f(own.zero) })
+                .collect(),
             contacts: self.contacts.clone(),
             causes: self.causes.iter().map(|carried| carried.map(f)).collect(),
             own: self.own.clone(),

@@ -6,7 +6,7 @@ use crate::dynamics::stages::Stages;
 use crate::dynamics::{integrate, kinematics};
 use crate::error::RolloutError;
 use crate::math::Vector;
-use crate::model::Model;
+use crate::model::{Encoder, Model, POINTER_M};
 use crate::options::RolloutOptions;
 use crate::rollout;
 use crate::simulator::Engine;
@@ -46,6 +46,9 @@ impl Explorer<'_> {
             .map(|site| (site.body, S::vector(&engine.plant.layout, site.body, site.pos)))
             .collect();
 
+        let read = |encoder: &Encoder<f64>| model.joints[encoder.joint].qpos_address;
+        let watched = Watched { points, angles: model.encoders.iter().map(read).collect() };
+
         let mut ends = Vec::new();
         let mut now = 0.0;
         // as a first guess, short; then as long as the last one would have been
@@ -70,14 +73,14 @@ impl Explorer<'_> {
                     let mut sample = far.qpos.clone();
                     let (from, to) = ((&state.qpos[..], &departure[..]), (&far.qpos[..], &far.qvel[..]));
                     integrate::between(&engine.plant, from, to, h, 0.5, &mut sample);
-                    let between = worst(&mut whole, &points, &sample, &middle.qpos);
-                    let end = worst(&mut whole, &points, &far.qpos, &near.qpos);
+                    let between = watched.worst(&mut whole, &sample, &middle.qpos);
+                    let end = watched.worst(&mut whole, &far.qpos, &near.qpos);
                     // an error of the velocity leads astray in the next step
                     let mut astray = [far.qpos.clone(), near.qpos.clone()];
                     for (astray, from) in astray.iter_mut().zip([&far, &near]) {
                         integrate::advance(&engine.plant, &from.qpos, &from.qvel, h, astray);
                     }
-                    let next = worst(&mut whole, &points, &astray[0], &astray[1]);
+                    let next = watched.worst(&mut whole, &astray[0], &astray[1]);
                     between.max(end).max(next)
                 } else {
                     f64::INFINITY
@@ -109,17 +112,25 @@ impl Explorer<'_> {
     }
 }
 
-/// How far apart \[m\] the coordinates `a` and `b` put some of the `points`, fixed to their bodies.
-fn worst<S: Stages<T = f64>>(
-    engine: &mut Engine<S>,
-    points: &[(usize, S::Vec)],
-    a: &[f64],
-    b: &[f64],
-) -> f64 {
-    let [a, b] = [a, b].map(|qpos| {
-        kinematics::kinematics(&engine.plant, qpos, &mut engine.work);
-        let work = &engine.work;
-        points.iter().map(|&(body, at)| work.pos[body] + S::apply(&work.rot[body], at)).collect::<Vec<_>>()
-    });
-    a.into_iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
+/// What must be where it belongs.
+struct Watched<S: Stages> {
+    /// Sites: body, and place on it.
+    points: Vec<(usize, S::Vec)>,
+    /// Coordinates that encoders read.
+    angles: Vec<usize>,
+}
+
+impl<S: Stages<T = f64>> Watched<S> {
+    /// The greatest distance \[m\] of one of them between two poses.
+    fn worst(&self, engine: &mut Engine<S>, a: &[f64], b: &[f64]) -> f64 {
+        let pointers = self.angles.iter().map(|&angle| POINTER_M * (a[angle] - b[angle]).abs());
+        let turned = pointers.fold(0.0, f64::max);
+        let [a, b] = [a, b].map(|qpos| {
+            kinematics::kinematics(&engine.plant, qpos, &mut engine.work);
+            let work = &engine.work;
+            let place = |&(body, at): &(usize, S::Vec)| work.pos[body] + S::apply(&work.rot[body], at);
+            self.points.iter().map(place).collect::<Vec<_>>()
+        });
+        a.into_iter().zip(b).map(|(a, b)| (a - b).norm()).fold(turned, f64::max)
+    }
 }
