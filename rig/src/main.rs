@@ -53,6 +53,8 @@ enum Verb {
     Status(cli::status::Args),
     /// Move one servo by hand, slowly
     Jog(cli::jog::Args),
+    /// Write firmware to a servo board
+    Firmware(cli::firmware::Args),
     /// Stop the servo now, also from beside a running rig
     Estop(cli::estop::Args),
     /// A servo board behind a pseudo-terminal, as a process of its own
@@ -86,6 +88,7 @@ fn main() -> ExitCode {
         Verb::List(args) => cli::list::run(args),
         Verb::Status(args) => cli::status::run(args),
         Verb::Jog(args) => cli::jog::run(args),
+        Verb::Firmware(args) => cli::firmware::run(args),
         Verb::Estop(args) => cli::estop::run(args),
         Verb::MockBoard(args) => cli::mock_board::run(args),
         Verb::MockCamera(args) => cli::mock_camera::run(args),

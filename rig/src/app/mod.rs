@@ -11,6 +11,7 @@ pub mod diagnose;
 pub mod exchange;
 pub mod experiment;
 mod failure;
+pub mod firmware;
 pub mod fit;
 mod interrupt;
 pub mod last_good;

@@ -9,6 +9,7 @@ pub mod estop;
 pub mod experiment;
 pub mod export;
 pub mod extract;
+pub mod firmware;
 pub mod fit;
 pub mod import;
 pub mod jog;
