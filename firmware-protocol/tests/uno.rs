@@ -300,3 +300,98 @@ fn no_garbage_moves_a_pin() {
     // The next whole packet is heard.
     assert!(matches!(emulator.say(Command::Status), Event::Status(_)));
 }
+
+#[test]
+fn tick_is_right_where_its_timer_wraps() {
+    /// The timer that the tick is made of wraps so often.
+    const WRAP_US: u64 = 4096;
+    /// From when the emulator says that a byte was read to when the firmware takes the time.
+    const STAMP_US: u64 = 5;
+    let Some(built) = built() else { return };
+    let mut emulator = Emulator::new(built, &[]);
+    let origin = emulator.tick_origin();
+    // How long after it is sent the last byte of a ping is read.
+    let sent_us = emulator.now_us;
+    let read = emulator.tick_origin().abs_diff(origin);
+    assert!(read <= STAMP_US * CYCLES_PER_US);
+    let takes_us = emulator.taken.last().unwrap().0 / CYCLES_PER_US - sent_us;
+    let mut wraps = 0;
+    for step in 0..60 {
+        // So that it is read from 15 us before a wrap to 15 us after, in half microseconds and in any phase of the cycle.
+        let tick_us = emulator.now_us - origin / CYCLES_PER_US;
+        let aim = (tick_us / WRAP_US + 3) * WRAP_US + step / 2 - 15;
+        emulator.run_us(aim - tick_us - takes_us);
+        let found = emulator.tick_origin();
+        let off = found.abs_diff(origin);
+        assert!(off <= STAMP_US * CYCLES_PER_US, "step {step}: the tick is {off} cycles off");
+        wraps += u64::from((emulator.taken.last().unwrap().0 - origin) / CYCLES_PER_US % WRAP_US < 20);
+    }
+    assert!(wraps > 10, "{wraps} pings came just after a wrap");
+}
+
+#[test]
+fn tick_wraps_without_a_gap() {
+    use firmware_protocol::sync_led;
+    use firmware_protocol::units::Ticks;
+    // Begins one slot of the sync LED before the tick wraps, after 71.6 minutes.
+    let Some(built) = build("wrap", &["-DFIRST_WRAPS=0xffff0"]) else { return };
+    let mut emulator = Emulator::new(&built, &[]);
+    let tick = |emulator: &mut Emulator| {
+        let Event::Pong { at, .. } = emulator.say(Command::Ping) else { panic!("no pong") };
+        (emulator.taken.last().unwrap().0, at)
+    };
+    let (before_cycle, before) = tick(&mut emulator);
+    emulator.say(Command::Hello);
+    emulator.attach(wide_servo(0, SafeState::Hold), 1000);
+    emulator.jog(0, 2000, 200_000);
+    emulator.pass_ms(1_500);
+    let (after_cycle, after) = tick(&mut emulator);
+    assert!(before.0 > u32::MAX - 60_000 && after.0 < 2_000_000, "{before} {after}");
+    assert!((after.since(before) as u64 * CYCLES_PER_US).abs_diff(after_cycle - before_cycle) < 100);
+    // The jog went on across it.
+    let pulses = emulator.pulses("D2");
+    assert!(
+        pulses.windows(2).all(|pair| pair[0].width <= pair[1].width && pair[1].rise - pair[0].rise == FRAME)
+    );
+    assert_eq!(pulses.last().unwrap().width, 2000 * CYCLES_PER_US);
+    // And the pattern began anew.
+    let edges: Vec<_> = emulator.edges.iter().filter(|edge| edge.pin == SYNC_LED_PIN).collect();
+    for pair in edges.windows(2) {
+        let middle = (pair[0].cycle + pair[1].cycle) / 2;
+        let at = Ticks(after.0.wrapping_sub(((after_cycle - middle) / CYCLES_PER_US) as u32));
+        assert_eq!(sync_led::lit(at), pair[0].high, "at {at}");
+    }
+    assert!(edges.len() >= 3);
+}
+
+#[test]
+fn byte_at_the_worst_moment_moves_no_edge() {
+    /// Before an edge: its interrupt comes within, and one of a byte lasts less than 8 us.
+    const BEFORE_US: std::ops::Range<u64> = 2..26;
+    let Some(built) = built() else { return };
+    let mut emulator = ready(built);
+    for (channel, pulse) in [(0, 700), (1, 900)] {
+        emulator.attach(wide_servo(channel, SafeState::Hold), pulse);
+    }
+    emulator.run_ms(45);
+    let rise = emulator.pulses("D3").last().unwrap().rise;
+    let sent_us = emulator.now_us;
+    emulator.say(Command::Ping);
+    let takes_us = emulator.taken.last().unwrap().0 / CYCLES_PER_US - sent_us;
+    // What ends a packet takes the byte's interrupt longest, and what begins the pulses of a pair the edge's.
+    for (edge_us, before_us) in [0, 700, 900].into_iter().flat_map(|edge| BEFORE_US.map(move |b| (edge, b))) {
+        let frames = (emulator.now_us * CYCLES_PER_US - rise) / FRAME + 2;
+        let edge = (rise + frames * FRAME) / CYCLES_PER_US + edge_us;
+        let aim = edge - before_us - takes_us;
+        emulator.edges.clear();
+        emulator.run_us(aim - emulator.now_us);
+        emulator.say(Command::Ping);
+        emulator.run_ms(10);
+        for (pin, width) in [("D2", 700), ("D3", 900)] {
+            for pulse in emulator.pulses(pin) {
+                assert_eq!((pulse.rise - rise) % FRAME, 0, "{pin}, a byte {before_us} us before");
+                assert_eq!(pulse.width, width * CYCLES_PER_US, "{pin}, a byte {before_us} us before");
+            }
+        }
+    }
+}

@@ -253,3 +253,38 @@ fn no_update_makes_a_glitch() {
     );
     assert!(moved > 1_000);
 }
+
+#[test]
+fn eight_moving_servos_leave_the_board_time() {
+    /// The answer to a ping has this long to be whole; 16 bytes of it are 1.5 ms on the line.
+    const ANSWER_MS: f64 = 5.0;
+    let Some(built) = built() else { return };
+    let mut emulator = Emulator::new(built, &[]);
+    emulator.say(Command::Hello);
+    for channel in 0..8 {
+        emulator.attach(wide_servo(channel, SafeState::Hold), 500);
+    }
+    for channel in 0..8 {
+        // 2 s: each update of each of them comes at a tick of its own.
+        emulator.jog(channel, 2500, 2_000_000 + u32::from(channel));
+    }
+    let mut worst: f64 = 0.0;
+    for _ in 0..60 {
+        let Event::Pong { at, state, .. } = emulator.say(Command::Ping) else { panic!("no pong") };
+        assert_eq!(state, State::Jogging, "at {at}");
+        let (asked, answered) = (emulator.taken.last().unwrap().0, emulator.events.last().unwrap().0);
+        worst = worst.max((answered - asked) as f64 / CYCLES_PER_MS as f64);
+        emulator.run_us(11_300);
+    }
+    println!("a ping is answered within {worst:.2} ms while eight servos move");
+    assert!(worst < ANSWER_MS, "{worst} ms");
+    // Each pulse is the line's at most 2 ms before: 2 us of pulse.
+    emulator.pass_ms(1_200);
+    assert_eq!(status(&mut emulator), (State::Idle, Fault::None));
+    for pin in SERVO_PINS {
+        let pulses = emulator.pulses(pin);
+        assert_eq!(pulses.last().unwrap().width, 2500 * CYCLES_PER_US, "{pin}");
+        let steps = pulses.windows(2).map(|pair| (pair[1].width - pair[0].width) / CYCLES_PER_US);
+        assert!(steps.clone().all(|step| step <= 22), "{pin}: {:?}", steps.max());
+    }
+}

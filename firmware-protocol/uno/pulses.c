@@ -59,22 +59,24 @@ static struct {
 } ends[2];
 static uint8_t ended, under_way;
 
-volatile uint32_t timer1_wraps;
-static uint16_t pattern = 1;
+/* A test begins just before the tick wraps. */
+#ifndef FIRST_WRAPS
+#define FIRST_WRAPS 0
+#endif
+volatile uint32_t timer1_wraps = FIRST_WRAPS;
+enum { PATTERN_BEGINS = 1 };
+static uint16_t pattern;
 
 uint32_t tick_us(void)
 {
-    uint32_t high;
-    uint16_t low;
-    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
-    {
-        low = tick_low_us();
-        high = timer1_wraps;
-    }
-    /* The low 16 bits hold four bits of the wraps; where they are ahead of `high`, the wrap was not counted yet. */
-    if ((uint8_t)(low >> 12) != ((uint8_t)high & 15))
-        high++;
-    return high << 12 | (low & 0x0fff);
+    uint8_t interrupts = SREG;
+    cli();
+    timer1_instant now = timer1_now();
+    uint32_t wraps = timer1_wraps;
+    SREG = interrupts;
+    if (now.wraps != (uint8_t)wraps)
+        wraps++;
+    return wraps << 12 | now.count >> 4;
 }
 
 void pulses_set(uint8_t channel, uint16_t pulse_us)
@@ -86,22 +88,23 @@ ISR(TIMER1_OVF_vect)
 {
     uint32_t n = timer1_wraps + 1;
     timer1_wraps = n;
-    if (n & 15)
-        return;
-    /* A slot of the sync LED, 65536 us: 16 wraps. After 65536 slots the tick wraps, and the pattern begins anew. */
-    uint16_t p = pattern;
-    uint8_t low = (uint8_t)p;
-    uint8_t feedback = low ^ low >> 2 ^ low >> 3 ^ low >> 5;
-    p >>= 1;
-    if (feedback & 1)
-        p |= 0x8000;
-    if ((n & 0xfffff) == 0)
-        p = 1;
-    pattern = p;
-    if (p & 1)
-        PORTB |= _BV(SYNC_LED_BIT);
-    else
-        PORTB &= (uint8_t)~_BV(SYNC_LED_BIT);
+    /* A slot of the sync LED, 65536 us: 16 wraps. After 65536 slots the tick wraps, and the pattern begins anew. Shown
+     * and advanced at different wraps: each is short, for an edge may wait for it. */
+    uint8_t part = (uint8_t)n & 15;
+    if (part == 0) {
+        if (pattern & 1)
+            PORTB |= _BV(SYNC_LED_BIT);
+        else
+            PORTB &= (uint8_t)~_BV(SYNC_LED_BIT);
+    } else if (part == 1) {
+        uint8_t low = (uint8_t)pattern;
+        uint8_t feedback = low ^ low >> 2 ^ low >> 3 ^ low >> 5;
+        pattern >>= 1;
+        if (feedback & 1)
+            pattern |= 0x8000;
+    } else if (part == 2 && (n & 0xffff0) == 0xffff0) {
+        pattern = PATTERN_BEGINS;
+    }
 }
 
 static inline void choose_pair(uint8_t number)
@@ -214,7 +217,9 @@ void pulses_begin(void)
 {
     DDRD |= PORTD_SERVOS;
     DDRB |= PORTB_SERVOS | _BV(HOLD_BIT) | _BV(LAMP_BIT) | _BV(SYNC_LED_BIT);
-    PORTB |= _BV(SYNC_LED_BIT); /* the pattern's first bit */
+    /* The pattern's first bit is 1. */
+    PORTB |= _BV(SYNC_LED_BIT);
+    pattern = PATTERN_BEGINS;
     choose_pair(0);
     edge.begins = 1;
     edge.gap_us = 1;

@@ -15,14 +15,22 @@ uint32_t tick_us(void);
 /* Times that Timer1 wrapped. */
 extern volatile uint32_t timer1_wraps;
 
-/* The tick's low 16 bits, where interrupts are off. Inline: an interrupt that calls a function saves every register. */
-static inline uint16_t tick_low_us(void)
+/* An instant, as it is read where interrupts are off: in few cycles, for an edge may wait for them. */
+typedef struct {
+    uint16_t count;
+    uint8_t wraps; /* low bits of timer1_wraps */
+} timer1_instant;
+
+/* Always inline: an interrupt that calls a function saves every register. */
+static inline __attribute__((always_inline)) timer1_instant timer1_now(void)
 {
-    uint16_t count = TCNT1;
-    uint8_t high = (uint8_t)timer1_wraps;
-    if ((TIFR1 & _BV(TOV1)) && count < 0x8000)
-        high++; /* it wrapped, and the interrupt that counts this is still to come */
-    return (uint16_t)((uint16_t)(high << 12) | count >> 4);
+    timer1_instant now = {TCNT1, *(const volatile uint8_t *)&timer1_wraps};
+    if ((TIFR1 & _BV(TOV1)) && now.count < 0x8000)
+        now.wraps++; /* it wrapped, and the interrupt that counts this is still to come */
+    return now;
 }
+
+/* The low 16 bits of its tick [us]. */
+static inline uint16_t low_us(timer1_instant at) { return (uint16_t)((uint16_t)(at.wraps << 12) | at.count >> 4); }
 
 #endif

@@ -16,7 +16,7 @@ static struct {
 
 /* When packets ended, the oldest first: one for each zero in `received` that follows another byte. */
 static struct {
-    volatile uint16_t at[STAMPS];
+    timer1_instant at[STAMPS];
     volatile uint8_t head, tail;
 } stamps;
 
@@ -47,7 +47,7 @@ ISR(USART_RX_vect)
         uint8_t stamp = stamps.head, after = (uint8_t)(stamp + 1) % STAMPS;
         if (after == stamps.tail)
             return;
-        stamps.at[stamp] = tick_low_us();
+        stamps.at[stamp] = timer1_now();
         stamps.head = after;
     }
     last_put = byte;
@@ -77,7 +77,7 @@ bool uart_read(uint8_t *byte, uint32_t *at)
     *at = tick_us();
     if (*byte == 0 && last_taken != 0) {
         uint8_t stamp = stamps.tail;
-        *at -= (uint16_t)((uint16_t)*at - stamps.at[stamp]);
+        *at -= (uint16_t)((uint16_t)*at - low_us(stamps.at[stamp]));
         stamps.tail = (uint8_t)(stamp + 1) % STAMPS;
     }
     last_taken = *byte;

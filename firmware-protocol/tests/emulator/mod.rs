@@ -33,7 +33,7 @@ const LEAST_STACK: u32 = 64;
 /// Firmware and emulator, built.
 pub struct Built {
     pub elf: PathBuf,
-    emulator: PathBuf,
+    pub emulator: PathBuf,
     /// First free address after the firmware's variables.
     variables_end: u32,
 }
@@ -41,7 +41,7 @@ pub struct Built {
 /// Builds both, once; none where the tools for it are missing, unless `RIG_EMULATOR=required`.
 pub fn built() -> Option<&'static Built> {
     static BUILT: OnceLock<Option<Built>> = OnceLock::new();
-    BUILT.get_or_init(build).as_ref()
+    BUILT.get_or_init(|| build("usual", &[])).as_ref()
 }
 
 fn runs(process: &mut Process) -> bool {
@@ -52,7 +52,8 @@ fn runs(process: &mut Process) -> bool {
     }
 }
 
-fn build() -> Option<Built> {
+/// As [`built`], with options for the compiler, in a folder of its own.
+pub fn build(name: &str, options: &[&str]) -> Option<Built> {
     let compiler = std::env::var_os("CC").unwrap_or_else(|| "cc".into());
     let has_avr = runs(Process::new("avr-gcc").arg("--version"));
     let headers = ["-include", "simavr/sim_avr.h", "-include", "libelf.h"];
@@ -68,8 +69,8 @@ fn build() -> Option<Built> {
 
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("uno");
     // Each test binary has its own folder: they build at the same time.
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(concat!("uno-", env!("CARGO_CRATE_NAME")));
-    let sizes = Process::new(source.join("build")).arg(&folder).output().unwrap();
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(env!("CARGO_CRATE_NAME")).join(name);
+    let sizes = Process::new(source.join("build")).arg(&folder).args(options).output().unwrap();
     assert!(sizes.status.success(), "{}", String::from_utf8_lossy(&sizes.stderr));
     let sizes = String::from_utf8(sizes.stdout).unwrap();
     let size = |column| sizes.lines().nth(1).unwrap().split_whitespace().nth(column).unwrap().parse::<u32>();
