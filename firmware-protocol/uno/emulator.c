@@ -1,7 +1,7 @@
 /* Runs the firmware in simavr, an emulator of the chip, and tells every edge on every pin with the processor cycle at
  * which it came (62.5 ns of virtual time, which the load of this machine cannot touch).
  *
- *     emulator ELF [--optiboot] [--eeprom FILE]            obeys the lines of its standard input, as fast as it can
+ *     emulator ELF [--optiboot VERSION] [--eeprom FILE]    obeys the lines of its standard input, as fast as it can
  *     emulator ELF [...] --pty LINK --edges FILE           serial line on a pseudo-terminal, at the pace of the wall clock
  *
  * Input: "send HEX" puts bytes on the line, "run US" goes on to that microsecond since power-on and then tells what
@@ -9,7 +9,7 @@
  * with interrupts on and off. Output: "CYCLE D2 1", "CYCLE < HH" a byte begun by the board, "CYCLE > HH" one that it
  * has read, "CYCLE reset", and at the end of a run "= CYCLE LOWEST_STACK_POINTER".
  *
- * --optiboot does what that bootloader does to the reset flags. --eeprom keeps the EEPROM's bytes from run to run.
+ * --optiboot does what that bootloader's version does to the reset flags. --eeprom keeps the EEPROM's bytes from run to run.
  *
  * Build: cc -O2 -o emulator emulator.c -lsimavr -lelf -lutil (Debian: libsimavr-dev libelf-dev). */
 #define _GNU_SOURCE
@@ -49,7 +49,7 @@ enum {
 
 static avr_t *avr;
 static FILE *told;
-static bool optiboot;
+static unsigned optiboot; /* major version; 0: no bootloader */
 static const char *eeprom_file;
 
 static uint8_t levels[3]; /* ports B, C, D */
@@ -134,10 +134,17 @@ static void after_reset(void)
     for (unsigned port = 0; port < 3; port++)
         for (unsigned bit = 0; bit < 8; bit++)
             tell_level(port, bit, false); /* every pin is an input again */
-    if (optiboot) {
-        avr->data[2] = avr->data[MCUSR];
-        avr->data[MCUSR] = 0;
-    }
+    const uint8_t external = 1 << 1, watchdog = 1 << 3;
+    uint8_t *flags = &avr->data[MCUSR];
+    /* After a reset from outside it waits for a program, and leaves by its own watchdog. */
+    if (optiboot && (*flags & external))
+        *flags = optiboot < 7 ? watchdog : external | watchdog;
+    if (optiboot)
+        avr->data[2] = *flags;
+    if (optiboot >= 7 && (*flags & external))
+        *flags &= (uint8_t)~watchdog;
+    else if (optiboot && optiboot < 7)
+        *flags = 0;
     if (stuck)
         memcpy(avr->flash + stuck_at, &stuck_code, sizeof stuck_code);
     stuck = false;
@@ -328,21 +335,21 @@ static void serve(const char *link)
 
 int main(int count, char **arguments)
 {
-    const char *elf_file = NULL, *link = NULL, *edges = NULL;
+    const char *elf_file = NULL, *link = NULL, *edges = NULL, *version = "0";
     for (int i = 1; i < count; i++) {
         const char **value = strcmp(arguments[i], "--eeprom") == 0  ? &eeprom_file
                              : strcmp(arguments[i], "--pty") == 0   ? &link
                              : strcmp(arguments[i], "--edges") == 0 ? &edges
-                                                                    : NULL;
+                             : strcmp(arguments[i], "--optiboot") == 0 ? &version
+                                                                       : NULL;
         if (value && ++i < count)
             *value = arguments[i];
-        else if (strcmp(arguments[i], "--optiboot") == 0)
-            optiboot = true;
         else
             elf_file = arguments[i];
     }
     if (!elf_file || (link && !edges))
-        give_up("usage: emulator ELF [--optiboot] [--eeprom FILE] [--pty LINK --edges FILE]");
+        give_up("usage: emulator ELF [--optiboot VERSION] [--eeprom FILE] [--pty LINK --edges FILE]");
+    optiboot = (unsigned)strtoul(version, NULL, 10);
     told = edges ? fopen(edges, "w") : stdout;
     if (!told)
         give_up("writing %s: %s", edges, strerror(errno));

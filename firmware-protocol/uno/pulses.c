@@ -67,6 +67,23 @@ volatile uint32_t timer1_wraps = FIRST_WRAPS;
 enum { PATTERN_BEGINS = 1 };
 static uint16_t pattern;
 
+/* Slots of the sync LED since the main loop came round, and the complement, by which it is told from what memory holds
+ * at power-on. */
+static volatile uint8_t missing __attribute__((section(".noinit")));
+static volatile uint8_t missing_check __attribute__((section(".noinit")));
+enum { HUNG_SLOTS = 5 };
+
+void main_loop_here(void)
+{
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+    {
+        missing = 0;
+        missing_check = 0xff;
+    }
+}
+
+bool main_loop_hung(void) { return missing >= HUNG_SLOTS && (missing ^ missing_check) == 0xff; }
+
 uint32_t tick_us(void)
 {
     uint8_t interrupts = SREG;
@@ -102,6 +119,10 @@ ISR(TIMER1_OVF_vect)
         pattern >>= 1;
         if (feedback & 1)
             pattern |= 0x8000;
+    } else if (part == 3) {
+        uint8_t slots = missing + 1;
+        missing = slots;
+        missing_check = (uint8_t)~slots;
     } else if (part == 2 && (n & 0xffff0) == 0xffff0) {
         pattern = PATTERN_BEGINS;
     }
@@ -220,6 +241,7 @@ void pulses_begin(void)
     /* The pattern's first bit is 1. */
     PORTB |= _BV(SYNC_LED_BIT);
     pattern = PATTERN_BEGINS;
+    main_loop_here();
     choose_pair(0);
     edge.begins = 1;
     edge.gap_us = 1;

@@ -3,6 +3,7 @@
 #define PULSES_H
 
 #include <avr/io.h>
+#include <stdbool.h>
 #include <stdint.h>
 
 /* Starts the clock at 0 and the frames of 20 ms; every channel is detached. */
@@ -11,6 +12,11 @@ void pulses_begin(void);
 void pulses_set(uint8_t channel, uint16_t pulse_us);
 /* The board's tick [us]; wraps after 71.6 minutes. */
 uint32_t tick_us(void);
+
+/* The main loop came round. */
+void main_loop_here(void);
+/* Before pulses_begin: whether it was missing for a quarter of a second when the chip was reset. */
+bool main_loop_hung(void);
 
 /* Times that Timer1 wrapped. */
 extern volatile uint32_t timer1_wraps;

@@ -24,23 +24,23 @@ static uint32_t starts EEMEM;
 /* Why the chip was reset, kept where the C runtime clears nothing. */
 static uint8_t reset_flags __attribute__((section(".noinit")));
 
-/* Runs before anything else does: a watchdog that reset the chip is still on, and would again within 16 ms. Optiboot
- * clears MCUSR and hands it over in r2; without a bootloader it is still there. */
+/* Runs before anything else does: a watchdog that reset the chip is still on, and would again within 16 ms. */
 void keep_reset_flags(void) __attribute__((naked, used, section(".init3")));
 void keep_reset_flags(void)
 {
-    uint8_t handed_over;
-    __asm__ volatile("mov %0, r2" : "=r"(handed_over));
-    reset_flags = MCUSR ? MCUSR : handed_over;
+    reset_flags = MCUSR;
     MCUSR = 0;
     wdt_disable();
 }
 
+/* Without a bootloader, and with Optiboot from 7.0 on, MCUSR says why. Older ones clear it; some hand it over in r2, but
+ * they themselves leave by a watchdog, after each reset by the button or by a host that opens the port. So the firmware
+ * has a witness of its own: for how long the main loop had been missing. */
 static uint8_t fault_at_start(void)
 {
-    if (reset_flags & 0xf0)
-        return RIG_NO_FAULT; /* no flags: r2 of a start that no bootloader made */
-    if (reset_flags & _BV(WDRF))
+    if (main_loop_hung())
+        return RIG_WATCHDOG;
+    if ((reset_flags & _BV(WDRF)) && !(reset_flags & _BV(EXTRF)))
         return RIG_WATCHDOG;
     /* At power-on the supply was low too, which is no fault. */
     if ((reset_flags & _BV(BORF)) && !(reset_flags & _BV(PORF)))
@@ -108,12 +108,13 @@ static void rest(void)
 int main(void)
 {
     wdt_enable(WDTO_500MS);
+    uint8_t fault = fault_at_start();
     uint32_t id = boot_id();
     set_sleep_mode(SLEEP_MODE_IDLE);
     pulses_begin();
     uart_begin();
     sei();
-    rig_init(&board, id, FIRMWARE, fault_at_start(), tick_us());
+    rig_init(&board, id, FIRMWARE, fault, tick_us());
     rig_greet(&board);
     for (;;) {
         uint8_t byte;
@@ -124,6 +125,7 @@ int main(void)
         rig_advance(&board, tick_us());
         show_levels();
         wdt_reset();
+        main_loop_here();
         rest();
     }
 }
