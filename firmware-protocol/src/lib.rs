@@ -10,7 +10,8 @@
 //! `vectors/messages.txt` holds one packet per line with its meaning, `vectors/session.txt` a whole conversation with
 //! the pulses it causes: firmware in C that reproduces both conforms. `reference/board.c` is such firmware, all but
 //! port, pins and clock; the tests compile it and hold it to the vectors and to [`board`] on random conversations. `uno/`
-//! puts it on an ATmega328P; the tests run that in an emulator and measure the pulses on its pins.
+//! puts it on an ATmega328P; the tests run that in an emulator and measure the pulses on its pins. `pico/` puts
+//! [`board`] on an RP2040.
 //!
 //! ```
 //! use firmware_protocol::{command::Command, packet::Decoder, units::{Channel, DurationUs, PulseWidthUs, Sequence}};
