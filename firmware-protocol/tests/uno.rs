@@ -366,8 +366,8 @@ fn tick_wraps_without_a_gap() {
 
 #[test]
 fn byte_at_the_worst_moment_moves_no_edge() {
-    /// Before an edge: its interrupt comes within, and one of a byte lasts less than 8 us.
-    const BEFORE_US: std::ops::Range<u64> = 2..26;
+    /// The byte comes so long before an edge, whose interrupt comes 15 us before it; its own lasts less than 8 us.
+    const BEFORE_US: std::ops::Range<u64> = 8..24;
     let Some(built) = built() else { return };
     let mut emulator = ready(built);
     for (channel, pulse) in [(0, 700), (1, 900)] {
@@ -379,14 +379,15 @@ fn byte_at_the_worst_moment_moves_no_edge() {
     emulator.say(Command::Ping);
     let takes_us = emulator.taken.last().unwrap().0 / CYCLES_PER_US - sent_us;
     // What ends a packet takes the byte's interrupt longest, and what begins the pulses of a pair the edge's.
-    for (edge_us, before_us) in [0, 700, 900].into_iter().flat_map(|edge| BEFORE_US.map(move |b| (edge, b))) {
+    let phases = (0..8).map(|phase| (0, 2 * phase)).chain([(700, 0), (900, 0)]);
+    for ((edge_us, cycles), before_us) in phases.flat_map(|at| BEFORE_US.map(move |b| (at, b))) {
         let frames = (emulator.now_us * CYCLES_PER_US - rise) / FRAME + 2;
         let edge = (rise + frames * FRAME) / CYCLES_PER_US + edge_us;
         let aim = edge - before_us - takes_us;
         emulator.edges.clear();
-        emulator.run_us(aim - emulator.now_us);
+        emulator.run_us_and_cycles(aim - emulator.now_us, cycles);
         emulator.say(Command::Ping);
-        emulator.run_ms(10);
+        emulator.run_ms(6);
         for (pin, width) in [("D2", 700), ("D3", 900)] {
             for pulse in emulator.pulses(pin) {
                 assert_eq!((pulse.rise - rise) % FRAME, 0, "{pin}, a byte {before_us} us before");

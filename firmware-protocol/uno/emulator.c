@@ -4,7 +4,7 @@
  *     emulator ELF [--optiboot VERSION] [--eeprom FILE]    obeys the lines of its standard input, as fast as it can
  *     emulator ELF [...] --pty LINK --edges FILE           serial line on a pseudo-terminal, at the pace of the wall clock
  *
- * Input: "send HEX" puts bytes on the line, "run US" goes on to that microsecond since power-on and then tells what
+ * Input: "send HEX" puts bytes on the line, "run CYCLE" goes on to that cycle since power-on and then tells what
  * happened, "reset FLAGS" resets the chip with these bits in MCUSR, "hang" and "hang-deaf" leave the main loop stuck,
  * with interrupts on and off. Output: "CYCLE D2 1", "CYCLE < HH" a byte begun by the board, "CYCLE > HH" one that it
  * has read, "CYCLE reset", and at the end of a run "= CYCLE LOWEST_STACK_POINTER".
@@ -279,7 +279,7 @@ static void obey(void)
         uint64_t number;
         char rest;
         if (sscanf(line, "run %" SCNu64 "%c", &number, &rest) == 2) {
-            run_until(number * CYCLES_PER_US);
+            run_until(number);
             fprintf(told, "= %" PRIu64 " %u\n", avr->cycle, lowest_stack);
             fflush(told);
         } else if (strncmp(line, "send ", 5) == 0) {

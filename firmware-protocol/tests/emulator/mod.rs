@@ -154,8 +154,13 @@ impl Emulator {
     }
 
     pub fn run_us(&mut self, us: u64) {
+        self.run_us_and_cycles(us, 0);
+    }
+
+    /// A part of a microsecond further: until the next run, `now_us` is that much behind.
+    pub fn run_us_and_cycles(&mut self, us: u64, cycles: u64) {
         self.now_us += us;
-        self.order(&format!("run {}", self.now_us));
+        self.order(&format!("run {}", self.now_us * CYCLES_PER_US + cycles));
         loop {
             let mut line = String::new();
             assert!(self.stdout.read_line(&mut line).unwrap() > 0, "the emulator ended by itself");
