@@ -98,8 +98,8 @@ static uint32_t change_over(uint16_t from, uint16_t to, uint32_t by)
 
 static uint32_t line_end(const rig_channel *c) { return c->line_start + c->line_duration; }
 
-/* distance * part / whole to the nearest, halves up, for part < whole. Multiplies and divides bit by bit: on a processor
- * of 8 bits a 64-bit division takes ten times as long, and eight channels want one each millisecond. */
+/* distance * part / whole to the nearest, halves up, for part < whole. Multiplies and divides bit by bit: with
+ * 64-bit divisions an AVR on which eight channels move has no time left to answer. */
 static uint16_t share(uint16_t distance, uint32_t part, uint32_t whole)
 {
     uint32_t rest = 0;
