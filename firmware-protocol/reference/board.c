@@ -20,7 +20,7 @@ static const uint32_t UPDATE_US = 1000, MIN_LEAD_US = 5000, MAX_LEAD_US = 600000
 
 /* ---- bytes ---- */
 
-static uint16_t get16(const uint8_t *p) { return (uint16_t)(p[0] | p[1] << 8); }
+static uint16_t get16(const uint8_t *p) { return (uint16_t)(p[0] | (uint16_t)p[1] << 8); }
 static uint32_t get32(const uint8_t *p) { return get16(p) | (uint32_t)get16(p + 2) << 16; }
 static void put16(uint8_t *p, uint16_t v) { p[0] = (uint8_t)v; p[1] = (uint8_t)(v >> 8); }
 static void put32(uint8_t *p, uint32_t v) { put16(p, (uint16_t)v); put16(p + 2, (uint16_t)(v >> 16)); }
@@ -30,7 +30,7 @@ static uint16_t crc16(const uint8_t *bytes, size_t length)
 {
     uint16_t crc = 0xffff;
     for (size_t i = 0; i < length; i++) {
-        crc ^= (uint16_t)(bytes[i] << 8);
+        crc ^= (uint16_t)((uint16_t)bytes[i] << 8);
         for (int bit = 0; bit < 8; bit++)
             crc = (uint16_t)(crc & 0x8000 ? crc << 1 ^ 0x1021 : crc << 1);
     }
@@ -39,21 +39,19 @@ static uint16_t crc16(const uint8_t *bytes, size_t length)
 
 static void send(uint8_t kind, uint16_t sequence, const uint8_t *body, size_t length)
 {
-    uint8_t plain[RIG_PLAIN], line[RIG_STUFFED + 2];
-    size_t end = 4 + length, code = 1, out = 2;
+    uint8_t line[RIG_STUFFED + 2], *plain = line + 2;
+    size_t end = 4 + length, code = 1, out = end + 4;
     plain[0] = kind;
     plain[1] = RIG_VERSION;
     put16(plain + 2, sequence);
     memcpy(plain + 4, body, length);
     put16(plain + end, crc16(plain, end));
-    /* COBS: each zero becomes the distance to the next one. Packets are too short for runs of 254. */
+    /* COBS, in place: each zero becomes the distance to the next one. Packets are too short for runs of 254. */
     line[0] = 0;
-    for (size_t i = 0; i < end + 2; i++) {
-        if (plain[i] != 0) {
-            line[out++] = plain[i];
-        } else {
-            line[code] = (uint8_t)(out - code);
-            code = out++;
+    for (size_t i = 2; i < out; i++) {
+        if (line[i] == 0) {
+            line[code] = (uint8_t)(i - code);
+            code = i;
         }
     }
     line[code] = (uint8_t)(out - code);
@@ -100,6 +98,31 @@ static uint32_t change_over(uint16_t from, uint16_t to, uint32_t by)
 
 static uint32_t line_end(const rig_channel *c) { return c->line_start + c->line_duration; }
 
+/* distance * part / whole to the nearest, halves up, for part < whole. Multiplies and divides bit by bit: with
+ * 64-bit divisions an AVR on which eight channels move has no time left to answer. */
+static uint16_t share(uint16_t distance, uint32_t part, uint32_t whole)
+{
+    uint32_t rest = 0;
+    uint16_t quotient = 0;
+    for (uint16_t bit = 0x8000; bit != 0; bit >>= 1) {
+        bool carry = rest >> 31;
+        quotient = (uint16_t)(quotient << 1);
+        rest <<= 1;
+        if (carry || rest >= whole) {
+            rest -= whole;
+            quotient++;
+        }
+        if (distance & bit) {
+            rest += part;
+            if (rest < part || rest >= whole) {
+                rest -= whole;
+                quotient++;
+            }
+        }
+    }
+    return (uint16_t)(quotient + (rest >= whole - rest));
+}
+
 static uint16_t line_at(const rig_channel *c, uint32_t now)
 {
     int32_t elapsed = since(now, c->line_start);
@@ -107,8 +130,8 @@ static uint16_t line_at(const rig_channel *c, uint32_t now)
         return c->from_us;
     if ((uint32_t)elapsed >= c->line_duration)
         return c->to_us;
-    uint64_t distance = c->to_us > c->from_us ? c->to_us - c->from_us : c->from_us - c->to_us;
-    uint16_t gone = (uint16_t)((distance * (uint32_t)elapsed * 2 + c->line_duration) / (2ull * c->line_duration));
+    uint16_t distance = (uint16_t)(c->to_us > c->from_us ? c->to_us - c->from_us : c->from_us - c->to_us);
+    uint16_t gone = share(distance, (uint32_t)elapsed, c->line_duration);
     return (uint16_t)(c->to_us > c->from_us ? c->from_us + gone : c->from_us - gone);
 }
 
@@ -219,7 +242,7 @@ static int next_due(const rig_board *b, uint32_t *at)
     if (b->telemetry_ms > 0)
         consider(&due, at, DUE_TELEMETRY, b->telemetry_due);
     if (b->session)
-        consider(&due, at, DUE_DEAD_MAN, b->heard + b->dead_man_ms * 1000u);
+        consider(&due, at, DUE_DEAD_MAN, b->heard + UINT32_C(1000) * b->dead_man_ms);
     return due;
 }
 
@@ -250,7 +273,7 @@ static void update(rig_board *b, uint8_t n, uint32_t at)
 static void say_telemetry(rig_board *b, uint32_t at)
 {
     uint8_t body[6 + 2 * RIG_CHANNELS];
-    b->telemetry_due = at + b->telemetry_ms * 1000u;
+    b->telemetry_due = at + UINT32_C(1000) * b->telemetry_ms;
     put32(body, at);
     body[4] = b->state;
     body[5] = RIG_CHANNELS;
@@ -374,6 +397,14 @@ static outcome configure(rig_board *b, const uint8_t *p, uint32_t now)
         return refuse(NO_SUCH_CHANNEL, n, RIG_CHANNELS, n);
     if (min == 0 || park < min || park > max || (get32(p + 10) == 0 && p[1] == SERVO))
         return refuse(BAD_LIMITS, n, 0, 0);
+#ifdef RIG_SHORTEST_PULSE
+    if (min < RIG_SHORTEST_PULSE)
+        return refuse(PULSE_TOO_SHORT, n, RIG_SHORTEST_PULSE, min);
+#endif
+#ifdef RIG_LONGEST_PULSE
+    if (max > RIG_LONGEST_PULSE)
+        return refuse(PULSE_TOO_LONG, n, RIG_LONGEST_PULSE, max);
+#endif
     forget_profile(b);
     rig_channel *c = &b->channels[n];
     if (c->pulse_us != 0 && (c->pulse_us < min || c->pulse_us > max))
@@ -396,7 +427,7 @@ static outcome timing(rig_board *b, const uint8_t *p, uint32_t now)
         return refuse(BAD_TIMING, NO_CHANNEL, dead_man < 50 ? 50 : 2000, dead_man);
     b->dead_man_ms = dead_man;
     b->telemetry_ms = get16(p + 2);
-    b->telemetry_due = now + b->telemetry_ms * 1000u;
+    b->telemetry_due = now + UINT32_C(1000) * b->telemetry_ms;
     return done();
 }
 
@@ -675,9 +706,10 @@ static void handle(rig_board *b, const uint8_t *plain, size_t length, uint32_t n
     }
 }
 
-/* Undoes COBS; 0 when the bytes are none or no packet. */
-static size_t unstuff(const uint8_t *stuffed, size_t length, uint8_t *plain)
+/* Undoes COBS in place: what is written lies before what is still to be read. 0 when the bytes are none or no packet. */
+static size_t unstuff(uint8_t *plain, size_t length)
 {
+    const uint8_t *stuffed = plain;
     size_t out = 0;
     for (size_t i = 0; i < length;) {
         size_t next = i + stuffed[i];
@@ -702,12 +734,11 @@ void rig_receive(rig_board *b, const uint8_t *bytes, size_t length, uint32_t now
             continue;
         }
         size_t stuffed = b->stuffed_length, plain_length = 0;
-        uint8_t plain[RIG_STUFFED];
         b->stuffed_length = 0;
         if (stuffed == 0)
             continue;
         if (stuffed <= sizeof b->stuffed)
-            plain_length = unstuff(b->stuffed, stuffed, plain);
+            plain_length = unstuff(b->stuffed, stuffed);
         if (plain_length == 0) {
             b->damaged++;
             continue;
@@ -715,7 +746,7 @@ void rig_receive(rig_board *b, const uint8_t *bytes, size_t length, uint32_t now
         if (b->session)
             b->heard = now;
         rig_advance(b, now);
-        handle(b, plain, plain_length, now);
+        handle(b, b->stuffed, plain_length, now);
     }
 }
 

@@ -25,6 +25,8 @@
 #ifndef RIG_SEGMENTS
 #define RIG_SEGMENTS 64 /* profile segments over all channels, 6 to 8 bytes each */
 #endif
+/* RIG_SHORTEST_PULSE and RIG_LONGEST_PULSE [us] may be defined by a port whose pins cannot put out more: limits beyond
+ * them are then refused when a channel is configured. */
 
 enum { RIG_VERSION = 1, RIG_BODY = 64, RIG_PLAIN = 4 + RIG_BODY + 2, RIG_STUFFED = RIG_PLAIN + 1, RIG_ANSWERS = 8 };
 

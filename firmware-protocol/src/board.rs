@@ -152,6 +152,11 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         self.channels.get(usize::from(channel.0)).and_then(|c| c.pulse)
     }
 
+    /// What a channel drives and within which limits, once configured: for ports that show more than its pulse.
+    pub fn channel(&self, channel: Channel) -> Option<&ChannelConfig> {
+        self.channels.get(usize::from(channel.0)).and_then(|c| c.config.as_ref())
+    }
+
     /// Takes bytes from the host, the last of which came at `now`. Hand bytes in *before* [`Board::advance`]: then a
     /// main loop that was held up does not take its own lateness for the host's silence.
     pub fn receive(&mut self, bytes: &[u8], now: Ticks, hardware: &mut impl Hardware) {

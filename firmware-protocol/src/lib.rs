@@ -5,10 +5,13 @@
 //! nothing valid for its dead-man's time puts every channel in its safe state and stays so until acknowledged.
 //!
 //! Contents: [`packet`] frames bytes on the line, [`command`] and [`event`] are the messages, [`channel`] what both
-//! say of a channel, [`units`] their integers, [`board`] is a whole board but for its hardware. No allocation, no `std`.
+//! say of a channel, [`units`] their integers, [`board`] is a whole board but for its hardware, [`sync_led`] the pattern
+//! by which pictures tell a board's clock. No allocation, no `std`.
 //! `vectors/messages.txt` holds one packet per line with its meaning, `vectors/session.txt` a whole conversation with
 //! the pulses it causes: firmware in C that reproduces both conforms. `reference/board.c` is such firmware, all but
-//! port, pins and clock; the tests compile it and hold it to the vectors and to [`board`] on random conversations.
+//! port, pins and clock; the tests compile it and hold it to the vectors and to [`board`] on random conversations. `uno/`
+//! puts it on an ATmega328P; the tests run that in an emulator and measure the pulses on its pins. `pico/` puts
+//! [`board`] on an RP2040.
 //!
 //! ```
 //! use firmware_protocol::{command::Command, packet::Decoder, units::{Channel, DurationUs, PulseWidthUs, Sequence}};
@@ -85,6 +88,7 @@ pub mod command;
 pub mod event;
 mod layout;
 pub mod packet;
+pub mod sync_led;
 pub mod units;
 
 /// Version of the protocol, in every packet's second byte.

@@ -4,6 +4,8 @@
 #![allow(unreachable_pub, reason = "shared between test files")]
 #![allow(missing_docs, reason = "test helpers")]
 
+pub mod dice;
+
 use std::fmt::Write as _;
 
 use firmware_protocol::board::{Board, BoardConfig, Hardware};
@@ -50,7 +52,11 @@ impl Setup {
             firmware: Name::new("bench").unwrap(),
             fault: Fault::None,
         };
-        Self { board: Board::new(config, BOOT), bench: Bench::default(), now: BOOT, sequence: Sequence(0) }
+        Self::of(config, BOOT)
+    }
+
+    pub fn of(config: BoardConfig, now: Ticks) -> Self {
+        Self { board: Board::new(config, now), bench: Bench::default(), now, sequence: Sequence(0) }
     }
 
     /// A session with servo channel 0 at its centre.

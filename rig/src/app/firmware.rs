@@ -56,8 +56,8 @@ pub fn flash(kind: BoardKind, port: &str, image: &Path) -> Result<Status, Failur
     let Way::Avrdude { baud } = kind.way() else {
         let file = image.display();
         return Err(Failure::Input(anyhow!(
-            "a Pico takes its firmware as a file: hold BOOTSEL while you plug it in, copy {file} onto the drive RPI-RP2 that \
-             appears, and ask `rig doctor CONFIG` whether it answers"
+            "a Pico takes its firmware while BOOTSEL is held as it is plugged in: copy {file} onto the drive RPI-RP2 if it is a UF2 \
+             file, `picotool load -x -t elf {file}` if it is what cargo has built; then ask `rig doctor CONFIG` whether it answers"
         )));
     };
     let image = intel_hex(image).map_err(Failure::Input)?;

@@ -1,0 +1,67 @@
+//! The sync LED's pattern: from it, pictures tell the board's clock.
+//!
+//! A slot is [`SLOT`] long and begins where the tick is a multiple of it. The LED is lit in slot *n* when bit *n* of a
+//! maximal-length sequence is 1:
+//!
+//! ```text
+//! b[0] = 1,  b[1..16] = 0,  b[n + 16] = b[n] ^ b[n + 2] ^ b[n + 3] ^ b[n + 5]
+//! ```
+//!
+//! Any 16 bits in a row come once in its 65535 slots, so that 1.05 s of pictures name the tick, without a guess. The
+//! tick wraps after 65536 slots: the last one shows `b[0]` again, and the sequence begins anew.
+
+use crate::units::{DurationUs, Ticks};
+
+/// How long the LED stays lit or dark at least.
+pub const SLOT: DurationUs = DurationUs(1 << 16);
+/// Slots that name the tick.
+pub const WINDOW: u32 = 16;
+
+const FIRST: u16 = 1;
+const PERIOD: u16 = u16::MAX;
+
+const fn next(window: u16) -> u16 {
+    let bit = (window ^ window >> 2 ^ window >> 3 ^ window >> 5) & 1;
+    window >> 1 | bit << 15
+}
+
+/// Whether the LED is lit at `at`.
+pub fn lit(at: Ticks) -> bool {
+    let slot = at.0 / SLOT.0 % u32::from(PERIOD);
+    (0..slot).fold(FIRST, |window, _| next(window)) & 1 == 1
+}
+
+/// When the first of [`WINDOW`] slots began: bit *i* of `seen` is 1 when the LED was lit in the *i*-th of them. None for
+/// dark ones only, which the pattern does not have.
+pub fn began(seen: u16) -> Option<Ticks> {
+    let mut window = FIRST;
+    for slot in 0..PERIOD {
+        if window == seen {
+            return Some(Ticks(u32::from(slot) * SLOT.0));
+        }
+        window = next(window);
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn any_window_names_its_slot() {
+        let mut window = FIRST;
+        let mut seen = [false; 1 << 16];
+        for _ in 0..PERIOD {
+            assert!(!seen[usize::from(window)]);
+            seen[usize::from(window)] = true;
+            window = next(window);
+        }
+        assert_eq!((window, seen[0]), (FIRST, false));
+        for slot in [0, 1, 77, 4_321, 65_000] {
+            let slots = (0..WINDOW).map(|i| u16::from(lit(Ticks((slot + i) * SLOT.0 + 5))) << i);
+            assert_eq!(began(slots.sum()), Some(Ticks(slot * SLOT.0)));
+        }
+        assert_eq!(began(0), None);
+    }
+}
