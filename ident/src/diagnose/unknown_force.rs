@@ -1,7 +1,8 @@
 //! What is left as a force that nobody has a name for.
 //!
 //! Where no cause explains the runs, each joint gets a torque that is a smooth function of its own angle and rate: all products of their
-//! powers up to the third order, and one term that turns round with the rate as friction does. The weights are fitted through the
+//! powers up to the third order, waves over the angle for what comes and goes along it, and one term that turns round with the rate as
+//! friction does. The weights are fitted through the
 //! simulation as every other number, kept small by a ridge that leaving out one run after the other chooses; and the force is shown only
 //! where it helps on runs that it was not fitted to. It says where in the motion something is missing, and which cause it resembles.
 //!
@@ -9,6 +10,7 @@
 //! A. E. Hoerl, R. W. Kennard, "Ridge regression", Technometrics 12 (1970) 55-67; M. C. Kennedy, A. O'Hagan, "Bayesian calibration of
 //! computer models", Journal of the Royal Statistical Society B 63 (2001) 425-464, for a discrepancy fitted beside the model.
 
+use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write as _;
 
 use sim::causes::own::{Acts, OwnCause, OwnParameter, Place};
@@ -27,8 +29,11 @@ use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
 use crate::strict::{Finite, Positive};
 
-/// Highest order of the products of angle and rate, a choice: ten numbers and the friction for each joint.
+/// Highest order of the products of angle and rate, a choice: ten numbers for each joint.
 const ORDER: i32 = 3;
+/// Half waves over the angles that a joint goes through, a choice: fewer than these look like the products, more of them are finer than a
+/// twentieth of the way.
+const HALF_WAVES: std::ops::RangeInclusive<i32> = 4..=12;
 /// Share of the largest rate over which the term that turns round with it does so.
 const TURNS_ROUND_SHARE: f64 = 0.05;
 /// Ridges that are tried: the standard deviation of each weight, over the one at which it alone would move the keypoints by as much as they
@@ -76,6 +81,7 @@ impl Joint {
             let factors: Vec<String> = [power(&angle, a), power(&rate, b)].into_iter().flatten().collect();
             list.push(if factors.is_empty() { "1".into() } else { factors.join(" * ") });
         }
+        list.extend(HALF_WAVES.map(|k| format!("cos({k} * pi / 2 * ({angle} + 1))")));
         list.push(format!("tanh(v / {})", rounded(TURNS_ROUND_SHARE * most)));
         list
     }
@@ -113,7 +119,8 @@ impl Joint {
         let [middle, half, most] = self.units();
         let (angle, rate) = ((q - middle) / half, v / most);
         let products = (0..=ORDER).flat_map(|a| (0..=ORDER - a).map(move |b| angle.powi(a) * rate.powi(b)));
-        products.chain([(v / rounded(TURNS_ROUND_SHARE * most)).tanh()]).collect()
+        let waves = HALF_WAVES.map(|k| (f64::from(k) * FRAC_PI_2 * (angle + 1.0)).cos());
+        products.chain(waves).chain([(v / rounded(TURNS_ROUND_SHARE * most)).tanh()]).collect()
     }
 
     /// The force with these `weights` over the rate, at the least, the middle and the greatest angle.
