@@ -38,15 +38,6 @@ fn experiment(truth: &Model, seed: u64) -> Experiment {
     Experiment { model: guess(chain()), noise_m: None, fit, diagnose: DiagnoseConfig::default(), runs }
 }
 
-/// The force of `joint` at rest at its least and greatest angle.
-fn at_rest(joint: &JointForce) -> Vec<[f64; 2]> {
-    let nearest = |curve: &ident::diagnose::ForceCurve| {
-        let at = (0..curve.rate.len()).min_by(|&a, &b| curve.rate[a].abs().total_cmp(&curve.rate[b].abs()));
-        [curve.angle, curve.force[at.unwrap()]]
-    };
-    joint.curves.iter().map(nearest).collect()
-}
-
 #[test]
 fn a_spring_that_hardens_is_found_on_its_hinge_and_pulls_back() {
     let mut truth = chain();
@@ -65,16 +56,16 @@ fn a_spring_that_hardens_is_found_on_its_hinge_and_pulls_back() {
     println!("{:?} {:?}", force.heldout.gain, force.heldout.gain_ci95);
     println!("{:?}", force.resembles);
     for joint in &force.joints {
-        println!("{} {:?} {:?} {}", joint.joint, joint.angle, at_rest(joint), joint.torque);
+        println!("{} {:?} {}", joint.joint, joint.angle, joint.torque);
     }
     assert!(force.heldout.gain > 0.5, "{:?}", force.heldout);
     let q3 = force.joints.iter().find(|joint| joint.joint == "q3").unwrap();
     // a ridge shrinks, and angle and rate go together in a drop: its size at rest is not told, on which hinge it pulls back is
-    let largest = |joint: &JointForce| at_rest(joint).iter().fold(0.0, |most: f64, [_, f]| most.max(f.abs()));
+    let largest = |joint: &JointForce| joint.at_rest.force.iter().fold(0.0, |most: f64, f| most.max(f.abs()));
     let others = force.joints.iter().filter(|joint| joint.joint != "q3");
     assert!(others.map(largest).all(|other| 3.0 * other < largest(q3)));
-    let ends = at_rest(q3);
-    assert!([0, 2].iter().all(|&end| ends[end][0] * ends[end][1] < 0.0), "{ends:?}");
+    let ends = [0, q3.at_rest.angle.len() - 1].map(|end| [q3.at_rest.angle[end], q3.at_rest.force[end]]);
+    assert!(ends.iter().all(|[angle, force]| angle * force < 0.0), "{ends:?}");
     // what is shown can be carried and fitted as a cause of one's own
     let mut carried = experiment(&truth, 1);
     let wrapper: toml::Table = q3.to_cause().parse().unwrap();

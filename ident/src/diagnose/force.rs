@@ -30,6 +30,17 @@ pub struct JointForce {
     pub rate: [f64; 2],
     /// The same in numbers, over the rate: at the least, the middle and the greatest angle.
     pub curves: Vec<ForceCurve>,
+    /// The same at no rate, over the angle.
+    pub at_rest: RestCurve,
+}
+
+/// The unknown force on a joint that does not turn, over its angle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RestCurve {
+    /// Angles \[rad\]; \[m\] on a slide.
+    pub angle: Vec<f64>,
+    /// The force there, in the joint's unit.
+    pub force: Vec<f64>,
 }
 
 /// The unknown force on a joint over its rate, at one angle.

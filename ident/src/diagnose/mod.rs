@@ -53,7 +53,7 @@ use sim::Model;
 
 pub use crate::noise::floor::RunFloor;
 pub use error::DiagnoseError;
-pub use force::{ForceCurve, JointForce, Resembled, UnknownForce};
+pub use force::{ForceCurve, JointForce, Resembled, RestCurve, UnknownForce};
 pub use next::Next;
 pub use result::{
     Alternative, Bent, CauseParameter, ConstancyTest, Detectable, Diagnosis, Follows, GoodnessOfFit, HeldOut,

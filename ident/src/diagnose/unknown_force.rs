@@ -16,7 +16,7 @@ use std::fmt::Write as _;
 use sim::causes::own::{Acts, OwnCause, OwnParameter, Place};
 use sim::{Cause, Model};
 
-use super::force::{ForceCurve, JointForce, Resembled, UnknownForce};
+use super::force::{ForceCurve, JointForce, Resembled, RestCurve, UnknownForce};
 use super::gain;
 use super::gates::goodness_of_fit;
 use crate::config::Prior;
@@ -48,8 +48,10 @@ const MOST_RESEMBLED: usize = 3;
 /// A joint that turns by less does not move \[rad\] or \[m\].
 const STILL: f64 = 1e-9;
 
-/// Points of a curve, a choice.
-const CURVE_POINTS: usize = 41;
+/// Curves over the rate, and points of each and of the one over the angle, choices; the half waves want ten points each.
+const CURVES: usize = 3;
+const RATES: usize = 41;
+const ANGLES: usize = 121;
 
 /// A joint, and the part of its phase plane that the runs go through.
 struct Joint {
@@ -123,19 +125,26 @@ impl Joint {
         products.chain(waves).chain([(v / rounded(TURNS_ROUND_SHARE * most)).tanh()]).collect()
     }
 
+    /// The force with these `weights` at angle `q` and rate `v`.
+    fn force(&self, weights: &[f64], q: f64, v: f64) -> f64 {
+        self.values(q, v).iter().zip(weights).map(|(x, w)| x * w).sum()
+    }
+
     /// The force with these `weights` over the rate, at the least, the middle and the greatest angle.
     fn curves(&self, weights: &[f64]) -> Vec<ForceCurve> {
-        let between = |[low, high]: [f64; 2], share: f64| low + share * (high - low);
-        let rates = || (0..CURVE_POINTS).map(|k| k as f64 / (CURVE_POINTS - 1) as f64);
-        let rates = || rates().map(|share| between(self.rate, share));
-        let at = |angle: f64| ForceCurve {
-            angle,
-            rate: rates().collect(),
-            force: rates()
-                .map(|v| self.values(angle, v).iter().zip(weights).map(|(x, w)| x * w).sum())
-                .collect(),
+        let at = |angle: f64| {
+            let rate = points(self.rate, RATES);
+            let force = rate.iter().map(|&v| self.force(weights, angle, v)).collect();
+            ForceCurve { angle, rate, force }
         };
-        [0.0, 0.5, 1.0].map(|share| at(between(self.angle, share))).into()
+        points(self.angle, CURVES).into_iter().map(at).collect()
+    }
+
+    /// The force with these `weights` at no rate.
+    fn at_rest(&self, weights: &[f64]) -> RestCurve {
+        let angle = points(self.angle, ANGLES);
+        let force = angle.iter().map(|&q| self.force(weights, q, 0.0)).collect();
+        RestCurve { angle, force }
     }
 
     /// The force with these `weights`, as an expression of q and v.
@@ -155,6 +164,11 @@ impl Joint {
         }
         text
     }
+}
+
+/// So many numbers, evenly from the least to the greatest.
+fn points([low, high]: [f64; 2], count: usize) -> Vec<f64> {
+    (0..count).map(|k| low + k as f64 / (count - 1) as f64 * (high - low)).collect()
 }
 
 /// To two digits: what the phase plane is divided by needs no more, and the same mechanism gives the same expression again.
@@ -206,6 +220,7 @@ pub(super) fn unknown_force(
         angle: joint.angle,
         rate: joint.rate,
         curves: joint.curves(weights),
+        at_rest: joint.at_rest(weights),
     };
     Some(UnknownForce {
         joints: joints.iter().zip(weights.chunks(each.max(1))).map(of_joint).collect(),

@@ -54,8 +54,8 @@ fn force_section(force: &UnknownForce) -> Markup {
         section #unknown-force {
             h2 { "A force that nobody has a name for" }
             p.lead {
-                "What of the rest a smooth function of each joint's own angle and rate accounts for. One line for each of three angles: the \
-                 least of the runs, the middle, and the greatest."
+                "What of the rest a smooth function of each joint's own angle and rate accounts for. Over the rate, a line for each of three \
+                 angles: the least of the runs (blue), the middle (orange), and the greatest (green); and over the angle, at rest."
             }
             div.pair { @for joint in &force.joints { (unknown_force(joint)) } }
             @for joint in &force.joints {

@@ -44,23 +44,39 @@ fn misfit(run: &FittedRun, instant: usize, keypoint: usize) -> Option<f64> {
     (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
 }
 
-/// The unknown force on a joint over its rate, a line for each of some angles.
+/// The unknown force on a joint over its rate, a line for each of some angles, and at rest over the angle.
 pub(super) fn unknown_force(force: &JointForce) -> Markup {
     let is_slide = force.unit == "N";
-    let micro = |x: f64| 1e6 * x;
-    let line = |(place, curve): (usize, &ident::diagnose::ForceCurve)| {
-        let points = curve.rate.iter().zip(&curve.force).map(|(&rate, &force)| (rate, micro(force)));
-        Series { width: 1.8, ..Series::line(points.collect(), KEYPOINTS[place % KEYPOINTS.len()]) }
+    let unit = if is_slide { "m" } else { "rad" };
+    let line = |place: usize, x: &[f64], force: &[f64]| {
+        let points = x.iter().zip(force).map(|(&x, &force)| (x, 1e6 * force)).collect();
+        Series { width: 1.8, ..Series::line(points, KEYPOINTS[place % KEYPOINTS.len()]) }
     };
-    let chart = Chart {
-        title: format!("unknown force on {}", force.joint),
-        x_label: if is_slide { "rate [m/s]" } else { "rate [rad/s]" }.into(),
+    let chart = |title: String, x: &str, series: Vec<Series>| Chart {
+        title,
+        x_label: x.to_owned(),
         y_label: if is_slide { "force [uN]" } else { "torque [uN m]" }.into(),
         size: SMALL_PX,
-        series: force.curves.iter().enumerate().map(line).collect(),
+        series,
         ..Chart::default()
     };
-    chart.svg()
+    let angles: Vec<String> = force.curves.iter().map(|curve| format!("{:.2}", curve.angle)).collect();
+    let moving = chart(
+        format!("{}, by rate, at {} {unit}", force.joint, angles.join(", ")),
+        &format!("rate [{unit}/s]"),
+        force
+            .curves
+            .iter()
+            .enumerate()
+            .map(|(place, curve)| line(place, &curve.rate, &curve.force))
+            .collect(),
+    );
+    let resting = chart(
+        format!("{}, at rest", force.joint),
+        &format!("angle [{unit}]"),
+        vec![line(KEYPOINTS.len() - 1, &force.at_rest.angle, &force.at_rest.force)],
+    );
+    html! { (moving.svg()) (resting.svg()) }
 }
 
 /// One strip per run and keypoint: time to the right, darker where residuals are larger.
