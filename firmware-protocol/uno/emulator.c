@@ -7,7 +7,8 @@
  * Input: "send HEX" puts bytes on the line, "run CYCLE" goes on to that cycle since power-on and then tells what
  * happened, "reset FLAGS" resets the chip with these bits in MCUSR, "hang" and "hang-deaf" leave the main loop stuck,
  * with interrupts on and off. Output: "CYCLE D2 1", "CYCLE < HH" a byte begun by the board, "CYCLE > HH" one that it
- * has read, "CYCLE reset", and at the end of a run "= CYCLE LOWEST_STACK_POINTER".
+ * has read, "CYCLE reset", "CYCLE began S" where the line is a pseudo-terminal: the computer's monotonic time then; and
+ * at the end of a run "= CYCLE LOWEST_STACK_POINTER".
  *
  * --optiboot does what that bootloader's version does to the reset flags. --eeprom keeps the EEPROM's bytes from run to run.
  *
@@ -320,6 +321,7 @@ static void serve(const char *link)
         give_up("linking %s to %s: %s", link, name, strerror(errno));
     /* The other end stays open here, or what the board says would be an error while nobody listens. */
     double began = wall_s();
+    fprintf(told, "%" PRIu64 " began %.6f\n", avr->cycle, began);
     for (;;) {
         uint8_t bytes[256];
         ssize_t count = read(terminal, bytes, sizeof bytes);

@@ -47,13 +47,10 @@ pub(super) fn established<'a>(
         };
         let Some(without) = without else { continue };
         let saved = without.cost - leader.cost;
-        let differs = |test: &ConstancyTest| {
-            let is_its = test.parameter.split('/').next() == Some(name);
-            is_its && test.is_no_chance() && test.chi2 > RUNS_MAY_DIFFER_SHARE * saved
-        };
+        let is_its = |test: &ConstancyTest| test.parameter.split('/').next() == Some(name);
         let is_doubtful = is_nowhere(term, leader)
             || has_rival(experiment, found, leader, name)
-            || tests.iter().any(|(test, _)| differs(test));
+            || tests.iter().any(|(test, _)| is_its(test) && differs(test, saved));
         if is_doubtful {
             continue;
         }
@@ -76,8 +73,17 @@ pub(super) fn established<'a>(
     if gained.is_none_or(|gained| gained.may_be_none()) {
         return nothing();
     }
+    // and they must stand without what is in doubt as they stood beside it
     let constancy = constancy(&state, baseline.parameters.len());
-    Established { state, constancy }
+    let explained = baseline.cost - state.cost;
+    let is_doubtful = state.causes.iter().any(|term| is_nowhere(term, &state))
+        || constancy.iter().any(|(test, _)| differs(test, explained));
+    if is_doubtful { nothing() } else { Established { state, constancy } }
+}
+
+/// Whether the runs differ in a number of what has `saved` so much, by more than what is not explained yet would make them.
+fn differs(test: &ConstancyTest, saved: f64) -> bool {
+    test.is_no_chance() && test.chi2 > RUNS_MAY_DIFFER_SHARE * saved
 }
 
 /// Whether a place that belongs to `term` has run into the end of where it may be: then it is not there, and stands in for something
