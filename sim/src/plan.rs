@@ -1,5 +1,6 @@
 //! The cheapest steps that are as exact as wanted.
 
+use crate::causes::CommandPath;
 use crate::command::Command;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::{Work, kinematics};
@@ -49,8 +50,8 @@ const STABILITY_RATIO: f64 = 1.3;
 /// steps, so that the loss stays smooth.
 ///
 /// Steps are short where the motion is quick: each as long as leaves the same error, which a step and two of half the
-/// length tell. With friction loss or end stops they are even, because where a joint comes to stand differs from
-/// candidate to candidate. The error of the whole is estimated by the difference to steps half as long, over what the
+/// length tell. With friction loss, end stops or servos that turn in jerks they are even, because when a joint comes to stand differs
+/// from candidate to candidate. The error of the whole is estimated by the difference to steps half as long, over what the
 /// order of the method leaves of it. Planned steps in `options` stay where they are as exact as wanted and not much more so, or
 /// can be made so all alike; where others are needed, there are at most ten times as many.
 ///
@@ -130,7 +131,8 @@ impl Nominal<'_> {
     fn even(&self) -> bool {
         let altered = self.model.altered();
         let model = altered.as_ref().unwrap_or(self.model);
-        model.joints.iter().any(|joint| joint.limit.is_some() || joint.friction_loss != 0.0)
+        let restrained = model.joints.iter().any(|joint| joint.limit.is_some() || joint.friction_loss != 0.0);
+        restrained || CommandPath::new(model, self.command).longest_step_s().is_finite()
     }
 
     /// More steps than these are not worth trying.

@@ -122,7 +122,8 @@ impl<T: Scalar> Run<'_, T> {
         engine.switch_off(&columns.iter().map(Option::is_none).collect::<Vec<_>>());
         let grid = match &options.steps {
             Some(steps) => {
-                let lengths_s = [engine.timestep_s, engine.longest_step_s()];
+                let most_s = engine.longest_step_s().min(path.longest_step_s());
+                let lengths_s = [engine.timestep_s.min(most_s), most_s];
                 Grid::planned(steps, lengths_s, self.command, options.start_s)
             }
             None => Grid::equal(engine.timestep_s),

@@ -55,6 +55,9 @@ pub(crate) use tuned;
 /// What can be given away once only.
 pub(crate) struct Once;
 
+/// Its addition and subtraction rounds to the nearest whole number.
+const ROUND: f64 = 6_755_399_441_055_744.0;
+
 /// A number the simulation can be carried out in.
 pub trait Scalar:
     Copy
@@ -128,6 +131,14 @@ pub trait Scalar:
 
     /// `yes` where `mask` holds, else `no`.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
+
+    /// The greatest whole number that is no greater, up to 1e15; it has no derivative.
+    #[inline(always)]
+    fn floor(self) -> Self {
+        let round = Self::from_f64(ROUND);
+        let nearest = self + round - round;
+        Self::select(self.less(nearest), nearest - Self::ONE, nearest)
+    }
 
     /// The exponential function, good to 1e-13; kept between exp(-60) and exp(60).
     ///
@@ -241,8 +252,6 @@ impl Scalar for f64 {
 #[inline(always)]
 pub(crate) fn sin_cos<T: Scalar>(x: T) -> (T, T) {
     const TWO_OVER_PI: f64 = std::f64::consts::FRAC_2_PI;
-    /// Its addition and subtraction rounds to the nearest whole number.
-    const ROUND: f64 = 6_755_399_441_055_744.0;
     const HALF_PI: [f64; 3] =
         [1.570_796_326_734_125_614_17, 6.077_100_506_303_965_976_60e-11, 2.022_266_248_795_950_631_54e-21];
     const SIN: [f64; 6] = [
@@ -298,6 +307,14 @@ mod tests {
             assert!((Scalar::ln(y) - f64::ln(y)).abs() < ROUNDING, "ln {y}");
         }
         assert!(Scalar::exp(-1e6_f64) < 1e-26 && Scalar::exp(0.0_f64) == 1.0);
+    }
+
+    #[test]
+    fn floor_goes_down() {
+        for (x, expected) in [(2.5, 2.0), (-2.5, -3.0), (3.0, 3.0), (-1.0, -1.0), (0.49, 0.0), (-1e-9, -1.0)]
+        {
+            assert_eq!(Scalar::floor(x), expected, "{x}");
+        }
     }
 
     #[test]

@@ -129,9 +129,15 @@ fn settings(plain: &Model, cause: Cause, up: bool) -> (Model, Vec<String>) {
                 names.push(name);
             }
             Role::Hidden(_) => {
-                // slow enough to bind
-                if name == "servo_rate_limit/rate" {
-                    model.set_parameter(&name, 1.5).unwrap();
+                // slow enough to bind; looks that fall on no step, nor the end of what they begin
+                let telling = [
+                    ("servo_rate_limit/rate", 1.5),
+                    ("servo_refresh/period", 0.02137),
+                    ("servo_refresh/first", 0.1371),
+                    ("servo_refresh/turn", 0.00331),
+                ];
+                if let Some((_, value)) = telling.iter().find(|(known, _)| *known == name) {
+                    model.set_parameter(&name, *value).unwrap();
                 }
                 if up {
                     names.push(name);
@@ -182,7 +188,7 @@ const DIFFERENCE: f64 = 1e-5;
 fn step(cause: Cause) -> f64 {
     match cause.name() {
         "end_stop" | "one_sided_stiffness" => 1e-5,
-        "servo_delay" | "servo_lag" | "backlash" | "servo_rate_limit" => 1e-6,
+        "servo_delay" | "servo_lag" | "backlash" | "servo_rate_limit" | "servo_refresh" => 1e-6,
         _ => 1e-3,
     }
 }

@@ -105,7 +105,7 @@ fn plain_chain_moves_as_in_the_simulation() {
 /// A cause, its numbers, and a limit of the difference \[m\].
 type Moved = (&'static str, &'static [(&'static str, f64)], f64);
 
-/// Every cause at a usual size, and by how much the two may differ \[m\]: friction and stops are other laws on either side,
+/// Every cause at a usual size, and by how much the two may differ \[m\]: friction, stops and how a servo jerks are other laws on either side,
 /// the simulation keeps Basset's memory in nine exponentials, good to 1 %,
 /// and a rate that jumps is rounded here over two steps.
 const CAUSES: &[Moved] = &[
@@ -130,6 +130,7 @@ const CAUSES: &[Moved] = &[
     ("wall", &[("wall/scale", 2.0), ("wall/x", 0.08)], SAME_M),
     ("basset", &[("basset/history", 4e-4)], 2e-4),
     ("coulomb_friction", &[("coulomb_friction/torque", 2e-6)], 2e-3),
+    ("load_friction", &[("load_friction/arm", 5e-4)], 2e-3),
     ("joint_damping", &[("joint_damping/damping", 3e-6)], SAME_M),
     ("stiffness", &[("stiffness/stiffness", 2e-5)], SAME_M),
     (
@@ -156,6 +157,11 @@ const CAUSES: &[Moved] = &[
     ("link_length", &[("link_length/link1", -5e-4), ("link_length/link2", 7e-4)], SAME_M),
     ("joint_zero", &[("joint_zero/q1", 0.03)], SAME_M),
     ("servo_sag", &[("servo_sag/rate", 0.05)], SAME_M),
+    (
+        "servo_refresh",
+        &[("servo_refresh/share", 1.0), ("servo_refresh/period", 0.02), ("servo_refresh/turn", 0.006)],
+        2e-3,
+    ),
     ("medium_drag", &[("medium_drag/drag", 0.01)], SAME_M),
     // and of one element alone
     ("buoyancy", &[("buoyancy/link3", 0.05)], SAME_M),

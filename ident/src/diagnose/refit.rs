@@ -103,6 +103,7 @@ impl Search<'_> {
         let first = self.counts.of_each(starts.collect(), |(of, index), counts| {
             let scored = &scores.list[index];
             let mut next = state.with(&scored.term);
+            next.begin(&scored.term, state);
             if !scored.term.is_switch() {
                 next.linear = scores.extended(state, &next, index);
             }

@@ -33,7 +33,8 @@ impl Search<'_> {
         let all: Vec<usize> = (0..scores.list.len()).filter(is_first).collect();
         let scanned = self.counts.of_each(all, |index, counts| {
             let term = &scores.list[index].term;
-            let state = start.with(term);
+            let mut state = start.with(term);
+            state.begin(term, start);
             let points = points(term, &state, |name| Some(start.cost.sqrt() / scores.length(index, name)?));
             let costs = state.problem().costs(&points, counts);
             let best = points.into_iter().zip(costs).min_by(|a, b| a.1.total_cmp(&b.1));

@@ -2,9 +2,10 @@
 //!
 //! The ground on which [`crate::diagnose`] and [`crate::design`] stand: [`candidates`] lists causes and what of each is free,
 //! [`state`] is a model with some of them at its optimum, [`score`] says what each would gain there by its derivatives alone, with
-//! what is fitted anyway ([`nuisances`]) taken out.
+//! what is fitted anyway ([`nuisances`]) taken out; `following` says where a cause in a drive begins.
 
 pub(crate) mod candidates;
+mod following;
 pub(crate) mod nuisances;
 pub(crate) mod score;
 pub(crate) mod state;

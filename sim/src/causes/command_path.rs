@@ -1,6 +1,6 @@
 //! The command on its way to the drives, through the causes between: see [`super::drive`].
 
-use super::drive::stage::Piece;
+use super::drive::stage::{Kept, Piece};
 use super::{STAGES, Stages};
 use crate::command::Command;
 use crate::model::Model;
@@ -20,12 +20,9 @@ pub struct CommandPath<T: Scalar> {
 struct Track<T: Scalar> {
     /// Commanded angle in each row.
     angle: Vec<f64>,
-    /// What each stage hands on at each row; empty without stages.
-    states: Vec<StageStates<T>>,
+    /// What each stage keeps at each row; empty without stages.
+    states: Vec<[Kept<T>; STAGES]>,
 }
-
-/// What each stage hands on at one instant.
-type StageStates<T> = [T; STAGES];
 
 impl<T: Scalar> CommandPath<T> {
     /// `command` on its way to the drives of `model`; actuators without a column are commanded 0.
@@ -39,6 +36,7 @@ impl<T: Scalar> CommandPath<T> {
         });
         let mut path = Self { tracks: tracks.collect(), time_s: command.time_s.clone(), stages };
         if !path.stages.is_empty() {
+            path.refine(1);
             for drive in 0..path.tracks.len() {
                 path.follow(drive);
             }
@@ -60,10 +58,44 @@ impl<T: Scalar> CommandPath<T> {
             track.angle.push(angle);
         }
         if !self.stages.is_empty() {
+            self.refine(self.time_s.len() - 1);
             for drive in 0..self.tracks.len() {
                 self.follow(drive);
             }
         }
+    }
+
+    /// Longest step that follows it \[s\].
+    pub(crate) fn longest_step_s(&self) -> f64 {
+        self.stages.longest_step_s()
+    }
+
+    /// Puts rows between those from row `first` on and the ones before them, where these are further apart than the stages can bear.
+    fn refine(&mut self, first: usize) {
+        let longest_s = self.stages.longest_piece_s();
+        if longest_s.is_infinite() || first >= self.time_s.len() {
+            return;
+        }
+        let rows = first.max(1)..self.time_s.len();
+        // how much of the way from the row before
+        let parts: Vec<(usize, f64)> = rows
+            .clone()
+            .flat_map(|row| {
+                let count = ((self.time_s[row] - self.time_s[row - 1]) / longest_s).ceil().max(1.0) as usize;
+                (1..=count).map(move |part| (row, part as f64 / count as f64))
+            })
+            .collect();
+        let refined = |values: &mut Vec<f64>| {
+            let between = |&(row, share): &(usize, f64)| {
+                let (from, to) = (values[row - 1], values[row]);
+                if share == 1.0 { to } else { from + share * (to - from) }
+            };
+            let more: Vec<f64> = parts.iter().map(between).collect();
+            values.truncate(rows.start);
+            values.extend(more);
+        };
+        refined(&mut self.time_s);
+        self.tracks.iter_mut().flatten().for_each(|track| refined(&mut track.angle));
     }
 
     /// What the model's actuator `drive` gets at `time_s`; 0 without a command.
@@ -123,7 +155,7 @@ impl<T: Scalar> CommandPath<T> {
         let to = T::from_f64(from) + duration * T::from_f64(slope);
         let start_s = T::from_f64(self.time_s[row]);
         self.stages.pass(&mut states, Piece { from: T::from_f64(from), to, start_s, duration });
-        states[STAGES - 1]
+        states[STAGES - 1].end
     }
 
     /// Works out what the stages hand on at the rows where it is not known yet.

@@ -4,7 +4,7 @@ macro_rules! causes {
     (
         model { $($model:ident in $model_in:ident,)* }
         step { $($step:ident in $step_in:ident $(+ $alter:ident)?,)* }
-        drive { $($drive:ident in $drive_in:ident,)* }
+        drive { $($drive:ident in $drive_in:ident $(+ $start:ident)?,)* }
         picture { $($picture:ident in $picture_in:ident,)* }
     ) => {
         impl Cause {
@@ -28,6 +28,17 @@ macro_rules! causes {
                 return $step_in::$step::$alter(values, model);
             })?)*
             false
+        }
+
+        impl Cause {
+            /// Names after the cause's, and values, of hidden numbers at which it begins to explain how driven joints followed their
+            /// commands; none where that says nothing about it.
+            pub fn start(self, followings: &[Following<'_>]) -> Vec<(&'static str, f64)> {
+                $($(if self.name() == $drive_in::$drive::INFO.name {
+                    return $drive_in::$drive::$start(followings);
+                })?)*
+                Vec::new()
+            }
         }
 
         /// The causes of a model that act in a step, laid out for its plant.
@@ -214,15 +225,25 @@ macro_rules! causes {
                 time_s
             }
 
-            /// What each stage hands on when the command has stood at `command` for ever.
-            pub(crate) fn steady(&self, mut command: T) -> [T; STAGES] {
-                let mut states = [T::ZERO; STAGES];
+            /// Longest piece that they can be handed \[s\].
+            pub(crate) fn longest_piece_s(&self) -> f64 {
+                f64::INFINITY$(.min(self.$drive.as_ref().map_or(f64::INFINITY, Stage::longest_piece_s)))*
+            }
+
+            /// Longest step that follows what they hand on \[s\].
+            pub(crate) fn longest_step_s(&self) -> f64 {
+                f64::INFINITY$(.min(self.$drive.as_ref().map_or(f64::INFINITY, Stage::longest_step_s)))*
+            }
+
+            /// What each stage keeps when the command has stood at `command` for ever.
+            pub(crate) fn steady(&self, mut command: T) -> [Kept<T>; STAGES] {
+                let mut states = [Kept::steady(T::ZERO); STAGES];
                 let mut place = 0;
                 $(
                     if let Some(stage) = &self.$drive {
                         command = stage.steady(command);
                     }
-                    states[place] = command;
+                    states[place] = Kept::steady(command);
                     place += 1;
                 )*
                 let _ = place;
@@ -231,7 +252,7 @@ macro_rules! causes {
 
             /// Passes one straight piece of the command through all stages, from and to their `states`.
             #[inline(always)]
-            pub(crate) fn pass(&self, states: &mut [T; STAGES], piece: Piece<T>) {
+            pub(crate) fn pass(&self, states: &mut [Kept<T>; STAGES], piece: Piece<T>) {
                 let mut pieces = Pieces::of(piece);
                 let mut place = 0;
                 $(
@@ -243,7 +264,7 @@ macro_rules! causes {
                             }
                             pieces = out;
                         }
-                        None => states[place] = pieces.end(),
+                        None => states[place] = Kept::steady(pieces.end()),
                     }
                     place += 1;
                 )*

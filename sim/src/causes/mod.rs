@@ -18,8 +18,9 @@
 //! the list below each. Adding a cause is its file, with its [`CauseInfo`] and that section's hook, and one line of the list:
 //!
 //! - `model`: it changes the model's own numbers before anything moves (`fn alter`). Nothing in a step knows of it.
-//! - `step`: it exerts forces or has inertia (`hooks::Step`); `+ alter` where one of its forms changes the model's own numbers instead.
-//! - `drive`: it changes the command on its way to the drives (`drive::stage::Stage`), in the order of the list.
+//! - `step`: it exerts forces or has inertia (`hooks::Step`), after those before it in the list; `+ alter` where one of its forms changes the model's own numbers instead.
+//! - `drive`: it changes the command on its way to the drives (`drive::stage::Stage`), in the order of the list; `+ start` where how the
+//!   drives followed says where its hidden numbers begin.
 //! - `picture`: it changes what the camera sees (`camera::look::Look`), in the order of the list.
 //!
 //! A cause may also be written down as an expression, without compiling anything: [`own`].
@@ -55,7 +56,8 @@ use crate::scalar::Scalar;
 use crate::scalar::tuned;
 use crate::space::Space;
 use camera::look::Look;
-use drive::stage::{Piece, Pieces, Stage as _};
+pub use drive::stage::Following;
+use drive::stage::{Kept, Piece, Pieces, Stage};
 use hooks::Step;
 
 causes! {
@@ -83,10 +85,12 @@ causes! {
         end_stop in joint,
         tether in self,
         medium_drag in body,
+        load_friction in joint,
     }
     drive {
         servo_gain in drive,
         servo_sag in drive,
+        servo_refresh in drive + start,
         servo_rate_limit in drive,
         servo_lag in drive,
         backlash in drive,

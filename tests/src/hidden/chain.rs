@@ -140,10 +140,29 @@ impl<const N: usize> Chain<N> {
         terms: &Terms,
         memory: &[Plane; N],
     ) -> [f64; N] {
-        let (mut matrix, mut right) = self.equations(time_s, state, root, terms, memory);
+        let (mut matrix, mut right, forces) = self.equations(time_s, state, root, terms, memory);
         if let Root::Prescribed(acceleration) = root {
             matrix[0] = std::array::from_fn(|k| if k == 0 { 1.0 } else { 0.0 });
             right[0] = acceleration;
+        }
+        let free = solve(matrix, right);
+        if terms.bearing_m == 0.0 {
+            return free;
+        }
+        // what the hinges bear as the chain moves without their rubbing
+        let poses = self.poses(state);
+        let mut borne = [0.0; 2];
+        for i in (0..N).rev() {
+            let outward = (0..=i).fold([0.0; 2], |a, j| add(a, poses[j].across, self.arm(i, j) * free[j]));
+            borne = add(add(borne, forces[i], 1.0), outward, -self.links[i].mass_kg);
+            let before = i.checked_sub(1).map_or(0.0, |before| state.rate[before]);
+            let torque = terms.bearing(state.rate[i] - before, borne);
+            if i > 0 || !matches!(root, Root::Prescribed(_)) {
+                right[i] += torque;
+            }
+            if i > 1 || i == 1 && !matches!(root, Root::Prescribed(_)) {
+                right[i - 1] -= torque;
+            }
         }
         solve(matrix, right)
     }
@@ -151,12 +170,12 @@ impl<const N: usize> Chain<N> {
     /// The rates \[rad/s\] of the links, at rest, once the first is struck to turn at `rate`.
     pub fn struck(&self, state: &State<N>, rate: f64, terms: &Terms) -> [f64; N] {
         let still = State { angle: state.angle, rate: [0.0; N] };
-        let (mut matrix, _) = self.equations(0.0, &still, Root::Free, terms, &[[0.0; 2]; N]);
+        let (mut matrix, ..) = self.equations(0.0, &still, Root::Free, terms, &[[0.0; 2]; N]);
         matrix[0] = std::array::from_fn(|k| if k == 0 { 1.0 } else { 0.0 });
         solve(matrix, std::array::from_fn(|k| if k == 0 { rate } else { 0.0 }))
     }
 
-    /// Mass matrix and generalised forces.
+    /// Mass matrix, generalised forces, and the force that moves each link while no rate changes \[N\].
     fn equations(
         &self,
         time_s: f64,
@@ -164,9 +183,9 @@ impl<const N: usize> Chain<N> {
         root: Root,
         terms: &Terms,
         memory: &[Plane; N],
-    ) -> ([[f64; N]; N], [f64; N]) {
+    ) -> ([[f64; N]; N], [f64; N], [Plane; N]) {
         let poses = self.poses(state);
-        let (mut matrix, mut right) = ([[0.0; N]; N], [0.0; N]);
+        let (mut matrix, mut right, mut forces) = ([[0.0; N]; N], [0.0; N], [[0.0; 2]; N]);
         let water = terms.water(time_s);
         for (i, link) in self.links.iter().enumerate() {
             let pose = &poses[i];
@@ -187,6 +206,7 @@ impl<const N: usize> Chain<N> {
             let held = link.held_kg * (1.0 + terms.buoyancy);
             let weight = [0.0, (held - mass) * self.gravity];
             let force = add(add(wet.force, weight, 1.0), times(swing), -1.0);
+            forces[i] = force;
             for j in 0..=i {
                 right[j] += self.arm(i, j) * dot(poses[j].across, force);
                 let pushed = times(poses[j].across);
@@ -214,7 +234,7 @@ impl<const N: usize> Chain<N> {
             }
             right[i] += torque;
         }
-        (matrix, right)
+        (matrix, right, forces)
     }
 
     /// The tether and the magnet, on the last link's end.

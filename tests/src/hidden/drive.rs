@@ -27,6 +27,31 @@ impl Servo {
 /// Finest instants of the path \[s\].
 const FINE_S: f64 = 5e-5;
 
+/// What a servo's motor makes of the horn's speed, either way \[rad/s2\]: it covers three degrees in 8 ms.
+const MOTOR_RAD_PER_S2: f64 = 3000.0;
+
+/// A horn that goes where it is told as fast as its motor can, and stops there.
+struct Jerk {
+    angle: f64,
+    rate: f64,
+}
+
+impl Jerk {
+    /// Where it is an instant later.
+    fn towards(&mut self, aim: f64) -> f64 {
+        let left = aim - self.angle;
+        let change = MOTOR_RAD_PER_S2 * FINE_S;
+        // the speed from which it can still stop in time
+        let wanted = left.signum() * ((2.0 * MOTOR_RAD_PER_S2 * left.abs()).sqrt() - 0.5 * change).max(0.0);
+        self.rate += (wanted - self.rate).clamp(-change, change);
+        if left.abs() < change * FINE_S && self.rate.abs() <= 2.0 * change {
+            (self.angle, self.rate) = (aim, 0.0);
+        }
+        self.angle += self.rate * FINE_S;
+        self.angle
+    }
+}
+
 /// What the drive gets, evenly sampled from time 0 on.
 #[derive(Debug, Clone)]
 pub struct Path {
@@ -34,8 +59,8 @@ pub struct Path {
 }
 
 impl Path {
-    /// `servo` from time 0 to `end_s`, looked at every so often, through gain, a reach that sags, rate limit, lag, backlash, delay and
-    /// the horn's zero.
+    /// `servo` from time 0 to `end_s`, looked at every so often by a servo that jerks to what it sees, through gain, a reach that sags,
+    /// rate limit, lag, backlash, delay and the horn's zero.
     pub fn new(servo: &Servo, hidden: &Hidden, end_s: f64) -> Self {
         let gain = 1.0 + hidden.get("servo_gain/scale", 0.0);
         let limited = hidden.get("servo_rate_limit/share", 0.0) > 0.5;
@@ -57,10 +82,12 @@ impl Path {
         };
         let (mut turned, mut before) = (told(0), told(0));
         let (mut lagged, mut played) = (turned, turned);
+        let mut jerked = Jerk { angle: turned, rate: 0.0 };
         let count = (end_s / FINE_S).ceil() as usize + 2;
         let mut value: Vec<f64> = (0..count)
             .map(|k| {
-                turned += (told(k) - turned).clamp(-rate * FINE_S, rate * FINE_S);
+                let told = if every > 0.0 { jerked.towards(told(k)) } else { told(k) };
+                turned += (told - turned).clamp(-rate * FINE_S, rate * FINE_S);
                 lagged = keep * lagged + (1.0 - keep - lead) * before + lead * turned;
                 before = turned;
                 played = played.clamp(lagged - play, lagged + play);

@@ -70,6 +70,8 @@ pub struct Terms {
     /// By hinge, as are the next two.
     damping: Vec<f64>,
     friction: Vec<f64>,
+    /// Friction coefficient times radius of the bearings \[m\].
+    pub(super) bearing_m: f64,
     stiffness: Vec<f64>,
     /// Resistance of what is around, a metre of link \[kg/m2\].
     pub(super) medium: f64,
@@ -116,6 +118,7 @@ impl Terms {
             wall: [get("wall/scale"), hidden.get("wall/x", 0.1), hidden.get("wall/reach", 0.015)],
             damping: hinges("joint_damping", "damping"),
             friction: hinges("coulomb_friction", "torque"),
+            bearing_m: get("load_friction/arm"),
             stiffness: hinges("stiffness", "stiffness"),
             medium: get("medium_drag/drag"),
             one_sided: [get("one_sided_stiffness/stiffness"), hidden.get("one_sided_stiffness/side", 1.0)],
@@ -198,6 +201,11 @@ impl Terms {
     pub(super) fn hinge(&self, i: usize, turn: f64) -> f64 {
         let friction = if self.friction[i] == 0.0 { 0.0 } else { (turn / FRICTION_RATE).tanh() };
         -self.damping[i] * turn - self.friction[i] * friction
+    }
+
+    /// Torque of a bearing that turns at `turn` \[rad/s\] under `borne` \[N\].
+    pub(super) fn bearing(&self, turn: f64, borne: Plane) -> f64 {
+        -self.bearing_m * borne[0].hypot(borne[1]) * (turn / FRICTION_RATE).tanh()
     }
 
     /// Torque of hinge `i`, between links, bent by `bend` \[rad\].

@@ -24,6 +24,8 @@ pub enum Kind {
     HeavyLink,
     /// One hinge rubs.
     RubbingHinge,
+    /// The hinges rub with what they bear.
+    LoadedHinges,
     /// Something springs one hinge.
     SprungHinge,
     /// One hinge is more viscous.
@@ -54,12 +56,13 @@ pub enum Kind {
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::Nothing,
         Self::OwnHinge,
         Self::Bubble,
         Self::HeavyLink,
         Self::RubbingHinge,
+        Self::LoadedHinges,
         Self::SprungHinge,
         Self::ViscousHinge,
         Self::Origin,
@@ -83,6 +86,7 @@ impl Kind {
             Self::Bubble => "buoyancy of one link",
             Self::HeavyLink => "mass of one link",
             Self::RubbingHinge => "friction in one hinge",
+            Self::LoadedHinges => "friction of loaded hinges",
             Self::SprungHinge => "spring in one hinge",
             Self::ViscousHinge => "damping of one hinge",
             Self::Origin => "origin of the picture",
@@ -153,6 +157,7 @@ impl Faulty {
             }
             Kind::HeavyLink => put("link_mass", link(draw, LINKS), "", either(draw, 0.03, 0.06)),
             Kind::RubbingHinge => put("coulomb_friction", hinge(draw, 2), "", draw.even(1e-6, 5e-6)),
+            Kind::LoadedHinges => put("load_friction", None, "arm", draw.even(2e-4, 1e-3)),
             Kind::SprungHinge => put("stiffness", hinge(draw, 2), "", draw.even(2e-5, 1e-4)),
             Kind::ViscousHinge => put("joint_damping", hinge(draw, 2), "", draw.even(2e-6, 1e-5)),
             Kind::LongLink => put("link_length", link(draw, LINKS - 1), "", either(draw, 5e-4, 1e-3)),

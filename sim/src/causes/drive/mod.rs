@@ -5,5 +5,6 @@ pub(crate) mod servo_delay;
 pub(crate) mod servo_gain;
 pub(crate) mod servo_lag;
 pub(crate) mod servo_rate_limit;
+pub(crate) mod servo_refresh;
 pub(crate) mod servo_sag;
-pub(super) mod stage;
+pub(crate) mod stage;

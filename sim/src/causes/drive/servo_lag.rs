@@ -1,6 +1,6 @@
 //! `servo_lag`: the servo follows like a first-order filter.
 
-use crate::causes::drive::stage::{Piece, Pieces, Stage};
+use crate::causes::drive::stage::{Kept, Piece, Pieces, Stage};
 use crate::model::cause::{CauseInfo, CauseValues, Kind, ParameterInfo};
 use crate::scalar::Scalar;
 
@@ -36,14 +36,14 @@ impl<T: Scalar> Stage<T> for Term<T> {
     /// y = x - m tau + (y0 - x0 + m tau) exp(-t / tau) on a piece of slope m. At tau = 0 the exponential has died, with
     /// all its derivatives, and what remains has the slope -m by tau.
     #[inline(always)]
-    fn pass(&self, state: &mut T, piece: Piece<T>, out: &mut Pieces<T>) {
+    fn pass(&self, kept: &mut Kept<T>, piece: Piece<T>, out: &mut Pieces<T>) {
         let instant = T::from_f64(INSTANT_S);
         let time = T::select(self.time.less(instant), instant, self.time);
         let left = (-(piece.duration / time).min(T::from_f64(VANISHED_TIME_CONSTANTS))).exp();
         let behind = piece.slope() * self.time;
-        let from = *state;
+        let from = kept.end;
         let to = piece.to - behind + (from - piece.from + behind) * left;
-        *state = to;
+        kept.end = to;
         out.push(Piece { from, to, ..piece });
     }
 }

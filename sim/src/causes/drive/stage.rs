@@ -3,6 +3,7 @@
 //! A command is straight between its rows. Every stage is exact on straight pieces: it hands on as many pieces as its law has
 //! corners, so that neither the rows' spacing nor the integrator's step plays a part, and derivatives are exact too.
 
+use crate::command::Command;
 use crate::model::cause::CauseValues;
 use crate::scalar::Scalar;
 
@@ -28,8 +29,24 @@ impl<T: Scalar> Piece<T> {
     }
 }
 
-/// Two stages cut pieces in two: four. Twice that leaves room for a third.
-const MOST_PIECES: usize = 8;
+/// One stage cuts a piece in four, two others in two.
+const MOST_PIECES: usize = 16;
+
+/// What a stage keeps from one piece to the next.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Kept<T> {
+    /// Where the last piece handed on ended.
+    pub(crate) end: T,
+    /// The command it last looked at, where it looks at it now and then.
+    pub(crate) seen: T,
+}
+
+impl<T: Scalar> Kept<T> {
+    /// After a command has stood at `command` for ever.
+    pub(crate) fn steady(command: T) -> Self {
+        Self { end: command, seen: command }
+    }
+}
 
 /// A few pieces in a row.
 #[derive(Debug, Clone, Copy)]
@@ -74,6 +91,19 @@ impl<T: Scalar> Pieces<T> {
     }
 }
 
+/// How a driven joint followed its command in one run.
+#[derive(Debug, Clone, Default)]
+pub struct Following<'a> {
+    /// The commands.
+    pub command: std::borrow::Cow<'a, Command>,
+    /// The drive's column of the commands.
+    pub column: usize,
+    /// Times \[s\], rising.
+    pub time_s: Vec<f64>,
+    /// How far the joint is ahead of where a model has it \[rad\].
+    pub ahead_rad: Vec<f64>,
+}
+
 /// What a cause does to the command.
 pub(crate) trait Stage<T: Scalar>: Sized {
     /// The cause with these values.
@@ -91,10 +121,20 @@ pub(crate) trait Stage<T: Scalar>: Sized {
         command
     }
 
-    /// Hands on what becomes of `piece`; `state` is where the last piece handed on ended.
+    /// Longest piece that it can be handed \[s\].
+    fn longest_piece_s(&self) -> f64 {
+        f64::INFINITY
+    }
+
+    /// Longest step that follows what it hands on \[s\].
+    fn longest_step_s(&self) -> f64 {
+        f64::INFINITY
+    }
+
+    /// Hands on what becomes of `piece`; `kept` is what it kept of the one before.
     #[inline(always)]
-    fn pass(&self, state: &mut T, piece: Piece<T>, out: &mut Pieces<T>) {
-        *state = piece.to;
+    fn pass(&self, kept: &mut Kept<T>, piece: Piece<T>, out: &mut Pieces<T>) {
+        kept.end = piece.to;
         out.push(piece);
     }
 }

@@ -1,7 +1,7 @@
 //! Commands on their way to the drives.
 
 use super::*;
-use crate::causes::CommandPath;
+use crate::causes::{CommandPath, Following};
 
 /// What the servo of the driven chain gets, by `law` in tiny steps from the state at rest.
 fn stepped(command: &Command, end_s: f64, mut law: impl FnMut(f64, f64, f64) -> f64) -> f64 {
@@ -76,4 +76,71 @@ fn drives_obey_their_laws_on_any_command() {
         growing.push(time_s, &[angle]);
     }
     assert_eq!(growing.at(0, 0.7), lagging.at(0, 0.7));
+}
+
+#[test]
+fn a_servo_that_looks_now_and_then_goes_in_steps() {
+    let command = Command {
+        actuators: vec!["servo".into()],
+        time_s: vec![0.05, 0.2, 0.31, 0.5, 0.52, 0.9],
+        angle_rad: vec![0.1, 0.5, -0.3, 0.4, 0.4, 0.0],
+    };
+    let (period, first, turn) = (0.021, 0.3, 0.004);
+    let values = [("share", 1.0), ("period", period), ("first", first), ("turn", turn)];
+    let values = values.map(|(name, value)| (format!("servo_refresh/{name}"), value));
+    let values: Vec<(&str, f64)> = values.iter().map(|(name, value)| (name.as_str(), *value)).collect();
+    let path = CommandPath::new(&with(&chain("active"), &values), &command);
+    let seen = |k: f64| command.at(0, (k + first) * period);
+    for k in 3..50 {
+        let k = f64::from(k);
+        // half the way while it turns, there when it has turned, there still before the next look
+        for (after_s, part) in [(0.5 * turn, 0.5), (turn, 1.0), (period - 1e-6, 1.0)] {
+            let expected = seen(k - 1.0) + part * (seen(k) - seen(k - 1.0));
+            let ours = path.at(0, (k + first) * period + after_s);
+            assert!((ours - expected).abs() < 1e-12, "{after_s} s after look {k}: {ours} {expected}");
+        }
+    }
+    // rows that come in one by one make the same path
+    let row = |k: usize| Command {
+        time_s: vec![command.time_s[k]],
+        angle_rad: vec![command.angle_rad[k]],
+        ..command.clone()
+    };
+    let mut growing = CommandPath::new(&with(&chain("active"), &values), &row(0));
+    (1..6).for_each(|k| growing.push(command.time_s[k], &row(k).angle_rad));
+    assert_eq!(growing.at(0, 0.7), path.at(0, 0.7));
+}
+
+#[test]
+fn how_a_drive_followed_says_when_it_looks() {
+    let time_s: Vec<f64> = (0..300).map(|k| 0.01 * f64::from(k)).collect();
+    let swung = |t: f64| 0.8 * (5.0 * t).sin();
+    let command = Command {
+        actuators: vec!["servo".into()],
+        angle_rad: time_s.iter().map(|&t| swung(t)).collect(),
+        time_s: time_s.clone(),
+    };
+    // periods beside the images' own, twice as many looks as images among them
+    for (period, first) in [(0.0231, 0.4), (0.0173, 0.9), (0.0121, 0.1), (0.0062, 0.6)] {
+        let ahead_rad = time_s
+            .iter()
+            .map(|&t| {
+                let look = ((t / period - first).floor() + first) * period;
+                // an offset, and noise that no period explains
+                command.at(0, look) - command.at(0, t) + 0.01 + 2e-3 * (1e4 * t * t).sin()
+            })
+            .collect();
+        let following = Following {
+            command: std::borrow::Cow::Borrowed(&command),
+            column: 0,
+            time_s: time_s.clone(),
+            ahead_rad,
+        };
+        let start = "servo_refresh".parse::<Cause>().unwrap().start(&[following]);
+        let [("period", found), ("first", at)] = start[..] else { panic!("{start:?}") };
+        // to an eighth of a period at the end
+        assert!((found / period - 1.0).abs() * 3.0 / period < 0.125, "{period}: {found}");
+        let apart = (at - first - (at - first).round()).abs();
+        assert!(apart < 0.15, "{period}: {at}, {first}");
+    }
 }

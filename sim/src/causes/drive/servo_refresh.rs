@@ -1,0 +1,189 @@
+//! `servo_refresh`: the servo looks at its command every so often.
+
+use std::f64::consts::TAU;
+
+use crate::causes::drive::stage::{Following, Kept, Piece, Pieces, Stage};
+use crate::model::cause::{CauseInfo, CauseValues, Kind, ParameterInfo, Role};
+use crate::scalar::{Mask, Scalar};
+
+/// Shortest and longest time from one look to the next \[s\]: from servos that are told 250 times a second to 20 times.
+const PERIOD_S: [f64; 2] = [0.004, 0.05];
+/// How long a servo takes to turn by what its command has changed, where nobody knows better \[s\].
+const TURN_S: f64 = 0.003;
+
+pub(crate) const INFO: CauseInfo = CauseInfo {
+    name: "servo_refresh",
+    kind: Kind::Drive,
+    parameters: &[
+        ParameterInfo::size("share", "1", [0.0, 1.0], 1.0, "1 for now and then, 0 for all the time")
+            .role(Role::Switch, 0.0),
+        ParameterInfo::size("period", "s", PERIOD_S, 0.005, "time from one look to the next")
+            .role(Role::Hidden(&[0.02]), 0.02),
+        ParameterInfo::size("first", "1", [-1.0, 2.0], 0.25, "when it looks, after time 0, in periods")
+            .role(Role::Hidden(&[0.0]), 0.0),
+        ParameterInfo::size("turn", "s", [5e-4, 0.02], 0.002, "how long it takes to where it has seen")
+            .role(Role::Hidden(&[TURN_S]), TURN_S),
+    ],
+    aliases: &[],
+    sentence: "the servo looks at its command every so often, and stands in between",
+    check: "turn the servo slowly and film the horn at a high rate: it goes in steps",
+    formula: "the command at the last of the times (f + k) T, reached evenly within the time to turn",
+    source: "sample and hold: the frames of a pulse train, the cycle of a bus",
+    mjcf: None,
+    in_picture_plane: false,
+};
+
+/// Longest piece of a command, so that it holds one look at most, and longest step \[s\].
+const GRAIN_S: f64 = 0.002;
+/// A look that rounding has put a little later than the instant it falls on is in time.
+const ROUNDING: f64 = 1e-9;
+
+/// The looks.
+#[derive(Debug, Clone)]
+pub(crate) struct Term<T> {
+    share: T,
+    period: T,
+    first: T,
+    turn: T,
+}
+
+impl<T: Scalar> Stage<T> for Term<T> {
+    fn new(values: &CauseValues<T>) -> Self {
+        let [share, period, first, turn] = [0, 1, 2, 3].map(|k| values.one(k));
+        Self { share, period, first, turn }
+    }
+
+    fn longest_piece_s(&self) -> f64 {
+        GRAIN_S
+    }
+
+    fn longest_step_s(&self) -> f64 {
+        if T::ZERO.less(self.share).any() { GRAIN_S } else { f64::INFINITY }
+    }
+
+    /// Goes on to what was seen last, then stands; looks, where a look falls into the piece; goes to what it sees, and stands.
+    #[inline(always)]
+    fn pass(&self, kept: &mut Kept<T>, piece: Piece<T>, out: &mut Pieces<T>) {
+        let (slope, ends) = (piece.slope(), piece.start_s + piece.duration);
+        let before = self.last_look(piece.start_s);
+        let looks = before.less(self.last_look(ends));
+        // the last piece of all is longer than a period, and the command stands
+        let look = before + self.period;
+        // into the piece
+        let look_after =
+            T::select(looks, look - piece.start_s, piece.duration).clamp(T::ZERO, piece.duration);
+
+        let left = (before + self.turn - piece.start_s).max(T::ZERO);
+        let going = left.min(look_after);
+        let turns = T::ZERO.less(left);
+        let part = T::select(turns, going / T::select(turns, left, T::ONE), T::ZERO);
+        let there = kept.end + (kept.seen - kept.end) * part;
+
+        let seen = T::select(looks, piece.from + slope * look_after, kept.seen);
+        let turning = self.turn.min(piece.duration - look_after);
+        let end = there + (seen - there) * T::select(looks, turning / self.turn, T::ZERO);
+
+        let mut at = T::ZERO;
+        let mut reached = kept.end;
+        let mut hand_on = |to: T, duration: T| {
+            let blend = |held: T, at: T| {
+                let told = piece.from + slope * at;
+                told + self.share * (held - told)
+            };
+            let from = blend(reached, at);
+            let start_s = piece.start_s + at;
+            at += duration;
+            out.push(Piece { from, to: blend(to, at), start_s, duration });
+            reached = to;
+        };
+        hand_on(there, going);
+        hand_on(there, look_after - going);
+        // in every lane, as each alone would: pieces that take no time change nothing but the rounding
+        hand_on(end, turning);
+        hand_on(end, piece.duration - look_after - turning);
+        *kept = Kept { end, seen };
+    }
+}
+
+impl<T: Scalar> Term<T> {
+    /// When it last looked, at `time_s`.
+    #[inline(always)]
+    fn last_look(&self, time_s: T) -> T {
+        let looks = (time_s / self.period - self.first + T::from_f64(ROUNDING)).floor();
+        (looks + self.first) * self.period
+    }
+}
+
+/// Frequencies this much of the inverse of a run's length apart keep in step with it.
+const FREQUENCY_STEP: f64 = 0.125;
+/// A peak with its skirts on either side, over the inverse of a run's length.
+const PEAK_WIDTH: f64 = 2.0;
+/// Peaks that are looked at more closely, and phases of each.
+const PEAKS: usize = 16;
+const PHASES: usize = 16;
+
+/// Where the looks begin to explain how the driven joints followed: between two looks a joint falls behind by its rate times what has
+/// passed, a saw whose frequency the product of both shows; among its highest peaks, which repeat where images are fewer than
+/// looks, that at which the command last seen is nearest to the joint.
+pub(crate) fn start(followings: &[Following<'_>]) -> Vec<(&'static str, f64)> {
+    let lengths = followings.iter().filter_map(|of| Some(of.time_s.last()? - of.time_s.first()?));
+    let longest_s = lengths.fold(0.0, f64::max);
+    if longest_s <= PERIOD_S[1] {
+        return Vec::new();
+    }
+    let told = |of: &Following<'_>, time_s: f64| of.command.at(of.column, time_s);
+    let behind: Vec<(f64, f64)> = followings
+        .iter()
+        .flat_map(|of| {
+            let rate = move |t: f64| (told(of, t + 0.5 * GRAIN_S) - told(of, t - 0.5 * GRAIN_S)) / GRAIN_S;
+            of.time_s.iter().zip(&of.ahead_rad).map(move |(&t, ahead)| (t, -ahead * rate(t)))
+        })
+        .collect();
+    let step = FREQUENCY_STEP / longest_s;
+    let [most, least] = PERIOD_S.map(f64::recip);
+    let height = |frequency: f64| {
+        let turned = behind.iter().map(|(t, product)| {
+            let (sin, cos) = (TAU * frequency * t).sin_cos();
+            (product * cos, product * sin)
+        });
+        let (x, y) = turned.fold((0.0, 0.0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
+        f64::hypot(x, y)
+    };
+    let mut heights: Vec<(f64, f64)> = (0..=((most - least) / step) as usize)
+        .map(|k| least + k as f64 * step)
+        .map(|frequency| (frequency, height(frequency)))
+        .collect();
+    heights.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let mut peaks: Vec<f64> = Vec::new();
+    for (frequency, _) in heights {
+        let is_apart = peaks.iter().all(|peak| (peak - frequency).abs() > PEAK_WIDTH / longest_s);
+        if is_apart && peaks.len() < PEAKS {
+            peaks.push(frequency);
+        }
+    }
+    let misfit = |frequency: f64, first: f64| -> f64 {
+        let squares = followings.iter().map(|of| {
+            let left: Vec<f64> = of
+                .time_s
+                .iter()
+                .zip(&of.ahead_rad)
+                .map(|(&t, ahead)| {
+                    let look = ((t * frequency - first).floor() + first) / frequency;
+                    ahead - (told(of, look) - told(of, t))
+                })
+                .collect();
+            let mean = left.iter().sum::<f64>() / left.len() as f64;
+            left.iter().map(|x| (x - mean).powi(2)).sum::<f64>()
+        });
+        squares.sum()
+    };
+    let near = |frequency: &f64| [-0.5, 0.0, 0.5].map(|part| frequency + part * step);
+    let all = peaks
+        .iter()
+        .flat_map(near)
+        .flat_map(|frequency| (0..PHASES).map(move |k| (frequency, k as f64 / PHASES as f64)));
+    let best = all
+        .map(|(frequency, first)| (misfit(frequency, first), frequency, first))
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    best.map_or(Vec::new(), |(_, frequency, first)| vec![("period", frequency.recip()), ("first", first)])
+}
