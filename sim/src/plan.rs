@@ -1,6 +1,6 @@
 //! The cheapest steps that are as exact as wanted.
 
-use crate::causes::CommandPath;
+use crate::causes::{CommandPath, Kind};
 use crate::command::Command;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::{Work, kinematics};
@@ -50,8 +50,9 @@ const STABILITY_RATIO: f64 = 1.3;
 /// steps, so that the loss stays smooth.
 ///
 /// Steps are short where the motion is quick: each as long as leaves the same error, which a step and two of half the
-/// length tell. With friction loss, end stops or servos that turn in jerks they are even, because when a joint comes to stand differs
-/// from candidate to candidate. The error of the whole is estimated by the difference to steps half as long, over what the
+/// length tell. With friction loss or end stops they are even, because where a joint comes to stand differs from
+/// candidate to candidate. Where a servo turns in jerks, steps are planned for the commands as given: a rollout takes none that is longer
+/// than the jerks bear. The error of the whole is estimated by the difference to steps half as long, over what the
 /// order of the method leaves of it. Planned steps in `options` stay where they are as exact as wanted and not much more so, or
 /// can be made so all alike; where others are needed, there are at most ten times as many.
 ///
@@ -66,6 +67,12 @@ pub fn plan(
     accuracy_m: f64,
 ) -> Result<Plan, RolloutError> {
     rollout::check(model, state, sample_times_s)?;
+    let smooth = CommandPath::new(model, command).longest_step_s().is_finite().then(|| {
+        let mut smooth = model.clone();
+        smooth.causes.retain(|carried| carried.cause().info().kind != Kind::Drive);
+        smooth
+    });
+    let model = smooth.as_ref().unwrap_or(model);
     let run = Nominal { model, state, command, sample_times_s, options };
     if let Some(plan) = options.steps.as_ref().and_then(|steps| run.still_good(steps, accuracy_m)) {
         return Ok(plan);

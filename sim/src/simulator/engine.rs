@@ -253,8 +253,12 @@ impl<S: Stages> Engine<S> {
 
     #[inline(always)]
     pub(super) fn sample(&mut self, time_s: f64, command: &dyn Fn(usize, f64) -> S::T) {
-        for (drive, value) in self.command.iter_mut().enumerate() {
-            *value = command(drive, time_s);
+        // only what somebody wrote down may ask for the command of a drive that exerts no force
+        let all = self.terms.own.is_some();
+        for ((drive, value), &off) in self.command.iter_mut().enumerate().zip(&self.off) {
+            if all || !off {
+                *value = command(drive, time_s);
+            }
         }
     }
 

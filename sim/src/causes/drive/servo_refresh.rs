@@ -83,24 +83,21 @@ impl<T: Scalar> Stage<T> for Term<T> {
         let turning = self.turn.min(piece.duration - look_after);
         let end = there + (seen - there) * T::select(looks, turning / self.turn, T::ZERO);
 
-        let mut at = T::ZERO;
-        let mut reached = kept.end;
-        let mut hand_on = |to: T, duration: T| {
-            let blend = |held: T, at: T| {
-                let told = piece.from + slope * at;
-                told + self.share * (held - told)
-            };
-            let from = blend(reached, at);
+        // four in every lane, as each alone would: pieces that take no time change nothing but the rounding
+        let legs = [
+            (there, going),
+            (there, look_after - going),
+            (end, turning),
+            (end, piece.duration - look_after - turning),
+        ];
+        let (mut at, mut reached, mut told) = (T::ZERO, kept.end, piece.from);
+        for (to, duration) in legs {
+            let from = told + self.share * (reached - told);
             let start_s = piece.start_s + at;
             at += duration;
-            out.push(Piece { from, to: blend(to, at), start_s, duration });
-            reached = to;
-        };
-        hand_on(there, going);
-        hand_on(there, look_after - going);
-        // in every lane, as each alone would: pieces that take no time change nothing but the rounding
-        hand_on(end, turning);
-        hand_on(end, piece.duration - look_after - turning);
+            (reached, told) = (to, piece.from + slope * at);
+            out.push(Piece { from, to: told + self.share * (to - told), start_s, duration });
+        }
         *kept = Kept { end, seen };
     }
 }
@@ -124,7 +121,7 @@ const PHASES: usize = 16;
 
 /// Where the looks begin to explain how the driven joints followed: between two looks a joint falls behind by its rate times what has
 /// passed, a saw whose frequency the product of both shows; among its highest peaks, which repeat where images are fewer than
-/// looks, that at which the command last seen is nearest to the joint.
+/// looks, that at which the command last seen is nearest to the joint. A joint that is off, or late, all the time says nothing of looks.
 pub(crate) fn start(followings: &[Following<'_>]) -> Vec<(&'static str, f64)> {
     let lengths = followings.iter().filter_map(|of| Some(of.time_s.last()? - of.time_s.first()?));
     let longest_s = lengths.fold(0.0, f64::max);
@@ -132,23 +129,32 @@ pub(crate) fn start(followings: &[Following<'_>]) -> Vec<(&'static str, f64)> {
         return Vec::new();
     }
     let told = |of: &Following<'_>, time_s: f64| of.command.at(of.column, time_s);
-    let behind: Vec<(f64, f64)> = followings
+    let rate =
+        |of: &Following<'_>, t: f64| (told(of, t + 0.5 * GRAIN_S) - told(of, t - 0.5 * GRAIN_S)) / GRAIN_S;
+    let runs: Vec<(&Following<'_>, Vec<f64>)> =
+        followings.iter().map(|of| (of, centred(of.time_s.iter().map(|&t| rate(of, t)).collect()))).collect();
+    let products: Vec<(f64, f64)> = runs
         .iter()
-        .flat_map(|of| {
-            let rate = move |t: f64| (told(of, t + 0.5 * GRAIN_S) - told(of, t - 0.5 * GRAIN_S)) / GRAIN_S;
-            of.time_s.iter().zip(&of.ahead_rad).map(move |(&t, ahead)| (t, -ahead * rate(t)))
+        .flat_map(|(of, rates)| {
+            let ahead = prompt(of.ahead_rad.clone(), rates);
+            of.time_s
+                .iter()
+                .zip(ahead)
+                .zip(rates)
+                .map(|((&t, ahead), rate)| (t, ahead * rate))
+                .collect::<Vec<_>>()
         })
         .collect();
-    let step = FREQUENCY_STEP / longest_s;
-    let [most, least] = PERIOD_S.map(f64::recip);
     let height = |frequency: f64| {
-        let turned = behind.iter().map(|(t, product)| {
+        let turned = products.iter().map(|(t, product)| {
             let (sin, cos) = (TAU * frequency * t).sin_cos();
             (product * cos, product * sin)
         });
         let (x, y) = turned.fold((0.0, 0.0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
         f64::hypot(x, y)
     };
+    let step = FREQUENCY_STEP / longest_s;
+    let [most, least] = PERIOD_S.map(f64::recip);
     let mut heights: Vec<(f64, f64)> = (0..=((most - least) / step) as usize)
         .map(|k| least + k as f64 * step)
         .map(|frequency| (frequency, height(frequency)))
@@ -162,18 +168,12 @@ pub(crate) fn start(followings: &[Following<'_>]) -> Vec<(&'static str, f64)> {
         }
     }
     let misfit = |frequency: f64, first: f64| -> f64 {
-        let squares = followings.iter().map(|of| {
-            let left: Vec<f64> = of
-                .time_s
-                .iter()
-                .zip(&of.ahead_rad)
-                .map(|(&t, ahead)| {
-                    let look = ((t * frequency - first).floor() + first) / frequency;
-                    ahead - (told(of, look) - told(of, t))
-                })
-                .collect();
-            let mean = left.iter().sum::<f64>() / left.len() as f64;
-            left.iter().map(|x| (x - mean).powi(2)).sum::<f64>()
+        let squares = runs.iter().map(|(of, rates)| {
+            let left = of.time_s.iter().zip(&of.ahead_rad).map(|(&t, ahead)| {
+                let look = ((t * frequency - first).floor() + first) / frequency;
+                ahead - (told(of, look) - told(of, t))
+            });
+            prompt(left.collect(), rates).iter().map(|x| x * x).sum::<f64>()
         });
         squares.sum()
     };
@@ -186,4 +186,22 @@ pub(crate) fn start(followings: &[Following<'_>]) -> Vec<(&'static str, f64)> {
         .map(|(frequency, first)| (misfit(frequency, first), frequency, first))
         .min_by(|a, b| a.0.total_cmp(&b.0));
     best.map_or(Vec::new(), |(_, frequency, first)| vec![("period", frequency.recip()), ("first", first)])
+}
+
+/// `values` less their mean.
+fn centred(mut values: Vec<f64>) -> Vec<f64> {
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    values.iter_mut().for_each(|x| *x -= mean);
+    values
+}
+
+/// What is left of `angles` without an offset and without lateness, which is a multiple of the centred `rates`.
+fn prompt(angles: Vec<f64>, rates: &[f64]) -> Vec<f64> {
+    let mut angles = centred(angles);
+    let along: f64 = angles.iter().zip(rates).map(|(angle, rate)| angle * rate).sum();
+    let squares: f64 = rates.iter().map(|rate| rate * rate).sum();
+    if squares > 0.0 {
+        angles.iter_mut().zip(rates).for_each(|(angle, rate)| *angle -= along / squares * rate);
+    }
+    angles
 }

@@ -126,8 +126,9 @@ fn how_a_drive_followed_says_when_it_looks() {
             .iter()
             .map(|&t| {
                 let look = ((t / period - first).floor() + first) * period;
-                // an offset, and noise that no period explains
-                command.at(0, look) - command.at(0, t) + 0.01 + 2e-3 * (1e4 * t * t).sin()
+                // an offset, lateness, and noise that no period explains
+                let late = command.at(0, t - 0.005) - command.at(0, t);
+                command.at(0, look) - command.at(0, t) + late + 0.01 + 2e-3 * (1e4 * t * t).sin()
             })
             .collect();
         let following = Following {
