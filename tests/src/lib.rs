@@ -5,6 +5,7 @@ pub mod hidden;
 pub mod journal;
 pub mod ordinary;
 pub mod planes;
+pub mod soak;
 pub mod tags;
 pub mod wall;
 

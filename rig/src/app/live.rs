@@ -52,6 +52,7 @@ impl<'a> Beside<'a> {
             Notice::Learn(from) => live.iter_mut().for_each(|live| live.learn(from.clone())),
             Notice::Fit => live.iter_mut().for_each(|live| live.fit(chronicle.clone())),
             Notice::LetGo => watcher.tell("The water is still: let go of the mechanism now."),
+            Notice::FallsBehind(behind) => tracing::warn!("{behind}"),
             Notice::Journal(text) => tracing::info!("{text}"),
         }
     }

@@ -56,6 +56,16 @@ pub enum Encoding {
     Png,
 }
 
+impl Encoding {
+    /// Bytes of a picture of so many pixels; at most, where they are compressed.
+    pub fn bytes(self, pixels: u64) -> u64 {
+        match self {
+            Self::Grey | Self::Jpeg | Self::Png => pixels,
+            Self::Yuyv => 2 * pixels,
+        }
+    }
+}
+
 /// What a camera said about itself.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CameraInfo {
@@ -71,6 +81,13 @@ pub struct CameraInfo {
     pub encoding: Encoding,
     /// Seconds to add to a raw stamp to get mid-exposure.
     pub mid_exposure_offset_s: f64,
+}
+
+impl CameraInfo {
+    /// Bytes it sends a second; at most, where its images are compressed.
+    pub fn bytes_per_s(&self) -> f64 {
+        self.encoding.bytes(u64::from(self.width_px) * u64::from(self.height_px)) as f64 * self.fps
+    }
 }
 
 /// One image as received, with its stamp.

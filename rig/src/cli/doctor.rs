@@ -27,6 +27,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let config = RigConfig::read(&args.config).map_err(Failure::input)?;
     let mut checks = vec![Check::good("config", args.config.display().to_string())];
     checks.extend(host::runs_folder(&args.runs_dir, config.expected_bytes()));
+    checks.extend(host::write_rate(&args.runs_dir, config.camera_bytes_per_s(), config.camera.format));
     if let Some(port) = config.servo.as_ref().and_then(|servo| servo.port.as_ref()) {
         checks.extend(host::latency_timer(Path::new(port)));
     }

@@ -153,7 +153,15 @@ impl RigConfig {
         Ok(self)
     }
 
-    /// About how much a run's recording takes on the disk \[bytes\]: raw images for as long as it is filmed.
+    /// Bytes a second that the camera sends; at most, where it compresses.
+    pub fn camera_bytes_per_s(&self) -> f64 {
+        let camera = &self.camera;
+        let pixels = u64::from(camera.width_px) * u64::from(camera.height_px);
+        camera.format.bytes(pixels) as f64 * camera.fps.map_or(0.0, strict::Positive::get)
+    }
+
+    /// How much a run's recording takes on the disk \[bytes\] at most: as if nothing could be compressed, for as long as it is
+    /// filmed.
     pub fn expected_bytes(&self) -> u64 {
         let profile_s = self
             .profile
@@ -161,8 +169,7 @@ impl RigConfig {
             .and_then(|profile| Profile::new(profile).ok())
             .map_or(0.0, |p| p.duration_s());
         let seconds = profile_s + self.run.film_s.get() + self.run.settle_s.get();
-        let fps = self.camera.fps.map_or(0.0, strict::Positive::get);
-        (f64::from(self.camera.width_px) * f64::from(self.camera.height_px) * fps * seconds) as u64
+        (self.camera_bytes_per_s() * seconds) as u64
     }
 
     /// Whether board or camera are of these kinds.

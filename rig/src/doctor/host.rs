@@ -1,8 +1,15 @@
 //! Checks of the host: disk, folder, serial bridge.
 
+use std::fs::File;
+use std::io::Write;
 use std::path::Path;
+use std::time::{Duration, Instant};
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 use super::Check;
+use crate::camera::Encoding;
 
 /// A bridge that holds bytes back for longer than this biases the clock fit by about half of it \[ms\].
 const MAX_LATENCY_TIMER_MS: u32 = 1;
@@ -28,7 +35,7 @@ pub fn runs_folder(folder: &Path, expected_bytes: u64) -> Vec<Check> {
 fn disk_room(free_bytes: u64, expected_bytes: u64) -> Check {
     let megabytes = |bytes: u64| bytes / 1_000_000;
     let finding = format!(
-        "{} MB free, a run of this config takes about {} MB",
+        "{} MB free, a run of this config takes at most about {} MB",
         megabytes(free_bytes),
         megabytes(expected_bytes)
     );
@@ -39,6 +46,71 @@ fn disk_room(free_bytes: u64, expected_bytes: u64) -> Check {
         )
     } else {
         Check::good("disk", finding)
+    }
+}
+
+/// The disk is written to for so long, and no more than so much.
+const PROBE_DURATION: Duration = Duration::from_secs(1);
+const PROBE_BYTES: u64 = 512 << 20;
+/// Bytes forced to the disk at a time: about what a recording forces there each second.
+const PROBE_BLOCK_BYTES: usize = 32 << 20;
+
+/// Whether the disk below `folder` takes the images of a camera that sends `bytes_per_s`, in this layout. Writes up to 512 MiB,
+/// and deletes them; none where the camera's rate is not known.
+pub fn write_rate(folder: &Path, bytes_per_s: f64, encoding: Encoding) -> Option<Check> {
+    if bytes_per_s <= 0.0 {
+        return None;
+    }
+    let probe = folder.join(".write-probe");
+    let rate = written_bytes_per_s(&probe);
+    let removed = std::fs::remove_file(&probe);
+    Some(match rate.and_then(|rate| removed.map(|()| rate)) {
+        Ok(rate) => rate_finding(rate, bytes_per_s, likely_share(encoding)),
+        Err(error) => {
+            Check::doubtful("disk rate", format!("{} cannot be written to: {error}", probe.display()))
+        }
+    })
+}
+
+fn written_bytes_per_s(probe: &Path) -> std::io::Result<f64> {
+    let mut block = vec![0; PROBE_BLOCK_BYTES];
+    // Nothing that a file system could compress.
+    ChaCha8Rng::seed_from_u64(1).fill_bytes(&mut block);
+    let mut file = File::create(probe)?;
+    let (begin, mut written) = (Instant::now(), 0);
+    while begin.elapsed() < PROBE_DURATION && written < PROBE_BYTES {
+        file.write_all(&block)?;
+        file.sync_data()?;
+        written += block.len() as u64;
+    }
+    Ok(written as f64 / begin.elapsed().as_secs_f64())
+}
+
+/// Share of the bytes received that a recording of noisy images takes; measured in `docs/recording.md`, and rounded up. Compressed
+/// images are counted as one byte a pixel, of which a JPEG of high quality has less than this share.
+fn likely_share(encoding: Encoding) -> f64 {
+    match encoding {
+        Encoding::Grey => 0.6,
+        Encoding::Yuyv => 0.5,
+        Encoding::Jpeg | Encoding::Png => 0.4,
+    }
+}
+
+fn rate_finding(bytes_per_s: f64, most_bytes_per_s: f64, likely_share: f64) -> Check {
+    let subject = "disk rate";
+    let megabytes = |bytes: f64| (bytes * 1e-6).ceil();
+    let (most, likely) = (megabytes(most_bytes_per_s), megabytes(likely_share * most_bytes_per_s));
+    let finding = format!(
+        "takes {:.0} MB/s; the camera's images are {likely} MB/s as recorded if they are noisy, {most} MB/s at most",
+        bytes_per_s * 1e-6
+    );
+    let remedy = "another --runs-dir, fewer or smaller images";
+    if bytes_per_s < likely_share * most_bytes_per_s {
+        Check::bad(subject, format!("{finding}: the run would end when the queue is full; choose {remedy}"))
+    } else if bytes_per_s < most_bytes_per_s {
+        Check::doubtful(subject, format!("{finding}: little to spare; better {remedy}"))
+    } else {
+        Check::good(subject, finding)
     }
 }
 
@@ -74,6 +146,28 @@ mod tests {
         let full = disk_room(500_000_000, 300_000_000);
         assert_eq!(full.health, Health::Bad);
         assert!(full.finding.contains("500 MB free") && full.finding.contains("300 MB"));
+    }
+
+    #[test]
+    fn a_disk_is_judged_by_what_the_camera_sends() {
+        let health = |disk| rate_finding(disk, 100e6, 0.6).health;
+        assert_eq!(
+            [health(150e6), health(80e6), health(50e6)],
+            [Health::Good, Health::Doubtful, Health::Bad]
+        );
+        let slow = rate_finding(50e6, 110.6e6, 0.6).finding;
+        assert!(slow.contains("50 MB/s") && slow.contains("67 MB/s") && slow.contains("111 MB/s"), "{slow}");
+    }
+
+    #[test]
+    fn the_disk_is_measured_and_left_as_it_was() {
+        let folder = tempfile::tempdir().expect("a folder");
+        assert_eq!(write_rate(folder.path(), 0.0, Encoding::Grey), None);
+        let check = write_rate(folder.path(), 1.0, Encoding::Grey).expect("a finding");
+        assert_eq!(check.health, Health::Good, "{}", check.finding);
+        assert_eq!(folder.path().read_dir().expect("a folder").count(), 0);
+        let nowhere = write_rate(&folder.path().join("none"), 1.0, Encoding::Grey).expect("a finding");
+        assert_eq!(nowhere.health, Health::Doubtful, "{}", nowhere.finding);
     }
 
     #[test]

@@ -186,21 +186,21 @@ mod tests {
     fn a_damaged_recording_is_an_error_and_a_cut_one_gives_what_it_holds() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("recording.mcap");
-        // Images larger than a chunk: each has one of its own.
-        record(&path, MonotonicNs(1), (2048, 1024), |image| image);
+        // Images larger than a chunk: each has one of its own, after that of the channels.
+        record(&path, MonotonicNs(1), (4096, 2100), |image| image);
         let whole = std::fs::read(&path).unwrap();
-        let second = whole.windows(64).position(|bytes| bytes == [1; 64]).unwrap();
+        let second = fixtures::chunks(&whole)[2].clone();
         let read = |bytes: &[u8]| -> Vec<Result<TimedImage, SourceError>> {
             std::fs::write(&path, bytes).unwrap();
             crate::images::open(&path, None).unwrap().images().unwrap().collect()
         };
 
         let mut damaged = whole.clone();
-        damaged[second] ^= 1;
+        damaged[second.start + second.len() / 2] ^= 1;
         let images = read(&damaged);
         assert!(images[0].is_ok());
         assert!(matches!(images.last(), Some(Err(SourceError::Recording(RecordError::Damaged { .. })))));
-        let cut = read(&whole[..second + 64]);
+        let cut = read(&whole[..second.end - 1]);
         assert!(cut.len() == 1 && cut[0].is_ok(), "{}", cut.len());
     }
 }

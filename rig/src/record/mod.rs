@@ -4,6 +4,7 @@
 //! [`recording`] as they come, and `stop.json` last. Nothing needs a footer to be read: a run that lacks
 //! `stop.json` was cut short, and all that had been written still counts ([`folder`], [`reader`]).
 
+pub mod filter;
 pub mod folder;
 pub mod frames;
 pub mod journal;
@@ -55,7 +56,7 @@ pub enum RecordError {
     },
     /// The disk takes data more slowly than they come.
     #[error(
-        "recording {}: queue of {queue_mib} MiB full, {dropped} messages lost; use a faster disk, fewer or smaller images",
+        "recording {}: queue of {queue_mib} MiB full, {dropped} messages lost; use a faster disk (`rig doctor` measures it), fewer or smaller images",
         path.display()
     )]
     Overflow {

@@ -8,14 +8,16 @@ use std::path::{Path, PathBuf};
 use mcap::McapError;
 use mcap::sans_io::LinearReaderOptions;
 
-use super::recording::{CAMERA_TOPIC, COMMAND_TOPIC, IMAGE_ENCODING, SERVO_TOPIC};
-use super::{RecordError, ServoCommand};
+use super::recording::{
+    CAMERA_TOPIC, CHUNK_BYTES, COMMAND_TOPIC, IMAGE_ENCODING, SERVO_TOPIC, UNFILTERED_IMAGE_ENCODING,
+};
+use super::{RecordError, ServoCommand, filter};
 use crate::camera::{CameraImage, CameraInfo, wire};
 use crate::clock::MonotonicNs;
 use crate::servo::ServoEvent;
 
-/// Longest record believed: an image at its limit, with room for its header.
-const MAX_RECORD_BYTES: usize = wire::MAX_DATA_BYTES + (1 << 20);
+/// Longest record believed: a chunk that was nearly full when an image at its limit came, with room for headers.
+const MAX_RECORD_BYTES: usize = wire::MAX_DATA_BYTES + CHUNK_BYTES as usize + (1 << 20);
 
 /// One recorded thing.
 #[derive(Debug, Clone)]
@@ -99,10 +101,10 @@ impl Recording {
         let Some(channel) = channels.into_iter().find(|channel| channel.topic == CAMERA_TOPIC) else {
             return Ok(None);
         };
-        if channel.message_encoding != IMAGE_ENCODING {
+        let encoding = channel.message_encoding.as_str();
+        if ![IMAGE_ENCODING, UNFILTERED_IMAGE_ENCODING].contains(&encoding) {
             let why = format!(
-                "images are in `{}`, this version reads `{IMAGE_ENCODING}`",
-                channel.message_encoding
+                "images are in `{encoding}`, this version reads `{UNFILTERED_IMAGE_ENCODING}` and `{IMAGE_ENCODING}`"
             );
             return Err(RecordError::damaged(&self.path, why));
         }
@@ -143,7 +145,9 @@ impl Recording {
             RecordError::damaged(&self.path, format!("message on `{}`: {error}", message.channel.topic))
         };
         Ok(match message.channel.topic.as_str() {
-            CAMERA_TOPIC => Some(Item::Image(wire::decode(&message.data).map_err(|error| damaged(&error))?)),
+            CAMERA_TOPIC => {
+                Some(Item::Image(filter::decode(&message.data).map_err(|error| damaged(&error))?))
+            }
             SERVO_TOPIC => {
                 Some(Item::Servo(serde_json::from_slice(&message.data).map_err(|error| damaged(&error))?))
             }

@@ -2,34 +2,32 @@
 //!
 //! | topic | message encoding | content |
 //! |---|---|---|
-//! | `camera` | `x-rig-image-1` | [`crate::camera::wire`]: the image as received, with its raw stamp, sequence and flags |
+//! | `camera` | `x-rig-image-2` | [`super::filter`]: the image with its raw stamp, sequence and flags; jpeg and png as received |
 //! | `servo` | `json` | [`ServoEvent`]: telemetry and raw clock pings |
 //! | `command` | `json` | [`ServoCommand`] |
 //!
 //! All times are CLOCK_MONOTONIC in ns: `log_time` is when the message was handed over, `publish_time` the image's raw
 //! stamp. The camera channel's metadata hold [`CameraInfo`] as JSON under `info`.
 //!
-//! Chunks are closed at 1 MiB or after a second, written in one piece and then forced to the disk, so that a kill or a
-//! power cut costs at most the last second. The queue in front of the writer is bounded: what does not fit is counted
-//! and is a fault.
+//! Chunks are compressed with zstd, closed at 8 MiB of messages or after a second, written in one piece and then forced to the
+//! disk, so that a kill or a power cut costs at most the last second. What zstd makes of images, and how fast: `docs/recording.md`.
+//! The queue in front of the writer is bounded: what does not fit is counted and is a fault.
 
-use std::collections::BTreeMap;
+mod writer;
+
 use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
-
-use mcap::records::MessageHeader;
-use mcap::write::NoSeek;
 
 use super::{RecordError, ServoCommand};
-use crate::camera::{CameraImage, CameraInfo, wire};
+use crate::camera::{CameraImage, CameraInfo};
 use crate::clock::MonotonicNs;
 use crate::servo::ServoEvent;
+pub(in crate::record) use writer::CHUNK_BYTES;
+use writer::Writer;
 
 /// Topic of the images.
 pub const CAMERA_TOPIC: &str = "camera";
@@ -38,14 +36,10 @@ pub const SERVO_TOPIC: &str = "servo";
 /// Topic of what the board was told.
 pub const COMMAND_TOPIC: &str = "command";
 /// Message encoding of the images.
-pub const IMAGE_ENCODING: &str = "x-rig-image-1";
+pub const IMAGE_ENCODING: &str = "x-rig-image-2";
+/// The same without filters, in recordings before 2026-11-25.
+pub const UNFILTERED_IMAGE_ENCODING: &str = "x-rig-image-1";
 
-const IMAGE_LAYOUT: &str = "u8 version=1, u8 encoding (0 grey, 1 yuyv, 2 jpeg, 3 png), u8 flags (bit 0 damaged), u8 0, \
-     u32 sequence, u64 stamp_ns, u64 mid_exposure_ns, u32 width_px, u32 height_px, u32 data_bytes, data; little endian";
-
-/// A closed chunk is on the disk at most this long after its first message.
-const FLUSH_EVERY: Duration = Duration::from_secs(1);
-const CHUNK_BYTES: u64 = 1 << 20;
 /// The queue also holds small messages: this many at most.
 const QUEUE_MESSAGES: usize = 4096;
 /// What one message costs in the queue beside its data.
@@ -54,8 +48,7 @@ const MESSAGE_OVERHEAD_BYTES: usize = 64;
 /// How a recording is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RecorderOptions {
-    /// Bytes that may wait for the disk. The default, 128 MiB, is four seconds of 640 by 480 grey images at 100 a
-    /// second.
+    /// Bytes that may wait for zstd and the disk. Default 128 MiB.
     pub queue_bytes: usize,
     /// Bytes kept free on the disk for journal, `stop.json` and report.
     pub reserve_bytes: u64,
@@ -64,6 +57,20 @@ pub struct RecorderOptions {
 impl Default for RecorderOptions {
     fn default() -> Self {
         Self { queue_bytes: 128 << 20, reserve_bytes: 64 << 20 }
+    }
+}
+
+/// How long the disk may pause before anything is lost \[s\], where memory allows.
+const PAUSE_S: f64 = 4.0;
+/// The most memory that images may wait in \[bytes\]: two seconds of the largest and fastest pictures there are.
+const MAX_QUEUE_BYTES: usize = 512 << 20;
+
+impl RecorderOptions {
+    /// For the images of this camera: room for four seconds of them, between 128 and 512 MiB.
+    pub fn of(info: &CameraInfo) -> Self {
+        let least = Self::default();
+        let wanted = (PAUSE_S * info.bytes_per_s()) as usize;
+        Self { queue_bytes: wanted.clamp(least.queue_bytes, MAX_QUEUE_BYTES), ..least }
     }
 }
 
@@ -76,6 +83,30 @@ pub struct Recorded {
     pub messages: u64,
     /// Messages that did not fit into the queue.
     pub dropped: u64,
+    /// Length of the file \[bytes\].
+    pub bytes: u64,
+    /// The most that waited for zstd and the disk \[bytes\].
+    pub most_waiting_bytes: u64,
+}
+
+/// How far the disk is behind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Behind {
+    /// What waits \[MiB\].
+    pub waiting_mib: usize,
+    /// What may wait before images are lost \[MiB\].
+    pub queue_mib: usize,
+}
+
+impl std::fmt::Display for Behind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { waiting_mib, queue_mib } = self;
+        write!(
+            f,
+            "the recording falls behind: {waiting_mib} of {queue_mib} MiB wait for the disk, and the run ends when all are full; \
+             `rig doctor` measures the disk"
+        )
+    }
 }
 
 enum Message {
@@ -110,6 +141,8 @@ pub struct Recorder {
     path: PathBuf,
     options: RecorderOptions,
     waiting_bytes: Arc<AtomicUsize>,
+    most_waiting_bytes: AtomicUsize,
+    told_behind: AtomicBool,
     dropped: AtomicUsize,
     link: Mutex<Option<Link>>,
 }
@@ -152,6 +185,8 @@ impl Recorder {
             path: path.into(),
             options,
             waiting_bytes,
+            most_waiting_bytes: AtomicUsize::new(0),
+            told_behind: AtomicBool::new(false),
             dropped: AtomicUsize::new(0),
             link: Mutex::new(Some(Link { queue, writer })),
         })
@@ -187,14 +222,25 @@ impl Recorder {
         self.dropped.load(Ordering::Relaxed) as u64
     }
 
+    /// Tells once that half of the queue is full, and again after three quarters of it were free in between.
+    pub fn falls_behind(&self) -> Option<Behind> {
+        let (waiting, most) = (self.waiting_bytes.load(Ordering::Relaxed), self.options.queue_bytes);
+        if waiting < most / 4 {
+            self.told_behind.store(false, Ordering::Relaxed);
+        }
+        let behind = waiting > most / 2 && !self.told_behind.swap(true, Ordering::Relaxed);
+        behind.then_some(Behind { waiting_mib: waiting >> 20, queue_mib: most >> 20 })
+    }
+
     /// Writes what waits, closes the file and forces it to the disk.
     ///
     /// # Errors
     /// What the writer failed with, unless said before.
     pub fn finish(self) -> Result<Recorded, RecordError> {
         let dropped = self.dropped();
+        let most_waiting_bytes = self.most_waiting_bytes.load(Ordering::Relaxed) as u64;
         match self.close() {
-            Some(result) => result.map(|recorded| Recorded { dropped, ..recorded }),
+            Some(result) => result.map(|recorded| Recorded { dropped, most_waiting_bytes, ..recorded }),
             None => Err(RecordError::Ended { path: self.path.clone() }),
         }
     }
@@ -219,7 +265,10 @@ impl Recorder {
             }
         };
         match sent {
-            Ok(()) => Ok(()),
+            Ok(()) => {
+                self.most_waiting_bytes.fetch_max(before + bytes, Ordering::Relaxed);
+                Ok(())
+            }
             Err(std::sync::mpsc::TrySendError::Full(_)) => {
                 self.waiting_bytes.fetch_sub(bytes, Ordering::AcqRel);
                 let dropped = self.dropped.fetch_add(1, Ordering::Relaxed) as u64 + 1;
@@ -246,161 +295,6 @@ impl Drop for Recorder {
         if let Some(Err(error)) = self.close() {
             tracing::error!("{error}");
         }
-    }
-}
-
-/// The writer's side of the queue.
-struct Writer {
-    path: PathBuf,
-    file: File,
-    mcap: Option<mcap::Writer<NoSeek<BufWriter<File>>>>,
-    reserve_bytes: u64,
-    camera: u16,
-    servo: u16,
-    command: u16,
-    scratch: Vec<u8>,
-    recorded: Recorded,
-}
-
-impl Writer {
-    fn new(
-        file: File,
-        path: &Path,
-        info: Option<&CameraInfo>,
-        reserve_bytes: u64,
-    ) -> Result<Self, RecordError> {
-        let failed = |source| RecordError::Write { path: path.into(), source };
-        let own = file.try_clone().map_err(RecordError::io("opening", path))?;
-        let mut mcap = mcap::WriteOptions::new()
-            .compression(None)
-            .chunk_size(Some(CHUNK_BYTES))
-            // Chunks reach the file in one piece: a kill leaves no chunk whose length is still to be filled in.
-            .disable_seeking(true)
-            .calculate_data_section_crc(false)
-            .profile("rig")
-            .library(concat!("rig ", env!("CARGO_PKG_VERSION")))
-            .create(NoSeek::new(BufWriter::new(file)))
-            .map_err(failed)?;
-        let mut channels = || -> mcap::McapResult<[u16; 3]> {
-            let schema = mcap.add_schema("rig.CameraImage", "x-layout", IMAGE_LAYOUT.as_bytes())?;
-            let metadata: BTreeMap<String, String> = info
-                .and_then(|info| serde_json::to_string(info).ok())
-                .map(|json| ("info".into(), json))
-                .into_iter()
-                .collect();
-            let none = BTreeMap::new();
-            let ids = [
-                mcap.add_channel(schema, CAMERA_TOPIC, IMAGE_ENCODING, &metadata)?,
-                mcap.add_channel(0, SERVO_TOPIC, "json", &none)?,
-                mcap.add_channel(0, COMMAND_TOPIC, "json", &none)?,
-            ];
-            mcap.flush()?;
-            Ok(ids)
-        };
-        let [camera, servo, command] = channels().map_err(failed)?;
-        Ok(Self {
-            path: path.into(),
-            file: own,
-            mcap: Some(mcap),
-            reserve_bytes,
-            camera,
-            servo,
-            command,
-            scratch: Vec::new(),
-            recorded: Recorded::default(),
-        })
-    }
-
-    fn run(&mut self, queue: &Receiver<Queued>, waiting: &AtomicUsize) -> Result<Recorded, RecordError> {
-        let mut flush_at = Instant::now() + FLUSH_EVERY;
-        let result = loop {
-            match queue.recv_timeout(flush_at.saturating_duration_since(Instant::now())) {
-                Ok(queued) => {
-                    let written = self.write(&queued);
-                    waiting.fetch_sub(queued.bytes(), Ordering::AcqRel);
-                    if let Err(error) = written {
-                        break Err(error);
-                    }
-                }
-                Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => break self.finish(),
-            }
-            if Instant::now() >= flush_at {
-                if let Err(error) = self.flush() {
-                    break Err(error);
-                }
-                flush_at = Instant::now() + FLUSH_EVERY;
-            }
-        };
-        // After a failure the file is left as it is: a summary on a broken file would only hide where it broke.
-        if let Some(broken) = self.mcap.take() {
-            let _ = broken.into_inner().into_inner().into_parts();
-        }
-        result.map(|()| self.recorded)
-    }
-
-    fn writer(&mut self) -> Result<&mut mcap::Writer<NoSeek<BufWriter<File>>>, RecordError> {
-        self.mcap.as_mut().ok_or_else(|| RecordError::Ended { path: self.path.clone() })
-    }
-
-    fn write(&mut self, queued: &Queued) -> Result<(), RecordError> {
-        let log_time = queued.log_time.0;
-        let header = |channel_id, sequence, publish_time| MessageHeader {
-            channel_id,
-            sequence,
-            log_time,
-            publish_time,
-        };
-        let path = self.path.clone();
-        let failed = |source| RecordError::Write { path, source };
-        match &queued.message {
-            Message::Image(image) => {
-                let mut bytes = std::mem::take(&mut self.scratch);
-                bytes.clear();
-                bytes.extend_from_slice(&wire::header(image));
-                bytes.extend_from_slice(&image.data);
-                let header = header(self.camera, image.sequence, image.stamp.0);
-                let written = self.writer()?.write_to_known_channel(&header, &bytes);
-                self.scratch = bytes;
-                written.map_err(failed)?;
-                self.recorded.images += 1;
-            }
-            Message::Json(channel, text) => {
-                let id = match channel {
-                    Channel::Servo => self.servo,
-                    Channel::Command => self.command,
-                };
-                self.writer()?.write_to_known_channel(&header(id, 0, log_time), text).map_err(failed)?;
-            }
-        }
-        self.recorded.messages += 1;
-        Ok(())
-    }
-
-    fn flush(&mut self) -> Result<(), RecordError> {
-        let path = self.path.clone();
-        self.writer()?.flush().map_err(|source| RecordError::Write { path, source })?;
-        self.file.sync_data().map_err(RecordError::io("forcing to the disk", &self.path))?;
-        let disk = rustix::fs::fstatvfs(&self.file)
-            .map_err(|error| RecordError::io("asking the free space for", &self.path)(error.into()))?;
-        let free = disk.f_bavail.saturating_mul(disk.f_frsize);
-        if free < self.reserve_bytes {
-            return Err(RecordError::DiskFull {
-                path: self.path.clone(),
-                free_mib: free >> 20,
-                reserve_mib: self.reserve_bytes >> 20,
-            });
-        }
-        Ok(())
-    }
-
-    fn finish(&mut self) -> Result<(), RecordError> {
-        let path = self.path.clone();
-        let mut failed = |source| RecordError::Write { path: path.clone(), source };
-        let mut writer = self.mcap.take().ok_or_else(|| RecordError::Ended { path: self.path.clone() })?;
-        writer.finish().map_err(&mut failed)?;
-        writer.into_inner().into_inner().flush().map_err(RecordError::io("writing", &self.path))?;
-        self.file.sync_all().map_err(RecordError::io("forcing to the disk", &self.path))
     }
 }
 

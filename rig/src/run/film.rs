@@ -14,7 +14,7 @@ use super::machine::{Action, Ending, Event, Machine, Plan};
 use crate::camera::{Camera, CameraError, CameraImage, images_lost};
 use crate::clock::MonotonicNs;
 use crate::error_chain::with_causes;
-use crate::record::recording::{Recorded, Recorder};
+use crate::record::recording::{Behind, Recorded, Recorder};
 use crate::record::{RecordError, ServoCommand};
 use crate::servo::PulseProfile;
 use crate::servo::{ServoBoard, ServoEvent, StopOutcome};
@@ -62,6 +62,8 @@ pub enum Notice {
     Phase(&'static str, u64),
     /// Something for the journal.
     Journal(String),
+    /// The disk does not keep up; images will be lost if that goes on.
+    FallsBehind(Behind),
     /// Whoever stands at the tank should let go now.
     LetGo,
 }
@@ -123,6 +125,9 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
         let now = MonotonicNs::now();
         if event == Event::Tick {
             (kept.notify)(Notice::Phase(machine.phase(), kept.images.received));
+            if let Some(behind) = kept.recorder.falls_behind() {
+                (kept.notify)(Notice::FallsBehind(behind));
+            }
             if let Some(moves_s) = machine.moves_for_s(now) {
                 milestones.pass(moves_s, kept.images.received, &mut kept.notify);
             }

@@ -21,7 +21,7 @@ use crate::config::RigConfig;
 use crate::profile::{Profile, ProfileError};
 use crate::record::RecordError;
 use crate::record::folder::{ClockPair, RunFolder, RunId, Start, Status, Stop, file};
-use crate::record::recording::{Recorder, RecorderOptions};
+use crate::record::recording::{Behind, Recorder, RecorderOptions};
 use crate::servo::{PulseProfile, PulseTrack};
 pub use error::RunError;
 use film::{Filmed, Notice, Setup, film};
@@ -73,7 +73,7 @@ impl Job<'_> {
         let recorder = Recorder::create(
             &folder.file(file::RECORDING),
             Some(opened.camera.info()),
-            RecorderOptions::default(),
+            RecorderOptions::of(opened.camera.info()),
         )?;
 
         // Held until the servo has stopped: `rig estop` finds this process through it.
@@ -89,9 +89,15 @@ impl Job<'_> {
         };
         let mut journal_error = None;
         let filmed = film(setup, interrupt, |notice| {
-            if let Notice::Journal(text) = &notice {
-                journal_error = journal.write(text, json!({})).err().or(journal_error.take());
-            }
+            let written = match &notice {
+                Notice::Journal(text) => journal.write(text, json!({})),
+                Notice::FallsBehind(Behind { waiting_mib, queue_mib }) => journal.write(
+                    "recording-falls-behind",
+                    json!({ "waiting_mib": waiting_mib, "queue_mib": queue_mib }),
+                ),
+                _ => Ok(()),
+            };
+            journal_error = written.err().or(journal_error.take());
             if matches!(notice, Notice::LetGo)
                 && let Some(hand) = &mut hand
             {
@@ -105,7 +111,13 @@ impl Job<'_> {
         }
         journal.write(
             "stopped",
-            json!({ "servo": filmed.servo, "stop_s": filmed.stop_s, "ending": filmed.ending }),
+            json!({
+                "servo": filmed.servo,
+                "stop_s": filmed.stop_s,
+                "ending": filmed.ending,
+                "recorded_bytes": filmed.recorded.bytes,
+                "most_waiting_bytes": filmed.recorded.most_waiting_bytes,
+            }),
         )?;
         folder.finish(stop(&filmed))?;
         Ok(Conducted { folder, filmed })
