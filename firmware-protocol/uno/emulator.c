@@ -28,6 +28,7 @@
 #include <unistd.h>
 
 #include <simavr/avr_eeprom.h>
+#include <simavr/avr_extint.h>
 #include <simavr/avr_ioport.h>
 #include <simavr/avr_uart.h>
 #include <simavr/sim_avr.h>
@@ -250,6 +251,9 @@ static void start(const char *elf_file)
     avr->frequency = CLOCK_HZ;
     avr->sleep = no_sleep;
     keep_eeprom(false);
+    /* The firmware takes no external interrupts, for whose levels simavr looks at their pins in every cycle, asleep or not. */
+    for (uint8_t external = 0; external < 2; external++)
+        avr_extint_set_strict_lvl_trig(avr, external, 0);
 
     uint32_t flags = 0;
     avr_ioctl(avr, AVR_IOCTL_UART_GET_FLAGS('0'), &flags);

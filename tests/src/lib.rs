@@ -7,6 +7,7 @@ pub mod ordinary;
 pub mod planes;
 pub mod soak;
 pub mod tags;
+pub mod uno;
 pub mod wall;
 
 use std::path::{Path, PathBuf};
@@ -83,6 +84,12 @@ impl Background {
     /// Starts `command` with its output thrown away.
     pub fn start(mut command: Command) -> Self {
         Self(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the process starts"))
+    }
+
+    /// Starts `command` with its output in `file`.
+    pub fn told(mut command: Command, file: std::fs::File) -> Self {
+        let twice = file.try_clone().expect("a file has two handles");
+        Self(command.stdout(twice).stderr(file).spawn().expect("the process starts"))
     }
 
     /// The process.

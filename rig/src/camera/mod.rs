@@ -164,7 +164,15 @@ impl Rising {
 
 #[cfg(test)]
 mod tests {
-    use super::images_lost;
+    use super::{Rising, images_lost};
+    use crate::clock::MonotonicNs;
+
+    #[test]
+    fn images_stamped_no_later_than_all_before_are_not_used() {
+        let mut rising = Rising::default();
+        let used = [10, 20, 20, 15, 19, 21].map(|at_ns| rising.takes(MonotonicNs(at_ns)));
+        assert_eq!(used, [true, true, false, false, false, true]);
+    }
 
     #[test]
     fn gaps_in_the_count_are_losses_and_restarts_are_not() {

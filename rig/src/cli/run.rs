@@ -45,8 +45,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             experiment.carry_out(interrupt, &mut Bar::new(interrupt.flag())).await?;
         let folder = conducted.folder.path();
         let mut text = format!("filmed {} images", conducted.filmed.recorded.images);
-        if conducted.filmed.images_lost > 0 {
-            text += &format!(", {} lost by the camera", conducted.filmed.images_lost);
+        if conducted.filmed.images.lost > 0 {
+            text += &format!(", {} lost by the camera", conducted.filmed.images.lost);
         }
         if let Some(data) = &data {
             text = format!("{text}\n{}", report::written(data, folder));

@@ -110,6 +110,16 @@ fn describe(run: &RunFolder) -> Result<String, RecordError> {
     }
     if let Some(stop) = run.stop() {
         line("lost", &format_args!("{} images, {} messages", stop.images_lost, stop.messages_dropped));
+        let doubtful = [stop.images_damaged, stop.images_repeated, stop.images_stale];
+        if doubtful != [0; 3] {
+            let [damaged, repeated, stale] = doubtful;
+            line(
+                "doubtful",
+                &format_args!(
+                    "{damaged} images damaged, {repeated} equal to the one before, {stale} stamped no later"
+                ),
+            );
+        }
     }
     if let Some(error_m) = fit_error_m(run) {
         line("fit error", &format_args!("{:.3} mm, mean over keypoints", error_m * 1e3));
@@ -213,6 +223,9 @@ mod tests {
                 servo: StopOutcome::Acknowledged,
                 images: 350,
                 images_lost: 2,
+                images_damaged: 3,
+                images_repeated: 0,
+                images_stale: 0,
                 messages_dropped: 0,
                 learn_from: None,
             })

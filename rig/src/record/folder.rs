@@ -177,6 +177,15 @@ pub struct Stop {
     pub images: u64,
     /// Images that the camera counted and never handed over.
     pub images_lost: u64,
+    /// Images received that the driver marked as damaged or that were not whole; none is looked at.
+    #[serde(default)]
+    pub images_damaged: u64,
+    /// Images received whose bytes are those of the one before; several in a row while something moves end a run.
+    #[serde(default)]
+    pub images_repeated: u64,
+    /// Images received whose stamp is not later than all before; none is looked at.
+    #[serde(default)]
+    pub images_stale: u64,
     /// Messages that did not fit into the recording's queue.
     pub messages_dropped: u64,
     /// Which of the images received, counted from 0, the empty tank was learned from while filming; absent where the motion
@@ -371,6 +380,9 @@ mod tests {
             servo: StopOutcome::Acknowledged,
             images: 12,
             images_lost: 1,
+            images_damaged: 2,
+            images_repeated: 3,
+            images_stale: 4,
             messages_dropped: 0,
             learn_from: None,
         };

@@ -304,6 +304,9 @@ mod tests {
             servo: StopOutcome::LeftToDeadMan,
             images: 4,
             images_lost: 1,
+            images_damaged: 0,
+            images_repeated: 0,
+            images_stale: 0,
             messages_dropped: 2,
             learn_from: None,
         };

@@ -11,7 +11,7 @@ use tokio::time::MissedTickBehavior;
 
 use super::devices::{CameraThread, Seen, ServoThread, Signal};
 use super::machine::{Action, Ending, Event, Machine, Plan};
-use crate::camera::{Camera, CameraError, CameraImage, images_lost};
+use crate::camera::{Camera, CameraError, CameraImage, Rising, images_lost};
 use crate::clock::MonotonicNs;
 use crate::error_chain::with_causes;
 use crate::record::recording::{Behind, Recorded, Recorder};
@@ -79,8 +79,8 @@ pub struct Filmed {
     pub stop_s: f64,
     /// What the recording holds.
     pub recorded: Recorded,
-    /// Images the camera's own count says were lost.
-    pub images_lost: u64,
+    /// What was wrong with its images.
+    pub images: ImageCount,
     /// Which of the images received the empty tank was learned from, once enough motion was seen.
     pub learn_from: Option<Range<u64>>,
 }
@@ -96,7 +96,7 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
         servo.approach(profile, setup.plan.approach_s);
     }
     let camera = CameraThread::start(setup.camera, setup.stall, seen, signals);
-    let mut kept = Kept { recorder: setup.recorder, images: ImageCount::default(), notify };
+    let mut kept = Kept { recorder: setup.recorder, images: Images::default(), notify };
 
     let mut milestones = Milestones::new(setup.plan.motion_s());
     let mut machine = Machine::new(setup.plan, MonotonicNs::now());
@@ -124,12 +124,12 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
         };
         let now = MonotonicNs::now();
         if event == Event::Tick {
-            (kept.notify)(Notice::Phase(machine.phase(), kept.images.received));
+            (kept.notify)(Notice::Phase(machine.phase(), kept.images.count.received));
             if let Some(behind) = kept.recorder.falls_behind() {
                 (kept.notify)(Notice::FallsBehind(behind));
             }
             if let Some(moves_s) = machine.moves_for_s(now) {
-                milestones.pass(moves_s, kept.images.received, &mut kept.notify);
+                milestones.pass(moves_s, kept.images.count.received, &mut kept.notify);
             }
         }
         match machine.on(event, now) {
@@ -161,9 +161,9 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
         let _ = kept.take_seen(seen);
     }
     let _ = kept.command(ServoCommand::Stop { outcome });
-    let images_lost = kept.images.lost;
+    let images = kept.images.count.clone();
     let (ending, recorded) = kept.finish(ending);
-    Filmed { ending, servo: outcome, stop_s, recorded, images_lost, learn_from: milestones.learn_from }
+    Filmed { ending, servo: outcome, stop_s, recorded, images, learn_from: milestones.learn_from }
 }
 
 /// When enough of the motion has been filmed for the work beside the filming.
@@ -205,7 +205,7 @@ impl Milestones {
 /// Where everything goes that is told and seen: into the recording, and to who listens.
 struct Kept<N> {
     recorder: Recorder,
-    images: ImageCount,
+    images: Images,
     notify: N,
 }
 
@@ -216,7 +216,7 @@ impl<N: FnMut(Notice)> Kept<N> {
             Seen::Image(image) => {
                 self.recorder.image(Arc::clone(&image))?;
                 (self.notify)(Notice::Image(Arc::clone(&image)));
-                Event::Image { identical: self.images.count(image) }
+                Event::Image { identical: self.images.take(image) }
             }
             Seen::Changed(share) => Event::Changed(share),
         })
@@ -264,22 +264,63 @@ impl<N: FnMut(Notice)> Kept<N> {
     }
 }
 
-#[derive(Default)]
-struct ImageCount {
-    received: u64,
-    lost: u64,
-    last: Option<Arc<CameraImage>>,
+/// Images received, and what was wrong with them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ImageCount {
+    /// All that were received.
+    pub received: u64,
+    /// Lost on the way, as the camera's own count says.
+    pub lost: u64,
+    /// Marked as damaged, or not whole.
+    pub damaged: u64,
+    /// Their bytes are those of the one before.
+    pub repeated: u64,
+    /// Their stamp is not later than all before.
+    pub stale: u64,
 }
 
-impl ImageCount {
+#[derive(Default)]
+struct Images {
+    count: ImageCount,
+    last: Option<Arc<CameraImage>>,
+    rising: Rising,
+}
+
+impl Images {
     /// Counts an image in; true when its bytes are those of the one before.
-    fn count(&mut self, image: Arc<CameraImage>) -> bool {
-        self.received += 1;
-        let identical = self.last.as_ref().is_some_and(|last| {
-            self.lost += u64::from(images_lost(last.sequence, image.sequence));
-            last.data == image.data
-        });
+    fn take(&mut self, image: Arc<CameraImage>) -> bool {
+        let identical = self.last.as_ref().is_some_and(|last| last.data == image.data);
+        let lost = self.last.as_ref().map_or(0, |last| images_lost(last.sequence, image.sequence));
+        let count = &mut self.count;
+        count.received += 1;
+        count.lost += u64::from(lost);
+        count.damaged += u64::from(image.damaged);
+        count.repeated += u64::from(identical);
+        count.stale += u64::from(!self.rising.takes(image.mid_exposure));
         self.last = Some(image);
         identical
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::fixtures;
+
+    #[test]
+    fn what_is_wrong_with_images_is_counted() {
+        let mut images = Images::default();
+        let mut take = |sequence, at_ns, byte, damaged| {
+            let image = fixtures::image(sequence, MonotonicNs(at_ns), (2, 1));
+            images.take(Arc::new(CameraImage { data: vec![byte; 2], damaged, ..image }))
+        };
+        assert!(!take(0, 10, 1, false));
+        assert!(!take(3, 20, 2, true), "two lost, one damaged");
+        assert!(take(4, 30, 2, false), "repeated");
+        assert!(!take(5, 30, 3, false), "stamped as the one before");
+        assert!(!take(6, 25, 4, false), "stamped earlier");
+        assert!(!take(7, 40, 5, false));
+        let counted = ImageCount { received: 6, lost: 2, damaged: 1, repeated: 1, stale: 2 };
+        assert_eq!(images.count, counted);
     }
 }

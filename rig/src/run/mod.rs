@@ -207,7 +207,10 @@ fn stop(filmed: &Filmed) -> Stop {
         clock: ClockPair::now(),
         servo: filmed.servo,
         images: filmed.recorded.images,
-        images_lost: filmed.images_lost,
+        images_lost: filmed.images.lost,
+        images_damaged: filmed.images.damaged,
+        images_repeated: filmed.images.repeated,
+        images_stale: filmed.images.stale,
         messages_dropped: filmed.recorded.dropped,
         learn_from: filmed.learn_from.clone(),
     }

@@ -84,6 +84,9 @@ impl Film {
             servo: StopOutcome::NotNeeded,
             images: self.images.len() as u64,
             images_lost: 0,
+            images_damaged: 0,
+            images_repeated: 0,
+            images_stale: 0,
             messages_dropped: 0,
             learn_from: Some(learn_from),
         };

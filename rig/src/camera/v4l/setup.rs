@@ -24,6 +24,8 @@ const OTHER_AUTOMATICS: [(u32, &str); 3] =
 
 /// A rate this far from the one asked for is refused, as a share.
 const FPS_TOLERANCE: f64 = 0.05;
+/// So is an exposure time, unless it is the driver's next step.
+const EXPOSURE_TOLERANCE: f64 = 0.1;
 
 /// How the camera stands after setting up.
 pub(super) struct Setup {
@@ -123,40 +125,74 @@ fn interval(fps: f64) -> Fraction {
     }
 }
 
-/// Locks what moves by itself and sets the exposure; the exposure time as the camera says it.
-fn expose(device: &Device, config: &CameraConfig, path: &str) -> Result<Option<Positive>, CameraError> {
+/// The controls of a camera.
+trait Controls {
+    fn read(&self, id: u32) -> std::io::Result<i64>;
+    fn write(&self, id: u32, value: Value) -> std::io::Result<()>;
+}
+
+impl Controls for Device {
+    fn read(&self, id: u32) -> std::io::Result<i64> {
+        match self.control(id)?.value {
+            Value::Integer(number) => Ok(number),
+            Value::Boolean(is_on) => Ok(i64::from(is_on)),
+            _ => Err(std::io::ErrorKind::InvalidData.into()),
+        }
+    }
+
+    fn write(&self, id: u32, value: Value) -> std::io::Result<()> {
+        self.set_control(Control { id, value })
+    }
+}
+
+/// Locks what moves by itself and sets the exposure, reading each back; the exposure time as the camera says it.
+fn expose(
+    device: &impl Controls,
+    config: &CameraConfig,
+    path: &str,
+) -> Result<Option<Positive>, CameraError> {
     let refused = |what: String| CameraError::Refused { camera: path.into(), what };
-    let has = |id| device.control(id).is_ok();
-    let set = |id, value| device.set_control(Control { id, value });
+    let has = |id| device.read(id).is_ok();
+    // Why it is not as it was set; none where it is.
+    let set = |id, value: Value, number: i64| match device.write(id, value).and_then(|()| device.read(id)) {
+        Ok(now) if now == number => None,
+        Ok(now) => Some(format!("the driver takes {number} and keeps {now}")),
+        Err(error) => Some(error.to_string()),
+    };
 
     if config.lock_exposure {
-        if has(EXPOSURE_AUTO) {
-            set(EXPOSURE_AUTO, Value::Integer(EXPOSURE_MANUAL)).map_err(|error| {
-                refused(format!(
-                    "cannot switch automatic exposure off ({error}); set `lock_exposure = false`"
-                ))
-            })?;
+        if has(EXPOSURE_AUTO)
+            && let Some(why) = set(EXPOSURE_AUTO, Value::Integer(EXPOSURE_MANUAL), EXPOSURE_MANUAL)
+        {
+            return Err(refused(format!(
+                "cannot switch automatic exposure off ({why}); set `lock_exposure = false`"
+            )));
         }
         for (id, name) in [(EXPOSURE_AUTO_PRIORITY, "exposure priority")].iter().chain(&OTHER_AUTOMATICS) {
             if has(*id)
-                && let Err(error) = set(*id, Value::Boolean(false))
+                && let Some(why) = set(*id, Value::Boolean(false), 0)
             {
-                tracing::warn!("camera {path}: cannot switch {name} off: {error}");
+                tracing::warn!("camera {path}: cannot switch {name} off: {why}");
             }
         }
     }
     if let Some(exposure) = config.exposure_s
         && has(EXPOSURE_ABSOLUTE)
     {
-        let units = (exposure.get() / EXPOSURE_UNIT_S).round().max(1.0) as i64;
-        set(EXPOSURE_ABSOLUTE, Value::Integer(units)).map_err(|error| {
-            refused(format!("asked for an exposure of {} s, refused: {error}", exposure.get()))
-        })?;
+        let asked = (exposure.get() / EXPOSURE_UNIT_S).round().max(1.0);
+        let failed = |why: String| {
+            refused(format!("asked for an exposure of {} s, {why}; change `exposure_s`", exposure.get()))
+        };
+        device
+            .write(EXPOSURE_ABSOLUTE, Value::Integer(asked as i64))
+            .map_err(|error| failed(format!("refused: {error}")))?;
+        let got = device.read(EXPOSURE_ABSOLUTE).map_err(|error| failed(error.to_string()))? as f64;
+        if (got - asked).abs() > (EXPOSURE_TOLERANCE * asked).max(1.0) {
+            return Err(failed(format!("the driver gives {} s", got * EXPOSURE_UNIT_S)));
+        }
     }
-    let read = device.control(EXPOSURE_ABSOLUTE).ok().and_then(|control| match control.value {
-        Value::Integer(units) => Positive::new(units as f64 * EXPOSURE_UNIT_S),
-        _ => None,
-    });
+    let units = device.read(EXPOSURE_ABSOLUTE).ok();
+    let read = units.and_then(|units| Positive::new(units as f64 * EXPOSURE_UNIT_S));
     if read.is_none() && config.exposure_s.is_none() {
         tracing::warn!("camera {path}: exposure time unknown, taken as 0; set `exposure_s` in [camera]");
     }
@@ -166,6 +202,75 @@ fn expose(device: &Device, config: &CameraConfig, path: &str) -> Result<Option<P
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::cell::RefCell;
+    use std::collections::BTreeMap;
+
+    /// A camera that keeps its controls within limits: lowest, value, highest.
+    struct Limited(RefCell<BTreeMap<u32, [i64; 3]>>);
+
+    impl Controls for Limited {
+        fn read(&self, id: u32) -> std::io::Result<i64> {
+            self.0
+                .borrow()
+                .get(&id)
+                .map(|[_, value, _]| *value)
+                .ok_or(std::io::ErrorKind::InvalidInput.into())
+        }
+
+        fn write(&self, id: u32, value: Value) -> std::io::Result<()> {
+            let asked = match value {
+                Value::Integer(number) => number,
+                Value::Boolean(is_on) => i64::from(is_on),
+                _ => return Err(std::io::ErrorKind::InvalidInput.into()),
+            };
+            self.0
+                .borrow_mut()
+                .get_mut(&id)
+                .map(|[lowest, value, highest]| *value = asked.clamp(*lowest, *highest))
+                .ok_or(std::io::ErrorKind::InvalidInput.into())
+        }
+    }
+
+    const GAIN_AUTOMATIC: u32 = OTHER_AUTOMATICS[0].0;
+
+    fn limited(controls: &[(u32, [i64; 3])]) -> Limited {
+        Limited(RefCell::new(controls.iter().copied().collect()))
+    }
+
+    fn asking(exposure_s: f64) -> CameraConfig {
+        CameraConfig { exposure_s: Positive::new(exposure_s), ..CameraConfig::default() }
+    }
+
+    #[test]
+    fn automatics_are_off_and_the_exposure_is_what_the_camera_says() {
+        let camera = limited(&[
+            (EXPOSURE_AUTO, [0, 3, 3]),
+            (EXPOSURE_ABSOLUTE, [3, 250, 2047]),
+            (GAIN_AUTOMATIC, [0, 1, 1]),
+        ]);
+        let exposure_s = expose(&camera, &asking(0.004), "test").unwrap().unwrap();
+        assert!((exposure_s.get() - 0.004).abs() < 1e-12);
+        assert_eq!(
+            [EXPOSURE_AUTO, EXPOSURE_ABSOLUTE, GAIN_AUTOMATIC].map(|id| camera.read(id).unwrap()),
+            [1, 40, 0]
+        );
+
+        let camera = limited(&[(EXPOSURE_AUTO, [0, 3, 3])]);
+        let as_it_is = CameraConfig { lock_exposure: false, ..CameraConfig::default() };
+        assert_eq!(expose(&camera, &as_it_is, "test").unwrap(), None);
+        assert_eq!(camera.read(EXPOSURE_AUTO).unwrap(), 3);
+    }
+
+    #[test]
+    fn automatic_exposure_that_stays_on_and_another_exposure_time_are_refused() {
+        let stubborn = limited(&[(EXPOSURE_AUTO, [2, 3, 3])]);
+        let says = expose(&stubborn, &asking(0.004), "test").unwrap_err().to_string();
+        assert!(says.contains("takes 1 and keeps 2") && says.contains("lock_exposure = false"), "{says}");
+
+        let slow = limited(&[(EXPOSURE_ABSOLUTE, [50, 250, 2047])]);
+        let says = expose(&slow, &asking(0.004), "test").unwrap_err().to_string();
+        assert!(says.contains("asked for an exposure of 0.004 s, the driver gives 0.005 s"), "{says}");
+    }
 
     #[test]
     fn interval_is_the_period_to_a_thousandth() {

@@ -70,6 +70,40 @@ fn nobody_listening_holds_up_no_stop_and_no_word_of_the_board_is_lost() {
     assert!(told >= 2 * FLOOD, "{told}");
 }
 
+/// A board of which a look at it is our own mistake.
+struct Broken(BoardInfo);
+
+impl ServoBoard for Broken {
+    fn info(&self) -> &BoardInfo {
+        &self.0
+    }
+
+    fn arm(&mut self, _: &PulseProfile, _: MonotonicNs) -> Result<(), ServoError> {
+        Ok(())
+    }
+
+    fn jog(&mut self, _: u8, _: u16, _: f64) -> Result<(), ServoError> {
+        Ok(())
+    }
+
+    fn poll(&mut self) -> Result<Vec<ServoEvent>, ServoError> {
+        panic!("a test")
+    }
+
+    fn stop(&mut self) -> StopOutcome {
+        StopOutcome::Acknowledged
+    }
+}
+
+#[test]
+fn panic_of_the_boards_thread_is_told_and_leaves_the_servo_to_the_dead_man() {
+    let info = BoardInfo { name: "test".into(), protocol_version: 1, boot_id: 1, channels: 1 };
+    let (signals, mut signalled) = unbounded_channel();
+    let mut servo = ServoThread::start(Box::new(Broken(info)), signals);
+    assert!(matches!(signalled.blocking_recv(), Some(Signal::Panicked("servo"))));
+    assert_eq!(servo.stop(), StopOutcome::LeftToDeadMan);
+}
+
 /// A camera that never runs out of images.
 struct Endless(CameraInfo);
 
