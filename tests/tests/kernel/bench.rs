@@ -248,7 +248,7 @@ impl Ended {
             .filter(|item| matches!(item, Ok((_, rig::record::reader::Item::Image(_)))))
             .count();
         assert!(images >= least, "{images} images");
-        println!("    {told}");
+        eprintln!("    {told}");
     }
 
     /// The servo was stopped by a board that said so.

@@ -35,7 +35,7 @@ fn assert_where_it_was(run: &Path, camera: &Feeder) {
     let wanted = trajectory.time_s.len() * trajectory.keypoints.len();
     let mean_m = errors_m.iter().sum::<f64>() / errors_m.len() as f64;
     let most_m = errors_m.iter().copied().fold(0.0, f64::max);
-    println!(
+    eprintln!(
         "    {found} of {wanted} keypoints, mean error {:.3} mm, most {:.3} mm",
         mean_m * 1e3,
         most_m * 1e3

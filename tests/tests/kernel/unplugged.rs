@@ -16,7 +16,7 @@ const LATE_S: f64 = 0.5;
 fn assert_safe_and_idle(board: &Board, config: &Path, unplugged: MonotonicNs) {
     wait_until("the dead-man", 5.0, || board.pulse_us().is_none());
     let let_go_s = board.pulses().last().expect("a pulse").0.seconds_since(unplugged);
-    println!("    let go {let_go_s:.3} s after the plug was pulled");
+    eprintln!("    let go {let_go_s:.3} s after the plug was pulled");
     assert!(let_go_s < DEAD_MAN_MS as f64 * 1e-3 + LATE_S, "{let_go_s} s");
     let pulses = board.pulses().len();
     let status = run_rig(["status".as_ref(), config.as_os_str()]);

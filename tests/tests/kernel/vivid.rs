@@ -65,7 +65,7 @@ fn faults_that_end_the_stream_end_the_run_in_the_safe_stop() {
         ("inject_fatal_streaming_error", "unplug and replug it"),
         ("disconnect", "unplugged or gone"),
     ] {
-        println!("    {fault}");
+        eprintln!("    {fault}");
         let ended = with_fault(&board, || control(fault, 1));
         ended.assert_failed(reason);
         ended.assert_stopped(&board);
@@ -84,7 +84,7 @@ fn stream_that_does_not_start_ends_the_run_before_anything_moves() {
         ("inject_vidioc_streamon_error", "starting the stream"),
         ("inject_vidioc_reqbufs_error", "asking for buffers"),
     ] {
-        println!("    {fault}");
+        eprintln!("    {fault}");
         control(fault, 1);
         let ended = Running::start(&board, &config(&board, |_| {}), &["--film-only"]).ended_within(30.0);
         ended.assert_failed_with_images(doing, 0);
@@ -108,7 +108,7 @@ fn damaged_and_dropped_images_are_counted_and_the_run_goes_on() {
         control("percentage_of_dropped_buffers", 0);
     });
     assert_eq!(ended.code, Some(0), "{}", ended.said);
-    println!("    {}", ended.stop);
+    eprintln!("    {}", ended.stop);
     assert!(ended.stop["images_damaged"].as_u64().is_some_and(|n| (1..=3).contains(&n)), "{}", ended.stop);
     assert!(ended.stop["images_lost"].as_u64().is_some_and(|lost| lost > 0), "{}", ended.stop);
     let recording = Recording::open(&ended.run.join("recording.mcap")).expect("a recording");
