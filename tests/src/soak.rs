@@ -139,7 +139,7 @@ impl Soak {
         let pixels = u64::from(self.size_px.0) * u64::from(self.size_px.1);
         Endured {
             images: recorded.images,
-            images_lost: filmed.images_lost,
+            images_lost: filmed.images.lost,
             dropped: recorded.dropped,
             received_bytes: recorded.images * self.encoding.bytes(pixels),
             recorded_bytes: recorded.bytes,
