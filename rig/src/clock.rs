@@ -1,8 +1,8 @@
 //! The host's monotonic clock, and lines that put other clocks on it.
 //!
 //! A ping leaves at t₀, the board stamps it with its tick c, the answer is back at t₃. All that is certain is that c
-//! lies between t₀ and t₃; the midpoint is the best guess, wrong by at most half the round trip. [`ClockFit`] draws a
-//! line through many such guesses, trusting those that came back fastest.
+//! lies between t₀ and t₃, less the time that its bytes spend on a [`Wire`] of known speed; the midpoint is the best guess, wrong by at
+//! most half of what is left. [`ClockFit`] draws a line through many such guesses, trusting those that came back fastest.
 
 use std::sync::{Arc, OnceLock};
 
@@ -85,6 +85,24 @@ impl Ping {
     }
 }
 
+/// How long the bytes of a ping and of its answer are on the line, where it has a speed of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Wire {
+    /// From the ping's first byte to its last, at which the board looks at its clock \[s\].
+    pub to_s: f64,
+    /// From the answer's first byte to its last \[s\].
+    pub back_s: f64,
+}
+
+impl Wire {
+    /// A line that passes bytes on at once: USB all the way, a pseudo-terminal.
+    pub const NONE: Self = Self { to_s: 0.0, back_s: 0.0 };
+
+    fn round_trip_s(self) -> f64 {
+        self.to_s + self.back_s
+    }
+}
+
 /// Jitter of the fastest round trips \[s\], 1 sigma. A guess: a tick is 1 µs, a USB packet 125 µs apart.
 const FLOOR_S: f64 = 20e-6;
 /// How far a board's clock may be off, 1 sigma, as a share: ceramic resonators of small boards.
@@ -110,6 +128,8 @@ pub struct ClockFit {
     variance_drift: f64,
     /// Shortest round trip seen \[s\].
     pub round_trip_min_s: f64,
+    /// What of it the bytes spent on the wire \[s\].
+    pub wire_s: f64,
     /// Pings the line rests on.
     pub used: usize,
     /// Pings dropped as outliers.
@@ -120,7 +140,8 @@ pub struct ClockFit {
 }
 
 impl ClockFit {
-    /// Fits the line. None without a ping.
+    /// Fits the line to pings over `wire`. None without a ping. A round trip quicker than the wire shows that there is none: a baud rate
+    /// means nothing to a board with a USB port of its own.
     ///
     /// Weighted regression of y = board − host over t with w = 1/(s₀² + ((rtt − rtt_min)/2)²) and a weak prior on the
     /// drift, so that one ping suffices; guesses beyond 5 sigma of their own are dropped and the line drawn again.
@@ -128,10 +149,20 @@ impl ClockFit {
     /// # Source
     /// The weights are the midpoint's error bound, as NTP uses it (RFC 5905, clock filter); the rule for outliers is
     /// that of Klipper's `clocksync.py`.
-    pub fn new(pings: &[Ping]) -> Option<Self> {
-        let first = pings.first()?;
+    pub fn new(pings: &[Ping], wire: Wire) -> Option<Self> {
         let shortest = pings.iter().map(Ping::round_trip_s).fold(f64::INFINITY, f64::min);
-        let guesses: Vec<Guess> = pings.iter().map(|ping| Guess::new(ping, first, shortest)).collect();
+        let wire = if shortest < wire.round_trip_s() { Wire::NONE } else { wire };
+        let pings: Vec<Ping> = pings
+            .iter()
+            .map(|ping| Ping {
+                sent: ping.sent.plus_seconds(wire.to_s),
+                received: ping.received.plus_seconds(-wire.back_s),
+                ..*ping
+            })
+            .collect();
+        let first = pings.first()?;
+        let open_s = shortest - wire.round_trip_s();
+        let guesses: Vec<Guess> = pings.iter().map(|ping| Guess::new(ping, first, open_s)).collect();
 
         let mut used = vec![true; guesses.len()];
         let mut line = Line::through(&guesses, &used);
@@ -154,6 +185,7 @@ impl ClockFit {
             variance_offset_s2: line.variance_offset_s2,
             variance_drift: line.variance_drift,
             round_trip_min_s: shortest,
+            wire_s: wire.round_trip_s(),
             used: count,
             dropped: guesses.len() - count,
             contradicted: 0,
@@ -183,9 +215,9 @@ impl ClockFit {
     }
 
     /// Standard deviation of [`ClockFit::host`] near `at` \[s\]: that of the line, and that of the one thing midpoints
-    /// cannot show, the way there being shorter or longer than the way back (uniform within half the shortest trip).
+    /// cannot show, the way there being shorter or longer than the way back (uniform within half the shortest trip, without the wire).
     pub fn sigma_s(&self, at: MonotonicNs) -> f64 {
-        let asymmetry_s = self.round_trip_min_s / 2.0 / 3f64.sqrt();
+        let asymmetry_s = (self.round_trip_min_s - self.wire_s) / 2.0 / 3f64.sqrt();
         self.statistical_sigma_s(at).hypot(asymmetry_s)
     }
 
@@ -294,7 +326,7 @@ mod tests {
     fn drift_of_50_ppm_is_found_and_the_error_is_as_stated() {
         let mut worst: f64 = 0.0;
         for seed in 0..20 {
-            let fit = ClockFit::new(&pings(30.0, (100e-6, 100e-6), 100e-6, seed)).unwrap();
+            let fit = ClockFit::new(&pings(30.0, (100e-6, 100e-6), 100e-6, seed), Wire::NONE).unwrap();
             assert!((fit.drift_ppm() - DRIFT_PPM).abs() < 3.0, "{} ppm", fit.drift_ppm());
             for at_s in [0.0, 15.0, 30.0] {
                 let (error, sigma) = (error_s(&fit, at_s), fit.sigma_s(START.plus_seconds(at_s)));
@@ -317,7 +349,8 @@ mod tests {
             ping.received = ping.received.plus_seconds(16e-3);
         }
         late[100].board_tick_us += 5_000;
-        let (clean, late) = (ClockFit::new(&clean).unwrap(), ClockFit::new(&late).unwrap());
+        let (clean, late) =
+            (ClockFit::new(&clean, Wire::NONE).unwrap(), ClockFit::new(&late, Wire::NONE).unwrap());
         for at_s in [0.0, 30.0] {
             let difference = error_s(&late, at_s) - error_s(&clean, at_s);
             assert!(difference.abs() < 10e-6, "{difference} s");
@@ -328,7 +361,7 @@ mod tests {
 
     #[test]
     fn asymmetry_biases_by_half_its_size_and_is_within_the_stated_sigma() {
-        let fit = ClockFit::new(&pings(30.0, (100e-6, 900e-6), 20e-6, 2)).unwrap();
+        let fit = ClockFit::new(&pings(30.0, (100e-6, 900e-6), 20e-6, 2), Wire::NONE).unwrap();
         let bias = error_s(&fit, 15.0);
         // The answer's way is 0.8 ms longer: midpoints are 0.4 ms late.
         assert!((bias - 0.4e-3).abs() < 30e-6, "{bias} s");
@@ -336,20 +369,35 @@ mod tests {
     }
 
     #[test]
+    fn bytes_on_a_wire_of_known_speed_leave_no_doubt() {
+        // 1 ms there and 1.5 ms back, and USB on top
+        let wire = Wire { to_s: 1e-3, back_s: 1.5e-3 };
+        let pings = pings(30.0, (1.1e-3, 1.7e-3), 50e-6, 5);
+        let [blind, fit] = [Wire::NONE, wire].map(|wire| ClockFit::new(&pings, wire).unwrap());
+        let at = START.plus_seconds(15.0);
+        assert!(blind.sigma_s(at) > 0.7e-3 && fit.sigma_s(at) < 0.15e-3, "{}", fit.sigma_s(at));
+        assert!(error_s(&fit, 15.0).abs() < 2.0 * fit.sigma_s(at), "{}", error_s(&fit, 15.0));
+        assert_eq!((fit.contradicted, fit.wire_s), (0, 2.5e-3));
+        // round trips that no such wire allows
+        let quick = self::pings(5.0, (200e-6, 200e-6), 50e-6, 6);
+        assert_eq!(ClockFit::new(&quick, wire), ClockFit::new(&quick, Wire::NONE));
+    }
+
+    #[test]
     fn same_pings_give_the_same_line_and_one_is_enough() {
         let pings = pings(5.0, (100e-6, 100e-6), 100e-6, 3);
         let recorded: Vec<Ping> = serde_json::from_str(&serde_json::to_string(&pings).unwrap()).unwrap();
-        assert_eq!(ClockFit::new(&pings), ClockFit::new(&recorded));
+        assert_eq!(ClockFit::new(&pings, Wire::NONE), ClockFit::new(&recorded, Wire::NONE));
 
-        let one = ClockFit::new(&pings[..1]).unwrap();
+        let one = ClockFit::new(&pings[..1], Wire::NONE).unwrap();
         assert!(error_s(&one, 0.0).abs() < 1e-3);
         assert!(one.sigma_s(START.plus_seconds(10.0)) > one.sigma_s(START.plus_seconds(1.0)));
-        assert!(ClockFit::new(&[]).is_none());
+        assert!(ClockFit::new(&[], Wire::NONE).is_none());
     }
 
     #[test]
     fn mapping_there_and_back_is_the_same_tick() {
-        let fit = ClockFit::new(&pings(5.0, (100e-6, 100e-6), 100e-6, 4)).unwrap();
+        let fit = ClockFit::new(&pings(5.0, (100e-6, 100e-6), 100e-6, 4), Wire::NONE).unwrap();
         for tick in [4_293_999_999, 4_294_967_296, 4_300_000_001] {
             assert_eq!(fit.board_tick_us(fit.host(tick)), tick);
         }

@@ -5,15 +5,14 @@ use sim::Command;
 
 use super::error::AnalysisError;
 use crate::camera::{CameraImage, Rising, images_lost};
-use crate::clock::{ClockFit, MonotonicNs, Ping};
+use crate::clock::{ClockFit, MonotonicNs, Ping, Wire};
 use crate::config::RigConfig;
 use crate::record::ServoCommand;
 use crate::record::folder::{RunFolder, file};
 use crate::record::frames::FrameRow;
 use crate::record::reader::{Item, Recording};
 use crate::report::ClockQuality;
-use crate::servo::PulseProfile;
-use crate::servo::ServoEvent;
+use crate::servo::{PulseProfile, ServoConfig, ServoEvent};
 
 /// [`FrameRow::status`] of an image that gets a row in the trajectory, before extraction says more: a row that did not
 /// rise in time could not be read again.
@@ -96,7 +95,8 @@ impl Chronicle {
     /// # Errors
     /// [`AnalysisError`] when the channels of `config` are not those of the run.
     pub fn timeline(self, config: &RigConfig) -> Result<Timeline, AnalysisError> {
-        let clock = ClockFit::new(&self.pings);
+        let wire = config.servo.as_ref().map_or(Wire::NONE, ServoConfig::wire);
+        let clock = ClockFit::new(&self.pings, wire);
         let command = match (&config.servo, &config.profile, self.armed, self.started_tick_us, &clock) {
             (Some(servo), Some(profile), Some(pulses), Some(tick_us), Some(clock)) => {
                 let start_s = clock.host(tick_us).seconds_since(self.origin);

@@ -20,8 +20,8 @@ use v4l::io::traits::{CaptureStream, Stream as _};
 use super::{Camera, CameraConfig, CameraError, CameraImage, CameraInfo, Encoding};
 use crate::clock::MonotonicNs;
 
-/// Buffers asked for: at 100 images a second the program may be away for 50 ms.
-const BUFFERS: u32 = 6;
+/// Buffers asked for: at 120 images a second the program may be away for 90 ms.
+const BUFFERS: u32 = 12;
 /// More buffers than any driver gives.
 const MOST_BUFFERS: usize = 64;
 /// `poll`'s flag for "an image is ready".

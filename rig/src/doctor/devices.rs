@@ -6,11 +6,11 @@ use std::time::{Duration, Instant};
 use super::Check;
 use crate::calibration::Calibration;
 use crate::camera::{Camera, images_lost};
-use crate::clock::{ClockFit, MonotonicNs, Ping};
+use crate::clock::{ClockFit, MonotonicNs, Ping, Wire};
 use crate::config::RigConfig;
 use crate::error_chain::with_causes;
 use crate::run::open;
-use crate::servo::{ServoBoard, ServoError, ServoEvent};
+use crate::servo::{ServoBoard, ServoConfig, ServoError, ServoEvent};
 
 /// How long board and camera are looked at.
 const LOOK_DURATION: Duration = Duration::from_millis(1500);
@@ -30,7 +30,8 @@ pub fn look(config: &RigConfig, base: &Path) -> Vec<Check> {
     opened.begin(MonotonicNs::now());
     let mut checks = Vec::new();
     if let Some(mut board) = opened.board.take() {
-        checks.extend(look_at_board(board.as_mut()));
+        let wire = config.servo.as_ref().map_or(Wire::NONE, ServoConfig::wire);
+        checks.extend(look_at_board(board.as_mut(), wire));
         board.stop();
     }
     let filmed = opened.camera.info();
@@ -55,7 +56,7 @@ fn calibration_finding(calibration: &Calibration, base: &Path, size_px: [u32; 2]
     }
 }
 
-fn look_at_board(board: &mut dyn ServoBoard) -> Vec<Check> {
+fn look_at_board(board: &mut dyn ServoBoard, wire: Wire) -> Vec<Check> {
     let info = board.info().clone();
     let found = format!(
         "{}: protocol {}, {} channels, boot id {:08x}",
@@ -63,7 +64,7 @@ fn look_at_board(board: &mut dyn ServoBoard) -> Vec<Check> {
     );
     let mut checks = vec![Check::good("servo board", found)];
     match pings(board) {
-        Ok(pings) => checks.push(clock_finding(&pings)),
+        Ok(pings) => checks.push(clock_finding(&pings, wire)),
         Err(error) => checks.push(Check::bad("servo board", error.to_string())),
     }
     checks
@@ -84,17 +85,18 @@ fn pings(board: &mut dyn ServoBoard) -> Result<Vec<Ping>, ServoError> {
     Ok(pings)
 }
 
-fn clock_finding(pings: &[Ping]) -> Check {
+fn clock_finding(pings: &[Ping], wire: Wire) -> Check {
     let subject = "board clock";
-    let Some((fit, last)) = ClockFit::new(pings).zip(pings.last()) else {
+    let Some((fit, last)) = ClockFit::new(pings, wire).zip(pings.last()) else {
         return Check::bad(subject, "no ping was answered: check the cable and the port's speed");
     };
     let sigma_s = fit.sigma_s(last.received);
     let finding = format!(
-        "sigma {:.3} ms from {} pings, shortest round trip {:.2} ms",
+        "sigma {:.3} ms from {} pings, shortest round trip {:.2} ms, {:.2} ms of it on the wire",
         sigma_s * 1e3,
         fit.used,
-        fit.round_trip_min_s * 1e3
+        fit.round_trip_min_s * 1e3,
+        fit.wire_s * 1e3
     );
     if sigma_s > MAX_CLOCK_SIGMA_S {
         return Check::bad(subject, format!("{finding}; 1 ms is allowed: use a faster or less busy line"));
@@ -166,13 +168,22 @@ mod tests {
 
     #[test]
     fn quick_line_is_good_and_silence_is_not() {
-        assert_eq!(clock_finding(&recorded(2e-4, 2e-4, 30.0)).health, Health::Good);
-        assert_eq!(clock_finding(&[]).health, Health::Bad);
+        assert_eq!(clock_finding(&recorded(2e-4, 2e-4, 30.0), Wire::NONE).health, Health::Good);
+        assert_eq!(clock_finding(&[], Wire::NONE).health, Health::Bad);
+    }
+
+    #[test]
+    fn an_uno_s_line_is_good_once_its_bytes_are_counted() {
+        // 115200 baud and a millisecond of USB either way
+        let wire = Wire { to_s: 0.8e-3, back_s: 1.6e-3 };
+        let pings = recorded(wire.to_s + 1e-3, wire.back_s + 1e-3, 30.0);
+        assert_eq!(clock_finding(&pings, Wire::NONE).health, Health::Bad);
+        assert_eq!(clock_finding(&pings, wire).health, Health::Good);
     }
 
     #[test]
     fn clock_far_off_its_rate_is_doubtful() {
-        let check = clock_finding(&recorded(1e-4, 1e-4, 4000.0));
+        let check = clock_finding(&recorded(1e-4, 1e-4, 4000.0), Wire::NONE);
         assert_eq!(check.health, Health::Doubtful, "{}", check.finding);
     }
 }

@@ -1,10 +1,12 @@
 //! The `[servo]` table: which board, and what hangs on its channels.
 
 use super::BoardKind;
+use crate::clock::Wire;
 use firmware_protocol::board::DEAD_MAN_RANGE;
 use firmware_protocol::channel as wire;
-use firmware_protocol::event::MAX_CHANNELS;
-use firmware_protocol::units::{Channel, Name, PulseWidthUs, RateUsPerS};
+use firmware_protocol::command::Command;
+use firmware_protocol::event::{Event, Fault, MAX_CHANNELS, State};
+use firmware_protocol::units::{Channel, Name, PulseWidthUs, RateUsPerS, Sequence, Ticks};
 use ident::strict::Positive;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 
@@ -94,6 +96,9 @@ pub struct ServoChannel {
     pub calibrated: bool,
 }
 
+/// With start and stop bit.
+const BITS_PER_BYTE: f64 = 10.0;
+
 fn default_baud() -> u32 {
     115_200
 }
@@ -125,6 +130,15 @@ impl ServoConfig {
             telemetry_ms: default_telemetry(),
             channels: Vec::new(),
         }
+    }
+
+    /// How long a ping and its answer are on the line at its baud rate.
+    pub fn wire(&self) -> Wire {
+        let answer = Event::Pong { at: Ticks(0), boot_id: 0, state: State::Idle, fault: Fault::None };
+        let packets = [Command::Ping.encode(Sequence(0)), answer.encode(Sequence(0))];
+        let [to_s, back_s] =
+            packets.map(|packet| packet.encode().len() as f64 * BITS_PER_BYTE / f64::from(self.baud));
+        Wire { to_s, back_s }
     }
 
     /// The channel numbered `id`.

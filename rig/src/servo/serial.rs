@@ -18,7 +18,7 @@ use super::link::{Link, Trouble};
 use super::port::{self, HELLO_TIMEOUT, Received};
 pub use super::sessionless::{emergency_stop, query_status};
 use super::{BoardInfo, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome, refusal};
-use crate::clock::{ClockFit, MonotonicNs};
+use crate::clock::{ClockFit, MonotonicNs, Wire};
 use crate::servo::PulseProfile;
 
 const HELLO_EVERY: Duration = Duration::from_millis(200);
@@ -36,6 +36,7 @@ pub struct SerialBoard {
     port_name: String,
     info: BoardInfo,
     identity: Identity,
+    wire: Wire,
     shared: Arc<Shared>,
     /// The port once more, to drop DTR while the thread may be held up.
     port: Box<dyn SerialPort>,
@@ -108,8 +109,15 @@ impl SerialBoard {
             firmware: firmware_protocol::units::Name::new("unknown").expect("a printable name"),
         };
         let info = BoardInfo { name: port_name.into(), protocol_version: VERSION, boot_id: 0, channels: 0 };
-        let mut board =
-            Self { port_name: port_name.into(), info, identity: nobody, shared, port, thread: Some(thread) };
+        let mut board = Self {
+            port_name: port_name.into(),
+            info,
+            identity: nobody,
+            wire: config.wire(),
+            shared,
+            port,
+            thread: Some(thread),
+        };
         board.shake_hands()?;
         board.set_up(config, acknowledge)?;
         Ok(board)
@@ -117,7 +125,7 @@ impl SerialBoard {
 
     /// The line between the board's ticks and the host's clock, from the last minute's pings.
     pub fn clock(&self) -> Option<ClockFit> {
-        ClockFit::new(self.shared.link().samples())
+        ClockFit::new(self.shared.link().samples(), self.wire)
     }
 
     fn shake_hands(&mut self) -> Result<(), ServoError> {

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::config::tests::example;
 use super::*;
-use crate::clock::ClockFit;
+use crate::clock::{ClockFit, Wire};
 use crate::profile::Profile;
 use crate::servo::{PulseProfile, PulseTrack};
 
@@ -122,7 +122,7 @@ fn profile_is_played_with_exact_timing_over_a_real_port() {
         assert!((ccw / cw - 2.0).abs() < 1e-7, "{ccw} s and {cw} s");
     }
     // The start the host asked for, against the mock's true clock.
-    let clock = ClockFit::new(&pings).unwrap();
+    let clock = ClockFit::new(&pings, Wire::NONE).unwrap();
     let error_s = tops[0] - 0.1;
     let sigma_s = clock.sigma_s(start);
     println!(
