@@ -118,6 +118,8 @@ const PEAK_WIDTH: f64 = 2.0;
 /// Peaks that are looked at more closely, and phases of each.
 const PEAKS: usize = 16;
 const PHASES: usize = 16;
+/// Times to turn, each tried: without them a look seen in every so many images is taken for one in fewer, whose saw is lower.
+const TURNS_S: [f64; 4] = [0.0005, 0.003, 0.006, 0.01];
 
 /// Where the looks begin to explain how the driven joints followed: between two looks a joint falls behind by its rate times what has
 /// passed, a saw whose frequency the product of both shows; among its highest peaks, which repeat where images are fewer than
@@ -167,25 +169,31 @@ pub(crate) fn start(followings: &[Following<'_>]) -> Vec<(&'static str, f64)> {
             peaks.push(frequency);
         }
     }
-    let misfit = |frequency: f64, first: f64| -> f64 {
+    let misfit = |frequency: f64, first: f64, turn: f64| -> f64 {
         let squares = runs.iter().map(|(of, rates)| {
             let left = of.time_s.iter().zip(&of.ahead_rad).map(|(&t, ahead)| {
                 let look = ((t * frequency - first).floor() + first) / frequency;
-                ahead - (told(of, look) - told(of, t))
+                let [before, seen] = [look - frequency.recip(), look].map(|look| told(of, look));
+                let there = ((t - look) / turn).min(1.0);
+                ahead - (before + there * (seen - before) - told(of, t))
             });
             prompt(left.collect(), rates).iter().map(|x| x * x).sum::<f64>()
         });
         squares.sum()
     };
     let near = |frequency: &f64| [-0.5, 0.0, 0.5].map(|part| frequency + part * step);
-    let all = peaks
-        .iter()
-        .flat_map(near)
-        .flat_map(|frequency| (0..PHASES).map(move |k| (frequency, k as f64 / PHASES as f64)));
+    let phases = || (0..PHASES).map(|k| k as f64 / PHASES as f64);
+    let all = peaks.iter().flat_map(near).flat_map(|frequency| phases().map(move |first| (frequency, first)));
+    let all = all.flat_map(|(frequency, first)| {
+        let turns = TURNS_S.into_iter().filter(move |turn| turn * frequency <= 1.0);
+        turns.map(move |turn| (frequency, first, turn))
+    });
     let best = all
-        .map(|(frequency, first)| (misfit(frequency, first), frequency, first))
+        .map(|(frequency, first, turn)| (misfit(frequency, first, turn), frequency, first, turn))
         .min_by(|a, b| a.0.total_cmp(&b.0));
-    best.map_or(Vec::new(), |(_, frequency, first)| vec![("period", frequency.recip()), ("first", first)])
+    best.map_or(Vec::new(), |(_, frequency, first, turn)| {
+        vec![("period", frequency.recip()), ("first", first), ("turn", turn)]
+    })
 }
 
 /// `values` less their mean.

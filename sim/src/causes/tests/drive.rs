@@ -126,9 +126,13 @@ fn how_a_drive_followed_says_when_it_looks() {
             .iter()
             .map(|&t| {
                 let look = ((t / period - first).floor() + first) * period;
+                let [before, seen] = [look - period, look].map(|look| command.at(0, look));
+                // three fifths of the time it turns, as a motor does
+                let way = ((t - look) / (0.6 * period)).min(1.0);
+                let turned = before + way * way * (3.0 - 2.0 * way) * (seen - before);
                 // an offset, lateness, and noise that no period explains
                 let late = command.at(0, t - 0.005) - command.at(0, t);
-                command.at(0, look) - command.at(0, t) + late + 0.01 + 2e-3 * (1e4 * t * t).sin()
+                turned - command.at(0, t) + late + 0.01 + 2e-3 * (1e4 * t * t).sin()
             })
             .collect();
         let following = Following {
@@ -138,7 +142,7 @@ fn how_a_drive_followed_says_when_it_looks() {
             ahead_rad,
         };
         let start = "servo_refresh".parse::<Cause>().unwrap().start(&[following]);
-        let [("period", found), ("first", at)] = start[..] else { panic!("{start:?}") };
+        let [("period", found), ("first", at), ("turn", _)] = start[..] else { panic!("{start:?}") };
         // to an eighth of a period at the end
         assert!((found / period - 1.0).abs() * 3.0 / period < 0.125, "{period}: {found}");
         let apart = (at - first - (at - first).round()).abs();
