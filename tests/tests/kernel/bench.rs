@@ -48,6 +48,12 @@ pub(crate) struct Board {
 
 type Pulses = Arc<Mutex<Vec<(MonotonicNs, Option<u16>)>>>;
 
+/// One cycle of the profile, at its full size: for runs that are only filmed.
+pub(crate) fn one_cycle(config: &mut toml::Table) {
+    set(config, "profile", "cycles", 1);
+    set(config, "profile", "soft_start_cycles", 0);
+}
+
 impl Board {
     /// `rig mock-board` behind the gadget.
     pub(crate) fn mock() -> Self {

@@ -8,7 +8,7 @@ use rig::record::frames;
 use rig::record::reader::{Item, Recording};
 use system_tests::{json, set};
 
-use crate::bench::{Board, FED, FPS, Running, feeder, must};
+use crate::bench::{Board, FED, FPS, Running, feeder, must, one_cycle};
 use crate::feeder::{Feeder, Mode};
 
 /// Four times what was measured, a seventieth of a pixel: pictures that are one image late are off by millimetres \[m\].
@@ -75,10 +75,7 @@ fn images_are_recorded_as_the_driver_had_them_in_every_format() {
     let board = Board::mock();
     for encoding in [Encoding::Grey, Encoding::Yuyv, Encoding::Jpeg] {
         let camera = feeder(&board, encoding);
-        let config = board.config(FED, encoding, |config| {
-            set(config, "profile", "cycles", 1);
-            set(config, "profile", "soft_start_cycles", 0);
-        });
+        let config = board.config(FED, encoding, one_cycle);
         let ended = Running::start(&board, &config, &["--film-only"]).ended_within(60.0);
         assert_eq!(ended.code, Some(0), "{encoding:?}: {}", ended.said);
         let recording = Recording::open(&ended.run.join("recording.mcap")).expect("a recording");
@@ -111,10 +108,7 @@ fn camera_that_stops_freezes_or_cuts_its_images_short_is_told() {
     }
 
     let camera = feeder(&board, Encoding::Jpeg);
-    let config = board.config(FED, Encoding::Jpeg, |config| {
-        set(config, "profile", "cycles", 1);
-        set(config, "profile", "soft_start_cycles", 0);
-    });
+    let config = board.config(FED, Encoding::Jpeg, one_cycle);
     let mut running = Running::start(&board, &config, &["--film-only"]);
     running.wait_for_motion();
     camera.set(Mode::Cut);
@@ -130,10 +124,7 @@ fn camera_that_stops_freezes_or_cuts_its_images_short_is_told() {
 fn wall_clock_that_jumps_an_hour_changes_no_run() {
     let board = Board::mock();
     let _camera = feeder(&board, Encoding::Grey);
-    let config = board.config(FED, Encoding::Grey, |config| {
-        set(config, "profile", "cycles", 1);
-        set(config, "profile", "soft_start_cycles", 0);
-    });
+    let config = board.config(FED, Encoding::Grey, one_cycle);
     let mut running = Running::start(&board, &config, &["--film-only"]);
     running.wait_for_motion();
     let seconds = must("date", &["+%s"]).trim().parse::<u64>().expect("seconds");

@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use rig::camera::Encoding;
 use rig::clock::MonotonicNs;
-use system_tests::{Background, json, printed, rig, run_rig, set, wait_until};
+use system_tests::{Background, json, printed, rig, run_rig, wait_until};
 
-use crate::bench::{Board, DEAD_MAN_MS, FED, Running, feeder};
+use crate::bench::{Board, DEAD_MAN_MS, FED, Running, feeder, one_cycle};
 
 /// From the dead-man's time to the pin, and an emulated computer's lateness \[s\].
 const LATE_S: f64 = 0.5;
@@ -41,10 +41,7 @@ fn unplug_for_a_moment(board: &Board) -> MonotonicNs {
 fn unplugged_board_lets_its_servo_go_and_is_idle_after_replugging() {
     let board = Board::mock();
     let _camera = feeder(&board, Encoding::Grey);
-    let config = board.config(FED, Encoding::Grey, |config| {
-        set(config, "profile", "cycles", 1);
-        set(config, "profile", "soft_start_cycles", 0);
-    });
+    let config = board.config(FED, Encoding::Grey, one_cycle);
     let mut running = Running::start(&board, &config, &["--film-only"]);
     running.wait_for_motion();
     let unplugged = unplug_for_a_moment(&board);

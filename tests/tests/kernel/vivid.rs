@@ -8,7 +8,7 @@ use rig::camera::Encoding;
 use rig::record::reader::{Item, Recording};
 use system_tests::{Background, printed, run_rig, set};
 
-use crate::bench::{Board, Ended, FPS, Running, must};
+use crate::bench::{Board, Ended, FPS, Running, must, one_cycle};
 
 const CAMERA: &str = "/dev/video0";
 const SIZE_PX: [u32; 2] = [320, 180];
@@ -42,8 +42,7 @@ fn config(board: &Board, change: impl FnOnce(&mut toml::Table)) -> PathBuf {
         set(config, "run", "still_share", 1.0);
         set(config, "camera", "width_px", SIZE_PX[0]);
         set(config, "camera", "height_px", SIZE_PX[1]);
-        set(config, "profile", "cycles", 1);
-        set(config, "profile", "soft_start_cycles", 0);
+        one_cycle(config);
         change(config);
     })
 }

@@ -10,13 +10,18 @@ fn stepped(command: &Command, end_s: f64, mut law: impl FnMut(f64, f64, f64) -> 
     (1..=STEPS).fold(command.at(0, 0.0), |y, step| law(y, command.at(0, f64::from(step) * h), h))
 }
 
-#[test]
-fn drives_obey_their_laws_on_any_command() {
-    let command = Command {
+/// Rows at uneven times, two of them alike.
+fn zigzag() -> Command {
+    Command {
         actuators: vec!["servo".into()],
         time_s: vec![0.05, 0.2, 0.31, 0.5, 0.52, 0.9],
         angle_rad: vec![0.1, 0.5, -0.3, 0.4, 0.4, 0.0],
-    };
+    }
+}
+
+#[test]
+fn drives_obey_their_laws_on_any_command() {
+    let command = zigzag();
     let model = chain("active");
     let path = |values: &[(&str, f64)]| CommandPath::new(&with(&model, values), &command);
     let limited = path(&[("servo_rate_limit/share", 1.0), ("servo_rate_limit/rate", 3.0)]);
@@ -80,11 +85,7 @@ fn drives_obey_their_laws_on_any_command() {
 
 #[test]
 fn a_servo_that_looks_now_and_then_goes_in_steps() {
-    let command = Command {
-        actuators: vec!["servo".into()],
-        time_s: vec![0.05, 0.2, 0.31, 0.5, 0.52, 0.9],
-        angle_rad: vec![0.1, 0.5, -0.3, 0.4, 0.4, 0.0],
-    };
+    let command = zigzag();
     let (period, first, turn) = (0.021, 0.3, 0.004);
     let values = [("share", 1.0), ("period", period), ("first", first), ("turn", turn)];
     let values = values.map(|(name, value)| (format!("servo_refresh/{name}"), value));
