@@ -4,7 +4,7 @@
 use sim::Command;
 
 use super::error::AnalysisError;
-use crate::camera::{CameraImage, Rising, images_lost};
+use crate::camera::{CameraConfig, CameraImage, Rising, images_lost};
 use crate::clock::{ClockFit, MonotonicNs, Ping, Wire};
 use crate::config::RigConfig;
 use crate::record::ServoCommand;
@@ -31,6 +31,8 @@ pub struct ImageTime {
 #[derive(Debug, Clone)]
 pub struct Chronicle {
     origin: MonotonicNs,
+    /// How much later than they claim the images' times are, beyond what was taken back when they were recorded \[s\].
+    late_s: f64,
     images: Vec<ImageTime>,
     rising: Rising,
     last: Option<u32>,
@@ -44,6 +46,7 @@ impl Chronicle {
     pub fn new(origin: MonotonicNs) -> Self {
         Self {
             origin,
+            late_s: 0.0,
             images: Vec::new(),
             rising: Rising::default(),
             last: None,
@@ -61,7 +64,7 @@ impl Chronicle {
         };
         let row = FrameRow {
             sequence: image.sequence,
-            time_s: image.mid_exposure.seconds_since(self.origin),
+            time_s: image.mid_exposure.seconds_since(self.origin) - self.late_s,
             stamp_ns: image.stamp.0,
             damaged: image.damaged,
             lost_before: self.last.map_or(0, |last| images_lost(last, image.sequence)),
@@ -109,6 +112,18 @@ impl Chronicle {
     }
 }
 
+/// How much later the images of `run` are, by the latency that `config` states, than by the one that was stated when they were
+/// recorded \[s\].
+pub fn late_s(run: &RunFolder, config: &RigConfig) -> f64 {
+    #[derive(serde::Deserialize)]
+    struct MadeWith {
+        camera: CameraConfig,
+    }
+    // What cannot be read any more is left as it was recorded.
+    let made_with = toml::from_str::<MadeWith>(&run.start().config).map(|made| made.camera.latency_s);
+    made_with.map_or(0.0, |then| config.camera.latency_s.get() - then.get())
+}
+
 /// See the module.
 #[derive(Debug, Clone)]
 pub struct Timeline {
@@ -128,7 +143,7 @@ impl Timeline {
     /// # Errors
     /// [`AnalysisError`] when there is no readable recording, or the config's channels are not those of the run.
     pub fn read(run: &RunFolder, config: &RigConfig) -> Result<Self, AnalysisError> {
-        let mut chronicle = Chronicle::new(run.origin());
+        let mut chronicle = Chronicle { late_s: late_s(run, config), ..Chronicle::new(run.origin()) };
         let mut recording = Recording::open(&run.file(file::RECORDING))?;
         for item in recording.by_ref() {
             match item?.1 {

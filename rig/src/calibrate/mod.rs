@@ -13,6 +13,7 @@ mod field;
 mod fit;
 mod grid;
 mod homography;
+pub mod latency;
 pub mod port;
 mod quality;
 pub mod report;

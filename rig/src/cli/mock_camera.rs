@@ -12,7 +12,6 @@ use super::{Failure, Outcome};
 use crate::camera::mock::{CameraFault, MockCamera};
 use crate::camera::socket;
 use crate::clock::MonotonicNs;
-use crate::servo::PulseSink as _;
 use crate::servo::pulse_log::PulseLogReader;
 use crate::tank::Tank;
 
@@ -92,8 +91,8 @@ fn follow(mut tank: Tank, folder: &Path) -> anyhow::Result<()> {
     let mut asked = false;
     std::thread::Builder::new().name("follow-board".into()).spawn(move || {
         loop {
-            for (at, channel, pulse_us) in log.poll() {
-                tank.pulse(channel, pulse_us, at);
+            for (at, logged) in log.poll() {
+                logged.tell(at, &mut tank);
             }
             if !asked && release.exists() {
                 asked = true;
@@ -115,6 +114,7 @@ mod tests {
     use crate::camera::mock::CameraFaultKind;
     use crate::camera::socket::SocketCamera;
     use crate::camera::{Camera as _, CameraConfig, CameraError, CameraImage};
+    use crate::servo::PulseSink as _;
     use crate::servo::pulse_log::PulseLogWriter;
 
     #[test]

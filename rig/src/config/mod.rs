@@ -1,5 +1,6 @@
 //! A rig config: one TOML file that says everything about an experiment, read strictly.
 
+pub mod edit;
 mod error;
 mod extraction;
 mod tables;

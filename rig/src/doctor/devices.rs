@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::Check;
 use crate::calibration::Calibration;
-use crate::camera::{Camera, images_lost};
+use crate::camera::{Camera, CameraKind, images_lost};
 use crate::clock::{ClockFit, MonotonicNs, Ping, Wire};
 use crate::config::RigConfig;
 use crate::error_chain::with_causes;
@@ -36,6 +36,7 @@ pub fn look(config: &RigConfig, base: &Path) -> Vec<Check> {
     }
     let filmed = opened.camera.info();
     checks.push(calibration_finding(&config.calibration, base, [filmed.width_px, filmed.height_px]));
+    checks.extend(image_clock(config));
     checks.extend(look_at_camera(opened.camera.as_mut(), config.camera.stall()));
     opened.camera.stop();
     checks
@@ -53,6 +54,33 @@ fn calibration_finding(calibration: &Calibration, base: &Path, size_px: [u32; 2]
             Check::good(subject, format!("{from}: {scale:.4} mm/px in the middle of the picture"))
         }
         Err(error) => Check::bad(subject, with_causes(&error)),
+    }
+}
+
+/// How well the images' times are known against the servo's.
+fn image_clock(config: &RigConfig) -> Option<Check> {
+    let subject = "image clock";
+    let camera = &config.camera;
+    let latency_ms = camera.latency_s.get() * 1e3;
+    match camera.latency_std_s {
+        Some(std) => {
+            let std_ms = std.get() * 1e3;
+            let finding =
+                format!("latency {latency_ms:.2} ms, 1 sigma {std_ms:.2} ms, as measured by the sync LED");
+            Some(if std.get() > MAX_CLOCK_SIGMA_S {
+                Check::doubtful(subject, format!("{finding}; film it for longer: `rig calibrate latency`"))
+            } else {
+                Check::good(subject, finding)
+            })
+        }
+        None if config.servo.is_some() && camera.kind == CameraKind::V4l => Some(Check::doubtful(
+            subject,
+            format!(
+                "a latency of {latency_ms:.1} ms is stated, not how well it is known: webcams are 5 to 60 ms late; with the board's sync LED \
+                 in view `rig calibrate latency CONFIG --write CONFIG` measures it"
+            ),
+        )),
+        None => None,
     }
 }
 

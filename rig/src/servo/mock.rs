@@ -11,6 +11,7 @@ use std::thread::JoinHandle;
 
 use firmware_protocol::board::{Board, BoardConfig, Hardware};
 use firmware_protocol::event::Fault;
+use firmware_protocol::sync_led;
 use firmware_protocol::units::{Channel, Name, PulseWidthUs, Ticks};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::{Deserialize, Serialize};
@@ -231,6 +232,27 @@ struct Machine {
     board: Board,
     pins: Pins,
     starts: u32,
+    sync_led: SyncLed,
+}
+
+/// The pattern of the sync LED, which the tick alone decides: a restart goes on in it.
+struct SyncLed {
+    lit: bool,
+    /// When the next slot begins.
+    next: Ticks,
+}
+
+impl SyncLed {
+    /// Tells `pins` of all slots that have begun by `now`.
+    fn advance(&mut self, now: Ticks, pins: &mut Pins) {
+        while now.since(self.next) >= 0 {
+            let lit = sync_led::lit(self.next);
+            if lit != std::mem::replace(&mut self.lit, lit) {
+                pins.sink.sync_led(lit, pins.clock.host(self.next, pins.now));
+            }
+            self.next = Ticks(self.next.0.wrapping_add(sync_led::SLOT.0));
+        }
+    }
 }
 
 /// What the state machine touches.
@@ -306,8 +328,10 @@ impl Machine {
             noise: options.boot_id,
             delayed: Default::default(),
         };
-        let board = Self::boot(&options, 0, clock.tick(now));
-        Self { options, clock, board, pins, starts: 0 }
+        let tick = clock.tick(now);
+        let board = Self::boot(&options, 0, tick);
+        let sync_led = SyncLed { lit: false, next: Ticks(tick.0 - tick.0 % sync_led::SLOT.0) };
+        Self { options, clock, board, pins, starts: 0, sync_led }
     }
 
     fn boot(options: &MockOptions, starts: u32, now: Ticks) -> Board {
@@ -333,6 +357,7 @@ impl Machine {
                 self.board.receive(&bytes[..length], tick, &mut self.pins);
             }
             self.board.advance(tick, &mut self.pins);
+            self.sync_led.advance(tick, &mut self.pins);
             self.pins.sink.complete(now);
             self.pins.write_delayed();
         }

@@ -57,12 +57,17 @@ impl PulseProfile {
     }
 }
 
-/// Where a mock board's pulses go.
+/// Where a mock board's pulses go, and its sync LED's light.
 pub trait PulseSink: Send {
     /// From `at` on, `channel` puts out `pulse_us`, or nothing while detached.
     fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs);
 
-    /// All pulses before `until` are known.
+    /// From `at` on, the sync LED is lit, or dark.
+    fn sync_led(&mut self, lit: bool, at: MonotonicNs) {
+        let _ = (lit, at);
+    }
+
+    /// All of it before `until` is known.
     fn complete(&mut self, until: MonotonicNs) {
         let _ = until;
     }

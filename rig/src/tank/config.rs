@@ -124,6 +124,9 @@ pub struct TankView {
     /// Standard deviation of a pixel's noise \[grey levels\]. Default 2.
     #[serde(default = "noise")]
     pub noise_grey: NonNegative,
+    /// Where the board's sync LED is seen \[px\]. Default: nowhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sync_led_px: Option<[Finite; 2]>,
     /// How much later than the start of exposure stamps really are \[s\]. Default 0.
     #[serde(default = "exact")]
     pub stamp_latency_s: NonNegative,

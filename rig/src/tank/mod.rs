@@ -7,6 +7,7 @@ mod motion;
 pub mod render;
 pub mod scene;
 mod servo;
+mod sync_led;
 
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -18,6 +19,7 @@ use crate::servo::PulseSink;
 pub use config::TankConfig;
 pub use error::TankError;
 use motion::{Event, Motion};
+use sync_led::SyncLed;
 
 /// How long a picture waits for a board that a busy machine keeps from its pulses, and how often it looks.
 const PATIENCE_S: f64 = 1.0;
@@ -40,6 +42,7 @@ pub struct Tank {
 #[derive(Debug)]
 struct Shared {
     motion: Motion,
+    sync_led: SyncLed,
     run_origin: Option<MonotonicNs>,
 }
 
@@ -57,7 +60,7 @@ impl Tank {
         causes::put_into(&mut model, &config.causes)?;
         let motion = Motion::new(model.clone(), config, MonotonicNs::now())?;
         Ok(Self {
-            shared: Arc::new(Mutex::new(Shared { motion, run_origin: None })),
+            shared: Arc::new(Mutex::new(Shared { motion, sync_led: SyncLed::default(), run_origin: None })),
             config: Arc::new(config.clone()),
             model: Arc::new(model),
             complete_ns: Arc::new(AtomicU64::new(NO_BOARD)),
@@ -106,6 +109,11 @@ impl Tank {
         self.lock().motion.qpos(at)
     }
 
+    /// For what share of the time from `from` to `until` the board's sync LED was lit.
+    pub fn lit_share(&self, from: MonotonicNs, until: MonotonicNs) -> f64 {
+        self.lock().sync_led.lit_share(from, until)
+    }
+
     /// Waits, within reason, until all pulses before `at` are known: else a picture taken while the board's thread has no
     /// processor would show a servo that stands still.
     pub fn await_pulses(&self, at: MonotonicNs) {
@@ -123,6 +131,10 @@ impl Tank {
 impl PulseSink for Tank {
     fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs) {
         self.lock().motion.happen(at, Event::Pulse { channel, pulse_us });
+    }
+
+    fn sync_led(&mut self, lit: bool, at: MonotonicNs) {
+        self.lock().sync_led.turn(lit, at);
     }
 
     fn complete(&mut self, until: MonotonicNs) {
