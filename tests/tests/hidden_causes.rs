@@ -139,6 +139,29 @@ fn hidden_causes_are_named_from_few_images_with_misread_keypoints() {
     assert_eq!((score.alarms.hits, score.alarms.of), (0, 3), "nothing hidden is nothing found");
 }
 
+/// Two delays that nothing tells apart where every run is driven; a latency that was measured does.
+#[test]
+fn images_clock_known_to_half_a_millisecond_leaves_a_delay_to_the_servo() {
+    let clock = "[fit.prior]\n\"camera_delay/delay\" = { mean = 0.0, std = 0.0005 }\n\
+        [fit.bounds]\n\"camera_delay/delay\" = [-0.002, 0.002]\n\n[[run]]";
+    let folder = tempfile::tempdir().expect("a folder");
+    let case = cases::all(1, &[5.0]).into_iter().find(|case| case.id == "servo_delay-x5-s0").expect("a case");
+    let mut made = case.make(&mut Benches::default()).expect("it can be seen");
+    made.bench.runs.retain(|run| run.is_driven());
+    let experiment = write(&case, &made, Film::default(), folder.path()).expect("the case's files");
+    let text = std::fs::read_to_string(&experiment).expect("the experiment");
+    let named = |text: &str, out: &str| {
+        std::fs::write(&experiment, text).expect("the experiment");
+        let mut outcome = judge(&case, made.truth.clone(), &experiment, &folder.path().join(out));
+        assert_eq!(outcome.causes.len(), 1, "{outcome:?}");
+        let named = outcome.causes.remove(0);
+        (named.name, named.aliases)
+    };
+    let alias = "camera_delay".to_owned();
+    assert_eq!(named(&text, "unknown"), ("servo_delay".into(), vec![alias]));
+    assert_eq!(named(&text.replacen("[[run]]", clock, 1), "known"), ("servo_delay".into(), Vec::new()));
+}
+
 #[test]
 fn list_of_cases_is_whole_and_the_same_each_time() {
     let list = cases::all(10, &cases::SIZES);

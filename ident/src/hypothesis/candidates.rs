@@ -74,7 +74,10 @@ pub(crate) fn aliases(cause: Cause, experiment: &Experiment) -> Vec<&'static str
             !fitted().any(|run| run.kind == RunKind::Drop && run.release_s.is_some())
         }
     };
-    cause.info().aliases.iter().filter(|alias| holds(alias.when)).map(|alias| alias.name).collect()
+    // what a prior holds is part of the model already
+    let held = |name: &str| experiment.fit.prior.keys().any(|held| held.split('/').next() == Some(name));
+    let aliases = cause.info().aliases.iter().filter(|alias| holds(alias.when) && !held(alias.name));
+    aliases.map(|alias| alias.name).collect()
 }
 
 impl Term {

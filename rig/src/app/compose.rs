@@ -73,6 +73,9 @@ pub fn compose(runs: &[(Use, &Path)], model: Option<&Path>, out: &Path) -> Resul
     for (name, prior) in clock.prior {
         fit.prior.entry(name).or_insert(prior);
     }
+    for (name, bounds) in clock.bounds {
+        fit.bounds.entry(name).or_insert(bounds);
+    }
     let file = ExperimentFile { model, fit, diagnose, mechanism, water, cause, run: entries };
     let text = toml::to_string(&file).map_err(Failure::internal)?;
     write_whole(out, text.as_bytes()).map_err(Failure::input)?;

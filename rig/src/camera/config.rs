@@ -54,6 +54,10 @@ pub struct CameraConfig {
 
 /// The error of the images' times, as a parameter of a fit.
 const CLOCK_ERROR: &str = "camera_delay/delay";
+/// So many standard deviations is it off at most.
+const CLOCK_SIGMAS: f64 = 4.0;
+/// As much as the cause may be \[s\].
+const MOST_CLOCK_ERROR_S: f64 = 0.2;
 
 impl Default for CameraConfig {
     fn default() -> Self {
@@ -95,11 +99,14 @@ impl CameraConfig {
         self.fps.map(Positive::get).ok_or_else(|| self.missing("fps"))
     }
 
-    /// Lets a fit take the images' clock, against the servo's, to be off by as little as it is known to be.
+    /// Lets a fit take the images' clock, against the servo's, to be off by as little as it is known to be. A prior alone would not do: of
+    /// two delays that explain runs alike, and held-out ones too, the one that a fit has already is never left for the other.
     pub fn put_clock_into(&self, fit: &mut FitConfig) {
+        let finite = |x: f64| Finite::new(x).unwrap_or_else(|| unreachable!("{x} is finite"));
         if let Some(std) = self.latency_std_s {
-            let mean = Finite::new(0.0).unwrap_or_else(|| unreachable!("0 is finite"));
-            fit.prior.entry(CLOCK_ERROR.into()).or_insert(Prior { mean, std });
+            let most_s = (CLOCK_SIGMAS * std.get()).min(MOST_CLOCK_ERROR_S);
+            fit.prior.entry(CLOCK_ERROR.into()).or_insert(Prior { mean: finite(0.0), std });
+            fit.bounds.entry(CLOCK_ERROR.into()).or_insert([finite(-most_s), finite(most_s)]);
         }
     }
 
