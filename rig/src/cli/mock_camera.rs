@@ -12,6 +12,7 @@ use super::{Failure, Outcome};
 use crate::camera::mock::{CameraFault, MockCamera};
 use crate::camera::socket;
 use crate::clock::MonotonicNs;
+use crate::servo::PulseSink as _;
 use crate::servo::pulse_log::PulseLogReader;
 use crate::tank::Tank;
 
@@ -73,9 +74,10 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     Ok(Outcome::default())
 }
 
-/// How often the log is looked at; a pulse that becomes known late takes the tank back to before it, so this only bounds
-/// how much is simulated twice.
-const FOLLOW_EVERY: Duration = Duration::from_millis(5);
+/// How often the log is looked at.
+const FOLLOW_EVERY: Duration = Duration::from_millis(2);
+/// A board has written down by then what it did \[s\]: it looks at its clock every 5 ms. Pictures wait for it.
+const WRITTEN_AFTER_S: f64 = 0.012;
 
 /// Feeds the tank, from a thread of its own, with the pulses in the folder's log and with the request to let go.
 fn follow(mut tank: Tank, folder: &Path) -> anyhow::Result<()> {
@@ -91,9 +93,11 @@ fn follow(mut tank: Tank, folder: &Path) -> anyhow::Result<()> {
     let mut asked = false;
     std::thread::Builder::new().name("follow-board".into()).spawn(move || {
         loop {
+            let looked = MonotonicNs::now();
             for (at, logged) in log.poll() {
                 logged.tell(at, &mut tank);
             }
+            tank.complete(looked.plus_seconds(-WRITTEN_AFTER_S));
             if !asked && release.exists() {
                 asked = true;
                 tank.ask_release(MonotonicNs::now());
@@ -114,7 +118,6 @@ mod tests {
     use crate::camera::mock::CameraFaultKind;
     use crate::camera::socket::SocketCamera;
     use crate::camera::{Camera as _, CameraConfig, CameraError, CameraImage};
-    use crate::servo::PulseSink as _;
     use crate::servo::pulse_log::PulseLogWriter;
 
     #[test]
