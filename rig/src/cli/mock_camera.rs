@@ -76,8 +76,10 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
 
 /// How often the log is looked at.
 const FOLLOW_EVERY: Duration = Duration::from_millis(2);
-/// A board has written down by then what it did \[s\]: it looks at its clock every 5 ms. Pictures wait for it.
+/// A log that does not say until when it is complete is, so long after \[s\]: a board looks at its clock every 5 ms.
 const WRITTEN_AFTER_S: f64 = 0.012;
+/// A board that has not said so for this long is gone \[s\].
+const GONE_AFTER_S: f64 = 0.3;
 
 /// Feeds the tank, from a thread of its own, with the pulses in the folder's log and with the request to let go.
 fn follow(mut tank: Tank, folder: &Path) -> anyhow::Result<()> {
@@ -91,13 +93,21 @@ fn follow(mut tank: Tank, folder: &Path) -> anyhow::Result<()> {
         _ => {}
     }
     let mut asked = false;
+    // Until when the log says that it is complete, and since when it has said so.
+    let mut known = (None, MonotonicNs::now());
     std::thread::Builder::new().name("follow-board".into()).spawn(move || {
         loop {
-            let looked = MonotonicNs::now();
+            let (looked, said) = (MonotonicNs::now(), log.known());
+            if said != known.0 {
+                known = (said, looked);
+            }
             for (at, logged) in log.poll() {
                 logged.tell(at, &mut tank);
             }
-            tank.complete(looked.plus_seconds(-WRITTEN_AFTER_S));
+            tank.complete(match known {
+                (Some(until), since) if looked.seconds_since(since) < GONE_AFTER_S => until,
+                _ => looked.plus_seconds(-WRITTEN_AFTER_S),
+            });
             if !asked && release.exists() {
                 asked = true;
                 tank.ask_release(MonotonicNs::now());

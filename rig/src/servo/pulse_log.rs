@@ -1,10 +1,12 @@
 //! The pulses of a mock board in a file, so that a mock camera in another process can follow them.
 //!
 //! One line per change, `monotonic_ns,channel,pulse_us` with `-` for a detached channel, or `monotonic_ns,sync-led,1` with 0 for
-//! a dark one; written whole and at once. CLOCK_MONOTONIC is the same for all processes of a machine, so the stamps need no translation.
+//! a dark one; written whole and at once. A file beside it, `.known` in place of `.log`, holds in eight bytes until when all of it is
+//! written. CLOCK_MONOTONIC is the same for all processes of a machine, so the stamps need no translation.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
 use crate::clock::MonotonicNs;
@@ -44,6 +46,7 @@ impl Logged {
 pub struct PulseLogWriter {
     path: PathBuf,
     file: File,
+    known: Option<File>,
     failed: bool,
 }
 
@@ -54,7 +57,9 @@ impl PulseLogWriter {
     /// What the system says.
     pub fn append(path: &Path) -> std::io::Result<Self> {
         let file = OpenOptions::new().create(true).append(true).open(path)?;
-        Ok(Self { path: path.into(), file, failed: false })
+        // Without it whoever reads the log waits a little longer.
+        let known = File::create(known_beside(path)).ok();
+        Ok(Self { path: path.into(), file, known, failed: false })
     }
 }
 
@@ -68,6 +73,13 @@ impl PulseSink for PulseLogWriter {
 
     fn sync_led(&mut self, lit: bool, at: MonotonicNs) {
         self.log(format!("{},{SYNC_LED},{}\n", at.0, u8::from(lit)));
+    }
+
+    fn complete(&mut self, until: MonotonicNs) {
+        if let Some(known) = &self.known {
+            // Eight bytes at one place are there whole or not at all.
+            let _ = known.write_at(&until.0.to_le_bytes(), 0);
+        }
     }
 }
 
@@ -83,6 +95,10 @@ impl PulseLogWriter {
             );
         }
     }
+}
+
+fn known_beside(log: &Path) -> PathBuf {
+    log.with_extension("known")
 }
 
 /// Follows a log while it grows.
@@ -122,6 +138,12 @@ impl PulseLogReader {
             }
         }
         pulses
+    }
+
+    /// Until when the log is complete, as whoever writes it says; ask before [`PulseLogReader::poll`].
+    pub fn known(&self) -> Option<MonotonicNs> {
+        let bytes = std::fs::read(known_beside(&self.path)).ok()?;
+        Some(MonotonicNs(u64::from_le_bytes(bytes.try_into().ok()?)))
     }
 
     /// Lines so far that were none.
@@ -177,6 +199,9 @@ mod tests {
         let lit = Logged::SyncLed { lit: true };
         assert_eq!(reader.poll(), [(MonotonicNs(7), pulse(0, Some(1500))), (MonotonicNs(8), lit)]);
         assert_eq!(reader.poll(), []);
+        assert_eq!(reader.known(), None);
+        writer.complete(MonotonicNs(8));
+        assert_eq!(reader.known(), Some(MonotonicNs(8)));
 
         writer.file.write_all(b"9,1").unwrap();
         assert_eq!(reader.poll(), []);

@@ -22,7 +22,7 @@ pub(super) struct Delay {
 }
 
 /// Scatter of single stamps that is weighed \[s\].
-const JITTERS_S: [f64; 7] = [5e-5, 1.5e-4, 3e-4, 6e-4, 1.2e-3, 2.4e-3, 4.8e-3];
+const JITTERS_S: [f64; 9] = [5e-5, 1.5e-4, 3e-4, 5e-4, 8e-4, 1.2e-3, 1.8e-3, 2.7e-3, 4.5e-3];
 /// Exposures weighed.
 const EXPOSURES: usize = 8;
 /// A stated exposure is believed within this factor.
