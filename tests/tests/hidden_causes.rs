@@ -4,10 +4,13 @@
 use std::path::Path;
 
 use rayon::prelude::*;
-use system_tests::hidden::cases::{self, Case, Kind};
+use system_tests::hidden::bench::Run;
+use system_tests::hidden::cases::{self, Case, Kind, Made};
 use system_tests::hidden::diagnose::{Outcome, diagnose, judge};
+use system_tests::hidden::drive;
 use system_tests::hidden::hide::Truth;
 use system_tests::hidden::limit::Benches;
+use system_tests::hidden::motion::Drive;
 use system_tests::hidden::score::{Judgement, Score, tables};
 use system_tests::hidden::write::{Film, write};
 use system_tests::repository;
@@ -160,6 +163,28 @@ fn images_clock_known_to_half_a_millisecond_leaves_a_delay_to_the_servo() {
     let alias = "camera_delay".to_owned();
     assert_eq!(named(&text, "unknown"), ("servo_delay".into(), vec![alias]));
     assert_eq!(named(&text.replacen("[[run]]", clock, 1), "known"), ("servo_delay".into(), Vec::new()));
+    for run in &made.bench.runs {
+        measure(&made, run, &folder.path().join(format!("{}-servo.csv", run.id)));
+    }
+    assert_eq!(named(&text, "measured"), ("servo_delay".into(), Vec::new()));
+}
+
+/// Adds to the commands in `table` what a servo on a bus tells of itself in `run`, 50 times a second in steps of 1.5 mrad.
+fn measure(made: &Made, run: &Run, table: &Path) {
+    let (Drive::Exact(servo) | Drive::Servo(servo, _)) = &run.motion.drive else { panic!("no servo") };
+    let turned = drive::Path::new(servo, &made.hidden, *run.times_s.last().expect("images"));
+    let corners = servo.time_s.iter().map(|&time_s| (time_s, None));
+    let count = (run.times_s.last().expect("images") / 0.02) as usize;
+    let told = (0..count).map(|k| k as f64 * 0.02 + 0.0013).map(|time_s| (time_s, Some(turned.at(time_s))));
+    let mut rows: Vec<(f64, Option<f64>)> = corners.chain(told).collect();
+    rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut text = String::from("time_s,servo_rad,servo_measured_rad\n");
+    for (time_s, measured) in rows {
+        let measured =
+            measured.map_or(String::new(), |angle| ((angle / 1.5e-3).round() * 1.5e-3).to_string());
+        text.push_str(&format!("{time_s},{},{measured}\n", servo.at(time_s)));
+    }
+    std::fs::write(table, text).expect("the servo's table");
 }
 
 #[test]

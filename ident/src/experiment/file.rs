@@ -4,14 +4,13 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use sim::Model;
-use sim::model::encoded_joint;
 
 use super::folder::{Folder, read_text};
 use super::{DEFAULT_INIT_S, Experiment, ExperimentError, Run, RunKind, Use};
 use crate::config::{DiagnoseConfig, FitConfig};
 use crate::own_cause::CauseConfig;
 use crate::strict::{self, Finite, Positive, StrictError};
-use crate::table::{read_command, read_trajectory};
+use crate::table::{read_servo, read_trajectory};
 use crate::weights::{Mechanism, Water};
 
 #[derive(Deserialize)]
@@ -98,13 +97,11 @@ fn load(file: File, path: &Path) -> Result<Experiment, ExperimentError> {
     let mut fit = file.fit;
     file.mechanism.put_into(&file.water, &mut model, &mut fit)?;
     CauseConfig::define(&file.cause, &mut model)?;
-    // a hinge that is not there is found out when the runs are checked
-    for joint in runs.iter().flat_map(|run| &run.trajectory.keypoints).filter_map(|name| encoded_joint(name))
-    {
-        model.add_encoder(joint);
-    }
-    fit.add_named_causes(&mut model);
-    Ok(Experiment { model, noise_m: file.noise_m.map(Positive::get), fit, diagnose: file.diagnose, runs })
+    let mut experiment =
+        Experiment { model, noise_m: file.noise_m.map(Positive::get), fit, diagnose: file.diagnose, runs };
+    experiment.take_in_measured();
+    experiment.fit.add_named_causes(&mut experiment.model);
+    Ok(experiment)
 }
 
 impl Entry {
@@ -139,7 +136,10 @@ impl Entry {
                 let kind = self.kind.ok_or_else(|| missing("kind"))?;
                 let trajectory = self.trajectory.as_ref().ok_or_else(|| missing("trajectory"))?;
                 let mut run = Run::new(id, kind, read_trajectory(&base.join(trajectory))?);
-                run.command = self.servo.as_ref().map(|servo| read_command(&base.join(servo))).transpose()?;
+                if let Some(servo) = &self.servo {
+                    let (command, measured) = read_servo(&base.join(servo))?;
+                    (run.command, run.measured) = (Some(command), measured);
+                }
                 run
             }
         };

@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use super::{ExperimentError, Run, RunKind};
 use crate::names;
-use crate::table::{read_command, read_trajectory};
+use crate::table::{read_servo, read_trajectory};
 
 /// What a fit needs of `start.json`; the rest of it is for others.
 #[derive(Deserialize)]
@@ -51,7 +51,8 @@ impl Folder {
         let mut run = Run::new(self.start.id, self.start.kind, trajectory);
         let servo = self.path.join("servo.csv");
         if run.kind == RunKind::Driven || servo.exists() {
-            run.command = Some(read_command(&servo)?);
+            let (command, measured) = read_servo(&servo)?;
+            (run.command, run.measured) = (Some(command), measured);
         }
         run.prescribed = self.start.prescribed;
         if run.kind == RunKind::Drop {

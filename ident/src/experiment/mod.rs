@@ -8,6 +8,7 @@ mod check;
 mod error;
 mod file;
 mod folder;
+mod measured;
 mod spikes;
 
 use serde::{Deserialize, Serialize};
@@ -17,6 +18,8 @@ pub use crate::config::{DiagnoseConfig, FitConfig, Loss, Method, Prior};
 pub use crate::own_cause::{CauseConfig, CauseError, CauseParameterConfig};
 pub use error::{ExperimentError, Place};
 pub use spikes::Spike;
+
+use crate::table::MeasuredAngles;
 
 /// A model and the runs it should reproduce.
 #[derive(Debug, Clone)]
@@ -48,6 +51,8 @@ pub struct Run {
     pub set_aside: Vec<Spike>,
     /// Commanded angles; a driven run has them.
     pub command: Option<Command>,
+    /// What the servos measured, where they did: taken into the trajectory by [`Experiment::take_in_measured`].
+    pub measured: Vec<MeasuredAngles>,
     /// Actuated joints follow the command exactly while the run is driven.
     pub prescribed: bool,
     /// When a drop was let go \[s\]; `None`: detected, then fitted.
@@ -98,6 +103,7 @@ impl Run {
             trajectory,
             set_aside,
             command: None,
+            measured: Vec::new(),
             prescribed: false,
             release_s: None,
             init_s: DEFAULT_INIT_S,

@@ -10,19 +10,38 @@ use super::{Rows, TableError, read_text, write_text};
 const ANGLE_WANTED: &str = "a finite angle in radians; a command has no gaps";
 const MEASURED_WANTED: &str = "a finite angle in radians; leave the cell empty where nothing was measured";
 
-/// Reads the servo table at `path`; commanded angles in radians.
+/// Angles that a servo measured of itself.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MeasuredAngles {
+    /// The model's actuator.
+    pub actuator: String,
+    /// When \[s\], strictly rising.
+    pub time_s: Vec<f64>,
+    /// Which angle \[rad\], in terms of the command.
+    pub angle_rad: Vec<f64>,
+}
+
+/// Reads the commands of the servo table at `path`; angles in radians.
 ///
 /// # Errors
 /// [`TableError`], naming file, line and column.
 pub fn read_command(path: &Path) -> Result<Command, TableError> {
-    parse_command(&read_text(path)?, path)
+    Ok(read_servo(path)?.0)
 }
 
-/// Reads a servo table from its `text`; errors speak of it as `path`. Measured angles are checked and left.
+/// Reads the servo table at `path`: commands, and what each servo measured, where it did; angles in radians.
 ///
 /// # Errors
 /// [`TableError`], naming file, line and column.
-pub fn parse_command(text: &str, path: &Path) -> Result<Command, TableError> {
+pub fn read_servo(path: &Path) -> Result<(Command, Vec<MeasuredAngles>), TableError> {
+    parse_servo(&read_text(path)?, path)
+}
+
+/// Reads a servo table from its `text`; errors speak of it as `path`.
+///
+/// # Errors
+/// [`TableError`], naming file, line and column.
+pub fn parse_servo(text: &str, path: &Path) -> Result<(Command, Vec<MeasuredAngles>), TableError> {
     let rows = Rows::parse(text, path)?;
     let mut actuators = Vec::new();
     let mut commanded = Vec::new();
@@ -35,8 +54,9 @@ pub fn parse_command(text: &str, path: &Path) -> Result<Command, TableError> {
         })?;
         // `arm_measured_rad` is a measurement only beside the command it belongs to.
         let beside = |actuator: &str| rows.header.contains(&format!("{actuator}_rad"));
-        if name.strip_suffix("_measured").is_some_and(beside) {
-            measured.push(column);
+        if let Some(actuator) = name.strip_suffix("_measured").filter(|actuator| beside(actuator)) {
+            let angles = MeasuredAngles { actuator: actuator.to_owned(), ..MeasuredAngles::default() };
+            measured.push((column, angles));
         } else {
             actuators.push(name.to_owned());
             commanded.push(column);
@@ -51,15 +71,20 @@ pub fn parse_command(text: &str, path: &Path) -> Result<Command, TableError> {
         return Err(TableError::Empty { path: path.into(), wanted: "a command needs at least one" });
     }
     let mut angle_rad = Vec::with_capacity(time_s.len() * commanded.len());
-    for row in 0..time_s.len() {
+    for (row, &row_s) in time_s.iter().enumerate() {
         for &column in &commanded {
             angle_rad.push(rows.number(row, column, ANGLE_WANTED)?);
         }
-        for &column in &measured {
-            rows.number_or_gap(row, column, MEASURED_WANTED)?;
+        for (column, angles) in &mut measured {
+            let angle = rows.number_or_gap(row, *column, MEASURED_WANTED)?;
+            if angle.is_finite() {
+                angles.time_s.push(row_s);
+                angles.angle_rad.push(angle);
+            }
         }
     }
-    Ok(Command { actuators, time_s, angle_rad })
+    let measured = measured.into_iter().map(|(_, angles)| angles).collect();
+    Ok((Command { actuators, time_s, angle_rad }, measured))
 }
 
 /// Writes `command` to `path`.

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use crate::names;
 
-pub use command::{parse_command, read_command, write_command};
+pub use command::{MeasuredAngles, parse_servo, read_command, read_servo, write_command};
 pub use error::TableError;
 pub use trajectory::{parse_trajectory, read_trajectory, trajectory_text, write_trajectory};
 

@@ -75,7 +75,7 @@ fn what_is_wrong_with_a_command_is_said_with_its_place() {
         ("time_s,servo_rad,servo_measured_rad\n0,1,nan\n", "column servo_measured_rad: `nan`"),
         ("time_s,servo_rad\n1,0\n0.5,0\n", "line 3, column time_s: 0.5 does not come after 1"),
     ] {
-        let message = parse_command(text, Path::new("s.csv")).unwrap_err().to_string();
+        let message = parse_servo(text, Path::new("s.csv")).unwrap_err().to_string();
         assert!(message.contains(wanted), "{text:?}: {message}");
     }
 }
@@ -83,9 +83,14 @@ fn what_is_wrong_with_a_command_is_said_with_its_place() {
 #[test]
 fn measured_angles_stand_beside_their_command_only() {
     let text = "time_s,arm_rad,arm_measured_rad,tail_measured_rad\n0,1,,3\n";
-    let command = parse_command(text, Path::new("s.csv")).unwrap();
+    let (command, measured) = parse_servo(text, Path::new("s.csv")).unwrap();
     assert_eq!(command.actuators, ["arm", "tail_measured"]);
     assert_eq!(command.angle_rad, [1.0, 3.0]);
+    let arm = MeasuredAngles { actuator: "arm".into(), ..MeasuredAngles::default() };
+    assert_eq!(measured, [arm]);
+    let text = "time_s,arm_rad,arm_measured_rad\n0,1,\n0.5,2,1.5\n";
+    let (_, measured) = parse_servo(text, Path::new("s.csv")).unwrap();
+    assert_eq!((&measured[0].time_s[..], &measured[0].angle_rad[..]), (&[0.5][..], &[1.5][..]));
 }
 
 #[test]

@@ -49,5 +49,6 @@ pub(super) fn experiment(
         ..Run::new(start.id.as_str(), kind, trajectory)
     };
     experiment.runs.push(run);
+    experiment.take_in_measured();
     Ok(experiment)
 }

@@ -30,7 +30,7 @@ pub struct Args {
 #[derive(clap::Subcommand, Debug)]
 pub enum What {
     /// Pixels to metres, from pictures of a chessboard or an aprilgrid in the water, in the mechanism's plane of motion
-    Camera(CameraArgs),
+    Camera(Box<CameraArgs>),
     /// How late the camera's stamps are, from the board's sync LED in the picture: films it for a while, or reads a recorded run
     Latency(LatencyArgs),
 }
