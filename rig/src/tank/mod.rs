@@ -35,6 +35,8 @@ pub struct Tank {
     shared: Arc<Mutex<Shared>>,
     config: Arc<TankConfig>,
     model: Arc<sim::Model>,
+    /// Apart from the motion: the board, which tells its turns, never waits for a simulation.
+    sync_led: Arc<Mutex<SyncLed>>,
     /// Until when the board's pulses are known.
     complete_ns: Arc<AtomicU64>,
 }
@@ -42,7 +44,6 @@ pub struct Tank {
 #[derive(Debug)]
 struct Shared {
     motion: Motion,
-    sync_led: SyncLed,
     run_origin: Option<MonotonicNs>,
 }
 
@@ -60,9 +61,10 @@ impl Tank {
         causes::put_into(&mut model, &config.causes)?;
         let motion = Motion::new(model.clone(), config, MonotonicNs::now())?;
         Ok(Self {
-            shared: Arc::new(Mutex::new(Shared { motion, sync_led: SyncLed::default(), run_origin: None })),
+            shared: Arc::new(Mutex::new(Shared { motion, run_origin: None })),
             config: Arc::new(config.clone()),
             model: Arc::new(model),
+            sync_led: Arc::default(),
             complete_ns: Arc::new(AtomicU64::new(NO_BOARD)),
         })
     }
@@ -111,7 +113,7 @@ impl Tank {
 
     /// For what share of the time from `from` to `until` the board's sync LED was lit.
     pub fn lit_share(&self, from: MonotonicNs, until: MonotonicNs) -> f64 {
-        self.lock().sync_led.lit_share(from, until)
+        self.led().lit_share(from, until)
     }
 
     /// Waits, within reason, until all pulses before `at` are known: else a picture taken while the board's thread has no
@@ -121,6 +123,10 @@ impl Tank {
         while self.complete_ns.load(Ordering::Acquire) < at.0 && MonotonicNs::now() < deadline {
             std::thread::sleep(LOOK_AGAIN);
         }
+    }
+
+    fn led(&self) -> MutexGuard<'_, SyncLed> {
+        self.sync_led.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn lock(&self) -> MutexGuard<'_, Shared> {
@@ -134,7 +140,7 @@ impl PulseSink for Tank {
     }
 
     fn sync_led(&mut self, lit: bool, at: MonotonicNs) {
-        self.lock().sync_led.turn(lit, at);
+        self.led().turn(lit, at);
     }
 
     fn complete(&mut self, until: MonotonicNs) {
