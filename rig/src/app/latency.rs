@@ -5,8 +5,8 @@ use std::path::Path;
 use anyhow::anyhow;
 
 use super::{Failure, Watcher, on_threads};
-use crate::calibrate::latency::{Film, Latency};
-use crate::camera::{CameraConfig, CameraError, CameraImage, decode};
+use crate::calibrate::latency::{Film, Latency, LatencyError};
+use crate::camera::{Camera, CameraConfig, CameraError, CameraImage, decode};
 use crate::clock::{ClockFit, MonotonicNs, Ping, Wire};
 use crate::config::RigConfig;
 use crate::record::folder::{RunFolder, file};
@@ -70,7 +70,7 @@ impl Filmed {
 
     fn make(
         &mut self,
-        camera: &mut dyn crate::camera::Camera,
+        camera: &mut dyn Camera,
         board: &mut dyn ServoBoard,
         film_s: f64,
         watcher: &mut dyn Watcher,
@@ -132,10 +132,9 @@ impl Filmed {
     /// # Errors
     /// [`Failure::Data`]: no LED in the picture, or too short a film.
     pub fn measured(&self, threads: usize) -> Result<Measured, Failure> {
-        let no_clock = crate::calibrate::latency::LatencyError::NoClock;
         let (clock, last) = match (ClockFit::new(&self.pings, self.wire), self.pings.last()) {
             (Some(clock), Some(last)) => (clock, last.received),
-            _ => return Err(Failure::data(no_clock)),
+            _ => return Err(Failure::data(LatencyError::NoClock)),
         };
         let exposure_s = self.camera.exposure_s.map(|exposure| exposure.get());
         let mut beyond =

@@ -1,3 +1,5 @@
+//! What is measured once for a rig: the camera's stamps ([`latency`]), and where its pixels lie.
+//!
 //! Pictures of a board, held in the water in the mechanism's plane of motion, to that plane as the camera sees it.
 //!
 //! [`detect()`] finds the board's corners in one picture: saddle points (`saddle`), put in order (`grid`) or read as tags (`tags`,
