@@ -1,10 +1,13 @@
 //! A camera's latency, from the sync LED in a film: one that is made now, or that of a recorded run.
 
+use std::fmt;
 use std::path::Path;
 
 use anyhow::anyhow;
+use ident::table::{read_servo, read_trajectory};
 
 use super::{Failure, Watcher, on_threads};
+use crate::calibrate::latency::link::{Followed, Following, following};
 use crate::calibrate::latency::{Film, Latency, LatencyError};
 use crate::camera::{Camera, CameraConfig, CameraError, CameraImage, decode};
 use crate::clock::{ClockFit, MonotonicNs, Ping, Wire};
@@ -149,5 +152,90 @@ impl Filmed {
             clock_sigma_s: clock.sigma_s(last),
             beyond,
         })
+    }
+}
+
+/// What the driven link of a run says of a camera.
+pub struct MeasuredByLink {
+    following: Following,
+    /// Whether the servo's own angle was followed, not its command.
+    measured: bool,
+    /// What `[camera] latency_s` should be \[s\].
+    pub latency_s: f64,
+    /// How well that is known, 1 sigma \[s\].
+    pub std_s: f64,
+}
+
+/// Time between the pulses of a servo \[s\]: it looks at one and acts, half of that after its command on average.
+const PULSE_PERIOD_S: f64 = 0.02;
+
+/// The camera's latency from how the first link of `run`, a driven one that was extracted, follows the servo.
+///
+/// # Errors
+/// [`Failure::Input`] where there are no tables, [`Failure::Data`] where they do not tell.
+pub fn by_link(run: &RunFolder) -> Result<MeasuredByLink, Failure> {
+    let config = RigConfig::parse(&run.start().config, &run.file(file::START)).map_err(Failure::input)?;
+    let trajectory = read_trajectory(&run.file(file::TRAJECTORY)).map_err(Failure::input)?;
+    let (command, told) = read_servo(&run.file(file::SERVO)).map_err(Failure::input)?;
+    let lacks = |what: &str| Failure::Data(anyhow!("run {}: {what}", run.path().display()));
+    let place = |name: &str| trajectory.keypoints.iter().position(|keypoint| keypoint == name);
+    let (Some(base), Some(end)) = (place("P0"), place("P1")) else {
+        return Err(lacks("its trajectory has no P0 and P1, between which the driven link lies"));
+    };
+    let (mut time_s, mut angle_rad): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
+    for (row, &row_s) in trajectory.time_s.iter().enumerate() {
+        let (from, to) = (trajectory.at(row, base), trajectory.at(row, end));
+        let upward = if to[2].is_nan() { 1 } else { 2 };
+        let angle = (to[upward] - from[upward]).atan2(to[0] - from[0]);
+        if angle.is_finite() {
+            let turns = angle_rad.last().map_or(0.0, |last| ((last - angle) / std::f64::consts::TAU).round());
+            time_s.push(row_s);
+            angle_rad.push(angle + turns * std::f64::consts::TAU);
+        }
+    }
+    let own = told.iter().find(|angles| angles.time_s.len() > 10);
+    let column: Vec<f64> = command.angle_rad.chunks(command.actuators.len()).map(|row| row[0]).collect();
+    let followed = match own {
+        Some(own) => Followed { time_s: &own.time_s, angle_rad: &own.angle_rad },
+        None => Followed { time_s: &command.time_s, angle_rad: &column },
+    };
+    let following = following(followed, &time_s, &angle_rad, own.is_none())
+        .ok_or_else(|| lacks("neither servo nor link move enough to compare them"))?;
+    // What a servo waits before it moves is uniform over its period.
+    let (wait_s, wait_std_s) = match own {
+        Some(_) => (0.0, 0.0),
+        None => (PULSE_PERIOD_S / 2.0, PULSE_PERIOD_S / 12_f64.sqrt()),
+    };
+    Ok(MeasuredByLink {
+        measured: own.is_some(),
+        latency_s: config.camera.latency_s.get() + following.delay_s - wait_s,
+        std_s: following.std_s.hypot(wait_std_s).hypot(following.two_ways_s / 2.0),
+        following,
+    })
+}
+
+impl fmt::Display for MeasuredByLink {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Following { delay_s, std_s, lag_s, gain, rms_rad, two_ways_s } = self.following;
+        let whom = if self.measured { "the servo's own angle" } else { "the command" };
+        write!(
+            f,
+            "the driven link follows {whom} {:.1} ms later, 1 sigma {:.1} ms, through a lag of {:.1} ms, with a gain of {gain:.3}; {:.1} mrad remain, \
+             and the two ways of turning differ by {:.1} ms",
+            delay_s * 1e3,
+            std_s * 1e3,
+            lag_s * 1e3,
+            rms_rad * 1e3,
+            two_ways_s * 1e3
+        )?;
+        if !self.measured {
+            write!(
+                f,
+                "\n{:.0} ms of it are taken for the servo's own, which looks at its pulse every {:.0} ms: by how much that is wrong no film tells",
+                PULSE_PERIOD_S * 5e2,
+                PULSE_PERIOD_S * 1e3
+            )?;
+        }
+        Ok(())
     }
 }

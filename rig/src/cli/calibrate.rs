@@ -7,7 +7,7 @@ use ident::strict::Positive;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::app::latency::Filmed;
+use crate::app::latency::{Filmed, by_link};
 use crate::app::{base, calibrate::from_pictures, on_threads, threads};
 use crate::calibrate::port::Port;
 use crate::calibrate::world::Upright;
@@ -35,12 +35,24 @@ pub enum What {
     Latency(LatencyArgs),
 }
 
+/// What tells how late a camera's stamps are.
+#[derive(clap::ValueEnum, Debug, Clone, Copy, PartialEq, Eq)]
+pub enum By {
+    /// The board's sync LED
+    Led,
+    /// The driven link
+    Link,
+}
+
 /// Arguments of `rig calibrate latency`.
 #[derive(clap::Args, Debug)]
 pub struct LatencyArgs {
     /// The rig config, whose camera sees the sync LED; nothing moves. Or a run folder, in whose images it is seen
     #[arg(value_name = "CONFIG|RUN")]
     pub from: PathBuf,
+    /// What tells the time: the board's sync LED; or, of an extracted run, the driven link, which leaves some milliseconds open
+    #[arg(long, value_enum, default_value = "led")]
+    pub by: By,
     /// How long to film, in seconds; 3 at least
     #[arg(long, value_name = "S", default_value = "10", value_parser = positive)]
     pub film_s: Positive,
@@ -118,17 +130,20 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
 }
 
 fn latency(args: &LatencyArgs) -> Result<Outcome, Failure> {
-    let mut bar = Bar::new(Arc::default());
-    let filmed = match args.from.is_dir() {
-        true => Filmed::of(&RunFolder::open(&args.from).map_err(Failure::input)?, &mut bar)?,
-        false => {
-            let config = RigConfig::read(&args.from).map_err(Failure::input)?;
-            Filmed::now(&config, base(&args.from), args.film_s.get(), &mut bar)?
+    let (found, latency_s, std_s) = match args.by {
+        By::Led => by_led(args)?,
+        By::Link => {
+            let run = RunFolder::open(&args.from).map_err(|error| {
+                Failure::input(
+                    anyhow::Error::new(error).context("--by link wants a run folder, of a driven run"),
+                )
+            })?;
+            let measured = by_link(&run)?;
+            (measured.to_string(), measured.latency_s, measured.std_s)
         }
     };
-    let measured = filmed.measured(threads(args.threads))?;
     let rounded = |seconds: f64| (seconds * 1e6).round() / 1e6;
-    let (latency_s, std_s) = (rounded(measured.latency_s), rounded(measured.beyond.std_s));
+    let (latency_s, std_s) = (rounded(latency_s), rounded(std_s));
     if let Some(path) = &args.write {
         edit::rewrite(path, |text| {
             let text = edit::set(text, "camera", "latency_s", latency_s.into())?;
@@ -141,14 +156,30 @@ fn latency(args: &LatencyArgs) -> Result<Outcome, Failure> {
         |path| format!("{}: written into [camera]:", path.display()),
     );
     let text = format!(
-        "{}\nthe config took back {:.2} ms; clock of the board known to {:.2} ms, which is in the servo's times too and cancels\n\
-         {written}\nlatency_s = {latency_s}\nlatency_std_s = {std_s}\n\
-         It holds for this camera, size, format, rate and exposure: after a change of any, measure again.\n",
+        "{found}\n{written}\nlatency_s = {latency_s}\nlatency_std_s = {std_s}\n\
+         It holds for this camera, size, format, rate and exposure: after a change of any, measure again.\n"
+    );
+    Ok(Outcome { out: args.write.clone(), text, ..Outcome::default() })
+}
+
+/// What was found, in words, the latency and its standard deviation \[s\].
+fn by_led(args: &LatencyArgs) -> Result<(String, f64, f64), Failure> {
+    let mut bar = Bar::new(Arc::default());
+    let filmed = match args.from.is_dir() {
+        true => Filmed::of(&RunFolder::open(&args.from).map_err(Failure::input)?, &mut bar)?,
+        false => {
+            let config = RigConfig::read(&args.from).map_err(Failure::input)?;
+            Filmed::now(&config, base(&args.from), args.film_s.get(), &mut bar)?
+        }
+    };
+    let measured = filmed.measured(threads(args.threads))?;
+    let text = format!(
+        "{}\nthe config took back {:.2} ms; clock of the board known to {:.2} ms, which is in the servo's times too and cancels",
         measured.beyond,
         measured.configured_s * 1e3,
         measured.clock_sigma_s * 1e3,
     );
-    Ok(Outcome { out: args.write.clone(), text, ..Outcome::default() })
+    Ok((text, measured.latency_s, measured.beyond.std_s))
 }
 
 fn camera(args: &CameraArgs) -> Result<Outcome, Failure> {

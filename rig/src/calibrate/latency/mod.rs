@@ -7,6 +7,7 @@
 mod delay;
 mod film;
 mod light;
+pub mod link;
 
 pub use film::Film;
 
