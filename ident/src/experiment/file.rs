@@ -1,6 +1,7 @@
 //! `experiment.toml` as text.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::Deserialize;
 use sim::Model;
@@ -10,7 +11,7 @@ use super::{DEFAULT_INIT_S, Experiment, ExperimentError, Run, RunKind, Use};
 use crate::config::{DiagnoseConfig, FitConfig};
 use crate::own_cause::CauseConfig;
 use crate::strict::{self, Finite, Positive, StrictError};
-use crate::table::{read_servo, read_trajectory};
+use crate::table::{read_base, read_servo, read_trajectory};
 use crate::weights::{Mechanism, Water};
 
 #[derive(Deserialize)]
@@ -41,6 +42,7 @@ struct Entry {
     kind: Option<RunKind>,
     trajectory: Option<PathBuf>,
     servo: Option<PathBuf>,
+    base: Option<PathBuf>,
     folder: Option<PathBuf>,
     release_s: Option<Finite>,
     #[serde(default, rename = "use")]
@@ -151,6 +153,9 @@ impl Entry {
         }
         if let Some(id) = &self.id {
             run.id.clone_from(id);
+        }
+        if let Some(path) = &self.base {
+            run.base = Some(Arc::new(read_base(&base.join(path))?));
         }
         run.usage = self.usage;
         run.prescribed = prescribed.unwrap_or(run.prescribed);

@@ -11,8 +11,10 @@ mod folder;
 mod measured;
 mod spikes;
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
-use sim::{Command, Model, State, Trajectory};
+use sim::{BasePath, Command, Model, State, Trajectory};
 
 pub use crate::config::{DiagnoseConfig, FitConfig, Loss, Method, Prior};
 pub use crate::own_cause::{CauseConfig, CauseError, CauseParameterConfig};
@@ -53,7 +55,9 @@ pub struct Run {
     pub command: Option<Command>,
     /// What the servos measured, where they did: taken into the trajectory by [`Experiment::take_in_measured`].
     pub measured: Vec<MeasuredAngles>,
-    /// Actuated joints follow the command exactly while the run is driven.
+    /// Where the base went; `None`: it stood.
+    pub base: Option<Arc<BasePath>>,
+    /// Actuated joints follow the command exactly, see [`Run::follows`].
     pub prescribed: bool,
     /// When a drop was let go \[s\]; `None`: detected, then fitted.
     pub release_s: Option<f64>,
@@ -104,12 +108,31 @@ impl Run {
             set_aside,
             command: None,
             measured: Vec::new(),
+            base: None,
             prescribed: false,
             release_s: None,
             init_s: DEFAULT_INIT_S,
             weight: 1.0,
             initial: None,
         }
+    }
+
+    /// Whether actuated joints follow the command exactly: where `prescribed` says so, and the run is driven, or is `free` and has a command. In a
+    /// drop the servo is off.
+    pub fn follows(&self) -> bool {
+        self.prescribed
+            && match self.kind {
+                RunKind::Drop => false,
+                RunKind::Driven => true,
+                RunKind::Free => self.command.is_some(),
+            }
+    }
+
+    /// When a servo or the base first moves \[s\]; `None` when neither ever does.
+    pub fn first_motion_s(&self) -> Option<f64> {
+        let servo = self.command.as_ref().and_then(Command::first_motion_s);
+        let base = self.base.as_ref().and_then(|base| base.first_motion_s());
+        servo.into_iter().chain(base).reduce(f64::min)
     }
 }
 
