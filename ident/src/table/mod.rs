@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use crate::names;
 
-pub use command::{parse_command, read_command, write_command};
+pub use command::{MeasuredAngle, parse_command, read_command, write_command, write_servo};
 pub use error::TableError;
 pub use trajectory::{parse_trajectory, read_trajectory, trajectory_text, write_trajectory};
 
