@@ -104,7 +104,6 @@ fn pictures_and_pulses_are_within_a_millisecond_of_each_other() {
     let command = ident::table::read_command(&run.join("servo.csv")).expect("servo.csv");
     let mut pulses = Late::default();
     let servo = RigConfig::read(Path::new(own)).expect("the config").servo.expect("a servo");
-    let (zero_us, us_per_rad) = (servo.channels[0].zero_pulse_us.get(), servo.channels[0].us_per_rad.get());
     let ends = [command.time_s[0], *command.time_s.last().expect("rows")];
     for (at, logged) in PulseLogReader::new(&tank.join("servo.log")).poll() {
         logged.tell(at, &mut truth);
@@ -115,7 +114,7 @@ fn pictures_and_pulses_are_within_a_millisecond_of_each_other() {
         {
             let told = |time_s: f64| command.at(0, time_s);
             let rate = (told(time_s + 1e-3) - told(time_s - 1e-3)) / 2e-3;
-            pulses.add(told(time_s), (f64::from(pulse_us) - zero_us) / us_per_rad, rate);
+            pulses.add(told(time_s), servo.channels[0].angle_rad(f64::from(pulse_us), false), rate);
         }
     }
     // Where the mechanism is, by the pictures and by the tank.

@@ -1,5 +1,6 @@
 //! `servo.csv`: `time_s,<actuator>_rad`, optionally `<actuator>_measured_rad`.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -92,19 +93,82 @@ pub fn parse_servo(text: &str, path: &Path) -> Result<(Command, Vec<MeasuredAngl
 /// # Errors
 /// [`TableError::Unwritable`].
 pub fn write_command(path: &Path, command: &Command) -> Result<(), TableError> {
+    write_servo(path, command, &[])
+}
+
+/// Writes `command` to `path`, and beside it what servos measured, in rows of their own times, where the command is that between its
+/// rows. Angles of actuators that the command has not are left out, as are times that are not finite.
+///
+/// # Errors
+/// [`TableError::Unwritable`].
+pub fn write_servo(path: &Path, command: &Command, measured: &[MeasuredAngles]) -> Result<(), TableError> {
+    let width = command.actuators.len();
+    let column = |angles: &MeasuredAngles| command.actuators.iter().position(|name| *name == angles.actuator);
+    // By time: the command's own row there, if it has one, and what was measured.
+    let mut rows: BTreeMap<Instant, (Option<usize>, Vec<Option<f64>>)> = command
+        .time_s
+        .iter()
+        .enumerate()
+        .map(|(row, &time_s)| (Instant(time_s), (Some(row), vec![None; width])))
+        .collect();
+    let mut told = vec![false; width];
+    for angles in measured {
+        let Some(column) = column(angles) else { continue };
+        for (&time_s, &angle_rad) in angles.time_s.iter().zip(&angles.angle_rad) {
+            if time_s.is_finite() {
+                told[column] = true;
+                let (_, row) = rows.entry(Instant(time_s)).or_insert_with(|| (None, vec![None; width]));
+                row[column] = Some(angle_rad);
+            }
+        }
+    }
     let mut text = String::from("time_s");
+    // Writing into a string cannot fail.
     for actuator in &command.actuators {
-        // Writing into a string cannot fail.
         let _ = write!(text, ",{actuator}_rad");
     }
+    for (actuator, _) in command.actuators.iter().zip(&told).filter(|(_, told)| **told) {
+        let _ = write!(text, ",{actuator}_measured_rad");
+    }
     text.push('\n');
-    let width = command.actuators.len();
-    for (row, time_s) in command.time_s.iter().enumerate() {
+    for (Instant(time_s), (own, measured)) in rows {
         let _ = write!(text, "{time_s}");
-        for angle in &command.angle_rad[row * width..(row + 1) * width] {
+        for column in 0..width {
+            let between = || command.at(column, time_s);
+            let angle = own.map_or_else(between, |row| command.angle_rad[row * width + column]);
             let _ = write!(text, ",{angle}");
+        }
+        for (angle, _) in measured.iter().zip(&told).filter(|(_, told)| **told) {
+            match angle {
+                Some(angle) => drop(write!(text, ",{angle}")),
+                None => text.push(','),
+            }
         }
         text.push('\n');
     }
     write_text(path, &text)
+}
+
+/// A row's time, in order.
+#[derive(Debug, Clone, Copy)]
+struct Instant(f64);
+
+impl PartialEq for Instant {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Instant {}
+
+impl PartialOrd for Instant {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Instant {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.0.total_cmp(&other.0)
+    }
 }

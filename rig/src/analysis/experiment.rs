@@ -45,6 +45,7 @@ pub(super) fn experiment(
     let kind = start.kind;
     let run = Run {
         command: timeline.command.clone().filter(|_| kind == RunKind::Driven),
+        measured: timeline.measured.clone(),
         prescribed: start.prescribed && kind == RunKind::Driven,
         ..Run::new(start.id.as_str(), kind, trajectory)
     };

@@ -98,7 +98,7 @@ impl Analysis<'_> {
             None => Timeline::read(self.run, self.config),
         })?;
         if let Some(command) = &timeline.command {
-            table::write_command(&self.out.join(file::SERVO), command)?;
+            table::write_servo(&self.out.join(file::SERVO), command, &timeline.measured)?;
         }
         let live = self.live.take();
         let (extraction, early) = match self.from {

@@ -1,6 +1,7 @@
 //! What a recording says about time: when each image was exposed, and what the servo was told when, both on the
 //! run's time.
 
+use ident::table::MeasuredAngles;
 use sim::Command;
 
 use super::error::AnalysisError;
@@ -27,6 +28,15 @@ pub struct ImageTime {
     pub row: FrameRow,
 }
 
+/// Where a servo on a bus said it stood.
+#[derive(Debug, Clone, Copy)]
+struct Stood {
+    channel: u8,
+    count: i32,
+    sent: MonotonicNs,
+    received: MonotonicNs,
+}
+
 /// Takes in a run in the order in which it is recorded: from the recording, or beside it while it is made.
 #[derive(Debug, Clone)]
 pub struct Chronicle {
@@ -37,6 +47,7 @@ pub struct Chronicle {
     rising: Rising,
     last: Option<u32>,
     pings: Vec<Ping>,
+    stood: Vec<Stood>,
     armed: Option<PulseProfile>,
     started_tick_us: Option<u64>,
 }
@@ -51,6 +62,7 @@ impl Chronicle {
             rising: Rising::default(),
             last: None,
             pings: Vec::new(),
+            stood: Vec::new(),
             armed: None,
             started_tick_us: None,
         }
@@ -81,6 +93,9 @@ impl Chronicle {
             ServoEvent::Ping { sent, board_tick_us, received } => {
                 self.pings.push(Ping { sent, board_tick_us, received });
             }
+            ServoEvent::Position { channel, count, sent, received } => {
+                self.stood.push(Stood { channel, count, sent, received });
+            }
             ServoEvent::Started { board_tick_us } => self.started_tick_us = Some(board_tick_us),
             _ => {}
         }
@@ -100,6 +115,7 @@ impl Chronicle {
     pub fn timeline(self, config: &RigConfig) -> Result<Timeline, AnalysisError> {
         let wire = config.servo.as_ref().map_or(Wire::NONE, ServoConfig::wire);
         let clock = ClockFit::new(&self.pings, wire);
+        let measured = self.measured(config);
         let command = match (&config.servo, &config.profile, self.armed, self.started_tick_us, &clock) {
             (Some(servo), Some(profile), Some(pulses), Some(tick_us), Some(clock)) => {
                 let start_s = clock.host(tick_us).seconds_since(self.origin);
@@ -108,7 +124,39 @@ impl Chronicle {
             _ => None,
         };
         let clock_at = self.pings.last().map_or(self.origin, |ping| ping.received);
-        Ok(Timeline { images: self.images, clock, clock_at, command })
+        let widths = self.stood.iter().map(|stood| stood.received.seconds_since(stood.sent));
+        let feedback = (!measured.is_empty()).then(|| ClockQuality {
+            name: "servo feedback".into(),
+            // Any instant between question and answer is as likely as another.
+            sigma_s: widths.sum::<f64>() / self.stood.len() as f64 / 12.0_f64.sqrt(),
+            samples: self.stood.len(),
+            drift_ppm: None,
+        });
+        Ok(Timeline { images: self.images, clock, clock_at, command, measured, feedback })
+    }
+
+    /// The angles that servos on a bus told, half-way between question and answer.
+    fn measured(&self, config: &RigConfig) -> Vec<MeasuredAngles> {
+        let Some(servo) = &config.servo else { return Vec::new() };
+        let mirrored = config.profile.as_ref().is_some_and(|profile| profile.mirrored);
+        let mut measured: Vec<MeasuredAngles> = Vec::new();
+        for stood in &self.stood {
+            let Some(channel) = servo.channel(stood.channel) else { continue };
+            let Some(actuator) = &channel.actuator else { continue };
+            let half_s = stood.received.seconds_since(stood.sent) / 2.0;
+            let time_s = stood.sent.plus_seconds(half_s).seconds_since(self.origin);
+            let known = measured.iter().position(|angles| angles.actuator == *actuator);
+            let place = known.unwrap_or_else(|| {
+                measured.push(MeasuredAngles { actuator: actuator.clone(), ..MeasuredAngles::default() });
+                measured.len() - 1
+            });
+            let angles = &mut measured[place];
+            if angles.time_s.last().is_none_or(|last| time_s > *last) {
+                angles.time_s.push(time_s);
+                angles.angle_rad.push(channel.angle_rad(f64::from(stood.count), mirrored));
+            }
+        }
+        measured
     }
 }
 
@@ -135,6 +183,10 @@ pub struct Timeline {
     clock_at: MonotonicNs,
     /// Commanded angles, where a profile was played.
     pub command: Option<Command>,
+    /// Angles that servos told.
+    pub measured: Vec<MeasuredAngles>,
+    /// How well their times are known.
+    feedback: Option<ClockQuality>,
 }
 
 impl Timeline {
@@ -161,14 +213,15 @@ impl Timeline {
         self.images.iter().filter(|image| image.row.status == USABLE)
     }
 
-    /// How well the board's clock is known, for the report.
-    pub fn clock_quality(&self) -> Option<ClockQuality> {
-        let clock = self.clock.as_ref()?;
-        Some(ClockQuality {
+    /// How well the board's clock is known, and when servos stood where they said, for the report.
+    pub fn clock_quality(&self) -> impl Iterator<Item = ClockQuality> {
+        let board = self.clock.as_ref().map(|clock| ClockQuality {
             name: "servo board".into(),
             sigma_s: clock.sigma_s(self.clock_at),
             samples: clock.used,
             drift_ppm: Some(clock.drift_ppm()),
-        })
+        });
+        // On a bus the servos have no clock of their own.
+        board.filter(|_| self.feedback.is_none()).into_iter().chain(self.feedback.clone())
     }
 }

@@ -19,7 +19,12 @@ pub struct Args {}
 /// None: what cannot be looked at is said in the list.
 pub fn run(_args: &Args) -> Result<Outcome, Failure> {
     let mut text = String::new();
-    section(&mut text, "serial ports", &serial_ports(), "connect a servo board, or use the mock board");
+    section(
+        &mut text,
+        "serial ports",
+        &serial_ports(),
+        "connect a servo board or a servo bus's adapter, or use the mock board",
+    );
     section(&mut text, "cameras", &cameras(), "connect a camera, or use the mock camera");
     Ok(Outcome { text, ..Outcome::default() })
 }

@@ -3,7 +3,6 @@
 //! Whoever opens its port finds a serial port like any other; [`SerialBoard`] speaks to it byte by byte. Its pulses go
 //! to a [`PulseSink`], stamped by the mock's true clock, and it can be made to fail at given times.
 
-use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -16,6 +15,7 @@ use firmware_protocol::units::{Channel, Name, PulseWidthUs, Ticks};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::{Deserialize, Serialize};
 
+use super::pty::Pty;
 use super::{BoardInfo, SerialBoard, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome};
 use crate::clock::MonotonicNs;
 use crate::servo::PulseProfile;
@@ -165,35 +165,6 @@ impl ServoBoard for MockServo {
 
     fn stop(&mut self) -> StopOutcome {
         self.serial.stop()
-    }
-}
-
-/// The board's end of a pseudo-terminal.
-struct Pty {
-    board: OwnedFd,
-    /// Kept open so that reads do not fail while no host has the port.
-    _host: OwnedFd,
-}
-
-impl Pty {
-    fn open() -> std::io::Result<(Self, PathBuf)> {
-        use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-        use rustix::{fs, termios};
-        let board = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
-        grantpt(&board)?;
-        unlockpt(&board)?;
-        let name = ptsname(&board, Vec::new())?;
-        let port = PathBuf::from(name.to_string_lossy().into_owned());
-        let flags = fs::OFlags::RDWR | fs::OFlags::NOCTTY | fs::OFlags::CLOEXEC;
-        let host = fs::open(&port, flags, fs::Mode::empty())?;
-        // Raw from the start: nothing is echoed or altered even before a host opens it.
-        let mut settings = termios::tcgetattr(&host)?;
-        settings.make_raw();
-        termios::tcsetattr(&host, termios::OptionalActions::Now, &settings)?;
-        // A full line must not hold up the board: what it cannot send is lost.
-        let flags = fs::fcntl_getfl(&board)?;
-        fs::fcntl_setfl(&board, flags | fs::OFlags::NONBLOCK)?;
-        Ok((Self { board, _host: host }, port))
     }
 }
 

@@ -143,6 +143,10 @@ impl PulseSink for Tank {
         self.led().turn(lit, at);
     }
 
+    fn position(&mut self, channel: u8, position_counts: Option<f64>, at: MonotonicNs) {
+        self.lock().motion.happen(at, Event::Position { channel, counts: position_counts });
+    }
+
     fn complete(&mut self, until: MonotonicNs) {
         self.complete_ns.store(until.0, Ordering::Release);
     }
