@@ -20,7 +20,7 @@ const PART_OF_IT: f64 = 0.9;
 /// The squares of an LED lie within this many of the best one: light reflected elsewhere follows it too, and may be slower.
 const REACH: usize = 4;
 
-/// Images of a film, each as the mean grey of its squares of [`BLOCK`] pixels.
+/// Images of a film, each as the mean grey of its squares of 8 pixels.
 #[derive(Debug, Clone, Default)]
 pub struct Film {
     size_px: [u32; 2],
