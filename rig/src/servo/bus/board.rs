@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use super::line::Gone;
+use super::line::{Gone, LATEST_ANSWER_S};
 use super::punctuality::Punctuality;
 use super::servos::{Servos, Stood};
 use super::stream::{LEAST_LEAD_S, Stream};
@@ -15,6 +15,8 @@ use crate::servo::{BoardInfo, PulseProfile, ServoBoard, ServoConfig, ServoError,
 
 /// Time between questions while nothing has torque \[s\].
 const IDLE_S: f64 = 0.1;
+/// Without torque a servo is lost no sooner than after this silence \[s\]: some questions.
+const IDLE_SILENCE_S: f64 = 0.4;
 /// Time between looks at one servo's torque and watchdog \[s\].
 const LOOK_S: f64 = 0.1;
 /// An answer to such a look is waited for until the next position is due, and for so long at least \[s\].
@@ -277,7 +279,7 @@ impl Driver {
         let stood = self.servos.ask(now.plus_seconds(IDLE_S / 2.0));
         let stood = stood.map_err(|Gone(why)| self.servos.lost(why))?;
         self.take(stood)?;
-        self.servos.silent(MonotonicNs::now()).map_or(Ok(()), Err)
+        self.servos.silent(MonotonicNs::now(), IDLE_SILENCE_S).map_or(Ok(()), Err)
     }
 
     fn streamed(&mut self, now: MonotonicNs) -> Result<(), ServoError> {
@@ -307,15 +309,16 @@ impl Driver {
         let unanswered = self.servos.servos.len() - stood.len();
         self.take(stood)?;
         let after = MonotonicNs::now();
-        if let Some(error) = self.servos.silent(after) {
+        if let Some(error) = self.servos.silent(after, 0.0) {
             return Err(error);
         }
         self.punctuality.done(after, next, unanswered);
         if after >= self.next_look && unanswered == 0 {
             self.next_look = after.plus_seconds(LOOK_S);
+            let id = self.servos.servos[self.looked % self.servos.servos.len()].id;
             self.looked += 1;
             let wait_s = next.seconds_since(after).max(LEAST_LOOK_S);
-            let looked = self.servos.still_engaged(self.looked, wait_s);
+            let looked = self.servos.still_engaged(id, wait_s);
             let looked = looked.map_err(|error| gone(&self.servos, error))?;
             return looked.map_or(Ok(()), Err);
         }
@@ -331,10 +334,14 @@ impl Driver {
                 self.servos.check_hardware(id)?;
             }
             if let Some(reason) = self.stream.stood(id, count, middle) {
-                wrong.get_or_insert(ServoError::Fault { reason });
+                wrong.get_or_insert((id, reason));
             }
         }
-        wrong.map_or(Ok(()), Err)
+        let Some((id, reason)) = wrong else { return Ok(()) };
+        // One that has no torque any more does not follow either; that says more.
+        let cause = self.servos.still_engaged(id, LATEST_ANSWER_S);
+        let cause = cause.map_err(|Gone(why)| self.servos.lost(why))?;
+        Err(cause.unwrap_or(ServoError::Fault { reason }))
     }
 
     fn fail(&mut self, error: ServoError) {

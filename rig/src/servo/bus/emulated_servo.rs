@@ -134,11 +134,21 @@ impl EmulatedServo {
         let b = self.velocity + rate * behind;
         let decay = (-rate * dt_s).exp();
         let after = (behind + b * dt_s) * decay;
-        let most = MAX_COUNTS_PER_S * dt_s;
+        let fastest = self.fastest();
+        let most = fastest * dt_s;
         let moved = (after - behind).clamp(-most, most);
         self.velocity =
-            if moved == after - behind { b * decay - rate * after } else { MAX_COUNTS_PER_S.copysign(moved) };
+            if moved == after - behind { b * decay - rate * after } else { fastest.copysign(moved) };
         self.position += moved;
+    }
+
+    /// As fast as it can, or as it was told where it needs to be told: 0 is no speed then.
+    fn fastest(&self) -> f64 {
+        self.registers.speed.map_or(MAX_COUNTS_PER_S, |speed| {
+            let bytes = self.get(speed);
+            let told = bytes.iter().rev().fold(0u16, |n, &byte| (n << 8) | u16::from(byte));
+            f64::from(told).min(MAX_COUNTS_PER_S)
+        })
     }
 
     /// The watchdog: with torque, and nobody heard for longer than it says, the servo stays where it is.

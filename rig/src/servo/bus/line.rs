@@ -84,8 +84,12 @@ impl Line {
         let own = self.send(packet)?;
         let mut answers: Vec<Option<Answer>> = vec![None; ids.len()];
         let mut bytes = [0; 256];
-        while answers.iter().any(Option::is_none) && MonotonicNs::now() < until {
-            let count = match port::read(&mut *self.port, &mut bytes) {
+        // Read first, judged after: what is there by then was not late, this thread was.
+        let mut over = false;
+        while answers.iter().any(Option::is_none) && !over {
+            let read = port::read(&mut *self.port, &mut bytes);
+            over = MonotonicNs::now() >= until;
+            let count = match read {
                 Received::Bytes(count) => count,
                 Received::Nothing => continue,
                 Received::Gone(why) => return Err(Gone(why)),

@@ -41,8 +41,10 @@ pub struct Registers {
     pub hardware_error: Register,
     /// Stops the servo when nobody speaks on the bus \[20 ms\], where it has one.
     pub watchdog: Option<Register>,
-    /// Set once to 0 before a stream: limits to speed and acceleration that would be another profile under ours.
+    /// Set once to 0 before a stream: speed and acceleration that would be another profile under ours.
     pub profile: &'static [Register],
+    /// Speed on the way to a goal \[counts/s\], where 0 may mean that it does not move.
+    pub speed: Option<Register>,
     /// Where it is to be.
     pub goal: Register,
     /// What is asked for each time.
@@ -75,6 +77,7 @@ pub static DYNAMIXEL: Registers = Registers {
     hardware_error: register(70, 1),
     watchdog: Some(register(98, 1)),
     profile: &[register(108, 8)],
+    speed: None,
     goal: register(116, 4),
     // Current 126, velocity 128, position 132.
     feedback: register(126, 10),
@@ -101,8 +104,9 @@ pub static FEETECH: Registers = Registers {
     torque: register(40, 1),
     hardware_error: register(65, 1),
     watchdog: None,
-    // Acceleration 41, time 44, speed 46.
-    profile: &[register(41, 1), register(44, 4)],
+    // Acceleration 41, time 44.
+    profile: &[register(41, 1), register(44, 2)],
+    speed: Some(register(46, 2)),
     goal: register(42, 2),
     // Position 56, speed 58, load 60, voltage 62, temperature 63, status 65.
     feedback: register(56, 10),

@@ -6,7 +6,7 @@ mod status;
 use super::line::{Answer, Gone, LATEST_ANSWER_S, Line};
 use super::registers::{Register, Registers, WATCHDOG_EXPIRED, WATCHDOG_UNIT_MS};
 use crate::clock::MonotonicNs;
-use crate::servo::travel::{COUNTS_PER_TURN, CountTravel, Travel};
+use crate::servo::travel::{COUNTS_PER_RAD, COUNTS_PER_TURN, CountTravel, Travel};
 use crate::servo::{ServoConfig, ServoError, config::SafeState, port};
 
 /// Tries at setting up, on a computer that may be busy.
@@ -14,6 +14,8 @@ const SETUP_TRIES: u32 = 8;
 /// Tries at a stop, which the next servo waits for.
 const STOP_TRIES: u32 = 3;
 
+/// Where a servo needs a speed, it is this much faster than it may be told to turn: to follow, and no faster should anything go wrong.
+const SPEED_MARGIN: f64 = 1.5;
 /// One that was silent is waited for so long at least \[s\].
 const LEAST_WAIT_S: f64 = 0.002;
 
@@ -26,10 +28,9 @@ pub(super) struct Servo {
     pub(super) safe_state: SafeState,
     /// When it was heard last.
     pub(super) heard: MonotonicNs,
-    /// It did not answer when asked last.
+    /// When it was asked last, and that it did not answer then.
+    asked: MonotonicNs,
     missing: bool,
-    /// Where it stood then \[counts\].
-    count: Option<i32>,
 }
 
 /// Where a servo stood.
@@ -81,8 +82,8 @@ impl Servos {
                 travel: travel.clone(),
                 safe_state: channel.safe_state,
                 heard: now,
+                asked: now,
                 missing: false,
-                count: None,
             }),
             Travel::Pulses(_) => None,
         });
@@ -231,6 +232,11 @@ impl Servos {
         for profile in registers.profile {
             self.set(id, *profile, &vec![0; usize::from(profile.length)])?;
         }
+        if let Some(speed) = registers.speed {
+            let counts_per_s = SPEED_MARGIN * servo.travel.max_rate_rad_per_s.get() * COUNTS_PER_RAD;
+            let counts_per_s = counts_per_s.clamp(1.0, f64::from(i16::MAX)) as u16;
+            self.set(id, speed, &counts_per_s.to_le_bytes())?;
+        }
         self.set(id, registers.goal, &registers.encode_position(count))?;
         self.set(id, registers.torque, &[1])?;
         if self.byte(id, registers.torque)? != 1 {
@@ -254,8 +260,10 @@ impl Servos {
     pub(super) fn ask(&mut self, until: MonotonicNs) -> Result<Vec<Stood>, Gone> {
         let register = self.registers.feedback;
         let protocol = self.line.protocol();
-        let silent: Vec<u8> =
-            self.servos.iter().filter(|servo| servo.missing).map(|servo| servo.id).collect();
+        // In turn: behind one that is gone the line is quiet, and the others are not asked.
+        let mut silent: Vec<&Servo> = self.servos.iter().filter(|servo| servo.missing).collect();
+        silent.sort_by_key(|servo| servo.asked);
+        let silent: Vec<u8> = silent.into_iter().map(|servo| servo.id).collect();
         let together: Vec<u8> =
             self.servos.iter().map(|servo| servo.id).filter(|id| !silent.contains(id)).collect();
         let length = usize::from(register.length);
@@ -286,15 +294,16 @@ impl Servos {
     }
 
     fn heard(&mut self, asked: &[u8], answers: impl Iterator<Item = Answer>) -> Vec<Stood> {
+        let now = MonotonicNs::now();
         for servo in self.servos.iter_mut().filter(|servo| asked.contains(&servo.id)) {
-            servo.missing = true;
+            (servo.asked, servo.missing) = (now, true);
         }
         let mut stood = Vec::new();
         for Answer { status, sent, received } in answers {
             let position = status.data.get(self.registers.position_at..);
             let Some(count) = position.and_then(|bytes| self.registers.position(bytes)) else { continue };
             for servo in self.servos.iter_mut().filter(|servo| servo.id == status.id) {
-                (servo.missing, servo.heard, servo.count) = (false, received, Some(count));
+                (servo.missing, servo.heard) = (false, received);
             }
             let alerts = self.registers.alerts(status.error);
             stood.push(Stood { id: status.id, count, sent, received, alerts });

@@ -8,9 +8,9 @@ use crate::servo::ServoError;
 use crate::servo::config::SafeState;
 
 impl Servos {
-    /// The servos that have not been heard for longer than the dead-man's time.
-    pub(in crate::servo::bus) fn silent(&self, now: MonotonicNs) -> Option<ServoError> {
-        let limit_s = f64::from(self.dead_man_ms) * 1e-3;
+    /// The servos that have not been heard for longer than the dead-man's time, or than `least_s`, if that is longer.
+    pub(in crate::servo::bus) fn silent(&self, now: MonotonicNs, least_s: f64) -> Option<ServoError> {
+        let limit_s = (f64::from(self.dead_man_ms) * 1e-3).max(least_s);
         let lost: Vec<String> = self
             .servos
             .iter()
@@ -27,16 +27,17 @@ impl Servos {
         })
     }
 
-    /// Whether servo number `index` still has its torque and its watchdog; what is wrong otherwise. No answer within `wait_s` says nothing.
+    /// Whether the servo with the ID `id` still has its torque and its watchdog; what is wrong otherwise. No answer within `wait_s` says
+    /// nothing.
     pub(in crate::servo::bus) fn still_engaged(
         &mut self,
-        index: usize,
+        id: u8,
         wait_s: f64,
     ) -> Result<Option<ServoError>, Gone> {
-        let Some(servo) = self.servos.get(index % self.servos.len().max(1)).cloned() else { return Ok(None) };
+        let called = self.called(id);
         let protocol = self.line.protocol();
         let read = |bus: &mut Self, register: Register| {
-            let question = protocol.read(servo.id, register.address, register.length);
+            let question = protocol.read(id, register.address, register.length);
             let answer = bus.line.ask(&question, usize::from(register.length), wait_s)?;
             Ok::<_, Gone>(answer.and_then(|answer| answer.status.data.first().copied()))
         };
@@ -50,9 +51,7 @@ impl Servos {
                 0 => "it restarted: check its supply".to_owned(),
                 bits => self.registers.hardware_error_text(bits),
             };
-            return Ok(Some(ServoError::Fault {
-                reason: format!("{} has lost its torque: {why}", servo.called()),
-            }));
+            return Ok(Some(ServoError::Fault { reason: format!("{called} has lost its torque: {why}") }));
         }
         if let Some(watchdog) = self.registers.watchdog
             && twice(self, watchdog, WATCHDOG_EXPIRED)?
@@ -60,8 +59,7 @@ impl Servos {
             let limit_ms = self.dead_man_ms;
             return Ok(Some(ServoError::Fault {
                 reason: format!(
-                    "{}: its watchdog has stopped it, it heard nothing for {limit_ms} ms: relieve this computer, or check the cable",
-                    servo.called()
+                    "{called}: its watchdog has stopped it, it heard nothing for {limit_ms} ms: relieve this computer, or check the cable"
                 ),
             }));
         }
@@ -83,14 +81,14 @@ impl Servos {
             // All at once first, then each until it says so.
             let _ = self.line.tell(&self.line.protocol().sync_write(torque.address, torque.length, &off));
         }
-        let counts: Vec<_> = self
-            .servos
-            .iter()
-            .filter(|servo| hold.contains(&servo.id))
-            .filter_map(|servo| Some((servo.id, u16::try_from(servo.count?).ok()?)))
-            .collect();
-        if !counts.is_empty() {
-            let _ = self.tell(&counts);
+        for &id in &hold {
+            // Where it is, not where it should have been: what is blocked shall not go on pushing.
+            let feedback = self.try_get(id, self.registers.feedback).ok().flatten();
+            let position = feedback.as_deref().and_then(|bytes| bytes.get(self.registers.position_at..));
+            let count = position.and_then(|bytes| self.registers.position(bytes));
+            if let Some(count) = count.and_then(|count| u16::try_from(count).ok()) {
+                let _ = self.tell(&[(id, count)]);
+            }
         }
         let mut all = true;
         for id in limp {
