@@ -3,10 +3,9 @@
 //! Whoever opens its port finds a serial port like any other; [`SerialBoard`] speaks to it byte by byte. Its pulses go
 //! to a [`PulseSink`], stamped by the mock's true clock, and it can be made to fail at given times.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
-use std::thread::JoinHandle;
 
 use firmware_protocol::board::{Board, BoardConfig, Hardware};
 use firmware_protocol::event::Fault;
@@ -15,10 +14,9 @@ use firmware_protocol::units::{Channel, Name, PulseWidthUs, Ticks};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::{Deserialize, Serialize};
 
-use super::pty::Pty;
-use super::{BoardInfo, SerialBoard, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome};
+use super::pty::{Attached, Device, Pty};
+use super::{SerialBoard, ServoConfig, ServoError};
 use crate::clock::MonotonicNs;
-use crate::servo::PulseProfile;
 use crate::servo::PulseSink;
 
 /// How a mock board fails.
@@ -84,11 +82,7 @@ impl Default for MockOptions {
 
 /// A mock board at work; it ends when dropped.
 #[derive(Debug)]
-pub struct MockBoard {
-    port: PathBuf,
-    quit: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
+pub struct MockBoard(Device);
 
 impl MockBoard {
     /// Starts a board that puts its pulses into `sink`.
@@ -96,38 +90,17 @@ impl MockBoard {
     /// # Errors
     /// What the system says when it has no pseudo-terminal left.
     pub fn start(options: MockOptions, sink: Box<dyn PulseSink>) -> std::io::Result<Self> {
-        let (pty, port) = Pty::open()?;
-        let quit = Arc::new(AtomicBool::new(false));
-        let thread = {
-            let quit = Arc::clone(&quit);
-            std::thread::Builder::new()
-                .name("mock board".into())
-                .spawn(move || Machine::new(options, pty, sink).run(&quit))?
-        };
-        Ok(Self { port, quit, thread: Some(thread) })
+        Device::start("mock board", |pty, quit| Machine::new(options, pty, sink).run(quit)).map(Self)
     }
 
     /// The serial port to open.
     pub fn port(&self) -> &Path {
-        &self.port
-    }
-}
-
-impl Drop for MockBoard {
-    fn drop(&mut self) {
-        self.quit.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
+        self.0.port()
     }
 }
 
 /// A mock board and the serial connection to it, as one board.
-pub struct MockServo {
-    // Dropped in this order: the goodbye needs somebody to hear it.
-    serial: SerialBoard,
-    _board: MockBoard,
-}
+pub type MockServo = Attached<SerialBoard, MockBoard>;
 
 impl MockServo {
     /// Starts a mock board and opens its port.
@@ -139,32 +112,9 @@ impl MockServo {
         options: MockOptions,
         sink: Box<dyn PulseSink>,
     ) -> Result<Self, ServoError> {
-        let board = MockBoard::start(options, sink)
-            .map_err(|error| ServoError::Open { port: "mock".into(), why: error.to_string() })?;
-        let serial = SerialBoard::open(&board.port().to_string_lossy(), config, false)?;
-        Ok(Self { serial, _board: board })
-    }
-}
-
-impl ServoBoard for MockServo {
-    fn info(&self) -> &BoardInfo {
-        self.serial.info()
-    }
-
-    fn arm(&mut self, profile: &PulseProfile, start: MonotonicNs) -> Result<(), ServoError> {
-        self.serial.arm(profile, start)
-    }
-
-    fn jog(&mut self, channel: u8, pulse_us: u16, duration_s: f64) -> Result<(), ServoError> {
-        self.serial.jog(channel, pulse_us, duration_s)
-    }
-
-    fn poll(&mut self) -> Result<Vec<ServoEvent>, ServoError> {
-        self.serial.poll()
-    }
-
-    fn stop(&mut self) -> StopOutcome {
-        self.serial.stop()
+        Self::new(MockBoard::start(options, sink), |mock| {
+            SerialBoard::open(&mock.port().to_string_lossy(), config, false)
+        })
     }
 }
 

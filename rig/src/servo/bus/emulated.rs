@@ -2,10 +2,9 @@
 //! their maker's protocol byte by byte. They turn as servos do, and can be made to fail at given times.
 
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
-use std::thread::JoinHandle;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::{Deserialize, Serialize};
@@ -15,11 +14,9 @@ use super::emulated_servo::EmulatedServo;
 use super::packet::{Decoder, Packet, Protocol};
 use super::registers::Registers;
 use crate::clock::MonotonicNs;
-use crate::servo::pty::Pty;
+use crate::servo::pty::{Attached, Device, Pty};
 use crate::servo::travel::Travel;
-use crate::servo::{
-    BoardInfo, PulseProfile, PulseSink, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome,
-};
+use crate::servo::{PulseSink, ServoConfig, ServoError};
 
 /// How an emulated bus fails.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -84,11 +81,7 @@ impl BusOptions {
 
 /// A bus of emulated servos at work; it ends when dropped.
 #[derive(Debug)]
-pub struct EmulatedBus {
-    port: PathBuf,
-    quit: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
+pub struct EmulatedBus(Device);
 
 impl EmulatedBus {
     /// Starts a bus whose servos' motion goes into `sink`.
@@ -96,38 +89,17 @@ impl EmulatedBus {
     /// # Errors
     /// What the system says when it has no pseudo-terminal left.
     pub fn start(options: BusOptions, sink: Box<dyn PulseSink>) -> std::io::Result<Self> {
-        let (pty, port) = Pty::open()?;
-        let quit = Arc::new(AtomicBool::new(false));
-        let thread = {
-            let quit = Arc::clone(&quit);
-            std::thread::Builder::new()
-                .name("emulated bus".into())
-                .spawn(move || Machine::new(options, pty, sink).run(&quit))?
-        };
-        Ok(Self { port, quit, thread: Some(thread) })
+        Device::start("emulated bus", |pty, quit| Machine::new(options, pty, sink).run(quit)).map(Self)
     }
 
     /// The serial port to open.
     pub fn port(&self) -> &Path {
-        &self.port
-    }
-}
-
-impl Drop for EmulatedBus {
-    fn drop(&mut self) {
-        self.quit.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
+        self.0.port()
     }
 }
 
 /// An emulated bus and the connection to it, as one board.
-pub struct EmulatedBusBoard {
-    // Dropped in this order: the last stop needs somebody to hear it.
-    board: BusBoard,
-    _bus: EmulatedBus,
-}
+pub type EmulatedBusBoard = Attached<BusBoard, EmulatedBus>;
 
 impl EmulatedBusBoard {
     /// Starts the emulated bus and opens its port.
@@ -139,32 +111,9 @@ impl EmulatedBusBoard {
         options: BusOptions,
         sink: Box<dyn PulseSink>,
     ) -> Result<Self, ServoError> {
-        let bus = EmulatedBus::start(options, sink)
-            .map_err(|error| ServoError::Open { port: "mock".into(), why: error.to_string() })?;
-        let board = BusBoard::open(&bus.port().to_string_lossy(), config)?;
-        Ok(Self { board, _bus: bus })
-    }
-}
-
-impl ServoBoard for EmulatedBusBoard {
-    fn info(&self) -> &BoardInfo {
-        self.board.info()
-    }
-
-    fn arm(&mut self, profile: &PulseProfile, start: MonotonicNs) -> Result<(), ServoError> {
-        self.board.arm(profile, start)
-    }
-
-    fn jog(&mut self, channel: u8, pulse: u16, duration_s: f64) -> Result<(), ServoError> {
-        self.board.jog(channel, pulse, duration_s)
-    }
-
-    fn poll(&mut self) -> Result<Vec<ServoEvent>, ServoError> {
-        self.board.poll()
-    }
-
-    fn stop(&mut self) -> StopOutcome {
-        self.board.stop()
+        Self::new(EmulatedBus::start(options, sink), |bus| {
+            BusBoard::open(&bus.port().to_string_lossy(), config)
+        })
     }
 }
 
