@@ -176,7 +176,7 @@ fn what_is_wrong_with_an_experiment_is_said_with_its_place() {
         ("model=\"../m.xml\"\n[[run]]\nid=\"a\"\nkind=\"drop\"".into(), "run `a`: `trajectory` is missing"),
         (with(entry), "run `a`: another run has the same id"),
         (run("driven", "d.csv"), "a driven run needs its `servo` table"),
-        (driven("still.csv"), "the servo never moves in this driven run"),
+        (driven("still.csv"), "nothing ever moves the mechanism in this driven run"),
         (driven("srv.csv"), "no actuator of that name (did you mean `servo`?)"),
         (driven("late.csv"), "the motion starts at 7 s, after the last image at 0.2 s"),
         (driven("s.csv") + "release_s=1", "`release_s` belongs to runs of kind \"drop\""),
