@@ -32,6 +32,7 @@
 #include <simavr/avr_ioport.h>
 #include <simavr/avr_uart.h>
 #include <simavr/sim_avr.h>
+#include <simavr/sim_core.h>
 #include <simavr/sim_elf.h>
 
 enum {
@@ -63,6 +64,9 @@ static bool line_held;
 static uint8_t arriving[QUEUE];
 static size_t arriving_count;
 static int terminal = -1;
+/* Bytes for the terminal. */
+static uint8_t leaving[QUEUE];
+static size_t leaving_count;
 static unsigned lowest_stack = UINT16_MAX;
 
 static uint32_t stuck_at;
@@ -101,8 +105,16 @@ static void byte_sent(avr_irq_t *irq, uint32_t value, void *param)
     uint8_t byte = (uint8_t)value;
     if (terminal < 0)
         fprintf(told, "%" PRIu64 " < %02x\n", avr->cycle, byte);
-    else if (write(terminal, &byte, 1) != 1 && errno != EIO && errno != EAGAIN)
+    else if (leaving_count < sizeof leaving)
+        leaving[leaving_count++] = byte;
+}
+
+/* All of a slice at once: each write wakes whoever listens. What nobody takes is lost, as on a wire. */
+static void let_leave(void)
+{
+    if (leaving_count > 0 && write(terminal, leaving, leaving_count) < 0 && errno != EIO && errno != EAGAIN)
         give_up("writing to the pseudo-terminal: %s", strerror(errno));
+    leaving_count = 0;
 }
 
 static void line_hold(avr_irq_t *irq, uint32_t value, void *hold)
@@ -173,6 +185,15 @@ static void feed_line(void)
     line_free_at = avr->cycle + BYTE_CYCLES;
 }
 
+/* What simavr's own loop does, for as long as no timer and no interrupt is due: it looks for them at every instruction. */
+static void run_swiftly(avr_cycle_count_t until)
+{
+    const avr_cycle_timer_slot_t *next;
+    while (avr->state == cpu_Running && avr->interrupt_state == 0 && avr->cycle < until &&
+           (!(next = avr->cycle_timers.timer) || avr->cycle < next->when))
+        avr->pc = avr_run_one(avr);
+}
+
 static void run_until(avr_cycle_count_t until)
 {
     void (*usual_run)(avr_t *) = avr->run;
@@ -185,6 +206,8 @@ static void run_until(avr_cycle_count_t until)
                 next = line_free_at;
             avr_cycle_timer_register(avr, next > avr->cycle ? next - avr->cycle : 1, wake, NULL);
         }
+        if (terminal >= 0)
+            run_swiftly(queue_head != queue_tail && line_free_at < until ? line_free_at : until);
         avr_run(avr);
         if (avr->run != usual_run) { /* the watchdog: the next call resets */
             avr_run(avr);
@@ -332,6 +355,7 @@ static void serve(const char *link)
         for (ssize_t i = 0; i < count; i++)
             put(bytes[i]);
         run_until(avr->cycle + SLICE_CYCLES);
+        let_leave();
         fflush(told);
         double ahead = (double)avr->cycle / CLOCK_HZ - (wall_s() - began);
         if (ahead > 0)

@@ -14,8 +14,9 @@ use super::ServoEvent;
 use crate::clock::{MonotonicNs, Ping, TickExtender};
 
 const HEARTBEAT_S: f64 = 0.050;
-/// Time between the first pings, for a clock to arm with.
-const BURST_S: f64 = 0.010;
+/// Time between the pings of a burst, for a clock to arm with: no multiple, and no simple fraction of one, of the milliseconds in which USB
+/// and kernels' timers carry bytes on, so that some ping just catches each.
+const BURST_S: f64 = 0.010_47;
 /// Wait for an answer before asking again; doubles each time.
 const FIRST_WAIT_S: f64 = 0.025;
 /// How often a command is sent at most.
@@ -165,6 +166,16 @@ impl Link {
         self.burst = burst;
     }
 
+    /// When the next ping is due.
+    pub(super) fn next_ping(&self) -> Option<MonotonicNs> {
+        self.heartbeat.filter(|_| !self.muted)
+    }
+
+    /// The next `count` pings come as quickly as the first ones.
+    pub(super) fn burst(&mut self, count: u32) {
+        self.burst = count;
+    }
+
     /// Sends an e-stop ahead of everything else, and again until it is acknowledged.
     pub(super) fn e_stop(&mut self) {
         self.under_way = None;
@@ -301,7 +312,7 @@ impl Link {
         None
     }
 
-    /// Whether the first burst of pings is over.
+    /// Whether the last burst of pings is over.
     pub(super) fn burst_is_over(&self) -> bool {
         self.burst == 0
     }

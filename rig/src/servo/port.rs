@@ -7,7 +7,7 @@ use serialport::SerialPort;
 use super::ServoError;
 
 /// Longest sleep in a read: what an e-stop may wait for it.
-const READ_TIMEOUT: Duration = Duration::from_millis(2);
+pub(super) const READ_TIMEOUT: Duration = Duration::from_millis(2);
 /// Opening a port may reset the board behind it, which then takes up to 3 s to come up.
 pub(super) const HELLO_TIMEOUT: Duration = Duration::from_secs(3);
 
@@ -31,6 +31,15 @@ pub(super) fn read(port: &mut dyn SerialPort, bytes: &mut [u8]) -> Received {
         Err(error) if matches!(error.kind(), TimedOut | WouldBlock | Interrupted) => Received::Nothing,
         Err(error) => Received::Gone(format!("{error}; unplugged?")),
     }
+}
+
+/// Reads what comes within `wait`, and within [`READ_TIMEOUT`] at most.
+pub(super) fn read_within(port: &mut dyn SerialPort, bytes: &mut [u8], wait: Duration) -> Received {
+    // Both calls only note a number; writing has the usual time.
+    let _ = port.set_timeout(wait.min(READ_TIMEOUT));
+    let received = read(port, bytes);
+    let _ = port.set_timeout(READ_TIMEOUT);
+    received
 }
 
 /// Opens a port for this process alone.

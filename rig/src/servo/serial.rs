@@ -28,6 +28,12 @@ const FIRST_PINGS: u32 = 8;
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 /// How long an e-stop is repeated before the board is left to its dead-man.
 const STOP_TIMEOUT: Duration = Duration::from_millis(200);
+/// How long pings are gathered for a clock that a run may be armed by: on a busy line few of them are quick, and it is the quick ones
+/// that tell. A line on which none is will not have one later.
+const CLOCK_PATIENCE: Duration = Duration::from_secs(3);
+/// So far ahead of it must the clock be known: to the start of a profile that is armed at once \[s\]. Quick pings close together say
+/// little of how the clock goes on.
+const CLOCK_AHEAD_S: f64 = 1.0;
 /// Arming by a clock worse than this would start the profile at a time not known well enough \[s\].
 const MAX_CLOCK_SIGMA_S: f64 = 1e-3;
 
@@ -208,9 +214,25 @@ impl SerialBoard {
             telemetry: DurationMs(config.telemetry_ms),
         };
         self.request("setting the dead-man", timing)?;
-        let link = self.shared.link();
-        self.shared.wait(link, ANSWER_TIMEOUT, |link| link.burst_is_over().then_some(()));
+        self.gather_pings();
         Ok(())
+    }
+
+    /// Pings until the clock is good enough to arm by, for [`CLOCK_PATIENCE`] at most. Without success nothing is refused yet: only
+    /// arming needs a clock.
+    fn gather_pings(&self) {
+        let deadline = Instant::now() + CLOCK_PATIENCE;
+        loop {
+            let link = self.shared.link();
+            let over = |link: &mut Link| (link.burst_is_over() || link.ended().is_some()).then_some(());
+            self.shared.wait(link, ANSWER_TIMEOUT, over);
+            let at = MonotonicNs::now().plus_seconds(CLOCK_AHEAD_S);
+            let is_known = || self.clock().is_some_and(|clock| clock.sigma_s(at) <= MAX_CLOCK_SIGMA_S);
+            if is_known() || Instant::now() >= deadline || self.shared.link().ended().is_some() {
+                return;
+            }
+            self.shared.link().burst(FIRST_PINGS);
+        }
     }
 
     /// How the board is.
@@ -403,7 +425,10 @@ impl Drop for SerialBoard {
 fn converse(mut port: Box<dyn SerialPort>, shared: &Shared) {
     let mut bytes = [0; 256];
     while !shared.quit.load(std::sync::atomic::Ordering::Relaxed) {
-        let received = port::read(&mut *port, &mut bytes);
+        // A ping goes out when it is due, not when a read has ended: reads end as the bus has its turns, and pings shall not.
+        let due_s = shared.link().next_ping().map(|at| at.seconds_since(MonotonicNs::now()).max(0.0));
+        let within = due_s.map_or(port::READ_TIMEOUT, Duration::from_secs_f64);
+        let received = port::read_within(&mut *port, &mut bytes, within);
         let now = MonotonicNs::now();
         let mut link = shared.link();
         match received {

@@ -241,6 +241,72 @@ fn slow_line_is_borne() {
     assert!(board.poll().is_ok());
 }
 
+/// A board whose answers come `late` until `quick_after`: the name of the port that it is behind.
+fn behind_a_busy_line(
+    mock: &MockBoard,
+    late: Duration,
+    quick_after: Duration,
+    work: impl FnOnce(&str) + Send,
+) {
+    use rustix::fs::{Mode, OFlags, fcntl_setfl, open};
+    let pty = rustix::pty::openpt(rustix::pty::OpenptFlags::RDWR | rustix::pty::OpenptFlags::NOCTTY).unwrap();
+    rustix::pty::grantpt(&pty).unwrap();
+    rustix::pty::unlockpt(&pty).unwrap();
+    fcntl_setfl(&pty, OFlags::NONBLOCK).unwrap();
+    let name = rustix::pty::ptsname(&pty, Vec::new()).unwrap().into_string().unwrap();
+    // Both ends stay open, or bytes of one that has closed would be an error.
+    let _kept = open(name.as_str(), OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).unwrap();
+    let board = open(mock.port(), OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK, Mode::empty()).unwrap();
+    let began = Instant::now();
+    let over = std::sync::atomic::AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let line = scope.spawn(|| {
+            let mut waiting = std::collections::VecDeque::new();
+            let mut bytes = [0; 512];
+            while !over.load(std::sync::atomic::Ordering::Relaxed) {
+                if let Ok(length) = rustix::io::read(&pty, &mut bytes) {
+                    rustix::io::write(&board, &bytes[..length]).unwrap();
+                }
+                if let Ok(length) = rustix::io::read(&board, &mut bytes) {
+                    let late = if began.elapsed() < quick_after { late } else { Duration::ZERO };
+                    waiting.push_back((Instant::now() + late, bytes[..length].to_vec()));
+                }
+                while waiting.front().is_some_and(|(due, _)| *due <= Instant::now()) {
+                    let (_, bytes) = waiting.pop_front().unwrap();
+                    rustix::io::write(&pty, &bytes).unwrap();
+                }
+                std::thread::sleep(Duration::from_micros(200));
+            }
+        });
+        work(&name);
+        over.store(true, std::sync::atomic::Ordering::Relaxed);
+        line.join().unwrap();
+    });
+}
+
+#[test]
+fn clock_of_a_busy_line_is_waited_for_and_a_bad_one_is_refused() {
+    let armed = |quick_after| {
+        let mock = MockBoard::start(options(&[]), Box::new(Recorder::default())).unwrap();
+        let (mut armed, mut took) = (Ok(()), Duration::ZERO);
+        behind_a_busy_line(&mock, Duration::from_millis(12), quick_after, |port| {
+            let config = ServoConfig { dead_man_ms: 2000, ..example() };
+            let asked = Instant::now();
+            let mut board = SerialBoard::open(port, &config, false).unwrap();
+            took = asked.elapsed();
+            board.jog(0, 1500, 0.0).unwrap();
+            armed = board.arm(&two_to_one(1), MonotonicNs::now().plus_seconds(0.5));
+        });
+        (armed.map_err(|error| error.to_string()), took)
+    };
+    // A burst of eight pings is over by then.
+    let (busy, _) = armed(Duration::from_millis(600));
+    assert_eq!(busy, Ok(()));
+    let (bad, took) = armed(Duration::MAX);
+    assert!(bad.as_ref().is_err_and(|why| why.contains("limit 1.0 ms; shortest round trip")), "{bad:?}");
+    assert!(took > Duration::from_secs(2), "it was waited for {took:?} only");
+}
+
 #[test]
 fn busy_missing_and_mute_ports_are_told_apart() {
     let config = example();

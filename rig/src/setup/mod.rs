@@ -9,9 +9,11 @@ mod answers;
 mod chain;
 mod config;
 mod mjcf;
+mod refusal;
 
 pub use answers::{Answers, Shape, YOUR_BOARD, YOUR_CAMERA};
-pub use chain::{Chain, Drive, Link, Picture, Refusal, Scale};
+pub use chain::{Chain, Drive, Link, Picture, Scale};
+pub use refusal::Refusal;
 
 /// One file to write into the rig's folder.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use rig::camera::Encoding;
 use rig::clock::MonotonicNs;
-use system_tests::{Background, json, printed, rig, run_rig, wait_until};
+use system_tests::{json, printed, run_rig, wait_until};
 
 use crate::bench::{Board, DEAD_MAN_MS, FED, Running, feeder, one_cycle};
 
@@ -39,7 +39,7 @@ fn unplug_for_a_moment(board: &Board) -> MonotonicNs {
 #[test]
 #[ignore = "runs in the guest of scripts/kernel-test"]
 fn unplugged_board_lets_its_servo_go_and_is_idle_after_replugging() {
-    let board = Board::mock();
+    let board = Board::uno();
     let _camera = feeder(&board, Encoding::Grey);
     let config = board.config(FED, Encoding::Grey, one_cycle);
     let mut running = Running::start(&board, &config, &["--film-only"]);
@@ -59,35 +59,6 @@ fn unplugged_board_lets_its_servo_go_and_is_idle_after_replugging() {
     let [acknowledged, arming] = ["board had stopped before (dead-man", "arming"]
         .map(|event| journal.find(event).unwrap_or_else(|| panic!("no {event}: {journal}")));
     assert!(acknowledged < arming, "{journal}");
-}
-
-#[test]
-#[ignore = "runs in the guest of scripts/kernel-test"]
-fn unplugged_uno_lets_its_servo_go_and_is_idle_after_replugging() {
-    let board = Board::uno();
-    let config = board.config(FED, Encoding::Grey, |_| {});
-    let jog = |seconds| {
-        let mut jog = rig(["jog".as_ref(), config.as_os_str()]);
-        jog.args(["--angle-rad", "0.4", "--duration-s", seconds, "--stay-s", "0"]);
-        jog
-    };
-    let said = board.folder.path().join("said");
-    let mut moving = Background::told(jog("10"), std::fs::File::create(&said).expect("a file"));
-    wait_until("pulses for the servo", 10.0, || {
-        let said = std::fs::read_to_string(&said).unwrap_or_default();
-        assert!(said.is_empty(), "{said}");
-        board.pulse_us().is_some()
-    });
-    let unplugged = unplug_for_a_moment(&board);
-    let mut ended = None;
-    wait_until("the end of rig jog", 10.0, || {
-        ended = moving.child().try_wait().expect("its status");
-        ended.is_some()
-    });
-    assert_eq!(ended.and_then(|status| status.code()), Some(3));
-    assert_safe_and_idle(&board, &config, unplugged);
-    let again = jog("0.5").output().expect("rig starts");
-    assert!(again.status.success(), "{}", printed(&again));
 }
 
 #[test]
