@@ -288,3 +288,30 @@ fn a_cause_that_is_wrong_is_shown_where_it_stands() {
         );
     }
 }
+
+#[test]
+fn a_base_belongs_to_its_run_and_must_go_with_it() {
+    let folder = Folder::new();
+    let rows = "0,0.1,0.2,0.3\n0.05,0.1,0.2,0.3\n0.1,0.2,0.2,0.3\n0.3,0.3,0.2,0.3\n";
+    folder.put("b.csv", &format!("time_s,x_m,z_m,angle_rad\n{rows}"));
+    folder.put("short.csv", "time_s,x_m,z_m,angle_rad\n0,0,0,0\n0.01,1,0,0\n");
+    folder.put("still.csv", "time_s,x_m,z_m,angle_rad\n0,0,0,0\n1,0,0,0\n");
+    let free = MODEL.replace("<joint name=\"j1\" axis=\"0 -1 0\"/>", "<freejoint name=\"j1\"/>");
+    let (head, tail) = free.split_once("<actuator>").unwrap();
+    folder.put("free.xml", &format!("{head}{}", tail.split_once("</actuator>").unwrap().1));
+    let towed = "model = \"../m.xml\"\n[[run]]\nid = \"towed\"\nkind = \"driven\"\ntrajectory = \"../d.csv\"\nbase = \"../b.csv\"\n";
+    let experiment = folder.read(towed).unwrap();
+    let [run] = &experiment.runs[..] else { panic!() };
+    assert_eq!(run.base.as_ref().unwrap().poses()[2], [0.2, 0.2, 0.3]);
+    assert_eq!(run.first_motion_s(), Some(0.05), "the base's motion is the run's where no servo moves");
+    for (old, new, reason) in [
+        ("b.csv", "short.csv", "`base` says where the base was from 0 to 0.01 s, and the images are from 0"),
+        ("b.csv", "none.csv", "reading table"),
+        ("b.csv", "still.csv", "neither servo nor base ever moves"),
+        ("m.xml", "free.xml", "`base` moves what hangs from the world, and `l1` floats freely"),
+        ("\"driven\"", "\"drop\"", "a release cannot be seen in the images; state `release_s`"),
+    ] {
+        let message = folder.refusal(&towed.replace(old, new));
+        assert!(message.contains(reason), "{new}: {message}");
+    }
+}

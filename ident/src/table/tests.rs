@@ -188,3 +188,37 @@ fn angles_of_encoders_stand_beside_keypoints_and_come_back_the_same() {
     let bad = parse_trajectory("time_s,q1_rad\n0,much\n", Path::new("t.csv")).unwrap_err().to_string();
     assert!(bad.contains("q1_rad") && bad.contains("radians"), "{bad}");
 }
+
+#[test]
+fn a_base_is_read_by_its_titles_and_written_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("base.csv");
+    let base = parse_base("time_s,angle_rad,x_m,z_m\n0,3.1,0.5,-1\n0.1,3.2,0.6,-1.1\n", &path).unwrap();
+    assert_eq!((base.time_s(), base.poses()), (&[0.0, 0.1][..], &[[0.5, -1.0, 3.1], [0.6, -1.1, 3.2]][..]));
+    write_base(&path, &base).unwrap();
+    assert_eq!(read_base(&path).unwrap(), base);
+}
+
+#[test]
+fn what_is_wrong_with_a_base_is_said_with_its_place() {
+    for (text, reason) in [
+        (
+            "time_s,x_m,angle_rad\n0,0,0\n",
+            "b.csv, line 1: column `z_m` is missing; a base's path has time_s, x_m, z_m and angle_rad",
+        ),
+        ("time_s,x_m,z_m,y_m,angle_rad\n0,0,0,0,0\n", "line 1: unknown column `y_m`"),
+        ("time_s,x_m,z_m,angle_rad\n0,0,0,0\n0,0,0,0\n", "line 3, column time_s: 0 does not come after 0"),
+        (
+            "time_s,x_m,z_m,angle_rad\n0,0,,0\n",
+            "line 2, column z_m: `` is not a finite number; a base's path has no gaps",
+        ),
+        (
+            "time_s,x_m,z_m,angle_rad\n0,0,0,3.1\n1,0,0,-3.1\n",
+            "line 3, column angle_rad: `-3.1` is not within half a turn",
+        ),
+        ("time_s,x_m,z_m,angle_rad\n", "no rows below the header"),
+    ] {
+        let message = parse_base(text, Path::new("b.csv")).unwrap_err().to_string();
+        assert!(message.contains(reason), "{message}");
+    }
+}

@@ -17,7 +17,11 @@ pub use spline::smooth;
 pub const MODEL: &str = include_str!("fish.xml");
 
 /// The experiments of `docs/real-fish.md`, by file name.
-pub const EXPERIMENTS: [(&str, &str); 1] = [("ours.toml", include_str!("ours.toml"))];
+pub const EXPERIMENTS: [(&str, &str); 3] = [
+    ("published.toml", include_str!("published.toml")),
+    ("paper.toml", include_str!("paper.toml")),
+    ("ours.toml", include_str!("ours.toml")),
+];
 
 /// Nominal beats \[Hz\], as the files are called.
 pub const RUNS: [&str; 8] = ["0_50", "0_75", "1_00", "1_25", "1_50", "1_75", "2_00", "2_25"];
