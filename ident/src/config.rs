@@ -19,6 +19,8 @@ pub struct FitConfig {
     pub fixed: Vec<String>,
     /// Groups of names or globs that share one value.
     pub tie: Vec<Vec<String>>,
+    /// Groups of names or globs that share one factor: they stay in the ratios that the model has.
+    pub proportional: Vec<Vec<String>>,
     /// How the optimum is sought.
     pub method: Method,
     /// How much a residual counts in least squares.
@@ -66,6 +68,7 @@ impl Default for FitConfig {
             parameters: DEFAULT_PARAMETERS.map(str::to_owned).to_vec(),
             fixed: Vec::new(),
             tie: Vec::new(),
+            proportional: Vec::new(),
             method: Method::default(),
             loss: Loss::default(),
             restarts: Restarts::default(),
@@ -159,4 +162,12 @@ pub struct Prior {
     pub mean: Finite,
     /// Standard deviation.
     pub std: Positive,
+}
+
+impl Prior {
+    /// The belief about what times `share` is what this one is about; `None` where that is no number.
+    pub(crate) fn divided(&self, share: f64) -> Option<Self> {
+        let mean = Finite::new(self.mean.get() / share)?;
+        Some(Self { mean, std: Positive::new(self.std.get() / share)? })
+    }
 }

@@ -68,8 +68,8 @@ pub struct Numbers<'a> {
     pub places: &'a [Parameter],
     /// Their values, shape (N), SI.
     pub values: &'a [f64],
-    /// For each parameter by which derivatives are wanted, its places: tied ones change together.
-    pub varied: &'a [std::ops::Range<usize>],
+    /// For each parameter by which derivatives are wanted, its places with the rate at which each changes: tied ones change together.
+    pub varied: &'a [Vec<(usize, f64)>],
 }
 
 /// Errors of simulation that are lost in the noise, as a share of it.
@@ -356,9 +356,11 @@ impl<'a> Rehearsal<'a> {
             start_s: 0.0,
         };
         let mut directions: Vec<Direction> = Vec::new();
-        for places in at.varied {
+        for rates in at.varied {
             let mut along = none();
-            along.values[places.clone()].fill(1.0);
+            for &(place, rate) in rates {
+                along.values[place] = rate;
+            }
             directions.push(along);
         }
         let mut next = at.places.len();

@@ -307,7 +307,7 @@ fn a_base_belongs_to_its_run_and_must_go_with_it() {
     for (old, new, reason) in [
         ("b.csv", "short.csv", "`base` says where the base was from 0 to 0.01 s, and the images are from 0"),
         ("b.csv", "none.csv", "reading table"),
-        ("b.csv", "still.csv", "neither servo nor base ever moves"),
+        ("b.csv", "still.csv", "nothing ever moves the mechanism in this driven run"),
         ("m.xml", "free.xml", "`base` moves what hangs from the world, and `l1` floats freely"),
         ("\"driven\"", "\"drop\"", "a release cannot be seen in the images; state `release_s`"),
     ] {

@@ -16,7 +16,9 @@ use super::objective::Objective;
 use super::problem::Point;
 use super::profile::profile;
 use super::repeat::{hold_out, repeat};
-use super::report::{Combination, Fit, FittedParameter, JointInformation, NoiseSeen, RunErrors, StartLoss};
+use super::report::{
+    Combination, Fit, FittedParameter, JointInformation, NoiseSeen, RunErrors, RunValue, StartLoss,
+};
 use super::rest::rested;
 use crate::experiment::{Experiment, Method, Use};
 use crate::geometry::characteristic_length_m;
@@ -196,20 +198,29 @@ fn fitted_parameters(
         let near = ON_BOUND_SHARE * scale.width();
         let by_run = constancy(parameters, &point.values, known, &ids, i);
         let by_run = by_run.filter(|_| known.determined[i]);
-        list.extend(parameter.names.iter().map(|name| FittedParameter {
+        list.extend(parameter.names.iter().zip(&parameter.shares).map(|(name, share)| FittedParameter {
             name: name.clone(),
-            value,
-            std: known.std[i],
-            lower: scale.lower(),
-            upper: scale.upper(),
+            value: share * value,
+            std: share * known.std[i],
+            lower: share * scale.lower(),
+            upper: share * scale.upper(),
             at_bound: value - scale.lower() <= near || scale.upper() - value <= near,
             determined: known.determined[i],
-            ci95: intervals.map(|intervals| intervals[i]),
-            per_run: by_run.as_ref().map_or(Vec::new(), |(values, _)| values.clone()),
+            ci95: intervals.map(|intervals| intervals[i].map(|end| share * end)),
+            per_run: by_run.as_ref().map_or(Vec::new(), |(values, _)| times(values, *share)),
             constancy: by_run.as_ref().map(|(_, test)| *test),
         }));
     }
     list
+}
+
+fn times(values: &[RunValue], share: f64) -> Vec<RunValue> {
+    let one = |value: &RunValue| RunValue {
+        run: value.run.clone(),
+        value: share * value.value,
+        std: share * value.std,
+    };
+    values.iter().map(one).collect()
 }
 
 fn combinations(parameters: &Parameters, point: &Point, known: &Information) -> Vec<Combination> {

@@ -229,7 +229,7 @@ impl<'a> Problem<'a> {
             self.terms.iter().map(|term| (1 + free + term.rehearsal.nuisances.len()) as u64).sum::<u64>();
         let places = self.parameters.places();
         let values = self.parameters.spread(&point.values);
-        let varied: Vec<_> = self.parameters.ranges().into_iter().take(free).collect();
+        let varied: Vec<_> = self.parameters.rates().into_iter().take(free).collect();
         let at = Numbers { places: &places, values: &values, varied: &varied };
         // one task is a run with as many columns as share a pass
         let together = sim::Isa::best().directions();

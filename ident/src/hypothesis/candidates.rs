@@ -215,6 +215,7 @@ impl Term {
                     start: model.get(place),
                     names: vec![name],
                     places: vec![place],
+                    shares: vec![1.0],
                     scale: Scale::new(lower, upper),
                     prior: None,
                 });

@@ -262,7 +262,7 @@ impl Pack {
             places.push(*place);
             values.push(self.model.get(*place));
         }
-        let varied: Vec<_> = (first..places.len()).map(|place| place..place + 1).collect();
+        let varied: Vec<_> = (first..places.len()).map(|place| vec![(place, 1.0)]).collect();
         let at = Numbers { places: &places, values: &values, varied: &varied };
         state.terms[run].linear(&self.model, &at, &state.point.offsets[run], 0..varied.len())
     }

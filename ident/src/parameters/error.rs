@@ -26,25 +26,40 @@ pub enum ParameterError {
         /// The other.
         second: &'static str,
     },
-    /// A tie names a parameter that is not fitted.
-    #[error("`tie` names `{name}`, which is not fitted; add it to `parameters` or leave it out")]
-    TiedButNotFitted {
+    /// A group names a parameter that is not fitted.
+    #[error("`{key}` names `{name}`, which is not fitted; add it to `parameters` or leave it out")]
+    JoinedButNotFitted {
+        /// `tie` or `proportional`.
+        key: &'static str,
         /// The parameter.
         name: String,
     },
-    /// A parameter stands in two ties.
-    #[error("`{name}` stands in more than one `tie`; join these into one")]
-    TiedTwice {
+    /// A parameter stands in two groups.
+    #[error("`{name}` stands in more than one group of `tie` or `proportional`; join these into one")]
+    JoinedTwice {
         /// The parameter.
         name: String,
     },
-    /// Tied parameters are not of one kind.
-    #[error("`tie` joins `{first}` and `{second}`, which are not of one kind; tie like with like")]
-    TiedUnlike {
+    /// Parameters of a group are not of one kind.
+    #[error("`{key}` joins `{first}` and `{second}`, which are not of one kind; join like with like")]
+    JoinedUnlike {
+        /// `tie` or `proportional`.
+        key: &'static str,
         /// One parameter.
         first: String,
         /// The other.
         second: String,
+    },
+    /// The model has no ratio to keep.
+    #[error(
+        "`proportional` keeps the ratios that the model has, and there `{name}` is 0 or has another sign than `{first}`; give it a value in \
+         the model, or `tie` them"
+    )]
+    NoRatio {
+        /// The first parameter of the group.
+        first: String,
+        /// The parameter.
+        name: String,
     },
     /// Bounds the wrong way round, or shut.
     #[error("bounds of `{name}` are [{lower}, {upper}]; the lower one must be less than the upper one")]
@@ -86,9 +101,10 @@ impl ParameterError {
         match self {
             Self::Unknown { name, .. }
             | Self::Contradiction { name, .. }
-            | Self::TiedButNotFitted { name }
-            | Self::TiedTwice { name }
-            | Self::TiedUnlike { first: name, .. }
+            | Self::JoinedButNotFitted { name, .. }
+            | Self::JoinedTwice { name }
+            | Self::JoinedUnlike { first: name, .. }
+            | Self::NoRatio { name, .. }
             | Self::Bounds { name, .. }
             | Self::Negative { name, .. }
             | Self::Prior { name, .. } => name,

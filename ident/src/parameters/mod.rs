@@ -2,7 +2,7 @@
 //!
 //! [`Parameters::select`] reads the `[fit]` table against a model. A fit then sees a vector, one entry per
 //! free parameter: as SI values ([`Parameters::apply`]), or between 0 and 1 ([`Parameters::values`],
-//! [`Parameters::units`]) for a search that wants every direction alike. Tied names share one entry.
+//! [`Parameters::units`]) for a search that wants every direction alike. Tied names share one entry, proportional ones too.
 
 mod error;
 mod scale;
@@ -19,10 +19,12 @@ use crate::config::Prior;
 /// One free number of a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FreeParameter {
-    /// Its name; more than one where names are tied.
+    /// Its name; more than one where names are tied or proportional.
     pub names: Vec<String>,
     /// Where it stands in the model, for each name.
     pub places: Vec<sim::model::Parameter>,
+    /// What stands there, as a share of what stands at the first: 1 where names are tied.
+    pub shares: Vec<f64>,
     /// Where a fit starts, within the bounds.
     pub start: f64,
     /// Bounds and scale.
@@ -88,28 +90,28 @@ impl Parameters {
         self.free.iter().flat_map(|parameter| parameter.places.iter().copied()).collect()
     }
 
-    /// Which of [`Parameters::places`] belong to each parameter, shape (P).
-    pub fn ranges(&self) -> Vec<std::ops::Range<usize>> {
-        let mut next = 0;
-        let range = |parameter: &FreeParameter| {
-            let first = next;
-            next += parameter.places.len();
-            first..next
+    /// Which of [`Parameters::places`] belong to each parameter, with the rate at which each changes with it, shape (P).
+    pub fn rates(&self) -> Vec<Vec<(usize, f64)>> {
+        let mut first = 0;
+        let rates = |parameter: &FreeParameter| {
+            let places = first..;
+            first += parameter.places.len();
+            places.zip(parameter.shares.iter().copied()).collect()
         };
-        self.free.iter().map(range).collect()
+        self.free.iter().map(rates).collect()
     }
 
     /// The value at each of [`Parameters::places`], from SI `values`, shape (P).
     pub fn spread(&self, values: &[f64]) -> Vec<f64> {
         let each = self.free.iter().zip(values);
-        each.flat_map(|(parameter, &value)| std::iter::repeat_n(value, parameter.places.len())).collect()
+        each.flat_map(|(parameter, &value)| parameter.shares.iter().map(move |share| share * value)).collect()
     }
 
     /// Puts SI `values`, shape (P), into `model`, which has the shape of the one selected from.
     pub fn apply(&self, values: &[f64], model: &mut Model) {
         for (parameter, &value) in self.free.iter().zip(values) {
-            for &place in &parameter.places {
-                model.set(place, value);
+            for (&place, share) in parameter.places.iter().zip(&parameter.shares) {
+                model.set(place, share * value);
             }
         }
     }

@@ -21,6 +21,14 @@ impl Candidate {
         self.name.rsplit_once('/').map_or(&self.name, |(_, kind)| kind)
     }
 
+    /// What may share a value with it: its kind, or the cause that it belongs to.
+    fn likeness(&self) -> &str {
+        match self.place {
+            Parameter::Cause(..) => self.name.split_once('/').map_or(&self.name, |(cause, _)| cause),
+            _ => self.kind(),
+        }
+    }
+
     fn is_kind(&self, kind: &str) -> bool {
         self.kind() == kind || kind == "fluidcoef" && matches!(self.place, Parameter::Fluid(..))
     }
@@ -51,23 +59,31 @@ impl Parameters {
     ) -> Result<Self, ParameterError> {
         let candidates = candidates(model, loose);
         let fitted = fitted(&candidates, config)?;
-        let tie = ties(&candidates, &fitted, config)?;
+        let groups = groups(&candidates, &fitted, config)?;
         let mut free: Vec<FreeParameter> = Vec::new();
         for (at, candidate) in candidates.iter().enumerate().filter(|(at, _)| fitted[*at]) {
-            let is_tied = |other: &usize| tie[at].is_some() && tie[*other] == tie[at];
-            let members: Vec<&Candidate> = match tie[at] {
-                Some(_) => (0..candidates.len()).filter(is_tied).map(|member| &candidates[member]).collect(),
+            let joined = |other: &usize| groups[at].is_some() && groups[*other] == groups[at];
+            let mut members: Vec<&Candidate> = match groups[at] {
+                Some(_) => (0..candidates.len()).filter(joined).map(|member| &candidates[member]).collect(),
                 None => vec![candidate],
+            };
+            let shares = match groups[at] {
+                Some(group) if group >= config.tie.len() => shares(model, &mut members)?,
+                _ => vec![1.0; members.len()],
             };
             if members[0].place != candidate.place {
                 continue;
             }
-            let prior = members.iter().find_map(|member| config.prior.get(&member.name)).copied();
+            let stated = |(member, share): (&&Candidate, &f64)| {
+                config.prior.get(&member.name).and_then(|prior| prior.divided(*share))
+            };
+            let prior = members.iter().zip(&shares).find_map(stated);
             let value = prior.map_or(model.get(candidate.place), |prior| prior.mean.get());
             let scale = scale(model, candidate, value, config)?;
             free.push(FreeParameter {
                 names: members.iter().map(|member| member.name.clone()).collect(),
                 places: members.iter().map(|member| member.place).collect(),
+                shares,
                 start: scale.start(value),
                 scale,
                 prior,
@@ -160,38 +176,59 @@ fn fitted(candidates: &[Candidate], config: &FitConfig) -> Result<Vec<bool>, Par
     Ok(fitted)
 }
 
-/// The place in `config.tie` of the group that each of `candidates` belongs to.
-fn ties(
+/// Which group each of `candidates` belongs to: those of `config.tie`, then those of `config.proportional`.
+fn groups(
     candidates: &[Candidate],
     fitted: &[bool],
     config: &FitConfig,
 ) -> Result<Vec<Option<usize>>, ParameterError> {
-    let mut tie: Vec<Option<usize>> = vec![None; candidates.len()];
-    for (group, patterns) in config.tie.iter().enumerate() {
+    let mut groups: Vec<Option<usize>> = vec![None; candidates.len()];
+    let stated = config.tie.iter().map(|patterns| ("tie", patterns));
+    let stated = stated.chain(config.proportional.iter().map(|patterns| ("proportional", patterns)));
+    for (group, (key, patterns)) in stated.enumerate() {
         let mut first: Option<&Candidate> = None;
         for pattern in patterns {
             let mut found = false;
             for (at, candidate) in candidates.iter().enumerate().filter(|(_, c)| c.is_meant(pattern)) {
                 let name = candidate.name.clone();
                 if !fitted[at] {
-                    return Err(ParameterError::TiedButNotFitted { name });
+                    return Err(ParameterError::JoinedButNotFitted { key, name });
                 }
-                if tie[at].is_some_and(|other| other != group) {
-                    return Err(ParameterError::TiedTwice { name });
+                if groups[at].is_some_and(|other| other != group) {
+                    return Err(ParameterError::JoinedTwice { name });
                 }
                 let first = first.get_or_insert(candidate);
-                if first.kind() != candidate.kind() {
-                    return Err(ParameterError::TiedUnlike { first: first.name.clone(), second: name });
+                if first.likeness() != candidate.likeness() {
+                    return Err(ParameterError::JoinedUnlike {
+                        key,
+                        first: first.name.clone(),
+                        second: name,
+                    });
                 }
-                tie[at] = Some(group);
+                groups[at] = Some(group);
                 found = true;
             }
             if !found {
-                return Err(unknown(candidates, "tie", pattern));
+                return Err(unknown(candidates, key, pattern));
             }
         }
     }
-    Ok(tie)
+    Ok(groups)
+}
+
+/// What the model has of each of `members`, as a share of what it has of the first; those that it has nothing of stay at 0 and leave.
+fn shares(model: &Model, members: &mut Vec<&Candidate>) -> Result<Vec<f64>, ParameterError> {
+    let all = members[0];
+    members.retain(|member| model.get(member.place) != 0.0);
+    let Some(first) = members.first() else {
+        return Err(ParameterError::NoRatio { first: all.name.clone(), name: all.name.clone() });
+    };
+    let share = |member: &&Candidate| {
+        let share = model.get(member.place) / model.get(first.place);
+        let lost = || ParameterError::NoRatio { first: first.name.clone(), name: member.name.clone() };
+        if share > 0.0 { Ok(share) } else { Err(lost()) }
+    };
+    members.iter().map(share).collect()
 }
 
 fn candidates(model: &Model, loose: &[bool]) -> Vec<Candidate> {

@@ -81,6 +81,21 @@ fn values_go_to_every_tied_place_and_back() {
 }
 
 #[test]
+fn proportional_parameters_keep_the_ratios_of_the_model() {
+    let text = "parameters = [\"kutta\", \"*/magnus\"]\nproportional = [[\"*/magnus\"]]\n[prior]\n\"g2/magnus\" = { mean = 6, std = 3 }";
+    let parameters = select(text).unwrap();
+    let mut model = model();
+    parameters.apply(&[1.5, 0.25, 0.75], &mut model);
+    for (name, value) in [("g1/kutta", 1.5), ("g2/kutta", 0.75), ("g1/magnus", 0.25), ("g2/magnus", 3.0)] {
+        assert_eq!(model.parameter(name).unwrap(), value, "{name}");
+    }
+    assert_eq!(parameters.rates(), [vec![(0, 1.0)], vec![(1, 1.0), (2, 12.0)], vec![(3, 1.0)]]);
+    assert_eq!(parameters.spread(&[1.5, 0.25, 0.75]), [1.5, 0.25, 3.0, 0.75]);
+    let prior = Prior { mean: Finite::new(0.5).unwrap(), std: Positive::new(0.25).unwrap() };
+    assert_eq!(parameters.free[1].prior, Some(prior), "stated of the second, twelve times the first");
+}
+
+#[test]
 fn bounds_go_by_name_then_glob_then_kind_then_physics() {
     let text = "[bounds]\nfluidcoef = [0, 3]\nkutta = [0, 4]\n\"g2/*\" = [0, 20]\n\"g1/blunt\" = [0.5, 5]\n";
     let parameters = select(text).unwrap();
@@ -126,10 +141,17 @@ fn contradictions_and_unknown_names_are_refused() {
             "`l1/mass` stands under both `prior` and `fixed`",
         ),
         ("parameters = [\"kutta\"]\ntie = [[\"*/blunt\"]]", "`tie` names `g1/blunt`, which is not fitted"),
-        ("tie = [[\"*/blunt\"], [\"g1/blunt\", \"g2/blunt\"]]", "`g1/blunt` stands in more than one `tie`"),
+        (
+            "tie = [[\"*/blunt\"], [\"g1/blunt\", \"g2/blunt\"]]",
+            "`g1/blunt` stands in more than one group of",
+        ),
         (
             "tie = [[\"g1/blunt\", \"g1/kutta\"]]",
             "`tie` joins `g1/blunt` and `g1/kutta`, which are not of one kind",
+        ),
+        (
+            "parameters = [\"*/frictionloss\"]\nproportional = [[\"*/frictionloss\"]]",
+            "`proportional` keeps the ratios that the model has, and there `j1/frictionloss` is 0",
         ),
         ("[bounds]\nblunt = [2, 1]", "bounds of `blunt` are [2, 1]; the lower one must be less"),
         (
