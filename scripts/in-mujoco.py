@@ -1,7 +1,8 @@
 """What a fit of `rig` found, in MuJoCo itself: python in-mujoco.py RUN (pip install mujoco numpy).
 
 RUN is a run folder, or one with fit.json and model.xml of `rig fit` beside trajectory.csv and servo.csv. Prints each keypoint's root
-mean square error in metres: `rms_error_m` of fit.json."""
+mean square error in metres: `rms_error_m` of fit.json. What MJCF cannot hold stands under <custom> of model.xml; of that `servo_delay` and
+`one_sided_stiffness` are put in here, as an example of how, and whatever else is there is told."""
 import json, sys
 import mujoco, numpy
 
@@ -13,6 +14,17 @@ servo = numpy.genfromtxt(f"{run}/servo.csv", delimiter=",", names=True)
 model = mujoco.MjModel.from_xml_path(f"{run}/model.xml")
 model.opt.timestep = 5e-5  # so fine that the integrator does not show in the digits printed
 data = mujoco.MjData(model)
+beyond = {model.numeric(i).name: model.numeric(i).data[0] for i in range(model.nnumeric)}
+delay, side = beyond.get("servo_delay/delay", 0.0), beyond.get("one_sided_stiffness/side", 1.0)
+common = beyond.get("one_sided_stiffness/stiffness", 0.0)  # of hinges between links
+between = model.body_parentid[model.jnt_bodyid] > 0
+own = numpy.array([beyond.get(f"one_sided_stiffness/{model.joint(i).name}", 0.0) for i in range(model.njnt)])
+dofs, bent, slack = model.jnt_dofadr, model.jnt_qposadr, model.qpos_spring[model.jnt_qposadr]
+def springs(_, data):
+    data.qfrc_passive[dofs] -= side * (own + between * common) * numpy.maximum(side * (data.qpos[bent] - slack), 0.0)
+mujoco.set_mjcb_passive(springs)
+for name in sorted({name.split("/")[0] for name in beyond} - {"servo_delay", "one_sided_stiffness"}):
+    print(f"without {name}, which MuJoCo does not know", file=sys.stderr)
 mujoco.mj_resetDataKeyframe(model, data, model.key(fit["id"]).id)
 told = numpy.array([servo[f"{model.actuator(i).name}_rad"] for i in range(model.nu)])
 moves = numpy.argmax(numpy.any(numpy.diff(told), axis=0))
@@ -20,7 +32,7 @@ data.time = servo["time_s"][moves]  # at rest until the servo first moves
 seen = seen[seen["time_s"] >= data.time]
 times, places = [], []
 while data.time < seen["time_s"][-1] + model.opt.timestep:
-    data.ctrl = [numpy.interp(data.time, servo["time_s"], angles) for angles in told]
+    data.ctrl = [numpy.interp(data.time - delay, servo["time_s"], angles) for angles in told]
     mujoco.mj_kinematics(model, data)
     times.append(data.time)
     places.append(data.site_xpos.copy())

@@ -7,6 +7,7 @@ pub mod journal;
 pub mod ordinary;
 pub mod planes;
 pub mod soak;
+pub mod soft_arm;
 pub mod tags;
 pub mod uno;
 pub mod wall;

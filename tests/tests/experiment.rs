@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use system_tests::soft_arm::bend_degrees;
 use system_tests::{changed_config, config, in_real_time, json, only_run, printed, run_rig, set};
 
 /// Mean keypoint error that the fit must reach, as a share of the mechanism's length: the paper's own bar.
@@ -235,10 +236,17 @@ fn soft_arm_runs_in_arc_mode() {
     });
     let output = run_rig(["run".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), runs.as_os_str()]);
     assert!(output.status.success(), "{}", printed(&output));
-    let errors = mean_errors_m(&json(&only_run(&runs).expect("one run folder").join("fit.json")));
+    let run = only_run(&runs).expect("one run folder");
+    let errors = mean_errors_m(&json(&run.join("fit.json")));
     println!("mean keypoint errors [mm]: {:?}", errors.iter().map(|e| e * 1e3).collect::<Vec<_>>());
     // The arm is 160 mm long.
     assert!(errors.iter().all(|&error| error < MAX_ERROR_SHARE * 0.16), "{errors:?}");
+    let filmed = ident::table::read_trajectory(&run.join("trajectory.csv")).expect("keypoints");
+    let command = ident::table::read_command(&run.join("servo.csv")).expect("a command");
+    let [slow, quick] = [true, false].map(|rising| bend_degrees(&filmed, &command, rising));
+    println!("bend in the slow stroke {slow:.1}, in the quick one {quick:.1} degrees");
+    assert!(slow < -12.0, "{slow}: the slow stroke bends the arm");
+    assert!(quick.abs() < 0.4 * slow.abs(), "{quick} of {slow}: the quick one leaves it straighter");
 }
 
 #[test]

@@ -188,12 +188,15 @@ fn groups(
     for (group, (key, patterns)) in stated.enumerate() {
         let mut first: Option<&Candidate> = None;
         for pattern in patterns {
-            let mut found = false;
-            for (at, candidate) in candidates.iter().enumerate().filter(|(_, c)| c.is_meant(pattern)) {
-                let name = candidate.name.clone();
-                if !fitted[at] {
-                    return Err(ParameterError::JoinedButNotFitted { key, name });
-                }
+            let meant: Vec<usize> =
+                (0..candidates.len()).filter(|&at| candidates[at].is_meant(pattern)).collect();
+            let Some(&any) = meant.first() else { return Err(unknown(candidates, key, pattern)) };
+            // what is not fitted stays as it is, unless it is all that is meant
+            if !meant.iter().any(|&at| fitted[at]) {
+                return Err(ParameterError::JoinedButNotFitted { key, name: candidates[any].name.clone() });
+            }
+            for at in meant.into_iter().filter(|&at| fitted[at]) {
+                let (candidate, name) = (&candidates[at], candidates[at].name.clone());
                 if groups[at].is_some_and(|other| other != group) {
                     return Err(ParameterError::JoinedTwice { name });
                 }
@@ -206,10 +209,6 @@ fn groups(
                     });
                 }
                 groups[at] = Some(group);
-                found = true;
-            }
-            if !found {
-                return Err(unknown(candidates, key, pattern));
             }
         }
     }
