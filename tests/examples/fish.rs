@@ -4,6 +4,8 @@
 //! `DATA` holds `Data/Markers/markers_f0_50.csv` and the others of `srl-ethz/fishsim`; `OUT` gets the model, for each run its tables, and the
 //! experiments.
 
+#![allow(clippy::print_stdout, reason = "its output is the point")]
+
 use std::path::PathBuf;
 
 use system_tests::fish::{EXPERIMENTS, MODEL, RUNS, markers, prepare, write};
