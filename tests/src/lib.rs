@@ -8,6 +8,7 @@ pub mod ordinary;
 pub mod planes;
 pub mod soak;
 pub mod tags;
+pub mod three_links;
 pub mod uno;
 pub mod wall;
 
