@@ -284,8 +284,10 @@ pub fn noise_mm(case: &Case, folder: &Path, diagnosis: &Diagnosis) -> Result<Opt
             (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
         })
     });
-    let found = || {
-        let run = diagnosis.noise.runs.iter().find(|run| run.id == case.id)?;
+    let found = || -> Option<[f64; 3]> {
+        let runs = &diagnosis.noise.runs;
+        // a run that is not fitted was read like the others
+        let run = runs.iter().find(|run| run.id == case.id).or(runs.first())?;
         run.std_m.clone().try_into().ok()
     };
     // the mean distance of what is normal along two axes
