@@ -9,6 +9,7 @@ pub mod planes;
 pub mod soak;
 pub mod soft_arm;
 pub mod tags;
+pub mod three_links;
 pub mod uno;
 pub mod wall;
 
