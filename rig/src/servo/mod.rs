@@ -2,6 +2,7 @@
 //!
 //! Another kind is a file and a line of the list in `kinds`.
 
+pub mod calibration;
 pub mod config;
 mod kinds;
 mod link;

@@ -1,0 +1,1 @@
+//! A servo's calibration for people, and the file of it.
