@@ -27,8 +27,18 @@ const fn next(window: u16) -> u16 {
 
 /// Whether the LED is lit at `at`.
 pub fn lit(at: Ticks) -> bool {
-    let slot = at.0 / SLOT.0 % u32::from(PERIOD);
-    (0..slot).fold(FIRST, |window, _| next(window)) & 1 == 1
+    slots(at).next() == Some(true)
+}
+
+/// Whether the LED is lit in the slot that holds `at`, and in each after it.
+pub fn slots(at: Ticks) -> impl Iterator<Item = bool> {
+    let slot = (at.0 / SLOT.0) as u16;
+    let window = (0..slot % PERIOD).fold(FIRST, |window, _| next(window));
+    core::iter::successors(Some((slot, window)), |&(slot, window)| {
+        let slot = slot.wrapping_add(1);
+        Some((slot, if slot == 0 { FIRST } else { next(window) }))
+    })
+    .map(|(_, window)| window & 1 == 1)
 }
 
 /// When the first of [`WINDOW`] slots began: bit *i* of `seen` is 1 when the LED was lit in the *i*-th of them. None for
@@ -63,5 +73,13 @@ mod tests {
             assert_eq!(began(slots.sum()), Some(Ticks(slot * SLOT.0)));
         }
         assert_eq!(began(0), None);
+    }
+
+    #[test]
+    fn slots_go_on_over_the_wrap_of_the_tick() {
+        let from = Ticks(0_u32.wrapping_sub(3 * SLOT.0));
+        for (i, shines) in (0..9).zip(slots(from)) {
+            assert_eq!(shines, lit(Ticks(from.0.wrapping_add(i * SLOT.0 + 7))), "slot {i}");
+        }
     }
 }

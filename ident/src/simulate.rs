@@ -127,7 +127,8 @@ impl<'a> Rehearsal<'a> {
             let free = (0..model.nv()).filter(|&dof| !frozen[dof]);
             nuisances.extend(free.map(Nuisance::Coordinate));
             if run.kind == RunKind::Free {
-                nuisances.extend((0..model.nv()).map(Nuisance::Rate));
+                let free = (0..model.nv()).filter(|&dof| !frozen[dof]);
+                nuisances.extend(free.map(Nuisance::Rate));
             }
         }
         if let Some(release) = estimate.release {
@@ -138,7 +139,7 @@ impl<'a> Rehearsal<'a> {
         let known = model.marks();
         let columns = run.trajectory.keypoints.iter().filter_map(|name| known.iter().position(|k| k == name));
         // Prescribed joints are free in drops, which is what no command at all means to the simulation.
-        let silent = run.prescribed && run.kind != RunKind::Driven;
+        let silent = run.prescribed && !run.follows();
         let command = run.command.clone().filter(|_| !silent).unwrap_or_default();
         let mut rehearsal = Self {
             run,
@@ -202,7 +203,8 @@ impl<'a> Rehearsal<'a> {
     fn options(&self, start_s: f64, parts: usize) -> RolloutOptions {
         let (prescribed, steps) =
             (self.run.prescribed, self.steps.as_ref().map(|steps| steps.divided(parts)));
-        RolloutOptions { prescribed, start_s, steps, ..RolloutOptions::default() }
+        let base = self.run.base.clone();
+        RolloutOptions { prescribed, start_s, steps, base, ..RolloutOptions::default() }
     }
 
     /// What `run` yields with the plan's steps in so many `parts`: a search must not end at the first candidate that is

@@ -11,6 +11,7 @@
 //! * [`profile`], [`tank`], [`record`]: the stroke, the simulated tank behind the mocks, run folders and recordings;
 //! * [`images`], [`report`], [`calibrate`]: where images come from, the page that is made of results, pictures of a board to a plane;
 //! * [`vision`], [`config`], [`interchange`]: images to keypoints, the config as a whole, keypoints from and to other programs;
+//! * [`setup`]: answers about a chain of links to a config and a model;
 //! * [`run`], [`analysis`], [`doctor`], [`preview`]: a film from still water to the safe stop, a recording to a report, what is wrong
 //!   with the rig, what its camera sees;
 //! * [`app`]: one experiment, fits, diagnoses, the daemon; [`cli`]: arguments and printing.
@@ -40,5 +41,6 @@ pub mod report;
 pub mod run;
 pub mod schedule;
 pub mod servo;
+pub mod setup;
 pub mod tank;
 pub mod vision;

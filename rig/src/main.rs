@@ -23,6 +23,8 @@ struct Cli {
 
 #[derive(Subcommand, Debug)]
 enum Verb {
+    /// Write a rig of your own: config and model, out of a few answers
+    New(cli::new::Args),
     /// Run the whole experiment: arm, drive or wait for the release, film, extract, fit, report
     Run(cli::run::Args),
     /// Redo a recorded run, from any stage, into another folder
@@ -73,6 +75,7 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     start_log(cli.verbose);
     let result = match &cli.verb {
+        Verb::New(args) => cli::new::run(args),
         Verb::Run(args) => cli::run::run(args),
         Verb::Replay(args) => cli::replay::run(args),
         Verb::Calibrate(args) => cli::calibrate::run(args),

@@ -1,4 +1,4 @@
-//! The timed stroke: angle over time, and the pulses a board plays for it.
+//! The timed stroke: angle over time, and the pulses a board plays for it, or the counts that servos on a bus are told.
 //!
 //! A stroke is one sweep between two reversals: counter-clockwise (as the camera sees it, and positive) in `ccw_s`,
 //! clockwise in `cw_s`. A profile begins and ends at the centre angle:
@@ -20,7 +20,7 @@ use firmware_protocol::units::{DurationUs, PulseWidthUs, RateUsPerS};
 use ident::strict::{Finite, Positive};
 use serde::{Deserialize, Serialize};
 
-use crate::servo::{PulseProfile, PulseTrack, ServoChannel, ServoConfig};
+use crate::servo::{PulseProfile, PulseTrack, ServoChannel, ServoConfig, Unit};
 
 /// The `[profile]` table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -40,8 +40,8 @@ pub struct ProfileConfig {
     /// The angle around which it swings \[rad\]. Default 0.
     #[serde(default = "zero")]
     pub centre_rad: Finite,
-    /// A longer pulse turns the servo clockwise as the camera sees it (it is mounted the other way round). Default
-    /// false.
+    /// A longer pulse, or a greater count, turns the servo clockwise as the camera sees it (it is mounted the other way round).
+    /// Default false.
     #[serde(default)]
     pub mirrored: bool,
     /// The actuators that play it; left out, all that the channels name.
@@ -126,34 +126,38 @@ pub enum ProfileError {
     },
     /// The servo does not go there.
     #[error(
-        "profile on channel `{channel}` wants {angle_rad:.4} rad, a pulse of {pulse_us:.0} µs, outside its limits \
-         {min_us} to {max_us} µs; reduce amplitude_rad or centre_rad, or widen the channel's limits if the mechanism \
-         allows"
+        "profile on channel `{channel}` wants {angle_rad:.4} rad, a {} of {pulse:.0} {}, outside its limits {min} to {max} {}; \
+         reduce amplitude_rad or centre_rad, or widen the channel's limits if the mechanism allows",
+        unit.noun(), unit.symbol(), unit.symbol()
     )]
     Pulse {
         /// Channel's name.
         channel: String,
         /// Angle wanted \[rad\].
         angle_rad: f64,
-        /// Its pulse \[µs\].
-        pulse_us: f64,
-        /// The channel's shortest pulse \[µs\].
-        min_us: u16,
-        /// The channel's longest pulse \[µs\].
-        max_us: u16,
+        /// Its pulse, in the channel's unit.
+        pulse: f64,
+        /// The least that the channel may be told.
+        min: u16,
+        /// The most that the channel may be told.
+        max: u16,
+        /// The channel's unit.
+        unit: Unit,
     },
     /// The servo is not that fast.
     #[error(
-        "profile on channel `{channel}` wants {rate_us_per_s} µs/s, above its limit max_rate_us_per_s = \
-         {limit_us_per_s}; reduce amplitude_rad or lengthen {stroke}"
+        "profile on channel `{channel}` wants {rate_per_s} {}/s, above its limit {}; reduce amplitude_rad or lengthen {stroke}",
+        unit.symbol(), unit.rate_limit(*limit_per_s)
     )]
     Rate {
         /// Channel's name.
         channel: String,
-        /// Rate wanted \[µs/s\].
-        rate_us_per_s: u32,
-        /// The channel's limit \[µs/s\].
-        limit_us_per_s: u32,
+        /// Rate wanted, in the channel's unit per second.
+        rate_per_s: u32,
+        /// The channel's limit, in its unit per second.
+        limit_per_s: u32,
+        /// The channel's unit.
+        unit: Unit,
         /// The config's key of the stroke that is too fast.
         stroke: &'static str,
     },
@@ -258,33 +262,35 @@ impl Profile {
     }
 
     fn track(&self, channel: &ServoChannel) -> Result<PulseTrack, ProfileError> {
+        let (unit, range) = (channel.travel.unit(), channel.travel.range());
         let pulse = |angle_rad: f64| {
-            let pulse_us = channel.pulse_us(angle_rad, self.mirrored);
-            let (min_us, max_us) = (channel.min_pulse_us, channel.max_pulse_us);
-            if (f64::from(min_us)..=f64::from(max_us)).contains(&pulse_us.round()) {
-                return Ok(pulse_us.round() as u16);
+            let pulse = channel.told(angle_rad, self.mirrored);
+            let (min, max) = (*range.start(), *range.end());
+            if (f64::from(min)..=f64::from(max)).contains(&pulse.round()) {
+                return Ok(pulse.round() as u16);
             }
-            Err(ProfileError::Pulse { channel: channel.name.clone(), angle_rad, pulse_us, min_us, max_us })
+            Err(ProfileError::Pulse { channel: channel.name.clone(), angle_rad, pulse, min, max, unit })
         };
-        let limit = RateUsPerS(channel.max_rate_us_per_s);
-        let start_pulse_us = pulse(self.centre_rad())?;
+        let limit = RateUsPerS(channel.travel.max_rate_per_s());
+        let start_pulse = pulse(self.centre_rad())?;
         let mut segments = Vec::with_capacity(self.corners.len() - 1);
-        let mut before = PulseWidthUs(start_pulse_us);
+        let mut before = PulseWidthUs(start_pulse);
         for pair in self.corners.windows(2) {
             let ((t0, a0), (t1, a1)) = (pair[0], pair[1]);
             let (end, duration) = (PulseWidthUs(pulse(a1)?), DurationUs((t1 - t0) as u32));
             if !limit.allows(before, end, duration) {
                 return Err(ProfileError::Rate {
                     channel: channel.name.clone(),
-                    rate_us_per_s: RateUsPerS::needed(before, end, duration).0,
-                    limit_us_per_s: limit.0,
+                    rate_per_s: RateUsPerS::needed(before, end, duration).0,
+                    limit_per_s: limit.0,
+                    unit,
                     stroke: if a1 > a0 { "ccw_s" } else { "cw_s" },
                 });
             }
             segments.push((duration.0, end.0));
             before = end;
         }
-        Ok(PulseTrack { channel: channel.id, start_pulse_us, segments })
+        Ok(PulseTrack { channel: channel.id, start_pulse, segments })
     }
 }
 

@@ -52,13 +52,14 @@ struct Span<T> {
 /// A keypoint's body, and its place on it in the body's axes and in its space's.
 pub(crate) type Keypoint<S> = (usize, Vec3<<S as Space>::T>, <S as Space>::Vec);
 
-/// Where the keypoints are in `state` and how they move: hands each on to `keep`, which gets its place in `sites` too.
+/// Where the keypoints are in `state` at `time` \[s\], near `about_s`, and how they move: hands each on to `keep`, which gets its place in `sites` too.
 fn watch<S: Stages>(
     engine: &mut Engine<S>,
-    state: &State<S::T>,
+    (state, about_s, time): (&State<S::T>, f64, S::T),
     sites: &[Keypoint<S>],
     mut keep: impl FnMut(usize, Moving<S::T>),
 ) {
+    engine.stand(about_s, time);
     tuned!(S::T, {
         let (plant, work) = (&engine.plant, &mut engine.work);
         kinematics::kinematics(plant, &state.qpos, work);
@@ -106,14 +107,14 @@ impl<T: Scalar> Film<T> {
         sites: &[Keypoint<S>],
     ) {
         self.still.clear();
-        watch(engine, state, sites, |_, (at, _)| self.still.push(at));
+        watch(engine, (state, self.about_s, self.start_s), sites, |_, (at, _)| self.still.push(at));
     }
 
     /// How the points moved in the step between two states, which ended `end_s` \[s\] after the start.
     pub(crate) fn record<S: Stages<T = T>>(
         &mut self,
         engine: &mut Engine<S>,
-        ends: [&State<T>; 2],
+        [before, after]: [&State<T>; 2],
         sites: &[Keypoint<S>],
         end_s: f64,
     ) {
@@ -121,8 +122,11 @@ impl<T: Scalar> Film<T> {
             return;
         }
         let first = self.spans.len();
-        watch(engine, ends[0], sites, |_, from| self.spans.push(Span { from, to: from }));
-        watch(engine, ends[1], sites, |point, to| self.spans[first + point].to = to);
+        let from_s = self.ends_s[self.ends_s.len() - 1];
+        let [begins, ends] = [(before, from_s), (after, end_s)]
+            .map(|(state, passed)| (state, self.about_s + passed, self.start_s + T::from_f64(passed)));
+        watch(engine, begins, sites, |_, from| self.spans.push(Span { from, to: from }));
+        watch(engine, ends, sites, |point, to| self.spans[first + point].to = to);
         self.ends_s.push(end_s);
     }
 

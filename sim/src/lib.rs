@@ -5,7 +5,7 @@
 //! code carries plain numbers, derivatives and SIMD lanes.
 //!
 //! Rooms, each of which knows only those before it:
-//! * [`error`], [`command`], [`trajectory`], [`scalar`], [`math`], [`dual`], [`lanes`], [`steps`], [`options`]: numbers of all kinds, and what goes in and out;
+//! * [`error`], [`command`], [`base`], [`trajectory`], [`scalar`], [`math`], [`dual`], [`lanes`], [`steps`], [`options`]: numbers of all kinds, and what goes in and out;
 //! * [`model`]: what MJCF says, as data, causes as values among them; `space`: motions and wrenches in space or in a plane;
 //! * [`fluid`], `dynamics`: water on one shape; the stages of a step over the whole tree;
 //! * [`causes`]: what a simulation may lack, one file each, by place: water, joint, drive, tether, camera;
@@ -13,6 +13,7 @@
 //! * `film`, [`rollout`](mod@rollout): a whole run as a camera sees it; `plan`: the cheapest steps for it; `contact`: where bodies meet;
 //! * [`batch`], [`sensitivities`]: many candidates, or one with derivatives, in SIMD lanes.
 
+pub mod base;
 pub mod batch;
 pub mod causes;
 pub mod command;
@@ -36,6 +37,7 @@ mod space;
 pub mod steps;
 pub mod trajectory;
 
+pub use base::{BaseError, BaseMotion, BasePath};
 pub use causes::{Cause, CauseValues, CommandPath};
 pub use command::Command;
 pub use contact::{ContactWatch, Touch};

@@ -1,5 +1,8 @@
 //! How a run is stepped.
 
+use std::sync::Arc;
+
+use crate::base::BasePath;
 use crate::model::Integrator;
 use crate::steps::Steps;
 
@@ -15,6 +18,9 @@ pub struct RolloutOptions {
     /// The joints of position drives follow their commands exactly, see
     /// [`Simulator`](crate::Simulator); a drive without a command leaves its joint free.
     pub prescribed: bool,
+    /// Where the base goes; `None`: it stands. Coordinates count from the base, keypoints are where they are in the world. Before the motion
+    /// starts the base goes already, the joints are held.
+    pub base: Option<Arc<BasePath>>,
     /// When motion starts \[s\]; until then the initial state is held.
     pub start_s: f64,
     /// Our own steps instead of MuJoCo's: integrator, time step and `hold_command` then play no part.

@@ -48,7 +48,7 @@ impl Rollout<f64> {
 /// The state is held until `options.start_s`; steps of equal length follow. A sample between two steps is the
 /// cubic Hermite polynomial through both (coordinates) and the straight line (velocities), so sampling never
 /// changes the motion. Commands go to actuators by name; an actuator without one is commanded 0.
-/// Prescribed joints start where their command is, whatever `state` says.
+/// Prescribed joints start where their command is, whatever `state` says, at the rates that it says.
 ///
 /// # Errors
 /// [`RolloutError`].
@@ -297,6 +297,8 @@ impl<'a, S: Stages> Sampler<'a, S> {
     /// Keeps the sample as `row` in the lanes that are `here`.
     #[inline(always)]
     fn keep(&mut self, engine: &mut Engine<S>, row: usize, here: <S::T as Scalar>::Mask) {
+        let time_s = self.run.sample_times_s[row];
+        engine.stand(time_s, S::T::from_f64(time_s));
         kinematics::kinematics(&engine.plant, &self.sample.qpos, &mut engine.work);
         let (work, layout) = (&engine.work, &engine.plant.layout);
         let model = self.run.model;

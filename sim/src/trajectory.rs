@@ -21,4 +21,25 @@ impl Trajectory {
     pub fn at(&self, instant: usize, keypoint: usize) -> [f64; 3] {
         self.position_m[instant * self.keypoints.len() + keypoint]
     }
+
+    /// Adds a keypoint or another mark, with its `position_m` at each instant, shape (N); no deviations are known of it.
+    ///
+    /// # Panics
+    /// When there are more or fewer positions than instants.
+    pub fn add_mark(&mut self, name: String, position_m: &[[f64; 3]]) {
+        assert_eq!(position_m.len(), self.time_s.len(), "a position for each instant");
+        let width = self.keypoints.len();
+        self.position_m = beside(&self.position_m, width, position_m);
+        let unknown = vec![f64::NAN; position_m.len()];
+        for stds_m in [&mut self.std_m, &mut self.pose_std_m].into_iter().flatten() {
+            *stds_m = beside(stds_m, width, &unknown);
+        }
+        self.keypoints.push(name);
+    }
+}
+
+/// A table of `width` columns, row after row, with another column.
+fn beside<T: Copy>(table: &[T], width: usize, column: &[T]) -> Vec<T> {
+    let rows = column.iter().enumerate();
+    rows.flat_map(|(row, last)| table[row * width..(row + 1) * width].iter().chain([last])).copied().collect()
 }

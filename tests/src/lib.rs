@@ -1,6 +1,7 @@
 //! Harness of the whole-system tests: the `rig` program as a user runs it, and processes to kill and stall.
 
 pub mod clips;
+pub mod fish;
 pub mod hidden;
 pub mod journal;
 pub mod ordinary;

@@ -106,8 +106,12 @@ impl Soak {
         let rig = RigConfig::read(&crate::config("chain-driven-pose-1.toml")).expect("a shipped config");
         // A shared machine may pause for longer than any board at a tank may wait.
         let config = ServoConfig { dead_man_ms: 2000, ..rig.servo.expect("a servo") };
-        let opening =
-            servo::Opening { config: &config, mock: (MockOptions::default(), Box::new(Nowhere)), told: None };
+        let opening = servo::Opening {
+            config: &config,
+            mock: (MockOptions::default(), Box::new(Nowhere)),
+            bus: None,
+            told: None,
+        };
         let board = servo::open(opening).expect("a mock board");
         let recorder = Recorder::create(path, Some(&self.info()), RecorderOptions::of(&self.info()))
             .expect("a recording");
@@ -162,7 +166,7 @@ impl Soak {
         PulseProfile {
             tracks: vec![PulseTrack {
                 channel: 0,
-                start_pulse_us: 1300,
+                start_pulse: 1300,
                 segments: strokes.repeat(pairs as usize),
             }],
         }

@@ -17,6 +17,39 @@ fn doctor_finds_the_mock_rig_healthy() {
 }
 
 #[test]
+fn new_mock_rig_is_healthy_at_once_and_nothing_is_written_over() {
+    let _turn = in_real_time();
+    let folder = tempfile::tempdir().expect("a folder");
+    let rig = folder.path().join("mine");
+    let new = |options: &[&str]| {
+        let options = options.iter().map(std::ffi::OsStr::new);
+        run_rig(["new".as_ref(), rig.as_os_str()].into_iter().chain(options))
+    };
+    let refused = new(&["--mock", "--length-m", "0.03", "--overlap-m", "0.03"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(
+        printed(&refused).contains("--overlap-m 0.03 must be less") && !rig.exists(),
+        "{}",
+        printed(&refused)
+    );
+    let arm = new(&["--mechanism", "arm"]);
+    assert!(arm.status.code() == Some(2) && printed(&arm).contains("configs/arm8.toml"), "{}", printed(&arm));
+
+    let made = new(&["--mock", "--links", "2", "--length-m", "0.04"]);
+    assert!(made.status.success() && printed(&made).contains("rig doctor"), "{}", printed(&made));
+    let config = rig.join("rig.toml");
+    let doctor =
+        run_rig(["doctor".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), folder.path().as_os_str()]);
+    assert!(doctor.status.success(), "{}", printed(&doctor));
+
+    let before = std::fs::read_to_string(&config).expect("the config");
+    let again = new(&["--mock"]);
+    assert_eq!(again.status.code(), Some(2));
+    assert!(printed(&again).contains("writes over nothing"), "{}", printed(&again));
+    assert_eq!(std::fs::read_to_string(&config).expect("the config"), before);
+}
+
+#[test]
 fn jog_moves_the_mock_servo_and_refuses_what_the_channel_cannot() {
     let _turn = in_real_time();
     let path = config("chain-driven-pose-1.toml");

@@ -4,10 +4,13 @@
 use std::path::Path;
 
 use rayon::prelude::*;
-use system_tests::hidden::cases::{self, Case, Kind};
+use system_tests::hidden::bench::Run;
+use system_tests::hidden::cases::{self, Case, Kind, Made};
 use system_tests::hidden::diagnose::{Outcome, diagnose, judge};
+use system_tests::hidden::drive;
 use system_tests::hidden::hide::Truth;
 use system_tests::hidden::limit::Benches;
+use system_tests::hidden::motion::Drive;
 use system_tests::hidden::score::{Judgement, Score, tables};
 use system_tests::hidden::write::{Film, write};
 use system_tests::repository;
@@ -137,6 +140,51 @@ fn hidden_causes_are_named_from_few_images_with_misread_keypoints() {
     let score = diagnosed(list, Film { every: 3, misread: 0.005, ..Film::default() });
     assert_eq!((score.strong.hits, score.strong.of), (4, 4), "each cause has its exact name");
     assert_eq!((score.alarms.hits, score.alarms.of), (0, 3), "nothing hidden is nothing found");
+}
+
+/// Two delays that nothing tells apart where every run is driven; a latency that was measured does.
+#[test]
+fn images_clock_known_to_half_a_millisecond_leaves_a_delay_to_the_servo() {
+    let clock = "[fit.prior]\n\"camera_delay/delay\" = { mean = 0.0, std = 0.0005 }\n\
+        [fit.bounds]\n\"camera_delay/delay\" = [-0.002, 0.002]\n\n[[run]]";
+    let folder = tempfile::tempdir().expect("a folder");
+    let case = cases::all(1, &[5.0]).into_iter().find(|case| case.id == "servo_delay-x5-s0").expect("a case");
+    let mut made = case.make(&mut Benches::default()).expect("it can be seen");
+    made.bench.runs.retain(|run| run.is_driven());
+    let experiment = write(&case, &made, Film::default(), folder.path()).expect("the case's files");
+    let text = std::fs::read_to_string(&experiment).expect("the experiment");
+    let named = |text: &str, out: &str| {
+        std::fs::write(&experiment, text).expect("the experiment");
+        let mut outcome = judge(&case, made.truth.clone(), &experiment, &folder.path().join(out));
+        assert_eq!(outcome.causes.len(), 1, "{outcome:?}");
+        let named = outcome.causes.remove(0);
+        (named.name, named.aliases)
+    };
+    let alias = "camera_delay".to_owned();
+    assert_eq!(named(&text, "unknown"), ("servo_delay".into(), vec![alias]));
+    assert_eq!(named(&text.replacen("[[run]]", clock, 1), "known"), ("servo_delay".into(), Vec::new()));
+    for run in &made.bench.runs {
+        measure(&made, run, &folder.path().join(format!("{}-servo.csv", run.id)));
+    }
+    assert_eq!(named(&text, "measured"), ("servo_delay".into(), Vec::new()));
+}
+
+/// Adds to the commands in `table` what a servo on a bus tells of itself in `run`, 50 times a second in steps of 1.5 mrad.
+fn measure(made: &Made, run: &Run, table: &Path) {
+    let (Drive::Exact(servo) | Drive::Servo(servo, _)) = &run.motion.drive else { panic!("no servo") };
+    let turned = drive::Path::new(servo, &made.hidden, *run.times_s.last().expect("images"));
+    let corners = servo.time_s.iter().map(|&time_s| (time_s, None));
+    let count = (run.times_s.last().expect("images") / 0.02) as usize;
+    let told = (0..count).map(|k| k as f64 * 0.02 + 0.0013).map(|time_s| (time_s, Some(turned.at(time_s))));
+    let mut rows: Vec<(f64, Option<f64>)> = corners.chain(told).collect();
+    rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut text = String::from("time_s,servo_rad,servo_measured_rad\n");
+    for (time_s, measured) in rows {
+        let measured =
+            measured.map_or(String::new(), |angle| ((angle / 1.5e-3).round() * 1.5e-3).to_string());
+        text.push_str(&format!("{time_s},{},{measured}\n", servo.at(time_s)));
+    }
+    std::fs::write(table, text).expect("the servo's table");
 }
 
 #[test]

@@ -97,8 +97,14 @@ impl<'b> Search<'b> {
         stage: &'b mut dyn FnMut(&str) -> bool,
     ) -> Self {
         let DiagnoseConfig { odds, .. } = &experiment.diagnose;
-        let odds = |cause: Cause| odds.get(cause.name()).map_or(1.0, |odds| odds.get());
-        let runs = experiment.runs.iter().filter(|run| run.usage == Use::Fit).count();
+        let fitted_runs = || experiment.runs.iter().filter(|run| run.usage == Use::Fit);
+        let span_s: f64 = fitted_runs()
+            .filter_map(|run| Some(run.trajectory.time_s.last()? - run.trajectory.time_s.first()?))
+            .sum();
+        // where hidden numbers are chosen among many, each is as much less likely
+        let odds =
+            |cause: Cause| odds.get(cause.name()).map_or(1.0, |odds| odds.get()) / cause.starts(span_s);
+        let runs = fitted_runs().count();
         let all = |cause: Cause| Term::all(cause, &experiment.model, runs, odds(cause));
         let candidates = possible(experiment, fitted).into_iter().flat_map(all).collect();
         let (expanded, leading) = (Vec::new(), Vec::new());

@@ -1,6 +1,7 @@
 //! Whether the runs can be compared with the model at all.
 
 use sim::model::encoded_joint;
+use sim::{JointKind, Model};
 
 use super::{Experiment, ExperimentError, Run, RunKind};
 use crate::names::did_you_mean;
@@ -53,6 +54,7 @@ impl Experiment {
             }
             start(run)?;
             images(run)?;
+            base(&self.model, run)?;
         }
         Ok(())
     }
@@ -84,14 +86,41 @@ impl Experiment {
 fn start(run: &Run) -> Result<(), ExperimentError> {
     let refuse = |reason: &str| Err(ExperimentError::Run { run: run.id.clone(), reason: reason.to_owned() });
     match (run.kind, &run.command) {
-        (RunKind::Driven, None) => {
+        (RunKind::Driven, None) if run.base.is_none() => {
             refuse("a driven run needs its `servo` table; add it, or call the run a \"drop\"")
         }
-        (RunKind::Driven, Some(command)) if command.first_motion_s().is_none() => refuse(
-            "the servo never moves in this driven run; check the servo table, or call the run a \"drop\"",
+        (RunKind::Driven, _) if run.first_motion_s().is_none() => refuse(
+            "nothing ever moves the mechanism in this driven run; check the `servo` table or `base`, or call the run a \"drop\"",
         ),
+        (RunKind::Drop, _) if run.base.is_some() && run.release_s.is_none() => {
+            refuse("with a `base` that moves, a release cannot be seen in the images; state `release_s`")
+        }
         _ => Ok(()),
     }
+}
+
+/// A base that moves must have something to move, and be known for as long as there are images.
+fn base(model: &Model, run: &Run) -> Result<(), ExperimentError> {
+    let Some(base) = &run.base else { return Ok(()) };
+    let refuse = |reason: String| Err(ExperimentError::Run { run: run.id.clone(), reason });
+    if let Some(joint) = model.joints.iter().find(|joint| joint.kind == JointKind::Free) {
+        return refuse(format!(
+            "`base` moves what hangs from the world, and `{}` floats freely; remove `base`, or give the body other joints than a free one",
+            model.bodies[joint.body].name
+        ));
+    }
+    let (rows, images) = (base.time_s(), &run.trajectory.time_s);
+    let (Some((first_s, last_s)), Some((from_s, to_s))) =
+        (rows.first().zip(rows.last()), images.first().zip(images.last()))
+    else {
+        return Ok(());
+    };
+    if first_s > from_s || last_s < to_s {
+        return refuse(format!(
+            "`base` says where the base was from {first_s} to {last_s} s, and the images are from {from_s} to {to_s} s; add rows, or leave images out"
+        ));
+    }
+    Ok(())
 }
 
 /// There must be something to see, in order.
@@ -128,7 +157,7 @@ fn images(run: &Run) -> Result<(), ExperimentError> {
     let (first_s, last_s) = (trajectory.time_s[0], trajectory.time_s[count - 1]);
     let start_s = match run.kind {
         RunKind::Drop => run.release_s,
-        RunKind::Driven => run.command.as_ref().and_then(sim::Command::first_motion_s),
+        RunKind::Driven => run.first_motion_s(),
         RunKind::Free => None,
     };
     if let Some(start_s) = start_s.filter(|&start_s| start_s >= last_s) {

@@ -1,17 +1,17 @@
 //! `experiment.toml` as text.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::Deserialize;
 use sim::Model;
-use sim::model::encoded_joint;
 
 use super::folder::{Folder, read_text};
 use super::{DEFAULT_INIT_S, Experiment, ExperimentError, Run, RunKind, Use};
 use crate::config::{DiagnoseConfig, FitConfig};
 use crate::own_cause::CauseConfig;
 use crate::strict::{self, Finite, Positive, StrictError};
-use crate::table::{read_command, read_trajectory};
+use crate::table::{read_base, read_servo, read_trajectory};
 use crate::weights::{Mechanism, Water};
 
 #[derive(Deserialize)]
@@ -42,6 +42,7 @@ struct Entry {
     kind: Option<RunKind>,
     trajectory: Option<PathBuf>,
     servo: Option<PathBuf>,
+    base: Option<PathBuf>,
     folder: Option<PathBuf>,
     release_s: Option<Finite>,
     #[serde(default, rename = "use")]
@@ -98,13 +99,11 @@ fn load(file: File, path: &Path) -> Result<Experiment, ExperimentError> {
     let mut fit = file.fit;
     file.mechanism.put_into(&file.water, &mut model, &mut fit)?;
     CauseConfig::define(&file.cause, &mut model)?;
-    // a hinge that is not there is found out when the runs are checked
-    for joint in runs.iter().flat_map(|run| &run.trajectory.keypoints).filter_map(|name| encoded_joint(name))
-    {
-        model.add_encoder(joint);
-    }
-    fit.add_named_causes(&mut model);
-    Ok(Experiment { model, noise_m: file.noise_m.map(Positive::get), fit, diagnose: file.diagnose, runs })
+    let mut experiment =
+        Experiment { model, noise_m: file.noise_m.map(Positive::get), fit, diagnose: file.diagnose, runs };
+    experiment.take_in_measured();
+    experiment.fit.add_named_causes(&mut experiment.model);
+    Ok(experiment)
 }
 
 impl Entry {
@@ -139,7 +138,10 @@ impl Entry {
                 let kind = self.kind.ok_or_else(|| missing("kind"))?;
                 let trajectory = self.trajectory.as_ref().ok_or_else(|| missing("trajectory"))?;
                 let mut run = Run::new(id, kind, read_trajectory(&base.join(trajectory))?);
-                run.command = self.servo.as_ref().map(|servo| read_command(&base.join(servo))).transpose()?;
+                if let Some(servo) = &self.servo {
+                    let (command, measured) = read_servo(&base.join(servo))?;
+                    (run.command, run.measured) = (Some(command), measured);
+                }
                 run
             }
         };
@@ -151,6 +153,9 @@ impl Entry {
         }
         if let Some(id) = &self.id {
             run.id.clone_from(id);
+        }
+        if let Some(path) = &self.base {
+            run.base = Some(Arc::new(read_base(&base.join(path))?));
         }
         run.usage = self.usage;
         run.prescribed = prescribed.unwrap_or(run.prescribed);

@@ -1,12 +1,13 @@
 //! A run folder says by itself what an `[[run]]` would.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::Deserialize;
 
 use super::{ExperimentError, Run, RunKind};
 use crate::names;
-use crate::table::{read_command, read_trajectory};
+use crate::table::{read_base, read_servo, read_trajectory};
 
 /// What a fit needs of `start.json`; the rest of it is for others.
 #[derive(Deserialize)]
@@ -51,7 +52,12 @@ impl Folder {
         let mut run = Run::new(self.start.id, self.start.kind, trajectory);
         let servo = self.path.join("servo.csv");
         if run.kind == RunKind::Driven || servo.exists() {
-            run.command = Some(read_command(&servo)?);
+            let (command, measured) = read_servo(&servo)?;
+            (run.command, run.measured) = (Some(command), measured);
+        }
+        let base = self.path.join("base.csv");
+        if base.exists() {
+            run.base = Some(Arc::new(read_base(&base)?));
         }
         run.prescribed = self.start.prescribed;
         if run.kind == RunKind::Drop {

@@ -8,15 +8,20 @@ mod check;
 mod error;
 mod file;
 mod folder;
+mod measured;
 mod spikes;
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
-use sim::{Command, Model, State, Trajectory};
+use sim::{BasePath, Command, Model, State, Trajectory};
 
 pub use crate::config::{DiagnoseConfig, FitConfig, Loss, Method, Prior};
 pub use crate::own_cause::{CauseConfig, CauseError, CauseParameterConfig};
 pub use error::{ExperimentError, Place};
 pub use spikes::Spike;
+
+use crate::table::MeasuredAngles;
 
 /// A model and the runs it should reproduce.
 #[derive(Debug, Clone)]
@@ -48,7 +53,11 @@ pub struct Run {
     pub set_aside: Vec<Spike>,
     /// Commanded angles; a driven run has them.
     pub command: Option<Command>,
-    /// Actuated joints follow the command exactly while the run is driven.
+    /// What the servos measured, where they did: taken into the trajectory by [`Experiment::take_in_measured`].
+    pub measured: Vec<MeasuredAngles>,
+    /// Where the base went; `None`: it stood.
+    pub base: Option<Arc<BasePath>>,
+    /// Actuated joints follow the command exactly, see [`Run::follows`].
     pub prescribed: bool,
     /// When a drop was let go \[s\]; `None`: detected, then fitted.
     pub release_s: Option<f64>,
@@ -98,12 +107,32 @@ impl Run {
             trajectory,
             set_aside,
             command: None,
+            measured: Vec::new(),
+            base: None,
             prescribed: false,
             release_s: None,
             init_s: DEFAULT_INIT_S,
             weight: 1.0,
             initial: None,
         }
+    }
+
+    /// Whether actuated joints follow the command exactly: where `prescribed` says so, and the run is driven, or is `free` and has a command. In a
+    /// drop the servo is off.
+    pub fn follows(&self) -> bool {
+        self.prescribed
+            && match self.kind {
+                RunKind::Drop => false,
+                RunKind::Driven => true,
+                RunKind::Free => self.command.is_some(),
+            }
+    }
+
+    /// When a servo or the base first moves \[s\]; `None` when neither ever does.
+    pub fn first_motion_s(&self) -> Option<f64> {
+        let servo = self.command.as_ref().and_then(Command::first_motion_s);
+        let base = self.base.as_ref().and_then(|base| base.first_motion_s());
+        servo.into_iter().chain(base).reduce(f64::min)
     }
 }
 

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 use sim::Model;
+use sim::model::ActuatorKind;
 
 use super::checkpoint::{Checkpoint, CheckpointError, Flow, INTERRUPTED, Observer, Progress, fingerprint};
 use super::counts::Counts;
@@ -18,8 +19,8 @@ use super::rough::{self, Thinned};
 use super::warm_start::WarmStart;
 use crate::config::{Loss, Method};
 use crate::experiment::{Experiment, Run, RunKind, Use};
-use crate::initial::free_parameters;
 use crate::initial::{self, Estimate, StartError};
+use crate::initial::{free_parameters, prescribed_dofs};
 use crate::loss::{Weighting, observations};
 use crate::parameters::Parameters;
 use crate::simulate::Rehearsal;
@@ -174,7 +175,7 @@ fn unmoved(model: &Model, experiment: &Experiment, parameters: &Parameters) -> R
     use sim::model::Parameter::{Damping, FrictionLoss, Gain, Stiffness};
     let drives = |run: &Run, joint: usize| {
         let commanded = run.command.iter().flat_map(|command| &command.actuators);
-        run.kind == RunKind::Driven
+        run.kind != RunKind::Drop
             && commanded.into_iter().any(|name| {
                 model.actuators.iter().any(|actuator| actuator.joint == joint && actuator.name == *name)
             })
@@ -182,9 +183,12 @@ fn unmoved(model: &Model, experiment: &Experiment, parameters: &Parameters) -> R
     let moved = |place: &sim::model::Parameter| {
         let mut runs = experiment.runs.iter().filter(|run| run.usage == Use::Fit);
         match *place {
-            Gain(actuator) => runs.any(|run| !run.prescribed && drives(run, model.actuators[actuator].joint)),
+            Gain(actuator) => runs.any(|run| {
+                let actuator = &model.actuators[actuator];
+                !(run.prescribed && actuator.kind == ActuatorKind::Position) && drives(run, actuator.joint)
+            }),
             Damping(joint) | FrictionLoss(joint) | Stiffness(joint, _) => {
-                runs.any(|run| !(run.prescribed && drives(run, joint)))
+                runs.any(|run| !prescribed_dofs(model, run)[model.joints[joint].dof_address])
             }
             _ => true,
         }

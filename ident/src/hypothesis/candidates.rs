@@ -1,10 +1,10 @@
 //! Which causes may be at work, and what of each is free.
 
 use sim::causes::{AliasWhen, CauseInfo, CauseValues, ParameterInfo, Per, Role};
-use sim::model::Parameter;
+use sim::model::{Parameter, encoded_joint};
 use sim::{Cause, Model};
 
-use crate::experiment::{Experiment, RunKind, Use};
+use crate::experiment::{Experiment, Run, RunKind, Use};
 use crate::parameters::{FreeParameter, Parameters, Scale};
 use crate::simulate::Nuisance;
 
@@ -71,10 +71,20 @@ pub(crate) fn aliases(cause: Cause, experiment: &Experiment) -> Vec<&'static str
         // the water's share that a model has forgotten is nothing a mass could stand for
         AliasWhen::UnlessWeighed => carried && !(weighed("/mass") && weighed("buoyancy/")),
         AliasWhen::NoReleaseStated => {
-            !fitted().any(|run| run.kind == RunKind::Drop && run.release_s.is_some())
+            // encoders are read by another clock than the camera's
+            let is_timed = |run: &Run| match run.kind {
+                RunKind::Drop => run.release_s.is_some(),
+                RunKind::Driven | RunKind::Free => {
+                    run.trajectory.keypoints.iter().any(|mark| encoded_joint(mark).is_some())
+                }
+            };
+            !fitted().any(is_timed)
         }
     };
-    cause.info().aliases.iter().filter(|alias| holds(alias.when)).map(|alias| alias.name).collect()
+    // what a prior holds is part of the model already
+    let held = |name: &str| experiment.fit.prior.keys().any(|held| held.split('/').next() == Some(name));
+    let aliases = cause.info().aliases.iter().filter(|alias| holds(alias.when) && !held(alias.name));
+    aliases.map(|alias| alias.name).collect()
 }
 
 impl Term {

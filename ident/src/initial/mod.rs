@@ -7,7 +7,7 @@ mod noise;
 mod pose;
 mod release;
 
-use sim::model::{Coordinates, encoded_joint};
+use sim::model::{ActuatorKind, Coordinates, encoded_joint};
 use sim::{Model, State};
 
 pub use noise::{RunNoise, run_noise};
@@ -45,6 +45,8 @@ pub struct StartError {
     pub reason: String,
 }
 
+/// How far ahead a command is looked at for its rate \[s\]: rows are further apart.
+const AHEAD_S: f64 = 1e-5;
 /// Least images over which rates are taken by regression, where [`Run::init_s`] holds fewer.
 const RATE_IMAGES: usize = 5;
 
@@ -66,8 +68,10 @@ pub fn estimate(model: &Model, run: &Run, noise_m: f64) -> Result<Estimate, Star
     let start_s = match run.kind {
         RunKind::Drop => found.map_or(run.release_s.unwrap_or(first_s), |found| found.start_s),
         RunKind::Driven => {
-            let motion = run.command.as_ref().and_then(sim::Command::first_motion_s);
-            motion.ok_or_else(|| refuse("the servo never moves in this driven run; check its servo table"))?
+            let motion = run.first_motion_s();
+            motion.ok_or_else(|| {
+                refuse("nothing ever moves the mechanism in this driven run; check its servo table")
+            })?
         }
         RunKind::Free => first_s,
     };
@@ -103,8 +107,8 @@ fn seen_instants(run: &Run) -> Vec<usize> {
 /// Whether each velocity belongs to a joint that follows the command exactly in this run, shape (nv).
 pub(crate) fn prescribed_dofs(model: &Model, run: &Run) -> Vec<bool> {
     let mut frozen = vec![false; model.nv()];
-    if run.prescribed && run.kind == RunKind::Driven {
-        for actuator in commanded(model, run).map(|(_, actuator)| actuator) {
+    if run.follows() {
+        for (_, actuator) in followed(model, run) {
             frozen[model.joints[actuator.joint].dof_address] = true;
         }
     }
@@ -128,27 +132,29 @@ pub(crate) fn free_parameters(model: &Model, experiment: &Experiment) -> Result<
     Parameters::select_with(model, &experiment.fit, &loose)
 }
 
-/// The columns of the command with the actuators they drive.
-fn commanded<'a>(
+/// The columns of the command with the actuators whose joints follow it exactly: only a position drive's command is a position.
+fn followed<'a>(
     model: &'a Model,
     run: &'a Run,
 ) -> impl Iterator<Item = (usize, &'a sim::model::Actuator<f64>)> {
     let names = run.command.iter().flat_map(|command| command.actuators.iter().enumerate());
-    names.filter_map(|(column, name)| Some((column, model.actuators.iter().find(|a| &a.name == name)?)))
+    names
+        .filter_map(|(column, name)| Some((column, model.actuators.iter().find(|a| &a.name == name)?)))
+        .filter(|(_, actuator)| actuator.kind == ActuatorKind::Position)
 }
 
 fn prescribe(model: &Model, run: &Run, time_s: f64, qpos: &mut [f64]) {
-    if !(run.prescribed && run.kind == RunKind::Driven) {
+    if !run.follows() {
         return;
     }
     if let Some(command) = &run.command {
-        for (column, actuator) in commanded(model, run) {
+        for (column, actuator) in followed(model, run) {
             qpos[model.joints[actuator.joint].qpos_address] = command.at(column, time_s) / actuator.gear;
         }
     }
 }
 
-/// Mean position of each coordinate of each keypoint over `instants`.
+/// Mean position of each coordinate of each keypoint over `instants`, with the base at its origin.
 fn targets(model: &Model, run: &Run, instants: &[usize]) -> Vec<Target> {
     let sites = model.keypoint_sites();
     let mark = |name: &String| match encoded_joint(name) {
@@ -160,8 +166,15 @@ fn targets(model: &Model, run: &Run, instants: &[usize]) -> Vec<Target> {
     let mut list = Vec::new();
     for (column, name) in run.trajectory.keypoints.iter().enumerate() {
         let Some(mark) = mark(name) else { continue };
+        let place = |instant: usize| match (&run.base, mark) {
+            // where only x or z was seen, both are lost to NaN
+            (Some(base), Mark::Site(_)) => {
+                base.at(run.trajectory.time_s[instant]).back(run.trajectory.at(instant, column))
+            }
+            _ => run.trajectory.at(instant, column),
+        };
         for axis in 0..3 {
-            let values = instants.iter().map(|&instant| run.trajectory.at(instant, column)[axis]);
+            let values = instants.iter().map(|&instant| place(instant)[axis]);
             let values: Vec<f64> = values.filter(|x| x.is_finite()).collect();
             if !values.is_empty() {
                 let mean_m = values.iter().sum::<f64>() / values.len() as f64;
@@ -178,10 +191,11 @@ fn moving_state(model: &Model, run: &Run, seen: &[usize], noise_m: f64) -> State
     let start_s = times[seen[0]];
     let within = seen.iter().take_while(|&&instant| times[instant] <= start_s + run.init_s).count();
     let used = &seen[..within.max(RATE_IMAGES).min(seen.len())];
-    let frozen = vec![false; model.nv()];
+    let frozen = prescribed_dofs(model, run);
     let mut guess = model.rest_state().qpos;
     let mut poses: Vec<Vec<f64>> = Vec::new();
     for &instant in used {
+        prescribe(model, run, times[instant], &mut guess);
         guess = pose(model, &targets(model, run, &[instant]), &guess, &frozen, noise_m);
         poses.push(guess.clone());
     }
@@ -197,6 +211,14 @@ fn moving_state(model: &Model, run: &Run, seen: &[usize], noise_m: f64) -> State
                 state.qvel[dof + k] = rate;
             }
         }
+    }
+    // what follows a command sets off at the command's own rate
+    let mut ahead = state.qpos.clone();
+    prescribe(model, run, start_s, &mut state.qpos);
+    prescribe(model, run, start_s + AHEAD_S, &mut ahead);
+    let numbers = model.joints.iter().flat_map(sim::model::Joint::coordinates);
+    for (_, q, dof) in numbers.filter(|&(.., dof)| frozen[dof]) {
+        state.qvel[dof] = (ahead[q] - state.qpos[q]) / AHEAD_S;
     }
     state
 }

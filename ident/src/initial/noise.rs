@@ -1,6 +1,6 @@
 //! Noise of a run from its images alone, those before its motion above all.
 
-use sim::{Command, Trajectory};
+use sim::Trajectory;
 
 use super::release;
 use crate::experiment::{Run, RunKind};
@@ -27,7 +27,7 @@ pub fn run_noise(run: &Run) -> RunNoise {
     let rough_m = noise_m([trajectory]);
     let start_s = match run.kind {
         RunKind::Drop => run.release_s.or_else(|| release(trajectory, rough_m).map(|found| found.start_s)),
-        RunKind::Driven => run.command.as_ref().and_then(Command::first_motion_s),
+        RunKind::Driven => run.first_motion_s(),
         RunKind::Free => None,
     };
     let still = start_s.map_or(0, |start_s| trajectory.time_s.iter().take_while(|t| **t < start_s).count());

@@ -1,9 +1,10 @@
-//! The two tables a run consists of: `trajectory.csv` (where the keypoints were) and `servo.csv` (what the
-//! servos were told).
+//! The tables a run consists of: `trajectory.csv` (where the keypoints were), `servo.csv` (what the
+//! servos were told) and, where the base moves, `base.csv` (where it was).
 //!
 //! Numbers are written with as many digits as reading them back exactly takes. Reading is strict: a cell that
 //! is no finite number, a row out of order or a column nobody knows is refused with file, line and column.
 
+mod base;
 mod command;
 mod error;
 mod trajectory;
@@ -12,7 +13,8 @@ use std::path::{Path, PathBuf};
 
 use crate::names;
 
-pub use command::{parse_command, read_command, write_command};
+pub use base::{parse_base, read_base, write_base};
+pub use command::{MeasuredAngles, parse_servo, read_command, read_servo, write_command, write_servo};
 pub use error::TableError;
 pub use trajectory::{parse_trajectory, read_trajectory, trajectory_text, write_trajectory};
 

@@ -75,7 +75,7 @@ fn what_is_wrong_with_a_command_is_said_with_its_place() {
         ("time_s,servo_rad,servo_measured_rad\n0,1,nan\n", "column servo_measured_rad: `nan`"),
         ("time_s,servo_rad\n1,0\n0.5,0\n", "line 3, column time_s: 0.5 does not come after 1"),
     ] {
-        let message = parse_command(text, Path::new("s.csv")).unwrap_err().to_string();
+        let message = parse_servo(text, Path::new("s.csv")).unwrap_err().to_string();
         assert!(message.contains(wanted), "{text:?}: {message}");
     }
 }
@@ -83,9 +83,14 @@ fn what_is_wrong_with_a_command_is_said_with_its_place() {
 #[test]
 fn measured_angles_stand_beside_their_command_only() {
     let text = "time_s,arm_rad,arm_measured_rad,tail_measured_rad\n0,1,,3\n";
-    let command = parse_command(text, Path::new("s.csv")).unwrap();
+    let (command, measured) = parse_servo(text, Path::new("s.csv")).unwrap();
     assert_eq!(command.actuators, ["arm", "tail_measured"]);
     assert_eq!(command.angle_rad, [1.0, 3.0]);
+    let arm = MeasuredAngles { actuator: "arm".into(), ..MeasuredAngles::default() };
+    assert_eq!(measured, [arm]);
+    let text = "time_s,arm_rad,arm_measured_rad\n0,1,\n0.5,2,1.5\n";
+    let (_, measured) = parse_servo(text, Path::new("s.csv")).unwrap();
+    assert_eq!((&measured[0].time_s[..], &measured[0].angle_rad[..]), (&[0.5][..], &[1.5][..]));
 }
 
 #[test]
@@ -107,6 +112,34 @@ fn command_survives_writing_and_reading_exactly() {
     let read = read_command(&path).unwrap();
     assert_eq!(read.actuators, command.actuators);
     assert!(same(&read.time_s, &command.time_s) && same(&read.angle_rad, &command.angle_rad));
+}
+
+#[test]
+fn measured_angles_have_rows_of_their_own_and_change_no_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("servo.csv");
+    let command = Command {
+        actuators: vec!["a".into(), "b".into()],
+        time_s: vec![1.0, 2.0],
+        angle_rad: vec![0.0, 5.0, 1.0, 5.0],
+    };
+    let angles = |actuator: &str, time_s: &[f64], angle_rad: &[f64]| MeasuredAngles {
+        actuator: actuator.into(),
+        time_s: time_s.into(),
+        angle_rad: angle_rad.into(),
+    };
+    let measured =
+        [angles("a", &[0.5, 1.25, 2.0, f64::NAN], &[-0.1, 0.2, 0.9, 1.0]), angles("c", &[1.5], &[7.0])];
+    write_servo(&path, &command, &measured).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let wanted = "time_s,a_rad,b_rad,a_measured_rad\n0.5,0,5,-0.1\n1,0,5,\n1.25,0.25,5,0.2\n2,1,5,0.9\n";
+    assert_eq!(text, wanted);
+    let read = read_command(&path).unwrap();
+    for k in 0..30 {
+        let time_s = 0.1 * f64::from(k);
+        assert_eq!(read.at(0, time_s), command.at(0, time_s));
+    }
+    assert_eq!(read.first_motion_s(), Some(1.0));
 }
 
 fn cell() -> impl Strategy<Value = f64> {

@@ -5,7 +5,7 @@ use sim::{Model, Trajectory};
 
 use super::error::AnalysisError;
 use super::timeline::Timeline;
-use crate::config::RigConfig;
+use crate::config::{MotionKind, RigConfig};
 use crate::record::RecordError;
 use crate::record::folder::RunFolder;
 
@@ -22,6 +22,9 @@ pub(super) fn model(run: &RunFolder) -> Result<Model, AnalysisError> {
 /// [`ExperimentError`] where they do not go together.
 pub fn prepared(config: &RigConfig, mut model: Model) -> Result<Experiment, ExperimentError> {
     let (mut fit, diagnose) = (config.fit.clone(), config.diagnose.clone());
+    if config.run.kind == MotionKind::Driven {
+        config.camera.put_clock_into(&mut fit);
+    }
     config.mechanism.weights().put_into(&config.water.water(), &mut model, &mut fit)?;
     CauseConfig::define(&config.cause, &mut model)?;
     fit.add_named_causes(&mut model);
@@ -42,9 +45,11 @@ pub(super) fn experiment(
     let kind = start.kind;
     let run = Run {
         command: timeline.command.clone().filter(|_| kind == RunKind::Driven),
+        measured: timeline.measured.clone(),
         prescribed: start.prescribed && kind == RunKind::Driven,
         ..Run::new(start.id.as_str(), kind, trajectory)
     };
     experiment.runs.push(run);
+    experiment.take_in_measured();
     Ok(experiment)
 }

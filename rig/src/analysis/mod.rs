@@ -36,7 +36,7 @@ pub use error::AnalysisError;
 use experiment::experiment;
 pub use experiment::prepared;
 use live::Live;
-use timeline::{Chronicle, Timeline};
+use timeline::{Chronicle, Timeline, late_s};
 
 /// The stage to begin with; the ones before are taken as they stand in the run's folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
@@ -98,7 +98,7 @@ impl Analysis<'_> {
             None => Timeline::read(self.run, self.config),
         })?;
         if let Some(command) = &timeline.command {
-            table::write_command(&self.out.join(file::SERVO), command)?;
+            table::write_servo(&self.out.join(file::SERVO), command, &timeline.measured)?;
         }
         let live = self.live.take();
         let (extraction, early) = match self.from {
@@ -288,7 +288,9 @@ impl Analysis<'_> {
 
     /// The run's images that get a row in the trajectory.
     fn images(&self, timeline: &Timeline) -> RecordedImages {
-        RecordedImages::of_run(self.run).usable_at(timeline.usable().map(|image| image.index).collect())
+        RecordedImages::of_run(self.run)
+            .later_by(late_s(self.run, self.config))
+            .usable_at(timeline.usable().map(|image| image.index).collect())
     }
 
     /// Copies files of the run that are taken as they are into another folder for results.

@@ -1,10 +1,11 @@
 //! What a recording says about time: when each image was exposed, and what the servo was told when, both on the
 //! run's time.
 
+use ident::table::MeasuredAngles;
 use sim::Command;
 
 use super::error::AnalysisError;
-use crate::camera::{CameraImage, Rising, images_lost};
+use crate::camera::{CameraConfig, CameraImage, Rising, images_lost};
 use crate::clock::{ClockFit, MonotonicNs, Ping, Wire};
 use crate::config::RigConfig;
 use crate::record::ServoCommand;
@@ -27,14 +28,26 @@ pub struct ImageTime {
     pub row: FrameRow,
 }
 
+/// Where a servo on a bus said it stood.
+#[derive(Debug, Clone, Copy)]
+struct Stood {
+    channel: u8,
+    count: i32,
+    sent: MonotonicNs,
+    received: MonotonicNs,
+}
+
 /// Takes in a run in the order in which it is recorded: from the recording, or beside it while it is made.
 #[derive(Debug, Clone)]
 pub struct Chronicle {
     origin: MonotonicNs,
+    /// How much later than they claim the images' times are, beyond what was taken back when they were recorded \[s\].
+    late_s: f64,
     images: Vec<ImageTime>,
     rising: Rising,
     last: Option<u32>,
     pings: Vec<Ping>,
+    stood: Vec<Stood>,
     armed: Option<PulseProfile>,
     started_tick_us: Option<u64>,
 }
@@ -44,10 +57,12 @@ impl Chronicle {
     pub fn new(origin: MonotonicNs) -> Self {
         Self {
             origin,
+            late_s: 0.0,
             images: Vec::new(),
             rising: Rising::default(),
             last: None,
             pings: Vec::new(),
+            stood: Vec::new(),
             armed: None,
             started_tick_us: None,
         }
@@ -61,7 +76,7 @@ impl Chronicle {
         };
         let row = FrameRow {
             sequence: image.sequence,
-            time_s: image.mid_exposure.seconds_since(self.origin),
+            time_s: image.mid_exposure.seconds_since(self.origin) - self.late_s,
             stamp_ns: image.stamp.0,
             damaged: image.damaged,
             lost_before: self.last.map_or(0, |last| images_lost(last, image.sequence)),
@@ -77,6 +92,9 @@ impl Chronicle {
         match *event {
             ServoEvent::Ping { sent, board_tick_us, received } => {
                 self.pings.push(Ping { sent, board_tick_us, received });
+            }
+            ServoEvent::Position { channel, count, sent, received } => {
+                self.stood.push(Stood { channel, count, sent, received });
             }
             ServoEvent::Started { board_tick_us } => self.started_tick_us = Some(board_tick_us),
             _ => {}
@@ -97,6 +115,7 @@ impl Chronicle {
     pub fn timeline(self, config: &RigConfig) -> Result<Timeline, AnalysisError> {
         let wire = config.servo.as_ref().map_or(Wire::NONE, ServoConfig::wire);
         let clock = ClockFit::new(&self.pings, wire);
+        let measured = self.measured(config);
         let command = match (&config.servo, &config.profile, self.armed, self.started_tick_us, &clock) {
             (Some(servo), Some(profile), Some(pulses), Some(tick_us), Some(clock)) => {
                 let start_s = clock.host(tick_us).seconds_since(self.origin);
@@ -105,8 +124,52 @@ impl Chronicle {
             _ => None,
         };
         let clock_at = self.pings.last().map_or(self.origin, |ping| ping.received);
-        Ok(Timeline { images: self.images, clock, clock_at, command })
+        let widths = self.stood.iter().map(|stood| stood.received.seconds_since(stood.sent));
+        let feedback = (!measured.is_empty()).then(|| ClockQuality {
+            name: "servo feedback".into(),
+            // Any instant between question and answer is as likely as another.
+            sigma_s: widths.sum::<f64>() / self.stood.len() as f64 / 12.0_f64.sqrt(),
+            samples: self.stood.len(),
+            drift_ppm: None,
+        });
+        Ok(Timeline { images: self.images, clock, clock_at, command, measured, feedback })
     }
+
+    /// The angles that servos on a bus told, half-way between question and answer.
+    fn measured(&self, config: &RigConfig) -> Vec<MeasuredAngles> {
+        let Some(servo) = &config.servo else { return Vec::new() };
+        let mirrored = config.profile.as_ref().is_some_and(|profile| profile.mirrored);
+        let mut measured: Vec<MeasuredAngles> = Vec::new();
+        for stood in &self.stood {
+            let Some(channel) = servo.channel(stood.channel) else { continue };
+            let Some(actuator) = &channel.actuator else { continue };
+            let half_s = stood.received.seconds_since(stood.sent) / 2.0;
+            let time_s = stood.sent.plus_seconds(half_s).seconds_since(self.origin);
+            let known = measured.iter().position(|angles| angles.actuator == *actuator);
+            let place = known.unwrap_or_else(|| {
+                measured.push(MeasuredAngles { actuator: actuator.clone(), ..MeasuredAngles::default() });
+                measured.len() - 1
+            });
+            let angles = &mut measured[place];
+            if angles.time_s.last().is_none_or(|last| time_s > *last) {
+                angles.time_s.push(time_s);
+                angles.angle_rad.push(channel.angle_rad(f64::from(stood.count), mirrored));
+            }
+        }
+        measured
+    }
+}
+
+/// How much later the images of `run` are, by the latency that `config` states, than by the one that was stated when they were
+/// recorded \[s\].
+pub fn late_s(run: &RunFolder, config: &RigConfig) -> f64 {
+    #[derive(serde::Deserialize)]
+    struct MadeWith {
+        camera: CameraConfig,
+    }
+    // What cannot be read any more is left as it was recorded.
+    let made_with = toml::from_str::<MadeWith>(&run.start().config).map(|made| made.camera.latency_s);
+    made_with.map_or(0.0, |then| config.camera.latency_s.get() - then.get())
 }
 
 /// See the module.
@@ -120,6 +183,10 @@ pub struct Timeline {
     clock_at: MonotonicNs,
     /// Commanded angles, where a profile was played.
     pub command: Option<Command>,
+    /// Angles that servos told.
+    pub measured: Vec<MeasuredAngles>,
+    /// How well their times are known.
+    feedback: Option<ClockQuality>,
 }
 
 impl Timeline {
@@ -128,7 +195,7 @@ impl Timeline {
     /// # Errors
     /// [`AnalysisError`] when there is no readable recording, or the config's channels are not those of the run.
     pub fn read(run: &RunFolder, config: &RigConfig) -> Result<Self, AnalysisError> {
-        let mut chronicle = Chronicle::new(run.origin());
+        let mut chronicle = Chronicle { late_s: late_s(run, config), ..Chronicle::new(run.origin()) };
         let mut recording = Recording::open(&run.file(file::RECORDING))?;
         for item in recording.by_ref() {
             match item?.1 {
@@ -146,14 +213,15 @@ impl Timeline {
         self.images.iter().filter(|image| image.row.status == USABLE)
     }
 
-    /// How well the board's clock is known, for the report.
-    pub fn clock_quality(&self) -> Option<ClockQuality> {
-        let clock = self.clock.as_ref()?;
-        Some(ClockQuality {
+    /// How well the board's clock is known, and when servos stood where they said, for the report.
+    pub fn clock_quality(&self) -> impl Iterator<Item = ClockQuality> {
+        let board = self.clock.as_ref().map(|clock| ClockQuality {
             name: "servo board".into(),
             sigma_s: clock.sigma_s(self.clock_at),
             samples: clock.used,
             drift_ppm: Some(clock.drift_ppm()),
-        })
+        });
+        // On a bus the servos have no clock of their own.
+        board.filter(|_| self.feedback.is_none()).into_iter().chain(self.feedback.clone())
     }
 }

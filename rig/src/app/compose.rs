@@ -3,11 +3,12 @@
 use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
-use ident::experiment::{CauseConfig, DiagnoseConfig, Experiment, FitConfig, Use};
+use ident::experiment::{CauseConfig, DiagnoseConfig, Experiment, FitConfig, RunKind, Use};
 use ident::weights::{Mechanism, Water};
 use serde::{Deserialize, Serialize};
 
 use super::Failure;
+use crate::camera::CameraConfig;
 use crate::record::folder::{RunFolder, Start, file, write_whole};
 
 /// The file, as `ident` reads it.
@@ -40,6 +41,7 @@ struct RunConfig {
     mechanism: Mechanism,
     water: Water,
     cause: Vec<CauseConfig>,
+    camera: CameraConfig,
 }
 
 /// Writes the experiment of the run folders `runs` to `out`, with the model they were made with or another, and gives it as a fit
@@ -56,15 +58,24 @@ pub fn compose(runs: &[(Use, &Path)], model: Option<&Path>, out: &Path) -> Resul
 
     let mut entries = Vec::new();
     let mut config = None;
+    let mut clock = FitConfig::default();
     for &(usage, path) in runs {
         let start = usable(path)?;
-        if config.is_none() {
-            config = Some(run_config(&start, path)?);
+        let made_with = run_config(&start, path)?;
+        if start.kind == RunKind::Driven {
+            made_with.camera.put_clock_into(&mut clock);
         }
+        config.get_or_insert(made_with);
         entries.push(RunEntry { folder: relative(path, home)?, usage });
     }
     let model = model.map(|model| relative(model, home)).transpose()?;
-    let RunConfig { fit, diagnose, mechanism, water, cause } = config.unwrap_or_default();
+    let RunConfig { mut fit, diagnose, mechanism, water, cause, .. } = config.unwrap_or_default();
+    for (name, prior) in clock.prior {
+        fit.prior.entry(name).or_insert(prior);
+    }
+    for (name, bounds) in clock.bounds {
+        fit.bounds.entry(name).or_insert(bounds);
+    }
     let file = ExperimentFile { model, fit, diagnose, mechanism, water, cause, run: entries };
     let text = toml::to_string(&file).map_err(Failure::internal)?;
     write_whole(out, text.as_bytes()).map_err(Failure::input)?;

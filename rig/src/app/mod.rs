@@ -15,6 +15,7 @@ pub mod firmware;
 pub mod fit;
 mod interrupt;
 pub mod last_good;
+pub mod latency;
 mod live;
 pub mod look;
 mod results;

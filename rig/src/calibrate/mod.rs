@@ -1,3 +1,5 @@
+//! What is measured once for a rig: the camera's stamps ([`latency`]), and where its pixels lie.
+//!
 //! Pictures of a board, held in the water in the mechanism's plane of motion, to that plane as the camera sees it.
 //!
 //! [`detect()`] finds the board's corners in one picture: saddle points (`saddle`), put in order (`grid`) or read as tags (`tags`,
@@ -15,6 +17,7 @@ mod field;
 mod fit;
 mod grid;
 mod homography;
+pub mod latency;
 pub mod port;
 mod quality;
 pub mod report;

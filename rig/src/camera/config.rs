@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use ident::strict::{NonNegative, Positive};
+use ident::experiment::{FitConfig, Prior};
+use ident::strict::{Finite, NonNegative, Positive};
 use serde::{Deserialize, Serialize};
 
 use super::{CameraError, CameraKind, Encoding};
@@ -32,9 +33,13 @@ pub struct CameraConfig {
     /// Exposure time \[s\]. Left out: as the camera says. Needed for the time of mid-exposure.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exposure_s: Option<Positive>,
-    /// How much later than the instant it claims a stamp is, as measured \[s\]. Default 0. USB webcams claim the start of
-    /// exposure and stamp 5 to 60 ms later.
-    pub latency_s: NonNegative,
+    /// How much later than the instant it claims a stamp is, as measured by `rig calibrate latency` \[s\]; below 0: earlier.
+    /// Default 0. USB webcams claim the start of exposure and stamp 5 to 60 ms later.
+    pub latency_s: Finite,
+    /// How well that is known, 1 sigma \[s\]. A fit then takes the images' clock to be off by so much at most, and a diagnosis looks
+    /// elsewhere for what is more. Left out: not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub latency_std_s: Option<Positive>,
     /// From the first row's end of exposure to the last one's \[s\]; matters where stamps mark the image's end. Default 0.
     pub readout_s: NonNegative,
     /// Switch automatic exposure, gain, white balance and focus off. Default true: automatic exposure moves the time of
@@ -46,6 +51,13 @@ pub struct CameraConfig {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stall_s: Option<Positive>,
 }
+
+/// The error of the images' times, as a parameter of a fit.
+const CLOCK_ERROR: &str = "camera_delay/delay";
+/// So many standard deviations is it off at most.
+const CLOCK_SIGMAS: f64 = 4.0;
+/// As much as the cause may be \[s\].
+const MOST_CLOCK_ERROR_S: f64 = 0.2;
 
 impl Default for CameraConfig {
     fn default() -> Self {
@@ -59,7 +71,8 @@ impl Default for CameraConfig {
             fps: None,
             format: Encoding::Grey,
             exposure_s: None,
-            latency_s: zero,
+            latency_s: Finite::new(0.0).unwrap_or_else(|| unreachable!("0 is finite")),
+            latency_std_s: None,
             readout_s: zero,
             lock_exposure: true,
             discard: 3,
@@ -84,6 +97,17 @@ impl CameraConfig {
     /// [`CameraError::Refused`] where the config does not say.
     pub fn fps(&self) -> Result<f64, CameraError> {
         self.fps.map(Positive::get).ok_or_else(|| self.missing("fps"))
+    }
+
+    /// Lets a fit take the images' clock, against the servo's, to be off by as little as it is known to be. A prior alone would not do: of
+    /// two delays that explain runs alike, and held-out ones too, the one that a fit has already is never left for the other.
+    pub fn put_clock_into(&self, fit: &mut FitConfig) {
+        let finite = |x: f64| Finite::new(x).unwrap_or_else(|| unreachable!("{x} is finite"));
+        if let Some(std) = self.latency_std_s {
+            let most_s = (CLOCK_SIGMAS * std.get()).min(MOST_CLOCK_ERROR_S);
+            fit.prior.entry(CLOCK_ERROR.into()).or_insert(Prior { mean: finite(0.0), std });
+            fit.bounds.entry(CLOCK_ERROR.into()).or_insert([finite(-most_s), finite(most_s)]);
+        }
     }
 
     /// The error for an option this kind of camera needs.

@@ -243,7 +243,7 @@ fn is_whole(data: &[u8], info: &CameraInfo) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ident::strict::{NonNegative, Positive};
+    use ident::strict::{Finite, NonNegative, Positive};
 
     fn info(encoding: Encoding) -> CameraInfo {
         CameraInfo {
@@ -261,7 +261,7 @@ mod tests {
         let config = CameraConfig {
             exposure_s: Positive::new(0.008),
             readout_s: NonNegative::new(0.010).unwrap(),
-            latency_s: NonNegative::new(0.020).unwrap(),
+            latency_s: Finite::new(0.020).unwrap(),
             ..CameraConfig::default()
         };
         let close = |a: f64, b: f64| (a - b).abs() < 1e-12;

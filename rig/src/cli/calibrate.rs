@@ -1,17 +1,21 @@
 //! `rig calibrate`: what is measured once for a rig.
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use ident::strict::Positive;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::app::{calibrate::from_pictures, on_threads, threads};
+use crate::app::latency::{Filmed, by_link};
+use crate::app::{base, calibrate::from_pictures, on_threads, threads};
 use crate::calibrate::port::Port;
 use crate::calibrate::world::Upright;
 use crate::calibrate::{Board, Setup, report};
 use crate::calibration::{Px, View};
-use crate::record::folder::write_whole;
+use crate::config::RigConfig;
+use crate::config::edit::{self, EditError};
+use crate::record::folder::{RunFolder, write_whole};
 use std::sync::Arc;
 
 /// Arguments of `rig calibrate`.
@@ -26,7 +30,38 @@ pub struct Args {
 #[derive(clap::Subcommand, Debug)]
 pub enum What {
     /// Pixels to metres, from pictures of a chessboard or an aprilgrid in the water, in the mechanism's plane of motion
-    Camera(CameraArgs),
+    Camera(Box<CameraArgs>),
+    /// How late the camera's stamps are, from the board's sync LED in the picture: films it for a while, or reads a recorded run
+    Latency(LatencyArgs),
+}
+
+/// What tells how late a camera's stamps are.
+#[derive(clap::ValueEnum, Debug, Clone, Copy, PartialEq, Eq)]
+pub enum By {
+    /// The board's sync LED
+    Led,
+    /// The driven link
+    Link,
+}
+
+/// Arguments of `rig calibrate latency`.
+#[derive(clap::Args, Debug)]
+pub struct LatencyArgs {
+    /// The rig config, whose camera sees the sync LED; nothing moves. Or a run folder, in whose images it is seen
+    #[arg(value_name = "CONFIG|RUN")]
+    pub from: PathBuf,
+    /// What tells the time: the board's sync LED; or, of an extracted run, the driven link, which leaves some milliseconds open
+    #[arg(long, value_enum, default_value = "led")]
+    pub by: By,
+    /// How long to film, in seconds; 3 at least
+    #[arg(long, value_name = "S", default_value = "10", value_parser = positive)]
+    pub film_s: Positive,
+    /// Also write `latency_s` and `latency_std_s` into this config; its comments stay
+    #[arg(long, value_name = "CONFIG")]
+    pub write: Option<PathBuf>,
+    /// Worker threads; as many as there are cores when left out
+    #[arg(long)]
+    pub threads: Option<NonZeroUsize>,
 }
 
 /// Arguments of `rig calibrate camera`.
@@ -88,7 +123,66 @@ fn positive(text: &str) -> Result<Positive, String> {
 /// # Errors
 /// Input: pictures that cannot be read or of different sizes. Data: no board, too little of the picture covered, too large an error.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
-    let What::Camera(args) = &args.what;
+    match &args.what {
+        What::Camera(args) => camera(args),
+        What::Latency(args) => latency(args),
+    }
+}
+
+fn latency(args: &LatencyArgs) -> Result<Outcome, Failure> {
+    let (found, latency_s, std_s) = match args.by {
+        By::Led => by_led(args)?,
+        By::Link => {
+            let run = RunFolder::open(&args.from).map_err(|error| {
+                Failure::input(
+                    anyhow::Error::new(error).context("--by link wants a run folder, of a driven run"),
+                )
+            })?;
+            let measured = by_link(&run)?;
+            (measured.to_string(), measured.latency_s, measured.std_s)
+        }
+    };
+    let rounded = |seconds: f64| (seconds * 1e6).round() / 1e6;
+    let (latency_s, std_s) = (rounded(latency_s), rounded(std_s));
+    if let Some(path) = &args.write {
+        edit::rewrite(path, |text| {
+            let text = edit::set(text, "camera", "latency_s", latency_s.into())?;
+            edit::set(&text, "camera", "latency_std_s", std_s.into())
+        })
+        .map_err(|error: EditError| Failure::input(error))?;
+    }
+    let written = args.write.as_ref().map_or_else(
+        || "for the table [camera] of the config:".to_owned(),
+        |path| format!("{}: written into [camera]:", path.display()),
+    );
+    let text = format!(
+        "{found}\n{written}\nlatency_s = {latency_s}\nlatency_std_s = {std_s}\n\
+         It holds for this camera, size, format, rate and exposure: after a change of any, measure again.\n"
+    );
+    Ok(Outcome { out: args.write.clone(), text, ..Outcome::default() })
+}
+
+/// What was found, in words, the latency and its standard deviation \[s\].
+fn by_led(args: &LatencyArgs) -> Result<(String, f64, f64), Failure> {
+    let mut bar = Bar::new(Arc::default());
+    let filmed = match args.from.is_dir() {
+        true => Filmed::of(&RunFolder::open(&args.from).map_err(Failure::input)?, &mut bar)?,
+        false => {
+            let config = RigConfig::read(&args.from).map_err(Failure::input)?;
+            Filmed::now(&config, base(&args.from), args.film_s.get(), &mut bar)?
+        }
+    };
+    let measured = filmed.measured(threads(args.threads))?;
+    let text = format!(
+        "{}\nthe config took back {:.2} ms; clock of the board known to {:.2} ms, which is in the servo's times too and cancels",
+        measured.beyond,
+        measured.configured_s * 1e3,
+        measured.clock_sigma_s * 1e3,
+    );
+    Ok((text, measured.latency_s, measured.beyond.std_s))
+}
+
+fn camera(args: &CameraArgs) -> Result<Outcome, Failure> {
     let upright = match (args.up_px, args.level_px) {
         (Some([x1, y1, x2, y2]), _) => Upright::Plumb([[x1, y1], [x2, y2]]),
         (None, Some([x1, y1, x2, y2])) => Upright::Level([[x1, y1], [x2, y2]]),

@@ -8,6 +8,7 @@ use super::{Failure, Outcome};
 use crate::app::base;
 use crate::config::RigConfig;
 use crate::doctor::{Check, Health, devices, host};
+use crate::servo::ServoConfig;
 
 /// Arguments of `rig doctor`.
 #[derive(clap::Args, Debug)]
@@ -28,7 +29,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let mut checks = vec![Check::good("config", args.config.display().to_string())];
     checks.extend(host::runs_folder(&args.runs_dir, config.expected_bytes()));
     checks.extend(host::write_rate(&args.runs_dir, config.camera_bytes_per_s(), config.camera.format));
-    if let Some(port) = config.servo.as_ref().and_then(|servo| servo.port.as_ref()) {
+    if let Some(port) = config.servo.as_ref().and_then(ServoConfig::outside_port) {
         checks.extend(host::latency_timer(Path::new(port)));
     }
     checks.extend(devices::look(&config, base(&args.config)));

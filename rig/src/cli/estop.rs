@@ -10,6 +10,7 @@ use super::{Failure, Outcome};
 use crate::claim::{Claim, port_lock};
 use crate::config::RigConfig;
 use crate::servo::StopOutcome;
+use crate::servo::bus;
 use crate::servo::serial::emergency_stop;
 
 /// Arguments of `rig estop`.
@@ -29,8 +30,8 @@ const RELEASE_TIMEOUT: Duration = Duration::from_secs(5);
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let config = RigConfig::read(&args.config).map_err(Failure::input)?;
     let servo = config.servo.as_ref();
-    let port = servo.and_then(|servo| Some((servo.port.as_deref()?, servo.baud)));
-    let (port, baud) = port.ok_or_else(|| {
+    let port = servo.and_then(|servo| Some((servo.outside_port()?, servo)));
+    let (port, servo) = port.ok_or_else(|| {
         Failure::Input(anyhow!(
             "{}: no board on a serial port: nothing to stop from outside",
             args.config.display()
@@ -39,7 +40,15 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     if let Some(holder) = Claim::holder(&port_lock(port)) {
         return tell(holder, port);
     }
-    let outcome = emergency_stop(port, baud).map_err(Failure::hardware)?;
+    if servo.is_bus() {
+        return match bus::emergency_stop(port, servo).map_err(Failure::hardware)? {
+            StopOutcome::Acknowledged => Ok(said(format!("the servos on {port} are in their safe state"))),
+            StopOutcome::LeftToDeadMan | StopOutcome::NotNeeded => Err(Failure::Hardware(anyhow!(
+                "not every servo on {port} confirmed the stop; cut their power if anything still moves"
+            ))),
+        };
+    }
+    let outcome = emergency_stop(port, servo.baud).map_err(Failure::hardware)?;
     match outcome {
         StopOutcome::Acknowledged => Ok(said(format!("the board on {port} stopped"))),
         StopOutcome::LeftToDeadMan | StopOutcome::NotNeeded => Err(Failure::Hardware(anyhow!(

@@ -9,7 +9,7 @@ use super::{Failure, Outcome};
 use crate::app::{Interrupt, base, interruptible};
 use crate::config::RigConfig;
 use crate::run::open;
-use crate::servo::{ServoChannel, StopOutcome};
+use crate::servo::{ServoChannel, ServoEvent, StopOutcome, Unit};
 
 /// Arguments of `rig jog`.
 #[derive(clap::Args, Debug)]
@@ -25,6 +25,9 @@ pub struct Args {
     /// Pulse to go to (µs)
     #[arg(long)]
     pub pulse_us: Option<u16>,
+    /// Position to go to, of a servo on a bus (counts)
+    #[arg(long, conflicts_with_all = ["angle_rad", "pulse_us"])]
+    pub count: Option<u16>,
     /// Duration of the motion (s)
     #[arg(long, default_value_t = 2.0)]
     pub duration_s: f64,
@@ -52,36 +55,52 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     };
     let channel = channel.ok_or_else(|| input(format!("--channel must be one of: {}", names())))?;
     let mirrored = config.profile.as_ref().is_some_and(|profile| profile.mirrored);
-    let pulse_us = match (args.pulse_us, args.angle_rad) {
-        (Some(pulse_us), _) => pulse_us,
-        (None, Some(angle_rad)) => {
-            let pulse_us = channel.pulse_us(angle_rad, mirrored).round();
-            let range = f64::from(channel.min_pulse_us)..=f64::from(channel.max_pulse_us);
-            if !range.contains(&pulse_us) {
+    let (unit, range) = (channel.travel.unit(), channel.travel.range());
+    let told = match (args.pulse_us, args.count, args.angle_rad) {
+        (Some(pulse_us), None, None) if unit == Unit::PulseUs => pulse_us,
+        (None, Some(count), None) if unit == Unit::Counts => count,
+        (None, None, Some(angle_rad)) => {
+            let told = channel.told(angle_rad, mirrored).round();
+            if !(f64::from(*range.start())..=f64::from(*range.end())).contains(&told) {
                 return Err(input(format!(
-                    "{angle_rad} rad is a pulse of {pulse_us} µs on channel {}, which takes {} to {} µs",
-                    channel.name, channel.min_pulse_us, channel.max_pulse_us
+                    "{angle_rad} rad is a {} of {told} {} on channel {}, which takes {} to {} {}",
+                    unit.noun(),
+                    unit.symbol(),
+                    channel.name,
+                    range.start(),
+                    range.end(),
+                    unit.symbol()
                 )));
             }
-            pulse_us as u16
+            told as u16
         }
-        (None, None) => return Err(input("say where to: --angle-rad or --pulse-us".into())),
+        _ => {
+            let own = if unit == Unit::Counts { "--count" } else { "--pulse-us" };
+            return Err(input(format!("say where to: --angle-rad or, for channel {}, {own}", channel.name)));
+        }
     };
-    interruptible(async |interrupt| move_to(args, &config, channel, pulse_us, interrupt))
+    interruptible(async |interrupt| move_to(args, &config, channel, told, interrupt))
 }
 
 fn move_to(
     args: &Args,
     config: &RigConfig,
     channel: &ServoChannel,
-    pulse_us: u16,
+    told: u16,
     interrupt: &Interrupt,
 ) -> Result<Outcome, Failure> {
     let (mut board, _port) = open::board(config, base(&args.config)).map_err(Failure::hardware)?;
-    let moved = board.jog(channel.id, pulse_us, args.duration_s).and_then(|()| {
+    let mut stood = None;
+    let moved = board.jog(channel.id, told, args.duration_s).and_then(|()| {
         let until = std::time::Instant::now() + Duration::from_secs_f64(args.duration_s + args.stay_s);
         while std::time::Instant::now() < until && !interrupt.is_raised() {
-            board.poll()?;
+            for event in board.poll()? {
+                if let ServoEvent::Position { channel: id, count, .. } = event
+                    && id == channel.id
+                {
+                    stood = Some(count);
+                }
+            }
             std::thread::sleep(Duration::from_millis(20));
         }
         Ok(())
@@ -91,5 +110,10 @@ fn move_to(
     if stopped == StopOutcome::LeftToDeadMan {
         return Err(Failure::Hardware(anyhow!("the board did not answer the stop; its dead-man stops it")));
     }
-    Ok(Outcome { text: format!("channel {} was at {pulse_us} µs", channel.name), ..Outcome::default() })
+    let unit = channel.travel.unit().symbol();
+    let text = match stood {
+        Some(count) => format!("channel {} was told {told} {unit} and stood at {count}", channel.name),
+        None => format!("channel {} was at {told} {unit}", channel.name),
+    };
+    Ok(Outcome { text, ..Outcome::default() })
 }

@@ -19,18 +19,24 @@ pub struct Args {}
 /// None: what cannot be looked at is said in the list.
 pub fn run(_args: &Args) -> Result<Outcome, Failure> {
     let mut text = String::new();
-    section(&mut text, "serial ports", &serial_ports(), "connect a servo board, or use the mock board");
+    section(
+        &mut text,
+        "serial ports",
+        &serial_ports(),
+        "connect a servo board or a servo bus's adapter, or use the mock board",
+    );
     section(&mut text, "cameras", &cameras(), "connect a camera, or use the mock camera");
     Ok(Outcome { text, ..Outcome::default() })
 }
 
 /// A device node and what is known about it.
 #[derive(Debug)]
-struct Device {
+pub(super) struct Device {
     /// The name to put into a config: one that stays the same after a replug, where there is one.
-    path: PathBuf,
+    pub(super) path: PathBuf,
     what: String,
-    obstacle: Option<String>,
+    /// Why it cannot be used now.
+    pub(super) obstacle: Option<String>,
 }
 
 fn section(text: &mut String, title: &str, devices: &[Device], none: &str) {
@@ -44,7 +50,7 @@ fn section(text: &mut String, title: &str, devices: &[Device], none: &str) {
     }
 }
 
-fn serial_ports() -> Vec<Device> {
+pub(super) fn serial_ports() -> Vec<Device> {
     // The library takes /sys/class/tty for granted, which a container may lack.
     let known = if Path::new("/sys/class/tty").exists() {
         serialport::available_ports().unwrap_or_default()
@@ -79,7 +85,7 @@ fn serial_ports() -> Vec<Device> {
         .collect()
 }
 
-fn cameras() -> Vec<Device> {
+pub(super) fn cameras() -> Vec<Device> {
     let stable = by_target(Path::new("/dev/v4l/by-id"));
     nodes(Path::new("/dev"), &["video"])
         .into_iter()

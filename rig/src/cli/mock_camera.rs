@@ -74,9 +74,12 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     Ok(Outcome::default())
 }
 
-/// How often the log is looked at; a pulse that becomes known late takes the tank back to before it, so this only bounds
-/// how much is simulated twice.
-const FOLLOW_EVERY: Duration = Duration::from_millis(5);
+/// How often the log is looked at.
+const FOLLOW_EVERY: Duration = Duration::from_millis(2);
+/// A log that does not say until when it is complete is, so long after \[s\]: a board looks at its clock every 5 ms.
+const WRITTEN_AFTER_S: f64 = 0.012;
+/// A board that has not said so for this long is gone \[s\].
+const GONE_AFTER_S: f64 = 0.3;
 
 /// Feeds the tank, from a thread of its own, with the pulses in the folder's log and with the request to let go.
 fn follow(mut tank: Tank, folder: &Path) -> anyhow::Result<()> {
@@ -90,11 +93,21 @@ fn follow(mut tank: Tank, folder: &Path) -> anyhow::Result<()> {
         _ => {}
     }
     let mut asked = false;
+    // Until when the log says that it is complete, and since when it has said so.
+    let mut known = (None, MonotonicNs::now());
     std::thread::Builder::new().name("follow-board".into()).spawn(move || {
         loop {
-            for (at, channel, pulse_us) in log.poll() {
-                tank.pulse(channel, pulse_us, at);
+            let (looked, said) = (MonotonicNs::now(), log.known());
+            if said != known.0 {
+                known = (said, looked);
             }
+            for (at, logged) in log.poll() {
+                logged.tell(at, &mut tank);
+            }
+            tank.complete(match known {
+                (Some(until), since) if looked.seconds_since(since) < GONE_AFTER_S => until,
+                _ => looked.plus_seconds(-WRITTEN_AFTER_S),
+            });
             if !asked && release.exists() {
                 asked = true;
                 tank.ask_release(MonotonicNs::now());

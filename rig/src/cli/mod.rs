@@ -16,6 +16,7 @@ pub mod jog;
 pub mod list;
 pub mod mock_board;
 pub mod mock_camera;
+pub mod new;
 pub mod preview;
 pub mod progress;
 pub mod replay;

@@ -2,13 +2,15 @@
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow};
 use ident::fit::FirstTouch;
 use sim::causes::Kind;
 use sim::math::Vec3;
 use sim::{
-    Command, ContactWatch, Integrator, JointKind, Model, Rollout, RolloutError, RolloutOptions, rollout,
+    BasePath, Command, ContactWatch, Integrator, JointKind, Model, Rollout, RolloutError, RolloutOptions,
+    rollout,
 };
 
 use super::{Failure, Outcome};
@@ -27,6 +29,9 @@ pub struct Args {
     /// Commanded angles over time (servo.csv)
     #[arg(long, value_name = "FILE")]
     servo: Option<PathBuf>,
+    /// Where the base goes over time (base.csv: time_s,x_m,z_m,angle_rad), with all that the model fastens to the world; left out, it stands
+    #[arg(long, value_name = "FILE")]
+    base: Option<PathBuf>,
     /// How long to simulate [s]
     #[arg(long, default_value_t = 10.0, allow_negative_numbers = true)]
     duration_s: f64,
@@ -95,15 +100,26 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         Some(path) => ident::table::read_command(path).map_err(Failure::input)?,
         None => Command::default(),
     };
+    let base = args.base.as_deref().map(ident::table::read_base).transpose().map_err(Failure::input)?;
+    if let Some(&last_s) = base.as_ref().and_then(|base| base.time_s().last())
+        && last_s < args.duration_s
+    {
+        return Err(Failure::Input(anyhow!(
+            "the base's path ends at {last_s} s, before --duration-s {}; add rows, or simulate for less",
+            args.duration_s
+        )));
+    }
     let options = RolloutOptions {
         integrator: args.integrator.map(Integrator::from),
         timestep_s: args.timestep_s,
         hold_command: args.hold_command,
         prescribed: args.prescribed,
+        base: base.map(Arc::new),
         start_s: 0.0,
         steps: None,
     };
     let times = sample_times(args)?;
+    let base = options.base.clone();
     let simulated = match args.accuracy_m {
         Some(accuracy_m) if !(accuracy_m.is_finite() && accuracy_m > 0.0) => {
             return Err(Failure::Input(anyhow!(
@@ -136,7 +152,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     if let Some(touch) = ContactWatch::new(&model).and_then(|mut watch| watch.first_touch(&run)) {
         tracing::warn!("{}", FirstTouch::from(touch));
     }
-    std::fs::write(&args.out, table(&model, &run))
+    std::fs::write(&args.out, table(&model, &run, base.as_deref()))
         .with_context(|| format!("writing {}", args.out.display()))
         .map_err(Failure::Input)?;
     let text = format!("{}\n", args.out.display());
@@ -188,7 +204,7 @@ fn sample_times(args: &Args) -> Result<Vec<f64>, Failure> {
 
 /// The rows as CSV: time, coordinates, velocities, every site, all of one instant. Where the model carries causes in the
 /// camera, keypoints are where it sees them.
-fn table(model: &Model, run: &Rollout<f64>) -> String {
+fn table(model: &Model, run: &Rollout<f64>, base: Option<&BasePath>) -> String {
     let (nq, nv) = (model.nq(), model.nv());
     let mut out = String::from("time_s");
     for index in 0..nq {
@@ -209,6 +225,11 @@ fn table(model: &Model, run: &Rollout<f64>) -> String {
         // nine decimals of a second hide that k * 0.01 is not quite what it says
         let _ = write!(out, "{}", (time_s * 1e9).round() / 1e9);
         let mut sites = model.poses(qpos).site_pos;
+        if let Some(base) = base.map(|base| base.at(*time_s)) {
+            for site in &mut sites {
+                *site = Vec3(base.place(site.0));
+            }
+        }
         for (keypoint, &site) in keypoints.iter().enumerate() {
             sites[site] = Vec3(run.position_m[instant * keypoints.len() + keypoint]);
         }
@@ -235,6 +256,7 @@ mod tests {
             qpos: Some(vec![0.5]),
             qvel: None,
             servo: None,
+            base: None,
             duration_s: 0.1,
             timestep_s: None,
             integrator: None,

@@ -6,6 +6,7 @@ use super::{Failure, Outcome, runs};
 use crate::claim::{Claim, port_lock};
 use crate::config::RigConfig;
 use crate::record::folder::{self, Listed};
+use crate::servo::bus;
 use crate::servo::serial::query_status;
 
 /// Arguments of `rig status`.
@@ -35,12 +36,16 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         lines.push(format!("last run      {id}, {how}"));
     }
     let servo = config.servo.as_ref();
-    match servo.and_then(|servo| Some((servo.port.as_deref()?, servo.baud))) {
+    match servo.and_then(|servo| Some((servo.outside_port()?, servo))) {
         None => lines.push("servo board   none on a serial port".into()),
-        Some((port, baud)) => match Claim::holder(&port_lock(port)) {
+        Some((port, servo)) => match Claim::holder(&port_lock(port)) {
             Some(pid) => lines.push(format!("servo board   {port}, driven by process {pid}")),
+            None if servo.is_bus() => {
+                let servos = bus::query_status(port, servo).map_err(Failure::hardware)?;
+                lines.extend(servos.into_iter().map(|how| format!("servo         {port}: {how}")));
+            }
             None => {
-                let status = query_status(port, baud).map_err(Failure::hardware)?;
+                let status = query_status(port, servo.baud).map_err(Failure::hardware)?;
                 lines.push(format!(
                     "servo board   {port}: {:?}, latched fault: {:?}, boot id {:08x}",
                     status.state, status.fault, status.boot_id

@@ -1,5 +1,6 @@
 //! A rig config: one TOML file that says everything about an experiment, read strictly.
 
+pub mod edit;
 mod error;
 mod extraction;
 mod tables;
@@ -18,6 +19,7 @@ use crate::calibration::{Calibration, View};
 use crate::camera::mock::CameraFaultKind;
 use crate::camera::{CameraConfig, CameraKind};
 use crate::profile::{Profile, ProfileConfig};
+use crate::servo::bus::BusFault;
 use crate::servo::{BoardFault, BoardKind, ServoConfig};
 use crate::vision::config::{Background, VisionConfig};
 
@@ -103,6 +105,8 @@ pub enum FaultKind {
     Camera(CameraFaultKind),
     /// The servo board.
     Board(BoardFault),
+    /// Emulated servos on a bus.
+    Bus(BusFault),
 }
 
 impl RigConfig {
@@ -134,8 +138,17 @@ impl RigConfig {
                 "a drop plays no profile: remove the table [profile], or say kind = \"driven\"",
             );
         }
-        if self.has(BoardKind::Mock, CameraKind::Mock) && self.mock.is_none() {
+        let emulated = self.servo.as_ref().is_some_and(ServoConfig::is_emulated_bus);
+        if (self.has(BoardKind::Mock, CameraKind::Mock) || emulated) && self.mock.is_none() {
             return contradiction("mock board or mock camera without a tank: add [mock] tank = \"...\"");
+        }
+        let faults = || self.mock.iter().flat_map(|mock| &mock.faults);
+        let of_board = |fault: &Fault| matches!(fault.kind, FaultKind::Board(_));
+        let of_bus = |fault: &Fault| matches!(fault.kind, FaultKind::Bus(_));
+        if emulated && faults().any(of_board) || !emulated && faults().any(of_bus) {
+            return contradiction(
+                "[mock] faults: board-... are of a mock board, bus-... and servo-... of an emulated bus ([servo] port = \"mock\")",
+            );
         }
         if self.has(BoardKind::Replay, CameraKind::Replay) && self.replay.is_none() {
             return contradiction("replayed board or camera without a run: add [replay] run = \"...\"");

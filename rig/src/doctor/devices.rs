@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::Check;
 use crate::calibration::Calibration;
-use crate::camera::{Camera, images_lost};
+use crate::camera::{Camera, CameraKind, images_lost};
 use crate::clock::{ClockFit, MonotonicNs, Ping, Wire};
 use crate::config::RigConfig;
 use crate::error_chain::with_causes;
@@ -30,12 +30,15 @@ pub fn look(config: &RigConfig, base: &Path) -> Vec<Check> {
     opened.begin(MonotonicNs::now());
     let mut checks = Vec::new();
     if let Some(mut board) = opened.board.take() {
-        let wire = config.servo.as_ref().map_or(Wire::NONE, ServoConfig::wire);
-        checks.extend(look_at_board(board.as_mut(), wire));
+        checks.extend(match &config.servo {
+            Some(servo) if servo.is_bus() => look_at_bus(board.as_mut(), servo),
+            servo => look_at_board(board.as_mut(), servo.as_ref().map_or(Wire::NONE, ServoConfig::wire)),
+        });
         board.stop();
     }
     let filmed = opened.camera.info();
     checks.push(calibration_finding(&config.calibration, base, [filmed.width_px, filmed.height_px]));
+    checks.extend(image_clock(config));
     checks.extend(look_at_camera(opened.camera.as_mut(), config.camera.stall()));
     opened.camera.stop();
     checks
@@ -56,6 +59,33 @@ fn calibration_finding(calibration: &Calibration, base: &Path, size_px: [u32; 2]
     }
 }
 
+/// How well the images' times are known against the servo's.
+fn image_clock(config: &RigConfig) -> Option<Check> {
+    let subject = "image clock";
+    let camera = &config.camera;
+    let latency_ms = camera.latency_s.get() * 1e3;
+    match camera.latency_std_s {
+        Some(std) => {
+            let std_ms = std.get() * 1e3;
+            let finding =
+                format!("latency {latency_ms:.2} ms, 1 sigma {std_ms:.2} ms, as measured by the sync LED");
+            Some(if std.get() > MAX_CLOCK_SIGMA_S {
+                Check::doubtful(subject, format!("{finding}; film it for longer: `rig calibrate latency`"))
+            } else {
+                Check::good(subject, finding)
+            })
+        }
+        None if config.servo.is_some() && camera.kind == CameraKind::V4l => Some(Check::doubtful(
+            subject,
+            format!(
+                "a latency of {latency_ms:.1} ms is stated, not how well it is known: webcams are 5 to 60 ms late; with the board's sync LED \
+                 in view `rig calibrate latency CONFIG --write CONFIG` measures it"
+            ),
+        )),
+        None => None,
+    }
+}
+
 fn look_at_board(board: &mut dyn ServoBoard, wire: Wire) -> Vec<Check> {
     let info = board.info().clone();
     let found = format!(
@@ -68,6 +98,58 @@ fn look_at_board(board: &mut dyn ServoBoard, wire: Wire) -> Vec<Check> {
         Err(error) => checks.push(Check::bad("servo board", error.to_string())),
     }
     checks
+}
+
+/// Servos without a board: how long they take to answer, against the time there is for it in a stream.
+fn look_at_bus(board: &mut dyn ServoBoard, servo: &ServoConfig) -> Vec<Check> {
+    let mut checks = vec![Check::good("servo bus", board.info().name.clone())];
+    let until = Instant::now() + LOOK_DURATION;
+    let mut answers: Vec<(u8, i32, f64)> = Vec::new();
+    while Instant::now() < until {
+        match board.poll() {
+            Ok(events) => answers.extend(events.into_iter().filter_map(|event| match event {
+                ServoEvent::Position { channel, count, sent, received } => {
+                    Some((channel, count, received.seconds_since(sent)))
+                }
+                _ => None,
+            })),
+            Err(error) => {
+                checks.push(Check::bad("servo bus", error.to_string()));
+                return checks;
+            }
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    for channel in &servo.channels {
+        let own = || answers.iter().filter(|(id, ..)| *id == channel.id);
+        let name = format!("servo {} (`{}`)", channel.id, channel.name);
+        checks.push(match own().next_back() {
+            None => Check::bad("servo", format!("{name} does not answer: check its cable and supply")),
+            Some((_, count, _)) => {
+                let mut took_s: Vec<f64> = own().map(|(.., took_s)| *took_s).collect();
+                took_s.sort_by(f64::total_cmp);
+                answer_finding(&name, *count, &took_s, servo.stream_period_s())
+            }
+        });
+    }
+    checks
+}
+
+/// A servo's answers took so long each \[s\], in order; there is at least one.
+fn answer_finding(name: &str, count: i32, took_s: &[f64], period_s: f64) -> Check {
+    // The slowest tells of this computer, the middle one of adapter and wire.
+    let (middle_s, slowest_s) = (took_s[took_s.len() / 2], took_s[took_s.len() - 1]);
+    let finding = format!(
+        "{name} stands at {count} counts; answers take {:.2} ms, the slowest {:.2} ms, of a period of {:.0} ms",
+        middle_s * 1e3,
+        slowest_s * 1e3,
+        period_s * 1e3
+    );
+    if middle_s > 0.5 * period_s {
+        let remedy = "set the adapter's latency timer to 1 ms, raise baud, or lower stream_hz";
+        return Check::doubtful("servo", format!("{finding}: {remedy}"));
+    }
+    Check::good("servo", finding)
 }
 
 fn pings(board: &mut dyn ServoBoard) -> Result<Vec<Ping>, ServoError> {
@@ -179,6 +261,17 @@ mod tests {
         let pings = recorded(wire.to_s + 1e-3, wire.back_s + 1e-3, 30.0);
         assert_eq!(clock_finding(&pings, Wire::NONE).health, Health::Bad);
         assert_eq!(clock_finding(&pings, wire).health, Health::Good);
+    }
+
+    #[test]
+    fn slow_answers_of_a_bus_are_doubtful() {
+        assert_eq!(answer_finding("servo 1", 2048, &[1e-3, 1e-3, 9e-3], 1e-2).health, Health::Good);
+        let slow = answer_finding("servo 1", 2048, &[8e-3], 1e-2);
+        assert!(
+            slow.health == Health::Doubtful && slow.finding.contains("latency timer"),
+            "{}",
+            slow.finding
+        );
     }
 
     #[test]

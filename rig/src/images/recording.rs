@@ -48,6 +48,12 @@ impl RecordedImages {
         }
     }
 
+    /// The same, all exposed so much earlier than was believed when they were recorded \[s\].
+    #[must_use]
+    pub fn later_by(self, late_s: f64) -> Self {
+        Self { origin: self.origin.map(|origin| origin.plus_seconds(late_s)), ..self }
+    }
+
     /// The same, where the places of the usable images are known from an earlier look.
     #[must_use]
     pub fn usable_at(self, places: Vec<u64>) -> Self {

@@ -3,12 +3,10 @@
 use std::path::Path;
 
 use serde::Deserialize;
-use toml_edit::{Array, DocumentMut, Item, Table, Value};
+use toml_edit::{Array, Value};
 
 use crate::calibration::Px;
-use crate::config::{ConfigError, RigConfig};
-use crate::record::RecordError;
-use crate::record::folder::write_whole;
+use crate::config::edit::{self, EditError};
 
 /// What is to be written; what is left out stays as it is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize)]
@@ -24,7 +22,7 @@ pub struct Places {
 
 /// Why places cannot be written.
 #[derive(Debug, thiserror::Error)]
-pub enum EditError {
+pub enum PlacesError {
     /// Nothing was given.
     #[error("nothing to write: neither base_px nor origin_px is set")]
     Nothing,
@@ -41,79 +39,39 @@ pub enum EditError {
     /// The origin belongs to the file.
     #[error("[calibration] has a file, which holds the origin: set it with rig calibrate camera --origin-px")]
     FromFile,
-    /// The table is something else.
-    #[error("[{table}] of the config is no table: write {key} into it by hand")]
-    NoTable {
-        /// The table.
-        table: &'static str,
-        /// The key.
-        key: &'static str,
-    },
-    /// The config cannot be read.
-    #[error("reading {path}")]
-    Unreadable {
-        /// The config.
-        path: String,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The config is no TOML any more.
-    #[error("reading the config")]
-    Syntax(#[from] toml_edit::TomlError),
-    /// The config would not be valid, before or after.
+    /// The config's file.
     #[error(transparent)]
-    Invalid(#[from] ConfigError),
-    /// It cannot be written.
-    #[error(transparent)]
-    Write(#[from] RecordError),
+    Edit(#[from] EditError),
 }
 
 impl Places {
     /// Writes them into the config at `path`, as it stands there now.
     ///
     /// # Errors
-    /// [`EditError`]; the config is as it was then.
-    pub fn write(&self, path: &Path, picture_px: [u32; 2]) -> Result<(), EditError> {
-        let unreadable = |source| EditError::Unreadable { path: path.display().to_string(), source };
-        // Through a link to the file itself, which a new file would replace.
-        let path = &path.canonicalize().map_err(unreadable)?;
-        let text = std::fs::read_to_string(path).map_err(unreadable)?;
-        let edited = self.edited(&text, picture_px)?;
-        RigConfig::parse(&edited, path)?;
-        Ok(write_whole(path, edited.as_bytes())?)
+    /// [`PlacesError`]; the config is as it was then.
+    pub fn write(&self, path: &Path, picture_px: [u32; 2]) -> Result<(), PlacesError> {
+        edit::rewrite(path, |text| self.edited(text, picture_px))
     }
 
     /// `text` with them in it.
-    fn edited(&self, text: &str, picture_px: [u32; 2]) -> Result<String, EditError> {
+    fn edited(&self, text: &str, picture_px: [u32; 2]) -> Result<String, PlacesError> {
         let wanted = [("vision", "base_px", self.base_px), ("calibration", "origin_px", self.origin_px)];
         if wanted.iter().all(|(.., px)| px.is_none()) {
-            return Err(EditError::Nothing);
+            return Err(PlacesError::Nothing);
         }
-        let mut document: DocumentMut = text.parse()?;
+        let mut edited = text.to_owned();
         for (table, key, px) in wanted {
             let Some(px) = px else { continue };
             let within = |c: f64, side: u32| (-0.5..f64::from(side) - 0.5).contains(&c);
             if !within(px[0], picture_px[0]) || !within(px[1], picture_px[1]) {
-                return Err(EditError::Outside { key, got: px, picture_px });
+                return Err(PlacesError::Outside { key, got: px, picture_px });
             }
-            let entry = document.entry(table).or_insert_with(|| Item::Table(Table::new()));
-            let Some(entries) = entry.as_table_like_mut() else {
-                return Err(EditError::NoTable { table, key });
-            };
-            if key == "origin_px" && entries.contains_key("file") {
-                return Err(EditError::FromFile);
+            if key == "origin_px" && edit::has(&edited, table, "file")? {
+                return Err(PlacesError::FromFile);
             }
-            let mut value = Value::from(Array::from_iter(px.map(tenth)));
-            if let Some(before) = entries.get(key).and_then(Item::as_value) {
-                // What stands around a value, a comment behind it, belongs to it.
-                *value.decor_mut() = before.decor().clone();
-            }
-            entries.insert(key, Item::Value(value));
-            if let Some(inline) = entry.as_inline_table_mut() {
-                inline.fmt();
-            }
+            edited = edit::set(&edited, table, key, Value::from(Array::from_iter(px.map(tenth))))?;
         }
-        Ok(document.to_string())
+        Ok(edited)
     }
 }
 
@@ -163,7 +121,7 @@ mod tests {
         let path = folder.path().join("rig.toml");
         std::fs::write(&path, CONFIG).unwrap();
         let error = places(Some([1.0, 2.0]), None).write(&path, SIZE).unwrap_err();
-        assert!(matches!(error, EditError::Invalid(_)), "{error}");
+        assert!(matches!(error, PlacesError::Edit(EditError::Invalid(_))), "{error}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), CONFIG);
     }
 }

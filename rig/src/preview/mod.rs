@@ -10,6 +10,6 @@ pub mod measures;
 mod server;
 mod watch;
 
-pub use edit::{EditError, Places};
+pub use edit::{Places, PlacesError};
 pub use server::{PreviewError, Server};
 pub use watch::Watch;

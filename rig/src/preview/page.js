@@ -59,6 +59,7 @@ function draw() {
   marks.replaceChildren();
   if (!size) return;
   marks.setAttribute("viewBox", `0 0 ${size[0]} ${size[1]}`);
+  links();
   const reach = Math.max(size[0], size[1]) / 40;
   for (const key of KEYS) {
     if (!places[key]) continue;
@@ -76,6 +77,21 @@ function draw() {
     }
   }
 }
+
+// The model at rest, where the config sees it; it goes along with an origin that is not written yet.
+function links() {
+  if (!known || !$("links").checked) return;
+  const from = known.origin_px, to = places.origin_px;
+  const by = from && to && !known.origin_is_fixed ? [0, 1].map((i) => to[i] - from[i]) : [0, 0];
+  for (const corners of known.links_px) {
+    const link = document.createElementNS("http://www.w3.org/2000/svg", "polygon");
+    link.setAttribute("points", corners.map((px) => px.map((value, i) => value + by[i] + 0.5).join(",")).join(" "));
+    link.setAttribute("class", "link");
+    marks.append(link);
+  }
+}
+
+$("links").addEventListener("change", () => draw());
 
 stage.addEventListener("click", (event) => {
   if (!size) return;

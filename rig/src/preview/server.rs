@@ -15,9 +15,10 @@ use tokio::net::TcpListener;
 
 use super::edit::Places;
 use super::watch::{Picture, Watch};
-use crate::calibration::Px;
+use crate::calibration::{Plane, Px};
 use crate::config::RigConfig;
 use crate::error_chain::with_causes;
+use crate::tank::render::outlines;
 
 const PAGE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");
@@ -167,6 +168,8 @@ struct Known {
     origin_px: Option<Px>,
     /// The origin belongs to a calibration file.
     origin_is_fixed: bool,
+    /// The model's links at rest, as the calibration has them in the picture: corners of each.
+    links_px: Vec<Vec<Px>>,
     error: Option<String>,
 }
 
@@ -177,11 +180,13 @@ impl Known {
             Ok(config) => {
                 let folder = path.parent().unwrap_or(Path::new(""));
                 let plane = config.calibration.plane(folder).ok();
+                let links_px = plane.as_ref().and_then(|plane| links_at_rest(&config, folder, plane));
                 Self {
                     file,
                     base_px: config.vision.base(),
                     origin_px: plane.map(|plane| plane.pixel([0.0, 0.0])),
                     origin_is_fixed: config.calibration.file.is_some(),
+                    links_px: links_px.unwrap_or_default(),
                     error: None,
                 }
             }
@@ -190,10 +195,18 @@ impl Known {
                 base_px: None,
                 origin_px: None,
                 origin_is_fixed: false,
+                links_px: Vec::new(),
                 error: Some(with_causes(&error)),
             },
         }
     }
+}
+
+/// Outlines of the model's shapes at rest; none where the model cannot be read, which `rig doctor` tells.
+fn links_at_rest(config: &RigConfig, folder: &Path, plane: &Plane) -> Option<Vec<Vec<Px>>> {
+    let text = std::fs::read_to_string(folder.join(&config.run.model)).ok()?;
+    let model = sim::Model::from_mjcf(&text).ok()?;
+    Some(outlines(&model, &model.rest_state().qpos, plane))
 }
 
 async fn write(State(page): State<Arc<Page>>, Json(places): Json<Places>) -> Response {

@@ -41,7 +41,7 @@ fn counter_clockwise_stroke_lasts_exactly_twice_the_other_whatever_the_decimals(
     for cw_s in [0.5, 1.0 / 3.0, 0.123_456_7, 2.0 / 7.0] {
         let text = format!("amplitude_rad = 0.1\nccw_s = {}\ncw_s = {cw_s}\ncycles = 100", 2.0 * cw_s);
         let track = &profile(&text).pulses(&example()).unwrap().tracks[0];
-        let (mut up, mut down, mut before) = (0u64, 0u64, track.start_pulse_us);
+        let (mut up, mut down, mut before) = (0u64, 0u64, track.start_pulse);
         for &(duration, pulse) in &track.segments {
             *(if pulse > before { &mut up } else { &mut down }) += u64::from(duration);
             before = pulse;
@@ -61,13 +61,14 @@ fn commanded_angles_are_those_of_the_rounded_pulses() {
         assert_eq!(command.actuators, ["servo"]);
         assert_eq!(command.first_motion_s(), Some(2.0));
         // Half a microsecond of rounding at this gain.
-        let rounding_rad = 0.5 / servo.channels[0].us_per_rad.get();
+        let channel = &servo.channels[0];
+        let rounding_rad = 0.5 / (channel.told(1.0, false) - channel.told(0.0, false));
         for k in 0..4500 {
             let t = f64::from(k) * 1e-3;
             let difference = command.at(0, 2.0 + t) - profile.angle_rad(t);
             assert!(difference.abs() <= rounding_rad + 1e-9, "{difference} at {t}");
         }
-        let rising = pulses.tracks[0].segments[0].1 > pulses.tracks[0].start_pulse_us;
+        let rising = pulses.tracks[0].segments[0].1 > pulses.tracks[0].start_pulse;
         assert_eq!(rising, !mirrored);
     }
 }
@@ -88,6 +89,12 @@ fn limits_are_named_with_what_to_change() {
          amplitude_rad or lengthen ccw_s"
             .replace("ccw_s", "cw_s")
     );
+    let bus = crate::servo::config::tests::parse(crate::servo::config::tests::BUS).unwrap();
+    let refuse_bus = |text: &str| profile(text).pulses(&bus).unwrap_err().to_string();
+    let wide = refuse_bus("amplitude_rad = 1.2\nccw_s = 4\ncw_s = 2\ncycles = 1");
+    assert!(wide.contains("a position of 2830 counts, outside its limits 1400 to 2700 counts"), "{wide}");
+    let fast = refuse_bus("amplitude_rad = 0.9\nccw_s = 0.4\ncw_s = 0.2\ncycles = 1");
+    assert!(fast.contains("above its limit max_rate_rad_per_s of 3911 counts/s"), "{fast}");
     assert!(refuse(&format!("{PAPER}actuators = [\"arm\"]")).contains("actuator = \"arm\""));
     assert_eq!(Profile::new(&config(&PAPER.replace("= 3", "= 0"))), Err(ProfileError::Empty));
     let long = Profile::new(&config(&PAPER.replace("= 3", "= 2000"))).unwrap_err().to_string();
@@ -136,8 +143,8 @@ proptest! {
         if let Ok(pulses) = profile.pulses(&example()) {
             let track = &pulses.tracks[0];
             prop_assert_eq!(track.duration_us(), profile.duration_us());
-            prop_assert_eq!(track.segments.last().unwrap().1, track.start_pulse_us);
-            let mut before = PulseWidthUs(track.start_pulse_us);
+            prop_assert_eq!(track.segments.last().unwrap().1, track.start_pulse);
+            let mut before = PulseWidthUs(track.start_pulse);
             for &(duration, pulse) in &track.segments {
                 prop_assert!((900..=2100).contains(&pulse));
                 prop_assert!(RateUsPerS(4000).allows(before, PulseWidthUs(pulse), DurationUs(duration)));

@@ -199,7 +199,8 @@ pub(super) fn servo(trace: &ServoTrace) -> Markup {
     let angle = |command: &Command, column: usize| {
         let width = command.actuators.len();
         let row = |(i, &t): (usize, &f64)| (t, command.angle_rad[i * width + column].to_degrees());
-        command.time_s.iter().enumerate().map(row).collect()
+        // Each servo is measured at times of its own: an empty cell is no gap.
+        command.time_s.iter().enumerate().map(row).filter(|(_, angle)| angle.is_finite()).collect()
     };
     let charts = trace.commanded.actuators.iter().enumerate().map(|(c, name)| {
         let mut series = vec![Series::line(angle(&trace.commanded, c), KEYPOINTS[1])];

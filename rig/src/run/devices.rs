@@ -215,7 +215,7 @@ fn serve(board: &mut dyn ServoBoard, orders: &Receiver<Order>, signals: &Unbound
     loop {
         match orders.recv_timeout(SERVO_PERIOD) {
             Ok(Order::Approach(profile, duration_s)) => {
-                let jog = |track: &PulseTrack| board.jog(track.channel, track.start_pulse_us, duration_s);
+                let jog = |track: &PulseTrack| board.jog(track.channel, track.start_pulse, duration_s);
                 if let Err(error) = profile.tracks.iter().try_for_each(jog) {
                     let _ = signals.send(Signal::ServoFailed(error));
                 }

@@ -239,7 +239,9 @@ impl<N: FnMut(Notice)> Kept<N> {
                         (self.notify)(Notice::Journal(format!("servo: {text}")));
                         return Ok(None);
                     }
-                    ServoEvent::Ping { .. } | ServoEvent::Pulse { .. } => return Ok(None),
+                    ServoEvent::Ping { .. } | ServoEvent::Pulse { .. } | ServoEvent::Position { .. } => {
+                        return Ok(None);
+                    }
                 }
             }
         }))

@@ -233,16 +233,11 @@ mod tests {
         let (careful, plain) = (pulses(false), pulses(true));
         let reach = |track: &PulseTrack| -> u16 {
             let first = &track.segments[..3];
-            first.iter().map(|&(_, pulse)| pulse.abs_diff(track.start_pulse_us)).max().unwrap()
+            first.iter().map(|&(_, pulse)| pulse.abs_diff(track.start_pulse)).max().unwrap()
         };
         let (first, full) = (
             reach(&careful.tracks[0]),
-            plain.tracks[0]
-                .segments
-                .iter()
-                .map(|s| s.1.abs_diff(plain.tracks[0].start_pulse_us))
-                .max()
-                .unwrap(),
+            plain.tracks[0].segments.iter().map(|s| s.1.abs_diff(plain.tracks[0].start_pulse)).max().unwrap(),
         );
         assert!(first > 0 && first * 8 < full, "{first} µs of {full} µs");
         assert_eq!(careful.tracks[0].segments[3..], plain.tracks[0].segments);

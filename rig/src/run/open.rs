@@ -14,6 +14,7 @@ use crate::clock::MonotonicNs;
 use crate::config::{FaultKind, RigConfig};
 use crate::record::folder::RunFolder;
 use crate::servo::PulseSink;
+use crate::servo::bus::{BusFault, BusOptions};
 use crate::servo::{self, BoardFault, BoardKind, MockOptions, ServoBoard, ServoConfig};
 use crate::tank::{Tank, TankError};
 
@@ -122,7 +123,7 @@ fn open_board(
     tank: Option<&Tank>,
     run_start: &Arc<OnceLock<MonotonicNs>>,
 ) -> Result<(Box<dyn ServoBoard>, Option<Claim>), RunError> {
-    let claim = servo.port.as_ref().map(|port| Claim::take(port, &port_lock(port))).transpose()?;
+    let claim = servo.outside_port().map(|port| Claim::take(port, &port_lock(port))).transpose()?;
     let options = MockOptions {
         faults: board_faults(config),
         run_start: Arc::clone(run_start),
@@ -133,7 +134,12 @@ fn open_board(
         None => Box::new(Nowhere),
     };
     let told = replayed(config, base)?.map(|run| recorded::told(&run, run_start)).transpose()?.flatten();
-    let opening = servo::Opening { config: servo, mock: (options, sink), told };
+    let bus = BusOptions::of(servo).map(|bus| BusOptions {
+        faults: bus_faults(config),
+        run_start: Arc::clone(run_start),
+        ..bus
+    });
+    let opening = servo::Opening { config: servo, mock: (options, sink), bus, told };
     Ok((servo::open(opening)?, claim))
 }
 
@@ -142,7 +148,17 @@ fn board_faults(config: &RigConfig) -> Vec<(f64, BoardFault)> {
     faults
         .filter_map(|fault| match fault.kind {
             FaultKind::Board(kind) => Some((fault.at_s.get(), kind)),
-            FaultKind::Camera(_) => None,
+            FaultKind::Bus(_) | FaultKind::Camera(_) => None,
+        })
+        .collect()
+}
+
+fn bus_faults(config: &RigConfig) -> Vec<(f64, BusFault)> {
+    let faults = config.mock.iter().flat_map(|mock| &mock.faults);
+    faults
+        .filter_map(|fault| match fault.kind {
+            FaultKind::Bus(kind) => Some((fault.at_s.get(), kind)),
+            FaultKind::Board(_) | FaultKind::Camera(_) => None,
         })
         .collect()
 }
@@ -152,7 +168,7 @@ fn camera_faults(config: &RigConfig) -> Vec<CameraFault> {
     faults
         .filter_map(|fault| match fault.kind {
             FaultKind::Camera(kind) => Some(CameraFault { at_s: fault.at_s, kind }),
-            FaultKind::Board(_) => None,
+            FaultKind::Board(_) | FaultKind::Bus(_) => None,
         })
         .collect()
 }

@@ -1,12 +1,13 @@
 //! The `[servo]` table: which board, and what hangs on its channels.
 
 use super::BoardKind;
+pub use super::channel::{ChannelKind, SafeState, ServoChannel};
+use super::travel::Unit;
 use crate::clock::Wire;
 use firmware_protocol::board::DEAD_MAN_RANGE;
-use firmware_protocol::channel as wire;
 use firmware_protocol::command::Command;
-use firmware_protocol::event::{Event, Fault, MAX_CHANNELS, State};
-use firmware_protocol::units::{Channel, Name, PulseWidthUs, RateUsPerS, Sequence, Ticks};
+use firmware_protocol::event::{Event, Fault, State};
+use firmware_protocol::units::{Sequence, Ticks};
 use ident::strict::Positive;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 
@@ -16,88 +17,44 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 pub struct ServoConfig {
     /// Which kind of board.
     pub kind: BoardKind,
-    /// The serial port, best by its stable name under `/dev/serial/by-id`. Needed by `serial` only.
+    /// The serial port, best by its stable name under `/dev/serial/by-id`. Needed by `serial`, `dynamixel` and `feetech`; with
+    /// the last two `"mock"` is a bus of emulated servos.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub port: Option<String>,
-    /// Bits per second on the line. Ignored by boards with a USB port of their own. Default 115200.
+    /// Bits per second on the line. Ignored by boards with a USB port of their own. Default 115200; servos for a bus come from
+    /// the factory with another one.
     #[serde(default = "default_baud")]
     pub baud: u32,
     /// How long the board bears the host's silence before it puts every channel in its safe state \[ms\], 50 to 2000.
     /// The host takes as long a silence of the board for its loss. Default 250.
     #[serde(default = "default_dead_man")]
     pub dead_man_ms: u16,
-    /// Time between reports of the pulses \[ms\]; 0 for none. Default 20.
+    /// Time between reports of the pulses \[ms\]; 0 for none. Default 20. Servos on a bus tell their position each time they are
+    /// told one.
     #[serde(default = "default_telemetry")]
     pub telemetry_ms: u16,
+    /// How often servos on a bus are told their position and asked for it \[Hz\], 10 to 500. Default 100. Bus only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stream_hz: Option<Positive>,
+    /// The host may be so late with a position \[ms\]; later is a fault. Default 50. Bus only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_late_ms: Option<u16>,
+    /// Feetech's servos have no watchdog: after the host's death they hold the last position they were told, with torque.
+    /// `true` says that this is known and borne; without it `feetech` is refused.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub accept_no_watchdog: Option<bool>,
     /// The channels in use.
     #[serde(default, rename = "channel")]
     pub channels: Vec<ServoChannel>,
 }
 
-/// What a channel drives.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ChannelKind {
-    /// A servo.
-    #[default]
-    Servo,
-    /// What holds the mechanism until a release.
-    Release,
-    /// A lamp in view of the camera.
-    SyncLed,
-}
-
-/// What a channel does when the board stops by itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum SafeState {
-    /// No pulse: the servo goes limp. What hangs keeps still, what stands falls.
-    Detach,
-    /// The pulse it had.
-    Hold,
-    /// To the park pulse, at no more than the greatest rate.
-    Park,
-}
-
-/// A `[[servo.channel]]` table: one channel, its limits and its calibration.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, remote = "Self")]
-pub struct ServoChannel {
-    /// Number on the board, from 0.
-    pub id: u8,
-    /// For people: 1 to 16 ASCII characters.
-    pub name: String,
-    /// The model's actuator that stands for this servo.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub actuator: Option<String>,
-    /// What it drives. Default a servo.
-    #[serde(default)]
-    pub kind: ChannelKind,
-    /// Shortest pulse \[µs\].
-    pub min_pulse_us: u16,
-    /// Longest pulse \[µs\].
-    pub max_pulse_us: u16,
-    /// Pulse at angle zero \[µs\]. Default 1500.
-    #[serde(default = "default_zero")]
-    pub zero_pulse_us: Positive,
-    /// Change of the pulse per angle \[µs/rad\]. Default 1000 µs over 90°, what most hobby servos do.
-    #[serde(default = "default_gain")]
-    pub us_per_rad: Positive,
-    /// Fastest change of the pulse \[µs/s\]; 0, for no limit, only where the channel drives no servo.
-    #[serde(default)]
-    pub max_rate_us_per_s: u32,
-    /// What it does when the board stops by itself.
-    pub safe_state: SafeState,
-    /// Where `park` goes \[µs\]; left out, to the zero pulse.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub park_pulse_us: Option<u16>,
-    /// Zero and gain were measured. Otherwise the first motion after arming is small and slow.
-    #[serde(default)]
-    pub calibrated: bool,
-}
-
 /// With start and stop bit.
 const BITS_PER_BYTE: f64 = 10.0;
+const DEFAULT_STREAM_HZ: f64 = 100.0;
+const DEFAULT_MAX_LATE_MS: u16 = 50;
+const LEAST_BUS_SILENCE_MS: u16 = 100;
+/// The port of an emulated bus.
+const MOCK_PORT: &str = "mock";
 
 fn default_baud() -> u32 {
     115_200
@@ -111,14 +68,6 @@ fn default_telemetry() -> u16 {
     20
 }
 
-fn default_zero() -> Positive {
-    Positive::new(1500.0).expect("1500 is above 0")
-}
-
-fn default_gain() -> Positive {
-    Positive::new(1000.0 / std::f64::consts::FRAC_PI_2).expect("a positive quotient")
-}
-
 impl ServoConfig {
     /// No board.
     pub fn none() -> Self {
@@ -128,8 +77,36 @@ impl ServoConfig {
             baud: default_baud(),
             dead_man_ms: default_dead_man(),
             telemetry_ms: default_telemetry(),
+            stream_hz: None,
+            max_late_ms: None,
+            accept_no_watchdog: None,
             channels: Vec::new(),
         }
+    }
+
+    /// Whether the servos are on a bus, without a board.
+    pub fn is_bus(&self) -> bool {
+        matches!(self.kind, BoardKind::Dynamixel | BoardKind::Feetech)
+    }
+
+    /// Whether the bus and its servos are emulated.
+    pub fn is_emulated_bus(&self) -> bool {
+        self.is_bus() && self.port.as_deref() == Some(MOCK_PORT)
+    }
+
+    /// The serial port that other programs see too; a mock has none.
+    pub fn outside_port(&self) -> Option<&str> {
+        self.port.as_deref().filter(|_| !self.is_emulated_bus())
+    }
+
+    /// Time between two positions for servos on a bus \[s\].
+    pub fn stream_period_s(&self) -> f64 {
+        1.0 / self.stream_hz.map_or(DEFAULT_STREAM_HZ, Positive::get)
+    }
+
+    /// How late a position may be \[s\].
+    pub fn max_late_s(&self) -> f64 {
+        f64::from(self.max_late_ms.unwrap_or(DEFAULT_MAX_LATE_MS)) * 1e-3
     }
 
     /// How long a ping and its answer are on the line at its baud rate.
@@ -155,6 +132,7 @@ impl ServoConfig {
         if self.kind == BoardKind::Serial && self.port.is_none() {
             return Err("kind = \"serial\" needs a port, e.g. port = \"/dev/ttyACM0\"".into());
         }
+        self.check_bus()?;
         if self.baud == 0 {
             return Err("baud must be above 0".into());
         }
@@ -189,94 +167,92 @@ impl ServoConfig {
     }
 }
 
-impl ServoChannel {
-    /// Where `park` goes \[µs\].
-    pub fn park_pulse_us(&self) -> u16 {
-        self.park_pulse_us.unwrap_or(self.zero_pulse_us.get().round() as u16)
-    }
-
-    /// The pulse for `angle_rad` \[µs\], not rounded: zero + gain · angle, or zero − gain · angle where the servo is
-    /// `mirrored`, that is, where a longer pulse turns it clockwise as the camera sees it.
-    pub fn pulse_us(&self, angle_rad: f64, mirrored: bool) -> f64 {
-        let sign = if mirrored { -1.0 } else { 1.0 };
-        self.zero_pulse_us.get() + sign * self.us_per_rad.get() * angle_rad
-    }
-
-    /// The angle for `pulse_us` \[rad\]: the inverse of [`ServoChannel::pulse_us`].
-    pub fn angle_rad(&self, pulse_us: f64, mirrored: bool) -> f64 {
-        let sign = if mirrored { -1.0 } else { 1.0 };
-        sign * (pulse_us - self.zero_pulse_us.get()) / self.us_per_rad.get()
-    }
-
-    /// The channel as the board is told of it; `None` for a name too long, which [`ServoChannel`] never has.
-    pub(super) fn to_wire(&self) -> Option<wire::ChannelConfig> {
-        Some(wire::ChannelConfig {
-            channel: Channel(self.id),
-            kind: match self.kind {
-                ChannelKind::Servo => wire::ChannelKind::Servo,
-                ChannelKind::Release => wire::ChannelKind::Release,
-                ChannelKind::SyncLed => wire::ChannelKind::SyncLed,
-            },
-            safe_state: match self.safe_state {
-                SafeState::Detach => wire::SafeState::Detach,
-                SafeState::Hold => wire::SafeState::Hold,
-                SafeState::Park => wire::SafeState::Park,
-            },
-            min_pulse: PulseWidthUs(self.min_pulse_us),
-            max_pulse: PulseWidthUs(self.max_pulse_us),
-            park_pulse: PulseWidthUs(self.park_pulse_us()),
-            max_rate: RateUsPerS(self.max_rate_us_per_s),
-            name: Name::new(&self.name)?,
-        })
-    }
-
-    fn check(&self) -> Result<(), String> {
-        let name = &self.name;
-        if Name::<16>::new(name).is_none() {
-            return Err(format!("channel name `{name}` must be 1 to 16 printable ASCII characters"));
+impl ServoConfig {
+    /// What a bus needs and a board of pulses has not, and the other way round.
+    fn check_bus(&self) -> Result<(), String> {
+        let units = self.channels.iter().map(|channel| (channel, channel.travel.unit()));
+        if !self.is_bus() {
+            for (key, given) in [
+                ("stream_hz", self.stream_hz.is_some()),
+                ("max_late_ms", self.max_late_ms.is_some()),
+                ("accept_no_watchdog", self.accept_no_watchdog.is_some()),
+            ] {
+                if given {
+                    return Err(format!("{key} is of servos on a bus (kind = \"dynamixel\" or \"feetech\")"));
+                }
+            }
+            // What a recorded bus told can be told again.
+            let plays_counts = matches!(self.kind, BoardKind::Replay | BoardKind::None);
+            return match units.into_iter().find(|(_, unit)| !plays_counts && *unit == Unit::Counts) {
+                Some((channel, _)) => Err(format!(
+                    "channel `{}`: min_count, max_count, zero_count, max_rate_rad_per_s, park_count and max_error_rad are of servos \
+                     on a bus; this board needs min_pulse_us, max_pulse_us and max_rate_us_per_s",
+                    channel.name
+                )),
+                None => Ok(()),
+            };
         }
-        if usize::from(self.id) >= MAX_CHANNELS {
-            return Err(format!("channel `{name}`: id = {} must be below {MAX_CHANNELS}", self.id));
+        if self.port.is_none() {
+            return Err(
+                "servos on a bus need a port, e.g. port = \"/dev/ttyUSB0\", or \"mock\" for emulated ones"
+                    .into(),
+            );
         }
-        let (min, max) = (self.min_pulse_us, self.max_pulse_us);
-        if min == 0 || min >= max {
+        if self.kind == BoardKind::Feetech && self.accept_no_watchdog != Some(true) {
+            return Err("Feetech's servos have no watchdog: when this computer dies they hold their last position, with torque. \
+                 Say accept_no_watchdog = true if that is safe with your mechanism"
+                .into());
+        }
+        if self.kind == BoardKind::Dynamixel && self.accept_no_watchdog.is_some() {
+            return Err(
+                "accept_no_watchdog is for kind = \"feetech\": Dynamixel's servos have a watchdog".into()
+            );
+        }
+        if self.dead_man_ms < LEAST_BUS_SILENCE_MS {
             return Err(format!(
-                "channel `{name}`: min_pulse_us = {min} must be above 0 and below max_pulse_us = {max}"
+                "dead_man_ms = {} must be at least {LEAST_BUS_SILENCE_MS} on a bus: an answer may take 30 ms",
+                self.dead_man_ms
             ));
         }
-        if !(min..=max).contains(&self.park_pulse_us()) {
-            return Err(format!(
-                "channel `{name}`: it parks at {} µs, outside its limits {min} to {max} µs; set park_pulse_us",
-                self.park_pulse_us()
-            ));
+        if self.telemetry_ms != default_telemetry() {
+            return Err("telemetry_ms is of a board of pulses; servos on a bus tell their position stream_hz times a second".into());
         }
-        if self.kind == ChannelKind::Servo && self.max_rate_us_per_s == 0 {
-            return Err(format!("channel `{name}`: a servo needs max_rate_us_per_s above 0"));
+        if let Some(hz) = self.stream_hz.filter(|hz| !(10.0..=500.0).contains(&hz.get())) {
+            return Err(format!("stream_hz = {} must be between 10 and 500", hz.get()));
         }
-        Ok(())
+        for (channel, unit) in units {
+            let name = &channel.name;
+            if unit == Unit::PulseUs {
+                return Err(format!(
+                    "channel `{name}`: min_pulse_us, max_pulse_us, zero_pulse_us, us_per_rad, max_rate_us_per_s and park_pulse_us are \
+                     of a board of pulses; a servo on a bus needs min_count, max_count and max_rate_rad_per_s"
+                ));
+            }
+            if channel.kind != ChannelKind::Servo {
+                return Err(format!("channel `{name}`: on a bus there are servos only, leave `kind` out"));
+            }
+        }
+        match self.channels.is_empty() {
+            true => Err("a bus needs a [[servo.channel]] for each servo".into()),
+            false => Ok(()),
+        }
     }
 }
 
-macro_rules! checked {
-    ($type:ident) => {
-        impl<'de> Deserialize<'de> for $type {
-            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-                // Through `remote`, the derived function is an inherent one: read first, then check the whole.
-                let read = $type::deserialize(deserializer)?;
-                read.check().map_err(D::Error::custom)?;
-                Ok(read)
-            }
-        }
-
-        impl Serialize for $type {
-            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-                $type::serialize(self, serializer)
-            }
-        }
-    };
+impl<'de> Deserialize<'de> for ServoConfig {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        // Through `remote`, the derived function is an inherent one: read first, then check the whole.
+        let read = Self::deserialize(deserializer)?;
+        read.check().map_err(D::Error::custom)?;
+        Ok(read)
+    }
 }
-checked!(ServoConfig);
-checked!(ServoChannel);
+
+impl Serialize for ServoConfig {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        Self::serialize(self, serializer)
+    }
+}
 
 #[cfg(test)]
 pub(crate) mod tests {
@@ -351,11 +327,73 @@ safe_state = "hold"
     #[test]
     fn mirrored_servo_turns_the_other_way_for_the_same_pulse() {
         let channel = &example().channels[0];
-        assert_eq!(channel.pulse_us(0.0, true), channel.pulse_us(0.0, false));
-        assert!(channel.pulse_us(0.5, false) > 1500.0 && channel.pulse_us(0.5, true) < 1500.0);
+        assert_eq!(channel.told(0.0, true), channel.told(0.0, false));
+        assert!(channel.told(0.5, false) > 1500.0 && channel.told(0.5, true) < 1500.0);
         for mirrored in [false, true] {
-            let angle = channel.angle_rad(channel.pulse_us(0.5, mirrored), mirrored);
+            let angle = channel.angle_rad(channel.told(0.5, mirrored), mirrored);
             assert!((angle - 0.5).abs() < 1e-12);
         }
+    }
+
+    pub(crate) const BUS: &str = r#"
+[servo]
+kind = "dynamixel"
+port = "mock"
+dead_man_ms = 1000
+max_late_ms = 1000
+[[servo.channel]]
+id = 1
+name = "base"
+actuator = "servo"
+zero_count = 2048
+min_count = 1400
+max_count = 2700
+max_rate_rad_per_s = 6.0
+safe_state = "detach"
+calibrated = true
+"#;
+
+    #[test]
+    fn servo_on_a_bus_has_keys_of_its_own_and_no_others() {
+        let config = parse(BUS).unwrap();
+        assert!(config.is_emulated_bus() && config.outside_port().is_none());
+        assert_eq!(config.stream_period_s(), 0.01);
+        let text = toml::to_string(&Rig { servo: config.clone() }).unwrap();
+        assert_eq!(config, parse(&text).unwrap());
+        let channel = &config.channels[0];
+        assert!((channel.told(std::f64::consts::FRAC_PI_2, false) - 3072.0).abs() < 1e-9);
+        for (from, to, says) in [
+            (
+                "zero_count = 2048",
+                "zero_pulse_us = 1500.0",
+                "`zero_pulse_us` is of a servo that gets pulses, `min_count`",
+            ),
+            ("max_late_ms = 1000", "telemetry_ms = 5", "telemetry_ms is of a board of pulses"),
+            ("\"dynamixel\"", "\"feetech\"", "accept_no_watchdog = true"),
+            ("\"dynamixel\"", "\"mock\"", "max_late_ms is of servos on a bus"),
+            ("port = \"mock\"", "", "need a port"),
+            ("id = 1\n", "id = 253\n", "id = 253 must be below 253"),
+            ("max_count = 2700", "max_count = 4096", "below 4096"),
+            (
+                "zero_count = 2048",
+                "zero_count = 1000",
+                "parks at 1000 counts, outside its limits 1400 to 2700; set park_count",
+            ),
+            ("max_rate_rad_per_s = 6.0", "", "max_rate_rad_per_s is missing"),
+            ("calibrated = true", "kind = \"release\"", "servos only"),
+            ("dead_man_ms = 1000", "dead_man_ms = 60", "at least 100 on a bus"),
+            ("max_late_ms = 1000", "stream_hz = 1000.0", "between 10 and 500"),
+        ] {
+            let changed = BUS.replace(from, to);
+            assert_ne!(changed, BUS);
+            let message = parse(&changed).unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
+        }
+        let pulses = EXAMPLE.replace("\"mock\"", "\"dynamixel\"\nport = \"mock\"");
+        let message = parse(&pulses).unwrap_err().to_string();
+        assert!(
+            message.contains("a servo on a bus needs min_count, max_count and max_rate_rad_per_s"),
+            "{message}"
+        );
     }
 }

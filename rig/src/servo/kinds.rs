@@ -4,6 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::bus::{self, BusOptions};
 use super::config::ServoConfig;
 use super::mock::{MockOptions, MockServo};
 use super::no_board::NoBoard;
@@ -18,6 +19,8 @@ pub struct Opening<'a> {
     pub config: &'a ServoConfig,
     /// What a mock board is like, and where its pulses go.
     pub mock: (MockOptions, Box<dyn PulseSink>),
+    /// What an emulated bus is like, where the config has one; its motion goes where a mock board's pulses do.
+    pub bus: Option<BusOptions>,
     /// What a replayed board tells.
     pub told: Option<Told>,
 }
@@ -36,12 +39,12 @@ macro_rules! boards {
         /// # Errors
         /// [`ServoError`] naming the board, what is missing, or what it refuses.
         pub fn open(opening: Opening<'_>) -> Result<Box<dyn ServoBoard>, ServoError> {
-            Ok(match opening.config.kind {
+            match opening.config.kind {
                 $(BoardKind::$kind => {
                     let $opening = opening;
-                    Box::new($open?)
+                    $open
                 })*
-            })
+            }
         }
     };
 }
@@ -49,15 +52,23 @@ macro_rules! boards {
 boards! {
     /// A board on a serial port.
     Serial => |opening| {
-        SerialBoard::open(opening.config.port.as_deref().unwrap_or_default(), opening.config, false)
+        boxed(SerialBoard::open(opening.config.port.as_deref().unwrap_or_default(), opening.config, false))
     },
     /// A mock board behind a pseudo-terminal, in this process.
-    Mock => |opening| MockServo::open(opening.config, opening.mock.0, opening.mock.1),
+    Mock => |opening| boxed(MockServo::open(opening.config, opening.mock.0, opening.mock.1)),
+    /// Dynamixel servos (X series, protocol 2.0) on a bus.
+    Dynamixel => |opening| bus::open(opening.config, opening.bus, opening.mock.1),
+    /// Feetech servos (STS series) on a bus.
+    Feetech => |opening| bus::open(opening.config, opening.bus, opening.mock.1),
     /// The board of a recorded run, which tells again what it told then; nothing moves.
-    Replay => |opening| opening.told.ok_or_else(|| ServoError::Refused {
+    Replay => |opening| boxed(opening.told.ok_or_else(|| ServoError::Refused {
         request: "opening".into(),
         why: "add [replay] run = \"...\", a recorded run that had a board".into(),
-    }),
+    })),
     /// No board: nothing is driven.
-    None => |_| Ok(NoBoard::default()),
+    None => |_| boxed(Ok(NoBoard::default())),
+}
+
+fn boxed<B: ServoBoard + 'static>(board: Result<B, ServoError>) -> Result<Box<dyn ServoBoard>, ServoError> {
+    Ok(Box::new(board?))
 }

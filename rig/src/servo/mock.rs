@@ -3,21 +3,20 @@
 //! Whoever opens its port finds a serial port like any other; [`SerialBoard`] speaks to it byte by byte. Its pulses go
 //! to a [`PulseSink`], stamped by the mock's true clock, and it can be made to fail at given times.
 
-use std::os::fd::OwnedFd;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
-use std::thread::JoinHandle;
 
 use firmware_protocol::board::{Board, BoardConfig, Hardware};
 use firmware_protocol::event::Fault;
+use firmware_protocol::sync_led;
 use firmware_protocol::units::{Channel, Name, PulseWidthUs, Ticks};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde::{Deserialize, Serialize};
 
-use super::{BoardInfo, SerialBoard, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome};
+use super::pty::{Attached, Device, Pty};
+use super::{SerialBoard, ServoConfig, ServoError};
 use crate::clock::MonotonicNs;
-use crate::servo::PulseProfile;
 use crate::servo::PulseSink;
 
 /// How a mock board fails.
@@ -83,11 +82,7 @@ impl Default for MockOptions {
 
 /// A mock board at work; it ends when dropped.
 #[derive(Debug)]
-pub struct MockBoard {
-    port: PathBuf,
-    quit: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
+pub struct MockBoard(Device);
 
 impl MockBoard {
     /// Starts a board that puts its pulses into `sink`.
@@ -95,38 +90,17 @@ impl MockBoard {
     /// # Errors
     /// What the system says when it has no pseudo-terminal left.
     pub fn start(options: MockOptions, sink: Box<dyn PulseSink>) -> std::io::Result<Self> {
-        let (pty, port) = Pty::open()?;
-        let quit = Arc::new(AtomicBool::new(false));
-        let thread = {
-            let quit = Arc::clone(&quit);
-            std::thread::Builder::new()
-                .name("mock board".into())
-                .spawn(move || Machine::new(options, pty, sink).run(&quit))?
-        };
-        Ok(Self { port, quit, thread: Some(thread) })
+        Device::start("mock board", |pty, quit| Machine::new(options, pty, sink).run(quit)).map(Self)
     }
 
     /// The serial port to open.
     pub fn port(&self) -> &Path {
-        &self.port
-    }
-}
-
-impl Drop for MockBoard {
-    fn drop(&mut self) {
-        self.quit.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
+        self.0.port()
     }
 }
 
 /// A mock board and the serial connection to it, as one board.
-pub struct MockServo {
-    // Dropped in this order: the goodbye needs somebody to hear it.
-    serial: SerialBoard,
-    _board: MockBoard,
-}
+pub type MockServo = Attached<SerialBoard, MockBoard>;
 
 impl MockServo {
     /// Starts a mock board and opens its port.
@@ -138,61 +112,9 @@ impl MockServo {
         options: MockOptions,
         sink: Box<dyn PulseSink>,
     ) -> Result<Self, ServoError> {
-        let board = MockBoard::start(options, sink)
-            .map_err(|error| ServoError::Open { port: "mock".into(), why: error.to_string() })?;
-        let serial = SerialBoard::open(&board.port().to_string_lossy(), config, false)?;
-        Ok(Self { serial, _board: board })
-    }
-}
-
-impl ServoBoard for MockServo {
-    fn info(&self) -> &BoardInfo {
-        self.serial.info()
-    }
-
-    fn arm(&mut self, profile: &PulseProfile, start: MonotonicNs) -> Result<(), ServoError> {
-        self.serial.arm(profile, start)
-    }
-
-    fn jog(&mut self, channel: u8, pulse_us: u16, duration_s: f64) -> Result<(), ServoError> {
-        self.serial.jog(channel, pulse_us, duration_s)
-    }
-
-    fn poll(&mut self) -> Result<Vec<ServoEvent>, ServoError> {
-        self.serial.poll()
-    }
-
-    fn stop(&mut self) -> StopOutcome {
-        self.serial.stop()
-    }
-}
-
-/// The board's end of a pseudo-terminal.
-struct Pty {
-    board: OwnedFd,
-    /// Kept open so that reads do not fail while no host has the port.
-    _host: OwnedFd,
-}
-
-impl Pty {
-    fn open() -> std::io::Result<(Self, PathBuf)> {
-        use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-        use rustix::{fs, termios};
-        let board = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
-        grantpt(&board)?;
-        unlockpt(&board)?;
-        let name = ptsname(&board, Vec::new())?;
-        let port = PathBuf::from(name.to_string_lossy().into_owned());
-        let flags = fs::OFlags::RDWR | fs::OFlags::NOCTTY | fs::OFlags::CLOEXEC;
-        let host = fs::open(&port, flags, fs::Mode::empty())?;
-        // Raw from the start: nothing is echoed or altered even before a host opens it.
-        let mut settings = termios::tcgetattr(&host)?;
-        settings.make_raw();
-        termios::tcsetattr(&host, termios::OptionalActions::Now, &settings)?;
-        // A full line must not hold up the board: what it cannot send is lost.
-        let flags = fs::fcntl_getfl(&board)?;
-        fs::fcntl_setfl(&board, flags | fs::OFlags::NONBLOCK)?;
-        Ok((Self { board, _host: host }, port))
+        Self::new(MockBoard::start(options, sink), |mock| {
+            SerialBoard::open(&mock.port().to_string_lossy(), config, false)
+        })
     }
 }
 
@@ -231,6 +153,27 @@ struct Machine {
     board: Board,
     pins: Pins,
     starts: u32,
+    sync_led: SyncLed,
+}
+
+/// The pattern of the sync LED, which the tick alone decides: a restart goes on in it.
+struct SyncLed {
+    lit: bool,
+    /// When the next slot begins.
+    next: Ticks,
+}
+
+impl SyncLed {
+    /// Tells `pins` of all slots that have begun by `now`.
+    fn advance(&mut self, now: Ticks, pins: &mut Pins) {
+        while now.since(self.next) >= 0 {
+            let lit = sync_led::lit(self.next);
+            if lit != std::mem::replace(&mut self.lit, lit) {
+                pins.sink.sync_led(lit, pins.clock.host(self.next, pins.now));
+            }
+            self.next = Ticks(self.next.0.wrapping_add(sync_led::SLOT.0));
+        }
+    }
 }
 
 /// What the state machine touches.
@@ -306,8 +249,10 @@ impl Machine {
             noise: options.boot_id,
             delayed: Default::default(),
         };
-        let board = Self::boot(&options, 0, clock.tick(now));
-        Self { options, clock, board, pins, starts: 0 }
+        let tick = clock.tick(now);
+        let board = Self::boot(&options, 0, tick);
+        let sync_led = SyncLed { lit: false, next: Ticks(tick.0 - tick.0 % sync_led::SLOT.0) };
+        Self { options, clock, board, pins, starts: 0, sync_led }
     }
 
     fn boot(options: &MockOptions, starts: u32, now: Ticks) -> Board {
@@ -333,6 +278,7 @@ impl Machine {
                 self.board.receive(&bytes[..length], tick, &mut self.pins);
             }
             self.board.advance(tick, &mut self.pins);
+            self.sync_led.advance(tick, &mut self.pins);
             self.pins.sink.complete(now);
             self.pins.write_delayed();
         }

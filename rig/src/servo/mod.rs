@@ -1,14 +1,17 @@
-//! Servo boards: one trait, and a real one on a serial port, a mock, a recorded one and none behind it.
+//! Servo boards: one trait, and a real one on a serial port, servos on a bus, a mock, a recorded one and none behind it.
 //!
 //! Another kind is a file and a line of the list in `kinds`.
 
+pub mod bus;
 pub mod calibration;
+mod channel;
 pub mod config;
 mod kinds;
 mod link;
 pub mod mock;
 pub mod no_board;
 mod port;
+mod pty;
 pub mod pulse_log;
 mod pulses;
 mod refusal;
@@ -17,6 +20,7 @@ pub mod serial;
 mod sessionless;
 #[cfg(test)]
 mod tests;
+mod travel;
 
 pub use config::{ServoChannel, ServoConfig};
 pub use kinds::{BoardKind, Opening, open};
@@ -24,6 +28,8 @@ pub use mock::{BoardFault, MockBoard, MockOptions, MockServo};
 pub use no_board::NoBoard;
 pub use pulses::{PulseProfile, PulseSink, PulseTrack};
 pub use serial::SerialBoard;
+pub(crate) use travel::COUNTS_PER_RAD;
+pub use travel::{CountTravel, PulseTravel, Travel, Unit};
 
 use crate::clock::{MonotonicNs, Ping};
 
@@ -40,11 +46,11 @@ pub trait ServoBoard: Send {
     /// [`ServoError`]; nothing moves after an error.
     fn arm(&mut self, profile: &PulseProfile, start: MonotonicNs) -> Result<(), ServoError>;
 
-    /// Moves one channel to `pulse_us` over `duration_s`, at once.
+    /// Moves one channel to `pulse`, in the channel's unit, over `duration_s`, at once.
     ///
     /// # Errors
     /// [`ServoError`], also when a limit forbids it.
-    fn jog(&mut self, channel: u8, pulse_us: u16, duration_s: f64) -> Result<(), ServoError>;
+    fn jog(&mut self, channel: u8, pulse: u16, duration_s: f64) -> Result<(), ServoError>;
 
     /// What happened since the last call: telemetry, clock pings, state changes.
     ///
@@ -74,7 +80,8 @@ pub struct BoardInfo {
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum ServoEvent {
-    /// A clock ping: sent, board's tick, received. Kept raw so that a replay can fit the clock again.
+    /// A clock ping: sent, board's tick, received. Kept raw so that a replay can fit the clock again. Servos on a bus are timed by this
+    /// computer: there the tick is its own clock, and a ping takes no time.
     Ping {
         /// When the host sent it.
         sent: MonotonicNs,
@@ -91,6 +98,17 @@ pub enum ServoEvent {
         board_tick_us: u64,
         /// Pulse width, or none while detached \[µs\].
         pulse_us: Option<u16>,
+    },
+    /// Where a servo on a bus said that it stood, some time between question and answer.
+    Position {
+        /// Its ID.
+        channel: u8,
+        /// Position \[counts\].
+        count: i32,
+        /// When the host asked.
+        sent: MonotonicNs,
+        /// When the answer was there.
+        received: MonotonicNs,
     },
     /// The profile began.
     Started {

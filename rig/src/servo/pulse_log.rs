@@ -1,20 +1,52 @@
 //! The pulses of a mock board in a file, so that a mock camera in another process can follow them.
 //!
-//! One line per change, `monotonic_ns,channel,pulse_us` with `-` for a detached channel, written whole and at
-//! once. CLOCK_MONOTONIC is the same for all processes of a machine, so the stamps need no translation.
+//! One line per change, `monotonic_ns,channel,pulse_us` with `-` for a detached channel, or `monotonic_ns,sync-led,1` with 0 for
+//! a dark one; written whole and at once. A file beside it, `.known` in place of `.log`, holds in eight bytes until when all of it is
+//! written. CLOCK_MONOTONIC is the same for all processes of a machine, so the stamps need no translation.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
 use crate::clock::MonotonicNs;
 use crate::servo::PulseSink;
+
+const SYNC_LED: &str = "sync-led";
+
+/// A line of the log.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Logged {
+    /// As [`PulseSink::pulse`].
+    Pulse {
+        /// Channel number.
+        channel: u8,
+        /// Pulse width, or none while detached \[µs\].
+        pulse_us: Option<u16>,
+    },
+    /// As [`PulseSink::sync_led`].
+    SyncLed {
+        /// Whether it is lit.
+        lit: bool,
+    },
+}
+
+impl Logged {
+    /// Tells `sink` of what happened at `at`.
+    pub fn tell(self, at: MonotonicNs, sink: &mut dyn PulseSink) {
+        match self {
+            Self::Pulse { channel, pulse_us } => sink.pulse(channel, pulse_us, at),
+            Self::SyncLed { lit } => sink.sync_led(lit, at),
+        }
+    }
+}
 
 /// Appends pulses to a log.
 #[derive(Debug)]
 pub struct PulseLogWriter {
     path: PathBuf,
     file: File,
+    known: Option<File>,
     failed: bool,
 }
 
@@ -25,16 +57,34 @@ impl PulseLogWriter {
     /// What the system says.
     pub fn append(path: &Path) -> std::io::Result<Self> {
         let file = OpenOptions::new().create(true).append(true).open(path)?;
-        Ok(Self { path: path.into(), file, failed: false })
+        // Without it whoever reads the log waits a little longer.
+        let known = File::create(known_beside(path)).ok();
+        Ok(Self { path: path.into(), file, known, failed: false })
     }
 }
 
 impl PulseSink for PulseLogWriter {
     fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs) {
-        let line = match pulse_us {
+        self.log(match pulse_us {
             Some(us) => format!("{},{channel},{us}\n", at.0),
             None => format!("{},{channel},-\n", at.0),
-        };
+        });
+    }
+
+    fn sync_led(&mut self, lit: bool, at: MonotonicNs) {
+        self.log(format!("{},{SYNC_LED},{}\n", at.0, u8::from(lit)));
+    }
+
+    fn complete(&mut self, until: MonotonicNs) {
+        if let Some(known) = &self.known {
+            // Eight bytes at one place are there whole or not at all.
+            let _ = known.write_at(&until.0.to_le_bytes(), 0);
+        }
+    }
+}
+
+impl PulseLogWriter {
+    fn log(&mut self, line: String) {
         // A pulse train has nobody to return an error to: say it once, go on moving the mechanism.
         if let Err(error) = self.file.write_all(line.as_bytes())
             && !std::mem::replace(&mut self.failed, true)
@@ -45,6 +95,10 @@ impl PulseSink for PulseLogWriter {
             );
         }
     }
+}
+
+fn known_beside(log: &Path) -> PathBuf {
+    log.with_extension("known")
 }
 
 /// Follows a log while it grows.
@@ -64,9 +118,9 @@ impl PulseLogReader {
         Self { path: path.into(), file: None, position: 0, rest: Vec::new(), malformed: 0 }
     }
 
-    /// The whole lines added since the last call, in the order written: time, channel, pulse \[µs\].
+    /// The whole lines added since the last call, in the order written.
     /// A log that became shorter is a new one and read from its beginning; a line that is none is counted.
-    pub fn poll(&mut self) -> Vec<(MonotonicNs, u8, Option<u16>)> {
+    pub fn poll(&mut self) -> Vec<(MonotonicNs, Logged)> {
         match self.read_on() {
             Ok(()) => {}
             Err(error) => {
@@ -84,6 +138,12 @@ impl PulseLogReader {
             }
         }
         pulses
+    }
+
+    /// Until when the log is complete, as whoever writes it says; ask before [`PulseLogReader::poll`].
+    pub fn known(&self) -> Option<MonotonicNs> {
+        let bytes = std::fs::read(known_beside(&self.path)).ok()?;
+        Some(MonotonicNs(u64::from_le_bytes(bytes.try_into().ok()?)))
     }
 
     /// Lines so far that were none.
@@ -110,15 +170,15 @@ impl PulseLogReader {
     }
 }
 
-fn parse(line: &[u8]) -> Option<(MonotonicNs, u8, Option<u16>)> {
+fn parse(line: &[u8]) -> Option<(MonotonicNs, Logged)> {
     let mut fields = std::str::from_utf8(line).ok()?.split(',');
     let at = MonotonicNs(fields.next()?.parse().ok()?);
-    let channel = fields.next()?.parse().ok()?;
-    let pulse_us = match fields.next()? {
-        "-" => None,
-        us => Some(us.parse().ok()?),
+    let logged = match (fields.next()?, fields.next()?) {
+        (SYNC_LED, lit) => Logged::SyncLed { lit: lit.parse::<u8>().ok()? == 1 },
+        (channel, "-") => Logged::Pulse { channel: channel.parse().ok()?, pulse_us: None },
+        (channel, us) => Logged::Pulse { channel: channel.parse().ok()?, pulse_us: Some(us.parse().ok()?) },
     };
-    fields.next().is_none().then_some((at, channel, pulse_us))
+    fields.next().is_none().then_some((at, logged))
 }
 
 #[cfg(test)]
@@ -133,17 +193,23 @@ mod tests {
         assert_eq!(reader.poll(), []);
 
         let mut writer = PulseLogWriter::append(&path).unwrap();
+        let pulse = |channel, pulse_us| Logged::Pulse { channel, pulse_us };
         writer.pulse(0, Some(1500), MonotonicNs(7));
-        assert_eq!(reader.poll(), [(MonotonicNs(7), 0, Some(1500))]);
+        writer.sync_led(true, MonotonicNs(8));
+        let lit = Logged::SyncLed { lit: true };
+        assert_eq!(reader.poll(), [(MonotonicNs(7), pulse(0, Some(1500))), (MonotonicNs(8), lit)]);
         assert_eq!(reader.poll(), []);
+        assert_eq!(reader.known(), None);
+        writer.complete(MonotonicNs(8));
+        assert_eq!(reader.known(), Some(MonotonicNs(8)));
 
         writer.file.write_all(b"9,1").unwrap();
         assert_eq!(reader.poll(), []);
         writer.file.write_all(b",-\nrubbish\n").unwrap();
-        assert_eq!(reader.poll(), [(MonotonicNs(9), 1, None)]);
+        assert_eq!(reader.poll(), [(MonotonicNs(9), pulse(1, None))]);
         assert_eq!(reader.malformed(), 1);
 
         std::fs::write(&path, "1,2,3\n").unwrap();
-        assert_eq!(reader.poll(), [(MonotonicNs(1), 2, Some(3))]);
+        assert_eq!(reader.poll(), [(MonotonicNs(1), pulse(2, Some(3)))]);
     }
 }

@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::clock::MonotonicNs;
 
-/// What a board plays: for each channel, straight lines from pulse to pulse.
+/// What a board plays: for each channel, straight lines from pulse to pulse. A pulse is a whole number of what the channel is told
+/// in: microseconds, or counts of a servo on a bus, which its maker calls pulses too.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct PulseProfile {
     /// One track per driven channel.
@@ -16,9 +17,11 @@ pub struct PulseProfile {
 pub struct PulseTrack {
     /// Channel number.
     pub channel: u8,
-    /// Pulse at the start \[µs\]; the channel must be there already.
-    pub start_pulse_us: u16,
-    /// Duration \[µs\] and pulse at the end \[µs\] of each segment, in order.
+    /// Pulse at the start \[µs or counts\]; the channel must be there already.
+    // Recordings from before there were servos on a bus say it in microseconds.
+    #[serde(alias = "start_pulse_us")]
+    pub start_pulse: u16,
+    /// Duration \[µs\] and pulse at the end \[µs or counts\] of each segment, in order.
     pub segments: Vec<(u32, u16)>,
 }
 
@@ -28,15 +31,13 @@ impl PulseTrack {
         self.segments.iter().map(|&(duration, _)| u64::from(duration)).sum()
     }
 
-    /// Its corners: time from the start \[µs\] and pulse \[µs\].
+    /// Its corners: time from the start \[µs\] and pulse \[µs or counts\].
     pub fn corners(&self) -> impl Iterator<Item = (u64, u16)> {
         let mut time = 0;
-        std::iter::once((0, self.start_pulse_us)).chain(self.segments.iter().map(
-            move |&(duration, pulse)| {
-                time += u64::from(duration);
-                (time, pulse)
-            },
-        ))
+        std::iter::once((0, self.start_pulse)).chain(self.segments.iter().map(move |&(duration, pulse)| {
+            time += u64::from(duration);
+            (time, pulse)
+        }))
     }
 }
 
@@ -57,12 +58,22 @@ impl PulseProfile {
     }
 }
 
-/// Where a mock board's pulses go.
+/// Where a mock board's pulses go, its sync LED's light, and the motion of emulated servos.
 pub trait PulseSink: Send {
     /// From `at` on, `channel` puts out `pulse_us`, or nothing while detached.
     fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs);
 
-    /// All pulses before `until` are known.
+    /// From `at` on, the sync LED is lit, or dark.
+    fn sync_led(&mut self, lit: bool, at: MonotonicNs) {
+        let _ = (lit, at);
+    }
+
+    /// From `at` on, the servo with the ID `channel` on a bus stands at `position_counts`, or is limp without torque.
+    fn position(&mut self, channel: u8, position_counts: Option<f64>, at: MonotonicNs) {
+        let _ = (channel, position_counts, at);
+    }
+
+    /// All of it before `until` is known.
     fn complete(&mut self, until: MonotonicNs) {
         let _ = until;
     }

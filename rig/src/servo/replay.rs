@@ -47,6 +47,12 @@ impl ServoBoard for Told {
             ServoEvent::Ping { sent, board_tick_us, received } => {
                 ServoEvent::Ping { sent: clock.again(sent), board_tick_us, received: clock.again(received) }
             }
+            ServoEvent::Position { channel, count, sent, received } => ServoEvent::Position {
+                channel,
+                count,
+                sent: clock.again(sent),
+                received: clock.again(received),
+            },
             other => other,
         };
         Ok(self.events.drain(..due).map(again).collect())

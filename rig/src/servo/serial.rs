@@ -293,7 +293,7 @@ impl SerialBoard {
         for track in &profile.tracks {
             let (channel, request) =
                 (Channel(track.channel), format!("uploading the profile of channel {}", track.channel));
-            let start_pulse = PulseWidthUs(track.start_pulse_us);
+            let start_pulse = PulseWidthUs(track.start_pulse);
             // The whole fits in u16, so does a part.
             let announce = Command::Track { channel, start_pulse, segments: track.segments.len() as u16 };
             self.request(&request, announce)?;

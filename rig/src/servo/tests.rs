@@ -55,7 +55,7 @@ fn two_to_one(cycles: usize) -> PulseProfile {
         segments.extend([(100_000, 1400), (200_000, 1600)]);
     }
     segments.extend([(100_000, 1400), (100_000, 1500)]);
-    PulseProfile { tracks: vec![PulseTrack { channel: 0, start_pulse_us: 1500, segments }] }
+    PulseProfile { tracks: vec![PulseTrack { channel: 0, start_pulse: 1500, segments }] }
 }
 
 fn poll_until<T>(
@@ -321,7 +321,7 @@ fn board_refuses_what_its_limits_forbid_with_the_limit() {
     let late = board.arm(&two_to_one(1), MonotonicNs::now()).unwrap_err().to_string();
     assert!(late.contains("start tick is in the past or too near"), "{late}");
     let long = PulseProfile {
-        tracks: vec![PulseTrack { channel: 0, start_pulse_us: 1500, segments: vec![(1000, 1500); 1025] }],
+        tracks: vec![PulseTrack { channel: 0, start_pulse: 1500, segments: vec![(1000, 1500); 1025] }],
     };
     let long = board.arm(&long, MonotonicNs::now().plus_seconds(5.0)).unwrap_err().to_string();
     assert!(long.contains("1025 segments, and the board holds 1024"), "{long}");
@@ -329,7 +329,8 @@ fn board_refuses_what_its_limits_forbid_with_the_limit() {
 }
 
 fn opened(config: &ServoConfig) -> Box<dyn ServoBoard> {
-    open(Opening { config, mock: (options(&[]), Box::new(Recorder::default())), told: None }).unwrap()
+    open(Opening { config, mock: (options(&[]), Box::new(Recorder::default())), bus: None, told: None })
+        .unwrap()
 }
 
 #[test]
@@ -342,6 +343,6 @@ fn config_opens_the_board_it_names() {
     let text = "amplitude_rad = 0.3\nccw_s = 0.2\ncw_s = 0.1\ncycles = 1\n";
     let profile = ident::strict::parse(text, std::path::Path::new("rig.toml")).unwrap();
     let pulses = Profile::new(&profile).unwrap().pulses(&example()).unwrap();
-    mock.jog(0, pulses.tracks[0].start_pulse_us, 0.0).unwrap();
+    mock.jog(0, pulses.tracks[0].start_pulse, 0.0).unwrap();
     mock.arm(&pulses, MonotonicNs::now().plus_seconds(0.2)).unwrap();
 }

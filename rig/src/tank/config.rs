@@ -6,6 +6,7 @@ use ident::strict::{Finite, NonNegative, Positive, Share};
 use serde::{Deserialize, Serialize};
 
 use super::causes::Causes;
+use crate::servo::COUNTS_PER_RAD;
 
 /// The simulated tank behind mock board and mock camera. Alone in a file, as `T/tank.toml`, it serves the mocks that are
 /// processes of their own.
@@ -57,7 +58,7 @@ pub enum Hold {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TankServo {
-    /// The board's channel. Default 0.
+    /// The board's channel, or the servo's ID on a bus. Default 0.
     #[serde(default)]
     pub channel: u8,
     /// The model's position actuator that it turns.
@@ -68,6 +69,10 @@ pub struct TankServo {
     /// Pulse per angle \[µs/rad\]; negative where the servo is mounted the other way round. Default 600.
     #[serde(default = "us_per_rad")]
     pub us_per_rad: Finite,
+    /// Count at angle 0 of a servo on a bus. The emulated bus has the servo itself: lag and rate limit here are what is between it and
+    /// the link. Default 2048.
+    #[serde(default = "zero_count")]
+    pub zero_count: NonNegative,
     /// Fastest turn \[rad/s\]. Default 8, 60 degrees in 0.13 s.
     #[serde(default = "rate_limit")]
     pub rate_limit_rad_per_s: Positive,
@@ -77,6 +82,18 @@ pub struct TankServo {
     /// Period of its pulses \[s\]. Default 0.02.
     #[serde(default = "period")]
     pub period_s: Positive,
+}
+
+impl TankServo {
+    /// The angle for a pulse \[rad\].
+    pub(super) fn pulse_angle_rad(&self, pulse_us: u16) -> f64 {
+        (f64::from(pulse_us) - self.zero_us.get()) / self.us_per_rad.get()
+    }
+
+    /// The angle for a position on a bus \[rad\].
+    pub(super) fn count_angle_rad(&self, counts: f64) -> f64 {
+        (counts - self.zero_count.get()) / COUNTS_PER_RAD
+    }
 }
 
 /// How the mechanism is let go.
@@ -124,6 +141,9 @@ pub struct TankView {
     /// Standard deviation of a pixel's noise \[grey levels\]. Default 2.
     #[serde(default = "noise")]
     pub noise_grey: NonNegative,
+    /// Where the board's sync LED is seen \[px\]. Default: nowhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sync_led_px: Option<[Finite; 2]>,
     /// How much later than the start of exposure stamps really are \[s\]. Default 0.
     #[serde(default = "exact")]
     pub stamp_latency_s: NonNegative,
@@ -138,6 +158,10 @@ fn seed() -> u64 {
 
 fn zero_us() -> Positive {
     positive(1500.0)
+}
+
+fn zero_count() -> NonNegative {
+    not_negative(2048.0)
 }
 
 fn us_per_rad() -> Finite {

@@ -7,6 +7,7 @@ mod motion;
 pub mod render;
 pub mod scene;
 mod servo;
+mod sync_led;
 
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -18,6 +19,7 @@ use crate::servo::PulseSink;
 pub use config::TankConfig;
 pub use error::TankError;
 use motion::{Event, Motion};
+use sync_led::SyncLed;
 
 /// How long a picture waits for a board that a busy machine keeps from its pulses, and how often it looks.
 const PATIENCE_S: f64 = 1.0;
@@ -33,6 +35,8 @@ pub struct Tank {
     shared: Arc<Mutex<Shared>>,
     config: Arc<TankConfig>,
     model: Arc<sim::Model>,
+    /// Apart from the motion: the board, which tells its turns, never waits for a simulation.
+    sync_led: Arc<Mutex<SyncLed>>,
     /// Until when the board's pulses are known.
     complete_ns: Arc<AtomicU64>,
 }
@@ -60,6 +64,7 @@ impl Tank {
             shared: Arc::new(Mutex::new(Shared { motion, run_origin: None })),
             config: Arc::new(config.clone()),
             model: Arc::new(model),
+            sync_led: Arc::default(),
             complete_ns: Arc::new(AtomicU64::new(NO_BOARD)),
         })
     }
@@ -106,6 +111,11 @@ impl Tank {
         self.lock().motion.qpos(at)
     }
 
+    /// For what share of the time from `from` to `until` the board's sync LED was lit.
+    pub fn lit_share(&self, from: MonotonicNs, until: MonotonicNs) -> f64 {
+        self.led().lit_share(from, until)
+    }
+
     /// Waits, within reason, until all pulses before `at` are known: else a picture taken while the board's thread has no
     /// processor would show a servo that stands still.
     pub fn await_pulses(&self, at: MonotonicNs) {
@@ -113,6 +123,10 @@ impl Tank {
         while self.complete_ns.load(Ordering::Acquire) < at.0 && MonotonicNs::now() < deadline {
             std::thread::sleep(LOOK_AGAIN);
         }
+    }
+
+    fn led(&self) -> MutexGuard<'_, SyncLed> {
+        self.sync_led.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn lock(&self) -> MutexGuard<'_, Shared> {
@@ -123,6 +137,14 @@ impl Tank {
 impl PulseSink for Tank {
     fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs) {
         self.lock().motion.happen(at, Event::Pulse { channel, pulse_us });
+    }
+
+    fn sync_led(&mut self, lit: bool, at: MonotonicNs) {
+        self.led().turn(lit, at);
+    }
+
+    fn position(&mut self, channel: u8, position_counts: Option<f64>, at: MonotonicNs) {
+        self.lock().motion.happen(at, Event::Position { channel, counts: position_counts });
     }
 
     fn complete(&mut self, until: MonotonicNs) {

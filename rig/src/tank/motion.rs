@@ -24,10 +24,12 @@ const STILL_RAD_PER_S: f64 = 1e-6;
 const STILL_SNAPSHOTS: u32 = 25;
 
 /// Something that happens to the tank.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Event {
     /// A channel's pulse changes.
     Pulse { channel: u8, pulse_us: Option<u16> },
+    /// A servo on a bus has turned to here, or is limp.
+    Position { channel: u8, counts: Option<f64> },
     /// Somebody lets go.
     LetGo,
 }
@@ -56,8 +58,8 @@ struct Now {
     step: u64,
     state: State,
     servos: Vec<Servo>,
-    /// What each servo's channel puts out.
-    pulses: Vec<Option<u16>>,
+    /// What each servo's channel tells it to be at \[rad\].
+    told_rad: Vec<Option<f64>>,
     held: bool,
     /// How many snapshots ago it last moved.
     still: u32,
@@ -108,7 +110,7 @@ impl Motion {
             step: begin.0 / step_ns,
             state,
             servos: vec![Servo::LIMP; drives.len()],
-            pulses: vec![None; drives.len()],
+            told_rad: vec![None; drives.len()],
             held: config.hold != Hold::Nothing,
             still: 0,
             simulator,
@@ -131,7 +133,7 @@ impl Motion {
     /// Adds an event. One in the past takes the motion back to before it.
     pub(super) fn happen(&mut self, at: MonotonicNs, event: Event) {
         let at = match event {
-            Event::Pulse { .. } => at.plus_seconds(self.linkage.delay_s),
+            Event::Pulse { .. } | Event::Position { .. } => at.plus_seconds(self.linkage.delay_s),
             Event::LetGo => at,
         };
         // What happened before anything that is still known happens at once.
@@ -295,13 +297,13 @@ impl Motion {
         let opens = match event {
             Event::LetGo => true,
             Event::Pulse { channel, pulse_us } => {
-                for (drive, pulse) in self.drives.iter().zip(&mut self.now.pulses) {
-                    if drive.config.channel == channel {
-                        *pulse = pulse_us;
-                    }
-                }
+                self.tell(channel, |servo| Some(servo.pulse_angle_rad(pulse_us?)));
                 self.release.channel == Some(channel)
                     && pulse_us.is_some_and(|pulse_us| pulse_us >= self.release.open_us)
+            }
+            Event::Position { channel, counts } => {
+                self.tell(channel, |servo| Some(servo.count_angle_rad(counts?)));
+                false
             }
         };
         if opens && self.hold == Hold::Release {
@@ -309,12 +311,20 @@ impl Motion {
         }
     }
 
+    fn tell(&mut self, channel: u8, angle_rad: impl Fn(&TankServo) -> Option<f64>) {
+        for (drive, told_rad) in self.drives.iter().zip(&mut self.now.told_rad) {
+            if drive.config.channel == channel {
+                *told_rad = angle_rad(&drive.config);
+            }
+        }
+    }
+
     /// Servo `index` takes up its pulse.
     fn latch(&mut self, index: usize) {
         let drive = &self.drives[index];
         let link_rad = self.now.state.qpos[drive.qpos] * drive.gear;
-        self.now.servos[index].latch(&drive.config, &self.linkage, self.now.pulses[index], link_rad);
-        if self.now.pulses[index].is_some() && self.hold == Hold::FirstPulse {
+        self.now.servos[index].latch(&self.linkage, self.now.told_rad[index], link_rad);
+        if self.now.told_rad[index].is_some() && self.hold == Hold::FirstPulse {
             self.now.held = false;
         }
     }

@@ -1,6 +1,6 @@
 //! The tank as a camera sees it.
 
-use ident::strict::Finite;
+use ident::strict::{Finite, Positive};
 use image::GrayImage;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -20,17 +20,48 @@ pub struct TankScene {
     renderer: Renderer,
     optics: Optics,
     noise: Noise,
+    exposure_s: f64,
+    sync_led_px: Option<[f64; 2]>,
+}
+
+/// Radius of the holder of the sync LED, in which it is seen \[px\].
+const LED_RADIUS_PX: f64 = 8.0;
+/// Grey of the holder, and of the LED that is lit for all of an exposure.
+const LED_GREY: [f64; 2] = [30.0, 235.0];
+
+/// Draws the sync LED at `centre_px`, lit for `share` of the exposure: a spot that fades towards the rim of a dark holder.
+fn glow(picture: &mut GrayImage, centre_px: [f64; 2], share: f64) {
+    let (width, height) = picture.dimensions();
+    let near = |centre: f64, side: u32| {
+        let [from, to] = [centre - LED_RADIUS_PX, centre + LED_RADIUS_PX + 1.0].map(|px| px.max(0.0) as u32);
+        from.min(side)..to.min(side)
+    };
+    for y in near(centre_px[1], height) {
+        for x in near(centre_px[0], width) {
+            let radius = (f64::from(x) - centre_px[0]).hypot(f64::from(y) - centre_px[1]) / LED_RADIUS_PX;
+            if radius < 1.0 {
+                let light = share * (-4.0 * radius * radius).exp();
+                let grey = LED_GREY[0] + light * (LED_GREY[1] - LED_GREY[0]);
+                picture.put_pixel(x, y, image::Luma([grey.round() as u8]));
+            }
+        }
+    }
 }
 
 impl Scene for TankScene {
     fn picture(&mut self, at: MonotonicNs) -> Result<GrayImage, String> {
-        self.tank.await_pulses(at);
+        let half_s = self.exposure_s / 2.0;
+        let (opens, closes) = (at.plus_seconds(-half_s), at.plus_seconds(half_s));
+        self.tank.await_pulses(closes);
         let mut shapes = self.corners(at)?;
         if self.optics.slowness != 0.0 {
             self.roll(&mut shapes, at)?;
         }
         shapes.iter_mut().flatten().for_each(|point| *point = self.optics.see(*point));
         let mut picture = self.renderer.draw_polygons(&project(&shapes, &self.renderer.plane));
+        if let Some(centre_px) = self.sync_led_px {
+            glow(&mut picture, centre_px, self.tank.lit_share(opens, closes));
+        }
         self.noise.add(&mut picture, at);
         Ok(picture)
     }
@@ -90,7 +121,14 @@ impl Tank {
         };
         let noise = Noise::new(view.noise_grey.get(), self.config().seed);
         let optics = Optics::new(&self.config().causes);
-        TankScene { tank: self.clone(), renderer: Renderer::new(plane, look), optics, noise }
+        TankScene {
+            tank: self.clone(),
+            renderer: Renderer::new(plane, look),
+            optics,
+            noise,
+            exposure_s: camera.exposure_s.map_or(0.0, Positive::get),
+            sync_led_px: view.sync_led_px.map(|px| px.map(Finite::get)),
+        }
     }
 
     /// How a mock camera's stamps depart from the truth in this tank.

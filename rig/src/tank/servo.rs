@@ -27,16 +27,10 @@ impl Servo {
         self.powered.map(|powered| powered.output_rad)
     }
 
-    /// Takes up a pulse, or its absence, at a period's start. A servo that wakes up finds its output wherever the link is.
-    pub(super) fn latch(
-        &mut self,
-        servo: &TankServo,
-        linkage: &Linkage,
-        pulse_us: Option<u16>,
-        link_rad: f64,
-    ) {
-        self.powered = pulse_us.map(|pulse_us| {
-            let told_rad = (f64::from(pulse_us) - servo.zero_us.get()) / servo.us_per_rad.get();
+    /// Takes up what it is told \[rad\], or that it is told nothing, at a period's start. A servo that wakes up finds its output wherever
+    /// the link is.
+    pub(super) fn latch(&mut self, linkage: &Linkage, told_rad: Option<f64>, link_rad: f64) {
+        self.powered = told_rad.map(|told_rad| {
             let target_rad = told_rad * linkage.gain;
             let found = Powered { angle_rad: link_rad, target_rad, output_rad: link_rad };
             Powered { target_rad, ..self.powered.unwrap_or(found) }
@@ -78,7 +72,7 @@ mod tests {
 
     fn turned_through(config: &TankServo, linkage: &Linkage, pulse_us: u16, steps: u32) -> f64 {
         let mut servo = Servo::LIMP;
-        servo.latch(config, linkage, Some(pulse_us), 0.0);
+        servo.latch(linkage, Some(config.pulse_angle_rad(pulse_us)), 0.0);
         for _ in 0..steps {
             servo.turn(config, linkage, 0.001);
         }
@@ -106,9 +100,9 @@ mod tests {
         let mut servo = Servo::LIMP;
         servo.turn(&config, &none(), 0.001);
         assert_eq!(servo.angle_rad(), None);
-        servo.latch(&config, &none(), Some(1500), 0.7);
+        servo.latch(&none(), Some(config.pulse_angle_rad(1500)), 0.7);
         assert_eq!(servo.angle_rad(), Some(0.7));
-        servo.latch(&config, &none(), None, 0.0);
+        servo.latch(&none(), None, 0.0);
         assert_eq!(servo.angle_rad(), None);
     }
 

@@ -4,7 +4,7 @@ macro_rules! causes {
     (
         model { $($model:ident in $model_in:ident,)* }
         step { $($step:ident in $step_in:ident $(+ $alter:ident)?,)* }
-        drive { $($drive:ident in $drive_in:ident $(+ $start:ident)?,)* }
+        drive { $($drive:ident in $drive_in:ident $(+ $start:ident among $starts:ident)?,)* }
         picture { $($picture:ident in $picture_in:ident,)* }
     ) => {
         impl Cause {
@@ -38,6 +38,15 @@ macro_rules! causes {
                     return $drive_in::$drive::$start(followings);
                 })?)*
                 Vec::new()
+            }
+
+            /// Among how many beginnings that differ [`Cause::start`] chooses in runs of `span_s` \[s\] in all: so many chances of explaining
+            /// mere noise.
+            pub fn starts(self, span_s: f64) -> f64 {
+                $($(if self.name() == $drive_in::$drive::INFO.name {
+                    return $drive_in::$drive::$starts(span_s);
+                })?)*
+                1.0
             }
         }
 

@@ -20,7 +20,7 @@
 //! - `model`: it changes the model's own numbers before anything moves (`fn alter`). Nothing in a step knows of it.
 //! - `step`: it exerts forces or has inertia (`hooks::Step`), after those before it in the list; `+ alter` where one of its forms changes the model's own numbers instead.
 //! - `drive`: it changes the command on its way to the drives (`drive::stage::Stage`), in the order of the list; `+ start` where how the
-//!   drives followed says where its hidden numbers begin.
+//!   drives followed says where its hidden numbers begin, `among` how many.
 //! - `picture`: it changes what the camera sees (`camera::look::Look`), in the order of the list.
 //!
 //! A cause may also be written down as an expression, without compiling anything: [`own`].
@@ -90,7 +90,7 @@ causes! {
     drive {
         servo_gain in drive,
         servo_sag in drive,
-        servo_refresh in drive + start,
+        servo_refresh in drive + start among starts,
         servo_rate_limit in drive,
         servo_lag in drive,
         backlash in drive,

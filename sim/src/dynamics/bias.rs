@@ -15,10 +15,15 @@ pub(crate) fn velocities<S: Space>(plant: &Plant<S>, qvel: &[S::T], work: &mut W
     }
 }
 
-/// The world's own velocity and drift.
+/// The world's own velocity and drift: those of the base, where it moves.
 #[inline(always)]
 pub(crate) fn ground<S: Space>(plant: &Plant<S>, work: &mut Work<S>) {
-    work.drift[0] = Motion { ang: S::Spin::ZERO, lin: -plant.gravity };
+    let weight = Motion { ang: S::Spin::ZERO, lin: -plant.gravity };
+    work.drift[0] = weight;
+    if let Some([velocity, acceleration]) = work.base {
+        work.velocity[0] = velocity;
+        work.drift[0] = acceleration.and(weight);
+    }
 }
 
 /// Velocity and drift of the body `index` alone, whose parent's are known.
@@ -27,6 +32,11 @@ pub(crate) fn velocity<S: Space>(plant: &Plant<S>, index: usize, qvel: &[S::T], 
     let link = &plant.links[index];
     let mut velocity = work.velocity[link.parent];
     let mut drift = work.drift[link.parent];
+    if link.parent == 0 && work.base.is_some() {
+        let from = work.pos[index] - work.pos[0];
+        velocity.lin += S::cross(velocity.ang, from);
+        drift.lin += S::cross(drift.ang, from);
+    }
     for joint in &plant.joints[link.joints.clone()] {
         let staying = joint.staying();
         let axes = &work.axes[joint.dof..joint.dof + joint.nv];

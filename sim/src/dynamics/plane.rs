@@ -49,11 +49,15 @@ impl<T: Scalar> Plane<T> {
             }
         });
         let shapes = self.shapes_stand_upright(model, 1..model.bodies.len());
-        // vectors in the picture's plane, x and z, must lie in the plane of motion
-        let [x, _, z] = [0, 1, 2].map(|k| self.axes[0].column(k)[2]);
         let pictured = !model.causes().iter().any(|carried| carried.cause().info().in_picture_plane)
-            || tiny(x) && tiny(z);
+            || self.is_pictured();
         joints && shapes && pictured && tiny(self.axes[0].apply(model.settings.wind)[2])
+    }
+
+    /// Whether vectors in the picture's plane, x and z, lie in the plane of motion.
+    pub(crate) fn is_pictured(&self) -> bool {
+        let [x, _, z] = [0, 1, 2].map(|k| self.axes[0].column(k)[2]);
+        tiny(x) && tiny(z)
     }
 
     /// Whether every shape by which these bodies feel the water has an axis across the plane.

@@ -19,9 +19,12 @@ pub(crate) struct Work<S: Space> {
     pub(crate) inertia: Vec<Inertia<S>>,
     /// Inertia of each body with all it carries.
     pub(crate) composite: Vec<Inertia<S>>,
+    /// Of each body; the world's own, which is the base's, is about the base's origin.
     pub(crate) velocity: Vec<Motion<S>>,
     /// Acceleration of each body with all joint accelerations 0, less gravity.
     pub(crate) drift: Vec<Motion<S>>,
+    /// Velocity and spatial acceleration of the base, about its own origin; `None` where it stands.
+    pub(crate) base: Option<[Motion<S>; 2]>,
     /// External and inertial wrench on each body; 0 between uses.
     pub(crate) wrench: Vec<Wrench<S>>,
     /// Velocity of the water, world axes \[m/s\].
@@ -42,6 +45,7 @@ impl<S: Space> Work<S> {
             composite: vec![Inertia::ZERO; bodies],
             velocity: vec![Motion::ZERO; bodies],
             drift: vec![Motion::ZERO; bodies],
+            base: None,
             wrench: vec![Wrench::ZERO; bodies],
             water: plant.wind,
             mass: vec![S::T::ZERO; plant.chain.len()],

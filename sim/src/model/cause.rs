@@ -191,7 +191,7 @@ pub struct Alias {
 pub enum AliasWhen {
     /// Unless both weights, dry and wet, carry a prior.
     UnlessWeighed,
-    /// Where no drop states its release: what is let go at an unknown time shows no clock.
+    /// Where no drop states its release and no encoder reads a hinge: what is let go at an unknown time shows no clock.
     NoReleaseStated,
 }
 

@@ -32,6 +32,11 @@ pub fn encoded_joint(name: &str) -> Option<&str> {
     name.strip_suffix(ENDING).filter(|joint| !joint.is_empty())
 }
 
+/// The column, or mark, that holds the angles of the joint called `joint`: `q1_rad` for `q1`.
+pub fn encoder_mark(joint: &str) -> String {
+    format!("{joint}{ENDING}")
+}
+
 impl<T: Scalar> Model<T> {
     /// Puts an encoder on the hinge called `joint`, unless it has one: rollouts then yield its readings as a mark called `<joint>_rad`
     /// after the keypoints, its angle times [`POINTER_M`] in place of x. Whether there is such a hinge.
@@ -53,8 +58,7 @@ impl<T: Scalar> Model<T> {
 
     /// Names of what rollouts yield: the keypoints, then the encoders.
     pub fn marks(&self) -> Vec<String> {
-        let encoders =
-            self.encoders.iter().map(|encoder| format!("{}{ENDING}", self.joints[encoder.joint].name));
+        let encoders = self.encoders.iter().map(|encoder| encoder_mark(&self.joints[encoder.joint].name));
         self.keypoints().into_iter().chain(encoders).collect()
     }
 }

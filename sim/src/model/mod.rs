@@ -17,7 +17,7 @@ pub use elements::{
     Actuator, ActuatorKind, Body, FluidCoefficients, Geom, GeomKind, Integrator, KuttaLift, Settings, Site,
 };
 pub(crate) use encoder::Encoder;
-pub use encoder::{POINTER_M, encoded_joint};
+pub use encoder::{POINTER_M, encoded_joint, encoder_mark};
 pub use joint::{Coordinates, Joint, JointKind};
 pub use parameters::{Parameter, UnknownParameter};
 

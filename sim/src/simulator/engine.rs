@@ -1,16 +1,21 @@
 //! One mechanism in its space, stepped.
 
+use std::sync::Arc;
+
 use super::halving::{Halving, MOST_HALVINGS};
 use super::rosenbrock::Rosenbrock;
+use crate::base::{BaseMotion, BasePath};
 use crate::causes::{Memory, Moment, Terms};
 use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{self, Solver, multiply};
 use crate::dynamics::stages::{SlopeStage, Stages};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
 use crate::error::RolloutError;
-use crate::model::{ActuatorKind, Coordinates, Integrator, Model, State};
+use crate::math::Vec3;
+use crate::model::{ActuatorKind, Coordinates, Integrator, JointKind, Model, State};
 use crate::options::RolloutOptions;
 use crate::scalar::{Mask, Scalar, tuned};
+use crate::space::Motion;
 use crate::steps::Method;
 
 /// A speed \[rad/s\] or \[m/s\] no mechanism in a tank reaches: beyond it the run counts as diverged.
@@ -53,6 +58,8 @@ pub(crate) struct Engine<S: Stages> {
     pub(super) memory: Memory<S>,
     /// When, within a step, the forces are asked for.
     pub(super) moment: Moment,
+    /// Where the base goes.
+    base: Option<Arc<BasePath>>,
     /// By how much each lane's clock is ahead of the one that steps are counted on \[s\].
     pub(crate) clock: S::T,
     /// Length of the last step \[s\]; infinite before the first.
@@ -101,6 +108,13 @@ impl<S: Stages> Engine<S> {
                 instead: "use euler or rk4".into(),
             });
         }
+        let mut joints = model.joints.iter();
+        if let (Some(_), Some(free)) = (&options.base, joints.find(|joint| joint.kind == JointKind::Free)) {
+            return Err(RolloutError::Unsupported {
+                what: format!("a moving base under `{}`, which floats freely", model.bodies[free.body].name),
+                instead: "leave out the base, or hold the body by other joints than a free one".into(),
+            });
+        }
         let slope = if stepper == Stepper::ImplicitFast { S::Slope::new(&plant) } else { None };
         let work = Work::new(&plant);
         let drives = model.actuators.len();
@@ -127,6 +141,7 @@ impl<S: Stages> Engine<S> {
             held: vec![false; plant.nv],
             memory: terms.memory(),
             moment: Moment::default(),
+            base: options.base.clone(),
             clock: S::T::ZERO,
             last_step_s: f64::INFINITY,
             command: vec![S::T::ZERO; drives],
@@ -212,7 +227,7 @@ impl<S: Stages> Engine<S> {
         weights
     }
 
-    /// Puts the prescribed joints of `state` where their commands are at `time_s`, at rest.
+    /// Puts the prescribed joints of `state` where their commands are at `time_s`; their rates stay as they are.
     pub(crate) fn align(
         &mut self,
         state: &mut State<S::T>,
@@ -223,7 +238,6 @@ impl<S: Stages> Engine<S> {
             self.plant.drives.iter().enumerate().filter(|(index, _)| self.prescribed[*index])
         {
             state.qpos[drive.q] = drive.command(command(index, time_s)) / drive.gear;
-            state.qvel[drive.dof] = S::T::ZERO;
         }
     }
 
@@ -262,8 +276,29 @@ impl<S: Stages> Engine<S> {
         }
     }
 
-    /// What depends on the coordinates alone.
+    /// Puts the base where it is at `time` \[s\], which in every lane is near `about_s`.
+    #[inline(always)]
+    pub(crate) fn stand(&mut self, about_s: f64, time: S::T) {
+        let Some(path) = &self.base else { return };
+        let (layout, work) = (&self.plant.layout, &mut self.work);
+        tuned!(S::T, {
+            let BaseMotion { pose, velocity, acceleration } = path.along(about_s, time);
+            let [place, speed, gain] = [pose, velocity, acceleration]
+                .map(|[x, z, _]| S::vector(layout, 0, Vec3([x, S::T::ZERO, z])));
+            // counter-clockwise as the camera sees it is about -y
+            let unit = S::spin(layout, 0, Vec3([S::T::ZERO, -S::T::ONE, S::T::ZERO]));
+            work.pos[0] = place;
+            work.rot[0] = S::about(unit, pose[2].sin_cos());
+            let (turn, quicker) = (unit * velocity[2], unit * acceleration[2]);
+            let velocity = Motion { ang: turn, lin: speed };
+            // spatial: what the point that passes the origin feels, less what its passing makes of it
+            work.base = Some([velocity, Motion { ang: quicker, lin: gain - S::cross(turn, speed) }]);
+        });
+    }
+
+    /// What depends on the coordinates and, with a base that moves, on the time alone.
     pub(crate) fn position_stage(&mut self, qpos: &[S::T]) {
+        self.stand(self.moment.time_s, S::T::from_f64(self.moment.time_s) + self.clock);
         tuned!(S::T, {
             kinematics::kinematics(&self.plant, qpos, &mut self.work);
             inertia::body_inertias(&self.plant, &mut self.work);

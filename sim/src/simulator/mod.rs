@@ -27,6 +27,8 @@ use crate::space::{Planar, Plane, Spatial};
 ///
 /// A mechanism whose hinges are all parallel is computed in their plane, at a fraction of the cost and with the same
 /// motion to rounding.
+///
+/// A base that moves ([`RolloutOptions::base`]) is where its path is at the time of the step.
 #[derive(Debug, Clone)]
 pub struct Simulator<T: Scalar>(pub(crate) InSpace<T>);
 
@@ -39,7 +41,9 @@ pub(crate) enum InSpace<T: Scalar> {
 
 /// The plane to compute `model` in; `None` for space. The water's slopes for implicitfast are there in space only.
 pub(crate) fn plane<T: Scalar>(model: &Model<T>, options: &RolloutOptions) -> Option<Plane<T>> {
-    (!one_by_one(model, options)).then(|| Plane::of(model)).flatten()
+    let plane = (!one_by_one(model, options)).then(|| Plane::of(model)).flatten();
+    // a base moves in the picture's plane
+    plane.filter(|plane| options.base.is_none() || plane.is_pictured())
 }
 
 /// Whether the step needs the water's slopes, which are there in space only and not in lanes.

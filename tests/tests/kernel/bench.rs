@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use rig::camera::{CameraConfig, Encoding};
 use rig::clock::MonotonicNs;
 use rig::servo::PulseSink as _;
-use rig::servo::pulse_log::PulseLogReader;
+use rig::servo::pulse_log::{Logged, PulseLogReader};
 use rig::tank::Tank;
 use system_tests::{Background, changed_config, config, json, only_run, rig, set, uno, wait_until};
 
@@ -63,8 +63,13 @@ impl Board {
         let port = folder.path().join("board");
         wait_until("the mock board", 10.0, || port.exists());
         let mut log = PulseLogReader::new(&folder.path().join("servo.log"));
-        let changes =
-            move || log.poll().into_iter().map(|(at, _, pulse_us)| (at, pulse_us)).collect::<Vec<_>>();
+        let changes = move || {
+            let pulse = |(at, logged)| match logged {
+                Logged::Pulse { pulse_us, .. } => Some((at, pulse_us)),
+                Logged::SyncLed { .. } => None,
+            };
+            log.poll().into_iter().filter_map(pulse).collect::<Vec<_>>()
+        };
         Self::plugged_in(folder, &port, process, changes)
     }
 

@@ -1,5 +1,5 @@
 use super::*;
-use ident::strict::{NonNegative, Positive};
+use ident::strict::{Finite, NonNegative, Positive};
 
 /// A host under load may deliver an image this much late \[s\].
 const LATE_S: f64 = 0.25;
@@ -65,7 +65,7 @@ fn unknown_latency_shows_as_late_stamps_and_a_configured_one_is_taken_back() {
     let late = camera(truth, &[]).next_image(TIMEOUT).unwrap();
     assert!((late.mid_exposure.seconds_since(shown(&late)) - 0.020).abs() < 1e-8);
 
-    let config = CameraConfig { latency_s: NonNegative::new(0.020).unwrap(), ..config() };
+    let config = CameraConfig { latency_s: Finite::new(0.020).unwrap(), ..config() };
     let mut knowing = MockCamera::new(&config, Box::new(Clockface), truth, Vec::new()).unwrap();
     knowing.start().unwrap();
     let image = knowing.next_image(TIMEOUT).unwrap();

@@ -102,6 +102,17 @@ fn page_shows_the_mock_camera_writes_places_and_lets_nobody_hold_it_up() {
         });
         assert_eq!(seen["size_px"], json!([640, 480]));
         assert_eq!(seen["config"]["origin_px"], json!([320.0, 60.0]));
+        let links = seen["config"]["links_px"].as_array().unwrap();
+        let rows = |link: &Value| -> Vec<f64> {
+            link.as_array().unwrap().iter().map(|corner| corner[1].as_f64().unwrap()).collect()
+        };
+        assert_eq!(links.len(), 3);
+        // 30 mm from 2.5 mm above the first pivot, in pixels of 0.25 mm.
+        let (top, bottom) = (
+            rows(&links[0]).into_iter().fold(f64::MAX, f64::min),
+            rows(&links[0]).into_iter().fold(0.0, f64::max),
+        );
+        assert!((top - 50.0).abs() < 0.01 && (bottom - 170.0).abs() < 0.01, "{top} to {bottom}");
         let edge = seen["measures"]["edge_width_px"].as_f64().unwrap();
         assert!((1.9..6.0).contains(&edge), "{edge}");
         assert_eq!(seen["measures"]["saturation"]["light_share"], 0.0);

@@ -121,6 +121,11 @@ const PHASES: usize = 16;
 /// Times to turn, each tried: without them a look seen in every so many images is taken for one in fewer, whose saw is lower.
 const TURNS_S: [f64; 4] = [0.0005, 0.003, 0.006, 0.01];
 
+/// Frequencies of looks that runs of `span_s` \[s\] tell apart.
+pub(crate) fn starts(span_s: f64) -> f64 {
+    (span_s * (1.0 / PERIOD_S[0] - 1.0 / PERIOD_S[1])).max(1.0)
+}
+
 /// Where the looks begin to explain how the driven joints followed: between two looks a joint falls behind by its rate times what has
 /// passed, a saw whose frequency the product of both shows; among its highest peaks, which repeat where images are fewer than
 /// looks, that at which the command last seen is nearest to the joint. A joint that is off, or late, all the time says nothing of looks.

@@ -38,7 +38,7 @@ fn listed() -> String {
         for alias in info.aliases {
             let when = match alias.when {
                 AliasWhen::UnlessWeighed => "unless both weights carry a prior",
-                AliasWhen::NoReleaseStated => "where no drop states its release",
+                AliasWhen::NoReleaseStated => "where no drop states its release and no encoder reads a hinge",
             };
             page += &format!("\nNo video tells it from `{}` {when}.\n", alias.name);
         }

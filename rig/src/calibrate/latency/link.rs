@@ -1,0 +1,236 @@
+//! How late pictures are, from how the driven link follows its servo: for a camera that has no sync LED in view.
+//!
+//! The link's angle is taken for the command, later by a delay, through a lag of first order, times a gain, from a zero. A lag bends what it delays
+//! and a delay does not, so that the two come apart; what a servo does between its pulse and its first motion is a delay as well, and stays in
+//! it. Where the servo measures its angle itself, that is followed instead, without a lag.
+
+use nalgebra::{Matrix3, Vector3};
+
+/// What a run of the driven link says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Following {
+    /// How much later than the command, beside the lag, the link is seen to move \[s\].
+    pub delay_s: f64,
+    /// Its standard deviation, by the link's own residuals \[s\].
+    pub std_s: f64,
+    /// The lag's time constant \[s\].
+    pub lag_s: f64,
+    /// Turn of the link per turn of the command.
+    pub gain: f64,
+    /// What remains, root mean square \[rad\].
+    pub rms_rad: f64,
+    /// The delay of strokes that turn the link one way, less that of the others \[s\]: 0 but for noise.
+    pub two_ways_s: f64,
+}
+
+/// What is followed.
+#[derive(Debug, Clone, Copy)]
+pub struct Followed<'a> {
+    /// When \[s\], rising.
+    pub time_s: &'a [f64],
+    /// Which angle \[rad\]; linear between.
+    pub angle_rad: &'a [f64],
+}
+
+/// Delays and lags looked for \[s\].
+const DELAYS_S: [f64; 2] = [-0.05, 0.3];
+const LAGS_S: [f64; 2] = [0.0, 0.15];
+/// The first grid's steps \[s\]; each of the following ones is finer by [`FINER`].
+const STEP_S: f64 = 0.005;
+const FINER: f64 = 5.0;
+const ROUNDS: usize = 4;
+/// The lag is integrated in steps of this \[s\].
+const GRAIN_S: f64 = 5e-4;
+
+impl Followed<'_> {
+    fn at(&self, time_s: f64) -> f64 {
+        let next = self.time_s.partition_point(|&row_s| row_s <= time_s);
+        match (next.checked_sub(1), self.time_s.get(next)) {
+            (None, _) => self.angle_rad.first().copied().unwrap_or_default(),
+            (Some(last), None) => self.angle_rad[last],
+            (Some(before), Some(&to_s)) => {
+                let from_s = self.time_s[before];
+                let share = (time_s - from_s) / (to_s - from_s);
+                self.angle_rad[before] + share * (self.angle_rad[next] - self.angle_rad[before])
+            }
+        }
+    }
+
+    /// The angle behind a lag of first order, every [`GRAIN_S`] from `from_s` to `until_s`; exact for a straight line over each.
+    fn lagged(&self, from_s: f64, until_s: f64, lag_s: f64) -> Vec<f64> {
+        let count = ((until_s - from_s) / GRAIN_S).ceil().max(0.0) as usize + 2;
+        let told = (0..count).map(|k| self.at(from_s + k as f64 * GRAIN_S));
+        if lag_s <= 0.0 {
+            return told.collect();
+        }
+        let keep = (-GRAIN_S / lag_s).exp();
+        let lead = 1.0 - (1.0 - keep) * lag_s / GRAIN_S;
+        let (mut before, mut lagged) = (self.at(from_s), self.at(from_s));
+        told.map(|now| {
+            lagged = keep * lagged + (1.0 - keep - lead) * before + lead * now;
+            before = now;
+            lagged
+        })
+        .collect()
+    }
+}
+
+/// Fits the delay to a link seen at `angle_rad` at the instants `time_s` \[s\]; `lags`: whether what is followed may lag. None where nothing
+/// moves, or there are fewer than ten images.
+pub fn following(followed: Followed<'_>, time_s: &[f64], angle_rad: &[f64], lags: bool) -> Option<Following> {
+    let (first_s, last_s) = (*time_s.first()?, *time_s.last()?);
+    if time_s.len() < 10 || time_s.len() != angle_rad.len() {
+        return None;
+    }
+    let begin_s = first_s - DELAYS_S[1] - 1.0;
+    let try_lag = |lag_s: f64| followed.lagged(begin_s, last_s - DELAYS_S[0], lag_s);
+    let mut grids = [DELAYS_S, if lags { LAGS_S } else { [0.0, 0.0] }];
+    let mut step_s = STEP_S;
+    let mut best: Option<(f64, f64, f64)> = None;
+    for _ in 0..ROUNDS {
+        let steps = |[from, to]: [f64; 2]| {
+            let count = ((to - from) / step_s).round() as usize;
+            (0..=count).map(move |k| from + k as f64 * step_s)
+        };
+        for lag_s in steps(grids[1]) {
+            let path = try_lag(lag_s.max(0.0));
+            for delay_s in steps(grids[0]) {
+                let square = Line::fit(&path, begin_s + delay_s, time_s, angle_rad, |_| true)?.square;
+                if best.is_none_or(|(least, ..)| square < least) {
+                    best = Some((square, delay_s, lag_s.max(0.0)));
+                }
+            }
+        }
+        let (_, delay_s, lag_s) = best?;
+        grids = [
+            [delay_s - step_s, delay_s + step_s],
+            if lags { [(lag_s - step_s).max(0.0), lag_s + step_s] } else { [0.0, 0.0] },
+        ];
+        step_s /= FINER;
+    }
+    let (square, delay_s, lag_s) = best?;
+    let path = try_lag(lag_s);
+    let line = Line::fit(&path, begin_s + delay_s, time_s, angle_rad, |_| true)?;
+    if line.moved.abs() < f64::EPSILON {
+        return None;
+    }
+    // The delay's own derivative beside zero and gain, each way of turning by itself: a step by which the residuals would shrink.
+    let way = |wanted: f64| {
+        Line::fit(&path, begin_s + delay_s, time_s, angle_rad, |rate| rate * wanted > 0.0)
+            .map(|line| line.late_s)
+    };
+    let two_ways_s = way(1.0).zip(way(-1.0)).map_or(0.0, |(one, other)| one - other);
+    let rms_rad = (square / time_s.len() as f64).sqrt();
+    Some(Following { delay_s, std_s: line.late_std_s, lag_s, gain: line.gain, rms_rad, two_ways_s })
+}
+
+/// Zero and gain of a link against a path, and by how much later still it would fit best.
+struct Line {
+    gain: f64,
+    square: f64,
+    late_s: f64,
+    late_std_s: f64,
+    /// Sum of the squared rates of the path.
+    moved: f64,
+}
+
+impl Line {
+    /// Against the `path` of steps of [`GRAIN_S`] from `begin_s`, at the instants at which the path's rate \[rad/s\] is one that `counts`.
+    fn fit(
+        path: &[f64],
+        begin_s: f64,
+        time_s: &[f64],
+        angle_rad: &[f64],
+        counts: impl Fn(f64) -> bool,
+    ) -> Option<Self> {
+        let places = time_s.iter().zip(angle_rad).map(|(&t, &angle)| {
+            let place = ((t - begin_s) / GRAIN_S).clamp(0.0, (path.len() - 2) as f64);
+            let before = place as usize;
+            let slope = path[before + 1] - path[before];
+            (path[before] + (place - before as f64) * slope, slope / GRAIN_S, angle)
+        });
+        let rows: Vec<(f64, f64, f64)> = places.filter(|(_, rate, _)| counts(*rate)).collect();
+        let (mut normal, mut right, mut moved) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
+        for &(value, rate, angle) in &rows {
+            let row = Vector3::new(1.0, value, rate);
+            normal += row * row.transpose();
+            right += row * angle;
+            moved += rate * rate;
+        }
+        // zero and gain alone, then with the delay's derivative, - gain * rate
+        let two = normal.fixed_view::<2, 2>(0, 0).into_owned().try_inverse()?;
+        let held = two * right.fixed_rows::<2>(0);
+        let residual = |&(value, _, angle): &(f64, f64, f64)| angle - held[0] - held[1] * value;
+        let square: f64 = rows.iter().map(|row| residual(row).powi(2)).sum();
+        let (mut late_s, mut late_std_s) = (0.0, f64::INFINITY);
+        if let Some(inverse) = normal.try_inverse() {
+            let free = inverse * right;
+            late_s = -free[2] / held[1];
+            // Residuals of neighbours are alike, so that they count for fewer.
+            let (mut products, mut squares) = (0.0, f64::MIN_POSITIVE);
+            for pair in rows.windows(2) {
+                products += residual(&pair[0]) * residual(&pair[1]);
+                squares += residual(&pair[0]).powi(2);
+            }
+            let alike = (products / squares).clamp(0.0, 0.99);
+            let variance = square / rows.len() as f64 * (1.0 + alike) / (1.0 - alike);
+            late_std_s = (variance * inverse[(2, 2)]).sqrt() / held[1].abs();
+        }
+        Some(Self { gain: held[1], square, late_s, late_std_s, moved })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// Strokes of 2:1, and a link that follows by small steps of the lag's own equation.
+    fn strokes(delay_s: f64, lag_s: f64, noise_rad: f64) -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
+        let told_s = vec![0.0, 1.0, 2.0, 2.5, 3.5, 4.0, 5.0];
+        let told = vec![0.0, 0.0, 0.6, -0.6, 0.6, -0.6, 0.0];
+        let command = Followed { time_s: &told_s, angle_rad: &told };
+        let step_s = 1e-5;
+        let mut link = 0.0;
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let (mut time_s, mut angle_rad) = (Vec::new(), Vec::new());
+        for k in 0..600_000_u32 {
+            let t = f64::from(k) * step_s;
+            link += (command.at(t - delay_s) - link) * step_s / lag_s;
+            if k % 1000 == 370 {
+                let noise: f64 = StandardNormal.sample(&mut random);
+                time_s.push(t + step_s);
+                angle_rad.push(-0.1 + 0.9 * link + noise_rad * noise);
+            }
+        }
+        (told_s.clone(), told.clone(), time_s, angle_rad)
+    }
+
+    #[test]
+    fn delay_and_lag_come_apart() {
+        for (delay_s, lag_s) in [(0.035, 0.02), (-0.01, 0.05), (0.12, 0.004)] {
+            let (told_s, told, time_s, angle_rad) = strokes(delay_s, lag_s, 0.002);
+            let followed = Followed { time_s: &told_s, angle_rad: &told };
+            let found = following(followed, &time_s, &angle_rad, true).unwrap();
+            assert!(
+                (found.delay_s - delay_s).abs() < 1e-3 && (found.lag_s - lag_s).abs() < 1.5e-3,
+                "{found:?}"
+            );
+            assert!(
+                (found.gain - 0.9).abs() < 0.005 && found.std_s < 5e-4 && found.two_ways_s.abs() < 1e-3,
+                "{found:?}"
+            );
+            assert!((found.rms_rad / 0.002 - 1.0).abs() < 0.2, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn what_does_not_move_says_nothing() {
+        let still = [0.5; 100];
+        let time_s: Vec<f64> = (0..100).map(|k| 0.01 * f64::from(k)).collect();
+        let followed = Followed { time_s: &[0.0, 1.0], angle_rad: &[0.2, 0.2] };
+        assert_eq!(following(followed, &time_s, &still, true), None);
+    }
+}

@@ -1,0 +1,323 @@
+//! Questions on a terminal, each for one option of `rig new`; answers are checked as they come.
+
+use std::io::{BufRead, Write};
+
+use clap::{ArgMatches, Args as _, FromArgMatches as _};
+
+use crate::config::{MotionKind, Mount};
+use crate::setup::{Answers, Chain, Drive, Scale, Shape};
+
+/// Devices that could be used.
+#[derive(Debug, Default)]
+pub(super) struct Found {
+    pub(super) ports: Vec<String>,
+    pub(super) cameras: Vec<String>,
+}
+
+struct Question {
+    /// The option that it stands for.
+    option: &'static str,
+    text: &'static str,
+    /// Whether the option was given.
+    given: fn(&Answers) -> bool,
+    /// What holds where nothing is answered.
+    default: fn(&Chain) -> String,
+    /// Whether it matters, after what was answered before.
+    matters: fn(&Answers, &Chain) -> bool,
+}
+
+macro_rules! question {
+    ($field:ident, $option:literal, $text:literal, $default:expr) => {
+        question!($field, $option, $text, $default, |_, _| true)
+    };
+    ($field:ident, $option:literal, $text:literal, $default:expr, $matters:expr) => {
+        Question {
+            option: $option,
+            text: $text,
+            given: |answers| answers.$field.is_some(),
+            default: $default,
+            matters: $matters,
+        }
+    };
+}
+
+/// In this order: a later answer's default follows from the earlier ones.
+const QUESTIONS: [Question; 22] = [
+    question!(links, "links", "number of links", |chain| chain.links.len().to_string()),
+    question!(length_m, "length-m", "length of a link, end to end [m]", |chain| rounded(chain.length_m)),
+    question!(overlap_m, "overlap-m", "overlap of two links at their pivot [m]", |chain| rounded(
+        chain.overlap_m
+    )),
+    question!(width_m, "width-m", "width of a link as the camera sees it [m]", |chain| rounded(
+        chain.width_m
+    )),
+    question!(thickness_m, "thickness-m", "thickness of a link along the camera's view [m]", |chain| {
+        rounded(chain.thickness_m)
+    }),
+    question!(shape, "shape", "shape of a link: box or ellipsoid", |chain| match chain.shape {
+        Shape::Box => "box".into(),
+        Shape::Ellipsoid => "ellipsoid".into(),
+    }),
+    question!(
+        mount,
+        "mount",
+        "mounted hanging, upright (motor at the bottom) or horizontal (filmed from above)",
+        |chain| match chain.mount {
+            Mount::Hanging => "hanging".into(),
+            Mount::Upright => "upright".into(),
+            Mount::Horizontal => "horizontal".into(),
+        }
+    ),
+    question!(motion, "motion", "driven (by a servo) or drop (let go by hand)", |chain| chain
+        .motion
+        .to_string()),
+    question!(water_temperature_c, "water-temperature-c", "temperature of the water [degC]", |chain| {
+        chain.water_temperature_c.to_string()
+    }),
+    question!(salinity_g_per_kg, "salinity-g-per-kg", "salinity of the water [g/kg]", |chain| chain
+        .salinity_g_per_kg
+        .to_string()),
+    question!(
+        dry_mass_kg,
+        "dry-mass-kg",
+        "weight in air of a link, or of each with commas between [kg]; nothing: a density",
+        nothing,
+        |answers, _| answers.density_kg_per_m3.is_none()
+    ),
+    question!(
+        wet_mass_kg,
+        "wet-mass-kg",
+        "weight in water of a link, or of each, negative where it floats [kg]; nothing: by its shape",
+        nothing,
+        |answers, _| answers.dry_mass_kg.is_some()
+    ),
+    question!(
+        balance_std_kg,
+        "balance-std-kg",
+        "standard deviation of the balance [kg]",
+        |chain| chain.balance_std_kg.to_string(),
+        |answers, _| answers.dry_mass_kg.is_some()
+    ),
+    question!(
+        density_kg_per_m3,
+        "density-kg-per-m3",
+        "density of the links [kg/m3]",
+        |chain| chain.density_kg_per_m3.to_string(),
+        |answers, _| answers.dry_mass_kg.is_none()
+    ),
+    question!(
+        port,
+        "port",
+        "serial port of the servo board",
+        |chain| match &chain.drive {
+            Drive::Real { port, .. } => port.clone(),
+            Drive::Mock => String::new(),
+        },
+        |answers, chain| !answers.mock && chain.motion == MotionKind::Driven
+    ),
+    question!(
+        device,
+        "device",
+        "camera",
+        |chain| match &chain.drive {
+            Drive::Real { device, .. } => device.clone(),
+            Drive::Mock => String::new(),
+        },
+        is_real
+    ),
+    question!(
+        format,
+        "format",
+        "images leave the camera as grey, yuyv or jpeg",
+        |chain| format!("{:?}", chain.picture.format).to_lowercase(),
+        is_real
+    ),
+    question!(size_px, "size-px", "width x height of the images [px]", |chain| {
+        let [width, height] = chain.picture.size_px;
+        format!("{width}x{height}")
+    }),
+    question!(fps, "fps", "images a second", |chain| chain.picture.fps.to_string()),
+    question!(
+        exposure_s,
+        "exposure-s",
+        "exposure time [s]",
+        |chain| chain.picture.exposure_s.to_string(),
+        is_real
+    ),
+    question!(
+        calibration,
+        "calibration",
+        "calibration file by `rig calibrate camera`; nothing: a scale, or none yet",
+        nothing,
+        |answers, _| !answers.mock && answers.metres_per_pixel.is_none()
+    ),
+    question!(
+        metres_per_pixel,
+        "metres-per-pixel",
+        "scale in the plane of motion [m/px]; not measured yet: a guess that fills the picture",
+        |chain| match chain.picture.scale {
+            Scale::Square { metres_per_pixel, .. } => rounded(metres_per_pixel),
+            Scale::File(_) => String::new(),
+        },
+        |answers, _| answers.calibration.is_none()
+    ),
+];
+
+fn is_real(answers: &Answers, _: &Chain) -> bool {
+    !answers.mock
+}
+
+fn nothing(_: &Chain) -> String {
+    String::new()
+}
+
+/// A length without the digits that only a division made.
+fn rounded(length_m: f64) -> String {
+    ((length_m * 1e7).round() / 1e7).to_string()
+}
+
+/// Why nothing came of the questions.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum AskError {
+    #[error(transparent)]
+    Terminal(#[from] std::io::Error),
+    #[error("the answers ended before the last question; nothing was written")]
+    Ended,
+    #[error("the options given do not go together")]
+    Options(#[from] crate::setup::Refusal),
+}
+
+/// Asks whatever `given` does not say, on `prompts`, until each answer can be.
+pub(super) fn ask(
+    given: &Answers,
+    found: &Found,
+    typed: &mut dyn BufRead,
+    prompts: &mut dyn Write,
+) -> Result<Answers, AskError> {
+    let mut answers = given.clone();
+    for (devices, answer) in [(&found.ports, &mut answers.port), (&found.cameras, &mut answers.device)] {
+        if !given.mock && answer.is_none() {
+            // Only a default so far: it is asked about all the same.
+            *answer = devices.first().cloned();
+        }
+    }
+    let mut chain = Chain::new(&answers)?;
+    writeln!(
+        prompts,
+        "What is between brackets holds where nothing is answered. Units are SI; Ctrl-C writes nothing."
+    )?;
+    for question in QUESTIONS.iter().filter(|question| !(question.given)(given)) {
+        if !(question.matters)(&answers, &chain) {
+            continue;
+        }
+        let devices: &[String] = match question.option {
+            "port" => &found.ports,
+            "device" => &found.cameras,
+            _ => &[],
+        };
+        for device in devices {
+            writeln!(prompts, "  found {device}")?;
+        }
+        (answers, chain) = loop {
+            write!(prompts, "{} [{}]: ", question.text, (question.default)(&chain))?;
+            prompts.flush()?;
+            let mut line = String::new();
+            if typed.read_line(&mut line)? == 0 {
+                return Err(AskError::Ended);
+            }
+            let checked = match line.trim() {
+                "" => break (answers, chain),
+                text => with(&answers, question.option, text),
+            };
+            match checked.and_then(|answers| Ok((Chain::new(&answers).map_err(|e| e.to_string())?, answers)))
+            {
+                Ok((chain, answers)) => break (answers, chain),
+                Err(why) => writeln!(prompts, "  {why}")?,
+            }
+        };
+    }
+    Ok(answers)
+}
+
+/// The options of `rig new` as the command line reads them.
+fn read(arguments: &[&str]) -> Result<ArgMatches, String> {
+    let command = Answers::augment_args(clap::Command::new("new").no_binary_name(true));
+    command.try_get_matches_from(arguments).map_err(|error| {
+        let text = error.to_string();
+        let first = text.lines().next().unwrap_or_default();
+        first.trim_start_matches("error: ").to_owned()
+    })
+}
+
+/// `answers` with what was answered for `option`.
+fn with(answers: &Answers, option: &str, text: &str) -> Result<Answers, String> {
+    let matches = read(&[&format!("--{option}={text}")])?;
+    let mut answers = answers.clone();
+    let mock = answers.mock;
+    answers.update_from_arg_matches(&matches).map_err(|error| error.to_string())?;
+    answers.mock = mock;
+    Ok(answers)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asked(given: &[&str], typed: &str) -> (Result<Answers, AskError>, String) {
+        let given = Answers::from_arg_matches(&read(given).unwrap()).unwrap();
+        let found = Found { ports: vec!["/dev/ttyACM3".into()], cameras: Vec::new() };
+        let mut prompts = Vec::new();
+        let answers = ask(&given, &found, &mut typed.as_bytes(), &mut prompts);
+        (answers, String::from_utf8(prompts).unwrap())
+    }
+
+    #[test]
+    fn defaults_hold_where_nothing_is_answered_and_options_are_not_asked() {
+        let (answers, prompts) = asked(&["--links=4", "--fps=30"], &"\n".repeat(30));
+        let answers = answers.unwrap();
+        assert_eq!(answers.port.as_deref(), Some("/dev/ttyACM3"));
+        assert_eq!(Chain::new(&answers).unwrap().links.len(), 4);
+        assert!(!prompts.contains("number of links") && !prompts.contains("images a second"), "{prompts}");
+        assert!(prompts.contains("length of a link, end to end [m] [0.03]: "), "{prompts}");
+        assert!(prompts.contains("overlap of two links at their pivot [m] [0.005]: "), "{prompts}");
+        assert!(
+            prompts.contains("found /dev/ttyACM3\nserial port of the servo board [/dev/ttyACM3]: "),
+            "{prompts}"
+        );
+    }
+
+    #[test]
+    fn an_answer_that_cannot_be_is_asked_again_at_once() {
+        let typed = ["two", "2", "0.1", "0.1", "0.01", "", "", "", "", "drop"].join("\n") + &"\n".repeat(20);
+        let (answers, prompts) = asked(&[], &typed);
+        let answers = answers.unwrap();
+        assert_eq!((answers.links, answers.length_m, answers.overlap_m), (Some(2), Some(0.1), Some(0.01)));
+        assert_eq!(answers.motion, Some(MotionKind::Drop));
+        assert!(prompts.contains("invalid value 'two' for '--links"), "{prompts}");
+        assert!(prompts.contains("--overlap-m 0.1 must be less than --length-m 0.1"), "{prompts}");
+        assert_eq!(prompts.matches("number of links").count(), 2);
+        assert!(!prompts.contains("serial port"), "nobody drives it: {prompts}");
+    }
+
+    #[test]
+    fn weights_are_asked_in_water_only_once_they_are_known_in_air() {
+        let (answers, prompts) = asked(&["--mock", "--dry-mass-kg=0.0018"], &"\n".repeat(20));
+        assert_eq!(answers.unwrap().dry_mass_kg, Some(vec![0.0018]));
+        assert!(
+            prompts.contains("weight in water") && !prompts.contains("density of the links"),
+            "{prompts}"
+        );
+        assert!(!prompts.contains("camera [") && !prompts.contains("serial port"), "{prompts}");
+        let (_, prompts) = asked(&["--mock"], &"\n".repeat(20));
+        assert!(
+            !prompts.contains("weight in water") && prompts.contains("density of the links"),
+            "{prompts}"
+        );
+    }
+
+    #[test]
+    fn answers_that_end_early_make_nothing() {
+        assert!(matches!(asked(&[], "3\n0.03\n").0, Err(AskError::Ended)));
+        assert!(matches!(asked(&["--overlap-m=1"], "\n").0, Err(AskError::Options(_))));
+    }
+}
