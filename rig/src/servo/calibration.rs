@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use ident::experiment::Prior;
+use ident::experiment::{DiagnoseConfig, FitConfig, Prior};
 use ident::strict::{self, Finite, NonNegative, Positive, StrictError};
 use serde::{Deserialize, Serialize};
 
@@ -14,45 +14,24 @@ pub struct ServoCalibration {
     pub date: String,
     /// Name of the channel.
     pub channel: String,
-    /// The board.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub board: Option<String>,
-    /// The camera.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub camera: Option<String>,
-    /// The runs that it was made from.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub runs: Vec<String>,
-    /// Times that the servo stood still at a level of the staircase.
-    pub levels: u32,
+    /// The run that it was made from.
+    pub run: String,
     /// A longer pulse turns it clockwise.
     pub mirrored: bool,
-    /// Pulse at angle zero \[µs\].
-    pub zero_pulse_us: Positive,
-    /// Its standard error \[µs\].
-    pub zero_pulse_std_us: Positive,
+    /// Pulse at angle zero \[µs\], by the table.
+    pub zero_pulse_us: Measured,
     /// Change of the pulse per angle \[µs/rad\], of the straight line through the table.
-    pub us_per_rad: Positive,
-    /// Its standard error \[µs/rad\], with what the table is off that line.
-    pub us_per_rad_std: Positive,
-    /// Half of what the angle differs by when a level is approached from either side \[rad\].
-    pub hysteresis_rad: NonNegative,
-    /// Its standard error \[rad\].
-    pub hysteresis_std_rad: Positive,
-    /// Half of the smallest change that moves it back after it has turned round, near the middle of its travel \[rad\].
-    pub deadband_rad: NonNegative,
-    /// Its standard error \[rad\].
-    pub deadband_std_rad: Positive,
+    pub us_per_rad: Measured,
+    /// Farthest that the table is off that line \[rad\].
+    pub off_line_rad: NonNegative,
+    /// Half of what the angle differs by when a level is approached from either side \[rad\]: dead band and play.
+    pub deadband_rad: Measured,
     /// Standard deviation with which it comes back to a level from the same side \[rad\].
     pub repeatability_rad: Positive,
-    /// Time constant with which it follows \[s\].
-    pub lag_s: NonNegative,
-    /// Its standard error \[s\].
-    pub lag_std_s: Positive,
-    /// From the pulse to the picture, beside the lag \[s\]: servo, board and camera together.
-    pub delay_s: Finite,
-    /// Its standard error \[s\].
-    pub delay_std_s: Positive,
+    /// Time constant with which it follows, beside what the model's own actuator has \[s\].
+    pub lag_s: Measured,
+    /// From the pulse to the picture, beside the lag \[s\]: servo, board and camera together, and not what it waits for its next look.
+    pub delay_s: Measured,
     /// Fastest turn \[rad/s\]; left out where it was never reached.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rate_limit_rad_per_s: Option<Measured>,
@@ -63,12 +42,50 @@ pub struct ServoCalibration {
     pub table: Table,
 }
 
+/// Why a servo's calibration cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ServoCalibrationError {
+    /// The file is not one.
+    #[error("reading the servo's calibration")]
+    File(#[from] StrictError),
+    /// It is of another servo.
+    #[error("channel `{channel}` names the calibration {}, which is of channel `{of}`: calibrate again, or name the right file", path.display())]
+    Channel {
+        /// The file.
+        path: PathBuf,
+        /// The channel that names it.
+        channel: String,
+        /// The channel that it is of.
+        of: String,
+    },
+    /// The channel does not reach where it should with it.
+    #[error("with the calibration {}: {reason}", path.display())]
+    Travel {
+        /// The file.
+        path: PathBuf,
+        /// Which limit.
+        reason: String,
+    },
+    /// The config says the other sign.
+    #[error(
+        "[profile] says mirrored = {profile}, the calibration of channel `{channel}` mirrored = {file}: leave `mirrored` out of [profile]"
+    )]
+    Mirrored {
+        /// The channel.
+        channel: String,
+        /// Of the config.
+        profile: bool,
+        /// Of the file.
+        file: bool,
+    },
+}
+
 /// A number and its standard error, in one unit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Measured {
     /// The number.
-    pub value: Positive,
+    pub value: Finite,
     /// Its standard error.
     pub std: Positive,
 }
@@ -102,7 +119,11 @@ impl TryFrom<Vec<Row>> for Table {
         for pair in rows.windows(2) {
             let [a, b] = [pair[0], pair[1]];
             if b.pulse_us.get() <= a.pulse_us.get() {
-                return Err(format!("pulse_us = {} after {}: pulses must rise", b.pulse_us.get(), a.pulse_us.get()));
+                return Err(format!(
+                    "pulse_us = {} after {}: pulses must rise",
+                    b.pulse_us.get(),
+                    a.pulse_us.get()
+                ));
             }
             if rises(pair) != first || a.angle_rad == b.angle_rad {
                 return Err(format!(
@@ -157,11 +178,10 @@ impl Table {
     }
 }
 
-/// Older than this a calibration deserves a look \[days\]: horns slip and gears wear.
-pub const OLD_DAYS: f64 = 90.0;
-
 /// Least standard deviation of a prior of the gain, as a share: pulses are whole microseconds, and a camera's tilt does not average out.
 const LEAST_GAIN_STD: f64 = 1e-3;
+/// A dead band of less than so many standard errors is none.
+const DEADBAND_SIGMAS: f64 = 3.0;
 
 impl ServoCalibration {
     /// Reads the file at `path`.
@@ -170,41 +190,65 @@ impl ServoCalibration {
     /// [`StrictError`], naming the line.
     pub fn read(path: &Path) -> Result<Self, StrictError> {
         let calibration: Self = strict::read(path)?;
+        let refused = |message: String| StrictError::Refused { path: PathBuf::from(path), message };
+        let above_zero =
+            [("zero_pulse_us", calibration.zero_pulse_us), ("us_per_rad", calibration.us_per_rad)];
+        if let Some((key, measured)) =
+            above_zero.into_iter().find(|(_, measured)| measured.value.get() <= 0.0)
+        {
+            return Err(refused(format!("{key} = {} must be above 0", measured.value.get())));
+        }
         match calibration.table.falls() == calibration.mirrored {
             true => Ok(calibration),
-            false => Err(StrictError::Refused {
-                path: PathBuf::from(path),
-                message: format!(
-                    "mirrored = {}, but the table's angles {} with the pulse",
-                    calibration.mirrored,
-                    if calibration.table.falls() { "fall" } else { "rise" }
-                ),
-            }),
+            false => Err(refused(format!(
+                "mirrored = {}, but the table's angles {} with the pulse",
+                calibration.mirrored,
+                if calibration.table.falls() { "fall" } else { "rise" }
+            ))),
         }
     }
 
-    /// How old it is \[days\]; none where its date cannot be read.
-    pub fn age_days(&self) -> Option<f64> {
-        let made: jiff::Timestamp = self.date.parse().ok()?;
-        Some(jiff::Timestamp::now().duration_since(made).as_secs_f64() / 86_400.0)
+    /// Pulse at angle zero \[µs\] and change of the pulse per angle \[µs/rad\].
+    pub(super) fn scale(&self) -> (Positive, Positive) {
+        let positive = |measured: Measured| {
+            Positive::new(measured.value.get()).unwrap_or_else(|| unreachable!("it was read as above 0"))
+        };
+        (positive(self.zero_pulse_us), positive(self.us_per_rad))
     }
 
-    /// What it tells a fit beforehand, by parameter: the gain, which the table has put right, is off by no more than the table is; the lag
-    /// and the time between looks are as measured.
-    pub fn priors(&self) -> Vec<(&'static str, Prior)> {
-        let gain_std = (self.us_per_rad_std.get() / self.us_per_rad.get()).max(LEAST_GAIN_STD);
-        let prior = |name, mean: f64, std: f64| Some((name, Prior { mean: Finite::new(mean)?, std: Positive::new(std)? }));
-        let measured = |name, measured: Option<Measured>| {
-            measured.and_then(|measured| prior(name, measured.value.get(), measured.std.get()))
-        };
-        [
-            prior("servo_gain/scale", 0.0, gain_std),
-            prior("servo_lag/time", self.lag_s.get(), self.lag_std_s.get()),
-            measured("servo_refresh/period", self.refresh_s),
-        ]
-        .into_iter()
-        .flatten()
-        .collect()
+    /// What it tells a fit beforehand: the gain, which the table has put right, is off by no more than the table is; lag and play are
+    /// as measured. A look at the pulse comes up to a period late, half of it on average.
+    /// Looks and a limit of the rate are not in a model until a diagnosis puts them there, and their numbers are known then.
+    pub fn put_into(&self, fit: &mut FitConfig, diagnose: &mut DiagnoseConfig) {
+        let prior = |mean: f64, std: f64| Some(Prior { mean: Finite::new(mean)?, std: Positive::new(std)? });
+        let gain_std = (self.us_per_rad.std.get() / self.us_per_rad.value.get()).max(LEAST_GAIN_STD);
+        let lag_s = self.lag_s.value.get().max(0.0);
+        let period_s = self.refresh_s.map_or(0.0, |period| period.value.get());
+        let delay_s = (self.delay_s.value.get() + period_s / 2.0).max(0.0);
+        let delay_std_s = self.delay_s.std.get().hypot(period_s / 12_f64.sqrt());
+        let play = self.deadband_rad;
+        let has_play = play.value.get() > DEADBAND_SIGMAS * play.std.get();
+        let whole = |measured: Measured| prior(measured.value.get(), measured.std.get());
+        let known = [
+            ("servo_gain/scale", prior(0.0, gain_std)),
+            ("servo_lag/time", prior(lag_s, self.lag_s.std.get())),
+            ("servo_delay/delay", prior(delay_s, delay_std_s)),
+            ("backlash/half_width", whole(play).filter(|_| has_play)),
+        ];
+        for (name, prior) in known {
+            if let Some(prior) = prior {
+                fit.prior.entry(name.into()).or_insert(prior);
+            }
+        }
+        let suspected = [
+            ("servo_refresh/period", self.refresh_s.and_then(whole)),
+            ("servo_rate_limit/rate", self.rate_limit_rad_per_s.and_then(whole)),
+        ];
+        for (name, prior) in suspected {
+            if let Some(prior) = prior {
+                diagnose.prior.entry(name.into()).or_insert(prior);
+            }
+        }
     }
 }
 
@@ -238,5 +282,39 @@ mod tests {
         assert!(table(&[[1000.0, 0.0]]).unwrap_err().contains("2 rows"));
         assert!(table(&[[1000.0, 0.0], [900.0, 1.0]]).unwrap_err().contains("must rise"));
         assert!(table(&[[1000.0, 0.0], [1100.0, 1.0], [1200.0, 0.5]]).unwrap_err().contains("all rise"));
+    }
+
+    #[test]
+    fn what_was_measured_is_what_a_fit_begins_with() {
+        let measured = |value: f64, std: f64| Measured {
+            value: Finite::new(value).unwrap(),
+            std: Positive::new(std).unwrap(),
+        };
+        let calibration = ServoCalibration {
+            date: "2026-11-26T00:00:00Z".into(),
+            channel: "servo".into(),
+            run: "run".into(),
+            mirrored: true,
+            zero_pulse_us: measured(1500.0, 0.1),
+            us_per_rad: measured(600.0, 0.1),
+            off_line_rad: NonNegative::new(0.0).unwrap(),
+            deadband_rad: measured(0.006, 0.0001),
+            repeatability_rad: Positive::literal(1e-4),
+            lag_s: measured(0.02, 0.001),
+            delay_s: measured(0.001, 0.0005),
+            rate_limit_rad_per_s: None,
+            refresh_s: Some(measured(0.02, 0.00002)),
+            table: table(&[[1000.0, 0.8], [2000.0, -0.8]]).unwrap(),
+        };
+        let (mut fit, mut diagnose) = (FitConfig::default(), DiagnoseConfig::default());
+        calibration.put_into(&mut fit, &mut diagnose);
+        let of = |name: &str| [fit.prior[name].mean.get(), fit.prior[name].std.get()];
+        assert_eq!(of("servo_lag/time"), [0.02, 0.001]);
+        assert_eq!(of("servo_gain/scale"), [0.0, 1e-3]);
+        assert_eq!(of("backlash/half_width"), [0.006, 0.0001]);
+        // a command waits for the next look from 0 to 20 ms
+        assert_eq!(of("servo_delay/delay")[0], 0.011);
+        assert!((of("servo_delay/delay")[1] - 0.0005_f64.hypot(0.02 / 12_f64.sqrt())).abs() < 1e-12);
+        assert_eq!(diagnose.prior.keys().collect::<Vec<_>>(), ["servo_refresh/period"]);
     }
 }

@@ -1,11 +1,11 @@
-//! Why films of a servo make no calibration.
+//! Why a film of a servo makes no calibration.
 
-/// Why films of a servo make no calibration.
+/// Why a film of a servo makes no calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ServoCalibrateError {
     /// The staircase is not there.
     #[error(
-        "the servo was seen at rest {rests} times after a known move, at {levels} pulses; at least {least} times at 3 pulses from both sides are needed: film a staircase (`rig calibrate servo CONFIG`), and see in its report why images were refused"
+        "the servo was seen at rest {rests} times after a known move, at {levels} pulses; at least {least} times at 3 pulses from both sides are needed: film a staircase (`rig calibrate servo CONFIG`), and see in its frames.csv why images were refused"
     )]
     Levels {
         /// Stands seen.
@@ -27,7 +27,7 @@ pub enum ServoCalibrateError {
     },
     /// Small steps move nothing.
     #[error(
-        "the angle depends by {zone_rad:.4} rad on the side from which a level is approached, more than half of the quick steps of {step_rad:.4} rad: tighten the horn, or widen the channel's limits for larger steps"
+        "the angle depends by {zone_rad:.4} rad on the side from which a level is approached, more than half of the steps of {step_rad:.4} rad: tighten the horn, or widen the channel's limits for larger steps"
     )]
     Loose {
         /// \[rad\]
@@ -35,15 +35,12 @@ pub enum ServoCalibrateError {
         /// \[rad\]
         step_rad: f64,
     },
-    /// No film of small steps to and fro.
-    #[error("no film shows small steps to and fro about the middle; all films of one calibration are needed")]
-    NoSmallSteps,
-    /// No film of quick steps.
+    /// Nothing moves, or nothing is seen of it.
     #[error(
-        "{images} images show quick steps, at least {least} are needed; all films of one calibration are needed"
+        "{images} images show how the servo follows, at least {least} are needed: see in frames.csv why images were refused"
     )]
-    NoQuickSteps {
-        /// Images seen during them.
+    NoMoves {
+        /// Images seen.
         images: usize,
         /// Least number.
         least: usize,

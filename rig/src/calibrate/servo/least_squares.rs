@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 /// Steps of the search, and when it has ended: a step betters the squares by less than this share.
-const STEPS: usize = 60;
-const ENDED: f64 = 1e-9;
+const STEPS: usize = 40;
+const ENDED: f64 = 1e-6;
 const MOST_DAMPING: f64 = 1e8;
 
 /// Where a search ended.

@@ -35,8 +35,9 @@ pub struct Levels {
     pub levels: Vec<Level>,
     /// Times that the servo stood at one of them.
     pub rests: usize,
-    /// Half of what the angle differs by when approached from either side \[rad\].
-    pub hysteresis_rad: Estimate,
+    /// Half of what the angle differs by when approached from either side \[rad\]: the servo's own dead band and the play behind it, which
+    /// no film of the link tells apart.
+    pub deadband_rad: Estimate,
     /// Standard deviation with which the servo comes back to a level from the same side \[rad\].
     pub repeatability_rad: f64,
     /// Slope of the straight line through the levels \[rad/µs\]; negative: mirrored.
@@ -54,7 +55,7 @@ pub(super) fn is_firm(rest: &Rest, rests: &[Rest]) -> bool {
     rest.move_us.is_some_and(|us| us.abs() >= FIRM_SHARE * travel)
 }
 
-/// Levels, hysteresis and repeatability together by least squares: angle = level - hysteresis in the direction of the approach.
+/// Levels, dead band and repeatability together by least squares: angle = level - dead band in the direction of the approach.
 pub(super) fn levels(rests: &[Rest]) -> Result<Levels, ServoCalibrateError> {
     let mut firm: Vec<&Rest> = rests.iter().filter(|rest| is_firm(rest, rests)).collect();
     let mut pulses: Vec<f64> = firm.iter().map(|rest| rest.pulse_us).collect();
@@ -66,16 +67,16 @@ pub(super) fn levels(rests: &[Rest]) -> Result<Levels, ServoCalibrateError> {
         return Err(ServoCalibrateError::Levels { rests: firm.len(), levels: pulses.len(), least: LEAST });
     }
     let sign = line(&firm.iter().map(|rest| (rest.pulse_us, rest.angle_rad)).collect::<Vec<_>>())[1].signum();
-    let mut fit = Fit::of(&firm, &pulses, sign);
+    let lacking = ServoCalibrateError::Levels { rests: firm.len(), levels: pulses.len(), least: LEAST };
+    let mut fit = Fit::of(&firm, &pulses, sign).ok_or(lacking)?;
     let sizes: Vec<f64> = fit.residuals.iter().map(|r| r.abs()).collect();
     let usual = MEDIAN_TO_SIGMA * median(&mut sizes.clone(), f64::total_cmp).unwrap_or(0.0);
     let limit = (MISREAD_SIGMAS * usual).max(MISREAD_RAD);
     if sizes.iter().any(|size| *size > limit) {
         let kept: Vec<&Rest> =
             firm.iter().zip(&sizes).filter(|(_, size)| **size <= limit).map(|(rest, _)| *rest).collect();
-        if pulses.iter().all(|pulse| kept.iter().any(|rest| rest.pulse_us == *pulse)) {
-            firm = kept;
-            fit = Fit::of(&firm, &pulses, sign);
+        if let Some(better) = Fit::of(&kept, &pulses, sign) {
+            (firm, fit) = (kept, better);
         }
     }
     let repeatability_rad = fit.std.max(LEAST_STD_RAD);
@@ -92,32 +93,22 @@ pub(super) fn levels(rests: &[Rest]) -> Result<Levels, ServoCalibrateError> {
         return Err(ServoCalibrateError::NotMonotone { from_us: pair[0].pulse_us, to_us: pair[1].pulse_us });
     }
     let last = pulses.len();
-    let hysteresis_std = (repeatability_rad * fit.inverse[(last, last)].sqrt()).max(LEAST_STD_RAD);
-    let straight = line(&levels.iter().map(|level| (level.pulse_us, level.angle_rad)).collect::<Vec<_>>());
-    let off: Vec<f64> =
-        levels.iter().map(|l| l.angle_rad - straight[0] - straight[1] * l.pulse_us).collect();
-    let mean = pulses.iter().sum::<f64>() / last as f64;
-    let spread: f64 = pulses.iter().map(|pulse| (pulse - mean).powi(2)).sum();
-    let around = (off.iter().map(|x| x * x).sum::<f64>() / last.saturating_sub(2).max(1) as f64).sqrt();
-    let slope_std = around.max(LEAST_STD_RAD) / spread.sqrt();
+    let deadband_std = (repeatability_rad * fit.inverse[(last, last)].sqrt()).max(LEAST_STD_RAD);
     let mut found = Levels {
         rests: firm.len(),
-        hysteresis_rad: Estimate { value: fit.solution[last].max(0.0), std: hysteresis_std },
+        deadband_rad: Estimate { value: fit.solution[last].max(0.0), std: deadband_std },
         repeatability_rad,
-        rad_per_us: Estimate { value: straight[1], std: slope_std },
+        rad_per_us: Estimate { value: 0.0, std: 0.0 },
         zero_pulse_us: Estimate { value: 0.0, std: 0.0 },
-        off_line_rad: off.iter().fold(0.0, |most, x| f64::max(most, x.abs())),
+        off_line_rad: 0.0,
         levels,
     };
-    let nearest = found.levels.iter().map(|level| (level.angle_rad.abs(), level.std_rad));
-    let std_rad = nearest.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(LEAST_STD_RAD, |nearest| nearest.1);
-    found.zero_pulse_us =
-        Estimate { value: found.pulse_us(0.0), std: std_rad / found.rad_per_us.value.abs() };
+    found.straighten();
     Ok(found)
 }
 
 struct Fit {
-    /// The levels and, last, the hysteresis.
+    /// The levels and, last, the dead band.
     solution: DVector<f64>,
     inverse: DMatrix<f64>,
     residuals: Vec<f64>,
@@ -125,7 +116,8 @@ struct Fit {
 }
 
 impl Fit {
-    fn of(rests: &[&Rest], pulses: &[f64], sign: f64) -> Self {
+    /// None where the levels, or what they differ by from either side, are not to be seen in `rests`.
+    fn of(rests: &[&Rest], pulses: &[f64], sign: f64) -> Option<Self> {
         let width = pulses.len() + 1;
         let mut design = DMatrix::zeros(rests.len(), width);
         for (row, rest) in rests.iter().enumerate() {
@@ -136,13 +128,13 @@ impl Fit {
         }
         let angles = DVector::from_iterator(rests.len(), rests.iter().map(|rest| rest.angle_rad));
         let normal = design.transpose() * &design;
-        // a level at an end is approached from one side: the others say what the hysteresis is
-        let inverse = normal.try_inverse().unwrap_or_else(|| DMatrix::from_element(width, width, f64::NAN));
+        // a level at an end is approached from one side: the others say what the dead band is
+        let inverse = normal.try_inverse()?;
         let solution = &inverse * design.transpose() * &angles;
         let residuals = &angles - &design * &solution;
         let freedom = rests.len().saturating_sub(width).max(1) as f64;
         let std = (residuals.norm_squared() / freedom).sqrt();
-        Self { solution, inverse, residuals: residuals.iter().copied().collect(), std }
+        Some(Self { solution, inverse, residuals: residuals.iter().copied().collect(), std })
     }
 }
 
@@ -158,6 +150,31 @@ fn line(points: &[(f64, f64)]) -> [f64; 2] {
 }
 
 impl Levels {
+    /// Each level farther by `by_rad` of its pulse \[rad\].
+    pub(super) fn shift(&mut self, by_rad: impl Fn(f64) -> f64) {
+        for level in &mut self.levels {
+            level.angle_rad += by_rad(level.pulse_us);
+        }
+        self.straighten();
+    }
+
+    /// The straight line through the levels, and where they are at zero.
+    fn straighten(&mut self) {
+        let count = self.levels.len() as f64;
+        let points: Vec<(f64, f64)> =
+            self.levels.iter().map(|level| (level.pulse_us, level.angle_rad)).collect();
+        let [offset, slope] = line(&points);
+        self.off_line_rad =
+            points.iter().fold(0.0, |most, (us, rad)| f64::max(most, (rad - offset - slope * us).abs()));
+        let mean_us = points.iter().map(|point| point.0).sum::<f64>() / count;
+        let spread: f64 = points.iter().map(|point| (point.0 - mean_us).powi(2)).sum();
+        let usual = self.levels.iter().map(|level| level.std_rad.powi(2)).sum::<f64>() / count;
+        self.rad_per_us = Estimate { value: slope, std: (usual / spread).sqrt() };
+        let nearest = self.levels.iter().map(|level| (level.angle_rad.abs(), level.std_rad));
+        let std_rad = nearest.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(LEAST_STD_RAD, |nearest| nearest.1);
+        self.zero_pulse_us = Estimate { value: self.pulse_us(0.0), std: std_rad / slope.abs() };
+    }
+
     /// Where `pulse_us` leads \[rad\].
     pub fn angle_rad(&self, pulse_us: f64) -> f64 {
         let next = self.levels.partition_point(|level| level.pulse_us <= pulse_us);

@@ -28,15 +28,11 @@ impl DrivenLink {
         let drive = model.actuators.iter().find(|drive| drive.name == actuator);
         let joint = drive.map(|drive| &model.joints[drive.joint]);
         let joint = joint.ok_or_else(|| lacking("the model has no actuator of that name".into()))?;
-        let rest = sim::rollout(
-            model,
-            &model.rest_state(),
-            &Command::default(),
-            &[0.0],
-            &RolloutOptions::default(),
-        )
-        .map_err(|error| lacking(error.to_string()))?;
-        let place = |name: &str| rest.keypoints.iter().position(|known| known == name).map(|k| rest.position_m[k]);
+        let rest =
+            sim::rollout(model, &model.rest_state(), &Command::default(), &[0.0], &RolloutOptions::default())
+                .map_err(|error| lacking(error.to_string()))?;
+        let place =
+            |name: &str| rest.keypoints.iter().position(|known| known == name).map(|k| rest.position_m[k]);
         let off = |pos: [f64; 3]| {
             let anchor = joint.pos.0;
             (0..3).map(|k| (pos[k] - anchor[k]).powi(2)).sum::<f64>().sqrt()
@@ -46,7 +42,8 @@ impl DrivenLink {
             own.filter_map(|site| Some((site, off(site.pos.0), place(&site.name)?)))
         };
         let tip = sites().filter(|site| site.1 > AT_PIVOT_M).max_by(|a, b| a.1.total_cmp(&b.1));
-        let (tip, _, tip_m) = tip.ok_or_else(|| lacking("its body has no keypoint beside its pivot".into()))?;
+        let (tip, _, tip_m) =
+            tip.ok_or_else(|| lacking("its body has no keypoint beside its pivot".into()))?;
         let base = sites().find(|site| site.1 <= AT_PIVOT_M);
         let (name, base_m) = base
             .map(|(site, _, at)| (site.name.clone(), at))
@@ -70,7 +67,8 @@ impl DrivenLink {
         let mut base_m = self.base.1;
         if let Some(base) = self.base.0.as_deref().and_then(place) {
             for axis in self.axes {
-                let mut all: Vec<f64> = shown(base).map(|(_, at)| at[axis]).filter(|x| x.is_finite()).collect();
+                let mut all: Vec<f64> =
+                    shown(base).map(|(_, at)| at[axis]).filter(|x| x.is_finite()).collect();
                 if let Some(middle) = ident::statistics::median(&mut all, f64::total_cmp) {
                     base_m[axis] = middle;
                 }

@@ -1,111 +1,84 @@
-//! The motions of a calibration: a staircase, small steps to and fro, quick steps. Each fits into the 64 segments of the smallest board.
+//! The motion of a calibration: a staircase that is climbed and descended twice, a few wide steps, and small ones to and fro, every move as
+//! fast as the channel may. It fits into the 64 segments of the smallest board.
 
 use firmware_protocol::units::{PulseWidthUs, RateUsPerS};
 
 use crate::servo::{PulseProfile, PulseTrack, ServoChannel};
 
 /// Levels of the staircase, and how often it is climbed and descended.
-const LEVELS: u16 = 8;
+const LEVELS: u16 = 5;
 const CLIMBS: usize = 2;
-/// Time from one level to the next and on it \[µs\].
-const CLIMB_US: u32 = 100_000;
-const STAND_US: u32 = 700_000;
-/// Small steps lead to so much beside the middle, and further each time, as a share of the travel; how many, and how long each lasts \[µs\].
-const SMALL_SHARE: f64 = 1.0 / 500.0;
-const SMALL_STEPS: u16 = 13;
-const SMALL_STAND_US: u32 = 550_000;
-/// Quick steps between two pulses, as shares of the travel, how many of each, and how long each lasts at least \[µs\].
-const QUICK: [(f64, u32, u32); 2] = [(1.0 / 16.0, 21, 250_000), (0.5, 8, 420_000)];
-/// Their times sweep this long \[µs\], by the golden ratio: whatever the period of the servo's looks, they fall on all of its parts.
+/// Wide steps to and fro, between the levels with these numbers.
+const WIDE: [u16; 5] = [3, 1, 3, 1, 2];
+/// Small steps about the middle, and how far each leads, as a share of the travel: over before a servo looks twice, they show when it looks.
+const SMALL_STEPS: usize = 9;
+const SMALL_STEP_SHARES: [f64; 2] = [0.03, 0.05];
+/// How long it takes to the lowest level, and in a first small motion \[µs\]: nobody knows yet what a pulse does.
+const SLOW_US: u32 = 1_500_000;
+/// How far the first small motion leads, as a share of the travel.
+const FIRST_SHARE: f64 = 0.05;
+/// Stands are longer by up to so much \[µs\], by the golden ratio: whatever the period of the servo's looks, moves begin in all parts of it.
 const SWEEP_US: f64 = 60_000.0;
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
-/// One motion.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Motion {
-    /// What it is called.
-    pub name: &'static str,
-    /// What the board plays.
-    pub profile: PulseProfile,
-}
-
-/// The motions that calibrate `channel`, within its limits of travel and rate.
-pub fn motions(channel: &ServoChannel) -> [Motion; 3] {
-    let (min, travel) = (channel.min_pulse_us, channel.max_pulse_us - channel.min_pulse_us);
-    let at = |share: f64| min + (share * f64::from(travel)).round() as u16;
+/// The motion that calibrates `channel`, within its limits of travel and rate; it stands for `stand_s` \[s\] and a little more after each
+/// move. A channel that is not marked as calibrated moves a little and slowly first.
+pub fn motion(channel: &ServoChannel, stand_s: f64) -> PulseProfile {
+    let (min, max) = channel.travel.range().into_inner();
+    let at = |share: f64| min + (share * f64::from(max - min)).round() as u16;
     let level = |k: u16| at(f64::from(k) / f64::from(LEVELS - 1));
-
-    let mut staircase = Track::from(channel, level(0));
-    for _ in 0..CLIMBS {
-        for k in (1..LEVELS).chain((0..LEVELS - 1).rev()) {
-            staircase.go(level(k), CLIMB_US, STAND_US);
+    let middle = level(LEVELS / 2);
+    let limit = RateUsPerS(channel.travel.max_rate_per_s());
+    let mut track = PulseTrack { channel: channel.id, start_pulse: middle, segments: Vec::new() };
+    let mut go = |to: u16, least_us: u32| {
+        let from = track.segments.last().map_or(middle, |segment| segment.1);
+        let shortest = limit.shortest(PulseWidthUs(from), PulseWidthUs(to)).0.max(1);
+        track.segments.push((shortest.max(least_us), to));
+    };
+    if !channel.calibrated {
+        for share in [0.5 + FIRST_SHARE, 0.5 - FIRST_SHARE] {
+            go(at(share), SLOW_US);
         }
     }
-
-    let mut small = Track::from(channel, at(0.25));
-    small.go(at(0.5), CLIMB_US, SMALL_STAND_US);
-    for k in 1..=SMALL_STEPS {
-        let beside = f64::from(k) * SMALL_SHARE;
-        small.go(at(if k % 2 == 1 { 0.5 - beside } else { 0.5 + beside }), 0, SMALL_STAND_US);
+    go(level(0), SLOW_US);
+    let climb = (1..LEVELS).chain((0..LEVELS - 1).rev());
+    let staircase = std::iter::repeat_n(climb, CLIMBS).flatten();
+    let stand_us = |number: usize| (stand_s * 1e6 + SWEEP_US * f64::fract(number as f64 * GOLDEN)) as u32;
+    go(level(0), stand_us(0));
+    // a step that lasts as long as a period is late by the same whenever it begins: not all of them are alike
+    let share = |k: usize| SMALL_STEP_SHARES[k * SMALL_STEP_SHARES.len() / SMALL_STEPS];
+    let side = |k: usize| if k % 2 == 0 { 0.5 } else { -0.5 };
+    let small = (0..SMALL_STEPS).map(|k| at(0.5 + side(k) * share(k)));
+    for (number, to) in staircase.chain(WIDE).map(level).chain(small).enumerate() {
+        go(to, 0);
+        go(to, stand_us(number + 1));
     }
-
-    let mut quick = Track::from(channel, at(0.5));
-    let mut count = 0.0;
-    for (share, steps, stand_us) in QUICK {
-        for k in 0..steps {
-            let side = if k % 2 == 0 { 0.5 } else { -0.5 };
-            let swept = SWEEP_US * f64::fract(count * GOLDEN);
-            quick.go(at(0.5 + side * share), 0, stand_us + swept as u32);
-            count += 1.0;
-        }
-    }
-    quick.go(at(0.5), CLIMB_US, STAND_US);
-
-    let motion = |name, track: Track<'_>| Motion { name, profile: PulseProfile { tracks: vec![track.track] } };
-    [motion("staircase", staircase), motion("small steps", small), motion("quick steps", quick)]
-}
-
-struct Track<'a> {
-    channel: &'a ServoChannel,
-    at: u16,
-    track: PulseTrack,
-}
-
-impl<'a> Track<'a> {
-    fn from(channel: &'a ServoChannel, start_pulse_us: u16) -> Self {
-        let stand = (STAND_US, start_pulse_us);
-        let track = PulseTrack { channel: channel.id, start_pulse_us, segments: vec![stand] };
-        Self { channel, at: start_pulse_us, track }
-    }
-
-    /// To `pulse_us` within `move_us`, or as fast as the channel may, and stands there.
-    fn go(&mut self, pulse_us: u16, move_us: u32, stand_us: u32) {
-        let limit = RateUsPerS(self.channel.max_rate_us_per_s);
-        let shortest = limit.shortest(PulseWidthUs(self.at), PulseWidthUs(pulse_us)).0.max(1);
-        self.track.segments.extend([(move_us.max(shortest), pulse_us), (stand_us, pulse_us)]);
-        self.at = pulse_us;
-    }
+    PulseProfile { tracks: vec![track] }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::servo::config::tests::example;
+    use firmware_protocol::units::DurationUs;
 
     #[test]
-    fn motions_keep_the_channels_limits_and_fit_into_the_smallest_board() {
-        let channel = &example().channels[0];
-        for Motion { name, profile } in motions(channel) {
-            let track = &profile.tracks[0];
-            assert!(track.segments.len() <= 64, "{name}: {}", track.segments.len());
-            let mut before = PulseWidthUs(track.start_pulse_us);
+    fn motion_keeps_the_channels_limits_and_fits_into_the_smallest_board() {
+        let mut channel = example().channels[0].clone();
+        for calibrated in [false, true] {
+            channel.calibrated = calibrated;
+            let track = &motion(&channel, 0.45).tracks[0];
+            assert!(track.segments.len() <= 64, "{}", track.segments.len());
+            let limit = RateUsPerS(channel.travel.max_rate_per_s());
+            let mut before = PulseWidthUs(track.start_pulse);
             for &(us, pulse) in &track.segments {
-                assert!((channel.min_pulse_us..=channel.max_pulse_us).contains(&pulse), "{name}: {pulse}");
-                let duration = firmware_protocol::units::DurationUs(us);
-                let limit = RateUsPerS(channel.max_rate_us_per_s);
-                assert!(limit.allows(before, PulseWidthUs(pulse), duration), "{name}: {pulse} in {us}");
+                assert!(channel.travel.range().contains(&pulse), "{pulse}");
+                assert!(limit.allows(before, PulseWidthUs(pulse), DurationUs(us)), "{pulse} in {us}");
                 before = PulseWidthUs(pulse);
             }
+            let first = track.segments[0];
+            assert_eq!(first.1.abs_diff(track.start_pulse) < 100, !calibrated);
+            assert_eq!(first.0, SLOW_US);
         }
     }
 }

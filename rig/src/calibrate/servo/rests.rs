@@ -5,18 +5,16 @@ use ident::statistics::median;
 use super::Film;
 
 /// Shortest stand that counts \[s\].
-const STAND_S: f64 = 0.45;
-/// Water, lag and latency are over so long after a stand began, and what comes next has not begun so long before it ends \[s\].
-const AFTER_S: f64 = 0.3;
-const BEFORE_S: f64 = 0.05;
+pub(super) const STAND_S: f64 = 0.25;
+/// Water, lag and latency are over in this last share of a stand, and what comes next has not begun so long before it ends \[s\].
+const LAST_SHARE: f64 = 0.4;
+const BEFORE_S: f64 = 0.03;
 /// Least images of a stand.
 const IMAGES: usize = 3;
 
 /// A stand at one pulse.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rest {
-    /// The film it is in.
-    pub(super) film: usize,
     /// The pulse \[µs\].
     pub(super) pulse_us: f64,
     /// How much it differs from the one before \[µs\]; none where nobody knows.
@@ -25,24 +23,19 @@ pub(super) struct Rest {
     pub(super) angle_rad: f64,
 }
 
-/// Stands in the order of the films; one in which nothing was seen is left out.
-pub(super) fn rests(films: &[Film]) -> Vec<Rest> {
-    let mut rests = Vec::new();
-    for (number, film) in films.iter().enumerate() {
-        for stand in stands(film) {
-            let from = film.time_s.partition_point(|&t| t < stand.from_s + AFTER_S);
-            let until = film.time_s.partition_point(|&t| t < stand.until_s - BEFORE_S);
-            if stand.until_s - stand.from_s >= STAND_S && until >= from + IMAGES {
-                rests.push(Rest {
-                    film: number,
-                    pulse_us: stand.pulse_us,
-                    move_us: stand.move_us,
-                    angle_rad: middle(&film.angle_rad[from..until]),
-                });
-            }
-        }
-    }
-    rests
+/// Stands in the order of the film; one in which nothing was seen is left out.
+pub(super) fn rests(film: &Film) -> Vec<Rest> {
+    let seen = |stand: Stand| {
+        let lasts_s = stand.until_s - stand.from_s;
+        let from = film.time_s.partition_point(|&t| t < stand.until_s - BEFORE_S - LAST_SHARE * lasts_s);
+        let until = film.time_s.partition_point(|&t| t < stand.until_s - BEFORE_S);
+        (lasts_s >= STAND_S && until >= from + IMAGES).then(|| Rest {
+            pulse_us: stand.pulse_us,
+            move_us: stand.move_us,
+            angle_rad: middle(&film.angle_rad[from..until]),
+        })
+    };
+    stands(film).into_iter().filter_map(seen).collect()
 }
 
 /// A pulse that lasts.

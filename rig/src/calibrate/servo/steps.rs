@@ -1,12 +1,12 @@
-//! Quick steps: lag, rate limit, looks and delay.
+//! Every move of the film: lag, rate limit, looks and delay.
 //!
-//! A servo that looks at its pulse now and then starts late by what was left of its period: steps at times that have nothing to do with
-//! each other are late by a saw of their times, whose frequency a periodogram shows. From its highest peaks on all numbers are fitted
-//! together, with and without a limit of the rate, with and without looks; what does not clearly better the fit is left out.
+//! A servo that looks at its pulse now and then starts late by what was left of its period: moves at times that have nothing to do with
+//! each other are late by different parts of it. From the periods that explain that best on all numbers are fitted together, with and
+//! without a limit of the rate, with and without looks; what does not clearly better the fit is left out.
 
-use std::f64::consts::TAU;
+use std::ops::Range;
 
-use ident::statistics::median;
+use ident::statistics::{MEDIAN_TO_SIGMA, median};
 
 use super::Film;
 use super::error::ServoCalibrateError;
@@ -37,16 +37,12 @@ pub struct Dynamics {
     pub refresh_s: Option<Estimate>,
     /// Fastest change of what it was told \[rad/s\].
     pub told_rad_per_s: f64,
-    /// Looks further apart than this would have been seen \[s\].
-    pub seen_refresh_s: f64,
     /// Standard deviation of the images from the law \[rad\].
     pub rms_rad: f64,
 }
 
-/// Least images of quick steps.
+/// Least images of moves.
 const LEAST_IMAGES: usize = 100;
-/// Stands shorter than this are between quick steps \[s\].
-const SHORT_S: f64 = 0.45;
 /// Starts that are tried: lags \[s\], delays \[s\], and rate limits as shares of the fastest command.
 const LAGS_S: [f64; 6] = [0.003, 0.007, 0.015, 0.03, 0.06, 0.12];
 const DELAYS_S: [f64; 8] = [-0.02, -0.01, 0.0, 0.01, 0.02, 0.03, 0.05, 0.07];
@@ -58,13 +54,25 @@ const LAG_S: [f64; 2] = [2e-4, 1.0];
 /// Periods of looks that are sought \[s\].
 const PERIOD_S: [f64; 2] = [0.004, 0.05];
 /// Frequencies this share of the inverse of the film's length apart keep in step with it.
-const FREQUENCY_STEP: f64 = 0.125;
-const PEAKS: usize = 12;
-const PHASES: usize = 12;
-/// How late a step can be beside the others \[s\].
-const LATE_S: f64 = 0.04;
+const FREQUENCY_STEP: f64 = 0.25;
+const PHASES: usize = 10;
+/// Moves of no more than this share of the travel are over before the servo has looked twice, and tell when it looks.
+const SMALL_SHARE: f64 = 0.1;
+const LEAST_SMALL: usize = 6;
+/// A move is looked at about so long \[s\].
+const RUN_UP_S: f64 = 0.2;
+/// So many starts are followed to their ends; with looks, of so many periods tried on all of the film, with so many steps of the frequency to
+/// either side, and delays off by so much \[s\].
+const FOLLOWED: usize = 4;
+const DISTINCT: usize = 30;
+const FINER: i32 = 6;
+const NEAR_S: [f64; 5] = [-0.002, -0.001, 0.0, 0.001, 0.002];
+/// A period is a rival of the best where it has this share of what that betters.
+const RIVAL: f64 = 0.85;
+/// A servo that turns by less from image to image stands \[rad\].
+const STILL_RAD: f64 = 1e-5;
 /// A further number must lessen the squares to less than this share.
-const BETTERS: f64 = 0.8;
+const BETTERS: f64 = 0.93;
 /// What no statistics of one film tell: a law that is not quite the servo's \[s\], and as a share of the lag.
 const LEAST_LAG_STD_S: f64 = 5e-4;
 const LEAST_LAG_SHARE: f64 = 0.03;
@@ -72,7 +80,7 @@ const LEAST_DELAY_STD_S: f64 = 3e-4;
 const LEAST_PERIOD_STD_S: f64 = 2e-5;
 const LEAST_RATE_SHARE: f64 = 0.02;
 
-/// What quick steps are compared with.
+/// What the film is compared with.
 struct Steps<'a> {
     film: &'a Film,
     levels: &'a Levels,
@@ -82,7 +90,10 @@ struct Steps<'a> {
     time_s: Vec<f64>,
     angle_rad: Vec<f64>,
     moves: Vec<Stand>,
-    hysteresis_rad: f64,
+    /// Times and angles of the images that tell most of looks, with a first one that only begins; and from which to which image they are.
+    telling: (Vec<f64>, Vec<f64>),
+    shown: Range<usize>,
+    deadband_rad: f64,
 }
 
 /// Which numbers a law has beside lag and delay.
@@ -96,12 +107,24 @@ struct Fitted {
     form: Form,
     law: Law,
     solution: Solution,
+    /// Squares and looks of where other starts have led.
+    others: Vec<(f64, Option<[f64; 2]>)>,
 }
 
-/// How the servo follows quick steps.
-pub(super) fn dynamics(films: &[Film], levels: &Levels) -> Result<Dynamics, ServoCalibrateError> {
-    let steps = Steps::of(films, levels)?;
-    let zone = 2.0 * levels.hysteresis_rad.value;
+impl Fitted {
+    /// How far off periods are that explain nearly as much of what a servo without looks leaves, `plain` squares \[s\].
+    fn rivals_s(&self, plain: f64) -> f64 {
+        let least = plain - RIVAL * (plain - self.solution.squares);
+        let rivals = self.others.iter().filter(|(squares, _)| *squares < least);
+        let period_s = |looks: Option<[f64; 2]>| looks.map_or(0.0, |[period_s, _]| period_s);
+        rivals.map(|(_, looks)| (period_s(*looks) - period_s(self.law.looks)).abs()).fold(0.0, f64::max)
+    }
+}
+
+/// How the servo follows.
+pub(super) fn dynamics(film: &Film, levels: &Levels) -> Result<Dynamics, ServoCalibrateError> {
+    let steps = Steps::of(film, levels)?;
+    let zone = 2.0 * levels.deadband_rad.value;
     let step = steps.step_rad();
     if zone > 0.5 * step {
         return Err(ServoCalibrateError::Loose { zone_rad: zone, step_rad: step });
@@ -111,18 +134,13 @@ pub(super) fn dynamics(films: &[Film], levels: &Levels) -> Result<Dynamics, Serv
     let rates = RATES.map(|share| share * told);
     let limited = steps.fit(Form { limited: true, looks: false }, &steps.starts(&rates));
     let smooth = better(plain, limited, |fitted| fitted.law.rate < told);
-    let late_s = steps.late_s(&smooth.law);
-    let looking = steps.looking(&smooth, &late_s);
-    let form = |limited| Form { limited, looks: true };
-    let plain = steps.fit(form(false), &looking.iter().map(|law| Law { rate: UNLIMITED, ..*law }).collect::<Vec<_>>());
-    let limits = looking.iter().flat_map(|law| {
-        [law.rate.min(0.9 * told), 0.6 * told].map(|rate| Law { rate, ..*law })
-    });
-    let limited = steps.fit(form(true), &limits.collect::<Vec<_>>());
-    let best = better(plain, limited, |fitted| fitted.law.rate < told);
+    let plain_squares = smooth.solution.squares;
+    let looking = steps.distinct(&steps.looking(&smooth));
+    let best = steps.fit_looking(Form { looks: true, ..smooth.form }, &looking);
     let in_range = |period_s: f64| (PERIOD_S[0]..=PERIOD_S[1]).contains(&period_s);
-    let best = better(smooth, best, |fitted| fitted.law.looks.is_some_and(|[period_s, _]| in_range(period_s)));
-    Ok(steps.said(&best, &late_s, told))
+    let best =
+        better(smooth, best, |fitted| fitted.law.looks.is_some_and(|[period_s, _]| in_range(period_s)));
+    Ok(steps.said(&best, plain_squares, told))
 }
 
 /// `other` where it `counts` and betters `one` clearly.
@@ -131,23 +149,35 @@ fn better(one: Fitted, other: Fitted, counts: impl Fn(&Fitted) -> bool) -> Fitte
 }
 
 impl<'a> Steps<'a> {
-    fn of(films: &'a [Film], levels: &'a Levels) -> Result<Self, ServoCalibrateError> {
-        let short = |film: &&Film| stands(film).iter().filter(|s| s.until_s - s.from_s < SHORT_S).count();
-        let lacking = |images| ServoCalibrateError::NoQuickSteps { images, least: LEAST_IMAGES };
-        let film = films.iter().max_by_key(short).ok_or(lacking(0))?;
-        let all = stands(film);
-        let moves: Vec<Stand> = all.iter().filter(|stand| stand.move_us.is_some()).copied().collect();
-        let (Some(first), Some(last)) = (all.first(), all.last()) else { return Err(lacking(0)) };
-        // a tenth of a second before the first step, and half of one after the last
-        let (from_s, until_s) = (first.until_s - 0.1, last.until_s.min(last.from_s + 0.5));
+    fn of(film: &'a Film, levels: &'a Levels) -> Result<Self, ServoCalibrateError> {
+        let moved = |stand: &Stand| stand.move_us.is_some_and(|us| us != 0.0);
+        let moves: Vec<Stand> = stands(film).into_iter().filter(moved).collect();
+        let told = |corner: Option<&(f64, f64)>| corner.map_or(f64::NAN, |corner| corner.0);
+        // a tenth of a second before it is told anything, and half of one after the last
+        let (from_s, until_s) = (told(film.told.first()) - 0.1, told(film.told.last()) + 0.5);
         let middle_s = 0.5 * (from_s + until_s);
         let shown = film.time_s.iter().zip(&film.angle_rad).filter(|(t, _)| (from_s..until_s).contains(*t));
-        let (time_s, angle_rad): (Vec<f64>, Vec<f64>) = shown.map(|(t, angle)| (t - middle_s, *angle)).unzip();
-        if short(&film) < 3 || time_s.len() < LEAST_IMAGES {
-            return Err(lacking(time_s.len()));
+        let (time_s, angle_rad): (Vec<f64>, Vec<f64>) =
+            shown.map(|(t, angle)| (t - middle_s, *angle)).unzip();
+        if moves.len() < 3 || time_s.len() < LEAST_IMAGES {
+            return Err(ServoCalibrateError::NoMoves { images: time_s.len(), least: LEAST_IMAGES });
         }
-        let hysteresis_rad = levels.hysteresis_rad.value;
-        Ok(Self { film, levels, middle_s, time_s, angle_rad, moves, hysteresis_rad })
+        let travel_us = levels.levels[levels.levels.len() - 1].pulse_us - levels.levels[0].pulse_us;
+        let is_small = |stand: &Stand| stand.move_us.is_some_and(|us| us.abs() <= SMALL_SHARE * travel_us);
+        let small: Vec<usize> = (0..moves.len()).filter(|k| is_small(&moves[*k])).collect();
+        let moving = if small.len() < LEAST_SMALL { (0..moves.len()).collect() } else { small };
+        let [first, last] = [moving[0], moving[moving.len() - 1]];
+        let place = |s: f64| time_s.partition_point(|&t| t < s - middle_s);
+        let shown = place(moves[first].from_s - RUN_UP_S)..place(moves[last].until_s);
+        let begin_s = moves[first.saturating_sub(1)].from_s - RUN_UP_S - middle_s;
+        let mut telling = (vec![begin_s], vec![f64::NAN]);
+        for stand in moving.iter().map(|k| &moves[*k]) {
+            let images = place(stand.from_s - RUN_UP_S / 2.0)..place(stand.from_s + RUN_UP_S);
+            telling.0.extend(&time_s[images.clone()]);
+            telling.1.extend(&angle_rad[images]);
+        }
+        let deadband_rad = levels.deadband_rad.value;
+        Ok(Self { film, levels, middle_s, time_s, angle_rad, moves, telling, shown, deadband_rad })
     }
 
     /// The angle it is told at `time_s`.
@@ -171,7 +201,7 @@ impl<'a> Steps<'a> {
         rates.fold(0.0, f64::max)
     }
 
-    /// How far a quick step leads: most of them are alike.
+    /// How far a move leads: most of them are alike.
     fn step_rad(&self) -> f64 {
         let mut steps: Vec<f64> = self
             .moves
@@ -184,13 +214,25 @@ impl<'a> Steps<'a> {
         median(&mut steps, f64::total_cmp).unwrap_or(0.0)
     }
 
-    fn residuals(&self, law: &Law) -> Vec<f64> {
-        let shown = law.follow(|t| self.told(t), &self.time_s);
-        self.angle_rad.iter().zip(shown).map(|(seen, shown)| seen - shown).collect()
+    fn residuals(&self, law: &Law, images: Range<usize>) -> Vec<f64> {
+        let shown = law.follow(|t| self.told(t), &self.time_s[images.clone()]);
+        self.angle_rad[images].iter().zip(shown).map(|(seen, shown)| seen - shown).collect()
     }
 
+    /// Of the images that tell most of looks, where `law` has looks; else of all.
     fn squares(&self, law: &Law) -> f64 {
-        self.residuals(law).iter().map(|r| r * r).sum()
+        if law.looks.is_none() {
+            return self.residuals(law, 0..self.time_s.len()).iter().map(|r| r * r).sum();
+        }
+        let (times, angles) = (&self.telling.0, &self.telling.1);
+        let shown = law.follow(|t| self.told(t), times);
+        // what comes before says on which side of its dead zone the servo stands
+        angles
+            .iter()
+            .zip(shown)
+            .filter(|(seen, _)| seen.is_finite())
+            .map(|(seen, shown)| (seen - shown).powi(2))
+            .sum()
     }
 
     fn starts(&self, rates: &[f64]) -> Vec<Law> {
@@ -205,24 +247,75 @@ impl<'a> Steps<'a> {
     /// The zone in which nothing moves, with a share of it in the play behind the servo.
     fn zone(&self, behind: f64) -> [f64; 2] {
         let behind = behind.clamp(0.0, 1.0);
-        [1.0 - behind, behind].map(|share| share * self.hysteresis_rad)
+        [1.0 - behind, behind].map(|share| share * self.deadband_rad)
     }
 
     /// The best that the best of `starts` lead to.
     fn fit(&self, form: Form, starts: &[Law]) -> Fitted {
-        const FOLLOWED: usize = 3;
         let mut ranked: Vec<(f64, Law)> = starts.iter().map(|law| (self.squares(law), *law)).collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let fits = ranked.iter().take(FOLLOWED).map(|(_, start)| self.solved(form, start));
-        let best = fits.min_by(|a, b| a.solution.squares.total_cmp(&b.solution.squares));
-        best.unwrap_or_else(|| self.solved(form, &self.starts(&[UNLIMITED])[0]))
+        self.best(form, ranked.iter().take(FOLLOWED).map(|(_, law)| law))
+    }
+
+    /// The same for laws with looks. Few moves may be misled by noise and all of the film by a lag that is not quite right yet: the best by
+    /// either are followed.
+    fn fit_looking(&self, form: Form, distinct: &[Law]) -> Fitted {
+        let all = |law: &Law| self.residuals(law, 0..self.time_s.len()).iter().map(|r| r * r).sum();
+        let lists = [self.nearby(distinct, |law| self.squares(law)), self.nearby(distinct, all)];
+        self.best(form, lists.iter().flat_map(|list| list.iter().take(FOLLOWED)))
+    }
+
+    fn best<'b>(&self, form: Form, starts: impl Iterator<Item = &'b Law>) -> Fitted {
+        let mut fits: Vec<Fitted> = starts.map(|start| self.solved(form, start)).collect();
+        fits.sort_by(|a, b| a.solution.squares.total_cmp(&b.solution.squares));
+        let mut best = fits.remove(0);
+        best.others = fits.iter().map(|other| (other.solution.squares, other.law.looks)).collect();
+        best
+    }
+
+    /// The best of `ranked` laws with looks, of each period one.
+    fn distinct(&self, ranked: &[(f64, Law)]) -> Vec<Law> {
+        let span_s = self.time_s[self.shown.end - 1] - self.time_s[self.shown.start];
+        let apart = |[a, _]: [f64; 2], [b, _]: [f64; 2]| (a.recip() - b.recip()).abs() * span_s;
+        let mut distinct: Vec<Law> = Vec::new();
+        for (_, law) in ranked {
+            let is_new = |known: &Law| known.looks.zip(law.looks).is_none_or(|(a, b)| apart(a, b) > 0.25);
+            if distinct.len() < DISTINCT && distinct.iter().all(is_new) {
+                distinct.push(*law);
+            }
+        }
+        distinct
+    }
+
+    /// Each of `distinct` laws with the period, the phase and the delay nearby that explain most, and how much they leave \[rad²\]: of the moves
+    /// that tell most, or of all of the film, which tells periods from each other more finely.
+    fn nearby(&self, distinct: &[Law], squares: impl Fn(&Law) -> f64) -> Vec<Law> {
+        let span_s = self.time_s[self.time_s.len() - 1] - self.time_s[0];
+        let telling_s = 0.5 * (self.time_s[self.shown.start] + self.time_s[self.shown.end - 1]);
+        let near = |law: &Law| {
+            let [period_s, phase] = law.looks?;
+            let nearby = (-FINER..=FINER).flat_map(|k| {
+                let finer_s = (period_s.recip() + 0.5 * FREQUENCY_STEP * f64::from(k) / span_s).recip();
+                NEAR_S.map(|by_s| {
+                    // looking at the same instants where most is told of them
+                    let looks = Some([finer_s, phase + telling_s / finer_s - telling_s / period_s]);
+                    let law = Law { looks, delay_s: law.delay_s + by_s, ..*law };
+                    (squares(&law), law)
+                })
+            });
+            nearby.min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let mut again: Vec<(f64, Law)> = distinct.iter().filter_map(near).collect();
+        again.sort_by(|a, b| a.0.total_cmp(&b.0));
+        again.into_iter().map(|(_, law)| law).collect()
     }
 
     fn solved(&self, form: Form, start: &Law) -> Fitted {
         let law = |at: &[f64]| {
             let mut rest = at[3..].iter();
             let rate = if form.limited { rest.next().map_or(UNLIMITED, |ln| ln.exp()) } else { UNLIMITED };
-            let looks = if form.looks { rest.next().zip(rest.next()).map(|(&t, &phase)| [t, phase]) } else { None };
+            let looks =
+                if form.looks { rest.next().zip(rest.next()).map(|(&t, &phase)| [t, phase]) } else { None };
             Law {
                 lag_s: at[0].exp().clamp(LAG_S[0], LAG_S[1]),
                 delay_s: at[1],
@@ -231,7 +324,7 @@ impl<'a> Steps<'a> {
                 half_zone: self.zone(at[2]),
             }
         };
-        let behind = start.half_zone[1] / self.hysteresis_rad.max(f64::MIN_POSITIVE);
+        let behind = start.half_zone[1] / self.deadband_rad.max(f64::MIN_POSITIVE);
         let (mut at, mut step) = (vec![start.lag_s.ln(), start.delay_s, behind], vec![0.02, 2e-4, 0.02]);
         if form.limited {
             at.push(start.rate.ln());
@@ -241,106 +334,68 @@ impl<'a> Steps<'a> {
             at.extend([period_s, phase]);
             step.extend([1e-6, 0.01]);
         }
-        let solution = solve(|at| self.residuals(&law(at)), &at, &step);
-        Fitted { form, law: law(&solution.at), solution }
+        let solution = solve(|at| self.residuals(&law(at), 0..self.time_s.len()), &at, &step);
+        Fitted { form, law: law(&solution.at), solution, others: Vec::new() }
     }
 
-    /// How late each step is beside what `law` has: when it was told, and by how much \[s\].
-    fn late_s(&self, law: &Law) -> Vec<(f64, f64)> {
-        const TRIED: i32 = 40;
-        let found = self.moves.iter().enumerate().filter_map(|(k, stand)| {
-            let next_s = self.moves.get(k + 1).map_or(stand.until_s, |next| next.from_s);
-            let (from_s, until_s) = (stand.from_s - self.middle_s - 0.1, next_s - self.middle_s - 0.05);
-            let from = self.time_s.partition_point(|&t| t < from_s);
-            let until = self.time_s.partition_point(|&t| t < until_s);
-            if until < from + 5 {
-                return None;
-            }
-            // with a run-up, so that it stands where the step before has led
-            let run_up = from.saturating_sub(50);
-            let squares = |late: f64| {
-                let late = Law { delay_s: law.delay_s + late, ..*law };
-                let shown = late.follow(|t| self.told(t), &self.time_s[run_up..until]);
-                let pairs = self.angle_rad[from..until].iter().zip(&shown[from - run_up..]);
-                pairs.map(|(seen, shown)| (seen - shown).powi(2)).sum::<f64>()
-            };
-            let unit = LATE_S / f64::from(TRIED);
-            let each: Vec<f64> = (-TRIED..=TRIED).map(|k| squares(unit * f64::from(k))).collect();
-            let best = (1..each.len() - 1).min_by(|a, b| each[*a].total_cmp(&each[*b]))?;
-            let [a, b, c] = [each[best - 1], each[best], each[best + 1]];
-            let bend = a - 2.0 * b + c;
-            let between = if bend > 0.0 { (0.5 * (a - c) / bend).clamp(-1.0, 1.0) } else { 0.0 };
-            Some((stand.from_s - self.middle_s, unit * (best as f64 - f64::from(TRIED) + between)))
-        });
-        found.collect()
-    }
-
-    /// Servos that look now and then, by how late steps are: from the highest peaks of the periodogram.
-    fn looking(&self, smooth: &Fitted, late_s: &[(f64, f64)]) -> Vec<Law> {
-        let span_s = self.time_s.last().zip(self.time_s.first()).map_or(1.0, |(last, first)| last - first);
-        let mean = late_s.iter().map(|late| late.1).sum::<f64>() / late_s.len().max(1) as f64;
-        let height = |frequency: f64| {
-            let turned = late_s.iter().map(|(t, late)| {
-                let (sin, cos) = (TAU * frequency * t).sin_cos();
-                ((late - mean) * cos, (late - mean) * sin)
-            });
-            let (x, y) = turned.fold((0.0, 0.0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
-            x.hypot(y)
-        };
-        let step = FREQUENCY_STEP / span_s;
+    /// Servos that look now and then: one for each period and phase that tell on the moves that tell most. What is told at an instant is seen
+    /// at the next look, half a period later on average, which a servo without looks takes for delay.
+    fn looking(&self, smooth: &Fitted) -> Vec<(f64, Law)> {
+        let span_s = self.time_s[self.shown.end - 1] - self.time_s[self.shown.start];
+        let step = FREQUENCY_STEP / span_s.max(1.0);
         let [most, least] = PERIOD_S.map(f64::recip);
-        let all = (0..=((most - least) / step) as usize).map(|k| least + k as f64 * step);
-        let mut heights: Vec<(f64, f64)> = all.map(|frequency| (frequency, height(frequency))).collect();
-        heights.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let mut peaks: Vec<f64> = Vec::new();
-        for (frequency, _) in heights {
-            if peaks.len() < PEAKS && peaks.iter().all(|peak| (peak - frequency).abs() > 1.0 / span_s) {
-                peaks.push(frequency);
-            }
-        }
         let base = smooth.law;
-        let laws = peaks.iter().flat_map(|frequency| {
-            [-0.5, 0.0, 0.5].map(|part| (frequency + part * step).recip()).into_iter().flat_map(|period_s| {
-                (0..PHASES).flat_map(move |k| {
-                    let looks = Some([period_s, k as f64 / PHASES as f64]);
-                    // looking now and then is half a period late, and looks like lag
-                    [0.6, 1.0].into_iter().flat_map(move |share| {
-                        [-0.75, -0.5, -0.25].map(|part| Law {
-                            lag_s: share * base.lag_s,
-                            delay_s: base.delay_s + part * period_s + (1.0 - share) * base.lag_s * 0.5,
-                            looks,
-                            ..base
-                        })
-                    })
-                })
-            })
-        });
-        laws.collect()
+        let frequencies = (0..=((most - least) / step) as usize).map(|k| least + k as f64 * step);
+        let best_of = |frequency: f64| {
+            let period_s = frequency.recip();
+            let phases = (0..PHASES).map(|phase| {
+                let looks = Some([period_s, phase as f64 / PHASES as f64]);
+                let law = Law { delay_s: base.delay_s - 0.5 * period_s, looks, ..base };
+                (self.squares(&law), law)
+            });
+            phases.min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let mut ranked: Vec<(f64, Law)> = frequencies.filter_map(best_of).collect();
+        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ranked
     }
 
-    fn said(&self, best: &Fitted, late_s: &[(f64, f64)], told_rad_per_s: f64) -> Dynamics {
+    /// By how much `law` would have to be early or late to be off by as much as it is beyond the images' noise \[s\]: what its numbers may be
+    /// wrong by where the servo follows another law.
+    fn misfit_s(&self, law: &Law) -> f64 {
+        let path = law.follow(|t| self.told(t), &self.time_s);
+        let still =
+            self.angle_rad.windows(2).zip(path.windows(2)).filter(|(_, a)| (a[1] - a[0]).abs() < STILL_RAD);
+        let mut changes: Vec<f64> = still.map(|(pair, _)| (pair[1] - pair[0]).abs()).collect();
+        let noise = MEDIAN_TO_SIGMA * median(&mut changes, f64::total_cmp).unwrap_or(0.0) / 2.0_f64.sqrt();
+        let rates = path.windows(2).zip(self.time_s.windows(2)).map(|(a, t)| (a[1] - a[0]) / (t[1] - t[0]));
+        let rates: f64 = rates.map(|rate| rate * rate).sum();
+        let left: f64 = self.angle_rad.iter().zip(&path).map(|(seen, shown)| (seen - shown).powi(2)).sum();
+        let beyond = left - noise * noise * path.len() as f64;
+        (beyond.max(0.0) / rates.max(f64::MIN_POSITIVE)).sqrt()
+    }
+
+    fn said(&self, best: &Fitted, plain_squares: f64, told_rad_per_s: f64) -> Dynamics {
         let (law, std) = (&best.law, &best.solution.std);
+        let misfit_s = self.misfit_s(law);
         let std_of = |place: usize, least: f64| {
             std.get(place).copied().filter(|std| std.is_finite()).map_or(least, |std| std.max(least))
         };
-        let lag_std = (law.lag_s * std[0].max(LEAST_LAG_SHARE)).max(LEAST_LAG_STD_S);
+        let lag_std = (law.lag_s * std[0].max(LEAST_LAG_SHARE)).max(LEAST_LAG_STD_S).hypot(misfit_s);
         let limit = std_of(3, LEAST_RATE_SHARE);
         let period = if best.form.limited { 4 } else { 3 };
-        let mean = late_s.iter().map(|late| late.1).sum::<f64>() / late_s.len().max(1) as f64;
-        let spread = late_s.iter().map(|late| (late.1 - mean).powi(2)).sum::<f64>();
         Dynamics {
             lag_s: Estimate { value: law.lag_s, std: if lag_std.is_finite() { lag_std } else { law.lag_s } },
-            delay_s: Estimate { value: law.delay_s, std: std_of(1, LEAST_DELAY_STD_S) },
+            delay_s: Estimate { value: law.delay_s, std: std_of(1, LEAST_DELAY_STD_S).hypot(misfit_s) },
             rate_limit_rad_per_s: best
                 .form
                 .limited
                 .then_some(Estimate { value: law.rate, std: law.rate * limit }),
-            refresh_s: law
-                .looks
-                .map(|[period_s, _]| Estimate { value: period_s, std: std_of(period, LEAST_PERIOD_STD_S) }),
+            refresh_s: law.looks.map(|[period_s, _]| Estimate {
+                value: period_s,
+                std: std_of(period, LEAST_PERIOD_STD_S).hypot(best.rivals_s(plain_squares)),
+            }),
             told_rad_per_s,
-            // a saw's standard deviation is its height over the root of 12
-            seen_refresh_s: (12.0 * spread / late_s.len().max(1) as f64).sqrt(),
             rms_rad: (best.solution.squares / self.time_s.len() as f64).sqrt(),
         }
     }
