@@ -47,7 +47,7 @@ fn a_filmed_staircase_says_how_the_servo_turns() {
         set(config, "run", "settle_s", 0.2);
     });
     let runs = folder.path().join("runs");
-    let words = ["calibrate", "servo", "--stand-s", "0.25", "--runs-dir"].map(AsRef::as_ref);
+    let words = ["calibrate", "servo", "--stand-s", "0.3", "--runs-dir"].map(AsRef::as_ref);
     let output = run_rig(words.into_iter().chain([
         runs.as_os_str(),
         "--write".as_ref(),

@@ -169,12 +169,16 @@ impl<'a> Steps<'a> {
         let [first, last] = [moving[0], moving[moving.len() - 1]];
         let place = |s: f64| time_s.partition_point(|&t| t < s - middle_s);
         let shown = place(moves[first].from_s - RUN_UP_S)..place(moves[last].until_s);
+        // the move before says on which side of its dead zone the servo stands
         let begin_s = moves[first.saturating_sub(1)].from_s - RUN_UP_S - middle_s;
         let mut telling = (vec![begin_s], vec![f64::NAN]);
+        let mut taken = 0;
         for stand in moving.iter().map(|k| &moves[*k]) {
-            let images = place(stand.from_s - RUN_UP_S / 2.0)..place(stand.from_s + RUN_UP_S);
+            let until = place(stand.from_s + RUN_UP_S);
+            let images = place(stand.from_s - RUN_UP_S / 2.0).max(taken)..until;
             telling.0.extend(&time_s[images.clone()]);
             telling.1.extend(&angle_rad[images]);
+            taken = until;
         }
         let deadband_rad = levels.deadband_rad.value;
         Ok(Self { film, levels, middle_s, time_s, angle_rad, moves, telling, shown, deadband_rad })
@@ -226,7 +230,6 @@ impl<'a> Steps<'a> {
         }
         let (times, angles) = (&self.telling.0, &self.telling.1);
         let shown = law.follow(|t| self.told(t), times);
-        // what comes before says on which side of its dead zone the servo stands
         angles
             .iter()
             .zip(shown)
