@@ -7,7 +7,7 @@ use sim::{Command, Model, RolloutOptions, Trajectory};
 use super::{Failure, read_model};
 use crate::calibrate::servo::link::DrivenLink;
 use crate::calibrate::servo::report::{self, Origin};
-use crate::calibrate::servo::{Calibrated, Dynamics, Film, calibrate};
+use crate::calibrate::servo::{Calibrated, Dynamics, Film, calibrate, calibrate_simulated};
 use crate::calibration::View;
 use crate::config::{MotionKind, RigConfig};
 use crate::profile::ProfileConfig;
@@ -88,7 +88,7 @@ impl Found {
         let simulated =
             (!prescribed).then(|| simulated(&model, actuator, &calibrated, &told, &trajectory.time_s));
         // of a model that does not follow there is nothing to take off
-        let own = simulated.flatten().and_then(|seen| calibrate(&film(&seen).ok()?).ok());
+        let own = simulated.flatten().and_then(|seen| calibrate_simulated(&film(&seen).ok()?).ok());
         let origin = Origin { date: clock.utc.clone(), channel: channel.name.clone(), run: id.to_string() };
         let seen = calibrated.dynamics.clone();
         let calibrated = own.map_or_else(|| calibrated.clone(), |own| calibrated.without(&own));

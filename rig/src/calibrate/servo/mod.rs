@@ -64,8 +64,20 @@ impl Calibrated {
 /// # Errors
 /// [`ServoCalibrateError`], which says what is not to be seen.
 pub fn calibrate(film: &Film) -> Result<Calibrated, ServoCalibrateError> {
+    seen(film, true)
+}
+
+/// The same of what is known to look at its pulse all the time, as a simulated link does.
+///
+/// # Errors
+/// [`ServoCalibrateError`].
+pub fn calibrate_simulated(film: &Film) -> Result<Calibrated, ServoCalibrateError> {
+    seen(film, false)
+}
+
+fn seen(film: &Film, may_look: bool) -> Result<Calibrated, ServoCalibrateError> {
     let levels = levels::levels(&rests::rests(film))?;
-    let dynamics = steps::dynamics(film, &levels)?;
+    let dynamics = steps::dynamics(film, &levels, may_look)?;
     Ok(Calibrated { levels, dynamics })
 }
 

@@ -122,7 +122,11 @@ impl Fitted {
 }
 
 /// How the servo follows.
-pub(super) fn dynamics(film: &Film, levels: &Levels) -> Result<Dynamics, ServoCalibrateError> {
+pub(super) fn dynamics(
+    film: &Film,
+    levels: &Levels,
+    may_look: bool,
+) -> Result<Dynamics, ServoCalibrateError> {
     let steps = Steps::of(film, levels)?;
     let zone = 2.0 * levels.deadband_rad.value;
     let step = steps.step_rad();
@@ -135,6 +139,9 @@ pub(super) fn dynamics(film: &Film, levels: &Levels) -> Result<Dynamics, ServoCa
     let limited = steps.fit(Form { limited: true, looks: false }, &steps.starts(&rates));
     let smooth = better(plain, limited, |fitted| fitted.law.rate < told);
     let plain_squares = smooth.solution.squares;
+    if !may_look {
+        return Ok(steps.said(&smooth, plain_squares, told));
+    }
     let looking = steps.distinct(&steps.looking(&smooth));
     let best = steps.fit_looking(Form { looks: true, ..smooth.form }, &looking);
     let in_range = |period_s: f64| (PERIOD_S[0]..=PERIOD_S[1]).contains(&period_s);
