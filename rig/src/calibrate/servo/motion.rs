@@ -47,7 +47,7 @@ pub fn motion(channel: &ServoChannel, stand_s: f64) -> PulseProfile {
     go(level(0), stand_us(0));
     // a step that lasts as long as a period is late by the same whenever it begins: not all of them are alike
     let share = |k: usize| SMALL_STEP_SHARES[k * SMALL_STEP_SHARES.len() / SMALL_STEPS];
-    let side = |k: usize| if k % 2 == 0 { 0.5 } else { -0.5 };
+    let side = |k: usize| if k.is_multiple_of(2) { 0.5 } else { -0.5 };
     let small = (0..SMALL_STEPS).map(|k| at(0.5 + side(k) * share(k)));
     for (number, to) in staircase.chain(WIDE).map(level).chain(small).enumerate() {
         go(to, 0);
