@@ -103,13 +103,15 @@ pub struct DiagnoseConfig {
     pub exclude: Vec<String>,
     /// How likely a cause is before any run is looked at, over what a cause usually is.
     pub odds: BTreeMap<String, Positive>,
+    /// What is known of a cause's numbers, by name, should it be at work. Makes nothing a fitted parameter.
+    pub prior: BTreeMap<String, Prior>,
     /// How long causes are sought \[s\]; the best found by then is what is said.
     pub limit_s: Positive,
 }
 
 impl Default for DiagnoseConfig {
     fn default() -> Self {
-        Self { exclude: Vec::new(), odds: BTreeMap::new(), limit_s: DEFAULT_LIMIT_S }
+        Self { exclude: Vec::new(), odds: BTreeMap::new(), prior: BTreeMap::new(), limit_s: DEFAULT_LIMIT_S }
     }
 }
 

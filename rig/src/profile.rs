@@ -41,9 +41,9 @@ pub struct ProfileConfig {
     #[serde(default = "zero")]
     pub centre_rad: Finite,
     /// A longer pulse, or a greater count, turns the servo clockwise as the camera sees it (it is mounted the other way round).
-    /// Default false.
-    #[serde(default)]
-    pub mirrored: bool,
+    /// Default false; where a channel has a calibration, that says it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mirrored: Option<bool>,
     /// The actuators that play it; left out, all that the channels name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub actuators: Option<Vec<String>>,
@@ -57,6 +57,11 @@ fn zero() -> Finite {
 const CAUTIOUS_SHARE: f64 = 0.1;
 
 impl ProfileConfig {
+    /// Whether a longer pulse turns the servo clockwise as the camera sees it, where no calibration says it.
+    pub fn is_mirrored(&self) -> bool {
+        self.mirrored.unwrap_or(false)
+    }
+
     /// The small, slow motion that comes first where a servo is not calibrated: one cycle of a tenth of the amplitude
     /// at a tenth of the speed.
     pub fn cautious(&self) -> Self {
@@ -83,11 +88,11 @@ impl PulseProfile {
             let (channel, actuator) = channel
                 .and_then(|c| Some((c, c.actuator.clone()?)))
                 .ok_or_else(|| ProfileError::NoChannel { actuator: format!("channel {}", track.channel) })?;
+            let bends: Vec<f64> = channel.bends().collect();
             let (time_s, angle_rad) = track
-                .corners()
-                .map(|(us, pulse)| {
-                    (start_s + us as f64 * 1e-6, channel.angle_rad(f64::from(pulse), mirrored))
-                })
+                .corners_and(&bends)
+                .into_iter()
+                .map(|(us, pulse)| (start_s + us * 1e-6, channel.angle_rad(pulse, mirrored)))
                 .unzip();
             columns.push(sim::Command { actuators: vec![actuator], time_s, angle_rad });
         }
@@ -205,7 +210,7 @@ impl Profile {
             corners.push((top_us + cw_us, centre - amplitude(cycle)));
         }
         corners.push((duration_us, centre));
-        Ok(Self { corners, mirrored: config.mirrored, actuators: config.actuators.clone() })
+        Ok(Self { corners, mirrored: config.is_mirrored(), actuators: config.actuators.clone() })
     }
 
     /// How long it takes \[µs\].

@@ -78,6 +78,18 @@ impl Experiment {
                 return Err(ExperimentError::NoCause { key, name: name.clone(), hint });
             }
         }
+        for name in self.diagnose.prior.keys() {
+            let mut model = self.model.clone();
+            let is_there = name.split_once('/').is_some_and(|(cause, _)| {
+                // one that is carried already is as good
+                let _ = model.add_cause(cause);
+                known.iter().any(|known| known == cause) && model.find_parameter(name).is_ok()
+            });
+            if !is_there {
+                let hint = did_you_mean(name.split('/').next().unwrap_or(name), &known);
+                return Err(ExperimentError::NoCause { key: "prior", name: name.clone(), hint });
+            }
+        }
         Ok(())
     }
 }

@@ -1,9 +1,12 @@
 //! Which causes may be at work, and what of each is free.
 
+use std::collections::BTreeMap;
+
 use sim::causes::{AliasWhen, CauseInfo, CauseValues, ParameterInfo, Per, Role};
 use sim::model::{Parameter, encoded_joint};
 use sim::{Cause, Model};
 
+use crate::config::Prior;
 use crate::experiment::{Experiment, Run, RunKind, Use};
 use crate::parameters::{FreeParameter, Parameters, Scale};
 use crate::simulate::Nuisance;
@@ -22,6 +25,8 @@ pub(crate) struct Term {
     pub(crate) by_run: bool,
     /// How likely it is before any run is looked at, over what a cause usually is.
     pub(crate) odds: f64,
+    /// What is known of its numbers beforehand, by name.
+    pub(crate) known: Vec<(String, Prior)>,
 }
 
 /// A link, hinge, shape or keypoint that a cause sits in, chosen among several.
@@ -107,6 +112,7 @@ impl Term {
                 element,
                 by_run: false,
                 odds,
+                known: Vec::new(),
             })
             .collect();
         // in one element alone it is tried where the cause leads
@@ -129,6 +135,24 @@ impl Term {
                     false => values.iter().map(|&value| term.hidden_at(name, value)).collect(),
                 };
                 list = list.iter().flat_map(started).collect();
+            }
+        }
+        list
+    }
+
+    /// `terms` with what `prior` says of their numbers: hidden ones start there.
+    pub(crate) fn knowing(terms: Vec<Self>, prior: &BTreeMap<String, Prior>) -> Vec<Self> {
+        let mut list: Vec<Self> = Vec::new();
+        for mut term in terms {
+            let own = prior.iter().filter(|(name, _)| term.owns(name));
+            term.known = own.map(|(name, prior)| (name.clone(), *prior)).collect();
+            for (name, value) in &mut term.hidden {
+                if let Some((_, prior)) = term.known.iter().find(|(known, _)| known == name) {
+                    *value = prior.mean.get();
+                }
+            }
+            if !list.contains(&term) {
+                list.push(term);
             }
         }
         list
@@ -211,13 +235,14 @@ impl Term {
             if self.is_own(&name, &parameter) {
                 added.own.push((name, Nuisance::Own { place, lower, upper }));
             } else {
+                let known = self.known.iter().find(|(known, _)| *known == name);
                 added.free.push(FreeParameter {
                     start: model.get(place),
                     names: vec![name],
                     places: vec![place],
                     shares: vec![1.0],
                     scale: Scale::new(lower, upper),
-                    prior: None,
+                    prior: known.map(|(_, prior)| *prior),
                 });
             }
         }

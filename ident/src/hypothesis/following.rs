@@ -14,6 +14,9 @@ use crate::fit::problem::Term;
 /// Keypoints nearer to the joint than this say nothing about its angle \[m\].
 const LEAST_LEVER_M: f64 = 1e-3;
 
+/// A number is off what is known of it beyond so many standard deviations.
+const KNOWN_SIGMAS: f64 = 5.0;
+
 impl State<'_> {
     /// Puts hidden numbers of `cause`, which was just added to `before`, where it begins to explain what is left there.
     pub(crate) fn begin(&mut self, cause: &CauseTerm, before: &State<'_>) {
@@ -24,7 +27,17 @@ impl State<'_> {
         let runs = before.terms.iter().zip(&before.point.offsets);
         let followings: Vec<Following<'_>> =
             runs.flat_map(|(term, offsets)| followings(&model, term, offsets)).collect();
-        for (name, value) in cause.cause.start(&followings) {
+        let found = cause.cause.start(&followings);
+        // what goes with another number than the known one says nothing
+        let is_known = |(name, value): &(&str, f64)| {
+            let own = |known: &str| known.split_once('/').is_some_and(|(_, known)| known == *name);
+            let prior = cause.known.iter().find(|(known, _)| own(known));
+            prior.is_none_or(|(_, prior)| (value - prior.mean.get()).abs() <= KNOWN_SIGMAS * prior.std.get())
+        };
+        if !found.iter().all(is_known) {
+            return;
+        }
+        for (name, value) in found {
             let name = format!("{}/{name}", cause.cause.name());
             let place = self.parameters.free.iter().position(|parameter| parameter.name() == name);
             if let Some(place) = place {

@@ -21,9 +21,12 @@ pub(super) fn model(run: &RunFolder) -> Result<Model, AnalysisError> {
 /// # Errors
 /// [`ExperimentError`] where they do not go together.
 pub fn prepared(config: &RigConfig, mut model: Model) -> Result<Experiment, ExperimentError> {
-    let (mut fit, diagnose) = (config.fit.clone(), config.diagnose.clone());
+    let (mut fit, mut diagnose) = (config.fit.clone(), config.diagnose.clone());
     if config.run.kind == MotionKind::Driven {
         config.camera.put_clock_into(&mut fit);
+        if let Some(servo) = &config.servo {
+            servo.put_measured_into(&mut fit, &mut diagnose);
+        }
     }
     config.mechanism.weights().put_into(&config.water.water(), &mut model, &mut fit)?;
     CauseConfig::define(&config.cause, &mut model)?;

@@ -92,6 +92,31 @@ impl Analysis<'_> {
     /// [`AnalysisError`]; the files of the stages before it are there, and a report of what the images gave.
     pub fn carry_out(mut self, progress: &mut dyn Progress) -> Result<ReportData, AnalysisError> {
         let mut timing = Timing { workers: rayon::current_num_threads(), ..Timing::default() };
+        let (timeline, extraction, early) = self.seen(&mut timing, progress)?;
+        let answer = self.answer(&timeline, early, &mut timing, progress);
+        progress.begin("report", None);
+        let data = self.report(&timeline, extraction.as_ref(), answer.as_ref());
+        // Why there is no fit says more than why there is no report of it.
+        answer.and(data)
+    }
+
+    /// Carries out all stages up to the keypoints, and writes their files: `servo.csv`, `frames.csv`, `trajectory.csv`. The threads of
+    /// the caller's pool work on it.
+    ///
+    /// # Errors
+    /// [`AnalysisError`].
+    pub fn keypoints(mut self, progress: &mut dyn Progress) -> Result<(), AnalysisError> {
+        let mut timing = Timing { workers: rayon::current_num_threads(), ..Timing::default() };
+        self.seen(&mut timing, progress)?;
+        Ok(timing.write(&self.out.join(file::TIMING))?)
+    }
+
+    /// What recording and images say; no extraction where it is taken as it stands.
+    fn seen(
+        &mut self,
+        timing: &mut Timing,
+        progress: &mut dyn Progress,
+    ) -> Result<(Timeline, Option<Extraction>, Option<EarlyFit>), AnalysisError> {
         let chronicle = self.chronicle.take();
         let timeline = timing.measure("recording", || match chronicle {
             Some(chronicle) => chronicle.timeline(self.config),
@@ -101,22 +126,12 @@ impl Analysis<'_> {
             table::write_servo(&self.out.join(file::SERVO), command, &timeline.measured)?;
         }
         let live = self.live.take();
-        let (extraction, early) = match self.from {
-            Stage::Frames | Stage::Mask | Stage::Keypoints => {
-                let (extraction, early) =
-                    timing.measure("images", || self.extract(&timeline, live, progress))?;
-                (Some(extraction), early)
-            }
-            Stage::Trajectory => {
-                self.take_over(&[file::FRAMES, file::EXTRACTION, file::TRAJECTORY])?;
-                (None, None)
-            }
-        };
-        let answer = self.answer(&timeline, early, &mut timing, progress);
-        progress.begin("report", None);
-        let data = self.report(&timeline, extraction.as_ref(), answer.as_ref());
-        // Why there is no fit says more than why there is no report of it.
-        answer.and(data)
+        if self.from == Stage::Trajectory {
+            self.take_over(&[file::FRAMES, file::EXTRACTION, file::TRAJECTORY])?;
+            return Ok((timeline, None, None));
+        }
+        let (extraction, early) = timing.measure("images", || self.extract(&timeline, live, progress))?;
+        Ok((timeline, Some(extraction), early))
     }
 
     /// Fit and diagnosis of the keypoints.

@@ -8,6 +8,7 @@ use super::error::AnalysisError;
 use crate::camera::{CameraConfig, CameraImage, Rising, images_lost};
 use crate::clock::{ClockFit, MonotonicNs, Ping, Wire};
 use crate::config::RigConfig;
+use crate::profile::ProfileConfig;
 use crate::record::ServoCommand;
 use crate::record::folder::{RunFolder, file};
 use crate::record::frames::FrameRow;
@@ -119,7 +120,7 @@ impl Chronicle {
         let command = match (&config.servo, &config.profile, self.armed, self.started_tick_us, &clock) {
             (Some(servo), Some(profile), Some(pulses), Some(tick_us), Some(clock)) => {
                 let start_s = clock.host(tick_us).seconds_since(self.origin);
-                Some(pulses.command(servo, profile.mirrored, start_s)?)
+                Some(pulses.command(servo, profile.is_mirrored(), start_s)?)
             }
             _ => None,
         };
@@ -138,7 +139,7 @@ impl Chronicle {
     /// The angles that servos on a bus told, half-way between question and answer.
     fn measured(&self, config: &RigConfig) -> Vec<MeasuredAngles> {
         let Some(servo) = &config.servo else { return Vec::new() };
-        let mirrored = config.profile.as_ref().is_some_and(|profile| profile.mirrored);
+        let mirrored = config.profile.as_ref().is_some_and(ProfileConfig::is_mirrored);
         let mut measured: Vec<MeasuredAngles> = Vec::new();
         for stood in &self.stood {
             let Some(channel) = servo.channel(stood.channel) else { continue };

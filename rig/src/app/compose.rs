@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::Failure;
 use crate::camera::CameraConfig;
 use crate::record::folder::{RunFolder, Start, file, write_whole};
+use crate::servo::ServoConfig;
 
 /// The file, as `ident` reads it.
 #[derive(Serialize)]
@@ -42,6 +43,7 @@ struct RunConfig {
     water: Water,
     cause: Vec<CauseConfig>,
     camera: CameraConfig,
+    servo: Option<ServoConfig>,
 }
 
 /// Writes the experiment of the run folders `runs` to `out`, with the model they were made with or another, and gives it as a fit
@@ -58,23 +60,29 @@ pub fn compose(runs: &[(Use, &Path)], model: Option<&Path>, out: &Path) -> Resul
 
     let mut entries = Vec::new();
     let mut config = None;
-    let mut clock = FitConfig::default();
+    let (mut known, mut suspected) = (FitConfig::default(), DiagnoseConfig::default());
     for &(usage, path) in runs {
         let start = usable(path)?;
         let made_with = run_config(&start, path)?;
         if start.kind == RunKind::Driven {
-            made_with.camera.put_clock_into(&mut clock);
+            made_with.camera.put_clock_into(&mut known);
+            if let Some(servo) = &made_with.servo {
+                servo.put_measured_into(&mut known, &mut suspected);
+            }
         }
         config.get_or_insert(made_with);
         entries.push(RunEntry { folder: relative(path, home)?, usage });
     }
     let model = model.map(|model| relative(model, home)).transpose()?;
-    let RunConfig { mut fit, diagnose, mechanism, water, cause, .. } = config.unwrap_or_default();
-    for (name, prior) in clock.prior {
+    let RunConfig { mut fit, mut diagnose, mechanism, water, cause, .. } = config.unwrap_or_default();
+    for (name, prior) in known.prior {
         fit.prior.entry(name).or_insert(prior);
     }
-    for (name, bounds) in clock.bounds {
+    for (name, bounds) in known.bounds {
         fit.bounds.entry(name).or_insert(bounds);
+    }
+    for (name, prior) in suspected.prior {
+        diagnose.prior.entry(name).or_insert(prior);
     }
     let file = ExperimentFile { model, fit, diagnose, mechanism, water, cause, run: entries };
     let text = toml::to_string(&file).map_err(Failure::internal)?;
@@ -100,9 +108,13 @@ fn usable(path: &Path) -> Result<Start, Failure> {
 }
 
 fn run_config(start: &Start, path: &Path) -> Result<RunConfig, Failure> {
-    toml::from_str(&start.config)
+    let mut config: RunConfig = toml::from_str(&start.config)
         .with_context(|| format!("reading the config inside {}", path.join(file::START).display()))
-        .map_err(Failure::Input)
+        .map_err(Failure::Input)?;
+    if let Some(servo) = &mut config.servo {
+        servo.read_calibrations(path).map_err(Failure::input)?;
+    }
+    Ok(config)
 }
 
 /// `path` as seen from the folder `home`, which is absolute.

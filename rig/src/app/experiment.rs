@@ -13,7 +13,19 @@ use crate::doctor::{self, Health};
 use crate::report::ReportData;
 use crate::run::machine::Ending;
 use crate::run::{Conducted, Job, RunError};
+use crate::servo::PulseProfile;
 use crate::vision::{SequenceError, VisionError};
+
+/// How far an experiment goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Extent {
+    /// It is filmed; extraction and fit are left to a replay.
+    Film,
+    /// To the keypoints.
+    Keypoints,
+    /// To the report.
+    Report,
+}
 
 /// An experiment as its config says it.
 pub struct Experiment<'a> {
@@ -23,8 +35,10 @@ pub struct Experiment<'a> {
     pub base: &'a Path,
     /// The folder of run folders.
     pub runs_dir: &'a Path,
-    /// Extraction and fit are left to a replay.
-    pub film_only: bool,
+    /// How far it goes.
+    pub extent: Extent,
+    /// What the servos play; none: the config's profile.
+    pub motion: Option<PulseProfile>,
     /// Worker threads.
     pub threads: usize,
 }
@@ -33,7 +47,7 @@ pub struct Experiment<'a> {
 pub struct Done {
     /// The run.
     pub conducted: Conducted,
-    /// What its report shows, unless it was only filmed.
+    /// What its report shows, where it went as far as that.
     pub data: Option<ReportData>,
 }
 
@@ -43,14 +57,14 @@ impl Experiment<'_> {
     /// # Errors
     /// [`Failure::Input`] when another process has it, or it has no room; where the config names what the model has not; and for SAM 2, whose clicks are in a picture of a film.
     pub fn claim(&self) -> Result<Claim, Failure> {
-        if self.config.vision.sam2().is_some() && !self.film_only {
+        if self.config.vision.sam2().is_some() && self.extent != Extent::Film {
             return Err(Failure::Input(anyhow!(
                 "[vision] segmenter = \"sam2\" is for films that are recorded already: it is clicked in one of their images, and takes far \
                  longer than the filming; say \"classical\" here or `rig run --film-only`, then `rig replay RUN --config CONFIG --out DIR` \
                  with segmenter = \"sam2\" and the clicks in CONFIG"
             )));
         }
-        if !self.film_only {
+        if self.extent == Extent::Report {
             prepared(self.config, read_model(&self.base.join(&self.config.run.model))?)?;
         }
         let claim = Claim::take("the runs folder", &self.runs_dir.join(".lock")).map_err(Failure::input)?;
@@ -67,8 +81,13 @@ impl Experiment<'_> {
     /// # Errors
     /// [`Failure`] by class; a run that has begun stays readable and is named by [`InRun`].
     pub async fn carry_out(&self, interrupt: &Interrupt, watcher: &mut dyn Watcher) -> Result<Done, Failure> {
-        let job = Job { config: self.config, base: self.base, runs_dir: self.runs_dir };
-        let mut beside = Beside::new(self.config, self.base, (!self.film_only).then_some(self.threads));
+        let job = Job {
+            config: self.config,
+            base: self.base,
+            runs_dir: self.runs_dir,
+            motion: self.motion.as_ref(),
+        };
+        let mut beside = Beside::new(self.config, self.base, self.extent, self.threads);
         let conducted = job
             .conduct(interrupt.raised(), |folder, notice| beside.hear(folder, notice, watcher))
             .await
@@ -84,7 +103,7 @@ impl Experiment<'_> {
                 return Err(Failure::Hardware(anyhow!("run incomplete: {reason}").context(here)));
             }
         }
-        if self.film_only {
+        if self.extent == Extent::Film {
             return Ok(Done { conducted, data: None });
         }
         let analysis = Analysis {
@@ -96,6 +115,13 @@ impl Experiment<'_> {
             chronicle: beside.chronicle,
             live: beside.live,
         };
+        if self.extent == Extent::Keypoints {
+            let seen = || on_threads(self.threads, || Ok(analysis.keypoints(watcher)));
+            let seen = tokio::task::block_in_place(seen)?;
+            watcher.clear();
+            seen.map_err(|error| analysis_failed(error, here))?;
+            return Ok(Done { conducted, data: None });
+        }
         let data = analysed(analysis, self.threads, interrupt, watcher)?;
         Ok(Done { conducted, data: Some(data) })
     }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::Watcher;
+use super::experiment::Extent;
 use crate::analysis::live::Live;
 use crate::analysis::timeline::Chronicle;
 use crate::config::RigConfig;
@@ -13,8 +14,9 @@ use crate::run::film::Notice;
 pub(super) struct Beside<'a> {
     config: &'a RigConfig,
     base: &'a Path,
-    /// Worker threads of the extraction; none where the run is only filmed.
-    threads: Option<usize>,
+    extent: Extent,
+    /// Worker threads of the extraction.
+    threads: usize,
     phase: &'static str,
     /// What was heard since the run began.
     pub(super) chronicle: Option<Chronicle>,
@@ -24,15 +26,16 @@ pub(super) struct Beside<'a> {
 
 impl<'a> Beside<'a> {
     /// Beside a run of `config`, whose relative paths start at `base`.
-    pub(super) fn new(config: &'a RigConfig, base: &'a Path, threads: Option<usize>) -> Self {
-        Self { config, base, threads, phase: "", chronicle: None, live: None }
+    pub(super) fn new(config: &'a RigConfig, base: &'a Path, extent: Extent, threads: usize) -> Self {
+        Self { config, base, extent, threads, phase: "", chronicle: None, live: None }
     }
 
     /// The next notice of the run in `folder`.
     pub(super) fn hear(&mut self, folder: &RunFolder, notice: Notice, watcher: &mut dyn Watcher) {
         if self.chronicle.is_none() {
             self.chronicle = Some(Chronicle::new(folder.origin()));
-            self.live = self.threads.and_then(|threads| Live::start(folder, self.config, self.base, threads));
+            let start = || Live::start(folder, self.config, self.base, self.threads);
+            self.live = (self.extent != Extent::Film).then(start).flatten();
         }
         let (Some(chronicle), live) = (&mut self.chronicle, &mut self.live) else { return };
         match notice {
@@ -50,6 +53,7 @@ impl<'a> Beside<'a> {
             Notice::Servo(event) => chronicle.servo(&event),
             Notice::Command(command) => chronicle.command(&command),
             Notice::Learn(from) => live.iter_mut().for_each(|live| live.learn(from.clone())),
+            Notice::Fit if self.extent != Extent::Report => {}
             Notice::Fit => live.iter_mut().for_each(|live| live.fit(chronicle.clone())),
             Notice::LetGo => watcher.tell("The water is still: let go of the mechanism now."),
             Notice::FallsBehind(behind) => tracing::warn!("{behind}"),

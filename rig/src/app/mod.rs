@@ -19,6 +19,7 @@ pub mod latency;
 mod live;
 pub mod look;
 mod results;
+pub mod servo;
 
 pub use failure::{Failure, INTERRUPTED, InRun};
 pub use interrupt::{Interrupt, interruptible};

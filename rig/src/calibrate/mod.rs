@@ -6,6 +6,8 @@
 //! `code`). [`fit()`] makes one plane of those of all pictures, a homography and a radial term, which is what a flat wall, water and
 //! lens come to in one plane to within hundredths of a millimetre. [`world`] lays the origin and the axes, [`port`] moves the result
 //! to a plane nearer or farther, and [`report`] says how good it is.
+//!
+//! What a film of a servo that climbs a staircase says of it: [`servo`].
 
 mod board;
 mod code;
@@ -20,6 +22,7 @@ pub mod port;
 mod quality;
 pub mod report;
 mod saddle;
+pub mod servo;
 pub mod tag36h11;
 mod tags;
 pub mod world;

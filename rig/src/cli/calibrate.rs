@@ -33,6 +33,8 @@ pub enum What {
     Camera(Box<CameraArgs>),
     /// How late the camera's stamps are, from the board's sync LED in the picture: films it for a while, or reads a recorded run
     Latency(LatencyArgs),
+    /// Where a servo turns for which pulse, and how it follows: drives it up and down a staircase and films its link, or reads a recorded run
+    Servo(super::calibrate_servo::Args),
 }
 
 /// What tells how late a camera's stamps are.
@@ -126,6 +128,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     match &args.what {
         What::Camera(args) => camera(args),
         What::Latency(args) => latency(args),
+        What::Servo(args) => super::calibrate_servo::run(args),
     }
 }
 

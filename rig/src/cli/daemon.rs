@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use super::progress::Bar;
 use super::{Failure, Outcome};
 use crate::app::daemon::Daemon;
-use crate::app::experiment::Experiment;
+use crate::app::experiment::{Experiment, Extent};
 use crate::app::{base, interruptible, threads};
 use crate::config::RigConfig;
 
@@ -36,7 +36,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         config: &config,
         base: base(&args.config),
         runs_dir: &args.runs_dir,
-        film_only: false,
+        extent: Extent::Report,
+        motion: None,
         threads: threads(args.threads),
     })?;
     let runs = interruptible(async |interrupt| {

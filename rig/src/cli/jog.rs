@@ -8,6 +8,7 @@ use anyhow::anyhow;
 use super::{Failure, Outcome};
 use crate::app::{Interrupt, base, interruptible};
 use crate::config::RigConfig;
+use crate::profile::ProfileConfig;
 use crate::run::open;
 use crate::servo::{ServoChannel, ServoEvent, StopOutcome, Unit};
 
@@ -54,7 +55,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         None => None,
     };
     let channel = channel.ok_or_else(|| input(format!("--channel must be one of: {}", names())))?;
-    let mirrored = config.profile.as_ref().is_some_and(|profile| profile.mirrored);
+    let mirrored = config.profile.as_ref().is_some_and(ProfileConfig::is_mirrored);
     let (unit, range) = (channel.travel.unit(), channel.travel.range());
     let told = match (args.pulse_us, args.count, args.angle_rad) {
         (Some(pulse_us), None, None) if unit == Unit::PulseUs => pulse_us,

@@ -1,6 +1,7 @@
 //! The command line: one file per verb, each a `clap` argument struct and a function that carries it out.
 
 pub mod calibrate;
+pub mod calibrate_servo;
 pub mod daemon;
 pub mod design;
 pub mod diagnose;

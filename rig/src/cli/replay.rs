@@ -56,11 +56,15 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         None => (RigConfig::parse(&run.start().config, &run.file(file::START)), run.path()),
     };
     let config = config.map_err(Failure::input)?;
-    for name in [file::START, file::STOP, run.start().model.as_str()] {
-        let from = run.file(name);
+    // What `start.json` names must be there for who reads it from the results' folder.
+    let made_with = RigConfig::parse(&run.start().config, &run.file(file::START)).ok();
+    let named = made_with.iter().flat_map(RigConfig::servo_calibrations);
+    let names = [file::START, file::STOP, run.start().model.as_str()].map(PathBuf::from);
+    for name in names.into_iter().chain(named) {
+        let from = run.path().join(&name);
         if from.exists() {
             let bytes = std::fs::read(&from).map_err(Failure::input)?;
-            write_whole(&args.out.join(name), &bytes).map_err(Failure::input)?;
+            write_whole(&args.out.join(&name), &bytes).map_err(Failure::input)?;
         }
     }
     let analysis = Analysis {

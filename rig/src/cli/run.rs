@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::app::experiment::{Done, Experiment};
+use crate::app::experiment::{Done, Experiment, Extent};
 use crate::app::{base, interruptible, threads};
 use crate::config::RigConfig;
 use crate::report;
@@ -36,7 +36,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         config: &config,
         base: base(&args.config),
         runs_dir: &args.runs_dir,
-        film_only: args.film_only,
+        extent: if args.film_only { Extent::Film } else { Extent::Report },
+        motion: None,
         threads: threads(args.threads),
     };
     let _claim = experiment.claim()?;

@@ -19,6 +19,16 @@ pub enum EditError {
         /// The key.
         key: &'static str,
     },
+    /// The channel is not there, or not as a table of its own.
+    #[error(
+        "the config has no [[servo.channel]] named `{channel}`: write calibration = {file:?} into it by hand"
+    )]
+    NoChannel {
+        /// The channel.
+        channel: String,
+        /// What belongs there.
+        file: String,
+    },
     /// The config cannot be read.
     #[error("reading {path}")]
     Unreadable {
@@ -86,6 +96,31 @@ pub fn set(
     entries.insert(key, Item::Value(value));
     if let Some(inline) = entry.as_inline_table_mut() {
         inline.fmt();
+    }
+    Ok(document.to_string())
+}
+
+/// `text` with the calibration of the servo channel called `channel` set to `file`; zero, gain and sign that stood there are gone, being the
+/// file's now.
+///
+/// # Errors
+/// [`EditError::NoChannel`], [`EditError::Syntax`].
+pub fn set_servo_calibration(text: &str, channel: &str, file: &str) -> Result<String, EditError> {
+    let mut document: DocumentMut = text.parse()?;
+    let channels = document
+        .get_mut("servo")
+        .and_then(|servo| servo.get_mut("channel"))
+        .and_then(Item::as_array_of_tables_mut);
+    let named = |table: &&mut Table| table.get("name").and_then(Item::as_str) == Some(channel);
+    let Some(table) = channels.and_then(|channels| channels.iter_mut().find(named)) else {
+        return Err(EditError::NoChannel { channel: channel.into(), file: file.into() });
+    };
+    for key in ["zero_pulse_us", "us_per_rad"] {
+        table.remove(key);
+    }
+    table.insert("calibration", Item::Value(file.into()));
+    if let Some(profile) = document.get_mut("profile").and_then(Item::as_table_like_mut) {
+        profile.remove("mirrored");
     }
     Ok(document.to_string())
 }

@@ -4,12 +4,22 @@ use std::path::PathBuf;
 
 use ident::strict::StrictError;
 
+use crate::servo::calibration::ServoCalibrationError;
+
 /// Why a config cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The text is at fault.
     #[error(transparent)]
     Strict(#[from] StrictError),
+    /// A servo's calibration, or what it says beside the config.
+    #[error("{}", path.display())]
+    Servo {
+        /// The config.
+        path: PathBuf,
+        /// What.
+        source: Box<ServoCalibrationError>,
+    },
     /// Its tables contradict each other.
     #[error("{}: {why}", path.display())]
     Contradiction {

@@ -20,6 +20,7 @@ use crate::camera::mock::CameraFaultKind;
 use crate::camera::{CameraConfig, CameraKind};
 use crate::profile::{Profile, ProfileConfig};
 use crate::servo::bus::BusFault;
+use crate::servo::calibration::ServoCalibrationError;
 use crate::servo::{BoardFault, BoardKind, ServoConfig};
 use crate::vision::config::{Background, VisionConfig};
 
@@ -126,7 +127,9 @@ impl RigConfig {
         Self::checked(strict::parse(text, path)?, path)
     }
 
-    fn checked(self, path: &Path) -> Result<Self, ConfigError> {
+    fn checked(mut self, path: &Path) -> Result<Self, ConfigError> {
+        self.read_calibrations(path)
+            .map_err(|source| ConfigError::Servo { path: path.into(), source: Box::new(source) })?;
         let contradiction =
             |why: &str| Err(ConfigError::Contradiction { path: path.into(), why: why.into() });
         let driven = self.run.kind == MotionKind::Driven;
@@ -166,6 +169,27 @@ impl RigConfig {
         Ok(self)
     }
 
+    /// Reads the servos' calibrations beside the config at `path`; what they say must not contradict it.
+    fn read_calibrations(&mut self, path: &Path) -> Result<(), ServoCalibrationError> {
+        let Some(servo) = &mut self.servo else { return Ok(()) };
+        servo.read_calibrations(path.parent().unwrap_or(Path::new("")))?;
+        let Some(profile) = self.profile.as_ref().and_then(|profile| profile.mirrored) else { return Ok(()) };
+        let mut measured =
+            servo.channels.iter().filter_map(|channel| Some((channel, channel.measured.as_ref()?.mirrored)));
+        match measured.find(|(_, file)| *file != profile) {
+            Some((channel, file)) => {
+                Err(ServoCalibrationError::Mirrored { channel: channel.name.clone(), profile, file })
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// The servos' calibrations, relative to the config.
+    pub fn servo_calibrations(&self) -> Vec<PathBuf> {
+        let channels = self.servo.iter().flat_map(|servo| &servo.channels);
+        channels.filter_map(|channel| channel.calibration.clone()).collect()
+    }
+
     /// Bytes a second that the camera sends; at most, where it compresses.
     pub fn camera_bytes_per_s(&self) -> f64 {
         let camera = &self.camera;
@@ -202,9 +226,11 @@ impl RigConfig {
                 _ => None,
             },
         ];
+        let channels = config.servo.iter_mut().flat_map(|servo| &mut servo.channels);
         let files = named
             .into_iter()
             .flatten()
+            .chain(channels.filter_map(|channel| channel.calibration.as_mut()))
             .map(|path| {
                 let original = path.clone();
                 if let Some(name) = original.file_name() {

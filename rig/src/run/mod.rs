@@ -40,6 +40,8 @@ pub struct Job<'a> {
     pub base: &'a Path,
     /// The folder of run folders.
     pub runs_dir: &'a Path,
+    /// What the servos play; none: the config's profile.
+    pub motion: Option<&'a PulseProfile>,
 }
 
 /// A run on the disk, with how it went.
@@ -125,6 +127,9 @@ impl Job<'_> {
 
     /// The pulses of the whole motion, with a small slow one in front where a servo is not calibrated.
     fn pulses(&self) -> Result<Option<PulseProfile>, ProfileError> {
+        if let Some(motion) = self.motion {
+            return Ok(Some(motion.clone()));
+        }
         let (Some(profile), Some(servo)) = (&self.config.profile, &self.config.servo) else {
             return Ok(None);
         };
@@ -224,7 +229,7 @@ mod tests {
         let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
         let mut config = RigConfig::read(&configs.join("chain-driven-pose-1.toml")).unwrap();
         config.servo.as_mut().unwrap().channels[0].calibrated = calibrated;
-        let job = Job { config: &config, base: &configs, runs_dir: Path::new("unused") };
+        let job = Job { config: &config, base: &configs, runs_dir: Path::new("unused"), motion: None };
         job.pulses().unwrap().unwrap()
     }
 

@@ -3,9 +3,13 @@
 use firmware_protocol::channel as wire;
 use firmware_protocol::event::MAX_CHANNELS;
 use firmware_protocol::units::{Channel, Name, PulseWidthUs, RateUsPerS};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
 use ident::strict::Positive;
 use serde::{Deserialize, Serialize};
 
+use super::calibration::{ServoCalibration, ServoCalibrationError};
 use super::travel::{COUNTS_PER_TURN, CountTravel, PulseTravel, Travel};
 
 const DEFAULT_MAX_ERROR_RAD: Positive = Positive::literal(0.2);
@@ -55,6 +59,10 @@ pub struct ServoChannel {
     pub safe_state: SafeState,
     /// Zero and gain were measured. Otherwise the first motion after arming is small and slow.
     pub calibrated: bool,
+    /// What `rig calibrate servo` wrote, beside the config: table, zero and sign are its then.
+    pub calibration: Option<PathBuf>,
+    /// What stands in that file, once it was read.
+    pub measured: Option<Arc<ServoCalibration>>,
 }
 
 /// All keys that a channel may have, of which a board of pulses and a bus have their own.
@@ -99,6 +107,8 @@ struct ChannelTable {
     safe_state: SafeState,
     #[serde(default)]
     calibrated: bool,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    calibration: Option<PathBuf>,
 }
 
 impl ChannelTable {
@@ -135,6 +145,16 @@ impl ChannelTable {
                 pulses.join("`, `"),
                 counts.join("`, `")
             )),
+            (_, counts) if !counts.is_empty() && self.calibration.is_some() => Err(format!(
+                "channel `{name}`: `calibration` is of a servo that gets pulses; one on a bus tells its angle itself"
+            )),
+            _ if self.calibration.is_some()
+                && (self.zero_pulse_us.is_some() || self.us_per_rad.is_some()) =>
+            {
+                Err(format!(
+                    "channel `{name}`: zero and gain are those of its `calibration`: remove zero_pulse_us and us_per_rad, or `calibration`"
+                ))
+            }
             (_, counts) if !counts.is_empty() => Ok(Travel::Counts(CountTravel {
                 min_count: self.min_count.ok_or_else(|| missing("min_count"))?,
                 max_count: self.max_count.ok_or_else(|| missing("max_count"))?,
@@ -166,7 +186,9 @@ impl TryFrom<ChannelTable> for ServoChannel {
             actuator: table.actuator,
             kind: table.kind,
             safe_state: table.safe_state,
-            calibrated: table.calibrated,
+            calibrated: table.calibrated || table.calibration.is_some(),
+            calibration: table.calibration,
+            measured: None,
         };
         channel.check()?;
         Ok(channel)
@@ -180,6 +202,8 @@ impl From<ServoChannel> for ChannelTable {
             Travel::Counts(counts) => (None, Some(counts)),
         };
         let (pulses, counts) = (pulses.as_ref(), counts.as_ref());
+        // with a calibration they are the file's
+        let own = pulses.filter(|_| channel.calibration.is_none());
         Self {
             id: channel.id,
             name: channel.name,
@@ -187,8 +211,8 @@ impl From<ServoChannel> for ChannelTable {
             kind: channel.kind,
             min_pulse_us: pulses.map(|p| p.min_pulse_us),
             max_pulse_us: pulses.map(|p| p.max_pulse_us),
-            zero_pulse_us: pulses.map(|p| p.zero_pulse_us),
-            us_per_rad: pulses.map(|p| p.us_per_rad),
+            zero_pulse_us: own.map(|p| p.zero_pulse_us),
+            us_per_rad: own.map(|p| p.us_per_rad),
             max_rate_us_per_s: pulses.map(|p| p.max_rate_us_per_s),
             park_pulse_us: pulses.and_then(|p| p.park_pulse_us),
             min_count: counts.map(|c| c.min_count),
@@ -199,6 +223,7 @@ impl From<ServoChannel> for ChannelTable {
             max_error_rad: counts.map(|c| c.max_error_rad),
             safe_state: channel.safe_state,
             calibrated: channel.calibrated,
+            calibration: channel.calibration,
         }
     }
 }
@@ -212,9 +237,32 @@ fn default_gain() -> Positive {
 }
 
 impl ServoChannel {
-    /// What it is told for `angle_rad`, in its unit and not rounded: zero + gain · angle, or zero − gain · angle where the servo is
-    /// `mirrored`, that is, where a longer pulse or a greater count turns it clockwise as the camera sees it.
+    /// Reads the file that [`ServoChannel::calibration`] names, if it names one; relative paths start at `folder`.
+    ///
+    /// # Errors
+    /// [`ServoCalibrationError`].
+    pub(super) fn read_calibration(&mut self, folder: &Path) -> Result<(), ServoCalibrationError> {
+        let Some(file) = &self.calibration else { return Ok(()) };
+        let path = folder.join(file);
+        let measured = ServoCalibration::read(&path)?;
+        if measured.channel != self.name {
+            let (channel, of) = (self.name.clone(), measured.channel);
+            return Err(ServoCalibrationError::Channel { path, channel, of });
+        }
+        if let Travel::Pulses(pulses) = &mut self.travel {
+            (pulses.zero_pulse_us, pulses.us_per_rad) = measured.scale();
+        }
+        self.measured = Some(Arc::new(measured));
+        self.check().map_err(|reason| ServoCalibrationError::Travel { path, reason })
+    }
+
+    /// What it is told for `angle_rad`, in its unit and not rounded: by the table of its calibration, else zero + gain · angle, or
+    /// zero − gain · angle where the servo is `mirrored`, that is, where a longer pulse or a greater count turns it clockwise as the
+    /// camera sees it.
     pub fn told(&self, angle_rad: f64, mirrored: bool) -> f64 {
+        if let Some(measured) = &self.measured {
+            return measured.table.pulse_us(angle_rad);
+        }
         let (zero, gain) = self.travel.scale();
         let sign = if mirrored { -1.0 } else { 1.0 };
         zero + sign * gain * angle_rad
@@ -222,9 +270,18 @@ impl ServoChannel {
 
     /// The angle at which it stands when `told` \[rad\]: the inverse of [`ServoChannel::told`].
     pub fn angle_rad(&self, told: f64, mirrored: bool) -> f64 {
+        if let Some(measured) = &self.measured {
+            return measured.table.angle_rad(told);
+        }
         let (zero, gain) = self.travel.scale();
         let sign = if mirrored { -1.0 } else { 1.0 };
         sign * (told - zero) / gain
+    }
+
+    /// Where the angle stops being straight in what it is told: at these, in its unit.
+    pub fn bends(&self) -> impl Iterator<Item = f64> {
+        let rows = self.measured.iter().flat_map(|measured| measured.table.rows());
+        rows.map(|row| row.pulse_us.get())
     }
 
     /// The channel as a board of pulses is told of it; `None` for a servo on a bus, and for a name too long, which

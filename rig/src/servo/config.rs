@@ -1,6 +1,9 @@
 //! The `[servo]` table: which board, and what hangs on its channels.
 
+use std::path::Path;
+
 use super::BoardKind;
+use super::calibration::ServoCalibrationError;
 pub use super::channel::{ChannelKind, SafeState, ServoChannel};
 use super::travel::Unit;
 use crate::clock::Wire;
@@ -8,6 +11,7 @@ use firmware_protocol::board::DEAD_MAN_RANGE;
 use firmware_protocol::command::Command;
 use firmware_protocol::event::{Event, Fault, State};
 use firmware_protocol::units::{Sequence, Ticks};
+use ident::experiment::{DiagnoseConfig, FitConfig};
 use ident::strict::Positive;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 
@@ -126,6 +130,25 @@ impl ServoConfig {
     /// The channels that stand for an actuator of the model.
     pub fn driven(&self) -> impl Iterator<Item = (&ServoChannel, &str)> {
         self.channels.iter().filter_map(|c| Some((c, c.actuator.as_deref()?)))
+    }
+
+    /// Reads the calibrations that channels name; relative paths start at `folder`.
+    ///
+    /// # Errors
+    /// [`ServoCalibrationError`].
+    pub fn read_calibrations(&mut self, folder: &Path) -> Result<(), ServoCalibrationError> {
+        self.channels.iter_mut().try_for_each(|channel| channel.read_calibration(folder))
+    }
+
+    /// Lets fit and diagnosis begin with what calibrations say of the servos. A model has one servo's numbers for all: of several servos
+    /// nothing is said, unless they are one.
+    pub fn put_measured_into(&self, fit: &mut FitConfig, diagnose: &mut DiagnoseConfig) {
+        let mut driven = self.driven();
+        if let (Some((channel, _)), None) = (driven.next(), driven.next())
+            && let Some(measured) = &channel.measured
+        {
+            measured.put_into(fit, diagnose);
+        }
     }
 
     fn check(&self) -> Result<(), String> {
@@ -256,8 +279,6 @@ impl Serialize for ServoConfig {
 
 #[cfg(test)]
 pub(crate) mod tests {
-    use std::path::Path;
-
     use super::*;
 
     pub(crate) const EXAMPLE: &str = r#"

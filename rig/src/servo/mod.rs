@@ -3,6 +3,7 @@
 //! Another kind is a file and a line of the list in `kinds`.
 
 pub mod bus;
+pub mod calibration;
 mod channel;
 pub mod config;
 mod kinds;

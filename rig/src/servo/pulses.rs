@@ -39,6 +39,23 @@ impl PulseTrack {
             (time, pulse)
         }))
     }
+
+    /// Its corners, and between them where it passes one of the pulses `at`: time from the start \[µs\] and pulse \[µs or counts\].
+    pub fn corners_and(&self, at: &[f64]) -> Vec<(f64, f64)> {
+        let corners: Vec<(f64, f64)> =
+            self.corners().map(|(us, pulse)| (us as f64, f64::from(pulse))).collect();
+        let mut all: Vec<(f64, f64)> = corners.first().copied().into_iter().collect();
+        for pair in corners.windows(2) {
+            let ((t0, p0), (t1, p1)) = (pair[0], pair[1]);
+            let passed = at.iter().filter(|pulse| (**pulse - p0) * (**pulse - p1) < 0.0);
+            let mut passed: Vec<(f64, f64)> =
+                passed.map(|pulse| (t0 + (t1 - t0) * (pulse - p0) / (p1 - p0), *pulse)).collect();
+            passed.sort_by(|a, b| a.0.total_cmp(&b.0));
+            all.extend(passed);
+            all.push((t1, p1));
+        }
+        all
+    }
 }
 
 impl PulseProfile {
