@@ -48,11 +48,17 @@ fn every_shipped_rig_config_can_be_run() {
 #[test]
 fn fitted_models_never_are_the_tanks() {
     let configs = repository().join("configs");
-    for path in toml_files(&configs.join("tanks")) {
-        let tank: toml::Table = std::fs::read_to_string(&path).expect("a tank").parse().expect("TOML");
-        let name = tank["model"].as_str().expect("a model");
-        let truth = std::fs::read_to_string(configs.join("tanks").join(name)).expect("the tank's model");
-        let nominal = std::fs::read_to_string(configs.join("models").join(name)).expect("the nominal model");
+    let table = |path: &Path| -> toml::Table {
+        std::fs::read_to_string(path).expect("a config").parse().expect("TOML")
+    };
+    for path in toml_files(&configs) {
+        let config = table(&path);
+        let Some(tank) = config.get("mock").and_then(|mock| mock["tank"].as_str()) else { continue };
+        let tank = configs.join(tank);
+        let name = table(&tank)["model"].as_str().expect("a model").to_owned();
+        let truth = std::fs::read_to_string(tank.with_file_name(&name)).expect("the tank's model");
+        let nominal = configs.join(config["run"]["model"].as_str().expect("a model"));
+        let nominal = std::fs::read_to_string(nominal).expect("the nominal model");
         let [truth, nominal] = [truth, nominal].map(|text| sim::Model::from_mjcf(&text).expect("MJCF"));
         let differing = truth
             .parameter_names()
