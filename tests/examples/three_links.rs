@@ -14,8 +14,8 @@ use std::time::Instant;
 use ident::diagnose::Diagnosis;
 use system_tests::only_run;
 use system_tests::three_links::{
-    CASES, Case, Reading, Result, Rung, diagnose, fit, in_mujoco, named, noise_mm, parameters, table,
-    write_experiment, write_thirds_model,
+    CASES, Case, Reading, Result, Rung, Told, diagnose, errors_by_the_tank_mm, fit, in_mujoco, named,
+    noise_mm, parameters, table, write_experiment, write_thirds_model,
 };
 
 /// Where a fit starts, as seen from the folders of the readings.
@@ -32,6 +32,7 @@ fn main() -> Result<()> {
     let read_s = extract(&films, Reading::Links, &links)?;
     let diagnosis = ours(&links, read_s, &mut rungs)?;
     report(&out.join("table.md"), &rungs, &links, &diagnosis)?;
+    by_the_tank(&links)?;
     println!("all of it, from the films to here: {:.1} s\n", whole.elapsed().as_secs_f64());
 
     let Some(python) = std::env::var_os("RIG_PYTHON") else {
@@ -86,6 +87,18 @@ fn rung(name: &'static str, before_s: f64, experiment: &Path) -> Result<Rung> {
     let begun = Instant::now();
     let fit = fit(experiment)?;
     Ok(Rung { name, fit, wall_s: before_s + begun.elapsed().as_secs_f64() })
+}
+
+/// Prints how far the keypoints in `folder` are from where the tank's own model has them.
+fn by_the_tank(folder: &Path) -> Result<()> {
+    for case in CASES.iter().filter(|case| case.centre_rad.is_some()) {
+        for (told, words) in [(Told::Profile, "as the profile says"), (Told::Pulses, "in whole pulses")] {
+            let errors_mm =
+                errors_by_the_tank_mm(case, folder, told)?.map(|mm| format!("{mm:.3}")).join(", ");
+            println!("{} by the tank's own model, its servo told {words}: {errors_mm} mm", case.words);
+        }
+    }
+    Ok(())
 }
 
 /// Prints the table, which goes to `path` too, and what is said of the keypoints in `folder`.

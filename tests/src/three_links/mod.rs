@@ -2,6 +2,7 @@
 //! `rig run`, read by `rig extract`, identified on one passive and one driven case, predicted on the others: `docs/three-links.md`.
 
 mod table;
+mod tank;
 
 use std::error::Error;
 use std::ffi::OsStr;
@@ -14,6 +15,7 @@ use ident::fit::Fit;
 use crate::{printed, run_rig, set};
 
 pub use table::{Rung, table};
+pub use tank::{Told, errors_by_the_tank_mm};
 
 /// The mechanism, where a fit starts.
 pub const MODEL: &str = include_str!("chain.xml");
