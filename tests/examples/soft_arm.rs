@@ -6,8 +6,6 @@
 
 #![allow(clippy::print_stdout, reason = "its output is the point")]
 
-use std::error::Error;
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -15,9 +13,8 @@ use ident::fit::Fit;
 use ident::table::{read_command, read_trajectory};
 use sim::{Model, RolloutOptions, rollout};
 use system_tests::soft_arm::bend_degrees;
-use system_tests::{changed_config, config, only_run, printed, run_rig, set};
-
-type Result<T> = std::result::Result<T, Box<dyn Error>>;
+use system_tests::verbs::{Result, fit, verb};
+use system_tests::{changed_config, config, only_run, set};
 
 const LENGTH_MM: f64 = 160.0;
 const COEFFICIENTS: [&str; 5] = ["blunt", "slender", "angular", "kutta", "magnus"];
@@ -130,18 +127,6 @@ fn chain_experiment(run: &Path, out: &Path) -> Result<PathBuf> {
 fn written(path: &Path, table: &toml::Table) -> Result<PathBuf> {
     std::fs::write(path, table.to_string())?;
     Ok(path.into())
-}
-
-/// `rig fit` of `experiment` into the folder of its name.
-fn fit(experiment: &Path) -> Result<Fit> {
-    let out = experiment.with_extension("");
-    verb(["fit".as_ref(), experiment.as_os_str(), "--out".as_ref(), out.as_os_str()])?;
-    Ok(serde_json::from_str(&std::fs::read_to_string(out.join("fit.json"))?)?)
-}
-
-fn verb<I: IntoIterator<Item = S>, S: AsRef<OsStr>>(arguments: I) -> Result<()> {
-    let output = run_rig(arguments);
-    if output.status.success() { Ok(()) } else { Err(printed(&output).into()) }
 }
 
 fn value(fit: &Fit, name: &str) -> f64 {

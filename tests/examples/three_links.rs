@@ -14,9 +14,10 @@ use std::time::Instant;
 use ident::diagnose::Diagnosis;
 use system_tests::only_run;
 use system_tests::three_links::{
-    CASES, Case, Reading, Result, Rung, Told, diagnose, errors_by_the_tank_mm, fit, in_mujoco, named,
-    noise_mm, parameters, table, write_experiment, write_thirds_model,
+    CASES, Case, Reading, Rung, Told, errors_by_the_tank_mm, in_mujoco, named, noise_mm, parameters, table,
+    write_experiment, write_thirds_model,
 };
+use system_tests::verbs::{Result, diagnose, fit};
 
 /// Where a fit starts, as seen from the folders of the readings.
 const MODEL: &str = "../rig/chain.xml";

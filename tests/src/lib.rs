@@ -11,6 +11,7 @@ pub mod soft_arm;
 pub mod tags;
 pub mod three_links;
 pub mod uno;
+pub mod verbs;
 pub mod wall;
 
 use std::path::{Path, PathBuf};

@@ -4,15 +4,14 @@
 mod table;
 mod tank;
 
-use std::error::Error;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use ident::diagnose::{Diagnosis, NamedCause};
-use ident::fit::Fit;
 
-use crate::{printed, run_rig, set};
+use crate::verbs::{Result, verb};
+use crate::{printed, set};
 
 pub use table::{Rung, table};
 pub use tank::{Told, errors_by_the_tank_mm};
@@ -29,9 +28,6 @@ const DRIVEN: &str = include_str!("driven.toml");
 const SERVO: &str = "actuator = \"servo\"\nus_per_rad = 636.61977\nlag_s = 0.02\nperiod_s = 0.001\n";
 /// From pivot to pivot \[m\].
 const LINK_M: f64 = 0.025;
-
-/// What goes wrong ends the whole.
-pub type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
 /// One of the paper's cases.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -237,25 +233,6 @@ pub fn write_experiment(
     Ok(path)
 }
 
-/// `rig fit` of `experiment` into the folder of its name.
-///
-/// # Errors
-/// Where it fails.
-pub fn fit(experiment: &Path) -> Result<Fit> {
-    let out = experiment.with_extension("");
-    verb(["fit".as_ref(), experiment.as_os_str(), "--out".as_ref(), out.as_os_str()])?;
-    Ok(serde_json::from_str(&std::fs::read_to_string(out.join("fit.json"))?)?)
-}
-
-/// `rig diagnose` of `experiment` into `out`.
-///
-/// # Errors
-/// Where it fails.
-pub fn diagnose(experiment: &Path, out: &Path) -> Result<Diagnosis> {
-    verb(["diagnose".as_ref(), experiment.as_os_str(), "--out".as_ref(), out.as_os_str()])?;
-    Ok(serde_json::from_str(&std::fs::read_to_string(out.join("diagnosis.json"))?)?)
-}
-
 /// The causes that extend the model: those named, or, where not all is explained, those established.
 pub fn named(diagnosis: &Diagnosis) -> &[NamedCause] {
     if diagnosis.causes.is_empty() { &diagnosis.established } else { &diagnosis.causes }
@@ -311,10 +288,5 @@ pub fn in_mujoco(python: &OsStr, rig: &Path, links: &Path, folder: &Path) -> Res
     }
     let script = crate::repository().join("scripts/three-links-mujoco");
     let output = Command::new(python).arg(script).args([rig, folder]).output()?;
-    if output.status.success() { Ok(()) } else { Err(printed(&output).into()) }
-}
-
-fn verb<I: IntoIterator<Item = S>, S: AsRef<OsStr>>(arguments: I) -> Result<()> {
-    let output = run_rig(arguments);
     if output.status.success() { Ok(()) } else { Err(printed(&output).into()) }
 }

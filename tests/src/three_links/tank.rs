@@ -5,7 +5,8 @@ use std::path::Path;
 use ident::table::{read_command, read_trajectory};
 use sim::{Command, Integrator, Model, RolloutOptions, State, rollout};
 
-use super::{Case, Result, SERVO, TANK, TANK_MODEL};
+use super::{Case, SERVO, TANK, TANK_MODEL};
+use crate::verbs::Result;
 
 /// How the servo is told where to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
