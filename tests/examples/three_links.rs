@@ -12,12 +12,12 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use ident::diagnose::Diagnosis;
-use system_tests::only_run;
 use system_tests::three_links::{
     CASES, Case, Reading, Rung, Told, errors_by_the_tank_mm, in_mujoco, named, noise_mm, parameters, table,
     write_experiment, write_thirds_model,
 };
 use system_tests::verbs::{Result, diagnose, fit};
+use system_tests::{only_run, set};
 
 /// Where a fit starts, as seen from the folders of the readings.
 const MODEL: &str = "../rig/chain.xml";
@@ -34,6 +34,7 @@ fn main() -> Result<()> {
     let diagnosis = ours(&links, read_s, &mut rungs)?;
     report(&out.join("table.md"), &rungs, &links, &diagnosis)?;
     by_the_tank(&links)?;
+    engines(&links)?;
     println!("all of it, from the films to here: {:.1} s\n", whole.elapsed().as_secs_f64());
 
     let Some(python) = std::env::var_os("RIG_PYTHON") else {
@@ -97,6 +98,37 @@ fn by_the_tank(folder: &Path) -> Result<()> {
             let errors_mm =
                 errors_by_the_tank_mm(case, folder, told)?.map(|mm| format!("{mm:.3}")).join(", ");
             println!("{} by the tank's own model, its servo told {words}: {errors_mm} mm", case.words);
+        }
+    }
+    Ok(())
+}
+
+/// Prints what one set of coefficients for all links comes to in MuJoCo before 3.14, in which small links have no Kutta lift, and after: what the
+/// tank has beside the model fitted in both.
+fn engines(folder: &Path) -> Result<()> {
+    let old = "chain-before-3.14.xml";
+    let mark = "<custom><text name=\"kutta_lift\" data=\"before-3.14\"/></custom>\n  <worldbody>";
+    std::fs::write(folder.join(old), system_tests::three_links::MODEL.replacen("<worldbody>", mark, 1))?;
+    let beside =
+        ["added_mass/scale", "current/x", "camera_delay/delay", "servo_delay/delay"].map(str::to_owned);
+    let coefficients = ["blunt", "slender", "angular", "kutta", "magnus"];
+    for (words, name, model) in [("from 3.14 on", "engine-new", MODEL), ("before 3.14", "engine-old", old)] {
+        let path = write_experiment(folder, name, model, "least-squares", &beside)?;
+        let mut experiment: toml::Table = std::fs::read_to_string(&path)?.parse()?;
+        let ties = coefficients.map(|name| toml::Value::from(vec![format!("*/{name}")]));
+        set(&mut experiment, "fit", "tie", ties.to_vec());
+        std::fs::write(&path, experiment.to_string())?;
+        let rung = rung(words, 0.0, &path)?;
+        println!("MuJoCo {words}:");
+        for parameter in &rung.fit.parameters {
+            if parameter.name.starts_with("g1/") {
+                println!("  {} = {:.3} +- {:.3}", parameter.name, parameter.value, parameter.std);
+            }
+        }
+        for case in CASES {
+            let errors_mm =
+                rung.errors_mm(&case).map(|errors| errors.map(|mm| format!("{mm:.3}")).join(", "));
+            println!("  {}: {} mm", case.words, errors_mm.unwrap_or_default());
         }
     }
     Ok(())
