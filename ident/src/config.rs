@@ -101,6 +101,8 @@ impl FitConfig {
 pub struct DiagnoseConfig {
     /// Causes that cannot be.
     pub exclude: Vec<String>,
+    /// Globs of the elements (bodies, joints, geoms, keypoints) in which alone a cause may sit; none: each, where there are few.
+    pub elements: Vec<String>,
     /// How likely a cause is before any run is looked at, over what a cause usually is.
     pub odds: BTreeMap<String, Positive>,
     /// What is known of a cause's numbers, by name, should it be at work. Makes nothing a fitted parameter.
@@ -111,7 +113,13 @@ pub struct DiagnoseConfig {
 
 impl Default for DiagnoseConfig {
     fn default() -> Self {
-        Self { exclude: Vec::new(), odds: BTreeMap::new(), prior: BTreeMap::new(), limit_s: DEFAULT_LIMIT_S }
+        Self {
+            exclude: Vec::new(),
+            elements: Vec::new(),
+            odds: BTreeMap::new(),
+            prior: BTreeMap::new(),
+            limit_s: DEFAULT_LIMIT_S,
+        }
     }
 }
 

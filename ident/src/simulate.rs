@@ -1,6 +1,6 @@
 //! A run as the simulation repeats it: from a model and what is uncertain about the run's start to keypoints.
 //!
-//! Each run has nuisances of its own: the coordinates of its initial pose, its rates if it is `free`, its
+//! Each run has nuisances of its own: the coordinates of its initial pose, those of its rates that are unknown, its
 //! release if nobody stated it. They are offsets from the estimates of [`crate::initial`], 0 at first.
 
 use sim::batch::{self, Candidate};
@@ -11,7 +11,7 @@ use sim::{
     rollout,
 };
 
-use crate::experiment::{Run, RunKind};
+use crate::experiment::{Run, unknown_rates, unsought};
 use crate::geometry::{motion, moved};
 use crate::initial::{Estimate, Start, prescribed_dofs};
 
@@ -21,7 +21,12 @@ pub enum Nuisance {
     /// Offset of the coordinate that belongs to this degree of freedom \[rad\] or \[m\].
     Coordinate(usize),
     /// Offset of this velocity \[rad/s\] or \[m/s\].
-    Rate(usize),
+    Rate {
+        /// Which.
+        dof: usize,
+        /// How fast it may be, one standard deviation \[rad/s\] or \[m/s\].
+        belief: f64,
+    },
     /// Offset of the release \[s\], within these bounds.
     Release {
         /// The release is not before the first image.
@@ -40,13 +45,18 @@ pub enum Nuisance {
     },
 }
 
+/// How fast a mechanism may be that is in motion when filming begins \[rad/s\] or \[m/s\],
+const RATE: f64 = 50.0;
+/// and a body that drifts after somebody has let go of it, out of the picture's plane too, where images hardly tell.
+const DRIFT: f64 = 0.02;
+
 impl Nuisance {
-    /// Standard deviation of a belief so weak that it speaks only where the images are silent: half a radian, 50
-    /// rad/s, the interval in which the release was seen, the bounds of a parameter.
+    /// Standard deviation of a belief so weak that it speaks only where the images are silent: half a radian, a rate's
+    /// own, the interval in which the release was seen, the bounds of a parameter.
     pub(crate) fn belief(self) -> f64 {
         match self {
             Self::Coordinate(_) => 0.5,
-            Self::Rate(_) => 50.0,
+            Self::Rate { belief, .. } => belief,
             Self::Release { lower, upper } => (upper - lower).max(1e-3),
             Self::Own { lower, upper, .. } => upper - lower,
         }
@@ -56,7 +66,7 @@ impl Nuisance {
     pub(crate) fn clamp(self, offset: f64) -> f64 {
         match self {
             Self::Release { lower, upper } | Self::Own { lower, upper, .. } => offset.clamp(lower, upper),
-            Self::Coordinate(_) | Self::Rate(_) => offset,
+            Self::Coordinate(_) | Self::Rate { .. } => offset,
         }
     }
 }
@@ -124,12 +134,13 @@ impl<'a> Rehearsal<'a> {
         let mut nuisances = Vec::new();
         if run.initial.is_none() {
             let frozen = prescribed_dofs(model, run);
-            let free = (0..model.nv()).filter(|&dof| !frozen[dof]);
+            let unsought = unsought(model, run);
+            let free = (0..model.nv()).filter(|&dof| !frozen[dof] && !unsought[dof]);
             nuisances.extend(free.map(Nuisance::Coordinate));
-            if run.kind == RunKind::Free {
-                let free = (0..model.nv()).filter(|&dof| !frozen[dof]);
-                nuisances.extend(free.map(Nuisance::Rate));
-            }
+            let unknown = unknown_rates(model, run, &frozen);
+            let belief = if run.adrift { DRIFT } else { RATE };
+            let rates = (0..model.nv()).filter(|&dof| unknown[dof]);
+            nuisances.extend(rates.map(|dof| Nuisance::Rate { dof, belief }));
         }
         if let Some(release) = estimate.release {
             let from = estimate.start.start_s;
@@ -233,7 +244,7 @@ impl<'a> Rehearsal<'a> {
         for (nuisance, &offset) in self.nuisances.iter().zip(offsets) {
             match *nuisance {
                 Nuisance::Coordinate(dof) => delta[dof] = offset,
-                Nuisance::Rate(dof) => qvel[dof] += offset,
+                Nuisance::Rate { dof, .. } => qvel[dof] += offset,
                 Nuisance::Release { .. } => start_s += offset,
                 Nuisance::Own { .. } => {}
             }
@@ -246,7 +257,7 @@ impl<'a> Rehearsal<'a> {
         let delta = motion(model, &self.start.state.qpos, &start.state.qpos);
         let offset = |nuisance: &Nuisance| match *nuisance {
             Nuisance::Coordinate(dof) => delta[dof],
-            Nuisance::Rate(dof) => start.state.qvel[dof] - self.start.state.qvel[dof],
+            Nuisance::Rate { dof, .. } => start.state.qvel[dof] - self.start.state.qvel[dof],
             Nuisance::Release { .. } => nuisance.clamp(start.start_s - self.start.start_s),
             Nuisance::Own { .. } => nuisance.clamp(0.0),
         };
@@ -368,7 +379,7 @@ impl<'a> Rehearsal<'a> {
             let mut along = none();
             match *nuisance {
                 Nuisance::Coordinate(dof) => along.qpos = self.coordinate_slope(model, dof, offsets),
-                Nuisance::Rate(dof) => along.qvel[dof] = 1.0,
+                Nuisance::Rate { dof, .. } => along.qvel[dof] = 1.0,
                 Nuisance::Release { .. } => along.start_s = 1.0,
                 Nuisance::Own { .. } => {
                     along.values[next] = 1.0;
@@ -410,7 +421,7 @@ impl<'a> Rehearsal<'a> {
     fn own<'b>(&'b self, offsets: &'b [f64]) -> impl Iterator<Item = (Parameter, f64)> + 'b {
         self.nuisances.iter().zip(offsets).filter_map(|(nuisance, &value)| match *nuisance {
             Nuisance::Own { place, .. } => Some((place, value)),
-            Nuisance::Coordinate(_) | Nuisance::Rate(_) | Nuisance::Release { .. } => None,
+            Nuisance::Coordinate(_) | Nuisance::Rate { .. } | Nuisance::Release { .. } => None,
         })
     }
 
@@ -418,7 +429,7 @@ impl<'a> Rehearsal<'a> {
     fn places(&self, parameters: &[Parameter]) -> Vec<Parameter> {
         let own = self.nuisances.iter().filter_map(|nuisance| match *nuisance {
             Nuisance::Own { place, .. } => Some(place),
-            Nuisance::Coordinate(_) | Nuisance::Rate(_) | Nuisance::Release { .. } => None,
+            Nuisance::Coordinate(_) | Nuisance::Rate { .. } | Nuisance::Release { .. } => None,
         });
         parameters.iter().copied().chain(own).collect()
     }

@@ -173,7 +173,8 @@ impl Search<'_> {
         for which in 0..found.leader.causes.len() {
             let leader = found.leader.clone();
             let level = leader.level();
-            let others = leader.causes[which].elsewhere(&baseline.model, baseline.terms.len());
+            let elements = &self.experiment.diagnose.elements;
+            let others = leader.causes[which].elsewhere(&baseline.model, baseline.terms.len(), elements);
             let noise_m = self.floor.noise_m;
             let placed = self.counts.of_each(others, |other, counts| {
                 let causes: Vec<Term> = leader

@@ -96,7 +96,7 @@ impl<'b> Search<'b> {
         counts: Counts,
         stage: &'b mut dyn FnMut(&str) -> bool,
     ) -> Self {
-        let DiagnoseConfig { odds, prior, .. } = &experiment.diagnose;
+        let DiagnoseConfig { odds, prior, elements, .. } = &experiment.diagnose;
         let fitted_runs = || experiment.runs.iter().filter(|run| run.usage == Use::Fit);
         let span_s: f64 = fitted_runs()
             .filter_map(|run| Some(run.trajectory.time_s.last()? - run.trajectory.time_s.first()?))
@@ -105,7 +105,9 @@ impl<'b> Search<'b> {
         let odds =
             |cause: Cause| odds.get(cause.name()).map_or(1.0, |odds| odds.get()) / cause.starts(span_s);
         let runs = fitted_runs().count();
-        let all = |cause: Cause| Term::knowing(Term::all(cause, &experiment.model, runs, odds(cause)), prior);
+        let all = |cause: Cause| {
+            Term::knowing(Term::all(cause, &experiment.model, runs, odds(cause), elements), prior)
+        };
         let candidates = possible(experiment, fitted).into_iter().flat_map(all).collect();
         let (expanded, leading) = (Vec::new(), Vec::new());
         Self { experiment, candidates, counts, floor: floor.clone(), expanded, leading, stage }

@@ -200,7 +200,7 @@ pub(super) fn unknown_force(
     let mut state = base.clone();
     for joint in &joints {
         let cause = state.model.define_cause(&joint.cause(&state.model)).ok()?;
-        let term = Term::all(cause, &state.model, 1, 1.0).into_iter().next()?;
+        let term = Term::all(cause, &state.model, 1, 1.0, &[]).into_iter().next()?;
         state = state.with(&term);
     }
     if !state.stay(counts) {
@@ -305,7 +305,8 @@ fn fitted<'a>(
 
 /// The causes of `known` that could do a good part of what the force does to the keypoints.
 fn resembled(base: &State<'_>, forced: &State<'_>, known: &[Cause], counts: &Counts) -> Vec<Resembled> {
-    let terms: Vec<Term> = known.iter().flat_map(|cause| Term::all(*cause, &base.model, 1, 1.0)).collect();
+    let terms: Vec<Term> =
+        known.iter().flat_map(|cause| Term::all(*cause, &base.model, 1, 1.0, &[])).collect();
     let scores = Scores::new(base, &terms, counts);
     let changes: Vec<_> = forced
         .linear

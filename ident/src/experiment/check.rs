@@ -4,7 +4,7 @@ use sim::model::encoded_joint;
 use sim::{JointKind, Model};
 
 use super::{Experiment, ExperimentError, Run, RunKind};
-use crate::names::did_you_mean;
+use crate::names::{did_you_mean, glob};
 use crate::parameters::Parameters;
 
 /// Least images of a run: fewer than this show a pose, but no motion.
@@ -78,6 +78,13 @@ impl Experiment {
                 return Err(ExperimentError::NoCause { key, name: name.clone(), hint });
             }
         }
+        let elements = self.elements();
+        for pattern in &self.diagnose.elements {
+            if !elements.iter().any(|element| glob(pattern, element)) {
+                let hint = did_you_mean(pattern, &elements);
+                return Err(ExperimentError::NoElement { name: pattern.clone(), hint });
+            }
+        }
         for name in self.diagnose.prior.keys() {
             let mut model = self.model.clone();
             let is_there = name.split_once('/').is_some_and(|(cause, _)| {
@@ -91,6 +98,17 @@ impl Experiment {
             }
         }
         Ok(())
+    }
+}
+
+impl Experiment {
+    /// Names of all in which a cause may sit alone.
+    fn elements(&self) -> Vec<String> {
+        let Model { bodies, joints, geoms, .. } = &self.model;
+        let bodies = bodies.iter().skip(1).map(|body| &body.name);
+        let all =
+            bodies.chain(joints.iter().map(|joint| &joint.name)).chain(geoms.iter().map(|geom| &geom.name));
+        all.cloned().chain(self.model.marks()).collect()
     }
 }
 

@@ -89,6 +89,16 @@ pub enum ExperimentError {
         /// What may have been meant.
         hint: String,
     },
+    /// `[diagnose] elements` names what is not there.
+    #[error(
+        "`elements` under [diagnose] names `{name}`, and the model has no body, joint, geom or keypoint of that name{hint}"
+    )]
+    NoElement {
+        /// The name.
+        name: String,
+        /// What may have been meant.
+        hint: String,
+    },
     /// A run contradicts itself or the model, or says too little.
     #[error("run `{run}`: {reason}")]
     Run {
@@ -128,7 +138,7 @@ impl ExperimentError {
             Self::Run { run, .. } | Self::Data { run, .. } => run,
             Self::Parameters(error) => error.name(),
             Self::Weights(error) => error.name(),
-            Self::NoCause { name, .. } => name,
+            Self::NoCause { name, .. } | Self::NoElement { name, .. } => name,
             Self::NoRuns => "",
             _ => return self,
         };

@@ -102,6 +102,7 @@ fn load(file: File, path: &Path) -> Result<Experiment, ExperimentError> {
     let mut experiment =
         Experiment { model, noise_m: file.noise_m.map(Positive::get), fit, diagnose: file.diagnose, runs };
     experiment.take_in_measured();
+    experiment.set_adrift();
     experiment.fit.add_named_causes(&mut experiment.model);
     Ok(experiment)
 }

@@ -4,6 +4,7 @@
 //! needs no files. A program that has its runs in memory builds an [`Experiment`] itself and calls
 //! [`Experiment::check`].
 
+mod adrift;
 mod check;
 mod error;
 mod file;
@@ -18,6 +19,7 @@ use sim::{BasePath, Command, Model, State, Trajectory};
 
 pub use crate::config::{DiagnoseConfig, FitConfig, Loss, Method, Prior};
 pub use crate::own_cause::{CauseConfig, CauseError, CauseParameterConfig};
+pub(crate) use adrift::{RESETTLING_S, resting, unknown_rates, unsought};
 pub use error::{ExperimentError, Place};
 pub use spikes::Spike;
 
@@ -59,6 +61,8 @@ pub struct Run {
     pub base: Option<Arc<BasePath>>,
     /// Actuated joints follow the command exactly, see [`Run::follows`].
     pub prescribed: bool,
+    /// Its body floats, and is in motion when the servo first moves: set by [`Experiment::set_adrift`].
+    pub adrift: bool,
     /// When a drop was let go \[s\]; `None`: detected, then fitted.
     pub release_s: Option<f64>,
     /// How much of the start of a held-out `free` run goes into its initial state \[s\].
@@ -75,7 +79,7 @@ pub struct Run {
 pub enum RunKind {
     /// At rest, then let go.
     Drop,
-    /// At rest until the servo first moves.
+    /// At rest until the servo first moves, but for a body that floats.
     Driven,
     /// Already moving in the first image.
     Free,
@@ -110,6 +114,7 @@ impl Run {
             measured: Vec::new(),
             base: None,
             prescribed: false,
+            adrift: false,
             release_s: None,
             init_s: DEFAULT_INIT_S,
             weight: 1.0,

@@ -27,9 +27,10 @@ pub(crate) fn hold_out(
 ) -> Result<FittedRun, FitError> {
     let estimate = initial::estimate(model, run, noise_m)?;
     let start_s = estimate.start.start_s;
-    let has_still = run.kind != RunKind::Free && run.trajectory.time_s[0] <= start_s;
+    let has_still = run.kind != RunKind::Free && !run.adrift && run.trajectory.time_s[0] <= start_s;
     let window_s = match estimate.release {
         Some(release) => release.latest_s + run.init_s,
+        None if run.adrift => run.first_motion_s().unwrap_or(start_s),
         None if has_still || run.initial.is_some() => start_s,
         None => start_s.max(run.trajectory.time_s[0]) + run.init_s,
     };

@@ -8,6 +8,7 @@ use sim::{Cause, Model};
 
 use crate::config::Prior;
 use crate::experiment::{Experiment, Run, RunKind, Use};
+use crate::names::glob;
 use crate::parameters::{FreeParameter, Parameters, Scale};
 use crate::simulate::Nuisance;
 
@@ -95,7 +96,8 @@ pub(crate) fn aliases(cause: Cause, experiment: &Experiment) -> Vec<&'static str
 impl Term {
     /// Every way in which `cause` may be at work, by the grids of its discrete and hidden parameters; none where the
     /// model has nothing that it could act on. `runs` is how many are fitted; `odds`: see [`Term::odds`].
-    pub(crate) fn all(cause: Cause, model: &Model, runs: usize, odds: f64) -> Vec<Self> {
+    /// `elements`: see [`DiagnoseConfig::elements`].
+    pub(crate) fn all(cause: Cause, model: &Model, runs: usize, odds: f64, elements: &[String]) -> Vec<Self> {
         let mut with = model.clone();
         if with.add_cause(cause.name()).is_err() {
             return Vec::new();
@@ -103,7 +105,7 @@ impl Term {
         let Some(effect) = with.causes().iter().find(|effect| effect.cause() == cause) else {
             return Vec::new();
         };
-        let mut list: Vec<Self> = forms(effect)
+        let mut list: Vec<Self> = forms(effect, elements)
             .into_iter()
             .map(|element| Self {
                 cause,
@@ -298,11 +300,11 @@ impl Term {
 
     /// The cause in its other places: in one element, or in all together; and, as it sits, the same in all of `runs` runs or another in
     /// each. Choices and hidden numbers stay.
-    pub(crate) fn elsewhere(&self, model: &Model, runs: usize) -> Vec<Self> {
+    pub(crate) fn elsewhere(&self, model: &Model, runs: usize, elements: &[String]) -> Vec<Self> {
         let with = self.added_to(model);
         let effect = with.causes().iter().find(|effect| effect.cause() == self.cause);
-        let all =
-            effect.map_or(Vec::new(), forms).into_iter().map(|element| Self { element, ..self.clone() });
+        let all = effect.map_or(Vec::new(), |effect| forms(effect, elements));
+        let all = all.into_iter().map(|element| Self { element, ..self.clone() });
         let other =
             if self.by_run { Some(Self { by_run: false, ..self.clone() }) } else { self.by_run(runs) };
         all.filter(|other| other.element != self.element).chain(other).collect()
@@ -325,8 +327,9 @@ impl Term {
     }
 }
 
-/// Where `effect` may sit: in all elements together, and in each alone where there are several. An effect with but one element sits there.
-fn forms(effect: &CauseValues) -> Vec<Option<Element>> {
+/// Where `effect` may sit: in all elements together, and where there are several in each alone, or in each that a glob of `elements` means. An effect
+/// with but one element sits there.
+fn forms(effect: &CauseValues, elements: &[String]) -> Vec<Option<Element>> {
     let of_elements = |parameter: &ParameterInfo| parameter.per != Per::Model;
     let sizes =
         || effect.parameters().filter(|parameter| matches!(parameter.role, Role::Size | Role::Switch));
@@ -335,9 +338,15 @@ fn forms(effect: &CauseValues) -> Vec<Option<Element>> {
         members.filter(|(_, parameter)| of_elements(parameter)).map(|(name, _)| name).collect();
     let count = members.len();
     let common = sizes().any(|parameter| !of_elements(parameter));
-    let each = members.into_iter().map(|name| Some(Element { size: name.clone(), of: count }));
+    let meant = |name: &&String| {
+        let own = name.split_once('/').map_or("", |(_, own)| own);
+        elements.is_empty() || elements.iter().any(|element| glob(element, own))
+    };
     let alone = count > 1 || !common;
-    let each = each.filter(|_| alone && count <= MOST_ELEMENTS);
+    let meant: Vec<&String> = members.into_iter().filter(meant).collect();
+    let of = meant.len();
+    let each = meant.into_iter().map(|name| Some(Element { size: name.clone(), of }));
+    let each = each.filter(|_| alone && of <= MOST_ELEMENTS);
     let together = common || count > MOST_ELEMENTS || count > 1 && sizes().next().is_some();
     together.then_some(None).into_iter().chain(each).collect()
 }

@@ -13,7 +13,7 @@ use sim::{Model, State};
 pub use noise::{RunNoise, run_noise};
 pub use release::{Release, release};
 
-use crate::experiment::{Experiment, Run, RunKind, Use};
+use crate::experiment::{Experiment, RESETTLING_S, Run, RunKind, Use, resting, unknown_rates, unsought};
 use crate::parameters::{ParameterError, Parameters};
 use pose::{Mark, Target, pose};
 
@@ -67,6 +67,7 @@ pub fn estimate(model: &Model, run: &Run, noise_m: f64) -> Result<Estimate, Star
     };
     let start_s = match run.kind {
         RunKind::Drop => found.map_or(run.release_s.unwrap_or(first_s), |found| found.start_s),
+        RunKind::Driven if run.adrift => first_s - RESETTLING_S,
         RunKind::Driven => {
             let motion = run.first_motion_s();
             motion.ok_or_else(|| {
@@ -77,7 +78,7 @@ pub fn estimate(model: &Model, run: &Run, noise_m: f64) -> Result<Estimate, Star
     };
     let state = match &run.initial {
         Some(state) => state.clone(),
-        None if run.kind == RunKind::Free => moving_state(model, run, &seen, noise_m),
+        None if run.kind == RunKind::Free || run.adrift => moving_state(model, run, &seen, noise_m),
         None => {
             // Without a still image the first one has to do; the fit then finds the pose from the motion.
             let mut still: Vec<usize> =
@@ -185,20 +186,24 @@ fn targets(model: &Model, run: &Run, instants: &[usize]) -> Vec<Target> {
     list
 }
 
-/// Pose of each of the first images, and a parabola through each joint's coordinate.
+/// Pose of each of the first images, and a parabola through each coordinate whose rate is unknown; the others rest at their mean.
 fn moving_state(model: &Model, run: &Run, seen: &[usize], noise_m: f64) -> State {
     let times = &run.trajectory.time_s;
     let start_s = times[seen[0]];
     let within = seen.iter().take_while(|&&instant| times[instant] <= start_s + run.init_s).count();
     let used = &seen[..within.max(RATE_IMAGES).min(seen.len())];
     let frozen = prescribed_dofs(model, run);
-    let mut guess = model.rest_state().qpos;
+    let unknown = unknown_rates(model, run, &frozen);
+    let still: Vec<bool> = frozen.iter().zip(unsought(model, run)).map(|(a, b)| *a || b).collect();
+    let mut guess = resting(model, run);
     let mut poses: Vec<Vec<f64>> = Vec::new();
     for &instant in used {
         prescribe(model, run, times[instant], &mut guess);
-        guess = pose(model, &targets(model, run, &[instant]), &guess, &frozen, noise_m);
+        guess = pose(model, &targets(model, run, &[instant]), &guess, &still, noise_m);
         poses.push(guess.clone());
     }
+    // what drifts has done so for a while before the first image
+    let lead_s = if run.adrift { RESETTLING_S } else { 0.0 };
     let mut state = State { qpos: poses[0].clone(), qvel: vec![0.0; model.nv()] };
     let since: Vec<f64> = used.iter().map(|&instant| times[instant] - start_s).collect();
     // The rates of rotations start at nothing: the fit finds them.
@@ -206,8 +211,10 @@ fn moving_state(model: &Model, run: &Run, seen: &[usize], noise_m: f64) -> State
     for (coordinates, q, dof) in numbers.filter(|(coordinates, ..)| *coordinates != Coordinates::Rotation) {
         for k in 0..coordinates.nq() {
             let values: Vec<f64> = poses.iter().map(|pose| pose[q + k]).collect();
-            if let Some([value, rate]) = parabola(&since, &values) {
-                state.qpos[q + k] = value;
+            if !unknown[dof + k] {
+                state.qpos[q + k] = values.iter().sum::<f64>() / values.len() as f64;
+            } else if let Some([value, rate]) = parabola(&since, &values) {
+                state.qpos[q + k] = value - rate * lead_s;
                 state.qvel[dof + k] = rate;
             }
         }

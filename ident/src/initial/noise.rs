@@ -27,8 +27,8 @@ pub fn run_noise(run: &Run) -> RunNoise {
     let rough_m = noise_m([trajectory]);
     let start_s = match run.kind {
         RunKind::Drop => run.release_s.or_else(|| release(trajectory, rough_m).map(|found| found.start_s)),
-        RunKind::Driven => run.first_motion_s(),
-        RunKind::Free => None,
+        RunKind::Driven if !run.adrift => run.first_motion_s(),
+        RunKind::Driven | RunKind::Free => None,
     };
     let still = start_s.map_or(0, |start_s| trajectory.time_s.iter().take_while(|t| **t < start_s).count());
     let Some((std_m, correlation)) = still_noise(trajectory, still) else {

@@ -54,5 +54,6 @@ pub(super) fn experiment(
     };
     experiment.runs.push(run);
     experiment.take_in_measured();
+    experiment.set_adrift();
     Ok(experiment)
 }
