@@ -40,7 +40,7 @@ pub mod trajectory;
 pub use base::{BaseError, BaseMotion, BasePath};
 pub use causes::{Cause, CauseValues, CommandPath};
 pub use command::Command;
-pub use contact::{ContactWatch, Touch};
+pub use contact::{ContactPoint, ContactWatch, Touch};
 pub use dynamics::Poses;
 pub use error::RolloutError;
 pub use lanes::Isa;
