@@ -269,15 +269,17 @@ fn planned_steps_meet_the_same_contacts() {
     }
 }
 
-/// Derivatives go through contact, friction loss and end stops as differences do, and lanes through it as one number does.
+/// Derivatives go through contact and end stops as differences do, and candidates side by side as one alone. Friction loss is left
+/// out, whose derivatives are not contact's.
 #[test]
 fn derivatives_and_candidates_go_through_contact() {
     for (name, parameter) in [(WALL, "g3/blunt"), ("ellipsoid on the floor, elliptic cone", "shape/blunt")] {
         let (mut model, state) = case(name);
+        model.joints.iter_mut().for_each(|joint| joint.friction_loss = 0.0);
         if model.keypoints().is_empty() {
             model.sites[1].name = "P0".into();
         }
-        let place = model.parameters().find(|(known, _)| known == parameter).unwrap().1;
+        let place = model.find_parameter(parameter).unwrap();
         let times: Vec<f64> = (1..=10).map(|k| 0.05 * f64::from(k)).collect();
         let zeros = || Direction {
             values: vec![0.0],
@@ -315,7 +317,7 @@ fn derivatives_and_candidates_go_through_contact() {
                 }
             }
             println!("{name}: slopes up to {largest:.1e}, {worst:.1e} from differences");
-            assert!(largest > 1e-5 && worst < 1e-4 * largest, "{name}: {worst:e} of {largest:e}");
+            assert!(largest > 1e-5 && worst < 1e-6 * largest, "{name}: {worst:e} of {largest:e}");
         }
         let alone = rollout(&model, &state, &none, &times, &options).unwrap();
         assert_eq!(alone.position_m, found.position_m);
