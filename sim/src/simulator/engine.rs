@@ -38,7 +38,7 @@ pub(crate) struct Engine<S: Stages> {
     pub(super) terms: Terms<S>,
     pub(crate) work: Work<S>,
     pub(super) solver: Option<Solver<S::T>>,
-    pub(super) contacts: Option<S::Contacts>,
+    pub(super) contacts: Option<Box<S::Contacts>>,
     pub(super) slope: Option<S::Slope>,
     pub(super) stepper: Stepper,
     pub(super) rosenbrock: Option<Rosenbrock<S::T>>,
@@ -194,7 +194,7 @@ impl<S: Stages> Engine<S> {
         self.matrix.copy_from_slice(&self.work.mass);
         inertia::factor(&self.plant, &mut self.matrix);
         contacts.weigh(model, &self.plant, &self.work, &self.matrix);
-        self.contacts = Some(contacts);
+        self.contacts = Some(Box::new(contacts));
     }
 
     /// Switches off the drives at these places: they exert no force, and where they would prescribe their

@@ -149,13 +149,13 @@ impl<T: Scalar> Problem<T> {
                 for (gradient, &j) in self.gradient.iter_mut().zip(own) {
                     *gradient += force[k] * j;
                 }
-                for l in 0..rows {
-                    if !less(T::ZERO, slopes[k][l].abs()) {
+                for (l, &slope) in slopes[k][..rows].iter().enumerate() {
+                    if !less(T::ZERO, slope.abs()) {
                         continue;
                     }
                     let other = &self.jacobian[(first + l) * nv..(first + l + 1) * nv];
                     for (i, &j) in own.iter().enumerate() {
-                        let share = slopes[k][l] * j;
+                        let share = slope * j;
                         for (entry, &other) in self.matrix[i * nv..i * nv + i + 1].iter_mut().zip(other) {
                             *entry += share * other;
                         }
@@ -173,10 +173,9 @@ impl<T: Scalar> Problem<T> {
             *change = dot(&self.jacobian[row * nv..(row + 1) * nv], &self.step);
         }
         let (mut constant, mut linear) = (T::ZERO, T::ZERO);
-        for dof in 0..nv {
-            let row = &self.mass[dof * nv..(dof + 1) * nv];
-            constant += (dot(row, &self.acceleration) - smooth[dof]) * self.step[dof];
-            linear += dot(row, &self.step) * self.step[dof];
+        for ((row, &smooth), &step) in self.mass.chunks(nv).zip(smooth).zip(&self.step) {
+            constant += (dot(row, &self.acceleration) - smooth) * step;
+            linear += dot(row, &self.step) * step;
         }
         let mut there = self.residual.clone();
         // slope and bend of the cost along the step
@@ -190,8 +189,8 @@ impl<T: Scalar> Problem<T> {
                 let (rows, (force, slopes, _)) = self.push(first, &there);
                 for k in 0..rows {
                     slope -= force[k] * self.change[first + k];
-                    for l in 0..rows {
-                        bend += slopes[k][l] * self.change[first + k] * self.change[first + l];
+                    for (l, &bent) in slopes[k][..rows].iter().enumerate() {
+                        bend += bent * self.change[first + k] * self.change[first + l];
                     }
                 }
                 first += rows;
@@ -212,7 +211,7 @@ impl<T: Scalar> Problem<T> {
             } else {
                 high = share;
             }
-            share = share - slope / bend;
+            share -= slope / bend;
             if !(less(low, share) && less(share, high)) {
                 share = (low + high) * T::from_f64(0.5);
             }
