@@ -311,7 +311,7 @@ fn derivatives_and_candidates_go_through_contact() {
             assert_eq!(same, found.position_m);
             let largest = slopes.iter().flatten().fold(0.0_f64, |most, slope| most.max(slope.abs()));
             let mut worst = 0.0_f64;
-            for ((up, down), slope) in up.iter().zip(&down).zip(slopes).map(|((u, d), s)| ((u, d), s)) {
+            for ((up, down), slope) in up.iter().zip(&down).zip(slopes) {
                 for k in 0..3 {
                     worst = worst.max(((up[k] - down[k]) / (2.0 * STEP) - slope[k]).abs());
                 }
