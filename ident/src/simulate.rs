@@ -279,7 +279,7 @@ impl<'a> Rehearsal<'a> {
         Ok(self.measured(rollout.position_m, rollout.keypoints.len()))
     }
 
-    /// The motion behind [`Rehearsal::simulate`], and what touched in it first, if anything did.
+    /// The motion behind [`Rehearsal::simulate`], and what first touched in it whose contact is not simulated, if anything did.
     ///
     /// # Errors
     /// As there.
@@ -289,7 +289,7 @@ impl<'a> Rehearsal<'a> {
         offsets: &[f64],
     ) -> Result<(Vec<[f64; 3]>, Option<Touch>), RolloutError> {
         let rollout = self.rolled(model, offsets, self.run.trajectory.time_s.len())?;
-        let touch = ContactWatch::new(model).and_then(|mut watch| watch.first_touch(&rollout));
+        let touch = ContactWatch::unsimulated(model).and_then(|mut watch| watch.first_touch(&rollout));
         Ok((self.measured(rollout.position_m, rollout.keypoints.len()), touch))
     }
 

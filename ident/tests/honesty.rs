@@ -241,18 +241,25 @@ fn a_new_run_sharpens_an_earlier_fit_and_a_changed_mechanism_is_noticed() {
     assert!(drift.p < 1e-6 && drift.parameters == ["g3/blunt"], "{drift:?}");
 }
 
-/// Contact is not simulated: a fit says where its simulation goes through something, and when.
+/// Contact of a box and a cylinder is not simulated: a fit says where its simulation goes through something, and when. That of a
+/// box and a floor is.
 #[test]
-fn a_fitted_run_that_goes_through_the_floor_says_so() {
-    let floor =
-        r#"<worldbody><geom name="floor" type="plane" pos="0 0 -0.07" size="1 1 1" conaffinity="1"/>"#;
-    let text = CHAIN.replace("<worldbody>", floor).replace("contype=\"0\"", "contype=\"1\"");
-    let above = sim::Model::from_mjcf(&text).unwrap();
+fn a_fitted_run_that_goes_through_something_says_so() {
+    let over = |obstacle: &str| {
+        let text = CHAIN.replace("<worldbody>", &format!("<worldbody><geom {obstacle} conaffinity=\"1\"/>"));
+        sim::Model::from_mjcf(&text.replace("contype=\"0\"", "contype=\"1\"")).unwrap()
+    };
+    let above = over(r#"name="post" type="cylinder" pos="0 0 -0.08" size="0.2 0.01""#);
     let runs = |model: &sim::Model| vec![drop_run("swing", model, [-1.2, 0.0, 0.0], 0.1, 1.0, 3)];
     let fitted = fit(&experiment(above.clone(), runs(&above), &["g3/blunt"]), &mut ()).unwrap();
     let touch = fitted.fit.runs[0].touch.as_ref().unwrap();
-    assert!(touch.geoms.contains(&"floor".to_owned()), "{touch:?}");
+    assert!(touch.geoms.contains(&"post".to_owned()), "{touch:?}");
     assert!((0.1..1.0).contains(&touch.time_s), "{touch:?}");
+    let floor = over(r#"name="floor" type="plane" pos="0 0 -0.07" size="1 1 1""#);
+    let fitted = fit(&experiment(floor.clone(), runs(&floor), &["g3/blunt"]), &mut ()).unwrap().fit;
+    let (p, truth) = (parameter(&fitted, "g3/blunt"), floor.parameter("g3/blunt").unwrap());
+    println!("on the floor: {:.4} +- {:.4}, true {truth}", p.value, p.std);
+    assert!(fitted.runs[0].touch.is_none() && (p.value - truth).abs() < 4.0 * p.std, "{p:?}");
     let free = fit(&experiment(chain(), runs(&chain()), &["g3/blunt"]), &mut ()).unwrap();
     assert_eq!(free.fit.runs[0].touch, None);
 }

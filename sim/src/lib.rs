@@ -10,7 +10,7 @@
 //! * [`fluid`], `dynamics`: water on one shape; the stages of a step over the whole tree;
 //! * [`causes`]: what a simulation may lack, one file each, by place: water, joint, drive, tether, camera;
 //! * [`simulator`], [`mjcf`]: one step, by each of the methods; the format, read and written;
-//! * `film`, [`rollout`](mod@rollout): a whole run as a camera sees it; `plan`: the cheapest steps for it; `contact`: where bodies meet;
+//! * `film`, [`rollout`](mod@rollout): a whole run as a camera sees it; `plan`: the cheapest steps for it; `contact`: where bodies meet, looked at afterwards;
 //! * [`batch`], [`sensitivities`]: many candidates, or one with derivatives, in SIMD lanes.
 
 pub mod base;
@@ -40,7 +40,7 @@ pub mod trajectory;
 pub use base::{BaseError, BaseMotion, BasePath};
 pub use causes::{Cause, CauseValues, CommandPath};
 pub use command::Command;
-pub use contact::{ContactWatch, Touch};
+pub use contact::{ContactPoint, ContactWatch, Touch};
 pub use dynamics::Poses;
 pub use error::RolloutError;
 pub use lanes::Isa;

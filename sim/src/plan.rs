@@ -50,7 +50,7 @@ const STABILITY_RATIO: f64 = 1.3;
 /// steps, so that the loss stays smooth.
 ///
 /// Steps are short where the motion is quick: each as long as leaves the same error, which a step and two of half the
-/// length tell. With friction loss or end stops they are even, because where a joint comes to stand differs from
+/// length tell. With friction loss, end stops or contacts they are even, because where a joint comes to stand differs from
 /// candidate to candidate. Where a servo turns in jerks, steps are planned for the commands as given: a rollout takes none that is longer
 /// than the jerks bear. The error of the whole is estimated by the difference to steps half as long, over what the
 /// order of the method leaves of it. Planned steps in `options` stay where they are as exact as wanted and not much more so, or
@@ -139,7 +139,9 @@ impl Nominal<'_> {
         let altered = self.model.altered();
         let model = altered.as_ref().unwrap_or(self.model);
         let restrained = model.joints.iter().any(|joint| joint.limit.is_some() || joint.friction_loss != 0.0);
-        restrained || CommandPath::new(model, self.command).longest_step_s().is_finite()
+        restrained
+            || model.contacts.simulated()
+            || CommandPath::new(model, self.command).longest_step_s().is_finite()
     }
 
     /// More steps than these are not worth trying.

@@ -55,7 +55,7 @@ pub struct FittedRun {
     pub simulated: Trajectory,
     /// What was measured.
     pub measured: Trajectory,
-    /// Geoms of the calibrated model that touch: from then on it does not move as MuJoCo would have it.
+    /// Geoms of the calibrated model that touch without contact being simulated: from then on it does not move as MuJoCo would have it.
     pub touch: Option<FirstTouch>,
 }
 

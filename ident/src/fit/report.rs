@@ -206,7 +206,7 @@ pub struct RunErrors {
     /// Its noise, where it was fitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<NoiseSeen>,
-    /// The first contact of its simulation, where there is one: contact is not simulated.
+    /// The first contact of its simulation that is not simulated, where there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub touch: Option<FirstTouch>,
 }
@@ -226,7 +226,7 @@ impl fmt::Display for FirstTouch {
         let ([a, b], time_s) = (&self.geoms, self.time_s);
         write!(
             f,
-            "geoms `{a}` and `{b}` touch at {time_s:.4} s; contact is not simulated, so they pass through each other from then on"
+            "geoms `{a}` and `{b}` touch at {time_s:.4} s; contact of their shapes is not simulated, so they pass through each other from then on"
         )
     }
 }

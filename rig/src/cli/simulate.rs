@@ -149,7 +149,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         }
         _ => Failure::input(error),
     })?;
-    if let Some(touch) = ContactWatch::new(&model).and_then(|mut watch| watch.first_touch(&run)) {
+    if let Some(touch) = ContactWatch::unsimulated(&model).and_then(|mut watch| watch.first_touch(&run)) {
         tracing::warn!("{}", FirstTouch::from(touch));
     }
     std::fs::write(&args.out, table(&model, &run, base.as_deref()))

@@ -1,4 +1,4 @@
-//! Watches for contact, which is not simulated: whether geoms that MuJoCo would let collide touch.
+//! Watches for contact: where geoms that MuJoCo would let collide touch, whether their contact is simulated or not.
 //!
 //! Watching looks at coordinates after the fact, so a rollout that nobody watches costs nothing for it:
 //!
@@ -18,7 +18,9 @@
 
 mod distance;
 
+use crate::dynamics::contact::{Contacts, Point};
 use crate::dynamics::plant::Plant;
+use crate::dynamics::stages::ContactStage;
 use crate::dynamics::{Work, integrate, kinematics};
 use crate::math::{Quat, Vec3};
 use crate::model::{GeomKind, Model, PossibleContact};
@@ -26,13 +28,26 @@ use crate::rollout::Rollout;
 use crate::space::Spatial;
 use distance::{Solid, distance};
 
-/// Two geoms that have touched: from then on MuJoCo's motion differs from ours.
+/// Two geoms that have touched: where their contact is not simulated, MuJoCo's motion differs from ours from then on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Touch {
     /// The geoms.
     pub geoms: PossibleContact,
     /// When they touched \[s\].
     pub time_s: f64,
+}
+
+/// Where two geoms push each other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ContactPoint {
+    /// The geoms.
+    pub geoms: [String; 2],
+    /// Midway between both surfaces \[m\].
+    pub at_m: [f64; 3],
+    /// From the first geom to the second, of length 1.
+    pub normal: [f64; 3],
+    /// Of the surfaces \[m\]; below 0 where they overlap.
+    pub distance_m: f64,
 }
 
 /// Instants looked at between two samples are no farther apart \[s\]: what moves at 1 m/s moves a tenth of a millimetre.
@@ -49,11 +64,13 @@ pub struct ContactWatch {
     work: Work<Spatial<f64>>,
     geoms: Vec<Shape>,
     pairs: Vec<Pair>,
+    contacts: Option<Contacts<f64>>,
 }
 
 /// A geom on its body.
 #[derive(Debug, Clone)]
 struct Shape {
+    name: String,
     body: usize,
     kind: GeomKind,
     size: [f64; 3],
@@ -71,17 +88,27 @@ struct Pair {
 impl ContactWatch {
     /// Watches `model`; `None` when none of its geoms could collide.
     pub fn new(model: &Model) -> Option<Self> {
-        if model.possible_contacts().is_empty() {
+        Self::of(model, |_| true)
+    }
+
+    /// Watches for those that would collide in MuJoCo but pass through each other here; `None` when there are none.
+    pub fn unsimulated(model: &Model) -> Option<Self> {
+        Self::of(model, |possible| !possible.simulated)
+    }
+
+    fn of(model: &Model, watched: impl Fn(&PossibleContact) -> bool) -> Option<Self> {
+        if !model.possible_contacts().iter().any(&watched) {
             return None;
         }
         let place = |name: &String| model.geoms.iter().position(|geom| geom.name == *name);
-        let pairs = model.possible_contacts().iter().filter_map(|names| {
+        let pairs = model.possible_contacts().iter().filter(|pair| watched(pair)).filter_map(|names| {
             let [first, second] = &names.geoms;
             let geoms = [place(first)?, place(second)?];
             let margin_m = geoms.iter().map(|&geom| model.geoms[geom].contact_margin_m).sum();
             Some(Pair { geoms, margin_m, names: names.clone() })
         });
         let geoms = model.geoms.iter().map(|geom| Shape {
+            name: geom.name.clone(),
             body: geom.body,
             kind: geom.kind,
             size: geom.size,
@@ -89,7 +116,30 @@ impl ContactWatch {
             quat: geom.quat,
         });
         let plant = Plant::new(model, ());
-        Some(Self { work: Work::new(&plant), plant, geoms: geoms.collect(), pairs: pairs.collect() })
+        Some(Self {
+            work: Work::new(&plant),
+            contacts: Contacts::new(model, &plant),
+            plant,
+            geoms: geoms.collect(),
+            pairs: pairs.collect(),
+        })
+    }
+
+    /// Where geoms whose contact is simulated push each other at the coordinates `qpos`, shape (nq).
+    ///
+    /// # Panics
+    /// When `qpos` has another length than the model's.
+    pub fn points(&mut self, qpos: &[f64]) -> Vec<ContactPoint> {
+        let Some(contacts) = &mut self.contacts else { return Vec::new() };
+        kinematics::kinematics(&self.plant, qpos, &mut self.work);
+        contacts.find(&self.work);
+        let point = |(geoms, point): ([usize; 2], &Point<f64>)| ContactPoint {
+            geoms: geoms.map(|geom| self.geoms[geom].name.clone()),
+            at_m: point.at.0,
+            normal: point.normal.0,
+            distance_m: point.distance,
+        };
+        contacts.found().map(point).collect()
     }
 
     /// The pair that is closest at the coordinates `qpos`, shape (nq), and by how much its distance exceeds its margins
@@ -105,7 +155,7 @@ impl ContactWatch {
     fn look(&mut self, qpos: &[f64]) -> (usize, f64) {
         kinematics::kinematics(&self.plant, qpos, &mut self.work);
         let solid = |geom: usize| {
-            let Shape { body, kind, size, pos, quat } = self.geoms[geom];
+            let Shape { body, kind, size, pos, quat, .. } = self.geoms[geom];
             let rot = &self.work.rot[body];
             let at = self.work.pos[body] + rot.apply(pos);
             Solid { kind, size, at, rot: rot.product(&quat.matrix()) }

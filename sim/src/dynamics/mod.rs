@@ -4,6 +4,7 @@
 
 pub(crate) mod actuation;
 pub(crate) mod bias;
+pub(crate) mod contact;
 pub(crate) mod fluid;
 pub(crate) mod implicit;
 pub(crate) mod inertia;

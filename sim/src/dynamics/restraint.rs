@@ -126,7 +126,14 @@ impl<T: Scalar> Solver<T> {
     }
 
     #[inline(always)]
-    fn add_rows<S: Space<T = T>>(&mut self, plant: &Plant<S>, qpos: &[T], qvel: &[T], held: &[bool], h: f64) {
+    pub(super) fn add_rows<S: Space<T = T>>(
+        &mut self,
+        plant: &Plant<S>,
+        qpos: &[T],
+        qvel: &[T],
+        held: &[bool],
+        h: f64,
+    ) {
         self.rows.clear();
         let time_constant = TIME_CONSTANT_S.max(2.0 * h);
         let damping = T::from_f64(2.0 / (IMPEDANCE[1] * time_constant));
@@ -165,6 +172,17 @@ impl<T: Scalar> Solver<T> {
                 }
             }
         }
+    }
+
+    /// What [`Self::add_rows`] made, for whoever solves for more than restraints: dof, sign, reference acceleration, 1 / R and
+    /// bounds of the force.
+    pub(super) fn bounded(&self) -> impl Iterator<Item = (usize, T, T, T, [T; 2])> {
+        self.rows.iter().map(|row| (row.dof, row.sign, row.reference, row.weight, [row.low, row.high]))
+    }
+
+    /// Takes the accelerations that they found, shape (nv).
+    pub(super) fn settle(&mut self, acceleration: &[T]) {
+        self.acceleration.copy_from_slice(acceleration);
     }
 
     /// Adds the restraints' forces to `force`, which comes in as the sum of all others.

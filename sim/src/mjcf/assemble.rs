@@ -12,7 +12,7 @@ use super::error::MjcfError;
 use super::write::{BEFORE_3_14, LIFT};
 use crate::causes::Cause;
 use crate::math::Vec3;
-use crate::model::{Actuator, ActuatorKind, Contacts, Integrator, KuttaLift, Model, Settings};
+use crate::model::{Actuator, ActuatorKind, Cone, Contacts, Integrator, KuttaLift, Model, Settings};
 
 /// Sections that neither move nor shape anything simulated.
 const PASSED_OVER: [&str; 7] = ["size", "visual", "statistic", "asset", "custom", "sensor", "keyframe"];
@@ -124,6 +124,8 @@ fn settings<'a, 'i: 'a>(
         viscosity: 0.0,
         wind: Vec3::ZERO,
         kutta_lift: KuttaLift::Whole,
+        cone: Cone::default(),
+        impratio: 1.0,
     };
     for node in sections {
         let attributes = Attributes::new(node, None)?;
@@ -141,6 +143,12 @@ fn settings<'a, 'i: 'a>(
         settings.density = attributes.not_negative("density", settings.density)?;
         settings.viscosity = attributes.not_negative("viscosity", settings.viscosity)?;
         settings.wind = attributes.vector("wind")?.unwrap_or(settings.wind);
+        const CONES: [(&str, Cone); 2] = [("pyramidal", Cone::Pyramidal), ("elliptic", Cone::Elliptic)];
+        settings.cone = attributes.one_of("cone", &CONES, settings.cone)?;
+        settings.impratio = attributes.number("impratio", settings.impratio)?;
+        if settings.impratio <= 0.0 {
+            return Err(attributes.invalid("impratio", "above 0"));
+        }
         for child in node.children().filter(Node::is_element) {
             if !child.has_tag_name("flag") {
                 return Err(refused(child));

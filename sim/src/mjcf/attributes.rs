@@ -144,6 +144,16 @@ impl<'a> Attributes<'a> {
         Ok(std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0)))
     }
 
+    /// Up to N finite numbers, the missing ones as in `usual`.
+    pub(super) fn first_of<const N: usize>(
+        &self,
+        name: &str,
+        usual: [f64; N],
+    ) -> Result<[f64; N], MjcfError> {
+        let numbers = self.list(name, 1, N)?.unwrap_or_default();
+        Ok(std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(usual[i])))
+    }
+
     pub(super) fn vector(&self, name: &str) -> Result<Option<Vec3<f64>>, MjcfError> {
         Ok(self.array(name)?.map(Vec3))
     }

@@ -10,7 +10,7 @@ use super::defaults::Defaults;
 use super::error::MjcfError;
 use crate::math::{Quat, Sym3, Vec3};
 use crate::model::shape::{self, MassProperties};
-use crate::model::{Body, FluidCoefficients, Geom, GeomKind, Joint, JointKind, Site};
+use crate::model::{Body, FluidCoefficients, Geom, GeomKind, Joint, JointKind, Site, Surface};
 
 /// MuJoCo's density where a geom states none \[kg/m3\].
 const DENSITY: f64 = 1000.0;
@@ -332,6 +332,7 @@ impl<'a, 'd> Tree<'a, 'd> {
             }),
             contact_bits: [bits("contype")?, bits("conaffinity")?],
             contact_margin_m: attributes.not_negative("margin", 0.0)?,
+            surface: surface(&attributes)?,
         });
         if body == 0 || kind == GeomKind::Plane {
             return Ok(None);
@@ -380,4 +381,29 @@ impl<'a, 'd> Tree<'a, 'd> {
             }),
         }
     }
+}
+
+/// What a geom brings to its contacts.
+fn surface(attributes: &Attributes<'_>) -> Result<Surface, MjcfError> {
+    let usual = Surface::default();
+    // MuJoCo takes the first of fewer and leaves the others at their defaults
+    let friction = attributes.first_of("friction", usual.friction)?;
+    let solref = attributes.first_of("solref", usual.solref)?;
+    if (solref[0] > 0.0) != (solref[1] > 0.0) {
+        return Err(attributes.invalid("solref", "two numbers above 0, or two that are not"));
+    }
+    if friction.iter().any(|friction| *friction < 0.0) {
+        return Err(attributes.invalid("friction", "up to three numbers, none below 0"));
+    }
+    const CONDIMS: [(&str, usize); 4] = [("1", 1), ("3", 3), ("4", 4), ("6", 6)];
+    let priority = attributes.text("priority").map_or(Some(0), |text| text.trim().parse().ok());
+    Ok(Surface {
+        priority: priority.ok_or_else(|| attributes.invalid("priority", "a whole number"))?,
+        condim: attributes.one_of("condim", &CONDIMS, usual.condim)?,
+        friction,
+        solmix: attributes.not_negative("solmix", usual.solmix)?,
+        solref,
+        solimp: attributes.first_of("solimp", usual.solimp)?,
+        gap_m: attributes.not_negative("gap", 0.0)?,
+    })
 }

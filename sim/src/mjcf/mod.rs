@@ -2,11 +2,12 @@
 //!
 //! Supported: compiler `angle`, `autolimits`, `eulerseq`; option `timestep`, `integrator`, `gravity`, `density`,
 //! `viscosity`, `wind`; default classes; the body tree with inertial, joints, geoms, gravcomp and sites; position,
-//! velocity and motor actuators on hinges and slides. What only draws, senses or serves contact is passed
+//! velocity and motor actuators on hinges and slides. Geoms' contact parameters are read too. What only draws or senses is passed
 //! over. Whatever else would change the motion is refused by name and line, unless it says what holds
 //! anyway. Causes beyond MuJoCo ([`crate::causes`]) stand as `<custom>` numbers called `<cause>/<parameter>`, which MuJoCo
 //! passes over. `<text name="kutta_lift" data="before-3.14"/>` there asks for the lift of
-//! older engines ([`KuttaLift`](crate::model::KuttaLift)). Contact is not simulated, but watched where somebody asks for it: see
+//! older engines ([`KuttaLift`](crate::model::KuttaLift)). Contact is simulated between a plane and any other
+//! shape, spheres and capsules, and boxes; other pairs pass through each other, and are watched where somebody asks for it: see
 //! [`ContactWatch`](crate::ContactWatch).
 
 mod assemble;

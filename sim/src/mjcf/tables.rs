@@ -37,7 +37,7 @@ const COMPILER: Table = Table {
 };
 
 const OPTION: Table = Table {
-    read: &["timestep", "integrator", "gravity", "density", "viscosity", "wind"],
+    read: &["timestep", "integrator", "gravity", "density", "viscosity", "wind", "cone", "impratio"],
     passed_over: &[
         "solver",
         "iterations",
@@ -45,8 +45,6 @@ const OPTION: Table = Table {
         "ls_iterations",
         "ls_tolerance",
         "jacobian",
-        "cone",
-        "impratio",
         "ccd_iterations",
         "ccd_tolerance",
         "sdf_iterations",
@@ -164,11 +162,15 @@ const GEOM: Table = Table {
         "contype",
         "conaffinity",
         "margin",
+        "gap",
+        "condim",
+        "friction",
+        "solmix",
+        "solref",
+        "solimp",
+        "priority",
     ],
-    passed_over: &[
-        "group", "material", "rgba", "condim", "friction", "solmix", "solref", "solimp", "gap", "priority",
-        "user",
-    ],
+    passed_over: &["group", "material", "rgba", "user"],
     only: &[("shellinertia", &["false"])],
 };
 

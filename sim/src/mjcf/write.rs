@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::model::{ActuatorKind, GeomKind, Integrator, KuttaLift, Model, State};
+use crate::model::{ActuatorKind, Cone, GeomKind, Integrator, KuttaLift, Model, State, Surface};
 
 /// The `<custom>` text that says which engines' Kutta lift a model has, and what it says.
 pub(super) const LIFT: &str = "kutta_lift";
@@ -132,6 +132,8 @@ impl Writer<'_> {
             unless(0.0, "density", settings.density),
             unless(0.0, "viscosity", settings.viscosity),
             (settings.wind.0 != [0.0; 3]).then(|| ("wind", numbers(&settings.wind.0))),
+            (settings.cone == Cone::Elliptic).then(|| ("cone", "elliptic".into())),
+            unless(1.0, "impratio", settings.impratio),
         ];
         self.line(1, "option", &option, !self.model.contacts.off);
         if self.model.contacts.off {
@@ -210,6 +212,7 @@ impl Writer<'_> {
             GeomKind::Plane => ("plane", 3),
         };
         // a plane's size only says how far it is drawn, but MuJoCo wants one
+        let (surface, usual) = (&geom.surface, Surface::default());
         let size = if geom.kind == GeomKind::Plane { [1.0; 3] } else { geom.size };
         let attributes = [
             name(&geom.name, geom.named),
@@ -220,6 +223,13 @@ impl Writer<'_> {
             Some(("contype", geom.contact_bits[0].to_string())),
             Some(("conaffinity", geom.contact_bits[1].to_string())),
             (geom.contact_margin_m > 0.0).then(|| ("margin", numbers(&[geom.contact_margin_m]))),
+            unless(0.0, "gap", surface.gap_m),
+            (surface.priority != 0).then(|| ("priority", surface.priority.to_string())),
+            (surface.condim != usual.condim).then(|| ("condim", surface.condim.to_string())),
+            (surface.friction != usual.friction).then(|| ("friction", numbers(&surface.friction))),
+            unless(usual.solmix, "solmix", surface.solmix),
+            (surface.solref != usual.solref).then(|| ("solref", numbers(&surface.solref))),
+            (surface.solimp != usual.solimp).then(|| ("solimp", numbers(&surface.solimp))),
             geom.fluid.map(|_| ("fluidshape", "ellipsoid".into())),
             geom.fluid.map(|c| ("fluidcoef", numbers(&[c.blunt, c.slender, c.angular, c.kutta, c.magnus]))),
         ];

@@ -1,12 +1,23 @@
-//! Which geoms would collide in MuJoCo. Contact itself is not simulated.
+//! Which geoms would collide in MuJoCo.
 
-use super::Model;
+use super::{GeomKind, Model};
 
-/// Two geoms that MuJoCo would let collide; here they pass through each other.
+/// Two geoms that MuJoCo would let collide.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PossibleContact {
     /// Names of the two geoms.
     pub geoms: [String; 2],
+    /// Whether they do here; else they pass through each other.
+    pub simulated: bool,
+}
+
+impl PossibleContact {
+    /// Whether contact of these two shapes is simulated: a plane with any other, spheres and capsules, and boxes.
+    pub(crate) fn is_simulated(a: GeomKind, b: GeomKind) -> bool {
+        use GeomKind::{Box, Capsule, Plane, Sphere};
+        let round = |kind| matches!(kind, Sphere | Capsule);
+        (a == Plane) != (b == Plane) || round(a) && round(b) || (a, b) == (Box, Box)
+    }
 }
 
 /// What the model says about contact.
@@ -23,6 +34,11 @@ impl Contacts {
     pub(crate) fn new(model: &Model<f64>, off: bool, excluded: Vec<[usize; 2]>) -> Self {
         let possible = if off { Vec::new() } else { possible(model, &excluded) };
         Self { off, excluded, possible }
+    }
+
+    /// Whether some pair's contact is simulated.
+    pub(crate) fn simulated(&self) -> bool {
+        self.possible.iter().any(|pair| pair.simulated)
     }
 }
 
@@ -48,7 +64,8 @@ fn possible(model: &Model<f64>, excluded: &[[usize; 2]]) -> Vec<PossibleContact>
             let named =
                 |pair: &[usize; 2]| *pair == [first.body, second.body] || *pair == [second.body, first.body];
             if bits != 0 && a != b && !adjacent(a, b) && !adjacent(b, a) && !excluded.iter().any(named) {
-                pairs.push(PossibleContact { geoms: [first.name.clone(), second.name.clone()] });
+                let simulated = PossibleContact::is_simulated(first.kind, second.kind);
+                pairs.push(PossibleContact { geoms: [first.name.clone(), second.name.clone()], simulated });
             }
         }
     }

@@ -42,6 +42,10 @@ pub struct Settings<T> {
     pub wind: Vec3<T>,
     /// Whose Kutta lift.
     pub kutta_lift: KuttaLift,
+    /// Which cone holds the friction of contacts.
+    pub cone: Cone,
+    /// How much stiffer than along the normal contacts are along the surface (MuJoCo's `impratio`).
+    pub impratio: f64,
 }
 
 /// A rigid body.
@@ -82,7 +86,7 @@ pub enum GeomKind {
     Ellipsoid,
     /// Half sizes.
     Box,
-    /// A wall or floor: no mass, no fluid force, only drawn and named as a possible contact.
+    /// A wall or floor: no mass, no fluid force, but contact.
     Plane,
 }
 
@@ -99,6 +103,79 @@ pub struct FluidCoefficients<T> {
     pub kutta: T,
     /// Lift of a spinning shape.
     pub magnus: T,
+}
+
+/// What holds the friction of a contact.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Cone {
+    /// A pyramid with two edges for each direction.
+    #[default]
+    Pyramidal,
+    /// The cone itself.
+    Elliptic,
+}
+
+/// What a geom brings to its contacts, by MuJoCo's names.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Surface {
+    /// The geom with the higher one decides alone.
+    pub priority: i32,
+    /// In how many directions a contact acts: 1 normal, 3 with sliding friction, 4 with spinning, 6 with rolling.
+    pub condim: usize,
+    /// Sliding; spinning and rolling friction \[m\].
+    pub friction: [f64; 3],
+    /// Its weight where two geoms are mixed.
+    pub solmix: f64,
+    /// Time constant \[s\] and damping ratio; or, below 0, stiffness \[1/s2\] and damping \[1/s\].
+    pub solref: [f64; 2],
+    /// Least and greatest impedance, the depth over which it rises \[m\], the middle of the rise, its power.
+    pub solimp: [f64; 5],
+    /// Beyond the margin, contacts are only looked for \[m\].
+    pub gap_m: f64,
+}
+
+impl Default for Surface {
+    fn default() -> Self {
+        Self {
+            priority: 0,
+            condim: 3,
+            friction: [1.0, 0.005, 0.0001],
+            solmix: 1.0,
+            solref: [0.02, 1.0],
+            solimp: [0.9, 0.95, 0.001, 0.5, 2.0],
+            gap_m: 0.0,
+        }
+    }
+}
+
+impl Surface {
+    /// What acts between two geoms: the higher priority's; else the larger condim and friction, the mixed solref (the
+    /// smaller one where either is below 0) and solimp.
+    pub(crate) fn with(&self, other: &Self) -> Self {
+        const NONE: f64 = 1e-15;
+        match self.priority.cmp(&other.priority) {
+            std::cmp::Ordering::Greater => return *self,
+            std::cmp::Ordering::Less => return *other,
+            std::cmp::Ordering::Equal => {}
+        }
+        let share = match (self.solmix >= NONE, other.solmix >= NONE) {
+            (true, true) => self.solmix / (self.solmix + other.solmix),
+            (false, false) => 0.5,
+            (own, _) => f64::from(u8::from(own)),
+        };
+        let mix = |a: f64, b: f64| share * a + (1.0 - share) * b;
+        let timed = self.solref[0] > 0.0 && other.solref[0] > 0.0;
+        Self {
+            condim: self.condim.max(other.condim),
+            friction: std::array::from_fn(|i| self.friction[i].max(other.friction[i])),
+            solref: std::array::from_fn(|i| {
+                let (a, b) = (self.solref[i], other.solref[i]);
+                if timed { mix(a, b) } else { a.min(b) }
+            }),
+            solimp: std::array::from_fn(|i| mix(self.solimp[i], other.solimp[i])),
+            ..*self
+        }
+    }
 }
 
 /// A shape fixed to a body.
@@ -124,6 +201,8 @@ pub struct Geom<T> {
     pub contact_bits: [u32; 2],
     /// MuJoCo's contact margin \[m\]: two geoms touch when closer than the sum of theirs.
     pub contact_margin_m: f64,
+    /// How it pushes what it touches.
+    pub surface: Surface,
 }
 
 /// A marked point fixed to a body.
@@ -189,6 +268,8 @@ impl<T: Scalar> Settings<T> {
             viscosity: f(self.viscosity),
             wind: self.wind.map(f),
             kutta_lift: self.kutta_lift,
+            cone: self.cone,
+            impratio: self.impratio,
         }
     }
 }
@@ -229,6 +310,7 @@ impl<T: Scalar> Geom<T> {
             }),
             contact_bits: self.contact_bits,
             contact_margin_m: self.contact_margin_m,
+            surface: self.surface,
         }
     }
 }

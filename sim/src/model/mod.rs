@@ -14,7 +14,8 @@ pub(crate) mod shape;
 pub(crate) use contacts::Contacts;
 pub use contacts::PossibleContact;
 pub use elements::{
-    Actuator, ActuatorKind, Body, FluidCoefficients, Geom, GeomKind, Integrator, KuttaLift, Settings, Site,
+    Actuator, ActuatorKind, Body, Cone, FluidCoefficients, Geom, GeomKind, Integrator, KuttaLift, Settings,
+    Site, Surface,
 };
 pub(crate) use encoder::Encoder;
 pub use encoder::{POINTER_M, encoded_joint, encoder_mark};
@@ -121,7 +122,7 @@ impl<T: Scalar> Model<T> {
         found.into_iter().map(|(_, index)| index).collect()
     }
 
-    /// The geoms that would collide in MuJoCo if they met. Contact is not simulated here; a
+    /// The geoms that would collide in MuJoCo if they met: here too where contact of their shapes is simulated. A
     /// [`ContactWatch`](crate::ContactWatch) says whether and when they first do in a rollout.
     pub fn possible_contacts(&self) -> &[PossibleContact] {
         &self.contacts.possible

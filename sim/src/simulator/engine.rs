@@ -8,7 +8,7 @@ use crate::base::{BaseMotion, BasePath};
 use crate::causes::{Memory, Moment, Terms};
 use crate::dynamics::plant::Plant;
 use crate::dynamics::restraint::{self, Solver, multiply};
-use crate::dynamics::stages::{SlopeStage, Stages};
+use crate::dynamics::stages::{ContactStage, SlopeStage, Stages};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
 use crate::error::RolloutError;
 use crate::math::Vec3;
@@ -38,6 +38,7 @@ pub(crate) struct Engine<S: Stages> {
     pub(super) terms: Terms<S>,
     pub(crate) work: Work<S>,
     pub(super) solver: Option<Solver<S::T>>,
+    pub(super) contacts: Option<Box<S::Contacts>>,
     pub(super) slope: Option<S::Slope>,
     pub(super) stepper: Stepper,
     pub(super) rosenbrock: Option<Rosenbrock<S::T>>,
@@ -128,6 +129,7 @@ impl<S: Stages> Engine<S> {
         let rest = model.rest_state();
         let mut simulator = Self {
             solver: None,
+            contacts: None,
             slope,
             rosenbrock: (stepper == Stepper::Rosenbrock).then(|| Rosenbrock::new(&plant)),
             stepper,
@@ -162,6 +164,9 @@ impl<S: Stages> Engine<S> {
         if !simulator.plant.restraints.is_empty() {
             let weights = simulator.inverse_weights(model);
             simulator.solver = Some(Solver::new(&simulator.plant, weights));
+        }
+        simulator.add_contacts(model);
+        if simulator.solver.is_some() || simulator.contacts.is_some() {
             if options.steps.is_some() {
                 simulator.timestep_s = timestep_s.min(simulator.longest_step_s());
             }
@@ -175,7 +180,21 @@ impl<S: Stages> Engine<S> {
 
     /// Longest step of our own that the model's restraints bear \[s\].
     pub(crate) fn longest_step_s(&self) -> f64 {
-        self.solver.as_ref().map_or(f64::INFINITY, |_| restraint::LONGEST_STEP_S)
+        let restrained = self.solver.as_ref().map_or(f64::INFINITY, |_| restraint::LONGEST_STEP_S);
+        self.contacts.as_ref().map_or(restrained, |contacts| contacts.longest_step_s().min(restrained))
+    }
+
+    /// Contacts, where geoms can meet: with numbers of one lane, which is all that such models are computed with.
+    fn add_contacts(&mut self, model: &Model<S::T>) {
+        if S::T::LANES > 1 {
+            return;
+        }
+        let Some(mut contacts) = S::Contacts::new(model, &self.plant) else { return };
+        self.position_stage(&model.rest_state().qpos);
+        self.matrix.copy_from_slice(&self.work.mass);
+        inertia::factor(&self.plant, &mut self.matrix);
+        contacts.weigh(model, &self.plant, &self.work, &self.matrix);
+        self.contacts = Some(Box::new(contacts));
     }
 
     /// Switches off the drives at these places: they exert no force, and where they would prescribe their
@@ -332,11 +351,27 @@ impl<S: Stages> Engine<S> {
             actuation::actuation(plant, qpos, qvel, &self.command, &self.off, force);
         });
         self.still_held();
+        let (watched, first) = (!self.halvings.is_empty(), self.moment.elapsed_s == 0.0);
+        let (plant, work, force) = (&self.plant, &self.work, &mut self.force);
+        let mut touching = false;
+        // a constant: lanes are spared the program
+        if S::T::LANES == 1
+            && let Some(contacts) = &mut self.contacts
+        {
+            touching = contacts.find(work);
+            if touching {
+                let solver = self.solver.as_mut();
+                contacts.resolve((plant, work), (&self.held, h), (qpos, qvel), solver, force);
+            }
+            if watched {
+                contacts.watch(first);
+            }
+        }
         if let Some(solver) = &mut self.solver {
-            let (plant, work, force) = (&self.plant, &self.work, &mut self.force);
-            let (watched, first) = (!self.halvings.is_empty(), self.moment.elapsed_s == 0.0);
             tuned!(S::T, {
-                solver.resolve(plant, work, &self.held, h, qpos, qvel, force);
+                if !touching {
+                    solver.resolve(plant, work, &self.held, h, qpos, qvel, force);
+                }
                 if watched {
                     solver.watch(first);
                 }

@@ -25,7 +25,7 @@ pub struct Forces<T> {
     pub actuator: Vec<T>,
     /// Causes beyond MuJoCo ([`crate::causes`]) that act as forces.
     pub effect: Vec<T>,
-    /// Friction loss and end stops.
+    /// Friction loss, end stops and contacts.
     pub restraint: Vec<T>,
     /// The acceleration that follows.
     pub acceleration: Vec<T>,

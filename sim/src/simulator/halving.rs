@@ -2,7 +2,7 @@
 
 use super::Engine;
 use crate::causes::Moment;
-use crate::dynamics::stages::Stages;
+use crate::dynamics::stages::{ContactStage, Stages};
 use crate::model::State;
 use crate::scalar::{Mask, Scalar, tuned};
 
@@ -23,7 +23,7 @@ impl<T: Scalar> Halving<T> {
 }
 
 impl<S: Stages> Engine<S> {
-    /// One step of `h` \[s\] from `time_s`. Where friction loss or an end stop changes sides on the way, accelerations have
+    /// One step of `h` \[s\] from `time_s`. Where friction loss, an end stop or a contact changes sides on the way, accelerations have
     /// a corner that leaves little of a method's order: those lanes take the step again as two, `level` halvings
     /// having been made. So a lane's steps are its own, whoever its neighbours are. The steps' lengths depend on the
     /// motion only where they make no difference beyond the smooth error: a corner that a change of parameters moves to a
@@ -42,10 +42,16 @@ impl<S: Stages> Engine<S> {
         }
         copy(&mut self.halvings[level].start, state);
         self.whole(state, time_s, h, command);
-        let Some(changed) = self.solver.as_ref().map(|solver| solver.changed()).filter(|mask| mask.any())
-        else {
+        let mut changed = S::T::ZERO.less(S::T::ZERO);
+        if let Some(solver) = &self.solver {
+            changed = changed | solver.changed();
+        }
+        if self.contacts.as_ref().is_some_and(|contacts| contacts.changed()) {
+            changed = S::T::ZERO.less(S::T::ONE);
+        }
+        if !changed.any() {
             return;
-        };
+        }
         let kept = &mut self.halvings[level];
         copy(&mut kept.end, state);
         copy(state, &kept.start);

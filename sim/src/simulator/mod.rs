@@ -39,17 +39,17 @@ pub(crate) enum InSpace<T: Scalar> {
     Spatial(Engine<Spatial<T>>),
 }
 
-/// The plane to compute `model` in; `None` for space. The water's slopes for implicitfast are there in space only.
+/// The plane to compute `model` in; `None` for space. The water's slopes for implicitfast, and contact, are there in space only.
 pub(crate) fn plane<T: Scalar>(model: &Model<T>, options: &RolloutOptions) -> Option<Plane<T>> {
     let plane = (!one_by_one(model, options)).then(|| Plane::of(model)).flatten();
     // a base moves in the picture's plane
     plane.filter(|plane| options.base.is_none() || plane.is_pictured())
 }
 
-/// Whether the step needs the water's slopes, which are there in space only and not in lanes.
+/// Whether the step needs the water's slopes or contact, which are there in space only and not in lanes.
 pub(crate) fn one_by_one<T: Scalar>(model: &Model<T>, options: &RolloutOptions) -> bool {
     let integrator = options.integrator.unwrap_or(model.settings.integrator);
-    integrator == Integrator::ImplicitFast && options.steps.is_none()
+    model.contacts.simulated() || integrator == Integrator::ImplicitFast && options.steps.is_none()
 }
 
 macro_rules! in_space {
