@@ -1,5 +1,6 @@
 //! Harness of the whole-system tests: the `rig` program as a user runs it, and processes to kill and stall.
 
+pub mod book;
 pub mod clips;
 pub mod fish;
 pub mod hidden;
