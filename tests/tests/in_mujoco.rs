@@ -1,5 +1,6 @@
 //! What a fit found is what MuJoCo itself does with it.
 
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use system_tests::{changed_config, in_real_time, json, only_run, printed, repository, run_rig, set};
@@ -14,23 +15,64 @@ fn an_arm_whose_springs_mjcf_cannot_hold_has_the_same_errors_in_mujoco() {
     same_errors("arm8.toml", 3);
 }
 
-/// Runs the shipped config `shipped` for a stroke or two, and the model that was fitted in MuJoCo.
-fn same_errors(shipped: &str, points: usize) {
-    let Some(python) = std::env::var_os("RIG_PYTHON") else {
-        eprintln!("skipped: RIG_PYTHON names no Python with mujoco and numpy");
-        return;
-    };
-    let _turn = in_real_time();
+#[test]
+fn the_page_for_python_users_does_what_it_shows() {
+    let Some(python) = python("pandas and mujoco") else { return };
     let folder = tempfile::tempdir().expect("a folder");
-    let runs = folder.path().join("runs");
-    let config = changed_config(shipped, folder.path(), |config| {
+    let run = filmed("chain-driven-pose-1.toml", folder.path());
+    let page = std::fs::read_to_string(repository().join("docs/python.md")).expect("the page");
+    let blocks: Vec<&str> = page
+        .split("```python\n")
+        .skip(1)
+        .map(|rest| rest.split("```").next().expect("a block ends"))
+        .collect();
+    assert!(blocks.len() >= 4, "{} blocks", blocks.len());
+    let shown = "20261125T231151Z-5vwmp6";
+    let own = run.file_name().expect("a run has a name").to_string_lossy();
+    let script = folder.path().join("page.py");
+    std::fs::write(&script, blocks.concat().replace(shown, &own)).expect("written");
+    let output =
+        Command::new(python).arg(&script).current_dir(folder.path()).output().expect("Python starts");
+    assert!(output.status.success(), "{}", printed(&output));
+    // what it prints at the end is where MuJoCo has the sites
+    assert!(printed(&output).contains("'P3': array("), "{}", printed(&output));
+    let [experiment, out] = ["mine.toml", "fitted"].map(|name| folder.path().join(name));
+    let experiment = experiment.as_os_str();
+    // the page's run stands beside its own folder
+    let text = std::fs::read_to_string(experiment).expect("the page wrote it");
+    assert!(text.contains("runs/"), "{text}");
+    let output = run_rig(["fit".as_ref(), experiment, "--out".as_ref(), out.as_os_str()]);
+    assert!(output.status.success(), "{}", printed(&output));
+}
+
+/// The Python that `RIG_PYTHON` names, or `None` with a line that says what it should have.
+fn python(with: &str) -> Option<std::ffi::OsString> {
+    let python = std::env::var_os("RIG_PYTHON");
+    if python.is_none() {
+        eprintln!("skipped: RIG_PYTHON names no Python with {with}");
+    }
+    python
+}
+
+/// A run of the shipped config `shipped`, of one stroke each way, below `folder`.
+fn filmed(shipped: &str, folder: &Path) -> PathBuf {
+    let _turn = in_real_time();
+    let runs = folder.join("runs");
+    let config = changed_config(shipped, folder, |config| {
         set(config, "profile", "cycles", 1);
         set(config, "profile", "soft_start_cycles", 0);
         set(config, "run", "diagnose", false);
     });
     let output = run_rig(["run".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), runs.as_os_str()]);
     assert!(output.status.success(), "{}", printed(&output));
-    let run = only_run(&runs).expect("one run folder");
+    only_run(&runs).expect("one run folder")
+}
+
+/// Runs the shipped config `shipped` for a stroke or two, and the model that was fitted in MuJoCo.
+fn same_errors(shipped: &str, points: usize) {
+    let Some(python) = python("mujoco and numpy") else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = filmed(shipped, folder.path());
     let script = repository().join("scripts/in-mujoco.py");
     let replayed = Command::new(python).arg(script).arg(&run).output().expect("Python starts");
     let text = printed(&replayed);
