@@ -56,11 +56,9 @@ fn coefficients_are_recovered_from_a_base_that_swims_and_a_joint_that_is_prescri
         experiment.model.set_parameter(name, 0.2).unwrap();
     }
     let fitted = fit(&experiment, &mut ()).unwrap();
+    assert_recovered(&fitted, &truth, 2);
     for parameter in &fitted.fit.parameters {
-        let wanted = truth.parameter(&parameter.name).unwrap();
-        println!("{} {} +- {}, truth {wanted}", parameter.name, parameter.value, parameter.std);
-        assert!((parameter.value - wanted).abs() < 3.5 * parameter.std, "{parameter:?}, truth {wanted}");
-        assert!(parameter.std < 0.1 * wanted, "{parameter:?}");
+        assert!(parameter.std < 0.1 * parameter.value, "{parameter:?}");
     }
     // two coordinates of each keypoint at the noise, also where nothing was fitted but the first 0.1 s
     for run in &fitted.fit.runs {

@@ -1,8 +1,9 @@
 //! Synthetic runs of the chain, made with another integrator and step than a fit uses.
 
-#![allow(dead_code, reason = "each test binary uses its part")]
+#![allow(dead_code, clippy::print_stdout, reason = "each test binary uses its part, and shows its figures")]
 
 use ident::experiment::{DiagnoseConfig, Experiment, FitConfig, Run, RunKind};
+use ident::fit::Fitted;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -139,4 +140,26 @@ pub(crate) fn experiment(model: Model, runs: Vec<Run>, parameters: &[&str]) -> E
         ..FitConfig::default()
     };
     Experiment { model, noise_m: Some(NOISE_M), fit, diagnose: DiagnoseConfig::default(), runs }
+}
+
+/// Deviations from the truth in stated standard deviations: of some ten values, one beyond 3 is a 3 % chance, and
+/// the fit's coarser step adds a little.
+pub(crate) const MOST_SIGMA: f64 = 3.5;
+
+/// Every parameter that is called determined lies within its deviation of the truth.
+pub(crate) fn assert_recovered(fitted: &Fitted, truth: &Model, at_least: usize) {
+    let mut determined = 0;
+    for parameter in &fitted.fit.parameters {
+        let wanted = truth.parameter(&parameter.name).unwrap();
+        let sigma = (parameter.value - wanted) / parameter.std;
+        println!(
+            "{:14} {:11.4e} +- {:8.1e}, truth {wanted:11.4e}, {sigma:5.1} sigma, determined {}",
+            parameter.name, parameter.value, parameter.std, parameter.determined
+        );
+        if parameter.determined {
+            determined += 1;
+            assert!(sigma.abs() < MOST_SIGMA, "{parameter:?}, truth {wanted}");
+        }
+    }
+    assert!(determined >= at_least, "{determined} determined");
 }
