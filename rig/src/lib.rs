@@ -5,8 +5,8 @@
 //! keypoints, [`analysis`] gives the run's trajectory to `ident`, and [`report`] shows what came out.
 //!
 //! Rooms, each of which knows only those before it:
-//! * [`error_chain`], [`reasons`], [`lettering`], [`claim`], [`schedule`], [`clock`], [`calibration`]: an error's causes, reasons told
-//!   together, words in pictures, what one process has alone, when a daemon runs, ticks and stamps on one clock, pixels in metres;
+//! * [`error_chain`], [`reasons`], [`lettering`], [`claim`], [`schedule`], [`web`], [`clock`], [`calibration`]: an error's causes, reasons told
+//!   together, words in pictures, what one process has alone, when a daemon runs, who may ask a server of this machine, ticks and stamps on one clock, pixels in metres;
 //! * [`camera`], [`servo`]: the two traits, and a real, a mock and a recorded device behind each;
 //! * [`profile`], [`tank`], [`record`]: the stroke, the simulated tank behind the mocks, run folders and recordings;
 //! * [`images`], [`report`], [`calibrate`]: where images come from, the page that is made of results, pictures of a board to a plane;
@@ -14,7 +14,8 @@
 //! * [`setup`]: answers about a chain of links to a config and a model;
 //! * [`run`], [`analysis`], [`doctor`], [`preview`]: a film from still water to the safe stop, a recording to a report, what is wrong
 //!   with the rig, what its camera sees;
-//! * [`app`]: one experiment, fits, diagnoses, the daemon; [`cli`]: arguments and printing.
+//! * [`store`]: the queue of jobs and the index of runs, beside the run folders;
+//! * [`app`]: one experiment, fits, diagnoses; [`daemon`]: jobs one after the other, and a schedule; [`cli`]: arguments and printing.
 //!
 //! Who works beside whom, and what lies between them: `docs/threads.md`.
 
@@ -28,6 +29,7 @@ pub mod cli;
 pub mod clock;
 pub mod config;
 mod coverage;
+pub mod daemon;
 pub mod doctor;
 pub mod error_chain;
 pub mod images;
@@ -42,5 +44,7 @@ pub mod run;
 pub mod schedule;
 pub mod servo;
 pub mod setup;
+pub mod store;
 pub mod tank;
 pub mod vision;
+pub mod web;

@@ -43,8 +43,12 @@ enum Verb {
     Design(cli::design::Args),
     /// Move a model through time
     Simulate(cli::simulate::Args),
-    /// Run the experiment on its schedule
+    /// Bring the last good fit up to date with a run
+    Recalibrate(cli::recalibrate::Args),
+    /// Do the jobs of one or several rigs, and run their experiments on schedule
     Daemon(cli::daemon::Args),
+    /// Look at the queue of jobs, add to it, cancel
+    Jobs(cli::jobs::Args),
     /// Show what the camera sees, with focus, light and flicker, on a page of this machine
     Preview(cli::preview::Args),
     /// Check everything a run needs, and say what to do about the rest
@@ -85,7 +89,9 @@ fn main() -> ExitCode {
         Verb::Diagnose(args) => cli::diagnose::run(args),
         Verb::Design(args) => cli::design::run(args),
         Verb::Simulate(args) => cli::simulate::run(args),
+        Verb::Recalibrate(args) => cli::recalibrate::run(args),
         Verb::Daemon(args) => cli::daemon::run(args),
+        Verb::Jobs(args) => cli::jobs::run(args),
         Verb::Preview(args) => cli::preview::run(args),
         Verb::Doctor(args) => cli::doctor::run(args),
         Verb::List(args) => cli::list::run(args),

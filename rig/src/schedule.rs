@@ -1,4 +1,4 @@
-//! When the daemon runs an experiment: cron slots, and what becomes of the missed ones.
+//! When a daemon runs an experiment: cron slots.
 
 use std::str::FromStr;
 
@@ -24,6 +24,16 @@ pub enum ScheduleError {
         /// What the parser said.
         why: String,
     },
+    /// There is no such time zone.
+    #[error(
+        "schedule in time zone `{name}`: {why}; a name such as Europe/Zurich is wanted, or none for the machine's own"
+    )]
+    Zone {
+        /// As written.
+        name: String,
+        /// What is wrong with it.
+        why: String,
+    },
     /// No slot ever comes.
     #[error("schedule `{expression}` has no slot after {after}")]
     Never {
@@ -34,10 +44,10 @@ pub enum ScheduleError {
     },
 }
 
-/// At most so many missed slots are counted one by one; a daemon down for a year need not list them all.
-const MAX_COUNTED: usize = 10_000;
-
 impl Schedule {
+    /// At most so many missed slots are counted one by one; a daemon down for a year need not list them all.
+    pub const MAX_COUNTED: usize = 10_000;
+
     /// Reads a cron expression.
     ///
     /// # Errors
@@ -60,21 +70,6 @@ impl Schedule {
             after: after.to_string(),
         })
     }
-
-    /// How many slots lie strictly between `after` and `until`: the ones skipped while the daemon was down or the
-    /// rig busy. They are never made up for: a burst of late runs would be filmed in stirred water.
-    pub fn missed(&self, after: &Zoned, until: &Zoned) -> usize {
-        let mut slot = after.clone();
-        (0..MAX_COUNTED)
-            .take_while(|_| match self.next(&slot) {
-                Ok(next) if next < *until => {
-                    slot = next;
-                    true
-                }
-                _ => false,
-            })
-            .count()
-    }
 }
 
 #[cfg(test)]
@@ -95,14 +90,6 @@ mod tests {
             slot = next;
         }
         assert_eq!(slot.date(), zoned("2027-01-01T00:00:00+00:00[+00:00]").date());
-    }
-
-    #[test]
-    fn missed_slots_are_counted_and_the_present_one_is_not() {
-        let schedule = Schedule::parse("*/10 * * * *").expect("valid");
-        let after = zoned("2026-11-20T10:00:00+00:00[+00:00]");
-        assert_eq!(schedule.missed(&after, &zoned("2026-11-20T10:10:00+00:00[+00:00]")), 0);
-        assert_eq!(schedule.missed(&after, &zoned("2026-11-20T10:35:00+00:00[+00:00]")), 3);
     }
 
     #[test]

@@ -2,8 +2,10 @@
 
 pub mod book;
 pub mod clips;
+pub mod daemon;
 pub mod fish;
 pub mod hidden;
+pub mod http;
 pub mod journal;
 pub mod ordinary;
 pub mod planes;

@@ -1,62 +1,120 @@
-//! The daemon: the experiment on its schedule.
+//! The daemon: jobs of its queue one after the other, and the experiment on its schedule.
 
-use rustix::process::Signal;
-use system_tests::{Background, changed_config, in_real_time, printed, rig, run_rig, set, wait_until};
-
-fn short_experiment(config: &mut toml::Table, cron: &str) {
-    set(config, "profile", "cycles", 1);
-    set(config, "profile", "soft_start_cycles", 0);
-    set(config, "fit", "parameters", vec!["q2/damping".to_owned()]);
-    set(config, "run", "diagnose", false);
-    set(config, "schedule", "cron", cron);
-}
+use rustix::process::{Signal, kill_process, test_kill_process};
+use system_tests::daemon::Bench;
+use system_tests::{in_real_time, json, only_run, printed, run_rig, wait_until};
 
 #[test]
 fn daemon_runs_at_its_slot_recalibrates_and_journals_the_slots_it_skips() {
     let _turn = in_real_time();
-    let folder = tempfile::tempdir().expect("a folder");
-    let runs = folder.path().join("runs");
-    let config = changed_config("chain-driven-pose-1.toml", folder.path(), |config| {
-        short_experiment(config, "*/2 * * * * *");
-    });
-    let output = run_rig([
-        "daemon".as_ref(),
-        config.as_os_str(),
-        "--runs-dir".as_ref(),
-        runs.as_os_str(),
-        "--max-runs".as_ref(),
-        "2".as_ref(),
-    ]);
+    let bench = Bench::new("*/2 * * * * *");
+    let output = bench.daemon(&["--max-runs", "2"]).output().expect("the daemon");
     assert!(output.status.success(), "{}", printed(&output));
-    let journal = std::fs::read_to_string(runs.join("daemon.jsonl")).expect("the daemon's journal");
-    assert_eq!(journal.matches("\"done\"").count(), 2, "{journal}");
-    let good = runs.join("last-good");
-    assert_eq!(journal.matches("\"recalibrated\"").count(), 2, "{journal}");
-    let fit = system_tests::json(&good.join("fit.json"));
+    let jobs = bench.jobs(&["ls"]);
+    assert_eq!(
+        jobs.matches("  done  ").count(),
+        4,
+        "two runs, two recalibrations\n{jobs}{}",
+        bench.journal()
+    );
+    let good = bench.runs.join("last-good");
+    assert_eq!(jobs.matches("updated: ").count(), 2, "{jobs}");
+    let fit = json(&good.join("fit.json"));
     assert_eq!(fit["recalibration"]["accepted"], true, "{fit}");
     assert!(good.join("model.xml").exists());
     // A run takes longer than the two seconds between slots.
-    assert!(journal.contains("\"skipped\""), "{journal}");
+    assert!(bench.journal().contains("\"skipped\""), "{}", bench.journal());
 }
 
 #[test]
 fn sigterm_ends_a_waiting_daemon_and_a_second_daemon_is_refused() {
     let _turn = in_real_time();
-    let folder = tempfile::tempdir().expect("a folder");
-    let runs = folder.path().join("runs");
-    let config = changed_config("chain-driven-pose-1.toml", folder.path(), |config| {
-        short_experiment(config, "0 0 1 1 *");
-    });
-    let args = ["daemon".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), runs.as_os_str()];
-    let mut daemon = Background::start(rig(args));
-    let started =
-        || std::fs::read_to_string(runs.join("daemon.jsonl")).is_ok_and(|text| text.contains("started"));
-    wait_until("the daemon's start", 10.0, started);
-    let second = run_rig(args);
+    let bench = Bench::quiet();
+    let mut daemon = bench.start(&[]);
+    let second = bench.daemon(&[]).output().expect("the second daemon");
     assert_eq!(second.status.code(), Some(2), "{}", printed(&second));
     assert!(printed(&second).contains(&daemon.child().id().to_string()), "{}", printed(&second));
     daemon.signal(Signal::TERM);
     wait_until("the daemon's end", 5.0, || daemon.child().try_wait().expect("its status").is_some());
-    let journal = std::fs::read_to_string(runs.join("daemon.jsonl")).expect("the daemon's journal");
-    assert!(journal.contains("stopped"), "{journal}");
+    assert!(bench.journal().contains("\"stopped\""), "{}", bench.journal());
+}
+
+#[test]
+fn rig_run_beside_a_daemon_hands_its_job_in_and_shows_how_it_goes() {
+    let _turn = in_real_time();
+    let bench = Bench::quiet();
+    let _daemon = bench.start(&[]);
+    let run = ["run".as_ref(), bench.config.as_os_str(), "--runs-dir".as_ref(), bench.runs.as_os_str()];
+    let output = run_rig(run);
+    assert!(output.status.success(), "{}", printed(&output));
+    let told = printed(&output);
+    assert!(told.contains("as job 1") && told.contains("driving"), "{told}");
+    let run = only_run(&bench.runs).expect("a run");
+    assert!(told.contains(run.to_str().expect("readable")) && run.join("report.html").exists(), "{told}");
+    bench.wait(2, &["done"], 60.0);
+}
+
+#[test]
+fn cancelled_run_stops_the_servo_and_the_next_job_has_its_turn() {
+    let _turn = in_real_time();
+    let bench = Bench::quiet();
+    bench.add_run();
+    let _daemon = bench.start(&[]);
+    let run = bench.wait_for_motion();
+    bench.add_run();
+    assert!(bench.jobs(&["cancel", "1", "--why", "water on the floor"]).contains("told to end"));
+    bench.wait(1, &["cancelled"], 5.0);
+    let stop = json(&run.join("stop.json"));
+    assert_eq!((&stop["status"], &stop["servo"]), (&"abort".into(), &"acknowledged".into()), "{stop}");
+    bench.wait(2, &["done"], 60.0);
+}
+
+#[test]
+fn daemon_killed_during_a_run_leaves_the_run_alone_and_the_next_daemon_waits_for_it() {
+    let _turn = in_real_time();
+    let bench = Bench::quiet();
+    bench.add_run();
+    bench.add_run();
+    let daemon = bench.start(&[]);
+    let run = bench.wait_for_motion();
+    daemon.signal(Signal::KILL);
+    drop(daemon);
+    assert!(test_kill_process(bench.job_process()).is_ok(), "the run goes on");
+    let _next = bench.start(&[]);
+    assert!(bench.journal().contains("\"job-adopted\""), "{}", bench.journal());
+    let line = bench.wait(1, &["done"], 60.0);
+    assert!(line.contains(run.to_str().expect("readable")), "{line}");
+    // one motion at a time: the second began when the first was over
+    bench.wait(2, &["done"], 60.0);
+    assert_eq!(json(&run.join("stop.json"))["status"], "success");
+}
+
+#[test]
+fn killed_job_is_lost_and_neither_the_daemon_nor_the_next_job_minds() {
+    let _turn = in_real_time();
+    let bench = Bench::quiet();
+    bench.add_run();
+    bench.add_run();
+    let mut daemon = bench.start(&[]);
+    let run = bench.wait_for_motion();
+    kill_process(bench.job_process(), Signal::KILL).expect("the job's process");
+    let line = bench.wait(1, &["lost"], 5.0);
+    assert!(line.contains("signal: 9"), "{line}");
+    assert!(!run.join("stop.json").exists(), "what was cut short is incomplete");
+    bench.wait(2, &["done"], 60.0);
+    assert!(daemon.child().try_wait().expect("its status").is_none(), "the daemon lives");
+}
+
+#[test]
+fn sigterm_during_a_run_stops_the_servo_and_ends_within_five_seconds() {
+    let _turn = in_real_time();
+    let bench = Bench::quiet();
+    bench.add_run();
+    let mut daemon = bench.start(&[]);
+    let run = bench.wait_for_motion();
+    daemon.signal(Signal::TERM);
+    wait_until("the daemon's end", 5.0, || daemon.child().try_wait().expect("its status").is_some());
+    let stop = json(&run.join("stop.json"));
+    assert_eq!((&stop["status"], &stop["servo"]), (&"abort".into(), &"acknowledged".into()), "{stop}");
+    assert!(bench.job(1).contains("cancelled"), "{}", bench.jobs(&["ls"]));
 }

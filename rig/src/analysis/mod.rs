@@ -39,9 +39,24 @@ use live::Live;
 use timeline::{Chronicle, Timeline, late_s};
 
 /// The stage to begin with; the ones before are taken as they stand in the run's folder.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    Default,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    clap::ValueEnum,
+    serde::Serialize,
+    serde::Deserialize,
+    utoipa::ToSchema,
+)]
+#[serde(rename_all = "kebab-case")]
 pub enum Stage {
     /// From the recorded images.
+    #[default]
     Frames,
     /// From the silhouettes found in them.
     Mask,

@@ -52,11 +52,11 @@ pub struct Done {
 }
 
 impl Experiment<'_> {
-    /// Claims the folder of run folders, and sees that there is room in it, and that what is filmed can be extracted and fitted.
+    /// Sees that what is filmed can be extracted and fitted.
     ///
     /// # Errors
-    /// [`Failure::Input`] when another process has it, or it has no room; where the config names what the model has not; and for SAM 2, whose clicks are in a picture of a film.
-    pub fn claim(&self) -> Result<Claim, Failure> {
+    /// [`Failure::Input`] where the config names what the model has not; and for SAM 2, whose clicks are in a picture of a film.
+    pub fn check(&self) -> Result<(), Failure> {
         if self.config.vision.sam2().is_some() && self.extent != Extent::Film {
             return Err(Failure::Input(anyhow!(
                 "[vision] segmenter = \"sam2\" is for films that are recorded already: it is clicked in one of their images, and takes far \
@@ -67,6 +67,15 @@ impl Experiment<'_> {
         if self.extent == Extent::Report {
             prepared(self.config, read_model(&self.base.join(&self.config.run.model))?)?;
         }
+        Ok(())
+    }
+
+    /// Claims the folder of run folders, and sees that there is room in it, and what [`Self::check`] sees.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] when another process has it, or it has no room.
+    pub fn claim(&self) -> Result<Claim, Failure> {
+        self.check()?;
         let claim = Claim::take("the runs folder", &self.runs_dir.join(".lock")).map_err(Failure::input)?;
         for check in doctor::host::runs_folder(self.runs_dir, self.config.expected_bytes()) {
             if check.health == Health::Bad {

@@ -70,6 +70,15 @@ impl Failure {
         }
     }
 
+    /// Of the class that [`Self::status`] calls `status`; ours for any other word.
+    pub fn of(status: &str, error: anyhow::Error) -> Self {
+        let classes = [Self::Input, Self::Hardware, Self::Data, Self::Interrupted];
+        let place = ["input-error", "hardware-fault", "data-cannot-answer", "interrupted"]
+            .iter()
+            .position(|&class| class == status);
+        place.map_or(Self::Internal as fn(_) -> _, |place| classes[place])(error)
+    }
+
     /// What happened.
     pub fn error(&self) -> &anyhow::Error {
         match self {

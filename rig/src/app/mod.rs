@@ -1,11 +1,10 @@
 //! What the program does with all of it: one experiment from config to report, runs put together, fits and diagnoses into
-//! folders, the last good fit, experiments on a schedule.
+//! folders, the last good fit, jobs handed to a daemon.
 //!
 //! It tells a [`Watcher`] how it goes and answers with results; arguments and printing are the command line's.
 
 pub mod calibrate;
 pub mod compose;
-pub mod daemon;
 pub mod design;
 pub mod diagnose;
 pub mod exchange;
@@ -13,6 +12,7 @@ pub mod experiment;
 mod failure;
 pub mod firmware;
 pub mod fit;
+pub mod hand_in;
 mod interrupt;
 pub mod last_good;
 pub mod latency;

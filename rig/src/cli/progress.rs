@@ -9,19 +9,22 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::analysis::Progress;
 use crate::app::Watcher;
+use crate::app::hand_in::JOB;
 
 /// See the module.
 #[derive(Debug)]
 pub struct Bar {
     bar: ProgressBar,
     interrupted: Arc<AtomicBool>,
+    /// A daemon keeps what this process says.
+    in_job: bool,
 }
 
 impl Bar {
     /// A bar that shows nothing yet. Where `interrupted` becomes true, a fit is told to finish with what it has.
     pub fn new(interrupted: Arc<AtomicBool>) -> Self {
         // indicatif draws to standard error, and only on a terminal.
-        Self { bar: ProgressBar::no_length(), interrupted }
+        Self { bar: ProgressBar::no_length(), interrupted, in_job: std::env::var_os(JOB).is_some() }
     }
 }
 
@@ -32,9 +35,9 @@ impl Watcher for Bar {
         self.bar.tick();
     }
 
-    /// On a terminal only.
+    /// On a terminal, and in the log of a job.
     fn note(&mut self, text: &str) {
-        self.bar.println(text);
+        if self.in_job { eprintln!("{text}") } else { self.bar.println(text) }
     }
 
     /// In a pipe too.

@@ -6,9 +6,11 @@ use std::path::PathBuf;
 use super::progress::Bar;
 use super::{Failure, Outcome};
 use crate::app::experiment::{Done, Experiment, Extent};
+use crate::app::hand_in::{self, hand_in};
 use crate::app::{base, interruptible, threads};
 use crate::config::RigConfig;
 use crate::report;
+use crate::store::jobs::{NewJob, Work};
 
 /// Arguments of `rig run`.
 #[derive(clap::Args, Debug)]
@@ -26,7 +28,7 @@ pub struct Args {
     pub threads: Option<NonZeroUsize>,
 }
 
-/// Runs the experiment once.
+/// Runs the experiment once; where a daemon holds the rig, that does it.
 ///
 /// # Errors
 /// As [`Experiment::claim`] and [`Experiment::carry_out`].
@@ -40,6 +42,9 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         motion: None,
         threads: threads(args.threads),
     };
+    if hand_in::daemon(&args.runs_dir).is_some() {
+        return handed_in(args);
+    }
     let _claim = experiment.claim()?;
     interruptible(async |interrupt| {
         let Done { conducted, data } =
@@ -53,5 +58,20 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             text = format!("{text}\n{}", report::written(data, folder));
         }
         Ok(Outcome { run: Some(folder.into()), text, ..Outcome::default() })
+    })
+}
+
+fn handed_in(args: &Args) -> Result<Outcome, Failure> {
+    let config = std::path::absolute(&args.config).map_err(Failure::input)?;
+    let why = Some(format!("rig run, by process {}", std::process::id()));
+    let job = NewJob { why, ..NewJob::new(Work::Run { config, film_only: args.film_only }) };
+    interruptible(async |interrupt| {
+        let result = hand_in(&args.runs_dir, &job, interrupt, &mut Bar::new(interrupt.flag())).await?.result;
+        Ok(Outcome {
+            text: result.run.clone().unwrap_or_default(),
+            run: result.run.map(PathBuf::from),
+            verdict: result.verdict,
+            ..Outcome::default()
+        })
     })
 }

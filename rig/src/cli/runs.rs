@@ -3,11 +3,14 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use anyhow::Context as _;
 use serde_json::Value;
 
 use super::{Failure, Outcome};
-use crate::record::folder::{Listed, RunFolder, RunId, Status, file, list};
-use crate::record::{RecordError, frames, journal};
+use crate::record::folder::{RunFolder, RunId, file};
+use crate::record::{RecordError, journal};
+use crate::store::Store;
+use crate::store::runs::Summary;
 
 /// `rig runs`.
 #[derive(clap::Args, Debug)]
@@ -28,6 +31,11 @@ pub enum Action {
         /// The runs folder; left out: --runs-dir.
         folder: Option<PathBuf>,
     },
+    /// Make the index of all runs again, from their folders.
+    Index {
+        /// The runs folder; left out: --runs-dir.
+        folder: Option<PathBuf>,
+    },
     /// Show one run: how it went, its journal and its results.
     Show {
         /// The run's folder, or its id in the runs folder.
@@ -42,8 +50,19 @@ pub enum Action {
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     match &args.action {
         Action::Ls { folder } => {
-            let runs = list(folder.as_ref().unwrap_or(&args.runs_dir)).map_err(Failure::input)?;
-            Ok(Outcome { text: table(&runs), ..Outcome::default() })
+            let folder = folder.as_ref().unwrap_or(&args.runs_dir);
+            let mut store = existing(folder)?;
+            store.refresh(false).map_err(Failure::input)?;
+            Ok(Outcome {
+                text: table(&store.runs(usize::MAX).map_err(Failure::input)?),
+                ..Outcome::default()
+            })
+        }
+        Action::Index { folder } => {
+            let folder = folder.as_ref().unwrap_or(&args.runs_dir);
+            let refreshed = existing(folder)?.refresh(true).map_err(Failure::input)?;
+            let text = format!("{} runs indexed, {} gone\n", refreshed.runs, refreshed.gone);
+            Ok(Outcome { text, ..Outcome::default() })
         }
         Action::Show { run } => {
             let folder = RunFolder::open(&find(&args.runs_dir, run)).map_err(Failure::input)?;
@@ -53,6 +72,14 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     }
 }
 
+/// The store of a runs folder that is there: looking makes no folders.
+fn existing(folder: &Path) -> Result<Store, Failure> {
+    std::fs::read_dir(folder)
+        .with_context(|| format!("reading runs folder {}", folder.display()))
+        .map_err(Failure::Input)?;
+    Store::open_or_memory(folder).map_err(Failure::input)
+}
+
 fn find(runs_dir: &Path, run: &str) -> PathBuf {
     match RunId::try_from(run.to_owned()) {
         Ok(id) => runs_dir.join(id.as_str()),
@@ -60,23 +87,24 @@ fn find(runs_dir: &Path, run: &str) -> PathBuf {
     }
 }
 
-fn table(runs: &[Listed]) -> String {
+fn table(runs: &[Summary]) -> String {
     if runs.is_empty() {
         return "no runs yet\n".into();
     }
     let mut text =
         format!("{:<23}  {:<10}  {:>10}  {:>7}  fit error\n", "run", "status", "duration", "images");
-    for Listed { id, folder } in runs {
-        let _ = match folder {
-            Ok(run) => writeln!(
+    for run in runs {
+        let _ = match &run.reason {
+            Some(error) if run.status == "unreadable" => writeln!(text, "{}  unreadable: {error}", run.id),
+            _ => writeln!(
                 text,
-                "{id}  {:<10}  {:>10}  {:>7}  {}",
-                status(run),
-                duration_s(run).map_or("-".into(), |s| format!("{s:.1} s")),
-                images(run).map_or("-".into(), |count| count.to_string()),
-                fit_error_m(run).map_or("-".into(), |m| format!("{} mm", ident::millimetres(m))),
+                "{}  {:<10}  {:>10}  {:>7}  {}",
+                run.id,
+                run.status,
+                run.duration_s.map_or("-".into(), |s| format!("{s:.1} s")),
+                run.images.map_or("-".into(), |count| count.to_string()),
+                run.fit_error_m.map_or("-".into(), |m| format!("{} mm", ident::millimetres(m))),
             ),
-            Err(error) => writeln!(text, "{id}  unreadable: {error}"),
         };
     }
     text
@@ -84,17 +112,18 @@ fn table(runs: &[Listed]) -> String {
 
 fn describe(run: &RunFolder) -> Result<String, RecordError> {
     let start = run.start();
+    let summary = Summary::of(&start.id, run.path());
     let mut text = String::new();
     let mut line = |name: &str, value: &dyn std::fmt::Display| {
         let _ = writeln!(text, "{name:<10} {value}");
     };
     line("run", &start.id);
-    line("status", &status(run));
+    line("status", &summary.status);
     if let Some(reason) = run.stop().and_then(|stop| stop.reason.as_ref()) {
         line("reason", reason);
     }
     line("began", &start.clock.utc);
-    if let Some(duration_s) = duration_s(run) {
+    if let Some(duration_s) = summary.duration_s {
         line("duration", &format_args!("{duration_s:.3} s"));
     }
     line("kind", &format!("{:?}", start.kind).to_lowercase());
@@ -105,7 +134,7 @@ fn describe(run: &RunFolder) -> Result<String, RecordError> {
         let size = format_args!("{}x{} px", camera.width_px, camera.height_px);
         line("camera", &format_args!("{}, {size}, {} images a second", camera.name, camera.fps));
     }
-    if let Some(images) = images(run) {
+    if let Some(images) = summary.images {
         line("images", &images);
     }
     if let Some(stop) = run.stop() {
@@ -121,7 +150,7 @@ fn describe(run: &RunFolder) -> Result<String, RecordError> {
             );
         }
     }
-    if let Some(error_m) = fit_error_m(run) {
+    if let Some(error_m) = summary.fit_error_m {
         line("fit error", &format_args!("{:.3} mm, mean over keypoints", error_m * 1e3));
     }
     line("folder", &run.path().display());
@@ -141,48 +170,11 @@ fn describe(run: &RunFolder) -> Result<String, RecordError> {
     Ok(text)
 }
 
-pub(super) fn status(run: &RunFolder) -> &'static str {
-    match run.stop().map(|stop| stop.status) {
-        Some(Status::Success) => "success",
-        Some(Status::Abort) => "abort",
-        Some(Status::Fail) => "fail",
-        None => "incomplete",
-    }
-}
-
-/// From the run's start to its stop; to its last journal entry where there was no stop.
-fn duration_s(run: &RunFolder) -> Option<f64> {
-    match run.stop() {
-        Some(stop) => Some(stop.clock.monotonic_ns.seconds_since(run.origin())),
-        None => Some(journal::read(&run.file(file::JOURNAL)).ok()?.last()?.at_s),
-    }
-}
-
-fn images(run: &RunFolder) -> Option<u64> {
-    match run.stop() {
-        Some(stop) => Some(stop.images),
-        None => Some(frames::read(&run.file(file::FRAMES)).ok()?.len() as u64),
-    }
-}
-
-/// The mean of the mean keypoint errors in `fit.json`, over all runs and keypoints it names \[m\].
-fn fit_error_m(run: &RunFolder) -> Option<f64> {
-    let fit: Value = serde_json::from_slice(&std::fs::read(run.file(file::FIT)).ok()?).ok()?;
-    let errors: Vec<f64> = fit["runs"]
-        .as_array()?
-        .iter()
-        .filter_map(|run| run["keypoints"].as_array())
-        .flatten()
-        .filter_map(|keypoint| keypoint["mean_error_m"].as_f64())
-        .collect();
-    (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::clock::MonotonicNs;
-    use crate::record::folder::{ClockPair, RunKind, Start, Stop};
+    use crate::record::folder::{ClockPair, RunKind, Start, Status, Stop};
     use crate::servo::StopOutcome;
 
     fn at(monotonic_ns: u64) -> ClockPair {

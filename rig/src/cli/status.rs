@@ -2,12 +2,13 @@
 
 use std::path::PathBuf;
 
-use super::{Failure, Outcome, runs};
+use super::{Failure, Outcome};
 use crate::claim::{Claim, port_lock};
 use crate::config::RigConfig;
 use crate::record::folder::{self, Listed};
 use crate::servo::bus;
 use crate::servo::serial::query_status;
+use crate::store::runs::status;
 
 /// Arguments of `rig status`.
 #[derive(clap::Args, Debug)]
@@ -32,7 +33,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     if let Some(Listed { id, folder }) =
         folder::list(&args.runs_dir).ok().and_then(|runs| runs.into_iter().last())
     {
-        let how = folder.as_ref().map_or("unreadable", runs::status);
+        let how = folder.as_ref().map_or("unreadable", status);
         lines.push(format!("last run      {id}, {how}"));
     }
     let servo = config.servo.as_ref();

@@ -7,7 +7,9 @@ mod tables;
 
 pub use error::ConfigError;
 pub use extraction::ExtractionConfig;
-pub use tables::{MechanismConfig, MotionKind, Mount, RunConfig, ScheduleConfig, WaterConfig};
+pub use tables::{
+    MechanismConfig, MotionKind, Mount, Overlap, QuietHours, RunConfig, ScheduleConfig, WaterConfig,
+};
 
 use std::path::{Path, PathBuf};
 

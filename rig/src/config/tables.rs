@@ -138,9 +138,68 @@ impl WaterConfig {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScheduleConfig {
-    /// A cron expression, optionally with seconds in front, in the machine's time zone.
+    /// A cron expression, optionally with seconds in front.
     pub cron: String,
+    /// Its time zone, for example `Europe/Zurich`; left out: the machine's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub time_zone: Option<String>,
     /// How long the water is left alone after any motion \[s\].
     #[serde(default)]
     pub rest_s: Option<NonNegative>,
+    /// A slot that was missed is made up for when it is no older than this \[s\]; of several only the newest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub catch_up_s: Option<NonNegative>,
+    /// What becomes of a slot that comes while the rig is busy.
+    #[serde(default)]
+    pub overlap: Overlap,
+    /// Times of the day at which the schedule begins nothing, for example `22:00-07:00`; jobs added by hand run all the same.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub quiet: Vec<QuietHours>,
+}
+
+/// What becomes of a slot that comes while the rig is busy or the water not at rest.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Overlap {
+    /// It passes.
+    #[default]
+    Skip,
+    /// Its run waits for its turn; one at most.
+    Queue,
+}
+
+/// A time of the day from one minute to before another, over midnight where the second is earlier.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct QuietHours {
+    from: jiff::civil::Time,
+    to: jiff::civil::Time,
+}
+
+impl QuietHours {
+    /// Whether `time` lies in it.
+    pub fn contains(self, time: jiff::civil::Time) -> bool {
+        match self.from <= self.to {
+            true => self.from <= time && time < self.to,
+            false => self.from <= time || time < self.to,
+        }
+    }
+}
+
+impl TryFrom<String> for QuietHours {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        let time = |text: &str| jiff::civil::Time::strptime("%H:%M", text.trim()).ok();
+        let both = text.split_once('-').and_then(|(from, to)| Some((time(from)?, time(to)?)));
+        let (from, to) =
+            both.ok_or_else(|| format!("quiet hours `{text}` are not of the form 22:00-07:00"))?;
+        Ok(Self { from, to })
+    }
+}
+
+impl From<QuietHours> for String {
+    fn from(hours: QuietHours) -> Self {
+        format!("{}-{}", hours.from.strftime("%H:%M"), hours.to.strftime("%H:%M"))
+    }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
@@ -19,14 +19,11 @@ use crate::calibration::{Plane, Px};
 use crate::config::RigConfig;
 use crate::error_chain::with_causes;
 use crate::tank::render::outlines;
+use crate::web::{Hosts, protect};
 
 const PAGE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
-
-/// What a page of this server may load: itself, and pictures that its script has fetched.
-const POLICY: &str = "default-src 'none'; style-src 'self'; script-src 'self'; connect-src 'self'; img-src 'self' blob:; \
-                      base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// Why there is no page.
 #[derive(Debug, thiserror::Error)]
@@ -99,38 +96,13 @@ impl Server {
     }
 }
 
-/// Whether `host`, as a browser names whom it asks, is this machine: a page from elsewhere whose name was made to point here is not.
-fn is_here(host: &str) -> bool {
-    let name = match host.rsplit_once(':') {
-        Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) => name,
-        _ => host,
-    };
-    name == "127.0.0.1" || name.eq_ignore_ascii_case("localhost")
-}
-
-/// Whether a page of this server, or no page at all, asks.
-fn is_own(headers: &HeaderMap) -> bool {
-    let text = |name| headers.get(name).map(|value: &header::HeaderValue| value.to_str().unwrap_or_default());
-    let Some(host) = text(header::HOST) else { return false };
-    let same = |origin: &str| origin.strip_prefix("http://").is_some_and(|origin| origin == host);
-    is_here(host) && text(header::ORIGIN).is_none_or(same)
-}
-
 async fn guarded(request: Request, next: Next) -> Response {
-    if !is_own(request.headers()) {
+    if !Hosts::default().is_own(request.headers()) {
         let why = "this page is for 127.0.0.1 and localhost, asked from itself";
         return (StatusCode::FORBIDDEN, why).into_response();
     }
     let mut response = next.run(request).await;
-    let headers = response.headers_mut();
-    for (name, value) in [
-        (header::CACHE_CONTROL, "no-store"),
-        (header::CONTENT_SECURITY_POLICY, POLICY),
-        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::REFERRER_POLICY, "no-referrer"),
-    ] {
-        headers.insert(name, header::HeaderValue::from_static(value));
-    }
+    protect(response.headers_mut());
     response
 }
 

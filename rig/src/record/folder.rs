@@ -93,6 +93,14 @@ impl TryFrom<String> for RunId {
     }
 }
 
+impl std::str::FromStr for RunId {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        name.to_owned().try_into()
+    }
+}
+
 impl From<RunId> for String {
     fn from(id: RunId) -> Self {
         id.0

@@ -152,6 +152,7 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
     let outcome =
         tokio::task::block_in_place(|| servo.as_mut().map_or(StopOutcome::NotNeeded, ServoThread::stop));
     let stop_s = MonotonicNs::now().seconds_since(decided);
+    (kept.notify)(Notice::Journal("servo-stopped".into()));
     tokio::task::block_in_place(|| drop(camera));
     // What was told and seen before still belongs into the recording; faults on the way down change nothing.
     while let Ok(signal) = signalled.try_recv() {

@@ -1,0 +1,55 @@
+//! `rig recalibrate`: the last good fit of a rig, brought up to date with a run.
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+use ident::experiment::Use;
+
+use super::progress::Bar;
+use super::{Failure, Outcome};
+use crate::app::compose::compose;
+use crate::app::last_good::LastGood;
+use crate::app::{interruptible, on_threads, threads};
+
+/// What the last good fit is brought up to date with, in the folder of the run.
+const EXPERIMENT: &str = "experiment.toml";
+
+/// Brings the last good fit up to date with a run, unless the run contradicts it.
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    /// The run folder
+    pub run: PathBuf,
+    /// Folder of run folders, whose `last-good` it is
+    #[arg(long, default_value = "runs")]
+    pub runs_dir: PathBuf,
+    /// Worker threads; as many as there are cores when left out
+    #[arg(long)]
+    pub threads: Option<NonZeroUsize>,
+}
+
+/// Carries out `rig recalibrate`: the verdict is `updated` or `kept`.
+///
+/// # Errors
+/// As [`compose`] and [`LastGood::update`]; the last good fit stays.
+pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    let good = LastGood::among(&args.runs_dir);
+    let experiment = compose(&[(Use::Fit, &args.run)], None, &args.run.join(EXPERIMENT))?;
+    let source = args.run.display().to_string();
+    let verdict = interruptible(async |interrupt| {
+        let mut bar = Bar::new(interrupt.flag());
+        tokio::task::block_in_place(|| {
+            on_threads(threads(args.threads), || good.update(&experiment, &source, &mut bar))
+        })
+    })?;
+    let (word, text) = match verdict.updated {
+        true => ("updated", format!("{} is up to date with {source}", good.folder().display())),
+        false => ("kept", format!("{} stays: {}", good.folder().display(), verdict.why.join("; "))),
+    };
+    Ok(Outcome {
+        out: Some(good.folder().into()),
+        run: Some(args.run.clone()),
+        verdict: Some(word.into()),
+        text,
+        ..Outcome::default()
+    })
+}

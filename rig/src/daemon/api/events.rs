@@ -1,0 +1,69 @@
+//! What happens, as server-sent events: a snapshot of each rig whenever it changes. One task looks for all who listen; a listener
+//! that stalls holds up itself only, and then gets the newest snapshot and none in between.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::response::Sse;
+use axum::response::sse::{Event, KeepAlive};
+use futures_util::stream::{self, Stream, StreamExt};
+use serde::Serialize;
+use tokio::sync::watch;
+
+use super::Api;
+use crate::daemon::state::RigState;
+use crate::store::Store;
+use crate::store::jobs::Job;
+
+/// Between two looks at a rig.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// Jobs in a snapshot.
+const MOST_JOBS: usize = 20;
+
+#[derive(Serialize)]
+struct Snapshot<'a> {
+    rig: &'a RigState,
+    jobs: Vec<Job>,
+}
+
+/// Watches a rig through its database and its state, until nobody wants to know.
+pub(super) fn watch_rig(store: Store, mut state: watch::Receiver<RigState>) -> watch::Receiver<Arc<str>> {
+    let (tell, told) = watch::channel(Arc::from(""));
+    tokio::task::spawn_blocking(move || {
+        let mut seen = None;
+        while !tell.is_closed() && state.has_changed().is_ok() {
+            if let Ok(version) = store.version()
+                && (seen != Some(version) || state.has_changed().unwrap_or(false))
+                && let Ok(jobs) = store.jobs(MOST_JOBS)
+            {
+                seen = Some(version);
+                let text = serde_json::to_string(&Snapshot { rig: &state.borrow_and_update(), jobs });
+                tell.send_replace(text.unwrap_or_default().into());
+            }
+            std::thread::sleep(LOOK_EVERY);
+        }
+    });
+    told
+}
+
+/// Snapshots of all rigs, as server-sent events called `rig`: `{"rig": RigState, "jobs": [Job]}`, at once and whenever one changes.
+#[utoipa::path(get, path = "/api/v1/events", responses((status = 200, content_type = "text/event-stream", body = String)))]
+pub(super) async fn events(
+    State(api): State<Arc<Api>>,
+) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+    let each = api.rigs.iter().map(|rig| {
+        let mut told = rig.snapshot.clone();
+        told.mark_changed();
+        stream::unfold(told, async |mut told| {
+            told.changed().await.ok()?;
+            let snapshot = told.borrow_and_update().clone();
+            Some((snapshot, told))
+        })
+        .boxed()
+    });
+    let snapshots = stream::select_all(each).filter(|snapshot| std::future::ready(!snapshot.is_empty()));
+    let events = snapshots.map(|snapshot| Ok(Event::default().event("rig").data(&*snapshot)));
+    Sse::new(events).keep_alive(KeepAlive::default())
+}

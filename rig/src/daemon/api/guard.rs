@@ -1,0 +1,59 @@
+//! Who may ask what, and for how long.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+
+use super::{Api, Problem};
+use crate::web::protect;
+
+/// An answer takes no longer; one that would is given up.
+const LONGEST: Duration = Duration::from_secs(10);
+
+/// Lets a request pass, or says why not.
+pub(super) async fn guarded(State(api): State<Arc<Api>>, request: Request, next: Next) -> Response {
+    let mut response = match refused(&api, &request) {
+        Some(problem) => problem.into_response(),
+        None => next.run(request).await,
+    };
+    protect(response.headers_mut());
+    response
+}
+
+fn refused(api: &Api, request: &Request) -> Option<Problem> {
+    if !api.hosts.is_own(request.headers()) {
+        return Some(Problem::new(
+            StatusCode::FORBIDDEN,
+            "asked by a page from elsewhere, or under a name that is not this server's; name it with `rig daemon --host NAME`",
+        ));
+    }
+    let reads = [Method::GET, Method::HEAD].contains(request.method());
+    if reads && api.is_loopback || has_token(api, request.headers()) {
+        return None;
+    }
+    Some(Problem::new(
+        StatusCode::UNAUTHORIZED,
+        "the token is wanted, as `Authorization: Bearer ...`: it stands in `.token` in the runs folder",
+    ))
+}
+
+fn has_token(api: &Api, headers: &HeaderMap) -> bool {
+    let said = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
+    said.and_then(|said| said.strip_prefix("Bearer ")).is_some_and(|said| api.token.is(said))
+}
+
+/// Gives up what takes too long, a body that comes drop by drop too.
+pub(super) async fn in_time(request: Request, next: Next) -> Response {
+    match tokio::time::timeout(LONGEST, next.run(request)).await {
+        Ok(response) => response,
+        Err(_) => Problem::new(
+            StatusCode::REQUEST_TIMEOUT,
+            format!("not done within {} s; try again", LONGEST.as_secs()),
+        )
+        .into_response(),
+    }
+}

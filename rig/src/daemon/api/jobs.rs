@@ -1,0 +1,196 @@
+//! The queue of a rig.
+
+use std::sync::Arc;
+
+use axum::Json;
+use axum::extract::{Path, Query, State};
+use axum::http::StatusCode;
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::{Api, InRig, Problem};
+use crate::record::folder::RunId;
+use crate::store::jobs::{Chosen, Job, JobId, Lane, NewJob, State as JobState, Work};
+
+/// How many are listed.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Most {
+    /// At most so many.
+    #[serde(default = "thirty")]
+    most: usize,
+}
+
+const fn thirty() -> usize {
+    30
+}
+
+/// A job to add. Runs are named by their ids, and the rig's own config is used.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Wanted {
+    work: WantedWork,
+    /// Higher ones come first; of equal ones the older.
+    #[serde(default)]
+    priority: i32,
+    /// Why, for who looks at it later.
+    #[serde(default)]
+    why: Option<String>,
+    /// It waits until then, RFC 3339.
+    #[serde(default)]
+    #[schema(value_type = Option<String>, format = DateTime)]
+    not_before: Option<jiff::Timestamp>,
+}
+
+/// What a job does.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+enum WantedWork {
+    /// One experiment: it moves the rig.
+    Run {
+        /// No extraction, no fit.
+        #[serde(default)]
+        film_only: bool,
+    },
+    /// The last good fit is brought up to date with a run.
+    Recalibrate {
+        #[schema(value_type = String)]
+        run: RunId,
+    },
+    /// A run's analysis again.
+    Replay {
+        #[schema(value_type = String)]
+        run: RunId,
+    },
+    /// A fit of runs.
+    Fit(WantedRuns),
+    /// What the simulation of runs gets wrong.
+    Diagnose(WantedRuns),
+    /// Which runs would tell more.
+    Design(WantedRuns),
+}
+
+/// Runs of an experiment.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+struct WantedRuns {
+    /// To fit.
+    #[schema(value_type = Vec<String>)]
+    runs: Vec<RunId>,
+    /// To score only.
+    #[serde(default)]
+    #[schema(value_type = Vec<String>)]
+    holdout: Vec<RunId>,
+}
+
+impl From<WantedRuns> for Chosen {
+    fn from(WantedRuns { runs, holdout }: WantedRuns) -> Self {
+        Self { runs, holdout }
+    }
+}
+
+/// Why something is asked for.
+#[derive(Debug, Default, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Why {
+    /// For who looks at it later.
+    #[serde(default)]
+    why: Option<String>,
+}
+
+/// A job, by its number.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct JobNumber {
+    /// Its number.
+    job: i64,
+    /// Where it stands.
+    state: String,
+}
+
+impl JobNumber {
+    fn new(id: JobId, state: JobState) -> Self {
+        Self { job: id.0, state: state.to_string() }
+    }
+}
+
+/// Jobs: those that run, those that wait in the order of their turns, then the newest that are over.
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/jobs", params(("rig" = String, Path), Most), responses((status = 200, body = [Job])))]
+pub(super) async fn list(
+    State(api): State<Arc<Api>>,
+    Path(rig): InRig,
+    Query(Most { most }): Query<Most>,
+) -> Result<Json<Vec<Job>>, Problem> {
+    Ok(Json(api.rig(&rig)?.ask(move |store| store.jobs(most)).await?))
+}
+
+/// One job.
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/jobs/{job}", params(("rig" = String, Path), ("job" = i64, Path)), responses((status = 200, body = Job), (status = 404, body = Problem)))]
+pub(super) async fn show(
+    State(api): State<Arc<Api>>,
+    Path((rig, job)): Path<(String, i64)>,
+) -> Result<Json<Job>, Problem> {
+    Ok(Json(api.rig(&rig)?.ask(move |store| store.job(JobId(job))).await?))
+}
+
+/// Adds a job.
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs", params(("rig" = String, Path)), request_body = Wanted, responses((status = 201, body = JobNumber)))]
+pub(super) async fn add(
+    State(api): State<Arc<Api>>,
+    Path(rig): InRig,
+    Json(wanted): Json<Wanted>,
+) -> Result<(StatusCode, Json<JobNumber>), Problem> {
+    let rig = api.rig(&rig)?;
+    let work = match wanted.work {
+        WantedWork::Run { film_only } => Work::Run { config: rig.config.clone(), film_only },
+        WantedWork::Recalibrate { run } => Work::Recalibrate { run },
+        WantedWork::Replay { run } => Work::Replay { run, from: Default::default() },
+        WantedWork::Fit(runs) => Work::Fit(runs.into()),
+        WantedWork::Diagnose(runs) => Work::Diagnose(runs.into()),
+        WantedWork::Design(runs) => Work::Design(runs.into()),
+    };
+    let Wanted { priority, why, not_before, .. } = wanted;
+    let job = NewJob { priority, why, not_before, ..NewJob::new(work) };
+    let id = rig.ask(move |store| store.add(&job)).await?;
+    Ok((StatusCode::CREATED, Json(JobNumber::new(id, JobState::Queued))))
+}
+
+/// Cancels a job; one that moves the rig is stopped, the servo first.
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/{job}/cancel", params(("rig" = String, Path), ("job" = i64, Path)), request_body = Why, responses((status = 200, body = JobNumber), (status = 404, body = Problem), (status = 409, body = Problem)))]
+pub(super) async fn cancel(
+    State(api): State<Arc<Api>>,
+    Path((rig, job)): Path<(String, i64)>,
+    Json(Why { why }): Json<Why>,
+) -> Result<Json<JobNumber>, Problem> {
+    let why = why.unwrap_or_else(|| "cancelled over HTTP".into());
+    let state = api.rig(&rig)?.ask(move |store| store.cancel(JobId(job), &why)).await?;
+    Ok(Json(JobNumber::new(JobId(job), state)))
+}
+
+/// Does again what a job that is over should have done.
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/{job}/retry", params(("rig" = String, Path), ("job" = i64, Path)), request_body = Why, responses((status = 201, body = JobNumber), (status = 404, body = Problem), (status = 409, body = Problem)))]
+pub(super) async fn retry(
+    State(api): State<Arc<Api>>,
+    Path((rig, job)): Path<(String, i64)>,
+    Json(Why { why }): Json<Why>,
+) -> Result<(StatusCode, Json<JobNumber>), Problem> {
+    let id = api.rig(&rig)?.ask(move |store| store.retry(JobId(job), why)).await?;
+    Ok((StatusCode::CREATED, Json(JobNumber::new(id, JobState::Queued))))
+}
+
+/// Stops what moves the rig now. Nothing moves: nothing is done, and that is no error.
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/stop", params(("rig" = String, Path)), request_body = Why, responses((status = 200, body = [JobNumber])))]
+pub(super) async fn stop(
+    State(api): State<Arc<Api>>,
+    Path(rig): InRig,
+    Json(Why { why }): Json<Why>,
+) -> Result<Json<Vec<JobNumber>>, Problem> {
+    let why = why.unwrap_or_else(|| "stopped over HTTP".into());
+    let rig = api.rig(&rig)?;
+    let stopped = rig.ask(move |store| {
+        let moving = store.running()?.into_iter().filter(|job| job.work.lane() == Lane::Motion);
+        let ids: Vec<JobId> = moving.map(|job| job.id).collect();
+        // one that has ended meanwhile is stopped
+        Ok(ids.into_iter().filter_map(|id| Some(JobNumber::new(id, store.cancel(id, &why).ok()?))).collect())
+    });
+    Ok(Json(stopped.await?))
+}

@@ -1,0 +1,198 @@
+//! A job as a process of its own: a crash, a hang or a leak of one job is that job's alone.
+//!
+//! Its folder `RUNS/jobs/<id>` holds what it said: `result.json`, the one object of `--json`, and `log.txt`. Both are there for a
+//! daemon that starts after the one that began the job was killed: the job goes on without it and is waited for.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use clap::ValueEnum as _;
+use rustix::process::{Pid, Signal, kill_process, setpriority_process, test_kill_process};
+
+use crate::app::Failure;
+use crate::app::compose::compose;
+use crate::app::hand_in::{self, file, folder};
+use crate::record::folder::RunId;
+use crate::store::jobs::{Chosen, Job, JobId, JobResult, Lane, State, Work};
+
+/// The runs that a job works on, for `rig fit` and its like.
+const EXPERIMENT: &str = "experiment.toml";
+/// How far behind the rig's motions what only computes is put, as `nice` counts.
+const NICENESS: i32 = 10;
+/// A job that was asked to end has so long for it; then its process is killed, and a board's dead-man stops what still moves.
+const GRACE: Duration = Duration::from_secs(4);
+/// So much of the end of a log is told of a job that ended without a word.
+const TOLD_BYTES: usize = 600;
+
+/// A job that runs.
+#[derive(Debug)]
+pub(super) struct Running {
+    /// Its number.
+    pub(super) id: JobId,
+    /// Its lane.
+    pub(super) lane: Lane,
+    folder: PathBuf,
+    process: Process,
+    asked: Option<Instant>,
+}
+
+#[derive(Debug)]
+enum Process {
+    /// Our own.
+    Ours(Child),
+    /// One that an earlier daemon began.
+    Adopted(Pid),
+}
+
+impl Running {
+    /// Begins `job`, whose rig's config is at `config`, with so many threads.
+    ///
+    /// # Errors
+    /// [`Failure`] when the process cannot be started, or the job names runs that cannot be used.
+    pub(super) fn start(job: &Job, runs_dir: &Path, config: &Path, threads: usize) -> Result<Self, Failure> {
+        let folder = folder(runs_dir, job.id);
+        std::fs::create_dir_all(&folder).map_err(Failure::internal)?;
+        let mut command = Command::new(std::env::current_exe().map_err(Failure::internal)?);
+        command.arg("--json").env(hand_in::JOB, job.id.to_string());
+        arguments(&mut command, &job.work, runs_dir, &folder, config)?;
+        if !matches!(job.work, Work::Design(_)) {
+            command.arg("--threads").arg(threads.to_string());
+        }
+        let create = |name| File::create(folder.join(name)).map_err(Failure::internal);
+        command.stdin(Stdio::null()).stdout(create(file::RESULT)?).stderr(create(file::LOG)?);
+        let child = command.spawn().map_err(Failure::internal)?;
+        let running =
+            Self { id: job.id, lane: job.work.lane(), folder, process: Process::Ours(child), asked: None };
+        if running.lane == Lane::Analysis {
+            // without it the job is merely less polite
+            let _ = setpriority_process(Some(running.pid()), NICENESS);
+        }
+        Ok(running)
+    }
+
+    /// A job that an earlier daemon began and whose process still lives.
+    pub(super) fn adopt(job: &Job, runs_dir: &Path) -> Option<Self> {
+        let pid = job.pid.and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?))?;
+        // numbers of processes are given out again: it must say itself that it does this job
+        let environment = std::fs::read(format!("/proc/{}/environ", pid.as_raw_nonzero())).ok()?;
+        let mark = format!("{}={}", hand_in::JOB, job.id);
+        environment.split(|&byte| byte == 0).find(|&entry| entry == mark.as_bytes())?;
+        Some(Self {
+            id: job.id,
+            lane: job.work.lane(),
+            folder: folder(runs_dir, job.id),
+            process: Process::Adopted(pid),
+            asked: None,
+        })
+    }
+
+    /// Its process.
+    pub(super) fn pid(&self) -> Pid {
+        match &self.process {
+            Process::Ours(child) => Pid::from_child(child),
+            Process::Adopted(pid) => *pid,
+        }
+    }
+
+    /// Asks it to end, the servo first; one that has not ended some seconds later is killed.
+    pub(super) fn end(&mut self) {
+        let signal = match self.asked {
+            None => Signal::TERM,
+            Some(asked) if asked.elapsed() > GRACE => Signal::KILL,
+            Some(_) => return,
+        };
+        if self.asked.is_none() {
+            self.asked = Some(Instant::now());
+        }
+        // one that has ended meanwhile needs no signal
+        let _ = kill_process(self.pid(), signal);
+    }
+
+    /// How it ended, once it has.
+    ///
+    /// # Errors
+    /// [`Failure::Internal`] when the system does not say.
+    pub(super) fn ended(&mut self) -> Result<Option<(State, JobResult)>, Failure> {
+        let how = match &mut self.process {
+            Process::Ours(child) => match child.try_wait().map_err(Failure::internal)? {
+                None => return Ok(None),
+                Some(status) => status.to_string(),
+            },
+            Process::Adopted(pid) => match test_kill_process(*pid) {
+                Ok(()) => return Ok(None),
+                Err(_) => "its process is gone".into(),
+            },
+        };
+        Ok(Some(result(&self.folder, &how)))
+    }
+}
+
+/// What the job of the folder `folder` said, and where it stands; `how` its process ended, where it said nothing.
+pub(super) fn result(folder: &Path, how: &str) -> (State, JobResult) {
+    let said = std::fs::read(folder.join(file::RESULT)).ok();
+    let said: Option<JobResult> = said.and_then(|said| serde_json::from_slice(&said).ok());
+    let Some(result) = said else {
+        let log = std::fs::read(folder.join(file::LOG)).unwrap_or_default();
+        let end = String::from_utf8_lossy(&log[log.len().saturating_sub(TOLD_BYTES)..]).trim().to_owned();
+        let error = if end.is_empty() { how.to_owned() } else { format!("{how}: {end}") };
+        return (State::Lost, JobResult { error: Some(error), ..JobResult::default() });
+    };
+    let state = match result.status.as_deref() {
+        Some("done") => State::Done,
+        Some("interrupted") => State::Cancelled,
+        _ => State::Failed,
+    };
+    (state, result)
+}
+
+/// The verb and its arguments.
+fn arguments(
+    command: &mut Command,
+    work: &Work,
+    runs_dir: &Path,
+    folder: &Path,
+    config: &Path,
+) -> Result<(), Failure> {
+    let experiment = |chosen: &Chosen| -> Result<PathBuf, Failure> {
+        use ident::experiment::Use;
+        let path = |id: &RunId| runs_dir.join(id.as_str());
+        let fitted: Vec<PathBuf> = chosen.runs.iter().map(path).collect();
+        let held_out: Vec<PathBuf> = chosen.holdout.iter().map(path).collect();
+        let runs = fitted.iter().map(|path| (Use::Fit, path.as_path()));
+        let runs: Vec<_> = runs.chain(held_out.iter().map(|path| (Use::Holdout, path.as_path()))).collect();
+        let file = folder.join(EXPERIMENT);
+        compose(&runs, None, &file)?;
+        Ok(file)
+    };
+    match work {
+        Work::Run { config, film_only } => {
+            command.arg("run").arg(config).arg("--runs-dir").arg(runs_dir);
+            if *film_only {
+                command.arg("--film-only");
+            }
+        }
+        Work::Recalibrate { run } => {
+            command.arg("recalibrate").arg(runs_dir.join(run.as_str())).arg("--runs-dir").arg(runs_dir);
+        }
+        Work::Replay { run, from } => {
+            command.arg("replay").arg(runs_dir.join(run.as_str())).arg("--out").arg(folder);
+            if let Some(stage) = from.to_possible_value() {
+                command.arg("--from").arg(stage.get_name());
+            }
+        }
+        Work::Fit(chosen) => {
+            command.arg("fit").arg(experiment(chosen)?).arg("--out").arg(folder);
+        }
+        Work::Diagnose(chosen) => {
+            command.arg("diagnose").arg(experiment(chosen)?).arg("--out").arg(folder);
+            command.arg("--config").arg(config);
+        }
+        Work::Design(chosen) => {
+            command.arg("design").arg(experiment(chosen)?).arg("--out").arg(folder);
+            command.arg("--config").arg(config);
+        }
+    }
+    Ok(())
+}

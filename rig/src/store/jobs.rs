@@ -1,0 +1,567 @@
+//! The queue: what is to be done, what is being done, and how it ended. Nothing leaves it.
+
+use std::path::PathBuf;
+
+use jiff::Timestamp;
+use rusqlite::{OptionalExtension, Row, params};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{Store, StoreError, now, text};
+use crate::analysis::Stage;
+use crate::record::folder::RunId;
+
+/// A job's number: in the order in which they were added.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct JobId(pub i64);
+
+impl std::fmt::Display for JobId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl std::str::FromStr for JobId {
+    type Err = std::num::ParseIntError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        text.parse().map(Self)
+    }
+}
+
+/// What a job does: a verb of the command line, with what it needs. Runs are named by their ids.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Work {
+    /// One experiment: it moves the rig.
+    Run {
+        /// The rig config.
+        #[schema(value_type = String)]
+        config: PathBuf,
+        /// No extraction, no fit.
+        #[serde(default)]
+        film_only: bool,
+    },
+    /// The last good fit is brought up to date with a run.
+    Recalibrate {
+        /// Which.
+        #[schema(value_type = String)]
+        run: RunId,
+    },
+    /// A run's analysis again, into the job's folder.
+    Replay {
+        /// Which.
+        #[schema(value_type = String)]
+        run: RunId,
+        /// What to begin with.
+        #[serde(default)]
+        from: Stage,
+    },
+    /// A fit of some runs, into the job's folder.
+    Fit(Chosen),
+    /// What the simulation of some runs gets wrong, into the job's folder.
+    Diagnose(Chosen),
+    /// Which runs would tell more, into the job's folder.
+    Design(Chosen),
+}
+
+/// Runs of an experiment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Chosen {
+    /// To fit.
+    #[schema(value_type = Vec<String>)]
+    pub runs: Vec<RunId>,
+    /// To score only.
+    #[serde(default)]
+    #[schema(value_type = Vec<String>)]
+    pub holdout: Vec<RunId>,
+}
+
+/// Jobs of one lane are done one after the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Lane {
+    /// What moves the rig.
+    Motion,
+    /// What only computes.
+    Analysis,
+}
+
+impl Lane {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Motion => "motion",
+            Self::Analysis => "analysis",
+        }
+    }
+}
+
+impl Work {
+    /// Its lane.
+    pub fn lane(&self) -> Lane {
+        match self {
+            Self::Run { .. } => Lane::Motion,
+            Self::Recalibrate { .. }
+            | Self::Replay { .. }
+            | Self::Fit(_)
+            | Self::Diagnose(_)
+            | Self::Design(_) => Lane::Analysis,
+        }
+    }
+
+    /// In a word.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Run { .. } => "run",
+            Self::Recalibrate { .. } => "recalibrate",
+            Self::Replay { .. } => "replay",
+            Self::Fit(_) => "fit",
+            Self::Diagnose(_) => "diagnose",
+            Self::Design(_) => "design",
+        }
+    }
+}
+
+/// Where a job stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum State {
+    /// It waits for its turn.
+    Queued,
+    /// It is being done.
+    Running,
+    /// It ended well.
+    Done,
+    /// It ended with an error.
+    Failed,
+    /// Somebody cancelled it.
+    Cancelled,
+    /// Its process ended without a word: killed, or the power went.
+    Lost,
+}
+
+impl State {
+    const ALL: [(Self, &'static str); 6] = [
+        (Self::Queued, "queued"),
+        (Self::Running, "running"),
+        (Self::Done, "done"),
+        (Self::Failed, "failed"),
+        (Self::Cancelled, "cancelled"),
+        (Self::Lost, "lost"),
+    ];
+
+    /// Nothing more will happen to it.
+    pub fn is_over(self) -> bool {
+        !matches!(self, Self::Queued | Self::Running)
+    }
+
+    fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(state, _)| *state == self).map_or("", |(_, name)| name)
+    }
+}
+
+impl std::fmt::Display for State {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// A job to add.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NewJob {
+    /// What it does.
+    pub work: Work,
+    /// Higher ones come first; of equal ones the older.
+    #[serde(default)]
+    pub priority: i32,
+    /// Why it was added, for who looks at it later.
+    #[serde(default)]
+    pub why: Option<String>,
+    /// It waits until then.
+    #[serde(default)]
+    pub not_before: Option<Timestamp>,
+    /// It does again what that one should have done.
+    #[serde(default)]
+    pub retry_of: Option<JobId>,
+}
+
+impl NewJob {
+    /// With nothing but its work.
+    pub fn new(work: Work) -> Self {
+        Self { work, priority: 0, why: None, not_before: None, retry_of: None }
+    }
+}
+
+/// A job in the queue.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Job {
+    /// Its number.
+    #[schema(value_type = i64)]
+    pub id: JobId,
+    /// What it does.
+    pub work: Work,
+    /// Higher ones come first.
+    pub priority: i32,
+    /// Where it stands.
+    pub state: State,
+    /// Somebody asked for its end, for this reason; it may still be running.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cancel: Option<String>,
+    /// Why it was added.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub why: Option<String>,
+    /// It does again what that one should have done.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<i64>)]
+    pub retry_of: Option<JobId>,
+    /// It waits until then, UTC.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub not_before: Option<String>,
+    /// When it was added, UTC.
+    pub added: String,
+    /// When it began, UTC.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub began: Option<String>,
+    /// When it ended, UTC.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ended: Option<String>,
+    /// The process that does it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pid: Option<u32>,
+    /// What came of it.
+    #[serde(flatten)]
+    pub result: JobResult,
+}
+
+/// What came of a job.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default)]
+pub struct JobResult {
+    /// How it ended, in the word of `--json`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub status: Option<String>,
+    /// The run it made.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+    /// The folder it wrote to.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub out: Option<String>,
+    /// The diagnosis's verdict.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<String>,
+    /// Why it did not end well.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
+}
+
+const COLUMNS: &str = "id, work, priority, state, cancel, why, retry_of, not_before, added, began, ended, pid, status, run, out, verdict, error";
+
+fn read(row: &Row<'_>) -> rusqlite::Result<Job> {
+    let unreadable = |column, error: Box<dyn std::error::Error + Send + Sync>| {
+        rusqlite::Error::FromSqlConversionFailure(column, rusqlite::types::Type::Text, error)
+    };
+    let work: String = row.get(1)?;
+    let work = serde_json::from_str(&work).map_err(|error| unreadable(1, error.into()))?;
+    let state: String = row.get(3)?;
+    let state = State::ALL.iter().find(|(_, name)| *name == state).map(|(state, _)| *state);
+    Ok(Job {
+        id: JobId(row.get(0)?),
+        work,
+        priority: row.get(2)?,
+        state: state.ok_or_else(|| unreadable(3, "not a job's state".into()))?,
+        cancel: row.get(4)?,
+        why: row.get(5)?,
+        retry_of: row.get::<_, Option<i64>>(6)?.map(JobId),
+        not_before: row.get(7)?,
+        added: row.get(8)?,
+        began: row.get(9)?,
+        ended: row.get(10)?,
+        pid: row.get(11)?,
+        result: JobResult {
+            status: row.get(12)?,
+            run: row.get(13)?,
+            out: row.get(14)?,
+            verdict: row.get(15)?,
+            error: row.get(16)?,
+        },
+    })
+}
+
+impl Store {
+    /// Adds a job; it is on the disk when this returns.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn add(&mut self, job: &NewJob) -> Result<JobId, StoreError> {
+        let work = serde_json::to_string(&job.work)
+            .map_err(|error| StoreError::Damaged { path: self.path.clone(), what: error.to_string() })?;
+        self.change("adding a job to", |db| {
+            db.execute(
+                "INSERT INTO jobs (lane, work, priority, state, why, retry_of, not_before, added) \
+                 VALUES (?1, ?2, ?3, 'queued', ?4, ?5, ?6, ?7)",
+                params![
+                    job.work.lane().name(),
+                    work,
+                    job.priority,
+                    job.why,
+                    job.retry_of.map(|id| id.0),
+                    job.not_before.map(text),
+                    now(),
+                ],
+            )?;
+            Ok(JobId(db.last_insert_rowid()))
+        })
+    }
+
+    /// The job `id`.
+    ///
+    /// # Errors
+    /// [`StoreError::NoJob`], or as the database says.
+    pub fn job(&self, id: JobId) -> Result<Job, StoreError> {
+        let query = format!("SELECT {COLUMNS} FROM jobs WHERE id = ?1");
+        let found = self.db.query_row(&query, [id.0], read).optional();
+        found.map_err(self.failed("reading"))?.ok_or(StoreError::NoJob(id))
+    }
+
+    /// The newest `most` jobs, those that run and wait among them first, in the order of their turns.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn jobs(&self, most: usize) -> Result<Vec<Job>, StoreError> {
+        let query = format!(
+            "SELECT {COLUMNS} FROM jobs ORDER BY CASE state WHEN 'running' THEN 0 WHEN 'queued' THEN 1 ELSE 2 END, \
+             CASE WHEN state IN ('running', 'queued') THEN -priority END, \
+             CASE WHEN state IN ('running', 'queued') THEN id ELSE -id END LIMIT ?1"
+        );
+        self.rows(&query, [i64::try_from(most).unwrap_or(i64::MAX)], read)
+    }
+
+    /// The jobs that run, as the database has it.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn running(&self) -> Result<Vec<Job>, StoreError> {
+        let query = format!("SELECT {COLUMNS} FROM jobs WHERE state = 'running' ORDER BY id");
+        self.rows(&query, [], read)
+    }
+
+    /// How many jobs of `lane` wait.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn waiting(&self, lane: Lane) -> Result<u32, StoreError> {
+        let query = "SELECT count(*) FROM jobs WHERE state = 'queued' AND lane = ?1";
+        self.row(query, [lane.name()], |row| row.get(0))
+    }
+
+    /// How many jobs are over, by how they ended.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn jobs_by_state(&self) -> Result<Vec<(String, u32)>, StoreError> {
+        let query =
+            "SELECT state, count(*) FROM jobs WHERE state NOT IN ('queued', 'running') GROUP BY state";
+        self.rows(query, [], |row| Ok((row.get(0)?, row.get(1)?)))
+    }
+
+    /// How many jobs `id` is the repetition of: itself repeats one, which repeats one, and so on.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn repeats(&self, id: JobId) -> Result<u32, StoreError> {
+        let query = "WITH RECURSIVE chain (id) AS (\
+             SELECT retry_of FROM jobs WHERE id = ?1 \
+             UNION ALL SELECT jobs.retry_of FROM jobs JOIN chain ON jobs.id = chain.id) \
+             SELECT count(id) FROM chain";
+        self.row(query, [id.0], |row| row.get(0))
+    }
+
+    /// Takes the job of `lane` whose turn it is: it counts as running from now on.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn take(&mut self, lane: Lane) -> Result<Option<Job>, StoreError> {
+        let query = format!(
+            "UPDATE jobs SET state = 'running', began = ?2 WHERE id = (\
+             SELECT id FROM jobs WHERE state = 'queued' AND lane = ?1 AND (not_before IS NULL OR not_before <= ?2) \
+             ORDER BY priority DESC, id LIMIT 1) RETURNING {COLUMNS}"
+        );
+        self.change("taking a job of", |db| {
+            db.query_row(&query, params![lane.name(), now()], read).optional()
+        })
+    }
+
+    /// The job is done by this process.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn began(&mut self, id: JobId, pid: u32) -> Result<(), StoreError> {
+        self.change("writing a job of", |db| {
+            db.execute("UPDATE jobs SET pid = ?2 WHERE id = ?1", params![id.0, pid])
+        })?;
+        Ok(())
+    }
+
+    /// The job that was running has ended.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`]; [`StoreError::Over`] where it had ended before, which stays as it is.
+    pub fn end(&mut self, id: JobId, state: State, result: &JobResult) -> Result<(), StoreError> {
+        let changed = self.change("ending a job of", |db| {
+            db.execute(
+                "UPDATE jobs SET state = ?2, ended = ?3, status = ?4, run = ?5, out = ?6, verdict = ?7, error = ?8 \
+                 WHERE id = ?1 AND state = 'running'",
+                params![
+                    id.0,
+                    state.name(),
+                    now(),
+                    result.status,
+                    result.run,
+                    result.out,
+                    result.verdict,
+                    result.error
+                ],
+            )
+        })?;
+        match changed {
+            0 => Err(StoreError::Over { id, state: self.job(id)?.state }),
+            _ => Ok(()),
+        }
+    }
+
+    /// A running job goes back to its place: nothing of it was begun.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn put_back(&mut self, id: JobId) -> Result<(), StoreError> {
+        self.change("writing a job of", |db| {
+            db.execute(
+                "UPDATE jobs SET state = 'queued', began = NULL, pid = NULL WHERE id = ?1 AND state = 'running'",
+                [id.0],
+            )
+        })?;
+        Ok(())
+    }
+
+    /// Cancels a job, for a reason: one that waits at once, one that runs when whoever does it has stopped it. Gives where it
+    /// stands then.
+    ///
+    /// # Errors
+    /// [`StoreError::NoJob`], [`StoreError::Over`], or as the database says.
+    pub fn cancel(&mut self, id: JobId, why: &str) -> Result<State, StoreError> {
+        let changed = self.change("cancelling a job of", |db| {
+            db.execute(
+                "UPDATE jobs SET cancel = ?2, \
+                 ended = CASE state WHEN 'queued' THEN ?3 END, \
+                 state = CASE state WHEN 'queued' THEN 'cancelled' ELSE state END \
+                 WHERE id = ?1 AND state IN ('queued', 'running')",
+                params![id.0, why, now()],
+            )
+        })?;
+        let state = self.job(id)?.state;
+        if changed == 0 { Err(StoreError::Over { id, state }) } else { Ok(state) }
+    }
+
+    /// Adds a job that does again what `id` should have done, for a reason.
+    ///
+    /// # Errors
+    /// [`StoreError::NoJob`], [`StoreError::NotOver`], or as the database says.
+    pub fn retry(&mut self, id: JobId, why: Option<String>) -> Result<JobId, StoreError> {
+        let job = self.job(id)?;
+        if !job.state.is_over() {
+            return Err(StoreError::NotOver { id, state: job.state });
+        }
+        self.add(&NewJob { priority: job.priority, why, retry_of: Some(id), ..NewJob::new(job.work) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run_job(priority: i32) -> NewJob {
+        NewJob { priority, ..NewJob::new(Work::Run { config: "rig.toml".into(), film_only: false }) }
+    }
+
+    fn fit_job() -> NewJob {
+        let run = RunId::try_from("20261120T101503Z-ab12cd".to_owned()).unwrap();
+        NewJob::new(Work::Fit(Chosen { runs: vec![run], holdout: Vec::new() }))
+    }
+
+    #[test]
+    fn jobs_come_by_priority_then_age_each_in_its_lane() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(folder.path()).unwrap();
+        let ids: Vec<JobId> = [run_job(0), fit_job(), run_job(5), run_job(0)]
+            .iter()
+            .map(|job| store.add(job).unwrap())
+            .collect();
+        let mut taken = || store.take(Lane::Motion).unwrap().map(|job| job.id);
+        assert_eq!([taken(), taken(), taken(), taken()], [Some(ids[2]), Some(ids[0]), Some(ids[3]), None]);
+        let fit = store.take(Lane::Analysis).unwrap().unwrap();
+        assert_eq!((fit.id, &fit.work), (ids[1], &fit_job().work));
+        assert_eq!(store.running().unwrap().len(), 4);
+    }
+
+    #[test]
+    fn job_waits_for_its_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(folder.path()).unwrap();
+        let in_an_hour = Timestamp::now() + jiff::SignedDuration::from_hours(1);
+        store.add(&NewJob { not_before: Some(in_an_hour), ..run_job(9) }).unwrap();
+        assert_eq!(store.take(Lane::Motion).unwrap(), None);
+        let past = Timestamp::now() - jiff::SignedDuration::from_secs(1);
+        let due = store.add(&NewJob { not_before: Some(past), ..run_job(0) }).unwrap();
+        assert_eq!(store.take(Lane::Motion).unwrap().map(|job| job.id), Some(due));
+    }
+
+    #[test]
+    fn cancelled_while_waiting_is_over_and_while_running_is_asked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(folder.path()).unwrap();
+        let (first, second) = (store.add(&run_job(0)).unwrap(), store.add(&run_job(0)).unwrap());
+        store.take(Lane::Motion).unwrap();
+        assert_eq!(store.cancel(second, "not wanted").unwrap(), State::Cancelled);
+        assert_eq!(store.cancel(first, "water on the floor").unwrap(), State::Running);
+        assert_eq!(store.job(first).unwrap().cancel.as_deref(), Some("water on the floor"));
+        assert!(matches!(store.cancel(second, ""), Err(StoreError::Over { .. })));
+        assert!(matches!(store.cancel(JobId(99), ""), Err(StoreError::NoJob(JobId(99)))));
+        assert!(matches!(store.retry(first, None), Err(StoreError::NotOver { .. })));
+        store.end(first, State::Cancelled, &JobResult::default()).unwrap();
+        let again = store.retry(first, Some("dry again".into())).unwrap();
+        assert_eq!(store.job(again).unwrap().retry_of, Some(first));
+        assert_eq!([first, again].map(|id| store.repeats(id).unwrap()), [0, 1]);
+    }
+
+    #[test]
+    fn what_was_answered_is_there_when_the_database_is_opened_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(folder.path()).unwrap();
+        let id = store.add(&run_job(3)).unwrap();
+        let mut other = Store::open(folder.path()).unwrap();
+        let version = other.version().unwrap();
+        store.take(Lane::Motion).unwrap();
+        store.began(id, 4711).unwrap();
+        assert_ne!(other.version().unwrap(), version, "another process sees that something changed");
+        assert_eq!(other.job(id).unwrap().pid, Some(4711));
+        let result = JobResult { run: Some("20261120T101503Z-ab12cd".into()), ..JobResult::default() };
+        other.end(id, State::Done, &result).unwrap();
+        assert!(matches!(other.end(id, State::Lost, &result), Err(StoreError::Over { .. })));
+        drop((store, other));
+        let job = Store::open(folder.path()).unwrap().job(id).unwrap();
+        assert_eq!((job.state, job.result), (State::Done, result));
+    }
+
+    #[test]
+    fn newer_layout_is_refused_by_name_and_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        store.db.pragma_update(None, "user_version", 99).unwrap();
+        drop(store);
+        let error = Store::open(folder.path()).unwrap_err();
+        assert!(error.is_input() && error.to_string().contains("layout 99"), "{error}");
+    }
+}

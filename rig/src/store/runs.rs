@@ -1,0 +1,359 @@
+//! The index of a runs folder: a line for each run, and its coefficients. The folders are the truth; the index knows from a
+//! folder's time of change whether its line still holds.
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use rusqlite::params;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use utoipa::ToSchema;
+
+use super::{Store, StoreError};
+use crate::record::folder::{RunFolder, RunId, Status, file};
+use crate::record::{RecordError, frames, journal};
+
+/// A folder that changed this short a time before it was read may change again within the same tick of its clock.
+const RACY: Duration = Duration::from_secs(2);
+
+/// What a list of runs says of one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Summary {
+    /// Its name.
+    pub id: String,
+    /// `success`, `abort`, `fail`, `incomplete`, or `unreadable`.
+    pub status: String,
+    /// Why it did not end well, or cannot be read.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub reason: Option<String>,
+    /// When it began, UTC.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub began: Option<String>,
+    /// `drop` or `driven`.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub kind: Option<String>,
+    /// To its stop; to its last journal entry where there was no stop \[s\].
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub duration_s: Option<f64>,
+    /// Images received.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub images: Option<u64>,
+    /// The mean of the mean keypoint errors of its fit \[m\].
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub fit_error_m: Option<f64>,
+    /// The diagnosis's verdict.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub verdict: Option<String>,
+    /// It has a report.
+    #[serde(default)]
+    pub report: bool,
+}
+
+/// A coefficient as one run's fit found it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Coefficient {
+    /// The run.
+    pub run: String,
+    /// Its name, for example `g3/blunt`.
+    pub name: String,
+    /// Its value, in its own unit.
+    pub value: f64,
+    /// One standard deviation of it.
+    pub std: Option<f64>,
+    /// Whether the data determine it.
+    pub determined: bool,
+}
+
+/// What becomes of an index that is brought up to date.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Refreshed {
+    /// Runs there are.
+    pub runs: usize,
+    /// Of these, read again or for the first time.
+    pub read: usize,
+    /// Lines whose folders are gone.
+    pub gone: usize,
+}
+
+impl Summary {
+    /// Of the run in the folder `path`, which is called `id`.
+    pub fn of(id: &RunId, path: &Path) -> Self {
+        let mut summary = Self {
+            id: id.to_string(),
+            status: "unreadable".into(),
+            reason: None,
+            began: None,
+            kind: None,
+            duration_s: None,
+            images: None,
+            fit_error_m: None,
+            verdict: None,
+            report: path.join(file::REPORT).exists(),
+        };
+        match RunFolder::open(path) {
+            Ok(run) => summary.fill(&run),
+            Err(error) => summary.reason = Some(crate::error_chain::with_causes(&error)),
+        }
+        summary
+    }
+
+    fn fill(&mut self, run: &RunFolder) {
+        self.status = status(run).into();
+        self.reason = run.stop().and_then(|stop| stop.reason.clone());
+        self.began = Some(run.start().clock.utc.clone());
+        self.kind = Some(format!("{:?}", run.start().kind).to_lowercase());
+        (self.duration_s, self.images) = match run.stop() {
+            Some(stop) => (Some(stop.clock.monotonic_ns.seconds_since(run.origin())), Some(stop.images)),
+            None => (
+                journal::read(&run.file(file::JOURNAL)).ok().and_then(|entries| Some(entries.last()?.at_s)),
+                frames::read(&run.file(file::FRAMES)).ok().map(|frames| frames.len() as u64),
+            ),
+        };
+        self.fit_error_m = results(&run.file(file::FIT)).as_ref().and_then(fit_error_m);
+        let diagnosis = results(&run.file(file::DIAGNOSIS));
+        self.verdict = diagnosis.and_then(|diagnosis| Some(diagnosis["verdict"].as_str()?.to_owned()));
+    }
+
+    /// It may still be going on: its folder's time does not tell whether its line holds.
+    fn is_open(&self) -> bool {
+        self.status == "incomplete"
+    }
+}
+
+/// How a run ended, in a word.
+pub fn status(run: &RunFolder) -> &'static str {
+    match run.stop().map(|stop| stop.status) {
+        Some(Status::Success) => "success",
+        Some(Status::Abort) => "abort",
+        Some(Status::Fail) => "fail",
+        None => "incomplete",
+    }
+}
+
+fn results(path: &Path) -> Option<Value> {
+    serde_json::from_slice(&std::fs::read(path).ok()?).ok()
+}
+
+/// The mean of the mean keypoint errors in a `fit.json`, over all runs and keypoints it names \[m\].
+fn fit_error_m(fit: &Value) -> Option<f64> {
+    let errors: Vec<f64> = fit["runs"]
+        .as_array()?
+        .iter()
+        .filter_map(|run| run["keypoints"].as_array())
+        .flatten()
+        .filter_map(|keypoint| keypoint["mean_error_m"].as_f64())
+        .collect();
+    (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64)
+}
+
+fn coefficients(run: &RunId, path: &Path) -> Vec<Coefficient> {
+    let Some(fit) = results(&path.join(file::FIT)) else { return Vec::new() };
+    let each = fit["parameters"].as_array().into_iter().flatten();
+    each.filter_map(|parameter| {
+        Some(Coefficient {
+            run: run.to_string(),
+            name: parameter["name"].as_str()?.into(),
+            value: parameter["value"].as_f64()?,
+            std: parameter["std"].as_f64(),
+            determined: parameter["determined"].as_bool().unwrap_or(true),
+        })
+    })
+    .collect()
+}
+
+/// When a folder last changed \[ns since 1970\].
+fn modified_ns(path: &Path) -> std::io::Result<i64> {
+    let since = path.metadata()?.modified()?.duration_since(UNIX_EPOCH).unwrap_or_default();
+    Ok(i64::try_from(since.as_nanos()).unwrap_or(i64::MAX))
+}
+
+impl Store {
+    /// Brings the index up to date with the folders; with `anew` all of them are read again.
+    ///
+    /// # Errors
+    /// [`StoreError::Runs`] where the runs folder cannot be read, or as the database says.
+    pub fn refresh(&mut self, anew: bool) -> Result<Refreshed, StoreError> {
+        let runs_dir = self.runs_dir.clone();
+        let io = || RecordError::io("reading runs folder", &runs_dir);
+        let mut known = self.known()?;
+        let racy = SystemTime::now() - RACY;
+        let racy_ns = racy.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as i64);
+        let mut refreshed = Refreshed::default();
+        let mut stale = Vec::new();
+        for entry in std::fs::read_dir(&runs_dir).map_err(io())? {
+            let entry = entry.map_err(io())?;
+            let Ok(id) = RunId::try_from(entry.file_name().into_string().unwrap_or_default()) else {
+                continue;
+            };
+            refreshed.runs += 1;
+            let modified = modified_ns(&entry.path()).unwrap_or(0);
+            if known.remove(id.as_str()) != Some(modified) || anew {
+                // what may change unseen counts as never seen
+                let seen = if modified < racy_ns { modified } else { 0 };
+                stale.push((id, entry.path(), seen));
+            }
+        }
+        (refreshed.read, refreshed.gone) = (stale.len(), known.len());
+        if stale.is_empty() && known.is_empty() {
+            return Ok(refreshed);
+        }
+        let lines: Vec<_> = stale
+            .into_iter()
+            .map(|(id, path, seen)| {
+                let summary = Summary::of(&id, &path);
+                let seen = if summary.is_open() { 0 } else { seen };
+                (coefficients(&id, &path), summary, seen)
+            })
+            .collect();
+        self.change("bringing the index up to date in", |db| {
+            let mut remove = db.prepare("DELETE FROM runs WHERE id = ?1")?;
+            for id in known.keys().chain(lines.iter().map(|(_, summary, _)| &summary.id)) {
+                remove.execute([id])?;
+            }
+            let mut line = db.prepare("INSERT INTO runs (id, modified_ns, summary) VALUES (?1, ?2, ?3)")?;
+            let mut coefficient = db.prepare(
+                "INSERT INTO coefficients (run, name, value, std, determined) VALUES (?1, ?2, ?3, ?4, ?5)",
+            )?;
+            for (found, summary, seen) in &lines {
+                let text = serde_json::to_string(summary)
+                    .map_err(|error| rusqlite::Error::ToSqlConversionFailure(error.into()))?;
+                line.execute(params![summary.id, seen, text])?;
+                for Coefficient { run, name, value, std, determined } in found {
+                    coefficient.execute(params![run, name, value, std, determined])?;
+                }
+            }
+            Ok(())
+        })?;
+        Ok(refreshed)
+    }
+
+    /// The times of change of the folders whose lines are known.
+    fn known(&self) -> Result<HashMap<String, i64>, StoreError> {
+        let lines =
+            self.rows("SELECT id, modified_ns FROM runs", [], |row| Ok((row.get(0)?, row.get(1)?)))?;
+        Ok(lines.into_iter().collect())
+    }
+
+    /// The newest `most` runs, oldest first, as the index has them.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn runs(&self, most: usize) -> Result<Vec<Summary>, StoreError> {
+        self.runs_before(None, most)
+    }
+
+    /// The newest `most` of the runs that are older than `before`, oldest first.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn runs_before(&self, before: Option<&str>, most: usize) -> Result<Vec<Summary>, StoreError> {
+        let query = "SELECT summary FROM runs WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2";
+        let most = i64::try_from(most).unwrap_or(i64::MAX);
+        let lines: Vec<String> = self.rows(query, params![before, most], |row| row.get(0))?;
+        let read = |line: &String| {
+            serde_json::from_str(line).map_err(|error| StoreError::Damaged {
+                path: self.path.clone(),
+                what: format!("{error}; `rig runs index` makes the index again"),
+            })
+        };
+        lines.iter().rev().map(read).collect()
+    }
+
+    /// How many runs there are, by how they ended.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn runs_by_status(&self) -> Result<Vec<(String, u32)>, StoreError> {
+        let query = "SELECT summary ->> '$.status' AS status, count(*) FROM runs GROUP BY status";
+        self.rows(query, [], |row| Ok((row.get(0)?, row.get(1)?)))
+    }
+
+    /// How `name` was found, run after run.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn trend(&self, name: &str) -> Result<Vec<Coefficient>, StoreError> {
+        let query = "SELECT run, name, value, std, determined FROM coefficients WHERE name = ?1 ORDER BY run";
+        self.rows(query, [name], |row| {
+            Ok(Coefficient {
+                run: row.get(0)?,
+                name: row.get(1)?,
+                value: row.get(2)?,
+                std: row.get(3)?,
+                determined: row.get(4)?,
+            })
+        })
+    }
+
+    /// The names of all coefficients that any run's fit found.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn coefficient_names(&self) -> Result<Vec<String>, StoreError> {
+        self.rows("SELECT DISTINCT name FROM coefficients ORDER BY name", [], |row| row.get(0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FIT: &str = r#"{"parameters":[{"name":"g3/blunt","value":0.5,"std":0.01,"determined":true}],
+        "runs":[{"keypoints":[{"mean_error_m":0.001},{"mean_error_m":0.002}]}]}"#;
+
+    fn cut_short(runs_dir: &Path, id: &str) -> std::path::PathBuf {
+        let path = runs_dir.join(id);
+        std::fs::create_dir(&path).unwrap();
+        let start = serde_json::json!({
+            "id": id, "kind": "driven", "model": file::MODEL_START, "prescribed": false, "version": "0.1.0",
+            "clock": {"monotonic_ns": 5_000_000_000_u64, "utc": "2026-11-20T10:15:03Z"}, "config": "",
+        });
+        std::fs::write(path.join(file::START), start.to_string()).unwrap();
+        path
+    }
+
+    #[test]
+    fn index_follows_the_folders_and_is_the_same_when_made_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = cut_short(folder.path(), "20261120T101503Z-ab12cd");
+        std::fs::create_dir(folder.path().join("20261120T101504Z-ab12cd")).unwrap();
+        let mut store = Store::open(folder.path()).unwrap();
+        assert_eq!(store.refresh(false).unwrap(), Refreshed { runs: 2, read: 2, gone: 0 });
+        let statuses: Vec<_> = store.runs(9).unwrap().into_iter().map(|run| run.status).collect();
+        assert_eq!(statuses, ["incomplete", "unreadable"]);
+
+        std::fs::write(path.join(file::FIT), FIT).unwrap();
+        std::fs::remove_dir(folder.path().join("20261120T101504Z-ab12cd")).unwrap();
+        assert_eq!(store.refresh(false).unwrap(), Refreshed { runs: 1, read: 1, gone: 1 });
+        let kept = store.runs(9).unwrap();
+        assert_eq!(kept[0].fit_error_m, Some(0.0015));
+        let trend = store.trend("g3/blunt").unwrap();
+        assert_eq!((trend.len(), trend[0].value, trend[0].std), (1, 0.5, Some(0.01)));
+
+        drop(store);
+        std::fs::remove_file(folder.path().join(super::super::FILE)).unwrap();
+        let mut store = Store::open(folder.path()).unwrap();
+        store.refresh(true).unwrap();
+        assert_eq!(store.runs(9).unwrap(), kept);
+        assert_eq!(store.trend("g3/blunt").unwrap(), trend);
+    }
+
+    #[test]
+    fn run_whose_folder_has_not_changed_for_a_while_is_not_read_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = cut_short(folder.path(), "20261120T101503Z-ab12cd");
+        let stop = serde_json::json!({
+            "status": "success", "clock": {"monotonic_ns": 8_500_000_000_u64, "utc": "2026-11-20T10:15:06Z"},
+            "servo": "acknowledged", "images": 350, "images_lost": 0, "messages_dropped": 0,
+        });
+        std::fs::write(path.join(file::STOP), stop.to_string()).unwrap();
+        let an_hour_ago = SystemTime::now() - Duration::from_secs(3600);
+        std::fs::File::open(&path).unwrap().set_modified(an_hour_ago).unwrap();
+        let mut store = Store::open(folder.path()).unwrap();
+        assert_eq!(store.refresh(false).unwrap().read, 1);
+        assert_eq!(store.refresh(false).unwrap().read, 0);
+        let run = &store.runs(1).unwrap()[0];
+        assert_eq!((run.status.as_str(), run.duration_s, run.images), ("success", Some(3.5), Some(350)));
+    }
+}

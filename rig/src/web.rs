@@ -1,0 +1,105 @@
+//! Who may ask a server that is meant for the people at this machine: its own page, and programs that a person started here; no
+//! page from elsewhere that a browser on this machine happens to show.
+//!
+//! A browser can be made to send requests to the loopback in two ways. A page from elsewhere asks directly: then `Origin` and
+//! `Sec-Fetch-Site` say so. Or a name is first made to point at that page and then at this machine: then the request counts as one
+//! from the page itself, and only `Host` tells. All three are looked at.
+
+use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
+
+/// What a page of such a server may load: itself, and pictures that its script has fetched.
+pub const POLICY: &str = "default-src 'none'; style-src 'self'; script-src 'self'; connect-src 'self'; img-src 'self' blob:; \
+                          base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// What every answer says to the browser.
+pub const HEADERS: [(HeaderName, &str); 4] = [
+    (header::CACHE_CONTROL, "no-store"),
+    (header::CONTENT_SECURITY_POLICY, POLICY),
+    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+    (header::REFERRER_POLICY, "no-referrer"),
+];
+
+/// The names by which a server is asked.
+#[derive(Debug, Clone, Default)]
+pub struct Hosts {
+    /// Beside those of the loopback.
+    others: Vec<String>,
+}
+
+impl Hosts {
+    /// Those of the loopback, and `others`.
+    pub fn and(others: impl IntoIterator<Item = String>) -> Self {
+        Self { others: others.into_iter().map(|name| name.to_ascii_lowercase()).collect() }
+    }
+
+    /// Whether `host`, as a browser names whom it asks, is this server: a page from elsewhere whose name was made to point here is
+    /// not.
+    pub fn know(&self, host: &str) -> bool {
+        let name = match host.rsplit_once(':') {
+            Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) => name,
+            _ => host,
+        }
+        .to_ascii_lowercase();
+        ["127.0.0.1", "localhost", "[::1]"].contains(&name.as_str()) || self.others.contains(&name)
+    }
+
+    /// Whether a page of this server, or no page at all, asks with these `headers`.
+    pub fn is_own(&self, headers: &HeaderMap) -> bool {
+        let text = |name: HeaderName| {
+            headers.get(name).map(|value: &HeaderValue| value.to_str().unwrap_or_default())
+        };
+        let Some(host) = text(header::HOST) else { return false };
+        let same = |origin: &str| {
+            let origin = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
+            origin.is_some_and(|origin| origin == host)
+        };
+        let site = HeaderName::from_static("sec-fetch-site");
+        self.know(host)
+            && text(header::ORIGIN).is_none_or(same)
+            // "none": typed into the address bar
+            && text(site).is_none_or(|site| ["same-origin", "none"].contains(&site))
+    }
+}
+
+/// Puts [`HEADERS`] where the answer has none of its own.
+pub fn protect(headers: &mut HeaderMap) {
+    for (name, value) in HEADERS {
+        headers.entry(name).or_insert(HeaderValue::from_static(value));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asked(headers: &[(&'static str, &'static str)]) -> bool {
+        let named = |(name, value): &(&'static str, &'static str)| {
+            (HeaderName::from_static(name), HeaderValue::from_static(value))
+        };
+        Hosts::and(["rig.lab".to_owned()]).is_own(&headers.iter().map(named).collect())
+    }
+
+    #[test]
+    fn own_page_and_programs_may_ask_and_pages_from_elsewhere_may_not() {
+        for own in [
+            &[("host", "127.0.0.1:8080")][..],
+            &[("host", "LocalHost:8080"), ("sec-fetch-site", "none")],
+            &[("host", "[::1]:8080"), ("origin", "http://[::1]:8080"), ("sec-fetch-site", "same-origin")],
+            &[("host", "rig.lab"), ("origin", "https://rig.lab")],
+        ] {
+            assert!(asked(own), "{own:?}");
+        }
+        for foreign in [
+            &[][..],
+            &[("host", "evil.example:8080")],
+            &[("host", "127.0.0.1.evil.example")],
+            &[("host", "127.0.0.1:8080"), ("origin", "http://evil.example")],
+            &[("host", "127.0.0.1:8080"), ("origin", "null")],
+            &[("host", "127.0.0.1:8080"), ("origin", "http://127.0.0.1:9090")],
+            &[("host", "127.0.0.1:8080"), ("sec-fetch-site", "cross-site")],
+            &[("host", "127.0.0.1:8080"), ("sec-fetch-site", "same-site")],
+        ] {
+            assert!(!asked(foreign), "{foreign:?}");
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! A mock rig with a daemon on it.
+
+use Command;
+use std::path::{Path, PathBuf};
+
+use rustix::process::Pid;
+
+use crate::{Background, changed_config, only_run, printed, rig, run_rig, set, wait_until};
+
+/// A time that does not come.
+const NEVER: &str = "0 0 1 1 *";
+
+fn short_experiment(config: &mut toml::Table, cron: &str) {
+    set(config, "profile", "cycles", 1);
+    set(config, "profile", "soft_start_cycles", 0);
+    set(config, "fit", "parameters", vec!["q2/damping".to_owned()]);
+    set(config, "run", "diagnose", false);
+    set(config, "schedule", "cron", cron);
+}
+
+/// A rig with a daemon on it.
+#[derive(Debug)]
+pub struct Bench {
+    folder: tempfile::TempDir,
+    /// The rig's config.
+    pub config: PathBuf,
+    /// Its runs.
+    pub runs: PathBuf,
+}
+
+impl Bench {
+    /// A short experiment on the schedule `cron`.
+    pub fn new(cron: &str) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let runs = folder.path().join("runs");
+        let config = changed_config("chain-driven-pose-1.toml", folder.path(), |config| {
+            short_experiment(config, cron);
+        });
+        Self { folder, config, runs }
+    }
+
+    /// One whose schedule begins nothing.
+    pub fn quiet() -> Self {
+        Self::new(NEVER)
+    }
+
+    /// The daemon, not started yet.
+    pub fn daemon(&self, more: &[&str]) -> Command {
+        let mut daemon =
+            rig(["daemon".as_ref(), self.config.as_os_str(), "--runs-dir".as_ref(), self.runs.as_os_str()]);
+        daemon.args(more);
+        daemon
+    }
+
+    /// A daemon that has started.
+    pub fn start(&self, more: &[&str]) -> Background {
+        let log =
+            std::fs::File::options().create(true).append(true).open(self.folder.path().join("daemon.log"));
+        let last = if more.is_empty() { "\"started\"" } else { "\"serving\"" };
+        let before = self.journal().matches(last).count();
+        let daemon = Background::told(self.daemon(more), log.expect("a log"));
+        wait_until("the daemon's start", 10.0, || self.journal().matches(last).count() > before);
+        daemon
+    }
+
+    /// The daemon's journal.
+    pub fn journal(&self) -> String {
+        std::fs::read_to_string(self.runs.join("daemon.jsonl")).unwrap_or_default()
+    }
+
+    /// What `rig jobs` says.
+    pub fn jobs(&self, args: &[&str]) -> String {
+        let output = run_rig([&["jobs", "--runs-dir", self.runs.to_str().expect("readable")], args].concat());
+        assert!(output.status.success(), "{}", printed(&output));
+        String::from_utf8(output.stdout).expect("text")
+    }
+
+    /// Adds a run to the queue.
+    pub fn add_run(&self) {
+        self.jobs(&["add", "run", self.config.to_str().expect("readable")]);
+    }
+
+    /// The line of `rig jobs ls` of the job `id`.
+    pub fn job(&self, id: u32) -> String {
+        let jobs = self.jobs(&["ls"]);
+        let line = jobs.lines().find(|line| line.trim_start().starts_with(&format!("{id} ")));
+        line.unwrap_or_default().to_owned()
+    }
+
+    /// Waits until the job `id` is in a state that its line names.
+    pub fn wait(&self, id: u32, states: &[&str], seconds: f64) -> String {
+        let what = format!("job {id}: {states:?}\n{}", self.jobs(&["ls"]));
+        wait_until(&what, seconds, || states.iter().any(|state| self.job(id).contains(state)));
+        self.job(id)
+    }
+
+    /// Waits until the mechanism of the only run moves; gives the run's folder.
+    pub fn wait_for_motion(&self) -> PathBuf {
+        wait_until("a motion", 30.0, || {
+            only_run(&self.runs).is_some_and(|run| has(&run, "\"armed\"") || has(&run, "arming"))
+        });
+        only_run(&self.runs).expect("a run")
+    }
+
+    /// The process that does the newest job that began.
+    pub fn job_process(&self) -> Pid {
+        let journal = self.journal();
+        let began = journal.lines().rfind(|line| line.contains("\"job-began\"")).expect("a job began");
+        let began: serde_json::Value = serde_json::from_str(began).expect("a line of the journal");
+        Pid::from_raw(began["pid"].as_i64().expect("its process") as i32).expect("a process")
+    }
+}
+
+fn has(run: &Path, event: &str) -> bool {
+    std::fs::read_to_string(run.join("journal.jsonl")).is_ok_and(|text| text.contains(event))
+}

@@ -1,0 +1,222 @@
+//! The daemon over HTTP: what its page and programs may do, and what nobody else may.
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::time::{Duration, Instant};
+
+use system_tests::daemon::Bench;
+use system_tests::http::{Answer, Events, ask};
+use system_tests::{Background, in_real_time, json};
+
+/// A daemon that serves.
+struct Served {
+    bench: Bench,
+    _daemon: Background,
+    address: SocketAddr,
+    token: String,
+}
+
+impl Served {
+    fn start(listen: &str) -> Self {
+        let bench = Bench::quiet();
+        let daemon = bench.start(&["--listen", listen, "--host", "rig.lab"]);
+        let journal = bench.journal();
+        let serving = journal.lines().rfind(|line| line.contains("\"serving\"")).expect("it serves");
+        let serving: serde_json::Value = serde_json::from_str(serving).expect("a line of the journal");
+        let address: SocketAddr =
+            serving["address"].as_str().expect("its address").parse().expect("an address");
+        let token = std::fs::read_to_string(bench.runs.join(".token")).expect("a token");
+        Self { bench, _daemon: daemon, address: ([127, 0, 0, 1], address.port()).into(), token }
+    }
+
+    fn get(&self, path: &str) -> Answer {
+        ask(self.address, "GET", path, "Host: localhost\r\n", "")
+    }
+
+    fn post(&self, path: &str, body: &str) -> Answer {
+        let head = format!(
+            "Host: localhost\r\nContent-Type: application/json\r\nAuthorization: Bearer {}\r\n",
+            self.token
+        );
+        ask(self.address, "POST", path, &head, body)
+    }
+}
+
+#[test]
+fn a_run_is_queued_watched_and_its_fit_read() {
+    let _turn = in_real_time();
+    let served = Served::start("127.0.0.1:0");
+    let mut events = Events::listen(served.address, "/api/v1/events");
+    assert_eq!(events.next()["jobs"], serde_json::json!([]));
+    let added = served.post("/api/v1/rigs/rig/jobs", r#"{"work":{"kind":"run"},"why":"a test"}"#);
+    assert_eq!((added.status, &added.json()["job"]), (201, &1.into()), "{}", added.body);
+    let mut states = Vec::new();
+    let run = loop {
+        let event = events.next();
+        let jobs = event["jobs"].as_array().expect("jobs");
+        let Some(job) = jobs.iter().find(|job| job["id"] == 1) else { continue };
+        states.push(job["state"].as_str().expect("a state").to_owned());
+        if job["state"] == "done" {
+            break job["run"].as_str().expect("its run").rsplit('/').next().expect("its id").to_owned();
+        }
+    };
+    states.dedup();
+    assert!(["queued,running,done", "running,done"].contains(&states.join(",").as_str()), "{states:?}");
+
+    let runs = served.get("/api/v1/rigs/rig/runs").json();
+    assert_eq!((&runs[0]["id"], &runs[0]["status"]), (&run.as_str().into(), &"success".into()), "{runs}");
+    let fit = served.get(&format!("/api/v1/rigs/rig/runs/{run}/fit.json")).json();
+    let name = fit["parameters"][0]["name"].as_str().expect("a name").to_owned();
+    assert_eq!(served.get("/api/v1/rigs/rig/coefficients").json(), serde_json::json!([name]));
+    let trend = served.get(&format!("/api/v1/rigs/rig/trend?name={}", name.replace('/', "%2F"))).json();
+    assert_eq!(
+        (&trend[0]["run"], &trend[0]["value"]),
+        (&run.as_str().into(), &fit["parameters"][0]["value"])
+    );
+    let report = served.get(&format!("/api/v1/rigs/rig/runs/{run}/report.html"));
+    assert!(report.status == 200 && report.head.contains("sandbox"), "{}", report.head);
+
+    let metrics = served.get("/metrics").body;
+    assert!(metrics.contains("rig_runs{rig=\"rig\",status=\"success\"} 1"), "{metrics}");
+    let document = served.get("/api/v1/openapi.json").json();
+    for path in document["paths"].as_object().expect("paths").keys() {
+        let filled = path
+            .replace("{rig}", "rig")
+            .replace("{run}", &run)
+            .replace("{job}", "1")
+            .replace("{file}", "fit.json");
+        let filled = if filled.ends_with("trend") { format!("{filled}?name={name}") } else { filled };
+        let reads = document["paths"][path].get("get").is_some() && !path.ends_with("events");
+        if reads {
+            assert_eq!(served.get(&filled).status, 200, "{filled}");
+        }
+    }
+}
+
+#[test]
+fn stop_reaches_the_board_within_a_tenth_of_a_second() {
+    let _turn = in_real_time();
+    let served = Served::start("127.0.0.1:0");
+    assert_eq!(served.post("/api/v1/rigs/rig/stop", "{}").json(), serde_json::json!([]), "nothing moves");
+    served.post("/api/v1/rigs/rig/jobs", r#"{"work":{"kind":"run"}}"#);
+    let run = served.bench.wait_for_motion();
+    let clicked = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+    let stopped = served.post("/api/v1/rigs/rig/stop", r#"{"why":"a hand on the tank"}"#);
+    assert_eq!(stopped.json()[0]["job"], 1, "{}", stopped.body);
+    served.bench.wait(1, &["cancelled"], 5.0);
+    assert_eq!(json(&run.join("stop.json"))["servo"], "acknowledged");
+    let journal = std::fs::read_to_string(run.join("journal.jsonl")).expect("a journal");
+    let start = json(&run.join("start.json"));
+    let origin_ns = start["clock"]["monotonic_ns"].as_u64().expect("a stamp");
+    let stop: serde_json::Value = journal
+        .lines()
+        .map(|line| serde_json::from_str::<serde_json::Value>(line).expect("a line"))
+        .rfind(|line| line["event"] == "servo-stopped")
+        .unwrap_or_else(|| panic!("no stop in {journal}"));
+    let clicked_s = (clicked.tv_sec as f64) + clicked.tv_nsec as f64 * 1e-9 - origin_ns as f64 * 1e-9;
+    let took_s = stop["at_s"].as_f64().expect("a time") - clicked_s;
+    println!("from the click to the board's answer: {:.1} ms", took_s * 1e3);
+    assert!(took_s < 0.1, "{took_s} s");
+}
+
+#[test]
+fn pages_from_elsewhere_guesses_and_ways_out_of_the_folder_lead_nowhere() {
+    let _turn = in_real_time();
+    let served = Served::start("127.0.0.1:0");
+    let secret = served.bench.runs.parent().expect("a folder").join("secret.json");
+    std::fs::write(&secret, "secret").expect("a file");
+    for head in [
+        "Host: evil.example\r\n",
+        "Host: localhost\r\nOrigin: http://evil.example\r\n",
+        "Host: localhost\r\nSec-Fetch-Site: cross-site\r\n",
+    ] {
+        let answer = ask(served.address, "GET", "/api/v1/rigs", head, "");
+        assert_eq!(answer.status, 403, "{head}: {}", answer.body);
+        assert!(answer.head.contains("content-security-policy: default-src 'none'"), "{}", answer.head);
+    }
+    assert_eq!(
+        ask(served.address, "GET", "/api/v1/rigs", "Host: rig.lab\r\n", "").status,
+        200,
+        "a named host"
+    );
+    let run = r#"{"work":{"kind":"run"}}"#;
+    let guesses = [String::new(), "Bearer ".into(), "Bearer x".into(), format!("bearer{}", served.token)];
+    let wrong = format!("Bearer {}", "A".repeat(served.token.len()));
+    for guess in guesses.iter().chain([&wrong]) {
+        let head = format!("Host: localhost\r\nContent-Type: application/json\r\nAuthorization: {guess}\r\n");
+        for path in ["/api/v1/rigs/rig/jobs", "/api/v1/rigs/rig/stop", "/api/v1/rigs/rig/jobs/1/cancel"] {
+            assert_eq!(ask(served.address, "POST", path, &head, run).status, 401, "{guess} {path}");
+        }
+    }
+    let plain =
+        format!("Host: localhost\r\nContent-Type: text/plain\r\nAuthorization: Bearer {}\r\n", served.token);
+    assert_eq!(ask(served.address, "POST", "/api/v1/rigs/rig/jobs", &plain, run).status, 415);
+    for body in [
+        r#"{"work":{"kind":"run","config":"/etc/passwd"}}"#,
+        r#"{"work":{"kind":"replay","run":"../../secret"}}"#,
+        r#"{"work":{"kind":"fly"}}"#,
+        "{",
+    ] {
+        let status = served.post("/api/v1/rigs/rig/jobs", body).status;
+        assert!([400, 422].contains(&status), "{body}: {status}");
+    }
+    assert_eq!(
+        served.post("/api/v1/rigs/rig/jobs", &format!("{{\"why\":\"{}\"}}", "x".repeat(1 << 20))).status,
+        413
+    );
+    for path in [
+        "/api/v1/rigs/rig/runs/..%2F..%2Fsecret.json",
+        "/api/v1/rigs/rig/runs/../secret.json",
+        "/api/v1/rigs/rig/runs/20261120T101503Z-ab12cd/..%2F..%2F..%2Fsecret.json",
+        "/api/v1/rigs/rig/runs/20261120T101503Z-ab12cd/recording.mcap",
+        "/api/v1/rigs/..%2F/jobs",
+        "/api/v1/rigs/rig/jobs/99",
+        "/.token",
+    ] {
+        let answer = served.get(path);
+        assert_eq!(answer.status, 404, "{path}");
+        assert!(!answer.body.contains("secret\n") && !answer.body.contains(&served.token), "{}", answer.body);
+    }
+    assert_eq!(served.bench.jobs(&["ls"]), "no jobs yet\n", "nothing was queued");
+}
+
+#[test]
+fn off_the_loopback_reading_wants_the_token_too() {
+    let _turn = in_real_time();
+    let served = Served::start("0.0.0.0:0");
+    assert_eq!(served.get("/api/v1/rigs").status, 401);
+    let head = format!("Host: localhost\r\nAuthorization: Bearer {}\r\n", served.token);
+    assert_eq!(ask(served.address, "GET", "/api/v1/rigs", &head, "").status, 200);
+}
+
+#[test]
+fn clients_that_stall_hold_up_neither_the_others_nor_a_run() {
+    let _turn = in_real_time();
+    let served = Served::start("127.0.0.1:0");
+    // one that never ends its request, and fifty that listen and never read
+    let mut drip = TcpStream::connect(served.address).expect("a connection");
+    let head = format!(
+        "POST /api/v1/rigs/rig/stop HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n\
+         Authorization: Bearer {}\r\nContent-Length: 1000\r\n\r\n{{",
+        served.token
+    );
+    drip.write_all(head.as_bytes()).expect("half a request");
+    let listeners: Vec<Events> = (0..50).map(|_| Events::listen(served.address, "/api/v1/events")).collect();
+    served.post("/api/v1/rigs/rig/jobs", r#"{"work":{"kind":"run","film_only":true}}"#);
+    let began = Instant::now();
+    while !served.bench.job(1).contains("done") {
+        let asked = Instant::now();
+        assert_eq!(served.get("/api/v1/rigs").status, 200);
+        assert!(asked.elapsed() < Duration::from_secs(2), "{:?}", asked.elapsed());
+        assert!(began.elapsed() < Duration::from_secs(60), "{}", served.bench.jobs(&["ls"]));
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    let run = system_tests::only_run(&served.bench.runs).expect("a run");
+    let stop = json(&run.join("stop.json"));
+    assert_eq!((&stop["images_lost"], &stop["messages_dropped"]), (&0.into(), &0.into()), "{stop}");
+    drip.set_read_timeout(Some(Duration::from_secs(20))).expect("a timeout");
+    let mut answer = String::new();
+    let _ = drip.read_to_string(&mut answer);
+    assert!(answer.starts_with("HTTP/1.1 408"), "{answer}");
+    drop(listeners);
+}
