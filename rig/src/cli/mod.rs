@@ -25,10 +25,12 @@ pub mod run;
 pub mod runs;
 pub mod simulate;
 pub mod status;
+pub mod verb;
 
 use std::path::PathBuf;
 
 pub use crate::app::{Failure, InRun};
+pub use verb::{Cli, Verb};
 
 /// What a verb has to say on success: lines for people, paths for `--json`.
 #[derive(Debug, Default, serde::Serialize)]
