@@ -18,6 +18,7 @@ pub mod list;
 pub mod mock_board;
 pub mod mock_camera;
 pub mod new;
+pub mod packaging;
 pub mod preview;
 pub mod progress;
 pub mod replay;

@@ -4,8 +4,8 @@ use clap::{Parser, Subcommand};
 
 use super::{
     Failure, Outcome, calibrate, daemon, design, diagnose, doctor, estop, experiment, export, extract,
-    firmware, fit, import, jog, list, mock_board, mock_camera, new, preview, replay, run, runs, simulate,
-    status,
+    firmware, fit, import, jog, list, mock_board, mock_camera, new, packaging, preview, replay, run, runs,
+    simulate, status,
 };
 
 /// Runs tank experiments: drives, films, extracts, fits, reports, replays.
@@ -72,6 +72,9 @@ pub enum Verb {
     Export(export::Args),
     /// Take over keypoints that other programs found
     Import(import::Args),
+    /// Write completions and man pages
+    #[command(hide = true)]
+    Packaging(packaging::Args),
 }
 
 impl Verb {
@@ -104,6 +107,7 @@ impl Verb {
             Self::Runs(args) => runs::run(args),
             Self::Export(args) => export::run(args),
             Self::Import(args) => import::run(args),
+            Self::Packaging(args) => packaging::run(args),
         }
     }
 }
