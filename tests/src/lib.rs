@@ -6,6 +6,7 @@ pub mod fish;
 pub mod hidden;
 pub mod journal;
 pub mod ordinary;
+pub mod outside;
 pub mod planes;
 pub mod soak;
 pub mod soft_arm;
