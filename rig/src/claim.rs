@@ -69,7 +69,8 @@ impl Claim {
 
     /// The process that holds the lock file at `path`, if one does.
     pub fn holder(path: &Path) -> Option<u32> {
-        let mut file = File::open(path).ok()?;
+        // Another user's file can only be read, one on a network's disk only be locked by who may write.
+        let mut file = open_existing(path).or_else(|_| File::open(path)).ok()?;
         match file.try_lock() {
             Err(TryLockError::WouldBlock) => read_pid(&mut file),
             _ => None,
@@ -84,11 +85,14 @@ fn open(path: &Path) -> std::io::Result<File> {
     OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)
 }
 
+fn open_existing(path: &Path) -> std::io::Result<File> {
+    OpenOptions::new().read(true).write(true).open(path)
+}
+
 /// Opens a lock file that other users open too. Where it is there it is not created: in a folder of everybody's the kernel refuses
 /// that for a file of another user's (`fs.protected_regular`).
 fn open_for_all(path: &Path) -> std::io::Result<File> {
-    let existing = || OpenOptions::new().read(true).write(true).open(path);
-    match existing() {
+    match open_existing(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => {}
         opened => return opened,
     }
@@ -97,7 +101,7 @@ fn open_for_all(path: &Path) -> std::io::Result<File> {
             file.set_permissions(Permissions::from_mode(0o666))?;
             Ok(file)
         }
-        Err(error) if error.kind() == ErrorKind::AlreadyExists => existing(),
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => open_existing(path),
         refused => refused,
     }
 }
