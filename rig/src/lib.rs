@@ -5,8 +5,9 @@
 //! keypoints, [`analysis`] gives the run's trajectory to `ident`, and [`report`] shows what came out.
 //!
 //! Rooms, each of which knows only those before it:
-//! * [`error_chain`], [`reasons`], [`lettering`], [`claim`], [`schedule`], [`web`], [`clock`], [`calibration`]: an error's causes, reasons told
-//!   together, words in pictures, what one process has alone, when a daemon runs, who may ask a server of this machine, ticks and stamps on one clock, pixels in metres;
+//! * [`error_chain`], [`reasons`], [`lettering`], [`claim`], [`schedule`], [`service`], [`web`], [`clock`], [`calibration`]: an error's
+//!   causes, reasons told together, words in pictures, what one process has alone, when a daemon runs, what it tells its manager, who may
+//!   ask a server of this machine, ticks and stamps on one clock, pixels in metres;
 //! * [`camera`], [`servo`]: the two traits, and a real, a mock and a recorded device behind each;
 //! * [`profile`], [`tank`], [`record`]: the stroke, the simulated tank behind the mocks, run folders and recordings;
 //! * [`images`], [`report`], [`calibrate`]: where images come from, the page that is made of results, pictures of a board to a plane;
@@ -42,6 +43,7 @@ pub mod record;
 pub mod report;
 pub mod run;
 pub mod schedule;
+pub mod service;
 pub mod servo;
 pub mod setup;
 pub mod store;

@@ -8,6 +8,7 @@ pub mod hidden;
 pub mod http;
 pub mod journal;
 pub mod ordinary;
+pub mod outside;
 pub mod planes;
 pub mod soak;
 pub mod soft_arm;

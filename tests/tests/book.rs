@@ -40,6 +40,11 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("scripts/paper-recipe", "needs films of minutes, and scikit-image"),
     ("python3 scripts/in-mujoco.py", "needs MuJoCo and a driven run; in_mujoco runs it"),
     ("python3 \"$RIG_SHARED/", "measures MuJoCo, minutes"),
+    ("scripts/package", "builds a release, minutes"),
+    ("printf '\\n[schedule]", "changes the system; scripts/package-test does it in a root of its own"),
+    ("sudo ", "changes the system; scripts/package-test does the same in a root of its own"),
+    ("systemctl status", "needs the service; scripts/package-test starts it"),
+    ("journalctl ", "needs the service; scripts/package-test starts it"),
 ];
 
 /// The pages whose commands are gone through, in the order in which a stranger reads them.

@@ -2,11 +2,11 @@
 //! exit code is 3.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use rustix::process::Signal;
+use system_tests::outside::{Outside, journal_holds};
 use system_tests::{
-    Background, changed_config, in_real_time, json, only_run, printed, rig, run_rig, set, wait_until,
+    Background, changed_config, in_real_time, json, only_run, printed, run_rig, set, wait_until,
 };
 
 const CONFIG: &str = "chain-driven-pose-1.toml";
@@ -22,10 +22,6 @@ fn assert_incomplete(run: &Path, status: &str, reason: &str) {
     assert!(images > 20, "{images} images");
     let shown = run_rig(["runs".as_ref(), "show".as_ref(), run.as_os_str()]);
     assert!(shown.status.success() && printed(&shown).contains(reason), "{}", printed(&shown));
-}
-
-fn journal_holds(run: &Path, event: &str) -> bool {
-    std::fs::read_to_string(run.join("journal.jsonl")).is_ok_and(|journal| journal.contains(event))
 }
 
 /// Plays one fault in process and gives back the run.
@@ -60,65 +56,6 @@ fn each_fault_in_process_ends_in_the_safe_stop_with_its_reason() {
     }
 }
 
-/// The mocks as processes, and a config that uses them.
-struct Outside {
-    board: Background,
-    camera: Background,
-    config: PathBuf,
-    runs: PathBuf,
-    tank: PathBuf,
-}
-
-fn outside(folder: &Path) -> Outside {
-    let tank = folder.join("tank");
-    std::fs::create_dir(&tank).expect("a folder");
-    let shipped = system_tests::config("tanks/chain-driven-pose-1.toml");
-    let mut table: toml::Table =
-        std::fs::read_to_string(&shipped).expect("the shipped tank").parse().expect("TOML");
-    let model = shipped.with_file_name(table["model"].as_str().expect("a model"));
-    table.insert("model".into(), model.to_str().expect("a readable path").into());
-    std::fs::write(tank.join("tank.toml"), table.to_string()).expect("a tank");
-    let board = Background::start(rig(["mock-board".as_ref(), "--tank".as_ref(), tank.as_os_str()]));
-    let camera = Background::start(rig(["mock-camera".as_ref(), "--tank".as_ref(), tank.as_os_str()]));
-    wait_until("both mocks", 10.0, || tank.join("board").exists() && tank.join("camera.sock").exists());
-    let config = changed_config(CONFIG, folder, |config| {
-        let path = tank.to_str().expect("a readable path");
-        config.remove("mock");
-        set(config, "servo", "kind", "serial");
-        set(config, "servo", "port", format!("{path}/board"));
-        set(config, "camera", "kind", "socket");
-        set(config, "camera", "tank", path);
-        set(config, "profile", "cycles", 3);
-    });
-    Outside { board, camera, config, runs: folder.join("runs"), tank }
-}
-
-impl Outside {
-    fn start(&self) -> Background {
-        Background::start(rig([
-            "run".as_ref(),
-            self.config.as_os_str(),
-            "--runs-dir".as_ref(),
-            self.runs.as_os_str(),
-        ]))
-    }
-
-    fn wait_for_motion(&self) -> PathBuf {
-        wait_until("the profile's start", 60.0, || {
-            only_run(&self.runs).is_some_and(|run| journal_holds(&run, "profile-started"))
-        });
-        std::thread::sleep(Duration::from_millis(300));
-        only_run(&self.runs).expect("one run folder")
-    }
-
-    /// The last pulse the board put out on channel 0; none when it is detached.
-    fn last_pulse(&self) -> Option<String> {
-        let log = std::fs::read_to_string(self.tank.join("servo.log")).expect("the board's pulses");
-        let last = log.lines().rfind(|line| line.split(',').nth(1) == Some("0"))?;
-        last.split(',').nth(2).filter(|pulse| *pulse != "-").map(str::to_owned)
-    }
-}
-
 fn exit_code(process: &mut Background) -> Option<i32> {
     let mut code = None;
     wait_until("the end of rig run", 20.0, || {
@@ -132,7 +69,7 @@ fn exit_code(process: &mut Background) -> Option<i32> {
 fn killed_board_process_leaves_a_readable_run_and_exit_code_3() {
     let _turn = in_real_time();
     let folder = tempfile::tempdir().expect("a folder");
-    let outside = outside(folder.path());
+    let outside = Outside::new(CONFIG, folder.path());
     let mut running = outside.start();
     let run = outside.wait_for_motion();
     outside.board.signal(Signal::KILL);
@@ -144,7 +81,7 @@ fn killed_board_process_leaves_a_readable_run_and_exit_code_3() {
 fn stalled_camera_process_stops_the_servo() {
     let _turn = in_real_time();
     let folder = tempfile::tempdir().expect("a folder");
-    let outside = outside(folder.path());
+    let outside = Outside::new(CONFIG, folder.path());
     let mut running = outside.start();
     let run = outside.wait_for_motion();
     outside.camera.signal(Signal::STOP);
@@ -158,7 +95,7 @@ fn stalled_camera_process_stops_the_servo() {
 fn killed_rig_leaves_the_servo_to_the_dead_man_and_a_run_that_is_readable() {
     let _turn = in_real_time();
     let folder = tempfile::tempdir().expect("a folder");
-    let outside = outside(folder.path());
+    let outside = Outside::new(CONFIG, folder.path());
     let running = outside.start();
     let run = outside.wait_for_motion();
     running.signal(Signal::KILL);
@@ -173,7 +110,7 @@ fn killed_rig_leaves_the_servo_to_the_dead_man_and_a_run_that_is_readable() {
 fn sigterm_stops_the_servo_first_and_marks_the_run_aborted() {
     let _turn = in_real_time();
     let folder = tempfile::tempdir().expect("a folder");
-    let outside = outside(folder.path());
+    let outside = Outside::new(CONFIG, folder.path());
     let mut running = outside.start();
     let run = outside.wait_for_motion();
     let told = std::time::Instant::now();
@@ -189,7 +126,7 @@ fn sigterm_stops_the_servo_first_and_marks_the_run_aborted() {
 fn estop_from_beside_a_running_rig_stops_it() {
     let _turn = in_real_time();
     let folder = tempfile::tempdir().expect("a folder");
-    let outside = outside(folder.path());
+    let outside = Outside::new(CONFIG, folder.path());
     let mut running = outside.start();
     outside.wait_for_motion();
     let output = run_rig(["estop".as_ref(), outside.config.as_os_str()]);

@@ -4,10 +4,11 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
+use rustix::io::Errno;
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::{Failure, Outcome};
-use crate::claim::{Claim, port_lock};
+use crate::claim::{Claim, has_open, port_lock};
 use crate::config::RigConfig;
 use crate::servo::StopOutcome;
 use crate::servo::bus;
@@ -60,8 +61,17 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
 fn tell(holder: u32, port: &str) -> Result<Outcome, Failure> {
     let process = i32::try_from(holder).ok().and_then(Pid::from_raw);
     let process = process.ok_or_else(|| Failure::Internal(anyhow!("process id {holder} is none")))?;
+    if has_open(holder, &port_lock(port)) == Some(false) {
+        return Err(Failure::Hardware(anyhow!(
+            "{port} is held, but not by process {holder}, as its lock file has it; cut the board's power if anything moves"
+        )));
+    }
     kill_process(process, Signal::TERM).map_err(|error| {
-        Failure::Hardware(anyhow!("telling process {holder}, which holds {port}: {error}"))
+        let remedy = match error {
+            Errno::PERM => "it is another user's: try again with sudo",
+            _ => "cut the board's power if anything moves",
+        };
+        Failure::Hardware(anyhow!("telling process {holder}, which holds {port}: {error}; {remedy}"))
     })?;
     let deadline = Instant::now() + RELEASE_TIMEOUT;
     while Claim::holder(&port_lock(port)) == Some(holder) {

@@ -19,6 +19,7 @@ pub mod list;
 pub mod mock_board;
 pub mod mock_camera;
 pub mod new;
+pub mod packaging;
 pub mod preview;
 pub mod progress;
 pub mod recalibrate;
@@ -27,10 +28,12 @@ pub mod run;
 pub mod runs;
 pub mod simulate;
 pub mod status;
+pub mod verb;
 
 use std::path::PathBuf;
 
 pub use crate::app::{Failure, InRun};
+pub use verb::{Cli, Verb};
 
 /// What a verb has to say on success: lines for people, paths for `--json`.
 #[derive(Debug, Default, serde::Serialize)]

@@ -56,6 +56,8 @@ impl Running {
         std::fs::create_dir_all(&folder).map_err(Failure::internal)?;
         let mut command = Command::new(std::env::current_exe().map_err(Failure::internal)?);
         command.arg("--json").env(hand_in::JOB, job.id.to_string());
+        // the manager is the daemon's
+        command.env_remove("NOTIFY_SOCKET").env_remove("WATCHDOG_USEC");
         arguments(&mut command, &job.work, runs_dir, &folder, config)?;
         if !matches!(job.work, Work::Design(_)) {
             command.arg("--threads").arg(threads.to_string());

@@ -21,6 +21,7 @@ use anyhow::{Context as _, anyhow};
 use serde_json::json;
 
 use crate::app::{Failure, Interrupt, Watcher};
+use crate::service::Service;
 use api::{Api, Token};
 use rig::{May, Rig};
 use tokio::net::TcpListener;
@@ -92,14 +93,25 @@ impl Daemon {
         let server = self.api.take().map(|(listener, api)| tokio::spawn(api.serve(listener)));
         let mut ticks = tokio::time::interval(TICK);
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-        let mut failed = None;
+        let service = Service::from_env();
+        service.ready();
+        let (mut failed, mut said) = (None, String::new());
         loop {
             tokio::select! {
                 biased;
                 () = interrupt.raised(), if !interrupt.is_raised() => {}
                 _ = ticks.tick() => {}
             }
+            service.alive();
             let ending = interrupt.is_raised() || failed.is_some();
+            let says = if ending { "ending".into() } else { self.says() };
+            if says != said {
+                if ending {
+                    service.stopping();
+                }
+                service.status(&says);
+                said = says;
+            }
             let motions = self.motions();
             let enough = max_runs != 0 && motions >= max_runs;
             for place in 0..self.rigs.len() {
@@ -132,6 +144,12 @@ impl Daemon {
             rig.say_end()?;
         }
         failed.map_or_else(|| Ok(self.motions()), Err)
+    }
+
+    /// What the rigs do, for who asks the service manager.
+    fn says(&self) -> String {
+        let each: Vec<String> = self.rigs.iter().map(Rig::says).collect();
+        each.join("; ")
     }
 
     fn motions(&self) -> u64 {

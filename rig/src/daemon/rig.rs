@@ -171,6 +171,18 @@ impl Rig {
         });
     }
 
+    /// What it does, in a few words.
+    pub(super) fn says(&self) -> String {
+        let state = self.state.borrow();
+        let what = match (state.motion, state.analysis, &state.next_run) {
+            (Some(job), ..) => format!("job {job} moves it"),
+            (None, Some(job), _) => format!("job {job} computes"),
+            (None, None, Some(next)) => format!("next run at {next}"),
+            (None, None, None) => "waits for jobs".into(),
+        };
+        format!("{}: {what}", state.name)
+    }
+
     /// What a server needs to know of it.
     ///
     /// # Errors

@@ -9,7 +9,7 @@ use super::error::RunError;
 use super::recorded;
 use crate::camera::mock::{CameraFault, Scene, StampTruth};
 use crate::camera::{self, Camera};
-use crate::claim::{Claim, port_lock};
+use crate::claim::Claim;
 use crate::clock::MonotonicNs;
 use crate::config::{FaultKind, RigConfig};
 use crate::record::folder::RunFolder;
@@ -123,7 +123,7 @@ fn open_board(
     tank: Option<&Tank>,
     run_start: &Arc<OnceLock<MonotonicNs>>,
 ) -> Result<(Box<dyn ServoBoard>, Option<Claim>), RunError> {
-    let claim = servo.outside_port().map(|port| Claim::take(port, &port_lock(port))).transpose()?;
+    let claim = servo.outside_port().map(Claim::take_port).transpose()?;
     let options = MockOptions {
         faults: board_faults(config),
         run_start: Arc::clone(run_start),

@@ -25,7 +25,7 @@ pub struct Command {
 }
 
 impl Command {
-    /// Its words, without what it sets for itself in the environment.
+    /// Its words, without what it sets for itself in the environment and without `sudo`.
     pub fn words(&self) -> Vec<String> {
         let words = words(&self.text);
         let set = words.iter().take_while(|word| {
@@ -34,7 +34,7 @@ impl Command {
             })
         });
         let count = set.count();
-        words[count..].to_vec()
+        words[count..].iter().skip_while(|word| *word == "sudo").cloned().collect()
     }
 }
 
@@ -153,6 +153,13 @@ pub fn mentions(page: &Path, program: &str) -> std::io::Result<Vec<Vec<String>>>
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn words_are_those_of_the_program() {
+        let command = |text: &str| Command { page: "p".into(), line: 1, text: text.into() };
+        assert_eq!(command("A_B=1 sudo rig estop 'a b'").words(), ["rig", "estop", "a b"]);
+        assert_eq!(command("rig new a=b").words(), ["rig", "new", "a=b"]);
+    }
 
     #[test]
     fn commands_are_what_a_shell_would_make_of_the_block() {
