@@ -27,6 +27,7 @@ use crate::images::{ImageSource as _, TimedImage};
 use crate::record::RecordError;
 use crate::record::folder::{RunFolder, file, read_json, write_json, write_whole};
 use crate::record::frames::{self, FrameRow};
+use crate::record::simulated::Simulated;
 use crate::record::timing::{self, Timing};
 use crate::report::{DiagnosisFigures, ReportData};
 use crate::vision::extractor::LEARN_FROM;
@@ -218,6 +219,10 @@ impl Analysis<'_> {
         let comment =
             format!("Calibrated by rig {} on run {}.", env!("CARGO_PKG_VERSION"), self.run.start().id);
         write_whole(&self.out.join(file::MODEL), fitted.to_mjcf(&comment).as_bytes())?;
+        if let Some(run) = fitted.runs.first() {
+            let simulated = Simulated { time_s: run.simulated.time_s.clone(), qpos: run.qpos.clone() };
+            write_whole(&self.out.join(file::SIMULATED), simulated.text().as_bytes())?;
+        }
         Ok(timing.write(&self.out.join(file::TIMING))?)
     }
 

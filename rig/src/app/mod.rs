@@ -13,6 +13,7 @@ pub mod experiment;
 mod failure;
 pub mod firmware;
 pub mod fit;
+pub mod foxglove;
 mod interrupt;
 pub mod last_good;
 pub mod latency;
