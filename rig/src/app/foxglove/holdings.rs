@@ -120,11 +120,7 @@ impl Holdings {
     fn hear_journal(&mut self, run: &RunFolder, path: &Path) -> Result<(), Failure> {
         for entry in journal::read(path).map_err(Failure::input)? {
             let at_ns = self.at_ns(entry.at_s);
-            let level = match entry.event.as_str() {
-                "fault" => Level::Error,
-                event if event.contains("behind") || event.contains("warning") => Level::Warning,
-                _ => Level::Info,
-            };
+            let level = if entry.event == "recording-falls-behind" { Level::Warning } else { Level::Info };
             let message = match entry.details.is_empty() {
                 true => entry.event.clone(),
                 false => format!("{} {}", entry.event, Value::Object(entry.details)),

@@ -134,11 +134,14 @@ impl Holdings {
             let place = measured.at(instant, k);
             let mut told = Map::new();
             let seen = axes.iter().all(|&(axis, _)| place[axis].is_finite());
-            if seen {
-                balls
-                    .push((name.as_str(), place.map(|metres| if metres.is_finite() { metres } else { 0.0 })));
-            }
             let expected = simulated.iter().find(|(other, _)| other == name).map(|(_, place)| *place);
+            if seen {
+                // no picture tells depth: it is the simulation's, or the plane of motion's
+                let deep = expected.unwrap_or_default();
+                let known =
+                    |axis: usize| Some(place[axis]).filter(|metres| metres.is_finite()).unwrap_or(deep[axis]);
+                balls.push(std::array::from_fn(known));
+            }
             for (axis, letter) in axes {
                 if seen {
                     told.insert(format!("{letter}_mm"), json!(place[axis] * 1e3));

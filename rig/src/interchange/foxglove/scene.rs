@@ -18,10 +18,10 @@ pub fn links(at_ns: u64, model: &Model) -> Value {
     update(bodies.filter_map(entity).collect())
 }
 
-/// The measured keypoints \[m\] as balls of `radius_m`, each joined to the next where `joined` says so. What was not seen is left out, unknown depth is 0.
-pub fn keypoints(at_ns: u64, places_m: &[(&str, [f64; 3])], radius_m: f64) -> Value {
+/// Keypoints at `places_m` as balls of `radius_m`.
+pub fn keypoints(at_ns: u64, places_m: &[[f64; 3]], radius_m: f64) -> Value {
     let mut parts = Parts::default();
-    for &(_, place) in places_m {
+    for &place in places_m {
         parts.ball(place, [radius_m; 3], &IDENTITY, MEASURED);
     }
     update(vec![parts.entity(at_ns, TANK, "measured", false)])
