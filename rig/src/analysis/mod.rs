@@ -11,6 +11,7 @@ mod experiment;
 pub mod live;
 mod pictures;
 pub mod stored;
+mod strip;
 pub mod timeline;
 
 use std::path::Path;
@@ -192,7 +193,9 @@ impl Analysis<'_> {
         data.clocks.extend(timeline.clock_quality());
         if let Some(extraction) = extraction {
             let images = self.images(timeline);
-            pictures::show(&mut data, extraction, answer.ok().map(|answer| &answer.fitted), &images)?;
+            let command = timeline.command.as_ref();
+            let fitted = answer.ok().map(|answer| &answer.fitted);
+            pictures::show(&mut data, extraction, (fitted, command), &images)?;
         }
         write_whole(&self.out.join(file::REPORT), crate::report::render(&data).as_bytes())?;
         Ok(data)

@@ -78,6 +78,21 @@ pub struct RunFigures {
     pub measured_pose: Option<Overlay>,
     /// The same pose rendered from the model.
     pub simulated_pose: Option<GrayImage>,
+    /// Some instants, filmed and simulated.
+    pub strip: Vec<StripImage>,
+}
+
+/// One instant as filmed and as the calibrated model has it, in the same cut of the picture.
+#[derive(Debug, Clone)]
+pub struct StripImage {
+    /// Mid-exposure \[s\] on the run's time.
+    pub time_s: f64,
+    /// From the camera.
+    pub filmed: GrayImage,
+    /// As the camera would see the model.
+    pub simulated: GrayImage,
+    /// Distance between measured and simulated keypoints \[m\], by name.
+    pub errors_m: Vec<(String, f64)>,
 }
 
 /// A camera image and what vision found in it. Pixels count from the centre of the top left one.

@@ -9,6 +9,7 @@
 //! - `verdict`: the sentences at the top; `summary`: the same for a terminal
 //! - `chart`, `figures`: plots; `picture`: images with what vision found in them
 //! - `refused`: images that were refused or doubted, by reason
+//! - `strip`: filmed and simulated at the same instants
 //! - `page`: the page as a whole; `sections`, `coefficients`: its parts
 //! - `diagnosis`, `diagnosis_figures`, `diagnosis_text`: what the simulation gets wrong, on the page and in a terminal
 
@@ -25,6 +26,7 @@ mod page;
 mod picture;
 mod refused;
 mod sections;
+mod strip;
 mod summary;
 #[cfg(test)]
 mod tests;
@@ -33,6 +35,7 @@ mod verdict;
 
 pub use data::{
     ClockQuality, ImageQuality, Overlay, RefusedImages, ReportData, RunEnd, RunFigures, ServoTrace,
+    StripImage,
 };
 pub use diagnosis_figures::DiagnosisFigures;
 pub use diagnosis_text::diagnosis_summary;
