@@ -6,6 +6,7 @@ use image::{GrayImage, RgbImage};
 use sim::{Command, Trajectory};
 
 use super::diagnosis_figures::DiagnosisFigures;
+use super::motion::Motion;
 use crate::record::timing::Timing;
 
 /// Everything a report can show. Only `id` is needed; an empty or absent part is left out of the page.
@@ -25,6 +26,8 @@ pub struct ReportData {
     pub diagnosis: Option<DiagnosisFigures>,
     /// Measured and simulated motion of each run.
     pub runs: Vec<RunFigures>,
+    /// The same in space.
+    pub motions: Vec<Motion>,
     /// Selected camera images with what vision found.
     pub overlays: Vec<Overlay>,
     /// Images that were refused or doubted, by reason.
