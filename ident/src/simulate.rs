@@ -96,6 +96,17 @@ fn wanted_m(noise_m: f64) -> f64 {
     sim::ACCURACY_M.max(LOST_IN_NOISE_SHARE * noise_m)
 }
 
+/// A run's whole motion.
+#[derive(Debug, Clone)]
+pub struct Watched {
+    /// What [`Rehearsal::simulate`] yields.
+    pub position_m: Vec<[f64; 3]>,
+    /// The coordinates behind it, row-major, shape (N, nq).
+    pub qpos: Vec<f64>,
+    /// What first touched whose contact is not simulated, if anything did.
+    pub touch: Option<Touch>,
+}
+
 /// A run made ready to be simulated again and again.
 #[derive(Debug, Clone)]
 pub struct Rehearsal<'a> {
@@ -279,18 +290,15 @@ impl<'a> Rehearsal<'a> {
         Ok(self.measured(rollout.position_m, rollout.keypoints.len()))
     }
 
-    /// The motion behind [`Rehearsal::simulate`], and what first touched in it whose contact is not simulated, if anything did.
+    /// The motion behind [`Rehearsal::simulate`] over the whole run.
     ///
     /// # Errors
     /// As there.
-    pub fn simulate_watched(
-        &self,
-        model: &Model,
-        offsets: &[f64],
-    ) -> Result<(Vec<[f64; 3]>, Option<Touch>), RolloutError> {
+    pub fn simulate_watched(&self, model: &Model, offsets: &[f64]) -> Result<Watched, RolloutError> {
         let rollout = self.rolled(model, offsets, self.run.trajectory.time_s.len())?;
         let touch = ContactWatch::unsimulated(model).and_then(|mut watch| watch.first_touch(&rollout));
-        Ok((self.measured(rollout.position_m, rollout.keypoints.len()), touch))
+        let position_m = self.measured(rollout.position_m, rollout.keypoints.len());
+        Ok(Watched { position_m, qpos: rollout.qpos, touch })
     }
 
     /// The motion behind [`Rehearsal::simulate`].

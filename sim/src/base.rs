@@ -1,5 +1,7 @@
 //! A base that moves: a path in the picture's plane, for rigs that are towed, heaved or carried by something that swims.
 
+use crate::dynamics::Poses;
+use crate::math::{Mat3, Vec3};
 use crate::scalar::{Mask, Scalar};
 
 /// A place and an angle in the picture's plane: x to the right \[m\], z up \[m\], counter-clockwise as the camera sees it \[rad\].
@@ -176,6 +178,22 @@ impl BaseMotion {
         let [base_x, base_z, angle] = self.pose;
         let (sin, cos) = angle.sin_cos();
         [base_x + cos * x - sin * z, y, base_z + sin * x + cos * z]
+    }
+
+    /// Where everything is that stands at `poses` while the base is at 0, 0, 0.
+    pub fn carried(&self, poses: &Poses) -> Poses {
+        let angle = self.pose[2];
+        // counter-clockwise as the camera sees it is about -y
+        let turn = Mat3::about(Vec3([0.0, -1.0, 0.0]), angle.sin_cos());
+        let places = |places: &[Vec3<f64>]| places.iter().map(|at| Vec3(self.place(at.0))).collect();
+        let turns = |turns: &[Mat3<f64>]| turns.iter().map(|own| turn.product(own)).collect();
+        Poses {
+            body_pos: places(&poses.body_pos),
+            body_rot: turns(&poses.body_rot),
+            geom_pos: places(&poses.geom_pos),
+            geom_rot: turns(&poses.geom_rot),
+            site_pos: places(&poses.site_pos),
+        }
     }
 
     /// Where a point that is at `at` \[m\] in the world would stand with the base at 0, 0, 0.

@@ -1,8 +1,9 @@
 //! What a fit yields.
 
+use std::sync::Arc;
 use std::time::Duration;
 
-use sim::{Model, State, Trajectory};
+use sim::{BasePath, Model, Poses, State, Trajectory};
 
 use super::report::{FirstTouch, Fit};
 use crate::experiment::Use;
@@ -53,6 +54,10 @@ pub struct FittedRun {
     pub scored_from_s: f64,
     /// The same keypoints at the same instants, from the calibrated model.
     pub simulated: Trajectory,
+    /// The coordinates behind them, row-major, shape (N, nq).
+    pub qpos: Vec<f64>,
+    /// Where the base went; `None`: it stood.
+    pub base: Option<Arc<BasePath>>,
     /// What was measured.
     pub measured: Trajectory,
     /// Geoms of the calibrated model that touch without contact being simulated: from then on it does not move as MuJoCo would have it.
@@ -63,6 +68,18 @@ impl FittedRun {
     /// Where each of `runs` starts, by its id.
     pub fn starts(runs: &[Self]) -> Vec<(&str, &State)> {
         runs.iter().map(|run| (run.id.as_str(), &run.initial)).collect()
+    }
+
+    /// Where everything of `model`, the calibrated one, is at each instant, in the world.
+    pub fn poses(&self, model: &Model) -> Vec<Poses> {
+        let altered = model.altered();
+        let model = altered.as_ref().unwrap_or(model);
+        let instants = self.simulated.time_s.iter().zip(self.qpos.chunks_exact(model.nq().max(1)));
+        let poses = |(&time_s, qpos): (&f64, &[f64])| {
+            let poses = model.poses(qpos);
+            self.base.as_ref().map_or_else(|| poses.clone(), |base| base.at(time_s).carried(&poses))
+        };
+        instants.map(poses).collect()
     }
 }
 

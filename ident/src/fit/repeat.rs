@@ -12,7 +12,7 @@ use crate::experiment::{Run, RunKind};
 use crate::initial;
 use crate::loss::{Weighting, observations};
 use crate::parameters::Parameters;
-use crate::simulate::{Nuisance, Rehearsal};
+use crate::simulate::{Nuisance, Rehearsal, Watched};
 
 /// Scores a held-out run: its start comes from its still images alone, or where there are none (`free`, or let
 /// go before the first image) from the first `init_s` seconds of motion, which are not scored. A release that
@@ -61,7 +61,7 @@ pub(crate) fn repeat(
 ) -> Result<FittedRun, FitError> {
     let run = rehearsal.run;
     let measured = &run.trajectory;
-    let (position_m, touch) = rehearsal
+    let Watched { position_m, qpos, touch } = rehearsal
         .simulate_watched(model, offsets)
         .map_err(|source| FitError::Simulation { run: run.id.clone(), source })?;
     let start = rehearsal.start_with(model, offsets);
@@ -78,6 +78,8 @@ pub(crate) fn repeat(
             std_m: None,
             pose_std_m: None,
         },
+        qpos,
+        base: run.base.clone(),
         measured: measured.clone(),
         touch: touch.map(Into::into),
     })

@@ -11,6 +11,7 @@ mod experiment;
 pub mod live;
 mod pictures;
 pub mod stored;
+mod strip;
 pub mod timeline;
 
 use std::path::Path;
@@ -27,6 +28,7 @@ use crate::images::{ImageSource as _, TimedImage};
 use crate::record::RecordError;
 use crate::record::folder::{RunFolder, file, read_json, write_json, write_whole};
 use crate::record::frames::{self, FrameRow};
+use crate::record::simulated::Simulated;
 use crate::record::timing::{self, Timing};
 use crate::report::{DiagnosisFigures, ReportData};
 use crate::vision::extractor::LEARN_FROM;
@@ -206,7 +208,9 @@ impl Analysis<'_> {
         data.clocks.extend(timeline.clock_quality());
         if let Some(extraction) = extraction {
             let images = self.images(timeline);
-            pictures::show(&mut data, extraction, answer.ok().map(|answer| &answer.fitted), &images)?;
+            let command = timeline.command.as_ref();
+            let fitted = answer.ok().map(|answer| &answer.fitted);
+            pictures::show(&mut data, extraction, (fitted, command), &images)?;
         }
         write_whole(&self.out.join(file::REPORT), crate::report::render(&data).as_bytes())?;
         Ok(data)
@@ -233,6 +237,10 @@ impl Analysis<'_> {
         let comment =
             format!("Calibrated by rig {} on run {}.", env!("CARGO_PKG_VERSION"), self.run.start().id);
         write_whole(&self.out.join(file::MODEL), fitted.to_mjcf(&comment).as_bytes())?;
+        if let Some(run) = fitted.runs.first() {
+            let simulated = Simulated { time_s: run.simulated.time_s.clone(), qpos: run.qpos.clone() };
+            write_whole(&self.out.join(file::SIMULATED), simulated.text().as_bytes())?;
+        }
         Ok(timing.write(&self.out.join(file::TIMING))?)
     }
 

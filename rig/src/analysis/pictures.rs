@@ -4,8 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use ident::fit::{Fitted, FittedRun};
 use image::GrayImage;
+use sim::Command;
 
 use super::error::AnalysisError;
+use super::strip;
 use crate::calibration::Plane;
 use crate::images::TimedImage;
 use crate::images::recording::RecordedImages;
@@ -27,14 +29,16 @@ const DRAWN_CENTRELINES: usize = 40;
 pub(super) fn show(
     data: &mut ReportData,
     extraction: &Extraction,
-    fitted: Option<&Fitted>,
+    (fitted, command): (Option<&Fitted>, Option<&Command>),
     source: &RecordedImages,
 ) -> Result<(), AnalysisError> {
     let records = &extraction.records;
     let groups = refused(records, MOST_SHOWN);
     let spread = worth_showing(extraction);
-    let wanted: BTreeSet<usize> =
-        spread.iter().chain(groups.iter().flat_map(|group| &group.shown)).copied().collect();
+    let run = fitted.and_then(|fitted| Some((fitted, fitted.runs.first()?)));
+    let strip = run.map_or_else(Vec::new, |(_, run)| strip::chosen(extraction, run, command));
+    let refused = groups.iter().flat_map(|group| &group.shown);
+    let wanted: BTreeSet<usize> = spread.iter().chain(refused).chain(&strip).copied().collect();
     let images = source.numbered(&wanted).map_err(SequenceError::from)?;
     let images: BTreeMap<usize, TimedImage> = wanted.into_iter().zip(images).collect();
     let overlay = |index: &usize| {
@@ -62,7 +66,9 @@ pub(super) fn show(
         .step_by(records.len().div_ceil(DRAWN_CENTRELINES).max(1))
         .map(|record| record.centreline.iter().map(|&px| extraction.plane.metres(px)).collect())
         .collect();
-    let run = fitted.and_then(|fitted| Some((fitted, fitted.runs.first()?)));
+    if let Some((fitted, run)) = run {
+        figures.strip = strip::strip(&strip, &images, extraction, fitted, run);
+    }
     if let (Some(pose), Some((fitted, run))) = (&figures.measured_pose, run) {
         figures.simulated_pose = Some(drawn(fitted, run, &pose.image, &extraction.plane));
     }

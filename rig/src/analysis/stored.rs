@@ -35,7 +35,7 @@ pub(super) fn read(run: &RunFolder, count: usize) -> Result<Vec<StoredRecord>, R
     Ok(records)
 }
 
-/// What was found in each usable image, as it stands in a folder of results; without centrelines, which are not kept.
+/// What was found in each usable image, as it stands in a folder of results.
 ///
 /// # Errors
 /// [`RecordError`].
@@ -44,7 +44,11 @@ pub fn found(folder: &Path, plane: &Plane) -> Result<Vec<ImageRecord>, RecordErr
     Ok(records.iter().map(|record| record.record(plane)).collect())
 }
 
-fn read_all(path: &Path) -> Result<Vec<StoredRecord>, RecordError> {
+/// The records in the file at `path`.
+///
+/// # Errors
+/// [`RecordError`].
+pub fn read_all(path: &Path) -> Result<Vec<StoredRecord>, RecordError> {
     let text = std::fs::read_to_string(path).map_err(RecordError::io("reading", path))?;
     let record = |(line, text): (usize, &str)| {
         let damaged =

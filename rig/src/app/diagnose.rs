@@ -8,7 +8,7 @@ use super::design::write_configs;
 use super::results::{Given, write_diagnosis};
 use super::{Failure, Watcher, on_threads};
 use crate::record::timing::Stage;
-use crate::report::DiagnosisFigures;
+use crate::report::{DiagnosisFigures, Motion};
 
 /// Diagnoses the experiment at `path` by so many threads, into the folder `out`; with a rig's `config`, those of the runs to make
 /// next go to `next` in it. Gives the diagnosis, and where the report is.
@@ -29,6 +29,7 @@ pub fn diagnosed(
     let diagnosed = diagnosed?;
     let stage = Stage { name: "diagnosis".into(), wall_s: diagnosed.timing.wall.as_secs_f64() };
     let mut data = given.report(["Diagnosis", "on"], stage, diagnosed.timing.threads);
+    data.motions = diagnosed.after.iter().map(|run| Motion::of(&diagnosed.model, run)).collect();
     data.diagnosis = Some(DiagnosisFigures::new(&diagnosed));
     write_diagnosis(&diagnosed, &given.source(), out)?;
     let report = given.write_report(&data)?;

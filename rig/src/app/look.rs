@@ -14,6 +14,7 @@ use crate::images::film::{Film, FilmWriter, is_film};
 use crate::images::recording::RecordedImages;
 use crate::images::{FilmError, ImageSource, TimedImage};
 use crate::record::folder::{RunFolder, write_whole};
+use crate::record::simulated::row_at;
 use crate::report::RunFigures;
 use crate::vision::captioned::Captioned;
 use crate::vision::contact_sheet::{MOST_SHOWN, contact_sheet};
@@ -175,11 +176,7 @@ impl Filming {
 
 /// Where the simulation has the keypoints at the image of `time_s`, its base first.
 fn simulated_px(figures: &RunFigures, plane: &Plane, time_s: f64) -> Option<Vec<Px>> {
-    /// Times in tables are rounded.
-    const SAME_S: f64 = 1e-6;
-    let times_s = &figures.simulated.time_s;
-    let row = times_s.partition_point(|&t| t < time_s - SAME_S);
-    times_s.get(row).filter(|&&t| (t - time_s).abs() <= SAME_S)?;
+    let row = row_at(&figures.simulated.time_s, time_s)?;
     let keypoints = figures.simulated.keypoints.len();
     let base = figures.base_m.filter(|_| figures.simulated.keypoints.iter().all(|name| name != "P0"));
     let points = figures.simulated.position_m.get(row * keypoints..(row + 1) * keypoints)?;

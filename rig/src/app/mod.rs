@@ -12,6 +12,7 @@ pub mod experiment;
 mod failure;
 pub mod firmware;
 pub mod fit;
+pub mod foxglove;
 pub mod hand_in;
 mod interrupt;
 pub mod last_good;

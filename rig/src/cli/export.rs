@@ -14,7 +14,7 @@ pub struct Args {
     /// What to write
     #[arg(value_enum)]
     format: Format,
-    /// The run folder, or the folder a fit wrote to; for csv, dlc and wcon also a trajectory
+    /// The run folder; for mjcf also the folder a fit wrote to, for csv, dlc and wcon also a trajectory
     #[arg(value_name = "RUN")]
     run: PathBuf,
     /// Where to write it
@@ -36,6 +36,8 @@ enum Format {
     Dlc,
     /// Keypoints over time as Worm tracker Commons Object Notation
     Wcon,
+    /// Pictures, keypoints, links in space, servos and events of a run, for Foxglove
+    Mcap,
 }
 
 /// Carries out `rig export`.
@@ -61,6 +63,11 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             ));
         }
         Format::Wcon => export.wcon()?,
+        Format::Mcap => {
+            for left_out in crate::app::foxglove::export(&args.run, &args.out)? {
+                text.push_str(&format!("{left_out}\n"));
+            }
+        }
     }
     Ok(Outcome { out: Some(args.out.clone()), text, ..Outcome::default() })
 }

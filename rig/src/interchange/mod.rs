@@ -4,10 +4,13 @@
 //! lines that lie in it already. Either way an [`Imported`] comes out: a trajectory, and for each image why something in it is
 //! missing. Nothing that the file lacks is made up.
 //!
+//! [`foxglove`] is one way only: messages of a run to be looked at.
+//!
 //! A file of pixels has the centre of the top left pixel at (0, 0), as everything here has.
 
 pub mod dlc;
 mod error;
+pub mod foxglove;
 mod lines;
 pub mod marks;
 mod sheet;

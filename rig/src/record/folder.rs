@@ -44,6 +44,8 @@ pub mod file {
     pub const DIAGNOSIS: &str = "diagnosis.json";
     /// The calibrated model.
     pub const MODEL: &str = "model.xml";
+    /// How the calibrated model moves: its coordinates at each image.
+    pub const SIMULATED: &str = "simulated.csv";
     /// The model as it was before the run.
     pub const MODEL_START: &str = "model-start.xml";
     /// Wall times.

@@ -10,6 +10,7 @@ pub mod frames;
 pub mod journal;
 pub mod reader;
 pub mod recording;
+pub mod simulated;
 pub mod timing;
 
 use std::path::{Path, PathBuf};

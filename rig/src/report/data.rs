@@ -6,6 +6,7 @@ use image::{GrayImage, RgbImage};
 use sim::{Command, Trajectory};
 
 use super::diagnosis_figures::DiagnosisFigures;
+use super::motion::Motion;
 use crate::record::timing::Timing;
 
 /// Everything a report can show. Only `id` is needed; an empty or absent part is left out of the page.
@@ -25,6 +26,8 @@ pub struct ReportData {
     pub diagnosis: Option<DiagnosisFigures>,
     /// Measured and simulated motion of each run.
     pub runs: Vec<RunFigures>,
+    /// The same in space.
+    pub motions: Vec<Motion>,
     /// Selected camera images with what vision found.
     pub overlays: Vec<Overlay>,
     /// Images that were refused or doubted, by reason.
@@ -78,6 +81,21 @@ pub struct RunFigures {
     pub measured_pose: Option<Overlay>,
     /// The same pose rendered from the model.
     pub simulated_pose: Option<GrayImage>,
+    /// Some instants, filmed and simulated.
+    pub strip: Vec<StripImage>,
+}
+
+/// One instant as filmed and as the calibrated model has it, in the same cut of the picture.
+#[derive(Debug, Clone)]
+pub struct StripImage {
+    /// Mid-exposure \[s\] on the run's time.
+    pub time_s: f64,
+    /// From the camera.
+    pub filmed: GrayImage,
+    /// As the camera would see the model.
+    pub simulated: GrayImage,
+    /// Distance between measured and simulated keypoints \[m\], by name.
+    pub errors_m: Vec<(String, f64)>,
 }
 
 /// A camera image and what vision found in it. Pixels count from the centre of the top left one.

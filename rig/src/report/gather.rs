@@ -8,6 +8,7 @@ use sim::{Command, Model, State};
 
 use super::data::{ImageQuality, ReportData, RunEnd, RunFigures, ServoTrace};
 use super::format::counted;
+use super::motion::Motion;
 use crate::reasons::told_together;
 use crate::record::RecordError;
 use crate::record::folder::{RunFolder, RunKind, Start, Status, Stop, file};
@@ -87,6 +88,7 @@ impl ReportData {
     pub fn add_fitted(&mut self, fitted: &Fitted) {
         self.fit = Some(fitted.fit.clone());
         self.timing.workers = fitted.timing.threads;
+        self.motions = fitted.runs.iter().map(|run| Motion::of(&fitted.model, run)).collect();
         for run in &fitted.runs {
             let figures = match self.runs.iter().position(|shown| shown.id == run.id) {
                 Some(place) => &mut self.runs[place],

@@ -3,7 +3,7 @@
 use maud::{DOCTYPE, PreEscaped, html};
 
 use super::data::ReportData;
-use super::{coefficients, diagnosis, refused, sections};
+use super::{coefficients, diagnosis, motion, refused, sections};
 
 /// The page's looks; colours of the figures are mapped there for dark screens.
 const STYLE: &str = include_str!("style.css");
@@ -27,6 +27,7 @@ pub fn render(data: &ReportData) -> String {
                     (sections::heading(data))
                     @if data.fit.is_none() { (diagnosis::section(data)) }
                     (sections::table_of_errors(data))
+                    (motion::section(data))
                     @for run in &data.runs { (sections::run(data, run)) }
                     (sections::pictures(data))
                     (refused::section(data))
@@ -37,6 +38,7 @@ pub fn render(data: &ReportData) -> String {
                     (sections::timings(data))
                     (sections::provenance(data))
                 }
+                @if !data.motions.is_empty() { script { (PreEscaped(motion::SCRIPT)) } }
             }
         }
     }

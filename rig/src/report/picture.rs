@@ -31,6 +31,11 @@ impl Picture {
         Some(Self(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg))))
     }
 
+    /// What stands for the file in the page.
+    pub(super) fn source(&self) -> &str {
+        &self.0
+    }
+
     /// What it takes of the page.
     pub(super) fn bytes(&self) -> usize {
         self.0.len()

@@ -8,7 +8,7 @@ use super::chart::KEYPOINTS;
 use super::data::{ReportData, RunEnd, RunFigures};
 use super::format::{counted, duration, millimetres, percent, significant};
 use super::verdict::{is_averaged, is_settled, mean_error_m, verdict};
-use super::{figures, picture};
+use super::{figures, picture, strip};
 
 /// Title, verdict, key figures, warnings.
 pub(super) fn heading(data: &ReportData) -> Markup {
@@ -137,6 +137,7 @@ pub(super) fn run(data: &ReportData, run: &RunFigures) -> Markup {
                     @if let Some(pose) = &run.simulated_pose { (picture::plain(pose, "simulated")) }
                 }
             }
+            (strip::strip(run))
             h3 { "Keypoints over time" }
             (figures::over_time(run))
             @if simulated {

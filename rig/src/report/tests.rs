@@ -88,6 +88,16 @@ fn overlay(time_s: f64) -> Overlay {
     Overlay { name, time_s, image, mask: Some(mask), centreline_px, keypoints_px, status: "accepted".into() }
 }
 
+fn strip_image(time_s: f64) -> StripImage {
+    let cut = |image: &GrayImage| image::imageops::crop_imm(image, 200, 40, 280, 300).to_image();
+    StripImage {
+        time_s,
+        filmed: cut(&overlay(time_s).image),
+        simulated: cut(&overlay(time_s + 0.02).image),
+        errors_m: [("P1", 1e-4), ("P3", 3.2e-4)].map(|(name, error)| (name.into(), error)).to_vec(),
+    }
+}
+
 /// Dark images in which nothing was found, and doubtful ones.
 fn refused() -> Vec<RefusedImages> {
     let dark = |k: u32| Overlay {
@@ -145,6 +155,7 @@ fn whole() -> ReportData {
         start_s: Some(0.2),
         measured_pose: Some(overlay(0.0)),
         simulated_pose: Some(overlay(0.0).image),
+        strip: [0.0, 0.4, 0.8].map(strip_image).to_vec(),
         ..RunFigures::default()
     };
     ReportData {
@@ -171,6 +182,7 @@ fn whole() -> ReportData {
             ..Fit::default()
         }),
         runs: vec![run("drop-horizontal", Use::Fit, 0.002), run("drop-right-angle", Use::Holdout, 0.006)],
+        motions: ["drop-horizontal", "drop-right-angle"].map(super::motion::tests::sample).to_vec(),
         overlays: [0.0, 0.4, 0.8].map(overlay).to_vec(),
         refused: refused(),
         servo: Some(ServoTrace {
@@ -215,9 +227,17 @@ fn whole_report_shows_every_part_and_asks_nothing_of_the_net() {
     if let Ok(path) = std::env::var("RIG_REPORT_SAMPLE") {
         std::fs::write(path, &page).unwrap();
     }
-    for part in ["errors", "images", "refused", "coefficients", "servo", "quality", "timings", "provenance"] {
+    for part in
+        ["errors", "motion", "images", "refused", "coefficients", "servo", "quality", "timings", "provenance"]
+    {
         assert!(page.contains(&format!("<section id=\"{part}\"")), "no section {part}");
     }
+    let strip = page.split("class=\"filmstrip\"").nth(1).expect("a film strip");
+    assert_eq!(strip.split("</table>").next().unwrap().matches("<img").count(), 6);
+    assert!(
+        strip.contains("<th>P2 off [mm]</th><td class=\"number\">–</td>"),
+        "a keypoint that was not seen"
+    );
     assert!(page.contains("follows the keypoints to 0.27 mm (0.3 % of 80 mm) where it was fitted"));
     assert!(page.contains("6 of 17 coefficients are left open"));
     let elsewhere = page.replace("xmlns=\"http://www.w3.org/2000/svg\"", "");
@@ -240,8 +260,10 @@ fn names_from_elsewhere_cannot_bring_a_script_along() {
     data.config_toml = Some(HOSTILE.into());
     data.warnings = vec![HOSTILE.into()];
     data.provenance = vec![(HOSTILE.into(), HOSTILE.into())];
+    data.motions = vec![super::motion::tests::sample(HOSTILE); 2];
     for run in &mut data.runs {
         run.id = HOSTILE.into();
+        run.strip[0].errors_m[0].0 = HOSTILE.into();
         run.measured.keypoints[0] = HOSTILE.into();
         run.simulated.keypoints[0] = HOSTILE.into();
     }
@@ -267,8 +289,10 @@ fn names_from_elsewhere_cannot_bring_a_script_along() {
     }
     let page = render(&data);
     assert!(page.contains("&lt;script&gt;"));
-    assert!(!page.contains("<script"), "a script got through");
-    assert!(!page.contains("alert('x')\u{3c}/script>"));
+    let own = format!("<script>{}</script>", super::motion::SCRIPT);
+    assert!(!super::motion::SCRIPT.contains("</"), "it would end early");
+    let elsewhere = page.replacen(&own, "", 1);
+    assert!(!elsewhere.contains("<script") && !elsewhere.contains("</script"), "a script got through");
 }
 
 #[test]

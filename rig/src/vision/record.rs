@@ -167,6 +167,25 @@ pub struct StoredRecord {
     pub mask: Option<Mask>,
     /// P0..Pn in the picture, nothing for one that is not seen; empty when rejected.
     pub keypoints: Vec<Option<StoredKeypoint>>,
+    /// The middle line, base first, points [`STORED_STEP_PX`] apart to 0.1 px \[px\]; not there in runs from before 2026-11-26.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub centreline: Vec<Px>,
+}
+
+/// How far apart points of a stored centreline are \[px\], the last one excepted.
+const STORED_STEP_PX: f64 = 4.0;
+
+/// A centreline as it is stored; a stored one stays as it is.
+fn stored(centreline: &[Px]) -> Vec<Px> {
+    let rounded = |px: &Px| px.map(|px| (px * 10.0).round() / 10.0);
+    let mut kept: Vec<Px> = Vec::new();
+    for (i, px) in centreline.iter().map(rounded).enumerate() {
+        let far = |last: &Px| (px[0] - last[0]).hypot(px[1] - last[1]) >= STORED_STEP_PX;
+        if i + 1 == centreline.len() || kept.last().is_none_or(far) {
+            kept.push(px);
+        }
+    }
+    kept
 }
 
 /// A keypoint before it is put into metres.
@@ -195,12 +214,13 @@ impl From<&ImageRecord> for StoredRecord {
             reason: record.reason.clone(),
             mask: record.mask.clone(),
             keypoints: record.keypoints.iter().map(keypoint).collect(),
+            centreline: stored(&record.centreline),
         }
     }
 }
 
 impl StoredRecord {
-    /// The record again, its keypoints put into metres by `plane`; without its centreline, which is not kept.
+    /// The record again, its keypoints put into metres by `plane`.
     pub fn record(&self, plane: &Plane) -> ImageRecord {
         ImageRecord {
             name: self.name.clone(),
@@ -209,7 +229,7 @@ impl StoredRecord {
             reason: self.reason.clone(),
             keypoints: self.keypoints.iter().map(|k| Keypoint::stored(k.as_ref(), plane)).collect(),
             mask: self.mask.clone(),
-            centreline: Vec::new(),
+            centreline: self.centreline.clone(),
         }
     }
 }

@@ -142,7 +142,7 @@ impl<T: Scalar> Model<T> {
     }
 
     /// The model with the causes that change its own numbers at work in them; `None` when it carries no such cause.
-    pub(crate) fn altered(&self) -> Option<Self> {
+    pub fn altered(&self) -> Option<Self> {
         if self.causes.is_empty() {
             return None;
         }
