@@ -8,7 +8,7 @@ use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::{Api, Problem};
+use super::{Api, Problem, page};
 use crate::web::protect;
 
 /// An answer takes no longer; one that would is given up.
@@ -32,7 +32,8 @@ fn refused(api: &Api, request: &Request) -> Option<Problem> {
         ));
     }
     let reads = [Method::GET, Method::HEAD].contains(request.method());
-    if reads && api.is_loopback || has_token(api, request.headers()) {
+    let is_free = api.is_loopback || page::is_page(request.uri().path());
+    if reads && is_free || has_token(api, request.headers()) {
         return None;
     }
     Some(Problem::new(

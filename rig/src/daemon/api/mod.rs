@@ -1,4 +1,4 @@
-//! The daemon over HTTP: what its rigs do, their queues, their runs and reports, and how their coefficients went.
+//! The daemon over HTTP, and its page: what its rigs do, their queues, their runs and reports, and how their coefficients went.
 //!
 //! Version 1 of it is everything below `/api/v1`; `/api/v1/openapi.json` describes it. Reading is free on the loopback. What moves a
 //! rig or changes its queue wants the token of the runs folder (`Authorization: Bearer`), which only the user whose daemon it is can
@@ -8,6 +8,7 @@ mod events;
 mod guard;
 mod jobs;
 mod metrics;
+mod page;
 mod runs;
 mod token;
 
@@ -167,7 +168,8 @@ impl Api {
             .route("/api/v1/rigs/{rig}/coefficients", get(runs::coefficients))
             .route("/api/v1/rigs/{rig}/trend", get(runs::trend))
             .route("/api/v1/openapi.json", get(async || Json(Document::openapi())))
-            .route("/metrics", get(metrics::metrics));
+            .route("/metrics", get(metrics::metrics))
+            .merge(page::routes());
         let changing = Router::new()
             .route("/api/v1/rigs/{rig}/jobs", get(jobs::list).post(jobs::add))
             .route("/api/v1/rigs/{rig}/jobs/{job}/cancel", post(jobs::cancel))

@@ -1,0 +1,26 @@
+//! The daemon's page: three fixed texts, which ask the API for everything they show.
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::http::header;
+use axum::routing::get;
+
+use super::Api;
+
+const FILES: [(&str, &str, &str); 3] = [
+    ("/", "text/html; charset=utf-8", include_str!("../page/page.html")),
+    ("/page.css", "text/css; charset=utf-8", include_str!("../page/page.css")),
+    ("/page.js", "text/javascript; charset=utf-8", include_str!("../page/page.js")),
+];
+
+/// Whether `path` is the page's, which holds nothing of a rig and may be had without the token: it asks for that.
+pub(super) fn is_page(path: &str) -> bool {
+    FILES.iter().any(|(file, ..)| *file == path)
+}
+
+pub(super) fn routes() -> Router<Arc<Api>> {
+    FILES.into_iter().fold(Router::new(), |router, (path, kind, text)| {
+        router.route(path, get(async move || ([(header::CONTENT_TYPE, kind)], text)))
+    })
+}

@@ -1,0 +1,66 @@
+//! How long looking at many runs takes: `cargo run -p system-tests --example many_runs -- OUT [RUNS]`, in a folder that is made for it. Says
+//! what making the index took, then `rig runs ls` and the daemon's list of runs with an index that is up to date.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use rig::store::Store;
+use serde_json::json;
+
+/// The config that a run carries with it is most of what is read of it.
+const CONFIG: &str = include_str!("../../configs/chain-driven-hanging.toml");
+
+fn make(out: &Path, number: usize) -> std::io::Result<()> {
+    let at = jiff_like(number);
+    let folder = out.join(format!("{at}-{:06}", number % 1_000_000));
+    std::fs::create_dir_all(&folder)?;
+    let id = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    let clock = |ns: u64| json!({ "monotonic_ns": ns, "utc": "2026-11-20T10:15:03Z" });
+    let start = json!({
+        "id": id, "kind": "driven", "model": "model-start.xml", "prescribed": false, "version": "0.1.0", "clock": clock(0), "config": CONFIG,
+    });
+    let stop = json!({
+        "status": "success", "clock": clock(9_000_000_000), "servo": "acknowledged", "images": 900, "images_lost": 0, "messages_dropped": 0,
+    });
+    let parameters: Vec<_> = (0..15)
+        .map(|k| json!({ "name": format!("g{}/p{}", k / 5, k % 5), "value": 0.5 + 1e-3 * k as f64, "std": 0.01, "determined": true }))
+        .collect();
+    let fit = json!({ "parameters": parameters, "runs": [{ "keypoints": [{ "mean_error_m": 1e-4 }] }] });
+    for (name, value) in [("start.json", start), ("stop.json", stop), ("fit.json", fit)] {
+        std::fs::File::create(folder.join(name))?.write_all(value.to_string().as_bytes())?;
+    }
+    Ok(())
+}
+
+/// A second of its own for each run, as a run's id begins.
+fn jiff_like(number: usize) -> String {
+    let (day, second) = (number / 86_400, number % 86_400);
+    format!("202601{:02}T{:02}{:02}{:02}Z", day + 1, second / 3600, second / 60 % 60, second % 60)
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut args = std::env::args().skip(1);
+    let out = PathBuf::from(args.next().ok_or("say where: OUT")?);
+    let runs: usize = args.next().map_or(Ok(10_000), |runs| runs.parse())?;
+    for number in 0..runs {
+        make(&out, number)?;
+    }
+    let mut store = Store::open(&out)?;
+    let timed = |what: &str, work: &mut dyn FnMut() -> Result<usize, Box<dyn std::error::Error>>| {
+        let began = Instant::now();
+        let count = work()?;
+        println!("{what}: {count} runs, {:.3} s", began.elapsed().as_secs_f64());
+        Ok::<(), Box<dyn std::error::Error>>(())
+    };
+    timed("index made anew", &mut || Ok(store.refresh(true)?.runs))?;
+    timed("index up to date, newest 100", &mut || {
+        store.refresh(false)?;
+        Ok(store.runs(100)?.len())
+    })?;
+    let ls = ["runs", "ls", "--runs-dir", out.to_str().ok_or("OUT is not readable")?];
+    timed(
+        "rig runs ls",
+        &mut || Ok(system_tests::run_rig(ls).stdout.split(|&byte| byte == b'\n').count() - 2),
+    )
+}
