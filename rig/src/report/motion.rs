@@ -183,7 +183,7 @@ pub(super) fn section(data: &ReportData) -> Markup {
                 span.key.simulated {} "simulated, with the model's shapes"
                 span.key.measured {} "measured keypoints; how far from the camera they are is the simulation's"
             }
-            p.fallback { "This view needs WebGL and scripts; the figures below show the same motion." }
+            p.fallback { "This view needs WebGL and scripts; runs have figures of the same motion." }
             div.view hidden {
                 canvas tabindex="0" role="img" aria-label="The mechanism in space; arrow keys turn it, plus and minus zoom, space plays" {}
                 div.controls {

@@ -15,7 +15,6 @@ use base64::engine::general_purpose::STANDARD;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use serde_json::{Value, json};
 use sim::Poses;
-use sim::math::{Mat3, Vec3};
 
 use crate::calibration::Px;
 
@@ -137,10 +136,10 @@ pub fn transform(at_ns: u64, child: &str, place_m: [f64; 3], rotation: &[[f64; 3
 
 /// `foxglove.FrameTransforms`: where the bodies called `names` stand.
 pub fn transforms(at_ns: u64, names: &[&str], poses: &Poses) -> Value {
-    let places = poses.body_pos.iter().zip(&poses.body_rot);
-    let one = |(body, (name, (place, rotation))): (usize, (&&str, (&Vec3<f64>, &Mat3<f64>)))| {
-        transform(at_ns, &frame_of(body, name), place.0, &rotation.0)
-    };
     // the world's own frame is the tank
-    json!({ "transforms": names.iter().zip(places).enumerate().skip(1).map(one).collect::<Vec<_>>() })
+    let bodies = names.iter().enumerate().skip(1);
+    let one = |(body, name): (usize, &&str)| {
+        transform(at_ns, &frame_of(body, name), poses.body_pos[body].0, &poses.body_rot[body].0)
+    };
+    json!({ "transforms": bodies.map(one).collect::<Vec<_>>() })
 }
