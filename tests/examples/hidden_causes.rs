@@ -1,6 +1,6 @@
 //! The whole set of hidden-effect cases, through `rig diagnose`:
 //! `cargo run -p system-tests --example hidden_causes -- OUT [--seeds 10] [--times N] [--only TEXT] [--every N] [--threads 2] [--keep]
-//! [--images-every 1] [--misread 0] [--pictures]`
+//! [--images-every 1] [--misread 0] [--pictures] [--arm]`
 //!
 //! Every finished case is a line of `OUT/outcomes.jsonl`; started again, it goes on where it stopped. The tables stand in
 //! `OUT/tables.md` and on standard output. `--only` takes the cases whose names contain a text, `--every` each n-th of them.
@@ -8,16 +8,19 @@
 //! causes at so many times their limits instead of the usual sizes. `--threads` says how many are under way at once; each has its share of the cores. `--keep` leaves the cases' files, `--make` only
 //! writes them. `--images-every` keeps each so many-th of 100 images a second, `--misread` puts a share of the keypoints 20 mm off.
 //! `--pictures` draws every image and reads it as `rig extract --self-check` does, instead of putting noise on keypoints; limits are still those
-//! of 0.4 mm of noise. Build the program first: `cargo build -p rig`.
+//! of 0.4 mm of noise. `--arm` hides causes in soft arms instead of three rigid links; `--limit-s` says how long a diagnosis may take. Build the program first: `cargo build -p rig`.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
+use system_tests::hidden::arm::ARM;
+use system_tests::hidden::bench::Mechanism;
 use system_tests::hidden::cases::{self, Case, SIZES};
 use system_tests::hidden::diagnose::{Outcome, diagnose};
 use system_tests::hidden::limit::Benches;
 use system_tests::hidden::score::tables;
+use system_tests::hidden::three_links::THREE_LINKS;
 use system_tests::hidden::write::{Film, write};
 use system_tests::journal::Journal;
 
@@ -32,6 +35,7 @@ struct Options {
     keep: bool,
     make: bool,
     film: Film,
+    arm: bool,
 }
 
 impl Options {
@@ -46,6 +50,7 @@ impl Options {
             keep: false,
             make: false,
             film: Film::default(),
+            arm: false,
         };
         let mut words = std::env::args().skip(1);
         while let Some(word) = words.next() {
@@ -59,6 +64,8 @@ impl Options {
                 "--images-every" => options.film.every = value()?.parse::<usize>()?.max(1),
                 "--misread" => options.film.misread = value()?.parse()?,
                 "--pictures" => options.film.pictures = true,
+                "--limit-s" => options.film.limit_s = Some(value()?.parse()?),
+                "--arm" => options.arm = true,
                 "--keep" => options.keep = true,
                 "--make" => options.make = true,
                 _ if options.out.as_os_str().is_empty() && !word.starts_with('-') => {
@@ -81,10 +88,21 @@ impl Options {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let options = Options::read()?;
     std::fs::create_dir_all(&options.out)?;
+    match options.arm {
+        true => go_through(&options, &ARM),
+        false => go_through(&options, &THREE_LINKS),
+    }
+}
+
+fn go_through<const N: usize>(
+    options: &Options,
+    mechanism: &'static Mechanism<N>,
+) -> Result<(), Box<dyn std::error::Error>> {
     let (journal, mut outcomes) = Journal::<Outcome>::open(&options.out.join("outcomes.jsonl"))?;
     let wanted =
         |case: &Case| options.only.is_empty() || options.only.iter().any(|text| case.id.contains(text));
-    let list = cases::all(options.seeds, options.sizes()).into_iter().filter(wanted).step_by(options.every);
+    let all = cases::all(mechanism.causes, options.seeds, options.sizes());
+    let list = all.into_iter().filter(wanted).step_by(options.every);
     let mut list: Vec<Case> =
         list.filter(|case| options.make || outcomes.iter().all(|outcome| outcome.id != case.id)).collect();
     // neighbours in the list share the mechanism that their limits come from
@@ -94,7 +112,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let seeds: Vec<&[Case]> = list.chunk_by(|a, b| a.seed == b.seed).collect();
     pool.install(|| {
         seeds.into_par_iter().with_max_len(1).for_each(|cases| {
-            let mut benches = Benches::default();
+            let mut benches = Benches::of(mechanism);
             for case in cases {
                 let folder = options.out.join("cases").join(&case.id);
                 if options.make {
@@ -128,7 +146,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-fn make(case: &Case, benches: &mut Benches, film: Film, folder: &Path) {
+fn make<const N: usize>(case: &Case, benches: &mut Benches<N>, film: Film, folder: &Path) {
     std::fs::create_dir_all(folder).expect("a folder for the case");
     match case.make(benches) {
         Some(made) => {

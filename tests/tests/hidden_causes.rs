@@ -4,7 +4,8 @@
 use std::path::Path;
 
 use rayon::prelude::*;
-use system_tests::hidden::bench::Run;
+use system_tests::hidden::arm::ARM;
+use system_tests::hidden::bench::{Mechanism, Run};
 use system_tests::hidden::cases::{self, Case, Kind, Made};
 use system_tests::hidden::diagnose::{Outcome, diagnose, judge};
 use system_tests::hidden::drive;
@@ -12,6 +13,7 @@ use system_tests::hidden::hide::Truth;
 use system_tests::hidden::limit::Benches;
 use system_tests::hidden::motion::Drive;
 use system_tests::hidden::score::{Judgement, Score, tables};
+use system_tests::hidden::three_links::{LINKS, THREE_LINKS};
 use system_tests::hidden::write::{Film, write};
 use system_tests::repository;
 
@@ -24,6 +26,9 @@ const BENT: [&str; 2] = ["joint_damping-x20-s2", "end_stop-x20-s2"];
 /// Two that beside each other cannot be mistaken, and a delay with play, for both of which a lag stands in when they are looked for
 /// one by one.
 const PAIRS: [&str; 2] = ["-s12", "-s13"];
+
+/// What a soft arm hides.
+const ARM_CASES: [&str; 2] = ["added_mass-x5-s0", "nothing-s2"];
 
 /// Two at a time, each with its share of the cores.
 fn side_by_side<T: Sync, R: Send>(list: &[T], run: impl Fn(&T) -> R + Sync + Send) -> Vec<R> {
@@ -97,16 +102,16 @@ fn slice() -> Vec<Case> {
         Kind::Pair(..) => PAIRS.iter().any(|seed| case.id.ends_with(seed)),
         Kind::Outside(name, size) => name == "vortex" && case.seed == 1 && size == 5.0,
     };
-    cases::all(10, &cases::SIZES).into_iter().filter(wanted).collect()
+    cases::all(&cases::HIDDEN, 10, &cases::SIZES).into_iter().filter(wanted).collect()
 }
 
-/// Has `list` diagnosed, filmed as `film` says.
-fn diagnosed(mut list: Vec<Case>, film: Film) -> Score {
+/// Has `list` of `mechanism` diagnosed, filmed as `film` says.
+fn diagnosed<const N: usize>(mechanism: &'static Mechanism<N>, mut list: Vec<Case>, film: Film) -> Score {
     let folder = tempfile::tempdir().expect("a folder");
     list.sort_by_key(|case| case.seed);
     let seeds: Vec<&[Case]> = list.chunk_by(|a, b| a.seed == b.seed).collect();
     let run = |cases: &&[Case]| -> Vec<Outcome> {
-        let mut benches = Benches::default();
+        let mut benches = Benches::of(mechanism);
         let one = |case: &Case| diagnose(case, &mut benches, film, &folder.path().join(&case.id));
         cases.iter().filter_map(one).collect()
     };
@@ -115,7 +120,7 @@ fn diagnosed(mut list: Vec<Case>, film: Film) -> Score {
 
 #[test]
 fn hidden_causes_are_named_and_nothing_else_is() {
-    let score = diagnosed(slice(), Film::default());
+    let score = diagnosed(&THREE_LINKS, slice(), Film::default());
     assert!(score.strong.of >= 30 && score.alarms.of >= 7, "the slice is whole");
     assert!(score.distinct.of >= DISTINCT, "{}", score.distinct);
     assert_eq!(score.distinct.hits, score.distinct.of, "what the data tell apart has its exact name");
@@ -136,10 +141,21 @@ fn hidden_causes_are_named_from_few_images_with_misread_keypoints() {
         Kind::Nothing => case.seed % 100 == 7,
         _ => false,
     };
-    let list: Vec<Case> = cases::all(4, &cases::SIZES).into_iter().filter(wanted).collect();
-    let score = diagnosed(list, Film { every: 3, misread: 0.005, ..Film::default() });
+    let list: Vec<Case> = cases::all(&cases::HIDDEN, 4, &cases::SIZES).into_iter().filter(wanted).collect();
+    let score = diagnosed(&THREE_LINKS, list, Film { every: 3, misread: 0.005, ..Film::default() });
     assert_eq!((score.strong.hits, score.strong.of), (4, 4), "each cause has its exact name");
     assert_eq!((score.alarms.hits, score.alarms.of), (0, 3), "nothing hidden is nothing found");
+}
+
+/// Of eight segments the middle and the tip are seen.
+#[test]
+fn hidden_causes_are_named_in_a_soft_arm() {
+    let wanted = |case: &Case| ARM_CASES.contains(&&*case.id);
+    let list: Vec<Case> = cases::all(ARM.causes, 2, &cases::SIZES).into_iter().filter(wanted).collect();
+    assert_eq!(list.len(), ARM_CASES.len());
+    let score = diagnosed(&ARM, list, Film { limit_s: Some(300.0), ..Film::default() });
+    assert_eq!((score.strong.hits, score.strong.of), (1, 1), "the cause has its exact name");
+    assert_eq!((score.alarms.hits, score.alarms.of), (0, 1), "nothing hidden is nothing found");
 }
 
 /// Two delays that nothing tells apart where every run is driven; a latency that was measured does.
@@ -148,7 +164,10 @@ fn images_clock_known_to_half_a_millisecond_leaves_a_delay_to_the_servo() {
     let clock = "[fit.prior]\n\"camera_delay/delay\" = { mean = 0.0, std = 0.0005 }\n\
         [fit.bounds]\n\"camera_delay/delay\" = [-0.002, 0.002]\n\n[[run]]";
     let folder = tempfile::tempdir().expect("a folder");
-    let case = cases::all(1, &[5.0]).into_iter().find(|case| case.id == "servo_delay-x5-s0").expect("a case");
+    let case = cases::all(&cases::HIDDEN, 1, &[5.0])
+        .into_iter()
+        .find(|case| case.id == "servo_delay-x5-s0")
+        .expect("a case");
     let mut made = case.make(&mut Benches::default()).expect("it can be seen");
     made.bench.runs.retain(|run| run.is_driven());
     let experiment = write(&case, &made, Film::default(), folder.path()).expect("the case's files");
@@ -170,7 +189,7 @@ fn images_clock_known_to_half_a_millisecond_leaves_a_delay_to_the_servo() {
 }
 
 /// Adds to the commands in `table` what a servo on a bus tells of itself in `run`, 50 times a second in steps of 1.5 mrad.
-fn measure(made: &Made, run: &Run, table: &Path) {
+fn measure(made: &Made<LINKS>, run: &Run<LINKS>, table: &Path) {
     let (Drive::Exact(servo) | Drive::Servo(servo, _)) = &run.motion.drive else { panic!("no servo") };
     let turned = drive::Path::new(servo, &made.hidden, *run.times_s.last().expect("images"));
     let corners = servo.time_s.iter().map(|&time_s| (time_s, None));
@@ -189,7 +208,7 @@ fn measure(made: &Made, run: &Run, table: &Path) {
 
 #[test]
 fn list_of_cases_is_whole_and_the_same_each_time() {
-    let list = cases::all(10, &cases::SIZES);
+    let list = cases::all(&cases::HIDDEN, 10, &cases::SIZES);
     let mut ids: Vec<&str> = list.iter().map(|case| case.id.as_str()).collect();
     ids.sort_unstable();
     ids.dedup();

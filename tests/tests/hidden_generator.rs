@@ -1,12 +1,14 @@
 //! The generator of hidden-effect data against closed forms, against itself, and against the simulation.
 
 use sim::{Command, Model, RolloutOptions, State, Steps, rollout};
-use system_tests::hidden::bench::{Bench, FINE_S, LINKS, Run, WATCHED_S, chain};
+use system_tests::hidden::arm;
+use system_tests::hidden::bench::{Bench, FINE_S, Run, WATCHED_S};
 use system_tests::hidden::chain::{Chain, Link, Plane};
 use system_tests::hidden::drive::Servo;
 use system_tests::hidden::fluid::Ellipsoid;
 use system_tests::hidden::motion::{Drive, Motion, PositionServo};
 use system_tests::hidden::terms::Hidden;
+use system_tests::hidden::three_links::{self, LINKS, chain};
 use system_tests::ordinary::faults::{Faulty, Kind};
 
 /// The two integrators' own errors, and nothing else \[m\].
@@ -16,7 +18,7 @@ const SAME_M: f64 = 1e-6;
 const SIM_S: f64 = 5e-4;
 
 /// `bench` as the simulation has it.
-fn model(bench: &Bench) -> Model {
+fn model<const N: usize>(bench: &Bench<N>) -> Model {
     let mut model = Model::from_mjcf(bench.model).expect("the model stands");
     let wet = bench.chain.density > 0.0;
     for (i, link) in bench.chain.links.iter().enumerate() {
@@ -28,6 +30,11 @@ fn model(bench: &Bench) -> Model {
             }
         }
         model.set_parameter(&format!("q{}/damping", i + 1), link.damping).expect("a damping");
+        for (name, value) in ["q{}/stiffness", "one_sided_stiffness/q{}"].iter().zip(link.springs) {
+            if value > 0.0 {
+                model.set_parameter(&name.replace("{}", &(i + 1).to_string()), value).expect("a spring");
+            }
+        }
     }
     model
 }
@@ -46,11 +53,12 @@ fn with_causes(model: &Model, hidden: &Hidden, run: usize) -> Model {
 }
 
 /// What the simulation sees of `run`.
-fn simulated(model: &Model, run: &Run) -> Vec<[Plane; LINKS]> {
+fn simulated<const N: usize>(model: &Model, bench: &Bench<N>, run: &Run<N>) -> Vec<Vec<Plane>> {
     let held = run.motion.held;
     // where the first link stands further round than its hinge says
     let zero = model.parameter("joint_zero/q1").unwrap_or(0.0);
-    let qpos = vec![held[0] - zero, held[1] - held[0], held[2] - held[1]];
+    let bent = |i: usize| held[i] - if i == 0 { zero } else { held[i - 1] };
+    let qpos = (0..N).map(bent).collect();
     let table = |servo: &Servo| Command {
         actuators: vec!["servo".into()],
         time_s: servo.time_s.clone(),
@@ -61,7 +69,7 @@ fn simulated(model: &Model, run: &Run) -> Vec<[Plane; LINKS]> {
         Drive::Exact(servo) => (table(servo), true),
         Drive::Servo(servo, _) => (table(servo), false),
     };
-    let mut state = State { qpos, qvel: vec![0.0; LINKS] };
+    let mut state = State { qpos, qvel: vec![0.0; N] };
     if let (Drive::Exact(servo), true) = (&run.motion.drive, prescribed) {
         // the second link's absolute angle stays as it is held
         let first = sim::CommandPath::<f64>::new(model, &table(servo)).at(0, run.motion.start_s);
@@ -71,10 +79,14 @@ fn simulated(model: &Model, run: &Run) -> Vec<[Plane; LINKS]> {
     let steps = Some(Steps::even(sim::Method::RungeKutta, SIM_S));
     let options = RolloutOptions { prescribed, start_s: run.motion.start_s, steps, ..Default::default() };
     let seen = rollout(model, &state, &command, &run.times_s, &options).expect("it moves");
-    seen.position_m.chunks(LINKS).map(|row| std::array::from_fn(|i| [row[i][0], row[i][2]])).collect()
+    let names = bench.keypoints();
+    let columns: Vec<usize> =
+        names.iter().map(|name| seen.keypoints.iter().position(|own| own == name).expect("a site")).collect();
+    let row = |row: &[[f64; 3]]| columns.iter().map(|&k| [row[k][0], row[k][2]]).collect();
+    seen.position_m.chunks(seen.keypoints.len()).map(row).collect()
 }
 
-fn largest(a: &[[Plane; LINKS]], b: &[[Plane; LINKS]]) -> f64 {
+fn largest(a: &[Vec<Plane>], b: &[Vec<Plane>]) -> f64 {
     let pairs = a.iter().flatten().flatten().zip(b.iter().flatten().flatten());
     pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
@@ -83,12 +95,17 @@ fn largest(a: &[[Plane; LINKS]], b: &[[Plane; LINKS]]) -> f64 {
 fn differences(hidden: &Hidden) -> [f64; 2] {
     // the medium has a say where there is no water
     let dry = hidden.get("medium_drag/drag", 0.0) > 0.0;
-    let bench = if dry { Faulty::draw(Kind::Air, 7).bench } else { Bench::draw(7, true) };
-    let plain = model(&bench);
+    let bench = if dry { Faulty::draw(Kind::Air, 7).bench } else { three_links::draw(7, true) };
+    apart(&bench, [0, 3], hidden)
+}
+
+/// Largest difference to the simulation in a drop and in a driven run of `bench`, at these places.
+fn apart<const N: usize>(bench: &Bench<N>, runs: [usize; 2], hidden: &Hidden) -> [f64; 2] {
+    let plain = model(bench);
     let mut worst = [0.0_f64; 2];
-    for run in [&bench.runs[0], &bench.runs[3]] {
+    for run in runs.map(|place| &bench.runs[place]) {
         let model = with_causes(&plain, hidden, run.motion.run);
-        let apart = largest(&bench.watch(run, hidden, FINE_S), &simulated(&model, run));
+        let apart = largest(&bench.watch(run, hidden, FINE_S), &simulated(&model, bench, run));
         let kind = usize::from(run.is_driven());
         worst[kind] = worst[kind].max(apart);
     }
@@ -100,6 +117,13 @@ fn plain_chain_moves_as_in_the_simulation() {
     let [drops, driven] = differences(&Hidden::default());
     println!("largest keypoint difference: drops {drops:.2e} m, driven {driven:.2e} m");
     assert!(drops < SAME_M && driven < SAME_M, "{drops} {driven}");
+}
+
+#[test]
+fn plain_arm_moves_as_in_the_simulation() {
+    let [drop, driven] = apart(&arm::draw(7, true), [0, 2], &Hidden::default());
+    println!("largest keypoint difference: drop {drop:.2e} m, driven {driven:.2e} m");
+    assert!(drop < SAME_M && driven < SAME_M, "{drop} {driven}");
 }
 
 /// A cause, its numbers, and a limit of the difference \[m\].
@@ -189,12 +213,12 @@ fn every_cause_moves_as_in_the_simulation() {
 
 #[test]
 fn servo_turns_the_first_link_as_in_the_simulation() {
-    let bench = Bench::draw(3, true);
+    let bench = three_links::draw(3, true);
     let model = model(&bench);
     let mut run = bench.runs[2].clone();
     let Drive::Exact(servo) = run.motion.drive.clone() else { panic!("driven runs are driven") };
     run.motion.drive = Drive::Servo(servo, PositionServo { kp: 0.05, kv: 3e-4, most: 0.03 });
-    let apart = largest(&bench.watch(&run, &Hidden::default(), FINE_S), &simulated(&model, &run));
+    let apart = largest(&bench.watch(&run, &Hidden::default(), FINE_S), &simulated(&model, &bench, &run));
     println!("largest keypoint difference {apart:.1e} m");
     assert!(apart < SAME_M, "{apart}");
 }

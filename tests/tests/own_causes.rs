@@ -4,9 +4,9 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use system_tests::hidden::bench::Bench;
 use system_tests::hidden::cases::{Case, Kind, Made};
 use system_tests::hidden::terms::Hidden;
+use system_tests::hidden::three_links;
 use system_tests::hidden::write::{Film, write};
 use system_tests::{json, printed, run_rig};
 
@@ -42,7 +42,7 @@ z0 = { unit = "m", bounds = [-0.1, 0.1], typical = 0.02, hidden = [-0.05] }
 /// Writes the runs of a chain with what is `hidden`, and an experiment that knows `causes`; its path.
 fn experiment(folder: &Path, hidden: Hidden, causes: &str) -> PathBuf {
     std::fs::create_dir_all(folder).expect("a folder");
-    let made = Made { bench: Bench::draw(1, true), hidden, truth: Vec::new() };
+    let made = Made { bench: three_links::draw(1, true), hidden, truth: Vec::new() };
     let case = Case { id: "own".into(), seed: 1, kind: Kind::Nothing };
     let path = write(&case, &made, Film::default(), folder).expect("the case's files");
     let text = std::fs::read_to_string(&path).expect("the experiment");

@@ -31,7 +31,7 @@ fn change(folder: &Path, servo: bool, cell: impl Fn(f64) -> f64, time: impl Fn(f
 
 /// `mistake` made in the case's folder is named as `parameter`, within `within` of `value`.
 fn is_named(mistake: impl Fn(&Path), parameter: &str, value: f64, within: f64) {
-    let case = cases::all(1, &[]).into_iter().find(|case| case.id == CASE).expect("the case");
+    let case = cases::all(&cases::HIDDEN, 1, &[]).into_iter().find(|case| case.id == CASE).expect("the case");
     let folder = tempfile::tempdir().expect("a folder");
     let made = case.make(&mut Benches::default()).expect("a case without anything");
     let experiment = write(&case, &made, Film::default(), folder.path()).expect("the case's files");

@@ -1,24 +1,18 @@
-//! The mechanism and its runs: nominal, and as one seed draws them.
+//! A mechanism and its runs, as one seed draws them.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal, StandardUniform};
 
 use super::camera::images;
-use super::chain::{Chain, Link, Plane};
+use super::chain::{Chain, Plane};
 use super::drive::Servo;
-use super::fluid::{Coefficients, Ellipsoid};
+use super::fluid::Coefficients;
 use super::motion::{Drive, Motion};
 use super::terms::Hidden;
 
-/// Links of the chain.
-pub const LINKS: usize = 3;
-/// The nominal model, where a fit starts.
-pub const MODEL: &str = include_str!("../../data/hidden/chain.xml");
-/// MuJoCo's own coefficients, those of the nominal model.
+/// MuJoCo's own coefficients, those of the nominal models.
 pub const NOMINAL: Coefficients = [0.5, 0.25, 1.5, 1.0, 1.0];
-/// Damping of each pivot in the nominal model \[N m s/rad\].
-pub const NOMINAL_DAMPING: f64 = 2e-6;
 /// Time between images \[s\].
 pub const IMAGE_S: f64 = 0.01;
 /// How long a run is watched after its motion starts \[s\].
@@ -64,55 +58,92 @@ impl Draw {
     }
 }
 
-/// The three links of `data/hidden/chain.xml` with these coefficients and pivot dampings \[N m s/rad\].
-pub fn chain(coefficients: [Coefficients; LINKS], damping: [f64; LINKS]) -> Chain<LINKS> {
-    const SIDES_M: [f64; 3] = [0.03, 0.01, 0.005];
-    let [long, wide, deep] = SIDES_M;
-    let mass_kg = 1240.0 * long * wide * deep;
-    let shape = Ellipsoid::new(SIDES_M.map(|side| side / 2.0), NOMINAL);
-    let links = std::array::from_fn(|i| Link {
-        length_m: if i + 1 == LINKS { 0.0275 } else { 0.025 },
-        centre_m: 0.0125,
-        mass_kg,
-        held_kg: mass_kg * 0.806452,
-        inertia_kg_m2: mass_kg / 12.0 * (long * long + wide * wide),
-        damping: damping[i],
-        shape: shape.with(coefficients[i]),
-    });
-    Chain { links, gravity: 9.81, density: 1000.0, viscosity: 0.00095 }
-}
-
 /// A run: how it goes, and when it is seen.
 #[derive(Debug, Clone)]
-pub struct Run {
+pub struct Run<const N: usize> {
     /// Its name in the experiment.
     pub id: String,
     /// Whether it is never fitted.
     pub held_out: bool,
     /// How it goes.
-    pub motion: Motion<LINKS>,
+    pub motion: Motion<N>,
     /// When images are taken \[s\].
     pub times_s: Vec<f64>,
 }
 
-impl Run {
+impl<const N: usize> Run<N> {
+    /// Let go from `held`.
+    pub fn drop(id: &str, held: [f64; N], draw: &mut Draw) -> Self {
+        Self::seen(id, held, Drive::None, draw.even(0.1, 0.2))
+    }
+
+    /// Driven with about this amplitude \[rad\] and period \[s\], from where `held` puts the links at the amplitude.
+    pub fn driven(
+        id: &str,
+        [amplitude, period_s]: [f64; 2],
+        held: impl FnOnce(f64, &mut Draw) -> [f64; N],
+        draw: &mut Draw,
+    ) -> Self {
+        let (amplitude, period_s) = (amplitude * draw.even(0.9, 1.1), period_s * draw.even(0.9, 1.1));
+        let start_s = draw.even(0.1, 0.2);
+        let start_s = (start_s * 1e4).round() / 1e4;
+        let servo = profile(amplitude, period_s, start_s, start_s + WATCHED_S + 0.3);
+        let held = held(amplitude, draw);
+        Self::seen(id, held, Drive::Exact(servo), start_s)
+    }
+
+    fn seen(id: &str, held: [f64; N], drive: Drive, start_s: f64) -> Self {
+        let start_s = (start_s * 1e4).round() / 1e4;
+        let count = ((start_s + WATCHED_S) / IMAGE_S) as usize + 1;
+        // an image may show a later instant than its time says
+        let motion = Motion { held, start_s, end_s: start_s + WATCHED_S + 0.25, drive, run: 0 };
+        Self {
+            id: id.into(),
+            held_out: false,
+            motion,
+            times_s: (0..count).map(|k| (k as f64 * IMAGE_S * 1e6).round() / 1e6).collect(),
+        }
+    }
+
     /// Whether the servo turns the first link.
     pub fn is_driven(&self) -> bool {
         !matches!(self.motion.drive, Drive::None)
     }
 }
 
+/// What all benches of a mechanism have in common.
+#[derive(Debug)]
+pub struct Mechanism<const N: usize> {
+    /// Its name, also that of its model's file.
+    pub name: &'static str,
+    /// The links at whose ends the keypoints P1, P2, ... are.
+    pub keypoints: &'static [usize],
+    /// Whether it is of one material: each coefficient is one number for all links, and so is by what springs and dampings differ from the
+    /// model's.
+    pub of_one_piece: bool,
+    /// How far away walls and cables are, as a share of those of the three links.
+    pub distance: f64,
+    /// What is hidden in it, in an order that pairs are drawn from.
+    pub causes: &'static [&'static str],
+    /// Those of them that are numbers of its joints, which a fit may have already.
+    pub of_joints: &'static [&'static str],
+    /// The bench of a seed, with its joints' own numbers fitted or known.
+    pub draw: fn(u64, bool) -> Bench<N>,
+}
+
 /// A mechanism and its runs.
 #[derive(Debug, Clone)]
-pub struct Bench {
+pub struct Bench<const N: usize> {
+    /// What it is.
+    pub mechanism: &'static Mechanism<N>,
     /// The true mechanism, without what is hidden.
-    pub chain: Chain<LINKS>,
-    /// Whether the fit also has the dampings of the passive pivots, which are then not the nominal ones.
-    pub fits_damping: bool,
+    pub chain: Chain<N>,
+    /// Whether the fit also has the joints' own numbers, which are then not the nominal ones.
+    pub fits_joints: bool,
     /// The nominal model, where a fit starts.
     pub model: &'static str,
     /// Its runs: those to fit first.
-    pub runs: Vec<Run>,
+    pub runs: Vec<Run<N>>,
 }
 
 /// A swing between -`amplitude_rad` and `amplitude_rad` with strokes of two thirds and one third of `period_s`, at rest until
@@ -132,71 +163,32 @@ pub fn profile(amplitude_rad: f64, period_s: f64, start_s: f64, end_s: f64) -> S
     Servo { time_s, angle_rad }
 }
 
-impl Bench {
-    /// What `seed` draws: true coefficients about the nominal ones, and two drops and two driven runs to fit, one of each
-    /// held out. With `fits_damping` the dampings are drawn too.
-    pub fn draw(seed: u64, fits_damping: bool) -> Self {
-        let mut draw = Draw::new(seed, 1);
-        let coefficients = std::array::from_fn(|_| NOMINAL.map(|c| c * (0.35 * draw.normal()).exp()));
-        let mut damping = [NOMINAL_DAMPING; LINKS];
-        for damping in &mut damping[1..] {
-            let drawn = NOMINAL_DAMPING * (0.4 * draw.normal()).exp();
-            if fits_damping {
-                *damping = drawn;
-            }
-        }
-        let mut runs: Vec<Run> = Vec::new();
-        let poses: [[f64; LINKS]; 3] = [[1.57, 1.57, 1.57], [-1.57, -0.3, 0.1], [1.1, 0.2, -0.9]];
-        let swings = [(0.6, 1.5), (0.4, 0.9), (0.5, 1.2)];
-        for k in [0, 1] {
-            let held = poses[k].map(|angle| angle + 0.08 * draw.normal());
-            runs.push(Self::drop(&format!("drop-{}", k + 1), held, &mut draw));
-        }
-        for (k, swing) in swings[..2].iter().enumerate() {
-            runs.push(Self::driven(&format!("driven-{}", k + 1), *swing, &mut draw));
-        }
-        let held = poses[2].map(|angle| angle + 0.08 * draw.normal());
-        runs.push(Self::drop("drop-held-out", held, &mut draw));
-        runs.push(Self::driven("driven-held-out", swings[2], &mut draw));
+impl<const N: usize> Bench<N> {
+    /// `runs` in their places, the last two held out.
+    pub fn in_order(mut runs: Vec<Run<N>>) -> Vec<Run<N>> {
+        let fitted = runs.len() - 2;
         for (place, run) in runs.iter_mut().enumerate() {
             run.motion.run = place;
-            run.held_out = place >= 4;
+            run.held_out = place >= fitted;
         }
-        Self { chain: chain(coefficients, damping), fits_damping, model: MODEL, runs }
+        runs
     }
 
-    fn drop(id: &str, held: [f64; LINKS], draw: &mut Draw) -> Run {
-        Self::seen(id, held, Drive::None, draw.even(0.1, 0.2))
+    /// Names of the keypoints.
+    pub fn keypoints(&self) -> Vec<String> {
+        (1..=self.mechanism.keypoints.len()).map(|k| format!("P{k}")).collect()
     }
 
-    fn driven(id: &str, (amplitude, period_s): (f64, f64), draw: &mut Draw) -> Run {
-        let (amplitude, period_s) = (amplitude * draw.even(0.9, 1.1), period_s * draw.even(0.9, 1.1));
-        let start_s = draw.even(0.1, 0.2);
-        let start_s = (start_s * 1e4).round() / 1e4;
-        let servo = profile(amplitude, period_s, start_s, start_s + WATCHED_S + 0.3);
-        // hanging from the turned first link, roughly
-        let held = [-amplitude, 0.05 * draw.normal(), 0.05 * draw.normal()];
-        Self::seen(id, held, Drive::Exact(servo), start_s)
-    }
-
-    fn seen(id: &str, held: [f64; LINKS], drive: Drive, start_s: f64) -> Run {
-        let start_s = (start_s * 1e4).round() / 1e4;
-        let count = ((start_s + WATCHED_S) / IMAGE_S) as usize + 1;
-        // an image may show a later instant than its time says
-        let motion = Motion { held, start_s, end_s: start_s + WATCHED_S + 0.25, drive, run: 0 };
-        Run {
-            id: id.into(),
-            held_out: false,
-            motion,
-            times_s: (0..count).map(|k| (k as f64 * IMAGE_S * 1e6).round() / 1e6).collect(),
-        }
+    /// Whether the fit has what the cause called `name` would change.
+    pub fn fits(&self, name: &str) -> bool {
+        self.fits_joints && self.mechanism.of_joints.contains(&name)
     }
 
     /// What a perfect eye reads from the images of `run` with what is `hidden`, in steps of `step_s`.
-    pub fn watch(&self, run: &Run, hidden: &Hidden, step_s: f64) -> Vec<[Plane; LINKS]> {
+    pub fn watch(&self, run: &Run<N>, hidden: &Hidden, step_s: f64) -> Vec<Vec<Plane>> {
         // a memory of every step since the start costs the square of their number
         let step_s = if hidden.get("basset/history", 0.0) > 0.0 { step_s.max(COARSE_S) } else { step_s };
         let hidden = &hidden.in_run(run.motion.run);
-        images(&self.chain.run(&run.motion, hidden, step_s), hidden, &run.times_s)
+        images(&self.chain.run(&run.motion, hidden, step_s), self.mechanism.keypoints, hidden, &run.times_s)
     }
 }

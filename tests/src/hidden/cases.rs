@@ -19,7 +19,7 @@ const NOTHING_SEED: u64 = 1000;
 /// Size of both causes of a pair, each measured with the other one free too.
 const PAIR_SIZE: f64 = 8.0;
 
-/// The causes that are hidden, in an order that pairs are drawn from.
+/// The causes that are hidden in three links, in an order that pairs are drawn from.
 pub const HIDDEN: [&str; 28] = [
     "current",
     "buoyancy",
@@ -77,20 +77,20 @@ pub struct Case {
 
 /// A case, made.
 #[derive(Debug, Clone)]
-pub struct Made {
+pub struct Made<const N: usize> {
     /// Mechanism and runs.
-    pub bench: Bench,
+    pub bench: Bench<N>,
     /// What is hidden.
     pub hidden: Hidden,
     /// What should be found.
     pub truth: Vec<Truth>,
 }
 
-/// All cases with `seeds` of each cause in each of `sizes`, by group.
-pub fn all(seeds: u64, sizes: &[f64]) -> Vec<Case> {
+/// All cases with `seeds` of each of `causes` in each of `sizes`, by group.
+pub fn all(causes: &[&'static str], seeds: u64, sizes: &[f64]) -> Vec<Case> {
     let mut list = Vec::new();
     for seed in 0..seeds {
-        for name in HIDDEN {
+        for &name in causes {
             for &size in sizes {
                 let id = format!("{name}-x{size}-s{seed}");
                 list.push(Case { id, seed, kind: Kind::One(name, size) });
@@ -99,9 +99,9 @@ pub fn all(seeds: u64, sizes: &[f64]) -> Vec<Case> {
     }
     for pair in 0..PAIRS {
         let mut draw = Draw::new(pair, 11);
-        let first = HIDDEN[draw.place(HIDDEN.len())];
-        let others: Vec<&'static str> =
-            HIDDEN.into_iter().filter(|name| !same(name, first, false) && *name != first).collect();
+        let first = causes[draw.place(causes.len())];
+        let others = causes.iter().filter(|name| !same(name, first, false) && **name != first);
+        let others: Vec<&'static str> = others.copied().collect();
         let second = others[draw.place(others.len())];
         let id = format!("pair-{first}+{second}-s{pair}");
         list.push(Case { id, seed: pair % seeds.max(1), kind: Kind::Pair(first, second) });
@@ -129,35 +129,35 @@ pub fn same(a: &str, b: &str, all_driven: bool) -> bool {
 
 impl Case {
     /// Makes the case; `None` where its runs show nothing of what should be hidden at any size.
-    pub fn make(&self, benches: &mut Benches) -> Option<Made> {
-        let damped = |name: &str| name == "joint_damping";
+    pub fn make<const N: usize>(&self, benches: &mut Benches<N>) -> Option<Made<N>> {
+        let of_joints = benches.mechanism().of_joints;
         let known = match self.kind {
-            Kind::One(name, _) => damped(name),
-            Kind::Pair(a, b) => damped(a) || damped(b),
+            Kind::One(name, _) => of_joints.contains(&name),
+            Kind::Pair(a, b) => of_joints.contains(&a) || of_joints.contains(&b),
             _ => false,
         };
         // a damping that is fitted is no candidate: a part of all cases has the nominal one and fits none
-        let fits_damping = !known && !self.seed.is_multiple_of(3);
+        let fits_joints = !known && !self.seed.is_multiple_of(3);
         let mut draw = Draw::new(self.seed, 2);
         if self.kind == Kind::Nothing {
-            let bench = Bench::draw(self.seed, fits_damping);
+            let bench = (benches.mechanism().draw)(self.seed, fits_joints);
             return Some(Made { bench, hidden: Hidden::default(), truth: Vec::new() });
         }
         let (hidden, truth) = match self.kind {
             Kind::Nothing => (Hidden::default(), Vec::new()),
             Kind::One(name, size) | Kind::Outside(name, size) => {
-                let hideout = Hideout::draw(name, &benches.get(self.seed, fits_damping).0, &mut draw);
-                let limit = benches.limit(self.seed, fits_damping, &hideout)?;
-                let (bench, imitation) = benches.get(self.seed, fits_damping);
+                let hideout = Hideout::draw(name, &benches.get(self.seed, fits_joints).0, &mut draw);
+                let limit = benches.limit(self.seed, fits_joints, &hideout)?;
+                let (bench, imitation) = benches.get(self.seed, fits_joints);
                 let (hidden, mut truth) = hideout.hide(bench, imitation, limit, size)?;
                 if matches!(self.kind, Kind::One(..)) {
-                    truth.rival = Some(benches.nearest(self.seed, fits_damping, name, &hidden));
+                    truth.rival = Some(benches.nearest(self.seed, fits_joints, name, &hidden));
                 }
                 (hidden, vec![truth])
             }
             Kind::Pair(a, b) => {
                 let mut draw = Draw::new(self.seed, 3);
-                let (bench, imitation) = benches.get(self.seed, fits_damping);
+                let (bench, imitation) = benches.get(self.seed, fits_joints);
                 let [a, b] = [a, b].map(|name| Hideout::draw(name, bench, &mut draw));
                 let hide = |hideout: &Hideout, partner: Option<(&Hideout, &Hidden)>| {
                     let limit = hideout.limit(bench, imitation, partner)?;
@@ -171,7 +171,7 @@ impl Case {
                 (both, vec![one, other])
             }
         };
-        let bench = benches.get(self.seed, fits_damping).0.clone();
+        let bench = benches.get(self.seed, fits_joints).0.clone();
         Some(Made { bench, hidden, truth })
     }
 }

@@ -33,6 +33,8 @@ pub struct Link {
     pub inertia_kg_m2: f64,
     /// Damping of its pivot \[N m s/rad\].
     pub damping: f64,
+    /// Springs of its pivot that push back from either side and, beside it, from positive angles \[N m/rad\]; the first link has none.
+    pub springs: [f64; 2],
     /// Its shape in the water.
     pub shape: Ellipsoid,
 }
@@ -227,7 +229,8 @@ impl<const N: usize> Chain<N> {
             let (bend, turn) = (state.angle[i] - angle, state.rate[i] - rate);
             let mut torque = -self.links[i].damping * turn + terms.hinge(i, turn);
             if i > 0 {
-                torque += terms.spring(i, bend, turn);
+                let [either, positive] = self.links[i].springs;
+                torque += terms.spring(i, bend, turn) - either * bend - positive * bend.max(0.0);
                 right[i - 1] -= torque;
             } else if let Root::Torque(drive) = root {
                 torque += drive;

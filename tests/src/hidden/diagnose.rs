@@ -60,7 +60,12 @@ pub struct Outcome {
 ///
 /// # Panics
 /// When files cannot be written or the program cannot be started.
-pub fn diagnose(case: &Case, benches: &mut Benches, film: Film, folder: &Path) -> Option<Outcome> {
+pub fn diagnose<const N: usize>(
+    case: &Case,
+    benches: &mut Benches<N>,
+    film: Film,
+    folder: &Path,
+) -> Option<Outcome> {
     let made = case.make(benches)?;
     std::fs::create_dir_all(folder).expect("a folder for the case");
     let experiment = write(case, &made, film, folder).expect("the case's files");

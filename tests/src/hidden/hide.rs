@@ -63,7 +63,7 @@ impl Hideout {
     ///
     /// # Panics
     /// When there is no such cause.
-    pub fn draw(name: &str, bench: &Bench, draw: &mut Draw) -> Self {
+    pub fn draw<const N: usize>(name: &str, bench: &Bench<N>, draw: &mut Draw) -> Self {
         let mut fixed: Vec<(String, f64)> = Vec::new();
         let mut fix = |name: &str, value: f64| fixed.push((name.into(), value));
         if let Some((_, parameter, usual)) = OUTSIDE.iter().find(|(outside, ..)| *outside == name) {
@@ -102,16 +102,25 @@ impl Hideout {
                     [(format!("slosh/sin@{run}"), phase.cos()), (format!("slosh/cos@{run}"), phase.sin())]
                 })
                 .collect(),
-            "keypoint_slip" => vec![(named(["P1", "P2", "P3"][draw.place(3)]), sign)],
+            "keypoint_slip" => {
+                let keypoints = bench.keypoints();
+                vec![(named(&keypoints[draw.place(keypoints.len())]), sign)]
+            }
+            "joint_zero" => vec![(named("q1"), sign)],
+            // what is of one piece ages in one place
+            "stiffness" | "joint_damping" if bench.mechanism.of_one_piece => {
+                vec![(named(&format!("q{}", 2 + draw.place(N - 1))), sign)]
+            }
             _ => vec![(named(size.name), sign)],
         };
         let mut inverse = false;
+        let distance = bench.mechanism.distance;
         match name {
             "slosh" => fix("slosh/frequency", draw.even(0.7, 1.8)),
-            "wall" => fix("wall/x", draw.sign() * draw.even(0.075, 0.095)),
+            "wall" => fix("wall/x", draw.sign() * draw.even(0.075, 0.095) * distance),
             "tether" => {
-                fix("tether/x", draw.sign() * draw.even(0.04, 0.1));
-                fix("tether/z", draw.even(-0.1, 0.1));
+                fix("tether/x", draw.sign() * draw.even(0.04, 0.1) * distance);
+                fix("tether/z", draw.even(-0.1, 0.1) * distance);
             }
             "one_sided_stiffness" => fix("one_sided_stiffness/side", draw.sign()),
             "end_stop" => fix("end_stop/angle", draw.even(0.45, 0.7) * largest_bend(bench)),
@@ -135,13 +144,13 @@ impl Hideout {
     }
 
     /// `hidden`, of which this is a part, with each of its own numbers a little changed: by what a fit would turn.
-    fn nudged(&self, hidden: &Hidden) -> Vec<Hidden> {
+    fn nudged<const N: usize>(&self, bench: &Bench<N>, hidden: &Hidden) -> Vec<Hidden> {
         let own = hidden.0.iter().map(|(name, &value)| (name.clone(), value));
         let own = own.filter(|(name, _)| name.split('/').next() == Some(&self.cause));
         let mut numbers: Vec<(String, f64)> = own.filter(|(name, _)| !SWITCHES.contains(&&**name)).collect();
         if self.cause == "keypoint_slip" {
-            let others = ["P1", "P2", "P3"].map(|point| (format!("keypoint_slip/{point}"), 0.0));
-            numbers.extend(others.into_iter().filter(|(name, _)| !hidden.0.contains_key(name)));
+            let others = bench.keypoints().into_iter().map(|point| (format!("keypoint_slip/{point}"), 0.0));
+            numbers.extend(others.filter(|(name, _)| !hidden.0.contains_key(name)));
         }
         let nudge = |(name, value): (String, f64)| {
             let by = NUDGE * if value == 0.0 { self.usual } else { value };
@@ -151,10 +160,10 @@ impl Hideout {
     }
 
     /// The smallest size that the fitted runs of `bench` show, beside `partner`; `None` where they show none.
-    pub fn limit(
+    pub fn limit<const N: usize>(
         &self,
-        bench: &Bench,
-        imitation: &Imitation,
+        bench: &Bench<N>,
+        imitation: &Imitation<N>,
         partner: Option<(&Self, &Hidden)>,
     ) -> Option<f64> {
         let chi_square = |size: f64| self.chi_square(bench, imitation, partner, size);
@@ -164,10 +173,10 @@ impl Hideout {
         }
     }
 
-    fn chi_square(
+    fn chi_square<const N: usize>(
         &self,
-        bench: &Bench,
-        imitation: &Imitation,
+        bench: &Bench<N>,
+        imitation: &Imitation<N>,
         partner: Option<(&Self, &Hidden)>,
         size: f64,
     ) -> f64 {
@@ -175,14 +184,14 @@ impl Hideout {
         let Some((other, partner)) = partner else { return imitation.chi_square(bench, &own) };
         let mut both = own;
         both.0.extend(partner.0.clone());
-        imitation.chi_square_beside(bench, &both, partner, &other.nudged(&both))
+        imitation.chi_square_beside(bench, &both, partner, &other.nudged(bench, &both))
     }
 
     /// The cause at `times` its `limit`; `None` where no size is so strong.
-    pub fn hide(
+    pub fn hide<const N: usize>(
         &self,
-        bench: &Bench,
-        imitation: &Imitation,
+        bench: &Bench<N>,
+        imitation: &Imitation<N>,
         limit: f64,
         times: f64,
     ) -> Option<(Hidden, Truth)> {

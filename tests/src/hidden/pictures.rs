@@ -20,10 +20,13 @@ const BASE_PX: [f64; 2] = [320.0, 110.0];
 ///
 /// # Errors
 /// Where the film is refused.
-pub fn trajectory(made: &Made, film: Film, run: &Run, seed: u64) -> Result<String> {
+pub fn trajectory<const N: usize>(made: &Made<N>, film: Film, run: &Run<N>, seed: u64) -> Result<String> {
+    if made.bench.mechanism.of_one_piece {
+        return Err(Error::other("pictures are drawn of rigid links only; leave out `--pictures`"));
+    }
     let seen = made.bench.watch(run, &made.hidden, FINE_S);
     let px = |[x, z]: [f64; 2]| [BASE_PX[0] + x / SCALE_M, BASE_PX[1] - z / SCALE_M];
-    let points = |row: &[[f64; 2]; 3]| std::iter::once(BASE_PX).chain(row.map(px)).collect();
+    let points = |row: &Vec<[f64; 2]>| std::iter::once(BASE_PX).chain(row.iter().copied().map(px)).collect();
     let points = seen.iter().step_by(film.every).map(points).collect();
     let seed = seed.wrapping_add(run.motion.run as u64);
     let level = if seed.is_multiple_of(2) { Level::Clean } else { Level::Usual };

@@ -9,7 +9,7 @@ use sim::Cause;
 use sim::causes::{ParameterInfo, Role};
 
 use super::bench::{Bench, Run};
-use super::cases::{HIDDEN, same};
+use super::cases::same;
 use super::limit::{Imitation, largest_bend, orthonormal};
 use super::terms::Hidden;
 
@@ -35,7 +35,7 @@ impl Rival {
     }
 
     /// The same at the size at which it is nearest.
-    fn nearest(&self, bench: &Bench, imitation: &Imitation, own: &DVector<f64>) -> f64 {
+    fn nearest<const N: usize>(&self, bench: &Bench<N>, imitation: &Imitation<N>, own: &DVector<f64>) -> f64 {
         let Some((step, size)) = &self.single else { return self.apart(own) };
         let name = format!("{}/{}", self.cause, size.name);
         let [lower, upper] = size.bounds;
@@ -58,7 +58,7 @@ impl Rival {
 pub struct Rivals(Vec<Rival>);
 
 /// For each shape of `cause` the steps that span it.
-fn shapes(cause: Cause, bench: &Bench, runs: &[Run]) -> Vec<Vec<Hidden>> {
+fn shapes<const N: usize>(cause: Cause, bench: &Bench<N>, runs: &[Run<N>]) -> Vec<Vec<Hidden>> {
     let info = cause.info();
     let name = info.name;
     let size = info.parameters.iter().find(|parameter| parameter.role == Role::Size);
@@ -72,7 +72,8 @@ fn shapes(cause: Cause, bench: &Bench, runs: &[Run]) -> Vec<Vec<Hidden>> {
     match name {
         "current" | "camera_tilt" => vec![["x", "z"].map(|axis| of(&[(own(axis), step)])).to_vec()],
         "cob_offset" => vec![["along", "across"].map(|axis| of(&[(own(axis), step)])).to_vec()],
-        "keypoint_slip" => vec![["P1", "P2", "P3"].map(|point| of(&[(own(point), step)])).to_vec()],
+        "keypoint_slip" => vec![bench.keypoints().iter().map(|point| of(&[(own(point), step)])).collect()],
+        "joint_zero" => vec![vec![of(&[(own("q1"), step)])]],
         "tether" => {
             // a stiffness and two coordinates of the anchor act in proportion
             let anchors = [[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]];
@@ -102,9 +103,10 @@ fn shapes(cause: Cause, bench: &Bench, runs: &[Run]) -> Vec<Vec<Hidden>> {
 
 impl Rivals {
     /// All causes that a fit of `bench` does not already have.
-    pub fn new(bench: &Bench, imitation: &Imitation) -> Self {
-        let fitted = |cause: &Cause| bench.fits_damping && cause.info().name == "joint_damping";
-        let causes = Cause::ALL.iter().filter(|cause| HIDDEN.contains(&cause.name()) && !fitted(cause));
+    pub fn new<const N: usize>(bench: &Bench<N>, imitation: &Imitation<N>) -> Self {
+        let known = bench.mechanism.causes;
+        let causes =
+            Cause::ALL.iter().filter(|cause| known.contains(&cause.name()) && !bench.fits(cause.name()));
         let each = causes.flat_map(|&cause| {
             shapes(cause, bench, &imitation.runs).into_iter().map(move |steps| {
                 let size = cause.info().parameters.iter().find(|parameter| parameter.role == Role::Size);
@@ -117,10 +119,10 @@ impl Rivals {
     }
 
     /// The rival nearest to `cause` as `hidden` has it, and the chi-square by which they differ.
-    pub fn nearest(
+    pub fn nearest<const N: usize>(
         &self,
-        bench: &Bench,
-        imitation: &Imitation,
+        bench: &Bench<N>,
+        imitation: &Imitation<N>,
         cause: &str,
         hidden: &Hidden,
     ) -> (String, f64) {

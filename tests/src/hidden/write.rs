@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use super::bench::{Draw, FINE_S, LINKS, Run};
+use super::bench::{Bench, Draw, FINE_S, Run};
 use super::cases::{Case, Made};
 use super::limit::NOISE_M;
 use super::motion::Drive;
@@ -24,11 +24,13 @@ pub struct Film {
     pub misread: f64,
     /// Pictures are drawn and read, instead of keypoints with noise being written.
     pub pictures: bool,
+    /// How long the diagnosis may take \[s\], where it is not the program's own limit.
+    pub limit_s: Option<f64>,
 }
 
 impl Default for Film {
     fn default() -> Self {
-        Self { every: 1, misread: 0.0, pictures: false }
+        Self { every: 1, misread: 0.0, pictures: false, limit_s: None }
     }
 }
 
@@ -41,14 +43,17 @@ pub fn correlation(seed: u64) -> f64 {
 ///
 /// # Errors
 /// When a file cannot be written.
-pub fn write(case: &Case, made: &Made, film: Film, folder: &Path) -> std::io::Result<PathBuf> {
-    let wet = made.bench.chain.density > 0.0;
-    let groups = [("fluidcoef", wet), ("damping", made.bench.fits_damping)];
-    let groups: Vec<String> =
-        groups.iter().filter(|(_, is_fitted)| *is_fitted).map(|(name, _)| format!("\"{name}\"")).collect();
-    let parameters = groups.join(", ");
-    let mut text =
-        format!("model = \"chain.xml\"\nprescribed = true\n\n[fit]\nparameters = [{parameters}]\n");
+pub fn write<const N: usize>(
+    case: &Case,
+    made: &Made<N>,
+    film: Film,
+    folder: &Path,
+) -> std::io::Result<PathBuf> {
+    let model_file = format!("{}.xml", made.bench.mechanism.name);
+    let mut text = format!("model = \"{model_file}\"\nprescribed = true\n\n{}", fit(&made.bench));
+    if let Some(limit_s) = film.limit_s {
+        let _ = writeln!(text, "\n[diagnose]\nlimit_s = {limit_s:?}");
+    }
     for run in &made.bench.runs {
         let (id, driven) = (&run.id, run.is_driven());
         let (kind, usage) =
@@ -76,10 +81,32 @@ pub fn write(case: &Case, made: &Made, film: Film, folder: &Path) -> std::io::Re
     }
     let model = made.bench.model;
     let model = if film.pictures { pictures::with_base(model) } else { model.to_owned() };
-    std::fs::write(folder.join("chain.xml"), model)?;
+    std::fs::write(folder.join(model_file), model)?;
     let path = folder.join("experiment.toml");
     std::fs::write(&path, text)?;
     Ok(path)
+}
+
+/// What is fitted.
+fn fit<const N: usize>(bench: &Bench<N>) -> String {
+    let one_piece = bench.mechanism.of_one_piece;
+    let groups = [
+        ("fluidcoef", bench.chain.density > 0.0),
+        ("damping", bench.fits_joints),
+        ("stiffness", bench.fits_joints && one_piece),
+        ("one_sided_stiffness/q*", bench.fits_joints && one_piece),
+    ];
+    let groups = groups.iter().filter(|(_, is_fitted)| *is_fitted);
+    let groups: Vec<String> = groups.map(|(name, _)| format!("\"{name}\"")).collect();
+    let mut text = format!("[fit]\nparameters = [{}]\n", groups.join(", "));
+    if one_piece {
+        text +=
+            "tie = [[\"g*/blunt\"], [\"g*/slender\"], [\"g*/angular\"], [\"g*/kutta\"], [\"g*/magnus\"]]\n";
+        if bench.fits_joints {
+            text += "proportional = [[\"q*/stiffness\"], [\"q*/damping\"], [\"one_sided_stiffness/q*\"]]\n";
+        }
+    }
+    text
 }
 
 /// Each case has its own noise, whatever else shares its seed.
@@ -90,16 +117,17 @@ fn own(case: &Case) -> u64 {
 }
 
 /// The keypoints of `run` as they are read: noise that correlates in time, rounded, some misread.
-fn trajectory(case: &Case, made: &Made, film: Film, run: &Run) -> String {
+fn trajectory<const N: usize>(case: &Case, made: &Made<N>, film: Film, run: &Run<N>) -> String {
     let own = own(case);
     let mut draw = Draw::new(own, 16 + run.motion.run as u64);
     let mut misread = Draw::new(own, 32 + run.motion.run as u64);
     let keep = correlation(case.seed);
     let rest = (1.0 - keep * keep).sqrt();
-    let mut noise = [[0.0; 2]; LINKS];
+    let keypoints = made.bench.keypoints();
+    let mut noise = vec![[0.0; 2]; keypoints.len()];
     let mut table = String::from("time_s");
-    for k in 1..=LINKS {
-        let _ = write!(table, ",P{k}_x_m,P{k}_z_m");
+    for name in keypoints {
+        let _ = write!(table, ",{name}_x_m,{name}_z_m");
     }
     table.push('\n');
     let seen = made.bench.watch(run, &made.hidden, FINE_S);

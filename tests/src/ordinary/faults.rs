@@ -1,8 +1,9 @@
 //! What may be wrong, and how badly.
 
-use crate::hidden::bench::{Bench, Draw, LINKS};
+use crate::hidden::bench::{Bench, Draw};
 use crate::hidden::fluid::Ellipsoid;
 use crate::hidden::terms::Hidden;
+use crate::hidden::three_links::{self, LINKS};
 
 /// The nominal model without water.
 const IN_AIR: &str = include_str!("../../data/hidden/chain_in_air.xml");
@@ -119,7 +120,7 @@ pub struct Fault {
 #[derive(Debug, Clone)]
 pub struct Faulty {
     /// The mechanism and its runs.
-    pub bench: Bench,
+    pub bench: Bench<LINKS>,
     /// The faults as the generator takes them.
     pub hidden: Hidden,
     /// The same as they should be found.
@@ -137,7 +138,7 @@ impl Faulty {
             Kind::OwnHinge | Kind::Air => true,
             _ => !seed.is_multiple_of(3),
         };
-        let mut bench = Bench::draw(seed, fits_damping);
+        let mut bench = three_links::draw(seed, fits_damping);
         let mut hidden = Hidden::default();
         let mut truth = Vec::new();
         let mut put = |cause: &str, element: Option<String>, parameter: &str, size: f64| {
@@ -200,7 +201,7 @@ impl Faulty {
 }
 
 /// Takes the water away.
-fn dry(bench: &mut Bench) {
+fn dry(bench: &mut Bench<LINKS>) {
     let chain = &mut bench.chain;
     (chain.density, chain.viscosity) = (0.0, 0.0);
     for link in &mut chain.links {
