@@ -1,7 +1,7 @@
 //! A mock rig with a daemon on it.
 
-use Command;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use rustix::process::Pid;
 

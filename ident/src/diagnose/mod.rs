@@ -197,8 +197,14 @@ fn diagnosed(
     search.says("comparing what is nearly as good");
     let contest = rivals::contest(experiment, &mut found, &floor, &mut checking);
     search.says("checking");
-    let (mut diagnosis, leader, established) =
-        verdict::verdict(experiment, &fitted, &baseline, (&found, contest), &floor, &mut checking);
+    let (mut diagnosis, leader, established) = verdict::verdict(
+        experiment,
+        &fitted,
+        &baseline,
+        (&found, contest, search.is_cut()),
+        &floor,
+        &mut checking,
+    );
     diagnosis.complete = !search.is_cut() && !checking.is_stopped();
     search.says("planning the next run");
     let (advice, next) = next::next(experiment, &baseline, &found, &floor, &diagnosis, &checking);

@@ -29,7 +29,7 @@ pub(super) fn verdict<'a>(
     experiment: &'a Experiment,
     fitted: &[Cause],
     baseline: &State<'a>,
-    (found, contest): (&Found<'a>, Contest<'a>),
+    (found, contest, is_cut): (&Found<'a>, Contest<'a>, bool),
     floor: &Floor,
     counts: &mut Counts,
 ) -> (Diagnosis, State<'a>, Option<State<'a>>) {
@@ -50,7 +50,9 @@ pub(super) fn verdict<'a>(
             remarks = gates.objections(&other, found, floor).into_iter().map(beside).collect();
         }
     }
-    if accepted && counts.is_stopped() {
+    // a search that was ended before it accepted anything has not seen that there is nothing
+    let untried = !accepted && is_cut;
+    if accepted && counts.is_stopped() || untried {
         remarks.push(UNCHECKED.into());
     }
     let (rivals, others): (Vec<Rival>, Vec<Rival>) =
@@ -64,7 +66,7 @@ pub(super) fn verdict<'a>(
         remarks =
             remarks.iter().map(|said| format!("{leader} would fit a little better, but {said}")).collect();
     }
-    let objected = !faint && !remarks.is_empty() || !accepted && beyond_noise;
+    let objected = !faint && !remarks.is_empty() || !accepted && beyond_noise || untried;
     let verdict = match leader.causes.len() {
         _ if faint => Verdict::NothingDetectable,
         _ if objected => Verdict::Unexplained,

@@ -1,4 +1,4 @@
-//! The daemon's page: three fixed texts, which ask the API for everything they show.
+//! The daemon's page: fixed texts, which ask the API for everything they show.
 
 use std::sync::Arc;
 
@@ -8,9 +8,10 @@ use axum::routing::get;
 
 use super::Api;
 
-const FILES: [(&str, &str, &str); 3] = [
+const FILES: [(&str, &str, &str); 4] = [
     ("/", "text/html; charset=utf-8", include_str!("../page/page.html")),
     ("/page.css", "text/css; charset=utf-8", include_str!("../page/page.css")),
+    ("/icon.svg", "image/svg+xml", include_str!("../page/icon.svg")),
     ("/page.js", "text/javascript; charset=utf-8", include_str!("../page/page.js")),
 ];
 

@@ -45,7 +45,7 @@ function element(name, properties = {}, ...children) {
   return made;
 }
 
-const time = text => text ? new Date(text).toLocaleString(undefined, { dateStyle: "short", timeStyle: "medium" }) : "";
+const time = text => text ? new Date(text).toLocaleString(undefined, { dateStyle: "short", timeStyle: "short" }) : "";
 const said = text => { $("said").textContent = text; };
 
 function askForToken() {
@@ -93,7 +93,8 @@ function showNow({ rig, jobs }) {
 
 function cameOf(job) {
   const { error, verdict, run, out } = job;
-  if (error) return error.split("\n")[0];
+  // the run's folder is said before a colon
+  if (error) return error.split("\n")[0].replace(/^run \S+: /, "");
   if (verdict) return verdict;
   return (run ?? out ?? job.cancel ?? job.why ?? "").split("/").pop();
 }
@@ -108,7 +109,7 @@ function showJobs({ jobs }) {
       : command(`/jobs/${job.id}/cancel`, { why: "from the page" }, () => `Job ${job.id} is told to end.`);
     return element("tr", {}, element("td", { textContent: job.id }), element("td", { textContent: job.work.kind }),
       element("td", { textContent: job.state, className: job.state }), element("td", { textContent: time(job.added) }),
-      element("td", { textContent: cameOf(job), className: "came", title: job.why ?? "" }), element("td", {}, button));
+      element("td", {}, button), element("td", { textContent: cameOf(job), className: "came", title: job.why ?? "" }));
   });
   if (!rows.length) rows.push(element("tr", {}, element("td", { colSpan: 6, textContent: "No jobs yet." })));
   // Whoever stands on a button of the table stays there.
@@ -123,9 +124,9 @@ function runRow(run) {
   const report = run.report
     ? element("a", { href: `${API}${inRig(`/runs/${run.id}/report.html`)}`, target: "_blank", rel: "noopener", textContent: "Report", ariaLabel: `Report of run ${run.id}` })
     : "";
-  return element("tr", {}, element("td", { textContent: run.id }), element("td", { textContent: time(run.began) }),
-    element("td", { textContent: run.status, className: run.status, title: run.reason ?? "" }),
-    element("td", { textContent: millimetres(run.fit_error_m) }), element("td", { textContent: run.verdict ?? "" }), element("td", {}, report));
+  return element("tr", {}, element("td", { textContent: time(run.began) }),
+    element("td", { textContent: run.status, className: run.status, title: run.reason ?? "" }), element("td", {}, report),
+    element("td", { textContent: millimetres(run.fit_error_m) }), element("td", { textContent: run.verdict ?? "" }), element("td", { textContent: run.id }));
 }
 
 async function showRuns(more) {
