@@ -1,6 +1,8 @@
 //! How long looking at many runs takes: `cargo run -p system-tests --example many_runs -- OUT [RUNS]`, in a folder that is made for it. Says
 //! what making the index took, then `rig runs ls` and the daemon's list of runs with an index that is up to date.
 
+#![allow(clippy::print_stdout, reason = "its output is the point")]
+
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -12,7 +14,7 @@ use serde_json::json;
 const CONFIG: &str = include_str!("../../configs/chain-driven-hanging.toml");
 
 fn make(out: &Path, number: usize) -> std::io::Result<()> {
-    let at = jiff_like(number);
+    let at = second(number);
     let folder = out.join(format!("{at}-{:06}", number % 1_000_000));
     std::fs::create_dir_all(&folder)?;
     let id = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
@@ -34,7 +36,7 @@ fn make(out: &Path, number: usize) -> std::io::Result<()> {
 }
 
 /// A second of its own for each run, as a run's id begins.
-fn jiff_like(number: usize) -> String {
+fn second(number: usize) -> String {
     let (day, second) = (number / 86_400, number % 86_400);
     format!("202601{:02}T{:02}{:02}{:02}Z", day + 1, second / 3600, second / 60 % 60, second % 60)
 }

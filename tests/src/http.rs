@@ -68,7 +68,7 @@ impl Events {
     }
 
     /// The next event's data, as JSON.
-    pub fn next(&mut self) -> serde_json::Value {
+    pub fn wait(&mut self) -> serde_json::Value {
         loop {
             let mut line = String::new();
             assert!(self.0.read_line(&mut line).expect("an event") > 0, "the server closed the stream");

@@ -28,6 +28,7 @@ const NOT_RUN: &[(&str, &str)] = &[
     ),
     ("rig fit fish/", "needs the markers; the test fish runs it where they are"),
     ("rig diagnose fish/", "needs the markers, and minutes"),
+    ("rig daemon", "serves until it is ended; daemon and daemon_api run it"),
     ("rig calibrate camera", "needs pictures of a board; calibrate and aprilgrid draw some and run it"),
     ("rig calibrate servo", "half a minute of film; calibrate_servo runs it"),
     ("rig calibrate latency", "needs an LED in view; one_clock runs it"),

@@ -47,12 +47,12 @@ fn a_run_is_queued_watched_and_its_fit_read() {
     let _turn = in_real_time();
     let served = Served::start("127.0.0.1:0");
     let mut events = Events::listen(served.address, "/api/v1/events");
-    assert_eq!(events.next()["jobs"], serde_json::json!([]));
+    assert_eq!(events.wait()["jobs"], serde_json::json!([]));
     let added = served.post("/api/v1/rigs/rig/jobs", r#"{"work":{"kind":"run"},"why":"a test"}"#);
     assert_eq!((added.status, &added.json()["job"]), (201, &1.into()), "{}", added.body);
     let mut states = Vec::new();
     let run = loop {
-        let event = events.next();
+        let event = events.wait();
         let jobs = event["jobs"].as_array().expect("jobs");
         let Some(job) = jobs.iter().find(|job| job["id"] == 1) else { continue };
         states.push(job["state"].as_str().expect("a state").to_owned());

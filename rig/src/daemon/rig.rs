@@ -21,7 +21,7 @@ use crate::config::RigConfig;
 use crate::record::folder::RunId;
 use crate::record::journal::{self, Journal};
 use crate::store::Store;
-use crate::store::jobs::{Job, JobResult, Lane, NewJob, State, Work};
+use crate::store::jobs::{Job, JobId, JobResult, Lane, NewJob, State, Work};
 
 /// The daemon's journal in the folder of run folders.
 const JOURNAL: &str = "daemon.jsonl";
@@ -307,14 +307,16 @@ impl Rig {
                     self.store.add(&job).map_err(Failure::internal)?;
                 }
             }
-            (work, State::Lost) if work.lane() == Lane::Analysis => {
-                if self.store.repeats(job.id).map_err(Failure::internal)? < MOST_REPEATS {
-                    self.store
-                        .retry(job.id, Some("its process was lost".into()))
-                        .map_err(Failure::internal)?;
-                }
-            }
+            (work, State::Lost) if work.lane() == Lane::Analysis => self.repeat(job.id)?,
             _ => {}
+        }
+        Ok(())
+    }
+
+    /// Adds again a job that was lost, unless it is the repetition of too many.
+    fn repeat(&mut self, id: JobId) -> Result<(), Failure> {
+        if self.store.repeats(id).map_err(Failure::internal)? < MOST_REPEATS {
+            self.store.retry(id, Some("its process was lost".into())).map_err(Failure::internal)?;
         }
         Ok(())
     }

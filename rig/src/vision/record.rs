@@ -167,7 +167,7 @@ pub struct StoredRecord {
     pub mask: Option<Mask>,
     /// P0..Pn in the picture, nothing for one that is not seen; empty when rejected.
     pub keypoints: Vec<Option<StoredKeypoint>>,
-    /// The middle line, base first, points [`STORED_STEP_PX`] apart to 0.1 px \[px\]; not there in runs from before 2026-11-26.
+    /// The middle line, base first, points 4 px apart to 0.1 px \[px\]; not there in runs from before 2026-11-26.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub centreline: Vec<Px>,
 }
