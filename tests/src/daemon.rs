@@ -1,10 +1,12 @@
 //! A mock rig with a daemon on it.
 
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use rustix::process::Pid;
 
+use crate::http::{Answer, ask};
 use crate::{Background, changed_config, only_run, printed, rig, run_rig, set, wait_until};
 
 /// A time that does not come.
@@ -113,4 +115,45 @@ impl Bench {
 
 fn has(run: &Path, event: &str) -> bool {
     std::fs::read_to_string(run.join("journal.jsonl")).is_ok_and(|text| text.contains(event))
+}
+
+/// A daemon that serves.
+#[derive(Debug)]
+pub struct Served {
+    /// Its rig.
+    pub bench: Bench,
+    _daemon: Background,
+    /// Where it serves.
+    pub address: SocketAddr,
+    /// What whoever moves the rig must say.
+    pub token: String,
+}
+
+impl Served {
+    /// A daemon of a rig whose schedule begins nothing, which listens at `listen`.
+    pub fn start(listen: &str) -> Self {
+        let bench = Bench::quiet();
+        let daemon = bench.start(&["--listen", listen, "--host", "rig.lab"]);
+        let journal = bench.journal();
+        let serving = journal.lines().rfind(|line| line.contains("\"serving\"")).expect("it serves");
+        let serving: serde_json::Value = serde_json::from_str(serving).expect("a line of the journal");
+        let address: SocketAddr =
+            serving["address"].as_str().expect("its address").parse().expect("an address");
+        let token = std::fs::read_to_string(bench.runs.join(".token")).expect("a token");
+        Self { bench, _daemon: daemon, address: ([127, 0, 0, 1], address.port()).into(), token }
+    }
+
+    /// Reads `path`.
+    pub fn get(&self, path: &str) -> Answer {
+        ask(self.address, "GET", path, "Host: localhost\r\n", "")
+    }
+
+    /// Sends `body` to `path`, with the token.
+    pub fn post(&self, path: &str, body: &str) -> Answer {
+        let head = format!(
+            "Host: localhost\r\nContent-Type: application/json\r\nAuthorization: Bearer {}\r\n",
+            self.token
+        );
+        ask(self.address, "POST", path, &head, body)
+    }
 }

@@ -30,12 +30,30 @@ pub fn ask(address: SocketAddr, method: &str, path: &str, head: &str, body: &str
     let request = format!("{method} {path} HTTP/1.1\r\n{head}{length}Connection: close\r\n\r\n{body}");
     // a server may answer and close before it has read all
     let _ = stream.write_all(request.as_bytes());
-    let mut answer = Vec::new();
-    let _ = stream.read_to_end(&mut answer);
-    let answer = String::from_utf8_lossy(&answer).into_owned();
+    let answer = String::from_utf8_lossy(&read(&mut BufReader::new(stream))).into_owned();
     let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
     let status = head.split(' ').nth(1).and_then(|status| status.parse().ok()).unwrap_or(0);
     Answer { status, head: head.to_ascii_lowercase(), body: unchunked(head, body) }
+}
+
+/// An answer as it came: as long as it says, for not every server hangs up then, or to its end.
+fn read(stream: &mut impl BufRead) -> Vec<u8> {
+    let (mut answer, mut length) = (Vec::new(), None);
+    loop {
+        let begun = answer.len();
+        // what a server has cut off is all that there is
+        if stream.read_until(b'\n', &mut answer).unwrap_or(0) == 0 {
+            return answer;
+        }
+        let line = String::from_utf8_lossy(&answer[begun..]).to_ascii_lowercase();
+        if let Some(said) = line.strip_prefix("content-length:") {
+            length = said.trim().parse::<u64>().ok();
+        }
+        if line.trim().is_empty() {
+            let _ = stream.take(length.unwrap_or(u64::MAX)).read_to_end(&mut answer);
+            return answer;
+        }
+    }
 }
 
 fn unchunked(head: &str, body: &str) -> String {

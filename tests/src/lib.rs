@@ -1,6 +1,7 @@
 //! Harness of the whole-system tests: the `rig` program as a user runs it, and processes to kill and stall.
 
 pub mod book;
+pub mod browser;
 pub mod clips;
 pub mod daemon;
 pub mod fish;
@@ -92,6 +93,11 @@ impl Background {
     /// Starts `command` with its output thrown away.
     pub fn start(mut command: Command) -> Self {
         Self(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the process starts"))
+    }
+
+    /// A process that was started already.
+    pub fn of(child: Child) -> Self {
+        Self(child)
     }
 
     /// Starts `command` with its output in `file`.

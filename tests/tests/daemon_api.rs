@@ -1,46 +1,13 @@
 //! The daemon over HTTP: what its page and programs may do, and what nobody else may.
 
 use std::io::{Read, Write};
-use std::net::{SocketAddr, TcpStream};
+use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use system_tests::daemon::Bench;
-use system_tests::http::{Answer, Events, ask};
-use system_tests::{Background, in_real_time, json};
-
-/// A daemon that serves.
-struct Served {
-    bench: Bench,
-    _daemon: Background,
-    address: SocketAddr,
-    token: String,
-}
-
-impl Served {
-    fn start(listen: &str) -> Self {
-        let bench = Bench::quiet();
-        let daemon = bench.start(&["--listen", listen, "--host", "rig.lab"]);
-        let journal = bench.journal();
-        let serving = journal.lines().rfind(|line| line.contains("\"serving\"")).expect("it serves");
-        let serving: serde_json::Value = serde_json::from_str(serving).expect("a line of the journal");
-        let address: SocketAddr =
-            serving["address"].as_str().expect("its address").parse().expect("an address");
-        let token = std::fs::read_to_string(bench.runs.join(".token")).expect("a token");
-        Self { bench, _daemon: daemon, address: ([127, 0, 0, 1], address.port()).into(), token }
-    }
-
-    fn get(&self, path: &str) -> Answer {
-        ask(self.address, "GET", path, "Host: localhost\r\n", "")
-    }
-
-    fn post(&self, path: &str, body: &str) -> Answer {
-        let head = format!(
-            "Host: localhost\r\nContent-Type: application/json\r\nAuthorization: Bearer {}\r\n",
-            self.token
-        );
-        ask(self.address, "POST", path, &head, body)
-    }
-}
+use system_tests::book::commands::blocks;
+use system_tests::daemon::Served;
+use system_tests::http::{Events, ask};
+use system_tests::{in_real_time, json, printed, repository};
 
 #[test]
 fn a_run_is_queued_watched_and_its_fit_read() {
@@ -91,6 +58,27 @@ fn a_run_is_queued_watched_and_its_fit_read() {
             assert_eq!(served.get(&filled).status, 200, "{filled}");
         }
     }
+}
+
+#[test]
+fn python_of_the_page_queues_a_run_and_reads_its_fit() {
+    let _turn = in_real_time();
+    let page = repository().join("docs/daemon.md");
+    let block = blocks(&page).expect("the page").into_iter().find(|block| block.language == "python");
+    let served = Served::start("127.0.0.1:0");
+    let script = block
+        .expect("a script")
+        .text
+        .replace("127.0.0.1:8071", &served.address.to_string())
+        .replace("rigs/chain-driven-hanging", "rigs/rig");
+    let folder = served.bench.runs.parent().expect("its folder");
+    let python = std::process::Command::new("python3").args(["-c", &script]).current_dir(folder).output();
+    let output = match python {
+        Ok(output) => output,
+        Err(error) => return eprintln!("skipped: no python3 ({error})"),
+    };
+    assert!(output.status.success(), "{}", printed(&output));
+    assert!(String::from_utf8_lossy(&output.stdout).starts_with("q2/damping "), "{}", printed(&output));
 }
 
 #[test]

@@ -9,7 +9,7 @@ use anyhow::anyhow;
 use super::{Failure, Interrupt, Watcher};
 use crate::claim::Claim;
 use crate::store::Store;
-use crate::store::jobs::{Job, JobId, NewJob, State};
+use crate::store::job::{Job, JobId, NewJob, State};
 
 /// The environment variable that says to a process which job it does, for a daemon.
 pub const JOB: &str = "RIG_JOB";

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use super::{Failure, Outcome};
 use crate::analysis::Stage;
 use crate::record::folder::RunId;
-use crate::store::jobs::{Chosen, Job, JobId, NewJob, State, Work};
+use crate::store::job::{Chosen, Job, JobId, NewJob, State, Work};
 use crate::store::{Store, StoreError};
 
 /// `rig jobs`.

@@ -10,7 +10,7 @@ use crate::app::hand_in::{self, hand_in};
 use crate::app::{base, interruptible, threads};
 use crate::config::RigConfig;
 use crate::report;
-use crate::store::jobs::{NewJob, Work};
+use crate::store::job::{NewJob, Work};
 
 /// Arguments of `rig run`.
 #[derive(clap::Args, Debug)]

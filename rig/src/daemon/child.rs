@@ -15,7 +15,7 @@ use crate::app::Failure;
 use crate::app::compose::compose;
 use crate::app::hand_in::{self, file, folder};
 use crate::record::folder::RunId;
-use crate::store::jobs::{Chosen, Job, JobId, JobResult, Lane, State, Work};
+use crate::store::job::{Chosen, Job, JobId, JobResult, Lane, State, Work};
 
 /// The runs that a job works on, for `rig fit` and its like.
 const EXPERIMENT: &str = "experiment.toml";

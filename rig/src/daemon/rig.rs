@@ -21,7 +21,7 @@ use crate::config::RigConfig;
 use crate::record::folder::RunId;
 use crate::record::journal::{self, Journal};
 use crate::store::Store;
-use crate::store::jobs::{Job, JobId, JobResult, Lane, NewJob, State, Work};
+use crate::store::job::{Job, JobId, JobResult, Lane, NewJob, State, Work};
 
 /// The daemon's journal in the folder of run folders.
 const JOURNAL: &str = "daemon.jsonl";

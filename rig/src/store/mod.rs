@@ -1,11 +1,12 @@
-//! What a rig has to do and what it has done, in one database beside its run folders: the queue of [`jobs`], and an index of
+//! What a rig has to do and what it has done, in one database beside its run folders: the queue of [`job`]s, and an index of
 //! [`runs`] that is made from their folders and can be made again.
 //!
 //! SQLite with a write-ahead log: each change is a transaction that is on the disk when its call returns, several processes may
 //! look and add at the same time, and one that is killed leaves the last whole transaction behind
 //! (<https://www.sqlite.org/wal.html>).
 
-pub mod jobs;
+pub mod job;
+mod queue;
 pub mod runs;
 
 use std::path::{Path, PathBuf};
@@ -96,22 +97,22 @@ pub enum StoreError {
     Runs(#[from] crate::record::RecordError),
     /// There is no such job.
     #[error("there is no job {0}; `rig jobs ls` lists them")]
-    NoJob(jobs::JobId),
+    NoJob(job::JobId),
     /// The job is over.
     #[error("job {id} is {state} already")]
     Over {
         /// Which.
-        id: jobs::JobId,
+        id: job::JobId,
         /// How it ended.
-        state: jobs::State,
+        state: job::State,
     },
     /// The job is not over yet.
     #[error("job {id} is {state}; cancel it first")]
     NotOver {
         /// Which.
-        id: jobs::JobId,
+        id: job::JobId,
         /// What it does.
-        state: jobs::State,
+        state: job::State,
     },
 }
 

@@ -15,7 +15,7 @@ use tokio::sync::watch;
 use super::Api;
 use crate::daemon::state::RigState;
 use crate::store::Store;
-use crate::store::jobs::Job;
+use crate::store::job::Job;
 
 /// Between two looks at a rig.
 const LOOK_EVERY: Duration = Duration::from_millis(100);

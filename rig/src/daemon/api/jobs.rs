@@ -10,7 +10,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::{Api, InRig, Problem};
 use crate::record::folder::RunId;
-use crate::store::jobs::{Chosen, Job, JobId, Lane, NewJob, State as JobState, Work};
+use crate::store::job::{Chosen, Job, JobId, Lane, NewJob, State as JobState, Work};
 
 /// How many are listed.
 #[derive(Debug, Deserialize, IntoParams)]

@@ -8,7 +8,7 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 
 use super::{Api, Problem};
-use crate::store::jobs::Lane;
+use crate::store::job::Lane;
 
 /// A metric: name, kind, help.
 const METRICS: [(&str, &str, &str); 6] = [
