@@ -48,6 +48,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for number in 0..runs {
         make(&out, number)?;
     }
+    // folders of this moment would be read again each time: they may still change unseen
+    std::thread::sleep(std::time::Duration::from_secs(3));
     let mut store = Store::open(&out)?;
     let timed = |what: &str, work: &mut dyn FnMut() -> Result<usize, Box<dyn std::error::Error>>| {
         let began = Instant::now();
