@@ -1,8 +1,10 @@
 //! The daemon: jobs of its queue one after the other, and the experiment on its schedule.
 
-use rustix::process::{Signal, kill_process, test_kill_process};
+use std::os::unix::process::CommandExt as _;
+
+use rustix::process::{Pid, Signal, kill_process, kill_process_group, test_kill_process};
 use system_tests::daemon::Bench;
-use system_tests::{in_real_time, json, only_run, printed, run_rig, wait_until};
+use system_tests::{Background, in_real_time, json, only_run, printed, run_rig, wait_until};
 
 #[test]
 fn daemon_runs_at_its_slot_recalibrates_and_journals_the_slots_it_skips() {
@@ -113,6 +115,24 @@ fn sigterm_during_a_run_stops_the_servo_and_ends_within_five_seconds() {
     let mut daemon = bench.start(&[]);
     let run = bench.wait_for_motion();
     daemon.signal(Signal::TERM);
+    wait_until("the daemon's end", 5.0, || daemon.child().try_wait().expect("its status").is_some());
+    let stop = json(&run.join("stop.json"));
+    assert_eq!((&stop["status"], &stop["servo"]), (&"abort".into(), &"acknowledged".into()), "{stop}");
+    assert!(bench.job(1).contains("cancelled"), "{}", bench.jobs(&["ls"]));
+}
+
+/// A terminal sends Ctrl-C to all that runs in it.
+#[test]
+fn ctrl_c_during_a_run_stops_the_servo_before_the_job_ends() {
+    let _turn = in_real_time();
+    let bench = Bench::quiet();
+    bench.add_run();
+    let mut command = bench.daemon(&[]);
+    command.process_group(0);
+    let mut daemon = Background::start(command);
+    let run = bench.wait_for_motion();
+    let group = Pid::from_child(daemon.child());
+    kill_process_group(group, Signal::INT).expect("the daemon's group");
     wait_until("the daemon's end", 5.0, || daemon.child().try_wait().expect("its status").is_some());
     let stop = json(&run.join("stop.json"));
     assert_eq!((&stop["status"], &stop["servo"]), (&"abort".into(), &"acknowledged".into()), "{stop}");

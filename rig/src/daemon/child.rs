@@ -4,6 +4,7 @@
 //! daemon that starts after the one that began the job was killed: the job goes on without it and is waited for.
 
 use std::fs::File;
+use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -56,6 +57,8 @@ impl Running {
         std::fs::create_dir_all(&folder).map_err(Failure::internal)?;
         let mut command = Command::new(std::env::current_exe().map_err(Failure::internal)?);
         command.arg("--json").env(hand_in::JOB, job.id.to_string());
+        // Ctrl-C at a terminal is for the daemon: with its own signal as the second one, the job would end at once
+        command.process_group(0);
         // the manager is the daemon's
         command.env_remove("NOTIFY_SOCKET").env_remove("WATCHDOG_USEC");
         arguments(&mut command, &job.work, runs_dir, &folder, config)?;
