@@ -1,4 +1,5 @@
-//! The `[fit]` table, what is fitted and how, and the `[diagnose]` table, what may be wrong and how long it is sought.
+//! The tables `[fit]`, what is fitted and how, `[diagnose]`, what may be wrong and how long it is sought, and `[design]`, which runs could
+//! be made.
 
 use std::collections::BTreeMap;
 
@@ -125,6 +126,34 @@ impl Default for DiagnoseConfig {
 
 /// A minute, about as long as somebody at the tank waits.
 const DEFAULT_LIMIT_S: Positive = Positive::literal(60.0);
+
+/// The `[design]` table: which runs the rig could make.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DesignConfig {
+    /// The angle that strokes swing about \[rad\].
+    pub centre_rad: Finite,
+    /// Strokes go no further to either side of it \[rad\].
+    pub amplitude_limit_rad: Positive,
+    /// Strokes are no faster \[rad/s\].
+    pub rate_limit_rad_per_s: Positive,
+    /// How long a run is, rest apart \[s\].
+    pub run_s: Positive,
+    /// Whether somebody is there to put the mechanism into a pose and let go.
+    pub drops: bool,
+}
+
+impl Default for DesignConfig {
+    fn default() -> Self {
+        Self {
+            centre_rad: Finite::literal(0.0),
+            amplitude_limit_rad: Positive::literal(0.9),
+            rate_limit_rad_per_s: Positive::literal(8.0),
+            run_s: Positive::literal(3.0),
+            drops: true,
+        }
+    }
+}
 
 /// How the optimum is sought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

@@ -9,7 +9,7 @@
 mod common;
 
 use common::{add_noise, assert_recovered};
-use ident::experiment::{DiagnoseConfig, Experiment, FitConfig, Method, Run, RunKind, Use};
+use ident::experiment::{DesignConfig, DiagnoseConfig, Experiment, FitConfig, Method, Run, RunKind, Use};
 use ident::fit::fit;
 use sim::{Command, Model, RolloutOptions, State, Trajectory, rollout};
 
@@ -81,6 +81,7 @@ fn a_body_that_drifts_before_it_is_driven_is_fitted_and_predicted_to_the_noise()
         noise_m: Some(NOISE_M),
         fit: fit_config,
         diagnose: DiagnoseConfig::default(),
+        design: DesignConfig::default(),
         runs,
     };
     experiment.set_adrift();

@@ -9,7 +9,7 @@
 mod common;
 
 use common::*;
-use ident::experiment::{DiagnoseConfig, Experiment, FitConfig, Run};
+use ident::experiment::{DesignConfig, DiagnoseConfig, Experiment, FitConfig, Run};
 use ident::fit::{Fit, fit};
 use ident::weights::{Mechanism, Water};
 use sim::Model;
@@ -32,6 +32,7 @@ fn named(model: Model, runs: Vec<Run>, fit: &str) -> Experiment {
         noise_m: Some(NOISE_M),
         fit: toml::from_str::<FitConfig>(fit).unwrap(),
         diagnose: DiagnoseConfig::default(),
+        design: DesignConfig::default(),
         runs,
     }
 }

@@ -3,7 +3,8 @@
 //! Every candidate run ([`runs`]) is simulated with the fitted model, and its derivatives join those of the runs that
 //! there are. Two rivals are as far apart as the cost by which one, at the size that was fitted, exceeds what the
 //! fitted coefficients, the starts of the runs and the other rival can imitate; of both directions the smaller counts
-//! (T-optimality). For loose parameters what counts is the variance that the run takes away (A-optimality).
+//! (T-optimality); a cause that nothing has checked yet is to show as far as it can. For loose parameters what counts is the standard
+//! deviation that the run leaves.
 //!
 //! # Source
 //! A. C. Atkinson, V. V. Fedorov, "The design of experiments for discriminating between two rival models", Biometrika 62
@@ -38,55 +39,71 @@ pub struct Worth {
     pub after: f64,
 }
 
-/// Runs that separate two rivals with these sizes of their numbers, best first. `state` is the baseline; `counts` says whether
-/// anybody waits for them.
+/// A cause with sizes of its numbers.
+pub(crate) type Sized = (CauseTerm, Vec<(String, f64)>);
+
+/// Runs that separate two rivals, best first; or in which `causes`, all of which are at work, show most, where there is no `rival`. `state` is
+/// the baseline; `counts` says whether anybody waits for them.
 pub(crate) fn separating(
     experiment: &Experiment,
     state: &State<'_>,
     floor: &Floor,
     counts: &Counts,
-    rivals: [&(CauseTerm, Vec<(String, f64)>); 2],
+    (causes, rival): (&[Sized], Option<&Sized>),
 ) -> Vec<Worth> {
-    let proposals = runs::proposals(experiment, floor);
-    let terms = [rivals[0].0.clone(), rivals[1].0.clone()];
-    let sizes = [&rivals[0].1, &rivals[1].1];
+    let all: Vec<&Sized> = causes.iter().chain(rival).collect();
+    let terms: Vec<CauseTerm> = all.iter().map(|(term, _)| term.clone()).collect();
+    let sizes: Vec<&[(String, f64)]> = all.iter().map(|(_, sizes)| sizes.as_slice()).collect();
+    let own: Vec<usize> = (0..causes.len()).collect();
+    let other: Vec<usize> = rival.map(|_| causes.len()).into_iter().collect();
+    let apart = |state: &State<'_>| {
+        let scores = Scores::new(state, &terms, counts);
+        let there = beyond(&scores, &sizes, &own, &other);
+        if other.is_empty() { there } else { there.min(beyond(&scores, &sizes, &other, &own)) }
+    };
     // coefficients that a bound stops in these runs may leave it in the next: without residuals none is stopped
     let mut state = state.clone();
     state.linear.iter_mut().for_each(|linear| linear.residuals.fill(0.0));
-    let before = separation(&Scores::new(&state, &terms, counts), sizes);
-    let one = |proposal: &Proposal| {
+    let before = apart(&state);
+    let one = |proposal: Proposal| {
         let run = proposal.run(experiment);
-        let with = joined(experiment, &state, floor, proposal, &run, counts)?;
-        let after = separation(&Scores::new(&with, &terms, counts), sizes);
-        Some(Worth { proposal: proposal.clone(), before, after })
+        let after = apart(&joined(experiment, &state, floor, &proposal, &run, counts)?);
+        Some(Worth { proposal, before, after })
     };
-    ranked(proposals.par_iter().filter_map(one).collect(), |worth| -worth.after)
+    let mut list: Vec<Worth> = runs::proposals(experiment, floor).into_par_iter().filter_map(one).collect();
+    list.sort_by(|a, b| b.after.total_cmp(&a.after));
+    list
 }
 
-/// Runs that pin down the fitted parameter called `name`, best first.
+/// What a run would leave open of several parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prospect {
+    /// The run.
+    pub proposal: Proposal,
+    /// Standard deviation of each, in its SI unit.
+    pub std: Vec<f64>,
+}
+
+/// How well the parameters of `state` at the places `which` are known, and how well each run that could be made would let them be
+/// known; `None` where the runs there are leave everything open.
 pub(crate) fn pinning(
     experiment: &Experiment,
     state: &State<'_>,
     floor: &Floor,
-    name: &str,
+    which: &[usize],
     counts: &Counts,
-) -> Vec<Worth> {
-    let Some(which) = state.parameters.free.iter().position(|p| p.names.iter().any(|n| n == name)) else {
-        return Vec::new();
+) -> Option<(Vec<f64>, Vec<Prospect>)> {
+    let std = |state: &State<'_>| -> Option<Vec<f64>> {
+        let covariance = covariance(state)?;
+        Some(which.iter().map(|&place| covariance[(place, place)].sqrt()).collect())
     };
-    let std = |state: &State<'_>| covariance(state).map(|covariance| covariance[(which, which)].sqrt());
-    let Some(before) = std(state) else { return Vec::new() };
-    let one = |proposal: &Proposal| {
+    let before = std(state)?;
+    let one = |proposal: Proposal| {
         let run = proposal.run(experiment);
-        let after = std(&joined(experiment, state, floor, proposal, &run, counts)?)?;
-        Some(Worth { proposal: proposal.clone(), before, after })
+        let std = std(&joined(experiment, state, floor, &proposal, &run, counts)?)?;
+        Some(Prospect { proposal, std })
     };
-    ranked(runs::proposals(experiment, floor).par_iter().filter_map(one).collect(), |worth| worth.after)
-}
-
-fn ranked(mut list: Vec<Worth>, by: impl Fn(&Worth) -> f64) -> Vec<Worth> {
-    list.sort_by(|a, b| by(a).total_cmp(&by(b)));
-    list
+    Some((before, runs::proposals(experiment, floor).into_par_iter().filter_map(one).collect()))
 }
 
 /// `state` with a run that has not been made; its residuals are 0. `None` where it cannot be simulated.
@@ -121,30 +138,26 @@ fn joined<'b>(
     Some(with)
 }
 
-/// How far apart two rivals are: the smaller of what either has that the other cannot imitate.
-fn separation(scores: &Scores, sizes: [&Vec<(String, f64)>; 2]) -> f64 {
-    let own = |candidate: usize| -> Vec<usize> {
-        (0..scores.columns.len()).filter(|&c| scores.columns[c].candidate == candidate).collect()
+/// What the candidates at `own`, at `sizes` of their numbers, have that those at `others` cannot imitate \[cost\].
+fn beyond(scores: &Scores, sizes: &[&[(String, f64)]], own: &[usize], others: &[usize]) -> f64 {
+    let of = |candidates: &[usize]| -> Vec<usize> {
+        (0..scores.columns.len()).filter(|&c| candidates.contains(&scores.columns[c].candidate)).collect()
     };
-    let beyond = |a: usize, b: usize| {
-        let columns = own(a);
-        let mut effect = DMatrix::zeros(scores.projected.nrows(), 1);
-        for &column in &columns {
-            let size = sizes[a].iter().find(|(name, _)| *name == scores.columns[column].name);
-            let size = size.map_or(0.0, |(_, size)| *size);
-            effect.column_mut(0).axpy(size, &scores.projected.column(column), 1.0);
-        }
-        let mut other = scores.projected.select_columns(&own(b));
-        for mut column in other.column_iter_mut() {
-            let norm = column.norm();
-            column /= norm.max(f64::MIN_POSITIVE);
-        }
-        if other.ncols() > 0 {
-            let basis = other.qr().q();
-            let within = basis.tr_mul(&effect);
-            effect.gemm(-1.0, &basis, &within, 1.0);
-        }
-        effect.norm_squared()
-    };
-    beyond(0, 1).min(beyond(1, 0))
+    let mut effect = DMatrix::zeros(scores.projected.nrows(), 1);
+    for column in of(own) {
+        let known = sizes[scores.columns[column].candidate];
+        let size = known.iter().find(|(name, _)| *name == scores.columns[column].name);
+        effect.column_mut(0).axpy(size.map_or(0.0, |(_, size)| *size), &scores.projected.column(column), 1.0);
+    }
+    let mut other = scores.projected.select_columns(&of(others));
+    for mut column in other.column_iter_mut() {
+        let norm = column.norm();
+        column /= norm.max(f64::MIN_POSITIVE);
+    }
+    if other.ncols() > 0 {
+        let basis = other.qr().q();
+        let within = basis.tr_mul(&effect);
+        effect.gemm(-1.0, &basis, &within, 1.0);
+    }
+    effect.norm_squared()
 }

@@ -29,7 +29,7 @@ pub enum Motion {
         /// Angle of every hinge, base to tip \[rad\].
         pose_rad: Vec<f64>,
     },
-    /// Strokes of the servo between minus and plus its amplitude.
+    /// Strokes of the servo about the centre.
     Driven {
         /// Half the sweep \[rad\].
         amplitude_rad: f64,
@@ -42,29 +42,26 @@ pub enum Motion {
 
 /// Rest before anything moves \[s\].
 const REST_S: f64 = 0.3;
-/// Length of a proposed run \[s\].
-const RUN_S: f64 = 3.0;
 /// Angles of the first hinge in drops \[rad\].
 const FIRST_ANGLES_RAD: [f64; 6] = [1.5, -1.5, 0.8, -0.8, 2.5, -2.5];
 /// Angles between links in bent poses \[rad\].
 const BEND_RAD: f64 = 1.2;
-const AMPLITUDES_RAD: [f64; 3] = [0.2, 0.6, 0.9];
+/// Amplitudes, as shares of the largest.
+const AMPLITUDE_SHARES: [f64; 3] = [2.0 / 9.0, 2.0 / 3.0, 1.0];
 /// Pairs of strokes \[s\]; the counter-clockwise one takes two thirds.
 const PERIODS_S: [f64; 3] = [0.6, 1.5, 3.0];
-/// No servo is asked for more \[rad/s\].
-const FASTEST_RAD_S: f64 = 8.0;
 
-/// What could be run with the mechanism of `experiment`.
+/// What could be run with the mechanism of `experiment`, as its `[design]` says.
 pub(crate) fn proposals(experiment: &Experiment, floor: &Floor) -> Vec<Proposal> {
     let interval_s = floor.runs.iter().map(|run| run.interval_s).fold(0.05, f64::min).max(1.0 / 200.0);
-    let model = &experiment.model;
+    let (model, design) = (&experiment.model, &experiment.design);
     let hinges: Vec<usize> =
         (0..model.joints.len()).filter(|&joint| model.joints[joint].kind == sim::JointKind::Hinge).collect();
     let mut list = Vec::new();
     let mut add = |id: String, motion: Motion| {
-        list.push(Proposal { id, motion, seconds: RUN_S, interval_s });
+        list.push(Proposal { id, motion, seconds: design.run_s.get(), interval_s });
     };
-    if !hinges.is_empty() {
+    if design.drops && !hinges.is_empty() {
         let mut poses: Vec<Vec<f64>> = FIRST_ANGLES_RAD
             .iter()
             .map(|&angle| (0..hinges.len()).map(|k| if k == 0 { angle } else { 0.0 }).collect())
@@ -83,10 +80,10 @@ pub(crate) fn proposals(experiment: &Experiment, floor: &Floor) -> Vec<Proposal>
     }
     if !model.actuators.is_empty() {
         let mut number = 0;
-        for amplitude_rad in AMPLITUDES_RAD {
+        for amplitude_rad in AMPLITUDE_SHARES.map(|share| share * design.amplitude_limit_rad.get()) {
             for period_s in PERIODS_S {
                 let (ccw_s, cw_s) = (period_s * 2.0 / 3.0, period_s / 3.0);
-                if 2.0 * amplitude_rad / cw_s <= FASTEST_RAD_S {
+                if 2.0 * amplitude_rad / cw_s <= design.rate_limit_rad_per_s.get() {
                     number += 1;
                     add(format!("driven-{number}"), Motion::Driven { amplitude_rad, ccw_s, cw_s });
                 }
@@ -160,18 +157,19 @@ impl Proposal {
         let Motion::Driven { amplitude_rad, ccw_s, cw_s } = self.motion else { return None };
         let actuators: Vec<String> =
             experiment.model.actuators.iter().map(|actuator| actuator.name.clone()).collect();
-        let (mut time_s, mut angles) = (vec![0.0, REST_S], vec![0.0, 0.0]);
+        let centre_rad = experiment.design.centre_rad.get();
+        let (mut time_s, mut angles) = (vec![0.0, REST_S], vec![centre_rad; 2]);
         let mut t = REST_S + ccw_s / 2.0;
         for cycle in 0..self.cycles() {
             time_s.push(t);
-            angles.push(amplitude_rad);
+            angles.push(centre_rad + amplitude_rad);
             t += cw_s;
             time_s.push(t);
-            angles.push(-amplitude_rad);
+            angles.push(centre_rad - amplitude_rad);
             t += if cycle + 1 == self.cycles() { ccw_s / 2.0 } else { ccw_s };
         }
         time_s.push(t);
-        angles.push(0.0);
+        angles.push(centre_rad);
         let angle_rad = angles.iter().flat_map(|angle| vec![*angle; actuators.len()]).collect();
         Some(Command { actuators, time_s, angle_rad })
     }

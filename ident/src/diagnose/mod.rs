@@ -61,12 +61,15 @@ pub use result::{
     RunResiduals, Verdict, Whiteness, WorstInterval,
 };
 
+use crate::design::{self, Prospect};
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
 use crate::fit::{FittedRun, Timing};
 use crate::hypothesis::candidates;
+use crate::hypothesis::state::State;
 use crate::initial::free_parameters;
 use crate::names::did_you_mean;
+use crate::noise::floor::Floor;
 use seek::Standing;
 
 /// Told what the diagnosis is at.
@@ -115,15 +118,40 @@ pub fn pin_down(
     experiment: &Experiment,
     names: &[String],
 ) -> Result<(Vec<NextExperiment>, Vec<Next>), DiagnoseError> {
+    let mut counts = Counts::default();
+    let (state, floor, which) = settled(experiment, names, &mut counts)?;
+    Ok(next::pinning(experiment, &state, &floor, (names, &which), &counts))
+}
+
+/// What the runs that could be made would leave open of the fitted parameters `names`, in the order in which they are tried; none where the
+/// runs there are leave everything open.
+///
+/// # Errors
+/// As [`pin_down`].
+pub fn prospects(experiment: &Experiment, names: &[String]) -> Result<Vec<Prospect>, DiagnoseError> {
+    let mut counts = Counts::default();
+    let (state, floor, which) = settled(experiment, names, &mut counts)?;
+    let found = design::pinning(experiment, &state, &floor, &which, &counts);
+    Ok(found.map_or(Vec::new(), |(_, prospects)| prospects))
+}
+
+/// The fitted baseline with its noise floor, and where the fitted parameters `names` stand in it.
+fn settled<'a>(
+    experiment: &'a Experiment,
+    names: &[String],
+    counts: &mut Counts,
+) -> Result<(State<'a>, Floor, Vec<usize>), DiagnoseError> {
     experiment.check()?;
     let parameters = free_parameters(&experiment.model, experiment)?;
-    let mut counts = Counts::default();
-    let (state, floor) = baseline::baseline(experiment, parameters, &mut counts)?;
-    let known: Vec<String> = state.parameters.free.iter().flat_map(|p| p.names.clone()).collect();
-    if let Some(name) = names.iter().find(|name| !known.contains(name)) {
-        return Err(DiagnoseError::NotFitted { name: name.clone(), hint: did_you_mean(name, &known) });
-    }
-    Ok(next::pinning(experiment, &state, &floor, names, &counts))
+    let place = |name: &String| {
+        parameters.free.iter().position(|p| p.names.contains(name)).ok_or_else(|| {
+            let known: Vec<String> = parameters.free.iter().flat_map(|p| p.names.clone()).collect();
+            DiagnoseError::NotFitted { name: name.clone(), hint: did_you_mean(name, &known) }
+        })
+    };
+    let which: Vec<usize> = names.iter().map(place).collect::<Result<_, _>>()?;
+    let (state, floor) = baseline::baseline(experiment, parameters, counts)?;
+    Ok((state, floor, which))
 }
 
 /// The force that the model as it stands, fitted, lacks, where one helps on runs that it was not fitted to: see [`UnknownForce`].

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::detect::BEYOND_DOUBT_COST;
 use super::result::{Diagnosis, NamedCause, NextExperiment, Verdict};
 use super::sets::{Found, sets};
-use crate::design::{self, Worth, runs::Proposal};
+use crate::design::{self, Prospect, Sized, Worth, runs::Proposal};
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
 use crate::hypothesis::candidates::Term;
@@ -32,18 +32,28 @@ pub(super) fn next(
     counts: &Counts,
 ) -> (Vec<NextExperiment>, Vec<Next>) {
     let (mut advice, mut runs) = (Vec::new(), Vec::new());
-    let apart = rivals(found, diagnosis).filter(|_| diagnosis.complete);
-    if let Some((a, b)) = apart {
-        let names = vec![a.0.cause.name().to_owned(), b.0.cause.name().to_owned()];
-        let list = design::separating(experiment, baseline, floor, counts, [&a, &b]);
+    let mut list = |list: &[Worth], names: &[String]| {
         for worth in list.iter().take(MOST_LISTED).filter(|w| w.after > (1.0 + WORTHWHILE_SHARE) * w.before) {
-            advice.push(advised(worth, names.clone()));
+            advice.push(advised(worth, names.to_vec()));
             runs.push(worth.proposal.clone());
         }
-        let best = list.first().map_or(0.0, |worth| worth.after);
-        if best < TOLD_APART_COST {
-            advice.extend(elsewhere(&names));
-        }
+    };
+    let rivals = rivals(found, diagnosis).filter(|_| diagnosis.complete);
+    let mut apart = None;
+    if let Some((a, b)) = &rivals {
+        let names = vec![a.0.cause.name().to_owned(), b.0.cause.name().to_owned()];
+        let pair = (std::slice::from_ref(a), Some(b));
+        let worths = design::separating(experiment, baseline, floor, counts, pair);
+        list(&worths, &names);
+        apart = Some((names, worths.first().map_or(0.0, |worth| worth.after)));
+    }
+    if diagnosis.verdict == Verdict::Suspected {
+        let causes: Vec<Sized> = found.leader.causes.iter().map(|term| sized(term, &found.leader)).collect();
+        let names: Vec<String> = diagnosis.causes.iter().map(NamedCause::label).collect();
+        list(&design::separating(experiment, baseline, floor, counts, (&causes, None)), &names);
+    }
+    if let Some((names, _)) = apart.filter(|(_, best)| *best < TOLD_APART_COST) {
+        advice.extend(elsewhere(&names));
     }
     for cause in &diagnosis.causes {
         advice
@@ -88,17 +98,23 @@ fn measured(what: &str, separates: &[String]) -> NextExperiment {
     }
 }
 
-/// Runs that take most of the uncertainty of the parameters `names` away.
+/// Runs that take most of the uncertainty of the parameters `names` away, which stand in `state` at the places `which`.
 pub(super) fn pinning(
     experiment: &Experiment,
     state: &State<'_>,
     floor: &Floor,
-    names: &[String],
+    (names, which): (&[String], &[usize]),
     counts: &Counts,
 ) -> (Vec<NextExperiment>, Vec<Next>) {
     let (mut advice, mut runs): (Vec<NextExperiment>, Vec<Next>) = (Vec::new(), Vec::new());
-    for name in names {
-        for worth in design::pinning(experiment, state, floor, name, counts).into_iter().take(MOST_LISTED) {
+    let Some((before, prospects)) = design::pinning(experiment, state, floor, which, counts) else {
+        return (advice, runs);
+    };
+    for (place, name) in names.iter().enumerate() {
+        let mut order: Vec<&Prospect> = prospects.iter().collect();
+        order.sort_by(|a, b| a.std[place].total_cmp(&b.std[place]));
+        for Prospect { proposal, std } in order.into_iter().take(MOST_LISTED) {
+            let worth = Worth { proposal: proposal.clone(), before: before[place], after: std[place] };
             advice.push(advised(&worth, vec![name.clone()]));
             runs.push(worth.proposal);
         }
@@ -119,41 +135,42 @@ fn advised(worth: &Worth, separates: Vec<String>) -> NextExperiment {
     }
 }
 
-type Rival = (Term, Vec<(String, f64)>);
-
 /// The leader's last cause and the one that would do as well, with their fitted sizes.
-fn rivals(found: &Found<'_>, diagnosis: &Diagnosis) -> Option<(Rival, Rival)> {
+fn rivals(found: &Found<'_>, diagnosis: &Diagnosis) -> Option<(Sized, Sized)> {
     let rival = match diagnosis.verdict {
         Verdict::Ambiguous => diagnosis.alternatives.first()?.names.clone(),
         _ => return None,
     };
     let other =
         found.tried.iter().find(|state| sets(state).iter().copied().eq(rival.iter().map(String::as_str)))?;
-    let differing = |state: &State<'_>, from: &State<'_>| -> Option<Rival> {
-        let term =
-            state.causes.iter().find(|term| from.causes.iter().all(|t| t.cause != term.cause))?.clone();
-        let model = state.calibrated();
-        let mut sizes: BTreeMap<String, f64> = BTreeMap::new();
-        for (name, ..) in term.directions(&model) {
-            sizes.insert(name.clone(), model.parameter(&name).unwrap_or(0.0));
-        }
-        // of numbers that each run has its own of, the largest
-        for (name, nuisance) in term.free(&state.model).own {
-            for (one, offsets) in state.terms.iter().zip(&state.point.offsets) {
-                let place = one.rehearsal.nuisances.iter().position(|known| *known == nuisance);
-                let value = place.map_or(0.0, |place| offsets[place]);
-                let size = sizes.entry(name.clone()).or_insert(0.0);
-                if value.abs() > size.abs() {
-                    *size = value;
-                }
-            }
-        }
-        let hidden =
-            term.hidden.iter().map(|(name, start)| (name.clone(), model.parameter(name).unwrap_or(*start)));
-        let term = Term { hidden: hidden.collect(), ..term };
-        Some((term, sizes.into_iter().collect()))
+    let differing = |state: &State<'_>, from: &State<'_>| -> Option<Sized> {
+        let term = state.causes.iter().find(|term| from.causes.iter().all(|t| t.cause != term.cause))?;
+        Some(sized(term, state))
     };
     Some((differing(&found.leader, other)?, differing(other, &found.leader)?))
+}
+
+/// `term` with the sizes that its numbers have in `state`.
+fn sized(term: &Term, state: &State<'_>) -> Sized {
+    let model = state.calibrated();
+    let mut sizes: BTreeMap<String, f64> = BTreeMap::new();
+    for (name, ..) in term.directions(&model) {
+        sizes.insert(name.clone(), model.parameter(&name).unwrap_or(0.0));
+    }
+    // of numbers that each run has its own of, the largest
+    for (name, nuisance) in term.free(&state.model).own {
+        for (one, offsets) in state.terms.iter().zip(&state.point.offsets) {
+            let place = one.rehearsal.nuisances.iter().position(|known| *known == nuisance);
+            let value = place.map_or(0.0, |place| offsets[place]);
+            let size = sizes.entry(name.clone()).or_insert(0.0);
+            if value.abs() > size.abs() {
+                *size = value;
+            }
+        }
+    }
+    let hidden =
+        term.hidden.iter().map(|(name, start)| (name.clone(), model.parameter(name).unwrap_or(*start)));
+    (Term { hidden: hidden.collect(), ..term.clone() }, sizes.into_iter().collect())
 }
 
 /// What tells two causes apart without a run: a ruler, a balance, a lamp.

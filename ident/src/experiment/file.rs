@@ -8,7 +8,7 @@ use sim::Model;
 
 use super::folder::{Folder, read_text};
 use super::{DEFAULT_INIT_S, Experiment, ExperimentError, Run, RunKind, Use};
-use crate::config::{DiagnoseConfig, FitConfig};
+use crate::config::{DesignConfig, DiagnoseConfig, FitConfig};
 use crate::own_cause::CauseConfig;
 use crate::strict::{self, Finite, Positive, StrictError};
 use crate::table::{read_base, read_servo, read_trajectory};
@@ -24,6 +24,8 @@ struct File {
     fit: FitConfig,
     #[serde(default)]
     diagnose: DiagnoseConfig,
+    #[serde(default)]
+    design: DesignConfig,
     #[serde(default)]
     mechanism: Mechanism,
     #[serde(default)]
@@ -99,8 +101,14 @@ fn load(file: File, path: &Path) -> Result<Experiment, ExperimentError> {
     let mut fit = file.fit;
     file.mechanism.put_into(&file.water, &mut model, &mut fit)?;
     CauseConfig::define(&file.cause, &mut model)?;
-    let mut experiment =
-        Experiment { model, noise_m: file.noise_m.map(Positive::get), fit, diagnose: file.diagnose, runs };
+    let mut experiment = Experiment {
+        model,
+        noise_m: file.noise_m.map(Positive::get),
+        fit,
+        diagnose: file.diagnose,
+        design: file.design,
+        runs,
+    };
     experiment.take_in_measured();
     experiment.set_adrift();
     experiment.fit.add_named_causes(&mut experiment.model);

@@ -126,6 +126,7 @@ mod tests {
             noise_m: None,
             fit: FitConfig::default(),
             diagnose: Default::default(),
+            design: Default::default(),
             runs: vec![run],
         };
         experiment.take_in_measured();

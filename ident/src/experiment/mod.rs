@@ -17,7 +17,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use sim::{BasePath, Command, Model, State, Trajectory};
 
-pub use crate::config::{DiagnoseConfig, FitConfig, Loss, Method, Prior};
+pub use crate::config::{DesignConfig, DiagnoseConfig, FitConfig, Loss, Method, Prior};
 pub use crate::own_cause::{CauseConfig, CauseError, CauseParameterConfig};
 pub(crate) use adrift::{RESETTLING_S, resting, unknown_rates, unsought};
 pub use error::{ExperimentError, Place};
@@ -36,6 +36,8 @@ pub struct Experiment {
     pub fit: FitConfig,
     /// What may be wrong with the model, and how long it is sought.
     pub diagnose: DiagnoseConfig,
+    /// Which runs could be made next.
+    pub design: DesignConfig,
     /// The runs, in the order of the file.
     pub runs: Vec<Run>,
 }
