@@ -46,6 +46,14 @@ impl Bench {
         Self::new(NEVER)
     }
 
+    /// Changes its config.
+    pub fn change(&self, change: impl FnOnce(&mut toml::Table)) {
+        let text = std::fs::read_to_string(&self.config).expect("its config");
+        let mut config: toml::Table = text.parse().expect("a config");
+        change(&mut config);
+        std::fs::write(&self.config, config.to_string()).expect("its config");
+    }
+
     /// The daemon, not started yet.
     pub fn daemon(&self, more: &[&str]) -> Command {
         let mut daemon =

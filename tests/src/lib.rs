@@ -2,6 +2,7 @@
 
 pub mod book;
 pub mod browser;
+pub mod campaign;
 pub mod clips;
 pub mod daemon;
 pub mod fish;

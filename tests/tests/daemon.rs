@@ -4,7 +4,7 @@ use std::os::unix::process::CommandExt as _;
 
 use rustix::process::{Pid, Signal, kill_process, kill_process_group, test_kill_process};
 use system_tests::daemon::Bench;
-use system_tests::{Background, in_real_time, json, only_run, printed, run_rig, wait_until};
+use system_tests::{Background, in_real_time, json, only_run, printed, run_rig, set, wait_until};
 
 #[test]
 fn daemon_runs_at_its_slot_recalibrates_and_journals_the_slots_it_skips() {
@@ -137,4 +137,51 @@ fn ctrl_c_during_a_run_stops_the_servo_before_the_job_ends() {
     let stop = json(&run.join("stop.json"));
     assert_eq!((&stop["status"], &stop["servo"]), (&"abort".into(), &"acknowledged".into()), "{stop}");
     assert!(bench.job(1).contains("cancelled"), "{}", bench.jobs(&["ls"]));
+}
+
+#[test]
+fn alert_reaches_a_program_and_a_webhook_that_refuses_it_at_first() {
+    use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+
+    let _turn = in_real_time();
+    let bench = Bench::quiet();
+    let said = bench.runs.join("said.json");
+    let hook = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = hook.local_addr().expect("its address");
+    let listening = std::thread::spawn(move || -> std::io::Result<Vec<String>> {
+        let mut bodies = Vec::new();
+        for answer in ["503 Service Unavailable", "200 OK"] {
+            let mut stream = BufReader::new(hook.accept()?.0);
+            let (mut length, mut line) = (0, String::new());
+            while stream.read_line(&mut line)? > 2 {
+                if let Some(value) = line.to_lowercase().strip_prefix("content-length:") {
+                    length = value.trim().parse().unwrap_or(0);
+                }
+                line.clear();
+            }
+            let mut body = vec![0; length];
+            stream.read_exact(&mut body)?;
+            bodies.push(String::from_utf8_lossy(&body).into_owned());
+            write!(stream.get_mut(), "HTTP/1.1 {answer}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")?;
+        }
+        Ok(bodies)
+    });
+    bench.change(|config| {
+        let script = format!("cat > {}.part; mv {}.part {}", said.display(), said.display(), said.display());
+        set(config, "alerts", "command", vec!["sh".to_owned(), "-c".to_owned(), script]);
+        set(config, "alerts", "webhook", format!("http://{address}/secret\"\\path"));
+    });
+    let _daemon = bench.start(&[]);
+    bench.jobs(&["add", "fit", "20261120T101503Z-ab12cd"]);
+    bench.wait(1, &["failed"], 30.0);
+    wait_until("the program to be told", 10.0, || said.exists());
+    let alert = json(&said);
+    assert_eq!((&alert["kind"], &alert["job"]), (&"job-failed".into(), &1.into()), "{alert}");
+    assert!(alert["text"].to_string().contains("20261120T101503Z-ab12cd"), "{alert}");
+    wait_until("the webhook to be told again", 30.0, || listening.is_finished());
+    let bodies = listening.join().expect("the listener").expect("two requests");
+    assert_eq!(bodies[0], bodies[1]);
+    let posted: serde_json::Value = serde_json::from_str(&bodies[1]).expect("JSON");
+    assert_eq!(posted, alert);
+    assert!(bench.journal().contains("\"alert\""), "{}", bench.journal());
 }

@@ -3,12 +3,14 @@
 use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
-use ident::experiment::{CauseConfig, DiagnoseConfig, Experiment, FitConfig, RunKind, Use};
+use ident::experiment::{CauseConfig, DesignConfig, DiagnoseConfig, Experiment, FitConfig, RunKind, Use};
 use ident::weights::{Mechanism, Water};
 use serde::{Deserialize, Serialize};
 
 use super::Failure;
+use super::design::limits;
 use crate::camera::CameraConfig;
+use crate::profile::ProfileConfig;
 use crate::record::folder::{RunFolder, Start, file, write_whole};
 use crate::servo::ServoConfig;
 
@@ -19,6 +21,7 @@ struct ExperimentFile {
     model: Option<PathBuf>,
     fit: FitConfig,
     diagnose: DiagnoseConfig,
+    design: DesignConfig,
     mechanism: Mechanism,
     water: Water,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -44,14 +47,20 @@ struct RunConfig {
     cause: Vec<CauseConfig>,
     camera: CameraConfig,
     servo: Option<ServoConfig>,
+    profile: Option<ProfileConfig>,
 }
 
 /// Writes the experiment of the run folders `runs` to `out`, with the model they were made with or another, and gives it as a fit
-/// reads it.
+/// reads it. `drops`: whether somebody is there to let go of the mechanism in a next run.
 ///
 /// # Errors
 /// [`Failure::Input`] when a folder is no run, [`Failure::Data`] when a run has nothing to fit.
-pub fn compose(runs: &[(Use, &Path)], model: Option<&Path>, out: &Path) -> Result<Experiment, Failure> {
+pub fn compose(
+    runs: &[(Use, &Path)],
+    model: Option<&Path>,
+    drops: bool,
+    out: &Path,
+) -> Result<Experiment, Failure> {
     let whole = std::path::absolute(out).map_err(Failure::input)?;
     let home = whole.parent().unwrap_or(Path::new("/"));
     std::fs::create_dir_all(home)
@@ -59,7 +68,7 @@ pub fn compose(runs: &[(Use, &Path)], model: Option<&Path>, out: &Path) -> Resul
         .map_err(Failure::Input)?;
 
     let mut entries = Vec::new();
-    let mut config = None;
+    let (mut config, mut design) = (None, None);
     let (mut known, mut suspected) = (FitConfig::default(), DiagnoseConfig::default());
     for &(usage, path) in runs {
         let start = usable(path)?;
@@ -70,6 +79,7 @@ pub fn compose(runs: &[(Use, &Path)], model: Option<&Path>, out: &Path) -> Resul
                 servo.put_measured_into(&mut known, &mut suspected);
             }
         }
+        design.get_or_insert(limits(made_with.servo.as_ref(), made_with.profile.as_ref()));
         config.get_or_insert(made_with);
         entries.push(RunEntry { folder: relative(path, home)?, usage });
     }
@@ -84,7 +94,8 @@ pub fn compose(runs: &[(Use, &Path)], model: Option<&Path>, out: &Path) -> Resul
     for (name, prior) in suspected.prior {
         diagnose.prior.entry(name).or_insert(prior);
     }
-    let file = ExperimentFile { model, fit, diagnose, mechanism, water, cause, run: entries };
+    let design = DesignConfig { drops, ..design.unwrap_or_default() };
+    let file = ExperimentFile { model, fit, diagnose, design, mechanism, water, cause, run: entries };
     let text = toml::to_string(&file).map_err(Failure::internal)?;
     write_whole(out, text.as_bytes()).map_err(Failure::input)?;
     // Read back as the fit will read it: what it would refuse is said now.

@@ -1,13 +1,17 @@
-//! Configs of the runs to make next.
+//! Which runs a rig could make next, and their configs.
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::{Context as _, anyhow};
 use ident::design::runs::{Motion, Proposal};
+use ident::experiment::DesignConfig;
+use ident::strict::Positive;
 
 use super::Failure;
+use crate::profile::{Profile, ProfileConfig};
 use crate::record::folder::write_whole;
+use crate::servo::ServoConfig;
 
 /// Tables and keys of a rig config that hold paths.
 const PATH_KEYS: [(&str, &str); 5] = [
@@ -17,6 +21,41 @@ const PATH_KEYS: [(&str, &str); 5] = [
     ("vision", "static_mask"),
     ("calibration", "file"),
 ];
+
+/// No proposed run is longer, whatever the one before was \[s\].
+const LONGEST_RUN_S: f64 = 30.0;
+/// What rounding to whole microseconds or counts may take of a limit.
+const WITHIN_LIMIT: f64 = 0.995;
+
+/// The runs that a rig with this servo could make: within its travel and its rate, and no shorter than its profile.
+pub(super) fn limits(servo: Option<&ServoConfig>, profile: Option<&ProfileConfig>) -> DesignConfig {
+    let mut design = DesignConfig::default();
+    let (Some(servo), Some(profile)) = (servo, profile) else { return design };
+    design.centre_rad = profile.centre_rad;
+    let centre_rad = profile.centre_rad.get();
+    let at_most = |limit: &mut Positive, value: f64| {
+        if let Some(value) = Positive::new(WITHIN_LIMIT * value).filter(|value| value.get() < limit.get()) {
+            *limit = value;
+        }
+    };
+    for (channel, _) in servo.driven() {
+        let (travel, mirrored) = (&channel.travel, profile.is_mirrored());
+        let angle_rad = |told: u16| channel.angle_rad(f64::from(told), mirrored);
+        let (least, greatest) = (*travel.range().start(), *travel.range().end());
+        for end in [least, greatest] {
+            at_most(&mut design.amplitude_limit_rad, (angle_rad(end) - centre_rad).abs());
+        }
+        let per_rad = f64::from(greatest - least) / (angle_rad(greatest) - angle_rad(least)).abs();
+        if travel.max_rate_per_s() > 0 {
+            at_most(&mut design.rate_limit_rad_per_s, f64::from(travel.max_rate_per_s()) / per_rad);
+        }
+    }
+    let profile_s = Profile::new(profile).map_or(0.0, |profile| profile.duration_s());
+    if let Some(run_s) = Positive::new(profile_s.clamp(design.run_s.get(), LONGEST_RUN_S)) {
+        design.run_s = run_s;
+    }
+    design
+}
 
 /// Writes a config for each of `next` to `folder`: `config` with another motion.
 ///

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use ident::experiment::Experiment;
 use ident::fit::{Drift, Fitted, Observer, fit, recalibrate};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::Failure;
+use super::drift::Moved;
 use super::results::{earlier, write_fit};
 use crate::record::folder::file;
 
@@ -20,19 +21,47 @@ pub struct LastGood {
     folder: PathBuf,
 }
 
+/// What became of the last good fit, in the folder of the run that came: [`Recalibrated`].
+pub const VERDICT: &str = "recalibration.json";
+
+/// What a run meant for what was known.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Recalibrated {
+    /// What became of the last good fit.
+    #[serde(flatten)]
+    pub verdict: Verdict,
+    /// Coefficients that have moved over many runs.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub moved: Vec<Moved>,
+}
+
 /// What became of the last good fit when a run came.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
     /// Whether the run's fit is the last good one now.
     pub updated: bool,
     /// Whether there was none before.
     pub first: bool,
     /// Why it was kept, one sentence each.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub why: Vec<String>,
     /// Whether the mechanism is still the same.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drift: Option<Drift>,
+}
+
+impl Recalibrated {
+    /// What somebody should know of it: the kind of alert, and the words; nothing where all is as it was.
+    pub fn alert(&self) -> Option<(&'static str, String)> {
+        let Verdict { updated, why, drift, .. } = &self.verdict;
+        if !updated {
+            return Some(("recalibration-kept", format!("the last good fit stays: {}", why.join("; "))));
+        }
+        let at_once = drift.iter().flat_map(|drift| &drift.parameters);
+        let at_once = at_once.map(|name| format!("{name} has changed beyond three standard deviations"));
+        let said: Vec<String> = at_once.chain(self.moved.iter().map(Moved::to_string)).collect();
+        (!said.is_empty()).then(|| ("drift", said.join("; ")))
+    }
 }
 
 impl LastGood {
@@ -87,7 +116,7 @@ fn judged(fitted: &Fitted, first: bool) -> Verdict {
 
 #[cfg(test)]
 mod tests {
-    use ident::experiment::{DiagnoseConfig, FitConfig, Method, Run, RunKind};
+    use ident::experiment::{DesignConfig, DiagnoseConfig, FitConfig, Method, Run, RunKind};
     use sim::{Command, Model, RolloutOptions, State, rollout};
 
     use super::*;
@@ -126,7 +155,14 @@ mod tests {
             method: Method::LeastSquares,
             ..FitConfig::default()
         };
-        Experiment { model, noise_m: None, fit, diagnose: DiagnoseConfig::default(), runs: vec![run] }
+        Experiment {
+            model,
+            noise_m: None,
+            fit,
+            diagnose: DiagnoseConfig::default(),
+            design: DesignConfig::default(),
+            runs: vec![run],
+        }
     }
 
     #[test]

@@ -4,9 +4,11 @@
 //! It tells a [`Watcher`] how it goes and answers with results; arguments and printing are the command line's.
 
 pub mod calibrate;
+pub mod campaign;
 pub mod compose;
 pub mod design;
 pub mod diagnose;
+pub mod drift;
 pub mod exchange;
 pub mod experiment;
 mod failure;

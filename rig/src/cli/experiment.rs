@@ -36,7 +36,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     if runs.is_empty() {
         return Err(Failure::Input(anyhow!("no run was named; give at least one run folder")));
     }
-    let experiment = compose(&runs, args.model.as_deref(), &args.out)?;
+    let experiment = compose(&runs, args.model.as_deref(), true, &args.out)?;
     let fitted = experiment.runs.iter().filter(|run| run.usage == Use::Fit).count();
     let text =
         format!("{}: {fitted} to fit, {} held out\n", args.out.display(), experiment.runs.len() - fitted);

@@ -1,10 +1,12 @@
 //! `rig jobs`: the queue of a rig, with or without a daemon that works on it.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::{Failure, Outcome};
 use crate::analysis::Stage;
+use crate::app::campaign::goal::Target;
+use crate::config::RigConfig;
 use crate::record::folder::RunId;
 use crate::store::job::{Chosen, Job, JobId, NewJob, State, Work};
 use crate::store::{Store, StoreError};
@@ -96,6 +98,17 @@ pub enum AddWork {
     Diagnose(Runs),
     /// Which runs would tell more
     Design(Runs),
+    /// Runs until what is asked is known
+    Campaign {
+        /// The rig config
+        config: PathBuf,
+        /// A fitted parameter and how well it is to be known, as `rig campaign` takes it; left out: until the diagnosis says one thing
+        #[arg(long = "goal", value_name = "GOAL")]
+        goals: Vec<Target>,
+        /// The most runs it may make
+        #[arg(long, default_value_t = 8)]
+        max_runs: usize,
+    },
 }
 
 /// Runs by their ids.
@@ -136,11 +149,10 @@ impl Add {
         let chosen = |runs: &Runs| Chosen { runs: runs.runs.clone(), holdout: runs.holdout.clone() };
         let work = match &self.work {
             AddWork::Run { config, film_only } => {
-                crate::config::RigConfig::read(config).map_err(Failure::input)?;
-                Work::Run {
-                    config: std::path::absolute(config).map_err(Failure::input)?,
-                    film_only: *film_only,
-                }
+                Work::Run { config: usable(config)?, film_only: *film_only }
+            }
+            AddWork::Campaign { config, goals, max_runs } => {
+                Work::Campaign { config: usable(config)?, goals: goals.clone(), max_runs: *max_runs }
             }
             AddWork::Recalibrate { run } => Work::Recalibrate { run: run.clone() },
             AddWork::Replay { run, from } => Work::Replay { run: run.clone(), from: *from },
@@ -155,6 +167,12 @@ impl Add {
             ..NewJob::new(work)
         })
     }
+}
+
+/// The config at `path`, from wherever the daemon looks.
+fn usable(path: &Path) -> Result<PathBuf, Failure> {
+    RigConfig::read(path).map_err(Failure::input)?;
+    std::path::absolute(path).map_err(Failure::input)
 }
 
 fn table(jobs: &[Job]) -> String {

@@ -2,6 +2,7 @@
 
 pub mod calibrate;
 pub mod calibrate_servo;
+pub mod campaign;
 pub mod daemon;
 pub mod design;
 pub mod diagnose;

@@ -1,5 +1,6 @@
 //! `rig recalibrate`: the last good fit of a rig, brought up to date with a run.
 
+use std::fmt::Write as _;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
@@ -8,8 +9,12 @@ use ident::experiment::Use;
 use super::progress::Bar;
 use super::{Failure, Outcome};
 use crate::app::compose::compose;
-use crate::app::last_good::LastGood;
+use crate::app::drift::moved;
+use crate::app::last_good::{LastGood, Recalibrated, VERDICT};
 use crate::app::{interruptible, on_threads, threads};
+use crate::error_chain::with_causes;
+use crate::record::folder::write_whole;
+use crate::store::Store;
 
 /// What the last good fit is brought up to date with, in the folder of the run.
 const EXPERIMENT: &str = "experiment.toml";
@@ -33,7 +38,7 @@ pub struct Args {
 /// As [`compose`] and [`LastGood::update`]; the last good fit stays.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let good = LastGood::among(&args.runs_dir);
-    let experiment = compose(&[(Use::Fit, &args.run)], None, &args.run.join(EXPERIMENT))?;
+    let experiment = compose(&[(Use::Fit, &args.run)], None, true, &args.run.join(EXPERIMENT))?;
     let source = args.run.display().to_string();
     let verdict = interruptible(async |interrupt| {
         let mut bar = Bar::new(interrupt.flag());
@@ -41,10 +46,20 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             on_threads(threads(args.threads), || good.update(&experiment, &source, &mut bar))
         })
     })?;
-    let (word, text) = match verdict.updated {
+    // an index that cannot be read or written hides a slow drift, and nothing else
+    let moved = Store::open(&args.runs_dir).and_then(|mut store| moved(&mut store)).unwrap_or_else(|error| {
+        tracing::warn!("slow drift was not looked for: {}", with_causes(&error));
+        Vec::new()
+    });
+    let (word, mut text) = match verdict.updated {
         true => ("updated", format!("{} is up to date with {source}", good.folder().display())),
         false => ("kept", format!("{} stays: {}", good.folder().display(), verdict.why.join("; "))),
     };
+    for moved in &moved {
+        let _ = write!(text, "\n{moved}");
+    }
+    let json = serde_json::to_vec_pretty(&Recalibrated { verdict, moved }).map_err(Failure::internal)?;
+    write_whole(&args.run.join(VERDICT), &json).map_err(Failure::internal)?;
     Ok(Outcome {
         out: Some(good.folder().into()),
         run: Some(args.run.clone()),

@@ -3,9 +3,9 @@
 use clap::{Parser, Subcommand};
 
 use super::{
-    Failure, Outcome, calibrate, daemon, design, diagnose, doctor, estop, experiment, export, extract,
-    firmware, fit, import, jobs, jog, list, mock_board, mock_camera, new, packaging, preview, recalibrate,
-    replay, run, runs, simulate, status,
+    Failure, Outcome, calibrate, campaign, daemon, design, diagnose, doctor, estop, experiment, export,
+    extract, firmware, fit, import, jobs, jog, list, mock_board, mock_camera, new, packaging, preview,
+    recalibrate, replay, run, runs, simulate, status,
 };
 
 /// Runs tank experiments: drives, films, extracts, fits, reports, replays.
@@ -44,6 +44,8 @@ pub enum Verb {
     Diagnose(diagnose::Args),
     /// Say which runs would tell more, and write their configs
     Design(design::Args),
+    /// Run, fit, diagnose, design and run again, until what was asked is known
+    Campaign(campaign::Args),
     /// Move a model through time
     Simulate(simulate::Args),
     /// Bring the last good fit up to date with a run
@@ -97,6 +99,7 @@ impl Verb {
             Self::Fit(args) => fit::run(args),
             Self::Diagnose(args) => diagnose::run(args),
             Self::Design(args) => design::run(args),
+            Self::Campaign(args) => campaign::run(args),
             Self::Simulate(args) => simulate::run(args),
             Self::Recalibrate(args) => recalibrate::run(args),
             Self::Daemon(args) => daemon::run(args),

@@ -8,7 +8,8 @@ mod tables;
 pub use error::ConfigError;
 pub use extraction::ExtractionConfig;
 pub use tables::{
-    MechanismConfig, MotionKind, Mount, Overlap, QuietHours, RunConfig, ScheduleConfig, WaterConfig,
+    AlertsConfig, MechanismConfig, MotionKind, Mount, Overlap, QuietHours, RunConfig, ScheduleConfig,
+    WaterConfig,
 };
 
 use std::path::{Path, PathBuf};
@@ -63,6 +64,9 @@ pub struct RigConfig {
     /// When `rig daemon` runs it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub schedule: Option<ScheduleConfig>,
+    /// Whom `rig daemon` tells that somebody should look.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub alerts: Option<AlertsConfig>,
     /// The simulated tank behind mock board and mock camera.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mock: Option<MockConfig>,

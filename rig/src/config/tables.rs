@@ -157,6 +157,33 @@ pub struct ScheduleConfig {
     pub quiet: Vec<QuietHours>,
 }
 
+/// The `[alerts]` table: whom a daemon tells that somebody should look.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AlertsConfig {
+    /// A program with its arguments: it gets the alert as JSON on standard input, its kind in the variable `RIG_ALERT`, its words in
+    /// `RIG_ALERT_TEXT`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub command: Vec<String>,
+    /// An address that the alert is posted to as JSON; needs the program `curl`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub webhook: Option<String>,
+}
+
+impl AlertsConfig {
+    /// The place that is a program.
+    pub const COMMAND: &str = "command";
+    /// The place that is an address.
+    pub const WEBHOOK: &str = "webhook";
+
+    /// The places that are told.
+    pub fn places(&self) -> Vec<&'static str> {
+        let command = (!self.command.is_empty()).then_some(Self::COMMAND);
+        let webhook = self.webhook.as_ref().map(|_| Self::WEBHOOK);
+        command.into_iter().chain(webhook).collect()
+    }
+}
+
 /// What becomes of a slot that comes while the rig is busy or the water not at rest.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

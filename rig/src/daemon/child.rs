@@ -48,11 +48,17 @@ enum Process {
 }
 
 impl Running {
-    /// Begins `job`, whose rig's config is at `config`, with so many threads.
+    /// Begins `job`, whose rig's config is at `config`, with so many threads; `origin` is the job that it repeats first of all, or
+    /// itself.
     ///
     /// # Errors
     /// [`Failure`] when the process cannot be started, or the job names runs that cannot be used.
-    pub(super) fn start(job: &Job, runs_dir: &Path, config: &Path, threads: usize) -> Result<Self, Failure> {
+    pub(super) fn start(
+        (job, origin): (&Job, JobId),
+        runs_dir: &Path,
+        config: &Path,
+        threads: usize,
+    ) -> Result<Self, Failure> {
         let folder = folder(runs_dir, job.id);
         std::fs::create_dir_all(&folder).map_err(Failure::internal)?;
         let mut command = Command::new(std::env::current_exe().map_err(Failure::internal)?);
@@ -61,7 +67,12 @@ impl Running {
         command.process_group(0);
         // the manager is the daemon's
         command.env_remove("NOTIFY_SOCKET").env_remove("WATCHDOG_USEC");
-        arguments(&mut command, &job.work, runs_dir, &folder, config)?;
+        // a campaign goes on where it stopped, so it stays in the folder in which it began
+        let out = match job.work {
+            Work::Campaign { .. } => self::folder(runs_dir, origin),
+            _ => folder.clone(),
+        };
+        arguments(&mut command, &job.work, runs_dir, &out, config)?;
         if !matches!(job.work, Work::Design(_)) {
             command.arg("--threads").arg(threads.to_string());
         }
@@ -168,7 +179,7 @@ fn arguments(
         let runs = fitted.iter().map(|path| (Use::Fit, path.as_path()));
         let runs: Vec<_> = runs.chain(held_out.iter().map(|path| (Use::Holdout, path.as_path()))).collect();
         let file = folder.join(EXPERIMENT);
-        compose(&runs, None, &file)?;
+        compose(&runs, None, true, &file)?;
         Ok(file)
     };
     match work {
@@ -193,6 +204,16 @@ fn arguments(
         Work::Diagnose(chosen) => {
             command.arg("diagnose").arg(experiment(chosen)?).arg("--out").arg(folder);
             command.arg("--config").arg(config);
+        }
+        Work::Campaign { config, goals, max_runs } => {
+            command.arg("campaign").arg(config).arg("--runs-dir").arg(runs_dir).arg("--out").arg(folder);
+            command.arg("--max-runs").arg(max_runs.to_string());
+            if goals.is_empty() {
+                command.arg("--resolve");
+            }
+            for goal in goals {
+                command.arg("--goal").arg(goal.to_string());
+            }
         }
         Work::Design(chosen) => {
             command.arg("design").arg(experiment(chosen)?).arg("--out").arg(folder);

@@ -3,10 +3,12 @@
 //! - `rig`: one rig's queue, schedule and running jobs;
 //! - `slots`: when the schedule wants a run;
 //! - `child`: a job as a process of its own;
+//! - `alerts`: whom it tells that somebody should look;
 //! - `state`, `api`: what the rigs do, and all of it over HTTP.
 //!
 //! What a job is and how it went stands in [`crate::store`]; whoever can open that may add jobs and cancel them, the daemon sees it.
 
+mod alerts;
 mod api;
 mod child;
 mod rig;

@@ -4,16 +4,19 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use ident::strict::NonNegative;
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
 use tokio::sync::watch;
 
+use super::alerts::Alerts;
 use super::api::Served;
 use super::child::Running;
 use super::slots::{Busy, Decision, Slots};
 use super::state::RigState;
+use crate::app::campaign::record::{self, Record};
 use crate::app::experiment::{Experiment, Extent};
+use crate::app::last_good::{self, Recalibrated};
 use crate::app::{Failure, Watcher, base, hand_in};
 use crate::claim::Claim;
 use crate::clock::MonotonicNs;
@@ -21,6 +24,7 @@ use crate::config::RigConfig;
 use crate::record::folder::RunId;
 use crate::record::journal::{self, Journal};
 use crate::store::Store;
+use crate::store::alerts::Alert;
 use crate::store::job::{Job, JobId, JobResult, Lane, NewJob, State, Work};
 
 /// The daemon's journal in the folder of run folders.
@@ -29,6 +33,9 @@ const JOURNAL: &str = "daemon.jsonl";
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// A job that only computes and was lost is begun again so many times: it harms nobody, but it may be what kills.
 const MOST_REPEATS: u32 = 2;
+
+/// The same drift is told again after so many days.
+const SAME_DRIFT_DAYS: i64 = 7;
 
 /// See the module.
 pub(super) struct Rig {
@@ -45,6 +52,7 @@ pub(super) struct Rig {
     analysis: Option<Running>,
     motions_ended: u64,
     state: watch::Sender<RigState>,
+    alerts: Alerts,
     /// The queue as it was last looked at.
     seen: (i64, Option<Instant>),
     _claim: Claim,
@@ -71,6 +79,7 @@ impl Rig {
         let table = config.schedule.as_ref();
         let slots = table.map(|table| Slots::new(table, last_slot(&journal_path), Timestamp::now()));
         let rest_s = table.and_then(|table| table.rest_s).map_or(0.0, NonNegative::get);
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let mut rig = Self {
             config: std::path::absolute(path).map_err(Failure::input)?,
             runs_dir: std::path::absolute(runs_dir).map_err(Failure::input)?,
@@ -84,11 +93,12 @@ impl Rig {
             analysis: None,
             motions_ended: 0,
             state: watch::channel(RigState::default()).0,
+            alerts: Alerts::new(name.clone(), config.alerts.clone()),
             seen: (0, None),
             _claim: claim,
         };
         rig.state.send_modify(|state| {
-            state.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            state.name = name;
             state.experiment = config.run.name.clone();
         });
         rig.write("started", json!({ "pid": std::process::id() }))?;
@@ -130,12 +140,14 @@ impl Rig {
             self.reap(lane, may, watcher)?;
         }
         self.tell();
+        self.alerts.tick(&mut self.store).map_err(Failure::internal)?;
         if self.slots.is_some() && may.move_ {
             self.look_at_schedule(watcher)?;
         }
         if !self.is_worth_a_look()? {
             return Ok(());
         }
+        self.alerts.begin(&mut self.store).map_err(Failure::internal)?;
         for lane in [Lane::Motion, Lane::Analysis] {
             let Some(id) = self.place(lane).as_ref().map(|running| running.id) else { continue };
             if self.store.job(id).map_err(Failure::internal)?.cancel.is_some()
@@ -245,7 +257,8 @@ impl Rig {
     fn begin(&mut self, lane: Lane, watcher: &mut dyn Watcher) -> Result<(), Failure> {
         let Some(job) = self.store.take(lane).map_err(Failure::internal)? else { return Ok(()) };
         watcher.note(&format!("job {}: {}", job.id, job.work.kind()));
-        match Running::start(&job, &self.runs_dir, &self.config, self.threads) {
+        let origin = self.store.origin(job.id).map_err(Failure::internal)?;
+        match Running::start((&job, origin), &self.runs_dir, &self.config, self.threads) {
             Ok(running) => {
                 let pid = running.pid().as_raw_nonzero().get().unsigned_abs();
                 *self.place(lane) = Some(running);
@@ -292,6 +305,12 @@ impl Rig {
         self.store.end(job.id, state, &result).map_err(Failure::internal)?;
         let what = json!({ "job": job.id, "kind": job.work.kind(), "state": state, "result": result });
         self.write("job-ended", what)?;
+        if let Some((kind, what)) = alert(job, state, &result) {
+            if !self.was_told(kind, &what)? {
+                self.alerts.raise(&mut self.store, kind, &what, job.id).map_err(Failure::internal)?;
+                self.write("alert", json!({ "kind": kind, "text": what, "job": job.id }))?;
+            }
+        }
         if let Some(error) = &result.error {
             watcher.tell(&format!("rig: job {} ({}) {state}: {error}", job.id, job.work.kind()));
         }
@@ -311,6 +330,23 @@ impl Rig {
             _ => {}
         }
         Ok(())
+    }
+
+    /// Whether the same was told within the last days already: what has moved stays where it is for all runs that follow.
+    fn was_told(&self, kind: &str, what: &str) -> Result<bool, Failure> {
+        if kind != "drift" {
+            return Ok(false);
+        }
+        let names = |text: &str| -> Vec<String> {
+            text.split("; ").filter_map(|one| Some(one.split_once(' ')?.0.to_owned())).collect()
+        };
+        let since = Timestamp::now() - SignedDuration::from_hours(24 * SAME_DRIFT_DAYS);
+        let known = self.store.alerts(usize::MAX).map_err(Failure::internal)?;
+        let is_recent = |alert: &Alert| alert.raised.parse().is_ok_and(|raised: Timestamp| raised >= since);
+        Ok(known
+            .iter()
+            .take_while(|alert| is_recent(alert))
+            .any(|alert| alert.kind == kind && names(&alert.text) == names(what)))
     }
 
     /// Adds again a job that was lost, unless it is the repetition of too many.
@@ -363,6 +399,28 @@ pub(super) struct May {
     pub(super) compute: bool,
     /// All jobs are to end.
     pub(super) end_all: bool,
+}
+
+/// What somebody should know of a job that has ended: the kind of alert, and the words.
+fn alert(job: &Job, state: State, result: &JobResult) -> Option<(&'static str, String)> {
+    let said = result.error.as_deref().unwrap_or("it said nothing");
+    match (&job.work, state) {
+        (work, State::Failed | State::Lost) => {
+            Some(("job-failed", format!("job {} ({}) {state}: {said}", job.id, work.kind())))
+        }
+        (Work::Recalibrate { .. }, State::Done) => {
+            let path = Path::new(result.run.as_deref()?).join(last_good::VERDICT);
+            let found: Recalibrated = serde_json::from_slice(&std::fs::read(path).ok()?).ok()?;
+            found.alert()
+        }
+        (Work::Campaign { .. }, State::Done) => {
+            let path = Path::new(result.out.as_deref()?).join(record::FILE);
+            let campaign: Record = serde_json::from_slice(&std::fs::read(path).ok()?).ok()?;
+            let words = [campaign.says].into_iter().chain(campaign.needs).collect::<Vec<_>>().join("; ");
+            Some(("campaign-ended", format!("{}: {words}", campaign.state.name())))
+        }
+        _ => None,
+    }
 }
 
 /// The last slot that an earlier daemon took, from its journal.

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::analysis::Stage;
+use crate::app::campaign::goal::Target;
 use crate::record::folder::RunId;
 
 /// A job's number: in the order in which they were added.
@@ -62,6 +63,18 @@ pub enum Work {
     Diagnose(Chosen),
     /// Which runs would tell more, into the job's folder.
     Design(Chosen),
+    /// Runs until what is asked is known: it moves the rig.
+    Campaign {
+        /// The rig config.
+        #[schema(value_type = String)]
+        config: PathBuf,
+        /// Parameters and how well they are to be known, as `g3/blunt 5%`; none: until the diagnosis says one thing.
+        #[serde(default)]
+        #[schema(value_type = Vec<String>)]
+        goals: Vec<Target>,
+        /// The most runs it may make.
+        max_runs: usize,
+    },
 }
 
 /// Runs of an experiment.
@@ -100,7 +113,7 @@ impl Work {
     /// Its lane.
     pub fn lane(&self) -> Lane {
         match self {
-            Self::Run { .. } => Lane::Motion,
+            Self::Run { .. } | Self::Campaign { .. } => Lane::Motion,
             Self::Recalibrate { .. }
             | Self::Replay { .. }
             | Self::Fit(_)
@@ -118,6 +131,7 @@ impl Work {
             Self::Fit(_) => "fit",
             Self::Diagnose(_) => "diagnose",
             Self::Design(_) => "design",
+            Self::Campaign { .. } => "campaign",
         }
     }
 }

@@ -1,10 +1,11 @@
-//! What a rig has to do and what it has done, in one database beside its run folders: the queue of [`job`]s, and an index of
-//! [`runs`] that is made from their folders and can be made again.
+//! What a rig has to do and what it has done, in one database beside its run folders: the queue of [`job`]s, [`alerts`], and an index
+//! of [`runs`] that is made from their folders and can be made again.
 //!
 //! SQLite with a write-ahead log: each change is a transaction that is on the disk when its call returns, several processes may
 //! look and add at the same time, and one that is killed leaves the last whole transaction behind
 //! (<https://www.sqlite.org/wal.html>).
 
+pub mod alerts;
 pub mod job;
 mod queue;
 pub mod runs;
@@ -17,7 +18,7 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, Row, Transaction, TransactionBe
 /// The database in a runs folder.
 pub const FILE: &str = "rig.sqlite";
 /// The layout that this version knows; kept as the database's `user_version`.
-const LAYOUT: i64 = 1;
+const LAYOUT: i64 = 2;
 /// Another process may hold the database so long.
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -199,8 +200,11 @@ impl Store {
             db.pragma_update(None, "foreign_keys", true)?;
             let change = db.transaction_with_behavior(TransactionBehavior::Immediate)?;
             let found = change.pragma_query_value(None, "user_version", |row| row.get(0))?;
-            if found == 0 {
+            if found < 1 {
                 change.execute_batch(TABLES)?;
+            }
+            if found < 2 {
+                change.execute_batch(alerts::TABLES)?;
                 change.pragma_update(None, "user_version", LAYOUT)?;
             }
             change.commit()?;

@@ -127,6 +127,17 @@ impl Store {
         self.row(query, [id.0], |row| row.get(0))
     }
 
+    /// The first of the jobs that `id` is the repetition of; itself where it repeats none.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn origin(&self, id: JobId) -> Result<JobId, StoreError> {
+        let query = "WITH RECURSIVE chain (id) AS (\
+             SELECT ?1 UNION ALL SELECT jobs.retry_of FROM jobs JOIN chain ON jobs.id = chain.id) \
+             SELECT min(id) FROM chain";
+        self.row(query, [id.0], |row| row.get(0).map(JobId))
+    }
+
     /// Takes the job of `lane` whose turn it is: it counts as running from now on.
     ///
     /// # Errors
@@ -286,6 +297,7 @@ mod tests {
         let again = store.retry(first, Some("dry again".into())).unwrap();
         assert_eq!(store.job(again).unwrap().retry_of, Some(first));
         assert_eq!([first, again].map(|id| store.repeats(id).unwrap()), [0, 1]);
+        assert_eq!([first, again].map(|id| store.origin(id).unwrap()), [first, first]);
     }
 
     #[test]

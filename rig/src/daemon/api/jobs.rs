@@ -9,7 +9,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::{Api, InRig, Problem};
+use crate::app::campaign::goal::Target;
 use crate::record::folder::RunId;
+use crate::store::alerts::Alert;
 use crate::store::job::{Chosen, Job, JobId, Lane, NewJob, State as JobState, Work};
 
 /// How many are listed.
@@ -68,6 +70,15 @@ enum WantedWork {
     Diagnose(WantedRuns),
     /// Which runs would tell more.
     Design(WantedRuns),
+    /// Runs until what is asked is known: it moves the rig.
+    Campaign {
+        /// Parameters and how well they are to be known, as `g3/blunt 5%`; none: until the diagnosis says one thing.
+        #[serde(default)]
+        #[schema(value_type = Vec<String>)]
+        goals: Vec<Target>,
+        /// The most runs it may make.
+        max_runs: usize,
+    },
 }
 
 /// Runs of an experiment.
@@ -147,6 +158,9 @@ pub(super) async fn add(
         WantedWork::Fit(runs) => Work::Fit(runs.into()),
         WantedWork::Diagnose(runs) => Work::Diagnose(runs.into()),
         WantedWork::Design(runs) => Work::Design(runs.into()),
+        WantedWork::Campaign { goals, max_runs } => {
+            Work::Campaign { config: rig.config.clone(), goals, max_runs }
+        }
     };
     let Wanted { priority, why, not_before, .. } = wanted;
     let job = NewJob { priority, why, not_before, ..NewJob::new(work) };
@@ -193,4 +207,14 @@ pub(super) async fn stop(
         Ok(ids.into_iter().filter_map(|id| Some(JobNumber::new(id, store.cancel(id, &why).ok()?))).collect())
     });
     Ok(Json(stopped.await?))
+}
+
+/// What somebody should know, the newest first.
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/alerts", params(("rig" = String, Path), Most), responses((status = 200, body = [Alert])))]
+pub(super) async fn alerts(
+    State(api): State<Arc<Api>>,
+    Path(rig): InRig,
+    Query(Most { most }): Query<Most>,
+) -> Result<Json<Vec<Alert>>, Problem> {
+    Ok(Json(api.rig(&rig)?.ask(move |store| store.alerts(most)).await?))
 }

@@ -66,6 +66,7 @@ pub(super) struct Served {
         jobs::cancel,
         jobs::retry,
         jobs::stop,
+        jobs::alerts,
         runs::list,
         runs::show,
         runs::file,
@@ -162,6 +163,7 @@ impl Api {
         let reading = Router::new()
             .route("/api/v1/rigs", get(rigs))
             .route("/api/v1/rigs/{rig}/jobs/{job}", get(jobs::show))
+            .route("/api/v1/rigs/{rig}/alerts", get(jobs::alerts))
             .route("/api/v1/rigs/{rig}/runs", get(runs::list))
             .route("/api/v1/rigs/{rig}/runs/{run}", get(runs::show))
             .route("/api/v1/rigs/{rig}/runs/{run}/{file}", get(runs::file))

@@ -1,0 +1,199 @@
+//! A campaign: run, fit, diagnose, design, and the next run, by itself, until what was asked is known, or only a hand can help, or no run
+//! is left of its budget.
+//!
+//! - [`goal`]: what it is for;
+//! - [`record`]: `campaign.json`, what it did and where it stands;
+//! - `next`: what to do after a run.
+//!
+//! Every step's experiment, results and report are in a folder of the campaign, `after-1`, `after-2`, ...; its runs are run folders like
+//! all others.
+
+pub mod goal;
+mod next;
+pub mod record;
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::anyhow;
+use ident::experiment::Use;
+use ident::parameters::Parameters;
+use ident::strict::NonNegative;
+
+use super::compose::compose;
+use super::experiment::{Experiment, Extent};
+use super::{Failure, Interrupt, Watcher, base, read_model};
+use crate::analysis::prepared;
+use crate::config::RigConfig;
+use crate::record::folder::RunId;
+use goal::Goal;
+use next::Next;
+use record::{Made, Record, Standing, Step};
+
+/// The runs of a step.
+const EXPERIMENT: &str = "experiment.toml";
+
+/// A campaign as it was asked for.
+#[derive(Debug)]
+pub struct Campaign<'a> {
+    /// The rig's config: that of the first run. An absolute path, as the others: the campaign may go on from elsewhere.
+    pub config: &'a Path,
+    /// The folder of run folders.
+    pub runs_dir: &'a Path,
+    /// The campaign's own folder.
+    pub out: &'a Path,
+    /// What it is for.
+    pub goal: Goal,
+    /// The most runs it may make, those of before it was interrupted included.
+    pub max_runs: usize,
+    /// Worker threads.
+    pub threads: usize,
+}
+
+impl Campaign<'_> {
+    /// Carries it out; in a folder where it was interrupted it goes on from there. Gives what it did.
+    ///
+    /// # Errors
+    /// As [`Experiment::carry_out`] and the fits and diagnoses of its steps; what was done before stands in its folder.
+    pub async fn carry_out(
+        &self,
+        interrupt: &Interrupt,
+        watcher: &mut dyn Watcher,
+    ) -> Result<Record, Failure> {
+        let first = RigConfig::read(self.config).map_err(Failure::input)?;
+        self.check(&first)?;
+        let rest_s = first.schedule.as_ref().and_then(|table| table.rest_s).map_or(0.0, NonNegative::get);
+        std::fs::create_dir_all(self.out).map_err(Failure::input)?;
+        let mut record = Record::open(self.out, self.config, &self.goal, self.max_runs)?;
+        let _claim = self.experiment(&first, self.config).claim()?;
+        let mut next = match record.runs.is_empty() {
+            true => Next::Run { config: self.config.into(), why: "the first run".into() },
+            false => self.look(&mut record, watcher)?,
+        };
+        loop {
+            let (config, why) = match next {
+                Next::End(state, says) => {
+                    (record.state, record.says) = (state, says);
+                    record.write(self.out)?;
+                    watcher.note(&format!("{}: {}", record.state.name(), record.says));
+                    return Ok(record);
+                }
+                Next::Run { .. } if record.runs.len() >= self.max_runs => {
+                    let says = format!("after {} runs: {}", record.runs.len(), record.says);
+                    next = Next::End(Standing::BudgetSpent, says);
+                    continue;
+                }
+                Next::Run { config, why } => (config, why),
+            };
+            if !record.runs.is_empty() {
+                self.rest(Duration::from_secs_f64(rest_s), interrupt, watcher).await?;
+            }
+            watcher.note(&format!("run {} of at most {}: {why}", record.runs.len() + 1, self.max_runs));
+            let run = self.run(&config, interrupt, watcher).await?;
+            record.runs.push(Made { run, config, why });
+            record.write(self.out)?;
+            next = self.look(&mut record, watcher)?;
+            if interrupt.is_raised() {
+                return Err(Failure::Interrupted(anyhow!(
+                    "interrupted after {} runs; the same command with `--out {}` goes on from there",
+                    record.runs.len(),
+                    self.out.display()
+                )));
+            }
+        }
+    }
+
+    /// Sees that the fit will find the parameters of the goal.
+    fn check(&self, config: &RigConfig) -> Result<(), Failure> {
+        let Goal::Precision(targets) = &self.goal else { return Ok(()) };
+        let model = read_model(&base(self.config).join(&config.run.model))?;
+        let prepared = prepared(config, model)?;
+        let fitted = Parameters::select(&prepared.model, &prepared.fit).map_err(Failure::input)?;
+        let known: Vec<&str> = fitted.free.iter().flat_map(|one| &one.names).map(String::as_str).collect();
+        match targets.iter().find(|target| !known.contains(&target.name.as_str())) {
+            None => Ok(()),
+            Some(target) => Err(Failure::Input(anyhow!(
+                "--goal \"{target}\": no fitted parameter is called `{}`; {} fits {}",
+                target.name,
+                self.config.display(),
+                known.join(", ")
+            ))),
+        }
+    }
+
+    fn experiment<'e>(&'e self, config: &'e RigConfig, path: &'e Path) -> Experiment<'e> {
+        Experiment {
+            config,
+            base: base(path),
+            runs_dir: self.runs_dir,
+            extent: Extent::Keypoints,
+            motion: None,
+            threads: self.threads,
+        }
+    }
+
+    /// Makes the run of the config at `path`.
+    async fn run(
+        &self,
+        path: &Path,
+        interrupt: &Interrupt,
+        watcher: &mut dyn Watcher,
+    ) -> Result<RunId, Failure> {
+        let config = RigConfig::read(path).map_err(Failure::input)?;
+        let done = self.experiment(&config, path).carry_out(interrupt, watcher).await?;
+        Ok(done.conducted.folder.start().id.clone())
+    }
+
+    /// Fits or diagnoses all runs made so far, and says what to do then.
+    fn look(&self, record: &mut Record, watcher: &mut dyn Watcher) -> Result<Next, Failure> {
+        let folder = self.out.join(format!("after-{}", record.runs.len()));
+        let experiment = folder.join(EXPERIMENT);
+        let paths: Vec<PathBuf> =
+            record.runs.iter().map(|made| self.runs_dir.join(made.run.as_str())).collect();
+        let runs: Vec<(Use, &Path)> = paths.iter().map(|path| (Use::Fit, path.as_path())).collect();
+        compose(&runs, None, false, &experiment)?;
+        let mut step = Step { folder: folder.clone(), verdict: None, sentence: None, known: Vec::new() };
+        let next = tokio::task::block_in_place(|| {
+            // other rigs may move beside it: they come first
+            std::thread::scope(|scope| {
+                let polite = scope.spawn(|| {
+                    // without it the work is merely less polite; the pool's threads inherit it
+                    let _ = rustix::process::nice(NICENESS);
+                    match &self.goal {
+                        Goal::Resolve => self.resolved(&experiment, &mut step, record, watcher),
+                        Goal::Precision(targets) => {
+                            self.precise(&experiment, targets, &mut step, record, watcher)
+                        }
+                    }
+                });
+                polite.join().unwrap_or_else(|_| Err(Failure::Internal(anyhow!("the analysis panicked"))))
+            })
+        })?;
+        record.steps.truncate(record.runs.len() - 1);
+        record.steps.push(step);
+        record.write(self.out)?;
+        Ok(next)
+    }
+
+    /// Leaves the water alone.
+    async fn rest(
+        &self,
+        rest: Duration,
+        interrupt: &Interrupt,
+        watcher: &mut dyn Watcher,
+    ) -> Result<(), Failure> {
+        if !rest.is_zero() {
+            watcher.say(format!("the water rests for {:.0} s", rest.as_secs_f64()));
+        }
+        tokio::select! {
+            () = interrupt.raised() => Err(Failure::Interrupted(anyhow!(
+                "interrupted between two runs; the same command with `--out {}` goes on from there",
+                self.out.display()
+            ))),
+            () = tokio::time::sleep(rest) => Ok(()),
+        }
+    }
+}
+
+/// How far behind the devices' threads the scheduler puts what only computes, as `nice` counts.
+const NICENESS: i32 = 10;

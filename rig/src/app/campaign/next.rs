@@ -1,0 +1,208 @@
+//! What to do after a run.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::anyhow;
+use ident::design::Prospect;
+use ident::design::runs::Proposal;
+use ident::diagnose::{Diagnosis, NamedCause, Verdict, prospects};
+use ident::experiment::Experiment;
+
+use super::Campaign;
+use super::goal::{Known, Target};
+use super::record::{Record, Standing, Step};
+use crate::app::design::write_configs;
+use crate::app::diagnose::diagnosed;
+use crate::app::fit::FitJob;
+use crate::app::{Failure, Watcher, on_threads};
+use crate::config::RigConfig;
+use crate::profile::Profile;
+
+/// Configs of the runs that were proposed, in the campaign's folder.
+const CONFIGS: &str = "next";
+/// The diagnosis of runs that were made for a number, in the folder of a step.
+const DIAGNOSIS: &str = "diagnosis";
+/// A run that would lessen no standard deviation by this share is none to make.
+const WORTHWHILE_SHARE: f64 = 0.01;
+
+/// The next thing to do.
+#[derive(Debug)]
+pub(super) enum Next {
+    /// One more run.
+    Run {
+        /// Its config.
+        config: PathBuf,
+        /// What for.
+        why: String,
+    },
+    /// Nothing, for this reason.
+    End(Standing, String),
+}
+
+impl Campaign<'_> {
+    /// Diagnoses the `experiment` of all runs.
+    pub(super) fn resolved(
+        &self,
+        experiment: &Path,
+        step: &mut Step,
+        record: &mut Record,
+        watcher: &mut dyn Watcher,
+    ) -> Result<Next, Failure> {
+        let (found, _) = diagnosed(experiment, &step.folder, self.threads, None, watcher)?;
+        let diagnosis = &found.diagnosis;
+        step.verdict = Some(diagnosis.verdict.name().into());
+        step.sentence = Some(diagnosis.sentence.clone());
+        record.says.clone_from(&diagnosis.sentence);
+        record.needs = by_hand(diagnosis);
+        watcher.note(&format!("{}: {}", diagnosis.verdict.name(), diagnosis.sentence));
+        let end = |state| Ok(Next::End(state, diagnosis.sentence.clone()));
+        match diagnosis.verdict {
+            Verdict::NothingDetectable | Verdict::Cause | Verdict::Causes => end(Standing::Reached),
+            // what differs between two equal runs is no property of the mechanism
+            Verdict::Unexplained if record.runs.len() == 1 => Ok(Next::Run {
+                config: self.config.into(),
+                why: "the same again: what differs is no property of the mechanism".into(),
+            }),
+            Verdict::Unexplained | Verdict::Ambiguous | Verdict::Suspected => {
+                match self.config_of(&found.next, |config| record.times(config))? {
+                    Some((config, proposal)) => {
+                        let why = format!("{}{}", rivals(diagnosis), proposal.words());
+                        Ok(Next::Run { config, why })
+                    }
+                    None => end(Standing::NeedsAHand),
+                }
+            }
+        }
+    }
+
+    /// Fits the `experiment` of all runs, for the parameters `targets`.
+    pub(super) fn precise(
+        &self,
+        experiment: &Path,
+        targets: &[Target],
+        step: &mut Step,
+        record: &mut Record,
+        watcher: &mut dyn Watcher,
+    ) -> Result<Next, Failure> {
+        let job = FitJob {
+            experiment,
+            out: &step.folder,
+            threads: self.threads,
+            resume: false,
+            profile: false,
+            prior: None,
+        };
+        let (data, _) = job.carry_out(watcher)?;
+        let fit = data.fit.as_ref().ok_or_else(|| Failure::Internal(anyhow!("the fit has no result")))?;
+        let known = |target: &Target| {
+            target
+                .known(fit)
+                .ok_or_else(|| Failure::Internal(anyhow!("the fit does not say {}", target.name)))
+        };
+        step.known = targets.iter().map(known).collect::<Result<_, _>>()?;
+        let said: Vec<String> = step.known.iter().map(Known::to_string).collect();
+        record.says = said.join("; ");
+        watcher.note(&record.says);
+        if step.known.iter().all(|known| known.ratio() <= 1.0) {
+            self.doubt(experiment, step, record, watcher)?;
+            return Ok(Next::End(Standing::Reached, record.says.clone()));
+        }
+        watcher.say("planning the next run".into());
+        let runs = Experiment::read(experiment)?;
+        let names: Vec<String> = targets.iter().map(|target| target.name.clone()).collect();
+        let list = on_threads(self.threads, || Ok(prospects(&runs, &names)?))?;
+        // the same run again may well tell most
+        let best = self.config_of(&ranked(list, &step.known), |_| 0)?;
+        watcher.clear();
+        Ok(match best {
+            Some((config, proposal)) => Next::Run { config, why: proposal.words() },
+            None => {
+                record.needs = vec![
+                    "no run of the servo tells more of them: change what is seen (a finer picture, a pose by hand), or ask for less".into(),
+                ];
+                Next::End(Standing::NeedsAHand, record.says.clone())
+            }
+        })
+    }
+
+    /// Says whether the simulation repeats the runs to their noise: a number may be known well in a model that lacks something.
+    fn doubt(
+        &self,
+        experiment: &Path,
+        step: &mut Step,
+        record: &mut Record,
+        watcher: &mut dyn Watcher,
+    ) -> Result<(), Failure> {
+        let (found, _) = diagnosed(experiment, &step.folder.join(DIAGNOSIS), self.threads, None, watcher)?;
+        let diagnosis = &found.diagnosis;
+        step.verdict = Some(diagnosis.verdict.name().into());
+        step.sentence = Some(diagnosis.sentence.clone());
+        if diagnosis.verdict != Verdict::NothingDetectable {
+            record.says = format!("{}; but {}", record.says, diagnosis.sentence);
+            record.needs = by_hand(diagnosis);
+        }
+        Ok(())
+    }
+
+    /// The first of `list` that this rig can do, with its config; those that are `put_off` more come later.
+    fn config_of(
+        &self,
+        list: &[Proposal],
+        put_off: impl Fn(&Path) -> usize,
+    ) -> Result<Option<(PathBuf, Proposal)>, Failure> {
+        let folder = self.out.join(CONFIGS);
+        write_configs(self.config, list, &folder)?;
+        let path = |proposal: &Proposal| folder.join(format!("{}.toml", proposal.id));
+        let mut order: Vec<(PathBuf, &Proposal)> = list.iter().map(|one| (path(one), one)).collect();
+        order.sort_by_key(|(path, _)| put_off(path));
+        let mut feasible = order.into_iter().filter(|(path, _)| is_feasible(path));
+        Ok(feasible.next().map(|(path, proposal)| (path, proposal.clone())))
+    }
+}
+
+/// Whether the rig can do what the config at `path` says without a hand.
+fn is_feasible(path: &Path) -> bool {
+    let Ok(config) = RigConfig::read(path) else { return false };
+    let (Some(servo), Some(profile)) = (&config.servo, &config.profile) else { return false };
+    Profile::new(profile).is_ok_and(|profile| profile.pulses(servo).is_ok())
+}
+
+/// Those runs that bring the parameters nearer to what is wanted, best first: by the one that is farthest from it.
+fn ranked(mut list: Vec<Prospect>, known: &[Known]) -> Vec<Proposal> {
+    let worst = |std: &mut dyn Iterator<Item = f64>| {
+        std.zip(known).map(|(std, known)| std / known.wanted_std).fold(0.0, f64::max)
+    };
+    let now = worst(&mut known.iter().map(|known| known.std));
+    let then = |prospect: &Prospect| worst(&mut prospect.std.iter().copied());
+    list.retain(|prospect| then(prospect) < (1.0 - WORTHWHILE_SHARE) * now);
+    list.sort_by(|a, b| then(a).total_cmp(&then(b)));
+    list.into_iter().map(|prospect| prospect.proposal).collect()
+}
+
+/// What is to be told apart, or checked, as a heading; nothing where nothing is named.
+fn rivals(diagnosis: &Diagnosis) -> String {
+    let mut about: Vec<String> = diagnosis.causes.iter().map(NamedCause::label).collect();
+    let Some(first) = diagnosis.alternatives.first() else {
+        return if about.is_empty() { String::new() } else { format!("{}: ", about.join(" + ")) };
+    };
+    about = vec![about.join(" + "), first.names.join(" + ")];
+    match diagnosis.alternatives.len() {
+        1 => format!("{}: ", about.join(" or ")),
+        more => format!("{} (or {} more): ", about.join(" or "), more - 1),
+    }
+}
+
+/// What a diagnosis advises that no servo can do.
+fn by_hand(diagnosis: &Diagnosis) -> Vec<String> {
+    let mut list: Vec<String> = Vec::new();
+    for next in &diagnosis.next_experiments {
+        let what = match next.separates.is_empty() {
+            true => next.what.clone(),
+            false => format!("{}: {}", next.separates.join(" / "), next.what),
+        };
+        if matches!(next.kind.as_str(), "measurement" | "drop") && !list.contains(&what) {
+            list.push(what);
+        }
+    }
+    list
+}

@@ -1,0 +1,163 @@
+//! Alerts: what somebody should know, and to which of the places that want to be told it was told.
+
+use rusqlite::{OptionalExtension, params};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::job::JobId;
+use super::{Store, StoreError, now, text};
+
+pub(super) const TABLES: &str = "
+    CREATE TABLE alerts (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        raised TEXT NOT NULL,
+        kind TEXT NOT NULL,
+        text TEXT NOT NULL,
+        job INTEGER REFERENCES jobs (id)
+    );
+    CREATE TABLE deliveries (
+        alert INTEGER NOT NULL REFERENCES alerts (id),
+        place TEXT NOT NULL,
+        tries INTEGER NOT NULL DEFAULT 0,
+        next TEXT,
+        told TEXT,
+        trouble TEXT,
+        PRIMARY KEY (alert, place)
+    ) WITHOUT ROWID;
+    CREATE INDEX deliveries_by_time ON deliveries (next) WHERE next IS NOT NULL;
+";
+
+/// What somebody should know.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Alert {
+    /// Its number.
+    pub id: i64,
+    /// When it was raised, UTC.
+    pub raised: String,
+    /// `job-failed`, `recalibration-kept`, `drift`, `campaign-ended`.
+    pub kind: String,
+    /// What happened.
+    pub text: String,
+    /// The job it happened in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub job: Option<i64>,
+}
+
+/// An alert that a place is still to be told.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Delivery {
+    /// What.
+    pub alert: Alert,
+    /// Whom: a key of `[alerts]`.
+    pub place: String,
+    /// How often it was tried.
+    pub tries: u32,
+}
+
+const COLUMNS: &str = "alerts.id, raised, kind, text, job";
+
+fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Alert> {
+    Ok(Alert { id: row.get(0)?, raised: row.get(1)?, kind: row.get(2)?, text: row.get(3)?, job: row.get(4)? })
+}
+
+impl Store {
+    /// Raises an alert, of which each of `places` is to be told.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn raise(
+        &mut self,
+        kind: &str,
+        what: &str,
+        job: Option<JobId>,
+        places: &[&str],
+    ) -> Result<(), StoreError> {
+        self.change("raising an alert in", |db| {
+            db.execute(
+                "INSERT INTO alerts (raised, kind, text, job) VALUES (?1, ?2, ?3, ?4)",
+                params![now(), kind, what, job.map(|id| id.0)],
+            )?;
+            let id = db.last_insert_rowid();
+            for place in places {
+                db.execute(
+                    "INSERT INTO deliveries (alert, place, next) VALUES (?1, ?2, ?3)",
+                    params![id, place, now()],
+                )?;
+            }
+            Ok(())
+        })
+    }
+
+    /// The newest alerts, the newest first.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn alerts(&self, most: usize) -> Result<Vec<Alert>, StoreError> {
+        let query = format!("SELECT {COLUMNS} FROM alerts ORDER BY id DESC LIMIT ?1");
+        self.rows(&query, [i64::try_from(most).unwrap_or(i64::MAX)], read)
+    }
+
+    /// The next delivery whose time has come, the oldest alert first.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn due(&self) -> Result<Option<Delivery>, StoreError> {
+        let query = format!(
+            "SELECT {COLUMNS}, place, tries FROM deliveries JOIN alerts ON alerts.id = alert \
+             WHERE next IS NOT NULL AND next <= ?1 ORDER BY alert, place LIMIT 1"
+        );
+        let read = |row: &rusqlite::Row<'_>| {
+            Ok(Delivery { alert: read(row)?, place: row.get(5)?, tries: row.get(6)? })
+        };
+        self.db.query_row(&query, [now()], read).optional().map_err(self.failed("reading"))
+    }
+
+    /// Writes how a delivery went: it was `trouble`, and is tried again at `next`, if at all; or the place was told.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn delivered(
+        &mut self,
+        delivery: &Delivery,
+        trouble: Option<(&str, Option<jiff::Timestamp>)>,
+    ) -> Result<(), StoreError> {
+        let told = trouble.is_none().then(now);
+        let (trouble, next) = trouble.unzip();
+        self.change("writing a delivery to", |db| {
+            db.execute(
+                "UPDATE deliveries SET tries = tries + 1, next = ?3, told = ?4, trouble = ?5 WHERE alert = ?1 AND place = ?2",
+                params![delivery.alert.id, delivery.place, next.flatten().map(text), told, trouble],
+            )
+            .map(drop)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_place_is_told_once_and_trouble_comes_back_at_its_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(folder.path()).unwrap();
+        store.raise("drift", "g3/blunt has moved", None, &["command", "webhook"]).unwrap();
+        let first = store.due().unwrap().unwrap();
+        assert_eq!((first.place.as_str(), first.tries), ("command", 0));
+        store.delivered(&first, None).unwrap();
+        let second = store.due().unwrap().unwrap();
+        assert_eq!(second.place, "webhook");
+        let later = jiff::Timestamp::now() + jiff::SignedDuration::from_secs(60);
+        store.delivered(&second, Some(("nobody listens", Some(later)))).unwrap();
+        assert_eq!(store.due().unwrap(), None);
+        let past = jiff::Timestamp::now() - jiff::SignedDuration::from_secs(1);
+        store.delivered(&second, Some(("nobody listens", Some(past)))).unwrap();
+        drop(store);
+        let mut store = Store::open(folder.path()).unwrap();
+        let again = store.due().unwrap().unwrap();
+        assert_eq!(again.tries, 2, "a daemon that is started again goes on");
+        store.delivered(&again, Some(("nobody listens", None))).unwrap();
+        assert_eq!(store.due().unwrap(), None, "given up");
+        assert_eq!(store.alerts(9).unwrap().len(), 1);
+    }
+}

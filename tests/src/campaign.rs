@@ -1,0 +1,147 @@
+//! Tanks for campaigns: a servo that is not what its model says, and a first run that is too gentle to tell.
+
+use std::path::{Path, PathBuf};
+
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use serde_json::Value;
+
+use crate::{changed_config, config, rig, set};
+
+/// The config whose tank is changed.
+const RIG: &str = "chain-driven-hanging.toml";
+/// A coarse picture: what one gentle run shows of a lag of some ten milliseconds is a few of its pixels' hundredths.
+const METRES_PER_PIXEL: f64 = 6e-4;
+
+/// What is hidden in a tank.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Hidden {
+    /// The servo creeps after its command, with this time constant \[s\].
+    Lag(f64),
+    /// The servo does what it is told so much later \[s\].
+    Delay(f64),
+}
+
+/// A tank with a rig.
+#[derive(Debug)]
+pub struct Tank {
+    /// The rig's config, with `runs` beside it.
+    pub config: PathBuf,
+    folder: PathBuf,
+}
+
+impl Hidden {
+    /// Either, of 10 to 30 ms, by `seed`.
+    pub fn drawn(seed: u64) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let time_s = random.random_range(0.01..0.03);
+        if seed.is_multiple_of(2) { Self::Lag(time_s) } else { Self::Delay(time_s) }
+    }
+
+    /// The cause that a diagnosis should name.
+    pub fn cause(self) -> &'static str {
+        match self {
+            Self::Lag(_) => "servo_lag",
+            Self::Delay(_) => "servo_delay",
+        }
+    }
+}
+
+impl Tank {
+    /// A tank in `folder` with `hidden` in it, its water's coefficients and its first run's strokes drawn by `seed`.
+    ///
+    /// # Panics
+    /// Where the shipped tank cannot be read, or the folder not be written.
+    pub fn new(folder: &Path, hidden: Option<Hidden>, seed: u64) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed ^ 0x7A4B);
+        let tanks = config("tanks");
+        let read = |name: &str| std::fs::read_to_string(tanks.join(name)).expect("a shipped tank");
+        let mut model = read("chain-driven-hanging.xml");
+        // each fluid coefficient up to 30 % to either side
+        let mut scaled = String::new();
+        while let Some(place) = model.find("fluidcoef=\"") {
+            let rest = model.split_off(place + "fluidcoef=\"".len());
+            let (numbers, after) = rest.split_once('"').expect("an attribute ends");
+            let numbers: Vec<String> = numbers
+                .split_whitespace()
+                .map(|number| number.parse::<f64>().expect("a number"))
+                .map(|number| (number * random.random_range(0.7..1.3)).to_string())
+                .collect();
+            scaled += &format!("{model}{}\"", numbers.join(" "));
+            model = after.to_owned();
+        }
+        std::fs::write(folder.join("tank.xml"), scaled + &model).expect("a tank's model");
+
+        let mut tank: toml::Table = read("chain-driven-hanging.toml").parse().expect("a tank");
+        tank.insert("model".into(), "tank.xml".into());
+        tank.insert("seed".into(), i64::try_from(seed).expect("a small seed").into());
+        let mut lag_s = 0.0;
+        match hidden {
+            Some(Hidden::Lag(time_s)) => lag_s = time_s,
+            Some(Hidden::Delay(delay_s)) => {
+                let delay: toml::Table = [("delay".to_owned(), delay_s.into())].into_iter().collect();
+                set(&mut tank, "causes", "servo_delay", delay);
+            }
+            None => {}
+        }
+        let servos = tank["servo"].as_array_mut().expect("servos");
+        servos[0].as_table_mut().expect("a servo").insert("lag_s".into(), lag_s.into());
+        let origin_px: toml::Value = vec![160.0, 40.0].into();
+        for (key, value) in [
+            ("metres_per_pixel", METRES_PER_PIXEL.into()),
+            ("origin_px", origin_px.clone()),
+            ("noise_grey", 4.0.into()),
+            ("stamp_jitter_s", 5e-4.into()),
+        ] {
+            set(&mut tank, "view", key, value);
+        }
+        std::fs::write(folder.join("tank.toml"), tank.to_string()).expect("a tank");
+
+        let config = changed_config(RIG, folder, |config| {
+            set(config, "mock", "tank", "tank.toml");
+            set(config, "profile", "amplitude_rad", random.random_range(0.15..0.3));
+            set(config, "profile", "ccw_s", 2.0);
+            set(config, "profile", "cw_s", 1.0);
+            set(config, "profile", "cycles", 1);
+            set(config, "profile", "soft_start_cycles", 0);
+            set(config, "camera", "width_px", 320);
+            set(config, "camera", "height_px", 240);
+            set(config, "calibration", "metres_per_pixel", METRES_PER_PIXEL);
+            set(config, "calibration", "origin_px", origin_px);
+            let parameters: toml::Value = vec!["fluidcoef", "damping", "frictionloss"].into();
+            set(config, "fit", "parameters", parameters);
+        });
+        Self { config, folder: folder.into() }
+    }
+
+    /// The folder of run folders.
+    pub fn runs(&self) -> PathBuf {
+        self.folder.join("runs")
+    }
+
+    /// The folder of its campaign.
+    pub fn out(&self) -> PathBuf {
+        self.folder.join("campaign")
+    }
+
+    /// `rig campaign` on it, with more arguments.
+    pub fn campaign(&self, more: &[&str]) -> std::process::Command {
+        let mut command = rig(["campaign"]);
+        command.arg(&self.config).args(more);
+        command.arg("--runs-dir").arg(self.runs()).arg("--out").arg(self.out());
+        command
+    }
+
+    /// Its `campaign.json`.
+    pub fn record(&self) -> Value {
+        crate::json(&self.out().join("campaign.json"))
+    }
+
+    /// The causes that the last diagnosis names.
+    pub fn named(&self) -> Vec<String> {
+        let steps = self.record()["steps"].as_array().map_or(0, Vec::len);
+        let diagnosis = crate::json(&self.out().join(format!("after-{steps}/diagnosis.json")));
+        let causes = diagnosis["causes"].as_array().cloned().unwrap_or_default();
+        causes.iter().filter_map(|cause| Some(cause["name"].as_str()?.to_owned())).collect()
+    }
+}
