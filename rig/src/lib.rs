@@ -5,9 +5,10 @@
 //! keypoints, [`analysis`] gives the run's trajectory to `ident`, and [`report`] shows what came out.
 //!
 //! Rooms, each of which knows only those before it:
-//! * [`error_chain`], [`reasons`], [`lettering`], [`claim`], [`schedule`], [`service`], [`web`], [`clock`], [`calibration`]: an error's
-//!   causes, reasons told together, words in pictures, what one process has alone, when a daemon runs, what it tells its manager, who may
-//!   ask a server of this machine, ticks and stamps on one clock, pixels in metres;
+//! * [`error_chain`], [`reasons`], [`lettering`], [`claim`], [`schedule`], [`goal`], [`service`], [`web`], [`urgency`], [`clock`],
+//!   [`calibration`]: an error's causes, reasons told together, words in pictures, what one process has alone, when a daemon runs, what a
+//!   campaign is for, what a daemon tells its manager, who may ask a server of this machine, who has the processor first, ticks and stamps on
+//!   one clock, pixels in metres;
 //! * [`camera`], [`servo`]: the two traits, and a real, a mock and a recorded device behind each;
 //! * [`profile`], [`tank`], [`record`]: the stroke, the simulated tank behind the mocks, run folders and recordings;
 //! * [`images`], [`report`], [`calibrate`]: where images come from, the page that is made of results, pictures of a board to a plane;
@@ -16,7 +17,7 @@
 //! * [`run`], [`analysis`], [`doctor`], [`preview`]: a film from still water to the safe stop, a recording to a report, what is wrong
 //!   with the rig, what its camera sees;
 //! * [`store`]: the queue of jobs and the index of runs, beside the run folders;
-//! * [`app`]: one experiment, fits, diagnoses; [`daemon`]: jobs one after the other, and a schedule; [`cli`]: arguments and printing.
+//! * [`app`]: one experiment, fits, diagnoses, campaigns; [`daemon`]: jobs one after the other, and a schedule; [`cli`]: arguments and printing.
 //!
 //! Who works beside whom, and what lies between them: `docs/threads.md`.
 
@@ -33,6 +34,7 @@ mod coverage;
 pub mod daemon;
 pub mod doctor;
 pub mod error_chain;
+pub mod goal;
 pub mod images;
 pub mod interchange;
 pub mod lettering;
@@ -48,5 +50,6 @@ pub mod servo;
 pub mod setup;
 pub mod store;
 pub mod tank;
+pub mod urgency;
 pub mod vision;
 pub mod web;

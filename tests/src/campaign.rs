@@ -8,10 +8,10 @@ use serde_json::Value;
 
 use crate::{changed_config, config, rig, set};
 
-/// The config whose tank is changed.
-const RIG: &str = "chain-driven-hanging.toml";
-/// A coarse picture: what one gentle run shows of a lag of some ten milliseconds is a few of its pixels' hundredths.
-const METRES_PER_PIXEL: f64 = 6e-4;
+/// The config, whose tank is changed.
+const RIG: &str = "chain-driven-late.toml";
+/// A machine that is busy with other tests takes longer to find what it finds in a minute.
+const DIAGNOSIS_LIMIT_S: f64 = 240.0;
 
 /// What is hidden in a tank.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,7 +72,7 @@ impl Tank {
         }
         std::fs::write(folder.join("tank.xml"), scaled + &model).expect("a tank's model");
 
-        let mut tank: toml::Table = read("chain-driven-hanging.toml").parse().expect("a tank");
+        let mut tank: toml::Table = read(RIG).parse().expect("a tank");
         tank.insert("model".into(), "tank.xml".into());
         tank.insert("seed".into(), i64::try_from(seed).expect("a small seed").into());
         let mut lag_s = 0.0;
@@ -86,30 +86,12 @@ impl Tank {
         }
         let servos = tank["servo"].as_array_mut().expect("servos");
         servos[0].as_table_mut().expect("a servo").insert("lag_s".into(), lag_s.into());
-        let origin_px: toml::Value = vec![160.0, 40.0].into();
-        for (key, value) in [
-            ("metres_per_pixel", METRES_PER_PIXEL.into()),
-            ("origin_px", origin_px.clone()),
-            ("noise_grey", 4.0.into()),
-            ("stamp_jitter_s", 5e-4.into()),
-        ] {
-            set(&mut tank, "view", key, value);
-        }
         std::fs::write(folder.join("tank.toml"), tank.to_string()).expect("a tank");
 
         let config = changed_config(RIG, folder, |config| {
             set(config, "mock", "tank", "tank.toml");
             set(config, "profile", "amplitude_rad", random.random_range(0.15..0.3));
-            set(config, "profile", "ccw_s", 2.0);
-            set(config, "profile", "cw_s", 1.0);
-            set(config, "profile", "cycles", 1);
-            set(config, "profile", "soft_start_cycles", 0);
-            set(config, "camera", "width_px", 320);
-            set(config, "camera", "height_px", 240);
-            set(config, "calibration", "metres_per_pixel", METRES_PER_PIXEL);
-            set(config, "calibration", "origin_px", origin_px);
-            let parameters: toml::Value = vec!["fluidcoef", "damping", "frictionloss"].into();
-            set(config, "fit", "parameters", parameters);
+            set(config, "diagnose", "limit_s", DIAGNOSIS_LIMIT_S);
         });
         Self { config, folder: folder.into() }
     }
@@ -137,11 +119,21 @@ impl Tank {
         crate::json(&self.out().join("campaign.json"))
     }
 
-    /// The causes that the last diagnosis names.
-    pub fn named(&self) -> Vec<String> {
+    /// Whether the last diagnosis names `hidden` and nothing else; by its own name, or by one that no film tells from it.
+    pub fn names(&self, hidden: Hidden) -> bool {
+        matches!(&self.named()[..], [names] if names.iter().any(|name| name == hidden.cause()))
+    }
+
+    /// The causes that the last diagnosis names, each with its aliases behind it.
+    pub fn named(&self) -> Vec<Vec<String>> {
         let steps = self.record()["steps"].as_array().map_or(0, Vec::len);
         let diagnosis = crate::json(&self.out().join(format!("after-{steps}/diagnosis.json")));
         let causes = diagnosis["causes"].as_array().cloned().unwrap_or_default();
-        causes.iter().filter_map(|cause| Some(cause["name"].as_str()?.to_owned())).collect()
+        let text = |name: &Value| name.as_str().map(str::to_owned);
+        let names = |cause: &Value| {
+            let aliases = cause["aliases"].as_array().into_iter().flatten();
+            std::iter::once(&cause["name"]).chain(aliases).filter_map(text).collect()
+        };
+        causes.iter().map(names).collect()
     }
 }

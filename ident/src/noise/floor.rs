@@ -297,9 +297,11 @@ fn independent(basis: &DMatrix<f64>) -> Vec<usize> {
     let factors = basis.clone().col_piv_qr();
     let mut order = RowDVector::from_iterator(basis.ncols(), 0..basis.ncols());
     factors.p().permute_columns(&mut order);
-    let sizes = factors.r().diagonal().abs();
+    // of fewer images than functions no more than images are told
+    let factor = factors.r();
+    let sizes = (0..factor.nrows().min(factor.ncols())).map(|k| factor[(k, k)].abs());
     let mut told: Vec<usize> =
-        order.iter().zip(&sizes).filter(|(_, size)| **size > INDEPENDENT_SHARE).map(|(&k, _)| k).collect();
+        order.iter().zip(sizes).filter(|(_, size)| *size > INDEPENDENT_SHARE).map(|(&k, _)| k).collect();
     told.sort_unstable();
     told
 }

@@ -20,6 +20,7 @@ use crate::clock::MonotonicNs;
 use crate::config::RigConfig;
 use crate::images::live::{Feed, LiveImages, live};
 use crate::record::folder::RunFolder;
+use crate::urgency::Urgency;
 use crate::vision::extractor::{Extractor, LEARN_FROM};
 use crate::vision::record::trajectory;
 use crate::vision::sequence::drive;
@@ -27,8 +28,6 @@ use crate::vision::{ImageRecord, Task};
 
 /// Images looked at together.
 const IMAGES_AT_ONCE: usize = 4;
-/// How far behind the devices' threads the scheduler puts this one, as `nice` counts.
-const NICENESS: i32 = 10;
 
 /// An extraction under way beside the filming.
 #[derive(Debug)]
@@ -67,8 +66,8 @@ impl Live {
             fits,
         };
         let thread = std::thread::spawn(move || {
-            // Without it the extraction is merely less polite. The pool's threads inherit it.
-            let _ = rustix::process::nice(NICENESS);
+            // the pool's threads inherit it
+            Urgency::Computing.take();
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().ok()?;
             pool.install(|| follower.follow(images))
         });

@@ -34,6 +34,7 @@ use anyhow::Context as _;
 use sim::Model;
 
 use crate::analysis::Progress;
+use crate::urgency::Urgency;
 
 /// Whoever looks on.
 pub trait Watcher: Progress + Send {
@@ -70,7 +71,7 @@ pub fn threads(asked: Option<NonZeroUsize>) -> usize {
     asked.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZeroUsize::get)
 }
 
-/// Carries out `work` on so many threads.
+/// Carries out `work` on so many threads; in a job of a daemon, whose other rigs may be moving, behind what moves and films.
 ///
 /// # Errors
 /// What `work` gives; [`Failure::Internal`] where the system has no threads to give.
@@ -78,5 +79,12 @@ pub fn on_threads<T: Send>(
     threads: usize,
     work: impl FnOnce() -> Result<T, Failure> + Send,
 ) -> Result<T, Failure> {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(Failure::internal)?.install(work)
+    let in_job = std::env::var_os(hand_in::JOB).is_some();
+    let begin = move |_| {
+        if in_job {
+            Urgency::Computing.take();
+        }
+    };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).start_handler(begin).build();
+    pool.map_err(Failure::internal)?.install(work)
 }

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use super::progress::Bar;
 use super::{Failure, Outcome};
 use crate::app::campaign::Campaign;
-use crate::app::campaign::goal::{Goal, Target};
 use crate::app::campaign::record::{Record, Standing};
 use crate::app::hand_in::{self, hand_in};
 use crate::app::{interruptible, threads};
 use crate::config::RigConfig;
+use crate::goal::{Goal, Target};
 use crate::store::job::{NewJob, Work};
 
 /// Arguments of `rig campaign`.

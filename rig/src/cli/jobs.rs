@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::{Failure, Outcome};
 use crate::analysis::Stage;
-use crate::app::campaign::goal::Target;
 use crate::config::RigConfig;
+use crate::goal::Target;
 use crate::record::folder::RunId;
 use crate::store::job::{Chosen, Job, JobId, NewJob, State, Work};
 use crate::store::{Store, StoreError};

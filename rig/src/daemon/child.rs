@@ -17,11 +17,10 @@ use crate::app::compose::compose;
 use crate::app::hand_in::{self, file, folder};
 use crate::record::folder::RunId;
 use crate::store::job::{Chosen, Job, JobId, JobResult, Lane, State, Work};
+use crate::urgency::Urgency;
 
 /// The runs that a job works on, for `rig fit` and its like.
 const EXPERIMENT: &str = "experiment.toml";
-/// How far behind the rig's motions what only computes is put, as `nice` counts.
-const NICENESS: i32 = 10;
 /// A job that was asked to end has so long for it; then its process is killed, and a board's dead-man stops what still moves.
 const GRACE: Duration = Duration::from_secs(4);
 /// So much of the end of a log is told of a job that ended without a word.
@@ -83,7 +82,7 @@ impl Running {
             Self { id: job.id, lane: job.work.lane(), folder, process: Process::Ours(child), asked: None };
         if running.lane == Lane::Analysis {
             // without it the job is merely less polite
-            let _ = setpriority_process(Some(running.pid()), NICENESS);
+            let _ = setpriority_process(Some(running.pid()), Urgency::Computing.niceness());
         }
         Ok(running)
     }

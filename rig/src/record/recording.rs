@@ -26,6 +26,7 @@ use super::{RecordError, ServoCommand};
 use crate::camera::{CameraImage, CameraInfo};
 use crate::clock::MonotonicNs;
 use crate::servo::ServoEvent;
+use crate::urgency::Urgency;
 pub(in crate::record) use writer::CHUNK_BYTES;
 use writer::Writer;
 
@@ -179,7 +180,10 @@ impl Recorder {
         let released = Arc::clone(&waiting_bytes);
         let writer = std::thread::Builder::new()
             .name("recording".into())
-            .spawn(move || writer.run(&messages, &released))
+            .spawn(move || {
+                Urgency::Pictures.take();
+                writer.run(&messages, &released)
+            })
             .map_err(RecordError::io("starting the writer of", path))?;
         Ok(Self {
             path: path.into(),

@@ -14,6 +14,7 @@ use crate::camera::{Camera, CameraError, CameraImage, decode};
 use crate::clock::MonotonicNs;
 use crate::servo::{PulseProfile, PulseTrack};
 use crate::servo::{ServoBoard, ServoError, ServoEvent, StopOutcome};
+use crate::urgency::Urgency;
 
 /// What the camera shows.
 #[derive(Debug)]
@@ -81,10 +82,12 @@ impl CameraThread {
         let (watcher_seen, watcher_signals) = (seen.clone(), signals.clone());
         let watcher = std::thread::spawn(move || {
             let _report = PanicReport("stillness", watcher_signals);
+            Urgency::Pictures.take();
             watch_stillness(&watched, &watcher_seen);
         });
         let thread = std::thread::spawn(move || {
             let _report = PanicReport("camera", signals.clone());
+            Urgency::Pictures.take();
             let quits = || !matches!(quitting.try_recv(), Err(TryRecvError::Empty));
             'film: while !quits() {
                 let image = match camera.next_image(stall) {
@@ -168,6 +171,7 @@ impl ServoThread {
         let (orders, inbox) = sync_channel(4);
         let thread = std::thread::spawn(move || {
             let _report = PanicReport("servo", signals.clone());
+            Urgency::Servo.take();
             serve(board.as_mut(), &inbox, &signals);
         });
         Self { orders, thread: Some(thread), outcome: None }

@@ -8,6 +8,7 @@ use std::thread::JoinHandle;
 
 use super::{BoardInfo, PulseProfile, ServoBoard, ServoError, ServoEvent, StopOutcome};
 use crate::clock::MonotonicNs;
+use crate::urgency::Urgency;
 
 /// The board's end of a pseudo-terminal.
 pub(super) struct Pty {
@@ -58,7 +59,10 @@ impl Device {
         let (pty, port) = Pty::open()?;
         let quit = Arc::new(AtomicBool::new(false));
         let quits = Arc::clone(&quit);
-        let thread = std::thread::Builder::new().name(name.into()).spawn(move || run(pty, &quits))?;
+        let thread = std::thread::Builder::new().name(name.into()).spawn(move || {
+            Urgency::Servo.take();
+            run(pty, &quits);
+        })?;
         Ok(Self { port, quit, thread: Some(thread) })
     }
 

@@ -20,6 +20,7 @@ pub use super::sessionless::{emergency_stop, query_status};
 use super::{BoardInfo, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome, refusal};
 use crate::clock::{ClockFit, MonotonicNs, Wire};
 use crate::servo::PulseProfile;
+use crate::urgency::Urgency;
 
 const HELLO_EVERY: Duration = Duration::from_millis(200);
 /// Pings at the start, for a clock good enough to arm by.
@@ -105,7 +106,10 @@ impl SerialBoard {
             let (shared, port) = (Arc::clone(&shared), clone(&*port)?);
             std::thread::Builder::new()
                 .name("servo link".into())
-                .spawn(move || converse(port, &shared))
+                .spawn(move || {
+                    Urgency::Servo.take();
+                    converse(port, &shared)
+                })
                 .map_err(|error| ServoError::Open { port: port_name.into(), why: error.to_string() })?
         };
         let nobody = Identity {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::analysis::Stage;
-use crate::app::campaign::goal::Target;
+use crate::goal::Target;
 use crate::record::folder::RunId;
 
 /// A job's number: in the order in which they were added.

@@ -35,7 +35,9 @@ pub struct Tank {
     shared: Arc<Mutex<Shared>>,
     config: Arc<TankConfig>,
     model: Arc<sim::Model>,
-    /// Apart from the motion: the board, which tells its turns, never waits for a simulation.
+    /// What happened since the motion was last asked for. This and the LED are apart from the motion: the board, which tells them, never
+    /// waits for a simulation.
+    happened: Arc<Mutex<Vec<(MonotonicNs, Event)>>>,
     sync_led: Arc<Mutex<SyncLed>>,
     /// Until when the board's pulses are known.
     complete_ns: Arc<AtomicU64>,
@@ -64,6 +66,7 @@ impl Tank {
             shared: Arc::new(Mutex::new(Shared { motion, run_origin: None })),
             config: Arc::new(config.clone()),
             model: Arc::new(model),
+            happened: Arc::default(),
             sync_led: Arc::default(),
             complete_ns: Arc::new(AtomicU64::new(NO_BOARD)),
         })
@@ -100,7 +103,7 @@ impl Tank {
     /// Asks, at `at`, for the mechanism to be let go; it is, `[tank.release] after_s` later.
     pub fn ask_release(&self, at: MonotonicNs) {
         let at = at.plus_seconds(self.config.release.after_s.get());
-        self.lock().motion.happen(at, Event::LetGo);
+        self.happen(at, Event::LetGo);
     }
 
     /// Coordinates of the mechanism at `at`, as in its model's `qpos`.
@@ -108,7 +111,12 @@ impl Tank {
     /// # Errors
     /// [`TankError::Simulation`] when the simulation diverges.
     pub fn qpos(&self, at: MonotonicNs) -> Result<Vec<f64>, TankError> {
-        self.lock().motion.qpos(at)
+        let mut shared = self.lock();
+        let happened = std::mem::take(&mut *self.happened());
+        for (at, event) in happened {
+            shared.motion.happen(at, event);
+        }
+        shared.motion.qpos(at)
     }
 
     /// For what share of the time from `from` to `until` the board's sync LED was lit.
@@ -125,6 +133,14 @@ impl Tank {
         }
     }
 
+    fn happen(&self, at: MonotonicNs, event: Event) {
+        self.happened().push((at, event));
+    }
+
+    fn happened(&self) -> MutexGuard<'_, Vec<(MonotonicNs, Event)>> {
+        self.happened.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn led(&self) -> MutexGuard<'_, SyncLed> {
         self.sync_led.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -136,7 +152,7 @@ impl Tank {
 
 impl PulseSink for Tank {
     fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs) {
-        self.lock().motion.happen(at, Event::Pulse { channel, pulse_us });
+        self.happen(at, Event::Pulse { channel, pulse_us });
     }
 
     fn sync_led(&mut self, lit: bool, at: MonotonicNs) {
@@ -144,7 +160,7 @@ impl PulseSink for Tank {
     }
 
     fn position(&mut self, channel: u8, position_counts: Option<f64>, at: MonotonicNs) {
-        self.lock().motion.happen(at, Event::Position { channel, counts: position_counts });
+        self.happen(at, Event::Position { channel, counts: position_counts });
     }
 
     fn complete(&mut self, until: MonotonicNs) {

@@ -81,3 +81,14 @@ fn splines_add_up_to_one_everywhere() {
         assert!((row.sum() - 1.0).abs() < 1e-12, "{row}");
     }
 }
+
+/// A camera that loses most of its images leaves fewer of them than a spline over the whole motion has functions.
+#[test]
+fn fewer_images_than_functions_tell_as_many_as_there_are() {
+    for still in [0, 2] {
+        let time_s: Vec<f64> = (0..4).map(|image| 0.9 * f64::from(image)).collect();
+        let basis = basis(&time_s, still, 0.05);
+        assert!((1..=4).contains(&basis.ncols()), "{}", basis.ncols());
+        assert!(basis.iter().all(|value| value.is_finite()));
+    }
+}

@@ -1,14 +1,12 @@
 //! A campaign: run, fit, diagnose, design, and the next run, by itself, until what was asked is known, or only a hand can help, or no run
 //! is left of its budget.
 //!
-//! - [`goal`]: what it is for;
 //! - [`record`]: `campaign.json`, what it did and where it stands;
 //! - `next`: what to do after a run.
 //!
 //! Every step's experiment, results and report are in a folder of the campaign, `after-1`, `after-2`, ...; its runs are run folders like
 //! all others.
 
-pub mod goal;
 mod next;
 pub mod record;
 
@@ -25,8 +23,9 @@ use super::experiment::{Experiment, Extent};
 use super::{Failure, Interrupt, Watcher, base, read_model};
 use crate::analysis::prepared;
 use crate::config::RigConfig;
+use crate::goal::Goal;
 use crate::record::folder::RunId;
-use goal::Goal;
+use crate::urgency::Urgency;
 use next::Next;
 use record::{Made, Record, Standing, Step};
 
@@ -157,8 +156,8 @@ impl Campaign<'_> {
             // other rigs may move beside it: they come first
             std::thread::scope(|scope| {
                 let polite = scope.spawn(|| {
-                    // without it the work is merely less polite; the pool's threads inherit it
-                    let _ = rustix::process::nice(NICENESS);
+                    // the pool's threads inherit it
+                    Urgency::Computing.take();
                     match &self.goal {
                         Goal::Resolve => self.resolved(&experiment, &mut step, record, watcher),
                         Goal::Precision(targets) => {
@@ -194,6 +193,3 @@ impl Campaign<'_> {
         }
     }
 }
-
-/// How far behind the devices' threads the scheduler puts what only computes, as `nice` counts.
-const NICENESS: i32 = 10;

@@ -7,15 +7,16 @@ use ident::design::Prospect;
 use ident::design::runs::Proposal;
 use ident::diagnose::{Diagnosis, NamedCause, Verdict, prospects};
 use ident::experiment::Experiment;
+use ident::parameters::Parameters;
 
 use super::Campaign;
-use super::goal::{Known, Target};
 use super::record::{Record, Standing, Step};
 use crate::app::design::write_configs;
 use crate::app::diagnose::diagnosed;
 use crate::app::fit::FitJob;
 use crate::app::{Failure, Watcher, on_threads};
 use crate::config::RigConfig;
+use crate::goal::{Known, Target};
 use crate::profile::Profile;
 
 /// Configs of the runs that were proposed, in the campaign's folder.
@@ -57,6 +58,16 @@ impl Campaign<'_> {
         watcher.note(&format!("{}: {}", diagnosis.verdict.name(), diagnosis.sentence));
         let end = |state| Ok(Next::End(state, diagnosis.sentence.clone()));
         match diagnosis.verdict {
+            // one run may have been too gentle to show anything: one that tells more has the last word
+            Verdict::NothingDetectable if record.runs.len() == 1 => {
+                match self.config_of(&self.telling(experiment)?, |config| record.times(config))? {
+                    Some((config, proposal)) => Ok(Next::Run {
+                        config,
+                        why: format!("to see more than nothing: {}", proposal.words()),
+                    }),
+                    None => end(Standing::Reached),
+                }
+            }
             Verdict::NothingDetectable | Verdict::Cause | Verdict::Causes => end(Standing::Reached),
             // what differs between two equal runs is no property of the mechanism
             Verdict::Unexplained if record.runs.len() == 1 => Ok(Next::Run {
@@ -64,7 +75,12 @@ impl Campaign<'_> {
                 why: "the same again: what differs is no property of the mechanism".into(),
             }),
             Verdict::Unexplained | Verdict::Ambiguous | Verdict::Suspected => {
-                match self.config_of(&found.next, |config| record.times(config))? {
+                let mut list = found.next.clone();
+                if list.is_empty() && (!diagnosis.complete || diagnosis.verdict == Verdict::Unexplained) {
+                    // nothing was designed, for want of time or of rivals: one that tells more of all coefficients
+                    list = self.telling(experiment)?;
+                }
+                match self.config_of(&list, |config| record.times(config))? {
                     Some((config, proposal)) => {
                         let why = format!("{}{}", rivals(diagnosis), proposal.words());
                         Ok(Next::Run { config, why })
@@ -73,6 +89,17 @@ impl Campaign<'_> {
                 }
             }
         }
+    }
+
+    /// The runs that tell most of all that is fitted, best first.
+    fn telling(&self, experiment: &Path) -> Result<Vec<Proposal>, Failure> {
+        let runs = Experiment::read(experiment)?;
+        let fitted = Parameters::select(&runs.model, &runs.fit).map_err(Failure::input)?;
+        let names: Vec<String> = fitted.free.iter().map(|one| one.name().to_owned()).collect();
+        let mut list = on_threads(self.threads, || Ok(prospects(&runs, &names)?))?;
+        let open = |prospect: &Prospect| prospect.std.iter().map(|std| std.ln()).sum::<f64>();
+        list.sort_by(|a, b| open(a).total_cmp(&open(b)));
+        Ok(list.into_iter().map(|prospect| prospect.proposal).collect())
     }
 
     /// Fits the `experiment` of all runs, for the parameters `targets`.

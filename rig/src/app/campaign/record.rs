@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow};
 use serde::{Deserialize, Serialize};
 
-use super::goal::{Goal, Known};
 use crate::app::Failure;
+use crate::goal::{Goal, Known};
 use crate::record::folder::{RunId, write_whole};
 
 /// The file in a campaign's folder.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::{Api, InRig, Problem};
-use crate::app::campaign::goal::Target;
+use crate::goal::Target;
 use crate::record::folder::RunId;
 use crate::store::alerts::Alert;
 use crate::store::job::{Chosen, Job, JobId, Lane, NewJob, State as JobState, Work};

@@ -12,6 +12,7 @@ use super::servos::{Servos, Stood};
 use super::stream::{LEAST_LEAD_S, Stream};
 use crate::clock::MonotonicNs;
 use crate::servo::{BoardInfo, PulseProfile, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome};
+use crate::urgency::Urgency;
 
 /// Time between questions while nothing has torque \[s\].
 const IDLE_S: f64 = 0.1;
@@ -103,7 +104,10 @@ impl BusBoard {
         };
         let thread = std::thread::Builder::new()
             .name("servo bus".into())
-            .spawn(move || driver.run(&inbox))
+            .spawn(move || {
+                Urgency::Servo.take();
+                driver.run(&inbox)
+            })
             .map_err(|error| ServoError::Open { port: port_name.into(), why: error.to_string() })?;
         Ok(Self { info, orders: Some(orders), told, thread: Some(thread) })
     }

@@ -1,0 +1,70 @@
+//! Eight rigs of one daemon, moved at once.
+
+use std::path::Path;
+
+use system_tests::{config, in_real_time, json, printed, rig, run_rig, set};
+
+const RIGS: usize = 8;
+
+/// A rig called `name` in `folder`: a servo on a bus, which is told its position a hundred times a second and must be told in time, and a
+/// camera of 320 by 240 pixels, 50 images a second.
+fn write_rig(folder: &Path, name: &str) -> String {
+    let shipped = |name: &str| std::fs::read_to_string(config(name)).expect("a shipped file");
+    let origin_px: toml::Value = vec![160.0, 210.0].into();
+    let mut tank: toml::Table = shipped("tanks/chain-driven-bus.toml").parse().expect("a tank");
+    tank.insert("model".into(), config("tanks/chain-driven-bus.xml").display().to_string().into());
+    set(&mut tank, "view", "metres_per_pixel", 5e-4);
+    set(&mut tank, "view", "origin_px", origin_px.clone());
+    std::fs::write(folder.join(format!("{name}-tank.toml")), tank.to_string()).expect("a tank");
+
+    let mut rig: toml::Table = shipped("chain-driven-bus.toml").parse().expect("a config");
+    let model = rig["run"]["model"].as_str().expect("a model").to_owned();
+    set(&mut rig, "run", "model", config(&model).display().to_string());
+    set(&mut rig, "run", "diagnose", false);
+    set(&mut rig, "mock", "tank", format!("{name}-tank.toml"));
+    set(&mut rig, "camera", "width_px", 320);
+    set(&mut rig, "camera", "height_px", 240);
+    set(&mut rig, "camera", "fps", 50.0);
+    set(&mut rig, "calibration", "metres_per_pixel", 5e-4);
+    set(&mut rig, "calibration", "origin_px", origin_px);
+    set(&mut rig, "fit", "parameters", vec!["q2/damping".to_owned()]);
+    // as a rig has it whose config says nothing
+    rig["servo"].as_table_mut().expect("a table").remove("max_late_ms");
+    let path = folder.join(format!("{name}.toml"));
+    std::fs::write(&path, rig.to_string()).expect("a config");
+    path.display().to_string()
+}
+
+#[test]
+fn eight_rigs_at_once_have_no_late_servo_packet() {
+    let _turn = in_real_time();
+    let folder = tempfile::tempdir().expect("a folder");
+    let runs = folder.path().join("runs");
+    let names: Vec<String> = (1..=RIGS).map(|number| format!("tank-{number}")).collect();
+    let configs: Vec<String> = names.iter().map(|name| write_rig(folder.path(), name)).collect();
+    for (name, config) in names.iter().zip(&configs) {
+        let runs = runs.join(name).display().to_string();
+        let output = run_rig(["jobs", "--runs-dir", &runs, "add", "run", config]);
+        assert!(output.status.success(), "{}", printed(&output));
+    }
+    let runs_dir = runs.display().to_string();
+    let many = RIGS.to_string();
+    let rest = ["--runs-dir", &runs_dir, "--max-runs", &many];
+    let arguments = ["daemon"].into_iter().chain(configs.iter().map(String::as_str)).chain(rest);
+    let output = rig(arguments).output().expect("the daemon");
+    assert!(output.status.success(), "{}", printed(&output));
+
+    let mut begun = Vec::new();
+    for name in &names {
+        let run = system_tests::only_run(&runs.join(name)).expect("a run");
+        let stop = json(&run.join("stop.json"));
+        assert_eq!((&stop["status"], &stop["images_lost"]), (&"success".into(), &0.into()), "{name}: {stop}");
+        let journal = std::fs::read_to_string(run.join("journal.jsonl")).expect("its journal");
+        let stream = journal.lines().find(|line| line.contains("positions at 100 Hz")).expect("its stream");
+        println!("{name}: {stream}");
+        let start = json(&run.join("start.json"));
+        begun.push(start["clock"]["monotonic_ns"].as_f64().expect("its start") * 1e-9);
+    }
+    begun.sort_by(f64::total_cmp);
+    assert!(begun[RIGS - 1] - begun[0] < 5.0, "all of them moved at once: {begun:?}");
+}
