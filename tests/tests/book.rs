@@ -14,6 +14,7 @@ use system_tests::{changed_config, in_real_time, only_run, printed, repository, 
 const NOT_RUN: &[(&str, &str)] = &[
     ("scripts/demo", "builds a release, minutes"),
     ("scripts/test", "runs these tests"),
+    ("rig campaign", "half a minute a run; campaign runs it"),
     ("export PATH=", "names the release that scripts/demo builds"),
     ("cargo ", "minutes long; tests of the same name go through a part"),
     ("rig run mine/rig.toml", "as the drops before it; cli makes such a rig and has its doctor look"),

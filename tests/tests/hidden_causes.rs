@@ -28,7 +28,7 @@ const BENT: [&str; 2] = ["joint_damping-x20-s2", "end_stop-x20-s2"];
 const PAIRS: [&str; 2] = ["-s12", "-s13"];
 
 /// What a soft arm hides.
-const ARM_CASES: [&str; 2] = ["added_mass-x5-s0", "nothing-s2"];
+const ARM_CASES: [&str; 2] = ["current-x5-s0", "nothing-s2"];
 
 /// Two at a time, each with its share of the cores.
 fn side_by_side<T: Sync, R: Send>(list: &[T], run: impl Fn(&T) -> R + Sync + Send) -> Vec<R> {
