@@ -9,6 +9,7 @@ use super::least_squares::Descent;
 use super::problem::{Linear, Point};
 use super::search::Search;
 use crate::experiment::Experiment;
+use crate::parameters::Parameters;
 
 /// Everything a fit needs to go on to the identical result.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -158,6 +159,10 @@ pub struct Progress<'a> {
     /// Whether this start, or the search, has come to its end, or, where more than noise is left, so near that error bars hardly
     /// tell the difference.
     pub is_answer: bool,
+    /// What is fitted, shape (P).
+    pub parameters: &'a Parameters,
+    /// Where the search, or the descent, is with them, SI, shape (P).
+    pub values: &'a [f64],
     /// From here the fit can be resumed.
     pub checkpoint: &'a Checkpoint,
 }

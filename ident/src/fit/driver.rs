@@ -169,6 +169,11 @@ impl<'a> Driver<'a> {
                 loss_m2: best * self.loss_m2,
                 // where nothing follows, the little that is left is better taken at once
                 is_answer: (end.is_some() || near && !self.at_the_noise(cost)) && !is_rough(&state.stage),
+                parameters: self.objective.parameters(),
+                values: match &state.stage {
+                    Stage::Search(search) => &search.anchor.values,
+                    Stage::Descent { descent, .. } => &descent.point.values,
+                },
                 checkpoint: &state,
             });
             match (end, flow) {
