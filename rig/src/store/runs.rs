@@ -5,9 +5,11 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use crc::{CRC_64_XZ, Crc};
 use rusqlite::params;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use sim::Cause;
 use utoipa::ToSchema;
 
 use super::{Store, StoreError};
@@ -16,6 +18,9 @@ use crate::record::{RecordError, frames, journal};
 
 /// A folder that changed this short a time before it was read may change again within the same tick of its clock.
 const RACY: Duration = Duration::from_secs(2);
+
+/// What models are told apart by.
+const FINGERPRINT: Crc<u64> = Crc::<u64>::new(&CRC_64_XZ);
 
 /// What a list of runs says of one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -48,6 +53,29 @@ pub struct Summary {
     /// It has a report.
     #[serde(default)]
     pub report: bool,
+    /// The model that it was made with.
+    #[serde(default)]
+    pub model: Option<MadeWith>,
+}
+
+/// The model that a run was made with, as far as it takes to tell it from another one.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct MadeWith {
+    /// CRC-64 of its file, in hexadecimal digits.
+    pub file: String,
+    /// The causes that the config adds to it, by name.
+    pub causes: Vec<String>,
+}
+
+/// From one run to the next the model was changed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ModelChange {
+    /// The first run with the new one.
+    pub run: String,
+    /// The last run with the old one.
+    pub before: String,
+    /// What was changed.
+    pub what: Vec<String>,
 }
 
 /// A coefficient as one run's fit found it.
@@ -90,6 +118,7 @@ impl Summary {
             fit_error_m: None,
             verdict: None,
             report: path.join(file::REPORT).exists(),
+            model: None,
         };
         match RunFolder::open(path) {
             Ok(run) => summary.fill(&run),
@@ -112,12 +141,44 @@ impl Summary {
         };
         self.fit_error_m = results(&run.file(file::FIT)).as_ref().and_then(fit_error_m);
         let diagnosis = results(&run.file(file::DIAGNOSIS));
+        self.model = MadeWith::of(run);
         self.verdict = diagnosis.and_then(|diagnosis| Some(diagnosis["verdict"].as_str()?.to_owned()));
     }
 
     /// It may still be going on: its folder's time does not tell whether its line holds.
     fn is_open(&self) -> bool {
         self.status == "incomplete"
+    }
+}
+
+impl MadeWith {
+    /// That of `run`; none where its file cannot be read.
+    fn of(run: &RunFolder) -> Option<Self> {
+        let file = std::fs::read(run.file(&run.start().model)).ok()?;
+        // a config that cannot be read adds nothing that could be told
+        let config: toml::Table = run.start().config.parse().unwrap_or_default();
+        let own = config.get("cause").and_then(|causes| causes.as_array()).into_iter().flatten();
+        let own = own.filter_map(|cause| cause.get("name")?.as_str());
+        let of_fit = |key: &str| config.get("fit").and_then(|fit| fit.get(key));
+        let listed = ["parameters", "fixed"].into_iter().filter_map(|key| of_fit(key)?.as_array()).flatten();
+        let believed =
+            of_fit("prior").and_then(|prior| prior.as_table()).into_iter().flat_map(toml::Table::keys);
+        let parameters = listed.filter_map(|name| name.as_str()).chain(believed.map(String::as_str));
+        let named = parameters.filter_map(|name| name.split_once('/')).map(|(cause, _)| cause);
+        let mut causes: Vec<String> =
+            own.chain(named.filter(|name| name.parse::<Cause>().is_ok())).map(str::to_owned).collect();
+        causes.sort_unstable();
+        causes.dedup();
+        Some(Self { file: format!("{:016x}", FINGERPRINT.checksum(&file)), causes })
+    }
+
+    /// What was changed from this one to `next`, a few words each.
+    fn changes_to(&self, next: &Self) -> Vec<String> {
+        let file = (self.file != next.file).then(|| "another model file".to_owned());
+        let added = next.causes.iter().filter(|cause| !self.causes.contains(cause));
+        let removed = self.causes.iter().filter(|cause| !next.causes.contains(cause));
+        let added = added.map(|cause| format!("{cause} added"));
+        file.into_iter().chain(added).chain(removed.map(|cause| format!("{cause} taken out"))).collect()
     }
 }
 
@@ -228,11 +289,10 @@ impl Store {
         Ok(refreshed)
     }
 
-    /// The times of change of the folders whose lines are known.
+    /// The times of change of the folders whose lines are known; of lines from before models were told apart none that any folder has.
     fn known(&self) -> Result<HashMap<String, i64>, StoreError> {
-        let lines =
-            self.rows("SELECT id, modified_ns FROM runs", [], |row| Ok((row.get(0)?, row.get(1)?)))?;
-        Ok(lines.into_iter().collect())
+        let query = "SELECT id, iif(json_type(summary, '$.model') IS NULL, -1, modified_ns) FROM runs";
+        Ok(self.rows(query, [], |row| Ok((row.get(0)?, row.get(1)?)))?.into_iter().collect())
     }
 
     /// The newest `most` runs, oldest first, as the index has them.
@@ -251,12 +311,7 @@ impl Store {
         let query = "SELECT summary FROM runs WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2";
         let most = i64::try_from(most).unwrap_or(i64::MAX);
         let lines: Vec<String> = self.rows(query, params![before, most], |row| row.get(0))?;
-        let read = |line: &String| {
-            serde_json::from_str(line).map_err(|error| StoreError::Damaged {
-                path: self.path.clone(),
-                what: format!("{error}; `rig runs index` makes the index again"),
-            })
-        };
+        let read = |line: &String| serde_json::from_str(line).map_err(|error| self.damaged(&error));
         lines.iter().rev().map(read).collect()
     }
 
@@ -284,6 +339,34 @@ impl Store {
                 determined: row.get(4)?,
             })
         })
+    }
+
+    /// Where the model was changed from one run to the next, oldest first.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn model_changes(&self) -> Result<Vec<ModelChange>, StoreError> {
+        let query = "SELECT id, summary -> '$.model' FROM runs WHERE json_type(summary, '$.model') = 'object' ORDER BY id";
+        let lines: Vec<(String, String)> = self.rows(query, [], |row| Ok((row.get(0)?, row.get(1)?)))?;
+        let read = |(run, text): (String, String)| match serde_json::from_str::<MadeWith>(&text) {
+            Ok(model) => Ok((run, model)),
+            Err(error) => Err(self.damaged(&error)),
+        };
+        let models: Vec<(String, MadeWith)> = lines.into_iter().map(read).collect::<Result<_, _>>()?;
+        let change = |pair: &[(String, MadeWith)]| {
+            let what = pair[0].1.changes_to(&pair[1].1);
+            (!what.is_empty()).then(|| ModelChange {
+                run: pair[1].0.clone(),
+                before: pair[0].0.clone(),
+                what,
+            })
+        };
+        Ok(models.windows(2).filter_map(change).collect())
+    }
+
+    fn damaged(&self, error: &serde_json::Error) -> StoreError {
+        let what = format!("{error}; `rig runs index` makes the index again");
+        StoreError::Damaged { path: self.path.clone(), what }
     }
 
     /// The names of all coefficients that any run's fit found.
@@ -337,6 +420,58 @@ mod tests {
         store.refresh(true).unwrap();
         assert_eq!(store.runs(9).unwrap(), kept);
         assert_eq!(store.trend("g3/blunt").unwrap(), trend);
+    }
+
+    #[test]
+    fn changes_of_the_model_are_found_and_lines_that_know_none_are_read_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let long_ago = SystemTime::now() - Duration::from_secs(3600);
+        let run = |second: u32, model: &str, config: &str| {
+            let id = format!("20261120T1015{second:02}Z-ab12cd");
+            let path = cut_short(folder.path(), &id);
+            let mut start = results(&path.join(file::START)).unwrap();
+            start["config"] = config.into();
+            std::fs::write(path.join(file::START), start.to_string()).unwrap();
+            std::fs::write(path.join(file::MODEL_START), model).unwrap();
+            let stop = serde_json::json!({
+                "status": "success", "clock": {"monotonic_ns": 8_500_000_000_u64, "utc": "2026-11-20T10:15:06Z"},
+                "servo": "acknowledged", "images": 350, "images_lost": 0, "messages_dropped": 0,
+            });
+            std::fs::write(path.join(file::STOP), stop.to_string()).unwrap();
+            std::fs::File::open(&path).unwrap().set_modified(long_ago).unwrap();
+            id
+        };
+        let lag = "[fit]\nparameters = [\"fluidcoef\", \"tether/stiffness\", \"g3/blunt\"]\n";
+        let ids = [
+            run(1, "<a/>", ""),
+            run(2, "<a/>", "[fit]\nparameters = [\"g3/blunt\"]\n"),
+            run(3, "<b/>", ""),
+            run(4, "<b/>", lag),
+            run(5, "<b/>", "[[cause]]\nname = \"hose\"\n"),
+        ];
+        let mut store = Store::open(folder.path()).unwrap();
+        store.refresh(false).unwrap();
+        let change = |at: usize, what: &[&str]| ModelChange {
+            run: ids[at].clone(),
+            before: ids[at - 1].clone(),
+            what: what.iter().map(|&word| word.to_owned()).collect(),
+        };
+        let expected = [
+            change(2, &["another model file"]),
+            change(3, &["tether added"]),
+            change(4, &["hose added", "tether taken out"]),
+        ];
+        assert_eq!(store.model_changes().unwrap(), expected);
+
+        store
+            .change("a test", |db| {
+                db.execute("UPDATE runs SET summary = json_remove(summary, '$.model')", [])
+            })
+            .unwrap();
+        assert_eq!(store.model_changes().unwrap(), []);
+        assert_eq!(store.refresh(false).unwrap().read, 5);
+        assert_eq!(store.model_changes().unwrap(), expected);
+        assert_eq!(store.refresh(false).unwrap().read, 0);
     }
 
     #[test]
