@@ -52,6 +52,11 @@ impl Bench {
         Self::changed(NEVER, |config| set(config, "profile", "cycles", 4))
     }
 
+    /// One whose camera takes few images a second: a machine that is busy with anything loses none of them by itself.
+    pub fn slow() -> Self {
+        Self::changed(NEVER, |config| set(config, "camera", "fps", 25.0))
+    }
+
     /// Gives the rig another model: as before, but for a comment in its file.
     pub fn change_model(&self) {
         let text = std::fs::read_to_string(&self.config).expect("its config");

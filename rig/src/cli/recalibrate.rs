@@ -7,6 +7,7 @@ use ident::experiment::Use;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
+use crate::analysis::Progress as _;
 use crate::app::compose::compose;
 use crate::app::last_good::LastGood;
 use crate::app::{interruptible, on_threads, threads};
@@ -37,6 +38,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let source = args.run.display().to_string();
     let verdict = interruptible(async |interrupt| {
         let mut bar = Bar::new(interrupt.flag());
+        bar.begin("fit", Some(experiment.fit.max_evaluations));
         tokio::task::block_in_place(|| {
             on_threads(threads(args.threads), || good.update(&experiment, &source, &mut bar))
         })

@@ -183,6 +183,10 @@ impl State {
 
     fn hear_fit(&mut self, name: &'static str, standing: Standing) {
         let Standing { phase, evaluations, max_evaluations, rms_m, values } = standing;
+        if self.stage == name {
+            // it ends long before that many, as a rule: how far it is, its curve says
+            self.steps = None;
+        }
         let mut curve = match self.fit.take() {
             Some(fit) if fit.name == name && fit.evaluations <= evaluations => fit.curve,
             _ => Vec::new(),

@@ -43,7 +43,7 @@ export function lineChart({ width, label, lines, from, to, unit, xUnit, log = fa
   }
   for (const at of columns.found)
     parts.push(svg("text", { x: x(at), y: height - 8, "text-anchor": "middle" }, at.toFixed(columns.digits)));
-  parts.push(svg("text", { x: left - 7, y: 12, "text-anchor": "end" }, unit), svg("text", { x: width - right, y: 12, "text-anchor": "end" }, `over ${xUnit}`));
+  parts.push(svg("text", { x: 2, y: 12 }, unit), svg("text", { x: width - right, y: 12, "text-anchor": "end" }, `over ${xUnit}`));
   for (const { points, place } of lines) {
     let path = "", pen = "M";
     for (const [at, value] of points) {

@@ -190,7 +190,7 @@ function showFits() {
     const label = `${text}; it began with ${first.toPrecision(3)} mm`;
     const chart = lineChart({ width: room($("fits")), label, lines: [{ points, place: 0 }], from: points[0][0], to: fit.evaluations, unit: "mm rms", xUnit: "evaluations",
       log: Math.max(...values) > 3 * Math.min(...values) });
-    const rows = fit.parameters.map(({ name, value }) => element("tr", {}, element("th", { scope: "row", textContent: name }), element("td", { textContent: value.toPrecision(5) })));
+    const rows = fit.parameters.map(({ name, value }) => element("tr", {}, element("th", { scope: "row", textContent: name }), element("td", { textContent: Math.abs(value) > 0 && Math.abs(value) < 1e-3 ? value.toExponential(3) : value.toPrecision(4) })));
     return element("figure", {}, element("figcaption", { textContent: text }), chart,
       element("table", { className: "values" }, element("caption", { className: "unseen", textContent: "Where the parameters are" }), element("tbody", {}, ...rows)));
   }));
