@@ -117,7 +117,7 @@ fn run_is_seen_live_and_a_changed_model_is_marked_in_the_trends() {
     wait_until("traces of keypoints", 30.0, || browser.run(POINTS).as_array().map_or(0, Vec::len) == 3);
     wait_until("a fit that converges", 120.0, || {
         let fits = browser.run(FITS);
-        let converges = |fit: &Value| !fit.is_null() && number(&fit[0]) < 0.8 * number(&fit[1]);
+        let converges = |fit: &Value| !fit.is_null() && number(&fit[0]) < 0.95 * number(&fit[1]);
         fits.as_array().is_some_and(|fits| fits.iter().any(converges))
     });
     browser.wait_for("#jobs", "done", 120.0);

@@ -156,6 +156,8 @@ pub struct Progress<'a> {
     pub rollouts: u64,
     /// Best loss so far \[m2\], over all images; infinite before there is one.
     pub loss_m2: f64,
+    /// Whether that is over the fewer images on which a descent goes most of its way, or the search all of it.
+    pub is_rough: bool,
     /// Whether this start, or the search, has come to its end, or, where more than noise is left, so near that error bars hardly
     /// tell the difference.
     pub is_answer: bool,

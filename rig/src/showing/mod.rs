@@ -138,8 +138,9 @@ struct Standing {
     phase: &'static str,
     evaluations: u64,
     max_evaluations: u64,
-    /// Root mean square of the keypoints' errors \[m\].
+    /// Root mean square of the keypoints' errors \[m\]; of a part of the images where `is_rough`.
     rms_m: f64,
+    is_rough: bool,
     values: Vec<Value>,
 }
 
@@ -239,6 +240,7 @@ impl Showing {
             evaluations: progress.evaluations,
             max_evaluations: progress.max_evaluations,
             rms_m: progress.loss_m2.sqrt(),
+            is_rough: progress.is_rough,
             values: progress.parameters.free.iter().zip(progress.values).map(named).collect(),
         };
         self.tell(|| Told::Fit(which, Box::new(standing())));

@@ -51,11 +51,11 @@ pub(super) fn outline(mask: &Mask) -> Vec<Vec<Px>> {
 fn smooth(line: &[Corner]) -> Vec<Px> {
     // the centre of a picture's first pixel is its origin
     let mut points: Vec<Px> = line.iter().map(|corner| corner.map(|c| c as f64 - 0.5)).collect();
+    // where a line begins it cannot do without: a corner, not the middle of a side
+    let begin = farthest(&points, points[0]);
+    points.rotate_left(begin);
     points.push(points[0]);
-    let from = points[0];
-    let far =
-        (0..points.len()).max_by(|&a, &b| distance(points[a], from).total_cmp(&distance(points[b], from)));
-    let far = far.unwrap_or(0);
+    let far = farthest(&points, points[0]);
     let mut kept = vec![0];
     keep(&points, 0, far, &mut kept);
     keep(&points, far, points.len() - 1, &mut kept);
@@ -74,6 +74,12 @@ fn keep(points: &[Px], from: usize, to: usize, kept: &mut Vec<usize>) {
             None => kept.push(to),
         }
     }
+}
+
+/// Which of `points` is farthest from `from`.
+fn farthest(points: &[Px], from: Px) -> usize {
+    let off = |i: &usize| distance(points[*i], from);
+    (0..points.len()).max_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0)
 }
 
 fn distance(a: Px, b: Px) -> f64 {

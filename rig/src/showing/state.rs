@@ -90,8 +90,10 @@ pub struct FitCurve {
     pub evaluations: u64,
     /// The most there will be.
     pub max_evaluations: u64,
-    /// After so many evaluations, the best root mean square of the keypoints' errors \[m\].
+    /// After so many evaluations, the best root mean square of the keypoints' errors \[m\], over all images.
     pub curve: Vec<(u64, f64)>,
+    /// The same over the fewer images of the first part of the motion, on which a descent goes most of its way.
+    pub rough: Vec<(u64, f64)>,
     /// Where the parameters are, SI.
     pub parameters: Vec<Value>,
 }
@@ -182,24 +184,20 @@ impl State {
     }
 
     fn hear_fit(&mut self, name: &'static str, standing: Standing) {
-        let Standing { phase, evaluations, max_evaluations, rms_m, values } = standing;
+        let Standing { phase, evaluations, max_evaluations, rms_m, is_rough, values } = standing;
+        let (mut curve, mut rough) = match self.fit.take() {
+            Some(fit) if fit.name == name && fit.evaluations <= evaluations => (fit.curve, fit.rough),
+            _ => Default::default(),
+        };
+        if rms_m.is_finite() {
+            add_point(if is_rough { &mut rough } else { &mut curve }, (evaluations, rms_m));
+        }
+        self.fit =
+            Some(FitCurve { name, phase, evaluations, max_evaluations, curve, rough, parameters: values });
         if self.stage == name {
             // it ends long before that many, as a rule: how far it is, its curve says
             self.steps = None;
         }
-        let mut curve = match self.fit.take() {
-            Some(fit) if fit.name == name && fit.evaluations <= evaluations => fit.curve,
-            _ => Vec::new(),
-        };
-        if rms_m.is_finite() {
-            curve.push((evaluations, rms_m));
-        }
-        if curve.len() > MOST_POINTS {
-            let last = curve.len() - 1;
-            let mut i = 0..;
-            curve.retain(|_| i.next().is_some_and(|i| i % 2 == 0 || i == last));
-        }
-        self.fit = Some(FitCurve { name, phase, evaluations, max_evaluations, curve, parameters: values });
     }
 
     /// Looks at what needs no telling; whether it has changed.
@@ -310,6 +308,16 @@ impl State {
             clock: self.servo.clock(),
             start_late_s: self.servo.start_late_s.map(|late_s| rounded(late_s, 1e6)),
         })
+    }
+}
+
+/// One more point of a curve; every second one is left out where there are too many.
+fn add_point(curve: &mut Vec<(u64, f64)>, point: (u64, f64)) {
+    curve.push(point);
+    if curve.len() > MOST_POINTS {
+        let last = curve.len() - 1;
+        let mut i = 0..;
+        curve.retain(|_| i.next().is_some_and(|i| i % 2 == 0 || i == last));
     }
 }
 

@@ -1,11 +1,12 @@
 //! What a rig has to do and what it has done, in one database beside its run folders: the queue of [`job`]s, and an index of
-//! [`runs`] that is made from their folders and can be made again.
+//! [`runs`] and their [`models`] that is made from their folders and can be made again.
 //!
 //! SQLite with a write-ahead log: each change is a transaction that is on the disk when its call returns, several processes may
 //! look and add at the same time, and one that is killed leaves the last whole transaction behind
 //! (<https://www.sqlite.org/wal.html>).
 
 pub mod job;
+pub mod models;
 mod queue;
 pub mod runs;
 

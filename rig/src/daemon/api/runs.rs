@@ -11,7 +11,8 @@ use utoipa::IntoParams;
 
 use super::{Api, InRig, Problem};
 use crate::record::folder::{RunId, file};
-use crate::store::runs::{Coefficient, ModelChange, Summary};
+use crate::store::models::ModelChange;
+use crate::store::runs::{Coefficient, Summary};
 
 /// Files of a run that are handed out, and what they are. A recording is too large for a page.
 const FILES: [(&str, &str); 8] = [

@@ -55,7 +55,7 @@ function take(snapshot) {
 }
 
 const isFilmed = ({ job, traces }) => pictures.has(job) || traces.length > 0;
-const isFitted = ({ fit }) => fit?.curve.length > 0;
+const isFitted = ({ fit }) => fit && fit.curve.length + fit.rough.length > 0;
 const newest = holds => [...jobs.values()].filter(holds).reduce((last, { job }) => Math.max(last, job), 0);
 
 // All of it once a frame, however much has come.
@@ -91,22 +91,23 @@ function showStage(filmed) {
   $("stage").textContent = held ? "Held." : words.length ? words.join("; ") : `No job goes on.${last}`;
 }
 
-let url = "";
+let shown = null;
 
 function showPicture(job) {
   const picture = pictures.get(job);
   $("film").hidden = !picture;
   $("film-tools").hidden = !picture && !held;
-  if (!picture || picture === showPicture.shown) return;
-  showPicture.shown = picture;
+  if (!picture || picture === shown) return;
+  shown = picture;
   const bytes = Uint8Array.from(atob(picture.jpeg), letter => letter.charCodeAt(0));
-  const old = url;
-  url = URL.createObjectURL(new Blob([bytes], { type: "image/jpeg" }));
-  $("picture").src = url;
-  if (old) URL.revokeObjectURL(old);
-  const [width, height] = picture.size_px;
-  $("film").style.aspectRatio = `${width} / ${height}`;
-  showFound(picture, width, height);
+  const image = element("img", { id: "picture", alt: "", src: URL.createObjectURL(new Blob([bytes], { type: "image/jpeg" })) });
+  // what lies over it changes together with the picture, not before
+  image.decode().then(() => {
+    if (picture !== shown) return;
+    $("film").style.aspectRatio = picture.size_px.join(" / ");
+    $("picture").replaceWith(image);
+    showFound(picture, ...picture.size_px);
+  }).catch(() => {}).finally(() => URL.revokeObjectURL(image.src));
 }
 
 function showFound({ found, time_s, size_px }, width, height) {
@@ -183,15 +184,17 @@ function showFits() {
   const fits = [...jobs.values()].filter(snapshot => isFitted(snapshot) && (goesOn(snapshot.job) || snapshot.job === newest(isFitted)));
   if (!fits.length) return $("fits").replaceChildren(element("p", { textContent: "Nothing has been fitted since this page was opened." }));
   $("fits").replaceChildren(...fits.map(({ job, fit }) => {
-    const points = fit.curve.map(([at, rms_m]) => [at, rms_m * 1e3]);
-    const values = points.map(([, value]) => value);
+    const lines = [["over all images", fit.curve], ["over some of them", fit.rough]].map(([name, curve], place) =>
+      ({ name, place, points: curve.map(([at, rms_m]) => [at, rms_m * 1e3]) })).filter(line => line.points.length);
+    const all = lines.flatMap(line => line.points).sort(([a], [b]) => a - b), values = all.map(([, value]) => value);
     const [first, last] = [values[0], values.at(-1)];
     const text = `Job ${job}, ${fit.name}: ${fit.phase}, ${fit.evaluations} of at most ${fit.max_evaluations} evaluations, ${last.toPrecision(3)} mm rms`;
     const label = `${text}; it began with ${first.toPrecision(3)} mm`;
-    const chart = lineChart({ width: room($("fits")), label, lines: [{ points, place: 0 }], from: points[0][0], to: fit.evaluations, unit: "mm rms", xUnit: "evaluations",
+    const chart = lineChart({ width: room($("fits")), label, lines, from: all[0][0], to: fit.evaluations, unit: "mm rms", xUnit: "evaluations",
       log: Math.max(...values) > 3 * Math.min(...values) });
+    const legend = element("ul", { className: "legend" }, ...lines.map(({ name, place }) => element("li", {}, svgKey(place), name)));
     const rows = fit.parameters.map(({ name, value }) => element("tr", {}, element("th", { scope: "row", textContent: name }), element("td", { textContent: Math.abs(value) > 0 && Math.abs(value) < 1e-3 ? value.toExponential(3) : value.toPrecision(4) })));
-    return element("figure", {}, element("figcaption", { textContent: text }), chart,
+    return element("figure", {}, element("figcaption", { textContent: text }), chart, legend,
       element("table", { className: "values" }, element("caption", { className: "unseen", textContent: "Where the parameters are" }), element("tbody", {}, ...rows)));
   }));
 }

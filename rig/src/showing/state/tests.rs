@@ -119,6 +119,7 @@ fn curve_of_a_long_fit_keeps_its_ends_and_another_fit_begins_anew() {
         evaluations,
         max_evaluations: 5000,
         rms_m: 1.0 / (1.0 + evaluations as f64),
+        is_rough: false,
         values: vec![Value { name: "g3/blunt".into(), value: 0.5 }],
     };
     state.hear(Told::Fit("fit", Box::new(Standing { rms_m: f64::INFINITY, ..standing(0) })));
@@ -127,6 +128,9 @@ fn curve_of_a_long_fit_keeps_its_ends_and_another_fit_begins_anew() {
     assert!((MOST_POINTS / 2..=MOST_POINTS).contains(&fit.curve.len()), "{}", fit.curve.len());
     assert_eq!((fit.curve[0].0, fit.curve.last().unwrap().0), (1, 3000));
     assert!(fit.curve.is_sorted_by(|a, b| a.0 < b.0 && a.1 > b.1));
+    state.hear(Told::Fit("fit", Box::new(Standing { is_rough: true, ..standing(3001) })));
+    let rough = state.fit.clone().unwrap();
+    assert_eq!((rough.curve, rough.rough.len()), (fit.curve, 1), "other images are another curve");
     state.hear(Told::Fit("other", Box::new(standing(7))));
     assert_eq!(state.fit.unwrap().curve.len(), 1);
 }
