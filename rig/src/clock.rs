@@ -209,8 +209,7 @@ impl ClockFit {
 
     /// What the board's clock shows at `at` \[µs\], to the nearest tick.
     pub fn board_tick_us(&self, at: MonotonicNs) -> u64 {
-        let t = at.seconds_since(self.origin);
-        let board_s = t + self.offset_s + self.drift * (t - self.mean_s);
+        let board_s = at.seconds_since(self.origin) + self.gained_s(at);
         self.origin_tick_us.wrapping_add_signed((board_s * 1e6).round() as i64)
     }
 
@@ -219,6 +218,11 @@ impl ClockFit {
     pub fn sigma_s(&self, at: MonotonicNs) -> f64 {
         let asymmetry_s = (self.round_trip_min_s - self.wire_s) / 2.0 / 3f64.sqrt();
         self.statistical_sigma_s(at).hypot(asymmetry_s)
+    }
+
+    /// What the board's clock has gained on the host's from the first ping to `at` \[s\].
+    pub fn gained_s(&self, at: MonotonicNs) -> f64 {
+        self.offset_s + self.drift * (at.seconds_since(self.origin) - self.mean_s)
     }
 
     /// Board's clock against the host's \[parts per million\], positive when it is fast.

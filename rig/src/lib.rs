@@ -14,8 +14,8 @@
 //! * [`images`], [`report`], [`calibrate`]: where images come from, the page that is made of results, pictures of a board to a plane;
 //! * [`vision`], [`config`], [`interchange`]: images to keypoints, the config as a whole, keypoints from and to other programs;
 //! * [`setup`]: answers about a chain of links to a config and a model;
-//! * [`run`], [`analysis`], [`doctor`], [`preview`]: a film from still water to the safe stop, a recording to a report, what is wrong
-//!   with the rig, what its camera sees;
+//! * [`run`], [`showing`], [`analysis`], [`doctor`], [`preview`]: a film from still water to the safe stop, what a job shows while it goes
+//!   on, a recording to a report, what is wrong with the rig, what its camera sees;
 //! * [`store`]: the queue of jobs and the index of runs, beside the run folders;
 //! * [`app`]: one experiment, fits, diagnoses, campaigns; [`daemon`]: jobs one after the other, and a schedule; [`cli`]: arguments and printing.
 //!
@@ -48,6 +48,7 @@ pub mod schedule;
 pub mod service;
 pub mod servo;
 pub mod setup;
+pub mod showing;
 pub mod store;
 pub mod tank;
 pub mod urgency;

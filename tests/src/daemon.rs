@@ -33,12 +33,41 @@ pub struct Bench {
 impl Bench {
     /// A short experiment on the schedule `cron`.
     pub fn new(cron: &str) -> Self {
+        Self::changed(cron, |_| {})
+    }
+
+    /// The same, changed by `change`.
+    fn changed(cron: &str, change: impl FnOnce(&mut toml::Table)) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let runs = folder.path().join("runs");
         let config = changed_config("chain-driven-pose-1.toml", folder.path(), |config| {
             short_experiment(config, cron);
+            change(config);
         });
         Self { folder, config, runs }
+    }
+
+    /// One whose motion goes on long enough for its keypoints to be found meanwhile; its schedule begins nothing.
+    pub fn long() -> Self {
+        Self::changed(NEVER, |config| set(config, "profile", "cycles", 4))
+    }
+
+    /// One whose camera takes few images a second: a machine that is busy with anything loses none of them by itself.
+    pub fn slow() -> Self {
+        Self::changed(NEVER, |config| set(config, "camera", "fps", 25.0))
+    }
+
+    /// Gives the rig another model: as before, but for a comment in its file.
+    pub fn change_model(&self) {
+        let text = std::fs::read_to_string(&self.config).expect("its config");
+        let mut config: toml::Table = text.parse().expect("a table");
+        let model =
+            std::fs::read_to_string(config["run"]["model"].as_str().expect("a path")).expect("a model");
+        let path = self.folder.path().join("changed.xml");
+        std::fs::write(&path, format!("{model}<!-- changed -->\n")).expect("a file");
+        set(&mut config, "run", "model", path.to_str().expect("readable"));
+        set(&mut config, "profile", "cycles", 1);
+        std::fs::write(&self.config, config.to_string()).expect("its config");
     }
 
     /// One whose schedule begins nothing.
@@ -140,7 +169,11 @@ pub struct Served {
 impl Served {
     /// A daemon of a rig whose schedule begins nothing, which listens at `listen`.
     pub fn start(listen: &str) -> Self {
-        let bench = Bench::quiet();
+        Self::on(Bench::quiet(), listen)
+    }
+
+    /// A daemon on `bench`, which listens at `listen`.
+    pub fn on(bench: Bench, listen: &str) -> Self {
         let daemon = bench.start(&["--listen", listen, "--host", "rig.lab"]);
         let journal = bench.journal();
         let serving = journal.lines().rfind(|line| line.contains("\"serving\"")).expect("it serves");

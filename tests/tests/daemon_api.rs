@@ -5,7 +5,7 @@ use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 use system_tests::book::commands::blocks;
-use system_tests::daemon::Served;
+use system_tests::daemon::{Bench, Served};
 use system_tests::http::{Events, ask};
 use system_tests::{in_real_time, json, printed, repository};
 
@@ -53,7 +53,8 @@ fn a_run_is_queued_watched_and_its_fit_read() {
             .replace("{job}", "1")
             .replace("{file}", "fit.json");
         let filled = if filled.ends_with("trend") { format!("{filled}?name={name}") } else { filled };
-        let reads = document["paths"][path].get("get").is_some() && !path.ends_with("events");
+        let ends = !path.ends_with("events") && !path.ends_with("live");
+        let reads = document["paths"][path].get("get").is_some() && ends;
         if reads {
             assert_eq!(served.get(&filled).status, 200, "{filled}");
         }
@@ -207,4 +208,39 @@ fn clients_that_stall_hold_up_neither_the_others_nor_a_run() {
     let _ = drip.read_to_string(&mut answer);
     assert!(answer.starts_with("HTTP/1.1 408"), "{answer}");
     drop(listeners);
+}
+
+#[test]
+fn fifty_who_watch_live_and_one_who_stalls_cost_a_run_neither_an_image_nor_its_punctuality() {
+    let _turn = in_real_time();
+    let served = Served::on(Bench::slow(), "127.0.0.1:0");
+    let live = "/api/v1/rigs/rig/live";
+    assert_eq!(served.get("/api/v1/rigs/other/live").status, 404);
+    let stalled = Events::listen(served.address, live);
+    let watching = |mut events: Events| {
+        let (mut pictures, mut last) = (0, serde_json::Value::Null);
+        while last["stage"] != "filming" {
+            last = events.wait();
+            pictures += u32::from(last.get("picture").is_some());
+        }
+        (pictures, last)
+    };
+    let watchers: Vec<_> = (0..50)
+        .map(|_| Events::listen(served.address, live))
+        .map(|events| std::thread::spawn(move || watching(events)))
+        .collect();
+    served.post("/api/v1/rigs/rig/jobs", r#"{"work":{"kind":"run","film_only":true}}"#);
+    served.bench.wait(1, &["done"], 60.0);
+    let run = system_tests::only_run(&served.bench.runs).expect("a run");
+    let stop = json(&run.join("stop.json"));
+    assert_eq!((&stop["status"], &stop["servo"]), (&"success".into(), &"acknowledged".into()), "{stop}");
+    assert_eq!((&stop["images_lost"], &stop["messages_dropped"]), (&0.into(), &0.into()), "{stop}");
+    for watcher in watchers {
+        let (pictures, last) = watcher.join().expect("it watches to the end");
+        assert!(pictures > 3, "{pictures} pictures");
+        let late_s = last["figures"]["start_late_s"].as_f64().expect("a motion");
+        assert!(late_s.abs() < 0.02, "the motion began {late_s} s late");
+        assert!(last["figures"]["received"].as_u64() > Some(50), "{}", last["figures"]);
+    }
+    drop(stalled);
 }

@@ -9,6 +9,7 @@ use super::least_squares::Descent;
 use super::problem::{Linear, Point};
 use super::search::Search;
 use crate::experiment::Experiment;
+use crate::parameters::Parameters;
 
 /// Everything a fit needs to go on to the identical result.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -155,9 +156,15 @@ pub struct Progress<'a> {
     pub rollouts: u64,
     /// Best loss so far \[m2\], over all images; infinite before there is one.
     pub loss_m2: f64,
+    /// Whether that is over the fewer images on which a descent goes most of its way, or the search all of it.
+    pub is_rough: bool,
     /// Whether this start, or the search, has come to its end, or, where more than noise is left, so near that error bars hardly
     /// tell the difference.
     pub is_answer: bool,
+    /// What is fitted, shape (P).
+    pub parameters: &'a Parameters,
+    /// Where the search, or the descent, is with them, SI, shape (P).
+    pub values: &'a [f64],
     /// From here the fit can be resumed.
     pub checkpoint: &'a Checkpoint,
 }

@@ -167,8 +167,17 @@ impl<'a> Driver<'a> {
                 max_evaluations: self.experiment.fit.max_evaluations,
                 rollouts: counts.rollouts,
                 loss_m2: best * self.loss_m2,
+                is_rough: match &state.stage {
+                    Stage::Search(_) => self.rough.is_some(),
+                    descent => is_rough(descent),
+                },
                 // where nothing follows, the little that is left is better taken at once
                 is_answer: (end.is_some() || near && !self.at_the_noise(cost)) && !is_rough(&state.stage),
+                parameters: self.objective.parameters(),
+                values: match &state.stage {
+                    Stage::Search(search) => &search.anchor.values,
+                    Stage::Descent { descent, .. } => &descent.point.values,
+                },
                 checkpoint: &state,
             });
             match (end, flow) {

@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 use ident::experiment::Experiment;
 use ident::fit::{Flow, Observer, Progress, WarmStart, first_answer};
 
+use crate::showing::Showing;
+
 /// A fit under way beside the filming.
 #[derive(Debug)]
 pub(super) struct EarlyFit {
@@ -17,10 +19,11 @@ pub(super) struct EarlyFit {
 
 impl EarlyFit {
     /// Begins to fit `experiment` on as many threads of its own as the caller's pool has, and as quiet: they inherit its niceness.
-    pub(super) fn begin(experiment: Experiment) -> Self {
+    /// How it goes is shown by `showing`.
+    pub(super) fn begin(experiment: Experiment, showing: Showing) -> Self {
         let threads = rayon::current_num_threads();
         let unwanted = Arc::new(AtomicBool::new(false));
-        let mut until = Until(Arc::clone(&unwanted));
+        let mut until = Until { unwanted: Arc::clone(&unwanted), showing };
         let thread = std::thread::spawn(move || {
             let began = Instant::now();
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().ok()?;
@@ -46,10 +49,14 @@ impl EarlyFit {
     }
 }
 
-struct Until(Arc<AtomicBool>);
+struct Until {
+    unwanted: Arc<AtomicBool>,
+    showing: Showing,
+}
 
 impl Observer for Until {
-    fn progress(&mut self, _: &Progress<'_>) -> Flow {
-        if self.0.load(Ordering::Relaxed) { Flow::Stop } else { Flow::Continue }
+    fn progress(&mut self, progress: &Progress<'_>) -> Flow {
+        self.showing.fit("first fit, while filming", progress);
+        if self.unwanted.load(Ordering::Relaxed) { Flow::Stop } else { Flow::Continue }
     }
 }

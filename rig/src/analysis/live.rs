@@ -20,6 +20,7 @@ use crate::clock::MonotonicNs;
 use crate::config::RigConfig;
 use crate::images::live::{Feed, LiveImages, live};
 use crate::record::folder::RunFolder;
+use crate::showing::Showing;
 use crate::urgency::Urgency;
 use crate::vision::extractor::{Extractor, LEARN_FROM};
 use crate::vision::record::trajectory;
@@ -54,8 +55,14 @@ pub(super) struct Begun {
 
 impl Live {
     /// Begins for `run`, which is filmed, on so many threads; none with a calibration that cannot be used, which the analysis
-    /// will say. `paths_from`: the folder that paths in `config` start from.
-    pub fn start(run: &RunFolder, config: &RigConfig, paths_from: &Path, threads: usize) -> Option<Self> {
+    /// will say. `paths_from`: the folder that paths in `config` start from; what is found is shown by `showing`.
+    pub fn start(
+        run: &RunFolder,
+        config: &RigConfig,
+        paths_from: &Path,
+        threads: usize,
+        showing: Showing,
+    ) -> Option<Self> {
         let (feed, images) = live(run.origin());
         let (fit, fits) = channel();
         let follower = Follower {
@@ -64,6 +71,7 @@ impl Live {
             plane: config.calibration.plane(paths_from).ok()?,
             folder: paths_from.into(),
             fits,
+            showing,
         };
         let thread = std::thread::spawn(move || {
             // the pool's threads inherit it
@@ -108,6 +116,7 @@ struct Follower {
     folder: PathBuf,
     /// Fits to begin once the images have been caught up with.
     fits: Receiver<Chronicle>,
+    showing: Showing,
 }
 
 impl Follower {
@@ -121,7 +130,9 @@ impl Follower {
         drop(sample);
         let (mut records, mut lines, mut early) = (Vec::new(), Vec::new(), None);
         let waiting = images.waiting();
-        drive(&mut extractor, images.by_ref().map(Ok), IMAGES_AT_ONCE, |_, mut found| {
+        self.showing.keypoints(&names, self.plane.view());
+        drive(&mut extractor, images.by_ref().map(Ok), IMAGES_AT_ONCE, |images, mut found| {
+            self.showing.found(images, &found);
             lines.append(&mut stored::lines(&found)?);
             records.append(&mut found);
             if waiting.count() < IMAGES_AT_ONCE
@@ -141,7 +152,8 @@ impl Follower {
             return None;
         }
         let timeline = chronicle.timeline(&self.config).ok()?;
-        Some(EarlyFit::begin(experiment(&self.run, &self.config, &timeline, seen).ok()?))
+        let experiment = experiment(&self.run, &self.config, &timeline, seen).ok()?;
+        Some(EarlyFit::begin(experiment, self.showing.clone()))
     }
 }
 

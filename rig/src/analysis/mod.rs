@@ -31,6 +31,7 @@ use crate::record::frames::{self, FrameRow};
 use crate::record::simulated::Simulated;
 use crate::record::timing::{self, Timing};
 use crate::report::{DiagnosisFigures, ReportData};
+use crate::showing::Showing;
 use crate::vision::extractor::LEARN_FROM;
 use crate::vision::{Extraction, ImageRecord, SequenceError, Status, Task};
 use early::EarlyFit;
@@ -74,6 +75,10 @@ pub trait Progress: Observer + diagnose::Observer {
     fn begin(&mut self, name: &str, steps: Option<u64>);
     /// So many steps of the stage are done.
     fn step(&mut self, done: u64);
+    /// Where it is to be seen by others; nowhere, where nobody says so.
+    fn showing(&self) -> Showing {
+        Showing::default()
+    }
 }
 
 /// What to analyse, and where the results go.
@@ -258,14 +263,17 @@ impl Analysis<'_> {
             _ => None,
         };
         let mut done = 0;
-        let mut found = |images: &[TimedImage], _: &[ImageRecord]| {
+        let showing = progress.showing();
+        let mut found = |images: &[TimedImage], records: &[ImageRecord]| {
             done += images.len() as u64;
             progress.step(done);
+            showing.found(images, records);
             Ok::<(), AnalysisError>(())
         };
         let model = experiment::model(self.run)?;
         let mut task = Task::new(config, Some(&model), plane, folder).map_err(SequenceError::from)?;
         let names = task.outline.keypoints();
+        showing.keypoints(&names, task.plane.view());
         let (mut lines, mut has_lines, mut early) = (Vec::new(), 0, None);
         let extraction = if let (Stage::Keypoints, Some(stored)) = (self.from, &stored) {
             let records = stored.iter().map(|record| record.record(&task.plane)).collect();

@@ -96,7 +96,7 @@ impl Experiment<'_> {
             runs_dir: self.runs_dir,
             motion: self.motion.as_ref(),
         };
-        let mut beside = Beside::new(self.config, self.base, self.extent, self.threads);
+        let mut beside = Beside::new(self.config, self.base, self.extent, self.threads, watcher.showing());
         let conducted = job
             .conduct(interrupt.raised(), |folder, notice| beside.hear(folder, notice, watcher))
             .await

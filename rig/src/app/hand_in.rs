@@ -8,11 +8,14 @@ use anyhow::anyhow;
 
 use super::{Failure, Interrupt, Watcher};
 use crate::claim::Claim;
+use crate::showing::Showing;
 use crate::store::Store;
 use crate::store::job::{Job, JobId, NewJob, State};
 
 /// The environment variable that says to a process which job it does, for a daemon.
 pub const JOB: &str = "RIG_JOB";
+/// The environment variable that says to it where it is to show how it goes.
+pub const SHOW: &str = "RIG_SHOW";
 /// Folders of jobs, in the folder of run folders.
 const JOBS: &str = "jobs";
 /// The job and its log are looked at so often.
@@ -24,6 +27,8 @@ pub mod file {
     pub const RESULT: &str = "result.json";
     /// What it said on the way.
     pub const LOG: &str = "log.txt";
+    /// The socket on which it shows how it goes.
+    pub const LIVE: &str = "live.sock";
 }
 
 /// The lock that a daemon holds on the runs folder `runs_dir`.
@@ -34,6 +39,15 @@ pub fn lock(runs_dir: &Path) -> PathBuf {
 /// The folder of the job `id`.
 pub fn folder(runs_dir: &Path, id: JobId) -> PathBuf {
     runs_dir.join(JOBS).join(id.to_string())
+}
+
+/// Where this process shows how it goes: as a job of a daemon on a socket in the job's folder, else nowhere.
+pub fn showing() -> Showing {
+    let job = std::env::var(JOB).ok().and_then(|job| job.parse().ok());
+    match job.zip(std::env::var_os(SHOW)) {
+        Some((job, path)) => Showing::open(Path::new(&path), job),
+        None => Showing::default(),
+    }
 }
 
 /// The daemon that holds the runs folder; none where this process does a job for it.

@@ -9,6 +9,7 @@ use crate::analysis::timeline::Chronicle;
 use crate::config::RigConfig;
 use crate::record::folder::RunFolder;
 use crate::run::film::Notice;
+use crate::showing::Showing;
 
 /// Hears what is filmed and passes it to whoever looks at it meanwhile.
 pub(super) struct Beside<'a> {
@@ -17,6 +18,7 @@ pub(super) struct Beside<'a> {
     extent: Extent,
     /// Worker threads of the extraction.
     threads: usize,
+    showing: Showing,
     phase: &'static str,
     /// What was heard since the run began.
     pub(super) chronicle: Option<Chronicle>,
@@ -26,15 +28,23 @@ pub(super) struct Beside<'a> {
 
 impl<'a> Beside<'a> {
     /// Beside a run of `config`, whose relative paths start at `base`.
-    pub(super) fn new(config: &'a RigConfig, base: &'a Path, extent: Extent, threads: usize) -> Self {
-        Self { config, base, extent, threads, phase: "", chronicle: None, live: None }
+    pub(super) fn new(
+        config: &'a RigConfig,
+        base: &'a Path,
+        extent: Extent,
+        threads: usize,
+        showing: Showing,
+    ) -> Self {
+        Self { config, base, extent, threads, showing, phase: "", chronicle: None, live: None }
     }
 
     /// The next notice of the run in `folder`.
     pub(super) fn hear(&mut self, folder: &RunFolder, notice: Notice, watcher: &mut dyn Watcher) {
         if self.chronicle.is_none() {
             self.chronicle = Some(Chronicle::new(folder.origin()));
-            let start = || Live::start(folder, self.config, self.base, self.threads);
+            let fps = folder.start().camera.as_ref().map_or(0.0, |camera| camera.fps);
+            self.showing.film(self.config, folder.origin(), fps);
+            let start = || Live::start(folder, self.config, self.base, self.threads, self.showing.clone());
             self.live = (self.extent != Extent::Film).then(start).flatten();
         }
         let (Some(chronicle), live) = (&mut self.chronicle, &mut self.live) else { return };
@@ -42,16 +52,25 @@ impl<'a> Beside<'a> {
             Notice::Phase(now, images) => {
                 if now != self.phase {
                     watcher.note(&format!("{}  {now}", folder.start().id));
+                    self.showing.stage(now, None);
                     self.phase = now;
                 }
                 watcher.say(format!("{now}: {images} images"));
             }
             Notice::Image(image) => {
                 chronicle.image(&image);
+                self.showing.image(&image);
                 live.iter_mut().for_each(|live| live.image(&image));
             }
-            Notice::Servo(event) => chronicle.servo(&event),
-            Notice::Command(command) => chronicle.command(&command),
+            Notice::Servo(event) => {
+                chronicle.servo(&event);
+                self.showing.servo(&event);
+            }
+            Notice::Command(command) => {
+                chronicle.command(&command);
+                self.showing.command(&command);
+            }
+            Notice::Counted(images, behind) => self.showing.counted(&images, behind),
             Notice::Learn(from) => live.iter_mut().for_each(|live| live.learn(from.clone())),
             Notice::Fit if self.extent != Extent::Report => {}
             Notice::Fit => live.iter_mut().for_each(|live| live.fit(chronicle.clone())),

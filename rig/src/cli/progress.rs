@@ -9,7 +9,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::analysis::Progress;
 use crate::app::Watcher;
-use crate::app::hand_in::JOB;
+use crate::app::hand_in::{self, JOB};
+use crate::showing::Showing;
 
 /// See the module.
 #[derive(Debug)]
@@ -18,13 +19,20 @@ pub struct Bar {
     interrupted: Arc<AtomicBool>,
     /// A daemon keeps what this process says.
     in_job: bool,
+    /// And its page shows how it goes.
+    showing: Showing,
 }
 
 impl Bar {
     /// A bar that shows nothing yet. Where `interrupted` becomes true, a fit is told to finish with what it has.
     pub fn new(interrupted: Arc<AtomicBool>) -> Self {
         // indicatif draws to standard error, and only on a terminal.
-        Self { bar: ProgressBar::no_length(), interrupted, in_job: std::env::var_os(JOB).is_some() }
+        Self {
+            bar: ProgressBar::no_length(),
+            interrupted,
+            in_job: std::env::var_os(JOB).is_some(),
+            showing: hand_in::showing(),
+        }
     }
 }
 
@@ -54,6 +62,7 @@ impl Watcher for Bar {
 impl Drop for Bar {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
+        self.showing.end();
     }
 }
 
@@ -67,15 +76,22 @@ impl Progress for Bar {
         self.bar.set_length(steps.unwrap_or(0));
         self.bar.set_position(0);
         self.bar.set_message(name.to_owned());
+        self.showing.stage(name, steps);
     }
 
     fn step(&mut self, done: u64) {
         self.bar.set_position(done);
+        self.showing.step(done);
+    }
+
+    fn showing(&self) -> Showing {
+        self.showing.clone()
     }
 }
 
 impl Observer for Bar {
     fn progress(&mut self, progress: &FitProgress<'_>) -> Flow {
+        self.showing.fit("fit", progress);
         self.bar.set_length(progress.max_evaluations);
         self.bar.set_position(progress.evaluations);
         self.bar.set_message(format!("fit: {} {:.3} mm rms", progress.phase, progress.loss_m2.sqrt() * 1e3));
@@ -85,6 +101,7 @@ impl Observer for Bar {
 
 impl diagnose::Observer for Bar {
     fn stage(&mut self, stage: &str) -> bool {
+        self.showing.stage(&format!("diagnosis: {stage}"), None);
         self.say(format!("diagnosis: {stage}"));
         !self.interrupted.load(Ordering::Relaxed)
     }

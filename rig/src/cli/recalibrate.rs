@@ -8,6 +8,7 @@ use ident::experiment::Use;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
+use crate::analysis::Progress as _;
 use crate::app::compose::compose;
 use crate::app::drift::moved;
 use crate::app::last_good::{LastGood, Recalibrated, VERDICT};
@@ -42,6 +43,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let source = args.run.display().to_string();
     let verdict = interruptible(async |interrupt| {
         let mut bar = Bar::new(interrupt.flag());
+        bar.begin("fit", Some(experiment.fit.max_evaluations));
         tokio::task::block_in_place(|| {
             on_threads(threads(args.threads), || good.update(&experiment, &source, &mut bar))
         })

@@ -1,7 +1,8 @@
 //! A job as a process of its own: a crash, a hang or a leak of one job is that job's alone.
 //!
-//! Its folder `RUNS/jobs/<id>` holds what it said: `result.json`, the one object of `--json`, and `log.txt`. Both are there for a
-//! daemon that starts after the one that began the job was killed: the job goes on without it and is waited for.
+//! Its folder `RUNS/jobs/<id>` holds what it said: `result.json`, the one object of `--json`, and `log.txt`; and as long as it goes on
+//! the socket on which it shows how. They are there for a daemon that starts after the one that began the job was killed: the job goes
+//! on without it and is waited for.
 
 use std::fs::File;
 use std::os::unix::process::CommandExt as _;
@@ -62,6 +63,7 @@ impl Running {
         std::fs::create_dir_all(&folder).map_err(Failure::internal)?;
         let mut command = Command::new(std::env::current_exe().map_err(Failure::internal)?);
         command.arg("--json").env(hand_in::JOB, job.id.to_string());
+        command.env(hand_in::SHOW, folder.join(file::LIVE));
         // Ctrl-C at a terminal is for the daemon: with its own signal as the second one, the job would end at once
         command.process_group(0);
         // the manager is the daemon's

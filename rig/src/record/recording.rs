@@ -226,6 +226,12 @@ impl Recorder {
         self.dropped.load(Ordering::Relaxed) as u64
     }
 
+    /// How far the disk is behind now.
+    pub fn behind(&self) -> Behind {
+        let waiting = self.waiting_bytes.load(Ordering::Relaxed);
+        Behind { waiting_mib: waiting >> 20, queue_mib: self.options.queue_bytes >> 20 }
+    }
+
     /// Tells once that half of the queue is full, and again after three quarters of it were free in between.
     pub fn falls_behind(&self) -> Option<Behind> {
         let (waiting, most) = (self.waiting_bytes.load(Ordering::Relaxed), self.options.queue_bytes);
@@ -233,7 +239,7 @@ impl Recorder {
             self.told_behind.store(false, Ordering::Relaxed);
         }
         let behind = waiting > most / 2 && !self.told_behind.swap(true, Ordering::Relaxed);
-        behind.then_some(Behind { waiting_mib: waiting >> 20, queue_mib: most >> 20 })
+        behind.then(|| self.behind())
     }
 
     /// Writes what waits, closes the file and forces it to the disk.

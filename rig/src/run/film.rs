@@ -60,6 +60,8 @@ pub enum Notice {
     Fit,
     /// The phase changed, or time passed in it: phase and images so far.
     Phase(&'static str, u64),
+    /// What was received so far, and how far the disk is behind; as often.
+    Counted(ImageCount, Behind),
     /// Something for the journal.
     Journal(String),
     /// The disk does not keep up; images will be lost if that goes on.
@@ -125,6 +127,7 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
         let now = MonotonicNs::now();
         if event == Event::Tick {
             (kept.notify)(Notice::Phase(machine.phase(), kept.images.count.received));
+            (kept.notify)(Notice::Counted(kept.images.count.clone(), kept.recorder.behind()));
             if let Some(behind) = kept.recorder.falls_behind() {
                 (kept.notify)(Notice::FallsBehind(behind));
             }
@@ -162,6 +165,7 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
         let _ = kept.take_seen(seen);
     }
     let _ = kept.command(ServoCommand::Stop { outcome });
+    (kept.notify)(Notice::Counted(kept.images.count.clone(), kept.recorder.behind()));
     let images = kept.images.count.clone();
     let (ending, recorded) = kept.finish(ending);
     Filmed { ending, servo: outcome, stop_s, recorded, images, learn_from: milestones.learn_from }

@@ -1,5 +1,5 @@
 //! What a rig has to do and what it has done, in one database beside its run folders: the queue of [`job`]s, [`alerts`], and an index
-//! of [`runs`] that is made from their folders and can be made again.
+//! of [`runs`] and their [`models`] that is made from their folders and can be made again.
 //!
 //! SQLite with a write-ahead log: each change is a transaction that is on the disk when its call returns, several processes may
 //! look and add at the same time, and one that is killed leaves the last whole transaction behind
@@ -7,6 +7,7 @@
 
 pub mod alerts;
 pub mod job;
+pub mod models;
 mod queue;
 pub mod runs;
 

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
 
+use super::models::MadeWith;
 use super::{Store, StoreError};
 use crate::record::folder::{RunFolder, RunId, Status, file};
 use crate::record::{RecordError, frames, journal};
@@ -48,6 +49,9 @@ pub struct Summary {
     /// It has a report.
     #[serde(default)]
     pub report: bool,
+    /// The model that it was made with.
+    #[serde(default)]
+    pub model: Option<MadeWith>,
 }
 
 /// A coefficient as one run's fit found it.
@@ -90,6 +94,7 @@ impl Summary {
             fit_error_m: None,
             verdict: None,
             report: path.join(file::REPORT).exists(),
+            model: None,
         };
         match RunFolder::open(path) {
             Ok(run) => summary.fill(&run),
@@ -112,6 +117,7 @@ impl Summary {
         };
         self.fit_error_m = results(&run.file(file::FIT)).as_ref().and_then(fit_error_m);
         let diagnosis = results(&run.file(file::DIAGNOSIS));
+        self.model = MadeWith::of(run);
         self.verdict = diagnosis.and_then(|diagnosis| Some(diagnosis["verdict"].as_str()?.to_owned()));
     }
 
@@ -131,7 +137,7 @@ pub fn status(run: &RunFolder) -> &'static str {
     }
 }
 
-fn results(path: &Path) -> Option<Value> {
+pub(super) fn results(path: &Path) -> Option<Value> {
     serde_json::from_slice(&std::fs::read(path).ok()?).ok()
 }
 
@@ -228,11 +234,10 @@ impl Store {
         Ok(refreshed)
     }
 
-    /// The times of change of the folders whose lines are known.
+    /// The times of change of the folders whose lines are known; of lines from before models were told apart none that any folder has.
     fn known(&self) -> Result<HashMap<String, i64>, StoreError> {
-        let lines =
-            self.rows("SELECT id, modified_ns FROM runs", [], |row| Ok((row.get(0)?, row.get(1)?)))?;
-        Ok(lines.into_iter().collect())
+        let query = "SELECT id, iif(json_type(summary, '$.model') IS NULL, -1, modified_ns) FROM runs";
+        Ok(self.rows(query, [], |row| Ok((row.get(0)?, row.get(1)?)))?.into_iter().collect())
     }
 
     /// The newest `most` runs, oldest first, as the index has them.
@@ -251,12 +256,7 @@ impl Store {
         let query = "SELECT summary FROM runs WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2";
         let most = i64::try_from(most).unwrap_or(i64::MAX);
         let lines: Vec<String> = self.rows(query, params![before, most], |row| row.get(0))?;
-        let read = |line: &String| {
-            serde_json::from_str(line).map_err(|error| StoreError::Damaged {
-                path: self.path.clone(),
-                what: format!("{error}; `rig runs index` makes the index again"),
-            })
-        };
+        let read = |line: &String| serde_json::from_str(line).map_err(|error| self.damaged(&error));
         lines.iter().rev().map(read).collect()
     }
 
@@ -286,6 +286,11 @@ impl Store {
         })
     }
 
+    pub(super) fn damaged(&self, error: &serde_json::Error) -> StoreError {
+        let what = format!("{error}; `rig runs index` makes the index again");
+        StoreError::Damaged { path: self.path.clone(), what }
+    }
+
     /// The names of all coefficients that any run's fit found.
     ///
     /// # Errors
@@ -296,13 +301,13 @@ impl Store {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     const FIT: &str = r#"{"parameters":[{"name":"g3/blunt","value":0.5,"std":0.01,"determined":true}],
         "runs":[{"keypoints":[{"mean_error_m":0.001},{"mean_error_m":0.002}]}]}"#;
 
-    fn cut_short(runs_dir: &Path, id: &str) -> std::path::PathBuf {
+    pub(in crate::store) fn cut_short(runs_dir: &Path, id: &str) -> std::path::PathBuf {
         let path = runs_dir.join(id);
         std::fs::create_dir(&path).unwrap();
         let start = serde_json::json!({

@@ -176,7 +176,7 @@ pub struct StoredRecord {
 const STORED_STEP_PX: f64 = 4.0;
 
 /// A centreline as it is stored; a stored one stays as it is.
-fn stored(centreline: &[Px]) -> Vec<Px> {
+pub(crate) fn sparse(centreline: &[Px]) -> Vec<Px> {
     let rounded = |px: &Px| px.map(|px| (px * 10.0).round() / 10.0);
     let mut kept: Vec<Px> = Vec::new();
     for (i, px) in centreline.iter().map(rounded).enumerate() {
@@ -214,7 +214,7 @@ impl From<&ImageRecord> for StoredRecord {
             reason: record.reason.clone(),
             mask: record.mask.clone(),
             keypoints: record.keypoints.iter().map(keypoint).collect(),
-            centreline: stored(&record.centreline),
+            centreline: sparse(&record.centreline),
         }
     }
 }

@@ -60,7 +60,7 @@ impl Film {
     }
 
     fn live(&self) -> Live {
-        Live::start(&self.run, &self.config, &self.base, 3).unwrap()
+        Live::start(&self.run, &self.config, &self.base, 3, Showing::default()).unwrap()
     }
 
     /// When the usable images were exposed.

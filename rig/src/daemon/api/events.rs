@@ -53,17 +53,24 @@ pub(super) fn watch_rig(store: Store, mut state: watch::Receiver<RigState>) -> w
 pub(super) async fn events(
     State(api): State<Arc<Api>>,
 ) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
-    let each = api.rigs.iter().map(|rig| {
-        let mut told = rig.snapshot.clone();
+    newest("rig", api.rigs.iter().map(|rig| rig.snapshot.clone()).collect())
+}
+
+/// What is told by any of `told`, at once and whenever it changes, as events called `name`; who reads too slowly gets the newest.
+pub(super) fn newest(
+    name: &'static str,
+    told: Vec<watch::Receiver<Arc<str>>>,
+) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+    let each = told.into_iter().map(|mut told| {
         told.mark_changed();
         stream::unfold(told, async |mut told| {
             told.changed().await.ok()?;
-            let snapshot = told.borrow_and_update().clone();
-            Some((snapshot, told))
+            let newest = told.borrow_and_update().clone();
+            Some((newest, told))
         })
         .boxed()
     });
     let snapshots = stream::select_all(each).filter(|snapshot| std::future::ready(!snapshot.is_empty()));
-    let events = snapshots.map(|snapshot| Ok(Event::default().event("rig").data(&*snapshot)));
+    let events = snapshots.map(move |snapshot| Ok(Event::default().event(name).data(&*snapshot)));
     Sse::new(events).keep_alive(KeepAlive::default())
 }

@@ -7,6 +7,7 @@
 mod events;
 mod guard;
 mod jobs;
+mod live;
 mod metrics;
 mod page;
 mod runs;
@@ -27,6 +28,7 @@ use tokio::sync::watch;
 use utoipa::{OpenApi, ToSchema};
 
 use super::state::RigState;
+use crate::store::job::Lane;
 use crate::store::{Store, StoreError};
 use crate::web::Hosts;
 pub(super) use token::Token;
@@ -50,6 +52,8 @@ pub(super) struct Served {
     store: Mutex<Store>,
     state: watch::Receiver<RigState>,
     snapshot: watch::Receiver<Arc<str>>,
+    /// What its job that moves it shows, and its job that computes.
+    shown: [Arc<live::Shown>; 2],
 }
 
 #[derive(OpenApi)]
@@ -72,9 +76,12 @@ pub(super) struct Served {
         runs::file,
         runs::coefficients,
         runs::trend,
+        runs::model_changes,
         events::events,
+        live::live,
         metrics::metrics
-    )
+    ),
+    components(schemas(crate::showing::Snapshot))
 )]
 struct Document;
 
@@ -119,7 +126,9 @@ impl Served {
         state: watch::Receiver<RigState>,
     ) -> Result<Self, StoreError> {
         let snapshot = events::watch_rig(Store::open(&runs_dir)?, state.clone());
-        Ok(Self { store: Mutex::new(Store::open(&runs_dir)?), config, runs_dir, state, snapshot })
+        let shown =
+            [Lane::Motion, Lane::Analysis].map(|lane| live::Shown::watch(&runs_dir, lane, state.clone()));
+        Ok(Self { store: Mutex::new(Store::open(&runs_dir)?), config, runs_dir, state, snapshot, shown })
     }
 
     fn store(&self) -> MutexGuard<'_, Store> {
@@ -169,6 +178,7 @@ impl Api {
             .route("/api/v1/rigs/{rig}/runs/{run}/{file}", get(runs::file))
             .route("/api/v1/rigs/{rig}/coefficients", get(runs::coefficients))
             .route("/api/v1/rigs/{rig}/trend", get(runs::trend))
+            .route("/api/v1/rigs/{rig}/model-changes", get(runs::model_changes))
             .route("/api/v1/openapi.json", get(async || Json(Document::openapi())))
             .route("/metrics", get(metrics::metrics))
             .merge(page::routes());
@@ -182,6 +192,7 @@ impl Api {
             .layer(middleware::from_fn(guard::in_time))
             // a stream of events has no end to wait for
             .route("/api/v1/events", get(events::events))
+            .route("/api/v1/rigs/{rig}/live", get(live::live))
             .layer(DefaultBodyLimit::max(MOST_BODY_BYTES))
             .layer(middleware::from_fn_with_state(Arc::clone(&api), guard::guarded))
             .with_state(api);

@@ -11,6 +11,7 @@ use utoipa::IntoParams;
 
 use super::{Api, InRig, Problem};
 use crate::record::folder::{RunId, file};
+use crate::store::models::ModelChange;
 use crate::store::runs::{Coefficient, Summary};
 
 /// Files of a run that are handed out, and what they are. A recording is too large for a page.
@@ -127,6 +128,20 @@ pub(super) async fn trend(
     Query(Named { name }): Query<Named>,
 ) -> Result<Json<Vec<Coefficient>>, Problem> {
     Ok(Json(api.rig(&rig)?.ask(move |store| store.trend(&name)).await?))
+}
+
+/// Where the model was changed from one run to the next.
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/model-changes", params(("rig" = String, Path)), responses((status = 200, body = [ModelChange])))]
+pub(super) async fn model_changes(
+    State(api): State<Arc<Api>>,
+    Path(rig): InRig,
+) -> Result<Json<Vec<ModelChange>>, Problem> {
+    let rig = api.rig(&rig)?;
+    let changes = rig.ask(|store| {
+        store.refresh(false)?;
+        store.model_changes()
+    });
+    Ok(Json(changes.await?))
 }
 
 fn run_id(run: String) -> Result<RunId, Problem> {

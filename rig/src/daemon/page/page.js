@@ -1,64 +1,18 @@
-"use strict";
 // The daemon's page: what the API tells, and its few commands. Nothing is loaded from anywhere else.
 
-const API = "/api/v1";
+import { $, API, Refused, ask, askForToken, element, listen } from "./api.js";
+import { showRig } from "./live.js";
+import { showCoefficients, showTrend } from "./trends.js";
+
 const PAGE_OF_RUNS = 50;
-const $ = id => document.getElementById(id);
 const snapshots = new Map();
 let chosen = "";
 let oldest = null;
 
-// The token comes behind the `#` of the address that the daemon has told, and is kept for this tab only.
-if (location.hash.startsWith("#token=")) {
-  sessionStorage.setItem("token", location.hash.slice("#token=".length));
-  history.replaceState(null, "", location.pathname);
-}
-const token = () => sessionStorage.getItem("token") ?? "";
-
-class Refused extends Error {
-  constructor(status, text) { super(text); this.status = status; }
-}
-
-async function ask(path, body) {
-  const headers = token() ? { Authorization: `Bearer ${token()}` } : {};
-  const request = { headers };
-  if (body !== undefined) {
-    request.method = "POST";
-    request.body = JSON.stringify(body);
-    headers["Content-Type"] = "application/json";
-  }
-  const answer = await fetch(API + path, request);
-  const text = await answer.text();
-  if (!answer.ok) {
-    let why = text;
-    try { why = JSON.parse(text).error; } catch { /* not ours */ }
-    throw new Refused(answer.status, why);
-  }
-  return JSON.parse(text);
-}
-
 const inRig = path => `/rigs/${encodeURIComponent(chosen)}${path}`;
-
-function element(name, properties = {}, ...children) {
-  const made = Object.assign(document.createElement(name), properties);
-  made.append(...children);
-  return made;
-}
 
 const time = text => text ? new Date(text).toLocaleString(undefined, { dateStyle: "short", timeStyle: "short" }) : "";
 const said = text => { $("said").textContent = text; };
-
-function askForToken() {
-  return new Promise(resolve => {
-    const dialog = $("ask-token");
-    dialog.onclose = () => {
-      if (dialog.returnValue === "ok") sessionStorage.setItem("token", $("token").value.trim());
-      resolve(dialog.returnValue === "ok");
-    };
-    dialog.returnValue = "";
-    dialog.showModal();
-  });
-}
 
 async function command(path, body, done) {
   for (;;) {
@@ -140,70 +94,16 @@ async function showRuns(more) {
 }
 $("older").onclick = () => showRuns(true).catch(error => said(error.message));
 
-async function showCoefficients() {
-  const names = await ask(inRig("/coefficients"));
-  const kept = $("coefficients").value;
-  $("coefficients").replaceChildren(...names.map(name => element("option", { value: name, textContent: name })));
-  if (names.includes(kept)) $("coefficients").value = kept;
-  await showTrend();
-}
+$("coefficients").onchange = () => showTrend(inRig).catch(error => said(error.message));
 
-async function showTrend() {
-  const name = $("coefficients").value;
-  if (!name) return $("trend").replaceChildren(element("p", { textContent: "No run has been fitted yet." }));
-  const trend = await ask(inRig(`/trend?name=${encodeURIComponent(name)}`));
-  $("trend").replaceChildren(chart(name, trend));
-}
-$("coefficients").onchange = () => showTrend().catch(error => said(error.message));
-
-// A run's id begins with when it began: 20261120T101503Z.
-function began(run) {
-  const [, y, mo, d, h, mi, s] = run.match(/^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)Z/) ?? [];
-  return Date.UTC(y, mo - 1, d, h, mi, s);
-}
-
-function chart(name, trend) {
-  const [width, height, left, bottom, top, right] = [640, 260, 70, 34, 12, 12];
-  const svg = (tag, attributes, ...children) => {
-    const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
-    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-    made.append(...children);
-    return made;
-  };
-  const points = trend.map(({ run, value, std, determined }) => ({ run, at: began(run), value, half: 1.96 * (std ?? 0), determined }));
-  // an undetermined one's error bar reaches its bounds and says nothing of the scale
-  const scaled = points.some(point => point.determined) ? points.filter(point => point.determined) : points;
-  let low = Math.min(...scaled.map(point => point.value - point.half)), high = Math.max(...scaled.map(point => point.value + point.half));
-  if (low === high) [low, high] = [low - Math.abs(low || 1) * 0.05, high + Math.abs(high || 1) * 0.05];
-  const [first, last] = [points[0].at, points.at(-1).at];
-  const x = at => last === first ? (left + width - right) / 2 : left + (at - first) / (last - first) * (width - left - right);
-  const y = value => Math.min(height - bottom, Math.max(top, height - bottom - (value - low) / (high - low) * (height - bottom - top)));
-  const ticks = [0, 0.25, 0.5, 0.75, 1].map(share => low + share * (high - low));
-  const parts = ticks.flatMap(tick => [
-    svg("line", { class: "axis", x1: left, x2: width - right, y1: y(tick), y2: y(tick) }),
-    svg("text", { x: left - 8, y: y(tick) + 4, "text-anchor": "end" }, tick.toPrecision(4)),
-  ]);
-  const day = at => new Date(at).toLocaleDateString();
-  parts.push(svg("text", { x: left, y: height - 10 }, day(first)));
-  if (last !== first) parts.push(svg("text", { x: width - right, y: height - 10, "text-anchor": "end" }, day(last)));
-  for (const point of points) {
-    parts.push(svg("g", { class: point.determined ? "" : "open" },
-      svg("title", {}, `${point.run}: ${point.value.toPrecision(5)} +- ${point.half.toPrecision(2)} (95 %)${point.determined ? "" : ", not determined"}`),
-      svg("line", { class: "band", x1: x(point.at), x2: x(point.at), y1: y(point.value - point.half), y2: y(point.value + point.half) }),
-      svg("circle", { cx: x(point.at), cy: y(point.value), r: 4 })));
-  }
-  const newest = points.at(-1);
-  const label = `${name} over ${points.length} runs, newest ${newest.value.toPrecision(4)} +- ${newest.half.toPrecision(2)}`;
-  return svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": label }, ...parts);
-}
-
-const refresh = () => Promise.all([showRuns(false), showCoefficients()]).catch(error => said(error.message));
+const refresh = () => Promise.all([showRuns(false), showCoefficients(inRig)]).catch(error => said(error.message));
 
 function show(name) {
   const snapshot = snapshots.get(name);
   if (!snapshot || name !== chosen) return;
   showNow(snapshot);
   showJobs(snapshot);
+  showRig(snapshot.rig);
 }
 
 function choose(name) {
@@ -228,35 +128,4 @@ function take(snapshot) {
   if (known && name === chosen && over(known) !== over(snapshot)) refresh();
 }
 
-// Server-sent events by hand: EventSource cannot send a token.
-async function listen() {
-  for (;;) {
-    try {
-      const headers = token() ? { Authorization: `Bearer ${token()}` } : {};
-      const answer = await fetch(`${API}/events`, { headers });
-      if (answer.status === 401) {
-        $("link").textContent = "the token is wanted";
-        if (await askForToken()) continue;
-      }
-      if (!answer.ok) throw new Error(`status ${answer.status}`);
-      $("link").textContent = "connected";
-      const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
-      let text = "";
-      for (;;) {
-        const { value, done } = await reader.read();
-        if (done) break;
-        text += value;
-        const events = text.split("\n\n");
-        text = events.pop();
-        for (const event of events) {
-          const data = event.split("\n").filter(line => line.startsWith("data: ")).map(line => line.slice(6)).join("\n");
-          if (data) take(JSON.parse(data));
-        }
-      }
-    } catch { /* told below */ }
-    $("link").textContent = "the daemon does not answer; trying again";
-    await new Promise(resolve => setTimeout(resolve, 1000));
-  }
-}
-
-listen();
+listen("/events", take, text => { $("link").textContent = text; });
