@@ -19,6 +19,7 @@ pub mod last_good;
 pub mod latency;
 mod live;
 pub mod look;
+pub mod recover;
 mod results;
 pub mod servo;
 

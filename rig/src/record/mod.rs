@@ -10,8 +10,11 @@ pub mod frames;
 pub mod journal;
 pub mod reader;
 pub mod recording;
+pub mod repair;
 pub mod simulated;
+pub mod sums;
 pub mod timing;
+pub mod verify;
 
 use std::path::{Path, PathBuf};
 

@@ -22,6 +22,8 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
+use super::folder::{containing, sync_folder};
+use super::sums::Sum;
 use super::{RecordError, ServoCommand};
 use crate::camera::{CameraImage, CameraInfo};
 use crate::clock::MonotonicNs;
@@ -87,6 +89,8 @@ pub struct Recorded {
     pub bytes: u64,
     /// The most that waited for zstd and the disk \[bytes\].
     pub most_waiting_bytes: u64,
+    /// Of all that was written, where the file was closed.
+    pub sum: Option<Sum>,
 }
 
 /// How far the disk is behind.
@@ -164,6 +168,7 @@ impl Recorder {
         options: RecorderOptions,
     ) -> Result<Self, RecordError> {
         let file = File::create_new(path).map_err(RecordError::io("creating", path))?;
+        sync_folder(containing(path))?;
         Self::on(file, path, info, options)
     }
 
