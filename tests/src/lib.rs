@@ -13,6 +13,7 @@ pub mod outside;
 pub mod planes;
 pub mod soak;
 pub mod soft_arm;
+pub mod storage;
 pub mod tags;
 pub mod three_links;
 pub mod uno;

@@ -2,14 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
 use ident::experiment::Experiment;
 use ident::fit::{Drift, Fitted, Observer, fit, recalibrate};
 use serde::Serialize;
 
 use super::Failure;
 use super::results::{earlier, write_fit};
-use crate::record::folder::file;
+use crate::record::folder::{create_folder, file};
 
 /// The folder of the last good fit, among the run folders: `fit.json` and `model.xml`.
 pub const FOLDER: &str = "last-good";
@@ -67,9 +66,7 @@ impl LastGood {
         let verdict = judged(&fitted, first);
         if verdict.updated {
             let folder = &self.folder;
-            std::fs::create_dir_all(folder)
-                .with_context(|| format!("creating {}", folder.display()))
-                .map_err(Failure::Internal)?;
+            create_folder(folder).map_err(Failure::internal)?;
             write_fit(&fitted, source, folder)?;
         }
         Ok(verdict)

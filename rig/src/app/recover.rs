@@ -2,6 +2,7 @@
 //! and `stop.json` says what became of the run.
 
 use std::path::Path;
+use std::thread::JoinHandle;
 
 use super::Failure;
 use crate::analysis::AnalysisError;
@@ -19,7 +20,11 @@ use crate::run::machine::Ending;
 use crate::servo::StopOutcome;
 
 /// The lock of whoever films into the runs folder `runs_dir`.
+///
+/// # Errors
+/// [`Failure::Input`] when another process has it, or it cannot be written.
 pub fn claim(runs_dir: &Path) -> Result<Claim, Failure> {
+    folder::create_folder(runs_dir).map_err(Failure::input)?;
     Claim::take("the runs folder", &runs_dir.join(".lock")).map_err(Failure::input)
 }
 
@@ -34,9 +39,23 @@ pub fn all(runs_dir: &Path, claim: &Claim, mut say: impl FnMut(&RunId, &str)) {
         match recover(&runs_dir.join(id.as_str()), claim) {
             Ok(Some(said)) => say(&id, &said),
             Ok(None) => {}
-            Err(failure) => say(&id, &format!("ended without a word, and cannot be recovered: {:#}", failure.error())),
+            Err(failure) => {
+                say(&id, &format!("ended without a word, and cannot be recovered: {:#}", failure.error()))
+            }
         }
     }
+}
+
+/// The same on a thread of its own, which then says what became of each; of none where somebody films.
+pub fn beside(runs_dir: &Path) -> JoinHandle<Vec<(RunId, String)>> {
+    let runs_dir = runs_dir.to_owned();
+    std::thread::spawn(move || {
+        let mut said = Vec::new();
+        if let Ok(claim) = claim(&runs_dir) {
+            all(&runs_dir, &claim, |run, text| said.push((run.clone(), text.to_owned())));
+        }
+        said
+    })
 }
 
 /// The runs without `stop.json`, oldest first.
@@ -65,7 +84,7 @@ pub fn recover(path: &Path, _claim: &Claim) -> Result<Option<String>, Failure> {
         true => repair(&recording).map_err(Failure::data)?,
         false => Repaired::default(),
     };
-    let heard = Heard::of(&run).map_err(Failure::data)?;
+    let heard = Heard::of(&run);
     heard.write_tables(&run).map_err(Failure::data)?;
     let stop = heard.stop(&run, repaired);
     let said = format!(
@@ -95,13 +114,14 @@ struct Heard {
 }
 
 impl Heard {
-    fn of(run: &RunFolder) -> Result<Self, RecordError> {
+    fn of(run: &RunFolder) -> Self {
         let mut chronicle = Chronicle::new(run.origin());
         let (mut servo, mut last, mut before, mut images_repeated) = (None, run.origin(), None, 0);
         let path = run.file(file::RECORDING);
         if path.exists() {
-            for item in Recording::open(&path)? {
-                let (at, item) = item?;
+            // one of which not even the beginning is left gives nothing
+            let items = Recording::open(&path).into_iter().flatten();
+            for (at, item) in items.map_while(Result::ok) {
                 last = last.max(at);
                 match item {
                     Item::Image(image) => {
@@ -128,10 +148,10 @@ impl Heard {
         let ended = ended.and_then(|entry| serde_json::from_value(entry.details.get("ending")?.clone()).ok());
         let rows = chronicle.rows();
         let config = RigConfig::parse(&run.start().config, &run.file(file::START));
-        let timeline = config
-            .map_err(|error| with_causes(&error))
-            .and_then(|config| chronicle.timeline(&config).map_err(|error: AnalysisError| with_causes(&error)));
-        Ok(Self { rows, images_repeated, timeline, servo, last, ended })
+        let timeline = config.map_err(|error| with_causes(&error)).and_then(|config| {
+            chronicle.timeline(&config).map_err(|error: AnalysisError| with_causes(&error))
+        });
+        Self { rows, images_repeated, timeline, servo, last, ended }
     }
 
     /// Writes `frames.csv` and `servo.csv`.
@@ -156,7 +176,9 @@ impl Heard {
         let count = |of: &dyn Fn(&FrameRow) -> u64| self.rows.iter().map(of).sum();
         let (status, reason) = match &self.ended {
             // its recording was closed before the journal said so
-            Some(Ending::Success) if repaired.was_whole && repaired.unreadable_bytes == 0 => (Status::Success, None),
+            Some(Ending::Success) if repaired.was_whole && repaired.unreadable_bytes == 0 => {
+                (Status::Success, None)
+            }
             Some(Ending::Abort(reason)) => (Status::Abort, Some(reason.clone())),
             Some(Ending::Fail(reason)) => (Status::Fail, Some(reason.clone())),
             _ => (Status::Fail, Some("ended without a word: killed, or the power was cut".to_owned())),
@@ -186,5 +208,7 @@ impl Heard {
 fn later(start: &folder::Start, at: MonotonicNs) -> String {
     let passed = jiff::SignedDuration::from_secs_f64(at.seconds_since(start.clock.monotonic_ns));
     let began: Option<jiff::Timestamp> = start.clock.utc.parse().ok();
-    began.and_then(|began| began.checked_add(passed).ok()).map_or_else(|| start.clock.utc.clone(), |at| at.to_string())
+    began
+        .and_then(|began| began.checked_add(passed).ok())
+        .map_or_else(|| start.clock.utc.clone(), |at| at.to_string())
 }

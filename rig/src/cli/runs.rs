@@ -96,7 +96,10 @@ fn chosen(runs_dir: &Path, runs: &[String]) -> Result<Vec<PathBuf>, Failure> {
     let missing = |path: &&PathBuf| !path.is_dir();
     let paths: Vec<PathBuf> = runs.iter().map(|run| find(runs_dir, run)).collect();
     match paths.iter().find(missing) {
-        Some(path) => Err(Failure::Input(anyhow!("there is no run folder {}; `rig runs ls` lists them", path.display()))),
+        Some(path) => Err(Failure::Input(anyhow!(
+            "there is no run folder {}; `rig runs ls` lists them",
+            path.display()
+        ))),
         None => Ok(paths),
     }
 }
@@ -122,7 +125,11 @@ fn verified(runs: &[PathBuf]) -> Result<Outcome, Failure> {
         let _ = writeln!(text, "{:<23}  {:<10}  {}", name(path), found.state, found.findings.join("; "));
     }
     if damaged > 0 {
-        return Err(Failure::Data(anyhow!("{damaged} of {} runs are damaged\n{}", runs.len(), text.trim_end())));
+        return Err(Failure::Data(anyhow!(
+            "{damaged} of {} runs are damaged\n{}",
+            runs.len(),
+            text.trim_end()
+        )));
     }
     Ok(Outcome { text, verdict: Some(worst.to_string()), ..Outcome::default() })
 }
@@ -285,20 +292,23 @@ mod tests {
         let fit = r#"{"runs":[{"keypoints":[{"mean_error_m":0.001},{"mean_error_m":0.002}]}]}"#;
         finished.write(file::FIT, fit.as_bytes()).unwrap();
         finished
-            .finish(Stop {
-                status: Status::Success,
-                reason: None,
-                clock: at(8_500_000_000),
-                servo: StopOutcome::Acknowledged,
-                images: 350,
-                images_lost: 2,
-                images_damaged: 3,
-                images_repeated: 0,
-                images_stale: 0,
-                messages_dropped: 0,
-                learn_from: None,
-                recovered: None,
-            }, None)
+            .finish(
+                Stop {
+                    status: Status::Success,
+                    reason: None,
+                    clock: at(8_500_000_000),
+                    servo: StopOutcome::Acknowledged,
+                    images: 350,
+                    images_lost: 2,
+                    images_damaged: 3,
+                    images_repeated: 0,
+                    images_stale: 0,
+                    messages_dropped: 0,
+                    learn_from: None,
+                    recovered: None,
+                },
+                None,
+            )
             .unwrap();
         let cut_short = create(dir.path(), "20261120T111503Z-ab12cd");
         cut_short.journal().unwrap().write("armed", serde_json::json!({"boot_id": 7})).unwrap();

@@ -15,7 +15,7 @@ use rustix::process::{Pid, Signal, kill_process, setpriority_process, test_kill_
 use crate::app::Failure;
 use crate::app::compose::compose;
 use crate::app::hand_in::{self, file, folder};
-use crate::record::folder::RunId;
+use crate::record::folder::{RunId, create_folder};
 use crate::store::job::{Chosen, Job, JobId, JobResult, Lane, State, Work};
 
 /// The runs that a job works on, for `rig fit` and its like.
@@ -54,7 +54,7 @@ impl Running {
     /// [`Failure`] when the process cannot be started, or the job names runs that cannot be used.
     pub(super) fn start(job: &Job, runs_dir: &Path, config: &Path, threads: usize) -> Result<Self, Failure> {
         let folder = folder(runs_dir, job.id);
-        std::fs::create_dir_all(&folder).map_err(Failure::internal)?;
+        create_folder(&folder).map_err(Failure::internal)?;
         let mut command = Command::new(std::env::current_exe().map_err(Failure::internal)?);
         command.arg("--json").env(hand_in::JOB, job.id.to_string());
         // Ctrl-C at a terminal is for the daemon: with its own signal as the second one, the job would end at once

@@ -234,7 +234,7 @@ impl RunFolder {
     /// # Errors
     /// [`RecordError`] when the folder exists or cannot be written.
     pub fn create(runs_dir: &Path, start: Start) -> Result<Self, RecordError> {
-        create_runs_folder(runs_dir)?;
+        create_folder(runs_dir)?;
         let path = runs_dir.join(start.id.as_str());
         let new = runs_dir.join(format!("{NEW}{}", start.id));
         std::fs::create_dir(&new).map_err(RecordError::io("creating run folder", &new))?;
@@ -337,16 +337,21 @@ pub fn remove_unmade(runs_dir: &Path) -> Result<(), RecordError> {
     Ok(())
 }
 
-/// Makes the folder of run folders where it is missing, and sees that a power cut leaves it there.
+/// Makes the folder `path`, and those above it, where it is missing, and sees that a power cut leaves it there.
 ///
 /// # Errors
 /// [`RecordError::Io`].
-pub fn create_runs_folder(runs_dir: &Path) -> Result<(), RecordError> {
-    if runs_dir.is_dir() {
+pub fn create_folder(path: &Path) -> Result<(), RecordError> {
+    if path.is_dir() {
         return Ok(());
     }
-    std::fs::create_dir_all(runs_dir).map_err(RecordError::io("creating runs folder", runs_dir))?;
-    sync_folder(containing(runs_dir))
+    create_folder(containing(path))?;
+    match std::fs::create_dir(path) {
+        // another process has made it
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists && path.is_dir() => {}
+        made => made.map_err(RecordError::io("creating folder", path))?,
+    }
+    sync_folder(containing(path))
 }
 
 /// One run of a runs folder.

@@ -142,7 +142,8 @@ mod tests {
             std::fs::write(&path, [&text, &text[..cut]].concat()).unwrap();
             Journal::open(&path, MonotonicNs::now()).unwrap().write("next", ()).unwrap();
             let events: Vec<_> = read(&path).unwrap().into_iter().map(|entry| entry.event).collect();
-            let expected = if cut == text.len() { &["first", "first", "next"][..] } else { &["first", "next"] };
+            let expected =
+                if cut == text.len() { &["first", "first", "next"][..] } else { &["first", "next"] };
             assert_eq!(events, expected, "cut at {cut}");
         }
     }

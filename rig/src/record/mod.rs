@@ -77,6 +77,12 @@ pub enum RecordError {
         /// The recording.
         path: PathBuf,
     },
+    /// The thread that writes the recording panicked.
+    #[error("our fault: the recording's thread panicked, {} ends there", path.display())]
+    Panicked {
+        /// The recording.
+        path: PathBuf,
+    },
     /// A file does not hold what it should.
     #[error("{}: {why}", path.display())]
     Damaged {

@@ -288,10 +288,29 @@ impl Recorder {
         }
     }
 
+    /// One whose thread panics at the first message.
+    #[cfg(test)]
+    pub(crate) fn panicking(path: &Path) -> Self {
+        let (queue, messages) = sync_channel(QUEUE_MESSAGES);
+        let writer = std::thread::spawn(move || match messages.recv() {
+            Ok(Queued { .. }) => panic!("a test"),
+            Err(_) => Ok(Recorded::default()),
+        });
+        Self {
+            path: path.into(),
+            options: RecorderOptions::default(),
+            waiting_bytes: Arc::default(),
+            most_waiting_bytes: AtomicUsize::new(0),
+            told_behind: AtomicBool::new(false),
+            dropped: AtomicUsize::new(0),
+            link: Mutex::new(Some(Link { queue, writer })),
+        }
+    }
+
     fn close(&self) -> Option<Result<Recorded, RecordError>> {
         let link = self.link.lock().unwrap_or_else(PoisonError::into_inner).take()?;
         drop(link.queue);
-        Some(link.writer.join().unwrap_or_else(|_| Err(RecordError::Ended { path: self.path.clone() })))
+        Some(link.writer.join().unwrap_or_else(|_| Err(RecordError::Panicked { path: self.path.clone() })))
     }
 }
 

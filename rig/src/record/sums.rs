@@ -133,7 +133,8 @@ impl Sums {
         };
         let entries = text.lines().enumerate().map(|(number, line)| {
             entry(line).ok_or_else(|| {
-                let why = format!("line {}: 64 hexadecimal digits, two spaces and a name are wanted", number + 1);
+                let why =
+                    format!("line {}: 64 hexadecimal digits, two spaces and a name are wanted", number + 1);
                 RecordError::damaged(&path, why)
             })
         });

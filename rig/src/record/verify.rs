@@ -52,7 +52,8 @@ struct Readable {
 
 /// Looks at the run folder `path`: compares all files with their checksums, or, where it has none, reads the recording by its own.
 pub fn verify(path: &Path) -> Verified {
-    let damaged = |error: &RecordError| Verified { state: State::Damaged, findings: vec![with_causes(error)] };
+    let damaged =
+        |error: &RecordError| Verified { state: State::Damaged, findings: vec![with_causes(error)] };
     let (run, sums) = match RunFolder::open(path).and_then(|run| Ok((run, Sums::read(path)?))) {
         Ok(read) => read,
         Err(error) => return damaged(&error),
