@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use ident::experiment::Experiment;
 use ident::fit::{Drift, Fitted, Observer, fit, recalibrate};
 use serde::Serialize;
+use serde_json::Value;
 
 use super::Failure;
 use super::results::{earlier, write_fit};
@@ -43,6 +44,21 @@ impl LastGood {
     /// Its folder.
     pub fn folder(&self) -> &Path {
         &self.folder
+    }
+
+    /// The runs that it was made from, by their names; none where there is no last good fit.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where it cannot be read.
+    pub fn runs(&self) -> Result<Vec<String>, Failure> {
+        let path = self.folder.join(file::FIT);
+        if !path.exists() {
+            return Ok(Vec::new());
+        }
+        let text = std::fs::read(&path).map_err(Failure::input)?;
+        let fit: Value = serde_json::from_slice(&text).map_err(Failure::input)?;
+        let runs = fit["runs"].as_array().into_iter().flatten();
+        Ok(runs.filter_map(|run| Some(run["id"].as_str()?.to_owned())).collect())
     }
 
     /// Fits `experiment` with what the last good fit found as a prior. It becomes the last good fit unless it fails a gate:

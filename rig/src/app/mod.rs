@@ -21,6 +21,7 @@ mod live;
 pub mod look;
 pub mod recover;
 mod results;
+pub mod retention;
 pub mod servo;
 
 pub use failure::{Failure, INTERRUPTED, InRun};

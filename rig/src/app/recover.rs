@@ -1,7 +1,7 @@
 //! Runs that ended without a word, by a kill or a power cut, made whole: the recording gets its end, the tables are made from it,
 //! and `stop.json` says what became of the run.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 
 use super::Failure;
@@ -20,12 +20,17 @@ use crate::run::machine::Ending;
 use crate::servo::StopOutcome;
 
 /// The lock of whoever films into the runs folder `runs_dir`.
+pub fn lock(runs_dir: &Path) -> PathBuf {
+    runs_dir.join(".lock")
+}
+
+/// Takes that lock.
 ///
 /// # Errors
 /// [`Failure::Input`] when another process has it, or it cannot be written.
 pub fn claim(runs_dir: &Path) -> Result<Claim, Failure> {
     folder::create_folder(runs_dir).map_err(Failure::input)?;
-    Claim::take("the runs folder", &runs_dir.join(".lock")).map_err(Failure::input)
+    Claim::take("the runs folder", &lock(runs_dir)).map_err(Failure::input)
 }
 
 /// Recovers all runs in `runs_dir` that have no `stop.json`, while nobody films into it: says so of each. One that cannot be recovered

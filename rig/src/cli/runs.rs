@@ -112,7 +112,7 @@ fn verified(runs: &[PathBuf]) -> Result<Outcome, Failure> {
     let mut text = format!("{:<23}  {:<10}  what was found\n", "run", "state");
     let (mut worst, mut damaged) = (State::Sound, 0);
     for path in runs {
-        let is_open = Claim::holder(&path.with_file_name(".lock"))
+        let is_open = Claim::holder(&recover::lock(base(path)))
             // where nobody may look, it is taken for open
             .is_some_and(|pid| has_open(pid, &path.join(file::JOURNAL)) != Some(false));
         if is_open && !path.join(file::STOP).exists() {

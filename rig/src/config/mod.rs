@@ -8,7 +8,8 @@ mod tables;
 pub use error::ConfigError;
 pub use extraction::ExtractionConfig;
 pub use tables::{
-    MechanismConfig, MotionKind, Mount, Overlap, QuietHours, RunConfig, ScheduleConfig, WaterConfig,
+    MechanismConfig, MotionKind, Mount, Overlap, QuietHours, RetentionConfig, RunConfig, ScheduleConfig,
+    WaterConfig,
 };
 
 use std::path::{Path, PathBuf};
@@ -63,6 +64,9 @@ pub struct RigConfig {
     /// When `rig daemon` runs it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub schedule: Option<ScheduleConfig>,
+    /// What `rig daemon` deletes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub retention: Option<RetentionConfig>,
     /// The simulated tank behind mock board and mock camera.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mock: Option<MockConfig>,

@@ -1,6 +1,7 @@
 //! The `[run]`, `[mechanism]`, `[water]`, `[schedule]` and `[mock]` tables of a rig config.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use ident::strict::{Finite, NonNegative, Positive, Share};
@@ -155,6 +156,15 @@ pub struct ScheduleConfig {
     /// Times of the day at which the schedule begins nothing, for example `22:00-07:00`; jobs added by hand run all the same.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub quiet: Vec<QuietHours>,
+}
+
+/// The `[retention]` table: what `rig daemon` deletes. Without it, nothing.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RetentionConfig {
+    /// The newest so many runs keep their recordings; of older ones everything else is kept. A number and no age: a clock that jumps
+    /// deletes nothing.
+    pub keep_recordings: NonZeroUsize,
 }
 
 /// What becomes of a slot that comes while the rig is busy or the water not at rest.

@@ -15,10 +15,10 @@ use super::child::Running;
 use super::slots::{Busy, Decision, Slots};
 use super::state::RigState;
 use crate::app::experiment::{Experiment, Extent};
-use crate::app::{Failure, Watcher, base, hand_in, recover};
+use crate::app::{Failure, Watcher, base, hand_in, recover, retention};
 use crate::claim::Claim;
 use crate::clock::MonotonicNs;
-use crate::config::RigConfig;
+use crate::config::{RetentionConfig, RigConfig};
 use crate::record::folder::{RunId, create_folder};
 use crate::record::journal::{self, Journal};
 use crate::store::Store;
@@ -39,6 +39,7 @@ pub(super) struct Rig {
     slots: Option<Slots>,
     journal: Journal,
     threads: usize,
+    retention: Option<RetentionConfig>,
     /// How long the water is left alone after a motion.
     rest: Duration,
     rests_until: Option<Instant>,
@@ -82,6 +83,7 @@ impl Rig {
             slots: slots.transpose().map_err(Failure::input)?,
             journal: Journal::open(&journal_path, MonotonicNs::now()).map_err(Failure::input)?,
             threads,
+            retention: config.retention.clone(),
             rest: Duration::from_secs_f64(rest_s),
             rests_until: None,
             motion: None,
@@ -165,6 +167,19 @@ impl Rig {
         Ok(())
     }
 
+    /// Deletes the recordings that the config says are too many.
+    fn retain(&self, watcher: &mut dyn Watcher) -> Result<(), Failure> {
+        let Some(retention) = &self.retention else { return Ok(()) };
+        for (run, removed) in retention::retain(&self.store, retention)? {
+            watcher.note(&format!("run {run}: its recording is deleted, as [retention] says"));
+            self.write(
+                "recording-deleted",
+                json!({ "run": run, "bytes": removed.bytes, "sha256": removed.sha256 }),
+            )?;
+        }
+        Ok(())
+    }
+
     /// Takes in what became of runs that had ended without a word.
     fn hear_of_recovered(&mut self, watcher: &mut dyn Watcher) -> Result<(), Failure> {
         let Some(recovering) = self.recovering.take_if(|recovering| recovering.is_finished()) else {
@@ -176,7 +191,7 @@ impl Rig {
             watcher.tell(&format!("rig: run {run} {said}"));
             self.write("run-recovered", json!({ "run": run, "what": said }))?;
         }
-        Ok(())
+        self.retain(watcher)
     }
 
     /// Tells whoever looks on what the rig does.
@@ -299,6 +314,7 @@ impl Rig {
         }
         if lane == Lane::Motion {
             self.motions_ended += 1;
+            self.retain(watcher)?;
             self.rests_until = Some(Instant::now() + self.rest);
             if state == State::Lost {
                 self.recovering = Some(recover::beside(&self.runs_dir));

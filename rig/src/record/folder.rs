@@ -53,6 +53,8 @@ pub mod file {
     pub const TIMING: &str = "timing.json";
     /// The report.
     pub const REPORT: &str = "report.html";
+    /// Says that the recording was deleted, and which it was.
+    pub const RETENTION: &str = "retention.json";
     /// Checksums of all of these.
     pub const SUMS: &str = "SHA256SUMS";
 }

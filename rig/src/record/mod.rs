@@ -11,6 +11,7 @@ pub mod journal;
 pub mod reader;
 pub mod recording;
 pub mod repair;
+pub mod retention;
 pub mod simulated;
 pub mod sums;
 pub mod timing;
