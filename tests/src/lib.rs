@@ -14,6 +14,7 @@ pub mod outside;
 pub mod planes;
 pub mod soak;
 pub mod soft_arm;
+pub mod storage;
 pub mod tags;
 pub mod three_links;
 pub mod uno;
@@ -141,6 +142,8 @@ pub fn only_run(runs: &Path) -> Option<PathBuf> {
         .ok()?
         .filter_map(|entry| Some(entry.ok()?.path()))
         .filter(|path| path.join("start.json").exists())
+        // one that is being made has another name
+        .filter(|path| !path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b".")))
         .collect();
     (folders.len() == 1).then(|| folders.remove(0))
 }

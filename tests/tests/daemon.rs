@@ -102,7 +102,12 @@ fn killed_job_is_lost_and_neither_the_daemon_nor_the_next_job_minds() {
     kill_process(bench.job_process(), Signal::KILL).expect("the job's process");
     let line = bench.wait(1, &["lost"], 5.0);
     assert!(line.contains("signal: 9"), "{line}");
-    assert!(!run.join("stop.json").exists(), "what was cut short is incomplete");
+    // before anything moves again
+    wait_until("the run's recovery", 10.0, || run.join("stop.json").exists());
+    let stop = json(&run.join("stop.json"));
+    assert_eq!((&stop["status"], &stop["servo"]), (&"fail".into(), &"left-to-dead-man".into()), "{stop}");
+    assert!(stop["recovered"].is_object() && stop["images"].as_u64() > Some(20), "{stop}");
+    wait_until("the journal's line", 10.0, || bench.journal().contains("\"run-recovered\""));
     bench.wait(2, &["done"], 60.0);
     assert!(daemon.child().try_wait().expect("its status").is_none(), "the daemon lives");
 }

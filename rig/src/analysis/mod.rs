@@ -29,6 +29,7 @@ use crate::record::RecordError;
 use crate::record::folder::{RunFolder, file, read_json, write_json, write_whole};
 use crate::record::frames::{self, FrameRow};
 use crate::record::simulated::Simulated;
+use crate::record::sums::Sums;
 use crate::record::timing::{self, Timing};
 use crate::report::{DiagnosisFigures, ReportData};
 use crate::showing::Showing;
@@ -118,6 +119,7 @@ impl Analysis<'_> {
         let answer = self.answer(&timeline, early, &mut timing, progress);
         progress.begin("report", None);
         let data = self.report(&timeline, extraction.as_ref(), answer.as_ref());
+        self.add_sums()?;
         // Why there is no fit says more than why there is no report of it.
         answer.and(data)
     }
@@ -130,7 +132,13 @@ impl Analysis<'_> {
     pub fn keypoints(mut self, progress: &mut dyn Progress) -> Result<(), AnalysisError> {
         let mut timing = Timing { workers: rayon::current_num_threads(), ..Timing::default() };
         self.seen(&mut timing, progress)?;
-        Ok(timing.write(&self.out.join(file::TIMING))?)
+        timing.write(&self.out.join(file::TIMING))?;
+        Ok(self.add_sums()?)
+    }
+
+    /// Adds the results' checksums where they are in the run's own folder.
+    fn add_sums(&self) -> Result<(), RecordError> {
+        if self.out == self.run.path() { Sums::add_results(self.out) } else { Ok(()) }
     }
 
     /// What recording and images say; no extraction where it is taken as it stands.

@@ -109,6 +109,11 @@ impl Chronicle {
         }
     }
 
+    /// The rows of `frames.csv` so far.
+    pub fn rows(&self) -> Vec<FrameRow> {
+        self.images.iter().map(|image| image.row.clone()).collect()
+    }
+
     /// What all of it says.
     ///
     /// # Errors

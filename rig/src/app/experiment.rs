@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::anyhow;
 
 use super::live::Beside;
-use super::{Failure, InRun, Interrupt, Watcher, on_threads, read_model};
+use super::{Failure, InRun, Interrupt, Watcher, on_threads, read_model, recover};
 use crate::analysis::{Analysis, AnalysisError, Stage, prepared};
 use crate::claim::Claim;
 use crate::config::RigConfig;
@@ -70,13 +70,15 @@ impl Experiment<'_> {
         Ok(())
     }
 
-    /// Claims the folder of run folders, and sees that there is room in it, and what [`Self::check`] sees.
+    /// Claims the folder of run folders, recovers what earlier runs left unfinished in it, and sees that there is room in it, and what
+    /// [`Self::check`] sees.
     ///
     /// # Errors
     /// [`Failure::Input`] when another process has it, or it has no room.
     pub fn claim(&self) -> Result<Claim, Failure> {
         self.check()?;
-        let claim = Claim::take("the runs folder", &self.runs_dir.join(".lock")).map_err(Failure::input)?;
+        let claim = recover::claim(self.runs_dir)?;
+        recover::all(self.runs_dir, &claim, |run, said| tracing::warn!("run {run} {said}"));
         for check in doctor::host::runs_folder(self.runs_dir, self.config.expected_bytes()) {
             if check.health == Health::Bad {
                 return Err(Failure::Input(anyhow!("{}: {}", check.subject, check.finding)));

@@ -2,15 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
 use ident::experiment::Experiment;
 use ident::fit::{Drift, Fitted, Observer, fit, recalibrate};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::Failure;
 use super::drift::Moved;
 use super::results::{earlier, write_fit};
-use crate::record::folder::file;
+use crate::record::folder::{create_folder, file};
 
 /// The folder of the last good fit, among the run folders: `fit.json` and `model.xml`.
 pub const FOLDER: &str = "last-good";
@@ -75,6 +75,21 @@ impl LastGood {
         &self.folder
     }
 
+    /// The runs that it was made from, by their names; none where there is no last good fit.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where it cannot be read.
+    pub fn runs(&self) -> Result<Vec<String>, Failure> {
+        let path = self.folder.join(file::FIT);
+        if !path.exists() {
+            return Ok(Vec::new());
+        }
+        let text = std::fs::read(&path).map_err(Failure::input)?;
+        let fit: Value = serde_json::from_slice(&text).map_err(Failure::input)?;
+        let runs = fit["runs"].as_array().into_iter().flatten();
+        Ok(runs.filter_map(|run| Some(run["id"].as_str()?.to_owned())).collect())
+    }
+
     /// Fits `experiment` with what the last good fit found as a prior. It becomes the last good fit unless it fails a gate:
     /// then the old one stays. Without an old one, a fit that has converged is good. `source` says in the model what it was fitted to.
     ///
@@ -96,9 +111,7 @@ impl LastGood {
         let verdict = judged(&fitted, first);
         if verdict.updated {
             let folder = &self.folder;
-            std::fs::create_dir_all(folder)
-                .with_context(|| format!("creating {}", folder.display()))
-                .map_err(Failure::Internal)?;
+            create_folder(folder).map_err(Failure::internal)?;
             write_fit(&fitted, source, folder)?;
         }
         Ok(verdict)

@@ -21,7 +21,9 @@ pub mod last_good;
 pub mod latency;
 mod live;
 pub mod look;
+pub mod recover;
 mod results;
+pub mod retention;
 pub mod servo;
 
 pub use failure::{Failure, INTERRUPTED, InRun};

@@ -8,7 +8,7 @@ use ident::experiment::{Experiment, Use};
 use ident::fit::{Fit, Fitted, FittedRun};
 
 use super::Failure;
-use crate::record::folder::{file, write_whole};
+use crate::record::folder::{create_folder, file, write_whole};
 use crate::record::timing::{Stage, Timing};
 use crate::report::{self, ReportData};
 
@@ -27,9 +27,7 @@ impl<'a> Given<'a> {
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("reading {}", path.display()))
             .map_err(Failure::Input)?;
-        std::fs::create_dir_all(out)
-            .with_context(|| format!("creating {}", out.display()))
-            .map_err(Failure::Input)?;
+        create_folder(out).map_err(Failure::input)?;
         Ok(Self { experiment, out, path, text })
     }
 
@@ -67,14 +65,14 @@ impl<'a> Given<'a> {
     }
 }
 
-/// Writes `fit.json` and the calibrated `model.xml` to `folder`; `source` says in the model what it was fitted to.
+/// Writes the calibrated `model.xml` and `fit.json` to `folder`, what is read again last; `source` says in the model what it was
+/// fitted to.
 ///
 /// # Errors
 /// [`Failure::Internal`] when the folder cannot be written.
 pub(super) fn write_fit(fitted: &Fitted, source: &str, folder: &Path) -> Result<(), Failure> {
     let fit = &fitted.fit;
     let json = fit.to_json().map_err(Failure::internal)?;
-    write_whole(&folder.join(file::FIT), json.as_bytes()).map_err(Failure::internal)?;
     let left_open: Vec<&str> =
         fit.parameters.iter().filter(|p| !p.determined).map(|p| p.name.as_str()).collect();
     let mut comment = format!(
@@ -87,7 +85,8 @@ pub(super) fn write_fit(fitted: &Fitted, source: &str, folder: &Path) -> Result<
     if !left_open.is_empty() {
         comment.push_str(&format!(" Left open by the data: {}.", left_open.join(", ")));
     }
-    write_whole(&folder.join(file::MODEL), fitted.to_mjcf(&comment).as_bytes()).map_err(Failure::internal)
+    write_whole(&folder.join(file::MODEL), fitted.to_mjcf(&comment).as_bytes()).map_err(Failure::internal)?;
+    write_whole(&folder.join(file::FIT), json.as_bytes()).map_err(Failure::internal)
 }
 
 /// Writes `diagnosis.json` and the extended `model.xml` to `folder`; `source` says in the model what it was made from.

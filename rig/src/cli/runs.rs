@@ -3,11 +3,14 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use serde_json::Value;
 
 use super::{Failure, Outcome};
-use crate::record::folder::{RunFolder, RunId, file};
+use crate::app::{base, recover};
+use crate::claim::{Claim, has_open};
+use crate::record::folder::{self, RunFolder, RunId, file};
+use crate::record::verify::{State, verify};
 use crate::record::{RecordError, journal};
 use crate::store::Store;
 use crate::store::runs::Summary;
@@ -41,6 +44,16 @@ pub enum Action {
         /// The run's folder, or its id in the runs folder.
         run: String,
     },
+    /// Say whether run folders are what was written: compare all files with their checksums.
+    Verify {
+        /// The runs' folders, or their ids in the runs folder; left out: all of it.
+        runs: Vec<String>,
+    },
+    /// Complete runs that ended without a word, by a kill or a power cut: the next run does so by itself.
+    Recover {
+        /// The runs' folders, or their ids in the runs folder; left out: all of it.
+        runs: Vec<String>,
+    },
 }
 
 /// Lists runs or shows one.
@@ -69,6 +82,77 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             let text = describe(&folder).map_err(Failure::input)?;
             Ok(Outcome { text, run: Some(folder.path().into()), ..Outcome::default() })
         }
+        Action::Verify { runs } => verified(&chosen(&args.runs_dir, runs)?),
+        Action::Recover { runs } => recovered(&chosen(&args.runs_dir, runs)?),
+    }
+}
+
+/// The folders of the runs asked for; of all where none is.
+fn chosen(runs_dir: &Path, runs: &[String]) -> Result<Vec<PathBuf>, Failure> {
+    if runs.is_empty() {
+        let listed = folder::list(runs_dir).map_err(Failure::input)?;
+        return Ok(listed.into_iter().map(|run| runs_dir.join(run.id.as_str())).collect());
+    }
+    let missing = |path: &&PathBuf| !path.is_dir();
+    let paths: Vec<PathBuf> = runs.iter().map(|run| find(runs_dir, run)).collect();
+    match paths.iter().find(missing) {
+        Some(path) => Err(Failure::Input(anyhow!(
+            "there is no run folder {}; `rig runs ls` lists them",
+            path.display()
+        ))),
+        None => Ok(paths),
+    }
+}
+
+fn name(path: &Path) -> std::borrow::Cow<'_, str> {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy()
+}
+
+fn verified(runs: &[PathBuf]) -> Result<Outcome, Failure> {
+    let mut text = format!("{:<23}  {:<10}  what was found\n", "run", "state");
+    let (mut worst, mut damaged) = (State::Sound, 0);
+    for path in runs {
+        let is_open = Claim::holder(&recover::lock(base(path)))
+            // where nobody may look, it is taken for open
+            .is_some_and(|pid| has_open(pid, &path.join(file::JOURNAL)) != Some(false));
+        if is_open && !path.join(file::STOP).exists() {
+            let _ = writeln!(text, "{:<23}  {:<10}  is being filmed", name(path), "running");
+            continue;
+        }
+        let found = verify(path);
+        worst = worst.max(found.state);
+        damaged += usize::from(found.state == State::Damaged);
+        let _ = writeln!(text, "{:<23}  {:<10}  {}", name(path), found.state, found.findings.join("; "));
+    }
+    if damaged > 0 {
+        return Err(Failure::Data(anyhow!(
+            "{damaged} of {} runs are damaged\n{}",
+            runs.len(),
+            text.trim_end()
+        )));
+    }
+    Ok(Outcome { text, verdict: Some(worst.to_string()), ..Outcome::default() })
+}
+
+fn recovered(runs: &[PathBuf]) -> Result<Outcome, Failure> {
+    let (mut text, mut failed) = (String::new(), None);
+    for path in runs {
+        let claim = recover::claim(base(path))?;
+        match recover::recover(path, &claim) {
+            Ok(Some(said)) => {
+                let _ = writeln!(text, "{} {said}", name(path));
+            }
+            Ok(None) => {}
+            Err(failure) => {
+                let _ = writeln!(text, "{} cannot be recovered: {:#}", name(path), failure.error());
+                failed.get_or_insert(failure);
+            }
+        }
+    }
+    match failed {
+        Some(failure) => Err(Failure::of(failure.status(), anyhow!("{}", text.trim_end()))),
+        None if text.is_empty() => Ok(Outcome { text: "no run needs it\n".into(), ..Outcome::default() }),
+        None => Ok(Outcome { text, ..Outcome::default() }),
     }
 }
 
@@ -208,19 +292,23 @@ mod tests {
         let fit = r#"{"runs":[{"keypoints":[{"mean_error_m":0.001},{"mean_error_m":0.002}]}]}"#;
         finished.write(file::FIT, fit.as_bytes()).unwrap();
         finished
-            .finish(Stop {
-                status: Status::Success,
-                reason: None,
-                clock: at(8_500_000_000),
-                servo: StopOutcome::Acknowledged,
-                images: 350,
-                images_lost: 2,
-                images_damaged: 3,
-                images_repeated: 0,
-                images_stale: 0,
-                messages_dropped: 0,
-                learn_from: None,
-            })
+            .finish(
+                Stop {
+                    status: Status::Success,
+                    reason: None,
+                    clock: at(8_500_000_000),
+                    servo: StopOutcome::Acknowledged,
+                    images: 350,
+                    images_lost: 2,
+                    images_damaged: 3,
+                    images_repeated: 0,
+                    images_stale: 0,
+                    messages_dropped: 0,
+                    learn_from: None,
+                    recovered: None,
+                },
+                None,
+            )
             .unwrap();
         let cut_short = create(dir.path(), "20261120T111503Z-ab12cd");
         cut_short.journal().unwrap().write("armed", serde_json::json!({"boot_id": 7})).unwrap();

@@ -8,8 +8,8 @@ mod tables;
 pub use error::ConfigError;
 pub use extraction::ExtractionConfig;
 pub use tables::{
-    AlertsConfig, MechanismConfig, MotionKind, Mount, Overlap, QuietHours, RunConfig, ScheduleConfig,
-    WaterConfig,
+    AlertsConfig, MechanismConfig, MotionKind, Mount, Overlap, QuietHours, RetentionConfig, RunConfig,
+    ScheduleConfig, WaterConfig,
 };
 
 use std::path::{Path, PathBuf};
@@ -67,6 +67,9 @@ pub struct RigConfig {
     /// Whom `rig daemon` tells that somebody should look.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub alerts: Option<AlertsConfig>,
+    /// What `rig daemon` deletes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub retention: Option<RetentionConfig>,
     /// The simulated tank behind mock board and mock camera.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mock: Option<MockConfig>,

@@ -1,6 +1,7 @@
 //! The `[run]`, `[mechanism]`, `[water]`, `[schedule]` and `[mock]` tables of a rig config.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use ident::strict::{Finite, NonNegative, Positive, Share};
@@ -182,6 +183,15 @@ impl AlertsConfig {
         let webhook = self.webhook.as_ref().map(|_| Self::WEBHOOK);
         command.into_iter().chain(webhook).collect()
     }
+}
+
+/// The `[retention]` table: what `rig daemon` deletes. Without it, nothing.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RetentionConfig {
+    /// The newest so many runs keep their recordings; of older ones everything else is kept. A number and no age: a clock that jumps
+    /// deletes nothing.
+    pub keep_recordings: NonZeroUsize,
 }
 
 /// What becomes of a slot that comes while the rig is busy or the water not at rest.

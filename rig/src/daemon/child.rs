@@ -16,7 +16,9 @@ use rustix::process::{Pid, Signal, kill_process, setpriority_process, test_kill_
 use crate::app::Failure;
 use crate::app::compose::compose;
 use crate::app::hand_in::{self, file, folder};
-use crate::record::folder::RunId;
+use crate::app::recover;
+use crate::claim::Claim;
+use crate::record::folder::{RunId, create_folder};
 use crate::store::job::{Chosen, Job, JobId, JobResult, Lane, State, Work};
 use crate::urgency::Urgency;
 
@@ -60,7 +62,7 @@ impl Running {
         threads: usize,
     ) -> Result<Self, Failure> {
         let folder = folder(runs_dir, job.id);
-        std::fs::create_dir_all(&folder).map_err(Failure::internal)?;
+        create_folder(&folder).map_err(Failure::internal)?;
         let mut command = Command::new(std::env::current_exe().map_err(Failure::internal)?);
         command.arg("--json").env(hand_in::JOB, job.id.to_string());
         command.env(hand_in::SHOW, folder.join(file::LIVE));
@@ -91,7 +93,9 @@ impl Running {
 
     /// A job that an earlier daemon began and whose process still lives.
     pub(super) fn adopt(job: &Job, runs_dir: &Path) -> Option<Self> {
-        let pid = job.pid.and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?))?;
+        // a daemon that was killed just after it began the job has not written by which process it is done
+        let pid = job.pid.or_else(|| Claim::holder(&recover::lock(runs_dir)));
+        let pid = pid.and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?))?;
         // numbers of processes are given out again: it must say itself that it does this job
         let environment = std::fs::read(format!("/proc/{}/environ", pid.as_raw_nonzero())).ok()?;
         let mark = format!("{}={}", hand_in::JOB, job.id);

@@ -1,6 +1,7 @@
 //! One rig of a daemon: its queue, its schedule, and the two jobs that may run at a time, one that moves it and one that computes.
 
 use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use ident::strict::NonNegative;
@@ -17,11 +18,11 @@ use super::state::RigState;
 use crate::app::campaign::record::{self, Record};
 use crate::app::experiment::{Experiment, Extent};
 use crate::app::last_good::{self, Recalibrated};
-use crate::app::{Failure, Watcher, base, hand_in};
+use crate::app::{Failure, Watcher, base, hand_in, recover, retention};
 use crate::claim::Claim;
 use crate::clock::MonotonicNs;
-use crate::config::RigConfig;
-use crate::record::folder::RunId;
+use crate::config::{RetentionConfig, RigConfig};
+use crate::record::folder::{RunId, create_folder};
 use crate::record::journal::{self, Journal};
 use crate::store::Store;
 use crate::store::alerts::Alert;
@@ -45,11 +46,14 @@ pub(super) struct Rig {
     slots: Option<Slots>,
     journal: Journal,
     threads: usize,
+    retention: Option<RetentionConfig>,
     /// How long the water is left alone after a motion.
     rest: Duration,
     rests_until: Option<Instant>,
     motion: Option<Running>,
     analysis: Option<Running>,
+    /// Runs that ended without a word are made whole; nothing moves meanwhile.
+    recovering: Option<JoinHandle<Vec<(RunId, String)>>>,
     motions_ended: u64,
     state: watch::Sender<RigState>,
     alerts: Alerts,
@@ -74,6 +78,7 @@ impl Rig {
         // what no run of it could do is said now, not every night
         let extent = Extent::Report;
         Experiment { config: &config, base: base(path), runs_dir, extent, motion: None, threads }.check()?;
+        create_folder(runs_dir).map_err(Failure::input)?;
         let claim = Claim::take("the runs folder", &hand_in::lock(runs_dir)).map_err(Failure::input)?;
         let journal_path = runs_dir.join(JOURNAL);
         let table = config.schedule.as_ref();
@@ -87,10 +92,12 @@ impl Rig {
             slots: slots.transpose().map_err(Failure::input)?,
             journal: Journal::open(&journal_path, MonotonicNs::now()).map_err(Failure::input)?,
             threads,
+            retention: config.retention.clone(),
             rest: Duration::from_secs_f64(rest_s),
             rests_until: None,
             motion: None,
             analysis: None,
+            recovering: None,
             motions_ended: 0,
             state: watch::channel(RigState::default()).0,
             alerts: Alerts::new(name.clone(), config.alerts.clone()),
@@ -103,6 +110,9 @@ impl Rig {
         });
         rig.write("started", json!({ "pid": std::process::id() }))?;
         rig.take_over(watcher)?;
+        if rig.motion.is_none() {
+            rig.recovering = Some(recover::beside(&rig.runs_dir));
+        }
         Ok(rig)
     }
 
@@ -139,6 +149,7 @@ impl Rig {
         for lane in [Lane::Motion, Lane::Analysis] {
             self.reap(lane, may, watcher)?;
         }
+        self.hear_of_recovered(watcher)?;
         self.tell();
         self.alerts.tick(&mut self.store).map_err(Failure::internal)?;
         if self.slots.is_some() && may.move_ {
@@ -159,13 +170,40 @@ impl Rig {
             }
         }
         let rested = self.rests_until.is_none_or(|until| Instant::now() >= until);
-        if may.move_ && rested && self.motion.is_none() {
+        if may.move_ && rested && self.motion.is_none() && self.recovering.is_none() {
             self.begin(Lane::Motion, watcher)?;
         }
         if may.compute && self.analysis.is_none() {
             self.begin(Lane::Analysis, watcher)?;
         }
         Ok(())
+    }
+
+    /// Deletes the recordings that the config says are too many.
+    fn retain(&self, watcher: &mut dyn Watcher) -> Result<(), Failure> {
+        let Some(retention) = &self.retention else { return Ok(()) };
+        for (run, removed) in retention::retain(&self.store, retention)? {
+            watcher.note(&format!("run {run}: its recording is deleted, as [retention] says"));
+            self.write(
+                "recording-deleted",
+                json!({ "run": run, "bytes": removed.bytes, "sha256": removed.sha256 }),
+            )?;
+        }
+        Ok(())
+    }
+
+    /// Takes in what became of runs that had ended without a word.
+    fn hear_of_recovered(&mut self, watcher: &mut dyn Watcher) -> Result<(), Failure> {
+        let Some(recovering) = self.recovering.take_if(|recovering| recovering.is_finished()) else {
+            return Ok(());
+        };
+        self.seen.1 = None;
+        // a panic has said so by itself, and the next run tries again
+        for (run, said) in recovering.join().unwrap_or_default() {
+            watcher.tell(&format!("rig: run {run} {said}"));
+            self.write("run-recovered", json!({ "run": run, "what": said }))?;
+        }
+        self.retain(watcher)
     }
 
     /// Tells whoever looks on what the rig does.
@@ -289,7 +327,11 @@ impl Rig {
         }
         if lane == Lane::Motion {
             self.motions_ended += 1;
+            self.retain(watcher)?;
             self.rests_until = Some(Instant::now() + self.rest);
+            if state == State::Lost {
+                self.recovering = Some(recover::beside(&self.runs_dir));
+            }
         }
         self.close(&job, state, result, watcher)
     }
@@ -386,7 +428,8 @@ impl Rig {
     }
 
     pub(super) fn write(&self, event: &str, details: serde_json::Value) -> Result<(), Failure> {
-        self.journal.write(event, details).map_err(Failure::internal)
+        // a slot that was taken is not taken again after a power cut
+        self.journal.write(event, details).and_then(|()| self.journal.sync()).map_err(Failure::internal)
     }
 }
 

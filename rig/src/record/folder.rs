@@ -14,6 +14,7 @@ use serde_json::Value;
 
 use super::RecordError;
 use super::journal::Journal;
+use super::sums::{Sum, Sums};
 use crate::camera::CameraInfo;
 use crate::clock::MonotonicNs;
 use crate::servo::{BoardInfo, StopOutcome};
@@ -52,6 +53,10 @@ pub mod file {
     pub const TIMING: &str = "timing.json";
     /// The report.
     pub const REPORT: &str = "report.html";
+    /// Says that the recording was deleted, and which it was.
+    pub const RETENTION: &str = "retention.json";
+    /// Checksums of all of these.
+    pub const SUMS: &str = "SHA256SUMS";
 }
 
 /// A run's name, for example `20261120T101503Z-ab12cd`: when it began, and six random characters.
@@ -202,6 +207,18 @@ pub struct Stop {
     /// was too short for that.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub learn_from: Option<Range<u64>>,
+    /// Written afterwards, for a run that had ended without a word.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub recovered: Option<Recovered>,
+}
+
+/// What was left of a run that had ended without a word.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Recovered {
+    /// When it was looked at, RFC 3339.
+    pub at_utc: String,
+    /// Bytes of the recording that cannot be read; they stay in it.
+    pub unreadable_bytes: u64,
 }
 
 /// A run's folder, being written or read.
@@ -213,16 +230,20 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Creates the folder `runs_dir/<start.id>` with its `start.json`.
+    /// Creates the folder `runs_dir/<start.id>` with its `start.json`, in one step: under another name first, so that there is no
+    /// run folder without it.
     ///
     /// # Errors
     /// [`RecordError`] when the folder exists or cannot be written.
     pub fn create(runs_dir: &Path, start: Start) -> Result<Self, RecordError> {
-        std::fs::create_dir_all(runs_dir).map_err(RecordError::io("creating runs folder", runs_dir))?;
+        create_folder(runs_dir)?;
         let path = runs_dir.join(start.id.as_str());
-        std::fs::create_dir(&path).map_err(RecordError::io("creating run folder", &path))?;
+        let new = runs_dir.join(format!("{NEW}{}", start.id));
+        std::fs::create_dir(&new).map_err(RecordError::io("creating run folder", &new))?;
+        write_json(&new.join(file::START), &start)?;
+        // a folder with something in it is not replaced
+        std::fs::rename(&new, &path).map_err(RecordError::io("creating run folder", &path))?;
         sync_folder(runs_dir)?;
-        write_json(&path.join(file::START), &start)?;
         Ok(Self { path, start, stop: None })
     }
 
@@ -278,15 +299,61 @@ impl RunFolder {
         write_whole(&self.file(name), bytes)
     }
 
-    /// Writes `stop.json`: the run is over.
+    /// Writes the checksums of all files there are, and then `stop.json`: the run is over. The recording is not read where its sum
+    /// is known.
     ///
     /// # Errors
-    /// [`RecordError::Io`].
-    pub fn finish(&mut self, stop: Stop) -> Result<(), RecordError> {
-        write_json(&self.file(file::STOP), &stop)?;
+    /// [`RecordError`].
+    pub fn finish(&mut self, stop: Stop, recording: Option<Sum>) -> Result<(), RecordError> {
+        let path = self.file(file::STOP);
+        let json = json(&path, &stop)?;
+        let known = [(file::STOP, Some(Sum::of(&json))), (file::RECORDING, recording)];
+        let known = known.into_iter().filter_map(|(name, sum)| Some((name.to_owned(), sum?))).collect();
+        Sums::of_folder(&self.path, Sums(known))?.write(&self.path)?;
+        write_whole(&path, &json)?;
         self.stop = Some(stop);
         Ok(())
     }
+}
+
+/// Run folders that are being made are called so, with their ids behind.
+const NEW: &str = ".new-";
+
+/// Removes what is left of run folders whose making was cut short: nothing was recorded in them.
+///
+/// # Errors
+/// [`RecordError::Io`] when `runs_dir` cannot be read.
+pub fn remove_unmade(runs_dir: &Path) -> Result<(), RecordError> {
+    let io = || RecordError::io("reading runs folder", runs_dir);
+    for entry in std::fs::read_dir(runs_dir).map_err(io())? {
+        let entry = entry.map_err(io())?;
+        let name = entry.file_name().into_string().unwrap_or_default();
+        if name.strip_prefix(NEW).is_some_and(|id| RunId::try_from(id.to_owned()).is_ok()) {
+            for part in [file::START.to_owned(), format!("{}.part", file::START)] {
+                // what is not there needs no removing, and what cannot be removed harms nobody
+                let _ = std::fs::remove_file(entry.path().join(part));
+            }
+            let _ = std::fs::remove_dir(entry.path());
+        }
+    }
+    Ok(())
+}
+
+/// Makes the folder `path`, and those above it, where it is missing, and sees that a power cut leaves it there.
+///
+/// # Errors
+/// [`RecordError::Io`].
+pub fn create_folder(path: &Path) -> Result<(), RecordError> {
+    if path.is_dir() {
+        return Ok(());
+    }
+    create_folder(containing(path))?;
+    match std::fs::create_dir(path) {
+        // another process has made it
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists && path.is_dir() => {}
+        made => made.map_err(RecordError::io("creating folder", path))?,
+    }
+    sync_folder(containing(path))
 }
 
 /// One run of a runs folder.
@@ -321,7 +388,7 @@ pub fn list(runs_dir: &Path) -> Result<Vec<Listed>, RecordError> {
 /// # Errors
 /// [`RecordError::Io`]; the old content is then still there.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), RecordError> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = containing(path);
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(".part");
     let part = folder.join(name);
@@ -335,8 +402,13 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), RecordError> {
     sync_folder(folder)
 }
 
-/// A rename is on the disk only when its folder is.
-fn sync_folder(path: &Path) -> Result<(), RecordError> {
+/// The folder that `path` is in.
+pub(super) fn containing(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// A new file or another name is on the disk only when its folder is.
+pub(super) fn sync_folder(path: &Path) -> Result<(), RecordError> {
     File::open(path)
         .and_then(|folder| folder.sync_all())
         .map_err(RecordError::io("forcing to the disk folder", path))
@@ -344,9 +416,14 @@ fn sync_folder(path: &Path) -> Result<(), RecordError> {
 
 /// Writes `value` as JSON in one step.
 pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), RecordError> {
+    write_whole(path, &json(path, value)?)
+}
+
+/// `value` as JSON, for the file at `path`.
+fn json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>, RecordError> {
     let mut json = serde_json::to_vec_pretty(value).map_err(|error| RecordError::damaged(path, error))?;
     json.push(b'\n');
-    write_whole(path, &json)
+    Ok(json)
 }
 
 /// Reads a value from JSON.
@@ -395,8 +472,9 @@ mod tests {
             images_stale: 4,
             messages_dropped: 0,
             learn_from: None,
+            recovered: None,
         };
-        run.finish(stop.clone()).unwrap();
+        run.finish(stop.clone(), None).unwrap();
         assert_eq!(RunFolder::open(run.path()).unwrap().stop(), Some(&stop));
         let names: Vec<_> = std::fs::read_dir(run.path())
             .unwrap()

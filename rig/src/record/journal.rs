@@ -1,7 +1,7 @@
 //! `journal.jsonl`: what happened in a run, one JSON object a line, each on its way to the disk before the call returns.
 
 use std::fs::File;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::RecordError;
+use super::folder::{containing, sync_folder};
 use crate::clock::MonotonicNs;
 
 /// One line of the journal.
@@ -32,16 +33,24 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Opens the journal at `path` for appending; times count from `origin`.
+    /// Opens the journal at `path` for appending; times count from `origin`. A last line that a crash has cut off is taken away:
+    /// what is appended to it could not be read.
     ///
     /// # Errors
     /// [`RecordError::Io`].
     pub fn open(path: &Path, origin: MonotonicNs) -> Result<Self, RecordError> {
-        let file = File::options()
-            .create(true)
-            .append(true)
-            .open(path)
-            .map_err(RecordError::io("opening journal", path))?;
+        let open = || -> std::io::Result<File> {
+            let mut file = File::options().create(true).read(true).append(true).open(path)?;
+            let mut text = Vec::new();
+            file.read_to_end(&mut text)?;
+            let whole = whole_lines(&text).len();
+            if whole < text.len() {
+                file.set_len(whole as u64)?;
+            }
+            Ok(file)
+        };
+        let file = open().map_err(RecordError::io("opening journal", path))?;
+        sync_folder(containing(path))?;
         Ok(Self { path: path.into(), origin, file: Mutex::new(file) })
     }
 
@@ -81,8 +90,7 @@ impl Journal {
 /// [`RecordError`] when the file cannot be read or a whole line is not an entry.
 pub fn read(path: &Path) -> Result<Vec<Entry>, RecordError> {
     let text = std::fs::read(path).map_err(RecordError::io("reading journal", path))?;
-    let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(&text[..0], |end| &text[..end]);
-    whole
+    whole_lines(&text)
         .split(|&byte| byte == b'\n')
         .filter(|line| !line.is_empty())
         .enumerate()
@@ -91,6 +99,11 @@ pub fn read(path: &Path) -> Result<Vec<Entry>, RecordError> {
                 .map_err(|error| RecordError::damaged(path, format!("line {}: {error}", index + 1)))
         })
         .collect()
+}
+
+/// What stands before the last line's end, and that.
+fn whole_lines(text: &[u8]) -> &[u8] {
+    text.iter().rposition(|&byte| byte == b'\n').map_or(&text[..0], |end| &text[..=end])
 }
 
 #[cfg(test)]
@@ -117,6 +130,22 @@ mod tests {
         assert_eq!(entries[0].event, "armed");
         assert_eq!(entries[0].details["boot_id"], 7);
         assert!(entries[1].at_s >= entries[0].at_s);
+    }
+
+    #[test]
+    fn journal_that_a_crash_has_cut_in_a_line_goes_on_behind_the_last_whole_one() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("journal.jsonl");
+        Journal::open(&path, MonotonicNs::now()).unwrap().write("first", ()).unwrap();
+        let text = std::fs::read(&path).unwrap();
+        for cut in 0..=text.len() {
+            std::fs::write(&path, [&text, &text[..cut]].concat()).unwrap();
+            Journal::open(&path, MonotonicNs::now()).unwrap().write("next", ()).unwrap();
+            let events: Vec<_> = read(&path).unwrap().into_iter().map(|entry| entry.event).collect();
+            let expected =
+                if cut == text.len() { &["first", "first", "next"][..] } else { &["first", "next"] };
+            assert_eq!(events, expected, "cut at {cut}");
+        }
     }
 
     #[test]

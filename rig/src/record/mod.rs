@@ -10,8 +10,12 @@ pub mod frames;
 pub mod journal;
 pub mod reader;
 pub mod recording;
+pub mod repair;
+pub mod retention;
 pub mod simulated;
+pub mod sums;
 pub mod timing;
+pub mod verify;
 
 use std::path::{Path, PathBuf};
 
@@ -71,6 +75,12 @@ pub enum RecordError {
     /// The recording has already ended, with an error said before.
     #[error("recording {}: already ended", path.display())]
     Ended {
+        /// The recording.
+        path: PathBuf,
+    },
+    /// The thread that writes the recording panicked.
+    #[error("our fault: the recording's thread panicked, {} ends there", path.display())]
+    Panicked {
         /// The recording.
         path: PathBuf,
     },

@@ -17,7 +17,7 @@ use crate::clock::MonotonicNs;
 use crate::servo::ServoEvent;
 
 /// Longest record believed: a chunk that was nearly full when an image at its limit came, with room for headers.
-const MAX_RECORD_BYTES: usize = wire::MAX_DATA_BYTES + CHUNK_BYTES as usize + (1 << 20);
+pub(super) const MAX_RECORD_BYTES: usize = wire::MAX_DATA_BYTES + CHUNK_BYTES as usize + (1 << 20);
 
 /// One recorded thing.
 #[derive(Debug, Clone)]

@@ -22,6 +22,8 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
+use super::folder::{containing, sync_folder};
+use super::sums::Sum;
 use super::{RecordError, ServoCommand};
 use crate::camera::{CameraImage, CameraInfo};
 use crate::clock::MonotonicNs;
@@ -88,6 +90,8 @@ pub struct Recorded {
     pub bytes: u64,
     /// The most that waited for zstd and the disk \[bytes\].
     pub most_waiting_bytes: u64,
+    /// Of all that was written, where the file was closed.
+    pub sum: Option<Sum>,
 }
 
 /// How far the disk is behind.
@@ -165,6 +169,7 @@ impl Recorder {
         options: RecorderOptions,
     ) -> Result<Self, RecordError> {
         let file = File::create_new(path).map_err(RecordError::io("creating", path))?;
+        sync_folder(containing(path))?;
         Self::on(file, path, info, options)
     }
 
@@ -293,10 +298,29 @@ impl Recorder {
         }
     }
 
+    /// One whose thread panics at the first message.
+    #[cfg(test)]
+    pub(crate) fn panicking(path: &Path) -> Self {
+        let (queue, messages) = sync_channel(QUEUE_MESSAGES);
+        let writer = std::thread::spawn(move || match messages.recv() {
+            Ok(Queued { .. }) => panic!("a test"),
+            Err(_) => Ok(Recorded::default()),
+        });
+        Self {
+            path: path.into(),
+            options: RecorderOptions::default(),
+            waiting_bytes: Arc::default(),
+            most_waiting_bytes: AtomicUsize::new(0),
+            told_behind: AtomicBool::new(false),
+            dropped: AtomicUsize::new(0),
+            link: Mutex::new(Some(Link { queue, writer })),
+        }
+    }
+
     fn close(&self) -> Option<Result<Recorded, RecordError>> {
         let link = self.link.lock().unwrap_or_else(PoisonError::into_inner).take()?;
         drop(link.queue);
-        Some(link.writer.join().unwrap_or_else(|_| Err(RecordError::Ended { path: self.path.clone() })))
+        Some(link.writer.join().unwrap_or_else(|_| Err(RecordError::Panicked { path: self.path.clone() })))
     }
 }
 

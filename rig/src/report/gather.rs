@@ -311,8 +311,9 @@ mod tests {
             images_stale: 0,
             messages_dropped: 2,
             learn_from: None,
+            recovered: None,
         };
-        folder.finish(stop).unwrap();
+        folder.finish(stop, None).unwrap();
 
         let data = ReportData::of_run(&folder).unwrap();
         let images = data.images.unwrap();

@@ -310,6 +310,8 @@ impl Images {
 }
 
 #[cfg(test)]
+mod panics;
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::camera::fixtures;

@@ -18,6 +18,7 @@ use serde_json::json;
 
 use crate::config::MotionKind;
 use crate::config::RigConfig;
+use crate::error_chain::with_causes;
 use crate::profile::{Profile, ProfileError};
 use crate::record::RecordError;
 use crate::record::folder::{ClockPair, RunFolder, RunId, Start, Status, Stop, file};
@@ -108,10 +109,7 @@ impl Job<'_> {
             notify(&folder, notice);
         })
         .await;
-        if let Some(error) = journal_error {
-            tracing::warn!("{error}");
-        }
-        journal.write(
+        let stopped = journal.write(
             "stopped",
             json!({
                 "servo": filmed.servo,
@@ -120,8 +118,12 @@ impl Job<'_> {
                 "recorded_bytes": filmed.recorded.bytes,
                 "most_waiting_bytes": filmed.recorded.most_waiting_bytes,
             }),
-        )?;
-        folder.finish(stop(&filmed))?;
+        );
+        // a journal that the disk refuses keeps no run from being marked
+        if let Some(error) = stopped.and_then(|()| journal.sync()).err().or(journal_error) {
+            tracing::warn!("{}", with_causes(&error));
+        }
+        folder.finish(stop(&filmed), filmed.recorded.sum)?;
         Ok(Conducted { folder, filmed })
     }
 
@@ -218,6 +220,7 @@ fn stop(filmed: &Filmed) -> Stop {
         images_stale: filmed.images.stale,
         messages_dropped: filmed.recorded.dropped,
         learn_from: filmed.learn_from.clone(),
+        recovered: None,
     }
 }
 

@@ -122,6 +122,17 @@ impl Work {
         }
     }
 
+    /// The runs that it is about.
+    pub fn runs(&self) -> Vec<&RunId> {
+        match self {
+            Self::Run { .. } | Self::Campaign { .. } => Vec::new(),
+            Self::Recalibrate { run } | Self::Replay { run, .. } => vec![run],
+            Self::Fit(chosen) | Self::Diagnose(chosen) | Self::Design(chosen) => {
+                chosen.runs.iter().chain(&chosen.holdout).collect()
+            }
+        }
+    }
+
     /// In a word.
     pub fn kind(&self) -> &'static str {
         match self {

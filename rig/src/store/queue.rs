@@ -4,6 +4,7 @@ use rusqlite::{OptionalExtension, Row, params};
 
 use super::job::{Job, JobId, JobResult, Lane, NewJob, State};
 use super::{Store, StoreError, now, text};
+use crate::record::folder::RunId;
 
 const COLUMNS: &str = "id, work, priority, state, cancel, why, retry_of, not_before, added, began, ended, pid, status, run, out, verdict, error";
 
@@ -94,6 +95,16 @@ impl Store {
     pub fn running(&self) -> Result<Vec<Job>, StoreError> {
         let query = format!("SELECT {COLUMNS} FROM jobs WHERE state = 'running' ORDER BY id");
         self.rows(&query, [], read)
+    }
+
+    /// The runs that jobs which wait or run are about.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn runs_wanted(&self) -> Result<Vec<RunId>, StoreError> {
+        let query = format!("SELECT {COLUMNS} FROM jobs WHERE state IN ('queued', 'running')");
+        let jobs = self.rows(&query, [], read)?;
+        Ok(jobs.iter().flat_map(|job| job.work.runs()).cloned().collect())
     }
 
     /// How many jobs of `lane` wait.

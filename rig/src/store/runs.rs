@@ -129,11 +129,15 @@ impl Summary {
 
 /// How a run ended, in a word.
 pub fn status(run: &RunFolder) -> &'static str {
-    match run.stop().map(|stop| stop.status) {
-        Some(Status::Success) => "success",
-        Some(Status::Abort) => "abort",
-        Some(Status::Fail) => "fail",
-        None => "incomplete",
+    run.stop().map_or("incomplete", |stop| word(stop.status))
+}
+
+/// The same, of a run that has ended.
+pub fn word(status: Status) -> &'static str {
+    match status {
+        Status::Success => "success",
+        Status::Abort => "abort",
+        Status::Fail => "fail",
     }
 }
 

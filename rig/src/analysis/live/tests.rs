@@ -89,8 +89,9 @@ impl Film {
             images_stale: 0,
             messages_dropped: 0,
             learn_from: Some(learn_from),
+            recovered: None,
         };
-        run.finish(stop).unwrap();
+        run.finish(stop, None).unwrap();
         run
     }
 }

@@ -13,6 +13,7 @@ use mcap::write::NoSeek;
 
 use super::{CAMERA_TOPIC, COMMAND_TOPIC, Channel, IMAGE_ENCODING, Message, Queued, Recorded, SERVO_TOPIC};
 use crate::camera::CameraInfo;
+use crate::record::sums::Summed;
 use crate::record::{RecordError, filter};
 
 const IMAGE_LAYOUT: &str = "u8 version=1, u8 encoding (0 grey, 1 yuyv, 2 jpeg, 3 png), u8 flags (bit 0 damaged), \
@@ -33,7 +34,7 @@ const ZSTD_LEVEL: u32 = 1;
 pub(super) struct Writer {
     path: PathBuf,
     file: File,
-    mcap: Option<mcap::Writer<NoSeek<BufWriter<File>>>>,
+    mcap: Option<mcap::Writer<NoSeek<BufWriter<Summed>>>>,
     reserve_bytes: u64,
     camera: u16,
     servo: u16,
@@ -62,7 +63,7 @@ impl Writer {
             .calculate_data_section_crc(false)
             .profile("rig")
             .library(concat!("rig ", env!("CARGO_PKG_VERSION")))
-            .create(NoSeek::new(BufWriter::new(file)))
+            .create(NoSeek::new(BufWriter::new(Summed::new(file))))
             .map_err(failed)?;
         let mut channels = || -> mcap::McapResult<[u16; 3]> {
             let schema = mcap.add_schema("rig.CameraImage", "x-layout", IMAGE_LAYOUT.as_bytes())?;
@@ -126,7 +127,7 @@ impl Writer {
         result.map(|()| self.recorded)
     }
 
-    fn writer(&mut self) -> Result<&mut mcap::Writer<NoSeek<BufWriter<File>>>, RecordError> {
+    fn writer(&mut self) -> Result<&mut mcap::Writer<NoSeek<BufWriter<Summed>>>, RecordError> {
         self.mcap.as_mut().ok_or_else(|| RecordError::Ended { path: self.path.clone() })
     }
 
@@ -185,7 +186,9 @@ impl Writer {
         let mut failed = |source| RecordError::Write { path: path.clone(), source };
         let mut writer = self.mcap.take().ok_or_else(|| RecordError::Ended { path: self.path.clone() })?;
         writer.finish().map_err(&mut failed)?;
-        writer.into_inner().into_inner().flush().map_err(RecordError::io("writing", &self.path))?;
+        let mut written = writer.into_inner().into_inner();
+        written.flush().map_err(RecordError::io("writing", &self.path))?;
+        self.recorded.sum = Some(written.get_ref().sum());
         self.file.sync_all().map_err(RecordError::io("forcing to the disk", &self.path))?;
         let metadata = self.file.metadata().map_err(RecordError::io("asking the length of", &self.path))?;
         self.recorded.bytes = metadata.len();

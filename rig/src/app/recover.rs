@@ -1,0 +1,219 @@
+//! Runs that ended without a word, by a kill or a power cut, made whole: the recording gets its end, the tables are made from it,
+//! and `stop.json` says what became of the run.
+
+use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
+
+use super::Failure;
+use crate::analysis::AnalysisError;
+use crate::analysis::timeline::{Chronicle, Timeline, USABLE};
+use crate::claim::Claim;
+use crate::clock::MonotonicNs;
+use crate::config::RigConfig;
+use crate::error_chain::with_causes;
+use crate::record::folder::{self, ClockPair, Recovered, RunFolder, RunId, Status, Stop, file};
+use crate::record::frames::FrameRow;
+use crate::record::reader::{Item, Recording};
+use crate::record::repair::{Repaired, repair};
+use crate::record::{RecordError, ServoCommand, frames, journal};
+use crate::run::machine::Ending;
+use crate::servo::StopOutcome;
+
+/// The lock of whoever films into the runs folder `runs_dir`.
+pub fn lock(runs_dir: &Path) -> PathBuf {
+    runs_dir.join(".lock")
+}
+
+/// Takes that lock.
+///
+/// # Errors
+/// [`Failure::Input`] when another process has it, or it cannot be written.
+pub fn claim(runs_dir: &Path) -> Result<Claim, Failure> {
+    folder::create_folder(runs_dir).map_err(Failure::input)?;
+    Claim::take("the runs folder", &lock(runs_dir)).map_err(Failure::input)
+}
+
+/// Recovers all runs in `runs_dir` that have no `stop.json`, while nobody films into it: says so of each. One that cannot be recovered
+/// stays as it is, and keeps nobody from the next run.
+pub fn all(runs_dir: &Path, claim: &Claim, mut say: impl FnMut(&RunId, &str)) {
+    if let Err(error) = folder::remove_unmade(runs_dir) {
+        tracing::warn!("{}", with_causes(&error));
+        return;
+    }
+    for id in unfinished(runs_dir) {
+        match recover(&runs_dir.join(id.as_str()), claim) {
+            Ok(Some(said)) => say(&id, &said),
+            Ok(None) => {}
+            Err(failure) => {
+                say(&id, &format!("ended without a word, and cannot be recovered: {:#}", failure.error()))
+            }
+        }
+    }
+}
+
+/// The same on a thread of its own, which then says what became of each; of none where somebody films.
+pub fn beside(runs_dir: &Path) -> JoinHandle<Vec<(RunId, String)>> {
+    let runs_dir = runs_dir.to_owned();
+    std::thread::spawn(move || {
+        let mut said = Vec::new();
+        if let Ok(claim) = claim(&runs_dir) {
+            all(&runs_dir, &claim, |run, text| said.push((run.clone(), text.to_owned())));
+        }
+        said
+    })
+}
+
+/// The runs without `stop.json`, oldest first.
+fn unfinished(runs_dir: &Path) -> Vec<RunId> {
+    // what cannot be read now is told by whoever has to write there
+    let entries = std::fs::read_dir(runs_dir).into_iter().flatten().flatten();
+    let ids = entries.filter_map(|entry| RunId::try_from(entry.file_name().into_string().ok()?).ok());
+    let mut ids: Vec<_> = ids.filter(|id| !runs_dir.join(id.as_str()).join(file::STOP).exists()).collect();
+    ids.sort();
+    ids
+}
+
+/// Recovers the run in the folder `path`, while nobody films into the folder that it is in; says what became of it. None where it has
+/// its `stop.json`.
+///
+/// # Errors
+/// [`Failure::Input`] for a folder that is no run, [`Failure::Data`] where the disk refuses. What was recorded stays as it was, and
+/// nothing is lost by trying again.
+pub fn recover(path: &Path, _claim: &Claim) -> Result<Option<String>, Failure> {
+    let mut run = RunFolder::open(path).map_err(Failure::input)?;
+    if run.stop().is_some() {
+        return Ok(None);
+    }
+    let recording = run.file(file::RECORDING);
+    let repaired = match recording.exists() {
+        true => repair(&recording).map_err(Failure::data)?,
+        false => Repaired::default(),
+    };
+    let heard = Heard::of(&run);
+    heard.write_tables(&run).map_err(Failure::data)?;
+    let stop = heard.stop(&run, repaired);
+    let said = format!(
+        "ended without a word; its {} images, {:.1} s, are kept as `{}`{}",
+        stop.images,
+        stop.clock.monotonic_ns.seconds_since(run.origin()),
+        crate::store::runs::word(stop.status),
+        match repaired.unreadable_bytes {
+            0 => String::new(),
+            bytes => format!(", {bytes} bytes of the recording cannot be read"),
+        }
+    );
+    run.finish(stop, None).map_err(Failure::data)?;
+    Ok(Some(said))
+}
+
+/// All that a run has left of itself.
+struct Heard {
+    rows: Vec<FrameRow>,
+    images_repeated: u64,
+    timeline: Result<Timeline, String>,
+    servo: Option<StopOutcome>,
+    /// When anything was heard last.
+    last: MonotonicNs,
+    /// What the journal says of the end, where it was written.
+    ended: Option<Ending>,
+}
+
+impl Heard {
+    fn of(run: &RunFolder) -> Self {
+        let mut chronicle = Chronicle::new(run.origin());
+        let (mut servo, mut last, mut before, mut images_repeated) = (None, run.origin(), None, 0);
+        let path = run.file(file::RECORDING);
+        if path.exists() {
+            // one of which not even the beginning is left gives nothing
+            let items = Recording::open(&path).into_iter().flatten();
+            for (at, item) in items.map_while(Result::ok) {
+                last = last.max(at);
+                match item {
+                    Item::Image(image) => {
+                        chronicle.image(&image);
+                        images_repeated += u64::from(before.as_ref() == Some(&image.data));
+                        before = Some(image.data);
+                    }
+                    Item::Servo(event) => chronicle.servo(&event),
+                    Item::Command(command) => {
+                        if let ServoCommand::Stop { outcome } = &command {
+                            servo = Some(*outcome);
+                        }
+                        chronicle.command(&command);
+                    }
+                }
+            }
+        }
+        // a journal that was cut short is read as far as it goes, a damaged one not at all
+        let journal = journal::read(&run.file(file::JOURNAL)).unwrap_or_default();
+        if let Some(entry) = journal.last() {
+            last = last.max(run.origin().plus_seconds(entry.at_s));
+        }
+        let ended = journal.iter().rev().find(|entry| entry.event == "stopped");
+        let ended = ended.and_then(|entry| serde_json::from_value(entry.details.get("ending")?.clone()).ok());
+        let rows = chronicle.rows();
+        let config = RigConfig::parse(&run.start().config, &run.file(file::START));
+        let timeline = config.map_err(|error| with_causes(&error)).and_then(|config| {
+            chronicle.timeline(&config).map_err(|error: AnalysisError| with_causes(&error))
+        });
+        Self { rows, images_repeated, timeline, servo, last, ended }
+    }
+
+    /// Writes `frames.csv` and `servo.csv`.
+    fn write_tables(&self, run: &RunFolder) -> Result<(), RecordError> {
+        frames::write(&run.file(file::FRAMES), &self.rows)?;
+        match &self.timeline {
+            Ok(Timeline { command: Some(command), measured, .. }) => {
+                let path = run.file(file::SERVO);
+                ident::table::write_servo(&path, command, measured)
+                    .map_err(|error| RecordError::damaged(&path, with_causes(&error)))
+            }
+            Ok(_) => Ok(()),
+            Err(error) => {
+                tracing::warn!("run {}: no {}: {error}", run.start().id, file::SERVO);
+                Ok(())
+            }
+        }
+    }
+
+    fn stop(&self, run: &RunFolder, repaired: Repaired) -> Stop {
+        let start = run.start();
+        let count = |of: &dyn Fn(&FrameRow) -> u64| self.rows.iter().map(of).sum();
+        let (status, reason) = match &self.ended {
+            // its recording was closed before the journal said so
+            Some(Ending::Success) if repaired.was_whole && repaired.unreadable_bytes == 0 => {
+                (Status::Success, None)
+            }
+            Some(Ending::Abort(reason)) => (Status::Abort, Some(reason.clone())),
+            Some(Ending::Fail(reason)) => (Status::Fail, Some(reason.clone())),
+            _ => (Status::Fail, Some("ended without a word: killed, or the power was cut".to_owned())),
+        };
+        let left = if start.board.is_some() { StopOutcome::LeftToDeadMan } else { StopOutcome::NotNeeded };
+        Stop {
+            status,
+            reason,
+            clock: ClockPair { monotonic_ns: self.last, utc: later(start, self.last) },
+            servo: self.servo.unwrap_or(left),
+            images: self.rows.len() as u64,
+            images_lost: count(&|row| row.lost_before.into()),
+            images_damaged: count(&|row| row.damaged.into()),
+            images_repeated: self.images_repeated,
+            images_stale: count(&|row| (row.status != USABLE).into()),
+            messages_dropped: 0,
+            learn_from: None,
+            recovered: Some(Recovered {
+                at_utc: jiff::Timestamp::now().to_string(),
+                unreadable_bytes: repaired.unreadable_bytes,
+            }),
+        }
+    }
+}
+
+/// The wall time of `at`, as the clocks stood when the run began.
+fn later(start: &folder::Start, at: MonotonicNs) -> String {
+    let passed = jiff::SignedDuration::from_secs_f64(at.seconds_since(start.clock.monotonic_ns));
+    let began: Option<jiff::Timestamp> = start.clock.utc.parse().ok();
+    began
+        .and_then(|began| began.checked_add(passed).ok())
+        .map_or_else(|| start.clock.utc.clone(), |at| at.to_string())
+}
