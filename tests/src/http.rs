@@ -90,12 +90,11 @@ impl Events {
         self.next_in_time().expect("an event")
     }
 
-    /// The same; nothing where none comes for half a minute.
+    /// The same; nothing where none comes for half a minute, or the server has closed the stream.
     pub fn next_in_time(&mut self) -> Option<serde_json::Value> {
         loop {
             let mut line = String::new();
-            let read = self.0.read_line(&mut line).ok()?;
-            assert!(read > 0, "the server closed the stream");
+            self.0.read_line(&mut line).ok().filter(|&read| read > 0)?;
             if let Some(data) = line.strip_prefix("data: ") {
                 return Some(serde_json::from_str(data).unwrap_or_else(|error| panic!("{error}: {data}")));
             }
