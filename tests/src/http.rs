@@ -87,11 +87,16 @@ impl Events {
 
     /// The next event's data, as JSON.
     pub fn wait(&mut self) -> serde_json::Value {
+        self.next_in_time().expect("an event")
+    }
+
+    /// The same; nothing where none comes for half a minute, or the server has closed the stream.
+    pub fn next_in_time(&mut self) -> Option<serde_json::Value> {
         loop {
             let mut line = String::new();
-            assert!(self.0.read_line(&mut line).expect("an event") > 0, "the server closed the stream");
+            self.0.read_line(&mut line).ok().filter(|&read| read > 0)?;
             if let Some(data) = line.strip_prefix("data: ") {
-                return serde_json::from_str(data).unwrap_or_else(|error| panic!("{error}: {data}"));
+                return Some(serde_json::from_str(data).unwrap_or_else(|error| panic!("{error}: {data}")));
             }
         }
     }

@@ -166,7 +166,7 @@ const svgKey = place => svg("svg", { class: "key", viewBox: "0 0 20 8", "aria-hi
 
 function showFigures({ figures: f }) {
   if (!f) return $("figures").replaceChildren();
-  const ms = (value, digits) => `${(value * 1e3).toFixed(digits)} ms`;
+  const ms = (value, digits) => `${(value * 1e3).toFixed(digits).replace(/^-(0\.?0*)$/, "$1")} ms`;
   const rows = [
     ["Images", `${f.received} received, ${f.lost} lost, ${f.damaged} damaged`, f.lost || f.damaged],
     ["Waits for the disk", `${f.waiting_mib} of ${f.queue_mib} MiB`, f.waiting_mib > f.queue_mib / 2],
