@@ -187,7 +187,7 @@ fn full_disk_at_a_storage_event_of_a_run_stops_the_servo_and_the_next_run_needs_
     std::fs::remove_dir_all(&outside.runs).expect("removed");
     let takes_room = |event: &&Event| ["write", "create", "make-folder"].contains(&event.kind.as_str());
     let before: Vec<Event> = events.iter().filter(takes_room).cloned().collect();
-    let mut numbers: Vec<u64> = kills(&before, 20).iter().map(|(number, _)| *number).collect();
+    let mut numbers: Vec<u64> = kills(&before, 14).iter().map(|(number, _)| *number).collect();
     numbers.dedup();
     let (mut promised, mut codes) = (Promised::default(), Vec::new());
     for number in numbers {

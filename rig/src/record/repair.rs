@@ -127,7 +127,9 @@ fn walk(file: &File, length: u64) -> std::io::Result<Found> {
             }
             ASIDE => found.aside_bytes += place.bytes,
             op::CHUNK if !is_whole(&body) => found.broken.push(place),
-            op::CHUNK | op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE_INDEX => {}
+            op::CHUNK => {}
+            op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE_INDEX
+                if mcap::parse_record(number, &body).is_ok() => {}
             _ => break,
         }
         found.end += HEAD_BYTES + bytes;
