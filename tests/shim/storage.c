@@ -179,7 +179,7 @@ static void happened(const struct event *event, long result, const struct iovec 
     int kills = kill_at == event->number && phase != BEFORE;
     size_t length = data && result > 0 ? (size_t)result : event->length;
     int saved = errno;
-    if (result >= 0) note(event, kills ? "killed-after" : "done", length, data, pieces);
+    if (result >= 0 || kills) note(event, kills ? "killed-after" : "done", length, data, pieces);
     if (kills) die();
     errno = saved;
 }

@@ -190,7 +190,6 @@ fn full_disk_and_folder_that_cannot_be_written_are_told_and_nothing_that_was_ans
         (&["daemon", &bench.config], 2),
         (&["runs", "ls"], 0),
         (&["runs", "verify"], 0),
-        (&["jobs", "ls"], 0),
     ] {
         let output = on(words);
         assert_eq!(output.status.code(), Some(code), "{words:?}: {}", printed(&output));

@@ -127,7 +127,9 @@ fn walk(file: &File, length: u64) -> std::io::Result<Found> {
             }
             ASIDE => found.aside_bytes += place.bytes,
             op::CHUNK if !is_whole(&body) => found.broken.push(place),
-            op::CHUNK | op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE_INDEX => {}
+            op::CHUNK => {}
+            op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE_INDEX
+                if mcap::parse_record(number, &body).is_ok() => {}
             _ => break,
         }
         found.end += HEAD_BYTES + bytes;
@@ -185,7 +187,8 @@ mod tests {
     fn closed(path: &Path) -> Vec<u32> {
         let bytes = std::fs::read(path).unwrap();
         // the library's own reader has no complaint either
-        let strict = mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap()).count();
+        let strict: Vec<_> =
+            mcap::MessageStream::new(&bytes).unwrap().collect::<mcap::McapResult<_>>().unwrap();
         let mut recording = Recording::open(path).unwrap();
         let images: Vec<u32> = recording
             .by_ref()
@@ -194,7 +197,7 @@ mod tests {
                 other => panic!("{other:?}"),
             })
             .collect();
-        assert_eq!((recording.end(), images.len()), (End::Closed, strict));
+        assert_eq!((recording.end(), images.len()), (End::Closed, strict.len()));
         images
     }
 

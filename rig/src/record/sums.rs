@@ -4,6 +4,7 @@
 //! counted while it is written, so that it tells of what the disk made of it too. Results get theirs when the report is written.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -144,9 +145,9 @@ impl Sums {
     /// Of the files in `folder` as they are, apart from those whose sums are `known`.
     pub(super) fn of_folder(folder: &Path, mut known: Self) -> Result<Self, RecordError> {
         for name in names(folder)? {
-            if !known.0.contains_key(&name) {
-                let sum = Sum::of_file(&folder.join(&name))?;
-                known.0.insert(name, sum);
+            if let Entry::Vacant(place) = known.0.entry(name) {
+                let sum = Sum::of_file(&folder.join(place.key()))?;
+                place.insert(sum);
             }
         }
         Ok(known)

@@ -223,19 +223,29 @@ pub fn sweeps_all() -> bool {
     std::env::var_os("RIG_STORAGE_SWEEP").is_some_and(|value| value == "all")
 }
 
-/// The kills of a sweep: all of `events` in each phase, or of each kind of event one, in `most` of them, spread evenly.
+/// The kills of a sweep: all of `events` in each phase; or `most` of them, first one on each kind of event, in one phase after the
+/// other.
 pub fn kills(events: &[Event], most: usize) -> Vec<(u64, Phase)> {
-    let all = events.iter().flat_map(|event| event.phases().iter().map(move |&phase| (event, phase)));
-    let all: Vec<_> = all.collect();
+    let all = events.iter().flat_map(|event| event.phases().iter().map(move |&phase| (event.number, phase)));
     if sweeps_all() {
-        return all.iter().map(|(event, phase)| (event.number, *phase)).collect();
+        return all.collect();
     }
     let mut seen = BTreeSet::new();
-    let kinds: Vec<_> = all.iter().filter(|(event, phase)| seen.insert((event.class(), *phase))).collect();
-    let most = most.min(kinds.len());
-    // odd steps: else one phase alone would be taken of each event
-    (0..most)
-        .map(|place| kinds[place * kinds.len() / most])
-        .map(|(event, phase)| (event.number, *phase))
-        .collect()
+    let kinds: Vec<&Event> = events.iter().filter(|event| seen.insert(event.class())).collect();
+    let first = |place: usize| place * kinds.len() / most.min(kinds.len());
+    let mut chosen: Vec<(u64, Phase)> = Vec::new();
+    for round in 0..3 {
+        for place in 0..most.min(kinds.len()) {
+            let event = kinds[first(place)];
+            let phases = event.phases();
+            // a write's middle, which only it has, comes first
+            let phase = phases[if phases.len() == 3 { (1 + round) % 3 } else { (place + round) % 2 }];
+            if !chosen.contains(&(event.number, phase)) {
+                chosen.push((event.number, phase));
+            }
+        }
+    }
+    chosen.truncate(most);
+    chosen.sort_unstable();
+    chosen
 }
