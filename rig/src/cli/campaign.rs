@@ -33,7 +33,7 @@ pub struct Args {
     /// Folder of run folders
     #[arg(long, default_value = "runs")]
     pub runs_dir: PathBuf,
-    /// The campaign's folder; where one was interrupted there, it goes on [default: campaign-<time> in the folder of run folders]
+    /// The campaign's folder; where one was interrupted there, it goes on [default: campaign-TIME in the folder of run folders]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Worker threads; as many as there are cores when left out

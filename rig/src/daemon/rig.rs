@@ -347,11 +347,11 @@ impl Rig {
         self.store.end(job.id, state, &result).map_err(Failure::internal)?;
         let what = json!({ "job": job.id, "kind": job.work.kind(), "state": state, "result": result });
         self.write("job-ended", what)?;
-        if let Some((kind, what)) = alert(job, state, &result) {
-            if !self.was_told(kind, &what)? {
-                self.alerts.raise(&mut self.store, kind, &what, job.id).map_err(Failure::internal)?;
-                self.write("alert", json!({ "kind": kind, "text": what, "job": job.id }))?;
-            }
+        if let Some((kind, what)) = alert(job, state, &result)
+            && !self.was_told(kind, &what)?
+        {
+            self.alerts.raise(&mut self.store, kind, &what, job.id).map_err(Failure::internal)?;
+            self.write("alert", json!({ "kind": kind, "text": what, "job": job.id }))?;
         }
         if let Some(error) = &result.error {
             watcher.tell(&format!("rig: job {} ({}) {state}: {error}", job.id, job.work.kind()));

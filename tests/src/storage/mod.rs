@@ -62,7 +62,7 @@ pub enum Order {
     Full(u64),
     /// Nothing can be changed.
     ReadOnly,
-    /// Each write and each sync takes so much longer [ms].
+    /// Each write and each sync takes so much longer \[ms\].
     Slow(u64),
 }
 

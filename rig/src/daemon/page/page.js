@@ -5,6 +5,8 @@ import { showRig } from "./live.js";
 import { showCoefficients, showTrend } from "./trends.js";
 
 const PAGE_OF_RUNS = 50;
+const MOST_ALERTS = 5;
+const MOST_CAMPAIGN_RUNS = 4;
 const snapshots = new Map();
 let chosen = "";
 let oldest = null;
@@ -28,7 +30,9 @@ async function command(path, body, done) {
 
 $("stop").onclick = () => command("/stop", { why: "the stop button" },
   stopped => stopped.length ? `Job ${stopped.map(job => job.job).join(", ")} is told to stop.` : "Nothing moves.");
-$("run").onclick = () => command("/jobs", { work: { kind: "run" }, why: "from the page" }, job => `Job ${job.job} waits for its turn.`);
+const add = work => command("/jobs", { work, why: "from the page" }, job => `Job ${job.job} waits for its turn.`);
+$("run").onclick = () => add({ kind: "run" });
+$("campaign").onclick = () => add({ kind: "campaign", max_runs: MOST_CAMPAIGN_RUNS });
 
 function showNow({ rig, jobs }) {
   $("experiment").textContent = rig.experiment;
@@ -94,9 +98,15 @@ async function showRuns(more) {
 }
 $("older").onclick = () => showRuns(true).catch(error => said(error.message));
 
+async function showAlerts() {
+  const alerts = await ask(inRig(`/alerts?most=${MOST_ALERTS}`));
+  const line = alert => element("li", {}, element("time", { textContent: time(alert.raised) }), ` ${alert.text}`);
+  $("alerts").replaceChildren(...(alerts.length ? alerts.map(line) : [element("li", { textContent: "No alerts yet." })]));
+}
+
 $("coefficients").onchange = () => showTrend(inRig).catch(error => said(error.message));
 
-const refresh = () => Promise.all([showRuns(false), showCoefficients(inRig)]).catch(error => said(error.message));
+const refresh = () => Promise.all([showRuns(false), showAlerts(), showCoefficients(inRig)]).catch(error => said(error.message));
 
 function show(name) {
   const snapshot = snapshots.get(name);
@@ -128,4 +138,12 @@ function take(snapshot) {
   if (known && name === chosen && over(known) !== over(snapshot)) refresh();
 }
 
-listen("/events", take, text => { $("link").textContent = text; });
+// A browser has few connections for all of its windows: one that nobody looks at leaves them to the one with the stop button.
+let listening = null;
+function listenAgain() {
+  listening?.abort();
+  listening = document.hidden ? null : new AbortController();
+  if (listening) listen("/events", take, text => { $("link").textContent = text; }, listening.signal);
+}
+document.addEventListener("visibilitychange", listenAgain);
+listenAgain();
