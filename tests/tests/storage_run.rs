@@ -179,7 +179,7 @@ fn run_killed_at_its_storage_events_leaves_the_servo_safe_and_the_next_run_needs
     };
     let out = folder.path().join("again");
     let output = run_rig(["replay".as_ref(), run.as_os_str(), "--out".as_ref(), out.as_os_str()]);
-    // what moved too little cannot be fitted
+    // what moved too little, or not yet, cannot be fitted
     assert!(matches!(output.status.code(), Some(0 | 4)), "{}", printed(&output));
     assert!(out.join("frames.csv").exists(), "{}", printed(&output));
 }

@@ -46,6 +46,11 @@ pub enum AnalysisError {
     /// The fit.
     #[error("fitting")]
     Fit(#[from] FitError),
+    /// A driven run that was cut short while the water was still settling.
+    #[error(
+        "the recording ends before the servo was told to move: there are images to look at, and nothing to fit"
+    )]
+    NothingMoved,
 }
 
 impl From<GatherError> for AnalysisError {

@@ -47,6 +47,9 @@ pub(super) fn experiment(
     let start = run.start();
     let mut experiment = prepared(config, model(run)?)?;
     let kind = start.kind;
+    if kind == RunKind::Driven && timeline.command.is_none() {
+        return Err(AnalysisError::NothingMoved);
+    }
     let run = Run {
         command: timeline.command.clone().filter(|_| kind == RunKind::Driven),
         measured: timeline.measured.clone(),

@@ -174,6 +174,7 @@ fn analysis_failed(error: AnalysisError, run: InRun) -> Failure {
         AnalysisError::Images(SequenceError::Vision(VisionError::Sam2(_))) => false,
         AnalysisError::Images(SequenceError::Vision(_)) => true,
         AnalysisError::Fit(error) => error.is_lack_of_data(),
+        AnalysisError::NothingMoved => true,
         _ => false,
     };
     Failure::data_if(lacking, anyhow::Error::new(error).context(run))
