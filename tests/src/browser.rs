@@ -3,11 +3,12 @@
 use std::io::{BufRead as _, BufReader};
 use std::net::SocketAddr;
 use std::process::{ChildStdout, Command, Stdio};
+use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
+use crate::Background;
 use crate::http::ask;
-use crate::{Background, wait_until};
 
 /// The key that goes on to the next control.
 pub const TAB: &str = "\u{E004}";
@@ -103,7 +104,22 @@ impl Browser {
 
     /// Waits until the text of what `selector` finds first holds `text`.
     pub fn wait_for(&self, selector: &str, text: &str, seconds: f64) {
-        wait_until(&format!("`{text}` in {selector}"), seconds, || self.text(selector).contains(text));
+        self.wait_until(&format!("`{text}` in {selector}"), seconds, || self.text(selector).contains(text));
+    }
+
+    /// Waits until `condition` holds; fails with `what` and all that the page says after `seconds`.
+    pub fn wait_until(&self, what: &str, seconds: f64, mut condition: impl FnMut() -> bool) {
+        let deadline = Instant::now() + Duration::from_secs_f64(seconds);
+        while !condition() {
+            let said = || self.run("return document.body.innerText");
+            assert!(
+                Instant::now() < deadline,
+                "{what} did not happen within {seconds} s on a page that says {}",
+                said()
+            );
+            // a look costs the browser something, and what it looks at
+            std::thread::sleep(Duration::from_millis(50));
+        }
     }
 
     fn element(&self, selector: &str) -> String {

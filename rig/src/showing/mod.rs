@@ -47,8 +47,8 @@ pub use traces::{Line, Traces};
 
 /// Small records that may wait for the thread: of a fifth of a second.
 const MOST_TOLD: usize = 4096;
-/// The last words of a job wait no longer for the thread.
-const LAST_WORDS: Duration = Duration::from_millis(200);
+/// The last words of a job wait no longer for the thread and for who listens.
+const LAST_WORDS: Duration = Duration::from_secs(1);
 
 /// Where a job hands over what is to be seen of it; nobody's, where it is none.
 #[derive(Debug, Clone, Default)]

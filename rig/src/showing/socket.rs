@@ -10,7 +10,8 @@ use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use super::state::State;
-use super::{Slots, Told};
+use super::{LAST_WORDS, Slots, Told};
+use crate::urgency::Urgency;
 
 /// Between two looks at what was handed over: five pictures a second.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
@@ -18,8 +19,6 @@ const LOOK_EVERY: Duration = Duration::from_millis(200);
 const AGAIN_AFTER: Duration = Duration::from_secs(2);
 /// More may not listen: it is meant for the daemon.
 const MOST_LISTENERS: usize = 4;
-/// How far behind the devices' threads the scheduler puts this one, as `nice` counts.
-const NICENESS: i32 = 10;
 
 /// Begins to show what is told, on a socket at `path`.
 ///
@@ -40,8 +39,7 @@ pub(super) fn start(
     let path = path.to_owned();
     let shower = Shower { listener, told, slots, state: State::new(job), listeners: Vec::new() };
     let thread = std::thread::Builder::new().name("showing".into()).spawn(move || {
-        // without it the thread is merely less polite
-        let _ = rustix::process::nice(NICENESS);
+        Urgency::Computing.take();
         let asks = shower.show();
         // one that is left behind would only mislead
         let _ = std::fs::remove_file(path);
@@ -89,7 +87,11 @@ impl Shower {
                     if again || picture.is_some() {
                         told_at = Some(Instant::now());
                     }
-                    self.tell(&self.state.line(picture));
+                    let line = self.state.line(picture);
+                    match over {
+                        Some(_) => self.end(&line),
+                        None => self.tell(&line),
+                    }
                 }
             }
             if let Some(asks) = over {
@@ -114,6 +116,17 @@ impl Shower {
 
     fn tell(&mut self, line: &[u8]) {
         self.listeners.retain_mut(|listener| listener.offer(line).is_ok());
+    }
+
+    /// The last line, for which no later one makes up: it waits a moment for who reads slowly.
+    fn end(&mut self, line: &[u8]) {
+        let ends = Instant::now() + LAST_WORDS / 2;
+        for Listener { mut stream, begun } in self.listeners.drain(..) {
+            let left = ends.saturating_duration_since(Instant::now()).max(Duration::from_millis(1));
+            let patient = stream.set_nonblocking(false).and_then(|()| stream.set_write_timeout(Some(left)));
+            // who does not take it has gone, or will look at what the job left
+            let _ = patient.and_then(|()| stream.write_all(&begun)).and_then(|()| stream.write_all(line));
+        }
     }
 }
 

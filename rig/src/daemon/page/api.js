@@ -39,6 +39,22 @@ export function element(name, properties = {}, ...children) {
   return made;
 }
 
+// A row for each of `items` by `make`. One whose item is as before stays where it is: a click may be on its way to it.
+export function fill(table, items, make) {
+  const known = new Map([...table.children].map(row => [row.dataset.item, row]));
+  const rows = items.map(item => {
+    const text = JSON.stringify(item);
+    const row = known.get(text) ?? make(item);
+    row.dataset.item = text;
+    return row;
+  });
+  const kept = new Set(rows);
+  [...table.children].filter(row => !kept.has(row)).forEach(row => row.remove());
+  rows.forEach((row, i) => {
+    if (table.children[i] !== row) table.insertBefore(row, table.children[i] ?? null);
+  });
+}
+
 let asking = null;
 
 // Both streams and a command may want it at once: it is asked for once.

@@ -1,6 +1,6 @@
 // The daemon's page: what the API tells, and its few commands. Nothing is loaded from anywhere else.
 
-import { $, API, Refused, ask, askForToken, element, listen } from "./api.js";
+import { $, API, Refused, ask, askForToken, element, fill, listen } from "./api.js";
 import { showRig } from "./live.js";
 import { showCoefficients, showTrend } from "./trends.js";
 
@@ -9,7 +9,7 @@ const MOST_ALERTS = 5;
 const MOST_CAMPAIGN_RUNS = 4;
 const snapshots = new Map();
 let chosen = "";
-let oldest = null;
+let shownRuns = [];
 
 const inRig = path => `/rigs/${encodeURIComponent(chosen)}${path}`;
 
@@ -57,22 +57,24 @@ function cameOf(job) {
   return (run ?? out ?? job.cancel ?? job.why ?? "").split("/").pop();
 }
 
+const row = (...cells) => element("tr", {}, ...cells.map(cell => cell instanceof Node ? element("td", {}, cell) : element("td", cell)));
+const empty = textContent => row({ colSpan: 6, textContent });
+
+function jobRow(job) {
+  const over = !["queued", "running"].includes(job.state);
+  const label = over ? `Retry job ${job.id}` : `Cancel job ${job.id}`;
+  const button = element("button", { type: "button", textContent: over ? "Retry" : "Cancel", ariaLabel: label });
+  button.onclick = () => over
+    ? command(`/jobs/${job.id}/retry`, { why: "from the page" }, again => `Job ${again.job} waits for its turn.`)
+    : command(`/jobs/${job.id}/cancel`, { why: "from the page" }, () => `Job ${job.id} is told to end.`);
+  return row({ textContent: job.id }, { textContent: job.work.kind }, { textContent: job.state, className: job.state },
+    { textContent: time(job.added) }, button, { textContent: cameOf(job), className: "came", title: job.why ?? "" });
+}
+
 function showJobs({ jobs }) {
-  const rows = jobs.map(job => {
-    const over = !["queued", "running"].includes(job.state);
-    const label = over ? `Retry job ${job.id}` : `Cancel job ${job.id}`;
-    const button = element("button", { type: "button", textContent: over ? "Retry" : "Cancel", ariaLabel: label });
-    button.onclick = () => over
-      ? command(`/jobs/${job.id}/retry`, { why: "from the page" }, again => `Job ${again.job} waits for its turn.`)
-      : command(`/jobs/${job.id}/cancel`, { why: "from the page" }, () => `Job ${job.id} is told to end.`);
-    return element("tr", {}, element("td", { textContent: job.id }), element("td", { textContent: job.work.kind }),
-      element("td", { textContent: job.state, className: job.state }), element("td", { textContent: time(job.added) }),
-      element("td", {}, button), element("td", { textContent: cameOf(job), className: "came", title: job.why ?? "" }));
-  });
-  if (!rows.length) rows.push(element("tr", {}, element("td", { colSpan: 6, textContent: "No jobs yet." })));
-  // Whoever stands on a button of the table stays there.
+  // whoever stands on a button of a row that changes stays there
   const focused = document.activeElement?.ariaLabel;
-  $("jobs").replaceChildren(...rows);
+  fill($("jobs"), jobs.length ? jobs : ["No jobs yet."], job => job.id ? jobRow(job) : empty(job));
   if (focused) [...$("jobs").querySelectorAll("button")].find(button => button.ariaLabel === focused)?.focus();
 }
 
@@ -81,27 +83,25 @@ const millimetres = metres => metres === undefined ? "" : `${(metres * 1e3).toPr
 function runRow(run) {
   const report = run.report
     ? element("a", { href: `${API}${inRig(`/runs/${run.id}/report.html`)}`, target: "_blank", rel: "noopener", textContent: "Report", ariaLabel: `Report of run ${run.id}` })
-    : "";
-  return element("tr", {}, element("td", { textContent: time(run.began) }),
-    element("td", { textContent: run.status, className: run.status, title: run.reason ?? "" }), element("td", {}, report),
-    element("td", { textContent: millimetres(run.fit_error_m) }), element("td", { textContent: run.verdict ?? "" }), element("td", { textContent: run.id }));
+    : {};
+  return row({ textContent: time(run.began) }, { textContent: run.status, className: run.status, title: run.reason ?? "" }, report,
+    { textContent: millimetres(run.fit_error_m) }, { textContent: run.verdict ?? "" }, { textContent: run.id });
 }
 
 async function showRuns(more) {
-  const before = more && oldest ? `&before=${oldest}` : "";
+  const kept = more ? shownRuns : [];
+  const before = kept.length ? `&before=${kept.at(-1).id}` : "";
   const runs = await ask(inRig(`/runs?most=${PAGE_OF_RUNS}${before}`));
-  if (!more) $("runs").replaceChildren();
-  if (runs.length) oldest = runs[0].id;
-  $("runs").append(...runs.reverse().map(runRow));
-  if (!$("runs").children.length) $("runs").append(element("tr", {}, element("td", { colSpan: 6, textContent: "No runs yet." })));
+  shownRuns = [...kept, ...runs.reverse()];
+  fill($("runs"), shownRuns.length ? shownRuns : ["No runs yet."], run => run.id ? runRow(run) : empty(run));
   $("older").hidden = runs.length < PAGE_OF_RUNS;
 }
 $("older").onclick = () => showRuns(true).catch(error => said(error.message));
 
 async function showAlerts() {
   const alerts = await ask(inRig(`/alerts?most=${MOST_ALERTS}`));
-  const line = alert => element("li", {}, element("time", { textContent: time(alert.raised) }), ` ${alert.text}`);
-  $("alerts").replaceChildren(...(alerts.length ? alerts.map(line) : [element("li", { textContent: "No alerts yet." })]));
+  const line = alert => alert.text ? element("li", {}, element("time", { textContent: time(alert.raised) }), ` ${alert.text}`) : element("li", { textContent: alert });
+  fill($("alerts"), alerts.length ? alerts : ["No alerts yet."], line);
 }
 
 $("coefficients").onchange = () => showTrend(inRig).catch(error => said(error.message));
@@ -118,7 +118,8 @@ function show(name) {
 
 function choose(name) {
   chosen = name;
-  oldest = null;
+  // what is done by a row goes to its rig
+  for (const id of ["jobs", "runs"]) $(id).replaceChildren();
   show(name);
   refresh();
 }
