@@ -7,7 +7,7 @@
 use std::error::Error;
 use std::fmt::Write as _;
 
-use ident::experiment::{DesignConfig, DiagnoseConfig, Experiment, FitConfig, Method, Run, RunKind};
+use ident::experiment::{Experiment, FitConfig, Method, Run, RunKind};
 use ident::fit::fit;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -63,14 +63,7 @@ fn cost(varied: &str, size: Size) -> Result<f64, Box<dyn Error>> {
     };
     let runs =
         (0..size.runs).map(|number| film(&truth, number, size.images)).collect::<Result<Vec<_>, _>>()?;
-    let experiment = Experiment {
-        model,
-        noise_m: Some(NOISE_M),
-        fit: config,
-        diagnose: DiagnoseConfig::default(),
-        design: DesignConfig::default(),
-        runs,
-    };
+    let experiment = Experiment { noise_m: Some(NOISE_M), ..Experiment::new(model, config, runs) };
     let mut best = fit(&experiment, &mut ())?;
     for _ in 1..REPEATS {
         let again = fit(&experiment, &mut ())?;

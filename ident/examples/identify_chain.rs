@@ -7,7 +7,7 @@
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-use ident::experiment::{DesignConfig, DiagnoseConfig, Experiment, FitConfig, Method, Run, RunKind};
+use ident::experiment::{Experiment, FitConfig, Method, Run, RunKind};
 use ident::fit::fit;
 use ident::strict::Finite;
 use ident::table::read_trajectory;
@@ -86,12 +86,5 @@ fn experiment(folder: &Path, problem: &Problem, method: Method) -> Result<Experi
         seed: 7,
         ..FitConfig::default()
     };
-    Ok(Experiment {
-        model,
-        noise_m: Some(problem.noise_m),
-        fit,
-        diagnose: DiagnoseConfig::default(),
-        design: DesignConfig::default(),
-        runs,
-    })
+    Ok(Experiment { noise_m: Some(problem.noise_m), ..Experiment::new(model, fit, runs) })
 }

@@ -9,7 +9,7 @@
 mod common;
 
 use common::{add_noise, assert_recovered};
-use ident::experiment::{DesignConfig, DiagnoseConfig, Experiment, FitConfig, Method, Run, RunKind, Use};
+use ident::experiment::{Experiment, FitConfig, Method, Run, RunKind, Use};
 use ident::fit::fit;
 use sim::{Command, Model, RolloutOptions, State, Trajectory, rollout};
 
@@ -76,14 +76,8 @@ fn a_body_that_drifts_before_it_is_driven_is_fitted_and_predicted_to_the_noise()
         method: Method::LeastSquares,
         ..FitConfig::default()
     };
-    let mut experiment = Experiment {
-        model: swimmer(),
-        noise_m: Some(NOISE_M),
-        fit: fit_config,
-        diagnose: DiagnoseConfig::default(),
-        design: DesignConfig::default(),
-        runs,
-    };
+    let mut experiment =
+        Experiment { noise_m: Some(NOISE_M), ..Experiment::new(swimmer(), fit_config, runs) };
     experiment.set_adrift();
     experiment.model.set_parameter("hub/blunt", 0.4).unwrap();
     experiment.model.set_parameter("added_mass/hub", 0.0).unwrap();

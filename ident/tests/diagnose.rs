@@ -11,7 +11,7 @@ mod common;
 use common::{chain, driven_chain, filmed_exactly, guess, still};
 use ident::design::runs::Motion;
 use ident::diagnose::{Diagnosis, Verdict, diagnose, pin_down};
-use ident::experiment::{DesignConfig, DiagnoseConfig, Experiment, FitConfig, Run, RunKind, Use};
+use ident::experiment::{DiagnoseConfig, Experiment, FitConfig, Run, RunKind, Use};
 use sim::{Command, Model};
 
 const START_S: f64 = 0.3;
@@ -50,14 +50,7 @@ fn experiment(truth: Model, runs: Vec<Run>) -> Experiment {
     // not fitted: the driven joint's own
     model.set_parameter("q1/damping", 2e-6).unwrap();
     let fit = FitConfig { parameters: vec!["fluidcoef".into(), "damping".into()], ..FitConfig::default() };
-    Experiment {
-        model,
-        noise_m: None,
-        fit,
-        diagnose: DiagnoseConfig::default(),
-        design: DesignConfig::default(),
-        runs,
-    }
+    Experiment::new(model, fit, runs)
 }
 
 #[test]

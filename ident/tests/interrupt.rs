@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use common::{filmed_exactly, still};
 use ident::diagnose::{DiagnoseError, Diagnosed, Observer, diagnose};
-use ident::experiment::{DesignConfig, DiagnoseConfig, Experiment, FitConfig, Run, RunKind};
+use ident::experiment::{Experiment, FitConfig, Run, RunKind};
 use sim::{Command, Model};
 
 /// Links of the arm: as many as make every stage of its diagnosis take seconds.
@@ -55,14 +55,7 @@ fn experiment() -> Experiment {
     };
     let runs = [(1, 1.5), (2, -0.8), (3, 0.6)].map(run).to_vec();
     let fit = FitConfig { parameters: vec!["fluidcoef".into(), "damping".into()], ..FitConfig::default() };
-    Experiment {
-        model,
-        noise_m: None,
-        fit,
-        diagnose: DiagnoseConfig::default(),
-        design: DesignConfig::default(),
-        runs,
-    }
+    Experiment::new(model, fit, runs)
 }
 
 /// Raises the flag when a stage has gone on for a while.

@@ -9,7 +9,7 @@
 mod common;
 
 use common::*;
-use ident::experiment::{DesignConfig, DiagnoseConfig, Experiment, FitConfig, Run};
+use ident::experiment::{Experiment, FitConfig, Run};
 use ident::fit::{Fit, fit};
 use ident::weights::{Mechanism, Water};
 use sim::Model;
@@ -28,12 +28,8 @@ fn springy() -> Model {
 
 fn named(model: Model, runs: Vec<Run>, fit: &str) -> Experiment {
     Experiment {
-        model,
         noise_m: Some(NOISE_M),
-        fit: toml::from_str::<FitConfig>(fit).unwrap(),
-        diagnose: DiagnoseConfig::default(),
-        design: DesignConfig::default(),
-        runs,
+        ..Experiment::new(model, toml::from_str::<FitConfig>(fit).unwrap(), runs)
     }
 }
 

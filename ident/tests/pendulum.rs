@@ -10,7 +10,7 @@
 use std::path::{Path, PathBuf};
 
 use ident::diagnose::{Diagnosed, Diagnosis, Verdict, diagnose};
-use ident::experiment::{DesignConfig, DiagnoseConfig, Experiment, FitConfig, Method, Run, RunKind, Use};
+use ident::experiment::{Experiment, FitConfig, Method, Run, RunKind, Use};
 use ident::fit::{Fitted, fit};
 use sim::model::{POINTER_M, Parameter};
 use sim::{Model, Trajectory};
@@ -129,14 +129,7 @@ fn experiment(path: &Path, parameters: &[&str], encoders: bool) -> Experiment {
         method: Method::LeastSquares,
         ..FitConfig::default()
     };
-    Experiment {
-        model,
-        noise_m: None,
-        fit,
-        diagnose: DiagnoseConfig::default(),
-        design: DesignConfig::default(),
-        runs,
-    }
+    Experiment::new(model, fit, runs)
 }
 
 #[test]

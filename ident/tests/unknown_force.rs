@@ -10,7 +10,7 @@ mod common;
 
 use common::{chain, filmed_exactly, guess, still};
 use ident::diagnose::{JointForce, unknown_force};
-use ident::experiment::{DesignConfig, DiagnoseConfig, Experiment, FitConfig, Run, RunKind, Use};
+use ident::experiment::{Experiment, FitConfig, Run, RunKind, Use};
 use sim::causes::own::{Acts, OwnCause, OwnParameter, Place};
 use sim::{Command, Model};
 
@@ -35,14 +35,7 @@ fn experiment(truth: &Model, seed: u64) -> Experiment {
     });
     let fit = FitConfig { parameters: vec!["fluidcoef".into(), "damping".into()], ..FitConfig::default() };
     let runs = runs.collect();
-    Experiment {
-        model: guess(chain()),
-        noise_m: None,
-        fit,
-        diagnose: DiagnoseConfig::default(),
-        design: DesignConfig::default(),
-        runs,
-    }
+    Experiment::new(guess(chain()), fit, runs)
 }
 
 #[test]

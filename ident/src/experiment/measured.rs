@@ -121,14 +121,8 @@ mod tests {
             measured: vec![angles("servo"), angles("another")],
             ..Run::new("a", RunKind::Driven, trajectory)
         };
-        let mut experiment = Experiment {
-            model: Model::from_mjcf(MODEL).unwrap(),
-            noise_m: None,
-            fit: FitConfig::default(),
-            diagnose: Default::default(),
-            design: Default::default(),
-            runs: vec![run],
-        };
+        let mut experiment =
+            Experiment::new(Model::from_mjcf(MODEL).unwrap(), FitConfig::default(), vec![run]);
         experiment.take_in_measured();
         let trajectory = &experiment.runs[0].trajectory;
         assert_eq!(trajectory.keypoints, ["P1", "q1_rad"]);

@@ -42,6 +42,20 @@ pub struct Experiment {
     pub runs: Vec<Run>,
 }
 
+impl Experiment {
+    /// `runs` of a mechanism that `model` describes, `fit` saying what of it is fitted; all else as a file has it that says no more.
+    pub fn new(model: Model, fit: FitConfig, runs: Vec<Run>) -> Self {
+        Self {
+            model,
+            noise_m: None,
+            fit,
+            diagnose: DiagnoseConfig::default(),
+            design: DesignConfig::default(),
+            runs,
+        }
+    }
+}
+
 /// One run of the mechanism: what was commanded, and where its keypoints went.
 #[derive(Debug, Clone)]
 pub struct Run {

@@ -2,7 +2,7 @@
 
 #![allow(dead_code, clippy::print_stdout, reason = "each test binary uses its part, and shows its figures")]
 
-use ident::experiment::{DesignConfig, DiagnoseConfig, Experiment, FitConfig, Run, RunKind};
+use ident::experiment::{Experiment, FitConfig, Run, RunKind};
 use ident::fit::Fitted;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -139,14 +139,7 @@ pub(crate) fn experiment(model: Model, runs: Vec<Run>, parameters: &[&str]) -> E
         parameters: parameters.iter().map(|&name| name.to_owned()).collect(),
         ..FitConfig::default()
     };
-    Experiment {
-        model,
-        noise_m: Some(NOISE_M),
-        fit,
-        diagnose: DiagnoseConfig::default(),
-        design: DesignConfig::default(),
-        runs,
-    }
+    Experiment { noise_m: Some(NOISE_M), ..Experiment::new(model, fit, runs) }
 }
 
 /// Deviations from the truth in stated standard deviations: of some ten values, one beyond 3 is a 3 % chance, and
