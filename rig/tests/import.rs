@@ -7,7 +7,9 @@ use std::path::{Path, PathBuf};
 use clap::Parser;
 use rig::calibration::Calibration;
 use rig::cli::{Failure, Outcome, export, import};
-use rig::record::folder::{ClockPair, RunFolder, RunId, RunKind, Start};
+use rig::record::folder::RunFolder;
+use rig::record::run_id::RunId;
+use rig::record::start_stop::{ClockPair, RunKind, Start};
 use sim::Trajectory;
 
 #[derive(Parser)]

@@ -7,8 +7,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use rig::app::recover;
-use rig::record::folder::{RunFolder, RunId, Status};
+use rig::record::folder::RunFolder;
 use rig::record::reader::{Item, Recording};
+use rig::record::run_id::RunId;
+use rig::record::start_stop::Status;
 use rig::record::verify::{State, verify};
 use system_tests::daemon::Bench;
 use system_tests::outside::Outside;
@@ -137,15 +139,21 @@ fn filmed(mut command: impl FnMut() -> Command) -> Output {
     output
 }
 
+/// A shim before the folder of runs, which is gone again, and the storage events of a whole run.
+fn counted(outside: &Outside) -> (Shim, Vec<Event>) {
+    let mut shim = Shim::before(&outside.runs);
+    filmed(|| shim.with(film(&outside.config, &outside.runs), Order::Count));
+    let events = shim.events();
+    std::fs::remove_dir_all(&outside.runs).expect("removed");
+    (shim, events)
+}
+
 #[test]
 fn run_killed_at_its_storage_events_leaves_the_servo_safe_and_the_next_run_needs_nobody() {
     let _turn = in_real_time();
     let folder = tempfile::tempdir().expect("a folder");
     let outside = bench(folder.path());
-    let mut shim = Shim::before(&outside.runs);
-    filmed(|| shim.with(film(&outside.config, &outside.runs), Order::Count));
-    let events = shim.events();
-    std::fs::remove_dir_all(&outside.runs).expect("removed");
+    let (mut shim, events) = counted(&outside);
     let (mut killed, mut promised) = (Kills::default(), Promised::default());
     for (number, phase) in kills(&events, 16) {
         let order = Order::Kill(number, phase);
@@ -189,10 +197,7 @@ fn full_disk_at_a_storage_event_of_a_run_stops_the_servo_and_the_next_run_needs_
     let _turn = in_real_time();
     let folder = tempfile::tempdir().expect("a folder");
     let outside = bench(folder.path());
-    let mut shim = Shim::before(&outside.runs);
-    filmed(|| shim.with(film(&outside.config, &outside.runs), Order::Count));
-    let events = shim.events();
-    std::fs::remove_dir_all(&outside.runs).expect("removed");
+    let (mut shim, events) = counted(&outside);
     let takes_room = |event: &&Event| ["write", "create", "make-folder"].contains(&event.kind.as_str());
     let before: Vec<Event> = events.iter().filter(takes_room).cloned().collect();
     let mut numbers: Vec<u64> = kills(&before, 14).iter().map(|(number, _)| *number).collect();

@@ -1,6 +1,6 @@
 //! A run as a fit takes it.
 
-use ident::experiment::{CauseConfig, DesignConfig, Experiment, ExperimentError, Run, RunKind};
+use ident::experiment::{CauseConfig, Experiment, ExperimentError, Run, RunKind};
 use sim::{Model, Trajectory};
 
 use super::error::AnalysisError;
@@ -31,8 +31,7 @@ pub fn prepared(config: &RigConfig, mut model: Model) -> Result<Experiment, Expe
     config.mechanism.weights().put_into(&config.water.water(), &mut model, &mut fit)?;
     CauseConfig::define(&config.cause, &mut model)?;
     fit.add_named_causes(&mut model);
-    let experiment =
-        Experiment { model, noise_m: None, fit, diagnose, design: DesignConfig::default(), runs: Vec::new() };
+    let experiment = Experiment { diagnose, ..Experiment::new(model, fit, Vec::new()) };
     experiment.check_names()?;
     Ok(experiment)
 }

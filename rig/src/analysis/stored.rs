@@ -4,7 +4,8 @@ use std::path::Path;
 
 use crate::calibration::Plane;
 use crate::record::RecordError;
-use crate::record::folder::{RunFolder, file, write_whole};
+use crate::record::files::write_whole;
+use crate::record::folder::{RunFolder, file};
 use crate::vision::record::{ImageRecord, StoredRecord};
 
 /// The lines of some records.

@@ -11,7 +11,9 @@ use super::Failure;
 use super::design::limits;
 use crate::camera::CameraConfig;
 use crate::profile::ProfileConfig;
-use crate::record::folder::{RunFolder, Start, file, write_whole};
+use crate::record::files::write_whole;
+use crate::record::folder::{RunFolder, file};
+use crate::record::start_stop::Start;
 use crate::servo::ServoConfig;
 
 /// The file, as `ident` reads it.

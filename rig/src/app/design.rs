@@ -10,7 +10,7 @@ use ident::strict::Positive;
 
 use super::Failure;
 use crate::profile::{Profile, ProfileConfig};
-use crate::record::folder::write_whole;
+use crate::record::files::write_whole;
 use crate::servo::ServoConfig;
 
 /// Tables and keys of a rig config that hold paths.

@@ -12,7 +12,8 @@ use crate::config::ExtractionConfig;
 use crate::images::folder;
 use crate::interchange::wcon::{self, Document, Line, Written};
 use crate::interchange::{Format, Imported, Marks, Times, dlc, marks, sleap};
-use crate::record::folder::{RunFolder, file, write_whole};
+use crate::record::files::write_whole;
+use crate::record::folder::{RunFolder, file};
 use crate::vision::outline::Outline;
 use crate::vision::{Mode, Status, VisionConfig, output};
 

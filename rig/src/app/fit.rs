@@ -8,7 +8,7 @@ use ident::fit::{Checkpoint, CheckpointError, Fit, Fitted, Flow, INTERRUPTED, Ob
 
 use super::results::{Given, earlier, write_fit};
 use super::{Failure, Watcher, on_threads};
-use crate::record::folder::write_whole;
+use crate::record::files::write_whole;
 use crate::record::timing::Stage;
 use crate::report::ReportData;
 

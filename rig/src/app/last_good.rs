@@ -10,7 +10,8 @@ use serde_json::Value;
 use super::Failure;
 use super::drift::Moved;
 use super::results::{earlier, write_fit};
-use crate::record::folder::{create_folder, file};
+use crate::record::files::create_folder;
+use crate::record::folder::file;
 
 /// The folder of the last good fit, among the run folders: `fit.json` and `model.xml`.
 pub const FOLDER: &str = "last-good";
@@ -129,7 +130,7 @@ fn judged(fitted: &Fitted, first: bool) -> Verdict {
 
 #[cfg(test)]
 mod tests {
-    use ident::experiment::{DesignConfig, DiagnoseConfig, FitConfig, Method, Run, RunKind};
+    use ident::experiment::{FitConfig, Method, Run, RunKind};
     use sim::{Command, Model, RolloutOptions, State, rollout};
 
     use super::*;
@@ -168,14 +169,7 @@ mod tests {
             method: Method::LeastSquares,
             ..FitConfig::default()
         };
-        Experiment {
-            model,
-            noise_m: None,
-            fit,
-            diagnose: DiagnoseConfig::default(),
-            design: DesignConfig::default(),
-            runs: vec![run],
-        }
+        Experiment::new(model, fit, vec![run])
     }
 
     #[test]

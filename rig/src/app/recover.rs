@@ -11,10 +11,13 @@ use crate::claim::Claim;
 use crate::clock::MonotonicNs;
 use crate::config::RigConfig;
 use crate::error_chain::with_causes;
-use crate::record::folder::{self, ClockPair, Recovered, RunFolder, RunId, Status, Stop, file};
+use crate::record::files::create_folder;
+use crate::record::folder::{self, RunFolder, file};
 use crate::record::frames::FrameRow;
 use crate::record::reader::{Item, Recording};
 use crate::record::repair::{Repaired, repair};
+use crate::record::run_id::RunId;
+use crate::record::start_stop::{ClockPair, Recovered, Start, Status, Stop};
 use crate::record::{RecordError, ServoCommand, frames, journal};
 use crate::run::machine::Ending;
 use crate::servo::StopOutcome;
@@ -29,7 +32,7 @@ pub fn lock(runs_dir: &Path) -> PathBuf {
 /// # Errors
 /// [`Failure::Input`] when another process has it, or it cannot be written.
 pub fn claim(runs_dir: &Path) -> Result<Claim, Failure> {
-    folder::create_folder(runs_dir).map_err(Failure::input)?;
+    create_folder(runs_dir).map_err(Failure::input)?;
     Claim::take("the runs folder", &lock(runs_dir)).map_err(Failure::input)
 }
 
@@ -210,7 +213,7 @@ impl Heard {
 }
 
 /// The wall time of `at`, as the clocks stood when the run began.
-fn later(start: &folder::Start, at: MonotonicNs) -> String {
+fn later(start: &Start, at: MonotonicNs) -> String {
     let passed = jiff::SignedDuration::from_secs_f64(at.seconds_since(start.clock.monotonic_ns));
     let began: Option<jiff::Timestamp> = start.clock.utc.parse().ok();
     began

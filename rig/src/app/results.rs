@@ -8,7 +8,8 @@ use ident::experiment::{Experiment, Use};
 use ident::fit::{Fit, Fitted, FittedRun};
 
 use super::Failure;
-use crate::record::folder::{create_folder, file, write_whole};
+use crate::record::files::{create_folder, write_whole};
+use crate::record::folder::file;
 use crate::record::timing::{Stage, Timing};
 use crate::report::{self, ReportData};
 

@@ -7,8 +7,9 @@ use super::Failure;
 use super::last_good::LastGood;
 use crate::config::RetentionConfig;
 use crate::error_chain::with_causes;
-use crate::record::folder::{RunFolder, RunId, file};
+use crate::record::folder::{RunFolder, file};
 use crate::record::retention::{Removed, remove_recording};
+use crate::record::run_id::RunId;
 use crate::store::Store;
 
 /// Deletes what `config` says of the runs in `store`'s folder, and gives what that was. A run that has not ended keeps its recording,
@@ -49,10 +50,9 @@ fn with_recording(runs_dir: &Path) -> Result<Vec<RunId>, Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::folder::RunKind;
-    use crate::record::folder::{ClockPair, Start, Status, Stop};
+    use crate::record::fixtures;
+    use crate::record::start_stop::Stop;
     use crate::record::verify::{State, verify};
-    use crate::servo::StopOutcome;
     use crate::store::job::{NewJob, Work};
 
     fn id(day: usize) -> RunId {
@@ -60,34 +60,10 @@ mod tests {
     }
 
     fn run(runs_dir: &Path, day: usize, ended: bool) -> RunFolder {
-        let start = Start {
-            id: id(day),
-            kind: RunKind::Driven,
-            model: file::MODEL_START.into(),
-            prescribed: false,
-            clock: ClockPair::now(),
-            version: "0.1.0".into(),
-            board: None,
-            camera: None,
-            config: String::new(),
-            details: Default::default(),
-        };
+        let start = fixtures::start(id(day).as_str());
         let mut run = RunFolder::create(runs_dir, start).unwrap();
         std::fs::write(run.file(file::RECORDING), "a film").unwrap();
-        let stop = Stop {
-            status: Status::Success,
-            reason: None,
-            clock: ClockPair::now(),
-            servo: StopOutcome::NotNeeded,
-            images: 1,
-            images_lost: 0,
-            images_damaged: 0,
-            images_repeated: 0,
-            images_stale: 0,
-            messages_dropped: 0,
-            learn_from: None,
-            recovered: None,
-        };
+        let stop = Stop { images: 1, ..fixtures::stop() };
         if ended {
             run.finish(stop, None).unwrap();
         }

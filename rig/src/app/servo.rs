@@ -11,7 +11,8 @@ use crate::calibrate::servo::{Calibrated, Dynamics, Film, calibrate, calibrate_s
 use crate::calibration::View;
 use crate::config::{MotionKind, RigConfig};
 use crate::profile::ProfileConfig;
-use crate::record::folder::{RunFolder, Start, file};
+use crate::record::folder::{RunFolder, file};
+use crate::record::start_stop::Start;
 use crate::servo::calibration::ServoCalibration;
 use crate::servo::{ServoChannel, Unit};
 

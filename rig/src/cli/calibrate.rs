@@ -15,7 +15,8 @@ use crate::calibrate::{Board, Setup, report};
 use crate::calibration::{Px, View};
 use crate::config::RigConfig;
 use crate::config::edit::{self, EditError};
-use crate::record::folder::{RunFolder, write_whole};
+use crate::record::files::write_whole;
+use crate::record::folder::RunFolder;
 use std::sync::Arc;
 
 /// Arguments of `rig calibrate`.

@@ -14,7 +14,8 @@ use crate::app::{base, interruptible, threads};
 use crate::calibrate::servo::{motion, report};
 use crate::config::RigConfig;
 use crate::config::edit::{self, EditError};
-use crate::record::folder::{RunFolder, write_whole};
+use crate::record::files::write_whole;
+use crate::record::folder::RunFolder;
 use crate::servo::calibration::ServoCalibration;
 
 /// Arguments of `rig calibrate servo`.

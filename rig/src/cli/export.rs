@@ -6,7 +6,8 @@ use anyhow::{Context as _, anyhow};
 
 use super::{Failure, Outcome};
 use crate::app::exchange::{Export, frames_file};
-use crate::record::folder::{file, write_whole};
+use crate::record::files::write_whole;
+use crate::record::folder::file;
 
 /// Hands a run's results to other programs.
 #[derive(clap::Args, Debug)]

@@ -7,7 +7,7 @@ use super::{Failure, Outcome};
 use crate::analysis::Stage;
 use crate::config::RigConfig;
 use crate::goal::Target;
-use crate::record::folder::RunId;
+use crate::record::run_id::RunId;
 use crate::store::job::{Chosen, Job, JobId, NewJob, State, Work};
 use crate::store::{Store, StoreError};
 

@@ -10,7 +10,7 @@ use anyhow::{Context as _, anyhow};
 
 use super::{Failure, Outcome, list};
 use crate::config::MotionKind;
-use crate::record::folder::write_whole;
+use crate::record::files::write_whole;
 use crate::setup::{Answers, CONFIG, Chain, Drive, File, MODEL, Scale, files};
 
 /// Arguments of `rig new`. On a terminal, what no option answers is asked; else its default holds.

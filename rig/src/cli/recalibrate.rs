@@ -14,7 +14,7 @@ use crate::app::drift::moved;
 use crate::app::last_good::{LastGood, Recalibrated, VERDICT};
 use crate::app::{interruptible, on_threads, threads};
 use crate::error_chain::with_causes;
-use crate::record::folder::write_whole;
+use crate::record::files::write_whole;
 use crate::store::Store;
 
 /// What the last good fit is brought up to date with, in the folder of the run.

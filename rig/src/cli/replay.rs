@@ -12,7 +12,8 @@ use crate::app::experiment::analysed;
 use crate::app::look::Filming;
 use crate::app::{base, interruptible, threads};
 use crate::config::RigConfig;
-use crate::record::folder::{RunFolder, file, write_whole};
+use crate::record::files::write_whole;
+use crate::record::folder::{RunFolder, file};
 use crate::report;
 
 /// Arguments of `rig replay`.

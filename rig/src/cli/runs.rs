@@ -9,7 +9,8 @@ use serde_json::Value;
 use super::{Failure, Outcome};
 use crate::app::{base, recover};
 use crate::claim::{Claim, has_open};
-use crate::record::folder::{self, RunFolder, RunId, file};
+use crate::record::folder::{self, RunFolder, file};
+use crate::record::run_id::RunId;
 use crate::record::verify::{State, verify};
 use crate::record::{RecordError, journal};
 use crate::store::Store;
@@ -257,27 +258,12 @@ fn describe(run: &RunFolder) -> Result<String, RecordError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::MonotonicNs;
-    use crate::record::folder::{ClockPair, RunKind, Start, Status, Stop};
+    use crate::record::fixtures;
+    use crate::record::start_stop::Stop;
     use crate::servo::StopOutcome;
 
-    fn at(monotonic_ns: u64) -> ClockPair {
-        ClockPair { monotonic_ns: MonotonicNs(monotonic_ns), utc: "2026-11-20T10:15:03Z".into() }
-    }
-
     fn create(runs_dir: &Path, id: &str) -> RunFolder {
-        let start = Start {
-            id: RunId::try_from(id.to_owned()).unwrap(),
-            kind: RunKind::Driven,
-            model: file::MODEL_START.into(),
-            prescribed: false,
-            clock: at(5_000_000_000),
-            version: "0.1.0".into(),
-            board: None,
-            camera: None,
-            config: String::new(),
-            details: Default::default(),
-        };
+        let start = fixtures::start(id);
         RunFolder::create(runs_dir, start).unwrap()
     }
 
@@ -294,18 +280,11 @@ mod tests {
         finished
             .finish(
                 Stop {
-                    status: Status::Success,
-                    reason: None,
-                    clock: at(8_500_000_000),
-                    servo: StopOutcome::Acknowledged,
                     images: 350,
                     images_lost: 2,
                     images_damaged: 3,
-                    images_repeated: 0,
-                    images_stale: 0,
-                    messages_dropped: 0,
-                    learn_from: None,
-                    recovered: None,
+                    servo: StopOutcome::Acknowledged,
+                    ..fixtures::stop()
                 },
                 None,
             )

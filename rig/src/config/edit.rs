@@ -6,7 +6,7 @@ use toml_edit::{DocumentMut, Item, Table, Value};
 
 use super::{ConfigError, RigConfig};
 use crate::record::RecordError;
-use crate::record::folder::write_whole;
+use crate::record::files::write_whole;
 
 /// Why a config cannot be written.
 #[derive(Debug, thiserror::Error)]

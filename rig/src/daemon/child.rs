@@ -18,7 +18,8 @@ use crate::app::compose::compose;
 use crate::app::hand_in::{self, file, folder};
 use crate::app::recover;
 use crate::claim::Claim;
-use crate::record::folder::{RunId, create_folder};
+use crate::record::files::create_folder;
+use crate::record::run_id::RunId;
 use crate::store::job::{Chosen, Job, JobId, JobResult, Lane, State, Work};
 use crate::urgency::Urgency;
 

@@ -1,11 +1,14 @@
-//! One rig of a daemon: its queue, its schedule, and the two jobs that may run at a time, one that moves it and one that computes.
+//! One rig of a daemon: its queue, its schedule, and the two jobs that may run at a time, one that moves it and one that computes; in
+//! `ended`, what follows from one that has ended.
+
+mod ended;
 
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use ident::strict::NonNegative;
-use jiff::{SignedDuration, Timestamp};
+use jiff::Timestamp;
 use serde_json::json;
 
 use tokio::sync::watch;
@@ -15,29 +18,21 @@ use super::api::Served;
 use super::child::Running;
 use super::slots::{Busy, Decision, Slots};
 use super::state::RigState;
-use crate::app::campaign::record::{self, Record};
 use crate::app::experiment::{Experiment, Extent};
-use crate::app::last_good::{self, Recalibrated};
 use crate::app::{Failure, Watcher, base, hand_in, recover, retention};
 use crate::claim::Claim;
 use crate::clock::MonotonicNs;
 use crate::config::{RetentionConfig, RigConfig};
-use crate::record::folder::{RunId, create_folder};
+use crate::record::files::create_folder;
 use crate::record::journal::{self, Journal};
+use crate::record::run_id::RunId;
 use crate::store::Store;
-use crate::store::alerts::Alert;
-use crate::store::job::{Job, JobId, JobResult, Lane, NewJob, State, Work};
+use crate::store::job::{JobResult, Lane, NewJob, State, Work};
 
 /// The daemon's journal in the folder of run folders.
 const JOURNAL: &str = "daemon.jsonl";
 /// The queue is looked at so often although nothing changed in it: a job's time may have come.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// A job that only computes and was lost is begun again so many times: it harms nobody, but it may be what kills.
-const MOST_REPEATS: u32 = 2;
-
-/// The same drift is told again after so many days.
-const SAME_DRIFT_DAYS: i64 = 7;
-
 /// See the module.
 pub(super) struct Rig {
     config: PathBuf,
@@ -336,69 +331,6 @@ impl Rig {
         self.close(&job, state, result, watcher)
     }
 
-    /// Writes how a job ended, and adds what follows from it.
-    fn close(
-        &mut self,
-        job: &Job,
-        state: State,
-        result: JobResult,
-        watcher: &mut dyn Watcher,
-    ) -> Result<(), Failure> {
-        self.store.end(job.id, state, &result).map_err(Failure::internal)?;
-        let what = json!({ "job": job.id, "kind": job.work.kind(), "state": state, "result": result });
-        self.write("job-ended", what)?;
-        if let Some((kind, what)) = alert(job, state, &result)
-            && !self.was_told(kind, &what)?
-        {
-            self.alerts.raise(&mut self.store, kind, &what, job.id).map_err(Failure::internal)?;
-            self.write("alert", json!({ "kind": kind, "text": what, "job": job.id }))?;
-        }
-        if let Some(error) = &result.error {
-            watcher.tell(&format!("rig: job {} ({}) {state}: {error}", job.id, job.work.kind()));
-        }
-        match (&job.work, state) {
-            (Work::Run { config, film_only: false }, State::Done) if *config == self.config => {
-                let id = result
-                    .run
-                    .as_deref()
-                    .and_then(|run| Path::new(run).file_name()?.to_str()?.to_owned().try_into().ok());
-                if let Some(run) = id as Option<RunId> {
-                    let why = Some(format!("job {} has run", job.id));
-                    let job = NewJob { why, priority: 1, ..NewJob::new(Work::Recalibrate { run }) };
-                    self.store.add(&job).map_err(Failure::internal)?;
-                }
-            }
-            (work, State::Lost) if work.lane() == Lane::Analysis => self.repeat(job.id)?,
-            _ => {}
-        }
-        Ok(())
-    }
-
-    /// Whether the same was told within the last days already: what has moved stays where it is for all runs that follow.
-    fn was_told(&self, kind: &str, what: &str) -> Result<bool, Failure> {
-        if kind != "drift" {
-            return Ok(false);
-        }
-        let names = |text: &str| -> Vec<String> {
-            text.split("; ").filter_map(|one| Some(one.split_once(' ')?.0.to_owned())).collect()
-        };
-        let since = Timestamp::now() - SignedDuration::from_hours(24 * SAME_DRIFT_DAYS);
-        let known = self.store.alerts(usize::MAX).map_err(Failure::internal)?;
-        let is_recent = |alert: &Alert| alert.raised.parse().is_ok_and(|raised: Timestamp| raised >= since);
-        Ok(known
-            .iter()
-            .take_while(|alert| is_recent(alert))
-            .any(|alert| alert.kind == kind && names(&alert.text) == names(what)))
-    }
-
-    /// Adds again a job that was lost, unless it is the repetition of too many.
-    fn repeat(&mut self, id: JobId) -> Result<(), Failure> {
-        if self.store.repeats(id).map_err(Failure::internal)? < MOST_REPEATS {
-            self.store.retry(id, Some("its process was lost".into())).map_err(Failure::internal)?;
-        }
-        Ok(())
-    }
-
     /// Motions that have ended since the daemon began.
     pub(super) fn motions_ended(&self) -> u64 {
         self.motions_ended
@@ -442,28 +374,6 @@ pub(super) struct May {
     pub(super) compute: bool,
     /// All jobs are to end.
     pub(super) end_all: bool,
-}
-
-/// What somebody should know of a job that has ended: the kind of alert, and the words.
-fn alert(job: &Job, state: State, result: &JobResult) -> Option<(&'static str, String)> {
-    let said = result.error.as_deref().unwrap_or("it said nothing");
-    match (&job.work, state) {
-        (work, State::Failed | State::Lost) => {
-            Some(("job-failed", format!("job {} ({}) {state}: {said}", job.id, work.kind())))
-        }
-        (Work::Recalibrate { .. }, State::Done) => {
-            let path = Path::new(result.run.as_deref()?).join(last_good::VERDICT);
-            let found: Recalibrated = serde_json::from_slice(&std::fs::read(path).ok()?).ok()?;
-            found.alert()
-        }
-        (Work::Campaign { .. }, State::Done) => {
-            let path = Path::new(result.out.as_deref()?).join(record::FILE);
-            let campaign: Record = serde_json::from_slice(&std::fs::read(path).ok()?).ok()?;
-            let words = [campaign.says].into_iter().chain(campaign.needs).collect::<Vec<_>>().join("; ");
-            Some(("campaign-ended", format!("{}: {words}", campaign.state.name())))
-        }
-        _ => None,
-    }
 }
 
 /// The last slot that an earlier daemon took, from its journal.

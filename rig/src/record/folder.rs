@@ -1,23 +1,14 @@
 //! A run's folder: `start.json` is written first and `stop.json` last, each in one step.
 
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::Write;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-pub use ident::experiment::RunKind;
-use rand::RngExt;
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
-
 use super::RecordError;
+use super::files::{create_folder, json, read_json, sync_folder, write_json, write_whole};
 use super::journal::Journal;
+use super::run_id::RunId;
+use super::start_stop::{Start, Stop};
 use super::sums::{Sum, Sums};
-use crate::camera::CameraInfo;
 use crate::clock::MonotonicNs;
-use crate::servo::{BoardInfo, StopOutcome};
 
 /// Names of the files in a run folder.
 pub mod file {
@@ -57,168 +48,6 @@ pub mod file {
     pub const RETENTION: &str = "retention.json";
     /// Checksums of all of these.
     pub const SUMS: &str = "SHA256SUMS";
-}
-
-/// A run's name, for example `20261120T101503Z-ab12cd`: when it began, and six random characters.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
-pub struct RunId(String);
-
-impl RunId {
-    /// A new name for a run that begins now.
-    pub fn now() -> Self {
-        const LETTERS: &[u8] = b"abcdefghijklmnopqrstuvwxyz0123456789";
-        let mut random = rand::rng();
-        let suffix: String =
-            (0..6).map(|_| char::from(LETTERS[random.random_range(0..LETTERS.len())])).collect();
-        Self(format!("{}-{suffix}", jiff::Timestamp::now().strftime("%Y%m%dT%H%M%SZ")))
-    }
-
-    /// The name.
-    pub fn as_str(&self) -> &str {
-        &self.0
-    }
-}
-
-impl TryFrom<String> for RunId {
-    type Error = String;
-
-    fn try_from(name: String) -> Result<Self, String> {
-        let shape = |pattern: &str| {
-            pattern.len() == name.len()
-                && name.bytes().zip(pattern.bytes()).all(|(byte, wanted)| match wanted {
-                    b'9' => byte.is_ascii_digit(),
-                    b'a' => byte.is_ascii_lowercase() || byte.is_ascii_digit(),
-                    other => byte == other,
-                })
-        };
-        if shape("99999999T999999Z-aaaaaa") {
-            Ok(Self(name))
-        } else {
-            Err(format!("run id `{name}` is not of the form 20261120T101503Z-ab12cd"))
-        }
-    }
-}
-
-impl std::str::FromStr for RunId {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, String> {
-        name.to_owned().try_into()
-    }
-}
-
-impl From<RunId> for String {
-    fn from(id: RunId) -> Self {
-        id.0
-    }
-}
-
-impl std::fmt::Display for RunId {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-/// The same instant on both clocks: a later jump of the wall clock shows, and does no harm.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct ClockPair {
-    /// CLOCK_MONOTONIC.
-    pub monotonic_ns: MonotonicNs,
-    /// Wall clock, RFC 3339.
-    pub utc: String,
-}
-
-impl ClockPair {
-    /// Now.
-    pub fn now() -> Self {
-        Self { monotonic_ns: MonotonicNs::now(), utc: jiff::Timestamp::now().to_string() }
-    }
-}
-
-/// `start.json`: all that was known before the run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Start {
-    /// The run's name.
-    pub id: RunId,
-    /// How it moves.
-    pub kind: RunKind,
-    /// The model's file in this folder.
-    pub model: String,
-    /// In driven runs the actuated joint follows `servo.csv` exactly.
-    pub prescribed: bool,
-    /// The run's time origin.
-    pub clock: ClockPair,
-    /// Version of this program.
-    pub version: String,
-    /// The servo board, where one takes part.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub board: Option<BoardInfo>,
-    /// The camera, as set up.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub camera: Option<CameraInfo>,
-    /// The whole configuration as TOML text.
-    pub config: String,
-    /// What else is known: calibration, water, weights.
-    #[serde(flatten)]
-    pub details: BTreeMap<String, Value>,
-}
-
-/// How a run ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Status {
-    /// As planned.
-    Success,
-    /// The user, or a signal, ended it.
-    Abort,
-    /// A fault ended it.
-    Fail,
-}
-
-/// `stop.json`: how the run ended.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Stop {
-    /// In a word.
-    pub status: Status,
-    /// Why, unless it went as planned.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub reason: Option<String>,
-    /// When.
-    pub clock: ClockPair,
-    /// How the servo was stopped.
-    pub servo: StopOutcome,
-    /// Images received.
-    pub images: u64,
-    /// Images that the camera counted and never handed over.
-    pub images_lost: u64,
-    /// Images received that the driver marked as damaged or that were not whole; none is looked at.
-    #[serde(default)]
-    pub images_damaged: u64,
-    /// Images received whose bytes are those of the one before; several in a row while something moves end a run.
-    #[serde(default)]
-    pub images_repeated: u64,
-    /// Images received whose stamp is not later than all before; none is looked at.
-    #[serde(default)]
-    pub images_stale: u64,
-    /// Messages that did not fit into the recording's queue.
-    pub messages_dropped: u64,
-    /// Which of the images received, counted from 0, the empty tank was learned from while filming; absent where the motion
-    /// was too short for that.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub learn_from: Option<Range<u64>>,
-    /// Written afterwards, for a run that had ended without a word.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub recovered: Option<Recovered>,
-}
-
-/// What was left of a run that had ended without a word.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Recovered {
-    /// When it was looked at, RFC 3339.
-    pub at_utc: String,
-    /// Bytes of the recording that cannot be read; they stay in it.
-    pub unreadable_bytes: u64,
 }
 
 /// A run's folder, being written or read.
@@ -339,23 +168,6 @@ pub fn remove_unmade(runs_dir: &Path) -> Result<(), RecordError> {
     Ok(())
 }
 
-/// Makes the folder `path`, and those above it, where it is missing, and sees that a power cut leaves it there.
-///
-/// # Errors
-/// [`RecordError::Io`].
-pub fn create_folder(path: &Path) -> Result<(), RecordError> {
-    if path.is_dir() {
-        return Ok(());
-    }
-    create_folder(containing(path))?;
-    match std::fs::create_dir(path) {
-        // another process has made it
-        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists && path.is_dir() => {}
-        made => made.map_err(RecordError::io("creating folder", path))?,
-    }
-    sync_folder(containing(path))
-}
-
 /// One run of a runs folder.
 #[derive(Debug)]
 pub struct Listed {
@@ -383,71 +195,19 @@ pub fn list(runs_dir: &Path) -> Result<Vec<Listed>, RecordError> {
     Ok(runs)
 }
 
-/// Writes a file in one step: beside its place, forced to the disk, then renamed.
-///
-/// # Errors
-/// [`RecordError::Io`]; the old content is then still there.
-pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), RecordError> {
-    let folder = containing(path);
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(".part");
-    let part = folder.join(name);
-    let write = || -> std::io::Result<()> {
-        let mut file = File::create(&part)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        std::fs::rename(&part, path)
-    };
-    write().map_err(RecordError::io("writing", path))?;
-    sync_folder(folder)
-}
-
-/// The folder that `path` is in.
-pub(super) fn containing(path: &Path) -> &Path {
-    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
-/// A new file or another name is on the disk only when its folder is.
-pub(super) fn sync_folder(path: &Path) -> Result<(), RecordError> {
-    File::open(path)
-        .and_then(|folder| folder.sync_all())
-        .map_err(RecordError::io("forcing to the disk folder", path))
-}
-
-/// Writes `value` as JSON in one step.
-pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), RecordError> {
-    write_whole(path, &json(path, value)?)
-}
-
-/// `value` as JSON, for the file at `path`.
-fn json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>, RecordError> {
-    let mut json = serde_json::to_vec_pretty(value).map_err(|error| RecordError::damaged(path, error))?;
-    json.push(b'\n');
-    Ok(json)
-}
-
-/// Reads a value from JSON.
-pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, RecordError> {
-    let text = std::fs::read(path).map_err(RecordError::io("reading", path))?;
-    serde_json::from_slice(&text).map_err(|error| RecordError::damaged(path, error))
-}
-
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
+    use crate::record::fixtures;
+    use crate::record::start_stop::Status;
 
     fn start() -> Start {
         Start {
-            id: RunId::now(),
-            kind: RunKind::Drop,
-            model: file::MODEL_START.into(),
-            prescribed: false,
-            clock: ClockPair::now(),
-            version: "0.1.0".into(),
-            board: None,
-            camera: None,
             config: "[camera]\nfps = 100.0\n".into(),
             details: BTreeMap::from([("water".into(), serde_json::json!({"temperature_c": 22.0}))]),
+            ..fixtures::start("20261120T101503Z-ab12cd")
         }
     }
 
@@ -463,16 +223,12 @@ mod tests {
         let stop = Stop {
             status: Status::Fail,
             reason: Some("camera gone".into()),
-            clock: ClockPair::now(),
-            servo: StopOutcome::Acknowledged,
             images: 12,
             images_lost: 1,
             images_damaged: 2,
             images_repeated: 3,
             images_stale: 4,
-            messages_dropped: 0,
-            learn_from: None,
-            recovered: None,
+            ..fixtures::stop()
         };
         run.finish(stop.clone(), None).unwrap();
         assert_eq!(RunFolder::open(run.path()).unwrap().stop(), Some(&stop));
@@ -489,16 +245,6 @@ mod tests {
         let start = start();
         RunFolder::create(dir.path(), start.clone()).unwrap();
         assert!(matches!(RunFolder::create(dir.path(), start), Err(RecordError::Io { .. })));
-    }
-
-    #[test]
-    fn names_that_lead_elsewhere_are_no_run_ids() {
-        assert!(RunId::try_from(RunId::now().as_str().to_owned()).is_ok());
-        for name in
-            ["../../etc", "20261120T101503Z-AB12CD", "20261120T101503Z-ab12c", "20261120T101503Z-ab/2cd", ""]
-        {
-            assert!(RunId::try_from(name.to_owned()).is_err(), "{name}");
-        }
     }
 
     #[test]

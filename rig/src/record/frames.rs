@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::RecordError;
-use super::folder::write_whole;
+use super::files::write_whole;
 
 /// One image of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

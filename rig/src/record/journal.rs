@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::RecordError;
-use super::folder::{containing, sync_folder};
+use super::files::{containing, sync_folder};
 use crate::clock::MonotonicNs;
 
 /// One line of the journal.

@@ -4,7 +4,10 @@
 //! [`recording`] as they come, and `stop.json` last. Nothing needs a footer to be read: a run that lacks
 //! `stop.json` was cut short, and all that had been written still counts ([`folder`], [`reader`]).
 
+pub mod files;
 pub mod filter;
+#[cfg(test)]
+pub(crate) mod fixtures;
 pub mod folder;
 pub mod frames;
 pub mod journal;
@@ -12,7 +15,9 @@ pub mod reader;
 pub mod recording;
 pub mod repair;
 pub mod retention;
+pub mod run_id;
 pub mod simulated;
+pub mod start_stop;
 pub mod sums;
 pub mod timing;
 pub mod verify;

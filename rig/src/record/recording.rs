@@ -22,7 +22,7 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-use super::folder::{containing, sync_folder};
+use super::files::{containing, sync_folder};
 use super::sums::Sum;
 use super::{RecordError, ServoCommand};
 use crate::camera::{CameraImage, CameraInfo};

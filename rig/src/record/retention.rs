@@ -4,7 +4,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::RecordError;
-use super::folder::{RunFolder, file, read_json, sync_folder, write_json};
+use super::files::{read_json, sync_folder, write_json};
+use super::folder::{RunFolder, file};
 use super::sums::{Sum, Sums};
 
 /// `retention.json`.

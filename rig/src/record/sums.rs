@@ -12,7 +12,8 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 
 use super::RecordError;
-use super::folder::{file, write_whole};
+use super::files::write_whole;
+use super::folder::file;
 
 /// What a run's analysis writes, and writes again when it is done again.
 const RESULTS: [&str; 11] = [

@@ -6,7 +6,7 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::RecordError;
-use super::folder::write_whole;
+use super::files::write_whole;
 
 /// Wall times of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use super::RecordError;
-use super::folder::{RunFolder, Status, file};
+use super::folder::{RunFolder, file};
 use super::reader::{End, Item, Recording};
+use super::start_stop::Status;
 use super::sums::{Sum, Sums, is_result};
 use crate::clock::MonotonicNs;
 use crate::error_chain::with_causes;

@@ -11,8 +11,9 @@ use super::format::counted;
 use super::motion::Motion;
 use crate::reasons::told_together;
 use crate::record::RecordError;
-use crate::record::folder::{RunFolder, RunKind, Start, Status, Stop, file};
+use crate::record::folder::{RunFolder, file};
 use crate::record::frames::{self, FrameRow};
+use crate::record::start_stop::{RunKind, Start, Status, Stop};
 use crate::servo::StopOutcome;
 
 /// Why a run folder's files could not be read for a report.
@@ -241,28 +242,14 @@ fn measured(path: &Path) -> Option<Command> {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use super::*;
-    use crate::clock::MonotonicNs;
-    use crate::record::folder::{ClockPair, RunId};
-
-    fn pair() -> ClockPair {
-        ClockPair { monotonic_ns: MonotonicNs(5), utc: "2026-11-20T10:15:03.25Z".into() }
-    }
+    use crate::record::fixtures;
 
     fn folder(runs: &Path) -> RunFolder {
         let start = Start {
-            id: RunId::try_from("20261120T101503Z-ab12cd".to_owned()).unwrap(),
-            kind: RunKind::Driven,
-            model: file::MODEL_START.into(),
             prescribed: true,
-            clock: pair(),
-            version: "0.1.0".into(),
-            board: None,
-            camera: None,
             config: "[run]\nname = \"pose I\"\n".into(),
-            details: BTreeMap::new(),
+            ..fixtures::start("20261120T101503Z-ab12cd")
         };
         RunFolder::create(runs, start).unwrap()
     }
@@ -302,16 +289,11 @@ mod tests {
         let stop = Stop {
             status: Status::Fail,
             reason: Some("camera gone".into()),
-            clock: pair(),
-            servo: StopOutcome::LeftToDeadMan,
             images: 4,
             images_lost: 1,
-            images_damaged: 0,
-            images_repeated: 0,
-            images_stale: 0,
             messages_dropped: 2,
-            learn_from: None,
-            recovered: None,
+            servo: StopOutcome::LeftToDeadMan,
+            ..fixtures::stop()
         };
         folder.finish(stop, None).unwrap();
 

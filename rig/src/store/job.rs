@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use crate::analysis::Stage;
 use crate::goal::Target;
-use crate::record::folder::RunId;
+use crate::record::run_id::RunId;
 
 /// A job's number: in the order in which they were added.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

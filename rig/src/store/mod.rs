@@ -140,7 +140,7 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`] where it cannot be made, read or written, [`StoreError::Newer`].
     pub fn open(runs_dir: &Path) -> Result<Self, StoreError> {
-        crate::record::folder::create_folder(runs_dir)?;
+        crate::record::files::create_folder(runs_dir)?;
         let path = runs_dir.join(FILE);
         match Self::open_file(runs_dir, &path) {
             Err(StoreError::Database { source, .. }) if is_damaged(&source) => {

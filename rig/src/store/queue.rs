@@ -4,7 +4,7 @@ use rusqlite::{OptionalExtension, Row, params};
 
 use super::job::{Job, JobId, JobResult, Lane, NewJob, State};
 use super::{Store, StoreError, now, text};
-use crate::record::folder::RunId;
+use crate::record::run_id::RunId;
 
 const COLUMNS: &str = "id, work, priority, state, cancel, why, retry_of, not_before, added, began, ended, pid, status, run, out, verdict, error";
 
@@ -254,7 +254,7 @@ mod tests {
 
     use super::super::job::{Chosen, Work};
     use super::*;
-    use crate::record::folder::RunId;
+    use crate::record::run_id::RunId;
 
     fn run_job(priority: i32) -> NewJob {
         NewJob { priority, ..NewJob::new(Work::Run { config: "rig.toml".into(), film_only: false }) }

@@ -12,7 +12,9 @@ use utoipa::ToSchema;
 
 use super::models::MadeWith;
 use super::{Store, StoreError};
-use crate::record::folder::{RunFolder, RunId, Status, file};
+use crate::record::folder::{RunFolder, file};
+use crate::record::run_id::RunId;
+use crate::record::start_stop::Status;
 use crate::record::{RecordError, frames, journal};
 
 /// A folder that changed this short a time before it was read may change again within the same tick of its clock.

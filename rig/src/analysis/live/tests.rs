@@ -5,9 +5,10 @@ use super::*;
 use crate::camera::fixtures;
 use crate::images::TimedImage;
 use crate::images::recording::RecordedImages;
-use crate::record::folder;
+use crate::record::fixtures as record;
+use crate::record::folder::file;
 use crate::record::recording::{Recorder, RecorderOptions};
-use crate::servo::StopOutcome;
+use crate::record::start_stop::{RunKind, Start, Stop};
 use crate::tank::render::{Look, Renderer};
 use crate::vision::SequenceError;
 use crate::vision::record::StoredRecord;
@@ -42,20 +43,10 @@ impl Film {
             Arc::new(CameraImage { damaged: k == 20, data: grey.into_raw(), ..image })
         };
         let runs = tempfile::tempdir().unwrap();
-        let start = folder::Start {
-            id: folder::RunId::now(),
-            kind: folder::RunKind::Free,
-            model: folder::file::MODEL_START.into(),
-            prescribed: false,
-            clock: folder::ClockPair { monotonic_ns: MonotonicNs(0), utc: "2026-11-20T10:15:03Z".into() },
-            version: "0.1.0".into(),
-            board: None,
-            camera: None,
-            config: String::new(),
-            details: Default::default(),
-        };
+        let start =
+            Start { kind: RunKind::Free, clock: record::at(0), ..record::start("20261120T101503Z-ab12cd") };
         let run = RunFolder::create(runs.path(), start).unwrap();
-        run.write(folder::file::MODEL_START, text.as_bytes()).unwrap();
+        run.write(file::MODEL_START, text.as_bytes()).unwrap();
         Self { images: (0..60).map(image).collect(), config, base, run, _runs: runs }
     }
 
@@ -73,24 +64,11 @@ impl Film {
     fn recorded(&self, learn_from: Range<u64>) -> RunFolder {
         let mut run = self.run.clone();
         let info = fixtures::info(SIZE_PX);
-        let path = run.file(folder::file::RECORDING);
+        let path = run.file(file::RECORDING);
         let recorder = Recorder::create(&path, Some(&info), RecorderOptions::default()).unwrap();
         self.images.iter().for_each(|image| recorder.image(Arc::clone(image)).unwrap());
         recorder.finish().unwrap();
-        let stop = folder::Stop {
-            status: folder::Status::Success,
-            reason: None,
-            clock: run.start().clock.clone(),
-            servo: StopOutcome::NotNeeded,
-            images: self.images.len() as u64,
-            images_lost: 0,
-            images_damaged: 0,
-            images_repeated: 0,
-            images_stale: 0,
-            messages_dropped: 0,
-            learn_from: Some(learn_from),
-            recovered: None,
-        };
+        let stop = Stop { images: self.images.len() as u64, learn_from: Some(learn_from), ..record::stop() };
         run.finish(stop, None).unwrap();
         run
     }

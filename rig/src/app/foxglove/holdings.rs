@@ -15,9 +15,10 @@ use crate::calibration::{Plane, View};
 use crate::clock::MonotonicNs;
 use crate::config::ExtractionConfig;
 use crate::interchange::foxglove::{self, Level};
-use crate::record::folder::{RunFolder, Status, file};
+use crate::record::folder::{RunFolder, file};
 use crate::record::journal;
 use crate::record::simulated::Simulated;
+use crate::record::start_stop::Status;
 use crate::vision::outline::Outline;
 use crate::vision::record::StoredRecord;
 

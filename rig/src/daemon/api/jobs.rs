@@ -10,7 +10,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::{Api, InRig, Problem};
 use crate::goal::Target;
-use crate::record::folder::RunId;
+use crate::record::run_id::RunId;
 use crate::store::alerts::Alert;
 use crate::store::job::{Chosen, Job, JobId, Lane, NewJob, State as JobState, Work};
 

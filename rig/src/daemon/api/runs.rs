@@ -10,7 +10,8 @@ use serde::Deserialize;
 use utoipa::IntoParams;
 
 use super::{Api, InRig, Problem};
-use crate::record::folder::{RunId, file};
+use crate::record::folder::file;
+use crate::record::run_id::RunId;
 use crate::store::models::ModelChange;
 use crate::store::runs::{Coefficient, Summary};
 
