@@ -124,11 +124,12 @@ impl Tank {
         matches!(&self.named()[..], [names] if names.iter().any(|name| name == hidden.cause()))
     }
 
-    /// The causes that the last diagnosis names, each with its aliases behind it.
+    /// The causes that the last diagnosis names, or those beyond doubt where it does not explain all; each with its aliases behind it.
     pub fn named(&self) -> Vec<Vec<String>> {
         let steps = self.record()["steps"].as_array().map_or(0, Vec::len);
         let diagnosis = crate::json(&self.out().join(format!("after-{steps}/diagnosis.json")));
-        let causes = diagnosis["causes"].as_array().cloned().unwrap_or_default();
+        let list = if diagnosis["verdict"] == "unexplained" { "established" } else { "causes" };
+        let causes = diagnosis[list].as_array().cloned().unwrap_or_default();
         let text = |name: &Value| name.as_str().map(str::to_owned);
         let names = |cause: &Value| {
             let aliases = cause["aliases"].as_array().into_iter().flatten();

@@ -24,7 +24,7 @@ use super::{Failure, Interrupt, Watcher, base, read_model};
 use crate::analysis::prepared;
 use crate::config::RigConfig;
 use crate::goal::Goal;
-use crate::record::folder::RunId;
+use crate::record::run_id::RunId;
 use crate::urgency::Urgency;
 use next::Next;
 use record::{Made, Record, Standing, Step};
@@ -151,7 +151,13 @@ impl Campaign<'_> {
             record.runs.iter().map(|made| self.runs_dir.join(made.run.as_str())).collect();
         let runs: Vec<(Use, &Path)> = paths.iter().map(|path| (Use::Fit, path.as_path())).collect();
         compose(&runs, None, false, &experiment)?;
-        let mut step = Step { folder: folder.clone(), verdict: None, sentence: None, known: Vec::new() };
+        let mut step = Step {
+            folder: folder.clone(),
+            verdict: None,
+            sentence: None,
+            established: Vec::new(),
+            known: Vec::new(),
+        };
         let next = tokio::task::block_in_place(|| {
             // other rigs may move beside it: they come first
             std::thread::scope(|scope| {

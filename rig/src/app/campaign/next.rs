@@ -25,6 +25,8 @@ const CONFIGS: &str = "next";
 const DIAGNOSIS: &str = "diagnosis";
 /// A run that would lessen no standard deviation by this share is none to make.
 const WORTHWHILE_SHARE: f64 = 0.01;
+/// A remainder up to this share of what was wrong is none that another run of the same rig would name.
+const SMALL_SHARE: f64 = 0.1;
 
 /// The next thing to do.
 #[derive(Debug)]
@@ -53,6 +55,7 @@ impl Campaign<'_> {
         let diagnosis = &found.diagnosis;
         step.verdict = Some(diagnosis.verdict.name().into());
         step.sentence = Some(diagnosis.sentence.clone());
+        step.established = established(diagnosis);
         record.says.clone_from(&diagnosis.sentence);
         record.needs = by_hand(diagnosis);
         watcher.note(&format!("{}: {}", diagnosis.verdict.name(), diagnosis.sentence));
@@ -69,6 +72,7 @@ impl Campaign<'_> {
                 }
             }
             Verdict::NothingDetectable | Verdict::Cause | Verdict::Causes => end(Standing::Reached),
+            Verdict::Unexplained if is_settled(diagnosis, step, record) => end(Standing::Reached),
             // what differs between two equal runs is no property of the mechanism
             Verdict::Unexplained if record.runs.len() == 1 => Ok(Next::Run {
                 config: self.config.into(),
@@ -185,6 +189,25 @@ impl Campaign<'_> {
         let mut feasible = order.into_iter().filter(|(path, _)| is_feasible(path));
         Ok(feasible.next().map(|(path, proposal)| (path, proposal.clone())))
     }
+}
+
+/// What `diagnosis` names beyond doubt, in order; of aliases the first one, as no run tells them apart.
+fn established(diagnosis: &Diagnosis) -> Vec<String> {
+    let first = |cause: &NamedCause| cause.aliases.iter().chain([&cause.name]).min().cloned();
+    let mut names: Vec<String> = diagnosis.established.iter().filter_map(first).collect();
+    names.sort();
+    names.dedup();
+    names
+}
+
+/// Whether a diagnosis that does not explain all has the last word: what it names beyond doubt it named before, runs of more than one
+/// kind agree on it, and little is left.
+fn is_settled(diagnosis: &Diagnosis, step: &Step, record: &Record) -> bool {
+    // a campaign that goes on may have been through this step already
+    let before = record.steps.iter().take(record.runs.len() - 1).next_back().map(|step| &step.established);
+    let differ = record.runs.windows(2).any(|pair| pair[0].config != pair[1].config);
+    let left = diagnosis.remainder.as_ref().map_or(1.0, |remainder| remainder.share);
+    !step.established.is_empty() && before == Some(&step.established) && differ && left <= SMALL_SHARE
 }
 
 /// Whether the rig can do what the config at `path` says without a hand.

@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::app::Failure;
 use crate::goal::{Goal, Known};
-use crate::record::folder::{RunId, write_whole};
+use crate::record::files::write_whole;
+use crate::record::run_id::RunId;
 
 /// The file in a campaign's folder.
 pub const FILE: &str = "campaign.json";
@@ -82,6 +83,9 @@ pub struct Step {
     /// Its sentence.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub sentence: Option<String>,
+    /// What the diagnosis names beyond doubt although it does not explain all; of aliases the first one.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub established: Vec<String>,
     /// The parameters of the goal.
     #[serde(skip_serializing_if = "Vec::is_empty", default)]
     pub known: Vec<Known>,
