@@ -47,7 +47,7 @@ pub fn shared(what_is_skipped: &str) -> Option<PathBuf> {
 
 /// The `rig` program of this build. A test of the whole workspace has made it; a lone `cargo test -p` makes it once, and
 /// after a change wants `cargo build`: asking cargo each time would build everything again with other features.
-fn program() -> &'static Path {
+pub fn program() -> &'static Path {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     PROGRAM.get_or_init(|| {
         let test = std::env::current_exe().expect("a test knows its own path");

@@ -24,6 +24,7 @@ use serde_json::json;
 
 use crate::app::{Failure, Interrupt, Watcher};
 use crate::service::Service;
+use crate::urgency::give_way_to_the_kernel;
 use api::{Api, Token};
 use rig::{May, Rig};
 use tokio::net::TcpListener;
@@ -58,6 +59,7 @@ impl Daemon {
     /// # Errors
     /// [`Failure::Input`] for a config or schedule that cannot be used, two configs of one name, or a folder that another daemon has.
     pub async fn open(options: &Options<'_>, watcher: &mut dyn Watcher) -> Result<Self, Failure> {
+        give_way_to_the_kernel();
         let mut names: Vec<&std::ffi::OsStr> =
             options.configs.iter().filter_map(|path| path.file_stem()).collect();
         names.sort_unstable();

@@ -1,0 +1,83 @@
+//! Eight mock rigs of one daemon, moved at once: `--nocapture` says of each how punctual its servo's positions were and how its run ended.
+
+use std::path::Path;
+use std::process::Command;
+
+use system_tests::{config, in_real_time, json, only_run, printed, run_rig, set};
+
+const RIGS: usize = 8;
+/// A computer that does something else at the same time may be late once.
+const TRIES: usize = 3;
+
+/// A rig called `name` in `folder`: a servo on a bus, which is told its position a hundred times a second and must be told in time, and a
+/// camera of 320 by 240 pixels, 50 images a second.
+fn write_rig(folder: &Path, name: &str) -> String {
+    let shipped = |name: &str| std::fs::read_to_string(config(name)).expect("a shipped file");
+    let origin_px: toml::Value = vec![160.0, 210.0].into();
+    let mut tank: toml::Table = shipped("tanks/chain-driven-bus.toml").parse().expect("a tank");
+    tank.insert("model".into(), config("tanks/chain-driven-bus.xml").display().to_string().into());
+    set(&mut tank, "view", "metres_per_pixel", 5e-4);
+    set(&mut tank, "view", "origin_px", origin_px.clone());
+    std::fs::write(folder.join(format!("{name}-tank.toml")), tank.to_string()).expect("a tank");
+
+    let mut rig: toml::Table = shipped("chain-driven-bus.toml").parse().expect("a config");
+    let model = rig["run"]["model"].as_str().expect("a model").to_owned();
+    set(&mut rig, "run", "model", config(&model).display().to_string());
+    set(&mut rig, "run", "diagnose", false);
+    set(&mut rig, "mock", "tank", format!("{name}-tank.toml"));
+    set(&mut rig, "camera", "width_px", 320);
+    set(&mut rig, "camera", "height_px", 240);
+    set(&mut rig, "camera", "fps", 50.0);
+    set(&mut rig, "calibration", "metres_per_pixel", 5e-4);
+    set(&mut rig, "calibration", "origin_px", origin_px);
+    set(&mut rig, "fit", "parameters", vec!["q2/damping".to_owned()]);
+    // as a rig has it whose config says nothing
+    rig["servo"].as_table_mut().expect("a table").remove("max_late_ms");
+    let path = folder.join(format!("{name}.toml"));
+    std::fs::write(&path, rig.to_string()).expect("a config");
+    path.display().to_string()
+}
+
+/// Moves all rigs at once; how many came to their end without a position late or left out, or an image lost.
+fn moved_well() -> usize {
+    let folder = tempfile::tempdir().expect("a folder");
+    let runs = folder.path().join("runs");
+    let names: Vec<String> = (1..=RIGS).map(|number| format!("tank-{number}")).collect();
+    let configs: Vec<String> = names.iter().map(|name| write_rig(folder.path(), name)).collect();
+    for (name, config) in names.iter().zip(&configs) {
+        let runs = runs.join(name).display().to_string();
+        let output = run_rig(["jobs", "--runs-dir", &runs, "add", "run", config]);
+        assert!(output.status.success(), "{}", printed(&output));
+    }
+    // in a session of its own, as the service is
+    let mut daemon = Command::new("setsid");
+    daemon.arg("--wait").arg(system_tests::program()).arg("daemon").args(&configs);
+    daemon.arg("--runs-dir").arg(&runs).args(["--max-runs", &RIGS.to_string()]);
+    let output = daemon.output().expect("the daemon");
+    assert!(output.status.success(), "{}", printed(&output));
+
+    let (mut begun, mut well) = (Vec::new(), 0);
+    for name in &names {
+        let run = only_run(&runs.join(name)).expect("a run");
+        let stop = json(&run.join("stop.json"));
+        let journal = std::fs::read_to_string(run.join("journal.jsonl")).expect("its journal");
+        let stream = journal.lines().rfind(|line| line.contains("positions at 100 Hz")).unwrap_or_default();
+        println!(
+            "{name}: {} {}, {} images lost: {stream}",
+            stop["status"], stop["reason"], stop["images_lost"]
+        );
+        let punctual = stream.contains(" 0 left out") && stop["images_lost"] == 0;
+        well += usize::from(stop["status"] == "success" && punctual);
+        let start = json(&run.join("start.json"));
+        begun.push(start["clock"]["monotonic_ns"].as_f64().expect("its start") * 1e-9);
+    }
+    begun.sort_by(f64::total_cmp);
+    println!("{well} of {RIGS} well, begun within {:.1} s", begun[RIGS - 1] - begun[0]);
+    well
+}
+
+#[test]
+fn eight_rigs_at_once_have_no_late_servo_packet_and_lose_no_image() {
+    let _turn = in_real_time();
+    assert!((0..TRIES).any(|_| moved_well() == RIGS));
+}
