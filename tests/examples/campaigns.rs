@@ -2,7 +2,7 @@
 //! time, some 40 s a tank. Build the program first: `cargo build -p rig`.
 //!
 //! Each tank hides a servo that lags or acts late, in water of its own, behind a first run that is too gentle to tell; a campaign of at most
-//! four runs has to name it. With `--goals` nothing is hidden: a parameter is to be known four times as well as the first run lets it, and
+//! four runs has to name it. With `--goals` nothing is hidden: a parameter is to be known three times as well as the first run lets it, and
 //! runs of a campaign are counted beside those of repeating the first one. Every finished tank is a line of `OUT/outcomes.jsonl`; started
 //! again, it goes on where it stopped.
 
@@ -35,9 +35,9 @@ struct Outcome {
 /// The most runs that a campaign to resolve something may make.
 const MOST_RUNS: &str = "4";
 /// The most runs that repeating may take.
-const MOST_REPEATED: usize = 24;
+const MOST_REPEATED: usize = 16;
 /// By so much the goal is below what the first run leaves open.
-const SHARPER: f64 = 4.0;
+const SHARPER: f64 = 3.0;
 /// The parameter of the goals.
 const PARAMETER: &str = "q2/damping";
 

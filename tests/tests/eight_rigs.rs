@@ -62,7 +62,7 @@ fn moved_well() -> usize {
         let stop = json(&run.join("stop.json"));
         let journal = std::fs::read_to_string(run.join("journal.jsonl")).expect("its journal");
         let stream = journal.lines().rfind(|line| line.contains("positions at 100 Hz")).unwrap_or_default();
-        println!(
+        eprintln!(
             "{name}: {} {}, {} images lost: {stream}",
             stop["status"], stop["reason"], stop["images_lost"]
         );
@@ -72,7 +72,7 @@ fn moved_well() -> usize {
         begun.push(start["clock"]["monotonic_ns"].as_f64().expect("its start") * 1e-9);
     }
     begun.sort_by(f64::total_cmp);
-    println!("{well} of {RIGS} well, begun within {:.1} s", begun[RIGS - 1] - begun[0]);
+    eprintln!("{well} of {RIGS} well, begun within {:.1} s", begun[RIGS - 1] - begun[0]);
     well
 }
 
