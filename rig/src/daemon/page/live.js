@@ -187,7 +187,9 @@ function showFits() {
     const lines = [["over all images", fit.curve], ["over some of them", fit.rough]].map(([name, curve], place) =>
       ({ name, place, points: curve.map(([at, rms_m]) => [at, rms_m * 1e3]) })).filter(line => line.points.length);
     const all = lines.flatMap(line => line.points).sort(([a], [b]) => a - b), values = all.map(([, value]) => value);
-    const [first, last] = [values[0], values.at(-1)];
+    // errors over some of the images are none to compare with those over all
+    const told = lines[0].points;
+    const [first, last] = [told[0][1], told.at(-1)[1]];
     const text = `Job ${job}, ${fit.name}: ${fit.phase}, ${fit.evaluations} of at most ${fit.max_evaluations} evaluations, ${last.toPrecision(3)} mm rms`;
     const label = `${text}; it began with ${first.toPrecision(3)} mm`;
     const chart = lineChart({ width: room($("fits")), label, lines, from: all[0][0], to: fit.evaluations, unit: "mm rms", xUnit: "evaluations",
