@@ -93,12 +93,35 @@ impl Bench {
 
     /// A daemon that has started.
     pub fn start(&self, more: &[&str]) -> Background {
-        let log =
-            std::fs::File::options().create(true).append(true).open(self.folder.path().join("daemon.log"));
-        let last = if more.is_empty() { "\"started\"" } else { "\"serving\"" };
+        self.started(self.daemon(more), if more.is_empty() { "\"started\"" } else { "\"serving\"" })
+    }
+
+    /// A daemon that has started with process numbers of its own, as a container has them: its session was begun outside. None where the
+    /// system lets nobody do that.
+    pub fn start_in_a_container(&self) -> Option<Background> {
+        let mut container = Command::new("unshare");
+        container.args(["--user", "--map-root-user", "--pid", "--fork", "--kill-child", "--mount-proc"]);
+        let mut daemon = Command::new(container.get_program());
+        daemon.args(container.get_args());
+        if !container.arg("true").status().is_ok_and(|status| status.success()) {
+            return None;
+        }
+        let outside = self.daemon(&[]);
+        daemon.arg(outside.get_program()).args(outside.get_args());
+        Some(self.started(daemon, "\"started\""))
+    }
+
+    /// The process of `daemon`, once its journal has one more entry that says `last`.
+    fn started(&self, daemon: Command, last: &str) -> Background {
+        let told = self.folder.path().join("daemon.log");
+        let log = std::fs::File::options().create(true).append(true).open(&told);
         let before = self.journal().matches(last).count();
-        let daemon = Background::told(self.daemon(more), log.expect("a log"));
-        wait_until("the daemon's start", 10.0, || self.journal().matches(last).count() > before);
+        let mut daemon = Background::told(daemon, log.expect("a log"));
+        wait_until("the daemon's start", 10.0, || {
+            let ended = daemon.child().try_wait().expect("its status");
+            assert!(ended.is_none(), "{ended:?}: {}", std::fs::read_to_string(&told).unwrap_or_default());
+            self.journal().matches(last).count() > before
+        });
         daemon
     }
 

@@ -42,6 +42,15 @@ fn sigterm_ends_a_waiting_daemon_and_a_second_daemon_is_refused() {
 }
 
 #[test]
+fn daemon_starts_where_its_session_was_begun_outside_its_container() {
+    let _turn = in_real_time();
+    let bench = Bench::quiet();
+    if bench.start_in_a_container().is_none() {
+        eprintln!("Skipped: nobody may have process numbers of their own here.");
+    }
+}
+
+#[test]
 fn rig_run_beside_a_daemon_hands_its_job_in_and_shows_how_it_goes() {
     let _turn = in_real_time();
     let bench = Bench::quiet();
@@ -83,7 +92,7 @@ fn daemon_killed_during_a_run_leaves_the_run_alone_and_the_next_daemon_waits_for
     drop(daemon);
     assert!(test_kill_process(bench.job_process()).is_ok(), "the run goes on");
     let _next = bench.start(&[]);
-    assert!(bench.journal().contains("\"job-adopted\""), "{}", bench.journal());
+    wait_until("the job's adoption", 5.0, || bench.journal().contains("\"job-adopted\""));
     let line = bench.wait(1, &["done"], 60.0);
     assert!(line.contains(run.to_str().expect("readable")), "{line}");
     // one motion at a time: the second began when the first was over

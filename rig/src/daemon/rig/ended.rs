@@ -15,7 +15,6 @@ use crate::store::job::{Job, JobId, JobResult, Lane, NewJob, State, Work};
 
 /// A job that only computes and was lost is begun again so many times: it harms nobody, but it may be what kills.
 const MOST_REPEATS: u32 = 2;
-
 /// The same drift is told again after so many days.
 const SAME_DRIFT_DAYS: i64 = 7;
 
