@@ -5,13 +5,18 @@
 //! on without it and is waited for.
 
 use std::fs::File;
+use std::os::fd::OwnedFd;
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use clap::ValueEnum as _;
-use rustix::process::{Pid, Signal, kill_process, setpriority_process, test_kill_process};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use rustix::process::{
+    Pid, PidfdFlags, Signal, kill_process, pidfd_open, pidfd_send_signal, setpriority_process,
+};
 
 use crate::app::Failure;
 use crate::app::compose::compose;
@@ -46,8 +51,8 @@ pub(super) struct Running {
 enum Process {
     /// Our own.
     Ours(Child),
-    /// One that an earlier daemon began.
-    Adopted(Pid),
+    /// One that an earlier daemon began, by its number, which may be given out again, and by a handle, which stays.
+    Adopted(Pid, OwnedFd),
 }
 
 impl Running {
@@ -97,6 +102,7 @@ impl Running {
         // a daemon that was killed just after it began the job has not written by which process it is done
         let pid = job.pid.or_else(|| Claim::holder(&recover::lock(runs_dir)));
         let pid = pid.and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?))?;
+        let handle = pidfd_open(pid, PidfdFlags::empty()).ok()?;
         // numbers of processes are given out again: it must say itself that it does this job
         let environment = std::fs::read(format!("/proc/{}/environ", pid.as_raw_nonzero())).ok()?;
         let mark = format!("{}={}", hand_in::JOB, job.id);
@@ -105,7 +111,7 @@ impl Running {
             id: job.id,
             lane: job.work.lane(),
             folder: folder(runs_dir, job.id),
-            process: Process::Adopted(pid),
+            process: Process::Adopted(pid, handle),
             asked: None,
         })
     }
@@ -114,7 +120,7 @@ impl Running {
     pub(super) fn pid(&self) -> Pid {
         match &self.process {
             Process::Ours(child) => Pid::from_child(child),
-            Process::Adopted(pid) => *pid,
+            Process::Adopted(pid, _) => *pid,
         }
     }
 
@@ -129,7 +135,10 @@ impl Running {
             self.asked = Some(Instant::now());
         }
         // one that has ended meanwhile needs no signal
-        let _ = kill_process(self.pid(), signal);
+        let _ = match &self.process {
+            Process::Ours(child) => kill_process(Pid::from_child(child), signal),
+            Process::Adopted(_, handle) => pidfd_send_signal(handle, signal),
+        };
     }
 
     /// How it ended, once it has.
@@ -142,10 +151,14 @@ impl Running {
                 None => return Ok(None),
                 Some(status) => status.to_string(),
             },
-            Process::Adopted(pid) => match test_kill_process(*pid) {
-                Ok(()) => return Ok(None),
-                Err(_) => "its process is gone".into(),
-            },
+            // readable once it has ended, also in a container whose first process never asks how others ended
+            Process::Adopted(_, handle) => {
+                match poll(&mut [PollFd::new(handle, PollFlags::IN)], Some(&Timespec::default())) {
+                    Ok(0) | Err(Errno::INTR) => return Ok(None),
+                    Ok(_) => "its process is gone".into(),
+                    Err(error) => return Err(Failure::internal(error)),
+                }
+            }
         };
         Ok(Some(result(&self.folder, &how)))
     }
