@@ -54,8 +54,9 @@ pub(super) struct Begun {
 }
 
 impl Live {
-    /// Begins for `run`, which is filmed, on so many threads; none with a calibration that cannot be used, which the analysis
-    /// will say. `paths_from`: the folder that paths in `config` start from; what is found is shown by `showing`.
+    /// Begins for `run`, which is filmed; none with a calibration that cannot be used, which the analysis will say. Of so many `threads`
+    /// one is left to servo, camera and the kernel that carries their bytes: images that are late are looked at by all of them afterwards.
+    /// `paths_from`: the folder that paths in `config` start from; what is found is shown by `showing`.
     pub fn start(
         run: &RunFolder,
         config: &RigConfig,
@@ -76,6 +77,7 @@ impl Live {
         let thread = std::thread::spawn(move || {
             // the pool's threads inherit it
             Urgency::Computing.take();
+            let threads = threads.saturating_sub(1).max(1);
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().ok()?;
             pool.install(|| follower.follow(images))
         });
