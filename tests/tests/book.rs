@@ -25,7 +25,7 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("rig diagnose mine-fit.toml", "of that film"),
     (
         "rig replay runs/20261120T101503Z-ab12cd --config rig.toml",
-        "needs SAM 2's graphs; rig/tests/sam2.rs has some",
+        "needs SAM 2's graphs; rig/tests/all/sam2.rs has some",
     ),
     ("rig fit fish/", "needs the markers; the test fish runs it where they are"),
     ("rig diagnose fish/", "needs the markers, and minutes"),
