@@ -85,10 +85,8 @@ fn sharpened(tank: u64, folder: &Path) -> Result<Outcome, String> {
     };
     let mut first = None;
     let repeated = loop {
-        ran(run_rig(["run", &config, "--runs-dir", &repeats, "--film-only"]))?;
+        ran(run_rig(["run", &config, "--runs-dir", &repeats]))?;
         let runs = folders(Path::new(&repeats));
-        let newest = runs.last().ok_or("no run")?.clone();
-        ran(run_rig(["replay", &newest, "--out", &newest]))?;
         let experiment = folder.join("experiment.toml").display().to_string();
         let out = folder.join("fit").display().to_string();
         let all = runs.iter().map(String::as_str);

@@ -12,6 +12,8 @@ use crate::{changed_config, config, rig, set};
 const RIG: &str = "chain-driven-late.toml";
 /// A machine that is busy with other tests takes longer to find what it finds in a minute.
 const DIAGNOSIS_LIMIT_S: f64 = 120.0;
+/// The servo's lag where nothing is hidden \[s\].
+const KNOWN_LAG_S: f64 = 0.025;
 
 /// What is hidden in a tank.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,7 +50,8 @@ impl Hidden {
 }
 
 impl Tank {
-    /// A tank in `folder` with `hidden` in it, its water's coefficients and its first run's strokes drawn by `seed`.
+    /// A tank in `folder` with `hidden` in it, its water's coefficients and its first run's strokes drawn by `seed`. With nothing hidden its
+    /// servo lags too, and the rig's fit has that lag: a servo without any would shake dry friction loose with each step of its pulse.
     ///
     /// # Panics
     /// Where the shipped tank cannot be read, or the folder not be written.
@@ -78,11 +81,11 @@ impl Tank {
         let mut lag_s = 0.0;
         match hidden {
             Some(Hidden::Lag(time_s)) => lag_s = time_s,
+            None => lag_s = KNOWN_LAG_S,
             Some(Hidden::Delay(delay_s)) => {
                 let delay: toml::Table = [("delay".to_owned(), delay_s.into())].into_iter().collect();
                 set(&mut tank, "causes", "servo_delay", delay);
             }
-            None => {}
         }
         let servos = tank["servo"].as_array_mut().expect("servos");
         servos[0].as_table_mut().expect("a servo").insert("lag_s".into(), lag_s.into());
@@ -92,6 +95,10 @@ impl Tank {
             set(config, "mock", "tank", "tank.toml");
             set(config, "profile", "amplitude_rad", random.random_range(0.3..0.5));
             set(config, "diagnose", "limit_s", DIAGNOSIS_LIMIT_S);
+            if hidden.is_none() {
+                let parameters = config["fit"]["parameters"].as_array_mut().expect("parameters");
+                parameters.push("servo_lag/time".into());
+            }
         });
         Self { config, folder: folder.into() }
     }
