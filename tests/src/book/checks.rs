@@ -105,10 +105,15 @@ pub fn wrong_for_cargo(words: &[String]) -> Option<String> {
         return unread.map(|option| format!("{example} reads no {option}"));
     }
     if let Some(test) = value(ours, "--test") {
-        let file =
-            folders.iter().map(|folder| folder.join(format!("tests/{test}.rs"))).find(|file| file.exists());
-        let Some(file) = file else { return Some(format!("no test {test}")) };
-        let text = std::fs::read_to_string(file).unwrap_or_default();
+        // a file, or a folder of files
+        let text = folders.iter().map(|folder| folder.join("tests")).find_map(|tests| {
+            let folder = tests.join(test);
+            let is_program = folder.join("main.rs").exists();
+            std::fs::read_to_string(tests.join(format!("{test}.rs")))
+                .ok()
+                .or(is_program.then(|| sources(&folder)))
+        });
+        let Some(text) = text else { return Some(format!("no test {test}")) };
         let name = ours.iter().skip_while(|word| *word != test).nth(1).filter(|word| !word.starts_with('-'));
         return name.filter(|name| !text.contains(name.as_str())).map(|name| format!("{test} has no {name}"));
     }
