@@ -57,6 +57,20 @@ impl Drop for PanicReport {
     }
 }
 
+/// Starts the thread `name`. Every thread of a device starts here, so that none can panic unheard.
+fn start_thread(
+    name: &'static str,
+    urgency: Urgency,
+    signals: UnboundedSender<Signal>,
+    work: impl FnOnce() + Send + 'static,
+) -> JoinHandle<()> {
+    std::thread::spawn(move || {
+        let _report = PanicReport(name, signals);
+        urgency.take();
+        work();
+    })
+}
+
 /// The camera's thread. Dropping it stops the camera.
 #[derive(Debug)]
 pub struct CameraThread {
@@ -79,15 +93,11 @@ impl CameraThread {
         camera.start()?;
         let (quit, quitting) = sync_channel::<()>(1);
         let (look_at, watched) = sync_channel(1);
-        let (watcher_seen, watcher_signals) = (seen.clone(), signals.clone());
-        let watcher = std::thread::spawn(move || {
-            let _report = PanicReport("stillness", watcher_signals);
-            Urgency::Pictures.take();
-            watch_stillness(&watched, &watcher_seen);
+        let changes = seen.clone();
+        let watcher = start_thread("stillness", Urgency::Pictures, signals.clone(), move || {
+            watch_stillness(&watched, &changes);
         });
-        let thread = std::thread::spawn(move || {
-            let _report = PanicReport("camera", signals.clone());
-            Urgency::Pictures.take();
+        let thread = start_thread("camera", Urgency::Pictures, signals.clone(), move || {
             let quits = || !matches!(quitting.try_recv(), Err(TryRecvError::Empty));
             'film: while !quits() {
                 let image = match camera.next_image(stall) {
@@ -169,9 +179,7 @@ impl ServoThread {
     /// Takes the board over.
     pub fn start(mut board: Box<dyn ServoBoard>, signals: UnboundedSender<Signal>) -> Self {
         let (orders, inbox) = sync_channel(4);
-        let thread = std::thread::spawn(move || {
-            let _report = PanicReport("servo", signals.clone());
-            Urgency::Servo.take();
+        let thread = start_thread("servo", Urgency::Servo, signals.clone(), move || {
             serve(board.as_mut(), &inbox, &signals);
         });
         Self { orders, thread: Some(thread), outcome: None }
