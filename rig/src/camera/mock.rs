@@ -35,7 +35,7 @@ pub struct StampTruth {
     pub latency_s: f64,
     /// Standard deviation of the stamps \[s\].
     pub jitter_s: f64,
-    /// Seed of the jitter and of what faults do.
+    /// Seed of the jitter and of what faults do, together with when the film starts.
     pub seed: u64,
 }
 
@@ -170,7 +170,10 @@ impl Camera for MockCamera {
     }
 
     fn start(&mut self) -> Result<(), CameraError> {
-        self.first = Some(MonotonicNs::now().plus_seconds(self.exposure_s / 2.0));
+        let first = MonotonicNs::now().plus_seconds(self.exposure_s / 2.0);
+        // each film has a jitter of its own: what repeated runs had in common would look like a property of the mechanism
+        self.random = ChaCha8Rng::seed_from_u64(self.truth.seed ^ first.0);
+        self.first = Some(first);
         self.next = 0;
         Ok(())
     }

@@ -87,6 +87,15 @@ fn jitter_spreads_stamps_as_stated_and_leaves_exposure_alone() {
 }
 
 #[test]
+fn jitter_is_another_one_in_each_film() {
+    let first_error_s = || {
+        let image = camera(StampTruth { jitter_s: 0.001, ..TRUTH }, &[]).next_image(TIMEOUT).unwrap();
+        image.mid_exposure.seconds_since(shown(&image))
+    };
+    assert_ne!(first_error_s(), first_error_s());
+}
+
+#[test]
 fn program_that_is_away_for_long_loses_images_and_sees_the_gap() {
     let mut camera = camera(TRUTH, &[]);
     let before = camera.next_image(TIMEOUT).unwrap();
