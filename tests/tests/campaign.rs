@@ -33,6 +33,22 @@ fn campaign_resolves_a_late_servo_without_a_hand_though_it_is_killed_on_the_way(
 }
 
 #[test]
+fn campaign_for_a_precision_ends_where_a_cause_bends_the_number_and_says_what_to_fit() {
+    let _turn = in_real_time();
+    let folder = tempfile::tempdir().expect("a folder");
+    let hidden = Hidden::Lag(0.03);
+    let tank = Tank::new(folder.path(), Some(hidden), 2);
+    let output =
+        tank.campaign(&["--goal", "q2/damping 1e-9", "--max-runs", "4"]).output().expect("rig campaign");
+    assert_eq!(output.status.code(), Some(4), "{}", printed(&output));
+    let record = tank.record();
+    assert_eq!(record["state"], "needs-a-hand", "{record}");
+    assert_eq!(record["runs"].as_array().expect("runs").len(), 2, "{record}");
+    let needs = record["needs"].to_string();
+    assert!(needs.contains("servo_lag/time") && needs.contains("[fit] parameters"), "{record}");
+}
+
+#[test]
 fn campaign_for_a_precision_beside_a_daemon_is_its_job_and_stops_where_its_runs_are_spent() {
     let _turn = in_real_time();
     let bench = Bench::quiet();

@@ -134,9 +134,15 @@ impl Campaign<'_> {
         let said: Vec<String> = step.known.iter().map(Known::to_string).collect();
         record.says = said.join("; ");
         watcher.note(&record.says);
-        if step.known.iter().all(|known| known.ratio() <= 1.0) {
-            self.doubt(experiment, step, record, watcher)?;
-            return Ok(Next::End(Standing::Reached, record.says.clone()));
+        record.needs.clear();
+        let is_reached = step.known.iter().all(|known| known.ratio() <= 1.0);
+        // a number may be known well in a model that lacks something; one run proves no cause
+        if is_reached || record.runs.len() > 1 {
+            let is_bent = self.doubt(experiment, step, record, watcher)?;
+            if is_reached || is_bent {
+                let state = if is_reached { Standing::Reached } else { Standing::NeedsAHand };
+                return Ok(Next::End(state, record.says.clone()));
+            }
         }
         watcher.say("planning the next run".into());
         let runs = Experiment::read(experiment)?;
@@ -156,23 +162,28 @@ impl Campaign<'_> {
         })
     }
 
-    /// Says whether the simulation repeats the runs to their noise: a number may be known well in a model that lacks something.
+    /// Says whether the simulation repeats the runs to their noise. Gives whether a cause that is named, and checked, bends what is to be
+    /// known by more than it is wanted: then more runs would make it more certain, not truer.
     fn doubt(
         &self,
         experiment: &Path,
         step: &mut Step,
         record: &mut Record,
         watcher: &mut dyn Watcher,
-    ) -> Result<(), Failure> {
+    ) -> Result<bool, Failure> {
         let (found, _) = diagnosed(experiment, &step.folder.join(DIAGNOSIS), self.threads, None, watcher)?;
         let diagnosis = &found.diagnosis;
         step.verdict = Some(diagnosis.verdict.name().into());
         step.sentence = Some(diagnosis.sentence.clone());
-        if diagnosis.verdict != Verdict::NothingDetectable {
-            record.says = format!("{}; but {}", record.says, diagnosis.sentence);
-            record.needs = by_hand(diagnosis);
+        if diagnosis.verdict == Verdict::NothingDetectable {
+            return Ok(false);
         }
-        Ok(())
+        record.says = format!("{}; but {}", record.says, diagnosis.sentence);
+        record.needs = by_hand(diagnosis);
+        let bends = bends(diagnosis, &step.known);
+        let is_bent = !bends.is_empty() && diagnosis.verdict != Verdict::Suspected;
+        record.needs.extend(bends);
+        Ok(is_bent)
     }
 
     /// The first of `list` that this rig can do, with its config; those that are `put_off` more come later.
@@ -240,6 +251,28 @@ fn rivals(diagnosis: &Diagnosis) -> String {
         1 => format!("{}: ", about.join(" or ")),
         more => format!("{} (or {} more): ", about.join(" or "), more - 1),
     }
+}
+
+/// Which of the numbers `known` the causes that are named bend by more than they are wanted, each with what to do about it.
+fn bends(diagnosis: &Diagnosis, known: &[Known]) -> Vec<String> {
+    let causes = diagnosis.causes.iter().map(NamedCause::label).collect::<Vec<_>>().join(" + ");
+    let fitted = diagnosis.causes.iter().flat_map(|cause| &cause.parameters).filter(|one| one.ci95.is_some());
+    let mut names: Vec<String> =
+        fitted.filter_map(|one| Some(format!("\"{}\"", one.name.split('@').next()?))).collect();
+    names.dedup();
+    let bent = |known: &Known| {
+        let bent = diagnosis.bent.iter().find(|bent| bent.name == known.name)?;
+        ((bent.after - bent.before).abs() > known.wanted_std).then(|| {
+            format!(
+                "{} is {:.4e} with {causes} and {:.4e} without: add {} to [fit] parameters, or repair it at the tank",
+                bent.name,
+                bent.after,
+                bent.before,
+                names.join(", ")
+            )
+        })
+    };
+    known.iter().filter_map(bent).collect()
 }
 
 /// What a diagnosis advises that no servo can do.
