@@ -35,7 +35,7 @@ struct Outcome {
 /// The most runs that a campaign to resolve something may make.
 const MOST_RUNS: &str = "4";
 /// The most runs that repeating may take.
-const MOST_REPEATED: usize = 16;
+const MOST_REPEATED: usize = 20;
 /// By so much the goal is below what the first run leaves open.
 const SHARPER: f64 = 3.0;
 /// The parameter of the goals.

@@ -14,6 +14,8 @@ const RIG: &str = "chain-driven-late.toml";
 const DIAGNOSIS_LIMIT_S: f64 = 120.0;
 /// The servo's lag where nothing is hidden \[s\].
 const KNOWN_LAG_S: f64 = 0.025;
+/// How often it looks at its pulse there \[s\]: as often as the board changes it, the two would come in and out of step within a run.
+const FINE_PERIOD_S: f64 = 1e-4;
 
 /// What is hidden in a tank.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -78,17 +80,21 @@ impl Tank {
         let mut tank: toml::Table = read(RIG).parse().expect("a tank");
         tank.insert("model".into(), "tank.xml".into());
         tank.insert("seed".into(), i64::try_from(seed).expect("a small seed").into());
-        let mut lag_s = 0.0;
-        match hidden {
-            Some(Hidden::Lag(time_s)) => lag_s = time_s,
-            None => lag_s = KNOWN_LAG_S,
-            Some(Hidden::Delay(delay_s)) => {
-                let delay: toml::Table = [("delay".to_owned(), delay_s.into())].into_iter().collect();
-                set(&mut tank, "causes", "servo_delay", delay);
-            }
-        }
         let servos = tank["servo"].as_array_mut().expect("servos");
-        servos[0].as_table_mut().expect("a servo").insert("lag_s".into(), lag_s.into());
+        let servo = servos[0].as_table_mut().expect("a servo");
+        let lag_s = match hidden {
+            Some(Hidden::Lag(time_s)) => time_s,
+            Some(Hidden::Delay(_)) => 0.0,
+            None => {
+                servo.insert("period_s".into(), FINE_PERIOD_S.into());
+                KNOWN_LAG_S
+            }
+        };
+        servo.insert("lag_s".into(), lag_s.into());
+        if let Some(Hidden::Delay(delay_s)) = hidden {
+            let delay: toml::Table = [("delay".to_owned(), delay_s.into())].into_iter().collect();
+            set(&mut tank, "causes", "servo_delay", delay);
+        }
         std::fs::write(folder.join("tank.toml"), tank.to_string()).expect("a tank");
 
         let config = changed_config(RIG, folder, |config| {
