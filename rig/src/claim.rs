@@ -123,13 +123,24 @@ fn read_pid(file: &mut File) -> Option<u32> {
     text.trim().parse().ok()
 }
 
-/// The lock file that stands for a servo port, the same for every user of this machine and for a service with a temporary folder of its
-/// own: `rig estop` finds through it whom to tell.
+/// The lock file that stands for a servo port: `rig estop` finds through it whom to tell.
 pub fn port_lock(port: &str) -> PathBuf {
+    port_file(port, "lock")
+}
+
+/// The file that stands for a servo port, with this ending: the same for every user of this machine and for a service with a temporary
+/// folder of its own, and for every name of the port.
+pub fn port_file(port: &str, ending: &str) -> PathBuf {
     let real = std::fs::canonicalize(port).unwrap_or_else(|_| port.into());
-    let name: String =
-        real.to_string_lossy().chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
-    folder_for_all(Path::new("/run/lock")).join(format!("rig{name}.lock"))
+    let mut name = real.to_string_lossy().into_owned();
+    // the number of a pseudo-terminal is given out again, to another board
+    if name.starts_with("/dev/pts/")
+        && let Ok(node) = real.metadata()
+    {
+        name += &format!("-{}", node.ctime());
+    }
+    let name: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+    folder_for_all(Path::new("/run/lock")).join(format!("rig{name}.{ending}"))
 }
 
 /// `preferred` where everybody may write to it, as Debian has it for locks of devices; else the temporary folder.

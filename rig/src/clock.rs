@@ -6,6 +6,7 @@
 
 use std::sync::{Arc, OnceLock};
 
+use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
 
 /// An instant on the host's CLOCK_MONOTONIC, in nanoseconds: the clock of V4L2 stamps and of every process
@@ -29,6 +30,28 @@ impl MonotonicNs {
     /// This instant moved by `seconds`, which may be negative.
     pub fn plus_seconds(self, seconds: f64) -> Self {
         Self(self.0.wrapping_add_signed((seconds * 1e9).round() as i64))
+    }
+}
+
+/// Now on the clock on the wall, which may be set, and on one that goes on evenly, while the machine sleeps too.
+#[derive(Debug, Clone, Copy)]
+pub struct Now {
+    /// The clock on the wall.
+    pub wall: Timestamp,
+    /// Since the machine was started (CLOCK_BOOTTIME).
+    pub boot: SignedDuration,
+}
+
+impl Now {
+    /// As the machine has it.
+    pub fn read() -> Self {
+        let boot = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
+        Self { wall: Timestamp::now(), boot: SignedDuration::new(boot.tv_sec, boot.tv_nsec as i32) }
+    }
+
+    /// When it was `boot`, by the clock on the wall as it is set now.
+    pub fn wall_at(&self, boot: SignedDuration) -> Timestamp {
+        self.wall.saturating_sub(self.boot.saturating_sub(boot)).unwrap_or(self.wall)
     }
 }
 

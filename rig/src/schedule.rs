@@ -60,6 +60,11 @@ impl Schedule {
         Ok(Self { cron })
     }
 
+    /// The last slot that is not after `until`, if there ever was one.
+    pub fn last(&self, until: &Zoned) -> Option<Zoned> {
+        self.cron.find_previous_occurrence(until, true).ok()
+    }
+
     /// The first slot strictly after `after`.
     ///
     /// # Errors

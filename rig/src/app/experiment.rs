@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::anyhow;
 
+use super::announce::count_down;
 use super::live::Beside;
 use super::{Failure, InRun, Interrupt, Watcher, on_threads, read_model, recover};
 use crate::analysis::{Analysis, AnalysisError, Stage, prepared};
@@ -12,7 +13,7 @@ use crate::config::RigConfig;
 use crate::doctor::{self, Health};
 use crate::report::ReportData;
 use crate::run::machine::Ending;
-use crate::run::{Conducted, Job, RunError};
+use crate::run::{Conducted, Job, open};
 use crate::servo::PulseProfile;
 use crate::vision::{SequenceError, VisionError};
 
@@ -41,6 +42,8 @@ pub struct Experiment<'a> {
     pub motion: Option<PulseProfile>,
     /// Worker threads.
     pub threads: usize,
+    /// Its motion is announced by a countdown: it is not begun by a person just now.
+    pub announced: bool,
 }
 
 /// An experiment that was carried out.
@@ -78,6 +81,8 @@ impl Experiment<'_> {
     pub fn claim(&self) -> Result<Claim, Failure> {
         self.check()?;
         let claim = recover::claim(self.runs_dir)?;
+        // room for a hold, while the disk has some
+        open::latch(self.config, Some(self.runs_dir)).make_room().map_err(Failure::input)?;
         recover::all(self.runs_dir, &claim, |run, said| tracing::warn!("run {run} {said}"));
         for check in doctor::host::runs_folder(self.runs_dir, self.config.expected_bytes()) {
             if check.health == Health::Bad {
@@ -98,11 +103,14 @@ impl Experiment<'_> {
             runs_dir: self.runs_dir,
             motion: self.motion.as_ref(),
         };
+        if self.announced {
+            count_down(self.config, self.runs_dir, interrupt, watcher).await?;
+        }
         let mut beside = Beside::new(self.config, self.base, self.extent, self.threads, watcher.showing());
         let conducted = job
             .conduct(interrupt.raised(), |folder, notice| beside.hear(folder, notice, watcher))
             .await
-            .map_err(filming_failed)?;
+            .map_err(Failure::of_run)?;
         let folder = &conducted.folder;
         let here = InRun(folder.path().into());
         match &conducted.filmed.ending {
@@ -163,10 +171,6 @@ pub fn analysed(
         ));
     }
     Ok(data)
-}
-
-fn filming_failed(error: RunError) -> Failure {
-    if error.is_input() { Failure::input(error) } else { Failure::hardware(error) }
 }
 
 fn analysis_failed(error: AnalysisError, run: InRun) -> Failure {

@@ -2,10 +2,14 @@
 
 use std::path::PathBuf;
 
+use crate::run::RunError;
 use crate::vision::{SequenceError, VisionError};
 
 /// Exit code of a process that a signal has ended, as shells give it for Ctrl-C.
 pub const INTERRUPTED: u8 = 130;
+
+/// The word of `--json` for what did not begin because the rig is held.
+pub const HELD: &str = "held";
 
 /// Why something ended badly; decides the exit code, and what a daemon's journal says.
 #[derive(Debug)]
@@ -18,6 +22,8 @@ pub enum Failure {
     Hardware(anyhow::Error),
     /// The data cannot answer what was asked: exit code 4.
     Data(anyhow::Error),
+    /// The rig is held, and nothing may move: exit code 3.
+    Held(anyhow::Error),
     /// The user's Ctrl-C or a SIGTERM ended it: exit code [`INTERRUPTED`].
     Interrupted(anyhow::Error),
 }
@@ -26,6 +32,15 @@ impl Failure {
     /// Classifies an error as wrong input.
     pub fn input(error: impl Into<anyhow::Error>) -> Self {
         Self::Input(error.into())
+    }
+
+    /// Classifies what happened while devices were opened or used: a hold, the config's fault, or a device's.
+    pub fn of_run(error: RunError) -> Self {
+        match error {
+            error if error.is_hold() => Self::Held(error.into()),
+            error if error.is_input() => Self::input(error),
+            error => Self::hardware(error),
+        }
     }
 
     /// Classifies an error as our fault.
@@ -53,7 +68,7 @@ impl Failure {
         match self {
             Self::Internal(_) => 1,
             Self::Input(_) => 2,
-            Self::Hardware(_) => 3,
+            Self::Hardware(_) | Self::Held(_) => 3,
             Self::Data(_) => 4,
             Self::Interrupted(_) => INTERRUPTED,
         }
@@ -66,14 +81,15 @@ impl Failure {
             Self::Input(_) => "input-error",
             Self::Hardware(_) => "hardware-fault",
             Self::Data(_) => "data-cannot-answer",
+            Self::Held(_) => HELD,
             Self::Interrupted(_) => "interrupted",
         }
     }
 
     /// Of the class that [`Self::status`] calls `status`; ours for any other word.
     pub fn of(status: &str, error: anyhow::Error) -> Self {
-        let classes = [Self::Input, Self::Hardware, Self::Data, Self::Interrupted];
-        let place = ["input-error", "hardware-fault", "data-cannot-answer", "interrupted"]
+        let classes = [Self::Input, Self::Hardware, Self::Data, Self::Held, Self::Interrupted];
+        let place = ["input-error", "hardware-fault", "data-cannot-answer", HELD, "interrupted"]
             .iter()
             .position(|&class| class == status);
         place.map_or(Self::Internal as fn(_) -> _, |place| classes[place])(error)
@@ -82,9 +98,12 @@ impl Failure {
     /// What happened.
     pub fn error(&self) -> &anyhow::Error {
         match self {
-            Self::Internal(e) | Self::Input(e) | Self::Hardware(e) | Self::Data(e) | Self::Interrupted(e) => {
-                e
-            }
+            Self::Internal(e)
+            | Self::Input(e)
+            | Self::Hardware(e)
+            | Self::Data(e)
+            | Self::Held(e)
+            | Self::Interrupted(e) => e,
         }
     }
 

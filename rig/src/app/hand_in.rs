@@ -5,12 +5,14 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::anyhow;
+use rustix::process::{Pid, Signal, kill_process};
 
 use super::{Failure, Interrupt, Watcher};
 use crate::claim::Claim;
+use crate::error_chain::with_causes;
 use crate::showing::Showing;
-use crate::store::Store;
 use crate::store::job::{Job, JobId, NewJob, State};
+use crate::store::{Store, StoreError};
 
 /// The environment variable that says to a process which job it does, for a daemon.
 pub const JOB: &str = "RIG_JOB";
@@ -50,10 +52,14 @@ pub fn showing() -> Showing {
     }
 }
 
+/// Whether this process does a job for a daemon.
+pub fn is_job() -> bool {
+    std::env::var_os(JOB).is_some()
+}
+
 /// The daemon that holds the runs folder; none where this process does a job for it.
 pub fn daemon(runs_dir: &Path) -> Option<u32> {
-    let asks_itself = std::env::var_os(JOB).is_some();
-    Claim::holder(&lock(runs_dir)).filter(|_| !asks_itself)
+    Claim::holder(&lock(runs_dir)).filter(|_| !is_job())
 }
 
 /// Adds `job` to the queue in `runs_dir` and shows how it goes, until it has ended. A signal cancels it: the daemon stops what
@@ -81,9 +87,14 @@ pub async fn hand_in(
             return ended(job);
         }
         if interrupt.is_raised() && !cancelled {
-            cancelled = true;
-            // it may have ended meanwhile
-            let _ = store.cancel(id, "cancelled where it was handed in");
+            // whoever moves hears of it first, whatever the database has to wait for
+            if let Some(process) = job.pid.and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?)) {
+                let _ = kill_process(process, Signal::TERM);
+            }
+            match store.cancel(id, "cancelled where it was handed in") {
+                Ok(_) | Err(StoreError::Over { .. }) => cancelled = true,
+                Err(error) => watcher.tell(&format!("rig: {}; trying again", with_causes(&error))),
+            }
         }
         tokio::select! {
             () = interrupt.raised(), if !cancelled => {}

@@ -1,4 +1,5 @@
-//! Ctrl-C and SIGTERM: the first one asks for an orderly end, the second one ends at once.
+//! Ctrl-C and SIGTERM: the first one asks for an orderly end, and a second Ctrl-C ends at once. Any number of SIGTERM are one: whoever
+//! stops a rig may say so twice, and the safe stop is not cut short by that.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -38,11 +39,11 @@ impl Interrupt {
         let raised = Arc::clone(&flag);
         tokio::spawn(async move {
             loop {
-                tokio::select! {
-                    _ = int.recv() => {}
-                    _ = term.recv() => {}
-                }
-                if raised.swap(true, Ordering::Relaxed) {
+                let at_once = tokio::select! {
+                    _ = int.recv() => true,
+                    _ = term.recv() => false,
+                };
+                if raised.swap(true, Ordering::Relaxed) && at_once {
                     // The board's dead-man stops what still moves.
                     std::process::exit(INTERRUPTED.into());
                 }

@@ -56,7 +56,7 @@ impl Filmed {
         film_s: f64,
         watcher: &mut dyn Watcher,
     ) -> Result<Self, Failure> {
-        let mut opened = open::open(config, base).map_err(Failure::hardware)?;
+        let mut opened = open::open(config, base, None).map_err(Failure::of_run)?;
         let Some(mut board) = opened.board.take() else {
             return Err(Failure::Input(anyhow!(
                 "the config has no servo board, whose sync LED tells the time: add the table [servo]"

@@ -3,6 +3,7 @@
 //!
 //! It tells a [`Watcher`] how it goes and answers with results; arguments and printing are the command line's.
 
+pub mod announce;
 pub mod calibrate;
 pub mod campaign;
 pub mod compose;
@@ -25,8 +26,9 @@ pub mod recover;
 mod results;
 pub mod retention;
 pub mod servo;
+pub mod stop;
 
-pub use failure::{Failure, INTERRUPTED, InRun};
+pub use failure::{Failure, HELD, INTERRUPTED, InRun};
 pub use interrupt::{Interrupt, interruptible};
 
 use std::num::NonZeroUsize;
@@ -81,7 +83,7 @@ pub fn on_threads<T: Send>(
     threads: usize,
     work: impl FnOnce() -> Result<T, Failure> + Send,
 ) -> Result<T, Failure> {
-    let in_job = std::env::var_os(hand_in::JOB).is_some();
+    let in_job = hand_in::is_job();
     let begin = move |_| {
         if in_job {
             Urgency::Computing.take();

@@ -2,7 +2,6 @@
 //! and `stop.json` says what became of the run.
 
 use std::path::{Path, PathBuf};
-use std::thread::JoinHandle;
 
 use super::Failure;
 use crate::analysis::AnalysisError;
@@ -54,16 +53,13 @@ pub fn all(runs_dir: &Path, claim: &Claim, mut say: impl FnMut(&RunId, &str)) {
     }
 }
 
-/// The same on a thread of its own, which then says what became of each; of none where somebody films.
-pub fn beside(runs_dir: &Path) -> JoinHandle<Vec<(RunId, String)>> {
-    let runs_dir = runs_dir.to_owned();
-    std::thread::spawn(move || {
-        let mut said = Vec::new();
-        if let Ok(claim) = claim(&runs_dir) {
-            all(&runs_dir, &claim, |run, text| said.push((run.clone(), text.to_owned())));
-        }
-        said
-    })
+/// The same, and what was said of each; of none where somebody films.
+pub fn unfinished_in(runs_dir: &Path) -> Vec<(RunId, String)> {
+    let mut said = Vec::new();
+    if let Ok(claim) = claim(runs_dir) {
+        all(runs_dir, &claim, |run, text| said.push((run.clone(), text.to_owned())));
+    }
+    said
 }
 
 /// The runs without `stop.json`, oldest first.

@@ -94,6 +94,7 @@ fn film(args: &Args) -> Result<RunFolder, Failure> {
         extent: Extent::Keypoints,
         motion: Some(motion(channel, args.stand_s.get())),
         threads: threads(args.threads),
+        announced: false,
     };
     let _claim = experiment.claim()?;
     interruptible(async |interrupt| {

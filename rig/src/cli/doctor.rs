@@ -32,7 +32,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     if let Some(port) = config.servo.as_ref().and_then(ServoConfig::outside_port) {
         checks.extend(host::latency_timer(Path::new(port)));
     }
-    checks.extend(devices::look(&config, base(&args.config)));
+    checks.extend(devices::look(&config, base(&args.config), &args.runs_dir));
     let text: Vec<String> = checks.iter().map(ToString::to_string).collect();
     let bad = checks.iter().filter(|check| check.health == Health::Bad).count();
     if bad > 0 {

@@ -1,90 +1,66 @@
-//! `rig estop`: stops the servo now. Beside a running rig it tells that one, which holds the port.
+//! `rig estop` and `rig release`: stop whatever moves the rig and hold it; let it move again.
 
-use std::path::PathBuf;
-use std::time::{Duration, Instant};
-
-use anyhow::anyhow;
-use rustix::io::Errno;
-use rustix::process::{Pid, Signal, kill_process};
+use std::path::{Path, PathBuf};
 
 use super::{Failure, Outcome};
-use crate::claim::{Claim, has_open, port_lock};
+use crate::app::stop;
 use crate::config::RigConfig;
-use crate::servo::StopOutcome;
-use crate::servo::bus;
-use crate::servo::serial::emergency_stop;
+use crate::hold::Hold;
 
 /// Arguments of `rig estop`.
 #[derive(clap::Args, Debug)]
 pub struct Args {
     /// The rig config that names the port
     pub config: PathBuf,
+    /// Folder of run folders, whose queue and schedule are held too
+    #[arg(long, default_value = "runs")]
+    pub runs_dir: PathBuf,
+    /// Why, for who looks at it later
+    #[arg(long, default_value = "emergency stop")]
+    pub why: String,
 }
 
-/// A running rig stops its servo within 0.1 s and lets go of the port soon after.
-const RELEASE_TIMEOUT: Duration = Duration::from_secs(5);
+/// Arguments of `rig release`.
+#[derive(clap::Args, Debug)]
+pub struct ReleaseArgs {
+    /// The rig config that names the port
+    pub config: PathBuf,
+    /// Who says that it may move again
+    #[arg(long)]
+    pub by: String,
+    /// Folder of run folders
+    #[arg(long, default_value = "runs")]
+    pub runs_dir: PathBuf,
+}
 
-/// Stops the servo.
+/// Stops the servo and holds the rig until somebody releases it.
 ///
 /// # Errors
-/// [`Failure::Hardware`] when no stop was confirmed; [`Failure::Input`] when the config has no board on a port.
+/// As [`stop::stop`]; [`Failure::Input`] for a config that cannot be read.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let config = RigConfig::read(&args.config).map_err(Failure::input)?;
-    let servo = config.servo.as_ref();
-    let port = servo.and_then(|servo| Some((servo.outside_port()?, servo)));
-    let (port, servo) = port.ok_or_else(|| {
-        Failure::Input(anyhow!(
-            "{}: no board on a serial port: nothing to stop from outside",
-            args.config.display()
-        ))
-    })?;
-    if let Some(holder) = Claim::holder(&port_lock(port)) {
-        return tell(holder, port);
-    }
-    if servo.is_bus() {
-        return match bus::emergency_stop(port, servo).map_err(Failure::hardware)? {
-            StopOutcome::Acknowledged => Ok(said(format!("the servos on {port} are in their safe state"))),
-            StopOutcome::LeftToDeadMan | StopOutcome::NotNeeded => Err(Failure::Hardware(anyhow!(
-                "not every servo on {port} confirmed the stop; cut their power if anything still moves"
-            ))),
-        };
-    }
-    let outcome = emergency_stop(port, servo.baud).map_err(Failure::hardware)?;
-    match outcome {
-        StopOutcome::Acknowledged => Ok(said(format!("the board on {port} stopped"))),
-        StopOutcome::LeftToDeadMan | StopOutcome::NotNeeded => Err(Failure::Hardware(anyhow!(
-            "the board on {port} did not answer; its dead-man stops it; cut its power if anything still moves"
-        ))),
-    }
+    let by = format!("rig estop ({})", user());
+    let text = stop::stop(&config, there(&args.runs_dir), &Hold::now(&by, &args.why))?;
+    Ok(Outcome { text, ..Outcome::default() })
 }
 
-fn tell(holder: u32, port: &str) -> Result<Outcome, Failure> {
-    let process = i32::try_from(holder).ok().and_then(Pid::from_raw);
-    let process = process.ok_or_else(|| Failure::Internal(anyhow!("process id {holder} is none")))?;
-    if has_open(holder, &port_lock(port)) == Some(false) {
-        return Err(Failure::Hardware(anyhow!(
-            "{port} is held, but not by process {holder}, as its lock file has it; cut the board's power if anything moves"
-        )));
-    }
-    kill_process(process, Signal::TERM).map_err(|error| {
-        let remedy = match error {
-            Errno::PERM => "it is another user's: try again with sudo",
-            _ => "cut the board's power if anything moves",
-        };
-        Failure::Hardware(anyhow!("telling process {holder}, which holds {port}: {error}; {remedy}"))
-    })?;
-    let deadline = Instant::now() + RELEASE_TIMEOUT;
-    while Claim::holder(&port_lock(port)) == Some(holder) {
-        if Instant::now() > deadline {
-            return Err(Failure::Hardware(anyhow!(
-                "process {holder} was told to stop and still holds {port}; cut the board's power if anything moves"
-            )));
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    Ok(said(format!("process {holder} stopped the board on {port}")))
+/// Lets the rig move again.
+///
+/// # Errors
+/// As [`stop::release`]; [`Failure::Input`] for a config that cannot be read.
+pub fn release(args: &ReleaseArgs) -> Result<Outcome, Failure> {
+    let config = RigConfig::read(&args.config).map_err(Failure::input)?;
+    let text = stop::release(&config, there(&args.runs_dir), &args.by)?;
+    Ok(Outcome { text, ..Outcome::default() })
 }
 
-fn said(text: String) -> Outcome {
-    Outcome { text, ..Outcome::default() }
+fn there(runs_dir: &Path) -> Option<&Path> {
+    Some(runs_dir).filter(|folder| folder.is_dir())
+}
+
+fn user() -> String {
+    ["SUDO_USER", "USER", "LOGNAME"]
+        .into_iter()
+        .find_map(|name| std::env::var(name).ok())
+        .unwrap_or_else(|| format!("user {}", rustix::process::getuid().as_raw()))
 }

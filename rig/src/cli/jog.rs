@@ -35,6 +35,9 @@ pub struct Args {
     /// How long to stay there before the channel goes to its safe state (s)
     #[arg(long, default_value_t = 1.0)]
     pub stay_s: f64,
+    /// Folder of run folders, where a stop holds the rig and others see that it moves
+    #[arg(long, default_value = "runs")]
+    pub runs_dir: PathBuf,
 }
 
 /// Moves one channel, stays, and puts it in its safe state.
@@ -90,7 +93,8 @@ fn move_to(
     told: u16,
     interrupt: &Interrupt,
 ) -> Result<Outcome, Failure> {
-    let (mut board, _port) = open::board(config, base(&args.config)).map_err(Failure::hardware)?;
+    let (mut board, _port) =
+        open::board(config, base(&args.config), Some(&args.runs_dir)).map_err(Failure::of_run)?;
     let mut stood = None;
     let moved = board.jog(channel.id, told, args.duration_s).and_then(|()| {
         let until = std::time::Instant::now() + Duration::from_secs_f64(args.duration_s + args.stay_s);
@@ -107,7 +111,7 @@ fn move_to(
         Ok(())
     });
     let stopped = board.stop();
-    moved.map_err(Failure::hardware)?;
+    moved.map_err(|error| Failure::of_run(error.into()))?;
     if stopped == StopOutcome::LeftToDeadMan {
         return Err(Failure::Hardware(anyhow!("the board did not answer the stop; its dead-man stops it")));
     }

@@ -111,7 +111,7 @@ mod tests {
 
         let before = MonotonicNs::now();
         let port = tank.join(PORT_LINK);
-        let mut board = SerialBoard::open(port.to_str().unwrap(), &example(), false).unwrap();
+        let mut board = SerialBoard::open(port.to_str().unwrap(), &example()).unwrap();
         board.jog(0, 1600, 0.0).unwrap();
         let pulses = PulseLogReader::new(&tank.join(PULSE_LOG)).poll();
         let moved = |(_, logged): &&(_, _)| matches!(logged, Logged::Pulse { .. });
@@ -145,7 +145,7 @@ mod tests {
             std::thread::sleep(Duration::from_millis(10));
         }
         let config = ServoConfig { dead_man_ms: 2000, ..example() };
-        let mut board = SerialBoard::open(port.to_str().unwrap(), &config, false).unwrap();
+        let mut board = SerialBoard::open(port.to_str().unwrap(), &config).unwrap();
         board.jog(0, 1500, 0.0).unwrap();
         board.jog(0, 2000, 2.0).unwrap();
         process.kill().unwrap();

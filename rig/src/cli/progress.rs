@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::analysis::Progress;
 use crate::app::Watcher;
-use crate::app::hand_in::{self, JOB};
+use crate::app::hand_in;
 use crate::showing::Showing;
 
 /// See the module.
@@ -30,7 +30,7 @@ impl Bar {
         Self {
             bar: ProgressBar::no_length(),
             interrupted,
-            in_job: std::env::var_os(JOB).is_some(),
+            in_job: hand_in::is_job(),
             showing: hand_in::showing(),
         }
     }

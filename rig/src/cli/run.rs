@@ -41,6 +41,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         extent: if args.film_only { Extent::Film } else { Extent::Report },
         motion: None,
         threads: threads(args.threads),
+        announced: hand_in::is_job(),
     };
     if hand_in::daemon(&args.runs_dir).is_some() {
         return handed_in(args);

@@ -6,7 +6,9 @@ use super::{Failure, Outcome};
 use crate::claim::{Claim, port_lock};
 use crate::config::RigConfig;
 use crate::record::folder::{self, Listed};
+use crate::run::open;
 use crate::servo::bus;
+use crate::servo::motion::standing;
 use crate::servo::serial::query_status;
 use crate::store::runs::status;
 
@@ -26,10 +28,16 @@ pub struct Args {
 /// [`Failure::Input`] for an unusable config, [`Failure::Hardware`] when a free board does not answer.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let config = RigConfig::read(&args.config).map_err(Failure::input)?;
-    let mut lines = vec![match Claim::holder(&args.runs_dir.join(".lock")) {
+    let latch = open::latch(&config, Some(&args.runs_dir));
+    let mut lines = vec![match latch.held() {
+        Some(hold) => format!("hold          {hold}; `rig release CONFIG --by NAME` ends that"),
+        None => "hold          none".into(),
+    }];
+    lines.push(format!("servos        {}", standing(&args.runs_dir)));
+    lines.push(match Claim::holder(&args.runs_dir.join(".lock")) {
         Some(pid) => format!("runs folder   {}, in use by process {pid}", args.runs_dir.display()),
         None => format!("runs folder   {}, free", args.runs_dir.display()),
-    }];
+    });
     if let Some(Listed { id, folder }) =
         folder::list(&args.runs_dir).ok().and_then(|runs| runs.into_iter().last())
     {

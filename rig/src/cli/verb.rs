@@ -68,6 +68,8 @@ pub enum Verb {
     Firmware(firmware::Args),
     /// Stop the servo now, also from beside a running rig
     Estop(estop::Args),
+    /// Let a rig move again that was stopped, in your name
+    Release(estop::ReleaseArgs),
     /// A servo board behind a pseudo-terminal, as a process of its own
     MockBoard(mock_board::Args),
     /// A camera on the simulated tank, as a process of its own
@@ -111,6 +113,7 @@ impl Verb {
             Self::Jog(args) => jog::run(args),
             Self::Firmware(args) => firmware::run(args),
             Self::Estop(args) => estop::run(args),
+            Self::Release(args) => estop::release(args),
             Self::MockBoard(args) => mock_board::run(args),
             Self::MockCamera(args) => mock_camera::run(args),
             Self::Runs(args) => runs::run(args),

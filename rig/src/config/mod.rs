@@ -8,8 +8,8 @@ mod tables;
 pub use error::ConfigError;
 pub use extraction::ExtractionConfig;
 pub use tables::{
-    AlertsConfig, MechanismConfig, MotionKind, Mount, Overlap, QuietHours, RetentionConfig, RunConfig,
-    ScheduleConfig, WaterConfig,
+    AlertsConfig, MechanismConfig, MotionConfig, MotionKind, Mount, Overlap, QuietHours, RetentionConfig,
+    RunConfig, ScheduleConfig, WaterConfig,
 };
 
 use std::path::{Path, PathBuf};
@@ -61,6 +61,9 @@ pub struct RigConfig {
     /// Causes of one's own that a diagnosis tries.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub cause: Vec<CauseConfig>,
+    /// What is looked at before a motion that no person begins.
+    #[serde(default)]
+    pub motion: MotionConfig,
     /// When `rig daemon` runs it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub schedule: Option<ScheduleConfig>,
@@ -216,6 +219,11 @@ impl RigConfig {
             .map_or(0.0, |p| p.duration_s());
         let seconds = profile_s + self.run.film_s.get() + self.run.settle_s.get();
         (self.camera_bytes_per_s() * seconds) as u64
+    }
+
+    /// Whether the servo is simulated within the program: nobody can be near what it moves.
+    pub fn is_simulated(&self) -> bool {
+        self.servo.as_ref().is_none_or(|servo| servo.outside_port().is_none())
     }
 
     /// Whether board or camera are of these kinds.

@@ -1,11 +1,16 @@
-//! The `[run]`, `[mechanism]`, `[water]`, `[schedule]` and `[mock]` tables of a rig config.
+//! The `[run]`, `[mechanism]`, `[water]`, `[motion]`, `[schedule]` and `[mock]` tables of a rig config.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use ident::strict::{Finite, NonNegative, Positive, Share};
+use jiff::Zoned;
+use jiff::tz::TimeZone;
 use serde::{Deserialize, Serialize};
+
+use crate::schedule::ScheduleError;
 
 /// What moves the mechanism.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -156,6 +161,67 @@ pub struct ScheduleConfig {
     /// Times of the day at which the schedule begins nothing, for example `22:00-07:00`; jobs added by hand run all the same.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub quiet: Vec<QuietHours>,
+}
+
+impl ScheduleConfig {
+    /// The time zone of its times.
+    ///
+    /// # Errors
+    /// [`ScheduleError::Zone`].
+    pub fn zone(&self) -> Result<TimeZone, ScheduleError> {
+        match &self.time_zone {
+            None => Ok(TimeZone::system()),
+            Some(name) => TimeZone::get(name)
+                .map_err(|error| ScheduleError::Zone { name: name.clone(), why: error.to_string() }),
+        }
+    }
+
+    /// Whether nothing is begun at `time` that no person has asked for.
+    pub fn is_quiet(&self, time: &Zoned) -> bool {
+        self.quiet.iter().any(|quiet| quiet.contains(time.time()))
+    }
+}
+
+/// The `[motion]` table: what is looked at before a motion that a daemon or a campaign begins.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MotionConfig {
+    /// It is announced for so long, and can be stopped before it begins \[s\]; left out: 10 s where the servo is on a port, 0 where all of
+    /// it is simulated within the program.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub announce_s: Option<NonNegative>,
+    /// No more motions than this begin within an hour.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub most_per_hour: Option<NonZeroUsize>,
+    /// After so many motions in a row that hardware has ended the rig is held.
+    pub failures_to_hold: NonZeroUsize,
+}
+
+impl Default for MotionConfig {
+    fn default() -> Self {
+        Self { announce_s: None, most_per_hour: None, failures_to_hold: FAILURES_TO_HOLD }
+    }
+}
+
+const FAILURES_TO_HOLD: NonZeroUsize = NonZeroUsize::new(3).unwrap();
+/// Long enough to take a hand out of the water \[s\].
+const ANNOUNCE_S: f64 = 10.0;
+/// A motion each minute: what repeats quicker has run wild.
+const MOST_PER_HOUR: usize = 60;
+
+impl MotionConfig {
+    /// How long a motion is announced; where nobody can be near, as told by `is_simulated`, not at all.
+    pub fn announce(&self, is_simulated: bool) -> Duration {
+        let default_s = if is_simulated { 0.0 } else { ANNOUNCE_S };
+        Duration::try_from_secs_f64(self.announce_s.map_or(default_s, NonNegative::get))
+            .unwrap_or(Duration::MAX)
+    }
+
+    /// The most motions within an hour, if there is a bound.
+    pub fn most_per_hour(&self, is_simulated: bool) -> Option<usize> {
+        let default = (!is_simulated).then_some(MOST_PER_HOUR);
+        self.most_per_hour.map(NonZeroUsize::get).or(default)
+    }
 }
 
 /// The `[alerts]` table: whom a daemon tells that somebody should look.

@@ -45,9 +45,9 @@ impl Alerts {
         store: &mut Store,
         kind: &str,
         what: &str,
-        job: JobId,
+        job: Option<JobId>,
     ) -> Result<(), StoreError> {
-        store.raise(kind, what, Some(job), &self.config.places())
+        store.raise(kind, what, job, &self.config.places())
     }
 
     /// Goes on with the deliveries.

@@ -9,6 +9,7 @@ use std::os::fd::OwnedFd;
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use clap::ValueEnum as _;
@@ -18,11 +19,12 @@ use rustix::process::{
     Pid, PidfdFlags, Signal, kill_process, pidfd_open, pidfd_send_signal, setpriority_process,
 };
 
-use crate::app::Failure;
 use crate::app::compose::compose;
 use crate::app::hand_in::{self, file, folder};
-use crate::app::recover;
+use crate::app::{Failure, HELD};
+use crate::app::{recover, stop};
 use crate::claim::Claim;
+use crate::config::RigConfig;
 use crate::record::files::create_folder;
 use crate::record::run_id::RunId;
 use crate::store::job::{Chosen, Job, JobId, JobResult, Lane, State, Work};
@@ -35,13 +37,94 @@ const GRACE: Duration = Duration::from_secs(4);
 /// So much of the end of a log is told of a job that ended without a word.
 const TOLD_BYTES: usize = 600;
 
-/// A job that runs.
-#[derive(Debug)]
-pub(super) struct Running {
+/// Who does jobs.
+pub(super) trait Jobs {
+    /// Begins `job`; `origin` is the job that it repeats first of all, or itself.
+    ///
+    /// # Errors
+    /// [`Failure`] when it cannot be begun.
+    fn start(&mut self, job: &Job, origin: JobId) -> Result<Box<dyn Running>, Failure>;
+
+    /// A job that an earlier daemon began and that still goes on.
+    fn adopt(&mut self, job: &Job) -> Option<Box<dyn Running>>;
+
+    /// Begins to see to what a job that was killed has left: servos of which nobody knows what they do, runs that ended without a word.
+    /// Nothing moves meanwhile.
+    fn clear_up(&mut self);
+
+    /// Whether that goes on.
+    fn clears_up(&self) -> bool;
+
+    /// What became of the runs, once it is over.
+    fn cleared_up(&mut self) -> Vec<(RunId, String)>;
+}
+
+/// A job that goes on.
+pub(super) trait Running {
     /// Its number.
-    pub(super) id: JobId,
-    /// Its lane.
-    pub(super) lane: Lane,
+    fn id(&self) -> JobId;
+
+    /// Its process.
+    fn pid(&self) -> Pid;
+
+    /// Asks it to end, the servo first; one that has not ended some seconds later is killed.
+    fn end(&mut self);
+
+    /// How it ended, once it has; the same however often it is asked.
+    ///
+    /// # Errors
+    /// [`Failure::Internal`] when the system does not say.
+    fn ended(&mut self) -> Result<Option<(State, JobResult)>, Failure>;
+}
+
+/// Jobs as processes of this program.
+pub(super) struct Processes {
+    /// The folder of run folders.
+    pub(super) runs_dir: PathBuf,
+    /// The rig's config.
+    pub(super) config: PathBuf,
+    /// Worker threads of each.
+    pub(super) threads: usize,
+    /// What a killed one left is seen to.
+    pub(super) clearing: Option<JoinHandle<Vec<(RunId, String)>>>,
+}
+
+impl Jobs for Processes {
+    fn clear_up(&mut self) {
+        let (runs_dir, config) = (self.runs_dir.clone(), self.config.clone());
+        self.clearing.get_or_insert_with(|| {
+            std::thread::spawn(move || {
+                if let Ok(config) = RigConfig::read(&config) {
+                    stop::settle(&config, &runs_dir);
+                }
+                recover::unfinished_in(&runs_dir)
+            })
+        });
+    }
+
+    fn clears_up(&self) -> bool {
+        self.clearing.is_some()
+    }
+
+    fn cleared_up(&mut self) -> Vec<(RunId, String)> {
+        let over = self.clearing.take_if(|clearing| clearing.is_finished());
+        // a panic has said so by itself, and the next run tries again
+        over.map(|clearing| clearing.join().unwrap_or_default()).unwrap_or_default()
+    }
+
+    fn start(&mut self, job: &Job, origin: JobId) -> Result<Box<dyn Running>, Failure> {
+        Ok(Box::new(JobProcess::start((job, origin), &self.runs_dir, &self.config, self.threads)?))
+    }
+
+    fn adopt(&mut self, job: &Job) -> Option<Box<dyn Running>> {
+        Some(Box::new(JobProcess::adopt(job, &self.runs_dir)?))
+    }
+}
+
+/// A job's process.
+#[derive(Debug)]
+struct JobProcess {
+    id: JobId,
     folder: PathBuf,
     process: Process,
     asked: Option<Instant>,
@@ -55,13 +138,13 @@ enum Process {
     Adopted(Pid, OwnedFd),
 }
 
-impl Running {
+impl JobProcess {
     /// Begins `job`, whose rig's config is at `config`, with so many threads; `origin` is the job that it repeats first of all, or
     /// itself.
     ///
     /// # Errors
     /// [`Failure`] when the process cannot be started, or the job names runs that cannot be used.
-    pub(super) fn start(
+    fn start(
         (job, origin): (&Job, JobId),
         runs_dir: &Path,
         config: &Path,
@@ -88,17 +171,15 @@ impl Running {
         let create = |name| File::create(folder.join(name)).map_err(Failure::internal);
         command.stdin(Stdio::null()).stdout(create(file::RESULT)?).stderr(create(file::LOG)?);
         let child = command.spawn().map_err(Failure::internal)?;
-        let running =
-            Self { id: job.id, lane: job.work.lane(), folder, process: Process::Ours(child), asked: None };
-        if running.lane == Lane::Analysis {
+        if job.work.lane() == Lane::Analysis {
             // without it the job is merely less polite
-            let _ = setpriority_process(Some(running.pid()), Urgency::Computing.niceness());
+            let _ = setpriority_process(Some(Pid::from_child(&child)), Urgency::Computing.niceness());
         }
-        Ok(running)
+        Ok(Self { id: job.id, folder, process: Process::Ours(child), asked: None })
     }
 
     /// A job that an earlier daemon began and whose process still lives.
-    pub(super) fn adopt(job: &Job, runs_dir: &Path) -> Option<Self> {
+    fn adopt(job: &Job, runs_dir: &Path) -> Option<Self> {
         // a daemon that was killed just after it began the job has not written by which process it is done
         let pid = job.pid.or_else(|| Claim::holder(&recover::lock(runs_dir)));
         let pid = pid.and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?))?;
@@ -109,23 +190,26 @@ impl Running {
         environment.split(|&byte| byte == 0).find(|&entry| entry == mark.as_bytes())?;
         Some(Self {
             id: job.id,
-            lane: job.work.lane(),
             folder: folder(runs_dir, job.id),
             process: Process::Adopted(pid, handle),
             asked: None,
         })
     }
+}
 
-    /// Its process.
-    pub(super) fn pid(&self) -> Pid {
+impl Running for JobProcess {
+    fn id(&self) -> JobId {
+        self.id
+    }
+
+    fn pid(&self) -> Pid {
         match &self.process {
             Process::Ours(child) => Pid::from_child(child),
             Process::Adopted(pid, _) => *pid,
         }
     }
 
-    /// Asks it to end, the servo first; one that has not ended some seconds later is killed.
-    pub(super) fn end(&mut self) {
+    fn end(&mut self) {
         let signal = match self.asked {
             None => Signal::TERM,
             Some(asked) if asked.elapsed() > GRACE => Signal::KILL,
@@ -141,11 +225,7 @@ impl Running {
         };
     }
 
-    /// How it ended, once it has.
-    ///
-    /// # Errors
-    /// [`Failure::Internal`] when the system does not say.
-    pub(super) fn ended(&mut self) -> Result<Option<(State, JobResult)>, Failure> {
+    fn ended(&mut self) -> Result<Option<(State, JobResult)>, Failure> {
         let how = match &mut self.process {
             Process::Ours(child) => match child.try_wait().map_err(Failure::internal)? {
                 None => return Ok(None),
@@ -177,6 +257,8 @@ pub(super) fn result(folder: &Path, how: &str) -> (State, JobResult) {
     let state = match result.status.as_deref() {
         Some("done") => State::Done,
         Some("interrupted") => State::Cancelled,
+        // nothing of it was begun
+        Some(HELD) if result.run.is_none() => State::Queued,
         _ => State::Failed,
     };
     (state, result)

@@ -2,6 +2,7 @@
 //!
 //! - `rig`: one rig's queue, schedule and running jobs;
 //! - `slots`: when the schedule wants a run;
+//! - `stop`: from a request to stop to whoever moves a rig;
 //! - `child`: a job as a process of its own;
 //! - `alerts`: whom it tells that somebody should look;
 //! - `state`, `api`: what the rigs do, and all of it over HTTP.
@@ -14,15 +15,19 @@ mod child;
 mod rig;
 mod slots;
 mod state;
+mod stop;
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use serde_json::json;
 
 use crate::app::{Failure, Interrupt, Watcher};
+use crate::clock::{MonotonicNs, Now};
 use crate::service::Service;
 use crate::urgency::give_way_to_the_kernel;
 use api::{Api, Token};
@@ -35,7 +40,23 @@ const TICK: Duration = Duration::from_millis(20);
 /// See the module.
 pub struct Daemon {
     rigs: Vec<Rig>,
+    beat: Arc<Beat>,
     api: Option<(TcpListener, Api)>,
+}
+
+/// When the loop that looks after the rigs came by last: what is told of them is no older.
+#[derive(Debug, Default)]
+struct Beat(AtomicU64);
+
+impl Beat {
+    fn now(&self) {
+        self.0.store(MonotonicNs::now().0, Ordering::Relaxed);
+    }
+
+    /// How long ago that was \[s\].
+    fn age_s(&self) -> f64 {
+        MonotonicNs::now().seconds_since(MonotonicNs(self.0.load(Ordering::Relaxed)))
+    }
 }
 
 /// What a daemon is asked to do.
@@ -75,31 +96,32 @@ impl Daemon {
         };
         let open = |config: &PathBuf| Rig::open(config, &folder(config), options.threads, watcher);
         let rigs: Vec<Rig> = options.configs.iter().map(open).collect::<Result<_, _>>()?;
+        let beat = Arc::new(Beat::default());
         let api = match options.listen {
-            Some(address) => Some(api(&rigs, address, options, watcher).await?),
+            Some(address) => Some(api(&rigs, address, &beat, options, watcher).await?),
             None => None,
         };
-        Ok(Self { rigs, api })
+        Ok(Self { rigs, beat, api })
     }
 
     /// Serves until a signal comes, or until `max_runs` motions have ended and what follows from them is computed. Gives how many
     /// motions there were.
     ///
     /// # Errors
-    /// [`Failure::Internal`] where a queue or a journal cannot be written; running jobs are asked to end first.
+    /// [`Failure::Internal`] where the journals cannot be written at the end.
     pub async fn serve(
         mut self,
         max_runs: u64,
         interrupt: &Interrupt,
         watcher: &mut dyn Watcher,
     ) -> Result<u64, Failure> {
-        self.rigs.iter().for_each(|rig| rig.say_next(watcher));
+        self.rigs.iter().for_each(|rig| rig.say_next(Now::read(), watcher));
         let server = self.api.take().map(|(listener, api)| tokio::spawn(api.serve(listener)));
         let mut ticks = tokio::time::interval(TICK);
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         let service = Service::from_env();
         service.ready();
-        let (mut failed, mut said) = (None, String::new());
+        let mut said = String::new();
         loop {
             tokio::select! {
                 biased;
@@ -107,7 +129,7 @@ impl Daemon {
                 _ = ticks.tick() => {}
             }
             service.alive();
-            let ending = interrupt.is_raised() || failed.is_some();
+            let ending = interrupt.is_raised();
             let says = if ending { "ending".into() } else { self.says() };
             if says != said {
                 if ending {
@@ -121,20 +143,12 @@ impl Daemon {
             for place in 0..self.rigs.len() {
                 let computes = self.rigs.iter().any(Rig::computes);
                 let may = May { move_: !ending && !enough, compute: !ending && !computes, end_all: ending };
-                if let Err(failure) = self.rigs[place].tick(may, watcher) {
-                    // what runs is stopped before anything is said
-                    failed.get_or_insert(failure);
-                }
+                self.rigs[place].tick(Now::read(), may, watcher);
             }
+            self.beat.now();
             let over = match (ending, enough) {
                 (true, _) => self.rigs.iter().all(Rig::has_ended),
-                (false, true) => self
-                    .rigs
-                    .iter()
-                    .map(Rig::is_idle)
-                    .collect::<Result<Vec<_>, _>>()?
-                    .iter()
-                    .all(|&idle| idle),
+                (false, true) => self.rigs.iter().all(Rig::is_idle),
                 _ => false,
             };
             if over {
@@ -147,7 +161,7 @@ impl Daemon {
         for rig in &self.rigs {
             rig.say_end()?;
         }
-        failed.map_or_else(|| Ok(self.motions()), Err)
+        Ok(self.motions())
     }
 
     /// What the rigs do, for who asks the service manager.
@@ -165,6 +179,7 @@ impl Daemon {
 async fn api(
     rigs: &[Rig],
     address: SocketAddr,
+    beat: &Arc<Beat>,
     options: &Options<'_>,
     watcher: &mut dyn Watcher,
 ) -> Result<(TcpListener, Api), Failure> {
@@ -179,6 +194,6 @@ async fn api(
     for rig in rigs {
         rig.write("serving", json!({ "address": address.to_string() }))?;
     }
-    let served = rigs.iter().map(Rig::served).collect::<Result<_, _>>()?;
+    let served = rigs.iter().map(|rig| rig.served(Arc::clone(beat))).collect::<Result<_, _>>()?;
     Ok((listener, Api::new(served, token, address, options.hosts.to_vec())))
 }

@@ -1,60 +1,83 @@
-//! One rig of a daemon: its queue, its schedule, and the two jobs that may run at a time, one that moves it and one that computes; in
-//! `ended`, what follows from one that has ended.
+//! One rig of a daemon: its queue, its schedule, and the two jobs that may go on at a time, one that moves it and one that computes.
+//!
+//! - `motion`: what has to be so before a motion begins, and the schedule;
+//! - `ended`: what follows from a job that has ended.
+//!
+//! Nothing here waits, and nothing that a disk or a database refuses ends the daemon: no motion begins then, it is said, and tried again.
+//! What holds the rig is looked at first, each time.
 
 mod ended;
+mod motion;
+#[cfg(test)]
+mod tests;
 
 use std::path::{Path, PathBuf};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::sync::Arc;
+use std::time::Duration;
 
 use ident::strict::NonNegative;
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
-
 use tokio::sync::watch;
 
+use super::Beat;
 use super::alerts::Alerts;
 use super::api::Served;
-use super::child::Running;
-use super::slots::{Busy, Decision, Slots};
-use super::state::RigState;
+use super::child::{Jobs, Processes, Running};
+use super::slots::Slots;
+use super::state::{Doing, RigState};
+use super::stop::Stop;
 use crate::app::experiment::{Experiment, Extent};
-use crate::app::{Failure, Watcher, base, hand_in, recover, retention};
+use crate::app::{Failure, Watcher, base, hand_in, retention};
 use crate::claim::Claim;
-use crate::clock::MonotonicNs;
-use crate::config::{RetentionConfig, RigConfig};
+use crate::clock::{MonotonicNs, Now};
+use crate::config::RigConfig;
+use crate::error_chain::with_causes;
+use crate::hold::Hold;
 use crate::record::files::create_folder;
 use crate::record::journal::{self, Journal};
-use crate::record::run_id::RunId;
+use crate::run::open;
+use crate::servo::motion::{Motion, Standing, standing};
 use crate::store::Store;
-use crate::store::job::{JobResult, Lane, NewJob, State, Work};
+use crate::store::job::{Lane, State};
 
 /// The daemon's journal in the folder of run folders.
 const JOURNAL: &str = "daemon.jsonl";
 /// The queue is looked at so often although nothing changed in it: a job's time may have come.
-const LOOK_EVERY: Duration = Duration::from_secs(1);
+const LOOK_EVERY: SignedDuration = SignedDuration::from_secs(1);
+/// Whoever asks for a stop writes the hold, with who and why, within this time; else it is written here.
+const ASKER_WRITES: Duration = Duration::from_millis(200);
+/// Servos of which nobody knows what they do are asked so often.
+const SETTLE_EVERY: SignedDuration = SignedDuration::from_secs(2);
+
 /// See the module.
 pub(super) struct Rig {
-    config: PathBuf,
+    /// Where its config is.
+    path: PathBuf,
+    config: RigConfig,
     runs_dir: PathBuf,
     store: Store,
     slots: Option<Slots>,
     journal: Journal,
-    threads: usize,
-    retention: Option<RetentionConfig>,
-    /// How long the water is left alone after a motion.
-    rest: Duration,
-    rests_until: Option<Instant>,
-    motion: Option<Running>,
-    analysis: Option<Running>,
-    /// Runs that ended without a word are made whole; nothing moves meanwhile.
-    recovering: Option<JoinHandle<Vec<(RunId, String)>>>,
+    jobs: Box<dyn Jobs>,
+    stop: Arc<Stop>,
+    /// The hold as it was seen last.
+    held: Option<Hold>,
+    servos: Standing,
+    /// How long the water is left alone after a motion, and until when that is.
+    rest: SignedDuration,
+    rests_until: SignedDuration,
+    motion: Option<Box<dyn Running>>,
+    analysis: Option<Box<dyn Running>>,
     motions_ended: u64,
     state: watch::Sender<RigState>,
     alerts: Alerts,
     /// The queue as it was last looked at.
-    seen: (i64, Option<Instant>),
-    _claim: Claim,
+    seen: (i64, Option<SignedDuration>),
+    cleared_up: SignedDuration,
+    waits: Option<String>,
+    trouble: Option<String>,
+    _claim: Option<Claim>,
 }
 
 impl Rig {
@@ -72,51 +95,87 @@ impl Rig {
         let config = RigConfig::read(path).map_err(Failure::input)?;
         // what no run of it could do is said now, not every night
         let extent = Extent::Report;
-        Experiment { config: &config, base: base(path), runs_dir, extent, motion: None, threads }.check()?;
+        let experiment = Experiment {
+            config: &config,
+            base: base(path),
+            runs_dir,
+            extent,
+            motion: None,
+            threads,
+            announced: true,
+        };
+        experiment.check()?;
         create_folder(runs_dir).map_err(Failure::input)?;
         let claim = Claim::take("the runs folder", &hand_in::lock(runs_dir)).map_err(Failure::input)?;
-        let journal_path = runs_dir.join(JOURNAL);
-        let table = config.schedule.as_ref();
-        let slots = table.map(|table| Slots::new(table, last_slot(&journal_path), Timestamp::now()));
-        let rest_s = table.and_then(|table| table.rest_s).map_or(0.0, NonNegative::get);
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let mut rig = Self {
-            config: std::path::absolute(path).map_err(Failure::input)?,
-            runs_dir: std::path::absolute(runs_dir).map_err(Failure::input)?,
-            store: Store::open(runs_dir).map_err(Failure::input)?,
-            slots: slots.transpose().map_err(Failure::input)?,
-            journal: Journal::open(&journal_path, MonotonicNs::now()).map_err(Failure::input)?,
-            threads,
-            retention: config.retention.clone(),
-            rest: Duration::from_secs_f64(rest_s),
-            rests_until: None,
-            motion: None,
-            analysis: None,
-            recovering: None,
-            motions_ended: 0,
-            state: watch::channel(RigState::default()).0,
-            alerts: Alerts::new(name.clone(), config.alerts.clone()),
-            seen: (0, None),
-            _claim: claim,
-        };
-        rig.state.send_modify(|state| {
-            state.name = name;
-            state.experiment = config.run.name.clone();
-        });
+        let path = std::path::absolute(path).map_err(Failure::input)?;
+        let runs_dir = std::path::absolute(runs_dir).map_err(Failure::input)?;
+        let jobs = Processes { runs_dir: runs_dir.clone(), config: path.clone(), threads, clearing: None };
+        let store = Store::open(&runs_dir).map_err(Failure::input)?;
+        let mut rig = Self::new(path, config, runs_dir, store, Box::new(jobs), Now::read())?;
+        rig._claim = Some(claim);
         rig.write("started", json!({ "pid": std::process::id() }))?;
         rig.take_over(watcher)?;
         if rig.motion.is_none() {
-            rig.recovering = Some(recover::beside(&rig.runs_dir));
+            rig.jobs.clear_up();
         }
         Ok(rig)
+    }
+
+    fn new(
+        path: PathBuf,
+        config: RigConfig,
+        runs_dir: PathBuf,
+        store: Store,
+        jobs: Box<dyn Jobs>,
+        now: Now,
+    ) -> Result<Self, Failure> {
+        let latch = open::latch(&config, Some(&runs_dir));
+        latch.make_room().map_err(Failure::input)?;
+        // whoever holds the database holds up no servo
+        store.wait_for_nobody().map_err(Failure::input)?;
+        let journal = runs_dir.join(JOURNAL);
+        let table = config.schedule.as_ref();
+        let slots = table.map(|table| Slots::new(table, last_slot(&journal), now));
+        let rest_s = table.and_then(|table| table.rest_s).map_or(0.0, NonNegative::get);
+        let rest = Duration::try_from_secs_f64(rest_s).unwrap_or(Duration::MAX);
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let alerts = Alerts::new(name.clone(), config.alerts.clone());
+        let state = RigState { name, experiment: config.run.name.clone(), ..RigState::default() };
+        Ok(Self {
+            path,
+            store,
+            slots: slots.transpose().map_err(Failure::input)?,
+            journal: Journal::open(&journal, MonotonicNs::now()).map_err(Failure::input)?,
+            jobs,
+            stop: Arc::new(Stop::new(latch)),
+            held: None,
+            servos: Standing::default(),
+            rest: SignedDuration::try_from(rest).unwrap_or(SignedDuration::MAX),
+            rests_until: SignedDuration::ZERO,
+            motion: None,
+            analysis: None,
+            motions_ended: 0,
+            state: watch::channel(state).0,
+            alerts,
+            seen: (0, None),
+            cleared_up: SignedDuration::MIN,
+            waits: None,
+            trouble: None,
+            _claim: None,
+            config,
+            runs_dir,
+        })
     }
 
     /// Takes over what an earlier daemon left behind.
     fn take_over(&mut self, watcher: &mut dyn Watcher) -> Result<(), Failure> {
         for job in self.store.running().map_err(Failure::internal)? {
-            match Running::adopt(&job, &self.runs_dir) {
+            match self.jobs.adopt(&job) {
                 Some(running) => {
                     self.write("job-adopted", json!({ "job": job.id }))?;
+                    if job.work.lane() == Lane::Motion {
+                        self.stop.moves(Some(running.pid()));
+                    }
                     *self.place(job.work.lane()) = Some(running);
                 }
                 None => {
@@ -129,7 +188,7 @@ impl Rig {
         Ok(())
     }
 
-    fn place(&mut self, lane: Lane) -> &mut Option<Running> {
+    fn place(&mut self, lane: Lane) -> &mut Option<Box<dyn Running>> {
         match lane {
             Lane::Motion => &mut self.motion,
             Lane::Analysis => &mut self.analysis,
@@ -137,25 +196,73 @@ impl Rig {
     }
 
     /// One look at everything. Nothing here waits.
-    ///
-    /// # Errors
-    /// [`Failure::Internal`] where queue or journal cannot be written.
-    pub(super) fn tick(&mut self, may: May, watcher: &mut dyn Watcher) -> Result<(), Failure> {
+    pub(super) fn tick(&mut self, now: Now, may: May, watcher: &mut dyn Watcher) {
+        self.look_at_hold();
+        self.servos = standing(&self.runs_dir);
+        self.stop.rests(!self.servos.may_move());
+        if let Some(motion) = &mut self.motion
+            && (may.end_all || self.held.is_some() && self.servos.may_move())
+        {
+            motion.end();
+        }
+        let trouble = self.work(now, may, watcher).err().map(|failure| format!("{:#}", failure.error()));
+        if trouble != self.trouble {
+            match &trouble {
+                Some(trouble) => tracing::warn!("{trouble}; trying again"),
+                None => tracing::warn!("the daemon goes on"),
+            }
+            self.trouble = trouble;
+            // what was begun is to be seen again
+            self.seen.1 = None;
+        }
+        self.tell(now);
+    }
+
+    /// Writes the hold that was asked for, and says of a new one and of its end.
+    fn look_at_hold(&mut self) {
+        let written = self.stop.write(ASKER_WRITES);
+        let held = self.stop.held();
+        if let Err(error) = written {
+            tracing::error!("the rig is held by the daemon alone: {}", with_causes(&error));
+        }
+        if held.is_some() == self.held.is_some() {
+            self.held = held;
+            return;
+        }
+        // the journal and the alert come after the stop, and are not what holds
+        let said = match &held {
+            Some(hold) => self
+                .write("held", json!({ "by": hold.by, "why": hold.why }))
+                .and_then(|()| self.raise("held", &format!("the rig is {hold}"), None)),
+            None => self.write("released", json!({ "by": self.stop.released_by() })),
+        };
+        if let Err(failure) = said {
+            tracing::warn!("{:#}", failure.error());
+        }
+        self.held = held;
+        self.seen.1 = None;
+    }
+
+    /// Holds the rig, for what the daemon itself has seen.
+    fn hold(&mut self, why: &str) {
+        self.stop.pull(Hold::now("the daemon", why));
+        self.look_at_hold();
+    }
+
+    /// All that a database or a disk may refuse.
+    fn work(&mut self, now: Now, may: May, watcher: &mut dyn Watcher) -> Result<(), Failure> {
         for lane in [Lane::Motion, Lane::Analysis] {
-            self.reap(lane, may, watcher)?;
+            self.reap(lane, now, may, watcher)?;
         }
-        self.hear_of_recovered(watcher)?;
-        self.tell();
+        self.clear_up(now, watcher)?;
         self.alerts.tick(&mut self.store).map_err(Failure::internal)?;
-        if self.slots.is_some() && may.move_ {
-            self.look_at_schedule(watcher)?;
-        }
-        if !self.is_worth_a_look()? {
+        self.look_at_schedule(now, may, watcher)?;
+        if !self.is_worth_a_look(now)? {
             return Ok(());
         }
         self.alerts.begin(&mut self.store).map_err(Failure::internal)?;
         for lane in [Lane::Motion, Lane::Analysis] {
-            let Some(id) = self.place(lane).as_ref().map(|running| running.id) else { continue };
+            let Some(id) = self.place(lane).as_ref().map(|running| running.id()) else { continue };
             if self.store.job(id).map_err(Failure::internal)?.cancel.is_some()
                 && let Some(running) = self.place(lane)
             {
@@ -164,9 +271,8 @@ impl Rig {
                 self.seen.1 = None;
             }
         }
-        let rested = self.rests_until.is_none_or(|until| Instant::now() >= until);
-        if may.move_ && rested && self.motion.is_none() && self.recovering.is_none() {
-            self.begin(Lane::Motion, watcher)?;
+        if self.motion.is_none() {
+            self.begin_motion(now, may, watcher)?;
         }
         if may.compute && self.analysis.is_none() {
             self.begin(Lane::Analysis, watcher)?;
@@ -176,7 +282,7 @@ impl Rig {
 
     /// Deletes the recordings that the config says are too many.
     fn retain(&self, watcher: &mut dyn Watcher) -> Result<(), Failure> {
-        let Some(retention) = &self.retention else { return Ok(()) };
+        let Some(retention) = &self.config.retention else { return Ok(()) };
         for (run, removed) in retention::retain(&self.store, retention)? {
             watcher.note(&format!("run {run}: its recording is deleted, as [retention] says"));
             self.write(
@@ -187,30 +293,41 @@ impl Rig {
         Ok(())
     }
 
-    /// Takes in what became of runs that had ended without a word.
-    fn hear_of_recovered(&mut self, watcher: &mut dyn Watcher) -> Result<(), Failure> {
-        let Some(recovering) = self.recovering.take_if(|recovering| recovering.is_finished()) else {
-            return Ok(());
-        };
-        self.seen.1 = None;
-        // a panic has said so by itself, and the next run tries again
-        for (run, said) in recovering.join().unwrap_or_default() {
-            watcher.tell(&format!("rig: run {run} {said}"));
-            self.write("run-recovered", json!({ "run": run, "what": said }))?;
+    /// Sees to what a job that was killed has left, and takes in what became of it.
+    fn clear_up(&mut self, now: Now, watcher: &mut dyn Watcher) -> Result<(), Failure> {
+        if self.jobs.clears_up() {
+            let runs = self.jobs.cleared_up();
+            if self.jobs.clears_up() {
+                return Ok(());
+            }
+            self.seen.1 = None;
+            for (run, said) in runs {
+                watcher.tell(&format!("rig: run {run} {said}"));
+                self.write("run-recovered", json!({ "run": run, "what": said }))?;
+            }
+            return self.retain(watcher);
         }
-        self.retain(watcher)
+        let is_left = self.servos.motion != Motion::AtRest && self.motion.is_none();
+        if is_left && now.boot.saturating_sub(self.cleared_up) > SETTLE_EVERY {
+            self.cleared_up = now.boot;
+            self.jobs.clear_up();
+        }
+        Ok(())
     }
 
     /// Tells whoever looks on what the rig does.
-    fn tell(&self) {
-        let id = |running: &Option<Running>| running.as_ref().map(|running| running.id.0);
-        let next = self.slots.as_ref().and_then(|slots| slots.next().ok());
+    fn tell(&self, now: Now) {
+        let id = |running: &Option<Box<dyn Running>>| running.as_ref().map(|running| running.id().0);
+        let next = self.slots.as_ref().and_then(|slots| slots.next(now).ok());
         let (motion, analysis) = (id(&self.motion), id(&self.analysis));
-        let rests = self.rests_until.is_some_and(|until| Instant::now() < until);
         self.state.send_if_modified(|state| {
             let before = state.clone();
             state.next_run = next.map(|slot| slot.strftime("%Y-%m-%dT%H:%M:%S%:z").to_string());
-            (state.motion, state.analysis, state.rests) = (motion, analysis, rests);
+            (state.motion, state.analysis) = (motion, analysis);
+            state.doing = Doing::of(self.servos.motion, motion.is_some() || analysis.is_some());
+            state.servos = self.servos.clone();
+            state.hold = self.held.clone();
+            (state.waits, state.trouble) = (self.waits.clone(), self.trouble.clone());
             state.motions_ended = self.motions_ended;
             *state != before
         });
@@ -218,117 +335,66 @@ impl Rig {
 
     /// What it does, in a few words.
     pub(super) fn says(&self) -> String {
-        let state = self.state.borrow();
-        let what = match (state.motion, state.analysis, &state.next_run) {
-            (Some(job), ..) => format!("job {job} moves it"),
-            (None, Some(job), _) => format!("job {job} computes"),
-            (None, None, Some(next)) => format!("next run at {next}"),
-            (None, None, None) => "waits for jobs".into(),
-        };
-        format!("{}: {what}", state.name)
+        self.state.borrow().says()
     }
 
     /// What a server needs to know of it.
     ///
     /// # Errors
     /// [`Failure::Internal`] where its database cannot be opened once more.
-    pub(super) fn served(&self) -> Result<Served, Failure> {
-        Served::new(self.config.clone(), self.runs_dir.clone(), self.state.subscribe())
-            .map_err(Failure::internal)
+    pub(super) fn served(&self, beat: Arc<Beat>) -> Result<Served, Failure> {
+        let config = (self.path.clone(), self.config.clone());
+        let (stop, state) = (Arc::clone(&self.stop), self.state.subscribe());
+        Served::new(config, self.runs_dir.clone(), stop, state, beat).map_err(Failure::internal)
     }
 
     /// Whether the queue changed, or has not been looked at for a while.
-    fn is_worth_a_look(&mut self) -> Result<bool, Failure> {
+    fn is_worth_a_look(&mut self, now: Now) -> Result<bool, Failure> {
         let version = self.store.version().map_err(Failure::internal)?;
         let (seen, at) = self.seen;
-        let worth = version != seen || at.is_none_or(|at| at.elapsed() >= LOOK_EVERY);
+        let worth = version != seen || at.is_none_or(|at| now.boot.saturating_sub(at) >= LOOK_EVERY);
         if worth {
-            self.seen = (version, Some(Instant::now()));
+            self.seen = (version, Some(now.boot));
         }
         Ok(worth)
     }
 
-    fn look_at_schedule(&mut self, watcher: &mut dyn Watcher) -> Result<(), Failure> {
-        let resting = self.rests_until.is_some_and(|until| Instant::now() < until);
-        let busy = || -> Result<Busy, Failure> {
-            Ok(match self.store.waiting(Lane::Motion).map_err(Failure::internal)? {
-                0 if self.motion.is_none() && !resting => Busy::Free,
-                0 => Busy::Moving,
-                _ => Busy::Waiting,
-            })
-        };
-        let now = Timestamp::now();
-        let Some(slots) = &mut self.slots else { return Ok(()) };
-        if !slots.is_due(now) {
-            return Ok(());
-        }
-        for decision in slots.due(now, busy()?) {
-            match decision {
-                Decision::Run(slot) => {
-                    self.write("slot", json!({ "slot": slot.timestamp().to_string() }))?;
-                    let work = Work::Run { config: self.config.clone(), film_only: false };
-                    let why = Some(format!("scheduled for {}", slot.strftime("%Y-%m-%d %H:%M:%S %Z")));
-                    self.store.add(&NewJob { why, ..NewJob::new(work) }).map_err(Failure::internal)?;
-                    self.seen.1 = None;
-                }
-                Decision::Skip { slots, why } => {
-                    self.write("skipped", json!({ "slots": slots, "why": why }))?
-                }
-            }
-        }
-        self.say_next(watcher);
-        Ok(())
-    }
-
-    /// Says when the next run is.
-    pub(super) fn say_next(&self, watcher: &mut dyn Watcher) {
-        if let Some(Ok(slot)) = self.slots.as_ref().map(Slots::next) {
-            watcher.note(&format!("next run at {}", slot.strftime("%Y-%m-%d %H:%M:%S %Z")));
-        }
-    }
-
-    fn begin(&mut self, lane: Lane, watcher: &mut dyn Watcher) -> Result<(), Failure> {
-        let Some(job) = self.store.take(lane).map_err(Failure::internal)? else { return Ok(()) };
-        watcher.note(&format!("job {}: {}", job.id, job.work.kind()));
-        let origin = self.store.origin(job.id).map_err(Failure::internal)?;
-        match Running::start((&job, origin), &self.runs_dir, &self.config, self.threads) {
-            Ok(running) => {
-                let pid = running.pid().as_raw_nonzero().get().unsigned_abs();
-                *self.place(lane) = Some(running);
-                self.store.began(job.id, pid).map_err(Failure::internal)?;
-                self.write("job-began", json!({ "job": job.id, "work": job.work, "pid": pid }))
-            }
-            Err(failure) => {
-                let error = Some(format!("{:#}", failure.error()));
-                self.close(&job, State::Failed, JobResult { error, ..JobResult::default() }, watcher)
-            }
-        }
-    }
-
-    fn reap(&mut self, lane: Lane, may: May, watcher: &mut dyn Watcher) -> Result<(), Failure> {
+    fn reap(&mut self, lane: Lane, now: Now, may: May, watcher: &mut dyn Watcher) -> Result<(), Failure> {
         let Some(running) = self.place(lane) else { return Ok(()) };
         if may.end_all {
             running.end();
         }
         let Some((state, result)) = running.ended()? else { return Ok(()) };
-        let id = running.id;
-        *self.place(lane) = None;
+        let id = running.id();
         self.seen.1 = None;
         let job = self.store.job(id).map_err(Failure::internal)?;
-        if state == State::Cancelled && job.cancel.is_none() && lane == Lane::Analysis {
-            // the daemon ended, not the job
-            self.write("job-put-back", json!({ "job": id }))?;
-            return self.store.put_back(id).map_err(Failure::internal);
+        let ended_by_daemon = state == State::Cancelled && job.cancel.is_none() && lane == Lane::Analysis;
+        if ended_by_daemon || state == State::Queued {
+            // the daemon ended, not the job; or nothing of it was begun
+            self.store.put_back(id).map_err(Failure::internal)?;
+            self.leave(lane);
+            return self.write("job-put-back", json!({ "job": id }));
         }
+        self.close(&job, state, result, watcher)?;
+        self.leave(lane);
         if lane == Lane::Motion {
             self.motions_ended += 1;
-            self.retain(watcher)?;
-            self.rests_until = Some(Instant::now() + self.rest);
+            self.rests_until = now.boot.saturating_add(self.rest);
             if state == State::Lost {
-                self.recovering = Some(recover::beside(&self.runs_dir));
+                self.jobs.clear_up();
             }
+            self.look_at_failures()?;
+            self.retain(watcher)?;
         }
-        self.close(&job, state, result, watcher)
+        Ok(())
+    }
+
+    /// The job of `lane` is over, and written.
+    fn leave(&mut self, lane: Lane) {
+        *self.place(lane) = None;
+        if lane == Lane::Motion {
+            self.stop.moves(None);
+        }
     }
 
     /// Motions that have ended since the daemon began.
@@ -342,8 +408,9 @@ impl Rig {
     }
 
     /// Whether no job runs, and none that only computes waits.
-    pub(super) fn is_idle(&self) -> Result<bool, Failure> {
-        Ok(self.has_ended() && self.store.waiting(Lane::Analysis).map_err(Failure::internal)? == 0)
+    pub(super) fn is_idle(&self) -> bool {
+        // what cannot be counted now is counted at the next look
+        self.has_ended() && self.store.waiting(Lane::Analysis).is_ok_and(|waiting| waiting == 0)
     }
 
     /// Whether no job runs.

@@ -21,9 +21,9 @@ const MAX_DRIFT_PPM: f64 = 200.0;
 /// Tolerated departure from the promised image rate, as a share.
 const MAX_RATE_ERROR: f64 = 0.05;
 
-/// Opens what the config names and looks at it.
-pub fn look(config: &RigConfig, base: &Path) -> Vec<Check> {
-    let mut opened = match open::open(config, base) {
+/// Opens what the config names, for a rig whose runs are in `runs_dir`, and looks at it.
+pub fn look(config: &RigConfig, base: &Path, runs_dir: &Path) -> Vec<Check> {
+    let mut opened = match open::open(config, base, Some(runs_dir)) {
         Ok(opened) => opened,
         Err(error) => return vec![Check::bad("devices", format!("{:#}", anyhow::Error::new(error)))],
     };

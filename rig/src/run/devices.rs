@@ -210,9 +210,6 @@ impl ServoThread {
             StopOutcome::LeftToDeadMan
         };
         self.outcome = Some(outcome);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
         outcome
     }
 }
@@ -220,6 +217,9 @@ impl ServoThread {
 impl Drop for ServoThread {
     fn drop(&mut self) {
         self.stop();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
     }
 }
 

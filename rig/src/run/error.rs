@@ -42,6 +42,11 @@ pub enum RunError {
 }
 
 impl RunError {
+    /// Nothing may move.
+    pub fn is_hold(&self) -> bool {
+        matches!(self, Self::Servo(ServoError::Held(_)))
+    }
+
     /// The config or a file it names is at fault, not a device.
     pub fn is_input(&self) -> bool {
         matches!(self, Self::Profile(_) | Self::File { .. } | Self::Tank(_) | Self::Calibration(_))

@@ -17,7 +17,7 @@ use crate::error_chain::with_causes;
 use crate::record::recording::{Behind, Recorded, Recorder};
 use crate::record::{RecordError, ServoCommand};
 use crate::servo::PulseProfile;
-use crate::servo::{ServoBoard, ServoEvent, StopOutcome};
+use crate::servo::{ServoBoard, ServoError, ServoEvent, StopOutcome};
 
 /// Images, and measures of how still they are, that may wait for the coordinator: several seconds of them.
 const QUEUE_IMAGES: usize = 1024;
@@ -112,7 +112,7 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
             Some(event) => event,
             None => tokio::select! {
                 biased;
-                () = &mut interrupt => Event::Interrupted,
+                () = &mut interrupt => Event::Interrupted("interrupted".into()),
                 Some(signal) = signalled.recv() => match kept.take_signal(signal) {
                     Ok(Some(event)) => event,
                     Ok(None) => continue,
@@ -232,6 +232,7 @@ impl<N: FnMut(Notice)> Kept<N> {
         Ok(Some(match signal {
             Signal::CameraFailed(CameraError::End) => Event::Fault("camera: no more images".into()),
             Signal::CameraFailed(error) => Event::Fault(with_causes(&error)),
+            Signal::ServoFailed(ServoError::Held(hold)) => Event::Interrupted(hold.to_string()),
             Signal::ServoFailed(error) => Event::Fault(with_causes(&error)),
             Signal::Panicked(thread) => Event::Fault(format!("our fault: the {thread} thread panicked")),
             Signal::Servo(event) => {

@@ -57,8 +57,8 @@ pub enum Event {
     Finished,
     /// Camera, board or recording failed.
     Fault(String),
-    /// Ctrl-C or SIGTERM.
-    Interrupted,
+    /// Ctrl-C, SIGTERM or a hold, in words.
+    Interrupted(String),
 }
 
 /// Something to do.
@@ -151,7 +151,7 @@ impl Machine {
         }
         match event {
             Event::Fault(reason) => return self.stop(Ending::Fail(reason)),
-            Event::Interrupted => return self.stop(Ending::Abort("interrupted".into())),
+            Event::Interrupted(why) => return self.stop(Ending::Abort(why)),
             Event::Image { identical } => self.identical = if identical { self.identical + 1 } else { 0 },
             Event::Changed(share) => self.last_change = share,
             Event::Started | Event::Finished | Event::Tick => {}
@@ -325,7 +325,7 @@ mod tests {
         for start in starts {
             let fault = start().on(Event::Fault("gone".into()), at(4.0));
             assert_eq!(fault, Some(Action::Stop(Ending::Fail("gone".into()))));
-            let interrupt = start().on(Event::Interrupted, at(4.0));
+            let interrupt = start().on(Event::Interrupted("interrupted".into()), at(4.0));
             assert_eq!(interrupt, Some(Action::Stop(Ending::Abort("interrupted".into()))));
         }
     }

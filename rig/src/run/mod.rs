@@ -68,7 +68,7 @@ impl Job<'_> {
     ) -> Result<Conducted, RunError> {
         let pulses = self.pulses()?;
         let plane = self.config.calibration.plane(self.base)?;
-        let mut opened = open::open(self.config, self.base)?;
+        let mut opened = open::open(self.config, self.base, Some(self.runs_dir))?;
         let filmed = opened.camera.info();
         plane.fits([filmed.width_px, filmed.height_px])?;
         let origin = ClockPair::now();

@@ -12,10 +12,11 @@ use crate::camera::{self, Camera};
 use crate::claim::Claim;
 use crate::clock::MonotonicNs;
 use crate::config::{FaultKind, RigConfig};
+use crate::hold::Latch;
 use crate::record::folder::RunFolder;
 use crate::servo::PulseSink;
 use crate::servo::bus::{BusFault, BusOptions};
-use crate::servo::{self, BoardFault, BoardKind, MockOptions, ServoBoard, ServoConfig};
+use crate::servo::{self, BoardFault, BoardKind, HeldBoard, MockOptions, ServoBoard, ServoConfig};
 use crate::tank::{Tank, TankError};
 
 /// The devices of a run.
@@ -54,16 +55,25 @@ impl Opened {
     }
 }
 
+/// What can hold the rig of `config`, whose runs are in `runs_dir`.
+pub fn latch(config: &RigConfig, runs_dir: Option<&Path>) -> Latch {
+    Latch::of(runs_dir, config.servo.as_ref().and_then(ServoConfig::outside_port))
+}
+
 /// Opens all devices of `config`; relative paths start at `base`.
 ///
 /// # Errors
-/// [`RunError`] naming the device, and what to do.
-pub fn open(config: &RigConfig, base: &Path) -> Result<Opened, RunError> {
+/// [`RunError`] naming the device, and what to do; [`ServoError::Held`](servo::ServoError::Held) where nothing may move, whether there
+/// is a board or not.
+pub fn open(config: &RigConfig, base: &Path, runs_dir: Option<&Path>) -> Result<Opened, RunError> {
+    if let Some(hold) = latch(config, runs_dir).held() {
+        return Err(servo::ServoError::Held(hold).into());
+    }
     let tank = tank(config, base)?;
     let run_start = Arc::default();
     let (board, port) = match &config.servo {
         Some(servo) if servo.kind != BoardKind::None => {
-            let (board, claim) = open_board(config, base, servo, tank.as_ref(), &run_start)?;
+            let (board, claim) = open_board(config, base, runs_dir, servo, tank.as_ref(), &run_start)?;
             (Some(board), claim)
         }
         _ => (None, None),
@@ -77,10 +87,14 @@ pub fn open(config: &RigConfig, base: &Path) -> Result<Opened, RunError> {
 ///
 /// # Errors
 /// As [`open`].
-pub fn board(config: &RigConfig, base: &Path) -> Result<(Box<dyn ServoBoard>, Option<Claim>), RunError> {
+pub fn board(
+    config: &RigConfig,
+    base: &Path,
+    runs_dir: Option<&Path>,
+) -> Result<(Box<dyn ServoBoard>, Option<Claim>), RunError> {
     let none = ServoConfig::none();
     let servo = config.servo.as_ref().unwrap_or(&none);
-    open_board(config, base, servo, tank(config, base)?.as_ref(), &Arc::default())
+    open_board(config, base, runs_dir, servo, tank(config, base)?.as_ref(), &Arc::default())
 }
 
 /// Opens the camera alone, to be looked through; what mocks and recordings do is timed from now.
@@ -119,10 +133,12 @@ fn tank(config: &RigConfig, base: &Path) -> Result<Option<Tank>, RunError> {
 fn open_board(
     config: &RigConfig,
     base: &Path,
+    runs_dir: Option<&Path>,
     servo: &ServoConfig,
     tank: Option<&Tank>,
     run_start: &Arc<OnceLock<MonotonicNs>>,
 ) -> Result<(Box<dyn ServoBoard>, Option<Claim>), RunError> {
+    // before the look at the latch: whoever stops the rig waits until nobody has the port
     let claim = servo.outside_port().map(Claim::take_port).transpose()?;
     let options = MockOptions {
         faults: board_faults(config),
@@ -140,7 +156,8 @@ fn open_board(
         ..bus
     });
     let opening = servo::Opening { config: servo, mock: (options, sink), bus, told };
-    Ok((servo::open(opening)?, claim))
+    let board = HeldBoard::open(latch(config, runs_dir), runs_dir, || servo::open(opening))?;
+    Ok((Box::new(board), claim))
 }
 
 fn board_faults(config: &RigConfig) -> Vec<(f64, BoardFault)> {

@@ -286,7 +286,7 @@ impl ServoChannel {
 
     /// The channel as a board of pulses is told of it; `None` for a servo on a bus, and for a name too long, which
     /// [`ServoChannel`] never has.
-    pub(super) fn to_wire(&self) -> Option<wire::ChannelConfig> {
+    pub(crate) fn to_wire(&self) -> Option<wire::ChannelConfig> {
         let Travel::Pulses(pulses) = &self.travel else { return None };
         Some(wire::ChannelConfig {
             channel: Channel(self.id),

@@ -52,7 +52,7 @@ macro_rules! boards {
 boards! {
     /// A board on a serial port.
     Serial => |opening| {
-        boxed(SerialBoard::open(opening.config.port.as_deref().unwrap_or_default(), opening.config, false))
+        boxed(SerialBoard::open(opening.config.port.as_deref().unwrap_or_default(), opening.config))
     },
     /// A mock board behind a pseudo-terminal, in this process.
     Mock => |opening| boxed(MockServo::open(opening.config, opening.mock.0, opening.mock.1)),

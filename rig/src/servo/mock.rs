@@ -113,7 +113,7 @@ impl MockServo {
         sink: Box<dyn PulseSink>,
     ) -> Result<Self, ServoError> {
         Self::new(MockBoard::start(options, sink), |mock| {
-            SerialBoard::open(&mock.port().to_string_lossy(), config, false)
+            SerialBoard::open(&mock.port().to_string_lossy(), config)
         })
     }
 }

@@ -6,9 +6,11 @@ pub mod bus;
 pub mod calibration;
 mod channel;
 pub mod config;
+pub mod held;
 mod kinds;
 mod link;
 pub mod mock;
+pub mod motion;
 pub mod no_board;
 mod port;
 mod pty;
@@ -23,6 +25,7 @@ mod tests;
 mod travel;
 
 pub use config::{ServoChannel, ServoConfig};
+pub use held::HeldBoard;
 pub use kinds::{BoardKind, Opening, open};
 pub use mock::{BoardFault, MockBoard, MockOptions, MockServo};
 pub use no_board::NoBoard;
@@ -32,6 +35,7 @@ pub(crate) use travel::COUNTS_PER_RAD;
 pub use travel::{CountTravel, PulseTravel, Travel, Unit};
 
 use crate::clock::{MonotonicNs, Ping};
+use crate::hold::Hold;
 
 /// A board that moves the mechanism. Calls block briefly (at most about 100 ms); the link to a real board keeps
 /// itself alive on a thread of its own.
@@ -61,6 +65,10 @@ pub trait ServoBoard: Send {
     /// Puts every channel in its safe state. Tries everything there is, in order, and never gives up early:
     /// e-stop until acknowledged, then DTR, then leaving the board to its dead-man.
     fn stop(&mut self) -> StopOutcome;
+
+    /// The stop was this program's own, at the end of what it did: what the board latched for it is acknowledged. A board that was stopped
+    /// by anybody else stays so.
+    fn stand_down(&mut self) {}
 }
 
 /// What the handshake told.
@@ -200,4 +208,15 @@ pub enum ServoError {
         /// The board's reason.
         reason: String,
     },
+    /// Somebody has stopped the board, by its own switch or from another program.
+    #[error(
+        "the emergency stop of the servo board on {port} is latched; `rig release CONFIG --by NAME` ends that"
+    )]
+    Stopped {
+        /// Which port.
+        port: String,
+    },
+    /// The rig is held: nothing may move.
+    #[error("the rig is {0}; `rig release CONFIG --by NAME` ends that")]
+    Held(Hold),
 }

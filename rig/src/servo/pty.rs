@@ -122,4 +122,8 @@ impl<B: ServoBoard, M: Send> ServoBoard for Attached<B, M> {
     fn stop(&mut self) -> StopOutcome {
         self.board.stop()
     }
+
+    fn stand_down(&mut self) {
+        self.board.stand_down();
+    }
 }

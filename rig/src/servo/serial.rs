@@ -16,7 +16,7 @@ use serialport::SerialPort;
 
 use super::link::{Link, Trouble};
 use super::port::{self, HELLO_TIMEOUT, Received};
-pub use super::sessionless::{emergency_stop, query_status};
+pub use super::sessionless::{emergency_stop, query_status, release};
 use super::{BoardInfo, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome, refusal};
 use crate::clock::{ClockFit, MonotonicNs, Wire};
 use crate::servo::PulseProfile;
@@ -83,13 +83,12 @@ impl Shared {
 impl SerialBoard {
     /// Opens the port named `port_name`, shakes hands, configures the board's channels and starts its heartbeat.
     ///
-    /// A fault latched because a host fell silent, stopped the board or restarted is acknowledged, with a note: to
-    /// open a board is to say that one knows. One the board found itself (supply, overload, watchdog) is not, unless
-    /// `acknowledge` says so.
+    /// A fault latched because a host fell silent or restarted is acknowledged, with a note: to open a board is to say that one knows.
+    /// An emergency stop, and what the board found itself (supply, overload, watchdog), only a person acknowledges: [`release`].
     ///
     /// # Errors
-    /// [`ServoError::Open`], [`ServoError::Handshake`], [`ServoError::Fault`], [`ServoError::Refused`].
-    pub fn open(port_name: &str, config: &ServoConfig, acknowledge: bool) -> Result<Self, ServoError> {
+    /// [`ServoError::Open`], [`ServoError::Handshake`], [`ServoError::Stopped`], [`ServoError::Fault`], [`ServoError::Refused`].
+    pub fn open(port_name: &str, config: &ServoConfig) -> Result<Self, ServoError> {
         let port = port::open(port_name, config.baud)?;
         let clone = |port: &dyn SerialPort| {
             port.try_clone()
@@ -129,7 +128,7 @@ impl SerialBoard {
             thread: Some(thread),
         };
         board.shake_hands()?;
-        board.set_up(config, acknowledge)?;
+        board.set_up(config)?;
         Ok(board)
     }
 
@@ -181,17 +180,20 @@ impl SerialBoard {
         Ok(())
     }
 
-    fn set_up(&mut self, config: &ServoConfig, acknowledge: bool) -> Result<(), ServoError> {
-        let status = self.status()?;
-        let ours = matches!(status.fault, Fault::DeadMan | Fault::EStop | Fault::HostRestarted);
-        if status.fault != Fault::None {
-            if !ours && !acknowledge {
-                let reason =
-                    format!("{}; latched since before this session, acknowledge it first", status.fault);
+    fn set_up(&mut self, config: &ServoConfig) -> Result<(), ServoError> {
+        match self.status()?.fault {
+            Fault::None => {}
+            fault @ (Fault::DeadMan | Fault::HostRestarted) => {
+                self.request("acknowledge", Command::Acknowledge(fault))?;
+                self.shared.link().note(format!("board had stopped before ({fault}); acknowledged"));
+            }
+            Fault::EStop => return Err(ServoError::Stopped { port: self.port_name.clone() }),
+            fault => {
+                let reason = format!(
+                    "{fault}; latched since before this session: see to it, then `rig release CONFIG --by NAME`"
+                );
                 return Err(ServoError::Fault { reason });
             }
-            self.request("acknowledge", Command::Acknowledge(status.fault))?;
-            self.shared.link().note(format!("board had stopped before ({}); acknowledged", status.fault));
         }
         // From the hello on the dead-man watches; the commands so far kept it quiet.
         let mut link = self.shared.link();
@@ -298,6 +300,7 @@ impl SerialBoard {
             }
             Trouble::Gone(why) => ServoError::Lost { port, why },
             Trouble::Restarted { before, after } => ServoError::Restarted { port, before, after },
+            Trouble::Fault(Fault::EStop) => ServoError::Stopped { port },
             Trouble::Fault(fault) => ServoError::Fault { reason: fault.text().into() },
         }
     }
@@ -407,6 +410,14 @@ impl ServoBoard for SerialBoard {
             }
         });
         StopOutcome::LeftToDeadMan
+    }
+
+    fn stand_down(&mut self) {
+        if self.shared.link().is_stopped()
+            && self.request("acknowledge", Command::Acknowledge(Fault::EStop)).is_ok()
+        {
+            self.shared.link().expect_fault(Fault::None);
+        }
     }
 }
 

@@ -3,8 +3,8 @@
 
 use std::time::Instant;
 
-use firmware_protocol::command::Command;
-use firmware_protocol::event::{Event, Status};
+use firmware_protocol::command::{Command, kind};
+use firmware_protocol::event::{Event, Fault, Status};
 
 use super::link::Link;
 use super::port::{self, HELLO_TIMEOUT, Received};
@@ -38,6 +38,45 @@ pub fn query_status(port_name: &str, baud: u32) -> Result<Status, ServoError> {
     })?;
     let why = || port::no_hello(link.bytes, link.damaged);
     status.ok_or_else(|| ServoError::Handshake { port: port_name.into(), why: why() })
+}
+
+/// Acknowledges what the board on `port_name` has latched, an emergency stop too: a person says that it may move again. Gives what that
+/// was.
+///
+/// # Errors
+/// [`ServoError::Open`]; [`ServoError::Handshake`] when nothing intelligible comes; [`ServoError::Fault`] when the board is latched all
+/// the same: its switch is still pressed, or what it found is still so.
+pub fn release(port_name: &str, baud: u32) -> Result<Fault, ServoError> {
+    let mut link = bare_link();
+    let mut latched = None;
+    let mut acknowledged = false;
+    let done = converse_until(port_name, baud, &mut link, |link| {
+        let now = MonotonicNs::now();
+        match link.take_answer()? {
+            // a session is begun to acknowledge in, and ended: nobody is to keep it alive
+            Ok(Event::Status(Status { fault: Fault::None, .. })) => return Some(Ok(())),
+            Ok(Event::Status(Status { fault, .. })) if acknowledged => return Some(Err(fault)),
+            Ok(Event::Status(Status { fault, .. })) => {
+                latched = Some(fault);
+                link.ask(Command::Hello, now);
+            }
+            Ok(Event::Hello(_)) => link.ask(Command::Acknowledge(latched.unwrap_or(Fault::None)), now),
+            Ok(Event::Ack(ack)) if ack.command == kind::ACKNOWLEDGE => {
+                acknowledged = true;
+                link.ask(Command::Goodbye, now);
+            }
+            Ok(_) | Err(_) => link.ask(Command::Status, now),
+        }
+        None
+    })?;
+    match done {
+        Some(Ok(())) => Ok(latched.unwrap_or(Fault::None)),
+        Some(Err(fault)) => Err(ServoError::Fault { reason: format!("{fault}; it is so still") }),
+        None => {
+            let why = port::no_hello(link.bytes, link.damaged);
+            Err(ServoError::Handshake { port: port_name.into(), why })
+        }
+    }
 }
 
 fn bare_link() -> Link {

@@ -1,11 +1,18 @@
 //! Host and mock board over a real pseudo-terminal, in real time.
 
+use std::io::Write as _;
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
+use firmware_protocol::command::Command;
+use firmware_protocol::event::Fault;
+use firmware_protocol::units::Sequence;
+
 use super::config::tests::example;
+use super::motion::{Motion, standing};
 use super::*;
 use crate::clock::{ClockFit, Wire};
+use crate::hold::{Hold, Latch};
 use crate::profile::Profile;
 use crate::servo::{PulseProfile, PulseTrack};
 
@@ -292,7 +299,7 @@ fn clock_of_a_busy_line_is_waited_for_and_a_bad_one_is_refused() {
         behind_a_busy_line(&mock, Duration::from_millis(12), quick_after, |port| {
             let config = ServoConfig { dead_man_ms: 2000, ..example() };
             let asked = Instant::now();
-            let mut board = SerialBoard::open(port, &config, false).unwrap();
+            let mut board = SerialBoard::open(port, &config).unwrap();
             took = asked.elapsed();
             board.jog(0, 1500, 0.0).unwrap();
             armed = board.arm(&two_to_one(1), MonotonicNs::now().plus_seconds(0.5));
@@ -312,11 +319,11 @@ fn busy_missing_and_mute_ports_are_told_apart() {
     let config = example();
     let mock = MockBoard::start(options(&[]), Box::new(Recorder::default())).unwrap();
     let port = mock.port().to_str().unwrap();
-    let first = SerialBoard::open(port, &config, false).unwrap();
-    let busy = SerialBoard::open(port, &config, false).err().unwrap().to_string();
+    let first = SerialBoard::open(port, &config).unwrap();
+    let busy = SerialBoard::open(port, &config).err().unwrap().to_string();
     assert!(busy.contains("in use by another program"), "{busy}");
     drop(first);
-    let missing = SerialBoard::open("/dev/no-such-port", &config, false).err().unwrap().to_string();
+    let missing = SerialBoard::open("/dev/no-such-port", &config).err().unwrap().to_string();
     assert!(missing.contains("no such port"), "{missing}");
 
     let babble = open_beside(|board| {
@@ -332,7 +339,7 @@ fn open_beside(board: impl FnOnce(&std::os::fd::OwnedFd)) -> String {
     rustix::pty::unlockpt(&pty).unwrap();
     let name = rustix::pty::ptsname(&pty, Vec::new()).unwrap().into_string().unwrap();
     std::thread::scope(|scope| {
-        let open = scope.spawn(|| SerialBoard::open(&name, &example(), false).err().unwrap().to_string());
+        let open = scope.spawn(|| SerialBoard::open(&name, &example()).err().unwrap().to_string());
         std::thread::sleep(Duration::from_millis(500));
         board(&pty);
         open.join().unwrap()
@@ -362,17 +369,80 @@ fn firmware_of_another_version_is_refused_with_both_versions() {
 fn fault_of_a_host_that_died_is_acknowledged_with_a_note_by_the_next() {
     let mock = MockBoard::start(options(&[]), Box::new(Recorder::default())).unwrap();
     let port = mock.port().to_str().unwrap();
-    assert_eq!(serial::emergency_stop(port, 115_200).unwrap(), StopOutcome::Acknowledged);
-    assert_eq!(serial::query_status(port, 115_200).unwrap().fault, firmware_protocol::event::Fault::EStop);
-    let mut board = SerialBoard::open(port, &example(), false).unwrap();
+    // it says hello, and nothing more
+    let mut died = super::port::open(port, 115_200).unwrap();
+    died.write_all(&Command::Hello.encode(Sequence(1)).encode()).unwrap();
+    std::thread::sleep(Duration::from_millis(600));
+    drop(died);
+    assert_eq!(serial::query_status(port, 115_200).unwrap().fault, Fault::DeadMan);
+    let mut board = SerialBoard::open(port, &example()).unwrap();
     let notes = board.poll().unwrap();
-    let noted = |e: &ServoEvent| matches!(e, ServoEvent::Note { text } if text.contains("emergency stop"));
+    let noted = |e: &ServoEvent| matches!(e, ServoEvent::Note { text } if text.contains("dead-man"));
     assert!(notes.iter().any(noted), "{notes:?}");
     drop(board);
     // A goodbye leaves no fault behind.
     std::thread::sleep(Duration::from_millis(1100));
-    let status = serial::query_status(port, 115_200).unwrap();
-    assert_eq!(status.fault, firmware_protocol::event::Fault::None);
+    assert_eq!(serial::query_status(port, 115_200).unwrap().fault, Fault::None);
+}
+
+#[test]
+fn emergency_stop_of_somebody_else_is_acknowledged_by_a_release_alone_and_ones_own_by_oneself() {
+    let mock = MockBoard::start(options(&[]), Box::new(Recorder::default())).unwrap();
+    let port = mock.port().to_str().unwrap();
+    let fault = || serial::query_status(port, 115_200).unwrap().fault;
+    assert_eq!(serial::emergency_stop(port, 115_200).unwrap(), StopOutcome::Acknowledged);
+    let refused = SerialBoard::open(port, &example()).err().unwrap();
+    assert!(matches!(&refused, ServoError::Stopped { .. }) && refused.to_string().contains("rig release"));
+    assert_eq!(fault(), Fault::EStop, "looking at it has not acknowledged it");
+    assert_eq!(serial::release(port, 115_200).unwrap(), Fault::EStop);
+    assert_eq!((fault(), serial::release(port, 115_200).unwrap()), (Fault::None, Fault::None));
+
+    let mut board = SerialBoard::open(port, &example()).unwrap();
+    assert_eq!(board.stop(), StopOutcome::Acknowledged);
+    board.stand_down();
+    assert!(board.poll().is_ok());
+    drop(board);
+    assert_eq!(fault(), Fault::None);
+}
+
+#[test]
+fn hold_stops_a_board_in_motion_refuses_orders_and_outlives_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let latch = Latch::of(Some(folder.path()), None);
+    let recorder = Recorder::default();
+    let open_board = || {
+        let config = example();
+        let mock = (options(&[]), Box::new(recorder.clone()) as Box<dyn PulseSink>);
+        HeldBoard::open(latch.clone(), Some(folder.path()), || {
+            open(Opening { config: &config, mock, bus: None, told: None })
+        })
+    };
+    let mut board = open_board().unwrap();
+    board.jog(0, 1500, 0.0).unwrap();
+    board.jog(0, 2000, 2.0).unwrap();
+    let until = Instant::now() + Duration::from_millis(400);
+    while Instant::now() < until {
+        board.poll().unwrap();
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert_eq!(standing(folder.path()).motion, Motion::Moving);
+    let stopped = MonotonicNs::now();
+    // by whoever: a file is all it takes
+    latch.hold(&Hold::now("another program", "a hand in the tank")).unwrap();
+    let held = first_error(&mut board);
+    assert!(matches!(&held, ServoError::Held(hold) if hold.by == "another program"), "{held}");
+    std::thread::sleep(Duration::from_millis(100));
+    let last = recorder.last().unwrap().2.seconds_since(stopped);
+    println!("last pulse {:.1} ms after the hold", last * 1e3);
+    assert!(last < 0.1, "{last} s");
+    assert!(matches!(board.jog(0, 1500, 1.0), Err(ServoError::Held(_))));
+    assert!(matches!(board.arm(&two_to_one(1), MonotonicNs::now()), Err(ServoError::Held(_))));
+    assert_eq!(board.stop(), StopOutcome::Acknowledged);
+    drop(board);
+    assert_eq!(standing(folder.path()).motion, Motion::AtRest);
+    assert!(matches!(open_board(), Err(ServoError::Held(_))), "the next one too");
+    latch.release("Ada").unwrap();
+    assert!(open_board().is_ok());
 }
 
 #[test]

@@ -209,12 +209,18 @@ pub struct NewJob {
     /// It does again what that one should have done.
     #[serde(default)]
     pub retry_of: Option<JobId>,
+    /// The slot of the schedule that wants it.
+    #[serde(default)]
+    pub slot: Option<Timestamp>,
+    /// A request that comes again has the same key, and is one job.
+    #[serde(default)]
+    pub key: Option<String>,
 }
 
 impl NewJob {
     /// With nothing but its work.
     pub fn new(work: Work) -> Self {
-        Self { work, priority: 0, why: None, not_before: None, retry_of: None }
+        Self { work, priority: 0, why: None, not_before: None, retry_of: None, slot: None, key: None }
     }
 }
 
@@ -251,6 +257,9 @@ pub struct Job {
     /// When it ended, UTC.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ended: Option<String>,
+    /// The slot of the schedule that wants it, UTC; none where a person has asked for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub slot: Option<String>,
     /// The process that does it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pid: Option<u32>,

@@ -19,7 +19,7 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, Row, Transaction, TransactionBe
 /// The database in a runs folder.
 pub const FILE: &str = "rig.sqlite";
 /// The layout that this version knows; kept as the database's `user_version`.
-const LAYOUT: i64 = 2;
+const LAYOUT: i64 = 3;
 /// Another process may hold the database so long.
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -108,6 +108,14 @@ pub enum StoreError {
         /// How it ended.
         state: job::State,
     },
+    /// The job moved the rig, and did what it was to do.
+    #[error("job {0} is done: to move the rig again add a job of its own")]
+    Done(job::JobId),
+    /// Another job was asked for under the same key.
+    #[error(
+        "job {0} was added with the same key and does something else; give each request a key of its own"
+    )]
+    SameKey(job::JobId),
     /// The job is not over yet.
     #[error("job {id} is {state}; cancel it first")]
     NotOver {
@@ -121,7 +129,15 @@ pub enum StoreError {
 impl StoreError {
     /// Whoever asked is at fault, not the database.
     pub fn is_input(&self) -> bool {
-        matches!(self, Self::NoJob(_) | Self::Over { .. } | Self::NotOver { .. } | Self::Newer { .. })
+        matches!(
+            self,
+            Self::NoJob(_)
+                | Self::Over { .. }
+                | Self::NotOver { .. }
+                | Self::Newer { .. }
+                | Self::Done(_)
+                | Self::SameKey(_)
+        )
     }
 }
 
@@ -198,6 +214,11 @@ impl Store {
             // a transaction that was answered is there after a power cut too
             db.pragma_update(None, "synchronous", "FULL")?;
             db.pragma_update(None, "foreign_keys", true)?;
+            let found: i64 = db.pragma_query_value(None, "user_version", |row| row.get(0))?;
+            if found >= LAYOUT {
+                // nobody who holds the database is waited for
+                return Ok(found);
+            }
             let change = db.transaction_with_behavior(TransactionBehavior::Immediate)?;
             let found = change.pragma_query_value(None, "user_version", |row| row.get(0))?;
             if found < 1 {
@@ -205,6 +226,9 @@ impl Store {
             }
             if found < 2 {
                 change.execute_batch(alerts::TABLES)?;
+            }
+            if found < LAYOUT {
+                change.execute_batch(queue::SLOTS_AND_KEYS)?;
                 change.pragma_update(None, "user_version", LAYOUT)?;
             }
             change.commit()?;
@@ -215,6 +239,14 @@ impl Store {
             Ok(_) => Ok(Self { db, runs_dir: runs_dir.into(), path }),
             Err(source) => Err(StoreError::Database { action: "opening", path, source }),
         }
+    }
+
+    /// From now on nobody is waited for who holds the database: what it is asked fails, and may be asked again.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn wait_for_nobody(&self) -> Result<(), StoreError> {
+        self.db.busy_timeout(Duration::ZERO).map_err(self.failed("opening"))
     }
 
     /// The folder whose runs and jobs these are.
@@ -316,6 +348,29 @@ fn now() -> String {
 /// See [`now`].
 fn text(time: jiff::Timestamp) -> String {
     time.strftime("%Y-%m-%dT%H:%M:%S.%6fZ").to_string()
+}
+
+#[cfg(test)]
+impl Store {
+    /// The same, for tests of what a queue is used for: no disk and no other process is waited for.
+    pub(crate) fn open_at_once(runs_dir: &Path) -> Result<Self, StoreError> {
+        let path = runs_dir.join(FILE);
+        let db = Connection::open(&path).map_err(StoreError::at("opening", &path))?;
+        let store = Self::with(db, runs_dir, path)?;
+        store.db.pragma_update(None, "synchronous", "OFF").map_err(store.failed("opening"))?;
+        store.wait_for_nobody()?;
+        Ok(store)
+    }
+
+    /// Empties it.
+    pub(crate) fn forget_all(&self) {
+        self.db.execute_batch("DELETE FROM deliveries; DELETE FROM alerts; DELETE FROM jobs").unwrap();
+    }
+
+    /// Holds the database against all other writers, or lets go of it.
+    pub(crate) fn hold(&self, hold: bool) {
+        self.db.execute_batch(if hold { "BEGIN IMMEDIATE" } else { "COMMIT" }).unwrap();
+    }
 }
 
 #[cfg(test)]

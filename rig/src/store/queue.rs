@@ -6,7 +6,14 @@ use super::job::{Job, JobId, JobResult, Lane, NewJob, State};
 use super::{Store, StoreError, now, text};
 use crate::record::run_id::RunId;
 
-const COLUMNS: &str = "id, work, priority, state, cancel, why, retry_of, not_before, added, began, ended, pid, status, run, out, verdict, error";
+/// What layout 3 has added: the slot of a job that the schedule wants, and the key under which a job was asked for.
+pub(super) const SLOTS_AND_KEYS: &str = "
+    ALTER TABLE jobs ADD COLUMN slot TEXT;
+    ALTER TABLE jobs ADD COLUMN key TEXT;
+    CREATE UNIQUE INDEX jobs_by_key ON jobs (key) WHERE key IS NOT NULL;
+";
+
+const COLUMNS: &str = "id, work, priority, state, cancel, why, retry_of, not_before, added, began, ended, pid, status, run, out, verdict, error, slot";
 
 fn read(row: &Row<'_>) -> rusqlite::Result<Job> {
     let unreadable = |column, error: Box<dyn std::error::Error + Send + Sync>| {
@@ -36,21 +43,28 @@ fn read(row: &Row<'_>) -> rusqlite::Result<Job> {
             verdict: row.get(15)?,
             error: row.get(16)?,
         },
+        slot: row.get(17)?,
     })
 }
 
 impl Store {
-    /// Adds a job; it is on the disk when this returns.
+    /// Adds a job; it is on the disk when this returns. One that was asked for under the same key before is not added again: it is that
+    /// one's number that is given.
     ///
     /// # Errors
-    /// [`StoreError`].
+    /// [`StoreError::SameKey`] where that one does something else; or as the database says.
     pub fn add(&mut self, job: &NewJob) -> Result<JobId, StoreError> {
         let work = serde_json::to_string(&job.work)
             .map_err(|error| StoreError::Damaged { path: self.path.clone(), what: error.to_string() })?;
-        self.change("adding a job to", |db| {
+        let (id, is_same) = self.change("adding a job to", |db| {
+            let before = "SELECT id, work = ?2 FROM jobs WHERE key = ?1";
+            let before = db.query_row(before, params![job.key, work], |row| Ok((row.get(0)?, row.get(1)?)));
+            if let Some((id, is_same)) = before.optional()? {
+                return Ok((JobId(id), is_same));
+            }
             db.execute(
-                "INSERT INTO jobs (lane, work, priority, state, why, retry_of, not_before, added) \
-                 VALUES (?1, ?2, ?3, 'queued', ?4, ?5, ?6, ?7)",
+                "INSERT INTO jobs (lane, work, priority, state, why, retry_of, not_before, added, slot, key) \
+                 VALUES (?1, ?2, ?3, 'queued', ?4, ?5, ?6, ?7, ?8, ?9)",
                 params![
                     job.work.lane().name(),
                     work,
@@ -59,10 +73,38 @@ impl Store {
                     job.retry_of.map(|id| id.0),
                     job.not_before.map(text),
                     now(),
+                    job.slot.map(text),
+                    job.key,
                 ],
             )?;
-            Ok(JobId(db.last_insert_rowid()))
+            Ok((JobId(db.last_insert_rowid()), true))
+        })?;
+        if is_same { Ok(id) } else { Err(StoreError::SameKey(id)) }
+    }
+
+    /// Cancels all jobs that wait; gives how many.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn cancel_waiting(&mut self, why: &str) -> Result<usize, StoreError> {
+        self.change("cancelling the jobs of", |db| {
+            db.execute(
+                "UPDATE jobs SET cancel = ?1, ended = ?2, state = 'cancelled' WHERE state = 'queued'",
+                params![why, now()],
+            )
         })
+    }
+
+    /// How many of the newest jobs that moved the rig were ended by hardware, one after the other.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn failures_in_a_row(&self, most: usize) -> Result<usize, StoreError> {
+        let query = "SELECT state = 'lost' OR status IS 'hardware-fault' FROM jobs \
+                     WHERE lane = 'motion' AND state IN ('done', 'failed', 'lost') ORDER BY ended DESC, id DESC LIMIT ?1";
+        let most = i64::try_from(most).unwrap_or(i64::MAX);
+        let failed: Vec<bool> = self.rows(query, [most], |row| row.get(0))?;
+        Ok(failed.into_iter().take_while(|&failed| failed).count())
     }
 
     /// The job `id`.
@@ -244,6 +286,9 @@ impl Store {
         if !job.state.is_over() {
             return Err(StoreError::NotOver { id, state: job.state });
         }
+        if job.state == State::Done && job.work.lane() == Lane::Motion {
+            return Err(StoreError::Done(id));
+        }
         self.add(&NewJob { priority: job.priority, why, retry_of: Some(id), ..NewJob::new(job.work) })
     }
 }
@@ -309,6 +354,50 @@ mod tests {
         assert_eq!(store.job(again).unwrap().retry_of, Some(first));
         assert_eq!([first, again].map(|id| store.repeats(id).unwrap()), [0, 1]);
         assert_eq!([first, again].map(|id| store.origin(id).unwrap()), [first, first]);
+    }
+
+    #[test]
+    fn request_that_comes_again_under_its_key_is_one_job() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(folder.path()).unwrap();
+        let keyed = |job: NewJob| NewJob { key: Some("a-b-c".into()), ..job };
+        let first = store.add(&keyed(run_job(0))).unwrap();
+        assert_eq!(store.add(&keyed(run_job(0))).unwrap(), first);
+        assert!(matches!(store.add(&keyed(fit_job())), Err(StoreError::SameKey(id)) if id == first));
+        assert_ne!(store.add(&run_job(0)).unwrap(), first);
+        assert_eq!(store.waiting(Lane::Motion).unwrap(), 2);
+    }
+
+    #[test]
+    fn all_that_waits_is_cancelled_at_once_and_a_motion_that_is_done_is_not_repeated() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(folder.path()).unwrap();
+        let first = store.add(&run_job(0)).unwrap();
+        store.take(Lane::Motion).unwrap();
+        [run_job(0), fit_job()].iter().for_each(|job| drop(store.add(job).unwrap()));
+        assert_eq!(store.cancel_waiting("enough").unwrap(), 2);
+        assert_eq!(store.job(first).unwrap().state, State::Running);
+        store.end(first, State::Done, &JobResult::default()).unwrap();
+        assert!(matches!(store.retry(first, None), Err(StoreError::Done(_))));
+    }
+
+    #[test]
+    fn failures_of_hardware_are_counted_until_the_last_run_that_was_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(folder.path()).unwrap();
+        let mut ended = |state, status: &str| {
+            store.add(&run_job(0)).unwrap();
+            let id = store.take(Lane::Motion).unwrap().unwrap().id;
+            let result = JobResult { status: Some(status.into()), ..JobResult::default() };
+            store.end(id, state, &result).unwrap();
+            store.failures_in_a_row(9).unwrap()
+        };
+        assert_eq!(ended(State::Failed, "hardware-fault"), 1);
+        assert_eq!(ended(State::Done, "done"), 0);
+        assert_eq!(ended(State::Failed, "hardware-fault"), 1);
+        assert_eq!(ended(State::Cancelled, "interrupted"), 1, "a person's doing is neither");
+        assert_eq!(ended(State::Lost, ""), 2);
+        assert_eq!(ended(State::Failed, "input-error"), 0);
     }
 
     #[test]

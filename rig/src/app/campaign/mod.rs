@@ -18,9 +18,10 @@ use ident::experiment::Use;
 use ident::parameters::Parameters;
 use ident::strict::NonNegative;
 
+use super::announce::wait_for_leave;
 use super::compose::compose;
 use super::experiment::{Experiment, Extent};
-use super::{Failure, Interrupt, Watcher, base, read_model};
+use super::{Failure, Interrupt, Watcher, base, hand_in, read_model};
 use crate::analysis::prepared;
 use crate::config::RigConfig;
 use crate::goal::Goal;
@@ -64,7 +65,7 @@ impl Campaign<'_> {
         let rest_s = first.schedule.as_ref().and_then(|table| table.rest_s).map_or(0.0, NonNegative::get);
         std::fs::create_dir_all(self.out).map_err(Failure::input)?;
         let mut record = Record::open(self.out, self.config, &self.goal, self.max_runs)?;
-        let _claim = self.experiment(&first, self.config).claim()?;
+        let _claim = self.experiment(&first, self.config, false).claim()?;
         let mut next = match record.runs.is_empty() {
             true => Next::Run { config: self.config.into(), why: "the first run".into() },
             false => self.look(&mut record, watcher)?,
@@ -88,7 +89,8 @@ impl Campaign<'_> {
                 self.rest(Duration::from_secs_f64(rest_s), interrupt, watcher).await?;
             }
             watcher.note(&format!("run {} of at most {}: {why}", record.runs.len() + 1, self.max_runs));
-            let run = self.run(&config, interrupt, watcher).await?;
+            let begins_by_itself = !record.runs.is_empty();
+            let run = self.run(&config, begins_by_itself, interrupt, watcher).await?;
             record.runs.push(Made { run, config, why });
             record.write(self.out)?;
             next = self.look(&mut record, watcher)?;
@@ -120,7 +122,7 @@ impl Campaign<'_> {
         }
     }
 
-    fn experiment<'e>(&'e self, config: &'e RigConfig, path: &'e Path) -> Experiment<'e> {
+    fn experiment<'e>(&'e self, config: &'e RigConfig, path: &'e Path, announced: bool) -> Experiment<'e> {
         Experiment {
             config,
             base: base(path),
@@ -128,18 +130,24 @@ impl Campaign<'_> {
             extent: Extent::Keypoints,
             motion: None,
             threads: self.threads,
+            announced,
         }
     }
 
-    /// Makes the run of the config at `path`.
+    /// Makes the run of the config at `path`; one that begins by itself waits for its leave and is announced.
     async fn run(
         &self,
         path: &Path,
+        begins_by_itself: bool,
         interrupt: &Interrupt,
         watcher: &mut dyn Watcher,
     ) -> Result<RunId, Failure> {
         let config = RigConfig::read(path).map_err(Failure::input)?;
-        let done = self.experiment(&config, path).carry_out(interrupt, watcher).await?;
+        if begins_by_itself {
+            wait_for_leave(&config, self.runs_dir, interrupt, watcher).await?;
+        }
+        let announced = begins_by_itself || hand_in::is_job();
+        let done = self.experiment(&config, path, announced).carry_out(interrupt, watcher).await?;
         Ok(done.conducted.folder.start().id.clone())
     }
 

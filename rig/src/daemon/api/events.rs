@@ -3,7 +3,7 @@
 
 use std::convert::Infallible;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::extract::State;
 use axum::response::Sse;
@@ -12,34 +12,45 @@ use futures_util::stream::{self, Stream, StreamExt};
 use serde::Serialize;
 use tokio::sync::watch;
 
-use super::Api;
+use super::{Api, Beat};
 use crate::daemon::state::RigState;
 use crate::store::Store;
 use crate::store::job::Job;
 
 /// Between two looks at a rig.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// A snapshot is told again although nothing has changed: who hears nothing for twice as long knows nothing.
+const TELL_EVERY: Duration = Duration::from_secs(1);
+/// What the loop that looks after the rigs has not seen for so long is not told \[s\].
+const LATEST_S: f64 = 1.0;
 /// Jobs in a snapshot.
 const MOST_JOBS: usize = 20;
 
 #[derive(Serialize)]
 struct Snapshot<'a> {
     rig: &'a RigState,
-    jobs: Vec<Job>,
+    jobs: &'a [Job],
 }
 
 /// Watches a rig through its database and its state, until nobody wants to know.
-pub(super) fn watch_rig(store: Store, mut state: watch::Receiver<RigState>) -> watch::Receiver<Arc<str>> {
+pub(super) fn watch_rig(
+    store: Store,
+    mut state: watch::Receiver<RigState>,
+    beat: Arc<Beat>,
+) -> watch::Receiver<Arc<str>> {
     let (tell, told) = watch::channel(Arc::from(""));
     tokio::task::spawn_blocking(move || {
-        let mut seen = None;
+        let (mut seen, mut at, mut jobs) = (None, Instant::now(), Vec::new());
         while !tell.is_closed() && state.has_changed().is_ok() {
-            if let Ok(version) = store.version()
-                && (seen != Some(version) || state.has_changed().unwrap_or(false))
-                && let Ok(jobs) = store.jobs(MOST_JOBS)
-            {
-                seen = Some(version);
-                let text = serde_json::to_string(&Snapshot { rig: &state.borrow_and_update(), jobs });
+            // what the rig does is told although its database is not to be read
+            let version = store.version().ok();
+            let has_news = seen != version || state.has_changed().unwrap_or(false);
+            if (has_news || at.elapsed() >= TELL_EVERY) && beat.age_s() < LATEST_S {
+                if let Ok(newest) = store.jobs(MOST_JOBS) {
+                    (seen, jobs) = (version, newest);
+                }
+                at = Instant::now();
+                let text = serde_json::to_string(&Snapshot { rig: &state.borrow_and_update(), jobs: &jobs });
                 tell.send_replace(text.unwrap_or_default().into());
             }
             std::thread::sleep(LOOK_EVERY);
@@ -48,7 +59,8 @@ pub(super) fn watch_rig(store: Store, mut state: watch::Receiver<RigState>) -> w
     told
 }
 
-/// Snapshots of all rigs, as server-sent events called `rig`: `{"rig": RigState, "jobs": [Job]}`, at once and whenever one changes.
+/// Snapshots of all rigs, as server-sent events called `rig`: `{"rig": RigState, "jobs": [Job]}`, at once, whenever one changes, and once a
+/// second at least: what was told more than two seconds ago says nothing of now.
 #[utoipa::path(get, path = "/api/v1/events", responses((status = 200, content_type = "text/event-stream", body = String)))]
 pub(super) async fn events(
     State(api): State<Arc<Api>>,

@@ -8,6 +8,7 @@ use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
+use super::server::Connection;
 use super::{Api, Problem, page};
 use crate::web::protect;
 
@@ -33,7 +34,11 @@ fn refused(api: &Api, request: &Request) -> Option<Problem> {
     }
     let reads = [Method::GET, Method::HEAD].contains(request.method());
     let is_free = api.is_loopback || page::is_page(request.uri().path());
-    if reads && is_free || has_token(api, request.headers()) {
+    let has_token = has_token(api, request.headers());
+    if has_token && let Some(connection) = request.extensions().get::<Arc<Connection>>() {
+        connection.shows_token();
+    }
+    if reads && is_free || has_token {
         return None;
     }
     Some(Problem::new(

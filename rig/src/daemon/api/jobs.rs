@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use axum::Json;
 use axum::extract::{Path, Query, State};
-use axum::http::StatusCode;
+use axum::http::{HeaderMap, StatusCode};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
@@ -12,7 +12,11 @@ use super::{Api, InRig, Problem};
 use crate::goal::Target;
 use crate::record::run_id::RunId;
 use crate::store::alerts::Alert;
-use crate::store::job::{Chosen, Job, JobId, Lane, NewJob, State as JobState, Work};
+use crate::store::job::{Chosen, Job, JobId, NewJob, State as JobState, Work};
+
+/// The header that says that requests are one.
+const KEY: &str = "Idempotency-Key";
+const MOST_KEY_BYTES: usize = 200;
 
 /// How many are listed.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -143,27 +147,34 @@ pub(super) async fn show(
     Ok(Json(api.rig(&rig)?.ask(move |store| store.job(JobId(job))).await?))
 }
 
-/// Adds a job.
-#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs", params(("rig" = String, Path)), request_body = Wanted, responses((status = 201, body = JobNumber)))]
+/// Adds a job. A request that may have to be sent again says `Idempotency-Key`, the same each time: it is one job.
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs", params(("rig" = String, Path), ("Idempotency-Key" = Option<String>, Header)), request_body = Wanted, responses((status = 201, body = JobNumber)))]
 pub(super) async fn add(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,
+    headers: HeaderMap,
     Json(wanted): Json<Wanted>,
 ) -> Result<(StatusCode, Json<JobNumber>), Problem> {
     let rig = api.rig(&rig)?;
+    let key = headers.get(KEY).map(|key| key.to_str().map(str::to_owned)).transpose();
+    let key = key.ok().filter(|key| key.as_ref().is_none_or(|key| key.len() <= MOST_KEY_BYTES));
+    let key = key.ok_or_else(|| {
+        let error = format!("Idempotency-Key: up to {MOST_KEY_BYTES} plain characters are wanted");
+        Problem::new(StatusCode::UNPROCESSABLE_ENTITY, error)
+    })?;
     let work = match wanted.work {
-        WantedWork::Run { film_only } => Work::Run { config: rig.config.clone(), film_only },
+        WantedWork::Run { film_only } => Work::Run { config: rig.path.clone(), film_only },
         WantedWork::Recalibrate { run } => Work::Recalibrate { run },
         WantedWork::Replay { run } => Work::Replay { run, from: Default::default() },
         WantedWork::Fit(runs) => Work::Fit(runs.into()),
         WantedWork::Diagnose(runs) => Work::Diagnose(runs.into()),
         WantedWork::Design(runs) => Work::Design(runs.into()),
         WantedWork::Campaign { goals, max_runs } => {
-            Work::Campaign { config: rig.config.clone(), goals, max_runs }
+            Work::Campaign { config: rig.path.clone(), goals, max_runs }
         }
     };
     let Wanted { priority, why, not_before, .. } = wanted;
-    let job = NewJob { priority, why, not_before, ..NewJob::new(work) };
+    let job = NewJob { priority, why, not_before, key, ..NewJob::new(work) };
     let id = rig.ask(move |store| store.add(&job)).await?;
     Ok((StatusCode::CREATED, Json(JobNumber::new(id, JobState::Queued))))
 }
@@ -180,7 +191,26 @@ pub(super) async fn cancel(
     Ok(Json(JobNumber::new(JobId(job), state)))
 }
 
-/// Does again what a job that is over should have done.
+/// How many jobs were cancelled.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct Cancelled {
+    /// So many.
+    cancelled: usize,
+}
+
+/// Cancels all jobs that wait.
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/cancel", params(("rig" = String, Path)), request_body = Why, responses((status = 200, body = Cancelled)))]
+pub(super) async fn cancel_all(
+    State(api): State<Arc<Api>>,
+    Path(rig): InRig,
+    Json(Why { why }): Json<Why>,
+) -> Result<Json<Cancelled>, Problem> {
+    let why = why.unwrap_or_else(|| "all were cancelled over HTTP".into());
+    let cancelled = api.rig(&rig)?.ask(move |store| store.cancel_waiting(&why)).await?;
+    Ok(Json(Cancelled { cancelled }))
+}
+
+/// Does again what a job that is over should have done; a motion that was done wants a job of its own.
 #[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/{job}/retry", params(("rig" = String, Path), ("job" = i64, Path)), request_body = Why, responses((status = 201, body = JobNumber), (status = 404, body = Problem), (status = 409, body = Problem)))]
 pub(super) async fn retry(
     State(api): State<Arc<Api>>,
@@ -189,24 +219,6 @@ pub(super) async fn retry(
 ) -> Result<(StatusCode, Json<JobNumber>), Problem> {
     let id = api.rig(&rig)?.ask(move |store| store.retry(JobId(job), why)).await?;
     Ok((StatusCode::CREATED, Json(JobNumber::new(id, JobState::Queued))))
-}
-
-/// Stops what moves the rig now. Nothing moves: nothing is done, and that is no error.
-#[utoipa::path(post, path = "/api/v1/rigs/{rig}/stop", params(("rig" = String, Path)), request_body = Why, responses((status = 200, body = [JobNumber])))]
-pub(super) async fn stop(
-    State(api): State<Arc<Api>>,
-    Path(rig): InRig,
-    Json(Why { why }): Json<Why>,
-) -> Result<Json<Vec<JobNumber>>, Problem> {
-    let why = why.unwrap_or_else(|| "stopped over HTTP".into());
-    let rig = api.rig(&rig)?;
-    let stopped = rig.ask(move |store| {
-        let moving = store.running()?.into_iter().filter(|job| job.work.lane() == Lane::Motion);
-        let ids: Vec<JobId> = moving.map(|job| job.id).collect();
-        // one that has ended meanwhile is stopped
-        Ok(ids.into_iter().filter_map(|id| Some(JobNumber::new(id, store.cancel(id, &why).ok()?))).collect())
-    });
-    Ok(Json(stopped.await?))
 }
 
 /// What somebody should know, the newest first.

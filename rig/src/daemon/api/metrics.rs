@@ -8,16 +8,19 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 
 use super::{Api, Problem};
+use crate::daemon::state::Doing;
 use crate::store::job::Lane;
 
 /// A metric: name, kind, help.
-const METRICS: [(&str, &str, &str); 6] = [
-    ("rig_moving", "gauge", "Whether a job moves the rig."),
+const METRICS: [(&str, &str, &str); 8] = [
+    ("rig_moving", "gauge", "Whether the servos move, as measured."),
     ("rig_computing", "gauge", "Whether a job computes."),
     ("rig_jobs_waiting", "gauge", "Jobs that wait for their turn."),
     ("rig_jobs_total", "counter", "Jobs that are over, by how they ended."),
     ("rig_runs", "gauge", "Runs in the index, by how they ended."),
     ("rig_disk_free_bytes", "gauge", "Free space where the runs are."),
+    ("rig_doing", "gauge", "What the rig does: 1 for that, 0 for all else."),
+    ("rig_held", "gauge", "Whether a stop holds the rig."),
 ];
 
 /// Metrics of all rigs.
@@ -32,14 +35,15 @@ pub(super) async fn metrics(State(api): State<Arc<Api>>) -> Result<Response, Pro
             })
             .await?;
         let (waiting, jobs, runs) = counted;
-        let (name, moving, computing) = {
+        let (name, doing, computing, held) = {
             let state = rig.state.borrow();
-            (escaped(&state.name), state.motion.is_some(), state.analysis.is_some())
+            let computing = state.analysis.is_some() || state.doing == Doing::Computing;
+            (escaped(&state.name), state.doing, computing, state.hold.is_some())
         };
         let mut sample = |place: usize, label: &str, value: f64| {
             let _ = writeln!(samples[place], "{}{{rig=\"{name}\"{label}}} {value}", METRICS[place].0);
         };
-        sample(0, "", f64::from(u8::from(moving)));
+        sample(0, "", f64::from(u8::from(doing == Doing::Moving)));
         sample(1, "", f64::from(u8::from(computing)));
         sample(2, "", f64::from(waiting));
         jobs.iter().for_each(|(state, count)| {
@@ -48,6 +52,10 @@ pub(super) async fn metrics(State(api): State<Arc<Api>>) -> Result<Response, Pro
         runs.iter().for_each(|(status, count)| {
             sample(4, &format!(",status=\"{}\"", escaped(status)), f64::from(*count))
         });
+        for (one, word) in Doing::ALL {
+            sample(6, &format!(",doing=\"{word}\""), f64::from(u8::from(doing == one)));
+        }
+        sample(7, "", f64::from(u8::from(held)));
         if let Ok(disk) = rustix::fs::statvfs(&rig.runs_dir) {
             sample(5, "", disk.f_bavail.saturating_mul(disk.f_frsize) as f64);
         }

@@ -11,6 +11,8 @@ mod live;
 mod metrics;
 mod page;
 mod runs;
+mod server;
+mod stop;
 mod token;
 
 use std::net::SocketAddr;
@@ -27,7 +29,10 @@ use tokio::net::TcpListener;
 use tokio::sync::watch;
 use utoipa::{OpenApi, ToSchema};
 
+use super::Beat;
 use super::state::RigState;
+use super::stop::Stop;
+use crate::config::RigConfig;
 use crate::store::job::Lane;
 use crate::store::{Store, StoreError};
 use crate::web::Hosts;
@@ -47,8 +52,11 @@ pub(super) struct Api {
 
 /// One rig of it.
 pub(super) struct Served {
-    config: PathBuf,
+    /// Where its config is.
+    path: PathBuf,
+    config: RigConfig,
     runs_dir: PathBuf,
+    stop: Arc<Stop>,
     store: Mutex<Store>,
     state: watch::Receiver<RigState>,
     snapshot: watch::Receiver<Arc<str>>,
@@ -68,9 +76,11 @@ pub(super) struct Served {
         jobs::show,
         jobs::add,
         jobs::cancel,
+        jobs::cancel_all,
         jobs::retry,
-        jobs::stop,
         jobs::alerts,
+        stop::stop,
+        stop::release,
         runs::list,
         runs::show,
         runs::file,
@@ -110,7 +120,10 @@ impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         let status = match &error {
             StoreError::NoJob(_) => StatusCode::NOT_FOUND,
-            StoreError::Over { .. } | StoreError::NotOver { .. } => StatusCode::CONFLICT,
+            StoreError::Over { .. }
+            | StoreError::NotOver { .. }
+            | StoreError::Done(_)
+            | StoreError::SameKey(_) => StatusCode::CONFLICT,
             _ => StatusCode::INTERNAL_SERVER_ERROR,
         };
         Self::new(status, crate::error_chain::with_causes(&error))
@@ -121,14 +134,17 @@ impl Served {
     /// # Errors
     /// [`StoreError`] where its database cannot be opened a second time.
     pub(super) fn new(
-        config: PathBuf,
+        (path, config): (PathBuf, RigConfig),
         runs_dir: PathBuf,
+        stop: Arc<Stop>,
         state: watch::Receiver<RigState>,
+        beat: Arc<Beat>,
     ) -> Result<Self, StoreError> {
-        let snapshot = events::watch_rig(Store::open(&runs_dir)?, state.clone());
+        let snapshot = events::watch_rig(Store::open(&runs_dir)?, state.clone(), beat);
         let shown =
             [Lane::Motion, Lane::Analysis].map(|lane| live::Shown::watch(&runs_dir, lane, state.clone()));
-        Ok(Self { store: Mutex::new(Store::open(&runs_dir)?), config, runs_dir, state, snapshot, shown })
+        let store = Mutex::new(Store::open(&runs_dir)?);
+        Ok(Self { path, config, runs_dir, stop, store, state, snapshot, shown })
     }
 
     fn store(&self) -> MutexGuard<'_, Store> {
@@ -186,7 +202,9 @@ impl Api {
             .route("/api/v1/rigs/{rig}/jobs", get(jobs::list).post(jobs::add))
             .route("/api/v1/rigs/{rig}/jobs/{job}/cancel", post(jobs::cancel))
             .route("/api/v1/rigs/{rig}/jobs/{job}/retry", post(jobs::retry))
-            .route("/api/v1/rigs/{rig}/stop", post(jobs::stop));
+            .route("/api/v1/rigs/{rig}/jobs/cancel", post(jobs::cancel_all))
+            .route("/api/v1/rigs/{rig}/stop", post(stop::stop))
+            .route("/api/v1/rigs/{rig}/release", post(stop::release));
         let router = reading
             .merge(changing)
             .layer(middleware::from_fn(guard::in_time))
@@ -196,7 +214,7 @@ impl Api {
             .layer(DefaultBodyLimit::max(MOST_BODY_BYTES))
             .layer(middleware::from_fn_with_state(Arc::clone(&api), guard::guarded))
             .with_state(api);
-        axum::serve(listener, router).await
+        server::serve(listener, router).await
     }
 }
 

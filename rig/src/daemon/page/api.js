@@ -15,8 +15,8 @@ export class Refused extends Error {
   constructor(status, text) { super(text); this.status = status; }
 }
 
-export async function ask(path, body) {
-  const headers = authorized();
+export async function ask(path, body, more = {}) {
+  const headers = { ...authorized(), ...more };
   const request = { headers };
   if (body !== undefined) {
     request.method = "POST";

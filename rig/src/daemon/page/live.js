@@ -5,7 +5,7 @@ import { lineChart, lineClass, room, svg } from "./chart.js";
 
 let rig = { name: "", motion: null, analysis: null };
 let listening = null;
-let held = false;
+let frozen = false;
 let due = false;
 const jobs = new Map();
 const pictures = new Map();
@@ -23,19 +23,19 @@ export function showRig(state) {
   draw();
 }
 
-// While nobody looks at the page, or the picture is held, nothing is drawn for it.
+// While nobody looks at the page, or the picture is frozen, nothing is drawn for it.
 function listenAgain() {
   listening?.abort();
   listening = null;
-  if (!rig.name || document.hidden || held) return;
+  if (!rig.name || document.hidden || frozen) return;
   listening = new AbortController();
   listen(`/rigs/${encodeURIComponent(rig.name)}/live`, take, () => {}, listening.signal);
 }
 document.addEventListener("visibilitychange", listenAgain);
-$("hold").onclick = () => {
-  held = !held;
-  $("hold").setAttribute("aria-pressed", held);
-  $("hold").textContent = held ? "Go on" : "Hold";
+$("freeze").onclick = () => {
+  frozen = !frozen;
+  $("freeze").setAttribute("aria-pressed", frozen);
+  $("freeze").textContent = frozen ? "Go on" : "Freeze";
   listenAgain();
   draw();
 };
@@ -44,7 +44,7 @@ $("drawn").onchange = () => { $("found").style.visibility = $("drawn").checked ?
 const goesOn = job => job === rig.motion || job === rig.analysis;
 
 function take(snapshot) {
-  if (held) return;
+  if (frozen) return;
   jobs.set(snapshot.job, snapshot);
   if (snapshot.picture) pictures.set(snapshot.job, snapshot.picture);
   // what a job showed last stays, until another one shows the like

@@ -16,38 +16,64 @@ const inRig = path => `/rigs/${encodeURIComponent(chosen)}${path}`;
 const time = text => text ? new Date(text).toLocaleString(undefined, { dateStyle: "short", timeStyle: "short" }) : "";
 const said = text => { $("said").textContent = text; };
 
-async function command(path, body, done) {
+async function command(path, body, done, headers) {
   for (;;) {
     try {
-      const answer = await ask(inRig(path), body);
+      const answer = await ask(inRig(path), body, headers);
       return said(done(answer));
     } catch (error) {
       if (error.status === 401 && await askForToken()) continue;
-      return said(error instanceof Refused ? error.message : `The daemon does not answer: ${error.message}`);
+      return said(error instanceof Refused ? error.message : `The daemon does not answer: ${error.message}. Use the emergency switch if anything moves.`);
     }
   }
 }
 
-$("stop").onclick = () => command("/stop", { why: "the stop button" },
-  stopped => stopped.length ? `Job ${stopped.map(job => job.job).join(", ")} is told to stop.` : "Nothing moves.");
-const add = work => command("/jobs", { work, why: "from the page" }, job => `Job ${job.job} waits for its turn.`);
+$("stop").onclick = () => command("/stop", { by: "the page", why: "the stop button" },
+  stopped => stopped.written ? "Stopped and held." : "Stopped; the daemon alone holds the rig: the disk does not take it.");
+$("held").onsubmit = event => {
+  event.preventDefault();
+  command("/release", { by: $("who").value }, ({ released }) => `${released[0].toUpperCase()}${released.slice(1)}.`);
+};
+// A click that has to be sent again is one job.
+const key = () => [...crypto.getRandomValues(new Uint8Array(16))].map(byte => byte.toString(16).padStart(2, "0")).join("");
+const add = work => command("/jobs", { work, why: "from the page" }, job => `Job ${job.job} waits for its turn.`, { "Idempotency-Key": key() });
+$("cancel-all").onclick = () => command("/jobs/cancel", { why: "from the page" }, ({ cancelled }) => `${cancelled} jobs are cancelled.`);
 $("run").onclick = () => add({ kind: "run" });
 $("campaign").onclick = () => add({ kind: "campaign", max_runs: MOST_CAMPAIGN_RUNS });
 
+const DOING = {
+  "at-rest": () => "At rest",
+  computing: () => "Computes; nothing has power",
+  announced: ({ moves_in_s }) => `Moves in ${Math.ceil(moves_in_s ?? 0)} s`,
+  armed: () => "Armed: may move at any instant",
+  moving: () => "Moves",
+  unknown: ({ since }) => `Not known${since ? ` since ${time(since)}` : ""}: may move`,
+};
+// What was told longer ago says nothing of now.
+const FRESH_MS = 2000;
+const heard = new Map();
+
 function showNow({ rig, jobs }) {
-  $("experiment").textContent = rig.experiment;
+  const silent = Date.now() - (heard.get(rig.name) ?? 0);
+  const fresh = silent < FRESH_MS;
   const job = id => jobs.find(job => job.id === id);
-  const moving = rig.motion !== null, computing = rig.analysis !== null;
   const kind = id => `job ${id}${job(id) ? ` (${job(id).work.kind})` : ""}`;
-  const words = [];
-  if (moving) words.push(`${kind(rig.motion)} moves the rig`);
-  if (computing) words.push(`${kind(rig.analysis)} computes`);
-  if (!words.length) words.push(rig.rests ? "the water rests" : "idle");
-  const text = words.join("; ");
-  $("now").textContent = text[0].toUpperCase() + text.slice(1);
+  const text = fresh ? (rig.hold && rig.doing === "at-rest" ? "Held" : DOING[rig.doing](rig.servos)) : `No news for ${Math.round(silent / 1000)} s: the rig may move`;
+  document.body.classList.toggle("stale", !fresh);
+  document.body.dataset.doing = fresh ? rig.doing : "unknown";
+  // said aloud when it is another, not again and again
+  if ($("now").textContent !== text) $("now").textContent = text;
+  document.title = `${text} · ${rig.name}`;
+  $("experiment").textContent = rig.experiment;
+  const more = [rig.motion, rig.analysis].filter(id => id !== null).map(kind);
+  if (rig.waits && !rig.hold) more.push(`the next motion waits: ${rig.waits}`);
+  if (rig.trouble) more.push(`the daemon's trouble: ${rig.trouble}`);
+  $("more").textContent = fresh ? more.join("; ") : `It was last heard of at ${new Date(heard.get(rig.name)).toLocaleTimeString()}. What is shown below is of then.`;
+  $("held").hidden = !rig.hold;
+  if (rig.hold) $("held-why").textContent = `By ${rig.hold.by}, ${time(rig.hold.since)}: ${rig.hold.why}`;
   $("next").textContent = rig.next_run ? `Next run by the schedule: ${time(rig.next_run)}` : "No schedule.";
-  document.title = `${text} · rig`;
 }
+setInterval(() => { if (snapshots.has(chosen)) showNow(snapshots.get(chosen)); }, 250);
 
 function cameOf(job) {
   const { error, verdict, run, out } = job;
@@ -63,7 +89,9 @@ const empty = textContent => row({ colSpan: 6, textContent });
 function jobRow(job) {
   const over = !["queued", "running"].includes(job.state);
   const label = over ? `Retry job ${job.id}` : `Cancel job ${job.id}`;
-  const button = element("button", { type: "button", textContent: over ? "Retry" : "Cancel", ariaLabel: label });
+  // a motion that was done is not done again by a slip of the hand
+  const moved = job.state === "done" && ["run", "campaign"].includes(job.work.kind);
+  const button = element("button", { type: "button", textContent: over ? "Retry" : "Cancel", ariaLabel: label, hidden: moved });
   button.onclick = () => over
     ? command(`/jobs/${job.id}/retry`, { why: "from the page" }, again => `Job ${again.job} waits for its turn.`)
     : command(`/jobs/${job.id}/cancel`, { why: "from the page" }, () => `Job ${job.id} is told to end.`);
@@ -75,6 +103,7 @@ function showJobs({ jobs }) {
   // whoever stands on a button of a row that changes stays there
   const focused = document.activeElement?.ariaLabel;
   fill($("jobs"), jobs.length ? jobs : ["No jobs yet."], job => job.id ? jobRow(job) : empty(job));
+  $("cancel-all").hidden = !jobs.some(job => job.state === "queued");
   if (focused) [...$("jobs").querySelectorAll("button")].find(button => button.ariaLabel === focused)?.focus();
 }
 
@@ -129,6 +158,7 @@ function take(snapshot) {
   const name = snapshot.rig.name;
   const known = snapshots.get(name);
   snapshots.set(name, snapshot);
+  heard.set(name, Date.now());
   if (!known) {
     $("rigs").append(element("option", { value: name, textContent: name }));
     $("choose").hidden = snapshots.size < 2;

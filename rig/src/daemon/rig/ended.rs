@@ -33,14 +33,13 @@ impl Rig {
         if let Some((kind, what)) = alert(job, state, &result)
             && !self.was_told(kind, &what)?
         {
-            self.alerts.raise(&mut self.store, kind, &what, job.id).map_err(Failure::internal)?;
-            self.write("alert", json!({ "kind": kind, "text": what, "job": job.id }))?;
+            self.raise(kind, &what, Some(job.id))?;
         }
         if let Some(error) = &result.error {
             watcher.tell(&format!("rig: job {} ({}) {state}: {error}", job.id, job.work.kind()));
         }
         match (&job.work, state) {
-            (Work::Run { config, film_only: false }, State::Done) if *config == self.config => {
+            (Work::Run { config, film_only: false }, State::Done) if *config == self.path => {
                 let id = result
                     .run
                     .as_deref()
@@ -55,6 +54,12 @@ impl Rig {
             _ => {}
         }
         Ok(())
+    }
+
+    /// Raises an alert.
+    pub(super) fn raise(&mut self, kind: &str, what: &str, job: Option<JobId>) -> Result<(), Failure> {
+        self.alerts.raise(&mut self.store, kind, what, job).map_err(Failure::internal)?;
+        self.write("alert", json!({ "kind": kind, "text": what, "job": job }))
     }
 
     /// Whether the same was told within the last days already: what has moved stays where it is for all runs that follow.
