@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use crate::store::StoreError;
 use crate::vision::{SequenceError, VisionError};
 
 /// Exit code of a process that a signal has ended, as shells give it for Ctrl-C.
@@ -20,6 +21,12 @@ pub enum Failure {
     Data(anyhow::Error),
     /// The user's Ctrl-C or a SIGTERM ended it: exit code [`INTERRUPTED`].
     Interrupted(anyhow::Error),
+}
+
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        if error.is_input() { Self::input(error) } else { Self::internal(error) }
+    }
 }
 
 impl Failure {

@@ -93,7 +93,7 @@ fn move_to(
     let (mut board, _port) = open::board(config, base(&args.config)).map_err(Failure::hardware)?;
     let mut stood = None;
     let moved = board.jog(channel.id, told, args.duration_s).and_then(|()| {
-        let until = std::time::Instant::now() + Duration::from_secs_f64(args.duration_s + args.stay_s);
+        let until = std::time::Instant::now() + ident::strict::duration(args.duration_s + args.stay_s);
         while std::time::Instant::now() < until && !interrupt.is_raised() {
             for event in board.poll()? {
                 if let ServoEvent::Position { channel: id, count, .. } = event

@@ -4,8 +4,10 @@ use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
-use ident::strict::{Finite, NonNegative, Positive, Share};
+use ident::strict::{Finite, NonNegative, Positive, PositiveSeconds, Seconds, Share};
 use serde::{Deserialize, Serialize};
+
+use super::webhook::Webhook;
 
 /// What moves the mechanism.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -41,12 +43,12 @@ pub struct RunConfig {
     pub prescribed: bool,
     /// How long the picture must be still before anything moves \[s\].
     #[serde(default = "default_settle")]
-    pub settle_s: NonNegative,
+    pub settle_s: Seconds,
     /// Driven: how long to film on after the profile's end. Drop: after the release \[s\].
-    pub film_s: Positive,
+    pub film_s: PositiveSeconds,
     /// Drop: how long to wait for the hand \[s\].
     #[serde(default = "default_release_timeout")]
-    pub release_timeout_s: Positive,
+    pub release_timeout_s: PositiveSeconds,
     /// Still means that less than this share of the picture's pixels changes.
     #[serde(default = "default_still_share")]
     pub still_share: Share,
@@ -62,12 +64,12 @@ const fn default_diagnose() -> bool {
     true
 }
 
-const fn default_settle() -> NonNegative {
-    NonNegative::literal(0.5)
+const fn default_settle() -> Seconds {
+    Seconds::literal(0.5)
 }
 
-const fn default_release_timeout() -> Positive {
-    Positive::literal(60.0)
+const fn default_release_timeout() -> PositiveSeconds {
+    PositiveSeconds::literal(60.0)
 }
 
 const fn default_still_share() -> Share {
@@ -146,10 +148,10 @@ pub struct ScheduleConfig {
     pub time_zone: Option<String>,
     /// How long the water is left alone after any motion \[s\].
     #[serde(default)]
-    pub rest_s: Option<NonNegative>,
+    pub rest_s: Option<Seconds>,
     /// A slot that was missed is made up for when it is no older than this \[s\]; of several only the newest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub catch_up_s: Option<NonNegative>,
+    pub catch_up_s: Option<Seconds>,
     /// What becomes of a slot that comes while the rig is busy.
     #[serde(default)]
     pub overlap: Overlap,
@@ -166,9 +168,9 @@ pub struct AlertsConfig {
     /// `RIG_ALERT_TEXT`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub command: Vec<String>,
-    /// An address that the alert is posted to as JSON; needs the program `curl`.
+    /// An address that the alert is posted to as JSON.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub webhook: Option<String>,
+    pub webhook: Option<Webhook>,
 }
 
 impl AlertsConfig {
@@ -231,6 +233,11 @@ impl TryFrom<String> for QuietHours {
         let both = text.split_once('-').and_then(|(from, to)| Some((time(from)?, time(to)?)));
         let (from, to) =
             both.ok_or_else(|| format!("quiet hours `{text}` are not of the form 22:00-07:00"))?;
+        if from == to {
+            return Err(format!(
+                "quiet hours `{text}` end where they begin, which may be never or all day: leave them out, or leave out [schedule]"
+            ));
+        }
         Ok(Self { from, to })
     }
 }

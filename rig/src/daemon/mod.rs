@@ -3,7 +3,7 @@
 //! - `rig`: one rig's queue, schedule and running jobs;
 //! - `slots`: when the schedule wants a run;
 //! - `child`: a job as a process of its own;
-//! - `alerts`: whom it tells that somebody should look;
+//! - `alerts`, `webhook`: whom it tells that somebody should look;
 //! - `state`, `api`: what the rigs do, and all of it over HTTP.
 //!
 //! What a job is and how it went stands in [`crate::store`]; whoever can open that may add jobs and cancel them, the daemon sees it.
@@ -14,7 +14,9 @@ mod child;
 mod rig;
 mod slots;
 mod state;
+mod webhook;
 
+use std::io::IsTerminal as _;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -25,7 +27,8 @@ use serde_json::json;
 use crate::app::{Failure, Interrupt, Watcher};
 use crate::service::Service;
 use crate::urgency::give_way_to_the_kernel;
-use api::{Api, Token};
+use api::Api;
+use api::token::{self, Token};
 use rig::{May, Rig};
 use tokio::net::TcpListener;
 
@@ -161,7 +164,7 @@ impl Daemon {
     }
 }
 
-/// Listens at `address` for questions about `rigs`; tells where, with the token.
+/// Listens at `address` for questions about `rigs`; tells where, and where the token is.
 async fn api(
     rigs: &[Rig],
     address: SocketAddr,
@@ -174,8 +177,13 @@ async fn api(
             format!("serving at {address}; choose another --listen, `127.0.0.1:0` for any that is free")
         })
         .map_err(Failure::Input)?;
-    let token = Token::of(options.runs_dir).map_err(Failure::input)?;
-    watcher.tell(&format!("rig: serving at http://{address}/#token={}", token.text()));
+    let token = Token::of(options.runs_dir, |text| watcher.tell(text)).map_err(Failure::input)?;
+    let kept = options.runs_dir.join(token::FILE);
+    watcher.tell(&format!("rig: serving at http://{address}/, with the token in {}", kept.display()));
+    // what is told elsewhere than at a terminal is kept, in journals and logs that others read
+    if std::io::stderr().is_terminal() {
+        watcher.tell(&format!("rig: the page with it: http://{address}/#token={}", token.text()));
+    }
     for rig in rigs {
         rig.write("serving", json!({ "address": address.to_string() }))?;
     }

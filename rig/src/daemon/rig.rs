@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use ident::strict::NonNegative;
+use ident::strict::Seconds;
 use jiff::Timestamp;
 use serde_json::json;
 
@@ -78,7 +78,7 @@ impl Rig {
         let journal_path = runs_dir.join(JOURNAL);
         let table = config.schedule.as_ref();
         let slots = table.map(|table| Slots::new(table, last_slot(&journal_path), Timestamp::now()));
-        let rest_s = table.and_then(|table| table.rest_s).map_or(0.0, NonNegative::get);
+        let rest = table.and_then(|table| table.rest_s).map_or(Duration::ZERO, Seconds::duration);
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let mut rig = Self {
             config: std::path::absolute(path).map_err(Failure::input)?,
@@ -88,7 +88,7 @@ impl Rig {
             journal: Journal::open(&journal_path, MonotonicNs::now()).map_err(Failure::input)?,
             threads,
             retention: config.retention.clone(),
-            rest: Duration::from_secs_f64(rest_s),
+            rest,
             rests_until: None,
             motion: None,
             analysis: None,
@@ -268,7 +268,7 @@ impl Rig {
                     self.write("slot", json!({ "slot": slot.timestamp().to_string() }))?;
                     let work = Work::Run { config: self.config.clone(), film_only: false };
                     let why = Some(format!("scheduled for {}", slot.strftime("%Y-%m-%d %H:%M:%S %Z")));
-                    self.store.add(&NewJob { why, ..NewJob::new(work) }).map_err(Failure::internal)?;
+                    self.store.follow(&NewJob { why, ..NewJob::new(work) }).map_err(Failure::internal)?;
                     self.seen.1 = None;
                 }
                 Decision::Skip { slots, why } => {

@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use ident::strict::Seconds;
 use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Timestamp, Zoned};
 
@@ -64,7 +65,7 @@ impl Slots {
             Some(name) => TimeZone::get(name)
                 .map_err(|error| ScheduleError::Zone { name: name.clone(), why: error.to_string() })?,
         };
-        let catch_up = Duration::from_secs_f64(config.catch_up_s.map_or(0.0, |s| s.get()));
+        let catch_up = config.catch_up_s.map_or(Duration::ZERO, Seconds::duration);
         let slots = Self {
             schedule: Schedule::parse(&config.cron)?,
             quiet: config.quiet.clone(),

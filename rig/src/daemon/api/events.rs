@@ -49,7 +49,7 @@ pub(super) fn watch_rig(store: Store, mut state: watch::Receiver<RigState>) -> w
 }
 
 /// Snapshots of all rigs, as server-sent events called `rig`: `{"rig": RigState, "jobs": [Job]}`, at once and whenever one changes.
-#[utoipa::path(get, path = "/api/v1/events", responses((status = 200, content_type = "text/event-stream", body = String)))]
+#[utoipa::path(get, path = "/api/v1/events", responses((status = 200, description = "Snapshots.", content_type = "text/event-stream", body = String)))]
 pub(super) async fn events(
     State(api): State<Arc<Api>>,
 ) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {

@@ -8,6 +8,7 @@ use axum::http::StatusCode;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
+use super::body::Body;
 use super::{Api, InRig, Problem};
 use crate::goal::Target;
 use crate::record::run_id::RunId;
@@ -17,6 +18,7 @@ use crate::store::job::{Chosen, Job, JobId, Lane, NewJob, State as JobState, Wor
 /// How many are listed.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 pub(super) struct Most {
     /// At most so many.
     #[serde(default = "thirty")]
@@ -125,7 +127,7 @@ impl JobNumber {
 }
 
 /// Jobs: those that run, those that wait in the order of their turns, then the newest that are over.
-#[utoipa::path(get, path = "/api/v1/rigs/{rig}/jobs", params(("rig" = String, Path), Most), responses((status = 200, body = [Job])))]
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/jobs", operation_id = "list_jobs", params(("rig" = String, Path), Most), responses((status = 200, description = "Jobs.", body = [Job])))]
 pub(super) async fn list(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,
@@ -135,7 +137,7 @@ pub(super) async fn list(
 }
 
 /// One job.
-#[utoipa::path(get, path = "/api/v1/rigs/{rig}/jobs/{job}", params(("rig" = String, Path), ("job" = i64, Path)), responses((status = 200, body = Job), (status = 404, body = Problem)))]
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/jobs/{job}", operation_id = "show_job", params(("rig" = String, Path), ("job" = i64, Path)), responses((status = 200, description = "The job.", body = Job)))]
 pub(super) async fn show(
     State(api): State<Arc<Api>>,
     Path((rig, job)): Path<(String, i64)>,
@@ -144,11 +146,11 @@ pub(super) async fn show(
 }
 
 /// Adds a job.
-#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs", params(("rig" = String, Path)), request_body = Wanted, responses((status = 201, body = JobNumber)))]
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs", params(("rig" = String, Path)), request_body = Wanted, responses((status = 201, description = "The new job.", body = JobNumber)))]
 pub(super) async fn add(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,
-    Json(wanted): Json<Wanted>,
+    Body(wanted): Body<Wanted>,
 ) -> Result<(StatusCode, Json<JobNumber>), Problem> {
     let rig = api.rig(&rig)?;
     let work = match wanted.work {
@@ -169,11 +171,11 @@ pub(super) async fn add(
 }
 
 /// Cancels a job; one that moves the rig is stopped, the servo first.
-#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/{job}/cancel", params(("rig" = String, Path), ("job" = i64, Path)), request_body = Why, responses((status = 200, body = JobNumber), (status = 404, body = Problem), (status = 409, body = Problem)))]
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/{job}/cancel", params(("rig" = String, Path), ("job" = i64, Path)), request_body = Why, responses((status = 200, description = "Where it stands.", body = JobNumber)))]
 pub(super) async fn cancel(
     State(api): State<Arc<Api>>,
     Path((rig, job)): Path<(String, i64)>,
-    Json(Why { why }): Json<Why>,
+    Body(Why { why }): Body<Why>,
 ) -> Result<Json<JobNumber>, Problem> {
     let why = why.unwrap_or_else(|| "cancelled over HTTP".into());
     let state = api.rig(&rig)?.ask(move |store| store.cancel(JobId(job), &why)).await?;
@@ -181,22 +183,22 @@ pub(super) async fn cancel(
 }
 
 /// Does again what a job that is over should have done.
-#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/{job}/retry", params(("rig" = String, Path), ("job" = i64, Path)), request_body = Why, responses((status = 201, body = JobNumber), (status = 404, body = Problem), (status = 409, body = Problem)))]
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/{job}/retry", params(("rig" = String, Path), ("job" = i64, Path)), request_body = Why, responses((status = 201, description = "The new job.", body = JobNumber)))]
 pub(super) async fn retry(
     State(api): State<Arc<Api>>,
     Path((rig, job)): Path<(String, i64)>,
-    Json(Why { why }): Json<Why>,
+    Body(Why { why }): Body<Why>,
 ) -> Result<(StatusCode, Json<JobNumber>), Problem> {
     let id = api.rig(&rig)?.ask(move |store| store.retry(JobId(job), why)).await?;
     Ok((StatusCode::CREATED, Json(JobNumber::new(id, JobState::Queued))))
 }
 
 /// Stops what moves the rig now. Nothing moves: nothing is done, and that is no error.
-#[utoipa::path(post, path = "/api/v1/rigs/{rig}/stop", params(("rig" = String, Path)), request_body = Why, responses((status = 200, body = [JobNumber])))]
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/stop", params(("rig" = String, Path)), request_body = Why, responses((status = 200, description = "What moved.", body = [JobNumber])))]
 pub(super) async fn stop(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,
-    Json(Why { why }): Json<Why>,
+    Body(Why { why }): Body<Why>,
 ) -> Result<Json<Vec<JobNumber>>, Problem> {
     let why = why.unwrap_or_else(|| "stopped over HTTP".into());
     let rig = api.rig(&rig)?;
@@ -210,7 +212,7 @@ pub(super) async fn stop(
 }
 
 /// What somebody should know, the newest first.
-#[utoipa::path(get, path = "/api/v1/rigs/{rig}/alerts", params(("rig" = String, Path), Most), responses((status = 200, body = [Alert])))]
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/alerts", params(("rig" = String, Path), Most), responses((status = 200, description = "Alerts, the newest first.", body = [Alert])))]
 pub(super) async fn alerts(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,
