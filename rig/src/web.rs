@@ -1,5 +1,6 @@
-//! Who may ask a server that is meant for the people at this machine: its own page, and programs that a person started here; no
-//! page from elsewhere that a browser on this machine happens to show.
+//! What the servers of this program have in common: the form of a refusal, and who may ask. They are meant for the people at this
+//! machine: for their own page, and programs that a person started here; for no page from elsewhere that a browser on this machine
+//! happens to show.
 //!
 //! A browser can be made to send requests to the loopback in two ways. A page from elsewhere asks directly: then `Origin` and
 //! `Sec-Fetch-Site` say so. Or a name is first made to point at that page and then at this machine: then the request counts as one

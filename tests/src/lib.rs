@@ -12,6 +12,7 @@ pub mod journal;
 pub mod ordinary;
 pub mod outside;
 pub mod planes;
+pub mod python;
 pub mod soak;
 pub mod soft_arm;
 pub mod storage;

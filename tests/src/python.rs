@@ -8,7 +8,9 @@ use std::process::Command;
 pub fn python(skipped: &str, modules: &[&str]) -> Option<PathBuf> {
     let python = std::env::var_os("RIG_PYTHON").map(PathBuf::from);
     let import = format!("import {}", modules.join(", "));
-    let has = |python: &PathBuf| Command::new(python).args(["-c", &import]).output().is_ok_and(|output| output.status.success());
+    let has = |python: &PathBuf| {
+        Command::new(python).args(["-c", &import]).output().is_ok_and(|output| output.status.success())
+    };
     let found = python.filter(has);
     if found.is_none() {
         let why = format!("RIG_PYTHON names no Python with {}", modules.join(", "));

@@ -247,3 +247,17 @@ impl From<QuietHours> for String {
         format!("{}-{}", hours.from.strftime("%H:%M"), hours.to.strftime("%H:%M"))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quiet_hours_that_end_where_they_begin_are_refused() {
+        let hours = |text: &str| QuietHours::try_from(text.to_owned());
+        assert!(hours("22:00-07:00").is_ok() && hours("22:00-22:01").is_ok());
+        for text in ["22:00-22:00", "00:00-00:00", " 7:00 - 07:00"] {
+            assert!(hours(text).unwrap_err().contains("end where they begin"), "{text}");
+        }
+    }
+}

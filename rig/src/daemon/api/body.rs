@@ -24,3 +24,42 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for Body<T> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use axum::http::StatusCode;
+
+    use super::*;
+    use crate::store::{Limit, StoreError};
+
+    #[derive(Debug, Default, PartialEq, serde::Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct Said {
+        why: Option<String>,
+    }
+
+    fn read(kind: &str, text: &'static str) -> Result<Said, StatusCode> {
+        let request = Request::builder().header("content-type", kind).body(text.into()).unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
+        let read = runtime.block_on(Body::from_request(request, &()));
+        read.map(|Body(said)| said).map_err(|problem| problem.status)
+    }
+
+    #[test]
+    fn body_counts_by_what_it_holds_and_by_nothing_else() {
+        let said = Said { why: Some("wet".into()) };
+        for kind in ["application/json", "text/plain", "application/x-www-form-urlencoded", "nonsense"] {
+            assert_eq!(read(kind, r#"{"why":"wet"}"#).as_ref(), Ok(&said), "{kind}");
+            assert_eq!(read(kind, " \n"), Ok(Said::default()), "{kind}");
+            assert_eq!(read(kind, "{"), Err(StatusCode::BAD_REQUEST), "{kind}");
+            assert_eq!(read(kind, r#"{"who":"me"}"#), Err(StatusCode::UNPROCESSABLE_ENTITY), "{kind}");
+        }
+    }
+
+    #[test]
+    fn full_queue_is_for_later_and_what_is_too_much_is_not_possible() {
+        let status = |limit: Limit| Problem::from(StoreError::from(limit)).status;
+        assert_eq!(status(Limit::Waiting(1000)), StatusCode::TOO_MANY_REQUESTS);
+        assert_eq!(status(Limit::Why(201)), StatusCode::UNPROCESSABLE_ENTITY);
+    }
+}
