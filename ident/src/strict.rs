@@ -2,6 +2,7 @@
 //! file, line and caret, and a misspelt key with the nearest known one.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -94,7 +95,7 @@ macro_rules! ranged {
         impl<'de> Deserialize<'de> for $name {
             fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
                 let value = f64::deserialize(deserializer)?;
-                Self::new(value).ok_or_else(|| D::Error::custom(format!(concat!("{} must be ", $wanted), value)))
+                Self::new(value).ok_or_else(|| D::Error::custom(format!(concat!("{:?} must be ", $wanted), value)))
             }
         }
     };
@@ -116,6 +117,38 @@ ranged!(
     /// A share between 0 and 1, both included.
     Share, x => x >= 0.0 && x <= 1.0, "between 0 and 1"
 );
+ranged!(
+    /// A time that something waits \[s\], at most a year.
+    Seconds, x => x >= 0.0 && x <= YEAR_S, "between 0 and 31622400 s, a year"
+);
+ranged!(
+    /// The same, above zero.
+    PositiveSeconds, x => x > 0.0 && x <= YEAR_S, "above 0 and at most 31622400 s, a year"
+);
+
+/// Whoever waits longer means something else.
+const YEAR_S: f64 = 366.0 * 86_400.0;
+
+/// `seconds` as a duration: none below zero, at most a year, whatever the number.
+pub fn duration(seconds: f64) -> Duration {
+    // what is no number is not above zero
+    let seconds = if seconds > 0.0 { seconds.min(YEAR_S) } else { 0.0 };
+    Duration::try_from_secs_f64(seconds).unwrap_or_default()
+}
+
+impl Seconds {
+    /// As a duration.
+    pub fn duration(self) -> Duration {
+        duration(self.0)
+    }
+}
+
+impl PositiveSeconds {
+    /// As a duration.
+    pub fn duration(self) -> Duration {
+        duration(self.0)
+    }
+}
 
 #[cfg(test)]
 mod tests {
@@ -149,5 +182,20 @@ mod tests {
             assert!(message.contains("must be finite") && message.contains('^'), "{message}");
         }
         assert!(refusal("period_s = \"1 s\"").contains("invalid type"));
+    }
+
+    #[test]
+    fn any_number_of_seconds_is_a_duration_and_what_is_waited_for_is_at_most_a_year() {
+        for (seconds, wanted) in
+            [(0.25, 0.25), (-1.0, 0.0), (f64::NAN, 0.0), (f64::NEG_INFINITY, 0.0), (5e-324, 0.0)]
+        {
+            assert_eq!(duration(seconds).as_secs_f64(), wanted, "{seconds}");
+        }
+        for seconds in [1e9, f64::MAX, f64::INFINITY] {
+            assert_eq!(duration(seconds).as_secs_f64(), YEAR_S);
+            assert_eq!((Seconds::new(seconds), PositiveSeconds::new(seconds)), (None, None));
+        }
+        assert_eq!(Seconds::literal(YEAR_S).duration().as_secs(), 31_622_400);
+        assert_eq!((Seconds::new(0.0).map(Seconds::get), PositiveSeconds::new(0.0)), (Some(0.0), None));
     }
 }

@@ -304,9 +304,9 @@ fn stroke_times_us(ccw_s: f64, cw_s: f64) -> (u64, u64) {
     let us = |s: f64| (s * 1e6).round() as u64;
     let whole = |ratio: f64| ratio >= 1.0 && (ratio - ratio.round()).abs() < 1e-6;
     if whole(ccw_s / cw_s) {
-        (us(cw_s) * (ccw_s / cw_s).round() as u64, us(cw_s))
+        (us(cw_s).saturating_mul((ccw_s / cw_s).round() as u64), us(cw_s))
     } else if whole(cw_s / ccw_s) {
-        (us(ccw_s), us(ccw_s) * (cw_s / ccw_s).round() as u64)
+        (us(ccw_s), us(ccw_s).saturating_mul((cw_s / ccw_s).round() as u64))
     } else {
         (us(ccw_s), us(cw_s))
     }

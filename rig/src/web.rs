@@ -1,11 +1,16 @@
-//! Who may ask a server that is meant for the people at this machine: its own page, and programs that a person started here; no
-//! page from elsewhere that a browser on this machine happens to show.
+//! What the servers of this program have in common: the form of a refusal, and who may ask. They are meant for the people at this
+//! machine: for their own page, and programs that a person started here; for no page from elsewhere that a browser on this machine
+//! happens to show.
 //!
 //! A browser can be made to send requests to the loopback in two ways. A page from elsewhere asks directly: then `Origin` and
 //! `Sec-Fetch-Site` say so. Or a name is first made to point at that page and then at this machine: then the request counts as one
 //! from the page itself, and only `Host` tells. All three are looked at.
 
-use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
+use axum::Json;
+use axum::extract::Request;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
 
 /// What a page of such a server may load: itself, and pictures that its script has fetched.
 pub const POLICY: &str = "default-src 'none'; style-src 'self'; script-src 'self'; connect-src 'self'; img-src 'self' blob:; \
@@ -66,6 +71,38 @@ pub fn protect(headers: &mut HeaderMap) {
     for (name, value) in HEADERS {
         headers.entry(name).or_insert(HeaderValue::from_static(value));
     }
+}
+
+/// Of a refusal that is not ours so much is kept: it is a sentence.
+const MOST_WORDS_BYTES: usize = 8 << 10;
+
+/// Gives every refusal one form, `{"error": "..."}`: those that a server's own parts say in other forms, or without a word, too.
+pub async fn one_form(request: Request, next: Next) -> Response {
+    let (method, path) = (request.method().clone(), request.uri().path().to_owned());
+    let response = next.run(request).await;
+    let is_json = |response: &Response| {
+        response.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind == "application/json")
+    };
+    let status = response.status();
+    if !(status.is_client_error() || status.is_server_error()) || is_json(&response) {
+        return response;
+    }
+    let (mut head, body) = response.into_parts();
+    let words = axum::body::to_bytes(body, MOST_WORDS_BYTES).await.unwrap_or_default();
+    let words = String::from_utf8_lossy(&words).trim().to_owned();
+    let allowed =
+        head.headers.get(header::ALLOW).and_then(|methods| methods.to_str().ok()).unwrap_or("others");
+    let error = match status {
+        StatusCode::METHOD_NOT_ALLOWED => format!("{path} is not for {method} but for {allowed}"),
+        _ if !words.is_empty() => words,
+        StatusCode::NOT_FOUND => format!("there is nothing at {path}"),
+        _ => status.canonical_reason().unwrap_or("refused").to_lowercase(),
+    };
+    // they are the old body's
+    for header in [header::CONTENT_TYPE, header::CONTENT_LENGTH] {
+        head.headers.remove(header);
+    }
+    (head, Json(serde_json::json!({ "error": error }))).into_response()
 }
 
 #[cfg(test)]

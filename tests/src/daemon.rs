@@ -182,7 +182,7 @@ fn has(run: &Path, event: &str) -> bool {
 pub struct Served {
     /// Its rig.
     pub bench: Bench,
-    _daemon: Background,
+    daemon: Background,
     /// Where it serves.
     pub address: SocketAddr,
     /// What whoever moves the rig must say.
@@ -204,7 +204,16 @@ impl Served {
         let address: SocketAddr =
             serving["address"].as_str().expect("its address").parse().expect("an address");
         let token = std::fs::read_to_string(bench.runs.join(".token")).expect("a token");
-        Self { bench, _daemon: daemon, address: ([127, 0, 0, 1], address.port()).into(), token }
+        Self { bench, daemon, address: ([127, 0, 0, 1], address.port()).into(), token }
+    }
+
+    /// The same, its daemon ended.
+    pub fn ended(mut self) -> Self {
+        self.daemon.signal(rustix::process::Signal::TERM);
+        wait_until("the daemon's end", 10.0, || {
+            self.daemon.child().try_wait().expect("its status").is_some()
+        });
+        self
     }
 
     /// Reads `path`.

@@ -12,6 +12,7 @@ pub mod journal;
 pub mod ordinary;
 pub mod outside;
 pub mod planes;
+pub mod python;
 pub mod soak;
 pub mod soft_arm;
 pub mod storage;
@@ -129,7 +130,7 @@ impl Drop for Background {
 
 /// Waits until `condition` holds; fails with `what` after `seconds`.
 pub fn wait_until(what: &str, seconds: f64, mut condition: impl FnMut() -> bool) {
-    let deadline = Instant::now() + Duration::from_secs_f64(seconds);
+    let deadline = Instant::now() + ident::strict::duration(seconds);
     while !condition() {
         assert!(Instant::now() < deadline, "{what} did not happen within {seconds} s");
         std::thread::sleep(Duration::from_millis(10));

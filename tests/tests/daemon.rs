@@ -183,7 +183,7 @@ fn alert_reaches_a_program_and_a_webhook_that_refuses_it_at_first() {
     bench.change(|config| {
         let script = format!("cat > {}.part; mv {}.part {}", said.display(), said.display(), said.display());
         set(config, "alerts", "command", vec!["sh".to_owned(), "-c".to_owned(), script]);
-        set(config, "alerts", "webhook", format!("http://{address}/secret\"\\path"));
+        set(config, "alerts", "webhook", format!("http://{address}/secret-path"));
     });
     let _daemon = bench.start(&[]);
     bench.jobs(&["add", "fit", "20261120T101503Z-ab12cd"]);

@@ -1,18 +1,12 @@
 """Reads a file of `rig export mcap` with other people's code: python in_foxglove.py FILE TRAJECTORY SERVO FIT.
 
 Each message must fit the schema that the file itself gives for it, and be one of Foxglove's own definitions to the last field. Prints each
-topic with its schema and how many messages it has. Exit code 77: a module is missing."""
-import base64, collections, csv, json, re, sys
+topic with its schema and how many messages it has."""
+import base64, collections, csv, importlib, json, re, sys
 
-try:
-    import importlib
-    import jsonschema
-    from google.protobuf import json_format
-    from mcap.reader import make_reader
-    importlib.import_module("foxglove_schemas_protobuf.SceneUpdate_pb2")
-except ImportError as missing:
-    print(missing)
-    sys.exit(77)
+import jsonschema
+from google.protobuf import json_format
+from mcap.reader import make_reader
 
 path, trajectory, servo, fit = sys.argv[1:]
 

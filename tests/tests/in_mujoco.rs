@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use system_tests::python::python;
 use system_tests::{changed_config, in_real_time, json, only_run, printed, repository, run_rig, set};
 
 #[test]
@@ -17,7 +18,7 @@ fn an_arm_whose_springs_mjcf_cannot_hold_has_the_same_errors_in_mujoco() {
 
 #[test]
 fn the_page_for_python_users_does_what_it_shows() {
-    let Some(python) = python("pandas and mujoco") else { return };
+    let Some(python) = python("the page for Python users", &["pandas", "mujoco"]) else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let run = filmed("chain-driven-pose-1.toml", folder.path());
     let page = std::fs::read_to_string(repository().join("docs/python.md")).expect("the page");
@@ -45,15 +46,6 @@ fn the_page_for_python_users_does_what_it_shows() {
     assert!(output.status.success(), "{}", printed(&output));
 }
 
-/// The Python that `RIG_PYTHON` names, or `None` with a line that says what it should have.
-fn python(with: &str) -> Option<std::ffi::OsString> {
-    let python = std::env::var_os("RIG_PYTHON");
-    if python.is_none() {
-        eprintln!("skipped: RIG_PYTHON names no Python with {with}");
-    }
-    python
-}
-
 /// A run of the shipped config `shipped`, of one stroke each way, below `folder`.
 fn filmed(shipped: &str, folder: &Path) -> PathBuf {
     let _turn = in_real_time();
@@ -70,7 +62,7 @@ fn filmed(shipped: &str, folder: &Path) -> PathBuf {
 
 /// Runs the shipped config `shipped` for a stroke or two, and the model that was fitted in MuJoCo.
 fn same_errors(shipped: &str, points: usize) {
-    let Some(python) = python("mujoco and numpy") else { return };
+    let Some(python) = python("a fit in MuJoCo", &["mujoco", "numpy"]) else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let run = filmed(shipped, folder.path());
     let script = repository().join("scripts/in-mujoco.py");

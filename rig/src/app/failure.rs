@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use crate::run::RunError;
+use crate::store::StoreError;
 use crate::vision::{SequenceError, VisionError};
 
 /// Exit code of a process that a signal has ended, as shells give it for Ctrl-C.
@@ -26,6 +27,12 @@ pub enum Failure {
     Held(anyhow::Error),
     /// The user's Ctrl-C or a SIGTERM ended it: exit code [`INTERRUPTED`].
     Interrupted(anyhow::Error),
+}
+
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        if error.is_input() { Self::input(error) } else { Self::internal(error) }
+    }
 }
 
 impl Failure {

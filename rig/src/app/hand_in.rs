@@ -1,6 +1,7 @@
 //! A job handed to the daemon that holds the rig, and watched until it has ended.
 
 use std::io::{Read, Seek, SeekFrom};
+use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -10,6 +11,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use super::{Failure, Interrupt, Watcher};
 use crate::claim::Claim;
 use crate::error_chain::with_causes;
+use crate::record::below;
 use crate::showing::Showing;
 use crate::store::job::{Job, JobId, NewJob, State};
 use crate::store::{Store, StoreError};
@@ -43,6 +45,14 @@ pub fn folder(runs_dir: &Path, id: JobId) -> PathBuf {
     runs_dir.join(JOBS).join(id.to_string())
 }
 
+/// The socket on which the job `id` shows how it goes; no link leads to it.
+///
+/// # Errors
+/// As [`below::socket`].
+pub fn socket(runs_dir: &Path, id: JobId) -> std::io::Result<OwnedFd> {
+    below::socket(runs_dir, &[JOBS, &id.to_string(), file::LIVE])
+}
+
 /// Where this process shows how it goes: as a job of a daemon on a socket in the job's folder, else nowhere.
 pub fn showing() -> Showing {
     let job = std::env::var(JOB).ok().and_then(|job| job.parse().ok());
@@ -74,7 +84,7 @@ pub async fn hand_in(
     watcher: &mut dyn Watcher,
 ) -> Result<Job, Failure> {
     let mut store = Store::open(runs_dir).map_err(Failure::input)?;
-    let id = store.add(job).map_err(Failure::internal)?;
+    let id = store.add(job)?;
     let holder = daemon(runs_dir).map_or_else(String::new, |pid| format!(" (process {pid})"));
     watcher.tell(&format!("rig: the daemon{holder} holds the rig and does this as job {id}"));
     let mut log = Log { path: folder(runs_dir, id).join(file::LOG), read: 0 };
@@ -126,7 +136,7 @@ impl Log {
     /// Tells the lines that are new.
     fn show(&mut self, watcher: &mut dyn Watcher) {
         // no log yet, or none at all: the job's end is told all the same
-        let Ok(mut log) = std::fs::File::open(&self.path) else { return };
+        let Ok(mut log) = below::at(&self.path) else { return };
         let mut text = Vec::new();
         if log.seek(SeekFrom::Start(self.read)).and_then(|_| log.read_to_end(&mut text)).is_err() {
             return;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use ident::experiment::{FitConfig, Prior};
-use ident::strict::{Finite, NonNegative, Positive};
+use ident::strict::{Finite, NonNegative, Positive, PositiveSeconds, duration};
 use serde::{Deserialize, Serialize};
 
 use super::{CameraError, CameraKind, Encoding};
@@ -49,7 +49,7 @@ pub struct CameraConfig {
     pub discard: u32,
     /// Without an image for so long the camera counts as stalled \[s\]. Default: five periods, at least 0.2.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub stall_s: Option<Positive>,
+    pub stall_s: Option<PositiveSeconds>,
 }
 
 /// The error of the images' times, as a parameter of a fit.
@@ -87,8 +87,8 @@ const MIN_STALL_S: f64 = 0.2;
 impl CameraConfig {
     /// How long to wait for an image before it is a stall.
     pub fn stall(&self) -> Duration {
-        let five_periods = self.fps.map_or(MIN_STALL_S, |fps| 5.0 / fps.get());
-        Duration::from_secs_f64(self.stall_s.map_or(five_periods.max(MIN_STALL_S), Positive::get))
+        let five_periods = || self.fps.map_or(MIN_STALL_S, |fps| 5.0 / fps.get());
+        self.stall_s.map_or_else(|| duration(five_periods().max(MIN_STALL_S)), PositiveSeconds::duration)
     }
 
     /// Images a second.

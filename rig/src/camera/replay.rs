@@ -57,7 +57,7 @@ impl Camera for ReplayCamera {
             return Err(CameraError::End);
         };
         let wait_s = self.film.clock.again(*handed_over).seconds_since(MonotonicNs::now()).max(0.0);
-        std::thread::sleep(left().min(Duration::from_secs_f64(wait_s)));
+        std::thread::sleep(left().min(ident::strict::duration(wait_s)));
         if left().is_zero() {
             let camera = self.film.info.name.clone();
             return Err(CameraError::Stalled { camera, waited_ms: timeout.as_millis() as u64 });

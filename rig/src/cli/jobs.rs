@@ -8,8 +8,8 @@ use crate::analysis::Stage;
 use crate::config::RigConfig;
 use crate::goal::Target;
 use crate::record::run_id::RunId;
+use crate::store::Store;
 use crate::store::job::{Chosen, Job, JobId, NewJob, State, Work};
-use crate::store::{Store, StoreError};
 
 /// `rig jobs`.
 #[derive(clap::Args, Debug)]
@@ -127,21 +127,17 @@ pub struct Runs {
 /// # Errors
 /// [`Failure::Input`] where there is no such job, or it is over; [`Failure::Internal`] where the queue cannot be used.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
-    let mut store = Store::open(&args.runs_dir).map_err(classed)?;
+    let mut store = Store::open(&args.runs_dir)?;
     let text = match &args.action {
-        Action::Ls { most } => table(&store.jobs(*most).map_err(classed)?),
-        Action::Add(add) => format!("job {}", store.add(&add.job()?).map_err(classed)?),
-        Action::Cancel { job, why } => match store.cancel(*job, why).map_err(classed)? {
+        Action::Ls { most } => table(&store.jobs(*most)?),
+        Action::Add(add) => format!("job {}", store.add(&add.job()?)?),
+        Action::Cancel { job, why } => match store.cancel(*job, why)? {
             State::Running => format!("job {job} is told to end"),
             state => format!("job {job} is {state}"),
         },
-        Action::Retry { job, why } => format!("job {}", store.retry(*job, why.clone()).map_err(classed)?),
+        Action::Retry { job, why } => format!("job {}", store.retry(*job, why.clone())?),
     };
     Ok(Outcome { text, ..Outcome::default() })
-}
-
-fn classed(error: StoreError) -> Failure {
-    if error.is_input() { Failure::input(error) } else { Failure::internal(error) }
 }
 
 impl Add {

@@ -97,7 +97,7 @@ fn move_to(
         open::board(config, base(&args.config), Some(&args.runs_dir)).map_err(Failure::of_run)?;
     let mut stood = None;
     let moved = board.jog(channel.id, told, args.duration_s).and_then(|()| {
-        let until = std::time::Instant::now() + Duration::from_secs_f64(args.duration_s + args.stay_s);
+        let until = std::time::Instant::now() + ident::strict::duration(args.duration_s + args.stay_s);
         while std::time::Instant::now() < until && !interrupt.is_raised() {
             for event in board.poll()? {
                 if let ServoEvent::Position { channel: id, count, .. } = event

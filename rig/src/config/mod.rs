@@ -3,7 +3,10 @@
 pub mod edit;
 mod error;
 mod extraction;
+#[cfg(test)]
+mod numbers;
 mod tables;
+mod webhook;
 
 pub use error::ConfigError;
 pub use extraction::ExtractionConfig;
@@ -11,6 +14,7 @@ pub use tables::{
     AlertsConfig, MechanismConfig, MotionConfig, MotionKind, Mount, Overlap, QuietHours, RetentionConfig,
     RunConfig, ScheduleConfig, WaterConfig,
 };
+pub use webhook::Webhook;
 
 use std::path::{Path, PathBuf};
 
@@ -174,6 +178,10 @@ impl RigConfig {
                 "[calibration] view = \"x-y\" is a camera above a horizontal plane of motion, [mechanism] mount is another one: say \
                  mount = \"horizontal\", or leave `view` out",
             );
+        }
+        let webhook = self.alerts.as_ref().and_then(|alerts| alerts.webhook.as_ref());
+        if let Some(Err(why)) = webhook.map(Webhook::check) {
+            return contradiction(why);
         }
         if let Some(Err(error)) = self.vision.links.map(|links| self.vision.check(links)) {
             return contradiction(&format!("[vision]: {error}"));

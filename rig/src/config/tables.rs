@@ -5,11 +5,12 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use ident::strict::{Finite, NonNegative, Positive, Share};
+use ident::strict::{Finite, NonNegative, Positive, PositiveSeconds, Seconds, Share};
 use jiff::Zoned;
 use jiff::tz::TimeZone;
 use serde::{Deserialize, Serialize};
 
+use super::webhook::Webhook;
 use crate::schedule::ScheduleError;
 
 /// What moves the mechanism.
@@ -46,12 +47,12 @@ pub struct RunConfig {
     pub prescribed: bool,
     /// How long the picture must be still before anything moves \[s\].
     #[serde(default = "default_settle")]
-    pub settle_s: NonNegative,
+    pub settle_s: Seconds,
     /// Driven: how long to film on after the profile's end. Drop: after the release \[s\].
-    pub film_s: Positive,
+    pub film_s: PositiveSeconds,
     /// Drop: how long to wait for the hand \[s\].
     #[serde(default = "default_release_timeout")]
-    pub release_timeout_s: Positive,
+    pub release_timeout_s: PositiveSeconds,
     /// Still means that less than this share of the picture's pixels changes.
     #[serde(default = "default_still_share")]
     pub still_share: Share,
@@ -67,12 +68,12 @@ const fn default_diagnose() -> bool {
     true
 }
 
-const fn default_settle() -> NonNegative {
-    NonNegative::literal(0.5)
+const fn default_settle() -> Seconds {
+    Seconds::literal(0.5)
 }
 
-const fn default_release_timeout() -> Positive {
-    Positive::literal(60.0)
+const fn default_release_timeout() -> PositiveSeconds {
+    PositiveSeconds::literal(60.0)
 }
 
 const fn default_still_share() -> Share {
@@ -151,10 +152,10 @@ pub struct ScheduleConfig {
     pub time_zone: Option<String>,
     /// How long the water is left alone after any motion \[s\].
     #[serde(default)]
-    pub rest_s: Option<NonNegative>,
+    pub rest_s: Option<Seconds>,
     /// A slot that was missed is made up for when it is no older than this \[s\]; of several only the newest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub catch_up_s: Option<NonNegative>,
+    pub catch_up_s: Option<Seconds>,
     /// What becomes of a slot that comes while the rig is busy.
     #[serde(default)]
     pub overlap: Overlap,
@@ -189,7 +190,7 @@ pub struct MotionConfig {
     /// It is announced for so long, and can be stopped before it begins \[s\]; left out: 10 s where the servo is on a port, 0 where all of
     /// it is simulated within the program.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub announce_s: Option<NonNegative>,
+    pub announce_s: Option<Seconds>,
     /// No more motions than this begin within an hour.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub most_per_hour: Option<NonZeroUsize>,
@@ -204,17 +205,16 @@ impl Default for MotionConfig {
 }
 
 const FAILURES_TO_HOLD: NonZeroUsize = NonZeroUsize::new(3).unwrap();
-/// Long enough to take a hand out of the water \[s\].
-const ANNOUNCE_S: f64 = 10.0;
+/// Long enough to take a hand out of the water.
+const ANNOUNCE: Duration = Duration::from_secs(10);
 /// A motion each minute: what repeats quicker has run wild.
 const MOST_PER_HOUR: usize = 60;
 
 impl MotionConfig {
     /// How long a motion is announced; where nobody can be near, as told by `is_simulated`, not at all.
     pub fn announce(&self, is_simulated: bool) -> Duration {
-        let default_s = if is_simulated { 0.0 } else { ANNOUNCE_S };
-        Duration::try_from_secs_f64(self.announce_s.map_or(default_s, NonNegative::get))
-            .unwrap_or(Duration::MAX)
+        let default = if is_simulated { Duration::ZERO } else { ANNOUNCE };
+        self.announce_s.map_or(default, Seconds::duration)
     }
 
     /// The most motions within an hour, if there is a bound.
@@ -232,9 +232,9 @@ pub struct AlertsConfig {
     /// `RIG_ALERT_TEXT`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub command: Vec<String>,
-    /// An address that the alert is posted to as JSON; needs the program `curl`.
+    /// An address that the alert is posted to as JSON.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub webhook: Option<String>,
+    pub webhook: Option<Webhook>,
 }
 
 impl AlertsConfig {
@@ -297,6 +297,11 @@ impl TryFrom<String> for QuietHours {
         let both = text.split_once('-').and_then(|(from, to)| Some((time(from)?, time(to)?)));
         let (from, to) =
             both.ok_or_else(|| format!("quiet hours `{text}` are not of the form 22:00-07:00"))?;
+        if from == to {
+            return Err(format!(
+                "quiet hours `{text}` end where they begin, which may be never or all day: leave them out, or leave out [schedule]"
+            ));
+        }
         Ok(Self { from, to })
     }
 }
@@ -304,5 +309,19 @@ impl TryFrom<String> for QuietHours {
 impl From<QuietHours> for String {
     fn from(hours: QuietHours) -> Self {
         format!("{}-{}", hours.from.strftime("%H:%M"), hours.to.strftime("%H:%M"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quiet_hours_that_end_where_they_begin_are_refused() {
+        let hours = |text: &str| QuietHours::try_from(text.to_owned());
+        assert!(hours("22:00-07:00").is_ok() && hours("22:00-22:01").is_ok());
+        for text in ["22:00-22:00", "00:00-00:00", " 7:00 - 07:00"] {
+            assert!(hours(text).unwrap_err().contains("end where they begin"), "{text}");
+        }
     }
 }

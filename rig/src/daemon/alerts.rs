@@ -9,12 +9,13 @@ use std::time::{Duration, Instant};
 use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
+use super::webhook;
 use crate::config::AlertsConfig;
 use crate::store::alerts::Delivery;
 use crate::store::job::JobId;
 use crate::store::{Store, StoreError};
 
-/// A place that has not taken an alert by then is stopped and tried again.
+/// A program that has not ended by then is stopped and tried again.
 const PATIENCE: Duration = Duration::from_secs(30);
 /// The first wait for another try; each is three times as long as the one before, up to the longest.
 const FIRST_WAIT: SignedDuration = SignedDuration::from_secs(10);
@@ -81,18 +82,21 @@ impl Alerts {
         }
         let Some(delivery) = store.due()? else { return Ok(()) };
         let message = self.message(&delivery);
-        let (mut command, input) = match (self.config.command.split_first(), &self.config.webhook) {
+        let thread = std::thread::Builder::new().name("alert".into());
+        let thread = match (self.config.command.split_first(), &self.config.webhook) {
             (Some((program, arguments)), _) if delivery.place == AlertsConfig::COMMAND => {
                 let mut command = Command::new(program);
                 command.args(arguments);
-                (command, message)
+                command.env("RIG_ALERT", &delivery.alert.kind).env("RIG_ALERT_TEXT", &delivery.alert.text);
+                thread.spawn(move || tell(command, &message))
             }
-            (_, Some(url)) if delivery.place == AlertsConfig::WEBHOOK => (curl(), posting(url, &message)),
+            (_, Some(hook)) if delivery.place == AlertsConfig::WEBHOOK => {
+                let hook = hook.clone();
+                thread.spawn(move || webhook::post(&hook, &message))
+            }
             // the config has changed since
             _ => return store.delivered(&delivery, Some(("[alerts] no longer names it", None))),
         };
-        command.env("RIG_ALERT", &delivery.alert.kind).env("RIG_ALERT_TEXT", &delivery.alert.text);
-        let thread = std::thread::Builder::new().name("alert".into()).spawn(move || tell(command, &input));
         match thread {
             Ok(thread) => self.under_way = Some((delivery, thread)),
             Err(error) => {
@@ -118,24 +122,6 @@ fn next_try(tries: u32, now: Timestamp) -> Option<Timestamp> {
     let longer = 3_i32.saturating_pow(tries.saturating_sub(1));
     let wait = FIRST_WAIT.checked_mul(longer).unwrap_or(LONGEST_WAIT).min(LONGEST_WAIT);
     (tries < MOST_TRIES).then(|| now.saturating_add(wait).ok()).flatten()
-}
-
-/// The system's own HTTP client: it knows the machine's certificates and proxies. What it is to do comes on its standard input, so that
-/// no address with a secret in it is in the list of processes.
-fn curl() -> Command {
-    let mut command = Command::new("curl");
-    command.args(["--fail", "--silent", "--show-error", "--max-time", "25", "--config", "-"]);
-    command
-}
-
-/// The options of `curl` (<https://curl.se/docs/manpage.html#-K>) that send `message` to `url`.
-fn posting(url: &str, message: &str) -> String {
-    let quoted = |text: &str| text.replace('\\', "\\\\").replace('"', "\\\"");
-    format!(
-        "url = \"{}\"\nheader = \"Content-Type: application/json\"\ndata-raw = \"{}\"\noutput = \"/dev/null\"\n",
-        quoted(url),
-        quoted(message)
-    )
 }
 
 /// Runs `command` with `input` to its end.

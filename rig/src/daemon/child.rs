@@ -25,6 +25,7 @@ use crate::app::{Failure, HELD};
 use crate::app::{recover, stop};
 use crate::claim::Claim;
 use crate::config::RigConfig;
+use crate::record::below;
 use crate::record::files::create_folder;
 use crate::record::run_id::RunId;
 use crate::store::job::{Chosen, Job, JobId, JobResult, Lane, State, Work};
@@ -246,10 +247,10 @@ impl Running for JobProcess {
 
 /// What the job of the folder `folder` said, and where it stands; `how` its process ended, where it said nothing.
 pub(super) fn result(folder: &Path, how: &str) -> (State, JobResult) {
-    let said = std::fs::read(folder.join(file::RESULT)).ok();
+    let said = below::read_at(&folder.join(file::RESULT)).ok();
     let said: Option<JobResult> = said.and_then(|said| serde_json::from_slice(&said).ok());
     let Some(result) = said else {
-        let log = std::fs::read(folder.join(file::LOG)).unwrap_or_default();
+        let log = below::read_at(&folder.join(file::LOG)).unwrap_or_default();
         let end = String::from_utf8_lossy(&log[log.len().saturating_sub(TOLD_BYTES)..]).trim().to_owned();
         let error = if end.is_empty() { how.to_owned() } else { format!("{how}: {end}") };
         return (State::Lost, JobResult { error: Some(error), ..JobResult::default() });

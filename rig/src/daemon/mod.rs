@@ -4,7 +4,7 @@
 //! - `slots`: when the schedule wants a run;
 //! - `stop`: from a request to stop to whoever moves a rig;
 //! - `child`: a job as a process of its own;
-//! - `alerts`: whom it tells that somebody should look;
+//! - `alerts`, `webhook`: whom it tells that somebody should look;
 //! - `state`, `api`: what the rigs do, and all of it over HTTP.
 //!
 //! What a job is and how it went stands in [`crate::store`]; whoever can open that may add jobs and cancel them, the daemon sees it.
@@ -16,7 +16,9 @@ mod rig;
 mod slots;
 mod state;
 mod stop;
+mod webhook;
 
+use std::io::IsTerminal as _;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -30,7 +32,8 @@ use crate::app::{Failure, Interrupt, Watcher};
 use crate::clock::{MonotonicNs, Now};
 use crate::service::Service;
 use crate::urgency::give_way_to_the_kernel;
-use api::{Api, Token};
+use api::Api;
+use api::token::{self, Token};
 use rig::{May, Rig};
 use tokio::net::TcpListener;
 
@@ -175,7 +178,7 @@ impl Daemon {
     }
 }
 
-/// Listens at `address` for questions about `rigs`; tells where, with the token.
+/// Listens at `address` for questions about `rigs`; tells where, and where the token is.
 async fn api(
     rigs: &[Rig],
     address: SocketAddr,
@@ -189,8 +192,13 @@ async fn api(
             format!("serving at {address}; choose another --listen, `127.0.0.1:0` for any that is free")
         })
         .map_err(Failure::Input)?;
-    let token = Token::of(options.runs_dir).map_err(Failure::input)?;
-    watcher.tell(&format!("rig: serving at http://{address}/#token={}", token.text()));
+    let token = Token::of(options.runs_dir, |text| watcher.tell(text)).map_err(Failure::input)?;
+    let kept = options.runs_dir.join(token::FILE);
+    watcher.tell(&format!("rig: serving at http://{address}/, with the token in {}", kept.display()));
+    // what is told elsewhere than at a terminal is kept, in journals and logs that others read
+    if std::io::stderr().is_terminal() {
+        watcher.tell(&format!("rig: the page with it: http://{address}/#token={}", token.text()));
+    }
     for rig in rigs {
         rig.write("serving", json!({ "address": address.to_string() }))?;
     }

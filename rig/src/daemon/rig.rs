@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use ident::strict::NonNegative;
+use ident::strict::Seconds;
 use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 use tokio::sync::watch;
@@ -136,8 +136,7 @@ impl Rig {
         let journal = runs_dir.join(JOURNAL);
         let table = config.schedule.as_ref();
         let slots = table.map(|table| Slots::new(table, last_slot(&journal), now));
-        let rest_s = table.and_then(|table| table.rest_s).map_or(0.0, NonNegative::get);
-        let rest = Duration::try_from_secs_f64(rest_s).unwrap_or(Duration::MAX);
+        let rest = table.and_then(|table| table.rest_s).map_or(Duration::ZERO, Seconds::duration);
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let alerts = Alerts::new(name.clone(), config.alerts.clone());
         let state = RigState { name, experiment: config.run.name.clone(), ..RigState::default() };

@@ -7,6 +7,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use ident::strict::Seconds;
 use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Timestamp, Zoned};
 
@@ -71,8 +72,7 @@ impl Slots {
         last: Option<Timestamp>,
         now: Now,
     ) -> Result<Self, ScheduleError> {
-        let catch_up = config.catch_up_s.map_or(0.0, |s| s.get());
-        let catch_up = Duration::try_from_secs_f64(catch_up).unwrap_or(Duration::MAX);
+        let catch_up = config.catch_up_s.map_or(Duration::ZERO, Seconds::duration);
         // a last slot in the future is of a clock that was wrong
         let last = last.filter(|&last| last < now.wall);
         let slots = Self {

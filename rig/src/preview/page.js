@@ -135,7 +135,7 @@ $("write").addEventListener("click", async () => {
     const answer = await fetch("/config", {
       method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
     });
-    if (!answer.ok) throw new Error(await answer.text());
+    if (!answer.ok) throw new Error((await answer.json()).error);
     const { written } = await answer.json();
     touched.clear();
     outcome.className = "good";
@@ -213,7 +213,7 @@ let showing = null;
 async function look() {
   try {
     const answer = await fetch("/state");
-    if (!answer.ok) throw new Error(await answer.text());
+    if (!answer.ok) throw new Error((await answer.json()).error);
     const state = await answer.json();
     const resized = String(size) !== String(state.size_px);
     size = state.size_px && state.size_px[0] > 0 ? state.size_px : null;

@@ -19,7 +19,7 @@ use crate::calibration::{Plane, Px};
 use crate::config::RigConfig;
 use crate::error_chain::with_causes;
 use crate::tank::render::outlines;
-use crate::web::{Hosts, protect};
+use crate::web::{Hosts, one_form, protect};
 
 const PAGE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");
@@ -88,7 +88,8 @@ impl Server {
             .route("/marked.jpg", get(async |page| picture(page, |picture| &picture.marked)))
             .route("/config", post(write))
             .with_state(self.page)
-            .layer(middleware::from_fn(guarded));
+            .layer(middleware::from_fn(guarded))
+            .layer(middleware::from_fn(one_form));
         tokio::select! {
             served = axum::serve(self.listener, router) => Ok(served?),
             () = end => Ok(()),

@@ -7,7 +7,7 @@ use std::path::Path;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::RecordError;
+use super::{RecordError, below};
 
 /// Makes the folder `path`, and those above it, where it is missing, and sees that a power cut leaves it there.
 ///
@@ -71,6 +71,6 @@ pub(super) fn json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>, Recor
 
 /// Reads a value from JSON.
 pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, RecordError> {
-    let text = std::fs::read(path).map_err(RecordError::io("reading", path))?;
+    let text = below::read_at(path).map_err(RecordError::io("reading", path))?;
     serde_json::from_slice(&text).map_err(|error| RecordError::damaged(path, error))
 }

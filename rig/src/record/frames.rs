@@ -4,8 +4,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::RecordError;
 use super::files::write_whole;
+use super::{RecordError, below};
 
 /// One image of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -45,7 +45,7 @@ pub fn write(path: &Path, rows: &[FrameRow]) -> Result<(), RecordError> {
 /// # Errors
 /// [`RecordError`] naming the line.
 pub fn read(path: &Path) -> Result<Vec<FrameRow>, RecordError> {
-    let file = std::fs::File::open(path).map_err(RecordError::io("reading", path))?;
+    let file = below::at(path).map_err(RecordError::io("reading", path))?;
     csv::Reader::from_reader(file)
         .deserialize()
         .collect::<Result<_, _>>()

@@ -8,8 +8,8 @@ use std::sync::{Mutex, PoisonError};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::RecordError;
 use super::files::{containing, sync_folder};
+use super::{RecordError, below};
 use crate::clock::MonotonicNs;
 
 /// One line of the journal.
@@ -89,7 +89,7 @@ impl Journal {
 /// # Errors
 /// [`RecordError`] when the file cannot be read or a whole line is not an entry.
 pub fn read(path: &Path) -> Result<Vec<Entry>, RecordError> {
-    let text = std::fs::read(path).map_err(RecordError::io("reading journal", path))?;
+    let text = below::read_at(path).map_err(RecordError::io("reading journal", path))?;
     whole_lines(&text)
         .split(|&byte| byte == b'\n')
         .filter(|line| !line.is_empty())

@@ -4,6 +4,7 @@
 //! [`recording`] as they come, and `stop.json` last. Nothing needs a footer to be read: a run that lacks
 //! `stop.json` was cut short, and all that had been written still counts ([`folder`], [`reader`]).
 
+pub mod below;
 pub mod files;
 pub mod filter;
 #[cfg(test)]

@@ -442,7 +442,7 @@ fn converse(mut port: Box<dyn SerialPort>, shared: &Shared) {
     while !shared.quit.load(std::sync::atomic::Ordering::Relaxed) {
         // A ping goes out when it is due, not when a read has ended: reads end as the bus has its turns, and pings shall not.
         let due_s = shared.link().next_ping().map(|at| at.seconds_since(MonotonicNs::now()).max(0.0));
-        let within = due_s.map_or(port::READ_TIMEOUT, Duration::from_secs_f64);
+        let within = due_s.map_or(port::READ_TIMEOUT, ident::strict::duration);
         let received = port::read_within(&mut *port, &mut bytes, within);
         let now = MonotonicNs::now();
         let mut link = shared.link();

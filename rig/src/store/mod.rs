@@ -7,6 +7,7 @@
 
 pub mod alerts;
 pub mod job;
+mod limits;
 pub mod models;
 mod queue;
 pub mod runs;
@@ -14,6 +15,7 @@ pub mod runs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+pub use limits::Limit;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Row, Transaction, TransactionBehavior};
 
 /// The database in a runs folder.
@@ -100,6 +102,9 @@ pub enum StoreError {
     /// There is no such job.
     #[error("there is no job {0}; `rig jobs ls` lists them")]
     NoJob(job::JobId),
+    /// Too much is asked for.
+    #[error(transparent)]
+    Limit(#[from] limits::Limit),
     /// The job is over.
     #[error("job {id} is {state} already")]
     Over {
@@ -132,6 +137,7 @@ impl StoreError {
         matches!(
             self,
             Self::NoJob(_)
+                | Self::Limit(_)
                 | Self::Over { .. }
                 | Self::NotOver { .. }
                 | Self::Newer { .. }

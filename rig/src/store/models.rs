@@ -6,6 +6,7 @@ use sim::Cause;
 use utoipa::ToSchema;
 
 use super::{Store, StoreError};
+use crate::record::below;
 use crate::record::folder::RunFolder;
 
 /// What models are told apart by.
@@ -34,7 +35,7 @@ pub struct ModelChange {
 impl MadeWith {
     /// That of `run`; none where its file cannot be read.
     pub(super) fn of(run: &RunFolder) -> Option<Self> {
-        let file = std::fs::read(run.file(&run.start().model)).ok()?;
+        let file = below::read(run.path(), &[&run.start().model]).ok()?;
         // a config that cannot be read adds nothing that could be told
         let config: toml::Table = run.start().config.parse().unwrap_or_default();
         let own = config.get("cause").and_then(|causes| causes.as_array()).into_iter().flatten();

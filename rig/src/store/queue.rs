@@ -3,6 +3,7 @@
 use rusqlite::{OptionalExtension, Row, params};
 
 use super::job::{Job, JobId, JobResult, Lane, NewJob, State};
+use super::limits::{self, Limit};
 use super::{Store, StoreError, now, text};
 use crate::record::run_id::RunId;
 
@@ -48,12 +49,24 @@ fn read(row: &Row<'_>) -> rusqlite::Result<Job> {
 }
 
 impl Store {
-    /// Adds a job; it is on the disk when this returns. One that was asked for under the same key before is not added again: it is that
-    /// one's number that is given.
+    /// Adds a job that somebody asks for; it is on the disk when this returns.
     ///
     /// # Errors
-    /// [`StoreError::SameKey`] where that one does something else; or as the database says.
+    /// [`StoreError::Limit`] for too much, in it or in the queue, or as the database says.
     pub fn add(&mut self, job: &NewJob) -> Result<JobId, StoreError> {
+        job.check()?;
+        let waiting = self.waiting(Lane::Motion)?.saturating_add(self.waiting(Lane::Analysis)?);
+        if waiting >= limits::WAITING {
+            return Err(Limit::Waiting(waiting).into());
+        }
+        self.follow(job)
+    }
+
+    /// Adds a job that follows from the schedule, or from a job that has ended: for these there is always room.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn follow(&mut self, job: &NewJob) -> Result<JobId, StoreError> {
         let work = serde_json::to_string(&job.work)
             .map_err(|error| StoreError::Damaged { path: self.path.clone(), what: error.to_string() })?;
         let (id, is_same) = self.change("adding a job to", |db| {
@@ -90,7 +103,7 @@ impl Store {
         self.change("cancelling the jobs of", |db| {
             db.execute(
                 "UPDATE jobs SET cancel = ?1, ended = ?2, state = 'cancelled' WHERE state = 'queued'",
-                params![why, now()],
+                params![limits::cut(why), now()],
             )
         })
     }
@@ -258,7 +271,7 @@ impl Store {
         Ok(())
     }
 
-    /// Cancels a job, for a reason: one that waits at once, one that runs when whoever does it has stopped it. Gives where it
+    /// Cancels a job, for a reason, which is cut where it is too long: one that waits at once, one that runs when whoever does it has stopped it. Gives where it
     /// stands then.
     ///
     /// # Errors
@@ -270,7 +283,7 @@ impl Store {
                  ended = CASE state WHEN 'queued' THEN ?3 END, \
                  state = CASE state WHEN 'queued' THEN 'cancelled' ELSE state END \
                  WHERE id = ?1 AND state IN ('queued', 'running')",
-                params![id.0, why, now()],
+                params![id.0, limits::cut(why), now()],
             )
         })?;
         let state = self.job(id)?.state;
@@ -280,7 +293,7 @@ impl Store {
     /// Adds a job that does again what `id` should have done, for a reason.
     ///
     /// # Errors
-    /// [`StoreError::NoJob`], [`StoreError::NotOver`], or as the database says.
+    /// [`StoreError::NoJob`], [`StoreError::NotOver`], [`StoreError::Limit`], or as the database says.
     pub fn retry(&mut self, id: JobId, why: Option<String>) -> Result<JobId, StoreError> {
         let job = self.job(id)?;
         if !job.state.is_over() {
@@ -357,6 +370,47 @@ mod tests {
     }
 
     #[test]
+    fn reasons_lists_and_the_queue_itself_have_bounds_and_what_follows_has_room() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(folder.path()).unwrap();
+        let with_why = |count: usize| NewJob { why: Some("é".repeat(count)), ..run_job(0) };
+        let first = store.add(&with_why(200)).unwrap();
+        let refusal = |result: Result<JobId, StoreError>| match result {
+            Err(error @ StoreError::Limit(_)) => error.to_string(),
+            other => panic!("{other:?}"),
+        };
+        assert!(refusal(store.add(&with_why(201))).contains("201 characters, 200 are the most"));
+        let Work::Fit(one) = fit_job().work else { unreachable!() };
+        let runs = Chosen { runs: vec![one.runs[0].clone(); 1001], holdout: Vec::new() };
+        assert!(refusal(store.add(&NewJob::new(Work::Diagnose(runs)))).contains("1001 runs in one job"));
+        for max_runs in [0, 1001, usize::MAX] {
+            let work = Work::Campaign { config: "rig.toml".into(), goals: Vec::new(), max_runs };
+            assert!(refusal(store.add(&NewJob::new(work))).contains(&format!("`max_runs` = {max_runs} ")));
+        }
+        // as a thousand calls would: the disk is waited for once
+        store
+            .change("filling", |db| {
+                let many = "WITH RECURSIVE n (i) AS (SELECT 2 UNION ALL SELECT i + 1 FROM n WHERE i < 1000) INSERT INTO jobs \
+                            (lane, work, priority, state, added) SELECT lane, work, 0, 'queued', added FROM jobs, n";
+                db.execute(many, [])
+            })
+            .unwrap();
+        assert!(refusal(store.add(&fit_job())).contains("1000 jobs wait, 1000 are the most: cancel some"));
+        store.follow(&fit_job()).unwrap();
+        assert!(refusal(store.add(&fit_job())).contains("1001 jobs wait"));
+        store.cancel(first, &"é".repeat(20_000)).unwrap();
+        let why = store.job(first).unwrap().cancel.unwrap();
+        assert!(
+            why.starts_with(&"é".repeat(200)) && why.ends_with("é ... (20000 characters)"),
+            "no end is refused for its words"
+        );
+        let done = store.take(Lane::Analysis).unwrap().unwrap().id;
+        store.end(done, State::Failed, &JobResult::default()).unwrap();
+        store.add(&fit_job()).unwrap();
+        assert!(refusal(store.retry(done, None)).contains("1000 jobs wait"), "a retry too");
+    }
+
+    #[test]
     fn request_that_comes_again_under_its_key_is_one_job() {
         let folder = tempfile::tempdir().unwrap();
         let mut store = Store::open(folder.path()).unwrap();
@@ -374,7 +428,9 @@ mod tests {
         let mut store = Store::open(folder.path()).unwrap();
         let first = store.add(&run_job(0)).unwrap();
         store.take(Lane::Motion).unwrap();
-        [run_job(0), fit_job()].iter().for_each(|job| drop(store.add(job).unwrap()));
+        for job in [run_job(0), fit_job()] {
+            store.add(&job).unwrap();
+        }
         assert_eq!(store.cancel_waiting("enough").unwrap(), 2);
         assert_eq!(store.job(first).unwrap().state, State::Running);
         store.end(first, State::Done, &JobResult::default()).unwrap();

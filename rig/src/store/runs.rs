@@ -15,8 +15,10 @@ use super::{Store, StoreError};
 use crate::record::folder::{RunFolder, file};
 use crate::record::run_id::RunId;
 use crate::record::start_stop::Status;
-use crate::record::{RecordError, frames, journal};
+use crate::record::{RecordError, below, frames, journal};
 
+/// The status of a run whose folder says nothing.
+const UNREADABLE: &str = "unreadable";
 /// A folder that changed this short a time before it was read may change again within the same tick of its clock.
 const RACY: Duration = Duration::from_secs(2);
 
@@ -83,21 +85,21 @@ pub struct Refreshed {
 }
 
 impl Summary {
+    /// Of the run `id` in the folder of run folders `runs_dir`. A link there is not followed: whoever asks over HTTP may not see
+    /// where it leads.
+    pub fn within(runs_dir: &Path, id: &RunId) -> Self {
+        let path = runs_dir.join(id.as_str());
+        if path.is_symlink() {
+            let reason =
+                format!("{} is a link, which is not followed; put the folder itself there", path.display());
+            return Self { reason: Some(reason), ..Self::unread(id) };
+        }
+        Self::of(id, &path)
+    }
+
     /// Of the run in the folder `path`, which is called `id`.
     pub fn of(id: &RunId, path: &Path) -> Self {
-        let mut summary = Self {
-            id: id.to_string(),
-            status: "unreadable".into(),
-            reason: None,
-            began: None,
-            kind: None,
-            duration_s: None,
-            images: None,
-            fit_error_m: None,
-            verdict: None,
-            report: path.join(file::REPORT).exists(),
-            model: None,
-        };
+        let mut summary = Self::unread(id);
         match RunFolder::open(path) {
             Ok(run) => summary.fill(&run),
             Err(error) => summary.reason = Some(crate::error_chain::with_causes(&error)),
@@ -105,8 +107,25 @@ impl Summary {
         summary
     }
 
+    fn unread(id: &RunId) -> Self {
+        Self {
+            id: id.to_string(),
+            status: UNREADABLE.into(),
+            reason: None,
+            began: None,
+            kind: None,
+            duration_s: None,
+            images: None,
+            fit_error_m: None,
+            verdict: None,
+            report: false,
+            model: None,
+        }
+    }
+
     fn fill(&mut self, run: &RunFolder) {
         self.status = status(run).into();
+        self.report = below::at(&run.file(file::REPORT)).is_ok();
         self.reason = run.stop().and_then(|stop| stop.reason.clone());
         self.began = Some(run.start().clock.utc.clone());
         self.kind = Some(format!("{:?}", run.start().kind).to_lowercase());
@@ -121,6 +140,10 @@ impl Summary {
         let diagnosis = results(&run.file(file::DIAGNOSIS));
         self.model = MadeWith::of(run);
         self.verdict = diagnosis.and_then(|diagnosis| Some(diagnosis["verdict"].as_str()?.to_owned()));
+    }
+
+    fn is_readable(&self) -> bool {
+        self.status != UNREADABLE
     }
 
     /// It may still be going on: its folder's time does not tell whether its line holds.
@@ -144,7 +167,7 @@ pub fn word(status: Status) -> &'static str {
 }
 
 pub(super) fn results(path: &Path) -> Option<Value> {
-    serde_json::from_slice(&std::fs::read(path).ok()?).ok()
+    serde_json::from_slice(&below::read_at(path).ok()?).ok()
 }
 
 /// The mean of the mean keypoint errors in a `fit.json`, over all runs and keypoints it names \[m\].
@@ -213,9 +236,10 @@ impl Store {
         let lines: Vec<_> = stale
             .into_iter()
             .map(|(id, path, seen)| {
-                let summary = Summary::of(&id, &path);
+                let summary = Summary::within(&runs_dir, &id);
                 let seen = if summary.is_open() { 0 } else { seen };
-                (coefficients(&id, &path), summary, seen)
+                let found = if summary.is_readable() { coefficients(&id, &path) } else { Vec::new() };
+                (found, summary, seen)
             })
             .collect();
         self.change("bringing the index up to date in", |db| {

@@ -229,7 +229,7 @@ impl Running {
     }
 
     pub(crate) fn ended_within(mut self, seconds: f64) -> Ended {
-        let deadline = Instant::now() + Duration::from_secs_f64(seconds);
+        let deadline = Instant::now() + ident::strict::duration(seconds);
         let status = loop {
             if let Some(status) = self.process.child().try_wait().expect("its status") {
                 break status;

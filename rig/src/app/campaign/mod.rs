@@ -16,7 +16,7 @@ use std::time::Duration;
 use anyhow::anyhow;
 use ident::experiment::Use;
 use ident::parameters::Parameters;
-use ident::strict::NonNegative;
+use ident::strict::Seconds;
 
 use super::announce::wait_for_leave;
 use super::compose::compose;
@@ -62,7 +62,8 @@ impl Campaign<'_> {
     ) -> Result<Record, Failure> {
         let first = RigConfig::read(self.config).map_err(Failure::input)?;
         self.check(&first)?;
-        let rest_s = first.schedule.as_ref().and_then(|table| table.rest_s).map_or(0.0, NonNegative::get);
+        let rest =
+            first.schedule.as_ref().and_then(|table| table.rest_s).map_or(Duration::ZERO, Seconds::duration);
         std::fs::create_dir_all(self.out).map_err(Failure::input)?;
         let mut record = Record::open(self.out, self.config, &self.goal, self.max_runs)?;
         let _claim = self.experiment(&first, self.config, false).claim()?;
@@ -86,7 +87,7 @@ impl Campaign<'_> {
                 Next::Run { config, why } => (config, why),
             };
             if !record.runs.is_empty() {
-                self.rest(Duration::from_secs_f64(rest_s), interrupt, watcher).await?;
+                self.rest(rest, interrupt, watcher).await?;
             }
             watcher.note(&format!("run {} of at most {}: {why}", record.runs.len() + 1, self.max_runs));
             let begins_by_itself = !record.runs.is_empty();

@@ -61,7 +61,7 @@ pub(super) fn watch_rig(
 
 /// Snapshots of all rigs, as server-sent events called `rig`: `{"rig": RigState, "jobs": [Job]}`, at once, whenever one changes, and once a
 /// second at least: what was told more than two seconds ago says nothing of now.
-#[utoipa::path(get, path = "/api/v1/events", responses((status = 200, content_type = "text/event-stream", body = String)))]
+#[utoipa::path(get, path = "/api/v1/events", responses((status = 200, description = "Snapshots.", content_type = "text/event-stream", body = String)))]
 pub(super) async fn events(
     State(api): State<Arc<Api>>,
 ) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {

@@ -8,6 +8,7 @@ use axum::http::{HeaderMap, StatusCode};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
+use super::body::Body;
 use super::{Api, InRig, Problem};
 use crate::goal::Target;
 use crate::record::run_id::RunId;
@@ -21,6 +22,7 @@ const MOST_KEY_BYTES: usize = 200;
 /// How many are listed.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 pub(super) struct Most {
     /// At most so many.
     #[serde(default = "thirty")]
@@ -129,7 +131,7 @@ impl JobNumber {
 }
 
 /// Jobs: those that run, those that wait in the order of their turns, then the newest that are over.
-#[utoipa::path(get, path = "/api/v1/rigs/{rig}/jobs", params(("rig" = String, Path), Most), responses((status = 200, body = [Job])))]
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/jobs", operation_id = "list_jobs", params(("rig" = String, Path), Most), responses((status = 200, description = "Jobs.", body = [Job])))]
 pub(super) async fn list(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,
@@ -139,7 +141,7 @@ pub(super) async fn list(
 }
 
 /// One job.
-#[utoipa::path(get, path = "/api/v1/rigs/{rig}/jobs/{job}", params(("rig" = String, Path), ("job" = i64, Path)), responses((status = 200, body = Job), (status = 404, body = Problem)))]
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/jobs/{job}", operation_id = "show_job", params(("rig" = String, Path), ("job" = i64, Path)), responses((status = 200, description = "The job.", body = Job)))]
 pub(super) async fn show(
     State(api): State<Arc<Api>>,
     Path((rig, job)): Path<(String, i64)>,
@@ -148,12 +150,12 @@ pub(super) async fn show(
 }
 
 /// Adds a job. A request that may have to be sent again says `Idempotency-Key`, the same each time: it is one job.
-#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs", params(("rig" = String, Path), ("Idempotency-Key" = Option<String>, Header)), request_body = Wanted, responses((status = 201, body = JobNumber)))]
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs", params(("rig" = String, Path), ("Idempotency-Key" = Option<String>, Header)), request_body = Wanted, responses((status = 201, description = "The new job, or that of the same key.", body = JobNumber)))]
 pub(super) async fn add(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,
     headers: HeaderMap,
-    Json(wanted): Json<Wanted>,
+    Body(wanted): Body<Wanted>,
 ) -> Result<(StatusCode, Json<JobNumber>), Problem> {
     let rig = api.rig(&rig)?;
     let key = headers.get(KEY).map(|key| key.to_str().map(str::to_owned)).transpose();
@@ -180,11 +182,11 @@ pub(super) async fn add(
 }
 
 /// Cancels a job; one that moves the rig is stopped, the servo first.
-#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/{job}/cancel", params(("rig" = String, Path), ("job" = i64, Path)), request_body = Why, responses((status = 200, body = JobNumber), (status = 404, body = Problem), (status = 409, body = Problem)))]
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/{job}/cancel", params(("rig" = String, Path), ("job" = i64, Path)), request_body = Why, responses((status = 200, description = "Where it stands.", body = JobNumber)))]
 pub(super) async fn cancel(
     State(api): State<Arc<Api>>,
     Path((rig, job)): Path<(String, i64)>,
-    Json(Why { why }): Json<Why>,
+    Body(Why { why }): Body<Why>,
 ) -> Result<Json<JobNumber>, Problem> {
     let why = why.unwrap_or_else(|| "cancelled over HTTP".into());
     let state = api.rig(&rig)?.ask(move |store| store.cancel(JobId(job), &why)).await?;
@@ -199,11 +201,11 @@ pub(super) struct Cancelled {
 }
 
 /// Cancels all jobs that wait.
-#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/cancel", params(("rig" = String, Path)), request_body = Why, responses((status = 200, body = Cancelled)))]
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/cancel", params(("rig" = String, Path)), request_body = Why, responses((status = 200, description = "How many.", body = Cancelled)))]
 pub(super) async fn cancel_all(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,
-    Json(Why { why }): Json<Why>,
+    Body(Why { why }): Body<Why>,
 ) -> Result<Json<Cancelled>, Problem> {
     let why = why.unwrap_or_else(|| "all were cancelled over HTTP".into());
     let cancelled = api.rig(&rig)?.ask(move |store| store.cancel_waiting(&why)).await?;
@@ -211,18 +213,18 @@ pub(super) async fn cancel_all(
 }
 
 /// Does again what a job that is over should have done; a motion that was done wants a job of its own.
-#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/{job}/retry", params(("rig" = String, Path), ("job" = i64, Path)), request_body = Why, responses((status = 201, body = JobNumber), (status = 404, body = Problem), (status = 409, body = Problem)))]
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/jobs/{job}/retry", params(("rig" = String, Path), ("job" = i64, Path)), request_body = Why, responses((status = 201, description = "The new job.", body = JobNumber)))]
 pub(super) async fn retry(
     State(api): State<Arc<Api>>,
     Path((rig, job)): Path<(String, i64)>,
-    Json(Why { why }): Json<Why>,
+    Body(Why { why }): Body<Why>,
 ) -> Result<(StatusCode, Json<JobNumber>), Problem> {
     let id = api.rig(&rig)?.ask(move |store| store.retry(JobId(job), why)).await?;
     Ok((StatusCode::CREATED, Json(JobNumber::new(id, JobState::Queued))))
 }
 
 /// What somebody should know, the newest first.
-#[utoipa::path(get, path = "/api/v1/rigs/{rig}/alerts", params(("rig" = String, Path), Most), responses((status = 200, body = [Alert])))]
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/alerts", params(("rig" = String, Path), Most), responses((status = 200, description = "Alerts, the newest first.", body = [Alert])))]
 pub(super) async fn alerts(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,

@@ -15,8 +15,9 @@ use tokio::sync::{Notify, watch};
 
 use super::events::newest;
 use super::{Api, InRig, Problem};
-use crate::app::hand_in::{self, file};
+use crate::app::hand_in;
 use crate::daemon::state::RigState;
+use crate::record::below;
 use crate::showing::lines::Lines;
 use crate::store::job::{JobId, Lane};
 
@@ -61,9 +62,10 @@ impl Shown {
             else {
                 return;
             };
-            let socket = running.map(|id| hand_in::folder(&runs_dir, JobId(id)).join(file::LIVE));
+            // the job's own, and none that a link in its folder leads to
+            let socket = running.and_then(|id| hand_in::socket(&runs_dir, JobId(id)).ok());
             if let Some(socket) = socket
-                && let Ok(stream) = UnixStream::connect(socket).await
+                && let Ok(stream) = UnixStream::connect(below::through(&socket)).await
             {
                 tokio::select! {
                     () = self.read(&stream) => {}
@@ -98,7 +100,7 @@ impl Shown {
 
 /// What the rig's jobs show while they go on, as server-sent events called `live`: a `Snapshot`, at once and up to five times a
 /// second. A picture is left out where it is still the one before, and comes again after two seconds.
-#[utoipa::path(get, path = "/api/v1/rigs/{rig}/live", params(("rig" = String, Path)), responses((status = 200, content_type = "text/event-stream", body = String), (status = 404, body = Problem)))]
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/live", params(("rig" = String, Path)), responses((status = 200, description = "Snapshots.", content_type = "text/event-stream", body = String)))]
 pub(super) async fn live(
     State(api): State<Arc<Api>>,
     InPath(rig): InRig,

@@ -24,7 +24,7 @@ const METRICS: [(&str, &str, &str); 8] = [
 ];
 
 /// Metrics of all rigs.
-#[utoipa::path(get, path = "/metrics", responses((status = 200, content_type = "text/plain", body = String)))]
+#[utoipa::path(get, path = "/metrics", responses((status = 200, description = "Metrics.", content_type = "text/plain", body = String)))]
 pub(super) async fn metrics(State(api): State<Arc<Api>>) -> Result<Response, Problem> {
     let mut samples: [String; METRICS.len()] = Default::default();
     for rig in &api.rigs {

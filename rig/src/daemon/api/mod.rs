@@ -4,6 +4,8 @@
 //! rig or changes its queue wants the token of the runs folder (`Authorization: Bearer`), which only the user whose daemon it is can
 //! read; off the loopback reading wants it too. Names and ids in paths are looked up, never joined into a path.
 
+mod body;
+mod document;
 mod events;
 mod guard;
 mod jobs;
@@ -13,7 +15,7 @@ mod page;
 mod runs;
 mod server;
 mod stop;
-mod token;
+pub(super) mod token;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -34,9 +36,10 @@ use super::state::RigState;
 use super::stop::Stop;
 use crate::config::RigConfig;
 use crate::store::job::Lane;
-use crate::store::{Store, StoreError};
-use crate::web::Hosts;
-pub(super) use token::Token;
+use crate::store::{Limit, Store, StoreError};
+use crate::web::{Hosts, one_form};
+use document::InCommon;
+use token::Token;
 
 /// A request's body is no larger: a job that names every run of a year fits.
 const MOST_BODY_BYTES: usize = 64 << 10;
@@ -89,9 +92,11 @@ pub(super) struct Served {
         runs::model_changes,
         events::events,
         live::live,
-        metrics::metrics
+        metrics::metrics,
+        document::document
     ),
-    components(schemas(crate::showing::Snapshot))
+    modifiers(&InCommon),
+    components(schemas(Problem, crate::showing::Snapshot))
 )]
 struct Document;
 
@@ -120,6 +125,8 @@ impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         let status = match &error {
             StoreError::NoJob(_) => StatusCode::NOT_FOUND,
+            StoreError::Limit(Limit::Waiting(_)) => StatusCode::TOO_MANY_REQUESTS,
+            StoreError::Limit(_) => StatusCode::UNPROCESSABLE_ENTITY,
             StoreError::Over { .. }
             | StoreError::NotOver { .. }
             | StoreError::Done(_)
@@ -195,7 +202,7 @@ impl Api {
             .route("/api/v1/rigs/{rig}/coefficients", get(runs::coefficients))
             .route("/api/v1/rigs/{rig}/trend", get(runs::trend))
             .route("/api/v1/rigs/{rig}/model-changes", get(runs::model_changes))
-            .route("/api/v1/openapi.json", get(async || Json(Document::openapi())))
+            .route("/api/v1/openapi.json", get(document::document))
             .route("/metrics", get(metrics::metrics))
             .merge(page::routes());
         let changing = Router::new()
@@ -213,13 +220,14 @@ impl Api {
             .route("/api/v1/rigs/{rig}/live", get(live::live))
             .layer(DefaultBodyLimit::max(MOST_BODY_BYTES))
             .layer(middleware::from_fn_with_state(Arc::clone(&api), guard::guarded))
+            .layer(middleware::from_fn(one_form))
             .with_state(api);
         server::serve(listener, router).await
     }
 }
 
 /// What all rigs do.
-#[utoipa::path(get, path = "/api/v1/rigs", responses((status = 200, body = [RigState])))]
+#[utoipa::path(get, path = "/api/v1/rigs", responses((status = 200, description = "Each rig.", body = [RigState])))]
 async fn rigs(State(api): State<Arc<Api>>) -> Json<Vec<RigState>> {
     Json(api.rigs.iter().map(|rig| rig.state.borrow().clone()).collect())
 }

@@ -10,6 +10,7 @@ use serde::Deserialize;
 use utoipa::IntoParams;
 
 use super::{Api, InRig, Problem};
+use crate::record::below;
 use crate::record::folder::file;
 use crate::record::run_id::RunId;
 use crate::store::models::ModelChange;
@@ -34,6 +35,7 @@ const REPORT_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; scri
 /// How many runs are listed.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 pub(super) struct Page {
     /// At most so many, the newest.
     #[serde(default = "hundred")]
@@ -49,13 +51,14 @@ const fn hundred() -> usize {
 /// Which coefficient.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 pub(super) struct Named {
     /// For example `g3/blunt`.
     name: String,
 }
 
 /// Runs, oldest first.
-#[utoipa::path(get, path = "/api/v1/rigs/{rig}/runs", params(("rig" = String, Path), Page), responses((status = 200, body = [Summary])))]
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/runs", operation_id = "list_runs", params(("rig" = String, Path), Page), responses((status = 200, description = "Runs.", body = [Summary])))]
 pub(super) async fn list(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,
@@ -70,20 +73,21 @@ pub(super) async fn list(
 }
 
 /// One run.
-#[utoipa::path(get, path = "/api/v1/rigs/{rig}/runs/{run}", params(("rig" = String, Path), ("run" = String, Path)), responses((status = 200, body = Summary), (status = 404, body = Problem)))]
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/runs/{run}", operation_id = "show_run", params(("rig" = String, Path), ("run" = String, Path)), responses((status = 200, description = "The run.", body = Summary)))]
 pub(super) async fn show(
     State(api): State<Arc<Api>>,
     Path((rig, run)): Path<(String, String)>,
 ) -> Result<Json<Summary>, Problem> {
     let (rig, id) = (api.rig(&rig)?, run_id(run)?);
-    let path = rig.runs_dir.join(id.as_str());
-    let found = tokio::task::spawn_blocking(move || path.is_dir().then(|| Summary::of(&id, &path))).await;
-    let found = found.map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error))?;
+    let found = tokio::task::spawn_blocking(move || {
+        rig.runs_dir.join(id.as_str()).is_dir().then(|| Summary::within(&rig.runs_dir, &id))
+    });
+    let found = found.await.map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error))?;
     found.map(Json).ok_or_else(no_run)
 }
 
 /// A file of a run: its report, its fit and the like.
-#[utoipa::path(get, path = "/api/v1/rigs/{rig}/runs/{run}/{file}", params(("rig" = String, Path), ("run" = String, Path), ("file" = String, Path)), responses((status = 200), (status = 404, body = Problem)))]
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/runs/{run}/{file}", params(("rig" = String, Path), ("run" = String, Path), ("file" = String, Path)), responses((status = 200, description = "The file.", content((String = "text/html"), (String = "text/csv"), (String = "application/jsonl"), (String = "application/xml"), (Object = "application/json")))))]
 pub(super) async fn file(
     State(api): State<Arc<Api>>,
     Path((rig, run, name)): Path<(String, String, String)>,
@@ -94,7 +98,9 @@ pub(super) async fn file(
         let error = format!("a run's files here are {}", names.join(", "));
         return Err(Problem::new(StatusCode::NOT_FOUND, error));
     };
-    match tokio::fs::read(rig.runs_dir.join(id.as_str()).join(name)).await {
+    let (runs_dir, run) = (rig.runs_dir.clone(), id.clone());
+    let read = tokio::task::spawn_blocking(move || below::read(&runs_dir, &[run.as_str(), name])).await;
+    match read.unwrap_or_else(|error| Err(std::io::Error::other(error))) {
         Ok(bytes) if name == file::REPORT => {
             let policy = (header::CONTENT_SECURITY_POLICY, REPORT_POLICY);
             Ok(([(header::CONTENT_TYPE, kind), policy], bytes).into_response())
@@ -103,12 +109,18 @@ pub(super) async fn file(
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
             Err(Problem::new(StatusCode::NOT_FOUND, format!("run {id} has no {name}")))
         }
+        Err(error) if error.kind() == std::io::ErrorKind::InvalidInput => Err(Problem::new(
+            StatusCode::FORBIDDEN,
+            format!(
+                "{name} of run {id} is not handed out: {error}; put the file itself into the run's folder"
+            ),
+        )),
         Err(error) => Err(Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error)),
     }
 }
 
 /// Names of all coefficients that any run's fit found.
-#[utoipa::path(get, path = "/api/v1/rigs/{rig}/coefficients", params(("rig" = String, Path)), responses((status = 200, body = [String])))]
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/coefficients", params(("rig" = String, Path)), responses((status = 200, description = "Names.", body = [String])))]
 pub(super) async fn coefficients(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,
@@ -122,7 +134,7 @@ pub(super) async fn coefficients(
 }
 
 /// How a coefficient was found, run after run.
-#[utoipa::path(get, path = "/api/v1/rigs/{rig}/trend", params(("rig" = String, Path), Named), responses((status = 200, body = [Coefficient])))]
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/trend", params(("rig" = String, Path), Named), responses((status = 200, description = "Values, oldest first.", body = [Coefficient])))]
 pub(super) async fn trend(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,
@@ -132,7 +144,7 @@ pub(super) async fn trend(
 }
 
 /// Where the model was changed from one run to the next.
-#[utoipa::path(get, path = "/api/v1/rigs/{rig}/model-changes", params(("rig" = String, Path)), responses((status = 200, body = [ModelChange])))]
+#[utoipa::path(get, path = "/api/v1/rigs/{rig}/model-changes", params(("rig" = String, Path)), responses((status = 200, description = "Changes, oldest first.", body = [ModelChange])))]
 pub(super) async fn model_changes(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,

@@ -10,6 +10,7 @@ use axum::http::StatusCode;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::body::Body as Lenient;
 use super::{Api, InRig, Problem};
 use crate::app::{self, Failure};
 use crate::hold::Hold;
@@ -44,7 +45,7 @@ pub(super) struct Stopped {
 }
 
 /// Stops what moves the rig now, and holds all that could move it until somebody releases it. Any body will do.
-#[utoipa::path(post, path = "/api/v1/rigs/{rig}/stop", params(("rig" = String, Path)), request_body = Words, responses((status = 200, body = Stopped)))]
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/stop", params(("rig" = String, Path)), request_body = Words, responses((status = 200, description = "Stopped and held.", body = Stopped)))]
 pub(super) async fn stop(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,
@@ -87,11 +88,11 @@ pub(super) struct Released {
 }
 
 /// Ends the hold, in somebody's name: an emergency stop that the board has latched is acknowledged, and what waits goes on.
-#[utoipa::path(post, path = "/api/v1/rigs/{rig}/release", params(("rig" = String, Path)), request_body = Releases, responses((status = 200, body = Released)))]
+#[utoipa::path(post, path = "/api/v1/rigs/{rig}/release", params(("rig" = String, Path)), request_body = Releases, responses((status = 200, description = "What was released.", body = Released)))]
 pub(super) async fn release(
     State(api): State<Arc<Api>>,
     Path(rig): InRig,
-    Json(Releases { by }): Json<Releases>,
+    Lenient(Releases { by }): Lenient<Releases>,
 ) -> Result<Json<Released>, Problem> {
     let rig = api.rig(&rig)?;
     let released = tokio::task::spawn_blocking(move || {

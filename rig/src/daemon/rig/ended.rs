@@ -9,6 +9,7 @@ use super::Rig;
 use crate::app::campaign::record::{self, Record};
 use crate::app::last_good::{self, Recalibrated};
 use crate::app::{Failure, Watcher};
+use crate::record::below;
 use crate::record::run_id::RunId;
 use crate::store::alerts::Alert;
 use crate::store::job::{Job, JobId, JobResult, Lane, NewJob, State, Work};
@@ -47,10 +48,10 @@ impl Rig {
                 if let Some(run) = id as Option<RunId> {
                     let why = Some(format!("job {} has run", job.id));
                     let job = NewJob { why, priority: 1, ..NewJob::new(Work::Recalibrate { run }) };
-                    self.store.add(&job).map_err(Failure::internal)?;
+                    self.store.follow(&job).map_err(Failure::internal)?;
                 }
             }
-            (work, State::Lost) if work.lane() == Lane::Analysis => self.repeat(job.id)?,
+            (work, State::Lost) if work.lane() == Lane::Analysis => self.repeat(job)?,
             _ => {}
         }
         Ok(())
@@ -80,9 +81,15 @@ impl Rig {
     }
 
     /// Adds again a job that was lost, unless it is the repetition of too many.
-    fn repeat(&mut self, id: JobId) -> Result<(), Failure> {
-        if self.store.repeats(id).map_err(Failure::internal)? < MOST_REPEATS {
-            self.store.retry(id, Some("its process was lost".into())).map_err(Failure::internal)?;
+    fn repeat(&mut self, job: &Job) -> Result<(), Failure> {
+        if self.store.repeats(job.id).map_err(Failure::internal)? < MOST_REPEATS {
+            let again = NewJob {
+                priority: job.priority,
+                why: Some("its process was lost".into()),
+                retry_of: Some(job.id),
+                ..NewJob::new(job.work.clone())
+            };
+            self.store.follow(&again).map_err(Failure::internal)?;
         }
         Ok(())
     }
@@ -97,12 +104,12 @@ fn alert(job: &Job, state: State, result: &JobResult) -> Option<(&'static str, S
         }
         (Work::Recalibrate { .. }, State::Done) => {
             let path = Path::new(result.run.as_deref()?).join(last_good::VERDICT);
-            let found: Recalibrated = serde_json::from_slice(&std::fs::read(path).ok()?).ok()?;
+            let found: Recalibrated = serde_json::from_slice(&below::read_at(&path).ok()?).ok()?;
             found.alert()
         }
         (Work::Campaign { .. }, State::Done) => {
             let path = Path::new(result.out.as_deref()?).join(record::FILE);
-            let campaign: Record = serde_json::from_slice(&std::fs::read(path).ok()?).ok()?;
+            let campaign: Record = serde_json::from_slice(&below::read_at(&path).ok()?).ok()?;
             let words = [campaign.says].into_iter().chain(campaign.needs).collect::<Vec<_>>().join("; ");
             Some(("campaign-ended", format!("{}: {words}", campaign.state.name())))
         }

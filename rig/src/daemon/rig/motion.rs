@@ -108,7 +108,7 @@ impl Rig {
                     let work = Work::Run { config: self.path.clone(), film_only: false };
                     let why = Some(format!("scheduled for {}", slot.strftime("%Y-%m-%d %H:%M:%S %Z")));
                     let job = NewJob { why, slot: Some(slot.timestamp()), ..NewJob::new(work) };
-                    self.store.add(&job).map_err(Failure::internal)?;
+                    self.store.follow(&job).map_err(Failure::internal)?;
                     self.seen.1 = None;
                 }
                 Decision::Skip { slots, why } => {

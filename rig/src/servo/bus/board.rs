@@ -4,7 +4,6 @@
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
 
 use super::line::{Gone, LATEST_ANSWER_S};
 use super::punctuality::Punctuality;
@@ -194,7 +193,7 @@ impl Driver {
     fn run(mut self, orders: &Receiver<Order>) {
         loop {
             let wait_s = self.due.seconds_since(MonotonicNs::now()).max(0.0);
-            match orders.recv_timeout(Duration::from_secs_f64(wait_s)) {
+            match orders.recv_timeout(ident::strict::duration(wait_s)) {
                 Ok(order) => self.carry_out(order),
                 Err(RecvTimeoutError::Timeout) => self.round(),
                 Err(RecvTimeoutError::Disconnected) => break,
@@ -383,7 +382,7 @@ impl Driver {
                 if self.servos.tell(&goals).is_err() {
                     break;
                 }
-                std::thread::sleep(Duration::from_secs_f64(self.period_s));
+                std::thread::sleep(ident::strict::duration(self.period_s));
             }
         }
         self.servos.dismiss_watchdogs();

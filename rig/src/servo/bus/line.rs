@@ -1,7 +1,5 @@
 //! Questions and answers on a half-duplex bus: one speaks at a time, and whoever asked waits until a deadline.
 
-use std::time::Duration;
-
 use serialport::{ClearBuffer, SerialPort};
 
 use super::packet::{Decoder, Packet, Protocol, Status};
@@ -57,7 +55,7 @@ impl Line {
     ) -> Result<Option<Answer>, Gone> {
         let quiet_s = self.quiet_until.seconds_since(MonotonicNs::now());
         if quiet_s > 0.0 {
-            std::thread::sleep(Duration::from_secs_f64(quiet_s));
+            std::thread::sleep(ident::strict::duration(quiet_s));
         }
         let until = MonotonicNs::now().plus_seconds(wait_s);
         Ok(self
