@@ -7,6 +7,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use ident::fit::{Fit, FittedParameter};
 use rig::store::Store;
 use serde_json::json;
 
@@ -25,11 +26,19 @@ fn make(out: &Path, number: usize) -> std::io::Result<()> {
     let stop = json!({
         "status": "success", "clock": clock(9_000_000_000), "servo": "acknowledged", "images": 900, "images_lost": 0, "messages_dropped": 0,
     });
-    let parameters: Vec<_> = (0..15)
-        .map(|k| json!({ "name": format!("g{}/p{}", k / 5, k % 5), "value": 0.5 + 1e-3 * k as f64, "std": 0.01, "determined": true }))
-        .collect();
-    let fit = json!({ "parameters": parameters, "runs": [{ "keypoints": [{ "mean_error_m": 1e-4 }] }] });
-    for (name, value) in [("start.json", start), ("stop.json", stop), ("fit.json", fit)] {
+    // a slow drift, a scatter from run to run, and one run in seven that leaves it open
+    let scatter = ((number as f64 * 12.9898).sin() * 43_758.545_3).fract();
+    let parameters = (0..15).map(|k| FittedParameter {
+        name: format!("g{}/p{}", k / 5, k % 5),
+        unit: "1".into(),
+        value: 0.5 + 1e-3 * k as f64 + 1e-5 * number as f64 + 0.01 * scatter,
+        std: if number % 7 == 0 { 2.0 } else { 0.01 },
+        upper: 10.0,
+        determined: number % 7 != 0,
+        ..FittedParameter::default()
+    });
+    let fit = Fit { parameters: parameters.collect(), error_m: Some(1e-4), noise_m: 1e-4, ..Fit::default() };
+    for (name, value) in [("start.json", start), ("stop.json", stop), ("fit.json", json!(fit))] {
         std::fs::File::create(folder.join(name))?.write_all(value.to_string().as_bytes())?;
     }
     Ok(())

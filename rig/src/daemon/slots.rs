@@ -49,6 +49,14 @@ pub(super) enum Busy {
     Waiting,
 }
 
+/// The next slot of a config's schedule after `now`.
+///
+/// # Errors
+/// [`ScheduleError`] where a daemon would refuse it.
+pub fn next_slot(config: &ScheduleConfig, now: Timestamp) -> Result<Zoned, ScheduleError> {
+    Slots::new(config, None, now)?.next()
+}
+
 impl Slots {
     /// Of a config's schedule; `last` is the last slot that an earlier daemon dealt with.
     ///

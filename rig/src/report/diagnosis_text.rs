@@ -7,16 +7,7 @@ use ident::diagnose::{
 };
 
 use super::format::{millimetres, significant, whole_percent};
-use super::tone::Tone;
-
-/// How good the news is.
-pub(super) fn tone(verdict: Verdict) -> Tone {
-    match verdict {
-        Verdict::NothingDetectable | Verdict::Cause | Verdict::Causes => Tone::Good,
-        Verdict::Suspected | Verdict::Ambiguous => Tone::Caution,
-        Verdict::Unexplained => Tone::Bad,
-    }
-}
+use super::verdict::ratio_text;
 
 /// `value unit (lower to upper)`.
 pub(super) fn value(parameter: &CauseParameter) -> String {
@@ -37,6 +28,17 @@ pub(super) fn value(parameter: &CauseParameter) -> String {
 /// Sentences that qualify the verdict.
 pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
     let mut list = Vec::new();
+    if let (Some(before), floor_m) = (diagnosis.error_m(false), diagnosis.floor_m()) {
+        let after = diagnosis.error_m(true).filter(|_| !diagnosis.causes.is_empty());
+        let named =
+            after.map_or(String::new(), |after| format!("; with what is named by {} mm", millimetres(after)));
+        list.push(format!(
+            "Before, the simulation is off by {} mm, {} times the noise of {} mm{named}.",
+            millimetres(before),
+            ratio_text(before / floor_m),
+            millimetres(floor_m)
+        ));
+    }
     for cause in &diagnosis.causes {
         let numbers: Vec<String> = cause
             .parameters
@@ -111,20 +113,22 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
 /// A next step in a line.
 pub(super) fn advice(next: &NextExperiment) -> String {
     let apart = next.separates.join(" and ");
-    if next.command.is_empty() {
-        return match &next.separates[..] {
-            [] => format!("{}.", next.what),
-            [one] => format!("to check {one}: {}.", next.what),
-            _ => format!("{}: tells {apart} apart.", next.what),
+    if next.proposal.is_some() {
+        let gain =
+            format!("separation of {apart} {} -> {}", significant(next.before), significant(next.after));
+        return match next.command.is_empty() {
+            true => format!(
+                "{}: {gain}; `rig design` with `--config`, the rig's config, writes one of it.",
+                next.what
+            ),
+            false => format!("{} ({}): {gain}", next.command, next.what),
         };
     }
-    format!(
-        "{} ({}): separation of {apart} {} -> {}",
-        next.command,
-        next.what,
-        significant(next.before),
-        significant(next.after)
-    )
+    match &next.separates[..] {
+        [] => format!("{}.", next.what),
+        [one] => format!("to check {one}: {}.", next.what),
+        _ => format!("{}: tells {apart} apart.", next.what),
+    }
 }
 
 fn capital(text: &str) -> String {
@@ -140,14 +144,6 @@ pub fn diagnosis_summary(diagnosis: &Diagnosis) -> String {
     for detail in details(diagnosis) {
         let _ = writeln!(text, "- {detail}");
     }
-    let before = &diagnosis.whiteness.before;
-    let _ = writeln!(
-        text,
-        "- Residual {} mm, noise {} mm; {:.0} % of the squares could be explained.",
-        millimetres(before.rms_m),
-        millimetres(diagnosis.noise_m),
-        100.0 * diagnosis.whiteness.explainable
-    );
     for next in diagnosis.next_experiments.iter().take(3) {
         let _ = writeln!(text, "- Next: {}", advice(next));
     }

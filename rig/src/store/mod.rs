@@ -19,7 +19,7 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, Row, Transaction, TransactionBe
 /// The database in a runs folder.
 pub const FILE: &str = "rig.sqlite";
 /// The layout that this version knows; kept as the database's `user_version`.
-const LAYOUT: i64 = 2;
+const LAYOUT: i64 = 3;
 /// Another process may hold the database so long.
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -50,15 +50,24 @@ const TABLES: &str = "
         modified_ns INTEGER NOT NULL,
         summary TEXT NOT NULL
     ) WITHOUT ROWID;
+";
+
+/// Coefficients with units and bounds; those of runs that an earlier layout knew are read again.
+const COEFFICIENTS: &str = "
+    DROP TABLE IF EXISTS coefficients;
     CREATE TABLE coefficients (
         run TEXT NOT NULL REFERENCES runs (id) ON DELETE CASCADE,
         name TEXT NOT NULL,
+        unit TEXT NOT NULL,
         value REAL NOT NULL,
         std REAL,
         determined INTEGER NOT NULL,
+        lower REAL NOT NULL,
+        upper REAL NOT NULL,
         PRIMARY KEY (name, run)
     ) WITHOUT ROWID;
     CREATE INDEX coefficients_by_run ON coefficients (run);
+    UPDATE runs SET modified_ns = -1;
 ";
 
 /// Why the database cannot be used.
@@ -205,6 +214,9 @@ impl Store {
             }
             if found < 2 {
                 change.execute_batch(alerts::TABLES)?;
+            }
+            if found < 3 {
+                change.execute_batch(COEFFICIENTS)?;
                 change.pragma_update(None, "user_version", LAYOUT)?;
             }
             change.commit()?;
