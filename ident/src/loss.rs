@@ -199,6 +199,23 @@ fn distances_m<'a>(
 mod tests {
     use super::*;
 
+    #[test]
+    fn error_is_along_one_axis_and_leaves_out_the_reference_end() {
+        let measured = Trajectory {
+            time_s: vec![0.0, 1.0],
+            keypoints: vec!["P0".into(), "P1".into()],
+            position_m: vec![[9.0, f64::NAN, 9.0], [3.0, f64::NAN, 4.0], [0.0; 3], [f64::NAN; 3]],
+            ..Trajectory::default()
+        };
+        let mut error = AxisError::default();
+        assert_eq!(error.rms_m(), None);
+        error.add(&measured, &[[0.0; 3]; 4], 0.0);
+        // of 3 and 4 along two axes, whatever P0 does; what was not seen does not count
+        assert_eq!(error.rms_m(), Some(12.5_f64.sqrt()));
+        error.add(&measured, &[[0.0; 3]; 4], 0.5);
+        assert_eq!(error.rms_m(), Some(12.5_f64.sqrt()));
+    }
+
     const GAP: f64 = f64::NAN;
 
     fn measured() -> Trajectory {

@@ -110,21 +110,16 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
     list
 }
 
-/// A next step in a line.
-pub(super) fn advice(next: &NextExperiment) -> String {
+/// A next step in a line; what to type for it is told elsewhere.
+fn advice(next: &NextExperiment) -> String {
     let apart = next.separates.join(" and ");
-    if next.proposal.is_some() {
-        let gain =
-            format!("separation of {apart} {} -> {}", significant(next.before), significant(next.after));
-        return match next.command.is_empty() {
-            true => format!(
-                "{}: {gain}; `rig design` with `--config`, the rig's config, writes one of it.",
-                next.what
-            ),
-            false => format!("{} ({}): {gain}", next.command, next.what),
-        };
-    }
     match &next.separates[..] {
+        _ if next.proposal.is_some() => format!(
+            "{}: separation of {apart} {} -> {}",
+            next.what,
+            significant(next.before),
+            significant(next.after)
+        ),
         [] => format!("{}.", next.what),
         [one] => format!("to check {one}: {}.", next.what),
         _ => format!("{}: tells {apart} apart.", next.what),
@@ -138,14 +133,26 @@ fn capital(text: &str) -> String {
         .map_or(String::new(), |first| first.to_uppercase().chain(letters).collect::<String>() + ".")
 }
 
+/// Next steps told in a terminal.
+const MOST_ADVISED: usize = 3;
+
 /// The diagnosis as lines for a terminal.
 pub fn diagnosis_summary(diagnosis: &Diagnosis) -> String {
     let mut text = format!("{}: {}\n", diagnosis.verdict.name(), diagnosis.sentence);
     for detail in details(diagnosis) {
         let _ = writeln!(text, "- {detail}");
     }
-    for next in diagnosis.next_experiments.iter().take(3) {
+    let advised = || diagnosis.next_experiments.iter().take(MOST_ADVISED);
+    let mut typed = "";
+    for next in advised() {
         let _ = writeln!(text, "- Next: {}", advice(next));
+        if !next.command.is_empty() && next.command != typed {
+            typed = &next.command;
+            let _ = writeln!(text, "  {typed}");
+        }
+    }
+    if advised().any(|next| next.proposal.is_some() && next.command.is_empty()) {
+        text.push_str("  With --config, the rig's config, a config of each such run is written.\n");
     }
     text
 }

@@ -102,7 +102,7 @@ async function showAlerts() {
   fill($("alerts"), alerts.length ? alerts : ["No alerts yet."], line);
 }
 
-$("coefficients").onchange = () => showTrend(inRig).catch(error => said(error.message));
+$("coefficients").onchange = $("determined").onchange = () => showTrend(inRig).catch(error => said(error.message));
 
 const refresh = () => Promise.all([showRuns(false), showAlerts(), showCoefficients(inRig)]).catch(error => said(error.message));
 
