@@ -37,7 +37,7 @@ function marks(points, changes) {
   }).filter(mark => mark.at !== null);
 }
 
-const tell = (value, unit) => `${value.toPrecision(4)}${unit === "1" || !unit ? "" : ` ${unit}`}`;
+const tell = (value, unit) => `${Number(value.toPrecision(4))}${unit === "1" || !unit ? "" : ` ${unit}`}`;
 
 // Each run with its interval, where there is room for it; else bands from the least to the greatest, with the middle between.
 function drawn(points, x, y, room) {
