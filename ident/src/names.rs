@@ -1,6 +1,7 @@
 //! Names as people type them: globs, and what they may have meant.
 
-use std::path::Path;
+use std::io::{Error, ErrorKind};
+use std::path::{Path, PathBuf};
 
 use wildmatch::WildMatch;
 
@@ -36,19 +37,34 @@ pub(crate) fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a S
 /// Known names that are all listed where none is near: one line's worth.
 const MOST_NAMED: usize = 12;
 
-/// The text of the file at `path`; where it is not there, the error names the file that may have been meant.
-pub(crate) fn read_text(path: &Path) -> std::io::Result<String> {
-    std::fs::read_to_string(path).map_err(|error| not_there(error, path))
+/// The text of the file at `path`; where it is not there, or a folder, the error names the file that may have been meant.
+pub(crate) fn read_text(path: &Path) -> Result<String, Error> {
+    std::fs::read_to_string(path).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => not_there(path),
+        ErrorKind::IsADirectory => a_folder(path),
+        _ => error,
+    })
 }
 
-/// `error`, which opening `path` gave, with the file of its folder that may have been meant.
-fn not_there(error: std::io::Error, path: &Path) -> std::io::Error {
-    if error.kind() != std::io::ErrorKind::NotFound {
-        return error;
-    }
+/// That `path` is a folder, with the files in it that may have been meant.
+fn a_folder(path: &Path) -> Error {
+    let entries = std::fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
+    let is_config = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "toml");
+    let mut found: Vec<String> = entries.filter(is_config).map(|path| path.display().to_string()).collect();
+    found.sort_unstable();
+    found.truncate(MOST_NAMED);
+    let hint = match found.is_empty() {
+        true => String::new(),
+        false => format!(" (did you mean {}?)", found.join(", or ")),
+    };
+    Error::new(ErrorKind::IsADirectory, format!("it is a folder, and a file is wanted{hint}"))
+}
+
+/// That there is no file at `path`, with the one of its folder that may have been meant.
+fn not_there(path: &Path) -> Error {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let Ok(entries) = std::fs::read_dir(folder) else {
-        return std::io::Error::new(error.kind(), format!("there is no folder {}", folder.display()));
+        return Error::new(ErrorKind::NotFound, format!("there is no folder {}", folder.display()));
     };
     let names: Vec<String> =
         entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
@@ -57,7 +73,7 @@ fn not_there(error: std::io::Error, path: &Path) -> std::io::Error {
     let near = |name: &&String| strsim::damerau_levenshtein(&wanted, name) <= wanted.len() / 3;
     let hint = did_you_mean(&wanted, names.iter().filter(near));
     let hint = if hint.contains("did you mean") { hint } else { String::new() };
-    std::io::Error::new(error.kind(), format!("no such file{hint}"))
+    Error::new(ErrorKind::NotFound, format!("no such file{hint}"))
 }
 
 #[cfg(test)]
@@ -74,6 +90,15 @@ mod tests {
         for (pattern, name) in [("a*/blunt", "b1/blunt"), ("g?", "g"), ("g1", "g12"), ("*a", "ab")] {
             assert!(!glob(pattern, name), "{pattern} {name}");
         }
+    }
+
+    #[test]
+    fn folder_in_place_of_a_file_is_told_with_the_files_in_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let said = || read_text(folder.path()).unwrap_err().to_string();
+        assert_eq!(said(), "it is a folder, and a file is wanted");
+        std::fs::write(folder.path().join("rig.toml"), "").unwrap();
+        assert!(said().contains("did you mean") && said().contains("rig.toml?"), "{}", said());
     }
 
     #[test]

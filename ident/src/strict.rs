@@ -7,7 +7,7 @@ use std::time::Duration;
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::names::nearest;
+use crate::names::{nearest, read_text};
 
 /// Why a TOML document was refused.
 #[derive(Debug, thiserror::Error)]
@@ -35,8 +35,7 @@ pub enum StrictError {
 /// # Errors
 /// [`StrictError`], naming the file, and the line when the content is at fault.
 pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, StrictError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|source| StrictError::Unreadable { path: path.into(), source })?;
+    let text = read_text(path).map_err(|source| StrictError::Unreadable { path: path.into(), source })?;
     parse(&text, path)
 }
 

@@ -5,9 +5,9 @@
 //! keypoints, [`analysis`] gives the run's trajectory to `ident`, and [`report`] shows what came out.
 //!
 //! Rooms, each of which knows only those before it:
-//! * [`error_chain`], [`reasons`], [`lettering`], [`claim`], [`schedule`], [`goal`], [`service`], [`web`], [`urgency`], [`clock`],
+//! * [`error_chain`], [`reasons`], [`lettering`], [`claim`], [`schedule`], [`goal`], [`service`], [`web`], [`shell`], [`urgency`], [`clock`],
 //!   [`calibration`]: an error's causes, reasons told together, words in pictures, what one process has alone, when a daemon runs, what a
-//!   campaign is for, what a daemon tells its manager, who may ask a server of this machine, who has the processor first, ticks and stamps on
+//!   campaign is for, what a daemon tells its manager, who may ask a server of this machine, commands to be typed, who has the processor first, ticks and stamps on
 //!   one clock, pixels in metres;
 //! * [`camera`], [`servo`]: the two traits, and a real, a mock and a recorded device behind each;
 //! * [`profile`], [`tank`], [`record`]: the stroke, the simulated tank behind the mocks, run folders and recordings;
@@ -50,6 +50,7 @@ pub mod schedule;
 pub mod service;
 pub mod servo;
 pub mod setup;
+pub mod shell;
 pub mod showing;
 pub mod store;
 pub mod tank;

@@ -3,43 +3,11 @@
 
 #![allow(clippy::print_stdout, reason = "its output is the point")]
 
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use rig::store::Store;
-use serde_json::json;
-
-/// The config that a run carries with it is most of what is read of it.
-const CONFIG: &str = include_str!("../../configs/chain-driven-hanging.toml");
-
-fn make(out: &Path, number: usize) -> std::io::Result<()> {
-    let at = second(number);
-    let folder = out.join(format!("{at}-{:06}", number % 1_000_000));
-    std::fs::create_dir_all(&folder)?;
-    let id = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-    let clock = |ns: u64| json!({ "monotonic_ns": ns, "utc": "2026-11-20T10:15:03Z" });
-    let start = json!({
-        "id": id, "kind": "driven", "model": "model-start.xml", "prescribed": false, "version": "0.1.0", "clock": clock(0), "config": CONFIG,
-    });
-    let stop = json!({
-        "status": "success", "clock": clock(9_000_000_000), "servo": "acknowledged", "images": 900, "images_lost": 0, "messages_dropped": 0,
-    });
-    let parameters: Vec<_> = (0..15)
-        .map(|k| json!({ "name": format!("g{}/p{}", k / 5, k % 5), "value": 0.5 + 1e-3 * k as f64, "std": 0.01, "determined": true }))
-        .collect();
-    let fit = json!({ "parameters": parameters, "runs": [{ "keypoints": [{ "mean_error_m": 1e-4 }] }] });
-    for (name, value) in [("start.json", start), ("stop.json", stop), ("fit.json", fit)] {
-        std::fs::File::create(folder.join(name))?.write_all(value.to_string().as_bytes())?;
-    }
-    Ok(())
-}
-
-/// A second of its own for each run, as a run's id begins.
-fn second(number: usize) -> String {
-    let (day, second) = (number / 86_400, number % 86_400);
-    format!("202601{:02}T{:02}{:02}{:02}Z", day + 1, second / 3600, second / 60 % 60, second % 60)
-}
+use system_tests::many_runs::make;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);

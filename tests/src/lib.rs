@@ -9,6 +9,7 @@ pub mod fish;
 pub mod hidden;
 pub mod http;
 pub mod journal;
+pub mod many_runs;
 pub mod ordinary;
 pub mod outside;
 pub mod planes;

@@ -1,6 +1,6 @@
 //! Verbs that need no run.
 
-use system_tests::{config, in_real_time, printed, repository, run_rig};
+use system_tests::{changed_config, config, in_real_time, only_run, printed, repository, run_rig, set};
 
 #[test]
 fn doctor_finds_the_mock_rig_healthy() {
@@ -121,4 +121,50 @@ fn runs_are_listed_in_the_folder_named_either_way() {
         let output = run_rig(arguments.iter().copied());
         assert!(output.status.success() && printed(&output).contains("no runs yet"), "{}", printed(&output));
     }
+}
+
+#[test]
+fn run_that_would_not_see_its_mechanism_is_refused_before_anything_moves() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let runs = folder.path().join("runs");
+    let origin: toml::Value = vec![3200.0, 600.0].into();
+    for (key, value, told) in [
+        ("metres_per_pixel", 0.25.into(), "px long in a picture of 640 x 480 px"),
+        ("origin_px", origin, "begins at (3200, 600) px, so far outside of a picture of 640 x 480 px"),
+    ] {
+        let config = changed_config("chain-driven-pose-1.toml", folder.path(), |config| {
+            set(config, "calibration", key, value);
+        });
+        let run = run_rig(["run".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), runs.as_os_str()]);
+        assert_eq!(run.status.code(), Some(2), "{}", printed(&run));
+        assert!(printed(&run).contains(told), "{}", printed(&run));
+        assert_eq!(only_run(&runs), None, "nothing was filmed");
+        let _turn = in_real_time();
+        let doctor =
+            run_rig(["doctor".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), runs.as_os_str()]);
+        assert!(!doctor.status.success() && printed(&doctor).contains(told), "{}", printed(&doctor));
+    }
+}
+
+#[test]
+fn folder_where_an_experiment_is_wanted_is_told_with_what_makes_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("out");
+    for verb in ["fit", "diagnose"] {
+        let said = run_rig([verb.as_ref(), folder.path().as_os_str(), "--out".as_ref(), out.as_os_str()]);
+        let text = printed(&said);
+        assert_eq!(said.status.code(), Some(2), "{text}");
+        assert!(text.contains("is a folder") && text.contains("rig experiment RUN..."), "{text}");
+        assert!(!text.contains("os error"), "{text}");
+    }
+    let file = folder.path().join("recording.mcap");
+    std::fs::write(&file, "").expect("a file");
+    let said = run_rig(["replay".as_ref(), file.as_os_str(), "--out".as_ref(), out.as_os_str()]);
+    assert!(printed(&said).contains("is a file, and a run's folder is wanted"), "{}", printed(&said));
+    let said = run_rig(["doctor".as_ref(), config("").as_os_str()]);
+    assert!(
+        printed(&said).contains("it is a folder, and a file is wanted (did you mean"),
+        "{}",
+        printed(&said)
+    );
 }

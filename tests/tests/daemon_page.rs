@@ -134,3 +134,35 @@ fn run_is_seen_live_and_a_changed_model_is_marked_in_the_trends() {
     assert_eq!(browser.run("return document.querySelectorAll('#trend .change').length"), 1);
     assert_eq!(browser.errors(), Vec::<String>::new());
 }
+
+/// What is drawn of a trend: its areas, its single runs, and all its words.
+const TREND: &str = "const svg = document.querySelector('#trend svg');
+    return svg && [svg.querySelectorAll('.area').length, svg.querySelectorAll('circle').length, svg.textContent, svg.querySelectorAll('*').length]";
+
+#[test]
+fn trend_of_many_runs_has_unit_bounds_and_bands() {
+    let Some(browser) = Browser::open([390, 844], false) else { return };
+    let bench = Bench::quiet();
+    for number in 0..2000 {
+        system_tests::many_runs::make(&bench.runs, number).expect("a run");
+    }
+    let served = Served::on(bench, "127.0.0.1:0");
+    browser.go(&format!("http://{}/#token={}", served.address, served.token));
+    browser.wait_for("#trend", "1714 of 2000 runs determine it", 60.0);
+    let trend = browser.run(TREND);
+    assert_eq!(
+        (&trend[0], &trend[1]),
+        (&json!(2), &json!(0)),
+        "those that determine it, and the others: {trend}"
+    );
+    let words = trend[2].as_str().expect("its words");
+    assert!(words.contains("no unit") && words.contains("sought from 0 to 10"), "{words}");
+    assert!(trend[3].as_u64().is_some_and(|elements| elements < 60), "{trend}");
+    browser.click("#determined");
+    browser.wait_until("the determined ones alone", 10.0, || browser.run(TREND)[0] == 1);
+    // what a word is broken by shows in how wide its column may become
+    let narrow = "return [...document.querySelectorAll('#runs td.came')].every(e => e.getBoundingClientRect().width > 150)";
+    assert_eq!(browser.run(narrow), true);
+    assert_eq!(browser.run("return document.documentElement.scrollWidth"), 390);
+    assert_eq!(browser.errors(), Vec::<String>::new());
+}

@@ -160,6 +160,58 @@ fn a_clock_that_wanders_is_unexplained_and_nothing_is_named() {
     assert!(diagnosis["causes"].as_array().is_some_and(Vec::is_empty));
 }
 
+/// The commands in what was printed, each in its words.
+fn told(text: &str) -> Vec<Vec<String>> {
+    let commands = text.lines().filter_map(|line| line.find("rig ").map(|at| &line[at..]));
+    let words = |command: &str| {
+        command.split("  ").next().unwrap_or_default().split(' ').map(str::to_owned).collect::<Vec<String>>()
+    };
+    commands
+        .map(words)
+        .filter(|words| ["run", "design", "fit", "diagnose"].contains(&words[1].as_str()))
+        .collect()
+}
+
+#[test]
+fn every_command_that_is_told_names_files_that_are_there() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let hide = |model: &mut Model| {
+        model.add_cause("stiffness").expect("a cause");
+        model.set_parameter("stiffness/stiffness", 3e-5).expect("its size");
+    };
+    let experiment = write(folder.path(), &POSES[..1], hide, |t| t);
+    let config = system_tests::config("chain-driven-hanging.toml");
+    let rig = |args: &[&std::ffi::OsStr]| {
+        let mut command = system_tests::rig(args);
+        let output = command.current_dir(folder.path()).output().expect("rig starts");
+        assert!(output.status.success(), "{}", printed(&output));
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    let (diagnose, out) = (["diagnose".as_ref(), experiment.as_os_str(), "--out".as_ref()], "out".as_ref());
+    let without = rig(&[&diagnose[..], &[out]].concat());
+    assert!(without.contains("- Next: ") && without.contains("With --config"), "{without}");
+    assert_eq!(told(&without), Vec::<Vec<String>>::new(), "nobody said which rig");
+
+    let with = rig(&[&diagnose[..], &[out, "--config".as_ref(), config.as_os_str()]].concat());
+    let design = ["design".as_ref(), experiment.as_os_str(), "--out".as_ref(), "next".as_ref()];
+    let designed = rig(&[&design[..], &["--config".as_ref(), config.as_os_str()]].concat());
+    for text in [with, designed] {
+        let commands = told(&text);
+        println!("{commands:?}");
+        assert!(!commands.is_empty(), "{text}");
+        for command in commands {
+            let path = Path::new(&command[2]);
+            assert!(path.is_absolute() && path.is_file(), "{command:?}");
+            rig::config::RigConfig::read(path).expect("a rig's config");
+        }
+    }
+    let said = json(&folder.path().join("out/diagnosis.json"));
+    let next = said["next_experiments"].as_array().expect("a list");
+    let commands =
+        next.iter().map(|next| next["command"].as_str().expect("a command")).filter(|c| !c.is_empty());
+    assert!(commands.into_iter().all(|command| command.starts_with("rig run /")), "{next:?}");
+}
+
 #[test]
 fn same_input_gives_the_same_bytes_for_any_number_of_threads() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -38,6 +38,10 @@ fn driven_run_ends_in_a_report_and_replays_to_the_same_bytes() {
     let output = run_rig(["run".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), runs.as_os_str()]);
     assert!(output.status.success(), "{}", printed(&output));
     let run = only_run(&runs).expect("one run folder");
+    for command in printed(&output).lines().filter_map(|line| line.strip_prefix("  rig ")) {
+        let mut paths = command.split(' ').filter(|word| word.starts_with('/'));
+        assert!(paths.all(|path| Path::new(path).exists()), "a command that cannot be typed: rig {command}");
+    }
     for name in [
         "start.json",
         "journal.jsonl",

@@ -92,6 +92,7 @@ fn measured(what: &str, separates: &[String]) -> NextExperiment {
         kind: "measurement".into(),
         what: what.into(),
         command: String::new(),
+        proposal: None,
         separates: separates.to_vec(),
         before: 0.0,
         after: 0.0,
@@ -128,7 +129,8 @@ fn advised(worth: &Worth, separates: Vec<String>) -> NextExperiment {
     NextExperiment {
         kind: proposal.kind().into(),
         what: proposal.words(),
-        command: format!("rig run next/{}.toml --runs-dir runs", proposal.id),
+        command: String::new(),
+        proposal: Some(proposal.id.clone()),
         separates,
         before: *before,
         after: *after,

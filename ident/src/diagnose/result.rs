@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::force::UnknownForce;
+use crate::loss::REFERENCE_END;
 use crate::noise::floor::RunFloor;
 
 /// What the simulation gets wrong, as far as the runs tell.
@@ -248,6 +249,10 @@ pub struct NoiseFloor {
     pub degrees: f64,
     /// What the experiment says the noise is \[m\].
     pub stated_m: Option<f64>,
+    /// What pictures get wrong with the pose, which is no noise and in every picture all the same, where it is stated: one standard
+    /// deviation \[m\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose_std_m: Option<f64>,
     /// By run and keypoint.
     pub runs: Vec<RunFloor>,
 }
@@ -305,8 +310,11 @@ pub struct NextExperiment {
     pub kind: String,
     /// In words.
     pub what: String,
-    /// What to type, once `rig design` has written the config; empty for what is no run.
+    /// What to type; empty for what is no run, and until [`Self::to_type`] says where the rig's configs are.
     pub command: String,
+    /// The run that is proposed, which its config is called after; none for what is no run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub proposal: Option<String>,
     /// The two rivals, or the loose parameter.
     pub separates: Vec<String>,
     /// Cost by which the rivals differ now; of a loose parameter, its standard deviation.
@@ -391,6 +399,16 @@ pub struct WorstInterval {
     pub speed_m_s: f64,
 }
 
+impl NextExperiment {
+    /// Says what makes each proposed run of `list`, called so, where this computer has what it takes.
+    pub fn to_type(list: &mut [Self], command: impl Fn(&str) -> Option<String>) {
+        for next in list {
+            let typed = next.proposal.as_deref().and_then(&command);
+            next.command = typed.unwrap_or_default();
+        }
+    }
+}
+
 impl NamedCause {
     /// Its name and, where it sits in one element alone, that: `buoyancy/link3`.
     pub fn label(&self) -> String {
@@ -399,6 +417,24 @@ impl NamedCause {
 }
 
 impl Diagnosis {
+    /// How far off the simulation is on the fitted runs \[m\], as [`AxisError`](crate::loss::AxisError) says: before anything is named, or
+    /// after.
+    pub fn error_m(&self, after: bool) -> Option<f64> {
+        let of_run = |run: &RunResiduals| {
+            let all = if after { &run.after_m } else { &run.before_m };
+            let scored =
+                run.keypoints.iter().zip(all).filter(|(name, rms_m)| *name != REFERENCE_END && **rms_m > 0.0);
+            scored.map(|(_, rms_m)| rms_m * rms_m).collect::<Vec<_>>()
+        };
+        let squares: Vec<f64> = self.residuals.rms.iter().flat_map(of_run).collect();
+        (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
+    }
+
+    /// What would be left if nothing were wrong \[m\]: noise, and what pictures get wrong with the pose.
+    pub fn floor_m(&self) -> f64 {
+        self.noise_m.hypot(self.noise.pose_std_m.unwrap_or(0.0))
+    }
+
     /// The bytes of `diagnosis.json`.
     ///
     /// # Errors

@@ -17,7 +17,6 @@ use crate::fit::counts::Counts;
 use crate::hypothesis::candidates;
 use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
-use crate::text::millimetres;
 
 /// Within this of the best BIC another set is as good: odds below 2.7 to 1, which are "not worth more than a bare mention"
 /// (R. E. Kass, A. E. Raftery, "Bayes Factors", Journal of the American Statistical Association 90 (1995) 773-795).
@@ -106,7 +105,7 @@ pub(super) fn verdict<'a>(
             ..established::remainder(baseline, &known.state, floor)
         }
     });
-    let sentence = sentence(verdict, &list, &rivals, &before, (&beyond_doubt, floor));
+    let sentence = sentence(verdict, &list, &rivals, &beyond_doubt);
     let checked = gates.gained.as_ref().map_or("none", |gained| &gained.how).to_owned();
     let diagnosis = Diagnosis {
         verdict,
@@ -327,6 +326,7 @@ fn noise(experiment: &Experiment, floor: &Floor) -> NoiseFloor {
         correlation_std: floor.correlation_std,
         degrees: floor.degrees,
         stated_m: experiment.noise_m,
+        pose_std_m: floor.pose_std_m,
         runs: floor.runs.clone(),
     }
 }
@@ -335,8 +335,7 @@ fn sentence(
     verdict: Verdict,
     list: &[NamedCause],
     rivals: &[Alternative],
-    before: &GoodnessOfFit,
-    (established, floor): (&[NamedCause], &Floor),
+    established: &[NamedCause],
 ) -> String {
     let how = |cause: &NamedCause| if cause.by_run { ", differently in each run" } else { "" };
     let of = |cause: &NamedCause| match &cause.element {
@@ -345,15 +344,9 @@ fn sentence(
     };
     let said: Vec<String> = list.iter().map(of).collect();
     match verdict {
-        Verdict::NothingDetectable => format!(
-            "Nothing detectable: the simulation repeats the runs to {} mm, keypoints have a noise of {} mm{}.",
-            millimetres(before.rms_m),
-            millimetres(floor.noise_m),
-            match floor.pose_std_m {
-                Some(std_m) => format!(" and follow the pose wrongly by {} mm", millimetres(std_m)),
-                None => String::new(),
-            }
-        ),
+        Verdict::NothingDetectable => {
+            "Nothing detectable: what the simulation leaves of the runs is noise.".to_owned()
+        }
         Verdict::Suspected => {
             format!("Most likely, though no other run has checked it: {}.", said.join("; and "))
         }
@@ -368,16 +361,11 @@ fn sentence(
         }
         Verdict::Unexplained => {
             let known: Vec<String> = established.iter().map(of).collect();
-            format!(
-                "Something is wrong that no known cause explains: residuals of {} mm against a noise of {} mm.{}",
-                millimetres(before.rms_m),
-                millimetres(floor.noise_m),
-                if known.is_empty() {
-                    String::new()
-                } else {
-                    format!(" Beyond doubt: {}.", known.join("; and "))
-                }
-            )
+            let beyond_doubt = match known.is_empty() {
+                true => String::new(),
+                false => format!(" Beyond doubt: {}.", known.join("; and ")),
+            };
+            format!("Something is wrong that no known cause explains.{beyond_doubt}")
         }
     }
 }

@@ -9,6 +9,7 @@ use sim::Model;
 use super::folder::{Folder, read_text};
 use super::{DEFAULT_INIT_S, Experiment, ExperimentError, Run, RunKind, Use};
 use crate::config::{DesignConfig, DiagnoseConfig, FitConfig};
+use crate::names;
 use crate::own_cause::CauseConfig;
 use crate::strict::{self, Finite, Positive, StrictError};
 use crate::table::{read_base, read_servo, read_trajectory};
@@ -59,14 +60,22 @@ impl Experiment {
     /// # Errors
     /// [`ExperimentError`], naming the file, and within it the line or the run.
     pub fn read(path: &Path) -> Result<Self, ExperimentError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| StrictError::Unreadable { path: path.into(), source })?;
-        let experiment = load(strict::parse(&text, path)?, path).and_then(|experiment| {
+        let text =
+            names::read_text(path).map_err(|source| StrictError::Unreadable { path: path.into(), source })?;
+        Self::parse(&text, path)
+    }
+
+    /// Reads the experiment from `text`, as [`Experiment::read`] would at `path`.
+    ///
+    /// # Errors
+    /// As [`Experiment::read`].
+    pub fn parse(text: &str, path: &Path) -> Result<Self, ExperimentError> {
+        let experiment = load(strict::parse(text, path)?, path).and_then(|experiment| {
             experiment.check()?;
             experiment.check_names()?;
             Ok(experiment)
         });
-        experiment.map_err(|error| error.located(path, &text))
+        experiment.map_err(|error| error.located(path, text))
     }
 }
 

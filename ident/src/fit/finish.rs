@@ -17,12 +17,13 @@ use super::problem::Point;
 use super::profile::profile;
 use super::repeat::{hold_out, repeat};
 use super::report::{
-    Combination, Fit, FittedParameter, JointInformation, NoiseSeen, RunErrors, RunValue, StartLoss,
+    Combination, Fit, FittedParameter, JointInformation, NoiseSeen, NoiseSource, RunErrors, RunValue,
+    StartLoss,
 };
 use super::rest::rested;
 use crate::experiment::{Experiment, Method, Use};
 use crate::geometry::characteristic_length_m;
-use crate::loss::{SquaredError, keypoint_errors};
+use crate::loss::{AxisError, SquaredError, keypoint_errors};
 use crate::parameters::{ON_BOUND_SHARE, Parameters};
 
 /// Losses that differ by no more than this share are one.
@@ -64,7 +65,7 @@ pub(super) fn finish(
             names: names(problem.parameters, &(0..free.len()).collect::<Vec<_>>()),
         });
     }
-    let noise_m = noise_m(objective, &known, assumed);
+    let (noise_m, noise_source) = noise_m(objective, &known, assumed);
     let model = problem.parameters.applied(&point.values, problem.model);
     let intervals = (experiment.fit.profile && !interrupted && !point.values.is_empty())
         .then(|| profile(objective, point, &known, &mut counts));
@@ -79,6 +80,9 @@ pub(super) fn finish(
         stop_reason: arrival.stop_reason.clone(),
         loss_m2: repeated.loss_m2,
         noise_m,
+        noise_source,
+        error_m: error_m(&repeated.runs, Use::Fit),
+        holdout_error_m: error_m(&repeated.runs, Use::Holdout),
         parameters: fitted_parameters(objective, point, &known, intervals.as_deref()),
         runs: repeated
             .runs
@@ -169,10 +173,22 @@ fn names(parameters: &Parameters, places: &[usize]) -> Vec<String> {
     places.iter().map(|&i| parameters.free[i].name().to_owned()).collect()
 }
 
-/// What is noise and not the model's fault \[m\].
-fn noise_m(objective: &Objective<'_>, known: &Information, assumed: &AssumedNoise) -> f64 {
-    if assumed.stated || known.runs.is_empty() {
-        return assumed.common_m;
+/// How far off the simulation of the runs of this use is \[m\].
+fn error_m(runs: &[FittedRun], usage: Use) -> Option<f64> {
+    let mut error = AxisError::default();
+    for run in runs.iter().filter(|run| run.usage == usage) {
+        error.add(&run.measured, &run.simulated.position_m, run.scored_from_s);
+    }
+    error.rms_m()
+}
+
+/// What is noise and not the model's fault \[m\], and who says so.
+fn noise_m(objective: &Objective<'_>, known: &Information, assumed: &AssumedNoise) -> (f64, NoiseSource) {
+    if assumed.stated {
+        return (assumed.common_m, NoiseSource::Stated);
+    }
+    if known.runs.is_empty() {
+        return (assumed.common_m, NoiseSource::Images);
     }
     let terms = &objective.problem.terms;
     let counts = || terms.iter().map(|term| term.observations.len() as f64);
@@ -181,7 +197,10 @@ fn noise_m(objective: &Objective<'_>, known: &Information, assumed: &AssumedNois
     };
     let left_m = mean_square(&|run| known.runs[run].seen.rms_m.powi(2)).sqrt();
     let shown_m = mean_square(&|run| assumed.of_run(terms[run].rehearsal.run).powi(2)).sqrt();
-    if left_m <= NOISE_ALONE_RATIO * shown_m { left_m } else { shown_m }
+    match left_m <= NOISE_ALONE_RATIO * shown_m {
+        true => (left_m, NoiseSource::Residuals),
+        false => (shown_m, NoiseSource::Images),
+    }
 }
 
 fn fitted_parameters(
@@ -198,8 +217,10 @@ fn fitted_parameters(
         let near = ON_BOUND_SHARE * scale.width();
         let by_run = constancy(parameters, &point.values, known, &ids, i);
         let by_run = by_run.filter(|_| known.determined[i]);
-        list.extend(parameter.names.iter().zip(&parameter.shares).map(|(name, share)| FittedParameter {
+        let named = parameter.names.iter().zip(&parameter.places).zip(&parameter.shares);
+        list.extend(named.map(|((name, place), share)| FittedParameter {
             name: name.clone(),
+            unit: objective.problem.model.unit(*place).into(),
             value: share * value,
             std: share * known.std[i],
             lower: share * scale.lower(),

@@ -66,7 +66,7 @@ pub use fitted::{Fitted, FittedRun, Timing};
 pub use recalibrate::recalibrate;
 pub use report::{
     Combination, Constancy, Drift, FirstTouch, Fit, FittedParameter, JointInformation, NoiseSeen,
-    Recalibration, RunErrors, RunValue, StartLoss,
+    NoiseSource, Recalibration, RunErrors, RunValue, StartLoss,
 };
 pub use run::{first_answer, fit, resume};
 pub use warm_start::WarmStart;

@@ -29,6 +29,16 @@ pub struct Fit {
     /// Keypoint noise \[m\], one standard deviation per coordinate: as stated; or what the residuals leave, if that
     /// is no more than the images by themselves show; or what these show.
     pub noise_m: f64,
+    /// Which of these it is.
+    #[serde(default)]
+    pub noise_source: NoiseSource,
+    /// How far off the calibrated model is on the runs it was fitted to \[m\], as [`AxisError`](crate::loss::AxisError) says; of the
+    /// same kind as `noise_m`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error_m: Option<f64>,
+    /// The same on held-out runs \[m\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub holdout_error_m: Option<f64>,
     /// The fitted parameters.
     pub parameters: Vec<FittedParameter>,
     /// Errors of each run, fitted or held out, over its scored images.
@@ -52,6 +62,19 @@ pub struct Fit {
     /// What became of an earlier fit that this one started from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recalibration: Option<Recalibration>,
+}
+
+/// Where [`Fit::noise_m`] comes from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum NoiseSource {
+    /// Somebody stated it.
+    Stated,
+    /// What the fit leaves of the keypoints: no more than their images by themselves show.
+    Residuals,
+    /// The keypoints' paths alone: still images, and how rough the others are.
+    #[default]
+    Images,
 }
 
 /// What became of an earlier fit when a new run came.
@@ -127,6 +150,9 @@ pub struct JointInformation {
 pub struct FittedParameter {
     /// Name.
     pub name: String,
+    /// Its unit, `1` for none; empty in a `fit.json` that did not say it yet.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub unit: String,
     /// Best value.
     pub value: f64,
     /// Standard deviation; as wide as the bounds where nothing is known.

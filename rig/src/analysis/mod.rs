@@ -17,7 +17,7 @@ pub mod timeline;
 use std::path::Path;
 use std::sync::Arc;
 
-use ident::diagnose::{self, DiagnoseError, Diagnosed, diagnose};
+use ident::diagnose::{self, DiagnoseError, Diagnosed, NextExperiment, diagnose};
 use ident::fit::{Fitted, Observer, WarmStart};
 use ident::table;
 
@@ -33,6 +33,7 @@ use crate::record::simulated::Simulated;
 use crate::record::sums::Sums;
 use crate::record::timing::{self, Timing};
 use crate::report::{DiagnosisFigures, ReportData};
+use crate::shell;
 use crate::showing::Showing;
 use crate::vision::extractor::LEARN_FROM;
 use crate::vision::{Extraction, ImageRecord, SequenceError, Status, Task};
@@ -189,10 +190,12 @@ impl Analysis<'_> {
             self.write_fit(&fitted, timing)?;
         }
         let wanted = self.config.run.diagnose;
-        let diagnosed =
+        let mut diagnosed =
             // from the model itself, not from where the fit has ended: causes are sought from both
             wanted.then(|| timing.measure("diagnosis", || diagnose(&experiment, progress)));
-        if let Some(Ok(diagnosed)) = &diagnosed {
+        if let Some(Ok(diagnosed)) = &mut diagnosed {
+            let design = |_: &str| Some(shell::design(self.run.path(), self.run.start().config_path()?));
+            NextExperiment::to_type(&mut diagnosed.diagnosis.next_experiments, design);
             write_json(&self.out.join(file::DIAGNOSIS), &diagnosed.diagnosis)?;
         }
         timing.write(&self.out.join(file::TIMING))?;

@@ -52,6 +52,49 @@ struct RunConfig {
     profile: Option<ProfileConfig>,
 }
 
+/// An experiment, and what it was read from.
+pub struct Given {
+    /// As a fit takes it.
+    pub experiment: Experiment,
+    /// As `experiment.toml` says it.
+    pub text: String,
+    /// The config of its rig, where that is known.
+    pub config: Option<PathBuf>,
+}
+
+/// What is at `path`: an `experiment.toml`; or a run folder, which is the experiment of that run alone.
+///
+/// # Errors
+/// [`Failure::Input`] when it is neither, [`Failure::Data`] when the run has nothing to fit.
+pub fn given(path: &Path) -> Result<Given, Failure> {
+    if path.join(file::START).is_file() {
+        let home = path.canonicalize().map_err(Failure::input)?;
+        let text = composed(&[(Use::Fit, path)], None, true, &home)?;
+        let experiment = Experiment::parse(&text, &home.join(EXPERIMENT))?;
+        let config = RunFolder::open(path).map_err(Failure::input)?.start().config_path().map(Path::to_owned);
+        return Ok(Given { experiment, text, config });
+    }
+    if path.is_dir() {
+        let found = path.join(EXPERIMENT);
+        return Err(Failure::Input(match found.is_file() {
+            true => anyhow!("{} is a folder; did you mean {}?", path.display(), found.display()),
+            false => anyhow!(
+                "{} is a folder, and no run's: an experiment.toml or one run folder is wanted; `rig experiment RUN... --out {EXPERIMENT}` \
+                 makes one of several run folders",
+                path.display()
+            ),
+        }));
+    }
+    let experiment = Experiment::read(path)?;
+    let text = std::fs::read_to_string(path)
+        .with_context(|| format!("reading {}", path.display()))
+        .map_err(Failure::Input)?;
+    Ok(Given { experiment, text, config: None })
+}
+
+/// The usual name of an experiment's file.
+const EXPERIMENT: &str = "experiment.toml";
+
 /// Writes the experiment of the run folders `runs` to `out`, with the model they were made with or another, and gives it as a fit
 /// reads it. `drops`: whether somebody is there to let go of the mechanism in a next run.
 ///
@@ -68,7 +111,18 @@ pub fn compose(
     std::fs::create_dir_all(home)
         .with_context(|| format!("creating {}", home.display()))
         .map_err(Failure::Input)?;
+    write_whole(out, composed(runs, model, drops, home)?.as_bytes()).map_err(Failure::input)?;
+    // Read back as the fit will read it: what it would refuse is said now.
+    Ok(Experiment::read(out)?)
+}
 
+/// The text of the experiment of `runs`, for a file in the folder `home`.
+fn composed(
+    runs: &[(Use, &Path)],
+    model: Option<&Path>,
+    drops: bool,
+    home: &Path,
+) -> Result<String, Failure> {
     let mut entries = Vec::new();
     let (mut config, mut design) = (None, None);
     let (mut known, mut suspected) = (FitConfig::default(), DiagnoseConfig::default());
@@ -98,10 +152,7 @@ pub fn compose(
     }
     let design = DesignConfig { drops, ..design.unwrap_or_default() };
     let file = ExperimentFile { model, fit, diagnose, design, mechanism, water, cause, run: entries };
-    let text = toml::to_string(&file).map_err(Failure::internal)?;
-    write_whole(out, text.as_bytes()).map_err(Failure::input)?;
-    // Read back as the fit will read it: what it would refuse is said now.
-    Ok(Experiment::read(out)?)
+    toml::to_string(&file).map_err(Failure::internal)
 }
 
 /// Opens a run folder and sees that it holds a trajectory.
@@ -143,12 +194,32 @@ fn between(from: &Path, to: &Path) -> PathBuf {
     let (from, to): (Vec<_>, Vec<_>) = (from.components().collect(), to.components().collect());
     let common = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
     let up = std::iter::repeat_n(Component::ParentDir, from.len() - common);
-    up.chain(to[common..].iter().copied()).collect()
+    let here = (common == from.len() && common == to.len()).then_some(Component::CurDir);
+    here.into_iter().chain(up).chain(to[common..].iter().copied()).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::fixtures;
+
+    #[test]
+    fn run_folder_is_an_experiment_of_its_own() {
+        let runs = tempfile::tempdir().unwrap();
+        let start = Start { kind: RunKind::Free, ..fixtures::start("20261120T101503Z-ab12cd") };
+        let run = RunFolder::create(runs.path(), start).unwrap();
+        let model = include_bytes!("../../../configs/models/chain-passive.xml");
+        run.write(file::MODEL_START, model).unwrap();
+        run.write(file::TRAJECTORY, b"time_s,P1_x_m,P1_z_m\n0,0.01,-0.02\n0.1,0.02,-0.02\n").unwrap();
+        let Given { experiment, text, config } = given(run.path()).unwrap();
+        assert_eq!(experiment.runs.len(), 1);
+        assert_eq!((experiment.runs[0].id.as_str(), config), ("20261120T101503Z-ab12cd", None));
+        assert!(text.contains("folder = \".\""), "{text}");
+        assert!(!run.file(EXPERIMENT).exists(), "nothing is written into a run");
+
+        let error = given(runs.path()).err().unwrap();
+        assert!(error.error().to_string().contains("rig experiment RUN..."), "{}", error.error());
+    }
 
     #[test]
     fn way_between_folders_goes_up_to_the_common_one_and_down_again() {
@@ -156,5 +227,6 @@ mod tests {
         assert_eq!(way("/a/b", "/a/runs/1"), Path::new("../runs/1"));
         assert_eq!(way("/a", "/a/runs/1"), Path::new("runs/1"));
         assert_eq!(way("/a/b/c", "/d"), Path::new("../../../d"));
+        assert_eq!(way("/a/b", "/a/b"), Path::new("."));
     }
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, anyhow};
 use ident::design::runs::{Motion, Proposal};
+use ident::diagnose::NextExperiment;
 use ident::experiment::DesignConfig;
 use ident::strict::Positive;
 
@@ -12,6 +13,7 @@ use super::Failure;
 use crate::profile::{Profile, ProfileConfig};
 use crate::record::files::write_whole;
 use crate::servo::ServoConfig;
+use crate::shell;
 
 /// Tables and keys of a rig config that hold paths.
 const PATH_KEYS: [(&str, &str); 5] = [
@@ -81,6 +83,11 @@ pub fn write_configs(config: &Path, next: &[Proposal], folder: &Path) -> Result<
             .map_err(Failure::internal)?;
     }
     Ok(())
+}
+
+/// Says in `advice` what makes each run whose config is in `folder`.
+pub fn say_commands(advice: &mut [NextExperiment], folder: &Path) {
+    NextExperiment::to_type(advice, |run| Some(shell::run(&folder.join(format!("{run}.toml")))));
 }
 
 fn changed(base: &toml::Table, proposal: &Proposal) -> Result<toml::Table, Failure> {

@@ -89,9 +89,12 @@ mod tests {
                 Coefficient {
                     run: run.to_string(),
                     name: "g3/blunt".into(),
+                    unit: "1".into(),
                     value: 1.0 + slope * run as f64 + scatter * noise,
                     std: Some(0.01),
                     determined: true,
+                    lower: 0.0,
+                    upper: 10.0,
                 }
             })
             .collect()

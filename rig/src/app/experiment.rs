@@ -8,6 +8,7 @@ use super::announce::count_down;
 use super::live::Beside;
 use super::{Failure, InRun, Interrupt, Watcher, on_threads, read_model, recover};
 use crate::analysis::{Analysis, AnalysisError, Stage, prepared};
+use crate::camera::CameraKind;
 use crate::claim::Claim;
 use crate::config::RigConfig;
 use crate::doctor::{self, Health};
@@ -58,7 +59,7 @@ impl Experiment<'_> {
     /// Sees that what is filmed can be extracted and fitted.
     ///
     /// # Errors
-    /// [`Failure::Input`] where the config names what the model has not; and for SAM 2, whose clicks are in a picture of a film.
+    /// [`Failure::Input`] where the config names what the model has not, or puts the mechanism outside of the picture; and for SAM 2, whose clicks are in a picture of a film.
     pub fn check(&self) -> Result<(), Failure> {
         if self.config.vision.sam2().is_some() && self.extent != Extent::Film {
             return Err(Failure::Input(anyhow!(
@@ -66,6 +67,15 @@ impl Experiment<'_> {
                  longer than the filming; say \"classical\" here or `rig run --film-only`, then `rig replay RUN --config CONFIG --out DIR` \
                  with segmenter = \"sam2\" and the clicks in CONFIG"
             )));
+        }
+        let camera = &self.config.camera;
+        // a recorded camera has the size that it was recorded with
+        if self.extent != Extent::Film && camera.kind != CameraKind::Replay {
+            let check =
+                doctor::picture::calibration(self.config, self.base, [camera.width_px, camera.height_px]);
+            if check.health == Health::Bad {
+                return Err(Failure::Input(anyhow!("{}: {}", check.subject, check.finding)));
+            }
         }
         if self.extent == Extent::Report {
             prepared(self.config, read_model(&self.base.join(&self.config.run.model))?)?;

@@ -43,7 +43,7 @@ impl<'a> Beside<'a> {
         if self.chronicle.is_none() {
             self.chronicle = Some(Chronicle::new(folder.origin()));
             let fps = folder.start().camera.as_ref().map_or(0.0, |camera| camera.fps);
-            self.showing.film(self.config, folder.origin(), fps);
+            self.showing.film(&folder.start().id, self.config, folder.origin(), fps);
             let start = || Live::start(folder, self.config, self.base, self.threads, self.showing.clone());
             self.live = (self.extent != Extent::Film).then(start).flatten();
         }

@@ -7,7 +7,7 @@ use ident::diagnose::{Diagnosed, NamedCause};
 use ident::experiment::{Experiment, Use};
 use ident::fit::{Fit, Fitted, FittedRun};
 
-use super::Failure;
+use super::{Failure, compose};
 use crate::record::files::{create_folder, write_whole};
 use crate::record::folder::file;
 use crate::record::timing::{Stage, Timing};
@@ -19,17 +19,16 @@ pub(super) struct Given<'a> {
     pub(super) out: &'a Path,
     path: &'a Path,
     text: String,
+    /// The config of its rig, where that is known.
+    pub(super) config: Option<PathBuf>,
 }
 
 impl<'a> Given<'a> {
-    /// Reads the experiment at `path` and makes the folder `out`.
+    /// Reads the experiment at `path`, which may be a run folder, and makes the folder `out`.
     pub(super) fn read(path: &'a Path, out: &'a Path) -> Result<Self, Failure> {
-        let experiment = Experiment::read(path)?;
-        let text = std::fs::read_to_string(path)
-            .with_context(|| format!("reading {}", path.display()))
-            .map_err(Failure::Input)?;
+        let compose::Given { experiment, text, config } = compose::given(path)?;
         create_folder(out).map_err(Failure::input)?;
-        Ok(Self { experiment, out, path, text })
+        Ok(Self { experiment, out, path, text, config })
     }
 
     /// What the results were made from.

@@ -3,26 +3,27 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use anyhow::anyhow;
 use ident::diagnose::{NextExperiment, diagnose, pin_down};
-use ident::experiment::Experiment;
 
 use super::{Failure, Outcome};
-use crate::app::design::write_configs;
+use crate::app::compose::{Given, given};
+use crate::app::design::{say_commands, write_configs};
 
 /// Says which runs would tell rival causes apart, or pin down loose parameters.
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// experiment.toml of the runs there are
+    /// experiment.toml of the runs there are, or a run folder
     #[arg(value_name = "EXPERIMENT")]
     experiment: PathBuf,
     /// Fitted parameter to pin down; may be given again. Left out: the rivals of the diagnosis are told apart
     #[arg(long = "for", value_name = "PARAM")]
     parameters: Vec<String>,
-    /// Config of the rig, from which the configs of the proposed runs are made
+    /// Config of the rig, from which the configs of the proposed runs are made [default: the one that a run folder says it was made with]
     #[arg(long, value_name = "RIG.toml", requires = "out")]
     config: Option<PathBuf>,
     /// Folder for these configs
-    #[arg(long, value_name = "DIR", requires = "config")]
+    #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
 
@@ -31,15 +32,26 @@ pub struct Args {
 /// # Errors
 /// [`Failure::Input`] for an experiment or config that contradicts itself, [`Failure::Data`] for runs that hold no answer.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
-    let experiment = Experiment::read(&args.experiment)?;
-    let (advice, next) = if args.parameters.is_empty() {
+    let Given { experiment, config, .. } = given(&args.experiment)?;
+    let config = args.config.clone().or(config);
+    let (mut advice, next) = if args.parameters.is_empty() {
         let diagnosed = diagnose(&experiment, &mut ())?;
         (diagnosed.diagnosis.next_experiments, diagnosed.next)
     } else {
         pin_down(&experiment, &args.parameters)?
     };
-    if let (Some(config), Some(out)) = (&args.config, &args.out) {
-        write_configs(config, &next, out)?;
+    match (&config, &args.out) {
+        (Some(config), Some(out)) => {
+            write_configs(config, &next, out)?;
+            say_commands(&mut advice, out);
+        }
+        (None, Some(out)) => {
+            return Err(Failure::Input(anyhow!(
+                "configs for {} are made of the rig's own: say which, `--config RIG.toml`",
+                out.display()
+            )));
+        }
+        (_, None) => {}
     }
     Ok(Outcome { out: args.out.clone(), text: table(&advice), ..Outcome::default() })
 }
@@ -51,14 +63,22 @@ fn table(advice: &[NextExperiment]) -> String {
     let mut text = String::new();
     for next in advice {
         let about = next.separates.join(" / ");
-        let _ = match next.kind.as_str() {
-            "measurement" => writeln!(text, "{about}: {}", next.what),
-            _ => writeln!(
-                text,
-                "{about}: {:.3e} -> {:.3e}  {}  ({})",
-                next.before, next.after, next.command, next.what
-            ),
+        let _ = match (&next.proposal, next.command.as_str()) {
+            (None, _) => writeln!(text, "{about}: {}", next.what),
+            (Some(_), "") => {
+                writeln!(text, "{about}: {:.3e} -> {:.3e}  {}", next.before, next.after, next.what)
+            }
+            (Some(_), command) => {
+                writeln!(
+                    text,
+                    "{about}: {:.3e} -> {:.3e}  {command}  ({})",
+                    next.before, next.after, next.what
+                )
+            }
         };
+    }
+    if advice.iter().any(|next| next.proposal.is_some() && next.command.is_empty()) {
+        text.push_str("With --config, the rig's config, and --out a config of each is written.\n");
     }
     text
 }

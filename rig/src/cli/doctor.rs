@@ -6,8 +6,11 @@ use anyhow::anyhow;
 
 use super::{Failure, Outcome};
 use crate::app::base;
-use crate::config::RigConfig;
+use crate::clock::Now;
+use crate::config::{RigConfig, ScheduleConfig};
+use crate::daemon::next_slot;
 use crate::doctor::{Check, Health, devices, host};
+use crate::error_chain::with_causes;
 use crate::servo::ServoConfig;
 
 /// Arguments of `rig doctor`.
@@ -32,6 +35,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     if let Some(port) = config.servo.as_ref().and_then(ServoConfig::outside_port) {
         checks.extend(host::latency_timer(Path::new(port)));
     }
+    checks.extend(config.schedule.as_ref().map(schedule));
     checks.extend(devices::look(&config, base(&args.config), &args.runs_dir));
     let text: Vec<String> = checks.iter().map(ToString::to_string).collect();
     let bad = checks.iter().filter(|check| check.health == Health::Bad).count();
@@ -43,4 +47,33 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         )));
     }
     Ok(Outcome { text: text.join("\n"), ..Outcome::default() })
+}
+
+/// Whether a daemon takes the schedule, and when it would run first.
+fn schedule(config: &ScheduleConfig) -> Check {
+    let subject = "schedule";
+    match next_slot(config, Now::read()) {
+        Ok(slot) => Check::good(subject, format!("`{}`: next at {slot}", config.cron)),
+        Err(error) => Check::bad(subject, with_causes(&error)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn schedule_that_no_daemon_takes_is_told() {
+        let look = |text: &str| schedule(&toml::from_str(text).unwrap());
+        let good = look("cron = \"0 3 * * *\"\ntime_zone = \"Europe/Zurich\"");
+        assert!(good.health == Health::Good && good.finding.contains("03:00:00"), "{good}");
+        for (text, word) in [
+            ("cron = \"0 25 * * *\"", "0 25 * * *"),
+            ("cron = \"0 3 * * *\"\ntime_zone = \"Europe/Atlantis\"", "Europe/Atlantis"),
+            ("cron = \"0 3 30 2 *\"", "has no slot"),
+        ] {
+            let bad = look(text);
+            assert!(bad.health == Health::Bad && bad.finding.contains(word), "{bad}");
+        }
+    }
 }

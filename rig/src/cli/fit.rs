@@ -12,7 +12,7 @@ use crate::report;
 /// Fits the model of an experiment to its runs.
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// experiment.toml, as written by hand or by `rig experiment`
+    /// experiment.toml, as written by hand or by `rig experiment`; or one run folder
     #[arg(value_name = "EXPERIMENT")]
     experiment: PathBuf,
     /// Folder for fit.json, model.xml, report.html and timing.json

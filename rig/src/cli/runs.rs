@@ -177,7 +177,7 @@ fn table(runs: &[Summary]) -> String {
         return "no runs yet\n".into();
     }
     let mut text =
-        format!("{:<23}  {:<10}  {:>10}  {:>7}  fit error\n", "run", "status", "duration", "images");
+        format!("{:<23}  {:<10}  {:>10}  {:>7}  what came out\n", "run", "status", "duration", "images");
     for run in runs {
         let _ = match &run.reason {
             Some(error) if run.status == "unreadable" => writeln!(text, "{}  unreadable: {error}", run.id),
@@ -188,7 +188,7 @@ fn table(runs: &[Summary]) -> String {
                 run.status,
                 run.duration_s.map_or("-".into(), |s| format!("{s:.1} s")),
                 run.images.map_or("-".into(), |count| count.to_string()),
-                run.fit_error_m.map_or("-".into(), |m| format!("{} mm", ident::millimetres(m))),
+                run.headline.as_ref().map_or("-", |headline| &headline.line),
             ),
         };
     }
@@ -235,8 +235,8 @@ fn describe(run: &RunFolder) -> Result<String, RecordError> {
             );
         }
     }
-    if let Some(error_m) = summary.fit_error_m {
-        line("fit error", &format_args!("{:.3} mm, mean over keypoints", error_m * 1e3));
+    if let Some(headline) = &summary.headline {
+        line("came out", &headline.line);
     }
     line("folder", &run.path().display());
 
@@ -275,8 +275,8 @@ mod tests {
     fn finished_and_cut_short_runs_are_listed_with_what_is_known() {
         let dir = tempfile::tempdir().unwrap();
         let mut finished = create(dir.path(), "20261120T101503Z-ab12cd");
-        let fit = r#"{"runs":[{"keypoints":[{"mean_error_m":0.001},{"mean_error_m":0.002}]}]}"#;
-        finished.write(file::FIT, fit.as_bytes()).unwrap();
+        let fit = ident::fit::Fit { error_m: Some(0.0015), noise_m: 1e-3, ..Default::default() };
+        finished.write(file::FIT, fit.to_json().unwrap().as_bytes()).unwrap();
         finished
             .finish(
                 Stop {
@@ -294,11 +294,15 @@ mod tests {
 
         let text = show(dir.path(), Action::Ls { folder: None });
         let lines: Vec<_> = text.lines().collect();
-        assert_eq!(lines[1], "20261120T101503Z-ab12cd  success          3.5 s      350  1.50 mm");
+        let said = "The simulation follows the keypoints to their noise: off by 1.50 mm, 1.5 times the noise of 1.00 mm.";
+        assert_eq!(lines[1], format!("20261120T101503Z-ab12cd  success          3.5 s      350  {said}"));
         assert!(lines[2].contains("incomplete") && lines[2].ends_with('-'), "{text}");
 
         let text = show(dir.path(), Action::Show { run: "20261120T101503Z-ab12cd".into() });
-        assert!(text.contains("fit error  1.500 mm") && text.contains("lost       2 images"), "{text}");
+        assert!(
+            text.contains(&format!("came out   {said}")) && text.contains("lost       2 images"),
+            "{text}"
+        );
         let by_path = cut_short.path().to_str().unwrap().to_owned();
         let text = show(dir.path(), Action::Show { run: by_path });
         assert!(text.contains("incomplete") && text.contains("armed  {\"boot_id\":7}"), "{text}");

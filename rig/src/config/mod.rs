@@ -35,6 +35,9 @@ use crate::vision::config::{Background, VisionConfig};
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RigConfig {
+    /// The file it was read from, from the root on; none where it was read from a text.
+    #[serde(skip)]
+    pub path: Option<PathBuf>,
     /// What is done, and with which model.
     pub run: RunConfig,
     /// The servo board; a drop has none.
@@ -132,7 +135,8 @@ impl RigConfig {
     /// # Errors
     /// [`ConfigError`], naming the file and, within it, the line or the tables.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
-        Self::checked(strict::read(path)?, path)
+        let config = Self::checked(strict::read(path)?, path)?;
+        Ok(Self { path: std::path::absolute(path).ok(), ..config })
     }
 
     /// Reads the config from `text`, as [`RigConfig::read`] would at `path`.

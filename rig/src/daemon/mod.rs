@@ -35,6 +35,7 @@ use crate::urgency::give_way_to_the_kernel;
 use api::Api;
 use api::token::{self, Token};
 use rig::{May, Rig};
+pub use slots::next_slot;
 use tokio::net::TcpListener;
 
 /// Queues, jobs and clock are looked at so often: a stop that is asked for is on its way within this time.

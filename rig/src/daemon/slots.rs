@@ -62,6 +62,14 @@ pub(super) enum Busy {
     Held,
 }
 
+/// The next slot of a config's schedule after `now`.
+///
+/// # Errors
+/// [`ScheduleError`] where a daemon would refuse it.
+pub fn next_slot(config: &ScheduleConfig, now: Now) -> Result<Zoned, ScheduleError> {
+    Slots::new(config, None, now)?.next(now)
+}
+
 impl Slots {
     /// Of a config's schedule; `last` is the last slot that an earlier daemon dealt with.
     ///

@@ -3,12 +3,10 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use super::Check;
-use crate::calibration::Calibration;
+use super::{Check, picture};
 use crate::camera::{Camera, CameraKind, images_lost};
 use crate::clock::{ClockFit, MonotonicNs, Ping, Wire};
 use crate::config::RigConfig;
-use crate::error_chain::with_causes;
 use crate::run::open;
 use crate::servo::{ServoBoard, ServoConfig, ServoError, ServoEvent};
 
@@ -37,26 +35,11 @@ pub fn look(config: &RigConfig, base: &Path, runs_dir: &Path) -> Vec<Check> {
         board.stop();
     }
     let filmed = opened.camera.info();
-    checks.push(calibration_finding(&config.calibration, base, [filmed.width_px, filmed.height_px]));
+    checks.push(picture::calibration(config, base, [filmed.width_px, filmed.height_px]));
     checks.extend(image_clock(config));
     checks.extend(look_at_camera(opened.camera.as_mut(), config.camera.stall()));
     opened.camera.stop();
     checks
-}
-
-/// Whether the calibration can be used for pictures of this size \[px\].
-fn calibration_finding(calibration: &Calibration, base: &Path, size_px: [u32; 2]) -> Check {
-    let subject = "calibration";
-    let plane = calibration.plane(base).and_then(|plane| plane.fits(size_px).map(|()| plane));
-    match plane {
-        Ok(plane) => {
-            let middle = size_px.map(|side| (f64::from(side) - 1.0) / 2.0);
-            let scale = plane.metres_per_pixel(middle) * 1e3;
-            let from = calibration.file.as_deref().map_or("[calibration]".into(), Path::to_string_lossy);
-            Check::good(subject, format!("{from}: {scale:.4} mm/px in the middle of the picture"))
-        }
-        Err(error) => Check::bad(subject, with_causes(&error)),
-    }
 }
 
 /// How well the images' times are known against the servo's.

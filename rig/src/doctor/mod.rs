@@ -2,6 +2,7 @@
 
 pub mod devices;
 pub mod host;
+pub mod picture;
 
 use std::fmt;
 

@@ -79,8 +79,11 @@ impl RunFolder {
     /// Opens a run folder for reading. One without `stop.json` is incomplete and opens all the same.
     ///
     /// # Errors
-    /// [`RecordError`] when there is no readable `start.json`, or a `stop.json` that cannot be read.
+    /// [`RecordError`] when it is a file, when there is no readable `start.json`, or a `stop.json` that cannot be read.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
+        if path.is_file() {
+            return Err(RecordError::NoFolder { path: path.into() });
+        }
         let start = read_json(&path.join(file::START))?;
         let stop = path.join(file::STOP);
         let stop = if stop.exists() { Some(read_json(&stop)?) } else { None };

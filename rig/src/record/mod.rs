@@ -44,6 +44,12 @@ pub enum RecordError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// A file was named in place of a run's folder.
+    #[error("{} is a file, and a run's folder is wanted: for its recording, report or results, the folder they are in", path.display())]
+    NoFolder {
+        /// The file.
+        path: PathBuf,
+    },
     /// The recording's writer refused.
     #[error("writing {}", path.display())]
     Write {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::path::Path;
 
 pub use ident::experiment::RunKind;
 use serde::{Deserialize, Serialize};
@@ -54,6 +55,17 @@ pub struct Start {
     /// What else is known: calibration, water, weights.
     #[serde(flatten)]
     pub details: BTreeMap<String, Value>,
+}
+
+impl Start {
+    /// Of [`Start::details`]: the config that the run was made with.
+    pub const CONFIG_PATH: &str = "config_path";
+
+    /// The config that the run was made with, where it is still there.
+    pub fn config_path(&self) -> Option<&Path> {
+        let path = Path::new(self.details.get(Self::CONFIG_PATH)?.as_str()?);
+        path.is_file().then_some(path)
+    }
 }
 
 /// How a run ended.

@@ -5,8 +5,9 @@ use maud::{Markup, html};
 
 use super::data::ReportData;
 use super::diagnosis_figures::{against, heat, spectrum, unknown_force};
-use super::diagnosis_text::{details, tone, value};
+use super::diagnosis_text::{details, value};
 use super::format::{millimetres, significant};
+use super::verdict::diagnosis_tone;
 
 /// The sections of the diagnosis; nothing without one.
 pub(super) fn section(data: &ReportData) -> Markup {
@@ -20,7 +21,7 @@ pub(super) fn section(data: &ReportData) -> Markup {
     html! {
         @if data.fit.is_some() {
             h2 #diagnosis { "Diagnosis" }
-            div class={ "verdict " (tone(diagnosis.verdict).class()) } {
+            div class={ "verdict " (diagnosis_tone(diagnosis.verdict).class()) } {
                 p.line { (diagnosis.sentence) }
                 ul { @for detail in details(diagnosis) { li { (detail) } } }
             }

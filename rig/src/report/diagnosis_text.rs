@@ -7,16 +7,7 @@ use ident::diagnose::{
 };
 
 use super::format::{millimetres, significant, whole_percent};
-use super::tone::Tone;
-
-/// How good the news is.
-pub(super) fn tone(verdict: Verdict) -> Tone {
-    match verdict {
-        Verdict::NothingDetectable | Verdict::Cause | Verdict::Causes => Tone::Good,
-        Verdict::Suspected | Verdict::Ambiguous => Tone::Caution,
-        Verdict::Unexplained => Tone::Bad,
-    }
-}
+use super::verdict::ratio_text;
 
 /// `value unit (lower to upper)`.
 pub(super) fn value(parameter: &CauseParameter) -> String {
@@ -37,6 +28,17 @@ pub(super) fn value(parameter: &CauseParameter) -> String {
 /// Sentences that qualify the verdict.
 pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
     let mut list = Vec::new();
+    if let (Some(before), floor_m) = (diagnosis.error_m(false), diagnosis.floor_m()) {
+        let after = diagnosis.error_m(true).filter(|_| !diagnosis.causes.is_empty());
+        let named =
+            after.map_or(String::new(), |after| format!("; with what is named by {} mm", millimetres(after)));
+        list.push(format!(
+            "Before, the simulation is off by {} mm, {} times the noise of {} mm{named}.",
+            millimetres(before),
+            ratio_text(before / floor_m),
+            millimetres(floor_m)
+        ));
+    }
     for cause in &diagnosis.causes {
         let numbers: Vec<String> = cause
             .parameters
@@ -108,23 +110,20 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
     list
 }
 
-/// A next step in a line.
-pub(super) fn advice(next: &NextExperiment) -> String {
+/// A next step in a line; what to type for it is told elsewhere.
+fn advice(next: &NextExperiment) -> String {
     let apart = next.separates.join(" and ");
-    if next.command.is_empty() {
-        return match &next.separates[..] {
-            [] => format!("{}.", next.what),
-            [one] => format!("to check {one}: {}.", next.what),
-            _ => format!("{}: tells {apart} apart.", next.what),
-        };
+    match &next.separates[..] {
+        _ if next.proposal.is_some() => format!(
+            "{}: separation of {apart} {} -> {}",
+            next.what,
+            significant(next.before),
+            significant(next.after)
+        ),
+        [] => format!("{}.", next.what),
+        [one] => format!("to check {one}: {}.", next.what),
+        _ => format!("{}: tells {apart} apart.", next.what),
     }
-    format!(
-        "{} ({}): separation of {apart} {} -> {}",
-        next.command,
-        next.what,
-        significant(next.before),
-        significant(next.after)
-    )
 }
 
 fn capital(text: &str) -> String {
@@ -134,22 +133,26 @@ fn capital(text: &str) -> String {
         .map_or(String::new(), |first| first.to_uppercase().chain(letters).collect::<String>() + ".")
 }
 
+/// Next steps told in a terminal.
+const MOST_ADVISED: usize = 3;
+
 /// The diagnosis as lines for a terminal.
 pub fn diagnosis_summary(diagnosis: &Diagnosis) -> String {
     let mut text = format!("{}: {}\n", diagnosis.verdict.name(), diagnosis.sentence);
     for detail in details(diagnosis) {
         let _ = writeln!(text, "- {detail}");
     }
-    let before = &diagnosis.whiteness.before;
-    let _ = writeln!(
-        text,
-        "- Residual {} mm, noise {} mm; {:.0} % of the squares could be explained.",
-        millimetres(before.rms_m),
-        millimetres(diagnosis.noise_m),
-        100.0 * diagnosis.whiteness.explainable
-    );
-    for next in diagnosis.next_experiments.iter().take(3) {
+    let advised = || diagnosis.next_experiments.iter().take(MOST_ADVISED);
+    let mut typed = "";
+    for next in advised() {
         let _ = writeln!(text, "- Next: {}", advice(next));
+        if !next.command.is_empty() && next.command != typed {
+            typed = &next.command;
+            let _ = writeln!(text, "  {typed}");
+        }
+    }
+    if advised().any(|next| next.proposal.is_some() && next.command.is_empty()) {
+        text.push_str("  With --config, the rig's config, a config of each such run is written.\n");
     }
     text
 }

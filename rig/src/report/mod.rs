@@ -6,7 +6,7 @@
 //! superimposed, each keypoint over time measured (solid) and simulated (dashed), and Table I.
 //!
 //! - `data`: what a report is made of; `gather`: filled from a run folder
-//! - `verdict`: the sentences at the top; `summary`: the same for a terminal
+//! - `verdict`: colour and sentences at the top; `summary`: the same for a terminal
 //! - `chart`, `figures`: plots; `picture`: images with what vision found in them
 //! - `motion`: the mechanism in space, which `motion.js` turns and plays
 //! - `refused`: images that were refused or doubted, by reason
@@ -45,3 +45,5 @@ pub use gather::GatherError;
 pub use motion::Motion;
 pub use page::render;
 pub use summary::{summary, written};
+pub use tone::Tone;
+pub use verdict::{Findings, Headline, is_settled};

@@ -2,12 +2,13 @@
 
 use ident::experiment::Use;
 use ident::fit::RunErrors;
+use ident::loss::REFERENCE_END;
 use maud::{Markup, html};
 
 use super::chart::KEYPOINTS;
 use super::data::{ReportData, RunEnd, RunFigures};
 use super::format::{counted, duration, millimetres, percent, significant};
-use super::verdict::{is_averaged, is_settled, mean_error_m, verdict};
+use super::verdict::{findings, ratio_text, verdict};
 use super::{figures, picture, strip};
 
 /// Title, verdict, key figures, warnings.
@@ -19,8 +20,8 @@ pub(super) fn heading(data: &ReportData) -> Markup {
             h1 { (data.id) }
             @if !data.description.is_empty() { p.lead { (data.description) } }
         }
-        div class={ "verdict " (verdict.tone.class()) } {
-            p.line { (verdict.line) }
+        div class={ "verdict " (verdict.headline.tone.class()) } {
+            p.line { (verdict.headline.line) }
             @if !verdict.details.is_empty() { ul { @for detail in &verdict.details { li { (detail) } } } }
         }
         (tiles(data))
@@ -32,17 +33,20 @@ pub(super) fn heading(data: &ReportData) -> Markup {
 
 fn tiles(data: &ReportData) -> Markup {
     let mut tiles: Vec<(String, String)> = Vec::new();
+    if let Some(findings) = findings(data) {
+        for (error, name) in [(findings.error_m, "error"), (findings.holdout_error_m, "error, held out")] {
+            tiles.extend(error.map(|error| (format!("{} mm", millimetres(error)), name.into())));
+        }
+        if findings.noise_m > 0.0 {
+            tiles.push((format!("{} mm", millimetres(findings.noise_m)), "noise".into()));
+        }
+        tiles.extend(findings.over_noise().map(|ratio| (ratio_text(ratio), "error over noise".into())));
+        if findings.coefficients > 0 {
+            let determined = format!("{} of {}", findings.determined, findings.coefficients);
+            tiles.push((determined, "coefficients determined".into()));
+        }
+    }
     if let Some(fit) = &data.fit {
-        for (usage, name) in [(Use::Fit, "mean error, fitted"), (Use::Holdout, "mean error, held out")] {
-            if let Some(error) = mean_error_m(fit, usage) {
-                tiles.push((format!("{} mm", millimetres(error)), name.into()));
-            }
-        }
-        if fit.noise_m > 0.0 {
-            tiles.push((format!("{} mm", millimetres(fit.noise_m)), "keypoint noise, 1 σ".into()));
-        }
-        let determined = fit.parameters.iter().filter(|p| is_settled(fit, p)).count();
-        tiles.push((format!("{determined} of {}", fit.parameters.len()), "coefficients determined".into()));
         tiles.push((fit.evaluations.to_string(), format!("evaluations, {}", fit.method)));
     }
     if let Some(images) = &data.images {
@@ -75,7 +79,7 @@ pub(super) fn table_of_errors(data: &ReportData) -> Markup {
     let length = fit.characteristic_length_m;
     let mean = |run: &RunErrors| {
         let errors: Vec<f64> =
-            run.keypoints.iter().filter(|k| is_averaged(&k.name)).map(|k| k.mean_error_m).collect();
+            run.keypoints.iter().filter(|k| k.name != REFERENCE_END).map(|k| k.mean_error_m).collect();
         errors.iter().sum::<f64>() / errors.len() as f64
     };
     let cell = |error: f64| {
@@ -119,7 +123,7 @@ pub(super) fn run(data: &ReportData, run: &RunFigures) -> Markup {
     if run.measured.time_s.is_empty() {
         return html! {};
     }
-    let noise_m = data.fit.as_ref().map_or(0.0, |fit| fit.noise_m);
+    let noise_m = findings(data).map_or(0.0, |findings| findings.noise_m);
     let simulated = !run.simulated.time_s.is_empty();
     html! {
         section.run {

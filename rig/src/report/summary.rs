@@ -23,12 +23,13 @@ pub fn written(data: &ReportData, folder: &Path) -> String {
 /// What came out, as lines for a terminal.
 pub fn summary(data: &ReportData) -> String {
     let verdict = verdict(data);
-    let mut text = format!("{}\n", verdict.line);
+    let mut text = format!("{}\n", verdict.headline.line);
     for detail in &verdict.details {
         let _ = writeln!(text, "- {detail}");
     }
     if let Some(fit) = &data.fit {
         text.push('\n');
+        text.push_str("mean distance of keypoints (the paper's Table I)\n");
         text.push_str(&table(&errors(fit)));
         if !fit.parameters.is_empty() {
             text.push('\n');

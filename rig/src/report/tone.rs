@@ -1,8 +1,12 @@
 //! How good news is.
 
-/// How good the news is; decides the colour.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Tone {
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// How good the news is, from good to bad; decides the colour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Tone {
     /// As hoped.
     Good,
     /// Usable, with a reserve that the text names.

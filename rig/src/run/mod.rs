@@ -174,11 +174,12 @@ impl Job<'_> {
             MotionKind::Driven => RunKind::Driven,
             MotionKind::Drop => RunKind::Drop,
         };
-        let details = BTreeMap::from([
+        let mut details = BTreeMap::from([
             ("mechanism".to_owned(), json!(self.config.mechanism)),
             ("water".to_owned(), json!(self.config.water)),
             ("calibration".to_owned(), json!(self.config.calibration)),
         ]);
+        details.extend(self.config.path.as_ref().map(|path| (Start::CONFIG_PATH.to_owned(), json!(path))));
         let start = Start {
             id: RunId::now(),
             kind,

@@ -37,6 +37,7 @@ use crate::images::TimedImage;
 use crate::profile::ProfileConfig;
 use crate::record::ServoCommand;
 use crate::record::recording::Behind;
+use crate::record::run_id::RunId;
 use crate::run::film::ImageCount;
 use crate::servo::{ServoConfig, ServoEvent};
 use crate::vision::ImageRecord;
@@ -108,6 +109,7 @@ struct Found {
 /// What is filmed, and with what.
 #[derive(Debug, Clone)]
 struct Filming {
+    run: String,
     origin: MonotonicNs,
     fps: f64,
     servo: Option<ServoConfig>,
@@ -164,10 +166,16 @@ impl Showing {
         }
     }
 
-    /// A run of `config` begins to be filmed; its times count from `origin`, and the camera promises `fps` images a second.
-    pub fn film(&self, config: &RigConfig, origin: MonotonicNs, fps: f64) {
+    /// `run`, of `config`, begins to be filmed; its times count from `origin`, and the camera promises `fps` images a second. What was
+    /// known of a run before it is forgotten.
+    pub fn film(&self, run: &RunId, config: &RigConfig, origin: MonotonicNs, fps: f64) {
+        if let Some(hand) = &self.0 {
+            // what nobody has looked at
+            (hand.slots.filmed.take(), hand.slots.found.take(), hand.slots.counted.take());
+        }
         self.tell(|| {
             Told::Film(Box::new(Filming {
+                run: run.to_string(),
                 origin,
                 fps,
                 servo: config.servo.clone(),

@@ -28,6 +28,9 @@ const MOST_POINTS: usize = 240;
 pub struct Snapshot<'a> {
     /// The job.
     pub job: i64,
+    /// The run that is, or was, filmed: what is told of a job is of one run, and nothing of an earlier one is in it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<&'a str>,
     /// What goes on.
     pub stage: &'a str,
     /// How many of how many steps of it are done, where that is known.
@@ -154,7 +157,9 @@ impl State {
     /// Takes in what was told.
     pub(super) fn hear(&mut self, told: Told) {
         match told {
-            Told::Film(filming) => (self.filming, self.rolls) = (Some(*filming), true),
+            Told::Film(filming) => {
+                *self = Self { filming: Some(*filming), rolls: true, ..Self::new(self.job) };
+            }
             Told::Stage(name, steps) => {
                 (self.stage, self.steps) = (name, steps.map(|all| [0, all]));
             }
@@ -261,6 +266,7 @@ impl State {
     pub(super) fn line(&self, picture: Option<Picture>) -> Vec<u8> {
         let snapshot = Snapshot {
             job: self.job,
+            run: self.filming.as_ref().map(|filming| filming.run.as_str()),
             stage: &self.stage,
             steps: self.steps,
             picture,

@@ -52,15 +52,24 @@ const TABLES: &str = "
         modified_ns INTEGER NOT NULL,
         summary TEXT NOT NULL
     ) WITHOUT ROWID;
+";
+
+/// Coefficients with units and bounds; those of runs that an earlier layout knew are read again.
+const COEFFICIENTS: &str = "
+    DROP TABLE IF EXISTS coefficients;
     CREATE TABLE coefficients (
         run TEXT NOT NULL REFERENCES runs (id) ON DELETE CASCADE,
         name TEXT NOT NULL,
+        unit TEXT NOT NULL,
         value REAL NOT NULL,
         std REAL,
         determined INTEGER NOT NULL,
+        lower REAL NOT NULL,
+        upper REAL NOT NULL,
         PRIMARY KEY (name, run)
     ) WITHOUT ROWID;
     CREATE INDEX coefficients_by_run ON coefficients (run);
+    UPDATE runs SET modified_ns = -1;
 ";
 
 /// Why the database cannot be used.
@@ -235,6 +244,7 @@ impl Store {
             }
             if found < LAYOUT {
                 change.execute_batch(queue::SLOTS_AND_KEYS)?;
+                change.execute_batch(COEFFICIENTS)?;
                 change.pragma_update(None, "user_version", LAYOUT)?;
             }
             change.commit()?;

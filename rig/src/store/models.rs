@@ -92,19 +92,19 @@ impl Store {
 mod tests {
     use std::time::{Duration, SystemTime};
 
-    use super::super::runs::results;
     use super::super::runs::tests::cut_short;
     use super::*;
     use crate::record::folder::file;
 
     #[test]
-    fn changes_of_the_model_are_found_and_lines_that_know_none_are_read_again() {
+    fn changes_of_the_model_are_found_and_lines_of_an_earlier_layout_are_read_again() {
         let folder = tempfile::tempdir().unwrap();
         let long_ago = SystemTime::now() - Duration::from_secs(3600);
         let run = |second: u32, model: &str, config: &str| {
             let id = format!("20261120T1015{second:02}Z-ab12cd");
             let path = cut_short(folder.path(), &id);
-            let mut start = results(&path.join(file::START)).unwrap();
+            let start = std::fs::read(path.join(file::START)).unwrap();
+            let mut start: serde_json::Value = serde_json::from_slice(&start).unwrap();
             start["config"] = config.into();
             std::fs::write(path.join(file::START), start.to_string()).unwrap();
             std::fs::write(path.join(file::MODEL_START), model).unwrap();
@@ -138,12 +138,11 @@ mod tests {
         ];
         assert_eq!(store.model_changes().unwrap(), expected);
 
-        store
-            .change("a test", |db| {
-                db.execute("UPDATE runs SET summary = json_remove(summary, '$.model')", [])
-            })
-            .unwrap();
+        let earlier = "UPDATE runs SET summary = json_remove(summary, '$.model'); PRAGMA user_version = 2;";
+        store.change("a test", |db| db.execute_batch(earlier)).unwrap();
         assert_eq!(store.model_changes().unwrap(), []);
+        drop(store);
+        let mut store = Store::open(folder.path()).unwrap();
         assert_eq!(store.refresh(false).unwrap().read, 5);
         assert_eq!(store.model_changes().unwrap(), expected);
         assert_eq!(store.refresh(false).unwrap().read, 0);

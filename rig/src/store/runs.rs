@@ -5,9 +5,11 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use ident::diagnose::Verdict;
+use ident::fit::{Fit, FittedParameter};
 use rusqlite::params;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 use utoipa::ToSchema;
 
 use super::models::MadeWith;
@@ -16,6 +18,7 @@ use crate::record::folder::{RunFolder, file};
 use crate::record::run_id::RunId;
 use crate::record::start_stop::Status;
 use crate::record::{RecordError, below, frames, journal};
+use crate::report::{Findings, Headline, is_settled};
 
 /// The status of a run whose folder says nothing.
 const UNREADABLE: &str = "unreadable";
@@ -44,9 +47,21 @@ pub struct Summary {
     /// Images received.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub images: Option<u64>,
-    /// The mean of the mean keypoint errors of its fit \[m\].
+    /// Images that were lost on their way.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub images_lost: Option<u64>,
+    /// How far off its fitted simulation is: root mean square along one axis, over all keypoints but P0 \[m\].
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub fit_error_m: Option<f64>,
+    /// How many times the keypoints' noise that is.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub error_over_noise: Option<f64>,
+    /// How many of its coefficients the run determines, and how many were fitted.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub determined: Option<[usize; 2]>,
+    /// What came out, in a sentence and its colour, as the report has it.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub headline: Option<Headline>,
     /// The diagnosis's verdict.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub verdict: Option<String>,
@@ -65,12 +80,18 @@ pub struct Coefficient {
     pub run: String,
     /// Its name, for example `g3/blunt`.
     pub name: String,
-    /// Its value, in its own unit.
+    /// The unit of value, deviation and bounds, `1` for none; empty where its fit did not say.
+    pub unit: String,
+    /// Its value.
     pub value: f64,
     /// One standard deviation of it.
     pub std: Option<f64>,
-    /// Whether the data determine it.
+    /// Whether the data determine it by itself.
     pub determined: bool,
+    /// The fit looked for it from here on,
+    pub lower: f64,
+    /// and up to here.
+    pub upper: f64,
 }
 
 /// What becomes of an index that is brought up to date.
@@ -116,7 +137,11 @@ impl Summary {
             kind: None,
             duration_s: None,
             images: None,
+            images_lost: None,
             fit_error_m: None,
+            error_over_noise: None,
+            determined: None,
+            headline: None,
             verdict: None,
             report: false,
             model: None,
@@ -136,10 +161,23 @@ impl Summary {
                 frames::read(&run.file(file::FRAMES)).ok().map(|frames| frames.len() as u64),
             ),
         };
-        self.fit_error_m = results(&run.file(file::FIT)).as_ref().and_then(fit_error_m);
-        let diagnosis = results(&run.file(file::DIAGNOSIS));
+        self.images_lost = run.stop().map(|stop| stop.images_lost + stop.messages_dropped);
         self.model = MadeWith::of(run);
-        self.verdict = diagnosis.and_then(|diagnosis| Some(diagnosis["verdict"].as_str()?.to_owned()));
+        let diagnosis: Option<Said> = results(&run.file(file::DIAGNOSIS));
+        self.verdict = diagnosis.as_ref().map(|said| said.verdict.name().to_owned());
+        // a fit of before errors were told so says none
+        let fit = results(&run.file(file::FIT)).filter(|fit: &Fit| fit.error_m.is_some());
+        let Some(mut findings) = fit.as_ref().map(Findings::of) else { return };
+        if let Some(said) = diagnosis {
+            findings = findings.diagnosed(said.verdict, said.noise_m.hypot(said.noise.pose_std_m));
+        }
+        if let (Some(received), Some(lost)) = (self.images, self.images_lost) {
+            findings = findings.filmed(received as usize, lost as usize);
+        }
+        self.fit_error_m = findings.error_m;
+        self.error_over_noise = findings.over_noise();
+        self.determined = Some([findings.determined, findings.coefficients]);
+        self.headline = Some(findings.headline());
     }
 
     fn is_readable(&self) -> bool {
@@ -166,35 +204,37 @@ pub fn word(status: Status) -> &'static str {
     }
 }
 
-pub(super) fn results(path: &Path) -> Option<Value> {
+/// What a list says of a diagnosis.
+#[derive(Debug, Deserialize)]
+struct Said {
+    verdict: Verdict,
+    noise_m: f64,
+    noise: SaidNoise,
+}
+
+#[derive(Debug, Deserialize)]
+struct SaidNoise {
+    #[serde(default)]
+    pose_std_m: f64,
+}
+
+fn results<T: DeserializeOwned>(path: &Path) -> Option<T> {
     serde_json::from_slice(&below::read_at(path).ok()?).ok()
 }
 
-/// The mean of the mean keypoint errors in a `fit.json`, over all runs and keypoints it names \[m\].
-fn fit_error_m(fit: &Value) -> Option<f64> {
-    let errors: Vec<f64> = fit["runs"]
-        .as_array()?
-        .iter()
-        .filter_map(|run| run["keypoints"].as_array())
-        .flatten()
-        .filter_map(|keypoint| keypoint["mean_error_m"].as_f64())
-        .collect();
-    (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64)
-}
-
 fn coefficients(run: &RunId, path: &Path) -> Vec<Coefficient> {
-    let Some(fit) = results(&path.join(file::FIT)) else { return Vec::new() };
-    let each = fit["parameters"].as_array().into_iter().flatten();
-    each.filter_map(|parameter| {
-        Some(Coefficient {
-            run: run.to_string(),
-            name: parameter["name"].as_str()?.into(),
-            value: parameter["value"].as_f64()?,
-            std: parameter["std"].as_f64(),
-            determined: parameter["determined"].as_bool().unwrap_or(true),
-        })
-    })
-    .collect()
+    let Some(fit) = results::<Fit>(&path.join(file::FIT)) else { return Vec::new() };
+    let one = |parameter: &FittedParameter| Coefficient {
+        run: run.to_string(),
+        name: parameter.name.clone(),
+        unit: parameter.unit.clone(),
+        value: parameter.value,
+        std: Some(parameter.std),
+        determined: is_settled(&fit, parameter),
+        lower: parameter.lower,
+        upper: parameter.upper,
+    };
+    fit.parameters.iter().map(one).collect()
 }
 
 /// When a folder last changed \[ns since 1970\].
@@ -249,14 +289,15 @@ impl Store {
             }
             let mut line = db.prepare("INSERT INTO runs (id, modified_ns, summary) VALUES (?1, ?2, ?3)")?;
             let mut coefficient = db.prepare(
-                "INSERT INTO coefficients (run, name, value, std, determined) VALUES (?1, ?2, ?3, ?4, ?5)",
+                "INSERT INTO coefficients (run, name, unit, value, std, determined, lower, upper)
+                 VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
             )?;
             for (found, summary, seen) in &lines {
                 let text = serde_json::to_string(summary)
                     .map_err(|error| rusqlite::Error::ToSqlConversionFailure(error.into()))?;
                 line.execute(params![summary.id, seen, text])?;
-                for Coefficient { run, name, value, std, determined } in found {
-                    coefficient.execute(params![run, name, value, std, determined])?;
+                for Coefficient { run, name, unit, value, std, determined, lower, upper } in found {
+                    coefficient.execute(params![run, name, unit, value, std, determined, lower, upper])?;
                 }
             }
             Ok(())
@@ -264,9 +305,9 @@ impl Store {
         Ok(refreshed)
     }
 
-    /// The times of change of the folders whose lines are known; of lines from before models were told apart none that any folder has.
+    /// The times of change of the folders whose lines are known.
     fn known(&self) -> Result<HashMap<String, i64>, StoreError> {
-        let query = "SELECT id, iif(json_type(summary, '$.model') IS NULL, -1, modified_ns) FROM runs";
+        let query = "SELECT id, modified_ns FROM runs";
         Ok(self.rows(query, [], |row| Ok((row.get(0)?, row.get(1)?)))?.into_iter().collect())
     }
 
@@ -304,14 +345,17 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub fn trend(&self, name: &str) -> Result<Vec<Coefficient>, StoreError> {
-        let query = "SELECT run, name, value, std, determined FROM coefficients WHERE name = ?1 ORDER BY run";
+        let query = "SELECT run, name, unit, value, std, determined, lower, upper FROM coefficients WHERE name = ?1 ORDER BY run";
         self.rows(query, [name], |row| {
             Ok(Coefficient {
                 run: row.get(0)?,
                 name: row.get(1)?,
-                value: row.get(2)?,
-                std: row.get(3)?,
-                determined: row.get(4)?,
+                unit: row.get(2)?,
+                value: row.get(3)?,
+                std: row.get(4)?,
+                determined: row.get(5)?,
+                lower: row.get(6)?,
+                upper: row.get(7)?,
             })
         })
     }
@@ -333,9 +377,20 @@ impl Store {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::report::Tone;
 
-    const FIT: &str = r#"{"parameters":[{"name":"g3/blunt","value":0.5,"std":0.01,"determined":true}],
-        "runs":[{"keypoints":[{"mean_error_m":0.001},{"mean_error_m":0.002}]}]}"#;
+    fn fit() -> Fit {
+        let blunt = FittedParameter {
+            name: "g3/blunt".into(),
+            unit: "1".into(),
+            value: 0.5,
+            std: 0.01,
+            upper: 10.0,
+            determined: true,
+            ..FittedParameter::default()
+        };
+        Fit { parameters: vec![blunt], error_m: Some(0.0015), noise_m: 1e-3, ..Fit::default() }
+    }
 
     pub(in crate::store) fn cut_short(runs_dir: &Path, id: &str) -> std::path::PathBuf {
         let path = runs_dir.join(id);
@@ -358,13 +413,15 @@ pub(super) mod tests {
         let statuses: Vec<_> = store.runs(9).unwrap().into_iter().map(|run| run.status).collect();
         assert_eq!(statuses, ["incomplete", "unreadable"]);
 
-        std::fs::write(path.join(file::FIT), FIT).unwrap();
+        std::fs::write(path.join(file::FIT), fit().to_json().unwrap()).unwrap();
         std::fs::remove_dir(folder.path().join("20261120T101504Z-ab12cd")).unwrap();
         assert_eq!(store.refresh(false).unwrap(), Refreshed { runs: 1, read: 1, gone: 1 });
         let kept = store.runs(9).unwrap();
-        assert_eq!(kept[0].fit_error_m, Some(0.0015));
+        assert_eq!((kept[0].fit_error_m, kept[0].error_over_noise), (Some(0.0015), Some(1.5)));
+        assert_eq!((kept[0].determined, kept[0].headline.as_ref().unwrap().tone), (Some([1, 1]), Tone::Good));
         let trend = store.trend("g3/blunt").unwrap();
         assert_eq!((trend.len(), trend[0].value, trend[0].std), (1, 0.5, Some(0.01)));
+        assert_eq!((trend[0].unit.as_str(), trend[0].lower, trend[0].upper), ("1", 0.0, 10.0));
 
         drop(store);
         std::fs::remove_file(folder.path().join(super::super::FILE)).unwrap();

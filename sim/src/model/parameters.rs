@@ -1,6 +1,6 @@
 //! The model's numbers by name: what a fit turns.
 
-use super::{ActuatorKind, Model};
+use super::{ActuatorKind, JointKind, Model};
 use crate::scalar::Scalar;
 
 /// A place in a model, found once by name and then read and written quickly.
@@ -135,6 +135,42 @@ impl<T: Scalar> Model<T> {
             Parameter::Cause(cause, value) => self.causes[cause].value_mut(value),
         };
         *place = value;
+    }
+
+    /// The unit of `parameter`, `1` for none: of what turns, N m and rad; of what slides, N and m.
+    ///
+    /// # Panics
+    /// When `parameter` was found in a model of another shape.
+    pub fn unit(&self, parameter: Parameter) -> &'static str {
+        let slides = |joint: usize| self.joints[joint].kind == JointKind::Slide;
+        let stiffness = |joint, power| match (slides(joint), power) {
+            (false, 0) => "N m/rad",
+            (false, 1) => "N m/rad^2",
+            (false, _) => "N m/rad^3",
+            (true, 0) => "N/m",
+            (true, 1) => "N/m^2",
+            (true, _) => "N/m^3",
+        };
+        let damping = |joint| if slides(joint) { "N s/m" } else { "N m s/rad" };
+        match parameter {
+            Parameter::Fluid(..) => "1",
+            Parameter::Damping(joint) => damping(joint),
+            Parameter::FrictionLoss(joint) if slides(joint) => "N",
+            Parameter::FrictionLoss(_) => "N m",
+            Parameter::Stiffness(joint, power) => stiffness(joint, power),
+            Parameter::Mass(_) => "kg",
+            Parameter::Gain(actuator) => {
+                let actuator = &self.actuators[actuator];
+                match actuator.kind {
+                    ActuatorKind::Position => stiffness(actuator.joint, 0),
+                    ActuatorKind::Velocity => damping(actuator.joint),
+                    ActuatorKind::Motor => "1",
+                }
+            }
+            Parameter::Cause(cause, value) => {
+                self.causes[cause].parameters().nth(value).map_or("1", |info| info.unit)
+            }
+        }
     }
 
     /// Every parameter with its name.

@@ -51,7 +51,7 @@ impl Campaign<'_> {
         record: &mut Record,
         watcher: &mut dyn Watcher,
     ) -> Result<Next, Failure> {
-        let (found, _) = diagnosed(experiment, &step.folder, self.threads, None, watcher)?;
+        let (found, _) = diagnosed(experiment, &step.folder, self.threads, Some(self.config), watcher)?;
         let diagnosis = &found.diagnosis;
         step.verdict = Some(diagnosis.verdict.name().into());
         step.sentence = Some(diagnosis.sentence.clone());
@@ -171,7 +171,8 @@ impl Campaign<'_> {
         record: &mut Record,
         watcher: &mut dyn Watcher,
     ) -> Result<bool, Failure> {
-        let (found, _) = diagnosed(experiment, &step.folder.join(DIAGNOSIS), self.threads, None, watcher)?;
+        let (found, _) =
+            diagnosed(experiment, &step.folder.join(DIAGNOSIS), self.threads, Some(self.config), watcher)?;
         let diagnosis = &found.diagnosis;
         step.verdict = Some(diagnosis.verdict.name().into());
         step.sentence = Some(diagnosis.sentence.clone());

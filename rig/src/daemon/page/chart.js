@@ -12,13 +12,27 @@ const COLOURS = 6;
 export const lineClass = place => `line c${place % COLOURS}${place >= COLOURS ? " dashed" : ""}`;
 
 // Round numbers between `low` and `high`, about `count` of them.
-function ticks(low, high, count) {
+export function ticks(low, high, count) {
   const rough = (high - low) / count;
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map(factor => factor * power).find(step => step >= rough);
   const found = [];
   for (let at = Math.ceil(low / step); at * step <= high + step * 1e-9; at += 1) found.push(at * step);
   return { found, digits: Math.max(0, -Math.floor(Math.log10(step) + 1e-9)) };
+}
+
+// Points of more than a pixel's column can tell apart, `{ x, y }` in order of x: least, middle and greatest y of each column.
+export function columns(points, columnWidth) {
+  const found = new Map();
+  for (const { x, y } of points) {
+    const column = Math.floor(x / columnWidth);
+    if (!found.has(column)) found.set(column, []);
+    found.get(column).push(y);
+  }
+  return [...found].map(([column, ys]) => {
+    ys.sort((a, b) => a - b);
+    return { x: (column + 0.5) * columnWidth, low: ys[0], middle: ys[Math.floor(ys.length / 2)], high: ys.at(-1) };
+  });
 }
 
 // How wide a chart in the element `place` is: its letters are as large as those of a legend, on a phone too.

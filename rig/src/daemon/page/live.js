@@ -45,6 +45,8 @@ const goesOn = job => job === rig.motion || job === rig.analysis;
 
 function take(snapshot) {
   if (frozen) return;
+  // a campaign's next run has nothing of the one before
+  if (jobs.get(snapshot.job)?.run !== snapshot.run) pictures.delete(snapshot.job);
   jobs.set(snapshot.job, snapshot);
   if (snapshot.picture) pictures.set(snapshot.job, snapshot.picture);
   // what a job showed last stays, until another one shows the like
@@ -182,7 +184,7 @@ function showFigures({ figures: f }) {
 
 function showFits() {
   const fits = [...jobs.values()].filter(snapshot => isFitted(snapshot) && (goesOn(snapshot.job) || snapshot.job === newest(isFitted)));
-  if (!fits.length) return $("fits").replaceChildren(element("p", { textContent: "Nothing has been fitted since this page was opened." }));
+  if (!fits.length) return $("fits").replaceChildren(element("p", { textContent: "No fit goes on." }));
   $("fits").replaceChildren(...fits.map(({ job, fit }) => {
     const lines = [["over all images", fit.curve], ["over some of them", fit.rough]].map(([name, curve], place) =>
       ({ name, place, points: curve.map(([at, rms_m]) => [at, rms_m * 1e3]) })).filter(line => line.points.length);

@@ -107,14 +107,12 @@ function showJobs({ jobs }) {
   if (focused) [...$("jobs").querySelectorAll("button")].find(button => button.ariaLabel === focused)?.focus();
 }
 
-const millimetres = metres => metres === undefined ? "" : `${(metres * 1e3).toPrecision(3)} mm`;
-
 function runRow(run) {
   const report = run.report
     ? element("a", { href: `${API}${inRig(`/runs/${run.id}/report.html`)}`, target: "_blank", rel: "noopener", textContent: "Report", ariaLabel: `Report of run ${run.id}` })
     : {};
   return row({ textContent: time(run.began) }, { textContent: run.status, className: run.status, title: run.reason ?? "" }, report,
-    { textContent: millimetres(run.fit_error_m) }, { textContent: run.verdict ?? "" }, { textContent: run.id });
+    { textContent: run.headline?.line ?? "", className: `came ${run.headline?.tone ?? ""}` }, { textContent: run.verdict ?? "" }, { textContent: run.id });
 }
 
 async function showRuns(more) {
@@ -133,7 +131,7 @@ async function showAlerts() {
   fill($("alerts"), alerts.length ? alerts : ["No alerts yet."], line);
 }
 
-$("coefficients").onchange = () => showTrend(inRig).catch(error => said(error.message));
+$("coefficients").onchange = $("determined").onchange = () => showTrend(inRig).catch(error => said(error.message));
 
 const refresh = () => Promise.all([showRuns(false), showAlerts(), showCoefficients(inRig)]).catch(error => said(error.message));
 

@@ -1,10 +1,12 @@
 // How coefficients went from run to run, with marks where the model was changed.
 
 import { $, ask, element } from "./api.js";
-import { room, svg } from "./chart.js";
+import { columns, room, svg, ticks } from "./chart.js";
 
 // More of them are not written out.
 const MOST_CHANGES = 8;
+// Runs that are no nearer than so many pixels are drawn each by itself; of others what is in a column of so many pixels is drawn as one.
+const APART = 6, COLUMN = 3;
 
 export async function showCoefficients(inRig) {
   const names = await ask(inRig("/coefficients"));
@@ -35,21 +37,50 @@ function marks(points, changes) {
   }).filter(mark => mark.at !== null);
 }
 
+const tell = (value, unit) => `${Number(value.toPrecision(4))}${unit === "1" || !unit ? "" : ` ${unit}`}`;
+
+// Each run with its interval, where there is room for it; else bands from the least to the greatest, with the middle between.
+function drawn(points, x, y, room) {
+  const isDense = points.length * APART > room;
+  return [true, false].flatMap(determined => {
+    const some = points.filter(point => point.determined === determined);
+    if (!isDense) return some.map(point => svg("g", { class: determined ? "" : "open" },
+      svg("title", {}, `${point.run}: ${tell(point.value, point.unit)} +- ${point.half.toPrecision(2)} (95 %)${determined ? "" : ", not determined"}`),
+      svg("line", { class: "band", x1: x(point.at), x2: x(point.at), y1: y(point.value - point.half), y2: y(point.value + point.half) }),
+      svg("circle", { cx: x(point.at), cy: y(point.value), r: 4 })));
+    const found = columns(some.map(point => ({ x: x(point.at), y: y(point.value) })), COLUMN);
+    const path = (list, key) => list.map(column => `${column.x.toFixed(1)} ${column[key].toFixed(1)}`).join("L");
+    if (!found.length) return [];
+    const area = svg("path", { class: determined ? "area" : "area open", d: `M${path(found, "low")}L${path([...found].reverse(), "high")}Z` });
+    return determined ? [area, svg("path", { class: "line c0", d: `M${path(found, "middle")}` })] : [area];
+  });
+}
+
 function chart(name, trend, changes) {
-  const [width, height, left, bottom, top, right] = [room($("trend")), 270, 70, 34, 26, 14];
-  const points = trend.map(({ run, value, std, determined }) => ({ run, at: began(run), value, half: 1.96 * (std ?? 0), determined }));
+  const [width, height, left, bottom, top, right] = [room($("trend")), 290, 70, 34, 44, 14];
+  const all = trend.map(one => ({ ...one, at: began(one.run), half: 1.96 * (one.std ?? 0) }));
+  const determined = all.filter(point => point.determined);
+  const points = $("determined").checked ? determined : all;
+  if (!points.length) return [element("p", { textContent: `No run determines ${name} by itself.` })];
   // an undetermined one's error bar reaches its bounds and says nothing of the scale
-  const scaled = points.some(point => point.determined) ? points.filter(point => point.determined) : points;
+  const scaled = determined.length ? determined : points;
   let low = Math.min(...scaled.map(point => point.value - point.half)), high = Math.max(...scaled.map(point => point.value + point.half));
   if (low === high) [low, high] = [low - Math.abs(low || 1) * 0.05, high + Math.abs(high || 1) * 0.05];
   const [first, last] = [points[0].at, points.at(-1).at];
   const x = at => last === first ? (left + width - right) / 2 : left + (at - first) / (last - first) * (width - left - right);
   const y = value => Math.min(height - bottom, Math.max(top, height - bottom - (value - low) / (high - low) * (height - bottom - top)));
-  const ticks = [0, 0.25, 0.5, 0.75, 1].map(share => low + share * (high - low));
-  const parts = ticks.flatMap(tick => [
+  const { found: rows, digits } = ticks(low, high, 4);
+  const parts = rows.flatMap(tick => [
     svg("line", { class: "axis", x1: left, x2: width - right, y1: y(tick), y2: y(tick) }),
-    svg("text", { x: left - 8, y: y(tick) + 4, "text-anchor": "end" }, tick.toPrecision(4)),
+    svg("text", { x: left - 8, y: y(tick) + 4, "text-anchor": "end" }, Math.abs(high) < 1e-3 ? tick.toExponential(1) : tick.toFixed(digits)),
   ]);
+  const { unit, lower, upper } = points.at(-1);
+  for (const [bound, word] of [[lower, "lower"], [upper, "upper"]]) {
+    if (bound < low || bound > high) continue;
+    parts.push(svg("line", { class: "bound", x1: left, x2: width - right, y1: y(bound), y2: y(bound) }, svg("title", {}, `${word} bound: ${tell(bound, unit)}`)));
+  }
+  parts.push(svg("text", { x: 2, y: 12 }, unit === "1" ? "no unit" : unit || "unit not known"),
+    svg("text", { x: width - right, y: 12, "text-anchor": "end" }, `sought from ${tell(lower, unit)} to ${tell(upper, unit)}`));
   const day = at => new Date(at).toLocaleDateString();
   parts.push(svg("text", { x: left, y: height - 10 }, day(first)));
   if (day(last) !== day(first)) parts.push(svg("text", { x: width - right, y: height - 10, "text-anchor": "end" }, day(last)));
@@ -58,18 +89,15 @@ function chart(name, trend, changes) {
     svg("title", {}, `Model changed before run ${run}: ${what}`),
     svg("line", { x1: x(at), x2: x(at), y1: top - 8, y2: height - bottom }),
     svg("text", { x: x(at), y: top - 12, "text-anchor": "middle" }, i + 1))));
-  for (const point of points) {
-    parts.push(svg("g", { class: point.determined ? "" : "open" },
-      svg("title", {}, `${point.run}: ${point.value.toPrecision(5)} +- ${point.half.toPrecision(2)} (95 %)${point.determined ? "" : ", not determined"}`),
-      svg("line", { class: "band", x1: x(point.at), x2: x(point.at), y1: y(point.value - point.half), y2: y(point.value + point.half) }),
-      svg("circle", { cx: x(point.at), cy: y(point.value), r: 4 })));
-  }
+  parts.push(...drawn(points, x, y, width - left - right));
   const newest = points.at(-1);
-  const label = `${name} over ${points.length} runs, newest ${newest.value.toPrecision(4)} +- ${newest.half.toPrecision(2)}; the model was changed ${changed.length} times`;
-  const drawn = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": label }, ...parts);
-  if (!changed.length) return [drawn];
+  const label = `${name} over ${points.length} runs, ${determined.length} of ${all.length} determine it, newest ${tell(newest.value, unit)} +- ${newest.half.toPrecision(2)}; ` +
+    `sought from ${tell(lower, unit)} to ${tell(upper, unit)}; the model was changed ${changed.length} times`;
+  const figure = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": label }, ...parts);
+  const said = element("p", { textContent: `${determined.length} of ${all.length} runs determine it.` });
+  if (!changed.length) return [figure, said];
   const skipped = Math.max(0, changed.length - MOST_CHANGES);
   const items = changed.slice(skipped).map(({ run, what }, i) =>
     element("li", { value: skipped + i + 1, textContent: `${new Date(began(run)).toLocaleString(undefined, { dateStyle: "short", timeStyle: "short" })}: ${what}` }));
-  return [drawn, element("p", { textContent: "Where the model was changed:" }), element("ol", { id: "changes" }, ...items)];
+  return [figure, said, element("p", { textContent: "Where the model was changed:" }), element("ol", { id: "changes" }, ...items)];
 }

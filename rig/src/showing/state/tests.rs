@@ -5,6 +5,8 @@ use serde_json::Value as Json;
 
 use super::*;
 use crate::camera::{CameraImage, fixtures};
+use crate::config::RigConfig;
+use crate::servo::{ServoConfig, ServoEvent};
 use crate::vision::record::Status;
 use crate::vision::{ImageRecord, Mask};
 
@@ -18,13 +20,12 @@ fn told(state: &mut State, slots: &Slots, again: bool) -> Json {
     serde_json::from_slice(&line).unwrap()
 }
 
+fn filming(run: &str, origin: MonotonicNs, servo: Option<ServoConfig>) -> Told {
+    Told::Film(Box::new(Filming { run: run.into(), origin, fps: 100.0, servo, mirrored: false }))
+}
+
 fn film(state: &mut State) {
-    state.hear(Told::Film(Box::new(Filming {
-        origin: MonotonicNs(0),
-        fps: 100.0,
-        servo: None,
-        mirrored: false,
-    })));
+    state.hear(filming("first", MonotonicNs(0), None));
     state.hear(Told::Stage("driving".into(), None));
     state.hear(Told::Keypoints(vec!["P0".into(), "P1".into()], View::Xz));
 }
@@ -133,4 +134,70 @@ fn curve_of_a_long_fit_keeps_its_ends_and_another_fit_begins_anew() {
     assert_eq!((rough.curve, rough.rough.len()), (fit.curve, 1), "other images are another curve");
     state.hear(Told::Fit("other", Box::new(standing(7))));
     assert_eq!(state.fit.unwrap().curve.len(), 1);
+}
+
+/// A second of a run that begins at `origin`, of a board that was switched on so long before.
+fn second_of(state: &mut State, slots: &Slots, origin: MonotonicNs, on_since_s: f64) {
+    let tick_us = |time_s: f64| ((on_since_s + time_s) * 1e6) as u64;
+    let times_s = || (0..20).map(|k| 0.05 * f64::from(k));
+    for time_s in times_s() {
+        let (sent, received) = (origin.plus_seconds(time_s), origin.plus_seconds(time_s + 2e-4));
+        let board_tick_us = tick_us(time_s + 1e-4);
+        state.hear(Told::Servo(ServoEvent::Ping { sent, board_tick_us, received }));
+    }
+    state.hear(Told::Servo(ServoEvent::Started { board_tick_us: tick_us(0.0) }));
+    for time_s in times_s() {
+        let (board_tick_us, pulse_us) = (tick_us(time_s), Some(1500));
+        state.hear(Told::Servo(ServoEvent::Pulse { channel: 0, board_tick_us, pulse_us }));
+        state.hear(Told::Placed(time_s, vec![[0.0, 0.001], [0.01, -0.02]]));
+    }
+    slots.filmed.put(|| Arc::new(fixtures::image(1, origin.plus_seconds(0.9), SIZE_PX)));
+    slots.counted.put(|| {
+        let counted = ImageCount { received: 100, lost: 2, ..ImageCount::default() };
+        (counted, Behind { waiting_mib: 3, queue_mib: 128 })
+    });
+}
+
+#[test]
+fn second_run_of_a_job_begins_with_nothing_of_the_first() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/chain-driven-pose-1.toml");
+    let servo = RigConfig::read(&path).unwrap().servo;
+    let (mut state, slots) = (State::new(3), Slots::default());
+    let (one, two) = (MonotonicNs(0).plus_seconds(100.0), MonotonicNs(0).plus_seconds(1100.0));
+    state.hear(filming("first", one, servo.clone()));
+    state.hear(Told::Keypoints(vec!["P0".into(), "P1".into()], View::Xz));
+    second_of(&mut state, &slots, one, 40.0);
+    let standing = Standing {
+        phase: "descent",
+        evaluations: 7,
+        max_evaluations: 5000,
+        rms_m: 1e-4,
+        is_rough: false,
+        values: Vec::new(),
+    };
+    state.hear(Told::Fit("fit", Box::new(standing)));
+    let first = told(&mut state, &slots, false);
+    assert_eq!((&first["run"], &first["figures"]["received"]), (&"first".into(), &100.into()));
+    assert!(first["fit"].is_object() && first["picture"].is_object());
+    let angles = first["traces"].as_array().unwrap();
+    assert!(angles.iter().any(|trace| trace["quantity"] == "angle"), "{angles:?}");
+
+    // the mock board of the next run has just been switched on
+    state.hear(filming("second", two, servo));
+    let begun = told(&mut state, &slots, true);
+    assert_eq!((&begun["job"], &begun["run"]), (&3.into(), &"second".into()));
+    assert_eq!(begun["traces"], serde_json::json!([]));
+    assert!(["picture", "figures", "fit", "steps"].iter().all(|key| begun.get(key).is_none()), "{begun}");
+
+    state.hear(Told::Keypoints(vec!["P0".into(), "P1".into()], View::Xz));
+    second_of(&mut state, &slots, two, 0.5);
+    let second = told(&mut state, &slots, false);
+    let gained_s = second["figures"]["clock"]["gained_s"].as_f64().unwrap();
+    assert!(gained_s.abs() < 1e-3, "{second}");
+    for trace in second["traces"].as_array().unwrap() {
+        let times_s: Vec<f64> =
+            trace["time_s"].as_array().unwrap().iter().map(|t| t.as_f64().unwrap()).collect();
+        assert!(times_s.iter().all(|time_s| (-0.01..1.0).contains(time_s)), "{trace}");
+    }
+    assert!((second["picture"]["time_s"].as_f64().unwrap() - 0.9).abs() < 1e-6);
 }
