@@ -181,20 +181,18 @@ fn every_command_that_is_told_names_files_that_are_there() {
     };
     let experiment = write(folder.path(), &POSES[..1], hide, |t| t);
     let config = system_tests::config("chain-driven-hanging.toml");
-    let rig = |args: &[&std::ffi::OsStr]| {
-        let mut command = system_tests::rig(args);
-        let output = command.current_dir(folder.path()).output().expect("rig starts");
+    let [experiment, config] = [&experiment, &config].map(|path| path.to_str().expect("a readable path"));
+    let typed = |args: &[&str]| {
+        let output = system_tests::rig(args).current_dir(folder.path()).output().expect("rig starts");
         assert!(output.status.success(), "{}", printed(&output));
         String::from_utf8_lossy(&output.stdout).into_owned()
     };
-    let (diagnose, out) = (["diagnose".as_ref(), experiment.as_os_str(), "--out".as_ref()], "out".as_ref());
-    let without = rig(&[&diagnose[..], &[out]].concat());
+    let without = typed(&["diagnose", experiment, "--out", "out"]);
     assert!(without.contains("- Next: ") && without.contains("With --config"), "{without}");
     assert_eq!(told(&without), Vec::<Vec<String>>::new(), "nobody said which rig");
 
-    let with = rig(&[&diagnose[..], &[out, "--config".as_ref(), config.as_os_str()]].concat());
-    let design = ["design".as_ref(), experiment.as_os_str(), "--out".as_ref(), "next".as_ref()];
-    let designed = rig(&[&design[..], &["--config".as_ref(), config.as_os_str()]].concat());
+    let with = typed(&["diagnose", experiment, "--out", "out", "--config", config]);
+    let designed = typed(&["design", experiment, "--out", "next", "--config", config]);
     for text in [with, designed] {
         let commands = told(&text);
         println!("{commands:?}");

@@ -34,24 +34,21 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let Given { experiment, config, .. } = given(&args.experiment)?;
     let config = args.config.clone().or(config);
+    if let (None, Some(out)) = (&config, &args.out) {
+        return Err(Failure::Input(anyhow!(
+            "configs for {} are made of the rig's own: say which, `--config RIG.toml`",
+            out.display()
+        )));
+    }
     let (mut advice, next) = if args.parameters.is_empty() {
         let diagnosed = diagnose(&experiment, &mut ())?;
         (diagnosed.diagnosis.next_experiments, diagnosed.next)
     } else {
         pin_down(&experiment, &args.parameters)?
     };
-    match (&config, &args.out) {
-        (Some(config), Some(out)) => {
-            write_configs(config, &next, out)?;
-            say_commands(&mut advice, out);
-        }
-        (None, Some(out)) => {
-            return Err(Failure::Input(anyhow!(
-                "configs for {} are made of the rig's own: say which, `--config RIG.toml`",
-                out.display()
-            )));
-        }
-        (_, None) => {}
+    if let (Some(config), Some(out)) = (&config, &args.out) {
+        write_configs(config, &next, out)?;
+        say_commands(&mut advice, out);
     }
     Ok(Outcome { out: args.out.clone(), text: table(&advice), ..Outcome::default() })
 }

@@ -154,8 +154,10 @@ fn errors(diagnosis: &Diagnosis) -> Markup {
         section #fit-errors {
             h2 { "Residuals of the fitted runs" }
             p.lead {
-                "Noise floor " (millimetres(diagnosis.noise_m)) " mm per coordinate, correlation "
-                (format!("{:.2}", diagnosis.noise.correlation)) " from one image to the next. Source: " (diagnosis.noise.source) "."
+                "Noise " (millimetres(diagnosis.floor_m())) " mm along an axis"
+                @if let Some(pose_m) = diagnosis.noise.pose_std_m { ", of which " (millimetres(pose_m)) " mm follow the pose" }
+                ", correlation " (format!("{:.2}", diagnosis.noise.correlation)) " from one image to the next. Source: "
+                (diagnosis.noise.source) "."
             }
             table.errors {
                 @if let Some(run) = diagnosis.residuals.rms.first() { (heading(&run.keypoints)) }

@@ -25,20 +25,23 @@ pub(super) fn value(parameter: &CauseParameter) -> String {
     }
 }
 
+/// How far off the simulation is, with and without what is named; beside a fit its headline says it.
+pub(super) fn error(diagnosis: &Diagnosis) -> Option<String> {
+    let (before, floor_m) = (diagnosis.error_m(false)?, diagnosis.floor_m());
+    let after = diagnosis.error_m(true).filter(|_| !diagnosis.causes.is_empty());
+    let named =
+        after.map_or(String::new(), |after| format!("; with what is named, by {} mm", millimetres(after)));
+    let ratio = ratio_text(before / floor_m);
+    Some(format!(
+        "The simulation is off by {} mm, {ratio} times the noise of {} mm{named}.",
+        millimetres(before),
+        millimetres(floor_m)
+    ))
+}
+
 /// Sentences that qualify the verdict.
 pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
     let mut list = Vec::new();
-    if let (Some(before), floor_m) = (diagnosis.error_m(false), diagnosis.floor_m()) {
-        let after = diagnosis.error_m(true).filter(|_| !diagnosis.causes.is_empty());
-        let named =
-            after.map_or(String::new(), |after| format!("; with what is named by {} mm", millimetres(after)));
-        list.push(format!(
-            "Before, the simulation is off by {} mm, {} times the noise of {} mm{named}.",
-            millimetres(before),
-            ratio_text(before / floor_m),
-            millimetres(floor_m)
-        ));
-    }
     for cause in &diagnosis.causes {
         let numbers: Vec<String> = cause
             .parameters
@@ -138,8 +141,13 @@ const MOST_ADVISED: usize = 3;
 
 /// The diagnosis as lines for a terminal.
 pub fn diagnosis_summary(diagnosis: &Diagnosis) -> String {
+    beside_a_fit(diagnosis, error(diagnosis))
+}
+
+/// The same where a fit has said how far off the simulation is; else what does.
+pub(super) fn beside_a_fit(diagnosis: &Diagnosis, error: Option<String>) -> String {
     let mut text = format!("{}: {}\n", diagnosis.verdict.name(), diagnosis.sentence);
-    for detail in details(diagnosis) {
+    for detail in error.into_iter().chain(details(diagnosis)) {
         let _ = writeln!(text, "- {detail}");
     }
     let advised = || diagnosis.next_experiments.iter().take(MOST_ADVISED);

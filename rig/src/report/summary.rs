@@ -8,7 +8,7 @@ use ident::fit::Fit;
 
 use super::coefficients::weighted_sum;
 use super::data::ReportData;
-use super::diagnosis_text::diagnosis_summary;
+use super::diagnosis_text::beside_a_fit;
 use super::format::{millimetres, percent, significant};
 use super::verdict::{is_combined, is_constant, verdict};
 use crate::record::folder::file;
@@ -40,7 +40,7 @@ pub fn summary(data: &ReportData) -> String {
         }
         if let Some(figures) = &data.diagnosis {
             text.push('\n');
-            text.push_str(&diagnosis_summary(&figures.diagnosis));
+            text.push_str(&beside_a_fit(&figures.diagnosis, None));
         }
     }
     text

@@ -81,7 +81,7 @@ impl Findings {
     /// there is one: `floor_m` \[m\].
     #[must_use]
     pub fn diagnosed(self, verdict: diagnose::Verdict, floor_m: f64) -> Self {
-        let noise_source = "as the diagnosis measured it".into();
+        let noise_source = "as the diagnosis measured it, with what pictures get wrong with the pose".into();
         Self { diagnosis: Some(verdict), noise_m: floor_m, noise_source, ..self }
     }
 
@@ -260,6 +260,7 @@ pub(super) fn verdict(data: &ReportData) -> Verdict {
             let diagnosis = &figures.diagnosis;
             let tone = findings.error().0.max(diagnosis_tone(diagnosis.verdict));
             let mut details = vec![definitions(&findings, 0.0)];
+            details.extend(diagnosis_text::error(diagnosis));
             details.extend(diagnosis_text::details(diagnosis));
             Verdict { headline: Headline { tone, line: diagnosis.sentence.clone() }, details }
         }

@@ -179,7 +179,12 @@ impl Job<'_> {
             ("water".to_owned(), json!(self.config.water)),
             ("calibration".to_owned(), json!(self.config.calibration)),
         ]);
-        details.extend(self.config.path.as_ref().map(|path| (Start::CONFIG_PATH.to_owned(), json!(path))));
+        details.extend(
+            self.config
+                .path
+                .as_ref()
+                .map(|path| (Start::CONFIG_PATH.to_owned(), json!(path.to_string_lossy()))),
+        );
         let start = Start {
             id: RunId::now(),
             kind,

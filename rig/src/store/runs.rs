@@ -389,7 +389,7 @@ pub(super) mod tests {
             determined: true,
             ..FittedParameter::default()
         };
-        Fit { parameters: vec![blunt], error_m: Some(0.0015), noise_m: 1e-3, ..Fit::default() }
+        Fit { parameters: vec![blunt], error_m: Some(1e-3), noise_m: 5e-4, ..Fit::default() }
     }
 
     pub(in crate::store) fn cut_short(runs_dir: &Path, id: &str) -> std::path::PathBuf {
@@ -417,7 +417,7 @@ pub(super) mod tests {
         std::fs::remove_dir(folder.path().join("20261120T101504Z-ab12cd")).unwrap();
         assert_eq!(store.refresh(false).unwrap(), Refreshed { runs: 1, read: 1, gone: 1 });
         let kept = store.runs(9).unwrap();
-        assert_eq!((kept[0].fit_error_m, kept[0].error_over_noise), (Some(0.0015), Some(1.5)));
+        assert_eq!((kept[0].fit_error_m, kept[0].error_over_noise), (Some(1e-3), Some(2.0)));
         assert_eq!((kept[0].determined, kept[0].headline.as_ref().unwrap().tone), (Some([1, 1]), Tone::Good));
         let trend = store.trend("g3/blunt").unwrap();
         assert_eq!((trend.len(), trend[0].value, trend[0].std), (1, 0.5, Some(0.01)));
