@@ -60,5 +60,5 @@ fn clients_made_from_the_document_are_answered_as_it_says() {
         .output()
         .expect("Python starts");
     assert!(output.status.success(), "{}", printed(&output));
-    assert!(printed(&output).contains("test cases"), "{}", printed(&output));
+    assert!(printed(&output).contains("Test cases:"), "{}", printed(&output));
 }

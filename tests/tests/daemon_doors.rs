@@ -108,7 +108,7 @@ fn every_refusal_has_one_form_and_says_what_is_wrong() {
     let _turn = in_real_time();
     let served = Served::start("127.0.0.1:0");
     let with_token = format!("Host: localhost\r\nAuthorization: Bearer {}\r\n", served.token);
-    let free = "Host: localhost\r\n";
+    let (with_token, free) = (with_token.as_str(), "Host: localhost\r\n");
     let long = format!("{{\"why\":\"{}\"}}", "x".repeat(1 << 17));
     let why = format!("{{\"work\":{{\"kind\":\"run\"}},\"why\":\"{}\"}}", "x".repeat(20_000));
     let rig = "/api/v1/rigs/rig";
@@ -116,23 +116,30 @@ fn every_refusal_has_one_form_and_says_what_is_wrong() {
         (404, "GET", "/nowhere", free, "", "/nowhere"),
         (404, "GET", "/api/v1/rigs/none/jobs", free, "", "no rig is called `none`"),
         (404, "GET", "/api/v1/rigs/rig/jobs/99", free, "", "there is no job 99"),
-        (405, "DELETE", "/api/v1/rigs/rig/jobs", &with_token, "", "not for DELETE but for GET"),
+        (405, "DELETE", "/api/v1/rigs/rig/jobs", with_token, "", "not for DELETE but for GET"),
         (400, "GET", "/api/v1/rigs/rig/jobs?most=x", free, "", "most"),
         (400, "GET", "/api/v1/rigs/rig/jobs?odd=1", free, "", "odd"),
         (400, "GET", "/api/v1/rigs/rig/jobs/first", free, "", "first"),
         (400, "GET", "/api/v1/rigs/rig/trend", free, "", "name"),
         (401, "POST", "/api/v1/rigs/rig/jobs", free, "{}", "the token is wanted"),
         (403, "GET", "/api/v1/rigs", "Host: evil.example\r\n", "", "name it with"),
-        (400, "POST", "/api/v1/rigs/rig/jobs", &with_token, "{", "JSON"),
-        (422, "POST", "/api/v1/rigs/rig/jobs", &with_token, r#"{"work":{"kind":"fly"}}"#, "fly"),
-        (422, "POST", "/api/v1/rigs/rig/jobs", &with_token, "", "work"),
-        (413, "POST", "/api/v1/rigs/rig/jobs", &with_token, &long, "limit"),
-        (422, "POST", "/api/v1/rigs/rig/jobs", &with_token, &why, "20000 characters, 200 are the most"),
+        (400, "POST", "/api/v1/rigs/rig/jobs", with_token, "{", "JSON"),
+        (422, "POST", "/api/v1/rigs/rig/jobs", with_token, r#"{"work":{"kind":"fly"}}"#, "fly"),
+        (422, "POST", "/api/v1/rigs/rig/jobs", with_token, "", "work"),
+        (413, "POST", "/api/v1/rigs/rig/jobs", with_token, long.as_str(), "limit"),
         (
             422,
             "POST",
             "/api/v1/rigs/rig/jobs",
-            &with_token,
+            with_token,
+            why.as_str(),
+            "20000 characters, 200 are the most",
+        ),
+        (
+            422,
+            "POST",
+            "/api/v1/rigs/rig/jobs",
+            with_token,
             r#"{"work":{"kind":"campaign","max_runs":1000000}}"#,
             "`max_runs` = 1000000 is not between 1 and 1000",
         ),

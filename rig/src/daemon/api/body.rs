@@ -39,7 +39,7 @@ mod tests {
     }
 
     fn read(kind: &str, text: &'static str) -> Result<Said, StatusCode> {
-        let request = Request::builder().header("content-type", kind).body(text.into()).unwrap();
+        let request = axum::http::Request::builder().header("content-type", kind).body(text.into()).unwrap();
         let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
         let read = runtime.block_on(Body::from_request(request, &()));
         read.map(|Body(said)| said).map_err(|problem| problem.status)

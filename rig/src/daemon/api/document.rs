@@ -4,13 +4,15 @@
 use axum::Json;
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
-use utoipa::openapi::{Content, OpenApi, Ref, Response, ResponseBuilder};
+use utoipa::openapi::{Content, OpenApi, Ref, RefOr, Response, ResponseBuilder, Schema};
 use utoipa::{Modify, OpenApi as _};
 
 use super::Document;
 
 /// The response of every refusal.
 const REFUSAL: &str = "Problem";
+/// Schemas that stand in others beside their `kind`: as wholes of their own they would forbid it.
+const JOINED: [&str; 2] = ["Chosen", "WantedRuns"];
 /// How whoever asks says the token.
 const TOKEN: &str = "token";
 
@@ -24,6 +26,11 @@ impl Modify for InCommon {
         let token = HttpBuilder::new().scheme(HttpAuthScheme::Bearer);
         let token = token.description(Some("What stands in `.token` in the runs folder."));
         components.add_security_scheme(TOKEN, SecurityScheme::Http(token.build()));
+        for name in JOINED {
+            if let Some(RefOr::T(Schema::Object(part))) = components.schemas.get_mut(name) {
+                part.additional_properties = None;
+            }
+        }
         for (path, item) in &mut document.paths.paths {
             let is_looked_up = path.contains('{');
             let operations = [(&mut item.get, true), (&mut item.post, false)];
