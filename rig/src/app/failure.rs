@@ -23,6 +23,9 @@ pub enum Failure {
 }
 
 impl Failure {
+    /// Exit code where the data cannot answer.
+    pub const DATA_EXIT_CODE: u8 = 4;
+
     /// Classifies an error as wrong input.
     pub fn input(error: impl Into<anyhow::Error>) -> Self {
         Self::Input(error.into())
@@ -54,7 +57,7 @@ impl Failure {
             Self::Internal(_) => 1,
             Self::Input(_) => 2,
             Self::Hardware(_) => 3,
-            Self::Data(_) => 4,
+            Self::Data(_) => Self::DATA_EXIT_CODE,
             Self::Interrupted(_) => INTERRUPTED,
         }
     }

@@ -176,19 +176,23 @@ fn table(runs: &[Summary]) -> String {
     if runs.is_empty() {
         return "no runs yet\n".into();
     }
-    let mut text =
-        format!("{:<23}  {:<10}  {:>10}  {:>7}  fit error\n", "run", "status", "duration", "images");
+    let mut text = format!(
+        "{:<23}  {:<10}  {:>10}  {:>7}  {:>5}  fit error\n",
+        "run", "status", "duration", "images", "lost"
+    );
     for run in runs {
         let _ = match &run.reason {
             Some(error) if run.status == "unreadable" => writeln!(text, "{}  unreadable: {error}", run.id),
             _ => writeln!(
                 text,
-                "{}  {:<10}  {:>10}  {:>7}  {}",
+                "{}  {:<10}  {:>10}  {:>7}  {:>5}  {}{}",
                 run.id,
                 run.status,
                 run.duration_s.map_or("-".into(), |s| format!("{s:.1} s")),
                 run.images.map_or("-".into(), |count| count.to_string()),
+                run.losses.map_or("-".into(), |losses| (losses.lost + losses.unread).to_string()),
                 run.fit_error_m.map_or("-".into(), |m| format!("{} mm", ident::millimetres(m))),
+                run.note().map_or_else(String::new, |note| format!("  {note}")),
             ),
         };
     }
@@ -204,8 +208,11 @@ fn describe(run: &RunFolder) -> Result<String, RecordError> {
     };
     line("run", &start.id);
     line("status", &summary.status);
-    if let Some(reason) = run.stop().and_then(|stop| stop.reason.as_ref()) {
+    if let Some(reason) = &summary.reason {
         line("reason", reason);
+    }
+    if let Some(degraded) = &summary.degraded {
+        line("degraded", degraded);
     }
     line("began", &start.clock.utc);
     if let Some(duration_s) = summary.duration_s {
@@ -294,7 +301,8 @@ mod tests {
 
         let text = show(dir.path(), Action::Ls { folder: None });
         let lines: Vec<_> = text.lines().collect();
-        assert_eq!(lines[1], "20261120T101503Z-ab12cd  success          3.5 s      350  1.50 mm");
+        let first = "20261120T101503Z-ab12cd  success          3.5 s      350      2  1.50 mm  degraded: 5 of 352 images are missing";
+        assert!(lines[1].starts_with(first), "{text}");
         assert!(lines[2].contains("incomplete") && lines[2].ends_with('-'), "{text}");
 
         let text = show(dir.path(), Action::Show { run: "20261120T101503Z-ab12cd".into() });

@@ -154,6 +154,8 @@ pub struct ImageQuality {
     pub lost: usize,
     /// Images that came but had no room in a queue.
     pub dropped: usize,
+    /// Images received that the recording does not give any more.
+    pub unread: usize,
     /// Images a second, as measured.
     pub fps: Option<f64>,
     /// Longest time between two images \[s\].

@@ -199,6 +199,7 @@ fn whole() -> ReportData {
             rejected: vec![("mechanism leaves the picture".into(), 10)],
             lost: 1,
             dropped: 0,
+            unread: 0,
             fps: Some(100.02),
             longest_gap_s: Some(0.02),
         }),

@@ -1,7 +1,7 @@
 //! How good news is.
 
 /// How good the news is; decides the colour.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Tone {
     /// As hoped.
     Good,

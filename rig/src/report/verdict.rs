@@ -58,8 +58,18 @@ pub(super) fn mean_error_m(fit: &Fit, usage: Use) -> Option<f64> {
     (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64)
 }
 
-/// Reads the verdict off the data.
+/// Reads the verdict off the data. Its line says where it is of fewer images than were received.
 pub(super) fn verdict(data: &ReportData) -> Verdict {
+    let mut verdict = said(data);
+    if let Some(images) = data.images.as_ref().filter(|images| images.unread > 0) {
+        let read = images.received.saturating_sub(images.unread);
+        verdict.tone = verdict.tone.max(Tone::Caution);
+        verdict.line += &format!(" Only {read} of {} images received could be read.", images.received);
+    }
+    verdict
+}
+
+fn said(data: &ReportData) -> Verdict {
     match (&data.end, &data.fit, &data.diagnosis) {
         (Some(RunEnd::Abort(reason)), ..) => Verdict::plain(Tone::Bad, format!("Aborted: {reason}")),
         (Some(RunEnd::Fail(reason)), ..) => Verdict::plain(Tone::Bad, format!("Failed: {reason}")),

@@ -68,7 +68,8 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub fn model_changes(&self) -> Result<Vec<ModelChange>, StoreError> {
-        let query = "SELECT id, summary -> '$.model' FROM runs WHERE json_type(summary, '$.model') = 'object' ORDER BY id";
+        let query = "SELECT id, summary -> '$.model' FROM runs WHERE json_type(summary, '$.model') = 'object' \
+                     ORDER BY summary ->> '$.number', id";
         let lines: Vec<(String, String)> = self.rows(query, [], |row| Ok((row.get(0)?, row.get(1)?)))?;
         let read = |(run, text): (String, String)| match serde_json::from_str::<MadeWith>(&text) {
             Ok(model) => Ok((run, model)),
