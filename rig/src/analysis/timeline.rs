@@ -220,11 +220,12 @@ impl Timeline {
             }
         }
         let mut timeline = Self { shortfall: recording.shortfall(), ..chronicle.timeline(config)? };
-        if timeline.shortfall.is_some() && timeline.command.is_none() {
-            // what the servo was told may be in a chunk that is lost: the run's own table says it too
-            if let Ok((command, measured)) = read_servo(&run.file(file::SERVO)) {
-                (timeline.command, timeline.measured) = (Some(command), measured);
-            }
+        // what the servo was told may be in a chunk that is lost: the run's own table says it too
+        if timeline.shortfall.is_some()
+            && timeline.command.is_none()
+            && let Ok((command, measured)) = read_servo(&run.file(file::SERVO))
+        {
+            (timeline.command, timeline.measured) = (Some(command), measured);
         }
         Ok(timeline)
     }

@@ -21,6 +21,7 @@ use crate::store::Store;
 /// [`Failure::Internal`] where the folder or the queue cannot be read. A recording that cannot be deleted stays.
 pub fn retain(store: &Store, config: &RetentionConfig) -> Result<Vec<(RunId, Removed)>, Failure> {
     let runs_dir = store.runs_dir();
+    let last = order::last(runs_dir);
     let with_recording = with_recording(runs_dir)?;
     let beyond = with_recording.len().saturating_sub(config.keep_recordings.get());
     if beyond == 0 {
@@ -28,7 +29,6 @@ pub fn retain(store: &Store, config: &RetentionConfig) -> Result<Vec<(RunId, Rem
     }
     let mut kept: HashSet<String> = LastGood::among(runs_dir).runs()?.into_iter().collect();
     kept.extend(store.runs_wanted().map_err(Failure::internal)?.iter().map(RunId::to_string));
-    let last = order::last(runs_dir);
     let may_go = |run: &&RunFolder| {
         let start = run.start();
         run.stop().is_some() && !kept.contains(start.id.as_str()) && last != Some(start.number)

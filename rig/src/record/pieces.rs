@@ -106,6 +106,7 @@ impl Pieces {
         let what = match number {
             ASIDE => Some(What::Aside),
             op::DATA_END => (self.is_ended && head == DATA_END_HEAD).then_some(What::End),
+            op::HEADER if at != mcap::MAGIC.len() as u64 => None,
             op::ATTACHMENT | op::METADATA => Some(What::Records(Vec::new())),
             op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE | op::MESSAGE_INDEX | op::CHUNK => {
                 let mut record = vec![0; bytes as usize];

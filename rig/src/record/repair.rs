@@ -47,6 +47,7 @@ struct Found {
     whole_until: u64,
     /// It begins as it should.
     has_header: bool,
+    has_messages: bool,
     has_channels: bool,
     is_closed: bool,
     /// What cannot be read now, and what an earlier repair has put aside.
@@ -62,7 +63,7 @@ struct Found {
 pub fn repair(path: &Path, info: Option<&CameraInfo>) -> Result<Repaired, RecordError> {
     let found = walk(path).map_err(RecordError::io("reading", path))?;
     let repaired = Repaired {
-        was_whole: found.is_closed && found.has_header && found.unreadable_bytes == 0,
+        was_whole: found.is_closed && found.begins_well() && found.unreadable_bytes == 0,
         unreadable_bytes: found.unreadable_bytes + found.aside_bytes,
     };
     if repaired.was_whole || !found.has_header && !found.has_records() {
@@ -79,6 +80,11 @@ pub fn repair(path: &Path, info: Option<&CameraInfo>) -> Result<Repaired, Record
 }
 
 impl Found {
+    /// It has a header, and channels where it has messages.
+    fn begins_well(&self) -> bool {
+        self.has_header && (self.has_channels || !self.has_messages)
+    }
+
     fn has_records(&self) -> bool {
         self.parts.iter().any(|(_, part)| *part == Part::Kept)
     }
@@ -87,7 +93,7 @@ impl Found {
     fn is_only_cut_off(&self) -> bool {
         let kept = self.parts.iter().take_while(|(_, part)| *part == Part::Kept).count();
         let lost = self.parts.len() - kept;
-        self.has_header && !self.is_closed && lost <= 1
+        self.begins_well() && !self.is_closed && lost <= 1
     }
 }
 
@@ -107,7 +113,10 @@ fn walk(path: &Path) -> std::io::Result<Found> {
                 continue;
             }
             What::Records(records) => {
-                found.has_channels |= records.iter().any(|record| matches!(record, Record::Channel(_)));
+                for record in &records {
+                    found.has_channels |= matches!(record, Record::Channel(_));
+                    found.has_messages |= matches!(record, Record::Message { .. });
+                }
                 Part::Kept
             }
             What::Aside => {

@@ -46,13 +46,13 @@ enum Damage {
 
 impl Damage {
     fn any() -> impl Strategy<Value = Self> {
-        let (place, bytes) = (any::<Index>(), 1_usize..400);
+        let (place, bytes) = (any::<Index>, 1_usize..400);
         prop_oneof![
-            6 => (place, 0_u8..8).prop_map(|(at, bit)| Self::Flip { at, bit }),
-            1 => place.prop_map(|at| Self::Cut { at }),
-            2 => (place, bytes.clone()).prop_map(|(from, bytes)| Self::Delete { from, bytes }),
-            1 => (place, bytes.clone(), any::<u8>()).prop_map(|(from, bytes, with)| Self::Garble { from, bytes, with }),
-            1 => (place, bytes, any::<u8>()).prop_map(|(at, bytes, with)| Self::Insert { at, bytes, with }),
+            6 => (place(), 0_u8..8).prop_map(|(at, bit)| Self::Flip { at, bit }),
+            1 => place().prop_map(|at| Self::Cut { at }),
+            2 => (place(), bytes.clone()).prop_map(|(from, bytes)| Self::Delete { from, bytes }),
+            1 => (place(), bytes.clone(), any::<u8>()).prop_map(|(from, bytes, with)| Self::Garble { from, bytes, with }),
+            1 => (place(), bytes, any::<u8>()).prop_map(|(at, bytes, with)| Self::Insert { at, bytes, with }),
         ]
     }
 
@@ -62,7 +62,7 @@ impl Damage {
         }
         let length = file.len();
         match self {
-            Self::Flip { at, bit } => file[at.index(length)] ^= 1 << bit,
+            Self::Flip { at, bit } => file[at.index(length)] ^= 1_u8 << *bit,
             Self::Cut { at } => file.truncate(at.index(length)),
             Self::Delete { from, bytes } => {
                 let from = from.index(length);
