@@ -140,7 +140,7 @@ mod tests {
 
         store
             .change("a test", |db| {
-                db.execute("UPDATE runs SET summary = json_remove(summary, '$.model')", [])
+                db.execute("UPDATE runs SET summary = json_remove(summary, '$.model', '$.losses')", [])
             })
             .unwrap();
         assert_eq!(store.model_changes().unwrap(), []);
