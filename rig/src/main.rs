@@ -17,7 +17,7 @@ fn main() -> ExitCode {
         say(&result)
     }
     match result {
-        Ok(outcome) => ExitCode::from(outcome.exit_code),
+        Ok(outcome) => ExitCode::from(outcome.exit_code(cli.strict)),
         Err(failure) => ExitCode::from(failure.exit_code()),
     }
 }
@@ -41,8 +41,12 @@ fn print(text: &str) {
 
 fn say(result: &Result<Outcome, Failure>) {
     match result {
-        Ok(outcome) if outcome.text.is_empty() => {}
-        Ok(outcome) => print(&outcome.text),
+        Ok(outcome) => {
+            if !outcome.text.is_empty() {
+                print(&outcome.text);
+            }
+            outcome.warnings.iter().for_each(|warning| eprintln!("rig: mind: {warning}"));
+        }
         Err(failure) => eprintln!("rig: {:#}", failure.error()),
     }
 }

@@ -155,7 +155,8 @@ impl Analysis<'_> {
             None => Timeline::read(self.run, self.config),
         })?;
         if let Some(command) = &timeline.command {
-            table::write_servo(&self.out.join(file::SERVO), command, &timeline.measured)?;
+            let text = table::servo_text(command, &timeline.measured);
+            write_whole(&self.out.join(file::SERVO), text.as_bytes())?;
         }
         let live = self.live.take();
         if self.from == Stage::Trajectory {
@@ -210,6 +211,7 @@ impl Analysis<'_> {
         answer: Result<&Answer, &AnalysisError>,
     ) -> Result<ReportData, AnalysisError> {
         let mut data = ReportData::of_run(&RunFolder::open(self.out)?)?;
+        data.warnings.extend(timeline.shortfall.iter().map(|shortfall| format!("{shortfall}.")));
         match answer {
             Ok(Answer { fitted, diagnosed }) => {
                 data.add_fitted(fitted);
@@ -340,7 +342,8 @@ impl Analysis<'_> {
             row.reason.clone_from(&record.reason);
         }
         frames::write(&self.out.join(file::FRAMES), &rows)?;
-        table::write_trajectory(&self.out.join(file::TRAJECTORY), &extraction.trajectory)?;
+        let trajectory = table::trajectory_text(&extraction.trajectory);
+        write_whole(&self.out.join(file::TRAJECTORY), trajectory.as_bytes())?;
         Ok((extraction, early))
     }
 

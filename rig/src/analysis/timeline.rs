@@ -1,7 +1,7 @@
 //! What a recording says about time: when each image was exposed, and what the servo was told when, both on the
 //! run's time.
 
-use ident::table::MeasuredAngles;
+use ident::table::{MeasuredAngles, read_servo};
 use sim::Command;
 
 use super::error::AnalysisError;
@@ -88,6 +88,11 @@ impl Chronicle {
         self.last = Some(image.sequence);
     }
 
+    /// Something was recorded here that cannot be read: what the camera counted meanwhile it may have handed over.
+    pub fn gap(&mut self) {
+        self.last = None;
+    }
+
     /// The next event of the board.
     pub fn servo(&mut self, event: &ServoEvent) {
         match *event {
@@ -138,7 +143,8 @@ impl Chronicle {
             samples: self.stood.len(),
             drift_ppm: None,
         });
-        Ok(Timeline { images: self.images, clock, clock_at, command, measured, feedback })
+        let (images, shortfall) = (self.images, None);
+        Ok(Timeline { images, clock, clock_at, command, measured, feedback, shortfall })
     }
 
     /// The angles that servos on a bus told, half-way between question and answer.
@@ -193,10 +199,12 @@ pub struct Timeline {
     pub measured: Vec<MeasuredAngles>,
     /// How well their times are known.
     feedback: Option<ClockQuality>,
+    /// What the recording does not give any more, in a sentence without its full stop.
+    pub shortfall: Option<String>,
 }
 
 impl Timeline {
-    /// Reads `run`'s recording. A recording that was cut off is read as far as it goes.
+    /// Reads `run`'s recording. Of one that was cut off or is damaged all is read that is whole.
     ///
     /// # Errors
     /// [`AnalysisError`] when there is no readable recording, or the config's channels are not those of the run.
@@ -208,10 +216,18 @@ impl Timeline {
                 Item::Image(image) => chronicle.image(&image),
                 Item::Servo(event) => chronicle.servo(&event),
                 Item::Command(command) => chronicle.command(&command),
+                Item::Gap => chronicle.gap(),
             }
         }
-        recording.warn_if_cut_off();
-        chronicle.timeline(config)
+        let mut timeline = Self { shortfall: recording.shortfall(), ..chronicle.timeline(config)? };
+        // what the servo was told may be in a chunk that is lost: the run's own table says it too
+        if timeline.shortfall.is_some()
+            && timeline.command.is_none()
+            && let Ok((command, measured)) = read_servo(&run.file(file::SERVO))
+        {
+            (timeline.command, timeline.measured) = (Some(command), measured);
+        }
+        Ok(timeline)
     }
 
     /// The images that get a row in the trajectory.

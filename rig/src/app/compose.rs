@@ -7,12 +7,13 @@ use ident::experiment::{CauseConfig, DesignConfig, DiagnoseConfig, Experiment, F
 use ident::weights::{Mechanism, Water};
 use serde::{Deserialize, Serialize};
 
-use super::Failure;
 use super::design::limits;
+use super::{Failure, base};
 use crate::camera::CameraConfig;
 use crate::profile::ProfileConfig;
 use crate::record::files::write_whole;
 use crate::record::folder::{RunFolder, file};
+use crate::record::losses::{Limits, Losses};
 use crate::record::start_stop::Start;
 use crate::servo::ServoConfig;
 
@@ -155,6 +156,38 @@ fn composed(
     toml::to_string(&file).map_err(Failure::internal)
 }
 
+/// Why nothing may be promoted that is made from the run in the folder `path`: it lacks too many images.
+pub fn degraded(path: &Path) -> Option<String> {
+    // what cannot be opened is told by whoever needs it
+    let run = RunFolder::open(path).ok()?;
+    Losses::of(&run).degraded(&Limits::of(&run))
+}
+
+/// What the runs of the experiment at `path` lack, one sentence each: of those that are run folders.
+pub fn shortfalls(path: &Path) -> Vec<String> {
+    #[derive(Deserialize)]
+    struct Named {
+        #[serde(default)]
+        run: Vec<Folder>,
+    }
+    #[derive(Deserialize)]
+    struct Folder {
+        folder: Option<PathBuf>,
+    }
+    // what cannot be read is told by the fit
+    let named = std::fs::read_to_string(path).ok().and_then(|text| toml::from_str::<Named>(&text).ok());
+    let folders = named.into_iter().flat_map(|named| named.run).filter_map(|run| run.folder);
+    let runs = folders.filter_map(|folder| RunFolder::open(&base(path).join(folder)).ok());
+    runs.filter_map(|run| {
+        let losses = Losses::of(&run);
+        let missing =
+            losses.degraded(&Limits::of(&run)).or_else(|| losses.say().filter(|_| losses.unread > 0));
+        let why: Vec<String> = run.incomplete().into_iter().chain(missing).collect();
+        (!why.is_empty()).then(|| format!("Run {}: {}.", run.start().id, why.join("; ")))
+    })
+    .collect()
+}
+
 /// Opens a run folder and sees that it holds a trajectory.
 fn usable(path: &Path) -> Result<Start, Failure> {
     let folder = RunFolder::open(path).map_err(Failure::input)?;
@@ -165,8 +198,8 @@ fn usable(path: &Path) -> Result<Start, Failure> {
             file::TRAJECTORY
         )));
     }
-    if folder.stop().is_none() {
-        tracing::warn!("run {} is incomplete: it has no {}", path.display(), file::STOP);
+    if let Some(why) = folder.incomplete() {
+        tracing::warn!("run {} is incomplete: {why}", path.display());
     }
     Ok(folder.start().clone())
 }

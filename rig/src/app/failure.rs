@@ -36,6 +36,9 @@ impl From<StoreError> for Failure {
 }
 
 impl Failure {
+    /// Exit code where the data cannot answer.
+    pub const DATA_EXIT_CODE: u8 = 4;
+
     /// Classifies an error as wrong input.
     pub fn input(error: impl Into<anyhow::Error>) -> Self {
         Self::Input(error.into())
@@ -76,7 +79,7 @@ impl Failure {
             Self::Internal(_) => 1,
             Self::Input(_) => 2,
             Self::Hardware(_) | Self::Held(_) => 3,
-            Self::Data(_) => 4,
+            Self::Data(_) => Self::DATA_EXIT_CODE,
             Self::Interrupted(_) => INTERRUPTED,
         }
     }

@@ -46,6 +46,9 @@ pub struct Verdict {
     /// Why it was kept, one sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub why: Vec<String>,
+    /// The run lacks too many images to be looked at: that was told when it ended.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub degraded: bool,
     /// Whether the mechanism is still the same.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drift: Option<Drift>,
@@ -54,7 +57,10 @@ pub struct Verdict {
 impl Recalibrated {
     /// What somebody should know of it: the kind of alert, and the words; nothing where all is as it was.
     pub fn alert(&self) -> Option<(&'static str, String)> {
-        let Verdict { updated, why, drift, .. } = &self.verdict;
+        let Verdict { updated, why, degraded, drift, .. } = &self.verdict;
+        if *degraded {
+            return None;
+        }
         if !updated {
             return Some(("recalibration-kept", format!("the last good fit stays: {}", why.join("; "))));
         }
@@ -91,6 +97,12 @@ impl LastGood {
         Ok(runs.filter_map(|run| Some(run["id"].as_str()?.to_owned())).collect())
     }
 
+    /// What becomes of it by a run that lacks too many images, as `why` says: it is kept, and nothing is fitted.
+    pub fn keep(&self, why: String) -> Verdict {
+        let first = !self.folder.join(file::FIT).exists();
+        Verdict { updated: false, first, why: vec![why], degraded: true, drift: None }
+    }
+
     /// Fits `experiment` with what the last good fit found as a prior. It becomes the last good fit unless it fails a gate:
     /// then the old one stays. Without an old one, a fit that has converged is good. `source` says in the model what it was fitted to.
     ///
@@ -125,7 +137,8 @@ fn judged(fitted: &Fitted, first: bool) -> Verdict {
     if why.is_empty() && !fitted.fit.has_converged() {
         why.push(format!("the new fit did not converge ({})", fitted.fit.stop_reason));
     }
-    Verdict { updated: why.is_empty(), first, why, drift: judged.and_then(|verdict| verdict.drift.clone()) }
+    let drift = judged.and_then(|verdict| verdict.drift.clone());
+    Verdict { updated: why.is_empty(), first, why, degraded: false, drift }
 }
 
 #[cfg(test)]

@@ -110,11 +110,11 @@ impl Filmed {
                     watcher.step(filmed.film.images() as u64);
                 }
                 Item::Servo(event) => filmed.told(&event),
-                Item::Image(_) | Item::Command(_) => {}
+                Item::Image(_) | Item::Command(_) | Item::Gap => {}
             }
         }
         watcher.clear();
-        recording.warn_if_cut_off();
+        recording.warn_of_shortfall();
         Ok(filmed)
     }
 

@@ -3,6 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
+use ident::table::{read_servo, servo_text};
+
 use super::Failure;
 use crate::analysis::AnalysisError;
 use crate::analysis::timeline::{Chronicle, Timeline, USABLE};
@@ -10,13 +12,14 @@ use crate::claim::Claim;
 use crate::clock::MonotonicNs;
 use crate::config::RigConfig;
 use crate::error_chain::with_causes;
-use crate::record::files::create_folder;
+use crate::record::files::{create_folder, read_json, write_whole};
 use crate::record::folder::{self, RunFolder, file};
 use crate::record::frames::FrameRow;
 use crate::record::reader::{Item, Recording};
 use crate::record::repair::{Repaired, repair};
 use crate::record::run_id::RunId;
 use crate::record::start_stop::{ClockPair, Recovered, Start, Status, Stop};
+use crate::record::sums::{Sum, Sums};
 use crate::record::{RecordError, ServoCommand, frames, journal};
 use crate::run::machine::Ending;
 use crate::servo::StopOutcome;
@@ -35,7 +38,7 @@ pub fn claim(runs_dir: &Path) -> Result<Claim, Failure> {
     Claim::take("the runs folder", &lock(runs_dir)).map_err(Failure::input)
 }
 
-/// Recovers all runs in `runs_dir` that have no `stop.json`, while nobody films into it: says so of each. One that cannot be recovered
+/// Recovers all runs in `runs_dir` that have no `stop.json` that can be read, while nobody films into it: says so of each. One that cannot be recovered
 /// stays as it is, and keeps nobody from the next run.
 pub fn all(runs_dir: &Path, claim: &Claim, mut say: impl FnMut(&RunId, &str)) {
     if let Err(error) = folder::remove_unmade(runs_dir) {
@@ -62,52 +65,110 @@ pub fn unfinished_in(runs_dir: &Path) -> Vec<(RunId, String)> {
     said
 }
 
-/// The runs without `stop.json`, oldest first.
+/// The runs without a `stop.json` that can be read, by their ids.
 fn unfinished(runs_dir: &Path) -> Vec<RunId> {
     // what cannot be read now is told by whoever has to write there
     let entries = std::fs::read_dir(runs_dir).into_iter().flatten().flatten();
     let ids = entries.filter_map(|entry| RunId::try_from(entry.file_name().into_string().ok()?).ok());
-    let mut ids: Vec<_> = ids.filter(|id| !runs_dir.join(id.as_str()).join(file::STOP).exists()).collect();
+    let is_unfinished = |id: &RunId| read_json::<Stop>(&runs_dir.join(id.as_str()).join(file::STOP)).is_err();
+    let mut ids: Vec<_> = ids.filter(is_unfinished).collect();
     ids.sort();
     ids
 }
 
 /// Recovers the run in the folder `path`, while nobody films into the folder that it is in; says what became of it. None where it has
-/// its `stop.json`.
+/// its `stop.json`, and its recording is what was written.
 ///
 /// # Errors
 /// [`Failure::Input`] for a folder that is no run, [`Failure::Data`] where the disk refuses. What was recorded stays as it was, and
 /// nothing is lost by trying again.
 pub fn recover(path: &Path, _claim: &Claim) -> Result<Option<String>, Failure> {
     let mut run = RunFolder::open(path).map_err(Failure::input)?;
-    if run.stop().is_some() {
+    match run.stop().cloned() {
+        Some(stop) => damaged(&mut run, stop).map_err(Failure::data),
+        None => unended(&mut run).map(Some).map_err(Failure::data),
+    }
+}
+
+/// Makes the recording of a run whole that has ended, where it is not what was written.
+fn damaged(run: &mut RunFolder, stop: Stop) -> Result<Option<String>, RecordError> {
+    let recording = run.file(file::RECORDING);
+    if !recording.exists() {
         return Ok(None);
     }
+    let written = Sums::read(run.path()).ok().flatten().and_then(|sums| sums.0.get(file::RECORDING).copied());
+    if written.is_some_and(|sum| Sum::of_file(&recording).is_ok_and(|found| found == sum)) {
+        return Ok(None);
+    }
+    let repaired = repair(&recording, run.start().camera.as_ref())?;
+    if repaired.was_whole && written.is_none() {
+        return Ok(None);
+    }
+    let images = Heard::of(run).rows.len() as u64;
+    let said = format!(
+        "had a damaged recording; {images} of its {} images can be read{}",
+        stop.images,
+        unreadable(repaired)
+    );
+    run.finish_again(Stop { recovered: Some(recovered(repaired)), ..stop }, &[file::RECORDING])?;
+    Ok(Some(said))
+}
+
+/// Ends a run that has not ended itself, or whose end cannot be read.
+fn unended(run: &mut RunFolder) -> Result<String, RecordError> {
     let recording = run.file(file::RECORDING);
     let repaired = match recording.exists() {
-        true => repair(&recording).map_err(Failure::data)?,
+        true => repair(&recording, run.start().camera.as_ref())?,
         false => Repaired::default(),
     };
-    let heard = Heard::of(&run);
-    heard.write_tables(&run).map_err(Failure::data)?;
-    let stop = heard.stop(&run, repaired);
-    let said = format!(
-        "ended without a word; its {} images, {:.1} s, are kept as `{}`{}",
+    let heard = Heard::of(run);
+    let mut made = heard.write_tables(run)?;
+    if !repaired.was_whole {
+        made.push(file::RECORDING);
+    }
+    let stop = heard.stop(run, repaired);
+    let mut said = match run.unreadable_stop() {
+        Some(_) => format!("had a {} that cannot be read", file::STOP),
+        None => "ended without a word".into(),
+    };
+    said += &format!(
+        "; its {} images, {:.1} s, are kept as `{}`{}",
         stop.images,
         stop.clock.monotonic_ns.seconds_since(run.origin()),
         crate::store::runs::word(stop.status),
-        match repaired.unreadable_bytes {
-            0 => String::new(),
-            bytes => format!(", {bytes} bytes of the recording cannot be read"),
-        }
+        unreadable(repaired)
     );
-    run.finish(stop, None).map_err(Failure::data)?;
-    Ok(Some(said))
+    if run.unreadable_stop().is_some() {
+        said += &format!(", the damaged file as {}", put_aside(run)?);
+    }
+    run.finish_again(stop, &made)?;
+    Ok(said)
+}
+
+/// Keeps a `stop.json` that cannot be read under another name, and gives that.
+fn put_aside(run: &RunFolder) -> Result<String, RecordError> {
+    let stamp = jiff::Timestamp::now().strftime("%Y%m%dT%H%M%S%6fZ");
+    let (path, name) = (run.file(file::STOP), format!("{}-damaged-{stamp}", file::STOP));
+    std::fs::rename(&path, run.file(&name)).map_err(RecordError::io("putting aside", &path))?;
+    Ok(name)
+}
+
+fn unreadable(repaired: Repaired) -> String {
+    match repaired.unreadable_bytes {
+        0 => String::new(),
+        bytes => format!(", {bytes} bytes of the recording cannot be read"),
+    }
+}
+
+fn recovered(repaired: Repaired) -> Recovered {
+    Recovered { at_utc: jiff::Timestamp::now().to_string(), unreadable_bytes: repaired.unreadable_bytes }
 }
 
 /// All that a run has left of itself.
 struct Heard {
     rows: Vec<FrameRow>,
+    /// Images that the camera counted where the recording cannot be read.
+    images_unread: u64,
     images_repeated: u64,
     timeline: Result<Timeline, String>,
     servo: Option<StopOutcome>,
@@ -122,10 +183,10 @@ impl Heard {
         let mut chronicle = Chronicle::new(run.origin());
         let (mut servo, mut last, mut before, mut images_repeated) = (None, run.origin(), None, 0);
         let path = run.file(file::RECORDING);
-        if path.exists() {
-            // one of which not even the beginning is left gives nothing
-            let items = Recording::open(&path).into_iter().flatten();
-            for (at, item) in items.map_while(Result::ok) {
+        let mut images_unread = 0;
+        // one of which not even the beginning is left gives nothing
+        if let Ok(mut recording) = Recording::open(&path) {
+            for (at, item) in recording.by_ref().map_while(Result::ok) {
                 last = last.max(at);
                 match item {
                     Item::Image(image) => {
@@ -140,8 +201,10 @@ impl Heard {
                         }
                         chronicle.command(&command);
                     }
+                    Item::Gap => chronicle.gap(),
                 }
             }
+            images_unread = recording.unread().images;
         }
         // a journal that was cut short is read as far as it goes, a damaged one not at all
         let journal = journal::read(&run.file(file::JOURNAL)).unwrap_or_default();
@@ -155,24 +218,26 @@ impl Heard {
         let timeline = config.map_err(|error| with_causes(&error)).and_then(|config| {
             chronicle.timeline(&config).map_err(|error: AnalysisError| with_causes(&error))
         });
-        Self { rows, images_repeated, timeline, servo, last, ended }
+        Self { rows, images_unread, images_repeated, timeline, servo, last, ended }
     }
 
-    /// Writes `frames.csv` and `servo.csv`.
-    fn write_tables(&self, run: &RunFolder) -> Result<(), RecordError> {
-        frames::write(&run.file(file::FRAMES), &self.rows)?;
-        match &self.timeline {
-            Ok(Timeline { command: Some(command), measured, .. }) => {
-                let path = run.file(file::SERVO);
-                ident::table::write_servo(&path, command, measured)
-                    .map_err(|error| RecordError::damaged(&path, with_causes(&error)))
-            }
-            Ok(_) => Ok(()),
-            Err(error) => {
-                tracing::warn!("run {}: no {}: {error}", run.start().id, file::SERVO);
-                Ok(())
-            }
+    /// Writes `frames.csv` and `servo.csv` where they are not there or cannot be read: which.
+    fn write_tables(&self, run: &RunFolder) -> Result<Vec<&'static str>, RecordError> {
+        let mut made = Vec::new();
+        let [frames, servo] = [file::FRAMES, file::SERVO].map(|name| run.file(name));
+        if frames::read(&frames).is_err() {
+            frames::write(&frames, &self.rows)?;
+            made.push(file::FRAMES);
         }
+        match &self.timeline {
+            Ok(Timeline { command: Some(command), measured, .. }) if read_servo(&servo).is_err() => {
+                write_whole(&servo, servo_text(command, measured).as_bytes())?;
+                made.push(file::SERVO);
+            }
+            Ok(_) => {}
+            Err(error) => tracing::warn!("run {}: no {}: {error}", run.start().id, file::SERVO),
+        }
+        Ok(made)
     }
 
     fn stop(&self, run: &RunFolder, repaired: Repaired) -> Stop {
@@ -187,23 +252,22 @@ impl Heard {
             Some(Ending::Fail(reason)) => (Status::Fail, Some(reason.clone())),
             _ => (Status::Fail, Some("ended without a word: killed, or the power was cut".to_owned())),
         };
+        // a table that was there before the recording was damaged has more of them
+        let told = frames::read(&run.file(file::FRAMES)).map_or(0, |rows| rows.len() as u64);
         let left = if start.board.is_some() { StopOutcome::LeftToDeadMan } else { StopOutcome::NotNeeded };
         Stop {
             status,
             reason,
             clock: ClockPair { monotonic_ns: self.last, utc: later(start, self.last) },
             servo: self.servo.unwrap_or(left),
-            images: self.rows.len() as u64,
+            images: (self.rows.len() as u64 + self.images_unread).max(told),
             images_lost: count(&|row| row.lost_before.into()),
             images_damaged: count(&|row| row.damaged.into()),
             images_repeated: self.images_repeated,
             images_stale: count(&|row| (row.status != USABLE).into()),
             messages_dropped: 0,
             learn_from: None,
-            recovered: Some(Recovered {
-                at_utc: jiff::Timestamp::now().to_string(),
-                unreadable_bytes: repaired.unreadable_bytes,
-            }),
+            recovered: Some(recovered(repaired)),
         }
     }
 }

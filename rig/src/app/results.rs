@@ -7,7 +7,8 @@ use ident::diagnose::{Diagnosed, NamedCause};
 use ident::experiment::{Experiment, Use};
 use ident::fit::{Fit, Fitted, FittedRun};
 
-use super::{Failure, compose};
+use super::Failure;
+use super::compose::{self, shortfalls};
 use crate::record::files::{create_folder, write_whole};
 use crate::record::folder::file;
 use crate::record::timing::{Stage, Timing};
@@ -46,6 +47,7 @@ impl<'a> Given<'a> {
             date: jiff::Timestamp::now().strftime("%Y-%m-%d %H:%M:%S UTC").to_string(),
             description: format!("{done} of {model} {to} {fitted} runs, {held_out} held out."),
             timing: Timing { workers, stages: vec![stage] },
+            warnings: shortfalls(self.path),
             provenance: vec![
                 ("rig".into(), env!("CARGO_PKG_VERSION").into()),
                 ("experiment".into(), self.source()),

@@ -8,43 +8,58 @@ use super::last_good::LastGood;
 use crate::config::RetentionConfig;
 use crate::error_chain::with_causes;
 use crate::record::folder::{RunFolder, file};
+use crate::record::order;
 use crate::record::retention::{Removed, remove_recording};
 use crate::record::run_id::RunId;
 use crate::store::Store;
 
-/// Deletes what `config` says of the runs in `store`'s folder, and gives what that was. A run that has not ended keeps its recording,
-/// and so does one that the last good fit was made from or that a job which waits or runs is about.
+/// Deletes what `config` says of the runs in `store`'s folder, and gives what that was. The newest are those that were made last, whatever the
+/// clock said ([`order`]). A run that has not ended keeps its recording, and so does one that the last good fit was made from or that a job
+/// which waits or runs is about, and the last that was made.
 ///
 /// # Errors
 /// [`Failure::Internal`] where the folder or the queue cannot be read. A recording that cannot be deleted stays.
 pub fn retain(store: &Store, config: &RetentionConfig) -> Result<Vec<(RunId, Removed)>, Failure> {
     let runs_dir = store.runs_dir();
-    let mut with_recording = with_recording(runs_dir)?;
-    with_recording.sort_unstable();
+    let last = order::last(runs_dir);
+    let with_recording = with_recording(runs_dir)?;
     let beyond = with_recording.len().saturating_sub(config.keep_recordings.get());
     if beyond == 0 {
         return Ok(Vec::new());
     }
     let mut kept: HashSet<String> = LastGood::among(runs_dir).runs()?.into_iter().collect();
     kept.extend(store.runs_wanted().map_err(Failure::internal)?.iter().map(RunId::to_string));
+    let may_go = |run: &&RunFolder| {
+        let start = run.start();
+        run.stop().is_some() && !kept.contains(start.id.as_str()) && last != Some(start.number)
+    };
     let mut removed = Vec::new();
-    for id in with_recording.into_iter().take(beyond).filter(|id| !kept.contains(id.as_str())) {
-        let run = RunFolder::open(&runs_dir.join(id.as_str()));
-        match run
-            .and_then(|run| if run.stop().is_some() { remove_recording(&run).map(Some) } else { Ok(None) })
-        {
-            Ok(gone) => removed.extend(gone.map(|gone| (id, gone))),
+    for run in with_recording[..beyond].iter().filter(may_go) {
+        let id = &run.start().id;
+        match remove_recording(run) {
+            Ok(gone) => removed.push((id.clone(), gone)),
             Err(error) => tracing::warn!("run {id} keeps its recording: {}", with_causes(&error)),
         }
     }
     Ok(removed)
 }
 
-fn with_recording(runs_dir: &Path) -> Result<Vec<RunId>, Failure> {
+/// The runs that have their recordings, oldest first. Those that cannot be opened keep them.
+fn with_recording(runs_dir: &Path) -> Result<Vec<RunFolder>, Failure> {
     let entries = std::fs::read_dir(runs_dir).map_err(Failure::internal)?;
-    let ids =
-        entries.flatten().filter_map(|entry| RunId::try_from(entry.file_name().into_string().ok()?).ok());
-    Ok(ids.filter(|id| runs_dir.join(id.as_str()).join(file::RECORDING).exists()).collect())
+    let paths = entries
+        .flatten()
+        .filter(|entry| RunId::try_from(entry.file_name().into_string().unwrap_or_default()).is_ok());
+    let paths = paths.map(|entry| entry.path()).filter(|path| path.join(file::RECORDING).exists());
+    let mut runs: Vec<RunFolder> = paths.filter_map(|path| RunFolder::open(&path).ok()).collect();
+    runs.sort_by_cached_key(|run| (run.start().number, run.start().id.clone()));
+    if let Some(last) = runs.last().map(|run| run.start().number)
+        && order::last(runs_dir).is_some_and(|begun| begun < last)
+    {
+        // runs of another folder were put here: those that are made from now on come behind them
+        order::raise(runs_dir, last).map_err(Failure::internal)?;
+    }
+    Ok(runs)
 }
 
 #[cfg(test)]
@@ -68,6 +83,32 @@ mod tests {
             run.finish(stop, None).unwrap();
         }
         run
+    }
+
+    #[test]
+    fn run_that_was_made_last_keeps_its_recording_wherever_the_clock_stood() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        let config = RetentionConfig { keep_recordings: 2.try_into().unwrap() };
+        let mut made = Vec::new();
+        // the clock goes back with each run: by its id the newest is the oldest
+        for day in (10..=16).rev() {
+            made.push(run(folder.path(), day, true));
+            let gone: Vec<RunId> = retain(&store, &config).unwrap().into_iter().map(|(id, _)| id).collect();
+            let oldest = made.len().checked_sub(3).map(|place| made[place].start().id.clone());
+            assert_eq!(gone, oldest.into_iter().collect::<Vec<_>>());
+        }
+        // runs of another folder, where more were made, are put here
+        let other = tempfile::tempdir().unwrap();
+        order::raise(other.path(), 500).unwrap();
+        for day in [20, 21] {
+            let run = run(other.path(), day, true);
+            std::fs::rename(run.path(), folder.path().join(run.start().id.as_str())).unwrap();
+        }
+        let last = run(folder.path(), 9, true);
+        retain(&store, &config).unwrap();
+        assert!(last.file(file::RECORDING).exists());
+        assert_eq!(run(folder.path(), 8, true).start().number, 503);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
+use crate::app::compose::shortfalls;
 use crate::app::diagnose::diagnosed;
 use crate::app::{INTERRUPTED, interruptible, threads};
 use crate::report;
@@ -49,6 +50,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
                 true => verdict.exit_code(),
                 false => 0,
             },
+            warnings: shortfalls(experiment),
             text,
             ..Outcome::default()
         })

@@ -107,7 +107,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             false => format!("{} is not there: no image was refused or doubtful\n", path.display()),
         });
     }
-    Ok(Outcome { out: Some(args.out.clone()), text, ..Outcome::default() })
+    let warnings = source.shortfall().into_iter().collect();
+    Ok(Outcome { out: Some(args.out.clone()), warnings, text, ..Outcome::default() })
 }
 
 fn write<'a>(args: &Args, extraction: &'a Extraction) -> anyhow::Result<()> {

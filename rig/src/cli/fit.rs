@@ -48,6 +48,6 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     interruptible(async |interrupt| {
         let (data, report) = job.carry_out(&mut Bar::new(interrupt.flag()))?;
         let text = format!("{}\n{}\n", report::summary(&data), report.display());
-        Ok(Outcome { out: Some(args.out.clone()), text, ..Outcome::default() })
+        Ok(Outcome { out: Some(args.out.clone()), warnings: data.warnings, text, ..Outcome::default() })
     })
 }

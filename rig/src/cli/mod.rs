@@ -48,10 +48,20 @@ pub struct Outcome {
     /// The diagnosis's verdict.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verdict: Option<String>,
+    /// What was less than it should have been, one sentence each: images that are missing, things that could not be done.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
     /// The process's exit code, 0 unless somebody asked for another.
     #[serde(skip)]
     pub exit_code: u8,
     /// Printed on standard output, unless `--json` asks for one object instead.
     #[serde(skip)]
     pub text: String,
+}
+
+impl Outcome {
+    /// The process's exit code; as of data that cannot answer, where `strict` lets no warning pass.
+    pub fn exit_code(&self, strict: bool) -> u8 {
+        if strict && !self.warnings.is_empty() { Failure::DATA_EXIT_CODE } else { self.exit_code }
+    }
 }

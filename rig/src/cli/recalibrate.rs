@@ -9,9 +9,9 @@ use ident::experiment::Use;
 use super::progress::Bar;
 use super::{Failure, Outcome};
 use crate::analysis::Progress as _;
-use crate::app::compose::compose;
+use crate::app::compose::{compose, degraded};
 use crate::app::drift::moved;
-use crate::app::last_good::{LastGood, Recalibrated, VERDICT};
+use crate::app::last_good::{LastGood, Recalibrated, VERDICT, Verdict};
 use crate::app::{interruptible, on_threads, threads};
 use crate::error_chain::with_causes;
 use crate::record::files::write_whole;
@@ -39,15 +39,11 @@ pub struct Args {
 /// As [`compose`] and [`LastGood::update`]; the last good fit stays.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let good = LastGood::among(&args.runs_dir);
-    let experiment = compose(&[(Use::Fit, &args.run)], None, true, &args.run.join(EXPERIMENT))?;
     let source = args.run.display().to_string();
-    let verdict = interruptible(async |interrupt| {
-        let mut bar = Bar::new(interrupt.flag());
-        bar.begin("fit", Some(experiment.fit.max_evaluations));
-        tokio::task::block_in_place(|| {
-            on_threads(threads(args.threads), || good.update(&experiment, &source, &mut bar))
-        })
-    })?;
+    let verdict = match degraded(&args.run) {
+        Some(why) => good.keep(why),
+        None => updated(args, &good, &source)?,
+    };
     // an index that cannot be read or written hides a slow drift, and nothing else
     let moved = Store::open(&args.runs_dir).and_then(|mut store| moved(&mut store)).unwrap_or_else(|error| {
         tracing::warn!("slow drift was not looked for: {}", with_causes(&error));
@@ -60,13 +56,26 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     for moved in &moved {
         let _ = write!(text, "\n{moved}");
     }
+    let warnings = if verdict.degraded { verdict.why.clone() } else { Vec::new() };
     let json = serde_json::to_vec_pretty(&Recalibrated { verdict, moved }).map_err(Failure::internal)?;
     write_whole(&args.run.join(VERDICT), &json).map_err(Failure::internal)?;
     Ok(Outcome {
         out: Some(good.folder().into()),
         run: Some(args.run.clone()),
         verdict: Some(word.into()),
+        warnings,
         text,
         ..Outcome::default()
+    })
+}
+
+fn updated(args: &Args, good: &LastGood, source: &str) -> Result<Verdict, Failure> {
+    let experiment = compose(&[(Use::Fit, &args.run)], None, true, &args.run.join(EXPERIMENT))?;
+    interruptible(async |interrupt| {
+        let mut bar = Bar::new(interrupt.flag());
+        bar.begin("fit", Some(experiment.fit.max_evaluations));
+        tokio::task::block_in_place(|| {
+            on_threads(threads(args.threads), || good.update(&experiment, source, &mut bar))
+        })
     })
 }

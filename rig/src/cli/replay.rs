@@ -88,7 +88,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         let data = data?;
         filmed?;
         let text = report::written(&data, &args.out);
-        Ok(Outcome { out: Some(args.out.clone()), run: Some(args.run.clone()), text, ..Outcome::default() })
+        let (out, run) = (Some(args.out.clone()), Some(args.run.clone()));
+        Ok(Outcome { out, run, warnings: data.warnings, text, ..Outcome::default() })
     })
 }
 

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
+use crate::app::compose::degraded;
 use crate::app::experiment::{Done, Experiment, Extent};
 use crate::app::hand_in::{self, hand_in};
 use crate::app::{base, interruptible, threads};
@@ -58,7 +59,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         if let Some(data) = &data {
             text = format!("{text}\n{}", report::written(data, folder));
         }
-        Ok(Outcome { run: Some(folder.into()), text, ..Outcome::default() })
+        let warnings = data.map_or_else(|| degraded(folder).into_iter().collect(), |data| data.warnings);
+        Ok(Outcome { run: Some(folder.into()), warnings, text, ..Outcome::default() })
     })
 }
 

@@ -176,19 +176,23 @@ fn table(runs: &[Summary]) -> String {
     if runs.is_empty() {
         return "no runs yet\n".into();
     }
-    let mut text =
-        format!("{:<23}  {:<10}  {:>10}  {:>7}  what came out\n", "run", "status", "duration", "images");
+    let mut text = format!(
+        "{:<23}  {:<10}  {:>10}  {:>7}  {:>5}  what came out\n",
+        "run", "status", "duration", "images", "lost"
+    );
     for run in runs {
         let _ = match &run.reason {
             Some(error) if run.status == "unreadable" => writeln!(text, "{}  unreadable: {error}", run.id),
             _ => writeln!(
                 text,
-                "{}  {:<10}  {:>10}  {:>7}  {}",
+                "{}  {:<10}  {:>10}  {:>7}  {:>5}  {}{}",
                 run.id,
                 run.status,
                 run.duration_s.map_or("-".into(), |s| format!("{s:.1} s")),
                 run.images.map_or("-".into(), |count| count.to_string()),
+                run.losses.map_or("-".into(), |losses| (losses.lost + losses.unread).to_string()),
                 run.headline.as_ref().map_or("-", |headline| &headline.line),
+                run.note().map_or_else(String::new, |note| format!("  {note}")),
             ),
         };
     }
@@ -204,8 +208,11 @@ fn describe(run: &RunFolder) -> Result<String, RecordError> {
     };
     line("run", &start.id);
     line("status", &summary.status);
-    if let Some(reason) = run.stop().and_then(|stop| stop.reason.as_ref()) {
+    if let Some(reason) = &summary.reason {
         line("reason", reason);
+    }
+    if let Some(degraded) = &summary.degraded {
+        line("degraded", degraded);
     }
     line("began", &start.clock.utc);
     if let Some(duration_s) = summary.duration_s {
@@ -294,8 +301,12 @@ mod tests {
 
         let text = show(dir.path(), Action::Ls { folder: None });
         let lines: Vec<_> = text.lines().collect();
-        let said = "The simulation follows the keypoints to their noise: off by 1.50 mm, 1.5 times the noise of 1.00 mm.";
-        assert_eq!(lines[1], format!("20261120T101503Z-ab12cd  success          3.5 s      350  {said}"));
+        let said = "The simulation follows the keypoints to their noise: off by 1.50 mm, 1.5 times the noise of 1.00 mm; 5 of 352 \
+                    images are missing: 2 lost before they were recorded, 3 damaged.";
+        let first = format!(
+            "20261120T101503Z-ab12cd  success          3.5 s      350      2  {said}  degraded: 5 of 352"
+        );
+        assert!(lines[1].starts_with(&first), "{text}");
         assert!(lines[2].contains("incomplete") && lines[2].ends_with('-'), "{text}");
 
         let text = show(dir.path(), Action::Show { run: "20261120T101503Z-ab12cd".into() });

@@ -12,9 +12,12 @@ use super::{
 #[derive(Parser, Debug)]
 #[command(name = "rig", version, max_term_width = 110)]
 pub struct Cli {
-    /// Standard output is exactly one JSON object: status, out, run, verdict, error
+    /// Standard output is exactly one JSON object: status, out, run, verdict, warnings, error
     #[arg(long, global = true)]
     pub json: bool,
+    /// Exit code 4 where there is a warning: images that are missing, things that could not be done
+    #[arg(long, global = true)]
+    pub strict: bool,
     /// More to read on standard error; twice for every detail
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub verbose: u8,

@@ -11,6 +11,7 @@ use jiff::tz::TimeZone;
 use serde::{Deserialize, Serialize};
 
 use super::webhook::Webhook;
+use crate::record::losses::Limits;
 use crate::schedule::ScheduleError;
 
 /// What moves the mechanism.
@@ -62,6 +63,20 @@ pub struct RunConfig {
     /// Whether the fit is followed by a diagnosis, which takes long for a mechanism of many segments.
     #[serde(default = "default_diagnose")]
     pub diagnose: bool,
+    /// The largest share of its images that a run may lack, lost or damaged, before nothing is promoted that was made from it.
+    #[serde(default = "default_max_lost_share")]
+    pub max_lost_share: Share,
+    /// The same in a row: so many images at most.
+    #[serde(default = "default_max_gap_images")]
+    pub max_gap_images: u64,
+}
+
+fn default_max_lost_share() -> Share {
+    Share::literal(Limits::default().max_lost_share)
+}
+
+fn default_max_gap_images() -> u64 {
+    Limits::default().max_gap_images
 }
 
 const fn default_diagnose() -> bool {

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::OnceLock;
 
 use super::error::SourceError;
 use super::source::{ImageSource, Images, TimedImage};
@@ -23,8 +23,10 @@ pub struct RecordedImages {
     learn_from: Option<Range<u64>>,
     /// Places of the usable ones among all images received, where they are known.
     usable: Option<Vec<u64>>,
-    /// Whether it was said that the recording is cut off.
-    warned: AtomicBool,
+    /// How many images were received, where that is known.
+    received: Option<u64>,
+    /// What the recording does not give any more, once it was read to its end.
+    shortfall: OnceLock<Option<String>>,
 }
 
 impl RecordedImages {
@@ -35,7 +37,8 @@ impl RecordedImages {
             origin: None,
             learn_from: None,
             usable: None,
-            warned: AtomicBool::new(false),
+            received: None,
+            shortfall: OnceLock::new(),
         }
     }
 
@@ -44,6 +47,7 @@ impl RecordedImages {
         Self {
             origin: Some(run.origin()),
             learn_from: run.stop().and_then(|stop| stop.learn_from.clone()),
+            received: run.stop().map(|stop| stop.images),
             ..Self::of_file(&run.file(file::RECORDING))
         }
     }
@@ -81,9 +85,6 @@ impl RecordedImages {
     /// The usable images, not decoded yet, with their places among all received.
     fn received(&self) -> Result<impl Iterator<Item = Result<(u64, CameraImage), SourceError>>, SourceError> {
         let mut recording = Recording::open(&self.path)?;
-        if recording.camera_info().is_none() {
-            return Err(RecordError::damaged(&self.path, "holds no camera's images").into());
-        }
         let (mut rising, mut place) = (Rising::default(), 0..);
         Ok(std::iter::from_fn(move || {
             loop {
@@ -97,10 +98,12 @@ impl RecordedImages {
                     Some(Ok(_)) => {}
                     Some(Err(error)) => return Some(Err(error.into())),
                     None => {
-                        if !self.warned.swap(true, Ordering::Relaxed) {
-                            recording.warn_if_cut_off();
-                        }
-                        return None;
+                        self.shortfall.get_or_init(|| self.missing(&recording, place.start));
+                        let lacks_camera = place.start == 0 && recording.camera_info().is_none();
+                        place.start += u64::from(lacks_camera);
+                        return lacks_camera.then(|| {
+                            Err(RecordError::damaged(&self.path, "holds no camera's images").into())
+                        });
                     }
                 }
             }
@@ -108,8 +111,20 @@ impl RecordedImages {
     }
 }
 
+impl RecordedImages {
+    /// What the `recording`, read to its end, does not give any more, and says so; it gave so many images.
+    fn missing(&self, recording: &Recording, images: u64) -> Option<String> {
+        recording.warn_of_shortfall();
+        let missing = self.received.map_or(0, |received| received.saturating_sub(images));
+        let missing =
+            (missing > 0).then(|| format!("{missing} of {} images are lost from it", missing + images));
+        let said: Vec<String> = recording.shortfall().into_iter().chain(missing).collect();
+        (!said.is_empty()).then(|| said.join("; "))
+    }
+}
+
 impl ImageSource for RecordedImages {
-    /// A recording that was cut off gives what it holds, with a warning; a damaged one an error.
+    /// A recording that was cut off or is damaged gives what is whole in it, with a warning.
     fn images(&self) -> Result<Images<'_>, SourceError> {
         let mut origin = self.origin;
         Ok(Box::new(self.received()?.map(move |received| {
@@ -120,6 +135,10 @@ impl ImageSource for RecordedImages {
 
     fn len_hint(&self) -> Option<usize> {
         self.usable.as_ref().map(Vec::len)
+    }
+
+    fn shortfall(&self) -> Option<String> {
+        self.shortfall.get().cloned().flatten()
     }
 
     /// As the run itself took them while it was filmed.
@@ -189,24 +208,28 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_recording_is_an_error_and_a_cut_one_gives_what_it_holds() {
+    fn a_damaged_or_cut_recording_gives_what_is_whole_and_says_so() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("recording.mcap");
         // Images larger than a chunk: each has one of its own, after that of the channels.
         record(&path, MonotonicNs(1), (4096, 2100), |image| image);
         let whole = std::fs::read(&path).unwrap();
         let second = fixtures::chunks(&whole)[2].clone();
-        let read = |bytes: &[u8]| -> Vec<Result<TimedImage, SourceError>> {
+        let read = |bytes: &[u8]| -> (Vec<String>, Option<String>) {
             std::fs::write(&path, bytes).unwrap();
-            crate::images::open(&path, None).unwrap().images().unwrap().collect()
+            let source = crate::images::open(&path, None).unwrap();
+            let names = source.images().unwrap().map(|image| image.unwrap().name).collect();
+            (names, source.shortfall())
         };
 
+        assert_eq!(read(&whole), (["0", "1", "2"].map(String::from).to_vec(), None));
         let mut damaged = whole.clone();
         damaged[second.start + second.len() / 2] ^= 1;
-        let images = read(&damaged);
-        assert!(images[0].is_ok());
-        assert!(matches!(images.last(), Some(Err(SourceError::Recording(RecordError::Damaged { .. })))));
-        let cut = read(&whole[..second.end - 1]);
-        assert!(cut.len() == 1 && cut[0].is_ok(), "{}", cut.len());
+        let (names, said) = read(&damaged);
+        assert_eq!(names, ["0", "2"]);
+        assert!(said.unwrap().contains("in 1 place cannot be read"));
+        let (names, said) = read(&whole[..second.end - 1]);
+        assert_eq!(names, ["0"]);
+        assert!(said.unwrap().contains("cut off"));
     }
 }

@@ -44,6 +44,11 @@ pub trait ImageSource: Send + Sync {
     /// How many images there are, where that is known beforehand.
     fn len_hint(&self) -> Option<usize>;
 
+    /// What the sequence, once it was read to its end, does not give any more of what it held, in a sentence without its full stop.
+    fn shortfall(&self) -> Option<String> {
+        None
+    }
+
     /// At most `most` images to learn the empty tank from: spread evenly over the sequence, unless the source knows better ones.
     ///
     /// # Errors

@@ -57,6 +57,10 @@ impl Trimmed {
 }
 
 impl ImageSource for Trimmed {
+    fn shortfall(&self) -> Option<String> {
+        self.source.shortfall()
+    }
+
     fn images(&self) -> Result<Images<'_>, SourceError> {
         let Window { from_s, to_s, slow_motion } = self.window;
         let mut images = self

@@ -17,6 +17,7 @@ pub(crate) fn at(monotonic_ns: u64) -> ClockPair {
 pub(crate) fn start(id: &str) -> Start {
     Start {
         id: id.parse().unwrap_or_else(|error| panic!("{error}")),
+        number: 0,
         kind: RunKind::Driven,
         model: file::MODEL_START.into(),
         prescribed: false,

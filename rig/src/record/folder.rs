@@ -1,14 +1,17 @@
 //! A run's folder: `start.json` is written first and `stop.json` last, each in one step.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::RecordError;
 use super::files::{create_folder, json, read_json, sync_folder, write_json, write_whole};
 use super::journal::Journal;
+use super::order;
 use super::run_id::RunId;
 use super::start_stop::{Start, Stop};
 use super::sums::{Sum, Sums};
 use crate::clock::MonotonicNs;
+use crate::error_chain::with_causes;
 
 /// Names of the files in a run folder.
 pub mod file {
@@ -56,16 +59,18 @@ pub struct RunFolder {
     path: PathBuf,
     start: Start,
     stop: Option<Stop>,
+    unreadable_stop: Option<String>,
 }
 
 impl RunFolder {
     /// Creates the folder `runs_dir/<start.id>` with its `start.json`, in one step: under another name first, so that there is no
-    /// run folder without it.
+    /// run folder without it. The run gets its number, see [`super::order`].
     ///
     /// # Errors
     /// [`RecordError`] when the folder exists or cannot be written.
     pub fn create(runs_dir: &Path, start: Start) -> Result<Self, RecordError> {
         create_folder(runs_dir)?;
+        let start = Start { number: order::next(runs_dir)?, ..start };
         let path = runs_dir.join(start.id.as_str());
         let new = runs_dir.join(format!("{NEW}{}", start.id));
         std::fs::create_dir(&new).map_err(RecordError::io("creating run folder", &new))?;
@@ -73,10 +78,10 @@ impl RunFolder {
         // a folder with something in it is not replaced
         std::fs::rename(&new, &path).map_err(RecordError::io("creating run folder", &path))?;
         sync_folder(runs_dir)?;
-        Ok(Self { path, start, stop: None })
+        Ok(Self { path, start, stop: None, unreadable_stop: None })
     }
 
-    /// Opens a run folder for reading. One without `stop.json` is incomplete and opens all the same.
+    /// Opens a run folder for reading. One without a `stop.json` that can be read is incomplete and opens all the same.
     ///
     /// # Errors
     /// [`RecordError`] when it is a file, when there is no readable `start.json`, or a `stop.json` that cannot be read.
@@ -86,8 +91,12 @@ impl RunFolder {
         }
         let start = read_json(&path.join(file::START))?;
         let stop = path.join(file::STOP);
-        let stop = if stop.exists() { Some(read_json(&stop)?) } else { None };
-        Ok(Self { path: path.into(), start, stop })
+        let (stop, unreadable_stop) = match stop.exists().then(|| read_json(&stop)) {
+            Some(Ok(stop)) => (Some(stop), None),
+            Some(Err(error)) => (None, Some(with_causes(&error))),
+            None => (None, None),
+        };
+        Ok(Self { path: path.into(), start, stop, unreadable_stop })
     }
 
     /// Where it is.
@@ -105,9 +114,23 @@ impl RunFolder {
         &self.start
     }
 
-    /// How it ended; none while it runs and when it was cut short.
+    /// How it ended; none while it runs, when it was cut short, and where that cannot be read.
     pub fn stop(&self) -> Option<&Stop> {
         self.stop.as_ref()
+    }
+
+    /// Why its `stop.json`, which is there, cannot be read.
+    pub fn unreadable_stop(&self) -> Option<&str> {
+        self.unreadable_stop.as_deref()
+    }
+
+    /// Why it is incomplete, in a sentence without its full stop.
+    pub fn incomplete(&self) -> Option<String> {
+        match (&self.stop, &self.unreadable_stop) {
+            (Some(_), _) => None,
+            (None, Some(error)) => Some(format!("its {} cannot be read ({error})", file::STOP)),
+            (None, None) => Some(format!("it was cut short: it has no {}", file::STOP)),
+        }
     }
 
     /// The run's time origin.
@@ -137,13 +160,27 @@ impl RunFolder {
     /// # Errors
     /// [`RecordError`].
     pub fn finish(&mut self, stop: Stop, recording: Option<Sum>) -> Result<(), RecordError> {
+        self.end(stop, recording.into_iter().map(|sum| (file::RECORDING.to_owned(), sum)).collect())
+    }
+
+    /// The same for a run that was made whole, whose files of these names were `made` for it: all others keep the checksums that they have.
+    ///
+    /// # Errors
+    /// [`RecordError`].
+    pub fn finish_again(&mut self, stop: Stop, made: &[&str]) -> Result<(), RecordError> {
+        // checksums that cannot be read say nothing
+        let mut known = Sums::read(&self.path).ok().flatten().unwrap_or_default().0;
+        known.retain(|name, _| !made.contains(&name.as_str()));
+        self.end(stop, known)
+    }
+
+    fn end(&mut self, stop: Stop, mut known: BTreeMap<String, Sum>) -> Result<(), RecordError> {
         let path = self.file(file::STOP);
         let json = json(&path, &stop)?;
-        let known = [(file::STOP, Some(Sum::of(&json))), (file::RECORDING, recording)];
-        let known = known.into_iter().filter_map(|(name, sum)| Some((name.to_owned(), sum?))).collect();
+        known.insert(file::STOP.into(), Sum::of(&json));
         Sums::of_folder(&self.path, Sums(known))?.write(&self.path)?;
         write_whole(&path, &json)?;
-        self.stop = Some(stop);
+        (self.stop, self.unreadable_stop) = (Some(stop), None);
         Ok(())
     }
 }
@@ -180,7 +217,7 @@ pub struct Listed {
     pub folder: Result<RunFolder, RecordError>,
 }
 
-/// The run folders in `runs_dir`, oldest first.
+/// The run folders in `runs_dir`, oldest first as [`super::order`] has it; those that cannot be opened come before all others.
 ///
 /// # Errors
 /// [`RecordError::Io`] when `runs_dir` cannot be read.
@@ -194,14 +231,14 @@ pub fn list(runs_dir: &Path) -> Result<Vec<Listed>, RecordError> {
             runs.push(Listed { id, folder: RunFolder::open(&entry.path()) });
         }
     }
-    runs.sort_by(|a, b| a.id.cmp(&b.id));
+    runs.sort_by_cached_key(|run| {
+        (run.folder.as_ref().map_or(0, |folder| folder.start().number), run.id.clone())
+    });
     Ok(runs)
 }
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use super::*;
     use crate::record::fixtures;
     use crate::record::start_stop::Status;
@@ -220,7 +257,7 @@ mod tests {
         let start = start();
         let mut run = RunFolder::create(dir.path(), start.clone()).unwrap();
         let read = RunFolder::open(run.path()).unwrap();
-        assert_eq!(read.start(), &start);
+        assert_eq!(read.start(), &Start { number: 1, ..start });
         assert!(read.stop().is_none());
 
         let stop = Stop {

@@ -1,23 +1,19 @@
-//! Reads `recording.mcap` by its message stream: neither summary nor footer is needed, and a record that was cut off is
-//! the end.
+//! Reads `recording.mcap` by its message stream: neither summary nor footer is needed, and what cannot be read is passed over and
+//! counted.
 
-use std::fs::File;
-use std::io::BufReader;
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
-use mcap::McapError;
-use mcap::sans_io::LinearReaderOptions;
+use mcap::records::{Channel, Record};
 
+use super::pieces::{Pieces, What};
 use super::recording::{
-    CAMERA_TOPIC, CHUNK_BYTES, COMMAND_TOPIC, IMAGE_ENCODING, SERVO_TOPIC, UNFILTERED_IMAGE_ENCODING,
+    CAMERA_TOPIC, CHANNELS, COMMAND_TOPIC, IMAGE_ENCODING, SERVO_TOPIC, UNFILTERED_IMAGE_ENCODING,
 };
 use super::{RecordError, ServoCommand, filter};
-use crate::camera::{CameraImage, CameraInfo, wire};
+use crate::camera::{CameraImage, CameraInfo, images_lost};
 use crate::clock::MonotonicNs;
 use crate::servo::ServoEvent;
-
-/// Longest record believed: a chunk that was nearly full when an image at its limit came, with room for headers.
-pub(super) const MAX_RECORD_BYTES: usize = wire::MAX_DATA_BYTES + CHUNK_BYTES as usize + (1 << 20);
 
 /// One recorded thing.
 #[derive(Debug, Clone)]
@@ -28,6 +24,8 @@ pub enum Item {
     Servo(ServoEvent),
     /// What the board was told.
     Command(ServoCommand),
+    /// Something was here that cannot be read: [`Recording::unread`].
+    Gap,
 }
 
 /// How a recording ended.
@@ -41,13 +39,39 @@ pub enum End {
     CutOff,
 }
 
+/// What of a recording could not be read so far.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Unread {
+    /// In so many places.
+    pub places: u64,
+    /// Their length \[bytes\].
+    pub bytes: u64,
+    /// Images that the camera counted there; after the last image and before the first it counted nothing that is known.
+    pub images: u64,
+    /// Why a message in a chunk that is whole cannot be read, of the first one.
+    why: Option<String>,
+}
+
 /// The messages of a recording in the order they were handed over: the item, and when that was.
 pub struct Recording {
     path: PathBuf,
-    messages: Option<mcap::io::MessageReader<BufReader<File>>>,
-    ahead: Option<mcap::McapResult<mcap::Message<'static>>>,
+    pieces: Pieces,
+    /// What was read and not given yet.
+    ahead: VecDeque<Ahead>,
+    channels: Vec<Channel>,
     info: Option<CameraInfo>,
+    /// When the last message was handed over.
+    at: MonotonicNs,
+    /// The camera's count of the last image, and whether something since could not be read.
+    last: Option<u32>,
+    is_interrupted: bool,
+    unread: Unread,
     end: End,
+}
+
+enum Ahead {
+    Message { channel: u16, at: MonotonicNs, data: Vec<u8> },
+    Gap { bytes: u64 },
 }
 
 impl Recording {
@@ -56,26 +80,32 @@ impl Recording {
     /// # Errors
     /// [`RecordError`] when the file cannot be read or is no recording of this program.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
-        let file = File::open(path).map_err(RecordError::io("opening", path))?;
-        // A chunk's checksum is tested before any of its messages is believed.
-        let options = LinearReaderOptions::default()
-            .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(MAX_RECORD_BYTES);
-        let messages = mcap::io::MessageReader::new_with_options(BufReader::new(file), options);
         let mut recording = Self {
             path: path.into(),
-            messages: Some(messages),
-            ahead: None,
+            pieces: Pieces::open(path).map_err(RecordError::io("opening", path))?,
+            ahead: VecDeque::new(),
+            channels: Vec::new(),
             info: None,
+            at: MonotonicNs(0),
+            last: None,
+            is_interrupted: false,
+            unread: Unread::default(),
             end: End::NotReached,
         };
         // The channels stand before the first message, so that its reader knows them from here on.
-        recording.ahead = recording.messages.as_mut().and_then(Iterator::next);
-        recording.info = recording.camera_channel()?;
+        let mut has_message = false;
+        while !has_message && recording.read_on()? {
+            has_message = recording.ahead.iter().any(|one| matches!(one, Ahead::Message { .. }));
+        }
+        if !has_message && !Pieces::begins_well(path) {
+            let why = "is no recording, or nothing of it can be read: there is no whole chunk in it";
+            return Err(RecordError::damaged(path, why));
+        }
+        recording.info = recording.camera_info_told()?;
         Ok(recording)
     }
 
-    /// The camera's own description; none when no camera took part or the file ends before it.
+    /// The camera's own description; none when no camera took part or the file does not say it any more.
     pub fn camera_info(&self) -> Option<&CameraInfo> {
         self.info.as_ref()
     }
@@ -85,20 +115,39 @@ impl Recording {
         self.end
     }
 
-    /// Says so where the recording, read to its end, was cut off. The verbs that read one all say it alike.
-    pub fn warn_if_cut_off(&self) {
-        if self.end == End::CutOff {
-            tracing::warn!(
-                "{}: cut off, by a kill or a power cut; what was written before is whole and is used",
-                self.path.display()
-            );
+    /// What could not be read so far.
+    pub fn unread(&self) -> &Unread {
+        &self.unread
+    }
+
+    /// Says, once it was read to its end, what it does not give any more; nothing where it is whole. The verbs that read one all say
+    /// it alike.
+    pub fn shortfall(&self) -> Option<String> {
+        let path = self.path.display();
+        let Unread { places, bytes, why, .. } = &self.unread;
+        let why = why.as_ref().map_or_else(String::new, |why| format!(" ({why})"));
+        let place = if *places == 1 { "1 place".into() } else { format!("{places} places") };
+        let damaged =
+            format!("{path}: {bytes} bytes in {place} cannot be read{why}; all that is whole is used");
+        match (self.end, places) {
+            (End::CutOff, 0 | 1) => Some(format!(
+                "{path}: cut off, by a kill or a power cut; what was written before is whole and is used"
+            )),
+            (End::CutOff, _) => Some(format!("{damaged}, up to where it is cut off")),
+            (_, 0) => None,
+            _ => Some(damaged),
         }
     }
 
-    fn camera_channel(&self) -> Result<Option<CameraInfo>, RecordError> {
-        let Some(messages) = &self.messages else { return Ok(None) };
-        let channels = (1..=u8::MAX).map_while(|id| messages.get_channel(id.into()));
-        let Some(channel) = channels.into_iter().find(|channel| channel.topic == CAMERA_TOPIC) else {
+    /// Says so to who looks on.
+    pub fn warn_of_shortfall(&self) {
+        if let Some(said) = self.shortfall() {
+            tracing::warn!("{said}");
+        }
+    }
+
+    fn camera_info_told(&self) -> Result<Option<CameraInfo>, RecordError> {
+        let Some(channel) = self.channels.iter().find(|channel| channel.topic == CAMERA_TOPIC) else {
             return Ok(None);
         };
         let encoding = channel.message_encoding.as_str();
@@ -108,54 +157,78 @@ impl Recording {
             );
             return Err(RecordError::damaged(&self.path, why));
         }
-        channel
-            .metadata
-            .get("info")
-            .map(|json| serde_json::from_str(json).map_err(|error| RecordError::damaged(&self.path, error)))
+        let info = channel.metadata.get("info");
+        info.map(|json| serde_json::from_str(json).map_err(|error| RecordError::damaged(&self.path, error)))
             .transpose()
     }
 
-    fn message(&mut self) -> Result<Option<mcap::Message<'static>>, RecordError> {
-        let next = self.ahead.take().or_else(|| self.messages.as_mut().and_then(Iterator::next));
-        match next {
-            Some(Ok(message)) => Ok(Some(message)),
-            Some(Err(McapError::UnexpectedEof)) => {
+    /// Reads the next piece of the file; whether there was one.
+    fn read_on(&mut self) -> Result<bool, RecordError> {
+        let Some(piece) = self.pieces.next() else {
+            if self.end == End::NotReached {
                 self.end = End::CutOff;
-                Ok(None)
             }
-            Some(Err(error)) => {
-                self.messages = None;
-                self.end = End::CutOff;
-                Err(RecordError::damaged(
-                    &self.path,
-                    format!("not readable from here on ({error}); what came before is whole"),
-                ))
-            }
-            None => {
-                if self.end == End::NotReached {
-                    self.end = End::Closed;
+            return Ok(false);
+        };
+        let piece = piece.map_err(RecordError::io("reading", &self.path))?;
+        match piece.what {
+            What::Records(records) => records.into_iter().for_each(|record| match record {
+                Record::Channel(channel) if self.channels.iter().all(|known| known.id != channel.id) => {
+                    self.channels.push(channel);
                 }
-                Ok(None)
+                Record::Message { header, data } => self.ahead.push_back(Ahead::Message {
+                    channel: header.channel_id,
+                    at: MonotonicNs(header.log_time),
+                    data: data.into_owned(),
+                }),
+                _ => {}
+            }),
+            What::Unreadable | What::Aside => self.ahead.push_back(Ahead::Gap { bytes: piece.bytes }),
+            What::End => self.end = End::Closed,
+            What::Header => {}
+        }
+        Ok(true)
+    }
+
+    /// The topic of a channel; where the chunk that tells the channels cannot be read, they are those of every recording.
+    fn topic(&self, id: u16) -> Option<&str> {
+        match self.channels.is_empty() {
+            true => CHANNELS.iter().find(|(known, _)| *known == id).map(|(_, topic)| *topic),
+            false => {
+                self.channels.iter().find(|channel| channel.id == id).map(|channel| channel.topic.as_str())
             }
         }
     }
 
-    fn item(&self, message: &mcap::Message<'_>) -> Result<Option<Item>, RecordError> {
-        let damaged = |error: &dyn std::fmt::Display| {
-            RecordError::damaged(&self.path, format!("message on `{}`: {error}", message.channel.topic))
-        };
-        Ok(match message.channel.topic.as_str() {
-            CAMERA_TOPIC => {
-                Some(Item::Image(filter::decode(&message.data).map_err(|error| damaged(&error))?))
-            }
-            SERVO_TOPIC => {
-                Some(Item::Servo(serde_json::from_slice(&message.data).map_err(|error| damaged(&error))?))
-            }
+    /// What a message says; none on a topic that is not this program's.
+    fn item(&self, channel: u16, data: &[u8]) -> Option<Result<Item, String>> {
+        let topic = self.topic(channel)?;
+        let item = match topic {
+            CAMERA_TOPIC => filter::decode(data).map(Item::Image).map_err(|error| error.to_string()),
+            SERVO_TOPIC => serde_json::from_slice(data).map(Item::Servo).map_err(|error| error.to_string()),
             COMMAND_TOPIC => {
-                Some(Item::Command(serde_json::from_slice(&message.data).map_err(|error| damaged(&error))?))
+                serde_json::from_slice(data).map(Item::Command).map_err(|error| error.to_string())
             }
-            _ => None,
-        })
+            _ => return None,
+        };
+        Some(item.map_err(|error| format!("message on `{topic}`: {error}")))
+    }
+
+    /// Counts what cannot be read.
+    fn gap(&mut self, bytes: u64, why: Option<String>) -> Item {
+        self.unread.places += 1;
+        self.unread.bytes += bytes;
+        self.unread.why = self.unread.why.take().or(why);
+        self.is_interrupted = true;
+        Item::Gap
+    }
+
+    /// Counts an image in, and with it those that the camera counted where something could not be read.
+    fn count(&mut self, image: &CameraImage) {
+        let before = self.last.replace(image.sequence);
+        if std::mem::take(&mut self.is_interrupted) {
+            self.unread.images += u64::from(before.map_or(0, |before| images_lost(before, image.sequence)));
+        }
     }
 }
 
@@ -164,15 +237,26 @@ impl Iterator for Recording {
 
     fn next(&mut self) -> Option<Self::Item> {
         loop {
-            let message = match self.message() {
-                Ok(message) => message?,
-                Err(error) => return Some(Err(error)),
+            let item = match self.ahead.pop_front() {
+                Some(Ahead::Gap { bytes }) => self.gap(bytes, None),
+                Some(Ahead::Message { channel, at, data }) => {
+                    self.at = at;
+                    match self.item(channel, &data) {
+                        Some(Ok(item)) => item,
+                        Some(Err(why)) => self.gap(data.len() as u64, Some(why)),
+                        None => continue,
+                    }
+                }
+                None => match self.read_on() {
+                    Ok(true) => continue,
+                    Ok(false) => return None,
+                    Err(error) => return Some(Err(error)),
+                },
             };
-            match self.item(&message) {
-                Ok(Some(item)) => return Some(Ok((MonotonicNs(message.log_time), item))),
-                Ok(None) => {}
-                Err(error) => return Some(Err(error)),
+            if let Item::Image(image) = &item {
+                self.count(image);
             }
+            return Some(Ok((self.at, item)));
         }
     }
 }

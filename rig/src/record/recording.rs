@@ -29,8 +29,8 @@ use crate::camera::{CameraImage, CameraInfo};
 use crate::clock::MonotonicNs;
 use crate::servo::ServoEvent;
 use crate::urgency::Urgency;
-pub(in crate::record) use writer::CHUNK_BYTES;
 use writer::Writer;
+pub(in crate::record) use writer::{CHUNK_BYTES, beginning};
 
 /// Topic of the images.
 pub const CAMERA_TOPIC: &str = "camera";
@@ -38,6 +38,9 @@ pub const CAMERA_TOPIC: &str = "camera";
 pub const SERVO_TOPIC: &str = "servo";
 /// Topic of what the board was told.
 pub const COMMAND_TOPIC: &str = "command";
+/// The channels of every recording, in the order in which they are made.
+pub(in crate::record) const CHANNELS: [(u16, &str); 3] =
+    [(1, CAMERA_TOPIC), (2, SERVO_TOPIC), (3, COMMAND_TOPIC)];
 /// Message encoding of the images.
 pub const IMAGE_ENCODING: &str = "x-rig-image-2";
 /// The same without filters, in recordings before 2026-11-25.
@@ -332,5 +335,7 @@ impl Drop for Recorder {
     }
 }
 
+#[cfg(test)]
+mod damage;
 #[cfg(test)]
 mod tests;

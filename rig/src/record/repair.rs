@@ -1,87 +1,195 @@
-//! Gives a recording that was cut off its end, where it stands: whoever reads MCAP then reads it without complaint.
+//! Makes a recording whole: whoever reads MCAP then reads it without complaint.
 //!
-//! Nothing is taken out of the file. What cannot be read, a chunk that fails its checksum or the piece of one at the end, gets the
-//! number of a private record, which readers pass over (<https://mcap.dev/spec>); then data end, footer and magic are appended,
-//! without an index. A repair that is killed leaves a recording that is cut off, and is done again.
+//! Nothing is taken out. What cannot be read gets the number of a private record, which readers pass over (<https://mcap.dev/spec>). One
+//! that was only cut off gets its end where it stands: data end, footer and magic, without an index. One that is damaged before its end
+//! is written anew beside its place, record by record, and then takes it. A repair that is killed leaves the recording as it was or cut
+//! off, and is done again.
 
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufWriter, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-use mcap::read::ChunkReader;
 use mcap::records::{Record, op};
 
 use super::RecordError;
-use super::reader::MAX_RECORD_BYTES;
-
-/// Number and length in front of each record.
-const HEAD_BYTES: u64 = 9;
-/// The first number that is free for private records; what cannot be read is put aside under it.
-const ASIDE: u8 = 0x80;
+use super::files::{containing, sync_folder};
+use super::pieces::{ASIDE, HEAD_BYTES, MAX_RECORD_BYTES, Piece, Pieces, What};
+use super::recording::beginning;
+use crate::camera::CameraInfo;
 
 /// What was found in a recording, and what was done about it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Repaired {
-    /// It had its end before.
+    /// It had its end before, and all in front of it could be read or had been put aside.
     pub was_whole: bool,
     /// Bytes that cannot be read; they stay in the file.
     pub unreadable_bytes: u64,
 }
 
-/// A record of a file.
-struct Place {
-    at: u64,
-    bytes: u64,
+/// A part of a file that is to be made whole.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Part {
+    /// Whole records, taken over as they are.
+    Kept,
+    /// Cannot be read.
+    Unreadable,
 }
 
 /// What a walk through a recording finds.
+#[derive(Default)]
 struct Found {
-    /// Chunks that fail their checksum.
-    broken: Vec<Place>,
-    /// Chunks that an earlier repair has put aside.
-    aside_bytes: u64,
-    /// Where the records end that can be told from each other.
-    end: u64,
+    /// What it consists of, behind magic and header: length \[bytes\] and what it is.
+    parts: Vec<(u64, Part)>,
+    /// Where they begin.
+    from: u64,
+    /// Where those end that are whole, with nothing between them that is not.
+    whole_until: u64,
+    /// It begins as it should.
+    has_header: bool,
+    has_messages: bool,
+    has_channels: bool,
     is_closed: bool,
+    /// What cannot be read now, and what an earlier repair has put aside.
+    unreadable_bytes: u64,
+    aside_bytes: u64,
 }
 
-/// Repairs the recording at `path`. One that has its end is left alone, and so is one that ends before its first record.
+/// Repairs the recording at `path`, of the camera `info` (if one took part). One that is whole is left alone, and so is one that ends before
+/// its first record.
 ///
 /// # Errors
 /// [`RecordError`] when it cannot be read or written.
-pub fn repair(path: &Path) -> Result<Repaired, RecordError> {
-    let file = File::options().read(true).write(true).open(path).map_err(RecordError::io("opening", path))?;
-    let length = file.metadata().map_err(RecordError::io("asking the length of", path))?.len();
-    let found = walk(&file, length).map_err(RecordError::io("reading", path))?;
-    if found.is_closed {
-        return Ok(Repaired { was_whole: true, unreadable_bytes: found.aside_bytes });
-    }
-    let broken_bytes: u64 = found.broken.iter().map(|place| place.bytes).sum();
-    let tail_bytes = length - found.end;
-    let repaired =
-        Repaired { was_whole: false, unreadable_bytes: found.aside_bytes + broken_bytes + tail_bytes };
-    if found.end <= mcap::MAGIC.len() as u64 {
+pub fn repair(path: &Path, info: Option<&CameraInfo>) -> Result<Repaired, RecordError> {
+    let found = walk(path).map_err(RecordError::io("reading", path))?;
+    let repaired = Repaired {
+        was_whole: found.is_closed && found.begins_well() && found.unreadable_bytes == 0,
+        unreadable_bytes: found.unreadable_bytes + found.aside_bytes,
+    };
+    if repaired.was_whole || !found.has_header && !found.has_records() {
         return Ok(repaired);
     }
-    let put_aside = || -> std::io::Result<()> {
-        for place in &found.broken {
-            file.write_all_at(&[ASIDE], place.at)?;
-        }
-        let mut at = found.end;
-        while length - at >= HEAD_BYTES {
-            let body = (length - at - HEAD_BYTES).min(MAX_RECORD_BYTES as u64);
-            let mut head = [ASIDE; HEAD_BYTES as usize];
-            head[1..].copy_from_slice(&body.to_le_bytes());
-            file.write_all_at(&head, at)?;
-            at += HEAD_BYTES + body;
-        }
-        // fewer bytes than a record's head say nothing
-        file.write_all_at(&end_of_file(), at)?;
-        file.sync_all()
-    };
-    put_aside().map_err(RecordError::io("repairing", path))?;
+    if found.is_only_cut_off() {
+        end(path, found.whole_until).map_err(RecordError::io("repairing", path))?;
+    } else {
+        let begins = beginning(info).map_err(|source| RecordError::Write { path: path.into(), source })?;
+        write_anew(path, &found, &begins).map_err(RecordError::io("repairing", path))?;
+        sync_folder(containing(path))?;
+    }
     Ok(repaired)
+}
+
+impl Found {
+    /// It has a header, and channels where it has messages.
+    fn begins_well(&self) -> bool {
+        self.has_header && (self.has_channels || !self.has_messages)
+    }
+
+    fn has_records(&self) -> bool {
+        self.parts.iter().any(|(_, part)| *part == Part::Kept)
+    }
+
+    /// Whether nothing that cannot be read stands in front of what can.
+    fn is_only_cut_off(&self) -> bool {
+        let kept = self.parts.iter().take_while(|(_, part)| *part == Part::Kept).count();
+        let lost = self.parts.len() - kept;
+        self.begins_well() && !self.is_closed && lost <= 1
+    }
+}
+
+fn walk(path: &Path) -> std::io::Result<Found> {
+    let mut found = Found::default();
+    for piece in Pieces::open(path)? {
+        let Piece { at, bytes, what } = piece?;
+        let part = match what {
+            What::Header => {
+                found.has_header = true;
+                found.from = at + bytes;
+                found.whole_until = at + bytes;
+                continue;
+            }
+            What::End => {
+                found.is_closed = true;
+                continue;
+            }
+            What::Records(records) => {
+                for record in &records {
+                    found.has_channels |= matches!(record, Record::Channel(_));
+                    found.has_messages |= matches!(record, Record::Message { .. });
+                }
+                Part::Kept
+            }
+            What::Aside => {
+                found.aside_bytes += bytes;
+                Part::Kept
+            }
+            What::Unreadable => {
+                found.unreadable_bytes += bytes;
+                Part::Unreadable
+            }
+        };
+        if part == Part::Kept && found.unreadable_bytes == 0 {
+            found.whole_until = at + bytes;
+        }
+        if found.parts.is_empty() {
+            found.from = at;
+        }
+        found.parts.push((bytes, part));
+    }
+    Ok(found)
+}
+
+/// Puts aside what stands behind `from`, and ends the file.
+fn end(path: &Path, from: u64) -> std::io::Result<()> {
+    let file = File::options().write(true).open(path)?;
+    let length = file.metadata()?.len();
+    let mut at = from;
+    while length - at >= HEAD_BYTES {
+        let body = (length - at - HEAD_BYTES).min(MAX_RECORD_BYTES as u64);
+        file.write_all_at(&aside(body), at)?;
+        at += HEAD_BYTES + body;
+    }
+    // fewer bytes than a record's head say nothing
+    file.write_all_at(&end_of_file(), at)?;
+    file.sync_all()
+}
+
+/// Writes the recording anew, with what cannot be read in records of its own. `begins` is how recordings begin.
+fn write_anew(path: &Path, found: &Found, begins: &[u8]) -> std::io::Result<()> {
+    let mut from = File::open(path)?;
+    from.seek(SeekFrom::Start(found.from))?;
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(".part");
+    let part = path.with_file_name(name);
+    let mut to = BufWriter::new(File::create(&part)?);
+    // a header is shorter than 256 bytes
+    let header_bytes = HEAD_BYTES as usize + usize::from(begins[mcap::MAGIC.len() + 1]);
+    // channels that the file itself tells are not told twice
+    to.write_all(if found.has_channels { &begins[..mcap::MAGIC.len() + header_bytes] } else { begins })?;
+    for &(bytes, part) in &found.parts {
+        let mut left = bytes;
+        while left > 0 {
+            let body = match part {
+                Part::Kept => left,
+                Part::Unreadable => left.min(MAX_RECORD_BYTES as u64),
+            };
+            if part == Part::Unreadable {
+                to.write_all(&aside(body))?;
+            }
+            std::io::copy(&mut Read::by_ref(&mut from).take(body), &mut to)?;
+            left -= body;
+        }
+    }
+    to.write_all(&end_of_file())?;
+    to.into_inner()?.sync_all()?;
+    std::fs::rename(&part, path)
+}
+
+/// The head of a private record of so many bytes.
+fn aside(bytes: u64) -> [u8; HEAD_BYTES as usize] {
+    let mut head = [ASIDE; HEAD_BYTES as usize];
+    head[1..].copy_from_slice(&bytes.to_le_bytes());
+    head
 }
 
 /// The end of a file without a summary.
@@ -95,58 +203,6 @@ fn end_of_file() -> Vec<u8> {
     }
     bytes.extend(mcap::MAGIC);
     bytes
-}
-
-fn walk(file: &File, length: u64) -> std::io::Result<Found> {
-    let magic = mcap::MAGIC.len() as u64;
-    let mut found = Found { broken: Vec::new(), aside_bytes: 0, end: 0, is_closed: false };
-    let mut reader = BufReader::new(file);
-    let mut start = [0; mcap::MAGIC.len()];
-    reader.seek(SeekFrom::Start(0))?;
-    if length < magic || reader.read_exact(&mut start).is_err() || start != mcap::MAGIC {
-        return Ok(found);
-    }
-    found.end = magic;
-    let mut body = Vec::new();
-    while length - found.end >= HEAD_BYTES {
-        let mut head = [0; HEAD_BYTES as usize];
-        reader.read_exact(&mut head)?;
-        let [number, bytes @ ..] = head;
-        let bytes = u64::from_le_bytes(bytes);
-        if bytes > length - found.end - HEAD_BYTES || bytes > MAX_RECORD_BYTES as u64 {
-            break;
-        }
-        body.resize(bytes as usize, 0);
-        reader.read_exact(&mut body)?;
-        let place = Place { at: found.end, bytes: HEAD_BYTES + bytes };
-        match number {
-            op::DATA_END => {
-                // what follows it says nothing that the records before do not say
-                found.is_closed = ends_with_magic(file, length)?;
-                break;
-            }
-            ASIDE => found.aside_bytes += place.bytes,
-            op::CHUNK if !is_whole(&body) => found.broken.push(place),
-            op::CHUNK => {}
-            op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE_INDEX
-                if mcap::parse_record(number, &body).is_ok() => {}
-            _ => break,
-        }
-        found.end += HEAD_BYTES + bytes;
-    }
-    Ok(found)
-}
-
-/// Whether a chunk passes its own checksum.
-fn is_whole(chunk: &[u8]) -> bool {
-    let Ok(Record::Chunk { header, data }) = mcap::parse_record(op::CHUNK, chunk) else { return false };
-    ChunkReader::new(header, &data).is_ok_and(|mut records| records.all(|record| record.is_ok()))
-}
-
-fn ends_with_magic(file: &File, length: u64) -> std::io::Result<bool> {
-    let mut end = [0; mcap::MAGIC.len()];
-    file.read_exact_at(&mut end, length - mcap::MAGIC.len() as u64)?;
-    Ok(end == mcap::MAGIC)
 }
 
 #[cfg(test)]
@@ -192,8 +248,9 @@ mod tests {
         let mut recording = Recording::open(path).unwrap();
         let images: Vec<u32> = recording
             .by_ref()
-            .map(|item| match item.unwrap().1 {
-                Item::Image(image) => image.sequence,
+            .filter_map(|item| match item.unwrap().1 {
+                Item::Image(image) => Some(image.sequence),
+                Item::Gap => None,
                 other => panic!("{other:?}"),
             })
             .collect();
@@ -212,7 +269,7 @@ mod tests {
                 let mut bytes = whole[..cut].to_vec();
                 bytes.extend(garbage);
                 std::fs::write(&path, &bytes).unwrap();
-                let repaired = repair(&path).unwrap();
+                let repaired = repair(&path, Some(&fixtures::info(SIZE_PX))).unwrap();
                 assert!(!repaired.was_whole);
                 let after = std::fs::read(&path).unwrap();
                 if after == bytes {
@@ -229,7 +286,7 @@ mod tests {
                 );
                 assert!(images.iter().copied().eq(0..images.len() as u32));
                 // again, and nothing changes
-                assert!(repair(&path).unwrap().was_whole);
+                assert!(repair(&path, Some(&fixtures::info(SIZE_PX))).unwrap().was_whole);
                 assert_eq!(std::fs::read(&path).unwrap(), after);
             }
         }
@@ -238,16 +295,16 @@ mod tests {
         let mut bytes = whole.clone();
         bytes[ends[1] - 3] ^= 0xFF;
         std::fs::write(&path, &bytes).unwrap();
-        assert!(repair(&path).unwrap().unreadable_bytes > 0);
+        assert!(repair(&path, Some(&fixtures::info(SIZE_PX))).unwrap().unreadable_bytes > 0);
         assert_eq!(closed(&path), [0, 2]);
 
         // a repair that was killed at any byte of what it writes
         std::fs::write(&path, &whole[..whole.len() - 5]).unwrap();
-        repair(&path).unwrap();
+        repair(&path, Some(&fixtures::info(SIZE_PX))).unwrap();
         let whole_repair = std::fs::read(&path).unwrap();
         for cut in whole.len() - 5..whole_repair.len() {
             std::fs::write(&path, &whole_repair[..cut]).unwrap();
-            repair(&path).unwrap();
+            repair(&path, Some(&fixtures::info(SIZE_PX))).unwrap();
             assert_eq!(closed(&path), [0, 1, 2]);
         }
     }

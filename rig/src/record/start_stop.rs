@@ -34,6 +34,9 @@ impl ClockPair {
 pub struct Start {
     /// The run's name.
     pub id: RunId,
+    /// Its place among the runs of its folder, from 1: given by [`super::folder::RunFolder::create`]. 0 for runs from before 2026-11-27.
+    #[serde(default)]
+    pub number: u64,
     /// How it moves.
     pub kind: RunKind,
     /// The model's file in this folder.

@@ -16,7 +16,7 @@ use super::files::write_whole;
 use super::folder::file;
 
 /// What a run's analysis writes, and writes again when it is done again.
-const RESULTS: [&str; 11] = [
+pub(super) const RESULTS: [&str; 11] = [
     file::FRAMES,
     file::SERVO,
     file::EXTRACTION,

@@ -4,9 +4,10 @@ use std::path::Path;
 
 use super::RecordError;
 use super::folder::{RunFolder, file};
+use super::frames;
 use super::reader::{End, Item, Recording};
-use super::start_stop::Status;
-use super::sums::{Sum, Sums, is_result};
+use super::start_stop::{Status, Stop};
+use super::sums::{RESULTS, Sum, Sums, is_result};
 use crate::clock::MonotonicNs;
 use crate::error_chain::with_causes;
 
@@ -15,7 +16,7 @@ use crate::error_chain::with_causes;
 pub enum State {
     /// All that was written is there.
     Sound,
-    /// It has no `stop.json`: it was cut short.
+    /// It has no `stop.json` that can be read, or its analysis was cut short.
     Incomplete,
     /// Something that was written is not there, or is not what was written.
     Damaged,
@@ -47,8 +48,8 @@ struct Readable {
     until_s: f64,
     /// Whether it has its end.
     is_closed: bool,
-    /// Why it cannot be read on.
-    error: Option<String>,
+    /// What it does not give any more.
+    shortfall: Option<String>,
 }
 
 /// Looks at the run folder `path`: compares all files with their checksums, or, where it has none, reads the recording by its own.
@@ -60,15 +61,16 @@ pub fn verify(path: &Path) -> Verified {
         Err(error) => return damaged(&error),
     };
     let Some(stop) = run.stop() else { return incomplete(&run) };
-    let Some(sums) = sums else { return without_sums(&run, stop.status) };
+    let Some(sums) = sums else { return without_sums(&run, stop) };
     let mut findings = Vec::new();
     for (name, sum) in &sums.0 {
         let again = if is_result(name) { "; `rig replay` makes it again, into another folder" } else { "" };
         match Sum::of_file(&run.file(name)) {
             Ok(found) if found == *sum => {}
-            Ok(_) if name == file::RECORDING => {
-                findings.push(format!("{name} is not what was written: {}", readable(&run).say()));
-            }
+            Ok(_) if name == file::RECORDING => findings.push(format!(
+                "{name} is not what was written: {}; `rig runs recover` makes it whole without what cannot be read",
+                readable(&run).say(stop.images)
+            )),
             Ok(_) => findings.push(format!("{name} is not what was written{again}")),
             Err(RecordError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
                 findings.push(format!("{name} is missing{again}"));
@@ -76,32 +78,46 @@ pub fn verify(path: &Path) -> Verified {
             Err(error) => findings.push(with_causes(&error)),
         }
     }
-    if findings.is_empty() {
-        Verified { state: State::Sound, findings: vec![format!("{} files", sums.0.len())] }
-    } else {
-        Verified { state: State::Damaged, findings }
+    let unlisted = |names: &[&str]| -> Vec<String> {
+        let unlisted = |name: &&&str| !sums.0.contains_key(**name) && run.file(name).exists();
+        names.iter().filter(unlisted).map(|name| (*name).to_owned()).collect()
+    };
+    let recorded = unlisted(&[file::START, file::STOP, file::JOURNAL, file::RECORDING, &run.start().model]);
+    if !recorded.is_empty() {
+        findings.push(format!("{} has no line for {}", file::SUMS, recorded.join(", ")));
     }
+    if !findings.is_empty() {
+        return Verified { state: State::Damaged, findings };
+    }
+    let results = unlisted(&RESULTS);
+    if !results.is_empty() {
+        let why =
+            format!("{} has no line for {}: the analysis was cut short", file::SUMS, results.join(", "));
+        return Verified { state: State::Incomplete, findings: vec![why] };
+    }
+    Verified { state: State::Sound, findings: vec![format!("{} files", sums.0.len())] }
 }
 
 fn incomplete(run: &RunFolder) -> Verified {
-    let readable = readable(run);
-    let findings = vec![readable.say(), "`rig runs recover` completes it".into()];
-    Verified { state: State::Incomplete, findings }
+    let why = run.unreadable_stop().and_then(|_| run.incomplete());
+    let known = frames::read(&run.file(file::FRAMES)).map_or(0, |rows| rows.len() as u64);
+    let findings = [readable(run).say(known), "`rig runs recover` completes it".into()];
+    Verified { state: State::Incomplete, findings: why.into_iter().chain(findings).collect() }
 }
 
 /// Of a run that was made before there were checksums.
-fn without_sums(run: &RunFolder, status: Status) -> Verified {
+fn without_sums(run: &RunFolder, stop: &Stop) -> Verified {
     let readable = readable(run);
-    let state = match (&readable.error, status) {
-        (None, Status::Success) if readable.is_closed => State::Sound,
-        (None, Status::Abort | Status::Fail) => State::Sound,
-        _ => State::Damaged,
+    let state = match stop.status {
+        _ if readable.images < stop.images => State::Damaged,
+        Status::Success if readable.shortfall.is_some() || !readable.is_closed => State::Damaged,
+        _ => State::Sound,
     };
-    Verified { state, findings: vec![format!("no {}; {}", file::SUMS, readable.say())] }
+    Verified { state, findings: vec![format!("no {}; {}", file::SUMS, readable.say(stop.images))] }
 }
 
 fn readable(run: &RunFolder) -> Readable {
-    let mut readable = Readable { images: 0, until_s: 0.0, is_closed: false, error: None };
+    let mut readable = Readable { images: 0, until_s: 0.0, is_closed: false, shortfall: None };
     let mut until: Option<MonotonicNs> = None;
     match Recording::open(&run.file(file::RECORDING)) {
         Ok(mut recording) => {
@@ -112,26 +128,28 @@ fn readable(run: &RunFolder) -> Readable {
                         until = Some(at);
                     }
                     Err(error) => {
-                        readable.error = Some(with_causes(&error));
+                        readable.shortfall = Some(with_causes(&error));
                         break;
                     }
                 }
             }
             readable.is_closed = recording.end() == End::Closed;
+            readable.shortfall = readable.shortfall.or_else(|| recording.shortfall());
         }
-        Err(error) => readable.error = Some(with_causes(&error)),
+        Err(error) => readable.shortfall = Some(with_causes(&error)),
     }
     readable.until_s = until.map_or(0.0, |at| at.seconds_since(run.origin()).max(0.0));
     readable
 }
 
 impl Readable {
-    fn say(&self) -> String {
-        let kept = format!("{} images, {:.1} s can be read", self.images, self.until_s);
-        match &self.error {
-            Some(error) => format!("{kept}; {error}"),
-            None if self.is_closed => kept,
-            None => format!("{kept}; the recording was cut off"),
+    /// `received`: how many images there should be at least.
+    fn say(&self, received: u64) -> String {
+        let of = if received > self.images { format!("of {received} ") } else { String::new() };
+        let kept = format!("{} {of}images, {:.1} s can be read", self.images, self.until_s);
+        match &self.shortfall {
+            Some(shortfall) => format!("{kept}; {shortfall}"),
+            None => kept,
         }
     }
 }

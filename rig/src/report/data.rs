@@ -7,6 +7,7 @@ use sim::{Command, Trajectory};
 
 use super::diagnosis_figures::DiagnosisFigures;
 use super::motion::Motion;
+use crate::record::losses::Losses;
 use crate::record::timing::Timing;
 
 /// Everything a report can show. Only `id` is needed; an empty or absent part is left out of the page.
@@ -154,10 +155,14 @@ pub struct ImageQuality {
     pub lost: usize,
     /// Images that came but had no room in a queue.
     pub dropped: usize,
+    /// Images received that the recording does not give any more.
+    pub unread: usize,
     /// Images a second, as measured.
     pub fps: Option<f64>,
     /// Longest time between two images \[s\].
     pub longest_gap_s: Option<f64>,
+    /// What is missing of the images that there were.
+    pub losses: Losses,
 }
 
 /// How well a clock is known.

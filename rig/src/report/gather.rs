@@ -13,6 +13,7 @@ use crate::reasons::told_together;
 use crate::record::RecordError;
 use crate::record::folder::{RunFolder, file};
 use crate::record::frames::{self, FrameRow};
+use crate::record::losses::{Limits, Losses};
 use crate::record::start_stop::{RunKind, Start, Status, Stop};
 use crate::servo::StopOutcome;
 
@@ -26,9 +27,6 @@ pub enum GatherError {
     #[error(transparent)]
     Table(#[from] TableError),
 }
-
-/// Share of images lost above which a run counts as degraded.
-const LOST_SHARE: f64 = 0.01;
 
 impl ReportData {
     /// What a run folder says by itself: how the run went, images, servo, measured keypoints, wall times, origin.
@@ -47,18 +45,18 @@ impl ReportData {
             config_toml: Some(start.config.clone()).filter(|text| !text.trim().is_empty()),
             ..Self::default()
         };
-        match folder.stop() {
-            None => data.warnings.push("The run was cut short: it has no stop.json.".into()),
-            Some(stop) if stop.servo == StopOutcome::LeftToDeadMan => {
-                data.warnings
-                    .push("The servo board did not answer the stop; its dead-man stopped it.".into());
-            }
-            Some(_) => {}
+        data.warnings.extend(folder.incomplete().map(|why| format!("The run is incomplete: {why}.")));
+        if folder.stop().is_some_and(|stop| stop.servo == StopOutcome::LeftToDeadMan) {
+            data.warnings.push("The servo board did not answer the stop; its dead-man stopped it.".into());
         }
         if let Some(path) = present(folder, file::FRAMES) {
             let rows = frames::read(&path)?;
+            let losses = Losses::by(folder, Some(&rows));
             let dropped = folder.stop().map_or(0, |stop| stop.messages_dropped);
-            data.images = Some(images(&rows, usize::try_from(dropped).unwrap_or(usize::MAX)));
+            data.images = Some(images(&rows, &losses, dropped));
+            let missing = losses.degraded(&Limits::of(folder));
+            let missing = missing.or_else(|| losses.say().filter(|_| losses.unread > 0));
+            data.warnings.extend(missing.map(|missing| format!("{missing}.")));
             data.warnings.extend(image_warnings(&rows));
         }
         if let Some(path) = present(folder, file::SERVO) {
@@ -179,7 +177,7 @@ fn provenance(start: &Start) -> Vec<(String, String)> {
     rows
 }
 
-fn images(rows: &[FrameRow], dropped: usize) -> ImageQuality {
+fn images(rows: &[FrameRow], losses: &Losses, dropped: u64) -> ImageQuality {
     let reasons = rows.iter().filter(|row| row.status != "ok");
     let reasons = reasons.map(|row| if row.reason.is_empty() { &row.status } else { &row.reason });
     let rejected = told_together(reasons.map(String::as_str));
@@ -187,13 +185,15 @@ fn images(rows: &[FrameRow], dropped: usize) -> ImageQuality {
     let gaps = rows.windows(2).map(|pair| pair[1].time_s - pair[0].time_s);
     let span = rows.last().zip(rows.first()).map_or(0.0, |(last, first)| last.time_s - first.time_s);
     ImageQuality {
-        received: rows.len(),
+        received: losses.received as usize,
         used: rows.iter().filter(|row| row.status == "ok").count(),
         rejected,
-        lost: rows.iter().map(|row| row.lost_before as usize).sum(),
-        dropped,
+        lost: losses.lost.saturating_sub(dropped) as usize,
+        dropped: dropped as usize,
+        unread: losses.unread as usize,
         fps: (span > 0.0).then(|| (rows.len() - 1) as f64 / span),
         longest_gap_s: gaps.reduce(f64::max),
+        losses: *losses,
     }
 }
 
@@ -202,10 +202,6 @@ fn image_warnings(rows: &[FrameRow]) -> Vec<String> {
     let damaged = rows.iter().filter(|row| row.damaged).count();
     if damaged > 0 {
         warnings.push(format!("{} marked as damaged by the camera's driver.", counted(damaged, "image")));
-    }
-    let lost: usize = rows.iter().map(|row| row.lost_before as usize).sum();
-    if lost as f64 > LOST_SHARE * rows.len() as f64 {
-        warnings.push(format!("{} lost before the host: more than 1 %.", counted(lost, "image")));
     }
     let backward = rows.windows(2).filter(|pair| pair[1].time_s <= pair[0].time_s).count();
     if backward > 0 {

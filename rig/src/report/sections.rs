@@ -203,6 +203,7 @@ pub(super) fn quality(data: &ReportData) -> Markup {
                     }
                     tr { th { "lost before the host" } td { (counted(images.lost, "image")) } }
                     tr { th { "dropped on the host" } td { (counted(images.dropped, "image")) } }
+                    tr { th { "lost from the recording" } td { (counted(images.unread, "image")) } }
                     @if let Some(fps) = images.fps { tr { th { "rate" } td { (format!("{fps:.2} images/s")) } } }
                     @if let Some(gap) = images.longest_gap_s {
                         tr { th { "longest gap between images" } td { (duration(gap)) } }

@@ -7,6 +7,7 @@ use image::{GrayImage, Luma};
 use sim::{Command, Trajectory};
 
 use super::*;
+use crate::record::losses::Losses;
 use crate::record::timing::{Stage, Timing};
 
 const HOSTILE: &str = "<script>alert('x')</script>\"&";
@@ -201,8 +202,10 @@ fn whole() -> ReportData {
             rejected: vec![("mechanism leaves the picture".into(), 10)],
             lost: 1,
             dropped: 0,
+            unread: 0,
             fps: Some(100.02),
             longest_gap_s: Some(0.02),
+            losses: Losses { received: 400, lost: 1, ..Losses::default() },
         }),
         clocks: vec![ClockQuality {
             name: "servo board".into(),
@@ -315,7 +318,7 @@ fn good() -> Findings {
         coefficients: 12,
         determined: 12,
         runs: 1,
-        images: Some([0, 600]),
+        images: Some(Losses { received: 600, ..Losses::default() }),
         ..Findings::default()
     }
 }
@@ -343,6 +346,7 @@ fn headline_is_green_only_where_error_images_coefficients_and_diagnosis_all_allo
     assert!(line.contains("8 of 12 coefficients are not determined by this run"), "{line}");
     assert!(!line.contains("follows"), "{line}");
 
+    let lost = |received, lost| Losses { received, lost, ..Losses::default() };
     // each by itself is enough
     for (worse, tone, word) in [
         (Findings { error_m: Some(2.1 * 5e-6), ..good() }, Tone::Caution, "2.1 times the noise"),
@@ -351,8 +355,9 @@ fn headline_is_green_only_where_error_images_coefficients_and_diagnosis_all_allo
         (Findings { noise_m: 0.0, ..good() }, Tone::Caution, "not known"),
         (Findings { determined: 11, ..good() }, Tone::Caution, "1 of 12 coefficients is not determined"),
         (Findings { determined: 0, ..good() }, Tone::Bad, "none of 12 coefficients is determined"),
-        (good().filmed(593, 7), Tone::Caution, "7 of 600 images were lost"),
-        (good().filmed(382, 225), Tone::Bad, "225 of 607 images were lost"),
+        (good().filmed(lost(593, 7)), Tone::Caution, "7 of 600 images are missing"),
+        (good().filmed(lost(382, 225)), Tone::Bad, "225 of 607 images are missing"),
+        (good().filmed(Losses { unread: 1, ..lost(600, 0) }), Tone::Caution, "1 lost from the recording"),
         (good().diagnosed(Verdict::Suspected, 5e-6), Tone::Caution, "no other run has checked"),
         (good().diagnosed(Verdict::Ambiguous, 5e-6), Tone::Caution, "several causes"),
         (good().diagnosed(Verdict::Unexplained, 5e-6), Tone::Bad, "no known cause explains"),
@@ -361,7 +366,7 @@ fn headline_is_green_only_where_error_images_coefficients_and_diagnosis_all_allo
         assert_eq!(said, tone, "{line}");
         assert!(line.contains(word), "{line}");
     }
-    assert_eq!(said(good().filmed(599, 1)).0, Tone::Good, "one image in 600 is no loss worth a word");
+    assert_eq!(said(good().filmed(lost(599, 1))).0, Tone::Good, "one image in 600 is no loss worth a word");
     assert_eq!(said(good().diagnosed(Verdict::NothingDetectable, 5e-6)).0, Tone::Good);
 }
 

@@ -14,6 +14,7 @@ use super::data::{ReportData, RunEnd};
 use super::diagnosis_text;
 use super::format::{counted, millimetres, percent};
 use super::tone::Tone;
+use crate::record::losses::Losses;
 
 /// An error up to so many times the noise is noise: what noise is estimated from leaves it uncertain by as much.
 const NOISE_RATIO: f64 = 2.0;
@@ -42,8 +43,8 @@ pub struct Findings {
     pub determined: usize,
     /// How many runs they were fitted to.
     pub runs: usize,
-    /// Images lost, and images there would have been, of a run that was filmed.
-    pub images: Option<[usize; 2]>,
+    /// What is missing of the images of a run that was filmed.
+    pub images: Option<Losses>,
     /// What the diagnosis says, where one was made.
     pub diagnosis: Option<diagnose::Verdict>,
 }
@@ -85,10 +86,10 @@ impl Findings {
         Self { diagnosis: Some(verdict), noise_m: floor_m, noise_source, ..self }
     }
 
-    /// Of a run that was filmed: images received, and images lost on their way.
+    /// Of a run that was filmed, and lacks so much of its images.
     #[must_use]
-    pub fn filmed(self, received: usize, lost: usize) -> Self {
-        Self { images: Some([lost, received + lost]), ..self }
+    pub fn filmed(self, losses: Losses) -> Self {
+        Self { images: Some(losses), ..self }
     }
 
     /// What `diagnosis` says by itself: of the simulation with what it names.
@@ -157,12 +158,12 @@ impl Findings {
         }
     }
 
+    /// What a recording no longer gives is told however little it is: whoever reads the headline takes it for the whole run.
     fn lost(&self) -> Option<(Tone, String)> {
-        let [lost, all] = self.images?;
-        let share = lost as f64 / all.max(1) as f64;
+        let losses = self.images?;
+        let share = losses.share();
         let tone = if share > FAR_TOO_MANY_LOST_SHARE { Tone::Bad } else { Tone::Caution };
-        let were = if lost == 1 { "was" } else { "were" };
-        (share > LOST_SHARE).then(|| (tone, format!("{lost} of {} {were} lost", counted(all, "image"))))
+        losses.say().filter(|_| share > LOST_SHARE || losses.unread > 0).map(|said| (tone, said))
     }
 
     fn diagnosis(&self) -> Option<(Tone, String)> {
@@ -242,12 +243,12 @@ pub(super) fn findings(data: &ReportData) -> Option<Findings> {
 
 fn filmed(findings: Findings, data: &ReportData) -> Findings {
     match &data.images {
-        Some(images) => findings.filmed(images.received, images.lost + images.dropped),
+        Some(images) => findings.filmed(images.losses),
         None => findings,
     }
 }
 
-/// Reads the verdict off the data.
+/// Reads the verdict off the data. Its line says where it is of fewer images than were received.
 pub(super) fn verdict(data: &ReportData) -> Verdict {
     let plain = |tone, line: String| Verdict { headline: Headline { tone, line }, details: Vec::new() };
     match (&data.end, &data.fit, &data.diagnosis, findings(data)) {

@@ -187,6 +187,7 @@ impl Job<'_> {
         );
         let start = Start {
             id: RunId::now(),
+            number: 0,
             kind,
             model: file::MODEL_START.into(),
             prescribed: self.config.run.prescribed,

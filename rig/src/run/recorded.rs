@@ -14,7 +14,9 @@ use crate::servo::replay::Told;
 /// What the camera of `run` showed, for a run that begins at `start`; none where it had no camera.
 pub(super) fn film(run: &RunFolder, start: &Arc<OnceLock<MonotonicNs>>) -> Result<Option<Film>, RecordError> {
     let recording = Recording::open(&run.file(file::RECORDING))?;
-    let Some(info) = recording.camera_info().cloned() else { return Ok(None) };
+    let Some(info) = recording.camera_info().or(run.start().camera.as_ref()).cloned() else {
+        return Ok(None);
+    };
     let image = |item| match item {
         Ok((at, Item::Image(image))) => Some(Ok((at, image))),
         Ok(_) => None,

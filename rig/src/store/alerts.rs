@@ -34,7 +34,7 @@ pub struct Alert {
     pub id: i64,
     /// When it was raised, UTC.
     pub raised: String,
-    /// `job-failed`, `recalibration-kept`, `drift`, `campaign-ended`.
+    /// `job-failed`, `images-lost`, `recalibration-kept`, `drift`, `campaign-ended`.
     pub kind: String,
     /// What happened.
     pub text: String,

@@ -18,6 +18,8 @@ use std::time::Duration;
 pub use limits::Limit;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Row, Transaction, TransactionBehavior};
 
+use crate::error_chain::with_causes;
+
 /// The database in a runs folder.
 pub const FILE: &str = "rig.sqlite";
 /// The layout that this version knows; kept as the database's `user_version`.
@@ -162,6 +164,8 @@ pub struct Store {
     db: Connection,
     runs_dir: PathBuf,
     path: PathBuf,
+    /// The index could not be written, and a copy in memory is looked at: see [`runs`].
+    is_beside: bool,
 }
 
 impl Store {
@@ -206,13 +210,14 @@ impl Store {
     }
 
     /// The same where it can be made; else one in memory, which is gone when it is dropped: a folder of runs on a medium that
-    /// cannot be written is still looked at.
+    /// cannot be written, or is full, is still looked at.
     ///
     /// # Errors
-    /// As [`Store::open`], but for a folder that cannot be written.
+    /// As [`Store::open`], but for what [`StoreError::is_for_now`] says.
     pub fn open_or_memory(runs_dir: &Path) -> Result<Self, StoreError> {
         match Self::open(runs_dir) {
-            Err(StoreError::Database { source, .. }) if is_read_only(&source) => {
+            Err(error) if error.is_for_now() => {
+                tracing::warn!("{}: the runs are read from their folders", with_causes(&error));
                 let path = PathBuf::from("an index in memory");
                 let failed = |source| StoreError::Database { action: "making", path: path.clone(), source };
                 let db = Connection::open_in_memory_with_flags(OpenFlags::default()).map_err(failed)?;
@@ -223,19 +228,23 @@ impl Store {
     }
 
     fn with(mut db: Connection, runs_dir: &Path, path: PathBuf) -> Result<Self, StoreError> {
+        let layout =
+            |db: &Connection| db.pragma_query_value(None, "user_version", |row| row.get::<_, i64>(0));
         let mut set_up = || -> rusqlite::Result<i64> {
             db.busy_timeout(PATIENCE)?;
             db.pragma_update(None, "journal_mode", "WAL")?;
             // a transaction that was answered is there after a power cut too
             db.pragma_update(None, "synchronous", "FULL")?;
             db.pragma_update(None, "foreign_keys", true)?;
-            let found: i64 = db.pragma_query_value(None, "user_version", |row| row.get(0))?;
+            // what is only known to this process needs no disk
+            db.pragma_update(None, "temp_store", "MEMORY")?;
+            // whoever looks waits for nobody: a database that is made is only read here
+            let found = layout(&db)?;
             if found >= LAYOUT {
-                // nobody who holds the database is waited for
                 return Ok(found);
             }
             let change = db.transaction_with_behavior(TransactionBehavior::Immediate)?;
-            let found = change.pragma_query_value(None, "user_version", |row| row.get(0))?;
+            let found = layout(&change)?;
             if found < 1 {
                 change.execute_batch(TABLES)?;
             }
@@ -252,7 +261,7 @@ impl Store {
         };
         match set_up() {
             Ok(found) if found > LAYOUT => Err(StoreError::Newer { path, found }),
-            Ok(_) => Ok(Self { db, runs_dir: runs_dir.into(), path }),
+            Ok(_) => Ok(Self { db, runs_dir: runs_dir.into(), path, is_beside: false }),
             Err(source) => Err(StoreError::Database { action: "opening", path, source }),
         }
     }
@@ -294,6 +303,18 @@ impl Store {
         whole().map_err(failed)
     }
 
+    /// The same, unless somebody else is changing the database: nobody is waited for.
+    fn at_once<T>(
+        &mut self,
+        action: &'static str,
+        work: impl FnOnce(&Transaction<'_>) -> rusqlite::Result<T>,
+    ) -> Result<T, StoreError> {
+        self.db.busy_timeout(Duration::ZERO).map_err(self.failed(action))?;
+        let changed = self.change(action, work);
+        self.db.busy_timeout(PATIENCE).map_err(self.failed(action))?;
+        changed
+    }
+
     /// All rows that `query` finds.
     fn rows<T>(
         &self,
@@ -322,17 +343,30 @@ impl Store {
 }
 
 impl StoreError {
+    /// The database cannot be written, for now at least: it is locked, its disk is full or fails, or nobody may write there.
+    fn is_for_now(&self) -> bool {
+        use ErrorCode::{
+            CannotOpen, DatabaseBusy, DatabaseLocked, DiskFull, PermissionDenied, ReadOnly, SystemIoFailure,
+        };
+        let Self::Database { source, .. } = self else { return false };
+        matches!(
+            source.sqlite_error_code(),
+            Some(
+                CannotOpen
+                    | DatabaseBusy
+                    | DatabaseLocked
+                    | DiskFull
+                    | PermissionDenied
+                    | ReadOnly
+                    | SystemIoFailure
+            )
+        )
+    }
+
     fn at(action: &'static str, path: &Path) -> impl FnOnce(rusqlite::Error) -> Self + use<> {
         let path = path.to_owned();
         move |source| Self::Database { action, path, source }
     }
-}
-
-fn is_read_only(error: &rusqlite::Error) -> bool {
-    matches!(
-        error.sqlite_error_code(),
-        Some(ErrorCode::ReadOnly | ErrorCode::CannotOpen | ErrorCode::PermissionDenied)
-    )
 }
 
 fn is_damaged(error: &rusqlite::Error) -> bool {

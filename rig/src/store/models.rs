@@ -69,7 +69,8 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub fn model_changes(&self) -> Result<Vec<ModelChange>, StoreError> {
-        let query = "SELECT id, summary -> '$.model' FROM runs WHERE json_type(summary, '$.model') = 'object' ORDER BY id";
+        let query = "SELECT id, summary -> '$.model' FROM runs WHERE json_type(summary, '$.model') = 'object' \
+                     ORDER BY summary ->> '$.number', id";
         let lines: Vec<(String, String)> = self.rows(query, [], |row| Ok((row.get(0)?, row.get(1)?)))?;
         let read = |(run, text): (String, String)| match serde_json::from_str::<MadeWith>(&text) {
             Ok(model) => Ok((run, model)),
@@ -138,8 +139,11 @@ mod tests {
         ];
         assert_eq!(store.model_changes().unwrap(), expected);
 
-        let earlier = "UPDATE runs SET summary = json_remove(summary, '$.model'); PRAGMA user_version = 2;";
-        store.change("a test", |db| db.execute_batch(earlier)).unwrap();
+        store
+            .change("a test", |db| {
+                db.execute("UPDATE runs SET summary = json_remove(summary, '$.model', '$.losses')", [])
+            })
+            .unwrap();
         assert_eq!(store.model_changes().unwrap(), []);
         drop(store);
         let mut store = Store::open(folder.path()).unwrap();

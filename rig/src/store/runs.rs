@@ -7,17 +7,19 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use ident::diagnose::Verdict;
 use ident::fit::{Fit, FittedParameter};
-use rusqlite::params;
+use rusqlite::{Connection, params};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::models::MadeWith;
 use super::{Store, StoreError};
+use crate::error_chain::with_causes;
 use crate::record::folder::{RunFolder, file};
+use crate::record::losses::{Limits, Losses};
 use crate::record::run_id::RunId;
 use crate::record::start_stop::Status;
-use crate::record::{RecordError, below, frames, journal};
+use crate::record::{RecordError, below, journal};
 use crate::report::{Findings, Headline, is_settled};
 
 /// The status of a run whose folder says nothing.
@@ -47,9 +49,15 @@ pub struct Summary {
     /// Images received.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub images: Option<u64>,
-    /// Images that were lost on their way.
+    /// Its place among the runs of its folder, in the order in which they were made: 0 for those from before 2026-11-27, which come first.
+    #[serde(default)]
+    pub number: u64,
+    /// What it lacks of the images that there were.
+    #[serde(default)]
+    pub losses: Option<Losses>,
+    /// Why nothing is promoted that was made from it.
     #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub images_lost: Option<u64>,
+    pub degraded: Option<String>,
     /// How far off its fitted simulation is: root mean square along one axis, over all keypoints but P0 \[m\].
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub fit_error_m: Option<f64>,
@@ -94,6 +102,47 @@ pub struct Coefficient {
     pub upper: f64,
 }
 
+/// What is to be changed in the index.
+struct Update {
+    /// Coefficients and line of each run that is new or has changed, and when its folder had changed when it was read.
+    lines: Vec<(Vec<Coefficient>, Summary, i64)>,
+    /// Runs whose folders are gone.
+    gone: Vec<String>,
+}
+
+/// The index as it is, in memory: what asks for its tables finds these first.
+const COPY: &str = "
+    CREATE TEMP TABLE runs AS SELECT * FROM main.runs;
+    CREATE UNIQUE INDEX temp.run_ids ON runs (id);
+    CREATE TEMP TABLE coefficients AS SELECT * FROM main.coefficients;
+    CREATE INDEX temp.run_coefficients ON coefficients (run);
+";
+
+impl Update {
+    fn apply(&self, db: &Connection) -> rusqlite::Result<()> {
+        let mut forget = db.prepare("DELETE FROM coefficients WHERE run = ?1")?;
+        let mut remove = db.prepare("DELETE FROM runs WHERE id = ?1")?;
+        for id in self.gone.iter().chain(self.lines.iter().map(|(_, summary, _)| &summary.id)) {
+            forget.execute([id])?;
+            remove.execute([id])?;
+        }
+        let mut line = db.prepare("INSERT INTO runs (id, modified_ns, summary) VALUES (?1, ?2, ?3)")?;
+        let mut coefficient = db.prepare(
+            "INSERT INTO coefficients (run, name, unit, value, std, determined, lower, upper)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+        )?;
+        for (found, summary, seen) in &self.lines {
+            let text = serde_json::to_string(summary)
+                .map_err(|error| rusqlite::Error::ToSqlConversionFailure(error.into()))?;
+            line.execute(params![summary.id, seen, text])?;
+            for Coefficient { run, name, unit, value, std, determined, lower, upper } in found {
+                coefficient.execute(params![run, name, unit, value, std, determined, lower, upper])?;
+            }
+        }
+        Ok(())
+    }
+}
+
 /// What becomes of an index that is brought up to date.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Refreshed {
@@ -123,7 +172,7 @@ impl Summary {
         let mut summary = Self::unread(id);
         match RunFolder::open(path) {
             Ok(run) => summary.fill(&run),
-            Err(error) => summary.reason = Some(crate::error_chain::with_causes(&error)),
+            Err(error) => summary.reason = Some(with_causes(&error)),
         }
         summary
     }
@@ -137,7 +186,9 @@ impl Summary {
             kind: None,
             duration_s: None,
             images: None,
-            images_lost: None,
+            number: 0,
+            losses: None,
+            degraded: None,
             fit_error_m: None,
             error_over_noise: None,
             determined: None,
@@ -148,20 +199,34 @@ impl Summary {
         }
     }
 
+    /// What stands beside it in a list of runs: why it is degraded, or cannot be read as it should.
+    pub fn note(&self) -> Option<String> {
+        let unreadable = || self.reason.clone().filter(|_| self.status == "incomplete");
+        self.degraded.as_ref().map(|why| format!("degraded: {why}")).or_else(unreadable)
+    }
+
     fn fill(&mut self, run: &RunFolder) {
         self.status = status(run).into();
         self.report = below::at(&run.file(file::REPORT)).is_ok();
-        self.reason = run.stop().and_then(|stop| stop.reason.clone());
+        self.reason = match run.stop() {
+            Some(stop) => stop.reason.clone(),
+            None => run.unreadable_stop().and_then(|_| run.incomplete()),
+        };
+        self.number = run.start().number;
         self.began = Some(run.start().clock.utc.clone());
         self.kind = Some(format!("{:?}", run.start().kind).to_lowercase());
-        (self.duration_s, self.images) = match run.stop() {
-            Some(stop) => (Some(stop.clock.monotonic_ns.seconds_since(run.origin())), Some(stop.images)),
-            None => (
-                journal::read(&run.file(file::JOURNAL)).ok().and_then(|entries| Some(entries.last()?.at_s)),
-                frames::read(&run.file(file::FRAMES)).ok().map(|frames| frames.len() as u64),
-            ),
+        self.duration_s = match run.stop() {
+            Some(stop) => Some(stop.clock.monotonic_ns.seconds_since(run.origin())),
+            None => {
+                journal::read(&run.file(file::JOURNAL)).ok().and_then(|entries| Some(entries.last()?.at_s))
+            }
         };
-        self.images_lost = run.stop().map(|stop| stop.images_lost + stop.messages_dropped);
+        if run.stop().is_some() || run.file(file::FRAMES).exists() {
+            let losses = Losses::of(run);
+            self.images = Some(losses.received);
+            self.degraded = losses.degraded(&Limits::of(run));
+            self.losses = Some(losses);
+        }
         self.model = MadeWith::of(run);
         let diagnosis: Option<Said> = results(&run.file(file::DIAGNOSIS));
         self.verdict = diagnosis.as_ref().map(|said| said.verdict.name().to_owned());
@@ -171,8 +236,8 @@ impl Summary {
         if let Some(said) = diagnosis {
             findings = findings.diagnosed(said.verdict, said.noise_m.hypot(said.noise.pose_std_m));
         }
-        if let (Some(received), Some(lost)) = (self.images, self.images_lost) {
-            findings = findings.filmed(received as usize, lost as usize);
+        if let Some(losses) = self.losses {
+            findings = findings.filmed(losses);
         }
         self.fit_error_m = findings.error_m;
         self.error_over_noise = findings.over_noise();
@@ -251,6 +316,7 @@ impl Store {
     pub fn refresh(&mut self, anew: bool) -> Result<Refreshed, StoreError> {
         let runs_dir = self.runs_dir.clone();
         let io = || RecordError::io("reading runs folder", &runs_dir);
+        self.no_longer_beside()?;
         let mut known = self.known()?;
         let racy = SystemTime::now() - RACY;
         let racy_ns = racy.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as i64);
@@ -282,32 +348,41 @@ impl Store {
                 (found, summary, seen)
             })
             .collect();
-        self.change("bringing the index up to date in", |db| {
-            let mut remove = db.prepare("DELETE FROM runs WHERE id = ?1")?;
-            for id in known.keys().chain(lines.iter().map(|(_, summary, _)| &summary.id)) {
-                remove.execute([id])?;
-            }
-            let mut line = db.prepare("INSERT INTO runs (id, modified_ns, summary) VALUES (?1, ?2, ?3)")?;
-            let mut coefficient = db.prepare(
-                "INSERT INTO coefficients (run, name, unit, value, std, determined, lower, upper)
-                 VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
-            )?;
-            for (found, summary, seen) in &lines {
-                let text = serde_json::to_string(summary)
-                    .map_err(|error| rusqlite::Error::ToSqlConversionFailure(error.into()))?;
-                line.execute(params![summary.id, seen, text])?;
-                for Coefficient { run, name, unit, value, std, determined, lower, upper } in found {
-                    coefficient.execute(params![run, name, unit, value, std, determined, lower, upper])?;
-                }
-            }
-            Ok(())
-        })?;
+        let update = Update { lines, gone: known.into_keys().collect() };
+        match self.at_once("bringing the index up to date in", |db| update.apply(db)) {
+            Err(error) if error.is_for_now() => self.beside(&update, &error)?,
+            other => other?,
+        }
         Ok(refreshed)
     }
 
-    /// The times of change of the folders whose lines are known.
+    /// Brings a copy of the index up to date that is in memory, and hides the one that cannot be written now until it can.
+    fn beside(&mut self, update: &Update, why: &StoreError) -> Result<(), StoreError> {
+        let failed = StoreError::at("copying the index of", &self.path);
+        let mut copy = || {
+            let copy = self.db.transaction()?;
+            copy.execute_batch(COPY)?;
+            update.apply(&copy)?;
+            copy.commit()
+        };
+        copy().map_err(failed)?;
+        self.is_beside = true;
+        tracing::warn!("{}: what is new in the runs is known to this process only", with_causes(why));
+        Ok(())
+    }
+
+    /// Looks at the index itself again.
+    fn no_longer_beside(&mut self) -> Result<(), StoreError> {
+        if std::mem::take(&mut self.is_beside) {
+            let dropped = self.db.execute_batch("DROP TABLE temp.coefficients; DROP TABLE temp.runs");
+            dropped.map_err(self.failed("leaving the copy of"))?;
+        }
+        Ok(())
+    }
+
+    /// The times of change of the folders whose lines are known; of lines from before losses were counted none that any folder has.
     fn known(&self) -> Result<HashMap<String, i64>, StoreError> {
-        let query = "SELECT id, modified_ns FROM runs";
+        let query = "SELECT id, iif(json_type(summary, '$.losses') IS NULL, -1, modified_ns) FROM runs";
         Ok(self.rows(query, [], |row| Ok((row.get(0)?, row.get(1)?)))?.into_iter().collect())
     }
 
@@ -324,7 +399,9 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub fn runs_before(&self, before: Option<&str>, most: usize) -> Result<Vec<Summary>, StoreError> {
-        let query = "SELECT summary FROM runs WHERE ?1 IS NULL OR id < ?1 ORDER BY id DESC LIMIT ?2";
+        let query = "SELECT summary FROM runs WHERE ?1 IS NULL OR (summary ->> '$.number', id) < \
+                     (coalesce((SELECT summary ->> '$.number' FROM runs WHERE id = ?1), 0), ?1) \
+                     ORDER BY summary ->> '$.number' DESC, id DESC LIMIT ?2";
         let most = i64::try_from(most).unwrap_or(i64::MAX);
         let lines: Vec<String> = self.rows(query, params![before, most], |row| row.get(0))?;
         let read = |line: &String| serde_json::from_str(line).map_err(|error| self.damaged(&error));
@@ -345,7 +422,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub fn trend(&self, name: &str) -> Result<Vec<Coefficient>, StoreError> {
-        let query = "SELECT run, name, unit, value, std, determined, lower, upper FROM coefficients WHERE name = ?1 ORDER BY run";
+        let query = "SELECT run, name, unit, value, std, determined, lower, upper FROM coefficients JOIN runs ON run = id WHERE name = ?1 \
+                     ORDER BY summary ->> '$.number', run";
         self.rows(query, [name], |row| {
             Ok(Coefficient {
                 run: row.get(0)?,
@@ -429,6 +507,51 @@ pub(super) mod tests {
         store.refresh(true).unwrap();
         assert_eq!(store.runs(9).unwrap(), kept);
         assert_eq!(store.trend("g3/blunt").unwrap(), trend);
+    }
+
+    #[test]
+    fn whoever_looks_at_runs_waits_for_nobody_who_writes() {
+        let folder = tempfile::tempdir().unwrap();
+        cut_short(folder.path(), "20261120T101503Z-ab12cd");
+        let mut store = Store::open(folder.path()).unwrap();
+        store.refresh(false).unwrap();
+        let writer = Connection::open(folder.path().join(super::super::FILE)).unwrap();
+        writer.execute_batch("BEGIN IMMEDIATE").unwrap();
+        let path = cut_short(folder.path(), "20261121T101503Z-ab12cd");
+        std::fs::write(path.join(file::FIT), fit().to_json().unwrap()).unwrap();
+
+        let began = std::time::Instant::now();
+        let mut another = Store::open(folder.path()).unwrap();
+        for store in [&mut store, &mut another] {
+            // more than once, as a page asks
+            for _ in 0..2 {
+                assert_eq!(store.refresh(false).unwrap().runs, 2);
+                assert_eq!(store.runs(9).unwrap().len(), 2);
+                assert_eq!(store.trend("g3/blunt").unwrap().len(), 1);
+            }
+        }
+        assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
+
+        writer.execute_batch("COMMIT").unwrap();
+        store.refresh(false).unwrap();
+        let indexed: u32 = writer.query_row("SELECT count(*) FROM runs", [], |row| row.get(0)).unwrap();
+        assert_eq!(indexed, 2, "what could not be written then is written now");
+        assert_eq!(store.runs(9).unwrap(), another.runs(9).unwrap());
+    }
+
+    #[test]
+    fn runs_are_listed_in_the_order_in_which_they_were_made() {
+        let folder = tempfile::tempdir().unwrap();
+        let made = ["20261120T101503Z-ab12cd", "19700101T000003Z-ab12cd", "20251120T101503Z-ab12cd"];
+        for id in made {
+            RunFolder::create(folder.path(), crate::record::fixtures::start(id)).unwrap();
+        }
+        let mut store = Store::open(folder.path()).unwrap();
+        store.refresh(false).unwrap();
+        let ids = |runs: Vec<Summary>| runs.into_iter().map(|run| run.id).collect::<Vec<_>>();
+        assert_eq!(ids(store.runs(9).unwrap()), made);
+        assert_eq!(ids(store.runs(2).unwrap()), made[1..]);
+        assert_eq!(ids(store.runs_before(Some(made[2]), 1).unwrap()), [made[1]]);
     }
 
     #[test]

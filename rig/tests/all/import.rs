@@ -121,6 +121,7 @@ const ROUND_TRIP: f64 = 1e-9;
 fn run_folder(at: &Path) -> PathBuf {
     let start = Start {
         id: RunId::now(),
+        number: 0,
         kind: RunKind::Drop,
         model: "model-start.xml".into(),
         prescribed: false,

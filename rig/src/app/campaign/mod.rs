@@ -19,7 +19,7 @@ use ident::parameters::Parameters;
 use ident::strict::Seconds;
 
 use super::announce::wait_for_leave;
-use super::compose::compose;
+use super::compose::{compose, degraded};
 use super::experiment::{Experiment, Extent};
 use super::{Failure, Interrupt, Watcher, base, hand_in, read_model};
 use crate::analysis::prepared;
@@ -158,7 +158,12 @@ impl Campaign<'_> {
         let experiment = folder.join(EXPERIMENT);
         let paths: Vec<PathBuf> =
             record.runs.iter().map(|made| self.runs_dir.join(made.run.as_str())).collect();
-        let runs: Vec<(Use, &Path)> = paths.iter().map(|path| (Use::Fit, path.as_path())).collect();
+        // what lacks too many images is no evidence
+        let whole = paths.iter().filter(|path| degraded(path).is_none());
+        let runs: Vec<(Use, &Path)> = whole.map(|path| (Use::Fit, path.as_path())).collect();
+        if let (true, Some(why)) = (runs.is_empty(), paths.first().and_then(|path| degraded(path))) {
+            return Err(Failure::Data(anyhow!("no run of this campaign can be used: {why}")));
+        }
         compose(&runs, None, false, &experiment)?;
         let mut step = Step {
             folder: folder.clone(),

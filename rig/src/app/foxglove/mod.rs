@@ -86,10 +86,10 @@ impl Holdings {
                             bag.say(TELEMETRY, at_ns, &message).map_err(cannot)?;
                         }
                     }
-                    Item::Command(_) => {}
+                    Item::Command(_) | Item::Gap => {}
                 }
             }
-            recording.warn_if_cut_off();
+            recording.warn_of_shortfall();
         } else {
             let times_s = self.measured.as_ref().map_or_else(Vec::new, |measured| measured.time_s.clone());
             for (row, &time_s) in times_s.iter().enumerate() {

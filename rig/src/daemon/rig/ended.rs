@@ -7,6 +7,7 @@ use serde_json::json;
 
 use super::Rig;
 use crate::app::campaign::record::{self, Record};
+use crate::app::compose::degraded;
 use crate::app::last_good::{self, Recalibrated};
 use crate::app::{Failure, Watcher};
 use crate::record::below;
@@ -101,6 +102,11 @@ fn alert(job: &Job, state: State, result: &JobResult) -> Option<(&'static str, S
     match (&job.work, state) {
         (work, State::Failed | State::Lost) => {
             Some(("job-failed", format!("job {} ({}) {state}: {said}", job.id, work.kind())))
+        }
+        (Work::Run { .. }, State::Done) => {
+            let run = Path::new(result.run.as_deref()?);
+            let (why, name) = (degraded(run)?, run.file_name()?.to_string_lossy());
+            Some(("images-lost", format!("run {name}: {why}; nothing is promoted that is made from it")))
         }
         (Work::Recalibrate { .. }, State::Done) => {
             let path = Path::new(result.run.as_deref()?).join(last_good::VERDICT);

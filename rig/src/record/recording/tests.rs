@@ -77,7 +77,9 @@ fn recording_cut_at_any_byte_gives_the_messages_before_the_cut() {
     for cut in 0..=whole.len() {
         std::fs::write(&cut_path, &whole[..cut]).unwrap();
         let mut recording = Recording::open(&cut_path).unwrap();
-        let images: Vec<_> = recording.by_ref().map(|item| item.unwrap().1).collect();
+        let items = recording.by_ref().map(|item| item.unwrap().1);
+        // the piece at the end is no item of the camera's
+        let images: Vec<_> = items.filter(|item| !matches!(item, Item::Gap)).collect();
         for (index, item) in images.iter().enumerate() {
             let Item::Image(got) = item else { panic!("{item:?}") };
             assert_eq!(got.data, image(index as u32).data, "cut at {cut}");
@@ -90,7 +92,7 @@ fn recording_cut_at_any_byte_gives_the_messages_before_the_cut() {
 }
 
 #[test]
-fn flipped_bit_is_told_and_what_came_before_it_is_kept() {
+fn flipped_bit_is_told_and_all_other_chunks_are_read() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("recording.mcap");
     let file = File::create_new(&path).unwrap();
@@ -107,15 +109,20 @@ fn flipped_bit_is_told_and_what_came_before_it_is_kept() {
         let mut bytes = whole.clone();
         bytes[place] ^= 1;
         std::fs::write(&path, &bytes).unwrap();
-        let results: Vec<_> = Recording::open(&path).unwrap().collect();
-        assert!(matches!(&results[0], Ok((_, Item::Image(first))) if first.sequence == 7));
+        let mut recording = Recording::open(&path).unwrap();
+        let items: Vec<_> = recording.by_ref().map(|item| item.unwrap().1).collect();
+        let [Item::Image(first), second, Item::Image(third)] = &items[..] else { panic!("{items:?}") };
+        assert_eq!((first.sequence, third.sequence), (7, 9));
         // zstd has bits that mean nothing.
-        if let Ok((_, Item::Image(second))) = &results[1] {
+        if let Item::Image(second) = second {
             assert_eq!((second.sequence, &second.data), (8, &image(8).data), "bit flipped at {place}");
             harmless += 1;
         } else {
-            assert!(matches!(results[1], Err(RecordError::Damaged { .. })), "bit flipped at {place}");
-            assert_eq!(results.len(), 2);
+            assert_eq!(
+                (recording.unread().places, recording.unread().images),
+                (1, 1),
+                "bit flipped at {place}"
+            );
         }
     }
     assert!(harmless * 10 < second_image.len(), "{harmless} of {}", second_image.len());
@@ -163,7 +170,8 @@ fn killed_writer_leaves_a_readable_recording() {
         child.wait().unwrap();
 
         let mut recording = Recording::open(&path).unwrap();
-        let images: Vec<_> = recording.by_ref().map(|item| item.unwrap().1).collect();
+        let items = recording.by_ref().map(|item| item.unwrap().1);
+        let images: Vec<_> = items.filter(|item| !matches!(item, Item::Gap)).collect();
         assert_eq!(recording.end(), End::CutOff);
         assert!(images.len() > 50, "{} images", images.len());
         for (sequence, item) in (0..).zip(images) {

@@ -30,6 +30,45 @@ pub(in crate::record) const CHUNK_BYTES: u64 = 8 << 20;
 /// Sensor noise leaves zstd nothing to find: higher levels take three times as long and give more bytes.
 const ZSTD_LEVEL: u32 = 1;
 
+/// A recording on `out`, which holds its channels so far, and their numbers.
+fn begin<W: Write>(
+    out: W,
+    info: Option<&CameraInfo>,
+) -> mcap::McapResult<(mcap::Writer<NoSeek<W>>, [u16; 3])> {
+    let mut mcap = mcap::WriteOptions::new()
+        .compression(Some(mcap::Compression::Zstd))
+        .compression_level(ZSTD_LEVEL)
+        // This thread does it itself: the other cores are the fit's.
+        .compression_threads(0)
+        .chunk_size(Some(CHUNK_BYTES))
+        // Chunks reach the file in one piece: a kill leaves no chunk whose length is still to be filled in.
+        .disable_seeking(true)
+        .calculate_data_section_crc(false)
+        .profile("rig")
+        .library(concat!("rig ", env!("CARGO_PKG_VERSION")))
+        .create(NoSeek::new(out))?;
+    let schema = mcap.add_schema("rig.CameraImage", "x-layout", IMAGE_LAYOUT.as_bytes())?;
+    let metadata: BTreeMap<String, String> = info
+        .and_then(|info| serde_json::to_string(info).ok())
+        .map(|json| ("info".into(), json))
+        .into_iter()
+        .collect();
+    let none = BTreeMap::new();
+    let ids = [
+        mcap.add_channel(schema, CAMERA_TOPIC, IMAGE_ENCODING, &metadata)?,
+        mcap.add_channel(0, SERVO_TOPIC, "json", &none)?,
+        mcap.add_channel(0, COMMAND_TOPIC, "json", &none)?,
+    ];
+    mcap.flush()?;
+    Ok((mcap, ids))
+}
+
+/// What a recording of the camera `info` begins with: the magic, the header, a chunk with the channels.
+pub(in crate::record) fn beginning(info: Option<&CameraInfo>) -> mcap::McapResult<Vec<u8>> {
+    let (mcap, _) = begin(Vec::new(), info)?;
+    Ok(mcap.into_inner().into_inner())
+}
+
 /// See the module.
 pub(super) struct Writer {
     path: PathBuf,
@@ -52,36 +91,8 @@ impl Writer {
     ) -> Result<Self, RecordError> {
         let failed = |source| RecordError::Write { path: path.into(), source };
         let own = file.try_clone().map_err(RecordError::io("opening", path))?;
-        let mut mcap = mcap::WriteOptions::new()
-            .compression(Some(mcap::Compression::Zstd))
-            .compression_level(ZSTD_LEVEL)
-            // This thread does it itself: the other cores are the fit's.
-            .compression_threads(0)
-            .chunk_size(Some(CHUNK_BYTES))
-            // Chunks reach the file in one piece: a kill leaves no chunk whose length is still to be filled in.
-            .disable_seeking(true)
-            .calculate_data_section_crc(false)
-            .profile("rig")
-            .library(concat!("rig ", env!("CARGO_PKG_VERSION")))
-            .create(NoSeek::new(BufWriter::new(Summed::new(file))))
-            .map_err(failed)?;
-        let mut channels = || -> mcap::McapResult<[u16; 3]> {
-            let schema = mcap.add_schema("rig.CameraImage", "x-layout", IMAGE_LAYOUT.as_bytes())?;
-            let metadata: BTreeMap<String, String> = info
-                .and_then(|info| serde_json::to_string(info).ok())
-                .map(|json| ("info".into(), json))
-                .into_iter()
-                .collect();
-            let none = BTreeMap::new();
-            let ids = [
-                mcap.add_channel(schema, CAMERA_TOPIC, IMAGE_ENCODING, &metadata)?,
-                mcap.add_channel(0, SERVO_TOPIC, "json", &none)?,
-                mcap.add_channel(0, COMMAND_TOPIC, "json", &none)?,
-            ];
-            mcap.flush()?;
-            Ok(ids)
-        };
-        let [camera, servo, command] = channels().map_err(failed)?;
+        let begun = begin(BufWriter::new(Summed::new(file)), info);
+        let (mcap, [camera, servo, command]) = begun.map_err(failed)?;
         Ok(Self {
             path: path.into(),
             file: own,
@@ -181,7 +192,7 @@ impl Writer {
         Ok(())
     }
 
-    fn finish(&mut self) -> Result<(), RecordError> {
+    pub(super) fn finish(&mut self) -> Result<(), RecordError> {
         let path = self.path.clone();
         let mut failed = |source| RecordError::Write { path: path.clone(), source };
         let mut writer = self.mcap.take().ok_or_else(|| RecordError::Ended { path: self.path.clone() })?;
