@@ -96,12 +96,17 @@ pub fn write_command(path: &Path, command: &Command) -> Result<(), TableError> {
     write_servo(path, command, &[])
 }
 
-/// Writes `command` to `path`, and beside it what servos measured, in rows of their own times, where the command is that between its
-/// rows. Angles of actuators that the command has not are left out, as are times that are not finite.
+/// Writes the table of [`servo_text`] to `path`.
 ///
 /// # Errors
 /// [`TableError::Unwritable`].
 pub fn write_servo(path: &Path, command: &Command, measured: &[MeasuredAngles]) -> Result<(), TableError> {
+    write_text(path, &servo_text(command, measured))
+}
+
+/// `command` as the text of its table, and beside it what servos measured, in rows of their own times, where the command is that between its
+/// rows. Angles of actuators that the command has not are left out, as are times that are not finite.
+pub fn servo_text(command: &Command, measured: &[MeasuredAngles]) -> String {
     let width = command.actuators.len();
     let column = |angles: &MeasuredAngles| command.actuators.iter().position(|name| *name == angles.actuator);
     // By time: the command's own row there, if it has one, and what was measured.
@@ -146,7 +151,7 @@ pub fn write_servo(path: &Path, command: &Command, measured: &[MeasuredAngles]) 
         }
         text.push('\n');
     }
-    write_text(path, &text)
+    text
 }
 
 /// A row's time, in order.

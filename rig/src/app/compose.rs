@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use super::Failure;
 use super::design::limits;
 use crate::camera::CameraConfig;
+use crate::outputs::OutputFile;
 use crate::profile::ProfileConfig;
-use crate::record::files::write_whole;
 use crate::record::folder::{RunFolder, file};
 use crate::record::start_stop::Start;
 use crate::servo::ServoConfig;
@@ -61,14 +61,9 @@ pub fn compose(
     runs: &[(Use, &Path)],
     model: Option<&Path>,
     drops: bool,
-    out: &Path,
+    out: &OutputFile,
 ) -> Result<Experiment, Failure> {
-    let whole = std::path::absolute(out).map_err(Failure::input)?;
-    let home = whole.parent().unwrap_or(Path::new("/"));
-    std::fs::create_dir_all(home)
-        .with_context(|| format!("creating {}", home.display()))
-        .map_err(Failure::Input)?;
-
+    let home = out.place().parent().unwrap_or(Path::new("/"));
     let mut entries = Vec::new();
     let (mut config, mut design) = (None, None);
     let (mut known, mut suspected) = (FitConfig::default(), DiagnoseConfig::default());
@@ -99,9 +94,9 @@ pub fn compose(
     let design = DesignConfig { drops, ..design.unwrap_or_default() };
     let file = ExperimentFile { model, fit, diagnose, design, mechanism, water, cause, run: entries };
     let text = toml::to_string(&file).map_err(Failure::internal)?;
-    write_whole(out, text.as_bytes()).map_err(Failure::input)?;
+    out.write(text.as_bytes()).map_err(Failure::input)?;
     // Read back as the fit will read it: what it would refuse is said now.
-    Ok(Experiment::read(out)?)
+    Ok(Experiment::read(out.path())?)
 }
 
 /// Opens a run folder and sees that it holds a trajectory.
@@ -130,12 +125,10 @@ fn run_config(start: &Start, path: &Path) -> Result<RunConfig, Failure> {
     Ok(config)
 }
 
-/// `path` as seen from the folder `home`, which is absolute.
+/// `path` as seen from the folder `home`, which is absolute and without links.
 fn relative(path: &Path, home: &Path) -> Result<PathBuf, Failure> {
-    let canonical = |path: &Path| {
-        path.canonicalize().with_context(|| format!("reading {}", path.display())).map_err(Failure::Input)
-    };
-    Ok(between(&canonical(home)?, &canonical(path)?))
+    let reading = || format!("reading {}", path.display());
+    Ok(between(home, &path.canonicalize().with_context(reading).map_err(Failure::Input)?))
 }
 
 /// The way from one absolute folder to another path, both without links and dots.

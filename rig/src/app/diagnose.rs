@@ -7,8 +7,15 @@ use ident::diagnose::{Diagnosed, diagnose};
 use super::design::write_configs;
 use super::results::{Given, write_diagnosis};
 use super::{Failure, Watcher, on_threads};
+use crate::outputs::OutputFolder;
+use crate::record::folder::file;
 use crate::record::timing::Stage;
 use crate::report::{DiagnosisFigures, Motion};
+
+/// Configs of the runs to make next, in the folder of a diagnosis.
+const NEXT: &str = "next";
+/// What a diagnosis writes into its folder.
+pub const FILES: [&str; 5] = [file::DIAGNOSIS, file::MODEL, file::REPORT, file::TIMING, NEXT];
 
 /// Diagnoses the experiment at `path` by so many threads, into the folder `out`; with a rig's `config`, those of the runs to make
 /// next go to `next` in it. Gives the diagnosis, and where the report is.
@@ -18,7 +25,7 @@ use crate::report::{DiagnosisFigures, Motion};
 /// answer, [`Failure::Interrupted`] after a signal.
 pub fn diagnosed(
     path: &Path,
-    out: &Path,
+    out: &OutputFolder,
     threads: usize,
     config: Option<&Path>,
     watcher: &mut dyn Watcher,
@@ -34,7 +41,7 @@ pub fn diagnosed(
     write_diagnosis(&diagnosed, &given.source(), out)?;
     let report = given.write_report(&data)?;
     if let Some(config) = config {
-        write_configs(config, &diagnosed.next, &out.join("next"))?;
+        write_configs(config, &diagnosed.next, &out.folder(NEXT))?;
     }
     Ok((diagnosed, report))
 }

@@ -7,7 +7,9 @@ use ident::diagnose::{NextExperiment, diagnose, pin_down};
 use ident::experiment::Experiment;
 
 use super::{Failure, Outcome};
-use crate::app::design::write_configs;
+use crate::app::design::{CONFIGS, write_configs};
+use crate::config::paths;
+use crate::outputs::Outputs;
 
 /// Says which runs would tell rival causes apart, or pin down loose parameters.
 #[derive(clap::Args, Debug)]
@@ -31,6 +33,14 @@ pub struct Args {
 /// # Errors
 /// [`Failure::Input`] for an experiment or config that contradicts itself, [`Failure::Data`] for runs that hold no answer.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    let read = Experiment::sources(&args.experiment).into_iter();
+    let written = match (&args.config, &args.out) {
+        (Some(config), Some(out)) => {
+            let read = read.chain(paths::files(config));
+            Some((config, Outputs::reading(read).folder(out, &CONFIGS)?))
+        }
+        _ => None,
+    };
     let experiment = Experiment::read(&args.experiment)?;
     let (advice, next) = if args.parameters.is_empty() {
         let diagnosed = diagnose(&experiment, &mut ())?;
@@ -38,7 +48,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     } else {
         pin_down(&experiment, &args.parameters)?
     };
-    if let (Some(config), Some(out)) = (&args.config, &args.out) {
+    if let Some((config, out)) = &written {
         write_configs(config, &next, out)?;
     }
     Ok(Outcome { out: args.out.clone(), text: table(&advice), ..Outcome::default() })

@@ -14,7 +14,8 @@ use crate::app::drift::moved;
 use crate::app::last_good::{LastGood, Recalibrated, VERDICT};
 use crate::app::{interruptible, on_threads, threads};
 use crate::error_chain::with_causes;
-use crate::record::files::write_whole;
+use crate::outputs::OutputFolder;
+use crate::record::folder::RunFolder;
 use crate::store::Store;
 
 /// What the last good fit is brought up to date with, in the folder of the run.
@@ -39,7 +40,8 @@ pub struct Args {
 /// As [`compose`] and [`LastGood::update`]; the last good fit stays.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let good = LastGood::among(&args.runs_dir);
-    let experiment = compose(&[(Use::Fit, &args.run)], None, true, &args.run.join(EXPERIMENT))?;
+    let out = OutputFolder::of_run(&RunFolder::open(&args.run).map_err(Failure::input)?);
+    let experiment = compose(&[(Use::Fit, &args.run)], None, true, &out.file(EXPERIMENT))?;
     let source = args.run.display().to_string();
     let verdict = interruptible(async |interrupt| {
         let mut bar = Bar::new(interrupt.flag());
@@ -60,8 +62,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     for moved in &moved {
         let _ = write!(text, "\n{moved}");
     }
-    let json = serde_json::to_vec_pretty(&Recalibrated { verdict, moved }).map_err(Failure::internal)?;
-    write_whole(&args.run.join(VERDICT), &json).map_err(Failure::internal)?;
+    out.write_json(VERDICT, &Recalibrated { verdict, moved }).map_err(Failure::internal)?;
     Ok(Outcome {
         out: Some(good.folder().into()),
         run: Some(args.run.clone()),

@@ -3,6 +3,7 @@
 pub mod edit;
 mod error;
 mod extraction;
+pub mod paths;
 mod tables;
 
 pub use error::ConfigError;

@@ -23,6 +23,7 @@ use crate::app::compose::compose;
 use crate::app::hand_in::{self, file, folder};
 use crate::app::recover;
 use crate::claim::Claim;
+use crate::outputs::Outputs;
 use crate::record::files::create_folder;
 use crate::record::run_id::RunId;
 use crate::store::job::{Chosen, Job, JobId, JobResult, Lane, State, Work};
@@ -198,7 +199,8 @@ fn arguments(
         let runs = fitted.iter().map(|path| (Use::Fit, path.as_path()));
         let runs: Vec<_> = runs.chain(held_out.iter().map(|path| (Use::Holdout, path.as_path()))).collect();
         let file = folder.join(EXPERIMENT);
-        compose(&runs, None, true, &file)?;
+        let read = runs.iter().map(|(_, path)| path.to_path_buf());
+        compose(&runs, None, true, &Outputs::reading(read).file(&file)?)?;
         Ok(file)
     };
     match work {
