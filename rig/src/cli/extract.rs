@@ -72,15 +72,15 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let out = TableOfImages::at(&args.out, &mut outputs)?;
     let centreline = args.centreline.as_deref().map(|path| outputs.file(path)).transpose()?;
     let sheet = args.contact_sheet.as_deref().map(|path| outputs.file(path)).transpose()?;
+    let slowed = args.slow_motion.unwrap_or(1.0);
+    let plan = |path: &Path| Overlays::plan(path, slowed, &mut outputs);
+    let mut overlays = args.overlays.as_deref().map(plan).transpose()?;
     let config = ExtractionConfig::read(&args.config).map_err(Failure::input)?;
     let plane = config.plane().map_err(Failure::input)?;
     let named = args.model.clone().or(config.model());
     let model = named.as_deref().map(read_model).transpose()?;
     let window = Window::new(args.from_s, args.to_s, args.slow_motion).map_err(Failure::input)?;
     args.contact_sheet.as_deref().map(look::sheet_format).transpose()?;
-    let slowed = args.slow_motion.unwrap_or(1.0);
-    let plan = |path: &Path| Overlays::plan(path, slowed, &mut outputs);
-    let mut overlays = args.overlays.as_deref().map(plan).transpose()?;
     let source = Trimmed::new(images::open(&args.frames, config.fps()).map_err(Failure::input)?, window);
 
     let mut bar = Bar::new(Arc::default());
