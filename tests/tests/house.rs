@@ -25,9 +25,10 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
 /// The code of a file without its comments and without its test module.
 fn code(file: &Path) -> String {
     let text = std::fs::read_to_string(file).expect("a file of text");
-    let tests =
-        ["mod tests {", "pub(crate) mod tests {"].map(|module| text.find(&format!("#[cfg(test)]\n{module}")));
-    let end = tests.into_iter().flatten().min().unwrap_or(text.len());
+    let modules =
+        ["", "pub(super) ", "pub(crate) "].map(|seen_by| format!("#[cfg(test)]\n{seen_by}mod tests {{"));
+    let tests = modules.iter().filter_map(|module| text.find(module));
+    let end = tests.min().unwrap_or(text.len());
     text[..end].lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n")
 }
 
