@@ -11,6 +11,7 @@
 //!   one clock, pixels in metres;
 //! * [`camera`], [`servo`]: the two traits, and a real, a mock and a recorded device behind each;
 //! * [`profile`], [`tank`], [`record`]: the stroke, the simulated tank behind the mocks, run folders and recordings;
+//! * [`outputs`]: where a command may write, and how a file comes to be there;
 //! * [`images`], [`report`], [`calibrate`]: where images come from, the page that is made of results, pictures of a board to a plane;
 //! * [`vision`], [`config`], [`interchange`]: images to keypoints, the config as a whole, keypoints from and to other programs;
 //! * [`setup`]: answers about a chain of links to a config and a model;
@@ -40,6 +41,7 @@ pub mod images;
 pub mod in_place;
 pub mod interchange;
 pub mod lettering;
+pub mod outputs;
 pub mod preview;
 pub mod profile;
 pub mod reasons;

@@ -1,5 +1,5 @@
 //! The house keeps its shape: within a crate, rooms (the modules that its `lib.rs` names) use each other one way. A scan of
-//! the text for paths that start with `crate::`.
+//! the text for paths that start with `crate::`. And whoever writes a file does it by a handle, for which it had to ask.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -25,7 +25,10 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
 /// The code of a file without its comments and without its test module.
 fn code(file: &Path) -> String {
     let text = std::fs::read_to_string(file).expect("a file of text");
-    let end = text.find("#[cfg(test)]\nmod tests {").unwrap_or(text.len());
+    let modules =
+        ["", "pub(super) ", "pub(crate) "].map(|seen_by| format!("#[cfg(test)]\n{seen_by}mod tests {{"));
+    let tests = modules.iter().filter_map(|module| text.find(module));
+    let end = tests.min().unwrap_or(text.len());
     text[..end].lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n")
 }
 
@@ -117,6 +120,43 @@ fn rooms_of_a_crate_use_each_other_one_way() {
     }
     circles.retain(|_, tied| !tied.is_empty());
     assert!(circles.is_empty(), "rooms in a circle, and which of each other they use: {circles:#?}");
+}
+
+/// What writes a file that a path names.
+const WRITERS: [&str; 6] =
+    ["fs::write(", "File::create", "fs::copy(", ".save(", "write_whole(", "OpenOptions"];
+
+/// Who of `rig` does so, and what for; all others write by an `OutputFile`, an `OutputFolder` or a run's own `RunFolder`.
+const WRITE_BY_PATH: [(&str, &str); 8] = [
+    ("record/", "a run's own files"),
+    ("outputs/", "the handles"),
+    ("claim.rs", "what one process has alone"),
+    ("servo/pulse_log.rs", "a log that grows while another process reads it"),
+    ("doctor/host.rs", "a file to try the disk with"),
+    ("daemon/child.rs", "what a job prints"),
+    ("daemon/api/token.rs", "a secret that is made once"),
+    ("urgency.rs", "a switch of the system"),
+];
+
+#[test]
+fn results_are_written_by_handles_that_had_to_be_asked_for() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("rig/src");
+    let may = |file: &Path| {
+        let name = file.strip_prefix(&source).unwrap().to_str().unwrap();
+        WRITE_BY_PATH.iter().find(|(place, _)| name.starts_with(place))
+    };
+    let (mut allowed, mut forbidden) = (BTreeSet::new(), Vec::new());
+    for file in sources(&source) {
+        let code = code(&file);
+        for writer in WRITERS.iter().filter(|writer| code.contains(**writer)) {
+            match may(&file) {
+                Some((place, _)) => drop(allowed.insert(*place)),
+                None => forbidden.push(format!("{writer} in {}", file.display())),
+            }
+        }
+    }
+    assert!(forbidden.is_empty(), "ask `Outputs` for a handle instead: {forbidden:#?}");
+    assert_eq!(allowed.len(), WRITE_BY_PATH.len(), "of those who may only these do: {allowed:?}");
 }
 
 #[test]

@@ -55,6 +55,20 @@ struct Entry {
 }
 
 impl Experiment {
+    /// The experiment.toml at `path`, and the files and run folders that it names, which [`Self::read`] reads. One that cannot be read names
+    /// none: why, says its reader.
+    pub fn sources(path: &Path) -> Vec<PathBuf> {
+        let file: Option<File> =
+            std::fs::read_to_string(path).ok().and_then(|text| toml::from_str(&text).ok());
+        let base = path.parent().unwrap_or(Path::new(""));
+        let named = file.iter().flat_map(|file| {
+            let of_run =
+                |run: &'_ Entry| [&run.folder, &run.trajectory, &run.servo, &run.base].map(Clone::clone);
+            file.run.iter().flat_map(of_run).chain([file.model.clone()]).flatten()
+        });
+        std::iter::once(path.to_owned()).chain(named.map(|named| base.join(named))).collect()
+    }
+
     /// Reads `experiment.toml` at `path` and everything it names; relative paths start at the file.
     ///
     /// # Errors

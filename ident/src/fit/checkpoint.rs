@@ -82,7 +82,7 @@ pub(super) struct Ended {
 /// Why a state file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// It could not be read or written.
+    /// It could not be read.
     #[error("state file {}", path.display())]
     Io {
         /// The file.
@@ -109,16 +109,12 @@ pub enum CheckpointError {
 }
 
 impl Checkpoint {
-    /// Writes the state to `path`, whole or not at all.
+    /// The state as text, to be read again by [`Self::read`].
     ///
     /// # Errors
-    /// [`CheckpointError::Io`].
-    pub fn write(&self, path: &Path) -> Result<(), CheckpointError> {
-        let fail = |source| CheckpointError::Io { path: path.into(), source };
-        let text = serde_json::to_vec(self).map_err(|error| fail(error.into()))?;
-        let mut beside = path.as_os_str().to_owned();
-        beside.push(".new");
-        std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, path)).map_err(fail)
+    /// What the serialiser says.
+    pub fn to_json(&self) -> Result<Vec<u8>, serde_json::Error> {
+        serde_json::to_vec(self)
     }
 
     /// Reads the state at `path`.

@@ -96,7 +96,7 @@ pub fn write_command(path: &Path, command: &Command) -> Result<(), TableError> {
     write_servo(path, command, &[])
 }
 
-/// Writes [`servo_text`] to `path`.
+/// Writes the table of [`servo_text`] to `path`.
 ///
 /// # Errors
 /// [`TableError::Unwritable`].

@@ -64,7 +64,7 @@ impl Observer for Interrupt {
         if self.stage == 0 && self.after == 0 {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("fit-state.json");
-            progress.checkpoint.write(&path).unwrap();
+            std::fs::write(&path, progress.checkpoint.to_json().unwrap()).unwrap();
             self.state = Some(Checkpoint::read(&path).unwrap());
             return Flow::Stop;
         }

@@ -25,8 +25,9 @@ use crate::config::RigConfig;
 use crate::error_chain::with_causes;
 use crate::images::recording::RecordedImages;
 use crate::images::{ImageSource as _, TimedImage};
+use crate::outputs::OutputFolder;
 use crate::record::RecordError;
-use crate::record::files::{read_json, write_json, write_whole};
+use crate::record::files::read_json;
 use crate::record::folder::{RunFolder, file};
 use crate::record::frames::{self, FrameRow};
 use crate::record::simulated::Simulated;
@@ -89,7 +90,7 @@ pub struct Analysis<'a> {
     /// The recorded run.
     pub run: &'a RunFolder,
     /// The folder for results, the run's own or another.
-    pub out: &'a Path,
+    pub out: &'a OutputFolder,
     /// The config to analyse with.
     pub config: &'a RigConfig,
     /// The folder that paths in the config start from.
@@ -134,13 +135,13 @@ impl Analysis<'_> {
     pub fn keypoints(mut self, progress: &mut dyn Progress) -> Result<(), AnalysisError> {
         let mut timing = Timing { workers: rayon::current_num_threads(), ..Timing::default() };
         self.seen(&mut timing, progress)?;
-        timing.write(&self.out.join(file::TIMING))?;
+        self.out.write_json(file::TIMING, &timing)?;
         Ok(self.add_sums()?)
     }
 
     /// Adds the results' checksums where they are in the run's own folder.
     fn add_sums(&self) -> Result<(), RecordError> {
-        if self.out == self.run.path() { Sums::add_results(self.out) } else { Ok(()) }
+        if self.out.path() == self.run.path() { Sums::add_results(self.run.path()) } else { Ok(()) }
     }
 
     /// What recording and images say; no extraction where it is taken as it stands.
@@ -155,8 +156,7 @@ impl Analysis<'_> {
             None => Timeline::read(self.run, self.config),
         })?;
         if let Some(command) = &timeline.command {
-            let text = table::servo_text(command, &timeline.measured);
-            write_whole(&self.out.join(file::SERVO), text.as_bytes())?;
+            self.out.write(file::SERVO, table::servo_text(command, &timeline.measured).as_bytes())?;
         }
         let live = self.live.take();
         if self.from == Stage::Trajectory {
@@ -175,14 +175,14 @@ impl Analysis<'_> {
         timing: &mut Timing,
         progress: &mut dyn Progress,
     ) -> Result<Answer, AnalysisError> {
-        let trajectory = table::read_trajectory(&self.out.join(file::TRAJECTORY))?;
+        let trajectory = table::read_trajectory(&self.out.path().join(file::TRAJECTORY))?;
         let experiment = experiment(self.run, self.config, timeline, trajectory)?;
         let warm = self.warm_start(early, timing)?;
         progress.begin("fit", Some(experiment.fit.max_evaluations));
         let (mut fitted, left) =
             timing.measure("fit", || ident::fit::first_answer(&experiment, warm.as_ref(), progress))?;
         if let Some(warm) = &warm {
-            write_json(&self.out.join(file::WARM_START), warm)?;
+            self.out.write_json(file::WARM_START, warm)?;
         }
         self.write_fit(&fitted, timing)?;
         if let Some(left) = left {
@@ -197,9 +197,9 @@ impl Analysis<'_> {
         if let Some(Ok(diagnosed)) = &mut diagnosed {
             let design = |_: &str| Some(shell::design(self.run.path(), self.run.start().config_path()?));
             NextExperiment::to_type(&mut diagnosed.diagnosis.next_experiments, design);
-            write_json(&self.out.join(file::DIAGNOSIS), &diagnosed.diagnosis)?;
+            self.out.write_json(file::DIAGNOSIS, &diagnosed.diagnosis)?;
         }
-        timing.write(&self.out.join(file::TIMING))?;
+        self.out.write_json(file::TIMING, timing)?;
         Ok(Answer { fitted, diagnosed })
     }
 
@@ -210,7 +210,7 @@ impl Analysis<'_> {
         extraction: Option<&Extraction>,
         answer: Result<&Answer, &AnalysisError>,
     ) -> Result<ReportData, AnalysisError> {
-        let mut data = ReportData::of_run(&RunFolder::open(self.out)?)?;
+        let mut data = ReportData::of_run(&RunFolder::open(self.out.path())?)?;
         data.warnings.extend(timeline.shortfall.iter().map(|shortfall| format!("{shortfall}.")));
         match answer {
             Ok(Answer { fitted, diagnosed }) => {
@@ -231,7 +231,7 @@ impl Analysis<'_> {
             let fitted = answer.ok().map(|answer| &answer.fitted);
             pictures::show(&mut data, extraction, (fitted, command), &images)?;
         }
-        write_whole(&self.out.join(file::REPORT), crate::report::render(&data).as_bytes())?;
+        self.out.write(file::REPORT, crate::report::render(&data).as_bytes())?;
         Ok(data)
     }
 
@@ -252,15 +252,15 @@ impl Analysis<'_> {
     }
 
     fn write_fit(&self, fitted: &Fitted, timing: &Timing) -> Result<(), AnalysisError> {
-        write_json(&self.out.join(file::FIT), &fitted.fit)?;
+        self.out.write_json(file::FIT, &fitted.fit)?;
         let comment =
             format!("Calibrated by rig {} on run {}.", env!("CARGO_PKG_VERSION"), self.run.start().id);
-        write_whole(&self.out.join(file::MODEL), fitted.to_mjcf(&comment).as_bytes())?;
+        self.out.write(file::MODEL, fitted.to_mjcf(&comment).as_bytes())?;
         if let Some(run) = fitted.runs.first() {
             let simulated = Simulated { time_s: run.simulated.time_s.clone(), qpos: run.qpos.clone() };
-            write_whole(&self.out.join(file::SIMULATED), simulated.text().as_bytes())?;
+            self.out.write(file::SIMULATED, simulated.text().as_bytes())?;
         }
-        Ok(timing.write(&self.out.join(file::TIMING))?)
+        Ok(self.out.write_json(file::TIMING, timing)?)
     }
 
     fn extract(
@@ -341,9 +341,10 @@ impl Analysis<'_> {
             .into();
             row.reason.clone_from(&record.reason);
         }
-        frames::write(&self.out.join(file::FRAMES), &rows)?;
-        let trajectory = table::trajectory_text(&extraction.trajectory);
-        write_whole(&self.out.join(file::TRAJECTORY), trajectory.as_bytes())?;
+        let path = self.out.path().join(file::FRAMES);
+        let rows = frames::table(&rows).map_err(|error| RecordError::damaged(&path, error))?;
+        self.out.write(file::FRAMES, &rows)?;
+        self.out.write(file::TRAJECTORY, table::trajectory_text(&extraction.trajectory).as_bytes())?;
         Ok((extraction, early))
     }
 
@@ -357,10 +358,10 @@ impl Analysis<'_> {
     /// Copies files of the run that are taken as they are into another folder for results.
     fn take_over(&self, names: &[&str]) -> Result<(), AnalysisError> {
         for name in names {
-            let (from, to) = (self.run.file(name), self.out.join(name));
-            if from != to {
+            let (from, to) = (self.run.file(name), self.out.file(name));
+            if from != to.path() {
                 let bytes = std::fs::read(&from).map_err(RecordError::io("reading", &from))?;
-                write_whole(&to, &bytes)?;
+                to.write(&bytes)?;
             }
         }
         Ok(())

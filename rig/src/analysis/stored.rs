@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use crate::calibration::Plane;
+use crate::outputs::OutputFolder;
 use crate::record::RecordError;
-use crate::record::files::write_whole;
 use crate::record::folder::{RunFolder, file};
 use crate::vision::record::{ImageRecord, StoredRecord};
 
@@ -19,10 +19,14 @@ pub(super) fn lines(records: &[ImageRecord]) -> Result<Vec<u8>, serde_json::Erro
 }
 
 /// Writes into `folder` the lines that are `begun`, and those of the records `left`.
-pub(super) fn write(folder: &Path, mut begun: Vec<u8>, left: &[ImageRecord]) -> Result<(), RecordError> {
-    let path = folder.join(file::EXTRACTION);
-    begun.append(&mut lines(left).map_err(|error| RecordError::damaged(&path, error))?);
-    write_whole(&path, &begun)
+pub(super) fn write(
+    folder: &OutputFolder,
+    mut begun: Vec<u8>,
+    left: &[ImageRecord],
+) -> Result<(), RecordError> {
+    let file = folder.file(file::EXTRACTION);
+    begun.append(&mut lines(left).map_err(|error| RecordError::damaged(file.path(), error))?);
+    file.write(&begun)
 }
 
 /// Reads the records of `run`, which must be `count`: one for each usable image.

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use super::design::limits;
 use super::{Failure, base};
 use crate::camera::CameraConfig;
+use crate::outputs::OutputFile;
 use crate::profile::ProfileConfig;
-use crate::record::files::write_whole;
 use crate::record::folder::{RunFolder, file};
 use crate::record::losses::{Limits, Losses};
 use crate::record::start_stop::Start;
@@ -105,16 +105,12 @@ pub fn compose(
     runs: &[(Use, &Path)],
     model: Option<&Path>,
     drops: bool,
-    out: &Path,
+    out: &OutputFile,
 ) -> Result<Experiment, Failure> {
-    let whole = std::path::absolute(out).map_err(Failure::input)?;
-    let home = whole.parent().unwrap_or(Path::new("/"));
-    std::fs::create_dir_all(home)
-        .with_context(|| format!("creating {}", home.display()))
-        .map_err(Failure::Input)?;
-    write_whole(out, composed(runs, model, drops, home)?.as_bytes()).map_err(Failure::input)?;
+    let home = out.place().parent().unwrap_or(Path::new("/"));
+    out.write(composed(runs, model, drops, home)?.as_bytes()).map_err(Failure::input)?;
     // Read back as the fit will read it: what it would refuse is said now.
-    Ok(Experiment::read(out)?)
+    Ok(Experiment::read(out.path())?)
 }
 
 /// The text of the experiment of `runs`, for a file in the folder `home`.
@@ -214,12 +210,10 @@ fn run_config(start: &Start, path: &Path) -> Result<RunConfig, Failure> {
     Ok(config)
 }
 
-/// `path` as seen from the folder `home`, which is absolute.
+/// `path` as seen from the folder `home`, which is absolute and without links.
 fn relative(path: &Path, home: &Path) -> Result<PathBuf, Failure> {
-    let canonical = |path: &Path| {
-        path.canonicalize().with_context(|| format!("reading {}", path.display())).map_err(Failure::Input)
-    };
-    Ok(between(&canonical(home)?, &canonical(path)?))
+    let reading = || format!("reading {}", path.display());
+    Ok(between(home, &path.canonicalize().with_context(reading).map_err(Failure::Input)?))
 }
 
 /// The way from one absolute folder to another path, both without links and dots.

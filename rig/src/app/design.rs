@@ -9,20 +9,12 @@ use ident::diagnose::NextExperiment;
 use ident::experiment::DesignConfig;
 use ident::strict::Positive;
 
-use super::Failure;
+use super::{Failure, base};
+use crate::config::paths;
+use crate::outputs::OutputFolder;
 use crate::profile::{Profile, ProfileConfig};
-use crate::record::files::write_whole;
 use crate::servo::ServoConfig;
 use crate::shell;
-
-/// Tables and keys of a rig config that hold paths.
-const PATH_KEYS: [(&str, &str); 5] = [
-    ("run", "model"),
-    ("mock", "tank"),
-    ("replay", "run"),
-    ("vision", "static_mask"),
-    ("calibration", "file"),
-];
 
 /// No proposed run is longer, whatever the one before was \[s\].
 const LONGEST_RUN_S: f64 = 30.0;
@@ -59,28 +51,25 @@ pub(super) fn limits(servo: Option<&ServoConfig>, profile: Option<&ProfileConfig
     design
 }
 
+/// What [`write_configs`] writes.
+pub const CONFIGS: [&str; 2] = ["drop-*.toml", "driven-*.toml"];
+
 /// Writes a config for each of `next` to `folder`: `config` with another motion.
 ///
 /// # Errors
 /// [`Failure::Input`] where `config` cannot be read, [`Failure::Internal`] where the folder cannot be written.
-pub fn write_configs(config: &Path, next: &[Proposal], folder: &Path) -> Result<(), Failure> {
+pub fn write_configs(config: &Path, next: &[Proposal], folder: &OutputFolder) -> Result<(), Failure> {
     let reading = || format!("reading the rig's config {}", config.display());
     let text = std::fs::read_to_string(config).with_context(reading).map_err(Failure::Input)?;
-    let mut base: toml::Table = text.parse().with_context(reading).map_err(Failure::Input)?;
+    let mut table: toml::Table = text.parse().with_context(reading).map_err(Failure::Input)?;
     let origin = std::path::absolute(config).with_context(reading).map_err(Failure::Input)?;
-    for (table, key) in PATH_KEYS {
-        let Some(value) = base.get_mut(table).and_then(|table| table.get_mut(key)) else { continue };
-        if let (Some(relative), Some(parent)) = (value.as_str(), origin.parent()) {
-            *value = parent.join(relative).display().to_string().into();
-        }
-    }
-    std::fs::create_dir_all(folder).map_err(Failure::internal)?;
+    paths::make_absolute(&mut table, base(&origin));
+    folder.create().map_err(Failure::internal)?;
     let mut written = BTreeSet::new();
     for proposal in next.iter().filter(|proposal| written.insert(proposal.id.clone())) {
-        let config = changed(&base, proposal)?;
+        let config = changed(&table, proposal)?;
         let text = format!("# Proposed by rig design: {}.\n{config}", proposal.words());
-        write_whole(&folder.join(format!("{}.toml", proposal.id)), text.as_bytes())
-            .map_err(Failure::internal)?;
+        folder.write(&format!("{}.toml", proposal.id), text.as_bytes()).map_err(Failure::internal)?;
     }
     Ok(())
 }

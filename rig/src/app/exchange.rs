@@ -12,7 +12,7 @@ use crate::config::ExtractionConfig;
 use crate::images::folder;
 use crate::interchange::wcon::{self, Document, Line, Written};
 use crate::interchange::{Format, Imported, Marks, Times, dlc, marks, sleap};
-use crate::record::files::write_whole;
+use crate::outputs::{OutputError, OutputFile, Outputs};
 use crate::record::folder::{RunFolder, file};
 use crate::vision::outline::Outline;
 use crate::vision::{Mode, Status, VisionConfig, output};
@@ -31,8 +31,8 @@ pub struct Import<'a> {
     pub config: &'a Path,
     /// The mechanism's model; left out: the config's.
     pub model: Option<&'a Path>,
-    /// The trajectory to write; each image's status goes to `<out>.frames.csv`.
-    pub out: &'a Path,
+    /// The trajectory to write, and each image's status.
+    pub out: &'a TableOfImages,
     /// Which body parts are keypoints, see [`marks::chosen`].
     pub keypoints: Option<&'a str>,
     /// Which animal, track or id.
@@ -107,7 +107,7 @@ impl Import<'_> {
             return Err(Failure::Data(anyhow!(what)));
         }
         let rows = imported.images.iter().map(|i| (i.name.as_str(), i.time_s, i.status, i.reason.as_str()));
-        write(self.out, &imported.trajectory, rows)?;
+        self.out.write(ident::table::trajectory_text(&imported.trajectory).as_bytes(), rows)?;
         Ok(ImportOutcome { imported, format, notes })
     }
 
@@ -269,23 +269,36 @@ pub fn frames_file(of: &Path) -> PathBuf {
     path.into()
 }
 
-/// Writes a trajectory, and what became of each image beside it.
-fn write<'a>(
-    out: &Path,
-    trajectory: &Trajectory,
-    images: impl IntoIterator<Item = (&'a str, f64, Status, &'a str)>,
-) -> Result<(), Failure> {
-    write_whole(out, ident::table::trajectory_text(trajectory).as_bytes()).map_err(Failure::input)?;
-    write_images(out, images)
+/// A table with a row for each image, and beside it what became of each.
+#[derive(Debug)]
+pub struct TableOfImages {
+    table: OutputFile,
+    images: OutputFile,
 }
 
-fn write_images<'a>(
-    out: &Path,
-    images: impl IntoIterator<Item = (&'a str, f64, Status, &'a str)>,
-) -> Result<(), Failure> {
-    let mut bytes = Vec::new();
-    output::write_frames(images, &mut bytes).map_err(Failure::internal)?;
-    write_whole(&frames_file(out), &bytes).map_err(Failure::input)
+impl TableOfImages {
+    /// One at `path`, which is asked for of `outputs`, and `<path>.frames.csv`.
+    ///
+    /// # Errors
+    /// [`OutputError`] where it may not be there.
+    pub fn at(path: &Path, outputs: &mut Outputs) -> Result<Self, OutputError> {
+        Ok(Self { table: outputs.file(path)?, images: outputs.file(&frames_file(path))? })
+    }
+
+    /// Writes both.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where one cannot be written.
+    pub fn write<'a>(
+        &self,
+        table: &[u8],
+        images: impl IntoIterator<Item = (&'a str, f64, Status, &'a str)>,
+    ) -> Result<(), Failure> {
+        self.table.write(table).map_err(Failure::input)?;
+        let mut bytes = Vec::new();
+        output::write_frames(images, &mut bytes).map_err(Failure::internal)?;
+        self.images.write(&bytes).map_err(Failure::input)
+    }
 }
 
 /// A trajectory to hand over: that of a run folder, or a file.
@@ -295,8 +308,6 @@ pub struct Export<'a> {
     pub from: &'a Path,
     /// Any rig config with the calibration; left out: the run's own.
     pub config: Option<&'a Path>,
-    /// What to write.
-    pub out: &'a Path,
 }
 
 impl Export<'_> {
@@ -348,10 +359,9 @@ impl Export<'_> {
     ///
     /// # Errors
     /// [`Failure`] where there is no trajectory or no calibration.
-    pub fn dlc(&self) -> Result<(), Failure> {
+    pub fn dlc(&self, out: &TableOfImages) -> Result<(), Failure> {
         let (trajectory, plane) = (self.trajectory()?, self.plane()?);
         let text = dlc::text(&trajectory, &plane).map_err(Failure::input)?;
-        write_whole(self.out, text.as_bytes()).map_err(Failure::input)?;
         let names: Vec<String> = (0..trajectory.time_s.len()).map(|image| image.to_string()).collect();
         let rows = names.iter().enumerate().map(|(image, name)| {
             let row = image * trajectory.keypoints.len()..(image + 1) * trajectory.keypoints.len();
@@ -369,14 +379,14 @@ impl Export<'_> {
                 if gaps > 0 { "gap in the trajectory" } else { "" },
             )
         });
-        write_images(self.out, rows)
+        out.write(text.as_bytes(), rows)
     }
 
-    /// Writes WCON, the keypoints as the points of a line.
+    /// WCON, the keypoints as the points of a line.
     ///
     /// # Errors
     /// [`Failure`] where there is no trajectory.
-    pub fn wcon(&self) -> Result<(), Failure> {
+    pub fn wcon(&self) -> Result<Vec<u8>, Failure> {
         let trajectory = self.trajectory()?;
         let id = self.run().map_or_else(|| "rig".to_owned(), |run| run.start().id.to_string());
         let view = View::of(&trajectory);
@@ -389,7 +399,6 @@ impl Export<'_> {
         let rows = trajectory.position_m.chunks(trajectory.keypoints.len().max(1));
         let lines = trajectory.time_s.iter().zip(rows).map(line).collect();
         let written = Written { id: &id, lines, keypoints: Some(&trajectory.keypoints), images: None };
-        let bytes = serde_json::to_vec(&wcon::document(&written)).map_err(Failure::internal)?;
-        write_whole(self.out, &bytes).map_err(Failure::input)
+        serde_json::to_vec(&wcon::document(&written)).map_err(Failure::internal)
     }
 }

@@ -12,6 +12,7 @@ use crate::camera::CameraKind;
 use crate::claim::Claim;
 use crate::config::RigConfig;
 use crate::doctor::{self, Health};
+use crate::outputs::OutputFolder;
 use crate::report::ReportData;
 use crate::run::machine::Ending;
 use crate::run::{Conducted, Job, open};
@@ -135,9 +136,10 @@ impl Experiment<'_> {
         if self.extent == Extent::Film {
             return Ok(Done { conducted, data: None });
         }
+        let own = OutputFolder::of_run(folder);
         let analysis = Analysis {
             run: folder,
-            out: folder.path(),
+            out: &own,
             config: self.config,
             paths_from: self.base,
             from: Stage::Frames,
@@ -167,7 +169,7 @@ pub fn analysed(
     interrupt: &Interrupt,
     watcher: &mut dyn Watcher,
 ) -> Result<ReportData, Failure> {
-    let (run, out) = (InRun(analysis.run.path().into()), analysis.out.to_owned());
+    let (run, out) = (InRun(analysis.run.path().into()), analysis.out.path().to_owned());
     let analysed = tokio::task::block_in_place(|| on_threads(threads, || Ok(analysis.carry_out(watcher))));
     watcher.clear();
     let data = match analysed? {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use crate::outputs::OutputError;
 use crate::run::RunError;
 use crate::store::StoreError;
 use crate::vision::{SequenceError, VisionError};
@@ -120,6 +121,13 @@ impl Failure {
     /// The run it happened in.
     pub fn run(&self) -> Option<&PathBuf> {
         self.error().downcast_ref().map(|InRun(run)| run)
+    }
+}
+
+/// An output that may not be there was given so.
+impl From<OutputError> for Failure {
+    fn from(error: OutputError) -> Self {
+        Self::input(error)
     }
 }
 

@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
-use ident::fit::{Checkpoint, CheckpointError, Fit, Fitted, Flow, INTERRUPTED, Observer, Progress};
+use ident::fit::{Checkpoint, Fit, Fitted, Flow, INTERRUPTED, Observer, Progress};
 
 use super::results::{Given, earlier, write_fit};
 use super::{Failure, Watcher, on_threads};
-use crate::record::files::write_whole;
+use crate::outputs::{OutputFile, OutputFolder};
+use crate::record::folder::file;
 use crate::record::timing::Stage;
 use crate::report::ReportData;
 
@@ -17,8 +18,8 @@ use crate::report::ReportData;
 pub struct FitJob<'a> {
     /// The experiment's file.
     pub experiment: &'a Path,
-    /// The folder for `fit.json`, `model.xml`, `report.html` and `timing.json`.
-    pub out: &'a Path,
+    /// The folder for [`FILES`].
+    pub out: &'a OutputFolder,
     /// Worker threads.
     pub threads: usize,
     /// Go on from where an interrupted fit into the same folder stood.
@@ -33,6 +34,8 @@ pub struct FitJob<'a> {
 const STATE_FILE: &str = "fit-state.json";
 /// A fit of new runs that may not replace the earlier one.
 const REFUSED_FILE: &str = "fit-refused.json";
+/// What a fit writes into its folder.
+pub const FILES: [&str; 6] = [file::FIT, file::MODEL, file::REPORT, file::TIMING, STATE_FILE, REFUSED_FILE];
 /// An interrupted fit loses at most this much work.
 const SAVE_EVERY: Duration = Duration::from_secs(5);
 
@@ -56,13 +59,13 @@ impl FitJob<'_> {
         data.add_fitted(&fitted);
         if let Some(refused) = fitted.fit.recalibration.as_ref().filter(|verdict| !verdict.accepted) {
             let json = fitted.fit.to_json().map_err(Failure::internal)?;
-            write_whole(&self.out.join(REFUSED_FILE), json.as_bytes()).map_err(Failure::internal)?;
+            self.out.write(REFUSED_FILE, json.as_bytes()).map_err(Failure::internal)?;
             let kept = self.prior.unwrap_or(Path::new("the earlier fit"));
             return Err(Failure::Data(anyhow!(
                 "{} stays as it is: {}; what the new runs say by themselves is in {}",
                 kept.display(),
                 refused.reasons.join("; "),
-                self.out.join(REFUSED_FILE).display()
+                self.out.path().join(REFUSED_FILE).display()
             )));
         }
         write_fit(&fitted, &given.source(), self.out)?;
@@ -71,7 +74,7 @@ impl FitJob<'_> {
             return Err(Failure::Interrupted(anyhow!(
                 "interrupted after {} evaluations; {} holds the best so far, `--resume` goes on from there",
                 fitted.fit.evaluations,
-                self.out.display()
+                self.out.path().display()
             )));
         }
         Ok((data, report))
@@ -83,15 +86,16 @@ impl FitJob<'_> {
         earlier: Option<&Fit>,
         watcher: &mut dyn Watcher,
     ) -> Result<Fitted, Failure> {
-        let (experiment, state) = (&given.experiment, &self.out.join(STATE_FILE));
-        if self.resume && !state.exists() {
+        let (experiment, state) = (&given.experiment, self.out.file(STATE_FILE));
+        if self.resume && !state.path().exists() {
             return Err(Failure::Input(anyhow!(
                 "{} is not there: no fit was interrupted in this folder; leave out --resume",
-                state.display()
+                state.path().display()
             )));
         }
-        let from = if self.resume { Some(Checkpoint::read(state).map_err(Failure::input)?) } else { None };
-        let mut saving = Saving { watcher, state, saved: Instant::now(), trouble: None };
+        let from =
+            if self.resume { Some(Checkpoint::read(state.path()).map_err(Failure::input)?) } else { None };
+        let mut saving = Saving { watcher, state: &state, saved: Instant::now(), trouble: None };
         let fitted = on_threads(self.threads, || {
             Ok(match (from, earlier) {
                 (Some(from), _) => ident::fit::resume(experiment, from, &mut saving),
@@ -100,12 +104,12 @@ impl FitJob<'_> {
             })
         })?;
         if let Some(error) = saving.trouble {
-            return Err(Failure::input(error));
+            return Err(error);
         }
         let fitted = fitted?;
         if fitted.fit.stop_reason != INTERRUPTED {
-            // A state that outlives its fit would only mislead; one that is not there is what is wanted.
-            let _ = std::fs::remove_file(state);
+            // One that outlives its fit would only mislead.
+            state.remove();
         }
         Ok(fitted)
     }
@@ -114,17 +118,18 @@ impl FitJob<'_> {
 /// Saves now and then where the fit stands, and at its end where it is told to end early.
 struct Saving<'a> {
     watcher: &'a mut dyn Watcher,
-    state: &'a Path,
+    state: &'a OutputFile,
     saved: Instant,
-    trouble: Option<CheckpointError>,
+    trouble: Option<Failure>,
 }
 
 impl Observer for Saving<'_> {
     fn progress(&mut self, progress: &Progress<'_>) -> Flow {
         let flow = self.watcher.progress(progress);
         if flow == Flow::Stop || self.saved.elapsed() >= SAVE_EVERY {
-            if let Err(error) = progress.checkpoint.write(self.state) {
-                self.trouble = Some(error);
+            let state = progress.checkpoint.to_json().map_err(Failure::internal);
+            if let Err(trouble) = state.and_then(|state| self.state.write(&state).map_err(Failure::input)) {
+                self.trouble = Some(trouble);
                 return Flow::Stop;
             }
             self.saved = Instant::now();

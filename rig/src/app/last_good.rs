@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::Failure;
 use super::drift::Moved;
 use super::results::{earlier, write_fit};
-use crate::record::files::create_folder;
+use crate::outputs::Outputs;
 use crate::record::folder::file;
 
 /// The folder of the last good fit, among the run folders: `fit.json` and `model.xml`.
@@ -123,9 +123,8 @@ impl LastGood {
         };
         let verdict = judged(&fitted, first);
         if verdict.updated {
-            let folder = &self.folder;
-            create_folder(folder).map_err(Failure::internal)?;
-            write_fit(&fitted, source, folder)?;
+            let folder = Outputs::default().folder(&self.folder, &[file::MODEL, file::FIT])?;
+            write_fit(&fitted, source, &folder)?;
         }
         Ok(verdict)
     }

@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use anyhow::{Context as _, anyhow};
+use anyhow::anyhow;
 use image::{DynamicImage, ImageFormat};
 
 use super::Failure;
@@ -13,7 +13,7 @@ use crate::calibration::{Plane, Px};
 use crate::images::film::{Film, FilmWriter, is_film};
 use crate::images::recording::RecordedImages;
 use crate::images::{FilmError, ImageSource, TimedImage};
-use crate::record::files::write_whole;
+use crate::outputs::{OutputFile, OutputFolder, Outputs};
 use crate::record::folder::RunFolder;
 use crate::record::simulated::row_at;
 use crate::report::RunFigures;
@@ -30,25 +30,26 @@ const ZOOM: u32 = 4;
 /// Overlays being made.
 pub enum Overlays {
     /// A folder of pictures.
-    Folder(PathBuf),
+    Folder(OutputFolder),
     /// A film.
     Film(Box<Filming>),
 }
 
 impl Overlays {
-    /// To `path`: a film by its ending, else a folder of pictures; times are life's, of which the film shows a `slowed` copy.
+    /// To `path`, which is asked for of `outputs`: a film by its ending, else a folder of pictures; times are life's, of which the film shows
+    /// a `slowed` copy.
     ///
     /// # Errors
-    /// [`Failure::Input`] where no film can be written.
-    pub fn plan(path: &Path, slowed: f64) -> Result<Self, Failure> {
+    /// [`Failure::Input`] where no film can be written, or nothing at all.
+    pub fn plan(path: &Path, slowed: f64, outputs: &mut Outputs) -> Result<Self, Failure> {
         let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
         if OTHER_FILMS.iter().any(|other| ending == *other) && !path.is_dir() {
             return Err(Failure::input(FilmError::Ending { path: path.into() }));
         }
         if !is_film(path) || path.is_dir() {
-            return Ok(Self::Folder(path.into()));
+            return Ok(Self::Folder(outputs.folder(path, &["*"])?));
         }
-        Ok(Self::Film(Box::new(Filming::plan(path, slowed)?)))
+        Ok(Self::Film(Box::new(Filming::plan(&outputs.file(path)?, slowed)?)))
     }
 
     /// The next images with what was found in them.
@@ -74,17 +75,22 @@ impl Overlays {
     }
 }
 
-fn pictures(folder: &Path, images: &[TimedImage], found: &[ImageRecord]) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| format!("creating {}", folder.display()))?;
+fn pictures(folder: &OutputFolder, images: &[TimedImage], found: &[ImageRecord]) -> anyhow::Result<()> {
+    folder.create()?;
     for (image, record) in images.iter().zip(found) {
         if let Ok(grey) = &image.grey {
-            let path = folder.join(Path::new(&image.name).with_extension("png"));
-            overlay::overlay(grey, record, ZOOM)
-                .save(&path)
-                .with_context(|| format!("writing {}", path.display()))?;
+            let name = Path::new(&image.name).with_extension("png");
+            let picture = encoded(overlay::overlay(grey, record, ZOOM).into(), ImageFormat::Png)?;
+            folder.write(&name.to_string_lossy(), &picture)?;
         }
     }
     Ok(())
+}
+
+fn encoded(picture: DynamicImage, format: ImageFormat) -> image::ImageResult<Vec<u8>> {
+    let mut bytes = Vec::new();
+    picture.write_to(&mut Cursor::new(&mut bytes), format)?;
+    Ok(bytes)
 }
 
 /// A film of images with what was found in them.
@@ -100,12 +106,12 @@ enum State {
 }
 
 impl Filming {
-    /// One at `path`, played `slowed` times slower than the images' times say.
+    /// One that is to be `out`, played `slowed` times slower than the images' times say.
     ///
     /// # Errors
     /// [`Failure::Input`] where no film can be written there.
-    pub fn plan(path: &Path, slowed: f64) -> Result<Self, Failure> {
-        let film = Film::plan(path).map_err(Failure::input)?;
+    pub fn plan(out: &OutputFile, slowed: f64) -> Result<Self, Failure> {
+        let film = Film::plan(out).map_err(Failure::input)?;
         Ok(Self { slowed, state: State::Planned(Some(film)) })
     }
 
@@ -208,12 +214,17 @@ pub fn sheet_format(path: &Path) -> Result<ImageFormat, Failure> {
         })
 }
 
-/// Writes the refused and doubtful images of `source`, in which `extraction` was found, to `path`; whether there were any. An old sheet is removed where there are none.
+/// Writes the refused and doubtful images of `source`, in which `extraction` was found, to `out`; whether there were any. An old sheet is removed
+/// where there are none.
 ///
 /// # Errors
 /// [`Failure::Input`] where images cannot be read again or the sheet not written.
-pub fn write_sheet(path: &Path, source: &dyn ImageSource, extraction: &Extraction) -> Result<bool, Failure> {
-    let format = sheet_format(path)?;
+pub fn write_sheet(
+    out: &OutputFile,
+    source: &dyn ImageSource,
+    extraction: &Extraction,
+) -> Result<bool, Failure> {
+    let format = sheet_format(out.path())?;
     let groups = refused(&extraction.records, MOST_SHOWN);
     let wanted: BTreeSet<usize> = groups.iter().flat_map(|group| group.shown.iter().copied()).collect();
     let mut images = BTreeMap::new();
@@ -226,12 +237,11 @@ pub fn write_sheet(path: &Path, source: &dyn ImageSource, extraction: &Extractio
         }
     }
     let Some(sheet) = contact_sheet(&groups, &extraction.records, &images) else {
-        let _ = std::fs::remove_file(path);
+        out.remove();
         return Ok(false);
     };
-    let mut bytes = Vec::new();
-    DynamicImage::from(sheet).write_to(&mut Cursor::new(&mut bytes), format).map_err(Failure::internal)?;
-    write_whole(path, &bytes).map_err(Failure::input)?;
+    let bytes = encoded(sheet.into(), format).map_err(Failure::internal)?;
+    out.write(&bytes).map_err(Failure::input)?;
     Ok(true)
 }
 
@@ -281,7 +291,7 @@ mod tests {
     #[test]
     fn names_of_other_films_and_pictures_are_refused_and_folders_are_folders() {
         let folder = tempfile::tempdir().unwrap();
-        let plan = |name: &str| Overlays::plan(&folder.path().join(name), 1.0);
+        let plan = |name: &str| Overlays::plan(&folder.path().join(name), 1.0, &mut Outputs::default());
         assert!(matches!(plan("look"), Ok(Overlays::Folder(_))));
         assert!(matches!(plan("look.2026.11.24"), Ok(Overlays::Folder(_))));
         assert!(plan("look.avi").is_err_and(|failure| failure.exit_code() == 2));

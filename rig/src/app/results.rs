@@ -9,7 +9,7 @@ use ident::fit::{Fit, Fitted, FittedRun};
 
 use super::Failure;
 use super::compose::{self, shortfalls};
-use crate::record::files::{create_folder, write_whole};
+use crate::outputs::OutputFolder;
 use crate::record::folder::file;
 use crate::record::timing::{Stage, Timing};
 use crate::report::{self, ReportData};
@@ -17,7 +17,7 @@ use crate::report::{self, ReportData};
 /// An experiment from its file, and the folder that the results go to.
 pub(super) struct Given<'a> {
     pub(super) experiment: Experiment,
-    pub(super) out: &'a Path,
+    pub(super) out: &'a OutputFolder,
     path: &'a Path,
     text: String,
     /// The config of its rig, where that is known.
@@ -26,9 +26,9 @@ pub(super) struct Given<'a> {
 
 impl<'a> Given<'a> {
     /// Reads the experiment at `path`, which may be a run folder, and makes the folder `out`.
-    pub(super) fn read(path: &'a Path, out: &'a Path) -> Result<Self, Failure> {
+    pub(super) fn read(path: &'a Path, out: &'a OutputFolder) -> Result<Self, Failure> {
         let compose::Given { experiment, text, config } = compose::given(path)?;
-        create_folder(out).map_err(Failure::input)?;
+        out.create().map_err(Failure::input)?;
         Ok(Self { experiment, out, path, text, config })
     }
 
@@ -60,10 +60,9 @@ impl<'a> Given<'a> {
 
     /// Writes the report and how long it all took; gives the report's path.
     pub(super) fn write_report(&self, data: &ReportData) -> Result<PathBuf, Failure> {
-        data.timing.write(&self.out.join(file::TIMING)).map_err(Failure::internal)?;
-        let path = self.out.join(file::REPORT);
-        write_whole(&path, report::render(data).as_bytes()).map_err(Failure::internal)?;
-        Ok(path)
+        self.out.write_json(file::TIMING, &data.timing).map_err(Failure::internal)?;
+        self.out.write(file::REPORT, report::render(data).as_bytes()).map_err(Failure::internal)?;
+        Ok(self.out.path().join(file::REPORT))
     }
 }
 
@@ -72,7 +71,7 @@ impl<'a> Given<'a> {
 ///
 /// # Errors
 /// [`Failure::Internal`] when the folder cannot be written.
-pub(super) fn write_fit(fitted: &Fitted, source: &str, folder: &Path) -> Result<(), Failure> {
+pub(super) fn write_fit(fitted: &Fitted, source: &str, folder: &OutputFolder) -> Result<(), Failure> {
     let fit = &fitted.fit;
     let json = fit.to_json().map_err(Failure::internal)?;
     let left_open: Vec<&str> =
@@ -87,18 +86,22 @@ pub(super) fn write_fit(fitted: &Fitted, source: &str, folder: &Path) -> Result<
     if !left_open.is_empty() {
         comment.push_str(&format!(" Left open by the data: {}.", left_open.join(", ")));
     }
-    write_whole(&folder.join(file::MODEL), fitted.to_mjcf(&comment).as_bytes()).map_err(Failure::internal)?;
-    write_whole(&folder.join(file::FIT), json.as_bytes()).map_err(Failure::internal)
+    folder.write(file::MODEL, fitted.to_mjcf(&comment).as_bytes()).map_err(Failure::internal)?;
+    folder.write(file::FIT, json.as_bytes()).map_err(Failure::internal)
 }
 
 /// Writes `diagnosis.json` and the extended `model.xml` to `folder`; `source` says in the model what it was made from.
 ///
 /// # Errors
 /// [`Failure::Internal`] when the folder cannot be written.
-pub(super) fn write_diagnosis(diagnosed: &Diagnosed, source: &str, folder: &Path) -> Result<(), Failure> {
+pub(super) fn write_diagnosis(
+    diagnosed: &Diagnosed,
+    source: &str,
+    folder: &OutputFolder,
+) -> Result<(), Failure> {
     let diagnosis = &diagnosed.diagnosis;
     let json = diagnosis.to_json().map_err(Failure::internal)?;
-    write_whole(&folder.join(file::DIAGNOSIS), json.as_bytes()).map_err(Failure::internal)?;
+    folder.write(file::DIAGNOSIS, json.as_bytes()).map_err(Failure::internal)?;
     let folded = diagnosed.model.folded();
     let mut comment =
         format!("Diagnosed by rig {} on {source}: {}.", env!("CARGO_PKG_VERSION"), diagnosis.verdict.name());
@@ -111,7 +114,7 @@ pub(super) fn write_diagnosis(diagnosed: &Diagnosed, source: &str, folder: &Path
         comment.push_str(&format!(" MuJoCo itself moves without {}.", lost.join(", ")));
     }
     let text = diagnosed.model.to_mjcf_from(&comment, &FittedRun::starts(&diagnosed.after));
-    write_whole(&folder.join(file::MODEL), text.as_bytes()).map_err(Failure::internal)
+    folder.write(file::MODEL, text.as_bytes()).map_err(Failure::internal)
 }
 
 /// Reads the fit.json of an earlier fit.

@@ -15,7 +15,7 @@ use crate::calibrate::{Board, Setup, report};
 use crate::calibration::{Px, View};
 use crate::config::RigConfig;
 use crate::config::edit::{self, EditError};
-use crate::record::files::write_whole;
+use crate::outputs::Outputs;
 use crate::record::folder::RunFolder;
 use std::sync::Arc;
 
@@ -134,6 +134,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
 }
 
 fn latency(args: &LatencyArgs) -> Result<Outcome, Failure> {
+    let written = args.write.as_deref().map(Outputs::edited).transpose()?;
     let (found, latency_s, std_s) = match args.by {
         By::Led => by_led(args)?,
         By::Link => {
@@ -148,8 +149,8 @@ fn latency(args: &LatencyArgs) -> Result<Outcome, Failure> {
     };
     let rounded = |seconds: f64| (seconds * 1e6).round() / 1e6;
     let (latency_s, std_s) = (rounded(latency_s), rounded(std_s));
-    if let Some(path) = &args.write {
-        edit::rewrite(path, |text| {
+    if let Some(config) = &written {
+        edit::rewrite(config, |text| {
             let text = edit::set(text, "camera", "latency_s", latency_s.into())?;
             edit::set(&text, "camera", "latency_std_s", std_s.into())
         })
@@ -187,6 +188,7 @@ fn by_led(args: &LatencyArgs) -> Result<(String, f64, f64), Failure> {
 }
 
 fn camera(args: &CameraArgs) -> Result<Outcome, Failure> {
+    let out = Outputs::reading([args.images.clone()]).file(&args.out)?;
     let upright = match (args.up_px, args.level_px) {
         (Some([x1, y1, x2, y2]), _) => Upright::Plumb([[x1, y1], [x2, y2]]),
         (None, Some([x1, y1, x2, y2])) => Upright::Level([[x1, y1], [x2, y2]]),
@@ -204,7 +206,7 @@ fn camera(args: &CameraArgs) -> Result<Outcome, Failure> {
     let calibrated = on_threads(threads(None), || from_pictures(&args.images, &setup, &mut bar))?;
     let date = jiff::Timestamp::now().strftime("%Y-%m-%dT%H:%M:%SZ").to_string();
     let file = report::toml(&calibrated, &date, args.camera.as_deref());
-    write_whole(&args.out, file.as_bytes()).map_err(Failure::input)?;
+    out.write(file.as_bytes()).map_err(Failure::input)?;
     let text = format!(
         "{}{}: for a rig config's [calibration] file, instead of metres_per_pixel and origin_px\n",
         report::text(&calibrated),

@@ -14,7 +14,7 @@ use crate::app::{base, interruptible, threads};
 use crate::calibrate::servo::{motion, report};
 use crate::config::RigConfig;
 use crate::config::edit::{self, EditError};
-use crate::record::files::write_whole;
+use crate::outputs::{OutputFile, Outputs};
 use crate::record::folder::RunFolder;
 use crate::servo::calibration::ServoCalibration;
 
@@ -104,50 +104,53 @@ fn film(args: &Args) -> Result<RunFolder, Failure> {
 }
 
 /// What a calibration is written into.
-enum Target<'a> {
+enum Target {
     /// A file of its own.
-    File(&'a Path),
+    File(OutputFile),
     /// A file beside a config, whose channel then names it.
-    Config(&'a Path, Box<RigConfig>),
+    Config(OutputFile, Box<RigConfig>),
 }
 
-impl<'a> Target<'a> {
-    fn of(path: &'a Path) -> Result<Self, Failure> {
+impl Target {
+    fn of(path: &Path) -> Result<Self, Failure> {
+        let written = Outputs::edited(path)?;
         if !path.exists() || ServoCalibration::read(path).is_ok() {
-            return Ok(Self::File(path));
+            return Ok(Self::File(written));
         }
         let config = RigConfig::read(path).map_err(|error| {
             let error = anyhow::Error::new(error);
             Failure::Input(error.context("--write wants a rig config, a servo's calibration, or a new file"))
         })?;
-        Ok(Self::Config(path, Box::new(config)))
+        Ok(Self::Config(written, Box::new(config)))
     }
 
     fn write(&self, calibration: &ServoCalibration) -> Result<PathBuf, Failure> {
         let text = report::toml(calibration).map_err(Failure::internal)?;
-        let write = |path: &Path| write_whole(path, text.as_bytes()).map_err(Failure::input);
+        let write = |file: &OutputFile| file.write(text.as_bytes()).map_err(Failure::input);
         match self {
-            Self::File(path) => {
-                write(path)?;
-                Ok(path.to_path_buf())
+            Self::File(file) => {
+                write(file)?;
+                Ok(file.path().into())
             }
-            Self::Config(path, config) => {
+            Self::Config(edited, config) => {
                 let name = &calibration.channel;
                 let own = config.servo.iter().flat_map(|servo| &servo.channels).find(|own| own.name == *name);
                 let named = own.and_then(|channel| channel.calibration.clone());
                 let is_only = config.servo.as_ref().is_some_and(|servo| servo.driven().count() == 1);
                 let usual = if is_only { "servo.toml".into() } else { format!("servo-{name}.toml") };
                 let file = named.unwrap_or_else(|| usual.into());
-                let beside = base(path).join(&file);
+                let beside = base(edited.path()).join(&file);
                 if beside.exists() && ServoCalibration::read(&beside).is_err() {
                     return Err(Failure::Input(anyhow!(
                         "{} is there and no servo's calibration: write into another file and name it in [[servo.channel]] calibration",
                         beside.display()
                     )));
                 }
-                write(&beside)?;
-                edit::rewrite(path, |text| edit::set_servo_calibration(text, name, &file.to_string_lossy()))
-                    .map_err(|error: EditError| Failure::input(error))?;
+                write(&Outputs::edited(&beside)?)?;
+                edit::rewrite(edited, |text| {
+                    edit::set_servo_calibration(text, name, &file.to_string_lossy())
+                })
+                .map_err(|error: EditError| Failure::input(error))?;
                 Ok(beside)
             }
         }

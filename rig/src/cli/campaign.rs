@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::app::campaign::Campaign;
 use crate::app::campaign::record::{Record, Standing};
+use crate::app::campaign::{Campaign, FILES};
 use crate::app::hand_in::{self, hand_in};
 use crate::app::{interruptible, threads};
-use crate::config::RigConfig;
+use crate::config::{RigConfig, paths};
 use crate::goal::{Goal, Target};
+use crate::outputs::Outputs;
 use crate::store::job::{NewJob, Work};
 
 /// Arguments of `rig campaign`.
@@ -60,10 +61,11 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let absolute = |path: &Path| std::path::absolute(path).map_err(Failure::input);
     let (config, runs_dir) = (absolute(&args.config)?, absolute(&args.runs_dir)?);
     let out = absolute(&args.out.clone().unwrap_or_else(named))?;
+    let folder = Outputs::reading(paths::files(&config)).folder(&out, &FILES)?;
     let campaign = Campaign {
         config: &config,
         runs_dir: &runs_dir,
-        out: &out,
+        out: &folder,
         goal: if args.resolve { Goal::Resolve } else { Goal::Precision(args.goals.clone()) },
         max_runs: args.max_runs,
         threads: threads(args.threads),

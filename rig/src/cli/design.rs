@@ -5,10 +5,13 @@ use std::path::PathBuf;
 
 use anyhow::anyhow;
 use ident::diagnose::{NextExperiment, diagnose, pin_down};
+use ident::experiment::Experiment;
 
 use super::{Failure, Outcome};
 use crate::app::compose::{Given, given};
-use crate::app::design::{say_commands, write_configs};
+use crate::app::design::{CONFIGS, say_commands, write_configs};
+use crate::config::paths;
+use crate::outputs::Outputs;
 
 /// Says which runs would tell rival causes apart, or pin down loose parameters.
 #[derive(clap::Args, Debug)]
@@ -40,15 +43,23 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             out.display()
         )));
     }
+    let read = Experiment::sources(&args.experiment).into_iter();
+    let written = match (&config, &args.out) {
+        (Some(config), Some(out)) => {
+            let read = read.chain(paths::files(config));
+            Some((config, Outputs::reading(read).folder(out, &CONFIGS)?))
+        }
+        _ => None,
+    };
     let (mut advice, next) = if args.parameters.is_empty() {
         let diagnosed = diagnose(&experiment, &mut ())?;
         (diagnosed.diagnosis.next_experiments, diagnosed.next)
     } else {
         pin_down(&experiment, &args.parameters)?
     };
-    if let (Some(config), Some(out)) = (&config, &args.out) {
+    if let Some((config, out)) = &written {
         write_configs(config, &next, out)?;
-        say_commands(&mut advice, out);
+        say_commands(&mut advice, out.path());
     }
     Ok(Outcome { out: args.out.clone(), text: table(&advice), ..Outcome::default() })
 }

@@ -3,11 +3,15 @@
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
+use ident::experiment::Experiment;
+
 use super::progress::Bar;
 use super::{Failure, Outcome};
 use crate::app::compose::shortfalls;
-use crate::app::diagnose::diagnosed;
+use crate::app::diagnose::{FILES, diagnosed};
 use crate::app::{INTERRUPTED, interruptible, threads};
+use crate::config::paths;
+use crate::outputs::Outputs;
 use crate::report;
 
 /// Says what the simulation gets wrong, and why.
@@ -36,10 +40,13 @@ pub struct Args {
 /// # Errors
 /// As [`diagnosed`]. After a signal the best so far is written and printed, and the exit code is that of a signal.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    let config = args.config.iter().flat_map(|config| paths::files(config));
+    let read = Experiment::sources(&args.experiment).into_iter().chain(config);
+    let out = Outputs::reading(read).folder(&args.out, &FILES)?;
     interruptible(async |interrupt| {
         let mut bar = Bar::new(interrupt.flag());
         let (experiment, config) = (&args.experiment, args.config.as_deref());
-        let (diagnosed, report) = diagnosed(experiment, &args.out, threads(args.threads), config, &mut bar)?;
+        let (diagnosed, report) = diagnosed(experiment, &out, threads(args.threads), config, &mut bar)?;
         let verdict = diagnosed.diagnosis.verdict;
         let text = format!("{}\n{}\n", report::diagnosis_summary(&diagnosed.diagnosis), report.display());
         Ok(Outcome {

@@ -7,6 +7,7 @@ use ident::experiment::Use;
 
 use super::{Failure, Outcome};
 use crate::app::compose::compose;
+use crate::outputs::Outputs;
 
 /// Gathers runs into an experiment.
 #[derive(clap::Args, Debug)]
@@ -36,7 +37,9 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     if runs.is_empty() {
         return Err(Failure::Input(anyhow!("no run was named; give at least one run folder")));
     }
-    let experiment = compose(&runs, args.model.as_deref(), true, &args.out)?;
+    let read = runs.iter().map(|(_, path)| path.to_path_buf()).chain(args.model.clone());
+    let out = Outputs::reading(read).file(&args.out)?;
+    let experiment = compose(&runs, args.model.as_deref(), true, &out)?;
     let fitted = experiment.runs.iter().filter(|run| run.usage == Use::Fit).count();
     let text =
         format!("{}: {fitted} to fit, {} held out\n", args.out.display(), experiment.runs.len() - fitted);

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow};
 
 use super::{Failure, Outcome};
-use crate::app::exchange::{Export, frames_file};
-use crate::record::files::write_whole;
+use crate::app::exchange::{Export, TableOfImages, frames_file};
+use crate::config::paths;
+use crate::outputs::{OutputFile, Outputs};
 use crate::record::folder::file;
 
 /// Hands a run's results to other programs.
@@ -51,21 +52,32 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             "--config says how keypoints lie in the picture: only dlc has a use for it"
         )));
     }
-    let export = Export { from: &args.run, config: args.config.as_deref(), out: &args.out };
+    let export = Export { from: &args.run, config: args.config.as_deref() };
+    let from = match args.format {
+        Format::Mjcf => model(&args.run)?,
+        Format::Csv | Format::Dlc | Format::Wcon => export.path()?,
+        Format::Mcap => args.run.clone(),
+    };
+    let config = args.config.iter().flat_map(|config| paths::files(config));
+    let mut outputs = Outputs::reading(config.chain([from.clone()]));
     let mut text = format!("{}\n", args.out.display());
+    let write = |file: OutputFile, bytes: &[u8]| file.write(bytes).map_err(Failure::input);
     match args.format {
-        Format::Mjcf => copy(&model(&args.run)?, &args.out)?,
-        Format::Csv => copy(&export.path()?, &args.out)?,
+        Format::Mjcf | Format::Csv => {
+            let out = outputs.file(&args.out)?;
+            let reading = || format!("reading {}", from.display());
+            write(out, &std::fs::read(&from).with_context(reading).map_err(Failure::Input)?)?;
+        }
         Format::Dlc => {
-            export.dlc()?;
+            export.dlc(&TableOfImages::at(&args.out, &mut outputs)?)?;
             text.push_str(&format!(
                 "{}: its images' times, for `rig import`\n",
                 frames_file(&args.out).display()
             ));
         }
-        Format::Wcon => export.wcon()?,
+        Format::Wcon => write(outputs.file(&args.out)?, &export.wcon()?)?,
         Format::Mcap => {
-            for left_out in crate::app::foxglove::export(&args.run, &args.out)? {
+            for left_out in crate::app::foxglove::export(&args.run, &outputs.file(&args.out)?)? {
                 text.push_str(&format!("{left_out}\n"));
             }
         }
@@ -86,12 +98,6 @@ fn model(run: &Path) -> Result<PathBuf, Failure> {
         )));
     }
     Ok(path)
-}
-
-fn copy(from: &Path, to: &Path) -> Result<(), Failure> {
-    let bytes =
-        std::fs::read(from).with_context(|| format!("reading {}", from.display())).map_err(Failure::Input)?;
-    write_whole(to, &bytes).map_err(Failure::input)
 }
 
 #[cfg(test)]

@@ -1,7 +1,5 @@
 //! `rig extract`: images to a trajectory.
 
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -11,11 +9,13 @@ use serde_json::json;
 use super::progress::Bar;
 use super::{Failure, Outcome};
 use crate::analysis::Progress as _;
+use crate::app::exchange::TableOfImages;
 use crate::app::look::{self, Overlays};
 use crate::app::{Watcher as _, on_threads, read_model, threads};
-use crate::config::ExtractionConfig;
+use crate::config::{ExtractionConfig, paths};
 use crate::images::{self, ImageSource as _, TimedImage, Trimmed, Window};
 use crate::interchange::wcon::{self, Line, Written};
+use crate::outputs::{OutputFile, Outputs};
 use crate::vision::extractor::Learned;
 use crate::vision::{Extraction, ImageRecord, Status, Task, output};
 
@@ -67,15 +67,20 @@ pub struct Args {
 /// # Errors
 /// Input: config, folder or pictures are wrong. Data: nothing in the images can be told from the background.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    let read = paths::files(&args.config).into_iter().chain([args.frames.clone()]).chain(args.model.clone());
+    let mut outputs = Outputs::reading(read);
+    let out = TableOfImages::at(&args.out, &mut outputs)?;
+    let centreline = args.centreline.as_deref().map(|path| outputs.file(path)).transpose()?;
+    let sheet = args.contact_sheet.as_deref().map(|path| outputs.file(path)).transpose()?;
+    let slowed = args.slow_motion.unwrap_or(1.0);
+    let plan = |path: &Path| Overlays::plan(path, slowed, &mut outputs);
+    let mut overlays = args.overlays.as_deref().map(plan).transpose()?;
     let config = ExtractionConfig::read(&args.config).map_err(Failure::input)?;
     let plane = config.plane().map_err(Failure::input)?;
     let named = args.model.clone().or(config.model());
     let model = named.as_deref().map(read_model).transpose()?;
     let window = Window::new(args.from_s, args.to_s, args.slow_motion).map_err(Failure::input)?;
     args.contact_sheet.as_deref().map(look::sheet_format).transpose()?;
-    let slowed = args.slow_motion.unwrap_or(1.0);
-    let plan = |path: &Path| Overlays::plan(path, slowed);
-    let mut overlays = args.overlays.as_deref().map(plan).transpose()?;
     let source = Trimmed::new(images::open(&args.frames, config.fps()).map_err(Failure::input)?, window);
 
     let mut bar = Bar::new(Arc::default());
@@ -97,38 +102,35 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let extraction = extraction?;
     let checked = extraction.checked.clone().transpose().context("checking the film by drawing it again");
     let checked = checked.map_err(Failure::input)?;
-    write(args, &extraction).map_err(Failure::input)?;
+    let images = extraction.records.iter().map(|r| (r.name.as_str(), r.time_s, r.status, r.reason.as_str()));
+    out.write(ident::table::trajectory_text(&extraction.trajectory).as_bytes(), images)?;
+    if let Some(file) = &centreline {
+        write_centreline(file, &args.frames, &extraction).map_err(Failure::input)?;
+    }
     overlays.map(Overlays::finish).transpose()?;
     let mut text = checked.as_ref().map(ToString::to_string).unwrap_or_default();
     text.push_str(&summary(&extraction, &args.out));
-    if let Some(path) = &args.contact_sheet {
-        text.push_str(&match look::write_sheet(path, &source, &extraction)? {
-            true => format!("{}: refused and doubtful images by reason\n", path.display()),
-            false => format!("{} is not there: no image was refused or doubtful\n", path.display()),
+    if let Some(sheet) = &sheet {
+        let path = sheet.path().display();
+        text.push_str(&match look::write_sheet(sheet, &source, &extraction)? {
+            true => format!("{path}: refused and doubtful images by reason\n"),
+            false => format!("{path} is not there: no image was refused or doubtful\n"),
         });
     }
     let warnings = source.shortfall().into_iter().collect();
     Ok(Outcome { out: Some(args.out.clone()), warnings, text, ..Outcome::default() })
 }
 
-fn write<'a>(args: &Args, extraction: &'a Extraction) -> anyhow::Result<()> {
-    let create = |path: &Path| {
-        File::create(path).map(BufWriter::new).with_context(|| format!("writing {}", path.display()))
-    };
-    ident::table::write_trajectory(&args.out, &extraction.trajectory)?;
-    let mut frames = args.out.clone().into_os_string();
-    frames.push(".frames.csv");
-    let row = |r: &'a ImageRecord| (r.name.as_str(), r.time_s, r.status, r.reason.as_str());
-    output::write_frames(extraction.records.iter().map(row), create(Path::new(&frames))?)?;
-    if let Some(path) = &args.centreline {
-        if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("wcon")) {
-            let id = args.frames.file_name().unwrap_or_default().to_string_lossy();
-            serde_json::to_writer(create(path)?, &wcon::document(&centrelines(extraction, &id)))?;
-        } else {
-            output::write_centreline_csv(extraction, create(path)?)?;
-        }
+/// Writes the centrelines, as CSV or WCON by the ending.
+fn write_centreline(out: &OutputFile, frames: &Path, extraction: &Extraction) -> anyhow::Result<()> {
+    let mut bytes = Vec::new();
+    if out.path().extension().is_some_and(|ending| ending.eq_ignore_ascii_case("wcon")) {
+        let id = frames.file_name().unwrap_or_default().to_string_lossy();
+        serde_json::to_writer(&mut bytes, &wcon::document(&centrelines(extraction, &id)))?;
+    } else {
+        output::write_centreline_csv(extraction, &mut bytes)?;
     }
-    Ok(())
+    Ok(out.write(&bytes)?)
 }
 
 /// The centrelines as a document to write; an image's reason stands in our own block.

@@ -3,10 +3,13 @@
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
+use ident::experiment::Experiment;
+
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::app::fit::FitJob;
+use crate::app::fit::{FILES, FitJob};
 use crate::app::{interruptible, threads};
+use crate::outputs::Outputs;
 use crate::report;
 
 /// Fits the model of an experiment to its runs.
@@ -37,9 +40,11 @@ pub struct Args {
 /// # Errors
 /// As [`FitJob::carry_out`].
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    let read = Experiment::sources(&args.experiment).into_iter().chain(args.prior.clone());
+    let out = Outputs::reading(read).folder(&args.out, &FILES)?;
     let job = FitJob {
         experiment: &args.experiment,
-        out: &args.out,
+        out: &out,
         threads: threads(args.threads),
         resume: args.resume,
         profile: args.profile,

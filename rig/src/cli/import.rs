@@ -3,8 +3,10 @@
 use std::path::PathBuf;
 
 use super::{Failure, Outcome};
-use crate::app::exchange::{Import, ImportOutcome, frames_file};
+use crate::app::exchange::{Import, ImportOutcome, TableOfImages, frames_file};
+use crate::config::paths;
 use crate::interchange::Format;
+use crate::outputs::Outputs;
 use crate::vision::Status;
 
 /// Keypoints that other programs found, to a trajectory that `rig fit` reads.
@@ -54,12 +56,15 @@ pub struct Args {
 /// # Errors
 /// As [`Import::carry_out`].
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    let read = [args.file.clone(), frames_file(&args.file)].into_iter();
+    let read = read.chain(args.times.clone()).chain(args.model.clone()).chain(paths::files(&args.config));
+    let out = TableOfImages::at(&args.out, &mut Outputs::reading(read))?;
     let import = Import {
         file: &args.file,
         format: args.format,
         config: &args.config,
         model: args.model.as_deref(),
-        out: &args.out,
+        out: &out,
         keypoints: args.keypoints.as_deref(),
         individual: args.individual.as_deref(),
         fps: args.fps,

@@ -8,6 +8,7 @@ use anyhow::Context as _;
 
 use super::{Failure, Outcome};
 use crate::clock::MonotonicNs;
+use crate::outputs::Outputs;
 use crate::servo::pulse_log::PulseLogWriter;
 use crate::servo::{BoardFault, MockBoard, MockOptions};
 
@@ -56,8 +57,8 @@ fn start(args: &Args) -> anyhow::Result<MockBoard> {
     if !args.drift_ppm.is_finite() || args.drift_ppm.abs() > 1e5 {
         anyhow::bail!("--drift-ppm {} must be between -100000 and 100000", args.drift_ppm);
     }
-    std::fs::create_dir_all(&args.tank)
-        .with_context(|| format!("creating the tank's folder {}", args.tank.display()))?;
+    let tank = Outputs::default().folder(&args.tank, &[PORT_LINK, PULSE_LOG])?;
+    tank.create()?;
     let log = args.tank.join(PULSE_LOG);
     let sink = PulseLogWriter::append(&log).with_context(|| format!("opening {}", log.display()))?;
     let options = MockOptions {
@@ -73,6 +74,12 @@ fn start(args: &Args) -> anyhow::Result<MockBoard> {
 
 /// Puts the link in place in one step, so that nobody ever finds none or half of one.
 fn link(port: &Path, link: &Path) -> anyhow::Result<()> {
+    if link.symlink_metadata().is_ok_and(|there| !there.is_symlink()) {
+        anyhow::bail!(
+            "{} is there and no link to a port: move it away, or choose another --tank",
+            link.display()
+        );
+    }
     let new = link.with_extension("new");
     match std::fs::remove_file(&new) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error.into()),

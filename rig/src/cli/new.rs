@@ -10,7 +10,7 @@ use anyhow::{Context as _, anyhow};
 
 use super::{Failure, Outcome, list};
 use crate::config::MotionKind;
-use crate::record::files::write_whole;
+use crate::outputs::{OutputFolder, Outputs};
 use crate::setup::{Answers, CONFIG, Chain, Drive, File, MODEL, Scale, files};
 
 /// Arguments of `rig new`. On a terminal, what no option answers is asked; else its default holds.
@@ -76,8 +76,9 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     };
     let chain = Chain::new(&answers).map_err(Failure::input)?;
     let files = files(&name_of(&args.dir), &chain);
-    is_free(&files.iter().map(|file| file.name).collect::<Vec<_>>())?;
-    write(&args.dir, &files).map_err(Failure::Input)?;
+    let names: Vec<&str> = files.iter().map(|file| file.name).collect();
+    is_free(&names)?;
+    write(&Outputs::default().folder(&args.dir, &names)?, &files).map_err(Failure::Input)?;
     let text = next(&args.dir, &chain, &files);
     Ok(Outcome { out: Some(args.dir.clone()), text, ..Outcome::default() })
 }
@@ -94,11 +95,10 @@ fn name_of(dir: &Path) -> String {
     full.file_name().map_or_else(|| "rig".into(), |name| name.to_string_lossy().into_owned())
 }
 
-fn write(dir: &Path, files: &[File]) -> anyhow::Result<()> {
-    std::fs::create_dir_all(dir).with_context(|| format!("making the folder {}", dir.display()))?;
+fn write(dir: &OutputFolder, files: &[File]) -> anyhow::Result<()> {
     // The config comes last: where it is, all that it names is.
     for file in files.iter().rev() {
-        write_whole(&dir.join(file.name), file.text.as_bytes())?;
+        dir.write(file.name, file.text.as_bytes())?;
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ use clap::CommandFactory as _;
 use clap_complete::Shell;
 
 use super::{Cli, Failure, Outcome};
+use crate::outputs::Outputs;
 
 /// Arguments of `rig packaging`.
 #[derive(clap::Args, Debug)]
@@ -20,7 +21,8 @@ pub struct Args {
 /// # Errors
 /// [`Failure::Input`] where the folder cannot be written to.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
-    write(&args.out)
+    let out = Outputs::default().folder(&args.out, &["completions", "man"])?;
+    write(out.path())
         .with_context(|| format!("writing into {}", args.out.display()))
         .map_err(Failure::Input)?;
     Ok(Outcome { out: Some(args.out.clone()), ..Outcome::default() })

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use super::{Failure, Outcome};
 use crate::app::{base, interruptible};
 use crate::config::RigConfig;
+use crate::outputs::Outputs;
 use crate::preview::{PreviewError, Server, Watch};
 
 /// Arguments of `rig preview`.
@@ -22,6 +23,7 @@ pub struct Args {
 /// # Errors
 /// [`Failure::Input`] for an unusable config or a port in use, [`Failure::Hardware`] when the camera cannot be opened.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    let written = Outputs::edited(&args.config)?;
     let config = RigConfig::read(&args.config).map_err(Failure::input)?;
     let watch = Watch::start(config, base(&args.config));
     let watch = watch
@@ -31,7 +33,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             PreviewError::Port { .. } => Failure::input(error),
             PreviewError::Serve(_) => Failure::internal(error),
         };
-        let server = Server::listen(args.port, watch, &args.config).await.map_err(failed)?;
+        let server = Server::listen(args.port, watch, written).await.map_err(failed)?;
         // Standard output is for what is left when all is over.
         eprintln!("http://{}/ shows the camera; Ctrl-C ends it", server.address());
         server.serve(interrupt.raised()).await.map_err(failed)?;

@@ -14,7 +14,8 @@ use crate::app::drift::moved;
 use crate::app::last_good::{LastGood, Recalibrated, VERDICT, Verdict};
 use crate::app::{interruptible, on_threads, threads};
 use crate::error_chain::with_causes;
-use crate::record::files::write_whole;
+use crate::outputs::{OutputFile, OutputFolder};
+use crate::record::folder::RunFolder;
 use crate::store::Store;
 
 /// What the last good fit is brought up to date with, in the folder of the run.
@@ -39,10 +40,11 @@ pub struct Args {
 /// As [`compose`] and [`LastGood::update`]; the last good fit stays.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let good = LastGood::among(&args.runs_dir);
+    let out = OutputFolder::of_run(&RunFolder::open(&args.run).map_err(Failure::input)?);
     let source = args.run.display().to_string();
     let verdict = match degraded(&args.run) {
         Some(why) => good.keep(why),
-        None => updated(args, &good, &source)?,
+        None => updated(args, &out.file(EXPERIMENT), &good, &source)?,
     };
     // an index that cannot be read or written hides a slow drift, and nothing else
     let moved = Store::open(&args.runs_dir).and_then(|mut store| moved(&mut store)).unwrap_or_else(|error| {
@@ -57,8 +59,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         let _ = write!(text, "\n{moved}");
     }
     let warnings = if verdict.degraded { verdict.why.clone() } else { Vec::new() };
-    let json = serde_json::to_vec_pretty(&Recalibrated { verdict, moved }).map_err(Failure::internal)?;
-    write_whole(&args.run.join(VERDICT), &json).map_err(Failure::internal)?;
+    out.write_json(VERDICT, &Recalibrated { verdict, moved }).map_err(Failure::internal)?;
     Ok(Outcome {
         out: Some(good.folder().into()),
         run: Some(args.run.clone()),
@@ -69,8 +70,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     })
 }
 
-fn updated(args: &Args, good: &LastGood, source: &str) -> Result<Verdict, Failure> {
-    let experiment = compose(&[(Use::Fit, &args.run)], None, true, &args.run.join(EXPERIMENT))?;
+fn updated(args: &Args, file: &OutputFile, good: &LastGood, source: &str) -> Result<Verdict, Failure> {
+    let experiment = compose(&[(Use::Fit, &args.run)], None, true, file)?;
     interruptible(async |interrupt| {
         let mut bar = Bar::new(interrupt.flag());
         bar.begin("fit", Some(experiment.fit.max_evaluations));

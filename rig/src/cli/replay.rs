@@ -11,9 +11,10 @@ use crate::analysis::{Analysis, Stage};
 use crate::app::experiment::analysed;
 use crate::app::look::Filming;
 use crate::app::{base, interruptible, threads};
-use crate::config::RigConfig;
-use crate::record::files::write_whole;
+use crate::config::{RigConfig, paths};
+use crate::outputs::Outputs;
 use crate::record::folder::{RunFolder, file};
+use crate::record::sums::RESULTS;
 use crate::report;
 
 /// Arguments of `rig replay`.
@@ -44,33 +45,32 @@ pub struct Args {
 /// [`Failure`] by class.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let run = RunFolder::open(&args.run).map_err(Failure::input)?;
-    std::fs::create_dir_all(&args.out).map_err(Failure::input)?;
-    let film = args.overlay.as_deref().map(|path| Filming::plan(path, 1.0)).transpose()?;
-    if same_folder(&args.run, &args.out) {
-        return Err(Failure::Input(anyhow!(
-            "--out {} is the run itself, which a replay never writes into",
-            args.out.display()
-        )));
-    }
+    // What `start.json` names must be there for who reads it from the results' folder.
+    let made_with = RigConfig::parse(&run.start().config, &run.file(file::START)).ok();
+    let calibrations = made_with.iter().flat_map(RigConfig::servo_calibrations);
+    let model = PathBuf::from(&run.start().model);
+    let taken = [file::START.into(), file::STOP.into(), model].into_iter().chain(calibrations);
+    let taken = taken.map(|path| name_in(&run, path)).collect::<Result<Vec<String>, _>>()?;
+    let read = args.config.iter().flat_map(|config| paths::files(config)).chain([args.run.clone()]);
+    let mut outputs = Outputs::reading(read);
+    let names: Vec<&str> = taken.iter().map(String::as_str).chain(RESULTS).collect();
+    let out = outputs.results(&args.out, &names)?;
+    let film = args.overlay.as_deref().map(|path| Filming::plan(&outputs.file(path)?, 1.0)).transpose()?;
     let (config, paths_from) = match &args.config {
         Some(path) => (RigConfig::read(path), base(path)),
         None => (RigConfig::parse(&run.start().config, &run.file(file::START)), run.path()),
     };
     let config = config.map_err(Failure::input)?;
-    // What `start.json` names must be there for who reads it from the results' folder.
-    let made_with = RigConfig::parse(&run.start().config, &run.file(file::START)).ok();
-    let named = made_with.iter().flat_map(RigConfig::servo_calibrations);
-    let names = [file::START, file::STOP, run.start().model.as_str()].map(PathBuf::from);
-    for name in names.into_iter().chain(named) {
-        let from = run.path().join(&name);
+    out.create().map_err(Failure::input)?;
+    for name in &taken {
+        let from = run.file(name);
         if from.exists() {
-            let bytes = std::fs::read(&from).map_err(Failure::input)?;
-            write_whole(&args.out.join(&name), &bytes).map_err(Failure::input)?;
+            out.write(name, &std::fs::read(&from).map_err(Failure::input)?).map_err(Failure::input)?;
         }
     }
     let analysis = Analysis {
         run: &run,
-        out: &args.out,
+        out: &out,
         config: &config,
         paths_from,
         from: args.from,
@@ -93,6 +93,11 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     })
 }
 
-fn same_folder(a: &std::path::Path, b: &std::path::Path) -> bool {
-    matches!((std::fs::canonicalize(a), std::fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
+/// What `start.json` names beside it: a name, which leads nowhere else.
+fn name_in(run: &RunFolder, path: PathBuf) -> Result<String, Failure> {
+    let name = path.file_name().filter(|name| *name == path.as_os_str()).and_then(|name| name.to_str());
+    name.map(str::to_owned).ok_or_else(|| {
+        let start = run.file(file::START);
+        Failure::Input(anyhow!("{} names {}, which is no file beside it", start.display(), path.display()))
+    })
 }

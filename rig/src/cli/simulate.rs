@@ -14,6 +14,7 @@ use sim::{
 };
 
 use super::{Failure, Outcome};
+use crate::outputs::Outputs;
 
 /// Simulates a model and writes its coordinates, velocities and sites over time.
 #[derive(clap::Args, Debug)]
@@ -87,6 +88,8 @@ const MOST_ROWS: f64 = 1e7;
 /// # Errors
 /// [`Failure::Input`] for a model, command or option that does not fit, [`Failure::Data`] when the motion diverges.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
+    let read = [Some(&args.model), args.servo.as_ref(), args.base.as_ref()];
+    let out = Outputs::reading(read.into_iter().flatten().cloned()).file(&args.out)?;
     let text = std::fs::read_to_string(&args.model)
         .with_context(|| format!("reading {}", args.model.display()))
         .map_err(Failure::Input)?;
@@ -152,9 +155,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     if let Some(touch) = ContactWatch::unsimulated(&model).and_then(|mut watch| watch.first_touch(&run)) {
         tracing::warn!("{}", FirstTouch::from(touch));
     }
-    std::fs::write(&args.out, table(&model, &run, base.as_deref()))
-        .with_context(|| format!("writing {}", args.out.display()))
-        .map_err(Failure::Input)?;
+    out.write(table(&model, &run, base.as_deref()).as_bytes()).map_err(Failure::input)?;
     let text = format!("{}\n", args.out.display());
     Ok(Outcome { out: Some(args.out.clone()), text, ..Outcome::default() })
 }

@@ -1,12 +1,10 @@
 //! Single options written into a config: its comments, and all else in it, stay as they are.
 
-use std::path::Path;
-
 use toml_edit::{DocumentMut, Item, Table, Value};
 
 use super::{ConfigError, RigConfig};
+use crate::outputs::OutputFile;
 use crate::record::RecordError;
-use crate::record::files::write_whole;
 
 /// Why a config cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -48,21 +46,20 @@ pub enum EditError {
     Write(#[from] RecordError),
 }
 
-/// Lets `edit` change the text of the config at `path`, as it stands there now, and writes it back if it is still a config.
+/// Lets `edit` change the text of the config `file`, as it stands there now, and writes it back if it is still a config.
 ///
 /// # Errors
 /// What `edit` says, and [`EditError`]; the config is as it was then.
 pub fn rewrite<E: From<EditError>>(
-    path: &Path,
+    file: &OutputFile,
     edit: impl FnOnce(&str) -> Result<String, E>,
 ) -> Result<(), E> {
+    let path = file.path();
     let unreadable = |source| EditError::Unreadable { path: path.display().to_string(), source };
-    // Through a link to the file itself, which a new file would replace.
-    let path = &path.canonicalize().map_err(unreadable)?;
     let text = std::fs::read_to_string(path).map_err(unreadable)?;
     let edited = edit(&text)?;
     RigConfig::parse(&edited, path).map_err(EditError::from)?;
-    Ok(write_whole(path, edited.as_bytes()).map_err(EditError::from)?)
+    Ok(file.write(edited.as_bytes()).map_err(EditError::from)?)
 }
 
 /// Whether `text` has `[table] key`.

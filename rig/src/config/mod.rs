@@ -5,6 +5,7 @@ mod error;
 mod extraction;
 #[cfg(test)]
 mod numbers;
+pub mod paths;
 mod tables;
 mod webhook;
 

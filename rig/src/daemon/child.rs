@@ -25,6 +25,7 @@ use crate::app::{Failure, HELD};
 use crate::app::{recover, stop};
 use crate::claim::Claim;
 use crate::config::RigConfig;
+use crate::outputs::Outputs;
 use crate::record::below;
 use crate::record::files::create_folder;
 use crate::record::run_id::RunId;
@@ -281,7 +282,8 @@ fn arguments(
         let runs = fitted.iter().map(|path| (Use::Fit, path.as_path()));
         let runs: Vec<_> = runs.chain(held_out.iter().map(|path| (Use::Holdout, path.as_path()))).collect();
         let file = folder.join(EXPERIMENT);
-        compose(&runs, None, true, &file)?;
+        let read = runs.iter().map(|(_, path)| path.to_path_buf());
+        compose(&runs, None, true, &Outputs::reading(read).file(&file)?)?;
         Ok(file)
     };
     match work {

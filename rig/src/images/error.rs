@@ -110,13 +110,8 @@ pub enum FilmError {
         wanted: String,
     },
     /// The file cannot be there.
-    #[error("creating the film {}", path.display())]
-    Create {
-        /// The film.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Write(#[from] RecordError),
     /// ffmpeg gave up.
     #[error("ffmpeg could not write {}: {said}", path.display())]
     Failed {

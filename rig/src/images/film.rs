@@ -1,6 +1,5 @@
 //! A video file, written by ffmpeg.
 
-use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -10,6 +9,8 @@ use image::{GenericImage as _, RgbImage, imageops};
 
 use super::error::FilmError;
 use super::video::{last_lines, last_words};
+use crate::outputs::OutputFile;
+use crate::record::files::Part;
 
 /// An encoder of ffmpeg, and its options.
 type Encoder = (&'static str, &'static [&'static str]);
@@ -42,16 +43,17 @@ fn kind(path: &Path) -> Option<&'static [Encoder]> {
 #[derive(Debug)]
 pub struct Film {
     path: PathBuf,
-    part: PathBuf,
+    part: Part,
     encoder: Encoder,
 }
 
 impl Film {
-    /// One at `path`.
+    /// One that is to be `out`.
     ///
     /// # Errors
     /// [`FilmError`]: its ending is none of a film, there is no ffmpeg or it cannot encode such a film, or the file cannot be created.
-    pub fn plan(path: &Path) -> Result<Self, FilmError> {
+    pub fn plan(out: &OutputFile) -> Result<Self, FilmError> {
+        let path = out.path();
         let encoders = kind(path).ok_or_else(|| FilmError::Ending { path: path.into() })?;
         let listed = Command::new("ffmpeg")
             .args(["-v", "error", "-nostdin", "-encoders"])
@@ -64,11 +66,7 @@ impl Film {
             let wanted = encoders.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(" nor ");
             FilmError::NoEncoder { path: path.into(), wanted }
         })?;
-        let mut name = std::ffi::OsString::from(".part-");
-        name.push(path.file_name().unwrap_or_default());
-        let part = path.with_file_name(name);
-        File::create(&part).map_err(|source| FilmError::Create { path: path.into(), source })?;
-        Ok(Self { path: path.into(), part, encoder })
+        Ok(Self { path: path.into(), part: out.begin()?, encoder })
     }
 
     /// Begins it: images of `width` by `height` pixels, `fps` a second of those times that are given with them, played `slowed` times
@@ -85,7 +83,7 @@ impl Film {
             .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", encoder])
             .args(options)
             .args(["-pix_fmt", "yuv420p", "-an"])
-            .arg(&self.part)
+            .arg(self.part.path())
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
@@ -94,8 +92,9 @@ impl Film {
         let said = child.stderr.take().map(|mut pipe| std::thread::spawn(move || last_words(&mut pipe)));
         let pixels = child.stdin.take();
         Ok(FilmWriter {
-            film: self,
-            child,
+            path: self.path,
+            part: self.part,
+            child: Encoding(child),
             pixels,
             said,
             size: [width, height],
@@ -107,18 +106,12 @@ impl Film {
     }
 }
 
-impl Drop for Film {
-    fn drop(&mut self) {
-        // It has its own name by now, or is not whole.
-        let _ = std::fs::remove_file(&self.part);
-    }
-}
-
 /// A film being written. Dropped before [`Self::finish`], it leaves nothing behind.
 #[derive(Debug)]
 pub struct FilmWriter {
-    film: Film,
-    child: Child,
+    path: PathBuf,
+    child: Encoding,
+    part: Part,
     pixels: Option<ChildStdin>,
     said: Option<JoinHandle<String>>,
     size: [u32; 2],
@@ -158,12 +151,11 @@ impl FilmWriter {
     /// [`FilmError`].
     pub fn finish(mut self) -> Result<(), FilmError> {
         self.pixels = None;
-        let ended = self.child.wait();
+        let ended = self.child.0.wait();
         if !ended.is_ok_and(|status| status.success()) {
             return Err(self.failed());
         }
-        std::fs::rename(&self.film.part, &self.film.path)
-            .map_err(|source| FilmError::Create { path: self.film.path.clone(), source })
+        Ok(self.part.finish()?)
     }
 
     fn sized(&self, image: RgbImage) -> RgbImage {
@@ -185,18 +177,21 @@ impl FilmWriter {
 
     fn failed(&mut self) -> FilmError {
         self.pixels = None;
-        let _ = self.child.wait();
+        let _ = self.child.0.wait();
         let said = self.said.take().and_then(|said| said.join().ok()).unwrap_or_default();
-        FilmError::Failed { path: self.film.path.clone(), said: last_lines(&said) }
+        FilmError::Failed { path: self.path.clone(), said: last_lines(&said) }
     }
 }
 
-impl Drop for FilmWriter {
+/// ffmpeg at work, which ends with whoever started it.
+#[derive(Debug)]
+struct Encoding(Child);
+
+impl Drop for Encoding {
     fn drop(&mut self) {
         // Either call only fails when it has ended.
-        self.pixels = None;
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        let _ = self.0.kill();
+        let _ = self.0.wait();
     }
 }
 
@@ -206,9 +201,14 @@ mod tests {
 
     use super::*;
     use crate::images::{self, TimedImage};
+    use crate::outputs::Outputs;
+
+    fn planned(path: &Path) -> Result<Film, FilmError> {
+        Film::plan(&Outputs::default().file(path).unwrap())
+    }
 
     fn plan(path: &Path) -> Option<Film> {
-        match Film::plan(path) {
+        match planned(path) {
             Err(FilmError::NoFfmpeg { .. } | FilmError::NoEncoder { .. }) => {
                 eprintln!("skipped: writing films (ffmpeg is not there, or cannot encode)");
                 None
@@ -260,12 +260,8 @@ mod tests {
     #[test]
     fn what_cannot_become_a_film_is_refused_beforehand() {
         let folder = tempfile::tempdir().unwrap();
-        let error = Film::plan(&folder.path().join("a.gif")).unwrap_err().to_string();
+        let error = planned(&folder.path().join("a.gif")).unwrap_err().to_string();
         assert!(error.contains(".mp4, .webm or .mkv"), "{error}");
-        let nowhere = folder.path().join("nowhere/a.mp4");
-        if plan(&folder.path().join("a.mp4")).is_some() {
-            assert!(matches!(Film::plan(&nowhere), Err(FilmError::Create { .. })));
-        }
-        assert!(is_film(&nowhere) && !is_film(folder.path()));
+        assert!(is_film(&folder.path().join("a.mp4")) && !is_film(folder.path()));
     }
 }

@@ -1,12 +1,11 @@
 //! Places clicked in the picture, written into the config: its comments, and all else in it, stay as they are.
 
-use std::path::Path;
-
 use serde::Deserialize;
 use toml_edit::{Array, Value};
 
 use crate::calibration::Px;
 use crate::config::edit::{self, EditError};
+use crate::outputs::OutputFile;
 
 /// What is to be written; what is left out stays as it is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize)]
@@ -45,12 +44,12 @@ pub enum PlacesError {
 }
 
 impl Places {
-    /// Writes them into the config at `path`, as it stands there now.
+    /// Writes them into the `config`, as it stands there now.
     ///
     /// # Errors
     /// [`PlacesError`]; the config is as it was then.
-    pub fn write(&self, path: &Path, picture_px: [u32; 2]) -> Result<(), PlacesError> {
-        edit::rewrite(path, |text| self.edited(text, picture_px))
+    pub fn write(&self, config: &OutputFile, picture_px: [u32; 2]) -> Result<(), PlacesError> {
+        edit::rewrite(config, |text| self.edited(text, picture_px))
     }
 
     /// `text` with them in it.
@@ -83,6 +82,7 @@ fn tenth(px: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::outputs::Outputs;
 
     const CONFIG: &str = "# My rig.\n\n[calibration]   # a ruler\nmetres_per_pixel = 0.00025 # measured\norigin_px = [ 320.0,60.0 ]   # the pivot\n\n[camera]\nfps = 50.0\n";
     const SIZE: [u32; 2] = [640, 480];
@@ -120,7 +120,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("rig.toml");
         std::fs::write(&path, CONFIG).unwrap();
-        let error = places(Some([1.0, 2.0]), None).write(&path, SIZE).unwrap_err();
+        let error = places(Some([1.0, 2.0]), None).write(&Outputs::edited(&path).unwrap(), SIZE).unwrap_err();
         assert!(matches!(error, PlacesError::Edit(EditError::Invalid(_))), "{error}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), CONFIG);
     }

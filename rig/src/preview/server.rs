@@ -1,7 +1,7 @@
 //! The preview's page over HTTP, for this machine alone.
 
 use std::net::{Ipv4Addr, SocketAddr};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use axum::extract::{Request, State};
@@ -18,6 +18,7 @@ use super::watch::{Picture, Watch};
 use crate::calibration::{Plane, Px};
 use crate::config::RigConfig;
 use crate::error_chain::with_causes;
+use crate::outputs::OutputFile;
 use crate::tank::render::outlines;
 use crate::web::{Hosts, one_form, protect};
 
@@ -51,19 +52,19 @@ pub struct Server {
 /// What the page is made of.
 struct Page {
     watch: Watch,
-    config: PathBuf,
+    config: OutputFile,
 }
 
 impl Server {
-    /// Listens at `port` of the loopback, any where it is 0, for a page that shows `watch` and writes into the config at `config`.
+    /// Listens at `port` of the loopback, any where it is 0, for a page that shows `watch` and writes into the `config`.
     ///
     /// # Errors
     /// [`PreviewError::Port`].
-    pub async fn listen(port: u16, watch: Watch, config: &Path) -> Result<Self, PreviewError> {
+    pub async fn listen(port: u16, watch: Watch, config: OutputFile) -> Result<Self, PreviewError> {
         let taken = |source| PreviewError::Port { port, source };
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).await.map_err(taken)?;
         let address = listener.local_addr().map_err(taken)?;
-        Ok(Self { listener, address, page: Arc::new(Page { watch, config: config.into() }) })
+        Ok(Self { listener, address, page: Arc::new(Page { watch, config }) })
     }
 
     /// Where it listens.
@@ -128,7 +129,7 @@ async fn state(State(page): State<Arc<Page>>) -> Response {
         "size_px": picture.as_ref().map(|picture| picture.size_px),
         "measures": measures,
         "unreadable": unreadable,
-        "config": Known::of(&page.config),
+        "config": Known::of(page.config.path()),
     });
     Json(state).into_response()
 }
@@ -190,7 +191,7 @@ async fn write(State(page): State<Arc<Page>>, Json(places): Json<Places>) -> Res
         tokio::task::spawn_blocking(move || places.write(&config, picture.size_px)).await
     };
     match written {
-        Ok(Ok(())) => Json(json!({ "written": page.config.display().to_string() })).into_response(),
+        Ok(Ok(())) => Json(json!({ "written": page.config.path().display().to_string() })).into_response(),
         Ok(Err(error)) => (StatusCode::UNPROCESSABLE_ENTITY, with_causes(&error)).into_response(),
         Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response(),
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::RecordError;
-use super::files::{create_folder, json, read_json, sync_folder, write_json, write_whole};
+use super::files::{create_folder, is_part, json, read_json, sync_folder, write_json, write_whole};
 use super::journal::Journal;
 use super::order;
 use super::run_id::RunId;
@@ -198,9 +198,11 @@ pub fn remove_unmade(runs_dir: &Path) -> Result<(), RecordError> {
         let entry = entry.map_err(io())?;
         let name = entry.file_name().into_string().unwrap_or_default();
         if name.strip_prefix(NEW).is_some_and(|id| RunId::try_from(id.to_owned()).is_ok()) {
-            for part in [file::START.to_owned(), format!("{}.part", file::START)] {
-                // what is not there needs no removing, and what cannot be removed harms nobody
-                let _ = std::fs::remove_file(entry.path().join(part));
+            for begun in std::fs::read_dir(entry.path()).into_iter().flatten().flatten() {
+                if begun.file_name().to_str().is_some_and(|name| name == file::START || is_part(name)) {
+                    // what cannot be removed harms nobody
+                    let _ = std::fs::remove_file(begun.path());
+                }
             }
             let _ = std::fs::remove_dir(entry.path());
         }
@@ -276,7 +278,7 @@ mod tests {
             .unwrap()
             .map(|entry| entry.unwrap().file_name().into_string().unwrap())
             .collect();
-        assert!(names.iter().all(|name| !name.ends_with(".part")), "{names:?}");
+        assert!(names.iter().all(|name| !is_part(name)), "{names:?}");
     }
 
     #[test]

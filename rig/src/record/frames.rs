@@ -32,12 +32,19 @@ pub struct FrameRow {
 /// # Errors
 /// [`RecordError`].
 pub fn write(path: &Path, rows: &[FrameRow]) -> Result<(), RecordError> {
+    write_whole(path, &table(rows).map_err(|error| RecordError::damaged(path, error))?)
+}
+
+/// The rows as the file has them.
+///
+/// # Errors
+/// What the writer says.
+pub fn table(rows: &[FrameRow]) -> Result<Vec<u8>, csv::Error> {
     let mut table = csv::Writer::from_writer(Vec::new());
     for row in rows {
-        table.serialize(row).map_err(|error| RecordError::damaged(path, error))?;
+        table.serialize(row)?;
     }
-    let bytes = table.into_inner().map_err(|error| RecordError::damaged(path, error))?;
-    write_whole(path, &bytes)
+    table.into_inner().map_err(|error| error.into_error().into())
 }
 
 /// Reads the rows at `path`.

@@ -12,11 +12,11 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 
 use super::RecordError;
-use super::files::write_whole;
+use super::files::{is_part, write_whole};
 use super::folder::file;
 
 /// What a run's analysis writes, and writes again when it is done again.
-pub(super) const RESULTS: [&str; 11] = [
+pub const RESULTS: [&str; 11] = [
     file::FRAMES,
     file::SERVO,
     file::EXTRACTION,
@@ -182,7 +182,7 @@ fn names(folder: &Path) -> Result<Vec<String>, RecordError> {
         let is_file = entry.file_type().map_err(io())?.is_file();
         // a name that is no text gets no line
         let Ok(name) = entry.file_name().into_string() else { continue };
-        if is_file && name != file::SUMS && !name.ends_with(".part") && !name.contains('\n') {
+        if is_file && name != file::SUMS && !is_part(&name) && !name.contains('\n') {
             names.push(name);
         }
     }
@@ -197,7 +197,7 @@ mod tests {
     fn sums_are_those_of_sha256sum_and_come_back_from_their_file() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("a.txt"), "abc").unwrap();
-        std::fs::write(folder.path().join("b.part"), "half").unwrap();
+        std::fs::write(folder.path().join(".part-3fG9sa-b.txt"), "half").unwrap();
         let sums = Sums::of_folder(folder.path(), Sums::default()).unwrap();
         sums.write(folder.path()).unwrap();
         // FIPS 180-4's own example

@@ -1,12 +1,8 @@
 //! `timing.json`: how long each stage took. Kept apart from the results, which are the same on every machine.
 
-use std::path::Path;
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
-
-use super::RecordError;
-use super::files::write_whole;
 
 /// Wall times of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -33,14 +29,5 @@ impl Timing {
         let result = stage();
         self.stages.push(Stage { name: name.into(), wall_s: begun.elapsed().as_secs_f64() });
         result
-    }
-
-    /// Writes it to `path`.
-    ///
-    /// # Errors
-    /// [`RecordError::Io`].
-    pub fn write(&self, path: &Path) -> Result<(), RecordError> {
-        let json = serde_json::to_vec_pretty(self).map_err(|error| RecordError::damaged(path, error))?;
-        write_whole(path, &json)
     }
 }

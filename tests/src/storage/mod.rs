@@ -92,6 +92,10 @@ impl Event {
     pub fn class(&self) -> String {
         let parts = self.path.iter().map(|part| {
             let part = part.to_string_lossy();
+            // the name of a file that is not whole yet has six letters that are there once only
+            if let Some(to) = part.strip_prefix(".part-").and_then(|rest| rest.get(7..)) {
+                return format!(".part-{to}");
+            }
             let id = part.strip_prefix(".new-").unwrap_or(&part);
             if id.len() == 23 && id.as_bytes()[8] == b'T' {
                 part.replace(id, "RUN")

@@ -25,11 +25,14 @@ use super::{Failure, Interrupt, Watcher, base, hand_in, read_model};
 use crate::analysis::prepared;
 use crate::config::RigConfig;
 use crate::goal::Goal;
+use crate::outputs::OutputFolder;
 use crate::record::run_id::RunId;
 use crate::urgency::Urgency;
 use next::Next;
 use record::{Made, Record, Standing, Step};
 
+/// What a campaign writes into its folder.
+pub const FILES: [&str; 3] = [record::FILE, "after-*", next::CONFIGS];
 /// The runs of a step.
 const EXPERIMENT: &str = "experiment.toml";
 
@@ -41,7 +44,7 @@ pub struct Campaign<'a> {
     /// The folder of run folders.
     pub runs_dir: &'a Path,
     /// The campaign's own folder.
-    pub out: &'a Path,
+    pub out: &'a OutputFolder,
     /// What it is for.
     pub goal: Goal,
     /// The most runs it may make, those of before it was interrupted included.
@@ -64,7 +67,7 @@ impl Campaign<'_> {
         self.check(&first)?;
         let rest =
             first.schedule.as_ref().and_then(|table| table.rest_s).map_or(Duration::ZERO, Seconds::duration);
-        std::fs::create_dir_all(self.out).map_err(Failure::input)?;
+        self.out.create().map_err(Failure::input)?;
         let mut record = Record::open(self.out, self.config, &self.goal, self.max_runs)?;
         let _claim = self.experiment(&first, self.config, false).claim()?;
         let mut next = match record.runs.is_empty() {
@@ -99,7 +102,7 @@ impl Campaign<'_> {
                 return Err(Failure::Interrupted(anyhow!(
                     "interrupted after {} runs; the same command with `--out {}` goes on from there",
                     record.runs.len(),
-                    self.out.display()
+                    self.out.path().display()
                 )));
             }
         }
@@ -154,8 +157,7 @@ impl Campaign<'_> {
 
     /// Fits or diagnoses all runs made so far, and says what to do then.
     fn look(&self, record: &mut Record, watcher: &mut dyn Watcher) -> Result<Next, Failure> {
-        let folder = self.out.join(format!("after-{}", record.runs.len()));
-        let experiment = folder.join(EXPERIMENT);
+        let folder = self.out.folder(&format!("after-{}", record.runs.len()));
         let paths: Vec<PathBuf> =
             record.runs.iter().map(|made| self.runs_dir.join(made.run.as_str())).collect();
         // what lacks too many images is no evidence
@@ -164,9 +166,9 @@ impl Campaign<'_> {
         if let (true, Some(why)) = (runs.is_empty(), paths.first().and_then(|path| degraded(path))) {
             return Err(Failure::Data(anyhow!("no run of this campaign can be used: {why}")));
         }
-        compose(&runs, None, false, &experiment)?;
+        compose(&runs, None, false, &folder.file(EXPERIMENT))?;
         let mut step = Step {
-            folder: folder.clone(),
+            folder: folder.path().into(),
             verdict: None,
             sentence: None,
             established: Vec::new(),
@@ -179,9 +181,9 @@ impl Campaign<'_> {
                     // the pool's threads inherit it
                     Urgency::Computing.take();
                     match &self.goal {
-                        Goal::Resolve => self.resolved(&experiment, &mut step, record, watcher),
+                        Goal::Resolve => self.resolved(&folder, &mut step, record, watcher),
                         Goal::Precision(targets) => {
-                            self.precise(&experiment, targets, &mut step, record, watcher)
+                            self.precise(&folder, targets, &mut step, record, watcher)
                         }
                     }
                 });
@@ -207,7 +209,7 @@ impl Campaign<'_> {
         tokio::select! {
             () = interrupt.raised() => Err(Failure::Interrupted(anyhow!(
                 "interrupted between two runs; the same command with `--out {}` goes on from there",
-                self.out.display()
+                self.out.path().display()
             ))),
             () = tokio::time::sleep(rest) => Ok(()),
         }

@@ -9,18 +9,19 @@ use ident::diagnose::{Diagnosis, NamedCause, Verdict, prospects};
 use ident::experiment::Experiment;
 use ident::parameters::Parameters;
 
-use super::Campaign;
 use super::record::{Record, Standing, Step};
+use super::{Campaign, EXPERIMENT};
 use crate::app::design::write_configs;
 use crate::app::diagnose::diagnosed;
 use crate::app::fit::FitJob;
 use crate::app::{Failure, Watcher, on_threads};
 use crate::config::RigConfig;
 use crate::goal::{Known, Target};
+use crate::outputs::OutputFolder;
 use crate::profile::Profile;
 
 /// Configs of the runs that were proposed, in the campaign's folder.
-const CONFIGS: &str = "next";
+pub(super) const CONFIGS: &str = "next";
 /// The diagnosis of runs that were made for a number, in the folder of a step.
 const DIAGNOSIS: &str = "diagnosis";
 /// A run that would lessen no standard deviation by this share is none to make.
@@ -43,15 +44,16 @@ pub(super) enum Next {
 }
 
 impl Campaign<'_> {
-    /// Diagnoses the `experiment` of all runs.
+    /// Diagnoses the experiment of all runs, in the `folder` of a step.
     pub(super) fn resolved(
         &self,
-        experiment: &Path,
+        folder: &OutputFolder,
         step: &mut Step,
         record: &mut Record,
         watcher: &mut dyn Watcher,
     ) -> Result<Next, Failure> {
-        let (found, _) = diagnosed(experiment, &step.folder, self.threads, Some(self.config), watcher)?;
+        let experiment = &folder.path().join(EXPERIMENT);
+        let (found, _) = diagnosed(experiment, folder, self.threads, Some(self.config), watcher)?;
         let diagnosis = &found.diagnosis;
         step.verdict = Some(diagnosis.verdict.name().into());
         step.sentence = Some(diagnosis.sentence.clone());
@@ -106,18 +108,19 @@ impl Campaign<'_> {
         Ok(list.into_iter().map(|prospect| prospect.proposal).collect())
     }
 
-    /// Fits the `experiment` of all runs, for the parameters `targets`.
+    /// Fits the experiment of all runs, in the `folder` of a step, for the parameters `targets`.
     pub(super) fn precise(
         &self,
-        experiment: &Path,
+        folder: &OutputFolder,
         targets: &[Target],
         step: &mut Step,
         record: &mut Record,
         watcher: &mut dyn Watcher,
     ) -> Result<Next, Failure> {
+        let experiment = &folder.path().join(EXPERIMENT);
         let job = FitJob {
             experiment,
-            out: &step.folder,
+            out: folder,
             threads: self.threads,
             resume: false,
             profile: false,
@@ -138,7 +141,7 @@ impl Campaign<'_> {
         let is_reached = step.known.iter().all(|known| known.ratio() <= 1.0);
         // a number may be known well in a model that lacks something; one run proves no cause
         if is_reached || record.runs.len() > 1 {
-            let is_bent = self.doubt(experiment, step, record, watcher)?;
+            let is_bent = self.doubt(folder, step, record, watcher)?;
             if is_reached || is_bent {
                 let state = if is_reached { Standing::Reached } else { Standing::NeedsAHand };
                 return Ok(Next::End(state, record.says.clone()));
@@ -166,13 +169,14 @@ impl Campaign<'_> {
     /// known by more than it is wanted: then more runs would make it more certain, not truer.
     fn doubt(
         &self,
-        experiment: &Path,
+        folder: &OutputFolder,
         step: &mut Step,
         record: &mut Record,
         watcher: &mut dyn Watcher,
     ) -> Result<bool, Failure> {
+        let experiment = &folder.path().join(EXPERIMENT);
         let (found, _) =
-            diagnosed(experiment, &step.folder.join(DIAGNOSIS), self.threads, Some(self.config), watcher)?;
+            diagnosed(experiment, &folder.folder(DIAGNOSIS), self.threads, Some(self.config), watcher)?;
         let diagnosis = &found.diagnosis;
         step.verdict = Some(diagnosis.verdict.name().into());
         step.sentence = Some(diagnosis.sentence.clone());
@@ -193,9 +197,9 @@ impl Campaign<'_> {
         list: &[Proposal],
         put_off: impl Fn(&Path) -> usize,
     ) -> Result<Option<(PathBuf, Proposal)>, Failure> {
-        let folder = self.out.join(CONFIGS);
+        let folder = self.out.folder(CONFIGS);
         write_configs(self.config, list, &folder)?;
-        let path = |proposal: &Proposal| folder.join(format!("{}.toml", proposal.id));
+        let path = |proposal: &Proposal| folder.path().join(format!("{}.toml", proposal.id));
         let mut order: Vec<(PathBuf, &Proposal)> = list.iter().map(|one| (path(one), one)).collect();
         order.sort_by_key(|(path, _)| put_off(path));
         let mut feasible = order.into_iter().filter(|(path, _)| is_feasible(path));

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::app::Failure;
 use crate::goal::{Goal, Known};
-use crate::record::files::write_whole;
+use crate::outputs::OutputFolder;
 use crate::record::run_id::RunId;
 
 /// The file in a campaign's folder.
@@ -96,8 +96,13 @@ impl Record {
     ///
     /// # Errors
     /// [`Failure::Input`] where another campaign is in the folder, or what is there cannot be read.
-    pub(super) fn open(folder: &Path, config: &Path, goal: &Goal, max_runs: usize) -> Result<Self, Failure> {
-        let path = folder.join(FILE);
+    pub(super) fn open(
+        folder: &OutputFolder,
+        config: &Path,
+        goal: &Goal,
+        max_runs: usize,
+    ) -> Result<Self, Failure> {
+        let path = folder.path().join(FILE);
         let new = Self {
             config: config.into(),
             goal: goal.clone(),
@@ -118,7 +123,7 @@ impl Record {
         if old.config != new.config || old.goal != new.goal {
             return Err(Failure::Input(anyhow!(
                 "{} is another campaign's, of {}; choose another --out",
-                folder.display(),
+                folder.path().display(),
                 old.config.display()
             )));
         }
@@ -134,8 +139,7 @@ impl Record {
     ///
     /// # Errors
     /// [`Failure::Internal`].
-    pub(super) fn write(&self, folder: &Path) -> Result<(), Failure> {
-        let text = serde_json::to_string_pretty(self).map_err(Failure::internal)?;
-        write_whole(&folder.join(FILE), text.as_bytes()).map_err(Failure::internal)
+    pub(super) fn write(&self, folder: &OutputFolder) -> Result<(), Failure> {
+        folder.write_json(FILE, self).map_err(Failure::internal)
     }
 }

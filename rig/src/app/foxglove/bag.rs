@@ -1,14 +1,14 @@
 //! The file that is written: its topics, a channel each.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{BufWriter, Write as _};
+use std::io::BufWriter;
 
 use anyhow::Context as _;
 use mcap::records::MessageHeader;
 use serde_json::Value;
 
 use crate::interchange::foxglove::schemas::Schema;
+use crate::record::files::Part;
 
 pub(super) const IMAGE: &str = "/camera/image";
 pub(super) const ANNOTATIONS: &str = "/camera/annotations";
@@ -24,14 +24,14 @@ pub(super) const JOURNAL: &str = "/journal";
 
 /// An MCAP file of JSON messages, its channels made as they are needed.
 pub(super) struct Bag {
-    mcap: mcap::Writer<BufWriter<File>>,
+    mcap: mcap::Writer<BufWriter<Part>>,
     channels: BTreeMap<&'static str, u16>,
     /// What was last said on each.
     sequence: u32,
 }
 
 impl Bag {
-    pub(super) fn new(file: File) -> anyhow::Result<Self> {
+    pub(super) fn new(file: Part) -> anyhow::Result<Self> {
         let options = mcap::WriteOptions::new()
             .compression(Some(mcap::Compression::Zstd))
             .library(concat!("rig ", env!("CARGO_PKG_VERSION")));
@@ -55,6 +55,7 @@ impl Bag {
 
     pub(super) fn finish(mut self) -> anyhow::Result<()> {
         self.mcap.finish()?;
-        Ok(self.mcap.into_inner().flush()?)
+        let file = self.mcap.into_inner().into_inner().map_err(|error| error.into_error())?;
+        Ok(file.finish()?)
     }
 }

@@ -5,7 +5,6 @@ mod bag;
 mod holdings;
 mod rows;
 
-use std::fs::File;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -17,6 +16,7 @@ use serde_json::{Value, json};
 use super::Failure;
 use crate::camera::{CameraImage, Encoding, Rising, decode};
 use crate::interchange::foxglove;
+use crate::outputs::OutputFile;
 use crate::record::folder::{RunFolder, file};
 use crate::record::reader::{Item, Recording};
 use crate::servo::ServoEvent;
@@ -30,20 +30,14 @@ const JPEG_QUALITY: u8 = 90;
 ///
 /// # Errors
 /// [`Failure::Input`] where the run or `out` cannot be read or written.
-pub fn export(run: &Path, out: &Path) -> Result<Vec<String>, Failure> {
+pub fn export(run: &Path, out: &OutputFile) -> Result<Vec<String>, Failure> {
     let run = RunFolder::open(run).map_err(Failure::input)?;
     let (holdings, left_out) = Holdings::read(&run)?;
-    let mut part = out.as_os_str().to_owned();
-    part.push(".part");
-    let part = Path::new(&part);
-    let writing = || format!("writing {}", out.display());
-    let file = File::create(part).with_context(writing).map_err(Failure::Input)?;
-    let mut bag = Bag::new(file).with_context(writing).map_err(Failure::Input)?;
+    let writing = || format!("writing {}", out.path().display());
+    let part = out.begin().map_err(Failure::input)?;
+    let mut bag = Bag::new(part).with_context(writing).map_err(Failure::Input)?;
     holdings.write(&run, &mut bag)?;
-    bag.finish()
-        .and_then(|()| Ok(std::fs::rename(part, out)?))
-        .with_context(writing)
-        .map_err(Failure::Input)?;
+    bag.finish().with_context(writing).map_err(Failure::Input)?;
     Ok(left_out)
 }
 

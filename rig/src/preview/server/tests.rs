@@ -2,11 +2,13 @@
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
 use super::*;
+use crate::outputs::Outputs;
 
 /// Longer than anything here takes, on a machine that does other things too.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -72,7 +74,7 @@ fn served(work: impl FnOnce(SocketAddr, &Path)) -> Duration {
     let watch = Watch::start(RigConfig::read(&path).unwrap(), folder.path()).unwrap();
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
     let (end, ended) = tokio::sync::oneshot::channel::<()>();
-    let server = runtime.block_on(Server::listen(0, watch, &path)).unwrap();
+    let server = runtime.block_on(Server::listen(0, watch, Outputs::edited(&path).unwrap())).unwrap();
     let address = server.address();
     assert!(address.ip().is_loopback());
     let serving = runtime.spawn(server.serve(async {
