@@ -216,6 +216,16 @@ impl Served {
         self
     }
 
+    /// Kills the daemon; its jobs go on.
+    pub fn kill_daemon(&self) {
+        self.daemon.signal(rustix::process::Signal::KILL);
+    }
+
+    /// Ends the daemon; the rig stays.
+    pub fn into_bench(self) -> Bench {
+        self.bench
+    }
+
     /// Reads `path`.
     pub fn get(&self, path: &str) -> Answer {
         ask(self.address, "GET", path, "Host: localhost\r\n", "")

@@ -31,9 +31,9 @@ pub fn make(out: &Path, number: usize) -> std::io::Result<()> {
         name: format!("g{}/p{}", k / 5, k % 5),
         unit: "1".into(),
         value: 0.5 + 1e-3 * k as f64 + 1e-5 * number as f64 + 0.01 * scatter,
-        std: if number % 7 == 0 { 2.0 } else { 0.01 },
+        std: if number.is_multiple_of(7) { 2.0 } else { 0.01 },
         upper: 10.0,
-        determined: number % 7 != 0,
+        determined: !number.is_multiple_of(7),
         ..FittedParameter::default()
     });
     let fit = Fit { parameters: parameters.collect(), error_m: Some(1e-4), noise_m: 1e-4, ..Fit::default() };

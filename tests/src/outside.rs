@@ -41,6 +41,9 @@ impl Outside {
             set(config, "camera", "kind", "socket");
             set(config, "camera", "tank", path);
             set(config, "profile", "cycles", 3);
+            // nobody's hand is in it
+            let motion = config.entry("motion").or_insert_with(|| toml::Table::new().into());
+            motion.as_table_mut().expect("a table").insert("announce_s".into(), 0.0.into());
         });
         Self { board, camera, config, runs: folder.join("runs"), tank }
     }
@@ -63,6 +66,12 @@ impl Outside {
         });
         std::thread::sleep(Duration::from_millis(300));
         only_run(&self.runs).expect("one run folder")
+    }
+
+    /// How many changes of pulses the board has put out.
+    pub fn pulses(&self) -> usize {
+        let log = std::fs::read_to_string(self.tank.join("servo.log")).expect("the board's pulses");
+        log.lines().filter(|line| line.split(',').nth(1) == Some("0")).count()
     }
 
     /// The last pulse the board put out on channel 0; none when it is detached.

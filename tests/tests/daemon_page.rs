@@ -18,14 +18,22 @@ fn run_is_started_watched_stopped_and_its_report_opened() {
     browser.go(&format!("http://{}/#token={}", served.address, served.token));
     browser.wait_for("#link", "connected", 10.0);
     assert_eq!(browser.run("return location.hash"), "", "the token does not stay in the address");
-    browser.wait_for("#now", "Idle", 5.0);
+    browser.wait_for("#now", "At rest", 5.0);
     browser.click("#run");
-    browser.wait_for("#now", "moves the rig", 10.0);
+    browser.wait_for("#more", "job 1 (run)", 10.0);
     served.bench.wait_for_motion();
+    browser.wait_for("#now", "Moves", 10.0);
     browser.click("#stop");
-    browser.wait_for("#said", "told to stop", 5.0);
+    browser.wait_for("#said", "Stopped and held", 5.0);
+    browser.wait_for("#now", "Held", 10.0);
+    browser.wait_for("#held-why", "By the page", 5.0);
     browser.wait_for("#jobs", "cancelled", 10.0);
     browser.click("#run");
+    browser.wait_for("#jobs", "queued", 10.0);
+    browser.click("#who");
+    browser.keys("Ada");
+    browser.click("#release");
+    browser.wait_for("#said", "released by Ada", 5.0);
     browser.wait_for("#jobs", "done", 60.0);
     browser.wait_for("#runs", "success", 10.0);
     browser.wait_for("#trend svg title", "+-", 30.0);
@@ -49,7 +57,7 @@ fn phone_and_keyboard_do_it_too_and_without_the_token_nothing_moves() {
     browser.wait_for("#jobs", "run", 10.0);
     let width = browser.run("return document.documentElement.scrollWidth");
     assert_eq!(width, 390, "the page fits, what is wider scrolls in itself");
-    browser.wait_for("#now", "moves the rig", 10.0);
+    browser.wait_for("#now", "Moves", 20.0);
     let focused = || browser.run("return document.activeElement.id");
     browser.keys(TAB);
     assert_eq!(focused(), "stop", "one key to the button that matters");
@@ -61,6 +69,26 @@ fn phone_and_keyboard_do_it_too_and_without_the_token_nothing_moves() {
     browser.wait_for("#jobs", "cancelled", 10.0);
     let height = browser.run("return document.getElementById('stop').getBoundingClientRect().height");
     assert!(height.as_f64().is_some_and(|height| height >= 44.0), "a thumb hits it: {height}");
+}
+
+#[test]
+fn page_that_hears_nothing_says_so_and_greys_out() {
+    let _turn = in_real_time();
+    let Some(browser) = Browser::open([390, 844], true) else { return };
+    let served = Served::start("127.0.0.1:0");
+    browser.go(&format!("http://{}/#token={}", served.address, served.token));
+    served.post("/api/v1/rigs/rig/jobs", r#"{"work":{"kind":"run","film_only":true}}"#);
+    browser.wait_for("#now", "Moves", 20.0);
+    served.kill_daemon();
+    browser.wait_for("#now", "No news for", 4.0);
+    browser.wait_for("#now", "the rig may move", 1.0);
+    browser.wait_for("#more", "last heard of at", 1.0);
+    assert_eq!(browser.run("return document.body.classList.contains('stale')"), json!(true));
+    let opacity = browser.run("return getComputedStyle(document.querySelector('.camera')).opacity");
+    assert!(
+        opacity.as_str().is_some_and(|opacity| opacity.parse::<f64>().is_ok_and(|opacity| opacity < 0.5)),
+        "{opacity}"
+    );
 }
 
 /// Where keypoints are drawn, each in the camera's pixels and on the screen, and the picture on the screen; nothing before they are.

@@ -127,10 +127,11 @@ const WRITERS: [&str; 6] =
     ["fs::write(", "File::create", "fs::copy(", ".save(", "write_whole(", "OpenOptions"];
 
 /// Who of `rig` does so, and what for; all others write by an `OutputFile`, an `OutputFolder` or a run's own `RunFolder`.
-const WRITE_BY_PATH: [(&str, &str); 8] = [
+const WRITE_BY_PATH: [(&str, &str); 9] = [
     ("record/", "a run's own files"),
     ("outputs/", "the handles"),
     ("claim.rs", "what one process has alone"),
+    ("in_place.rs", "what a full disk must not refuse"),
     ("servo/pulse_log.rs", "a log that grows while another process reads it"),
     ("doctor/host.rs", "a file to try the disk with"),
     ("daemon/child.rs", "what a job prints"),

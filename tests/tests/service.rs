@@ -77,7 +77,7 @@ fn sigterm_stops_the_servo_of_a_scheduled_run_first_and_the_daemon_within_5_s() 
 }
 
 #[test]
-fn estop_of_another_user_finds_the_holder_and_that_of_root_stops_it() {
+fn estop_of_another_user_who_may_signal_nobody_stops_what_moves_all_the_same() {
     if !rustix::process::geteuid().is_root() {
         eprintln!("skipped: another user's estop (only root becomes another user)");
         return;
@@ -105,11 +105,9 @@ fn estop_of_another_user_finds_the_holder_and_that_of_root_stops_it() {
         estop
     };
     let output = estop().uid(nobody).gid(nobody).output().expect("rig starts");
-    assert_eq!(output.status.code(), Some(3), "{}", printed(&output));
-    let said = printed(&output);
-    assert!(said.contains(&running.child().id().to_string()) && said.contains("sudo"), "{said}");
-    let output = estop().output().expect("rig starts");
     assert!(output.status.success(), "{}", printed(&output));
+    let said = printed(&output);
+    assert!(said.contains(&running.child().id().to_string()) && said.contains("rig release"), "{said}");
     assert_eq!(outside.last_pulse(), None, "the servo still gets pulses");
     wait_until("the end of rig run", 20.0, || running.child().try_wait().expect("its status").is_some());
 }

@@ -237,7 +237,11 @@ mod tests {
         let run = RunFolder::create(runs.path(), start).unwrap();
         let model = include_bytes!("../../../configs/models/chain-passive.xml");
         run.write(file::MODEL_START, model).unwrap();
-        run.write(file::TRAJECTORY, b"time_s,P1_x_m,P1_z_m\n0,0.01,-0.02\n0.1,0.02,-0.02\n").unwrap();
+        run.write(
+            file::TRAJECTORY,
+            b"time_s,P1_x_m,P1_z_m\n0,0.01,-0.02\n0.1,0.02,-0.02\n0.2,0.02,-0.01\n0.3,0.01,-0.02\n",
+        )
+        .unwrap();
         let Given { experiment, text, config } = given(run.path()).unwrap();
         assert_eq!(experiment.runs.len(), 1);
         assert_eq!((experiment.runs[0].id.as_str(), config), ("20261120T101503Z-ab12cd", None));

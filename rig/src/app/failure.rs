@@ -10,6 +10,8 @@ use crate::vision::{SequenceError, VisionError};
 /// Exit code of a process that a signal has ended, as shells give it for Ctrl-C.
 pub const INTERRUPTED: u8 = 130;
 
+/// The word of `--json` for what hardware has ended.
+pub const HARDWARE_FAULT: &str = "hardware-fault";
 /// The word of `--json` for what did not begin because the rig is held.
 pub const HELD: &str = "held";
 
@@ -90,7 +92,7 @@ impl Failure {
         match self {
             Self::Internal(_) => "internal-error",
             Self::Input(_) => "input-error",
-            Self::Hardware(_) => "hardware-fault",
+            Self::Hardware(_) => HARDWARE_FAULT,
             Self::Data(_) => "data-cannot-answer",
             Self::Held(_) => HELD,
             Self::Interrupted(_) => "interrupted",
@@ -100,7 +102,7 @@ impl Failure {
     /// Of the class that [`Self::status`] calls `status`; ours for any other word.
     pub fn of(status: &str, error: anyhow::Error) -> Self {
         let classes = [Self::Input, Self::Hardware, Self::Data, Self::Held, Self::Interrupted];
-        let place = ["input-error", "hardware-fault", "data-cannot-answer", HELD, "interrupted"]
+        let place = ["input-error", HARDWARE_FAULT, "data-cannot-answer", HELD, "interrupted"]
             .iter()
             .position(|&class| class == status);
         place.map_or(Self::Internal as fn(_) -> _, |place| classes[place])(error)

@@ -28,7 +28,7 @@ pub mod retention;
 pub mod servo;
 pub mod stop;
 
-pub use failure::{Failure, HELD, INTERRUPTED, InRun};
+pub use failure::{Failure, HARDWARE_FAULT, HELD, INTERRUPTED, InRun};
 pub use interrupt::{Interrupt, interruptible};
 
 use std::num::NonZeroUsize;

@@ -54,9 +54,16 @@ fn stop_port(port: &str, servo: &ServoConfig) -> anyhow::Result<String> {
         std::thread::sleep(LOOK_EVERY);
     }
     let outcome = if servo.is_bus() {
-        bus::emergency_stop(port, servo)?
+        bus::emergency_stop(port, servo)
     } else {
-        serial::emergency_stop(port, servo.baud)?
+        serial::emergency_stop(port, servo.baud)
+    };
+    let outcome = match (outcome, told) {
+        // another user's, who may have the port and is told what is on it
+        (Err(ServoError::Open { .. }), Some(holder)) => {
+            return Ok(format!("process {holder} saw the hold, stopped what it moved and let go of {port}"));
+        }
+        (outcome, _) => outcome?,
     };
     match outcome {
         StopOutcome::Acknowledged => Ok(match told {

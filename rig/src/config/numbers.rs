@@ -35,6 +35,10 @@ fn reference() -> (PathBuf, Table, Vec<Key>) {
         let place: Vec<String> = table.split('.').chain([key]).map(str::to_owned).collect();
         put(&mut config, &place, &value.into());
     }
+    let click =
+        Table::from_iter([("x_px", 320.0), ("y_px", 200.0)].map(|(key, px)| (key.to_owned(), px.into())));
+    let place = ["vision", "sam2", "clicks"].map(str::to_owned);
+    put(&mut config, &place, &Value::Array(vec![click.into()]));
     RigConfig::parse(&toml::to_string(&config).unwrap(), &path).unwrap_or_else(|error| panic!("{error}"));
     (path, config, keys)
 }

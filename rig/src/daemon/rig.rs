@@ -28,7 +28,7 @@ use super::slots::Slots;
 use super::state::{Doing, RigState};
 use super::stop::Stop;
 use crate::app::experiment::{Experiment, Extent};
-use crate::app::{Failure, Watcher, base, hand_in, retention};
+use crate::app::{Failure, HARDWARE_FAULT, Watcher, base, hand_in, retention};
 use crate::claim::Claim;
 use crate::clock::{MonotonicNs, Now};
 use crate::config::RigConfig;
@@ -70,6 +70,10 @@ pub(super) struct Rig {
     motion: Option<Box<dyn Running>>,
     analysis: Option<Box<dyn Running>>,
     motions_ended: u64,
+    /// Motions in a row that hardware has ended, since somebody released the rig.
+    failures: usize,
+    /// What somebody is to be told, once the database takes it.
+    unsaid: Vec<(&'static str, String)>,
     state: watch::Sender<RigState>,
     alerts: Alerts,
     /// The queue as it was last looked at.
@@ -133,6 +137,8 @@ impl Rig {
         latch.make_room().map_err(Failure::input)?;
         // whoever holds the database holds up no servo
         store.wait_for_nobody().map_err(Failure::input)?;
+        let failures = config.motion.failures_to_hold.get();
+        let failures = store.failures_in_a_row(failures).map_err(Failure::input)?;
         let journal = runs_dir.join(JOURNAL);
         let table = config.schedule.as_ref();
         let slots = table.map(|table| Slots::new(table, last_slot(&journal), now));
@@ -154,6 +160,8 @@ impl Rig {
             motion: None,
             analysis: None,
             motions_ended: 0,
+            failures,
+            unsaid: Vec::new(),
             state: watch::channel(state).0,
             alerts,
             seen: (0, None),
@@ -230,10 +238,14 @@ impl Rig {
         }
         // the journal and the alert come after the stop, and are not what holds
         let said = match &held {
-            Some(hold) => self
-                .write("held", json!({ "by": hold.by, "why": hold.why }))
-                .and_then(|()| self.raise("held", &format!("the rig is {hold}"), None)),
-            None => self.write("released", json!({ "by": self.stop.released_by() })),
+            Some(hold) => {
+                self.unsaid.push(("held", format!("the rig is {hold}")));
+                self.write("held", json!({ "by": hold.by, "why": hold.why }))
+            }
+            None => {
+                self.failures = 0;
+                self.write("released", json!({ "by": self.stop.released_by() }))
+            }
         };
         if let Err(failure) = said {
             tracing::warn!("{:#}", failure.error());
@@ -250,6 +262,10 @@ impl Rig {
 
     /// All that a database or a disk may refuse.
     fn work(&mut self, now: Now, may: May, watcher: &mut dyn Watcher) -> Result<(), Failure> {
+        while let Some((kind, what)) = self.unsaid.first().cloned() {
+            self.raise(kind, &what, None)?;
+            self.unsaid.remove(0);
+        }
         for lane in [Lane::Motion, Lane::Analysis] {
             self.reap(lane, now, may, watcher)?;
         }
@@ -374,15 +390,20 @@ impl Rig {
             self.leave(lane);
             return self.write("job-put-back", json!({ "job": id }));
         }
+        let by_hardware = state == State::Lost || result.status.as_deref() == Some(HARDWARE_FAULT);
         self.close(&job, state, result, watcher)?;
         self.leave(lane);
         if lane == Lane::Motion {
             self.motions_ended += 1;
+            match state {
+                _ if by_hardware => self.count_failure(),
+                State::Done => self.failures = 0,
+                _ => {}
+            }
             self.rests_until = now.boot.saturating_add(self.rest);
             if state == State::Lost {
                 self.jobs.clear_up();
             }
-            self.look_at_failures()?;
             self.retain(watcher)?;
         }
         Ok(())

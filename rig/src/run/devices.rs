@@ -163,7 +163,8 @@ fn watch_stillness(images: &Receiver<Arc<CameraImage>>, seen: &Sender<Seen>) {
 enum Order {
     Approach(PulseProfile, f64),
     Arm(PulseProfile, MonotonicNs),
-    Stop(SyncSender<StopOutcome>),
+    /// And whether the run ended by itself: then the board is free for the next one as soon as it has stopped.
+    Stop(SyncSender<StopOutcome>, bool),
 }
 
 /// The servo board's thread, and the one safe stop: it is passed on every way out, at the latest when this is
@@ -197,13 +198,13 @@ impl ServoThread {
         let _ = self.orders.try_send(Order::Arm(profile, start));
     }
 
-    /// The safe stop. Returns what the board said; calling it again changes nothing.
-    pub fn stop(&mut self) -> StopOutcome {
+    /// The safe stop, of a run that `ended_by_itself` or by somebody. Returns what the board said; calling it again changes nothing.
+    pub fn stop(&mut self, ended_by_itself: bool) -> StopOutcome {
         if let Some(outcome) = self.outcome {
             return outcome;
         }
         let (answer, answered) = sync_channel(1);
-        let sent = self.orders.send(Order::Stop(answer)).is_ok();
+        let sent = self.orders.send(Order::Stop(answer, ended_by_itself)).is_ok();
         let outcome = if sent {
             answered.recv().unwrap_or(StopOutcome::LeftToDeadMan)
         } else {
@@ -216,7 +217,7 @@ impl ServoThread {
 
 impl Drop for ServoThread {
     fn drop(&mut self) {
-        self.stop();
+        self.stop(false);
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -237,11 +238,14 @@ fn serve(board: &mut dyn ServoBoard, orders: &Receiver<Order>, signals: &Unbound
                     let _ = signals.send(Signal::ServoFailed(error));
                 }
             }
-            Ok(Order::Stop(answer)) => {
+            Ok(Order::Stop(answer, ended_by_itself)) => {
                 let outcome = board.stop();
                 // What the board told on its way to the stop still belongs into the recording.
                 forward(board, signals);
                 let _ = answer.send(outcome);
+                if ended_by_itself {
+                    board.stand_down();
+                }
                 return;
             }
             Err(RecvTimeoutError::Timeout) => forward(board, signals),

@@ -152,8 +152,10 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
     };
 
     let decided = MonotonicNs::now();
-    let outcome =
-        tokio::task::block_in_place(|| servo.as_mut().map_or(StopOutcome::NotNeeded, ServoThread::stop));
+    let by_itself = !matches!(ending, Ending::Abort(_));
+    let outcome = tokio::task::block_in_place(|| {
+        servo.as_mut().map_or(StopOutcome::NotNeeded, |servo| servo.stop(by_itself))
+    });
     let stop_s = MonotonicNs::now().seconds_since(decided);
     (kept.notify)(Notice::Journal("servo-stopped".into()));
     tokio::task::block_in_place(|| drop(camera));

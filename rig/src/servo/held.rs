@@ -16,7 +16,8 @@ use crate::hold::{Hold, Latch};
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 /// What the board does is told at every so many looks.
 const LOOKS_PER_REPORT: u32 = 20;
-/// A stop signals first and is written then: for so long after its own stop a board is not taken for one that nobody stopped.
+/// A stop signals first and is written then: a board that nobody says has ended by itself is not taken for one that nobody stopped for so
+/// long.
 const AFTERTHOUGHT: Duration = Duration::from_millis(100);
 
 /// See the module.
@@ -25,6 +26,7 @@ pub struct HeldBoard {
     latch: Latch,
     watch: Watch,
     stopped: Option<(Instant, StopOutcome)>,
+    stood_down: bool,
     /// The hold was said to the owner.
     said: bool,
 }
@@ -45,7 +47,7 @@ impl HeldBoard {
         let board = open().map_err(|error| held_by_board(error, &latch))?;
         let watch = Watch::start(latch.clone(), Reporter::of(runs_dir))
             .map_err(|error| ServoError::Open { port: board.info().name.clone(), why: error.to_string() })?;
-        Ok(Self { board, latch, watch, stopped: None, said: false })
+        Ok(Self { board, latch, watch, stopped: None, stood_down: false, said: false })
     }
 
     /// Nothing is ordered of a board that is held.
@@ -113,9 +115,9 @@ impl ServoBoard for HeldBoard {
     }
 
     fn stand_down(&mut self) {
-        let Some((at, StopOutcome::Acknowledged)) = self.stopped else { return };
-        std::thread::sleep(AFTERTHOUGHT.saturating_sub(at.elapsed()));
-        if self.latch.held().is_none() {
+        let acknowledged = matches!(self.stopped, Some((_, StopOutcome::Acknowledged)));
+        if acknowledged && !self.stood_down && self.latch.held().is_none() {
+            self.stood_down = true;
             self.board.stand_down();
         }
     }
@@ -124,7 +126,8 @@ impl ServoBoard for HeldBoard {
 impl Drop for HeldBoard {
     fn drop(&mut self) {
         // whatever ended in a panic stays stopped
-        if !std::thread::panicking() {
+        if let (Some((at, _)), false) = (self.stopped, self.stood_down || std::thread::panicking()) {
+            std::thread::sleep(AFTERTHOUGHT.saturating_sub(at.elapsed()));
             self.stand_down();
         }
         if self.stopped.is_none() {

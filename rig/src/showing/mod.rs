@@ -171,7 +171,7 @@ impl Showing {
     pub fn film(&self, run: &RunId, config: &RigConfig, origin: MonotonicNs, fps: f64) {
         if let Some(hand) = &self.0 {
             // what nobody has looked at
-            (hand.slots.filmed.take(), hand.slots.found.take(), hand.slots.counted.take());
+            drop((hand.slots.filmed.take(), hand.slots.found.take(), hand.slots.counted.take()));
         }
         self.tell(|| {
             Told::Film(Box::new(Filming {

@@ -87,8 +87,8 @@ impl Rig {
     ) -> Result<(), Failure> {
         if let Some(by) = self.slots.as_mut().and_then(|slots| slots.clock_was_set(now)) {
             let what = format!("the computer's clock was set by {:.0} s", by.as_secs_f64());
+            self.unsaid.push(("clock-set", what));
             self.write("clock-set", json!({ "by_s": by.as_secs_f64() }))?;
-            self.raise("clock-set", &what, None)?;
         }
         let Some(slots) = self.slots.as_ref().filter(|_| may.move_) else { return Ok(()) };
         if slots.next(now).is_ok_and(|next| next.timestamp() > now.wall) {
@@ -128,11 +128,11 @@ impl Rig {
     }
 
     /// Holds the rig where hardware has ended one motion after the other.
-    pub(super) fn look_at_failures(&mut self) -> Result<(), Failure> {
+    pub(super) fn count_failure(&mut self) {
+        self.failures += 1;
         let most = self.config.motion.failures_to_hold.get();
-        if self.held.is_none() && self.store.failures_in_a_row(most).map_err(Failure::internal)? >= most {
+        if self.held.is_none() && self.failures >= most {
             self.hold(&format!("{most} motions in a row were ended by hardware"));
         }
-        Ok(())
     }
 }

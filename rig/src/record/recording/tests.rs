@@ -162,7 +162,7 @@ fn killed_writer_leaves_a_readable_recording() {
             .unwrap();
         let deadline = Instant::now() + Duration::from_secs(20);
         // one whole chunk, and a part of the next
-        while std::fs::metadata(&path).map_or(0, |data| data.len()) < (trial + 1) * CHUNK_BYTES {
+        while std::fs::metadata(&path).map_or(0, |data| data.len()) < (trial + 2) * CHUNK_BYTES {
             assert!(Instant::now() < deadline, "the child never wrote");
             std::thread::sleep(Duration::from_millis(3));
         }
