@@ -90,10 +90,8 @@ pub async fn one_form(request: Request, next: Next) -> Response {
     let (mut head, body) = response.into_parts();
     let words = axum::body::to_bytes(body, MOST_WORDS_BYTES).await.unwrap_or_default();
     let words = String::from_utf8_lossy(&words).trim().to_owned();
-    let allowed =
-        head.headers.get(header::ALLOW).and_then(|methods| methods.to_str().ok()).unwrap_or("others");
     let error = match status {
-        StatusCode::METHOD_NOT_ALLOWED => format!("{path} is not for {method} but for {allowed}"),
+        StatusCode::METHOD_NOT_ALLOWED => format!("{path} is not for {method}"),
         _ if !words.is_empty() => words,
         StatusCode::NOT_FOUND => format!("there is nothing at {path}"),
         _ => status.canonical_reason().unwrap_or("refused").to_lowercase(),

@@ -3,6 +3,8 @@
 //! own; a stop counts from before its request is sent to when the board takes the pulse away, by the board's own log. As root the runs
 //! are on a disk of their own, which is filled just before each stop.
 
+#![expect(clippy::print_stdout, reason = "it prints what it measures")]
+
 use std::io::Write as _;
 use std::net::{SocketAddr, TcpStream};
 use std::path::Path;

@@ -148,8 +148,9 @@ fn run_that_would_not_see_its_mechanism_is_refused_before_anything_moves() {
 
 #[test]
 fn folder_where_an_experiment_is_wanted_is_told_with_what_makes_one() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let out = folder.path().join("out");
+    let (folder, elsewhere) =
+        (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+    let out = elsewhere.path().join("out");
     for verb in ["fit", "diagnose"] {
         let said = run_rig([verb.as_ref(), folder.path().as_os_str(), "--out".as_ref(), out.as_os_str()]);
         let text = printed(&said);

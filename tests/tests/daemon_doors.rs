@@ -116,7 +116,7 @@ fn every_refusal_has_one_form_and_says_what_is_wrong() {
         (404, "GET", "/nowhere", free, "", "/nowhere"),
         (404, "GET", "/api/v1/rigs/none/jobs", free, "", "no rig is called `none`"),
         (404, "GET", "/api/v1/rigs/rig/jobs/99", free, "", "there is no job 99"),
-        (405, "DELETE", "/api/v1/rigs/rig/jobs", with_token, "", "not for DELETE but for GET"),
+        (405, "DELETE", "/api/v1/rigs/rig/jobs", with_token, "", "is not for DELETE"),
         (400, "GET", "/api/v1/rigs/rig/jobs?most=x", free, "", "most"),
         (400, "GET", "/api/v1/rigs/rig/jobs?odd=1", free, "", "odd"),
         (400, "GET", "/api/v1/rigs/rig/jobs/first", free, "", "first"),

@@ -72,8 +72,7 @@ pub fn given(path: &Path) -> Result<Given, Failure> {
         let home = path.canonicalize().map_err(Failure::input)?;
         let text = composed(&[(Use::Fit, path)], None, true, &home)?;
         let experiment = Experiment::parse(&text, &home.join(EXPERIMENT))?;
-        let config = RunFolder::open(path).map_err(Failure::input)?.start().config_path().map(Path::to_owned);
-        return Ok(Given { experiment, text, config });
+        return Ok(Given { experiment, text, config: config_of(path) });
     }
     if path.is_dir() {
         let found = path.join(EXPERIMENT);
@@ -91,6 +90,12 @@ pub fn given(path: &Path) -> Result<Given, Failure> {
         .with_context(|| format!("reading {}", path.display()))
         .map_err(Failure::Input)?;
     Ok(Given { experiment, text, config: None })
+}
+
+/// The config of the rig that made the run in the folder `path`, where it is one and says so.
+pub fn config_of(path: &Path) -> Option<PathBuf> {
+    // what cannot be opened is told by whoever reads it
+    RunFolder::open(path).ok()?.start().config_path().map(Path::to_owned)
 }
 
 /// The usual name of an experiment's file.

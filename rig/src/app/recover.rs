@@ -12,7 +12,8 @@ use crate::claim::Claim;
 use crate::clock::MonotonicNs;
 use crate::config::RigConfig;
 use crate::error_chain::with_causes;
-use crate::record::files::{create_folder, read_json, write_whole};
+use crate::outputs::OutputFolder;
+use crate::record::files::{create_folder, read_json};
 use crate::record::folder::{self, RunFolder, file};
 use crate::record::frames::FrameRow;
 use crate::record::reader::{Item, Recording};
@@ -231,7 +232,7 @@ impl Heard {
         }
         match &self.timeline {
             Ok(Timeline { command: Some(command), measured, .. }) if read_servo(&servo).is_err() => {
-                write_whole(&servo, servo_text(command, measured).as_bytes())?;
+                OutputFolder::of_run(run).write(file::SERVO, servo_text(command, measured).as_bytes())?;
                 made.push(file::SERVO);
             }
             Ok(_) => {}

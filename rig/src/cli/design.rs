@@ -8,7 +8,7 @@ use ident::diagnose::{NextExperiment, diagnose, pin_down};
 use ident::experiment::Experiment;
 
 use super::{Failure, Outcome};
-use crate::app::compose::{Given, given};
+use crate::app::compose::{Given, config_of, given};
 use crate::app::design::{CONFIGS, say_commands, write_configs};
 use crate::config::paths;
 use crate::outputs::Outputs;
@@ -35,8 +35,7 @@ pub struct Args {
 /// # Errors
 /// [`Failure::Input`] for an experiment or config that contradicts itself, [`Failure::Data`] for runs that hold no answer.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
-    let Given { experiment, config, .. } = given(&args.experiment)?;
-    let config = args.config.clone().or(config);
+    let config = args.config.clone().or_else(|| config_of(&args.experiment));
     if let (None, Some(out)) = (&config, &args.out) {
         return Err(Failure::Input(anyhow!(
             "configs for {} are made of the rig's own: say which, `--config RIG.toml`",
@@ -51,6 +50,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         }
         _ => None,
     };
+    let Given { experiment, .. } = given(&args.experiment)?;
     let (mut advice, next) = if args.parameters.is_empty() {
         let diagnosed = diagnose(&experiment, &mut ())?;
         (diagnosed.diagnosis.next_experiments, diagnosed.next)

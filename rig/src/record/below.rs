@@ -26,7 +26,7 @@ pub fn file(root: &Path, names: &[&str]) -> Result<File> {
 /// The regular file at `path`, which is no link; the folder that it is in is the user's own choice.
 ///
 /// # Errors
-/// As [`file`].
+/// As [`file()`].
 pub fn at(path: &Path) -> Result<File> {
     let name = path.file_name().and_then(OsStr::to_str).ok_or_else(|| refused("not a name"))?;
     file(path.parent().unwrap_or(Path::new("")), &[name])
@@ -35,15 +35,15 @@ pub fn at(path: &Path) -> Result<File> {
 /// The whole of such a file.
 ///
 /// # Errors
-/// As [`file`].
+/// As [`file()`].
 pub fn read_at(path: &Path) -> Result<Vec<u8>> {
     whole(at(path)?)
 }
 
-/// The whole of the file that [`file`] opens.
+/// The whole of the file that [`file()`] opens.
 ///
 /// # Errors
-/// As [`file`].
+/// As [`file()`].
 pub fn read(root: &Path, names: &[&str]) -> Result<Vec<u8>> {
     whole(file(root, names)?)
 }
@@ -57,7 +57,7 @@ fn whole(mut file: File) -> Result<Vec<u8>> {
 /// Such a Unix socket: held, not connected to. It is connected to through [`through`], which leads to no other one.
 ///
 /// # Errors
-/// As [`file`], for what is no socket.
+/// As [`file()`], for what is no socket.
 pub fn socket(root: &Path, names: &[&str]) -> Result<OwnedFd> {
     let socket = entry(root, names, OFlags::PATH)?;
     is(&socket, FileType::Socket, "no socket")?;

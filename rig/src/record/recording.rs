@@ -336,6 +336,4 @@ impl Drop for Recorder {
 }
 
 #[cfg(test)]
-mod damage;
-#[cfg(test)]
 mod tests;

@@ -213,7 +213,7 @@ impl Store {
     /// cannot be written, or is full, is still looked at.
     ///
     /// # Errors
-    /// As [`Store::open`], but for what [`StoreError::is_for_now`] says.
+    /// As [`Store::open`], but for what is for now only: a lock, a full disk.
     pub fn open_or_memory(runs_dir: &Path) -> Result<Self, StoreError> {
         match Self::open(runs_dir) {
             Err(error) if error.is_for_now() => {

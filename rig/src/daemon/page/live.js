@@ -79,7 +79,7 @@ function draw() {
 
 function clear() {
   $("film").hidden = true;
-  $("film-tools").hidden = !held;
+  $("film-tools").hidden = !frozen;
   $("seen").textContent = "";
   for (const id of ["figures", "traces", "fits"]) $(id).replaceChildren();
 }
@@ -90,7 +90,7 @@ function showStage(filmed) {
   const words = [...jobs.values()].filter(snapshot => goesOn(snapshot.job)).map(({ job, stage, steps }) =>
     `Job ${job}: ${stage}${steps ? `, ${steps[0]} of ${steps[1]}` : ""}`);
   const last = filmed === undefined ? "" : ` What job ${filmed} showed last is below.`;
-  $("stage").textContent = held ? "Held." : words.length ? words.join("; ") : `No job goes on.${last}`;
+  $("stage").textContent = frozen ? "Frozen." : words.length ? words.join("; ") : `No job goes on.${last}`;
 }
 
 let shown = null;
@@ -98,7 +98,7 @@ let shown = null;
 function showPicture(job) {
   const picture = pictures.get(job);
   $("film").hidden = !picture;
-  $("film-tools").hidden = !picture && !held;
+  $("film-tools").hidden = !picture && !frozen;
   if (!picture || picture === shown) return;
   shown = picture;
   const bytes = Uint8Array.from(atob(picture.jpeg), letter => letter.charCodeAt(0));

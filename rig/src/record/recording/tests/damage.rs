@@ -3,8 +3,8 @@
 use proptest::prelude::*;
 use proptest::sample::Index;
 
-use super::writer::Writer;
-use super::*;
+use super::super::writer::Writer;
+use super::super::*;
 use crate::analysis::timeline::Chronicle;
 use crate::camera::fixtures;
 use crate::record::folder::RunFolder;
