@@ -105,8 +105,20 @@ fn read(at: &Path, table: &Table, (path, example): &Key, number: &Value) {
         }
         Err(error) => {
             let said = error.to_string();
-            assert!(said.contains(key) || said.contains(&path[0]), "{key} = {value}: {said}");
+            let names = [key, &path[0]].into_iter().chain(keys_in(example));
+            assert!(names.into_iter().any(|name| said.contains(name.as_str())), "{key} = {value}: {said}");
         }
+    }
+}
+
+/// The keys of the tables in it.
+fn keys_in(value: &Value) -> Vec<&String> {
+    match value {
+        Value::Array(each) => each.iter().flat_map(keys_in).collect(),
+        Value::Table(table) => {
+            table.iter().flat_map(|(key, one)| [vec![key], keys_in(one)].concat()).collect()
+        }
+        _ => Vec::new(),
     }
 }
 
