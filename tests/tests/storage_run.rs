@@ -155,7 +155,7 @@ fn run_killed_at_its_storage_events_leaves_the_servo_safe_and_the_next_run_needs
     let outside = bench(folder.path());
     let (mut shim, events) = counted(&outside);
     let (mut killed, mut promised) = (Kills::default(), Promised::default());
-    for (number, phase) in kills(&events, 16) {
+    for (number, phase) in kills(&events, 24) {
         let order = Order::Kill(number, phase);
         let output = shim.with(film(&outside.config, &outside.runs), order).output().expect("rig starts");
         let events = shim.events();

@@ -47,6 +47,8 @@ const JOURNAL: &str = "daemon.jsonl";
 const LOOK_EVERY: SignedDuration = SignedDuration::from_secs(1);
 /// Whoever asks for a stop writes the hold, with who and why, within this time; else it is written here.
 const ASKER_WRITES: Duration = Duration::from_millis(200);
+/// What others write of hold and servos is looked at so often; what a stop asks of this process, each time.
+const LOOK_AT_FILES_EVERY: SignedDuration = SignedDuration::from_millis(50);
 /// Servos of which nobody knows what they do are asked so often.
 const SETTLE_EVERY: SignedDuration = SignedDuration::from_secs(2);
 
@@ -79,6 +81,7 @@ pub(super) struct Rig {
     /// The queue as it was last looked at.
     seen: (i64, Option<SignedDuration>),
     cleared_up: SignedDuration,
+    looked: SignedDuration,
     waits: Option<String>,
     trouble: Option<String>,
     _claim: Option<Claim>,
@@ -166,6 +169,7 @@ impl Rig {
             alerts,
             seen: (0, None),
             cleared_up: SignedDuration::MIN,
+            looked: SignedDuration::MIN,
             waits: None,
             trouble: None,
             _claim: None,
@@ -204,9 +208,12 @@ impl Rig {
 
     /// One look at everything. Nothing here waits.
     pub(super) fn tick(&mut self, now: Now, may: May, watcher: &mut dyn Watcher) {
-        self.look_at_hold();
-        self.servos = standing(&self.runs_dir);
-        self.stop.rests(!self.servos.may_move());
+        if self.stop.is_asked() || now.boot.saturating_sub(self.looked) >= LOOK_AT_FILES_EVERY {
+            self.looked = now.boot;
+            self.look_at_hold();
+            self.servos = standing(&self.runs_dir);
+            self.stop.rests(!self.servos.may_move());
+        }
         if let Some(motion) = &mut self.motion
             && (may.end_all || self.held.is_some() && self.servos.may_move())
         {

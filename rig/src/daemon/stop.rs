@@ -79,6 +79,11 @@ impl Stop {
         *set(&self.asked) = None;
     }
 
+    /// Whether a hold that was asked for is not written yet.
+    pub(super) fn is_asked(&self) -> bool {
+        set(&self.asked).is_some()
+    }
+
     /// Why nothing may move, if so.
     pub(super) fn held(&self) -> Option<Hold> {
         let asked = set(&self.asked).as_ref().map(|(hold, _)| hold.clone());

@@ -13,9 +13,9 @@ use crate::clock::MonotonicNs;
 use crate::hold::{Hold, Latch};
 
 /// The latch is looked at so often.
-const LOOK_EVERY: Duration = Duration::from_millis(5);
+const LOOK_EVERY: Duration = Duration::from_millis(20);
 /// What the board does is told at every so many looks.
-const LOOKS_PER_REPORT: u32 = 20;
+const LOOKS_PER_REPORT: u32 = 5;
 /// A stop signals first and is written then: a board that nobody says has ended by itself is not taken for one that nobody stopped for so
 /// long.
 const AFTERTHOUGHT: Duration = Duration::from_millis(100);
