@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 /// The size of such a file: a page of memory, a block of most disks.
-const BYTES: usize = 4096;
+const PAGE_BYTES: usize = 4096;
 
 /// Neither a link is followed nor a pipe waited for: the folder may be everybody's.
 fn options() -> OpenOptions {
@@ -48,13 +48,13 @@ pub fn write(path: &Path, document: &impl Serialize) -> Result<File> {
 
 fn put(file: &File, document: &impl Serialize) -> Result<()> {
     let mut page = serde_json::to_vec(document)?;
-    if page.len() >= BYTES {
+    if page.len() >= PAGE_BYTES {
         return Err(std::io::Error::new(
             ErrorKind::InvalidInput,
-            format!("{} bytes, and {BYTES} are the most", page.len()),
+            format!("{} bytes, and {PAGE_BYTES} are the most", page.len()),
         ));
     }
-    page.resize(BYTES - 1, b' ');
+    page.resize(PAGE_BYTES - 1, b' ');
     page.push(b'\n');
     file.write_all_at(&page, 0)
 }
@@ -68,8 +68,8 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<Option<T>> {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
         file => file?,
     };
-    let mut text = Vec::with_capacity(BYTES);
-    file.take(2 * BYTES as u64).read_to_end(&mut text)?;
+    let mut text = Vec::with_capacity(PAGE_BYTES);
+    file.take(2 * PAGE_BYTES as u64).read_to_end(&mut text)?;
     match text.trim_ascii() {
         [] => Ok(None),
         text => serde_json::from_slice(text)
@@ -94,8 +94,8 @@ mod tests {
         let before = inode(&path);
         write(&path, &"second, and longer").unwrap();
         assert_eq!(read::<String>(&path).unwrap().as_deref(), Some("second, and longer"));
-        assert_eq!((inode(&path), path.metadata().unwrap().len()), (before, BYTES as u64));
-        assert!(write(&path, &"x".repeat(BYTES)).is_err());
+        assert_eq!((inode(&path), path.metadata().unwrap().len()), (before, PAGE_BYTES as u64));
+        assert!(write(&path, &"x".repeat(PAGE_BYTES)).is_err());
         assert!(write(&folder.path().join("none"), &"").is_err());
     }
 

@@ -19,9 +19,9 @@ use tokio::sync::Notify;
 use tower_service::Service as _;
 
 /// Connections at a time.
-const MOST: usize = 256;
+const MOST_CONNECTIONS: usize = 256;
 /// A request's head takes no longer.
-const HEAD: Duration = Duration::from_secs(5);
+const HEAD_TIMEOUT: Duration = Duration::from_secs(5);
 /// After a connection could not be taken.
 const PAUSE: Duration = Duration::from_millis(10);
 
@@ -49,7 +49,7 @@ impl Connections {
 
     /// Takes one more, in place of another where there are enough.
     fn take(&self) -> Arc<Connection> {
-        if self.all().len() >= MOST {
+        if self.all().len() >= MOST_CONNECTIONS {
             self.let_one_go();
         }
         let connection = Arc::new(Connection::default());
@@ -92,7 +92,7 @@ pub(super) async fn serve(listener: TcpListener, router: Router) -> io::Result<(
                 router.clone().call(request)
             });
             let mut http = http1::Builder::new();
-            http.timer(TokioTimer::new()).header_read_timeout(HEAD);
+            http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIMEOUT);
             tokio::select! {
                 // how a connection ends is its client's business
                 _ = http.serve_connection(TokioIo::new(stream), answer) => {}
@@ -120,12 +120,15 @@ mod tests {
         let first = connections.take();
         first.shows_token();
         let second = connections.take();
-        for _ in 2..MOST {
+        for _ in 2..MOST_CONNECTIONS {
             connections.take();
         }
         let newest = connections.take();
         let all = connections.all().clone();
         let there = |wanted: &Arc<Connection>| all.iter().any(|one| Arc::ptr_eq(one, wanted));
-        assert_eq!((all.len(), there(&first), there(&second), there(&newest)), (MOST, true, false, true));
+        assert_eq!(
+            (all.len(), there(&first), there(&second), there(&newest)),
+            (MOST_CONNECTIONS, true, false, true)
+        );
     }
 }
