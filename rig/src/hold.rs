@@ -157,10 +157,10 @@ impl Latch {
         Ok(held)
     }
 
-    /// Who released it last, where that is known.
-    pub fn released_by(&self) -> Option<String> {
+    /// When it was released last, UTC, and by whom, where that is known.
+    pub fn released(&self) -> Option<(String, String)> {
         let page: Page = self.files().find_map(|path| in_place::read(path).ok().flatten())?;
-        page.released.map(|released| released.by)
+        page.released.map(|released| (released.at, released.by))
     }
 }
 
@@ -183,7 +183,7 @@ mod tests {
         let held = theirs.held().unwrap();
         assert_eq!((held.by.as_str(), held.why.as_str()), ("the page", "a hand is in the tank"));
         assert_eq!(theirs.release("Ada").unwrap(), Some(held));
-        assert_eq!((mine.held(), mine.released_by().as_deref()), (None, Some("Ada")));
+        assert_eq!((mine.held(), mine.released().unwrap().1.as_str()), (None, "Ada"));
         assert_eq!(mine.release("Ada").unwrap(), None);
     }
 

@@ -121,8 +121,14 @@ fn estop_beside_a_daemon_holds_its_queue_and_the_board_until_a_release() {
         jobs(&["add", "run", outside.config.to_str().expect("readable"), "--film-only"]);
     }
     outside.wait_for_motion();
-    let output = run_rig(["estop".as_ref(), outside.config.as_os_str()]);
-    assert!(output.status.success() && printed(&output).contains("rig release"), "{}", printed(&output));
+    // somebody was about to change the config
+    let being_edited = folder.path().join("being-edited.toml");
+    let config = std::fs::read_to_string(&outside.config).expect("the config");
+    std::fs::write(&being_edited, format!("[camera]\nfps =\n{config}")).expect("written");
+    let output = run_rig(["estop".as_ref(), being_edited.as_os_str()]);
+    for says in ["rig release", "the config is wrong elsewhere"] {
+        assert!(output.status.success() && printed(&output).contains(says), "{}", printed(&output));
+    }
     assert_eq!(outside.last_pulse(), None);
     let pulses = outside.pulses();
     std::thread::sleep(A_WHILE);

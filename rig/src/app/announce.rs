@@ -95,6 +95,8 @@ pub async fn count_down(
     let began = MonotonicNs::now();
     let begins = began.plus_seconds(announce.as_secs_f64());
     let mut said = String::new();
+    // how long it still takes is told by whoever reads the report
+    watcher.showing().stage("about to move", None);
     loop {
         let left_s = begins.seconds_since(MonotonicNs::now());
         if left_s <= 0.0 {
@@ -104,7 +106,6 @@ pub async fn count_down(
         let says = format!("moves in {:.0} s", left_s.ceil());
         if says != said {
             watcher.say(says.clone());
-            watcher.showing().stage(&says, None);
             said = says;
         }
         if let Err(failure) = pause(COUNT_EVERY, config, runs_dir, interrupt).await {

@@ -66,7 +66,7 @@ impl Filmed {
         let mut filmed = Self::new(config);
         let made = filmed.make(opened.camera.as_mut(), board.as_mut(), film_s, watcher);
         opened.camera.stop();
-        board.stop();
+        board.leave();
         watcher.clear();
         made.map(|()| filmed)
     }

@@ -21,15 +21,15 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// It is looked at so often whether nobody has the port any more.
 const LOOK_EVERY: Duration = Duration::from_millis(10);
 
-/// Holds the rig of `config`, sees that its servos are stopped, and says how. The rig is held whatever is said then.
+/// Holds the rig with the board `servo`, sees that its servos are stopped, and says how. The rig is held whatever is said then.
 ///
 /// # Errors
 /// [`Failure::Hardware`] when no stop was confirmed.
-pub fn stop(config: &RigConfig, runs_dir: Option<&Path>, hold: &Hold) -> Result<String, Failure> {
-    let latch = open::latch(config, runs_dir);
+pub fn stop(servo: Option<&ServoConfig>, runs_dir: Option<&Path>, hold: &Hold) -> Result<String, Failure> {
+    let latch = Latch::of(runs_dir, servo.and_then(ServoConfig::outside_port));
     // whoever moves the rig sees it within some milliseconds, whoever would is kept from it
     let held = latch.hold(hold);
-    let stopped = match config.servo.as_ref().and_then(|servo| Some((servo.outside_port()?, servo))) {
+    let stopped = match servo.and_then(|servo| Some((servo.outside_port()?, servo))) {
         Some((port, servo)) => stop_port(port, servo),
         None => wait_for_rest(runs_dir),
     };

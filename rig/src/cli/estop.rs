@@ -4,8 +4,10 @@ use std::path::{Path, PathBuf};
 
 use super::{Failure, Outcome};
 use crate::app::stop;
-use crate::config::RigConfig;
+use crate::config::{RigConfig, stoppable};
+use crate::error_chain::with_causes;
 use crate::hold::Hold;
+use crate::servo::ServoConfig;
 
 /// Arguments of `rig estop`.
 #[derive(clap::Args, Debug)]
@@ -36,11 +38,26 @@ pub struct ReleaseArgs {
 /// Stops the servo and holds the rig until somebody releases it.
 ///
 /// # Errors
-/// As [`stop::stop`]; [`Failure::Input`] for a config that cannot be read.
+/// As [`stop::stop`]; [`Failure::Input`] for a config that names no servo's port as far as it can be read: the runs folder is held then
+/// all the same.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
-    let config = RigConfig::read(&args.config).map_err(Failure::input)?;
+    let (servo, trouble) = match RigConfig::read(&args.config) {
+        Ok(config) => (config.servo, None),
+        Err(error) => (stoppable::servo(&args.config), Some(error)),
+    };
     let by = format!("rig estop ({})", user());
-    let text = stop::stop(&config, there(&args.runs_dir), &Hold::now(&by, &args.why))?;
+    let found = servo.as_ref().and_then(ServoConfig::outside_port).is_some();
+    let stopped = stop::stop(servo.as_ref(), there(&args.runs_dir), &Hold::now(&by, &args.why));
+    let text = match trouble {
+        None => stopped?,
+        Some(error) if found => {
+            format!("{}\nthe config is wrong elsewhere: {}", stopped?, with_causes(&error))
+        }
+        Some(error) => {
+            let said = "no port of a servo was found in the config; what is in the runs folder is held";
+            return Err(Failure::Input(anyhow::Error::new(error).context(said)));
+        }
+    };
     Ok(Outcome { text, ..Outcome::default() })
 }
 

@@ -110,7 +110,8 @@ fn move_to(
         }
         Ok(())
     });
-    let stopped = board.stop();
+    let is_over = moved.is_ok() && !interrupt.is_raised();
+    let stopped = if is_over { board.leave() } else { board.stop() };
     moved.map_err(|error| Failure::of_run(error.into()))?;
     if stopped == StopOutcome::LeftToDeadMan {
         return Err(Failure::Hardware(anyhow!("the board did not answer the stop; its dead-man stops it")));

@@ -6,6 +6,7 @@ mod extraction;
 #[cfg(test)]
 mod numbers;
 pub mod paths;
+pub mod stoppable;
 mod tables;
 mod webhook;
 

@@ -141,7 +141,9 @@ impl Rig {
         // whoever holds the database holds up no servo
         store.wait_for_nobody().map_err(Failure::input)?;
         let failures = config.motion.failures_to_hold.get();
-        let failures = store.failures_in_a_row(failures).map_err(Failure::input)?;
+        // what a person has seen and released counts no more
+        let released = latch.released().map(|(at, _)| at).unwrap_or_default();
+        let failures = store.failures_in_a_row(failures, &released).map_err(Failure::input)?;
         let journal = runs_dir.join(JOURNAL);
         let table = config.schedule.as_ref();
         let slots = table.map(|table| Slots::new(table, last_slot(&journal), now));

@@ -92,7 +92,7 @@ impl Stop {
 
     /// Who ended the last hold, where that is known.
     pub(super) fn released_by(&self) -> Option<String> {
-        self.latch.released_by()
+        self.latch.released().map(|(_, by)| by)
     }
 }
 

@@ -32,7 +32,7 @@ pub fn look(config: &RigConfig, base: &Path, runs_dir: &Path) -> Vec<Check> {
             Some(servo) if servo.is_bus() => look_at_bus(board.as_mut(), servo),
             servo => look_at_board(board.as_mut(), servo.as_ref().map_or(Wire::NONE, ServoConfig::wire)),
         });
-        board.stop();
+        board.leave();
     }
     let filmed = opened.camera.info();
     checks.push(picture::calibration(config, base, [filmed.width_px, filmed.height_px]));

@@ -163,8 +163,8 @@ fn watch_stillness(images: &Receiver<Arc<CameraImage>>, seen: &Sender<Seen>) {
 enum Order {
     Approach(PulseProfile, f64),
     Arm(PulseProfile, MonotonicNs),
-    /// And whether the run ended by itself: then the board is free for the next one as soon as it has stopped.
-    Stop(SyncSender<StopOutcome>, bool),
+    /// How it is stopped.
+    Stop(SyncSender<StopOutcome>, fn(&mut dyn ServoBoard) -> StopOutcome),
 }
 
 /// The servo board's thread, and the one safe stop: it is passed on every way out, at the latest when this is
@@ -198,13 +198,22 @@ impl ServoThread {
         let _ = self.orders.try_send(Order::Arm(profile, start));
     }
 
-    /// The safe stop, of a run that `ended_by_itself` or by somebody. Returns what the board said; calling it again changes nothing.
-    pub fn stop(&mut self, ended_by_itself: bool) -> StopOutcome {
+    /// The safe stop. Returns what the board said; calling it again changes nothing.
+    pub fn stop(&mut self) -> StopOutcome {
+        self.end(|board| board.stop())
+    }
+
+    /// The ordinary end, after which the board is free for whoever comes next. As [`stop`](Self::stop) otherwise.
+    pub fn leave(&mut self) -> StopOutcome {
+        self.end(|board| board.leave())
+    }
+
+    fn end(&mut self, how: fn(&mut dyn ServoBoard) -> StopOutcome) -> StopOutcome {
         if let Some(outcome) = self.outcome {
             return outcome;
         }
         let (answer, answered) = sync_channel(1);
-        let sent = self.orders.send(Order::Stop(answer, ended_by_itself)).is_ok();
+        let sent = self.orders.send(Order::Stop(answer, how)).is_ok();
         let outcome = if sent {
             answered.recv().unwrap_or(StopOutcome::LeftToDeadMan)
         } else {
@@ -217,7 +226,7 @@ impl ServoThread {
 
 impl Drop for ServoThread {
     fn drop(&mut self) {
-        self.stop(false);
+        self.stop();
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -238,14 +247,11 @@ fn serve(board: &mut dyn ServoBoard, orders: &Receiver<Order>, signals: &Unbound
                     let _ = signals.send(Signal::ServoFailed(error));
                 }
             }
-            Ok(Order::Stop(answer, ended_by_itself)) => {
-                let outcome = board.stop();
+            Ok(Order::Stop(answer, how)) => {
+                let outcome = how(board);
                 // What the board told on its way to the stop still belongs into the recording.
                 forward(board, signals);
                 let _ = answer.send(outcome);
-                if ended_by_itself {
-                    board.stand_down();
-                }
                 return;
             }
             Err(RecvTimeoutError::Timeout) => forward(board, signals),

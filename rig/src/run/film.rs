@@ -152,9 +152,10 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
     };
 
     let decided = MonotonicNs::now();
-    let by_itself = !matches!(ending, Ending::Abort(_));
-    let outcome = tokio::task::block_in_place(|| {
-        servo.as_mut().map_or(StopOutcome::NotNeeded, |servo| servo.stop(by_itself))
+    let outcome = tokio::task::block_in_place(|| match (&mut servo, &ending) {
+        (None, _) => StopOutcome::NotNeeded,
+        (Some(servo), Ending::Success) => servo.leave(),
+        (Some(servo), Ending::Abort(_) | Ending::Fail(_)) => servo.stop(),
     });
     let stop_s = MonotonicNs::now().seconds_since(decided);
     (kept.notify)(Notice::Journal("servo-stopped".into()));

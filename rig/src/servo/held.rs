@@ -26,7 +26,7 @@ pub struct HeldBoard {
     latch: Latch,
     watch: Watch,
     stopped: Option<(Instant, StopOutcome)>,
-    stood_down: bool,
+    left: bool,
     /// The hold was said to the owner.
     said: bool,
 }
@@ -47,7 +47,14 @@ impl HeldBoard {
         let board = open().map_err(|error| held_by_board(error, &latch))?;
         let watch = Watch::start(latch.clone(), Reporter::of(runs_dir))
             .map_err(|error| ServoError::Open { port: board.info().name.clone(), why: error.to_string() })?;
-        Ok(Self { board, latch, watch, stopped: None, stood_down: false, said: false })
+        Ok(Self { board, latch, watch, stopped: None, left: false, said: false })
+    }
+
+    fn at_rest(&mut self, outcome: StopOutcome) -> StopOutcome {
+        self.stopped = Some((Instant::now(), outcome));
+        self.watch.gauge().stop(outcome);
+        self.watch.wake();
+        outcome
     }
 
     /// Nothing is ordered of a board that is held.
@@ -108,27 +115,27 @@ impl ServoBoard for HeldBoard {
             return outcome;
         }
         let outcome = self.board.stop();
-        self.stopped = Some((Instant::now(), outcome));
-        self.watch.gauge().stop(outcome);
-        self.watch.wake();
-        outcome
+        self.at_rest(outcome)
     }
 
-    fn stand_down(&mut self) {
-        let acknowledged = matches!(self.stopped, Some((_, StopOutcome::Acknowledged)));
-        if acknowledged && !self.stood_down && self.latch.held().is_none() {
-            self.stood_down = true;
-            self.board.stand_down();
+    fn leave(&mut self) -> StopOutcome {
+        if self.latch.held().is_some() {
+            return self.stop();
         }
+        self.left = true;
+        let outcome = self.board.leave();
+        self.at_rest(outcome)
     }
 }
 
 impl Drop for HeldBoard {
     fn drop(&mut self) {
-        // whatever ended in a panic stays stopped
-        if let (Some((at, _)), false) = (self.stopped, self.stood_down || std::thread::panicking()) {
+        // whatever ended in a panic, or has not answered, stays stopped
+        if let (Some((at, StopOutcome::Acknowledged)), false) =
+            (self.stopped, self.left || std::thread::panicking())
+        {
             std::thread::sleep(AFTERTHOUGHT.saturating_sub(at.elapsed()));
-            self.stand_down();
+            self.leave();
         }
         if self.stopped.is_none() {
             self.watch.gauge().stop(StopOutcome::NotNeeded);

@@ -66,9 +66,11 @@ pub trait ServoBoard: Send {
     /// e-stop until acknowledged, then DTR, then leaving the board to its dead-man.
     fn stop(&mut self) -> StopOutcome;
 
-    /// The stop was this program's own, at the end of what it did: what the board latched for it is acknowledged. A board that was stopped
-    /// by anybody else stays so.
-    fn stand_down(&mut self) {}
+    /// The ordinary end: every channel in its safe state, and nothing of one's own stays latched, so that whoever comes next needs nobody.
+    /// A board that was stopped by anybody else stays so.
+    fn leave(&mut self) -> StopOutcome {
+        self.stop()
+    }
 }
 
 /// What the handshake told.

@@ -123,7 +123,7 @@ impl<B: ServoBoard, M: Send> ServoBoard for Attached<B, M> {
         self.board.stop()
     }
 
-    fn stand_down(&mut self) {
-        self.board.stand_down();
+    fn leave(&mut self) -> StopOutcome {
+        self.board.leave()
     }
 }

@@ -412,12 +412,19 @@ impl ServoBoard for SerialBoard {
         StopOutcome::LeftToDeadMan
     }
 
-    fn stand_down(&mut self) {
-        if self.shared.link().is_stopped()
+    fn leave(&mut self) -> StopOutcome {
+        let is_stopped = self.shared.link().is_stopped();
+        // a goodbye latches nothing, at no moment; in the middle of a profile it is refused
+        if !is_stopped && self.request("goodbye", Command::Goodbye).is_ok() {
+            return StopOutcome::Acknowledged;
+        }
+        let outcome = if is_stopped { StopOutcome::Acknowledged } else { self.stop() };
+        if outcome == StopOutcome::Acknowledged
             && self.request("acknowledge", Command::Acknowledge(Fault::EStop)).is_ok()
         {
             self.shared.link().expect_fault(Fault::None);
         }
+        outcome
     }
 }
 

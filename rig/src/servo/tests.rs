@@ -399,7 +399,7 @@ fn emergency_stop_of_somebody_else_is_acknowledged_by_a_release_alone_and_ones_o
 
     let mut board = SerialBoard::open(port, &example()).unwrap();
     assert_eq!(board.stop(), StopOutcome::Acknowledged);
-    board.stand_down();
+    assert_eq!(board.leave(), StopOutcome::Acknowledged);
     assert!(board.poll().is_ok());
     drop(board);
     assert_eq!(fault(), Fault::None);

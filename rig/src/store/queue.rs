@@ -108,15 +108,16 @@ impl Store {
         })
     }
 
-    /// How many of the newest jobs that moved the rig were ended by hardware, one after the other.
+    /// How many of the newest jobs that moved the rig and ended after `since`, UTC, were ended by hardware, one after the other.
     ///
     /// # Errors
     /// [`StoreError::Database`].
-    pub fn failures_in_a_row(&self, most: usize) -> Result<usize, StoreError> {
+    pub fn failures_in_a_row(&self, most: usize, since: &str) -> Result<usize, StoreError> {
         let query = "SELECT state = 'lost' OR status IS 'hardware-fault' FROM jobs \
-                     WHERE lane = 'motion' AND state IN ('done', 'failed', 'lost') ORDER BY ended DESC, id DESC LIMIT ?1";
+                     WHERE lane = 'motion' AND state IN ('done', 'failed', 'lost') AND ended > ?2 \
+                     ORDER BY ended DESC, id DESC LIMIT ?1";
         let most = i64::try_from(most).unwrap_or(i64::MAX);
-        let failed: Vec<bool> = self.rows(query, [most], |row| row.get(0))?;
+        let failed: Vec<bool> = self.rows(query, params![most, since], |row| row.get(0))?;
         Ok(failed.into_iter().take_while(|&failed| failed).count())
     }
 
@@ -446,7 +447,7 @@ mod tests {
             let id = store.take(Lane::Motion).unwrap().unwrap().id;
             let result = JobResult { status: Some(status.into()), ..JobResult::default() };
             store.end(id, state, &result).unwrap();
-            store.failures_in_a_row(9).unwrap()
+            store.failures_in_a_row(9, "").unwrap()
         };
         assert_eq!(ended(State::Failed, "hardware-fault"), 1);
         assert_eq!(ended(State::Done, "done"), 0);
@@ -454,6 +455,8 @@ mod tests {
         assert_eq!(ended(State::Cancelled, "interrupted"), 1, "a person's doing is neither");
         assert_eq!(ended(State::Lost, ""), 2);
         assert_eq!(ended(State::Failed, "input-error"), 0);
+        assert_eq!(ended(State::Lost, ""), 1);
+        assert_eq!(store.failures_in_a_row(9, "9999").unwrap(), 0, "what was before a release");
     }
 
     #[test]

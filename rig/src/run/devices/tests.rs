@@ -56,7 +56,7 @@ fn nobody_listening_holds_up_no_stop_and_no_word_of_the_board_is_lost() {
     // Long enough for several looks at the board, each of which tells more than a queue with a bound would take.
     std::thread::sleep(10 * SERVO_PERIOD);
     let asked = Instant::now();
-    assert_eq!(servo.stop(true), StopOutcome::Acknowledged);
+    assert_eq!(servo.stop(), StopOutcome::Acknowledged);
     assert!(asked.elapsed() < PROMPT && stopped.load(Ordering::SeqCst), "{:?}", asked.elapsed());
     let (mut told, mut refused) = (0, 0);
     while let Ok(signal) = signalled.try_recv() {
@@ -101,7 +101,7 @@ fn panic_of_the_boards_thread_is_told_and_leaves_the_servo_to_the_dead_man() {
     let (signals, mut signalled) = unbounded_channel();
     let mut servo = ServoThread::start(Box::new(Broken(info)), signals);
     assert!(matches!(signalled.blocking_recv(), Some(Signal::Panicked("servo"))));
-    assert_eq!(servo.stop(true), StopOutcome::LeftToDeadMan);
+    assert_eq!(servo.stop(), StopOutcome::LeftToDeadMan);
 }
 
 /// A camera that never runs out of images.
