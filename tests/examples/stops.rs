@@ -29,7 +29,7 @@ fn monotonic_ns() -> u64 {
 /// A disk of its own at `folder`, where one may be had.
 fn own_disk(folder: &Path) -> bool {
     std::fs::create_dir_all(folder).expect("a folder");
-    let mount = Command::new("mount").args(["-t", "tmpfs", "-o", "size=200m", "tmpfs"]).arg(folder).status();
+    let mount = Command::new("mount").args(["-t", "tmpfs", "-o", "size=600m", "tmpfs"]).arg(folder).status();
     mount.is_ok_and(|status| status.success())
 }
 
