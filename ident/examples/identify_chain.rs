@@ -7,9 +7,9 @@
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
+use ground::strict::Finite;
 use ident::experiment::{Experiment, FitConfig, Method, Run, RunKind};
 use ident::fit::fit;
-use ident::strict::Finite;
 use ident::table::read_trajectory;
 use serde::Deserialize;
 use sim::{Model, State};

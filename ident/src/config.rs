@@ -7,7 +7,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use sim::Model;
 
 use crate::cmaes::Restarts;
-use crate::strict::{Finite, Positive};
+use ground::strict::{Finite, Positive};
 
 /// The `[fit]` table of an `experiment.toml` or of a rig config.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

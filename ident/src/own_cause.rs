@@ -6,8 +6,8 @@ use serde::{Deserialize, Deserializer, Serialize};
 use sim::Model;
 use sim::causes::own::{Acts, OwnCause, OwnCauseError, OwnParameter, Place};
 
-use crate::names::did_you_mean;
-use crate::strict::{Finite, Positive};
+use ground::names::did_you_mean;
+use ground::strict::{Finite, Positive};
 
 /// A `[[cause]]` of an `experiment.toml` or of a rig config. It acts on one joint, body or keypoint of the model, in the ways of
 /// [`Acts`] that go with it; [`Place`] says what expressions may speak of there.

@@ -17,8 +17,8 @@ use serde::{Deserialize, Serialize};
 use sim::Model;
 
 use crate::config::{FitConfig, Prior};
-use crate::names::did_you_mean;
-use crate::strict::{Finite, NonNegative, Positive};
+use ground::names::did_you_mean;
+use ground::strict::{Finite, NonNegative, Positive};
 
 /// The weights of the `[mechanism]` table.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]

@@ -6,9 +6,9 @@
 
 use std::sync::{Arc, Mutex};
 
-use rig::clock::MonotonicNs;
-use rig::servo::bus::{BusBoard, BusOptions, EmulatedBus};
-use rig::servo::{PulseProfile, PulseSink, PulseTrack, ServoBoard as _, ServoConfig, ServoEvent};
+use ground::clock::MonotonicNs;
+use servo::bus::{BusBoard, BusOptions, EmulatedBus};
+use servo::{PulseProfile, PulseSink, PulseTrack, ServoBoard as _, ServoConfig, ServoEvent};
 
 #[derive(Clone, Default)]
 struct Recorder(Arc<Mutex<Vec<(MonotonicNs, f64)>>>);

@@ -6,13 +6,13 @@
 
 use std::path::{Path, PathBuf};
 
-use ident::strict;
-use rig::calibration::Calibration;
-use rig::images::{self, TimedImage};
-use rig::vision::extractor::LEARN_FROM;
-use rig::vision::{Task, VisionConfig};
+use camera::calibration::Calibration;
+use ground::strict;
+use images::{self, TimedImage};
 use rustix::time::{ClockId, clock_gettime};
 use serde::Deserialize;
+use vision::extractor::LEARN_FROM;
+use vision::{Task, VisionConfig};
 
 /// The two tables of a rig config that say what is extracted.
 #[derive(Deserialize)]

@@ -11,14 +11,14 @@
 use std::path::PathBuf;
 
 use anyhow::Context as _;
+use camera::{CameraImage, Encoding};
 use image::ImageEncoder as _;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use rig::camera::{CameraImage, Encoding};
-use rig::record::filter;
-use rig::record::reader::{Item, Recording};
+use record::filter;
+use record::reader::{Item, Recording};
 use rustix::time::{ClockId, clock_gettime};
 
 /// Images that are stored.

@@ -22,9 +22,30 @@ fn main() -> ExitCode {
     }
 }
 
+/// Whose log is told of.
+const CRATES: [&str; 17] = [
+    "analysis",
+    "app",
+    "calibrate",
+    "camera",
+    "config",
+    "daemon",
+    "ground",
+    "ident",
+    "images",
+    "interchange",
+    "record",
+    "report",
+    "rig",
+    "run",
+    "servo",
+    "store",
+    "vision",
+];
+
 fn start_log(verbose: u8) {
-    let level =
-        ["warn", "rig=info,ident=info,warn", "rig=debug,ident=debug,info"][usize::from(verbose.min(2))];
+    let (ours, theirs) = [("warn", "warn"), ("info", "warn"), ("debug", "info")][usize::from(verbose.min(2))];
+    let level = CRATES.map(|name| format!("{name}={ours},")).concat() + theirs;
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
     tracing_subscriber::fmt()
         .with_env_filter(filter)

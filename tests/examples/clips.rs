@@ -10,9 +10,9 @@
 
 use std::path::PathBuf;
 
-use rig::vision::{Extraction, Status};
 use system_tests::clips::clip::{Clip, Level, body_clip, clip, octopus_clip};
 use system_tests::clips::score::{Score, read};
+use vision::{Extraction, Status};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

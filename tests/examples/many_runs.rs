@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use rig::store::Store;
+use store::Store;
 use system_tests::many_runs::make;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -8,7 +8,7 @@
 
 use std::path::PathBuf;
 
-use rig::camera::Encoding;
+use camera::Encoding;
 use system_tests::soak::Soak;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -109,7 +109,7 @@ impl Browser {
 
     /// Waits until `condition` holds; fails with `what` and all that the page says after `seconds`.
     pub fn wait_until(&self, what: &str, seconds: f64, mut condition: impl FnMut() -> bool) {
-        let deadline = Instant::now() + ident::strict::duration(seconds);
+        let deadline = Instant::now() + ground::strict::duration(seconds);
         while !condition() {
             let said = || self.run("return document.body.innerText");
             assert!(

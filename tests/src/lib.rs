@@ -131,7 +131,7 @@ impl Drop for Background {
 
 /// Waits until `condition` holds; fails with `what` after `seconds`.
 pub fn wait_until(what: &str, seconds: f64, mut condition: impl FnMut() -> bool) {
-    let deadline = Instant::now() + ident::strict::duration(seconds);
+    let deadline = Instant::now() + ground::strict::duration(seconds);
     while !condition() {
         assert!(Instant::now() < deadline, "{what} did not happen within {seconds} s");
         std::thread::sleep(Duration::from_millis(10));

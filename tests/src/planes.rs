@@ -1,8 +1,8 @@
 //! How far a calibrated plane is from what is there.
 
+use calibrate::Picture;
+use camera::calibration::Plane;
 use nalgebra::{Rotation2, Vector2};
-use rig::calibrate::Picture;
-use rig::calibration::Plane;
 
 use crate::wall::{Place, WallCamera};
 

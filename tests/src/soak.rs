@@ -7,19 +7,19 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use camera::{Camera, CameraError, CameraImage, CameraInfo, Encoding};
+use config::{MotionKind, RigConfig};
+use ground::clock::MonotonicNs;
 use nalgebra::DMatrix;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use rig::camera::{Camera, CameraError, CameraImage, CameraInfo, Encoding};
-use rig::clock::MonotonicNs;
-use rig::config::{MotionKind, RigConfig};
-use rig::record::recording::{Recorder, RecorderOptions};
-use rig::run::film::{Filmed, Notice, Setup, film};
-use rig::run::machine::Plan;
-use rig::servo::{self, MockOptions, PulseProfile, PulseSink, PulseTrack, ServoConfig, ServoEvent};
+use record::recording::{Recorder, RecorderOptions};
+use run::film::{Filmed, Notice, Setup, film};
+use run::machine::Plan;
 use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
+use servo::{self, MockOptions, PulseProfile, PulseSink, PulseTrack, ServoConfig, ServoEvent};
 
 /// What is filmed.
 #[derive(Debug, Clone, Copy)]

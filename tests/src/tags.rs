@@ -1,7 +1,7 @@
 //! An aprilgrid in the water before [`crate::wall::WallCamera`], as Kalibr prints it.
 
+use calibrate::tag36h11::CODES;
 use nalgebra::{Rotation2, Vector2};
-use rig::calibrate::tag36h11::CODES;
 
 use crate::wall::{Place, Sheet};
 

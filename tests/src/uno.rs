@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use rig::clock::MonotonicNs;
+use ground::clock::MonotonicNs;
 
 use crate::{Background, repository};
 

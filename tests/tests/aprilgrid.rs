@@ -2,11 +2,11 @@
 
 use std::time::Instant;
 
+use calibrate::world::Upright;
+use calibrate::{Board, Calibrated, Picture, Setup, calibrate, detect};
+use camera::calibration::View;
 use image::GrayImage;
 use nalgebra::{Rotation2, Vector2};
-use rig::calibrate::world::Upright;
-use rig::calibrate::{Board, Calibrated, Picture, Setup, calibrate, detect};
-use rig::calibration::View;
 use system_tests::planes::{covered, errors, from_origin, most, rms};
 use system_tests::tags::PlacedTags;
 use system_tests::wall::{Place, Sheet, Trouble, WallCamera, picture, ten_places};
@@ -57,7 +57,7 @@ fn found_in(picture: &GrayImage, board: &Board, number: u64) -> Picture {
 fn detection(camera: &WallCamera, placed: &PlacedTags, found: &Picture) -> Vec<f64> {
     let truth = placed.corners();
     let corners = found.corners.as_ref().unwrap_or_else(|why| panic!("{}: {why}", found.name));
-    let error = |corner: &rig::calibrate::Corner| {
+    let error = |corner: &calibrate::Corner| {
         let [x, y] = corner.place.map(|at| at as usize);
         let tag = (y / 2) * placed.tags[0] + x / 2;
         let true_px = camera.seen_behind(truth[4 * tag + 2 * (y % 2) + x % 2], placed.behind_m);

@@ -123,7 +123,7 @@ fn wire_protocol_has_every_code() {
 
 #[test]
 fn traits_are_as_the_page_on_devices_has_them() {
-    let source = ["rig/src/servo/mod.rs", "rig/src/camera/mod.rs"]
+    let source = ["rig/servo/src/lib.rs", "rig/camera/src/lib.rs"]
         .map(|file| std::fs::read_to_string(repository().join(file)).expect("a source"))
         .concat();
     let blocks = blocks(&repository().join("docs/devices.md")).expect("the page");

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
+use calibrate::world::Upright;
+use calibrate::{Board, CalibrateError, Calibrated, Corner, Picture, Setup, calibrate, detect};
+use camera::calibration::{Calibration, CalibrationError, View};
 use image::GrayImage;
 use nalgebra::{Rotation2, Vector2};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
-use rig::calibrate::world::Upright;
-use rig::calibrate::{Board, CalibrateError, Calibrated, Corner, Picture, Setup, calibrate, detect};
-use rig::calibration::{Calibration, CalibrationError, View};
 use system_tests::planes::{covered, errors, from_origin, most, rms, shape_errors};
 use system_tests::wall::{Place, PlacedBoard, Sheet, Trouble, WallCamera, picture, spread};
 use system_tests::{printed, run_rig};
@@ -83,7 +83,7 @@ fn camera_square_to_the_wall_is_calibrated_to_a_twentieth_of_a_millimetre() {
     let calibrated = calibrated(&found, &setup);
     let errors = errors(&calibrated.plane, from_origin(&camera, setup.origin_px), &covered(&found));
     eprintln!("plane: rms {:.4} mm, worst {:.4} mm", rms(&errors) * 1e3, most(&errors) * 1e3);
-    eprintln!("{}", rig::calibrate::report::text(&calibrated));
+    eprintln!("{}", calibrate::report::text(&calibrated));
     assert!(most(&errors) < 5e-5, "{}", most(&errors));
 }
 

@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
-use rig::config::RigConfig;
-use rig::servo::calibration::{Measured, ServoCalibration};
+use config::RigConfig;
+use servo::calibration::{Measured, ServoCalibration};
 use system_tests::{changed_config, config, in_real_time, only_run, printed, run_rig, set};
 
 const ZERO_US: f64 = 1520.0;

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use rig::config::RigConfig;
-use rig::profile::Profile;
-use rig::vision::{Mode, Outline};
+use config::RigConfig;
+use servo::profile::Profile;
 use system_tests::{changed_config, printed, repository, run_rig, set};
+use vision::{Mode, Outline};
 
 fn toml_files(folder: &Path) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
@@ -86,8 +86,8 @@ fn octopus_simulates_and_renders() {
     let options = sim::RolloutOptions { timestep_s: Some(0.00025), ..Default::default() };
     let times = [0.0, 0.25, 0.5];
     let swim = sim::rollout(&model, &model.rest_state(), &stroke, &times, &options).expect("a rollout");
-    let plane = rig::calibration::Plane::square(0.001, [320.0, 200.0]);
-    let renderer = rig::tank::render::Renderer::new(plane, rig::tank::render::Look::plain(640, 480));
+    let plane = camera::calibration::Plane::square(0.001, [320.0, 200.0]);
+    let renderer = tank::render::Renderer::new(plane, tank::render::Look::plain(640, 480));
     let dark = |instant: usize| {
         let qpos = &swim.qpos[instant * model.nq()..(instant + 1) * model.nq()];
         let image = renderer.draw(&model, qpos);

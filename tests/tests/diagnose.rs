@@ -200,7 +200,7 @@ fn every_command_that_is_told_names_files_that_are_there() {
         for command in commands {
             let path = Path::new(&command[2]);
             assert!(path.is_absolute() && path.is_file(), "{command:?}");
-            rig::config::RigConfig::read(path).expect("a rig's config");
+            config::RigConfig::read(path).expect("a rig's config");
         }
     }
     let said = json(&folder.path().join("out/diagnosis.json"));

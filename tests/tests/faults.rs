@@ -16,9 +16,8 @@ fn assert_incomplete(run: &Path, status: &str, reason: &str) {
     assert_eq!(stop["status"], status, "{stop}");
     assert!(stop["reason"].as_str().expect("a reason").contains(reason), "{stop}");
     // What was recorded before the fault is readable.
-    let recording = rig::record::reader::Recording::open(&run.join("recording.mcap")).expect("a recording");
-    let images =
-        recording.filter(|item| matches!(item, Ok((_, rig::record::reader::Item::Image(_))))).count();
+    let recording = record::reader::Recording::open(&run.join("recording.mcap")).expect("a recording");
+    let images = recording.filter(|item| matches!(item, Ok((_, record::reader::Item::Image(_))))).count();
     assert!(images > 20, "{images} images");
     let shown = run_rig(["runs".as_ref(), "show".as_ref(), run.as_os_str()]);
     assert!(shown.status.success() && printed(&shown).contains(reason), "{}", printed(&shown));

@@ -15,8 +15,7 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
 /// Every test of these sources: its name, and whether it is one of the guest's.
 fn tests() -> BTreeMap<String, bool> {
     let mut tests = BTreeMap::new();
-    for folder in ["firmware-protocol/src", "firmware-protocol/tests", "rig/src", "rig/tests", "tests/tests"]
-    {
+    for folder in ["firmware-protocol/src", "firmware-protocol/tests", "rig", "tests/tests"] {
         for file in sources(&repository().join(folder)) {
             let text = std::fs::read_to_string(&file).expect("text");
             // In the text between its attribute and its body a test has its name; proptest's have attributes of their own before.

@@ -3,13 +3,13 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use camera::calibration::{Plane, View};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
-use rig::calibration::{Plane, View};
-use rig::tank::render::{Look, Renderer};
 use sim::Model;
 use system_tests::*;
+use tank::render::{Look, Renderer};
 
 /// What the water and the joints really do; the shipped model is where the fit starts.
 const TRUTH: [&str; 3] = ["0.9 0.1 1.1 0.6 0.9", "0.5 0.3 1.9 1.4 0.4", "0.8 0.2 1.3 0.9 1.2"];

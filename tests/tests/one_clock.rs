@@ -3,13 +3,13 @@
 
 use std::path::Path;
 
-use rig::clock::MonotonicNs;
-use rig::config::RigConfig;
-use rig::servo::pulse_log::{Logged, PulseLogReader};
-use rig::tank::Tank;
+use config::RigConfig;
+use ground::clock::MonotonicNs;
+use servo::pulse_log::{Logged, PulseLogReader};
 use system_tests::{
     Background, changed_config, config, in_real_time, json, only_run, printed, rig, run_rig, set, wait_until,
 };
+use tank::Tank;
 
 const LATE_S: f64 = 0.0231;
 /// What is wanted of pictures against pulses: 1 ms is 0.25 mm at a tip of 0.25 m/s.

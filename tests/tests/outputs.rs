@@ -5,11 +5,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
+use camera::calibration::Plane;
 use clap::CommandFactory as _;
-use rig::calibration::Plane;
-use rig::tank::render::{Look, Renderer};
 use system_tests::storage::{Order, Phase, Shim};
 use system_tests::{changed_config, printed, rig};
+use tank::render::{Look, Renderer};
 
 const RUN: &str = "runs/20261120T101503Z-ab12cd";
 

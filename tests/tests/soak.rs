@@ -1,9 +1,9 @@
 //! Recording at a high rate with a fit beside it: nothing is dropped, memory stays below its bound, the servo keeps its time. Ten
 //! minutes of it: `cargo run --release -p system-tests --example soak`.
 
-use rig::camera::Encoding;
-use rig::record::reader::{Item, Recording};
-use rig::run::machine::Ending;
+use camera::Encoding;
+use record::reader::{Item, Recording};
+use run::machine::Ending;
 use system_tests::in_real_time;
 use system_tests::soak::Soak;
 

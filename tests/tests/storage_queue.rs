@@ -5,8 +5,8 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use rig::store::Store;
-use rig::store::job::State;
+use store::Store;
+use store::job::State;
 use system_tests::storage::power::{Disk, Left};
 use system_tests::storage::{Event, Kills, Order, Shim, kills, sweeps_all};
 use system_tests::{Background, changed_config, in_real_time, printed, rig, wait_until};
@@ -251,7 +251,7 @@ fn daemon_killed_at_its_storage_events_leaves_no_job_undone_to_the_next_one() {
                 "event {number} {phase:?}: {states:?}"
             );
         }
-        let journal = rig::record::journal::read(&runs.join("daemon.jsonl")).expect("every line is whole");
+        let journal = record::journal::read(&runs.join("daemon.jsonl")).expect("every line is whole");
         assert!(journal.iter().filter(|entry| entry.event == "started").count() >= 1);
     }
     let [before, during, after] = killed.counts();

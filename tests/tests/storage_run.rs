@@ -6,12 +6,12 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use rig::app::recover;
-use rig::record::folder::RunFolder;
-use rig::record::reader::{Item, Recording};
-use rig::record::run_id::RunId;
-use rig::record::start_stop::Status;
-use rig::record::verify::{State, verify};
+use app::recover;
+use record::folder::RunFolder;
+use record::reader::{Item, Recording};
+use record::run_id::RunId;
+use record::start_stop::Status;
+use record::verify::{State, verify};
 use system_tests::daemon::Bench;
 use system_tests::outside::Outside;
 use system_tests::storage::power::{Disk, Left};
@@ -43,7 +43,7 @@ fn film(config: &Path, runs: &Path) -> Command {
 
 /// The run folders in `runs`, oldest first.
 fn folders(runs: &Path) -> Vec<PathBuf> {
-    let listed = rig::record::folder::list(runs).unwrap_or_default();
+    let listed = record::folder::list(runs).unwrap_or_default();
     listed.into_iter().map(|run| runs.join(run.id.as_str())).collect()
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use rig::config::RigConfig;
+use config::RigConfig;
 use system_tests::three_links::{CASES, write_thirds_model};
 
 /// Heights of the straight chain's points in the model at `path` \[m\], at rest.

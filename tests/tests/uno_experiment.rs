@@ -4,8 +4,8 @@
 use std::io::Read as _;
 use std::time::Duration;
 
-use rig::servo::PulseSink as _;
-use rig::servo::pulse_log::PulseLogWriter;
+use servo::PulseSink as _;
+use servo::pulse_log::PulseLogWriter;
 use system_tests::{
     Background, changed_config, config, in_real_time, json, only_run, printed, rig, set, uno, wait_until,
 };

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::statistics::median;
+use ground::statistics::median;
 
 /// How a search is run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

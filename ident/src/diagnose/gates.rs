@@ -10,7 +10,7 @@ use crate::hypothesis::nuisances::{Nuisances, joint_covariance};
 use crate::hypothesis::state::State;
 use crate::noise::floor::{Floor, slow_part};
 use crate::noise::series;
-use crate::statistics::{chi2_survival, one_value};
+use ground::statistics::{chi2_survival, one_value};
 
 /// Lags of the portmanteau test.
 const PORTMANTEAU_LAGS: usize = 8;

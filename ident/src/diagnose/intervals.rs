@@ -9,7 +9,7 @@ use crate::fit::crossing::{Closeness, crossing};
 use crate::fit::problem::Point;
 use crate::hypothesis::nuisances::{Nuisances, covariance, joint_covariance};
 use crate::hypothesis::state::State;
-use crate::statistics::{CHI2_95, NORMAL_95};
+use ground::statistics::{CHI2_95, NORMAL_95};
 
 /// The rise of the cost at an interval's end is met to 3 %.
 const CLOSENESS: Closeness = Closeness { met: 0.03, most_points: 6 };

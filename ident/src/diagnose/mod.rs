@@ -68,8 +68,8 @@ use crate::fit::{FittedRun, Timing};
 use crate::hypothesis::candidates;
 use crate::hypothesis::state::State;
 use crate::initial::free_parameters;
-use crate::names::did_you_mean;
 use crate::noise::floor::Floor;
+use ground::names::did_you_mean;
 use seek::Standing;
 
 /// Told what the diagnosis is at.

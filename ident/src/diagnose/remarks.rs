@@ -66,7 +66,9 @@ pub(super) fn fitted_in_part(experiment: &Experiment, parameters: &Parameters) -
     }
     (!missing.is_empty()).then(|| {
         let list = missing.join(", ");
-        format!("not tried: {list}, of which the fit has others; under [fit] parameters they are fitted too")
+        format!(
+            "not fitted: {list}, although the fit has the same of other joints; add it to [fit] parameters"
+        )
     })
 }
 

@@ -9,7 +9,7 @@ use crate::hypothesis::candidates::{self, Term};
 use crate::hypothesis::score::Scores;
 use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
-use crate::statistics::chi2_survival;
+use ground::statistics::chi2_survival;
 
 /// A set of causes is better when its BIC is lower by more than this: odds of 150 to 1.
 pub(super) const BETTER_DELTA_BIC: f64 = 10.0;

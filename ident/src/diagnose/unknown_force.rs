@@ -27,7 +27,7 @@ use crate::hypothesis::nuisances::crossed_cost;
 use crate::hypothesis::score::Scores;
 use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
-use crate::strict::{Finite, Positive};
+use ground::strict::{Finite, Positive};
 
 /// Highest order of the products of angle and rate, a choice: ten numbers for each joint.
 const ORDER: i32 = 3;

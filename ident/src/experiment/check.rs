@@ -4,8 +4,8 @@ use sim::model::encoded_joint;
 use sim::{JointKind, Model};
 
 use super::{Experiment, ExperimentError, Run, RunKind};
-use crate::names::{did_you_mean, glob};
 use crate::parameters::Parameters;
+use ground::names::{did_you_mean, glob};
 
 /// Least images of a run: fewer than this show a pose, but no motion.
 const MIN_IMAGES: usize = 3;

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use crate::own_cause::CauseError;
 use crate::parameters::ParameterError;
-use crate::strict::StrictError;
 use crate::table::TableError;
 use crate::weights::WeightError;
+use ground::strict::StrictError;
 
 /// Why an experiment was refused.
 #[derive(Debug, thiserror::Error)]

@@ -9,11 +9,11 @@ use sim::Model;
 use super::folder::{Folder, read_text};
 use super::{DEFAULT_INIT_S, Experiment, ExperimentError, Run, RunKind, Use};
 use crate::config::{DesignConfig, DiagnoseConfig, FitConfig};
-use crate::names;
 use crate::own_cause::CauseConfig;
-use crate::strict::{self, Finite, Positive, StrictError};
 use crate::table::{read_base, read_servo, read_trajectory};
 use crate::weights::{Mechanism, Water};
+use ground::names;
+use ground::strict::{self, Finite, Positive, StrictError};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::{ExperimentError, Run, RunKind};
-use crate::names;
 use crate::table::{read_base, read_servo, read_trajectory};
+use ground::names;
 
 /// What a fit needs of `start.json`; the rest of it is for others.
 #[derive(Deserialize)]

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use super::information::{Information, RunInformation, SETTLED_WIDTH_SHARE, sandwich};
 use super::report::{Constancy, RunValue};
 use crate::parameters::Parameters;
-use crate::statistics::one_value;
+use ground::statistics::one_value;
 
 /// Values of parameter `which` per run that sees it, and the test that they are one; `None` with fewer than two
 /// such runs.

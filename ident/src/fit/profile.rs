@@ -12,7 +12,7 @@ use super::information::Information;
 use super::least_squares::{Descent, Freedom};
 use super::objective::Objective;
 use super::problem::{Point, Problem};
-use crate::statistics::{CHI2_95, NORMAL_95};
+use ground::statistics::{CHI2_95, NORMAL_95};
 
 /// The limit is met to 1 % of the interval.
 const CLOSENESS: Closeness = Closeness { met: 0.01, most_points: 8 };

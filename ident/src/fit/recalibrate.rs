@@ -16,7 +16,7 @@ use super::run::{Begin, run};
 use crate::experiment::Experiment;
 use crate::initial::free_parameters;
 use crate::parameters::Parameters;
-use crate::statistics::chi2_survival;
+use ground::statistics::chi2_survival;
 
 /// Drift is believed below this probability: one false alarm in a thousand recalibrations.
 const DRIFT_P: f64 = 1e-3;

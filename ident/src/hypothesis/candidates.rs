@@ -8,9 +8,9 @@ use sim::{Cause, Model};
 
 use crate::config::Prior;
 use crate::experiment::{Experiment, Run, RunKind, Use};
-use crate::names::glob;
 use crate::parameters::{FreeParameter, Parameters, Scale};
 use crate::simulate::Nuisance;
+use ground::names::glob;
 
 /// A cause with its discrete choices made: what is refitted as a whole.
 #[derive(Debug, Clone, PartialEq)]

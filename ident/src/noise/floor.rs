@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{LEAST_NOISE_M, Whitening};
 use crate::loss::Observation;
-use crate::statistics::median;
+use ground::statistics::median;
 
 /// Distance of the spline's knots \[s\]: it follows what is slower than some 8 Hz.
 const KNOT_S: f64 = 0.05;

@@ -5,7 +5,7 @@ use sim::model::Parameter;
 
 use super::{FreeParameter, ParameterError, Parameters, Scale};
 use crate::config::FitConfig;
-use crate::names::{did_you_mean, glob};
+use ground::names::{did_you_mean, glob};
 
 /// A parameter of the model with the names it can be asked for by.
 struct Candidate {

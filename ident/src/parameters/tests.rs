@@ -1,6 +1,6 @@
 use super::*;
 use crate::config::FitConfig;
-use crate::strict::{Finite, Positive};
+use ground::strict::{Finite, Positive};
 
 const MODEL: &str = r#"<mujoco model="two">
   <option density="1000"/>

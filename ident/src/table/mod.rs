@@ -11,7 +11,7 @@ mod trajectory;
 
 use std::path::{Path, PathBuf};
 
-use crate::names;
+use ground::names;
 
 pub use base::{parse_base, read_base, write_base};
 pub use command::{

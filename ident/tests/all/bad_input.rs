@@ -65,7 +65,7 @@ fn wrong_input_is_told_from_lack_of_data_and_both_name_the_remedy() {
         ),
         (
             Box::new(|e| {
-                let bounds = [2.0, 1.0].map(|bound| ident::strict::Finite::new(bound).unwrap());
+                let bounds = [2.0, 1.0].map(|bound| ground::strict::Finite::new(bound).unwrap());
                 e.fit.bounds.insert("angular".into(), bounds);
             }),
             false,

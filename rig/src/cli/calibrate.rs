@@ -3,20 +3,21 @@
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
-use ident::strict::Positive;
+use ground::strict::Positive;
 
+use super::choice::choice;
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::app::latency::{Filmed, by_link};
-use crate::app::{base, calibrate::from_pictures, on_threads, threads};
-use crate::calibrate::port::Port;
-use crate::calibrate::world::Upright;
-use crate::calibrate::{Board, Setup, report};
-use crate::calibration::{Px, View};
-use crate::config::RigConfig;
-use crate::config::edit::{self, EditError};
-use crate::outputs::Outputs;
-use crate::record::folder::RunFolder;
+use app::latency::{Filmed, by_link};
+use app::{base, calibrate::from_pictures, on_threads, threads};
+use calibrate::port::Port;
+use calibrate::world::Upright;
+use calibrate::{Board, Setup, report};
+use camera::calibration::{Px, View};
+use config::RigConfig;
+use config::edit::{self, EditError};
+use record::folder::RunFolder;
+use record::outputs::Outputs;
 use std::sync::Arc;
 
 /// Arguments of `rig calibrate`.
@@ -80,7 +81,7 @@ pub struct CameraArgs {
     pub board: Board,
     /// Which plane of the model's world the camera looks at. x-z: from the side, z up in the picture. x-y: from above, y up in the
     /// picture and z towards the camera; trajectories then have the columns P1_x_m,P1_y_m
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = choice::<View>(), default_value = "x-z")]
     pub view: View,
     /// Where the world's origin is seen, column and row; the centre of the top left pixel is 0,0
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]

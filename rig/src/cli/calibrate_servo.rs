@@ -4,19 +4,19 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
-use ident::strict::Positive;
+use ground::strict::Positive;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::app::experiment::{Experiment, Extent};
-use crate::app::servo::{Found, channel};
-use crate::app::{base, interruptible, threads};
-use crate::calibrate::servo::{motion, report};
-use crate::config::RigConfig;
-use crate::config::edit::{self, EditError};
-use crate::outputs::{OutputFile, Outputs};
-use crate::record::folder::RunFolder;
-use crate::servo::calibration::ServoCalibration;
+use app::experiment::{Experiment, Extent};
+use app::servo::{Found, channel};
+use app::{base, interruptible, threads};
+use calibrate::servo::{motion, report};
+use config::RigConfig;
+use config::edit::{self, EditError};
+use record::folder::RunFolder;
+use record::outputs::{OutputFile, Outputs};
+use servo::calibration::ServoCalibration;
 
 /// Arguments of `rig calibrate servo`.
 #[derive(clap::Args, Debug)]

@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::app::campaign::record::{Record, Standing};
-use crate::app::campaign::{Campaign, FILES};
-use crate::app::hand_in::{self, hand_in};
-use crate::app::{interruptible, threads};
-use crate::config::{RigConfig, paths};
-use crate::goal::{Goal, Target};
-use crate::outputs::Outputs;
-use crate::store::job::{NewJob, Work};
+use app::campaign::record::{Record, Standing};
+use app::campaign::{Campaign, FILES};
+use app::hand_in::{self, hand_in};
+use app::{interruptible, threads};
+use config::{RigConfig, paths};
+use record::outputs::Outputs;
+use store::goal::{Goal, Target};
+use store::job::{NewJob, Work};
 
 /// Arguments of `rig campaign`.
 #[derive(clap::Args, Debug)]
@@ -108,7 +108,7 @@ fn text(record: &Record) -> String {
         let _ = writeln!(text, "By hand: {needed}");
     }
     if let Some(step) = record.steps.last() {
-        let _ = writeln!(text, "{}", step.folder.join(crate::record::folder::file::REPORT).display());
+        let _ = writeln!(text, "{}", step.folder.join(record::folder::file::REPORT).display());
     }
     text
 }

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::app::{interruptible, threads};
-use crate::daemon::{Daemon, Options};
+use app::{interruptible, threads};
+use daemon::{Daemon, Options};
 
 /// Arguments of `rig daemon`.
 #[derive(clap::Args, Debug)]

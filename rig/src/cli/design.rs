@@ -8,10 +8,10 @@ use ident::diagnose::{NextExperiment, diagnose, pin_down};
 use ident::experiment::Experiment;
 
 use super::{Failure, Outcome};
-use crate::app::compose::{Given, config_of, given};
-use crate::app::design::{CONFIGS, say_commands, write_configs};
-use crate::config::paths;
-use crate::outputs::Outputs;
+use app::compose::{Given, config_of, given};
+use app::design::{CONFIGS, say_commands, write_configs};
+use config::paths;
+use record::outputs::Outputs;
 
 /// Says which runs would tell rival causes apart, or pin down loose parameters.
 #[derive(clap::Args, Debug)]

@@ -7,12 +7,11 @@ use ident::experiment::Experiment;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::app::compose::shortfalls;
-use crate::app::diagnose::{FILES, diagnosed};
-use crate::app::{INTERRUPTED, interruptible, threads};
-use crate::config::paths;
-use crate::outputs::Outputs;
-use crate::report;
+use app::compose::shortfalls;
+use app::diagnose::{FILES, diagnosed};
+use app::{INTERRUPTED, interruptible, threads};
+use config::paths;
+use record::outputs::Outputs;
 
 /// Says what the simulation gets wrong, and why.
 #[derive(clap::Args, Debug)]

@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use anyhow::anyhow;
 
 use super::{Failure, Outcome};
-use crate::app::base;
-use crate::clock::Now;
-use crate::config::{RigConfig, ScheduleConfig};
-use crate::daemon::next_slot;
-use crate::doctor::{Check, Health, devices, host};
-use crate::error_chain::with_causes;
-use crate::servo::ServoConfig;
+use app::base;
+use app::doctor::{Check, Health, devices, host};
+use config::{RigConfig, ScheduleConfig};
+use daemon::next_slot;
+use ground::clock::Now;
+use ground::error_chain::with_causes;
+use servo::ServoConfig;
 
 /// Arguments of `rig doctor`.
 #[derive(clap::Args, Debug)]

@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use super::{Failure, Outcome};
-use crate::app::stop;
-use crate::config::{RigConfig, stoppable};
-use crate::error_chain::with_causes;
-use crate::hold::Hold;
-use crate::servo::ServoConfig;
+use app::stop;
+use config::{RigConfig, stoppable};
+use ground::error_chain::with_causes;
+use ground::hold::Hold;
+use servo::ServoConfig;
 
 /// Arguments of `rig estop`.
 #[derive(clap::Args, Debug)]

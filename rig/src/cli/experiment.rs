@@ -6,8 +6,8 @@ use anyhow::anyhow;
 use ident::experiment::Use;
 
 use super::{Failure, Outcome};
-use crate::app::compose::compose;
-use crate::outputs::Outputs;
+use app::compose::compose;
+use record::outputs::Outputs;
 
 /// Gathers runs into an experiment.
 #[derive(clap::Args, Debug)]

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow};
 
 use super::{Failure, Outcome};
-use crate::app::exchange::{Export, TableOfImages, frames_file};
-use crate::config::paths;
-use crate::outputs::{OutputFile, Outputs};
-use crate::record::folder::file;
+use app::exchange::{Export, TableOfImages, frames_file};
+use config::paths;
+use record::folder::file;
+use record::outputs::{OutputFile, Outputs};
 
 /// Hands a run's results to other programs.
 #[derive(clap::Args, Debug)]
@@ -77,7 +77,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         }
         Format::Wcon => write(outputs.file(&args.out)?, &export.wcon()?)?,
         Format::Mcap => {
-            for left_out in crate::app::foxglove::export(&args.run, &outputs.file(&args.out)?)? {
+            for left_out in app::foxglove::export(&args.run, &outputs.file(&args.out)?)? {
                 text.push_str(&format!("{left_out}\n"));
             }
         }

@@ -8,16 +8,16 @@ use serde_json::json;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::analysis::Progress as _;
-use crate::app::exchange::TableOfImages;
-use crate::app::look::{self, Overlays};
-use crate::app::{Watcher as _, on_threads, read_model, threads};
-use crate::config::{ExtractionConfig, paths};
-use crate::images::{self, ImageSource as _, TimedImage, Trimmed, Window};
-use crate::interchange::wcon::{self, Line, Written};
-use crate::outputs::{OutputFile, Outputs};
-use crate::vision::extractor::Learned;
-use crate::vision::{Extraction, ImageRecord, Status, Task, output};
+use analysis::Progress as _;
+use app::exchange::TableOfImages;
+use app::look::{self, Overlays};
+use app::{Watcher as _, on_threads, read_model, threads};
+use config::{ExtractionConfig, paths};
+use images::{self, ImageSource as _, TimedImage, Trimmed, Window};
+use interchange::wcon::{self, Line, Written};
+use record::outputs::{OutputFile, Outputs};
+use vision::extractor::Learned;
+use vision::{Extraction, ImageRecord, Status, Task, output};
 
 /// Keypoints from images: a folder of pictures, or a video where ffmpeg is installed.
 #[derive(clap::Args, Debug)]

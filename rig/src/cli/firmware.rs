@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
+use super::choice::choice;
 use super::{Failure, Outcome};
-use crate::app::firmware::{BoardKind, flash};
+use app::firmware::{BoardKind, flash};
 
 /// Arguments of `rig firmware`.
 #[derive(clap::Args, Debug)]
@@ -24,7 +25,7 @@ pub enum What {
 #[derive(clap::Args, Debug)]
 pub struct FlashArgs {
     /// Which board it is
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = choice::<BoardKind>())]
     pub board: BoardKind,
     /// The port it is on; `rig list` shows what there is
     #[arg(long)]

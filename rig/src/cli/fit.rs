@@ -7,10 +7,9 @@ use ident::experiment::Experiment;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::app::fit::{FILES, FitJob};
-use crate::app::{interruptible, threads};
-use crate::outputs::Outputs;
-use crate::report;
+use app::fit::{FILES, FitJob};
+use app::{interruptible, threads};
+use record::outputs::Outputs;
 
 /// Fits the model of an experiment to its runs.
 #[derive(clap::Args, Debug)]

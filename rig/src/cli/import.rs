@@ -2,19 +2,20 @@
 
 use std::path::PathBuf;
 
+use super::choice::choice;
 use super::{Failure, Outcome};
-use crate::app::exchange::{Import, ImportOutcome, TableOfImages, frames_file};
-use crate::config::paths;
-use crate::interchange::Format;
-use crate::outputs::Outputs;
-use crate::vision::Status;
+use app::exchange::{Import, ImportOutcome, TableOfImages, frames_file};
+use config::paths;
+use interchange::Format;
+use record::outputs::Outputs;
+use vision::Status;
 
 /// Keypoints that other programs found, to a trajectory that `rig fit` reads.
 #[derive(clap::Args, Debug)]
 #[command(allow_missing_positional = true)]
 pub struct Args {
     /// Its format; left out: told by how the file begins
-    #[arg(value_enum, value_name = "FORMAT")]
+    #[arg(value_parser = choice::<Format>(), value_name = "FORMAT")]
     pub format: Option<Format>,
     /// The other program's file
     #[arg(value_name = "FILE")]

@@ -3,13 +3,14 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use super::choice::choice;
 use super::{Failure, Outcome};
-use crate::analysis::Stage;
-use crate::config::RigConfig;
-use crate::goal::Target;
-use crate::record::run_id::RunId;
-use crate::store::Store;
-use crate::store::job::{Chosen, Job, JobId, NewJob, State, Work};
+use config::RigConfig;
+use record::run_id::RunId;
+use record::stage::Stage;
+use store::Store;
+use store::goal::Target;
+use store::job::{Chosen, Job, JobId, NewJob, State, Work};
 
 /// `rig jobs`.
 #[derive(clap::Args, Debug)]
@@ -89,7 +90,7 @@ pub enum AddWork {
         /// Its id
         run: RunId,
         /// What to begin with
-        #[arg(long, value_enum, default_value = "frames")]
+        #[arg(long, value_parser = choice::<Stage>(), default_value = "frames")]
         from: Stage,
     },
     /// A fit of runs

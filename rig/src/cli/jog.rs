@@ -6,11 +6,11 @@ use std::time::Duration;
 use anyhow::anyhow;
 
 use super::{Failure, Outcome};
-use crate::app::{Interrupt, base, interruptible};
-use crate::config::RigConfig;
-use crate::profile::ProfileConfig;
-use crate::run::open;
-use crate::servo::{ServoChannel, ServoEvent, StopOutcome, Unit};
+use app::{Interrupt, base, interruptible};
+use config::RigConfig;
+use run::open;
+use servo::profile::ProfileConfig;
+use servo::{ServoChannel, ServoEvent, StopOutcome, Unit};
 
 /// Arguments of `rig jog`.
 #[derive(clap::Args, Debug)]
@@ -97,7 +97,7 @@ fn move_to(
         open::board(config, base(&args.config), Some(&args.runs_dir)).map_err(Failure::of_run)?;
     let mut stood = None;
     let moved = board.jog(channel.id, told, args.duration_s).and_then(|()| {
-        let until = std::time::Instant::now() + ident::strict::duration(args.duration_s + args.stay_s);
+        let until = std::time::Instant::now() + ground::strict::duration(args.duration_s + args.stay_s);
         while std::time::Instant::now() < until && !interrupt.is_raised() {
             for event in board.poll()? {
                 if let ServoEvent::Position { channel: id, count, .. } = event

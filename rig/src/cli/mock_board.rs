@@ -7,10 +7,10 @@ use std::time::Duration;
 use anyhow::Context as _;
 
 use super::{Failure, Outcome};
-use crate::clock::MonotonicNs;
-use crate::outputs::Outputs;
-use crate::servo::pulse_log::PulseLogWriter;
-use crate::servo::{BoardFault, MockBoard, MockOptions};
+use ground::clock::MonotonicNs;
+use record::outputs::Outputs;
+use servo::pulse_log::PulseLogWriter;
+use servo::{BoardFault, MockBoard, MockOptions};
 
 /// The port's name in the tank's folder.
 pub const PORT_LINK: &str = "board";
@@ -95,9 +95,9 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::servo::config::tests::example;
-    use crate::servo::pulse_log::{Logged, PulseLogReader};
-    use crate::servo::{SerialBoard, ServoBoard as _, ServoConfig, ServoError, StopOutcome};
+    use servo::fixtures::example;
+    use servo::pulse_log::{Logged, PulseLogReader};
+    use servo::{SerialBoard, ServoBoard as _, ServoConfig, ServoError, StopOutcome};
 
     #[derive(Parser)]
     struct Line {

@@ -5,16 +5,16 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::Context as _;
-use ident::strict::NonNegative;
+use ground::strict::NonNegative;
 
 use super::mock_board::PULSE_LOG;
 use super::{Failure, Outcome};
-use crate::camera::mock::{CameraFault, MockCamera};
-use crate::camera::socket;
-use crate::clock::MonotonicNs;
-use crate::servo::PulseSink as _;
-use crate::servo::pulse_log::PulseLogReader;
-use crate::tank::Tank;
+use camera::mock::{CameraFault, MockCamera};
+use camera::socket;
+use ground::clock::MonotonicNs;
+use servo::PulseSink as _;
+use servo::pulse_log::PulseLogReader;
+use tank::Tank;
 
 /// Whoever creates this file in the tank's folder asks for the release.
 pub const RELEASE: &str = "release";
@@ -64,7 +64,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         })
         .or_else(|error| match error {
             // What the client asked for was wrong: the next may do better.
-            crate::camera::CameraError::Refused { .. } => {
+            camera::CameraError::Refused { .. } => {
                 tracing::warn!("{error}");
                 Ok(())
             }
@@ -122,13 +122,13 @@ fn follow(mut tank: Tank, folder: &Path) -> anyhow::Result<()> {
 mod tests {
     use std::time::Instant;
 
-    use ident::strict::Positive;
+    use ground::strict::Positive;
 
     use super::*;
-    use crate::camera::mock::CameraFaultKind;
-    use crate::camera::socket::SocketCamera;
-    use crate::camera::{Camera as _, CameraConfig, CameraError, CameraImage};
-    use crate::servo::pulse_log::PulseLogWriter;
+    use camera::mock::CameraFaultKind;
+    use camera::socket::SocketCamera;
+    use camera::{Camera as _, CameraConfig, CameraError, CameraImage};
+    use servo::pulse_log::PulseLogWriter;
 
     #[test]
     fn faults_are_kind_and_time() {

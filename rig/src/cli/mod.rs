@@ -3,6 +3,7 @@
 pub mod calibrate;
 pub mod calibrate_servo;
 pub mod campaign;
+mod choice;
 pub mod daemon;
 pub mod design;
 pub mod diagnose;
@@ -33,7 +34,7 @@ pub mod verb;
 
 use std::path::PathBuf;
 
-pub use crate::app::{Failure, InRun};
+pub use app::{Failure, InRun};
 pub use verb::{Cli, Verb};
 
 /// What a verb has to say on success: lines for people, paths for `--json`.

@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow};
 
 use super::{Failure, Outcome, list};
-use crate::config::MotionKind;
-use crate::outputs::{OutputFolder, Outputs};
 use crate::setup::{Answers, CONFIG, Chain, Drive, File, MODEL, Scale, files};
+use config::MotionKind;
+use record::outputs::{OutputFolder, Outputs};
 
 /// Arguments of `rig new`. On a terminal, what no option answers is asked; else its default holds.
 #[derive(clap::Args, Debug)]

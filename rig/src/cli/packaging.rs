@@ -7,7 +7,7 @@ use clap::CommandFactory as _;
 use clap_complete::Shell;
 
 use super::{Cli, Failure, Outcome};
-use crate::outputs::Outputs;
+use record::outputs::Outputs;
 
 /// Arguments of `rig packaging`.
 #[derive(clap::Args, Debug)]

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use super::{Failure, Outcome};
-use crate::app::{base, interruptible};
-use crate::config::RigConfig;
-use crate::outputs::Outputs;
 use crate::preview::{PreviewError, Server, Watch};
+use app::{base, interruptible};
+use config::RigConfig;
+use record::outputs::Outputs;
 
 /// Arguments of `rig preview`.
 #[derive(clap::Args, Debug)]

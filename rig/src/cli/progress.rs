@@ -7,10 +7,10 @@ use ident::diagnose;
 use ident::fit::{Flow, Observer, Progress as FitProgress};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::analysis::Progress;
-use crate::app::Watcher;
-use crate::app::hand_in;
-use crate::showing::Showing;
+use analysis::Progress;
+use analysis::showing::Showing;
+use app::Watcher;
+use app::hand_in;
 
 /// See the module.
 #[derive(Debug)]

@@ -8,15 +8,15 @@ use ident::experiment::Use;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::analysis::Progress as _;
-use crate::app::compose::{compose, degraded};
-use crate::app::drift::moved;
-use crate::app::last_good::{LastGood, Recalibrated, VERDICT, Verdict};
-use crate::app::{interruptible, on_threads, threads};
-use crate::error_chain::with_causes;
-use crate::outputs::{OutputFile, OutputFolder};
-use crate::record::folder::RunFolder;
-use crate::store::Store;
+use analysis::Progress as _;
+use app::compose::{compose, degraded};
+use app::drift::moved;
+use app::last_good::{LastGood, Recalibrated, VERDICT, Verdict};
+use app::{interruptible, on_threads, threads};
+use ground::error_chain::with_causes;
+use record::folder::RunFolder;
+use record::outputs::{OutputFile, OutputFolder};
+use store::Store;
 
 /// What the last good fit is brought up to date with, in the folder of the run.
 const EXPERIMENT: &str = "experiment.toml";

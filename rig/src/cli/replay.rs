@@ -5,17 +5,18 @@ use std::path::PathBuf;
 
 use anyhow::anyhow;
 
+use super::choice::choice;
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::analysis::{Analysis, Stage};
-use crate::app::experiment::analysed;
-use crate::app::look::Filming;
-use crate::app::{base, interruptible, threads};
-use crate::config::{RigConfig, paths};
-use crate::outputs::Outputs;
-use crate::record::folder::{RunFolder, file};
-use crate::record::sums::RESULTS;
-use crate::report;
+use analysis::Analysis;
+use app::experiment::analysed;
+use app::look::Filming;
+use app::{base, interruptible, threads};
+use config::{RigConfig, paths};
+use record::folder::{RunFolder, file};
+use record::outputs::Outputs;
+use record::stage::Stage;
+use record::sums::RESULTS;
 
 /// Arguments of `rig replay`.
 #[derive(clap::Args, Debug)]
@@ -26,7 +27,7 @@ pub struct Args {
     #[arg(long)]
     pub out: PathBuf,
     /// What to begin with; the stages before it are taken as they stand in RUN
-    #[arg(long, value_enum, default_value = "frames")]
+    #[arg(long, value_parser = choice::<Stage>(), default_value = "frames")]
     pub from: Stage,
     /// Another config than the one the run was made with
     #[arg(long)]

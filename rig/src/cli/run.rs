@@ -5,13 +5,12 @@ use std::path::PathBuf;
 
 use super::progress::Bar;
 use super::{Failure, Outcome};
-use crate::app::compose::degraded;
-use crate::app::experiment::{Done, Experiment, Extent};
-use crate::app::hand_in::{self, hand_in};
-use crate::app::{base, interruptible, threads};
-use crate::config::RigConfig;
-use crate::report;
-use crate::store::job::{NewJob, Work};
+use app::compose::degraded;
+use app::experiment::{Done, Experiment, Extent};
+use app::hand_in::{self, hand_in};
+use app::{base, interruptible, threads};
+use config::RigConfig;
+use store::job::{NewJob, Work};
 
 /// Arguments of `rig run`.
 #[derive(clap::Args, Debug)]

@@ -7,14 +7,14 @@ use anyhow::{Context as _, anyhow};
 use serde_json::Value;
 
 use super::{Failure, Outcome};
-use crate::app::{base, recover};
-use crate::claim::{Claim, has_open};
-use crate::record::folder::{self, RunFolder, file};
-use crate::record::run_id::RunId;
-use crate::record::verify::{State, verify};
-use crate::record::{RecordError, journal};
-use crate::store::Store;
-use crate::store::runs::Summary;
+use app::{base, recover};
+use ground::claim::{Claim, has_open};
+use record::folder::{self, RunFolder, file};
+use record::run_id::RunId;
+use record::verify::{State, verify};
+use record::{RecordError, journal};
+use store::Store;
+use store::runs::Summary;
 
 /// `rig runs`.
 #[derive(clap::Args, Debug)]
@@ -265,9 +265,9 @@ fn describe(run: &RunFolder) -> Result<String, RecordError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::fixtures;
-    use crate::record::start_stop::Stop;
-    use crate::servo::StopOutcome;
+    use record::fixtures;
+    use record::start_stop::Stop;
+    use servo::StopOutcome;
 
     fn create(runs_dir: &Path, id: &str) -> RunFolder {
         let start = fixtures::start(id);

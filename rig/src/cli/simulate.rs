@@ -14,7 +14,7 @@ use sim::{
 };
 
 use super::{Failure, Outcome};
-use crate::outputs::Outputs;
+use record::outputs::Outputs;
 
 /// Simulates a model and writes its coordinates, velocities and sites over time.
 #[derive(clap::Args, Debug)]

@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use super::{Failure, Outcome};
-use crate::claim::{Claim, port_lock};
-use crate::config::RigConfig;
-use crate::record::folder::{self, Listed};
-use crate::run::open;
-use crate::servo::bus;
-use crate::servo::motion::standing;
-use crate::servo::serial::query_status;
-use crate::store::runs::status;
+use config::RigConfig;
+use ground::claim::{Claim, port_lock};
+use record::folder::{self, Listed};
+use run::open;
+use servo::bus;
+use servo::motion::standing;
+use servo::serial::query_status;
+use store::runs::status;
 
 /// Arguments of `rig status`.
 #[derive(clap::Args, Debug)]

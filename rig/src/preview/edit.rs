@@ -3,9 +3,9 @@
 use serde::Deserialize;
 use toml_edit::{Array, Value};
 
-use crate::calibration::Px;
-use crate::config::edit::{self, EditError};
-use crate::outputs::OutputFile;
+use camera::calibration::Px;
+use config::edit::{self, EditError};
+use record::outputs::OutputFile;
 
 /// What is to be written; what is left out stays as it is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize)]
@@ -82,7 +82,7 @@ fn tenth(px: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::outputs::Outputs;
+    use record::outputs::Outputs;
 
     const CONFIG: &str = "# My rig.\n\n[calibration]   # a ruler\nmetres_per_pixel = 0.00025 # measured\norigin_px = [ 320.0,60.0 ]   # the pivot\n\n[camera]\nfps = 50.0\n";
     const SIZE: [u32; 2] = [640, 480];

@@ -15,12 +15,12 @@ use tokio::net::TcpListener;
 
 use super::edit::Places;
 use super::watch::{Picture, Watch};
-use crate::calibration::{Plane, Px};
-use crate::config::RigConfig;
-use crate::error_chain::with_causes;
-use crate::outputs::OutputFile;
-use crate::tank::render::outlines;
-use crate::web::{Hosts, one_form, protect};
+use camera::calibration::{Plane, Px};
+use config::RigConfig;
+use daemon::web::{Hosts, one_form, protect};
+use ground::error_chain::with_causes;
+use record::outputs::OutputFile;
+use tank::render::outlines;
 
 const PAGE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");

@@ -15,13 +15,13 @@ use tokio::sync::watch;
 
 use super::flicker::{Flicker, flicker};
 use super::measures::{GreyRange, Saturation, edge_width_px, grey_range, mean_grey, saturation};
-use crate::camera::{Camera, CameraError, CameraImage, CameraInfo, decode, images_lost};
-use crate::clock::MonotonicNs;
-use crate::config::RigConfig;
-use crate::error_chain::with_causes;
-use crate::run::RunError;
-use crate::run::open;
-use crate::vision::standing_out::{StandingOut, standing_out};
+use camera::{Camera, CameraError, CameraImage, CameraInfo, decode, images_lost};
+use config::RigConfig;
+use ground::clock::MonotonicNs;
+use ground::error_chain::with_causes;
+use run::RunError;
+use run::open;
+use vision::standing_out::{StandingOut, standing_out};
 
 /// Images that may wait to be measured; with more the next ones are not.
 const WAITING: usize = 32;

@@ -6,8 +6,8 @@ use serde::Deserialize;
 use serde::de::value::{Error, StrDeserializer};
 use serde::de::{DeserializeOwned, IntoDeserializer as _};
 
-use crate::camera::Encoding;
-use crate::config::{MotionKind, Mount};
+use camera::Encoding;
+use config::{MotionKind, Mount};
 
 /// Stands for a board that is not there yet.
 pub const YOUR_BOARD: &str = "/dev/serial/by-id/usb-YOUR_BOARD-if00";

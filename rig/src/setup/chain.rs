@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use ident::strict::{Finite, NonNegative};
+use ground::strict::{Finite, NonNegative};
 use ident::weights::{Water, WeightError};
 
 use super::answers::{Answers, Shape, YOUR_BOARD, YOUR_CAMERA};
 use super::refusal::Refusal;
-use crate::camera::Encoding;
-use crate::config::{MotionKind, Mount};
+use camera::Encoding;
+use config::{MotionKind, Mount};
 
 /// A chain of equal rigid links in its tank, with its devices; nothing in it contradicts anything else.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use super::chain::{Chain, Drive, Link, Scale};
 use super::{MODEL, TANK, TRUTH, tidy};
-use crate::camera::Encoding;
-use crate::config::{MotionKind, Mount};
+use camera::Encoding;
+use config::{MotionKind, Mount};
 
 /// Quoted and escaped.
 fn text(text: &str) -> String {

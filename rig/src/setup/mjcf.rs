@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::answers::Shape;
 use super::chain::Chain;
 use super::tidy;
-use crate::config::{MotionKind, Mount};
+use config::{MotionKind, Mount};
 
 /// Which model of the chain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,9 +4,9 @@ use clap::Args as _;
 use sim::{Model, State};
 
 use super::*;
-use crate::config::RigConfig;
-use crate::profile::Profile;
-use crate::vision::{Mode, Outline};
+use ::config::RigConfig;
+use servo::profile::Profile;
+use vision::{Mode, Outline};
 
 /// Answers as the command line gives them.
 fn answers(options: &[&str]) -> Answers {
@@ -134,8 +134,8 @@ fn configs_of_all_kinds_are_read_as_a_run_reads_them() {
                 files
                     .iter()
                     .for_each(|file| std::fs::write(folder.path().join(file.name), &file.text).unwrap());
-                let tank = ident::strict::read(&folder.path().join(TANK)).unwrap();
-                let tank = crate::tank::Tank::new(&tank, folder.path()).unwrap();
+                let tank = ground::strict::read(&folder.path().join(TANK)).unwrap();
+                let tank = tank::Tank::new(&tank, folder.path()).unwrap();
                 assert_eq!(tank.model().keypoints(), model.keypoints());
             }
         }

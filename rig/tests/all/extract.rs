@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use rig::calibration::Plane;
+use camera::calibration::Plane;
 use rig::cli::Failure;
 use rig::cli::extract::{Args, run};
-use rig::tank::render::{Look, Renderer};
+use tank::render::{Look, Renderer};
 
 const CONFIG: &str = "
 [camera]
@@ -93,12 +93,12 @@ fn overlays_with_a_films_ending_are_a_film_with_every_image_in_it() {
         }
         outcome => drop(outcome.unwrap()),
     }
-    let film = rig::images::open(&path, None).unwrap();
+    let film = images::open(&path, None).unwrap();
     let images: Vec<_> = film.images().unwrap().map(Result::unwrap).collect();
     let times_s: Vec<f64> = images.iter().map(|image| (image.time_s * 1e3).round() / 1e3).collect();
     assert_eq!(times_s, [0.0, 0.05, 0.1]);
     // The bar of 10 px by 80 px is there in the first and the last one.
-    let dark = |image: &rig::images::TimedImage| {
+    let dark = |image: &images::TimedImage| {
         let grey = image.grey.as_ref().unwrap();
         let picture = image::imageops::crop_imm(grey, 0, 0, grey.width(), grey.width() * 130 / 100);
         picture.to_image().pixels().filter(|pixel| pixel.0[0] < 120).count()
@@ -130,7 +130,7 @@ fn a_film_of_too_few_images_is_not_checked_by_itself() {
     let mut args = args(folder.path(), CONFIG, "c.csv");
     args.self_check = true;
     let Err(Failure::Input(error)) = run(&args) else { panic!() };
-    let text = rig::error_chain::with_causes(error.as_ref());
+    let text = ground::error_chain::with_causes(error.as_ref());
     assert!(text.contains("only 2 images were found without a doubt, at least 8 are needed"), "{text}");
 }
 

@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use camera::calibration::Calibration;
 use clap::Parser;
-use rig::calibration::Calibration;
+use record::folder::RunFolder;
+use record::run_id::RunId;
+use record::start_stop::{ClockPair, RunKind, Start};
 use rig::cli::{Failure, Outcome, export, import};
-use rig::record::folder::RunFolder;
-use rig::record::run_id::RunId;
-use rig::record::start_stop::{ClockPair, RunKind, Start};
 use sim::Trajectory;
 
 #[derive(Parser)]

@@ -5,13 +5,13 @@
 
 use std::path::{Path, PathBuf};
 
-use ident::strict::{Finite, Positive};
-use rig::calibration::{Plane, Px};
-use rig::error_chain::with_causes;
-use rig::images::TimedImage;
-use rig::tank::render::{Look, Renderer};
-use rig::vision::sam2::{Click, Crop, Mismatch, Sam2Config, Sam2Error, Segmenter};
-use rig::vision::{Extraction, Mode, SequenceError, Status, Task, VisionConfig, VisionError};
+use camera::calibration::{Plane, Px};
+use ground::error_chain::with_causes;
+use ground::strict::{Finite, Positive};
+use images::TimedImage;
+use tank::render::{Look, Renderer};
+use vision::sam2::{Click, Crop, Mismatch, Sam2Config, Sam2Error, Segmenter};
+use vision::{Extraction, Mode, SequenceError, Status, Task, VisionConfig, VisionError};
 
 const SIDE_PX: u32 = 320;
 const BASE: Px = [160.0, 60.0];

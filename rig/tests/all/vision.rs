@@ -2,16 +2,16 @@
 
 use std::path::Path;
 
-use ident::strict::{Finite, Positive};
+use camera::calibration::{Plane, Px};
+use ground::strict::{Finite, Positive};
 use image::GrayImage;
+use images::TimedImage;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use rig::calibration::{Plane, Px};
-use rig::images::TimedImage;
-use rig::tank::render::{Look, Renderer};
-use rig::vision::spline::{distance, moved};
-use rig::vision::{Extraction, Mask, Mode, SequenceError, Status, StoredRecord, Task, VisionConfig};
+use tank::render::{Look, Renderer};
+use vision::spline::{distance, moved};
+use vision::{Extraction, Mask, Mode, SequenceError, Status, StoredRecord, Task, VisionConfig};
 
 const SIDE_PX: u32 = 480;
 /// Sensor noise of all renders, 1 sigma \[grey levels of 255\].
@@ -124,14 +124,14 @@ fn mean_errors(config: &VisionConfig, bend: f64) -> ([f64; 4], f64) {
 fn rigid_links_are_found_to_a_tenth_of_a_pixel_where_shares_of_the_length_are_not() {
     // Square ends at the pivots: with lengths free, a straight chain could as well be shorter and reach past them.
     let links = VisionConfig {
-        overhang_m: ident::strict::NonNegative::new(0.0),
-        end_rounding: ident::strict::Share::new(0.0),
+        overhang_m: ground::strict::NonNegative::new(0.0),
+        end_rounding: ground::strict::Share::new(0.0),
         ..VisionConfig::new(3, Mode::Links)
     };
     let known =
         VisionConfig { link_lengths_m: Some(vec![metres(LENGTH_PX * METRES_PER_PIXEL); 3]), ..links.clone() };
     let end_to_end =
-        VisionConfig { end_inset: ident::strict::NonNegative::new(0.0), ..VisionConfig::new(3, Mode::Arc) };
+        VisionConfig { end_inset: ground::strict::NonNegative::new(0.0), ..VisionConfig::new(3, Mode::Arc) };
     let rows = [
         ("paper", VisionConfig::new(3, Mode::Paper), [14.0, 8.0]),
         ("arc", end_to_end, [0.8, 6.0]),
@@ -195,7 +195,7 @@ fn tank_plane() -> Plane {
 fn chain_config() -> VisionConfig {
     VisionConfig {
         link_lengths_m: Some([0.025, 0.025, 0.0275].map(metres).to_vec()),
-        overhang_m: ident::strict::NonNegative::new(0.0025),
+        overhang_m: ground::strict::NonNegative::new(0.0025),
         base_px: Some(finite([320.0, 60.0])),
         ..VisionConfig::new(3, Mode::Links)
     }
@@ -397,7 +397,7 @@ fn images_without_anything_in_them_are_an_error_that_says_so() {
     let renderer = Renderer::new(plane(), Look::plain(SIDE_PX, SIDE_PX));
     let empty = timed(vec![noisy(renderer.draw_polygons(&[]), 4)]);
     let error = sequence(&empty, &VisionConfig::new(3, Mode::Arc), &plane(), Path::new("")).unwrap_err();
-    let said = rig::error_chain::with_causes(&error);
+    let said = ground::error_chain::with_causes(&error);
     assert!(said.contains("background"), "{said}");
 }
 
@@ -475,7 +475,7 @@ fn without_a_base_images_are_refused_while_another_object_is_at_the_border() {
     let images: Vec<GrayImage> = images.collect();
     // The object would be part of a background learnt from so few images.
     let config =
-        VisionConfig { background: rig::vision::config::Background::Flat, ..VisionConfig::new(2, Mode::Arc) };
+        VisionConfig { background: vision::config::Background::Flat, ..VisionConfig::new(2, Mode::Arc) };
     let refused = |e: &Extraction| e.records.iter().map(|r| r.status == Status::Rejected).collect::<Vec<_>>();
     let found = extracted(images.clone(), &config);
     assert_eq!(refused(&found), visit.map(|(_, refused)| refused));

@@ -6,10 +6,10 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use rig::calibration::Calibration;
-use rig::images::{self, TimedImage};
-use rig::vision::{Extraction, ImageRecord, SequenceError, Status, Task, VisionConfig, spline};
+use camera::calibration::Calibration;
+use images::{self, TimedImage};
 use serde::Deserialize;
+use vision::{Extraction, ImageRecord, SequenceError, Status, Task, VisionConfig, spline};
 
 /// A rejected image among those with a midline counts as this \[px\].
 const REJECTED_PX: f64 = 5.0;
@@ -50,7 +50,7 @@ fn midlines(folder: &Path) -> BTreeMap<String, Vec<[f64; 2]>> {
 
 fn extraction(folder: &Path) -> Extraction {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/worm.toml");
-    let config: Config = ident::strict::read(&config).unwrap();
+    let config: Config = ground::strict::read(&config).unwrap();
     let plane = config.calibration.plane(Path::new("")).unwrap();
     let source = images::open(&folder.join("frames"), Some(30.0)).unwrap();
     let heard = |_: &[TimedImage], _: &[ImageRecord]| Ok::<(), SequenceError>(());

@@ -51,8 +51,8 @@ impl Help {
 /// Where the crates are, by name; `None` for one that is not there.
 fn crate_folder(name: &str) -> Option<PathBuf> {
     let folder = if name == "system-tests" { "tests" } else { name };
-    let path = repository().join(folder);
-    path.join("Cargo.toml").exists().then_some(path)
+    let places = [repository().join(folder), repository().join("rig").join(folder)];
+    places.into_iter().find(|path| path.join("Cargo.toml").exists())
 }
 
 /// The value of `option` among `words`.

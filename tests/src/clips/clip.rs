@@ -2,13 +2,13 @@
 
 use std::f64::consts::TAU;
 
-use ident::strict::Finite;
+use camera::calibration::Plane;
+use ground::strict::Finite;
 use image::GrayImage;
+use images::TimedImage;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rig::calibration::Plane;
-use rig::images::TimedImage;
-use rig::vision::{Ahead, VisionConfig};
+use vision::{Ahead, VisionConfig};
 
 use super::body::{Body, KINDS};
 use super::mechanism::Mechanism;

@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::time::Instant;
 
-use rig::vision::{Extraction, SequenceError, Status, Task};
 use serde::Serialize;
+use vision::{Extraction, SequenceError, Status, Task};
 
 use super::clip::Clip;
 
@@ -56,7 +56,7 @@ pub fn read(clip: &Clip, self_check: bool) -> (Score, Option<Extraction>) {
     match found {
         Ok(extraction) => (Score { images_per_s: took, ..judged(clip, &extraction) }, Some(extraction)),
         Err(error) => {
-            let refused = Some(rig::error_chain::with_causes(&error));
+            let refused = Some(ground::error_chain::with_causes(&error));
             (Score { refused, ..judged_nothing(clip) }, None)
         }
     }

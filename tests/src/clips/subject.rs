@@ -1,7 +1,7 @@
 //! What a film shows, and what its maker would write of it.
 
-use ident::strict::{Finite, Positive, Share};
-use rig::vision::{Ahead, Mode, VisionConfig};
+use ground::strict::{Finite, Positive, Share};
+use vision::{Ahead, Mode, VisionConfig};
 
 use super::body::Body;
 use super::mechanism::Mechanism;

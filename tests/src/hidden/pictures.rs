@@ -2,7 +2,7 @@
 
 use std::io::{Error, Result};
 
-use rig::vision::Status;
+use vision::Status;
 
 use super::bench::{FINE_S, IMAGE_S, Run};
 use super::cases::Made;

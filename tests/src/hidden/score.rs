@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use ident::statistics::median;
+use ground::statistics::median;
 
 use super::cases::same;
 use super::diagnose::{Named, Outcome};

@@ -6,12 +6,12 @@ use std::process::Command;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use rig::camera::{CameraConfig, Encoding};
-use rig::clock::MonotonicNs;
-use rig::servo::PulseSink as _;
-use rig::servo::pulse_log::{Logged, PulseLogReader};
-use rig::tank::Tank;
+use camera::{CameraConfig, Encoding};
+use ground::clock::MonotonicNs;
+use servo::PulseSink as _;
+use servo::pulse_log::{Logged, PulseLogReader};
 use system_tests::{Background, changed_config, config, json, only_run, rig, set, uno, wait_until};
+use tank::Tank;
 
 use crate::feeder::Feeder;
 use crate::gadget::{Gadget, PORT};
@@ -171,7 +171,7 @@ pub(crate) const STALL_S: f64 = 1.5;
 
 /// The camera that [`Board::config`] means, showing the board's tank.
 pub(crate) fn feeder(board: &Board, encoding: Encoding) -> Feeder {
-    let fps = ident::strict::Positive::new(f64::from(FPS));
+    let fps = ground::strict::Positive::new(f64::from(FPS));
     let camera = CameraConfig {
         width_px: SIZE_PX[0],
         height_px: SIZE_PX[1],
@@ -229,7 +229,7 @@ impl Running {
     }
 
     pub(crate) fn ended_within(mut self, seconds: f64) -> Ended {
-        let deadline = Instant::now() + ident::strict::duration(seconds);
+        let deadline = Instant::now() + ground::strict::duration(seconds);
         let status = loop {
             if let Some(status) = self.process.child().try_wait().expect("its status") {
                 break status;
@@ -259,10 +259,10 @@ impl Ended {
         let told = self.stop["reason"].as_str().unwrap_or_default();
         assert!(told.contains(reason), "{told:?} does not say {reason:?}");
         assert!(self.said.contains(reason), "{}", self.said);
-        let recording = rig::record::reader::Recording::open(&self.run.join("recording.mcap"));
+        let recording = record::reader::Recording::open(&self.run.join("recording.mcap"));
         let images = recording
             .expect("a recording")
-            .filter(|item| matches!(item, Ok((_, rig::record::reader::Item::Image(_)))))
+            .filter(|item| matches!(item, Ok((_, record::reader::Item::Image(_)))))
             .count();
         assert!(images >= least, "{images} images");
         eprintln!("    {told}");

@@ -3,10 +3,10 @@
 
 use std::path::Path;
 
-use rig::camera::Encoding;
-use rig::clock::MonotonicNs;
-use rig::record::frames;
-use rig::record::reader::{Item, Recording};
+use camera::Encoding;
+use ground::clock::MonotonicNs;
+use record::frames;
+use record::reader::{Item, Recording};
 use system_tests::{json, set};
 
 use crate::bench::{Board, FED, FPS, Running, feeder, must, one_cycle};

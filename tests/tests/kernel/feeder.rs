@@ -6,13 +6,13 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use camera::mock::{MockCamera, Scene, StampTruth};
+use camera::{Camera as _, CameraConfig, Encoding};
+use ground::clock::MonotonicNs;
 use image::GrayImage;
-use rig::camera::mock::{MockCamera, Scene, StampTruth};
-use rig::camera::{Camera as _, CameraConfig, Encoding};
-use rig::clock::MonotonicNs;
-use rig::tank::Tank;
-use rig::tank::scene::TankScene;
 use system_tests::wait_until;
+use tank::Tank;
+use tank::scene::TankScene;
 use v4l::video::Output as _;
 use v4l::video::output::Parameters;
 use v4l::{Device, Format, FourCC};

@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::time::Duration;
 
-use rig::camera::Encoding;
-use rig::clock::MonotonicNs;
+use camera::Encoding;
+use ground::clock::MonotonicNs;
 use system_tests::{json, printed, run_rig, wait_until};
 
 use crate::bench::{Board, DEAD_MAN_MS, FED, Running, feeder, one_cycle};

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::time::Duration;
 
-use rig::camera::Encoding;
-use rig::record::reader::{Item, Recording};
+use camera::Encoding;
+use record::reader::{Item, Recording};
 use system_tests::{Background, printed, run_rig, set};
 
 use crate::bench::{Board, Ended, FPS, Running, must, one_cycle};

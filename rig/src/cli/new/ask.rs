@@ -4,8 +4,8 @@ use std::io::{BufRead, Write};
 
 use clap::{ArgMatches, Args as _, FromArgMatches as _};
 
-use crate::config::{MotionKind, Mount};
 use crate::setup::{Answers, Chain, Drive, Scale, Shape};
+use config::{MotionKind, Mount};
 
 /// Devices that could be used.
 #[derive(Debug, Default)]

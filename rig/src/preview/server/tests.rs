@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 
 use super::*;
-use crate::outputs::Outputs;
+use record::outputs::Outputs;
 
 /// Longer than anything here takes, on a machine that does other things too.
 const PATIENCE: Duration = Duration::from_secs(20);

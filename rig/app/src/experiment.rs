@@ -1,0 +1,198 @@
+//! One experiment from config to report, for `rig run` and `rig daemon`; the same analysis for a recorded run.
+
+use std::path::Path;
+
+use anyhow::anyhow;
+
+use super::announce::count_down;
+use super::live::Beside;
+use super::{Failure, InRun, Interrupt, Watcher, on_threads, read_model, recover};
+use crate::doctor::{self, Health};
+use analysis::{Analysis, AnalysisError, prepared};
+use camera::CameraKind;
+use config::RigConfig;
+use ground::claim::Claim;
+use record::outputs::OutputFolder;
+use record::stage::Stage;
+use report::ReportData;
+use run::machine::Ending;
+use run::{Conducted, Job, open};
+use servo::PulseProfile;
+use vision::{SequenceError, VisionError};
+
+/// How far an experiment goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Extent {
+    /// It is filmed; extraction and fit are left to a replay.
+    Film,
+    /// To the keypoints.
+    Keypoints,
+    /// To the report.
+    Report,
+}
+
+/// An experiment as its config says it.
+pub struct Experiment<'a> {
+    /// The config.
+    pub config: &'a RigConfig,
+    /// The folder that relative paths in it start from.
+    pub base: &'a Path,
+    /// The folder of run folders.
+    pub runs_dir: &'a Path,
+    /// How far it goes.
+    pub extent: Extent,
+    /// What the servos play; none: the config's profile.
+    pub motion: Option<PulseProfile>,
+    /// Worker threads.
+    pub threads: usize,
+    /// Its motion is announced by a countdown: it is not begun by a person just now.
+    pub announced: bool,
+}
+
+/// An experiment that was carried out.
+pub struct Done {
+    /// The run.
+    pub conducted: Conducted,
+    /// What its report shows, where it went as far as that.
+    pub data: Option<ReportData>,
+}
+
+impl Experiment<'_> {
+    /// Sees that what is filmed can be extracted and fitted.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] where the config names what the model has not, or puts the mechanism outside of the picture; and for SAM 2, whose clicks are in a picture of a film.
+    pub fn check(&self) -> Result<(), Failure> {
+        if self.config.vision.sam2().is_some() && self.extent != Extent::Film {
+            return Err(Failure::Input(anyhow!(
+                "[vision] segmenter = \"sam2\" is for films that are recorded already: it is clicked in one of their images, and takes far \
+                 longer than the filming; say \"classical\" here or `rig run --film-only`, then `rig replay RUN --config CONFIG --out DIR` \
+                 with segmenter = \"sam2\" and the clicks in CONFIG"
+            )));
+        }
+        let camera = &self.config.camera;
+        // a recorded camera has the size that it was recorded with
+        if self.extent != Extent::Film && camera.kind != CameraKind::Replay {
+            let check =
+                doctor::picture::calibration(self.config, self.base, [camera.width_px, camera.height_px]);
+            if check.health == Health::Bad {
+                return Err(Failure::Input(anyhow!("{}: {}", check.subject, check.finding)));
+            }
+        }
+        if self.extent == Extent::Report {
+            prepared(self.config, read_model(&self.base.join(&self.config.run.model))?)?;
+        }
+        Ok(())
+    }
+
+    /// Claims the folder of run folders, recovers what earlier runs left unfinished in it, and sees that there is room in it, and what
+    /// [`Self::check`] sees.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] when another process has it, or it has no room.
+    pub fn claim(&self) -> Result<Claim, Failure> {
+        self.check()?;
+        let claim = recover::claim(self.runs_dir)?;
+        // room for a hold, while the disk has some
+        open::latch(self.config, Some(self.runs_dir)).make_room().map_err(Failure::input)?;
+        recover::all(self.runs_dir, &claim, |run, said| tracing::warn!("run {run} {said}"));
+        for check in doctor::host::runs_folder(self.runs_dir, self.config.expected_bytes()) {
+            if check.health == Health::Bad {
+                return Err(Failure::Input(anyhow!("{}: {}", check.subject, check.finding)));
+            }
+        }
+        Ok(claim)
+    }
+
+    /// Carries it out once.
+    ///
+    /// # Errors
+    /// [`Failure`] by class; a run that has begun stays readable and is named by [`InRun`].
+    pub async fn carry_out(&self, interrupt: &Interrupt, watcher: &mut dyn Watcher) -> Result<Done, Failure> {
+        let job = Job {
+            config: self.config,
+            base: self.base,
+            runs_dir: self.runs_dir,
+            motion: self.motion.as_ref(),
+        };
+        if self.announced {
+            count_down(self.config, self.runs_dir, interrupt, watcher).await?;
+        }
+        let mut beside = Beside::new(self.config, self.base, self.extent, self.threads, watcher.showing());
+        let conducted = job
+            .conduct(interrupt.raised(), |folder, notice| beside.hear(folder, notice, watcher))
+            .await
+            .map_err(Failure::of_run)?;
+        let folder = &conducted.folder;
+        let here = InRun(folder.path().into());
+        match &conducted.filmed.ending {
+            Ending::Success => {}
+            Ending::Abort(reason) => {
+                return Err(Failure::Interrupted(anyhow!("aborted: {reason}").context(here)));
+            }
+            Ending::Fail(reason) => {
+                return Err(Failure::Hardware(anyhow!("run incomplete: {reason}").context(here)));
+            }
+        }
+        if self.extent == Extent::Film {
+            return Ok(Done { conducted, data: None });
+        }
+        let own = OutputFolder::of_run(folder);
+        let analysis = Analysis {
+            run: folder,
+            out: &own,
+            config: self.config,
+            paths_from: self.base,
+            from: Stage::Frames,
+            chronicle: beside.chronicle,
+            live: beside.live,
+        };
+        if self.extent == Extent::Keypoints {
+            let seen = || on_threads(self.threads, || Ok(analysis.keypoints(watcher)));
+            let seen = tokio::task::block_in_place(seen)?;
+            watcher.clear();
+            seen.map_err(|error| analysis_failed(error, here))?;
+            return Ok(Done { conducted, data: None });
+        }
+        let data = analysed(analysis, self.threads, interrupt, watcher)?;
+        Ok(Done { conducted, data: Some(data) })
+    }
+}
+
+/// Carries out `analysis` on so many threads.
+///
+/// # Errors
+/// [`Failure`] by class, [`Failure::Interrupted`] too when a signal has made the fit end with its best so far: what was asked for
+/// is not there, though all files are.
+pub fn analysed(
+    analysis: Analysis<'_>,
+    threads: usize,
+    interrupt: &Interrupt,
+    watcher: &mut dyn Watcher,
+) -> Result<ReportData, Failure> {
+    let (run, out) = (InRun(analysis.run.path().into()), analysis.out.path().to_owned());
+    let analysed = tokio::task::block_in_place(|| on_threads(threads, || Ok(analysis.carry_out(watcher))));
+    watcher.clear();
+    let data = match analysed? {
+        Ok(data) => data,
+        Err(error) => return Err(analysis_failed(error, run)),
+    };
+    if interrupt.is_raised() {
+        let text = report::written(&data, &out);
+        return Err(Failure::Interrupted(
+            anyhow!("interrupted; the best so far is written\n{text}").context(run),
+        ));
+    }
+    Ok(data)
+}
+
+fn analysis_failed(error: AnalysisError, run: InRun) -> Failure {
+    let lacking = match &error {
+        AnalysisError::Images(SequenceError::Vision(VisionError::Sam2(_))) => false,
+        AnalysisError::Images(SequenceError::Vision(_)) => true,
+        AnalysisError::Fit(error) => error.is_lack_of_data(),
+        AnalysisError::NothingMoved => true,
+        _ => false,
+    };
+    Failure::data_if(lacking, anyhow::Error::new(error).context(run))
+}

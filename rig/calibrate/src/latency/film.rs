@@ -1,0 +1,267 @@
+//! A film by the mean brightness of small squares, and the place in it that follows the sync LED.
+
+use image::GrayImage;
+
+use super::light::Light;
+use super::{BLOCK, LatencyError};
+use camera::calibration::Px;
+use ground::clock::{ClockFit, MonotonicNs};
+
+/// Stamps may be so much earlier, or later, than the light \[s\].
+const LATE_S: [f64; 2] = [-0.2, 0.5];
+/// So many of the squares that change most are looked at.
+const MOST_SQUARES: usize = 400;
+/// What follows the pattern does so by this correlation at least.
+const FOLLOWS: f64 = 0.7;
+/// Another time fits as well when its correlation comes so near to the best.
+const AS_WELL: f64 = 0.9;
+/// Squares that follow so nearly as well as the best one are part of the LED.
+const PART_OF_IT: f64 = 0.9;
+/// The squares of an LED lie within this many of the best one: light reflected elsewhere follows it too, and may be slower.
+const REACH: usize = 4;
+
+/// Images of a film, each as the mean grey of its squares of 8 pixels.
+#[derive(Debug, Clone, Default)]
+pub struct Film {
+    size_px: [u32; 2],
+    /// Images' times as they are to be calibrated: mid-exposure by what stamps and config claim.
+    times: Vec<MonotonicNs>,
+    /// Shape (images, squares), squares row by row.
+    greys: Vec<f32>,
+}
+
+/// The LED in a film.
+pub(super) struct Seen {
+    /// Times of the images \[s\] after the first.
+    pub(super) times_s: Vec<f64>,
+    /// How brightly it shines in each image: 0 dark, 1 lit.
+    pub(super) shines: Vec<f64>,
+    /// Standard deviation of that where it is dark or lit for all of the exposure.
+    pub(super) noise: f64,
+    /// How late the images' times are, to within half a period \[s\].
+    pub(super) late_s: f64,
+    pub(super) place_px: Px,
+    pub(super) contrast_grey: f64,
+}
+
+impl Film {
+    /// Takes in the next image.
+    ///
+    /// # Errors
+    /// [`LatencyError::Size`].
+    pub fn take(&mut self, picture: &GrayImage, time: MonotonicNs) -> Result<(), LatencyError> {
+        let size_px: [u32; 2] = picture.dimensions().into();
+        if self.times.is_empty() {
+            self.size_px = size_px;
+        } else if self.size_px != size_px {
+            return Err(LatencyError::Size { wanted_px: self.size_px, got_px: size_px });
+        }
+        let columns = self.columns();
+        let width = size_px[0] as usize;
+        for rows in picture.as_raw().chunks_exact(width * BLOCK) {
+            let mut sums = vec![0_u32; columns];
+            for row in rows.chunks_exact(width) {
+                for (sum, block) in sums.iter_mut().zip(row.chunks_exact(BLOCK)) {
+                    *sum += block.iter().map(|&grey| u32::from(grey)).sum::<u32>();
+                }
+            }
+            self.greys.extend(sums.iter().map(|&sum| sum as f32 / (BLOCK * BLOCK) as f32));
+        }
+        self.times.push(time);
+        Ok(())
+    }
+
+    /// How many images.
+    pub fn images(&self) -> usize {
+        self.times.len()
+    }
+
+    /// From the first to the last image \[s\].
+    pub fn span_s(&self) -> f64 {
+        self.times.first().zip(self.times.last()).map_or(0.0, |(first, last)| last.seconds_since(*first))
+    }
+
+    /// Bytes it has.
+    pub fn bytes(&self) -> usize {
+        self.greys.len() * size_of::<f32>()
+    }
+
+    /// Median time between images \[s\].
+    pub(super) fn period_s(&self) -> f64 {
+        let mut steps: Vec<f64> = self.times.windows(2).map(|pair| pair[1].seconds_since(pair[0])).collect();
+        steps.sort_by(f64::total_cmp);
+        steps.get(steps.len() / 2).copied().unwrap_or_default()
+    }
+
+    /// The LED's light while it was filmed, with room for every lateness looked for; times count from the first image.
+    pub(super) fn light(&self, clock: &ClockFit) -> Light {
+        let ends = self.times.first().zip(self.times.last());
+        let (first, last) = ends.map_or((MonotonicNs(0), MonotonicNs(0)), |(first, last)| (*first, *last));
+        let margin_s = 2.0 * LATE_S[1];
+        Light::new(clock, first, first.plus_seconds(-margin_s), last.plus_seconds(margin_s))
+    }
+
+    /// The place that follows `light`, exposures lasting about `exposure_s`.
+    pub(super) fn find(&self, light: &Light, exposure_s: f64) -> Result<Seen, LatencyError> {
+        let times_s: Vec<f64> = self.times.iter().map(|time| time.seconds_since(self.times[0])).collect();
+        let changing = self.changing();
+        let step_s = (self.period_s() / 2.0).min(0.004);
+        let count = ((LATE_S[1] - LATE_S[0]) / step_s) as usize + 1;
+        let expected = |late_s: f64| -> Vec<f64> {
+            times_s.iter().map(|time_s| light.share(time_s - late_s, exposure_s)).collect()
+        };
+        // The best square at each lateness.
+        let looks: Vec<Look> = (0..count)
+            .map(|k| {
+                let late_s = LATE_S[0] + k as f64 * step_s;
+                let mut pattern = expected(late_s);
+                normalize(&mut pattern);
+                let follows = changing.iter().map(|(square, series)| (dot(&pattern, series), *square));
+                let (followed, square) = follows
+                    .fold((f64::NEG_INFINITY, 0), |best, next| if next.0 > best.0 { next } else { best });
+                Look { late_s, followed, square }
+            })
+            .collect();
+        let best =
+            looks.iter().fold(Look { followed: f64::NEG_INFINITY, ..Look::default() }, |best, look| {
+                if look.followed > best.followed { *look } else { best }
+            });
+        if best.followed < FOLLOWS {
+            return Err(LatencyError::NoLed {
+                place_px: self.place_px(best.square),
+                followed: best.followed,
+            });
+        }
+        // Next to the best time all fit a little; a whole slot away nothing should.
+        let slot_s = f64::from(firmware_protocol::sync_led::SLOT.0) * 1e-6;
+        let rival = looks.iter().find(|look| {
+            (look.late_s - best.late_s).abs() > slot_s && look.followed > AS_WELL * best.followed
+        });
+        if let Some(rival) = rival {
+            return Err(LatencyError::TwoTimes { first_s: best.late_s, second_s: rival.late_s });
+        }
+        let shares = expected(best.late_s);
+        let mut pattern = shares.clone();
+        normalize(&mut pattern);
+        let part = changing.iter().filter(|(square, series)| {
+            let near = self
+                .row_and_column(*square)
+                .iter()
+                .zip(self.row_and_column(best.square))
+                .all(|(a, b)| a.abs_diff(b) <= REACH);
+            near && dot(&pattern, series) > PART_OF_IT * best.followed
+        });
+        let squares: Vec<usize> = part.map(|(square, _)| *square).collect();
+        Ok(self.seen(&squares, times_s, &shares, best.late_s))
+    }
+
+    /// The LED that covers `squares`, lit for `shares` of the images when they are `late_s` late.
+    fn seen(&self, squares: &[usize], times_s: Vec<f64>, shares: &[f64], late_s: f64) -> Seen {
+        let count = squares.len().max(1) as f64;
+        let mean = |image: usize| {
+            squares.iter().map(|&square| f64::from(self.grey(image, square))).sum::<f64>() / count
+        };
+        let greys: Vec<f64> = (0..self.images()).map(mean).collect();
+        // Medians of what is surely dark and surely lit: images near a turn are neither by an unknown share.
+        let level = |wanted: f64| {
+            let certain = (1..shares.len() - 1)
+                .filter(|&k| shares[k - 1..=k + 1].iter().all(|share| (share - wanted).abs() < 1e-9));
+            let mut greys: Vec<f64> = certain.map(|k| greys[k]).collect();
+            greys.sort_by(f64::total_cmp);
+            let middle = greys.get(greys.len() / 2).copied();
+            let mut off: Vec<f64> =
+                greys.iter().map(|grey| (grey - middle.unwrap_or_default()).abs()).collect();
+            off.sort_by(f64::total_cmp);
+            (middle, off.get(off.len() / 2).copied().unwrap_or_default())
+        };
+        let ((dark, dark_off), (lit, lit_off)) = (level(0.0), level(1.0));
+        let (dark, lit) = (dark.unwrap_or_default(), lit.unwrap_or(1.0));
+        let contrast_grey = lit - dark;
+        // A median of absolute deviations is 0.6745 standard deviations of what is normal.
+        let noise = dark_off.max(lit_off) / 0.6745 / contrast_grey.abs().max(1e-9);
+        let mut place_px = [0.0; 2];
+        for &square in squares {
+            let at = self.place_px(square);
+            place_px = [place_px[0] + at[0] / count, place_px[1] + at[1] / count];
+        }
+        Seen {
+            times_s,
+            shines: greys.iter().map(|grey| (grey - dark) / contrast_grey).collect(),
+            noise: noise.max(LEAST_NOISE),
+            late_s,
+            place_px,
+            contrast_grey,
+        }
+    }
+
+    /// The squares that change most, each with its brightness over time, of mean 0 and length 1.
+    fn changing(&self) -> Vec<(usize, Vec<f64>)> {
+        let squares = self.columns() * self.rows();
+        let (mut sums, mut squared) = (vec![0.0_f64; squares], vec![0.0_f64; squares]);
+        for image in self.greys.chunks_exact(squares.max(1)) {
+            for ((sum, square), &grey) in sums.iter_mut().zip(&mut squared).zip(image) {
+                *sum += f64::from(grey);
+                *square += f64::from(grey) * f64::from(grey);
+            }
+        }
+        let count = self.images() as f64;
+        let variance = |square: &usize| squared[*square] / count - (sums[*square] / count).powi(2);
+        let mut order: Vec<usize> = (0..squares).collect();
+        order.sort_by(|a, b| variance(b).total_cmp(&variance(a)));
+        order.truncate(MOST_SQUARES);
+        let series = |square: usize| {
+            let mut series: Vec<f64> =
+                (0..self.images()).map(|image| self.grey(image, square).into()).collect();
+            normalize(&mut series);
+            (square, series)
+        };
+        order.into_iter().map(series).collect()
+    }
+
+    fn grey(&self, image: usize, square: usize) -> f32 {
+        self.greys[image * self.columns() * self.rows() + square]
+    }
+
+    fn columns(&self) -> usize {
+        self.size_px[0] as usize / BLOCK
+    }
+
+    fn rows(&self) -> usize {
+        self.size_px[1] as usize / BLOCK
+    }
+
+    fn row_and_column(&self, square: usize) -> [usize; 2] {
+        [square / self.columns().max(1), square % self.columns().max(1)]
+    }
+
+    /// Middle of a square.
+    fn place_px(&self, square: usize) -> Px {
+        let [row, column] =
+            self.row_and_column(square).map(|place| (place as f64 + 0.5) * BLOCK as f64 - 0.5);
+        [column, row]
+    }
+}
+
+/// Grey levels are rounded: no less than this is believed of a mean of many.
+const LEAST_NOISE: f64 = 2e-3;
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Look {
+    late_s: f64,
+    followed: f64,
+    square: usize,
+}
+
+/// Takes the mean off and makes the length 1; all 0 where nothing changes.
+fn normalize(series: &mut [f64]) {
+    let mean = series.iter().sum::<f64>() / series.len().max(1) as f64;
+    series.iter_mut().for_each(|value| *value -= mean);
+    let length = dot(series, series).sqrt();
+    if length > 0.0 {
+        series.iter_mut().for_each(|value| *value /= length);
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

@@ -1,0 +1,74 @@
+//! Where the servo stood still.
+
+use ground::statistics::median;
+
+use super::Film;
+
+/// Shortest stand that counts \[s\].
+pub(super) const STAND_S: f64 = 0.25;
+/// Water, lag and latency are over in this last share of a stand, and what comes next has not begun so long before it ends \[s\].
+const LAST_SHARE: f64 = 0.4;
+const BEFORE_S: f64 = 0.03;
+/// Least images of a stand.
+const IMAGES: usize = 3;
+
+/// A stand at one pulse.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Rest {
+    /// The pulse \[µs\].
+    pub(super) pulse_us: f64,
+    /// How much it differs from the one before \[µs\]; none where nobody knows.
+    pub(super) move_us: Option<f64>,
+    /// The angle \[rad\].
+    pub(super) angle_rad: f64,
+}
+
+/// Stands in the order of the film; one in which nothing was seen is left out.
+pub(super) fn rests(film: &Film) -> Vec<Rest> {
+    let seen = |stand: Stand| {
+        let lasts_s = stand.until_s - stand.from_s;
+        let from = film.time_s.partition_point(|&t| t < stand.until_s - BEFORE_S - LAST_SHARE * lasts_s);
+        let until = film.time_s.partition_point(|&t| t < stand.until_s - BEFORE_S);
+        (lasts_s >= STAND_S && until >= from + IMAGES).then(|| Rest {
+            pulse_us: stand.pulse_us,
+            move_us: stand.move_us,
+            angle_rad: middle(&film.angle_rad[from..until]),
+        })
+    };
+    stands(film).into_iter().filter_map(seen).collect()
+}
+
+/// A pulse that lasts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Stand {
+    pub(super) pulse_us: f64,
+    pub(super) move_us: Option<f64>,
+    pub(super) from_s: f64,
+    pub(super) until_s: f64,
+}
+
+/// All of `film`, those before and after the motion too.
+pub(super) fn stands(film: &Film) -> Vec<Stand> {
+    let (Some(&(first_s, first_us)), Some(&(last_s, last_us))) = (film.told.first(), film.told.last()) else {
+        return Vec::new();
+    };
+    let mut corners = vec![(film.time_s.first().map_or(first_s, |&t| t.min(first_s)), first_us)];
+    corners.extend(&film.told);
+    corners.push((film.time_s.last().map_or(last_s, |&t| t.max(last_s)), last_us));
+    let mut stands: Vec<Stand> = Vec::new();
+    for pair in corners.windows(2).filter(|pair| pair[0].1 == pair[1].1) {
+        let ((from_s, pulse_us), (until_s, _)) = (pair[0], pair[1]);
+        match stands.last_mut() {
+            Some(last) if last.until_s == from_s && last.pulse_us == pulse_us => last.until_s = until_s,
+            last => {
+                let move_us = last.map(|last| pulse_us - last.pulse_us);
+                stands.push(Stand { pulse_us, move_us, from_s, until_s });
+            }
+        }
+    }
+    stands
+}
+
+fn middle(angles: &[f64]) -> f64 {
+    median(&mut angles.to_vec(), f64::total_cmp).unwrap_or(f64::NAN)
+}

@@ -1,0 +1,328 @@
+//! A job as a process of its own: a crash, a hang or a leak of one job is that job's alone.
+//!
+//! Its folder `RUNS/jobs/<id>` holds what it said: `result.json`, the one object of `--json`, and `log.txt`; and as long as it goes on
+//! the socket on which it shows how. They are there for a daemon that starts after the one that began the job was killed: the job goes
+//! on without it and is waited for.
+
+#![allow(clippy::disallowed_methods, reason = "what a job prints")]
+
+use std::fs::File;
+use std::os::fd::OwnedFd;
+use std::os::unix::process::CommandExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use rustix::process::{
+    Pid, PidfdFlags, Signal, kill_process, pidfd_open, pidfd_send_signal, setpriority_process,
+};
+
+use app::compose::compose;
+use app::hand_in::{self, file, folder};
+use app::{Failure, HELD};
+use app::{recover, stop};
+use config::RigConfig;
+use ground::choice::Choice as _;
+use ground::claim::Claim;
+use ground::urgency::Urgency;
+use record::below;
+use record::files::create_folder;
+use record::outputs::Outputs;
+use record::run_id::RunId;
+use store::job::{Chosen, Job, JobId, JobResult, Lane, State, Work};
+
+/// The runs that a job works on, for `rig fit` and its like.
+const EXPERIMENT: &str = "experiment.toml";
+/// A job that was asked to end has so long for it; then its process is killed, and a board's dead-man stops what still moves.
+const GRACE: Duration = Duration::from_secs(4);
+/// So much of the end of a log is told of a job that ended without a word.
+const TOLD_BYTES: usize = 600;
+
+/// Who does jobs.
+pub(super) trait Jobs {
+    /// Begins `job`; `origin` is the job that it repeats first of all, or itself.
+    ///
+    /// # Errors
+    /// [`Failure`] when it cannot be begun.
+    fn start(&mut self, job: &Job, origin: JobId) -> Result<Box<dyn Running>, Failure>;
+
+    /// A job that an earlier daemon began and that still goes on.
+    fn adopt(&mut self, job: &Job) -> Option<Box<dyn Running>>;
+
+    /// Begins to see to what a job that was killed has left: servos of which nobody knows what they do, runs that ended without a word.
+    /// Nothing moves meanwhile.
+    fn clear_up(&mut self);
+
+    /// Whether that goes on.
+    fn clears_up(&self) -> bool;
+
+    /// What became of the runs, once it is over.
+    fn cleared_up(&mut self) -> Vec<(RunId, String)>;
+}
+
+/// A job that goes on.
+pub(super) trait Running {
+    /// Its number.
+    fn id(&self) -> JobId;
+
+    /// Its process.
+    fn pid(&self) -> Pid;
+
+    /// Asks it to end, the servo first; one that has not ended some seconds later is killed.
+    fn end(&mut self);
+
+    /// How it ended, once it has; the same however often it is asked.
+    ///
+    /// # Errors
+    /// [`Failure::Internal`] when the system does not say.
+    fn ended(&mut self) -> Result<Option<(State, JobResult)>, Failure>;
+}
+
+/// Jobs as processes of this program.
+pub(super) struct Processes {
+    /// The folder of run folders.
+    pub(super) runs_dir: PathBuf,
+    /// The rig's config.
+    pub(super) config: PathBuf,
+    /// Worker threads of each.
+    pub(super) threads: usize,
+    /// What a killed one left is seen to.
+    pub(super) clearing: Option<JoinHandle<Vec<(RunId, String)>>>,
+}
+
+impl Jobs for Processes {
+    fn clear_up(&mut self) {
+        let (runs_dir, config) = (self.runs_dir.clone(), self.config.clone());
+        self.clearing.get_or_insert_with(|| {
+            std::thread::spawn(move || {
+                if let Ok(config) = RigConfig::read(&config) {
+                    stop::settle(&config, &runs_dir);
+                }
+                recover::unfinished_in(&runs_dir)
+            })
+        });
+    }
+
+    fn clears_up(&self) -> bool {
+        self.clearing.is_some()
+    }
+
+    fn cleared_up(&mut self) -> Vec<(RunId, String)> {
+        let over = self.clearing.take_if(|clearing| clearing.is_finished());
+        // a panic has said so by itself, and the next run tries again
+        over.map(|clearing| clearing.join().unwrap_or_default()).unwrap_or_default()
+    }
+
+    fn start(&mut self, job: &Job, origin: JobId) -> Result<Box<dyn Running>, Failure> {
+        Ok(Box::new(JobProcess::start((job, origin), &self.runs_dir, &self.config, self.threads)?))
+    }
+
+    fn adopt(&mut self, job: &Job) -> Option<Box<dyn Running>> {
+        Some(Box::new(JobProcess::adopt(job, &self.runs_dir)?))
+    }
+}
+
+/// A job's process.
+#[derive(Debug)]
+struct JobProcess {
+    id: JobId,
+    folder: PathBuf,
+    process: Process,
+    asked: Option<Instant>,
+}
+
+#[derive(Debug)]
+enum Process {
+    /// Our own.
+    Ours(Child),
+    /// One that an earlier daemon began, by its number, which may be given out again, and by a handle, which stays.
+    Adopted(Pid, OwnedFd),
+}
+
+impl JobProcess {
+    /// Begins `job`, whose rig's config is at `config`, with so many threads; `origin` is the job that it repeats first of all, or
+    /// itself.
+    ///
+    /// # Errors
+    /// [`Failure`] when the process cannot be started, or the job names runs that cannot be used.
+    fn start(
+        (job, origin): (&Job, JobId),
+        runs_dir: &Path,
+        config: &Path,
+        threads: usize,
+    ) -> Result<Self, Failure> {
+        let folder = folder(runs_dir, job.id);
+        create_folder(&folder).map_err(Failure::internal)?;
+        let mut command = Command::new(std::env::current_exe().map_err(Failure::internal)?);
+        command.arg("--json").env(hand_in::JOB, job.id.to_string());
+        command.env(hand_in::SHOW, folder.join(file::LIVE));
+        // Ctrl-C at a terminal is for the daemon: with its own signal as the second one, the job would end at once
+        command.process_group(0);
+        // the manager is the daemon's
+        command.env_remove("NOTIFY_SOCKET").env_remove("WATCHDOG_USEC");
+        // a campaign goes on where it stopped, so it stays in the folder in which it began
+        let out = match job.work {
+            Work::Campaign { .. } => self::folder(runs_dir, origin),
+            _ => folder.clone(),
+        };
+        arguments(&mut command, &job.work, runs_dir, &out, config)?;
+        if !matches!(job.work, Work::Design(_)) {
+            command.arg("--threads").arg(threads.to_string());
+        }
+        let create = |name| File::create(folder.join(name)).map_err(Failure::internal);
+        command.stdin(Stdio::null()).stdout(create(file::RESULT)?).stderr(create(file::LOG)?);
+        let child = command.spawn().map_err(Failure::internal)?;
+        if job.work.lane() == Lane::Analysis {
+            // without it the job is merely less polite
+            let _ = setpriority_process(Some(Pid::from_child(&child)), Urgency::Computing.niceness());
+        }
+        Ok(Self { id: job.id, folder, process: Process::Ours(child), asked: None })
+    }
+
+    /// A job that an earlier daemon began and whose process still lives.
+    fn adopt(job: &Job, runs_dir: &Path) -> Option<Self> {
+        // a daemon that was killed just after it began the job has not written by which process it is done
+        let pid = job.pid.or_else(|| Claim::holder(&recover::lock(runs_dir)));
+        let pid = pid.and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?))?;
+        let handle = pidfd_open(pid, PidfdFlags::empty()).ok()?;
+        // numbers of processes are given out again: it must say itself that it does this job
+        let environment = std::fs::read(format!("/proc/{}/environ", pid.as_raw_nonzero())).ok()?;
+        let mark = format!("{}={}", hand_in::JOB, job.id);
+        environment.split(|&byte| byte == 0).find(|&entry| entry == mark.as_bytes())?;
+        Some(Self {
+            id: job.id,
+            folder: folder(runs_dir, job.id),
+            process: Process::Adopted(pid, handle),
+            asked: None,
+        })
+    }
+}
+
+impl Running for JobProcess {
+    fn id(&self) -> JobId {
+        self.id
+    }
+
+    fn pid(&self) -> Pid {
+        match &self.process {
+            Process::Ours(child) => Pid::from_child(child),
+            Process::Adopted(pid, _) => *pid,
+        }
+    }
+
+    fn end(&mut self) {
+        let signal = match self.asked {
+            None => Signal::TERM,
+            Some(asked) if asked.elapsed() > GRACE => Signal::KILL,
+            Some(_) => return,
+        };
+        if self.asked.is_none() {
+            self.asked = Some(Instant::now());
+        }
+        // one that has ended meanwhile needs no signal
+        let _ = match &self.process {
+            Process::Ours(child) => kill_process(Pid::from_child(child), signal),
+            Process::Adopted(_, handle) => pidfd_send_signal(handle, signal),
+        };
+    }
+
+    fn ended(&mut self) -> Result<Option<(State, JobResult)>, Failure> {
+        let how = match &mut self.process {
+            Process::Ours(child) => match child.try_wait().map_err(Failure::internal)? {
+                None => return Ok(None),
+                Some(status) => status.to_string(),
+            },
+            // readable once it has ended, also in a container whose first process never asks how others ended
+            Process::Adopted(_, handle) => {
+                match poll(&mut [PollFd::new(handle, PollFlags::IN)], Some(&Timespec::default())) {
+                    Ok(0) | Err(Errno::INTR) => return Ok(None),
+                    Ok(_) => "its process is gone".into(),
+                    Err(error) => return Err(Failure::internal(error)),
+                }
+            }
+        };
+        Ok(Some(result(&self.folder, &how)))
+    }
+}
+
+/// What the job of the folder `folder` said, and where it stands; `how` its process ended, where it said nothing.
+pub(super) fn result(folder: &Path, how: &str) -> (State, JobResult) {
+    let said = below::read_at(&folder.join(file::RESULT)).ok();
+    let said: Option<JobResult> = said.and_then(|said| serde_json::from_slice(&said).ok());
+    let Some(result) = said else {
+        let log = below::read_at(&folder.join(file::LOG)).unwrap_or_default();
+        let end = String::from_utf8_lossy(&log[log.len().saturating_sub(TOLD_BYTES)..]).trim().to_owned();
+        let error = if end.is_empty() { how.to_owned() } else { format!("{how}: {end}") };
+        return (State::Lost, JobResult { error: Some(error), ..JobResult::default() });
+    };
+    let state = match result.status.as_deref() {
+        Some("done") => State::Done,
+        Some("interrupted") => State::Cancelled,
+        // nothing of it was begun
+        Some(HELD) if result.run.is_none() => State::Queued,
+        _ => State::Failed,
+    };
+    (state, result)
+}
+
+/// The verb and its arguments.
+fn arguments(
+    command: &mut Command,
+    work: &Work,
+    runs_dir: &Path,
+    folder: &Path,
+    config: &Path,
+) -> Result<(), Failure> {
+    let experiment = |chosen: &Chosen| -> Result<PathBuf, Failure> {
+        use ident::experiment::Use;
+        let path = |id: &RunId| runs_dir.join(id.as_str());
+        let fitted: Vec<PathBuf> = chosen.runs.iter().map(path).collect();
+        let held_out: Vec<PathBuf> = chosen.holdout.iter().map(path).collect();
+        let runs = fitted.iter().map(|path| (Use::Fit, path.as_path()));
+        let runs: Vec<_> = runs.chain(held_out.iter().map(|path| (Use::Holdout, path.as_path()))).collect();
+        let file = folder.join(EXPERIMENT);
+        let read = runs.iter().map(|(_, path)| path.to_path_buf());
+        compose(&runs, None, true, &Outputs::reading(read).file(&file)?)?;
+        Ok(file)
+    };
+    match work {
+        Work::Run { config, film_only } => {
+            command.arg("run").arg(config).arg("--runs-dir").arg(runs_dir);
+            if *film_only {
+                command.arg("--film-only");
+            }
+        }
+        Work::Recalibrate { run } => {
+            command.arg("recalibrate").arg(runs_dir.join(run.as_str())).arg("--runs-dir").arg(runs_dir);
+        }
+        Work::Replay { run, from } => {
+            command.arg("replay").arg(runs_dir.join(run.as_str())).arg("--out").arg(folder);
+            command.arg("--from").arg(from.typed());
+        }
+        Work::Fit(chosen) => {
+            command.arg("fit").arg(experiment(chosen)?).arg("--out").arg(folder);
+        }
+        Work::Diagnose(chosen) => {
+            command.arg("diagnose").arg(experiment(chosen)?).arg("--out").arg(folder);
+            command.arg("--config").arg(config);
+        }
+        Work::Campaign { config, goals, max_runs } => {
+            command.arg("campaign").arg(config).arg("--runs-dir").arg(runs_dir).arg("--out").arg(folder);
+            command.arg("--max-runs").arg(max_runs.to_string());
+            if goals.is_empty() {
+                command.arg("--resolve");
+            }
+            for goal in goals {
+                command.arg("--goal").arg(goal.to_string());
+            }
+        }
+        Work::Design(chosen) => {
+            command.arg("design").arg(experiment(chosen)?).arg("--out").arg(folder);
+            command.arg("--config").arg(config);
+        }
+    }
+    Ok(())
+}

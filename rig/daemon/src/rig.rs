@@ -1,0 +1,480 @@
+//! One rig of a daemon: its queue, its schedule, and the two jobs that may go on at a time, one that moves it and one that computes.
+//!
+//! - `motion`: what has to be so before a motion begins, and the schedule;
+//! - `ended`: what follows from a job that has ended.
+//!
+//! Nothing here waits, and nothing that a disk or a database refuses ends the daemon: no motion begins then, it is said, and tried again.
+//! What holds the rig is looked at first, each time.
+
+mod ended;
+mod motion;
+#[cfg(test)]
+mod tests;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use ground::strict::Seconds;
+use jiff::{SignedDuration, Timestamp};
+use serde_json::json;
+use tokio::sync::watch;
+
+use super::Beat;
+use super::alerts::Alerts;
+use super::api::Served;
+use super::child::{Jobs, Processes, Running};
+use super::slots::Slots;
+use super::state::{Doing, RigState};
+use super::stop::Stop;
+use app::experiment::{Experiment, Extent};
+use app::{Failure, HARDWARE_FAULT, Watcher, base, hand_in, retention};
+use config::RigConfig;
+use ground::claim::Claim;
+use ground::clock::{MonotonicNs, Now};
+use ground::error_chain::with_causes;
+use ground::hold::Hold;
+use record::files::create_folder;
+use record::journal::{self, Journal};
+use run::open;
+use servo::motion::{Motion, Standing, standing};
+use store::Store;
+use store::job::{Lane, State};
+
+/// The daemon's journal in the folder of run folders.
+const JOURNAL: &str = "daemon.jsonl";
+/// The queue is looked at so often although nothing changed in it: a job's time may have come.
+const LOOK_EVERY: SignedDuration = SignedDuration::from_secs(1);
+/// Whoever asks for a stop writes the hold, with who and why, within this time; else it is written here.
+const ASKER_WRITES: Duration = Duration::from_millis(200);
+/// What others write of hold and servos is looked at so often; what a stop asks of this process, each time.
+const LOOK_AT_FILES_EVERY: SignedDuration = SignedDuration::from_millis(50);
+/// Servos of which nobody knows what they do are asked so often.
+const SETTLE_EVERY: SignedDuration = SignedDuration::from_secs(2);
+
+/// See the module.
+pub(super) struct Rig {
+    /// Where its config is.
+    path: PathBuf,
+    config: RigConfig,
+    runs_dir: PathBuf,
+    store: Store,
+    slots: Option<Slots>,
+    journal: Journal,
+    jobs: Box<dyn Jobs>,
+    stop: Arc<Stop>,
+    /// The hold as it was seen last.
+    held: Option<Hold>,
+    servos: Standing,
+    /// How long the water is left alone after a motion, and until when that is.
+    rest: SignedDuration,
+    rests_until: SignedDuration,
+    motion: Option<Box<dyn Running>>,
+    analysis: Option<Box<dyn Running>>,
+    motions_ended: u64,
+    /// Motions in a row that hardware has ended, since somebody released the rig.
+    failures: usize,
+    /// What somebody is to be told, once the database takes it.
+    unsaid: Vec<(&'static str, String)>,
+    state: watch::Sender<RigState>,
+    alerts: Alerts,
+    /// The queue as it was last looked at.
+    seen: (i64, Option<SignedDuration>),
+    cleared_up: SignedDuration,
+    looked: SignedDuration,
+    waits: Option<String>,
+    trouble: Option<String>,
+    _claim: Option<Claim>,
+}
+
+impl Rig {
+    /// The rig of the config at `path`, whose runs are in `runs_dir`. Jobs that an earlier daemon began are waited for where their
+    /// processes live, and are lost where not.
+    ///
+    /// # Errors
+    /// [`Failure::Input`] for a config or schedule that cannot be used, and where another daemon has the folder.
+    pub(super) fn open(
+        path: &Path,
+        runs_dir: &Path,
+        threads: usize,
+        watcher: &mut dyn Watcher,
+    ) -> Result<Self, Failure> {
+        let config = RigConfig::read(path).map_err(Failure::input)?;
+        // what no run of it could do is said now, not every night
+        let extent = Extent::Report;
+        let experiment = Experiment {
+            config: &config,
+            base: base(path),
+            runs_dir,
+            extent,
+            motion: None,
+            threads,
+            announced: true,
+        };
+        experiment.check()?;
+        create_folder(runs_dir).map_err(Failure::input)?;
+        let claim = Claim::take("the runs folder", &hand_in::lock(runs_dir)).map_err(Failure::input)?;
+        let path = std::path::absolute(path).map_err(Failure::input)?;
+        let runs_dir = std::path::absolute(runs_dir).map_err(Failure::input)?;
+        let jobs = Processes { runs_dir: runs_dir.clone(), config: path.clone(), threads, clearing: None };
+        let store = Store::open(&runs_dir).map_err(Failure::input)?;
+        let mut rig = Self::new(path, config, runs_dir, store, Box::new(jobs), Now::read())?;
+        rig._claim = Some(claim);
+        rig.write("started", json!({ "pid": std::process::id() }))?;
+        rig.take_over(watcher)?;
+        if rig.motion.is_none() {
+            rig.jobs.clear_up();
+        }
+        Ok(rig)
+    }
+
+    fn new(
+        path: PathBuf,
+        config: RigConfig,
+        runs_dir: PathBuf,
+        store: Store,
+        jobs: Box<dyn Jobs>,
+        now: Now,
+    ) -> Result<Self, Failure> {
+        let latch = open::latch(&config, Some(&runs_dir));
+        latch.make_room().map_err(Failure::input)?;
+        // whoever holds the database holds up no servo
+        store.wait_for_nobody().map_err(Failure::input)?;
+        let failures = config.motion.failures_to_hold.get();
+        // what a person has seen and released counts no more
+        let released = latch.released().map(|(at, _)| at).unwrap_or_default();
+        let failures = store.failures_in_a_row(failures, &released).map_err(Failure::input)?;
+        let journal = runs_dir.join(JOURNAL);
+        let table = config.schedule.as_ref();
+        let slots = table.map(|table| Slots::new(table, last_slot(&journal), now));
+        let rest = table.and_then(|table| table.rest_s).map_or(Duration::ZERO, Seconds::duration);
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let alerts = Alerts::new(name.clone(), config.alerts.clone());
+        let state = RigState { name, experiment: config.run.name.clone(), ..RigState::default() };
+        Ok(Self {
+            path,
+            store,
+            slots: slots.transpose().map_err(Failure::input)?,
+            journal: Journal::open(&journal, MonotonicNs::now()).map_err(Failure::input)?,
+            jobs,
+            stop: Arc::new(Stop::new(latch)),
+            held: None,
+            servos: Standing::default(),
+            rest: SignedDuration::try_from(rest).unwrap_or(SignedDuration::MAX),
+            rests_until: SignedDuration::ZERO,
+            motion: None,
+            analysis: None,
+            motions_ended: 0,
+            failures,
+            unsaid: Vec::new(),
+            state: watch::channel(state).0,
+            alerts,
+            seen: (0, None),
+            cleared_up: SignedDuration::MIN,
+            looked: SignedDuration::MIN,
+            waits: None,
+            trouble: None,
+            _claim: None,
+            config,
+            runs_dir,
+        })
+    }
+
+    /// Takes over what an earlier daemon left behind.
+    fn take_over(&mut self, watcher: &mut dyn Watcher) -> Result<(), Failure> {
+        for job in self.store.running().map_err(Failure::internal)? {
+            match self.jobs.adopt(&job) {
+                Some(running) => {
+                    self.write("job-adopted", json!({ "job": job.id }))?;
+                    if job.work.lane() == Lane::Motion {
+                        self.stop.moves(Some(running.pid()));
+                    }
+                    *self.place(job.work.lane()) = Some(running);
+                }
+                None => {
+                    let folder = hand_in::folder(&self.runs_dir, job.id);
+                    let (state, result) = super::child::result(&folder, "the daemon and the job were killed");
+                    self.close(&job, state, result, watcher)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn place(&mut self, lane: Lane) -> &mut Option<Box<dyn Running>> {
+        match lane {
+            Lane::Motion => &mut self.motion,
+            Lane::Analysis => &mut self.analysis,
+        }
+    }
+
+    /// One look at everything. Nothing here waits.
+    pub(super) fn tick(&mut self, now: Now, may: May, watcher: &mut dyn Watcher) {
+        if self.stop.is_asked() || now.boot.saturating_sub(self.looked) >= LOOK_AT_FILES_EVERY {
+            self.looked = now.boot;
+            self.look_at_hold();
+            self.servos = standing(&self.runs_dir);
+            self.stop.rests(!self.servos.may_move());
+        }
+        if let Some(motion) = &mut self.motion
+            && (may.end_all || self.held.is_some() && self.servos.may_move())
+        {
+            motion.end();
+        }
+        let trouble = self.work(now, may, watcher).err().map(|failure| format!("{:#}", failure.error()));
+        if trouble != self.trouble {
+            match &trouble {
+                Some(trouble) => tracing::warn!("{trouble}; trying again"),
+                None => tracing::warn!("the daemon goes on"),
+            }
+            self.trouble = trouble;
+            // what was begun is to be seen again
+            self.seen.1 = None;
+        }
+        self.tell(now);
+    }
+
+    /// Writes the hold that was asked for, and says of a new one and of its end.
+    fn look_at_hold(&mut self) {
+        let written = self.stop.write(ASKER_WRITES);
+        let held = self.stop.held();
+        if let Err(error) = written {
+            tracing::error!("the rig is held by the daemon alone: {}", with_causes(&error));
+        }
+        if held.is_some() == self.held.is_some() {
+            self.held = held;
+            return;
+        }
+        // the journal and the alert come after the stop, and are not what holds
+        let said = match &held {
+            Some(hold) => {
+                self.unsaid.push(("held", format!("the rig is {hold}")));
+                self.write("held", json!({ "by": hold.by, "why": hold.why }))
+            }
+            None => {
+                self.failures = 0;
+                self.write("released", json!({ "by": self.stop.released_by() }))
+            }
+        };
+        if let Err(failure) = said {
+            tracing::warn!("{:#}", failure.error());
+        }
+        self.held = held;
+        self.seen.1 = None;
+    }
+
+    /// Holds the rig, for what the daemon itself has seen.
+    fn hold(&mut self, why: &str) {
+        self.stop.pull(Hold::now("the daemon", why));
+        self.look_at_hold();
+    }
+
+    /// All that a database or a disk may refuse.
+    fn work(&mut self, now: Now, may: May, watcher: &mut dyn Watcher) -> Result<(), Failure> {
+        while let Some((kind, what)) = self.unsaid.first().cloned() {
+            self.raise(kind, &what, None)?;
+            self.unsaid.remove(0);
+        }
+        for lane in [Lane::Motion, Lane::Analysis] {
+            self.reap(lane, now, may, watcher)?;
+        }
+        self.clear_up(now, watcher)?;
+        self.alerts.tick(&mut self.store).map_err(Failure::internal)?;
+        self.look_at_schedule(now, may, watcher)?;
+        if !self.is_worth_a_look(now)? {
+            return Ok(());
+        }
+        self.alerts.begin(&mut self.store).map_err(Failure::internal)?;
+        for lane in [Lane::Motion, Lane::Analysis] {
+            let Some(id) = self.place(lane).as_ref().map(|running| running.id()) else { continue };
+            if self.store.job(id).map_err(Failure::internal)?.cancel.is_some()
+                && let Some(running) = self.place(lane)
+            {
+                running.end();
+                // until it has: it may have to be killed
+                self.seen.1 = None;
+            }
+        }
+        if self.motion.is_none() {
+            self.begin_motion(now, may, watcher)?;
+        }
+        if may.compute && self.analysis.is_none() {
+            self.begin(Lane::Analysis, watcher)?;
+        }
+        Ok(())
+    }
+
+    /// Deletes the recordings that the config says are too many.
+    fn retain(&self, watcher: &mut dyn Watcher) -> Result<(), Failure> {
+        let Some(retention) = &self.config.retention else { return Ok(()) };
+        for (run, removed) in retention::retain(&self.store, retention)? {
+            watcher.note(&format!("run {run}: its recording is deleted, as [retention] says"));
+            self.write(
+                "recording-deleted",
+                json!({ "run": run, "bytes": removed.bytes, "sha256": removed.sha256 }),
+            )?;
+        }
+        Ok(())
+    }
+
+    /// Sees to what a job that was killed has left, and takes in what became of it.
+    fn clear_up(&mut self, now: Now, watcher: &mut dyn Watcher) -> Result<(), Failure> {
+        if self.jobs.clears_up() {
+            let runs = self.jobs.cleared_up();
+            if self.jobs.clears_up() {
+                return Ok(());
+            }
+            self.seen.1 = None;
+            for (run, said) in runs {
+                watcher.tell(&format!("rig: run {run} {said}"));
+                self.write("run-recovered", json!({ "run": run, "what": said }))?;
+            }
+            return self.retain(watcher);
+        }
+        let is_left = self.servos.motion != Motion::AtRest && self.motion.is_none();
+        if is_left && now.boot.saturating_sub(self.cleared_up) > SETTLE_EVERY {
+            self.cleared_up = now.boot;
+            self.jobs.clear_up();
+        }
+        Ok(())
+    }
+
+    /// Tells whoever looks on what the rig does.
+    fn tell(&self, now: Now) {
+        let id = |running: &Option<Box<dyn Running>>| running.as_ref().map(|running| running.id().0);
+        let next = self.slots.as_ref().and_then(|slots| slots.next(now).ok());
+        let (motion, analysis) = (id(&self.motion), id(&self.analysis));
+        self.state.send_if_modified(|state| {
+            let before = state.clone();
+            state.next_run = next.map(|slot| slot.strftime("%Y-%m-%dT%H:%M:%S%:z").to_string());
+            (state.motion, state.analysis) = (motion, analysis);
+            state.doing = Doing::of(self.servos.motion, motion.is_some() || analysis.is_some());
+            state.servos = self.servos.clone();
+            state.hold = self.held.clone();
+            (state.waits, state.trouble) = (self.waits.clone(), self.trouble.clone());
+            state.motions_ended = self.motions_ended;
+            *state != before
+        });
+    }
+
+    /// What it does, in a few words.
+    pub(super) fn says(&self) -> String {
+        self.state.borrow().says()
+    }
+
+    /// What a server needs to know of it.
+    ///
+    /// # Errors
+    /// [`Failure::Internal`] where its database cannot be opened once more.
+    pub(super) fn served(&self, beat: Arc<Beat>) -> Result<Served, Failure> {
+        let config = (self.path.clone(), self.config.clone());
+        let (stop, state) = (Arc::clone(&self.stop), self.state.subscribe());
+        Served::new(config, self.runs_dir.clone(), stop, state, beat).map_err(Failure::internal)
+    }
+
+    /// Whether the queue changed, or has not been looked at for a while.
+    fn is_worth_a_look(&mut self, now: Now) -> Result<bool, Failure> {
+        let version = self.store.version().map_err(Failure::internal)?;
+        let (seen, at) = self.seen;
+        let worth = version != seen || at.is_none_or(|at| now.boot.saturating_sub(at) >= LOOK_EVERY);
+        if worth {
+            self.seen = (version, Some(now.boot));
+        }
+        Ok(worth)
+    }
+
+    fn reap(&mut self, lane: Lane, now: Now, may: May, watcher: &mut dyn Watcher) -> Result<(), Failure> {
+        let Some(running) = self.place(lane) else { return Ok(()) };
+        if may.end_all {
+            running.end();
+        }
+        let Some((state, result)) = running.ended()? else { return Ok(()) };
+        let id = running.id();
+        self.seen.1 = None;
+        let job = self.store.job(id).map_err(Failure::internal)?;
+        let ended_by_daemon = state == State::Cancelled && job.cancel.is_none() && lane == Lane::Analysis;
+        if ended_by_daemon || state == State::Queued {
+            // the daemon ended, not the job; or nothing of it was begun
+            self.store.put_back(id).map_err(Failure::internal)?;
+            self.leave(lane);
+            return self.write("job-put-back", json!({ "job": id }));
+        }
+        let by_hardware = state == State::Lost || result.status.as_deref() == Some(HARDWARE_FAULT);
+        self.close(&job, state, result, watcher)?;
+        self.leave(lane);
+        if lane == Lane::Motion {
+            self.motions_ended += 1;
+            match state {
+                _ if by_hardware => self.count_failure(),
+                State::Done => self.failures = 0,
+                _ => {}
+            }
+            self.rests_until = now.boot.saturating_add(self.rest);
+            if state == State::Lost {
+                self.jobs.clear_up();
+            }
+            self.retain(watcher)?;
+        }
+        Ok(())
+    }
+
+    /// The job of `lane` is over, and written.
+    fn leave(&mut self, lane: Lane) {
+        *self.place(lane) = None;
+        if lane == Lane::Motion {
+            self.stop.moves(None);
+        }
+    }
+
+    /// Motions that have ended since the daemon began.
+    pub(super) fn motions_ended(&self) -> u64 {
+        self.motions_ended
+    }
+
+    /// Whether a job computes.
+    pub(super) fn computes(&self) -> bool {
+        self.analysis.is_some()
+    }
+
+    /// Whether no job runs, and none that only computes waits.
+    pub(super) fn is_idle(&self) -> bool {
+        // what cannot be counted now is counted at the next look
+        self.has_ended() && self.store.waiting(Lane::Analysis).is_ok_and(|waiting| waiting == 0)
+    }
+
+    /// Whether no job runs.
+    pub(super) fn has_ended(&self) -> bool {
+        self.motion.is_none() && self.analysis.is_none()
+    }
+
+    /// The last words in the journal.
+    ///
+    /// # Errors
+    /// [`Failure::Internal`].
+    pub(super) fn say_end(&self) -> Result<(), Failure> {
+        self.write("stopped", json!({ "motions": self.motions_ended }))
+    }
+
+    pub(super) fn write(&self, event: &str, details: serde_json::Value) -> Result<(), Failure> {
+        // a slot that was taken is not taken again after a power cut
+        self.journal.write(event, details).and_then(|()| self.journal.sync()).map_err(Failure::internal)
+    }
+}
+
+/// What a rig may do now.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct May {
+    /// Begin a motion.
+    pub(super) move_: bool,
+    /// Begin a job that only computes.
+    pub(super) compute: bool,
+    /// All jobs are to end.
+    pub(super) end_all: bool,
+}
+
+/// The last slot that an earlier daemon took, from its journal.
+fn last_slot(path: &Path) -> Option<Timestamp> {
+    let entries = journal::read(path).ok()?;
+    let slot = entries.iter().rev().find(|entry| entry.event == "slot")?;
+    slot.details.get("slot")?.as_str()?.parse().ok()
+}

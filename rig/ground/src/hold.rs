@@ -1,0 +1,210 @@
+//! The hold: what every stop leaves on all that could move a rig, until a person releases it by name.
+//!
+//! A hold lies in files. Whoever stops a rig writes them, and needs no other program for it; whoever could move it looks at them before
+//! it gives a servo power, before each order and fifty times a second while anything has power ([`servo::held`]). Two
+//! places can hold a rig, and either is enough: `hold.json` in its runs folder, which is there from the first run on so that a full disk
+//! cannot refuse a stop, and a file beside the lock of its servo's port, which `rig estop` finds without knowing the runs. What cannot
+//! be read holds too.
+
+use std::path::{Path, PathBuf};
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::claim::port_file;
+use crate::in_place;
+
+/// The file in the folder of run folders.
+pub const FILE: &str = "hold.json";
+/// Names and reasons are cut to so many characters.
+const MOST_CHARACTERS: usize = 200;
+
+/// Why a rig is held.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Hold {
+    /// When it was stopped, UTC.
+    pub since: String,
+    /// Who or what stopped it.
+    pub by: String,
+    /// Why.
+    pub why: String,
+}
+
+impl Hold {
+    /// From now on.
+    pub fn now(by: &str, why: &str) -> Self {
+        let cut = |text: &str| text.trim().chars().take(MOST_CHARACTERS).collect::<String>();
+        Self { since: now(), by: cut(by), why: cut(why) }
+    }
+}
+
+impl std::fmt::Display for Hold {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "held since {} by {}: {}", self.since, self.by, self.why)
+    }
+}
+
+fn now() -> String {
+    Timestamp::now().strftime("%Y-%m-%dT%H:%M:%SZ").to_string()
+}
+
+/// What is in such a file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Page {
+    hold: Option<Hold>,
+    /// Who released it last.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    released: Option<Released>,
+}
+
+/// A release.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Released {
+    at: String,
+    by: String,
+}
+
+/// A hold could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("writing {}", path.display())]
+pub struct HoldError {
+    /// The file.
+    path: PathBuf,
+    /// What the system said.
+    source: std::io::Error,
+}
+
+/// The places at which a rig can be held. Asking it costs some microseconds and waits for nobody.
+#[derive(Debug, Clone, Default)]
+pub struct Latch {
+    runs: Option<PathBuf>,
+    port: Option<PathBuf>,
+}
+
+impl Latch {
+    /// Of the rig whose runs are in `runs_dir` and whose servo is on the port `port`, as far as there are such.
+    pub fn of(runs_dir: Option<&Path>, port: Option<&str>) -> Self {
+        Self {
+            runs: runs_dir.map(|folder| folder.join(FILE)),
+            port: port.map(|port| port_file(port, "hold")),
+        }
+    }
+
+    /// Makes room for a hold in the runs folder, which must be there.
+    ///
+    /// # Errors
+    /// [`HoldError`].
+    pub fn make_room(&self) -> Result<(), HoldError> {
+        let Some(path) = &self.runs else { return Ok(()) };
+        in_place::make(path, &Page { hold: None, released: None }, 0o664).map_err(at(path))
+    }
+
+    fn files(&self) -> impl Iterator<Item = &Path> {
+        self.runs.iter().chain(&self.port).map(PathBuf::as_path)
+    }
+
+    /// Why nothing may move, if so.
+    pub fn held(&self) -> Option<Hold> {
+        self.files().find_map(|path| match in_place::read::<Page>(path) {
+            Ok(page) => page?.hold,
+            Err(error) => {
+                Some(Hold::now("a file that cannot be read", &format!("{}: {error}", path.display())))
+            }
+        })
+    }
+
+    /// Holds the rig, at each of its places that is not held yet.
+    ///
+    /// # Errors
+    /// [`HoldError`] of a place that could not be written; the others are.
+    pub fn hold(&self, hold: &Hold) -> Result<(), HoldError> {
+        let page = Page { hold: Some(hold.clone()), released: None };
+        let mut failed = None;
+        for path in self.files() {
+            if matches!(in_place::read::<Page>(path), Ok(Some(Page { hold: Some(_), .. }))) {
+                continue;
+            }
+            // everybody may release what is at a port: who may not open the port moves nothing by that
+            let mode = if self.runs.as_deref() == Some(path) { 0o664 } else { 0o666 };
+            let written = in_place::write(path, &page).or_else(|error| match error.kind() {
+                std::io::ErrorKind::NotFound => {
+                    in_place::make(path, &page, mode).and_then(|()| in_place::write(path, &page))
+                }
+                _ => Err(error),
+            });
+            if let Err(error) = written.and_then(|file| file.sync_data()).map_err(at(path)) {
+                failed.get_or_insert(error);
+            }
+        }
+        failed.map_or(Ok(()), Err)
+    }
+
+    /// Ends the hold, in the name of `by`; gives what it was.
+    ///
+    /// # Errors
+    /// [`HoldError`]: the rig is still held.
+    pub fn release(&self, by: &str) -> Result<Option<Hold>, HoldError> {
+        let held = self.held();
+        let released = Some(Released { at: now(), by: Hold::now(by, "").by });
+        for path in self.files() {
+            match in_place::write(path, &Page { hold: None, released: released.clone() }) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(at(path)(error)),
+                Err(_) => {}
+                Ok(file) => file.sync_data().map_err(at(path))?,
+            }
+        }
+        Ok(held)
+    }
+
+    /// When it was released last, UTC, and by whom, where that is known.
+    pub fn released(&self) -> Option<(String, String)> {
+        let page: Page = self.files().find_map(|path| in_place::read(path).ok().flatten())?;
+        page.released.map(|released| (released.at, released.by))
+    }
+}
+
+fn at(path: &Path) -> impl FnOnce(std::io::Error) -> HoldError + use<'_> {
+    |source| HoldError { path: path.into(), source }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hold_is_seen_by_others_stays_as_it_was_first_and_ends_by_a_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mine, theirs) = (Latch::of(Some(folder.path()), None), Latch::of(Some(folder.path()), None));
+        mine.make_room().unwrap();
+        assert_eq!(theirs.held(), None);
+        mine.hold(&Hold::now("the page", "a hand is in the tank")).unwrap();
+        theirs.hold(&Hold::now("somebody else", "later")).unwrap();
+        let held = theirs.held().unwrap();
+        assert_eq!((held.by.as_str(), held.why.as_str()), ("the page", "a hand is in the tank"));
+        assert_eq!(theirs.release("Ada").unwrap(), Some(held));
+        assert_eq!((mine.held(), mine.released().unwrap().1.as_str()), (None, "Ada"));
+        assert_eq!(mine.release("Ada").unwrap(), None);
+    }
+
+    #[test]
+    fn what_cannot_be_read_holds_and_what_is_not_there_does_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let latch = Latch::of(Some(folder.path()), None);
+        assert_eq!(latch.held(), None);
+        std::fs::write(folder.path().join(FILE), "{\"hold\":{\"since\":").unwrap();
+        assert!(latch.held().unwrap().why.contains(FILE));
+        latch.release("Ada").unwrap();
+        assert_eq!(latch.held(), None);
+        assert_eq!(Latch::default().held(), None);
+    }
+
+    #[test]
+    fn any_name_and_reason_finds_room() {
+        let folder = tempfile::tempdir().unwrap();
+        let latch = Latch::of(Some(folder.path()), None);
+        let long = "\u{1}é".repeat(5000);
+        latch.hold(&Hold::now(&long, &long)).unwrap();
+        assert_eq!(latch.held().unwrap().why.chars().count(), MOST_CHARACTERS);
+    }
+}

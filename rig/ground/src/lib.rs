@@ -1,0 +1,23 @@
+//! What every other crate of the rig stands on.
+//!
+//! * [`strict`], [`names`], [`error_chain`], [`reasons`]: configs that refuse what they do not know, the name that may have been meant, an
+//!   error with its causes, reasons told together;
+//! * [`statistics`]: medians and spreads;
+//! * [`clock`], [`urgency`]: ticks and stamps on one clock, who has the processor first;
+//! * [`claim`], [`in_place`], [`hold`]: what one process has alone, files that a full disk cannot refuse, and what every stop leaves;
+//! * [`choice`], [`shell`]: values chosen by name, commands to be typed.
+
+#![cfg_attr(test, allow(clippy::disallowed_methods, reason = "tests make their files"))]
+
+pub mod choice;
+pub mod claim;
+pub mod clock;
+pub mod error_chain;
+pub mod hold;
+pub mod in_place;
+pub mod names;
+pub mod reasons;
+pub mod shell;
+pub mod statistics;
+pub mod strict;
+pub mod urgency;

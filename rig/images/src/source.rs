@@ -1,0 +1,126 @@
+//! What every source of images gives.
+
+use image::GrayImage;
+
+use super::error::SourceError;
+use camera::{CameraImage, decode};
+use ground::clock::MonotonicNs;
+
+/// An image and when it was exposed.
+#[derive(Debug, Clone)]
+pub struct TimedImage {
+    /// File name, or whatever else tells it from the others.
+    pub name: String,
+    /// Mid-exposure \[s\].
+    pub time_s: f64,
+    /// The picture, or why it could not be read.
+    pub grey: Result<GrayImage, String>,
+}
+
+impl TimedImage {
+    /// An image as received, its time counted from `origin`.
+    pub fn of(image: &CameraImage, origin: MonotonicNs) -> Self {
+        let grey = match image.damaged {
+            true => Err("marked as damaged by the camera".to_owned()),
+            false => decode::grey(image).map_err(|error| error.to_string()),
+        };
+        let time_s = image.mid_exposure.seconds_since(origin);
+        Self { name: image.sequence.to_string(), time_s, grey }
+    }
+}
+
+/// Images in order of time, or why there are no more.
+pub type Images<'a> = Box<dyn Iterator<Item = Result<TimedImage, SourceError>> + 'a>;
+
+/// A sequence of images that can be read more than once: first for a sample, then for good.
+pub trait ImageSource: Send + Sync {
+    /// Reads from the beginning.
+    ///
+    /// # Errors
+    /// [`SourceError`] when the sequence as a whole cannot be read. A single damaged image is an image with a
+    /// reason instead of a picture.
+    fn images(&self) -> Result<Images<'_>, SourceError>;
+
+    /// How many images there are, where that is known beforehand.
+    fn len_hint(&self) -> Option<usize>;
+
+    /// What the sequence, once it was read to its end, does not give any more of what it held, in a sentence without its full stop.
+    fn shortfall(&self) -> Option<String> {
+        None
+    }
+
+    /// At most `most` images to learn the empty tank from: spread evenly over the sequence, unless the source knows better ones.
+    ///
+    /// # Errors
+    /// [`SourceError`].
+    fn sample(&self, most: usize) -> Result<Vec<TimedImage>, SourceError> {
+        even_sample(self, most)
+    }
+}
+
+/// Images at hand, in order of time.
+impl ImageSource for [TimedImage] {
+    fn images(&self) -> Result<Images<'_>, SourceError> {
+        Ok(Box::new(self.iter().cloned().map(Ok)))
+    }
+
+    fn len_hint(&self) -> Option<usize> {
+        Some(self.len())
+    }
+}
+
+/// At most `most` images spread evenly over a sequence, whatever its length: every image until there are too many, then every
+/// second of those, and so on.
+pub(super) fn even_sample(
+    source: &(impl ImageSource + ?Sized),
+    most: usize,
+) -> Result<Vec<TimedImage>, SourceError> {
+    let mut kept: Vec<TimedImage> = Vec::new();
+    let mut stride = source.len_hint().map_or(1, |len| len.div_ceil(most).max(1));
+    for (i, image) in source.images()?.enumerate() {
+        if i % stride != 0 {
+            continue;
+        }
+        kept.push(image?);
+        if kept.len() > most {
+            let mut even = false;
+            kept.retain(|_| {
+                even = !even;
+                even
+            });
+            stride *= 2;
+        }
+    }
+    Ok(kept)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Counted(usize, bool);
+
+    impl ImageSource for Counted {
+        fn images(&self) -> Result<Images<'_>, SourceError> {
+            let image = |i| TimedImage { name: format!("{i}"), time_s: i as f64, grey: Err(String::new()) };
+            Ok(Box::new((0..self.0).map(move |i| Ok(image(i)))))
+        }
+
+        fn len_hint(&self) -> Option<usize> {
+            self.1.then_some(self.0)
+        }
+    }
+
+    #[test]
+    fn sample_is_even_and_spans_the_sequence_known_length_or_not() {
+        for known in [true, false] {
+            for length in [1, 7, 8, 9, 100, 1000] {
+                let kept = Counted(length, known).sample(8).unwrap();
+                assert!((4..=8).contains(&kept.len()) || kept.len() == length, "{length}: {}", kept.len());
+                let steps: Vec<f64> = kept.windows(2).map(|p| p[1].time_s - p[0].time_s).collect();
+                assert!(steps.windows(2).all(|s| s[0] == s[1]), "{steps:?}");
+                assert!(kept.last().unwrap().time_s >= 0.74 * (length - 1) as f64, "{length} {known}");
+            }
+        }
+    }
+}

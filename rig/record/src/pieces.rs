@@ -1,0 +1,226 @@
+//! The records of a recording one after the other, whatever has become of the file.
+//!
+//! A record counts as a whole or not at all: a chunk passes its own checksum before any of its messages is believed. What cannot be
+//! read is one piece, up to the next chunk that is whole, or to the end of the data: no length in it is believed either.
+
+use std::fs::File;
+use std::io::Result;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
+use mcap::McapResult;
+use mcap::records::{Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+
+use super::recording::CHUNK_BYTES;
+use camera::wire;
+
+/// Longest record believed: a chunk that was nearly full when an image at its limit came, with room for headers.
+pub(super) const MAX_RECORD_BYTES: usize = wire::MAX_DATA_BYTES + CHUNK_BYTES as usize + (1 << 20);
+/// Number and length in front of each record.
+pub(super) const HEAD_BYTES: u64 = 9;
+/// The first number that is free for private records (<https://mcap.dev/spec>): a repair puts aside under it what cannot be read.
+pub(super) const ASIDE: u8 = 0x80;
+
+/// So much is searched at a time for a chunk.
+const WINDOW_BYTES: usize = 1 << 20;
+/// What stands in front of a chunk's messages, with the longest name of a compression.
+const CHUNK_HEAD_BYTES: usize = 53;
+/// The head of the record that ends the data.
+const DATA_END_HEAD: [u8; HEAD_BYTES as usize] = [op::DATA_END, 4, 0, 0, 0, 0, 0, 0, 0];
+
+/// A piece of a recording's file.
+#[derive(Debug)]
+pub(super) struct Piece {
+    /// Where it begins.
+    pub(super) at: u64,
+    /// How long it is.
+    pub(super) bytes: u64,
+    /// What it is.
+    pub(super) what: What,
+}
+
+/// What a piece of a file is.
+#[derive(Debug)]
+pub(super) enum What {
+    /// The file's first record.
+    Header,
+    /// A record with messages or channels, or none: these.
+    Records(Vec<Record<'static>>),
+    /// Cannot be read.
+    Unreadable,
+    /// An earlier repair has put it aside.
+    Aside,
+    /// The end of the data. What follows says nothing that the records before do not say.
+    End,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct Pieces {
+    file: File,
+    length: u64,
+    at: u64,
+    /// The file ends as a recording that was closed.
+    is_ended: bool,
+    is_over: bool,
+}
+
+impl Pieces {
+    /// Those of the file at `path`.
+    pub(super) fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path)?;
+        let length = file.metadata()?.len();
+        let magic = mcap::MAGIC.len() as u64;
+        let mut ends = [[0; mcap::MAGIC.len()]; 2];
+        if length >= magic {
+            file.read_exact_at(&mut ends[0], 0)?;
+            file.read_exact_at(&mut ends[1], length - magic)?;
+        }
+        let [begins, is_ended] = ends.map(|end| end == mcap::MAGIC);
+        Ok(Self { file, length, at: if begins { magic } else { 0 }, is_ended, is_over: false })
+    }
+
+    /// Whether the file begins as a recording does.
+    pub(super) fn begins_well(path: &Path) -> bool {
+        // one that is too short may have begun so
+        let mut start = vec![0; mcap::MAGIC.len()];
+        let read = File::open(path).and_then(|file| file.read_at(&mut start, 0)).unwrap_or(0);
+        mcap::MAGIC.starts_with(&start[..read])
+    }
+
+    /// The record at `at`, where a whole one is there.
+    fn record(&self, at: u64) -> Result<Option<Piece>> {
+        let room = self.length.saturating_sub(at);
+        if room < HEAD_BYTES {
+            return Ok(None);
+        }
+        let mut head = [0; HEAD_BYTES as usize];
+        self.file.read_exact_at(&mut head, at)?;
+        let [number, body @ ..] = head;
+        let body = u64::from_le_bytes(body);
+        if body > room - HEAD_BYTES || body > MAX_RECORD_BYTES as u64 {
+            return Ok(None);
+        }
+        let bytes = HEAD_BYTES + body;
+        let what = match number {
+            ASIDE => Some(What::Aside),
+            op::DATA_END => (self.is_ended && head == DATA_END_HEAD).then_some(What::End),
+            op::HEADER if at != mcap::MAGIC.len() as u64 => None,
+            op::ATTACHMENT | op::METADATA => Some(What::Records(Vec::new())),
+            op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE | op::MESSAGE_INDEX | op::CHUNK => {
+                let mut record = vec![0; bytes as usize];
+                self.file.read_exact_at(&mut record, at)?;
+                whole(number, &record)
+            }
+            _ => None,
+        };
+        Ok(what.map(|what| Piece { at, bytes, what }))
+    }
+
+    /// Where the next chunk that is whole begins, from `at` on, or the end of the data; the file's end where there is neither.
+    fn next_whole(&self, mut at: u64) -> Result<u64> {
+        let mut window = vec![0; WINDOW_BYTES];
+        while at < self.length {
+            let read = (self.length - at).min(WINDOW_BYTES as u64) as usize;
+            self.file.read_exact_at(&mut window[..read], at)?;
+            // where the file goes on, a head at the window's end is left to the next one
+            let is_last = at + read as u64 == self.length;
+            let searched = if is_last { read } else { read - CHUNK_HEAD_BYTES };
+            for place in 0..searched {
+                let found = &window[place..read];
+                let may_be = match found[0] {
+                    op::CHUNK => is_chunk_head(found),
+                    op::DATA_END => self.is_ended && found.starts_with(&DATA_END_HEAD),
+                    _ => false,
+                };
+                if may_be && self.record(at + place as u64)?.is_some() {
+                    return Ok(at + place as u64);
+                }
+            }
+            at += searched as u64;
+        }
+        Ok(self.length)
+    }
+}
+
+impl Iterator for Pieces {
+    type Item = Result<Piece>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let at = self.at;
+        if self.is_over || at == self.length {
+            return None;
+        }
+        let piece = self.record(at).and_then(|record| match record {
+            Some(piece) => Ok(piece),
+            None => Ok(Piece { at, bytes: self.next_whole(at + 1)? - at, what: What::Unreadable }),
+        });
+        match &piece {
+            Ok(piece) => {
+                self.at += piece.bytes;
+                self.is_over = matches!(piece.what, What::End);
+            }
+            Err(_) => self.is_over = true,
+        }
+        Some(piece)
+    }
+}
+
+/// What the record of this number is, with its head, where it is whole.
+fn whole(number: u8, record: &[u8]) -> Option<What> {
+    let body = &record[HEAD_BYTES as usize..];
+    if number == op::CHUNK {
+        return is_chunk_head(record).then(|| chunk(record).ok()).flatten().map(What::Records);
+    }
+    Some(match mcap::parse_record(number, body).ok()? {
+        Record::Header(_) => What::Header,
+        // 2 bytes for the channel, 4 for the length, 16 for each message; one that has something else behind is none
+        Record::MessageIndex(index) if body.len() != 6 + 16 * index.records.len() => return None,
+        record @ (Record::Channel(_) | Record::Message { .. }) => What::Records(vec![record.into_owned()]),
+        _ => What::Records(Vec::new()),
+    })
+}
+
+/// Whether `bytes` begin as a chunk: its lengths agree, and its compression is one that there is.
+fn is_chunk_head(bytes: &[u8]) -> bool {
+    let number = |at: usize, width: usize| {
+        let bytes = bytes.get(at..at + width)?;
+        Some(bytes.iter().rev().fold(0_u64, |number, &byte| number << 8 | u64::from(byte)))
+    };
+    let agrees = || {
+        let (body, uncompressed, name) = (number(1, 8)?, number(25, 8)?, number(37, 4)?);
+        let name = bytes.get(41..41 + usize::try_from(name).ok().filter(|&name| name <= 4)?)?;
+        let messages = number(41 + name.len(), 8)?;
+        let lengths = body == messages.checked_add(40 + name.len() as u64)?;
+        let named = [&b""[..], b"lz4", b"zstd"].contains(&name);
+        Some(lengths && named && uncompressed <= MAX_RECORD_BYTES as u64)
+    };
+    agrees().unwrap_or(false)
+}
+
+/// The messages and channels of a chunk; none of them is looked at before all of it has passed its checksum.
+fn chunk(record: &[u8]) -> McapResult<Vec<Record<'static>>> {
+    let options = LinearReaderOptions::default()
+        .with_skip_start_magic(true)
+        .with_skip_end_magic(true)
+        .with_prevalidate_chunk_crcs(true)
+        .with_record_length_limit(MAX_RECORD_BYTES);
+    let mut reader = LinearReader::new_with_options(options);
+    let (mut rest, mut records) = (record, Vec::new());
+    while let Some(event) = reader.next_event() {
+        match event? {
+            LinearReadEvent::ReadRequest(need) => {
+                let (read, after) = rest.split_at(need.min(rest.len()));
+                reader.insert(read.len()).copy_from_slice(read);
+                reader.notify_read(read.len());
+                rest = after;
+            }
+            LinearReadEvent::Record { data, opcode: opcode @ (op::CHANNEL | op::MESSAGE) } => {
+                records.push(mcap::parse_record(opcode, data)?.into_owned());
+            }
+            LinearReadEvent::Record { .. } => {}
+        }
+    }
+    Ok(records)
+}

@@ -1,0 +1,343 @@
+//! What came out, in one colour and one sentence, for all who say it: the report, a terminal, the list of runs, the daemon's page.
+//!
+//! Colour and sentence come from the same few numbers: how far off the simulation is beside the keypoints' noise, how many
+//! coefficients the data determine, how many images were lost; and from what a diagnosis makes of it, where there is one. Error and
+//! noise are of one kind, along one axis, wherever they are told: their ratio is the one that a reader would form.
+
+use ident::diagnose::{self, Diagnosis};
+use ident::experiment::Spike;
+use ident::fit::{Fit, FittedParameter, NoiseSource};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::data::{ReportData, RunEnd};
+use super::diagnosis_text;
+use super::format::{counted, millimetres, percent};
+use super::tone::Tone;
+use record::losses::Losses;
+
+/// An error up to so many times the noise is noise: what noise is estimated from leaves it uncertain by as much.
+const NOISE_RATIO: f64 = 2.0;
+/// With an error beyond so many times the noise the coefficients are those of another mechanism.
+const FAR_RATIO: f64 = 10.0;
+/// A share of images lost that is worth a word, and one that leaves too little.
+const LOST_SHARE: f64 = 0.01;
+const FAR_TOO_MANY_LOST_SHARE: f64 = 0.1;
+/// Below this probability a coefficient is taken to differ from run to run.
+const CONSTANCY_P: f64 = 1e-3;
+
+/// What a headline rests on.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Findings {
+    /// How far off the simulation is on the runs it was fitted to \[m\], as [`AxisError`](ident::loss::AxisError) says.
+    pub error_m: Option<f64>,
+    /// The same on held-out runs \[m\].
+    pub holdout_error_m: Option<f64>,
+    /// What would be left of it if nothing were wrong: the keypoints' noise, one standard deviation along one axis \[m\].
+    pub noise_m: f64,
+    /// Where that comes from, in words.
+    pub noise_source: String,
+    /// How many coefficients were fitted.
+    pub coefficients: usize,
+    /// How many of them the data determine, each by itself.
+    pub determined: usize,
+    /// How many runs they were fitted to.
+    pub runs: usize,
+    /// What is missing of the images of a run that was filmed.
+    pub images: Option<Losses>,
+    /// What the diagnosis says, where one was made.
+    pub diagnosis: Option<diagnose::Verdict>,
+}
+
+/// What came out, in a sentence and its colour.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Headline {
+    /// How good the news is.
+    pub tone: Tone,
+    /// In a sentence.
+    pub line: String,
+}
+
+impl Findings {
+    /// What `fit` says.
+    pub fn of(fit: &Fit) -> Self {
+        let source = match fit.noise_source {
+            NoiseSource::Stated => "as the experiment states it",
+            NoiseSource::Residuals => "as the fit leaves it",
+            NoiseSource::Images => "as the images by themselves show it",
+        };
+        Self {
+            error_m: fit.error_m,
+            holdout_error_m: fit.holdout_error_m,
+            noise_m: fit.noise_m,
+            noise_source: source.into(),
+            coefficients: fit.parameters.len(),
+            determined: fit.parameters.iter().filter(|parameter| is_settled(fit, parameter)).count(),
+            runs: fit.runs.len(),
+            ..Self::default()
+        }
+    }
+
+    /// With what a diagnosis makes of it. Its noise is measured with a model at hand, while the mechanism moves too, and counts where
+    /// there is one: `floor_m` \[m\].
+    #[must_use]
+    pub fn diagnosed(self, verdict: diagnose::Verdict, floor_m: f64) -> Self {
+        let noise_source = "as the diagnosis measured it, with what pictures get wrong with the pose".into();
+        Self { diagnosis: Some(verdict), noise_m: floor_m, noise_source, ..self }
+    }
+
+    /// Of a run that was filmed, and lacks so much of its images.
+    #[must_use]
+    pub fn filmed(self, losses: Losses) -> Self {
+        Self { images: Some(losses), ..self }
+    }
+
+    /// What `diagnosis` says by itself: of the simulation with what it names.
+    fn of_diagnosis(diagnosis: &Diagnosis) -> Self {
+        let error_m = diagnosis.error_m(!diagnosis.causes.is_empty());
+        Self { error_m, ..Self::default() }.diagnosed(diagnosis.verdict, diagnosis.floor_m())
+    }
+
+    /// How many times the noise the simulation is off, by the worse of fitted and held-out runs.
+    pub fn over_noise(&self) -> Option<f64> {
+        let worst_m = self.error_m.into_iter().chain(self.holdout_error_m).reduce(f64::max)?;
+        (self.noise_m > 0.0).then(|| worst_m / self.noise_m)
+    }
+
+    /// What came of a fit.
+    pub fn headline(&self) -> Headline {
+        let clauses = [Some(self.error()), self.coefficients(), self.lost(), self.diagnosis()];
+        Headline::joined(clauses.into_iter().flatten())
+    }
+
+    fn error(&self) -> (Tone, String) {
+        let off = match (self.error_m, self.holdout_error_m) {
+            (Some(fitted), Some(heldout)) => format!(
+                "{} mm where it was fitted and {} mm on held-out runs",
+                millimetres(fitted),
+                millimetres(heldout)
+            ),
+            (Some(error), None) => format!("{} mm", millimetres(error)),
+            (None, Some(error)) => format!("{} mm on held-out runs", millimetres(error)),
+            (None, None) => return (Tone::Bad, "the fit left no error that could be scored".into()),
+        };
+        let Some(ratio) = self.over_noise() else {
+            return (
+                Tone::Caution,
+                format!("the simulation is off by {off}, beside a noise that is not known"),
+            );
+        };
+        let beside = format!("{} times the noise of {} mm", ratio_text(ratio), millimetres(self.noise_m));
+        match ratio {
+            ratio if ratio <= NOISE_RATIO => (
+                Tone::Good,
+                format!("the simulation follows the keypoints to their noise: off by {off}, {beside}"),
+            ),
+            ratio if ratio <= FAR_RATIO => {
+                (Tone::Caution, format!("the simulation is off by {off}, {beside}"))
+            }
+            _ => (Tone::Bad, format!("the simulation is off by {off}, {beside}")),
+        }
+    }
+
+    fn coefficients(&self) -> Option<(Tone, String)> {
+        let (all, open) = (self.coefficients, self.coefficients - self.determined);
+        let by = if self.runs == 1 { "this run" } else { "these runs" };
+        let are = |count: usize| if count == 1 { "is" } else { "are" };
+        match (all, open) {
+            (0, _) => None,
+            (1, 0) => Some((Tone::Good, format!("the coefficient is determined by {by}"))),
+            (_, 0) => Some((Tone::Good, format!("all {all} coefficients are determined by {by}"))),
+            (_, open) if open == all => {
+                Some((Tone::Bad, format!("none of {} is determined by {by}", counted(all, "coefficient"))))
+            }
+            (_, open) => Some((
+                Tone::Caution,
+                format!("{open} of {} {} not determined by {by}", counted(all, "coefficient"), are(open)),
+            )),
+        }
+    }
+
+    /// What a recording no longer gives is told however little it is: whoever reads the headline takes it for the whole run.
+    fn lost(&self) -> Option<(Tone, String)> {
+        let losses = self.images?;
+        let share = losses.share();
+        let tone = if share > FAR_TOO_MANY_LOST_SHARE { Tone::Bad } else { Tone::Caution };
+        losses.say().filter(|_| share > LOST_SHARE || losses.unread > 0).map(|said| (tone, said))
+    }
+
+    fn diagnosis(&self) -> Option<(Tone, String)> {
+        use diagnose::Verdict;
+        let verdict = self.diagnosis?;
+        let says = match verdict {
+            Verdict::NothingDetectable => "nothing wrong",
+            Verdict::Cause => "the cause of it",
+            Verdict::Causes => "the causes of it",
+            Verdict::Suspected => "a cause that no other run has checked",
+            Verdict::Ambiguous => "several causes that would do",
+            Verdict::Unexplained => "something wrong that no known cause explains",
+        };
+        Some((diagnosis_tone(verdict), format!("the diagnosis finds {says}")))
+    }
+}
+
+impl Headline {
+    fn joined(clauses: impl Iterator<Item = (Tone, String)>) -> Self {
+        let (tones, texts): (Vec<Tone>, Vec<String>) = clauses.unzip();
+        let mut line = texts.join("; ") + ".";
+        if let Some(first) = line.get_mut(..1) {
+            first.make_ascii_uppercase();
+        }
+        Self { tone: tones.into_iter().max().unwrap_or(Tone::Caution), line }
+    }
+}
+
+/// How good the news of a diagnosis is.
+pub(super) fn diagnosis_tone(verdict: diagnose::Verdict) -> Tone {
+    use diagnose::Verdict;
+    match verdict {
+        Verdict::NothingDetectable | Verdict::Cause | Verdict::Causes => Tone::Good,
+        Verdict::Suspected | Verdict::Ambiguous => Tone::Caution,
+        Verdict::Unexplained => Tone::Bad,
+    }
+}
+
+/// A ratio as people read it: a digit behind the point where that says something.
+pub(super) fn ratio_text(ratio: f64) -> String {
+    if ratio < 9.95 { format!("{ratio:.1}") } else { format!("{ratio:.0}") }
+}
+
+/// Whether the data settle a coefficient by itself, not just a combination with others.
+pub fn is_settled(fit: &Fit, parameter: &FittedParameter) -> bool {
+    parameter.determined && !is_combined(fit, &parameter.name)
+}
+
+/// Whether only a combination of this coefficient with others is seen.
+pub(super) fn is_combined(fit: &Fit, name: &str) -> bool {
+    fit.unidentifiable.iter().any(|group| group.len() > 1 && group.iter().any(|member| member == name))
+}
+
+/// Whether all runs agree on a coefficient, as far as they were asked.
+pub(super) fn is_constant(parameter: &FittedParameter) -> bool {
+    parameter.constancy.is_none_or(|test| test.p >= CONSTANCY_P)
+}
+
+/// The headline, and sentences that qualify it.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Verdict {
+    pub(super) headline: Headline,
+    pub(super) details: Vec<String>,
+}
+
+/// What a report's headline rests on; nothing where nothing was fitted or diagnosed.
+pub(super) fn findings(data: &ReportData) -> Option<Findings> {
+    let diagnosis = data.diagnosis.as_ref().map(|figures| &figures.diagnosis);
+    let findings = match (&data.fit, diagnosis) {
+        (Some(fit), None) => Findings::of(fit),
+        (Some(fit), Some(diagnosis)) => Findings::of(fit).diagnosed(diagnosis.verdict, diagnosis.floor_m()),
+        (None, Some(diagnosis)) => Findings::of_diagnosis(diagnosis),
+        (None, None) => return None,
+    };
+    Some(filmed(findings, data))
+}
+
+fn filmed(findings: Findings, data: &ReportData) -> Findings {
+    match &data.images {
+        Some(images) => findings.filmed(images.losses),
+        None => findings,
+    }
+}
+
+/// Reads the verdict off the data. Its line says where it is of fewer images than were received.
+pub(super) fn verdict(data: &ReportData) -> Verdict {
+    let plain = |tone, line: String| Verdict { headline: Headline { tone, line }, details: Vec::new() };
+    match (&data.end, &data.fit, &data.diagnosis, findings(data)) {
+        (Some(RunEnd::Abort(reason)), ..) => plain(Tone::Bad, format!("Aborted: {reason}")),
+        (Some(RunEnd::Fail(reason)), ..) => plain(Tone::Bad, format!("Failed: {reason}")),
+        (_, Some(fit), _, Some(findings)) => {
+            Verdict { headline: findings.headline(), details: details(fit, &findings, data) }
+        }
+        (_, None, Some(figures), Some(findings)) => {
+            let diagnosis = &figures.diagnosis;
+            let tone = findings.error().0.max(diagnosis_tone(diagnosis.verdict));
+            let mut details = vec![definitions(&findings, 0.0)];
+            details.extend(diagnosis_text::error(diagnosis));
+            details.extend(diagnosis_text::details(diagnosis));
+            Verdict { headline: Headline { tone, line: diagnosis.sentence.clone() }, details }
+        }
+        _ => {
+            let clauses = [Some((Tone::Caution, measured(data))), filmed(Findings::default(), data).lost()];
+            Verdict { headline: Headline::joined(clauses.into_iter().flatten()), details: Vec::new() }
+        }
+    }
+}
+
+fn measured(data: &ReportData) -> String {
+    let keypoints = data.runs.iter().map(|run| run.measured.keypoints.len()).max().unwrap_or(0);
+    match &data.images {
+        Some(images) => {
+            format!("filmed and measured: {} of {} images gave keypoints", images.used, images.received)
+        }
+        None if keypoints > 0 => format!("measured {}; no model was fitted", counted(keypoints, "keypoint")),
+        None => "nothing was measured".into(),
+    }
+}
+
+/// What error and noise are, wherever they are told.
+fn definitions(findings: &Findings, length_m: f64) -> String {
+    let worst_m = findings.error_m.into_iter().chain(findings.holdout_error_m).fold(0.0, f64::max);
+    let share = match length_m > 0.0 && worst_m > 0.0 {
+        true => format!(", {} % of the {:.0} mm length", percent(worst_m, length_m), length_m * 1e3),
+        false => String::new(),
+    };
+    format!(
+        "Error: root mean square along one axis, over all keypoints but P0{share}. Noise: one standard deviation along one axis, {}.",
+        findings.noise_source
+    )
+}
+
+fn details(fit: &Fit, findings: &Findings, data: &ReportData) -> Vec<String> {
+    let mut details = vec![definitions(findings, fit.characteristic_length_m)];
+    if let Some(figures) = &data.diagnosis {
+        details.push(format!("Diagnosis: {}", figures.diagnosis.sentence));
+    }
+    if let (Some(fitted), Some(heldout)) = (findings.error_m, findings.holdout_error_m)
+        && heldout > 2.0 * fitted
+    {
+        let ratio = heldout / fitted;
+        details.push(format!("Held-out runs are predicted {ratio:.1} times worse than the fitted ones."));
+    }
+    let set_aside = fit.runs.iter().filter_map(|run| Spike::sentence(&run.id, &run.set_aside));
+    details.extend(set_aside.map(|sentence| format!("{sentence}.")));
+    details.extend(on_coefficients(fit));
+    for (run, touch) in fit.runs.iter().filter_map(|run| Some((run, run.touch.as_ref()?))) {
+        details.push(format!("In the simulation of {}, {touch}.", run.id));
+    }
+    let elsewhere = fit.starts.iter().filter(|start| !start.agrees).count();
+    if elsewhere > 0 {
+        details.push(format!(
+            "{elsewhere} of {} of the search ended elsewhere: there are other optima, of which the best counts.",
+            counted(fit.starts.len(), "start")
+        ));
+    }
+    details
+}
+
+/// Which coefficients are not to be read as measured, beyond those that are not determined.
+fn on_coefficients(fit: &Fit) -> Vec<String> {
+    let mut details = Vec::new();
+    let bound = fit.parameters.iter().filter(|p| p.at_bound).count();
+    if bound > 0 {
+        let rests = if bound == 1 { "coefficient rests" } else { "coefficients rest" };
+        details.push(format!("{bound} {rests} on a bound."));
+    }
+    let drifting: Vec<&str> =
+        fit.parameters.iter().filter(|p| !is_constant(p)).map(|p| p.name.as_str()).collect();
+    if !drifting.is_empty() {
+        details.push(format!(
+            "The runs do not agree on {}: there it stands in for something that differs from run to run.",
+            drifting.join(", ")
+        ));
+    }
+    details
+}

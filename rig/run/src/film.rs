@@ -1,0 +1,339 @@
+//! Films one experiment: feeds the state machine with what the devices tell, and does what it says.
+
+use std::future::Future;
+use std::ops::Range;
+use std::pin::pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::mpsc;
+use tokio::time::MissedTickBehavior;
+
+use super::devices::{CameraThread, Seen, ServoThread, Signal};
+use super::machine::{Action, Ending, Event, Machine, Plan};
+use camera::{Camera, CameraError, CameraImage, Rising, images_lost};
+use ground::clock::MonotonicNs;
+use ground::error_chain::with_causes;
+use record::recording::{Behind, Recorded, Recorder};
+use record::{RecordError, ServoCommand};
+use servo::PulseProfile;
+use servo::{ServoBoard, ServoError, ServoEvent, StopOutcome};
+
+/// Images, and measures of how still they are, that may wait for the coordinator: several seconds of them.
+const QUEUE_IMAGES: usize = 1024;
+/// The machine hears of time at least so often.
+const TICK_PERIOD: Duration = Duration::from_millis(10);
+
+/// What a run is filmed with.
+pub struct Setup {
+    /// What to wait for and how long.
+    pub plan: Plan,
+    /// The camera, not started yet.
+    pub camera: Box<dyn Camera>,
+    /// Silence of the camera for so long is a fault.
+    pub stall: Duration,
+    /// The board and what it is to play; a drop has none.
+    pub drive: Option<(Box<dyn ServoBoard>, PulseProfile)>,
+    /// Where everything is kept.
+    pub recorder: Recorder,
+}
+
+/// The empty tank is learned from this share of the motion, and no less than these seconds of it \[s\]: both sides of the
+/// mechanism have been seen free by then, and what is left of the motion is time to look at the images.
+const LEARN_SHARE: f64 = 1.0 / 3.0;
+const LEARN_S: f64 = 2.0;
+/// What this share of the motion shows is worth a first fit, and what is left is time for it.
+const FIT_SHARE: f64 = 0.75;
+
+/// Told as it happens; for journal, progress and the extraction beside the filming.
+#[derive(Debug, Clone)]
+pub enum Notice {
+    /// An image came, and is recorded.
+    Image(Arc<CameraImage>),
+    /// So is this event of the board.
+    Servo(ServoEvent),
+    /// And this that the board was told.
+    Command(ServoCommand),
+    /// These of the images received show enough of the motion to learn the empty tank from.
+    Learn(Range<u64>),
+    /// Enough of the motion has been filmed for a first fit.
+    Fit,
+    /// The phase changed, or time passed in it: phase and images so far.
+    Phase(&'static str, u64),
+    /// What was received so far, and how far the disk is behind; as often.
+    Counted(ImageCount, Behind),
+    /// Something for the journal.
+    Journal(String),
+    /// The disk does not keep up; images will be lost if that goes on.
+    FallsBehind(Behind),
+    /// Whoever stands at the tank should let go now.
+    LetGo,
+}
+
+/// What came out of filming.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Filmed {
+    /// How it ended.
+    pub ending: Ending,
+    /// How the safe stop went.
+    pub servo: StopOutcome,
+    /// Time from the decision to stop to the board's answer \[s\].
+    pub stop_s: f64,
+    /// What the recording holds.
+    pub recorded: Recorded,
+    /// What was wrong with its images.
+    pub images: ImageCount,
+    /// Which of the images received the empty tank was learned from, once enough motion was seen.
+    pub learn_from: Option<Range<u64>>,
+}
+
+/// Films until the machine stops, `interrupt` resolves, or a device fails. Whatever happens, the servo is stopped
+/// before anything else is closed.
+pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: impl FnMut(Notice)) -> Filmed {
+    let (signals, mut signalled) = mpsc::unbounded_channel();
+    let (seen, mut to_see) = mpsc::channel(QUEUE_IMAGES);
+    let profile = setup.drive.as_ref().map(|(_, profile)| profile.clone());
+    let mut servo = setup.drive.map(|(board, _)| ServoThread::start(board, signals.clone()));
+    if let (Some(servo), Some(profile)) = (&servo, &profile) {
+        servo.approach(profile, setup.plan.approach_s);
+    }
+    let camera = CameraThread::start(setup.camera, setup.stall, seen, signals);
+    let mut kept = Kept { recorder: setup.recorder, images: Images::default(), notify };
+
+    let mut milestones = Milestones::new(setup.plan.motion_s());
+    let mut machine = Machine::new(setup.plan, MonotonicNs::now());
+    let mut interrupt = pin!(interrupt);
+    let mut ticks = tokio::time::interval(TICK_PERIOD);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut next = camera.as_ref().err().map(|error| Event::Fault(error.to_string()));
+
+    let ending = loop {
+        let event = match next.take() {
+            Some(event) => event,
+            None => tokio::select! {
+                biased;
+                () = &mut interrupt => Event::Interrupted("interrupted".into()),
+                Some(signal) = signalled.recv() => match kept.take_signal(signal) {
+                    Ok(Some(event)) => event,
+                    Ok(None) => continue,
+                    Err(error) => Event::Fault(with_causes(&error)),
+                },
+                Some(seen) = to_see.recv() => {
+                    kept.take_seen(seen).unwrap_or_else(|error| Event::Fault(with_causes(&error)))
+                }
+                _ = ticks.tick() => Event::Tick,
+            },
+        };
+        let now = MonotonicNs::now();
+        if event == Event::Tick {
+            (kept.notify)(Notice::Phase(machine.phase(), kept.images.count.received));
+            (kept.notify)(Notice::Counted(kept.images.count.clone(), kept.recorder.behind()));
+            if let Some(behind) = kept.recorder.falls_behind() {
+                (kept.notify)(Notice::FallsBehind(behind));
+            }
+            if let Some(moves_s) = machine.moves_for_s(now) {
+                milestones.pass(moves_s, kept.images.count.received, &mut kept.notify);
+            }
+        }
+        match machine.on(event, now) {
+            None => {}
+            Some(Action::Arm(start)) => {
+                if let (Some(servo), Some(profile)) = (&servo, &profile) {
+                    (kept.notify)(Notice::Journal("arming".into()));
+                    servo.arm(profile.clone(), start);
+                    let told = kept.command(ServoCommand::Arm { start, profile: profile.clone() });
+                    next = told.err().map(|error| Event::Fault(with_causes(&error)));
+                }
+            }
+            Some(Action::AskForRelease) => (kept.notify)(Notice::LetGo),
+            Some(Action::Journal(text)) => (kept.notify)(Notice::Journal(text.into())),
+            Some(Action::Stop(ending)) => break ending,
+        }
+    };
+
+    let decided = MonotonicNs::now();
+    let outcome = tokio::task::block_in_place(|| match (&mut servo, &ending) {
+        (None, _) => StopOutcome::NotNeeded,
+        (Some(servo), Ending::Success) => servo.leave(),
+        (Some(servo), Ending::Abort(_) | Ending::Fail(_)) => servo.stop(),
+    });
+    let stop_s = MonotonicNs::now().seconds_since(decided);
+    (kept.notify)(Notice::Journal("servo-stopped".into()));
+    tokio::task::block_in_place(|| drop(camera));
+    // What was told and seen before still belongs into the recording; faults on the way down change nothing.
+    while let Ok(signal) = signalled.try_recv() {
+        let _ = kept.take_signal(signal);
+    }
+    while let Ok(seen) = to_see.try_recv() {
+        let _ = kept.take_seen(seen);
+    }
+    let _ = kept.command(ServoCommand::Stop { outcome });
+    (kept.notify)(Notice::Counted(kept.images.count.clone(), kept.recorder.behind()));
+    let images = kept.images.count.clone();
+    let (ending, recorded) = kept.finish(ending);
+    Filmed { ending, servo: outcome, stop_s, recorded, images, learn_from: milestones.learn_from }
+}
+
+/// When enough of the motion has been filmed for the work beside the filming.
+struct Milestones {
+    learn_s: f64,
+    fit_s: f64,
+    /// Images received before the motion began.
+    first_moving: Option<u64>,
+    learn_from: Option<Range<u64>>,
+    fits: bool,
+}
+
+impl Milestones {
+    /// Of a motion that takes `motion_s` \[s\].
+    fn new(motion_s: f64) -> Self {
+        Self {
+            learn_s: (LEARN_SHARE * motion_s).max(LEARN_S),
+            fit_s: FIT_SHARE * motion_s,
+            first_moving: None,
+            learn_from: None,
+            fits: false,
+        }
+    }
+
+    /// The mechanism has moved for `moves_s` \[s\], and so many images are `received`.
+    fn pass(&mut self, moves_s: f64, received: u64, notify: &mut impl FnMut(Notice)) {
+        let from = *self.first_moving.get_or_insert(received)..received;
+        if self.learn_from.is_none() && moves_s >= self.learn_s && !from.is_empty() {
+            notify(Notice::Learn(from.clone()));
+            self.learn_from = Some(from);
+        }
+        if !self.fits && moves_s >= self.fit_s {
+            notify(Notice::Fit);
+            self.fits = true;
+        }
+    }
+}
+
+/// Where everything goes that is told and seen: into the recording, and to who listens.
+struct Kept<N> {
+    recorder: Recorder,
+    images: Images,
+    notify: N,
+}
+
+impl<N: FnMut(Notice)> Kept<N> {
+    /// Records what the camera shows and says what it means to the machine.
+    fn take_seen(&mut self, seen: Seen) -> Result<Event, RecordError> {
+        Ok(match seen {
+            Seen::Image(image) => {
+                self.recorder.image(Arc::clone(&image))?;
+                (self.notify)(Notice::Image(Arc::clone(&image)));
+                Event::Image { identical: self.images.take(image) }
+            }
+            Seen::Changed(share) => Event::Changed(share),
+        })
+    }
+
+    /// Records what a device told and says what it means to the machine, if anything.
+    fn take_signal(&mut self, signal: Signal) -> Result<Option<Event>, RecordError> {
+        Ok(Some(match signal {
+            Signal::CameraFailed(CameraError::End) => Event::Fault("camera: no more images".into()),
+            Signal::CameraFailed(error) => Event::Fault(with_causes(&error)),
+            Signal::ServoFailed(ServoError::Held(hold)) => Event::Interrupted(hold.to_string()),
+            Signal::ServoFailed(error) => Event::Fault(with_causes(&error)),
+            Signal::Panicked(thread) => Event::Fault(format!("our fault: the {thread} thread panicked")),
+            Signal::Servo(event) => {
+                self.recorder.servo(&event)?;
+                (self.notify)(Notice::Servo(event.clone()));
+                match event {
+                    ServoEvent::Started { .. } => Event::Started,
+                    ServoEvent::Finished { .. } => Event::Finished,
+                    ServoEvent::Note { text } => {
+                        (self.notify)(Notice::Journal(format!("servo: {text}")));
+                        return Ok(None);
+                    }
+                    ServoEvent::Ping { .. } | ServoEvent::Pulse { .. } | ServoEvent::Position { .. } => {
+                        return Ok(None);
+                    }
+                }
+            }
+        }))
+    }
+
+    /// Records what the board was told.
+    fn command(&mut self, command: ServoCommand) -> Result<(), RecordError> {
+        self.recorder.command(&command)?;
+        (self.notify)(Notice::Command(command));
+        Ok(())
+    }
+
+    /// Closes the recording. A success without a whole recording is none.
+    fn finish(self, ending: Ending) -> (Ending, Recorded) {
+        match tokio::task::block_in_place(|| self.recorder.finish()) {
+            Ok(recorded) => (ending, recorded),
+            Err(error) if ending == Ending::Success => {
+                (Ending::Fail(with_causes(&error)), Recorded::default())
+            }
+            Err(_) => (ending, Recorded::default()),
+        }
+    }
+}
+
+/// Images received, and what was wrong with them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ImageCount {
+    /// All that were received.
+    pub received: u64,
+    /// Lost on the way, as the camera's own count says.
+    pub lost: u64,
+    /// Marked as damaged, or not whole.
+    pub damaged: u64,
+    /// Their bytes are those of the one before.
+    pub repeated: u64,
+    /// Their stamp is not later than all before.
+    pub stale: u64,
+}
+
+#[derive(Default)]
+struct Images {
+    count: ImageCount,
+    last: Option<Arc<CameraImage>>,
+    rising: Rising,
+}
+
+impl Images {
+    /// Counts an image in; true when its bytes are those of the one before.
+    fn take(&mut self, image: Arc<CameraImage>) -> bool {
+        let identical = self.last.as_ref().is_some_and(|last| last.data == image.data);
+        let lost = self.last.as_ref().map_or(0, |last| images_lost(last.sequence, image.sequence));
+        let count = &mut self.count;
+        count.received += 1;
+        count.lost += u64::from(lost);
+        count.damaged += u64::from(image.damaged);
+        count.repeated += u64::from(identical);
+        count.stale += u64::from(!self.rising.takes(image.mid_exposure));
+        self.last = Some(image);
+        identical
+    }
+}
+
+#[cfg(test)]
+mod panics;
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camera::fixtures;
+
+    #[test]
+    fn what_is_wrong_with_images_is_counted() {
+        let mut images = Images::default();
+        let mut take = |sequence, at_ns, byte, damaged| {
+            let image = fixtures::image(sequence, MonotonicNs(at_ns), (2, 1));
+            images.take(Arc::new(CameraImage { data: vec![byte; 2], damaged, ..image }))
+        };
+        assert!(!take(0, 10, 1, false));
+        assert!(!take(3, 20, 2, true), "two lost, one damaged");
+        assert!(take(4, 30, 2, false), "repeated");
+        assert!(!take(5, 30, 3, false), "stamped as the one before");
+        assert!(!take(6, 25, 4, false), "stamped earlier");
+        assert!(!take(7, 40, 5, false));
+        let counted = ImageCount { received: 6, lost: 2, damaged: 1, repeated: 1, stale: 2 };
+        assert_eq!(images.count, counted);
+    }
+}
