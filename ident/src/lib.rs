@@ -13,7 +13,7 @@
 //! ```
 //!
 //! Rooms, each of which knows only those before it:
-//! * `statistics`, `names`, [`strict`], [`table`]: medians and chi-squares, names as people type them, TOML and CSV read strictly;
+//! * [`table`]: CSV read strictly (strict TOML, statistics and names as people type them are in `ground`);
 //! * [`loss`], `noise`: how far keypoints are off, how large their noise is and how long it lasts;
 //! * [`cmaes`]: a sampler that searches; `config`, `own_cause`, [`parameters`], [`weights`]: the `[fit]` and `[[cause]]` tables, what a fit turns, what a balance
 //!   knows;

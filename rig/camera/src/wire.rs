@@ -5,7 +5,7 @@
 //! | 0 | u8 | version of this layout, 1 |
 //! | 1 | u8 | encoding: 0 grey, 1 yuyv, 2 jpeg, 3 png |
 //! | 2 | u8 | flags: bit 0 damaged |
-//! | 3 | u8 | 0; in recordings the number of the filter that changed the data, see [`record::filter`] |
+//! | 3 | u8 | 0; in recordings the number of the filter that changed the data, see `record::filter` |
 //! | 4 | u32 | sequence |
 //! | 8 | u64 | stamp on CLOCK_MONOTONIC \[ns\] |
 //! | 16 | u64 | mid-exposure on CLOCK_MONOTONIC \[ns\] |

@@ -1,7 +1,7 @@
 //! The hold: what every stop leaves on all that could move a rig, until a person releases it by name.
 //!
 //! A hold lies in files. Whoever stops a rig writes them, and needs no other program for it; whoever could move it looks at them before
-//! it gives a servo power, before each order and fifty times a second while anything has power ([`servo::held`]). Two
+//! it gives a servo power, before each order and fifty times a second while anything has power (`servo::held`). Two
 //! places can hold a rig, and either is enough: `hold.json` in its runs folder, which is there from the first run on so that a full disk
 //! cannot refuse a stop, and a file beside the lock of its servo's port, which `rig estop` finds without knowing the runs. What cannot
 //! be read holds too.

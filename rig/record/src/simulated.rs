@@ -10,7 +10,7 @@ use super::RecordError;
 pub struct Simulated {
     /// Instants \[s\], shape (N).
     pub time_s: Vec<f64>,
-    /// Coordinates, row-major, shape (N, nq), as in [`sim::State`].
+    /// Coordinates, row-major, shape (N, nq), as in `sim::State`.
     pub qpos: Vec<f64>,
 }
 

@@ -89,7 +89,7 @@ impl Renderer {
         image
     }
 
-    /// Where the static parts are: white, `margin_px` wider all round. For [`vision::VisionConfig`].
+    /// Where the static parts are: white, `margin_px` wider all round. For `vision::VisionConfig`.
     pub fn static_mask(&self, margin_px: usize) -> GrayImage {
         let (width, height) = (self.look.width_px, self.look.height_px);
         let mut mask = GrayImage::new(width, height);

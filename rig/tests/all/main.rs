@@ -2,8 +2,9 @@
 
 #![allow(
     clippy::unwrap_used,
+    clippy::disallowed_methods,
     clippy::print_stdout,
-    reason = "a test stops where it cannot go on, and shows its figures"
+    reason = "a test stops where it cannot go on, makes its files and shows its figures"
 )]
 
 mod extract;
