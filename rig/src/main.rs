@@ -4,20 +4,20 @@ use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use clap::Parser;
-use rig::cli::{Cli, Failure, InRun, Outcome};
+use rig::cli::{self, Cli, Failure, Outcome};
 use tracing_subscriber::EnvFilter;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    start_log(cli.verbose);
-    let result = cli.verb.carry_out();
-    if cli.json {
-        say_json(&result)
+    let asked = Cli::parse();
+    start_log(asked.verbose);
+    let result = asked.verb.carry_out();
+    if asked.json {
+        print(&serde_json::to_string(&cli::result(&result)).unwrap_or_default());
     } else {
         say(&result)
     }
     match result {
-        Ok(outcome) => ExitCode::from(outcome.exit_code(cli.strict)),
+        Ok(outcome) => ExitCode::from(outcome.exit_code(asked.strict)),
         Err(failure) => ExitCode::from(failure.exit_code()),
     }
 }
@@ -66,27 +66,8 @@ fn say(result: &Result<Outcome, Failure>) {
             if !outcome.text.is_empty() {
                 print(&outcome.text);
             }
-            outcome.warnings.iter().for_each(|warning| eprintln!("rig: mind: {warning}"));
+            outcome.warnings.iter().for_each(|warning| eprintln!("rig: warning: {warning}"));
         }
         Err(failure) => eprintln!("rig: {:#}", failure.error()),
     }
-}
-
-fn say_json(result: &Result<Outcome, Failure>) {
-    let object = match result {
-        Ok(outcome) => {
-            let mut object = serde_json::to_value(outcome).unwrap_or_default();
-            object["status"] = "done".into();
-            object
-        }
-        Err(failure) => {
-            let mut object =
-                serde_json::json!({ "status": failure.status(), "error": format!("{:#}", failure.error()) });
-            if let Some(InRun(run)) = failure.error().downcast_ref() {
-                object["run"] = run.display().to_string().into();
-            }
-            object
-        }
-    };
-    print(&object.to_string());
 }

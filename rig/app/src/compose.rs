@@ -100,7 +100,7 @@ pub fn config_of(path: &Path) -> Option<PathBuf> {
 }
 
 /// The usual name of an experiment's file.
-const EXPERIMENT: &str = "experiment.toml";
+pub const EXPERIMENT: &str = "experiment.toml";
 
 /// Writes the experiment of the run folders `runs` to `out`, with the model they were made with or another, and gives it as a fit
 /// reads it. `drops`: whether somebody is there to let go of the mechanism in a next run.

@@ -5,7 +5,7 @@ use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::anyhow;
+use anyhow::{Context as _, anyhow};
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::{Failure, Interrupt, Watcher};
@@ -13,7 +13,9 @@ use analysis::showing::Showing;
 use ground::claim::Claim;
 use ground::error_chain::with_causes;
 use record::below;
-use store::job::{Job, JobId, NewJob, State};
+use record::files::write_whole;
+use serde::{Deserialize, Serialize};
+use store::job::{Job, JobId, NewJob, State, Work};
 use store::{Store, StoreError};
 
 /// The environment variable that says to a process which job it does, for a daemon.
@@ -25,14 +27,55 @@ const JOBS: &str = "jobs";
 /// The job and its log are looked at so often.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
-/// What a job wrote into its folder.
+/// What a job finds in its folder, and writes into it.
 pub mod file {
-    /// What it said in the end: the one object of `--json`.
+    /// What it is to do: an [`Order`](super::Order).
+    pub const ORDER: &str = "order.json";
+    /// What came of it: a [`JobResult`](store::job::JobResult), the one object of `--json`.
     pub const RESULT: &str = "result.json";
     /// What it said on the way.
     pub const LOG: &str = "log.txt";
     /// The socket on which it shows how it goes.
     pub const LIVE: &str = "live.sock";
+}
+
+/// What the process of a job is to do.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Order {
+    /// The job's work.
+    pub work: Work,
+    /// The folder of run folders.
+    pub runs_dir: PathBuf,
+    /// The folder for results.
+    pub out: PathBuf,
+    /// The rig's config.
+    pub config: PathBuf,
+    /// Worker threads.
+    pub threads: usize,
+}
+
+impl Order {
+    /// Writes it into the job's folder.
+    ///
+    /// # Errors
+    /// [`Failure::Internal`].
+    pub fn write(&self, folder: &Path) -> Result<(), Failure> {
+        let text = serde_json::to_vec(self).map_err(Failure::internal)?;
+        write_whole(&folder.join(file::ORDER), &text).map_err(Failure::internal)
+    }
+
+    /// Reads it from the job's folder.
+    ///
+    /// # Errors
+    /// [`Failure::Input`].
+    pub fn read(folder: &Path) -> Result<Self, Failure> {
+        let path = folder.join(file::ORDER);
+        let text = below::read_at(&path)
+            .with_context(|| format!("reading {}", path.display()))
+            .map_err(Failure::Input)?;
+        serde_json::from_slice(&text).with_context(|| path.display().to_string()).map_err(Failure::Input)
+    }
 }
 
 /// The lock that a daemon holds on the runs folder `runs_dir`.

@@ -20,22 +20,17 @@ use rustix::process::{
     Pid, PidfdFlags, Signal, kill_process, pidfd_open, pidfd_send_signal, setpriority_process,
 };
 
-use app::compose::compose;
-use app::hand_in::{self, file, folder};
+use app::hand_in::{self, Order, file, folder};
 use app::{Failure, HELD};
 use app::{recover, stop};
 use config::RigConfig;
-use ground::choice::Choice as _;
 use ground::claim::Claim;
 use ground::urgency::Urgency;
 use record::below;
 use record::files::create_folder;
-use record::outputs::Outputs;
 use record::run_id::RunId;
-use store::job::{Chosen, Job, JobId, JobResult, Lane, State, Work};
+use store::job::{Job, JobId, JobResult, Lane, State, Work};
 
-/// The runs that a job works on, for `rig fit` and its like.
-const EXPERIMENT: &str = "experiment.toml";
 /// A job that was asked to end has so long for it; then its process is killed, and a board's dead-man stops what still moves.
 const GRACE: Duration = Duration::from_secs(4);
 /// So much of the end of a log is told of a job that ended without a word.
@@ -156,22 +151,20 @@ impl JobProcess {
     ) -> Result<Self, Failure> {
         let folder = folder(runs_dir, job.id);
         create_folder(&folder).map_err(Failure::internal)?;
-        let mut command = Command::new(std::env::current_exe().map_err(Failure::internal)?);
-        command.arg("--json").env(hand_in::JOB, job.id.to_string());
-        command.env(hand_in::SHOW, folder.join(file::LIVE));
-        // Ctrl-C at a terminal is for the daemon: with its own signal as the second one, the job would end at once
-        command.process_group(0);
-        // the manager is the daemon's
-        command.env_remove("NOTIFY_SOCKET").env_remove("WATCHDOG_USEC");
         // a campaign goes on where it stopped, so it stays in the folder in which it began
         let out = match job.work {
             Work::Campaign { .. } => self::folder(runs_dir, origin),
             _ => folder.clone(),
         };
-        arguments(&mut command, &job.work, runs_dir, &out, config)?;
-        if !matches!(job.work, Work::Design(_)) {
-            command.arg("--threads").arg(threads.to_string());
-        }
+        let (runs_dir, config) = (runs_dir.to_owned(), config.to_owned());
+        Order { work: job.work.clone(), runs_dir, out, config, threads }.write(&folder)?;
+        let mut command = Command::new(std::env::current_exe().map_err(Failure::internal)?);
+        command.args(["--json", "job"]).arg(&folder);
+        command.env(hand_in::JOB, job.id.to_string()).env(hand_in::SHOW, folder.join(file::LIVE));
+        // Ctrl-C at a terminal is for the daemon: with its own signal as the second one, the job would end at once
+        command.process_group(0);
+        // the manager is the daemon's
+        command.env_remove("NOTIFY_SOCKET").env_remove("WATCHDOG_USEC");
         let create = |name| File::create(folder.join(name)).map_err(Failure::internal);
         command.stdin(Stdio::null()).stdout(create(file::RESULT)?).stderr(create(file::LOG)?);
         let child = command.spawn().map_err(Failure::internal)?;
@@ -266,63 +259,4 @@ pub(super) fn result(folder: &Path, how: &str) -> (State, JobResult) {
         _ => State::Failed,
     };
     (state, result)
-}
-
-/// The verb and its arguments.
-fn arguments(
-    command: &mut Command,
-    work: &Work,
-    runs_dir: &Path,
-    folder: &Path,
-    config: &Path,
-) -> Result<(), Failure> {
-    let experiment = |chosen: &Chosen| -> Result<PathBuf, Failure> {
-        use ident::experiment::Use;
-        let path = |id: &RunId| runs_dir.join(id.as_str());
-        let fitted: Vec<PathBuf> = chosen.runs.iter().map(path).collect();
-        let held_out: Vec<PathBuf> = chosen.holdout.iter().map(path).collect();
-        let runs = fitted.iter().map(|path| (Use::Fit, path.as_path()));
-        let runs: Vec<_> = runs.chain(held_out.iter().map(|path| (Use::Holdout, path.as_path()))).collect();
-        let file = folder.join(EXPERIMENT);
-        let read = runs.iter().map(|(_, path)| path.to_path_buf());
-        compose(&runs, None, true, &Outputs::reading(read).file(&file)?)?;
-        Ok(file)
-    };
-    match work {
-        Work::Run { config, film_only } => {
-            command.arg("run").arg(config).arg("--runs-dir").arg(runs_dir);
-            if *film_only {
-                command.arg("--film-only");
-            }
-        }
-        Work::Recalibrate { run } => {
-            command.arg("recalibrate").arg(runs_dir.join(run.as_str())).arg("--runs-dir").arg(runs_dir);
-        }
-        Work::Replay { run, from } => {
-            command.arg("replay").arg(runs_dir.join(run.as_str())).arg("--out").arg(folder);
-            command.arg("--from").arg(from.typed());
-        }
-        Work::Fit(chosen) => {
-            command.arg("fit").arg(experiment(chosen)?).arg("--out").arg(folder);
-        }
-        Work::Diagnose(chosen) => {
-            command.arg("diagnose").arg(experiment(chosen)?).arg("--out").arg(folder);
-            command.arg("--config").arg(config);
-        }
-        Work::Campaign { config, goals, max_runs } => {
-            command.arg("campaign").arg(config).arg("--runs-dir").arg(runs_dir).arg("--out").arg(folder);
-            command.arg("--max-runs").arg(max_runs.to_string());
-            if goals.is_empty() {
-                command.arg("--resolve");
-            }
-            for goal in goals {
-                command.arg("--goal").arg(goal.to_string());
-            }
-        }
-        Work::Design(chosen) => {
-            command.arg("design").arg(experiment(chosen)?).arg("--out").arg(folder);
-            command.arg("--config").arg(config);
-        }
-    }
-    Ok(())
 }

@@ -18,16 +18,16 @@ use record::outputs::Outputs;
 pub struct Args {
     /// experiment.toml of the runs there are, or a run folder
     #[arg(value_name = "EXPERIMENT")]
-    experiment: PathBuf,
+    pub experiment: PathBuf,
     /// Fitted parameter to pin down; may be given again. Left out: the rivals of the diagnosis are told apart
     #[arg(long = "for", value_name = "PARAM")]
-    parameters: Vec<String>,
+    pub parameters: Vec<String>,
     /// Config of the rig, from which the configs of the proposed runs are made [default: the one that a run folder says it was made with]
     #[arg(long, value_name = "RIG.toml", requires = "out")]
-    config: Option<PathBuf>,
+    pub config: Option<PathBuf>,
     /// Folder for these configs
     #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
 }
 
 /// Carries out `rig design`.

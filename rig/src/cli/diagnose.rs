@@ -18,20 +18,20 @@ use record::outputs::Outputs;
 pub struct Args {
     /// experiment.toml, as written by hand or by `rig experiment`; or one run folder
     #[arg(value_name = "EXPERIMENT")]
-    experiment: PathBuf,
+    pub experiment: PathBuf,
     /// Folder for diagnosis.json, the extended model.xml, report.html and timing.json
     #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    pub out: PathBuf,
     /// Threads that simulate; the result is the same for any number [default: all cores]
     #[arg(long, value_name = "N")]
-    threads: Option<NonZeroUsize>,
+    pub threads: Option<NonZeroUsize>,
     /// Config of the rig: with it, configs of the runs to make next are written to DIR/next [default: the one that a run folder says it was
     /// made with]
     #[arg(long, value_name = "RIG.toml")]
-    config: Option<PathBuf>,
+    pub config: Option<PathBuf>,
     /// Exit with 0 where nothing is detectable, 10 where a cause is named, 11 where several would do, 12 where none does
     #[arg(long)]
-    exit_code: bool,
+    pub exit_code: bool,
 }
 
 /// Carries out `rig diagnose`.

@@ -16,22 +16,22 @@ use record::outputs::Outputs;
 pub struct Args {
     /// experiment.toml, as written by hand or by `rig experiment`; or one run folder
     #[arg(value_name = "EXPERIMENT")]
-    experiment: PathBuf,
+    pub experiment: PathBuf,
     /// Folder for fit.json, model.xml, report.html and timing.json
     #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    pub out: PathBuf,
     /// Threads that simulate; the result is the same for any number [default: all cores]
     #[arg(long, value_name = "N")]
-    threads: Option<NonZeroUsize>,
+    pub threads: Option<NonZeroUsize>,
     /// Go on from where an interrupted fit into the same folder stood
     #[arg(long)]
-    resume: bool,
+    pub resume: bool,
     /// 95 % intervals from the profile of the likelihood: a few fits per parameter
     #[arg(long)]
-    profile: bool,
+    pub profile: bool,
     /// fit.json of an earlier fit of the same mechanism: updated with these runs, unless they contradict it
     #[arg(long, value_name = "FIT.json", conflicts_with = "resume")]
-    prior: Option<PathBuf>,
+    pub prior: Option<PathBuf>,
 }
 
 /// Carries out `rig fit`.

@@ -15,6 +15,7 @@ pub mod extract;
 pub mod firmware;
 pub mod fit;
 pub mod import;
+pub mod job;
 pub mod jobs;
 pub mod jog;
 pub mod list;
@@ -34,29 +35,25 @@ pub mod verb;
 
 use std::path::PathBuf;
 
+use store::job::JobResult;
+
 pub use app::{Failure, InRun};
 pub use verb::{Cli, Verb};
 
 /// What a verb has to say on success: lines for people, paths for `--json`.
-#[derive(Debug, Default, serde::Serialize)]
+#[derive(Debug, Default)]
 pub struct Outcome {
     /// What was written.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub out: Option<PathBuf>,
     /// The run folder.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<PathBuf>,
     /// The diagnosis's verdict.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub verdict: Option<String>,
     /// What was less than it should have been, one sentence each: images that are missing, things that could not be done.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
     /// The process's exit code, 0 unless somebody asked for another.
-    #[serde(skip)]
     pub exit_code: u8,
     /// Printed on standard output, unless `--json` asks for one object instead.
-    #[serde(skip)]
     pub text: String,
 }
 
@@ -64,5 +61,26 @@ impl Outcome {
     /// The process's exit code; as of data that cannot answer, where `strict` lets no warning pass.
     pub fn exit_code(&self, strict: bool) -> u8 {
         if strict && !self.warnings.is_empty() { Failure::DATA_EXIT_CODE } else { self.exit_code }
+    }
+}
+
+/// What `--json` prints of a verb that ended so.
+pub fn result(ended: &Result<Outcome, Failure>) -> JobResult {
+    let text = |path: &PathBuf| path.display().to_string();
+    match ended {
+        Ok(outcome) => JobResult {
+            status: Some("done".into()),
+            run: outcome.run.as_ref().map(text),
+            out: outcome.out.as_ref().map(text),
+            verdict: outcome.verdict.clone(),
+            warnings: outcome.warnings.clone(),
+            error: None,
+        },
+        Err(failure) => JobResult {
+            status: Some(failure.status().into()),
+            run: failure.error().downcast_ref().map(|InRun(run)| text(run)),
+            error: Some(format!("{:#}", failure.error())),
+            ..JobResult::default()
+        },
     }
 }

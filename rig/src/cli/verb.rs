@@ -4,7 +4,7 @@ use clap::{Parser, Subcommand};
 
 use super::{
     Failure, Outcome, calibrate, campaign, daemon, design, diagnose, doctor, estop, experiment, export,
-    extract, firmware, fit, import, jobs, jog, list, mock_board, mock_camera, new, packaging, preview,
+    extract, firmware, fit, import, job, jobs, jog, list, mock_board, mock_camera, new, packaging, preview,
     recalibrate, replay, run, runs, simulate, status,
 };
 
@@ -83,6 +83,9 @@ pub enum Verb {
     Export(export::Args),
     /// Take over keypoints that other programs found
     Import(import::Args),
+    /// Do what a daemon has ordered
+    #[command(hide = true)]
+    Job(job::Args),
     /// Write completions and man pages
     #[command(hide = true)]
     Packaging(packaging::Args),
@@ -122,6 +125,7 @@ impl Verb {
             Self::Runs(args) => runs::run(args),
             Self::Export(args) => export::run(args),
             Self::Import(args) => import::run(args),
+            Self::Job(args) => job::run(args),
             Self::Packaging(args) => packaging::run(args),
         }
     }

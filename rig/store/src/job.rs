@@ -268,11 +268,11 @@ pub struct Job {
     pub result: JobResult,
 }
 
-/// What came of a job.
+/// What came of a verb, or of the job that carried it out: the one object of `--json`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default)]
 pub struct JobResult {
-    /// How it ended, in the word of `--json`.
+    /// How it ended: `done`, or the class of what went wrong.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub status: Option<String>,
     /// The run it made.
@@ -284,6 +284,9 @@ pub struct JobResult {
     /// The diagnosis's verdict.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verdict: Option<String>,
+    /// What was less than it should have been, one sentence each.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
     /// Why it did not end well.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,

@@ -11,10 +11,11 @@ use record::run_id::RunId;
 pub(super) const SLOTS_AND_KEYS: &str = "
     ALTER TABLE jobs ADD COLUMN slot TEXT;
     ALTER TABLE jobs ADD COLUMN key TEXT;
+    ALTER TABLE jobs ADD COLUMN warnings TEXT;
     CREATE UNIQUE INDEX jobs_by_key ON jobs (key) WHERE key IS NOT NULL;
 ";
 
-const COLUMNS: &str = "id, work, priority, state, cancel, why, retry_of, not_before, added, began, ended, pid, status, run, out, verdict, error, slot";
+const COLUMNS: &str = "id, work, priority, state, cancel, why, retry_of, not_before, added, began, ended, pid, status, run, out, verdict, error, slot, warnings";
 
 fn read(row: &Row<'_>) -> rusqlite::Result<Job> {
     let unreadable = |column, error: Box<dyn std::error::Error + Send + Sync>| {
@@ -43,6 +44,10 @@ fn read(row: &Row<'_>) -> rusqlite::Result<Job> {
             out: row.get(14)?,
             verdict: row.get(15)?,
             error: row.get(16)?,
+            warnings: match row.get::<_, Option<String>>(18)? {
+                None => Vec::new(),
+                Some(list) => serde_json::from_str(&list).map_err(|error| unreadable(18, error.into()))?,
+            },
         },
         slot: row.get(17)?,
     })
@@ -236,10 +241,11 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`]; [`StoreError::Over`] where it had ended before, which stays as it is.
     pub fn end(&mut self, id: JobId, state: State, result: &JobResult) -> Result<(), StoreError> {
+        let warnings = (!result.warnings.is_empty()).then(|| serde_json::json!(result.warnings).to_string());
         let changed = self.change("ending a job of", |db| {
             db.execute(
-                "UPDATE jobs SET state = ?2, ended = ?3, status = ?4, run = ?5, out = ?6, verdict = ?7, error = ?8 \
-                 WHERE id = ?1 AND state = 'running'",
+                "UPDATE jobs SET state = ?2, ended = ?3, status = ?4, run = ?5, out = ?6, verdict = ?7, error = ?8, \
+                 warnings = ?9 WHERE id = ?1 AND state = 'running'",
                 params![
                     id.0,
                     state.name(),
@@ -248,7 +254,8 @@ impl Store {
                     result.run,
                     result.out,
                     result.verdict,
-                    result.error
+                    result.error,
+                    warnings
                 ],
             )
         })?;

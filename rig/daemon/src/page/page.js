@@ -76,11 +76,11 @@ function showNow({ rig, jobs }) {
 setInterval(() => { if (snapshots.has(chosen)) showNow(snapshots.get(chosen)); }, 250);
 
 function cameOf(job) {
-  const { error, verdict, run, out } = job;
+  const { error, verdict, run, out, warnings } = job;
   // the run's folder is said before a colon
   if (error) return error.split("\n")[0].replace(/^run \S+: /, "");
-  if (verdict) return verdict;
-  return (run ?? out ?? job.cancel ?? job.why ?? "").split("/").pop();
+  const came = verdict ?? (run ?? out ?? job.cancel ?? job.why ?? "").split("/").pop();
+  return [came, ...warnings ?? []].join("; ");
 }
 
 const row = (...cells) => element("tr", {}, ...cells.map(cell => cell instanceof Node ? element("td", {}, cell) : element("td", cell)));
