@@ -61,18 +61,18 @@ pub enum DetectError {
 /// Smoothing before corners are looked for \[px\].
 pub(super) const SMOOTHING_PX: f32 = 1.2;
 /// Least share of a board's corners that makes a picture count.
-const LEAST_SHARE: f64 = 0.5;
+const CORNERS_FOUND_SHARE_MIN: f64 = 0.5;
 /// Most share of corners beside the board.
-const MOST_OUTSIDE: f64 = 0.1;
+const CORNERS_OUTSIDE_SHARE_MAX: f64 = 0.1;
 /// Smallest side of a picture \[px\].
 pub(super) const LEAST_SIDE_PX: u32 = 32;
 /// Halvings of a picture in which corners are looked for: large or blurred boards are found in a smaller one.
-pub(super) const LEVELS: usize = 4;
+pub(super) const PYRAMID_LEVELS: usize = 4;
 /// A window's standard deviation as a share of the distance between neighbours, and its limits \[px\].
-const WINDOW: f64 = 0.2;
+const WINDOW_SIGMA_SHARE: f64 = 0.2;
 const WINDOW_PX: [f64; 2] = [1.4, 12.0];
 /// How far refinement may move a corner, as a share of the distance between neighbours.
-const STRAY: f64 = 0.3;
+const REFINEMENT_SHIFT_SHARE_MAX: f64 = 0.3;
 
 /// The corners of `board` in `picture`, to a fraction of a pixel.
 ///
@@ -96,7 +96,7 @@ fn chessboard(picture: &GrayImage, corners: [usize; 2]) -> Result<Vec<Corner>, D
     let full = plain.smoothed(SMOOTHING_PX);
     let mut best = Grid::new();
     let mut level = plain;
-    for halvings in 0..LEVELS {
+    for halvings in 0..PYRAMID_LEVELS {
         if halvings > 0 {
             level = level.halved();
         }
@@ -118,10 +118,10 @@ fn chessboard(picture: &GrayImage, corners: [usize; 2]) -> Result<Vec<Corner>, D
         return Err(DetectError::None);
     }
     let (grid, outside) = grid::on_board(&best, corners);
-    if outside as f64 > MOST_OUTSIDE * grid.len() as f64 {
+    if outside as f64 > CORNERS_OUTSIDE_SHARE_MAX * grid.len() as f64 {
         return Err(DetectError::Larger { columns, rows });
     }
-    let least = (LEAST_SHARE * count as f64).ceil() as usize;
+    let least = (CORNERS_FOUND_SHARE_MIN * count as f64).ceil() as usize;
     if grid.len() < least {
         return Err(DetectError::Part { found: grid.len(), wanted: count, least });
     }
@@ -148,8 +148,8 @@ pub(super) fn larger(at: Px, scale: f64) -> Px {
 
 /// The corner near `start`, where neighbours are `spacing` away \[px\].
 pub(super) fn near(full: &Field, start: Px, spacing: f64) -> Option<Px> {
-    let sigma = (WINDOW * spacing).clamp(WINDOW_PX[0], WINDOW_PX[1]);
-    refined(full, start, sigma, STRAY * spacing).filter(|&at| symmetric(full, at, sigma))
+    let sigma = (WINDOW_SIGMA_SHARE * spacing).clamp(WINDOW_PX[0], WINDOW_PX[1]);
+    refined(full, start, sigma, REFINEMENT_SHIFT_SHARE_MAX * spacing).filter(|&at| symmetric(full, at, sigma))
 }
 
 /// Least distance to a neighbour \[px\].

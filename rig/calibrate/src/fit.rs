@@ -44,33 +44,34 @@ pub enum FitError {
 }
 
 /// Steps of the search.
-const STEPS: usize = 200;
+const ITERATIONS_MAX: usize = 200;
 /// It has ended when a step betters the sum of squares by less than this share.
-const ENDED: f64 = 1e-12;
+const RELATIVE_TOLERANCE: f64 = 1e-12;
 /// Damping beyond which no step betters anything.
-const MOST_DAMPING: f64 = 1e12;
+const DAMPING_MAX: f64 = 1e12;
 /// Parameters of the plane: eight of the homography, the radial term, its centre.
-const PLANE: usize = 11;
+const PLANE_PARAMETERS: usize = 11;
 /// How far the radial term's centre lies from the picture's, 1 sigma \[half diagonals\].
-const CENTRE_SIGMA: f64 = 0.1;
+const CENTRE_SIGMA_HALF_DIAGONALS: f64 = 0.1;
 /// How well a corner is seen, roughly, for weighing that against corners \[px\].
-const CORNER_PX: f64 = 0.05;
+const CORNER_SIGMA_PX: f64 = 0.05;
 /// Where the radial term stands among them; its centre comes after it.
-const RADIAL: usize = 8;
+const RADIAL_INDEX: usize = 8;
 /// Parameters of a board: turn and place.
-const POSE: usize = 3;
+const POSE_PARAMETERS: usize = 3;
 /// Weight of a centre's place among the corners' squares \[px²\]: where it may move, and where it must not.
-const LOOSE: f64 = (CORNER_PX / CENTRE_SIGMA) * (CORNER_PX / CENTRE_SIGMA);
-const FIRM: f64 = 1e9;
+const CENTRE_WEIGHT_FREE_PX2: f64 =
+    (CORNER_SIGMA_PX / CENTRE_SIGMA_HALF_DIAGONALS) * (CORNER_SIGMA_PX / CENTRE_SIGMA_HALF_DIAGONALS);
+const CENTRE_WEIGHT_FIXED_PX2: f64 = 1e9;
 /// Least betterment of the corners' squares that moves the centre, in variances of a corner: 1 chance in 1000 that it is noise.
-const CLEARLY: f64 = 13.8;
+const CENTRE_CHI_SQUARE_MIN: f64 = 13.8;
 /// A corner is misread beyond so many standard deviations, and never within so many pixels.
 const MISREAD_SIGMAS: f64 = 6.0;
 const MISREAD_PX: f64 = 0.3;
 /// Most corners of a picture that may be misread, as a share: more are no mistake of single corners.
-const MOST_MISREAD: f64 = 0.06;
+const MISREAD_SHARE_MAX: f64 = 0.06;
 /// Median of a length in two dimensions, in standard deviations of either.
-const MEDIAN_LENGTH: f64 = 1.177_410_022_515_474_7;
+const MEDIAN_LENGTH_SIGMAS: f64 = 1.177_410_022_515_474_7;
 
 /// A corner, ready for the fit.
 #[derive(Debug, Clone, Copy)]
@@ -130,16 +131,17 @@ pub fn fit(pictures: &[Seen], size_px: [u32; 2]) -> Result<Fit, FitError> {
         })
         .collect();
     let mut state = State { map, radial: 0.0, centre: Vector2::zeros(), poses };
-    state = search(&points, state, first, FIRM)?;
-    let moved = search(&points, state.clone(), first, LOOSE)?;
+    state = search(&points, state, first, CENTRE_WEIGHT_FIXED_PX2)?;
+    let moved = search(&points, state.clone(), first, CENTRE_WEIGHT_FREE_PX2)?;
     if set_aside(&mut points, &moved) {
-        state = search(&points, state, first, FIRM)?;
+        state = search(&points, state, first, CENTRE_WEIGHT_FIXED_PX2)?;
     }
-    let moved = search(&points, state.clone(), first, LOOSE)?;
-    let (held, free) = (state.squares(&points, FIRM), moved.squares(&points, LOOSE));
-    let unknowns = PLANE + POSE * (pictures.len() - 1);
+    let moved = search(&points, state.clone(), first, CENTRE_WEIGHT_FREE_PX2)?;
+    let (held, free) =
+        (state.squares(&points, CENTRE_WEIGHT_FIXED_PX2), moved.squares(&points, CENTRE_WEIGHT_FREE_PX2));
+    let unknowns = PLANE_PARAMETERS + POSE_PARAMETERS * (pictures.len() - 1);
     let numbers = 2 * points.iter().filter(|point| point.used).count();
-    if held - free > CLEARLY * free / numbers.saturating_sub(unknowns).max(1) as f64 {
+    if held - free > CENTRE_CHI_SQUARE_MIN * free / numbers.saturating_sub(unknowns).max(1) as f64 {
         state = moved;
     }
     let normal =
@@ -183,11 +185,11 @@ impl State {
     /// Moved by `step`, in the order of [`equations`].
     fn moved(&self, step: &DVector<f64>, first: usize) -> Self {
         let mut new = self.clone();
-        for i in 0..RADIAL {
+        for i in 0..RADIAL_INDEX {
             new.map[(i / 3, i % 3)] += step[i];
         }
-        new.radial += step[RADIAL];
-        new.centre += Vector2::new(step[RADIAL + 1], step[RADIAL + 2]);
+        new.radial += step[RADIAL_INDEX];
+        new.centre += Vector2::new(step[RADIAL_INDEX + 1], step[RADIAL_INDEX + 2]);
         for (picture, pose) in new.poses.iter_mut().enumerate() {
             if let Some(at) = pose_at(picture, first) {
                 pose.0 += step[at];
@@ -201,9 +203,9 @@ impl State {
 /// Where a picture's pose stands among the unknowns; the first board is the world.
 fn pose_at(picture: usize, first: usize) -> Option<usize> {
     match picture.cmp(&first) {
-        std::cmp::Ordering::Less => Some(PLANE + POSE * picture),
+        std::cmp::Ordering::Less => Some(PLANE_PARAMETERS + POSE_PARAMETERS * picture),
         std::cmp::Ordering::Equal => None,
-        std::cmp::Ordering::Greater => Some(PLANE + POSE * (picture - 1)),
+        std::cmp::Ordering::Greater => Some(PLANE_PARAMETERS + POSE_PARAMETERS * (picture - 1)),
     }
 }
 
@@ -221,7 +223,7 @@ fn equations(
     first: usize,
     centre_weight: f64,
 ) -> (DMatrix<f64>, DVector<f64>) {
-    let size = PLANE + POSE * (state.poses.len() - 1);
+    let size = PLANE_PARAMETERS + POSE_PARAMETERS * (state.poses.len() - 1);
     let (mut squares, mut sides) = (DMatrix::zeros(size, size), DVector::zeros(size));
     for point in points.iter().filter(|point| point.used) {
         let straight = state.straight(point.seen);
@@ -243,9 +245,9 @@ fn equations(
             }
             row[3] = (6, -image[axis] * straight.x / weight);
             row[4] = (7, -image[axis] * straight.y / weight);
-            row[5] = (RADIAL, with_radial[axis]);
-            row[6] = (RADIAL + 1, with_centre[(axis, 0)]);
-            row[7] = (RADIAL + 2, with_centre[(axis, 1)]);
+            row[5] = (RADIAL_INDEX, with_radial[axis]);
+            row[6] = (RADIAL_INDEX + 1, with_centre[(axis, 0)]);
+            row[7] = (RADIAL_INDEX + 2, with_centre[(axis, 1)]);
             if let Some(at) = pose {
                 row[8] = (at, -with_turn[axis]);
                 row[9] = (at + 1 + axis, -1.0);
@@ -259,8 +261,8 @@ fn equations(
         }
     }
     for axis in 0..2 {
-        squares[(RADIAL + 1 + axis, RADIAL + 1 + axis)] += centre_weight;
-        sides[RADIAL + 1 + axis] -= centre_weight * state.centre[axis];
+        squares[(RADIAL_INDEX + 1 + axis, RADIAL_INDEX + 1 + axis)] += centre_weight;
+        sides[RADIAL_INDEX + 1 + axis] -= centre_weight * state.centre[axis];
     }
     (squares, sides)
 }
@@ -268,7 +270,7 @@ fn equations(
 fn search(points: &[Point], mut state: State, first: usize, centre_weight: f64) -> Result<State, FitError> {
     let mut damping = 1e-3;
     let mut now = state.squares(points, centre_weight);
-    for _ in 0..STEPS {
+    for _ in 0..ITERATIONS_MAX {
         let (squares, sides) = equations(points, &state, first, centre_weight);
         loop {
             let mut damped = squares.clone();
@@ -283,14 +285,14 @@ fn search(points: &[Point], mut state: State, first: usize, centre_weight: f64) 
                     let better = now - then;
                     (state, now) = (tried, then);
                     damping = (damping / 10.0).max(1e-12);
-                    if better <= ENDED * now {
+                    if better <= RELATIVE_TOLERANCE * now {
                         return Ok(state);
                     }
                     break;
                 }
             }
             damping *= 10.0;
-            if damping > MOST_DAMPING {
+            if damping > DAMPING_MAX {
                 // Nothing betters it any more: rounding is all that is left.
                 return if now.is_finite() { Ok(state) } else { Err(FitError::Diverged) };
             }
@@ -303,13 +305,13 @@ fn search(points: &[Point], mut state: State, first: usize, centre_weight: f64) 
 fn set_aside(points: &mut [Point], state: &State) -> bool {
     let errors_px: Vec<f64> = points.iter().map(|point| state.error(point).norm() * point.px_per_m).collect();
     let middle = median(&mut errors_px.clone(), f64::total_cmp).unwrap_or(0.0);
-    let sigma = middle / MEDIAN_LENGTH;
+    let sigma = middle / MEDIAN_LENGTH_SIGMAS;
     let limit = (MISREAD_SIGMAS * sigma).max(MISREAD_PX);
     for picture in 0..state.poses.len() {
         let of = |i: &usize| points[*i].picture == picture;
         let all: Vec<usize> = (0..points.len()).filter(of).collect();
         let bad: Vec<usize> = all.iter().copied().filter(|&i| errors_px[i] > limit).collect();
-        if bad.len() as f64 <= MOST_MISREAD * all.len() as f64 {
+        if bad.len() as f64 <= MISREAD_SHARE_MAX * all.len() as f64 {
             bad.into_iter().for_each(|i| points[i].used = false);
         }
     }

@@ -13,17 +13,17 @@ use camera::calibration::Px;
 pub(super) type Grid = BTreeMap<[i32; 2], Saddle>;
 
 /// How far a neighbour may be from where it is expected, as a share of the distance between neighbours.
-const NEAR: f64 = 0.3;
+const NEIGHBOUR_OFFSET_SHARE_MAX: f64 = 0.3;
 /// How well the brightness must be opposite or the same, as the cosine of the phases' difference.
-const LIKE: f64 = 0.6;
+const PHASE_COSINE_MIN: f64 = 0.6;
 /// How far a first neighbour may be off the direction of the edge \[rad\].
-const ASTRAY_RAD: f64 = 0.45;
+const EDGE_DIRECTION_ERROR_MAX_RAD: f64 = 0.45;
 /// A neighbour in one direction is at most so much farther than in the other.
-const UNEQUAL: f64 = 2.0;
+const SPACING_RATIO_MAX: f64 = 2.0;
 /// First corners that are tried.
-const SEEDS: usize = 60;
+const SEED_CORNERS_MAX: usize = 60;
 /// Missing corners in a row that growing reaches across.
-const GAP: i32 = 2;
+const GAP_CORNERS_MAX: i32 = 2;
 
 const SIDES: [[i32; 2]; 4] = [[1, 0], [-1, 0], [0, 1], [0, -1]];
 
@@ -33,7 +33,7 @@ pub(super) fn largest(saddles: &[Saddle], wanted: usize) -> Grid {
     let mut taken = vec![false; saddles.len()];
     let mut seeds = 0;
     for first in 0..saddles.len() {
-        if taken[first] || seeds == SEEDS {
+        if taken[first] || seeds == SEED_CORNERS_MAX {
             continue;
         }
         let Some(seed) = seed(saddles, first) else { continue };
@@ -62,8 +62,8 @@ fn seed(saddles: &[Saddle], first: usize) -> Option<BTreeMap<[i32; 2], usize>> {
         let distance = |i: usize| -> Option<f64> {
             let off = Vector2::from(saddles[i].at) - from;
             let length = off.norm();
-            let straight = length > 0.0 && off.dot(&direction) > length * ASTRAY_RAD.cos();
-            (straight && start.likeness(&saddles[i]) < -LIKE).then_some(length)
+            let straight = length > 0.0 && off.dot(&direction) > length * EDGE_DIRECTION_ERROR_MAX_RAD.cos();
+            (straight && start.likeness(&saddles[i]) < -PHASE_COSINE_MIN).then_some(length)
         };
         let found = (0..saddles.len()).filter_map(|i| Some((distance(i)?, i)));
         found.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, i)| i)
@@ -72,11 +72,13 @@ fn seed(saddles: &[Saddle], first: usize) -> Option<BTreeMap<[i32; 2], usize>> {
         let (Some(a), Some(b)) = (neighbour(along + turn), neighbour(across + turn)) else { continue };
         let (to_a, to_b) = (Vector2::from(saddles[a].at) - from, Vector2::from(saddles[b].at) - from);
         let (shorter, longer) = (to_a.norm().min(to_b.norm()), to_a.norm().max(to_b.norm()));
-        if longer > UNEQUAL * shorter {
+        if longer > SPACING_RATIO_MAX * shorter {
             continue;
         }
-        let fits = |i: &usize| start.likeness(&saddles[*i]) > LIKE;
-        if let Some(c) = nearest(saddles, from + to_a + to_b, NEAR * shorter).filter(fits) {
+        let fits = |i: &usize| start.likeness(&saddles[*i]) > PHASE_COSINE_MIN;
+        if let Some(c) =
+            nearest(saddles, from + to_a + to_b, NEIGHBOUR_OFFSET_SHARE_MAX * shorter).filter(fits)
+        {
             return Some(BTreeMap::from([([0, 0], first), ([1, 0], a), ([0, 1], b), ([1, 1], c)]));
         }
     }
@@ -99,9 +101,11 @@ fn grown(saddles: &[Saddle], mut places: BTreeMap<[i32; 2], usize>) -> (Grid, Ve
         let before = places.len();
         for place in around(&grid) {
             let Some((expected, spacing)) = expected(&grid, place) else { continue };
-            let Some(i) = nearest(saddles, expected.into(), NEAR * spacing) else { continue };
+            let Some(i) = nearest(saddles, expected.into(), NEIGHBOUR_OFFSET_SHARE_MAX * spacing) else {
+                continue;
+            };
             let like = first.likeness(&saddles[i]) * f64::from(1 - 2 * (place[0] + place[1]).rem_euclid(2));
-            if like > LIKE && !places.values().any(|&taken| taken == i) {
+            if like > PHASE_COSINE_MIN && !places.values().any(|&taken| taken == i) {
                 places.insert(place, i);
             }
         }
@@ -115,7 +119,7 @@ fn grown(saddles: &[Saddle], mut places: BTreeMap<[i32; 2], usize>) -> (Grid, Ve
 pub(super) fn around(grid: &Grid) -> Vec<[i32; 2]> {
     let beside = |place: &[i32; 2]| {
         let [i, j] = *place;
-        (1..=GAP).flat_map(move |gap| SIDES.map(|[di, dj]| [i + gap * di, j + gap * dj]))
+        (1..=GAP_CORNERS_MAX).flat_map(move |gap| SIDES.map(|[di, dj]| [i + gap * di, j + gap * dj]))
     };
     let mut places: Vec<_> = grid.keys().flat_map(beside).filter(|p| !grid.contains_key(p)).collect();
     places.sort_unstable();

@@ -15,7 +15,7 @@ pub(super) fn project(map: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
 /// R. Hartley, A. Zisserman, "Multiple View Geometry in Computer Vision", normalised direct linear transformation.
 pub(super) fn homography(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Matrix3<f64>> {
     /// Smallest singular value but one that tells a map from a family of them, beside the largest.
-    const DEPENDENT: f64 = 1e-7;
+    const SINGULAR_VALUE_RATIO_MIN: f64 = 1e-7;
     if pairs.len() < 4 {
         return None;
     }
@@ -37,7 +37,7 @@ pub(super) fn homography(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Matri
     let eigen = squares.symmetric_eigen();
     let mut order: Vec<usize> = (0..9).collect();
     order.sort_unstable_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-    let determined = eigen.eigenvalues[order[1]] > DEPENDENT * eigen.eigenvalues[order[8]];
+    let determined = eigen.eigenvalues[order[1]] > SINGULAR_VALUE_RATIO_MIN * eigen.eigenvalues[order[8]];
     if !determined {
         return None;
     }

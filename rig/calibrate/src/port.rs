@@ -16,9 +16,9 @@ pub struct Port {
 }
 
 /// Refractive index of the wall: glass 1.52, acrylic 1.49; 0.02 more or less of a wall of 10 mm moves a point by 0.02 mm.
-const GLASS: f64 = 1.5;
+const WALL_REFRACTIVE_INDEX: f64 = 1.5;
 /// Refractive index of water at 20 °C in yellow light.
-const WATER: f64 = 1.333;
+const WATER_REFRACTIVE_INDEX: f64 = 1.333;
 
 /// `AIR_M:GLASS_M:WATER_M` was something else.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -54,7 +54,9 @@ impl Port {
                 let sine = sine / index;
                 sine / (1.0 - sine * sine).sqrt()
             };
-            self.air_m.get() * tangent(1.0) + self.glass_m.get() * tangent(GLASS) + water_m * tangent(WATER)
+            self.air_m.get() * tangent(1.0)
+                + self.glass_m.get() * tangent(WALL_REFRACTIVE_INDEX)
+                + water_m * tangent(WATER_REFRACTIVE_INDEX)
         };
         // The distance grows with the angle from 0 to infinity: halving finds it.
         let (mut below, mut above) = (0.0, 1.0);
@@ -74,14 +76,16 @@ mod tests {
     fn steep_and_shallow_rays_go_on_by_snells_law() {
         let port: Port = "0.5:0.01:0.3".parse().unwrap();
         // Near the axis every tangent is its sine.
-        let near = 0.5 + 0.01 / GLASS + 0.3 / WATER;
-        let share = (near + 0.02 / WATER) / near;
+        let near = 0.5 + 0.01 / WALL_REFRACTIVE_INDEX + 0.3 / WATER_REFRACTIVE_INDEX;
+        let share = (near + 0.02 / WATER_REFRACTIVE_INDEX) / near;
         assert!((port.farther(1e-4, 0.02) / 1e-4 - share).abs() < 1e-6);
         // A ray 30 degrees off the axis, by hand.
         let sine: f64 = 0.5;
         let tangent = |index: f64| (sine / index).asin().tan();
-        let board = 0.5 * tangent(1.0) + 0.01 * tangent(GLASS) + 0.3 * tangent(WATER);
-        assert!((port.farther(board, -0.05) - (board - 0.05 * tangent(WATER))).abs() < 1e-9);
+        let board = 0.5 * tangent(1.0)
+            + 0.01 * tangent(WALL_REFRACTIVE_INDEX)
+            + 0.3 * tangent(WATER_REFRACTIVE_INDEX);
+        assert!((port.farther(board, -0.05) - (board - 0.05 * tangent(WATER_REFRACTIVE_INDEX))).abs() < 1e-9);
         assert!((port.farther(board, 0.0) - board).abs() < 1e-9);
         assert_eq!(port.farther(0.0, 0.02), 0.0);
     }

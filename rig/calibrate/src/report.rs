@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 
 use super::Calibrated;
 
-const MM: f64 = 1e3;
+const MM_PER_M: f64 = 1e3;
 /// Smaller angles cannot be told from none: their cosine is as near to 1 as the scale is known.
-const LEAST_TILT_DEGREES: f64 = 1.0;
+const TILT_MIN_DEGREES: f64 = 1.0;
 
 /// What there is to say, in lines.
 pub fn text(calibrated: &Calibrated) -> String {
@@ -20,16 +20,16 @@ pub fn text(calibrated: &Calibrated) -> String {
     let _ = writeln!(
         out,
         "rms {:.3} mm, worst {:.3} mm, over all corners",
-        quality.rms_m * MM,
-        quality.worst_m * MM
+        quality.rms_m * MM_PER_M,
+        quality.worst_m * MM_PER_M
     );
     let _ = writeln!(
         out,
         "scale {:.4} mm/px in the middle; {across:+.1} % from left to right, {down:+.1} % from top to bottom",
-        quality.metres_per_px * MM
+        quality.metres_per_px * MM_PER_M
     );
     let degrees = quality.tilt_rad.to_degrees();
-    let told = if degrees < LEAST_TILT_DEGREES { ", as good as none" } else { "" };
+    let told = if degrees < TILT_MIN_DEGREES { ", as good as none" } else { "" };
     let _ = writeln!(out, "camera's axis {degrees:.1}° off the plane's normal{told}");
     let [column, row] = calibrated.plane.radial_centre_px();
     let _ = writeln!(
@@ -44,7 +44,7 @@ pub fn text(calibrated: &Calibrated) -> String {
         let _ = writeln!(
             out,
             "moved to the plane {behind_m:+} m behind the board by Snell's law, within {:.3} mm",
-            worst_m * MM
+            worst_m * MM_PER_M
         );
     }
     for warning in &quality.warnings {
@@ -65,8 +65,8 @@ fn table(calibrated: &Calibrated) -> String {
             picture.name,
             picture.corners,
             picture.misread,
-            picture.rms_m * MM,
-            picture.worst_m * MM
+            picture.rms_m * MM_PER_M,
+            picture.worst_m * MM_PER_M
         );
     }
     out
@@ -98,9 +98,9 @@ pub fn toml(calibrated: &Calibrated, date: &str, camera: Option<&str>) -> String
     let _ = writeln!(
         out,
         "rms_mm = {:.4}                  # corners from where the board has them [mm]",
-        quality.rms_m * MM
+        quality.rms_m * MM_PER_M
     );
-    let _ = writeln!(out, "worst_mm = {:.4}                # [mm]", quality.worst_m * MM);
+    let _ = writeln!(out, "worst_mm = {:.4}                # [mm]", quality.worst_m * MM_PER_M);
     if let Some((behind_m, _)) = calibrated.setup.offset {
         let _ = writeln!(
             out,

@@ -18,25 +18,25 @@ pub(super) struct Saddle {
 }
 
 /// Points of the circle around a candidate.
-const RING: usize = 16;
+const RING_POINTS: usize = 16;
 /// Its radius \[px\]: squares of twice that are the smallest that are seen.
 const RING_RADIUS_PX: f64 = 4.0;
 /// A circle around a corner is bright, dark, bright, dark: least share of that in all that varies along it.
-const LEAST_FOURFOLD: f64 = 0.65;
+const FOURFOLD_SHARE_MIN: f64 = 0.65;
 /// Least difference between bright and dark \[grey levels\].
-const LEAST_CONTRAST: f64 = 4.0;
+const CONTRAST_MIN_GREY: f64 = 4.0;
 /// No two candidates are nearer than this \[px\].
-const APART_PX: usize = 3;
+const CANDIDATE_SPACING_MIN_PX: usize = 3;
 /// A candidate is at least so strong, as a share of the strongest (of which some may be other things).
-const LEAST_STRENGTH: f32 = 0.01;
+const STRENGTH_SHARE_MIN: f32 = 0.01;
 /// The strongest that are no measure of what a corner is.
-const OTHER_THINGS: usize = 8;
+const STRONGEST_IGNORED: usize = 8;
 /// Candidates that are looked at.
-const MOST: usize = 20_000;
+const CANDIDATES_MAX: usize = 20_000;
 
 /// All places of `field` that look like a corner, the strongest first.
 pub(super) fn saddles(field: &Field) -> Vec<Saddle> {
-    let margin = APART_PX + 1;
+    let margin = CANDIDATE_SPACING_MIN_PX + 1;
     if field.width <= 2 * margin || field.height <= 2 * margin {
         return Vec::new();
     }
@@ -50,30 +50,33 @@ pub(super) fn saddles(field: &Field) -> Vec<Saddle> {
     let mut peaks: Vec<(f32, usize, usize)> = Vec::new();
     for y in 1..field.height - 1 {
         rows.push(strengths(y));
-        if rows.len() < 2 * APART_PX + 1 {
+        if rows.len() < 2 * CANDIDATE_SPACING_MIN_PX + 1 {
             continue;
         }
-        let middle = &rows[APART_PX];
+        let middle = &rows[CANDIDATE_SPACING_MIN_PX];
         for x in margin..field.width - margin {
             let strength = middle[x];
-            let around = x - APART_PX..=x + APART_PX;
+            let around = x - CANDIDATE_SPACING_MIN_PX..=x + CANDIDATE_SPACING_MIN_PX;
             // Of equal ones the first counts.
-            let later = rows[APART_PX + 1..].iter().chain([middle]).flat_map(|row| &row[around.clone()]);
-            let earlier = rows[..APART_PX].iter().flat_map(|row| &row[around.clone()]);
+            let later = rows[CANDIDATE_SPACING_MIN_PX + 1..]
+                .iter()
+                .chain([middle])
+                .flat_map(|row| &row[around.clone()]);
+            let earlier = rows[..CANDIDATE_SPACING_MIN_PX].iter().flat_map(|row| &row[around.clone()]);
             if strength > 0.0
                 && later.clone().all(|&s| s <= strength)
                 && earlier.clone().all(|&s| s < strength)
             {
-                peaks.push((strength, x, y - APART_PX));
+                peaks.push((strength, x, y - CANDIDATE_SPACING_MIN_PX));
             }
         }
         rows.remove(0);
     }
     peaks.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then((a.2, a.1).cmp(&(b.2, b.1))));
-    peaks.truncate(MOST);
-    let Some(&(strongest, ..)) = peaks.get(OTHER_THINGS).or(peaks.first()) else { return Vec::new() };
+    peaks.truncate(CANDIDATES_MAX);
+    let Some(&(strongest, ..)) = peaks.get(STRONGEST_IGNORED).or(peaks.first()) else { return Vec::new() };
     let corner = |&(_, x, y): &(f32, usize, usize)| Saddle::sought(field, [x as f64, y as f64]);
-    peaks.iter().take_while(|peak| peak.0 > LEAST_STRENGTH * strongest).filter_map(corner).collect()
+    peaks.iter().take_while(|peak| peak.0 > STRENGTH_SHARE_MIN * strongest).filter_map(corner).collect()
 }
 
 impl Saddle {
@@ -90,28 +93,29 @@ impl Saddle {
 
 /// The phase of bright, dark, bright, dark on a circle around `at`, if that is what it shows.
 fn fourfold(field: &Field, at: Px) -> Option<f64> {
-    let mut ring = [0.0; RING];
+    let mut ring = [0.0; RING_POINTS];
     for (i, grey) in ring.iter_mut().enumerate() {
-        let angle = TAU * i as f64 / RING as f64;
+        let angle = TAU * i as f64 / RING_POINTS as f64;
         let place = [at[0] + RING_RADIUS_PX * angle.cos(), at[1] + RING_RADIUS_PX * angle.sin()];
         *grey = f64::from(field.between(place)?);
     }
-    let mean = ring.iter().sum::<f64>() / RING as f64;
-    let variance = ring.iter().map(|grey| (grey - mean).powi(2)).sum::<f64>() / RING as f64;
+    let mean = ring.iter().sum::<f64>() / RING_POINTS as f64;
+    let variance = ring.iter().map(|grey| (grey - mean).powi(2)).sum::<f64>() / RING_POINTS as f64;
     let wave = |trigonometric: fn(f64) -> f64| {
-        let product = |(i, grey): (usize, &f64)| grey * trigonometric(2.0 * TAU * i as f64 / RING as f64);
-        2.0 / RING as f64 * ring.iter().enumerate().map(product).sum::<f64>()
+        let product =
+            |(i, grey): (usize, &f64)| grey * trigonometric(2.0 * TAU * i as f64 / RING_POINTS as f64);
+        2.0 / RING_POINTS as f64 * ring.iter().enumerate().map(product).sum::<f64>()
     };
     let (cosine, sine) = (wave(f64::cos), wave(f64::sin));
     let power = (cosine * cosine + sine * sine) / 2.0;
-    let clear = power > LEAST_FOURFOLD * variance && 2.0 * cosine.hypot(sine) > LEAST_CONTRAST;
+    let clear = power > FOURFOLD_SHARE_MIN * variance && 2.0 * cosine.hypot(sine) > CONTRAST_MIN_GREY;
     clear.then(|| sine.atan2(cosine))
 }
 
 /// Steps of the refinement.
-const STEPS: usize = 30;
+const ITERATIONS_MAX: usize = 30;
 /// It has come to rest when it moves less than this \[px\].
-const RESTS_PX: f64 = 1e-4;
+const CONVERGENCE_PX: f64 = 1e-4;
 /// How far a window reaches, in standard deviations of its weight.
 const WINDOW_SIGMAS: f64 = 2.5;
 
@@ -124,7 +128,7 @@ const WINDOW_SIGMAS: f64 = 2.5;
 pub(super) fn refined(field: &Field, start: Px, sigma: f64, most_px: f64) -> Option<Px> {
     let reach = (WINDOW_SIGMAS * sigma).ceil();
     let mut at = Vector2::from(start);
-    for _ in 0..STEPS {
+    for _ in 0..ITERATIONS_MAX {
         let range = |centre: f64, size: usize| {
             let (from, to) = ((centre - reach).ceil(), (centre + reach).floor());
             (from >= 1.0 && to <= size as f64 - 2.0).then_some(from as usize..=to as usize)
@@ -147,7 +151,7 @@ pub(super) fn refined(field: &Field, start: Px, sigma: f64, most_px: f64) -> Opt
         if !near {
             return None;
         }
-        if step.norm() < RESTS_PX {
+        if step.norm() < CONVERGENCE_PX {
             return Some(at.into());
         }
     }
@@ -155,13 +159,13 @@ pub(super) fn refined(field: &Field, start: Px, sigma: f64, most_px: f64) -> Opt
 }
 
 /// Largest share of what varies around a corner that may differ from one side to the opposite one: noise, and light from one side.
-const MOST_LOPSIDED: f64 = 0.02;
+const ASYMMETRY_SHARE_MAX: f64 = 0.02;
 /// How far is looked, in standard deviations of a window's weight.
-const LOOK_SIGMAS: f64 = 2.0;
+const SYMMETRY_WINDOW_SIGMAS: f64 = 2.0;
 
 /// Whether opposite places around a corner look alike, as they do unless something covers part of it; `sigma` \[px\] is the window's.
 pub(super) fn symmetric(field: &Field, at: Px, sigma: f64) -> bool {
-    let reach = (LOOK_SIGMAS * sigma).round() as i32;
+    let reach = (SYMMETRY_WINDOW_SIGMAS * sigma).round() as i32;
     let (mut odd, mut even, mut mean, mut count) = (0.0, 0.0, 0.0, 0.0);
     for j in 0..=reach {
         for i in -reach..=reach {
@@ -181,5 +185,5 @@ pub(super) fn symmetric(field: &Field, at: Px, sigma: f64) -> bool {
             count += 1.0;
         }
     }
-    odd < MOST_LOPSIDED * (even - mean * mean / count)
+    odd < ASYMMETRY_SHARE_MAX * (even - mean * mean / count)
 }

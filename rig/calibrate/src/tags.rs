@@ -11,7 +11,7 @@ use nalgebra::Vector2;
 
 use super::board::Board;
 use super::code::{self, Reading};
-use super::detect::{Corner, LEAST_SIDE_PX, LEVELS, SMOOTHING_PX, larger, near};
+use super::detect::{Corner, LEAST_SIDE_PX, PYRAMID_LEVELS, SMOOTHING_PX, larger, near};
 use super::field::Field;
 use super::homography::{homography, project};
 use super::saddle::{Saddle, saddles, symmetric};
@@ -74,25 +74,25 @@ const LEAST_TAGS: usize = 4;
 /// Saddle points that are looked at: the strongest ones.
 const MOST_SADDLES: usize = 4000;
 /// How far a tag's side may be off the direction that its end shows \[rad\].
-const ASTRAY_RAD: f64 = 0.35;
+const SIDE_DIRECTION_ERROR_MAX_RAD: f64 = 0.35;
 /// Ends of a side that are tried: nearer ones may be cells of the code.
-const TRIED: usize = 4;
+const SIDE_ENDS_TRIED: usize = 4;
 /// How well the brightness must be opposite or the same, as the cosine of the phases' difference.
-const LIKE: f64 = 0.5;
+const PHASE_COSINE_MIN: f64 = 0.5;
 /// A side is at most so much longer than the next one.
-const UNEQUAL: f64 = 2.0;
+const SIDE_RATIO_MAX: f64 = 2.0;
 /// How far a tag's last corner may be from where the other three say, as a share of a side.
-const NEAR: f64 = 0.3;
+const LAST_CORNER_OFFSET_SHARE_MAX: f64 = 0.3;
 /// Shortest side of a tag in the picture in which it is read \[px\]: two pixels a cell.
 const LEAST_TAG_PX: f64 = 20.0;
 /// The code's nearest cell is so far from a tag's corner, as a share of a side; the small square's far corners are a gap away.
-const NEAREST_CELL: f64 = 0.28;
+const NEAREST_CELL_SHARE: f64 = 0.28;
 /// Distance of neighbours on a chessboard whose corners have as much room, beside that: there a window reaches half way only.
-const ROOM: f64 = 1.33;
+const CHESSBOARD_SPACING_FACTOR: f64 = 1.33;
 /// How far around a corner nothing may lie on the board, beside that: half of it, for `symmetric` looks twice as far.
-const CLEAR: f64 = 0.4;
+const CLEARANCE_FACTOR: f64 = 0.4;
 /// How far on average tags may be from their places on the board, as a share of a side.
-const MOST_OFF: f64 = 0.5;
+const TAG_OFFSET_SHARE_MAX: f64 = 0.5;
 
 /// A tag that was read.
 #[derive(Debug, Clone, Copy)]
@@ -129,7 +129,7 @@ pub(super) fn detect(
     let full = plain.smoothed(SMOOTHING_PX);
     let mut tags: BTreeMap<usize, Tag> = BTreeMap::new();
     let mut level = plain;
-    for halvings in 0..LEVELS {
+    for halvings in 0..PYRAMID_LEVELS {
         if halvings > 0 {
             level = level.halved();
         }
@@ -169,12 +169,15 @@ pub(super) fn detect(
     };
     let sides = tags.iter().map(|(&id, tag)| (tag, places(id)));
     let off = off(sides.clone(), board);
-    if off > MOST_OFF {
+    if off > TAG_OFFSET_SHARE_MAX {
         return Err(TagError::Layout { columns, rows, off_percent: 100.0 * off });
     }
     let refined = |(tag, places): (&Tag, [[i32; 2]; 4])| {
-        let room = spacing.min(NEAREST_CELL) * tag.side();
-        let sharp_at = |px| near(&full, px, ROOM * room).filter(|&at| symmetric(&full, at, CLEAR * room));
+        let room = spacing.min(NEAREST_CELL_SHARE) * tag.side();
+        let sharp_at = |px| {
+            near(&full, px, CHESSBOARD_SPACING_FACTOR * room)
+                .filter(|&at| symmetric(&full, at, CLEARANCE_FACTOR * room))
+        };
         let corners = tag.corners.into_iter().zip(places);
         let sharp: Vec<Corner> =
             corners.filter_map(|(px, place)| Some(Corner { px: sharp_at(px)?, place })).collect();
@@ -232,13 +235,15 @@ fn tag_at(
         for &c in &aside {
             let (to_b, to_c) = (Vector2::from(saddles[b].at) - from, Vector2::from(saddles[c].at) - from);
             let (shorter, longer) = (to_b.norm().min(to_c.norm()), to_b.norm().max(to_c.norm()));
-            if longer > UNEQUAL * shorter {
+            if longer > SIDE_RATIO_MAX * shorter {
                 continue;
             }
             let fourth = from + to_b + to_c;
             let distance = |i: &usize| (Vector2::from(saddles[*i].at) - fourth).norm();
-            let near = (0..saddles.len())
-                .filter(|i| distance(i) < NEAR * shorter && saddles[first].likeness(&saddles[*i]) > LIKE);
+            let near = (0..saddles.len()).filter(|i| {
+                distance(i) < LAST_CORNER_OFFSET_SHARE_MAX * shorter
+                    && saddles[first].likeness(&saddles[*i]) > PHASE_COSINE_MIN
+            });
             let Some(d) = near.min_by(|a, b| distance(a).total_cmp(&distance(b))) else { continue };
             let corners = [first, b, d, c];
             if let Some(reading) = code::read(level, corners.map(|i| saddles[i].at), spacing) {
@@ -255,11 +260,11 @@ fn ends(saddles: &[Saddle], first: usize, angle: f64) -> Vec<usize> {
     let length = |i: usize| {
         let off = Vector2::from(saddles[i].at) - from;
         let length = off.norm();
-        let straight = length > LEAST_TAG_PX && off.dot(&along) > length * ASTRAY_RAD.cos();
-        (straight && saddles[first].likeness(&saddles[i]) < -LIKE).then_some((length, i))
+        let straight = length > LEAST_TAG_PX && off.dot(&along) > length * SIDE_DIRECTION_ERROR_MAX_RAD.cos();
+        (straight && saddles[first].likeness(&saddles[i]) < -PHASE_COSINE_MIN).then_some((length, i))
     };
     let mut ends: Vec<(f64, usize)> = (0..saddles.len()).filter_map(length).collect();
     ends.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    ends.truncate(TRIED);
+    ends.truncate(SIDE_ENDS_TRIED);
     ends.into_iter().map(|(_, i)| i).collect()
 }

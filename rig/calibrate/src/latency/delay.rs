@@ -24,39 +24,39 @@ pub(super) struct Delay {
 /// Scatter of single stamps that is weighed \[s\].
 const JITTERS_S: [f64; 9] = [5e-5, 1.5e-4, 3e-4, 5e-4, 8e-4, 1.2e-3, 1.8e-3, 2.7e-3, 4.5e-3];
 /// Exposures weighed.
-const EXPOSURES: usize = 8;
+const EXPOSURE_STEPS: usize = 8;
 /// A stated exposure is believed within this factor.
 const EXPOSURE_FACTOR: f64 = 3.0;
 /// Shortest exposure as a share of the period, where none is stated.
-const SHORTEST_SHARE: f64 = 0.02;
+const EXPOSURE_SHARE_MIN: f64 = 0.02;
 /// Steps of the grid of lateness: wide first, then about what was found, so many standard deviations either way.
 const WIDE_STEPS: usize = 120;
 const FINE_STEPS: usize = 60;
 const FINE_SIGMAS: f64 = 5.0;
 /// One stamp in a hundred may be anywhere.
-const STRAY: f64 = 0.01;
+const OUTLIER_PROBABILITY: f64 = 0.01;
 /// Middles of exposures beyond this many standard deviations are not thought of.
 const REACH_SIGMAS: f64 = 4.0;
 /// No film is believed more than this \[s\]: half of what the LED's turns may be late by on a small board.
-const FLOOR_S: f64 = 3e-5;
+const LATENCY_SIGMA_MIN_S: f64 = 3e-5;
 
 /// How late the film of `seen` is against `light`.
 pub(super) fn delay(seen: &Seen, light: &Light, period_s: f64, exposure_s: Option<f64>) -> Delay {
     let [shortest, longest] = match exposure_s {
         Some(stated) => [stated / EXPOSURE_FACTOR, stated * EXPOSURE_FACTOR],
-        None => [SHORTEST_SHARE * period_s, period_s],
+        None => [EXPOSURE_SHARE_MIN * period_s, period_s],
     };
     let longest = longest.min(period_s).max(1.01 * shortest);
-    let ratio = (longest / shortest).powf(1.0 / (EXPOSURES - 1) as f64);
+    let ratio = (longest / shortest).powf(1.0 / (EXPOSURE_STEPS - 1) as f64);
     let reach_s = period_s.max(0.008);
-    let exposures: Vec<Exposures> = (0..EXPOSURES)
+    let exposures: Vec<Exposures> = (0..EXPOSURE_STEPS)
         .map(|k| Exposures::new(seen, light, shortest * ratio.powi(k as i32), [reach_s, longest]))
         .collect();
 
     let wide = weigh(&exposures, seen.noise, [seen.late_s, reach_s], WIDE_STEPS);
-    let about_s = (FINE_SIGMAS * wide.std_s).max(4.0 * FLOOR_S).min(reach_s);
+    let about_s = (FINE_SIGMAS * wide.std_s).max(4.0 * LATENCY_SIGMA_MIN_S).min(reach_s);
     let fine = weigh(&exposures, seen.noise, [wide.mean_s, about_s], FINE_STEPS);
-    Delay { std_s: fine.std_s.hypot(FLOOR_S), ..fine }
+    Delay { std_s: fine.std_s.hypot(LATENCY_SIGMA_MIN_S), ..fine }
 }
 
 /// All images, were they exposed for so long.
@@ -100,7 +100,7 @@ impl Exposures {
     fn log_likelihood(&self, late_s: f64, jitter_s: f64, noise: f64) -> f64 {
         let image = |image: &Image| {
             // A stray one shines anyhow between dark and lit.
-            (STRAY + (1.0 - STRAY) * image.density(late_s, jitter_s, noise)).ln()
+            (OUTLIER_PROBABILITY + (1.0 - OUTLIER_PROBABILITY) * image.density(late_s, jitter_s, noise)).ln()
         };
         self.images.iter().map(image).sum()
     }

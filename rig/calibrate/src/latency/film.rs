@@ -3,22 +3,22 @@
 use image::GrayImage;
 
 use super::light::Light;
-use super::{BLOCK, LatencyError};
+use super::{BLOCK_PX, LatencyError};
 use camera::calibration::Px;
 use ground::clock::{ClockFit, MonotonicNs};
 
 /// Stamps may be so much earlier, or later, than the light \[s\].
-const LATE_S: [f64; 2] = [-0.2, 0.5];
+const LATENESS_RANGE_S: [f64; 2] = [-0.2, 0.5];
 /// So many of the squares that change most are looked at.
-const MOST_SQUARES: usize = 400;
+const BLOCKS_MAX: usize = 400;
 /// What follows the pattern does so by this correlation at least.
-const FOLLOWS: f64 = 0.7;
+const CORRELATION_MIN: f64 = 0.7;
 /// Another time fits as well when its correlation comes so near to the best.
-const AS_WELL: f64 = 0.9;
+const RIVAL_CORRELATION_SHARE: f64 = 0.9;
 /// Squares that follow so nearly as well as the best one are part of the LED.
-const PART_OF_IT: f64 = 0.9;
+const LED_CORRELATION_SHARE: f64 = 0.9;
 /// The squares of an LED lie within this many of the best one: light reflected elsewhere follows it too, and may be slower.
-const REACH: usize = 4;
+const LED_REACH_BLOCKS: usize = 4;
 
 /// Images of a film, each as the mean grey of its squares of 8 pixels.
 #[derive(Debug, Clone, Default)]
@@ -58,14 +58,14 @@ impl Film {
         }
         let columns = self.columns();
         let width = size_px[0] as usize;
-        for rows in picture.as_raw().chunks_exact(width * BLOCK) {
+        for rows in picture.as_raw().chunks_exact(width * BLOCK_PX) {
             let mut sums = vec![0_u32; columns];
             for row in rows.chunks_exact(width) {
-                for (sum, block) in sums.iter_mut().zip(row.chunks_exact(BLOCK)) {
+                for (sum, block) in sums.iter_mut().zip(row.chunks_exact(BLOCK_PX)) {
                     *sum += block.iter().map(|&grey| u32::from(grey)).sum::<u32>();
                 }
             }
-            self.greys.extend(sums.iter().map(|&sum| sum as f32 / (BLOCK * BLOCK) as f32));
+            self.greys.extend(sums.iter().map(|&sum| sum as f32 / (BLOCK_PX * BLOCK_PX) as f32));
         }
         self.times.push(time);
         Ok(())
@@ -97,7 +97,7 @@ impl Film {
     pub(super) fn light(&self, clock: &ClockFit) -> Light {
         let ends = self.times.first().zip(self.times.last());
         let (first, last) = ends.map_or((MonotonicNs(0), MonotonicNs(0)), |(first, last)| (*first, *last));
-        let margin_s = 2.0 * LATE_S[1];
+        let margin_s = 2.0 * LATENESS_RANGE_S[1];
         Light::new(clock, first, first.plus_seconds(-margin_s), last.plus_seconds(margin_s))
     }
 
@@ -106,14 +106,14 @@ impl Film {
         let times_s: Vec<f64> = self.times.iter().map(|time| time.seconds_since(self.times[0])).collect();
         let changing = self.changing();
         let step_s = (self.period_s() / 2.0).min(0.004);
-        let count = ((LATE_S[1] - LATE_S[0]) / step_s) as usize + 1;
+        let count = ((LATENESS_RANGE_S[1] - LATENESS_RANGE_S[0]) / step_s) as usize + 1;
         let expected = |late_s: f64| -> Vec<f64> {
             times_s.iter().map(|time_s| light.share(time_s - late_s, exposure_s)).collect()
         };
         // The best square at each lateness.
         let looks: Vec<Look> = (0..count)
             .map(|k| {
-                let late_s = LATE_S[0] + k as f64 * step_s;
+                let late_s = LATENESS_RANGE_S[0] + k as f64 * step_s;
                 let mut pattern = expected(late_s);
                 normalize(&mut pattern);
                 let follows = changing.iter().map(|(square, series)| (dot(&pattern, series), *square));
@@ -126,7 +126,7 @@ impl Film {
             looks.iter().fold(Look { followed: f64::NEG_INFINITY, ..Look::default() }, |best, look| {
                 if look.followed > best.followed { *look } else { best }
             });
-        if best.followed < FOLLOWS {
+        if best.followed < CORRELATION_MIN {
             return Err(LatencyError::NoLed {
                 place_px: self.place_px(best.square),
                 followed: best.followed,
@@ -135,7 +135,8 @@ impl Film {
         // Next to the best time all fit a little; a whole slot away nothing should.
         let slot_s = f64::from(firmware_protocol::sync_led::SLOT.0) * 1e-6;
         let rival = looks.iter().find(|look| {
-            (look.late_s - best.late_s).abs() > slot_s && look.followed > AS_WELL * best.followed
+            (look.late_s - best.late_s).abs() > slot_s
+                && look.followed > RIVAL_CORRELATION_SHARE * best.followed
         });
         if let Some(rival) = rival {
             return Err(LatencyError::TwoTimes { first_s: best.late_s, second_s: rival.late_s });
@@ -148,8 +149,8 @@ impl Film {
                 .row_and_column(*square)
                 .iter()
                 .zip(self.row_and_column(best.square))
-                .all(|(a, b)| a.abs_diff(b) <= REACH);
-            near && dot(&pattern, series) > PART_OF_IT * best.followed
+                .all(|(a, b)| a.abs_diff(b) <= LED_REACH_BLOCKS);
+            near && dot(&pattern, series) > LED_CORRELATION_SHARE * best.followed
         });
         let squares: Vec<usize> = part.map(|(square, _)| *square).collect();
         Ok(self.seen(&squares, times_s, &shares, best.late_s))
@@ -187,7 +188,7 @@ impl Film {
         Seen {
             times_s,
             shines: greys.iter().map(|grey| (grey - dark) / contrast_grey).collect(),
-            noise: noise.max(LEAST_NOISE),
+            noise: noise.max(NOISE_MIN_GREY),
             late_s,
             place_px,
             contrast_grey,
@@ -208,7 +209,7 @@ impl Film {
         let variance = |square: &usize| squared[*square] / count - (sums[*square] / count).powi(2);
         let mut order: Vec<usize> = (0..squares).collect();
         order.sort_by(|a, b| variance(b).total_cmp(&variance(a)));
-        order.truncate(MOST_SQUARES);
+        order.truncate(BLOCKS_MAX);
         let series = |square: usize| {
             let mut series: Vec<f64> =
                 (0..self.images()).map(|image| self.grey(image, square).into()).collect();
@@ -223,11 +224,11 @@ impl Film {
     }
 
     fn columns(&self) -> usize {
-        self.size_px[0] as usize / BLOCK
+        self.size_px[0] as usize / BLOCK_PX
     }
 
     fn rows(&self) -> usize {
-        self.size_px[1] as usize / BLOCK
+        self.size_px[1] as usize / BLOCK_PX
     }
 
     fn row_and_column(&self, square: usize) -> [usize; 2] {
@@ -237,13 +238,13 @@ impl Film {
     /// Middle of a square.
     fn place_px(&self, square: usize) -> Px {
         let [row, column] =
-            self.row_and_column(square).map(|place| (place as f64 + 0.5) * BLOCK as f64 - 0.5);
+            self.row_and_column(square).map(|place| (place as f64 + 0.5) * BLOCK_PX as f64 - 0.5);
         [column, row]
     }
 }
 
 /// Grey levels are rounded: no less than this is believed of a mean of many.
-const LEAST_NOISE: f64 = 2e-3;
+const NOISE_MIN_GREY: f64 = 2e-3;
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Look {

@@ -33,14 +33,14 @@ pub struct Followed<'a> {
 }
 
 /// Delays and lags looked for \[s\].
-const DELAYS_S: [f64; 2] = [-0.05, 0.3];
-const LAGS_S: [f64; 2] = [0.0, 0.15];
-/// The first grid's steps \[s\]; each of the following ones is finer by [`FINER`].
-const STEP_S: f64 = 0.005;
-const FINER: f64 = 5.0;
-const ROUNDS: usize = 4;
+const DELAY_RANGE_S: [f64; 2] = [-0.05, 0.3];
+const LAG_RANGE_S: [f64; 2] = [0.0, 0.15];
+/// The first grid's steps \[s\]; each of the following ones is finer by [`GRID_REFINEMENT`].
+const GRID_STEP_S: f64 = 0.005;
+const GRID_REFINEMENT: f64 = 5.0;
+const GRID_ROUNDS: usize = 4;
 /// The lag is integrated in steps of this \[s\].
-const GRAIN_S: f64 = 5e-4;
+const INTEGRATION_STEP_S: f64 = 5e-4;
 
 impl Followed<'_> {
     fn at(&self, time_s: f64) -> f64 {
@@ -56,15 +56,15 @@ impl Followed<'_> {
         }
     }
 
-    /// The angle behind a lag of first order, every [`GRAIN_S`] from `from_s` to `until_s`; exact for a straight line over each.
+    /// The angle behind a lag of first order, every [`INTEGRATION_STEP_S`] from `from_s` to `until_s`; exact for a straight line over each.
     fn lagged(&self, from_s: f64, until_s: f64, lag_s: f64) -> Vec<f64> {
-        let count = ((until_s - from_s) / GRAIN_S).ceil().max(0.0) as usize + 2;
-        let told = (0..count).map(|k| self.at(from_s + k as f64 * GRAIN_S));
+        let count = ((until_s - from_s) / INTEGRATION_STEP_S).ceil().max(0.0) as usize + 2;
+        let told = (0..count).map(|k| self.at(from_s + k as f64 * INTEGRATION_STEP_S));
         if lag_s <= 0.0 {
             return told.collect();
         }
-        let keep = (-GRAIN_S / lag_s).exp();
-        let lead = 1.0 - (1.0 - keep) * lag_s / GRAIN_S;
+        let keep = (-INTEGRATION_STEP_S / lag_s).exp();
+        let lead = 1.0 - (1.0 - keep) * lag_s / INTEGRATION_STEP_S;
         let (mut before, mut lagged) = (self.at(from_s), self.at(from_s));
         told.map(|now| {
             lagged = keep * lagged + (1.0 - keep - lead) * before + lead * now;
@@ -82,12 +82,12 @@ pub fn following(followed: Followed<'_>, time_s: &[f64], angle_rad: &[f64], lags
     if time_s.len() < 10 || time_s.len() != angle_rad.len() {
         return None;
     }
-    let begin_s = first_s - DELAYS_S[1] - 1.0;
-    let try_lag = |lag_s: f64| followed.lagged(begin_s, last_s - DELAYS_S[0], lag_s);
-    let mut grids = [DELAYS_S, if lags { LAGS_S } else { [0.0, 0.0] }];
-    let mut step_s = STEP_S;
+    let begin_s = first_s - DELAY_RANGE_S[1] - 1.0;
+    let try_lag = |lag_s: f64| followed.lagged(begin_s, last_s - DELAY_RANGE_S[0], lag_s);
+    let mut grids = [DELAY_RANGE_S, if lags { LAG_RANGE_S } else { [0.0, 0.0] }];
+    let mut step_s = GRID_STEP_S;
     let mut best: Option<(f64, f64, f64)> = None;
-    for _ in 0..ROUNDS {
+    for _ in 0..GRID_ROUNDS {
         let steps = |[from, to]: [f64; 2]| {
             let count = ((to - from) / step_s).round() as usize;
             (0..=count).map(move |k| from + k as f64 * step_s)
@@ -106,7 +106,7 @@ pub fn following(followed: Followed<'_>, time_s: &[f64], angle_rad: &[f64], lags
             [delay_s - step_s, delay_s + step_s],
             if lags { [(lag_s - step_s).max(0.0), lag_s + step_s] } else { [0.0, 0.0] },
         ];
-        step_s /= FINER;
+        step_s /= GRID_REFINEMENT;
     }
     let (square, delay_s, lag_s) = best?;
     let path = try_lag(lag_s);
@@ -135,7 +135,7 @@ struct Line {
 }
 
 impl Line {
-    /// Against the `path` of steps of [`GRAIN_S`] from `begin_s`, at the instants at which the path's rate \[rad/s\] is one that `counts`.
+    /// Against the `path` of steps of [`INTEGRATION_STEP_S`] from `begin_s`, at the instants at which the path's rate \[rad/s\] is one that `counts`.
     fn fit(
         path: &[f64],
         begin_s: f64,
@@ -144,10 +144,10 @@ impl Line {
         counts: impl Fn(f64) -> bool,
     ) -> Option<Self> {
         let places = time_s.iter().zip(angle_rad).map(|(&t, &angle)| {
-            let place = ((t - begin_s) / GRAIN_S).clamp(0.0, (path.len() - 2) as f64);
+            let place = ((t - begin_s) / INTEGRATION_STEP_S).clamp(0.0, (path.len() - 2) as f64);
             let before = place as usize;
             let slope = path[before + 1] - path[before];
-            (path[before] + (place - before as f64) * slope, slope / GRAIN_S, angle)
+            (path[before] + (place - before as f64) * slope, slope / INTEGRATION_STEP_S, angle)
         });
         let rows: Vec<(f64, f64, f64)> = places.filter(|(_, rate, _)| counts(*rate)).collect();
         let (mut normal, mut right, mut moved) = (Matrix3::zeros(), Vector3::zeros(), 0.0);

@@ -52,7 +52,7 @@ pub enum LatencyError {
     },
     /// Too little film.
     #[error(
-        "{images} usable images over {span_s:.1} s are too few: film the sync LED for {LEAST_SPAN_S} s or longer"
+        "{images} usable images over {span_s:.1} s are too few: film the sync LED for {FILM_MIN_S} s or longer"
     )]
     TooShort {
         /// How many.
@@ -68,7 +68,7 @@ pub enum LatencyError {
     /// Nothing in the picture follows the pattern.
     #[error(
         "no place in the picture follows the sync LED's pattern (the best, at column {:.0}, row {:.0}, by {:.0} % of what it does): put the \
-         LED on the board's sync channel into the picture, at least {BLOCK} px wide and not washed out, and keep the light and the exposure as they are",
+         LED on the board's sync channel into the picture, at least {BLOCK_PX} px wide and not washed out, and keep the light and the exposure as they are",
         place_px[0], place_px[1], 100.0 * followed.max(0.0)
     )]
     NoLed {
@@ -90,10 +90,10 @@ pub enum LatencyError {
 }
 
 /// Side of the squares that the picture is looked at by \[px\].
-const BLOCK: usize = 8;
+const BLOCK_PX: usize = 8;
 /// A film is at least so long \[s\]: the LED may stay as it is for a second.
-const LEAST_SPAN_S: f64 = 3.0;
-const LEAST_IMAGES: usize = 40;
+const FILM_MIN_S: f64 = 3.0;
+const IMAGES_MIN: usize = 40;
 
 impl Film {
     /// What it says, with the board's `clock` and the exposure that the config states, if any \[s\].
@@ -102,7 +102,7 @@ impl Film {
     /// [`LatencyError`].
     pub fn latency(&self, clock: &ClockFit, exposure_s: Option<f64>) -> Result<Latency, LatencyError> {
         let (images, span_s) = (self.images(), self.span_s());
-        if images < LEAST_IMAGES || span_s < LEAST_SPAN_S {
+        if images < IMAGES_MIN || span_s < FILM_MIN_S {
             return Err(LatencyError::TooShort { images, span_s });
         }
         let light = self.light(clock);

@@ -3,9 +3,9 @@
 use nalgebra::{DMatrix, DVector};
 
 /// Steps of the search, and when it has ended: a step betters the squares by less than this share.
-const STEPS: usize = 40;
-const ENDED: f64 = 1e-6;
-const MOST_DAMPING: f64 = 1e8;
+const ITERATIONS_MAX: usize = 40;
+const RELATIVE_TOLERANCE: f64 = 1e-6;
+const DAMPING_MAX: f64 = 1e8;
 
 /// Where a search ended.
 pub(super) struct Solution {
@@ -35,13 +35,13 @@ pub(super) fn solve(residuals: impl Fn(&[f64]) -> Vec<f64>, start: &[f64], step:
         DMatrix::from_columns(&columns)
     };
     let mut damping = 1e-3;
-    for _ in 0..STEPS {
+    for _ in 0..ITERATIONS_MAX {
         let slopes = jacobian(&at);
         let normal = slopes.transpose() * &slopes;
         let down = slopes.transpose() * DVector::from_column_slice(&now);
         let before = squares(&now);
         let mut bettered = 0.0;
-        while damping < MOST_DAMPING {
+        while damping < DAMPING_MAX {
             let mut damped = normal.clone();
             for k in 0..at.len() {
                 damped[(k, k)] += damping * normal[(k, k)] + f64::MIN_POSITIVE;
@@ -60,7 +60,7 @@ pub(super) fn solve(residuals: impl Fn(&[f64]) -> Vec<f64>, start: &[f64], step:
             }
             damping *= 5.0;
         }
-        if bettered <= ENDED * before {
+        if bettered <= RELATIVE_TOLERANCE * before {
             break;
         }
     }

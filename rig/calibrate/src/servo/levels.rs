@@ -8,9 +8,9 @@ use super::rests::Rest;
 use super::steps::Estimate;
 
 /// A move of at least this share of the travel crosses any dead zone.
-const FIRM_SHARE: f64 = 0.1;
+const MOVE_SHARE_MIN: f64 = 0.1;
 /// Least stands after such moves.
-const LEAST: usize = 8;
+const STANDS_MIN: usize = 8;
 /// A stand is misread beyond so many standard deviations, and never within so much \[rad\].
 const MISREAD_SIGMAS: f64 = 6.0;
 const MISREAD_RAD: f64 = 1e-3;
@@ -52,7 +52,7 @@ pub struct Levels {
 pub(super) fn is_firm(rest: &Rest, rests: &[Rest]) -> bool {
     let all = || rests.iter().map(|rest| rest.pulse_us);
     let travel = all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min);
-    rest.move_us.is_some_and(|us| us.abs() >= FIRM_SHARE * travel)
+    rest.move_us.is_some_and(|us| us.abs() >= MOVE_SHARE_MIN * travel)
 }
 
 /// Levels, dead band and repeatability together by least squares: angle = level - dead band in the direction of the approach.
@@ -63,11 +63,15 @@ pub(super) fn levels(rests: &[Rest]) -> Result<Levels, ServoCalibrateError> {
     pulses.dedup();
     let up = |rest: &&&Rest| rest.move_us.is_some_and(|us| us > 0.0);
     let ups = firm.iter().filter(up).count();
-    if firm.len() < LEAST.max(pulses.len() + 3) || pulses.len() < 3 || ups == 0 || ups == firm.len() {
-        return Err(ServoCalibrateError::Levels { rests: firm.len(), levels: pulses.len(), least: LEAST });
+    if firm.len() < STANDS_MIN.max(pulses.len() + 3) || pulses.len() < 3 || ups == 0 || ups == firm.len() {
+        return Err(ServoCalibrateError::Levels {
+            rests: firm.len(),
+            levels: pulses.len(),
+            least: STANDS_MIN,
+        });
     }
     let sign = line(&firm.iter().map(|rest| (rest.pulse_us, rest.angle_rad)).collect::<Vec<_>>())[1].signum();
-    let lacking = ServoCalibrateError::Levels { rests: firm.len(), levels: pulses.len(), least: LEAST };
+    let lacking = ServoCalibrateError::Levels { rests: firm.len(), levels: pulses.len(), least: STANDS_MIN };
     let mut fit = Fit::of(&firm, &pulses, sign).ok_or(lacking)?;
     let sizes: Vec<f64> = fit.residuals.iter().map(|r| r.abs()).collect();
     let usual = MEDIAN_TO_SIGMA * median(&mut sizes.clone(), f64::total_cmp).unwrap_or(0.0);

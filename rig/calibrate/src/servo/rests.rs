@@ -7,10 +7,10 @@ use super::Film;
 /// Shortest stand that counts \[s\].
 pub(super) const STAND_S: f64 = 0.25;
 /// Water, lag and latency are over in this last share of a stand, and what comes next has not begun so long before it ends \[s\].
-const LAST_SHARE: f64 = 0.4;
-const BEFORE_S: f64 = 0.03;
+const STAND_SETTLED_SHARE: f64 = 0.4;
+const STAND_END_MARGIN_S: f64 = 0.03;
 /// Least images of a stand.
-const IMAGES: usize = 3;
+const STAND_IMAGES_MIN: usize = 3;
 
 /// A stand at one pulse.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,9 +27,11 @@ pub(super) struct Rest {
 pub(super) fn rests(film: &Film) -> Vec<Rest> {
     let seen = |stand: Stand| {
         let lasts_s = stand.until_s - stand.from_s;
-        let from = film.time_s.partition_point(|&t| t < stand.until_s - BEFORE_S - LAST_SHARE * lasts_s);
-        let until = film.time_s.partition_point(|&t| t < stand.until_s - BEFORE_S);
-        (lasts_s >= STAND_S && until >= from + IMAGES).then(|| Rest {
+        let from = film
+            .time_s
+            .partition_point(|&t| t < stand.until_s - STAND_END_MARGIN_S - STAND_SETTLED_SHARE * lasts_s);
+        let until = film.time_s.partition_point(|&t| t < stand.until_s - STAND_END_MARGIN_S);
+        (lasts_s >= STAND_S && until >= from + STAND_IMAGES_MIN).then(|| Rest {
             pulse_us: stand.pulse_us,
             move_us: stand.move_us,
             angle_rad: middle(&film.angle_rad[from..until]),

@@ -42,43 +42,43 @@ pub struct Dynamics {
 }
 
 /// Least images of moves.
-const LEAST_IMAGES: usize = 100;
+const IMAGES_MIN: usize = 100;
 /// Starts that are tried: lags \[s\], delays \[s\], and rate limits as shares of the fastest command.
-const LAGS_S: [f64; 6] = [0.003, 0.007, 0.015, 0.03, 0.06, 0.12];
-const DELAYS_S: [f64; 8] = [-0.02, -0.01, 0.0, 0.01, 0.02, 0.03, 0.05, 0.07];
-const RATES: [f64; 5] = [0.3, 0.45, 0.6, 0.75, 0.9];
+const START_LAGS_S: [f64; 6] = [0.003, 0.007, 0.015, 0.03, 0.06, 0.12];
+const START_DELAYS_S: [f64; 8] = [-0.02, -0.01, 0.0, 0.01, 0.02, 0.03, 0.05, 0.07];
+const START_RATE_SHARES: [f64; 5] = [0.3, 0.45, 0.6, 0.75, 0.9];
 /// No limit \[rad/s\].
-const UNLIMITED: f64 = 1e4;
+const RATE_UNLIMITED_RAD_PER_S: f64 = 1e4;
 /// Least and greatest lag of a search \[s\].
-const LAG_S: [f64; 2] = [2e-4, 1.0];
+const LAG_RANGE_S: [f64; 2] = [2e-4, 1.0];
 /// Periods of looks that are sought \[s\].
-const PERIOD_S: [f64; 2] = [0.004, 0.05];
+const PERIOD_RANGE_S: [f64; 2] = [0.004, 0.05];
 /// Frequencies this share of the inverse of the film's length apart keep in step with it.
 const FREQUENCY_STEP: f64 = 0.25;
-const PHASES: usize = 10;
+const PHASE_STEPS: usize = 10;
 /// Moves of no more than this share of the travel are over before the servo has looked twice, and tell when it looks.
-const SMALL_SHARE: f64 = 0.1;
-const LEAST_SMALL: usize = 6;
+const SMALL_MOVE_SHARE: f64 = 0.1;
+const SMALL_MOVES_MIN: usize = 6;
 /// A move is looked at about so long \[s\].
-const RUN_UP_S: f64 = 0.2;
+const MOVE_WINDOW_S: f64 = 0.2;
 /// So many starts are followed to their ends; with looks, of so many periods tried on all of the film, with so many steps of the frequency to
 /// either side, and delays off by so much \[s\].
-const FOLLOWED: usize = 4;
-const DISTINCT: usize = 30;
-const FINER: i32 = 6;
-const NEAR_S: [f64; 5] = [-0.002, -0.001, 0.0, 0.001, 0.002];
+const STARTS_FOLLOWED: usize = 4;
+const PERIODS_TRIED: usize = 30;
+const FREQUENCY_STEPS_EACH_SIDE: i32 = 6;
+const DELAY_OFFSETS_S: [f64; 5] = [-0.002, -0.001, 0.0, 0.001, 0.002];
 /// A period is a rival of the best where it has this share of what that betters.
-const RIVAL: f64 = 0.85;
+const RIVAL_GAIN_SHARE: f64 = 0.85;
 /// A servo that turns by less from image to image stands \[rad\].
 const STILL_RAD: f64 = 1e-5;
 /// A further number must lessen the squares to less than this share.
-const BETTERS: f64 = 0.93;
+const SQUARES_RATIO_MAX: f64 = 0.93;
 /// What no statistics of one film tell: a law that is not quite the servo's \[s\], and as a share of the lag.
-const LEAST_LAG_STD_S: f64 = 5e-4;
-const LEAST_LAG_SHARE: f64 = 0.03;
-const LEAST_DELAY_STD_S: f64 = 3e-4;
-const LEAST_PERIOD_STD_S: f64 = 2e-5;
-const LEAST_RATE_SHARE: f64 = 0.02;
+const LAG_STD_MIN_S: f64 = 5e-4;
+const LAG_STD_SHARE_MIN: f64 = 0.03;
+const DELAY_STD_MIN_S: f64 = 3e-4;
+const PERIOD_STD_MIN_S: f64 = 2e-5;
+const RATE_STD_SHARE_MIN: f64 = 0.02;
 
 /// What the film is compared with.
 struct Steps<'a> {
@@ -114,7 +114,7 @@ struct Fitted {
 impl Fitted {
     /// How far off periods are that explain nearly as much of what a servo without looks leaves, `plain` squares \[s\].
     fn rivals_s(&self, plain: f64) -> f64 {
-        let least = plain - RIVAL * (plain - self.solution.squares);
+        let least = plain - RIVAL_GAIN_SHARE * (plain - self.solution.squares);
         let rivals = self.others.iter().filter(|(squares, _)| *squares < least);
         let period_s = |looks: Option<[f64; 2]>| looks.map_or(0.0, |[period_s, _]| period_s);
         rivals.map(|(_, looks)| (period_s(*looks) - period_s(self.law.looks)).abs()).fold(0.0, f64::max)
@@ -134,8 +134,8 @@ pub(super) fn dynamics(
         return Err(ServoCalibrateError::Loose { zone_rad: zone, step_rad: step });
     }
     let told = steps.told_rad_per_s();
-    let plain = steps.fit(Form { limited: false, looks: false }, &steps.starts(&[UNLIMITED]));
-    let rates = RATES.map(|share| share * told);
+    let plain = steps.fit(Form { limited: false, looks: false }, &steps.starts(&[RATE_UNLIMITED_RAD_PER_S]));
+    let rates = START_RATE_SHARES.map(|share| share * told);
     let limited = steps.fit(Form { limited: true, looks: false }, &steps.starts(&rates));
     let smooth = better(plain, limited, |fitted| fitted.law.rate < told);
     let plain_squares = smooth.solution.squares;
@@ -144,7 +144,7 @@ pub(super) fn dynamics(
     }
     let looking = steps.distinct(&steps.looking(&smooth));
     let best = steps.fit_looking(Form { looks: true, ..smooth.form }, &looking);
-    let in_range = |period_s: f64| (PERIOD_S[0]..=PERIOD_S[1]).contains(&period_s);
+    let in_range = |period_s: f64| (PERIOD_RANGE_S[0]..=PERIOD_RANGE_S[1]).contains(&period_s);
     let best =
         better(smooth, best, |fitted| fitted.law.looks.is_some_and(|[period_s, _]| in_range(period_s)));
     Ok(steps.said(&best, plain_squares, told))
@@ -152,7 +152,11 @@ pub(super) fn dynamics(
 
 /// `other` where it `counts` and betters `one` clearly.
 fn better(one: Fitted, other: Fitted, counts: impl Fn(&Fitted) -> bool) -> Fitted {
-    if counts(&other) && other.solution.squares < BETTERS * one.solution.squares { other } else { one }
+    if counts(&other) && other.solution.squares < SQUARES_RATIO_MAX * one.solution.squares {
+        other
+    } else {
+        one
+    }
 }
 
 impl<'a> Steps<'a> {
@@ -166,23 +170,24 @@ impl<'a> Steps<'a> {
         let shown = film.time_s.iter().zip(&film.angle_rad).filter(|(t, _)| (from_s..until_s).contains(*t));
         let (time_s, angle_rad): (Vec<f64>, Vec<f64>) =
             shown.map(|(t, angle)| (t - middle_s, *angle)).unzip();
-        if moves.len() < 3 || time_s.len() < LEAST_IMAGES {
-            return Err(ServoCalibrateError::NoMoves { images: time_s.len(), least: LEAST_IMAGES });
+        if moves.len() < 3 || time_s.len() < IMAGES_MIN {
+            return Err(ServoCalibrateError::NoMoves { images: time_s.len(), least: IMAGES_MIN });
         }
         let travel_us = levels.levels[levels.levels.len() - 1].pulse_us - levels.levels[0].pulse_us;
-        let is_small = |stand: &Stand| stand.move_us.is_some_and(|us| us.abs() <= SMALL_SHARE * travel_us);
+        let is_small =
+            |stand: &Stand| stand.move_us.is_some_and(|us| us.abs() <= SMALL_MOVE_SHARE * travel_us);
         let small: Vec<usize> = (0..moves.len()).filter(|k| is_small(&moves[*k])).collect();
-        let moving = if small.len() < LEAST_SMALL { (0..moves.len()).collect() } else { small };
+        let moving = if small.len() < SMALL_MOVES_MIN { (0..moves.len()).collect() } else { small };
         let [first, last] = [moving[0], moving[moving.len() - 1]];
         let place = |s: f64| time_s.partition_point(|&t| t < s - middle_s);
-        let shown = place(moves[first].from_s - RUN_UP_S)..place(moves[last].until_s);
+        let shown = place(moves[first].from_s - MOVE_WINDOW_S)..place(moves[last].until_s);
         // the move before says on which side of its dead zone the servo stands
-        let begin_s = moves[first.saturating_sub(1)].from_s - RUN_UP_S - middle_s;
+        let begin_s = moves[first.saturating_sub(1)].from_s - MOVE_WINDOW_S - middle_s;
         let mut telling = (vec![begin_s], vec![f64::NAN]);
         let mut taken = 0;
         for stand in moving.iter().map(|k| &moves[*k]) {
-            let until = place(stand.from_s + RUN_UP_S);
-            let images = place(stand.from_s - RUN_UP_S / 2.0).max(taken)..until;
+            let until = place(stand.from_s + MOVE_WINDOW_S);
+            let images = place(stand.from_s - MOVE_WINDOW_S / 2.0).max(taken)..until;
             telling.0.extend(&time_s[images.clone()]);
             telling.1.extend(&angle_rad[images]);
             taken = until;
@@ -246,7 +251,9 @@ impl<'a> Steps<'a> {
     }
 
     fn starts(&self, rates: &[f64]) -> Vec<Law> {
-        let each = LAGS_S.iter().flat_map(|&lag_s| DELAYS_S.iter().map(move |&delay_s| (lag_s, delay_s)));
+        let each = START_LAGS_S
+            .iter()
+            .flat_map(|&lag_s| START_DELAYS_S.iter().map(move |&delay_s| (lag_s, delay_s)));
         let half_zone = self.zone(0.5);
         each.flat_map(|(lag_s, delay_s)| {
             rates.iter().map(move |&rate| Law { lag_s, rate, delay_s, looks: None, half_zone })
@@ -264,7 +271,7 @@ impl<'a> Steps<'a> {
     fn fit(&self, form: Form, starts: &[Law]) -> Fitted {
         let mut ranked: Vec<(f64, Law)> = starts.iter().map(|law| (self.squares(law), *law)).collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-        self.best(form, ranked.iter().take(FOLLOWED).map(|(_, law)| law))
+        self.best(form, ranked.iter().take(STARTS_FOLLOWED).map(|(_, law)| law))
     }
 
     /// The same for laws with looks. Few moves may be misled by noise and all of the film by a lag that is not quite right yet: the best by
@@ -272,7 +279,7 @@ impl<'a> Steps<'a> {
     fn fit_looking(&self, form: Form, distinct: &[Law]) -> Fitted {
         let all = |law: &Law| self.residuals(law, 0..self.time_s.len()).iter().map(|r| r * r).sum();
         let lists = [self.nearby(distinct, |law| self.squares(law)), self.nearby(distinct, all)];
-        self.best(form, lists.iter().flat_map(|list| list.iter().take(FOLLOWED)))
+        self.best(form, lists.iter().flat_map(|list| list.iter().take(STARTS_FOLLOWED)))
     }
 
     fn best<'b>(&self, form: Form, starts: impl Iterator<Item = &'b Law>) -> Fitted {
@@ -290,7 +297,7 @@ impl<'a> Steps<'a> {
         let mut distinct: Vec<Law> = Vec::new();
         for (_, law) in ranked {
             let is_new = |known: &Law| known.looks.zip(law.looks).is_none_or(|(a, b)| apart(a, b) > 0.25);
-            if distinct.len() < DISTINCT && distinct.iter().all(is_new) {
+            if distinct.len() < PERIODS_TRIED && distinct.iter().all(is_new) {
                 distinct.push(*law);
             }
         }
@@ -304,9 +311,9 @@ impl<'a> Steps<'a> {
         let telling_s = 0.5 * (self.time_s[self.shown.start] + self.time_s[self.shown.end - 1]);
         let near = |law: &Law| {
             let [period_s, phase] = law.looks?;
-            let nearby = (-FINER..=FINER).flat_map(|k| {
+            let nearby = (-FREQUENCY_STEPS_EACH_SIDE..=FREQUENCY_STEPS_EACH_SIDE).flat_map(|k| {
                 let finer_s = (period_s.recip() + 0.5 * FREQUENCY_STEP * f64::from(k) / span_s).recip();
-                NEAR_S.map(|by_s| {
+                DELAY_OFFSETS_S.map(|by_s| {
                     // looking at the same instants where most is told of them
                     let looks = Some([finer_s, phase + telling_s / finer_s - telling_s / period_s]);
                     let law = Law { looks, delay_s: law.delay_s + by_s, ..*law };
@@ -323,14 +330,19 @@ impl<'a> Steps<'a> {
     fn solved(&self, form: Form, start: &Law) -> Fitted {
         let law = |at: &[f64]| {
             let mut rest = at[3..].iter();
-            let rate = if form.limited { rest.next().map_or(UNLIMITED, |ln| ln.exp()) } else { UNLIMITED };
+            let rate = if form.limited {
+                rest.next().map_or(RATE_UNLIMITED_RAD_PER_S, |ln| ln.exp())
+            } else {
+                RATE_UNLIMITED_RAD_PER_S
+            };
             let looks =
                 if form.looks { rest.next().zip(rest.next()).map(|(&t, &phase)| [t, phase]) } else { None };
             Law {
-                lag_s: at[0].exp().clamp(LAG_S[0], LAG_S[1]),
+                lag_s: at[0].exp().clamp(LAG_RANGE_S[0], LAG_RANGE_S[1]),
                 delay_s: at[1],
-                rate: rate.clamp(1e-2, UNLIMITED),
-                looks: looks.map(|[t, phase]| [t.clamp(0.5 * PERIOD_S[0], 2.0 * PERIOD_S[1]), phase]),
+                rate: rate.clamp(1e-2, RATE_UNLIMITED_RAD_PER_S),
+                looks: looks
+                    .map(|[t, phase]| [t.clamp(0.5 * PERIOD_RANGE_S[0], 2.0 * PERIOD_RANGE_S[1]), phase]),
                 half_zone: self.zone(at[2]),
             }
         };
@@ -353,13 +365,13 @@ impl<'a> Steps<'a> {
     fn looking(&self, smooth: &Fitted) -> Vec<(f64, Law)> {
         let span_s = self.time_s[self.shown.end - 1] - self.time_s[self.shown.start];
         let step = FREQUENCY_STEP / span_s.max(1.0);
-        let [most, least] = PERIOD_S.map(f64::recip);
+        let [most, least] = PERIOD_RANGE_S.map(f64::recip);
         let base = smooth.law;
         let frequencies = (0..=((most - least) / step) as usize).map(|k| least + k as f64 * step);
         let best_of = |frequency: f64| {
             let period_s = frequency.recip();
-            let phases = (0..PHASES).map(|phase| {
-                let looks = Some([period_s, phase as f64 / PHASES as f64]);
+            let phases = (0..PHASE_STEPS).map(|phase| {
+                let looks = Some([period_s, phase as f64 / PHASE_STEPS as f64]);
                 let law = Law { delay_s: base.delay_s - 0.5 * period_s, looks, ..base };
                 (self.squares(&law), law)
             });
@@ -391,19 +403,19 @@ impl<'a> Steps<'a> {
         let std_of = |place: usize, least: f64| {
             std.get(place).copied().filter(|std| std.is_finite()).map_or(least, |std| std.max(least))
         };
-        let lag_std = (law.lag_s * std[0].max(LEAST_LAG_SHARE)).max(LEAST_LAG_STD_S).hypot(misfit_s);
-        let limit = std_of(3, LEAST_RATE_SHARE);
+        let lag_std = (law.lag_s * std[0].max(LAG_STD_SHARE_MIN)).max(LAG_STD_MIN_S).hypot(misfit_s);
+        let limit = std_of(3, RATE_STD_SHARE_MIN);
         let period = if best.form.limited { 4 } else { 3 };
         Dynamics {
             lag_s: Estimate { value: law.lag_s, std: if lag_std.is_finite() { lag_std } else { law.lag_s } },
-            delay_s: Estimate { value: law.delay_s, std: std_of(1, LEAST_DELAY_STD_S).hypot(misfit_s) },
+            delay_s: Estimate { value: law.delay_s, std: std_of(1, DELAY_STD_MIN_S).hypot(misfit_s) },
             rate_limit_rad_per_s: best
                 .form
                 .limited
                 .then_some(Estimate { value: law.rate, std: law.rate * limit }),
             refresh_s: law.looks.map(|[period_s, _]| Estimate {
                 value: period_s,
-                std: std_of(period, LEAST_PERIOD_STD_S).hypot(best.rivals_s(plain_squares)),
+                std: std_of(period, PERIOD_STD_MIN_S).hypot(best.rivals_s(plain_squares)),
             }),
             told_rad_per_s,
             rms_rad: (best.solution.squares / self.time_s.len() as f64).sqrt(),

@@ -12,17 +12,17 @@ use crate::scalar::Scalar;
 /// Separations this small, over the boxes' sizes, are rounding.
 const ROUNDING: f64 = 1e-13;
 /// Edges with a smaller square of the sine between them count as parallel.
-const PARALLEL: f64 = 1e-16;
+const PARALLEL_SINE_SQUARED_MAX: f64 = 1e-16;
 /// By which share edges must beat a face.
 const FACE_BIAS: f64 = 1e-6;
 /// Edges whose direction has this cosine with the best face's normal must beat it by this share.
 const LIKE_FACE: (f64, f64) = (0.99, 0.05);
 /// A component of the direction below this does not tell which of two edges is the outer one.
-const EITHER: f64 = 1e-9;
+const COMPONENT_ZERO_MAX: f64 = 1e-9;
 /// Corners closer than this, squared and over the square of the face's size, are one.
-const SAME: f64 = 1e-14;
+const POINT_MERGE_SHARE_SQUARED: f64 = 1e-14;
 /// What counts as 0 in divisors, as in MuJoCo.
-const TINY: f64 = 1e-15;
+const ROUNDING_MIN: f64 = 1e-15;
 
 /// A box by its three axes.
 struct Block<T> {
@@ -82,7 +82,7 @@ pub(super) fn meet<T: Scalar>(one: &Placed<T>, two: &Placed<T>, reach: T, out: &
         for j in 0..3 {
             let across = blocks[0].axes[i].cross(blocks[1].axes[j]);
             let squared = across.dot(across);
-            if less(squared, T::from_f64(PARALLEL)) {
+            if less(squared, T::from_f64(PARALLEL_SINE_SQUARED_MAX)) {
                 continue;
             }
             let across = across * (T::ONE / squared.sqrt());
@@ -97,7 +97,7 @@ pub(super) fn meet<T: Scalar>(one: &Placed<T>, two: &Placed<T>, reach: T, out: &
         }
     }
     let (cosine, share) = LIKE_FACE;
-    let needed = face.0 + face.0.abs() * T::from_f64(share) + T::from_f64(TINY);
+    let needed = face.0 + face.0.abs() * T::from_f64(share) + T::from_f64(ROUNDING_MIN);
     let like = less(T::from_f64(cosine), best.2.dot(face.2).abs());
     match best.1 {
         Direction::Edges(i, j) if !(like && less(best.0, needed)) => {
@@ -131,7 +131,7 @@ fn edges<T: Scalar>(
             // by the sign of the component along the normal, for both alike
             let outer = if less(component, T::ZERO) == (side == 0) { -arm } else { arm };
             middle += outer;
-            if other.is_none() && less(component.abs(), T::from_f64(EITHER)) {
+            if other.is_none() && less(component.abs(), T::from_f64(COMPONENT_ZERO_MAX)) {
                 other = Some(outer * T::from_f64(-2.0));
             }
         }
@@ -147,7 +147,8 @@ fn edges<T: Scalar>(
         for b in [Some(second.0), second.1].into_iter().flatten() {
             let way = b - a;
             let (on_u, on_w) = (u.dot(way), w.dot(way));
-            let free = if less(sine2, T::from_f64(TINY)) { T::ZERO } else { (on_u - cosine * on_w) / sine2 };
+            let free =
+                if less(sine2, T::from_f64(ROUNDING_MIN)) { T::ZERO } else { (on_u - cosine * on_w) / sine2 };
             let s = free.clamp(-long_u, long_u);
             let t = (cosine * s - on_w).clamp(-long_w, long_w);
             let s = (on_u + cosine * t).clamp(-long_u, long_u);
@@ -237,7 +238,7 @@ fn faces<T: Scalar>(
     for (k, limit) in [(0, long_x), (1, long_y)] {
         polygon = polygon.cut(k, plus, limit).cut(k, minus, limit);
     }
-    let same = T::from_f64(SAME) * (long_x * long_x + long_y * long_y);
+    let same = T::from_f64(POINT_MERGE_SHARE_SQUARED) * (long_x * long_x + long_y * long_y);
     for (index, corner) in polygon.corners[..polygon.count].iter().enumerate() {
         let near = |other: &[T; 3]| {
             let (dx, dy) = (other[0] - corner[0], other[1] - corner[1]);
