@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::{Background, changed_config, only_run, rig, set, wait_until};
 
-/// See the module.
+/// A rig whose mock board and mock camera are other processes.
 #[derive(Debug)]
 pub struct Outside {
     /// `rig mock-board`.

@@ -184,7 +184,7 @@ pub fn late_s(run: &RunFolder, config: &RigConfig) -> f64 {
     made_with.map_or(0.0, |then| config.camera.latency_s.get() - then.get())
 }
 
-/// See the module.
+/// The times of all images and of the servo's command, in the run's time.
 #[derive(Debug, Clone)]
 pub struct Timeline {
     /// All images in the order they were received.

@@ -23,7 +23,7 @@ const LONGEST_WAIT: SignedDuration = SignedDuration::from_hours(1);
 /// After so many tries, about a week, a place is not tried any more.
 const MOST_TRIES: u32 = 170;
 
-/// See the module.
+/// Raises the alerts of one rig and delivers them.
 #[derive(Debug)]
 pub(super) struct Alerts {
     rig: String,

@@ -45,7 +45,7 @@ use tokio::net::TcpListener;
 /// Queues, jobs and clock are looked at so often: a stop that is asked for is on its way within this time.
 const TICK: Duration = Duration::from_millis(20);
 
-/// See the module.
+/// A daemon: its rigs, its server and its loop.
 pub struct Daemon {
     rigs: Vec<Rig>,
     beat: Arc<Beat>,

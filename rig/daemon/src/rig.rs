@@ -52,7 +52,7 @@ const LOOK_AT_FILES_EVERY: SignedDuration = SignedDuration::from_millis(50);
 /// Servos of which nobody knows what they do are asked so often.
 const SETTLE_EVERY: SignedDuration = SignedDuration::from_secs(2);
 
-/// See the module.
+/// One rig: its config, its queue, its schedule and the jobs that go on.
 pub(super) struct Rig {
     /// Where its config is.
     path: PathBuf,

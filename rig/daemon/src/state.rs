@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use ground::hold::Hold;
 use servo::motion::{Motion, Standing};
 
-/// See the module.
+/// The state of one rig, as the API and the page show it.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
 pub(super) struct RigState {
     /// Its name: that of its config's file.

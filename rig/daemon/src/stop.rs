@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use ground::hold::{Hold, HoldError, Latch};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
-/// See the module.
+/// Stops whoever moves the rig, and writes the hold.
 #[derive(Debug, Default)]
 pub(super) struct Stop {
     latch: Latch,

@@ -55,7 +55,7 @@ pub(super) enum What {
     End,
 }
 
-/// See the module.
+/// Reads a recording record by record, and counts what cannot be read.
 #[derive(Debug)]
 pub(super) struct Pieces {
     file: File,

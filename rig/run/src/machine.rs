@@ -95,7 +95,7 @@ const MAX_IDENTICAL: u32 = 5;
 /// Slack allowed to the board's own timing before silence about start or end counts as a fault \[s\].
 const BOARD_SLACK_S: f64 = 1.0;
 
-/// See the module.
+/// The states of a run, from still water to the safe stop.
 #[derive(Debug)]
 pub struct Machine {
     plan: Plan,

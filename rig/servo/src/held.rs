@@ -20,7 +20,7 @@ const LOOKS_PER_REPORT: u32 = 5;
 /// long.
 const AFTERTHOUGHT: Duration = Duration::from_millis(100);
 
-/// See the module.
+/// A board behind a latch: stops and refuses orders while the rig is held, and reports what its servos do.
 pub struct HeldBoard {
     board: Box<dyn ServoBoard>,
     latch: Latch,

@@ -12,7 +12,7 @@ use analysis::showing::Showing;
 use app::Watcher;
 use app::hand_in;
 
-/// See the module.
+/// A progress bar that the application reports to; silent where standard error is no terminal.
 #[derive(Debug)]
 pub struct Bar {
     bar: ProgressBar,

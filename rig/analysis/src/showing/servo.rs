@@ -30,7 +30,7 @@ pub struct Clock {
     pub pings: usize,
 }
 
-/// See the module.
+/// The commands, positions and clock of the servo of one job, as they are shown.
 #[derive(Debug, Default)]
 pub(super) struct Servo {
     pings: Vec<Ping>,

@@ -110,7 +110,7 @@ pub struct Value {
     pub value: f64,
 }
 
-/// See the module.
+/// What is known of one job so far.
 #[derive(Debug)]
 pub(super) struct State {
     job: i64,

@@ -14,7 +14,7 @@ use store::goal::{Goal, Known};
 /// The file in a campaign's folder.
 pub const FILE: &str = "campaign.json";
 
-/// See the module.
+/// The document `campaign.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     /// The config of the rig.

@@ -16,7 +16,7 @@ const JOINED: [&str; 2] = ["Chosen", "WantedRuns"];
 /// How whoever asks says the token.
 const TOKEN: &str = "token";
 
-/// See the module.
+/// Adds to the API's document what all operations have in common: errors, authorisation, limits.
 pub(super) struct InCommon;
 
 impl Modify for InCommon {

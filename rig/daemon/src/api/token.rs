@@ -19,7 +19,7 @@ const BYTES: usize = 32;
 /// Bits of a file's mode that let others than its owner at it.
 const OTHERS: u32 = 0o077;
 
-/// See the module.
+/// The secret that a request must show before it may move a rig.
 pub(crate) struct Token(String);
 
 impl Token {

@@ -69,7 +69,7 @@ pub(crate) fn beginning(info: Option<&CameraInfo>) -> mcap::McapResult<Vec<u8>> 
     Ok(mcap.into_inner().into_inner())
 }
 
-/// See the module.
+/// Writes messages into the chunks of one recording, and its index at the end.
 pub(super) struct Writer {
     path: PathBuf,
     file: File,

@@ -19,7 +19,7 @@ const REFUSED_LIMIT: u8 = 6;
 const REFUSED_ACCESS: u8 = 7;
 const ALERT: u8 = 0x80;
 
-/// See the module.
+/// One emulated servo: answers packets as its registers say, and turns towards its goal.
 #[derive(Debug, Clone)]
 pub(super) struct EmulatedServo {
     pub(super) id: u8,

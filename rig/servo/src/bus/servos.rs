@@ -44,7 +44,7 @@ pub(super) struct Stood {
     pub(super) alerts: bool,
 }
 
-/// See the module.
+/// All servos of one bus: their line, their registers and what each is configured to.
 pub(super) struct Servos {
     line: Line,
     pub(super) registers: &'static Registers,

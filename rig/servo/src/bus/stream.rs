@@ -58,7 +58,7 @@ struct Armed {
     started: bool,
 }
 
-/// See the module.
+/// The positions that a bus is told: computes each at its instant, and judges whether the servo follows.
 #[derive(Debug, Clone)]
 pub(super) struct Stream {
     courses: Vec<Course>,
