@@ -1,9 +1,9 @@
 //! The address that alerts are posted to.
 
-use axum::http::Uri;
+use http::Uri;
 use serde::{Deserialize, Serialize};
 
-/// An address, of which all but the host may be a secret.
+/// An address, of which all but the host may be a secret: what is written of it, in a run's `start.json`, ends with the host.
 #[derive(Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "String", into = "String")]
 pub struct Webhook {
@@ -49,7 +49,8 @@ impl From<String> for Webhook {
 
 impl From<Webhook> for String {
     fn from(webhook: Webhook) -> Self {
-        webhook.url
+        let scheme = webhook.read.as_ref().and_then(Uri::scheme_str).unwrap_or("https");
+        format!("{scheme}://{}/", webhook.host().unwrap_or_default())
     }
 }
 
@@ -68,6 +69,7 @@ mod tests {
             let hook = Webhook::from(url.to_owned());
             assert!(!hook.check().unwrap_err().contains("SECRET"), "{url}");
             assert!(!format!("{hook:?}").contains("SECRET"), "{hook:?}");
+            assert!(!String::from(hook).contains("SECRET"), "{url}");
         }
     }
 }
