@@ -15,6 +15,7 @@ mod kinds;
 pub mod mock;
 pub mod replay;
 pub mod socket;
+pub mod source;
 pub mod v4l;
 pub mod wire;
 

@@ -4,9 +4,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::error::{FolderError, SourceError};
-use super::source::{ImageSource, Images, TimedImage};
 use camera::decode::grey_file;
+use camera::source::{FolderError, SourceError};
+use camera::source::{ImageSource, Images, TimedImage};
 use ground::error_chain::with_causes;
 
 /// A picture's file and its time.

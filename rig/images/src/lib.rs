@@ -12,12 +12,11 @@ pub mod film;
 pub mod folder;
 pub mod live;
 pub mod recording;
-mod source;
 mod trimmed;
 mod video;
 
-pub use error::{FilmError, FolderError, SourceError};
-pub use source::{ImageSource, Images, TimedImage};
+pub use camera::source::{FolderError, ImageSource, Images, SourceError, TimedImage};
+pub use error::FilmError;
 pub use trimmed::{Trimmed, Window};
 
 use std::path::Path;
@@ -33,7 +32,7 @@ use video::Video;
 /// [`SourceError`].
 pub fn open(path: &Path, fps: Option<f64>) -> Result<Box<dyn ImageSource>, SourceError> {
     if path.join(file::START).is_file() {
-        let run = RunFolder::open(path)?;
+        let run = RunFolder::open(path).map_err(recording::failed)?;
         Ok(Box::new(RecordedImages::of_run(&run)))
     } else if path.extension().is_some_and(|ending| ending == "mcap") {
         Ok(Box::new(RecordedImages::of_file(path)))

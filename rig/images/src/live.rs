@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 
 use super::recording::even;
-use super::source::TimedImage;
+use camera::source::TimedImage;
 use camera::{CameraImage, Rising};
 use ground::clock::MonotonicNs;
 

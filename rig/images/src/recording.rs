@@ -5,8 +5,8 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use super::error::SourceError;
-use super::source::{ImageSource, Images, TimedImage};
+use camera::source::SourceError;
+use camera::source::{ImageSource, Images, TimedImage};
 use camera::{CameraImage, Rising};
 use ground::clock::MonotonicNs;
 use record::RecordError;
@@ -84,7 +84,7 @@ impl RecordedImages {
 
     /// The usable images, not decoded yet, with their places among all received.
     fn received(&self) -> Result<impl Iterator<Item = Result<(u64, CameraImage), SourceError>>, SourceError> {
-        let mut recording = Recording::open(&self.path)?;
+        let mut recording = Recording::open(&self.path).map_err(failed)?;
         let (mut rising, mut place) = (Rising::default(), 0..);
         Ok(std::iter::from_fn(move || {
             loop {
@@ -96,13 +96,13 @@ impl RecordedImages {
                         }
                     }
                     Some(Ok(_)) => {}
-                    Some(Err(error)) => return Some(Err(error.into())),
+                    Some(Err(error)) => return Some(Err(failed(error))),
                     None => {
                         self.shortfall.get_or_init(|| self.missing(&recording, place.start));
                         let lacks_camera = place.start == 0 && recording.camera_info().is_none();
                         place.start += u64::from(lacks_camera);
                         return lacks_camera.then(|| {
-                            Err(RecordError::damaged(&self.path, "holds no camera's images").into())
+                            Err(failed(RecordError::damaged(&self.path, "holds no camera's images")))
                         });
                     }
                 }
@@ -121,6 +121,11 @@ impl RecordedImages {
         let said: Vec<String> = recording.shortfall().into_iter().chain(missing).collect();
         (!said.is_empty()).then(|| said.join("; "))
     }
+}
+
+/// That the recording cannot be read.
+pub(super) fn failed(error: RecordError) -> SourceError {
+    SourceError::Recording(Box::new(error))
 }
 
 impl ImageSource for RecordedImages {

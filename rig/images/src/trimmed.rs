@@ -1,7 +1,7 @@
 //! A part of another source, and slow motion taken back.
 
-use super::error::SourceError;
-use super::source::{ImageSource, Images, TimedImage, even_sample};
+use camera::source::SourceError;
+use camera::source::{ImageSource, Images, TimedImage, even_sample};
 
 /// Which part of a source is wanted, and how much slower than life it plays.
 #[derive(Debug, Clone, Copy, PartialEq)]

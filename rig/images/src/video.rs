@@ -7,8 +7,8 @@ use std::thread::JoinHandle;
 
 use image::GrayImage;
 
-use super::error::SourceError;
-use super::source::{ImageSource, Images, TimedImage};
+use camera::source::SourceError;
+use camera::source::{ImageSource, Images, TimedImage};
 
 /// A video, decoded to grey pictures by ffmpeg in a process of its own.
 #[derive(Debug)]

@@ -6,7 +6,7 @@ use super::overlay::{Canvas, SIMULATED_RGB};
 use super::record::{ImageRecord, Status};
 use crate::lettering::{self, Size};
 use camera::calibration::Px;
-use images::TimedImage;
+use camera::source::TimedImage;
 
 /// Small pictures are enlarged to at least this width \[px\]: lines a pixel wide hardly survive a film's compression.
 const LEAST_WIDTH_PX: u32 = 960;

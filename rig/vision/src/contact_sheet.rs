@@ -8,7 +8,7 @@ use super::overlay::Canvas;
 use super::record::{ImageRecord, Status};
 use super::refused::Refused;
 use crate::lettering::{self, Size};
-use images::TimedImage;
+use camera::source::TimedImage;
 
 /// Most images on one sheet.
 pub const MOST_SHOWN: usize = 24;

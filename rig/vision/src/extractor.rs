@@ -40,7 +40,7 @@ use super::spline::{arc_lengths, distance, point_at};
 use super::thin::{longest_path, radii, thinned};
 use camera::calibration::Plane;
 use camera::calibration::Px;
-use images::TimedImage;
+use camera::source::TimedImage;
 
 /// Runs images through the stages, in order.
 #[derive(Debug)]

@@ -58,7 +58,7 @@ pub use outline::Outline;
 pub use record::{Extraction, ImageRecord, Keypoint, Status, StoredKeypoint, StoredRecord};
 pub use sequence::Task;
 
-use images::SourceError;
+use camera::source::SourceError;
 
 /// Why a whole sequence could not be extracted.
 #[derive(Debug, thiserror::Error)]

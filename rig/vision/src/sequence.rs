@@ -14,7 +14,7 @@ use super::self_check::SelfCheck;
 use super::silhouettes::Silhouettes;
 use super::{SequenceError, VisionError, sam2};
 use camera::calibration::Plane;
-use images::{ImageSource, TimedImage};
+use camera::source::{ImageSource, TimedImage};
 
 /// Images whose intermediate pictures are held at once, where nobody waits for the first ones.
 const AT_ONCE: usize = 64;

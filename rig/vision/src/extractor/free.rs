@@ -9,7 +9,7 @@ use crate::body::{Body, Usual};
 use crate::parts::Seen;
 use crate::record::ImageRecord;
 use crate::rejection::Rejection;
-use images::TimedImage;
+use camera::source::TimedImage;
 
 impl Extractor {
     /// The same with what is usual of a body in a sample.

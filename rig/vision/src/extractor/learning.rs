@@ -20,7 +20,7 @@ use crate::rejection::Rejection;
 use crate::silhouettes::Silhouettes;
 use crate::{VisionError, ends, static_mask};
 use camera::calibration::Plane;
-use images::TimedImage;
+use camera::source::TimedImage;
 
 /// A sample for [`Extractor::learn`] needs no more images than this.
 pub const LEARN_FROM: usize = 41;

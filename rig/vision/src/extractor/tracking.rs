@@ -17,7 +17,7 @@ use crate::outline::Outline;
 use crate::rejection::Rejection;
 use crate::spline::{arc_lengths, distance};
 use camera::calibration::Px;
-use images::TimedImage;
+use camera::source::TimedImage;
 
 /// Where the mechanism was last.
 #[derive(Debug, Default)]

@@ -12,7 +12,7 @@ use super::preprocess::View;
 use super::{CELLS, Follower};
 use crate::silhouettes::Silhouettes;
 use crate::{Mask, SequenceError, VisionError};
-use images::{ImageSource, TimedImage};
+use camera::source::{ImageSource, TimedImage};
 
 /// Images before the clicked one that are held at once: a film is read forwards only.
 const HELD: usize = 64;

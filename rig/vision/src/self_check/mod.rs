@@ -17,8 +17,8 @@ use super::extractor::{Extractor, LEARN_FROM};
 use super::keypoints::Sigma;
 use super::record::{Extraction, ImageRecord, Keypoint, Status};
 use camera::calibration::Px;
+use camera::source::TimedImage;
 use ground::error_chain::with_causes;
-use images::TimedImage;
 use scene::Scene;
 
 /// What drawing and reading a film again tells.

@@ -1,9 +1,12 @@
 //! What every source of images gives.
 
+mod error;
+
+pub use error::{FolderError, SourceError};
+
 use image::GrayImage;
 
-use super::error::SourceError;
-use camera::{CameraImage, decode};
+use crate::{CameraImage, decode};
 use ground::clock::MonotonicNs;
 
 /// An image and when it was exposed.
@@ -71,7 +74,10 @@ impl ImageSource for [TimedImage] {
 
 /// At most `most` images spread evenly over a sequence, whatever its length: every image until there are too many, then every
 /// second of those, and so on.
-pub(super) fn even_sample(
+///
+/// # Errors
+/// [`SourceError`].
+pub fn even_sample(
     source: &(impl ImageSource + ?Sized),
     most: usize,
 ) -> Result<Vec<TimedImage>, SourceError> {
