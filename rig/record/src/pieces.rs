@@ -9,7 +9,7 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use mcap::McapResult;
-use mcap::records::{Record, op};
+use mcap::records::{Channel, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::recording::CHUNK_BYTES;
@@ -177,9 +177,17 @@ fn whole(number: u8, record: &[u8]) -> Option<What> {
         Record::Header(_) => What::Header,
         // 2 bytes for the channel, 4 for the length, 16 for each message; one that has something else behind is none
         Record::MessageIndex(index) if body.len() != 6 + 16 * index.records.len() => return None,
+        // so does what a chunk's head is read as when a bit of its number is another
+        Record::Channel(channel) if body.len() != channel_bytes(&channel) => return None,
         record @ (Record::Channel(_) | Record::Message { .. }) => What::Records(vec![record.into_owned()]),
         _ => What::Records(Vec::new()),
     })
+}
+
+/// How long the body of such a record is.
+fn channel_bytes(channel: &Channel) -> usize {
+    let metadata: usize = channel.metadata.iter().map(|(key, value)| 8 + key.len() + value.len()).sum();
+    16 + channel.topic.len() + channel.message_encoding.len() + metadata
 }
 
 /// Whether `bytes` begin as a chunk: its lengths agree, and its compression is one that there is.

@@ -5,6 +5,7 @@
 //! is written anew beside its place, record by record, and then takes it. A repair that is killed leaves the recording as it was or cut
 //! off, and is done again.
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{BufWriter, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::FileExt;
@@ -47,8 +48,10 @@ struct Found {
     whole_until: u64,
     /// It begins as it should.
     has_header: bool,
-    has_messages: bool,
-    has_channels: bool,
+    /// Channels that were told.
+    channels: BTreeSet<u16>,
+    /// Some message's channel was not told before it.
+    lacks_channels: bool,
     is_closed: bool,
     /// What cannot be read now, and what an earlier repair has put aside.
     unreadable_bytes: u64,
@@ -80,9 +83,9 @@ pub fn repair(path: &Path, info: Option<&CameraInfo>) -> Result<Repaired, Record
 }
 
 impl Found {
-    /// It has a header, and channels where it has messages.
+    /// It has a header, and the channel of each message before it.
     fn begins_well(&self) -> bool {
-        self.has_header && (self.has_channels || !self.has_messages)
+        self.has_header && !self.lacks_channels
     }
 
     fn has_records(&self) -> bool {
@@ -114,8 +117,13 @@ fn walk(path: &Path) -> std::io::Result<Found> {
             }
             What::Records(records) => {
                 for record in &records {
-                    found.has_channels |= matches!(record, Record::Channel(_));
-                    found.has_messages |= matches!(record, Record::Message { .. });
+                    match record {
+                        Record::Channel(channel) => drop(found.channels.insert(channel.id)),
+                        Record::Message { header, .. } => {
+                            found.lacks_channels |= !found.channels.contains(&header.channel_id);
+                        }
+                        _ => {}
+                    }
                 }
                 Part::Kept
             }
@@ -165,7 +173,7 @@ fn write_anew(path: &Path, found: &Found, begins: &[u8]) -> std::io::Result<()> 
     // a header is shorter than 256 bytes
     let header_bytes = HEAD_BYTES as usize + usize::from(begins[mcap::MAGIC.len() + 1]);
     // channels that the file itself tells are not told twice
-    to.write_all(if found.has_channels { &begins[..mcap::MAGIC.len() + header_bytes] } else { begins })?;
+    to.write_all(if found.lacks_channels { begins } else { &begins[..mcap::MAGIC.len() + header_bytes] })?;
     for &(bytes, part) in &found.parts {
         let mut left = bytes;
         while left > 0 {

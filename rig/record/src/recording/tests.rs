@@ -157,7 +157,7 @@ fn killed_writer_leaves_a_readable_recording() {
     for trial in 0..4 {
         let path = dir.path().join(format!("{trial}.mcap"));
         let mut child = std::process::Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "--ignored", "record::recording::tests::writer_to_be_killed"])
+            .args(["--exact", "--ignored", "recording::tests::writer_to_be_killed"])
             .env(CHILD, &path)
             .stdout(std::process::Stdio::null())
             .spawn()
