@@ -163,7 +163,7 @@ fn what_is_fitted_at_some_joints_only_is_said_and_found_where_it_is_fitted() {
     let first = diagnose(&experiment, &mut ()).unwrap().diagnosis;
     println!("{} {:?}", first.sentence, first.remarks);
     assert_ne!(first.verdict, Verdict::NothingDetectable);
-    assert!(first.remarks.iter().any(|said| said.starts_with("not tried: `q1/frictionloss`")));
+    assert!(first.remarks.iter().any(|said| said.starts_with("not fitted: `q1/frictionloss`")));
     experiment.fit.parameters.push("q1/frictionloss".into());
     let second = diagnose(&experiment, &mut ()).unwrap().diagnosis;
     println!("{} {:?}", second.sentence, second.remarks);
