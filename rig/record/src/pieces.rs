@@ -1,7 +1,9 @@
 //! The records of a recording one after the other, whatever has become of the file.
 //!
-//! A record counts as a whole or not at all: a chunk passes its own checksum before any of its messages is believed. What cannot be
-//! read is one piece, up to the next chunk that is whole, or to the end of the data: no length in it is believed either.
+//! A record counts as a whole or not at all: a chunk passes its own checksum before any of its messages is believed, and messages,
+//! schemas and channels outside of chunks, where no checksum holds them, are none of a recording's. Other records have no checksum:
+//! one that reaches into a chunk that is whole is none. What cannot be read is one piece, up to the next chunk that is whole, or to the
+//! end of the data: no length in it is believed either.
 
 use std::fs::File;
 use std::io::Result;
@@ -9,7 +11,7 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use mcap::McapResult;
-use mcap::records::{Channel, Record, op};
+use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::recording::CHUNK_BYTES;
@@ -108,25 +110,31 @@ impl Pieces {
             op::DATA_END => (self.is_ended && head == DATA_END_HEAD).then_some(What::End),
             op::HEADER if at != mcap::MAGIC.len() as u64 => None,
             op::ATTACHMENT | op::METADATA => Some(What::Records(Vec::new())),
-            op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE | op::MESSAGE_INDEX | op::CHUNK => {
+            op::HEADER | op::MESSAGE_INDEX | op::CHUNK => {
                 let mut record = vec![0; bytes as usize];
                 self.file.read_exact_at(&mut record, at)?;
                 whole(number, &record)
             }
             _ => None,
         };
-        Ok(what.map(|what| Piece { at, bytes, what }))
+        let is_torn = what.is_some()
+            && ![op::CHUNK, op::DATA_END].contains(&number)
+            && self.next_whole(at + 1, at + bytes, &[op::CHUNK])? < at + bytes;
+        Ok(what.filter(|_| !is_torn).map(|what| Piece { at, bytes, what }))
     }
 
-    /// Where the next chunk that is whole begins, from `at` on, or the end of the data; the file's end where there is neither.
-    fn next_whole(&self, mut at: u64) -> Result<u64> {
-        let mut window = vec![0; WINDOW_BYTES];
-        while at < self.length {
-            let read = (self.length - at).min(WINDOW_BYTES as u64) as usize;
+    /// Where the next record begins, from `at` on, that is whole and a chunk or the end of the data, as `numbers` say; `until` where none
+    /// begins before it.
+    fn next_whole(&self, mut at: u64, until: u64, numbers: &[u8]) -> Result<u64> {
+        // a head that begins before `until` may end behind it
+        let reach = (until + CHUNK_HEAD_BYTES as u64).min(self.length);
+        let mut window = vec![0; WINDOW_BYTES.min(reach.saturating_sub(at) as usize)];
+        while at < until {
+            let read = (reach - at).min(WINDOW_BYTES as u64) as usize;
             self.file.read_exact_at(&mut window[..read], at)?;
             // where the file goes on, a head at the window's end is left to the next one
             let is_last = at + read as u64 == self.length;
-            let searched = if is_last { read } else { read - CHUNK_HEAD_BYTES };
+            let searched = if is_last { (until - at) as usize } else { read - CHUNK_HEAD_BYTES };
             for place in 0..searched {
                 let found = &window[place..read];
                 let may_be = match found[0] {
@@ -134,13 +142,13 @@ impl Pieces {
                     op::DATA_END => self.is_ended && found.starts_with(&DATA_END_HEAD),
                     _ => false,
                 };
-                if may_be && self.record(at + place as u64)?.is_some() {
+                if may_be && numbers.contains(&found[0]) && self.record(at + place as u64)?.is_some() {
                     return Ok(at + place as u64);
                 }
             }
             at += searched as u64;
         }
-        Ok(self.length)
+        Ok(until)
     }
 }
 
@@ -154,7 +162,11 @@ impl Iterator for Pieces {
         }
         let piece = self.record(at).and_then(|record| match record {
             Some(piece) => Ok(piece),
-            None => Ok(Piece { at, bytes: self.next_whole(at + 1)? - at, what: What::Unreadable }),
+            None => Ok(Piece {
+                at,
+                bytes: self.next_whole(at + 1, self.length, &[op::CHUNK, op::DATA_END])? - at,
+                what: What::Unreadable,
+            }),
         });
         match &piece {
             Ok(piece) => {
@@ -177,17 +189,8 @@ fn whole(number: u8, record: &[u8]) -> Option<What> {
         Record::Header(_) => What::Header,
         // 2 bytes for the channel, 4 for the length, 16 for each message; one that has something else behind is none
         Record::MessageIndex(index) if body.len() != 6 + 16 * index.records.len() => return None,
-        // so does what a chunk's head is read as when a bit of its number is another
-        Record::Channel(channel) if body.len() != channel_bytes(&channel) => return None,
-        record @ (Record::Channel(_) | Record::Message { .. }) => What::Records(vec![record.into_owned()]),
         _ => What::Records(Vec::new()),
     })
-}
-
-/// How long the body of such a record is.
-fn channel_bytes(channel: &Channel) -> usize {
-    let metadata: usize = channel.metadata.iter().map(|(key, value)| 8 + key.len() + value.len()).sum();
-    16 + channel.topic.len() + channel.message_encoding.len() + metadata
 }
 
 /// Whether `bytes` begin as a chunk: its lengths agree, and its compression is one that there is.
