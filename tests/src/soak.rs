@@ -15,7 +15,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use record::recording::{Recorder, RecorderOptions};
-use run::film::{Filmed, Notice, Setup, film};
+use run::film::{Filmed, Setup, film};
+use run::listener::Notice;
 use run::machine::Plan;
 use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
@@ -131,12 +132,13 @@ impl Soak {
         let resident_before_bytes = resident_bytes();
         let processor_before_s = processor_s(ClockId::ProcessCPUTime);
         let beside = Beside::start();
-        let filmed = runtime.block_on(film(setup, std::future::pending(), |notice| match notice {
-            Notice::Servo(ServoEvent::Started { board_tick_us }) => started_us = Some(board_tick_us),
-            Notice::Servo(ServoEvent::Finished { board_tick_us }) => finished_us = Some(board_tick_us),
+        let mut listener = |notice: &Notice| match notice {
+            Notice::Servo(ServoEvent::Started { board_tick_us }) => started_us = Some(*board_tick_us),
+            Notice::Servo(ServoEvent::Finished { board_tick_us }) => finished_us = Some(*board_tick_us),
             Notice::FallsBehind(_) => fell_behind += 1,
             _ => {}
-        }));
+        };
+        let filmed = runtime.block_on(film(setup, std::future::pending(), &mut listener));
         let Watched { resident_bytes, longest_pause_s, fit_s } = beside.stop();
         let took_us = started_us.zip(finished_us).map(|(started, finished): (u64, u64)| finished - started);
         let recorded = filmed.recorded;

@@ -17,6 +17,7 @@ pub mod stored;
 mod strip;
 pub mod timeline;
 
+use std::cell::Cell;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -32,8 +33,8 @@ use experiment::experiment;
 pub use experiment::prepared;
 use ground::error_chain::with_causes;
 use ground::shell;
+use images::TimedImage;
 use images::recording::RecordedImages;
-use images::{ImageSource as _, TimedImage};
 use live::Live;
 use record::RecordError;
 use record::files::read_json;
@@ -45,8 +46,7 @@ use record::stage::Stage;
 use record::sums::Sums;
 use record::timing::{self, Timing};
 use report::{DiagnosisFigures, ReportData};
-use timeline::{Chronicle, Timeline, late_s};
-use vision::extractor::LEARN_FROM;
+use timeline::{Timeline, late_s};
 use vision::{Extraction, ImageRecord, SequenceError, Status, Task};
 
 /// Told while the analysis goes on.
@@ -73,9 +73,7 @@ pub struct Analysis<'a> {
     pub paths_from: &'a Path,
     /// Where to begin.
     pub from: Stage,
-    /// What was heard while the run was filmed; else the recording says it.
-    pub chronicle: Option<Chronicle>,
-    /// The extraction that went on beside the filming.
+    /// What went on beside the filming; a run that was filmed before has none, and its recording says it.
     pub live: Option<Live>,
 }
 
@@ -94,7 +92,7 @@ impl Analysis<'_> {
     /// [`AnalysisError`]; the files of the stages before it are there, and a report of what the images gave.
     pub fn carry_out(mut self, progress: &mut dyn Progress) -> Result<ReportData, AnalysisError> {
         let mut timing = Timing { workers: rayon::current_num_threads(), ..Timing::default() };
-        let (timeline, extraction, early) = self.seen(&mut timing, progress)?;
+        let (timeline, extraction, early) = self.observed(&mut timing, progress)?;
         let answer = self.answer(&timeline, early, &mut timing, progress);
         progress.begin("report", None);
         let data = self.report(&timeline, extraction.as_ref(), answer.as_ref());
@@ -110,7 +108,7 @@ impl Analysis<'_> {
     /// [`AnalysisError`].
     pub fn keypoints(mut self, progress: &mut dyn Progress) -> Result<(), AnalysisError> {
         let mut timing = Timing { workers: rayon::current_num_threads(), ..Timing::default() };
-        self.seen(&mut timing, progress)?;
+        self.observed(&mut timing, progress)?;
         self.out.write_json(file::TIMING, &timing)?;
         Ok(self.add_sums()?)
     }
@@ -121,12 +119,13 @@ impl Analysis<'_> {
     }
 
     /// What recording and images say; no extraction where it is taken as it stands.
-    fn seen(
+    fn observed(
         &mut self,
         timing: &mut Timing,
         progress: &mut dyn Progress,
     ) -> Result<(Timeline, Option<Extraction>, Option<EarlyFit>), AnalysisError> {
-        let chronicle = self.chronicle.take();
+        let mut live = self.live.take();
+        let chronicle = live.as_mut().and_then(|live| live.chronicle.take());
         let timeline = timing.measure("recording", || match chronicle {
             Some(chronicle) => chronicle.timeline(self.config),
             None => Timeline::read(self.run, self.config),
@@ -134,7 +133,6 @@ impl Analysis<'_> {
         if let Some(command) = &timeline.command {
             self.out.write(file::SERVO, table::servo_text(command, &timeline.measured).as_bytes())?;
         }
-        let live = self.live.take();
         if self.from == Stage::Trajectory {
             self.take_over(&[file::FRAMES, file::EXTRACTION, file::TRAJECTORY])?;
             return Ok((timeline, None, None));
@@ -252,11 +250,11 @@ impl Analysis<'_> {
             Stage::Mask | Stage::Keypoints => Some(stored::read(self.run, timeline.usable().count())?),
             _ => None,
         };
-        let mut done = 0;
+        let done = Cell::new(0);
         let showing = progress.showing();
-        let mut found = |images: &[TimedImage], records: &[ImageRecord]| {
-            done += images.len() as u64;
-            progress.step(done);
+        let found = |images: &[TimedImage], records: &[ImageRecord]| {
+            done.set(done.get() + images.len() as u64);
+            progress.step(done.get());
             showing.found(images, records);
             Ok::<(), AnalysisError>(())
         };
@@ -264,7 +262,7 @@ impl Analysis<'_> {
         let mut task = Task::new(config, Some(&model), plane, folder).map_err(SequenceError::from)?;
         let names = task.outline.keypoints();
         showing.keypoints(&names, task.plane.view());
-        let (mut lines, mut has_lines, mut early) = (Vec::new(), 0, None);
+        let mut early = None;
         let extraction = if let (Stage::Keypoints, Some(stored)) = (self.from, &stored) {
             let records = stored.iter().map(|record| record.record(&task.plane)).collect();
             Extraction::named(records, names, task.plane.clone())
@@ -279,25 +277,16 @@ impl Analysis<'_> {
                     task.masks = stored.map(|stored| stored.into_iter().map(|record| record.mask).collect());
                 }
             }
+            let recorded = self.images(timeline);
             let times_s: Vec<f64> = timeline.usable().map(|image| image.row.time_s).collect();
-            match live.and_then(|live| live.finish(&times_s, self.run.origin())) {
-                Some(begun) => {
-                    (lines, has_lines, early) = (begun.lines, begun.records.len(), begun.early);
-                    let mut extractor = begun.extractor;
-                    let left = begun.left.iter().map(|image| Ok(TimedImage::of(image, self.run.origin())));
-                    let mut records = task.go_on(&mut extractor, left, begun.records, found)?;
-                    let settled = extractor.settle(&mut records);
-                    if settled || task.self_check {
-                        (lines, has_lines, early) = (Vec::new(), 0, None);
-                    }
-                    let mut extraction = Extraction::named(records, names, task.plane.clone());
-                    if task.self_check {
-                        let sample = self.images(timeline).sample(LEARN_FROM).map_err(SequenceError::from)?;
-                        task.check(&extractor, &mut extraction, &sample);
-                    }
+            match live.and_then(|live| live.finish(&times_s)) {
+                Some(head) => {
+                    done.set(head.begun.records().len() as u64);
+                    let extraction = task.finish(head.begun, &head.left.of(&recorded), found)?;
+                    early = head.early.filter(|_| !extraction.is_revised);
                     extraction
                 }
-                None => task.extract(&self.images(timeline), &mut found)?,
+                None => task.extract(&recorded, found)?,
             }
         };
         if let Some(Err(why)) = &extraction.checked {
@@ -305,7 +294,7 @@ impl Analysis<'_> {
                 "[vision] self_check: the film {why}; keypoints keep the sigmas that they have without it"
             );
         }
-        stored::write(self.out, lines, &extraction.records[has_lines..])?;
+        stored::write(self.out, &extraction.records)?;
         let mut rows: Vec<FrameRow> = timeline.images.iter().map(|image| image.row.clone()).collect();
         let used = rows.iter_mut().filter(|row| row.status == timeline::USABLE);
         for (row, record) in used.zip(&extraction.records) {

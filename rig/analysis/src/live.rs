@@ -1,9 +1,8 @@
 //! Keypoints while the run is still filmed: a quiet thread takes the images as they come, so that little is left to do after
 //! the last one. It gives what the recording would give, to the bit; and a first fit of what there is so far.
 
-use std::ops::Range;
+use std::convert::Infallible;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 
@@ -12,102 +11,118 @@ use sim::Trajectory;
 
 use super::early::EarlyFit;
 use super::experiment::{experiment, model};
-use super::stored;
 use super::timeline::Chronicle;
 use crate::showing::Showing;
-use camera::CameraImage;
 use camera::calibration::Plane;
 use config::RigConfig;
-use ground::clock::MonotonicNs;
 use ground::urgency::Urgency;
-use images::live::{Feed, LiveImages, live};
+use images::live::{Feed, LeftImages, LiveImages, live};
 use record::folder::RunFolder;
-use vision::extractor::{Extractor, LEARN_FROM};
+use run::listener::{Listener, Notice};
+use vision::Task;
+use vision::extractor::LEARN_FROM;
 use vision::record::trajectory;
-use vision::sequence::drive;
-use vision::{ImageRecord, Task};
+use vision::sequence::Begun;
 
 /// Images looked at together.
 const IMAGES_AT_ONCE: usize = 4;
 
-/// An extraction under way beside the filming.
+/// What goes on beside the filming of a run.
 #[derive(Debug)]
 pub struct Live {
+    config: RigConfig,
+    paths_from: PathBuf,
+    threads: usize,
+    fits: bool,
+    showing: Showing,
+    /// What was heard since the run began.
+    pub(super) chronicle: Option<Chronicle>,
+    /// The extraction; none with a calibration that cannot be used, which the analysis will say.
+    extraction: Option<LiveExtraction>,
+}
+
+/// An extraction under way in a thread of its own.
+#[derive(Debug)]
+struct LiveExtraction {
     images: Feed,
     fit: Sender<Chronicle>,
-    thread: JoinHandle<Option<Begun>>,
+    thread: JoinHandle<Option<Head>>,
 }
 
 /// As far as it got.
 #[derive(Debug)]
-pub(super) struct Begun {
-    /// Knows the empty tank.
-    pub(super) extractor: Extractor,
-    /// One for each usable image that was looked at.
-    pub(super) records: Vec<ImageRecord>,
-    /// Their lines in `extraction.jsonl`.
-    pub(super) lines: Vec<u8>,
+pub(super) struct Head {
+    /// The extraction of the usable images that were looked at.
+    pub(super) begun: Begun,
     /// The usable images after them.
-    pub(super) left: Vec<Arc<CameraImage>>,
+    pub(super) left: LeftImages,
     /// A fit of some of them.
     pub(super) early: Option<EarlyFit>,
 }
 
 impl Live {
-    /// Begins for `run`, which is filmed; none with a calibration that cannot be used, which the analysis will say. Of so many `threads`
-    /// one is left to servo, camera and the kernel that carries their bytes: images that are late are looked at by all of them afterwards.
-    /// `paths_from`: the folder that paths in `config` start from; what is found is shown by `showing`.
-    pub fn start(
-        run: &RunFolder,
-        config: &RigConfig,
-        paths_from: &Path,
-        threads: usize,
-        showing: Showing,
-    ) -> Option<Self> {
-        let (feed, images) = live(run.origin());
+    /// Beside a run of `config`, whose relative paths start at `paths_from`. Of so many `threads` one is left to servo, camera and the
+    /// kernel that carries their bytes: images that are late are looked at by all of them afterwards. `fits`: a first fit is wanted too.
+    /// What is found is shown by `showing`.
+    pub fn new(config: &RigConfig, paths_from: &Path, threads: usize, fits: bool, showing: Showing) -> Self {
+        let (config, paths_from) = (config.clone(), paths_from.into());
+        Self { config, paths_from, threads, fits, showing, chronicle: None, extraction: None }
+    }
+
+    fn start(&self, run: &RunFolder) -> Option<LiveExtraction> {
+        let (images, filmed) = live(run.origin());
         let (fit, fits) = channel();
         let follower = Follower {
             run: run.clone(),
-            config: config.clone(),
-            plane: config.calibration.plane(paths_from).ok()?,
-            folder: paths_from.into(),
+            config: self.config.clone(),
+            plane: self.config.calibration.plane(&self.paths_from).ok()?,
+            folder: self.paths_from.clone(),
             fits,
-            showing,
+            showing: self.showing.clone(),
         };
+        let threads = self.threads.saturating_sub(1).max(1);
         let thread = std::thread::spawn(move || {
             // the pool's threads inherit it
             Urgency::Computing.take();
-            let threads = threads.saturating_sub(1).max(1);
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().ok()?;
-            pool.install(|| follower.follow(images))
+            pool.install(|| follower.follow(filmed))
         });
-        Some(Self { images: feed, fit, thread })
+        Some(LiveExtraction { images, fit, thread })
     }
 
-    /// The next image received.
-    pub fn image(&mut self, image: &Arc<CameraImage>) {
-        self.images.image(image);
+    /// What came of the extraction, if it took in all of the usable images, whose times \[s\] are `times_s`.
+    pub(super) fn finish(self, times_s: &[f64]) -> Option<Head> {
+        let LiveExtraction { images, thread, .. } = self.extraction?;
+        let whole = images.is_whole();
+        drop(images);
+        let head = thread.join().ok().flatten().filter(|_| whole)?;
+        let looked_at = head.begun.records().iter().map(|record| record.time_s);
+        looked_at.chain(head.left.times_s()).eq(times_s.iter().copied()).then_some(head)
+    }
+}
+
+impl Listener for Live {
+    fn begins(&mut self, run: &RunFolder) {
+        self.chronicle = Some(Chronicle::new(run.origin()));
+        self.extraction = self.start(run);
     }
 
-    /// The empty tank is to be learned from these of the images received.
-    pub fn learn(&mut self, from: Range<u64>) {
-        self.images.learn(from);
-    }
-
-    /// Enough of the run has been seen for a first fit, with what the `chronicle` says of it so far.
-    pub fn fit(&mut self, chronicle: Chronicle) {
-        // A follower that has ended has nothing to give, which shows at the end.
-        let _ = self.fit.send(chronicle);
-    }
-
-    /// What came of it, if it took in all of the usable images, whose times \[s\] are `times_s`; `origin` is the run's.
-    pub(super) fn finish(self, times_s: &[f64], origin: MonotonicNs) -> Option<Begun> {
-        let whole = self.images.is_whole();
-        drop(self.images);
-        let begun = self.thread.join().ok().flatten().filter(|_| whole)?;
-        let looked_at = begun.records.iter().map(|record| record.time_s);
-        let left = begun.left.iter().map(|image| image.mid_exposure.seconds_since(origin));
-        looked_at.chain(left).eq(times_s.iter().copied()).then_some(begun)
+    fn hear(&mut self, notice: &Notice) {
+        let Some(chronicle) = &mut self.chronicle else { return };
+        match notice {
+            Notice::Image(image) => chronicle.image(image),
+            Notice::Servo(event) => chronicle.servo(event),
+            Notice::Command(command) => chronicle.command(command),
+            _ => {}
+        }
+        let Some(extraction) = &mut self.extraction else { return };
+        match notice {
+            Notice::Image(image) => extraction.images.image(image),
+            Notice::Learn(from) => extraction.images.learn(from.clone()),
+            // a thread that has ended has nothing to give, which shows at the end
+            Notice::Fit if self.fits => drop(extraction.fit.send(chronicle.clone())),
+            _ => {}
+        }
     }
 }
 
@@ -122,39 +137,37 @@ struct Follower {
 }
 
 impl Follower {
-    /// None where the empty tank was not learned or a record cannot be kept: the analysis will try again and say why.
-    fn follow(self, mut images: LiveImages) -> Option<Begun> {
+    /// None where the empty tank was not learned: the analysis will try again and say why.
+    fn follow(self, mut images: LiveImages) -> Option<Head> {
         let sample = images.sample(LEARN_FROM)?;
         let model = model(&self.run).ok()?;
         let mut task = Task::new(&self.config.vision, Some(&model), self.plane.clone(), &self.folder).ok()?;
         let names = task.outline.keypoints();
-        let mut extractor = task.learn(&sample).ok()?;
+        let mut begun = task.learn(&sample).ok()?;
         drop(sample);
-        let (mut records, mut lines, mut early) = (Vec::new(), Vec::new(), None);
+        let mut early = None;
         let waiting = images.waiting();
         self.showing.keypoints(&names, self.plane.view());
-        drive(&mut extractor, images.by_ref().map(Ok), IMAGES_AT_ONCE, |images, mut found| {
-            self.showing.found(images, &found);
-            lines.append(&mut stored::lines(&found)?);
-            records.append(&mut found);
+        loop {
+            let mut timed = images.by_ref().map(Ok::<_, Infallible>);
+            let Ok(Some((looked_at, found))) = begun.take(&mut timed, IMAGES_AT_ONCE) else { break };
+            self.showing.found(&looked_at, found);
             if waiting.count() < IMAGES_AT_ONCE
                 && let Ok(chronicle) = self.fits.try_recv()
             {
-                early = self.begin_fit(trajectory(&records, &names, self.plane.view()), chronicle);
+                early = self.begin_fit(trajectory(begun.records(), &names, self.plane.view()), chronicle);
             }
-            Ok::<(), serde_json::Error>(())
-        })
-        .ok()?;
-        Some(Begun { extractor, records, lines, left: images.left(), early })
+        }
+        Some(Head { begun, left: images.left(), early })
     }
 
-    /// Fits what has been seen so far; none where that cannot be done, or where the fit of the whole begins elsewhere.
-    fn begin_fit(&self, seen: Trajectory, chronicle: Chronicle) -> Option<EarlyFit> {
+    /// Fits what has been observed so far; none where that cannot be done, or where the fit of the whole begins elsewhere.
+    fn begin_fit(&self, observed: Trajectory, chronicle: Chronicle) -> Option<EarlyFit> {
         if self.config.fit.method != Method::Hybrid {
             return None;
         }
         let timeline = chronicle.timeline(&self.config).ok()?;
-        let experiment = experiment(&self.run, &self.config, &timeline, seen).ok()?;
+        let experiment = experiment(&self.run, &self.config, &timeline, observed).ok()?;
         Some(EarlyFit::begin(experiment, self.showing.clone()))
     }
 }

@@ -8,25 +8,16 @@ use record::folder::{RunFolder, file};
 use record::outputs::OutputFolder;
 use vision::record::{ImageRecord, StoredRecord};
 
-/// The lines of some records.
-pub(super) fn lines(records: &[ImageRecord]) -> Result<Vec<u8>, serde_json::Error> {
+/// Writes `records` into `folder`.
+pub(super) fn write(folder: &OutputFolder, records: &[ImageRecord]) -> Result<(), RecordError> {
+    let file = folder.file(file::EXTRACTION);
     let mut lines = Vec::new();
     for record in records {
-        serde_json::to_writer(&mut lines, &StoredRecord::from(record))?;
+        serde_json::to_writer(&mut lines, &StoredRecord::from(record))
+            .map_err(|error| RecordError::damaged(file.path(), error))?;
         lines.push(b'\n');
     }
-    Ok(lines)
-}
-
-/// Writes into `folder` the lines that are `begun`, and those of the records `left`.
-pub(super) fn write(
-    folder: &OutputFolder,
-    mut begun: Vec<u8>,
-    left: &[ImageRecord],
-) -> Result<(), RecordError> {
-    let file = folder.file(file::EXTRACTION);
-    begun.append(&mut lines(left).map_err(|error| RecordError::damaged(file.path(), error))?);
-    file.write(&begun)
+    file.write(&lines)
 }
 
 /// Reads the records of `run`, which must be `count`: one for each usable image.

@@ -5,16 +5,18 @@ use std::path::Path;
 use anyhow::anyhow;
 
 use super::announce::count_down;
-use super::live::Beside;
 use super::{Failure, InRun, Interrupt, Watcher, on_threads, read_model, recover};
 use crate::doctor::{self, Health};
+use analysis::live::Live;
 use analysis::{Analysis, AnalysisError, prepared};
 use camera::CameraKind;
 use config::RigConfig;
 use ground::claim::Claim;
+use record::folder::RunFolder;
 use record::outputs::OutputFolder;
 use record::stage::Stage;
 use report::ReportData;
+use run::listener::{Listener, Listeners, Notice};
 use run::machine::Ending;
 use run::{Conducted, Job, open};
 use servo::PulseProfile;
@@ -118,11 +120,14 @@ impl Experiment<'_> {
         if self.announced {
             count_down(self.config, self.runs_dir, interrupt, watcher).await?;
         }
-        let mut beside = Beside::new(self.config, self.base, self.extent, self.threads, watcher.showing());
-        let conducted = job
-            .conduct(interrupt.raised(), |folder, notice| beside.hear(folder, notice, watcher))
-            .await
-            .map_err(Failure::of_run)?;
+        let mut showing = watcher.showing().of_run(self.config);
+        let fits = self.extent == Extent::Report;
+        let mut live = (self.extent != Extent::Film)
+            .then(|| Live::new(self.config, self.base, self.threads, fits, watcher.showing()));
+        let mut announcer = Announcer { watcher, run: String::new(), phase: "" };
+        let mut listeners = Listeners(vec![&mut announcer, &mut showing]);
+        listeners.0.extend(live.as_mut().map(|live| live as &mut dyn Listener));
+        let conducted = job.conduct(interrupt.raised(), &mut listeners).await.map_err(Failure::of_run)?;
         let folder = &conducted.folder;
         let here = InRun(folder.path().into());
         match &conducted.filmed.ending {
@@ -144,18 +149,46 @@ impl Experiment<'_> {
             config: self.config,
             paths_from: self.base,
             from: Stage::Frames,
-            chronicle: beside.chronicle,
-            live: beside.live,
+            live,
         };
         if self.extent == Extent::Keypoints {
-            let seen = || on_threads(self.threads, || Ok(analysis.keypoints(watcher)));
-            let seen = tokio::task::block_in_place(seen)?;
+            let extract = || on_threads(self.threads, || Ok(analysis.keypoints(watcher)));
+            let extracted = tokio::task::block_in_place(extract)?;
             watcher.clear();
-            seen.map_err(|error| analysis_failed(error, here))?;
+            extracted.map_err(|error| analysis_failed(error, here))?;
             return Ok(Done { conducted, data: None });
         }
         let data = analysed(analysis, self.threads, interrupt, watcher)?;
         Ok(Done { conducted, data: Some(data) })
+    }
+}
+
+/// Tells whoever looks on how the filming goes.
+struct Announcer<'a> {
+    watcher: &'a mut dyn Watcher,
+    run: String,
+    phase: &'static str,
+}
+
+impl Listener for Announcer<'_> {
+    fn begins(&mut self, run: &RunFolder) {
+        self.run = run.start().id.to_string();
+    }
+
+    fn hear(&mut self, notice: &Notice) {
+        match notice {
+            Notice::Phase(phase, images) => {
+                if *phase != self.phase {
+                    self.watcher.note(&format!("{}  {phase}", self.run));
+                    self.phase = phase;
+                }
+                self.watcher.say(format!("{phase}: {images} images"));
+            }
+            Notice::LetGo => self.watcher.tell("The water is still: let go of the mechanism now."),
+            Notice::FallsBehind(behind) => tracing::warn!("{behind}"),
+            Notice::Journal(text) => tracing::info!("{text}"),
+            _ => {}
+        }
     }
 }
 

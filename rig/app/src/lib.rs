@@ -23,7 +23,6 @@ pub mod hand_in;
 mod interrupt;
 pub mod last_good;
 pub mod latency;
-mod live;
 pub mod look;
 pub mod recover;
 mod results;

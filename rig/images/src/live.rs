@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 
-use super::recording::even;
-use camera::source::TimedImage;
+use super::recording::{RecordedImages, even};
+use camera::source::{ImageSource, Images, SourceError, TimedImage};
 use camera::{CameraImage, Rising};
 use ground::clock::MonotonicNs;
 
@@ -15,7 +15,7 @@ use ground::clock::MonotonicNs;
 const MOST_WAITING: usize = 1 << 30;
 
 #[derive(Debug)]
-enum Told {
+enum Message {
     Image(Arc<CameraImage>),
     Learn(Range<u64>),
 }
@@ -24,7 +24,7 @@ enum Told {
 #[derive(Debug)]
 pub struct Feed {
     /// None once more images waited than may.
-    told: Option<Sender<Told>>,
+    sender: Option<Sender<Message>>,
     waiting: Waiting,
 }
 
@@ -43,14 +43,14 @@ impl Feed {
     /// The next image received.
     pub fn image(&mut self, image: &Arc<CameraImage>) {
         if self.waiting.0.fetch_add(1, Ordering::Relaxed).saturating_mul(image.data.len()) > MOST_WAITING {
-            self.told = None;
+            self.sender = None;
         }
-        self.tell(Told::Image(Arc::clone(image)));
+        self.send(Message::Image(Arc::clone(image)));
     }
 
     /// The empty tank is to be learned from these of the images received.
     pub fn learn(&mut self, from: Range<u64>) {
-        self.tell(Told::Learn(from));
+        self.send(Message::Learn(from));
     }
 
     /// How many images wait.
@@ -60,13 +60,13 @@ impl Feed {
 
     /// Whether all images found room.
     pub fn is_whole(&self) -> bool {
-        self.told.is_some()
+        self.sender.is_some()
     }
 
-    fn tell(&mut self, told: Told) {
+    fn send(&mut self, message: Message) {
         // Whoever does not listen any more has nothing to give, which shows at the end.
-        if let Some(sender) = &self.told {
-            let _ = sender.send(told);
+        if let Some(sender) = &self.sender {
+            let _ = sender.send(message);
         }
     }
 }
@@ -75,7 +75,7 @@ impl Feed {
 /// does, be there images that still wait.
 #[derive(Debug)]
 pub struct LiveImages {
-    heard: Receiver<Told>,
+    receiver: Receiver<Message>,
     waiting: Waiting,
     origin: MonotonicNs,
     rising: Rising,
@@ -88,10 +88,10 @@ pub struct LiveImages {
 
 /// A queue of images whose times count from `origin`.
 pub fn live(origin: MonotonicNs) -> (Feed, LiveImages) {
-    let (told, heard) = channel();
+    let (sender, receiver) = channel();
     let waiting = Waiting::default();
     let images = LiveImages {
-        heard,
+        receiver,
         waiting: waiting.clone(),
         origin,
         rising: Rising::default(),
@@ -99,7 +99,7 @@ pub fn live(origin: MonotonicNs) -> (Feed, LiveImages) {
         held: VecDeque::new(),
         learn_from: None,
     };
-    (Feed { told: Some(told), waiting }, images)
+    (Feed { sender: Some(sender), waiting }, images)
 }
 
 impl LiveImages {
@@ -112,22 +112,22 @@ impl LiveImages {
     /// the recording will; none where the sequence ends before. All images are still to come.
     pub fn sample(&mut self, most: usize) -> Option<Vec<TimedImage>> {
         while self.learn_from.is_none() {
-            let told = self.heard.recv().ok()?;
-            self.take(told);
+            let message = self.receiver.recv().ok()?;
+            self.take(message);
         }
         let places: Vec<u64> = self.held.iter().map(|(place, _)| *place).collect();
         let numbers = even(&places, most, self.learn_from.as_ref());
         Some(numbers.map(|number| TimedImage::of(&self.held[number].1, self.origin)).collect())
     }
 
-    /// What still waits.
-    pub fn left(self) -> Vec<Arc<CameraImage>> {
-        self.held.into_iter().map(|(_, image)| image).collect()
+    /// What still waits, once the sequence has ended.
+    pub fn left(self) -> LeftImages {
+        LeftImages { images: self.held.into_iter().map(|(_, image)| image).collect(), origin: self.origin }
     }
 
-    fn take(&mut self, told: Told) {
-        match told {
-            Told::Image(image) => {
+    fn take(&mut self, message: Message) {
+        match message {
+            Message::Image(image) => {
                 if self.rising.takes(image.mid_exposure) {
                     self.held.push_back((self.received, image));
                 } else {
@@ -135,8 +135,48 @@ impl LiveImages {
                 }
                 self.received += 1;
             }
-            Told::Learn(from) => self.learn_from = Some(from),
+            Message::Learn(from) => self.learn_from = Some(from),
         }
+    }
+}
+
+/// Usable images that nobody had looked at when the filming ended.
+#[derive(Debug)]
+pub struct LeftImages {
+    images: Vec<Arc<CameraImage>>,
+    origin: MonotonicNs,
+}
+
+impl LeftImages {
+    /// When they were exposed \[s\].
+    pub fn times_s(&self) -> impl Iterator<Item = f64> {
+        self.images.iter().map(|image| image.mid_exposure.seconds_since(self.origin))
+    }
+
+    /// They as the rest of the film that `recorded` holds whole.
+    pub fn of<'a>(&'a self, recorded: &'a RecordedImages) -> RestOfFilm<'a> {
+        RestOfFilm { left: self, recorded }
+    }
+}
+
+/// A film whose first images have been looked at: the others, and a sample of all.
+#[derive(Debug)]
+pub struct RestOfFilm<'a> {
+    left: &'a LeftImages,
+    recorded: &'a RecordedImages,
+}
+
+impl ImageSource for RestOfFilm<'_> {
+    fn images(&self) -> Result<Images<'_>, SourceError> {
+        Ok(Box::new(self.left.images.iter().map(|image| Ok(TimedImage::of(image, self.left.origin)))))
+    }
+
+    fn len_hint(&self) -> Option<usize> {
+        Some(self.left.images.len())
+    }
+
+    fn sample(&self, most: usize) -> Result<Vec<TimedImage>, SourceError> {
+        self.recorded.sample(most)
     }
 }
 
@@ -145,12 +185,12 @@ impl Iterator for LiveImages {
 
     fn next(&mut self) -> Option<TimedImage> {
         loop {
-            let told = match self.held.is_empty() {
-                true => self.heard.recv().map_err(TryRecvError::from),
-                false => self.heard.try_recv(),
+            let message = match self.held.is_empty() {
+                true => self.receiver.recv().map_err(TryRecvError::from),
+                false => self.receiver.try_recv(),
             };
-            match told {
-                Ok(told) => self.take(told),
+            match message {
+                Ok(message) => self.take(message),
                 Err(TryRecvError::Empty) => {
                     let (_, image) = self.held.pop_front()?;
                     self.waiting.0.fetch_sub(1, Ordering::Relaxed);

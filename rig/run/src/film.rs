@@ -10,11 +10,12 @@ use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
 use super::devices::{CameraThread, Seen, ServoThread, Signal};
+use super::listener::{Listener, Notice};
 use super::machine::{Action, Ending, Event, Machine, Plan};
 use camera::{Camera, CameraError, CameraImage, Rising, images_lost};
 use ground::clock::MonotonicNs;
 use ground::error_chain::with_causes;
-use record::recording::{Behind, Recorded, Recorder};
+use record::recording::{Recorded, Recorder};
 use record::{RecordError, ServoCommand};
 use servo::PulseProfile;
 use servo::{ServoBoard, ServoError, ServoEvent, StopOutcome};
@@ -45,31 +46,6 @@ const LEARN_S: f64 = 2.0;
 /// What this share of the motion shows is worth a first fit, and what is left is time for it.
 const FIT_SHARE: f64 = 0.75;
 
-/// Told as it happens; for journal, progress and the extraction beside the filming.
-#[derive(Debug, Clone)]
-pub enum Notice {
-    /// An image came, and is recorded.
-    Image(Arc<CameraImage>),
-    /// So is this event of the board.
-    Servo(ServoEvent),
-    /// And this that the board was told.
-    Command(ServoCommand),
-    /// These of the images received show enough of the motion to learn the empty tank from.
-    Learn(Range<u64>),
-    /// Enough of the motion has been filmed for a first fit.
-    Fit,
-    /// The phase changed, or time passed in it: phase and images so far.
-    Phase(&'static str, u64),
-    /// What was received so far, and how far the disk is behind; as often.
-    Counted(ImageCount, Behind),
-    /// Something for the journal.
-    Journal(String),
-    /// The disk does not keep up; images will be lost if that goes on.
-    FallsBehind(Behind),
-    /// Whoever stands at the tank should let go now.
-    LetGo,
-}
-
 /// What came out of filming.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filmed {
@@ -89,7 +65,7 @@ pub struct Filmed {
 
 /// Films until the machine stops, `interrupt` resolves, or a device fails. Whatever happens, the servo is stopped
 /// before anything else is closed.
-pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: impl FnMut(Notice)) -> Filmed {
+pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, listener: &mut impl Listener) -> Filmed {
     let (signals, mut signalled) = mpsc::unbounded_channel();
     let (seen, mut to_see) = mpsc::channel(QUEUE_IMAGES);
     let profile = setup.drive.as_ref().map(|(_, profile)| profile.clone());
@@ -98,7 +74,7 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
         servo.approach(profile, setup.plan.approach_s);
     }
     let camera = CameraThread::start(setup.camera, setup.stall, seen, signals);
-    let mut kept = Kept { recorder: setup.recorder, images: Images::default(), notify };
+    let mut kept = Kept { recorder: setup.recorder, images: Images::default(), listener };
 
     let mut milestones = Milestones::new(setup.plan.motion_s());
     let mut machine = Machine::new(setup.plan, MonotonicNs::now());
@@ -126,27 +102,27 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
         };
         let now = MonotonicNs::now();
         if event == Event::Tick {
-            (kept.notify)(Notice::Phase(machine.phase(), kept.images.count.received));
-            (kept.notify)(Notice::Counted(kept.images.count.clone(), kept.recorder.behind()));
+            kept.listener.hear(&Notice::Phase(machine.phase(), kept.images.count.received));
+            kept.listener.hear(&Notice::Counted(kept.images.count.clone(), kept.recorder.behind()));
             if let Some(behind) = kept.recorder.falls_behind() {
-                (kept.notify)(Notice::FallsBehind(behind));
+                kept.listener.hear(&Notice::FallsBehind(behind));
             }
             if let Some(moves_s) = machine.moves_for_s(now) {
-                milestones.pass(moves_s, kept.images.count.received, &mut kept.notify);
+                milestones.pass(moves_s, kept.images.count.received, kept.listener);
             }
         }
         match machine.on(event, now) {
             None => {}
             Some(Action::Arm(start)) => {
                 if let (Some(servo), Some(profile)) = (&servo, &profile) {
-                    (kept.notify)(Notice::Journal("arming".into()));
+                    kept.listener.hear(&Notice::Journal("arming".into()));
                     servo.arm(profile.clone(), start);
                     let told = kept.command(ServoCommand::Arm { start, profile: profile.clone() });
                     next = told.err().map(|error| Event::Fault(with_causes(&error)));
                 }
             }
-            Some(Action::AskForRelease) => (kept.notify)(Notice::LetGo),
-            Some(Action::Journal(text)) => (kept.notify)(Notice::Journal(text.into())),
+            Some(Action::AskForRelease) => kept.listener.hear(&Notice::LetGo),
+            Some(Action::Journal(text)) => kept.listener.hear(&Notice::Journal(text.into())),
             Some(Action::Stop(ending)) => break ending,
         }
     };
@@ -158,7 +134,7 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
         (Some(servo), Ending::Abort(_) | Ending::Fail(_)) => servo.stop(),
     });
     let stop_s = MonotonicNs::now().seconds_since(decided);
-    (kept.notify)(Notice::Journal("servo-stopped".into()));
+    kept.listener.hear(&Notice::Journal("servo-stopped".into()));
     tokio::task::block_in_place(|| drop(camera));
     // What was told and seen before still belongs into the recording; faults on the way down change nothing.
     while let Ok(signal) = signalled.try_recv() {
@@ -168,7 +144,7 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, notify: imp
         let _ = kept.take_seen(seen);
     }
     let _ = kept.command(ServoCommand::Stop { outcome });
-    (kept.notify)(Notice::Counted(kept.images.count.clone(), kept.recorder.behind()));
+    kept.listener.hear(&Notice::Counted(kept.images.count.clone(), kept.recorder.behind()));
     let images = kept.images.count.clone();
     let (ending, recorded) = kept.finish(ending);
     Filmed { ending, servo: outcome, stop_s, recorded, images, learn_from: milestones.learn_from }
@@ -197,33 +173,33 @@ impl Milestones {
     }
 
     /// The mechanism has moved for `moves_s` \[s\], and so many images are `received`.
-    fn pass(&mut self, moves_s: f64, received: u64, notify: &mut impl FnMut(Notice)) {
+    fn pass(&mut self, moves_s: f64, received: u64, listener: &mut impl Listener) {
         let from = *self.first_moving.get_or_insert(received)..received;
         if self.learn_from.is_none() && moves_s >= self.learn_s && !from.is_empty() {
-            notify(Notice::Learn(from.clone()));
+            listener.hear(&Notice::Learn(from.clone()));
             self.learn_from = Some(from);
         }
         if !self.fits && moves_s >= self.fit_s {
-            notify(Notice::Fit);
+            listener.hear(&Notice::Fit);
             self.fits = true;
         }
     }
 }
 
 /// Where everything goes that is told and seen: into the recording, and to who listens.
-struct Kept<N> {
+struct Kept<'a, L> {
     recorder: Recorder,
     images: Images,
-    notify: N,
+    listener: &'a mut L,
 }
 
-impl<N: FnMut(Notice)> Kept<N> {
+impl<L: Listener> Kept<'_, L> {
     /// Records what the camera shows and says what it means to the machine.
     fn take_seen(&mut self, seen: Seen) -> Result<Event, RecordError> {
         Ok(match seen {
             Seen::Image(image) => {
                 self.recorder.image(Arc::clone(&image))?;
-                (self.notify)(Notice::Image(Arc::clone(&image)));
+                self.listener.hear(&Notice::Image(Arc::clone(&image)));
                 Event::Image { identical: self.images.take(image) }
             }
             Seen::Changed(share) => Event::Changed(share),
@@ -240,12 +216,12 @@ impl<N: FnMut(Notice)> Kept<N> {
             Signal::Panicked(thread) => Event::Fault(format!("our fault: the {thread} thread panicked")),
             Signal::Servo(event) => {
                 self.recorder.servo(&event)?;
-                (self.notify)(Notice::Servo(event.clone()));
+                self.listener.hear(&Notice::Servo(event.clone()));
                 match event {
                     ServoEvent::Started { .. } => Event::Started,
                     ServoEvent::Finished { .. } => Event::Finished,
                     ServoEvent::Note { text } => {
-                        (self.notify)(Notice::Journal(format!("servo: {text}")));
+                        self.listener.hear(&Notice::Journal(format!("servo: {text}")));
                         return Ok(None);
                     }
                     ServoEvent::Ping { .. } | ServoEvent::Pulse { .. } | ServoEvent::Position { .. } => {
@@ -259,7 +235,7 @@ impl<N: FnMut(Notice)> Kept<N> {
     /// Records what the board was told.
     fn command(&mut self, command: ServoCommand) -> Result<(), RecordError> {
         self.recorder.command(&command)?;
-        (self.notify)(Notice::Command(command));
+        self.listener.hear(&Notice::Command(command));
         Ok(())
     }
 

@@ -6,6 +6,7 @@
 pub mod devices;
 mod error;
 pub mod film;
+pub mod listener;
 pub mod machine;
 pub mod open;
 mod recorded;
@@ -21,11 +22,13 @@ use serde_json::json;
 use config::MotionKind;
 use config::RigConfig;
 pub use error::RunError;
-use film::{Filmed, Notice, Setup, film};
+use film::{Filmed, Setup, film};
 use ground::error_chain::with_causes;
+use listener::{Listener, Listeners, Notice};
 use machine::{Ending, Plan};
 use record::RecordError;
 use record::folder::{RunFolder, file};
+use record::journal::Journal;
 use record::recording::{Behind, Recorder, RecorderOptions};
 use record::run_id::RunId;
 use record::start_stop::{ClockPair, Start, Status, Stop};
@@ -58,15 +61,15 @@ pub struct Conducted {
 }
 
 impl Job<'_> {
-    /// Films the experiment into a new run folder. Once the folder is there, faults end up in its `stop.json` and not
-    /// in the error.
+    /// Films the experiment into a new run folder; `listener` hears how it goes. Once the folder is there, faults end up in its `stop.json`
+    /// and not in the error.
     ///
     /// # Errors
     /// [`RunError`] when it could not even begin.
     pub async fn conduct(
         &self,
         interrupt: impl Future<Output = ()>,
-        mut notify: impl FnMut(&RunFolder, Notice),
+        listener: &mut dyn Listener,
     ) -> Result<Conducted, RunError> {
         let pulses = self.pulses()?;
         let plane = self.config.calibration.plane(self.base)?;
@@ -94,25 +97,13 @@ impl Job<'_> {
             drive,
             recorder,
         };
-        let mut journal_error = None;
-        let filmed = film(setup, interrupt, |notice| {
-            let written = match &notice {
-                Notice::Journal(text) => journal.write(text, json!({})),
-                Notice::FallsBehind(Behind { waiting_mib, queue_mib }) => journal.write(
-                    "recording-falls-behind",
-                    json!({ "waiting_mib": waiting_mib, "queue_mib": queue_mib }),
-                ),
-                _ => Ok(()),
-            };
-            journal_error = written.err().or(journal_error.take());
-            if matches!(notice, Notice::LetGo)
-                && let Some(hand) = &mut hand
-            {
-                hand.let_go();
-            }
-            notify(&folder, notice);
-        })
-        .await;
+        listener.begins(&folder);
+        let mut journal = JournalListener { journal, error: None };
+        let mut listeners = Listeners(vec![&mut journal]);
+        listeners.0.extend(hand.as_mut().map(|hand| hand as &mut dyn Listener));
+        listeners.0.push(listener);
+        let filmed = film(setup, interrupt, &mut listeners).await;
+        let JournalListener { journal, error: journal_error } = journal;
         let stopped = journal.write(
             "stopped",
             json!({
@@ -210,6 +201,27 @@ impl Job<'_> {
             }
         }
         Ok(folder)
+    }
+}
+
+/// Writes a run's journal.
+struct JournalListener {
+    journal: Journal,
+    /// The last entry's that could not be written.
+    error: Option<RecordError>,
+}
+
+impl Listener for JournalListener {
+    fn hear(&mut self, notice: &Notice) {
+        let written = match notice {
+            Notice::Journal(text) => self.journal.write(text, json!({})),
+            Notice::FallsBehind(Behind { waiting_mib, queue_mib }) => self.journal.write(
+                "recording-falls-behind",
+                json!({ "waiting_mib": waiting_mib, "queue_mib": queue_mib }),
+            ),
+            _ => return,
+        };
+        self.error = written.err().or(self.error.take());
     }
 }
 

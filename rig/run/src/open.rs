@@ -6,6 +6,7 @@ use std::sync::{Arc, OnceLock};
 use ground::strict;
 
 use super::error::RunError;
+use super::listener::{Listener, Notice};
 use super::recorded;
 use camera::mock::{CameraFault, Scene, StampTruth};
 use camera::{self, Camera};
@@ -37,10 +38,11 @@ pub struct Opened {
 #[derive(Debug)]
 pub struct Hand(Tank);
 
-impl Hand {
-    /// Does as asked.
-    pub fn let_go(&mut self) {
-        self.0.ask_release(MonotonicNs::now());
+impl Listener for Hand {
+    fn hear(&mut self, notice: &Notice) {
+        if matches!(notice, Notice::LetGo) {
+            self.0.ask_release(MonotonicNs::now());
+        }
     }
 }
 

@@ -69,15 +69,8 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             out.write(name, &std::fs::read(&from).map_err(Failure::input)?).map_err(Failure::input)?;
         }
     }
-    let analysis = Analysis {
-        run: &run,
-        out: &out,
-        config: &config,
-        paths_from,
-        from: args.from,
-        chronicle: None,
-        live: None,
-    };
+    let analysis =
+        Analysis { run: &run, out: &out, config: &config, paths_from, from: args.from, live: None };
     let (run, config) = (&run, &config);
     interruptible(async move |interrupt| {
         let data = analysed(analysis, threads(args.threads), interrupt, &mut Bar::new(interrupt.flag()));

@@ -5,7 +5,7 @@ use std::path::Path;
 use camera::calibration::{Plane, Px};
 use ground::strict::{Finite, Positive};
 use image::GrayImage;
-use images::TimedImage;
+use images::{SourceError, TimedImage};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -412,8 +412,9 @@ fn result_depends_neither_on_threads_nor_on_how_images_are_handed_over() {
     };
     let (whole, threads) = (by(1), by(3));
     let mut live = Task::new(&config, None, tank_plane(), Path::new("")).unwrap().learn(&images).unwrap();
-    let records = images.chunks(1).flat_map(|image| live.push(image)).collect();
-    let live = Extraction::of(records, 3, tank_plane());
+    let mut one_by_one = images.iter().cloned().map(Ok::<_, SourceError>);
+    while live.take(&mut one_by_one, 1).unwrap().is_some() {}
+    let live = Extraction::of(live.records().to_vec(), 3, tank_plane());
     assert_eq!(bits(&whole), bits(&threads));
     assert_eq!(bits(&whole), bits(&live));
 }
@@ -445,14 +446,16 @@ fn extraction_starts_again_from_its_stored_silhouettes_or_keypoints_with_the_sam
         let masks: Vec<Option<Mask>> = stored.iter().map(|record| record.mask.clone()).collect();
         let mut task =
             Task { masks: Some(masks), ..Task::new(&config, None, tank_plane(), Path::new("")).unwrap() };
-        let records = task.learn(&images).unwrap().push(&images);
-        for (again, before) in records.iter().zip(&whole.records) {
+        let mut again = task.learn(&images).unwrap();
+        let mut source = images.iter().cloned().map(Ok::<_, SourceError>);
+        again.take(&mut source, images.len()).unwrap();
+        for (again, before) in again.records().iter().zip(&whole.records) {
             assert_eq!(
                 (again.status, &again.reason, &again.mask),
                 (before.status, &before.reason, &before.mask)
             );
         }
-        assert_eq!(bits(&Extraction::of(records, 3, tank_plane())), bits(&whole));
+        assert_eq!(bits(&Extraction::of(again.records().to_vec(), 3, tank_plane())), bits(&whole));
 
         let records = stored.into_iter().map(|record| record.record(&tank_plane())).collect();
         assert_eq!(bits(&Extraction::of(records, 3, tank_plane())), bits(&whole));

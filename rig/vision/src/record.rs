@@ -94,6 +94,8 @@ pub struct Extraction {
     pub learned: Vec<Learned>,
     /// What the film drawn again told of its keypoints' errors, or why it could not; none where nobody asked.
     pub checked: Option<Result<SelfCheck, SelfCheckError>>,
+    /// Once all images were seen, some of what had been found in them was changed.
+    pub is_revised: bool,
 }
 
 /// The keypoints of `records`, which are called `names`, over time, as `view` shows them. Those that no image
@@ -137,7 +139,7 @@ impl Extraction {
     /// Puts records whose keypoints are called `names` into one trajectory.
     pub fn named(records: Vec<ImageRecord>, names: Vec<String>, plane: Plane) -> Self {
         let trajectory = trajectory(&records, &names, plane.view());
-        Self { records, trajectory, names, plane, learned: Vec::new(), checked: None }
+        Self { records, trajectory, names, plane, learned: Vec::new(), checked: None, is_revised: false }
     }
 
     /// Takes the records' keypoints into the trajectory again, after they were changed.

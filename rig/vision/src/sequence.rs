@@ -69,11 +69,11 @@ impl<'a> Task<'a> {
         })
     }
 
-    /// An extractor that knows the empty tank from a `sample` of the sequence, to be driven through all of it.
+    /// An extraction that knows the empty tank from a `sample` of the sequence; the sequence is still to come.
     ///
     /// # Errors
     /// As [`Extractor::learn`]; and where the calibration is of pictures of another size.
-    pub fn learn(&mut self, sample: &[TimedImage]) -> Result<Extractor, VisionError> {
+    pub fn learn(&mut self, sample: &[TimedImage]) -> Result<Begun, VisionError> {
         if let Some(grey) = sample.iter().find_map(|image| image.grey.as_ref().ok()) {
             self.plane.fits(grey.dimensions().into())?;
         }
@@ -85,10 +85,11 @@ impl<'a> Task<'a> {
             self.folder,
             self.silhouettes.clone(),
         )?;
-        Ok(match self.masks.take() {
+        let extractor = match self.masks.take() {
             Some(masks) => extractor.with_masks(masks),
             None => extractor,
-        })
+        };
+        Ok(Begun { extractor, records: Vec::new() })
     }
 
     /// All of `source`; `found` is given some images at a time with what was found in them.
@@ -98,21 +99,40 @@ impl<'a> Task<'a> {
     pub fn extract<E: From<SequenceError>>(
         mut self,
         source: &(impl ImageSource + ?Sized),
-        mut found: impl FnMut(&[TimedImage], &[ImageRecord]) -> Result<(), E>,
+        found: impl FnMut(&[TimedImage], &[ImageRecord]) -> Result<(), E>,
     ) -> Result<Extraction, E> {
         if let (Some(sam2), None, None) = (self.config.sam2(), &self.masks, &self.silhouettes) {
             self.silhouettes = Some(Arc::new(sam2::segment(sam2, self.folder, source)?));
         }
         let sample = source.sample(LEARN_FROM).map_err(SequenceError::from)?;
-        let mut extractor = self.learn(&sample).map_err(SequenceError::from)?;
-        let sample = self.self_check.then_some(sample);
-        let images = source.images().map_err(SequenceError::from)?;
-        let images = images.map(|image| image.map_err(|error| SequenceError::from(error).into()));
-        let mut records = self.go_on(&mut extractor, images, Vec::new(), &mut found)?;
-        extractor.settle(&mut records);
-        let extraction = Extraction::named(records, self.outline.keypoints(), self.plane.clone());
-        let mut extraction = Extraction { learned: extractor.learned().to_vec(), ..extraction };
-        if let Some(sample) = sample {
+        let begun = self.learn(&sample).map_err(SequenceError::from)?;
+        drop(sample);
+        self.finish(begun, source, found)
+    }
+
+    /// What was `begun`, with the images of `source` after it; `found` as for [`Self::extract`], of those images.
+    ///
+    /// # Errors
+    /// As [`Self::extract`].
+    pub fn finish<E: From<SequenceError>>(
+        self,
+        mut begun: Begun,
+        source: &(impl ImageSource + ?Sized),
+        mut found: impl FnMut(&[TimedImage], &[ImageRecord]) -> Result<(), E>,
+    ) -> Result<Extraction, E> {
+        let mut images = source.images().map_err(SequenceError::from)?;
+        while let Some((images, records)) = begun.take(&mut images, AT_ONCE).map_err(SequenceError::from)? {
+            found(&images, records)?;
+        }
+        let Begun { extractor, mut records } = begun;
+        let settled = extractor.settle(&mut records);
+        let mut extraction = Extraction {
+            learned: extractor.learned().to_vec(),
+            is_revised: settled || self.self_check,
+            ..Extraction::named(records, self.outline.keypoints(), self.plane.clone())
+        };
+        if self.self_check {
+            let sample = source.sample(LEARN_FROM).map_err(SequenceError::from)?;
             self.check(&extractor, &mut extraction, &sample);
         }
         Ok(extraction)
@@ -120,7 +140,7 @@ impl<'a> Task<'a> {
 
     /// Draws the film in which `extractor` found `extraction`, and of which `sample` is a part, again, and says of the keypoints how far off
     /// they are as that tells.
-    pub fn check(&self, extractor: &Extractor, extraction: &mut Extraction, sample: &[TimedImage]) {
+    fn check(&self, extractor: &Extractor, extraction: &mut Extraction, sample: &[TimedImage]) {
         // Which of a few shapes its ends have is known by now; trying them all again would take most of the time.
         let outline = Outline { end_rounding: extractor.end_rounding(), ..self.outline.clone() };
         let learn = |sample: &[TimedImage]| {
@@ -132,43 +152,36 @@ impl<'a> Task<'a> {
         }
         extraction.checked = Some(check);
     }
-
-    /// The records of a sequence from those `begun` and the `images` after them.
-    ///
-    /// # Errors
-    /// What `images` or `found` give.
-    pub fn go_on<E>(
-        &self,
-        extractor: &mut Extractor,
-        images: impl Iterator<Item = Result<TimedImage, E>>,
-        mut begun: Vec<ImageRecord>,
-        mut found: impl FnMut(&[TimedImage], &[ImageRecord]) -> Result<(), E>,
-    ) -> Result<Vec<ImageRecord>, E> {
-        drive(extractor, images, AT_ONCE, |images, records| {
-            found(images, &records)?;
-            begun.extend(records);
-            Ok(())
-        })?;
-        Ok(begun)
-    }
 }
 
-/// Takes `images` through `extractor`, `at_once` at a time; `found` is given each portion with one record for each of its images.
-///
-/// # Errors
-/// What `images` or `found` give; what was found before has been given.
-pub fn drive<E>(
-    extractor: &mut Extractor,
-    mut images: impl Iterator<Item = Result<TimedImage, E>>,
-    at_once: usize,
-    mut found: impl FnMut(&[TimedImage], Vec<ImageRecord>) -> Result<(), E>,
-) -> Result<(), E> {
-    loop {
-        let portion: Vec<TimedImage> = images.by_ref().take(at_once).collect::<Result<_, E>>()?;
+/// An extraction on its way through a sequence.
+#[derive(Debug)]
+pub struct Begun {
+    extractor: Extractor,
+    records: Vec<ImageRecord>,
+}
+
+impl Begun {
+    /// One for each image that was taken.
+    pub fn records(&self) -> &[ImageRecord] {
+        &self.records
+    }
+
+    /// Takes the next of `images`, at most so many, and returns them with what was found in them; none where there are no more.
+    ///
+    /// # Errors
+    /// What `images` give.
+    pub fn take<E>(
+        &mut self,
+        images: &mut impl Iterator<Item = Result<TimedImage, E>>,
+        at_most: usize,
+    ) -> Result<Option<(Vec<TimedImage>, &[ImageRecord])>, E> {
+        let portion: Vec<TimedImage> = images.take(at_most).collect::<Result<_, E>>()?;
         if portion.is_empty() {
-            return Ok(());
+            return Ok(None);
         }
-        let records = extractor.push(&portion);
-        found(&portion, records)?;
+        let before = self.records.len();
+        self.records.append(&mut self.extractor.push(&portion));
+        Ok(Some((portion, &self.records[before..])))
     }
 }

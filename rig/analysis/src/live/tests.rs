@@ -1,17 +1,19 @@
+use std::ops::Range;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::*;
 use ::record::folder::file;
 use ::record::recording::{Recorder, RecorderOptions};
 use ::record::start_stop::{RunKind, Start, Stop};
-use camera::fixtures;
-use images::TimedImage;
+use camera::{CameraImage, fixtures};
+use ground::clock::MonotonicNs;
 use images::recording::RecordedImages;
 use record::fixtures as record;
 use tank::render::{Look, Renderer};
-use vision::SequenceError;
 use vision::record::StoredRecord;
+use vision::{ImageRecord, SequenceError};
 
 const MS: u64 = 1_000_000;
 const SIZE_PX: (u32, u32) = (640, 480);
@@ -51,7 +53,9 @@ impl Film {
     }
 
     fn live(&self) -> Live {
-        Live::start(&self.run, &self.config, &self.base, 3, Showing::default()).unwrap()
+        let mut live = Live::new(&self.config, &self.base, 3, true, Showing::default());
+        live.begins(&self.run);
+        live
     }
 
     /// When the usable images were exposed.
@@ -83,27 +87,24 @@ fn images_looked_at_while_they_come_give_what_the_recording_gives() {
     let film = Film::new();
     let mut live = film.live();
     for (index, image) in film.images.iter().enumerate() {
-        live.image(image);
+        live.hear(&Notice::Image(Arc::clone(image)));
         if index == 39 {
-            live.learn(5..40);
+            live.hear(&Notice::Learn(5..40));
         }
     }
-    let begun = live.finish(&film.times_s(), MonotonicNs(0)).unwrap();
-    let Begun { mut extractor, mut records, lines, left, early } = begun;
-    assert_eq!(records.len() + left.len(), 59);
-    assert_eq!(lines, stored::lines(&records).unwrap());
+    let Head { begun, left, early } = live.finish(&film.times_s()).unwrap();
+    assert_eq!(begun.records().len() + left.times_s().count(), 59);
     assert!(early.is_none(), "nobody asked for a fit");
-    let timed = |image: &Arc<CameraImage>| TimedImage::of(image, MonotonicNs(0));
-    let left: Vec<TimedImage> = left.iter().map(timed).collect();
-    records.append(&mut extractor.push(&left));
 
     let recorded = RecordedImages::of_run(&film.recorded(5..40));
     let plane = film.config.calibration.plane(&film.base).unwrap();
     let model = model(&film.run).unwrap();
     let task = Task::new(&film.config.vision, Some(&model), plane, &film.base).unwrap();
-    let offline = task.extract(&recorded, |_, _| Ok::<(), SequenceError>(())).unwrap();
-    assert_eq!(kept(&records), kept(&offline.records));
-    let seen = records.iter().filter(|record| record.keypoints.len() == 4).count();
+    let nobody = |_: &[_], _: &[_]| Ok::<(), SequenceError>(());
+    let offline = task.clone().extract(&recorded, nobody).unwrap();
+    let live = task.finish(begun, &left.of(&recorded), nobody).unwrap();
+    assert_eq!(kept(&live.records), kept(&offline.records));
+    let seen = live.records.iter().filter(|record| record.keypoints.len() == 4).count();
     assert_eq!(seen, 58, "all but the damaged one");
 }
 
@@ -111,13 +112,13 @@ fn images_looked_at_while_they_come_give_what_the_recording_gives() {
 fn a_film_too_short_to_learn_from_or_with_other_images_gives_nothing() {
     let film = Film::new();
     let mut live = film.live();
-    film.images[..30].iter().for_each(|image| live.image(image));
-    assert!(live.finish(&film.times_s()[..29], MonotonicNs(0)).is_none());
+    film.images[..30].iter().for_each(|image| live.hear(&Notice::Image(Arc::clone(image))));
+    assert!(live.finish(&film.times_s()[..29]).is_none());
 
     let mut live = film.live();
-    film.images.iter().for_each(|image| live.image(image));
-    live.learn(0..60);
-    assert!(live.finish(&film.times_s()[1..], MonotonicNs(0)).is_none(), "an image that the recording lacks");
+    film.images.iter().for_each(|image| live.hear(&Notice::Image(Arc::clone(image))));
+    live.hear(&Notice::Learn(0..60));
+    assert!(live.finish(&film.times_s()[1..]).is_none(), "an image that the recording lacks");
 }
 
 #[test]
@@ -127,11 +128,12 @@ fn what_has_been_seen_is_fitted_while_the_rest_is_filmed() {
     film.config.fit.max_evaluations = 40;
     let early = |film: &Film| {
         let mut live = film.live();
-        film.images.iter().for_each(|image| live.image(image));
-        live.fit(Chronicle::new(MonotonicNs(0)));
-        live.learn(5..40);
-        until(|| live.images.waiting() < IMAGES_AT_ONCE);
-        live.finish(&film.times_s(), MonotonicNs(0)).unwrap().early
+        film.images.iter().for_each(|image| live.hear(&Notice::Image(Arc::clone(image))));
+        live.hear(&Notice::Fit);
+        live.hear(&Notice::Learn(5..40));
+        let extraction = live.extraction.as_ref().unwrap();
+        until(|| extraction.images.waiting() < IMAGES_AT_ONCE);
+        live.finish(&film.times_s()).unwrap().early
     };
     let result = |fit: EarlyFit| {
         until(|| fit.is_done());

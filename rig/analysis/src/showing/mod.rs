@@ -38,9 +38,11 @@ use ground::clock::MonotonicNs;
 use images::TimedImage;
 pub use picture::{Overlay, Picture, Spot};
 use record::ServoCommand;
+use record::folder::RunFolder;
 use record::recording::Behind;
 use record::run_id::RunId;
 use run::film::ImageCount;
+use run::listener::{Listener, Notice};
 pub use servo::Clock;
 pub use state::{Figures, FitCurve, Snapshot, Value};
 pub use traces::{Line, Traces};
@@ -96,6 +98,35 @@ impl<T> Newest<T> {
     fn take(&self) -> Option<T> {
         // one that is being filled is there at the next look
         self.0.try_lock().ok()?.take()
+    }
+}
+
+/// Shows a run while it is filmed.
+#[derive(Debug)]
+pub struct ShowingRun<'a> {
+    showing: Showing,
+    config: &'a RigConfig,
+    phase: &'static str,
+}
+
+impl Listener for ShowingRun<'_> {
+    fn begins(&mut self, run: &RunFolder) {
+        let fps = run.start().camera.as_ref().map_or(0.0, |camera| camera.fps);
+        self.showing.film(&run.start().id, self.config, run.origin(), fps);
+    }
+
+    fn hear(&mut self, notice: &Notice) {
+        match notice {
+            Notice::Image(image) => self.showing.image(image),
+            Notice::Servo(event) => self.showing.servo(event),
+            Notice::Command(command) => self.showing.command(command),
+            Notice::Counted(images, behind) => self.showing.counted(images, *behind),
+            Notice::Phase(phase, _) if *phase != self.phase => {
+                self.showing.stage(phase, None);
+                self.phase = phase;
+            }
+            _ => {}
+        }
     }
 }
 
@@ -160,6 +191,11 @@ impl Showing {
         }
     }
 
+    /// What shows a run of `config` while it is filmed.
+    pub fn of_run(self, config: &RigConfig) -> ShowingRun<'_> {
+        ShowingRun { showing: self, config, phase: "" }
+    }
+
     fn tell(&self, told: impl FnOnce() -> Told) {
         if let Some(hand) = &self.0 {
             let _ = hand.told.try_send(told());
@@ -168,7 +204,7 @@ impl Showing {
 
     /// `run`, of `config`, begins to be filmed; its times count from `origin`, and the camera promises `fps` images a second. What was
     /// known of a run before it is forgotten.
-    pub fn film(&self, run: &RunId, config: &RigConfig, origin: MonotonicNs, fps: f64) {
+    fn film(&self, run: &RunId, config: &RigConfig, origin: MonotonicNs, fps: f64) {
         if let Some(hand) = &self.0 {
             // what nobody has looked at
             drop((hand.slots.filmed.take(), hand.slots.found.take(), hand.slots.counted.take()));
@@ -195,26 +231,26 @@ impl Showing {
     }
 
     /// The next image received.
-    pub fn image(&self, image: &Arc<CameraImage>) {
+    fn image(&self, image: &Arc<CameraImage>) {
         if let Some(hand) = &self.0 {
             hand.slots.filmed.put(|| Arc::clone(image));
         }
     }
 
     /// What was received so far, and what of it waits for the disk.
-    pub fn counted(&self, images: &ImageCount, behind: Behind) {
+    fn counted(&self, images: &ImageCount, behind: Behind) {
         if let Some(hand) = &self.0 {
             hand.slots.counted.put(|| (images.clone(), behind));
         }
     }
 
     /// The next event of the board.
-    pub fn servo(&self, event: &ServoEvent) {
+    fn servo(&self, event: &ServoEvent) {
         self.tell(|| Told::Servo(event.clone()));
     }
 
     /// What the board was told next.
-    pub fn command(&self, command: &ServoCommand) {
+    fn command(&self, command: &ServoCommand) {
         self.tell(|| Told::Command(command.clone()));
     }
 

@@ -112,13 +112,13 @@ fn filmed(panics: In, folder: &Path) -> (std::thread::Result<Filmed>, u32) {
         recorder,
     };
     let mut images = 0;
-    let notify = |notice| {
+    let mut listener = |notice: &Notice| {
         images += u32::from(matches!(notice, Notice::Image(_)));
         assert!(panics != In::Coordinator || images < SOME, "a test");
     };
     let filming = std::panic::AssertUnwindSafe(|| {
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_time().build().unwrap();
-        runtime.block_on(film(setup, std::future::pending(), notify))
+        runtime.block_on(film(setup, std::future::pending(), &mut listener))
     });
     let ended = std::panic::catch_unwind(filming);
     (ended, stops.load(Ordering::SeqCst))
