@@ -11,8 +11,68 @@ use crate::scalar::Scalar;
 use crate::space::{Never, Planar, Spatial};
 
 impl<T: Scalar> Stages for Spatial<T> {
-    type Slope = FluidSlope<T>;
-    type Contacts = Contacts<T>;
+    type Slope = OneByOne<FluidSlope<T>>;
+    type Contacts = OneByOne<Contacts<T>>;
+}
+
+/// A stage for numbers that are computed one by one: there is none for those side by side in lanes, and nothing of it is compiled for
+/// them (see [`one_by_one`](crate::simulator::one_by_one)).
+#[derive(Debug, Clone)]
+pub(crate) struct OneByOne<Stage>(Stage);
+
+impl<T: Scalar, K: SlopeStage<Spatial<T>>> SlopeStage<Spatial<T>> for OneByOne<K> {
+    fn new(plant: &Plant<Spatial<T>>) -> Option<Self> {
+        if const { T::LANES == 1 } { K::new(plant).map(Self) } else { None }
+    }
+
+    fn add(&mut self, plant: &Plant<Spatial<T>>, work: &Work<Spatial<T>>, h: T, matrix: &mut [T]) {
+        if const { T::LANES == 1 } {
+            self.0.add(plant, work, h, matrix);
+        }
+    }
+}
+
+impl<T: Scalar, K: ContactStage<Spatial<T>>> ContactStage<Spatial<T>> for OneByOne<K> {
+    fn new(model: &Model<T>, plant: &Plant<Spatial<T>>) -> Option<Self> {
+        if const { T::LANES == 1 } { K::new(model, plant).map(Self) } else { None }
+    }
+
+    fn weigh(&mut self, model: &Model<T>, plant: &Plant<Spatial<T>>, work: &Work<Spatial<T>>, factors: &[T]) {
+        if const { T::LANES == 1 } {
+            self.0.weigh(model, plant, work, factors);
+        }
+    }
+
+    fn find(&mut self, work: &Work<Spatial<T>>) -> bool {
+        if const { T::LANES == 1 } { self.0.find(work) } else { false }
+    }
+
+    fn resolve(
+        &mut self,
+        place: (&Plant<Spatial<T>>, &Work<Spatial<T>>),
+        held: (&[bool], f64),
+        state: (&[T], &[T]),
+        restraints: Option<&mut Solver<T>>,
+        force: &mut [T],
+    ) {
+        if const { T::LANES == 1 } {
+            self.0.resolve(place, held, state, restraints, force);
+        }
+    }
+
+    fn watch(&mut self, first: bool) {
+        if const { T::LANES == 1 } {
+            self.0.watch(first);
+        }
+    }
+
+    fn changed(&self) -> bool {
+        self.0.changed()
+    }
+
+    fn longest_step_s(&self) -> f64 {
+        self.0.longest_step_s()
+    }
 }
 
 impl<T: Scalar> Stages for Planar<T> {
