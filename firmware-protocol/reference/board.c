@@ -159,7 +159,7 @@ static void set_pulse(rig_board *b, uint8_t n, uint16_t pulse_us, uint32_t at)
     }
 }
 
-/* The next line of a running profile; where none runs, as after a jog beside an upload, the channel comes to rest. */
+/* The next line of a running profile; where none runs, as after a jog during an upload, the channel comes to rest. */
 static void next_segment(rig_board *b, uint8_t n, uint32_t at)
 {
     rig_channel *c = &b->channels[n];
@@ -242,7 +242,7 @@ static int next_due(const rig_board *b, uint32_t *at)
     if (b->telemetry_ms > 0)
         consider(&due, at, DUE_TELEMETRY, b->telemetry_due);
     if (b->session)
-        consider(&due, at, DUE_DEAD_MAN, b->heard + UINT32_C(1000) * b->dead_man_ms);
+        consider(&due, at, DUE_DEAD_MAN, b->last_packet_at + UINT32_C(1000) * b->dead_man_ms);
     return due;
 }
 
@@ -631,7 +631,7 @@ static void hello(rig_board *b, uint32_t now)
     forget_profile(b);
     memset(b->answers, 0, sizeof b->answers);
     b->session = true;
-    b->heard = now;
+    b->last_packet_at = now;
 }
 
 static void handle(rig_board *b, const uint8_t *plain, size_t length, uint32_t now)
@@ -744,7 +744,7 @@ void rig_receive(rig_board *b, const uint8_t *bytes, size_t length, uint32_t now
             continue;
         }
         if (b->session)
-            b->heard = now;
+            b->last_packet_at = now;
         rig_advance(b, now);
         handle(b, b->stuffed, plain_length, now);
     }

@@ -63,7 +63,7 @@ typedef struct {
     uint32_t boot_id;
     uint8_t firmware[24];
     uint8_t state, fault;
-    uint32_t fault_at, heard, start, telemetry_due;
+    uint32_t fault_at, last_packet_at, start, telemetry_due;
     bool session;
     uint16_t dead_man_ms, telemetry_ms;
     rig_channel channels[RIG_CHANNELS];

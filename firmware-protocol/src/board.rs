@@ -16,7 +16,7 @@
 mod commands;
 mod motion;
 
-pub use motion::UPDATE;
+pub use motion::PULSE_UPDATE_PERIOD;
 
 use crate::channel::{ChannelConfig, SafeState};
 use crate::event::{Ack, Event, Fault, Identity, MAX_CHANNELS, Occurrence, State, Telemetry};
@@ -24,21 +24,21 @@ use crate::packet::Decoder;
 use crate::units::{Channel, DurationMs, DurationUs, Name, PulseWidthUs, Sequence, Ticks};
 use motion::{Line, Store, Track};
 
-/// Dead-man's patience until the host sets another.
+/// Longest silence of the host until the host sets another, chosen.
 pub const DEFAULT_DEAD_MAN: DurationMs = DurationMs(250);
-/// Range of the dead-man's patience.
-pub const DEAD_MAN_RANGE: core::ops::RangeInclusive<u16> = 50..=2000;
-/// Least time between arming and starting.
+/// Range of the longest silence that a host may set \[ms\], chosen.
+pub const DEAD_MAN_RANGE_MS: core::ops::RangeInclusive<u16> = 50..=2000;
+/// Least time between arming and starting, chosen.
 pub const MIN_LEAD: DurationUs = DurationUs(5_000);
-/// Most time between arming and starting.
+/// Most time between arming and starting, chosen.
 pub const MAX_LEAD: DurationUs = DurationUs(60_000_000);
-/// Longest track and longest jog: 30 minutes, within the horizon of a wrapping tick.
+/// Longest track and longest jog, chosen: 30 minutes, within the horizon of a wrapping tick.
 pub const MAX_DURATION: DurationUs = DurationUs(1_800_000_000);
 
-/// Answers kept for resent commands. A host has one command under way at a time.
-const REMEMBERED: usize = 8;
+/// Answers that are stored for resent commands, chosen; a host has one command under way at a time.
+const STORED_ANSWERS: usize = 8;
 
-/// What a board's hardware offers.
+/// The hardware of a board, as the state machine uses it.
 pub trait Hardware {
     /// From `at` on, `channel` puts out `pulse`, or nothing. Called only when that changes.
     fn pulse(&mut self, channel: Channel, pulse: Option<PulseWidthUs>, at: Ticks);
@@ -47,7 +47,7 @@ pub trait Hardware {
     fn send(&mut self, bytes: &[u8]);
 }
 
-/// What a board is, fixed for one start.
+/// Properties of a board that are fixed for one start.
 #[derive(Debug, Clone, Copy)]
 pub struct BoardConfig {
     /// A number that differs after each start.
@@ -77,7 +77,7 @@ pub struct Board<const SEGMENTS: usize = 1024> {
     fault: Fault,
     fault_at: Ticks,
     /// When a valid packet came last, while a host's session lasts.
-    heard: Option<Ticks>,
+    last_packet: Option<Ticks>,
     dead_man: DurationMs,
     telemetry: DurationMs,
     telemetry_due: Ticks,
@@ -86,7 +86,7 @@ pub struct Board<const SEGMENTS: usize = 1024> {
     /// The channel whose track was announced last.
     uploading: Option<Channel>,
     start: Ticks,
-    answers: [Option<(Sequence, Ack)>; REMEMBERED],
+    answers: [Option<(Sequence, Ack)>; STORED_ANSWERS],
     next_answer: usize,
     sequence: Sequence,
     damaged: u16,
@@ -116,7 +116,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
             state: if config.fault == Fault::None { State::Idle } else { State::Faulted },
             fault: config.fault,
             fault_at: now,
-            heard: None,
+            last_packet: None,
             dead_man: DEFAULT_DEAD_MAN,
             telemetry: DurationMs(0),
             telemetry_due: now,
@@ -124,7 +124,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
             store: Store::new(),
             uploading: None,
             start: now,
-            answers: [None; REMEMBERED],
+            answers: [None; STORED_ANSWERS],
             next_answer: 0,
             sequence: Sequence(0),
             damaged: 0,
@@ -132,12 +132,12 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         }
     }
 
-    /// Introduces itself unasked, as a board does when it starts.
+    /// Sends a hello without being asked, as a board does when it starts.
     pub fn greet(&mut self, hardware: &mut impl Hardware) {
-        self.say(&Event::Hello(self.identity), hardware);
+        self.send_event(&Event::Hello(self.identity), hardware);
     }
 
-    /// What it is doing.
+    /// The present state.
     pub fn state(&self) -> State {
         self.state
     }
@@ -165,8 +165,8 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
                 None => {}
                 Some(Err(_)) => self.damaged = self.damaged.wrapping_add(1),
                 Some(Ok(packet)) => {
-                    if self.heard.is_some() {
-                        self.heard = Some(now);
+                    if self.last_packet.is_some() {
+                        self.last_packet = Some(now);
                     }
                     self.advance(now, hardware);
                     self.handle(&packet, now, hardware);
@@ -189,10 +189,10 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
                         *pulse = channel.pulse;
                     }
                     let used = &pulses[..usize::from(self.identity.channels)];
-                    self.say(&Event::Telemetry(Telemetry::new(at, self.state, used)), hardware);
+                    self.send_event(&Event::Telemetry(Telemetry::new(at, self.state, used)), hardware);
                 }
                 Due::DeadMan => {
-                    self.heard = None;
+                    self.last_packet = None;
                     self.telemetry = DurationMs(0);
                     self.trip(Fault::DeadMan, at, hardware);
                 }
@@ -214,7 +214,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         self.fault = fault;
         self.fault_at = at;
         self.make_safe(at, hardware);
-        self.say(&Event::Happened { occurrence: Occurrence::Faulted, fault, at }, hardware);
+        self.send_event(&Event::Happened { occurrence: Occurrence::Faulted, fault, at }, hardware);
     }
 
     fn due(&self) -> Option<(Ticks, Due)> {
@@ -225,7 +225,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
             .enumerate()
             .filter_map(|(index, channel)| channel.line.map(|line| (line.next, Due::Pulse(index))));
         let telemetry = (self.telemetry.0 > 0).then_some((self.telemetry_due, Due::Telemetry));
-        let dead_man = self.heard.map(|heard| (heard.plus(self.dead_man.into()), Due::DeadMan));
+        let dead_man = self.last_packet.map(|at| (at.plus(self.dead_man.into()), Due::DeadMan));
         // Of what is due at the same tick the first named comes first; the dead-man has the last word.
         start
             .into_iter()
@@ -237,7 +237,10 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
 
     fn begin(&mut self, at: Ticks, hardware: &mut impl Hardware) {
         self.state = State::Running;
-        self.say(&Event::Happened { occurrence: Occurrence::Started, fault: Fault::None, at }, hardware);
+        self.send_event(
+            &Event::Happened { occurrence: Occurrence::Started, fault: Fault::None, at },
+            hardware,
+        );
         for index in 0..MAX_CHANNELS {
             if self.channels[index].track.is_some() {
                 self.next_segment(index, at);
@@ -246,7 +249,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         self.rest_if_still(at, hardware);
     }
 
-    /// The next line of a running profile; where none runs, as after a jog beside an upload, the channel comes to rest.
+    /// The next line of a running profile; where none runs, as after a jog during an upload, the channel comes to rest.
     fn next_segment(&mut self, index: usize, at: Ticks) {
         let runs = self.state == State::Running;
         let channel = &mut self.channels[index];
@@ -277,7 +280,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
             State::Running => {
                 self.state = State::Idle;
                 self.forget_profile();
-                self.say(
+                self.send_event(
                     &Event::Happened { occurrence: Occurrence::Finished, fault: Fault::None, at },
                     hardware,
                 );
@@ -329,7 +332,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         }
     }
 
-    fn say(&mut self, event: &Event, hardware: &mut impl Hardware) {
+    fn send_event(&mut self, event: &Event, hardware: &mut impl Hardware) {
         self.sequence.0 = self.sequence.0.wrapping_add(1);
         hardware.send(&event.encode(self.sequence).encode());
     }

@@ -1,4 +1,4 @@
-//! A channel of the board: what it drives, its limits and its safe state. Host and board both say it.
+//! The configuration of a board's channel: what it drives, its limits and its safe state. Sent in both directions.
 
 use crate::layout::{Reader, Writer, coded};
 use crate::packet::Packet;
@@ -9,7 +9,7 @@ coded! {
     ChannelKind {
         /// A servo: its pulse is an angle, its rate limited.
         Servo = 0, "servo";
-        /// What holds the mechanism until a release.
+        /// The device that holds the mechanism until a release.
         Release = 1, "release actuator";
         /// A lamp in view of the camera: lit at its greatest pulse, dark at its least.
         SyncLed = 2, "sync LED";
@@ -21,9 +21,9 @@ coded! {
     SafeState {
         /// No pulse: a servo goes limp. What hangs from it keeps still; what stands on it falls.
         Detach = 0, "detach";
-        /// The pulse it had: a servo stays where it is.
+        /// Keeps the pulse that it had: a servo stays where it is.
         Hold = 1, "hold";
-        /// To the park pulse, at no more than the greatest rate, and stays there.
+        /// Goes to the park pulse, at no more than the greatest rate, and stays there.
         Park = 2, "park";
     }
 }
@@ -41,11 +41,11 @@ pub struct ChannelConfig {
     pub min_pulse: PulseWidthUs,
     /// Longest pulse.
     pub max_pulse: PulseWidthUs,
-    /// Where [`SafeState::Park`] goes; within the limits whatever the safe state.
+    /// Pulse for [`SafeState::Park`]; within the limits whatever the safe state.
     pub park_pulse: PulseWidthUs,
     /// Fastest change of the pulse; 0 for steps (refused for a servo).
     pub max_rate: RateUsPerS,
-    /// For people.
+    /// Name in messages.
     pub name: Name<16>,
 }
 

@@ -1,4 +1,4 @@
-//! What the host says to the board.
+//! The messages of the host to the board.
 
 use crate::channel::ChannelConfig;
 use crate::event::Fault;
@@ -45,30 +45,30 @@ impl core::fmt::Debug for Segments {
     }
 }
 
-/// What the host says to the board. Layouts: the table in the crate's documentation.
+/// A message of the host to the board. Layouts: the table in the crate's documentation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Command {
-    /// Begins a session: who are you? Forgets any uploaded profile and answers remembered for resent commands.
-    /// While a profile is armed or running it is a fault: the host that sent it knows nothing of it.
+    /// Begins a session and asks for the board's identity. Drops any uploaded profile and the answers stored for resent commands.
+    /// While a profile is armed or running it is a fault: the host that sent it does not know of the profile.
     Hello,
-    /// How are you?
+    /// Asks for the board's status.
     Status,
-    /// Every channel to its safe state, latched.
+    /// Emergency stop: every channel goes to its safe state, latched.
     EStop,
-    /// What is your tick? Any valid packet keeps the dead-man quiet; this one is sent when there is no other.
+    /// Asks for the board's tick. Any valid packet keeps the dead-man from acting; this one is sent when there is no other.
     Ping,
-    /// How is a channel configured?
+    /// Asks for a channel's configuration.
     Describe(Channel),
     /// Configures a channel.
     Configure(ChannelConfig),
-    /// Sets the dead-man's patience and how often telemetry comes (0: never).
+    /// Sets the dead-man's time and the period of telemetry (0: none).
     Timing {
         /// Longest silence of the host, 50 to 2000 ms.
         dead_man: DurationMs,
         /// Time between telemetry packets; 0 for none.
         telemetry: DurationMs,
     },
-    /// Forgets the uploaded profile.
+    /// Drops the uploaded profile.
     Clear,
     /// Announces a channel's part of the profile.
     Track {
@@ -90,25 +90,25 @@ pub enum Command {
     },
     /// Starts the uploaded profile at a tick to come.
     Arm {
-        /// When.
+        /// When it starts.
         start: Ticks,
         /// Segments of all tracks together, as a check that nothing is missing.
         segments: u16,
     },
-    /// Moves one channel, now. A detached channel goes there at once: nobody knows where it is.
+    /// Moves one channel, now. A detached channel goes there at once, since its position is not known.
     Jog {
         /// Which channel.
         channel: Channel,
-        /// Where to.
+        /// Pulse at the end.
         pulse: PulseWidthUs,
         /// How long it takes.
         duration: DurationUs,
     },
     /// Ends profile and jogs; every channel keeps the pulse it has. Not a fault.
     Abort,
-    /// Clears a latched fault; names it, so that no other is cleared unseen.
+    /// Clears a latched fault, which is named so that no other one is cleared by mistake.
     Acknowledge(Fault),
-    /// The host leaves: every channel to its safe state, nothing latched, the dead-man rests. Refused while a
+    /// The host leaves: every channel goes to its safe state, nothing is latched, the dead-man is off. Refused while a
     /// profile is armed or running.
     Goodbye,
 }

@@ -1,11 +1,11 @@
-//! What the board says to the host.
+//! The messages of the board to the host.
 
 use crate::channel::ChannelConfig;
 use crate::layout::{Reader, Writer, coded};
 use crate::packet::Packet;
 use crate::units::{Channel, DurationMs, Name, PulseWidthUs, Sequence, Ticks};
 
-/// Most channels a board can have.
+/// Most channels of a board, chosen.
 pub const MAX_CHANNELS: usize = 16;
 
 coded! {
@@ -116,7 +116,7 @@ pub struct Ack {
     pub channel: Option<Channel>,
     /// The limit, in the unit [`Refusal`] says; else 0.
     pub limit: u32,
-    /// What was asked, likewise.
+    /// What was asked for, in the same unit; else 0.
     pub got: u32,
 }
 
@@ -133,16 +133,16 @@ pub struct Identity {
     pub firmware: Name<24>,
 }
 
-/// How the board is.
+/// The status of the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Status {
     /// What it is doing.
     pub state: State,
     /// The latched fault.
     pub fault: Fault,
-    /// Longest silence of the host it bears.
+    /// Longest silence of the host before the dead-man acts.
     pub dead_man: DurationMs,
-    /// Now.
+    /// The present tick.
     pub now: Ticks,
     /// When the latched fault occurred; 0 without one.
     pub fault_at: Ticks,
@@ -157,7 +157,7 @@ pub struct Status {
 /// Pulses of all channels at one tick.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Telemetry {
-    /// When.
+    /// The tick of these pulses.
     pub at: Ticks,
     /// What the board was doing.
     pub state: State,
@@ -189,10 +189,10 @@ impl core::fmt::Debug for Telemetry {
     }
 }
 
-/// What the board says to the host. Layouts: the table in the crate's documentation.
+/// A message of the board to the host. Layouts: the table in the crate's documentation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
-    /// Answers whatever has no answer of its own.
+    /// Answers every command that has no answer of its own.
     Ack(Ack),
     /// Answers [`Hello`](crate::command::Command::Hello); also sent once, unasked, when the board starts.
     Hello(Identity),
@@ -202,7 +202,7 @@ pub enum Event {
     Pong {
         /// Tick at which the ping's last byte came.
         at: Ticks,
-        /// Boot id, as in [`Identity`]: a board that restarted unheard is found out.
+        /// Boot id, as in [`Identity`]: it reveals a restart whose hello was lost.
         boot_id: u32,
         /// What the board is doing.
         state: State,
@@ -211,15 +211,15 @@ pub enum Event {
     },
     /// Answers [`Describe`](crate::command::Command::Describe).
     Description(ChannelConfig),
-    /// Unasked, at the time set by [`Timing`](crate::command::Command::Timing).
+    /// Sent without being asked, with the period set by [`Timing`](crate::command::Command::Timing).
     Telemetry(Telemetry),
-    /// Unasked, when it happens; once, and lost if the line loses it.
+    /// Sent without being asked when something happens; only once, so that a lost packet is not repeated.
     Happened {
-        /// What.
+        /// What happened.
         occurrence: Occurrence,
         /// The fault, if it is one.
         fault: Fault,
-        /// When.
+        /// When it happened.
         at: Ticks,
     },
 }
@@ -236,7 +236,7 @@ pub mod kind {
     pub const HAPPENED: u8 = 0x91;
 }
 
-/// Stands for "no channel" on the wire.
+/// The channel number that means "no channel" on the wire.
 const NO_CHANNEL: u8 = 0xff;
 
 impl Event {

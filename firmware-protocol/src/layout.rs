@@ -1,16 +1,16 @@
 //! Little-endian fields, one after the other, in a body of fixed size.
 
-use crate::packet::MAX_BODY;
+use crate::packet::MAX_BODY_BYTES;
 
 /// A body being written.
 pub(crate) struct Writer {
-    bytes: [u8; MAX_BODY],
+    bytes: [u8; MAX_BODY_BYTES],
     length: usize,
 }
 
 impl Writer {
     pub(crate) fn new() -> Self {
-        Self { bytes: [0; MAX_BODY], length: 0 }
+        Self { bytes: [0; MAX_BODY_BYTES], length: 0 }
     }
 
     pub(crate) fn bytes(mut self, bytes: &[u8]) -> Self {
@@ -58,7 +58,7 @@ impl Reader<'_> {
         self.array().map(u32::from_le_bytes)
     }
 
-    /// A byte kept for later versions: zero.
+    /// A byte that is reserved for later versions: zero.
     pub(crate) fn reserved(&mut self) -> Option<()> {
         (self.u8()? == 0).then_some(())
     }
@@ -96,7 +96,7 @@ macro_rules! coded {
                 }
             }
 
-            /// For people.
+            /// The text for messages.
             pub const fn text(self) -> &'static str {
                 match self {
                     $(Self::$variant => $text,)*

@@ -1,12 +1,12 @@
-//! What host and servo board say to each other, byte by byte.
+//! The protocol between host and servo board, byte by byte.
 //!
 //! A board plays timed pulse profiles on up to 16 channels by its own clock, so that the host's jitter cannot touch
-//! their timing. The host uploads a profile, arms it at a board tick to come, and keeps sending; a board that hears
-//! nothing valid for its dead-man's time puts every channel in its safe state and stays so until acknowledged.
+//! their timing. The host uploads a profile, arms it at a board tick to come, and keeps sending; a board that receives
+//! no valid packet for its dead-man's time puts every channel in its safe state and stays so until acknowledged.
 //!
-//! Contents: [`packet`] frames bytes on the line, [`command`] and [`event`] are the messages, [`channel`] what both
-//! say of a channel, [`units`] their integers, [`board`] is a whole board but for its hardware, [`sync_led`] the pattern
-//! by which pictures tell a board's clock. No allocation, no `std`.
+//! Contents: [`packet`] frames bytes on the line, [`command`] and [`event`] are the messages, [`channel`] a channel's
+//! configuration, [`units`] their integers, [`board`] is a whole board but for its hardware, [`sync_led`] the pattern
+//! from which pictures give a board's clock. No allocation, no `std`.
 //! `vectors/messages.txt` holds one packet per line with its meaning, `vectors/session.txt` a whole conversation with
 //! the pulses it causes: firmware in C that reproduces both conforms. `reference/board.c` is such firmware, all but
 //! port, pins and clock; the tests compile it and hold it to the vectors and to [`board`] on random conversations. `uno/`
@@ -18,9 +18,9 @@
 //!
 //! let jog = Command::Jog { channel: Channel(0), pulse: PulseWidthUs(1500), duration: DurationUs(500_000) };
 //! let mut decoder = Decoder::default();
-//! let heard: Vec<_> =
+//! let received: Vec<_> =
 //!     jog.encode(Sequence(7)).encode().iter().filter_map(|&byte| decoder.push(byte)).collect();
-//! assert_eq!(Command::decode(&heard[0].unwrap()), Some(jog));
+//! assert_eq!(Command::decode(&received[0].unwrap()), Some(jog));
 //! ```
 #![doc = include_str!("../../docs/wire-protocol.md")]
 #![no_std]
@@ -37,5 +37,5 @@ pub mod units;
 /// Version of the protocol, in every packet's second byte.
 pub const VERSION: u8 = 1;
 
-/// Time between two packets of a host, so that several may be lost before the dead-man acts.
+/// Time between two packets of a host, chosen so that several may be lost before the dead-man acts.
 pub const HEARTBEAT: units::DurationMs = units::DurationMs(50);

@@ -11,19 +11,20 @@
 
 use crate::units::Sequence;
 
-/// Most bytes in a packet's body.
-pub const MAX_BODY: usize = 64;
-/// Kind, version, sequence number.
-const HEADER: usize = 4;
+/// Most bytes in a packet's body, chosen.
+pub const MAX_BODY_BYTES: usize = 64;
+/// Bytes of the header: kind, version, sequence number.
+const HEADER_BYTES: usize = 4;
 /// Bytes of the checksum.
-const CHECKSUM: usize = 2;
+const CHECKSUM_BYTES: usize = 2;
 /// Most bytes before COBS.
-const MAX_PLAIN: usize = HEADER + MAX_BODY + CHECKSUM;
+const MAX_PLAIN_BYTES: usize = HEADER_BYTES + MAX_BODY_BYTES + CHECKSUM_BYTES;
 /// Most bytes between the zeros.
-const MAX_STUFFED: usize = cobs::max_encoding_length(MAX_PLAIN);
+const MAX_STUFFED_BYTES: usize = cobs::max_encoding_length(MAX_PLAIN_BYTES);
 /// Most bytes of a packet on the line, both zeros included.
-pub const MAX_PACKET: usize = MAX_STUFFED + 2;
+pub const MAX_PACKET_BYTES: usize = MAX_STUFFED_BYTES + 2;
 
+/// The checksum: CRC-16/IBM-3740.
 const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
 /// A packet's contents, whole and undamaged, not yet understood.
@@ -35,7 +36,7 @@ pub struct Packet {
     pub version: u8,
     /// The sender's count; an answer carries its question's.
     pub sequence: Sequence,
-    body: [u8; MAX_BODY],
+    body: [u8; MAX_BODY_BYTES],
     length: u8,
 }
 
@@ -43,10 +44,15 @@ impl Packet {
     /// A packet of this crate's version.
     ///
     /// # Panics
-    /// When `body` is longer than [`MAX_BODY`], which no message is.
+    /// When `body` is longer than [`MAX_BODY_BYTES`], which no message is.
     pub fn new(kind: u8, sequence: Sequence, body: &[u8]) -> Self {
-        let mut packet =
-            Self { kind, version: crate::VERSION, sequence, body: [0; MAX_BODY], length: body.len() as u8 };
+        let mut packet = Self {
+            kind,
+            version: crate::VERSION,
+            sequence,
+            body: [0; MAX_BODY_BYTES],
+            length: body.len() as u8,
+        };
         packet.body[..body.len()].copy_from_slice(body);
         packet
     }
@@ -58,28 +64,30 @@ impl Packet {
 
     /// The packet as it goes on the line.
     pub fn encode(&self) -> Line {
-        let mut plain = [0; MAX_PLAIN];
+        let mut plain = [0; MAX_PLAIN_BYTES];
         plain[0] = self.kind;
         plain[1] = self.version;
-        plain[2..HEADER].copy_from_slice(&self.sequence.0.to_le_bytes());
-        let end = HEADER + usize::from(self.length);
-        plain[HEADER..end].copy_from_slice(self.body());
+        plain[2..HEADER_BYTES].copy_from_slice(&self.sequence.0.to_le_bytes());
+        let end = HEADER_BYTES + usize::from(self.length);
+        plain[HEADER_BYTES..end].copy_from_slice(self.body());
         let crc = CRC.checksum(&plain[..end]);
-        plain[end..end + CHECKSUM].copy_from_slice(&crc.to_le_bytes());
+        plain[end..end + CHECKSUM_BYTES].copy_from_slice(&crc.to_le_bytes());
 
-        let mut line = Line { bytes: [0; MAX_PACKET], length: 0 };
-        let stuffed = cobs::encode(&plain[..end + CHECKSUM], &mut line.bytes[1..=MAX_STUFFED]);
+        let mut line = Line { bytes: [0; MAX_PACKET_BYTES], length: 0 };
+        let stuffed = cobs::encode(&plain[..end + CHECKSUM_BYTES], &mut line.bytes[1..=MAX_STUFFED_BYTES]);
         line.length = stuffed + 2;
         line
     }
 
-    /// What lies between two zeros, when it is a packet.
+    /// Decodes the bytes between two zeros.
     fn decode(stuffed: &[u8]) -> Result<Self, Damaged> {
-        let mut plain = [0; MAX_STUFFED];
+        let mut plain = [0; MAX_STUFFED_BYTES];
         let report = cobs::decode(stuffed, &mut plain).map_err(|_| Damaged::Framing)?;
         let plain = &plain[..report.frame_size()];
-        let Some(end) =
-            plain.len().checked_sub(CHECKSUM).filter(|&end| (HEADER..=HEADER + MAX_BODY).contains(&end))
+        let Some(end) = plain
+            .len()
+            .checked_sub(CHECKSUM_BYTES)
+            .filter(|&end| (HEADER_BYTES..=HEADER_BYTES + MAX_BODY_BYTES).contains(&end))
         else {
             return Err(Damaged::Length);
         };
@@ -90,7 +98,7 @@ impl Packet {
         let mut packet = Self::new(
             contents[0],
             Sequence(u16::from_le_bytes([contents[2], contents[3]])),
-            &contents[HEADER..],
+            &contents[HEADER_BYTES..],
         );
         packet.version = contents[1];
         Ok(packet)
@@ -106,7 +114,7 @@ impl core::fmt::Debug for Packet {
 /// A packet's bytes for the line, zeros included.
 #[derive(Debug, Clone, Copy)]
 pub struct Line {
-    bytes: [u8; MAX_PACKET],
+    bytes: [u8; MAX_PACKET_BYTES],
     length: usize,
 }
 
@@ -132,18 +140,18 @@ pub enum Damaged {
 /// Finds packets in a stream of bytes, whatever else is in it.
 #[derive(Debug, Clone)]
 pub struct Decoder {
-    stuffed: [u8; MAX_STUFFED],
+    stuffed: [u8; MAX_STUFFED_BYTES],
     length: usize,
 }
 
 impl Default for Decoder {
     fn default() -> Self {
-        Self { stuffed: [0; MAX_STUFFED], length: 0 }
+        Self { stuffed: [0; MAX_STUFFED_BYTES], length: 0 }
     }
 }
 
 impl Decoder {
-    /// Takes the next byte; hands out what it ends, if anything.
+    /// Takes the next byte; returns the packet that it ends, if it ends one.
     pub fn push(&mut self, byte: u8) -> Option<Result<Packet, Damaged>> {
         if byte != 0 {
             if let Some(free) = self.stuffed.get_mut(self.length) {

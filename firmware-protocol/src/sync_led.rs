@@ -1,4 +1,4 @@
-//! The sync LED's pattern: from it, pictures tell the board's clock.
+//! The sync LED's pattern, from which the board's clock can be read in pictures.
 //!
 //! A slot is [`SLOT`] long and begins where the tick is a multiple of it. The LED is lit in slot *n* when bit *n* of a
 //! maximal-length sequence is 1:
@@ -7,18 +7,20 @@
 //! b[0] = 1,  b[1..16] = 0,  b[n + 16] = b[n] ^ b[n + 2] ^ b[n + 3] ^ b[n + 5]
 //! ```
 //!
-//! Any 16 bits in a row come once in its 65535 slots, so that 1.05 s of pictures name the tick, without a guess. The
-//! tick wraps after 65536 slots: the last one shows `b[0]` again, and the sequence begins anew.
+//! Any 16 bits in a row come once in its 65535 slots, so that 1.05 s of pictures determine the tick. The
+//! tick wraps after 65536 slots: the last one shows `b[0]` again, and the sequence begins again.
 
 use crate::units::{DurationUs, Ticks};
 
-/// How long the LED stays lit or dark at least.
+/// Length of a slot: the LED stays lit or dark at least this long.
 pub const SLOT: DurationUs = DurationUs(1 << 16);
-/// Slots that name the tick.
+/// Number of slots in a row that determine the tick.
 pub const WINDOW: u32 = 16;
 
-const FIRST: u16 = 1;
-const PERIOD: u16 = u16::MAX;
+/// The first window of the sequence, with `b[0]` in bit 0.
+const FIRST_WINDOW: u16 = 1;
+/// Slots after which the sequence repeats.
+const SEQUENCE_SLOTS: u16 = u16::MAX;
 
 const fn next(window: u16) -> u16 {
     let bit = (window ^ window >> 2 ^ window >> 3 ^ window >> 5) & 1;
@@ -33,20 +35,20 @@ pub fn lit(at: Ticks) -> bool {
 /// Whether the LED is lit in the slot that holds `at`, and in each after it.
 pub fn slots(at: Ticks) -> impl Iterator<Item = bool> {
     let slot = (at.0 / SLOT.0) as u16;
-    let window = (0..slot % PERIOD).fold(FIRST, |window, _| next(window));
+    let window = (0..slot % SEQUENCE_SLOTS).fold(FIRST_WINDOW, |window, _| next(window));
     core::iter::successors(Some((slot, window)), |&(slot, window)| {
         let slot = slot.wrapping_add(1);
-        Some((slot, if slot == 0 { FIRST } else { next(window) }))
+        Some((slot, if slot == 0 { FIRST_WINDOW } else { next(window) }))
     })
     .map(|(_, window)| window & 1 == 1)
 }
 
-/// When the first of [`WINDOW`] slots began: bit *i* of `seen` is 1 when the LED was lit in the *i*-th of them. None for
-/// dark ones only, which the pattern does not have.
-pub fn began(seen: u16) -> Option<Ticks> {
-    let mut window = FIRST;
-    for slot in 0..PERIOD {
-        if window == seen {
+/// When the first of [`WINDOW`] slots began: bit *i* of `observed` is 1 when the LED was lit in the *i*-th of them. None where all
+/// are dark, which the pattern does not contain.
+pub fn began(observed: u16) -> Option<Ticks> {
+    let mut window = FIRST_WINDOW;
+    for slot in 0..SEQUENCE_SLOTS {
+        if window == observed {
             return Some(Ticks(u32::from(slot) * SLOT.0));
         }
         window = next(window);
@@ -60,14 +62,14 @@ mod tests {
 
     #[test]
     fn any_window_names_its_slot() {
-        let mut window = FIRST;
-        let mut seen = [false; 1 << 16];
-        for _ in 0..PERIOD {
-            assert!(!seen[usize::from(window)]);
-            seen[usize::from(window)] = true;
+        let mut window = FIRST_WINDOW;
+        let mut found = [false; 1 << 16];
+        for _ in 0..SEQUENCE_SLOTS {
+            assert!(!found[usize::from(window)]);
+            found[usize::from(window)] = true;
             window = next(window);
         }
-        assert_eq!((window, seen[0]), (FIRST, false));
+        assert_eq!((window, found[0]), (FIRST_WINDOW, false));
         for slot in [0, 1, 77, 4_321, 65_000] {
             let slots = (0..WINDOW).map(|i| u16::from(lit(Ticks((slot + i) * SLOT.0 + 5))) << i);
             assert_eq!(began(slots.sum()), Some(Ticks(slot * SLOT.0)));

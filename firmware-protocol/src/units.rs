@@ -98,7 +98,7 @@ impl Ticks {
         self.0.wrapping_sub(earlier.0).cast_signed()
     }
 
-    /// This instant, or later than it.
+    /// Whether `now` is this instant or later.
     pub fn reached(self, now: Self) -> bool {
         now.since(self) >= 0
     }

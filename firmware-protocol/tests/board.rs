@@ -183,14 +183,14 @@ fn in_state(state: State, safe_state: SafeState) -> Setup {
 fn dead_man_acts_at_its_tick_from_every_state() {
     for &state in State::ALL {
         let mut setup = in_state(state, SafeState::Detach);
-        let heard = setup.now;
+        let last_packet = setup.now;
         setup.silence(DurationUs(249_999));
         assert_eq!(setup.board.state(), state, "a tick early");
         let events = setup.silence(DurationUs(1));
         assert_eq!((setup.board.state(), setup.board.pulse(SERVO)), (State::Faulted, None), "{state}");
         if state != State::Faulted {
             assert_eq!(setup.board.fault(), Fault::DeadMan);
-            let at = heard.plus(DEFAULT_DEAD_MAN.into());
+            let at = last_packet.plus(DEFAULT_DEAD_MAN.into());
             let fault = Event::Happened { occurrence: Occurrence::Faulted, fault: Fault::DeadMan, at };
             assert!(events.contains(&fault), "{state}: {events:?}");
         }
@@ -320,7 +320,7 @@ fn telemetry_tells_pulses_at_even_ticks() {
     setup.must(Command::Timing { dead_man: DurationMs(250), telemetry: DurationMs(20) });
     setup.must(Command::Jog { channel: SERVO, pulse: PulseWidthUs(1600), duration: DurationUs(100_000) });
     let begun = setup.now;
-    let told: Vec<(i32, u16)> = setup
+    let reported: Vec<(i32, u16)> = setup
         .pass(150)
         .into_iter()
         .filter_map(|event| match event {
@@ -329,7 +329,7 @@ fn telemetry_tells_pulses_at_even_ticks() {
         })
         .collect();
     assert_eq!(
-        told[..6],
+        reported[..6],
         [(20_000, 1520), (40_000, 1540), (60_000, 1560), (80_000, 1580), (100_000, 1600), (120_000, 1600)]
     );
 }

@@ -51,7 +51,7 @@ fn session_vector_and_board_agree() {
     ] {
         setup.say_recorded(&packet(command).encode(), &mut text);
     }
-    // Garbage, a packet cut short and a damaged one: only the last packet is heard, and a resent one done once.
+    // Garbage, a packet cut short and a damaged one: only the last packet is received, and a resent one is carried out once.
     let [track, segments] = upload.map(|command| packet(command).encode());
     setup.say_recorded(&[0x55; 100], &mut text);
     setup.say_recorded(&track[..9], &mut text);

@@ -159,8 +159,8 @@ fn strokes_are_two_to_one_at_the_pin() {
     let mut worst: f64 = 0.0;
     for (number, stroke) in turns.windows(2).enumerate() {
         let length = stroke[1] - stroke[0];
-        let told = if number % 2 == 0 { fast } else { slow };
-        worst = worst.max((length - told).abs());
+        let commanded = if number % 2 == 0 { fast } else { slow };
+        worst = worst.max((length - commanded).abs());
     }
     println!("turns at {turns:.3?} ms; worst stroke off by {worst:.3} ms");
     assert_eq!(turns.len(), 2 * cycles - 1);
@@ -189,10 +189,10 @@ fn sync_led_tells_the_tick() {
         // Slots begin where the first change was seen.
         let change = images.windows(2).find(|pair| pair[0].1 != pair[1].1).unwrap()[1].0;
         let slot = u64::from(sync_led::SLOT.0);
-        let seen = (0..u64::from(sync_led::WINDOW))
+        let observed = (0..u64::from(sync_led::WINDOW))
             .map(|n| u16::from(lit_at(change + slot / 2 + n * slot)) << n)
             .sum::<u16>();
-        let began = u64::from(sync_led::began(seen).unwrap().0);
+        let began = u64::from(sync_led::began(observed).unwrap().0);
         let off_us = (change - origin / CYCLES_PER_US).abs_diff(began);
         assert!(off_us < 17_000, "the LED says {began}, {off_us} us off");
         // Each edge against the formula.
@@ -297,7 +297,7 @@ fn no_garbage_moves_a_pin() {
         assert!(pulses.iter().all(|p| p.width == 1234 * CYCLES_PER_US), "{pin}: {:?}", widths_us(&pulses));
     }
     assert!(emulator.edges.iter().all(|edge| ["D2", "D3", SYNC_LED_PIN].contains(&edge.pin.as_str())));
-    // The next whole packet is heard.
+    // The next whole packet is received.
     assert!(matches!(emulator.say(Command::Status), Event::Status(_)));
 }
 
@@ -354,7 +354,7 @@ fn tick_wraps_without_a_gap() {
         pulses.windows(2).all(|pair| pair[0].width <= pair[1].width && pair[1].rise - pair[0].rise == FRAME)
     );
     assert_eq!(pulses.last().unwrap().width, 2000 * CYCLES_PER_US);
-    // And the pattern began anew.
+    // And the pattern began again.
     let edges: Vec<_> = emulator.edges.iter().filter(|edge| edge.pin == SYNC_LED_PIN).collect();
     for pair in edges.windows(2) {
         let middle = (pair[0].cycle + pair[1].cycle) / 2;

@@ -191,8 +191,8 @@ fn start_tells_why_it_was_reset() {
     }
 }
 
-/// A pulse is what the crate's own board says for a time just before it: in the last `STALE_MS`.
-const STALE_MS: u64 = 3;
+/// A pulse is what the crate's own board says for a time just before it: in the last `PULSE_AGE_LIMIT_MS`.
+const PULSE_AGE_LIMIT_MS: u64 = 3;
 
 #[test]
 fn no_update_makes_a_glitch() {
@@ -247,7 +247,8 @@ fn no_update_makes_a_glitch() {
         let own: Vec<_> = wanted.iter().filter(|w| w.1 == channel).collect();
         for pulse in &pulses {
             assert_eq!(pulse.width % CYCLES_PER_US, 0, "{pin} at {}", pulse.rise);
-            let (from, to) = (pulse.rise - STALE_MS * CYCLES_PER_MS, pulse.rise + CYCLES_PER_MS / 10);
+            let (from, to) =
+                (pulse.rise - PULSE_AGE_LIMIT_MS * CYCLES_PER_MS, pulse.rise + CYCLES_PER_MS / 10);
             // What it had at `from`, and all until the pulse began.
             let first = own.iter().rposition(|w| w.0 <= from).unwrap_or(0);
             let near: Vec<_> =

@@ -15,23 +15,23 @@ use bench::dice::*;
 use bench::*;
 use emulator::*;
 
-/// How far the board's stamp of a packet may be from the emulator's [µs]: an interrupt comes late by so much.
+/// How far the board's stamp of a packet may be from the emulator's [µs]: an interrupt may come late by this much.
 const STAMP_US: u32 = 80;
-/// What a profile's host needs to say it.
-const SENDING: DurationUs = DurationUs(90_000);
+/// Time that a host needs to send the profile, chosen.
+const PROFILE_UPLOAD_TIME: DurationUs = DurationUs(90_000);
 
 /// The emulated board and the crate's own, which hears the same bytes at the same ticks.
 struct Both {
     emulator: Emulator,
     model: Setup,
     origin: u64,
-    /// What the model said.
-    said: Vec<(Sequence, Event)>,
+    /// Packets of the model, with their numbers.
+    answers: Vec<(Sequence, Event)>,
     compared: usize,
-    /// What the emulator had said before the two were together.
-    heard_before: usize,
+    /// Number of events of the emulator from before it ran alongside the model.
+    events_before: usize,
     /// States that the model was in.
-    seen: Vec<(State, Fault)>,
+    states: Vec<(State, Fault)>,
     decoder: Decoder,
 }
 
@@ -43,19 +43,19 @@ impl Both {
         let mut model = Setup::of(config, Ticks(0));
         // The board introduced itself when it started, and so its own count is one.
         model.board.greet(&mut model.bench);
-        let heard_before = emulator.events.len();
+        let events_before = emulator.events.len();
         let mut both = Self {
             emulator,
             model,
             origin,
-            said: Vec::new(),
+            answers: Vec::new(),
             compared: 0,
-            heard_before,
-            seen: Vec::new(),
+            events_before,
+            states: Vec::new(),
             decoder: Decoder::default(),
         };
         both.collect();
-        both.said.clear();
+        both.answers.clear();
         both
     }
 
@@ -63,7 +63,7 @@ impl Both {
         for byte in std::mem::take(&mut self.model.bench.sent) {
             if let Some(packet) = self.decoder.push(byte) {
                 let packet = packet.unwrap();
-                self.said.push((packet.sequence, Event::decode(&packet).unwrap()));
+                self.answers.push((packet.sequence, Event::decode(&packet).unwrap()));
             }
         }
         self.model.bench.pulses.clear();
@@ -75,7 +75,7 @@ impl Both {
         self.collect();
     }
 
-    /// Hands bytes to both; what the board answers has been heard when this returns.
+    /// Hands bytes to both; the board's answers have been received when this returns.
     fn say(&mut self, bytes: &[u8]) {
         let cycle = self.emulator.hand_over(bytes);
         self.advance(cycle);
@@ -87,21 +87,26 @@ impl Both {
     fn wait(&mut self, us: u64) {
         self.emulator.run_us(us);
         self.advance(self.emulator.now_us * CYCLES_PER_US);
-        self.seen.push((self.model.board.state(), self.model.board.fault()));
+        self.states.push((self.model.board.state(), self.model.board.fault()));
     }
 
-    /// Lets the last packet come, and compares all that was said since.
+    /// Lets the last packet come, and compares all packets since.
     fn compare(&mut self) {
         let theirs: Vec<_> =
-            self.emulator.events[self.heard_before..].iter().map(|(_, event)| *event).collect();
-        let both = self.said.len().min(theirs.len());
-        for (ours, theirs) in self.said[self.compared..both].iter().zip(&theirs[self.compared..both]) {
+            self.emulator.events[self.events_before..].iter().map(|(_, event)| *event).collect();
+        let both = self.answers.len().min(theirs.len());
+        for (ours, theirs) in self.answers[self.compared..both].iter().zip(&theirs[self.compared..both]) {
             assert_eq!(ours.0, theirs.0, "{ours:?}, on the Uno {theirs:?}");
             assert!(alike(&ours.1, &theirs.1), "{ours:?}, on the Uno {theirs:?}");
         }
         self.compared = both;
         // One may be on the line.
-        assert!(self.said.len().abs_diff(theirs.len()) <= 2, "{} and {}", self.said.len(), theirs.len());
+        assert!(
+            self.answers.len().abs_diff(theirs.len()) <= 2,
+            "{} and {}",
+            self.answers.len(),
+            theirs.len()
+        );
     }
 }
 
@@ -181,7 +186,7 @@ fn uno_and_board_agree_on_random_sessions() {
                     let jog = Command::Jog { channel, pulse: CENTRE, duration: DurationUs(0) };
                     say(&mut both, &mut dice, jog);
                 }
-                whole_profile(&mut dice, &both.model, SENDING)
+                whole_profile(&mut dice, &both.model, PROFILE_UPLOAD_TIME)
             } else {
                 vec![any_command(&mut dice, &both.model)]
             };
@@ -194,10 +199,10 @@ fn uno_and_board_agree_on_random_sessions() {
         }
     }
     for state in State::ALL {
-        assert!(both.seen.iter().any(|(s, _)| s == state), "never {state}");
+        assert!(both.states.iter().any(|(s, _)| s == state), "never {state}");
     }
     for fault in [Fault::None, Fault::DeadMan, Fault::EStop, Fault::HostRestarted] {
-        assert!(both.seen.iter().any(|(_, f)| *f == fault), "never {fault}");
+        assert!(both.states.iter().any(|(_, f)| *f == fault), "never {fault}");
     }
     println!("{} answers alike; {} bytes of stack free", both.compared, both.emulator.stack_left());
 }
@@ -246,7 +251,8 @@ fn uno_conducts_the_session_vector() {
     let vector = include_str!("../vectors/session.txt").lines().filter(|line| !line.starts_with('#'));
     let vector = vector.filter_map(|line| line.split_once(" < "));
     let bytes = vector.flat_map(|(_, hex)| from_hex(hex));
-    let mut told = bytes.filter_map(|byte| decoder.push(byte)).map(|p| Event::decode(&p.unwrap()).unwrap());
-    assert_eq!(acks(&mut both.said.iter().map(|(_, event)| *event)), acks(&mut told));
+    let mut expected =
+        bytes.filter_map(|byte| decoder.push(byte)).map(|p| Event::decode(&p.unwrap()).unwrap());
+    assert_eq!(acks(&mut both.answers.iter().map(|(_, event)| *event)), acks(&mut expected));
     println!("{} answers alike", both.compared);
 }

@@ -16,9 +16,10 @@ use firmware_protocol::units::{Sequence, Ticks};
 
 use emulator::*;
 
-const PATIENCE: Duration = Duration::from_secs(20);
+/// Longest wait for port and answers on a busy machine, chosen.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
 /// Time that the board's clock may differ from the wall's over a second, on a busy machine.
-const PACE: Duration = Duration::from_millis(400);
+const PACE_TOLERANCE: Duration = Duration::from_millis(400);
 
 #[test]
 fn board_answers_on_a_pseudo_terminal_in_wall_time() {
@@ -40,18 +41,18 @@ fn board_answers_on_a_pseudo_terminal_in_wall_time() {
     let mut port = loop {
         match std::fs::File::options().read(true).write(true).open(&link) {
             Ok(port) => break port,
-            Err(error) => assert!(began.elapsed() < PATIENCE, "{error}"),
+            Err(error) => assert!(began.elapsed() < ANSWER_TIMEOUT, "{error}"),
         }
         std::thread::sleep(Duration::from_millis(10));
     };
-    let (sender, heard) = mpsc::channel();
+    let (sender, receiver) = mpsc::channel();
     let mut reader = port.try_clone().unwrap();
     std::thread::spawn(move || {
         let (mut decoder, mut bytes) = (Decoder::default(), [0; 64]);
         while let Ok(count) = reader.read(&mut bytes) {
             for packet in bytes[..count].iter().filter_map(|&byte| decoder.push(byte)) {
-                let told = packet.ok().and_then(|packet| Event::decode(&packet));
-                if sender.send(told).is_err() {
+                let event = packet.ok().and_then(|packet| Event::decode(&packet));
+                if sender.send(event).is_err() {
                     return;
                 }
             }
@@ -62,7 +63,7 @@ fn board_answers_on_a_pseudo_terminal_in_wall_time() {
         sequence.0 += 1;
         port.write_all(&Command::Ping.encode(sequence).encode()).unwrap();
         loop {
-            if let Some(Event::Pong { at, .. }) = heard.recv_timeout(PATIENCE).expect("a packet") {
+            if let Some(Event::Pong { at, .. }) = receiver.recv_timeout(ANSWER_TIMEOUT).expect("a packet") {
                 return (Instant::now(), at);
             }
         }
@@ -73,7 +74,7 @@ fn board_answers_on_a_pseudo_terminal_in_wall_time() {
     child.kill().unwrap();
     child.wait().unwrap();
     let passed = Duration::from_micros(last.since(first) as u64);
-    assert!(passed.abs_diff(wall - first_wall) < PACE, "{passed:?} in {:?}", wall - first_wall);
-    let told = std::fs::read_to_string(edges).unwrap();
-    assert!(told.lines().any(|line| line.ends_with("D13 1")), "{told}");
+    assert!(passed.abs_diff(wall - first_wall) < PACE_TOLERANCE, "{passed:?} in {:?}", wall - first_wall);
+    let log = std::fs::read_to_string(edges).unwrap();
+    assert!(log.lines().any(|line| line.ends_with("D13 1")), "{log}");
 }

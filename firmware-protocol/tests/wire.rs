@@ -7,7 +7,7 @@ use firmware_protocol::command::{Command, MAX_SEGMENTS_PER_PACKET, Segment, Segm
 use firmware_protocol::event::{
     Ack, Event, Fault, Identity, MAX_CHANNELS, Occurrence, Refusal, State, Status, Telemetry,
 };
-use firmware_protocol::packet::{Decoder, MAX_PACKET, Packet};
+use firmware_protocol::packet::{Decoder, MAX_PACKET_BYTES, Packet};
 use firmware_protocol::units::{
     Channel, DurationMs, DurationUs, Name, PulseWidthUs, RateUsPerS, Sequence, Ticks,
 };
@@ -177,7 +177,7 @@ fn vectors_and_code_say_the_same() {
 fn every_one_and_two_bit_flip_is_rejected() {
     for (_, packet, meaning) in messages() {
         let line = packet.encode();
-        assert!(line.len() <= MAX_PACKET);
+        assert!(line.len() <= MAX_PACKET_BYTES);
         let bits = line.len() * 8;
         let mut bytes = line.to_vec();
         for first in 0..bits {
@@ -188,13 +188,13 @@ fn every_one_and_two_bit_flip_is_rejected() {
                     bytes[second / 8] ^= 1 << (second % 8);
                 }
                 // Flips in the zeros around it may leave the packet itself unharmed, never another one.
-                let heard = decode(&bytes);
+                let packets = decode(&bytes);
                 assert!(
-                    heard.iter().all(|p| *p == packet),
-                    "{meaning}: bits {first}, {second} gave {heard:?}"
+                    packets.iter().all(|p| *p == packet),
+                    "{meaning}: bits {first}, {second} gave {packets:?}"
                 );
                 let inside = |bit: usize| (8..bits - 8).contains(&bit);
-                assert!(heard.is_empty() || !(inside(first) || inside(second)), "{meaning}");
+                assert!(packets.is_empty() || !(inside(first) || inside(second)), "{meaning}");
                 if second != first {
                     bytes[second / 8] ^= 1 << (second % 8);
                 }
@@ -260,9 +260,9 @@ proptest! {
             bytes.extend_from_slice(garbage);
             bytes.extend_from_slice(&packet.encode());
         }
-        let heard = decode(&bytes);
+        let received = decode(&bytes);
         let sent: Vec<Packet> = parts.iter().map(|(_, packet)| *packet).collect();
-        prop_assert_eq!(heard, sent);
+        prop_assert_eq!(received, sent);
     }
 
     #[test]

@@ -51,7 +51,7 @@ enum {
 };
 
 static avr_t *avr;
-static FILE *told;
+static FILE *log_file;
 static unsigned optiboot; /* major version; 0: no bootloader */
 static const char *eeprom_file;
 
@@ -91,7 +91,7 @@ static void tell_level(unsigned port, unsigned bit, bool high)
     levels[port] ^= (uint8_t)(1u << bit);
     /* Names as printed on the board. */
     const char *name = port == 1 ? "A" : "D";
-    fprintf(told, "%" PRIu64 " %s%u %d\n", avr->cycle, name, port == 0 ? bit + 8 : bit, high);
+    fprintf(log_file, "%" PRIu64 " %s%u %d\n", avr->cycle, name, port == 0 ? bit + 8 : bit, high);
 }
 
 static void pin_moved(avr_irq_t *irq, uint32_t value, void *port)
@@ -104,7 +104,7 @@ static void byte_sent(avr_irq_t *irq, uint32_t value, void *param)
     (void)irq, (void)param;
     uint8_t byte = (uint8_t)value;
     if (terminal < 0)
-        fprintf(told, "%" PRIu64 " < %02x\n", avr->cycle, byte);
+        fprintf(log_file, "%" PRIu64 " < %02x\n", avr->cycle, byte);
     else if (leaving_count < sizeof leaving)
         leaving[leaving_count++] = byte;
 }
@@ -126,7 +126,7 @@ static void line_hold(avr_irq_t *irq, uint32_t value, void *hold)
     /* simavr says so when the firmware has read the last byte. */
     if (!line_held && terminal < 0)
         for (size_t i = 0; i < arriving_count; i++)
-            fprintf(told, "%" PRIu64 " > %02x\n", avr->cycle, arriving[i]);
+            fprintf(log_file, "%" PRIu64 " > %02x\n", avr->cycle, arriving[i]);
     if (!line_held)
         arriving_count = 0;
 }
@@ -171,7 +171,7 @@ static void reset(uint8_t flags)
     avr_reset(avr);
     avr->data[MCUSR] = flags;
     after_reset();
-    fprintf(told, "%" PRIu64 " reset\n", avr->cycle);
+    fprintf(log_file, "%" PRIu64 " reset\n", avr->cycle);
 }
 
 static void feed_line(void)
@@ -212,7 +212,7 @@ static void run_until(avr_cycle_count_t until)
         if (avr->run != usual_run) { /* the watchdog: the next call resets */
             avr_run(avr);
             after_reset();
-            fprintf(told, "%" PRIu64 " reset\n", avr->cycle);
+            fprintf(log_file, "%" PRIu64 " reset\n", avr->cycle);
         }
         if (avr->state == cpu_Done || avr->state == cpu_Crashed)
             give_up("the firmware stopped at cycle %" PRIu64 ", address %04x", avr->cycle, (unsigned)avr->pc);
@@ -308,8 +308,8 @@ static void obey(void)
         char rest;
         if (sscanf(line, "run %" SCNu64 "%c", &number, &rest) == 2) {
             run_until(number);
-            fprintf(told, "= %" PRIu64 " %u\n", avr->cycle, lowest_stack);
-            fflush(told);
+            fprintf(log_file, "= %" PRIu64 " %u\n", avr->cycle, lowest_stack);
+            fflush(log_file);
         } else if (strncmp(line, "send ", 5) == 0) {
             unsigned byte;
             if (queue_head == queue_tail && line_free_at < avr->cycle)
@@ -348,7 +348,7 @@ static void serve(const char *link)
         give_up("linking %s to %s: %s", link, name, strerror(errno));
     /* The other end stays open here, or what the board says would be an error while nobody listens. */
     double began = wall_s();
-    fprintf(told, "%" PRIu64 " began %.6f\n", avr->cycle, began);
+    fprintf(log_file, "%" PRIu64 " began %.6f\n", avr->cycle, began);
     for (;;) {
         uint8_t bytes[256];
         ssize_t count = read(terminal, bytes, sizeof bytes);
@@ -356,7 +356,7 @@ static void serve(const char *link)
             put(bytes[i]);
         run_until(avr->cycle + SLICE_CYCLES);
         let_leave();
-        fflush(told);
+        fflush(log_file);
         double ahead = (double)avr->cycle / CLOCK_HZ - (wall_s() - began);
         if (ahead > 0)
             usleep((useconds_t)(ahead * 1e6));
@@ -380,8 +380,8 @@ int main(int count, char **arguments)
     if (!elf_file || (link && !edges))
         give_up("usage: emulator ELF [--optiboot VERSION] [--eeprom FILE] [--pty LINK --edges FILE]");
     optiboot = (unsigned)strtoul(version, NULL, 10);
-    told = edges ? fopen(edges, "w") : stdout;
-    if (!told)
+    log_file = edges ? fopen(edges, "w") : stdout;
+    if (!log_file)
         give_up("writing %s: %s", edges, strerror(errno));
     start(elf_file);
     if (link)

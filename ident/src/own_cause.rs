@@ -1,4 +1,4 @@
-//! The `[[cause]]` tables: causes of one's own, which a diagnosis tries beside those it knows.
+//! The `[[cause]]` tables: user-defined causes, which a diagnosis tries in addition to the built-in ones.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use ground::strict::{Finite, Positive};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CauseConfig {
-    /// Its name.
+    /// Name of the cause.
     pub name: String,
     /// What the report says of it, without a full stop; left out, where it acts.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -52,7 +52,7 @@ pub struct CauseConfig {
     /// How much further along z the keypoint is taken to be \[m\].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shift_z: Option<String>,
-    /// Its numbers, by their names in the expressions.
+    /// Its parameters, by their names in the expressions.
     pub parameters: BTreeMap<String, CauseParameterConfig>,
 }
 
@@ -66,12 +66,12 @@ pub struct CauseParameterConfig {
     /// Least and greatest value.
     #[serde(deserialize_with = "two")]
     pub bounds: [Finite; 2],
-    /// A usual size: what a search takes for small and large.
+    /// A typical value, SI: the scale on which a search varies it.
     pub typical: Positive,
     /// Values that a search starts from, of a number that says nothing while the sizes are 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hidden: Option<Vec<Finite>>,
-    /// What it is.
+    /// Description for the report.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub meaning: Option<String>,
 }
@@ -137,12 +137,12 @@ impl CauseConfig {
     /// [`CauseError`] for the first that says too little or too much, or that the model refuses.
     pub fn define(causes: &[Self], model: &mut Model) -> Result<(), CauseError> {
         for cause in causes {
-            model.define_cause(&cause.own()?)?;
+            model.define_cause(&cause.definition()?)?;
         }
         Ok(())
     }
 
-    fn own(&self) -> Result<OwnCause, CauseError> {
+    fn definition(&self) -> Result<OwnCause, CauseError> {
         let refuse = |text: &str, reason: &str| CauseError::new(&self.name, text, reason);
         let place = match (&self.joint, &self.body, &self.keypoint) {
             (Some(joint), None, None) => Place::Joint(joint.clone()),

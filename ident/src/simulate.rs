@@ -11,7 +11,7 @@ use sim::{
     rollout,
 };
 
-use crate::experiment::{Run, unknown_rates, unsought};
+use crate::experiment::{Run, not_estimated, unknown_rates};
 use crate::geometry::{motion, moved};
 use crate::initial::{Estimate, Start, prescribed_dofs};
 
@@ -22,7 +22,7 @@ pub enum Nuisance {
     Coordinate(usize),
     /// Offset of this velocity \[rad/s\] or \[m/s\].
     Rate {
-        /// Which.
+        /// Index of the degree of freedom.
         dof: usize,
         /// How fast it may be, one standard deviation \[rad/s\] or \[m/s\].
         belief: f64,
@@ -34,7 +34,7 @@ pub enum Nuisance {
         /// The release is not after motion is beyond doubt.
         upper: f64,
     },
-    /// Value of a parameter that each run has its own of, SI.
+    /// Value of a parameter that differs from run to run, SI.
     Own {
         /// Its place in the model.
         place: Parameter,
@@ -45,14 +45,14 @@ pub enum Nuisance {
     },
 }
 
-/// How fast a mechanism may be that is in motion when filming begins \[rad/s\] or \[m/s\],
-const RATE: f64 = 50.0;
-/// and a body that drifts after somebody has let go of it, out of the picture's plane too, where images hardly tell.
-const DRIFT: f64 = 0.02;
+/// Standard deviation of the initial rates of a mechanism that is in motion when filming begins \[rad/s\] or \[m/s\] (chosen),
+const INITIAL_RATE_STD: f64 = 50.0;
+/// and of those of a body that drifts \[rad/s\] or \[m/s\] (chosen): also out of the picture's plane, which images hardly show.
+const DRIFT_RATE_STD: f64 = 0.02;
 
 impl Nuisance {
-    /// Standard deviation of a belief so weak that it speaks only where the images are silent: half a radian, a rate's
-    /// own, the interval in which the release was seen, the bounds of a parameter.
+    /// Standard deviation of a belief so weak that it matters only where the images say nothing: half a radian, the rate's
+    /// `belief`, the interval that contains the release, the width of a parameter's bounds.
     pub(crate) fn belief(self) -> f64 {
         match self {
             Self::Coordinate(_) => 0.5,
@@ -82,37 +82,38 @@ pub struct Numbers<'a> {
     pub varied: &'a [Vec<(usize, f64)>],
 }
 
-/// Errors of simulation that are lost in the noise, as a share of it.
-const LOST_IN_NOISE_SHARE: f64 = 0.05;
-/// Steps are planned this much more exact than wanted, for candidates that move faster than the nominal one.
-const PLAN_MARGIN: f64 = 2.0;
-/// A candidate too stiff for the plan is simulated with each step in so many parts, the first that it bears.
+/// Largest errors of simulation that are negligible, as a share of the noise (chosen).
+const SIMULATION_ERROR_NOISE_SHARE_MAX: f64 = 0.05;
+/// Steps are planned for errors this many times smaller than allowed (chosen), for candidates that move faster than the nominal one.
+const PLAN_ACCURACY_MARGIN: f64 = 2.0;
+/// A candidate too stiff for the plan is simulated with each step divided into this many parts, the first number at which it does not
+/// diverge (chosen).
 const STEP_PARTS: [usize; 3] = [1, 4, 16];
-/// One in so many steps of a plan is no longer than the short ones.
-const SHORT_STEPS_RATIO: usize = 10;
+/// The short steps of a plan are its shortest 1/10 (chosen).
+const SHORT_STEPS_QUANTILE_DIVISOR: usize = 10;
 
-/// Errors of simulation that are lost in noise of `noise_m` \[m\].
+/// Errors of simulation that are negligible beside noise of `noise_m` \[m\].
 fn wanted_m(noise_m: f64) -> f64 {
-    sim::ACCURACY_M.max(LOST_IN_NOISE_SHARE * noise_m)
+    sim::ACCURACY_M.max(SIMULATION_ERROR_NOISE_SHARE_MAX * noise_m)
 }
 
-/// A run's whole motion.
+/// The simulated motion of a whole run.
 #[derive(Debug, Clone)]
 pub struct Watched {
-    /// What [`Rehearsal::simulate`] yields.
+    /// Positions of the measured keypoints \[m\], laid out as [`Rehearsal::simulate`] does, shape (N, K).
     pub position_m: Vec<[f64; 3]>,
     /// The coordinates behind it, row-major, shape (N, nq).
     pub qpos: Vec<f64>,
-    /// What first touched whose contact is not simulated, if anything did.
+    /// The first contact between shapes whose contact is not simulated, if any.
     pub touch: Option<Touch>,
 }
 
-/// A run made ready to be simulated again and again.
+/// A run prepared for repeated simulation.
 #[derive(Debug, Clone)]
 pub struct Rehearsal<'a> {
-    /// The run.
+    /// The run that is simulated.
     pub run: &'a Run,
-    /// Where the offsets count from.
+    /// Estimated start from which the offsets count.
     pub start: Start,
     /// What is uncertain about the start.
     pub nuisances: Vec<Nuisance>,
@@ -145,11 +146,11 @@ impl<'a> Rehearsal<'a> {
         let mut nuisances = Vec::new();
         if run.initial.is_none() {
             let frozen = prescribed_dofs(model, run);
-            let unsought = unsought(model, run);
-            let free = (0..model.nv()).filter(|&dof| !frozen[dof] && !unsought[dof]);
+            let not_estimated = not_estimated(model, run);
+            let free = (0..model.nv()).filter(|&dof| !frozen[dof] && !not_estimated[dof]);
             nuisances.extend(free.map(Nuisance::Coordinate));
             let unknown = unknown_rates(model, run, &frozen);
-            let belief = if run.adrift { DRIFT } else { RATE };
+            let belief = if run.adrift { DRIFT_RATE_STD } else { INITIAL_RATE_STD };
             let rates = (0..model.nv()).filter(|&dof| unknown[dof]);
             nuisances.extend(rates.map(|dof| Nuisance::Rate { dof, belief }));
         }
@@ -161,8 +162,8 @@ impl<'a> Rehearsal<'a> {
         let known = model.marks();
         let columns = run.trajectory.keypoints.iter().filter_map(|name| known.iter().position(|k| k == name));
         // Prescribed joints are free in drops, which is what no command at all means to the simulation.
-        let silent = run.prescribed && !run.follows();
-        let command = run.command.clone().filter(|_| !silent).unwrap_or_default();
+        let ignores_command = run.prescribed && !run.follows();
+        let command = run.command.clone().filter(|_| !ignores_command).unwrap_or_default();
         let mut rehearsal = Self {
             run,
             start: estimate.start,
@@ -183,18 +184,19 @@ impl<'a> Rehearsal<'a> {
     fn planned(&self, model: &Model, start: &Start, accuracy_m: f64) -> Option<Steps> {
         let options = RolloutOptions { steps: self.plan.clone(), ..self.options(start.start_s, 1) };
         let times = &self.run.trajectory.time_s;
-        let plan = sim::plan(model, &start.state, &self.command, times, &options, accuracy_m / PLAN_MARGIN);
+        let plan =
+            sim::plan(model, &start.state, &self.command, times, &options, accuracy_m / PLAN_ACCURACY_MARGIN);
         plan.ok().map(|plan| plan.steps)
     }
 
     /// The same in steps planned for `model` with `offsets`, which may be quicker or stiffer than the one before, and for noise of
     /// `noise_m` \[m\].
     pub fn replanned(mut self, model: &Model, offsets: &[f64], noise_m: f64) -> Self {
-        let mut own = model.clone();
-        for (place, value) in self.own(offsets) {
-            own.set(place, value);
+        let mut run_model = model.clone();
+        for (place, value) in self.run_parameters(offsets) {
+            run_model.set(place, value);
         }
-        let planned = self.planned(&own, &self.start_with(model, offsets), wanted_m(noise_m));
+        let planned = self.planned(&run_model, &self.start_with(model, offsets), wanted_m(noise_m));
         self.plan = planned.or(self.plan);
         self.steps = self.plan.clone();
         self
@@ -207,7 +209,9 @@ impl<'a> Rehearsal<'a> {
         let begins = std::iter::once(0.0).chain(plan.ends_s.iter().copied());
         let mut lengths_s: Vec<f64> = begins.zip(plan.ends_s.iter()).map(|(from, &to)| to - from).collect();
         lengths_s.sort_by(f64::total_cmp);
-        let Some(&short_s) = lengths_s.get(lengths_s.len() / SHORT_STEPS_RATIO) else { return self };
+        let Some(&short_s) = lengths_s.get(lengths_s.len() / SHORT_STEPS_QUANTILE_DIVISOR) else {
+            return self;
+        };
         self.steps = Some(plan.shortened(match plan.method {
             // what is stiffer than the nominal model would make longer ones unstable
             Method::RungeKutta => short_s,
@@ -229,9 +233,9 @@ impl<'a> Rehearsal<'a> {
         RolloutOptions { prescribed, start_s, steps, base, ..RolloutOptions::default() }
     }
 
-    /// What `run` yields with the plan's steps in so many `parts`: a search must not end at the first candidate that is
-    /// stiffer than the nominal one.
-    fn bearable<R>(
+    /// The result of `run` with the plan's steps divided into `parts`, the first number that does not diverge: a search must not end at
+    /// the first candidate that is stiffer than the nominal one.
+    fn with_divided_steps<R>(
         &self,
         parts: &[usize],
         run: impl Fn(usize) -> Result<R, RolloutError>,
@@ -313,12 +317,12 @@ impl<'a> Rehearsal<'a> {
     ) -> Result<Rollout<f64>, RolloutError> {
         let Start { state, start_s } = self.start_with(model, offsets);
         let times = &self.run.trajectory.time_s[..instants];
-        let mut own = std::borrow::Cow::Borrowed(model);
-        for (place, value) in self.own(offsets) {
-            own.to_mut().set(place, value);
+        let mut run_model = std::borrow::Cow::Borrowed(model);
+        for (place, value) in self.run_parameters(offsets) {
+            run_model.to_mut().set(place, value);
         }
-        self.bearable(self.parts, |parts| {
-            rollout(&own, &state, &self.command, times, &self.options(start_s, parts))
+        self.with_divided_steps(self.parts, |parts| {
+            rollout(&run_model, &state, &self.command, times, &self.options(start_s, parts))
         })
     }
 
@@ -346,7 +350,7 @@ impl<'a> Rehearsal<'a> {
         for (one, candidate) in all.iter_mut().zip(&candidates) {
             if !again.is_empty() && matches!(one, Err(RolloutError::Diverged { .. })) {
                 let alone = |parts| simulated(std::slice::from_ref(candidate), parts)?.remove(0);
-                *one = self.bearable(again, alone);
+                *one = self.with_divided_steps(again, alone);
             }
         }
         let width = model.marks().len();
@@ -399,7 +403,7 @@ impl<'a> Rehearsal<'a> {
         let columns = columns.start.min(directions.len())..columns.end.min(directions.len());
         let directions = &directions[columns];
         let (times, command) = (&self.run.trajectory.time_s[..instants], &self.command);
-        let found = self.bearable(self.parts, |parts| {
+        let found = self.with_divided_steps(self.parts, |parts| {
             let options = self.options(candidate.start_s, parts);
             sensitivities::sensitivities(
                 model,
@@ -421,25 +425,25 @@ impl<'a> Rehearsal<'a> {
 
     fn candidate(&self, model: &Model, values: &[f64], offsets: &[f64]) -> Candidate {
         let Start { state, start_s } = self.start_with(model, offsets);
-        let own = self.own(offsets).map(|(_, value)| value);
-        Candidate { values: values.iter().copied().chain(own).collect(), state, start_s }
+        let run_values = self.run_parameters(offsets).map(|(_, value)| value);
+        Candidate { values: values.iter().copied().chain(run_values).collect(), state, start_s }
     }
 
-    /// Parameters that this run has its own value of, and the values.
-    fn own<'b>(&'b self, offsets: &'b [f64]) -> impl Iterator<Item = (Parameter, f64)> + 'b {
+    /// Parameters with a value per run, and this run's values, SI.
+    fn run_parameters<'b>(&'b self, offsets: &'b [f64]) -> impl Iterator<Item = (Parameter, f64)> + 'b {
         self.nuisances.iter().zip(offsets).filter_map(|(nuisance, &value)| match *nuisance {
             Nuisance::Own { place, .. } => Some((place, value)),
             Nuisance::Coordinate(_) | Nuisance::Rate { .. } | Nuisance::Release { .. } => None,
         })
     }
 
-    /// `parameters`, and those that this run has its own value of.
+    /// `parameters`, then those with a value per run.
     fn places(&self, parameters: &[Parameter]) -> Vec<Parameter> {
-        let own = self.nuisances.iter().filter_map(|nuisance| match *nuisance {
+        let run_places = self.nuisances.iter().filter_map(|nuisance| match *nuisance {
             Nuisance::Own { place, .. } => Some(place),
             Nuisance::Coordinate(_) | Nuisance::Rate { .. } | Nuisance::Release { .. } => None,
         });
-        parameters.iter().copied().chain(own).collect()
+        parameters.iter().copied().chain(run_places).collect()
     }
 
     /// How the coordinates follow the offset of `dof`. A hinge's coordinate is the offset's own; quaternions bend.

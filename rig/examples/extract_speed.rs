@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use camera::calibration::Calibration;
 use ground::strict;
-use images::{self, TimedImage};
+use images::{self, SourceError, TimedImage};
 use rustix::time::{ClockId, clock_gettime};
 use serde::Deserialize;
 use vision::extractor::LEARN_FROM;
@@ -43,16 +43,17 @@ fn timed() -> anyhow::Result<()> {
     let images: Vec<TimedImage> = source.images()?.take(MOST).collect::<Result<_, _>>()?;
 
     let started = cpu_ms();
-    let mut extractor = Task::new(&config.vision, None, plane, folder)?.learn(&sample)?;
+    let mut extraction = Task::new(&config.vision, None, plane, folder)?.learn(&sample)?;
     let learnt = cpu_ms();
-    let records = extractor.push(&images);
+    let count = images.len();
+    extraction.take(&mut images.into_iter().map(Ok::<_, SourceError>), count)?;
     let done = cpu_ms();
     println!(
         "learning from {} images: {:.0} ms CPU; then {:.2} ms CPU an image over {} images",
         sample.len(),
         learnt - started,
-        (done - learnt) / records.len() as f64,
-        records.len()
+        (done - learnt) / count as f64,
+        count
     );
     Ok(())
 }

@@ -8,22 +8,22 @@ use rig::cli::{self, Cli, Failure, Outcome};
 use tracing_subscriber::EnvFilter;
 
 fn main() -> ExitCode {
-    let asked = Cli::parse();
-    start_log(asked.verbose);
-    let result = asked.verb.carry_out();
-    if asked.json {
+    let arguments = Cli::parse();
+    start_log(arguments.verbose);
+    let result = arguments.verb.carry_out();
+    if arguments.json {
         print(&serde_json::to_string(&cli::result(&result)).unwrap_or_default());
     } else {
-        say(&result)
+        print_result(&result)
     }
     match result {
-        Ok(outcome) => ExitCode::from(outcome.exit_code(asked.strict)),
+        Ok(outcome) => ExitCode::from(outcome.exit_code(arguments.strict)),
         Err(failure) => ExitCode::from(failure.exit_code()),
     }
 }
 
-/// Whose log is told of.
-const CRATES: [&str; 17] = [
+/// Crates whose log is shown at the chosen level.
+const LOGGED_CRATES: [&str; 17] = [
     "analysis",
     "app",
     "calibrate",
@@ -45,7 +45,7 @@ const CRATES: [&str; 17] = [
 
 fn start_log(verbose: u8) {
     let (ours, theirs) = [("warn", "warn"), ("info", "warn"), ("debug", "info")][usize::from(verbose.min(2))];
-    let level = CRATES.map(|name| format!("{name}={ours},")).concat() + theirs;
+    let level = LOGGED_CRATES.map(|name| format!("{name}={ours},")).concat() + theirs;
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
@@ -60,7 +60,7 @@ fn print(text: &str) {
     let _ = writeln!(std::io::stdout(), "{}", text.trim_end());
 }
 
-fn say(result: &Result<Outcome, Failure>) {
+fn print_result(result: &Result<Outcome, Failure>) {
     match result {
         Ok(outcome) => {
             if !outcome.text.is_empty() {

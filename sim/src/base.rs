@@ -47,15 +47,15 @@ pub enum BaseError {
         "a base's path needs one row at least and a pose for each time, not {times} times and {poses} poses"
     )]
     Rows {
-        /// Times given.
+        /// Number of times.
         times: usize,
-        /// Poses given.
+        /// Number of poses.
         poses: usize,
     },
     /// A time that is no number or does not rise, or a pose that is no number.
     #[error("row {row} of a base's path: times must be finite and rise, poses must be finite")]
     Row {
-        /// Counted from 1.
+        /// Number of the row, counted from 1.
         row: usize,
     },
 }
@@ -113,7 +113,7 @@ impl BasePath {
         &self.time_s
     }
 
-    /// The rows' poses.
+    /// Poses of the base, one a row: x, z \[m\] and angle \[rad\].
     pub fn poses(&self) -> &[PlanarPose] {
         &self.pose
     }

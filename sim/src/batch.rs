@@ -17,7 +17,7 @@ use crate::space::{Planar, Spatial};
 pub struct Candidate {
     /// Value of each parameter in question, SI, shape (P).
     pub values: Vec<f64>,
-    /// Initial state.
+    /// State at the start of the motion.
     pub state: State,
     /// When motion starts \[s\]; takes the place of [`RolloutOptions::start_s`], which stays the time at which commands begin.
     pub start_s: f64,
@@ -86,7 +86,7 @@ pub(crate) fn per_lane<T: Scalar, L: Packed>(
     part: impl Fn(T) -> L,
 ) -> Vec<Vec<[f64; 3]>> {
     let mut apart: Vec<Vec<[f64; 3]>> = (0..lanes).map(|_| Vec::with_capacity(places.len())).collect();
-    let mut numbers = [[0.0; Isa::MOST_CANDIDATES]; 3];
+    let mut numbers = [[0.0; Isa::CANDIDATES_MAX]; 3];
     for place in places {
         for (numbers, &x) in numbers.iter_mut().zip(place) {
             part(x).unpack(numbers);

@@ -1,6 +1,6 @@
 //! Commanded actuator angles over time.
 
-/// What the servos were told: one column per actuator, linear between rows, constant outside them.
+/// The commands of the servos: one column per actuator, linear between rows, constant outside them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Command {
     /// Actuator names, in column order.

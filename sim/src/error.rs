@@ -3,26 +3,26 @@
 /// Why a run could not be simulated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RolloutError {
-    /// A velocity is not a number or absurd.
+    /// A velocity is not finite, or beyond any that a mechanism reaches.
     #[error(
         "simulation diverged at joint `{joint}` at {time_s} s; take a smaller time step or check the model's numbers"
     )]
     Diverged {
-        /// The first joint at fault.
+        /// Name of the first joint whose velocity is.
         joint: String,
-        /// When \[s\].
+        /// Time of the run at which it is noticed \[s\].
         time_s: f64,
     },
-    /// A time step that is none.
+    /// A time step that is not finite or not above 0.
     #[error("time step {timestep_s} s must be finite and above 0")]
     Timestep {
-        /// The step \[s\].
+        /// The time step \[s\].
         timestep_s: f64,
     },
     /// A command for an actuator the model does not have.
     #[error("command for `{actuator}`, but the model's actuators are: {known}")]
     UnknownActuator {
-        /// The command's column.
+        /// Name of the command's column.
         actuator: String,
         /// The model's actuators, listed.
         known: String,
@@ -30,42 +30,42 @@ pub enum RolloutError {
     /// A state of another shape than the model.
     #[error("state has {qpos} coordinates and {qvel} velocities, the model {nq} and {nv}")]
     Shape {
-        /// Coordinates given.
+        /// Number of coordinates in the state.
         qpos: usize,
-        /// Velocities given.
+        /// Number of velocities in the state.
         qvel: usize,
-        /// Coordinates wanted.
+        /// Number of coordinates of the model.
         nq: usize,
-        /// Velocities wanted.
+        /// Number of velocities of the model.
         nv: usize,
     },
-    /// An initial state that is no number.
+    /// An initial state with a number that is not finite.
     #[error("initial {what} {index}, of joint `{joint}`, is not finite")]
     BadState {
         /// `qpos` or `qvel`.
         what: &'static str,
-        /// Which entry.
+        /// Index of the entry that is not finite.
         index: usize,
-        /// The joint it belongs to.
+        /// Name of the joint it belongs to.
         joint: String,
     },
-    /// A number of the model that cannot be.
+    /// A parameter of the model with an impossible value.
     #[error("parameter `{name}` must be {wanted}")]
     BadParameter {
-        /// The parameter.
+        /// Name of the parameter.
         name: String,
         /// What it must be.
         wanted: &'static str,
     },
-    /// Sample times that are no numbers or fall.
+    /// Sample times that are not finite, or that fall.
     #[error("sample time {index} is {time_s} s: times must be finite and must not fall")]
     SampleTime {
-        /// Which one.
+        /// Index of the sample.
         index: usize,
-        /// The time \[s\].
+        /// Its time \[s\].
         time_s: f64,
     },
-    /// No step is as exact as wanted.
+    /// No time step reaches the wanted accuracy.
     #[error(
         "no step down to {shortest_s} s keeps the keypoints within {accuracy_m} m; ask for less accuracy"
     )]

@@ -1,4 +1,4 @@
-//! Where the keypoints are seen, step by step, for whoever looks between the steps.
+//! Positions of the keypoints as the camera sees them, step by step and between steps.
 
 use crate::causes::Looks;
 use crate::causes::own::Shifts;

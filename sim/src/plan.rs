@@ -1,4 +1,4 @@
-//! The cheapest steps that are as exact as wanted.
+//! Plans the cheapest time steps that are as accurate as wanted.
 
 use crate::causes::{CommandPath, Kind};
 use crate::command::Command;
@@ -22,28 +22,28 @@ use search::Search;
 /// Steps that are as exact as wanted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// The steps.
+    /// The planned steps.
     pub steps: Steps,
     /// Estimated error of the worst site at the worst instant \[m\].
     pub error_m: f64,
 }
 
-/// The wanted accuracy of keypoints where nobody says another \[m\]: a fortieth of what a camera resolves.
+/// Default accuracy of keypoints \[m\] (chosen): a fortieth of what a camera resolves.
 pub const ACCURACY_M: f64 = 1e-5;
-/// Shortest step worth trying \[s\].
-const SHORTEST_S: f64 = 1e-5;
+/// Shortest step that is tried \[s\] (chosen).
+const STEP_MIN_S: f64 = 1e-5;
 /// Methods with their order and what a step costs, in evaluations of all forces; first the one that is never unstable.
 const METHODS: [(Method, i32, f64); 2] = [(Method::Rosenbrock, 3, 4.5), (Method::RungeKutta, 4, 4.0)];
-/// What an attempt promises may turn out so many times as costly.
-const DOUBTFUL_COST_RATIO: f64 = 2.0;
-/// Steps from before that leave less than this share of the wanted accuracy are too short to stay.
-const TOO_FINE_ERROR_SHARE: f64 = 0.3;
-/// Steps from before that are off by more than this factor are for another motion.
-const OTHER_MOTION_ERROR_RATIO: f64 = 30.0;
-/// No more steps than this many times as many as before: what needs more is another mechanism, and no fit would come to its end.
-const MOST_STEPS_RATIO: f64 = 10.0;
-/// Explicit steps must stay sound when all are longer by this factor, for candidates that are stiffer.
-const STABILITY_RATIO: f64 = 1.3;
+/// An attempt may cost this many times what the rival method is expected to cost (chosen).
+const EXPECTED_COST_MARGIN: f64 = 2.0;
+/// Earlier steps whose error is below this share of the wanted accuracy are too short to be reused (chosen).
+const REUSED_ERROR_SHARE_MIN: f64 = 0.3;
+/// Earlier steps are not rescaled if their error is off by more than this factor (chosen): they are for another motion.
+const REUSED_ERROR_RATIO_MAX: f64 = 30.0;
+/// Most steps, over the number of earlier ones (chosen): what needs more is another mechanism, and a fit would not finish.
+const STEP_COUNT_RATIO_MAX: f64 = 10.0;
+/// Explicit steps must stay stable when all are longer by this factor, for candidates that are stiffer (chosen).
+const STABILITY_STEP_RATIO: f64 = 1.3;
 
 /// Looks for the cheapest steps whose keypoints and other sites are within `accuracy_m` \[m\] of the motion itself at
 /// `sample_times_s`. Made once for a run, with its nominal model: every candidate of a fit then takes the same
@@ -74,23 +74,22 @@ pub fn plan(
     });
     let model = smooth.as_ref().unwrap_or(model);
     let run = Nominal { model, state, command, sample_times_s, options };
-    if let Some(plan) = options.steps.as_ref().and_then(|steps| run.still_good(steps, accuracy_m)) {
+    if let Some(plan) = options.steps.as_ref().and_then(|steps| run.reused(steps, accuracy_m)) {
         return Ok(plan);
     }
     let mut searches =
         METHODS.map(|(method, order, evaluations)| Search::new(&run, method, order, evaluations, accuracy_m));
-    // the method that promises to be cheaper has the next attempt
+    // the method whose expected cost is lower has the next attempt
     loop {
         let found = searches.iter().filter_map(Search::cost).fold(f64::INFINITY, f64::min);
-        let promised = |search: &Search| (!search.over).then_some(search.promised);
+        let expected = |search: &Search| (!search.over).then_some(search.expected_cost);
         let next = (0..searches.len())
-            .filter(|&index| promised(&searches[index]).is_some_and(|promised| promised < found))
-            .min_by(|&a, &b| searches[a].promised.total_cmp(&searches[b].promised));
+            .filter(|&index| expected(&searches[index]).is_some_and(|cost| cost < found))
+            .min_by(|&a, &b| searches[a].expected_cost.total_cmp(&searches[b].expected_cost));
         let Some(next) = next else { break };
         let rivals = searches.iter().filter(|search| search.method != searches[next].method);
-        let hoped =
-            rivals.filter_map(promised).filter(|&promised| promised > 0.0).fold(f64::INFINITY, f64::min);
-        searches[next].attempt(&run, accuracy_m, found.min(DOUBTFUL_COST_RATIO * hoped))?;
+        let rival_cost = rivals.filter_map(expected).filter(|&cost| cost > 0.0).fold(f64::INFINITY, f64::min);
+        searches[next].attempt(&run, accuracy_m, found.min(EXPECTED_COST_MARGIN * rival_cost))?;
     }
     let cheapest = searches.iter_mut().min_by(|a, b| {
         let [a, b] = [a, b].map(|search| search.cost().unwrap_or(f64::INFINITY));
@@ -114,19 +113,19 @@ struct Nominal<'a> {
 
 impl Nominal<'_> {
     /// `steps`, planned for a motion like this one, if they do for this one too, all longer or shorter if need be.
-    fn still_good(&self, steps: &Steps, accuracy_m: f64) -> Option<Plan> {
+    fn reused(&self, steps: &Steps, accuracy_m: f64) -> Option<Plan> {
         let (_, order, _) = METHODS.into_iter().find(|(method, ..)| *method == steps.method)?;
         let span = self.span();
-        let before = steps.ends_s.partition_point(|&end| end < span - SHORTEST_S);
+        let before = steps.ends_s.partition_point(|&end| end < span - STEP_MIN_S);
         if before == 0 || self.even() {
             return None;
         }
         let ends_s = steps.ends_s[..before].iter().copied().chain([span]).collect();
         let mut steps = Steps { ends_s, ..steps.clone() };
         let (mut error_m, mut positions) = self.error(&steps, order).ok()?;
-        let exact = |error_m: f64| (TOO_FINE_ERROR_SHARE * accuracy_m..=accuracy_m).contains(&error_m);
+        let exact = |error_m: f64| (REUSED_ERROR_SHARE_MIN * accuracy_m..=accuracy_m).contains(&error_m);
         let ratio = search::AIMED_ERROR_SHARE * accuracy_m / error_m.max(f64::MIN_POSITIVE);
-        if !exact(error_m) && (OTHER_MOTION_ERROR_RATIO.recip()..OTHER_MOTION_ERROR_RATIO).contains(&ratio) {
+        if !exact(error_m) && (REUSED_ERROR_RATIO_MAX.recip()..REUSED_ERROR_RATIO_MAX).contains(&ratio) {
             steps = self.scaled(&steps, ratio.powf(1.0 / f64::from(order)));
             (error_m, positions) = self.error(&steps, order).ok()?;
         }
@@ -134,7 +133,7 @@ impl Nominal<'_> {
         good.then_some(Plan { steps, error_m })
     }
 
-    /// Whether steps are to be even.
+    /// Whether steps must be even.
     fn even(&self) -> bool {
         let altered = self.model.altered();
         let model = altered.as_ref().unwrap_or(self.model);
@@ -144,16 +143,16 @@ impl Nominal<'_> {
             || CommandPath::new(model, self.command).longest_step_s().is_finite()
     }
 
-    /// More steps than these are not worth trying.
+    /// Largest number of steps that is tried.
     fn most(&self) -> f64 {
         let before = self.options.steps.as_ref().map_or(0, |steps| steps.ends_s.len());
-        let dear = if before == 0 { f64::INFINITY } else { MOST_STEPS_RATIO * before as f64 };
-        dear.min(self.span() / SHORTEST_S)
+        let dear = if before == 0 { f64::INFINITY } else { STEP_COUNT_RATIO_MAX * before as f64 };
+        dear.min(self.span() / STEP_MIN_S)
     }
 
-    /// How long the motion is followed \[s\].
+    /// Duration of the simulated motion \[s\].
     fn span(&self) -> f64 {
-        self.sample_times_s.last().map_or(0.0, |last| (last - self.options.start_s).max(SHORTEST_S))
+        self.sample_times_s.last().map_or(0.0, |last| (last - self.options.start_s).max(STEP_MIN_S))
     }
 
     /// Where the sites and the encoders' pointers are at each sample.
@@ -211,7 +210,7 @@ impl Nominal<'_> {
         let (coarse, fine) =
             rayon::join(|| self.positions(steps.clone()), || self.positions(self.scaled(steps, 0.5)));
         let (coarse, fine) = (coarse?, fine?);
-        Ok((apart(&coarse, &fine) / (1.0 - 0.5_f64.powi(order)), coarse))
+        Ok((largest_distance(&coarse, &fine) / (1.0 - 0.5_f64.powi(order)), coarse))
     }
 
     /// Whether explicit steps longer than those that lead to the positions `here` would be less exact, but no worse.
@@ -219,10 +218,10 @@ impl Nominal<'_> {
         if steps.method != Method::RungeKutta {
             return Ok(true);
         }
-        /// Over what the order explains.
-        const WORSE: f64 = 10.0;
-        match self.positions(self.scaled(steps, STABILITY_RATIO)) {
-            Ok(longer) => Ok(apart(here, &longer) < WORSE * error_m),
+        /// Difference, over the estimated error, from which on longer steps are unstable (chosen).
+        const UNSTABLE_ERROR_RATIO: f64 = 10.0;
+        match self.positions(self.scaled(steps, STABILITY_STEP_RATIO)) {
+            Ok(longer) => Ok(largest_distance(here, &longer) < UNSTABLE_ERROR_RATIO * error_m),
             Err(RolloutError::Diverged { .. }) => Ok(false),
             Err(error) => Err(error),
         }
@@ -259,6 +258,7 @@ impl Nominal<'_> {
     }
 }
 
-fn apart(a: &[Vec3<f64>], b: &[Vec3<f64>]) -> f64 {
+/// Largest distance between points of the same place in `a` and `b` \[m\].
+fn largest_distance(a: &[Vec3<f64>], b: &[Vec3<f64>]) -> f64 {
     a.iter().zip(b).map(|(&a, &b)| (a - b).norm()).fold(0.0, f64::max)
 }

@@ -14,7 +14,7 @@ use crate::space::{Planar, Spatial};
 use crate::steps::Grid;
 use crate::trajectory::Trajectory;
 
-/// A run, sampled.
+/// A simulated run at its sample times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rollout<T> {
     /// Sample times \[s\], shape (N).
@@ -31,7 +31,7 @@ pub struct Rollout<T> {
 }
 
 impl Rollout<f64> {
-    /// The keypoints' trajectory.
+    /// The trajectory of the keypoints, as `trajectory.csv` holds it.
     pub fn trajectory(&self) -> Trajectory {
         Trajectory {
             time_s: self.time_s.clone(),
@@ -235,10 +235,10 @@ struct Sampler<'a, S: Stages> {
 impl<'a, S: Stages> Sampler<'a, S> {
     fn new(run: &'a Run<'a, S::T>, sites: Vec<Keypoint<S>>, state: &State<S::T>) -> Self {
         let instants = run.sample_times_s.len();
-        let kept = if run.states { instants } else { 0 };
+        let stored = if run.states { instants } else { 0 };
         let out = Samples {
-            qpos: vec![S::T::ZERO; kept * state.qpos.len()],
-            qvel: vec![S::T::ZERO; kept * state.qvel.len()],
+            qpos: vec![S::T::ZERO; stored * state.qpos.len()],
+            qvel: vec![S::T::ZERO; stored * state.qvel.len()],
             position_m: vec![[S::T::ZERO; 3]; instants * (sites.len() + run.model.encoders.len())],
             failed: vec![None; S::T::LANES],
         };
@@ -306,8 +306,8 @@ impl<'a, S: Stages> Sampler<'a, S> {
         let (points, pointers) =
             self.out.position_m[row * width..(row + 1) * width].split_at_mut(self.sites.len());
         for (place, &(body, own, at)) in points.iter_mut().zip(&self.sites) {
-            let seen = S::lift(layout, body, own, work.pos[body] + S::apply(&work.rot[body], at));
-            *place = choose(here, seen, *place);
+            let place_now = S::lift(layout, body, own, work.pos[body] + S::apply(&work.rot[body], at));
+            *place = choose(here, place_now, *place);
         }
         for (place, encoder) in pointers.iter_mut().zip(&model.encoders) {
             let angle = self.sample.qpos[model.joints[encoder.joint].qpos_address];
@@ -315,11 +315,11 @@ impl<'a, S: Stages> Sampler<'a, S> {
         }
         if self.run.states {
             let (nq, nv) = (self.sample.qpos.len(), self.sample.qvel.len());
-            for (kept, &q) in self.out.qpos[row * nq..(row + 1) * nq].iter_mut().zip(&self.sample.qpos) {
-                *kept = S::T::select(here, q, *kept);
+            for (stored, &q) in self.out.qpos[row * nq..(row + 1) * nq].iter_mut().zip(&self.sample.qpos) {
+                *stored = S::T::select(here, q, *stored);
             }
-            for (kept, &v) in self.out.qvel[row * nv..(row + 1) * nv].iter_mut().zip(&self.sample.qvel) {
-                *kept = S::T::select(here, v, *kept);
+            for (stored, &v) in self.out.qvel[row * nv..(row + 1) * nv].iter_mut().zip(&self.sample.qvel) {
+                *stored = S::T::select(here, v, *stored);
             }
         }
     }

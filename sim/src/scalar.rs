@@ -55,8 +55,8 @@ pub(crate) use tuned;
 /// What can be given away once only.
 pub(crate) struct Once;
 
-/// Its addition and subtraction rounds to the nearest whole number.
-const ROUND: f64 = 6_755_399_441_055_744.0;
+/// 1.5 · 2^52: adding and subtracting it rounds to the nearest whole number.
+const ROUNDING_CONSTANT: f64 = 6_755_399_441_055_744.0;
 
 /// A number the simulation can be carried out in.
 pub trait Scalar:
@@ -79,9 +79,9 @@ pub trait Scalar:
     type Mask: Mask;
     /// How many numbers it carries side by side, derivatives not counted.
     const LANES: usize;
-    /// 0.
+    /// The number 0.
     const ZERO: Self;
-    /// 1.
+    /// The number 1.
     const ONE: Self;
 
     /// Does `work` with the instructions that suit this number. What `work` calls must be `#[inline(always)]` down to the
@@ -135,7 +135,7 @@ pub trait Scalar:
     /// The greatest whole number that is no greater, up to 1e15; it has no derivative.
     #[inline(always)]
     fn floor(self) -> Self {
-        let round = Self::from_f64(ROUND);
+        let round = Self::from_f64(ROUNDING_CONSTANT);
         let nearest = self + round - round;
         Self::select(self.less(nearest), nearest - Self::ONE, nearest)
     }
@@ -271,7 +271,7 @@ pub(crate) fn sin_cos<T: Scalar>(x: T) -> (T, T) {
         -1.135_964_755_778_819_482_65e-11,
     ];
     let of = T::from_f64;
-    let quarters = x * of(TWO_OVER_PI) + of(ROUND) - of(ROUND);
+    let quarters = x * of(TWO_OVER_PI) + of(ROUNDING_CONSTANT) - of(ROUNDING_CONSTANT);
     let [high, middle, low] = HALF_PI;
     let y = x - quarters * of(high) - quarters * of(middle) - quarters * of(low);
     let z = y * y;
@@ -283,7 +283,7 @@ pub(crate) fn sin_cos<T: Scalar>(x: T) -> (T, T) {
     let most = T::ONE - half;
     let cos = most + ((T::ONE - most - half) + tail);
     // quarters modulo 4: 0, 1, 2 or 3
-    let whole = quarters * of(0.25) - of(0.375) + of(ROUND) - of(ROUND);
+    let whole = quarters * of(0.25) - of(0.375) + of(ROUNDING_CONSTANT) - of(ROUNDING_CONSTANT);
     let turn = quarters - of(4.0) * whole;
     let (above_0, above_1, above_2) = (of(0.5).less(turn), of(1.5).less(turn), of(2.5).less(turn));
     let odd = (above_0 & !above_1) | above_2;

@@ -22,7 +22,7 @@ pub struct Direction {
     pub qpos: Vec<f64>,
     /// Of the velocities, shape (nv).
     pub qvel: Vec<f64>,
-    /// Of the start.
+    /// Rate of the start time \[s\].
     pub start_s: f64,
 }
 

@@ -61,17 +61,17 @@ pub enum Method {
 
 /// When steps end \[s\], counted from the start of motion.
 pub(crate) struct Grid {
-    /// The first ones.
+    /// Ends of the first steps \[s\], from 0 on.
     instants: Vec<f64>,
-    /// Length of all others.
+    /// Length of all further steps \[s\].
     timestep_s: f64,
 }
 
-/// Steps after the planned ones are as long as the median of this many: the last may be a sliver, and the longest of all may
+/// Steps after the planned ones are as long as the median of this many last ones (chosen): the very last may be a sliver, and the longest of all may
 /// be too long where the motion is quick.
-const LAST_STEPS: usize = 5;
-/// A change of rate this small beside the largest counts as none: smooth commands have no corners.
-const CORNER_SHARE: f64 = 0.1;
+const LAST_STEPS_AVERAGED: usize = 5;
+/// Changes of rate up to this share of the largest are no corners (chosen): smooth commands have none.
+const CORNER_RATE_CHANGE_SHARE_MIN: f64 = 0.1;
 
 impl Grid {
     /// Equal steps of `timestep_s`.
@@ -90,7 +90,7 @@ impl Grid {
         let mut instants = vec![0.0];
         instants.extend(steps.shortened(most_s).ends_s.iter());
         let mut last_s: Vec<f64> =
-            instants.windows(2).rev().take(LAST_STEPS).map(|pair| pair[1] - pair[0]).collect();
+            instants.windows(2).rev().take(LAST_STEPS_AVERAGED).map(|pair| pair[1] - pair[0]).collect();
         last_s.sort_by(f64::total_cmp);
         let timestep_s = last_s.get(last_s.len() / 2).map_or(timestep_s, |&median| timestep_s.min(median));
         for corner in corners(command, timestep_s) {
@@ -121,8 +121,8 @@ impl Grid {
     }
 }
 
-/// Jumps of rate that follow each other this fast \[s\] are a recording's noise, not a profile's corners.
-const CROWDED_S: f64 = 0.02;
+/// Jumps of rate that follow each other faster than this are noise of a recording, not corners of a profile \[s\] (chosen).
+const CORNER_SPACING_MIN_S: f64 = 0.02;
 
 /// Times \[s\] at which the rate of some column of `command` jumps. None where jumps follow each other within steps of
 /// `timestep_s` or faster than a profile's: steps could not be made to fit them.
@@ -142,13 +142,15 @@ pub(crate) fn corners(command: &Command, timestep_s: f64) -> Vec<f64> {
         };
         let largest = (0..rows).map(jump).fold(0.0, f64::max);
         corners.extend(
-            (0..rows).filter(|&row| jump(row) > CORNER_SHARE * largest).map(|row| command.time_s[row]),
+            (0..rows)
+                .filter(|&row| jump(row) > CORNER_RATE_CHANGE_SHARE_MIN * largest)
+                .map(|row| command.time_s[row]),
         );
     }
     corners.sort_by(f64::total_cmp);
     corners.dedup();
     let span = rows.checked_sub(1).map_or(0.0, |last| command.time_s[last] - command.time_s[0]);
-    let crowded = corners.len() as f64 * timestep_s.min(CROWDED_S) > span;
+    let crowded = corners.len() as f64 * timestep_s.min(CORNER_SPACING_MIN_S) > span;
     if crowded { Vec::new() } else { corners }
 }
 

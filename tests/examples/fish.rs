@@ -32,9 +32,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 println!("{name}: {images} images, of which P1, P2, P3 are gaps in {:?}", prepared.gaps);
             }
             Err(useless) => {
-                let [seen, images] = useless.seen;
+                let [usable, images] = useless.usable_of_all;
                 println!(
-                    "{name}: left out, the driven plates' markers are apart in {seen} of {images} images"
+                    "{name}: left out, the driven plates' markers are apart in {usable} of {images} images"
                 );
             }
         }

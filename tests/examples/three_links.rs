@@ -13,8 +13,8 @@ use std::time::Instant;
 
 use ident::diagnose::Diagnosis;
 use system_tests::three_links::{
-    CASES, Case, Reading, Rung, Told, errors_by_the_tank_mm, in_mujoco, named, noise_mm, parameters, table,
-    write_experiment, write_thirds_model,
+    CASES, Case, CommandForm, Reading, Rung, errors_by_the_tank_mm, in_mujoco, named, noise_mm, parameters,
+    table, write_experiment, write_thirds_model,
 };
 use system_tests::verbs::{Result, diagnose, fit};
 use system_tests::{only_run, set};
@@ -94,9 +94,11 @@ fn rung(name: &'static str, before_s: f64, experiment: &Path) -> Result<Rung> {
 /// Prints how far the keypoints in `folder` are from where the tank's own model has them.
 fn by_the_tank(folder: &Path) -> Result<()> {
     for case in CASES.iter().filter(|case| case.centre_rad.is_some()) {
-        for (told, words) in [(Told::Profile, "as the profile says"), (Told::Pulses, "in whole pulses")] {
+        for (form, words) in
+            [(CommandForm::Profile, "as the profile says"), (CommandForm::Pulses, "in whole pulses")]
+        {
             let errors_mm =
-                errors_by_the_tank_mm(case, folder, told)?.map(|mm| format!("{mm:.3}")).join(", ");
+                errors_by_the_tank_mm(case, folder, form)?.map(|mm| format!("{mm:.3}")).join(", ");
             println!("{} by the tank's own model, its servo told {words}: {errors_mm} mm", case.words);
         }
     }

@@ -9,8 +9,8 @@ use rustix::process::Pid;
 use crate::http::{Answer, ask};
 use crate::{Background, changed_config, only_run, printed, rig, run_rig, set, wait_until};
 
-/// A time that does not come.
-const NEVER: &str = "0 0 1 1 *";
+/// A schedule whose slots do not come during a test.
+const CRON_NEVER: &str = "0 0 1 1 *";
 
 fn short_experiment(config: &mut toml::Table, cron: &str) {
     set(config, "profile", "cycles", 1);
@@ -49,12 +49,12 @@ impl Bench {
 
     /// One whose motion goes on long enough for its keypoints to be found meanwhile; its schedule begins nothing.
     pub fn long() -> Self {
-        Self::changed(NEVER, |config| set(config, "profile", "cycles", 4))
+        Self::changed(CRON_NEVER, |config| set(config, "profile", "cycles", 4))
     }
 
     /// One whose camera takes few images a second: a machine that is busy with anything loses none of them by itself.
     pub fn slow() -> Self {
-        Self::changed(NEVER, |config| set(config, "camera", "fps", 25.0))
+        Self::changed(CRON_NEVER, |config| set(config, "camera", "fps", 25.0))
     }
 
     /// Gives the rig another model: as before, but for a comment in its file.
@@ -72,7 +72,7 @@ impl Bench {
 
     /// One whose schedule begins nothing.
     pub fn quiet() -> Self {
-        Self::new(NEVER)
+        Self::new(CRON_NEVER)
     }
 
     /// Changes its config.
@@ -113,13 +113,13 @@ impl Bench {
 
     /// The process of `daemon`, once its journal has one more entry that says `last`.
     fn started(&self, daemon: Command, last: &str) -> Background {
-        let told = self.folder.path().join("daemon.log");
-        let log = std::fs::File::options().create(true).append(true).open(&told);
+        let log_path = self.folder.path().join("daemon.log");
+        let log = std::fs::File::options().create(true).append(true).open(&log_path);
         let before = self.journal().matches(last).count();
-        let mut daemon = Background::told(daemon, log.expect("a log"));
+        let mut daemon = Background::with_output(daemon, log.expect("a log"));
         wait_until("the daemon's start", 10.0, || {
             let ended = daemon.child().try_wait().expect("its status");
-            assert!(ended.is_none(), "{ended:?}: {}", std::fs::read_to_string(&told).unwrap_or_default());
+            assert!(ended.is_none(), "{ended:?}: {}", std::fs::read_to_string(&log_path).unwrap_or_default());
             self.journal().matches(last).count() > before
         });
         daemon

@@ -105,7 +105,7 @@ impl Background {
     }
 
     /// Starts `command` with its output in `file`.
-    pub fn told(mut command: Command, file: std::fs::File) -> Self {
+    pub fn with_output(mut command: Command, file: std::fs::File) -> Self {
         let twice = file.try_clone().expect("a file has two handles");
         Self(command.stdout(twice).stderr(file).spawn().expect("the process starts"))
     }

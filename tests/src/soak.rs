@@ -37,9 +37,9 @@ pub struct Soak {
     pub profile_s: f64,
 }
 
-/// What came of it.
+/// The result of a soak.
 #[derive(Debug, Clone, Serialize)]
-pub struct Endured {
+pub struct SoakResult {
     /// How it ended and what the recording holds.
     #[serde(skip)]
     pub filmed: Filmed,
@@ -90,7 +90,7 @@ impl Soak {
     ///
     /// # Panics
     /// Where anything but the filming itself fails: this is for tests.
-    pub fn endure(&self, path: &Path) -> Endured {
+    pub fn endure(&self, path: &Path) -> SoakResult {
         let camera = Drawn::new(self);
         let profile = self.profile();
         let plan = Plan {
@@ -111,7 +111,7 @@ impl Soak {
             config: &config,
             mock: (MockOptions::default(), Box::new(Nowhere)),
             bus: None,
-            told: None,
+            replay: None,
         };
         let board = servo::open(opening).expect("a mock board");
         let recorder = Recorder::create(path, Some(&self.info()), RecorderOptions::of(&self.info()))
@@ -143,7 +143,7 @@ impl Soak {
         let took_us = started_us.zip(finished_us).map(|(started, finished): (u64, u64)| finished - started);
         let recorded = filmed.recorded;
         let pixels = u64::from(self.size_px.0) * u64::from(self.size_px.1);
-        Endured {
+        SoakResult {
             images: recorded.images,
             images_lost: filmed.images.lost,
             dropped: recorded.dropped,
@@ -183,7 +183,7 @@ impl PulseSink for Nowhere {
 }
 
 /// How many pictures are drawn beforehand: zstd, which looks back over half a megabyte, never meets one again.
-const PICTURES: u32 = 16;
+const DRAWN_PICTURES: u32 = 16;
 /// Images that wait for the program before the oldest is lost, as in a driver's buffers.
 const BUFFERED_IMAGES: u32 = 4;
 
@@ -201,7 +201,7 @@ impl Drawn {
         let (width, height) = soak.size_px;
         let picture = |number: u32| -> Vec<u8> {
             // A dark bar that swings in light which falls off towards the corners.
-            let angle = 0.5 * (f64::from(number) / f64::from(PICTURES) * std::f64::consts::TAU).sin();
+            let angle = 0.5 * (f64::from(number) / f64::from(DRAWN_PICTURES) * std::f64::consts::TAU).sin();
             let (across, along) = (angle.cos(), angle.sin());
             let mut bytes = Vec::with_capacity(soak.encoding.bytes(u64::from(width * height)) as usize);
             for pixel in 0..width * height {
@@ -220,7 +220,7 @@ impl Drawn {
             }
             bytes
         };
-        let pictures = (0..PICTURES).map(picture).collect();
+        let pictures = (0..DRAWN_PICTURES).map(picture).collect();
         Self { info: soak.info(), pictures, begin: MonotonicNs(0), next: 0 }
     }
 }
@@ -245,7 +245,7 @@ impl Camera for Drawn {
         let stamp = due(self.next);
         std::thread::sleep(Duration::from_nanos(stamp.0.saturating_sub(now.0)));
         self.next += 1;
-        let data = self.pictures[(self.next % PICTURES) as usize].clone();
+        let data = self.pictures[(self.next % DRAWN_PICTURES) as usize].clone();
         Ok(CameraImage {
             sequence: self.next,
             stamp,
@@ -263,8 +263,8 @@ impl Camera for Drawn {
 
 /// How far behind the devices' threads a fit beside the filming is, as `nice` counts.
 const NICENESS: i32 = 10;
-/// Memory and clock are looked at so often.
-const LOOK_EVERY: Duration = Duration::from_millis(5);
+/// Interval at which memory and clock are read. Chosen.
+const SAMPLE_INTERVAL: Duration = Duration::from_millis(5);
 
 /// What goes on beside the filming: a thread that computes all the time, as a fit does, and one that looks at memory and clock.
 struct Beside {
@@ -301,9 +301,10 @@ impl Beside {
                 if last.seconds_since(begin) >= resident.len() as f64 {
                     resident.push(resident_bytes());
                 }
-                std::thread::sleep(LOOK_EVERY);
+                std::thread::sleep(SAMPLE_INTERVAL);
                 let now = MonotonicNs::now();
-                longest_pause_s = longest_pause_s.max(now.seconds_since(last) - LOOK_EVERY.as_secs_f64());
+                longest_pause_s =
+                    longest_pause_s.max(now.seconds_since(last) - SAMPLE_INTERVAL.as_secs_f64());
                 last = now;
             }
             (resident, longest_pause_s)

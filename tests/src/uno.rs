@@ -12,7 +12,7 @@ const CLOCK_HZ: f64 = 16e6;
 /// The pin of channel 0.
 const PIN: &str = "D2";
 /// Without a pulse for so long a channel is detached \[s\]: a frame and a half.
-const DETACHED_S: f64 = 0.03;
+const DETACH_TIMEOUT_S: f64 = 0.03;
 
 /// Builds firmware and emulator into `folder`. False where a tool for it is missing.
 pub fn build(folder: &Path) -> bool {
@@ -82,9 +82,9 @@ impl Servo {
             }
         }
         if let Some((ended_s, _)) =
-            self.last.filter(|(ended_s, _)| now_s.is_some_and(|now_s| now_s - ended_s > DETACHED_S))
+            self.last.filter(|(ended_s, _)| now_s.is_some_and(|now_s| now_s - ended_s > DETACH_TIMEOUT_S))
         {
-            changes.push((at(ended_s + DETACHED_S), None));
+            changes.push((at(ended_s + DETACH_TIMEOUT_S), None));
             self.last = None;
         }
         changes

@@ -15,8 +15,8 @@ use crate::clips::picture::Picture;
 pub type Place = [f64; 2];
 
 /// Refractive indices.
-const GLASS: f64 = 1.5;
-const WATER: f64 = 1.333;
+const GLASS_REFRACTIVE_INDEX: f64 = 1.5;
+const WATER_REFRACTIVE_INDEX: f64 = 1.333;
 
 /// A pinhole camera before a wall.
 #[derive(Debug, Clone, Copy)]
@@ -61,7 +61,11 @@ impl WallCamera {
             * Rotation3::from_axis_angle(&Vector3::x_axis(), about_level);
         let air = (turn * Vector3::new(straight.x, straight.y, 1.0)).normalize();
         let mut at = Vector2::zeros();
-        for (depth, index) in [(self.air_m, 1.0), (self.glass_m, GLASS), (self.water_m + behind_m, WATER)] {
+        for (depth, index) in [
+            (self.air_m, 1.0),
+            (self.glass_m, GLASS_REFRACTIVE_INDEX),
+            (self.water_m + behind_m, WATER_REFRACTIVE_INDEX),
+        ] {
             // Snell: along the wall, index times sine stays what it is.
             let along = Vector2::new(air.x, air.y) / index;
             let inward = (1.0 - along.norm_squared()).sqrt();

@@ -38,12 +38,12 @@ fn experiment_on_an_emulated_bus_measures_the_angle_and_replays_to_the_same_byte
     let folder = tempfile::tempdir().expect("a folder");
     let (code, text, run) = run(folder.path(), |_| {});
     assert_eq!(code, Some(0), "{text}");
-    let told = measured(&run);
-    assert!(told.len() > 100, "{} angles", told.len());
+    let measured_angles = measured(&run);
+    assert!(measured_angles.len() > 100, "{} angles", measured_angles.len());
     let command = ident::table::read_command(&run.join("servo.csv")).expect("servo.csv");
     let error_rad = |lag_s: f64| {
-        let squares = told.iter().map(|[t, _, angle]| (angle - command.at(0, t - lag_s)).powi(2));
-        (squares.sum::<f64>() / told.len() as f64).sqrt()
+        let squares = measured_angles.iter().map(|[t, _, angle]| (angle - command.at(0, t - lag_s)).powi(2));
+        (squares.sum::<f64>() / measured_angles.len() as f64).sqrt()
     };
     println!(
         "rms behind by 0, 20, 40 ms [rad]: {:.4} {:.4} {:.4}",

@@ -77,9 +77,9 @@ fn a_filmed_staircase_says_how_the_servo_turns() {
     let config = RigConfig::read(&own).expect("the config with its calibration");
     let channel = &config.servo.as_ref().expect("a servo").channels[0];
     assert!(
-        (channel.told(0.5, false) - (ZERO_US - 0.5 * US_PER_RAD)).abs() < 1.0,
+        (channel.setpoint(0.5, false) - (ZERO_US - 0.5 * US_PER_RAD)).abs() < 1.0,
         "{}",
-        channel.told(0.5, false)
+        channel.setpoint(0.5, false)
     );
 
     // A recorded run says the same again.

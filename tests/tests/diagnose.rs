@@ -161,7 +161,7 @@ fn a_clock_that_wanders_is_unexplained_and_nothing_is_named() {
 }
 
 /// The commands in what was printed, each in its words.
-fn told(text: &str) -> Vec<Vec<String>> {
+fn commands_in(text: &str) -> Vec<Vec<String>> {
     let commands = text.lines().filter_map(|line| line.find("rig ").map(|at| &line[at..]));
     let words = |command: &str| {
         command.split("  ").next().unwrap_or_default().split(' ').map(str::to_owned).collect::<Vec<String>>()
@@ -189,12 +189,12 @@ fn every_command_that_is_told_names_files_that_are_there() {
     };
     let without = typed(&["diagnose", experiment, "--out", "out"]);
     assert!(without.contains("- Next: ") && without.contains("With --config"), "{without}");
-    assert_eq!(told(&without), Vec::<Vec<String>>::new(), "nobody said which rig");
+    assert_eq!(commands_in(&without), Vec::<Vec<String>>::new(), "nobody said which rig");
 
     let with = typed(&["diagnose", experiment, "--out", "out", "--config", config]);
     let designed = typed(&["design", experiment, "--out", "next", "--config", config]);
     for text in [with, designed] {
-        let commands = told(&text);
+        let commands = commands_in(&text);
         println!("{commands:?}");
         assert!(!commands.is_empty(), "{text}");
         for command in commands {

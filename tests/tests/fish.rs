@@ -40,7 +40,7 @@ fn drawn(seconds: f64, slip: impl Fn(usize, usize) -> usize) -> String {
 }
 
 fn made(text: &str) -> Result<Prepared, [usize; 2]> {
-    prepare(&markers(text).unwrap()).map_err(|useless| useless.seen)
+    prepare(&markers(text).unwrap()).map_err(|useless| useless.usable_of_all)
 }
 
 #[test]

@@ -25,7 +25,7 @@ const DISTINCT: usize = 25;
 const BENT: [&str; 2] = ["joint_damping-x20-s2", "end_stop-x20-s2"];
 /// Two that beside each other cannot be mistaken, and a delay with play, for both of which a lag stands in when they are looked for
 /// one by one.
-const PAIRS: [&str; 2] = ["-s12", "-s13"];
+const PAIR_SEEDS: [&str; 2] = ["-s12", "-s13"];
 
 /// What a soft arm hides.
 const ARM_CASES: [&str; 2] = ["current-x5-s0", "nothing-s2"];
@@ -99,7 +99,7 @@ fn slice() -> Vec<Case> {
                 || turn && (size == 5.0 || size == 20.0 && place % 6 == 0 || size < 1.0 && place % 5 == 0)
         }
         Kind::Nothing => case.seed.is_multiple_of(40),
-        Kind::Pair(..) => PAIRS.iter().any(|seed| case.id.ends_with(seed)),
+        Kind::Pair(..) => PAIR_SEEDS.iter().any(|seed| case.id.ends_with(seed)),
         Kind::Outside(name, size) => name == "vortex" && case.seed == 1 && size == 5.0,
     };
     cases::all(&cases::HIDDEN, 10, &cases::SIZES).into_iter().filter(wanted).collect()

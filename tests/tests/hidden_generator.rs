@@ -2,7 +2,7 @@
 
 use sim::{Command, Model, RolloutOptions, State, Steps, rollout};
 use system_tests::hidden::arm;
-use system_tests::hidden::bench::{Bench, FINE_S, Run, WATCHED_S};
+use system_tests::hidden::bench::{Bench, DATA_STEP_S, MOTION_LENGTH_S, Run};
 use system_tests::hidden::chain::{Chain, Link, Plane};
 use system_tests::hidden::drive::Servo;
 use system_tests::hidden::fluid::Ellipsoid;
@@ -105,7 +105,7 @@ fn apart<const N: usize>(bench: &Bench<N>, runs: [usize; 2], hidden: &Hidden) ->
     let mut worst = [0.0_f64; 2];
     for run in runs.map(|place| &bench.runs[place]) {
         let model = with_causes(&plain, hidden, run.motion.run);
-        let apart = largest(&bench.watch(run, hidden, FINE_S), &simulated(&model, bench, run));
+        let apart = largest(&bench.watch(run, hidden, DATA_STEP_S), &simulated(&model, bench, run));
         let kind = usize::from(run.is_driven());
         worst[kind] = worst[kind].max(apart);
     }
@@ -218,7 +218,8 @@ fn servo_turns_the_first_link_as_in_the_simulation() {
     let mut run = bench.runs[2].clone();
     let Drive::Exact(servo) = run.motion.drive.clone() else { panic!("driven runs are driven") };
     run.motion.drive = Drive::Servo(servo, PositionServo { kp: 0.05, kv: 3e-4, most: 0.03 });
-    let apart = largest(&bench.watch(&run, &Hidden::default(), FINE_S), &simulated(&model, &bench, &run));
+    let apart =
+        largest(&bench.watch(&run, &Hidden::default(), DATA_STEP_S), &simulated(&model, &bench, &run));
     println!("largest keypoint difference {apart:.1e} m");
     assert!(apart < SAME_M, "{apart}");
 }
@@ -230,8 +231,8 @@ fn a_chain_in_vacuum_keeps_its_energy() {
     let mut chain = chain([[0.0; 5]; LINKS], [0.0; LINKS]);
     (chain.density, chain.viscosity) = (0.0, 0.0);
     let motion =
-        Motion { held: [1.4, 2.0, -0.7], start_s: 0.0, end_s: WATCHED_S, drive: Drive::None, run: 0 };
-    let record = chain.run(&motion, &Hidden::default(), FINE_S);
+        Motion { held: [1.4, 2.0, -0.7], start_s: 0.0, end_s: MOTION_LENGTH_S, drive: Drive::None, run: 0 };
+    let record = chain.run(&motion, &Hidden::default(), DATA_STEP_S);
     let energies: Vec<f64> = record.states.iter().map(|state| chain.energy(state)).collect();
     let fallen = record.ends.iter().map(|ends| ends[0].0[1]).fold(f64::INFINITY, f64::min);
     let exchanged = chain.links[0].mass_kg * 9.81 * (record.ends[0][0].0[1] - fallen);
@@ -246,14 +247,14 @@ fn one_link_swings_as_a_damped_pendulum() {
     const CLOSE: f64 = 1e-6;
     let link = Link { damping: 1e-6, ..chain([[0.0; 5]; LINKS], [0.0; LINKS]).links[0] };
     let chain = Chain { links: [link], gravity: 9.81, density: 0.0, viscosity: 0.0 };
-    let motion = Motion { held: [1e-3], start_s: 0.0, end_s: WATCHED_S, drive: Drive::None, run: 0 };
-    let record = chain.run(&motion, &Hidden::default(), FINE_S);
+    let motion = Motion { held: [1e-3], start_s: 0.0, end_s: MOTION_LENGTH_S, drive: Drive::None, run: 0 };
+    let record = chain.run(&motion, &Hidden::default(), DATA_STEP_S);
     let inertia = link.inertia_kg_m2 + link.mass_kg * link.centre_m.powi(2);
     let decay = link.damping / (2.0 * inertia);
     let natural = (link.mass_kg - link.held_kg) * 9.81 * link.centre_m / inertia;
     let turn = (natural - decay * decay).sqrt();
     let worst = record.states.iter().enumerate().map(|(step, state)| {
-        let t = step as f64 * FINE_S;
+        let t = step as f64 * DATA_STEP_S;
         let angle = 1e-3 * (-decay * t).exp() * ((turn * t).cos() + decay / turn * (turn * t).sin());
         (state.angle[0] - angle).abs() / 1e-3
     });

@@ -106,7 +106,7 @@ fn pictures_and_pulses_are_within_a_millisecond_of_each_other() {
     let servo = RigConfig::read(Path::new(own)).expect("the config").servo.expect("a servo");
     let ends = [command.time_s[0], *command.time_s.last().expect("rows")];
     for (at, logged) in PulseLogReader::new(&tank.join("servo.log")).poll() {
-        logged.tell(at, &mut truth);
+        logged.send_to(at, &mut truth);
         let time_s = at.seconds_since(origin);
         if let Logged::Pulse { pulse_us: Some(pulse_us), .. } = logged
             && time_s > ends[0]

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command as Process;
 
 use sim::{Command, Model, RolloutOptions, State, Trajectory, rollout};
-use system_tests::clips::clip::{Clip, Level, told_clip};
+use system_tests::clips::clip::{Clip, Level, prescribed_clip};
 use system_tests::clips::mechanism::Mechanism;
 use system_tests::{json, printed, repository, rig};
 
@@ -51,7 +51,7 @@ fn film_of(drop: &Trajectory) -> Clip {
     let px = |[x, _, z]: &[f64; 3]| [ORIGIN_PX[0] + x / SCALE_M_PER_PX, ORIGIN_PX[1] - z / SCALE_M_PER_PX];
     let points =
         drop.position_m.chunks(drop.keypoints.len()).map(|row| row.iter().map(px).collect()).collect();
-    told_clip(Level::Clean, 1, &Mechanism::shipped_chain(SCALE_M_PER_PX), SCALE_M_PER_PX, points, FPS)
+    prescribed_clip(Level::Clean, 1, &Mechanism::shipped_chain(SCALE_M_PER_PX), SCALE_M_PER_PX, points, FPS)
 }
 
 /// Root mean square distance of each keypoint from the truth at the same time \[µm\], of the `images` that there should be.

@@ -1,28 +1,28 @@
 //! How a board answers commands.
 
 use super::motion::Line;
-use super::{Board, DEAD_MAN_RANGE, Hardware, MAX_DURATION, MAX_LEAD, MIN_LEAD, REMEMBERED};
+use super::{Board, DEAD_MAN_RANGE_MS, Hardware, MAX_DURATION, MAX_LEAD, MIN_LEAD, STORED_ANSWERS};
 use crate::channel::{ChannelConfig, ChannelKind};
 use crate::command::{Command, Segment, kind};
 use crate::event::{Ack, Event, Fault, Refusal, State, Status};
 use crate::packet::Packet;
 use crate::units::{Channel, DurationMs, DurationUs, PulseWidthUs, RateUsPerS, Sequence, Ticks};
 
-/// Why not, about which channel, with limit and request.
-struct No {
+/// Why a command is refused: the reason, the channel, the limit and what was asked for.
+struct Denial {
     refusal: Refusal,
     channel: Option<Channel>,
     limit: u32,
     got: u32,
 }
 
-impl From<Refusal> for No {
+impl From<Refusal> for Denial {
     fn from(refusal: Refusal) -> Self {
         Self { refusal, channel: None, limit: 0, got: 0 }
     }
 }
 
-impl No {
+impl Denial {
     fn on(refusal: Refusal, channel: Channel, limit: impl Into<u32>, got: impl Into<u32>) -> Self {
         Self { refusal, channel: Some(channel), limit: limit.into(), got: got.into() }
     }
@@ -33,9 +33,12 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         let sequence = packet.sequence;
         let same_version = packet.version == crate::VERSION;
         if !same_version && !Command::is_frozen(packet.kind) {
-            let no =
-                No { limit: crate::VERSION.into(), got: packet.version.into(), ..Refusal::Version.into() };
-            return self.acknowledge(packet.kind, sequence, Err(no), hardware);
+            let denial = Denial {
+                limit: crate::VERSION.into(),
+                got: packet.version.into(),
+                ..Refusal::Version.into()
+            };
+            return self.acknowledge(packet.kind, sequence, Err(denial), hardware);
         }
         let Some(command) = Command::decode(packet) else {
             return self.acknowledge(packet.kind, sequence, Err(Refusal::Malformed.into()), hardware);
@@ -67,7 +70,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
             }
             Command::Describe(channel) => match self.config(channel) {
                 Ok(config) => Event::Description(config),
-                Err(no) => return self.acknowledge(packet.kind, sequence, Err(no), hardware),
+                Err(denial) => return self.acknowledge(packet.kind, sequence, Err(denial), hardware),
             },
             _ => return self.once(&command, sequence, now, hardware),
         };
@@ -79,8 +82,8 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
             self.trip(Fault::HostRestarted, now, hardware);
         }
         self.forget_profile();
-        self.answers = [None; REMEMBERED];
-        self.heard = Some(now);
+        self.answers = [None; STORED_ANSWERS];
+        self.last_packet = Some(now);
     }
 
     /// Carries out a command that changes something; a resent one only gets its answer again.
@@ -90,7 +93,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         if let Some((_, ack)) = known {
             return hardware.send(&Event::Ack(*ack).encode(sequence).encode());
         }
-        let result = match self.heard {
+        let result = match self.last_packet {
             None => Err(Refusal::NoSession.into()),
             Some(_) => self.carry_out(command, now, hardware),
         };
@@ -101,21 +104,26 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         &mut self,
         command: u8,
         sequence: Sequence,
-        result: Result<(), No>,
+        result: Result<(), Denial>,
         hardware: &mut impl Hardware,
     ) {
-        let no = result.err().unwrap_or(Refusal::None.into());
-        let No { refusal, channel, limit, got } = no;
+        let denial = result.err().unwrap_or(Refusal::None.into());
+        let Denial { refusal, channel, limit, got } = denial;
         if refusal != Refusal::None {
             self.refused = self.refused.wrapping_add(1);
         }
         let ack = Ack { command, refusal, channel, limit, got };
         self.answers[self.next_answer] = Some((sequence, ack));
-        self.next_answer = (self.next_answer + 1) % REMEMBERED;
+        self.next_answer = (self.next_answer + 1) % STORED_ANSWERS;
         hardware.send(&Event::Ack(ack).encode(sequence).encode());
     }
 
-    fn carry_out(&mut self, command: &Command, now: Ticks, hardware: &mut impl Hardware) -> Result<(), No> {
+    fn carry_out(
+        &mut self,
+        command: &Command,
+        now: Ticks,
+        hardware: &mut impl Hardware,
+    ) -> Result<(), Denial> {
         match *command {
             Command::Configure(config) => self.configure(config, now, hardware),
             Command::Timing { dead_man, telemetry } => self.set_timing(dead_man, telemetry, now),
@@ -144,7 +152,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
             Command::Acknowledge(fault) => self.clear_fault(fault, now, hardware),
             Command::Goodbye => {
                 self.in_state(&[State::Idle, State::Jogging, State::Faulted])?;
-                self.heard = None;
+                self.last_packet = None;
                 self.telemetry = DurationMs(0);
                 if self.state != State::Faulted {
                     self.make_safe(now, hardware);
@@ -159,25 +167,25 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         }
     }
 
-    fn in_state(&self, allowed: &[State]) -> Result<(), No> {
+    fn in_state(&self, allowed: &[State]) -> Result<(), Denial> {
         match self.state {
             state if allowed.contains(&state) => Ok(()),
-            State::Faulted => Err(No { got: self.fault.code().into(), ..Refusal::Latched.into() }),
-            state => Err(No { got: state.code().into(), ..Refusal::Busy.into() }),
+            State::Faulted => Err(Denial { got: self.fault.code().into(), ..Refusal::Latched.into() }),
+            state => Err(Denial { got: state.code().into(), ..Refusal::Busy.into() }),
         }
     }
 
-    fn index(&self, channel: Channel) -> Result<usize, No> {
+    fn index(&self, channel: Channel) -> Result<usize, Denial> {
         if channel.0 < self.identity.channels {
             Ok(channel.0.into())
         } else {
-            Err(No::on(Refusal::NoSuchChannel, channel, self.identity.channels, channel.0))
+            Err(Denial::on(Refusal::NoSuchChannel, channel, self.identity.channels, channel.0))
         }
     }
 
-    fn config(&self, channel: Channel) -> Result<ChannelConfig, No> {
+    fn config(&self, channel: Channel) -> Result<ChannelConfig, Denial> {
         let index = self.index(channel)?;
-        self.channels[index].config.ok_or(No::on(Refusal::NotConfigured, channel, 0u32, 0u32))
+        self.channels[index].config.ok_or(Denial::on(Refusal::NotConfigured, channel, 0u32, 0u32))
     }
 
     fn configure(
@@ -185,7 +193,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         config: ChannelConfig,
         now: Ticks,
         hardware: &mut impl Hardware,
-    ) -> Result<(), No> {
+    ) -> Result<(), Denial> {
         self.in_state(&[State::Idle])?;
         let index = self.index(config.channel)?;
         let pulses = config.min_pulse..=config.max_pulse;
@@ -193,7 +201,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
             && pulses.contains(&config.park_pulse)
             && (config.max_rate.0 > 0 || config.kind != ChannelKind::Servo);
         if !sound {
-            return Err(No::on(Refusal::BadLimits, config.channel, 0u32, 0u32));
+            return Err(Denial::on(Refusal::BadLimits, config.channel, 0u32, 0u32));
         }
         self.forget_profile();
         // A pulse that the new limits forbid must not go on.
@@ -204,10 +212,10 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         Ok(())
     }
 
-    fn set_timing(&mut self, dead_man: DurationMs, telemetry: DurationMs, now: Ticks) -> Result<(), No> {
-        if !DEAD_MAN_RANGE.contains(&dead_man.0) {
-            let limit = dead_man.0.clamp(*DEAD_MAN_RANGE.start(), *DEAD_MAN_RANGE.end()).into();
-            return Err(No { limit, got: dead_man.0.into(), ..Refusal::BadTiming.into() });
+    fn set_timing(&mut self, dead_man: DurationMs, telemetry: DurationMs, now: Ticks) -> Result<(), Denial> {
+        if !DEAD_MAN_RANGE_MS.contains(&dead_man.0) {
+            let limit = dead_man.0.clamp(*DEAD_MAN_RANGE_MS.start(), *DEAD_MAN_RANGE_MS.end()).into();
+            return Err(Denial { limit, got: dead_man.0.into(), ..Refusal::BadTiming.into() });
         }
         self.dead_man = dead_man;
         self.telemetry = telemetry;
@@ -215,69 +223,74 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         Ok(())
     }
 
-    fn check_pulse(config: &ChannelConfig, pulse: PulseWidthUs) -> Result<(), No> {
+    fn check_pulse(config: &ChannelConfig, pulse: PulseWidthUs) -> Result<(), Denial> {
         let (channel, min, max) = (config.channel, config.min_pulse, config.max_pulse);
         if pulse < min {
-            Err(No::on(Refusal::PulseTooShort, channel, min.0, pulse.0))
+            Err(Denial::on(Refusal::PulseTooShort, channel, min.0, pulse.0))
         } else if pulse > max {
-            Err(No::on(Refusal::PulseTooLong, channel, max.0, pulse.0))
+            Err(Denial::on(Refusal::PulseTooLong, channel, max.0, pulse.0))
         } else {
             Ok(())
         }
     }
 
-    fn check_line(config: &ChannelConfig, from: PulseWidthUs, to: &Segment) -> Result<(), No> {
+    fn check_line(config: &ChannelConfig, from: PulseWidthUs, to: &Segment) -> Result<(), Denial> {
         Self::check_pulse(config, to.end_pulse)?;
         if to.duration > MAX_DURATION {
-            return Err(No::on(Refusal::TooLong, config.channel, MAX_DURATION.0, to.duration.0));
+            return Err(Denial::on(Refusal::TooLong, config.channel, MAX_DURATION.0, to.duration.0));
         }
         if !config.max_rate.allows(from, to.end_pulse, to.duration) {
             let needed = RateUsPerS::needed(from, to.end_pulse, to.duration);
-            return Err(No::on(Refusal::RateTooHigh, config.channel, config.max_rate.0, needed.0));
+            return Err(Denial::on(Refusal::RateTooHigh, config.channel, config.max_rate.0, needed.0));
         }
         Ok(())
     }
 
-    fn add_track(&mut self, channel: Channel, start_pulse: PulseWidthUs, segments: u16) -> Result<(), No> {
+    fn add_track(
+        &mut self,
+        channel: Channel,
+        start_pulse: PulseWidthUs,
+        segments: u16,
+    ) -> Result<(), Denial> {
         self.in_state(&[State::Idle, State::Jogging])?;
         let config = self.config(channel)?;
         Self::check_pulse(&config, start_pulse)?;
         let index = self.index(channel)?;
         self.last_track_complete()?;
         if self.channels[index].track.is_some() {
-            return Err(No::on(Refusal::OutOfOrder, channel, 0u32, 0u32));
+            return Err(Denial::on(Refusal::OutOfOrder, channel, 0u32, 0u32));
         }
         let track = self
             .store
             .track(start_pulse, segments)
-            .map_err(|refusal| No::on(refusal, channel, SEGMENTS as u32, segments))?;
+            .map_err(|refusal| Denial::on(refusal, channel, SEGMENTS as u32, segments))?;
         self.channels[index].track = Some(track);
         self.uploading = Some(channel);
         Ok(())
     }
 
-    fn last_track_complete(&self) -> Result<(), No> {
+    fn last_track_complete(&self) -> Result<(), Denial> {
         match self.uploading.and_then(|channel| Some((channel, self.channels[usize::from(channel.0)].track?)))
         {
             Some((channel, track)) if !track.is_complete() => {
-                Err(No::on(Refusal::Incomplete, channel, track.received as u32, 0u32))
+                Err(Denial::on(Refusal::Incomplete, channel, track.received as u32, 0u32))
             }
             _ => Ok(()),
         }
     }
 
-    fn add_segments(&mut self, channel: Channel, first: u16, segments: &[Segment]) -> Result<(), No> {
+    fn add_segments(&mut self, channel: Channel, first: u16, segments: &[Segment]) -> Result<(), Denial> {
         self.in_state(&[State::Idle, State::Jogging])?;
         let config = self.config(channel)?;
         let index = self.index(channel)?;
         let Some(mut track) = self.channels[index].track.filter(|_| self.uploading == Some(channel)) else {
-            return Err(No::on(Refusal::OutOfOrder, channel, 0u32, first));
+            return Err(Denial::on(Refusal::OutOfOrder, channel, 0u32, first));
         };
         if usize::from(first) != track.received {
-            return Err(No::on(Refusal::OutOfOrder, channel, track.received as u32, first));
+            return Err(Denial::on(Refusal::OutOfOrder, channel, track.received as u32, first));
         }
         if track.room() < segments.len() {
-            return Err(No::on(Refusal::NoRoom, channel, track.room() as u32, segments.len() as u32));
+            return Err(Denial::on(Refusal::NoRoom, channel, track.room() as u32, segments.len() as u32));
         }
         let mut from = track.last_pulse();
         let mut duration = track.duration;
@@ -286,7 +299,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
             from = segment.end_pulse;
             duration = DurationUs(duration.0 + segment.duration.0);
             if duration > MAX_DURATION {
-                return Err(No::on(Refusal::TooLong, channel, MAX_DURATION.0, duration.0));
+                return Err(Denial::on(Refusal::TooLong, channel, MAX_DURATION.0, duration.0));
             }
         }
         self.store.extend(&mut track, segments);
@@ -294,27 +307,27 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         Ok(())
     }
 
-    fn arm(&mut self, start: Ticks, segments: u16, now: Ticks) -> Result<(), No> {
+    fn arm(&mut self, start: Ticks, segments: u16, now: Ticks) -> Result<(), Denial> {
         self.in_state(&[State::Idle])?;
         self.last_track_complete()?;
         if self.store.used() != usize::from(segments) || segments == 0 {
             let limit = self.store.used() as u32;
-            return Err(No { limit, got: segments.into(), ..Refusal::Incomplete.into() });
+            return Err(Denial { limit, got: segments.into(), ..Refusal::Incomplete.into() });
         }
         let lead = start.since(now);
         if lead < MIN_LEAD.0 as i32 {
             let got = lead.max(0).unsigned_abs();
-            return Err(No { limit: MIN_LEAD.0, got, ..Refusal::Underflow.into() });
+            return Err(Denial { limit: MIN_LEAD.0, got, ..Refusal::Underflow.into() });
         }
         if lead > MAX_LEAD.0 as i32 {
-            return Err(No { limit: MAX_LEAD.0, got: lead.unsigned_abs(), ..Refusal::TooFar.into() });
+            return Err(Denial { limit: MAX_LEAD.0, got: lead.unsigned_abs(), ..Refusal::TooFar.into() });
         }
         for (number, channel) in (0..).zip(&self.channels) {
             if let Some(track) = channel.track
                 && channel.pulse != Some(track.start_pulse)
             {
                 let is = channel.pulse.map_or(0, |pulse| pulse.0);
-                return Err(No::on(Refusal::NotAtStart, Channel(number), is, track.start_pulse.0));
+                return Err(Denial::on(Refusal::NotAtStart, Channel(number), is, track.start_pulse.0));
             }
         }
         self.start = start;
@@ -329,7 +342,7 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         duration: DurationUs,
         now: Ticks,
         hardware: &mut impl Hardware,
-    ) -> Result<(), No> {
+    ) -> Result<(), Denial> {
         self.in_state(&[State::Idle, State::Jogging])?;
         let config = self.config(channel)?;
         let index = self.index(channel)?;
@@ -346,10 +359,10 @@ impl<const SEGMENTS: usize> Board<SEGMENTS> {
         Ok(())
     }
 
-    fn clear_fault(&mut self, fault: Fault, now: Ticks, hardware: &mut impl Hardware) -> Result<(), No> {
+    fn clear_fault(&mut self, fault: Fault, now: Ticks, hardware: &mut impl Hardware) -> Result<(), Denial> {
         if fault != self.fault {
             let (limit, got) = (self.fault.code().into(), fault.code().into());
-            return Err(No { limit, got, ..Refusal::OtherFault.into() });
+            return Err(Denial { limit, got, ..Refusal::OtherFault.into() });
         }
         if self.state == State::Faulted {
             self.fault = Fault::None;

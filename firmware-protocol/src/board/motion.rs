@@ -4,8 +4,8 @@ use crate::command::Segment;
 use crate::event::Refusal;
 use crate::units::{DurationUs, PulseWidthUs, Ticks};
 
-/// Time between a moving pulse's updates: finer than any servo's own pulse rate.
-pub const UPDATE: DurationUs = DurationUs(1000);
+/// Time between updates of a moving pulse, chosen: finer than any servo's pulse rate.
+pub const PULSE_UPDATE_PERIOD: DurationUs = DurationUs(1000);
 
 /// One straight line being followed.
 #[derive(Debug, Clone, Copy)]
@@ -48,7 +48,8 @@ impl Line {
         let end = self.end();
         let left = end.since(now);
         let still = self.from == self.to;
-        self.next = if still || left <= UPDATE.0 as i32 { end } else { now.plus(UPDATE) };
+        self.next =
+            if still || left <= PULSE_UPDATE_PERIOD.0 as i32 { end } else { now.plus(PULSE_UPDATE_PERIOD) };
     }
 }
 
@@ -101,7 +102,7 @@ impl<const N: usize> Store<N> {
         self.used
     }
 
-    /// Keeps room for a track.
+    /// Reserves room for a track.
     pub(super) fn track(&mut self, start_pulse: PulseWidthUs, announced: u16) -> Result<Track, Refusal> {
         let (first, announced) = (self.used, usize::from(announced));
         if announced > N - first {

@@ -1,4 +1,4 @@
-//! A board on the bench: virtual ticks, recorded pulses and bytes.
+//! A board under test: virtual ticks, recorded pulses and bytes.
 
 #![allow(dead_code, reason = "each test file uses its part")]
 #![allow(unreachable_pub, reason = "shared between test files")]
@@ -70,10 +70,10 @@ impl Setup {
 
     pub fn feed(&mut self, bytes: &[u8]) -> Vec<Event> {
         self.board.receive(bytes, self.now, &mut self.bench);
-        self.heard()
+        self.take_events()
     }
 
-    fn heard(&mut self) -> Vec<Event> {
+    fn take_events(&mut self) -> Vec<Event> {
         let mut decoder = Decoder::default();
         let packets = self.bench.sent.drain(..).filter_map(|b| decoder.push(b));
         packets.map(|p| Event::decode(&p.unwrap()).unwrap()).collect()
@@ -105,7 +105,7 @@ impl Setup {
     pub fn silence(&mut self, duration: DurationUs) -> Vec<Event> {
         self.now = self.now.plus(duration);
         self.board.advance(self.now, &mut self.bench);
-        self.heard()
+        self.take_events()
     }
 
     /// Lets time pass with a host that pings.

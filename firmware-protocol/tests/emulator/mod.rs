@@ -18,7 +18,7 @@ use firmware_protocol::units::{Channel, DurationUs, Name, PulseWidthUs, RateUsPe
 
 pub const CYCLES_PER_US: u64 = 16;
 pub const CYCLES_PER_MS: u64 = 1000 * CYCLES_PER_US;
-/// From one pulse of a channel to the next.
+/// Time from one pulse of a channel to the next \[cycles\].
 pub const FRAME: u64 = 20 * CYCLES_PER_MS;
 /// Pins of channels 0 to 7, as printed on the board.
 pub const SERVO_PINS: [&str; 8] = ["D2", "D3", "D4", "D5", "D6", "D7", "D8", "D9"];
@@ -27,8 +27,8 @@ pub const LAMP_PIN: &str = "D11";
 pub const SYNC_LED_PIN: &str = "D13";
 /// The chip's memory ends here, and the stack begins.
 const RAM_END: u32 = 0x8ff;
-/// Bytes that must stay between stack and variables, for what no test brought about.
-const LEAST_STACK: u32 = 64;
+/// Bytes that must stay free between stack and variables, chosen as a reserve for cases that no test covers.
+const MIN_FREE_STACK_BYTES: u32 = 64;
 
 /// Firmware and emulator, built.
 pub struct Built {
@@ -186,7 +186,7 @@ impl Emulator {
             }
         }
         assert!(
-            self.stack_left() >= LEAST_STACK,
+            self.stack_left() >= MIN_FREE_STACK_BYTES,
             "the stack came within {} bytes of the variables",
             self.stack_left()
         );
@@ -242,14 +242,14 @@ impl Emulator {
         cycle
     }
 
-    /// Says a command, waits for the answer.
+    /// Sends a command and waits for the answer.
     pub fn say(&mut self, command: Command) -> Event {
         let packet = self.next_packet(command);
-        let heard = self.events.len();
+        let events_before = self.events.len();
         self.send(&packet.encode());
         for _ in 0..200 {
             self.run_us(500);
-            let answer = self.events[heard..].iter().find(|(_, (sequence, event))| {
+            let answer = self.events[events_before..].iter().find(|(_, (sequence, event))| {
                 *sequence == packet.sequence && !matches!(event, Event::Happened { .. } | Event::Telemetry(_))
             });
             if let Some((_, (_, event))) = answer {
@@ -332,7 +332,7 @@ impl Emulator {
         self.must(Command::Jog { channel, pulse, duration: DurationUs(us) });
     }
 
-    /// Ends the emulator as a power cut does, its EEPROM kept.
+    /// Ends the emulator as a power cut does; its EEPROM stays.
     pub fn power_off(mut self) {
         self.stdin = None;
         assert!(self.child.wait().unwrap().success());

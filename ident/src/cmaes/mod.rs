@@ -170,10 +170,10 @@ impl CmaEs {
         let mut path_sigma = DVector::from_column_slice(&self.path_sigma);
         path_sigma *= 1.0 - k.c_sigma;
         path_sigma.axpy((k.c_sigma * (2.0 - k.c_sigma) * k.mu_eff).sqrt(), &mean_round, 1.0);
-        let settled = 1.0 - (1.0 - k.c_sigma).powf(2.0 * self.generation as f64);
+        let warm_up = 1.0 - (1.0 - k.c_sigma).powf(2.0 * self.generation as f64);
         let length = path_sigma.norm();
         // A path this long means the step size lags behind: hold the covariance's path still meanwhile.
-        let steady = length / settled.sqrt() < (1.4 + 2.0 / (n as f64 + 1.0)) * k.expected_length;
+        let steady = length / warm_up.sqrt() < (1.4 + 2.0 / (n as f64 + 1.0)) * k.expected_length;
 
         let mut path_c = DVector::from_column_slice(&self.path_c);
         path_c *= 1.0 - k.c_c;

@@ -1,4 +1,4 @@
-//! The next runs: which of those that could be made would tell rival causes apart, or pin down what is loose.
+//! The next runs: which of the possible ones would separate rival causes best, or determine loose parameters best.
 //!
 //! Every candidate run ([`runs`]) is simulated with the fitted model, and its derivatives join those of the runs that
 //! there are. Two rivals are as far apart as the cost by which one, at the size that was fitted, exceeds what the
@@ -28,18 +28,18 @@ use crate::noise::floor::{Floor, RunFloor};
 use crate::simulate::Rehearsal;
 use runs::Proposal;
 
-/// What a proposed run is worth.
+/// A proposed run and what it would add.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Worth {
-    /// The run.
+    /// The proposed run.
     pub proposal: Proposal,
     /// Cost by which the rivals differ with the runs there are; of a loose parameter, its standard deviation.
     pub before: f64,
-    /// And with this run as well.
+    /// The same with this run added.
     pub after: f64,
 }
 
-/// A cause with sizes of its numbers.
+/// A cause with the values of its parameters, by name.
 pub(crate) type Sized = (CauseTerm, Vec<(String, f64)>);
 
 /// Runs that separate two rivals, best first; or in which `causes`, all of which are at work, show most, where there is no `rival`. `state` is
@@ -54,20 +54,23 @@ pub(crate) fn separating(
     let all: Vec<&Sized> = causes.iter().chain(rival).collect();
     let terms: Vec<CauseTerm> = all.iter().map(|(term, _)| term.clone()).collect();
     let sizes: Vec<&[(String, f64)]> = all.iter().map(|(_, sizes)| sizes.as_slice()).collect();
-    let own: Vec<usize> = (0..causes.len()).collect();
-    let other: Vec<usize> = rival.map(|_| causes.len()).into_iter().collect();
-    let apart = |state: &State<'_>| {
+    let cause_places: Vec<usize> = (0..causes.len()).collect();
+    let rival_places: Vec<usize> = rival.map(|_| causes.len()).into_iter().collect();
+    let separation = |state: &State<'_>| {
         let scores = Scores::new(state, &terms, counts);
-        let there = beyond(&scores, &sizes, &own, &other);
-        if other.is_empty() { there } else { there.min(beyond(&scores, &sizes, &other, &own)) }
+        let cost = distinct_cost(&scores, &sizes, &cause_places, &rival_places);
+        if rival_places.is_empty() {
+            return cost;
+        }
+        cost.min(distinct_cost(&scores, &sizes, &rival_places, &cause_places))
     };
     // coefficients that a bound stops in these runs may leave it in the next: without residuals none is stopped
     let mut state = state.clone();
     state.linear.iter_mut().for_each(|linear| linear.residuals.fill(0.0));
-    let before = apart(&state);
+    let before = separation(&state);
     let one = |proposal: Proposal| {
         let run = proposal.run(experiment);
-        let after = apart(&joined(experiment, &state, floor, &proposal, &run, counts)?);
+        let after = separation(&with_run(experiment, &state, floor, &proposal, &run, counts)?);
         Some(Worth { proposal, before, after })
     };
     let mut list: Vec<Worth> = runs::proposals(experiment, floor).into_par_iter().filter_map(one).collect();
@@ -75,10 +78,10 @@ pub(crate) fn separating(
     list
 }
 
-/// What a run would leave open of several parameters.
+/// A proposed run and the uncertainty of several parameters that it would leave.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prospect {
-    /// The run.
+    /// The proposed run.
     pub proposal: Proposal,
     /// Standard deviation of each, in its SI unit.
     pub std: Vec<f64>,
@@ -100,14 +103,14 @@ pub(crate) fn pinning(
     let before = std(state)?;
     let one = |proposal: Proposal| {
         let run = proposal.run(experiment);
-        let std = std(&joined(experiment, state, floor, &proposal, &run, counts)?)?;
+        let std = std(&with_run(experiment, state, floor, &proposal, &run, counts)?)?;
         Some(Prospect { proposal, std })
     };
     Some((before, runs::proposals(experiment, floor).into_par_iter().filter_map(one).collect()))
 }
 
 /// `state` with a run that has not been made; its residuals are 0. `None` where it cannot be simulated.
-fn joined<'b>(
+fn with_run<'b>(
     experiment: &Experiment,
     state: &State<'b>,
     floor: &Floor,
@@ -127,8 +130,8 @@ fn joined<'b>(
     alone.point.offsets = vec![vec![0.0; alone.terms[0].rehearsal.nuisances.len()]];
     let interval_s = floor.runs.first().map_or(0.01, |run| run.interval_s);
     let std_m = vec![floor.noise_m; run.trajectory.keypoints.len()];
-    let own = Floor { runs: vec![RunFloor { id: run.id.clone(), std_m, interval_s }], ..floor.clone() };
-    alone.weigh(&own);
+    let run_floor = Floor { runs: vec![RunFloor { id: run.id.clone(), std_m, interval_s }], ..floor.clone() };
+    alone.weigh(&run_floor);
     let mut linear = alone.problem().linearise(&alone.point, true, &mut counts.apart())?;
     linear.iter_mut().for_each(|linear| linear.residuals.fill(0.0));
     let mut with = state.clone();
@@ -138,13 +141,13 @@ fn joined<'b>(
     Some(with)
 }
 
-/// What the candidates at `own`, at `sizes` of their numbers, have that those at `others` cannot imitate \[cost\].
-fn beyond(scores: &Scores, sizes: &[&[(String, f64)]], own: &[usize], others: &[usize]) -> f64 {
+/// Cost of the part of the effect of the candidates at `places`, with parameters of these `sizes`, that those at `others` cannot imitate.
+fn distinct_cost(scores: &Scores, sizes: &[&[(String, f64)]], places: &[usize], others: &[usize]) -> f64 {
     let of = |candidates: &[usize]| -> Vec<usize> {
         (0..scores.columns.len()).filter(|&c| candidates.contains(&scores.columns[c].candidate)).collect()
     };
     let mut effect = DMatrix::zeros(scores.projected.nrows(), 1);
-    for column in of(own) {
+    for column in of(places) {
         let known = sizes[scores.columns[column].candidate];
         let size = known.iter().find(|(name, _)| *name == scores.columns[column].name);
         effect.column_mut(0).axpy(size.map_or(0.0, |(_, size)| *size), &scores.projected.column(column), 1.0);

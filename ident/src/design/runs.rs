@@ -10,7 +10,7 @@ use crate::noise::floor::Floor;
 /// A run that could be made.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Proposal {
-    /// A name for files.
+    /// Name of the run, used for files.
     pub id: String,
     /// What moves it.
     pub motion: Motion,
@@ -33,23 +33,23 @@ pub enum Motion {
     Driven {
         /// Half the sweep \[rad\].
         amplitude_rad: f64,
-        /// Of a counter-clockwise stroke \[s\].
+        /// Duration of a counter-clockwise stroke \[s\].
         ccw_s: f64,
-        /// Of a clockwise stroke \[s\].
+        /// Duration of a clockwise stroke \[s\].
         cw_s: f64,
     },
 }
 
-/// Rest before anything moves \[s\].
-const REST_S: f64 = 0.3;
-/// Angles of the first hinge in drops \[rad\].
-const FIRST_ANGLES_RAD: [f64; 6] = [1.5, -1.5, 0.8, -0.8, 2.5, -2.5];
-/// Angles between links in bent poses \[rad\].
-const BEND_RAD: f64 = 1.2;
-/// Amplitudes, as shares of the largest.
-const AMPLITUDE_SHARES: [f64; 3] = [2.0 / 9.0, 2.0 / 3.0, 1.0];
-/// Pairs of strokes \[s\]; the counter-clockwise one takes two thirds.
-const PERIODS_S: [f64; 3] = [0.6, 1.5, 3.0];
+/// Rest before anything moves \[s\] (chosen).
+const REST_BEFORE_MOTION_S: f64 = 0.3;
+/// Angles of the first hinge in drops of the straight mechanism \[rad\] (chosen).
+const DROP_FIRST_HINGE_ANGLES_RAD: [f64; 6] = [1.5, -1.5, 0.8, -0.8, 2.5, -2.5];
+/// Angle between links in drops from zigzag poses \[rad\] (chosen).
+const DROP_BEND_RAD: f64 = 1.2;
+/// Amplitudes of strokes, as shares of the largest (chosen).
+const STROKE_AMPLITUDE_SHARES: [f64; 3] = [2.0 / 9.0, 2.0 / 3.0, 1.0];
+/// Durations of a pair of strokes \[s\] (chosen); the counter-clockwise one takes two thirds.
+const STROKE_PERIODS_S: [f64; 3] = [0.6, 1.5, 3.0];
 
 /// What could be run with the mechanism of `experiment`, as its `[design]` says.
 pub(crate) fn proposals(experiment: &Experiment, floor: &Floor) -> Vec<Proposal> {
@@ -62,17 +62,17 @@ pub(crate) fn proposals(experiment: &Experiment, floor: &Floor) -> Vec<Proposal>
         list.push(Proposal { id, motion, seconds: design.run_s.get(), interval_s });
     };
     if design.drops && !hinges.is_empty() {
-        let mut poses: Vec<Vec<f64>> = FIRST_ANGLES_RAD
+        let mut poses: Vec<Vec<f64>> = DROP_FIRST_HINGE_ANGLES_RAD
             .iter()
             .map(|&angle| (0..hinges.len()).map(|k| if k == 0 { angle } else { 0.0 }).collect())
             .collect();
         for side in [1.0, -1.0] {
-            let bent = |k: usize| match k {
+            let zigzag = |k: usize| match k {
                 0 => 0.9 * side,
-                k if k % 2 == 1 => -BEND_RAD * side,
-                _ => BEND_RAD * side,
+                k if k % 2 == 1 => -DROP_BEND_RAD * side,
+                _ => DROP_BEND_RAD * side,
             };
-            poses.push((0..hinges.len()).map(bent).collect());
+            poses.push((0..hinges.len()).map(zigzag).collect());
         }
         for (number, pose_rad) in poses.into_iter().enumerate() {
             add(format!("drop-{}", number + 1), Motion::Drop { pose_rad });
@@ -80,8 +80,8 @@ pub(crate) fn proposals(experiment: &Experiment, floor: &Floor) -> Vec<Proposal>
     }
     if !model.actuators.is_empty() {
         let mut number = 0;
-        for amplitude_rad in AMPLITUDE_SHARES.map(|share| share * design.amplitude_limit_rad.get()) {
-            for period_s in PERIODS_S {
+        for amplitude_rad in STROKE_AMPLITUDE_SHARES.map(|share| share * design.amplitude_limit_rad.get()) {
+            for period_s in STROKE_PERIODS_S {
                 let (ccw_s, cw_s) = (period_s * 2.0 / 3.0, period_s / 3.0);
                 if 2.0 * amplitude_rad / cw_s <= design.rate_limit_rad_per_s.get() {
                     number += 1;
@@ -102,7 +102,7 @@ impl Proposal {
         }
     }
 
-    /// What to do, in words.
+    /// Instruction for the person at the rig, as a phrase.
     pub fn words(&self) -> String {
         match &self.motion {
             Motion::Drop { pose_rad } => {
@@ -123,16 +123,16 @@ impl Proposal {
         }
     }
 
-    /// The run, with keypoints seen where the experiment's are, all at the origin: only when and which matters.
+    /// The run, with the keypoints and axes that the experiment observes, all at the origin: only their times and names matter.
     pub fn run(&self, experiment: &Experiment) -> Run {
-        let like = experiment.runs.first();
+        let template = experiment.runs.first();
         let keypoints =
-            like.map_or_else(|| experiment.model.keypoints(), |run| run.trajectory.keypoints.clone());
-        let seen = |axis: usize| {
-            like.is_none_or(|run| run.trajectory.position_m.iter().any(|p| p[axis].is_finite()))
+            template.map_or_else(|| experiment.model.keypoints(), |run| run.trajectory.keypoints.clone());
+        let is_observed = |axis: usize| {
+            template.is_none_or(|run| run.trajectory.position_m.iter().any(|p| p[axis].is_finite()))
         };
-        let cell: [f64; 3] = std::array::from_fn(|axis| if seen(axis) { 0.0 } else { f64::NAN });
-        let images = ((REST_S + self.seconds) / self.interval_s) as usize;
+        let cell: [f64; 3] = std::array::from_fn(|axis| if is_observed(axis) { 0.0 } else { f64::NAN });
+        let images = ((REST_BEFORE_MOTION_S + self.seconds) / self.interval_s) as usize;
         let time_s: Vec<f64> = (0..images).map(|image| image as f64 * self.interval_s).collect();
         let trajectory = Trajectory {
             position_m: vec![cell; time_s.len() * keypoints.len()],
@@ -147,19 +147,19 @@ impl Proposal {
         };
         let mut run = Run::new(self.id.clone(), kind, trajectory);
         run.command = self.command(experiment);
-        run.prescribed = like.is_some_and(|run| run.prescribed);
-        run.release_s = (kind == RunKind::Drop).then_some(REST_S);
+        run.prescribed = template.is_some_and(|run| run.prescribed);
+        run.release_s = (kind == RunKind::Drop).then_some(REST_BEFORE_MOTION_S);
         run
     }
 
-    /// What the servo is told; nothing in a drop.
+    /// Angles commanded to the servo \[rad\]; `None` in a drop.
     pub fn command(&self, experiment: &Experiment) -> Option<Command> {
         let Motion::Driven { amplitude_rad, ccw_s, cw_s } = self.motion else { return None };
         let actuators: Vec<String> =
             experiment.model.actuators.iter().map(|actuator| actuator.name.clone()).collect();
         let centre_rad = experiment.design.centre_rad.get();
-        let (mut time_s, mut angles) = (vec![0.0, REST_S], vec![centre_rad; 2]);
-        let mut t = REST_S + ccw_s / 2.0;
+        let (mut time_s, mut angles) = (vec![0.0, REST_BEFORE_MOTION_S], vec![centre_rad; 2]);
+        let mut t = REST_BEFORE_MOTION_S + ccw_s / 2.0;
         for cycle in 0..self.cycles() {
             time_s.push(t);
             angles.push(centre_rad + amplitude_rad);
@@ -185,6 +185,6 @@ impl Proposal {
                 state.qpos[joint.qpos_address] = joint.reference + angle;
             }
         }
-        Start { state, start_s: REST_S }
+        Start { state, start_s: REST_BEFORE_MOTION_S }
     }
 }

@@ -1,20 +1,21 @@
-//! What nothing holds is never at rest.
+//! Runs of a body that floats freely: it drifts before the servo moves, instead of resting.
 
 use sim::model::Joint;
 use sim::{JointKind, Model, RolloutOptions, rollout};
 
 use super::{Experiment, Run, RunKind};
 
-/// Of the images before the first motion these last ones say where a body drifts to \[s\].
-const DRIFT_S: f64 = 0.5;
-/// What its springs and drives hold comes to rest in so much time \[s\]: for a first guess,
-const SETTLING_S: f64 = 5.0;
-/// and from there once more for the numbers of each candidate.
-pub(crate) const RESETTLING_S: f64 = 0.5;
+/// The drift of a body is estimated from images within this time before the first motion \[s\] (chosen).
+const DRIFT_WINDOW_S: f64 = 0.5;
+/// Time in which joints held by springs and drives are taken to come to rest \[s\] (chosen), for the first guess.
+const SETTLING_TIME_S: f64 = 5.0;
+/// Time before the first image at which the simulation of a drifting body starts \[s\] (chosen), so that its joints settle for each
+/// candidate.
+pub(crate) const DRIFT_LEAD_S: f64 = 0.5;
 
 impl Experiment {
     /// Where the model's body floats, lets each driven run begin in its last images before the servo moves, and with a velocity: until
-    /// then the body drifts as somebody has let go of it. Images before these become gaps.
+    /// then the body drifts. Images before these become gaps.
     pub fn set_adrift(&mut self) {
         if floating(&self.model).next().is_none() {
             return;
@@ -28,7 +29,7 @@ impl Experiment {
 impl Run {
     fn set_adrift(&mut self) {
         // a run without any motion is refused when runs are checked
-        let Some(from_s) = self.first_motion_s().map(|motion_s| motion_s - DRIFT_S) else { return };
+        let Some(from_s) = self.first_motion_s().map(|motion_s| motion_s - DRIFT_WINDOW_S) else { return };
         self.adrift = true;
         let trajectory = &mut self.trajectory;
         let early = trajectory.time_s.partition_point(|time_s| *time_s < from_s);
@@ -41,9 +42,9 @@ impl Run {
 pub(crate) fn unknown_rates(model: &Model, run: &Run, frozen: &[bool]) -> Vec<bool> {
     let mut unknown = vec![run.kind == RunKind::Free; model.nv()];
     if run.adrift {
-        let unsought = unsought(model, run);
+        let not_estimated = not_estimated(model, run);
         for dof in floating(model) {
-            unknown[dof] = !unsought[dof];
+            unknown[dof] = !not_estimated[dof];
         }
     }
     unknown.iter().zip(frozen).map(|(unknown, frozen)| *unknown && !frozen).collect()
@@ -51,27 +52,27 @@ pub(crate) fn unknown_rates(model: &Model, run: &Run, frozen: &[bool]) -> Vec<bo
 
 /// Whether images of an `adrift` run need not say where each degree of freedom begins, shape (nv): springs and drives have their joints at rest
 /// by then; and what moves out of the picture's plane changes keypoints by its square only, too little to be told from noise before a body is driven.
-pub(crate) fn unsought(model: &Model, run: &Run) -> Vec<bool> {
-    let mut unsought = vec![false; model.nv()];
+pub(crate) fn not_estimated(model: &Model, run: &Run) -> Vec<bool> {
+    let mut not_estimated = vec![false; model.nv()];
     if !run.adrift {
-        return unsought;
+        return not_estimated;
     }
     for joint in held(model) {
-        unsought[joint.dof_address] = true;
+        not_estimated[joint.dof_address] = true;
     }
     if run.trajectory.position_m.iter().all(|position| position[1].is_nan()) {
         let rotations = model.poses(&model.rest_state().qpos).body_rot;
         for joint in model.joints.iter().filter(|joint| joint.kind == JointKind::Free) {
             // a free joint turns about its body's own axes: in the picture about the one that the camera looks along
             let along: [f64; 3] = std::array::from_fn(|axis| rotations[joint.body].0[1][axis].abs());
-            let seen = (0..3).max_by(|&a, &b| along[a].total_cmp(&along[b]));
-            let turns = (0..3).filter(|axis| Some(*axis) != seen).map(|axis| 3 + axis);
-            for unseen in std::iter::once(1).chain(turns) {
-                unsought[joint.dof_address + unseen] = true;
+            let in_plane = (0..3).max_by(|&a, &b| along[a].total_cmp(&along[b]));
+            let turns = (0..3).filter(|axis| Some(*axis) != in_plane).map(|axis| 3 + axis);
+            for out_of_plane in std::iter::once(1).chain(turns) {
+                not_estimated[joint.dof_address + out_of_plane] = true;
             }
         }
     }
-    unsought
+    not_estimated
 }
 
 /// The joints that springs or drives hold.
@@ -86,9 +87,9 @@ fn held(model: &Model) -> impl Iterator<Item = &Joint<f64>> {
 /// The coordinates to look for those of `run` from, shape (nq): the model's own, or where it comes to rest.
 pub(crate) fn resting(model: &Model, run: &Run) -> Vec<f64> {
     let rest = model.rest_state();
-    let settle = || {
+    let settled_pose = || {
         let (command, motion_s) = (run.command.as_ref()?, run.first_motion_s()?);
-        let options = RolloutOptions { start_s: motion_s - SETTLING_S, ..RolloutOptions::default() };
+        let options = RolloutOptions { start_s: motion_s - SETTLING_TIME_S, ..RolloutOptions::default() };
         let end = rollout(model, &rest, command, &[motion_s], &options).ok()?;
         let mut qpos = rest.qpos.clone();
         for joint in held(model) {
@@ -96,7 +97,7 @@ pub(crate) fn resting(model: &Model, run: &Run) -> Vec<f64> {
         }
         Some(qpos)
     };
-    run.adrift.then(settle).flatten().unwrap_or(rest.qpos)
+    run.adrift.then(settled_pose).flatten().unwrap_or(rest.qpos)
 }
 
 /// The degrees of freedom of bodies that nothing holds.

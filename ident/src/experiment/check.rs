@@ -7,8 +7,8 @@ use super::{Experiment, ExperimentError, Run, RunKind};
 use crate::parameters::Parameters;
 use ground::names::{did_you_mean, glob};
 
-/// Least images of a run: fewer than this show a pose, but no motion.
-const MIN_IMAGES: usize = 3;
+/// Fewest images of a run (chosen): fewer show a pose, but no motion.
+const RUN_IMAGES_MIN: usize = 3;
 
 impl Experiment {
     /// Says whether the runs can be compared with the model at all: names meet, starts are known, there is
@@ -172,11 +172,12 @@ fn images(run: &Run) -> Result<(), ExperimentError> {
     let trajectory = &run.trajectory;
     let width = trajectory.keypoints.len();
     let count = trajectory.time_s.len();
-    let seen = |instant: usize| (0..width).any(|k| trajectory.at(instant, k).iter().any(|x| x.is_finite()));
-    let usable = (0..count).filter(|&instant| seen(instant)).count();
-    if usable < MIN_IMAGES {
+    let shows_keypoint =
+        |instant: usize| (0..width).any(|k| trajectory.at(instant, k).iter().any(|x| x.is_finite()));
+    let usable = (0..count).filter(|&instant| shows_keypoint(instant)).count();
+    if usable < RUN_IMAGES_MIN {
         return lack(format!(
-            "{usable} of {count} images show a keypoint, {MIN_IMAGES} are the least; check the extraction, or leave the run out"
+            "{usable} of {count} images show a keypoint, {RUN_IMAGES_MIN} are the least; check the extraction, or leave the run out"
         ));
     }
     for (k, keypoint) in trajectory.keypoints.iter().enumerate() {

@@ -27,10 +27,10 @@ pub enum ExperimentError {
     /// The `[mechanism]` or `[water]` table.
     #[error(transparent)]
     Weights(#[from] WeightError),
-    /// A `[[cause]]` table.
+    /// A `[[cause]]` table was refused.
     #[error(transparent)]
     Cause(#[from] CauseError),
-    /// `experiment.toml` itself.
+    /// `experiment.toml` could not be read, or is no valid TOML of an experiment.
     #[error(transparent)]
     Config(#[from] StrictError),
     /// A trajectory or servo table.
@@ -41,7 +41,7 @@ pub enum ExperimentError {
     Unreadable {
         /// What the file should be.
         what: &'static str,
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
@@ -49,15 +49,15 @@ pub enum ExperimentError {
     /// The model text was refused.
     #[error("model {}", path.display())]
     Model {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Line and reason.
         source: Box<sim::MjcfError>,
     },
-    /// `start.json` of a run folder.
+    /// `start.json` of a run folder was refused.
     #[error("{}: not the start of a run", path.display())]
     Start {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Line, column and reason.
         source: serde_json::Error,
@@ -71,9 +71,9 @@ pub enum ExperimentError {
     /// Two run folders were made with different models.
     #[error("{} and {} differ; name the one to fit as `model`", first.display(), second.display())]
     Models {
-        /// One model.
+        /// Path of one model.
         first: PathBuf,
-        /// The other.
+        /// Path of the other model.
         second: PathBuf,
     },
     /// There is no run at all.
@@ -82,9 +82,9 @@ pub enum ExperimentError {
     /// `[diagnose]` names what is no cause.
     #[error("`{key}` under [diagnose] names `{name}`, which is no cause{hint}; docs/causes.md lists all")]
     NoCause {
-        /// The key.
+        /// Key in `[diagnose]`.
         key: &'static str,
-        /// The name.
+        /// The name that is not known.
         name: String,
         /// What may have been meant.
         hint: String,
@@ -94,7 +94,7 @@ pub enum ExperimentError {
         "`elements` under [diagnose] names `{name}`, and the model has no body, joint, geom or keypoint of that name{hint}"
     )]
     NoElement {
-        /// The name.
+        /// The name that is not known.
         name: String,
         /// What may have been meant.
         hint: String,

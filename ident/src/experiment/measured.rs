@@ -1,4 +1,4 @@
-//! Angles that a servo measured itself, beside the pictures.
+//! Angles that a servo measured itself, added to those from the pictures.
 
 use sim::Model;
 use sim::model::{POINTER_M, encoded_joint, encoder_mark};
@@ -6,13 +6,13 @@ use sim::model::{POINTER_M, encoded_joint, encoder_mark};
 use super::{Experiment, Run};
 use crate::table::MeasuredAngles;
 
-/// Between rows farther apart than this nothing is interpolated \[s\]: a stroke takes half a second.
-const MOST_APART_S: f64 = 0.1;
-/// Nor next to a bend greater than this \[rad\], a second difference of the rows: 50 rows a second of a stroke that speeds up by 30 rad/s2.
-/// A sharp corner that bends no more is off by half of what bus servos resolve. A coarser servo's bends are its steps: as many times
-/// the usual one are no corner.
-const LEAST_BEND_RAD: f64 = 12e-3;
-const USUAL_BENDS: f64 = 3.0;
+/// Rows farther apart than this are not interpolated between \[s\] (chosen): a stroke takes half a second.
+const INTERPOLATION_GAP_MAX_S: f64 = 0.1;
+/// Nor are rows next to a corner: a second difference greater than this \[rad\] (chosen: 50 rows a second of a stroke that accelerates by
+/// 30 rad/s2; a smaller corner errs by half of what bus servos resolve), and, as a coarser servo's differences are its steps, greater than
+/// this many times the median one (chosen).
+const CORNER_BEND_MIN_RAD: f64 = 12e-3;
+const CORNER_BEND_RATIO: f64 = 3.0;
 
 impl Experiment {
     /// Lets the trajectories have what the servos measured ([`Run::measured`]) as the angles of encoders on their joints, at the images' times,
@@ -63,7 +63,7 @@ fn bend_rad(angle_rad: &[f64], row: usize) -> f64 {
 fn most_bend_rad(angle_rad: &[f64]) -> f64 {
     let mut bends: Vec<f64> = (0..angle_rad.len()).map(|row| bend_rad(angle_rad, row)).collect();
     bends.sort_by(f64::total_cmp);
-    bends.get(bends.len() / 2).map_or(0.0, |usual| USUAL_BENDS * usual).max(LEAST_BEND_RAD)
+    bends.get(bends.len() / 2).map_or(0.0, |usual| CORNER_BEND_RATIO * usual).max(CORNER_BEND_MIN_RAD)
 }
 
 /// The angle at `time_s`, on the cubic through the two rows before and after, where neither next to it is a bend of more than `most_rad`; at
@@ -77,12 +77,12 @@ fn between(angles: &MeasuredAngles, most_rad: f64, time_s: f64) -> Option<f64> {
     }
     let (&to_s, &to) = angles.time_s.get(next).zip(angles.angle_rad.get(next))?;
     let is_straight = [before, next].iter().all(|&row| bend_rad(&angles.angle_rad, row) <= most_rad);
-    if !is_straight || to_s - from_s > MOST_APART_S {
+    if !is_straight || to_s - from_s > INTERPOLATION_GAP_MAX_S {
         return None;
     }
     let about = before.saturating_sub(1)..(next + 2).min(angles.time_s.len());
     let (times_s, values) = (&angles.time_s[about.clone()], &angles.angle_rad[about]);
-    if times_s.len() < 4 || times_s[3] - times_s[0] > 3.0 * MOST_APART_S {
+    if times_s.len() < 4 || times_s[3] - times_s[0] > 3.0 * INTERPOLATION_GAP_MAX_S {
         return Some(from + (time_s - from_s) / (to_s - from_s) * (to - from));
     }
     // Lagrange's form

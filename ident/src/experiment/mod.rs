@@ -19,7 +19,7 @@ use sim::{BasePath, Command, Model, State, Trajectory};
 
 pub use crate::config::{DesignConfig, DiagnoseConfig, FitConfig, Loss, Method, Prior};
 pub use crate::own_cause::{CauseConfig, CauseError, CauseParameterConfig};
-pub(crate) use adrift::{RESETTLING_S, resting, unknown_rates, unsought};
+pub(crate) use adrift::{DRIFT_LEAD_S, not_estimated, resting, unknown_rates};
 pub use error::{ExperimentError, Place};
 pub use spikes::Spike;
 
@@ -43,7 +43,7 @@ pub struct Experiment {
 }
 
 impl Experiment {
-    /// `runs` of a mechanism that `model` describes, `fit` saying what of it is fitted; all else as a file has it that says no more.
+    /// `runs` of a mechanism that `model` describes, `fit` saying what of it is fitted; all else as in a file that states nothing more.
     pub fn new(model: Model, fit: FitConfig, runs: Vec<Run>) -> Self {
         Self {
             model,
@@ -73,11 +73,11 @@ pub struct Run {
     pub command: Option<Command>,
     /// What the servos measured, where they did: taken into the trajectory by [`Experiment::take_in_measured`].
     pub measured: Vec<MeasuredAngles>,
-    /// Where the base went; `None`: it stood.
+    /// Path of the base; `None`: it did not move.
     pub base: Option<Arc<BasePath>>,
     /// Actuated joints follow the command exactly, see [`Run::follows`].
     pub prescribed: bool,
-    /// Its body floats, and is in motion when the servo first moves: set by [`Experiment::set_adrift`].
+    /// Whether its body floats freely and is drifting when the servo first moves: set by [`Experiment::set_adrift`].
     pub adrift: bool,
     /// When a drop was let go \[s\]; `None`: detected, then fitted.
     pub release_s: Option<f64>,
@@ -101,7 +101,7 @@ pub enum RunKind {
     Free,
 }
 
-/// What a run is there for.
+/// Whether a run is fitted or held out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Use {
@@ -112,7 +112,7 @@ pub enum Use {
     Holdout,
 }
 
-/// [`Run::init_s`] where nobody says otherwise \[s\].
+/// [`Run::init_s`] where the experiment does not state it \[s\] (chosen).
 pub const DEFAULT_INIT_S: f64 = 0.1;
 
 impl Run {

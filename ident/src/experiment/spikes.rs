@@ -13,9 +13,9 @@ use crate::text::millimetres;
 /// A keypoint in one image that was set aside.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Spike {
-    /// When \[s\].
+    /// Time of the image \[s\].
     pub time_s: f64,
-    /// Keypoint.
+    /// Name of the keypoint.
     pub keypoint: String,
     /// How far it is from where the images around it have it \[m\].
     pub off_m: f64,
@@ -38,23 +38,23 @@ impl Spike {
     }
 }
 
-/// Standard deviations off its path from which on a keypoint is suspected: its neighbours are not judged by it then.
-const SUSPECT_Z: f64 = 5.0;
-/// And from which on it is a spike: noise of a million images stays below.
-const SPIKE_Z: f64 = 8.0;
-/// But no less than this share of the room that the keypoint moves in: noise is not the same everywhere.
-const LEAST_SPIKE_SHARE: f64 = 5e-3;
-/// A path is smooth where the nearest images and the next ones tell the same of it, to this share of the spike.
-const SMOOTH_PATH_SHARE: f64 = 0.5;
-/// A spike is at least this share of itself away from where the keypoint was before and is after.
-const AWAY_SHARE: f64 = 0.5;
-/// Images that tell a path at once: a cubic's.
+/// A keypoint is suspected beyond this many standard deviations off its path (chosen): its neighbours are not judged by it then.
+const SUSPECTED_DEVIATION_Z: f64 = 5.0;
+/// A keypoint is a spike beyond this many standard deviations off its path (chosen): noise of a million images stays below.
+const SPIKE_DEVIATION_Z: f64 = 8.0;
+/// A spike is off by at least this share of the room that the keypoint moves in (chosen): noise is not the same everywhere.
+const SPIKE_ROOM_SHARE_MIN: f64 = 5e-3;
+/// A path is smooth where its predictions from the nearest images and from the next ones agree to this share of the spike (chosen).
+const SMOOTH_PATH_SHARE_MAX: f64 = 0.5;
+/// A spike is at least this share of its own size away from the keypoint's places before and after (chosen).
+const SPIKE_NEIGHBOUR_DISTANCE_SHARE_MIN: f64 = 0.5;
+/// Images through which a path is laid: a cubic needs four.
 const PATH_IMAGES: usize = 4;
 
-/// Where a larger share is suspected, images are too few for the motion and tell no path.
-const MOST_SUSPECTED_SHARE: f64 = 0.1;
-/// A keypoint seen in fewer images has none.
-const LEAST_IMAGES: usize = 16;
+/// Where a larger share of images is suspected, images are too few for the motion and nothing is set aside (chosen).
+const SUSPECTED_SHARE_MAX: f64 = 0.1;
+/// No spikes are sought for a keypoint observed in fewer images (chosen).
+const KEYPOINT_IMAGES_MIN: usize = 16;
 
 /// Takes the spikes out of `trajectory`, where they become gaps.
 pub(super) fn set_aside(trajectory: &mut Trajectory) -> Vec<Spike> {
@@ -74,20 +74,20 @@ pub(super) fn set_aside(trajectory: &mut Trajectory) -> Vec<Spike> {
     list
 }
 
-/// How far a keypoint is off its path.
-struct Off {
+/// How far a keypoint is off its path \[m\], the path's point, and how far noise may put it \[m\].
+struct Deviation {
     off_m: f64,
     path: [f64; 3],
     limit_m: f64,
 }
 
-impl Off {
+impl Deviation {
     fn share(&self) -> f64 {
         self.off_m / self.limit_m
     }
 }
 
-/// Where a keypoint was seen.
+/// The observed places of a keypoint: rows of the trajectory, times \[s\] and points \[m\].
 struct Path {
     rows: Vec<usize>,
     time_s: Vec<f64>,
@@ -101,10 +101,10 @@ impl Path {
         let is_observed: [bool; 3] =
             std::array::from_fn(|axis| all().any(|row| trajectory.at(row, keypoint)[axis].is_finite()));
         let point = |row: usize| -> Option<(usize, [f64; 3])> {
-            let seen = trajectory.at(row, keypoint);
-            let is_whole = (0..3).all(|axis| seen[axis].is_finite() == is_observed[axis]);
-            let is_seen = is_whole && is_observed.contains(&true);
-            is_seen.then(|| (row, seen.map(|x| if x.is_finite() { x } else { 0.0 })))
+            let observed = trajectory.at(row, keypoint);
+            let is_whole = (0..3).all(|axis| observed[axis].is_finite() == is_observed[axis]);
+            let is_usable = is_whole && is_observed.contains(&true);
+            is_usable.then(|| (row, observed.map(|x| if x.is_finite() { x } else { 0.0 })))
         };
         let (rows, points): (Vec<usize>, Vec<[f64; 3]>) = all().filter_map(point).unzip();
         Self { time_s: rows.iter().map(|&row| trajectory.time_s[row]).collect(), rows, points }
@@ -113,17 +113,17 @@ impl Path {
     /// Places of the spikes, and how far off they are \[m\].
     fn spikes(&self, noise_m: f64) -> Vec<(usize, f64)> {
         let all: Vec<usize> = (0..self.rows.len()).collect();
-        if all.len() < LEAST_IMAGES {
+        if all.len() < KEYPOINT_IMAGES_MIN {
             return Vec::new();
         }
-        let good = self.beyond_suspicion(all.clone(), SUSPECT_Z * noise_m);
-        if ((all.len() - good.len()) as f64) > MOST_SUSPECTED_SHARE * all.len() as f64 {
+        let good = self.beyond_suspicion(all.clone(), SUSPECTED_DEVIATION_Z * noise_m);
+        if ((all.len() - good.len()) as f64) > SUSPECTED_SHARE_MAX * all.len() as f64 {
             return Vec::new();
         }
-        let least_m = LEAST_SPIKE_SHARE * self.room_m(&good);
+        let least_m = SPIKE_ROOM_SHARE_MIN * self.room_m(&good);
         let leaves_smooth_path = |&place: &usize| {
-            let Off { off_m, path, .. } = self
-                .off(place, &good, SPIKE_Z * noise_m)
+            let Deviation { off_m, path, .. } = self
+                .off(place, &good, SPIKE_DEVIATION_Z * noise_m)
                 .filter(|off| off.share() > 1.0 && off.off_m > least_m)?;
             let after = good.partition_point(|&other| other < place);
             let wider = if after == 0 || after == good.len() {
@@ -134,7 +134,7 @@ impl Path {
             } else {
                 self.predicted(place, &nearest(place, &good, PATH_IMAGES / 2)?)?.0
             };
-            (distance(path, wider) < SMOOTH_PATH_SHARE * off_m).then_some((place, off_m))
+            (distance(path, wider) < SMOOTH_PATH_SHARE_MAX * off_m).then_some((place, off_m))
         };
         let mut list: Vec<(usize, f64)> = all_but(&all, |place| good.binary_search(&place).is_ok())
             .iter()
@@ -143,9 +143,11 @@ impl Path {
         let rest = all_but(&all, |place| list.iter().any(|(off, _)| *off == place));
         list.retain(|&(place, off_m)| {
             let after = rest.partition_point(|&other| other < place);
-            let beside =
+            let neighbours =
                 [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|at| rest.get(at));
-            beside.into_iter().all(|&at| distance(self.points[at], self.points[place]) > AWAY_SHARE * off_m)
+            neighbours.into_iter().all(|&at| {
+                distance(self.points[at], self.points[place]) > SPIKE_NEIGHBOUR_DISTANCE_SHARE_MIN * off_m
+            })
         });
         // once some images of a sudden start are suspected, the path across them is none, and those after them are off it
         let stretches = list.chunk_by(|a, b| a.0 + 1 == b.0).filter(|stretch| stretch.len() <= PATH_IMAGES);
@@ -174,7 +176,7 @@ impl Path {
     }
 
     /// How far `place` is off the path that `others` tell, and how far noise with this `limit_m` may put it.
-    fn off(&self, place: usize, others: &[usize], limit_m: f64) -> Option<Off> {
+    fn off(&self, place: usize, others: &[usize], limit_m: f64) -> Option<Deviation> {
         let nodes = nearest(place, others, 0)?;
         let is_between = nodes[0] < place && place < nodes[PATH_IMAGES - 1];
         let (path, limit_m) = if is_between {
@@ -184,11 +186,11 @@ impl Path {
             // beyond the last image a cubic makes too much of noise; a line is as wrong as the path bends
             let next =
                 |count: usize| if place < nodes[0] { &nodes[..count] } else { &nodes[PATH_IMAGES - count..] };
-            let ((line, spread), (bent, _)) =
+            let ((line, spread), (quadratic, _)) =
                 (self.predicted(place, next(2))?, self.predicted(place, next(3))?);
-            (line, limit_m * spread + 2.0 * distance(line, bent))
+            (line, limit_m * spread + 2.0 * distance(line, quadratic))
         };
-        Some(Off { off_m: distance(self.points[place], path), path, limit_m })
+        Some(Deviation { off_m: distance(self.points[place], path), path, limit_m })
     }
 
     /// The diagonal of the box about `places`.
@@ -260,8 +262,8 @@ mod tests {
         for &time_s in &time_s {
             let [x, z] = path(time_s);
             for share in [1.0, 0.5] {
-                let mut seen = |at: f64| share * at + normal.sample(&mut random);
-                position_m.push([seen(x), f64::NAN, seen(z)]);
+                let mut measured = |at: f64| share * at + normal.sample(&mut random);
+                position_m.push([measured(x), f64::NAN, measured(z)]);
             }
         }
         Trajectory {
@@ -343,13 +345,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_set_aside_is_said() {
+    fn what_is_set_aside_is_reported() {
         let mut trajectory = filmed(100.0, swing(1.0));
         misread(&mut trajectory, 123, 1, [0.02, 0.0]);
         let spikes = set_aside(&mut trajectory);
-        let said = Spike::sentence("drop-1", &spikes).expect("one is");
-        assert!(said.starts_with("1 keypoint of drop-1 is set aside as misread, at most "), "{said}");
-        assert!(said.ends_with("(P2 at 1.230 s)"), "{said}");
+        let sentence = Spike::sentence("drop-1", &spikes).expect("one is");
+        assert!(sentence.starts_with("1 keypoint of drop-1 is set aside as misread, at most "), "{sentence}");
+        assert!(sentence.ends_with("(P2 at 1.230 s)"), "{sentence}");
         assert_eq!(Spike::sentence("drop-1", &[]), None);
     }
 }

@@ -24,7 +24,7 @@ pub struct Checkpoint {
     pub(super) waiting: Vec<(Origin, Point)>,
 }
 
-/// Where a fit stands.
+/// The stage that a fit is in.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Stage {
@@ -136,7 +136,7 @@ pub(super) fn fingerprint(experiment: &Experiment) -> String {
     format!("{hash:016x}")
 }
 
-/// The reason a fit gives that was told to stop.
+/// [`Fit::stop_reason`](super::Fit::stop_reason) of a fit that its observer stopped.
 pub const INTERRUPTED: &str = "interrupted";
 
 /// What a fit says after each generation or iteration.
@@ -146,20 +146,20 @@ pub struct Progress<'a> {
     pub phase: &'static str,
     /// Parameter vectors tried so far.
     pub evaluations: u64,
-    /// The most there will be.
+    /// Largest number of parameter vectors that will be tried.
     pub max_evaluations: u64,
     /// Runs simulated so far.
     pub rollouts: u64,
     /// Best loss so far \[m2\], over all images; infinite before there is one.
     pub loss_m2: f64,
-    /// Whether that is over the fewer images on which a descent goes most of its way, or the search all of it.
+    /// Whether that is the loss over the thinned images, which a search uses throughout and a descent until near its end.
     pub is_rough: bool,
     /// Whether this start, or the search, has come to its end, or, where more than noise is left, so near that error bars hardly
     /// tell the difference.
     pub is_answer: bool,
     /// What is fitted, shape (P).
     pub parameters: &'a Parameters,
-    /// Where the search, or the descent, is with them, SI, shape (P).
+    /// Their present values in the search or the descent, SI, shape (P).
     pub values: &'a [f64],
     /// From here the fit can be resumed.
     pub checkpoint: &'a Checkpoint,
@@ -168,15 +168,15 @@ pub struct Progress<'a> {
 /// Whether a fit should go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Flow {
-    /// Yes.
+    /// Go on.
     Continue,
-    /// No: finish with the best so far.
+    /// Finish with the best point so far.
     Stop,
 }
 
 /// Watches a fit.
 pub trait Observer {
-    /// Is told after each generation or iteration; says whether to go on.
+    /// Called after each generation or iteration; returns whether to go on.
     fn progress(&mut self, progress: &Progress<'_>) -> Flow;
 }
 

@@ -6,12 +6,12 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::information::{Information, RunInformation, SETTLED_WIDTH_SHARE, sandwich};
+use super::covariance::{DETERMINED_STD_WIDTH_SHARE_MAX, Information, RunInformation, sandwich};
 use super::report::{Constancy, RunValue};
 use crate::parameters::Parameters;
 use ground::statistics::one_value;
 
-/// Values of parameter `which` per run that sees it, and the test that they are one; `None` with fewer than two
+/// Values of parameter `which` per run that determines it, and the test that they are one; `None` with fewer than two
 /// such runs.
 pub(super) fn constancy(
     parameters: &Parameters,
@@ -23,7 +23,7 @@ pub(super) fn constancy(
     let (changes, covariance) = split(parameters, known, which)?;
     let width = parameters.free[which].scale.width();
     let runs: Vec<usize> = (0..changes.len())
-        .filter(|&run| covariance[(run, run)].sqrt() <= SETTLED_WIDTH_SHARE * width)
+        .filter(|&run| covariance[(run, run)].sqrt() <= DETERMINED_STD_WIDTH_SHARE_MAX * width)
         .collect();
     if runs.len() < 2 {
         return None;

@@ -36,7 +36,7 @@ impl Counts {
 
     /// The same, where nobody waits any longer from `deadline` on either.
     pub(crate) fn by(self, deadline: Instant) -> Self {
-        Self { deadline: Some(self.deadline.map_or(deadline, |own| own.min(deadline))), ..self }
+        Self { deadline: Some(self.deadline.map_or(deadline, |earlier| earlier.min(deadline))), ..self }
     }
 
     /// Says that nobody waits any longer.
@@ -49,24 +49,24 @@ impl Counts {
         self.stop.load(Ordering::Relaxed) || self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
     }
 
-    /// Counts what was counted apart.
+    /// Adds counts made separately with [`Self::apart`].
     pub(crate) fn add(&mut self, other: &Self) {
         self.evaluations += other.evaluations;
         self.rollouts += other.rollouts;
     }
 
-    /// What `work` makes of each of `items`, in their order; they share the threads, and what each costs is counted.
+    /// The results of `work` for each of `items`, in their order, computed in parallel; their counts are added.
     pub(crate) fn of_each<T: Send, R: Send>(
         &mut self,
         items: Vec<T>,
         work: impl Fn(T, &mut Self) -> R + Sync,
     ) -> Vec<R> {
         let counted = items.into_par_iter().map(|item| {
-            let mut own = self.apart();
-            (work(item, &mut own), own)
+            let mut item_counts = self.apart();
+            (work(item, &mut item_counts), item_counts)
         });
         let (results, counts): (Vec<R>, Vec<Self>) = counted.unzip();
-        counts.iter().for_each(|own| self.add(own));
+        counts.iter().for_each(|item_counts| self.add(item_counts));
         results
     }
 }

@@ -2,10 +2,10 @@
 
 use crate::parameters::Scale;
 
-/// A step beyond the last point is at least and at most this many times as far.
-const STEP_GROWTH: [f64; 2] = [1.05, 3.0];
-/// A rise to more than so many times the limit tells nothing about where the limit is.
-const TOO_FAR_RATIO: f64 = 4.0;
+/// A step beyond the last point goes at least and at most this many times as far (chosen).
+const STEP_GROWTH_RANGE: [f64; 2] = [1.05, 3.0];
+/// Beyond this many times the limit, a rise is not used to interpolate where the limit is met (chosen).
+const INTERPOLATION_RISE_RATIO_MAX: f64 = 4.0;
 
 /// How closely a limit is met.
 #[derive(Debug, Clone, Copy)]
@@ -43,7 +43,7 @@ pub(crate) fn crossing(
             outside = Some((x, risen));
         }
         next = match outside {
-            Some((far, high)) if high < TOO_FAR_RATIO * limit => {
+            Some((far, high)) if high < INTERPOLATION_RISE_RATIO_MAX * limit => {
                 inside.0 + (far - inside.0) * (limit - inside.1) / (high - inside.1)
             }
             Some((far, _)) => (inside.0 + far) / 2.0,
@@ -51,7 +51,7 @@ pub(crate) fn crossing(
                 // as steeply as it rose last
                 let further = (limit - inside.1) / (inside.1 - before.1).max(0.0) * (inside.0 - before.0);
                 let growth = 1.0 + further / (inside.0 - best);
-                best + (inside.0 - best) * growth.clamp(STEP_GROWTH[0], STEP_GROWTH[1])
+                best + (inside.0 - best) * growth.clamp(STEP_GROWTH_RANGE[0], STEP_GROWTH_RANGE[1])
             }
         };
     }

@@ -12,39 +12,39 @@ use super::error::FitError;
 use super::least_squares::{Descent, End, Freedom};
 use super::objective::Objective;
 use super::problem::{Linear, Point};
-use super::search::{Search, settle};
+use super::search::{Search, fit_starts};
 use crate::cmaes::Restarts;
 use crate::config::Method;
 use crate::experiment::Experiment;
 use crate::parameters::FreeParameter;
 
-/// Candidates of the global phase of `hybrid`, per parameter: enough to leave a bad optimum, no more.
-const SEARCH_PER_PARAMETER: u64 = 20;
-/// Points drawn per parameter of which the best become starts.
-const DRAWN_PER_PARAMETER: usize = 8;
-/// Starts among the drawn points.
+/// Candidates of the global search of `hybrid`, per parameter (chosen): enough to leave a bad optimum, no more.
+const SEARCH_EVALUATIONS_PER_PARAMETER: u64 = 20;
+/// Random points drawn per parameter, of which the best become starts (chosen).
+const DRAWN_POINTS_PER_PARAMETER: usize = 8;
+/// How many of the drawn points become starts (chosen).
 const DRAWN_STARTS: usize = 1;
-/// Mean squared residual, in that of the noise, up to which no other optimum is worth looking for.
-const AT_THE_NOISE_RATIO: f64 = 1.1;
+/// Cost over that of noise alone, up to which no other optimum is looked for (chosen).
+const NOISE_COST_RATIO_MAX: f64 = 1.1;
 
 /// Takes a fit through its stages.
 pub(super) struct Driver<'a> {
     experiment: &'a Experiment,
     objective: &'a Objective<'a>,
-    /// Where descents begin, and a search between them goes on; `None`: on the whole as well.
+    /// The thinned objective that descents begin on and a search uses; `None`: all of it is done on the whole objective.
     rough: Option<&'a Objective<'a>>,
     fingerprint: String,
-    /// What a cost of 1 is in loss \[m2\].
+    /// Loss that corresponds to a cost of 1 \[m2\].
     loss_m2: f64,
     /// The cost that noise alone would leave.
-    squares: f64,
+    noise_cost: f64,
 }
 
 /// Where a fit has ended.
 pub(super) struct Arrival {
     pub(super) point: Point,
-    /// Whether it has been linearised, and counted so.
-    pub(super) settled: bool,
+    /// Whether it has been linearised already, so that its rollouts are counted.
+    pub(super) linearised: bool,
     /// The linearisation there, or half a standard deviation away, where it is at hand.
     pub(super) linear: Option<Vec<Linear>>,
     pub(super) stop_reason: String,
@@ -53,7 +53,7 @@ pub(super) struct Arrival {
 }
 
 impl<'a> Driver<'a> {
-    /// `rough`: where descents begin, if not on the whole; `fingerprint`: of the experiment.
+    /// `rough`: the thinned objective that descents begin on, if any; `fingerprint`: of the experiment.
     pub(super) fn new(
         experiment: &'a Experiment,
         objective: &'a Objective<'a>,
@@ -68,10 +68,10 @@ impl<'a> Driver<'a> {
             .flat_map(|term| term.observations.iter().map(|o| o.per_m.powi(2) / term.rehearsal.run.weight))
             .sum();
         let observations: usize = terms.iter().map(|term| term.observations.len()).sum();
-        let squares =
+        let noise_cost =
             terms.iter().map(|term| term.rehearsal.run.weight * term.observations.len() as f64).sum();
         let loss_m2 = observations as f64 / precisions / images;
-        Self { experiment, objective, rough, fingerprint, loss_m2, squares }
+        Self { experiment, objective, rough, fingerprint, loss_m2, noise_cost }
     }
 
     /// The beginning of a fit: at `warm`, if there is one.
@@ -96,7 +96,7 @@ impl<'a> Driver<'a> {
             match (warm, loose) {
                 // With nothing to turn, the starts of the runs are all there is to fit.
                 _ if limit == 0 || objective.parameters().is_empty() => {
-                    let (start, cost) = settle(objective, start, counts);
+                    let (start, cost) = fit_starts(objective, start, counts);
                     self.descent(Origin::Model, Descent::new(start, cost), limit, counts)
                 }
                 (Some(warm), _) => Stage::Descent {
@@ -122,12 +122,12 @@ impl<'a> Driver<'a> {
         Stage::Descent { origin, descent, limit, rough }
     }
 
-    /// What a search, or a rough descent, works on.
-    fn roughly(&self) -> &Objective<'_> {
+    /// The objective of a search or a rough descent.
+    fn rough_or_whole(&self) -> &Objective<'_> {
         self.rough.unwrap_or(self.objective)
     }
 
-    /// Goes on from `state` to the end, or until the observer has had enough.
+    /// Continues from `state` to the end, or until the observer stops it.
     pub(super) fn finish(
         &self,
         mut state: Checkpoint,
@@ -138,7 +138,7 @@ impl<'a> Driver<'a> {
             let (phase, cost, end, near) = match &mut state.stage {
                 Stage::Search(search) => {
                     if search.stop().is_none() {
-                        search.step(self.roughly(), counts);
+                        search.step(self.rough_or_whole(), counts);
                     }
                     ("search", search.cost, search.stop().map(|stop| stop.name()), false)
                 }
@@ -146,11 +146,11 @@ impl<'a> Driver<'a> {
                     // A state may be that of a stage that had just ended.
                     if descent.end.is_none() {
                         let (objective, limit) = match *rough {
-                            Some(limit) => (self.roughly(), limit),
+                            Some(limit) => (self.rough_or_whole(), limit),
                             None => (self.objective, *limit),
                         };
                         descent.step(objective, Freedom::Everything, limit, counts);
-                        // what is left of the way is one on the whole
+                        // near its end, a rough descent is continued on the whole objective
                         if rough.is_some() && descent.near {
                             descent.end.get_or_insert(End::TolLoss);
                         }
@@ -171,8 +171,9 @@ impl<'a> Driver<'a> {
                     Stage::Search(_) => self.rough.is_some(),
                     descent => is_rough(descent),
                 },
-                // where nothing follows, the little that is left is better taken at once
-                is_answer: (end.is_some() || near && !self.at_the_noise(cost)) && !is_rough(&state.stage),
+                // where no stage follows, the descent is completed instead of reporting an answer early
+                is_answer: (end.is_some() || near && !self.is_at_noise_level(cost))
+                    && !is_rough(&state.stage),
                 parameters: self.objective.parameters(),
                 values: match &state.stage {
                     Stage::Search(search) => &search.anchor.values,
@@ -186,7 +187,7 @@ impl<'a> Driver<'a> {
                 }
                 (_, Flow::Stop) => return self.arrive(state, INTERRUPTED, counts),
                 (Some(end), Flow::Continue) => {
-                    if !self.goes_on(&mut state, counts) {
+                    if !self.start_next_stage(&mut state, counts) {
                         return self.arrive(state, end, counts);
                     }
                 }
@@ -202,25 +203,25 @@ impl<'a> Driver<'a> {
             Stage::Search(_) => false,
             stage if is_rough(stage) => false,
             Stage::Descent { origin, descent, .. } if origin.precedes_search() => {
-                self.search_evaluations(counts) == 0 || self.at_the_noise(descent.cost)
+                self.search_evaluations(counts) == 0 || self.is_at_noise_level(descent.cost)
             }
             Stage::Descent { .. } => waiting.is_empty(),
         }
     }
 
     /// Whether `cost` is what noise alone leaves.
-    fn at_the_noise(&self, cost: Option<f64>) -> bool {
-        cost.is_some_and(|cost| cost <= AT_THE_NOISE_RATIO * self.squares)
+    fn is_at_noise_level(&self, cost: Option<f64>) -> bool {
+        cost.is_some_and(|cost| cost <= NOISE_COST_RATIO_MAX * self.noise_cost)
     }
 
     /// Candidates that a search may try.
     fn search_evaluations(&self, counts: &Counts) -> u64 {
         let left = self.experiment.fit.max_evaluations.saturating_sub(counts.evaluations);
-        (SEARCH_PER_PARAMETER * self.objective.parameters().len() as u64).min(left / 4)
+        (SEARCH_EVALUATIONS_PER_PARAMETER * self.objective.parameters().len() as u64).min(left / 4)
     }
 
-    /// Puts what follows a stage that has ended, if it is not over, in its place; false where there is nothing.
-    fn goes_on(&self, state: &mut Checkpoint, counts: &mut Counts) -> bool {
+    /// Replaces a stage that has ended by the next one; false where no stage is left.
+    fn start_next_stage(&self, state: &mut Checkpoint, counts: &mut Counts) -> bool {
         let config = &self.experiment.fit;
         match &state.stage {
             Stage::Search(search) => {
@@ -238,7 +239,8 @@ impl<'a> Driver<'a> {
                     let best = best(&state.ended)
                         .map_or_else(|| self.objective.problem.start(), |b| b.point.clone());
                     let most = self.search_evaluations(counts);
-                    let search = Search::new(self.roughly(), best, Restarts::None, config.seed, most, counts);
+                    let search =
+                        Search::new(self.rough_or_whole(), best, Restarts::None, config.seed, most, counts);
                     state.stage = Stage::Search(Box::new(search));
                     return true;
                 }
@@ -254,8 +256,8 @@ impl<'a> Driver<'a> {
         true
     }
 
-    /// `point` with next to no dry friction, where there may be some: a joint that friction holds has no slope that would
-    /// lead out of there.
+    /// `point` with next to no dry friction, where the model may have some: a joint stuck by friction has zero gradient, so
+    /// that a descent could not leave that state.
     fn loosened(&self, point: &Point) -> Option<Point> {
         let free = &self.objective.parameters().free;
         let loose = |(p, &x): (&FreeParameter, &f64)| if p.is_friction() { p.scale.loose(x) } else { x };
@@ -268,16 +270,16 @@ impl<'a> Driver<'a> {
         let parameters = self.objective.parameters();
         let mut list = Vec::new();
         let best = best(&state.ended).map_or(&search.anchor, |ended| &ended.point);
-        // From where it began nothing new would come.
+        // A descent from the same point would end where it did before.
         if search.anchor.values != best.values {
             list.push((Origin::Search, search.anchor.clone()));
         }
         let drawn: Vec<Point> =
-            spread(parameters.len(), DRAWN_PER_PARAMETER * parameters.len(), self.experiment.fit.seed)
+            spread(parameters.len(), DRAWN_POINTS_PER_PARAMETER * parameters.len(), self.experiment.fit.seed)
                 .iter()
                 .map(|units| Point { values: parameters.values(units), offsets: best.offsets.clone() })
                 .collect();
-        let costs = self.roughly().costs(&drawn, true, counts);
+        let costs = self.rough_or_whole().costs(&drawn, true, counts);
         let mut order: Vec<usize> = (0..drawn.len()).filter(|&i| costs[i].is_finite()).collect();
         order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
         list.extend(order.iter().take(DRAWN_STARTS).map(|&i| (Origin::Drawn, drawn[i].clone())));
@@ -289,7 +291,7 @@ impl<'a> Driver<'a> {
         let Checkpoint { stage, mut ended, .. } = state;
         let last = match stage {
             Stage::Search(mut search) => {
-                search.drop_anchor(self.roughly(), counts);
+                search.drop_anchor(self.rough_or_whole(), counts);
                 let (point, cost) = (search.anchor.clone(), search.cost);
                 let cost = if self.rough.is_some() { self.cost(&point, counts) } else { cost };
                 let reason = reason.to_owned();
@@ -316,10 +318,10 @@ impl<'a> Driver<'a> {
         let stop_reason = if reason == INTERRUPTED { reason.to_owned() } else { best.reason.clone() };
         let Ended { point, settled, linear, .. } = best.clone();
         let ended = if several { ended } else { Vec::new() };
-        Ok(Arrival { point, settled, linear, stop_reason, ended })
+        Ok(Arrival { point, linearised: settled, linear, stop_reason, ended })
     }
 
-    /// What `point` costs on the whole.
+    /// Cost of `point` on the whole objective; `None` where it cannot be simulated.
     fn cost(&self, point: &Point, counts: &mut Counts) -> Option<f64> {
         let costs = self.objective.costs(std::slice::from_ref(point), false, counts);
         costs.into_iter().find(|cost| cost.is_finite())

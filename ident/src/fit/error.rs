@@ -38,13 +38,13 @@ pub enum FitError {
         if .names.len() == 1 { "it" } else { "them" }
     )]
     Unseen {
-        /// Their names.
+        /// Names of the parameters.
         names: Vec<String>,
     },
     /// A run cannot be simulated.
     #[error("simulating run `{run}`")]
     Simulation {
-        /// The run.
+        /// Id of the run.
         run: String,
         /// Where and when it failed.
         source: sim::RolloutError,

@@ -7,17 +7,17 @@ use sim::Model;
 use super::checkpoint::{Ended, INTERRUPTED};
 use super::constancy::constancy;
 use super::counts::Counts;
+use super::covariance::{Information, RunInformation, information};
 use super::driver::{Arrival, best};
 use super::error::FitError;
 use super::fitted::FittedRun;
-use super::information::{Information, RunInformation, information};
 use super::noise::AssumedNoise;
 use super::objective::Objective;
 use super::problem::Point;
 use super::profile::profile;
 use super::repeat::{hold_out, repeat};
 use super::report::{
-    Combination, Fit, FittedParameter, JointInformation, NoiseSeen, NoiseSource, RunErrors, RunValue,
+    Combination, Fit, FittedParameter, JointInformation, NoiseEstimate, NoiseSource, RunErrors, RunValue,
     StartLoss,
 };
 use super::rest::rested;
@@ -26,12 +26,12 @@ use crate::geometry::characteristic_length_m;
 use crate::loss::{AxisError, SquaredError, keypoint_errors};
 use crate::parameters::{ON_BOUND_SHARE, Parameters};
 
-/// Losses that differ by no more than this share are one.
-const SAME_LOSS_SHARE: f64 = 0.01;
-/// Settled values that differ by no more standard deviations are one.
-const SAME_VALUE_Z: f64 = 3.0;
-/// Residuals of up to this many times the noise that the images show are noise.
-const NOISE_ALONE_RATIO: f64 = 1.25;
+/// Losses that differ by no more than this share count as equal (chosen).
+const SAME_LOSS_SHARE_MAX: f64 = 0.01;
+/// Determined values that differ by no more than this many standard deviations count as equal (chosen).
+const SAME_VALUE_Z_MAX: f64 = 3.0;
+/// Residuals of up to this many times the noise that the images show count as noise alone (chosen).
+const NOISE_ALONE_RATIO_MAX: f64 = 1.25;
 
 pub(super) fn finish(
     experiment: &Experiment,
@@ -50,8 +50,8 @@ pub(super) fn finish(
         Some(linear) => Cow::Borrowed(&linear[..]),
         None => {
             // After a resumption what was counted before is found again.
-            let (by_parameters, mut aside) = (!point.values.is_empty(), counts.apart());
-            let counts = if arrival.settled { &mut aside } else { &mut counts };
+            let (by_parameters, mut uncounted) = (!point.values.is_empty(), counts.apart());
+            let counts = if arrival.linearised { &mut uncounted } else { &mut counts };
             Cow::Owned(problem.linearise(point, by_parameters, counts).ok_or(FitError::NoOptimum)?)
         }
     };
@@ -59,7 +59,7 @@ pub(super) fn finish(
     let free = &problem.parameters.free;
     if !free.is_empty()
         && free.iter().all(|parameter| parameter.prior.is_none())
-        && !known.blind.contains(&false)
+        && !known.without_effect.contains(&false)
     {
         return Err(FitError::Unseen {
             names: names(problem.parameters, &(0..free.len()).collect::<Vec<_>>()),
@@ -112,7 +112,7 @@ pub(super) fn finish(
     Ok((fit, model, repeated.runs))
 }
 
-/// Puts what the runs leave open back to where the fit began.
+/// Moves parameters that the runs do not determine back towards the values the fit began with.
 fn rest(objective: &Objective<'_>, arrival: &mut Arrival, assumed: &AssumedNoise, counts: &mut Counts) {
     let (problem, point) = (&objective.problem, &arrival.point);
     let linear = match arrival.linear.take() {
@@ -122,16 +122,16 @@ fn rest(objective: &Objective<'_>, arrival: &mut Arrival, assumed: &AssumedNoise
     let known = linear.as_deref().and_then(|linear| information(objective, point, linear, assumed.stated));
     let rested = known.and_then(|known| rested(objective, point, &known, &mut counts.apart()));
     match rested {
-        Some(point) => (arrival.point, arrival.settled) = (point, false),
+        Some(point) => (arrival.point, arrival.linearised) = (point, false),
         None => arrival.linear = linear,
     }
 }
 
-/// Every run of an experiment beside its simulation.
+/// Every run of an experiment with its simulation.
 struct Repeated {
     runs: Vec<FittedRun>,
     /// Noise of the fitted ones.
-    noise: Vec<Option<NoiseSeen>>,
+    noise: Vec<Option<NoiseEstimate>>,
     /// Of the fitted ones \[m2\].
     loss_m2: f64,
 }
@@ -153,16 +153,16 @@ fn repeated(
             runs.push(hold_out(model, run, noise_m, (&[], 0.0), counts)?);
             continue;
         }
-        let Some(((term, offsets), RunInformation { seen, .. })) = fitted.next() else { continue };
+        let Some(((term, offsets), RunInformation { residual_noise, .. })) = fitted.next() else { continue };
         counts.rollouts += 1;
         let start_s = term.rehearsal.start_with(model, offsets).start_s;
         let repeated = repeat(model, &term.rehearsal, offsets, start_s)?;
         error.add(&run.trajectory, &repeated.simulated.position_m, start_s, run.weight);
-        noise.push(Some(NoiseSeen {
+        noise.push(Some(NoiseEstimate {
             assumed_m: assumed.of_run(run),
-            residual_m: seen.rms_m,
-            correlation: seen.correlation,
-            chi2_per_degree: seen.chi2_per_degree,
+            residual_m: residual_noise.rms_m,
+            correlation: residual_noise.correlation,
+            chi2_per_degree: residual_noise.chi2_per_degree,
         }));
         runs.push(repeated);
     }
@@ -195,9 +195,9 @@ fn noise_m(objective: &Objective<'_>, known: &Information, assumed: &AssumedNois
     let mean_square = |squares: &dyn Fn(usize) -> f64| {
         counts().enumerate().map(|(run, count)| count * squares(run)).sum::<f64>() / counts().sum::<f64>()
     };
-    let left_m = mean_square(&|run| known.runs[run].seen.rms_m.powi(2)).sqrt();
+    let left_m = mean_square(&|run| known.runs[run].residual_noise.rms_m.powi(2)).sqrt();
     let shown_m = mean_square(&|run| assumed.of_run(terms[run].rehearsal.run).powi(2)).sqrt();
-    match left_m <= NOISE_ALONE_RATIO * shown_m {
+    match left_m <= NOISE_ALONE_RATIO_MAX * shown_m {
         true => (left_m, NoiseSource::Residuals),
         false => (shown_m, NoiseSource::Images),
     }
@@ -251,7 +251,7 @@ fn combinations(parameters: &Parameters, point: &Point, known: &Information) -> 
             let pairs = group.members.iter().zip(weights).filter(|(_, weight)| **weight != 0.0);
             pairs.map(|(&i, &weight)| (parameters.free[i].name().to_owned(), weight)).collect()
         };
-        for (weights, std) in &group.settled {
+        for (weights, std) in &group.determined {
             let value = group.members.iter().zip(weights).map(|(&i, weight)| weight * point.values[i]).sum();
             let weights = named(weights);
             list.push(Combination {
@@ -262,7 +262,7 @@ fn combinations(parameters: &Parameters, point: &Point, known: &Information) -> 
                 std: Some(*std),
             });
         }
-        for weights in &group.unseen {
+        for weights in &group.undetermined {
             let weights = named(weights);
             list.push(Combination { group: number, seen: false, weights, value: None, std: None });
         }
@@ -275,12 +275,12 @@ fn starts(arrival: &Arrival, known: &Information, loss_m2: f64) -> Vec<StartLoss
     let Some(best) = best(&arrival.ended) else { return Vec::new() };
     let agrees = |ended: &Ended| {
         let same_loss =
-            ended.cost.zip(best.cost).is_some_and(|(cost, best)| cost <= best * (1.0 + SAME_LOSS_SHARE));
+            ended.cost.zip(best.cost).is_some_and(|(cost, best)| cost <= best * (1.0 + SAME_LOSS_SHARE_MAX));
         let values = ended.point.values.iter().zip(&best.point.values).zip(&known.std).zip(&known.determined);
         same_loss
             && values
                 .into_iter()
-                .all(|(((a, b), std), settled)| !settled || (a - b).abs() <= SAME_VALUE_Z * std)
+                .all(|(((a, b), std), determined)| !determined || (a - b).abs() <= SAME_VALUE_Z_MAX * std)
     };
     let start = |ended: &Ended| StartLoss {
         from: ended.origin,

@@ -39,12 +39,12 @@ impl Fitted {
     }
 }
 
-/// One run beside its simulation.
+/// One run with its simulation.
 #[derive(Debug, Clone)]
 pub struct FittedRun {
-    /// The run.
+    /// Id of the run.
     pub id: String,
-    /// Fitted or held out.
+    /// Whether the run was fitted or held out.
     pub usage: Use,
     /// Estimated state, held until the motion starts.
     pub initial: State,
@@ -56,9 +56,9 @@ pub struct FittedRun {
     pub simulated: Trajectory,
     /// The coordinates behind them, row-major, shape (N, nq).
     pub qpos: Vec<f64>,
-    /// Where the base went; `None`: it stood.
+    /// Path of the base; `None`: it did not move.
     pub base: Option<Arc<BasePath>>,
-    /// What was measured.
+    /// The measured keypoints, shape as `simulated`.
     pub measured: Trajectory,
     /// Geoms of the calibrated model that touch without contact being simulated: from then on it does not move as MuJoCo would have it.
     pub touch: Option<FirstTouch>,

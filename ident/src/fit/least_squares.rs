@@ -1,7 +1,7 @@
 //! Bounded Levenberg-Marquardt over parameters and nuisances together.
 //!
 //! Each iteration linearises every run and solves the damped normal equations for several dampings side by side, with more
-//! damping until the cost falls. It ends where the linearisation itself promises nothing worth a step. A parameter at a bound
+//! damping until the cost falls. It ends where the linearisation predicts no worthwhile decrease. A parameter at a bound
 //! whose slope points outward is held for the iteration, steps are cut off at the bounds. The normal equations are those of an arrow: parameters touch every run, nuisances their
 //! own run only.
 
@@ -27,7 +27,7 @@ pub(crate) struct Descent {
     /// Iterations for which the joints' dry friction still stays as it is.
     pub(super) frictions_wait: u32,
     pub(crate) end: Option<End>,
-    /// Whether the last step has lowered the cost so little that error bars hardly tell the points apart.
+    /// Whether the last step has lowered the cost so little that the points differ by less than their error bars.
     #[serde(skip)]
     pub(super) near: bool,
     /// Whether the point has been linearised.
@@ -71,28 +71,28 @@ pub(crate) enum Freedom {
     Nuisances,
 }
 
-/// A decrease of the cost is not worth a step below this share of what one degree of freedom is worth: a tenth of a
+/// No step is made for a decrease of the cost below this share of one degree of freedom's cost (chosen): that is a tenth of a
 /// standard deviation of the parameters.
-const WORTH_A_STEP_SHARE: f64 = 0.01;
-/// Dampings tried at once, as multiples of the last good one: they share the lanes of one pass.
-const DAMPING_LADDER: [f64; 8] = [1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4, 1e5];
-/// And below so many times that, half a standard deviation, the descent is near its end.
-const NEAR_THE_END_RATIO: f64 = 25.0;
-/// Small decreases in a row that end a descent.
-const SMALL_DECREASES: u32 = 2;
-/// The damping of a descent's first trial, as a share of the curvature.
-const FIRST_DAMPING: f64 = 1e-3;
-/// Damping by which a step counts as undamped.
-const LEAST_DAMPING: f64 = 1e-9;
+const MIN_DECREASE_SHARE: f64 = 0.01;
+/// Dampings tried at once, as multiples of the last good one (chosen; 8 candidates share the lanes of one pass).
+const DAMPING_MULTIPLES: [f64; 8] = [1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4, 1e5];
+/// Below this many times that decrease, half a standard deviation, the descent is near its end (chosen).
+const NEAR_END_DECREASE_RATIO: f64 = 25.0;
+/// Small decreases in a row that end a descent (chosen).
+const SMALL_DECREASES_TO_STOP: u32 = 2;
+/// Damping of a descent's first trial, as a share of the curvature (chosen).
+const INITIAL_DAMPING: f64 = 1e-3;
+/// Damping at and below which a step counts as undamped, and the largest one tried (both chosen).
+const MIN_DAMPING: f64 = 1e-9;
 const MAX_DAMPING: f64 = 1e9;
-/// By how much a kept promise lowers the damping and a broken one raises it; each further one raises it by this
-/// much more.
+/// Factor by which the damping falls after a decrease as predicted and rises after a failed step; each further failure in a row
+/// raises it by this factor more (chosen).
 const DAMPING_FACTOR: f64 = 10.0;
-/// A decrease of at least this share of the promised one says that the linearisation holds so far.
-const KEPT_PROMISE_SHARE: f64 = 0.5;
-/// Iterations of a descent with loose joints before their friction may grow.
-const FRICTIONS_WAIT_ITERATIONS: u32 = 3;
-/// Keeps directions that nothing depends on from making the equations singular.
+/// A decrease of at least this share of the predicted one shows that the linearisation holds over the step (chosen).
+const PREDICTED_DECREASE_SHARE_MIN: f64 = 0.5;
+/// Iterations of a descent with loose joints in which their friction is held (chosen).
+const FRICTION_HELD_ITERATIONS: u32 = 3;
+/// Ridge, as a share of the largest curvature, that keeps the equations solvable in directions that nothing depends on (chosen).
 const RIDGE_SHARE: f64 = 1e-12;
 
 impl Descent {
@@ -101,7 +101,7 @@ impl Descent {
         Self {
             point,
             cost,
-            damping: FIRST_DAMPING,
+            damping: INITIAL_DAMPING,
             small: 0,
             frictions_wait: 0,
             end: None,
@@ -115,7 +115,7 @@ impl Descent {
     /// damping takes up what it can: friction that may grow from the first does so wherever the motion is not yet repeated,
     /// and holds the joints then.
     pub(super) fn with_loose_joints(point: Point) -> Self {
-        Self { frictions_wait: FRICTIONS_WAIT_ITERATIONS, ..Self::new(point, None) }
+        Self { frictions_wait: FRICTION_HELD_ITERATIONS, ..Self::new(point, None) }
     }
 
     /// Takes steps until the descent ends by itself.
@@ -149,9 +149,14 @@ impl Descent {
             self.frictions_wait -= 1;
             normal.hold_frictions(objective.parameters());
         }
-        let tries = Tries { by_parameters, dampings: &DAMPING_LADDER, worth: normal.worth, max_evaluations };
+        let settings = TrialSettings {
+            by_parameters,
+            dampings: &DAMPING_MULTIPLES,
+            min_decrease: normal.min_decrease,
+            max_evaluations,
+        };
         let before = self.point.clone();
-        self.follow(objective, &normal, &tries, counts);
+        self.try_steps(objective, &normal, &settings, counts);
         self.near &= !waits;
         let is_plain = by_parameters && objective.loss == Loss::Squares;
         self.settled = is_plain && self.point == before;
@@ -170,39 +175,46 @@ impl Descent {
         let free = objective.parameters().len();
         let data = linear.iter().map(|linear| linear.residuals.norm_squared()).sum();
         let normal = Normal::new(objective, &self.point, free, linear, data);
-        let worth = small * normal.cost;
-        let tries = Tries { by_parameters: true, dampings: &[1.0], worth, max_evaluations: u64::MAX };
-        self.follow(objective, &normal, &tries, counts);
+        let min_decrease = small * normal.cost;
+        let settings =
+            TrialSettings { by_parameters: true, dampings: &[1.0], min_decrease, max_evaluations: u64::MAX };
+        self.try_steps(objective, &normal, &settings, counts);
     }
 
-    /// Tries steps that `normal` promises to be good until one is.
-    fn follow(&mut self, objective: &Objective<'_>, normal: &Normal, tries: &Tries<'_>, counts: &mut Counts) {
-        let (cost, worth) = (normal.cost, tries.worth);
+    /// Tries steps of rising damping until one lowers the cost.
+    fn try_steps(
+        &mut self,
+        objective: &Objective<'_>,
+        normal: &Normal,
+        settings: &TrialSettings<'_>,
+        counts: &mut Counts,
+    ) {
+        let (cost, min_decrease) = (normal.cost, settings.min_decrease);
         self.cost = Some(cost);
-        if normal.most() <= worth {
+        if normal.largest_decrease() <= min_decrease {
             self.end = Some(End::TolLoss);
             return;
         }
         let mut raise = DAMPING_FACTOR;
         loop {
-            let mut steps: Vec<(f64, Point, f64)> = tries
+            let mut steps: Vec<(f64, Point, f64)> = settings
                 .dampings
                 .iter()
-                .map(|factor| (factor * self.damping).max(LEAST_DAMPING))
+                .map(|factor| (factor * self.damping).max(MIN_DAMPING))
                 .filter(|damping| *damping <= MAX_DAMPING)
                 .map(|damping| {
-                    let (trial, promised) = normal.trial(objective, &self.point, damping);
-                    (damping, trial, promised)
+                    let (trial, predicted) = normal.trial(objective, &self.point, damping);
+                    (damping, trial, predicted)
                 })
-                // Where friction starts to stick or a bound is met, promises are broken at every length of step.
-                .filter(|(_, _, promised)| !(0.0..=worth).contains(promised))
+                // Where friction starts to stick or a bound is met, the prediction fails at every length of step.
+                .filter(|(_, _, predicted)| !(0.0..=min_decrease).contains(predicted))
                 .collect();
             let Some(longest) = steps.last().map(|(damping, _, _)| *damping) else {
                 self.end = Some(End::TolStep);
                 return;
             };
-            if tries.by_parameters {
-                let left = tries.max_evaluations.saturating_sub(counts.evaluations);
+            if settings.by_parameters {
+                let left = settings.max_evaluations.saturating_sub(counts.evaluations);
                 steps.truncate(usize::try_from(left).unwrap_or(usize::MAX));
             }
             if steps.is_empty() {
@@ -210,17 +222,18 @@ impl Descent {
                 return;
             }
             let trials: Vec<Point> = steps.iter().map(|(_, trial, _)| trial.clone()).collect();
-            let costs = objective.costs(&trials, tries.by_parameters, counts);
+            let costs = objective.costs(&trials, settings.by_parameters, counts);
             let best = (0..steps.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
-            let (reached, (damping, trial, promised)) = (costs[best], steps.swap_remove(best));
+            let (reached, (damping, trial, predicted)) = (costs[best], steps.swap_remove(best));
             if reached < cost {
-                let kept = cost - reached >= KEPT_PROMISE_SHARE * promised;
-                self.damping = if kept { (damping / DAMPING_FACTOR).max(LEAST_DAMPING) } else { damping };
-                self.small = if cost - reached <= worth { self.small + 1 } else { 0 };
-                self.near = cost - reached <= NEAR_THE_END_RATIO * worth;
+                let is_as_predicted = cost - reached >= PREDICTED_DECREASE_SHARE_MIN * predicted;
+                self.damping =
+                    if is_as_predicted { (damping / DAMPING_FACTOR).max(MIN_DAMPING) } else { damping };
+                self.small = if cost - reached <= min_decrease { self.small + 1 } else { 0 };
+                self.near = cost - reached <= NEAR_END_DECREASE_RATIO * min_decrease;
                 self.point = trial;
                 self.cost = Some(reached);
-                if self.small >= SMALL_DECREASES {
+                if self.small >= SMALL_DECREASES_TO_STOP {
                     self.end = Some(End::TolLoss);
                 }
                 return;
@@ -231,21 +244,21 @@ impl Descent {
     }
 }
 
-/// How steps are tried.
-struct Tries<'a> {
+/// How a step is chosen among trials.
+struct TrialSettings<'a> {
     by_parameters: bool,
     /// As multiples of the descent's own damping, rising.
     dampings: &'a [f64],
-    /// The decrease of the cost that is worth a step.
-    worth: f64,
+    /// Smallest decrease of the cost for which a step is made.
+    min_decrease: f64,
     max_evaluations: u64,
 }
 
 /// Normal equations in scaled unknowns: parameters first, then the nuisances run by run.
 struct Normal {
     cost: f64,
-    /// The decrease of the cost that is worth a step.
-    worth: f64,
+    /// Smallest decrease of the cost for which a step is made.
+    min_decrease: f64,
     hessian: DMatrix<f64>,
     gradient: DVector<f64>,
     /// Size of one unit of each unknown.
@@ -277,16 +290,16 @@ impl Normal {
                 linear.residuals.len() as f64 * lasting(&term.observations, &linear.residuals)
             })
             .sum();
-        let worth = WORTH_A_STEP_SHARE * data * lasting / (rows as f64).powi(2).max(1.0);
+        let min_decrease = MIN_DECREASE_SHARE * data * lasting / (rows as f64).powi(2).max(1.0);
         let mut first = free;
         for (run, linear) in linear.iter().enumerate() {
-            let own = linear.jacobian.ncols() - free;
+            let nuisances = linear.jacobian.ncols() - free;
             let place = |column: usize| if column < free { column } else { first + column - free };
             let block = linear.gram();
             let slope = linear.jacobian.tr_mul(&linear.residuals);
-            for i in 0..free + own {
+            for i in 0..free + nuisances {
                 gradient[place(i)] += slope[i] * size[place(i)];
-                for j in 0..free + own {
+                for j in 0..free + nuisances {
                     hessian[(place(i), place(j))] += block[(i, j)] * size[place(i)] * size[place(j)];
                 }
             }
@@ -297,7 +310,7 @@ impl Normal {
                 gradient[first + k] += scaled;
                 hessian[(first + k, first + k)] += 1.0;
             }
-            first += own;
+            first += nuisances;
         }
         cost += objective.prior_cost(&point.values);
         for (i, parameter) in problem.parameters.free[..free].iter().enumerate() {
@@ -323,7 +336,7 @@ impl Normal {
             })
             .collect();
         held.resize(total, false);
-        Self { cost, worth, hessian, gradient, size, held, free }
+        Self { cost, min_decrease, hessian, gradient, size, held, free }
     }
 
     /// Holds the joints' dry friction where it is.
@@ -333,9 +346,9 @@ impl Normal {
         }
     }
 
-    /// The decrease that the linearisation promises if bounds are left aside: no step brings more.
-    fn most(&self) -> f64 {
-        self.promised(&self.step(LEAST_DAMPING, &self.fixed()))
+    /// The decrease that the linearisation predicts without bounds: no step brings more.
+    fn largest_decrease(&self) -> f64 {
+        self.predicted_decrease(&self.step(MIN_DAMPING, &self.fixed()))
     }
 
     /// Displacements of the unknowns that do not move: 0 for the held ones.
@@ -343,7 +356,7 @@ impl Normal {
         self.held.iter().map(|held| held.then_some(0.0)).collect()
     }
 
-    /// The point a damped step leads to, and the decrease of the cost that the linearisation promises there. A
+    /// The point a damped step leads to, and the decrease of the cost that the linearisation predicts there. A
     /// parameter that would leave its bounds, or go further than its slope can tell, stops there, and the others take a
     /// step that knows it.
     fn trial(&self, objective: &Objective<'_>, point: &Point, damping: f64) -> (Point, f64) {
@@ -376,10 +389,10 @@ impl Normal {
                 .filter_map(|(nuisance, &offset)| Some(nuisance.clamp(moved(next.next()?, offset))))
                 .collect()
         });
-        (Point { values: values.collect(), offsets: offsets.collect() }, self.promised(&step))
+        (Point { values: values.collect(), offsets: offsets.collect() }, self.predicted_decrease(&step))
     }
 
-    fn promised(&self, step: &DVector<f64>) -> f64 {
+    fn predicted_decrease(&self, step: &DVector<f64>) -> f64 {
         -(2.0 * self.gradient.dot(step) + step.dot(&(&self.hessian * step)))
     }
 

@@ -40,12 +40,12 @@
 mod checkpoint;
 mod constancy;
 pub(crate) mod counts;
+mod covariance;
 pub(crate) mod crossing;
 pub(crate) mod driver;
 mod error;
 mod finish;
 mod fitted;
-mod information;
 pub(crate) mod least_squares;
 mod noise;
 pub(crate) mod objective;
@@ -65,7 +65,7 @@ pub use error::FitError;
 pub use fitted::{Fitted, FittedRun, Timing};
 pub use recalibrate::recalibrate;
 pub use report::{
-    Combination, Constancy, Drift, FirstTouch, Fit, FittedParameter, JointInformation, NoiseSeen,
+    Combination, Constancy, Drift, FirstTouch, Fit, FittedParameter, JointInformation, NoiseEstimate,
     NoiseSource, Recalibration, RunErrors, RunValue, StartLoss,
 };
 pub use run::{first_answer, fit, resume};

@@ -9,9 +9,9 @@ use crate::experiment::{Experiment, Run};
 use crate::initial;
 use crate::noise::{correlation, noise_m};
 
-/// Noise of one run against what was assumed.
+/// Noise of one run as its residuals show it, relative to what was assumed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Seen {
+pub(super) struct ResidualNoise {
     /// True over assumed standard deviation.
     pub(super) scale: f64,
     /// Correlation from one image to the next, 0 to 1.
@@ -22,13 +22,18 @@ pub(super) struct Seen {
     pub(super) rms_m: f64,
 }
 
-/// A stated noise is believed unless the residuals exceed it by so many standard deviations of their mean square.
+/// A stated noise is believed unless the mean square of the residuals exceeds it by this many of its standard deviations (chosen).
 const STATED_NOISE_REFUTED_Z: f64 = 4.0;
-/// Of the degrees of freedom of a run, parameters and correlation use up no more than this share.
-const MOST_USED_SHARE: f64 = 0.5;
+/// Parameters and correlation are taken to use up at most this share of a run's degrees of freedom (chosen).
+const USED_DEGREES_SHARE_MAX: f64 = 0.5;
 
 /// Each run's noise, from its residuals in `linear`. A `stated` noise is only ever enlarged.
-pub(super) fn seen(objective: &Objective<'_>, point: &Point, linear: &[Linear], stated: bool) -> Vec<Seen> {
+pub(super) fn residual_noise(
+    objective: &Objective<'_>,
+    point: &Point,
+    linear: &[Linear],
+    stated: bool,
+) -> Vec<ResidualNoise> {
     let terms = &objective.problem.terms;
     let total: usize = linear.iter().map(|linear| linear.residuals.len()).sum();
     let one = |(run, linear): (usize, &Linear)| {
@@ -39,7 +44,7 @@ pub(super) fn seen(objective: &Objective<'_>, point: &Point, linear: &[Linear], 
         let unknowns =
             point.offsets[run].len() as f64 + point.values.len() as f64 * count / (total as f64).max(1.0);
         // A slow residual is followed by the fit more easily than a quick one.
-        let used = (unknowns * (1.0 + correlation) / (1.0 - correlation)).min(MOST_USED_SHARE * count);
+        let used = (unknowns * (1.0 + correlation) / (1.0 - correlation)).min(USED_DEGREES_SHARE_MAX * count);
         let left = (count - used).max(1.0);
         let squares: f64 = believed.iter().map(|r| r * r).sum();
         let squares_per_degree = squares / left / slope.max(0.1).powi(2);
@@ -51,14 +56,14 @@ pub(super) fn seen(objective: &Objective<'_>, point: &Point, linear: &[Linear], 
             _ => squares_per_degree.sqrt(),
         };
         let chi2_per_degree = squares_per_degree / weight;
-        Seen { scale, correlation, chi2_per_degree, rms_m: (metres / left).sqrt() / slope.max(0.1) }
+        ResidualNoise { scale, correlation, chi2_per_degree, rms_m: (metres / left).sqrt() / slope.max(0.1) }
     };
     linear.iter().enumerate().map(one).collect()
 }
 
 /// Keypoint noise before the fit, one standard deviation per coordinate \[m\].
 pub(super) struct AssumedNoise {
-    /// Somebody stated it.
+    /// Whether the experiment states it.
     pub(super) stated: bool,
     /// Of all runs together.
     pub(super) common_m: f64,
@@ -71,8 +76,8 @@ impl AssumedNoise {
     pub(super) fn of(experiment: &Experiment) -> Self {
         let common_m =
             experiment.noise_m.unwrap_or_else(|| noise_m(experiment.runs.iter().map(|run| &run.trajectory)));
-        let own = experiment.noise_m.is_none() && experiment.fit.method != Method::Paper;
-        let of_run = |run: &Run| if own { initial::run_noise(run).std_m } else { common_m };
+        let per_run = experiment.noise_m.is_none() && experiment.fit.method != Method::Paper;
+        let of_run = |run: &Run| if per_run { initial::run_noise(run).std_m } else { common_m };
         let runs_m = experiment.runs.iter().map(|run| (run.id.clone(), of_run(run))).collect();
         Self { stated: experiment.noise_m.is_some(), common_m, runs_m }
     }

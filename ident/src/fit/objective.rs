@@ -81,7 +81,7 @@ impl Belief {
     }
 }
 
-/// What is minimised.
+/// The function that a fit minimises.
 #[derive(Debug, Clone)]
 pub(crate) struct Objective<'a> {
     pub(crate) problem: Problem<'a>,

@@ -7,8 +7,8 @@
 //! (2007) 167-183.)
 
 use super::counts::Counts;
+use super::covariance::Information;
 use super::crossing::{Closeness, crossing};
-use super::information::Information;
 use super::least_squares::{Descent, Freedom};
 use super::objective::Objective;
 use super::problem::{Point, Problem};
@@ -26,8 +26,8 @@ pub(super) fn profile(
 ) -> Vec<[f64; 2]> {
     let least = objective.costs(std::slice::from_ref(point), false, counts)[0];
     let sides: Vec<(usize, f64)> = (0..point.values.len()).flat_map(|i| [(i, -1.0), (i, 1.0)]).collect();
-    let ends =
-        counts.of_each(sides, |(which, side), own| end(objective, point, known, least, which, side, own));
+    let ends = counts
+        .of_each(sides, |(which, side), counts| end(objective, point, known, least, which, side, counts));
     ends.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect()
 }
 

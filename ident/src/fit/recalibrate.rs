@@ -3,7 +3,7 @@
 //! What the earlier data say is a belief in information form, so that the new runs fitted with it give what one fit
 //! of all runs would, as far as these are linear in the parameters. Drift is tested before that is believed: with the
 //! earlier estimate's covariance C and the new data's alone D, the difference d of the estimates has chi-square
-//! d' (C + D)⁻¹ d, over the directions that both see.
+//! d' (C + D)⁻¹ d, over the directions that both determine.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
@@ -18,14 +18,14 @@ use crate::initial::free_parameters;
 use crate::parameters::Parameters;
 use ground::statistics::chi2_survival;
 
-/// Drift is believed below this probability: one false alarm in a thousand recalibrations.
-const DRIFT_P: f64 = 1e-3;
-/// A single parameter's change worth naming, in standard deviations.
-const CHANGED_Z: f64 = 3.0;
-/// A direction is seen by both when neither knows it this many times better than the other.
-const FAR_APART_RATIO: f64 = 1e4;
-/// Residuals may grow by this factor against the earlier fit's.
-const WORSE_RESIDUAL_RATIO: f64 = 1.5;
+/// Drift is reported below this probability (chosen): one false alarm in a thousand recalibrations.
+const DRIFT_P_MAX: f64 = 1e-3;
+/// A parameter is named as changed beyond this many standard deviations of the difference (chosen).
+const CHANGED_PARAMETER_Z: f64 = 3.0;
+/// Both fits determine a direction when neither has more than this many times the other's information about it (chosen).
+const INFORMATION_RATIO_MAX: f64 = 1e4;
+/// The new fit's residuals may exceed the earlier fit's by this factor (chosen).
+const RESIDUAL_GROWTH_RATIO_MAX: f64 = 1.5;
 
 /// Fits new runs, once by themselves; and, where that passes the gates against `earlier`, once more with what the
 /// earlier fit found. [`Fit::recalibration`] of the outcome says which of both it is: a fit that was not accepted is
@@ -69,10 +69,10 @@ fn judge(earlier: &Fit, new: &Fit) -> Recalibration {
     }
     let (before_m, after_m) = (residual_m(earlier), residual_m(new));
     if let (Some(before_m), Some(after_m)) = (before_m, after_m)
-        && after_m > WORSE_RESIDUAL_RATIO * before_m.max(new.noise_m)
+        && after_m > RESIDUAL_GROWTH_RATIO_MAX * before_m.max(new.noise_m)
     {
         reasons.push(format!(
-            "its residuals of {:.3} mm exceed {WORSE_RESIDUAL_RATIO} times the earlier {:.3} mm",
+            "its residuals of {:.3} mm exceed {RESIDUAL_GROWTH_RATIO_MAX} times the earlier {:.3} mm",
             after_m * 1e3,
             before_m * 1e3
         ));
@@ -83,7 +83,7 @@ fn judge(earlier: &Fit, new: &Fit) -> Recalibration {
         }
     }
     let drift = drift(earlier, new);
-    if let Some(drift) = drift.as_ref().filter(|drift| drift.p < DRIFT_P) {
+    if let Some(drift) = drift.as_ref().filter(|drift| drift.p < DRIFT_P_MAX) {
         let named =
             if drift.parameters.is_empty() { "a combination".into() } else { drift.parameters.join(", ") };
         reasons.push(format!(
@@ -136,7 +136,7 @@ fn drift(earlier: &Fit, new: &Fit) -> Option<Drift> {
     let (mut chi2, mut degrees) = (0.0, 0);
     for (share, coordinate) in eigen.eigenvalues.iter().zip(&coordinates) {
         let share = share.clamp(0.0, 1.0);
-        if share.min(1.0 - share) * FAR_APART_RATIO >= 1.0 {
+        if share.min(1.0 - share) * INFORMATION_RATIO_MAX >= 1.0 {
             chi2 += share * (1.0 - share) * coordinate * coordinate;
             degrees += 1;
         }
@@ -145,7 +145,9 @@ fn drift(earlier: &Fit, new: &Fit) -> Option<Drift> {
         let of = |fit: &Fit| {
             fit.parameters.iter().find(|p| p.name == ***name && p.determined).map(|p| (p.value, p.std))
         };
-        of(earlier).zip(of(new)).is_some_and(|((a, s), (b, t))| (a - b).abs() > CHANGED_Z * s.hypot(t))
+        of(earlier)
+            .zip(of(new))
+            .is_some_and(|((a, s), (b, t))| (a - b).abs() > CHANGED_PARAMETER_Z * s.hypot(t))
     };
     let parameters = common.iter().filter(changed).map(|name| (*name).clone()).collect();
     (degrees > 0).then(|| Drift { chi2, degrees, p: chi2_survival(chi2, degrees as f64), parameters })
@@ -168,30 +170,30 @@ impl Fit {
         if joint.matrix.len() != count || joint.matrix.iter().any(|row| row.len() != count) {
             return None;
         }
-        let kept: Vec<usize> =
+        let wanted: Vec<usize> =
             names.iter().filter_map(|name| joint.names.iter().position(|known| known == *name)).collect();
-        let left: Vec<usize> = (0..count).filter(|i| !kept.contains(i)).collect();
+        let others: Vec<usize> = (0..count).filter(|i| !wanted.contains(i)).collect();
         let part = |rows: &[usize], columns: &[usize]| {
             DMatrix::from_fn(rows.len(), columns.len(), |i, j| joint.matrix[rows[i]][columns[j]])
         };
-        let own = part(&kept, &kept);
-        if left.is_empty() {
-            return Some(own);
+        let block = part(&wanted, &wanted);
+        if others.is_empty() {
+            return Some(block);
         }
-        let inverse = part(&left, &left).pseudo_inverse(f64::EPSILON).ok()?;
-        let across = part(&kept, &left);
-        Some(own - &across * inverse * across.transpose())
+        let inverse = part(&others, &others).pseudo_inverse(f64::EPSILON).ok()?;
+        let across = part(&wanted, &others);
+        Some(block - &across * inverse * across.transpose())
     }
 
-    /// How many times over the runs count against what they know: residuals larger than assumed, and correlated.
+    /// By what factor the fit overstates its information: its residuals are larger than assumed, and correlated.
     fn overweight(&self) -> f64 {
-        let seen: Vec<f64> = self
+        let factors: Vec<f64> = self
             .runs
             .iter()
             .filter_map(|run| run.noise)
             .map(|noise| noise.chi2_per_degree * (1.0 + noise.correlation) / (1.0 - noise.correlation))
             .collect();
-        if seen.is_empty() { 1.0 } else { seen.iter().sum::<f64>() / seen.len() as f64 }
+        if factors.is_empty() { 1.0 } else { factors.iter().sum::<f64>() / factors.len() as f64 }
     }
 
     /// What this fit says about those of `parameters` that it has, as a belief that counts `weight` times.

@@ -15,14 +15,14 @@ use crate::parameters::Parameters;
 use crate::simulate::{Nuisance, Rehearsal, Watched};
 
 /// Scores a held-out run: its start comes from its still images alone, or where there are none (`free`, or let
-/// go before the first image) from the first `init_s` seconds of motion, which are not scored. A release that
-/// nobody stated is seen in the motion only, and takes the same share of it. `own` are numbers that each run has its own of: they and the start
-/// then come from the first `seen_share` of the run, which is not scored either.
+/// go before the first image) from the first `init_s` seconds of motion, which are not scored. A release time that
+/// nobody stated is estimated from the same seconds of the motion. `run_parameters` are parameters with a value per run: they and the start
+/// then come from the first `init_share` of the run, which is not scored either.
 pub(crate) fn hold_out(
     model: &Model,
     run: &Run,
     noise_m: f64,
-    (own, seen_share): (&[Nuisance], f64),
+    (run_parameters, init_share): (&[Nuisance], f64),
     counts: &mut Counts,
 ) -> Result<FittedRun, FitError> {
     let estimate = initial::estimate(model, run, noise_m)?;
@@ -36,12 +36,12 @@ pub(crate) fn hold_out(
     };
     let end_s = run.trajectory.time_s.last().copied().unwrap_or(start_s);
     let window_s =
-        if seen_share > 0.0 { window_s.max(start_s + seen_share * (end_s - start_s)) } else { window_s };
+        if init_share > 0.0 { window_s.max(start_s + init_share * (end_s - start_s)) } else { window_s };
     let weighting = Weighting { noise_m, use_stated: true, run_weight: 1.0 };
-    let seen = observations(&run.trajectory, weighting, |time_s| time_s <= window_s);
+    let init_observations = observations(&run.trajectory, weighting, |time_s| time_s <= window_s);
     let mut rehearsal = Rehearsal::new(model, run, estimate, noise_m);
-    rehearsal.nuisances.extend(own);
-    let term = Term::new(rehearsal, seen);
+    rehearsal.nuisances.extend(run_parameters);
+    let term = Term::new(rehearsal, init_observations);
     let nothing = Parameters::default();
     let problem = Problem { model, parameters: &nothing, terms: vec![term] };
     let objective = Objective::squares(problem);

@@ -29,7 +29,7 @@ pub struct Fit {
     /// Keypoint noise \[m\], one standard deviation per coordinate: as stated; or what the residuals leave, if that
     /// is no more than the images by themselves show; or what these show.
     pub noise_m: f64,
-    /// Which of these it is.
+    /// Source of `noise_m`.
     #[serde(default)]
     pub noise_source: NoiseSource,
     /// How far off the calibrated model is on the runs it was fitted to \[m\], as [`AxisError`](crate::loss::AxisError) says; of the
@@ -45,12 +45,12 @@ pub struct Fit {
     pub runs: Vec<RunErrors>,
     /// What errors are stated as shares of \[m\].
     pub characteristic_length_m: f64,
-    /// Parameters of which only a combination is seen.
+    /// Groups of parameters of which the data determine only a combination.
     pub unidentifiable: Vec<Vec<String>>,
     /// The same groups in numbers.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub combinations: Vec<Combination>,
-    /// How many parameters' worth the data settle, whatever the directions; at most the number of parameters.
+    /// How many parameters the data determine, counted over all directions; at most the number of parameters.
     #[serde(default)]
     pub effective_parameters: f64,
     /// Where each start of `hybrid` ended, in the order they were tried; empty where one sufficed.
@@ -68,7 +68,7 @@ pub struct Fit {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum NoiseSource {
-    /// Somebody stated it.
+    /// The experiment states it.
     Stated,
     /// What the fit leaves of the keypoints: no more than their images by themselves show.
     Residuals,
@@ -95,11 +95,11 @@ pub struct Recalibration {
 pub struct Drift {
     /// Squared difference of both estimates in its standard deviations.
     pub chi2: f64,
-    /// Directions that both see.
+    /// Number of directions that both fits determine.
     pub degrees: usize,
     /// Probability of so much without drift.
     pub p: f64,
-    /// Settled parameters that changed by more than three standard deviations of the difference.
+    /// Determined parameters that changed by more than three standard deviations of the difference.
     pub parameters: Vec<String>,
 }
 
@@ -107,13 +107,13 @@ pub struct Drift {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Combination {
-    /// Which group.
+    /// Index of the group in [`Fit::unidentifiable`].
     pub group: usize,
-    /// Whether the data settle the sum; else the weights are changes that leave the keypoints where they are.
+    /// Whether the data determine the sum; else the weights are changes that leave the keypoints where they are.
     pub seen: bool,
     /// Weight by name; the largest is 1 or -1.
     pub weights: BTreeMap<String, f64>,
-    /// The sum, where it is seen.
+    /// The sum in SI units, where the data determine it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub value: Option<f64>,
     /// Its standard deviation.
@@ -125,12 +125,12 @@ pub struct Combination {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StartLoss {
-    /// Where it began.
+    /// Where the descent began.
     pub from: Origin,
-    /// About its loss \[m2\]; absent where the start could not be simulated.
+    /// Its approximate loss \[m2\]; absent where the start could not be simulated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loss_m2: Option<f64>,
-    /// Whether it came to the best loss and, within three standard deviations, to the same settled values.
+    /// Whether it came to the best loss and, within three standard deviations, to the same determined values.
     pub agrees: bool,
 }
 
@@ -148,39 +148,39 @@ pub struct JointInformation {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FittedParameter {
-    /// Name.
+    /// Name of the parameter, such as `g1/blunt`.
     pub name: String,
     /// Its unit, `1` for none; empty in a `fit.json` that did not say it yet.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub unit: String,
-    /// Best value.
+    /// Fitted value, SI.
     pub value: f64,
     /// Standard deviation; as wide as the bounds where nothing is known.
     pub std: f64,
-    /// Lower bound.
+    /// Lower bound, SI.
     pub lower: f64,
-    /// Upper bound.
+    /// Upper bound, SI.
     pub upper: f64,
     /// Whether the value lies on a bound.
     pub at_bound: bool,
-    /// Whether the data settle it, rather than its prior or bounds.
+    /// Whether the data determine it, rather than its prior or bounds.
     pub determined: bool,
     /// 95 % interval from the profile of the likelihood, where it was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ci95: Option<[f64; 2]>,
-    /// What each run that sees it would have by itself.
+    /// Value that each run which determines it gives by itself.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub per_run: Vec<RunValue>,
-    /// Whether these are one value.
+    /// Test that these are one value.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub constancy: Option<Constancy>,
 }
 
-/// A parameter as one run sees it, the others following.
+/// A parameter as one run determines it, the other parameters adjusted with it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunValue {
-    /// The run.
+    /// Id of the run.
     pub run: String,
     /// One Gauss-Newton step from the common optimum.
     pub value: f64,
@@ -194,7 +194,7 @@ pub struct RunValue {
 pub struct Constancy {
     /// Squared differences from the common value in their standard deviations.
     pub chi2: f64,
-    /// Degrees of freedom: runs that see it, less one.
+    /// Degrees of freedom: runs that determine it, less one.
     pub degrees: usize,
     /// Probability of so much if it is one value.
     pub p: f64,
@@ -203,7 +203,7 @@ pub struct Constancy {
 /// The noise of a fitted run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct NoiseSeen {
+pub struct NoiseEstimate {
     /// As assumed beforehand where the trajectory states none, one standard deviation per coordinate \[m\].
     pub assumed_m: f64,
     /// Root mean square of the residuals, per coordinate and degree of freedom \[m\].
@@ -219,19 +219,19 @@ pub struct NoiseSeen {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunErrors {
-    /// The run.
+    /// Id of the run.
     pub id: String,
     /// Fitted or held out.
     #[serde(rename = "use")]
     pub usage: Use,
-    /// By keypoint.
+    /// Errors by keypoint.
     pub keypoints: Vec<KeypointError>,
     /// Its keypoints that were misread in single images, and count nowhere.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub set_aside: Vec<Spike>,
     /// Its noise, where it was fitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub noise: Option<NoiseSeen>,
+    pub noise: Option<NoiseEstimate>,
     /// The first contact of its simulation that is not simulated, where there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub touch: Option<FirstTouch>,
@@ -241,9 +241,9 @@ pub struct RunErrors {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FirstTouch {
-    /// The geoms.
+    /// Names of the two geoms.
     pub geoms: [String; 2],
-    /// When they first do \[s\].
+    /// Time of the first contact \[s\].
     pub time_s: f64,
 }
 

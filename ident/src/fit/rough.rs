@@ -10,10 +10,10 @@ use crate::initial::Estimate;
 use crate::loss::{Weighting, observations};
 use crate::simulate::Rehearsal;
 
-/// Images of a run, at least, that tell a descent its way, and the share of the motion that they show.
-const ROUGH_IMAGES: usize = 100;
+/// Fewest images of a run on the rough objective, and the first share of the motion that they cover (chosen).
+const ROUGH_IMAGES_MIN: usize = 100;
 const ROUGH_MOTION_SHARE: f64 = 0.6;
-/// Errors of simulation may be so many times those of the whole.
+/// Simulation errors on the rough objective may be this many times those on the whole one (chosen).
 const ROUGH_ERROR_RATIO: f64 = 30.0;
 
 /// A run with fewer images: one of each `stride`, as long as they show the first part of its motion.
@@ -30,8 +30,8 @@ impl Thinned {
         let (times, width) = (&whole.time_s, whole.keypoints.len());
         let until_s =
             times.last().map_or(start_s, |last_s| start_s + ROUGH_MOTION_SHARE * (last_s - start_s));
-        let shown = times.partition_point(|&time_s| time_s <= until_s).max(ROUGH_IMAGES.min(times.len()));
-        let stride = (shown / ROUGH_IMAGES).max(1);
+        let shown = times.partition_point(|&time_s| time_s <= until_s).max(ROUGH_IMAGES_MIN.min(times.len()));
+        let stride = (shown / ROUGH_IMAGES_MIN).max(1);
         let rows = || (0..shown).step_by(stride);
         let cells = || rows().flat_map(|row| row * width..(row + 1) * width);
         let trajectory = Trajectory {

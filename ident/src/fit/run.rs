@@ -117,7 +117,7 @@ pub(super) fn run(
     if fitted_runs().next().is_none() && !parameters.is_empty() {
         return Err(FitError::NothingToFit);
     }
-    unmoved(model, experiment, &parameters)?;
+    refuse_without_effect(model, experiment, &parameters)?;
     let assumed = AssumedNoise::of(experiment);
     let use_stated = experiment.fit.method != Method::Paper;
     let fitted_runs: Vec<&Run> = fitted_runs().collect();
@@ -130,9 +130,9 @@ pub(super) fn run(
         Begin::Warm(warm) if hybrid => warm.values(&parameters).map(|values| (warm, values)),
         _ => None,
     };
-    let roughly = hybrid && warm.is_none();
+    let with_rough = hybrid && warm.is_none();
     let thinned = |(run, estimate): (&&Run, &Estimate)| Thinned::new(run, estimate.start.start_s);
-    let thinned: Vec<Thinned> = match roughly {
+    let thinned: Vec<Thinned> = match with_rough {
         true => fitted_runs.iter().zip(&estimates).map(thinned).collect(),
         false => Vec::new(),
     };
@@ -148,7 +148,7 @@ pub(super) fn run(
     let objective = Objective { problem, loss, belief };
 
     let mut counts = Counts::default();
-    let rough = roughly.then(|| rough::rough(&objective, rough.into_iter().flatten().collect()));
+    let rough = with_rough.then(|| rough::rough(&objective, rough.into_iter().flatten().collect()));
     let driver = Driver::new(experiment, &objective, rough.as_ref(), expected);
     let state = match begin {
         Begin::At(state) => {
@@ -171,7 +171,11 @@ pub(super) fn run(
 
 /// Refuses a drive's gain that no fitted run drives, and a joint's resistance that every one overrides: their
 /// sensitivities are nothing but zeros.
-fn unmoved(model: &Model, experiment: &Experiment, parameters: &Parameters) -> Result<(), FitError> {
+fn refuse_without_effect(
+    model: &Model,
+    experiment: &Experiment,
+    parameters: &Parameters,
+) -> Result<(), FitError> {
     use sim::model::Parameter::{Damping, FrictionLoss, Gain, Stiffness};
     let drives = |run: &Run, joint: usize| {
         let commanded = run.command.iter().flat_map(|command| &command.actuators);

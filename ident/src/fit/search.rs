@@ -18,7 +18,7 @@ use super::problem::Point;
 use crate::cmaes::{CmaEs, Options, Restarting, Restarts, Stop};
 use crate::config::Loss;
 
-/// Generations between anchors.
+/// Generations between anchors (chosen).
 const ANCHOR_PERIOD: u64 = 10;
 /// Initial step as a share of the unit box: the start is a guess, the box holds everything possible.
 const FIRST_STEP_SHARE: f64 = 0.2;
@@ -49,7 +49,7 @@ pub(super) struct Search {
     elimination: Option<Vec<Elimination>>,
 }
 
-/// How one run's residuals answer to its start, at the anchor.
+/// How one run's residuals change with its start, linearised at the anchor.
 #[derive(Debug, Clone)]
 struct Elimination {
     /// Derivative of the residuals by the nuisances.
@@ -85,7 +85,7 @@ impl Search {
             population: Some(population(objective.parameters().len())),
             ..Options::default()
         };
-        let (anchor, cost) = settle(objective, start, counts);
+        let (anchor, cost) = fit_starts(objective, start, counts);
         let sampler = CmaEs::new(&objective.parameters().units(&anchor.values), options);
         let restarting = Restarting::new(restarts, &sampler);
         Self { sampler, restarting, stop: None, anchor, cost, candidate: None, elimination: None }
@@ -101,9 +101,9 @@ impl Search {
         if self.elimination.is_none() {
             // On resuming, these rollouts were counted before.
             let fresh = self.sampler.generation() == 0 && self.restarting.count() == 0;
-            let mut aside = counts.apart();
+            let mut uncounted = counts.apart();
             self.elimination =
-                Some(eliminate(objective, &self.anchor, if fresh { counts } else { &mut aside }));
+                Some(eliminate(objective, &self.anchor, if fresh { counts } else { &mut uncounted }));
         }
         let generation = self.sampler.ask();
         let losses = self.losses(objective, &generation.points, counts);
@@ -131,9 +131,9 @@ impl Search {
         let start =
             Point { values: objective.parameters().values(&point), offsets: self.anchor.offsets.clone() };
         let known = start.offsets.iter().all(Vec::is_empty);
-        let (settled, cost) = if known { (start, Some(loss)) } else { settle(objective, start, counts) };
+        let (fitted, cost) = if known { (start, Some(loss)) } else { fit_starts(objective, start, counts) };
         if cost.is_some_and(|cost| self.cost.is_none_or(|best| cost < best)) {
-            (self.anchor, self.cost) = (settled, cost);
+            (self.anchor, self.cost) = (fitted, cost);
             self.elimination = Some(eliminate(objective, &self.anchor, counts));
         }
     }
@@ -174,31 +174,31 @@ impl Elimination {
     }
 }
 
-/// Fits the start of every run, each by itself, the parameters held; with the cost reached.
-pub(super) fn settle(
+/// Fits the start of every run by itself with the parameters held fixed; returns the point and its cost.
+pub(super) fn fit_starts(
     objective: &Objective<'_>,
     mut point: Point,
     counts: &mut Counts,
 ) -> (Point, Option<f64>) {
     let prior_cost = objective.prior_cost(&point.values);
-    let settled: Vec<(Descent, Counts)> = (0..objective.problem.terms.len())
+    let fits: Vec<(Descent, Counts)> = (0..objective.problem.terms.len())
         .into_par_iter()
         .map(|run| {
             let start = Point { values: point.values.clone(), offsets: vec![point.offsets[run].clone()] };
-            let (mut descent, mut own) = (Descent::new(start, None), counts.apart());
+            let (mut descent, mut run_counts) = (Descent::new(start, None), counts.apart());
             let alone = objective.alone(run);
             if alone.problem.terms[0].rehearsal.nuisances.is_empty() {
-                let cost = alone.costs(std::slice::from_ref(&descent.point), false, &mut own)[0];
+                let cost = alone.costs(std::slice::from_ref(&descent.point), false, &mut run_counts)[0];
                 descent.cost = Some(cost).filter(|cost| cost.is_finite());
             } else {
-                descent.run(&alone, Freedom::Nuisances, &mut own);
+                descent.run(&alone, Freedom::Nuisances, &mut run_counts);
             }
-            (descent, own)
+            (descent, run_counts)
         })
         .collect();
     let mut total = Some(prior_cost);
-    for (run, (descent, own)) in settled.into_iter().enumerate() {
-        counts.rollouts += own.rollouts;
+    for (run, (descent, run_counts)) in fits.into_iter().enumerate() {
+        counts.rollouts += run_counts.rollouts;
         total = total.zip(descent.cost).map(|(total, cost)| total + cost - prior_cost);
         point.offsets[run] = descent.point.offsets.concat();
     }

@@ -13,7 +13,7 @@ use sim::{Model, State};
 pub use noise::{RunNoise, run_noise};
 pub use release::{Release, release};
 
-use crate::experiment::{Experiment, RESETTLING_S, Run, RunKind, Use, resting, unknown_rates, unsought};
+use crate::experiment::{DRIFT_LEAD_S, Experiment, Run, RunKind, Use, not_estimated, resting, unknown_rates};
 use crate::parameters::{ParameterError, Parameters};
 use pose::{Mark, Target, pose};
 
@@ -29,7 +29,7 @@ pub struct Start {
 /// Start values of a run, and how sure they are.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {
-    /// State and time.
+    /// Estimated state and time at the start of the motion.
     pub start: Start,
     /// For a drop whose release nobody stated: the images between which it lies.
     pub release: Option<Release>,
@@ -39,16 +39,16 @@ pub struct Estimate {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("run `{run}`: {reason}")]
 pub struct StartError {
-    /// The run.
+    /// Id of the run.
     pub run: String,
     /// What is missing, and what to do.
     pub reason: String,
 }
 
-/// How far ahead a command is looked at for its rate \[s\]: rows are further apart.
-const AHEAD_S: f64 = 1e-5;
-/// Least images over which rates are taken by regression, where [`Run::init_s`] holds fewer.
-const RATE_IMAGES: usize = 5;
+/// Time step of the difference that gives a command's rate \[s\] (chosen): rows are further apart.
+const COMMAND_RATE_STEP_S: f64 = 1e-5;
+/// Fewest images for the regression of the initial rates, where [`Run::init_s`] covers fewer (chosen).
+const RATE_IMAGES_MIN: usize = 5;
 
 /// Estimates the start of `run` from its images; `noise_m` is their standard deviation per coordinate.
 ///
@@ -56,8 +56,8 @@ const RATE_IMAGES: usize = 5;
 /// [`StartError`] where a drop never moves, or no image shows the start.
 pub fn estimate(model: &Model, run: &Run, noise_m: f64) -> Result<Estimate, StartError> {
     let refuse = |reason: &str| StartError { run: run.id.clone(), reason: reason.to_owned() };
-    let seen = seen_instants(run);
-    let first = *seen.first().ok_or_else(|| refuse("no image shows a keypoint; check the extraction"))?;
+    let observed = observed_instants(run);
+    let first = *observed.first().ok_or_else(|| refuse("no image shows a keypoint; check the extraction"))?;
     let first_s = run.trajectory.time_s[first];
     let found = match (run.kind, run.release_s) {
         (RunKind::Drop, None) => Some(release(&run.trajectory, noise_m).ok_or_else(|| {
@@ -67,7 +67,7 @@ pub fn estimate(model: &Model, run: &Run, noise_m: f64) -> Result<Estimate, Star
     };
     let start_s = match run.kind {
         RunKind::Drop => found.map_or(run.release_s.unwrap_or(first_s), |found| found.start_s),
-        RunKind::Driven if run.adrift => first_s - RESETTLING_S,
+        RunKind::Driven if run.adrift => first_s - DRIFT_LEAD_S,
         RunKind::Driven => {
             let motion = run.first_motion_s();
             motion.ok_or_else(|| {
@@ -78,11 +78,14 @@ pub fn estimate(model: &Model, run: &Run, noise_m: f64) -> Result<Estimate, Star
     };
     let state = match &run.initial {
         Some(state) => state.clone(),
-        None if run.kind == RunKind::Free || run.adrift => moving_state(model, run, &seen, noise_m),
+        None if run.kind == RunKind::Free || run.adrift => moving_state(model, run, &observed, noise_m),
         None => {
             // Without a still image the first one has to do; the fit then finds the pose from the motion.
-            let mut still: Vec<usize> =
-                seen.iter().copied().filter(|&instant| run.trajectory.time_s[instant] <= start_s).collect();
+            let mut still: Vec<usize> = observed
+                .iter()
+                .copied()
+                .filter(|&instant| run.trajectory.time_s[instant] <= start_s)
+                .collect();
             if still.is_empty() {
                 still.push(first);
             }
@@ -96,8 +99,8 @@ pub fn estimate(model: &Model, run: &Run, noise_m: f64) -> Result<Estimate, Star
     Ok(Estimate { start: Start { state, start_s }, release: found })
 }
 
-/// Rows of the trajectory that show anything.
-fn seen_instants(run: &Run) -> Vec<usize> {
+/// Rows of the trajectory in which any keypoint is observed.
+fn observed_instants(run: &Run) -> Vec<usize> {
     let shows = |instant: &usize| {
         (0..run.trajectory.keypoints.len())
             .any(|k| run.trajectory.at(*instant, k).iter().any(|x| x.is_finite()))
@@ -160,7 +163,7 @@ fn targets(model: &Model, run: &Run, instants: &[usize]) -> Vec<Target> {
     let sites = model.keypoint_sites();
     let mark = |name: &String| match encoded_joint(name) {
         Some(joint) => {
-            model.joints.iter().find(|own| own.name == joint).map(|own| Mark::Angle(own.qpos_address))
+            model.joints.iter().find(|known| known.name == joint).map(|known| Mark::Angle(known.qpos_address))
         }
         None => sites.iter().copied().find(|&site| &model.sites[site].name == name).map(Mark::Site),
     };
@@ -168,7 +171,7 @@ fn targets(model: &Model, run: &Run, instants: &[usize]) -> Vec<Target> {
     for (column, name) in run.trajectory.keypoints.iter().enumerate() {
         let Some(mark) = mark(name) else { continue };
         let place = |instant: usize| match (&run.base, mark) {
-            // where only x or z was seen, both are lost to NaN
+            // where only x or z was observed, both are lost to NaN
             (Some(base), Mark::Site(_)) => {
                 base.at(run.trajectory.time_s[instant]).back(run.trajectory.at(instant, column))
             }
@@ -187,14 +190,14 @@ fn targets(model: &Model, run: &Run, instants: &[usize]) -> Vec<Target> {
 }
 
 /// Pose of each of the first images, and a parabola through each coordinate whose rate is unknown; the others rest at their mean.
-fn moving_state(model: &Model, run: &Run, seen: &[usize], noise_m: f64) -> State {
+fn moving_state(model: &Model, run: &Run, observed: &[usize], noise_m: f64) -> State {
     let times = &run.trajectory.time_s;
-    let start_s = times[seen[0]];
-    let within = seen.iter().take_while(|&&instant| times[instant] <= start_s + run.init_s).count();
-    let used = &seen[..within.max(RATE_IMAGES).min(seen.len())];
+    let start_s = times[observed[0]];
+    let within = observed.iter().take_while(|&&instant| times[instant] <= start_s + run.init_s).count();
+    let used = &observed[..within.max(RATE_IMAGES_MIN).min(observed.len())];
     let frozen = prescribed_dofs(model, run);
     let unknown = unknown_rates(model, run, &frozen);
-    let still: Vec<bool> = frozen.iter().zip(unsought(model, run)).map(|(a, b)| *a || b).collect();
+    let still: Vec<bool> = frozen.iter().zip(not_estimated(model, run)).map(|(a, b)| *a || b).collect();
     let mut guess = resting(model, run);
     let mut poses: Vec<Vec<f64>> = Vec::new();
     for &instant in used {
@@ -202,8 +205,8 @@ fn moving_state(model: &Model, run: &Run, seen: &[usize], noise_m: f64) -> State
         guess = pose(model, &targets(model, run, &[instant]), &guess, &still, noise_m);
         poses.push(guess.clone());
     }
-    // what drifts has done so for a while before the first image
-    let lead_s = if run.adrift { RESETTLING_S } else { 0.0 };
+    // a drifting body is simulated from a while before the first image
+    let lead_s = if run.adrift { DRIFT_LEAD_S } else { 0.0 };
     let mut state = State { qpos: poses[0].clone(), qvel: vec![0.0; model.nv()] };
     let since: Vec<f64> = used.iter().map(|&instant| times[instant] - start_s).collect();
     // The rates of rotations start at nothing: the fit finds them.
@@ -222,10 +225,10 @@ fn moving_state(model: &Model, run: &Run, seen: &[usize], noise_m: f64) -> State
     // what follows a command sets off at the command's own rate
     let mut ahead = state.qpos.clone();
     prescribe(model, run, start_s, &mut state.qpos);
-    prescribe(model, run, start_s + AHEAD_S, &mut ahead);
+    prescribe(model, run, start_s + COMMAND_RATE_STEP_S, &mut ahead);
     let numbers = model.joints.iter().flat_map(sim::model::Joint::coordinates);
     for (_, q, dof) in numbers.filter(|&(.., dof)| frozen[dof]) {
-        state.qvel[dof] = (ahead[q] - state.qpos[q]) / AHEAD_S;
+        state.qvel[dof] = (ahead[q] - state.qpos[q]) / COMMAND_RATE_STEP_S;
     }
     state
 }

@@ -6,8 +6,8 @@ use super::release;
 use crate::experiment::{Run, RunKind};
 use crate::noise::{LEAST_NOISE_M, MOST_CORRELATED, Neighbours, noise_m, third_difference};
 
-/// Least still images that tell the noise: with three keypoints, to some 10 %.
-const LEAST_STILL_IMAGES: usize = 15;
+/// Fewest still images from which the noise is estimated (chosen): with three keypoints, to some 10 %.
+const STILL_IMAGES_MIN: usize = 15;
 
 /// Keypoint noise of one run.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,12 +16,12 @@ pub struct RunNoise {
     pub std_m: f64,
     /// Correlation of a coordinate's noise from one image to the next, 0 to 1.
     pub correlation: f64,
-    /// Still images that told it; 0: only the roughness of the motion did.
+    /// Still images that it was estimated from; 0: from the roughness of the motion alone.
     pub still_images: usize,
 }
 
 /// Noise of `run`: from the images before its motion, where there are enough, and from the roughness of the whole
-/// run. Motion blurs and hides, so the larger of both counts; correlation is seen in still images only.
+/// run. Motion blurs and hides, so the larger of both counts; correlation is estimated from still images only.
 pub fn run_noise(run: &Run) -> RunNoise {
     let trajectory = &run.trajectory;
     let rough_m = noise_m([trajectory]);
@@ -46,14 +46,14 @@ fn still_noise(trajectory: &Trajectory, still: usize) -> Option<(f64, f64)> {
     for keypoint in 0..trajectory.keypoints.len() {
         for axis in 0..3 {
             let series: Vec<f64> = (0..still).map(|row| trajectory.at(row, keypoint)[axis]).collect();
-            let seen: Vec<f64> = series.iter().copied().filter(|x| x.is_finite()).collect();
-            if seen.len() < LEAST_STILL_IMAGES {
+            let observed: Vec<f64> = series.iter().copied().filter(|x| x.is_finite()).collect();
+            if observed.len() < STILL_IMAGES_MIN {
                 continue;
             }
-            longest = longest.max(seen.len());
-            let mean = seen.iter().sum::<f64>() / seen.len() as f64;
-            squares += seen.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
-            freedom += seen.len() as f64 - 1.0;
+            longest = longest.max(observed.len());
+            let mean = observed.iter().sum::<f64>() / observed.len() as f64;
+            squares += observed.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
+            freedom += observed.len() as f64 - 1.0;
             for pair in series.windows(2).filter(|pair| pair[0].is_finite() && pair[1].is_finite()) {
                 neighbours.add(pair[0] - mean, pair[1] - mean);
             }
@@ -62,10 +62,10 @@ fn still_noise(trajectory: &Trajectory, still: usize) -> Option<(f64, f64)> {
     if freedom == 0.0 {
         return None;
     }
-    let seen = neighbours.correlation();
+    let raw_correlation = neighbours.correlation();
     // Taking out the mean of n images makes neighbours look (1 + 3 correlation) / n less alike.
     let n = longest as f64;
-    let correlation = ((seen + 1.0 / n) / (1.0 - 3.0 / n)).clamp(0.0, MOST_CORRELATED);
+    let correlation = ((raw_correlation + 1.0 / n) / (1.0 - 3.0 / n)).clamp(0.0, MOST_CORRELATED);
     // The mean has followed correlated noise: fewer degrees of freedom are left.
     let lost = ((1.0 + correlation) / (1.0 - correlation) / n).min(0.5);
     Some(((squares / freedom / (1.0 - lost) * (1.0 - 1.0 / n)).sqrt().max(LEAST_NOISE_M), correlation))

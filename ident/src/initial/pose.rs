@@ -8,7 +8,7 @@ use sim::{JointKind, Model};
 
 use crate::geometry::moved;
 
-/// What is observed.
+/// A quantity that the trajectory observes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Mark {
     /// One of the model's sites.
@@ -20,27 +20,28 @@ pub(super) enum Mark {
 /// One observed coordinate of a mark.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Target {
-    /// Which.
+    /// What was observed.
     pub(super) mark: Mark,
     /// 0, 1, 2 for x, y, z.
     pub(super) axis: usize,
-    /// Where it was seen \[m\].
+    /// Mean of its observed values \[m\].
     pub(super) mean_m: f64,
 }
 
-/// Angles tried per hinge before the descent: a hinge may be anywhere on its circle.
-const TRIED_ANGLES: usize = 24;
-/// A pose this many standard deviations off, root mean square, is worth another start.
-const GOOD_POSE_Z: f64 = 3.0;
-const MOST_ITERATIONS: usize = 60;
-/// Step of the finite differences \[rad\] or \[m\].
+/// Angles tried per hinge before the descent, evenly over the circle (chosen).
+const HINGE_ANGLES_TRIED: usize = 24;
+/// A pose beyond this many standard deviations of the noise, root mean square, is sought from another start (chosen).
+const GOOD_POSE_RMS_Z: f64 = 3.0;
+/// Largest number of iterations of a descent (chosen).
+const ITERATIONS_MAX: usize = 60;
+/// Step of the finite differences \[rad\] or \[m\] (chosen).
 const DIFFERENCE_STEP: f64 = 1e-6;
-/// A descent has arrived when its steps are shorter \[rad\] or \[m\].
-const ARRIVED_STEP: f64 = 1e-10;
+/// A descent has converged when its steps are shorter \[rad\] or \[m\] (chosen).
+const CONVERGED_STEP: f64 = 1e-10;
 
 /// The coordinates, shape (nq), nearest to `targets`: by descent from `guess`, and where that ends far off, from
 /// a search hinge by hinge; of the angles that look the same, whole turns apart, those next to the reference. `frozen`, shape
-/// (nv), marks what must stay. Directions that no target sees stay at the guess.
+/// (nv), marks what must stay. Directions that change no target stay at the guess.
 pub(super) fn pose(
     model: &Model,
     targets: &[Target],
@@ -49,7 +50,7 @@ pub(super) fn pose(
     noise_m: f64,
 ) -> Vec<f64> {
     let near = descend(model, targets, guess, frozen);
-    let limit = (GOOD_POSE_Z * noise_m).powi(2) * targets.len() as f64;
+    let limit = (GOOD_POSE_RMS_Z * noise_m).powi(2) * targets.len() as f64;
     let mut best = near;
     if cost(model, targets, &best) > limit {
         let far = descend(model, targets, &sweep(model, targets, guess, frozen), frozen);
@@ -96,9 +97,9 @@ fn sweep(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) -> V
         if joint.kind != JointKind::Hinge || frozen[joint.dof_address] {
             continue;
         }
-        let tried = (0..TRIED_ANGLES).map(|k| {
+        let tried = (0..HINGE_ANGLES_TRIED).map(|k| {
             let mut trial = qpos.clone();
-            trial[joint.qpos_address] = joint.reference + TAU * k as f64 / TRIED_ANGLES as f64;
+            trial[joint.qpos_address] = joint.reference + TAU * k as f64 / HINGE_ANGLES_TRIED as f64;
             (cost(model, targets, &trial), trial)
         });
         if let Some((_, best)) = tried.min_by(|a, b| a.0.total_cmp(&b.0)) {
@@ -108,9 +109,9 @@ fn sweep(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) -> V
     qpos
 }
 
-/// Levenberg-Marquardt; the damping never quite vanishes, which keeps unseen directions where they are.
+/// Levenberg-Marquardt; the damping never quite vanishes, which keeps directions that change no target where they are.
 ///
-/// A loop of its own beside that of a fit: there are no bounds, priors or dampings tried side by side here, and damping is absolute,
+/// Separate from the fit's descent: there are no bounds, priors or dampings tried side by side here, and damping is absolute,
 /// where a fit's is a share of each curvature.
 fn descend(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) -> Vec<f64> {
     let dofs: Vec<usize> = (0..model.nv()).filter(|&dof| !frozen[dof]).collect();
@@ -126,7 +127,7 @@ fn descend(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) ->
     };
     let mut qpos = guess.to_vec();
     let mut damping = 1e-3;
-    for _ in 0..MOST_ITERATIONS {
+    for _ in 0..ITERATIONS_MAX {
         let r = residuals(model, targets, &qpos);
         let mut jacobian = DMatrix::zeros(targets.len(), dofs.len());
         for column in 0..dofs.len() {
@@ -148,7 +149,7 @@ fn descend(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) ->
         if cost(model, targets, &trial) <= r.norm_squared() {
             qpos = trial;
             damping = (damping / 10.0).max(1e-9);
-            if step.amax() < ARRIVED_STEP {
+            if step.amax() < CONVERGED_STEP {
                 break;
             }
         } else {

@@ -2,7 +2,7 @@
 
 use sim::Trajectory;
 
-/// The release of a drop, as far as the images tell it.
+/// The release of a drop, as far as the images show it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Release {
     /// Most probable time \[s\].
@@ -13,12 +13,12 @@ pub struct Release {
     pub latest_s: f64,
 }
 
-/// Images at the start over which the pose at rest is taken.
+/// Images at the start over which the pose at rest is averaged, for the threshold (chosen).
 const REST_IMAGES: usize = 5;
-/// Images in a row that must show motion: one alone may be a slip of the extraction.
+/// Images in a row that must show motion (chosen): one alone may be a misread keypoint.
 const MOVING_IMAGES: usize = 3;
-/// Mean displacement in standard deviations, over all coordinates, that counts as motion.
-const MOVED_Z: f64 = 4.0;
+/// Root mean square displacement over all coordinates that counts as motion \[standard deviations\] (chosen).
+const MOTION_Z: f64 = 4.0;
 
 /// Finds the release in a drop. The images before it show rest, so their running mean is the reference;
 /// motion then starts with constant acceleration, so the root of the displacement is linear in time and its
@@ -28,25 +28,25 @@ pub fn release(trajectory: &Trajectory, noise_m: f64) -> Option<Release> {
     let shown = |instant: &usize| {
         displacement(trajectory, *instant, &vec![[0.0; 3]; trajectory.keypoints.len()]).is_some()
     };
-    let seen: Vec<usize> = (0..time.len()).filter(shown).collect();
-    let earliest_s = time[*seen.first()?];
-    for from in 1..=seen.len().saturating_sub(MOVING_IMAGES) {
-        let rest = mean(trajectory, &seen[..from]);
+    let observed: Vec<usize> = (0..time.len()).filter(shown).collect();
+    let earliest_s = time[*observed.first()?];
+    for from in 1..=observed.len().saturating_sub(MOVING_IMAGES) {
+        let rest = mean(trajectory, &observed[..from]);
         // The mean over few images is itself uncertain.
-        let threshold = MOVED_Z * noise_m * (1.0 + 1.0 / from.min(REST_IMAGES) as f64).sqrt();
+        let threshold = MOTION_Z * noise_m * (1.0 + 1.0 / from.min(REST_IMAGES) as f64).sqrt();
         let moved =
             |instant: &usize| displacement(trajectory, *instant, &rest).is_some_and(|d| d > threshold);
-        if !seen[from..from + MOVING_IMAGES].iter().all(moved) {
+        if !observed[from..from + MOVING_IMAGES].iter().all(moved) {
             continue;
         }
-        // The images right before already move, unseen in the noise: take the pose at rest from earlier ones.
-        let rest = mean(trajectory, &seen[..from.saturating_sub(MOVING_IMAGES).max(1)]);
-        let points: Vec<(f64, f64)> = seen[from..]
+        // The images right before already move by less than the noise: take the pose at rest from earlier ones.
+        let rest = mean(trajectory, &observed[..from.saturating_sub(MOVING_IMAGES).max(1)]);
+        let points: Vec<(f64, f64)> = observed[from..]
             .iter()
             .take(2 * MOVING_IMAGES)
             .filter_map(|&instant| Some((time[instant], displacement(trajectory, instant, &rest)?.sqrt())))
             .collect();
-        let latest_s = time[seen[from]];
+        let latest_s = time[observed[from]];
         let start_s = zero_of_line(&points).unwrap_or(latest_s).clamp(earliest_s, latest_s);
         return Some(Release { start_s, earliest_s, latest_s });
     }

@@ -33,7 +33,7 @@ fn run(kind: RunKind, shake: f64) -> (Model, Run, State) {
 }
 
 #[test]
-fn noise_is_seen_through_the_motion() {
+fn noise_is_found_despite_the_motion() {
     let (_, run, _) = run(RunKind::Drop, NOISE_M);
     let found = noise_m([&run.trajectory]);
     // The median of uniform noise differs from that of a normal one by a few percent.
@@ -80,10 +80,10 @@ fn hinges_are_not_wound_up() {
     for (first, second) in all {
         for third in angles {
             let wanted = [first, second, third];
-            let seen = model.poses(&wanted).site_pos;
-            let targets: Vec<Target> = (0..seen.len())
+            let sites = model.poses(&wanted).site_pos;
+            let targets: Vec<Target> = (0..sites.len())
                 .flat_map(|site| {
-                    [0, 2].map(|axis| Target { mark: Mark::Site(site), axis, mean_m: seen[site].0[axis] })
+                    [0, 2].map(|axis| Target { mark: Mark::Site(site), axis, mean_m: sites[site].0[axis] })
                 })
                 .collect();
             let found = pose(&model, &targets, &[0.0; 3], &[false; 3], NOISE_M);

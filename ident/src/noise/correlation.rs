@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::loss::Observation;
 
-/// Correlations are believed up to here: beyond, a run would count as a handful of images.
+/// Correlations are limited to this (chosen): beyond, a run would count as a handful of images.
 pub(crate) const MOST_CORRELATED: f64 = 0.99;
 
 /// Places of the observations of each coordinate, in the order of the images.
@@ -20,7 +20,7 @@ pub(crate) fn series(observations: &[Observation]) -> Vec<Vec<usize>> {
     series
 }
 
-/// By how much `residuals` that last count for less than as many independent ones: (1 + correlation) / (1 - correlation).
+/// Variance inflation of correlated `residuals` over as many independent ones: (1 + correlation) / (1 - correlation).
 pub(crate) fn lasting(observations: &[Observation], residuals: &DVector<f64>) -> f64 {
     let correlation = correlation(observations, residuals.as_slice());
     (1.0 + correlation) / (1.0 - correlation)
@@ -35,14 +35,14 @@ pub(crate) struct Neighbours {
 }
 
 impl Neighbours {
-    /// One of an image, and that of the next.
+    /// Adds the residual of one image and that of the next.
     pub(crate) fn add(&mut self, before: f64, after: f64) {
         self.products += before * after;
         self.squares_before += before * before;
         self.squares_after += after * after;
     }
 
-    /// -1 to 1; 0 where all are nothing.
+    /// Correlation, -1 to 1; 0 where all residuals are 0.
     pub(crate) fn correlation(&self) -> f64 {
         self.products / (self.squares_before * self.squares_after).sqrt().max(f64::MIN_POSITIVE)
     }

@@ -2,7 +2,7 @@
 //!
 //! A hidden cause makes residuals large and slow; noise that was taken from them whole would hide the cause. So all that
 //! is slow is taken out first: each coordinate's residual is split into a cubic spline with a knot every
-//! [`KNOT_S`] (a constant while the mechanism rests) and the rest, of which the noise is the restricted maximum
+//! [`KNOT_SPACING_S`] (a constant while the mechanism rests) and the rest, of which the noise is the restricted maximum
 //! likelihood: standard deviations by run and keypoint, one correlation for all. The still images count whole, of the
 //! motion only what is faster than the spline.
 //!
@@ -18,21 +18,22 @@ use super::{LEAST_NOISE_M, Whitening};
 use crate::loss::Observation;
 use ground::statistics::median;
 
-/// Distance of the spline's knots \[s\]: it follows what is slower than some 8 Hz.
-const KNOT_S: f64 = 0.05;
-/// Images to a knot at the least: fewer would leave no noise to look at.
-const KNOT_IMAGES: f64 = 4.0;
-/// Images that one spline spans at most.
-const SPLINE_IMAGES: usize = 250;
-/// Least images for a spline of their own.
-const LEAST_IMAGES: usize = 12;
-/// What a spline shows beside the others at the least, of 1 at its top: less is not told from rounding.
-const INDEPENDENT_SHARE: f64 = 1e-3;
-/// Correlations tried first.
+/// Distance of the spline's knots \[s\] (chosen): it follows what is slower than some 8 Hz.
+const KNOT_SPACING_S: f64 = 0.05;
+/// Fewest images between knots (chosen): fewer would leave no noise to estimate.
+const KNOT_SPACING_IMAGES_MIN: f64 = 4.0;
+/// Most images that one spline spans (chosen).
+const SPLINE_IMAGES_MAX: usize = 250;
+/// Fewest images for a separate spline (chosen).
+const SPLINE_IMAGES_MIN: usize = 12;
+/// A spline function counts as independent when its part orthogonal to the others exceeds this, of 1 at its peak (chosen): less is not
+/// distinguished from rounding.
+const INDEPENDENT_COMPONENT_MIN: f64 = 1e-3;
+/// Correlations tried first (chosen).
 const TRIED_CORRELATIONS: [f64; 8] = [0.0, 0.15, 0.3, 0.45, 0.6, 0.7, 0.8, 0.9];
-/// And up to here it is sought.
-const MOST_CORRELATED: f64 = 0.95;
-/// The correlation is sought to this.
+/// Largest correlation that is sought (chosen).
+const CORRELATION_MAX: f64 = 0.95;
+/// Tolerance to which the correlation is sought (chosen).
 const CORRELATION_TOLERANCE: f64 = 4e-3;
 
 /// The noise of an experiment's keypoints.
@@ -46,7 +47,7 @@ pub(crate) struct Floor {
     pub correlation: f64,
     /// Its standard deviation.
     pub correlation_std: f64,
-    /// Degrees of freedom that told it.
+    /// Degrees of freedom from which the noise was estimated.
     pub degrees: f64,
     /// Of these, the share of images that show the mechanism at rest.
     pub still_share: f64,
@@ -59,7 +60,7 @@ pub(crate) struct Floor {
 /// The noise of one run's keypoints.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunFloor {
-    /// The run.
+    /// Id of the run.
     pub id: String,
     /// Standard deviation of a coordinate of each keypoint \[m\].
     pub std_m: Vec<f64>,
@@ -80,7 +81,7 @@ pub(crate) struct Seen<'a> {
     pub(crate) pose_std_m: Option<f64>,
 }
 
-/// Images of coordinates that were seen at the same instants.
+/// Images of coordinates that were observed at the same instants.
 struct Stretch {
     run: usize,
     /// Keypoint of each column.
@@ -93,7 +94,7 @@ struct Stretch {
     still: usize,
 }
 
-/// What a correlation leaves of a stretch.
+/// Residuals of a stretch after whitening with a correlation and taking the spline out.
 struct Left {
     /// Squares of each column.
     squares: Vec<f64>,
@@ -135,10 +136,10 @@ pub(crate) fn floor(runs: &[Seen<'_>]) -> Floor {
     let (noise_m, degrees) = common(&sums);
     let correlation_std = (2.0 / curvature.max(2.0)).sqrt();
     // of fast residuals more are noise, the more lasting it is
-    let (lasting_m, _) = common(&judge((correlation + correlation_std).min(MOST_CORRELATED)).1);
+    let (lasting_m, _) = common(&judge((correlation + correlation_std).min(CORRELATION_MAX)).1);
     let noise_std_m = (lasting_m - noise_m).hypot(noise_m / (2.0 * degrees.max(1.0)).sqrt());
     let std = |sum: &[f64; 2]| {
-        if sum[1] >= 2.0 * LEAST_IMAGES as f64 {
+        if sum[1] >= 2.0 * SPLINE_IMAGES_MIN as f64 {
             (sum[0] / sum[1]).sqrt().max(LEAST_NOISE_M)
         } else {
             noise_m
@@ -174,7 +175,7 @@ fn least(of: impl Fn(f64) -> f64) -> (f64, f64) {
     let tried: Vec<f64> = TRIED_CORRELATIONS.iter().map(|&c| of(c)).collect();
     let best = (0..tried.len()).min_by(|&a, &b| tried[a].total_cmp(&tried[b])).unwrap_or(0);
     let mut low = TRIED_CORRELATIONS[best.saturating_sub(1)];
-    let mut high = TRIED_CORRELATIONS.get(best + 1).copied().unwrap_or(MOST_CORRELATED);
+    let mut high = TRIED_CORRELATIONS.get(best + 1).copied().unwrap_or(CORRELATION_MAX);
     // golden section
     let share = (5f64.sqrt() - 1.0) / 2.0;
     let (mut a, mut b) = (high - share * (high - low), low + share * (high - low));
@@ -203,8 +204,8 @@ pub(crate) fn interval_s(time_s: &[f64]) -> f64 {
     median(&mut steps, f64::total_cmp).unwrap_or(1.0)
 }
 
-/// Coordinates seen at the same instants.
-struct Alike {
+/// Coordinates observed at the same instants.
+struct SameInstants {
     instants: Vec<usize>,
     /// Keypoint and axis of each.
     coordinates: Vec<(usize, usize)>,
@@ -212,19 +213,23 @@ struct Alike {
     columns: Vec<Vec<f64>>,
 }
 
-/// A run's coordinates, those seen at the same instants together.
-fn alike(seen: &Seen<'_>) -> Vec<Alike> {
-    let mut single: Vec<Alike> = Vec::new();
+/// A run's coordinates, grouped by the instants at which they were observed.
+fn by_instants(seen: &Seen<'_>) -> Vec<SameInstants> {
+    let mut single: Vec<SameInstants> = Vec::new();
     for (observation, &residual) in seen.observations.iter().zip(seen.residuals) {
         let key = (observation.keypoint, observation.axis);
         let place = single.iter().position(|one| one.coordinates[0] == key).unwrap_or_else(|| {
-            single.push(Alike { instants: Vec::new(), coordinates: vec![key], columns: vec![Vec::new()] });
+            single.push(SameInstants {
+                instants: Vec::new(),
+                coordinates: vec![key],
+                columns: vec![Vec::new()],
+            });
             single.len() - 1
         });
         single[place].instants.push(observation.instant);
         single[place].columns[0].push(residual);
     }
-    let mut groups: Vec<Alike> = Vec::new();
+    let mut groups: Vec<SameInstants> = Vec::new();
     for mut one in single {
         match groups.iter_mut().find(|group| group.instants == one.instants) {
             Some(group) => {
@@ -240,15 +245,15 @@ fn alike(seen: &Seen<'_>) -> Vec<Alike> {
 /// The same in pieces that a spline can span.
 fn stretches(run: usize, seen: &Seen<'_>, interval_s: f64) -> Vec<Stretch> {
     let mut list = Vec::new();
-    for Alike { instants, coordinates, columns } in alike(seen) {
+    for SameInstants { instants, coordinates, columns } in by_instants(seen) {
         let keypoints: Vec<usize> = coordinates.iter().map(|(keypoint, _)| *keypoint).collect();
-        let pieces = instants.len().div_ceil(SPLINE_IMAGES).max(1);
+        let pieces = instants.len().div_ceil(SPLINE_IMAGES_MAX).max(1);
         let size = instants.len().div_ceil(pieces).max(1);
         for (piece, part) in instants.chunks(size).enumerate() {
             let time_s: Vec<f64> = part.iter().map(|&instant| seen.time_s[instant]).collect();
             let still = time_s.partition_point(|&t| t <= seen.start_s);
-            let basis = basis(&time_s, still, (KNOT_IMAGES * interval_s).max(KNOT_S));
-            if time_s.len() < LEAST_IMAGES || basis.ncols() + 4 > time_s.len() {
+            let basis = basis(&time_s, still, (KNOT_SPACING_IMAGES_MIN * interval_s).max(KNOT_SPACING_S));
+            if time_s.len() < SPLINE_IMAGES_MIN || basis.ncols() + 4 > time_s.len() {
                 continue;
             }
             let values = DMatrix::from_fn(part.len(), columns.len(), |row, column| {
@@ -292,18 +297,22 @@ pub(crate) fn basis(time_s: &[f64], still: usize, knot_s: f64) -> DMatrix<f64> {
     basis.select_columns(&independent(&basis))
 }
 
-/// The functions without those that the images, of which some are missing, do not show or do not tell from the others.
+/// The functions that the images, of which some are missing, distinguish from the others.
 fn independent(basis: &DMatrix<f64>) -> Vec<usize> {
     let factors = basis.clone().col_piv_qr();
     let mut order = RowDVector::from_iterator(basis.ncols(), 0..basis.ncols());
     factors.p().permute_columns(&mut order);
-    // of fewer images than functions no more than images are told
+    // with fewer images than functions, no more functions than images can be kept
     let factor = factors.r();
     let sizes = (0..factor.nrows().min(factor.ncols())).map(|k| factor[(k, k)].abs());
-    let mut told: Vec<usize> =
-        order.iter().zip(sizes).filter(|(_, size)| *size > INDEPENDENT_SHARE).map(|(&k, _)| k).collect();
-    told.sort_unstable();
-    told
+    let mut kept_functions: Vec<usize> = order
+        .iter()
+        .zip(sizes)
+        .filter(|(_, size)| *size > INDEPENDENT_COMPONENT_MIN)
+        .map(|(&k, _)| k)
+        .collect();
+    kept_functions.sort_unstable();
+    kept_functions
 }
 
 impl Stretch {

@@ -1,6 +1,6 @@
-//! What pictures get wrong with the pose.
+//! Measurement errors that depend on the pose.
 //!
-//! Where a keypoint is found hangs a little on how its outline falls on the grid of pixels, and on what of the mechanism's shape is
+//! Where a keypoint is found depends a little on how its outline falls on the grid of pixels, and on what of the mechanism's shape is
 //! known only by and by: an error that every picture of a pose repeats. It stays while the mechanism rests, and is another
 //! one once it has gone on by about a pixel. No average over images takes it out, so it must not count as a cause.
 
@@ -8,11 +8,11 @@ use sim::Trajectory;
 
 use crate::loss::Observation;
 
-/// Way over which the error becomes another one, over its standard deviation: a few hundredths of a pixel are wrong with the place on
+/// Path length over which the error decorrelates, over its standard deviation (measured): a few hundredths of a pixel are wrong with the place on
 /// the pixel. `cargo run --release -p system-tests --example clips -- --errors FILE.csv` shows it.
-const WAY_PER_STD: f64 = 40.0;
-/// What has moved by less than this many standard deviations may rest.
-const RESTS_STDS: f64 = 1.0;
+const CORRELATION_LENGTH_STDS: f64 = 40.0;
+/// A keypoint that has moved by no more than this many standard deviations counts as at rest (chosen).
+const REST_MOVEMENT_STDS_MAX: f64 = 1.0;
 
 /// Errors that follow the pose, of one run.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,7 +43,7 @@ impl PoseErrors {
                     let axes = now.iter().zip(before).map(|(now, before)| (now - before).powi(2));
                     axes.filter(|square| square.is_finite()).sum()
                 };
-                let rests_m = RESTS_STDS * stated[instant * width + keypoint];
+                let rests_m = REST_MOVEMENT_STDS_MAX * stated[instant * width + keypoint];
                 match *before {
                     Some(before) if square(before).sqrt() <= rests_m => continue,
                     Some(before) => step_m = step_m.max(square(before).sqrt()),
@@ -71,7 +71,7 @@ impl PoseErrors {
     /// Correlation of the error at an observation with that of an earlier one of the same coordinate.
     pub(super) fn correlation(&self, earlier: &Observation, later: &Observation) -> f64 {
         let way_m = self.way_m[later.instant] - self.way_m[earlier.instant];
-        let over_m = WAY_PER_STD * self.std_m(later);
+        let over_m = CORRELATION_LENGTH_STDS * self.std_m(later);
         if over_m > 0.0 { (-way_m / over_m).exp() } else { 0.0 }
     }
 }

@@ -5,10 +5,10 @@ use sim::Trajectory;
 /// Median of the absolute value of a standard normal number, and what a quarter of all are below.
 const ABS_NORMAL_MEDIAN: f64 = 0.674_489_75;
 const ABS_NORMAL_QUARTILE: f64 = 0.318_639_36;
-/// No camera sees better than this \[m\]; it keeps exact data from dividing by nothing.
+/// Smallest noise that is assumed \[m\] (chosen: no camera resolves better); it keeps exact data from dividing by nothing.
 pub(crate) const LEAST_NOISE_M: f64 = 1e-6;
-/// Instants count as evenly spaced when their steps agree to this share.
-const EVEN_STEPS_SHARE: f64 = 0.2;
+/// Instants count as evenly spaced when their steps agree to this share (chosen).
+const EVEN_STEPS_DEVIATION_SHARE_MAX: f64 = 0.2;
 
 /// Variance of third differences of noise whose variance is 1: of white noise 1 + 9 + 9 + 1.
 pub(crate) fn third_difference(correlation: f64) -> f64 {
@@ -36,7 +36,9 @@ fn roughness_m<'a>(trajectories: impl IntoIterator<Item = &'a Trajectory>, share
         let time = &trajectory.time_s;
         for row in 3..time.len() {
             let step = (time[row] - time[row - 3]) / 3.0;
-            if (row - 3..row).any(|i| (time[i + 1] - time[i] - step).abs() > EVEN_STEPS_SHARE * step) {
+            if (row - 3..row)
+                .any(|i| (time[i + 1] - time[i] - step).abs() > EVEN_STEPS_DEVIATION_SHARE_MAX * step)
+            {
                 continue;
             }
             for keypoint in 0..trajectory.keypoints.len() {

@@ -1,4 +1,4 @@
-//! Takes out of residuals what those before them tell.
+//! Whitens residuals: takes out of each what the ones before it predict.
 //!
 //! An error of a coordinate has two parts. Noise is a first-order autoregression in time: what is correlated by rho from one
 //! image to the next is by rho^d over d times the usual time between images. What pictures get wrong with the pose
@@ -20,13 +20,13 @@ pub(crate) struct Whitening {
     steps: Vec<Step>,
 }
 
-/// What the observations before say of one.
+/// How one observation is predicted from the one before.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Step {
     /// The observation before of the same coordinate.
     earlier: Option<usize>,
-    /// How much is left since then of noise and of what follows the pose.
-    kept: [f64; 2],
+    /// Correlation with that observation, of noise and of the error that follows the pose.
+    decay: [f64; 2],
     /// Standard deviation of what follows the pose, over that of noise.
     pose: f64,
     /// By how much of what is new noise and what follows the pose are known better, both in standard deviations.
@@ -35,8 +35,8 @@ struct Step {
     scale: f64,
 }
 
-/// Correlations are believed up to here: with 1, whitening would divide by nothing.
-const MOST_CORRELATED: f64 = 0.999;
+/// Correlations are limited to this (chosen): with 1, whitening would divide by 0.
+const CORRELATION_MAX: f64 = 0.999;
 
 impl Whitening {
     /// For `observations` of images at `time_s` \[s\] with noise of `correlation` over `interval_s` \[s\], weighed by it, and what
@@ -54,12 +54,12 @@ impl Whitening {
         for (row, now) in observations.iter().enumerate() {
             let series = &mut last[3 * now.keypoint + now.axis];
             let share = pose.map_or(0.0, |pose| pose.std_m(now) * now.per_m);
-            let (earlier, kept, [[a, b], [_, d]]) = match *series {
+            let (earlier, decay, [[a, b], [_, d]]) = match *series {
                 None => (None, [0.0; 2], [[1.0, 0.0], [0.0, 1.0]]),
                 Some((earlier, [[a, b], [_, d]])) => {
                     let before = &observations[earlier];
                     let apart_s = time_s[now.instant] - time_s[before.instant];
-                    let noise = correlation.powf(apart_s / interval_s).clamp(0.0, MOST_CORRELATED);
+                    let noise = correlation.powf(apart_s / interval_s).clamp(0.0, CORRELATION_MAX);
                     let stays = pose.map_or(0.0, |pose| pose.correlation(before, now));
                     let (noise2, stays2) = (noise * noise, stays * stays);
                     let across = noise * stays * b;
@@ -76,7 +76,7 @@ impl Whitening {
                 [b - gain[1] * shared[0], d - gain[1] * shared[1]],
             ];
             *series = Some((row, left));
-            steps.push(Step { earlier, kept, pose: share, gain, scale: variance.sqrt().recip() });
+            steps.push(Step { earlier, decay, pose: share, gain, scale: variance.sqrt().recip() });
         }
         Self { steps }
     }
@@ -86,7 +86,7 @@ impl Whitening {
         let mut known: Vec<[f64; 2]> = Vec::with_capacity(numbers.len());
         for (number, step) in numbers.iter_mut().zip(&self.steps) {
             let before = step.earlier.map_or([0.0; 2], |earlier| known[earlier]);
-            let [noise, pose] = [step.kept[0] * before[0], step.kept[1] * before[1]];
+            let [noise, pose] = [step.decay[0] * before[0], step.decay[1] * before[1]];
             let new = *number - noise - step.pose * pose;
             known.push([noise + step.gain[0] * new, pose + step.gain[1] * new]);
             *number = new * step.scale;

@@ -8,9 +8,9 @@ pub enum ParameterError {
     Unknown {
         /// The key of the `[fit]` table.
         table: &'static str,
-        /// What it says.
+        /// The name as written.
         name: String,
-        /// The nearest name.
+        /// Suggestion of the nearest known name, or empty.
         hint: String,
     },
     /// What is asked for is excluded again.
@@ -19,11 +19,11 @@ pub enum ParameterError {
     /// Two wishes that exclude each other.
     #[error("`{name}` stands under both `{first}` and `{second}`; remove it from one of them")]
     Contradiction {
-        /// The parameter.
+        /// Name of the parameter.
         name: String,
-        /// One key.
+        /// One of the two keys.
         first: &'static str,
-        /// The other.
+        /// The other key.
         second: &'static str,
     },
     /// A group names a parameter that is not fitted.
@@ -31,13 +31,13 @@ pub enum ParameterError {
     JoinedButNotFitted {
         /// `tie` or `proportional`.
         key: &'static str,
-        /// The parameter.
+        /// Name of the parameter.
         name: String,
     },
     /// A parameter stands in two groups.
     #[error("`{name}` stands in more than one group of `tie` or `proportional`; join these into one")]
     JoinedTwice {
-        /// The parameter.
+        /// Name of the parameter.
         name: String,
     },
     /// Parameters of a group are not of one kind.
@@ -45,9 +45,9 @@ pub enum ParameterError {
     JoinedUnlike {
         /// `tie` or `proportional`.
         key: &'static str,
-        /// One parameter.
+        /// Name of one parameter.
         first: String,
-        /// The other.
+        /// Name of the other.
         second: String,
     },
     /// The model has no ratio to keep.
@@ -58,7 +58,7 @@ pub enum ParameterError {
     NoRatio {
         /// The first parameter of the group.
         first: String,
-        /// The parameter.
+        /// Name of the parameter.
         name: String,
     },
     /// Bounds the wrong way round, or shut.
@@ -74,7 +74,7 @@ pub enum ParameterError {
     /// A bound that physics excludes.
     #[error("bounds of `{name}` reach down to {lower}; a {kind} is never below 0")]
     Negative {
-        /// The parameter.
+        /// Name of the parameter.
         name: String,
         /// Its kind.
         kind: String,
@@ -84,7 +84,7 @@ pub enum ParameterError {
     /// A prior outside the bounds.
     #[error("prior of `{name}` has mean {mean}, outside its bounds [{lower}, {upper}]; widen the bounds")]
     Prior {
-        /// The parameter.
+        /// Name of the parameter.
         name: String,
         /// Mean of the prior.
         mean: f64,

@@ -25,26 +25,26 @@ enum Spread {
 
 /// A value this share of the bounds' width from a bound lies on it: rounding puts it no further off.
 pub(crate) const ON_BOUND_SHARE: f64 = 1e-9;
-/// The knee as a share of the bounds' width: four decades are spread logarithmically.
-const KNEE_SHARE: f64 = 1e-4;
-/// Bounds whose ratio is larger are spread logarithmically.
-const WIDE_RATIO: f64 = 100.0;
-/// The most by which one step of a descent multiplies or divides.
-const MOST_STEP_RATIO: f64 = 10.0;
-/// What counts as well resolved on an evenly spread scale, as a share of the bounds' width.
-const RESOLVED_SHARE: f64 = 0.05;
+/// The knee as a share of the bounds' width (chosen): four decades are spread logarithmically.
+const KNEE_WIDTH_SHARE: f64 = 1e-4;
+/// Bounds above 0 whose ratio is larger than this are spread logarithmically (chosen).
+const LOGARITHMIC_BOUNDS_RATIO: f64 = 100.0;
+/// Largest factor by which one step of a descent multiplies or divides a value (chosen).
+const STEP_RATIO_MAX: f64 = 10.0;
+/// Resolution of an evenly spread scale, as a share of the bounds' width (chosen).
+const RESOLUTION_WIDTH_SHARE: f64 = 0.05;
 
 impl Scale {
     /// Bounds spread evenly, or logarithmically where both lie above 0 and far apart.
     pub fn new(lower: f64, upper: f64) -> Self {
-        let wide = lower > 0.0 && upper / lower > WIDE_RATIO;
+        let wide = lower > 0.0 && upper / lower > LOGARITHMIC_BOUNDS_RATIO;
         Self { lower, upper, spread: if wide { Spread::Logarithmic } else { Spread::Even } }
     }
 
     /// Bounds of a quantity whose size is not known beforehand.
     pub fn with_knee(lower: f64, upper: f64) -> Self {
         if lower == 0.0 {
-            Self { lower, upper, spread: Spread::Knee(KNEE_SHARE * upper) }
+            Self { lower, upper, spread: Spread::Knee(KNEE_WIDTH_SHARE * upper) }
         } else {
             Self::new(lower, upper)
         }
@@ -100,7 +100,7 @@ impl Scale {
     /// A change too small to matter where the value itself is 0.
     pub fn resolution(&self) -> f64 {
         match self.spread {
-            Spread::Even => RESOLVED_SHARE * self.width(),
+            Spread::Even => RESOLUTION_WIDTH_SHARE * self.width(),
             Spread::Logarithmic => self.lower,
             Spread::Knee(knee) => knee,
             Spread::Pinned(resolution) => resolution,
@@ -112,11 +112,11 @@ impl Scale {
     pub(crate) fn reach(&self, value: f64) -> [f64; 2] {
         let upper = match self.spread {
             Spread::Even | Spread::Pinned(_) => self.upper,
-            Spread::Logarithmic => self.clamp(MOST_STEP_RATIO * value),
-            Spread::Knee(knee) => self.clamp(self.lower + MOST_STEP_RATIO * (value - self.lower).max(knee)),
+            Spread::Logarithmic => self.clamp(STEP_RATIO_MAX * value),
+            Spread::Knee(knee) => self.clamp(self.lower + STEP_RATIO_MAX * (value - self.lower).max(knee)),
         };
         let lower = match self.spread {
-            Spread::Logarithmic => self.clamp(value / MOST_STEP_RATIO),
+            Spread::Logarithmic => self.clamp(value / STEP_RATIO_MAX),
             Spread::Even | Spread::Pinned(_) | Spread::Knee(_) => self.lower,
         };
         [lower, upper]

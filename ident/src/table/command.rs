@@ -14,11 +14,11 @@ const MEASURED_WANTED: &str = "a finite angle in radians; leave the cell empty w
 /// Angles that a servo measured of itself.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MeasuredAngles {
-    /// The model's actuator.
+    /// Name of the actuator in the model.
     pub actuator: String,
-    /// When \[s\], strictly rising.
+    /// Times of the measurements \[s\], strictly rising.
     pub time_s: Vec<f64>,
-    /// Which angle \[rad\], in terms of the command.
+    /// Measured angles \[rad\], on the scale of the command, shape as `time_s`.
     pub angle_rad: Vec<f64>,
 }
 
@@ -54,8 +54,8 @@ pub fn parse_servo(text: &str, path: &Path) -> Result<(Command, Vec<MeasuredAngl
             TableError::Header { path: path.into(), reason }
         })?;
         // `arm_measured_rad` is a measurement only beside the command it belongs to.
-        let beside = |actuator: &str| rows.header.contains(&format!("{actuator}_rad"));
-        if let Some(actuator) = name.strip_suffix("_measured").filter(|actuator| beside(actuator)) {
+        let is_commanded = |actuator: &str| rows.header.contains(&format!("{actuator}_rad"));
+        if let Some(actuator) = name.strip_suffix("_measured").filter(|actuator| is_commanded(actuator)) {
             let angles = MeasuredAngles { actuator: actuator.to_owned(), ..MeasuredAngles::default() };
             measured.push((column, angles));
         } else {
@@ -104,8 +104,8 @@ pub fn write_servo(path: &Path, command: &Command, measured: &[MeasuredAngles]) 
     write_text(path, &servo_text(command, measured))
 }
 
-/// `command` as the text of its table, and beside it what servos measured, in rows of their own times, where the command is that between its
-/// rows. Angles of actuators that the command has not are left out, as are times that are not finite.
+/// `command` as the text of its table, with the angles that servos measured, in rows at the times of measurement, where the command is
+/// interpolated between its rows. Angles of actuators that the command has not are left out, as are times that are not finite.
 pub fn servo_text(command: &Command, measured: &[MeasuredAngles]) -> String {
     let width = command.actuators.len();
     let column = |angles: &MeasuredAngles| command.actuators.iter().position(|name| *name == angles.actuator);
@@ -116,12 +116,12 @@ pub fn servo_text(command: &Command, measured: &[MeasuredAngles]) -> String {
         .enumerate()
         .map(|(row, &time_s)| (Instant(time_s), (Some(row), vec![None; width])))
         .collect();
-    let mut told = vec![false; width];
+    let mut is_measured = vec![false; width];
     for angles in measured {
         let Some(column) = column(angles) else { continue };
         for (&time_s, &angle_rad) in angles.time_s.iter().zip(&angles.angle_rad) {
             if time_s.is_finite() {
-                told[column] = true;
+                is_measured[column] = true;
                 let (_, row) = rows.entry(Instant(time_s)).or_insert_with(|| (None, vec![None; width]));
                 row[column] = Some(angle_rad);
             }
@@ -132,18 +132,18 @@ pub fn servo_text(command: &Command, measured: &[MeasuredAngles]) -> String {
     for actuator in &command.actuators {
         let _ = write!(text, ",{actuator}_rad");
     }
-    for (actuator, _) in command.actuators.iter().zip(&told).filter(|(_, told)| **told) {
+    for (actuator, _) in command.actuators.iter().zip(&is_measured).filter(|(_, is_measured)| **is_measured) {
         let _ = write!(text, ",{actuator}_measured_rad");
     }
     text.push('\n');
-    for (Instant(time_s), (own, measured)) in rows {
+    for (Instant(time_s), (command_row, measured)) in rows {
         let _ = write!(text, "{time_s}");
         for column in 0..width {
             let between = || command.at(column, time_s);
-            let angle = own.map_or_else(between, |row| command.angle_rad[row * width + column]);
+            let angle = command_row.map_or_else(between, |row| command.angle_rad[row * width + column]);
             let _ = write!(text, ",{angle}");
         }
-        for (angle, _) in measured.iter().zip(&told).filter(|(_, told)| **told) {
+        for (angle, _) in measured.iter().zip(&is_measured).filter(|(_, is_measured)| **is_measured) {
             match angle {
                 Some(angle) => drop(write!(text, ",{angle}")),
                 None => text.push(','),

@@ -8,7 +8,7 @@ pub enum TableError {
     /// The file could not be read.
     #[error("reading table {}", path.display())]
     Unreadable {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
@@ -16,7 +16,7 @@ pub enum TableError {
     /// The file could not be written.
     #[error("writing table {}", path.display())]
     Unwritable {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
@@ -24,7 +24,7 @@ pub enum TableError {
     /// The text is no CSV.
     #[error("{}: not a table of comma separated values", path.display())]
     Malformed {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Where and why.
         source: csv::Error,
@@ -32,7 +32,7 @@ pub enum TableError {
     /// The first line is not a header of the wanted form.
     #[error("{}, line 1: {reason}", path.display())]
     Header {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// What is wrong and what is wanted.
         reason: String,
@@ -40,7 +40,7 @@ pub enum TableError {
     /// A row has another number of cells than the header.
     #[error("{}, line {line}: {got} cells under a header of {expected}; a gap is an empty cell, its comma stays", path.display())]
     Width {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Line, counted from 1.
         line: u64,
@@ -52,7 +52,7 @@ pub enum TableError {
     /// A cell does not hold what its column wants.
     #[error("{}, line {line}, column {column}: `{text}` is not {wanted}", path.display())]
     Cell {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Line, counted from 1.
         line: u64,
@@ -66,7 +66,7 @@ pub enum TableError {
     /// Time does not rise from one row to the next.
     #[error("{}, line {line}, column time_s: {time_s} does not come after {before_s} of the row above; sort the rows and drop doubles", path.display())]
     Order {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Line, counted from 1.
         line: u64,
@@ -78,7 +78,7 @@ pub enum TableError {
     /// There is a header and nothing below it.
     #[error("{}: no rows below the header; {wanted}", path.display())]
     Empty {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// What is needed.
         wanted: &'static str,

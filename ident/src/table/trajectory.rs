@@ -109,7 +109,7 @@ pub fn parse_trajectory(text: &str, path: &Path) -> Result<Trajectory, TableErro
             "no keypoint columns; wanted is at least one such as `P1_x_m`, or `q1_rad` of an encoder".into(),
         ));
     }
-    if let Some(lost) = located.iter().position(|seen| !seen) {
+    if let Some(lost) = located.iter().position(|is_located| !is_located) {
         let name = &keypoints[lost];
         return Err(refuse(format!(
             "`{name}_std_m` has no position beside it; add `{name}_x_m` or remove it"
@@ -121,7 +121,7 @@ pub fn parse_trajectory(text: &str, path: &Path) -> Result<Trajectory, TableErro
     let mut position_m = vec![[f64::NAN; 3]; length * width];
     let mut stds_m = Deviation::ALL.map(|one| {
         let is_there =
-            columns.iter().any(|(.., quantity)| matches!(quantity, Quantity::Std(own) if *own == one));
+            columns.iter().any(|(.., quantity)| matches!(quantity, Quantity::Std(of) if *of == one));
         is_there.then(|| vec![f64::NAN; length * width])
     });
     for row in 0..length {
@@ -171,10 +171,10 @@ pub fn trajectory_text(trajectory: &Trajectory) -> String {
             columns.push((keypoint, Quantity::Angle));
             continue;
         }
-        let seen = |axis: usize| {
+        let is_observed = |axis: usize| {
             trajectory.position_m.iter().skip(keypoint).step_by(width).any(|p| p[axis].is_finite())
         };
-        let mut axes: Vec<usize> = (0..3).filter(|&axis| seen(axis)).collect();
+        let mut axes: Vec<usize> = (0..3).filter(|&axis| is_observed(axis)).collect();
         if axes.is_empty() {
             axes = vec![0, 2];
         }

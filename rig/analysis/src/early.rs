@@ -10,28 +10,28 @@ use ident::fit::{Flow, Observer, Progress, WarmStart, first_answer};
 
 use crate::showing::Showing;
 
-/// A fit under way beside the filming.
+/// A fit that runs during the filming.
 #[derive(Debug)]
 pub(super) struct EarlyFit {
-    unwanted: Arc<AtomicBool>,
+    cancelled: Arc<AtomicBool>,
     thread: JoinHandle<Option<(WarmStart, Duration)>>,
 }
 
 impl EarlyFit {
     /// Begins to fit `experiment` on as many threads of its own as the caller's pool has, and as quiet: they inherit its niceness.
-    /// How it goes is shown by `showing`.
+    /// Its progress is published by `showing`.
     pub(super) fn begin(experiment: Experiment, showing: Showing) -> Self {
         let threads = rayon::current_num_threads();
-        let unwanted = Arc::new(AtomicBool::new(false));
-        let mut until = Until { unwanted: Arc::clone(&unwanted), showing };
+        let cancelled = Arc::new(AtomicBool::new(false));
+        let mut observer = EarlyFitObserver { cancelled: Arc::clone(&cancelled), showing };
         let thread = std::thread::spawn(move || {
             let began = Instant::now();
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().ok()?;
             // whatever is wrong with the data, the fit of the whole will say
-            let (fitted, _) = pool.install(|| first_answer(&experiment, None, &mut until)).ok()?;
+            let (fitted, _) = pool.install(|| first_answer(&experiment, None, &mut observer)).ok()?;
             Some((WarmStart::of(&fitted), began.elapsed()))
         });
-        Self { unwanted, thread }
+        Self { cancelled, thread }
     }
 
     /// Whether it has ended.
@@ -39,24 +39,24 @@ impl EarlyFit {
         self.thread.is_finished()
     }
 
-    /// What it came to, and how long that took, if it is done. Nobody waits for it: the fit of the whole can do without.
+    /// Its result and duration, if it is done; otherwise it is cancelled, and the fit of the whole run begins without it.
     pub(super) fn result(self) -> Option<(WarmStart, Duration)> {
         if self.is_done() {
             return self.thread.join().ok().flatten();
         }
-        self.unwanted.store(true, Ordering::Relaxed);
+        self.cancelled.store(true, Ordering::Relaxed);
         None
     }
 }
 
-struct Until {
-    unwanted: Arc<AtomicBool>,
+struct EarlyFitObserver {
+    cancelled: Arc<AtomicBool>,
     showing: Showing,
 }
 
-impl Observer for Until {
+impl Observer for EarlyFitObserver {
     fn progress(&mut self, progress: &Progress<'_>) -> Flow {
         self.showing.fit("first fit, while filming", progress);
-        if self.unwanted.load(Ordering::Relaxed) { Flow::Stop } else { Flow::Continue }
+        if self.cancelled.load(Ordering::Relaxed) { Flow::Stop } else { Flow::Continue }
     }
 }

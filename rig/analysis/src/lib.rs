@@ -49,13 +49,13 @@ use report::{DiagnosisFigures, ReportData};
 use timeline::{Timeline, late_s};
 use vision::{Extraction, ImageRecord, SequenceError, Status, Task};
 
-/// Told while the analysis goes on.
+/// Receives the progress of an analysis.
 pub trait Progress: Observer + diagnose::Observer {
     /// A stage begins: its name, and how many steps it has where that is known.
     fn begin(&mut self, name: &str, steps: Option<u64>);
-    /// So many steps of the stage are done.
+    /// `done` steps of the stage are done.
     fn step(&mut self, done: u64);
-    /// Where it is to be seen by others; nowhere, where nobody says so.
+    /// Where the live view is published; by default nowhere.
     fn showing(&self) -> Showing {
         Showing::default()
     }
@@ -73,14 +73,14 @@ pub struct Analysis<'a> {
     pub paths_from: &'a Path,
     /// Where to begin.
     pub from: Stage,
-    /// What went on beside the filming; a run that was filmed before has none, and its recording says it.
+    /// The extraction made during the filming; none for a run that is replayed from its recording.
     pub live: Option<Live>,
 }
 
-/// What the keypoints say.
-struct Answer {
+/// Fit and diagnosis of the keypoints.
+struct FitAndDiagnosis {
     fitted: Fitted,
-    /// Where it was asked for.
+    /// The diagnosis, where the config asks for one.
     diagnosed: Option<Result<Diagnosed, DiagnoseError>>,
 }
 
@@ -93,12 +93,12 @@ impl Analysis<'_> {
     pub fn carry_out(mut self, progress: &mut dyn Progress) -> Result<ReportData, AnalysisError> {
         let mut timing = Timing { workers: rayon::current_num_threads(), ..Timing::default() };
         let (timeline, extraction, early) = self.observed(&mut timing, progress)?;
-        let answer = self.answer(&timeline, early, &mut timing, progress);
+        let outcome = self.fit_and_diagnose(&timeline, early, &mut timing, progress);
         progress.begin("report", None);
-        let data = self.report(&timeline, extraction.as_ref(), answer.as_ref());
+        let data = self.report(&timeline, extraction.as_ref(), outcome.as_ref());
         self.add_sums()?;
-        // Why there is no fit says more than why there is no report of it.
-        answer.and(data)
+        // the fit's error is more useful than the report's
+        outcome.and(data)
     }
 
     /// Carries out all stages up to the keypoints, and writes their files: `servo.csv`, `frames.csv`, `trajectory.csv`. The threads of
@@ -118,16 +118,16 @@ impl Analysis<'_> {
         if self.out.path() == self.run.path() { Sums::add_results(self.run.path()) } else { Ok(()) }
     }
 
-    /// What recording and images say; no extraction where it is taken as it stands.
+    /// Timeline, extraction and early fit; no extraction where the trajectory is taken over as it is.
     fn observed(
         &mut self,
         timing: &mut Timing,
         progress: &mut dyn Progress,
     ) -> Result<(Timeline, Option<Extraction>, Option<EarlyFit>), AnalysisError> {
         let mut live = self.live.take();
-        let chronicle = live.as_mut().and_then(|live| live.chronicle.take());
-        let timeline = timing.measure("recording", || match chronicle {
-            Some(chronicle) => chronicle.timeline(self.config),
+        let builder = live.as_mut().and_then(|live| live.builder.take());
+        let timeline = timing.measure("recording", || match builder {
+            Some(builder) => builder.timeline(self.config),
             None => Timeline::read(self.run, self.config),
         })?;
         if let Some(command) = &timeline.command {
@@ -142,13 +142,13 @@ impl Analysis<'_> {
     }
 
     /// Fit and diagnosis of the keypoints.
-    fn answer(
+    fn fit_and_diagnose(
         &self,
         timeline: &Timeline,
         early: Option<EarlyFit>,
         timing: &mut Timing,
         progress: &mut dyn Progress,
-    ) -> Result<Answer, AnalysisError> {
+    ) -> Result<FitAndDiagnosis, AnalysisError> {
         let trajectory = table::read_trajectory(&self.out.path().join(file::TRAJECTORY))?;
         let experiment = experiment(self.run, self.config, timeline, trajectory)?;
         let warm = self.warm_start(early, timing)?;
@@ -160,13 +160,13 @@ impl Analysis<'_> {
         }
         self.write_fit(&fitted, timing)?;
         if let Some(left) = left {
-            // The coefficients are there; whether another start ends in better ones is seen now.
+            // the first coefficients are written; now other starts are tried
             fitted = timing.measure("other starts", || ident::fit::resume(&experiment, left, progress))?;
             self.write_fit(&fitted, timing)?;
         }
         let wanted = self.config.run.diagnose;
         let mut diagnosed =
-            // from the model itself, not from where the fit has ended: causes are sought from both
+            // from the model itself, not from the fit's result: the diagnosis searches from both
             wanted.then(|| timing.measure("diagnosis", || diagnose(&experiment, progress)));
         if let Some(Ok(diagnosed)) = &mut diagnosed {
             let design = |_: &str| Some(shell::design(self.run.path(), self.run.start().config_path()?));
@@ -174,24 +174,24 @@ impl Analysis<'_> {
             self.out.write_json(file::DIAGNOSIS, &diagnosed.diagnosis)?;
         }
         self.out.write_json(file::TIMING, timing)?;
-        Ok(Answer { fitted, diagnosed })
+        Ok(FitAndDiagnosis { fitted, diagnosed })
     }
 
-    /// Writes the report; without an answer it shows what the images gave, and why there is none.
+    /// Writes the report; without a fit it shows the results of the images, and why there is no fit.
     fn report(
         &self,
         timeline: &Timeline,
         extraction: Option<&Extraction>,
-        answer: Result<&Answer, &AnalysisError>,
+        outcome: Result<&FitAndDiagnosis, &AnalysisError>,
     ) -> Result<ReportData, AnalysisError> {
         let mut data = ReportData::of_run(&RunFolder::open(self.out.path())?)?;
         data.warnings.extend(timeline.shortfall.iter().map(|shortfall| format!("{shortfall}.")));
-        match answer {
-            Ok(Answer { fitted, diagnosed }) => {
+        match outcome {
+            Ok(FitAndDiagnosis { fitted, diagnosed }) => {
                 data.add_fitted(fitted);
                 match diagnosed {
                     Some(Ok(diagnosed)) => data.diagnosis = Some(DiagnosisFigures::new(diagnosed)),
-                    // coefficients are worth having without it
+                    // the coefficients are useful without a diagnosis
                     Some(Err(error)) => data.warnings.push(format!("No diagnosis: {error}.")),
                     None => {}
                 }
@@ -202,14 +202,14 @@ impl Analysis<'_> {
         if let Some(extraction) = extraction {
             let images = self.images(timeline);
             let command = timeline.command.as_ref();
-            let fitted = answer.ok().map(|answer| &answer.fitted);
+            let fitted = outcome.ok().map(|outcome| &outcome.fitted);
             pictures::show(&mut data, extraction, (fitted, command), &images)?;
         }
         self.out.write(file::REPORT, report::render(&data).as_bytes())?;
         Ok(data)
     }
 
-    /// Where the fit begins: at what an `early` one came to, or where it did as the run was recorded.
+    /// Where the fit begins: at the result of an `early` fit, or where it began when the run was recorded.
     fn warm_start(
         &self,
         early: Option<EarlyFit>,
@@ -268,7 +268,7 @@ impl Analysis<'_> {
             Extraction::named(records, names, task.plane.clone())
         } else {
             match stored {
-                // What is usual is learned from its silhouettes too.
+                // the usual shape is learned from the stored silhouettes too
                 Some(stored) if config.sam2().is_some() => {
                     let found = stored.into_iter().filter_map(|record| Some((record.time_s, record.mask?)));
                     task.silhouettes = Some(Arc::new(found.collect()));

@@ -1,4 +1,4 @@
-//! Keypoints while the run is still filmed: a quiet thread takes the images as they come, so that little is left to do after
+//! Keypoints while the run is still filmed: a low-priority thread processes the images as they arrive, so that little is left to do after
 //! the last one. It gives what the recording would give, to the bit; and a first fit of what there is so far.
 
 use std::convert::Infallible;
@@ -11,7 +11,7 @@ use sim::Trajectory;
 
 use super::early::EarlyFit;
 use super::experiment::{experiment, model};
-use super::timeline::Chronicle;
+use super::timeline::TimelineBuilder;
 use crate::showing::Showing;
 use camera::calibration::Plane;
 use config::RigConfig;
@@ -27,7 +27,7 @@ use vision::sequence::Begun;
 /// Images looked at together.
 const IMAGES_AT_ONCE: usize = 4;
 
-/// What goes on beside the filming of a run.
+/// Extraction and first fit during the filming of a run.
 #[derive(Debug)]
 pub struct Live {
     config: RigConfig,
@@ -35,8 +35,8 @@ pub struct Live {
     threads: usize,
     fits: bool,
     showing: Showing,
-    /// What was heard since the run began.
-    pub(super) chronicle: Option<Chronicle>,
+    /// Images, events and commands since the run began.
+    pub(super) builder: Option<TimelineBuilder>,
     /// The extraction; none with a calibration that cannot be used, which the analysis will say.
     extraction: Option<LiveExtraction>,
 }
@@ -45,16 +45,16 @@ pub struct Live {
 #[derive(Debug)]
 struct LiveExtraction {
     images: Feed,
-    fit: Sender<Chronicle>,
+    fit: Sender<TimelineBuilder>,
     thread: JoinHandle<Option<Head>>,
 }
 
-/// As far as it got.
+/// The part of the extraction done during the filming.
 #[derive(Debug)]
 pub(super) struct Head {
     /// The extraction of the usable images that were looked at.
     pub(super) begun: Begun,
-    /// The usable images after them.
+    /// The usable images after them, not processed yet.
     pub(super) left: LeftImages,
     /// A fit of some of them.
     pub(super) early: Option<EarlyFit>,
@@ -66,7 +66,7 @@ impl Live {
     /// What is found is shown by `showing`.
     pub fn new(config: &RigConfig, paths_from: &Path, threads: usize, fits: bool, showing: Showing) -> Self {
         let (config, paths_from) = (config.clone(), paths_from.into());
-        Self { config, paths_from, threads, fits, showing, chronicle: None, extraction: None }
+        Self { config, paths_from, threads, fits, showing, builder: None, extraction: None }
     }
 
     fn start(&self, run: &RunFolder) -> Option<LiveExtraction> {
@@ -103,16 +103,16 @@ impl Live {
 
 impl Listener for Live {
     fn begins(&mut self, run: &RunFolder) {
-        self.chronicle = Some(Chronicle::new(run.origin()));
+        self.builder = Some(TimelineBuilder::new(run.origin()));
         self.extraction = self.start(run);
     }
 
     fn hear(&mut self, notice: &Notice) {
-        let Some(chronicle) = &mut self.chronicle else { return };
+        let Some(builder) = &mut self.builder else { return };
         match notice {
-            Notice::Image(image) => chronicle.image(image),
-            Notice::Servo(event) => chronicle.servo(event),
-            Notice::Command(command) => chronicle.command(command),
+            Notice::Image(image) => builder.image(image),
+            Notice::Servo(event) => builder.servo(event),
+            Notice::Command(command) => builder.command(command),
             _ => {}
         }
         let Some(extraction) = &mut self.extraction else { return };
@@ -120,7 +120,7 @@ impl Listener for Live {
             Notice::Image(image) => extraction.images.image(image),
             Notice::Learn(from) => extraction.images.learn(from.clone()),
             // a thread that has ended has nothing to give, which shows at the end
-            Notice::Fit if self.fits => drop(extraction.fit.send(chronicle.clone())),
+            Notice::Fit if self.fits => drop(extraction.fit.send(builder.clone())),
             _ => {}
         }
     }
@@ -132,7 +132,7 @@ struct Follower {
     plane: Plane,
     folder: PathBuf,
     /// Fits to begin once the images have been caught up with.
-    fits: Receiver<Chronicle>,
+    fits: Receiver<TimelineBuilder>,
     showing: Showing,
 }
 
@@ -153,20 +153,20 @@ impl Follower {
             let Ok(Some((looked_at, found))) = begun.take(&mut timed, IMAGES_AT_ONCE) else { break };
             self.showing.found(&looked_at, found);
             if waiting.count() < IMAGES_AT_ONCE
-                && let Ok(chronicle) = self.fits.try_recv()
+                && let Ok(builder) = self.fits.try_recv()
             {
-                early = self.begin_fit(trajectory(begun.records(), &names, self.plane.view()), chronicle);
+                early = self.begin_fit(trajectory(begun.records(), &names, self.plane.view()), builder);
             }
         }
         Some(Head { begun, left: images.left(), early })
     }
 
     /// Fits what has been observed so far; none where that cannot be done, or where the fit of the whole begins elsewhere.
-    fn begin_fit(&self, observed: Trajectory, chronicle: Chronicle) -> Option<EarlyFit> {
+    fn begin_fit(&self, observed: Trajectory, builder: TimelineBuilder) -> Option<EarlyFit> {
         if self.config.fit.method != Method::Hybrid {
             return None;
         }
-        let timeline = chronicle.timeline(&self.config).ok()?;
+        let timeline = builder.timeline(&self.config).ok()?;
         let experiment = experiment(&self.run, &self.config, &timeline, observed).ok()?;
         Some(EarlyFit::begin(experiment, self.showing.clone()))
     }

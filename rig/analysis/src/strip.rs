@@ -13,25 +13,26 @@ use report::StripImage;
 use tank::render::{Look, Renderer, outlines};
 use vision::{Extraction, ImageRecord, Status};
 
-/// Instants shown.
-const INSTANTS: usize = 8;
-/// Longer side of a picture on the page at most \[px\].
-const LONGEST_PX: u32 = 280;
-/// Room around the mechanism, as a share of its extent.
+/// Number of instants shown. Chosen.
+const STRIP_INSTANTS: usize = 8;
+/// Longer side of a picture on the page at most \[px\]. Chosen.
+const PICTURE_MAX_SIDE_PX: u32 = 280;
+/// Margin around the mechanism, as a share of its extent. Chosen.
 const MARGIN_SHARE: f64 = 0.06;
 
 /// The images worth showing: evenly over one cycle of the servo's strokes, else over what there is to see of the motion.
 pub(super) fn chosen(extraction: &Extraction, run: &FittedRun, command: Option<&Command>) -> Vec<usize> {
     let records = &extraction.records;
     let Some((from_s, to_s)) = span(run, command) else { return Vec::new() };
-    let step_s = (to_s - from_s) / (INSTANTS - 1) as f64;
+    let step_s = (to_s - from_s) / (STRIP_INSTANTS - 1) as f64;
     let nearest = |wanted_s: f64| {
         let usable = records.iter().enumerate().filter(|(_, record)| record.status == Status::Ok);
         let off = |record: &ImageRecord| (record.time_s - wanted_s).abs();
         let best = usable.min_by(|(_, a), (_, b)| off(a).total_cmp(&off(b)))?;
         (off(best.1) <= step_s / 2.0).then_some(best.0)
     };
-    let mut chosen: Vec<usize> = (0..INSTANTS).filter_map(|k| nearest(from_s + k as f64 * step_s)).collect();
+    let mut chosen: Vec<usize> =
+        (0..STRIP_INSTANTS).filter_map(|k| nearest(from_s + k as f64 * step_s)).collect();
     chosen.dedup();
     chosen
 }
@@ -40,7 +41,7 @@ pub(super) fn chosen(extraction: &Extraction, run: &FittedRun, command: Option<&
 fn span(run: &FittedRun, command: Option<&Command>) -> Option<(f64, f64)> {
     let last_s = *run.simulated.time_s.last()?;
     let cycle = command.and_then(|command| cycle(command, last_s));
-    let (from_s, to_s) = cycle.unwrap_or_else(|| (run.start_s, settled_s(run).unwrap_or(last_s)));
+    let (from_s, to_s) = cycle.unwrap_or_else(|| (run.start_s, motion_end_s(run).unwrap_or(last_s)));
     (from_s < to_s).then_some((from_s, to_s))
 }
 
@@ -64,9 +65,9 @@ fn cycle(command: &Command, last_s: f64) -> Option<(f64, f64)> {
     Some((reversals[from], *reversals.get(from + 2)?))
 }
 
-/// When the simulated motion has died down to a tenth of what it was.
-fn settled_s(run: &FittedRun) -> Option<f64> {
-    const LEFT_SHARE: f64 = 0.1;
+/// When the simulated motion has decayed to a tenth of its greatest amplitude \[s\].
+fn motion_end_s(run: &FittedRun) -> Option<f64> {
+    const REMAINING_MOTION_SHARE: f64 = 0.1;
     let width = run.simulated.keypoints.len();
     let end = run.simulated.position_m.chunks_exact(width.max(1)).last()?;
     let off = |row: &[[f64; 3]]| {
@@ -76,11 +77,11 @@ fn settled_s(run: &FittedRun) -> Option<f64> {
     };
     let far: Vec<f64> = run.simulated.position_m.chunks_exact(width.max(1)).map(off).collect();
     let most = far.iter().copied().fold(0.0, f64::max);
-    let last = far.iter().rposition(|&far| far > LEFT_SHARE * most)?;
+    let last = far.iter().rposition(|&far| far > REMAINING_MOTION_SHARE * most)?;
     run.simulated.time_s.get(last + 1).copied()
 }
 
-/// The images number `chosen` beside the model at the same instants, all cut alike to where the mechanism is.
+/// The images number `chosen` and renderings of the model at the same instants, all cropped alike to the mechanism.
 pub(super) fn strip(
     chosen: &[usize],
     images: &BTreeMap<usize, TimedImage>,
@@ -119,7 +120,7 @@ struct Shown<'a> {
     qpos: &'a [f64],
 }
 
-/// Light as in the image: the mechanism's middle grey and the water's.
+/// Grey levels as in the image: the medians of the mechanism and of the water.
 fn look(shown: &Shown<'_>) -> Look {
     let (width, height) = shown.filmed.dimensions();
     let plain = Look::plain(width, height);
@@ -138,13 +139,13 @@ fn look(shown: &Shown<'_>) -> Look {
     Look { water, mechanism, ..plain }
 }
 
-/// Distance of each measured keypoint from the simulated one at instant `row`, where it was seen.
+/// Distance of each measured keypoint from the simulated one at instant `row`, where it was observed.
 fn errors_m(run: &FittedRun, row: usize) -> Vec<(String, f64)> {
     let named = run.measured.keypoints.iter().enumerate();
     let error = |k: usize| {
         let (measured, simulated) = (run.measured.at(row, k), run.simulated.at(row, k));
-        let seen = (0..3).filter(|&axis| measured[axis].is_finite());
-        seen.map(|axis| measured[axis] - simulated[axis]).reduce(f64::hypot).map(f64::abs)
+        let observed = (0..3).filter(|&axis| measured[axis].is_finite());
+        observed.map(|axis| measured[axis] - simulated[axis]).reduce(f64::hypot).map(f64::abs)
     };
     named.filter_map(|(k, name)| Some((name.clone(), error(k)?))).collect()
 }
@@ -185,10 +186,10 @@ impl Cut {
     fn of(&self, image: &GrayImage) -> GrayImage {
         let cut = imageops::crop_imm(image, self.left, self.top, self.width, self.height).to_image();
         let longest = self.width.max(self.height);
-        if longest <= LONGEST_PX {
+        if longest <= PICTURE_MAX_SIDE_PX {
             return cut;
         }
-        let smaller = |side: u32| (side * LONGEST_PX / longest).max(1);
+        let smaller = |side: u32| (side * PICTURE_MAX_SIDE_PX / longest).max(1);
         imageops::resize(&cut, smaller(self.width), smaller(self.height), FilterType::Triangle)
     }
 }

@@ -1,5 +1,4 @@
-//! What a recording says about time: when each image was exposed, and what the servo was told when, both on the
-//! run's time.
+//! The times in a recording: when each image was exposed, and the servo's commands and measured angles, all in the run's time.
 
 use ident::table::{MeasuredAngles, read_servo};
 use sim::Command;
@@ -16,8 +15,8 @@ use report::ClockQuality;
 use servo::profile::ProfileConfig;
 use servo::{PulseProfile, ServoConfig, ServoEvent};
 
-/// [`FrameRow::status`] of an image that gets a row in the trajectory, before extraction says more: a row that did not
-/// rise in time could not be read again.
+/// [`FrameRow::status`] of an image that gets a row in the trajectory, before the extraction judges it: an image that is not later
+/// than the one before gets none, because the times of a trajectory must rise.
 pub const USABLE: &str = "ok";
 
 /// An image of the recording, without its bytes.
@@ -29,32 +28,32 @@ pub struct ImageTime {
     pub row: FrameRow,
 }
 
-/// Where a servo on a bus said it stood.
+/// A position that a servo on a bus reported, with the times of question and answer.
 #[derive(Debug, Clone, Copy)]
-struct Stood {
+struct PositionReading {
     channel: u8,
     count: i32,
     sent: MonotonicNs,
     received: MonotonicNs,
 }
 
-/// Takes in a run in the order in which it is recorded: from the recording, or beside it while it is made.
+/// Collects images and servo events in recorded order, from the recording or while it is made, into a [`Timeline`].
 #[derive(Debug, Clone)]
-pub struct Chronicle {
+pub struct TimelineBuilder {
     origin: MonotonicNs,
-    /// How much later than they claim the images' times are, beyond what was taken back when they were recorded \[s\].
+    /// Latency to subtract from the images' times, in addition to what was subtracted when they were recorded \[s\].
     late_s: f64,
     images: Vec<ImageTime>,
     rising: Rising,
     last: Option<u32>,
     pings: Vec<Ping>,
-    stood: Vec<Stood>,
+    positions: Vec<PositionReading>,
     armed: Option<PulseProfile>,
     started_tick_us: Option<u64>,
 }
 
-impl Chronicle {
-    /// Of a run whose time counts from `origin`.
+impl TimelineBuilder {
+    /// A builder for a run whose time counts from `origin`.
     pub fn new(origin: MonotonicNs) -> Self {
         Self {
             origin,
@@ -63,7 +62,7 @@ impl Chronicle {
             rising: Rising::default(),
             last: None,
             pings: Vec::new(),
-            stood: Vec::new(),
+            positions: Vec::new(),
             armed: None,
             started_tick_us: None,
         }
@@ -88,7 +87,7 @@ impl Chronicle {
         self.last = Some(image.sequence);
     }
 
-    /// Something was recorded here that cannot be read: what the camera counted meanwhile it may have handed over.
+    /// A part of the recording here cannot be read; image numbers missing across it do not count as lost.
     pub fn gap(&mut self) {
         self.last = None;
     }
@@ -100,14 +99,14 @@ impl Chronicle {
                 self.pings.push(Ping { sent, board_tick_us, received });
             }
             ServoEvent::Position { channel, count, sent, received } => {
-                self.stood.push(Stood { channel, count, sent, received });
+                self.positions.push(PositionReading { channel, count, sent, received });
             }
             ServoEvent::Started { board_tick_us } => self.started_tick_us = Some(board_tick_us),
             _ => {}
         }
     }
 
-    /// What the board was told next.
+    /// The next command to the board.
     pub fn command(&mut self, command: &ServoCommand) {
         if let ServoCommand::Arm { profile, .. } = command {
             self.armed = Some(profile.clone());
@@ -119,7 +118,7 @@ impl Chronicle {
         self.images.iter().map(|image| image.row.clone()).collect()
     }
 
-    /// What all of it says.
+    /// The timeline of what was collected so far.
     ///
     /// # Errors
     /// [`AnalysisError`] when the channels of `config` are not those of the run.
@@ -135,28 +134,28 @@ impl Chronicle {
             _ => None,
         };
         let clock_at = self.pings.last().map_or(self.origin, |ping| ping.received);
-        let widths = self.stood.iter().map(|stood| stood.received.seconds_since(stood.sent));
+        let widths = self.positions.iter().map(|reading| reading.received.seconds_since(reading.sent));
         let feedback = (!measured.is_empty()).then(|| ClockQuality {
             name: "servo feedback".into(),
             // Any instant between question and answer is as likely as another.
-            sigma_s: widths.sum::<f64>() / self.stood.len() as f64 / 12.0_f64.sqrt(),
-            samples: self.stood.len(),
+            sigma_s: widths.sum::<f64>() / self.positions.len() as f64 / 12.0_f64.sqrt(),
+            samples: self.positions.len(),
             drift_ppm: None,
         });
         let (images, shortfall) = (self.images, None);
         Ok(Timeline { images, clock, clock_at, command, measured, feedback, shortfall })
     }
 
-    /// The angles that servos on a bus told, half-way between question and answer.
+    /// The angles that servos on a bus reported, timed half-way between question and answer.
     fn measured(&self, config: &RigConfig) -> Vec<MeasuredAngles> {
         let Some(servo) = &config.servo else { return Vec::new() };
         let mirrored = config.profile.as_ref().is_some_and(ProfileConfig::is_mirrored);
         let mut measured: Vec<MeasuredAngles> = Vec::new();
-        for stood in &self.stood {
-            let Some(channel) = servo.channel(stood.channel) else { continue };
+        for reading in &self.positions {
+            let Some(channel) = servo.channel(reading.channel) else { continue };
             let Some(actuator) = &channel.actuator else { continue };
-            let half_s = stood.received.seconds_since(stood.sent) / 2.0;
-            let time_s = stood.sent.plus_seconds(half_s).seconds_since(self.origin);
+            let half_s = reading.received.seconds_since(reading.sent) / 2.0;
+            let time_s = reading.sent.plus_seconds(half_s).seconds_since(self.origin);
             let known = measured.iter().position(|angles| angles.actuator == *actuator);
             let place = known.unwrap_or_else(|| {
                 measured.push(MeasuredAngles { actuator: actuator.clone(), ..MeasuredAngles::default() });
@@ -165,21 +164,20 @@ impl Chronicle {
             let angles = &mut measured[place];
             if angles.time_s.last().is_none_or(|last| time_s > *last) {
                 angles.time_s.push(time_s);
-                angles.angle_rad.push(channel.angle_rad(f64::from(stood.count), mirrored));
+                angles.angle_rad.push(channel.angle_rad(f64::from(reading.count), mirrored));
             }
         }
         measured
     }
 }
 
-/// How much later the images of `run` are, by the latency that `config` states, than by the one that was stated when they were
-/// recorded \[s\].
+/// Difference between the latency that `config` states and the one that was subtracted when the images of `run` were recorded \[s\].
 pub fn late_s(run: &RunFolder, config: &RigConfig) -> f64 {
     #[derive(serde::Deserialize)]
     struct MadeWith {
         camera: CameraConfig,
     }
-    // What cannot be read any more is left as it was recorded.
+    // if the run's config cannot be read any more, the times stay as they were recorded
     let made_with = toml::from_str::<MadeWith>(&run.start().config).map(|made| made.camera.latency_s);
     made_with.map_or(0.0, |then| config.camera.latency_s.get() - then.get())
 }
@@ -195,32 +193,33 @@ pub struct Timeline {
     clock_at: MonotonicNs,
     /// Commanded angles, where a profile was played.
     pub command: Option<Command>,
-    /// Angles that servos told.
+    /// Angles that the servos reported.
     pub measured: Vec<MeasuredAngles>,
     /// How well their times are known.
     feedback: Option<ClockQuality>,
-    /// What the recording does not give any more, in a sentence without its full stop.
+    /// What is missing from the recording, as a sentence without its full stop.
     pub shortfall: Option<String>,
 }
 
 impl Timeline {
-    /// Reads `run`'s recording. Of one that was cut off or is damaged all is read that is whole.
+    /// Reads `run`'s recording; of a truncated or damaged one, everything that is still readable.
     ///
     /// # Errors
     /// [`AnalysisError`] when there is no readable recording, or the config's channels are not those of the run.
     pub fn read(run: &RunFolder, config: &RigConfig) -> Result<Self, AnalysisError> {
-        let mut chronicle = Chronicle { late_s: late_s(run, config), ..Chronicle::new(run.origin()) };
+        let mut builder =
+            TimelineBuilder { late_s: late_s(run, config), ..TimelineBuilder::new(run.origin()) };
         let mut recording = Recording::open(&run.file(file::RECORDING))?;
         for item in recording.by_ref() {
             match item?.1 {
-                Item::Image(image) => chronicle.image(&image),
-                Item::Servo(event) => chronicle.servo(&event),
-                Item::Command(command) => chronicle.command(&command),
-                Item::Gap => chronicle.gap(),
+                Item::Image(image) => builder.image(&image),
+                Item::Servo(event) => builder.servo(&event),
+                Item::Command(command) => builder.command(&command),
+                Item::Gap => builder.gap(),
             }
         }
-        let mut timeline = Self { shortfall: recording.shortfall(), ..chronicle.timeline(config)? };
-        // what the servo was told may be in a chunk that is lost: the run's own table says it too
+        let mut timeline = Self { shortfall: recording.shortfall(), ..builder.timeline(config)? };
+        // the commands may be in a chunk that is lost: `servo.csv` of the run holds them too
         if timeline.shortfall.is_some()
             && timeline.command.is_none()
             && let Ok((command, measured)) = read_servo(&run.file(file::SERVO))
@@ -235,7 +234,7 @@ impl Timeline {
         self.images.iter().filter(|image| image.row.status == USABLE)
     }
 
-    /// How well the board's clock is known, and when servos stood where they said, for the report.
+    /// How well the board's clock and the times of the reported positions are known, for the report.
     pub fn clock_quality(&self) -> impl Iterator<Item = ClockQuality> {
         let board = self.clock.as_ref().map(|clock| ClockQuality {
             name: "servo board".into(),

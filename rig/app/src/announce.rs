@@ -1,5 +1,5 @@
-//! What comes before a motion that begins by itself: nobody has just asked for it, and somebody's hand may be in the tank. It waits
-//! while there are quiet hours or were too many motions lately, and is announced by a countdown in which it can be stopped.
+//! The announcement of a motion that begins by itself: nobody has just asked for it, and somebody's hand may be in the tank. It waits
+//! during quiet hours and after too many motions, and is announced by a countdown in which it can be stopped.
 
 use std::path::Path;
 use std::time::Duration;
@@ -15,10 +15,10 @@ use run::open;
 use servo::ServoError;
 use servo::motion::{Motion, Reporter};
 
-/// The countdown is told, and a stop looked for, so often.
-const COUNT_EVERY: Duration = Duration::from_millis(50);
-/// What keeps a motion from beginning is looked at again so often.
-const LOOK_EVERY: Duration = Duration::from_millis(500);
+/// Interval at which the countdown is shown and a stop is checked. Chosen.
+const COUNTDOWN_INTERVAL: Duration = Duration::from_millis(50);
+/// Interval at which a motion that has to wait is checked again. Chosen.
+const WAIT_CHECK_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Why a motion of `config` that nobody has asked for is not to begin at `now`, in words.
 ///
@@ -34,7 +34,7 @@ pub fn not_now(config: &RigConfig, runs_dir: &Path, now: Timestamp) -> Result<Op
     too_many(config, runs_dir, now)
 }
 
-/// Why a motion of `config` would be one too many at `now`, in words, whoever asked for it.
+/// Why a motion of `config` at `now` would exceed `[motion] most_per_hour`, in words; also for motions that a person asks for.
 ///
 /// # Errors
 /// As [`not_now`].
@@ -63,16 +63,16 @@ pub fn too_many(config: &RigConfig, runs_dir: &Path, now: Timestamp) -> Result<O
 ///
 /// # Errors
 /// [`Failure::Held`], [`Failure::Interrupted`], or as [`not_now`].
-pub async fn wait_for_leave(
+pub async fn wait_until_allowed(
     config: &RigConfig,
     runs_dir: &Path,
     interrupt: &Interrupt,
     watcher: &mut dyn Watcher,
 ) -> Result<(), Failure> {
     while let Some(why) = not_now(config, runs_dir, Timestamp::now())? {
-        watcher.say(format!("waits: {why}"));
+        watcher.status(format!("waits: {why}"));
         watcher.showing().stage(&format!("waits: {why}"), None);
-        pause(LOOK_EVERY, config, runs_dir, interrupt).await?;
+        pause(WAIT_CHECK_INTERVAL, config, runs_dir, interrupt).await?;
     }
     Ok(())
 }
@@ -94,22 +94,22 @@ pub async fn count_down(
     let reporter = Reporter::of(Some(runs_dir));
     let began = MonotonicNs::now();
     let begins = began.plus_seconds(announce.as_secs_f64());
-    let mut said = String::new();
-    // how long it still takes is told by whoever reads the report
+    let mut shown = String::new();
+    // the remaining time is in the reported servo state
     watcher.showing().stage("about to move", None);
     loop {
         let left_s = begins.seconds_since(MonotonicNs::now());
         if left_s <= 0.0 {
             return Ok(());
         }
-        reporter.tell(Motion::Announced, began, Some(begins));
-        let says = format!("moves in {:.0} s", left_s.ceil());
-        if says != said {
-            watcher.say(says.clone());
-            said = says;
+        reporter.report(Motion::Announced, began, Some(begins));
+        let text = format!("moves in {:.0} s", left_s.ceil());
+        if text != shown {
+            watcher.status(text.clone());
+            shown = text;
         }
-        if let Err(failure) = pause(COUNT_EVERY, config, runs_dir, interrupt).await {
-            reporter.tell(Motion::AtRest, MonotonicNs::now(), None);
+        if let Err(failure) = pause(COUNTDOWN_INTERVAL, config, runs_dir, interrupt).await {
+            reporter.report(Motion::AtRest, MonotonicNs::now(), None);
             return Err(failure);
         }
     }

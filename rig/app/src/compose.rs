@@ -95,7 +95,7 @@ pub fn given(path: &Path) -> Result<Given, Failure> {
 
 /// The config of the rig that made the run in the folder `path`, where it is one and says so.
 pub fn config_of(path: &Path) -> Option<PathBuf> {
-    // what cannot be opened is told by whoever reads it
+    // a folder that cannot be opened is reported by the code that reads it
     RunFolder::open(path).ok()?.start().config_path().map(Path::to_owned)
 }
 
@@ -157,7 +157,7 @@ fn composed(
 
 /// Why nothing may be promoted that is made from the run in the folder `path`: it lacks too many images.
 pub fn degraded(path: &Path) -> Option<String> {
-    // what cannot be opened is told by whoever needs it
+    // a folder that cannot be opened is reported by the code that needs it
     let run = RunFolder::open(path).ok()?;
     Losses::of(&run).degraded(&Limits::of(&run))
 }
@@ -173,7 +173,7 @@ pub fn shortfalls(path: &Path) -> Vec<String> {
     struct Folder {
         folder: Option<PathBuf>,
     }
-    // what cannot be read is told by the fit
+    // a file that cannot be read is reported by the fit
     let named = std::fs::read_to_string(path).ok().and_then(|text| toml::from_str::<Named>(&text).ok());
     let folders = named.into_iter().flat_map(|named| named.run).filter_map(|run| run.folder);
     let runs = folders.filter_map(|folder| RunFolder::open(&base(path).join(folder)).ok());

@@ -1,4 +1,4 @@
-//! Which runs a rig could make next, and their configs.
+//! The runs that a rig could make next, and their configs.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -16,10 +16,10 @@ use record::outputs::OutputFolder;
 use servo::ServoConfig;
 use servo::profile::{Profile, ProfileConfig};
 
-/// No proposed run is longer, whatever the one before was \[s\].
-const LONGEST_RUN_S: f64 = 30.0;
-/// What rounding to whole microseconds or counts may take of a limit.
-const WITHIN_LIMIT: f64 = 0.995;
+/// Duration of a proposed run at most \[s\]. Chosen.
+const PROPOSED_RUN_MAX_S: f64 = 30.0;
+/// Factor on the limits of a servo, as a margin for rounding to whole microseconds or counts. Chosen.
+const LIMIT_MARGIN_FACTOR: f64 = 0.995;
 
 /// The runs that a rig with this servo could make: within its travel and its rate, and no shorter than its profile.
 pub(super) fn limits(servo: Option<&ServoConfig>, profile: Option<&ProfileConfig>) -> DesignConfig {
@@ -28,13 +28,15 @@ pub(super) fn limits(servo: Option<&ServoConfig>, profile: Option<&ProfileConfig
     design.centre_rad = profile.centre_rad;
     let centre_rad = profile.centre_rad.get();
     let at_most = |limit: &mut Positive, value: f64| {
-        if let Some(value) = Positive::new(WITHIN_LIMIT * value).filter(|value| value.get() < limit.get()) {
+        if let Some(value) =
+            Positive::new(LIMIT_MARGIN_FACTOR * value).filter(|value| value.get() < limit.get())
+        {
             *limit = value;
         }
     };
     for (channel, _) in servo.driven() {
         let (travel, mirrored) = (&channel.travel, profile.is_mirrored());
-        let angle_rad = |told: u16| channel.angle_rad(f64::from(told), mirrored);
+        let angle_rad = |setpoint: u16| channel.angle_rad(f64::from(setpoint), mirrored);
         let (least, greatest) = (*travel.range().start(), *travel.range().end());
         for end in [least, greatest] {
             at_most(&mut design.amplitude_limit_rad, (angle_rad(end) - centre_rad).abs());
@@ -45,13 +47,13 @@ pub(super) fn limits(servo: Option<&ServoConfig>, profile: Option<&ProfileConfig
         }
     }
     let profile_s = Profile::new(profile).map_or(0.0, |profile| profile.duration_s());
-    if let Some(run_s) = Positive::new(profile_s.clamp(design.run_s.get(), LONGEST_RUN_S)) {
+    if let Some(run_s) = Positive::new(profile_s.clamp(design.run_s.get(), PROPOSED_RUN_MAX_S)) {
         design.run_s = run_s;
     }
     design
 }
 
-/// What [`write_configs`] writes.
+/// Patterns of the files that [`write_configs`] writes.
 pub const CONFIGS: [&str; 2] = ["drop-*.toml", "driven-*.toml"];
 
 /// Writes a config for each of `next` to `folder`: `config` with another motion.
@@ -74,8 +76,8 @@ pub fn write_configs(config: &Path, next: &[Proposal], folder: &OutputFolder) ->
     Ok(())
 }
 
-/// Says in `advice` what makes each run whose config is in `folder`.
-pub fn say_commands(advice: &mut [NextExperiment], folder: &Path) {
+/// Adds to `advice` the command that makes each run whose config is in `folder`.
+pub fn add_commands(advice: &mut [NextExperiment], folder: &Path) {
     NextExperiment::to_type(advice, |run| Some(shell::run(&folder.join(format!("{run}.toml")))));
 }
 

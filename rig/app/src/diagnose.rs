@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use ident::diagnose::{Diagnosed, diagnose};
 
-use super::design::{say_commands, write_configs};
+use super::design::{add_commands, write_configs};
 use super::results::{Given, write_diagnosis};
 use super::{Failure, Watcher, on_threads};
 use record::folder::file;
@@ -37,7 +37,7 @@ pub fn diagnosed(
     let (config, next) = (config.or(given.config.as_deref()), out.folder(NEXT));
     if let Some(config) = config {
         write_configs(config, &diagnosed.next, &next)?;
-        say_commands(&mut diagnosed.diagnosis.next_experiments, next.path());
+        add_commands(&mut diagnosed.diagnosis.next_experiments, next.path());
     }
     let stage = Stage { name: "diagnosis".into(), wall_s: diagnosed.timing.wall.as_secs_f64() };
     let mut data = given.report(["Diagnosis", "on"], stage, diagnosed.timing.threads);

@@ -9,11 +9,11 @@ use serde::{Deserialize, Serialize};
 use store::runs::Coefficient;
 use store::{Store, StoreError};
 
-/// Runs in a mean.
-const RUNS: usize = 5;
-/// A difference beyond so many standard deviations is a drift. Scatters of five runs are uncertain themselves: of differences without
+/// Runs in each of the two means. Chosen.
+const RUNS_PER_MEAN: usize = 5;
+/// A difference beyond this many standard deviations is a drift. Scatters of five runs are uncertain themselves: of differences without
 /// drift one in a thousand is beyond this (Student's t with 8 degrees of freedom).
-const BEYOND_STD: f64 = 5.0;
+const DRIFT_LIMIT_STDS: f64 = 5.0;
 
 /// A coefficient that has moved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -54,14 +54,14 @@ fn drift(trend: &[Coefficient]) -> Option<Moved> {
         .filter(|one| one.determined)
         .filter_map(|one| Some((one.value, one.std.filter(|&std| std > 0.0)?)))
         .collect();
-    if known.len() < 2 * RUNS {
+    if known.len() < 2 * RUNS_PER_MEAN {
         return None;
     }
-    let (from, from_var) = mean(&known[..RUNS]);
-    let (to, to_var) = mean(&known[known.len() - RUNS..]);
+    let (from, from_var) = mean(&known[..RUNS_PER_MEAN]);
+    let (to, to_var) = mean(&known[known.len() - RUNS_PER_MEAN..]);
     let std = (from_var + to_var).sqrt();
     let name = trend.first()?.name.clone();
-    ((to - from).abs() > BEYOND_STD * std).then_some(Moved { name, from, to, std })
+    ((to - from).abs() > DRIFT_LIMIT_STDS * std).then_some(Moved { name, from, to, std })
 }
 
 /// Weighted mean of values with standard deviations, and its variance.

@@ -17,8 +17,8 @@ use record::outputs::{OutputError, OutputFile, Outputs};
 use vision::outline::Outline;
 use vision::{Mode, Status, VisionConfig, output};
 
-/// A file of more bytes than this is no table of keypoints.
-const MOST_BYTES: u64 = 1 << 30;
+/// A larger file is not read as a table of keypoints \[bytes\]. Chosen.
+const TABLE_FILE_LIMIT_BYTES: u64 = 1 << 30;
 
 /// What to read, and how.
 #[derive(Debug)]
@@ -78,10 +78,10 @@ impl Import<'_> {
         let mut notes = Vec::new();
         let mut imported = match format {
             Format::Dlc => {
-                self.seen(dlc::read(&text, self.individual).map_err(in_file)?, &config, &mut notes)?
+                self.import_marks(dlc::read(&text, self.individual).map_err(in_file)?, &config, &mut notes)?
             }
             Format::Sleap => {
-                self.seen(sleap::read(&text, self.individual).map_err(in_file)?, &config, &mut notes)?
+                self.import_marks(sleap::read(&text, self.individual).map_err(in_file)?, &config, &mut notes)?
             }
             Format::Wcon => {
                 let mut imported = self.lines(&wcon::read(&text).map_err(in_file)?, &config, &mut notes)?;
@@ -118,8 +118,11 @@ impl Import<'_> {
 
     fn text(&self) -> Result<String, Failure> {
         let size = std::fs::metadata(self.file).map(|data| data.len());
-        if size.as_ref().is_ok_and(|size| *size > MOST_BYTES) {
-            let what = format!("{}: larger than {MOST_BYTES} bytes; cut it into parts", self.reading(None));
+        if size.as_ref().is_ok_and(|size| *size > TABLE_FILE_LIMIT_BYTES) {
+            let what = format!(
+                "{}: larger than {TABLE_FILE_LIMIT_BYTES} bytes; cut it into parts",
+                self.reading(None)
+            );
             return Err(Failure::Input(anyhow!(what)));
         }
         let bytes = std::fs::read(self.file).with_context(|| self.reading(None)).map_err(Failure::Input)?;
@@ -131,8 +134,8 @@ impl Import<'_> {
         })
     }
 
-    /// Keypoints of what a tracker saw in the picture.
-    fn seen(
+    /// The keypoints in metres from a tracker's marks in the picture.
+    fn import_marks(
         &self,
         marks: Marks,
         config: &ExtractionConfig,

@@ -25,15 +25,15 @@ use vision::{SequenceError, VisionError};
 /// How far an experiment goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Extent {
-    /// It is filmed; extraction and fit are left to a replay.
+    /// Film only; extraction and fit are left to a replay.
     Film,
-    /// To the keypoints.
+    /// Up to the keypoints.
     Keypoints,
-    /// To the report.
+    /// Up to the report.
     Report,
 }
 
-/// An experiment as its config says it.
+/// An experiment as its config describes it.
 pub struct Experiment<'a> {
     /// The config.
     pub config: &'a RigConfig,
@@ -60,7 +60,7 @@ pub struct Done {
 }
 
 impl Experiment<'_> {
-    /// Sees that what is filmed can be extracted and fitted.
+    /// Checks that the film can be extracted and fitted.
     ///
     /// # Errors
     /// [`Failure::Input`] where the config names what the model has not, or puts the mechanism outside of the picture; and for SAM 2, whose clicks are in a picture of a film.
@@ -124,28 +124,28 @@ impl Experiment<'_> {
         let fits = self.extent == Extent::Report;
         let mut live = (self.extent != Extent::Film)
             .then(|| Live::new(self.config, self.base, self.threads, fits, watcher.showing()));
-        let mut announcer = Announcer { watcher, run: String::new(), phase: "" };
-        let mut listeners = Listeners(vec![&mut announcer, &mut showing]);
+        let mut reporter = ProgressReporter { watcher, run: String::new(), phase: "" };
+        let mut listeners = Listeners(vec![&mut reporter, &mut showing]);
         listeners.0.extend(live.as_mut().map(|live| live as &mut dyn Listener));
         let conducted = job.conduct(interrupt.raised(), &mut listeners).await.map_err(Failure::of_run)?;
         let folder = &conducted.folder;
-        let here = InRun(folder.path().into());
+        let in_run = InRun(folder.path().into());
         match &conducted.filmed.ending {
             Ending::Success => {}
             Ending::Abort(reason) => {
-                return Err(Failure::Interrupted(anyhow!("aborted: {reason}").context(here)));
+                return Err(Failure::Interrupted(anyhow!("aborted: {reason}").context(in_run)));
             }
             Ending::Fail(reason) => {
-                return Err(Failure::Hardware(anyhow!("run incomplete: {reason}").context(here)));
+                return Err(Failure::Hardware(anyhow!("run incomplete: {reason}").context(in_run)));
             }
         }
         if self.extent == Extent::Film {
             return Ok(Done { conducted, data: None });
         }
-        let own = OutputFolder::of_run(folder);
+        let results = OutputFolder::of_run(folder);
         let analysis = Analysis {
             run: folder,
-            out: &own,
+            out: &results,
             config: self.config,
             paths_from: self.base,
             from: Stage::Frames,
@@ -155,7 +155,7 @@ impl Experiment<'_> {
             let extract = || on_threads(self.threads, || Ok(analysis.keypoints(watcher)));
             let extracted = tokio::task::block_in_place(extract)?;
             watcher.clear();
-            extracted.map_err(|error| analysis_failed(error, here))?;
+            extracted.map_err(|error| analysis_failed(error, in_run))?;
             return Ok(Done { conducted, data: None });
         }
         let data = analysed(analysis, self.threads, interrupt, watcher)?;
@@ -163,14 +163,14 @@ impl Experiment<'_> {
     }
 }
 
-/// Tells whoever looks on how the filming goes.
-struct Announcer<'a> {
+/// Reports the progress of the filming.
+struct ProgressReporter<'a> {
     watcher: &'a mut dyn Watcher,
     run: String,
     phase: &'static str,
 }
 
-impl Listener for Announcer<'_> {
+impl Listener for ProgressReporter<'_> {
     fn begins(&mut self, run: &RunFolder) {
         self.run = run.start().id.to_string();
     }
@@ -179,12 +179,12 @@ impl Listener for Announcer<'_> {
         match notice {
             Notice::Phase(phase, images) => {
                 if *phase != self.phase {
-                    self.watcher.note(&format!("{}  {phase}", self.run));
+                    self.watcher.event(&format!("{}  {phase}", self.run));
                     self.phase = phase;
                 }
-                self.watcher.say(format!("{phase}: {images} images"));
+                self.watcher.status(format!("{phase}: {images} images"));
             }
-            Notice::LetGo => self.watcher.tell("The water is still: let go of the mechanism now."),
+            Notice::LetGo => self.watcher.alert("The water is still: let go of the mechanism now."),
             Notice::FallsBehind(behind) => tracing::warn!("{behind}"),
             Notice::Journal(text) => tracing::info!("{text}"),
             _ => {}

@@ -1,4 +1,4 @@
-//! Whose fault it is that something ended badly.
+//! Errors by class: input, data, hardware, interruption, or our own fault.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ pub const HARDWARE_FAULT: &str = "hardware-fault";
 /// The word of `--json` for what did not begin because the rig is held.
 pub const HELD: &str = "held";
 
-/// Why something ended badly; decides the exit code, and what a daemon's journal says.
+/// An error with its class, which decides the exit code and the status in a daemon's journal.
 #[derive(Debug)]
 pub enum Failure {
     /// Our fault: exit code 1.

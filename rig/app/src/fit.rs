@@ -37,7 +37,7 @@ const REFUSED_FILE: &str = "fit-refused.json";
 /// What a fit writes into its folder.
 pub const FILES: [&str; 6] = [file::FIT, file::MODEL, file::REPORT, file::TIMING, STATE_FILE, REFUSED_FILE];
 /// An interrupted fit loses at most this much work.
-const SAVE_EVERY: Duration = Duration::from_secs(5);
+const SAVE_INTERVAL: Duration = Duration::from_secs(5);
 
 impl FitJob<'_> {
     /// Fits; gives what the report shows, and where it is.
@@ -115,7 +115,7 @@ impl FitJob<'_> {
     }
 }
 
-/// Saves now and then where the fit stands, and at its end where it is told to end early.
+/// Saves the state of the fit at intervals, and at its end where it is interrupted.
 struct Saving<'a> {
     watcher: &'a mut dyn Watcher,
     state: &'a OutputFile,
@@ -126,7 +126,7 @@ struct Saving<'a> {
 impl Observer for Saving<'_> {
     fn progress(&mut self, progress: &Progress<'_>) -> Flow {
         let flow = self.watcher.progress(progress);
-        if flow == Flow::Stop || self.saved.elapsed() >= SAVE_EVERY {
+        if flow == Flow::Stop || self.saved.elapsed() >= SAVE_INTERVAL {
             let state = progress.checkpoint.to_json().map_err(Failure::internal);
             if let Err(trouble) = state.and_then(|state| self.state.write(&state).map_err(Failure::input)) {
                 self.trouble = Some(trouble);

@@ -18,24 +18,24 @@ use serde::{Deserialize, Serialize};
 use store::job::{Job, JobId, NewJob, State, Work};
 use store::{Store, StoreError};
 
-/// The environment variable that says to a process which job it does, for a daemon.
-pub const JOB: &str = "RIG_JOB";
-/// The environment variable that says to it where it is to show how it goes.
-pub const SHOW: &str = "RIG_SHOW";
+/// Environment variable with the number of the job that this process does for a daemon.
+pub const JOB_VARIABLE: &str = "RIG_JOB";
+/// Environment variable with the path of the socket for its live view.
+pub const LIVE_VARIABLE: &str = "RIG_SHOW";
 /// Folders of jobs, in the folder of run folders.
 const JOBS: &str = "jobs";
-/// The job and its log are looked at so often.
-const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// Interval at which the job and its log are read. Chosen.
+const JOB_POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// What a job finds in its folder, and writes into it.
+/// Names of the files in a job's folder.
 pub mod file {
-    /// What it is to do: an [`Order`](super::Order).
+    /// The job's order: an [`Order`](super::Order).
     pub const ORDER: &str = "order.json";
-    /// What came of it: a [`JobResult`](store::job::JobResult), the one object of `--json`.
+    /// Its result: a [`JobResult`](store::job::JobResult), the one object of `--json`.
     pub const RESULT: &str = "result.json";
-    /// What it said on the way.
+    /// Its log.
     pub const LOG: &str = "log.txt";
-    /// The socket on which it shows how it goes.
+    /// The socket of its live view.
     pub const LIVE: &str = "live.sock";
 }
 
@@ -88,7 +88,7 @@ pub fn folder(runs_dir: &Path, id: JobId) -> PathBuf {
     runs_dir.join(JOBS).join(id.to_string())
 }
 
-/// The socket on which the job `id` shows how it goes; no link leads to it.
+/// The socket of the live view of the job `id`; links are not followed.
 ///
 /// # Errors
 /// As [`below::socket`].
@@ -96,10 +96,10 @@ pub fn socket(runs_dir: &Path, id: JobId) -> std::io::Result<OwnedFd> {
     below::socket(runs_dir, &[JOBS, &id.to_string(), file::LIVE])
 }
 
-/// Where this process shows how it goes: as a job of a daemon on a socket in the job's folder, else nowhere.
+/// The live view of this process: for a job of a daemon on a socket in the job's folder, else none.
 pub fn showing() -> Showing {
-    let job = std::env::var(JOB).ok().and_then(|job| job.parse().ok());
-    match job.zip(std::env::var_os(SHOW)) {
+    let job = std::env::var(JOB_VARIABLE).ok().and_then(|job| job.parse().ok());
+    match job.zip(std::env::var_os(LIVE_VARIABLE)) {
         Some((job, path)) => Showing::open(Path::new(&path), job),
         None => Showing::default(),
     }
@@ -107,7 +107,7 @@ pub fn showing() -> Showing {
 
 /// Whether this process does a job for a daemon.
 pub fn is_job() -> bool {
-    std::env::var_os(JOB).is_some()
+    std::env::var_os(JOB_VARIABLE).is_some()
 }
 
 /// The daemon that holds the runs folder; none where this process does a job for it.
@@ -115,7 +115,7 @@ pub fn daemon(runs_dir: &Path) -> Option<u32> {
     Claim::holder(&lock(runs_dir)).filter(|_| !is_job())
 }
 
-/// Adds `job` to the queue in `runs_dir` and shows how it goes, until it has ended. A signal cancels it: the daemon stops what
+/// Adds `job` to the queue in `runs_dir` and shows its log until it has ended. A signal cancels it: the daemon stops what
 /// moves, and the second signal ends the watching.
 ///
 /// # Errors
@@ -129,7 +129,7 @@ pub async fn hand_in(
     let mut store = Store::open(runs_dir).map_err(Failure::input)?;
     let id = store.add(job)?;
     let holder = daemon(runs_dir).map_or_else(String::new, |pid| format!(" (process {pid})"));
-    watcher.tell(&format!("rig: the daemon{holder} holds the rig and does this as job {id}"));
+    watcher.alert(&format!("rig: the daemon{holder} holds the rig and does this as job {id}"));
     let mut log = Log { path: folder(runs_dir, id).join(file::LOG), read: 0 };
     let mut cancelled = false;
     loop {
@@ -140,18 +140,18 @@ pub async fn hand_in(
             return ended(job);
         }
         if interrupt.is_raised() && !cancelled {
-            // whoever moves hears of it first, whatever the database has to wait for
+            // the job's process is signalled first, without waiting for the database
             if let Some(process) = job.pid.and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?)) {
                 let _ = kill_process(process, Signal::TERM);
             }
             match store.cancel(id, "cancelled where it was handed in") {
                 Ok(_) | Err(StoreError::Over { .. }) => cancelled = true,
-                Err(error) => watcher.tell(&format!("rig: {}; trying again", with_causes(&error))),
+                Err(error) => watcher.alert(&format!("rig: {}; trying again", with_causes(&error))),
             }
         }
         tokio::select! {
             () = interrupt.raised(), if !cancelled => {}
-            () = tokio::time::sleep(LOOK_EVERY) => {}
+            () = tokio::time::sleep(JOB_POLL_INTERVAL) => {}
         }
     }
 }
@@ -176,9 +176,9 @@ struct Log {
 }
 
 impl Log {
-    /// Tells the lines that are new.
+    /// Shows the new lines.
     fn show(&mut self, watcher: &mut dyn Watcher) {
-        // no log yet, or none at all: the job's end is told all the same
+        // without a log the job's end is still reported
         let Ok(mut log) = below::at(&self.path) else { return };
         let mut text = Vec::new();
         if log.seek(SeekFrom::Start(self.read)).and_then(|_| log.read_to_end(&mut text)).is_err() {
@@ -187,7 +187,7 @@ impl Log {
         let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
         self.read += whole as u64;
         for line in String::from_utf8_lossy(&text[..whole]).lines() {
-            watcher.tell(line);
+            watcher.alert(line);
         }
     }
 }

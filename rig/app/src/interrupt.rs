@@ -10,7 +10,7 @@ use tokio::sync::watch;
 use super::Failure;
 use super::failure::INTERRUPTED;
 
-/// Carries out `work`, which hears of signals meanwhile.
+/// Carries out `work`, which is told of signals by its argument.
 ///
 /// # Errors
 /// What `work` gives; [`Failure::Internal`] when the system lets nobody listen.
@@ -23,7 +23,7 @@ pub fn interruptible<T>(work: impl AsyncFnOnce(&Interrupt) -> Result<T, Failure>
 #[derive(Debug, Clone)]
 pub struct Interrupt {
     flag: Arc<AtomicBool>,
-    told: watch::Receiver<bool>,
+    receiver: watch::Receiver<bool>,
 }
 
 impl Interrupt {
@@ -35,7 +35,7 @@ impl Interrupt {
         let mut int = signal(SignalKind::interrupt())?;
         let mut term = signal(SignalKind::terminate())?;
         let flag = Arc::new(AtomicBool::new(false));
-        let (tell, told) = watch::channel(false);
+        let (sender, receiver) = watch::channel(false);
         let raised = Arc::clone(&flag);
         tokio::spawn(async move {
             loop {
@@ -47,10 +47,10 @@ impl Interrupt {
                     // The board's dead-man stops what still moves.
                     std::process::exit(INTERRUPTED.into());
                 }
-                let _ = tell.send(true);
+                let _ = sender.send(true);
             }
         });
-        Ok(Self { flag, told })
+        Ok(Self { flag, receiver })
     }
 
     /// Becomes true with the first signal.
@@ -60,13 +60,13 @@ impl Interrupt {
 
     /// Resolves with the first signal.
     pub async fn raised(&self) {
-        let mut told = self.told.clone();
-        if told.wait_for(|&raised| raised).await.is_err() {
+        let mut receiver = self.receiver.clone();
+        if receiver.wait_for(|&raised| raised).await.is_err() {
             std::future::pending::<()>().await;
         }
     }
 
-    /// A signal has come.
+    /// Whether a signal has come.
     pub fn is_raised(&self) -> bool {
         self.flag.load(Ordering::Relaxed)
     }

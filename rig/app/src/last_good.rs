@@ -25,7 +25,7 @@ pub struct LastGood {
 /// What became of the last good fit, in the folder of the run that came: [`Recalibrated`].
 pub const VERDICT: &str = "recalibration.json";
 
-/// What a run meant for what was known.
+/// The effect of a run on the last good fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Recalibrated {
     /// What became of the last good fit.
@@ -36,7 +36,7 @@ pub struct Recalibrated {
     pub moved: Vec<Moved>,
 }
 
-/// What became of the last good fit when a run came.
+/// Whether a run has updated the last good fit, and why not.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
     /// Whether the run's fit is the last good one now.
@@ -55,7 +55,7 @@ pub struct Verdict {
 }
 
 impl Recalibrated {
-    /// What somebody should know of it: the kind of alert, and the words; nothing where all is as it was.
+    /// The alert that it raises: kind and text; none where nothing has changed.
     pub fn alert(&self) -> Option<(&'static str, String)> {
         let Verdict { updated, why, degraded, drift, .. } = &self.verdict;
         if *degraded {
@@ -64,10 +64,10 @@ impl Recalibrated {
         if !updated {
             return Some(("recalibration-kept", format!("the last good fit stays: {}", why.join("; "))));
         }
-        let at_once = drift.iter().flat_map(|drift| &drift.parameters);
-        let at_once = at_once.map(|name| format!("{name} has changed beyond three standard deviations"));
-        let said: Vec<String> = at_once.chain(self.moved.iter().map(Moved::to_string)).collect();
-        (!said.is_empty()).then(|| ("drift", said.join("; ")))
+        let abrupt = drift.iter().flat_map(|drift| &drift.parameters);
+        let abrupt = abrupt.map(|name| format!("{name} has changed beyond three standard deviations"));
+        let changes: Vec<String> = abrupt.chain(self.moved.iter().map(Moved::to_string)).collect();
+        (!changes.is_empty()).then(|| ("drift", changes.join("; ")))
     }
 }
 

@@ -1,4 +1,4 @@
-//! A camera's latency, from the sync LED in a film: one that is made now, or that of a recorded run.
+//! A camera's latency, from the sync LED in a film that is made now or was recorded in a run.
 
 use std::fmt;
 use std::path::Path;
@@ -17,10 +17,10 @@ use record::reader::{Item, Recording};
 use run::open;
 use servo::{ServoBoard, ServoConfig, ServoEvent};
 
-/// More than this is not kept of a film \[bytes\]: what comes after it is left out.
-const MOST_BYTES: usize = 256 << 20;
+/// Memory for a film at most \[bytes\]; later images are left out. Chosen.
+const FILM_LIMIT_BYTES: usize = 256 << 20;
 
-/// What was filmed, and with which settings.
+/// A film of the sync LED, the board's pings, and the settings of the camera.
 pub struct Filmed {
     film: Film,
     pings: Vec<Ping>,
@@ -28,13 +28,13 @@ pub struct Filmed {
     camera: CameraConfig,
 }
 
-/// What the sync LED says of a camera as it is set up.
+/// The latency of a camera as measured by the sync LED.
 pub struct Measured {
-    /// What the film says beyond what the config takes back already.
+    /// Latency in addition to the one that the config states already.
     pub beyond: Latency,
     /// What `[camera] latency_s` should be \[s\].
     pub latency_s: f64,
-    /// What it was \[s\].
+    /// What it is in the config \[s\].
     pub configured_s: f64,
     /// Standard deviation of the board's clock \[s\]; an error of it is in the servo's times too, and cancels.
     pub clock_sigma_s: f64,
@@ -82,13 +82,13 @@ impl Filmed {
         camera.start().map_err(Failure::hardware)?;
         let until = MonotonicNs::now().plus_seconds(film_s);
         watcher.begin("images", Some((film_s * camera.info().fps) as u64));
-        while MonotonicNs::now() < until && self.film.bytes() < MOST_BYTES {
+        while MonotonicNs::now() < until && self.film.bytes() < FILM_LIMIT_BYTES {
             match camera.next_image(stall) {
                 Ok(image) => self.image(&image)?,
                 Err(CameraError::End) => break,
                 Err(error) => return Err(Failure::hardware(error)),
             }
-            board.poll().map_err(Failure::hardware)?.iter().for_each(|event| self.told(event));
+            board.poll().map_err(Failure::hardware)?.iter().for_each(|event| self.servo_event(event));
             watcher.step(self.film.images() as u64);
         }
         Ok(())
@@ -105,11 +105,11 @@ impl Filmed {
         watcher.begin("images", None);
         for item in recording.by_ref() {
             match item.map_err(Failure::input)?.1 {
-                Item::Image(image) if filmed.film.bytes() < MOST_BYTES => {
+                Item::Image(image) if filmed.film.bytes() < FILM_LIMIT_BYTES => {
                     filmed.image(&image)?;
                     watcher.step(filmed.film.images() as u64);
                 }
-                Item::Servo(event) => filmed.told(&event),
+                Item::Servo(event) => filmed.servo_event(&event),
                 Item::Image(_) | Item::Command(_) | Item::Gap => {}
             }
         }
@@ -126,7 +126,7 @@ impl Filmed {
         }
     }
 
-    fn told(&mut self, event: &ServoEvent) {
+    fn servo_event(&mut self, event: &ServoEvent) {
         self.pings.extend(event.ping());
     }
 
@@ -155,10 +155,10 @@ impl Filmed {
     }
 }
 
-/// What the driven link of a run says of a camera.
+/// The latency of a camera as measured by the driven link of a run.
 pub struct MeasuredByLink {
     following: Following,
-    /// Whether the servo's own angle was followed, not its command.
+    /// Whether the link was compared with the servo's measured angle, not with its command.
     measured: bool,
     /// What `[camera] latency_s` should be \[s\].
     pub latency_s: f64,
@@ -176,7 +176,7 @@ const PULSE_PERIOD_S: f64 = 0.02;
 pub fn by_link(run: &RunFolder) -> Result<MeasuredByLink, Failure> {
     let config = RigConfig::parse(&run.start().config, &run.file(file::START)).map_err(Failure::input)?;
     let trajectory = read_trajectory(&run.file(file::TRAJECTORY)).map_err(Failure::input)?;
-    let (command, told) = read_servo(&run.file(file::SERVO)).map_err(Failure::input)?;
+    let (command, measured) = read_servo(&run.file(file::SERVO)).map_err(Failure::input)?;
     let lacks = |what: &str| Failure::Data(anyhow!("run {}: {what}", run.path().display()));
     let place = |name: &str| trajectory.keypoints.iter().position(|keypoint| keypoint == name);
     let (Some(base), Some(end)) = (place("P0"), place("P1")) else {
@@ -193,21 +193,21 @@ pub fn by_link(run: &RunFolder) -> Result<MeasuredByLink, Failure> {
             angle_rad.push(angle + turns * std::f64::consts::TAU);
         }
     }
-    let own = told.iter().find(|angles| angles.time_s.len() > 10);
+    let measured = measured.iter().find(|angles| angles.time_s.len() > 10);
     let column: Vec<f64> = command.angle_rad.chunks(command.actuators.len()).map(|row| row[0]).collect();
-    let followed = match own {
-        Some(own) => Followed { time_s: &own.time_s, angle_rad: &own.angle_rad },
+    let followed = match measured {
+        Some(measured) => Followed { time_s: &measured.time_s, angle_rad: &measured.angle_rad },
         None => Followed { time_s: &command.time_s, angle_rad: &column },
     };
-    let following = following(followed, &time_s, &angle_rad, own.is_none())
+    let following = following(followed, &time_s, &angle_rad, measured.is_none())
         .ok_or_else(|| lacks("neither servo nor link move enough to compare them"))?;
-    // What a servo waits before it moves is uniform over its period.
-    let (wait_s, wait_std_s) = match own {
+    // the delay of a servo until its next pulse is uniform over the pulse period
+    let (wait_s, wait_std_s) = match measured {
         Some(_) => (0.0, 0.0),
         None => (PULSE_PERIOD_S / 2.0, PULSE_PERIOD_S / 12_f64.sqrt()),
     };
     Ok(MeasuredByLink {
-        measured: own.is_some(),
+        measured: measured.is_some(),
         latency_s: config.camera.latency_s.get() + following.delay_s - wait_s,
         std_s: following.std_s.hypot(wait_std_s).hypot(following.two_ways_s / 2.0),
         following,

@@ -42,15 +42,15 @@ use sim::Model;
 use analysis::Progress;
 use ground::urgency::Urgency;
 
-/// Whoever looks on.
+/// Receives messages about what the program does; the command line shows them.
 pub trait Watcher: Progress + Send {
-    /// What is being done now.
-    fn say(&mut self, text: String);
-    /// Something that happened, for who looks on.
-    fn note(&mut self, text: &str);
-    /// Something that somebody must act on or know.
-    fn tell(&mut self, text: &str);
-    /// What was being done has ended.
+    /// Shows what is being done now, in place of the last status.
+    fn status(&mut self, text: String);
+    /// Something happened: shown on a terminal and in the log of a job.
+    fn event(&mut self, text: &str);
+    /// Somebody must know of this or act on it: shown wherever the output goes.
+    fn alert(&mut self, text: &str);
+    /// Removes the status.
     fn clear(&mut self);
 }
 

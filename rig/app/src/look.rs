@@ -1,4 +1,4 @@
-//! What was found in images, to be looked at: pictures or a film of all of them, and a sheet of those that were refused.
+//! Overlays of the extraction on the images: pictures or a film of all of them, and a contact sheet of the refused ones.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
@@ -22,10 +22,10 @@ use vision::contact_sheet::{MOST_SHOWN, contact_sheet};
 use vision::refused::refused;
 use vision::{Extraction, ImageRecord, overlay};
 
-/// Endings of films that are not written: whoever gives one wants no folder of that name.
+/// Endings of film formats that are not supported: such a name is refused, not made a folder.
 const OTHER_FILMS: [&str; 8] = ["avi", "gif", "m4v", "mov", "mpeg", "mpg", "ogv", "wmv"];
 /// Enlargement of overlays as pictures.
-const ZOOM: u32 = 4;
+const OVERLAY_SCALE: u32 = 4;
 
 /// Overlays being made.
 pub enum Overlays {
@@ -80,7 +80,7 @@ fn pictures(folder: &OutputFolder, images: &[TimedImage], found: &[ImageRecord])
     for (image, record) in images.iter().zip(found) {
         if let Ok(grey) = &image.grey {
             let name = Path::new(&image.name).with_extension("png");
-            let picture = encoded(overlay::overlay(grey, record, ZOOM).into(), ImageFormat::Png)?;
+            let picture = encoded(overlay::overlay(grey, record, OVERLAY_SCALE).into(), ImageFormat::Png)?;
             folder.write(&name.to_string_lossy(), &picture)?;
         }
     }
@@ -100,7 +100,7 @@ pub struct Filming {
 }
 
 enum State {
-    /// Nothing says yet how large and how fast the images are.
+    /// Size and rate of the images are not known yet.
     Planned(Option<Film>),
     Rolling(Captioned, FilmWriter),
 }
@@ -151,15 +151,15 @@ impl Filming {
         plane: &Plane,
         figures: Option<&RunFigures>,
     ) -> Result<(), Failure> {
-        /// Images looked at at once.
-        const AT_ONCE: usize = 32;
+        /// Images in memory at a time. Chosen.
+        const IMAGES_AT_ONCE: usize = 32;
         let records = stored::found(out, plane).map_err(Failure::input)?;
         let source = RecordedImages::of_run(run);
         let mut images = source.images().map_err(Failure::input)?;
         let mut left = &records[..];
         while !left.is_empty() {
             let portion: Vec<TimedImage> =
-                images.by_ref().take(AT_ONCE).collect::<Result<_, _>>().map_err(Failure::input)?;
+                images.by_ref().take(IMAGES_AT_ONCE).collect::<Result<_, _>>().map_err(Failure::input)?;
             if portion.is_empty() {
                 break;
             }
@@ -193,10 +193,10 @@ fn simulated_px(figures: &RunFigures, plane: &Plane, time_s: f64) -> Option<Vec<
 
 /// Images a second, by the usual time between two.
 fn rate(images: &[TimedImage]) -> f64 {
-    /// What nobody films faster \[1/s\].
-    const FASTEST: f64 = 10_000.0;
+    /// Image rate above which an interval counts as an error \[1/s\]. Chosen.
+    const IMAGE_RATE_MAX_HZ: f64 = 10_000.0;
     let mut steps: Vec<f64> = images.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).collect();
-    steps.retain(|step| *step > 1.0 / FASTEST);
+    steps.retain(|step| *step > 1.0 / IMAGE_RATE_MAX_HZ);
     steps.sort_by(f64::total_cmp);
     steps.get(steps.len() / 2).map_or(1.0, |step| 1.0 / step)
 }

@@ -1,5 +1,5 @@
-//! Runs that ended without a word, by a kill or a power cut, made whole: the recording gets its end, the tables are made from it,
-//! and `stop.json` says what became of the run.
+//! Recovery of runs that a kill or a power cut has ended: the recording is closed properly, the tables are made from it, and
+//! `stop.json` is written.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use ident::table::{read_servo, servo_text};
 
 use super::Failure;
 use analysis::AnalysisError;
-use analysis::timeline::{Chronicle, Timeline, USABLE};
+use analysis::timeline::{Timeline, TimelineBuilder, USABLE};
 use config::RigConfig;
 use ground::claim::Claim;
 use ground::clock::MonotonicNs;
@@ -57,7 +57,7 @@ pub fn all(runs_dir: &Path, claim: &Claim, mut say: impl FnMut(&RunId, &str)) {
     }
 }
 
-/// The same, and what was said of each; of none where somebody films.
+/// Recovers all runs in `runs_dir`, and returns what became of each; none while somebody films into it.
 pub fn unfinished_in(runs_dir: &Path) -> Vec<(RunId, String)> {
     let mut said = Vec::new();
     if let Ok(claim) = claim(runs_dir) {
@@ -68,7 +68,7 @@ pub fn unfinished_in(runs_dir: &Path) -> Vec<(RunId, String)> {
 
 /// The runs without a `stop.json` that can be read, by their ids.
 fn unfinished(runs_dir: &Path) -> Vec<RunId> {
-    // what cannot be read now is told by whoever has to write there
+    // an unreadable folder is reported by the code that writes to it
     let entries = std::fs::read_dir(runs_dir).into_iter().flatten().flatten();
     let ids = entries.filter_map(|entry| RunId::try_from(entry.file_name().into_string().ok()?).ok());
     let is_unfinished = |id: &RunId| read_json::<Stop>(&runs_dir.join(id.as_str()).join(file::STOP)).is_err();
@@ -105,7 +105,7 @@ fn damaged(run: &mut RunFolder, stop: Stop) -> Result<Option<String>, RecordErro
     if repaired.was_whole && written.is_none() {
         return Ok(None);
     }
-    let images = Heard::of(run).rows.len() as u64;
+    let images = RecordedRun::of(run).rows.len() as u64;
     let said = format!(
         "had a damaged recording; {images} of its {} images can be read{}",
         stop.images,
@@ -122,12 +122,12 @@ fn unended(run: &mut RunFolder) -> Result<String, RecordError> {
         true => repair(&recording, run.start().camera.as_ref())?,
         false => Repaired::default(),
     };
-    let heard = Heard::of(run);
-    let mut made = heard.write_tables(run)?;
+    let recorded = RecordedRun::of(run);
+    let mut made = recorded.write_tables(run)?;
     if !repaired.was_whole {
         made.push(file::RECORDING);
     }
-    let stop = heard.stop(run, repaired);
+    let stop = recorded.stop(run, repaired);
     let mut said = match run.unreadable_stop() {
         Some(_) => format!("had a {} that cannot be read", file::STOP),
         None => "ended without a word".into(),
@@ -146,7 +146,7 @@ fn unended(run: &mut RunFolder) -> Result<String, RecordError> {
     Ok(said)
 }
 
-/// Keeps a `stop.json` that cannot be read under another name, and gives that.
+/// Renames a `stop.json` that cannot be read, and returns the new name.
 fn put_aside(run: &RunFolder) -> Result<String, RecordError> {
     let stamp = jiff::Timestamp::now().strftime("%Y%m%dT%H%M%S%6fZ");
     let (path, name) = (run.file(file::STOP), format!("{}-damaged-{stamp}", file::STOP));
@@ -165,44 +165,44 @@ fn recovered(repaired: Repaired) -> Recovered {
     Recovered { at_utc: jiff::Timestamp::now().to_string(), unreadable_bytes: repaired.unreadable_bytes }
 }
 
-/// All that a run has left of itself.
-struct Heard {
+/// All that is readable of a run's recording and journal.
+struct RecordedRun {
     rows: Vec<FrameRow>,
     /// Images that the camera counted where the recording cannot be read.
     images_unread: u64,
     images_repeated: u64,
     timeline: Result<Timeline, String>,
     servo: Option<StopOutcome>,
-    /// When anything was heard last.
+    /// Time of the last item of recording and journal.
     last: MonotonicNs,
-    /// What the journal says of the end, where it was written.
+    /// How the run ended, as the journal says, where that was written.
     ended: Option<Ending>,
 }
 
-impl Heard {
+impl RecordedRun {
     fn of(run: &RunFolder) -> Self {
-        let mut chronicle = Chronicle::new(run.origin());
+        let mut builder = TimelineBuilder::new(run.origin());
         let (mut servo, mut last, mut before, mut images_repeated) = (None, run.origin(), None, 0);
         let path = run.file(file::RECORDING);
         let mut images_unread = 0;
-        // one of which not even the beginning is left gives nothing
+        // a recording without a readable beginning has no items
         if let Ok(mut recording) = Recording::open(&path) {
             for (at, item) in recording.by_ref().map_while(Result::ok) {
                 last = last.max(at);
                 match item {
                     Item::Image(image) => {
-                        chronicle.image(&image);
+                        builder.image(&image);
                         images_repeated += u64::from(before.as_ref() == Some(&image.data));
                         before = Some(image.data);
                     }
-                    Item::Servo(event) => chronicle.servo(&event),
+                    Item::Servo(event) => builder.servo(&event),
                     Item::Command(command) => {
                         if let ServoCommand::Stop { outcome } = &command {
                             servo = Some(*outcome);
                         }
-                        chronicle.command(&command);
+                        builder.command(&command);
                     }
-                    Item::Gap => chronicle.gap(),
+                    Item::Gap => builder.gap(),
                 }
             }
             images_unread = recording.unread().images;
@@ -214,11 +214,11 @@ impl Heard {
         }
         let ended = journal.iter().rev().find(|entry| entry.event == "stopped");
         let ended = ended.and_then(|entry| serde_json::from_value(entry.details.get("ending")?.clone()).ok());
-        let rows = chronicle.rows();
+        let rows = builder.rows();
         let config = RigConfig::parse(&run.start().config, &run.file(file::START));
-        let timeline = config.map_err(|error| with_causes(&error)).and_then(|config| {
-            chronicle.timeline(&config).map_err(|error: AnalysisError| with_causes(&error))
-        });
+        let timeline = config
+            .map_err(|error| with_causes(&error))
+            .and_then(|config| builder.timeline(&config).map_err(|error: AnalysisError| with_causes(&error)));
         Self { rows, images_unread, images_repeated, timeline, servo, last, ended }
     }
 
@@ -253,15 +253,15 @@ impl Heard {
             Some(Ending::Fail(reason)) => (Status::Fail, Some(reason.clone())),
             _ => (Status::Fail, Some("ended without a word: killed, or the power was cut".to_owned())),
         };
-        // a table that was there before the recording was damaged has more of them
-        let told = frames::read(&run.file(file::FRAMES)).map_or(0, |rows| rows.len() as u64);
+        // `frames.csv` may have been written before the recording was damaged, and have more rows
+        let table_rows = frames::read(&run.file(file::FRAMES)).map_or(0, |rows| rows.len() as u64);
         let left = if start.board.is_some() { StopOutcome::LeftToDeadMan } else { StopOutcome::NotNeeded };
         Stop {
             status,
             reason,
             clock: ClockPair { monotonic_ns: self.last, utc: later(start, self.last) },
             servo: self.servo.unwrap_or(left),
-            images: (self.rows.len() as u64 + self.images_unread).max(told),
+            images: (self.rows.len() as u64 + self.images_unread).max(table_rows),
             images_lost: count(&|row| row.lost_before.into()),
             images_damaged: count(&|row| row.damaged.into()),
             images_repeated: self.images_repeated,

@@ -74,7 +74,7 @@ impl<'a> Given<'a> {
 pub(super) fn write_fit(fitted: &Fitted, source: &str, folder: &OutputFolder) -> Result<(), Failure> {
     let fit = &fitted.fit;
     let json = fit.to_json().map_err(Failure::internal)?;
-    let left_open: Vec<&str> =
+    let undetermined: Vec<&str> =
         fit.parameters.iter().filter(|p| !p.determined).map(|p| p.name.as_str()).collect();
     let mut comment = format!(
         "Calibrated by rig {} on {source}: method {}, seed {}, loss {:.4} mm2.",
@@ -83,8 +83,8 @@ pub(super) fn write_fit(fitted: &Fitted, source: &str, folder: &OutputFolder) ->
         fit.seed,
         fit.loss_m2 * 1e6
     );
-    if !left_open.is_empty() {
-        comment.push_str(&format!(" Left open by the data: {}.", left_open.join(", ")));
+    if !undetermined.is_empty() {
+        comment.push_str(&format!(" Left open by the data: {}.", undetermined.join(", ")));
     }
     folder.write(file::MODEL, fitted.to_mjcf(&comment).as_bytes()).map_err(Failure::internal)?;
     folder.write(file::FIT, json.as_bytes()).map_err(Failure::internal)

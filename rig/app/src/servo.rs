@@ -16,13 +16,13 @@ use servo::calibration::ServoCalibration;
 use servo::profile::ProfileConfig;
 use servo::{ServoChannel, Unit};
 
-/// What the film of a servo says.
+/// The calibration of a servo from its film.
 pub struct Found {
-    /// All of it, without what the model's own actuator does already.
+    /// The calibration without the dynamics that the model's own actuator has already.
     pub calibrated: Calibrated,
-    /// How the link was seen to follow, through both.
-    pub seen: Dynamics,
-    /// What a file says of it.
+    /// Dynamics of the link as observed, with those of the model's actuator.
+    pub observed: Dynamics,
+    /// The calibration as written to a file.
     pub calibration: ServoCalibration,
 }
 
@@ -75,32 +75,34 @@ impl Found {
         let trajectory = read_trajectory(&run.file(file::TRAJECTORY)).map_err(Failure::input)?;
         let command = read_command(&run.file(file::SERVO)).map_err(Failure::input)?;
         let mirrored = config.profile.as_ref().is_some_and(ProfileConfig::is_mirrored);
-        let told = told(&command, actuator, channel, mirrored).ok_or_else(|| {
+        let commanded_pulses = commanded_pulses(&command, actuator, channel, mirrored).ok_or_else(|| {
             Failure::Input(anyhow!("{} has no column {actuator}_rad", run.file(file::SERVO).display()))
         })?;
         let model = read_model(&run.file(model))?;
         let axes = View::of(&trajectory).seen_axes().map(|(axis, _)| axis);
         let link = DrivenLink::of(&model, actuator, axes).map_err(Failure::input)?;
-        let film = |seen: &Trajectory| {
-            let (time_s, angle_rad) = link.angles(seen)?;
-            Ok(Film { told: told.clone(), time_s, angle_rad })
+        let film = |trajectory: &Trajectory| {
+            let (time_s, angle_rad) = link.angles(trajectory)?;
+            Ok(Film { command: commanded_pulses.clone(), time_s, angle_rad })
         };
         let calibrated = film(&trajectory).and_then(|film| calibrate(&film)).map_err(Failure::data)?;
-        let simulated =
-            (!prescribed).then(|| simulated(&model, actuator, &calibrated, &told, &trajectory.time_s));
-        // of a model that does not follow there is nothing to take off
-        let own = simulated.flatten().and_then(|seen| calibrate_simulated(&film(&seen).ok()?).ok());
+        let simulated = (!prescribed)
+            .then(|| simulated(&model, actuator, &calibrated, &commanded_pulses, &trajectory.time_s));
+        // a model whose actuator does not move has no dynamics to subtract
+        let of_model =
+            simulated.flatten().and_then(|trajectory| calibrate_simulated(&film(&trajectory).ok()?).ok());
         let origin = Origin { date: clock.utc.clone(), channel: channel.name.clone(), run: id.to_string() };
-        let seen = calibrated.dynamics.clone();
-        let calibrated = own.map_or_else(|| calibrated.clone(), |own| calibrated.without(&own));
+        let observed = calibrated.dynamics.clone();
+        let calibrated =
+            of_model.map_or_else(|| calibrated.clone(), |of_model| calibrated.without(&of_model));
         let calibration = report::file(&calibrated, &origin)
             .ok_or_else(|| Failure::Data(anyhow!("run {}: a figure is no number", run.path().display())))?;
-        Ok(Self { calibrated, seen, calibration })
+        Ok(Self { calibrated, observed, calibration })
     }
 }
 
-/// Times \[s\] and pulses \[µs\] that `channel` was told, where `command` has its `actuator`.
-fn told(
+/// Times \[s\] and pulses \[µs\] commanded to `channel`, where `command` has its `actuator`.
+fn commanded_pulses(
     command: &Command,
     actuator: &str,
     channel: &ServoChannel,
@@ -110,7 +112,7 @@ fn told(
     let width = command.actuators.len();
     let angles = command.angle_rad.iter().skip(column).step_by(width);
     let pulse_us = |angle: &f64| {
-        let pulse_us = channel.told(*angle, mirrored);
+        let pulse_us = channel.setpoint(*angle, mirrored);
         // whole, but for what the way to an angle and back has left of it
         let whole = pulse_us.round();
         if (pulse_us - whole).abs() < 1e-6 { whole } else { pulse_us }
@@ -118,16 +120,18 @@ fn told(
     Some(command.time_s.iter().copied().zip(angles.map(pulse_us)).collect())
 }
 
-/// What the model's own actuator makes of what the servo was told, by the table that was found; none where it cannot be simulated.
+/// The trajectory of the model with its own actuator under these pulses, converted by the calibrated table; none where the simulation fails.
 fn simulated(
     model: &Model,
     actuator: &str,
     calibrated: &Calibrated,
-    told: &[(f64, f64)],
+    commanded_pulses: &[(f64, f64)],
     time_s: &[f64],
 ) -> Option<Trajectory> {
-    let (rows_s, angle_rad) =
-        told.iter().map(|&(time_s, pulse_us)| (time_s, calibrated.levels.angle_rad(pulse_us))).unzip();
+    let (rows_s, angle_rad) = commanded_pulses
+        .iter()
+        .map(|&(time_s, pulse_us)| (time_s, calibrated.levels.angle_rad(pulse_us)))
+        .unzip();
     let command = Command { actuators: vec![actuator.to_owned()], time_s: rows_s, angle_rad };
     let rollout = sim::rollout(model, &model.rest_state(), &command, time_s, &RolloutOptions::default());
     rollout.ok().map(|rollout| rollout.trajectory())

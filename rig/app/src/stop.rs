@@ -16,10 +16,10 @@ use run::open;
 use servo::motion::{Motion, Reporter, standing};
 use servo::{ServoConfig, ServoError, StopOutcome, bus, serial};
 
-/// Whoever drives the servo has stopped it within 0.1 s, and lets go of the port soon after.
-const PATIENCE: Duration = Duration::from_secs(5);
-/// It is looked at so often whether nobody has the port any more.
-const LOOK_EVERY: Duration = Duration::from_millis(10);
+/// Time for the process that drives the servo to stop it (about 0.1 s) and to release the port. Chosen.
+const STOP_TIMEOUT: Duration = Duration::from_secs(5);
+/// Interval at which the port's lock is checked. Chosen.
+const STOP_POLL_INTERVAL: Duration = Duration::from_millis(10);
 
 /// Holds the rig with the board `servo`, sees that its servos are stopped, and says how. The rig is held whatever is said then.
 ///
@@ -27,46 +27,46 @@ const LOOK_EVERY: Duration = Duration::from_millis(10);
 /// [`Failure::Hardware`] when no stop was confirmed.
 pub fn stop(servo: Option<&ServoConfig>, runs_dir: Option<&Path>, hold: &Hold) -> Result<String, Failure> {
     let latch = Latch::of(runs_dir, servo.and_then(ServoConfig::outside_port));
-    // whoever moves the rig sees it within some milliseconds, whoever would is kept from it
+    // a process that moves the rig sees the hold within milliseconds; no other one begins
     let held = latch.hold(hold);
     let stopped = match servo.and_then(|servo| Some((servo.outside_port()?, servo))) {
         Some((port, servo)) => stop_port(port, servo),
         None => wait_for_rest(runs_dir),
     };
-    let said = stopped.map_err(Failure::Hardware)?;
+    let outcome = stopped.map_err(Failure::Hardware)?;
     held.map_err(Failure::hardware)?;
-    Ok(format!("{said}; the rig is held until `rig release CONFIG --by NAME`"))
+    Ok(format!("{outcome}; the rig is held until `rig release CONFIG --by NAME`"))
 }
 
 fn stop_port(port: &str, servo: &ServoConfig) -> anyhow::Result<String> {
-    let deadline = Instant::now() + PATIENCE;
-    let mut told = None;
+    let deadline = Instant::now() + STOP_TIMEOUT;
+    let mut signalled = None;
     while let Some(holder) = Claim::holder(&port_lock(port)) {
         if Instant::now() > deadline {
             return Err(anyhow!(
                 "process {holder} was told to stop and still holds {port}; cut the board's power if anything moves"
             ));
         }
-        if told != Some(holder) {
-            told = Some(holder);
-            tell(holder, port);
+        if signalled != Some(holder) {
+            signalled = Some(holder);
+            ask_to_end(holder, port);
         }
-        std::thread::sleep(LOOK_EVERY);
+        std::thread::sleep(STOP_POLL_INTERVAL);
     }
     let outcome = if servo.is_bus() {
         bus::emergency_stop(port, servo)
     } else {
         serial::emergency_stop(port, servo.baud)
     };
-    let outcome = match (outcome, told) {
-        // another user's, who may have the port and is told what is on it
+    let outcome = match (outcome, signalled) {
+        // the process of another user had the port, and has stopped the servos itself
         (Err(ServoError::Open { .. }), Some(holder)) => {
             return Ok(format!("process {holder} saw the hold, stopped what it moved and let go of {port}"));
         }
         (outcome, _) => outcome?,
     };
     match outcome {
-        StopOutcome::Acknowledged => Ok(match told {
+        StopOutcome::Acknowledged => Ok(match signalled {
             Some(holder) => format!("process {holder} let go of {port}, and all there is stopped"),
             None => format!("all on {port} is stopped"),
         }),
@@ -77,8 +77,8 @@ fn stop_port(port: &str, servo: &ServoConfig) -> anyhow::Result<String> {
 }
 
 /// Asks the process that has the port to end, too: one of another user's sees the hold, and ends by that.
-fn tell(holder: u32, port: &str) {
-    // what stands in a lock file that everybody may write to is hearsay
+fn ask_to_end(holder: u32, port: &str) {
+    // everybody may write to the lock file, so check that this process really has it open
     if has_open(holder, &port_lock(port)) == Some(false) {
         return;
     }
@@ -94,18 +94,18 @@ fn wait_for_rest(runs_dir: Option<&Path>) -> anyhow::Result<String> {
             "no board on a serial port, and no folder of runs is named: nothing to stop from outside; say --runs-dir"
         ));
     };
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + STOP_TIMEOUT;
     while standing(runs_dir).motion != Motion::AtRest && Claim::holder(&recover::lock(runs_dir)).is_some() {
         if Instant::now() > deadline {
             return Err(anyhow!("{} still says that something moves", runs_dir.display()));
         }
-        std::thread::sleep(LOOK_EVERY);
+        std::thread::sleep(STOP_POLL_INTERVAL);
     }
     Ok("nothing moves".into())
 }
 
-/// Sees to the servos of `config` where nobody knows what they do, because whoever moved them was killed: waits until their board says
-/// that it has stopped, and writes that they are at rest. What does not answer stays unknown.
+/// Resolves an unknown state of the servos of `config` after the process that moved them was killed: waits until their board reports that
+/// it has stopped, and records that they are at rest. Without an answer the state stays unknown.
 pub fn settle(config: &RigConfig, runs_dir: &Path) {
     if standing(runs_dir).motion == Motion::AtRest {
         return;
@@ -119,7 +119,7 @@ pub fn settle(config: &RigConfig, runs_dir: &Path) {
         }
     };
     if at_rest {
-        Reporter::of(Some(runs_dir)).tell(Motion::AtRest, MonotonicNs::now(), None);
+        Reporter::of(Some(runs_dir)).report(Motion::AtRest, MonotonicNs::now(), None);
     }
 }
 
@@ -128,11 +128,11 @@ fn is_at_rest(port: &str, servo: &ServoConfig) -> bool {
         return matches!(bus::emergency_stop(port, servo), Ok(StopOutcome::Acknowledged));
     }
     // the dead-man takes its time
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + STOP_TIMEOUT;
     while Instant::now() < deadline {
         match serial::query_status(port, servo.baud) {
             Ok(Status { state: State::Idle | State::Faulted, .. }) => return true,
-            Ok(_) => std::thread::sleep(LOOK_EVERY),
+            Ok(_) => std::thread::sleep(STOP_POLL_INTERVAL),
             Err(_) => return false,
         }
     }

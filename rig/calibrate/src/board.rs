@@ -28,18 +28,18 @@ pub enum Board {
     },
 }
 
-/// Fewest inner corners along a side: fewer tell a lens from a tilt no more.
-const LEAST_CORNERS: usize = 3;
-/// Most inner corners along a side.
-const MOST_CORNERS: usize = 200;
-/// Fewest tags along a side.
-const LEAST_TAGS: usize = 2;
-/// A square or tag beyond this was given in millimetres \[m\].
-const LARGEST_M: f64 = 1.0;
-/// The small squares between tags are this large at least, as a share of a tag: smaller ones are not seen.
-const LEAST_SPACING: f64 = 0.1;
-/// And at most: Kalibr prints none with wider gaps.
-const MOST_SPACING: f64 = 1.0;
+/// Fewest inner corners along a side (chosen): with fewer, lens and tilt cannot be separated.
+const SIDE_CORNERS_MIN: usize = 3;
+/// Most inner corners along a side (chosen).
+const SIDE_CORNERS_MAX: usize = 200;
+/// Fewest tags along a side (chosen).
+const SIDE_TAGS_MIN: usize = 2;
+/// Largest side of a square or tag \[m\] (chosen): a larger one was given in millimetres.
+const CELL_SIDE_MAX_M: f64 = 1.0;
+/// Smallest side of the squares between tags, as a share of a tag (chosen): smaller ones are not detected.
+const TAG_SPACING_SHARE_MIN: f64 = 0.1;
+/// Widest gap between tags, as a share of a tag: Kalibr prints none wider.
+const TAG_SPACING_SHARE_MAX: f64 = 1.0;
 
 /// Why a board is not one.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -50,32 +50,34 @@ pub enum BoardError {
     )]
     Form(String),
     /// Too few or too many corners.
-    #[error("a board of {columns} x {rows} inner corners; {LEAST_CORNERS} to {MOST_CORNERS} a side are read")]
+    #[error(
+        "a board of {columns} x {rows} inner corners; {SIDE_CORNERS_MIN} to {SIDE_CORNERS_MAX} a side are read"
+    )]
     Corners {
-        /// Along one side.
+        /// Corners along one side.
         columns: usize,
-        /// Along the other.
+        /// Corners along the other side.
         rows: usize,
     },
     /// Too few or too many tags.
     #[error(
-        "an aprilgrid of {columns} x {rows} tags; at least {LEAST_TAGS} a side are read, and the family 36h11 has {} tags in all",
+        "an aprilgrid of {columns} x {rows} tags; at least {SIDE_TAGS_MIN} a side are read, and the family 36h11 has {} tags in all",
         CODES.len()
     )]
     Tags {
-        /// Along the lower side.
+        /// Tags along the lower side.
         columns: usize,
-        /// Rows.
+        /// Rows of tags.
         rows: usize,
     },
-    /// No size.
+    /// A size that is not above 0, or too large.
     #[error(
-        "squares or tags of {0} m: give the side in metres, above 0 and up to {LARGEST_M}; 20 mm are 0.020"
+        "squares or tags of {0} m: give the side in metres, above 0 and up to {CELL_SIDE_MAX_M}; 20 mm are 0.020"
     )]
     Size(String),
-    /// No gap.
+    /// A gap out of range.
     #[error(
-        "a spacing of {0}: give the gap between tags as a share of a tag's side, {LEAST_SPACING} to {MOST_SPACING}; 0.3 for gaps of 9 mm between tags of 30 mm"
+        "a spacing of {0}: give the gap between tags as a share of a tag's side, {TAG_SPACING_SHARE_MIN} to {TAG_SPACING_SHARE_MAX}; 0.3 for gaps of 9 mm between tags of 30 mm"
     )]
     Spacing(String),
 }
@@ -129,25 +131,25 @@ impl FromStr for Board {
         let (columns, rows) = counts.split_once('x').ok_or_else(form)?;
         let count = |text: &str| text.parse::<usize>().map_err(|_| form());
         let (columns, rows) = (count(columns)?, count(rows)?);
-        let metres = size.parse::<f64>().ok().filter(|&side| side <= LARGEST_M).and_then(Positive::new);
+        let metres = size.parse::<f64>().ok().filter(|&side| side <= CELL_SIDE_MAX_M).and_then(Positive::new);
         let metres = metres.ok_or_else(|| BoardError::Size(size.into()));
         match (kind, spacing) {
             ("chessboard", None) => {
-                let read = LEAST_CORNERS..=MOST_CORNERS;
+                let read = SIDE_CORNERS_MIN..=SIDE_CORNERS_MAX;
                 if !read.contains(&columns) || !read.contains(&rows) {
                     return Err(BoardError::Corners { columns, rows });
                 }
                 Ok(Self::Chessboard { corners: [columns, rows], square_m: metres? })
             }
             ("aprilgrid", Some(spacing)) => {
-                let few = columns < LEAST_TAGS || rows < LEAST_TAGS;
+                let few = columns < SIDE_TAGS_MIN || rows < SIDE_TAGS_MIN;
                 if few || columns.saturating_mul(rows) > CODES.len() {
                     return Err(BoardError::Tags { columns, rows });
                 }
                 let share = spacing
                     .parse::<f64>()
                     .ok()
-                    .filter(|share| (LEAST_SPACING..=MOST_SPACING).contains(share));
+                    .filter(|share| (TAG_SPACING_SHARE_MIN..=TAG_SPACING_SHARE_MAX).contains(share));
                 let share = share.and_then(Positive::new);
                 let spacing = share.ok_or_else(|| BoardError::Spacing(spacing.into()))?;
                 Ok(Self::AprilGrid { tags: [columns, rows], tag_m: metres?, spacing })

@@ -13,9 +13,9 @@ use camera::calibration::Px;
 /// A corner of the board: where it is seen and where on the board it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Corner {
-    /// In the picture.
+    /// Place in the picture \[px\].
     pub px: Px,
-    /// On a chessboard in squares; which corner is `[0, 0]` and which way the axes point is the picture's own, but the second axis is
+    /// On a chessboard in squares; which corner is `[0, 0]` and which way the axes point is different in each picture, but the second axis is
     /// always a quarter turn counter-clockwise of the first, as seen. On an aprilgrid `[2 column, 2 row]` for a tag's lower left
     /// corner, counted from the board's, one more to the right or up for its others.
     pub place: [i32; 2],
@@ -24,12 +24,12 @@ pub struct Corner {
 /// Why a picture shows no board.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DetectError {
-    /// Nothing to look at.
+    /// The picture is too small.
     #[error("a picture of {width} x {height} px")]
     Size {
-        /// \[px\]
+        /// Width of the picture \[px\].
         width: u32,
-        /// \[px\]
+        /// Height of the picture \[px\].
         height: u32,
     },
     /// No board.
@@ -48,9 +48,9 @@ pub enum DetectError {
     /// A larger board.
     #[error("a board of more than {columns} x {rows} inner corners: --board counts where four squares meet")]
     Larger {
-        /// As the board was told.
+        /// Columns of the board as the user gave them.
         columns: usize,
-        /// As the board was told.
+        /// Rows of the board as the user gave them.
         rows: usize,
     },
     /// No aprilgrid, or not the one.
@@ -62,15 +62,15 @@ pub enum DetectError {
 pub(super) const SMOOTHING_PX: f32 = 1.2;
 /// Least share of a board's corners that makes a picture count.
 const CORNERS_FOUND_SHARE_MIN: f64 = 0.5;
-/// Most share of corners beside the board.
+/// Largest share of corners found outside the board.
 const CORNERS_OUTSIDE_SHARE_MAX: f64 = 0.1;
 /// Smallest side of a picture \[px\].
-pub(super) const LEAST_SIDE_PX: u32 = 32;
+pub(super) const PICTURE_SIDE_MIN_PX: u32 = 32;
 /// Halvings of a picture in which corners are looked for: large or blurred boards are found in a smaller one.
 pub(super) const PYRAMID_LEVELS: usize = 4;
 /// A window's standard deviation as a share of the distance between neighbours, and its limits \[px\].
 const WINDOW_SIGMA_SHARE: f64 = 0.2;
-const WINDOW_PX: [f64; 2] = [1.4, 12.0];
+const WINDOW_SIGMA_RANGE_PX: [f64; 2] = [1.4, 12.0];
 /// How far refinement may move a corner, as a share of the distance between neighbours.
 const REFINEMENT_SHIFT_SHARE_MAX: f64 = 0.3;
 
@@ -80,7 +80,7 @@ const REFINEMENT_SHIFT_SHARE_MAX: f64 = 0.3;
 /// [`DetectError`].
 pub fn detect(picture: &GrayImage, board: &Board) -> Result<Vec<Corner>, DetectError> {
     let (width, height) = picture.dimensions();
-    if width.min(height) < LEAST_SIDE_PX {
+    if width.min(height) < PICTURE_SIDE_MIN_PX {
         return Err(DetectError::Size { width, height });
     }
     match *board {
@@ -100,7 +100,7 @@ fn chessboard(picture: &GrayImage, corners: [usize; 2]) -> Result<Vec<Corner>, D
         if halvings > 0 {
             level = level.halved();
         }
-        if level.width.min(level.height) < LEAST_SIDE_PX as usize {
+        if level.width.min(level.height) < PICTURE_SIDE_MIN_PX as usize {
             break;
         }
         let all = if halvings == 0 { saddles(&full) } else { saddles(&level.smoothed(SMOOTHING_PX)) };
@@ -148,16 +148,16 @@ pub(super) fn larger(at: Px, scale: f64) -> Px {
 
 /// The corner near `start`, where neighbours are `spacing` away \[px\].
 pub(super) fn near(full: &Field, start: Px, spacing: f64) -> Option<Px> {
-    let sigma = (WINDOW_SIGMA_SHARE * spacing).clamp(WINDOW_PX[0], WINDOW_PX[1]);
+    let sigma = (WINDOW_SIGMA_SHARE * spacing).clamp(WINDOW_SIGMA_RANGE_PX[0], WINDOW_SIGMA_RANGE_PX[1]);
     refined(full, start, sigma, REFINEMENT_SHIFT_SHARE_MAX * spacing).filter(|&at| symmetric(full, at, sigma))
 }
 
 /// Least distance to a neighbour \[px\].
 fn spacing(grid: &Grid, [i, j]: [i32; 2]) -> Option<f64> {
     let here = Vector2::from(grid.get(&[i, j])?.at);
-    let beside = [[i + 1, j], [i - 1, j], [i, j + 1], [i, j - 1]];
+    let neighbours = [[i + 1, j], [i - 1, j], [i, j + 1], [i, j - 1]];
     let distances =
-        beside.iter().filter_map(|place| Some((Vector2::from(grid.get(place)?.at) - here).norm()));
+        neighbours.iter().filter_map(|place| Some((Vector2::from(grid.get(place)?.at) - here).norm()));
     distances.min_by(f64::total_cmp)
 }
 

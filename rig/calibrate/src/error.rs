@@ -22,17 +22,17 @@ pub enum CalibrateError {
         "{first} has {width}x{height} px, {other} {other_width}x{other_height} px: a calibration holds for one size; take all pictures with the run's settings"
     )]
     Sizes {
-        /// A picture.
+        /// Name of one picture.
         first: String,
-        /// \[px\]
+        /// Its width \[px\].
         width: u32,
-        /// \[px\]
+        /// Its height \[px\].
         height: u32,
-        /// Another one.
+        /// Name of a picture of another size.
         other: String,
-        /// \[px\]
+        /// Width of that \[px\].
         other_width: u32,
-        /// \[px\]
+        /// Height of that \[px\].
         other_height: u32,
     },
     /// The corners leave most of the picture unknown.
@@ -40,17 +40,17 @@ pub enum CalibrateError {
         "the boards cover {width_percent:.0} % of the picture's width and {height_percent:.0} % of its height; at least {least_percent:.0} % of both are needed: a larger board, or more places of it"
     )]
     Cover {
-        /// \[%\]
+        /// Covered share of the width \[%\].
         width_percent: f64,
-        /// \[%\]
+        /// Covered share of the height \[%\].
         height_percent: f64,
-        /// \[%\]
+        /// Least share of both \[%\].
         least_percent: f64,
     },
     /// A picture's corners lie on a line.
     #[error("{picture}: all corners lie on a line or nearly so; a plane needs rows and columns")]
     Singular {
-        /// Its name.
+        /// Name of the picture.
         picture: String,
     },
     /// The fit failed.
@@ -61,13 +61,13 @@ pub enum CalibrateError {
         "{picture}: corners are {rms_mm:.3} mm rms ({worst_mm:.3} mm at worst) from where the board has them, the limit is {limit_mm} mm (--most-rms-mm). In all pictures the board must be flat, lie in one and the same plane, and have squares as large as --board says"
     )]
     Error {
-        /// The worst picture.
+        /// Name of the worst picture.
         picture: String,
-        /// \[mm\]
+        /// Root mean square error of its corners \[mm\].
         rms_mm: f64,
-        /// \[mm\]
+        /// Largest error of a corner \[mm\].
         worst_mm: f64,
-        /// \[mm\]
+        /// Largest root mean square error allowed \[mm\].
         limit_mm: f64,
     },
     /// The offset leads out of the water.
@@ -75,12 +75,12 @@ pub enum CalibrateError {
         "a plane {behind_m} m farther than the board is not in the water, of which {water_m} m are between wall and board"
     )]
     OutsideWater {
-        /// \[m\]
+        /// Distance of the plane behind the board \[m\].
         behind_m: f64,
-        /// \[m\]
+        /// Water between wall and board \[m\].
         water_m: f64,
     },
-    /// No direction.
+    /// The places that say which way is up are too near to each other.
     #[error(transparent)]
     Upright(#[from] TooNear),
 }

@@ -13,10 +13,10 @@ use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Rotation2, Vector2};
 use super::homography::{homography, project};
 use camera::calibration::{Plane, Px};
 
-/// What a picture's corners say: where each is seen \[px\] and where on the board it is \[m\].
-pub type Seen = Vec<(Px, [f64; 2])>;
+/// The corners of a picture: place in the picture \[px\] and on the board \[m\] of each.
+pub type ObservedCorners = Vec<(Px, [f64; 2])>;
 
-/// What the fit came to.
+/// Result of the fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
     /// The plane; its world is the board of one of the pictures, so far.
@@ -43,32 +43,32 @@ pub enum FitError {
     Diverged,
 }
 
-/// Steps of the search.
+/// Most iterations of the search (chosen).
 const ITERATIONS_MAX: usize = 200;
-/// It has ended when a step betters the sum of squares by less than this share.
+/// Relative decrease of the sum of squares below which the search ends (chosen).
 const RELATIVE_TOLERANCE: f64 = 1e-12;
-/// Damping beyond which no step betters anything.
+/// Largest damping that is tried (chosen): beyond it no step lowers the sum of squares.
 const DAMPING_MAX: f64 = 1e12;
 /// Parameters of the plane: eight of the homography, the radial term, its centre.
 const PLANE_PARAMETERS: usize = 11;
-/// How far the radial term's centre lies from the picture's, 1 sigma \[half diagonals\].
+/// Prior standard deviation of the radial term's centre about the picture's \[half diagonals\] (chosen).
 const CENTRE_SIGMA_HALF_DIAGONALS: f64 = 0.1;
-/// How well a corner is seen, roughly, for weighing that against corners \[px\].
+/// Approximate standard deviation of a corner, which weighs that prior against the corners \[px\] (chosen).
 const CORNER_SIGMA_PX: f64 = 0.05;
-/// Where the radial term stands among them; its centre comes after it.
+/// Index of the radial term among them; its centre comes after it.
 const RADIAL_INDEX: usize = 8;
-/// Parameters of a board: turn and place.
+/// Parameters of a board's pose: turn and place.
 const POSE_PARAMETERS: usize = 3;
 /// Weight of a centre's place among the corners' squares \[px²\]: where it may move, and where it must not.
 const CENTRE_WEIGHT_FREE_PX2: f64 =
     (CORNER_SIGMA_PX / CENTRE_SIGMA_HALF_DIAGONALS) * (CORNER_SIGMA_PX / CENTRE_SIGMA_HALF_DIAGONALS);
 const CENTRE_WEIGHT_FIXED_PX2: f64 = 1e9;
-/// Least betterment of the corners' squares that moves the centre, in variances of a corner: 1 chance in 1000 that it is noise.
+/// Smallest decrease of the corners' squares for which the centre is moved, in variances of a corner: 1 chance in 1000 that it is noise.
 const CENTRE_CHI_SQUARE_MIN: f64 = 13.8;
-/// A corner is misread beyond so many standard deviations, and never within so many pixels.
+/// A corner is misread if it is off by more than this many standard deviations and by more than this many pixels (both chosen).
 const MISREAD_SIGMAS: f64 = 6.0;
 const MISREAD_PX: f64 = 0.3;
-/// Most corners of a picture that may be misread, as a share: more are no mistake of single corners.
+/// Largest share of a picture's corners that is set aside as misread (chosen): more are no mistake of single corners.
 const MISREAD_SHARE_MAX: f64 = 0.06;
 /// Median of a length in two dimensions, in standard deviations of either.
 const MEDIAN_LENGTH_SIGMAS: f64 = 1.177_410_022_515_474_7;
@@ -77,11 +77,11 @@ const MEDIAN_LENGTH_SIGMAS: f64 = 1.177_410_022_515_474_7;
 #[derive(Debug, Clone, Copy)]
 struct Point {
     picture: usize,
-    /// Seen, from the picture's centre, in half diagonals.
-    seen: Vector2<f64>,
+    /// Place in the picture, from its centre, in half diagonals.
+    in_picture: Vector2<f64>,
     /// On the board \[m\].
     board: Vector2<f64>,
-    /// Pixels a metre there, roughly: corners are equally well seen in pixels.
+    /// Approximate pixels per metre there: corners are equally accurate in pixels.
     px_per_m: f64,
     used: bool,
 }
@@ -103,12 +103,13 @@ struct State {
 ///
 /// # Errors
 /// [`FitError`].
-pub fn fit(pictures: &[Seen], size_px: [u32; 2]) -> Result<Fit, FitError> {
+pub fn fit(pictures: &[ObservedCorners], size_px: [u32; 2]) -> Result<Fit, FitError> {
     let centre = size_px.map(|side| (f64::from(side) - 1.0) / 2.0);
     let unit = f64::from(size_px[0]).hypot(f64::from(size_px[1])) / 2.0;
-    let seen = |px: Px| (Vector2::from(px) - Vector2::from(centre)) / unit;
+    let in_picture = |px: Px| (Vector2::from(px) - Vector2::from(centre)) / unit;
     let maps = pictures.iter().enumerate().map(|(picture, corners)| {
-        let pairs: Vec<_> = corners.iter().map(|&(px, board)| (seen(px), Vector2::from(board))).collect();
+        let pairs: Vec<_> =
+            corners.iter().map(|&(px, board)| (in_picture(px), Vector2::from(board))).collect();
         homography(&pairs).ok_or(FitError::Singular { picture })
     });
     let maps = maps.collect::<Result<Vec<_>, _>>()?;
@@ -119,15 +120,15 @@ pub fn fit(pictures: &[Seen], size_px: [u32; 2]) -> Result<Fit, FitError> {
     let mut points: Vec<Point> = Vec::new();
     for (picture, corners) in pictures.iter().enumerate() {
         for &(px, board) in corners {
-            let seen = seen(px);
-            let px_per_m = unit / slope(&maps[picture], seen).determinant().abs().sqrt();
-            points.push(Point { picture, seen, board: board.into(), px_per_m, used: true });
+            let in_picture = in_picture(px);
+            let px_per_m = unit / slope(&maps[picture], in_picture).determinant().abs().sqrt();
+            points.push(Point { picture, in_picture, board: board.into(), px_per_m, used: true });
         }
     }
     let poses = (0..pictures.len())
         .map(|picture| {
             let corners = points.iter().filter(|point| point.picture == picture);
-            laid(corners.map(|point| (point.board, project(&map, point.seen))))
+            rigid_motion(corners.map(|point| (point.board, project(&map, point.in_picture))))
         })
         .collect();
     let mut state = State { map, radial: 0.0, centre: Vector2::zeros(), poses };
@@ -163,16 +164,16 @@ pub fn fit(pictures: &[Seen], size_px: [u32; 2]) -> Result<Fit, FitError> {
 }
 
 impl State {
-    /// Straight place of a seen one.
-    fn straight(&self, seen: Vector2<f64>) -> Vector2<f64> {
-        let off = seen - self.centre;
+    /// Undistorted place of one in the picture.
+    fn straight(&self, in_picture: Vector2<f64>) -> Vector2<f64> {
+        let off = in_picture - self.centre;
         self.centre + off * (1.0 + self.radial * off.norm_squared())
     }
 
     /// How far the corner is from where its board has it \[m\].
     fn error(&self, point: &Point) -> Vector2<f64> {
         let (turn, place) = self.poses[point.picture];
-        project(&self.map, self.straight(point.seen)) - (Rotation2::new(turn) * point.board + place)
+        project(&self.map, self.straight(point.in_picture)) - (Rotation2::new(turn) * point.board + place)
     }
 
     /// Sum of the squared errors, that of the radial centre among them \[px²\].
@@ -226,10 +227,10 @@ fn equations(
     let size = PLANE_PARAMETERS + POSE_PARAMETERS * (state.poses.len() - 1);
     let (mut squares, mut sides) = (DMatrix::zeros(size, size), DVector::zeros(size));
     for point in points.iter().filter(|point| point.used) {
-        let straight = state.straight(point.seen);
+        let straight = state.straight(point.in_picture);
         let (map, image) = (&state.map, project(&state.map, straight));
         let weight = map[(2, 0)] * straight.x + map[(2, 1)] * straight.y + map[(2, 2)];
-        let off = point.seen - state.centre;
+        let off = point.in_picture - state.centre;
         let slope = slope(map, straight);
         let with_radial = slope * off * off.norm_squared();
         let with_centre =
@@ -318,8 +319,8 @@ fn set_aside(points: &mut [Point], state: &State) -> bool {
     points.iter().any(|point| !point.used)
 }
 
-/// Turn and place that lay the first of each pair nearest to the second.
-fn laid(pairs: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)> + Clone) -> (f64, Vector2<f64>) {
+/// Turn \[rad\] and shift that bring the first of each pair nearest to the second.
+fn rigid_motion(pairs: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)> + Clone) -> (f64, Vector2<f64>) {
     let count = pairs.clone().count().max(1) as f64;
     let (from, to) =
         pairs.clone().fold((Vector2::zeros(), Vector2::zeros()), |(from, to), (a, b)| (from + a, to + b));
@@ -337,11 +338,11 @@ mod tests {
     use super::*;
 
     const SIZE_PX: [u32; 2] = [1280, 720];
-    /// What the centre, which is drawn to the middle a little, leaves of exact corners \[m\].
-    const DRAWN_M: f64 = 3e-7;
+    /// Error of exact corners that the prior of the radial centre causes \[m\].
+    const CENTRE_PRIOR_ERROR_M: f64 = 3e-7;
 
-    /// What a camera of `plane` sees of boards of 9 x 6 corners that are turned and moved.
-    fn seen(plane: &Plane, rows: usize) -> Vec<Seen> {
+    /// The corners that a camera of `plane` sees of boards of 9 x 6 corners that are turned and moved.
+    fn corners(plane: &Plane, rows: usize) -> Vec<ObservedCorners> {
         let board = |(turn, x, z): (f64, f64, f64)| {
             let corner = |k: usize| {
                 let board = [0.02 * (k % 9) as f64, 0.02 * (k / 9) as f64];
@@ -358,10 +359,10 @@ mod tests {
         // Tilted, with a radial term about another place than the middle.
         let map = Matrix3::new(4e-4, 1e-6, -0.25, -2e-6, -4.2e-4, 0.15, 4e-5, 2e-5, 1.0);
         let plane = Plane::new(map, [600.0, 400.0], -4e-8).unwrap();
-        let seen = seen(&plane, 6);
-        let fit = fit(&seen, SIZE_PX).unwrap();
+        let pictures = corners(&plane, 6);
+        let fit = fit(&pictures, SIZE_PX).unwrap();
         let worst_m = fit.errors_m.iter().flatten().copied().fold(0.0, f64::max);
-        assert!(worst_m < DRAWN_M, "{worst_m}");
+        assert!(worst_m < CENTRE_PRIOR_ERROR_M, "{worst_m}");
         assert!((fit.plane.radial_per_px2() / -4e-8 - 1.0).abs() < 1e-3, "{}", fit.plane.radial_per_px2());
         let centre = fit.plane.radial_centre_px();
         assert!((centre[0] - 600.0).hypot(centre[1] - 400.0) < 1.0, "{centre:?}");
@@ -371,14 +372,14 @@ mod tests {
         };
         for (a, b) in [([200.0, 200.0], [900.0, 500.0]), ([640.0, 300.0], [650.0, 600.0])] {
             let off_m = apart(&fit.plane, a, b) - apart(&plane, a, b);
-            assert!(off_m.abs() < 10.0 * DRAWN_M, "{off_m}");
+            assert!(off_m.abs() < 10.0 * CENTRE_PRIOR_ERROR_M, "{off_m}");
         }
     }
 
     #[test]
     fn corners_on_a_line_are_refused_with_their_picture() {
         let plane = Plane::square(4e-4, [640.0, 360.0]);
-        let mut pictures = seen(&plane, 6);
+        let mut pictures = corners(&plane, 6);
         pictures[2].truncate(9);
         assert_eq!(fit(&pictures, SIZE_PX), Err(FitError::Singular { picture: 2 }));
         assert!(fit(&[], SIZE_PX).is_err());

@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 use super::saddle::Saddle;
 use camera::calibration::Px;
 
-/// Corners by their place on the board; which of them is [0, 0] and which way it is turned nobody knows. Seen from the front: the
+/// Corners by their place on the board; which of them is [0, 0] and which way the axes point is arbitrary. Seen from the front: the
 /// second axis is a quarter turn counter-clockwise of the first.
 pub(super) type Grid = BTreeMap<[i32; 2], Saddle>;
 
@@ -25,7 +25,8 @@ const SEED_CORNERS_MAX: usize = 60;
 /// Missing corners in a row that growing reaches across.
 const GAP_CORNERS_MAX: i32 = 2;
 
-const SIDES: [[i32; 2]; 4] = [[1, 0], [-1, 0], [0, 1], [0, -1]];
+/// Steps to the four neighbours of a corner.
+const NEIGHBOUR_STEPS: [[i32; 2]; 4] = [[1, 0], [-1, 0], [0, 1], [0, -1]];
 
 /// The largest grid among `saddles`, at most `wanted` corners of it being of interest.
 pub(super) fn largest(saddles: &[Saddle], wanted: usize) -> Grid {
@@ -117,11 +118,12 @@ fn grown(saddles: &[Saddle], mut places: BTreeMap<[i32; 2], usize>) -> (Grid, Ve
 
 /// Empty places beside the grid's corners.
 pub(super) fn around(grid: &Grid) -> Vec<[i32; 2]> {
-    let beside = |place: &[i32; 2]| {
+    let steps_from = |place: &[i32; 2]| {
         let [i, j] = *place;
-        (1..=GAP_CORNERS_MAX).flat_map(move |gap| SIDES.map(|[di, dj]| [i + gap * di, j + gap * dj]))
+        (1..=GAP_CORNERS_MAX)
+            .flat_map(move |gap| NEIGHBOUR_STEPS.map(|[di, dj]| [i + gap * di, j + gap * dj]))
     };
-    let mut places: Vec<_> = grid.keys().flat_map(beside).filter(|p| !grid.contains_key(p)).collect();
+    let mut places: Vec<_> = grid.keys().flat_map(steps_from).filter(|p| !grid.contains_key(p)).collect();
     places.sort_unstable();
     places.dedup();
     places
@@ -136,7 +138,7 @@ pub(super) fn expected(grid: &Grid, place: [i32; 2]) -> Option<(Px, f64)> {
         count += weight;
         spacing = spacing.min(side);
     };
-    for [i, j] in SIDES {
+    for [i, j] in NEIGHBOUR_STEPS {
         // A line goes on as it has come: bent, where three are known.
         if let (Some(a), Some(b)) = (at(i, j), at(2 * i, 2 * j)) {
             match at(3 * i, 3 * j) {

@@ -1,4 +1,4 @@
-//! Straight lines to straight lines: a map between two planes from points seen in both.
+//! Straight lines to straight lines: a map between two planes from points known in both.
 
 use nalgebra::{DMatrix, Matrix3, Vector2, Vector3};
 
@@ -14,7 +14,7 @@ pub(super) fn project(map: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
 /// # Source
 /// R. Hartley, A. Zisserman, "Multiple View Geometry in Computer Vision", normalised direct linear transformation.
 pub(super) fn homography(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Matrix3<f64>> {
-    /// Smallest singular value but one that tells a map from a family of them, beside the largest.
+    /// Smallest ratio of the second smallest singular value to the largest at which the map is unique (chosen).
     const SINGULAR_VALUE_RATIO_MIN: f64 = 1e-7;
     if pairs.len() < 4 {
         return None;
@@ -25,11 +25,11 @@ pub(super) fn homography(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Matri
     let mut squares = DMatrix::zeros(9, 9);
     for &(a, b) in pairs {
         let (a, b) = (project(&from, a), project(&to, b));
-        for (row, seen) in [(0, b.x), (3, b.y)] {
+        for (row, coordinate_there) in [(0, b.x), (3, b.y)] {
             let mut equation = DMatrix::zeros(9, 1);
             for (i, coordinate) in [a.x, a.y, 1.0].into_iter().enumerate() {
                 equation[row + i] = coordinate;
-                equation[6 + i] = -seen * coordinate;
+                equation[6 + i] = -coordinate_there * coordinate;
             }
             squares += &equation * equation.transpose();
         }

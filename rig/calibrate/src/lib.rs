@@ -1,4 +1,4 @@
-//! What is measured once for a rig: the camera's stamps ([`latency`]), and where its pixels lie.
+//! What is measured once for a rig: the latency of the camera's stamps ([`latency`]), the servo ([`servo`]), and the plane that the camera sees.
 //!
 //! Pictures of a board, held in the water in the mechanism's plane of motion, to that plane as the camera sees it.
 //!
@@ -7,7 +7,7 @@
 //! lens come to in one plane to within hundredths of a millimetre. [`world`] lays the origin and the axes, [`port`] moves the result
 //! to a plane nearer or farther, and [`report`] says how good it is.
 //!
-//! What a film of a servo that climbs a staircase says of it: [`servo`].
+//! [`servo`] calibrates a servo from a film in which it climbs a staircase.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods, reason = "tests make their files"))]
 
@@ -32,7 +32,7 @@ pub mod world;
 pub use board::{Board, BoardError};
 pub use detect::{Corner, DetectError, detect};
 pub use error::CalibrateError;
-pub use fit::{Fit, FitError, Seen, fit};
+pub use fit::{Fit, FitError, ObservedCorners, fit};
 pub use quality::Quality;
 pub use tags::TagError;
 
@@ -41,10 +41,10 @@ use nalgebra::Vector2;
 use port::Port;
 use world::Upright;
 
-/// What was found in a picture.
+/// A picture and the corners found in it.
 #[derive(Debug, Clone)]
 pub struct Picture {
-    /// Its file.
+    /// Name of its file.
     pub name: String,
     /// Width and height \[px\]; none of a picture that cannot be read.
     pub size_px: Option<[u32; 2]>,
@@ -52,10 +52,10 @@ pub struct Picture {
     pub corners: Result<Vec<Corner>, String>,
 }
 
-/// What else is known.
+/// The settings of a calibration: board, plane, origin and limits.
 #[derive(Debug, Clone, Copy)]
 pub struct Setup {
-    /// The board.
+    /// The printed board.
     pub board: Board,
     /// Which plane of the world it is.
     pub view: View,
@@ -69,23 +69,23 @@ pub struct Setup {
     pub most_rms_m: f64,
 }
 
-/// A calibration.
+/// A calibration of the camera.
 #[derive(Debug, Clone)]
 pub struct Calibrated {
     /// The mechanism's plane of motion.
     pub plane: Plane,
-    /// How it was made.
+    /// The settings it was made with.
     pub setup: Setup,
     /// Width and height of the pictures \[px\].
     pub size_px: [u32; 2],
-    /// How good it is.
+    /// Its quality.
     pub quality: Quality,
 }
 
-/// Most pictures of one calibration: more tell nothing more.
+/// Most pictures of one calibration (chosen): more add nothing.
 pub const MOST_PICTURES: usize = 200;
-/// Places a side at which a plane behind the board is looked at.
-const LOOKS: [u32; 2] = [33, 25];
+/// Steps of the grid of pixels, across and down, at which a plane behind the board is computed (chosen).
+const OFFSET_GRID_POINTS: [u32; 2] = [33, 25];
 
 /// The plane that `pictures` show.
 ///
@@ -98,19 +98,19 @@ pub fn calibrate(pictures: &[Picture], setup: &Setup) -> Result<Calibrated, Cali
     if with_board.is_empty() {
         return Err(CalibrateError::no_board(pictures));
     }
-    let seen: Vec<Seen> = with_board
+    let observed: Vec<ObservedCorners> = with_board
         .iter()
         .map(|(_, corners)| {
             corners.iter().map(|corner| (corner.px, setup.board.metres(corner.place))).collect()
         })
         .collect();
-    quality::covered(&seen, size_px)?;
+    quality::covered(&observed, size_px)?;
     let name = |i: usize| with_board[i].0.name.clone();
-    let fit = fit(&seen, size_px).map_err(|error| match error {
+    let fit = fit(&observed, size_px).map_err(|error| match error {
         FitError::Singular { picture } => CalibrateError::Singular { picture: name(picture) },
         FitError::Diverged => CalibrateError::Fit(error),
     })?;
-    let mut quality = Quality::of(pictures, &seen, &fit, size_px);
+    let mut quality = Quality::of(pictures, &observed, &fit, size_px);
     if let Some(worst) = quality.pictures.iter().max_by(|a, b| a.rms_m.total_cmp(&b.rms_m))
         && worst.rms_m > setup.most_rms_m
     {
@@ -128,9 +128,9 @@ pub fn calibrate(pictures: &[Picture], setup: &Setup) -> Result<Calibrated, Cali
         quality.offset_worst_m = farther.errors_m.iter().flatten().copied().max_by(f64::total_cmp);
         plane = farther.plane;
     }
-    let laid = world::laid(&plane, setup.origin_px, setup.upright)?;
-    let plane = plane.in_world(&laid).ok_or(CalibrateError::Fit(FitError::Diverged))?.viewed(setup.view);
-    quality.look(&plane, &seen, setup, size_px);
+    let map = world::world_from_plane(&plane, setup.origin_px, setup.upright)?;
+    let plane = plane.in_world(&map).ok_or(CalibrateError::Fit(FitError::Diverged))?.viewed(setup.view);
+    quality.look(&plane, &observed, setup, size_px);
     Ok(Calibrated { plane, setup: *setup, size_px, quality })
 }
 
@@ -158,17 +158,19 @@ fn moved(plane: &Plane, behind_m: f64, port: &Port, size_px: [u32; 2]) -> Result
     }
     let last = size_px.map(|side| f64::from(side) - 1.0);
     let foot = Vector2::from(plane.metres(last.map(|side| side / 2.0)));
-    let mut seen = Seen::new();
-    for i in 0..=LOOKS[0] {
-        for j in 0..=LOOKS[1] {
-            let px =
-                [last[0] * f64::from(i) / f64::from(LOOKS[0]), last[1] * f64::from(j) / f64::from(LOOKS[1])];
+    let mut observed = ObservedCorners::new();
+    for i in 0..=OFFSET_GRID_POINTS[0] {
+        for j in 0..=OFFSET_GRID_POINTS[1] {
+            let px = [
+                last[0] * f64::from(i) / f64::from(OFFSET_GRID_POINTS[0]),
+                last[1] * f64::from(j) / f64::from(OFFSET_GRID_POINTS[1]),
+            ];
             let off = Vector2::from(plane.metres(px)) - foot;
             let distance = off.norm();
             if distance > 0.0 {
-                seen.push((px, (foot + off * (port.farther(distance, behind_m) / distance)).into()));
+                observed.push((px, (foot + off * (port.farther(distance, behind_m) / distance)).into()));
             }
         }
     }
-    Ok(fit(&[seen], size_px)?)
+    Ok(fit(&[observed], size_px)?)
 }

@@ -1,4 +1,4 @@
-//! A flat wall between camera and water: what is seen of one plane says, by Snell's law, what would be seen of another behind it.
+//! A flat wall between camera and water: maps the pixels of one plane to a plane behind it by Snell's law.
 
 use std::str::FromStr;
 

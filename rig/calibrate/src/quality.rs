@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::error::never_whole;
-use super::fit::{Fit, Seen};
+use super::fit::{Fit, ObservedCorners};
 use super::{Board, CalibrateError, Picture, Setup};
 use camera::calibration::{Plane, Px};
 
@@ -12,11 +12,11 @@ use camera::calibration::{Plane, Px};
 pub struct Quality {
     /// Each picture that shows the board.
     pub pictures: Vec<PictureQuality>,
-    /// The others, and why.
+    /// Names of the other pictures, each with the reason.
     pub without_board: Vec<(String, String)>,
     /// Root mean square distance of all corners from where the board has them \[m\]; those misread do not count.
     pub rms_m: f64,
-    /// The largest \[m\].
+    /// Largest such distance \[m\].
     pub worst_m: f64,
     /// Share of the picture's width and of its height between the outermost corners.
     pub cover: [f64; 2],
@@ -30,55 +30,60 @@ pub struct Quality {
     pub radial_share: f64,
     /// Largest error of the map to another plane, where there is one \[m\].
     pub offset_worst_m: Option<f64>,
-    /// What somebody should know.
+    /// Warnings for the user, one sentence each.
     pub warnings: Vec<String>,
 }
 
 /// How well a picture's corners fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PictureQuality {
-    /// Its file.
+    /// Name of its file.
     pub name: String,
-    /// Corners found.
+    /// Number of corners found.
     pub corners: usize,
-    /// Of them set aside as misread.
+    /// Number of them set aside as misread.
     pub misread: usize,
     /// Root mean square distance from where the board has them \[m\].
     pub rms_m: f64,
-    /// The largest \[m\].
+    /// Largest such distance \[m\].
     pub worst_m: f64,
 }
 
-/// Least share of the picture's width and height between the outermost corners.
-const LEAST_COVER: f64 = 0.3;
-/// Less than this is worth a word: beyond the outermost corners the plane is extrapolated.
-const GOOD_COVER: f64 = 0.6;
-/// Fewer pictures than this are worth a word.
-const FEW_PICTURES: usize = 3;
-/// A homography and a radial term were tried on walls seen at an angle up to here \[rad\].
-const GOOD_TILT_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
+/// Least share of the picture's width and height between the outermost corners (chosen).
+const COVER_SHARE_MIN: f64 = 0.3;
+/// A smaller share gives a warning (chosen): beyond the outermost corners the plane is extrapolated.
+const COVER_SHARE_GOOD: f64 = 0.6;
+/// Fewer pictures give a warning (chosen).
+const PICTURES_GOOD: usize = 3;
+/// Largest angle between camera and wall on which homography and radial term were tried \[rad\]; beyond it a warning is given.
+const TILT_TRIED_MAX_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
 
 /// The share of the picture's width and height between the outermost corners.
 ///
 /// # Errors
 /// [`CalibrateError::Cover`] where that is too little.
-pub(super) fn covered(seen: &[Seen], size_px: [u32; 2]) -> Result<[f64; 2], CalibrateError> {
+pub(super) fn covered(observed: &[ObservedCorners], size_px: [u32; 2]) -> Result<[f64; 2], CalibrateError> {
     let span = |axis: usize| {
-        let at = seen.iter().flatten().map(|(px, _)| px[axis]);
+        let at = observed.iter().flatten().map(|(px, _)| px[axis]);
         let (least, most) = (at.clone().min_by(f64::total_cmp), at.max_by(f64::total_cmp));
         (most.unwrap_or(0.0) - least.unwrap_or(0.0)) / f64::from(size_px[axis])
     };
     let cover = [span(0), span(1)];
-    if cover.iter().all(|&share| share >= LEAST_COVER) {
+    if cover.iter().all(|&share| share >= COVER_SHARE_MIN) {
         return Ok(cover);
     }
     let [width_percent, height_percent] = cover.map(|share| 100.0 * share);
-    Err(CalibrateError::Cover { width_percent, height_percent, least_percent: 100.0 * LEAST_COVER })
+    Err(CalibrateError::Cover { width_percent, height_percent, least_percent: 100.0 * COVER_SHARE_MIN })
 }
 
 impl Quality {
-    /// What the errors of the fit say.
-    pub(super) fn of(pictures: &[Picture], seen: &[Seen], fit: &Fit, size_px: [u32; 2]) -> Self {
+    /// The quality by the errors of the fit; the rest is set by [`Self::look`].
+    pub(super) fn of(
+        pictures: &[Picture],
+        observed: &[ObservedCorners],
+        fit: &Fit,
+        size_px: [u32; 2],
+    ) -> Self {
         let names = pictures.iter().filter(|picture| picture.corners.is_ok());
         let used = |i: usize| {
             let errors = fit.errors_m[i].iter().zip(&fit.misread[i]);
@@ -93,13 +98,13 @@ impl Quality {
         });
         let without =
             |picture: &Picture| Some((picture.name.clone(), picture.corners.as_ref().err()?.clone()));
-        let all = (0..seen.len()).flat_map(used);
+        let all = (0..observed.len()).flat_map(used);
         Self {
             pictures: each.collect(),
             without_board: pictures.iter().filter_map(without).collect(),
             rms_m: rms(all.clone()),
             worst_m: all.fold(0.0, f64::max),
-            cover: covered(seen, size_px).unwrap_or_default(),
+            cover: covered(observed, size_px).unwrap_or_default(),
             metres_per_px: 0.0,
             scale_change: [0.0; 2],
             tilt_rad: 0.0,
@@ -109,8 +114,14 @@ impl Quality {
         }
     }
 
-    /// What the plane itself says, laid in the world.
-    pub(super) fn look(&mut self, plane: &Plane, seen: &[Seen], setup: &Setup, size_px: [u32; 2]) {
+    /// Adds scale, tilt and warnings of the plane in the world.
+    pub(super) fn look(
+        &mut self,
+        plane: &Plane,
+        observed: &[ObservedCorners],
+        setup: &Setup,
+        size_px: [u32; 2],
+    ) {
         let [right, lower] = size_px.map(|side| f64::from(side) - 1.0);
         let middle = [right / 2.0, lower / 2.0];
         self.metres_per_px = plane.metres_per_pixel(middle);
@@ -121,25 +132,31 @@ impl Quality {
         let shape = plane.straight_slope(middle).singular_values();
         self.tilt_rad = (shape.min() / shape.max()).min(1.0).acos();
         self.radial_share = plane.radial_per_px2() * Vector2::from(middle).norm_squared();
-        self.warnings = self.warn(plane, seen, setup, size_px);
+        self.warnings = self.warn(plane, observed, setup, size_px);
     }
 
-    fn warn(&self, plane: &Plane, seen: &[Seen], setup: &Setup, size_px: [u32; 2]) -> Vec<String> {
+    fn warn(
+        &self,
+        plane: &Plane,
+        observed: &[ObservedCorners],
+        setup: &Setup,
+        size_px: [u32; 2],
+    ) -> Vec<String> {
         let mut warnings = Vec::new();
         if let Board::Chessboard { square_m, .. } = setup.board
-            && let Some(most) = seen.iter().max_by_key(|corners| corners.len())
+            && let Some(most) = observed.iter().max_by_key(|corners| corners.len())
             && most.len() < setup.board.count()
         {
             warnings.push(never_whole(&setup.board, most.len(), sides(most, square_m.get())));
         }
-        if self.pictures.len() < FEW_PICTURES {
+        if self.pictures.len() < PICTURES_GOOD {
             warnings.push(
                 "fewer than three pictures: a bent board, or one that is not in the plane, shows only against others; take ten, spread \
                  over the plane"
                     .into(),
             );
         }
-        if self.cover.iter().any(|&share| share < GOOD_COVER) {
+        if self.cover.iter().any(|&share| share < COVER_SHARE_GOOD) {
             warnings.push(
                 "the boards cover little of the picture: beyond the outermost corners the plane is guessed"
                     .into(),
@@ -150,7 +167,7 @@ impl Quality {
         if !(column >= -0.5 && row >= -0.5 && column <= width - 0.5 && row <= height - 0.5) {
             warnings.push(format!("the origin [{column}, {row}] lies outside the picture"));
         }
-        if self.tilt_rad > GOOD_TILT_RAD {
+        if self.tilt_rad > TILT_TRIED_MAX_RAD {
             warnings.push(
                 "the camera looks at the plane at an angle of more than 15°, for which this calibration was not tried: turn it square \
                  to the plane"
@@ -167,7 +184,7 @@ impl Quality {
 }
 
 /// Corners a side between the outermost ones seen, the longer side first.
-fn sides(corners: &Seen, square_m: f64) -> [usize; 2] {
+fn sides(corners: &ObservedCorners, square_m: f64) -> [usize; 2] {
     let sides = [0, 1].map(|axis| {
         let at = corners.iter().map(|(_, board)| board[axis] / square_m);
         let (least, most) = at.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));

@@ -5,10 +5,10 @@ use std::fmt::Write as _;
 use super::Calibrated;
 
 const MM_PER_M: f64 = 1e3;
-/// Smaller angles cannot be told from none: their cosine is as near to 1 as the scale is known.
+/// Smaller angles cannot be distinguished from none: their cosine is as near to 1 as the scale is known.
 const TILT_MIN_DEGREES: f64 = 1.0;
 
-/// What there is to say, in lines.
+/// The quality of a calibration as lines of text.
 pub fn text(calibrated: &Calibrated) -> String {
     let quality = &calibrated.quality;
     let mut out = table(calibrated);
@@ -29,8 +29,8 @@ pub fn text(calibrated: &Calibrated) -> String {
         quality.metres_per_px * MM_PER_M
     );
     let degrees = quality.tilt_rad.to_degrees();
-    let told = if degrees < TILT_MIN_DEGREES { ", as good as none" } else { "" };
-    let _ = writeln!(out, "camera's axis {degrees:.1}° off the plane's normal{told}");
+    let note = if degrees < TILT_MIN_DEGREES { ", not distinguishable from none" } else { "" };
+    let _ = writeln!(out, "camera's axis {degrees:.1}° off the plane's normal{note}");
     let [column, row] = calibrated.plane.radial_centre_px();
     let _ = writeln!(
         out,

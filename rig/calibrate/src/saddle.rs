@@ -1,4 +1,4 @@
-//! Corners of a chessboard in a picture, one by one: saddle points of the grey levels, told from others by what a small circle
+//! Corners of a chessboard in a picture, one by one: saddle points of the grey levels, distinguished from others by what a small circle
 //! around them shows, and refined to a fraction of a pixel.
 
 use std::f64::consts::TAU;
@@ -11,27 +11,27 @@ use camera::calibration::Px;
 /// A place where four squares may meet.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Saddle {
-    /// Where.
+    /// Place in the picture \[px\].
     pub(super) at: Px,
     /// The bright squares lie in the directions `phase / 2` and opposite \[rad\], from the rows' direction towards the columns'.
     pub(super) phase: f64,
 }
 
-/// Points of the circle around a candidate.
+/// Points of the circle around a candidate (chosen).
 const RING_POINTS: usize = 16;
-/// Its radius \[px\]: squares of twice that are the smallest that are seen.
+/// Radius of that circle \[px\] (chosen): squares of twice that are the smallest that are detected.
 const RING_RADIUS_PX: f64 = 4.0;
-/// A circle around a corner is bright, dark, bright, dark: least share of that in all that varies along it.
+/// Along a circle around a corner the picture is bright, dark, bright, dark: smallest share of the variation that has this form (chosen).
 const FOURFOLD_SHARE_MIN: f64 = 0.65;
-/// Least difference between bright and dark \[grey levels\].
+/// Smallest difference between bright and dark \[grey levels\] (chosen).
 const CONTRAST_MIN_GREY: f64 = 4.0;
-/// No two candidates are nearer than this \[px\].
+/// Smallest distance between candidates \[px\] (chosen).
 const CANDIDATE_SPACING_MIN_PX: usize = 3;
-/// A candidate is at least so strong, as a share of the strongest (of which some may be other things).
+/// Smallest strength of a candidate, as a share of the reference strength (chosen).
 const STRENGTH_SHARE_MIN: f32 = 0.01;
-/// The strongest that are no measure of what a corner is.
+/// The reference strength leaves this many of the strongest out (chosen): they may be no corners.
 const STRONGEST_IGNORED: usize = 8;
-/// Candidates that are looked at.
+/// Most candidates that are examined (chosen).
 const CANDIDATES_MAX: usize = 20_000;
 
 /// All places of `field` that look like a corner, the strongest first.

@@ -11,7 +11,7 @@ use nalgebra::Vector2;
 
 use super::board::Board;
 use super::code::{self, Reading};
-use super::detect::{Corner, LEAST_SIDE_PX, PYRAMID_LEVELS, SMOOTHING_PX, larger, near};
+use super::detect::{Corner, PICTURE_SIDE_MIN_PX, PYRAMID_LEVELS, SMOOTHING_PX, larger, near};
 use super::field::Field;
 use super::homography::{homography, project};
 use super::saddle::{Saddle, saddles, symmetric};
@@ -20,13 +20,13 @@ use camera::calibration::Px;
 /// Why a picture shows no aprilgrid, or another one.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TagError {
-    /// No tag.
+    /// No tag was found.
     #[error(
         "no aprilgrid: no tag of the family 36h11 with a black border of two cells and small squares at its corners was found"
     )]
     None,
     /// Too few tags.
-    #[error("{found} of the board's {wanted} tags; at least {LEAST_TAGS} must be in view")]
+    #[error("{found} of the board's {wanted} tags; at least {PICTURE_TAGS_MIN} must be in view")]
     Few {
         /// Tags found.
         found: usize,
@@ -36,13 +36,13 @@ pub enum TagError {
     /// A tag of another board.
     #[error("tag {id} is none of {board}: a board of {columns} x {rows} has tags 0 to {}", columns * rows - 1)]
     Foreign {
-        /// Its number.
+        /// Number of the tag.
         id: usize,
-        /// The board as it was told.
+        /// The board as the user gave it.
         board: Board,
-        /// As the board was told.
+        /// Columns of the board as the user gave them.
         columns: usize,
-        /// As the board was told.
+        /// Rows of the board as the user gave them.
         rows: usize,
     },
     /// Two boards.
@@ -51,7 +51,7 @@ pub enum TagError {
     /// A mirrored picture.
     #[error(
         "the tags are mirrored: the picture was flipped, or taken through a mirror or from behind the sheet; switch off the camera's \
-         flip, or print the board anew"
+         flip, or print the board again"
     )]
     Mirrored,
     /// Tags in other places.
@@ -60,9 +60,9 @@ pub enum TagError {
          of the row that begins with tag 0, ROWS those rows; SPACING is the gap as a share of a tag's side"
     )]
     Layout {
-        /// As the board was told.
+        /// Columns of the board as the user gave them.
         columns: usize,
-        /// As the board was told.
+        /// Rows of the board as the user gave them.
         rows: usize,
         /// How far off they are \[% of a side\].
         off_percent: f64,
@@ -70,9 +70,9 @@ pub enum TagError {
 }
 
 /// Fewest tags of a picture that counts.
-const LEAST_TAGS: usize = 4;
-/// Saddle points that are looked at: the strongest ones.
-const MOST_SADDLES: usize = 4000;
+const PICTURE_TAGS_MIN: usize = 4;
+/// Number of saddle points that are used, the strongest ones (chosen).
+const SADDLES_MAX: usize = 4000;
 /// How far a tag's side may be off the direction that its end shows \[rad\].
 const SIDE_DIRECTION_ERROR_MAX_RAD: f64 = 0.35;
 /// Ends of a side that are tried: nearer ones may be cells of the code.
@@ -84,12 +84,12 @@ const SIDE_RATIO_MAX: f64 = 2.0;
 /// How far a tag's last corner may be from where the other three say, as a share of a side.
 const LAST_CORNER_OFFSET_SHARE_MAX: f64 = 0.3;
 /// Shortest side of a tag in the picture in which it is read \[px\]: two pixels a cell.
-const LEAST_TAG_PX: f64 = 20.0;
+const TAG_SIDE_MIN_PX: f64 = 20.0;
 /// The code's nearest cell is so far from a tag's corner, as a share of a side; the small square's far corners are a gap away.
 const NEAREST_CELL_SHARE: f64 = 0.28;
-/// Distance of neighbours on a chessboard whose corners have as much room, beside that: there a window reaches half way only.
+/// Spacing of a chessboard whose corners have as much room, over that room: there a window reaches half way only.
 const CHESSBOARD_SPACING_FACTOR: f64 = 1.33;
-/// How far around a corner nothing may lie on the board, beside that: half of it, for `symmetric` looks twice as far.
+/// Clear distance around a corner, over that room: less than half of it, as `symmetric` looks twice as far.
 const CLEARANCE_FACTOR: f64 = 0.4;
 /// How far on average tags may be from their places on the board, as a share of a side.
 const TAG_OFFSET_SHARE_MAX: f64 = 0.5;
@@ -133,11 +133,11 @@ pub(super) fn detect(
         if halvings > 0 {
             level = level.halved();
         }
-        if level.width.min(level.height) < LEAST_SIDE_PX as usize {
+        if level.width.min(level.height) < PICTURE_SIDE_MIN_PX as usize {
             break;
         }
         let mut corners = if halvings == 0 { saddles(&full) } else { saddles(&level.smoothed(SMOOTHING_PX)) };
-        corners.truncate(MOST_SADDLES);
+        corners.truncate(SADDLES_MAX);
         for (id, tag) in read_all(&level, &corners, spacing) {
             let tag = Tag { corners: tag.corners.map(|at| larger(at, (1 << halvings) as f64)), ..tag };
             let known = tags.entry(id).or_insert(tag);
@@ -160,7 +160,7 @@ pub(super) fn detect(
     if let Some((&id, _)) = tags.range(wanted..).next() {
         return Err(TagError::Foreign { id, board: *board, columns, rows });
     }
-    if tags.len() < LEAST_TAGS {
+    if tags.len() < PICTURE_TAGS_MIN {
         return Err(TagError::Few { found: tags.len(), wanted });
     }
     let places = |id: usize| {
@@ -260,7 +260,8 @@ fn ends(saddles: &[Saddle], first: usize, angle: f64) -> Vec<usize> {
     let length = |i: usize| {
         let off = Vector2::from(saddles[i].at) - from;
         let length = off.norm();
-        let straight = length > LEAST_TAG_PX && off.dot(&along) > length * SIDE_DIRECTION_ERROR_MAX_RAD.cos();
+        let straight =
+            length > TAG_SIDE_MIN_PX && off.dot(&along) > length * SIDE_DIRECTION_ERROR_MAX_RAD.cos();
         (straight && saddles[first].likeness(&saddles[i]) < -PHASE_COSINE_MIN).then_some((length, i))
     };
     let mut ends: Vec<(f64, usize)> = (0..saddles.len()).filter_map(length).collect();

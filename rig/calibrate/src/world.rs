@@ -18,21 +18,25 @@ pub enum Upright {
 /// Two places that give no direction.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error(
-    "the two places that say which way is up are {0:.1} px apart; at least {LEAST_APART_PX} px make a direction"
+    "the two places that say which way is up are {0:.1} px apart; at least {DIRECTION_DISTANCE_MIN_PX} px make a direction"
 )]
 pub struct TooNear(f64);
 
-/// Nearer than this two places give no direction \[px\].
-const LEAST_APART_PX: f64 = 50.0;
+/// Two places nearer than this give no direction \[px\] (chosen).
+const DIRECTION_DISTANCE_MIN_PX: f64 = 50.0;
 
 /// The map from the plane's own world to that with its origin seen at `origin_px`.
 ///
 /// # Errors
 /// [`TooNear`].
-pub(super) fn laid(plane: &Plane, origin_px: Px, upright: Upright) -> Result<Matrix3<f64>, TooNear> {
+pub(super) fn world_from_plane(
+    plane: &Plane,
+    origin_px: Px,
+    upright: Upright,
+) -> Result<Matrix3<f64>, TooNear> {
     let across = |[from, to]: [Px; 2]| {
         let apart = (Vector2::from(to) - Vector2::from(from)).norm();
-        if apart < LEAST_APART_PX {
+        if apart < DIRECTION_DISTANCE_MIN_PX {
             return Err(TooNear(apart));
         }
         Ok(Vector2::from(plane.metres(to)) - Vector2::from(plane.metres(from)))
@@ -68,7 +72,7 @@ mod tests {
 
     fn far(upright: Upright) -> [f64; 2] {
         let plane = elsewhere();
-        let world = plane.in_world(&laid(&plane, ORIGIN_PX, upright).unwrap()).unwrap();
+        let world = plane.in_world(&world_from_plane(&plane, ORIGIN_PX, upright).unwrap()).unwrap();
         assert!(world.metres(ORIGIN_PX).iter().all(|x| x.abs() < 1e-12));
         world.metres([420.0, 30.0])
     }
@@ -91,7 +95,7 @@ mod tests {
     #[test]
     fn one_place_is_no_direction() {
         let plane = elsewhere();
-        let refused = laid(&plane, ORIGIN_PX, Upright::Level([[1.0, 1.0], [1.0, 2.0]]));
+        let refused = world_from_plane(&plane, ORIGIN_PX, Upright::Level([[1.0, 1.0], [1.0, 2.0]]));
         assert_eq!(refused, Err(TooNear(1.0)));
     }
 }

@@ -13,7 +13,7 @@ pub use view::View;
 /// A place in a picture, `[column, row]` \[px\]; the centre of the top left pixel is `[0, 0]`.
 pub type Px = [f64; 2];
 
-/// Where the picture shows the plane of motion: two numbers, or a file that holds what a calibration came to.
+/// How the picture shows the plane of motion: scale and origin, or the file of a camera calibration.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
@@ -26,13 +26,13 @@ pub struct Calibration {
     /// Which plane the camera looks at; a file says it itself. Default x-z.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub view: Option<View>,
-    /// Instead of both: a [`CalibrationFile`], its path beside the config.
+    /// Instead of both: path of a [`CalibrationFile`], relative to the config.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
 }
 
-/// What a calibration file says, as `rig calibrate camera` writes it. The first three keys are needed; the others tell people where
-/// it comes from and how good it is.
+/// The calibration file, as `rig calibrate camera` writes it. The first three keys are needed; the others document its origin and its
+/// quality.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CalibrationFile {
@@ -74,20 +74,20 @@ pub struct CalibrationFile {
 /// Why a calibration cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {
-    /// Neither or both ways were used.
+    /// Neither or both of the two ways were given.
     #[error("[calibration] needs either metres_per_pixel and origin_px, or file")]
     Incomplete,
     /// Table and file contradict each other.
     #[error("[calibration] says view = \"{table}\", the calibration {} says \"{file}\": leave `view` out of the table", path.display())]
     View {
-        /// Of the table.
+        /// `view` in the table.
         table: View,
-        /// Of the file.
+        /// `view` in the file.
         file: View,
         /// The file.
         path: PathBuf,
     },
-    /// The file is not one.
+    /// The file cannot be read as a calibration.
     #[error("reading the calibration")]
     File(#[from] StrictError),
     /// The file is a camera's own calibration, as other programs make them in air.
@@ -100,9 +100,9 @@ pub enum CalibrationError {
     /// Pictures of another size than those of the calibration.
     #[error("the calibration was made from pictures of {}x{} px, these have {}x{} px: film at that size, or calibrate again", wanted[0], wanted[1], got[0], got[1])]
     Size {
-        /// Of the calibration \[px\].
+        /// Width and height in the calibration \[px\].
         wanted: [u32; 2],
-        /// Of the pictures \[px\].
+        /// Width and height of the pictures \[px\].
         got: [u32; 2],
     },
     /// The file's homography maps the picture to a line or a point.
@@ -162,8 +162,8 @@ impl Calibration {
     }
 }
 
-/// Words of which one stands in every camera model that OpenCV, ROS, Kalibr or MATLAB write, and none in a [`CalibrationFile`].
-const PINHOLE: [&str; 5] =
+/// Keys of which one occurs in every camera model that OpenCV, ROS, Kalibr or MATLAB write, and none in a [`CalibrationFile`].
+const PINHOLE_MODEL_KEYS: [&str; 5] =
     ["camera_matrix", "cameraMatrix", "distortion_coefficients", "intrinsics", "IntrinsicMatrix"];
 
 impl CalibrationFile {
@@ -175,7 +175,7 @@ impl CalibrationFile {
         let unreadable = |source| StrictError::Unreadable { path: path.into(), source };
         let bytes = std::fs::read(path).map_err(unreadable)?;
         let text = String::from_utf8_lossy(&bytes);
-        if !text.contains("metres_from_pixels") && PINHOLE.iter().any(|word| text.contains(word)) {
+        if !text.contains("metres_from_pixels") && PINHOLE_MODEL_KEYS.iter().any(|word| text.contains(word)) {
             return Err(CalibrationError::InAir { path: path.into() });
         }
         Ok(strict::parse(&text, path)?)
@@ -205,7 +205,7 @@ impl Plane {
         Some(Self { metres_from_pixels, pixels_from_metres, centre_px, radial_per_px2, picture_px, view })
     }
 
-    /// The same as `view` has it.
+    /// The same plane, seen from `view`.
     pub fn viewed(self, view: View) -> Self {
         Self { view, ..self }
     }
@@ -284,6 +284,7 @@ impl Plane {
 
     /// Local scale at `px` \[m/px\]: the square root of the area that one pixel shows.
     pub fn metres_per_pixel(&self, px: Px) -> f64 {
+        /// Half the step of the central difference \[px\], chosen.
         const STEP_PX: f64 = 0.5;
         let [x, y] = px;
         let difference = |a: Px, b: Px| {
@@ -306,15 +307,15 @@ mod tests {
     use super::*;
 
     /// Rounding of a few products of numbers near 1e3.
-    const ROUNDING: f64 = 1e-9;
+    const ROUNDING_TOLERANCE: f64 = 1e-9;
 
     #[test]
     fn square_camera_puts_z_up_and_x_right() {
         let plane = Plane::square(0.001, [100.0, 50.0]);
         assert_eq!(plane.metres([100.0, 50.0]), [0.0, 0.0]);
         let [x, z] = plane.metres([110.0, 30.0]);
-        assert!((x - 0.010).abs() < ROUNDING && (z - 0.020).abs() < ROUNDING, "{x} {z}");
-        assert!((plane.metres_per_pixel([3.0, 4.0]) - 0.001).abs() < ROUNDING);
+        assert!((x - 0.010).abs() < ROUNDING_TOLERANCE && (z - 0.020).abs() < ROUNDING_TOLERANCE, "{x} {z}");
+        assert!((plane.metres_per_pixel([3.0, 4.0]) - 0.001).abs() < ROUNDING_TOLERANCE);
     }
 
     #[test]
@@ -323,7 +324,7 @@ mod tests {
         let plane = Plane::new(map, [320.0, 240.0], -2e-7).unwrap();
         for px in [[0.0, 0.0], [639.0, 20.0], [320.0, 240.0], [100.0, 479.0]] {
             let back = plane.pixel(plane.metres(px));
-            assert!((back[0] - px[0]).hypot(back[1] - px[1]) < ROUNDING * 100.0, "{px:?} {back:?}");
+            assert!((back[0] - px[0]).hypot(back[1] - px[1]) < ROUNDING_TOLERANCE * 100.0, "{px:?} {back:?}");
         }
     }
 

@@ -46,7 +46,7 @@ pub struct CameraConfig {
     pub lock_exposure: bool,
     /// Images thrown away at the start, which many drivers fill badly. Default 3.
     pub discard: u32,
-    /// Without an image for so long the camera counts as stalled \[s\]. Default: five periods, at least 0.2.
+    /// Time without an image after which the camera counts as stalled \[s\]. Default: five periods, at least 0.2.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stall_s: Option<PositiveSeconds>,
 }
@@ -73,7 +73,7 @@ impl Default for CameraConfig {
     }
 }
 
-/// The least time without an image that is a stall \[s\]: below it a busy host would be taken for one.
+/// Shortest default time without an image that counts as a stall \[s\], chosen: a busy host may be late by less.
 const MIN_STALL_S: f64 = 0.2;
 
 impl CameraConfig {

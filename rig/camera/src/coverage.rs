@@ -5,9 +5,9 @@
 
 use crate::calibration::Px;
 
-/// Sub-rows of a pixel.
+/// Sub-rows per pixel row, chosen.
 const SUB_ROWS: usize = 8;
-/// The blur's kernel ends after this many sigmas.
+/// The blur's kernel is cut off after this many sigmas, chosen.
 const KERNEL_SIGMAS: f64 = 3.0;
 
 /// How much of each pixel of a rectangle is covered, blurred.
@@ -74,7 +74,7 @@ impl Coverage {
         }
     }
 
-    /// Gauss's bell across, then down.
+    /// Blurs with a Gaussian kernel, along the rows and then along the columns.
     fn blur(&mut self, sigma: f64) {
         if sigma <= 0.0 {
             return;

@@ -10,7 +10,7 @@ use super::{CameraImage, Encoding};
 /// Why an image could not be decoded.
 #[derive(Debug, thiserror::Error)]
 pub enum DecodeError {
-    /// Fewer or more bytes than the size says.
+    /// The number of bytes does not fit the size.
     #[error("{encoding:?} image of {width_px}x{height_px} px has {got} bytes instead of {wanted}")]
     Length {
         /// Layout.
@@ -49,10 +49,10 @@ pub enum DecodeError {
     },
 }
 
-/// Longest side that is decoded \[px\].
+/// Longest side of an image that is decoded \[px\], chosen.
 pub const MAX_SIDE_PX: u32 = 8192;
-/// Most memory a decoder may take \[bytes\]: RGB of the largest picture and as much again for itself.
-const MAX_BYTES: u64 = 512 << 20;
+/// Most memory that a decoder may use \[bytes\], chosen: RGB of the largest picture and as much again.
+const MAX_DECODER_BYTES: u64 = 512 << 20;
 
 /// The picture of a camera's image in grey.
 ///
@@ -107,7 +107,7 @@ fn compressed(data: &[u8], format: ImageFormat) -> Result<GrayImage, DecodeError
     let mut limits = Limits::default();
     limits.max_image_width = Some(MAX_SIDE_PX);
     limits.max_image_height = Some(MAX_SIDE_PX);
-    limits.max_alloc = Some(MAX_BYTES);
+    limits.max_alloc = Some(MAX_DECODER_BYTES);
     let mut reader = ImageReader::with_format(Cursor::new(data), format);
     reader.limits(limits);
     Ok(reader.decode()?.into_luma8())

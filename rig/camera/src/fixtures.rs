@@ -1,4 +1,4 @@
-//! Cameras, images and what stands of them in recordings, for tests.
+//! Cameras, images and the chunks of recordings, for tests.
 
 use super::{CameraImage, CameraInfo, Encoding};
 use ground::clock::MonotonicNs;

@@ -19,9 +19,9 @@ pub struct Opening<'a> {
     pub config: &'a CameraConfig,
     /// Relative paths in it start here.
     pub folder: &'a Path,
-    /// What a mock camera looks at, how truly it stamps its images, and its faults.
+    /// The scene of a mock camera, the errors of its stamps, and its faults.
     pub mock: Option<(Box<dyn Scene>, StampTruth, Vec<CameraFault>)>,
-    /// What a replayed camera shows.
+    /// The images of a recorded run, for `replay`.
     pub film: Option<Film>,
 }
 

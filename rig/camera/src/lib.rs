@@ -43,7 +43,7 @@ pub trait Camera: Send {
     /// [`CameraError::Stalled`] when none came within `timeout`; the other kinds end the stream.
     fn next_image(&mut self, timeout: Duration) -> Result<CameraImage, CameraError>;
 
-    /// Ends the stream. Never fails: there is nothing left to do about it.
+    /// Ends the stream. Never fails, since nothing could be done about a failure.
     fn stop(&mut self);
 }
 
@@ -62,7 +62,7 @@ pub enum Encoding {
 }
 
 impl Encoding {
-    /// Bytes of a picture of so many pixels; at most, where they are compressed.
+    /// Bytes of a picture of `pixels` pixels; for compressed encodings an upper bound.
     pub fn bytes(self, pixels: u64) -> u64 {
         match self {
             Self::Grey | Self::Jpeg | Self::Png => pixels,
@@ -71,10 +71,10 @@ impl Encoding {
     }
 }
 
-/// What a camera said about itself.
+/// A camera's description of itself.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CameraInfo {
-    /// Driver and device, for people.
+    /// Driver and device, as named in messages.
     pub name: String,
     /// Image width \[px\].
     pub width_px: u32,
@@ -89,7 +89,7 @@ pub struct CameraInfo {
 }
 
 impl CameraInfo {
-    /// Bytes it sends a second; at most, where its images are compressed.
+    /// Bytes that it sends per second; for compressed encodings an upper bound.
     pub fn bytes_per_s(&self) -> f64 {
         self.encoding.bytes(u64::from(self.width_px) * u64::from(self.height_px)) as f64 * self.fps
     }
@@ -152,7 +152,7 @@ pub fn images_lost(before: u32, now: u32) -> u32 {
     if step < 1 << 31 { step.saturating_sub(1) } else { 0 }
 }
 
-/// Tells the images that can be used by their stamps: each later than all before.
+/// Selects the images that can be used by their stamps: each must be later than all before.
 #[derive(Debug, Clone, Default)]
 pub struct Rising(Option<MonotonicNs>);
 

@@ -1,4 +1,4 @@
-//! The mock camera: looks at a simulated scene in real time, with a real camera's manners and faults.
+//! The mock camera: films a simulated scene in real time, with the timing, losses and faults of a real camera.
 
 mod fault;
 
@@ -14,12 +14,12 @@ use rand_distr::{Distribution, StandardNormal};
 use super::{Camera, CameraConfig, CameraError, CameraImage, CameraInfo, Encoding};
 use ground::clock::MonotonicNs;
 
-/// What a mock camera looks at.
+/// The scene that a mock camera films.
 pub trait Scene: Send {
     /// The picture at the instant `at`.
     ///
     /// # Errors
-    /// Why there is none, for people.
+    /// Why there is none, as a message.
     fn picture(&mut self, at: MonotonicNs) -> Result<GrayImage, String>;
 
     /// When the run began from which faults are timed; none: when the camera was started.
@@ -28,7 +28,7 @@ pub trait Scene: Send {
     }
 }
 
-/// How the mock camera's stamps depart from the truth.
+/// The errors of the mock camera's stamps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StampTruth {
     /// How much later than the start of exposure stamps really are \[s\].
@@ -39,14 +39,14 @@ pub struct StampTruth {
     pub seed: u64,
 }
 
-/// Images that wait for the program before the oldest is lost, as in a driver's buffers.
+/// Images that wait for the program before the oldest is lost, as in a driver's buffers; chosen.
 const BUFFERED_IMAGES: u32 = 4;
-/// Share of the images that an intermittent camera loses.
-const INTERMITTENT_LOSS: f64 = 0.3;
-/// JPEG quality of a common webcam.
+/// Share of the images that an intermittent camera loses, chosen.
+const INTERMITTENT_LOSS_SHARE: f64 = 0.3;
+/// JPEG quality, chosen as that of a common webcam.
 const JPEG_QUALITY: u8 = 90;
 
-/// A camera that is not there.
+/// The mock camera.
 pub struct MockCamera {
     info: CameraInfo,
     exposure_s: f64,
@@ -57,7 +57,7 @@ pub struct MockCamera {
     /// When image 0 was exposed, while started.
     first: Option<MonotonicNs>,
     next: u32,
-    /// What a stuck camera keeps showing.
+    /// The last picture, which a stuck camera repeats.
     last_picture: Option<GrayImage>,
 }
 
@@ -156,7 +156,9 @@ impl MockCamera {
             }
             let index = self.next;
             self.next += 1;
-            if fault == Some(CameraFaultKind::Intermittent) && self.random.random_bool(INTERMITTENT_LOSS) {
+            if fault == Some(CameraFaultKind::Intermittent)
+                && self.random.random_bool(INTERMITTENT_LOSS_SHARE)
+            {
                 continue;
             }
             return Ok((index, exposed, fault));
@@ -182,7 +184,7 @@ impl Camera for MockCamera {
         let (sequence, exposed, fault) = self.wait(timeout)?;
         let refused = |what| CameraError::Refused { camera: "mock".into(), what };
         let picture = match (fault, self.last_picture.take()) {
-            (Some(CameraFaultKind::Stuck), Some(kept)) => kept,
+            (Some(CameraFaultKind::Stuck), Some(repeated)) => repeated,
             _ => self.scene.picture(exposed).map_err(refused)?,
         };
         let mut data = encode(&picture, self.info.encoding).map_err(refused)?;

@@ -1,24 +1,24 @@
-//! A camera that shows a recorded run again.
+//! A camera that replays the images of a recorded run.
 
 use std::time::{Duration, Instant};
 
 use super::{Camera, CameraError, CameraImage, CameraInfo};
 use ground::clock::{MonotonicNs, ReplayClock};
 
-/// What a camera showed: when each image was handed over, and the image, or why there are no more.
+/// Recorded images: the host's time at which each was handed over, and the image, or why there are no more.
 pub type Received = Box<dyn Iterator<Item = Result<(MonotonicNs, CameraImage), String>> + Send>;
 
 /// A recorded run's images.
 pub struct Film {
-    /// What the camera was.
+    /// Description of the recorded camera.
     pub info: CameraInfo,
-    /// What it showed.
+    /// Its images.
     pub received: Received,
-    /// When that is now.
+    /// Maps times of the recorded run to times of this one.
     pub clock: ReplayClock,
 }
 
-/// Shows each image as long after the run's start as it came then, and stamps it so.
+/// Hands out each image as long after the run's start as in the recorded run, with its stamps shifted accordingly.
 pub struct ReplayCamera {
     film: Film,
     next: Option<(MonotonicNs, CameraImage)>,
@@ -56,15 +56,15 @@ impl Camera for ReplayCamera {
             std::thread::sleep(left());
             return Err(CameraError::End);
         };
-        let wait_s = self.film.clock.again(*handed_over).seconds_since(MonotonicNs::now()).max(0.0);
+        let wait_s = self.film.clock.to_present(*handed_over).seconds_since(MonotonicNs::now()).max(0.0);
         std::thread::sleep(left().min(ground::strict::duration(wait_s)));
         if left().is_zero() {
             let camera = self.film.info.name.clone();
             return Err(CameraError::Stalled { camera, waited_ms: timeout.as_millis() as u64 });
         }
         let (_, image) = self.next.take().ok_or(CameraError::End)?;
-        let again = |then| self.film.clock.again(then);
-        Ok(CameraImage { stamp: again(image.stamp), mid_exposure: again(image.mid_exposure), ..image })
+        let shifted = |then| self.film.clock.to_present(then);
+        Ok(CameraImage { stamp: shifted(image.stamp), mid_exposure: shifted(image.mid_exposure), ..image })
     }
 
     fn stop(&mut self) {}

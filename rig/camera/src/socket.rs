@@ -15,11 +15,11 @@ use serde::{Deserialize, Serialize};
 use super::{Camera, CameraConfig, CameraError, CameraImage, CameraInfo, wire};
 
 /// Name of the socket in the tank's folder.
-pub const SOCKET: &str = "camera.sock";
+pub const SOCKET_NAME: &str = "camera.sock";
 
-/// The other side must greet within this time; a client that is served already keeps others waiting.
+/// How long a greeting is awaited, chosen; while one client is served, others wait in vain.
 const GREETING_TIMEOUT: Duration = Duration::from_secs(3);
-/// Longest greeting believed.
+/// Longest greeting that is accepted \[bytes\], chosen.
 const MAX_GREETING_BYTES: usize = 1 << 16;
 
 #[derive(Serialize, Deserialize)]
@@ -46,7 +46,7 @@ impl SocketCamera {
     /// [`CameraError::Refused`] when nobody listens there or the camera refuses.
     pub fn open(config: &CameraConfig, folder: &Path) -> Result<Self, CameraError> {
         let tank = config.tank.as_ref().ok_or_else(|| config.missing("tank"))?;
-        let path = folder.join(tank).join(SOCKET);
+        let path = folder.join(tank).join(SOCKET_NAME);
         let (stream, info) = connect(&path, config)?;
         Ok(Self { info, path, config: config.clone(), stream: Some(stream), pending: Vec::new() })
     }
@@ -167,7 +167,7 @@ fn receive<T: DeserializeOwned>(stream: &mut UnixStream) -> std::io::Result<T> {
 /// # Errors
 /// What the system says, also when another server listens there.
 pub fn listen(tank: &Path) -> std::io::Result<UnixListener> {
-    let path = tank.join(SOCKET);
+    let path = tank.join(SOCKET_NAME);
     if UnixStream::connect(&path).is_ok() {
         return Err(std::io::Error::new(ErrorKind::AddrInUse, "another mock camera serves this tank"));
     }

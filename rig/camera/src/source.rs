@@ -1,4 +1,4 @@
-//! What every source of images gives.
+//! The interface of all sources of images.
 
 mod error;
 
@@ -12,7 +12,7 @@ use ground::clock::MonotonicNs;
 /// An image and when it was exposed.
 #[derive(Debug, Clone)]
 pub struct TimedImage {
-    /// File name, or whatever else tells it from the others.
+    /// File name, or another name that identifies it.
     pub name: String,
     /// Mid-exposure \[s\].
     pub time_s: f64,
@@ -47,7 +47,7 @@ pub trait ImageSource: Send + Sync {
     /// How many images there are, where that is known beforehand.
     fn len_hint(&self) -> Option<usize>;
 
-    /// What the sequence, once it was read to its end, does not give any more of what it held, in a sentence without its full stop.
+    /// What is missing in a sequence that was read to its end, as a sentence without its full stop; `None` where it is whole.
     fn shortfall(&self) -> Option<String> {
         None
     }
@@ -81,23 +81,23 @@ pub fn even_sample(
     source: &(impl ImageSource + ?Sized),
     most: usize,
 ) -> Result<Vec<TimedImage>, SourceError> {
-    let mut kept: Vec<TimedImage> = Vec::new();
+    let mut selected: Vec<TimedImage> = Vec::new();
     let mut stride = source.len_hint().map_or(1, |len| len.div_ceil(most).max(1));
     for (i, image) in source.images()?.enumerate() {
         if i % stride != 0 {
             continue;
         }
-        kept.push(image?);
-        if kept.len() > most {
+        selected.push(image?);
+        if selected.len() > most {
             let mut even = false;
-            kept.retain(|_| {
+            selected.retain(|_| {
                 even = !even;
                 even
             });
             stride *= 2;
         }
     }
-    Ok(kept)
+    Ok(selected)
 }
 
 #[cfg(test)]
@@ -121,11 +121,15 @@ mod tests {
     fn sample_is_even_and_spans_the_sequence_known_length_or_not() {
         for known in [true, false] {
             for length in [1, 7, 8, 9, 100, 1000] {
-                let kept = Counted(length, known).sample(8).unwrap();
-                assert!((4..=8).contains(&kept.len()) || kept.len() == length, "{length}: {}", kept.len());
-                let steps: Vec<f64> = kept.windows(2).map(|p| p[1].time_s - p[0].time_s).collect();
+                let sample = Counted(length, known).sample(8).unwrap();
+                assert!(
+                    (4..=8).contains(&sample.len()) || sample.len() == length,
+                    "{length}: {}",
+                    sample.len()
+                );
+                let steps: Vec<f64> = sample.windows(2).map(|p| p[1].time_s - p[0].time_s).collect();
                 assert!(steps.windows(2).all(|s| s[0] == s[1]), "{steps:?}");
-                assert!(kept.last().unwrap().time_s >= 0.74 * (length - 1) as f64, "{length} {known}");
+                assert!(sample.last().unwrap().time_s >= 0.74 * (length - 1) as f64, "{length} {known}");
             }
         }
     }

@@ -20,16 +20,16 @@ use v4l::io::traits::{CaptureStream, Stream as _};
 use super::{Camera, CameraConfig, CameraError, CameraImage, CameraInfo, Encoding};
 use ground::clock::MonotonicNs;
 
-/// Buffers asked for: at 120 images a second the program may be away for 90 ms.
-const BUFFERS: u32 = 12;
-/// More buffers than any driver gives.
-const MOST_BUFFERS: usize = 64;
+/// Buffers requested from the driver, chosen: at 120 images a second the program may be held up for 90 ms.
+const REQUESTED_BUFFERS: u32 = 12;
+/// More buffers than any driver gives, chosen.
+const MAX_BUFFERS: usize = 64;
 /// `poll`'s flag for "an image is ready".
 const POLLIN: i16 = 1;
-/// The first image may take this long: sensors need to wake up.
-const FIRST_IMAGE: Duration = Duration::from_secs(5);
-/// A stamp further than this from now is on another clock.
-const CLOCK_TOLERANCE_S: f64 = 10.0;
+/// Longest wait for the first image, chosen: sensors need time to start.
+const FIRST_IMAGE_TIMEOUT: Duration = Duration::from_secs(5);
+/// A stamp further than this from the present is on another clock \[s\], chosen.
+const STAMP_CLOCK_TOLERANCE_S: f64 = 10.0;
 
 /// A camera behind `/dev/video*`.
 pub struct V4lCamera {
@@ -82,12 +82,12 @@ impl V4lCamera {
     }
 
     fn begin(&mut self) -> Result<(), CameraError> {
-        let mut stream = Stream::with_buffers(&self.device, Type::VideoCapture, BUFFERS)
+        let mut stream = Stream::with_buffers(&self.device, Type::VideoCapture, REQUESTED_BUFFERS)
             .map_err(|error| self.failed("asking for buffers", &error))?;
         // The crate keeps the number of buffers to itself; queueing one too many is refused. Buffer 0 is queued by
         // the first `next`.
         let queued =
-            (1..MOST_BUFFERS).take_while(|&index| CaptureStream::queue(&mut stream, index).is_ok()).count();
+            (1..MAX_BUFFERS).take_while(|&index| CaptureStream::queue(&mut stream, index).is_ok()).count();
         if queued == 0 {
             return Err(self.refused("the driver gave fewer than two buffers; free some memory".into()));
         }
@@ -96,9 +96,9 @@ impl V4lCamera {
 
         // At least one image tells what the stamps mean.
         for _ in 0..self.config.discard.max(1) {
-            let (_, meta) = self.take(FIRST_IMAGE)?;
+            let (_, meta) = self.take(FIRST_IMAGE_TIMEOUT)?;
             let age_s = MonotonicNs::now().seconds_since(stamp(&meta));
-            if age_s.abs() > CLOCK_TOLERANCE_S {
+            if age_s.abs() > STAMP_CLOCK_TOLERANCE_S {
                 return Err(self.refused(format!(
                     "image stamps are {age_s:.0} s off the monotonic clock; set the driver to monotonic stamps (uvcvideo: clock=CLOCK_MONOTONIC)"
                 )));
@@ -296,14 +296,14 @@ mod tests {
         assert!(error.contains("/dev/no-such-camera") && error.contains("rig list"), "{error}");
     }
 
-    /// Names the camera to test with, which gives 640x480 YUYV at 25 images a second.
-    const BENCH: &str = "RIG_V4L_DEVICE";
+    /// Environment variable that names the camera to test with, which gives 640x480 YUYV at 25 images a second.
+    const BENCH_CAMERA_VARIABLE: &str = "RIG_V4L_DEVICE";
 
     #[test]
     #[ignore = "needs a camera: RIG_V4L_DEVICE=/dev/video0"]
     fn camera_on_the_bench_streams_stalls_and_restarts() {
         let config = CameraConfig {
-            device: Some(std::env::var_os(BENCH).unwrap().into()),
+            device: Some(std::env::var_os(BENCH_CAMERA_VARIABLE).unwrap().into()),
             fps: Positive::new(25.0),
             format: Encoding::Yuyv,
             ..CameraConfig::default()
@@ -311,7 +311,7 @@ mod tests {
         let mut camera = V4lCamera::open(&config).unwrap();
         for _ in 0..2 {
             camera.start().unwrap();
-            let mut last = camera.next_image(FIRST_IMAGE).unwrap();
+            let mut last = camera.next_image(FIRST_IMAGE_TIMEOUT).unwrap();
             // Too short for an image: the next one comes all the same.
             for _ in 0..5 {
                 let _ = camera.next_image(Duration::from_millis(1));

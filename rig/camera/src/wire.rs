@@ -22,11 +22,13 @@ use ground::clock::MonotonicNs;
 /// Bytes before the data.
 pub const HEADER_BYTES: usize = 36;
 
-/// Most data bytes an image may have: no camera here comes near, a corrupted length does.
+/// Most data bytes of an image, chosen: far above any camera's, so that a corrupted length is noticed.
 pub const MAX_DATA_BYTES: usize = 64 << 20;
 
-const VERSION: u8 = 1;
-const DAMAGED: u8 = 1;
+/// Version of the layout, the header's first byte.
+const LAYOUT_VERSION: u8 = 1;
+/// The flag of a damaged image.
+const DAMAGED_FLAG: u8 = 1;
 
 /// Why bytes are not an image.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -52,14 +54,14 @@ pub enum WireError {
 /// The header of `image`.
 pub fn header(image: &CameraImage) -> [u8; HEADER_BYTES] {
     let mut bytes = [0; HEADER_BYTES];
-    bytes[0] = VERSION;
+    bytes[0] = LAYOUT_VERSION;
     bytes[1] = match image.encoding {
         Encoding::Grey => 0,
         Encoding::Yuyv => 1,
         Encoding::Jpeg => 2,
         Encoding::Png => 3,
     };
-    bytes[2] = if image.damaged { DAMAGED } else { 0 };
+    bytes[2] = if image.damaged { DAMAGED_FLAG } else { 0 };
     bytes[4..8].copy_from_slice(&image.sequence.to_le_bytes());
     bytes[8..16].copy_from_slice(&image.stamp.0.to_le_bytes());
     bytes[16..24].copy_from_slice(&image.mid_exposure.0.to_le_bytes());
@@ -75,7 +77,7 @@ pub fn header(image: &CameraImage) -> [u8; HEADER_BYTES] {
 /// [`WireError::Unknown`] naming the field.
 pub fn read_header(bytes: &[u8; HEADER_BYTES]) -> Result<(CameraImage, usize), WireError> {
     let unknown = |field, value| WireError::Unknown { field, value };
-    if bytes[0] != VERSION {
+    if bytes[0] != LAYOUT_VERSION {
         return Err(unknown("version", bytes[0].into()));
     }
     let encoding = match bytes[1] {
@@ -95,7 +97,7 @@ pub fn read_header(bytes: &[u8; HEADER_BYTES]) -> Result<(CameraImage, usize), W
         sequence: u32_at(4),
         stamp: MonotonicNs(u64_at(8)),
         mid_exposure: MonotonicNs(u64_at(16)),
-        damaged: bytes[2] & DAMAGED != 0,
+        damaged: bytes[2] & DAMAGED_FLAG != 0,
         width_px: u32_at(24),
         height_px: u32_at(28),
         encoding,

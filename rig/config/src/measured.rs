@@ -1,4 +1,4 @@
-//! What was measured of camera and servo beforehand, as a fit and a diagnosis begin with it.
+//! Priors and bounds of a fit and a diagnosis from the measured latency of the camera and the calibration of the servo.
 
 use camera::CameraConfig;
 use ground::strict::{Finite, Positive};
@@ -7,17 +7,17 @@ use servo::ServoConfig;
 use servo::calibration::{Measured, ServoCalibration};
 
 /// The error of the images' times, as a parameter of a fit.
-const CLOCK_ERROR: &str = "camera_delay/delay";
-/// So many standard deviations is it off at most.
-const CLOCK_SIGMAS: f64 = 4.0;
-/// As much as the cause may be \[s\].
-const MOST_CLOCK_ERROR_S: f64 = 0.2;
+const CLOCK_ERROR_PARAMETER: &str = "camera_delay/delay";
+/// Bound of that error in standard deviations. Chosen.
+const CLOCK_ERROR_LIMIT_SIGMAS: f64 = 4.0;
+/// Largest bound of that error: the cause's own \[s\].
+const CLOCK_ERROR_LIMIT_S: f64 = 0.2;
 /// Least standard deviation of a prior of the gain, as a share: pulses are whole microseconds, and a camera's tilt does not average out.
-const LEAST_GAIN_STD: f64 = 1e-3;
-/// A dead band of less than so many standard errors is none.
-const DEADBAND_SIGMAS: f64 = 3.0;
+const GAIN_STD_MIN_SHARE: f64 = 1e-3;
+/// A dead band of less than this many standard errors is ignored. Chosen.
+const DEADBAND_MIN_SIGMAS: f64 = 3.0;
 
-/// Lets `fit` and `diagnose` begin with what was measured of the camera's clock and of the servo. What they say themselves stays.
+/// Adds priors and bounds from the measured latency of the camera and the calibrated servo. Those that `fit` and `diagnose` have stay.
 pub fn put_into(
     camera: &CameraConfig,
     servo: Option<&ServoConfig>,
@@ -30,18 +30,18 @@ pub fn put_into(
     }
 }
 
-/// Lets a fit take the images' clock, against the servo's, to be off by as little as it is known to be. A prior alone would not do: of
-/// two delays that explain runs alike, and held-out ones too, the one that a fit has already is never left for the other.
+/// Limits the error of the images' clock against the servo's to what is measured. A prior alone is not enough: of two delays that explain
+/// the runs equally well, also held-out ones, a fit never gives up the one that it has already.
 fn put_clock_into(camera: &CameraConfig, fit: &mut FitConfig) {
     let finite = |x: f64| Finite::new(x).unwrap_or_else(|| unreachable!("{x} is finite"));
     if let Some(std) = camera.latency_std_s {
-        let most_s = (CLOCK_SIGMAS * std.get()).min(MOST_CLOCK_ERROR_S);
-        fit.prior.entry(CLOCK_ERROR.into()).or_insert(Prior { mean: finite(0.0), std });
-        fit.bounds.entry(CLOCK_ERROR.into()).or_insert([finite(-most_s), finite(most_s)]);
+        let most_s = (CLOCK_ERROR_LIMIT_SIGMAS * std.get()).min(CLOCK_ERROR_LIMIT_S);
+        fit.prior.entry(CLOCK_ERROR_PARAMETER.into()).or_insert(Prior { mean: finite(0.0), std });
+        fit.bounds.entry(CLOCK_ERROR_PARAMETER.into()).or_insert([finite(-most_s), finite(most_s)]);
     }
 }
 
-/// The calibration of the one servo that drives. A model has one servo's numbers for all: of several servos nothing is said.
+/// The calibration of the only driving servo; none with several, as a model has one set of servo parameters for all.
 fn calibrated(servo: &ServoConfig) -> Option<&ServoCalibration> {
     let mut driven = servo.driven();
     let (channel, _) = driven.next()?;
@@ -53,13 +53,13 @@ fn calibrated(servo: &ServoConfig) -> Option<&ServoCalibration> {
 /// Looks and a limit of the rate are not in a model until a diagnosis puts them there, and their numbers are known then.
 fn put_servo_into(servo: &ServoCalibration, fit: &mut FitConfig, diagnose: &mut DiagnoseConfig) {
     let prior = |mean: f64, std: f64| Some(Prior { mean: Finite::new(mean)?, std: Positive::new(std)? });
-    let gain_std = (servo.us_per_rad.std.get() / servo.us_per_rad.value.get()).max(LEAST_GAIN_STD);
+    let gain_std = (servo.us_per_rad.std.get() / servo.us_per_rad.value.get()).max(GAIN_STD_MIN_SHARE);
     let lag_s = servo.lag_s.value.get().max(0.0);
     let period_s = servo.refresh_s.map_or(0.0, |period| period.value.get());
     let delay_s = (servo.delay_s.value.get() + period_s / 2.0).max(0.0);
     let delay_std_s = servo.delay_s.std.get().hypot(period_s / 12_f64.sqrt());
     let play = servo.deadband_rad;
-    let has_play = play.value.get() > DEADBAND_SIGMAS * play.std.get();
+    let has_play = play.value.get() > DEADBAND_MIN_SIGMAS * play.std.get();
     let whole = |measured: Measured| prior(measured.value.get(), measured.std.get());
     let known = [
         ("servo_gain/scale", prior(0.0, gain_std)),

@@ -45,7 +45,7 @@ pub enum ScheduleError {
 }
 
 impl Schedule {
-    /// At most so many missed slots are counted one by one; a daemon down for a year need not list them all.
+    /// Missed slots that are counted one by one at most: a daemon that was down for a year need not list all.
     pub const MAX_COUNTED: usize = 10_000;
 
     /// Reads a cron expression.

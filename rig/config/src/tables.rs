@@ -258,7 +258,7 @@ impl AlertsConfig {
     /// The place that is an address.
     pub const WEBHOOK: &str = "webhook";
 
-    /// The places that are told.
+    /// The places that alerts are delivered to.
     pub fn places(&self) -> Vec<&'static str> {
         let command = (!self.command.is_empty()).then_some(Self::COMMAND);
         let webhook = self.webhook.as_ref().map(|_| Self::WEBHOOK);

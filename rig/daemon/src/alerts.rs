@@ -1,5 +1,5 @@
-//! Alerts: raised into the database, where they stay, and told to the places that `[alerts]` names, one at a time on a thread of its own.
-//! A place that cannot be told is tried again, later and later; a daemon that is started again goes on.
+//! Alerts: stored in the database, and delivered to the places that `[alerts]` names, one at a time on a thread of its own. A failed
+//! delivery is tried again after increasing delays, also by a daemon that is restarted.
 
 use std::io::{Read as _, Write as _};
 use std::process::{Command, Stdio};
@@ -15,13 +15,13 @@ use store::alerts::Delivery;
 use store::job::JobId;
 use store::{Store, StoreError};
 
-/// A program that has not ended by then is stopped and tried again.
-const PATIENCE: Duration = Duration::from_secs(30);
-/// The first wait for another try; each is three times as long as the one before, up to the longest.
-const FIRST_WAIT: SignedDuration = SignedDuration::from_secs(10);
-const LONGEST_WAIT: SignedDuration = SignedDuration::from_hours(1);
-/// After so many tries, about a week, a place is not tried any more.
-const MOST_TRIES: u32 = 170;
+/// An alert program that runs longer is killed and tried again. Chosen.
+const DELIVERY_TIMEOUT: Duration = Duration::from_secs(30);
+/// Delay before the second try; each further delay is three times as long, up to [`MAX_RETRY_DELAY`]. Chosen.
+const FIRST_RETRY_DELAY: SignedDuration = SignedDuration::from_secs(10);
+const MAX_RETRY_DELAY: SignedDuration = SignedDuration::from_hours(1);
+/// Tries at most, over about a week. Chosen.
+const MAX_TRIES: u32 = 170;
 
 /// Raises the alerts of one rig and delivers them.
 #[derive(Debug)]
@@ -57,11 +57,11 @@ impl Alerts {
     /// [`StoreError`].
     pub(super) fn tick(&mut self, store: &mut Store) -> Result<(), StoreError> {
         if let Some((delivery, thread)) = self.under_way.take_if(|(_, thread)| thread.is_finished()) {
-            let told = thread.join().unwrap_or_else(|_| Err("telling it panicked".into()));
-            let trouble = told.err();
+            let delivered = thread.join().unwrap_or_else(|_| Err("its delivery panicked".into()));
+            let trouble = delivered.err();
             if let Some(trouble) = &trouble {
                 tracing::warn!(
-                    "alert {} could not be told to the {}: {trouble}",
+                    "alert {} could not be delivered to the {}: {trouble}",
                     delivery.alert.id,
                     delivery.place
                 );
@@ -88,7 +88,7 @@ impl Alerts {
                 let mut command = Command::new(program);
                 command.args(arguments);
                 command.env("RIG_ALERT", &delivery.alert.kind).env("RIG_ALERT_TEXT", &delivery.alert.text);
-                thread.spawn(move || tell(command, &message))
+                thread.spawn(move || run_program(command, &message))
             }
             (_, Some(hook)) if delivery.place == AlertsConfig::WEBHOOK => {
                 let hook = hook.clone();
@@ -120,27 +120,27 @@ impl Alerts {
 /// When to try again after so many tries; not at all after too many.
 fn next_try(tries: u32, now: Timestamp) -> Option<Timestamp> {
     let longer = 3_i32.saturating_pow(tries.saturating_sub(1));
-    let wait = FIRST_WAIT.checked_mul(longer).unwrap_or(LONGEST_WAIT).min(LONGEST_WAIT);
-    (tries < MOST_TRIES).then(|| now.saturating_add(wait).ok()).flatten()
+    let wait = FIRST_RETRY_DELAY.checked_mul(longer).unwrap_or(MAX_RETRY_DELAY).min(MAX_RETRY_DELAY);
+    (tries < MAX_TRIES).then(|| now.saturating_add(wait).ok()).flatten()
 }
 
 /// Runs `command` with `input` to its end.
-fn tell(mut command: Command, input: &str) -> Result<(), String> {
+fn run_program(mut command: Command, input: &str) -> Result<(), String> {
     let program = command.get_program().to_string_lossy().into_owned();
     command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut child = command.spawn().map_err(|error| format!("starting {program}: {error}"))?;
     if let Some(mut stdin) = child.stdin.take() {
-        // one that does not read it may know enough
+        // a program need not read its input
         let _ = stdin.write_all(input.as_bytes());
     }
     let began = Instant::now();
     let status = loop {
         match child.try_wait() {
             Ok(Some(status)) => break status,
-            Ok(None) if began.elapsed() > PATIENCE => {
+            Ok(None) if began.elapsed() > DELIVERY_TIMEOUT => {
                 let _ = child.kill();
                 let _ = child.wait();
-                return Err(format!("{program} did not end within {} s", PATIENCE.as_secs()));
+                return Err(format!("{program} did not end within {} s", DELIVERY_TIMEOUT.as_secs()));
             }
             Ok(None) => std::thread::sleep(Duration::from_millis(20)),
             Err(error) => return Err(format!("waiting for {program}: {error}")),
@@ -165,9 +165,9 @@ mod tests {
         let start = Timestamp::UNIX_EPOCH;
         let wait = |tries| next_try(tries, start).map(|next| next.as_second());
         assert_eq!([wait(1), wait(2), wait(3), wait(9)], [Some(10), Some(30), Some(90), Some(3600)]);
-        let all: i64 = (1..MOST_TRIES).filter_map(wait).sum();
+        let all: i64 = (1..MAX_TRIES).filter_map(wait).sum();
         assert!((6 * 86_400..8 * 86_400).contains(&all), "{all} s");
-        assert_eq!(wait(MOST_TRIES), None);
+        assert_eq!(wait(MAX_TRIES), None);
     }
 
     #[test]
@@ -179,10 +179,10 @@ mod tests {
         };
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("said");
-        tell(shell(&format!("cat > {}", file.display())), "{}").unwrap();
+        run_program(shell(&format!("cat > {}", file.display())), "{}").unwrap();
         assert_eq!(std::fs::read_to_string(file).unwrap(), "{}");
-        let said = tell(shell("echo no line >&2; exit 3"), "").unwrap_err();
+        let said = run_program(shell("echo no line >&2; exit 3"), "").unwrap_err();
         assert!(said.contains("no line") && said.contains('3'), "{said}");
-        assert!(tell(Command::new("/no/such/program"), "").unwrap_err().contains("/no/such/program"));
+        assert!(run_program(Command::new("/no/such/program"), "").unwrap_err().contains("/no/such/program"));
     }
 }

@@ -1,8 +1,7 @@
 //! A job as a process of its own: a crash, a hang or a leak of one job is that job's alone.
 //!
-//! Its folder `RUNS/jobs/<id>` holds what it said: `result.json`, the one object of `--json`, and `log.txt`; and as long as it goes on
-//! the socket on which it shows how. They are there for a daemon that starts after the one that began the job was killed: the job goes
-//! on without it and is waited for.
+//! Its folder `RUNS/jobs/<id>` holds its output: `result.json`, the one object of `--json`, and `log.txt`; and while it runs the socket
+//! of its live view. If the daemon is killed, the job goes on without it, and the next daemon adopts the job by these files.
 
 #![allow(clippy::disallowed_methods, reason = "what a job prints")]
 
@@ -31,12 +30,12 @@ use record::files::create_folder;
 use record::run_id::RunId;
 use store::job::{Job, JobId, JobResult, Lane, State, Work};
 
-/// A job that was asked to end has so long for it; then its process is killed, and a board's dead-man stops what still moves.
-const GRACE: Duration = Duration::from_secs(4);
-/// So much of the end of a log is told of a job that ended without a word.
-const TOLD_BYTES: usize = 600;
+/// Time that a job has to end when asked; then its process is killed, and the board's dead-man stops what still moves. Chosen.
+const JOB_END_TIMEOUT: Duration = Duration::from_secs(4);
+/// Length of the end of the log that is quoted for a job that ended without a result \[bytes\]. Chosen.
+const LOG_EXCERPT_BYTES: usize = 600;
 
-/// Who does jobs.
+/// Starts jobs and clears up after them.
 pub(super) trait Jobs {
     /// Begins `job`; `origin` is the job that it repeats first of all, or itself.
     ///
@@ -47,18 +46,17 @@ pub(super) trait Jobs {
     /// A job that an earlier daemon began and that still goes on.
     fn adopt(&mut self, job: &Job) -> Option<Box<dyn Running>>;
 
-    /// Begins to see to what a job that was killed has left: servos of which nobody knows what they do, runs that ended without a word.
-    /// Nothing moves meanwhile.
+    /// Begins to clear up after a job that was killed: servos in an unknown state, runs without an end. Nothing moves meanwhile.
     fn clear_up(&mut self);
 
-    /// Whether that goes on.
-    fn clears_up(&self) -> bool;
+    /// Whether the clearing up is under way.
+    fn is_clearing_up(&self) -> bool;
 
-    /// What became of the runs, once it is over.
-    fn cleared_up(&mut self) -> Vec<(RunId, String)>;
+    /// The recovered runs and what became of them, once it is over.
+    fn take_recovered_runs(&mut self) -> Vec<(RunId, String)>;
 }
 
-/// A job that goes on.
+/// A job that is running.
 pub(super) trait Running {
     /// Its number.
     fn id(&self) -> JobId;
@@ -84,7 +82,7 @@ pub(super) struct Processes {
     pub(super) config: PathBuf,
     /// Worker threads of each.
     pub(super) threads: usize,
-    /// What a killed one left is seen to.
+    /// The thread that clears up after a killed job.
     pub(super) clearing: Option<JoinHandle<Vec<(RunId, String)>>>,
 }
 
@@ -101,13 +99,13 @@ impl Jobs for Processes {
         });
     }
 
-    fn clears_up(&self) -> bool {
+    fn is_clearing_up(&self) -> bool {
         self.clearing.is_some()
     }
 
-    fn cleared_up(&mut self) -> Vec<(RunId, String)> {
+    fn take_recovered_runs(&mut self) -> Vec<(RunId, String)> {
         let over = self.clearing.take_if(|clearing| clearing.is_finished());
-        // a panic has said so by itself, and the next run tries again
+        // a panic prints its own message, and the next run tries again
         over.map(|clearing| clearing.join().unwrap_or_default()).unwrap_or_default()
     }
 
@@ -126,13 +124,13 @@ struct JobProcess {
     id: JobId,
     folder: PathBuf,
     process: Process,
-    asked: Option<Instant>,
+    end_requested: Option<Instant>,
 }
 
 #[derive(Debug)]
 enum Process {
-    /// Our own.
-    Ours(Child),
+    /// Started by this daemon.
+    Started(Child),
     /// One that an earlier daemon began, by its number, which may be given out again, and by a handle, which stays.
     Adopted(Pid, OwnedFd),
 }
@@ -160,7 +158,9 @@ impl JobProcess {
         Order { work: job.work.clone(), runs_dir, out, config, threads }.write(&folder)?;
         let mut command = Command::new(std::env::current_exe().map_err(Failure::internal)?);
         command.args(["--json", "job"]).arg(&folder);
-        command.env(hand_in::JOB, job.id.to_string()).env(hand_in::SHOW, folder.join(file::LIVE));
+        command
+            .env(hand_in::JOB_VARIABLE, job.id.to_string())
+            .env(hand_in::LIVE_VARIABLE, folder.join(file::LIVE));
         // Ctrl-C at a terminal is for the daemon: with its own signal as the second one, the job would end at once
         command.process_group(0);
         // the manager is the daemon's
@@ -169,10 +169,10 @@ impl JobProcess {
         command.stdin(Stdio::null()).stdout(create(file::RESULT)?).stderr(create(file::LOG)?);
         let child = command.spawn().map_err(Failure::internal)?;
         if job.work.lane() == Lane::Analysis {
-            // without it the job is merely less polite
+            // if this fails, the job runs at normal priority
             let _ = setpriority_process(Some(Pid::from_child(&child)), Urgency::Computing.niceness());
         }
-        Ok(Self { id: job.id, folder, process: Process::Ours(child), asked: None })
+        Ok(Self { id: job.id, folder, process: Process::Started(child), end_requested: None })
     }
 
     /// A job that an earlier daemon began and whose process still lives.
@@ -183,13 +183,13 @@ impl JobProcess {
         let handle = pidfd_open(pid, PidfdFlags::empty()).ok()?;
         // numbers of processes are given out again: it must say itself that it does this job
         let environment = std::fs::read(format!("/proc/{}/environ", pid.as_raw_nonzero())).ok()?;
-        let mark = format!("{}={}", hand_in::JOB, job.id);
+        let mark = format!("{}={}", hand_in::JOB_VARIABLE, job.id);
         environment.split(|&byte| byte == 0).find(|&entry| entry == mark.as_bytes())?;
         Some(Self {
             id: job.id,
             folder: folder(runs_dir, job.id),
             process: Process::Adopted(pid, handle),
-            asked: None,
+            end_requested: None,
         })
     }
 }
@@ -201,30 +201,30 @@ impl Running for JobProcess {
 
     fn pid(&self) -> Pid {
         match &self.process {
-            Process::Ours(child) => Pid::from_child(child),
+            Process::Started(child) => Pid::from_child(child),
             Process::Adopted(pid, _) => *pid,
         }
     }
 
     fn end(&mut self) {
-        let signal = match self.asked {
+        let signal = match self.end_requested {
             None => Signal::TERM,
-            Some(asked) if asked.elapsed() > GRACE => Signal::KILL,
+            Some(requested) if requested.elapsed() > JOB_END_TIMEOUT => Signal::KILL,
             Some(_) => return,
         };
-        if self.asked.is_none() {
-            self.asked = Some(Instant::now());
+        if self.end_requested.is_none() {
+            self.end_requested = Some(Instant::now());
         }
         // one that has ended meanwhile needs no signal
         let _ = match &self.process {
-            Process::Ours(child) => kill_process(Pid::from_child(child), signal),
+            Process::Started(child) => kill_process(Pid::from_child(child), signal),
             Process::Adopted(_, handle) => pidfd_send_signal(handle, signal),
         };
     }
 
     fn ended(&mut self) -> Result<Option<(State, JobResult)>, Failure> {
         let how = match &mut self.process {
-            Process::Ours(child) => match child.try_wait().map_err(Failure::internal)? {
+            Process::Started(child) => match child.try_wait().map_err(Failure::internal)? {
                 None => return Ok(None),
                 Some(status) => status.to_string(),
             },
@@ -241,13 +241,14 @@ impl Running for JobProcess {
     }
 }
 
-/// What the job of the folder `folder` said, and where it stands; `how` its process ended, where it said nothing.
+/// State and result of the job in `folder`; `how` its process ended is the error if it left no result.
 pub(super) fn result(folder: &Path, how: &str) -> (State, JobResult) {
-    let said = below::read_at(&folder.join(file::RESULT)).ok();
-    let said: Option<JobResult> = said.and_then(|said| serde_json::from_slice(&said).ok());
-    let Some(result) = said else {
+    let output = below::read_at(&folder.join(file::RESULT)).ok();
+    let output: Option<JobResult> = output.and_then(|output| serde_json::from_slice(&output).ok());
+    let Some(result) = output else {
         let log = below::read_at(&folder.join(file::LOG)).unwrap_or_default();
-        let end = String::from_utf8_lossy(&log[log.len().saturating_sub(TOLD_BYTES)..]).trim().to_owned();
+        let end =
+            String::from_utf8_lossy(&log[log.len().saturating_sub(LOG_EXCERPT_BYTES)..]).trim().to_owned();
         let error = if end.is_empty() { how.to_owned() } else { format!("{how}: {end}") };
         return (State::Lost, JobResult { error: Some(error), ..JobResult::default() });
     };

@@ -38,25 +38,25 @@ use api::token::{self, Token};
 use app::{Failure, Interrupt, Watcher};
 use ground::clock::{MonotonicNs, Now};
 use ground::urgency::give_way_to_the_kernel;
-use rig::{May, Rig};
+use rig::{Permissions, Rig};
 pub use slots::next_slot;
 use tokio::net::TcpListener;
 
-/// Queues, jobs and clock are looked at so often: a stop that is asked for is on its way within this time.
-const TICK: Duration = Duration::from_millis(20);
+/// Period of the daemon's loop; the delay of a stop that another process asks for. Chosen.
+const LOOP_PERIOD: Duration = Duration::from_millis(20);
 
 /// A daemon: its rigs, its server and its loop.
 pub struct Daemon {
     rigs: Vec<Rig>,
-    beat: Arc<Beat>,
+    heartbeat: Arc<Heartbeat>,
     api: Option<(TcpListener, Api)>,
 }
 
-/// When the loop that looks after the rigs came by last: what is told of them is no older.
+/// Time of the last pass of the daemon's loop: the age of the published states.
 #[derive(Debug, Default)]
-struct Beat(AtomicU64);
+struct Heartbeat(AtomicU64);
 
-impl Beat {
+impl Heartbeat {
     fn now(&self) {
         self.0.store(MonotonicNs::now().0, Ordering::Relaxed);
     }
@@ -76,9 +76,9 @@ pub struct Options<'a> {
     pub runs_dir: &'a Path,
     /// Worker threads of each job.
     pub threads: usize,
-    /// Where it is served over HTTP; none: nowhere.
+    /// Address of the HTTP server; none: no server.
     pub listen: Option<SocketAddr>,
-    /// Names by which the server is asked, beside those of the loopback.
+    /// Host names of the server in addition to those of the loopback.
     pub hosts: &'a [String],
 }
 
@@ -104,12 +104,12 @@ impl Daemon {
         };
         let open = |config: &PathBuf| Rig::open(config, &folder(config), options.threads, watcher);
         let rigs: Vec<Rig> = options.configs.iter().map(open).collect::<Result<_, _>>()?;
-        let beat = Arc::new(Beat::default());
+        let heartbeat = Arc::new(Heartbeat::default());
         let api = match options.listen {
-            Some(address) => Some(api(&rigs, address, &beat, options, watcher).await?),
+            Some(address) => Some(api(&rigs, address, &heartbeat, options, watcher).await?),
             None => None,
         };
-        Ok(Self { rigs, beat, api })
+        Ok(Self { rigs, heartbeat, api })
     }
 
     /// Serves until a signal comes, or until `max_runs` motions have ended and what follows from them is computed. Gives how many
@@ -123,13 +123,13 @@ impl Daemon {
         interrupt: &Interrupt,
         watcher: &mut dyn Watcher,
     ) -> Result<u64, Failure> {
-        self.rigs.iter().for_each(|rig| rig.say_next(Now::read(), watcher));
+        self.rigs.iter().for_each(|rig| rig.report_next_run(Now::read(), watcher));
         let server = self.api.take().map(|(listener, api)| tokio::spawn(api.serve(listener)));
-        let mut ticks = tokio::time::interval(TICK);
+        let mut ticks = tokio::time::interval(LOOP_PERIOD);
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         let service = Service::from_env();
         service.ready();
-        let mut said = String::new();
+        let mut reported = String::new();
         loop {
             tokio::select! {
                 biased;
@@ -138,22 +138,23 @@ impl Daemon {
             }
             service.alive();
             let ending = interrupt.is_raised();
-            let says = if ending { "ending".into() } else { self.says() };
-            if says != said {
+            let status = if ending { "ending".into() } else { self.status_line() };
+            if status != reported {
                 if ending {
                     service.stopping();
                 }
-                service.status(&says);
-                said = says;
+                service.status(&status);
+                reported = status;
             }
             let motions = self.motions();
             let enough = max_runs != 0 && motions >= max_runs;
             for place in 0..self.rigs.len() {
                 let computes = self.rigs.iter().any(Rig::computes);
-                let may = May { move_: !ending && !enough, compute: !ending && !computes, end_all: ending };
+                let may =
+                    Permissions { move_: !ending && !enough, compute: !ending && !computes, end_all: ending };
                 self.rigs[place].tick(Now::read(), may, watcher);
             }
-            self.beat.now();
+            self.heartbeat.now();
             let over = match (ending, enough) {
                 (true, _) => self.rigs.iter().all(Rig::has_ended),
                 (false, true) => self.rigs.iter().all(Rig::is_idle),
@@ -167,14 +168,14 @@ impl Daemon {
             server.abort();
         }
         for rig in &self.rigs {
-            rig.say_end()?;
+            rig.log_end()?;
         }
         Ok(self.motions())
     }
 
-    /// What the rigs do, for who asks the service manager.
-    fn says(&self) -> String {
-        let each: Vec<String> = self.rigs.iter().map(Rig::says).collect();
+    /// The state of all rigs, for the service manager.
+    fn status_line(&self) -> String {
+        let each: Vec<String> = self.rigs.iter().map(Rig::status_line).collect();
         each.join("; ")
     }
 
@@ -183,11 +184,11 @@ impl Daemon {
     }
 }
 
-/// Listens at `address` for questions about `rigs`; tells where, and where the token is.
+/// Opens the API of `rigs` at `address`, and reports the address and where the token is.
 async fn api(
     rigs: &[Rig],
     address: SocketAddr,
-    beat: &Arc<Beat>,
+    heartbeat: &Arc<Heartbeat>,
     options: &Options<'_>,
     watcher: &mut dyn Watcher,
 ) -> Result<(TcpListener, Api), Failure> {
@@ -197,16 +198,16 @@ async fn api(
             format!("serving at {address}; choose another --listen, `127.0.0.1:0` for any that is free")
         })
         .map_err(Failure::Input)?;
-    let token = Token::of(options.runs_dir, |text| watcher.tell(text)).map_err(Failure::input)?;
-    let kept = options.runs_dir.join(token::FILE);
-    watcher.tell(&format!("rig: serving at http://{address}/, with the token in {}", kept.display()));
-    // what is told elsewhere than at a terminal is kept, in journals and logs that others read
+    let token = Token::of(options.runs_dir, |text| watcher.alert(text)).map_err(Failure::input)?;
+    let token_path = options.runs_dir.join(token::FILE);
+    watcher.alert(&format!("rig: serving at http://{address}/, with the token in {}", token_path.display()));
+    // the token itself only on a terminal: other output ends in logs that others may read
     if std::io::stderr().is_terminal() {
-        watcher.tell(&format!("rig: the page with it: http://{address}/#token={}", token.text()));
+        watcher.alert(&format!("rig: the page with it: http://{address}/#token={}", token.text()));
     }
     for rig in rigs {
         rig.write("serving", json!({ "address": address.to_string() }))?;
     }
-    let served = rigs.iter().map(|rig| rig.served(Arc::clone(beat))).collect::<Result<_, _>>()?;
+    let served = rigs.iter().map(|rig| rig.served(Arc::clone(heartbeat))).collect::<Result<_, _>>()?;
     Ok((listener, Api::new(served, token, address, options.hosts.to_vec())))
 }

@@ -1,10 +1,10 @@
-//! One rig of a daemon: its queue, its schedule, and the two jobs that may go on at a time, one that moves it and one that computes.
+//! One rig of a daemon: its queue, its schedule, and its two lanes: one job that moves the rig and one that only computes.
 //!
-//! - `motion`: what has to be so before a motion begins, and the schedule;
+//! - `motion`: the conditions for beginning a motion, and the schedule;
 //! - `ended`: what follows from a job that has ended.
 //!
-//! Nothing here waits, and nothing that a disk or a database refuses ends the daemon: no motion begins then, it is said, and tried again.
-//! What holds the rig is looked at first, each time.
+//! Nothing here blocks. An error of the disk or the database does not end the daemon: no motion begins, the error is logged, and the
+//! work is tried again. The hold is checked first, each time.
 
 mod ended;
 mod motion;
@@ -20,7 +20,7 @@ use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 use tokio::sync::watch;
 
-use super::Beat;
+use super::Heartbeat;
 use super::alerts::Alerts;
 use super::api::Served;
 use super::child::{Jobs, Processes, Running};
@@ -43,14 +43,14 @@ use store::job::{Lane, State};
 
 /// The daemon's journal in the folder of run folders.
 const JOURNAL: &str = "daemon.jsonl";
-/// The queue is looked at so often although nothing changed in it: a job's time may have come.
-const LOOK_EVERY: SignedDuration = SignedDuration::from_secs(1);
-/// Whoever asks for a stop writes the hold, with who and why, within this time; else it is written here.
-const ASKER_WRITES: Duration = Duration::from_millis(200);
-/// What others write of hold and servos is looked at so often; what a stop asks of this process, each time.
-const LOOK_AT_FILES_EVERY: SignedDuration = SignedDuration::from_millis(50);
-/// Servos of which nobody knows what they do are asked so often.
-const SETTLE_EVERY: SignedDuration = SignedDuration::from_secs(2);
+/// The queue is checked this often even if it has not changed: the time of a job may have come. Chosen.
+const QUEUE_CHECK_INTERVAL: SignedDuration = SignedDuration::from_secs(1);
+/// The API request that asks for a stop writes the hold, with name and reason, within this time; else it is written here. Chosen.
+const HOLD_WRITE_TIMEOUT: Duration = Duration::from_millis(200);
+/// The files of hold and servo state are read this often; a stop asked of this process is checked at every tick. Chosen.
+const FILE_CHECK_INTERVAL: SignedDuration = SignedDuration::from_millis(50);
+/// Servos whose state is unknown are queried this often. Chosen.
+const CLEAR_UP_INTERVAL: SignedDuration = SignedDuration::from_secs(2);
 
 /// One rig: its config, its queue, its schedule and the jobs that go on.
 pub(super) struct Rig {
@@ -63,10 +63,10 @@ pub(super) struct Rig {
     journal: Journal,
     jobs: Box<dyn Jobs>,
     stop: Arc<Stop>,
-    /// The hold as it was seen last.
+    /// The hold at the last check.
     held: Option<Hold>,
     servos: Standing,
-    /// How long the water is left alone after a motion, and until when that is.
+    /// How long the water rests after a motion, and when this rest ends.
     rest: SignedDuration,
     rests_until: SignedDuration,
     motion: Option<Box<dyn Running>>,
@@ -74,22 +74,22 @@ pub(super) struct Rig {
     motions_ended: u64,
     /// Motions in a row that hardware has ended, since somebody released the rig.
     failures: usize,
-    /// What somebody is to be told, once the database takes it.
-    unsaid: Vec<(&'static str, String)>,
+    /// Kinds and texts of alerts that are not in the database yet.
+    pending_alerts: Vec<(&'static str, String)>,
     state: watch::Sender<RigState>,
     alerts: Alerts,
-    /// The queue as it was last looked at.
-    seen: (i64, Option<SignedDuration>),
-    cleared_up: SignedDuration,
-    looked: SignedDuration,
+    /// Version of the queue at the last check, and when that was; `None` asks for a check.
+    queue_check: (i64, Option<SignedDuration>),
+    last_clear_up: SignedDuration,
+    last_file_check: SignedDuration,
     waits: Option<String>,
     trouble: Option<String>,
     _claim: Option<Claim>,
 }
 
 impl Rig {
-    /// The rig of the config at `path`, whose runs are in `runs_dir`. Jobs that an earlier daemon began are waited for where their
-    /// processes live, and are lost where not.
+    /// The rig of the config at `path`, whose runs are in `runs_dir`. Jobs that an earlier daemon began are adopted if their processes
+    /// still live, and marked as lost if not.
     ///
     /// # Errors
     /// [`Failure::Input`] for a config or schedule that cannot be used, and where another daemon has the folder.
@@ -100,7 +100,7 @@ impl Rig {
         watcher: &mut dyn Watcher,
     ) -> Result<Self, Failure> {
         let config = RigConfig::read(path).map_err(Failure::input)?;
-        // what no run of it could do is said now, not every night
+        // errors of the config are reported now, not at the first run
         let extent = Extent::Report;
         let experiment = Experiment {
             config: &config,
@@ -138,10 +138,10 @@ impl Rig {
     ) -> Result<Self, Failure> {
         let latch = open::latch(&config, Some(&runs_dir));
         latch.make_room().map_err(Failure::input)?;
-        // whoever holds the database holds up no servo
-        store.wait_for_nobody().map_err(Failure::input)?;
+        // a locked database must not delay a stop
+        store.disable_lock_wait().map_err(Failure::input)?;
         let failures = config.motion.failures_to_hold.get();
-        // what a person has seen and released counts no more
+        // failures before the last release do not count
         let released = latch.released().map(|(at, _)| at).unwrap_or_default();
         let failures = store.failures_in_a_row(failures, &released).map_err(Failure::input)?;
         let journal = runs_dir.join(JOURNAL);
@@ -166,12 +166,12 @@ impl Rig {
             analysis: None,
             motions_ended: 0,
             failures,
-            unsaid: Vec::new(),
+            pending_alerts: Vec::new(),
             state: watch::channel(state).0,
             alerts,
-            seen: (0, None),
-            cleared_up: SignedDuration::MIN,
-            looked: SignedDuration::MIN,
+            queue_check: (0, None),
+            last_clear_up: SignedDuration::MIN,
+            last_file_check: SignedDuration::MIN,
             waits: None,
             trouble: None,
             _claim: None,
@@ -180,16 +180,16 @@ impl Rig {
         })
     }
 
-    /// Takes over what an earlier daemon left behind.
+    /// Takes over the jobs that an earlier daemon left running.
     fn take_over(&mut self, watcher: &mut dyn Watcher) -> Result<(), Failure> {
         for job in self.store.running().map_err(Failure::internal)? {
             match self.jobs.adopt(&job) {
                 Some(running) => {
                     self.write("job-adopted", json!({ "job": job.id }))?;
                     if job.work.lane() == Lane::Motion {
-                        self.stop.moves(Some(running.pid()));
+                        self.stop.set_motion_process(Some(running.pid()));
                     }
-                    *self.place(job.work.lane()) = Some(running);
+                    *self.running_job(job.work.lane()) = Some(running);
                 }
                 None => {
                     let folder = hand_in::folder(&self.runs_dir, job.id);
@@ -201,20 +201,20 @@ impl Rig {
         Ok(())
     }
 
-    fn place(&mut self, lane: Lane) -> &mut Option<Box<dyn Running>> {
+    fn running_job(&mut self, lane: Lane) -> &mut Option<Box<dyn Running>> {
         match lane {
             Lane::Motion => &mut self.motion,
             Lane::Analysis => &mut self.analysis,
         }
     }
 
-    /// One look at everything. Nothing here waits.
-    pub(super) fn tick(&mut self, now: Now, may: May, watcher: &mut dyn Watcher) {
-        if self.stop.is_asked() || now.boot.saturating_sub(self.looked) >= LOOK_AT_FILES_EVERY {
-            self.looked = now.boot;
-            self.look_at_hold();
+    /// One step of the daemon's loop for this rig; does not block.
+    pub(super) fn tick(&mut self, now: Now, may: Permissions, watcher: &mut dyn Watcher) {
+        if self.stop.is_asked() || now.boot.saturating_sub(self.last_file_check) >= FILE_CHECK_INTERVAL {
+            self.last_file_check = now.boot;
+            self.update_hold();
             self.servos = standing(&self.runs_dir);
-            self.stop.rests(!self.servos.may_move());
+            self.stop.set_at_rest(!self.servos.may_move());
         }
         if let Some(motion) = &mut self.motion
             && (may.end_all || self.held.is_some() && self.servos.may_move())
@@ -228,15 +228,15 @@ impl Rig {
                 None => tracing::warn!("the daemon goes on"),
             }
             self.trouble = trouble;
-            // what was begun is to be seen again
-            self.seen.1 = None;
+            // check the queue again
+            self.queue_check.1 = None;
         }
-        self.tell(now);
+        self.publish_state(now);
     }
 
-    /// Writes the hold that was asked for, and says of a new one and of its end.
-    fn look_at_hold(&mut self) {
-        let written = self.stop.write(ASKER_WRITES);
+    /// Writes the hold that was asked for, and reports a new hold or its end.
+    fn update_hold(&mut self) {
+        let written = self.stop.write(HOLD_WRITE_TIMEOUT);
         let held = self.stop.held();
         if let Err(error) = written {
             tracing::error!("the rig is held by the daemon alone: {}", with_causes(&error));
@@ -245,10 +245,10 @@ impl Rig {
             self.held = held;
             return;
         }
-        // the journal and the alert come after the stop, and are not what holds
-        let said = match &held {
+        // journal and alert come after the stop; the hold does not depend on them
+        let written = match &held {
             Some(hold) => {
-                self.unsaid.push(("held", format!("the rig is {hold}")));
+                self.pending_alerts.push(("held", format!("the rig is {hold}")));
                 self.write("held", json!({ "by": hold.by, "why": hold.why }))
             }
             None => {
@@ -256,43 +256,43 @@ impl Rig {
                 self.write("released", json!({ "by": self.stop.released_by() }))
             }
         };
-        if let Err(failure) = said {
+        if let Err(failure) = written {
             tracing::warn!("{:#}", failure.error());
         }
         self.held = held;
-        self.seen.1 = None;
+        self.queue_check.1 = None;
     }
 
-    /// Holds the rig, for what the daemon itself has seen.
+    /// Holds the rig for a reason that the daemon itself has found.
     fn hold(&mut self, why: &str) {
-        self.stop.pull(Hold::now("the daemon", why));
-        self.look_at_hold();
+        self.stop.request(Hold::now("the daemon", why));
+        self.update_hold();
     }
 
-    /// All that a database or a disk may refuse.
-    fn work(&mut self, now: Now, may: May, watcher: &mut dyn Watcher) -> Result<(), Failure> {
-        while let Some((kind, what)) = self.unsaid.first().cloned() {
+    /// All work that needs the database or the disk, and may fail.
+    fn work(&mut self, now: Now, may: Permissions, watcher: &mut dyn Watcher) -> Result<(), Failure> {
+        while let Some((kind, what)) = self.pending_alerts.first().cloned() {
             self.raise(kind, &what, None)?;
-            self.unsaid.remove(0);
+            self.pending_alerts.remove(0);
         }
         for lane in [Lane::Motion, Lane::Analysis] {
             self.reap(lane, now, may, watcher)?;
         }
         self.clear_up(now, watcher)?;
         self.alerts.tick(&mut self.store).map_err(Failure::internal)?;
-        self.look_at_schedule(now, may, watcher)?;
-        if !self.is_worth_a_look(now)? {
+        self.follow_schedule(now, may, watcher)?;
+        if !self.should_check_queue(now)? {
             return Ok(());
         }
         self.alerts.begin(&mut self.store).map_err(Failure::internal)?;
         for lane in [Lane::Motion, Lane::Analysis] {
-            let Some(id) = self.place(lane).as_ref().map(|running| running.id()) else { continue };
+            let Some(id) = self.running_job(lane).as_ref().map(|running| running.id()) else { continue };
             if self.store.job(id).map_err(Failure::internal)?.cancel.is_some()
-                && let Some(running) = self.place(lane)
+                && let Some(running) = self.running_job(lane)
             {
                 running.end();
-                // until it has: it may have to be killed
-                self.seen.1 = None;
+                // check again until it has ended: it may have to be killed
+                self.queue_check.1 = None;
             }
         }
         if self.motion.is_none() {
@@ -304,11 +304,11 @@ impl Rig {
         Ok(())
     }
 
-    /// Deletes the recordings that the config says are too many.
+    /// Deletes recordings as `[retention]` of the config says.
     fn retain(&self, watcher: &mut dyn Watcher) -> Result<(), Failure> {
         let Some(retention) = &self.config.retention else { return Ok(()) };
         for (run, removed) in retention::retain(&self.store, retention)? {
-            watcher.note(&format!("run {run}: its recording is deleted, as [retention] says"));
+            watcher.event(&format!("run {run}: its recording is deleted, as [retention] says"));
             self.write(
                 "recording-deleted",
                 json!({ "run": run, "bytes": removed.bytes, "sha256": removed.sha256 }),
@@ -317,30 +317,30 @@ impl Rig {
         Ok(())
     }
 
-    /// Sees to what a job that was killed has left, and takes in what became of it.
+    /// Begins to clear up after a killed job, and records which runs were recovered.
     fn clear_up(&mut self, now: Now, watcher: &mut dyn Watcher) -> Result<(), Failure> {
-        if self.jobs.clears_up() {
-            let runs = self.jobs.cleared_up();
-            if self.jobs.clears_up() {
+        if self.jobs.is_clearing_up() {
+            let runs = self.jobs.take_recovered_runs();
+            if self.jobs.is_clearing_up() {
                 return Ok(());
             }
-            self.seen.1 = None;
-            for (run, said) in runs {
-                watcher.tell(&format!("rig: run {run} {said}"));
-                self.write("run-recovered", json!({ "run": run, "what": said }))?;
+            self.queue_check.1 = None;
+            for (run, what) in runs {
+                watcher.alert(&format!("rig: run {run} {what}"));
+                self.write("run-recovered", json!({ "run": run, "what": what }))?;
             }
             return self.retain(watcher);
         }
         let is_left = self.servos.motion != Motion::AtRest && self.motion.is_none();
-        if is_left && now.boot.saturating_sub(self.cleared_up) > SETTLE_EVERY {
-            self.cleared_up = now.boot;
+        if is_left && now.boot.saturating_sub(self.last_clear_up) > CLEAR_UP_INTERVAL {
+            self.last_clear_up = now.boot;
             self.jobs.clear_up();
         }
         Ok(())
     }
 
-    /// Tells whoever looks on what the rig does.
-    fn tell(&self, now: Now) {
+    /// Publishes the rig's state to the API.
+    fn publish_state(&self, now: Now) {
         let id = |running: &Option<Box<dyn Running>>| running.as_ref().map(|running| running.id().0);
         let next = self.slots.as_ref().and_then(|slots| slots.next(now).ok());
         let (motion, analysis) = (id(&self.motion), id(&self.analysis));
@@ -357,51 +357,58 @@ impl Rig {
         });
     }
 
-    /// What it does, in a few words.
-    pub(super) fn says(&self) -> String {
-        self.state.borrow().says()
+    /// The rig's state in a few words.
+    pub(super) fn status_line(&self) -> String {
+        self.state.borrow().status_line()
     }
 
-    /// What a server needs to know of it.
+    /// The rig as the API serves it.
     ///
     /// # Errors
     /// [`Failure::Internal`] where its database cannot be opened once more.
-    pub(super) fn served(&self, beat: Arc<Beat>) -> Result<Served, Failure> {
+    pub(super) fn served(&self, heartbeat: Arc<Heartbeat>) -> Result<Served, Failure> {
         let config = (self.path.clone(), self.config.clone());
         let (stop, state) = (Arc::clone(&self.stop), self.state.subscribe());
-        Served::new(config, self.runs_dir.clone(), stop, state, beat).map_err(Failure::internal)
+        Served::new(config, self.runs_dir.clone(), stop, state, heartbeat).map_err(Failure::internal)
     }
 
-    /// Whether the queue changed, or has not been looked at for a while.
-    fn is_worth_a_look(&mut self, now: Now) -> Result<bool, Failure> {
+    /// Whether the queue has changed, or has not been checked for [`QUEUE_CHECK_INTERVAL`].
+    fn should_check_queue(&mut self, now: Now) -> Result<bool, Failure> {
         let version = self.store.version().map_err(Failure::internal)?;
-        let (seen, at) = self.seen;
-        let worth = version != seen || at.is_none_or(|at| now.boot.saturating_sub(at) >= LOOK_EVERY);
-        if worth {
-            self.seen = (version, Some(now.boot));
+        let (last_version, at) = self.queue_check;
+        let due = version != last_version
+            || at.is_none_or(|at| now.boot.saturating_sub(at) >= QUEUE_CHECK_INTERVAL);
+        if due {
+            self.queue_check = (version, Some(now.boot));
         }
-        Ok(worth)
+        Ok(due)
     }
 
-    fn reap(&mut self, lane: Lane, now: Now, may: May, watcher: &mut dyn Watcher) -> Result<(), Failure> {
-        let Some(running) = self.place(lane) else { return Ok(()) };
+    fn reap(
+        &mut self,
+        lane: Lane,
+        now: Now,
+        may: Permissions,
+        watcher: &mut dyn Watcher,
+    ) -> Result<(), Failure> {
+        let Some(running) = self.running_job(lane) else { return Ok(()) };
         if may.end_all {
             running.end();
         }
         let Some((state, result)) = running.ended()? else { return Ok(()) };
         let id = running.id();
-        self.seen.1 = None;
+        self.queue_check.1 = None;
         let job = self.store.job(id).map_err(Failure::internal)?;
         let ended_by_daemon = state == State::Cancelled && job.cancel.is_none() && lane == Lane::Analysis;
         if ended_by_daemon || state == State::Queued {
-            // the daemon ended, not the job; or nothing of it was begun
+            // the daemon ended it, or nothing of it was begun
             self.store.put_back(id).map_err(Failure::internal)?;
-            self.leave(lane);
+            self.clear_lane(lane);
             return self.write("job-put-back", json!({ "job": id }));
         }
         let by_hardware = state == State::Lost || result.status.as_deref() == Some(HARDWARE_FAULT);
         self.close(&job, state, result, watcher)?;
-        self.leave(lane);
+        self.clear_lane(lane);
         if lane == Lane::Motion {
             self.motions_ended += 1;
             match state {
@@ -418,11 +425,11 @@ impl Rig {
         Ok(())
     }
 
-    /// The job of `lane` is over, and written.
-    fn leave(&mut self, lane: Lane) {
-        *self.place(lane) = None;
+    /// Forgets the job of `lane`, which is over and recorded.
+    fn clear_lane(&mut self, lane: Lane) {
+        *self.running_job(lane) = None;
         if lane == Lane::Motion {
-            self.stop.moves(None);
+            self.stop.set_motion_process(None);
         }
     }
 
@@ -438,7 +445,7 @@ impl Rig {
 
     /// Whether no job runs, and none that only computes waits.
     pub(super) fn is_idle(&self) -> bool {
-        // what cannot be counted now is counted at the next look
+        // if the jobs cannot be counted now, they are at the next check
         self.has_ended() && self.store.waiting(Lane::Analysis).is_ok_and(|waiting| waiting == 0)
     }
 
@@ -447,23 +454,23 @@ impl Rig {
         self.motion.is_none() && self.analysis.is_none()
     }
 
-    /// The last words in the journal.
+    /// Writes the last entry of the journal.
     ///
     /// # Errors
     /// [`Failure::Internal`].
-    pub(super) fn say_end(&self) -> Result<(), Failure> {
+    pub(super) fn log_end(&self) -> Result<(), Failure> {
         self.write("stopped", json!({ "motions": self.motions_ended }))
     }
 
     pub(super) fn write(&self, event: &str, details: serde_json::Value) -> Result<(), Failure> {
-        // a slot that was taken is not taken again after a power cut
+        // synced, so that no slot is run twice after a power cut
         self.journal.write(event, details).and_then(|()| self.journal.sync()).map_err(Failure::internal)
     }
 }
 
 /// What a rig may do now.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct May {
+pub(super) struct Permissions {
     /// Begin a motion.
     pub(super) move_: bool,
     /// Begin a job that only computes.

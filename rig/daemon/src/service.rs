@@ -124,7 +124,7 @@ mod tests {
         Service::from_vars(value)
     }
 
-    fn heard(manager: &UnixDatagram) -> Vec<String> {
+    fn received(manager: &UnixDatagram) -> Vec<String> {
         manager.set_nonblocking(true).expect("a socket");
         let mut messages = Vec::new();
         let mut buffer = [0; 256];
@@ -145,7 +145,7 @@ mod tests {
         service.alive();
         service.stopping();
         // No WATCHDOG_USEC: nobody waits for signs of life.
-        assert_eq!(heard(&manager), ["READY=1", "STATUS=run 3 MAINPID=1", "STOPPING=1"]);
+        assert_eq!(received(&manager), ["READY=1", "STATUS=run 3 MAINPID=1", "STOPPING=1"]);
     }
 
     #[test]
@@ -154,7 +154,7 @@ mod tests {
         let address = SocketAddr::from_abstract_name(&name).expect("a name");
         let manager = UnixDatagram::bind_addr(&address).expect("a socket");
         service(&[("NOTIFY_SOCKET", &format!("@{name}"))]).ready();
-        assert_eq!(heard(&manager), ["READY=1"]);
+        assert_eq!(received(&manager), ["READY=1"]);
     }
 
     #[test]
@@ -177,11 +177,11 @@ mod tests {
         let socket = ("NOTIFY_SOCKET", path.to_str().expect("a readable path"));
         let own = std::process::id().to_string();
         service(&[socket, ("WATCHDOG_USEC", "1000000"), ("WATCHDOG_PID", &own)]).alive();
-        assert_eq!(heard(&manager), ["WATCHDOG=1"]);
+        assert_eq!(received(&manager), ["WATCHDOG=1"]);
         service(&[socket, ("WATCHDOG_USEC", "1000000"), ("WATCHDOG_PID", "1")]).alive();
         service(&[socket, ("WATCHDOG_USEC", "0"), ("WATCHDOG_PID", &own)]).alive();
         service(&[socket, ("WATCHDOG_USEC", "soon")]).alive();
-        assert_eq!(heard(&manager), [""; 0]);
+        assert_eq!(received(&manager), [""; 0]);
     }
 
     #[test]
@@ -210,6 +210,6 @@ mod tests {
             }
         }
         assert!(start.elapsed() < Duration::from_secs(2), "{:?}", start.elapsed());
-        assert!(heard(&manager).len() < tries, "its queue was never full");
+        assert!(received(&manager).len() < tries, "its queue was never full");
     }
 }

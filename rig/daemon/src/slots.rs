@@ -1,8 +1,7 @@
-//! When the schedule wants a run, and what becomes of the slots it cannot have: decided from what the clocks say alone, so that a
-//! year can be tried in a test.
+//! When the schedule wants a run, and which slots are skipped: decided from the clocks alone, so that a test can try a year.
 //!
-//! What is dealt with is kept as a moment, not as a reading of the clock on the wall: set by a year, forward or back, that clock takes the
-//! moment with it, so that nothing is missed by it, nothing made up for, and nothing run at a time that is no slot.
+//! The end of the handled slots is stored as time since the machine's start, not as wall-clock time: if the wall clock is set, forward
+//! or back, that moment moves with it, so that no slot is missed or run twice, and nothing runs at a time that is no slot.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -15,11 +14,11 @@ use config::schedule::{Schedule, ScheduleError};
 use config::{Overlap, ScheduleConfig};
 use ground::clock::Now;
 
-/// A slot taken so late is on time: the daemon looks at the clock several times a second, and a machine may be busy. By no more is a
-/// clock set by those who keep it right, either.
-const ON_TIME: SignedDuration = SignedDuration::from_secs(30);
-/// So many slots that were dealt with are remembered by their time: a clock set back does not bring them again.
-const REMEMBERED: usize = 1000;
+/// A slot run with up to this delay counts as on time: the machine may be busy. A smaller step of the wall clock counts as its usual
+/// correction. Chosen.
+const SLOT_DELAY_TOLERANCE: SignedDuration = SignedDuration::from_secs(30);
+/// Number of handled slots that are remembered by their time, so that a clock set back does not repeat them. Chosen.
+const REMEMBERED_SLOTS: usize = 1000;
 
 /// The slots of a rig's schedule.
 #[derive(Debug)]
@@ -28,19 +27,19 @@ pub(super) struct Slots {
     config: ScheduleConfig,
     zone: TimeZone,
     catch_up: SignedDuration,
-    /// All slots up to this moment are dealt with, since the machine was started.
-    dealt_with: SignedDuration,
-    /// The newest of them, the newest last.
-    taken: VecDeque<Timestamp>,
-    looked: Now,
+    /// All slots up to this moment are handled; time since the machine's start.
+    handled_until: SignedDuration,
+    /// Times of the newest handled slots, the newest last.
+    handled: VecDeque<Timestamp>,
+    last_reading: Now,
 }
 
-/// What becomes of slots that have come.
+/// What is done with slots that are due.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Decision {
-    /// A run is wanted for this one.
+    /// A run is added for this slot.
     Run(Zoned),
-    /// So many pass without a run.
+    /// Slots pass without a run.
     Skip {
         /// How many.
         slots: usize,
@@ -71,7 +70,7 @@ pub fn next_slot(config: &ScheduleConfig, now: Now) -> Result<Zoned, ScheduleErr
 }
 
 impl Slots {
-    /// Of a config's schedule; `last` is the last slot that an earlier daemon dealt with.
+    /// Of a config's schedule; `last` is the last slot that an earlier daemon handled.
     ///
     /// # Errors
     /// [`ScheduleError`] for an expression or a time zone that cannot be used, or one without a slot.
@@ -81,18 +80,18 @@ impl Slots {
         now: Now,
     ) -> Result<Self, ScheduleError> {
         let catch_up = config.catch_up_s.map_or(Duration::ZERO, Seconds::duration);
-        // a last slot in the future is of a clock that was wrong
+        // a last slot in the future was recorded while the clock was wrong
         let last = last.filter(|&last| last < now.wall);
         let slots = Self {
             schedule: Schedule::parse(&config.cron)?,
             zone: config.zone()?,
             config: config.clone(),
             catch_up: SignedDuration::try_from(catch_up).unwrap_or(SignedDuration::MAX),
-            dealt_with: now
+            handled_until: now
                 .boot
                 .saturating_sub(last.map_or(SignedDuration::ZERO, |last| now.wall.duration_since(last))),
-            taken: last.into_iter().collect(),
-            looked: now,
+            handled: last.into_iter().collect(),
+            last_reading: now,
         };
         slots.next(now)?;
         Ok(slots)
@@ -103,28 +102,28 @@ impl Slots {
     /// # Errors
     /// [`ScheduleError::Never`].
     pub(super) fn next(&self, now: Now) -> Result<Zoned, ScheduleError> {
-        let mut next = self.schedule.next(&now.wall_at(self.dealt_with).to_zoned(self.zone.clone()))?;
-        while self.taken.contains(&next.timestamp()) {
+        let mut next = self.schedule.next(&now.wall_at(self.handled_until).to_zoned(self.zone.clone()))?;
+        while self.handled.contains(&next.timestamp()) {
             next = self.schedule.next(&next)?;
         }
         Ok(next)
     }
 
-    /// Whether nothing is begun now that no person has asked for.
+    /// Whether it is quiet hours: no motion begins that no person has asked for.
     pub(super) fn is_quiet(&self, now: Now) -> bool {
         self.config.is_quiet(&now.wall.to_zoned(self.zone.clone()))
     }
 
-    /// By how much the clock on the wall was set since it was looked at last, if it was.
+    /// By how much the wall clock was set since the last reading, if it was.
     pub(super) fn clock_was_set(&mut self, now: Now) -> Option<SignedDuration> {
-        let went = now.boot.saturating_sub(self.looked.boot);
-        let by = now.wall.duration_since(self.looked.wall).saturating_sub(went);
-        self.looked = now;
-        (by.abs() > ON_TIME).then_some(by)
+        let went = now.boot.saturating_sub(self.last_reading.boot);
+        let by = now.wall.duration_since(self.last_reading.wall).saturating_sub(went);
+        self.last_reading = now;
+        (by.abs() > SLOT_DELAY_TOLERANCE).then_some(by)
     }
 
-    /// What becomes of the slots that have come by now, of each once. Slots that were missed are never made up for one by one: a
-    /// burst of late runs would be filmed in stirred water.
+    /// Decides on the slots that are due, on each once. Missed slots are never made up for one by one: a burst of late runs would be
+    /// filmed in stirred water.
     pub(super) fn due(&mut self, now: Now, busy: Busy) -> Vec<Decision> {
         let clock = now.wall.to_zoned(self.zone.clone());
         let Ok(first) = self.next(now) else { return Vec::new() };
@@ -132,11 +131,11 @@ impl Slots {
             return Vec::new();
         };
         let missed = self.missed(first, &newest);
-        self.dealt_with = now.boot;
-        if self.taken.len() == REMEMBERED {
-            self.taken.pop_front();
+        self.handled_until = now.boot;
+        if self.handled.len() == REMEMBERED_SLOTS {
+            self.handled.pop_front();
         }
-        self.taken.push_back(newest.timestamp());
+        self.handled.push_back(newest.timestamp());
         let mut decisions = Vec::new();
         let mut skip = |slots, why| {
             if slots > 0 {
@@ -144,7 +143,7 @@ impl Slots {
             }
         };
         skip(missed, "the daemon was down");
-        if clock.duration_since(&newest) > ON_TIME.max(self.catch_up) {
+        if clock.duration_since(&newest) > SLOT_DELAY_TOLERANCE.max(self.catch_up) {
             skip(1, "the daemon was down");
         } else if self.config.is_quiet(&newest) || self.config.is_quiet(&clock) {
             skip(1, "quiet hours");

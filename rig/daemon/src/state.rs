@@ -1,4 +1,4 @@
-//! What a rig of the daemon is doing, for whoever looks on.
+//! The state of a rig, for the API and the page.
 
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -15,19 +15,19 @@ pub(super) struct RigState {
     pub experiment: String,
     /// What it does, in one word.
     pub doing: Doing,
-    /// What its servos do, as measured.
+    /// State of its servos, as measured.
     pub servos: Standing,
     /// Why nothing may move, until somebody releases it.
     pub hold: Option<Hold>,
     /// When the schedule next wants a run; none without a schedule.
     pub next_run: Option<String>,
-    /// The job that moves it, or computes what its motion has shown.
+    /// The running job that moves it, also while that job computes.
     pub motion: Option<i64>,
-    /// The job that only computes.
+    /// The running job that only computes.
     pub analysis: Option<i64>,
     /// Why no motion begins although a job waits.
     pub waits: Option<String>,
-    /// What keeps the daemon from its work.
+    /// The error that keeps the daemon from working.
     pub trouble: Option<String>,
     /// Motions that have ended since the daemon began.
     pub motions_ended: u64,
@@ -53,7 +53,7 @@ pub(super) enum Doing {
 }
 
 impl Doing {
-    /// All there are.
+    /// All states with their names.
     pub(super) const ALL: [(Self, &str); 6] = [
         (Self::AtRest, "at-rest"),
         (Self::Computing, "computing"),
@@ -63,7 +63,7 @@ impl Doing {
         (Self::Unknown, "unknown"),
     ];
 
-    /// Of what servos do, and whether a job goes on.
+    /// From the servos' state, and whether a job runs.
     pub(super) fn of(motion: Motion, computes: bool) -> Self {
         match motion {
             Motion::AtRest if computes => Self::Computing,
@@ -77,8 +77,8 @@ impl Doing {
 }
 
 impl RigState {
-    /// In a few words.
-    pub(super) fn says(&self) -> String {
+    /// The state in a few words.
+    pub(super) fn status_line(&self) -> String {
         let job = self.motion.or(self.analysis).map_or(String::new(), |job| format!(" (job {job})"));
         let what = match (self.doing, &self.hold, &self.next_run) {
             (Doing::Computing, ..) => format!("computes{job}"),

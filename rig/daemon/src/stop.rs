@@ -1,6 +1,6 @@
-//! A stop's way from a request to whoever moves the rig: a signal through a descriptor that is kept ready, and nothing in between. No
-//! store, no disk, no lock that anybody holds for longer than it takes to set a word. Then the hold is written, by whoever asks and, where
-//! the disk does not take it at once, by the loop that looks after the rig, again and again; until then the rig is held all the same.
+//! How a stop request reaches the process that moves the rig: by a signal through a descriptor that is kept open, without store, disk or
+//! long-held lock. Then the hold is written by the request; if the disk does not take it at once, the daemon's loop tries again. The
+//! rig is held from the request on, whether the hold is written or not.
 
 use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,14 +10,14 @@ use std::time::{Duration, Instant};
 use ground::hold::{Hold, HoldError, Latch};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
-/// Stops whoever moves the rig, and writes the hold.
+/// Stops the process that moves the rig, and writes the hold.
 #[derive(Debug, Default)]
 pub(super) struct Stop {
     latch: Latch,
-    mover: Mutex<Option<OwnedFd>>,
-    /// The job that could move the rig was seen to be at rest: what it computes need not end.
-    rests: AtomicBool,
-    asked: Mutex<Option<(Hold, Instant)>>,
+    motion_process: Mutex<Option<OwnedFd>>,
+    /// Whether the job that could move the rig is at rest: then its computation need not end.
+    at_rest: AtomicBool,
+    requested: Mutex<Option<(Hold, Instant)>>,
 }
 
 impl Stop {
@@ -26,36 +26,36 @@ impl Stop {
         Self { latch, ..Self::default() }
     }
 
-    fn mover(&self) -> MutexGuard<'_, Option<OwnedFd>> {
-        self.mover.lock().unwrap_or_else(PoisonError::into_inner)
+    fn motion_process(&self) -> MutexGuard<'_, Option<OwnedFd>> {
+        self.motion_process.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// This process moves the rig from now on; none does.
-    pub(super) fn moves(&self, process: Option<Pid>) {
-        *self.mover() = process.and_then(|process| pidfd_open(process, PidfdFlags::empty()).ok());
+    /// Sets the process that moves the rig from now on; `None`: no process does.
+    pub(super) fn set_motion_process(&self, process: Option<Pid>) {
+        *self.motion_process() = process.and_then(|process| pidfd_open(process, PidfdFlags::empty()).ok());
     }
 
-    /// Whether that process was just seen to be at rest.
-    pub(super) fn rests(&self, rests: bool) {
-        self.rests.store(rests, Ordering::Relaxed);
+    /// Sets whether that process is at rest.
+    pub(super) fn set_at_rest(&self, at_rest: bool) {
+        self.at_rest.store(at_rest, Ordering::Relaxed);
     }
 
-    /// Holds the rig from now on and signals whoever moves it.
-    pub(super) fn pull(&self, hold: Hold) {
-        set(&self.asked).get_or_insert((hold, Instant::now()));
-        if !self.rests.load(Ordering::Relaxed)
-            && let Some(mover) = &*self.mover()
+    /// Holds the rig from now on, and signals the process that moves it.
+    pub(super) fn request(&self, hold: Hold) {
+        set(&self.requested).get_or_insert((hold, Instant::now()));
+        if !self.at_rest.load(Ordering::Relaxed)
+            && let Some(mover) = &*self.motion_process()
         {
             // one that has ended meanwhile needs no signal
             let _ = pidfd_send_signal(mover, Signal::TERM);
         }
     }
 
-    /// Says of the hold that was asked for, and is not written yet, who asked for it and why.
+    /// Sets name and reason of a requested hold that is not written yet.
     pub(super) fn explain(&self, by: Option<&str>, why: Option<&str>) {
-        if let Some((hold, _)) = &mut *set(&self.asked) {
-            let said = Hold::now(by.unwrap_or(&hold.by), why.unwrap_or(&hold.why));
-            (hold.by, hold.why) = (said.by, said.why);
+        if let Some((hold, _)) = &mut *set(&self.requested) {
+            let named = Hold::now(by.unwrap_or(&hold.by), why.unwrap_or(&hold.why));
+            (hold.by, hold.why) = (named.by, named.why);
         }
     }
 
@@ -64,30 +64,30 @@ impl Stop {
     /// # Errors
     /// [`HoldError`]: the rig is held by this process alone, and the next call tries again.
     pub(super) fn write(&self, age: Duration) -> Result<(), HoldError> {
-        let asked = set(&self.asked).clone();
-        let Some((hold, at)) = asked.filter(|(_, at)| at.elapsed() >= age) else { return Ok(()) };
+        let requested = set(&self.requested).clone();
+        let Some((hold, at)) = requested.filter(|(_, at)| at.elapsed() >= age) else { return Ok(()) };
         self.latch.hold(&hold)?;
-        let mut asked = set(&self.asked);
-        if asked.as_ref().is_some_and(|(_, now)| *now == at) {
-            *asked = None;
+        let mut requested = set(&self.requested);
+        if requested.as_ref().is_some_and(|(_, now)| *now == at) {
+            *requested = None;
         }
         Ok(())
     }
 
-    /// The hold was ended by a person, whether it was written or not.
+    /// Drops the requested hold: a person has released the rig.
     pub(super) fn forget(&self) {
-        *set(&self.asked) = None;
+        *set(&self.requested) = None;
     }
 
-    /// Whether a hold that was asked for is not written yet.
+    /// Whether a requested hold is not written yet.
     pub(super) fn is_asked(&self) -> bool {
-        set(&self.asked).is_some()
+        set(&self.requested).is_some()
     }
 
     /// Why nothing may move, if so.
     pub(super) fn held(&self) -> Option<Hold> {
-        let asked = set(&self.asked).as_ref().map(|(hold, _)| hold.clone());
-        asked.or_else(|| self.latch.held())
+        let requested = set(&self.requested).as_ref().map(|(hold, _)| hold.clone());
+        requested.or_else(|| self.latch.held())
     }
 
     /// Who ended the last hold, where that is known.
@@ -109,19 +109,19 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let stop = Stop::new(Latch::of(Some(folder.path()), None));
         let mut sleeps = std::process::Command::new("sleep").arg("60").spawn().unwrap();
-        stop.moves(Some(Pid::from_child(&sleeps)));
-        stop.rests(true);
-        stop.pull(Hold::now("a page", "a hand in the tank"));
+        stop.set_motion_process(Some(Pid::from_child(&sleeps)));
+        stop.set_at_rest(true);
+        stop.request(Hold::now("a page", "a hand in the tank"));
         std::thread::sleep(std::time::Duration::from_millis(50));
         assert!(sleeps.try_wait().unwrap().is_none(), "what is at rest goes on computing");
-        stop.rests(false);
-        stop.pull(Hold::now("another page", "later"));
+        stop.set_at_rest(false);
+        stop.request(Hold::now("another page", "later"));
         assert!(!sleeps.wait().unwrap().success(), "it was ended");
         assert_eq!(stop.held().unwrap().by, "a page");
         stop.write(Duration::ZERO).unwrap();
         assert_eq!(Latch::of(Some(folder.path()), None).held().unwrap().by, "a page");
-        stop.moves(None);
-        stop.pull(Hold::now("a page", "nothing moves"));
+        stop.set_motion_process(None);
+        stop.request(Hold::now("a page", "nothing moves"));
         stop.write(Duration::ZERO).unwrap();
         assert_eq!(stop.held().unwrap().why, "a hand in the tank");
     }
@@ -131,7 +131,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let missing = folder.path().join("runs");
         let stop = Stop::new(Latch::of(Some(&missing), None));
-        stop.pull(Hold::now("a page", "the disk is gone"));
+        stop.request(Hold::now("a page", "the disk is gone"));
         assert!(stop.write(Duration::ZERO).is_err() && stop.held().is_some());
         std::fs::create_dir(&missing).unwrap();
         stop.write(Duration::ZERO).unwrap();

@@ -1,6 +1,5 @@
-//! What the servers of this program have in common: the form of a refusal, and who may ask. They are meant for the people at this
-//! machine: for their own page, and programs that a person started here; for no page from elsewhere that a browser on this machine
-//! happens to show.
+//! What the servers of this program have in common: the form of an error, and which requests are accepted. They serve their own page
+//! and programs on this machine, but no other web page that a browser on this machine happens to show.
 //!
 //! A browser can be made to send requests to the loopback in two ways. A page from elsewhere asks directly: then `Origin` and
 //! `Sec-Fetch-Site` say so. Or a name is first made to point at that page and then at this machine: then the request counts as one
@@ -24,15 +23,15 @@ pub const HEADERS: [(HeaderName, &str); 4] = [
     (header::REFERRER_POLICY, "no-referrer"),
 ];
 
-/// The names by which a server is asked.
+/// The host names of a server.
 #[derive(Debug, Clone, Default)]
 pub struct Hosts {
-    /// Beside those of the loopback.
+    /// Names in addition to those of the loopback.
     others: Vec<String>,
 }
 
 impl Hosts {
-    /// Those of the loopback, and `others`.
+    /// The names of the loopback, and `others`.
     pub fn and(others: impl IntoIterator<Item = String>) -> Self {
         Self { others: others.into_iter().map(|name| name.to_ascii_lowercase()).collect() }
     }
@@ -49,7 +48,7 @@ impl Hosts {
     }
 
     /// Whether a page of this server, or no page at all, asks with these `headers`.
-    pub fn is_own(&self, headers: &HeaderMap) -> bool {
+    pub fn is_same_origin(&self, headers: &HeaderMap) -> bool {
         let text = |name: HeaderName| {
             headers.get(name).map(|value: &HeaderValue| value.to_str().unwrap_or_default())
         };
@@ -66,18 +65,18 @@ impl Hosts {
     }
 }
 
-/// Puts [`HEADERS`] where the answer has none of its own.
+/// Adds those [`HEADERS`] that the answer does not set itself.
 pub fn protect(headers: &mut HeaderMap) {
     for (name, value) in HEADERS {
         headers.entry(name).or_insert(HeaderValue::from_static(value));
     }
 }
 
-/// Of a refusal that is not ours so much is kept: it is a sentence.
-const MOST_WORDS_BYTES: usize = 8 << 10;
+/// Length to which the error text of another part of the server is cut \[bytes\]. Chosen.
+const ERROR_TEXT_LIMIT_BYTES: usize = 8 << 10;
 
-/// Gives every refusal one form, `{"error": "..."}`: those that a server's own parts say in other forms, or without a word, too.
-pub async fn one_form(request: Request, next: Next) -> Response {
+/// Gives every error response the form `{"error": "..."}`, also those that the framework makes in other forms or without a text.
+pub async fn uniform_errors(request: Request, next: Next) -> Response {
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
     let response = next.run(request).await;
     let is_json = |response: &Response| {
@@ -88,15 +87,15 @@ pub async fn one_form(request: Request, next: Next) -> Response {
         return response;
     }
     let (mut head, body) = response.into_parts();
-    let words = axum::body::to_bytes(body, MOST_WORDS_BYTES).await.unwrap_or_default();
-    let words = String::from_utf8_lossy(&words).trim().to_owned();
+    let text = axum::body::to_bytes(body, ERROR_TEXT_LIMIT_BYTES).await.unwrap_or_default();
+    let text = String::from_utf8_lossy(&text).trim().to_owned();
     let error = match status {
         StatusCode::METHOD_NOT_ALLOWED => format!("{path} is not for {method}"),
-        _ if !words.is_empty() => words,
+        _ if !text.is_empty() => text,
         StatusCode::NOT_FOUND => format!("there is nothing at {path}"),
         _ => status.canonical_reason().unwrap_or("refused").to_lowercase(),
     };
-    // they are the old body's
+    // these headers belong to the old body
     for header in [header::CONTENT_TYPE, header::CONTENT_LENGTH] {
         head.headers.remove(header);
     }
@@ -111,7 +110,7 @@ mod tests {
         let named = |(name, value): &(&'static str, &'static str)| {
             (HeaderName::from_static(name), HeaderValue::from_static(value))
         };
-        Hosts::and(["rig.lab".to_owned()]).is_own(&headers.iter().map(named).collect())
+        Hosts::and(["rig.lab".to_owned()]).is_same_origin(&headers.iter().map(named).collect())
     }
 
     #[test]

@@ -8,8 +8,8 @@ use ureq::{Agent, Timeout};
 
 use config::Webhook;
 
-/// An address that has not taken an alert by then, from its name to the end of its answer, is tried again later.
-const PATIENCE: Duration = Duration::from_secs(25);
+/// Time for one delivery, from the name lookup to the end of the answer; after it, it is tried again later. Chosen.
+const WEBHOOK_TIMEOUT: Duration = Duration::from_secs(25);
 
 /// Posts `message`, JSON, to `hook`: by the machine's own certificates, through the proxy that the environment names. Only a status of
 /// 200 to 299 says that it was taken; an address that sends elsewhere is not followed, for nobody has named the other one.
@@ -26,7 +26,7 @@ pub(super) fn post(hook: &Webhook, message: &str) -> Result<(), String> {
         .build();
     let agent = Agent::config_builder()
         .tls_config(tls)
-        .timeout_global(Some(PATIENCE))
+        .timeout_global(Some(WEBHOOK_TIMEOUT))
         .max_redirects(0)
         .http_status_as_error(false)
         .user_agent(concat!("rig/", env!("CARGO_PKG_VERSION")))
@@ -40,7 +40,7 @@ pub(super) fn post(hook: &Webhook, message: &str) -> Result<(), String> {
         ))),
         Ok(answer) => Err(failed(&format!("it answers {}", answer.status()))),
         Err(ureq::Error::Timeout(Timeout::Global | Timeout::PerCall)) => {
-            Err(failed(&format!("not done within {} s", PATIENCE.as_secs())))
+            Err(failed(&format!("not done within {} s", WEBHOOK_TIMEOUT.as_secs())))
         }
         // it says the whole of it
         Err(ureq::Error::BadUri(_)) => Err(failed(&"it cannot be asked")),

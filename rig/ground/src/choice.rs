@@ -2,7 +2,7 @@
 
 /// An enum whose values people choose by name.
 pub trait Choice: Copy + PartialEq + Send + Sync + 'static {
-    /// Each value, its name, and what it is.
+    /// Each value with its name and a description.
     const ALL: &'static [(Self, &'static str, &'static str)];
 
     /// The value's name.

@@ -1,4 +1,4 @@
-//! Exclusive claims: one process at a time on a folder of runs and on a servo port, and a way to find out which.
+//! Exclusive claims: one process at a time on a runs folder and on a servo port, and a way to find out which process.
 
 #![allow(clippy::disallowed_methods, reason = "what one process has alone")]
 
@@ -91,8 +91,8 @@ fn open_existing(path: &Path) -> std::io::Result<File> {
     OpenOptions::new().read(true).write(true).open(path)
 }
 
-/// Opens a lock file that other users open too. Where it is there it is not created: in a folder of everybody's the kernel refuses
-/// that for a file of another user's (`fs.protected_regular`).
+/// Opens a lock file that other users open too. An existing one is not opened for creation: in a folder that all may write to, the kernel
+/// refuses that for another user's file (`fs.protected_regular`).
 fn open_for_all(path: &Path) -> std::io::Result<File> {
     match open_existing(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => {}
@@ -108,7 +108,7 @@ fn open_for_all(path: &Path) -> std::io::Result<File> {
     }
 }
 
-/// Whether process `pid` has the file at `path` open: what stands in a lock file that everybody may write to is hearsay. `None`
+/// Whether process `pid` has the file at `path` open: the process id in a lock file that everybody may write to proves nothing. `None`
 /// where this process may not look.
 pub fn has_open(pid: u32, path: &Path) -> Option<bool> {
     let wanted = path.metadata().ok()?;
@@ -125,17 +125,17 @@ fn read_pid(file: &mut File) -> Option<u32> {
     text.trim().parse().ok()
 }
 
-/// The lock file that stands for a servo port: `rig estop` finds through it whom to tell.
+/// The lock file of a servo port: `rig estop` finds through it the process that it has to stop.
 pub fn port_lock(port: &str) -> PathBuf {
     port_file(port, "lock")
 }
 
-/// The file that stands for a servo port, with this ending: the same for every user of this machine and for a service with a temporary
+/// The file of a servo port with this ending: the same for every user of this machine and for a service with a temporary
 /// folder of its own, and for every name of the port.
 pub fn port_file(port: &str, ending: &str) -> PathBuf {
     let real = std::fs::canonicalize(port).unwrap_or_else(|_| port.into());
     let mut name = real.to_string_lossy().into_owned();
-    // the number of a pseudo-terminal is given out again, to another board
+    // the number of a pseudo-terminal is used again, for another board
     if name.starts_with("/dev/pts/")
         && let Ok(node) = real.metadata()
     {

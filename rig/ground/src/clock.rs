@@ -1,8 +1,8 @@
 //! The host's monotonic clock, and lines that put other clocks on it.
 //!
 //! A ping leaves at t₀, the board stamps it with its tick c, the answer is back at t₃. All that is certain is that c
-//! lies between t₀ and t₃, less the time that its bytes spend on a [`Wire`] of known speed; the midpoint is the best guess, wrong by at
-//! most half of what is left. [`ClockFit`] draws a line through many such guesses, trusting those that came back fastest.
+//! lies between t₀ and t₃, less the time that its bytes spend on a [`Wire`] of known speed; the midpoint is the best estimate, wrong by at
+//! most half of the rest. [`ClockFit`] fits a line to many such estimates, with more weight on the quicker round trips.
 
 use std::sync::{Arc, OnceLock};
 
@@ -33,29 +33,29 @@ impl MonotonicNs {
     }
 }
 
-/// Now on the clock on the wall, which may be set, and on one that goes on evenly, while the machine sleeps too.
+/// The present on the wall clock, which may be set, and on the boot clock, which runs evenly, also while the machine sleeps.
 #[derive(Debug, Clone, Copy)]
 pub struct Now {
-    /// The clock on the wall.
+    /// The wall clock.
     pub wall: Timestamp,
-    /// Since the machine was started (CLOCK_BOOTTIME).
+    /// Time since the machine was started (CLOCK_BOOTTIME).
     pub boot: SignedDuration,
 }
 
 impl Now {
-    /// As the machine has it.
+    /// Reads both clocks of the machine.
     pub fn read() -> Self {
         let boot = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
         Self { wall: Timestamp::now(), boot: SignedDuration::new(boot.tv_sec, boot.tv_nsec as i32) }
     }
 
-    /// When it was `boot`, by the clock on the wall as it is set now.
+    /// The boot time `boot` on the wall clock as it is set now.
     pub fn wall_at(&self, boot: SignedDuration) -> Timestamp {
         self.wall.saturating_sub(self.boot.saturating_sub(boot)).unwrap_or(self.wall)
     }
 }
 
-/// Puts the instants of an earlier run into one that goes on: as long after its start as they were after theirs.
+/// Maps instants of a recorded run to the present run: as long after its start as they were after the recorded one's.
 #[derive(Debug, Clone)]
 pub struct ReplayClock {
     origin: MonotonicNs,
@@ -63,13 +63,14 @@ pub struct ReplayClock {
 }
 
 impl ReplayClock {
-    /// Of a run that began at `origin`, for one that begins at `start`: at the first question, where that is not known by then.
+    /// A clock for the run that began at `origin`, replayed in one that begins at `start`; where `start` is not set by the first use, it is
+    /// set to that moment.
     pub fn new(origin: MonotonicNs, start: Arc<OnceLock<MonotonicNs>>) -> Self {
         Self { origin, start }
     }
 
-    /// What is now to `then`.
-    pub fn again(&self, then: MonotonicNs) -> MonotonicNs {
+    /// The instant `then` of the recorded run, in the present one.
+    pub fn to_present(&self, then: MonotonicNs) -> MonotonicNs {
         let start = self.start.get_or_init(MonotonicNs::now);
         MonotonicNs(start.0.wrapping_add(then.0.wrapping_sub(self.origin.0)))
     }
@@ -108,7 +109,7 @@ impl Ping {
     }
 }
 
-/// How long the bytes of a ping and of its answer are on the line, where it has a speed of its own.
+/// How long the bytes of a ping and of its answer take on the line, where it has a known baud rate.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Wire {
     /// From the ping's first byte to its last, at which the board looks at its clock \[s\].
@@ -126,14 +127,14 @@ impl Wire {
     }
 }
 
-/// Jitter of the fastest round trips \[s\], 1 sigma. A guess: a tick is 1 µs, a USB packet 125 µs apart.
-const FLOOR_S: f64 = 20e-6;
-/// How far a board's clock may be off, 1 sigma, as a share: ceramic resonators of small boards.
-const DRIFT_PRIOR: f64 = 5e-3;
-/// A guess is dropped beyond this many of its standard deviations.
+/// Jitter of the fastest round trips \[s\], 1 sigma. Guessed: a tick is 1 µs, USB packets are 125 µs apart.
+const ROUND_TRIP_JITTER_S: f64 = 20e-6;
+/// Relative error of a board's clock rate, 1 sigma, as a prior; chosen for the ceramic resonators of small boards.
+const DRIFT_PRIOR_STD: f64 = 5e-3;
+/// A ping is dropped when its residual exceeds this many of its standard deviations, chosen.
 const OUTLIER_SIGMAS: f64 = 5.0;
-/// Dropping and fitting again settles within this many rounds, or the data are no line.
-const MAX_ROUNDS: usize = 20;
+/// Most rounds of dropping outliers and fitting again, chosen: it converges in fewer, or the data are no line.
+const MAX_OUTLIER_ROUNDS: usize = 20;
 
 /// A line between a board's ticks and the host's clock, with its uncertainty. A pure function of the pings: recorded
 /// ones give the same line again.
@@ -149,13 +150,13 @@ pub struct ClockFit {
     drift: f64,
     variance_offset_s2: f64,
     variance_drift: f64,
-    /// Shortest round trip seen \[s\].
+    /// Shortest measured round trip \[s\].
     pub round_trip_min_s: f64,
-    /// What of it the bytes spent on the wire \[s\].
+    /// Part of it that the bytes spent on the wire \[s\].
     pub wire_s: f64,
-    /// Pings the line rests on.
+    /// Number of pings that the line was fitted to.
     pub used: usize,
-    /// Pings dropped as outliers.
+    /// Number of pings dropped as outliers.
     pub dropped: usize,
     /// Pings that the line contradicts: their tick cannot lie between sending and answer. Any is a sign of a clock
     /// that jumped.
@@ -167,7 +168,7 @@ impl ClockFit {
     /// means nothing to a board with a USB port of its own.
     ///
     /// Weighted regression of y = board − host over t with w = 1/(s₀² + ((rtt − rtt_min)/2)²) and a weak prior on the
-    /// drift, so that one ping suffices; guesses beyond 5 sigma of their own are dropped and the line drawn again.
+    /// drift, so that one ping suffices; pings beyond 5 of their own sigma are dropped and the line is fitted again.
     ///
     /// # Source
     /// The weights are the midpoint's error bound, as NTP uses it (RFC 5905, clock filter); the rule for outliers is
@@ -185,17 +186,18 @@ impl ClockFit {
             .collect();
         let first = pings.first()?;
         let open_s = shortest - wire.round_trip_s();
-        let guesses: Vec<Guess> = pings.iter().map(|ping| Guess::new(ping, first, open_s)).collect();
+        let samples: Vec<OffsetSample> =
+            pings.iter().map(|ping| OffsetSample::new(ping, first, open_s)).collect();
 
-        let mut used = vec![true; guesses.len()];
-        let mut line = Line::through(&guesses, &used);
-        for _ in 0..MAX_ROUNDS {
-            let keeps: Vec<bool> = guesses.iter().map(|g| line.residual_s(g).abs() <= g.limit_s()).collect();
+        let mut used = vec![true; samples.len()];
+        let mut line = Line::through(&samples, &used);
+        for _ in 0..MAX_OUTLIER_ROUNDS {
+            let keeps: Vec<bool> = samples.iter().map(|g| line.residual_s(g).abs() <= g.limit_s()).collect();
             if keeps == used || keeps.iter().filter(|&&keep| keep).count() < 2 {
                 break;
             }
             used = keeps;
-            line = Line::through(&guesses, &used);
+            line = Line::through(&samples, &used);
         }
 
         let count = used.iter().filter(|&&u| u).count();
@@ -210,7 +212,7 @@ impl ClockFit {
             round_trip_min_s: shortest,
             wire_s: wire.round_trip_s(),
             used: count,
-            dropped: guesses.len() - count,
+            dropped: samples.len() - count,
             contradicted: 0,
         };
         let possible = |ping: &Ping| {
@@ -259,8 +261,8 @@ impl ClockFit {
     }
 }
 
-/// What one ping says.
-struct Guess {
+/// The clock offset as one ping gives it: the midpoint between sending and answer.
+struct OffsetSample {
     /// Midpoint \[s\] after the first ping's sending.
     time_s: f64,
     /// Board minus host \[s\].
@@ -268,13 +270,17 @@ struct Guess {
     variance_s2: f64,
 }
 
-impl Guess {
+impl OffsetSample {
     fn new(ping: &Ping, first: &Ping, shortest_s: f64) -> Self {
         let round_trip_s = ping.round_trip_s();
         let time_s = ping.sent.seconds_since(first.sent) + round_trip_s / 2.0;
         let board_s = ping.board_tick_us.wrapping_sub(first.board_tick_us).cast_signed() as f64 * 1e-6;
         let excess_s = (round_trip_s - shortest_s) / 2.0;
-        Self { time_s, offset_s: board_s - time_s, variance_s2: FLOOR_S * FLOOR_S + excess_s * excess_s }
+        Self {
+            time_s,
+            offset_s: board_s - time_s,
+            variance_s2: ROUND_TRIP_JITTER_S * ROUND_TRIP_JITTER_S + excess_s * excess_s,
+        }
     }
 
     fn limit_s(&self) -> f64 {
@@ -291,19 +297,19 @@ struct Line {
 }
 
 impl Line {
-    fn through(guesses: &[Guess], used: &[bool]) -> Self {
+    fn through(samples: &[OffsetSample], used: &[bool]) -> Self {
         let used =
-            || guesses.iter().zip(used).filter(|(_, used)| **used).map(|(g, _)| (g, 1.0 / g.variance_s2));
+            || samples.iter().zip(used).filter(|(_, used)| **used).map(|(g, _)| (g, 1.0 / g.variance_s2));
         let weight: f64 = used().map(|(_, w)| w).sum();
         let mean_s = used().map(|(g, w)| w * g.time_s).sum::<f64>() / weight;
         let offset_s = used().map(|(g, w)| w * g.offset_s).sum::<f64>() / weight;
-        let prior = 1.0 / (DRIFT_PRIOR * DRIFT_PRIOR);
+        let prior = 1.0 / (DRIFT_PRIOR_STD * DRIFT_PRIOR_STD);
         let spread: f64 = used().map(|(g, w)| w * (g.time_s - mean_s).powi(2)).sum::<f64>() + prior;
         let drift =
             used().map(|(g, w)| w * (g.time_s - mean_s) * (g.offset_s - offset_s)).sum::<f64>() / spread;
         let mut line =
             Self { mean_s, offset_s, drift, variance_offset_s2: 1.0 / weight, variance_drift: 1.0 / spread };
-        // Weights are guesses: where the scatter is greater than they say, so is the uncertainty.
+        // The assumed variances may be too small: where the scatter is greater, the uncertainty is scaled up to it.
         let count = used().count() as f64;
         let scatter: f64 = used().map(|(g, w)| w * line.residual_s(g).powi(2)).sum();
         let inflation = (scatter / (count - 2.0).max(1.0)).max(1.0);
@@ -312,8 +318,8 @@ impl Line {
         line
     }
 
-    fn residual_s(&self, guess: &Guess) -> f64 {
-        guess.offset_s - self.offset_s - self.drift * (guess.time_s - self.mean_s)
+    fn residual_s(&self, sample: &OffsetSample) -> f64 {
+        sample.offset_s - self.offset_s - self.drift * (sample.time_s - self.mean_s)
     }
 }
 

@@ -1,4 +1,4 @@
-//! Errors in one line, for the places that keep text and not the error.
+//! Errors as one line of text, for places that store text instead of the error.
 
 /// `error` and all its causes, from the outside in.
 pub fn with_causes(error: &dyn std::error::Error) -> String {

@@ -1,10 +1,10 @@
-//! The hold: what every stop leaves on all that could move a rig, until a person releases it by name.
+//! The hold: every stop leaves one, and nothing of the rig may move until a person releases it by name.
 //!
-//! A hold lies in files. Whoever stops a rig writes them, and needs no other program for it; whoever could move it looks at them before
-//! it gives a servo power, before each order and fifty times a second while anything has power (`servo::held`). Two
-//! places can hold a rig, and either is enough: `hold.json` in its runs folder, which is there from the first run on so that a full disk
-//! cannot refuse a stop, and a file beside the lock of its servo's port, which `rig estop` finds without knowing the runs. What cannot
-//! be read holds too.
+//! A hold is stored in files. The program that stops a rig writes them by itself; a program that could move it reads them before it
+//! gives a servo power, before each order and fifty times a second while anything has power (`servo::held`). Two files can hold a rig,
+//! and either is enough: `hold.json` in its runs folder, which exists from the first run on so that a full disk cannot refuse a stop,
+//! and a file next to the lock of its servo's port, which `rig estop` finds without knowing the runs. A file that cannot be read
+//! holds too.
 
 use std::path::{Path, PathBuf};
 
@@ -15,10 +15,10 @@ use utoipa::ToSchema;
 use crate::claim::port_file;
 use crate::in_place;
 
-/// The file in the folder of run folders.
-pub const FILE: &str = "hold.json";
-/// Names and reasons are cut to so many characters.
-const MOST_CHARACTERS: usize = 200;
+/// Name of the hold file in the runs folder.
+pub const HOLD_FILE: &str = "hold.json";
+/// Names and reasons are cut to this many characters, chosen: they fit into the file's fixed size then.
+const MAX_TEXT_CHARACTERS: usize = 200;
 
 /// Why a rig is held.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -32,9 +32,9 @@ pub struct Hold {
 }
 
 impl Hold {
-    /// From now on.
+    /// A hold that begins now.
     pub fn now(by: &str, why: &str) -> Self {
-        let cut = |text: &str| text.trim().chars().take(MOST_CHARACTERS).collect::<String>();
+        let cut = |text: &str| text.trim().chars().take(MAX_TEXT_CHARACTERS).collect::<String>();
         Self { since: now(), by: cut(by), why: cut(why) }
     }
 }
@@ -49,7 +49,7 @@ fn now() -> String {
     Timestamp::now().strftime("%Y-%m-%dT%H:%M:%SZ").to_string()
 }
 
-/// What is in such a file.
+/// The content of a hold file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Page {
     hold: Option<Hold>,
@@ -75,7 +75,7 @@ pub struct HoldError {
     source: std::io::Error,
 }
 
-/// The places at which a rig can be held. Asking it costs some microseconds and waits for nobody.
+/// The files through which a rig can be held. Reading them takes some microseconds and never waits.
 #[derive(Debug, Clone, Default)]
 pub struct Latch {
     runs: Option<PathBuf>,
@@ -83,15 +83,15 @@ pub struct Latch {
 }
 
 impl Latch {
-    /// Of the rig whose runs are in `runs_dir` and whose servo is on the port `port`, as far as there are such.
+    /// The latch of the rig whose runs are in `runs_dir` and whose servo is on the port `port`, where it has these.
     pub fn of(runs_dir: Option<&Path>, port: Option<&str>) -> Self {
         Self {
-            runs: runs_dir.map(|folder| folder.join(FILE)),
+            runs: runs_dir.map(|folder| folder.join(HOLD_FILE)),
             port: port.map(|port| port_file(port, "hold")),
         }
     }
 
-    /// Makes room for a hold in the runs folder, which must be there.
+    /// Creates the hold file in the runs folder, which must exist.
     ///
     /// # Errors
     /// [`HoldError`].
@@ -104,7 +104,7 @@ impl Latch {
         self.runs.iter().chain(&self.port).map(PathBuf::as_path)
     }
 
-    /// Why nothing may move, if so.
+    /// The hold, where the rig is held.
     pub fn held(&self) -> Option<Hold> {
         self.files().find_map(|path| match in_place::read::<Page>(path) {
             Ok(page) => page?.hold,
@@ -117,7 +117,7 @@ impl Latch {
     /// Holds the rig, at each of its places that is not held yet.
     ///
     /// # Errors
-    /// [`HoldError`] of a place that could not be written; the others are.
+    /// [`HoldError`] of a file that could not be written; the others are written all the same.
     pub fn hold(&self, hold: &Hold) -> Result<(), HoldError> {
         let page = Page { hold: Some(hold.clone()), released: None };
         let mut failed = None;
@@ -125,7 +125,7 @@ impl Latch {
             if matches!(in_place::read::<Page>(path), Ok(Some(Page { hold: Some(_), .. }))) {
                 continue;
             }
-            // everybody may release what is at a port: who may not open the port moves nothing by that
+            // every user may release the file of a port: a release lets nobody open the port who may not
             let mode = if self.runs.as_deref() == Some(path) { 0o664 } else { 0o666 };
             let written = in_place::write(path, &page).or_else(|error| match error.kind() {
                 std::io::ErrorKind::NotFound => {
@@ -140,7 +140,7 @@ impl Latch {
         failed.map_or(Ok(()), Err)
     }
 
-    /// Ends the hold, in the name of `by`; gives what it was.
+    /// Ends the hold, in the name of `by`; returns the hold that it ended.
     ///
     /// # Errors
     /// [`HoldError`]: the rig is still held.
@@ -192,8 +192,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let latch = Latch::of(Some(folder.path()), None);
         assert_eq!(latch.held(), None);
-        std::fs::write(folder.path().join(FILE), "{\"hold\":{\"since\":").unwrap();
-        assert!(latch.held().unwrap().why.contains(FILE));
+        std::fs::write(folder.path().join(HOLD_FILE), "{\"hold\":{\"since\":").unwrap();
+        assert!(latch.held().unwrap().why.contains(HOLD_FILE));
         latch.release("Ada").unwrap();
         assert_eq!(latch.held(), None);
         assert_eq!(Latch::default().held(), None);
@@ -205,6 +205,6 @@ mod tests {
         let latch = Latch::of(Some(folder.path()), None);
         let long = "\u{1}é".repeat(5000);
         latch.hold(&Hold::now(&long, &long)).unwrap();
-        assert_eq!(latch.held().unwrap().why.chars().count(), MOST_CHARACTERS);
+        assert_eq!(latch.held().unwrap().why.chars().count(), MAX_TEXT_CHARACTERS);
     }
 }

@@ -1,5 +1,5 @@
-//! Small JSON documents in files of a fixed size that are rewritten where they lie: once there, a full disk cannot refuse another
-//! writing, and a reader needs neither a lock nor the writer.
+//! Small JSON documents in files of a fixed size that are rewritten in place: once created, a full disk cannot prevent the next
+//! write, and a reader needs no lock.
 
 #![allow(clippy::disallowed_methods, reason = "what a full disk must not refuse")]
 
@@ -14,7 +14,7 @@ use serde::de::DeserializeOwned;
 /// The size of such a file: a page of memory, a block of most disks.
 const PAGE_BYTES: usize = 4096;
 
-/// Neither a link is followed nor a pipe waited for: the folder may be everybody's.
+/// Follows no link and waits for no pipe: every user may be able to write to the folder.
 fn options() -> OpenOptions {
     let flags = rustix::fs::OFlags::NOFOLLOW | rustix::fs::OFlags::NONBLOCK;
     let mut options = OpenOptions::new();
@@ -22,7 +22,7 @@ fn options() -> OpenOptions {
     options
 }
 
-/// Makes the file at `path` with `document` in it, on the disk, for `mode`; leaves one that is there alone.
+/// Creates the file at `path` with `document` in it and the permissions `mode`, forced to the disk; leaves an existing one alone.
 ///
 /// # Errors
 /// What the system says.
@@ -31,13 +31,13 @@ pub fn make(path: &Path, document: &impl Serialize, mode: u32) -> Result<()> {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => return Ok(()),
         file => file?,
     };
-    // whatever the mask of the process
+    // set after creation, so that the process's umask does not change it
     file.set_permissions(std::fs::Permissions::from_mode(mode))?;
     put(&file, document)?;
     file.sync_all()
 }
 
-/// Rewrites the file at `path`, which must be there.
+/// Rewrites the file at `path`, which must exist.
 ///
 /// # Errors
 /// What the system says.
@@ -61,7 +61,7 @@ fn put(file: &File, document: &impl Serialize) -> Result<()> {
     file.write_all_at(&page, 0)
 }
 
-/// What is in the file at `path`; nothing where there is none, or it was made and never written.
+/// The document in the file at `path`; `None` where there is no file, or an empty one.
 ///
 /// # Errors
 /// What the system says; [`ErrorKind::InvalidData`] for what is no such document.

@@ -1,10 +1,10 @@
-//! What every other crate of the rig stands on.
+//! What every other crate of the rig uses.
 //!
 //! * [`strict`], [`names`], [`error_chain`], [`reasons`]: configs that refuse what they do not know, the name that may have been meant, an
-//!   error with its causes, reasons told together;
+//!   error with its causes, reasons grouped;
 //! * [`statistics`]: medians and spreads;
-//! * [`clock`], [`urgency`]: ticks and stamps on one clock, who has the processor first;
-//! * [`claim`], [`in_place`], [`hold`]: what one process has alone, files that a full disk cannot refuse, and what every stop leaves;
+//! * [`clock`], [`urgency`]: ticks and stamps on one clock, scheduling priorities;
+//! * [`claim`], [`in_place`], [`hold`]: exclusive use by one process, files that a full disk cannot refuse, the hold that every stop leaves;
 //! * [`choice`], [`shell`]: values chosen by name, commands to be typed.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods, reason = "tests make their files"))]

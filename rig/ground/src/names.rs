@@ -25,7 +25,7 @@ pub fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a String>)
         return format!(" (did you mean `{nearest}`?)");
     }
     match known.iter().min_by_key(|k| (strsim::damerau_levenshtein(name, k), **k)) {
-        Some(_) if known.len() <= MOST_NAMED => {
+        Some(_) if known.len() <= MAX_LISTED_NAMES => {
             let list: Vec<String> = known.iter().map(|k| format!("`{k}`")).collect();
             format!(" (it has {})", list.join(", "))
         }
@@ -34,8 +34,8 @@ pub fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a String>)
     }
 }
 
-/// Known names that are all listed where none is near: one line's worth.
-const MOST_NAMED: usize = 12;
+/// Up to this many known names are all listed where none is near, chosen: they fit on one line.
+const MAX_LISTED_NAMES: usize = 12;
 
 /// The text of the file at `path`; where it is not there, or a folder, the error names the file that may have been meant.
 pub fn read_text(path: &Path) -> Result<String, Error> {
@@ -46,13 +46,13 @@ pub fn read_text(path: &Path) -> Result<String, Error> {
     })
 }
 
-/// That `path` is a folder, with the files in it that may have been meant.
+/// The error that `path` is a folder, with the files in it that may have been meant.
 fn a_folder(path: &Path) -> Error {
     let entries = std::fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
     let is_config = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "toml");
     let mut found: Vec<String> = entries.filter(is_config).map(|path| path.display().to_string()).collect();
     found.sort_unstable();
-    found.truncate(MOST_NAMED);
+    found.truncate(MAX_LISTED_NAMES);
     let hint = match found.is_empty() {
         true => String::new(),
         false => format!(" (did you mean {}?)", found.join(", or ")),
@@ -60,7 +60,7 @@ fn a_folder(path: &Path) -> Error {
     Error::new(ErrorKind::IsADirectory, format!("it is a folder, and a file is wanted{hint}"))
 }
 
-/// That there is no file at `path`, with the one of its folder that may have been meant.
+/// The error that there is no file at `path`, with the file of its folder that may have been meant.
 fn not_there(path: &Path) -> Error {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let Ok(entries) = std::fs::read_dir(folder) else {

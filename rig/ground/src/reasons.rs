@@ -1,17 +1,17 @@
-//! Reasons told together: texts that say the same of different numbers count as one.
+//! Grouping of reasons: texts that differ in their numbers only count as one.
 
-/// Members of a list of reasons that say the same, their numbers aside.
+/// Reasons of a list that differ in their numbers only.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Told {
-    /// What they say; a number that differs is the range it spans, `3.2 to 12`.
+pub struct ReasonGroup {
+    /// Their common text; a number that differs is written as the range it spans, `3.2 to 12`.
     pub text: String,
-    /// Places of the members in the list, rising.
+    /// Indices of the members in the list, rising.
     pub members: Vec<usize>,
 }
 
-/// Puts `reasons` that differ in their numbers only together, the most frequent first, equally frequent ones in the order in
-/// which they came. A number that belongs to a name (`P2`, `g1`) tells reasons apart.
-pub fn told_together<'a>(reasons: impl IntoIterator<Item = &'a str>) -> Vec<Told> {
+/// Groups `reasons` that differ in their numbers only, the most frequent first, equally frequent ones in the order in which they
+/// came. A number that belongs to a name (`P2`, `g1`) makes reasons different.
+pub fn told_together<'a>(reasons: impl IntoIterator<Item = &'a str>) -> Vec<ReasonGroup> {
     let mut kinds: Vec<(Kind, Vec<usize>)> = Vec::new();
     for (place, reason) in reasons.into_iter().enumerate() {
         let kind = Kind::of(reason);
@@ -24,10 +24,10 @@ pub fn told_together<'a>(reasons: impl IntoIterator<Item = &'a str>) -> Vec<Told
         }
     }
     kinds.sort_by_key(|(_, members)| std::cmp::Reverse(members.len()));
-    kinds.into_iter().map(|(kind, members)| Told { text: kind.text(), members }).collect()
+    kinds.into_iter().map(|(kind, members)| ReasonGroup { text: kind.text(), members }).collect()
 }
 
-/// A text taken apart: what stands before, between and behind its numbers, and the least and largest of each.
+/// A text split at its numbers: the words before, between and behind them, and the least and largest value of each number.
 struct Kind<'a> {
     words: Vec<&'a str>,
     numbers: Vec<[Number<'a>; 2]>,
@@ -100,8 +100,8 @@ fn number_len(text: &str) -> usize {
 mod tests {
     use super::*;
 
-    fn told(reasons: &[&str]) -> Vec<(String, Vec<usize>)> {
-        told_together(reasons.iter().copied()).into_iter().map(|told| (told.text, told.members)).collect()
+    fn grouped(reasons: &[&str]) -> Vec<(String, Vec<usize>)> {
+        told_together(reasons.iter().copied()).into_iter().map(|group| (group.text, group.members)).collect()
     }
 
     #[test]
@@ -113,7 +113,7 @@ mod tests {
             "dark: its middle grey level is 7, usually 80",
         ];
         assert_eq!(
-            told(&reasons),
+            grouped(&reasons),
             [
                 ("dark: its middle grey level is 3.5 to 12, usually 80".into(), vec![0, 2, 3]),
                 ("no silhouette".into(), vec![1]),
@@ -125,10 +125,10 @@ mod tests {
     fn numbers_in_names_tell_reasons_apart_and_other_words_too() {
         let reasons = ["P2 is known to 1.2 px", "P3 is known to 1.2 px", "P2 is known to 1.5 px"];
         assert_eq!(
-            told(&reasons),
+            grouped(&reasons),
             [("P2 is known to 1.2 to 1.5 px".into(), vec![0, 2]), ("P3 is known to 1.2 px".into(), vec![1])]
         );
-        assert_eq!(told(&["a 1 b", "a 1 c"]).len(), 2);
+        assert_eq!(grouped(&["a 1 b", "a 1 c"]).len(), 2);
     }
 
     #[test]
@@ -144,8 +144,8 @@ mod tests {
             "5 6 7",
             "-3 µm²",
         ] {
-            assert_eq!(told(&[text, text]), [(text.to_owned(), vec![0, 1])], "{text}");
+            assert_eq!(grouped(&[text, text]), [(text.to_owned(), vec![0, 1])], "{text}");
         }
-        assert_eq!(told(&[]), []);
+        assert_eq!(grouped(&[]), []);
     }
 }

@@ -1,4 +1,4 @@
-//! Commands that are told to people, to be typed as they stand from anywhere on this computer.
+//! Commands in messages, which can be typed as they stand from any folder of this computer.
 
 use std::path::{Path, PathBuf};
 
@@ -13,12 +13,12 @@ pub fn word(path: &Path) -> String {
     }
 }
 
-/// What makes the run of the config at `config`.
+/// The command that runs the config at `config`.
 pub fn run(config: &Path) -> String {
     format!("rig run {}", word(config))
 }
 
-/// What writes configs of the runs that would tell more than the run in the folder `run`, of the rig at `config`.
+/// The command that plans the next runs after the run in the folder `run`, of the rig at `config`.
 pub fn design(run: &Path, config: &Path) -> String {
     format!("rig design {} --config {} --out next", word(run), word(config))
 }

@@ -1,4 +1,4 @@
-//! The little of statistics that a fit needs.
+//! Medians, quantiles and the chi-square test, as the fits need them.
 
 use std::cmp::Ordering;
 
@@ -9,9 +9,9 @@ pub const CHI2_95: f64 = 3.841_458_820_694_124;
 /// Standard deviations to either side that hold 95 % of a normal variable.
 pub const NORMAL_95: f64 = 1.959_963_984_540_054;
 
-/// Turns the median of the sizes of normal deviations into their standard deviation: 1 / quantile(3/4).
+/// Factor from the median absolute value of normal deviations to their standard deviation: 1 / quantile(3/4).
 pub const MEDIAN_TO_SIGMA: f64 = 1.4826;
-/// Tukey's constant: deviations of more standard deviations count nothing; 95 % efficient on normal ones.
+/// Tukey's biweight constant: deviations of more standard deviations than this get no weight; 95 % efficient on normal ones.
 pub const TUKEY_SIGMAS: f64 = 4.685;
 
 /// The middle of `values` in this total `order`, of an even number the upper one; `None` without any. They are reordered.
@@ -20,8 +20,8 @@ pub fn median<T: Copy>(values: &mut [T], order: impl FnMut(&T, &T) -> Ordering) 
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, order).1)
 }
 
-/// Chi-square test that `values` are one, where `weigh` multiplies by their inverse covariance: chi-square, degrees of freedom, and
-/// the probability of as much by chance.
+/// Chi-square test that all `values` measure the same number, where `weigh` multiplies by their inverse covariance: chi-square,
+/// degrees of freedom, and the probability of as much by chance.
 pub fn one_value(values: &DVector<f64>, weigh: impl Fn(&DVector<f64>) -> DVector<f64>) -> (f64, usize, f64) {
     let weights = weigh(&DVector::from_element(values.len(), 1.0));
     let mean = weights.dot(values) / weights.sum();
@@ -59,7 +59,7 @@ pub fn chi2_survival(value: f64, degrees: f64) -> f64 {
     let mut c = 1.0 / f64::MIN_POSITIVE;
     let mut d = 1.0 / b;
     let mut fraction = d;
-    for n in 1..MOST_TERMS {
+    for n in 1..MAX_FRACTION_TERMS {
         let n = f64::from(n);
         let numerator = -n * (n - a);
         b += 2.0;
@@ -73,8 +73,9 @@ pub fn chi2_survival(value: f64, degrees: f64) -> f64 {
     (front * fraction).clamp(0.0, 1.0)
 }
 
-/// The fraction converges in some sqrt(degrees) terms; more than a million degrees never come.
-const MOST_TERMS: u32 = 10_000;
+/// Most terms of the continued fraction, chosen: it converges in some sqrt(degrees) terms, and there are never more than a million
+/// degrees.
+const MAX_FRACTION_TERMS: u32 = 10_000;
 
 /// Logarithm of the gamma function for x > 0: Stirling's series (6.1.41), moved up to where it holds to 1e-15.
 fn ln_gamma(mut x: f64) -> f64 {

@@ -20,7 +20,7 @@ pub enum StrictError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The text is not a document of the wanted form.
+    /// The text is not a document of the required form.
     #[error("{}: {message}", path.display())]
     Refused {
         /// The file the text came from.
@@ -118,20 +118,20 @@ ranged!(
 );
 ranged!(
     /// A time that something waits \[s\], at most a year.
-    Seconds, x => x >= 0.0 && x <= YEAR_S, "between 0 and 31622400 s, a year"
+    Seconds, x => x >= 0.0 && x <= MAX_WAIT_S, "between 0 and 31622400 s, a year"
 );
 ranged!(
-    /// The same, above zero.
-    PositiveSeconds, x => x > 0.0 && x <= YEAR_S, "above 0 and at most 31622400 s, a year"
+    /// A time that something waits \[s\], above zero and at most a year.
+    PositiveSeconds, x => x > 0.0 && x <= MAX_WAIT_S, "above 0 and at most 31622400 s, a year"
 );
 
-/// Whoever waits longer means something else.
-const YEAR_S: f64 = 366.0 * 86_400.0;
+/// The longest time that may be waited for \[s\], chosen: a year.
+const MAX_WAIT_S: f64 = 366.0 * 86_400.0;
 
 /// `seconds` as a duration: none below zero, at most a year, whatever the number.
 pub fn duration(seconds: f64) -> Duration {
-    // what is no number is not above zero
-    let seconds = if seconds > 0.0 { seconds.min(YEAR_S) } else { 0.0 };
+    // NaN is not above zero
+    let seconds = if seconds > 0.0 { seconds.min(MAX_WAIT_S) } else { 0.0 };
     Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }
 
@@ -191,10 +191,10 @@ mod tests {
             assert_eq!(duration(seconds).as_secs_f64(), wanted, "{seconds}");
         }
         for seconds in [1e9, f64::MAX, f64::INFINITY] {
-            assert_eq!(duration(seconds).as_secs_f64(), YEAR_S);
+            assert_eq!(duration(seconds).as_secs_f64(), MAX_WAIT_S);
             assert_eq!((Seconds::new(seconds), PositiveSeconds::new(seconds)), (None, None));
         }
-        assert_eq!(Seconds::literal(YEAR_S).duration().as_secs(), 31_622_400);
+        assert_eq!(Seconds::literal(MAX_WAIT_S).duration().as_secs(), 31_622_400);
         assert_eq!((Seconds::new(0.0).map(Seconds::get), PositiveSeconds::new(0.0)), (Some(0.0), None));
     }
 }

@@ -1,5 +1,5 @@
-//! Who has the processor first where there is not enough of it: what keeps a servo in time, then what takes and keeps pictures, then what
-//! only computes.
+//! Scheduling priorities where processors are short: first the threads that keep a servo in time, then those that take and record images,
+//! then those that compute.
 
 #![allow(clippy::disallowed_methods, reason = "a switch of the system")]
 
@@ -8,11 +8,11 @@ use rustix::process::{nice, setpriority_process};
 /// How urgent the work of a thread is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Urgency {
-    /// A servo waits for it.
+    /// Threads that a servo waits for.
     Servo,
-    /// Pictures come whether it is ready or not; there is room for some.
+    /// Threads that receive and record images, which come at their own rate; a few can be buffered.
     Pictures,
-    /// Nobody waits for it but people.
+    /// Computations, which only people wait for.
     Computing,
 }
 
@@ -42,14 +42,16 @@ fn leads_its_session(stat: &str) -> Option<bool> {
     Some(after.split_whitespace().nth(3)? == process)
 }
 
-/// As `nice` counts: each step is worth a quarter more or less of the processor.
+/// Niceness of the servo's threads, chosen; each step of niceness changes the share of the processor by a quarter.
 const SERVO_NICENESS: i32 = -10;
+/// Niceness of the threads for images, chosen.
 const PICTURES_NICENESS: i32 = 4;
+/// Niceness of computations, chosen.
 const COMPUTING_NICENESS: i32 = 10;
 
 impl Urgency {
-    /// Gives the calling thread, and those that it starts from now on, their place in the scheduler's order. Where the system refuses, as
-    /// it does to put anybody without the right to it (`LimitNICE=` of a service, `nice` in limits.conf) before others, it stays where it is.
+    /// Sets the priority of the calling thread and of those that it starts from now on. Where the system refuses it, for lack of the right
+    /// (`LimitNICE=` of a service, `nice` in limits.conf), the priority stays as it was.
     pub fn take(self) {
         let _ = match self {
             // of the calling thread alone, on Linux
@@ -59,7 +61,7 @@ impl Urgency {
         };
     }
 
-    /// The niceness that a process of such work starts with.
+    /// The niceness with which a process for such work starts.
     pub fn niceness(self) -> i32 {
         match self {
             Self::Servo => SERVO_NICENESS,

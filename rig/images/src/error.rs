@@ -7,7 +7,7 @@ use record::RecordError;
 /// Why a film cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum FilmError {
-    /// The file's name says nothing of a film.
+    /// The file's ending is not that of a film.
     #[error("{} is no film's name: end it in .mp4, .webm or .mkv", path.display())]
     Ending {
         /// The name.
@@ -19,7 +19,7 @@ pub enum FilmError {
         /// The film.
         path: PathBuf,
     },
-    /// This ffmpeg was built without.
+    /// The installed ffmpeg has no encoder for it.
     #[error("writing the film {}: the installed ffmpeg has neither {wanted}; choose another ending", path.display())]
     NoEncoder {
         /// The film.
@@ -27,15 +27,15 @@ pub enum FilmError {
         /// Encoders, one of which is needed.
         wanted: String,
     },
-    /// The file cannot be there.
+    /// The file cannot be written.
     #[error(transparent)]
     Write(#[from] RecordError),
-    /// ffmpeg gave up.
-    #[error("ffmpeg could not write {}: {said}", path.display())]
+    /// ffmpeg failed.
+    #[error("ffmpeg could not write {}: {message}", path.display())]
     Failed {
         /// The film.
         path: PathBuf,
-        /// Its last words.
-        said: String,
+        /// The end of its error output.
+        message: String,
     },
 }

@@ -8,15 +8,15 @@ use std::thread::JoinHandle;
 use image::{GenericImage as _, RgbImage, imageops};
 
 use super::error::FilmError;
-use super::video::{last_lines, last_words};
+use super::video::{last_lines, read_tail};
 use record::files::Part;
 use record::outputs::OutputFile;
 
 /// An encoder of ffmpeg, and its options.
 type Encoder = (&'static str, &'static [&'static str]);
 
-/// Endings of video files, each with encoders that suit it, the best first, and their options.
-const KINDS: [(&str, &[Encoder]); 3] = [
+/// Endings of video files, each with the encoders for it, the preferred one first, and their options.
+const FILM_FORMATS: [(&str, &[Encoder]); 3] = [
     ("mp4", &[H264, MPEG4]),
     ("webm", &[VP9, ("libvpx", &["-b:v", "4M", "-deadline", "realtime", "-cpu-used", "8"])]),
     ("mkv", &[H264, MPEG4]),
@@ -26,8 +26,8 @@ const MPEG4: Encoder = ("mpeg4", &["-q:v", "3"]);
 const VP9: Encoder =
     ("libvpx-vp9", &["-b:v", "0", "-crf", "24", "-deadline", "realtime", "-cpu-used", "8", "-row-mt", "1"]);
 
-/// Where a gap between two images is longer than this, the film is shorter than life \[s\].
-const LONGEST_GAP_S: f64 = 10.0;
+/// Longest gap between two images that is filled with a still picture \[s\], chosen; longer ones are cut to this.
+const MAX_STILL_S: f64 = 10.0;
 
 /// Whether a path names a video file that can be written.
 pub fn is_film(path: &Path) -> bool {
@@ -36,10 +36,10 @@ pub fn is_film(path: &Path) -> bool {
 
 fn kind(path: &Path) -> Option<&'static [Encoder]> {
     let ending = path.extension()?;
-    KINDS.iter().find(|(known, _)| ending.eq_ignore_ascii_case(known)).map(|(_, encoders)| *encoders)
+    FILM_FORMATS.iter().find(|(known, _)| ending.eq_ignore_ascii_case(known)).map(|(_, encoders)| *encoders)
 }
 
-/// A film to be written: nothing stands in its way as far as can be known beforehand. What is there under its name stays until it is whole.
+/// A film that can be written, as far as is known beforehand. A file that has its name stays until the film is whole.
 #[derive(Debug)]
 pub struct Film {
     path: PathBuf,
@@ -89,14 +89,14 @@ impl Film {
             .stderr(Stdio::piped())
             .spawn()
             .map_err(|_| FilmError::NoFfmpeg { path: self.path.clone() })?;
-        let said = child.stderr.take().map(|mut pipe| std::thread::spawn(move || last_words(&mut pipe)));
+        let stderr = child.stderr.take().map(|mut pipe| std::thread::spawn(move || read_tail(&mut pipe)));
         let pixels = child.stdin.take();
         Ok(FilmWriter {
             path: self.path,
             part: self.part,
             child: Encoding(child),
             pixels,
-            said,
+            stderr,
             size: [width, height],
             fps,
             start_s: None,
@@ -113,7 +113,7 @@ pub struct FilmWriter {
     child: Encoding,
     part: Part,
     pixels: Option<ChildStdin>,
-    said: Option<JoinHandle<String>>,
+    stderr: Option<JoinHandle<String>>,
     size: [u32; 2],
     fps: f64,
     start_s: Option<f64>,
@@ -130,7 +130,7 @@ impl FilmWriter {
     pub fn image(&mut self, image: RgbImage, time_s: f64) -> Result<(), FilmError> {
         let start_s = *self.start_s.get_or_insert(time_s);
         let place = ((time_s - start_s) * self.fps).round().max(0.0) as u64;
-        let longest = (LONGEST_GAP_S * self.fps).ceil() as u64;
+        let longest = (MAX_STILL_S * self.fps).ceil() as u64;
         let still = place.saturating_sub(self.written).min(longest);
         if let Some(last) = self.last.take() {
             for _ in 0..still {
@@ -178,12 +178,12 @@ impl FilmWriter {
     fn failed(&mut self) -> FilmError {
         self.pixels = None;
         let _ = self.child.0.wait();
-        let said = self.said.take().and_then(|said| said.join().ok()).unwrap_or_default();
-        FilmError::Failed { path: self.path.clone(), said: last_lines(&said) }
+        let stderr = self.stderr.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        FilmError::Failed { path: self.path.clone(), message: last_lines(&stderr) }
     }
 }
 
-/// ffmpeg at work, which ends with whoever started it.
+/// A running ffmpeg, which is ended when this is dropped.
 #[derive(Debug)]
 struct Encoding(Child);
 

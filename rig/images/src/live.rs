@@ -1,4 +1,4 @@
-//! Images as a camera gives them, for whoever looks at them while it films.
+//! Images of a camera that is filming, for an analysis that runs alongside.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -11,8 +11,8 @@ use camera::source::{ImageSource, Images, SourceError, TimedImage};
 use camera::{CameraImage, Rising};
 use ground::clock::MonotonicNs;
 
-/// Bytes of images that may wait for their turn; with more nothing further is taken, and the recording has them all.
-const MOST_WAITING: usize = 1 << 30;
+/// Bytes of images that may wait for the analysis, chosen; beyond that no more are queued, and the recording has them all.
+const MAX_WAITING_BYTES: usize = 1 << 30;
 
 #[derive(Debug)]
 enum Message {
@@ -20,10 +20,10 @@ enum Message {
     Learn(Range<u64>),
 }
 
-/// Where the images go in. Dropping it ends the sequence.
+/// The sending end of the queue of images. Dropping it ends the sequence.
 #[derive(Debug)]
 pub struct Feed {
-    /// None once more images waited than may.
+    /// `None` once more images waited than allowed.
     sender: Option<Sender<Message>>,
     waiting: Waiting,
 }
@@ -33,16 +33,17 @@ pub struct Feed {
 pub struct Waiting(Arc<AtomicUsize>);
 
 impl Waiting {
-    /// So many.
+    /// The number of images that wait.
     pub fn count(&self) -> usize {
         self.0.load(Ordering::Relaxed)
     }
 }
 
 impl Feed {
-    /// The next image received.
+    /// Queues the next image received.
     pub fn image(&mut self, image: &Arc<CameraImage>) {
-        if self.waiting.0.fetch_add(1, Ordering::Relaxed).saturating_mul(image.data.len()) > MOST_WAITING {
+        if self.waiting.0.fetch_add(1, Ordering::Relaxed).saturating_mul(image.data.len()) > MAX_WAITING_BYTES
+        {
             self.sender = None;
         }
         self.send(Message::Image(Arc::clone(image)));
@@ -64,14 +65,14 @@ impl Feed {
     }
 
     fn send(&mut self, message: Message) {
-        // Whoever does not listen any more has nothing to give, which shows at the end.
+        // A receiver that has ended has no result, which shows at the end.
         if let Some(sender) = &self.sender {
             let _ = sender.send(message);
         }
     }
 }
 
-/// Where the usable images come out, each later than all before, decoded when it is their turn. The sequence ends as the feed
+/// The receiving end: gives the usable images, each later than all before, and decodes each when it is its turn. The sequence ends as the feed
 /// does, be there images that still wait.
 #[derive(Debug)]
 pub struct LiveImages {
@@ -82,7 +83,7 @@ pub struct LiveImages {
     /// Images received.
     received: u64,
     /// Usable images that wait, with their places among all received.
-    held: VecDeque<(u64, Arc<CameraImage>)>,
+    queued: VecDeque<(u64, Arc<CameraImage>)>,
     learn_from: Option<Range<u64>>,
 }
 
@@ -96,7 +97,7 @@ pub fn live(origin: MonotonicNs) -> (Feed, LiveImages) {
         origin,
         rising: Rising::default(),
         received: 0,
-        held: VecDeque::new(),
+        queued: VecDeque::new(),
         learn_from: None,
     };
     (Feed { sender: Some(sender), waiting }, images)
@@ -108,28 +109,28 @@ impl LiveImages {
         self.waiting.clone()
     }
 
-    /// Waits until it is told what the empty tank is to be learned from, and gives an even sample of at most `most` of that, as
-    /// the recording will; none where the sequence ends before. All images are still to come.
+    /// Waits until it is known which images the empty tank is to be learned from, and gives an even sample of at most `most` of these, as
+    /// the recording will; `None` where the sequence ends before. All images are still to come.
     pub fn sample(&mut self, most: usize) -> Option<Vec<TimedImage>> {
         while self.learn_from.is_none() {
             let message = self.receiver.recv().ok()?;
             self.take(message);
         }
-        let places: Vec<u64> = self.held.iter().map(|(place, _)| *place).collect();
+        let places: Vec<u64> = self.queued.iter().map(|(place, _)| *place).collect();
         let numbers = even(&places, most, self.learn_from.as_ref());
-        Some(numbers.map(|number| TimedImage::of(&self.held[number].1, self.origin)).collect())
+        Some(numbers.map(|number| TimedImage::of(&self.queued[number].1, self.origin)).collect())
     }
 
-    /// What still waits, once the sequence has ended.
+    /// The images that still wait, once the sequence has ended.
     pub fn left(self) -> LeftImages {
-        LeftImages { images: self.held.into_iter().map(|(_, image)| image).collect(), origin: self.origin }
+        LeftImages { images: self.queued.into_iter().map(|(_, image)| image).collect(), origin: self.origin }
     }
 
     fn take(&mut self, message: Message) {
         match message {
             Message::Image(image) => {
                 if self.rising.takes(image.mid_exposure) {
-                    self.held.push_back((self.received, image));
+                    self.queued.push_back((self.received, image));
                 } else {
                     self.waiting.0.fetch_sub(1, Ordering::Relaxed);
                 }
@@ -140,7 +141,7 @@ impl LiveImages {
     }
 }
 
-/// Usable images that nobody had looked at when the filming ended.
+/// Usable images that were not analysed yet when the filming ended.
 #[derive(Debug)]
 pub struct LeftImages {
     images: Vec<Arc<CameraImage>>,
@@ -153,13 +154,13 @@ impl LeftImages {
         self.images.iter().map(|image| image.mid_exposure.seconds_since(self.origin))
     }
 
-    /// They as the rest of the film that `recorded` holds whole.
+    /// These images as the rest of the film that `recorded` holds in full.
     pub fn of<'a>(&'a self, recorded: &'a RecordedImages) -> RestOfFilm<'a> {
         RestOfFilm { left: self, recorded }
     }
 }
 
-/// A film whose first images have been looked at: the others, and a sample of all.
+/// A film whose first images have been analysed: gives the other images, and a sample of all.
 #[derive(Debug)]
 pub struct RestOfFilm<'a> {
     left: &'a LeftImages,
@@ -185,14 +186,14 @@ impl Iterator for LiveImages {
 
     fn next(&mut self) -> Option<TimedImage> {
         loop {
-            let message = match self.held.is_empty() {
+            let message = match self.queued.is_empty() {
                 true => self.receiver.recv().map_err(TryRecvError::from),
                 false => self.receiver.try_recv(),
             };
             match message {
                 Ok(message) => self.take(message),
                 Err(TryRecvError::Empty) => {
-                    let (_, image) = self.held.pop_front()?;
+                    let (_, image) = self.queued.pop_front()?;
                     self.waiting.0.fetch_sub(1, Ordering::Relaxed);
                     return Some(TimedImage::of(&image, self.origin));
                 }

@@ -52,13 +52,13 @@ impl RecordedImages {
         }
     }
 
-    /// The same, all exposed so much earlier than was believed when they were recorded \[s\].
+    /// The same images with all times `late_s` earlier \[s\], where the recorded stamps turned out to be late by that.
     #[must_use]
     pub fn later_by(self, late_s: f64) -> Self {
         Self { origin: self.origin.map(|origin| origin.plus_seconds(late_s)), ..self }
     }
 
-    /// The same, where the places of the usable images are known from an earlier look.
+    /// The same images, with the places of the usable ones known from an earlier pass.
     #[must_use]
     pub fn usable_at(self, places: Vec<u64>) -> Self {
         Self { usable: Some(places), ..self }
@@ -112,18 +112,18 @@ impl RecordedImages {
 }
 
 impl RecordedImages {
-    /// What the `recording`, read to its end, does not give any more, and says so; it gave so many images.
+    /// What is missing in the `recording` that was read to its end and gave `images` images; logs it as a warning too.
     fn missing(&self, recording: &Recording, images: u64) -> Option<String> {
         recording.warn_of_shortfall();
         let missing = self.received.map_or(0, |received| received.saturating_sub(images));
         let missing =
             (missing > 0).then(|| format!("{missing} of {} images are lost from it", missing + images));
-        let said: Vec<String> = recording.shortfall().into_iter().chain(missing).collect();
-        (!said.is_empty()).then(|| said.join("; "))
+        let parts: Vec<String> = recording.shortfall().into_iter().chain(missing).collect();
+        (!parts.is_empty()).then(|| parts.join("; "))
     }
 }
 
-/// That the recording cannot be read.
+/// The error of a recording that cannot be read.
 pub(super) fn failed(error: RecordError) -> SourceError {
     SourceError::Recording(Box::new(error))
 }
@@ -146,7 +146,7 @@ impl ImageSource for RecordedImages {
         self.shortfall.get().cloned().flatten()
     }
 
-    /// As the run itself took them while it was filmed.
+    /// The same sample as the run itself took while it was filmed.
     fn sample(&self, most: usize) -> Result<Vec<TimedImage>, SourceError> {
         let places = match &self.usable {
             Some(places) => places.clone(),

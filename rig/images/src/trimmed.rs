@@ -1,4 +1,4 @@
-//! A part of another source, and slow motion taken back.
+//! A part of another source, with slow motion converted to real time.
 
 use camera::source::SourceError;
 use camera::source::{ImageSource, Images, TimedImage, even_sample};
@@ -81,7 +81,7 @@ impl ImageSource for Trimmed {
         self.source.len_hint().filter(|_| self.window.is_whole())
     }
 
-    /// A whole source knows best what to learn from.
+    /// A source that is used as a whole chooses its own sample.
     fn sample(&self, most: usize) -> Result<Vec<TimedImage>, SourceError> {
         if self.window.is_whole() { self.source.sample(most) } else { even_sample(self, most) }
     }

@@ -61,8 +61,8 @@ impl ImageSource for Video {
             .map_err(|_| SourceError::NoFfmpeg { path: self.path.clone() })?;
         let pixels = child.stdout.take().map(BufReader::new);
         // Read as it comes: ffmpeg would wait for ever on a full pipe.
-        let said = child.stderr.take().map(|mut pipe| std::thread::spawn(move || last_words(&mut pipe)));
-        Ok(Box::new(Decoded { video: self, child, pixels, said, next: 0 }))
+        let stderr = child.stderr.take().map(|mut pipe| std::thread::spawn(move || read_tail(&mut pipe)));
+        Ok(Box::new(Decoded { video: self, child, pixels, stderr, next: 0 }))
     }
 
     fn len_hint(&self) -> Option<usize> {
@@ -77,13 +77,14 @@ fn every_image() -> &'static str {
     if new { "-fps_mode" } else { "-vsync" }
 }
 
-/// The end of what a program says until it ends.
-pub(super) fn last_words(pipe: &mut impl Read) -> String {
-    const MOST_BYTES: usize = 4096;
-    let (mut end, mut buffer) = (Vec::new(), [0; MOST_BYTES]);
+/// Reads a program's error output to its end; returns the last part of it.
+pub(super) fn read_tail(pipe: &mut impl Read) -> String {
+    /// Length of the part that is returned \[bytes\], chosen.
+    const MAX_TAIL_BYTES: usize = 4096;
+    let (mut end, mut buffer) = (Vec::new(), [0; MAX_TAIL_BYTES]);
     while let Ok(count @ 1..) = pipe.read(&mut buffer) {
         end.extend_from_slice(&buffer[..count]);
-        end.drain(..end.len().saturating_sub(MOST_BYTES));
+        end.drain(..end.len().saturating_sub(MAX_TAIL_BYTES));
     }
     String::from_utf8_lossy(&end).into_owned()
 }
@@ -93,7 +94,7 @@ struct Decoded<'a> {
     video: &'a Video,
     child: Child,
     pixels: Option<BufReader<ChildStdout>>,
-    said: Option<JoinHandle<String>>,
+    stderr: Option<JoinHandle<String>>,
     next: usize,
 }
 
@@ -110,8 +111,8 @@ impl Iterator for Decoded<'_> {
             Some(image) => Some(Ok(TimedImage { name, time_s, grey: Ok(image) })),
             None => {
                 self.pixels = None;
-                let said = self.said.take().and_then(|said| said.join().ok()).unwrap_or_default();
-                let given = format!("{said}\nit gave {} of {} images", self.next - 1, times_s.len());
+                let stderr = self.stderr.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+                let given = format!("{stderr}\nit gave {} of {} images", self.next - 1, times_s.len());
                 Some(Err(failed("ffmpeg", path, &given)))
             }
         }
@@ -120,19 +121,19 @@ impl Iterator for Decoded<'_> {
 
 /// The next picture of a pipe of portable grey maps (`P5`, width, height, 255, then the pixels); none where it ends.
 fn picture(pipe: &mut impl BufRead) -> Option<GrayImage> {
-    /// Longer than any line of such a head.
-    const LINE_BYTES: u64 = 64;
-    /// No film has larger ones.
-    const MOST_PIXELS: u64 = 1 << 28;
+    /// Longest line of such a head that is read \[bytes\], chosen.
+    const MAX_LINE_BYTES: u64 = 64;
+    /// Most pixels of a picture that are read, chosen: no film has larger ones.
+    const MAX_PIXELS: u64 = 1 << 28;
     let mut line = || {
         let mut line = String::new();
-        pipe.by_ref().take(LINE_BYTES).read_line(&mut line).ok()?;
+        pipe.by_ref().take(MAX_LINE_BYTES).read_line(&mut line).ok()?;
         Some(line.trim_end().to_owned())
     };
     let (kind, size, most) = (line()?, line()?, line()?);
     let (width, height) = size.split_once(' ')?;
     let (width, height): (u32, u32) = (width.parse().ok()?, height.parse().ok()?);
-    if kind != "P5" || most != "255" || u64::from(width) * u64::from(height) > MOST_PIXELS {
+    if kind != "P5" || most != "255" || u64::from(width) * u64::from(height) > MAX_PIXELS {
         return None;
     }
     let mut grey = vec![0; width as usize * height as usize];
@@ -149,18 +150,18 @@ impl Drop for Decoded<'_> {
     }
 }
 
-fn failed(program: &'static str, path: &Path, said: &str) -> SourceError {
-    SourceError::Video { program, path: path.into(), said: last_lines(said) }
+fn failed(program: &'static str, path: &Path, output: &str) -> SourceError {
+    SourceError::Video { program, path: path.into(), message: last_lines(output) }
 }
 
-/// The end of what a program said, in one line.
-pub(super) fn last_lines(said: &str) -> String {
-    /// The last line alone often says no more than that it failed.
-    const LINES: usize = 2;
-    let lines: Vec<&str> = said.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+/// The last lines of a program's error output, as one line.
+pub(super) fn last_lines(output: &str) -> String {
+    /// Number of lines that are used, chosen: the last one alone often states only that it failed.
+    const MESSAGE_LINES: usize = 2;
+    let lines: Vec<&str> = output.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
     match lines.len() {
         0 => "no reason given".to_owned(),
-        count => lines[count.saturating_sub(LINES)..].join("; "),
+        count => lines[count.saturating_sub(MESSAGE_LINES)..].join("; "),
     }
 }
 

@@ -6,7 +6,7 @@ use sim::Trajectory;
 
 use super::error::listed;
 use super::sheet::{self, Row};
-use super::{InterchangeError, Mark, Marks, Seen};
+use super::{InterchangeError, Mark, MarkedImage, Marks};
 use camera::calibration::Plane;
 
 /// Where a body part's numbers stand in a row.
@@ -91,7 +91,7 @@ pub fn read(text: &str, individual: Option<&str>) -> Result<Marks, InterchangeEr
     }
     let images = rows[first + 1..]
         .iter()
-        .map(|row| seen(row, index, coords.len(), &found))
+        .map(|row| marked_image(row, index, coords.len(), &found))
         .collect::<Result<Vec<_>, _>>()?;
     if images.is_empty() {
         return Err(InterchangeError::line(
@@ -125,12 +125,12 @@ fn whose(row: &csv::StringRecord, index: usize, asked: Option<&str>) -> Result<S
     }
 }
 
-fn seen(
+fn marked_image(
     row: &Row,
     index: usize,
     width: usize,
     parts: &[(String, Columns)],
-) -> Result<Seen, InterchangeError> {
+) -> Result<MarkedImage, InterchangeError> {
     sheet::check_width(row, width)?;
     let (line, row) = row;
     let name = row.iter().take(index).collect::<Vec<_>>().join("/");
@@ -151,7 +151,7 @@ fn seen(
         Ok(Mark { px: x.zip(y).map(|(x, y)| [x, y]), likelihood })
     };
     let marks = parts.iter().map(mark).collect::<Result<Vec<_>, InterchangeError>>()?;
-    Ok(Seen { name, frame, line: *line, marks })
+    Ok(MarkedImage { name, frame, line: *line, marks })
 }
 
 /// The number that a picture's name ends in: `img0034.png` is image 34 of its film.

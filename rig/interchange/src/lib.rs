@@ -21,7 +21,7 @@ mod units;
 pub mod wcon;
 
 pub use error::InterchangeError;
-pub use marks::{Mark, Marks, Seen, Times};
+pub use marks::{Mark, MarkedImage, Marks, Times};
 
 use ground::choice::Choice;
 use sim::Trajectory;

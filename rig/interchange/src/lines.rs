@@ -7,7 +7,7 @@ use super::{Imported, InterchangeError};
 use vision::spline::{arc_lengths, point_at};
 
 /// A place farther off than this is in no tank \[m\].
-const FARTHEST_M: f64 = 1e4;
+const COORDINATE_LIMIT_M: f64 = 1e4;
 
 /// The keys of the origin that an entry's points count from, if it has one: its own, or the centroid.
 pub(super) fn offset_keys(entry: &Value) -> Option<[&'static str; 2]> {
@@ -65,10 +65,10 @@ pub(super) fn of_entry(
             let one = |value: &Value| match value {
                 Value::Null => Ok(None),
                 value => match value.as_f64().map(|value| value * scales[axis] + origin[axis]) {
-                    Some(metres) if metres.abs() <= FARTHEST_M => Ok(Some(metres)),
+                    Some(metres) if metres.abs() <= COORDINATE_LIMIT_M => Ok(Some(metres)),
                     Some(metres) => {
                         let what = format!(
-                            "{value} is {metres:e} m, in no tank (limit {FARTHEST_M} m); check the units"
+                            "{value} is {metres:e} m, in no tank (limit {COORDINATE_LIMIT_M} m); check the units"
                         );
                         Err(refused(&format!("{key}[{i}]"), what))
                     }

@@ -11,7 +11,7 @@ use vision::keypoints::Sigma;
 /// A body part in one image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mark {
-    /// Where \[px\]; none where it was not seen.
+    /// Its position \[px\]; none where it was not marked.
     pub px: Option<Px>,
     /// How sure the tracker is, usually from 0 to 1; none where it does not say, as for marks made by hand.
     pub likelihood: Option<f64>,
@@ -19,7 +19,7 @@ pub struct Mark {
 
 /// An image as a tracker saw it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Seen {
+pub struct MarkedImage {
     /// What the file calls it: its number or its path.
     pub name: String,
     /// Its number from 0 in the film, where the name has one.
@@ -36,13 +36,13 @@ pub struct Marks {
     /// The body parts' names.
     pub parts: Vec<String>,
     /// The images, in the file's order.
-    pub images: Vec<Seen>,
+    pub images: Vec<MarkedImage>,
 }
 
 /// What says when images were taken.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Times {
-    /// So many a second, the image of number 0 at 0 s.
+    /// Images a second, the image of number 0 at 0 s.
     Rate(f64),
     /// A table of names and times \[s\].
     Table(Vec<(String, f64)>),
@@ -108,7 +108,7 @@ impl Marks {
             Times::Rate(_) => None,
             Times::Table(rows) => Some(Table::of(rows)),
         };
-        let time = |image: &Seen| match (times, &table, image.frame) {
+        let time = |image: &MarkedImage| match (times, &table, image.frame) {
             (_, Some(table), _) => table.time_s(image),
             (Times::Rate(fps), None, Some(frame)) => Ok(frame as f64 / fps),
             _ => Err(InterchangeError::line(
@@ -150,10 +150,10 @@ impl Marks {
         for (image, time_s) in self.images.iter().zip(times_s) {
             let mut points = Vec::with_capacity(keypoints.len());
             for (name, part) in keypoints {
-                let seen = place(image.marks[*part], plane, least_likelihood, std_px.unwrap_or(f64::NAN));
+                let measured = place(image.marks[*part], plane, least_likelihood, std_px.unwrap_or(f64::NAN));
                 let alias = (name != &self.parts[*part]).then(|| format!("{}, ", self.parts[*part]));
-                std_m.push(seen.as_ref().map_or(f64::NAN, |keypoint| keypoint.std_m));
-                points.push(match seen {
+                std_m.push(measured.as_ref().map_or(f64::NAN, |keypoint| keypoint.std_m));
+                points.push(match measured {
                     Ok(keypoint) => Ok(keypoint.metres),
                     Err(why) => Err(alias.unwrap_or_default() + &why),
                 });
@@ -194,7 +194,7 @@ impl<'a> Table<'a> {
     }
 
     /// The time of `image`: by its name; by its number where the table's names are numbers; else by its row.
-    fn time_s(&self, image: &Seen) -> Result<f64, InterchangeError> {
+    fn time_s(&self, image: &MarkedImage) -> Result<f64, InterchangeError> {
         let base = image.name.rsplit(['/', '\\']).next().unwrap_or_default();
         let row = self.by_name.get(base).copied().or_else(|| {
             let frame = image.frame?;
@@ -221,7 +221,7 @@ mod tests {
     use vision::Status;
 
     fn marks(names: &[&str]) -> Marks {
-        let image = |(i, name): (usize, &&str)| Seen {
+        let image = |(i, name): (usize, &&str)| MarkedImage {
             name: (*name).into(),
             frame: name.parse().ok(),
             line: i as u64 + 4,

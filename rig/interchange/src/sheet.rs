@@ -3,9 +3,9 @@
 use super::InterchangeError;
 
 /// A place farther off than this is in no picture \[px\].
-const FARTHEST_PX: f64 = 1e6;
+const COORDINATE_LIMIT_PX: f64 = 1e6;
 /// A film of more images than this would be of a year.
-const MOST_FRAMES: u64 = 1_000_000_000;
+const FRAME_NUMBER_LIMIT: u64 = 1_000_000_000;
 
 /// A row with its line number.
 pub(super) type Row = (u64, csv::StringRecord);
@@ -47,8 +47,8 @@ pub(super) fn number(cell: &str, line: u64, column: &str) -> Result<Option<f64>,
 /// A place along a side of the picture \[px\].
 pub(super) fn coordinate(cell: &str, line: u64, column: &str) -> Result<Option<f64>, InterchangeError> {
     match number(cell, line, column)? {
-        Some(value) if value.abs() > FARTHEST_PX => {
-            let what = format!("{column}: {cell} px is in no picture (limit {FARTHEST_PX:.0})");
+        Some(value) if value.abs() > COORDINATE_LIMIT_PX => {
+            let what = format!("{column}: {cell} px is in no picture (limit {COORDINATE_LIMIT_PX:.0})");
             Err(InterchangeError::line(line, what))
         }
         value => Ok(value),
@@ -62,7 +62,9 @@ pub(super) fn frame(cell: &str, line: u64) -> Result<Option<u64>, InterchangeErr
         Err(_) => Ok(None),
         Ok(value) if value.is_nan() => Ok(None),
         Ok(value) if value < 0.0 => refuse("is below 0; images are counted from 0"),
-        Ok(value) if value > MOST_FRAMES as f64 => refuse(&format!("is beyond the limit of {MOST_FRAMES}")),
+        Ok(value) if value > FRAME_NUMBER_LIMIT as f64 => {
+            refuse(&format!("is beyond the limit of {FRAME_NUMBER_LIMIT}"))
+        }
         Ok(value) if value.fract() != 0.0 => refuse("is not a whole number"),
         Ok(value) => Ok(Some(value as u64)),
     }

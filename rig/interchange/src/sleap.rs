@@ -3,7 +3,7 @@
 
 use super::error::listed;
 use super::sheet::{self, Row};
-use super::{InterchangeError, Mark, Marks, Seen};
+use super::{InterchangeError, Mark, MarkedImage, Marks};
 
 /// Where a node's numbers stand in a row: x, y, score.
 type Columns = (usize, usize, Option<usize>);
@@ -44,10 +44,10 @@ pub fn read(text: &str, track: Option<&str>) -> Result<Marks, InterchangeError> 
     }
     let track_of = |row: &Row| at("track").map_or("", |at| &row.1[at]).to_owned();
     let wanted = whose(below.iter().map(track_of), track)?;
-    let images: Vec<Seen> = below
+    let images: Vec<MarkedImage> = below
         .iter()
         .filter(|row| track_of(row) == wanted)
-        .map(|row| seen(row, frame, &nodes))
+        .map(|row| marked_image(row, frame, &nodes))
         .collect::<Result<_, _>>()?;
     for (above, image) in images.iter().zip(&images[1..]) {
         if above.frame == image.frame {
@@ -87,7 +87,11 @@ fn whose(tracks: impl Iterator<Item = String>, asked: Option<&str>) -> Result<St
     }
 }
 
-fn seen((line, row): &Row, frame: usize, nodes: &[(String, Columns)]) -> Result<Seen, InterchangeError> {
+fn marked_image(
+    (line, row): &Row,
+    frame: usize,
+    nodes: &[(String, Columns)],
+) -> Result<MarkedImage, InterchangeError> {
     let name = row[frame].to_owned();
     let Some(frame) = sheet::frame(&name, *line)? else {
         return Err(InterchangeError::line(*line, format!("frame_idx `{name}` is not a number")));
@@ -100,7 +104,7 @@ fn seen((line, row): &Row, frame: usize, nodes: &[(String, Columns)]) -> Result<
         Ok(Mark { px, likelihood: score.flatten() })
     };
     let marks = nodes.iter().map(mark).collect::<Result<Vec<_>, InterchangeError>>()?;
-    Ok(Seen { name, frame: Some(frame), line: *line, marks })
+    Ok(MarkedImage { name, frame: Some(frame), line: *line, marks })
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ pub(super) enum Kind {
 }
 
 /// Short names, which take [`PREFIXES`]' short forms.
-const SHORT: [(&str, f64, Kind); 10] = [
+const SHORT_UNIT_NAMES: [(&str, f64, Kind); 10] = [
     ("s", 1.0, Kind::Time),
     ("sec", 1.0, Kind::Time),
     ("min", 60.0, Kind::Time),
@@ -23,7 +23,7 @@ const SHORT: [(&str, f64, Kind); 10] = [
     ("micron", 1e-6, Kind::Length),
 ];
 /// Names in full, singular and without prefix.
-const FULL: [(&str, f64, Kind); 9] = [
+const FULL_UNIT_NAMES: [(&str, f64, Kind); 9] = [
     ("second", 1.0, Kind::Time),
     ("minute", 60.0, Kind::Time),
     ("hour", 3600.0, Kind::Time),
@@ -71,14 +71,14 @@ pub(super) fn factor(text: &str, wanted: Kind) -> Option<f64> {
 }
 
 fn named(name: &str) -> Option<(f64, Kind)> {
-    let short = |name: &str| SHORT.iter().find(|(known, ..)| *known == name);
+    let short = |name: &str| SHORT_UNIT_NAMES.iter().find(|(known, ..)| *known == name);
     let full = |name: &str| {
         let singular = match name {
             "feet" => "foot",
             "inches" => "inch",
             _ => name.strip_suffix('s').unwrap_or(name),
         };
-        FULL.iter().find(|(known, ..)| *known == singular)
+        FULL_UNIT_NAMES.iter().find(|(known, ..)| *known == singular)
     };
     if let Some((_, size, kind)) = short(name).or_else(|| full(name)) {
         return Some((*size, *kind));

@@ -1,5 +1,5 @@
-//! Files for somebody else's eyes: regular files below a folder, to which no link leads. A folder of runs may be written by others than
-//! whoever serves it, and a link in it would lead to everything that the server may read.
+//! Files that are served to others: regular files below a folder, reached without following a link. A runs folder may be written by
+//! others than the user who serves it, and a link in it could lead to everything that the server may read.
 
 use std::ffi::OsStr;
 use std::fs::File;
@@ -54,7 +54,7 @@ fn whole(mut file: File) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Such a Unix socket: held, not connected to. It is connected to through [`through`], which leads to no other one.
+/// Opens such a Unix socket without connecting to it; [`through`] gives the path to connect to, which leads to no other one.
 ///
 /// # Errors
 /// As [`file()`], for what is no socket.
@@ -64,7 +64,7 @@ pub fn socket(root: &Path, names: &[&str]) -> Result<OwnedFd> {
     Ok(socket)
 }
 
-/// A path to what is held, whatever its name leads to by now.
+/// A path to what `held` refers to, whatever its name leads to by now.
 pub fn through(held: &OwnedFd) -> std::path::PathBuf {
     use std::os::fd::AsRawFd as _;
     format!("/proc/self/fd/{}", held.as_raw_fd()).into()

@@ -1,4 +1,4 @@
-//! Files that are there whole or not at all, and are still there after a power cut.
+//! Files that are written whole or not at all, and that survive a power cut.
 
 use std::ffi::OsString;
 use std::fs::{File, Permissions};
@@ -12,7 +12,7 @@ use tempfile::TempPath;
 
 use super::{RecordError, below};
 
-/// Makes the folder `path`, and those above it, where it is missing, and sees that a power cut leaves it there.
+/// Creates the folder `path` and those above it where they are missing, and forces them to the disk.
 ///
 /// # Errors
 /// [`RecordError::Io`].
@@ -29,16 +29,16 @@ pub fn create_folder(path: &Path) -> Result<(), RecordError> {
     sync_folder(containing(path))
 }
 
-/// Names of files that are not whole yet begin so, and end in the name that is to be theirs.
-const PART: &str = ".part-";
+/// Prefix of the names of files that are not whole yet; their final name follows it.
+const PART_FILE_PREFIX: &str = ".part-";
 
 /// Whether a file of this name was left by a program that was killed while it wrote it.
 pub(super) fn is_part(name: &str) -> bool {
-    name.starts_with(PART)
+    name.starts_with(PART_FILE_PREFIX)
 }
 
-/// A file that is being written: beside its place, which it takes in one step when it is whole. Dropped before that, it leaves nothing
-/// behind, and what was under its name stays.
+/// A file that is being written, under another name in the same folder; it takes its own name in one step when it is whole. Dropped before
+/// that, it leaves nothing behind, and the file that had its name stays.
 #[derive(Debug)]
 pub struct Part {
     file: File,
@@ -47,7 +47,7 @@ pub struct Part {
 }
 
 impl Part {
-    /// One that is to be at `to`, whose folder is there.
+    /// Begins a file that is to be at `to`, whose folder exists.
     ///
     /// # Errors
     /// [`RecordError::Io`].
@@ -55,7 +55,7 @@ impl Part {
         let mut ending = OsString::from("-");
         ending.push(to.file_name().unwrap_or_default());
         let made = tempfile::Builder::new()
-            .prefix(PART)
+            .prefix(PART_FILE_PREFIX)
             .suffix(&ending)
             // as any new file, of which the umask takes its share
             .permissions(Permissions::from_mode(0o666))
@@ -64,12 +64,12 @@ impl Part {
         Ok(Self { file, path, to: to.into() })
     }
 
-    /// Where it is as long as it is not whole, for another program to write it.
+    /// Its path while it is not whole, for another program to write it.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// It is whole: forces it to the disk and gives it its name.
+    /// Finishes it: forces it to the disk and gives it its name.
     ///
     /// # Errors
     /// [`RecordError::Io`]; what was under its name is then still there.
@@ -100,7 +100,7 @@ impl Seek for Part {
     }
 }
 
-/// Writes a file in one step: beside its place, forced to the disk, then renamed.
+/// Writes a file in one step: under another name, forced to the disk, then renamed.
 ///
 /// # Errors
 /// [`RecordError::Io`]; the old content is then still there.
@@ -115,7 +115,7 @@ pub fn containing(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// A new file or another name is on the disk only when its folder is.
+/// Forces a folder to the disk: only then are new files and new names in it on the disk.
 pub(super) fn sync_folder(path: &Path) -> Result<(), RecordError> {
     File::open(path)
         .and_then(|folder| folder.sync_all())
@@ -157,8 +157,8 @@ mod tests {
         std::fs::write(&path, "before").unwrap();
         let mut part = Part::begin(&path).unwrap();
         part.write_all(b"half").unwrap();
-        let beside = part.path().file_name().unwrap().to_str().unwrap().to_owned();
-        assert!(is_part(&beside) && beside.ends_with("-t.csv"), "{beside}");
+        let part_name = part.path().file_name().unwrap().to_str().unwrap().to_owned();
+        assert!(is_part(&part_name) && part_name.ends_with("-t.csv"), "{part_name}");
         drop(part);
         assert_eq!(
             (std::fs::read_to_string(&path).unwrap().as_str(), names(folder.path()).len()),

@@ -1,5 +1,5 @@
-//! What a pixel differs by from what the rows above it foretell: the same bytes in another form, of which zstd makes less than
-//! half. Each image by itself: none needs another one to be read.
+//! A lossless filter of images: each pixel is replaced by its difference to a prediction from the rows above it, which zstd compresses
+//! to less than half. Each image is filtered by itself, so none needs another one to be read.
 //!
 //! An image with filter 1 has its bytes in planes (grey: one; yuyv: all Y, then all U, then all V), each of shape (height, plane
 //! width). The first row stands as it is. Of any other row the difference, modulo 256, to
@@ -24,15 +24,15 @@ enum Filter {
     Rows = 1,
 }
 
-/// Where the filter's number stands in an image's message; 0 in messages older than filters.
-const FILTER_AT: usize = 3;
+/// Offset of the filter's number in an image's message \[bytes\]; the number is 0 in messages older than filters.
+const FILTER_OFFSET_BYTES: usize = 3;
 
 /// Appends the message of `image` to `out`: its header as in [`wire`], with the filter's number in it, and its bytes filtered.
 pub fn encode(image: &CameraImage, out: &mut Vec<u8>) {
     let from = out.len();
     out.extend_from_slice(&wire::header(image));
     let filter = apply(image, out);
-    out[from + FILTER_AT] = filter as u8;
+    out[from + FILTER_OFFSET_BYTES] = filter as u8;
 }
 
 /// The image of such a message, as received.
@@ -41,7 +41,7 @@ pub fn encode(image: &CameraImage, out: &mut Vec<u8>) {
 /// [`WireError`].
 pub fn decode(message: &[u8]) -> Result<CameraImage, WireError> {
     let image = wire::decode(message)?;
-    let filter = message[FILTER_AT];
+    let filter = message[FILTER_OFFSET_BYTES];
     let unknown = || WireError::Unknown { field: "filter", value: filter.into() };
     match filter {
         0 => Ok(image),
@@ -63,7 +63,7 @@ fn plane_widths(image: &CameraImage) -> Option<[usize; 3]> {
     (bytes != 0 && bytes == image.data.len()).then_some(widths)
 }
 
-/// Appends the bytes of `image` to `out`, filtered where that helps, and says how.
+/// Appends the bytes of `image` to `out`, filtered where that is possible; returns the filter used.
 fn apply(image: &CameraImage, out: &mut Vec<u8>) -> Filter {
     let Some(widths) = plane_widths(image) else {
         out.extend_from_slice(&image.data);
@@ -128,18 +128,18 @@ fn from_planes(planar: &[u8], widths: [usize; 3]) -> Vec<u8> {
     packed
 }
 
-/// What the rows above foretell of each row, with the buffer it takes.
-struct Foretold {
+/// Predicts each row from the rows above it, with the buffer that this takes.
+struct RowPredictor {
     /// Sums of the two rows above, shape (width + 2): continued by one at each end.
     sums: Vec<u16>,
 }
 
-impl Foretold {
+impl RowPredictor {
     fn new(width: usize) -> Self {
         Self { sums: vec![0; width + 2] }
     }
 
-    /// `change(pixel, foretold)` for each pixel of `row`, under the rows `above` of the same plane, of which there is at least one.
+    /// `change(pixel, predicted)` for each pixel of `row`, under the rows `above` of the same plane, of which there is at least one.
     fn each(&mut self, above: &[u8], row: &mut [u8], change: impl Fn(u8, u8) -> u8) {
         let width = row.len();
         let one = &above[above.len() - width..];
@@ -152,8 +152,8 @@ impl Foretold {
         // Slices of one length let the compiler take many pixels at once.
         let (left, here, right) = (&self.sums[..width], &self.sums[1..][..width], &self.sums[2..][..width]);
         for x in 0..width {
-            let foretold = (left[x] + 2 * here[x] + right[x] + 4) >> 3;
-            row[x] = change(row[x], foretold as u8);
+            let predicted = (left[x] + 2 * here[x] + right[x] + 4) >> 3;
+            row[x] = change(row[x], predicted as u8);
         }
     }
 }
@@ -162,18 +162,18 @@ impl Foretold {
 fn differences(plane: &[u8], width: usize, out: &mut Vec<u8>) {
     let from = out.len();
     out.extend_from_slice(plane);
-    let mut foretold = Foretold::new(width);
+    let mut predictor = RowPredictor::new(width);
     for (above, row) in (width..plane.len()).step_by(width).zip(out[from..].chunks_exact_mut(width).skip(1)) {
-        foretold.each(&plane[..above], row, u8::wrapping_sub);
+        predictor.each(&plane[..above], row, u8::wrapping_sub);
     }
 }
 
 /// The reverse of [`differences`], in place.
 fn sums_of_differences(plane: &mut [u8], width: usize) {
-    let mut foretold = Foretold::new(width);
+    let mut predictor = RowPredictor::new(width);
     for at in (width..plane.len()).step_by(width) {
         let (above, rest) = plane.split_at_mut(at);
-        foretold.each(above, &mut rest[..width], u8::wrapping_add);
+        predictor.each(above, &mut rest[..width], u8::wrapping_add);
     }
 }
 
@@ -195,7 +195,7 @@ mod tests {
         encode(image, &mut message);
         let back = decode(&message[1..]).unwrap();
         assert_eq!(wire::header(&back), wire::header(image));
-        (message[1 + FILTER_AT], message[1 + wire::HEADER_BYTES..].to_vec(), back.data)
+        (message[1 + FILTER_OFFSET_BYTES], message[1 + wire::HEADER_BYTES..].to_vec(), back.data)
     }
 
     #[test]
@@ -240,7 +240,7 @@ mod tests {
             // A message that claims otherwise is refused, not believed.
             let mut message = Vec::new();
             encode(&unfit, &mut message);
-            message[FILTER_AT] = 1;
+            message[FILTER_OFFSET_BYTES] = 1;
             assert!(matches!(decode(&message), Err(WireError::Unknown { field: "filter", value: 1 })));
         }
     }

@@ -1,4 +1,4 @@
-//! A start and a stop for tests, of which each changes what it is about.
+//! A start and a stop of a run for tests, which change the fields that they need.
 
 use super::folder::file;
 use super::start_stop::{ClockPair, RunKind, Start, Status, Stop};

@@ -31,11 +31,11 @@ pub mod file {
     pub const EXTRACTION: &str = "extraction.jsonl";
     /// Keypoints over time.
     pub const TRAJECTORY: &str = "trajectory.csv";
-    /// What the fit began with; there where a fit of the first part was done before the rest was filmed.
+    /// Where the fit began; there where a fit of the first part was done before the rest was filmed.
     pub const WARM_START: &str = "warm-start.json";
-    /// What was fitted.
+    /// Result of the fit.
     pub const FIT: &str = "fit.json";
-    /// What the simulation gets wrong, and why.
+    /// Result of the diagnosis: what the simulation gets wrong, and why.
     pub const DIAGNOSIS: &str = "diagnosis.json";
     /// The calibrated model.
     pub const MODEL: &str = "model.xml";
@@ -47,7 +47,7 @@ pub mod file {
     pub const TIMING: &str = "timing.json";
     /// The report.
     pub const REPORT: &str = "report.html";
-    /// Says that the recording was deleted, and which it was.
+    /// Record of the recording's deletion.
     pub const RETENTION: &str = "retention.json";
     /// Checksums of all of these.
     pub const SUMS: &str = "SHA256SUMS";
@@ -72,7 +72,7 @@ impl RunFolder {
         create_folder(runs_dir)?;
         let start = Start { number: order::next(runs_dir)?, ..start };
         let path = runs_dir.join(start.id.as_str());
-        let new = runs_dir.join(format!("{NEW}{}", start.id));
+        let new = runs_dir.join(format!("{NEW_FOLDER_PREFIX}{}", start.id));
         std::fs::create_dir(&new).map_err(RecordError::io("creating run folder", &new))?;
         write_json(&new.join(file::START), &start)?;
         // a folder with something in it is not replaced
@@ -99,7 +99,7 @@ impl RunFolder {
         Ok(Self { path: path.into(), start, stop, unreadable_stop })
     }
 
-    /// Where it is.
+    /// Its path.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -163,7 +163,8 @@ impl RunFolder {
         self.end(stop, recording.into_iter().map(|sum| (file::RECORDING.to_owned(), sum)).collect())
     }
 
-    /// The same for a run that was made whole, whose files of these names were `made` for it: all others keep the checksums that they have.
+    /// As [`Self::finish`], for a run that was recovered, whose files of these names were `made` for it: all others keep the checksums
+    /// that they have.
     ///
     /// # Errors
     /// [`RecordError`].
@@ -185,8 +186,8 @@ impl RunFolder {
     }
 }
 
-/// Run folders that are being made are called so, with their ids behind.
-const NEW: &str = ".new-";
+/// Prefix of the names of run folders that are being made; the run's id follows it.
+const NEW_FOLDER_PREFIX: &str = ".new-";
 
 /// Removes what is left of run folders whose making was cut short: nothing was recorded in them.
 ///
@@ -197,7 +198,7 @@ pub fn remove_unmade(runs_dir: &Path) -> Result<(), RecordError> {
     for entry in std::fs::read_dir(runs_dir).map_err(io())? {
         let entry = entry.map_err(io())?;
         let name = entry.file_name().into_string().unwrap_or_default();
-        if name.strip_prefix(NEW).is_some_and(|id| RunId::try_from(id.to_owned()).is_ok()) {
+        if name.strip_prefix(NEW_FOLDER_PREFIX).is_some_and(|id| RunId::try_from(id.to_owned()).is_ok()) {
             for begun in std::fs::read_dir(entry.path()).into_iter().flatten().flatten() {
                 if begun.file_name().to_str().is_some_and(|name| name == file::START || is_part(name)) {
                     // what cannot be removed harms nobody

@@ -19,7 +19,7 @@ pub struct Entry {
     pub at_s: f64,
     /// What happened, in kebab case.
     pub event: String,
-    /// What else there is to say.
+    /// Further details of the event.
     #[serde(flatten)]
     pub details: Map<String, Value>,
 }
@@ -101,7 +101,7 @@ pub fn read(path: &Path) -> Result<Vec<Entry>, RecordError> {
         .collect()
 }
 
-/// What stands before the last line's end, and that.
+/// All whole lines: everything up to the last line's end.
 fn whole_lines(text: &[u8]) -> &[u8] {
     text.iter().rposition(|&byte| byte == b'\n').map_or(&text[..0], |end| &text[..=end])
 }

@@ -91,7 +91,7 @@ pub enum RecordError {
         /// Messages lost so far.
         dropped: u64,
     },
-    /// The recording has already ended, with an error said before.
+    /// The recording has already ended, with an error returned before.
     #[error("recording {}: already ended", path.display())]
     Ended {
         /// The recording.
@@ -114,18 +114,18 @@ pub enum RecordError {
 }
 
 impl RecordError {
-    /// For `map_err` on an operation on `path`.
+    /// Makes the error of an operation on `path`, for `map_err`.
     pub fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
         move |source| Self::Io { action, path: path.into(), source }
     }
 
-    /// A file's content is at fault.
+    /// Makes the error of a file whose content is damaged.
     pub fn damaged(path: &Path, why: impl ToString) -> Self {
         Self::Damaged { path: path.into(), why: why.to_string() }
     }
 }
 
-/// What the host told the board, as recorded.
+/// A command of the host to the board, as recorded.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "command", rename_all = "kebab-case")]
 pub enum ServoCommand {
@@ -147,7 +147,7 @@ pub enum ServoCommand {
     },
     /// The board was stopped.
     Stop {
-        /// How that went.
+        /// The outcome of the stop.
         outcome: StopOutcome,
     },
 }

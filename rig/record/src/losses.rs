@@ -1,4 +1,4 @@
-//! What a run lacks of the images that there were: what the camera lost, what is damaged, and what the recording no longer gives.
+//! The missing images of a run: those that the camera lost, those that are damaged, and those that can no longer be read.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -14,7 +14,7 @@ pub struct Losses {
     pub received: u64,
     /// Counted by the camera and never received, or received and not recorded.
     pub lost: u64,
-    /// Received and recorded, but the recording that was looked at gives them no more.
+    /// Received and recorded, but no longer readable in the recording.
     pub unread: u64,
     /// Marked as damaged, or not whole.
     pub damaged: u64,
@@ -27,10 +27,10 @@ impl Losses {
     pub fn of(run: &RunFolder) -> Self {
         let path = run.file(file::FRAMES);
         match run.stop() {
-            // nothing is in the rows that their number does not tell
+            // without lost images the number of rows is enough
             Some(stop) if stop.images_lost == 0 => {
                 let rows = frames::count(&path).unwrap_or(stop.images);
-                Self::told(stop, rows)
+                Self::of_stop(stop, rows)
             }
             _ => Self::by(run, frames::read(&path).ok().as_deref()),
         }
@@ -43,13 +43,13 @@ impl Losses {
         let longest_gap = gaps.clone().max().unwrap_or(0);
         let count = rows.map(|rows| rows.len() as u64);
         match run.stop() {
-            Some(stop) => Self { longest_gap, ..Self::told(stop, count.unwrap_or(stop.images)) },
+            Some(stop) => Self { longest_gap, ..Self::of_stop(stop, count.unwrap_or(stop.images)) },
             None => Self { received: count.unwrap_or(0), lost: gaps.sum(), unread: 0, damaged, longest_gap },
         }
     }
 
-    /// What `stop` says, of so many images that were looked at.
-    fn told(stop: &Stop, rows: u64) -> Self {
+    /// The losses that `stop` states, where `rows` images could be read.
+    fn of_stop(stop: &Stop, rows: u64) -> Self {
         Self {
             received: stop.images.max(rows),
             lost: stop.images_lost + stop.messages_dropped,
@@ -59,13 +59,13 @@ impl Losses {
         }
     }
 
-    /// The share of all images that there were that cannot be looked at.
+    /// The share of all images that is missing.
     pub fn share(&self) -> f64 {
         let all = self.received + self.lost;
         if all == 0 { 0.0 } else { (self.lost + self.unread + self.damaged) as f64 / all as f64 }
     }
 
-    /// What is missing, in a sentence without its full stop; nothing where nothing is.
+    /// What is missing, as a sentence without its full stop; `None` where nothing is.
     pub fn say(&self) -> Option<String> {
         let all = self.received + self.lost;
         let missing = self.lost + self.unread + self.damaged;
@@ -82,7 +82,7 @@ impl Losses {
         (missing > 0).then(|| format!("{missing} of {all} images are missing: {}", kinds.join(", ")))
     }
 
-    /// Why a run that lacks so much is degraded: nothing is promoted that was made from it.
+    /// Why the run is degraded, where it lacks more images than `limits` allow: nothing is promoted from it.
     pub fn degraded(&self, limits: &Limits) -> Option<String> {
         let Limits { max_lost_share, max_gap_images } = limits;
         let said = self.say()?;
@@ -115,13 +115,13 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// Those that `run` was made with.
+    /// The limits in the config that `run` was made with.
     pub fn of(run: &RunFolder) -> Self {
         #[derive(Deserialize)]
         struct MadeWith {
             run: Limits,
         }
-        // a config that cannot be read any more says nothing of them
+        // the defaults where the config can no longer be read
         toml::from_str::<MadeWith>(&run.start().config).map_or_else(|_| Self::default(), |made| made.run)
     }
 }

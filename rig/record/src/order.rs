@@ -1,7 +1,7 @@
 //! The order of runs: that in which their folders were made, by a number in `start.json`.
 //!
-//! Not by their ids, which hold the wall clock, nor by the times of their files, which do too: a clock that is set back would make a run that has
-//! just ended the oldest, and retention would delete it. The machine knows no clock that goes on over its restarts; so each run is counted.
+//! Run ids and file times contain the wall clock and do not serve for this: a clock that is set back would make a run that has just ended the
+//! oldest, and retention would delete it. No clock of the machine goes on over its restarts; so each run is counted.
 //! Runs from before 2026-11-27 have no number, come before all others, and are ordered by their ids.
 
 use std::path::Path;
@@ -10,15 +10,15 @@ use super::RecordError;
 use super::files::write_whole;
 use super::folder;
 
-/// The file in a runs folder that says how many runs were begun in it.
-const COUNT: &str = ".runs-begun";
+/// Name of the file in a runs folder with the number of runs that were begun in it.
+const RUN_COUNT_FILE: &str = ".runs-begun";
 
 /// How many runs were begun in the folder `runs_dir`, where that is known: the number of the last.
 pub fn last(runs_dir: &Path) -> Option<u64> {
-    std::fs::read_to_string(runs_dir.join(COUNT)).ok()?.trim().parse().ok()
+    std::fs::read_to_string(runs_dir.join(RUN_COUNT_FILE)).ok()?.trim().parse().ok()
 }
 
-/// Counts a run that is about to begin: its number. Where the count is missing or cannot be read, all runs are looked at.
+/// Counts a run that is about to begin; returns its number. Where the count is missing or unreadable, the numbers of all runs are read.
 ///
 /// # Errors
 /// [`RecordError`] where the folder cannot be read or written.
@@ -33,12 +33,12 @@ pub(super) fn next(runs_dir: &Path) -> Result<u64, RecordError> {
     raise(runs_dir, last.saturating_add(1))
 }
 
-/// Says that `number` runs were begun: those that are made from now on come behind them.
+/// Stores that `number` runs were begun: later runs get greater numbers.
 ///
 /// # Errors
 /// [`RecordError`] where it cannot be written.
 pub fn raise(runs_dir: &Path, number: u64) -> Result<u64, RecordError> {
-    write_whole(&runs_dir.join(COUNT), format!("{number}\n").as_bytes())?;
+    write_whole(&runs_dir.join(RUN_COUNT_FILE), format!("{number}\n").as_bytes())?;
     Ok(number)
 }
 
@@ -56,8 +56,8 @@ mod tests {
             RunFolder::create(dir.path(), fixtures::start(id)).unwrap();
             // without its file the count goes on all the same, and so it does with one that is garbled
             match place {
-                0 => std::fs::remove_file(dir.path().join(COUNT)).unwrap(),
-                _ => std::fs::write(dir.path().join(COUNT), "garbage").unwrap(),
+                0 => std::fs::remove_file(dir.path().join(RUN_COUNT_FILE)).unwrap(),
+                _ => std::fs::write(dir.path().join(RUN_COUNT_FILE), "garbage").unwrap(),
             }
         }
         let listed: Vec<_> =

@@ -1,7 +1,7 @@
-//! The records of a recording one after the other, whatever has become of the file.
+//! Reads the records of a recording one after the other, also from a damaged file.
 //!
 //! A record counts as a whole or not at all: a chunk passes its own checksum before any of its messages is believed, and messages,
-//! schemas and channels outside of chunks, where no checksum holds them, are none of a recording's. Other records have no checksum:
+//! schemas and channels outside of chunks, where no checksum covers them, are not read. Other records have no checksum:
 //! one that reaches into a chunk that is whole is none. What cannot be read is one piece, up to the next chunk that is whole, or to the
 //! end of the data: no length in it is believed either.
 
@@ -17,42 +17,42 @@ use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use super::recording::CHUNK_BYTES;
 use camera::wire;
 
-/// Longest record believed: a chunk that was nearly full when an image at its limit came, with room for headers.
+/// Longest record that is accepted \[bytes\]: a chunk that was nearly full when an image at its limit came, with room for headers.
 pub(super) const MAX_RECORD_BYTES: usize = wire::MAX_DATA_BYTES + CHUNK_BYTES as usize + (1 << 20);
-/// Number and length in front of each record.
-pub(super) const HEAD_BYTES: u64 = 9;
-/// The first number that is free for private records (<https://mcap.dev/spec>): a repair puts aside under it what cannot be read.
-pub(super) const ASIDE: u8 = 0x80;
+/// Length of a record's head, its number and its length \[bytes\]; as the MCAP specification says.
+pub(super) const RECORD_HEAD_BYTES: u64 = 9;
+/// The first number that is free for private records (<https://mcap.dev/spec>): a repair marks unreadable bytes with it.
+pub(super) const SET_ASIDE_OPCODE: u8 = 0x80;
 
-/// So much is searched at a time for a chunk.
-const WINDOW_BYTES: usize = 1 << 20;
-/// What stands in front of a chunk's messages, with the longest name of a compression.
+/// Bytes that are searched for a chunk at a time, chosen.
+const SEARCH_WINDOW_BYTES: usize = 1 << 20;
+/// Length of a chunk's head, in front of its messages, with the longest name of a compression \[bytes\].
 const CHUNK_HEAD_BYTES: usize = 53;
 /// The head of the record that ends the data.
-const DATA_END_HEAD: [u8; HEAD_BYTES as usize] = [op::DATA_END, 4, 0, 0, 0, 0, 0, 0, 0];
+const DATA_END_HEAD: [u8; RECORD_HEAD_BYTES as usize] = [op::DATA_END, 4, 0, 0, 0, 0, 0, 0, 0];
 
 /// A piece of a recording's file.
 #[derive(Debug)]
 pub(super) struct Piece {
-    /// Where it begins.
+    /// Where it begins in the file \[bytes\].
     pub(super) at: u64,
-    /// How long it is.
+    /// Its length \[bytes\].
     pub(super) bytes: u64,
-    /// What it is.
-    pub(super) what: What,
+    /// What it contains.
+    pub(super) content: Content,
 }
 
-/// What a piece of a file is.
+/// The content of a piece of a file.
 #[derive(Debug)]
-pub(super) enum What {
+pub(super) enum Content {
     /// The file's first record.
     Header,
-    /// A record with messages or channels, or none: these.
+    /// A record with these messages and channels, possibly none.
     Records(Vec<Record<'static>>),
     /// Cannot be read.
     Unreadable,
-    /// An earlier repair has put it aside.
-    Aside,
+    /// Unreadable bytes that an earlier repair has marked.
+    SetAside,
     /// The end of the data. What follows says nothing that the records before do not say.
     End,
 }
@@ -69,7 +69,7 @@ pub(super) struct Pieces {
 }
 
 impl Pieces {
-    /// Those of the file at `path`.
+    /// The pieces of the file at `path`.
     pub(super) fn open(path: &Path) -> Result<Self> {
         let file = File::open(path)?;
         let length = file.metadata()?.len();
@@ -91,25 +91,25 @@ impl Pieces {
         mcap::MAGIC.starts_with(&start[..read])
     }
 
-    /// The record at `at`, where a whole one is there.
+    /// The record at `at`; `None` where no whole record begins there.
     fn record(&self, at: u64) -> Result<Option<Piece>> {
         let room = self.length.saturating_sub(at);
-        if room < HEAD_BYTES {
+        if room < RECORD_HEAD_BYTES {
             return Ok(None);
         }
-        let mut head = [0; HEAD_BYTES as usize];
+        let mut head = [0; RECORD_HEAD_BYTES as usize];
         self.file.read_exact_at(&mut head, at)?;
         let [number, body @ ..] = head;
         let body = u64::from_le_bytes(body);
-        if body > room - HEAD_BYTES || body > MAX_RECORD_BYTES as u64 {
+        if body > room - RECORD_HEAD_BYTES || body > MAX_RECORD_BYTES as u64 {
             return Ok(None);
         }
-        let bytes = HEAD_BYTES + body;
-        let what = match number {
-            ASIDE => Some(What::Aside),
-            op::DATA_END => (self.is_ended && head == DATA_END_HEAD).then_some(What::End),
+        let bytes = RECORD_HEAD_BYTES + body;
+        let content = match number {
+            SET_ASIDE_OPCODE => Some(Content::SetAside),
+            op::DATA_END => (self.is_ended && head == DATA_END_HEAD).then_some(Content::End),
             op::HEADER if at != mcap::MAGIC.len() as u64 => None,
-            op::ATTACHMENT | op::METADATA => Some(What::Records(Vec::new())),
+            op::ATTACHMENT | op::METADATA => Some(Content::Records(Vec::new())),
             op::HEADER | op::MESSAGE_INDEX | op::CHUNK => {
                 let mut record = vec![0; bytes as usize];
                 self.file.read_exact_at(&mut record, at)?;
@@ -117,10 +117,10 @@ impl Pieces {
             }
             _ => None,
         };
-        let is_torn = what.is_some()
+        let is_torn = content.is_some()
             && ![op::CHUNK, op::DATA_END].contains(&number)
             && self.next_whole(at + 1, at + bytes, &[op::CHUNK])? < at + bytes;
-        Ok(what.filter(|_| !is_torn).map(|what| Piece { at, bytes, what }))
+        Ok(content.filter(|_| !is_torn).map(|content| Piece { at, bytes, content }))
     }
 
     /// Where the next record begins, from `at` on, that is whole and a chunk or the end of the data, as `numbers` say; `until` where none
@@ -128,9 +128,9 @@ impl Pieces {
     fn next_whole(&self, mut at: u64, until: u64, numbers: &[u8]) -> Result<u64> {
         // a head that begins before `until` may end behind it
         let reach = (until + CHUNK_HEAD_BYTES as u64).min(self.length);
-        let mut window = vec![0; WINDOW_BYTES.min(reach.saturating_sub(at) as usize)];
+        let mut window = vec![0; SEARCH_WINDOW_BYTES.min(reach.saturating_sub(at) as usize)];
         while at < until {
-            let read = (reach - at).min(WINDOW_BYTES as u64) as usize;
+            let read = (reach - at).min(SEARCH_WINDOW_BYTES as u64) as usize;
             self.file.read_exact_at(&mut window[..read], at)?;
             // where the file goes on, a head at the window's end is left to the next one
             let is_last = at + read as u64 == self.length;
@@ -165,13 +165,13 @@ impl Iterator for Pieces {
             None => Ok(Piece {
                 at,
                 bytes: self.next_whole(at + 1, self.length, &[op::CHUNK, op::DATA_END])? - at,
-                what: What::Unreadable,
+                content: Content::Unreadable,
             }),
         });
         match &piece {
             Ok(piece) => {
                 self.at += piece.bytes;
-                self.is_over = matches!(piece.what, What::End);
+                self.is_over = matches!(piece.content, Content::End);
             }
             Err(_) => self.is_over = true,
         }
@@ -179,17 +179,17 @@ impl Iterator for Pieces {
     }
 }
 
-/// What the record of this number is, with its head, where it is whole.
-fn whole(number: u8, record: &[u8]) -> Option<What> {
-    let body = &record[HEAD_BYTES as usize..];
+/// The content of the record with this number, given with its head; `None` where it is damaged.
+fn whole(number: u8, record: &[u8]) -> Option<Content> {
+    let body = &record[RECORD_HEAD_BYTES as usize..];
     if number == op::CHUNK {
-        return is_chunk_head(record).then(|| chunk(record).ok()).flatten().map(What::Records);
+        return is_chunk_head(record).then(|| chunk(record).ok()).flatten().map(Content::Records);
     }
     Some(match mcap::parse_record(number, body).ok()? {
-        Record::Header(_) => What::Header,
+        Record::Header(_) => Content::Header,
         // 2 bytes for the channel, 4 for the length, 16 for each message; one that has something else behind is none
         Record::MessageIndex(index) if body.len() != 6 + 16 * index.records.len() => return None,
-        _ => What::Records(Vec::new()),
+        _ => Content::Records(Vec::new()),
     })
 }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use mcap::records::{Channel, Record};
 
-use super::pieces::{Pieces, What};
+use super::pieces::{Content, Pieces};
 use super::recording::{
     CAMERA_TOPIC, CHANNELS, COMMAND_TOPIC, IMAGE_ENCODING, SERVO_TOPIC, UNFILTERED_IMAGE_ENCODING,
 };
@@ -15,23 +15,23 @@ use camera::{CameraImage, CameraInfo, images_lost};
 use ground::clock::MonotonicNs;
 use servo::ServoEvent;
 
-/// One recorded thing.
+/// One item of a recording.
 #[derive(Debug, Clone)]
 pub enum Item {
     /// An image as received.
     Image(CameraImage),
     /// An event of the board.
     Servo(ServoEvent),
-    /// What the board was told.
+    /// A command to the board.
     Command(ServoCommand),
-    /// Something was here that cannot be read: [`Recording::unread`].
+    /// A part that cannot be read, see [`Recording::unread`].
     Gap,
 }
 
 /// How a recording ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
-    /// Not read so far yet.
+    /// The end was not reached yet.
     NotReached,
     /// Closed properly.
     Closed,
@@ -39,16 +39,16 @@ pub enum End {
     CutOff,
 }
 
-/// What of a recording could not be read so far.
+/// The parts of a recording that could not be read so far.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Unread {
-    /// In so many places.
+    /// Number of such places.
     pub places: u64,
-    /// Their length \[bytes\].
+    /// Their length in all \[bytes\].
     pub bytes: u64,
-    /// Images that the camera counted there; after the last image and before the first it counted nothing that is known.
+    /// Images missing there by the camera's count; those before the first and after the last image read are not known.
     pub images: u64,
-    /// Why a message in a chunk that is whole cannot be read, of the first one.
+    /// Why the first unreadable message of a whole chunk cannot be read.
     why: Option<String>,
 }
 
@@ -56,7 +56,7 @@ pub struct Unread {
 pub struct Recording {
     path: PathBuf,
     pieces: Pieces,
-    /// What was read and not given yet.
+    /// Messages that were read and not returned yet.
     ahead: VecDeque<Ahead>,
     channels: Vec<Channel>,
     info: Option<CameraInfo>,
@@ -101,7 +101,7 @@ impl Recording {
             let why = "is no recording, or nothing of it can be read: there is no whole chunk in it";
             return Err(RecordError::damaged(path, why));
         }
-        recording.info = recording.camera_info_told()?;
+        recording.info = recording.read_camera_info()?;
         Ok(recording)
     }
 
@@ -120,8 +120,8 @@ impl Recording {
         &self.unread
     }
 
-    /// Says, once it was read to its end, what it does not give any more; nothing where it is whole. The verbs that read one all say
-    /// it alike.
+    /// What is missing in a recording that was read to its end, as a sentence; `None` where it is whole. All verbs that read recordings use
+    /// this text.
     pub fn shortfall(&self) -> Option<String> {
         let path = self.path.display();
         let Unread { places, bytes, why, .. } = &self.unread;
@@ -139,14 +139,14 @@ impl Recording {
         }
     }
 
-    /// Says so to who looks on.
+    /// Logs the shortfall as a warning, if there is one.
     pub fn warn_of_shortfall(&self) {
-        if let Some(said) = self.shortfall() {
-            tracing::warn!("{said}");
+        if let Some(shortfall) = self.shortfall() {
+            tracing::warn!("{shortfall}");
         }
     }
 
-    fn camera_info_told(&self) -> Result<Option<CameraInfo>, RecordError> {
+    fn read_camera_info(&self) -> Result<Option<CameraInfo>, RecordError> {
         let Some(channel) = self.channels.iter().find(|channel| channel.topic == CAMERA_TOPIC) else {
             return Ok(None);
         };
@@ -171,8 +171,8 @@ impl Recording {
             return Ok(false);
         };
         let piece = piece.map_err(RecordError::io("reading", &self.path))?;
-        match piece.what {
-            What::Records(records) => records.into_iter().for_each(|record| match record {
+        match piece.content {
+            Content::Records(records) => records.into_iter().for_each(|record| match record {
                 Record::Channel(channel) if self.channels.iter().all(|known| known.id != channel.id) => {
                     self.channels.push(channel);
                 }
@@ -183,14 +183,16 @@ impl Recording {
                 }),
                 _ => {}
             }),
-            What::Unreadable | What::Aside => self.ahead.push_back(Ahead::Gap { bytes: piece.bytes }),
-            What::End => self.end = End::Closed,
-            What::Header => {}
+            Content::Unreadable | Content::SetAside => {
+                self.ahead.push_back(Ahead::Gap { bytes: piece.bytes })
+            }
+            Content::End => self.end = End::Closed,
+            Content::Header => {}
         }
         Ok(true)
     }
 
-    /// The topic of a channel; where the chunk that tells the channels cannot be read, they are those of every recording.
+    /// The topic of a channel; where the chunk with the channels cannot be read, they are assumed to be those of every recording.
     fn topic(&self, id: u16) -> Option<&str> {
         match self.channels.is_empty() {
             true => CHANNELS.iter().find(|(known, _)| *known == id).map(|(_, topic)| *topic),
@@ -200,7 +202,7 @@ impl Recording {
         }
     }
 
-    /// What a message says; none on a topic that is not this program's.
+    /// A message as an item; `None` on a topic that is not this program's.
     fn item(&self, channel: u16, data: &[u8]) -> Option<Result<Item, String>> {
         let topic = self.topic(channel)?;
         let item = match topic {
@@ -214,7 +216,7 @@ impl Recording {
         Some(item.map_err(|error| format!("message on `{topic}`: {error}")))
     }
 
-    /// Counts what cannot be read.
+    /// Counts a part that cannot be read.
     fn gap(&mut self, bytes: u64, why: Option<String>) -> Item {
         self.unread.places += 1;
         self.unread.bytes += bytes;
@@ -223,7 +225,7 @@ impl Recording {
         Item::Gap
     }
 
-    /// Counts an image in, and with it those that the camera counted where something could not be read.
+    /// Notes an image, and counts the images missing before it where something could not be read.
     fn count(&mut self, image: &CameraImage) {
         let before = self.last.replace(image.sequence);
         if std::mem::take(&mut self.is_interrupted) {

@@ -36,7 +36,7 @@ pub(crate) use writer::{CHUNK_BYTES, beginning};
 pub const CAMERA_TOPIC: &str = "camera";
 /// Topic of the board's events.
 pub const SERVO_TOPIC: &str = "servo";
-/// Topic of what the board was told.
+/// Topic of the commands to the board.
 pub const COMMAND_TOPIC: &str = "command";
 /// The channels of every recording, in the order in which they are made.
 pub(crate) const CHANNELS: [(u16, &str); 3] = [(1, CAMERA_TOPIC), (2, SERVO_TOPIC), (3, COMMAND_TOPIC)];
@@ -45,9 +45,9 @@ pub const IMAGE_ENCODING: &str = "x-rig-image-2";
 /// The same without filters, in recordings before 2026-11-25.
 pub const UNFILTERED_IMAGE_ENCODING: &str = "x-rig-image-1";
 
-/// The queue also holds small messages: this many at most.
-const QUEUE_MESSAGES: usize = 4096;
-/// What one message costs in the queue beside its data.
+/// Most messages in the queue, chosen; its size in bytes is limited too.
+const MAX_QUEUED_MESSAGES: usize = 4096;
+/// Assumed memory of a queued message in addition to its data \[bytes\], chosen.
 const MESSAGE_OVERHEAD_BYTES: usize = 64;
 
 /// How a recording is written.
@@ -65,16 +65,16 @@ impl Default for RecorderOptions {
     }
 }
 
-/// How long the disk may pause before anything is lost \[s\], where memory allows.
-const PAUSE_S: f64 = 4.0;
-/// The most memory that images may wait in \[bytes\]: two seconds of the largest and fastest pictures there are.
+/// How long the disk may pause before images are lost \[s\], where memory allows; chosen.
+const DISK_PAUSE_S: f64 = 4.0;
+/// Most memory for images that wait for the disk \[bytes\], chosen: two seconds of the largest and fastest images.
 const MAX_QUEUE_BYTES: usize = 512 << 20;
 
 impl RecorderOptions {
     /// For the images of this camera: room for four seconds of them, between 128 and 512 MiB.
     pub fn of(info: &CameraInfo) -> Self {
         let least = Self::default();
-        let wanted = (PAUSE_S * info.bytes_per_s()) as usize;
+        let wanted = (DISK_PAUSE_S * info.bytes_per_s()) as usize;
         Self { queue_bytes: wanted.clamp(least.queue_bytes, MAX_QUEUE_BYTES), ..least }
     }
 }
@@ -92,16 +92,16 @@ pub struct Recorded {
     pub bytes: u64,
     /// The most that waited for zstd and the disk \[bytes\].
     pub most_waiting_bytes: u64,
-    /// Of all that was written, where the file was closed.
+    /// Checksum of all that was written, where the file was closed.
     pub sum: Option<Sum>,
 }
 
 /// How far the disk is behind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Behind {
-    /// What waits \[MiB\].
+    /// Data that wait for the disk \[MiB\].
     pub waiting_mib: usize,
-    /// What may wait before images are lost \[MiB\].
+    /// Data that may wait before images are lost \[MiB\].
     pub queue_mib: usize,
 }
 
@@ -149,7 +149,7 @@ pub struct Recorder {
     options: RecorderOptions,
     waiting_bytes: Arc<AtomicUsize>,
     most_waiting_bytes: AtomicUsize,
-    told_behind: AtomicBool,
+    behind_reported: AtomicBool,
     dropped: AtomicUsize,
     link: Mutex<Option<Link>>,
 }
@@ -182,7 +182,7 @@ impl Recorder {
         options: RecorderOptions,
     ) -> Result<Self, RecordError> {
         let mut writer = Writer::new(file, path, info, options.reserve_bytes)?;
-        let (queue, messages) = sync_channel(QUEUE_MESSAGES);
+        let (queue, messages) = sync_channel(MAX_QUEUED_MESSAGES);
         let waiting_bytes = Arc::new(AtomicUsize::new(0));
         let released = Arc::clone(&waiting_bytes);
         let writer = std::thread::Builder::new()
@@ -197,7 +197,7 @@ impl Recorder {
             options,
             waiting_bytes,
             most_waiting_bytes: AtomicUsize::new(0),
-            told_behind: AtomicBool::new(false),
+            behind_reported: AtomicBool::new(false),
             dropped: AtomicUsize::new(0),
             link: Mutex::new(Some(Link { queue, writer })),
         })
@@ -220,7 +220,7 @@ impl Recorder {
         self.send(Message::Json(Channel::Servo, self.json(event)?))
     }
 
-    /// Records what the board was told.
+    /// Records a command to the board.
     ///
     /// # Errors
     /// As [`Recorder::image`].
@@ -239,20 +239,20 @@ impl Recorder {
         Behind { waiting_mib: waiting >> 20, queue_mib: self.options.queue_bytes >> 20 }
     }
 
-    /// Tells once that half of the queue is full, and again after three quarters of it were free in between.
+    /// Returns once how far the disk is behind when half of the queue is full, and again only after three quarters were free in between.
     pub fn falls_behind(&self) -> Option<Behind> {
         let (waiting, most) = (self.waiting_bytes.load(Ordering::Relaxed), self.options.queue_bytes);
         if waiting < most / 4 {
-            self.told_behind.store(false, Ordering::Relaxed);
+            self.behind_reported.store(false, Ordering::Relaxed);
         }
-        let behind = waiting > most / 2 && !self.told_behind.swap(true, Ordering::Relaxed);
+        let behind = waiting > most / 2 && !self.behind_reported.swap(true, Ordering::Relaxed);
         behind.then(|| self.behind())
     }
 
     /// Writes what waits, closes the file and forces it to the disk.
     ///
     /// # Errors
-    /// What the writer failed with, unless said before.
+    /// What the writer failed with, unless returned before.
     pub fn finish(self) -> Result<Recorded, RecordError> {
         let dropped = self.dropped();
         let most_waiting_bytes = self.most_waiting_bytes.load(Ordering::Relaxed) as u64;
@@ -292,7 +292,7 @@ impl Recorder {
                 let queue_mib = self.options.queue_bytes >> 20;
                 Err(RecordError::Overflow { path: self.path.clone(), queue_mib, dropped })
             }
-            // The writer lets go of its end only when it failed.
+            // The writer closes its end of the queue only when it has failed.
             Err(std::sync::mpsc::TrySendError::Disconnected(_)) => match self.close() {
                 Some(Err(error)) => Err(error),
                 _ => Err(RecordError::Ended { path: self.path.clone() }),
@@ -300,10 +300,10 @@ impl Recorder {
         }
     }
 
-    /// One whose thread panics at the first message, for tests.
+    /// A recorder whose thread panics at the first message, for tests.
     #[doc(hidden)]
     pub fn panicking(path: &Path) -> Self {
-        let (queue, messages) = sync_channel(QUEUE_MESSAGES);
+        let (queue, messages) = sync_channel(MAX_QUEUED_MESSAGES);
         let writer = std::thread::spawn(move || match messages.recv() {
             Ok(Queued { .. }) => panic!("a test"),
             Err(_) => Ok(Recorded::default()),
@@ -313,7 +313,7 @@ impl Recorder {
             options: RecorderOptions::default(),
             waiting_bytes: Arc::default(),
             most_waiting_bytes: AtomicUsize::new(0),
-            told_behind: AtomicBool::new(false),
+            behind_reported: AtomicBool::new(false),
             dropped: AtomicUsize::new(0),
             link: Mutex::new(Some(Link { queue, writer })),
         }

@@ -1,8 +1,8 @@
-//! Makes a recording whole: whoever reads MCAP then reads it without complaint.
+//! Repairs a recording, so that any MCAP reader reads it without an error.
 //!
-//! Nothing is taken out. What cannot be read gets the number of a private record, which readers pass over (<https://mcap.dev/spec>). One
-//! that was only cut off gets its end where it stands: data end, footer and magic, without an index. One that is damaged before its end
-//! is written anew beside its place, record by record, and then takes it. A repair that is killed leaves the recording as it was or cut
+//! Nothing is removed. Unreadable bytes are put into private records, which readers skip (<https://mcap.dev/spec>). A recording that was
+//! only cut off gets its end in place: data end, footer and magic, without an index. One that is damaged before its end is written to
+//! a second file, record by record, which then replaces it. A repair that is killed leaves the recording as it was or cut
 //! off, and is done again.
 
 use std::collections::BTreeSet;
@@ -15,32 +15,32 @@ use mcap::records::{Record, op};
 
 use super::RecordError;
 use super::files::{containing, sync_folder};
-use super::pieces::{ASIDE, HEAD_BYTES, MAX_RECORD_BYTES, Piece, Pieces, What};
+use super::pieces::{Content, MAX_RECORD_BYTES, Piece, Pieces, RECORD_HEAD_BYTES, SET_ASIDE_OPCODE};
 use super::recording::beginning;
 use camera::CameraInfo;
 
 /// What was found in a recording, and what was done about it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Repaired {
-    /// It had its end before, and all in front of it could be read or had been put aside.
+    /// Whether it had its end before, and everything in front of it could be read or was marked already.
     pub was_whole: bool,
     /// Bytes that cannot be read; they stay in the file.
     pub unreadable_bytes: u64,
 }
 
-/// A part of a file that is to be made whole.
+/// A part of a file that is to be repaired.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Part {
-    /// Whole records, taken over as they are.
-    Kept,
+    /// Whole records, copied as they are.
+    Whole,
     /// Cannot be read.
     Unreadable,
 }
 
-/// What a walk through a recording finds.
+/// The structure of a recording, as found by reading through it.
 #[derive(Default)]
 struct Found {
-    /// What it consists of, behind magic and header: length \[bytes\] and what it is.
+    /// The parts behind magic and header: length \[bytes\] and kind.
     parts: Vec<(u64, Part)>,
     /// Where they begin.
     from: u64,
@@ -48,14 +48,14 @@ struct Found {
     whole_until: u64,
     /// It begins as it should.
     has_header: bool,
-    /// Channels that were told.
+    /// Channels that are declared.
     channels: BTreeSet<u16>,
-    /// Some message's channel was not told before it.
+    /// The channel of some message is not declared before it.
     lacks_channels: bool,
     is_closed: bool,
-    /// What cannot be read now, and what an earlier repair has put aside.
+    /// Bytes that cannot be read, and those that an earlier repair has marked so.
     unreadable_bytes: u64,
-    aside_bytes: u64,
+    set_aside_bytes: u64,
 }
 
 /// Repairs the recording at `path`, of the camera `info` (if one took part). One that is whole is left alone, and so is one that ends before
@@ -67,7 +67,7 @@ pub fn repair(path: &Path, info: Option<&CameraInfo>) -> Result<Repaired, Record
     let found = walk(path).map_err(RecordError::io("reading", path))?;
     let repaired = Repaired {
         was_whole: found.is_closed && found.begins_well() && found.unreadable_bytes == 0,
-        unreadable_bytes: found.unreadable_bytes + found.aside_bytes,
+        unreadable_bytes: found.unreadable_bytes + found.set_aside_bytes,
     };
     if repaired.was_whole || !found.has_header && !found.has_records() {
         return Ok(repaired);
@@ -76,7 +76,7 @@ pub fn repair(path: &Path, info: Option<&CameraInfo>) -> Result<Repaired, Record
         end(path, found.whole_until).map_err(RecordError::io("repairing", path))?;
     } else {
         let begins = beginning(info).map_err(|source| RecordError::Write { path: path.into(), source })?;
-        write_anew(path, &found, &begins).map_err(RecordError::io("repairing", path))?;
+        write_again(path, &found, &begins).map_err(RecordError::io("repairing", path))?;
         sync_folder(containing(path))?;
     }
     Ok(repaired)
@@ -89,13 +89,13 @@ impl Found {
     }
 
     fn has_records(&self) -> bool {
-        self.parts.iter().any(|(_, part)| *part == Part::Kept)
+        self.parts.iter().any(|(_, part)| *part == Part::Whole)
     }
 
     /// Whether nothing that cannot be read stands in front of what can.
     fn is_only_cut_off(&self) -> bool {
-        let kept = self.parts.iter().take_while(|(_, part)| *part == Part::Kept).count();
-        let lost = self.parts.len() - kept;
+        let whole = self.parts.iter().take_while(|(_, part)| *part == Part::Whole).count();
+        let lost = self.parts.len() - whole;
         self.begins_well() && !self.is_closed && lost <= 1
     }
 }
@@ -103,19 +103,19 @@ impl Found {
 fn walk(path: &Path) -> std::io::Result<Found> {
     let mut found = Found::default();
     for piece in Pieces::open(path)? {
-        let Piece { at, bytes, what } = piece?;
-        let part = match what {
-            What::Header => {
+        let Piece { at, bytes, content } = piece?;
+        let part = match content {
+            Content::Header => {
                 found.has_header = true;
                 found.from = at + bytes;
                 found.whole_until = at + bytes;
                 continue;
             }
-            What::End => {
+            Content::End => {
                 found.is_closed = true;
                 continue;
             }
-            What::Records(records) => {
+            Content::Records(records) => {
                 for record in &records {
                     match record {
                         Record::Channel(channel) => drop(found.channels.insert(channel.id)),
@@ -125,18 +125,18 @@ fn walk(path: &Path) -> std::io::Result<Found> {
                         _ => {}
                     }
                 }
-                Part::Kept
+                Part::Whole
             }
-            What::Aside => {
-                found.aside_bytes += bytes;
-                Part::Kept
+            Content::SetAside => {
+                found.set_aside_bytes += bytes;
+                Part::Whole
             }
-            What::Unreadable => {
+            Content::Unreadable => {
                 found.unreadable_bytes += bytes;
                 Part::Unreadable
             }
         };
-        if part == Part::Kept && found.unreadable_bytes == 0 {
+        if part == Part::Whole && found.unreadable_bytes == 0 {
             found.whole_until = at + bytes;
         }
         if found.parts.is_empty() {
@@ -147,23 +147,23 @@ fn walk(path: &Path) -> std::io::Result<Found> {
     Ok(found)
 }
 
-/// Puts aside what stands behind `from`, and ends the file.
+/// Marks the bytes behind `from` as unreadable, and ends the file.
 fn end(path: &Path, from: u64) -> std::io::Result<()> {
     let file = File::options().write(true).open(path)?;
     let length = file.metadata()?.len();
     let mut at = from;
-    while length - at >= HEAD_BYTES {
-        let body = (length - at - HEAD_BYTES).min(MAX_RECORD_BYTES as u64);
-        file.write_all_at(&aside(body), at)?;
-        at += HEAD_BYTES + body;
+    while length - at >= RECORD_HEAD_BYTES {
+        let body = (length - at - RECORD_HEAD_BYTES).min(MAX_RECORD_BYTES as u64);
+        file.write_all_at(&set_aside_head(body), at)?;
+        at += RECORD_HEAD_BYTES + body;
     }
-    // fewer bytes than a record's head say nothing
+    // the rest is shorter than a record's head and is overwritten
     file.write_all_at(&end_of_file(), at)?;
     file.sync_all()
 }
 
-/// Writes the recording anew, with what cannot be read in records of its own. `begins` is how recordings begin.
-fn write_anew(path: &Path, found: &Found, begins: &[u8]) -> std::io::Result<()> {
+/// Writes the recording again, with unreadable bytes in private records. `begins`: the first bytes of a recording.
+fn write_again(path: &Path, found: &Found, begins: &[u8]) -> std::io::Result<()> {
     let mut from = File::open(path)?;
     from.seek(SeekFrom::Start(found.from))?;
     let mut name = path.file_name().unwrap_or_default().to_owned();
@@ -171,18 +171,18 @@ fn write_anew(path: &Path, found: &Found, begins: &[u8]) -> std::io::Result<()> 
     let part = path.with_file_name(name);
     let mut to = BufWriter::new(File::create(&part)?);
     // a header is shorter than 256 bytes
-    let header_bytes = HEAD_BYTES as usize + usize::from(begins[mcap::MAGIC.len() + 1]);
-    // channels that the file itself tells are not told twice
+    let header_bytes = RECORD_HEAD_BYTES as usize + usize::from(begins[mcap::MAGIC.len() + 1]);
+    // channels that the file declares itself are not declared twice
     to.write_all(if found.lacks_channels { begins } else { &begins[..mcap::MAGIC.len() + header_bytes] })?;
     for &(bytes, part) in &found.parts {
         let mut left = bytes;
         while left > 0 {
             let body = match part {
-                Part::Kept => left,
+                Part::Whole => left,
                 Part::Unreadable => left.min(MAX_RECORD_BYTES as u64),
             };
             if part == Part::Unreadable {
-                to.write_all(&aside(body))?;
+                to.write_all(&set_aside_head(body))?;
             }
             std::io::copy(&mut Read::by_ref(&mut from).take(body), &mut to)?;
             left -= body;
@@ -193,9 +193,9 @@ fn write_anew(path: &Path, found: &Found, begins: &[u8]) -> std::io::Result<()> 
     std::fs::rename(&part, path)
 }
 
-/// The head of a private record of so many bytes.
-fn aside(bytes: u64) -> [u8; HEAD_BYTES as usize] {
-    let mut head = [ASIDE; HEAD_BYTES as usize];
+/// The head of a private record whose body has `bytes` bytes.
+fn set_aside_head(bytes: u64) -> [u8; RECORD_HEAD_BYTES as usize] {
+    let mut head = [SET_ASIDE_OPCODE; RECORD_HEAD_BYTES as usize];
     head[1..].copy_from_slice(&bytes.to_le_bytes());
     head
 }

@@ -20,7 +20,8 @@ pub struct Removed {
     pub sha256: Option<String>,
 }
 
-/// Deletes the recording of `run`, which has ended. Says so before it does: one that is killed on the way is done again.
+/// Deletes the recording of `run`, which has ended. `retention.json` is written first, so that an interrupted deletion is completed the
+/// next time.
 ///
 /// # Errors
 /// [`RecordError`].

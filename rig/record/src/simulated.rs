@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::RecordError;
 
-/// How a model moved.
+/// The motion of a model.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Simulated {
     /// Instants \[s\], shape (N).
@@ -14,11 +14,11 @@ pub struct Simulated {
     pub qpos: Vec<f64>,
 }
 
-/// Coordinates are written to this fraction of a radian or a metre.
-const DIGITS: f64 = 1e9;
+/// Coordinates are rounded to one part in this of a radian or a metre, chosen.
+const COORDINATE_STEPS_PER_UNIT: f64 = 1e9;
 
 impl Simulated {
-    /// The table.
+    /// The table as text.
     pub fn text(&self) -> String {
         let nq = self.qpos.len() / self.time_s.len().max(1);
         let mut text = String::from("time_s");
@@ -28,7 +28,11 @@ impl Simulated {
         for (row, time_s) in self.time_s.iter().enumerate() {
             let _ = write!(text, "\n{time_s}");
             for value in &self.qpos[row * nq..(row + 1) * nq] {
-                let _ = write!(text, ",{}", (value * DIGITS).round() / DIGITS);
+                let _ = write!(
+                    text,
+                    ",{}",
+                    (value * COORDINATE_STEPS_PER_UNIT).round() / COORDINATE_STEPS_PER_UNIT
+                );
             }
         }
         text.push('\n');
@@ -69,10 +73,10 @@ impl Simulated {
 
 /// The row of the rising `times_s` that is of the image at `time_s`.
 pub fn row_at(times_s: &[f64], time_s: f64) -> Option<usize> {
-    /// Times in tables are rounded.
-    const SAME_S: f64 = 1e-6;
-    let row = times_s.partition_point(|&t| t < time_s - SAME_S);
-    times_s.get(row).filter(|&&t| (t - time_s).abs() <= SAME_S).map(|_| row)
+    /// Times in tables are rounded: they count as equal within this \[s\], chosen.
+    const TIME_TOLERANCE_S: f64 = 1e-6;
+    let row = times_s.partition_point(|&t| t < time_s - TIME_TOLERANCE_S);
+    times_s.get(row).filter(|&&t| (t - time_s).abs() <= TIME_TOLERANCE_S).map(|_| row)
 }
 
 #[cfg(test)]

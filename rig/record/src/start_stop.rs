@@ -1,4 +1,4 @@
-//! What `start.json` and `stop.json` hold: all that was known before a run, and how it ended.
+//! The contents of `start.json` and `stop.json`: all that was known before a run, and how it ended.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -13,7 +13,7 @@ use camera::CameraInfo;
 use ground::clock::MonotonicNs;
 use servo::{BoardInfo, StopOutcome};
 
-/// The same instant on both clocks: a later jump of the wall clock shows, and does no harm.
+/// The same instant on both clocks, so that a later jump of the wall clock is visible and does no harm.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ClockPair {
     /// CLOCK_MONOTONIC.
@@ -37,7 +37,7 @@ pub struct Start {
     /// Its place among the runs of its folder, from 1: given by [`super::folder::RunFolder::create`]. 0 for runs from before 2026-11-27.
     #[serde(default)]
     pub number: u64,
-    /// How it moves.
+    /// Driven, or let go by hand.
     pub kind: RunKind,
     /// The model's file in this folder.
     pub model: String,
@@ -86,12 +86,12 @@ pub enum Status {
 /// `stop.json`: how the run ended.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Stop {
-    /// In a word.
+    /// Success, abort or failure.
     pub status: Status,
     /// Why, unless it went as planned.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub reason: Option<String>,
-    /// When.
+    /// When it ended.
     pub clock: ClockPair,
     /// How the servo was stopped.
     pub servo: StopOutcome,
@@ -114,15 +114,15 @@ pub struct Stop {
     /// was too short for that.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub learn_from: Option<Range<u64>>,
-    /// Written afterwards, for a run that had ended without a word.
+    /// Present where this file was written afterwards, for a run that had ended without one.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub recovered: Option<Recovered>,
 }
 
-/// What was left of a run that had ended without a word.
+/// How a run that had ended without a `stop.json` was recovered.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Recovered {
-    /// When it was looked at, RFC 3339.
+    /// When it was recovered, RFC 3339.
     pub at_utc: String,
     /// Bytes of the recording that cannot be read; they stay in it.
     pub unreadable_bytes: u64,

@@ -40,12 +40,12 @@ pub fn is_result(name: &str) -> bool {
 pub struct Sum([u8; 32]);
 
 impl Sum {
-    /// Of `bytes`.
+    /// The sum of `bytes`.
     pub fn of(bytes: &[u8]) -> Self {
         Self(Sha256::digest(bytes).into())
     }
 
-    /// Of the file at `path`.
+    /// The sum of the file at `path`.
     ///
     /// # Errors
     /// [`RecordError::Io`].
@@ -90,12 +90,12 @@ pub(super) struct Summed {
 }
 
 impl Summed {
-    /// A file that is empty.
+    /// Begins with an empty file.
     pub(super) fn new(file: File) -> Self {
         Self { file, sum: Sha256::new() }
     }
 
-    /// Of all that was written.
+    /// The sum of all that was written.
     pub(super) fn sum(&self) -> Sum {
         Sum(self.sum.clone().finalize().into())
     }

@@ -1,4 +1,4 @@
-//! Whether a run folder is what was written.
+//! Verifies that the files of a run folder are as they were written.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use super::sums::{RESULTS, Sum, Sums, is_result};
 use ground::clock::MonotonicNs;
 use ground::error_chain::with_causes;
 
-/// How a run folder stands.
+/// The state of a run folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum State {
     /// All that was written is there.
@@ -32,23 +32,23 @@ impl std::fmt::Display for State {
     }
 }
 
-/// What was found.
+/// The result of verifying a run folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Verified {
-    /// In a word.
+    /// The state.
     pub state: State,
     /// In sentences without their full stops: what is wrong, else what was looked at.
     pub findings: Vec<String>,
 }
 
-/// What a recording gives.
+/// What can be read of a recording.
 struct Readable {
     images: u64,
     /// When the last of it was handed over \[s\].
     until_s: f64,
     /// Whether it has its end.
     is_closed: bool,
-    /// What it does not give any more.
+    /// What is missing in it.
     shortfall: Option<String>,
 }
 
@@ -146,10 +146,10 @@ impl Readable {
     /// `received`: how many images there should be at least.
     fn say(&self, received: u64) -> String {
         let of = if received > self.images { format!("of {received} ") } else { String::new() };
-        let kept = format!("{} {of}images, {:.1} s can be read", self.images, self.until_s);
+        let summary = format!("{} {of}images, {:.1} s can be read", self.images, self.until_s);
         match &self.shortfall {
-            Some(shortfall) => format!("{kept}; {shortfall}"),
-            None => kept,
+            Some(shortfall) => format!("{summary}; {shortfall}"),
+            None => summary,
         }
     }
 }

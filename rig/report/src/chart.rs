@@ -28,7 +28,7 @@ const SCALE: u32 = 4;
 /// plotters divides font sizes by this when it writes SVG.
 const FONT_FACTOR: f64 = 1.24;
 /// A line with more points than this is thinned to the extremes of as many intervals.
-const MOST_POINTS: usize = 1600;
+const LINE_POINTS_MAX: usize = 1600;
 
 /// A line; a point that is not finite interrupts it.
 pub(super) struct Series {
@@ -205,13 +205,13 @@ fn unbroken(points: &[(f64, f64)]) -> impl Iterator<Item = &[(f64, f64)]> {
     points.split(|p| !(p.0.is_finite() && p.1.is_finite())).filter(|part| !part.is_empty())
 }
 
-/// At most about [`MOST_POINTS`] points that keep every extreme: the lowest and highest of each interval, in
+/// At most about [`LINE_POINTS_MAX`] points that keep every extreme: the lowest and highest of each interval, in
 /// order of time.
 fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
-    if points.len() <= MOST_POINTS {
+    if points.len() <= LINE_POINTS_MAX {
         return points.to_vec();
     }
-    let size = points.len().div_ceil(MOST_POINTS / 2);
+    let size = points.len().div_ceil(LINE_POINTS_MAX / 2);
     points
         .chunks(size)
         .flat_map(|chunk| {
@@ -233,7 +233,7 @@ mod tests {
         let mut points: Vec<_> = (0..100_000).map(|i| (f64::from(i), 0.0)).collect();
         points[77_777].1 = 5.0;
         let kept = thinned(&points);
-        assert!(kept.len() <= MOST_POINTS + 2, "{}", kept.len());
+        assert!(kept.len() <= LINE_POINTS_MAX + 2, "{}", kept.len());
         assert!(kept.contains(&(77_777.0, 5.0)));
         assert!(kept.windows(2).all(|w| w[0].0 <= w[1].0));
     }

@@ -6,22 +6,22 @@ use maud::{Markup, html};
 
 use super::data::ReportData;
 use super::format::{counted, significant};
-use super::verdict::{is_combined, is_constant, is_settled};
+use super::verdict::{is_combined, is_constant, is_determined_alone};
 
-/// Table of coefficients with the reserves in plain words.
+/// Table of coefficients, with remarks in plain words.
 pub(super) fn section(data: &ReportData) -> Markup {
     let Some(fit) = data.fit.as_ref().filter(|fit| !fit.parameters.is_empty()) else { return html! {} };
     html! {
         section #coefficients {
             h2 { "Coefficients" }
             p.lead {
-                "Value ± one standard deviation, and where it lies between its bounds. Fluid coefficients have no unit; "
+                "Value ± one standard deviation, and its place between its bounds. Fluid coefficients have no unit; "
                 "damping is in N·m·s/rad, friction loss in N·m, stiffness in N·m/rad; their strips are logarithmic."
             }
             table.coefficients {
                 thead { tr {
                     th { "coefficient" } th.number { "value" } th.number { "std" } th.number { "lower" }
-                    th { "between bounds" } th.number { "upper" } th { "what the data say" }
+                    th { "between bounds" } th.number { "upper" } th { "remarks" }
                 } }
                 @for (owner, parameters) in grouped(&fit.parameters) {
                     tbody {
@@ -43,10 +43,10 @@ fn grouped(parameters: &[FittedParameter]) -> Vec<(&str, &[FittedParameter])> {
 }
 
 fn row(fit: &Fit, owner: &str, parameter: &FittedParameter) -> Markup {
-    let own_name = parameter.name.strip_prefix(owner).unwrap_or(&parameter.name);
+    let short_name = parameter.name.strip_prefix(owner).unwrap_or(&parameter.name);
     html! {
-        tr.loose[!is_settled(fit, parameter)] {
-            td { span.owner { (owner) } (own_name) }
+        tr.loose[!is_determined_alone(fit, parameter)] {
+            td { span.owner { (owner) } (short_name) }
             td.number { (significant(parameter.value)) }
             td.number { (significant(parameter.std)) }
             td.number { (significant(parameter.lower)) }
@@ -65,13 +65,13 @@ fn remark(fit: &Fit, parameter: &FittedParameter) -> Markup {
     };
     html! {
         @if is_combined(fit, &parameter.name) { span.flag.caution { "only in combination" } " " }
-        @else if !parameter.determined { span.flag.caution { "left open" } " " }
+        @else if !parameter.determined { span.flag.caution { "not determined" } " " }
         @if !is_constant(parameter) { span.flag.caution { "differs from run to run" } " " }
         @if let Some([lower, upper]) = parameter.ci95 {
             "95 %: " (significant(lower)) " to " (significant(upper)) " "
         }
         @if parameter.at_bound { span.flag.caution { "at its " (side) " bound" } " " }
-        @if is_settled(fit, parameter) && !parameter.at_bound { span.flag.good { "determined" } }
+        @if is_determined_alone(fit, parameter) && !parameter.at_bound { span.flag.good { "determined" } }
     }
 }
 
@@ -98,7 +98,7 @@ fn bar(parameter: &FittedParameter) -> Markup {
     }
 }
 
-/// A combination that the data settle, as a formula with its value.
+/// A combination that the data determine, as a formula with its value.
 pub(super) fn weighted_sum(combination: &Combination) -> Option<String> {
     let (value, std) = combination.value.zip(combination.std)?;
     let mut sum = String::new();
@@ -128,29 +128,29 @@ fn unidentifiable(fit: &Fit) -> Markup {
     }
     html! {
         div.note {
-            h3 { "What these runs cannot see" }
+            h3 { "What these runs do not determine" }
             @if fit.effective_parameters > 0.0 {
                 p {
-                    "Together they settle about " (format!("{:.1}", fit.effective_parameters)) " of the "
+                    "Together the runs determine about " (format!("{:.1}", fit.effective_parameters)) " of the "
                     (counted(fit.parameters.len(), "value")) "."
                 }
             }
             @for group in &together {
                 p {
                     "Of " @for (i, name) in group.iter().enumerate() { @if i > 0 { ", " } code { (name) } }
-                    " only a combination shows: the " (counted(group.len(), "value"))
-                    " can be traded against each other without changing what the camera sees."
+                    " only a combination is determined: the " (counted(group.len(), "value"))
+                    " can be traded against each other without changing the keypoints."
                 }
             }
-            @for sum in fit.combinations.iter().filter_map(weighted_sum) { p { "What they show is " (sum) "." } }
+            @for sum in fit.combinations.iter().filter_map(weighted_sum) { p { "The determined combination is " (sum) "." } }
             @if !alone.is_empty() {
                 p {
                     "The motion hardly depends on "
                     @for (i, parameter) in alone.iter().enumerate() { @if i > 0 { ", " } code { (parameter.name) } }
-                    ": other values would do nearly as well."
+                    ": other values fit nearly as well."
                 }
             }
-            p { "Other motions (a faster stroke, another first pose, a further run) or a known value as a prior can settle them." }
+            p { "Other motions (a faster stroke, another first pose, a further run) or a known value as a prior can determine them." }
         }
     }
 }

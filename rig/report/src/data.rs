@@ -29,11 +29,11 @@ pub struct ReportData {
     pub runs: Vec<RunFigures>,
     /// The same in space.
     pub motions: Vec<Motion>,
-    /// Selected camera images with what vision found.
+    /// Selected camera images with what was extracted from them.
     pub overlays: Vec<Overlay>,
     /// Images that were refused or doubted, by reason.
     pub refused: Vec<RefusedImages>,
-    /// What the servos were told and did.
+    /// Commanded and measured angles of the servos.
     pub servo: Option<ServoTrace>,
     /// What the camera delivered and what became of it.
     pub images: Option<ImageQuality>,
@@ -67,9 +67,9 @@ pub struct RunFigures {
     pub id: String,
     /// Fitted, or only scored.
     pub usage: Use,
-    /// What the camera saw.
+    /// The extracted trajectory.
     pub measured: Trajectory,
-    /// What the calibrated model does, at the same instants; empty without a fit.
+    /// The trajectory of the calibrated model at the same instants; empty without a fit.
     pub simulated: Trajectory,
     /// Where the first pivot is \[m\], world frame; drawn as the start of each pose when the trajectory itself
     /// has no P0.
@@ -99,7 +99,7 @@ pub struct StripImage {
     pub errors_m: Vec<(String, f64)>,
 }
 
-/// A camera image and what vision found in it. Pixels count from the centre of the top left one.
+/// A camera image and what was extracted from it. Pixels count from the centre of the top left one.
 #[derive(Debug, Clone)]
 pub struct Overlay {
     /// The image's name, or the camera's count.
@@ -125,7 +125,7 @@ pub struct RefusedImages {
     pub reason: String,
     /// They have keypoints, which may mislead; else they have none.
     pub doubtful: bool,
-    /// How many they are.
+    /// Number of these images.
     pub count: usize,
     /// Some of them.
     pub shown: Vec<Overlay>,
@@ -138,7 +138,7 @@ pub struct RefusedImages {
 pub struct ServoTrace {
     /// Commanded angles.
     pub commanded: Command,
-    /// What telemetry said, where the board tells; columns may be fewer.
+    /// Angles from telemetry, where the board reports them; there may be fewer columns.
     pub measured: Option<Command>,
 }
 
@@ -155,13 +155,13 @@ pub struct ImageQuality {
     pub lost: usize,
     /// Images that came but had no room in a queue.
     pub dropped: usize,
-    /// Images received that the recording does not give any more.
+    /// Images received that cannot be read from the recording any more.
     pub unread: usize,
     /// Images a second, as measured.
     pub fps: Option<f64>,
     /// Longest time between two images \[s\].
     pub longest_gap_s: Option<f64>,
-    /// What is missing of the images that there were.
+    /// Missing images.
     pub losses: Losses,
 }
 
@@ -172,7 +172,7 @@ pub struct ClockQuality {
     pub name: String,
     /// One sigma of its conversion to the host's clock \[s\].
     pub sigma_s: f64,
-    /// How many samples the line rests on.
+    /// Number of samples that the clock fit uses.
     pub samples: usize,
     /// Its rate against nominal \[parts per million\].
     pub drift_ppm: Option<f64>,

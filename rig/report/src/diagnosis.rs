@@ -1,4 +1,4 @@
-//! The diagnosis on the page: what is wrong, why, and what naming it gains, to be read in a minute.
+//! The diagnosis on the page: verdict, causes, gain, residuals and next experiments.
 
 use ident::diagnose::{Diagnosis, NamedCause, UnknownForce, Verdict, WorstInterval};
 use maud::{Markup, html};
@@ -14,9 +14,9 @@ pub(super) fn section(data: &ReportData) -> Markup {
     let Some(figures) = &data.diagnosis else { return html! {} };
     let diagnosis = &figures.diagnosis;
     let (list, title) = match diagnosis.verdict {
-        Verdict::Unexplained => (&diagnosis.partial, "Best description, which is no cause"),
-        Verdict::Suspected => (&diagnosis.causes, "What is suspected: no other run has checked it"),
-        _ => (&diagnosis.causes, "What is named"),
+        Verdict::Unexplained => (&diagnosis.partial, "Best description, not a named cause"),
+        Verdict::Suspected => (&diagnosis.causes, "Suspected causes: not checked on other runs"),
+        _ => (&diagnosis.causes, "Named causes"),
     };
     html! {
         @if data.fit.is_some() {
@@ -27,7 +27,7 @@ pub(super) fn section(data: &ReportData) -> Markup {
             }
         }
         @if !diagnosis.established.is_empty() {
-            (causes(diagnosis, &diagnosis.established, "established", "Beyond doubt, whatever the rest may be"))
+            (causes(diagnosis, &diagnosis.established, "established", "Established causes, although the rest is not explained"))
         }
         @if !list.is_empty() { (causes(diagnosis, list, "causes", title)) }
         @if let Some(force) = diagnosis.remainder.as_ref().and_then(|remainder| remainder.force.as_ref()) {
@@ -36,32 +36,33 @@ pub(super) fn section(data: &ReportData) -> Markup {
         (errors(diagnosis))
         (next(diagnosis))
         section #residuals {
-            h2 { "Where and when" }
+            h2 { "Residuals over time" }
             p.lead {
                 "Residuals (measured - simulated) of the fitted runs over time: pale is noise, dark six times the noise or more. \
-                 Before: the model as it was, fitted. After: with what is named."
+                 Before: the fitted model. After: with the named causes."
             }
             (heat(figures))
             p.legend { span.key.measured {} "before" span.key.simulated {} "after" span.key.band {} "a quarter of the noise" }
             div.pair { (against(figures)) (spectrum(figures)) }
             (worst(diagnosis))
         }
-        (seen(diagnosis))
+        (detectable(diagnosis))
     }
 }
 
 fn force_section(force: &UnknownForce) -> Markup {
     html! {
         section #unknown-force {
-            h2 { "A force that nobody has a name for" }
+            h2 { "Unknown force" }
             p.lead {
-                "What of the rest a smooth function of each joint's own angle and rate accounts for. Over the rate, a line for each of three \
-                 angles: the least of the runs (blue), the middle (orange), and the greatest (green); and over the angle, at rest."
+                "The part of the remaining residuals that a smooth force or torque, a function of each joint's own angle and rate, explains. \
+                 First over the rate, a line for each of three angles: the least of the runs (blue), the middle (orange), and the greatest \
+                 (green); then over the angle, at rest."
             }
             div.pair { @for joint in &force.joints { (unknown_force(joint)) } }
             @for joint in &force.joints {
                 details {
-                    summary { "as a [[cause]] on " (joint.joint) ", to be fitted by its size or carried as it is (1)" }
+                    summary { "as a [[cause]] on " (joint.joint) ": fit its size, or use it unchanged (1)" }
                     pre { (joint.to_cause()) }
                 }
             }
@@ -98,13 +99,13 @@ fn causes(diagnosis: &Diagnosis, list: &[NamedCause], id: &str, title: &str) -> 
                 }
             }
             @if !diagnosis.alternatives.is_empty() {
-                h3 { "As well" }
+                h3 { "Alternatives that explain these runs as well" }
                 table.facts { @for other in &diagnosis.alternatives {
                     tr { th { (other.names.join(" + ")) } td { "ΔBIC " (format!("{:.0}", other.delta_bic)) } }
                 } }
             }
             @if !diagnosis.bent.is_empty() {
-                h3 { "Coefficients that had bent to cover for it" }
+                h3 { "Coefficients that were biased without it" }
                 table.facts {
                     tr { th { "coefficient" } th.number { "before" } th.number { "after" } th.number { "± 1 σ" } }
                     @for bent in &diagnosis.bent {
@@ -120,7 +121,7 @@ fn causes(diagnosis: &Diagnosis, list: &[NamedCause], id: &str, title: &str) -> 
     }
 }
 
-/// Before, after, floor: held out where there is something, else as fitted.
+/// Tables of residuals before and after, with the noise: of held-out runs where there are some, and of the fitted runs.
 fn errors(diagnosis: &Diagnosis) -> Markup {
     let row = |id: &str, names: &[String], before: &[f64], after: &[f64], noise: &[f64]| {
         let cells: Vec<[String; 2]> = (0..names.len())
@@ -139,7 +140,7 @@ fn errors(diagnosis: &Diagnosis) -> Markup {
                 h2 { "Gain on runs not fitted to" }
                 p.lead {
                     @if heldout.how == "holdout" { "Held-out runs" } @else { "Each run in turn left out of both fits" }
-                    ": parameters frozen, pose from the still images alone. Root mean square per coordinate, before → after, beside what noise alone leaves."
+                    ": parameters frozen, pose from the still images alone. Root mean square per coordinate, before → after / noise alone."
                 }
                 table.errors {
                     @if let Some(run) = heldout.runs.first() { (heading(&run.keypoints)) }
@@ -176,7 +177,7 @@ fn errors(diagnosis: &Diagnosis) -> Markup {
                     td.number { (format!("{:.3}", diagnosis.whiteness.after.chi2 / diagnosis.whiteness.after.degrees)) } }
                 tr { td { "correlation over eight lags, p" }
                     td.number { (significant(diagnosis.whiteness.before.portmanteau_p)) } td.number { (significant(diagnosis.whiteness.after.portmanteau_p)) } }
-                tr { td { "squares that could be explained at all" }
+                tr { td { "share of the squared residuals beyond noise" }
                     td.number { (format!("{:.0} %", 100.0 * diagnosis.whiteness.explainable)) } td {} }
             }
         }
@@ -187,9 +188,9 @@ fn next(diagnosis: &Diagnosis) -> Markup {
     html! {
         @if !diagnosis.next_experiments.is_empty() {
             section #next {
-                h2 { "What to do next" }
+                h2 { "Next experiments" }
                 table.facts {
-                    tr { th { "do" } th { "tells apart, or checks" } th.number { "separation now" } th.number { "then" } }
+                    tr { th { "experiment" } th { "tells apart, or checks" } th.number { "separation now [noise variances]" } th.number { "with it" } }
                     @for next in &diagnosis.next_experiments {
                         tr {
                             td { (next.what) @if !next.command.is_empty() { br; code { (next.command) } } } td { (next.separates.join(" / ")) }
@@ -205,7 +206,7 @@ fn next(diagnosis: &Diagnosis) -> Markup {
 
 fn worst(diagnosis: &Diagnosis) -> Markup {
     html! {
-        h3 { "Worst stretches before" }
+        h3 { "Largest residuals before" }
         table.facts {
             tr { th { "run" } th { "keypoint" } th.number { "time [s]" } th.number { "rms [mm]" } th.number { "place [mm]" } th.number { "speed [mm/s]" } }
             @for worst in &diagnosis.residuals.worst {
@@ -221,21 +222,21 @@ fn worst(diagnosis: &Diagnosis) -> Markup {
     }
 }
 
-/// Where a worst interval lies, by the axes that were seen \[mm\].
+/// Place of a worst interval \[mm\], on the axes that were observed.
 fn place(worst: &WorstInterval) -> String {
     let axes = [("x", worst.x_m), ("y", worst.y_m), ("z", worst.z_m)];
-    let seen = axes.into_iter().filter_map(|(axis, metres)| Some(format!("{axis} {:.0}", metres? * 1e3)));
-    seen.collect::<Vec<_>>().join(", ")
+    let observed = axes.into_iter().filter_map(|(axis, metres)| Some(format!("{axis} {:.0}", metres? * 1e3)));
+    observed.collect::<Vec<_>>().join(", ")
 }
 
-fn seen(diagnosis: &Diagnosis) -> Markup {
+fn detectable(diagnosis: &Diagnosis) -> Markup {
     html! {
         section #detectable {
-            h2 { "What these runs would have shown" }
+            h2 { "Detectable causes" }
             p.lead {
-                "The smallest size of each cause that would have raised the cost by 30, all fitted coefficients following. \
-                 A dash: not visible in these runs."
-                @if !diagnosis.fitted.is_empty() { " Fitted anyway, hence no candidates: " (diagnosis.fitted.join(", ")) "." }
+                "The smallest size of each cause that would have raised the cost by 30, with all fitted coefficients adjusted. \
+                 A dash: not detectable in these runs."
+                @if !diagnosis.fitted.is_empty() { " Fitted already, hence no candidates: " (diagnosis.fitted.join(", ")) "." }
             }
             div.columns {
                 @for entry in &diagnosis.detectable {

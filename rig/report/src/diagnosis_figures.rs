@@ -11,9 +11,9 @@ use super::chart::{Chart, KEYPOINTS, MEASURED, SIMULATED, Series};
 pub struct DiagnosisFigures {
     /// As in `diagnosis.json`.
     pub diagnosis: Diagnosis,
-    /// Fitted runs beside the baseline.
+    /// Fitted runs with the simulation of the baseline.
     pub before: Vec<FittedRun>,
-    /// Fitted runs beside what is named, or beside the partial description.
+    /// Fitted runs with the simulation of the named causes, or of the partial description.
     pub after: Vec<FittedRun>,
 }
 
@@ -32,11 +32,11 @@ impl DiagnosisFigures {
 const STRIP_CELLS: usize = 125;
 /// Times the noise at which a cell is as dark as it gets.
 const DARKEST_SIGMAS: f64 = 6.0;
-/// Values of the abscissa told apart.
+/// Bins of the abscissa. Chosen.
 const ABSCISSA_BINS: usize = 14;
 const SMALL_PX: (u32, u32) = (540, 210);
 
-/// Distance between measured and simulated at an instant, over the root of the coordinates seen \[m\].
+/// Distance between measured and simulated at an instant, over the root of the number of observed coordinates \[m\].
 fn misfit(run: &FittedRun, instant: usize, keypoint: usize) -> Option<f64> {
     let (m, s) = (run.measured.at(instant, keypoint), run.simulated.at(instant, keypoint));
     let squares: Vec<f64> =

@@ -25,12 +25,12 @@ pub(super) fn value(parameter: &CauseParameter) -> String {
     }
 }
 
-/// How far off the simulation is, with and without what is named; beside a fit its headline says it.
+/// The simulation's error with and without the named causes; where there is a fit, its headline says it.
 pub(super) fn error(diagnosis: &Diagnosis) -> Option<String> {
     let (before, floor_m) = (diagnosis.error_m(false)?, diagnosis.floor_m());
     let after = diagnosis.error_m(true).filter(|_| !diagnosis.causes.is_empty());
     let named =
-        after.map_or(String::new(), |after| format!("; with what is named, by {} mm", millimetres(after)));
+        after.map_or(String::new(), |after| format!("; with the named causes, by {} mm", millimetres(after)));
     let ratio = ratio_text(before / floor_m);
     Some(format!(
         "The simulation is off by {} mm, {ratio} times the noise of {} mm{named}.",
@@ -74,7 +74,7 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
     if diagnosis.verdict == Verdict::Unexplained {
         if let Some(remainder) = diagnosis.remainder.as_ref().filter(|_| !diagnosis.established.is_empty()) {
             list.push(format!(
-                "Beside what is beyond doubt {} mm are left, {} % of the squares that are no noise.",
+                "With the established causes {} mm are left, {} % of the squared residuals beyond noise.",
                 millimetres(remainder.rms_m),
                 whole_percent(remainder.share)
             ));
@@ -84,17 +84,17 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
         );
         if !diagnosis.partial.is_empty() {
             let names: Vec<String> = diagnosis.partial.iter().map(NamedCause::label).collect();
-            list.push(format!("Best description, which is no cause: {}.", names.join(" + ")));
+            list.push(format!("Best description, not a named cause: {}.", names.join(" + ")));
         }
         if let Some(follows) = diagnosis.residuals.follows.first().filter(|follows| follows.share > 0.05) {
             list.push(format!(
-                "The residuals follow {} most ({:.0} % of their squares){}.",
+                "The residuals depend most on {} ({:.0} % of their squares){}.",
                 follows.what,
                 100.0 * follows.share,
                 diagnosis
                     .residuals
                     .frequency_hz
-                    .map_or(String::new(), |hz| format!(", and swing at {hz:.1} Hz most"))
+                    .map_or(String::new(), |hz| format!("; their main frequency is {hz:.1} Hz"))
             ));
         }
     }
@@ -113,12 +113,12 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
     list
 }
 
-/// A next step in a line; what to type for it is told elsewhere.
+/// A next experiment in one line, without its command.
 fn advice(next: &NextExperiment) -> String {
     let apart = next.separates.join(" and ");
     match &next.separates[..] {
         _ if next.proposal.is_some() => format!(
-            "{}: raises the separation of {apart} from {} to {}",
+            "{}: raises the separation of {apart} from {} to {} noise variances",
             next.what,
             significant(next.before),
             significant(next.after)
@@ -136,21 +136,21 @@ fn capital(text: &str) -> String {
         .map_or(String::new(), |first| first.to_uppercase().chain(letters).collect::<String>() + ".")
 }
 
-/// Next steps told in a terminal.
-const MOST_ADVISED: usize = 3;
+/// Next experiments listed in a terminal. Chosen.
+const LISTED_EXPERIMENTS_MAX: usize = 3;
 
 /// The diagnosis as lines for a terminal.
 pub fn diagnosis_summary(diagnosis: &Diagnosis) -> String {
-    beside_a_fit(diagnosis, error(diagnosis))
+    diagnosis_lines(diagnosis, error(diagnosis))
 }
 
-/// The same where a fit has said how far off the simulation is; else what does.
-pub(super) fn beside_a_fit(diagnosis: &Diagnosis, error: Option<String>) -> String {
+/// The lines of the diagnosis with the sentence `error`, which is left out where a fit's headline says it.
+pub(super) fn diagnosis_lines(diagnosis: &Diagnosis, error: Option<String>) -> String {
     let mut text = format!("{}: {}\n", diagnosis.verdict.name(), diagnosis.sentence);
     for detail in error.into_iter().chain(details(diagnosis)) {
         let _ = writeln!(text, "- {detail}");
     }
-    let advised = || diagnosis.next_experiments.iter().take(MOST_ADVISED);
+    let advised = || diagnosis.next_experiments.iter().take(LISTED_EXPERIMENTS_MAX);
     let mut typed = "";
     for next in advised() {
         let _ = writeln!(text, "- Next: {}", advice(next));
@@ -160,7 +160,9 @@ pub(super) fn beside_a_fit(diagnosis: &Diagnosis, error: Option<String>) -> Stri
         }
     }
     if advised().any(|next| next.proposal.is_some() && next.command.is_empty()) {
-        text.push_str("  With --config, the rig's config, a config of each such run is written.\n");
+        text.push_str(
+            "  With --config CONFIG, the rig's config, a config is written for each proposed run.\n",
+        );
     }
     text
 }
@@ -170,7 +172,7 @@ fn unknown_force(force: &UnknownForce) -> String {
     let resembled = |other: &Resembled| format!("{} ({} %)", other.name, whole_percent(other.share));
     let resembles: Vec<String> = force.resembles.iter().map(resembled).collect();
     format!(
-        "A force on {} that nobody has a name for, by angle and rate, takes {} % ({} to {} %) of what is left on runs that it was not \
+        "An unknown force on {}, a function of angle and rate, explains {} % ({} to {} %) of the remaining residuals on runs that it was not \
          fitted to{}.",
         joints.join(", "),
         whole_percent(force.heldout.gain),
@@ -178,7 +180,7 @@ fn unknown_force(force: &UnknownForce) -> String {
         whole_percent(force.heldout.gain_ci95[1]),
         match resembles.is_empty() {
             true => "; no cause resembles it".into(),
-            false => format!("; of what it does could be done by {}", resembles.join(", ")),
+            false => format!("; parts of it could come from {}", resembles.join(", ")),
         }
     )
 }

@@ -10,8 +10,8 @@ use camera::calibration::View;
 
 /// About this many poses are superimposed: more become a grey mass.
 const DRAWN_POSES: usize = 45;
-/// A keypoint that the simulation moves by less is one of the frame \[m\].
-const FIXED_M: f64 = 1e-6;
+/// A keypoint that moves less than this in the simulation is fixed to the frame \[m\]. Chosen.
+const FIXED_KEYPOINT_MOTION_M: f64 = 1e-6;
 const WIDE_PX: (u32, u32) = (540, 190);
 const SQUARE_PX: (u32, u32) = (420, 400);
 
@@ -30,7 +30,7 @@ fn is_fixed(simulated: &Trajectory, name: &str) -> bool {
     let Some(k) = column(simulated, name) else { return false };
     let mut positions = (0..simulated.time_s.len()).map(|instant| simulated.at(instant, k));
     let Some(first) = positions.next() else { return false };
-    positions.all(|p| p.iter().zip(first).all(|(a, b)| (a - b).abs() < FIXED_M))
+    positions.all(|p| p.iter().zip(first).all(|(a, b)| (a - b).abs() < FIXED_KEYPOINT_MOTION_M))
 }
 
 /// Figs. d to f: each keypoint that moves over time, measured and simulated.
@@ -122,7 +122,7 @@ fn pose(trajectory: &Trajectory, instant: usize, base_m: Option<[f64; 3]>, view:
     base.into_iter().chain(keypoints).map(|place| millimetres(place, view)).collect()
 }
 
-/// What is seen of a place \[mm\].
+/// The two visible coordinates of a place \[mm\].
 fn millimetres(place: [f64; 3], view: View) -> (f64, f64) {
     view.seen(place).map(|metres| metres * 1e3).into()
 }

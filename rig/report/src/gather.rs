@@ -228,7 +228,7 @@ fn measured(path: &Path) -> Option<Command> {
     for record in reader.records() {
         let record = record.ok()?;
         command.time_s.push(record.get(0)?.parse().ok()?);
-        // An empty cell is an instant at which this servo told nothing.
+        // an empty cell is an instant without a measurement of this servo
         let angle =
             |&(i, _): &(usize, String)| record.get(i).and_then(|cell| cell.parse().ok()).unwrap_or(f64::NAN);
         command.angle_rad.extend(columns.iter().map(angle));

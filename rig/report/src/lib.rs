@@ -48,4 +48,4 @@ pub use motion::Motion;
 pub use page::render;
 pub use summary::{summary, written};
 pub use tone::Tone;
-pub use verdict::{Findings, Headline, is_settled};
+pub use verdict::{Findings, Headline, is_determined_alone};

@@ -1,6 +1,6 @@
 //! The mechanism moving in space, for the page's script: what it needs as compact JSON.
 //!
-//! Poses are the fitted model's, at most [`MOST_PER_S`] a second. Places are whole tenths of a millimetre, rotations whole ten-thousandths of a radian,
+//! Poses are the fitted model's, at most [`POSE_RATE_MAX_HZ`] a second. Places are whole tenths of a millimetre, rotations whole ten-thousandths of a radian,
 //! both as base64 of 16-bit integers, little end first.
 
 use base64::Engine as _;
@@ -16,17 +16,17 @@ use sim::{Model, Poses};
 use super::data::ReportData;
 use camera::calibration::View;
 
-/// Poses a second that are kept: what a screen shows.
-const MOST_PER_S: f64 = 60.0;
-/// Poses of a run that are kept.
-const MOST_POSES: usize = 1200;
+/// Poses a second at most: the rate of a usual screen. Chosen.
+const POSE_RATE_MAX_HZ: f64 = 60.0;
+/// Poses of a run at most. Chosen.
+const POSES_MAX: usize = 1200;
 /// One unit of a place \[m\],
 const PLACE_UNIT_M: f64 = 1e-4;
 /// of a rotation \[rad\],
 const TURN_UNIT_RAD: f64 = 1e-4;
 /// and of a time \[s\].
 const TIME_UNIT_S: f64 = 1e-3;
-/// Stands for a number that there is not.
+/// The value for a missing number.
 const GAP: i16 = i16::MIN;
 
 /// One run's motion in space.
@@ -43,7 +43,7 @@ pub struct Motion {
     poses: Vec<[f64; 6]>,
     /// Names of the measured keypoints, shape (K).
     keypoints: Vec<String>,
-    /// Their places \[m\], shape (instants, K), with the simulation's depth; NaN where one was not seen.
+    /// Their places \[m\], shape (instants, K), with the simulation's depth; NaN where one was not observed.
     measured_m: Vec<[f64; 3]>,
 }
 
@@ -97,12 +97,12 @@ impl Motion {
     }
 }
 
-/// The instants that are shown: evenly thinned to what a screen shows, and to what a page bears.
+/// Indices of the instants that are shown: thinned evenly to the rate of a screen and the size of a page.
 fn kept(time_s: &[f64]) -> Vec<usize> {
     let (Some(first), Some(last)) = (time_s.first(), time_s.last()) else { return Vec::new() };
-    /// Cameras are not quite even.
-    const SHORT_OF: f64 = 0.9;
-    let least_s = SHORT_OF * (1.0 / MOST_PER_S).max((last - first) / MOST_POSES as f64);
+    /// Intervals down to this share of the least one are accepted: the image rate of a camera varies a little. Chosen.
+    const INTERVAL_TOLERANCE_SHARE: f64 = 0.9;
+    let least_s = INTERVAL_TOLERANCE_SHARE * (1.0 / POSE_RATE_MAX_HZ).max((last - first) / POSES_MAX as f64);
     let mut kept: Vec<usize> = Vec::new();
     for (i, time) in time_s.iter().enumerate() {
         if kept.last().is_none_or(|&before| time - time_s[before] >= least_s) {
@@ -175,13 +175,13 @@ pub(super) fn section(data: &ReportData) -> Markup {
         return html! {};
     }
     // As an attribute it is text like any other, whatever a run is called.
-    let told = Value::Array(data.motions.iter().map(Motion::json).collect()).to_string();
+    let motions = Value::Array(data.motions.iter().map(Motion::json).collect()).to_string();
     html! {
-        section #motion data-motion=(told) {
+        section #motion data-motion=(motions) {
             h2 { "Motion in space" }
             p.legend {
                 span.key.simulated {} "simulated, with the model's shapes"
-                span.key.measured {} "measured keypoints; how far from the camera they are is the simulation's"
+                span.key.measured {} "measured keypoints; their distance from the camera is taken from the simulation"
             }
             p.fallback { "This view needs WebGL and scripts; runs have figures of the same motion." }
             div.view hidden {
@@ -202,7 +202,7 @@ pub(super) fn section(data: &ReportData) -> Markup {
                 }
                 p.lead {
                     "Drag or use the arrow keys to turn it; pinch, use the wheel (once clicked) or + and − to zoom; space plays. "
-                    "The net in the plane of motion has meshes of " span.net {} "."
+                    "The grid in the plane of motion has cells of " span.net {} "."
                 }
             }
         }
@@ -309,6 +309,6 @@ pub(super) mod tests {
     fn long_runs_are_thinned_to_what_a_page_bears() {
         let time_s: Vec<f64> = (0..60_000).map(|i| f64::from(i) * 0.01).collect();
         let kept = kept(&time_s);
-        assert!(kept.len() <= MOST_POSES * 6 / 5, "{}", kept.len());
+        assert!(kept.len() <= POSES_MAX * 6 / 5, "{}", kept.len());
     }
 }

@@ -8,13 +8,13 @@ use super::format::counted;
 use super::picture::{self, Picture};
 
 /// The longer side of a small picture \[px\].
-const SIDE_PX: u32 = 288;
-/// How much larger than usual marks are on a small picture.
-const MARKS: f64 = 1.7;
-/// What all small pictures together may take of the page.
-const MOST_BYTES: usize = 360_000;
+const THUMBNAIL_SIDE_PX: u32 = 288;
+/// Enlargement of the marks on a small picture. Chosen.
+const THUMBNAIL_MARK_SCALE: f64 = 1.7;
+/// Size of all small pictures together at most \[bytes\]. Chosen.
+const THUMBNAILS_LIMIT_BYTES: usize = 360_000;
 /// The most small pictures on a page.
-const MOST_PICTURES: usize = 24;
+const THUMBNAILS_MAX: usize = 24;
 
 /// The section; none where nothing was refused.
 pub(super) fn section(data: &ReportData) -> Markup {
@@ -22,7 +22,7 @@ pub(super) fn section(data: &ReportData) -> Markup {
         return html! {};
     }
     let total = data.images.as_ref().map(|images| images.received);
-    let mut room = Room { bytes: MOST_BYTES, pictures: MOST_PICTURES };
+    let mut room = Room { bytes: THUMBNAILS_LIMIT_BYTES, pictures: THUMBNAILS_MAX };
     html! {
         section #refused {
             h2 { "Refused and doubtful images" }
@@ -88,13 +88,13 @@ fn thumbnail(group: &RefusedImages, shown: &Overlay, picture: &Picture, word: &s
         (format!("{:.3} s", shown.time_s)) " · image " (shown.name)
         @if shown.status != group.reason { span.why { (shown.status) } }
     };
-    picture::drawn_over(shown, picture, MARKS, &alt, &caption)
+    picture::drawn_over(shown, picture, THUMBNAIL_MARK_SCALE, &alt, &caption)
 }
 
 /// The image as small as it is shown, with its mask.
 fn small(shown: &Overlay) -> Option<Picture> {
     let (width, height) = shown.image.dimensions();
-    let scale = (f64::from(SIDE_PX) / f64::from(width.max(height).max(1))).min(1.0);
+    let scale = (f64::from(THUMBNAIL_SIDE_PX) / f64::from(width.max(height).max(1))).min(1.0);
     let [w, h] = [width, height].map(|side| ((f64::from(side) * scale).round() as u32).max(1));
     let image = imageops::resize(&shown.image, w, h, FilterType::Triangle);
     let mask = shown.mask.as_ref().map(|mask| imageops::resize(mask, w, h, FilterType::Nearest));
@@ -135,7 +135,7 @@ mod tests {
             Luma([(grey >> 24) as u8])
         });
         let plain = GrayImage::from_pixel(640, 480, Luma([9]));
-        for (image, most) in [(&noise, 23), (&plain, MOST_PICTURES)] {
+        for (image, most) in [(&noise, 23), (&plain, THUMBNAILS_MAX)] {
             let refused = vec![group(10, image), group(10, image), group(10, image)];
             let page = section(&ReportData { refused, ..ReportData::default() }).into_string();
             let pictures = page.matches("data:image/jpeg").count();

@@ -163,7 +163,7 @@ pub(super) fn pictures(data: &ReportData) -> Markup {
     html! {
         @if !data.overlays.is_empty() {
             section #images {
-                h2 { "What vision saw" }
+                h2 { "Images with keypoints" }
                 p.lead { "Mask tinted blue, centreline in yellow, keypoints as dots." }
                 div.pictures { @for overlay in &data.overlays { (picture::overlay(overlay)) } }
             }
@@ -223,7 +223,7 @@ pub(super) fn quality(data: &ReportData) -> Markup {
     }
 }
 
-/// Where the time went.
+/// Wall times of the stages.
 pub(super) fn timings(data: &ReportData) -> Markup {
     let longest = data.timing.stages.iter().map(|s| s.wall_s).fold(0.0, f64::max);
     html! {
@@ -252,7 +252,7 @@ pub(super) fn timings(data: &ReportData) -> Markup {
     }
 }
 
-/// What it takes to get the same again.
+/// What is needed to reproduce the result.
 pub(super) fn provenance(data: &ReportData) -> Markup {
     html! {
         @if data.fit.is_some() || !data.provenance.is_empty() || data.config_toml.is_some() {

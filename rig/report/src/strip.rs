@@ -6,8 +6,8 @@ use super::data::RunFigures;
 use super::format::millimetres;
 use super::picture::Picture;
 
-/// With more keypoints than this, mean and worst of them are told.
-const MOST_LISTED: usize = 8;
+/// With more keypoints than this, only mean and worst error are listed. Chosen.
+const LISTED_KEYPOINTS_MAX: usize = 8;
 
 /// The film strip of a run; nothing where there is none.
 pub(super) fn strip(run: &RunFigures) -> Markup {
@@ -46,13 +46,13 @@ pub(super) fn strip(run: &RunFigures) -> Markup {
 /// Rows of errors: each keypoint's, or mean and worst of many.
 fn errors(run: &RunFigures) -> Vec<(String, Vec<String>)> {
     let names = &run.measured.keypoints;
-    if names.len() <= MOST_LISTED {
+    if names.len() <= LISTED_KEYPOINTS_MAX {
         let cell = |errors: &[(String, f64)], name: &String| {
             let error = errors.iter().find(|(other, _)| other == name);
             error.map_or("–".into(), |(_, error)| millimetres(*error))
         };
         let row = |name: &String| {
-            (format!("{name} off [mm]"), run.strip.iter().map(|one| cell(&one.errors_m, name)).collect())
+            (format!("{name} error [mm]"), run.strip.iter().map(|one| cell(&one.errors_m, name)).collect())
         };
         return names.iter().map(row).collect();
     }
@@ -65,7 +65,7 @@ fn errors(run: &RunFigures) -> Vec<(String, Vec<String>)> {
         worst.map_or("–".into(), |(name, error)| format!("{} ({name})", millimetres(*error)))
     };
     vec![
-        ("mean off [mm]".into(), run.strip.iter().map(|one| mean(&one.errors_m)).collect()),
-        ("worst off [mm]".into(), run.strip.iter().map(|one| worst(&one.errors_m)).collect()),
+        ("mean error [mm]".into(), run.strip.iter().map(|one| mean(&one.errors_m)).collect()),
+        ("worst error [mm]".into(), run.strip.iter().map(|one| worst(&one.errors_m)).collect()),
     ]
 }

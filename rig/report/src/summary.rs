@@ -8,19 +8,19 @@ use ident::fit::Fit;
 
 use super::coefficients::weighted_sum;
 use super::data::ReportData;
-use super::diagnosis_text::beside_a_fit;
+use super::diagnosis_text::diagnosis_lines;
 use super::format::{millimetres, percent, significant};
 use super::verdict::{is_combined, is_constant, verdict};
 use record::folder::file;
 
-/// What came out, as lines for a terminal, and where in `folder` to look at it whole.
+/// The summary for a terminal, and the address of the whole report in `folder`.
 pub fn written(data: &ReportData, folder: &Path) -> String {
     let report = folder.join(file::REPORT);
     let report = std::fs::canonicalize(&report).unwrap_or(report);
     format!("{}\nreport: file://{}", summary(data), report.display())
 }
 
-/// What came out, as lines for a terminal.
+/// The result as lines for a terminal.
 pub fn summary(data: &ReportData) -> String {
     let verdict = verdict(data);
     let mut text = format!("{}\n", verdict.headline.line);
@@ -35,12 +35,12 @@ pub fn summary(data: &ReportData) -> String {
             text.push('\n');
             text.push_str(&table(&coefficients(fit)));
             for sum in fit.combinations.iter().filter_map(weighted_sum) {
-                let _ = writeln!(text, "seen: {sum}");
+                let _ = writeln!(text, "determined combination: {sum}");
             }
         }
         if let Some(figures) = &data.diagnosis {
             text.push('\n');
-            text.push_str(&beside_a_fit(&figures.diagnosis, None));
+            text.push_str(&diagnosis_lines(&figures.diagnosis, None));
         }
     }
     text
@@ -102,7 +102,7 @@ fn coefficients(fit: &Fit) -> Vec<Vec<String>> {
     }
     for parameter in &fit.parameters {
         let combined = is_combined(fit, &parameter.name);
-        let open = if combined { "only in combination" } else { "left open" };
+        let open = if combined { "only in combination" } else { "not determined" };
         let mut remarks = Vec::new();
         if combined || !parameter.determined {
             remarks.push(open);

@@ -240,7 +240,7 @@ fn whole_report_shows_every_part_and_asks_nothing_of_the_net() {
     let strip = page.split("class=\"filmstrip\"").nth(1).expect("a film strip");
     assert_eq!(strip.split("</table>").next().unwrap().matches("<img").count(), 6);
     assert!(
-        strip.contains("<th>P2 off [mm]</th><td class=\"number\">–</td>"),
+        strip.contains("<th>P2 error [mm]</th><td class=\"number\">–</td>"),
         "a keypoint that was not seen"
     );
     assert!(page.contains(

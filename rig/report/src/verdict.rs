@@ -1,8 +1,8 @@
-//! What came out, in one colour and one sentence, for all who say it: the report, a terminal, the list of runs, the daemon's page.
+//! The headline of a result, one sentence and its colour, for the report, a terminal, the list of runs and the daemon's page.
 //!
-//! Colour and sentence come from the same few numbers: how far off the simulation is beside the keypoints' noise, how many
-//! coefficients the data determine, how many images were lost; and from what a diagnosis makes of it, where there is one. Error and
-//! noise are of one kind, along one axis, wherever they are told: their ratio is the one that a reader would form.
+//! Sentence and colour come from the same few numbers: the simulation's error against the keypoints' noise, how many coefficients the
+//! data determine, how many images were lost; and from the diagnosis, where there is one. Error and noise are both along one axis, so
+//! that their ratio can be read directly.
 
 use ident::diagnose::{self, Diagnosis};
 use ident::experiment::Spike;
@@ -16,26 +16,26 @@ use super::format::{counted, millimetres, percent};
 use super::tone::Tone;
 use record::losses::Losses;
 
-/// An error up to so many times the noise is noise: what noise is estimated from leaves it uncertain by as much.
-const NOISE_RATIO: f64 = 2.0;
-/// With an error beyond so many times the noise the coefficients are those of another mechanism.
-const FAR_RATIO: f64 = 10.0;
-/// A share of images lost that is worth a word, and one that leaves too little.
-const LOST_SHARE: f64 = 0.01;
-const FAR_TOO_MANY_LOST_SHARE: f64 = 0.1;
-/// Below this probability a coefficient is taken to differ from run to run.
-const CONSTANCY_P: f64 = 1e-3;
+/// Up to this ratio of error to noise the error counts as noise: the noise itself is uncertain by as much. Chosen.
+const ERROR_AT_NOISE_RATIO: f64 = 2.0;
+/// Beyond this ratio of error to noise the model does not describe the mechanism. Chosen.
+const ERROR_TOO_LARGE_RATIO: f64 = 10.0;
+/// Shares of lost images from which the headline mentions them, and from which it is bad. Chosen.
+const LOST_IMAGES_CAUTION_SHARE: f64 = 0.01;
+const LOST_IMAGES_BAD_SHARE: f64 = 0.1;
+/// Below this p-value of the constancy test a coefficient is taken to differ from run to run. Chosen.
+const CONSTANCY_P_VALUE: f64 = 1e-3;
 
-/// What a headline rests on.
+/// The numbers that a headline is made of.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Findings {
-    /// How far off the simulation is on the runs it was fitted to \[m\], as [`AxisError`](ident::loss::AxisError) says.
+    /// Error of the simulation on the fitted runs \[m\], as in [`AxisError`](ident::loss::AxisError).
     pub error_m: Option<f64>,
     /// The same on held-out runs \[m\].
     pub holdout_error_m: Option<f64>,
-    /// What would be left of it if nothing were wrong: the keypoints' noise, one standard deviation along one axis \[m\].
+    /// The keypoints' noise, one standard deviation along one axis \[m\]: the error of a perfect model.
     pub noise_m: f64,
-    /// Where that comes from, in words.
+    /// Where the noise comes from, in words.
     pub noise_source: String,
     /// How many coefficients were fitted.
     pub coefficients: usize,
@@ -43,28 +43,28 @@ pub struct Findings {
     pub determined: usize,
     /// How many runs they were fitted to.
     pub runs: usize,
-    /// What is missing of the images of a run that was filmed.
+    /// Lost images, of a run that was filmed.
     pub images: Option<Losses>,
-    /// What the diagnosis says, where one was made.
+    /// The verdict of the diagnosis, where one was made.
     pub diagnosis: Option<diagnose::Verdict>,
 }
 
-/// What came out, in a sentence and its colour.
+/// The result in a sentence, with its colour.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Headline {
     /// How good the news is.
     pub tone: Tone,
-    /// In a sentence.
+    /// The sentence.
     pub line: String,
 }
 
 impl Findings {
-    /// What `fit` says.
+    /// The findings of `fit`.
     pub fn of(fit: &Fit) -> Self {
         let source = match fit.noise_source {
-            NoiseSource::Stated => "as the experiment states it",
-            NoiseSource::Residuals => "as the fit leaves it",
-            NoiseSource::Images => "as the images by themselves show it",
+            NoiseSource::Stated => "stated by the experiment",
+            NoiseSource::Residuals => "estimated from the fit's residuals",
+            NoiseSource::Images => "estimated from the images alone",
         };
         Self {
             error_m: fit.error_m,
@@ -72,39 +72,40 @@ impl Findings {
             noise_m: fit.noise_m,
             noise_source: source.into(),
             coefficients: fit.parameters.len(),
-            determined: fit.parameters.iter().filter(|parameter| is_settled(fit, parameter)).count(),
+            determined: fit.parameters.iter().filter(|parameter| is_determined_alone(fit, parameter)).count(),
             runs: fit.runs.len(),
             ..Self::default()
         }
     }
 
-    /// With what a diagnosis makes of it. Its noise is measured with a model at hand, while the mechanism moves too, and counts where
-    /// there is one: `floor_m` \[m\].
+    /// Adds the verdict of a diagnosis and its noise `floor_m` \[m\], which replaces the fit's: it is measured while the mechanism moves
+    /// too.
     #[must_use]
     pub fn diagnosed(self, verdict: diagnose::Verdict, floor_m: f64) -> Self {
-        let noise_source = "as the diagnosis measured it, with what pictures get wrong with the pose".into();
+        let noise_source =
+            "measured by the diagnosis, including errors of the images that follow the pose".into();
         Self { diagnosis: Some(verdict), noise_m: floor_m, noise_source, ..self }
     }
 
-    /// Of a run that was filmed, and lacks so much of its images.
+    /// Adds the lost images of a run that was filmed.
     #[must_use]
     pub fn filmed(self, losses: Losses) -> Self {
         Self { images: Some(losses), ..self }
     }
 
-    /// What `diagnosis` says by itself: of the simulation with what it names.
+    /// The findings of `diagnosis` without a fit: the error is that of the simulation with the named causes.
     fn of_diagnosis(diagnosis: &Diagnosis) -> Self {
         let error_m = diagnosis.error_m(!diagnosis.causes.is_empty());
         Self { error_m, ..Self::default() }.diagnosed(diagnosis.verdict, diagnosis.floor_m())
     }
 
-    /// How many times the noise the simulation is off, by the worse of fitted and held-out runs.
+    /// Ratio of the simulation's error to the noise, by the worse of fitted and held-out runs.
     pub fn over_noise(&self) -> Option<f64> {
         let worst_m = self.error_m.into_iter().chain(self.holdout_error_m).reduce(f64::max)?;
         (self.noise_m > 0.0).then(|| worst_m / self.noise_m)
     }
 
-    /// What came of a fit.
+    /// The headline of a fit.
     pub fn headline(&self) -> Headline {
         let clauses = [Some(self.error()), self.coefficients(), self.lost(), self.diagnosis()];
         Headline::joined(clauses.into_iter().flatten())
@@ -122,21 +123,19 @@ impl Findings {
             (None, None) => return (Tone::Bad, "the fit left no error that could be scored".into()),
         };
         let Some(ratio) = self.over_noise() else {
-            return (
-                Tone::Caution,
-                format!("the simulation is off by {off}, beside a noise that is not known"),
-            );
+            return (Tone::Caution, format!("the simulation is off by {off}; the noise is not known"));
         };
-        let beside = format!("{} times the noise of {} mm", ratio_text(ratio), millimetres(self.noise_m));
+        let against_noise =
+            format!("{} times the noise of {} mm", ratio_text(ratio), millimetres(self.noise_m));
         match ratio {
-            ratio if ratio <= NOISE_RATIO => (
+            ratio if ratio <= ERROR_AT_NOISE_RATIO => (
                 Tone::Good,
-                format!("the simulation follows the keypoints to their noise: off by {off}, {beside}"),
+                format!("the simulation follows the keypoints to their noise: off by {off}, {against_noise}"),
             ),
-            ratio if ratio <= FAR_RATIO => {
-                (Tone::Caution, format!("the simulation is off by {off}, {beside}"))
+            ratio if ratio <= ERROR_TOO_LARGE_RATIO => {
+                (Tone::Caution, format!("the simulation is off by {off}, {against_noise}"))
             }
-            _ => (Tone::Bad, format!("the simulation is off by {off}, {beside}")),
+            _ => (Tone::Bad, format!("the simulation is off by {off}, {against_noise}")),
         }
     }
 
@@ -158,12 +157,15 @@ impl Findings {
         }
     }
 
-    /// What a recording no longer gives is told however little it is: whoever reads the headline takes it for the whole run.
+    /// Lost images. Images that cannot be read from the recording are always mentioned, however few.
     fn lost(&self) -> Option<(Tone, String)> {
         let losses = self.images?;
         let share = losses.share();
-        let tone = if share > FAR_TOO_MANY_LOST_SHARE { Tone::Bad } else { Tone::Caution };
-        losses.say().filter(|_| share > LOST_SHARE || losses.unread > 0).map(|said| (tone, said))
+        let tone = if share > LOST_IMAGES_BAD_SHARE { Tone::Bad } else { Tone::Caution };
+        losses
+            .say()
+            .filter(|_| share > LOST_IMAGES_CAUTION_SHARE || losses.unread > 0)
+            .map(|said| (tone, said))
     }
 
     fn diagnosis(&self) -> Option<(Tone, String)> {
@@ -171,10 +173,10 @@ impl Findings {
         let verdict = self.diagnosis?;
         let says = match verdict {
             Verdict::NothingDetectable => "nothing wrong",
-            Verdict::Cause => "the cause of it",
-            Verdict::Causes => "the causes of it",
+            Verdict::Cause => "the cause",
+            Verdict::Causes => "the causes",
             Verdict::Suspected => "a cause that no other run has checked",
-            Verdict::Ambiguous => "several causes that would do",
+            Verdict::Ambiguous => "several causes that explain the runs equally well",
             Verdict::Unexplained => "something wrong that no known cause explains",
         };
         Some((diagnosis_tone(verdict), format!("the diagnosis finds {says}")))
@@ -202,24 +204,24 @@ pub(super) fn diagnosis_tone(verdict: diagnose::Verdict) -> Tone {
     }
 }
 
-/// A ratio as people read it: a digit behind the point where that says something.
+/// A ratio for reading: one decimal below 10, none above.
 pub(super) fn ratio_text(ratio: f64) -> String {
     if ratio < 9.95 { format!("{ratio:.1}") } else { format!("{ratio:.0}") }
 }
 
-/// Whether the data settle a coefficient by itself, not just a combination with others.
-pub fn is_settled(fit: &Fit, parameter: &FittedParameter) -> bool {
+/// Whether the data determine a coefficient by itself, not only a combination with others.
+pub fn is_determined_alone(fit: &Fit, parameter: &FittedParameter) -> bool {
     parameter.determined && !is_combined(fit, &parameter.name)
 }
 
-/// Whether only a combination of this coefficient with others is seen.
+/// Whether only a combination of this coefficient with others is determined.
 pub(super) fn is_combined(fit: &Fit, name: &str) -> bool {
     fit.unidentifiable.iter().any(|group| group.len() > 1 && group.iter().any(|member| member == name))
 }
 
-/// Whether all runs agree on a coefficient, as far as they were asked.
+/// Whether all runs agree on a coefficient, as far as that was tested.
 pub(super) fn is_constant(parameter: &FittedParameter) -> bool {
-    parameter.constancy.is_none_or(|test| test.p >= CONSTANCY_P)
+    parameter.constancy.is_none_or(|test| test.p >= CONSTANCY_P_VALUE)
 }
 
 /// The headline, and sentences that qualify it.
@@ -229,7 +231,7 @@ pub(super) struct Verdict {
     pub(super) details: Vec<String>,
 }
 
-/// What a report's headline rests on; nothing where nothing was fitted or diagnosed.
+/// The findings of a report's headline; none where nothing was fitted or diagnosed.
 pub(super) fn findings(data: &ReportData) -> Option<Findings> {
     let diagnosis = data.diagnosis.as_ref().map(|figures| &figures.diagnosis);
     let findings = match (&data.fit, diagnosis) {
@@ -248,7 +250,7 @@ fn filmed(findings: Findings, data: &ReportData) -> Findings {
     }
 }
 
-/// Reads the verdict off the data. Its line says where it is of fewer images than were received.
+/// The verdict of the data; its line mentions lost images.
 pub(super) fn verdict(data: &ReportData) -> Verdict {
     let plain = |tone, line: String| Verdict { headline: Headline { tone, line }, details: Vec::new() };
     match (&data.end, &data.fit, &data.diagnosis, findings(data)) {
@@ -283,7 +285,7 @@ fn measured(data: &ReportData) -> String {
     }
 }
 
-/// What error and noise are, wherever they are told.
+/// The definitions of error and noise for the reader.
 fn definitions(findings: &Findings, length_m: f64) -> String {
     let worst_m = findings.error_m.into_iter().chain(findings.holdout_error_m).fold(0.0, f64::max);
     let share = match length_m > 0.0 && worst_m > 0.0 {
@@ -316,26 +318,26 @@ fn details(fit: &Fit, findings: &Findings, data: &ReportData) -> Vec<String> {
     let elsewhere = fit.starts.iter().filter(|start| !start.agrees).count();
     if elsewhere > 0 {
         details.push(format!(
-            "{elsewhere} of {} of the search ended elsewhere: there are other optima, of which the best counts.",
+            "{elsewhere} of {} of the search ended in other optima; the best one is used.",
             counted(fit.starts.len(), "start")
         ));
     }
     details
 }
 
-/// Which coefficients are not to be read as measured, beyond those that are not determined.
+/// Sentences on coefficients at a bound or that differ from run to run.
 fn on_coefficients(fit: &Fit) -> Vec<String> {
     let mut details = Vec::new();
     let bound = fit.parameters.iter().filter(|p| p.at_bound).count();
     if bound > 0 {
-        let rests = if bound == 1 { "coefficient rests" } else { "coefficients rest" };
-        details.push(format!("{bound} {rests} on a bound."));
+        let are = if bound == 1 { "coefficient is" } else { "coefficients are" };
+        details.push(format!("{bound} {are} at a bound."));
     }
     let drifting: Vec<&str> =
         fit.parameters.iter().filter(|p| !is_constant(p)).map(|p| p.name.as_str()).collect();
     if !drifting.is_empty() {
         details.push(format!(
-            "The runs do not agree on {}: there it stands in for something that differs from run to run.",
+            "The runs do not agree on {}: its fitted value covers for an effect that differs from run to run.",
             drifting.join(", ")
         ));
     }

@@ -1,5 +1,5 @@
-//! Camera and servo board on threads of their own. Images come to the coordinator through a bounded queue; whatever the board
-//! tells and every fault comes through one without a bound, so that nothing on the way to the safe stop ever waits for room.
+//! Camera and servo board on threads of their own. Images reach the coordinator through a bounded queue; events of the board and all
+//! faults come through an unbounded one, so that nothing on the way to the safe stop ever waits for room.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, TrySendError, sync_channel};
@@ -16,21 +16,21 @@ use ground::urgency::Urgency;
 use servo::{PulseProfile, PulseTrack};
 use servo::{ServoBoard, ServoError, ServoEvent, StopOutcome};
 
-/// What the camera shows.
+/// What the camera's threads send to the coordinator.
 #[derive(Debug)]
-pub enum Seen {
+pub enum CameraUpdate {
     /// An image, in order of exposure.
     Image(Arc<CameraImage>),
     /// Share of the picture that changed within [`STILLNESS_SPAN_S`].
     Changed(f64),
 }
 
-/// What must not wait: few and small, even from a board that tells a hundred pulses a second.
+/// Faults and events of the board, which must not wait for room: few and small, even from a board that reports a hundred pulses a second.
 #[derive(Debug)]
 pub enum Signal {
     /// The camera failed; nothing more comes from it.
     CameraFailed(CameraError),
-    /// Something the board told.
+    /// An event of the board.
     Servo(ServoEvent),
     /// The board failed.
     ServoFailed(ServoError),
@@ -38,12 +38,12 @@ pub enum Signal {
     Panicked(&'static str),
 }
 
-/// Images compared for stillness lie so far apart \[s\].
+/// Time between two images that are compared for stillness \[s\], chosen.
 pub const STILLNESS_SPAN_S: f64 = 0.1;
-/// The camera's thread looks so often whether there is room in a full queue.
-const ROOM_PERIOD: Duration = Duration::from_millis(1);
-/// Time between two looks at the board.
-const SERVO_PERIOD: Duration = Duration::from_millis(5);
+/// Time between two tries to send into a full queue, chosen.
+const QUEUE_RETRY_PERIOD: Duration = Duration::from_millis(1);
+/// Time between two polls of the board, chosen.
+const SERVO_POLL_PERIOD: Duration = Duration::from_millis(5);
 
 /// Sends [`Signal::Panicked`] when its thread unwinds.
 struct PanicReport(&'static str, UnboundedSender<Signal>);
@@ -51,13 +51,13 @@ struct PanicReport(&'static str, UnboundedSender<Signal>);
 impl Drop for PanicReport {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            // Fails only when the coordinator is gone: nobody is left to tell.
+            // Fails only when the coordinator has ended: then nobody needs it.
             let _ = self.1.send(Signal::Panicked(self.0));
         }
     }
 }
 
-/// Starts the thread `name`. Every thread of a device starts here, so that none can panic unheard.
+/// Starts the thread `name`. Every thread of a device starts here, so that no panic goes unreported.
 fn start_thread(
     name: &'static str,
     urgency: Urgency,
@@ -87,13 +87,13 @@ impl CameraThread {
     pub fn start(
         mut camera: Box<dyn Camera>,
         stall: Duration,
-        seen: Sender<Seen>,
+        updates: Sender<CameraUpdate>,
         signals: UnboundedSender<Signal>,
     ) -> Result<Self, CameraError> {
         camera.start()?;
         let (quit, quitting) = sync_channel::<()>(1);
         let (look_at, watched) = sync_channel(1);
-        let changes = seen.clone();
+        let changes = updates.clone();
         let watcher = start_thread("stillness", Urgency::Pictures, signals.clone(), move || {
             watch_stillness(&watched, &changes);
         });
@@ -107,17 +107,17 @@ impl CameraThread {
                         break;
                     }
                 };
-                // The watcher looks at what it has time for.
+                // The stillness thread skips images that it has no time for.
                 if let Err(TrySendError::Disconnected(_)) = look_at.try_send(Arc::clone(&image)) {
                     break;
                 }
-                let mut waiting = Some(Seen::Image(image));
+                let mut waiting = Some(CameraUpdate::Image(image));
                 while let Some(image) = waiting.take() {
-                    match seen.try_send(image) {
+                    match updates.try_send(image) {
                         Ok(()) => {}
                         Err(Full(image)) if !quits() => {
                             waiting = Some(image);
-                            std::thread::sleep(ROOM_PERIOD);
+                            std::thread::sleep(QUEUE_RETRY_PERIOD);
                         }
                         // Nobody wants it any more.
                         Err(Full(_) | Closed(_)) => break 'film,
@@ -141,7 +141,7 @@ impl Drop for CameraThread {
     }
 }
 
-fn watch_stillness(images: &Receiver<Arc<CameraImage>>, seen: &Sender<Seen>) {
+fn watch_stillness(images: &Receiver<Arc<CameraImage>>, updates: &Sender<CameraUpdate>) {
     let mut before: Option<(MonotonicNs, image::GrayImage)> = None;
     for image in images {
         if before.as_ref().is_some_and(|(then, _)| image.mid_exposure.seconds_since(*then) < STILLNESS_SPAN_S)
@@ -151,8 +151,8 @@ fn watch_stillness(images: &Receiver<Arc<CameraImage>>, seen: &Sender<Seen>) {
         // A damaged image says nothing about the water; extraction reports it later.
         let Ok(picture) = decode::grey(&image) else { continue };
         if let Some((_, before)) = &before
-            // What finds no room is not missed: the next look follows.
-            && let Err(Closed(_)) = seen.try_send(Seen::Changed(changed_share(before, &picture)))
+            // One that finds no room is dropped: the next follows soon.
+            && let Err(Closed(_)) = updates.try_send(CameraUpdate::Changed(changed_share(before, &picture)))
         {
             return;
         }
@@ -163,7 +163,7 @@ fn watch_stillness(images: &Receiver<Arc<CameraImage>>, seen: &Sender<Seen>) {
 enum Order {
     Approach(PulseProfile, f64),
     Arm(PulseProfile, MonotonicNs),
-    /// How it is stopped.
+    /// Where the outcome goes, and the way in which the board is stopped.
     Stop(SyncSender<StopOutcome>, fn(&mut dyn ServoBoard) -> StopOutcome),
 }
 
@@ -198,7 +198,7 @@ impl ServoThread {
         let _ = self.orders.try_send(Order::Arm(profile, start));
     }
 
-    /// The safe stop. Returns what the board said; calling it again changes nothing.
+    /// The safe stop. Returns the board's outcome; calling it again changes nothing.
     pub fn stop(&mut self) -> StopOutcome {
         self.end(|board| board.stop())
     }
@@ -235,7 +235,7 @@ impl Drop for ServoThread {
 
 fn serve(board: &mut dyn ServoBoard, orders: &Receiver<Order>, signals: &UnboundedSender<Signal>) {
     loop {
-        match orders.recv_timeout(SERVO_PERIOD) {
+        match orders.recv_timeout(SERVO_POLL_PERIOD) {
             Ok(Order::Approach(profile, duration_s)) => {
                 let jog = |track: &PulseTrack| board.jog(track.channel, track.start_pulse, duration_s);
                 if let Err(error) = profile.tracks.iter().try_for_each(jog) {
@@ -249,7 +249,7 @@ fn serve(board: &mut dyn ServoBoard, orders: &Receiver<Order>, signals: &Unbound
             }
             Ok(Order::Stop(answer, how)) => {
                 let outcome = how(board);
-                // What the board told on its way to the stop still belongs into the recording.
+                // Events up to the stop still belong into the recording.
                 forward(board, signals);
                 let _ = answer.send(outcome);
                 return;
@@ -265,8 +265,8 @@ fn serve(board: &mut dyn ServoBoard, orders: &Receiver<Order>, signals: &Unbound
 
 fn forward(board: &mut dyn ServoBoard, signals: &UnboundedSender<Signal>) {
     match board.poll() {
-        Ok(told) => {
-            for event in told {
+        Ok(events) => {
+            for event in events {
                 let _ = signals.send(Signal::Servo(event));
             }
         }

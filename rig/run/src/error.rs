@@ -10,28 +10,28 @@ use servo::profile::ProfileError;
 /// Why a run could not be filmed.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// The camera.
+    /// The camera failed or was refused.
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// The board.
+    /// The board failed or was refused.
     #[error(transparent)]
     Servo(#[from] ServoError),
-    /// The run's files.
+    /// The run's files cannot be written or read.
     #[error(transparent)]
     Record(#[from] RecordError),
     /// The profile breaks a limit.
     #[error(transparent)]
     Profile(#[from] ProfileError),
-    /// The mock tank.
+    /// The simulated tank cannot be set up.
     #[error(transparent)]
     Tank(#[from] tank::TankError),
     /// Another process has the port.
     #[error(transparent)]
     Claim(#[from] ground::claim::ClaimError),
-    /// The calibration cannot be used: better known before anything moves.
+    /// The calibration cannot be used; checked before anything moves.
     #[error(transparent)]
     Calibration(#[from] camera::calibration::CalibrationError),
-    /// A file named by the config.
+    /// A file named by the config cannot be read.
     #[error("reading {}", path.display())]
     File {
         /// The file.
@@ -42,12 +42,12 @@ pub enum RunError {
 }
 
 impl RunError {
-    /// Nothing may move.
+    /// Whether a hold is the reason.
     pub fn is_hold(&self) -> bool {
         matches!(self, Self::Servo(ServoError::Held(_)))
     }
 
-    /// The config or a file it names is at fault, not a device.
+    /// Whether the config or a file that it names is at fault, not a device.
     pub fn is_input(&self) -> bool {
         matches!(self, Self::Profile(_) | Self::File { .. } | Self::Tank(_) | Self::Calibration(_))
     }

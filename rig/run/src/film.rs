@@ -1,4 +1,4 @@
-//! Films one experiment: feeds the state machine with what the devices tell, and does what it says.
+//! Films one experiment: passes the devices' events to the state machine, and carries out its actions.
 
 use std::future::Future;
 use std::ops::Range;
@@ -9,7 +9,7 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
-use super::devices::{CameraThread, Seen, ServoThread, Signal};
+use super::devices::{CameraThread, CameraUpdate, ServoThread, Signal};
 use super::listener::{Listener, Notice};
 use super::machine::{Action, Ending, Event, Machine, Plan};
 use camera::{Camera, CameraError, CameraImage, Rising, images_lost};
@@ -20,9 +20,9 @@ use record::{RecordError, ServoCommand};
 use servo::PulseProfile;
 use servo::{ServoBoard, ServoError, ServoEvent, StopOutcome};
 
-/// Images, and measures of how still they are, that may wait for the coordinator: several seconds of them.
+/// Images and measures of their stillness that may wait for the coordinator, chosen: several seconds of them.
 const QUEUE_IMAGES: usize = 1024;
-/// The machine hears of time at least so often.
+/// Longest time between two events to the state machine, chosen.
 const TICK_PERIOD: Duration = Duration::from_millis(10);
 
 /// What a run is filmed with.
@@ -31,22 +31,23 @@ pub struct Setup {
     pub plan: Plan,
     /// The camera, not started yet.
     pub camera: Box<dyn Camera>,
-    /// Silence of the camera for so long is a fault.
+    /// Longest time without an image before it is a fault.
     pub stall: Duration,
     /// The board and what it is to play; a drop has none.
     pub drive: Option<(Box<dyn ServoBoard>, PulseProfile)>,
-    /// Where everything is kept.
+    /// The recording that everything goes into.
     pub recorder: Recorder,
 }
 
-/// The empty tank is learned from this share of the motion, and no less than these seconds of it \[s\]: both sides of the
-/// mechanism have been seen free by then, and what is left of the motion is time to look at the images.
-const LEARN_SHARE: f64 = 1.0 / 3.0;
-const LEARN_S: f64 = 2.0;
-/// What this share of the motion shows is worth a first fit, and what is left is time for it.
-const FIT_SHARE: f64 = 0.75;
+/// The empty tank is learned from the first part of the motion, chosen: by then the water on both sides of the mechanism was visible,
+/// and the rest of the motion is time to analyse the images.
+const LEARN_MOTION_SHARE: f64 = 1.0 / 3.0;
+/// The shortest such part \[s\], chosen.
+const MIN_LEARN_MOTION_S: f64 = 2.0;
+/// Share of the motion after which a first fit begins, chosen: the rest of the motion is time for it.
+const FIRST_FIT_MOTION_SHARE: f64 = 0.75;
 
-/// What came out of filming.
+/// The result of filming.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filmed {
     /// How it ended.
@@ -55,7 +56,7 @@ pub struct Filmed {
     pub servo: StopOutcome,
     /// Time from the decision to stop to the board's answer \[s\].
     pub stop_s: f64,
-    /// What the recording holds.
+    /// What went into the recording.
     pub recorded: Recorded,
     /// What was wrong with its images.
     pub images: ImageCount,
@@ -66,15 +67,15 @@ pub struct Filmed {
 /// Films until the machine stops, `interrupt` resolves, or a device fails. Whatever happens, the servo is stopped
 /// before anything else is closed.
 pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, listener: &mut impl Listener) -> Filmed {
-    let (signals, mut signalled) = mpsc::unbounded_channel();
-    let (seen, mut to_see) = mpsc::channel(QUEUE_IMAGES);
+    let (signals, mut signal_receiver) = mpsc::unbounded_channel();
+    let (updates, mut update_receiver) = mpsc::channel(QUEUE_IMAGES);
     let profile = setup.drive.as_ref().map(|(_, profile)| profile.clone());
     let mut servo = setup.drive.map(|(board, _)| ServoThread::start(board, signals.clone()));
     if let (Some(servo), Some(profile)) = (&servo, &profile) {
         servo.approach(profile, setup.plan.approach_s);
     }
-    let camera = CameraThread::start(setup.camera, setup.stall, seen, signals);
-    let mut kept = Kept { recorder: setup.recorder, images: Images::default(), listener };
+    let camera = CameraThread::start(setup.camera, setup.stall, updates, signals);
+    let mut intake = Intake { recorder: setup.recorder, images: Images::default(), listener };
 
     let mut milestones = Milestones::new(setup.plan.motion_s());
     let mut machine = Machine::new(setup.plan, MonotonicNs::now());
@@ -89,40 +90,40 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, listener: &
             None => tokio::select! {
                 biased;
                 () = &mut interrupt => Event::Interrupted("interrupted".into()),
-                Some(signal) = signalled.recv() => match kept.take_signal(signal) {
+                Some(signal) = signal_receiver.recv() => match intake.take_signal(signal) {
                     Ok(Some(event)) => event,
                     Ok(None) => continue,
                     Err(error) => Event::Fault(with_causes(&error)),
                 },
-                Some(seen) = to_see.recv() => {
-                    kept.take_seen(seen).unwrap_or_else(|error| Event::Fault(with_causes(&error)))
+                Some(update) = update_receiver.recv() => {
+                    intake.take_update(update).unwrap_or_else(|error| Event::Fault(with_causes(&error)))
                 }
                 _ = ticks.tick() => Event::Tick,
             },
         };
         let now = MonotonicNs::now();
         if event == Event::Tick {
-            kept.listener.hear(&Notice::Phase(machine.phase(), kept.images.count.received));
-            kept.listener.hear(&Notice::Counted(kept.images.count.clone(), kept.recorder.behind()));
-            if let Some(behind) = kept.recorder.falls_behind() {
-                kept.listener.hear(&Notice::FallsBehind(behind));
+            intake.listener.hear(&Notice::Phase(machine.phase(), intake.images.count.received));
+            intake.listener.hear(&Notice::Counted(intake.images.count.clone(), intake.recorder.behind()));
+            if let Some(behind) = intake.recorder.falls_behind() {
+                intake.listener.hear(&Notice::FallsBehind(behind));
             }
             if let Some(moves_s) = machine.moves_for_s(now) {
-                milestones.pass(moves_s, kept.images.count.received, kept.listener);
+                milestones.pass(moves_s, intake.images.count.received, intake.listener);
             }
         }
         match machine.on(event, now) {
             None => {}
             Some(Action::Arm(start)) => {
                 if let (Some(servo), Some(profile)) = (&servo, &profile) {
-                    kept.listener.hear(&Notice::Journal("arming".into()));
+                    intake.listener.hear(&Notice::Journal("arming".into()));
                     servo.arm(profile.clone(), start);
-                    let told = kept.command(ServoCommand::Arm { start, profile: profile.clone() });
-                    next = told.err().map(|error| Event::Fault(with_causes(&error)));
+                    let sent = intake.command(ServoCommand::Arm { start, profile: profile.clone() });
+                    next = sent.err().map(|error| Event::Fault(with_causes(&error)));
                 }
             }
-            Some(Action::AskForRelease) => kept.listener.hear(&Notice::LetGo),
-            Some(Action::Journal(text)) => kept.listener.hear(&Notice::Journal(text.into())),
+            Some(Action::AskForRelease) => intake.listener.hear(&Notice::LetGo),
+            Some(Action::Journal(text)) => intake.listener.hear(&Notice::Journal(text.into())),
             Some(Action::Stop(ending)) => break ending,
         }
     };
@@ -134,23 +135,23 @@ pub async fn film(setup: Setup, interrupt: impl Future<Output = ()>, listener: &
         (Some(servo), Ending::Abort(_) | Ending::Fail(_)) => servo.stop(),
     });
     let stop_s = MonotonicNs::now().seconds_since(decided);
-    kept.listener.hear(&Notice::Journal("servo-stopped".into()));
+    intake.listener.hear(&Notice::Journal("servo-stopped".into()));
     tokio::task::block_in_place(|| drop(camera));
-    // What was told and seen before still belongs into the recording; faults on the way down change nothing.
-    while let Ok(signal) = signalled.try_recv() {
-        let _ = kept.take_signal(signal);
+    // Events and images from before the stop still belong into the recording; faults after it change nothing.
+    while let Ok(signal) = signal_receiver.try_recv() {
+        let _ = intake.take_signal(signal);
     }
-    while let Ok(seen) = to_see.try_recv() {
-        let _ = kept.take_seen(seen);
+    while let Ok(update) = update_receiver.try_recv() {
+        let _ = intake.take_update(update);
     }
-    let _ = kept.command(ServoCommand::Stop { outcome });
-    kept.listener.hear(&Notice::Counted(kept.images.count.clone(), kept.recorder.behind()));
-    let images = kept.images.count.clone();
-    let (ending, recorded) = kept.finish(ending);
+    let _ = intake.command(ServoCommand::Stop { outcome });
+    intake.listener.hear(&Notice::Counted(intake.images.count.clone(), intake.recorder.behind()));
+    let images = intake.images.count.clone();
+    let (ending, recorded) = intake.finish(ending);
     Filmed { ending, servo: outcome, stop_s, recorded, images, learn_from: milestones.learn_from }
 }
 
-/// When enough of the motion has been filmed for the work beside the filming.
+/// When enough of the motion has been filmed for the analysis that runs alongside.
 struct Milestones {
     learn_s: f64,
     fit_s: f64,
@@ -164,8 +165,8 @@ impl Milestones {
     /// Of a motion that takes `motion_s` \[s\].
     fn new(motion_s: f64) -> Self {
         Self {
-            learn_s: (LEARN_SHARE * motion_s).max(LEARN_S),
-            fit_s: FIT_SHARE * motion_s,
+            learn_s: (LEARN_MOTION_SHARE * motion_s).max(MIN_LEARN_MOTION_S),
+            fit_s: FIRST_FIT_MOTION_SHARE * motion_s,
             first_moving: None,
             learn_from: None,
             fits: false,
@@ -186,27 +187,27 @@ impl Milestones {
     }
 }
 
-/// Where everything goes that is told and seen: into the recording, and to who listens.
-struct Kept<'a, L> {
+/// Takes in images and events: records them and passes them on to the listener.
+struct Intake<'a, L> {
     recorder: Recorder,
     images: Images,
     listener: &'a mut L,
 }
 
-impl<L: Listener> Kept<'_, L> {
-    /// Records what the camera shows and says what it means to the machine.
-    fn take_seen(&mut self, seen: Seen) -> Result<Event, RecordError> {
-        Ok(match seen {
-            Seen::Image(image) => {
+impl<L: Listener> Intake<'_, L> {
+    /// Records an update of the camera; returns its event for the state machine.
+    fn take_update(&mut self, update: CameraUpdate) -> Result<Event, RecordError> {
+        Ok(match update {
+            CameraUpdate::Image(image) => {
                 self.recorder.image(Arc::clone(&image))?;
                 self.listener.hear(&Notice::Image(Arc::clone(&image)));
                 Event::Image { identical: self.images.take(image) }
             }
-            Seen::Changed(share) => Event::Changed(share),
+            CameraUpdate::Changed(share) => Event::Changed(share),
         })
     }
 
-    /// Records what a device told and says what it means to the machine, if anything.
+    /// Records a signal of a device; returns its event for the state machine, if it has one.
     fn take_signal(&mut self, signal: Signal) -> Result<Option<Event>, RecordError> {
         Ok(Some(match signal {
             Signal::CameraFailed(CameraError::End) => Event::Fault("camera: no more images".into()),
@@ -232,14 +233,14 @@ impl<L: Listener> Kept<'_, L> {
         }))
     }
 
-    /// Records what the board was told.
+    /// Records a command to the board.
     fn command(&mut self, command: ServoCommand) -> Result<(), RecordError> {
         self.recorder.command(&command)?;
         self.listener.hear(&Notice::Command(command));
         Ok(())
     }
 
-    /// Closes the recording. A success without a whole recording is none.
+    /// Closes the recording. A success becomes a failure where the recording could not be finished.
     fn finish(self, ending: Ending) -> (Ending, Recorded) {
         match tokio::task::block_in_place(|| self.recorder.finish()) {
             Ok(recorded) => (ending, recorded),
@@ -260,9 +261,9 @@ pub struct ImageCount {
     pub lost: u64,
     /// Marked as damaged, or not whole.
     pub damaged: u64,
-    /// Their bytes are those of the one before.
+    /// Same bytes as the image before.
     pub repeated: u64,
-    /// Their stamp is not later than all before.
+    /// Stamp not later than that of every image before.
     pub stale: u64,
 }
 

@@ -35,12 +35,12 @@ use record::start_stop::{ClockPair, Start, Status, Stop};
 use servo::profile::{Profile, ProfileError};
 use servo::{PulseProfile, PulseTrack};
 
-/// How far ahead the board is armed \[s\]: a few round trips and resends.
-const LEAD_S: f64 = 0.4;
-/// How long the servo takes to its start pulse before a run \[s\]: slow, since nobody knows where it stands.
-const APPROACH_S: f64 = 1.5;
+/// How far ahead of a profile's start the board is armed \[s\], chosen: a few round trips and repetitions.
+const ARMING_LEAD_S: f64 = 0.4;
+/// How long the servo takes to its start pulse before a run \[s\], chosen: slow, since its position before is not known.
+const SERVO_APPROACH_S: f64 = 1.5;
 
-/// What is run, and where it is kept.
+/// An experiment to run, and where its run folder goes.
 pub struct Job<'a> {
     /// The config.
     pub config: &'a RigConfig,
@@ -48,21 +48,21 @@ pub struct Job<'a> {
     pub base: &'a Path,
     /// The folder of run folders.
     pub runs_dir: &'a Path,
-    /// What the servos play; none: the config's profile.
+    /// The motion that the servos play; `None`: the config's profile.
     pub motion: Option<&'a PulseProfile>,
 }
 
-/// A run on the disk, with how it went.
+/// A finished run: its folder and its result.
 pub struct Conducted {
     /// Its folder.
     pub folder: RunFolder,
-    /// How it went.
+    /// The result of filming.
     pub filmed: Filmed,
 }
 
 impl Job<'_> {
-    /// Films the experiment into a new run folder; `listener` hears how it goes. Once the folder is there, faults end up in its `stop.json`
-    /// and not in the error.
+    /// Films the experiment into a new run folder; `listener` is notified of its progress. Once the folder is there, faults end up in
+    /// its `stop.json` and not in the error.
     ///
     /// # Errors
     /// [`RunError`] when it could not even begin.
@@ -114,7 +114,7 @@ impl Job<'_> {
                 "most_waiting_bytes": filmed.recorded.most_waiting_bytes,
             }),
         );
-        // a journal that the disk refuses keeps no run from being marked
+        // a journal that cannot be written does not prevent the run's stop.json
         if let Some(error) = stopped.and_then(|()| journal.sync()).err().or(journal_error) {
             tracing::warn!("{}", with_causes(&error));
         }
@@ -142,11 +142,11 @@ impl Job<'_> {
         let run = &self.config.run;
         Plan {
             kind: run.kind,
-            approach_s: pulses.map_or(0.0, |_| APPROACH_S),
+            approach_s: pulses.map_or(0.0, |_| SERVO_APPROACH_S),
             settle_s: run.settle_s.get(),
             film_s: run.film_s.get(),
             profile_s: pulses.map_or(0.0, |pulses| pulses.duration_us() as f64 * 1e-6),
-            lead_s: LEAD_S,
+            lead_s: ARMING_LEAD_S,
             release_timeout_s: run.release_timeout_s.get(),
             still_share: run.still_share.get(),
         }

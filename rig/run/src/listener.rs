@@ -1,4 +1,4 @@
-//! Whoever hears how a run goes, as it happens: its journal, who stands at the tank, a page, the extraction beside the filming.
+//! Receivers of a run's progress as it happens: its journal, the person at the tank, the page, the extraction alongside the filming.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -25,17 +25,17 @@ pub enum Notice {
     Fit,
     /// The phase changed, or time passed in it: phase and images so far.
     Phase(&'static str, u64),
-    /// What was received so far, and how far the disk is behind; as often.
+    /// Images received so far, and how far the disk is behind; sent as often as `Phase`.
     Counted(ImageCount, Behind),
     /// An entry for the journal.
     Journal(String),
-    /// The disk does not keep up; images will be lost if that goes on.
+    /// The disk does not keep up; images will be lost if this continues.
     FallsBehind(Behind),
-    /// Whoever stands at the tank should let go now.
+    /// The person at the tank should let go now.
     LetGo,
 }
 
-/// Hears how a run goes. It is called between two images: what takes longer belongs into a thread of its own.
+/// Receives the notices of a run. It is called between two images: longer work belongs into a thread of its own.
 pub trait Listener {
     /// The run's folder is there, and filming begins.
     fn begins(&mut self, _run: &RunFolder) {}
@@ -50,7 +50,7 @@ impl<F: FnMut(&Notice)> Listener for F {
     }
 }
 
-/// Several listeners; each hears everything, in this order.
+/// Several listeners; each receives every notice, in this order.
 pub struct Listeners<'a>(pub Vec<&'a mut dyn Listener>);
 
 impl Listener for Listeners<'_> {

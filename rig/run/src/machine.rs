@@ -1,4 +1,4 @@
-//! The run as a state machine: what happened goes in, what to do comes out. No clocks, threads or devices here,
+//! The run as a state machine: events go in, actions come out. No clocks, threads or devices here,
 //! so every path to the safe stop is tested in virtual time.
 
 use serde::{Deserialize, Serialize};
@@ -21,19 +21,19 @@ pub enum Ending {
 /// What a run waits for and for how long.
 #[derive(Debug, Clone)]
 pub struct Plan {
-    /// Servo or hand.
+    /// Driven by the servo, or let go by hand.
     pub kind: MotionKind,
-    /// How long the servo takes to where its profile starts; stillness does not count before \[s\].
+    /// How long the servo takes to the start of its profile \[s\]; stillness before that does not count.
     pub approach_s: f64,
     /// Stillness wanted before motion \[s\].
     pub settle_s: f64,
-    /// Film on for so long after the profile's end or the release \[s\].
+    /// How long filming goes on after the profile's end or the release \[s\].
     pub film_s: f64,
     /// Length of the profile \[s\]; 0 for a drop.
     pub profile_s: f64,
     /// How far ahead of now the board is armed \[s\].
     pub lead_s: f64,
-    /// How long a hand may take, and how long stillness may take \[s\].
+    /// Longest wait for the release, and for stillness \[s\].
     pub release_timeout_s: f64,
     /// Share of changed pixels below which the picture is still.
     pub still_share: f64,
@@ -44,12 +44,12 @@ pub struct Plan {
 pub enum Event {
     /// Time passes.
     Tick,
-    /// An image came; equal bytes to the one before it or not.
+    /// An image came.
     Image {
-        /// The bytes are those of the image before.
+        /// Whether its bytes equal those of the image before.
         identical: bool,
     },
-    /// Share of pixels that changed since about 0.1 s before.
+    /// Share of the pixels that changed within about 0.1 s.
     Changed(f64),
     /// The board began the profile.
     Started,
@@ -66,9 +66,9 @@ pub enum Event {
 pub enum Action {
     /// Upload the profile and arm it for this instant.
     Arm(MonotonicNs),
-    /// Ask whoever stands at the tank to let go.
+    /// Ask the person at the tank to let go.
     AskForRelease,
-    /// Worth a line in the journal.
+    /// Write this entry into the journal.
     Journal(&'static str),
     /// Stop the servo, then everything else.
     Stop(Ending),
@@ -82,18 +82,18 @@ enum Phase {
     Armed { start: MonotonicNs },
     /// The profile plays.
     Playing { since: MonotonicNs },
-    /// Waiting for the hand.
+    /// Waiting for the mechanism to be let go.
     AwaitingRelease,
-    /// Filming what follows.
+    /// Filming what follows the profile or the release.
     Filming { until: MonotonicNs },
     /// Over; nothing changes any more.
     Stopped,
 }
 
-/// More identical pictures in a row than this, while something moves, mean a frozen camera.
-const MAX_IDENTICAL: u32 = 5;
-/// Slack allowed to the board's own timing before silence about start or end counts as a fault \[s\].
-const BOARD_SLACK_S: f64 = 1.0;
+/// More identical images in a row than this, while a profile plays, mean a frozen camera; chosen.
+const MAX_IDENTICAL_IMAGES: u32 = 5;
+/// How much later than planned the board may report start and end of the profile before that is a fault \[s\], chosen.
+const BOARD_REPORT_DELAY_LIMIT_S: f64 = 1.0;
 
 /// The states of a run, from still water to the safe stop.
 #[derive(Debug)]
@@ -127,7 +127,7 @@ impl Machine {
         }
     }
 
-    /// How long the mechanism has been moving, or has had time to \[s\]; none before.
+    /// Time since the motion began \[s\]; `None` before it.
     pub fn moves_for_s(&self, now: MonotonicNs) -> Option<f64> {
         self.moves_since.map(|since| now.seconds_since(since)).filter(|moves_s| *moves_s >= 0.0)
     }
@@ -144,7 +144,7 @@ impl Machine {
         }
     }
 
-    /// Takes in `event` at `now` and says what to do. After a [`Action::Stop`] nothing more comes.
+    /// Takes in `event` at `now`; returns what to do. After a [`Action::Stop`] nothing more comes.
     pub fn on(&mut self, event: Event, now: MonotonicNs) -> Option<Action> {
         if self.phase == Phase::Stopped {
             return None;
@@ -156,7 +156,7 @@ impl Machine {
             Event::Changed(share) => self.last_change = share,
             Event::Started | Event::Finished | Event::Tick => {}
         }
-        if self.moving() && self.identical > MAX_IDENTICAL {
+        if self.moving() && self.identical > MAX_IDENTICAL_IMAGES {
             return self.stop(Ending::Fail(format!(
                 "camera: {} identical images in a row while the mechanism moves: the picture is frozen",
                 self.identical
@@ -169,11 +169,13 @@ impl Machine {
                 self.moves_since = Some(start);
                 Some(Action::Journal("profile-started"))
             }
-            Phase::Armed { start } if now > start.plus_seconds(BOARD_SLACK_S) => {
+            Phase::Armed { start } if now > start.plus_seconds(BOARD_REPORT_DELAY_LIMIT_S) => {
                 self.stop(Ending::Fail("servo board: armed, but the profile did not start".into()))
             }
             Phase::Playing { .. } if event == Event::Finished => self.film("profile-finished", now),
-            Phase::Playing { since } if now > since.plus_seconds(self.plan.profile_s + BOARD_SLACK_S) => {
+            Phase::Playing { since }
+                if now > since.plus_seconds(self.plan.profile_s + BOARD_REPORT_DELAY_LIMIT_S) =>
+            {
                 self.stop(Ending::Fail("servo board: the profile's end is overdue".into()))
             }
             Phase::AwaitingRelease => match event {
@@ -242,7 +244,7 @@ impl Machine {
     }
 
     fn moving(&self) -> bool {
-        // Filming a drop or a profile's tail may well end at rest; only a playing profile surely moves.
+        // A drop or the time after a profile may end at rest; only while a profile plays is motion certain.
         matches!(self.phase, Phase::Playing { .. })
     }
 }
@@ -334,7 +336,7 @@ mod tests {
     fn frozen_picture_while_driving_is_a_fault() {
         let mut machine = driven_until_playing();
         let mut ended = None;
-        for k in 0..=MAX_IDENTICAL {
+        for k in 0..=MAX_IDENTICAL_IMAGES {
             assert_eq!(ended, None);
             ended = machine.on(Event::Image { identical: true }, at(1.0 + 0.01 * f64::from(k)));
         }
@@ -344,7 +346,7 @@ mod tests {
     #[test]
     fn board_that_never_starts_or_never_ends_is_a_fault() {
         let mut machine = driven_until_playing();
-        let overdue = machine.on(Event::Tick, at(0.9 + 3.0 + BOARD_SLACK_S + 0.1));
+        let overdue = machine.on(Event::Tick, at(0.9 + 3.0 + BOARD_REPORT_DELAY_LIMIT_S + 0.1));
         assert!(matches!(overdue, Some(Action::Stop(Ending::Fail(reason))) if reason.contains("overdue")));
         let mut machine = Machine::new(plan(MotionKind::Driven), at(0.0));
         machine.on(Event::Changed(0.0), at(0.1));

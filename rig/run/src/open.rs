@@ -1,4 +1,5 @@
-//! Opens what a config names: board, camera, the simulated tank behind the mock ones, the recorded run behind the replayed ones.
+//! Opens the devices that a config names: board and camera, with the simulated tank behind mock ones and the recorded run behind
+//! replayed ones.
 
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -52,12 +53,12 @@ impl Opened {
         if let Some(tank) = &self.tank {
             tank.begin_run(origin);
         }
-        // Set once: a second run opens its devices anew.
+        // Set once: a second run opens its devices again.
         let _ = self.run_start.set(origin);
     }
 }
 
-/// What can hold the rig of `config`, whose runs are in `runs_dir`.
+/// The latch of the rig of `config`, whose runs are in `runs_dir`: it says whether the rig is held.
 pub fn latch(config: &RigConfig, runs_dir: Option<&Path>) -> Latch {
     Latch::of(runs_dir, config.servo.as_ref().and_then(ServoConfig::outside_port))
 }
@@ -99,7 +100,7 @@ pub fn board(
     open_board(config, base, runs_dir, servo, tank(config, base)?.as_ref(), &Arc::default())
 }
 
-/// Opens the camera alone, to be looked through; what mocks and recordings do is timed from now.
+/// Opens the camera alone, for a preview; mocks and recordings are timed from now.
 ///
 /// # Errors
 /// As [`open`].
@@ -140,7 +141,7 @@ fn open_board(
     tank: Option<&Tank>,
     run_start: &Arc<OnceLock<MonotonicNs>>,
 ) -> Result<(Box<dyn ServoBoard>, Option<Claim>), RunError> {
-    // before the look at the latch: whoever stops the rig waits until nobody has the port
+    // claimed before the latch is read: whoever stops the rig waits until nobody has the port
     let claim = servo.outside_port().map(Claim::take_port).transpose()?;
     let options = MockOptions {
         faults: board_faults(config),
@@ -151,13 +152,13 @@ fn open_board(
         Some(tank) => Box::new(tank.clone()),
         None => Box::new(Nowhere),
     };
-    let told = replayed(config, base)?.map(|run| recorded::told(&run, run_start)).transpose()?.flatten();
+    let replay = replayed(config, base)?.map(|run| recorded::board(&run, run_start)).transpose()?.flatten();
     let bus = BusOptions::of(servo).map(|bus| BusOptions {
         faults: bus_faults(config),
         run_start: Arc::clone(run_start),
         ..bus
     });
-    let opening = servo::Opening { config: servo, mock: (options, sink), bus, told };
+    let opening = servo::Opening { config: servo, mock: (options, sink), bus, replay };
     let board = HeldBoard::open(latch(config, runs_dir), runs_dir, || servo::open(opening))?;
     Ok((Box::new(board), claim))
 }

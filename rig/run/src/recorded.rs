@@ -1,4 +1,4 @@
-//! What the devices of a recorded run told, for those that replay them.
+//! The camera and the board of a recorded run, read from its recording for a replay.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
@@ -9,9 +9,9 @@ use ground::error_chain::with_causes;
 use record::folder::{RunFolder, file};
 use record::reader::{Item, Recording};
 use record::{RecordError, ServoCommand};
-use servo::replay::Told;
+use servo::replay::ReplayBoard;
 
-/// What the camera of `run` showed, for a run that begins at `start`; none where it had no camera.
+/// The images of the camera of `run`, timed for a run that begins at `start`; `None` where it had no camera.
 pub(super) fn film(run: &RunFolder, start: &Arc<OnceLock<MonotonicNs>>) -> Result<Option<Film>, RecordError> {
     let recording = Recording::open(&run.file(file::RECORDING))?;
     let Some(info) = recording.camera_info().or(run.start().camera.as_ref()).cloned() else {
@@ -26,8 +26,11 @@ pub(super) fn film(run: &RunFolder, start: &Arc<OnceLock<MonotonicNs>>) -> Resul
     Ok(Some(Film { info, received, clock: ReplayClock::new(run.origin(), Arc::clone(start)) }))
 }
 
-/// What the board of `run` told; none where it had none.
-pub(super) fn told(run: &RunFolder, start: &Arc<OnceLock<MonotonicNs>>) -> Result<Option<Told>, RecordError> {
+/// The board of `run`, timed for a run that begins at `start`; `None` where it had no board.
+pub(super) fn board(
+    run: &RunFolder,
+    start: &Arc<OnceLock<MonotonicNs>>,
+) -> Result<Option<ReplayBoard>, RecordError> {
     let Some(info) = run.start().board.clone() else { return Ok(None) };
     let (mut events, mut profile) = (VecDeque::new(), None);
     for item in Recording::open(&run.file(file::RECORDING))? {
@@ -37,5 +40,5 @@ pub(super) fn told(run: &RunFolder, start: &Arc<OnceLock<MonotonicNs>>) -> Resul
             _ => {}
         }
     }
-    Ok(Some(Told { info, events, profile, clock: ReplayClock::new(run.origin(), Arc::clone(start)) }))
+    Ok(Some(ReplayBoard { info, events, profile, clock: ReplayClock::new(run.origin(), Arc::clone(start)) }))
 }

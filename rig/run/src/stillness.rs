@@ -1,11 +1,11 @@
-//! Tells still water from moving, in the live pictures.
+//! Measures how still the picture is, to detect still water and motion in the live images.
 
 use image::GrayImage;
 
-/// Only each so many-th pixel of each so many-th row is looked at: a link is tens of pixels wide.
-const STRIDE_PX: usize = 3;
-/// Grey levels \[of 255\] by which a pixel must differ to count as changed: well above camera noise.
-const CHANGED_GREY: u8 = 40;
+/// Only every n-th pixel of every n-th row is compared, chosen: a link is tens of pixels wide.
+const SAMPLING_STRIDE_PX: usize = 3;
+/// A pixel counts as changed when it differs by more than this \[grey levels of 255\], chosen: well above camera noise.
+const CHANGED_PIXEL_MIN_DIFFERENCE: u8 = 40;
 
 /// Share of the pixels that differ between two pictures of one size; 1 when the sizes differ.
 pub fn changed_share(before: &GrayImage, now: &GrayImage) -> f64 {
@@ -13,12 +13,12 @@ pub fn changed_share(before: &GrayImage, now: &GrayImage) -> f64 {
         return 1.0;
     }
     let width = now.width() as usize;
-    let rows = before.chunks_exact(width).zip(now.chunks_exact(width)).step_by(STRIDE_PX);
+    let rows = before.chunks_exact(width).zip(now.chunks_exact(width)).step_by(SAMPLING_STRIDE_PX);
     let (mut looked_at, mut changed) = (0u32, 0u32);
     for (old, new) in rows {
-        for (old, new) in old.iter().zip(new).step_by(STRIDE_PX) {
+        for (old, new) in old.iter().zip(new).step_by(SAMPLING_STRIDE_PX) {
             looked_at += 1;
-            changed += u32::from(old.abs_diff(*new) > CHANGED_GREY);
+            changed += u32::from(old.abs_diff(*new) > CHANGED_PIXEL_MIN_DIFFERENCE);
         }
     }
     f64::from(changed) / f64::from(looked_at.max(1))

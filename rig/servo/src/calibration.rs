@@ -1,4 +1,4 @@
-//! What `rig calibrate servo` found out about a servo, as a file says it.
+//! The calibration file of a servo, as `rig calibrate servo` writes it.
 
 use std::path::{Path, PathBuf};
 
@@ -21,20 +21,21 @@ pub struct ServoCalibration {
     pub zero_pulse_us: Measured,
     /// Change of the pulse per angle \[µs/rad\], of the straight line through the table.
     pub us_per_rad: Measured,
-    /// Farthest that the table is off that line \[rad\].
+    /// Greatest distance of the table from that line \[rad\].
     pub off_line_rad: NonNegative,
-    /// Half of what the angle differs by when a level is approached from either side \[rad\]: dead band and play.
+    /// Half the difference of the angles when a level is approached from either side \[rad\]: dead band and backlash.
     pub deadband_rad: Measured,
     /// Standard deviation with which it comes back to a level from the same side \[rad\].
     pub repeatability_rad: Positive,
-    /// Time constant with which it follows, beside what the model's own actuator has \[s\].
+    /// Time constant with which it follows, in addition to that of the model's actuator \[s\].
     pub lag_s: Measured,
-    /// From the pulse to the picture, beside the lag \[s\]: servo, board and camera together, and not what it waits for its next look.
+    /// Delay from the pulse to the picture, in addition to the lag \[s\]: of servo, board and camera together, without the wait for the
+    /// servo's next look at its pulse.
     pub delay_s: Measured,
     /// Fastest turn \[rad/s\]; left out where it was never reached.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rate_limit_rad_per_s: Option<Measured>,
-    /// Time from one look at its pulse to the next \[s\]; left out where it looks too often to be seen.
+    /// Time from one look at its pulse to the next \[s\]; left out where it looks too often to be measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refresh_s: Option<Measured>,
     /// Pulse to angle.
@@ -44,10 +45,10 @@ pub struct ServoCalibration {
 /// Why a servo's calibration cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ServoCalibrationError {
-    /// The file is not one.
+    /// The file cannot be read as a calibration.
     #[error("reading the servo's calibration")]
     File(#[from] StrictError),
-    /// It is of another servo.
+    /// The file is of another channel.
     #[error("channel `{channel}` names the calibration {}, which is of channel `{of}`: calibrate again, or name the right file", path.display())]
     Channel {
         /// The file.
@@ -57,24 +58,24 @@ pub enum ServoCalibrationError {
         /// The channel that it is of.
         of: String,
     },
-    /// The channel does not reach where it should with it.
+    /// The channel's limits do not fit the calibration.
     #[error("with the calibration {}: {reason}", path.display())]
     Travel {
         /// The file.
         path: PathBuf,
-        /// Which limit.
+        /// The limit that does not fit.
         reason: String,
     },
-    /// The config says the other sign.
+    /// The config contradicts the calibration's sign.
     #[error(
         "[profile] says mirrored = {profile}, the calibration of channel `{channel}` mirrored = {file}: leave `mirrored` out of [profile]"
     )]
     Mirrored {
         /// The channel.
         channel: String,
-        /// Of the config.
+        /// `mirrored` in the config.
         profile: bool,
-        /// Of the file.
+        /// `mirrored` in the calibration file.
         file: bool,
     },
 }
@@ -226,13 +227,13 @@ mod tests {
 
     #[test]
     fn table_is_straight_between_rows_goes_on_beyond_them_and_turns_back() {
-        let bent = table(&[[1000.0, 0.8], [1500.0, 0.1], [2000.0, -0.7]]).unwrap();
-        assert!(bent.falls());
+        let falling = table(&[[1000.0, 0.8], [1500.0, 0.1], [2000.0, -0.7]]).unwrap();
+        assert!(falling.falls());
         for (pulse, angle) in
             [(900.0, 0.94), (1000.0, 0.8), (1250.0, 0.45), (1500.0, 0.1), (1600.0, -0.06), (2100.0, -0.86)]
         {
-            assert!((bent.angle_rad(pulse) - angle).abs() < 1e-12, "{pulse}");
-            assert!((bent.pulse_us(angle) - pulse).abs() < 1e-9, "{angle}");
+            assert!((falling.angle_rad(pulse) - angle).abs() < 1e-12, "{pulse}");
+            assert!((falling.pulse_us(angle) - pulse).abs() < 1e-9, "{angle}");
         }
     }
 

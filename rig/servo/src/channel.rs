@@ -12,8 +12,9 @@ use serde::{Deserialize, Serialize};
 use super::calibration::{ServoCalibration, ServoCalibrationError};
 use super::travel::{COUNTS_PER_TURN, CountTravel, PulseTravel, Travel};
 
+/// Default of `max_error_rad` \[rad\], chosen.
 const DEFAULT_MAX_ERROR_RAD: Positive = Positive::literal(0.2);
-/// On a bus 253 and 255 are nobody, 254 is everybody.
+/// Greatest ID of a servo on a bus: 254 is the broadcast, 253 and 255 are not used.
 const MAX_BUS_ID: u8 = 252;
 
 /// What a channel drives.
@@ -23,7 +24,7 @@ pub enum ChannelKind {
     /// A servo.
     #[default]
     Servo,
-    /// What holds the mechanism until a release.
+    /// The device that holds the mechanism until a release.
     Release,
     /// A lamp in view of the camera.
     SyncLed,
@@ -35,9 +36,9 @@ pub enum ChannelKind {
 pub enum SafeState {
     /// No pulse, no torque: the servo goes limp. What hangs keeps still, what stands falls.
     Detach,
-    /// The pulse or the position it had.
+    /// Keeps the pulse or the position that it had.
     Hold,
-    /// To where it parks, at no more than the greatest rate.
+    /// Goes to its park position, at no more than the greatest rate.
     Park,
 }
 
@@ -47,9 +48,9 @@ pub enum SafeState {
 pub struct ServoChannel {
     /// Number on the board, from 0; on a bus the servo's ID.
     pub id: u8,
-    /// For people: 1 to 16 ASCII characters.
+    /// Name in messages: 1 to 16 ASCII characters.
     pub name: String,
-    /// The model's actuator that stands for this servo.
+    /// The model's actuator that this servo drives.
     pub actuator: Option<String>,
     /// What it drives. Default a servo.
     pub kind: ChannelKind,
@@ -57,15 +58,15 @@ pub struct ServoChannel {
     pub travel: Travel,
     /// What it does when the board stops by itself.
     pub safe_state: SafeState,
-    /// Zero and gain were measured. Otherwise the first motion after arming is small and slow.
+    /// Whether zero and gain were measured. Otherwise the first motion after arming is small and slow.
     pub calibrated: bool,
-    /// What `rig calibrate servo` wrote, beside the config: table, zero and sign are its then.
+    /// The file written by `rig calibrate servo`, relative to the config: table, zero and sign are taken from it then.
     pub calibration: Option<PathBuf>,
-    /// What stands in that file, once it was read.
+    /// The content of that file, once it was read.
     pub measured: Option<Arc<ServoCalibration>>,
 }
 
-/// All keys that a channel may have, of which a board of pulses and a bus have their own.
+/// All keys that a channel may have; some are for boards that make pulses only, some for servos on a bus only.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ChannelTable {
@@ -141,7 +142,7 @@ impl ChannelTable {
         let missing = |key: &str| format!("channel `{name}`: {key} is missing");
         match self.keys() {
             (pulses, counts) if !pulses.is_empty() && !counts.is_empty() => Err(format!(
-                "channel `{name}`: `{}` is of a servo that gets pulses, `{}` of one on a bus; it is but one of them",
+                "channel `{name}`: `{}` is of a servo that gets pulses, `{}` of one on a bus; keep the keys of one of them",
                 pulses.join("`, `"),
                 counts.join("`, `")
             )),
@@ -202,8 +203,8 @@ impl From<ServoChannel> for ChannelTable {
             Travel::Counts(counts) => (None, Some(counts)),
         };
         let (pulses, counts) = (pulses.as_ref(), counts.as_ref());
-        // with a calibration they are the file's
-        let own = pulses.filter(|_| channel.calibration.is_none());
+        // with a calibration, zero and gain stand in its file
+        let uncalibrated = pulses.filter(|_| channel.calibration.is_none());
         Self {
             id: channel.id,
             name: channel.name,
@@ -211,8 +212,8 @@ impl From<ServoChannel> for ChannelTable {
             kind: channel.kind,
             min_pulse_us: pulses.map(|p| p.min_pulse_us),
             max_pulse_us: pulses.map(|p| p.max_pulse_us),
-            zero_pulse_us: own.map(|p| p.zero_pulse_us),
-            us_per_rad: own.map(|p| p.us_per_rad),
+            zero_pulse_us: uncalibrated.map(|p| p.zero_pulse_us),
+            us_per_rad: uncalibrated.map(|p| p.us_per_rad),
             max_rate_us_per_s: pulses.map(|p| p.max_rate_us_per_s),
             park_pulse_us: pulses.and_then(|p| p.park_pulse_us),
             min_count: counts.map(|c| c.min_count),
@@ -256,10 +257,10 @@ impl ServoChannel {
         self.check().map_err(|reason| ServoCalibrationError::Travel { path, reason })
     }
 
-    /// What it is told for `angle_rad`, in its unit and not rounded: by the table of its calibration, else zero + gain · angle, or
+    /// The setpoint for `angle_rad`, in the channel's unit \[µs or counts\] and not rounded: by the table of its calibration, else zero + gain · angle, or
     /// zero − gain · angle where the servo is `mirrored`, that is, where a longer pulse or a greater count turns it clockwise as the
     /// camera sees it.
-    pub fn told(&self, angle_rad: f64, mirrored: bool) -> f64 {
+    pub fn setpoint(&self, angle_rad: f64, mirrored: bool) -> f64 {
         if let Some(measured) = &self.measured {
             return measured.table.pulse_us(angle_rad);
         }
@@ -268,23 +269,23 @@ impl ServoChannel {
         zero + sign * gain * angle_rad
     }
 
-    /// The angle at which it stands when `told` \[rad\]: the inverse of [`ServoChannel::told`].
-    pub fn angle_rad(&self, told: f64, mirrored: bool) -> f64 {
+    /// The angle for a `setpoint` \[rad\]: the inverse of [`ServoChannel::setpoint`].
+    pub fn angle_rad(&self, setpoint: f64, mirrored: bool) -> f64 {
         if let Some(measured) = &self.measured {
-            return measured.table.angle_rad(told);
+            return measured.table.angle_rad(setpoint);
         }
         let (zero, gain) = self.travel.scale();
         let sign = if mirrored { -1.0 } else { 1.0 };
-        sign * (told - zero) / gain
+        sign * (setpoint - zero) / gain
     }
 
-    /// Where the angle stops being straight in what it is told: at these, in its unit.
-    pub fn bends(&self) -> impl Iterator<Item = f64> {
+    /// The setpoints at which the angle's slope changes, the rows of its calibration \[µs\]; none without one.
+    pub fn breakpoints(&self) -> impl Iterator<Item = f64> {
         let rows = self.measured.iter().flat_map(|measured| measured.table.rows());
         rows.map(|row| row.pulse_us.get())
     }
 
-    /// The channel as a board of pulses is told of it; `None` for a servo on a bus, and for a name too long, which
+    /// The channel as it is sent to a board that makes pulses; `None` for a servo on a bus, and for a name too long, which
     /// [`ServoChannel`] never has.
     pub fn to_wire(&self) -> Option<wire::ChannelConfig> {
         let Travel::Pulses(pulses) = &self.travel else { return None };

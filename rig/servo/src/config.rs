@@ -1,4 +1,4 @@
-//! The `[servo]` table: which board, and what hangs on its channels.
+//! The `[servo]` table: which board, and what its channels drive.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use super::BoardKind;
 use super::calibration::ServoCalibrationError;
 pub use super::channel::{ChannelKind, SafeState, ServoChannel};
 use super::travel::Unit;
-use firmware_protocol::board::DEAD_MAN_RANGE;
+use firmware_protocol::board::DEAD_MAN_RANGE_MS;
 use firmware_protocol::command::Command;
 use firmware_protocol::event::{Event, Fault, State};
 use firmware_protocol::units::{Sequence, Ticks};
@@ -28,22 +28,22 @@ pub struct ServoConfig {
     /// the factory with another one.
     #[serde(default = "default_baud")]
     pub baud: u32,
-    /// How long the board bears the host's silence before it puts every channel in its safe state \[ms\], 50 to 2000.
-    /// The host takes as long a silence of the board for its loss. Default 250.
+    /// How long the host may be silent before the board puts every channel in its safe state \[ms\], 50 to 2000.
+    /// The host takes the board for lost after as long a silence. Default 250.
     #[serde(default = "default_dead_man")]
     pub dead_man_ms: u16,
-    /// Time between reports of the pulses \[ms\]; 0 for none. Default 20. Servos on a bus tell their position each time they are
-    /// told one.
+    /// Time between reports of the pulses \[ms\]; 0 for none. Default 20. Servos on a bus report their position each time they are
+    /// sent one.
     #[serde(default = "default_telemetry")]
     pub telemetry_ms: u16,
-    /// How often servos on a bus are told their position and asked for it \[Hz\], 10 to 500. Default 100. Bus only.
+    /// How often positions are sent to servos on a bus and read from them \[Hz\], 10 to 500. Default 100. Bus only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stream_hz: Option<Positive>,
-    /// The host may be so late with a position \[ms\]; later is a fault. Default 50. Bus only.
+    /// How late the host may send a position \[ms\]; later is a fault. Default 50. Bus only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_late_ms: Option<u16>,
-    /// Feetech's servos have no watchdog: after the host's death they hold the last position they were told, with torque.
-    /// `true` says that this is known and borne; without it `feetech` is refused.
+    /// Feetech's servos have no watchdog: after the host's death they hold the last position sent, with torque.
+    /// `true` says that this is known and accepted; without it `feetech` is refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accept_no_watchdog: Option<bool>,
     /// The channels in use.
@@ -51,12 +51,15 @@ pub struct ServoConfig {
     pub channels: Vec<ServoChannel>,
 }
 
-/// With start and stop bit.
+/// Bits on the line per byte: 8, a start bit and a stop bit.
 const BITS_PER_BYTE: f64 = 10.0;
+/// Default of `stream_hz` \[Hz\], chosen.
 const DEFAULT_STREAM_HZ: f64 = 100.0;
+/// Default of `max_late_ms` \[ms\], chosen.
 const DEFAULT_MAX_LATE_MS: u16 = 50;
-const LEAST_BUS_SILENCE_MS: u16 = 100;
-/// The port of an emulated bus.
+/// Shortest dead-man on a bus \[ms\], chosen: a few answers of up to 30 ms.
+const MIN_BUS_DEAD_MAN_MS: u16 = 100;
+/// The value of `port` that names an emulated bus.
 const MOCK_PORT: &str = "mock";
 
 fn default_baud() -> u32 {
@@ -97,7 +100,7 @@ impl ServoConfig {
         self.is_bus() && self.port.as_deref() == Some(MOCK_PORT)
     }
 
-    /// The serial port that other programs see too; a mock has none.
+    /// The serial port, where it is a real one that other programs can open; a mock has none.
     pub fn outside_port(&self) -> Option<&str> {
         self.port.as_deref().filter(|_| !self.is_emulated_bus())
     }
@@ -112,7 +115,7 @@ impl ServoConfig {
         f64::from(self.max_late_ms.unwrap_or(DEFAULT_MAX_LATE_MS)) * 1e-3
     }
 
-    /// How long a ping and its answer are on the line at its baud rate.
+    /// How long a ping and its answer take on the line at its baud rate.
     pub fn wire(&self) -> Wire {
         let answer = Event::Pong { at: Ticks(0), boot_id: 0, state: State::Idle, fault: Fault::None };
         let packets = [Command::Ping.encode(Sequence(0)), answer.encode(Sequence(0))];
@@ -126,7 +129,7 @@ impl ServoConfig {
         self.channels.iter().find(|channel| channel.id == id)
     }
 
-    /// The channels that stand for an actuator of the model.
+    /// The channels that drive an actuator of the model, with its name.
     pub fn driven(&self) -> impl Iterator<Item = (&ServoChannel, &str)> {
         self.channels.iter().filter_map(|c| Some((c, c.actuator.as_deref()?)))
     }
@@ -147,12 +150,12 @@ impl ServoConfig {
         if self.baud == 0 {
             return Err("baud must be above 0".into());
         }
-        if !DEAD_MAN_RANGE.contains(&self.dead_man_ms) {
+        if !DEAD_MAN_RANGE_MS.contains(&self.dead_man_ms) {
             return Err(format!(
                 "dead_man_ms = {} must be between {} and {}",
                 self.dead_man_ms,
-                DEAD_MAN_RANGE.start(),
-                DEAD_MAN_RANGE.end()
+                DEAD_MAN_RANGE_MS.start(),
+                DEAD_MAN_RANGE_MS.end()
             ));
         }
         for (index, channel) in self.channels.iter().enumerate() {
@@ -179,7 +182,7 @@ impl ServoConfig {
 }
 
 impl ServoConfig {
-    /// What a bus needs and a board of pulses has not, and the other way round.
+    /// Checks that a bus has the keys that it needs, and a board that makes pulses none of them.
     fn check_bus(&self) -> Result<(), String> {
         let units = self.channels.iter().map(|channel| (channel, channel.travel.unit()));
         if !self.is_bus() {
@@ -192,7 +195,7 @@ impl ServoConfig {
                     return Err(format!("{key} is of servos on a bus (kind = \"dynamixel\" or \"feetech\")"));
                 }
             }
-            // What a recorded bus told can be told again.
+            // A recorded bus can be replayed.
             let plays_counts = matches!(self.kind, BoardKind::Replay | BoardKind::None);
             return match units.into_iter().find(|(_, unit)| !plays_counts && *unit == Unit::Counts) {
                 Some((channel, _)) => Err(format!(
@@ -219,9 +222,9 @@ impl ServoConfig {
                 "accept_no_watchdog is for kind = \"feetech\": Dynamixel's servos have a watchdog".into()
             );
         }
-        if self.dead_man_ms < LEAST_BUS_SILENCE_MS {
+        if self.dead_man_ms < MIN_BUS_DEAD_MAN_MS {
             return Err(format!(
-                "dead_man_ms = {} must be at least {LEAST_BUS_SILENCE_MS} on a bus: an answer may take 30 ms",
+                "dead_man_ms = {} must be at least {MIN_BUS_DEAD_MAN_MS} on a bus: an answer may take 30 ms",
                 self.dead_man_ms
             ));
         }
@@ -307,10 +310,10 @@ mod tests {
     #[test]
     fn mirrored_servo_turns_the_other_way_for_the_same_pulse() {
         let channel = &example().channels[0];
-        assert_eq!(channel.told(0.0, true), channel.told(0.0, false));
-        assert!(channel.told(0.5, false) > 1500.0 && channel.told(0.5, true) < 1500.0);
+        assert_eq!(channel.setpoint(0.0, true), channel.setpoint(0.0, false));
+        assert!(channel.setpoint(0.5, false) > 1500.0 && channel.setpoint(0.5, true) < 1500.0);
         for mirrored in [false, true] {
-            let angle = channel.angle_rad(channel.told(0.5, mirrored), mirrored);
+            let angle = channel.angle_rad(channel.setpoint(0.5, mirrored), mirrored);
             assert!((angle - 0.5).abs() < 1e-12);
         }
     }
@@ -323,7 +326,7 @@ mod tests {
         let text = toml::to_string(&Rig { servo: config.clone() }).unwrap();
         assert_eq!(config, parse(&text).unwrap());
         let channel = &config.channels[0];
-        assert!((channel.told(std::f64::consts::FRAC_PI_2, false) - 3072.0).abs() < 1e-9);
+        assert!((channel.setpoint(std::f64::consts::FRAC_PI_2, false) - 3072.0).abs() < 1e-9);
         for (from, to, says) in [
             (
                 "zero_count = 2048",

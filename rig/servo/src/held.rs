@@ -1,5 +1,5 @@
-//! Every board that is opened is behind this: a hold reaches whatever it does, within the time of two looks at its owner's thread, and
-//! what it does is told to everybody ([`motion`](super::motion)).
+//! The wrapper of every board that is opened: a hold stops the board at the owner's next poll, and what the board does is reported for
+//! other programs ([`motion`](super::motion)).
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -7,18 +7,18 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::motion::{Gauge, Reporter};
+use super::motion::{MotionTracker, Reporter};
 use super::{BoardInfo, PulseProfile, ServoBoard, ServoError, ServoEvent, StopOutcome};
 use ground::clock::MonotonicNs;
 use ground::hold::{Hold, Latch};
 
-/// The latch is looked at so often.
-const LOOK_EVERY: Duration = Duration::from_millis(20);
-/// What the board does is told at every so many looks.
-const LOOKS_PER_REPORT: u32 = 5;
-/// A stop signals first and is written then: a board that nobody says has ended by itself is not taken for one that nobody stopped for so
-/// long.
-const AFTERTHOUGHT: Duration = Duration::from_millis(100);
+/// Time between two looks at the latch, chosen.
+const LATCH_LOOK_PERIOD: Duration = Duration::from_millis(20);
+/// Looks at the latch per report of what the board does: ten reports a second.
+const LATCH_LOOKS_PER_REPORT: u32 = 5;
+/// Time from a stop until the board is released, chosen: a program that stops the rig signals first and writes the hold after, and the
+/// board must not be released before that hold is seen.
+const HOLD_WRITE_GRACE: Duration = Duration::from_millis(100);
 
 /// A board behind a latch: stops and refuses orders while the rig is held, and reports what its servos do.
 pub struct HeldBoard {
@@ -27,12 +27,12 @@ pub struct HeldBoard {
     watch: Watch,
     stopped: Option<(Instant, StopOutcome)>,
     left: bool,
-    /// The hold was said to the owner.
-    said: bool,
+    /// The hold was returned to the owner.
+    hold_reported: bool,
 }
 
 impl HeldBoard {
-    /// Opens a board with `open` unless it is held by `latch`, and says in `runs_dir` what it does.
+    /// Opens a board with `open` unless the rig is held by `latch`, and reports in `runs_dir` what the board does.
     ///
     /// # Errors
     /// [`ServoError::Held`], or as `open`. A board that was stopped by itself holds the rig.
@@ -47,23 +47,23 @@ impl HeldBoard {
         let board = open().map_err(|error| held_by_board(error, &latch))?;
         let watch = Watch::start(latch.clone(), Reporter::of(runs_dir))
             .map_err(|error| ServoError::Open { port: board.info().name.clone(), why: error.to_string() })?;
-        Ok(Self { board, latch, watch, stopped: None, left: false, said: false })
+        Ok(Self { board, latch, watch, stopped: None, left: false, hold_reported: false })
     }
 
     fn at_rest(&mut self, outcome: StopOutcome) -> StopOutcome {
         self.stopped = Some((Instant::now(), outcome));
-        self.watch.gauge().stop(outcome);
+        self.watch.tracker().stop(outcome);
         self.watch.wake();
         outcome
     }
 
-    /// Nothing is ordered of a board that is held.
+    /// Refuses orders while the rig is held.
     fn check(&self) -> Result<(), ServoError> {
         self.latch.held().map_or(Ok(()), |hold| Err(ServoError::Held(hold)))
     }
 }
 
-/// Who stops a board at its own switch stops the rig.
+/// A board that was stopped at its own switch holds the rig.
 fn held_by_board(error: ServoError, latch: &Latch) -> ServoError {
     let ServoError::Stopped { port } = &error else { return error };
     let hold = Hold::now("the servo board", &format!("the emergency stop of the board on {port}"));
@@ -80,37 +80,37 @@ impl ServoBoard for HeldBoard {
 
     fn arm(&mut self, profile: &PulseProfile, start: MonotonicNs) -> Result<(), ServoError> {
         self.check()?;
-        self.watch.gauge().order(start);
+        self.watch.tracker().order(start);
         self.board.arm(profile, start)
     }
 
     fn jog(&mut self, channel: u8, pulse: u16, duration_s: f64) -> Result<(), ServoError> {
         self.check()?;
-        self.watch.gauge().order(MonotonicNs::now().plus_seconds(duration_s));
+        self.watch.tracker().order(MonotonicNs::now().plus_seconds(duration_s));
         self.board.jog(channel, pulse, duration_s)
     }
 
     fn poll(&mut self) -> Result<Vec<ServoEvent>, ServoError> {
-        if let Some(hold) = self.watch.held().filter(|_| !self.said) {
-            self.said = true;
-            // before anybody is told
+        if let Some(hold) = self.watch.held().filter(|_| !self.hold_reported) {
+            self.hold_reported = true;
+            // stopped before the owner learns of it
             self.stop();
             return Err(ServoError::Held(hold));
         }
-        let told = self.board.poll();
+        let polled = self.board.poll();
         let now = MonotonicNs::now();
-        match &told {
+        match &polled {
             Ok(events) => {
-                let mut gauge = self.watch.gauge();
-                events.iter().for_each(|event| gauge.hear(event, now));
+                let mut tracker = self.watch.tracker();
+                events.iter().for_each(|event| tracker.observe(event, now));
             }
-            Err(_) => self.watch.gauge().lose(),
+            Err(_) => self.watch.tracker().mark_lost(),
         }
-        told.map_err(|error| held_by_board(error, &self.latch))
+        polled.map_err(|error| held_by_board(error, &self.latch))
     }
 
     fn stop(&mut self) -> StopOutcome {
-        // what has answered is safe; what has not is asked again
+        // a board that has acknowledged is safe; one that has not is stopped again
         if let Some((_, outcome @ StopOutcome::Acknowledged)) = self.stopped {
             return outcome;
         }
@@ -130,20 +130,20 @@ impl ServoBoard for HeldBoard {
 
 impl Drop for HeldBoard {
     fn drop(&mut self) {
-        // whatever ended in a panic, or has not answered, stays stopped
+        // after a panic, or without an acknowledgement, the board stays stopped
         if let (Some((at, StopOutcome::Acknowledged)), false) =
             (self.stopped, self.left || std::thread::panicking())
         {
-            std::thread::sleep(AFTERTHOUGHT.saturating_sub(at.elapsed()));
+            std::thread::sleep(HOLD_WRITE_GRACE.saturating_sub(at.elapsed()));
             self.leave();
         }
         if self.stopped.is_none() {
-            self.watch.gauge().stop(StopOutcome::NotNeeded);
+            self.watch.tracker().stop(StopOutcome::NotNeeded);
         }
     }
 }
 
-/// Looks at the latch and tells what the board does, on a thread of its own: a disk that hangs holds up no servo.
+/// Looks at the latch and reports what the board does, on a thread of its own, so that a slow disk holds up no servo.
 struct Watch {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -153,7 +153,7 @@ struct Shared {
     held: Mutex<Option<Hold>>,
     is_held: AtomicBool,
     quit: AtomicBool,
-    gauge: Mutex<Gauge>,
+    tracker: Mutex<MotionTracker>,
 }
 
 impl Watch {
@@ -162,28 +162,28 @@ impl Watch {
             held: Mutex::new(None),
             is_held: false.into(),
             quit: false.into(),
-            gauge: Mutex::new(Gauge::new(MonotonicNs::now())),
+            tracker: Mutex::new(MotionTracker::new(MonotonicNs::now())),
         });
-        let own = Arc::clone(&shared);
+        let thread_shared = Arc::clone(&shared);
         let work = move || {
             let mut looks = 0;
             loop {
-                let quits = own.quit.load(Ordering::Acquire);
-                if !own.is_held.load(Ordering::Acquire)
+                let quits = thread_shared.quit.load(Ordering::Acquire);
+                if !thread_shared.is_held.load(Ordering::Acquire)
                     && let Some(hold) = latch.held()
                 {
-                    *lock(&own.held) = Some(hold);
-                    own.is_held.store(true, Ordering::Release);
+                    *lock(&thread_shared.held) = Some(hold);
+                    thread_shared.is_held.store(true, Ordering::Release);
                 }
-                if quits || looks % LOOKS_PER_REPORT == 0 {
-                    let (motion, since) = lock(&own.gauge).motion(MonotonicNs::now());
-                    reporter.tell(motion, since, None);
+                if quits || looks % LATCH_LOOKS_PER_REPORT == 0 {
+                    let (motion, since) = lock(&thread_shared.tracker).motion(MonotonicNs::now());
+                    reporter.report(motion, since, None);
                 }
                 if quits {
                     return;
                 }
                 looks += 1;
-                std::thread::park_timeout(LOOK_EVERY);
+                std::thread::park_timeout(LATCH_LOOK_PERIOD);
             }
         };
         let thread = std::thread::Builder::new().name("hold".into()).spawn(work)?;
@@ -194,8 +194,8 @@ impl Watch {
         self.shared.is_held.load(Ordering::Acquire).then(|| lock(&self.shared.held).clone()).flatten()
     }
 
-    fn gauge(&self) -> MutexGuard<'_, Gauge> {
-        lock(&self.shared.gauge)
+    fn tracker(&self) -> MutexGuard<'_, MotionTracker> {
+        lock(&self.shared.tracker)
     }
 
     fn wake(&self) {

@@ -9,7 +9,7 @@ use super::config::ServoConfig;
 use super::mock::{MockOptions, MockServo};
 use super::no_board::NoBoard;
 use super::pulses::PulseSink;
-use super::replay::Told;
+use super::replay::ReplayBoard;
 use super::serial::SerialBoard;
 use super::{ServoBoard, ServoError};
 
@@ -17,12 +17,12 @@ use super::{ServoBoard, ServoError};
 pub struct Opening<'a> {
     /// The `[servo]` table.
     pub config: &'a ServoConfig,
-    /// What a mock board is like, and where its pulses go.
+    /// Options of a mock board, and where its pulses go.
     pub mock: (MockOptions, Box<dyn PulseSink>),
-    /// What an emulated bus is like, where the config has one; its motion goes where a mock board's pulses do.
+    /// Options of an emulated bus, where the config has one; its motion goes where a mock board's pulses do.
     pub bus: Option<BusOptions>,
-    /// What a replayed board tells.
-    pub told: Option<Told>,
+    /// The board of a recorded run, for `replay`.
+    pub replay: Option<ReplayBoard>,
 }
 
 macro_rules! boards {
@@ -60,8 +60,8 @@ boards! {
     Dynamixel => |opening| bus::open(opening.config, opening.bus, opening.mock.1),
     /// Feetech servos (STS series) on a bus.
     Feetech => |opening| bus::open(opening.config, opening.bus, opening.mock.1),
-    /// The board of a recorded run, which tells again what it told then; nothing moves.
-    Replay => |opening| boxed(opening.told.ok_or_else(|| ServoError::Refused {
+    /// The board of a recorded run, whose events are repeated; nothing moves.
+    Replay => |opening| boxed(opening.replay.ok_or_else(|| ServoError::Refused {
         request: "opening".into(),
         why: "add [replay] run = \"...\", a recorded run that had a board".into(),
     })),

@@ -64,21 +64,21 @@ pub trait ServoBoard: Send {
     /// What happened since the last call: telemetry, clock pings, state changes.
     ///
     /// # Errors
-    /// [`ServoError`] when the board is lost or has stopped by itself; said once, then events go on.
+    /// [`ServoError`] when the board is lost or has stopped by itself; returned once, then events go on.
     fn poll(&mut self) -> Result<Vec<ServoEvent>, ServoError>;
 
     /// Puts every channel in its safe state. Tries everything there is, in order, and never gives up early:
     /// e-stop until acknowledged, then DTR, then leaving the board to its dead-man.
     fn stop(&mut self) -> StopOutcome;
 
-    /// The ordinary end: every channel in its safe state, and nothing of one's own stays latched, so that whoever comes next needs nobody.
-    /// A board that was stopped by anybody else stays so.
+    /// The ordinary end: every channel in its safe state, and this session leaves nothing latched, so that the next one can begin without a
+    /// release. A board that somebody else stopped stays stopped.
     fn leave(&mut self) -> StopOutcome {
         self.stop()
     }
 }
 
-/// What the handshake told.
+/// Identity of a board, from the handshake.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct BoardInfo {
     /// Port or kind, for people.
@@ -91,7 +91,7 @@ pub struct BoardInfo {
     pub channels: u8,
 }
 
-/// Something a board told, on the host's clock as far as known at the time.
+/// Something that a board reported, with times on the host's clock as far as known then.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum ServoEvent {
@@ -105,7 +105,7 @@ pub enum ServoEvent {
         /// When the answer came.
         received: MonotonicNs,
     },
-    /// What a channel was doing at a board tick.
+    /// The pulse of a channel at a board tick.
     Pulse {
         /// Channel number.
         channel: u8,
@@ -114,9 +114,9 @@ pub enum ServoEvent {
         /// Pulse width, or none while detached \[µs\].
         pulse_us: Option<u16>,
     },
-    /// Where a servo on a bus said that it stood, some time between question and answer.
+    /// The measured position of a servo on a bus, at some time between question and answer.
     Position {
-        /// Its ID.
+        /// ID of the servo.
         channel: u8,
         /// Position \[counts\].
         count: i32,
@@ -137,13 +137,13 @@ pub enum ServoEvent {
     },
     /// Something for the journal.
     Note {
-        /// What.
+        /// The text.
         text: String,
     },
 }
 
 impl ServoEvent {
-    /// The clock ping it is, if it is one: what [`ClockFit`](ground::clock::ClockFit) is drawn from.
+    /// This event as a clock ping, if it is one: what [`ClockFit`](ground::clock::ClockFit) is fitted to.
     pub fn ping(&self) -> Option<Ping> {
         match *self {
             Self::Ping { sent, board_tick_us, received } => Some(Ping { sent, board_tick_us, received }),
@@ -156,7 +156,7 @@ impl ServoEvent {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StopOutcome {
-    /// The board said so.
+    /// The board acknowledged it.
     Acknowledged,
     /// No answer; the board's dead-man stops it within its time limit.
     LeftToDeadMan,
@@ -188,7 +188,7 @@ pub enum ServoError {
     Lost {
         /// Which port.
         port: String,
-        /// What was seen last.
+        /// What was received last, or what the system said.
         why: String,
     },
     /// The board restarted: it no longer knows the profile.
@@ -204,7 +204,7 @@ pub enum ServoError {
     /// The board or the host's own limits refused a request.
     #[error("servo board refused {request}: {why}")]
     Refused {
-        /// What was asked.
+        /// The request.
         request: String,
         /// Limit and remedy.
         why: String,

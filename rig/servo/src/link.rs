@@ -1,4 +1,4 @@
-//! The host's end of the line to a board: asking and asking again, heartbeats, clock samples, and noticing that
+//! The host's end of the line to a board: commands and their repetition, heartbeats, clock samples, and noticing that
 //! something is wrong. No port and no clock of its own: bytes and instants are handed in, packets to send come out.
 
 mod hearing;
@@ -13,26 +13,28 @@ use firmware_protocol::units::Sequence;
 use super::ServoEvent;
 use ground::clock::{MonotonicNs, Ping, TickExtender};
 
-const HEARTBEAT_S: f64 = 0.050;
-/// Time between the pings of a burst, for a clock to arm with: no multiple, and no simple fraction of one, of the milliseconds in which USB
-/// and kernels' timers carry bytes on, so that some ping just catches each.
-const BURST_S: f64 = 0.010_47;
-/// Wait for an answer before asking again; doubles each time.
-const FIRST_WAIT_S: f64 = 0.025;
-/// How often a command is sent at most.
-const MOST_TRIES: u32 = 3;
-const E_STOP_EVERY_S: f64 = 0.020;
-/// Clock samples kept: a minute's worth.
-const CLOCK_SAMPLES: usize = 1200;
-/// Pings whose answer may still come.
-const OPEN_PINGS: usize = 64;
-/// Events kept for an owner that does not ask: some minutes' worth.
-const MOST_EVENTS: usize = 50_000;
+/// Time between heartbeats, which are pings \[s\], chosen.
+const HEARTBEAT_PERIOD_S: f64 = 0.050;
+/// Time between the pings of a burst, for a clock to arm with \[s\], chosen: no multiple or simple fraction of the milliseconds in which USB
+/// and kernel timers forward bytes, so that some pings meet no wait.
+const BURST_PING_PERIOD_S: f64 = 0.010_47;
+/// How long the first answer is awaited before a command is sent again \[s\], chosen; doubles each time.
+const FIRST_ANSWER_WAIT_S: f64 = 0.025;
+/// How often a command is sent at most, chosen.
+const MAX_SENDS_PER_COMMAND: u32 = 3;
+/// Time between repetitions of an e-stop \[s\], chosen.
+const E_STOP_PERIOD_S: f64 = 0.020;
+/// Clock samples that are stored: those of a minute.
+const MAX_CLOCK_SAMPLES: usize = 1200;
+/// Most pings that are stored while their answers may still come, chosen.
+const MAX_OPEN_PINGS: usize = 64;
+/// Most events that are stored for an owner that does not poll, those of some minutes; later ones are dropped and counted.
+const MAX_STORED_EVENTS: usize = 50_000;
 
 /// What is wrong with the board or the line to it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Trouble {
-    /// No valid packet for too long \[s\], so many damaged ones so far.
+    /// No valid packet for this long \[s\]; the number of damaged ones so far.
     Silent(f64, u64),
     /// The port is gone: what the system said.
     Gone(String),
@@ -55,7 +57,7 @@ struct UnderWay {
 /// How a command ended: answered by a packet, or not at all.
 pub(super) type Answer = Result<Event, Unanswered>;
 
-/// No answer came to a command however often it was sent.
+/// No answer came to a command although it was repeated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Unanswered;
 
@@ -64,7 +66,7 @@ struct EStop {
     /// When to send it next; none: at once.
     next: Option<MonotonicNs>,
     acknowledged: bool,
-    /// There was a heartbeat to go on with afterwards.
+    /// Whether there was a heartbeat before, which goes on afterwards.
     resume: bool,
 }
 
@@ -91,10 +93,10 @@ pub(super) struct Link {
     pings: VecDeque<(Sequence, MonotonicNs)>,
     samples: VecDeque<Ping>,
     ticks: TickExtender,
-    /// Channels whose pulses matter.
+    /// Channels whose pulses are reported.
     watched: Vec<u8>,
     armed: Option<Armed>,
-    heard: MonotonicNs,
+    last_packet: MonotonicNs,
     silence_s: f64,
     events: Vec<ServoEvent>,
     dropped_events: u64,
@@ -112,7 +114,7 @@ pub(super) struct Link {
 }
 
 impl Link {
-    /// A link on which nothing was said yet. `first` is the first sequence number; a session that goes on where
+    /// A link on which nothing was sent yet. `first` is the first sequence number; a session that goes on where
     /// another left off should not begin with its numbers.
     pub(super) fn new(silence_s: f64, first: u16, now: MonotonicNs) -> Self {
         Self {
@@ -129,7 +131,7 @@ impl Link {
             ticks: TickExtender::default(),
             watched: Vec::new(),
             armed: None,
-            heard: now,
+            last_packet: now,
             silence_s,
             events: Vec::new(),
             dropped_events: 0,
@@ -151,7 +153,8 @@ impl Link {
             return;
         }
         let sequence = self.number();
-        self.under_way = Some(UnderWay { command, sequence, sent: 0, next: now, wait_s: FIRST_WAIT_S });
+        self.under_way =
+            Some(UnderWay { command, sequence, sent: 0, next: now, wait_s: FIRST_ANSWER_WAIT_S });
     }
 
     /// The end of the command under way, once.
@@ -192,12 +195,12 @@ impl Link {
         self.e_stop.as_ref().is_some_and(|stop| stop.acknowledged)
     }
 
-    /// Says nothing more, so that the board's dead-man acts.
+    /// Sends nothing more, so that the board's dead-man acts.
     pub(super) fn mute(&mut self) {
         self.muted = true;
     }
 
-    /// Tells the pulses of these channels, of all that the board reports.
+    /// Of all pulses that the board reports, passes on those of these channels.
     pub(super) fn watch(&mut self, channels: Vec<u8>) {
         self.watched = channels;
     }
@@ -234,11 +237,11 @@ impl Link {
 
     /// Adds a line for the journal.
     pub(super) fn note(&mut self, text: impl Into<String>) {
-        self.tell(ServoEvent::Note { text: text.into() });
+        self.push_event(ServoEvent::Note { text: text.into() });
     }
 
-    fn tell(&mut self, event: ServoEvent) {
-        if self.events.len() < MOST_EVENTS {
+    fn push_event(&mut self, event: ServoEvent) {
+        if self.events.len() < MAX_STORED_EVENTS {
             self.events.push(event);
         } else {
             self.dropped_events += 1;
@@ -267,16 +270,16 @@ impl Link {
             match self.decoder.push(byte) {
                 None => {}
                 Some(Err(_)) => self.damaged += 1,
-                Some(Ok(packet)) => self.take(&packet, now),
+                Some(Ok(packet)) => self.take_packet(&packet, now),
             }
         }
     }
 
     /// The next packet to send at `now`, if any; to be called until there is none. Notices silence, too.
     pub(super) fn next_packet(&mut self, now: MonotonicNs) -> Option<Line> {
-        let silent_s = now.seconds_since(self.heard);
+        let silent_s = now.seconds_since(self.last_packet);
         if self.heartbeat.is_some() && !self.muted && silent_s > self.silence_s {
-            // Without heartbeats the board's dead-man acts, should it still hear.
+            // Without heartbeats the board's dead-man acts.
             self.end(Trouble::Silent(silent_s, self.damaged));
         }
         if self.muted {
@@ -286,26 +289,26 @@ impl Link {
         if let Some(stop) = self.e_stop.as_mut().filter(|stop| !stop.acknowledged)
             && stop.next.is_none_or(|next| now >= next)
         {
-            stop.next = Some(now.plus_seconds(E_STOP_EVERY_S));
+            stop.next = Some(now.plus_seconds(E_STOP_PERIOD_S));
             let sequence = self.number();
             return Some(Command::EStop.encode(sequence).encode());
         }
-        if let Some(asked) = self.under_way.as_mut().filter(|asked| now >= asked.next) {
-            if asked.sent == MOST_TRIES {
+        if let Some(pending) = self.under_way.as_mut().filter(|pending| now >= pending.next) {
+            if pending.sent == MAX_SENDS_PER_COMMAND {
                 self.fail_under_way();
             } else {
-                asked.sent += 1;
-                asked.next = now.plus_seconds(asked.wait_s);
-                asked.wait_s *= 2.0;
-                return Some(asked.command.encode(asked.sequence).encode());
+                pending.sent += 1;
+                pending.next = now.plus_seconds(pending.wait_s);
+                pending.wait_s *= 2.0;
+                return Some(pending.command.encode(pending.sequence).encode());
             }
         }
         if self.heartbeat.is_some_and(|at| now >= at) {
-            let pause_s = if self.burst > 0 { BURST_S } else { HEARTBEAT_S };
+            let pause_s = if self.burst > 0 { BURST_PING_PERIOD_S } else { HEARTBEAT_PERIOD_S };
             self.burst = self.burst.saturating_sub(1);
             self.heartbeat = Some(now.plus_seconds(pause_s));
             let sequence = self.number();
-            self.pings.truncate(OPEN_PINGS - 1);
+            self.pings.truncate(MAX_OPEN_PINGS - 1);
             self.pings.push_front((sequence, now));
             return Some(Command::Ping.encode(sequence).encode());
         }
@@ -328,7 +331,7 @@ impl Link {
         self.trouble.get_or_insert(trouble);
     }
 
-    /// Trouble that the link does not outlive: nothing more is said, but for an e-stop.
+    /// Trouble that ends the link: nothing more is sent, but for an e-stop.
     fn end(&mut self, trouble: Trouble) {
         self.muted = true;
         if self.ended.is_none() {

@@ -25,7 +25,7 @@ pub enum BoardFault {
     /// Its port goes away, as when the cable is pulled; the board itself goes on.
     #[serde(rename = "board-off")]
     Off,
-    /// It neither hears nor answers; its dead-man and its pulses go on.
+    /// It neither receives nor answers; its dead-man and its pulses go on.
     #[serde(rename = "board-stuck")]
     Stuck,
     /// What it sends is damaged.
@@ -34,7 +34,7 @@ pub enum BoardFault {
     /// What it sends comes 100 ms late.
     #[serde(rename = "board-slow")]
     Slow,
-    /// It starts anew, as after a dip of its supply.
+    /// It restarts, as after a dip of its supply.
     #[serde(rename = "board-reset")]
     Reset,
 }
@@ -49,7 +49,7 @@ impl std::str::FromStr for BoardFault {
     }
 }
 
-/// What a mock board is like.
+/// Options of a mock board.
 #[derive(Debug, Clone)]
 pub struct MockOptions {
     /// Number of channels, at most 16.
@@ -143,9 +143,10 @@ impl TrueClock {
     }
 }
 
-/// Longest sleep: a fault or the end may come at any time, and pictures wait for it.
+/// Longest sleep \[ns\], chosen: a fault or the end may come at any time, and pictures wait for it.
 const MAX_SLEEP_NS: i64 = 5_000_000;
-const SLOW_S: f64 = 0.100;
+/// How much later answers come with [`BoardFault::Slow`] \[s\], chosen.
+const SLOW_ANSWER_DELAY_S: f64 = 0.100;
 
 struct Machine {
     options: MockOptions,
@@ -164,7 +165,7 @@ struct SyncLed {
 }
 
 impl SyncLed {
-    /// Tells `pins` of all slots that have begun by `now`.
+    /// Reports to `pins` all slots that have begun by `now`.
     fn advance(&mut self, now: Ticks, pins: &mut Pins) {
         while now.since(self.next) >= 0 {
             let lit = sync_led::lit(self.next);
@@ -206,7 +207,7 @@ impl Hardware for Pins {
             }
         }
         if self.slow {
-            self.delayed.push_back((self.now.plus_seconds(SLOW_S), bytes));
+            self.delayed.push_back((self.now.plus_seconds(SLOW_ANSWER_DELAY_S), bytes));
         } else {
             self.write(&bytes);
         }

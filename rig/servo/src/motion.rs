@@ -1,5 +1,5 @@
-//! What the servos of a rig are doing, as it is measured: from what the board tells and from how long it has told nothing. Whoever has
-//! the board writes it ten times a second into `state.json` in the runs folder; everybody else reads it there.
+//! What the servos of a rig are doing, judged by the board's events and by how long none came. The process that has the board writes it
+//! ten times a second into `state.json` in the runs folder; every other program reads it there.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,16 +13,17 @@ use super::{ServoEvent, StopOutcome};
 use ground::clock::MonotonicNs;
 use ground::in_place;
 
-/// The file in the folder of run folders.
-pub const FILE: &str = "state.json";
-/// A board that has told nothing for so long may be doing anything \[s\]: twice the pause between two pings on a bus, and some.
-const SILENCE_S: f64 = 1.2;
-/// A servo whose pulse or position changed so recently moves \[s\].
-const RECENT_S: f64 = 0.3;
-/// Positions differ by so much although nothing moves \[counts\].
-const JITTER_COUNTS: i32 = 3;
-/// What was written so long ago no longer holds \[s\].
-const FRESH_S: f64 = 1.0;
+/// Name of the state file in the runs folder.
+pub const STATE_FILE: &str = "state.json";
+/// The motion is unknown when no event came from a board with power for this long \[s\], chosen: a little over two ping periods of a
+/// bus.
+const BOARD_SILENCE_LIMIT_S: f64 = 1.2;
+/// A servo counts as moving for this long after its pulse or position changed \[s\], chosen.
+const MOTION_HOLDOVER_S: f64 = 0.3;
+/// Measured positions of a servo at rest differ by up to this much \[counts\], chosen.
+const POSITION_JITTER_COUNTS: i32 = 3;
+/// A report older than this says nothing about the present \[s\], chosen.
+const REPORT_MAX_AGE_S: f64 = 1.0;
 
 /// What the servos are doing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -37,19 +38,19 @@ pub enum Motion {
     Armed,
     /// Something moves.
     Moving,
-    /// Nothing is heard of it.
+    /// No events come from the board.
     Unknown,
 }
 
-/// What the servos are doing, for whoever looks on.
+/// What the servos are doing, as other programs show it.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
 pub struct Standing {
-    /// What.
+    /// The motion.
     pub motion: Motion,
-    /// Since when, UTC; where it is unknown: when it was known last.
+    /// Since when, UTC; with an unknown motion: when it was known last.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub since: Option<String>,
-    /// An announced motion begins in so many seconds.
+    /// Time until an announced motion begins \[s\].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub moves_in_s: Option<f64>,
     /// The process that has the board.
@@ -78,7 +79,7 @@ impl std::fmt::Display for Standing {
     }
 }
 
-/// What is in the file.
+/// The content of the state file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Report {
     motion: Motion,
@@ -86,7 +87,7 @@ struct Report {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     moves_at_ns: Option<MonotonicNs>,
     at_ns: MonotonicNs,
-    /// The start of the machine that these instants are of.
+    /// Boot id of this computer, on whose clock these instants are.
     boot: String,
     pid: u32,
 }
@@ -98,15 +99,15 @@ pub struct Reporter {
 }
 
 impl Reporter {
-    /// Into the folder `runs_dir`.
+    /// A reporter into the folder `runs_dir`.
     pub fn of(runs_dir: Option<&Path>) -> Self {
-        let path = runs_dir.filter(|folder| folder.is_dir()).map(|folder| folder.join(FILE));
+        let path = runs_dir.filter(|folder| folder.is_dir()).map(|folder| folder.join(STATE_FILE));
         Self { path }
     }
 
-    /// Writes that they do this, since then; an announced motion begins at `moves_at`. What the disk refuses is not written: whoever reads
-    /// takes an old report for what it is.
-    pub fn tell(&self, motion: Motion, since: MonotonicNs, moves_at: Option<MonotonicNs>) {
+    /// Writes what the servos do and since when; an announced motion begins at `moves_at`. A report that cannot be written is dropped:
+    /// readers see that the last one is old.
+    pub fn report(&self, motion: Motion, since: MonotonicNs, moves_at: Option<MonotonicNs>) {
         let Some(path) = &self.path else { return };
         let report = Report {
             motion,
@@ -123,7 +124,7 @@ impl Reporter {
     }
 }
 
-/// A number of this start of the machine.
+/// The boot id of this computer.
 fn boot() -> &'static str {
     static BOOT: OnceLock<String> = OnceLock::new();
     BOOT.get_or_init(|| {
@@ -135,7 +136,7 @@ fn boot() -> &'static str {
 /// What the servos of the rig whose runs are in `runs_dir` are doing. What is not known for certain is unknown: a file that cannot be
 /// read, a report that is old and did not say that all is at rest.
 pub fn standing(runs_dir: &Path) -> Standing {
-    judged(in_place::read(&runs_dir.join(FILE)), boot(), MonotonicNs::now(), Timestamp::now())
+    judged(in_place::read(&runs_dir.join(STATE_FILE)), boot(), MonotonicNs::now(), Timestamp::now())
 }
 
 fn judged(
@@ -150,7 +151,7 @@ fn judged(
         Err(_) => return Standing { motion: Motion::Unknown, ..Standing::default() },
     };
     let same_boot = report.boot == boot;
-    let is_fresh = same_boot && now.seconds_since(report.at_ns) <= FRESH_S;
+    let is_fresh = same_boot && now.seconds_since(report.at_ns) <= REPORT_MAX_AGE_S;
     let at = |then: MonotonicNs| {
         let ago = SignedDuration::from_millis((now.seconds_since(then) * 1e3) as i64);
         let at = clock.checked_sub(ago).ok().filter(|_| same_boot);
@@ -170,37 +171,38 @@ fn judged(
     }
 }
 
-/// What a board says, as a motion. No clock of its own.
+/// Judges the motion of a board's servos by its events. No clock of its own: instants are handed in.
 #[derive(Debug)]
-pub struct Gauge {
-    heard: MonotonicNs,
+pub struct MotionTracker {
+    last_event: MonotonicNs,
     pulses: BTreeMap<u8, Option<u16>>,
     positions: BTreeMap<u8, i32>,
     changed: Option<MonotonicNs>,
-    /// Something was ordered that gives power, and goes on until then.
+    /// A motion was ordered: the servos have power, and move until then.
     ordered: Option<MonotonicNs>,
     plays: bool,
     stopped: Option<StopOutcome>,
-    said: (Motion, MonotonicNs),
+    /// The motion that was returned last, and since when.
+    reported: (Motion, MonotonicNs),
 }
 
-impl Gauge {
-    /// Of a board that was opened at `now`: nothing has power.
+impl MotionTracker {
+    /// A tracker of a board that was opened at `now`: nothing has power.
     pub fn new(now: MonotonicNs) -> Self {
         Self {
-            heard: now,
+            last_event: now,
             pulses: BTreeMap::new(),
             positions: BTreeMap::new(),
             changed: None,
             ordered: None,
             plays: false,
             stopped: None,
-            said: (Motion::AtRest, now),
+            reported: (Motion::AtRest, now),
         }
     }
 
-    /// The board tells this at `now`.
-    pub fn hear(&mut self, event: &ServoEvent, now: MonotonicNs) {
+    /// Takes in an event that came from the board at `now`.
+    pub fn observe(&mut self, event: &ServoEvent, now: MonotonicNs) {
         match event {
             ServoEvent::Note { .. } => return,
             ServoEvent::Ping { .. } => {}
@@ -213,36 +215,36 @@ impl Gauge {
                 }
             }
             &ServoEvent::Position { channel, count, .. } => {
-                let stood = self.positions.entry(channel).or_insert(count);
-                if stood.abs_diff(count) > JITTER_COUNTS.unsigned_abs() {
-                    *stood = count;
+                let last_count = self.positions.entry(channel).or_insert(count);
+                if last_count.abs_diff(count) > POSITION_JITTER_COUNTS.unsigned_abs() {
+                    *last_count = count;
                     self.changed = Some(now);
                 }
             }
         }
-        self.heard = now;
+        self.last_event = now;
     }
 
-    /// The board was told to move; it has power from `now` on, and moves until `until`.
+    /// A motion was ordered: the board has power from now on, and moves until `until`.
     pub fn order(&mut self, until: MonotonicNs) {
         self.ordered = Some(until);
     }
 
     /// The board failed: nothing more is known of it.
-    pub fn lose(&mut self) {
-        self.heard = MonotonicNs(0);
+    pub fn mark_lost(&mut self) {
+        self.last_event = MonotonicNs(0);
     }
 
-    /// The safe stop went so.
+    /// The safe stop ended with `outcome`.
     pub fn stop(&mut self, outcome: StopOutcome) {
         self.stopped = Some(outcome);
     }
 
-    /// What it does at `now`, and since when.
+    /// The motion at `now`, and since when.
     pub fn motion(&mut self, now: MonotonicNs) -> (Motion, MonotonicNs) {
         let has_power = self.ordered.is_some() || self.pulses.values().any(Option::is_some);
-        let changes = self.changed.is_some_and(|at| now.seconds_since(at) <= RECENT_S);
-        let is_silent = now.seconds_since(self.heard) > SILENCE_S;
+        let changes = self.changed.is_some_and(|at| now.seconds_since(at) <= MOTION_HOLDOVER_S);
+        let is_silent = now.seconds_since(self.last_event) > BOARD_SILENCE_LIMIT_S;
         let motion = match self.stopped {
             Some(StopOutcome::Acknowledged | StopOutcome::NotNeeded) => Motion::AtRest,
             Some(StopOutcome::LeftToDeadMan) => Motion::Unknown,
@@ -251,10 +253,10 @@ impl Gauge {
             None if has_power => Motion::Armed,
             None => Motion::AtRest,
         };
-        if motion != self.said.0 {
-            self.said = (motion, now);
+        if motion != self.reported.0 {
+            self.reported = (motion, now);
         }
-        self.said
+        self.reported
     }
 }
 
@@ -271,33 +273,33 @@ mod tests {
     }
 
     #[test]
-    fn what_a_board_tells_is_rest_power_motion_and_rest_again() {
-        let mut gauge = Gauge::new(at(0.0));
-        let mut told = |event: Option<ServoEvent>, s: f64| {
-            event.iter().for_each(|event| gauge.hear(event, at(s)));
-            gauge.motion(at(s)).0
+    fn events_of_a_board_are_rest_power_motion_and_rest_again() {
+        let mut tracker = MotionTracker::new(at(0.0));
+        let mut motion_after = |event: Option<ServoEvent>, s: f64| {
+            event.iter().for_each(|event| tracker.observe(event, at(s)));
+            tracker.motion(at(s)).0
         };
-        assert_eq!(told(Some(pulse(None)), 0.1), Motion::AtRest);
-        assert_eq!(told(Some(pulse(Some(1500))), 0.2), Motion::Moving, "it goes there");
-        assert_eq!(told(Some(pulse(Some(1500))), 0.6), Motion::Armed);
-        assert_eq!(told(Some(ServoEvent::Started { board_tick_us: 0 }), 0.7), Motion::Moving);
-        assert_eq!(told(Some(pulse(Some(1500))), 1.5), Motion::Moving, "the profile may pause");
-        assert_eq!(told(Some(ServoEvent::Finished { board_tick_us: 0 }), 1.6), Motion::Armed);
-        assert_eq!(told(None, 3.0), Motion::Unknown, "the line is silent");
-        assert_eq!(told(Some(pulse(Some(1500))), 3.1), Motion::Armed);
-        gauge.stop(StopOutcome::Acknowledged);
-        assert_eq!(gauge.motion(at(9.0)).0, Motion::AtRest);
+        assert_eq!(motion_after(Some(pulse(None)), 0.1), Motion::AtRest);
+        assert_eq!(motion_after(Some(pulse(Some(1500))), 0.2), Motion::Moving, "it goes there");
+        assert_eq!(motion_after(Some(pulse(Some(1500))), 0.6), Motion::Armed);
+        assert_eq!(motion_after(Some(ServoEvent::Started { board_tick_us: 0 }), 0.7), Motion::Moving);
+        assert_eq!(motion_after(Some(pulse(Some(1500))), 1.5), Motion::Moving, "the profile may pause");
+        assert_eq!(motion_after(Some(ServoEvent::Finished { board_tick_us: 0 }), 1.6), Motion::Armed);
+        assert_eq!(motion_after(None, 3.0), Motion::Unknown, "the line is silent");
+        assert_eq!(motion_after(Some(pulse(Some(1500))), 3.1), Motion::Armed);
+        tracker.stop(StopOutcome::Acknowledged);
+        assert_eq!(tracker.motion(at(9.0)).0, Motion::AtRest);
     }
 
     #[test]
     fn stop_without_an_answer_and_a_lost_board_leave_the_motion_unknown() {
-        let mut gauge = Gauge::new(at(0.0));
-        gauge.order(at(2.0));
-        assert_eq!(gauge.motion(at(1.0)), (Motion::Moving, at(1.0)));
-        gauge.lose();
-        assert_eq!(gauge.motion(at(1.1)).0, Motion::Unknown);
-        gauge.stop(StopOutcome::LeftToDeadMan);
-        assert_eq!(gauge.motion(at(9.0)), (Motion::Unknown, at(1.1)));
+        let mut tracker = MotionTracker::new(at(0.0));
+        tracker.order(at(2.0));
+        assert_eq!(tracker.motion(at(1.0)), (Motion::Moving, at(1.0)));
+        tracker.mark_lost();
+        assert_eq!(tracker.motion(at(1.1)).0, Motion::Unknown);
+        tracker.stop(StopOutcome::LeftToDeadMan);
+        assert_eq!(tracker.motion(at(9.0)), (Motion::Unknown, at(1.1)));
     }
 
     #[test]
@@ -331,7 +333,7 @@ mod tests {
         assert_eq!(standing(folder.path()).motion, Motion::AtRest);
         let reporter = Reporter::of(Some(folder.path()));
         let now = MonotonicNs::now();
-        reporter.tell(Motion::Announced, now, Some(now.plus_seconds(10.0)));
+        reporter.report(Motion::Announced, now, Some(now.plus_seconds(10.0)));
         let read = standing(folder.path());
         assert_eq!((read.motion, read.pid), (Motion::Announced, Some(std::process::id())));
         assert!((8.0..=10.0).contains(&read.moves_in_s.unwrap()), "{read:?}");

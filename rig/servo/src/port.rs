@@ -6,14 +6,14 @@ use serialport::SerialPort;
 
 use super::ServoError;
 
-/// Longest sleep in a read: what an e-stop may wait for it.
+/// Longest sleep in a read, chosen: an e-stop waits for it.
 pub(super) const READ_TIMEOUT: Duration = Duration::from_millis(2);
 /// Opening a port may reset the board behind it, which then takes up to 3 s to come up.
 pub(super) const HELLO_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// What a read brought.
+/// The result of a read.
 pub(super) enum Received {
-    /// So many bytes.
+    /// The number of bytes read.
     Bytes(usize),
     /// None yet.
     Nothing,
@@ -55,7 +55,7 @@ pub(super) fn open(port_name: &str, baud: u32) -> Result<Box<dyn SerialPort>, Se
                 "no such port; check the cable, `rig list` shows what is there".into()
             }
             ErrorKind::Io(std::io::ErrorKind::PermissionDenied) => {
-                "permission denied; add yourself to the group that owns it (often dialout) and log in anew"
+                "permission denied; add yourself to the group that owns it (often dialout) and log in again"
                     .into()
             }
             _ => error.to_string(),
@@ -64,7 +64,7 @@ pub(super) fn open(port_name: &str, baud: u32) -> Result<Box<dyn SerialPort>, Se
     })
 }
 
-/// Why there was no hello, told from what came instead.
+/// Why there was no answer to hello, judged by what came instead.
 pub(super) fn no_hello(bytes: u64, damaged: u64) -> String {
     let waited_s = HELLO_TIMEOUT.as_secs();
     match bytes {

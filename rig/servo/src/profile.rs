@@ -1,4 +1,4 @@
-//! The timed stroke: angle over time, and the pulses a board plays for it, or the counts that servos on a bus are told.
+//! The timed stroke: angle over time, and the pulses that a board plays for it, or the counts that are streamed to servos on a bus.
 //!
 //! A stroke is one sweep between two reversals: counter-clockwise (as the camera sees it, and positive) in `ccw_s`,
 //! clockwise in `cw_s`. A profile begins and ends at the centre angle:
@@ -53,7 +53,7 @@ fn zero() -> Finite {
     Finite::new(0.0).expect("0 is finite")
 }
 
-/// Share of the amplitude and of the speed in a cautious motion.
+/// Amplitude and speed of the cautious motion, as a share of those of the profile; chosen.
 const CAUTIOUS_SHARE: f64 = 0.1;
 
 impl ProfileConfig {
@@ -88,9 +88,9 @@ impl PulseProfile {
             let (channel, actuator) = channel
                 .and_then(|c| Some((c, c.actuator.clone()?)))
                 .ok_or_else(|| ProfileError::NoChannel { actuator: format!("channel {}", track.channel) })?;
-            let bends: Vec<f64> = channel.bends().collect();
+            let breakpoints: Vec<f64> = channel.breakpoints().collect();
             let (time_s, angle_rad) = track
-                .corners_and(&bends)
+                .corners_and(&breakpoints)
                 .into_iter()
                 .map(|(us, pulse)| (start_s + us * 1e-6, channel.angle_rad(pulse, mirrored)))
                 .unzip();
@@ -112,10 +112,10 @@ pub enum ProfileError {
     /// Nothing to play.
     #[error("profile has no cycles; set cycles to 1 or more")]
     Empty,
-    /// Below what a board's tick can tell.
+    /// Shorter than a board's ticks can resolve.
     #[error("a stroke of under 2 µs; lengthen ccw_s and cw_s")]
     TooShort,
-    /// Beyond what a board's tick can tell.
+    /// Longer than a board can time.
     #[error("profile lasts {duration_s} s, longer than {limit_s} s; reduce cycles or the stroke times")]
     TooLong {
         /// Its duration \[s\].
@@ -123,13 +123,13 @@ pub enum ProfileError {
         /// The limit \[s\].
         limit_s: f64,
     },
-    /// No servo for it.
+    /// No channel drives this actuator.
     #[error("no [[servo.channel]] has actuator = \"{actuator}\"")]
     NoChannel {
         /// The actuator, or the channel.
         actuator: String,
     },
-    /// The servo does not go there.
+    /// An angle is beyond the channel's limits.
     #[error(
         "profile on channel `{channel}` wants {angle_rad:.4} rad, a {} of {pulse:.0} {}, outside its limits {min} to {max} {}; \
          reduce amplitude_rad or centre_rad, or widen the channel's limits if the mechanism allows",
@@ -140,16 +140,16 @@ pub enum ProfileError {
         channel: String,
         /// Angle wanted \[rad\].
         angle_rad: f64,
-        /// Its pulse, in the channel's unit.
+        /// The setpoint for it, in the channel's unit.
         pulse: f64,
-        /// The least that the channel may be told.
+        /// The channel's lower limit, in its unit.
         min: u16,
-        /// The most that the channel may be told.
+        /// The channel's upper limit, in its unit.
         max: u16,
         /// The channel's unit.
         unit: Unit,
     },
-    /// The servo is not that fast.
+    /// A stroke is faster than the channel's rate limit.
     #[error(
         "profile on channel `{channel}` wants {rate_per_s} {}/s, above its limit {}; reduce amplitude_rad or lengthen {stroke}",
         unit.symbol(), unit.rate_limit(*limit_per_s)
@@ -269,7 +269,7 @@ impl Profile {
     fn track(&self, channel: &ServoChannel) -> Result<PulseTrack, ProfileError> {
         let (unit, range) = (channel.travel.unit(), channel.travel.range());
         let pulse = |angle_rad: f64| {
-            let pulse = channel.told(angle_rad, self.mirrored);
+            let pulse = channel.setpoint(angle_rad, self.mirrored);
             let (min, max) = (*range.start(), *range.end());
             if (f64::from(min)..=f64::from(max)).contains(&pulse.round()) {
                 return Ok(pulse.round() as u16);

@@ -1,4 +1,4 @@
-//! A pseudo-terminal, behind which a mock is found as behind a serial port.
+//! A pseudo-terminal, so that a mock is reached as a device on a serial port is.
 
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
@@ -39,7 +39,7 @@ impl Pty {
     }
 }
 
-/// What is found behind a pseudo-terminal, on a thread of its own; it ends when dropped.
+/// A mock behind a pseudo-terminal, on a thread of its own; it ends when dropped.
 #[derive(Debug)]
 pub(super) struct Device {
     port: PathBuf,
@@ -48,7 +48,7 @@ pub(super) struct Device {
 }
 
 impl Device {
-    /// Opens a pseudo-terminal and lets `run` have it, on a thread called `name`, until it is told to quit.
+    /// Opens a pseudo-terminal and lets `run` have it, on a thread called `name`, until the flag says to quit.
     ///
     /// # Errors
     /// What the system says when it has no pseudo-terminal left.
@@ -83,7 +83,7 @@ impl Drop for Device {
 
 /// A mock and the connection to it, as one board.
 pub struct Attached<B, M> {
-    // Dropped in this order: the goodbye needs somebody to hear it.
+    // Dropped in this order: the board's goodbye needs the mock to receive it.
     board: B,
     _mock: M,
 }

@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use crate::PulseSink;
 use ground::clock::MonotonicNs;
 
+/// What stands in the channel's column for the sync LED.
 const SYNC_LED: &str = "sync-led";
 
 /// A line of the log.
@@ -34,8 +35,8 @@ pub enum Logged {
 }
 
 impl Logged {
-    /// Tells `sink` of what happened at `at`.
-    pub fn tell(self, at: MonotonicNs, sink: &mut dyn PulseSink) {
+    /// Passes this entry, of the time `at`, on to `sink`.
+    pub fn send_to(self, at: MonotonicNs, sink: &mut dyn PulseSink) {
         match self {
             Self::Pulse { channel, pulse_us } => sink.pulse(channel, pulse_us, at),
             Self::SyncLed { lit } => sink.sync_led(lit, at),
@@ -60,7 +61,7 @@ impl PulseLogWriter {
     pub fn append(path: &Path) -> std::io::Result<Self> {
         let file = OpenOptions::new().create(true).append(true).open(path)?;
         // Without it whoever reads the log waits a little longer.
-        let known = File::create(known_beside(path)).ok();
+        let known = File::create(completeness_path(path)).ok();
         Ok(Self { path: path.into(), file, known, failed: false })
     }
 }
@@ -99,7 +100,7 @@ impl PulseLogWriter {
     }
 }
 
-fn known_beside(log: &Path) -> PathBuf {
+fn completeness_path(log: &Path) -> PathBuf {
     log.with_extension("known")
 }
 
@@ -121,7 +122,7 @@ impl PulseLogReader {
     }
 
     /// The whole lines added since the last call, in the order written.
-    /// A log that became shorter is a new one and read from its beginning; a line that is none is counted.
+    /// A log that became shorter is a new one and is read from its beginning; a malformed line is counted.
     pub fn poll(&mut self) -> Vec<(MonotonicNs, Logged)> {
         match self.read_on() {
             Ok(()) => {}
@@ -142,13 +143,13 @@ impl PulseLogReader {
         pulses
     }
 
-    /// Until when the log is complete, as whoever writes it says; ask before [`PulseLogReader::poll`].
-    pub fn known(&self) -> Option<MonotonicNs> {
-        let bytes = std::fs::read(known_beside(&self.path)).ok()?;
+    /// Until when the log is complete, as its writer says; to be read before [`PulseLogReader::poll`].
+    pub fn complete_until(&self) -> Option<MonotonicNs> {
+        let bytes = std::fs::read(completeness_path(&self.path)).ok()?;
         Some(MonotonicNs(u64::from_le_bytes(bytes.try_into().ok()?)))
     }
 
-    /// Lines so far that were none.
+    /// Number of malformed lines so far.
     pub fn malformed(&self) -> u64 {
         self.malformed
     }
@@ -201,9 +202,9 @@ mod tests {
         let lit = Logged::SyncLed { lit: true };
         assert_eq!(reader.poll(), [(MonotonicNs(7), pulse(0, Some(1500))), (MonotonicNs(8), lit)]);
         assert_eq!(reader.poll(), []);
-        assert_eq!(reader.known(), None);
+        assert_eq!(reader.complete_until(), None);
         writer.complete(MonotonicNs(8));
-        assert_eq!(reader.known(), Some(MonotonicNs(8)));
+        assert_eq!(reader.complete_until(), Some(MonotonicNs(8)));
 
         writer.file.write_all(b"9,1").unwrap();
         assert_eq!(reader.poll(), []);

@@ -1,11 +1,11 @@
-//! What a board plays, and where a mock one's pulses go.
+//! The profile that a board plays, and the receiver of a mock board's pulses.
 
 use serde::{Deserialize, Serialize};
 
 use ground::clock::MonotonicNs;
 
-/// What a board plays: for each channel, straight lines from pulse to pulse. A pulse is a whole number of what the channel is told
-/// in: microseconds, or counts of a servo on a bus, which its maker calls pulses too.
+/// A profile as a board plays it: for each channel, straight lines from pulse to pulse. A pulse is a whole number in the channel's
+/// unit: microseconds, or counts of a servo on a bus, which its maker calls pulses too.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct PulseProfile {
     /// One track per driven channel.
@@ -18,7 +18,7 @@ pub struct PulseTrack {
     /// Channel number.
     pub channel: u8,
     /// Pulse at the start \[µs or counts\]; the channel must be there already.
-    // Recordings from before there were servos on a bus say it in microseconds.
+    // Older recordings, from before there were servos on a bus, name it `start_pulse_us`.
     #[serde(alias = "start_pulse_us")]
     pub start_pulse: u16,
     /// Duration \[µs\] and pulse at the end \[µs or counts\] of each segment, in order.
@@ -75,7 +75,7 @@ impl PulseProfile {
     }
 }
 
-/// Where a mock board's pulses go, its sync LED's light, and the motion of emulated servos.
+/// Receives a mock board's pulses, the light of its sync LED, and the motion of emulated servos.
 pub trait PulseSink: Send {
     /// From `at` on, `channel` puts out `pulse_us`, or nothing while detached.
     fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs);
@@ -90,7 +90,7 @@ pub trait PulseSink: Send {
         let _ = (channel, position_counts, at);
     }
 
-    /// All of it before `until` is known.
+    /// Everything before `until` has been reported.
     fn complete(&mut self, until: MonotonicNs) {
         let _ = until;
     }

@@ -1,4 +1,4 @@
-//! A board that tells again what the board of a recorded run told. Nothing moves.
+//! A board that repeats the events of the board of a recorded run. Nothing moves.
 
 use std::collections::VecDeque;
 
@@ -6,25 +6,25 @@ use super::pulses::PulseProfile;
 use super::{BoardInfo, ServoBoard, ServoError, ServoEvent, StopOutcome};
 use ground::clock::{MonotonicNs, ReplayClock};
 
-/// What a board told in a recorded run, and the board that tells it again.
+/// The events of the board of a recorded run, as a board that repeats them.
 #[derive(Debug)]
-pub struct Told {
-    /// What the board was.
+pub struct ReplayBoard {
+    /// Identity of the recorded board.
     pub info: BoardInfo,
-    /// Its events, and when each was handed over.
+    /// Its events, each with the host's time at which it was handed over then.
     pub events: VecDeque<(MonotonicNs, ServoEvent)>,
-    /// What it played, if anything.
+    /// The profile that it played, if any.
     pub profile: Option<PulseProfile>,
-    /// When that is now.
+    /// Maps times of the recorded run to times of this one.
     pub clock: ReplayClock,
 }
 
-impl ServoBoard for Told {
+impl ServoBoard for ReplayBoard {
     fn info(&self) -> &BoardInfo {
         &self.info
     }
 
-    /// The recorded run must have played the same.
+    /// Refuses any profile but the one that was played in the recorded run.
     fn arm(&mut self, profile: &PulseProfile, _: MonotonicNs) -> Result<(), ServoError> {
         match &self.profile {
             Some(played) if played == profile => Ok(()),
@@ -41,21 +41,23 @@ impl ServoBoard for Told {
 
     fn poll(&mut self) -> Result<Vec<ServoEvent>, ServoError> {
         let now = MonotonicNs::now();
-        let due = self.events.iter().take_while(|(at, _)| self.clock.again(*at) <= now).count();
+        let due = self.events.iter().take_while(|(at, _)| self.clock.to_present(*at) <= now).count();
         let clock = &self.clock;
-        let again = |(_, event)| match event {
-            ServoEvent::Ping { sent, board_tick_us, received } => {
-                ServoEvent::Ping { sent: clock.again(sent), board_tick_us, received: clock.again(received) }
-            }
+        let shifted = |(_, event)| match event {
+            ServoEvent::Ping { sent, board_tick_us, received } => ServoEvent::Ping {
+                sent: clock.to_present(sent),
+                board_tick_us,
+                received: clock.to_present(received),
+            },
             ServoEvent::Position { channel, count, sent, received } => ServoEvent::Position {
                 channel,
                 count,
-                sent: clock.again(sent),
-                received: clock.again(received),
+                sent: clock.to_present(sent),
+                received: clock.to_present(received),
             },
             other => other,
         };
-        Ok(self.events.drain(..due).map(again).collect())
+        Ok(self.events.drain(..due).map(shifted).collect())
     }
 
     fn stop(&mut self) -> StopOutcome {

@@ -1,6 +1,6 @@
 //! A board on a serial port.
 //!
-//! One thread owns the port: it reads, answers the clock, sends what the link wants sent. The owner's calls put one
+//! One thread owns the port: it reads, sends pings and whatever else the link has to send. The owner's calls put one
 //! command under way and wait for its end; an e-stop goes ahead of it. A port that is gone ends the thread.
 
 use std::io::Write as _;
@@ -22,20 +22,21 @@ use crate::PulseProfile;
 use ground::clock::{ClockFit, MonotonicNs, Wire};
 use ground::urgency::Urgency;
 
-const HELLO_EVERY: Duration = Duration::from_millis(200);
-/// Pings at the start, for a clock good enough to arm by.
-const FIRST_PINGS: u32 = 8;
-/// A command's three tries take 175 ms; more means that the thread is held up.
+/// Time between two hellos while no answer has come, chosen.
+const HELLO_PERIOD: Duration = Duration::from_millis(200);
+/// Pings of a burst, for a clock good enough to arm by; chosen.
+const CLOCK_BURST_PINGS: u32 = 8;
+/// How long a command's end is awaited, chosen: its three tries take 175 ms, so more means that the thread is held up.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
-/// How long an e-stop is repeated before the board is left to its dead-man.
+/// How long an e-stop is repeated before the board is left to its dead-man, chosen.
 const STOP_TIMEOUT: Duration = Duration::from_millis(200);
-/// How long pings are gathered for a clock that a run may be armed by: on a busy line few of them are quick, and it is the quick ones
-/// that tell. A line on which none is will not have one later.
-const CLOCK_PATIENCE: Duration = Duration::from_secs(3);
-/// So far ahead of it must the clock be known: to the start of a profile that is armed at once \[s\]. Quick pings close together say
-/// little of how the clock goes on.
-const CLOCK_AHEAD_S: f64 = 1.0;
-/// Arming by a clock worse than this would start the profile at a time not known well enough \[s\].
+/// How long pings are gathered for a clock that a run may be armed by, chosen: on a busy line few of them are quick, and only quick ones
+/// determine the clock. A line without a quick one by then will not have one later.
+const CLOCK_TIMEOUT: Duration = Duration::from_secs(3);
+/// How far ahead of the present the clock must be known, to start a profile that is armed at once \[s\]; chosen. Quick pings close together
+/// determine the clock's rate badly.
+const CLOCK_FORECAST_S: f64 = 1.0;
+/// Greatest standard deviation of the clock at the start of a profile with which arming is allowed \[s\], chosen.
 const MAX_CLOCK_SIGMA_S: f64 = 1e-3;
 
 /// A board on a serial port.
@@ -45,7 +46,7 @@ pub struct SerialBoard {
     identity: Identity,
     wire: Wire,
     shared: Arc<Shared>,
-    /// The port once more, to drop DTR while the thread may be held up.
+    /// A second handle of the port, to drop DTR while the thread may be held up.
     port: Box<dyn SerialPort>,
     thread: Option<JoinHandle<()>>,
 }
@@ -58,11 +59,11 @@ struct Shared {
 
 impl Shared {
     fn link(&self) -> MutexGuard<'_, Link> {
-        // A panic elsewhere must not keep anybody from the e-stop.
+        // A panic elsewhere must not prevent an e-stop.
         self.link.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until `done` says what for, at most `timeout`.
+    /// Waits until `done` returns something, at most `timeout`.
     fn wait<T>(
         &self,
         mut link: MutexGuard<'_, Link>,
@@ -83,7 +84,7 @@ impl Shared {
 impl SerialBoard {
     /// Opens the port named `port_name`, shakes hands, configures the board's channels and starts its heartbeat.
     ///
-    /// A fault latched because a host fell silent or restarted is acknowledged, with a note: to open a board is to say that one knows.
+    /// A fault latched because a host fell silent or restarted is acknowledged, with a note: whoever opens the board again accepts it.
     /// An emergency stop, and what the board found itself (supply, overload, watchdog), only a person acknowledges: [`release`].
     ///
     /// # Errors
@@ -142,7 +143,7 @@ impl SerialBoard {
         let (identity, version) = loop {
             let mut link = self.shared.link();
             link.ask(Command::Hello, MonotonicNs::now());
-            let answered = self.shared.wait(link, HELLO_EVERY, |link| match link.take_answer() {
+            let answered = self.shared.wait(link, HELLO_PERIOD, |link| match link.take_answer() {
                 Some(Ok(Event::Hello(_))) => link.board,
                 _ => None,
             });
@@ -195,12 +196,12 @@ impl SerialBoard {
                 return Err(ServoError::Fault { reason });
             }
         }
-        // From the hello on the dead-man watches; the commands so far kept it quiet.
+        // From the hello on the dead-man watches; the commands so far have kept it from acting.
         let mut link = self.shared.link();
-        link.keep_alive(FIRST_PINGS, MonotonicNs::now());
+        link.keep_alive(CLOCK_BURST_PINGS, MonotonicNs::now());
         link.expect_fault(Fault::None);
         match link.take_trouble() {
-            // The one acknowledged, should the board have told of it.
+            // The fault acknowledged above, if the board has reported it too.
             None | Some(Trouble::Fault(_)) => drop(link),
             Some(trouble) => {
                 drop(link);
@@ -224,20 +225,20 @@ impl SerialBoard {
         Ok(())
     }
 
-    /// Pings until the clock is good enough to arm by, for [`CLOCK_PATIENCE`] at most. Without success nothing is refused yet: only
+    /// Pings until the clock is good enough to arm by, for [`CLOCK_TIMEOUT`] at most. Without success nothing is refused yet: only
     /// arming needs a clock.
     fn gather_pings(&self) {
-        let deadline = Instant::now() + CLOCK_PATIENCE;
+        let deadline = Instant::now() + CLOCK_TIMEOUT;
         loop {
             let link = self.shared.link();
             let over = |link: &mut Link| (link.burst_is_over() || link.ended().is_some()).then_some(());
             self.shared.wait(link, ANSWER_TIMEOUT, over);
-            let at = MonotonicNs::now().plus_seconds(CLOCK_AHEAD_S);
+            let at = MonotonicNs::now().plus_seconds(CLOCK_FORECAST_S);
             let is_known = || self.clock().is_some_and(|clock| clock.sigma_s(at) <= MAX_CLOCK_SIGMA_S);
             if is_known() || Instant::now() >= deadline || self.shared.link().ended().is_some() {
                 return;
             }
-            self.shared.link().burst(FIRST_PINGS);
+            self.shared.link().burst(CLOCK_BURST_PINGS);
         }
     }
 
@@ -272,7 +273,7 @@ impl SerialBoard {
         })
     }
 
-    /// A command whose answer is but an acknowledgement.
+    /// Sends a command whose answer is an acknowledgement.
     fn request(&mut self, request: &str, command: Command) -> Result<(), ServoError> {
         match self.ask(request, command)? {
             Event::Ack(Ack { refusal: Refusal::None, .. }) => Ok(()),
@@ -323,7 +324,7 @@ impl SerialBoard {
             let (channel, request) =
                 (Channel(track.channel), format!("uploading the profile of channel {}", track.channel));
             let start_pulse = PulseWidthUs(track.start_pulse);
-            // The whole fits in u16, so does a part.
+            // The total fits in u16, so does each track.
             let announce = Command::Track { channel, start_pulse, segments: track.segments.len() as u16 };
             self.request(&request, announce)?;
             let wire: Vec<Segment> = track
@@ -414,7 +415,7 @@ impl ServoBoard for SerialBoard {
 
     fn leave(&mut self) -> StopOutcome {
         let is_stopped = self.shared.link().is_stopped();
-        // a goodbye latches nothing, at no moment; in the middle of a profile it is refused
+        // a goodbye never latches anything; in the middle of a profile it is refused
         if !is_stopped && self.request("goodbye", Command::Goodbye).is_ok() {
             return StopOutcome::Acknowledged;
         }
@@ -433,7 +434,7 @@ impl Drop for SerialBoard {
         if self.shared.link().is_armed() {
             self.stop();
         } else if self.identity.channels > 0 {
-            // Without it the dead-man would latch a fault. No harm if it does.
+            // Without a goodbye the dead-man would latch a fault, which does no harm.
             let _ = self.ask("goodbye", Command::Goodbye);
         }
         self.shared.quit.store(true, std::sync::atomic::Ordering::Relaxed);
@@ -447,7 +448,7 @@ impl Drop for SerialBoard {
 fn converse(mut port: Box<dyn SerialPort>, shared: &Shared) {
     let mut bytes = [0; 256];
     while !shared.quit.load(std::sync::atomic::Ordering::Relaxed) {
-        // A ping goes out when it is due, not when a read has ended: reads end as the bus has its turns, and pings shall not.
+        // A ping goes out when it is due, not when a read has ended: reads end in step with the USB bus, and pings must not.
         let due_s = shared.link().next_ping().map(|at| at.seconds_since(MonotonicNs::now()).max(0.0));
         let within = due_s.map_or(port::READ_TIMEOUT, ground::strict::duration);
         let received = port::read_within(&mut *port, &mut bytes, within);
@@ -458,14 +459,14 @@ fn converse(mut port: Box<dyn SerialPort>, shared: &Shared) {
             Received::Nothing => {}
             Received::Gone(why) => {
                 link.gone(why);
-                // Whoever waits for an answer shall not.
+                // No answer will come: this ends the wait for one.
                 link.next_packet(now);
                 shared.changed.notify_all();
                 return;
             }
         }
         while let Some(line) = link.next_packet(MonotonicNs::now()) {
-            // A line that takes nothing is one that answers nothing: silence or the next read will say so.
+            // A line that takes no bytes answers none either: silence or the next read reports it.
             if let Err(error) = port.write_all(&line) {
                 tracing::debug!("writing to the servo board: {error}");
                 break;

@@ -53,7 +53,7 @@ pub fn release(port_name: &str, baud: u32) -> Result<Fault, ServoError> {
     let done = converse_until(port_name, baud, &mut link, |link| {
         let now = MonotonicNs::now();
         match link.take_answer()? {
-            // a session is begun to acknowledge in, and ended: nobody is to keep it alive
+            // a session is begun for the acknowledgement and ended again, since nothing would keep it alive
             Ok(Event::Status(Status { fault: Fault::None, .. })) => return Some(Ok(())),
             Ok(Event::Status(Status { fault, .. })) if acknowledged => return Some(Err(fault)),
             Ok(Event::Status(Status { fault, .. })) => {

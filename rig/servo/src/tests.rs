@@ -16,8 +16,8 @@ use crate::{PulseProfile, PulseTrack};
 use ground::clock::{ClockFit, Wire};
 use ground::hold::{Hold, Latch};
 
-/// What a quick answer may take while other tests keep all cores busy.
-const BUSY: Duration = Duration::from_secs(2);
+/// Longest time of a quick answer while other tests keep all cores busy, chosen.
+const BUSY_MACHINE_LIMIT: Duration = Duration::from_secs(2);
 
 type Log = Arc<Mutex<Vec<(u8, Option<u16>, MonotonicNs)>>>;
 
@@ -114,7 +114,7 @@ fn profile_is_played_with_exact_timing_over_a_real_port() {
         }
         None
     });
-    let started = started.expect("told");
+    let started = started.expect("the start was reported");
     assert_eq!(finished - started, 1_200_000);
 
     let pulses = recorder.0.lock().unwrap();
@@ -142,7 +142,7 @@ fn profile_is_played_with_exact_timing_over_a_real_port() {
         clock.dropped
     );
     assert!(error_s.abs() < 1e-3, "{error_s} s");
-    // What telemetry tells lies on the profile.
+    // The pulses that telemetry reports lie on the profile.
     assert!(reported.len() > 40);
     for (tick, pulse) in reported.iter().filter(|(tick, _)| (started..finished).contains(tick)) {
         let us = tick - started;
@@ -194,7 +194,7 @@ fn board_that_vanishes_mid_profile_is_lost_at_once_and_stops_by_itself() {
     println!("{error}");
     let asked = Instant::now();
     assert_eq!(board.stop(), StopOutcome::LeftToDeadMan);
-    assert!(asked.elapsed() < BUSY);
+    assert!(asked.elapsed() < BUSY_MACHINE_LIMIT);
     assert!(board.poll().is_ok(), "said once");
     // The dead-man: the last pulse comes within its time of the loss.
     std::thread::sleep(Duration::from_millis(900));
@@ -212,7 +212,7 @@ fn stuck_board_is_lost_and_left_to_its_dead_man_quickly() {
     let asked = Instant::now();
     assert_eq!(board.stop(), StopOutcome::LeftToDeadMan);
     println!("{error}; left to the dead-man after {:?}", asked.elapsed());
-    assert!(asked.elapsed() < BUSY);
+    assert!(asked.elapsed() < BUSY_MACHINE_LIMIT);
     let notes = board.poll().unwrap();
     assert!(
         notes.iter().any(|e| matches!(e, ServoEvent::Note { text } if text.contains("dropping DTR failed")))
@@ -262,7 +262,7 @@ fn behind_a_busy_line(
     fcntl_setfl(&pty, OFlags::NONBLOCK).unwrap();
     let name = rustix::pty::ptsname(&pty, Vec::new()).unwrap().into_string().unwrap();
     // Both ends stay open, or bytes of one that has closed would be an error.
-    let _kept = open(name.as_str(), OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).unwrap();
+    let _host_end = open(name.as_str(), OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).unwrap();
     let board = open(mock.port(), OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK, Mode::empty()).unwrap();
     let began = Instant::now();
     let over = std::sync::atomic::AtomicBool::new(false);
@@ -414,7 +414,7 @@ fn hold_stops_a_board_in_motion_refuses_orders_and_outlives_it() {
         let config = example();
         let mock = (options(&[]), Box::new(recorder.clone()) as Box<dyn PulseSink>);
         HeldBoard::open(latch.clone(), Some(folder.path()), || {
-            open(Opening { config: &config, mock, bus: None, told: None })
+            open(Opening { config: &config, mock, bus: None, replay: None })
         })
     };
     let mut board = open_board().unwrap();
@@ -465,7 +465,7 @@ fn board_refuses_what_its_limits_forbid_with_the_limit() {
 }
 
 fn opened(config: &ServoConfig) -> Box<dyn ServoBoard> {
-    open(Opening { config, mock: (options(&[]), Box::new(Recorder::default())), bus: None, told: None })
+    open(Opening { config, mock: (options(&[]), Box::new(Recorder::default())), bus: None, replay: None })
         .unwrap()
 }
 

@@ -1,25 +1,25 @@
-//! What a channel is told for an angle, how far it goes and how fast: in microseconds of pulse where a board makes pulses, in counts
-//! of its encoder where a servo listens on a bus.
+//! The setpoint of a channel for an angle, and its limits and greatest rate: in microseconds of pulse where a board makes pulses, in
+//! counts of the encoder for a servo on a bus.
 
 use std::ops::RangeInclusive;
 
 use ground::strict::Positive;
 
-/// Counts of a turn of the servos on a bus: 12 bits, Dynamixel's X series and Feetech's STS alike.
+/// Encoder counts per turn of the servos on a bus: 12 bits, Dynamixel's X series and Feetech's STS alike.
 pub(super) const COUNTS_PER_TURN: u16 = 4096;
-/// Counts per angle \[1/rad\].
+/// Encoder counts per radian \[1/rad\].
 pub const COUNTS_PER_RAD: f64 = COUNTS_PER_TURN as f64 / std::f64::consts::TAU;
 
 /// A channel's limits and its calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Travel {
-    /// On a board that makes pulses.
+    /// A channel of a board that makes pulses.
     Pulses(PulseTravel),
-    /// Of a servo on a bus.
+    /// A servo on a bus.
     Counts(CountTravel),
 }
 
-/// A channel that gets pulses.
+/// Limits and scale of a channel that gets pulses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PulseTravel {
     /// Shortest pulse \[µs\].
@@ -32,11 +32,11 @@ pub struct PulseTravel {
     pub us_per_rad: Positive,
     /// Fastest change of the pulse \[µs/s\]; 0 for no limit.
     pub max_rate_us_per_s: u32,
-    /// Where `park` goes \[µs\]; none: to the zero pulse.
+    /// Pulse of the park position \[µs\]; none: the zero pulse.
     pub park_pulse_us: Option<u16>,
 }
 
-/// A servo that hears its position on a bus and tells it.
+/// Limits and scale of a servo on a bus, which gets positions and reports its own.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CountTravel {
     /// Least position \[counts\].
@@ -47,13 +47,13 @@ pub struct CountTravel {
     pub zero_count: u16,
     /// Fastest turn \[rad/s\].
     pub max_rate_rad_per_s: Positive,
-    /// Where `park` goes \[counts\]; none: to the zero.
+    /// Park position \[counts\]; none: the zero.
     pub park_count: Option<u16>,
-    /// How far it may be from where it was told to be \[rad\], for no longer than a tenth of a second.
+    /// How far it may be from its commanded position \[rad\]; further for a tenth of a second is a fault.
     pub max_error_rad: Positive,
 }
 
-/// What a channel is told in.
+/// The unit of a channel's setpoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unit {
     /// Microseconds of pulse.
@@ -63,7 +63,7 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// As written behind a number.
+    /// The unit's symbol, to be written behind a number.
     pub fn symbol(self) -> &'static str {
         match self {
             Self::PulseUs => "µs",
@@ -71,7 +71,7 @@ impl Unit {
         }
     }
 
-    /// What the number is.
+    /// What a number in this unit is called.
     pub fn noun(self) -> &'static str {
         match self {
             Self::PulseUs => "pulse",
@@ -89,7 +89,7 @@ impl Unit {
 }
 
 impl Travel {
-    /// What the channel is told in.
+    /// The unit of its setpoints.
     pub fn unit(&self) -> Unit {
         match self {
             Self::Pulses(_) => Unit::PulseUs,
@@ -97,7 +97,7 @@ impl Travel {
         }
     }
 
-    /// Least and greatest that it may be told, in its unit.
+    /// Least and greatest setpoint, in its unit.
     pub fn range(&self) -> RangeInclusive<u16> {
         match self {
             Self::Pulses(pulses) => pulses.min_pulse_us..=pulses.max_pulse_us,
@@ -105,7 +105,7 @@ impl Travel {
         }
     }
 
-    /// Fastest change of what it is told, in its unit per second; 0 for no limit.
+    /// Fastest change of the setpoint, in its unit per second; 0 for no limit.
     pub fn max_rate_per_s(&self) -> u32 {
         match self {
             Self::Pulses(pulses) => pulses.max_rate_us_per_s,
@@ -113,7 +113,7 @@ impl Travel {
         }
     }
 
-    /// Where `park` goes, in its unit.
+    /// The setpoint at which it parks, in its unit.
     pub fn park(&self) -> u16 {
         match self {
             Self::Pulses(pulses) => pulses.park_pulse_us.unwrap_or(pulses.zero_pulse_us.get().round() as u16),
@@ -121,7 +121,7 @@ impl Travel {
         }
     }
 
-    /// What it is told at angle zero, and the change of it per angle \[1/rad\].
+    /// The setpoint at angle zero, and its change per angle \[1/rad\].
     pub(super) fn scale(&self) -> (f64, f64) {
         match self {
             Self::Pulses(pulses) => (pulses.zero_pulse_us.get(), pulses.us_per_rad.get()),

@@ -42,11 +42,11 @@ pub struct Args {
     pub threads: Option<NonZeroUsize>,
 }
 
-/// Stands that are looked at last so long at least, and a motion that takes minutes is nobody's wish \[s\].
-const STANDS_S: [f64; 2] = [0.25, 10.0];
+/// Least and greatest duration of a stand of the staircase \[s\]: it must settle, and the motion must not take minutes. Chosen.
+const STAND_DURATION_RANGE_S: [f64; 2] = [0.25, 10.0];
 
 fn stand_s(text: &str) -> Result<Positive, String> {
-    let [least, most] = STANDS_S;
+    let [least, most] = STAND_DURATION_RANGE_S;
     let seconds = text.parse().ok().filter(|s| (least..=most).contains(s)).and_then(Positive::new);
     seconds.ok_or_else(|| format!("a number between {least} and {most} is wanted"))
 }
@@ -56,7 +56,7 @@ fn stand_s(text: &str) -> Result<Positive, String> {
 /// # Errors
 /// [`Failure`] by class, as `rig run` gives it; data: a film that does not show a staircase.
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
-    // What it is to be written into is looked at before anything moves.
+    // the file to write is checked before anything moves
     let target = args.write.as_deref().map(Target::of).transpose()?;
     let run = match args.from.is_dir() {
         true => RunFolder::open(&args.from).map_err(Failure::input)?,
@@ -67,7 +67,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let mut text = format!(
         "run {}\n{}",
         run.path().display(),
-        report::text(&found.calibrated, &found.seen, calibration)
+        report::text(&found.calibrated, &found.observed, calibration)
     );
     let out = match &target {
         None => None,
@@ -134,24 +134,28 @@ impl Target {
             }
             Self::Config(edited, config) => {
                 let name = &calibration.channel;
-                let own = config.servo.iter().flat_map(|servo| &servo.channels).find(|own| own.name == *name);
-                let named = own.and_then(|channel| channel.calibration.clone());
+                let channel = config
+                    .servo
+                    .iter()
+                    .flat_map(|servo| &servo.channels)
+                    .find(|channel| channel.name == *name);
+                let named = channel.and_then(|channel| channel.calibration.clone());
                 let is_only = config.servo.as_ref().is_some_and(|servo| servo.driven().count() == 1);
                 let usual = if is_only { "servo.toml".into() } else { format!("servo-{name}.toml") };
                 let file = named.unwrap_or_else(|| usual.into());
-                let beside = base(edited.path()).join(&file);
-                if beside.exists() && ServoCalibration::read(&beside).is_err() {
+                let path = base(edited.path()).join(&file);
+                if path.exists() && ServoCalibration::read(&path).is_err() {
                     return Err(Failure::Input(anyhow!(
                         "{} is there and no servo's calibration: write into another file and name it in [[servo.channel]] calibration",
-                        beside.display()
+                        path.display()
                     )));
                 }
-                write(&Outputs::edited(&beside)?)?;
+                write(&Outputs::edited(&path)?)?;
                 edit::rewrite(edited, |text| {
                     edit::set_servo_calibration(text, name, &file.to_string_lossy())
                 })
                 .map_err(|error: EditError| Failure::input(error))?;
-                Ok(beside)
+                Ok(path)
             }
         }
     }

@@ -42,8 +42,8 @@ pub struct Args {
     pub threads: Option<NonZeroUsize>,
 }
 
-/// Exit code of a campaign that has ended without what it was for.
-const NOT_REACHED: u8 = 4;
+/// Exit code of a campaign that has ended without reaching its goal.
+const GOAL_NOT_REACHED_EXIT_CODE: u8 = 4;
 
 /// Makes runs until the goal is reached, or only a hand can help, or all runs are made; where a daemon holds the rig, that does it.
 ///
@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     Ok(Outcome {
         text: text(&record),
         verdict: Some(record.state.name().into()),
-        exit_code: if record.state == Standing::Reached { 0 } else { NOT_REACHED },
+        exit_code: if record.state == Standing::Reached { 0 } else { GOAL_NOT_REACHED_EXIT_CODE },
         out: Some(out),
         ..Outcome::default()
     })
@@ -91,7 +91,7 @@ fn handed_in(args: &Args) -> Result<Outcome, Failure> {
         let result = hand_in(&args.runs_dir, &job, interrupt, &mut Bar::new(interrupt.flag())).await?.result;
         let verdict = result.verdict.unwrap_or_default();
         Ok(Outcome {
-            exit_code: if verdict == Standing::Reached.name() { 0 } else { NOT_REACHED },
+            exit_code: if verdict == Standing::Reached.name() { 0 } else { GOAL_NOT_REACHED_EXIT_CODE },
             out: result.out.map(PathBuf::from),
             verdict: Some(verdict),
             ..Outcome::default()

@@ -9,7 +9,7 @@ use ident::experiment::Experiment;
 
 use super::{Failure, Outcome};
 use app::compose::{Given, config_of, given};
-use app::design::{CONFIGS, say_commands, write_configs};
+use app::design::{CONFIGS, add_commands, write_configs};
 use config::paths;
 use record::outputs::Outputs;
 
@@ -59,7 +59,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     };
     if let Some((config, out)) = &written {
         write_configs(config, &next, out)?;
-        say_commands(&mut advice, out.path());
+        add_commands(&mut advice, out.path());
     }
     Ok(Outcome { out: args.out.clone(), text: table(&advice), ..Outcome::default() })
 }

@@ -60,14 +60,14 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let channel = channel.ok_or_else(|| input(format!("--channel must be one of: {}", names())))?;
     let mirrored = config.profile.as_ref().is_some_and(ProfileConfig::is_mirrored);
     let (unit, range) = (channel.travel.unit(), channel.travel.range());
-    let told = match (args.pulse_us, args.count, args.angle_rad) {
+    let setpoint = match (args.pulse_us, args.count, args.angle_rad) {
         (Some(pulse_us), None, None) if unit == Unit::PulseUs => pulse_us,
         (None, Some(count), None) if unit == Unit::Counts => count,
         (None, None, Some(angle_rad)) => {
-            let told = channel.told(angle_rad, mirrored).round();
-            if !(f64::from(*range.start())..=f64::from(*range.end())).contains(&told) {
+            let setpoint = channel.setpoint(angle_rad, mirrored).round();
+            if !(f64::from(*range.start())..=f64::from(*range.end())).contains(&setpoint) {
                 return Err(input(format!(
-                    "{angle_rad} rad is a {} of {told} {} on channel {}, which takes {} to {} {}",
+                    "{angle_rad} rad is a {} of {setpoint} {} on channel {}, which takes {} to {} {}",
                     unit.noun(),
                     unit.symbol(),
                     channel.name,
@@ -76,34 +76,37 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
                     unit.symbol()
                 )));
             }
-            told as u16
+            setpoint as u16
         }
         _ => {
-            let own = if unit == Unit::Counts { "--count" } else { "--pulse-us" };
-            return Err(input(format!("say where to: --angle-rad or, for channel {}, {own}", channel.name)));
+            let option = if unit == Unit::Counts { "--count" } else { "--pulse-us" };
+            return Err(input(format!(
+                "say where to: --angle-rad or, for channel {}, {option}",
+                channel.name
+            )));
         }
     };
-    interruptible(async |interrupt| move_to(args, &config, channel, told, interrupt))
+    interruptible(async |interrupt| move_to(args, &config, channel, setpoint, interrupt))
 }
 
 fn move_to(
     args: &Args,
     config: &RigConfig,
     channel: &ServoChannel,
-    told: u16,
+    setpoint: u16,
     interrupt: &Interrupt,
 ) -> Result<Outcome, Failure> {
     let (mut board, _port) =
         open::board(config, base(&args.config), Some(&args.runs_dir)).map_err(Failure::of_run)?;
-    let mut stood = None;
-    let moved = board.jog(channel.id, told, args.duration_s).and_then(|()| {
+    let mut measured = None;
+    let moved = board.jog(channel.id, setpoint, args.duration_s).and_then(|()| {
         let until = std::time::Instant::now() + ground::strict::duration(args.duration_s + args.stay_s);
         while std::time::Instant::now() < until && !interrupt.is_raised() {
             for event in board.poll()? {
                 if let ServoEvent::Position { channel: id, count, .. } = event
                     && id == channel.id
                 {
-                    stood = Some(count);
+                    measured = Some(count);
                 }
             }
             std::thread::sleep(Duration::from_millis(20));
@@ -117,9 +120,9 @@ fn move_to(
         return Err(Failure::Hardware(anyhow!("the board did not answer the stop; its dead-man stops it")));
     }
     let unit = channel.travel.unit().symbol();
-    let text = match stood {
-        Some(count) => format!("channel {} was told {told} {unit} and stood at {count}", channel.name),
-        None => format!("channel {} was at {told} {unit}", channel.name),
+    let text = match measured {
+        Some(count) => format!("channel {} was told {setpoint} {unit} and stood at {count}", channel.name),
+        None => format!("channel {} was at {setpoint} {unit}", channel.name),
     };
     Ok(Outcome { text, ..Outcome::default() })
 }

@@ -48,13 +48,16 @@ fn parse_fault(text: &str) -> Result<CameraFault, String> {
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let tank = Tank::read(&args.tank).map_err(Failure::input)?;
     let listener = socket::listen(&args.tank)
-        .with_context(|| format!("listening on {}", args.tank.join(socket::SOCKET).display()))
+        .with_context(|| format!("listening on {}", args.tank.join(socket::SOCKET_NAME).display()))
         .map_err(Failure::Input)?;
     tank.begin_run(MonotonicNs::now());
     // Not the outcome's text: whoever started this waits for the line.
     let mut out = std::io::stdout().lock();
-    std::io::Write::write_all(&mut out, format!("{}\n", args.tank.join(socket::SOCKET).display()).as_bytes())
-        .map_err(Failure::internal)?;
+    std::io::Write::write_all(
+        &mut out,
+        format!("{}\n", args.tank.join(socket::SOCKET_NAME).display()).as_bytes(),
+    )
+    .map_err(Failure::internal)?;
     drop(out);
     follow(tank.clone(), &args.tank).map_err(Failure::Input)?;
     for client in listener.incoming() {
@@ -74,12 +77,12 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     Ok(Outcome::default())
 }
 
-/// How often the log is looked at.
-const FOLLOW_EVERY: Duration = Duration::from_millis(2);
-/// A log that does not say until when it is complete is, so long after \[s\]: a board looks at its clock every 5 ms.
-const WRITTEN_AFTER_S: f64 = 0.012;
-/// A board that has not said so for this long is gone \[s\].
-const GONE_AFTER_S: f64 = 0.3;
+/// Interval at which the log is read. Chosen.
+const LOG_POLL_INTERVAL: Duration = Duration::from_millis(2);
+/// Age at which log entries count as complete where the log does not say so itself \[s\]: a board reads its clock every 5 ms.
+const LOG_COMPLETE_AFTER_S: f64 = 0.012;
+/// A board that has not reported completeness for this long is gone \[s\]. Chosen.
+const BOARD_TIMEOUT_S: f64 = 0.3;
 
 /// Feeds the tank, from a thread of its own, with the pulses in the folder's log and with the request to let go.
 fn follow(mut tank: Tank, folder: &Path) -> anyhow::Result<()> {
@@ -97,22 +100,22 @@ fn follow(mut tank: Tank, folder: &Path) -> anyhow::Result<()> {
     let mut known = (None, MonotonicNs::now());
     std::thread::Builder::new().name("follow-board".into()).spawn(move || {
         loop {
-            let (looked, said) = (MonotonicNs::now(), log.known());
-            if said != known.0 {
-                known = (said, looked);
+            let (now, complete_until) = (MonotonicNs::now(), log.complete_until());
+            if complete_until != known.0 {
+                known = (complete_until, now);
             }
             for (at, logged) in log.poll() {
-                logged.tell(at, &mut tank);
+                logged.send_to(at, &mut tank);
             }
             tank.complete(match known {
-                (Some(until), since) if looked.seconds_since(since) < GONE_AFTER_S => until,
-                _ => looked.plus_seconds(-WRITTEN_AFTER_S),
+                (Some(until), since) if now.seconds_since(since) < BOARD_TIMEOUT_S => until,
+                _ => now.plus_seconds(-LOG_COMPLETE_AFTER_S),
             });
             if !asked && release.exists() {
                 asked = true;
                 tank.ask_release(MonotonicNs::now());
             }
-            std::thread::sleep(FOLLOW_EVERY);
+            std::thread::sleep(LOG_POLL_INTERVAL);
         }
     })?;
     Ok(())
@@ -194,7 +197,7 @@ noise_grey = 0.0
                 .spawn()
                 .unwrap();
             let deadline = Instant::now() + Duration::from_secs(20);
-            while !tank.join(socket::SOCKET).exists() {
+            while !tank.join(socket::SOCKET_NAME).exists() {
                 assert!(Instant::now() < deadline, "the mock camera never listened");
                 std::thread::sleep(Duration::from_millis(5));
             }

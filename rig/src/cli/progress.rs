@@ -17,14 +17,14 @@ use app::hand_in;
 pub struct Bar {
     bar: ProgressBar,
     interrupted: Arc<AtomicBool>,
-    /// A daemon keeps what this process says.
+    /// Whether a daemon writes the output of this process to a job's log.
     in_job: bool,
-    /// And its page shows how it goes.
+    /// Publishes the progress for the daemon's page.
     showing: Showing,
 }
 
 impl Bar {
-    /// A bar that shows nothing yet. Where `interrupted` becomes true, a fit is told to finish with what it has.
+    /// An empty bar. When `interrupted` becomes true, a fit ends with the best it has found so far.
     pub fn new(interrupted: Arc<AtomicBool>) -> Self {
         // indicatif draws to standard error, and only on a terminal.
         Self {
@@ -37,19 +37,19 @@ impl Bar {
 }
 
 impl Watcher for Bar {
-    fn say(&mut self, text: String) {
+    fn status(&mut self, text: String) {
         self.bar.set_style(ProgressStyle::default_spinner());
         self.bar.set_message(text);
         self.bar.tick();
     }
 
     /// On a terminal, and in the log of a job.
-    fn note(&mut self, text: &str) {
+    fn event(&mut self, text: &str) {
         if self.in_job { eprintln!("{text}") } else { self.bar.println(text) }
     }
 
     /// In a pipe too.
-    fn tell(&mut self, text: &str) {
+    fn alert(&mut self, text: &str) {
         if self.bar.is_hidden() { eprintln!("{text}") } else { self.bar.println(text) }
     }
 
@@ -102,7 +102,7 @@ impl Observer for Bar {
 impl diagnose::Observer for Bar {
     fn stage(&mut self, stage: &str) -> bool {
         self.showing.stage(&format!("diagnosis: {stage}"), None);
-        self.say(format!("diagnosis: {stage}"));
+        self.status(format!("diagnosis: {stage}"));
         !self.interrupted.load(Ordering::Relaxed)
     }
 

@@ -140,8 +140,8 @@ fn recovered(runs: &[PathBuf]) -> Result<Outcome, Failure> {
     for path in runs {
         let claim = recover::claim(base(path))?;
         match recover::recover(path, &claim) {
-            Ok(Some(said)) => {
-                let _ = writeln!(text, "{} {said}", name(path));
+            Ok(Some(outcome)) => {
+                let _ = writeln!(text, "{} {outcome}", name(path));
             }
             Ok(None) => {}
             Err(failure) => {

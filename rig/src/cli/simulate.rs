@@ -80,8 +80,8 @@ impl From<IntegratorName> for Integrator {
     }
 }
 
-/// Most rows one run may have: a slip in `--every-s` should not fill the disk.
-const MOST_ROWS: f64 = 1e7;
+/// Rows of a simulation at most: a mistake in `--every-s` should not fill the disk. Chosen.
+const OUTPUT_ROWS_MAX: f64 = 1e7;
 
 /// Carries out `rig simulate`.
 ///
@@ -197,8 +197,10 @@ fn sample_times(args: &Args) -> Result<Vec<f64>, Failure> {
     }
     // the last row is at the duration, where that is a whole number of rows but for rounding
     let rows = (args.duration_s / args.every_s + 1e-6).floor();
-    if rows > MOST_ROWS {
-        return Err(Failure::Input(anyhow!("{rows} rows exceed the limit of {MOST_ROWS}; raise --every-s")));
+    if rows > OUTPUT_ROWS_MAX {
+        return Err(Failure::Input(anyhow!(
+            "{rows} rows exceed the limit of {OUTPUT_ROWS_MAX}; raise --every-s"
+        )));
     }
     Ok((0..=rows as u64).map(|row| row as f64 * args.every_s).collect())
 }

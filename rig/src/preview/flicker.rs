@@ -15,14 +15,14 @@ pub struct Flicker {
     pub lamp_hz: Option<f64>,
 }
 
-/// Fewer means than this say nothing.
-pub const LEAST_SAMPLES: usize = 24;
-/// Frequencies looked at for each that a stretch of this length can tell apart.
-const OVERSAMPLING: f64 = 4.0;
-/// Noise alone looks like a swing as large as that in one of so many stretches.
-const BY_CHANCE: f64 = 1e-3;
-/// Twice the mains' frequencies: so often lamps flicker \[Hz\].
-const LAMPS_HZ: [f64; 2] = [100.0, 120.0];
+/// Samples that are needed at least. Chosen.
+pub const MIN_SAMPLES: usize = 24;
+/// Frequencies tested per resolvable frequency of the window. Chosen.
+const FREQUENCY_OVERSAMPLING: f64 = 4.0;
+/// Probability that noise alone gives a swing this large; above it there is no flicker. Chosen.
+const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
+/// Flicker frequencies of lamps, twice those of the mains \[Hz\].
+const LAMP_FLICKER_HZ: [f64; 2] = [100.0, 120.0];
 
 /// The largest swing of mean grey levels at times that rise \[s\]; none where there is none beyond noise.
 ///
@@ -34,13 +34,13 @@ pub fn flicker(samples: &[(f64, f64)]) -> Option<Flicker> {
     let mean = samples.iter().map(|(_, grey)| grey).sum::<f64>() / count as f64;
     let spread: f64 = samples.iter().map(|(_, grey)| (grey - mean).powi(2)).sum();
     let is_positive = |value: f64| value.is_finite() && value > 0.0;
-    if count < LEAST_SAMPLES || ![span_s, mean, spread].into_iter().all(is_positive) {
+    if count < MIN_SAMPLES || ![span_s, mean, spread].into_iter().all(is_positive) {
         return None;
     }
     let fps = (count - 1) as f64 / span_s;
-    let step_hz = 1.0 / (OVERSAMPLING * span_s);
-    let looked_at = ((fps / 2.0) / step_hz).floor() as usize;
-    let swings = (OVERSAMPLING as usize..=looked_at).map(|k| {
+    let step_hz = 1.0 / (FREQUENCY_OVERSAMPLING * span_s);
+    let tested = ((fps / 2.0) / step_hz).floor() as usize;
+    let swings = (FREQUENCY_OVERSAMPLING as usize..=tested).map(|k| {
         let hz = k as f64 * step_hz;
         let (power, amplitude) = swing(samples, hz);
         (power, amplitude, hz)
@@ -48,12 +48,12 @@ pub fn flicker(samples: &[(f64, f64)]) -> Option<Flicker> {
     let (power, amplitude, hz) = swings.max_by(|a, b| a.0.total_cmp(&b.0))?;
     // The chance that noise leaves no more than this of its spread at one frequency, for each that can be told apart.
     let left = (1.0 - power / spread).max(0.0);
-    let chance = left.powf((count as f64 - 3.0) / 2.0) * looked_at as f64;
+    let chance = left.powf((count as f64 - 3.0) / 2.0) * tested as f64;
     let near = |lamp: &f64| (aliased_hz(*lamp, fps) - hz).abs() < 1.0 / span_s + 1e-3 * lamp;
-    (chance < BY_CHANCE).then(|| Flicker {
+    (chance < FALSE_ALARM_PROBABILITY).then(|| Flicker {
         hz,
         percent: 100.0 * amplitude / mean,
-        lamp_hz: LAMPS_HZ.iter().copied().find(near),
+        lamp_hz: LAMP_FLICKER_HZ.iter().copied().find(near),
     })
 }
 

@@ -43,10 +43,10 @@ pub fn grey_range(image: &GrayImage) -> Option<GreyRange> {
     let counts = histogram(image);
     let all = image.as_raw().len() as u64;
     let level = |below: u64| {
-        let mut seen = 0;
+        let mut counted = 0;
         counts.iter().zip(0..=u8::MAX).find_map(|(count, level)| {
-            seen += count;
-            (seen > below).then_some(level)
+            counted += count;
+            (counted > below).then_some(level)
         })
     };
     Some(GreyRange { low: level(all / 100)?, middle: level(all / 2)?, high: level(all - all.div_ceil(100))? })
@@ -58,13 +58,13 @@ pub fn mean_grey(image: &GrayImage) -> Option<f64> {
     (!image.as_raw().is_empty()).then(|| sum as f64 / image.as_raw().len() as f64)
 }
 
-/// The steepest pixels that tell the width: this share of the picture, at least so many.
-const STEEPEST_SHARE: f64 = 1e-3;
-const LEAST_EDGE_PX: usize = 20;
-/// How far around a steep pixel the grey levels on both sides of its edge are looked for \[px\]; wider edges count as this wide.
-const REACH_PX: u32 = 12;
-/// Steps that are less high are noise \[grey levels\].
-const LEAST_STEP: f64 = 16.0;
+/// The width is measured on the steepest pixels: this share of the picture, and at least this many. Chosen.
+const EDGE_PIXELS_SHARE: f64 = 1e-3;
+const MIN_EDGE_PIXELS: usize = 20;
+/// Distance around a steep pixel in which the grey levels of both sides are searched \[px\]; wider edges count as this wide. Chosen.
+const EDGE_SEARCH_RADIUS_PX: u32 = 12;
+/// Lower steps count as noise \[grey levels\]. Chosen.
+const MIN_STEP_GREY_LEVELS: f64 = 16.0;
 
 /// How wide the sharpest edges are \[px\]: the height of their step over their steepest rise between neighbours. An edge that is sharp to the
 /// pixel has 2, one blurred by a Gaussian of sigma s about s times the square root of two pi. None where the picture shows no edge.
@@ -88,14 +88,14 @@ pub fn edge_width_px(image: &GrayImage) -> Option<f64> {
             steep.push((across * across + along * along, at));
         }
     }
-    let count = ((STEEPEST_SHARE * steep.len() as f64) as usize).max(LEAST_EDGE_PX).min(steep.len());
+    let count = ((EDGE_PIXELS_SHARE * steep.len() as f64) as usize).max(MIN_EDGE_PIXELS).min(steep.len());
     steep.select_nth_unstable_by(count - 1, |a, b| b.cmp(a));
     let mut widths: Vec<f64> = steep[..count]
         .iter()
         .filter_map(|&(squared, at)| {
             let rise = f64::from(squared).sqrt() / 6.0;
             let step = step(image, (at % w) as u32, (at / w) as u32);
-            (step >= LEAST_STEP && rise > 0.0).then(|| step / rise)
+            (step >= MIN_STEP_GREY_LEVELS && rise > 0.0).then(|| step / rise)
         })
         .collect();
     if widths.is_empty() || widths.len() < count / 2 {
@@ -107,7 +107,9 @@ pub fn edge_width_px(image: &GrayImage) -> Option<f64> {
 
 /// The difference between the lightest and the darkest pixel around one.
 fn step(image: &GrayImage, x: u32, y: u32) -> f64 {
-    let around = |c: u32, side: u32| c.saturating_sub(REACH_PX)..(c + REACH_PX + 1).min(side);
+    let around = |c: u32, side: u32| {
+        c.saturating_sub(EDGE_SEARCH_RADIUS_PX)..(c + EDGE_SEARCH_RADIUS_PX + 1).min(side)
+    };
     let (mut least, mut most) = (u8::MAX, 0);
     for row in around(y, image.height()) {
         for column in around(x, image.width()) {

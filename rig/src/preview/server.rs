@@ -17,7 +17,7 @@ use super::edit::Places;
 use super::watch::{Picture, Watch};
 use camera::calibration::{Plane, Px};
 use config::RigConfig;
-use daemon::web::{Hosts, one_form, protect};
+use daemon::web::{Hosts, protect, uniform_errors};
 use ground::error_chain::with_causes;
 use record::outputs::OutputFile;
 use tank::render::outlines;
@@ -90,7 +90,7 @@ impl Server {
             .route("/config", post(write))
             .with_state(self.page)
             .layer(middleware::from_fn(guarded))
-            .layer(middleware::from_fn(one_form));
+            .layer(middleware::from_fn(uniform_errors));
         tokio::select! {
             served = axum::serve(self.listener, router) => Ok(served?),
             () = end => Ok(()),
@@ -99,7 +99,7 @@ impl Server {
 }
 
 async fn guarded(request: Request, next: Next) -> Response {
-    if !Hosts::default().is_own(request.headers()) {
+    if !Hosts::default().is_same_origin(request.headers()) {
         let why = "this page is for 127.0.0.1 and localhost, asked from itself";
         return (StatusCode::FORBIDDEN, why).into_response();
     }

@@ -23,19 +23,19 @@ use run::RunError;
 use run::open;
 use vision::standing_out::{StandingOut, standing_out};
 
-/// Images that may wait to be measured; with more the next ones are not.
-const WAITING: usize = 32;
-/// Between two pictures for the page.
-const SHOW_EVERY: Duration = Duration::from_millis(160);
-/// How long flicker is looked at \[s\], and with how many images at most.
-const FLICKER_S: f64 = 2.5;
-const FLICKER_IMAGES: usize = 512;
-/// Images over which the rate is taken.
+/// Images that may wait to be measured; further ones are skipped. Chosen.
+const IMAGE_QUEUE_CAPACITY: usize = 32;
+/// Time between two pictures for the page. Chosen.
+const PICTURE_INTERVAL: Duration = Duration::from_millis(160);
+/// Length of the window for flicker \[s\], and images in it at most. Chosen.
+const FLICKER_WINDOW_S: f64 = 2.5;
+const FLICKER_IMAGES_MAX: usize = 512;
+/// Images over which the rate is averaged. Chosen.
 const RATE_IMAGES: usize = 64;
-/// No call of the camera takes longer: so long an end may take.
-const LOOK_UP: Duration = Duration::from_millis(200);
-/// Before a lost camera is tried again.
-const TRY_AGAIN: Duration = Duration::from_secs(1);
+/// Timeout of a call to the camera, and the delay of an end by it. Chosen.
+const CAMERA_POLL_TIMEOUT: Duration = Duration::from_millis(200);
+/// Time after which a lost camera is opened again. Chosen.
+const CAMERA_RETRY_DELAY: Duration = Duration::from_secs(1);
 const JPEG_QUALITY: u8 = 85;
 
 /// Tints: of what stands out, and of what the static mask covers.
@@ -45,7 +45,7 @@ const MASKED_RGB: [u16; 3] = [220, 60, 220];
 /// What is known of the camera apart from its pictures.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Rolling {
-    /// What it is and how it was set up.
+    /// The camera and its settings.
     pub camera: Option<CameraInfo>,
     /// Images a second, as received.
     pub fps: Option<f64>,
@@ -53,13 +53,13 @@ pub struct Rolling {
     pub received: u64,
     /// Images that the camera counted and never handed over.
     pub lost: u64,
-    /// Images that were received and not looked at: this machine is too slow for all of them.
+    /// Images that were received and not measured: this machine is too slow for all of them.
     pub skipped: u64,
-    /// What is wrong with it now.
+    /// The camera's current error.
     pub error: Option<String>,
 }
 
-/// What a picture says.
+/// The measures of a picture.
 #[derive(Debug, Clone, Serialize)]
 pub struct Measures {
     /// See [`edge_width_px`].
@@ -72,13 +72,13 @@ pub struct Measures {
     pub grey: Option<GreyRange>,
     /// See [`flicker`]; of the last seconds.
     pub flicker: Option<Flicker>,
-    /// How long flicker has been looked at \[s\].
+    /// Length of the window that flicker was measured over \[s\].
     pub flicker_s: f64,
-    /// What stands out from the background \[px\].
+    /// Area that stands out from the background \[px\].
     pub parts_px: Option<usize>,
     /// Why that is not known.
     pub no_parts: Option<String>,
-    /// What the static mask covers \[px\].
+    /// Area that the static mask covers \[px\].
     pub masked_px: Option<usize>,
 }
 
@@ -93,11 +93,11 @@ pub struct Picture {
     pub plain: Vec<u8>,
     /// The same, with what stands out and what is masked tinted.
     pub marked: Vec<u8>,
-    /// What it says; or why it cannot be read.
+    /// Its measures, or why it cannot be read.
     pub measures: Result<Measures, String>,
 }
 
-/// What both threads and the page share.
+/// State shared by both threads and the page.
 #[derive(Debug, Default)]
 struct Shared {
     stop: AtomicBool,
@@ -105,12 +105,12 @@ struct Shared {
     lost: AtomicU64,
     skipped: AtomicU64,
     /// Camera, rate, error.
-    told: Mutex<(Option<CameraInfo>, Option<f64>, Option<String>)>,
+    status: Mutex<(Option<CameraInfo>, Option<f64>, Option<String>)>,
 }
 
 impl Shared {
-    fn told(&self) -> MutexGuard<'_, (Option<CameraInfo>, Option<f64>, Option<String>)> {
-        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    fn status(&self) -> MutexGuard<'_, (Option<CameraInfo>, Option<f64>, Option<String>)> {
+        self.status.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn stopped(&self) -> bool {
@@ -133,7 +133,7 @@ impl Watch {
     pub fn start(config: RigConfig, base: &Path) -> Result<Self, RunError> {
         let camera = open::camera(&config, base)?;
         let shared = Arc::new(Shared::default());
-        let (hand_over, images) = sync_channel(WAITING);
+        let (hand_over, images) = sync_channel(IMAGE_QUEUE_CAPACITY);
         let (show, pictures) = watch::channel(None);
         let looker = Looker { config: config.clone(), base: base.into(), shared: Arc::clone(&shared), show };
         let roller = Roller { config, base: base.into(), shared: Arc::clone(&shared), hand_over };
@@ -146,7 +146,7 @@ impl Watch {
 
     /// What is known of the camera apart from its pictures.
     pub fn rolling(&self) -> Rolling {
-        let (camera, fps, error) = self.shared.told().clone();
+        let (camera, fps, error) = self.shared.status().clone();
         let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
         Rolling {
             camera,
@@ -174,7 +174,7 @@ impl Drop for Watch {
     }
 }
 
-/// Takes the camera's images and waits for nobody.
+/// Takes the camera's images without waiting for the measuring thread.
 struct Roller {
     config: RigConfig,
     base: PathBuf,
@@ -190,49 +190,49 @@ impl Roller {
             // A device must be closed before it can be opened again.
             drop(camera);
             let Err(error) = ended else { return };
-            self.tell(with_causes(&error));
+            self.set_error(with_causes(&error));
             camera = loop {
-                let until = Instant::now() + TRY_AGAIN;
+                let until = Instant::now() + CAMERA_RETRY_DELAY;
                 while Instant::now() < until {
                     if self.shared.stopped() {
                         return;
                     }
-                    std::thread::sleep(LOOK_UP / 4);
+                    std::thread::sleep(CAMERA_POLL_TIMEOUT / 4);
                 }
                 match open::camera(&self.config, &self.base) {
                     Ok(camera) => break camera,
-                    Err(error) => self.tell(with_causes(&error)),
+                    Err(error) => self.set_error(with_causes(&error)),
                 }
             };
         }
     }
 
-    fn tell(&self, error: String) {
-        let mut told = self.shared.told();
-        (told.1, told.2) = (None, Some(error));
+    fn set_error(&self, error: String) {
+        let mut status = self.shared.status();
+        (status.1, status.2) = (None, Some(error));
     }
 
     /// Until it is told to stop, or the camera ends.
     fn stream(&self, camera: &mut dyn Camera) -> Result<(), CameraError> {
         camera.start()?;
-        self.shared.told().0 = Some(camera.info().clone());
+        self.shared.status().0 = Some(camera.info().clone());
         let stall = self.config.camera.stall();
-        let mut heard = Instant::now();
+        let mut last_image = Instant::now();
         let mut last: Option<u32> = None;
         let mut taken: VecDeque<MonotonicNs> = VecDeque::new();
         while !self.shared.stopped() {
-            let image = match camera.next_image(LOOK_UP.min(stall)) {
+            let image = match camera.next_image(CAMERA_POLL_TIMEOUT.min(stall)) {
                 Ok(image) => image,
                 Err(CameraError::Stalled { camera, .. }) => {
-                    if heard.elapsed() > stall {
-                        let waited_ms = heard.elapsed().as_millis() as u64;
-                        self.tell(CameraError::Stalled { camera, waited_ms }.to_string());
+                    if last_image.elapsed() > stall {
+                        let waited_ms = last_image.elapsed().as_millis() as u64;
+                        self.set_error(CameraError::Stalled { camera, waited_ms }.to_string());
                     }
                     continue;
                 }
                 Err(error) => return Err(error),
             };
-            heard = Instant::now();
+            last_image = Instant::now();
             self.shared.received.fetch_add(1, Ordering::Relaxed);
             let lost = last.map_or(0, |last| images_lost(last, image.sequence));
             self.shared.lost.fetch_add(u64::from(lost), Ordering::Relaxed);
@@ -241,9 +241,9 @@ impl Roller {
             if taken.len() > RATE_IMAGES {
                 taken.pop_front();
             }
-            let mut told = self.shared.told();
-            (told.1, told.2) = (rate(&taken), None);
-            drop(told);
+            let mut status = self.shared.status();
+            (status.1, status.2) = (rate(&taken), None);
+            drop(status);
             if let Err(TrySendError::Full(_)) = self.hand_over.try_send(image) {
                 self.shared.skipped.fetch_add(1, Ordering::Relaxed);
             }
@@ -272,7 +272,7 @@ impl Looker {
         let mut best = None;
         let (mut origin, mut shown) = (None, None::<Instant>);
         loop {
-            let image = match images.recv_timeout(LOOK_UP) {
+            let image = match images.recv_timeout(CAMERA_POLL_TIMEOUT) {
                 Ok(image) => image,
                 Err(RecvTimeoutError::Timeout) if !self.shared.stopped() => continue,
                 Err(_) => return,
@@ -280,16 +280,16 @@ impl Looker {
             let grey = decode::grey(&image).map_err(|error| with_causes(&error));
             if let Some(mean) = grey.as_ref().ok().and_then(mean_grey) {
                 let time_s = image.mid_exposure.seconds_since(*origin.get_or_insert(image.mid_exposure));
-                // A camera that was opened again may begin anew.
+                // a camera that was opened again may count from the start
                 if means.back().is_some_and(|(last, _)| time_s <= *last) {
                     means.clear();
                 }
                 means.push_back((time_s, mean));
-                while means.len() > FLICKER_IMAGES || means[0].0 < time_s - FLICKER_S {
+                while means.len() > FLICKER_IMAGES_MAX || means[0].0 < time_s - FLICKER_WINDOW_S {
                     means.pop_front();
                 }
             }
-            if shown.is_some_and(|shown| shown.elapsed() < SHOW_EVERY) {
+            if shown.is_some_and(|shown| shown.elapsed() < PICTURE_INTERVAL) {
                 continue;
             }
             shown = Some(Instant::now());
@@ -297,7 +297,7 @@ impl Looker {
                 Ok(grey) => self.picture(image.sequence, &grey, means.make_contiguous(), &mut best),
                 Err(why) => self.unreadable(image.sequence, why),
             };
-            // Whether anybody looks at it is theirs.
+            // it does not matter whether anybody receives it
             let _ = self.show.send(Some(Arc::new(picture)));
         }
     }
@@ -309,10 +309,10 @@ impl Looker {
         means: &[(f64, f64)],
         best: &mut Option<f64>,
     ) -> Picture {
-        let seen = standing_out(grey, &self.config.vision, &self.base);
+        let detected = standing_out(grey, &self.config.vision, &self.base);
         let edge_width_px = edge_width_px(grey);
         *best = [*best, edge_width_px].into_iter().flatten().reduce(f64::min);
-        let parts = seen.as_ref().map(|seen| seen.parts.as_ref());
+        let parts = detected.as_ref().map(|detected| detected.parts.as_ref());
         let measures = Measures {
             edge_width_px,
             best_edge_width_px: *best,
@@ -325,18 +325,18 @@ impl Looker {
                 Ok(parts) => parts.err().cloned(),
                 Err(error) => Some(with_causes(error)),
             },
-            masked_px: seen.as_ref().ok().and_then(|seen| Some(seen.masked.as_ref()?.area())),
+            masked_px: detected.as_ref().ok().and_then(|detected| Some(detected.masked.as_ref()?.area())),
         };
         Picture {
             sequence,
             size_px: grey.dimensions().into(),
             plain: jpeg(grey.clone().into()),
-            marked: jpeg(marked(grey, seen.as_ref().ok()).into()),
+            marked: jpeg(marked(grey, detected.as_ref().ok()).into()),
             measures: Ok(measures),
         }
     }
 
-    /// The picture before stays; what is wrong with this one is told.
+    /// The picture before stays; what is wrong with this one is reported.
     fn unreadable(&self, sequence: u32, why: String) -> Picture {
         let before = self.show.borrow().clone();
         let (size_px, plain, marked) =
@@ -355,11 +355,11 @@ fn jpeg(picture: DynamicImage) -> Vec<u8> {
 }
 
 /// The picture with what stands out, and what is masked, tinted.
-fn marked(grey: &GrayImage, seen: Option<&StandingOut>) -> RgbImage {
+fn marked(grey: &GrayImage, detected: Option<&StandingOut>) -> RgbImage {
     let mut picture =
         RgbImage::from_fn(grey.width(), grey.height(), |x, y| Rgb([grey.get_pixel(x, y).0[0]; 3]));
-    let Some(seen) = seen else { return picture };
-    for (mask, tint) in [(seen.parts.as_ref().ok(), PART_RGB), (seen.masked.as_ref(), MASKED_RGB)] {
+    let Some(detected) = detected else { return picture };
+    for (mask, tint) in [(detected.parts.as_ref().ok(), PART_RGB), (detected.masked.as_ref(), MASKED_RGB)] {
         for (column, row) in mask.iter().flat_map(|mask| mask.pixels()) {
             if let Some(pixel) = picture.get_pixel_mut_checked(column as u32, row as u32) {
                 for (channel, tint) in pixel.0.iter_mut().zip(tint) {

@@ -103,12 +103,12 @@ pub enum Scale {
     File(PathBuf),
 }
 
-/// Weights say what a link displaces; so much more or less than its shape \[share\] is a mistake: edges are rounded, holes drilled.
-const DISPLACED_TOLERANCE: f64 = 0.5;
-/// Part of the picture's height that a chain fills whose scale nobody measured.
-const FILLS: f64 = 2.0 / 3.0;
-/// From the edge of the picture to the first pivot, as a share of its height.
-const MARGIN: f64 = 0.125;
+/// Share by which the displaced volume by weights may differ from that of the shape (rounded edges, drilled holes); more is a mistake. Chosen.
+const DISPLACED_VOLUME_TOLERANCE_SHARE: f64 = 0.5;
+/// Share of the picture's height that the chain fills where the scale was not measured. Chosen.
+const DEFAULT_CHAIN_HEIGHT_SHARE: f64 = 2.0 / 3.0;
+/// Distance of the first pivot from the edge of the picture, as a share of its height. Chosen.
+const FIRST_PIVOT_MARGIN_SHARE: f64 = 0.125;
 /// What most prints of PLA have \[kg/m3\]; and a hollow one that floats.
 const SINKING_KG_PER_M3: f64 = 1240.0;
 const FLOATING_KG_PER_M3: f64 = 900.0;
@@ -123,9 +123,9 @@ fn within(
     if fits { Ok(got) } else { Err(Refusal::Range { option, got, least, most, unit }) }
 }
 
-/// A length that somebody can hold \[m\]: more is a slip of the unit.
-const LENGTHS_M: [f64; 2] = [0.0005, 2.0];
-const WEIGHTS_KG: [f64; 2] = [1e-6, 100.0];
+/// Plausible lengths \[m\] and weights \[kg\]: a value outside is taken for a wrong unit. Chosen.
+const PLAUSIBLE_LENGTHS_M: [f64; 2] = [0.0005, 2.0];
+const PLAUSIBLE_WEIGHTS_KG: [f64; 2] = [1e-6, 100.0];
 
 impl Chain {
     /// The rig of these answers.
@@ -136,7 +136,7 @@ impl Chain {
         let count = answers.links.unwrap_or(3);
         within("links", count as f64, [1.0, 64.0], "links")?;
         let length = |option, said: Option<f64>, default: f64| {
-            within(option, said.unwrap_or(default), LENGTHS_M, "m: metres are asked for")
+            within(option, said.unwrap_or(default), PLAUSIBLE_LENGTHS_M, "m: metres are asked for")
         };
         let length_m = length("length-m", answers.length_m, 0.03)?;
         let overlap_m = within("overlap-m", answers.overlap_m.unwrap_or(length_m / 6.0), [0.0, 2.0], "m")?;
@@ -224,7 +224,7 @@ impl Chain {
             let link = index + 1;
             let dry_kg = match (dry, wet) {
                 (Some(dry_kg), _) => {
-                    within("dry-mass-kg", dry_kg, WEIGHTS_KG, "kg: kilograms are asked for")?
+                    within("dry-mass-kg", dry_kg, PLAUSIBLE_WEIGHTS_KG, "kg: kilograms are asked for")?
                 }
                 (None, Some(_)) => return Err(Refusal::WetAlone),
                 (None, None) => self.volume_m3() * self.density_kg_per_m3,
@@ -236,7 +236,7 @@ impl Chain {
                     if weighed_kg <= 0.0 {
                         return Err(Refusal::HeavierInWater { link, wet_kg, dry_kg });
                     }
-                    if (weighed_kg / section_kg - 1.0).abs() > DISPLACED_TOLERANCE {
+                    if (weighed_kg / section_kg - 1.0).abs() > DISPLACED_VOLUME_TOLERANCE_SHARE {
                         return Err(Refusal::Displaced { link, weighed_kg, section_kg });
                     }
                     weighed_kg
@@ -294,7 +294,7 @@ fn picture(answers: &Answers, mount: Mount, chain_m: f64) -> Result<Picture, Ref
     let scale = match &answers.calibration {
         Some(file) => Scale::File(file.clone()),
         None => {
-            let guess = chain_m / (FILLS * height);
+            let guess = chain_m / (DEFAULT_CHAIN_HEIGHT_SHARE * height);
             let scale = answers.metres_per_pixel.unwrap_or(guess);
             let metres_per_pixel = within("metres-per-pixel", scale, [1e-6, 0.1], "m")?;
             if chain_m / metres_per_pixel > height {
@@ -306,7 +306,11 @@ fn picture(answers: &Answers, mount: Mount, chain_m: f64) -> Result<Picture, Ref
                     height_px: size_px[1],
                 });
             }
-            let row = if mount == Mount::Hanging { MARGIN * height } else { (1.0 - MARGIN) * height };
+            let row = if mount == Mount::Hanging {
+                FIRST_PIVOT_MARGIN_SHARE * height
+            } else {
+                (1.0 - FIRST_PIVOT_MARGIN_SHARE) * height
+            };
             Scale::Square {
                 metres_per_pixel,
                 origin_px: [(width / 2.0).round(), row.round()],

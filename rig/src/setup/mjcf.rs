@@ -16,40 +16,43 @@ pub(super) enum Which {
     Truth,
 }
 
-/// MuJoCo's defaults.
-const START: [f64; 5] = [0.5, 0.25, 1.5, 1.0, 1.0];
-/// Of the tank's links, in turn: values like those that were measured on links of this kind.
-const TRUTH: [[f64; 5]; 3] =
+/// MuJoCo's default fluid coefficients: the start of a fit.
+const START_COEFFICIENTS: [f64; 5] = [0.5, 0.25, 1.5, 1.0, 1.0];
+/// Fluid coefficients of the simulated tank's links, in turn: values like those that were measured on links of this kind.
+const TANK_COEFFICIENTS: [[f64; 5]; 3] =
     [[0.6, 0.2, 1.6, 0.9, 0.8], [0.75, 0.15, 1.2, 1.1, 0.6], [0.55, 0.3, 2.0, 0.7, 0.9]];
 /// The tank's links are heavier than the balance says, and their joints worse than guessed.
-const TRUTH_MASS: f64 = 1.004;
-const TRUTH_DAMPING: f64 = 2.4;
-const TRUTH_FRICTION: f64 = 1.8;
+const TANK_MASS_FACTOR: f64 = 1.004;
+const TANK_DAMPING_FACTOR: f64 = 2.4;
+const TANK_FRICTION_FACTOR: f64 = 1.8;
 
-/// Mass of water \[kg\] and length \[m\] of the shipped three-link chain, and what suits it (guessed): joint damping \[N m s/rad\], friction
+/// Mass of water \[kg\] and length \[m\] of the shipped three-link chain, and the joint and servo parameters that suit it (guessed): joint damping \[N m s/rad\], friction
 /// loss \[N m\], and a stiff position servo's kp \[N m/rad\], kv \[N m s/rad\] and greatest torque \[N m\]. Friction grows with the moment of
 /// the weight, the others with that of inertia: so times and angles of rest stay what they are.
-const SUITS_KG: f64 = 3.0 * 0.0015;
-const SUITS_M: f64 = 0.08;
-const DAMPING: f64 = 1e-6;
-const FRICTION: f64 = 1e-6;
-const KP: f64 = 0.05;
-const KV: f64 = 3e-4;
-const TORQUE_NM: f64 = 0.03;
+const REFERENCE_WATER_MASS_KG: f64 = 3.0 * 0.0015;
+const REFERENCE_LENGTH_M: f64 = 0.08;
+const REFERENCE_DAMPING_N_M_S_PER_RAD: f64 = 1e-6;
+const REFERENCE_FRICTION_N_M: f64 = 1e-6;
+const REFERENCE_KP_N_M_PER_RAD: f64 = 0.05;
+const REFERENCE_KV_N_M_S_PER_RAD: f64 = 3e-4;
+const REFERENCE_TORQUE_N_M: f64 = 0.03;
 
 /// The model `name`.
 pub(super) fn model(name: &str, chain: &Chain, which: Which) -> String {
     let count = chain.links.len();
-    let (heavier, longer) = (count as f64 * chain.shape_displaces_kg() / SUITS_KG, chain.chain_m() / SUITS_M);
+    let (heavier, longer) = (
+        count as f64 * chain.shape_displaces_kg() / REFERENCE_WATER_MASS_KG,
+        chain.chain_m() / REFERENCE_LENGTH_M,
+    );
     // Guesses deserve no more digits.
     let guess = |value: f64, by: f64| -> f64 { format!("{:.1e}", value * by).parse().unwrap_or(value) };
     let (weight, inertia) = (heavier * longer, heavier * longer * longer);
     let truth = which == Which::Truth;
-    let (damping, friction) = if truth { (TRUTH_DAMPING, TRUTH_FRICTION) } else { (1.0, 1.0) };
+    let (damping, friction) = if truth { (TANK_DAMPING_FACTOR, TANK_FRICTION_FACTOR) } else { (1.0, 1.0) };
     let passive = format!(
         " damping=\"{}\" frictionloss=\"{}\"",
-        tidy(guess(DAMPING * damping, inertia)),
-        tidy(guess(FRICTION * friction, weight))
+        tidy(guess(REFERENCE_DAMPING_N_M_S_PER_RAD * damping, inertia)),
+        tidy(guess(REFERENCE_FRICTION_N_M * friction, weight))
     );
     // The first pivot is the upper end of what hangs and the lower end of what stands.
     let down = if chain.mount == Mount::Hanging { -1.0 } else { 1.0 };
@@ -84,14 +87,15 @@ pub(super) fn model(name: &str, chain: &Chain, which: Which) -> String {
     line(1, "<worldbody>");
     for (index, link) in chain.links.iter().enumerate() {
         let (depth, number) = (index + 2, index + 1);
-        let mass_kg = if truth { link.dry_kg * TRUTH_MASS } else { link.dry_kg };
+        let mass_kg = if truth { link.dry_kg * TANK_MASS_FACTOR } else { link.dry_kg };
         let from_m = if index == 0 { 0.0 } else { chain.pitch_m() };
         let buoyancy = tidy(link.displaced_kg / mass_kg);
         let pos = if index == 0 { "0 0 0".into() } else { format!("0 0 {}", along(from_m)) };
         line(depth, &format!("<body name=\"link{number}\" pos=\"{pos}\" gravcomp=\"{buoyancy}\">"));
         let joint = if driven && index == 0 { "" } else { &passive };
         line(depth + 1, &format!("<joint name=\"q{number}\"{joint}/>"));
-        let coefficients = if truth { TRUTH[index % TRUTH.len()] } else { START };
+        let coefficients =
+            if truth { TANK_COEFFICIENTS[index % TANK_COEFFICIENTS.len()] } else { START_COEFFICIENTS };
         line(
             depth + 1,
             &format!(
@@ -116,13 +120,13 @@ pub(super) fn model(name: &str, chain: &Chain, which: Which) -> String {
     line(1, "</worldbody>");
     if driven {
         line(1, "<actuator>");
-        let torque = tidy(guess(TORQUE_NM, inertia));
+        let torque = tidy(guess(REFERENCE_TORQUE_N_M, inertia));
         line(
             2,
             &format!(
                 "<position name=\"servo\" joint=\"q1\" kp=\"{}\" kv=\"{}\" forcerange=\"-{torque} {torque}\"/>",
-                tidy(guess(KP, inertia)),
-                tidy(guess(KV, inertia))
+                tidy(guess(REFERENCE_KP_N_M_PER_RAD, inertia)),
+                tidy(guess(REFERENCE_KV_N_M_S_PER_RAD, inertia))
             ),
         );
         line(1, "</actuator>");

@@ -1,4 +1,4 @@
-//! Alerts: what somebody should know, and to which of the places that want to be told it was told.
+//! Alerts: events that a person should know of, and their delivery to the places of `[alerts]`.
 
 use rusqlite::{OptionalExtension, params};
 use serde::Serialize;
@@ -27,7 +27,7 @@ pub(super) const TABLES: &str = "
     CREATE INDEX deliveries_by_time ON deliveries (next) WHERE next IS NOT NULL;
 ";
 
-/// What somebody should know.
+/// An event that a person should know of.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Alert {
     /// Its number.
@@ -43,14 +43,14 @@ pub struct Alert {
     pub job: Option<i64>,
 }
 
-/// An alert that a place is still to be told.
+/// An alert that is still to be delivered to a place.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Delivery {
-    /// What.
+    /// The alert.
     pub alert: Alert,
-    /// Whom: a key of `[alerts]`.
+    /// The place: a key of `[alerts]`.
     pub place: String,
-    /// How often it was tried.
+    /// Number of tries so far.
     pub tries: u32,
 }
 
@@ -61,7 +61,7 @@ fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Alert> {
 }
 
 impl Store {
-    /// Raises an alert, of which each of `places` is to be told.
+    /// Stores an alert, to be delivered to each of `places`.
     ///
     /// # Errors
     /// [`StoreError::Database`].
@@ -112,7 +112,7 @@ impl Store {
         self.db.query_row(&query, [now()], read).optional().map_err(self.failed("reading"))
     }
 
-    /// Writes how a delivery went: it was `trouble`, and is tried again at `next`, if at all; or the place was told.
+    /// Records the result of a delivery: with `trouble`, its error and the time of the next try, if any; without, it succeeded.
     ///
     /// # Errors
     /// [`StoreError::Database`].
@@ -121,12 +121,12 @@ impl Store {
         delivery: &Delivery,
         trouble: Option<(&str, Option<jiff::Timestamp>)>,
     ) -> Result<(), StoreError> {
-        let told = trouble.is_none().then(now);
+        let delivered_at = trouble.is_none().then(now);
         let (trouble, next) = trouble.unzip();
         self.change("writing a delivery to", |db| {
             db.execute(
                 "UPDATE deliveries SET tries = tries + 1, next = ?3, told = ?4, trouble = ?5 WHERE alert = ?1 AND place = ?2",
-                params![delivery.alert.id, delivery.place, next.flatten().map(text), told, trouble],
+                params![delivery.alert.id, delivery.place, next.flatten().map(text), delivered_at, trouble],
             )
             .map(drop)
         })

@@ -15,7 +15,7 @@ pub fn open_at_once(runs_dir: &Path) -> Result<Store, StoreError> {
     let db = Connection::open(&path).map_err(StoreError::at("opening", &path))?;
     let store = Store::with(db, runs_dir, path)?;
     store.db.pragma_update(None, "synchronous", "OFF").map_err(store.failed("opening"))?;
-    store.wait_for_nobody()?;
+    store.disable_lock_wait()?;
     Ok(store)
 }
 

@@ -1,4 +1,4 @@
-//! What a campaign is for.
+//! The goal of a campaign.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,11 +6,11 @@ use std::str::FromStr;
 use ident::fit::Fit;
 use serde::{Deserialize, Serialize};
 
-/// When a campaign has what it is for.
+/// The goal at which a campaign ends.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Goal {
-    /// The diagnosis says one thing, checked by a run that it was not made from.
+    /// The diagnosis has one clear verdict, checked by a run that it was not made from.
     Resolve,
     /// Each of these parameters is known so well.
     Precision(Vec<Target>),
@@ -40,12 +40,12 @@ pub struct Known {
     pub value: f64,
     /// One standard deviation.
     pub std: f64,
-    /// What it is to be.
+    /// The wanted standard deviation.
     pub wanted_std: f64,
 }
 
 impl Known {
-    /// How far it is from what is wanted: 1 and less is there.
+    /// Ratio of the standard deviation to the wanted one: at most 1 where the goal is reached.
     pub fn ratio(&self) -> f64 {
         if self.std.is_finite() && self.wanted_std > 0.0 { self.std / self.wanted_std } else { f64::INFINITY }
     }

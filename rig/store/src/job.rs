@@ -42,28 +42,28 @@ pub enum Work {
         #[serde(default)]
         film_only: bool,
     },
-    /// The last good fit is brought up to date with a run.
+    /// A new fit of a run against the last good coefficients.
     Recalibrate {
-        /// Which.
+        /// The run.
         #[schema(value_type = String)]
         run: RunId,
     },
     /// A run's analysis again, into the job's folder.
     Replay {
-        /// Which.
+        /// The run.
         #[schema(value_type = String)]
         run: RunId,
-        /// What to begin with.
+        /// The stage to begin with.
         #[serde(default)]
         from: Stage,
     },
     /// A fit of some runs, into the job's folder.
     Fit(Chosen),
-    /// What the simulation of some runs gets wrong, into the job's folder.
+    /// A diagnosis of some runs, into the job's folder.
     Diagnose(Chosen),
-    /// Which runs would tell more, into the job's folder.
+    /// The design of the next runs, into the job's folder.
     Design(Chosen),
-    /// Runs until what is asked is known: it moves the rig.
+    /// Runs until the goals are met: it moves the rig.
     Campaign {
         /// The rig config.
         #[schema(value_type = String)]
@@ -81,10 +81,10 @@ pub enum Work {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Chosen {
-    /// To fit.
+    /// Runs to fit.
     #[schema(value_type = Vec<String>)]
     pub runs: Vec<RunId>,
-    /// To score only.
+    /// Runs that are only scored.
     #[serde(default)]
     #[schema(value_type = Vec<String>)]
     pub holdout: Vec<RunId>,
@@ -94,9 +94,9 @@ pub struct Chosen {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Lane {
-    /// What moves the rig.
+    /// Jobs that move the rig.
     Motion,
-    /// What only computes.
+    /// Jobs that only compute.
     Analysis,
 }
 
@@ -133,7 +133,7 @@ impl Work {
         }
     }
 
-    /// In a word.
+    /// Its kind in one word.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Run { .. } => "run",
@@ -147,7 +147,7 @@ impl Work {
     }
 }
 
-/// Where a job stands.
+/// The state of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum State {
@@ -161,7 +161,7 @@ pub enum State {
     Failed,
     /// Somebody cancelled it.
     Cancelled,
-    /// Its process ended without a word: killed, or the power went.
+    /// Its process ended without a result: killed, or the power was cut.
     Lost,
 }
 
@@ -175,7 +175,7 @@ impl State {
         (Self::Lost, "lost"),
     ];
 
-    /// Nothing more will happen to it.
+    /// Whether the job has ended.
     pub fn is_over(self) -> bool {
         !matches!(self, Self::Queued | Self::Running)
     }
@@ -203,10 +203,10 @@ pub struct NewJob {
     /// Why it was added, for who looks at it later.
     #[serde(default)]
     pub why: Option<String>,
-    /// It waits until then.
+    /// The job does not begin before this time.
     #[serde(default)]
     pub not_before: Option<Timestamp>,
-    /// It does again what that one should have done.
+    /// The job that this one repeats.
     #[serde(default)]
     pub retry_of: Option<JobId>,
     /// The slot of the schedule that wants it.
@@ -218,7 +218,7 @@ pub struct NewJob {
 }
 
 impl NewJob {
-    /// With nothing but its work.
+    /// A job with this work and default settings.
     pub fn new(work: Work) -> Self {
         Self { work, priority: 0, why: None, not_before: None, retry_of: None, slot: None, key: None }
     }
@@ -234,7 +234,7 @@ pub struct Job {
     pub work: Work,
     /// Higher ones come first.
     pub priority: i32,
-    /// Where it stands.
+    /// Its state.
     pub state: State,
     /// Somebody asked for its end, for this reason; it may still be running.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -242,11 +242,11 @@ pub struct Job {
     /// Why it was added.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
-    /// It does again what that one should have done.
+    /// The job that this one repeats.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<i64>)]
     pub retry_of: Option<JobId>,
-    /// It waits until then, UTC.
+    /// The job does not begin before this time, UTC.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub not_before: Option<String>,
     /// When it was added, UTC.
@@ -263,12 +263,12 @@ pub struct Job {
     /// The process that does it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pid: Option<u32>,
-    /// What came of it.
+    /// Its result.
     #[serde(flatten)]
     pub result: JobResult,
 }
 
-/// What came of a verb, or of the job that carried it out: the one object of `--json`.
+/// The result of a verb, or of the job that carried it out: the one object of `--json`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default)]
 pub struct JobResult {
@@ -284,7 +284,7 @@ pub struct JobResult {
     /// The diagnosis's verdict.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verdict: Option<String>,
-    /// What was less than it should have been, one sentence each.
+    /// Warnings, one sentence each.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
     /// Why it did not end well.

@@ -29,8 +29,8 @@ use ground::error_chain::with_causes;
 pub const FILE: &str = "rig.sqlite";
 /// The layout that this version knows; kept as the database's `user_version`.
 const LAYOUT: i64 = 3;
-/// Another process may hold the database so long.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// Time to wait for another process that has locked the database. Chosen.
+const LOCK_TIMEOUT: Duration = Duration::from_secs(10);
 
 const TABLES: &str = "
     CREATE TABLE jobs (
@@ -148,7 +148,7 @@ pub enum StoreError {
 }
 
 impl StoreError {
-    /// Whoever asked is at fault, not the database.
+    /// Whether the request is at fault, not the database.
     pub fn is_input(&self) -> bool {
         matches!(
             self,
@@ -169,8 +169,8 @@ pub struct Store {
     db: Connection,
     runs_dir: PathBuf,
     path: PathBuf,
-    /// The index could not be written, and a copy in memory is looked at: see [`runs`].
-    is_beside: bool,
+    /// Whether the index could not be written and a copy in memory is used: see [`runs`].
+    is_in_memory: bool,
 }
 
 impl Store {
@@ -221,7 +221,7 @@ impl Store {
     /// As [`Store::open`], but for what is for now only: a lock, a full disk.
     pub fn open_or_memory(runs_dir: &Path) -> Result<Self, StoreError> {
         match Self::open(runs_dir) {
-            Err(error) if error.is_for_now() => {
+            Err(error) if error.is_temporary() => {
                 tracing::warn!("{}: the runs are read from their folders", with_causes(&error));
                 let path = PathBuf::from("an index in memory");
                 let failed = |source| StoreError::Database { action: "making", path: path.clone(), source };
@@ -236,14 +236,14 @@ impl Store {
         let layout =
             |db: &Connection| db.pragma_query_value(None, "user_version", |row| row.get::<_, i64>(0));
         let mut set_up = || -> rusqlite::Result<i64> {
-            db.busy_timeout(PATIENCE)?;
+            db.busy_timeout(LOCK_TIMEOUT)?;
             db.pragma_update(None, "journal_mode", "WAL")?;
             // a transaction that was answered is there after a power cut too
             db.pragma_update(None, "synchronous", "FULL")?;
             db.pragma_update(None, "foreign_keys", true)?;
             // what is only known to this process needs no disk
             db.pragma_update(None, "temp_store", "MEMORY")?;
-            // whoever looks waits for nobody: a database that is made is only read here
+            // reading needs no lock: an existing database is only read here
             let found = layout(&db)?;
             if found >= LAYOUT {
                 return Ok(found);
@@ -266,16 +266,16 @@ impl Store {
         };
         match set_up() {
             Ok(found) if found > LAYOUT => Err(StoreError::Newer { path, found }),
-            Ok(_) => Ok(Self { db, runs_dir: runs_dir.into(), path, is_beside: false }),
+            Ok(_) => Ok(Self { db, runs_dir: runs_dir.into(), path, is_in_memory: false }),
             Err(source) => Err(StoreError::Database { action: "opening", path, source }),
         }
     }
 
-    /// From now on nobody is waited for who holds the database: what it is asked fails, and may be asked again.
+    /// From now on a locked database is not waited for: a call fails at once, and may be repeated.
     ///
     /// # Errors
     /// [`StoreError::Database`].
-    pub fn wait_for_nobody(&self) -> Result<(), StoreError> {
+    pub fn disable_lock_wait(&self) -> Result<(), StoreError> {
         self.db.busy_timeout(Duration::ZERO).map_err(self.failed("opening"))
     }
 
@@ -308,15 +308,15 @@ impl Store {
         whole().map_err(failed)
     }
 
-    /// The same, unless somebody else is changing the database: nobody is waited for.
-    fn at_once<T>(
+    /// As [`Self::change`], but without waiting for another process that is changing the database.
+    fn change_without_waiting<T>(
         &mut self,
         action: &'static str,
         work: impl FnOnce(&Transaction<'_>) -> rusqlite::Result<T>,
     ) -> Result<T, StoreError> {
         self.db.busy_timeout(Duration::ZERO).map_err(self.failed(action))?;
         let changed = self.change(action, work);
-        self.db.busy_timeout(PATIENCE).map_err(self.failed(action))?;
+        self.db.busy_timeout(LOCK_TIMEOUT).map_err(self.failed(action))?;
         changed
     }
 
@@ -348,8 +348,8 @@ impl Store {
 }
 
 impl StoreError {
-    /// The database cannot be written, for now at least: it is locked, its disk is full or fails, or nobody may write there.
-    fn is_for_now(&self) -> bool {
+    /// Whether the database cannot be written for now: it is locked, its disk is full or fails, or writing is not permitted.
+    fn is_temporary(&self) -> bool {
         use ErrorCode::{
             CannotOpen, DatabaseBusy, DatabaseLocked, DiskFull, PermissionDenied, ReadOnly, SystemIoFailure,
         };
@@ -395,7 +395,7 @@ fn put_aside(path: &Path) -> std::io::Result<PathBuf> {
     Ok(named(&stamp))
 }
 
-/// Now, as the database keeps times: UTC, whole microseconds, so that their texts sort as they follow each other.
+/// Now, as the database stores times: UTC with microseconds, so that their texts sort by time.
 fn now() -> String {
     text(jiff::Timestamp::now())
 }

@@ -1,45 +1,45 @@
-//! What a queue takes: texts, lists and the queue itself have bounds, whoever adds.
+//! Limits of texts, lists and the queue itself.
 
 use super::job::{NewJob, Work};
 
-/// Characters of a reason: it is read in a list.
-const WHY_CHARS: usize = 200;
-/// Characters of a parameter's name.
-const NAME_CHARS: usize = 200;
-/// Runs that a job is about.
-const RUNS: usize = 1000;
-/// Runs that a campaign may make.
-const CAMPAIGN_RUNS: usize = 1000;
-/// Parameters that a campaign is to find out.
-const GOALS: usize = 100;
-/// Jobs that wait.
-pub(super) const WAITING: u32 = 1000;
+/// Characters of a reason at most: it is read in a list. Chosen.
+const REASON_MAX_CHARS: usize = 200;
+/// Characters of a parameter's name at most. Chosen.
+const NAME_MAX_CHARS: usize = 200;
+/// Runs of a job at most. Chosen.
+const JOB_RUNS_MAX: usize = 1000;
+/// Runs of a campaign at most. Chosen.
+const CAMPAIGN_RUNS_MAX: usize = 1000;
+/// Goal parameters of a campaign at most. Chosen.
+const CAMPAIGN_GOALS_MAX: usize = 100;
+/// Waiting jobs at most. Chosen.
+pub(super) const WAITING_JOBS_MAX: u32 = 1000;
 
-/// What was asked for is too much.
+/// A limit that a request exceeds.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Limit {
     /// The reason.
-    #[error("`why` has {0} characters, {WHY_CHARS} are the most: say it shorter")]
+    #[error("`why` has {0} characters, {REASON_MAX_CHARS} are the most: say it shorter")]
     Why(usize),
     /// The runs of a job.
-    #[error("{0} runs in one job, {RUNS} are the most: leave out those that say the same")]
+    #[error("{0} runs in one job, {JOB_RUNS_MAX} are the most: leave out those that repeat others")]
     Runs(usize),
     /// The runs of a campaign.
-    #[error("`max_runs` = {0} is not between 1 and {CAMPAIGN_RUNS}")]
+    #[error("`max_runs` = {0} is not between 1 and {CAMPAIGN_RUNS_MAX}")]
     CampaignRuns(usize),
     /// The goals of a campaign.
     #[error(
-        "{0} goals, {GOALS} are the most, each of a parameter whose name has at most {NAME_CHARS} characters"
+        "{0} goals, {CAMPAIGN_GOALS_MAX} are the most, each of a parameter whose name has at most {NAME_MAX_CHARS} characters"
     )]
     Goals(usize),
     /// The queue.
-    #[error("{0} jobs wait, {WAITING} are the most: cancel some, or wait until some are done")]
+    #[error("{0} jobs wait, {WAITING_JOBS_MAX} are the most: cancel some, or wait until some are done")]
     Waiting(u32),
 }
 
 /// The reason for which something is to end, cut where it is too long: no end is refused for its words.
 pub(super) fn cut(why: &str) -> String {
-    match why.char_indices().nth(WHY_CHARS) {
+    match why.char_indices().nth(REASON_MAX_CHARS) {
         None => why.into(),
         Some((end, _)) => format!("{} ... ({} characters)", &why[..end], why.chars().count()),
     }
@@ -51,20 +51,21 @@ impl NewJob {
     /// # Errors
     /// [`Limit`].
     pub(super) fn check(&self) -> Result<(), Limit> {
-        let said = self.why.as_ref().map_or(0, |why| why.chars().count());
-        if said > WHY_CHARS {
-            return Err(Limit::Why(said));
+        let characters = self.why.as_ref().map_or(0, |why| why.chars().count());
+        if characters > REASON_MAX_CHARS {
+            return Err(Limit::Why(characters));
         }
         match &self.work {
-            Work::Campaign { max_runs, .. } if !(1..=CAMPAIGN_RUNS).contains(max_runs) => {
+            Work::Campaign { max_runs, .. } if !(1..=CAMPAIGN_RUNS_MAX).contains(max_runs) => {
                 Err(Limit::CampaignRuns(*max_runs))
             }
             Work::Campaign { goals, .. }
-                if goals.len() > GOALS || goals.iter().any(|goal| goal.name.chars().count() > NAME_CHARS) =>
+                if goals.len() > CAMPAIGN_GOALS_MAX
+                    || goals.iter().any(|goal| goal.name.chars().count() > NAME_MAX_CHARS) =>
             {
                 Err(Limit::Goals(goals.len()))
             }
-            work if work.runs().len() > RUNS => Err(Limit::Runs(work.runs().len())),
+            work if work.runs().len() > JOB_RUNS_MAX => Err(Limit::Runs(work.runs().len())),
             _ => Ok(()),
         }
     }

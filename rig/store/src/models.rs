@@ -9,7 +9,7 @@ use super::{Store, StoreError};
 use record::below;
 use record::folder::RunFolder;
 
-/// What models are told apart by.
+/// The checksum that identifies a model.
 const FINGERPRINT: Crc<u64> = Crc::<u64>::new(&CRC_64_XZ);
 
 /// The model that a run was made with, as far as it takes to tell it from another one.
@@ -36,18 +36,20 @@ impl MadeWith {
     /// That of `run`; none where its file cannot be read.
     pub(super) fn of(run: &RunFolder) -> Option<Self> {
         let file = below::read(run.path(), &[&run.start().model]).ok()?;
-        // a config that cannot be read adds nothing that could be told
+        // a config that cannot be read adds no causes
         let config: toml::Table = run.start().config.parse().unwrap_or_default();
-        let own = config.get("cause").and_then(|causes| causes.as_array()).into_iter().flatten();
-        let own = own.filter_map(|cause| cause.get("name")?.as_str());
+        let added_by_config = config.get("cause").and_then(|causes| causes.as_array()).into_iter().flatten();
+        let added_by_config = added_by_config.filter_map(|cause| cause.get("name")?.as_str());
         let of_fit = |key: &str| config.get("fit").and_then(|fit| fit.get(key));
         let listed = ["parameters", "fixed"].into_iter().filter_map(|key| of_fit(key)?.as_array()).flatten();
         let believed =
             of_fit("prior").and_then(|prior| prior.as_table()).into_iter().flat_map(toml::Table::keys);
         let parameters = listed.filter_map(|name| name.as_str()).chain(believed.map(String::as_str));
         let named = parameters.filter_map(|name| name.split_once('/')).map(|(cause, _)| cause);
-        let mut causes: Vec<String> =
-            own.chain(named.filter(|name| name.parse::<Cause>().is_ok())).map(str::to_owned).collect();
+        let mut causes: Vec<String> = added_by_config
+            .chain(named.filter(|name| name.parse::<Cause>().is_ok()))
+            .map(str::to_owned)
+            .collect();
         causes.sort_unstable();
         causes.dedup();
         Some(Self { file: format!("{:016x}", FINGERPRINT.checksum(&file)), causes })

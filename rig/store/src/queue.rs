@@ -61,17 +61,17 @@ impl Store {
     pub fn add(&mut self, job: &NewJob) -> Result<JobId, StoreError> {
         job.check()?;
         let waiting = self.waiting(Lane::Motion)?.saturating_add(self.waiting(Lane::Analysis)?);
-        if waiting >= limits::WAITING {
+        if waiting >= limits::WAITING_JOBS_MAX {
             return Err(Limit::Waiting(waiting).into());
         }
-        self.follow(job)
+        self.add_unlimited(job)
     }
 
-    /// Adds a job that follows from the schedule, or from a job that has ended: for these there is always room.
+    /// Adds a job of the schedule, or one that follows from a job that has ended, without the limits of [`Self::add`].
     ///
     /// # Errors
     /// [`StoreError`].
-    pub fn follow(&mut self, job: &NewJob) -> Result<JobId, StoreError> {
+    pub fn add_unlimited(&mut self, job: &NewJob) -> Result<JobId, StoreError> {
         let work = serde_json::to_string(&job.work)
             .map_err(|error| StoreError::Damaged { path: self.path.clone(), what: error.to_string() })?;
         let (id, is_same) = self.change("adding a job to", |db| {
@@ -158,7 +158,7 @@ impl Store {
         self.rows(&query, [], read)
     }
 
-    /// The runs that jobs which wait or run are about.
+    /// The runs that waiting or running jobs need.
     ///
     /// # Errors
     /// [`StoreError::Database`].
@@ -225,7 +225,7 @@ impl Store {
         })
     }
 
-    /// The job is done by this process.
+    /// Records the process that does the job.
     ///
     /// # Errors
     /// [`StoreError::Database`].
@@ -236,7 +236,7 @@ impl Store {
         Ok(())
     }
 
-    /// The job that was running has ended.
+    /// Records that a running job has ended.
     ///
     /// # Errors
     /// [`StoreError::Database`]; [`StoreError::Over`] where it had ended before, which stays as it is.
@@ -265,7 +265,7 @@ impl Store {
         }
     }
 
-    /// A running job goes back to its place: nothing of it was begun.
+    /// Puts a running job of which nothing was begun back into the queue.
     ///
     /// # Errors
     /// [`StoreError::Database`].
@@ -404,7 +404,7 @@ mod tests {
             })
             .unwrap();
         assert!(refusal(store.add(&fit_job())).contains("1000 jobs wait, 1000 are the most: cancel some"));
-        store.follow(&fit_job()).unwrap();
+        store.add_unlimited(&fit_job()).unwrap();
         assert!(refusal(store.add(&fit_job())).contains("1001 jobs wait"));
         store.cancel(first, &"é".repeat(20_000)).unwrap();
         let why = store.job(first).unwrap().cancel.unwrap();

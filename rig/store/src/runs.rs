@@ -20,14 +20,14 @@ use record::losses::{Limits, Losses};
 use record::run_id::RunId;
 use record::start_stop::Status;
 use record::{RecordError, below, journal};
-use report::{Findings, Headline, is_settled};
+use report::{Findings, Headline, is_determined_alone};
 
 /// The status of a run whose folder says nothing.
 const UNREADABLE: &str = "unreadable";
-/// A folder that changed this short a time before it was read may change again within the same tick of its clock.
-const RACY: Duration = Duration::from_secs(2);
+/// A folder modified less than this before it was read may change again without a new modification time. Chosen.
+const MODIFICATION_TIME_MARGIN: Duration = Duration::from_secs(2);
 
-/// What a list of runs says of one.
+/// One run as the list of runs shows it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Summary {
     /// Its name.
@@ -52,28 +52,28 @@ pub struct Summary {
     /// Its place among the runs of its folder, in the order in which they were made: 0 for those from before 2026-11-27, which come first.
     #[serde(default)]
     pub number: u64,
-    /// What it lacks of the images that there were.
+    /// Its lost images.
     #[serde(default)]
     pub losses: Option<Losses>,
     /// Why nothing is promoted that was made from it.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub degraded: Option<String>,
-    /// How far off its fitted simulation is: root mean square along one axis, over all keypoints but P0 \[m\].
+    /// Error of its fitted simulation: root mean square along one axis, over all keypoints but P0 \[m\].
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub fit_error_m: Option<f64>,
-    /// How many times the keypoints' noise that is.
+    /// Ratio of that error to the keypoints' noise.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub error_over_noise: Option<f64>,
     /// How many of its coefficients the run determines, and how many were fitted.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub determined: Option<[usize; 2]>,
-    /// What came out, in a sentence and its colour, as the report has it.
+    /// The report's headline and its colour.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub headline: Option<Headline>,
     /// The diagnosis's verdict.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub verdict: Option<String>,
-    /// It has a report.
+    /// Whether it has a report.
     #[serde(default)]
     pub report: bool,
     /// The model that it was made with.
@@ -96,13 +96,13 @@ pub struct Coefficient {
     pub std: Option<f64>,
     /// Whether the data determine it by itself.
     pub determined: bool,
-    /// The fit looked for it from here on,
+    /// Lower bound of the fit.
     pub lower: f64,
-    /// and up to here.
+    /// Upper bound of the fit.
     pub upper: f64,
 }
 
-/// What is to be changed in the index.
+/// The changes to the index.
 struct Update {
     /// Coefficients and line of each run that is new or has changed, and when its folder had changed when it was read.
     lines: Vec<(Vec<Coefficient>, Summary, i64)>,
@@ -110,8 +110,8 @@ struct Update {
     gone: Vec<String>,
 }
 
-/// The index as it is, in memory: what asks for its tables finds these first.
-const COPY: &str = "
+/// Copies the index into memory; queries then find these tables first.
+const COPY_TABLES: &str = "
     CREATE TEMP TABLE runs AS SELECT * FROM main.runs;
     CREATE UNIQUE INDEX temp.run_ids ON runs (id);
     CREATE TEMP TABLE coefficients AS SELECT * FROM main.coefficients;
@@ -131,10 +131,10 @@ impl Update {
             "INSERT INTO coefficients (run, name, unit, value, std, determined, lower, upper)
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
         )?;
-        for (found, summary, seen) in &self.lines {
+        for (found, summary, modified_ns) in &self.lines {
             let text = serde_json::to_string(summary)
                 .map_err(|error| rusqlite::Error::ToSqlConversionFailure(error.into()))?;
-            line.execute(params![summary.id, seen, text])?;
+            line.execute(params![summary.id, modified_ns, text])?;
             for Coefficient { run, name, unit, value, std, determined, lower, upper } in found {
                 coefficient.execute(params![run, name, unit, value, std, determined, lower, upper])?;
             }
@@ -143,7 +143,7 @@ impl Update {
     }
 }
 
-/// What becomes of an index that is brought up to date.
+/// Counts of a refresh of the index.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Refreshed {
     /// Runs there are.
@@ -199,7 +199,7 @@ impl Summary {
         }
     }
 
-    /// What stands beside it in a list of runs: why it is degraded, or cannot be read as it should.
+    /// The remark in a list of runs: why the run is degraded, or is not fully readable.
     pub fn note(&self) -> Option<String> {
         let unreadable = || self.reason.clone().filter(|_| self.status == "incomplete");
         self.degraded.as_ref().map(|why| format!("degraded: {why}")).or_else(unreadable)
@@ -230,7 +230,7 @@ impl Summary {
         self.model = MadeWith::of(run);
         let diagnosis: Option<Said> = results(&run.file(file::DIAGNOSIS));
         self.verdict = diagnosis.as_ref().map(|said| said.verdict.name().to_owned());
-        // a fit of before errors were told so says none
+        // an older fit has no such error
         let fit = results(&run.file(file::FIT)).filter(|fit: &Fit| fit.error_m.is_some());
         let Some(mut findings) = fit.as_ref().map(Findings::of) else { return };
         if let Some(said) = diagnosis {
@@ -295,7 +295,7 @@ fn coefficients(run: &RunId, path: &Path) -> Vec<Coefficient> {
         unit: parameter.unit.clone(),
         value: parameter.value,
         std: Some(parameter.std),
-        determined: is_settled(&fit, parameter),
+        determined: is_determined_alone(&fit, parameter),
         lower: parameter.lower,
         upper: parameter.upper,
     };
@@ -309,17 +309,17 @@ fn modified_ns(path: &Path) -> std::io::Result<i64> {
 }
 
 impl Store {
-    /// Brings the index up to date with the folders; with `anew` all of them are read again.
+    /// Brings the index up to date with the folders; with `reread_all` all of them are read again.
     ///
     /// # Errors
     /// [`StoreError::Runs`] where the runs folder cannot be read, or as the database says.
-    pub fn refresh(&mut self, anew: bool) -> Result<Refreshed, StoreError> {
+    pub fn refresh(&mut self, reread_all: bool) -> Result<Refreshed, StoreError> {
         let runs_dir = self.runs_dir.clone();
         let io = || RecordError::io("reading runs folder", &runs_dir);
-        self.no_longer_beside()?;
+        self.drop_memory_copy()?;
         let mut known = self.known()?;
-        let racy = SystemTime::now() - RACY;
-        let racy_ns = racy.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as i64);
+        let recent = SystemTime::now() - MODIFICATION_TIME_MARGIN;
+        let recent_ns = recent.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as i64);
         let mut refreshed = Refreshed::default();
         let mut stale = Vec::new();
         for entry in std::fs::read_dir(&runs_dir).map_err(io())? {
@@ -329,10 +329,10 @@ impl Store {
             };
             refreshed.runs += 1;
             let modified = modified_ns(&entry.path()).unwrap_or(0);
-            if known.remove(id.as_str()) != Some(modified) || anew {
-                // what may change unseen counts as never seen
-                let seen = if modified < racy_ns { modified } else { 0 };
-                stale.push((id, entry.path(), seen));
+            if known.remove(id.as_str()) != Some(modified) || reread_all {
+                // a folder that may still change without a new time counts as never read
+                let read_at_ns = if modified < recent_ns { modified } else { 0 };
+                stale.push((id, entry.path(), read_at_ns));
             }
         }
         (refreshed.read, refreshed.gone) = (stale.len(), known.len());
@@ -341,39 +341,39 @@ impl Store {
         }
         let lines: Vec<_> = stale
             .into_iter()
-            .map(|(id, path, seen)| {
+            .map(|(id, path, read_at_ns)| {
                 let summary = Summary::within(&runs_dir, &id);
-                let seen = if summary.is_open() { 0 } else { seen };
+                let read_at_ns = if summary.is_open() { 0 } else { read_at_ns };
                 let found = if summary.is_readable() { coefficients(&id, &path) } else { Vec::new() };
-                (found, summary, seen)
+                (found, summary, read_at_ns)
             })
             .collect();
         let update = Update { lines, gone: known.into_keys().collect() };
-        match self.at_once("bringing the index up to date in", |db| update.apply(db)) {
-            Err(error) if error.is_for_now() => self.beside(&update, &error)?,
+        match self.change_without_waiting("bringing the index up to date in", |db| update.apply(db)) {
+            Err(error) if error.is_temporary() => self.use_memory_copy(&update, &error)?,
             other => other?,
         }
         Ok(refreshed)
     }
 
-    /// Brings a copy of the index up to date that is in memory, and hides the one that cannot be written now until it can.
-    fn beside(&mut self, update: &Update, why: &StoreError) -> Result<(), StoreError> {
+    /// Updates a copy of the index in memory, which is used until the index itself can be written.
+    fn use_memory_copy(&mut self, update: &Update, why: &StoreError) -> Result<(), StoreError> {
         let failed = StoreError::at("copying the index of", &self.path);
         let mut copy = || {
             let copy = self.db.transaction()?;
-            copy.execute_batch(COPY)?;
+            copy.execute_batch(COPY_TABLES)?;
             update.apply(&copy)?;
             copy.commit()
         };
         copy().map_err(failed)?;
-        self.is_beside = true;
+        self.is_in_memory = true;
         tracing::warn!("{}: what is new in the runs is known to this process only", with_causes(why));
         Ok(())
     }
 
-    /// Looks at the index itself again.
-    fn no_longer_beside(&mut self) -> Result<(), StoreError> {
-        if std::mem::take(&mut self.is_beside) {
+    /// Uses the index itself again.
+    fn drop_memory_copy(&mut self) -> Result<(), StoreError> {
+        if std::mem::take(&mut self.is_in_memory) {
             let dropped = self.db.execute_batch("DROP TABLE temp.coefficients; DROP TABLE temp.runs");
             dropped.map_err(self.failed("leaving the copy of"))?;
         }

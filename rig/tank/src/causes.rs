@@ -1,7 +1,7 @@
-//! Causes that the tank hides: those of the contract, at work in its water, its joints, its servos and its camera.
+//! Causes that the tank contains and the fitted model does not: effects in its water, its joints, its servos and its camera.
 //!
-//! What pulls at the mechanism acts in the simulation itself. Between a pulse and the drive, and between the mechanism and the picture,
-//! the tank has laws of its own, so that a diagnosis is not tried on its own code.
+//! Forces on the mechanism act in the simulation itself. Effects between pulse and drive, and between mechanism and picture, are computed
+//! here by code of the tank's own, so that a diagnosis is not tested on its own code.
 
 use std::collections::BTreeMap;
 
@@ -22,7 +22,7 @@ fn number(causes: &Causes, cause: &str, parameter: &str) -> f64 {
 ///
 /// # Errors
 /// [`TankError::Cause`] for one that is unknown, has no such parameter, or cannot be filmed.
-pub(super) fn put_into(model: &mut Model, causes: &Causes) -> Result<(), TankError> {
+pub(super) fn add_to_model(model: &mut Model, causes: &Causes) -> Result<(), TankError> {
     let refuse = |cause: &str, reason: String| TankError::Cause { cause: cause.to_owned(), reason };
     for (cause, numbers) in causes {
         if cause == "keypoint_slip" {
@@ -38,18 +38,18 @@ pub(super) fn put_into(model: &mut Model, causes: &Causes) -> Result<(), TankErr
     Ok(())
 }
 
-/// What lies between a pulse and its drive.
+/// The effects between a pulse and the drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Linkage {
-    /// What the servo makes of an angle.
+    /// Angle that the servo takes over the commanded angle.
     pub(super) gain: f64,
     /// Fastest turn \[rad/s\].
     pub(super) rate_limit: f64,
-    /// Lag of the servo beside its own \[s\].
+    /// Additional lag of the servo \[s\].
     pub(super) lag_s: f64,
-    /// Half the play behind it \[rad\].
+    /// Half the backlash behind it \[rad\].
     pub(super) play: f64,
-    /// From the pulse to the servo \[s\].
+    /// Delay from the pulse to the servo \[s\].
     pub(super) delay_s: f64,
 }
 
@@ -67,7 +67,7 @@ impl Linkage {
     }
 }
 
-/// How the camera sees the plane of motion.
+/// The distortions of the camera's picture of the plane of motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Optics {
     /// How much later than its stamp says an image is taken \[s\].
@@ -95,8 +95,8 @@ impl Optics {
         }
     }
 
-    /// Where the point `[x, z]` \[m\] seems to be \[m\].
-    pub(super) fn see(&self, [x, z]: [f64; 2]) -> [f64; 2] {
+    /// The apparent position of the point `[x, z]` \[m\].
+    pub(super) fn apparent(&self, [x, z]: [f64; 2]) -> [f64; 2] {
         let [dx, dz] = [x - self.axis[0], z - self.axis[1]];
         let grown = self.radial * (dx * dx + dz * dz);
         let [x, z] = [x + dx * grown, z + dz * grown];
@@ -121,13 +121,13 @@ mod tests {
     fn an_unknown_cause_or_parameter_is_named_and_a_slip_cannot_be_filmed() {
         let refused = |text: &str| {
             let mut model = Model::from_mjcf(LINK).unwrap();
-            put_into(&mut model, &causes(text)).unwrap_err().to_string()
+            add_to_model(&mut model, &causes(text)).unwrap_err().to_string()
         };
         assert!(refused("added_maas = { scale = 1.0 }").contains("added_maas"));
         assert!(refused("added_mass = { skale = 1.0 }").contains("added_mass/skale"));
         assert!(refused("keypoint_slip = { P1 = 0.001 }").contains("keypoint_slip"));
         let mut model = Model::from_mjcf(LINK).unwrap();
-        put_into(&mut model, &causes("added_mass = { scale = 0.8 }")).unwrap();
+        add_to_model(&mut model, &causes("added_mass = { scale = 0.8 }")).unwrap();
         assert_eq!(model.parameter("added_mass/scale"), Ok(0.8));
     }
 
@@ -137,11 +137,11 @@ mod tests {
         let close = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]) < 1e-15;
         let quarter = std::f64::consts::FRAC_PI_2;
         assert!(close(
-            optics(&format!("camera_rotation = {{ angle = {quarter} }}")).see([1.0, 0.0]),
+            optics(&format!("camera_rotation = {{ angle = {quarter} }}")).apparent([1.0, 0.0]),
             [0.0, 1.0]
         ));
-        assert!(close(optics("camera_scale = { scale = 0.1 }").see([1.0, -2.0]), [1.1, -2.2]));
-        assert!(close(optics("camera_tilt = { x = 0.5 }").see([2.0, 1.0]), [4.0, 2.0]));
-        assert!(close(optics("lens = { radial = 0.5, z = 1.0 }").see([2.0, 1.0]), [6.0, 1.0]));
+        assert!(close(optics("camera_scale = { scale = 0.1 }").apparent([1.0, -2.0]), [1.1, -2.2]));
+        assert!(close(optics("camera_tilt = { x = 0.5 }").apparent([2.0, 1.0]), [4.0, 2.0]));
+        assert!(close(optics("lens = { radial = 0.5, z = 1.0 }").apparent([2.0, 1.0]), [6.0, 1.0]));
     }
 }

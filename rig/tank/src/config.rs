@@ -1,4 +1,4 @@
-//! The `[tank]` table: the simulated tank's own truth, of which neither servo config nor fit knows anything.
+//! The `[tank]` table: the true properties of the simulated tank, which neither the servo config nor a fit can read.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,7 @@ use servo::COUNTS_PER_RAD;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TankConfig {
-    /// The mechanism as it really is: an MJCF file, beside the config.
+    /// The true mechanism: an MJCF file, relative to the config.
     pub model: PathBuf,
     /// Coordinates at the beginning, as in the model's `qpos` \[rad\] or \[m\]. Default: the model's reference.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -33,7 +33,7 @@ pub struct TankConfig {
     /// How the mechanism is let go; only for `hold = "release"`.
     #[serde(default)]
     pub release: Release,
-    /// What else is at work in it, beyond the model: causes as in `docs/causes.md`, each with its numbers. Default: nothing.
+    /// Effects in it beyond the model: causes as in `docs/causes.md`, each with its numbers. Default: nothing.
     #[serde(default, skip_serializing_if = "Causes::is_empty")]
     pub causes: Causes,
     /// What the camera sees of it.
@@ -53,7 +53,7 @@ pub enum Hold {
     Release,
 }
 
-/// A hobby servo as it really is. It looks at its pulse once a period, turns towards it no faster than it can, and
+/// The true properties of a hobby servo. It looks at its pulse once a period, turns towards it no faster than it can, and
 /// exerts no torque without a pulse.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -69,8 +69,8 @@ pub struct TankServo {
     /// Pulse per angle \[µs/rad\]; negative where the servo is mounted the other way round. Default 600.
     #[serde(default = "us_per_rad")]
     pub us_per_rad: Finite,
-    /// Count at angle 0 of a servo on a bus. The emulated bus has the servo itself: lag and rate limit here are what is between it and
-    /// the link. Default 2048.
+    /// Count at angle 0 of a servo on a bus. The emulated bus simulates the servo itself: lag and rate limit here are those between it
+    /// and the link. Default 2048.
     #[serde(default = "zero_count")]
     pub zero_count: NonNegative,
     /// Fastest turn \[rad/s\]. Default 8, 60 degrees in 0.13 s.

@@ -1,8 +1,8 @@
-//! Why there is no tank.
+//! Why a tank cannot be simulated.
 
 use std::path::PathBuf;
 
-/// Why there is no tank.
+/// Why a tank cannot be simulated.
 #[derive(Debug, thiserror::Error)]
 pub enum TankError {
     /// The tank's file was refused.

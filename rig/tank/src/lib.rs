@@ -23,23 +23,24 @@ use ground::clock::MonotonicNs;
 use motion::{Event, Motion};
 use sync_led::SyncLed;
 
-/// How long a picture waits for a board that a busy machine keeps from its pulses, and how often it looks.
-const PATIENCE_S: f64 = 1.0;
-const LOOK_AGAIN: Duration = Duration::from_millis(1);
-/// Stands for a tank that no board in this process moves.
-const NO_BOARD: u64 = u64::MAX;
+/// How long a picture waits for the pulses of a board that a busy machine holds up \[s\], chosen.
+const PULSE_WAIT_LIMIT_S: f64 = 1.0;
+/// Time between two looks for these pulses, chosen.
+const PULSE_WAIT_STEP: Duration = Duration::from_millis(1);
+/// Value of `complete_ns` in a tank that no board in this process moves.
+const NO_BOARD_NS: u64 = u64::MAX;
 
 /// The live tank, shared by mock board and mock camera: clones are the same tank.
 ///
-/// Its mechanism moves on CLOCK_MONOTONIC; asked where it is, it catches up. The same pulses give the same motion.
+/// Its mechanism moves on CLOCK_MONOTONIC; the motion is computed when its position is asked for. The same pulses give the same motion.
 #[derive(Debug, Clone)]
 pub struct Tank {
     shared: Arc<Mutex<Shared>>,
     config: Arc<TankConfig>,
     model: Arc<sim::Model>,
-    /// What happened since the motion was last asked for. This and the LED are apart from the motion: the board, which tells them, never
+    /// Events since the motion was last computed. These and the LED have locks of their own, so that the board, which reports them, never
     /// waits for a simulation.
-    happened: Arc<Mutex<Vec<(MonotonicNs, Event)>>>,
+    pending_events: Arc<Mutex<Vec<(MonotonicNs, Event)>>>,
     sync_led: Arc<Mutex<SyncLed>>,
     /// Until when the board's pulses are known.
     complete_ns: Arc<AtomicU64>,
@@ -62,15 +63,15 @@ impl Tank {
             .map_err(|source| TankError::Unreadable { path: path.clone(), source })?;
         let mut model = sim::Model::from_mjcf(&text)
             .map_err(|source| TankError::Model { path, source: source.into() })?;
-        causes::put_into(&mut model, &config.causes)?;
+        causes::add_to_model(&mut model, &config.causes)?;
         let motion = Motion::new(model.clone(), config, MonotonicNs::now())?;
         Ok(Self {
             shared: Arc::new(Mutex::new(Shared { motion, run_origin: None })),
             config: Arc::new(config.clone()),
             model: Arc::new(model),
-            happened: Arc::default(),
+            pending_events: Arc::default(),
             sync_led: Arc::default(),
-            complete_ns: Arc::new(AtomicU64::new(NO_BOARD)),
+            complete_ns: Arc::new(AtomicU64::new(NO_BOARD_NS)),
         })
     }
 
@@ -82,7 +83,7 @@ impl Tank {
         Self::new(&ground::strict::read(&folder.join("tank.toml"))?, folder)
     }
 
-    /// The tank's truth.
+    /// The tank's configuration.
     pub fn config(&self) -> &TankConfig {
         &self.config
     }
@@ -102,10 +103,10 @@ impl Tank {
         self.lock().run_origin
     }
 
-    /// Asks, at `at`, for the mechanism to be let go; it is, `[tank.release] after_s` later.
+    /// Asks, at `at`, for the mechanism to be let go, which happens `[tank.release] after_s` later.
     pub fn ask_release(&self, at: MonotonicNs) {
         let at = at.plus_seconds(self.config.release.after_s.get());
-        self.happen(at, Event::LetGo);
+        self.add_event(at, Event::LetGo);
     }
 
     /// Coordinates of the mechanism at `at`, as in its model's `qpos`.
@@ -114,9 +115,9 @@ impl Tank {
     /// [`TankError::Simulation`] when the simulation diverges.
     pub fn qpos(&self, at: MonotonicNs) -> Result<Vec<f64>, TankError> {
         let mut shared = self.lock();
-        let happened = std::mem::take(&mut *self.happened());
-        for (at, event) in happened {
-            shared.motion.happen(at, event);
+        let events = std::mem::take(&mut *self.pending_events());
+        for (at, event) in events {
+            shared.motion.add_event(at, event);
         }
         shared.motion.qpos(at)
     }
@@ -126,21 +127,21 @@ impl Tank {
         self.led().lit_share(from, until)
     }
 
-    /// Waits, within reason, until all pulses before `at` are known: else a picture taken while the board's thread has no
-    /// processor would show a servo that stands still.
+    /// Waits, for a limited time, until all pulses before `at` are known. Otherwise a picture taken while the board's thread is held up
+    /// would show a servo that stands still.
     pub fn await_pulses(&self, at: MonotonicNs) {
-        let deadline = MonotonicNs::now().plus_seconds(PATIENCE_S);
+        let deadline = MonotonicNs::now().plus_seconds(PULSE_WAIT_LIMIT_S);
         while self.complete_ns.load(Ordering::Acquire) < at.0 && MonotonicNs::now() < deadline {
-            std::thread::sleep(LOOK_AGAIN);
+            std::thread::sleep(PULSE_WAIT_STEP);
         }
     }
 
-    fn happen(&self, at: MonotonicNs, event: Event) {
-        self.happened().push((at, event));
+    fn add_event(&self, at: MonotonicNs, event: Event) {
+        self.pending_events().push((at, event));
     }
 
-    fn happened(&self) -> MutexGuard<'_, Vec<(MonotonicNs, Event)>> {
-        self.happened.lock().unwrap_or_else(PoisonError::into_inner)
+    fn pending_events(&self) -> MutexGuard<'_, Vec<(MonotonicNs, Event)>> {
+        self.pending_events.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn led(&self) -> MutexGuard<'_, SyncLed> {
@@ -154,7 +155,7 @@ impl Tank {
 
 impl PulseSink for Tank {
     fn pulse(&mut self, channel: u8, pulse_us: Option<u16>, at: MonotonicNs) {
-        self.happen(at, Event::Pulse { channel, pulse_us });
+        self.add_event(at, Event::Pulse { channel, pulse_us });
     }
 
     fn sync_led(&mut self, lit: bool, at: MonotonicNs) {
@@ -162,7 +163,7 @@ impl PulseSink for Tank {
     }
 
     fn position(&mut self, channel: u8, position_counts: Option<f64>, at: MonotonicNs) {
-        self.happen(at, Event::Position { channel, counts: position_counts });
+        self.add_event(at, Event::Position { channel, counts: position_counts });
     }
 
     fn complete(&mut self, until: MonotonicNs) {

@@ -1,7 +1,7 @@
-//! What the mechanism in the tank does: a function of the pulses it got, whenever it is asked.
+//! The motion of the mechanism in the tank: a function of its pulses alone, computed when it is asked for.
 //!
 //! Time goes in steps on a grid of CLOCK_MONOTONIC, so that neither the moment of asking nor the order in which pulses become
-//! known changes the motion. A pulse that becomes known late, out of a log, takes the motion back to before it.
+//! known changes the motion. A pulse that becomes known late, from a log, sets the motion back to before it.
 
 use sim::{Model, RolloutOptions, Simulator, State};
 
@@ -11,30 +11,30 @@ use super::error::TankError;
 use super::servo::Servo;
 use ground::clock::MonotonicNs;
 
-/// Steps are no longer than this \[s\], unless somebody wants it: at MuJoCo's usual millisecond a driven chain's tip is a tenth of a
-/// millimetre from where exact steps take it, twenty times what pictures see.
-const TIMESTEP_S: f64 = 2e-4;
-/// Snapshots are this far apart \[ns\].
-const SNAPSHOT_EVERY_NS: u64 = 20_000_000;
-/// So many are kept: five seconds, much longer than any log is behind.
-const MOST_SNAPSHOTS: usize = 250;
-/// Slower than this everywhere \[rad/s\] for `STILL_SNAPSHOTS` in a row, half a second, and the mechanism stands
-/// still until something happens; hours of waiting then cost nothing.
-const STILL_RAD_PER_S: f64 = 1e-6;
+/// Longest time step unless the config sets one \[s\], chosen: with MuJoCo's usual millisecond the tip of a driven chain is 0.1 mm off the
+/// exact motion, twenty times what pictures resolve.
+const MAX_TIMESTEP_S: f64 = 2e-4;
+/// Time between snapshots of the motion \[ns\], chosen.
+const SNAPSHOT_PERIOD_NS: u64 = 20_000_000;
+/// Most snapshots that are stored, chosen: those of five seconds, much longer than any log is behind.
+const MAX_SNAPSHOTS: usize = 250;
+/// Greatest rate of any joint of a mechanism at rest \[rad/s\], chosen.
+const STILL_RATE_RAD_PER_S: f64 = 1e-6;
+/// Snapshots in a row, half a second, after which a mechanism at rest is no longer simulated until the next event; chosen.
 const STILL_SNAPSHOTS: u32 = 25;
 
-/// Something that happens to the tank.
+/// An event that changes the motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Event {
     /// A channel's pulse changes.
     Pulse { channel: u8, pulse_us: Option<u16> },
     /// A servo on a bus has turned to here, or is limp.
     Position { channel: u8, counts: Option<f64> },
-    /// Somebody lets go.
+    /// The mechanism is let go.
     LetGo,
 }
 
-/// What a step stops at.
+/// An instant within a step at which the servos' input changes.
 #[derive(Debug, Clone, Copy)]
 enum Moment {
     Event(Event),
@@ -51,21 +51,21 @@ struct Drive {
     gear: f64,
 }
 
-/// All that evolves.
+/// The state of the simulation at one step.
 #[derive(Debug, Clone)]
 struct Now {
     /// Steps since the clock's origin.
     step: u64,
     state: State,
     servos: Vec<Servo>,
-    /// What each servo's channel tells it to be at \[rad\].
-    told_rad: Vec<Option<f64>>,
+    /// Commanded angle of each servo, by its channel \[rad\].
+    commands_rad: Vec<Option<f64>>,
     held: bool,
-    /// How many snapshots ago it last moved.
+    /// Number of snapshots since it last moved.
     still: u32,
-    /// What moves it, with the water's memory.
+    /// The simulator, with the water's history.
     simulator: Simulator<f64>,
-    /// Which drives the simulator has limp.
+    /// Which actuators are limp in the simulator.
     limp: Vec<bool>,
 }
 
@@ -92,7 +92,7 @@ impl Motion {
     /// # Errors
     /// [`TankError`] when the config does not fit the model.
     pub(super) fn new(model: Model, config: &TankConfig, begin: MonotonicNs) -> Result<Self, TankError> {
-        let finest_s = model.settings.timestep_s.min(TIMESTEP_S);
+        let finest_s = model.settings.timestep_s.min(MAX_TIMESTEP_S);
         let timestep_s = config.timestep_s.map_or(finest_s, |step| step.get());
         let step_ns = ((timestep_s * 1e9).round() as u64).max(1);
         let mut state = model.rest_state();
@@ -110,7 +110,7 @@ impl Motion {
             step: begin.0 / step_ns,
             state,
             servos: vec![Servo::LIMP; drives.len()],
-            told_rad: vec![None; drives.len()],
+            commands_rad: vec![None; drives.len()],
             held: config.hold != Hold::Nothing,
             still: 0,
             simulator,
@@ -131,12 +131,12 @@ impl Motion {
     }
 
     /// Adds an event. One in the past takes the motion back to before it.
-    pub(super) fn happen(&mut self, at: MonotonicNs, event: Event) {
+    pub(super) fn add_event(&mut self, at: MonotonicNs, event: Event) {
         let at = match event {
             Event::Pulse { .. } | Event::Position { .. } => at.plus_seconds(self.linkage.delay_s),
             Event::LetGo => at,
         };
-        // What happened before anything that is still known happens at once.
+        // An event older than the oldest snapshot acts at that snapshot.
         let oldest = self.snapshots.front().map_or(self.now.step, |snapshot| snapshot.step);
         let at = at.max(MonotonicNs(oldest * self.step_ns));
         let place = self.history.partition_point(|(other, _)| *other <= at);
@@ -158,7 +158,7 @@ impl Motion {
     pub(super) fn qpos(&mut self, at: MonotonicNs) -> Result<Vec<f64>, TankError> {
         let step = at.0 / self.step_ns;
         if step < self.now.step {
-            // Asked about the past, as jittered images may: from the snapshot before it, leaving the present alone.
+            // The past, as jittered images may ask for it: computed from the snapshot before it; the present state stays.
             let present = self.now.clone();
             let past = self.snapshots.iter().rev().find(|snapshot| snapshot.step <= step);
             let Some(past) = past.or(self.snapshots.front()).cloned() else { return Ok(present.state.qpos) };
@@ -178,7 +178,7 @@ impl Motion {
         if rest_ns > 0 && !self.now.held && self.now.still < STILL_SNAPSHOTS {
             let angles = self.angles();
             let (time_s, rest_s) = (self.time_s(), rest_ns as f64 * 1e-9);
-            // a step that is not kept must leave no memory
+            // a step that is not part of the motion must not change the simulator's history
             let mut simulator = self.now.simulator.clone();
             simulator.step_with(&mut state, time_s, rest_s, &|drive, _| angles[drive].unwrap_or(0.0))?;
         }
@@ -192,13 +192,13 @@ impl Motion {
 
     fn advance(&mut self, to: u64, keep: bool) -> Result<(), TankError> {
         while self.now.step < to {
-            if self.now.step * self.step_ns / SNAPSHOT_EVERY_NS
-                != self.now.step.saturating_sub(1) * self.step_ns / SNAPSHOT_EVERY_NS
+            if self.now.step * self.step_ns / SNAPSHOT_PERIOD_NS
+                != self.now.step.saturating_sub(1) * self.step_ns / SNAPSHOT_PERIOD_NS
             {
                 self.settle();
                 if keep {
                     self.snapshots.push_back(self.now.clone());
-                    if self.snapshots.len() > MOST_SNAPSHOTS {
+                    if self.snapshots.len() > MAX_SNAPSHOTS {
                         self.snapshots.pop_front();
                         self.forget();
                     }
@@ -222,13 +222,13 @@ impl Motion {
         }
     }
 
-    /// Counts for how long nothing has moved.
+    /// Counts the snapshots for which nothing has moved.
     fn settle(&mut self) {
-        let still = self.now.held || self.now.state.qvel.iter().all(|rate| rate.abs() < STILL_RAD_PER_S);
+        let still = self.now.held || self.now.state.qvel.iter().all(|rate| rate.abs() < STILL_RATE_RAD_PER_S);
         self.now.still = if still { self.now.still.saturating_add(1) } else { 0 };
     }
 
-    /// Where nothing happens before `to` and nothing moves: the last step of that calm.
+    /// The last step up to `to` before the next event, where the mechanism is at rest; `None` where it moves.
     fn nothing_until(&self, to: u64) -> Option<u64> {
         if self.now.still < STILL_SNAPSHOTS {
             return None;
@@ -245,7 +245,7 @@ impl Motion {
         self.pass(from, from + self.step_ns);
         let after = self.angles();
         if !self.now.held {
-            self.limp_as_told()?;
+            self.update_limp()?;
             let (time_s, step_s) = (self.time_s(), self.step_ns as f64 * 1e-9);
             let command = |actuator: usize, at_s: f64| match (before[actuator], after[actuator]) {
                 (Some(from), Some(to)) => from + (to - from) * (at_s - time_s) / step_s,
@@ -257,8 +257,8 @@ impl Motion {
         Ok(())
     }
 
-    /// Passes from `from` to `until` \[ns\] as far as servos go: pulses change, hands let go, and each servo turns, and looks at
-    /// its pulse at the start of its period, at the very moment.
+    /// Advances the servos from `from` to `until` \[ns\]: pulses change, the mechanism is let go, each servo turns, and takes up its pulse
+    /// at the start of its period, all at their exact times.
     fn pass(&mut self, from: u64, until: u64) {
         let first = self.history.partition_point(|(at, _)| at.0 < from);
         let events = self.history[first..].iter().take_while(|(at, _)| at.0 < until);
@@ -269,7 +269,7 @@ impl Motion {
             let starts = (from.div_ceil(period_ns)..until.div_ceil(period_ns)).map(|k| k * period_ns);
             moments.extend(starts.map(|at| (at, Moment::Period(index))));
         }
-        // what happens at the start of a period is seen in it
+        // an event at the start of a period acts in that period
         moments.sort_by_key(|&(at, ref moment)| (at, matches!(moment, Moment::Period(_))));
         let mut now = from;
         for (at, moment) in moments {
@@ -297,12 +297,12 @@ impl Motion {
         let opens = match event {
             Event::LetGo => true,
             Event::Pulse { channel, pulse_us } => {
-                self.tell(channel, |servo| Some(servo.pulse_angle_rad(pulse_us?)));
+                self.set_command(channel, |servo| Some(servo.pulse_angle_rad(pulse_us?)));
                 self.release.channel == Some(channel)
                     && pulse_us.is_some_and(|pulse_us| pulse_us >= self.release.open_us)
             }
             Event::Position { channel, counts } => {
-                self.tell(channel, |servo| Some(servo.count_angle_rad(counts?)));
+                self.set_command(channel, |servo| Some(servo.count_angle_rad(counts?)));
                 false
             }
         };
@@ -311,10 +311,10 @@ impl Motion {
         }
     }
 
-    fn tell(&mut self, channel: u8, angle_rad: impl Fn(&TankServo) -> Option<f64>) {
-        for (drive, told_rad) in self.drives.iter().zip(&mut self.now.told_rad) {
+    fn set_command(&mut self, channel: u8, angle_rad: impl Fn(&TankServo) -> Option<f64>) {
+        for (drive, commands_rad) in self.drives.iter().zip(&mut self.now.commands_rad) {
             if drive.config.channel == channel {
-                *told_rad = angle_rad(&drive.config);
+                *commands_rad = angle_rad(&drive.config);
             }
         }
     }
@@ -323,13 +323,13 @@ impl Motion {
     fn latch(&mut self, index: usize) {
         let drive = &self.drives[index];
         let link_rad = self.now.state.qpos[drive.qpos] * drive.gear;
-        self.now.servos[index].latch(&self.linkage, self.now.told_rad[index], link_rad);
-        if self.now.told_rad[index].is_some() && self.hold == Hold::FirstPulse {
+        self.now.servos[index].latch(&self.linkage, self.now.commands_rad[index], link_rad);
+        if self.now.commands_rad[index].is_some() && self.hold == Hold::FirstPulse {
             self.now.held = false;
         }
     }
 
-    /// Where each actuator's servo stands \[rad\]; none where it is limp.
+    /// Output angle of each actuator's servo \[rad\]; `None` where it is limp.
     fn angles(&self) -> Vec<Option<f64>> {
         let mut angles = vec![None; self.model.actuators.len()];
         for (servo, drive) in self.now.servos.iter().zip(&self.drives) {
@@ -338,8 +338,8 @@ impl Motion {
         angles
     }
 
-    /// Brings the simulator up to which actuators are limp.
-    fn limp_as_told(&mut self) -> Result<(), TankError> {
+    /// Makes the same actuators limp in the simulator as the servos are.
+    fn update_limp(&mut self) -> Result<(), TankError> {
         let limp: Vec<bool> = self.angles().iter().map(Option::is_none).collect();
         if limp != self.now.limp {
             self.now.simulator = simulator(&self.model, &limp, self.step_ns)?;

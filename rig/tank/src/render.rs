@@ -1,7 +1,7 @@
 //! Draws a mechanism as a camera would see it.
 //!
 //! Every geom's outline in the plane of the picture is a convex polygon; `coverage` says what their union covers. Only the
-//! mechanism's own rectangle is drawn anew for each image. Noise is the camera's business, not the scene's.
+//! mechanism's own rectangle is drawn again for each image. Noise is the camera's business, not the scene's.
 
 use image::GrayImage;
 use sim::Model;
@@ -26,7 +26,7 @@ pub struct Look {
     pub blur_px: f64,
     /// Share of the light that is missing in the picture's corners.
     pub falloff: f64,
-    /// What stands still in the tank: convex polygons in the picture \[px\].
+    /// Fixed objects in the tank: convex polygons in the picture \[px\].
     pub scenery: Vec<Vec<Px>>,
 }
 
@@ -54,7 +54,7 @@ pub struct Renderer {
     empty: Vec<f32>,
 }
 
-/// Corners of a polygon in place of a circle: its sides are within 0.03 px of a circle of 40 px.
+/// Corners of the polygon that approximates a circle, chosen: its sides are within 0.03 px of a circle of 40 px.
 const CIRCLE_CORNERS: usize = 80;
 
 impl Renderer {
@@ -211,8 +211,8 @@ fn hull(mut points: Vec<Px>) -> Vec<Px> {
 mod tests {
     use super::*;
 
-    /// Eight sub-rows and 8-bit grey: areas are good to a few hundredths of a pixel row.
-    const SAMPLED: f64 = 0.005;
+    /// Relative tolerance of areas: eight sub-rows and 8-bit grey are good to a few hundredths of a pixel row.
+    const AREA_TOLERANCE_SHARE: f64 = 0.005;
 
     fn inked(image: &GrayImage, look: &Look) -> (f64, Px) {
         let (mut area, mut moment) = (0.0, [0.0, 0.0]);
@@ -245,7 +245,7 @@ mod tests {
         ] {
             let model = model(&format!("<geom {shape} pos='0.013 0.3 -0.007' mass='1'/>"));
             let (got, centre) = inked(&renderer.draw(&model, &[0.4]), &look);
-            assert!((got / area - 1.0).abs() < SAMPLED, "{shape}: {got} {area}");
+            assert!((got / area - 1.0).abs() < AREA_TOLERANCE_SHARE, "{shape}: {got} {area}");
             // Positive is counter-clockwise as the camera sees it; rows grow downward.
             let (sin, cos) = 0.4f64.sin_cos();
             let wanted = [100.0 + 13.0 * cos + 7.0 * sin, 80.0 - (13.0 * sin - 7.0 * cos)];

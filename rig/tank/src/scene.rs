@@ -1,4 +1,4 @@
-//! The tank as a camera sees it.
+//! A camera's view of the tank, as images.
 
 use ground::strict::{Finite, Positive};
 use image::GrayImage;
@@ -24,9 +24,9 @@ pub struct TankScene {
     sync_led_px: Option<[f64; 2]>,
 }
 
-/// Radius of the holder of the sync LED, in which it is seen \[px\].
+/// Radius of the dark holder around the sync LED in the picture \[px\], chosen.
 const LED_RADIUS_PX: f64 = 8.0;
-/// Grey of the holder, and of the LED that is lit for all of an exposure.
+/// Grey of the holder, and of the LED when it is lit for all of an exposure, chosen.
 const LED_GREY: [f64; 2] = [30.0, 235.0];
 
 /// Draws the sync LED at `centre_px`, lit for `share` of the exposure: a spot that fades towards the rim of a dark holder.
@@ -57,7 +57,7 @@ impl Scene for TankScene {
         if self.optics.slowness != 0.0 {
             self.roll(&mut shapes, at)?;
         }
-        shapes.iter_mut().flatten().for_each(|point| *point = self.optics.see(*point));
+        shapes.iter_mut().flatten().for_each(|point| *point = self.optics.apparent(*point));
         let mut picture = self.renderer.draw_polygons(&project(&shapes, &self.renderer.plane));
         if let Some(centre_px) = self.sync_led_px {
             glow(&mut picture, centre_px, self.tank.lit_share(opens, closes));
@@ -80,7 +80,7 @@ impl TankScene {
         Ok(corners(self.tank.model(), &qpos, self.renderer.plane.view()))
     }
 
-    /// Lets each point be seen when its row is taken: on the parabola through three instants of the motion.
+    /// Moves each point to where it is when its row is exposed: on the parabola through three instants of the motion.
     fn roll(&self, shapes: &mut [Vec<[f64; 2]>], at: MonotonicNs) -> Result<(), String> {
         let far = shapes
             .iter()
@@ -107,7 +107,7 @@ impl TankScene {
 }
 
 impl Tank {
-    /// What a camera set up as `camera` says sees of this tank.
+    /// The scene that a camera configured as `camera` films.
     pub fn scene(&self, camera: &CameraConfig) -> TankScene {
         let view = &self.config().view;
         let plane =
@@ -131,7 +131,7 @@ impl Tank {
         }
     }
 
-    /// How a mock camera's stamps depart from the truth in this tank.
+    /// The errors of a mock camera's stamps in this tank.
     pub fn stamp_truth(&self) -> StampTruth {
         let config = self.config();
         StampTruth {
@@ -142,8 +142,8 @@ impl Tank {
     }
 }
 
-/// Length of the table that noise is taken from: a prime, so that rows of no picture line up with it.
-const NOISE_NUMBERS: usize = 1_048_573;
+/// Length of the table that noise is taken from, chosen: a prime, so that it never lines up with the rows of a picture.
+const NOISE_TABLE_LENGTH: usize = 1_048_573;
 
 /// A sensor's noise: normal, independent from pixel to pixel. Drawn once into a table that each image enters at a place of
 /// its own, since drawing 300 000 numbers for each image would take longer than the image's period.
@@ -157,7 +157,7 @@ impl Noise {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut grey = || -> f64 { StandardNormal.sample(&mut random) };
         let table = if std_grey > 0.0 {
-            (0..NOISE_NUMBERS).map(|_| (grey() * std_grey).round() as i8).collect()
+            (0..NOISE_TABLE_LENGTH).map(|_| (grey() * std_grey).round() as i8).collect()
         } else {
             Vec::new()
         };
@@ -168,11 +168,11 @@ impl Noise {
         if self.table.is_empty() {
             return;
         }
-        let mut from = ChaCha8Rng::seed_from_u64(self.seed ^ at.0).random_range(0..NOISE_NUMBERS);
+        let mut from = ChaCha8Rng::seed_from_u64(self.seed ^ at.0).random_range(0..NOISE_TABLE_LENGTH);
         let mut pixels: &mut [u8] = picture;
         while !pixels.is_empty() {
             // Slice by slice, which the compiler does for many pixels at once.
-            let (now, later) = pixels.split_at_mut(pixels.len().min(NOISE_NUMBERS - from));
+            let (now, later) = pixels.split_at_mut(pixels.len().min(NOISE_TABLE_LENGTH - from));
             for (pixel, &noise) in now.iter_mut().zip(&self.table[from..]) {
                 *pixel = pixel.saturating_add_signed(noise);
             }

@@ -1,21 +1,21 @@
-//! A hobby servo as it really is.
+//! The simulated hobby servo of the tank.
 
 use super::causes::Linkage;
 use super::config::TankServo;
 
-/// One servo's state: where its output stands while it has a pulse.
+/// The state of one servo: the angle of its output while it has a pulse.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Servo {
-    /// Output angle and where it turns to \[rad\]; none without a pulse: limp.
+    /// Its angles \[rad\]; `None` without a pulse, when it is limp.
     powered: Option<Powered>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Powered {
-    /// The servo's own.
+    /// Angle of the gear before the backlash.
     angle_rad: f64,
     target_rad: f64,
-    /// What is left of it behind the play.
+    /// Angle of the output, behind the backlash.
     output_rad: f64,
 }
 
@@ -27,11 +27,11 @@ impl Servo {
         self.powered.map(|powered| powered.output_rad)
     }
 
-    /// Takes up what it is told \[rad\], or that it is told nothing, at a period's start. A servo that wakes up finds its output wherever
-    /// the link is.
-    pub(super) fn latch(&mut self, linkage: &Linkage, told_rad: Option<f64>, link_rad: f64) {
-        self.powered = told_rad.map(|told_rad| {
-            let target_rad = told_rad * linkage.gain;
+    /// Takes up its commanded angle \[rad\], or that there is none, at a period's start. A servo that gets its first pulse starts at the
+    /// link's angle.
+    pub(super) fn latch(&mut self, linkage: &Linkage, command_rad: Option<f64>, link_rad: f64) {
+        self.powered = command_rad.map(|command_rad| {
+            let target_rad = command_rad * linkage.gain;
             let found = Powered { angle_rad: link_rad, target_rad, output_rad: link_rad };
             Powered { target_rad, ..self.powered.unwrap_or(found) }
         });

@@ -1,11 +1,11 @@
-//! The board's sync LED as it shines into the tank.
+//! The light of the board's sync LED over time.
 
 use std::collections::VecDeque;
 
 use ground::clock::MonotonicNs;
 
-/// So many turns are kept: a minute at least, far more than any picture is behind.
-const MOST_TURNS: usize = 1024;
+/// Most switchings of the LED that are stored, chosen: those of a minute at least, far more than any picture is behind.
+const MAX_STORED_TURNS: usize = 1024;
 
 /// When the LED turned on and off.
 #[derive(Debug, Default)]
@@ -15,10 +15,10 @@ pub(super) struct SyncLed {
 }
 
 impl SyncLed {
-    /// It turned on, or off. Turns come in order: each board tells its own, and there is one.
+    /// The LED was switched on or off. Switchings come in order, from the one board.
     pub(super) fn turn(&mut self, lit: bool, at: MonotonicNs) {
         self.turns.push_back((at, lit));
-        if self.turns.len() > MOST_TURNS {
+        if self.turns.len() > MAX_STORED_TURNS {
             self.turns.pop_front();
         }
     }

@@ -154,6 +154,9 @@ impl<'a> Task<'a> {
     }
 }
 
+/// Some images, and what was found in each of them.
+pub type Portion<'a> = (Vec<TimedImage>, &'a [ImageRecord]);
+
 /// An extraction on its way through a sequence.
 #[derive(Debug)]
 pub struct Begun {
@@ -175,7 +178,7 @@ impl Begun {
         &mut self,
         images: &mut impl Iterator<Item = Result<TimedImage, E>>,
         at_most: usize,
-    ) -> Result<Option<(Vec<TimedImage>, &[ImageRecord])>, E> {
+    ) -> Result<Option<Portion<'_>>, E> {
         let portion: Vec<TimedImage> = images.take(at_most).collect::<Result<_, E>>()?;
         if portion.is_empty() {
             return Ok(None);

@@ -1,12 +1,12 @@
 //! The command on its way to the drives, through the causes between: see [`super::drive`].
 
-use super::drive::stage::{Kept, Piece};
+use super::drive::stage::{Piece, StageState};
 use super::{STAGES, Stages};
 use crate::command::Command;
 use crate::model::Model;
 use crate::scalar::{Mask, Scalar, tuned};
 
-/// The commands as a model's drives get them: what the servos were told, with the causes between.
+/// The commands as a model's drives get them: those of the servos, altered by the causes between.
 #[derive(Debug, Clone)]
 pub struct CommandPath<T: Scalar> {
     stages: Stages<T>,
@@ -21,7 +21,7 @@ struct Track<T: Scalar> {
     /// Commanded angle in each row.
     angle: Vec<f64>,
     /// What each stage keeps at each row; empty without stages.
-    states: Vec<[Kept<T>; STAGES]>,
+    states: Vec<[StageState<T>; STAGES]>,
 }
 
 impl<T: Scalar> CommandPath<T> {
@@ -44,7 +44,7 @@ impl<T: Scalar> CommandPath<T> {
         path
     }
 
-    /// Adds a row: from `time_s` on the drives are told `angle_rad`, shape (actuators with a command, in the model's order),
+    /// Adds a row: from `time_s` on the command is `angle_rad`, shape (actuators with a command, in the model's order),
     /// and went there straight from the row before. For commands that come in while a mechanism moves.
     ///
     /// # Panics

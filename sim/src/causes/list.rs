@@ -8,7 +8,7 @@ macro_rules! causes {
         picture { $($picture:ident in $picture_in:ident,)* }
     ) => {
         impl Cause {
-            /// All of them.
+            /// All built-in causes, in the order of the list.
             pub const ALL: &'static [Self] = &[
                 $(Self::new(&$model_in::$model::INFO),)*
                 $(Self::new(&$step_in::$step::INFO),)*
@@ -244,15 +244,15 @@ macro_rules! causes {
                 f64::INFINITY$(.min(self.$drive.as_ref().map_or(f64::INFINITY, Stage::longest_step_s)))*
             }
 
-            /// What each stage keeps when the command has stood at `command` for ever.
-            pub(crate) fn steady(&self, mut command: T) -> [Kept<T>; STAGES] {
-                let mut states = [Kept::steady(T::ZERO); STAGES];
+            /// State of each stage after a constant `command`.
+            pub(crate) fn steady(&self, mut command: T) -> [StageState<T>; STAGES] {
+                let mut states = [StageState::steady(T::ZERO); STAGES];
                 let mut place = 0;
                 $(
                     if let Some(stage) = &self.$drive {
                         command = stage.steady(command);
                     }
-                    states[place] = Kept::steady(command);
+                    states[place] = StageState::steady(command);
                     place += 1;
                 )*
                 let _ = place;
@@ -261,7 +261,7 @@ macro_rules! causes {
 
             /// Passes one straight piece of the command through all stages, from and to their `states`.
             #[inline(always)]
-            pub(crate) fn pass(&self, states: &mut [Kept<T>; STAGES], piece: Piece<T>) {
+            pub(crate) fn pass(&self, states: &mut [StageState<T>; STAGES], piece: Piece<T>) {
                 let mut pieces = Pieces::of(piece);
                 let mut place = 0;
                 $(
@@ -273,7 +273,7 @@ macro_rules! causes {
                             }
                             pieces = out;
                         }
-                        None => states[place] = Kept::steady(pieces.end()),
+                        None => states[place] = StageState::steady(pieces.end()),
                     }
                     place += 1;
                 )*

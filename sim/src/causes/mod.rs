@@ -57,7 +57,7 @@ use crate::scalar::tuned;
 use crate::space::Space;
 use camera::look::Look;
 pub use drive::stage::Following;
-use drive::stage::{Kept, Piece, Pieces, Stage};
+use drive::stage::{Piece, Pieces, Stage, StageState};
 use hooks::Step;
 
 causes! {
@@ -107,7 +107,7 @@ causes! {
     }
 }
 
-/// No such cause.
+/// The name is not that of a known cause.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("there is no cause `{name}`; the causes are {known}")]
 pub struct UnknownCause {

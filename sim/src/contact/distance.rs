@@ -19,12 +19,12 @@ pub(super) struct Solid {
     pub(super) rot: Mat3<f64>,
 }
 
-/// Rounds of the search at most; smooth shapes need a few dozen.
-const MOST_ROUNDS: usize = 200;
-/// The search ends when this share of the distance, or less, may be left to be found.
-const UNFOUND_SHARE: f64 = 1e-9;
-/// Cores closer than this \[m\] count as touching.
-const TOUCHING_M: f64 = 1e-12;
+/// Most iterations of the search (chosen); smooth shapes need a few dozen.
+const ITERATIONS_MAX: usize = 200;
+/// The search ends when the squared distance is known to this share (chosen).
+const DISTANCE_TOLERANCE_SHARE: f64 = 1e-9;
+/// Cores closer than this count as touching \[m\] (chosen).
+const CORE_CONTACT_DISTANCE_M: f64 = 1e-12;
 
 impl Solid {
     /// Radius of the ball around `at` that holds it all; infinite for a plane.
@@ -94,14 +94,14 @@ fn between_cores(a: &Solid, b: &Solid) -> f64 {
     let mut simplex = Simplex { points: [Vec3::ZERO; 4], count: 0 };
     let mut nearest = difference(b.at - a.at);
     simplex.push(nearest);
-    for _ in 0..MOST_ROUNDS {
+    for _ in 0..ITERATIONS_MAX {
         let squared = nearest.dot(nearest);
-        if squared < TOUCHING_M * TOUCHING_M {
+        if squared < CORE_CONTACT_DISTANCE_M * CORE_CONTACT_DISTANCE_M {
             return 0.0;
         }
         let next = difference(-nearest);
         // no point of the set lies nearer along this direction than `next` does
-        if squared - nearest.dot(next) <= UNFOUND_SHARE * squared || simplex.has(next) {
+        if squared - nearest.dot(next) <= DISTANCE_TOLERANCE_SHARE * squared || simplex.has(next) {
             break;
         }
         simplex.push(next);
@@ -135,7 +135,7 @@ impl Simplex {
     /// the origin is inside.
     fn reduce(&mut self) -> Option<Vec3<f64>> {
         let points = self.points;
-        let (kept, nearest) = match self.count {
+        let (retained, nearest) = match self.count {
             1 => ([Some(0), None, None], points[0]),
             2 => segment(&points, [0, 1]),
             3 => triangle(&points, [0, 1, 2]),
@@ -148,7 +148,7 @@ impl Simplex {
             }
         };
         self.count = 0;
-        for index in kept.into_iter().flatten() {
+        for index in retained.into_iter().flatten() {
             self.push(points[index]);
         }
         Some(nearest)

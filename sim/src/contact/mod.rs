@@ -1,6 +1,6 @@
 //! Watches for contact: where geoms that MuJoCo would let collide touch, whether their contact is simulated or not.
 //!
-//! Watching looks at coordinates after the fact, so a rollout that nobody watches costs nothing for it:
+//! Watching checks at coordinates after the fact, so a rollout that nobody watches costs nothing for it:
 //!
 //! ```
 //! # let text = r#"<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1" pos="0 0 -0.05"/>
@@ -31,7 +31,7 @@ use distance::{Solid, distance};
 /// Two geoms that have touched: where their contact is not simulated, MuJoCo's motion differs from ours from then on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Touch {
-    /// The geoms.
+    /// The two geoms and how they may touch.
     pub geoms: PossibleContact,
     /// When they touched \[s\].
     pub time_s: f64,
@@ -40,7 +40,7 @@ pub struct Touch {
 /// Where two geoms push each other.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContactPoint {
-    /// The geoms.
+    /// Names of the two geoms.
     pub geoms: [String; 2],
     /// Midway between both surfaces \[m\].
     pub at_m: [f64; 3],
@@ -50,10 +50,10 @@ pub struct ContactPoint {
     pub distance_m: f64,
 }
 
-/// Instants looked at between two samples are no farther apart \[s\]: what moves at 1 m/s moves a tenth of a millimetre.
-const LOOK_S: f64 = 1e-4;
-/// To this \[s\] the time of a touch is found.
-const EXACT_S: f64 = 1e-7;
+/// Longest time between checks for contact \[s\] (chosen): what moves at 1 m/s moves a tenth of a millimetre in it.
+const CHECK_INTERVAL_MAX_S: f64 = 1e-4;
+/// Accuracy to which the time of a contact is found \[s\] (chosen).
+const CONTACT_TIME_TOLERANCE_S: f64 = 1e-7;
 
 /// Watches the pairs of geoms that MuJoCo would let collide ([`Model::possible_contacts`]).
 ///
@@ -201,15 +201,15 @@ impl ContactWatch {
                 integrate::between(&watch.plant, start, end, h, share, &mut between);
                 watch.look(&between)
             };
-            let looks = (h / LOOK_S).ceil().max(1.0) as usize;
-            for look in 1..=looks {
-                let share = look as f64 / looks as f64;
-                let (mut found, gap_m) = if look == looks { (pair, gap_m) } else { at(self, share) };
+            let checks = (h / CHECK_INTERVAL_MAX_S).ceil().max(1.0) as usize;
+            for look in 1..=checks {
+                let share = look as f64 / checks as f64;
+                let (mut found, gap_m) = if look == checks { (pair, gap_m) } else { at(self, share) };
                 if gap_m > 0.0 {
                     continue;
                 }
-                let (mut before, mut after) = (share - 1.0 / looks as f64, share);
-                while (after - before) * h > EXACT_S {
+                let (mut before, mut after) = (share - 1.0 / checks as f64, share);
+                while (after - before) * h > CONTACT_TIME_TOLERANCE_S {
                     let middle = 0.5 * (before + after);
                     let (pair, gap_m) = at(self, middle);
                     if gap_m > 0.0 {

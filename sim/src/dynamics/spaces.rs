@@ -1,9 +1,9 @@
 //! Which of the stages beside the general ones each space has: a plane none of them.
 
 use super::contact::Contacts;
+use super::friction_and_limits::Solver;
 use super::implicit::FluidSlope;
 use super::plant::Plant;
-use super::restraint::Solver;
 use super::stages::{ContactStage, SlopeStage, Stages};
 use super::work::Work;
 use crate::model::Model;

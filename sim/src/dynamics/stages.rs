@@ -3,8 +3,8 @@
 use std::fmt::Debug;
 
 use super::Work;
+use super::friction_and_limits::Solver;
 use super::plant::Plant;
-use super::restraint::Solver;
 use crate::model::Model;
 use crate::space::Space;
 

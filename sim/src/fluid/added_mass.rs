@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 /// Below this a denominator counts as 0 (MuJoCo's least value).
-const LEAST_DENOMINATOR: f64 = 1e-15;
+const DENOMINATOR_MIN: f64 = 1e-15;
 
 /// Nodes and weights of the 15-point Kronrod rule on \[0, 1\], the lower half and the middle, rounded to 8
 /// decimals as MuJoCo has them: with the exact ones the coefficients would differ in the ninth digit.
@@ -34,11 +34,11 @@ pub struct AddedMass {
 pub fn added_mass(r: [f64; 3]) -> AddedMass {
     let volume = 4.0 / 3.0 * PI * r[0] * r[1] * r[2];
     let k: [f64; 3] = std::array::from_fn(|i| kappa(r[i], r[(i + 1) % 3], r[(i + 2) % 3]));
-    let mass = k.map(|k| volume * k / (2.0 - k).max(LEAST_DENOMINATOR));
+    let mass = k.map(|k| volume * k / (2.0 - k).max(DENOMINATOR_MIN));
     let inertia = std::array::from_fn(|i| {
         let (a, b) = ((i + 1) % 3, (i + 2) % 3);
         let (difference, sum) = (r[a] * r[a] - r[b] * r[b], r[a] * r[a] + r[b] * r[b]);
-        let denominator = (2.0 * difference + sum * (k[a] - k[b])).abs().max(LEAST_DENOMINATOR);
+        let denominator = (2.0 * difference + sum * (k[a] - k[b])).abs().max(DENOMINATOR_MIN);
         volume / 5.0 * difference * difference * (k[b] - k[a]).abs() / denominator
     });
     AddedMass { mass, inertia }

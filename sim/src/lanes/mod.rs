@@ -54,14 +54,14 @@ impl Isa {
     }
 
     /// No machine has lanes for more candidates.
-    pub(crate) const MOST_CANDIDATES: usize = 16;
+    pub(crate) const CANDIDATES_MAX: usize = 16;
 
     /// How many candidates share one pass, at most: two registers full.
     pub fn candidates(self) -> usize {
         match self {
             Self::Baseline => 1,
             Self::Avx2 => 8,
-            Self::Avx512 => Self::MOST_CANDIDATES,
+            Self::Avx512 => Self::CANDIDATES_MAX,
         }
     }
 
@@ -95,13 +95,13 @@ impl Isa {
 
 /// Work that can be done in lanes of any kind.
 pub(crate) trait InLanes {
-    /// What it yields.
+    /// Result of the work.
     type Output;
 
     /// How many lanes it needs.
     fn wanted(&self) -> usize;
 
-    /// Does it.
+    /// Does the work in numbers of type `L`.
     fn with<L: Packed>(self) -> Self::Output;
 }
 

@@ -14,12 +14,12 @@ use crate::causes::Cause;
 use crate::math::Vec3;
 use crate::model::{Actuator, ActuatorKind, Cone, Contacts, Integrator, KuttaLift, Model, Settings};
 
-/// Sections that neither move nor shape anything simulated.
-const PASSED_OVER: [&str; 7] = ["size", "visual", "statistic", "asset", "custom", "sensor", "keyframe"];
-/// Sections refused as soon as they hold something.
-const REFUSED: [&str; 4] = ["equality", "tendon", "deformable", "extension"];
-/// MuJoCo's standard gravity.
-const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
+/// Sections that have no effect on what is simulated.
+const IGNORED_SECTIONS: [&str; 7] = ["size", "visual", "statistic", "asset", "custom", "sensor", "keyframe"];
+/// Sections that are refused unless empty.
+const REFUSED_SECTIONS: [&str; 4] = ["equality", "tendon", "deformable", "extension"];
+/// MuJoCo's default gravity \[m/s2\].
+const DEFAULT_GRAVITY_M_PER_S2: [f64; 3] = [0.0, 0.0, -9.81];
 
 pub(super) fn model(document: &Document<'_>) -> Result<Model<f64>, MjcfError> {
     let root = document.root_element();
@@ -29,8 +29,8 @@ pub(super) fn model(document: &Document<'_>) -> Result<Model<f64>, MjcfError> {
     for section in root.children().filter(Node::is_element) {
         match section.tag_name().name() {
             "compiler" | "option" | "default" | "worldbody" | "contact" | "actuator" => {}
-            name if PASSED_OVER.contains(&name) => {}
-            name if REFUSED.contains(&name) => {
+            name if IGNORED_SECTIONS.contains(&name) => {}
+            name if REFUSED_SECTIONS.contains(&name) => {
                 if let Some(content) = section.first_element_child() {
                     return Err(refused(content));
                 }
@@ -119,7 +119,7 @@ fn settings<'a, 'i: 'a>(
     let mut settings = Settings {
         timestep_s: 0.002,
         integrator: Integrator::Euler,
-        gravity: Vec3(GRAVITY),
+        gravity: Vec3(DEFAULT_GRAVITY_M_PER_S2),
         density: 0.0,
         viscosity: 0.0,
         wind: Vec3::ZERO,

@@ -13,11 +13,11 @@ use crate::model::shape::{self, MassProperties};
 use crate::model::{Body, FluidCoefficients, Geom, GeomKind, Joint, JointKind, Site, Surface};
 
 /// MuJoCo's density where a geom states none \[kg/m3\].
-const DENSITY: f64 = 1000.0;
+const DEFAULT_DENSITY_KG_PER_M3: f64 = 1000.0;
 /// MuJoCo's coefficients where a geom states none.
-const FLUID: [f64; 5] = [0.5, 0.25, 1.5, 1.0, 1.0];
+const DEFAULT_FLUID_COEFFICIENTS: [f64; 5] = [0.5, 0.25, 1.5, 1.0, 1.0];
 /// Least mass \[kg\] and moment \[kg m2\] of a body that moves, as in MuJoCo.
-const LEAST_MASS: f64 = 1e-15;
+const MASS_AND_INERTIA_MIN: f64 = 1e-15;
 
 /// The tree as far as it is read.
 pub(super) struct Tree<'a, 'd> {
@@ -308,7 +308,7 @@ impl<'a, 'd> Tree<'a, 'd> {
         let ellipsoid = attributes.one_of("fluidshape", &[("none", false), ("ellipsoid", true)], false)?;
         // MuJoCo takes the first of fewer than five and leaves the others at their defaults
         let given = attributes.list("fluidcoef", 1, 5)?.unwrap_or_default();
-        let coefficient = |i: usize| given.get(i).copied().unwrap_or(FLUID[i]);
+        let coefficient = |i: usize| given.get(i).copied().unwrap_or(DEFAULT_FLUID_COEFFICIENTS[i]);
         let bits = |name: &str| {
             attributes
                 .text(name)
@@ -337,7 +337,8 @@ impl<'a, 'd> Tree<'a, 'd> {
         if body == 0 || kind == GeomKind::Plane {
             return Ok(None);
         }
-        let by_density = attributes.not_negative("density", DENSITY)? * shape::volume(kind, size);
+        let by_density =
+            attributes.not_negative("density", DEFAULT_DENSITY_KG_PER_M3)? * shape::volume(kind, size);
         let mass = attributes.not_negative("mass", by_density)?;
         Ok((mass > 0.0).then(|| MassProperties {
             mass,
@@ -364,7 +365,9 @@ impl<'a, 'd> Tree<'a, 'd> {
         let mut heavy: Vec<bool> = self
             .bodies
             .iter()
-            .map(|body| body.mass > LEAST_MASS && body.inertia.0.iter().all(|i| *i > LEAST_MASS))
+            .map(|body| {
+                body.mass > MASS_AND_INERTIA_MIN && body.inertia.0.iter().all(|i| *i > MASS_AND_INERTIA_MIN)
+            })
             .collect();
         for index in (1..self.bodies.len()).rev() {
             if heavy[index] && !jointed(index) {

@@ -17,17 +17,17 @@ pub(super) struct Defaults<'a> {
 }
 
 /// The class of elements that name none.
-const MAIN: &str = "main";
-/// Elements whose defaults have no bearing on what is simulated.
-const PASSED_OVER: [&str; 7] = ["camera", "light", "material", "mesh", "pair", "equality", "tendon"];
+const MAIN_CLASS: &str = "main";
+/// Elements whose defaults have no effect on what is simulated.
+const IGNORED_ELEMENTS: [&str; 7] = ["camera", "light", "material", "mesh", "pair", "equality", "tendon"];
 /// The drives share these attributes' defaults in MuJoCo, whichever of them states them.
-const SHARED: [&str; 5] = ["gear", "ctrlrange", "ctrllimited", "forcerange", "forcelimited"];
+const SHARED_DRIVE_ATTRIBUTES: [&str; 5] = ["gear", "ctrlrange", "ctrllimited", "forcerange", "forcelimited"];
 const DRIVES: [&str; 3] = ["position", "velocity", "motor"];
 
 impl<'a> Defaults<'a> {
     /// Reads the top-level `<default>` elements.
     pub(super) fn read<'i: 'a>(root: Node<'a, 'i>) -> Result<Self, MjcfError> {
-        let mut defaults = Self { classes: HashMap::from([(MAIN, Class::new())]) };
+        let mut defaults = Self { classes: HashMap::from([(MAIN_CLASS, Class::new())]) };
         for node in root.children().filter(|node| node.has_tag_name("default")) {
             defaults.add(node, None)?;
         }
@@ -37,7 +37,7 @@ impl<'a> Defaults<'a> {
     fn add<'i: 'a>(&mut self, node: Node<'a, 'i>, parent: Option<&'a str>) -> Result<(), MjcfError> {
         let name = match (node.attribute("class"), parent) {
             (Some(name), _) => name,
-            (None, None) => MAIN,
+            (None, None) => MAIN_CLASS,
             (None, Some(_)) => {
                 return Err(MjcfError::Missing {
                     line: line(node),
@@ -59,7 +59,7 @@ impl<'a> Defaults<'a> {
         };
         for child in node.children().filter(Node::is_element) {
             let tag = child.tag_name().name();
-            if tag == "default" || PASSED_OVER.contains(&tag) {
+            if tag == "default" || IGNORED_ELEMENTS.contains(&tag) {
                 continue;
             }
             if table(tag).is_none() {
@@ -68,7 +68,7 @@ impl<'a> Defaults<'a> {
             let values = checked(child)?;
             if DRIVES.contains(&tag) {
                 for other in DRIVES {
-                    let shared = values.iter().filter(|(name, _)| SHARED.contains(name));
+                    let shared = values.iter().filter(|(name, _)| SHARED_DRIVE_ATTRIBUTES.contains(name));
                     class.entry(other).or_default().extend(shared);
                 }
             }
@@ -91,7 +91,7 @@ impl<'a> Defaults<'a> {
         if node.has_tag_name("freejoint") {
             return Ok(None);
         }
-        let name = node.attribute("class").or(childclass).unwrap_or(MAIN);
+        let name = node.attribute("class").or(childclass).unwrap_or(MAIN_CLASS);
         match self.classes.get(name) {
             Some(class) => Ok(class.get(node.tag_name().name())),
             None => Err(MjcfError::Value {

@@ -3,7 +3,7 @@
 /// Why MJCF text was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum MjcfError {
-    /// Not XML.
+    /// The text is not well-formed XML.
     #[error("model is not well-formed XML")]
     Xml(#[from] roxmltree::Error),
     /// An element that is not supported.
@@ -11,7 +11,7 @@ pub enum MjcfError {
     Element {
         /// Line in the text.
         line: u32,
-        /// The element.
+        /// Name of the XML element.
         element: String,
     },
     /// An attribute that is not supported, or not with this value.
@@ -19,11 +19,11 @@ pub enum MjcfError {
     Attribute {
         /// Line in the text.
         line: u32,
-        /// The element.
+        /// Name of the XML element.
         element: String,
-        /// The attribute.
+        /// Name of the attribute.
         attribute: String,
-        /// Its value.
+        /// Value of the attribute.
         value: String,
         /// What to do.
         instead: String,
@@ -33,11 +33,11 @@ pub enum MjcfError {
     Value {
         /// Line in the text.
         line: u32,
-        /// The element.
+        /// Name of the XML element.
         element: String,
-        /// The attribute.
+        /// Name of the attribute.
         attribute: String,
-        /// Its value.
+        /// Value of the attribute.
         value: String,
         /// What it must be.
         wanted: String,
@@ -47,9 +47,9 @@ pub enum MjcfError {
     Missing {
         /// Line in the text.
         line: u32,
-        /// The element.
+        /// Name of the XML element.
         element: String,
-        /// The attribute.
+        /// Name of the attribute.
         attribute: String,
     },
     /// A name used twice.
@@ -57,9 +57,9 @@ pub enum MjcfError {
     Duplicate {
         /// Line in the text.
         line: u32,
-        /// The element.
+        /// Name of the XML element.
         element: String,
-        /// The name.
+        /// The name that is referred to.
         name: String,
     },
     /// Elements that do not fit together.
@@ -67,7 +67,7 @@ pub enum MjcfError {
     Inconsistent {
         /// Line in the text.
         line: u32,
-        /// The element.
+        /// Name of the XML element.
         element: String,
         /// Its name.
         name: String,

@@ -2,7 +2,7 @@
 
 /// One element's attributes.
 pub(super) struct Table {
-    /// Read.
+    /// Names of the attributes that are read.
     pub(super) read: &'static [&'static str],
     /// Without effect on the motion of what is simulated here.
     pub(super) passed_over: &'static [&'static str],

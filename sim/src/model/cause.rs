@@ -6,18 +6,18 @@ use std::any::Any;
 use super::{Joint, JointKind, Model};
 use crate::scalar::Scalar;
 
-/// Where a cause sits.
+/// The part of the system that a cause acts in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Kind {
-    /// In the water or in the bodies.
+    /// Acts in the water or in the bodies.
     Physics,
-    /// In the joints.
+    /// Acts in the joints.
     Joint,
-    /// Between the command and the drive.
+    /// Acts between the command and the drive.
     Drive,
-    /// In a cable.
+    /// Acts through a cable.
     Tether,
-    /// In the camera or in what it is taken to see.
+    /// Acts in the camera or in the extraction of keypoints.
     Camera,
 }
 
@@ -33,14 +33,14 @@ pub enum Role {
     Hidden(&'static [f64]),
     /// One of these values, none in between.
     Choice(&'static [f64]),
-    /// Stays as it is unless somebody names it.
+    /// Is varied only where a fit names it.
     Detail,
 }
 
-/// What a parameter exists once for.
+/// What a parameter has one value for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Per {
-    /// The model.
+    /// The whole model.
     Model,
     /// Each hinge and slide, after which it is called.
     Joint,
@@ -67,19 +67,19 @@ pub struct ParameterInfo {
     pub bounds: [f64; 2],
     /// Its value in a model that the cause was just added to: absent, or a good start.
     pub neutral: f64,
-    /// A usual size: the scale of steps and weak priors.
+    /// A typical value, SI: the scale of steps and weak priors.
     pub typical: f64,
-    /// Its part.
+    /// Its role in the cause.
     pub role: Role,
-    /// What there is one of it for.
+    /// What it has one value for.
     pub per: Per,
     /// Whether each run has its own value, as the phase of waves does.
     pub per_run: bool,
-    /// Whether it may be another in each run: bubbles gather and go, somebody touches the camera between runs.
+    /// Whether it may differ from run to run: bubbles gather and go, somebody touches the camera between runs.
     pub may_differ: bool,
-    /// Says nothing where the choice of this name has this value.
+    /// It has no effect where the choice of this name has this value.
     pub idle_where: Option<(&'static str, f64)>,
-    /// What it is.
+    /// Description for reports.
     pub meaning: &'static str,
 }
 
@@ -151,16 +151,16 @@ pub struct Mjcf {
     pub(crate) fold: fn(&CauseValues<f64>, &mut Model<f64>),
 }
 
-/// What a cause says about itself.
+/// Description of a cause: names, parameters and texts for the report.
 #[derive(Debug, Clone, Copy)]
 pub struct CauseInfo {
     /// Its name, part of the contract.
     pub name: &'static str,
-    /// Where it sits.
+    /// The part of the system it acts in.
     pub kind: Kind,
-    /// Its parameters.
+    /// Descriptions of its parameters, in their order.
     pub parameters: &'static [ParameterInfo],
-    /// Causes that no video can tell from it, and when.
+    /// Causes that no video can distinguish from it, and when.
     pub aliases: &'static [Alias],
     /// A sentence for the report.
     pub sentence: &'static str,
@@ -177,12 +177,12 @@ pub struct CauseInfo {
     pub in_picture_plane: bool,
 }
 
-/// A cause that no video tells from this one.
+/// A cause that no video can distinguish from this one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Alias {
-    /// Its name.
+    /// Name of the other cause.
     pub name: &'static str,
-    /// When they are the same.
+    /// When the two cannot be distinguished.
     pub when: AliasWhen,
 }
 
@@ -199,7 +199,7 @@ pub enum AliasWhen {
 #[derive(Clone, Copy)]
 pub struct Cause {
     info: &'static CauseInfo,
-    /// What somebody wrote down, where it is not one of [`Self::ALL`]; only [`crate::causes::own`] knows what it is.
+    /// The definition of a user-defined cause; none for those of [`Self::ALL`]. Only [`crate::causes::own`] knows its type.
     own: Option<&'static (dyn Any + Send + Sync)>,
 }
 
@@ -212,22 +212,22 @@ impl Cause {
         Self { info, own: Some(own) }
     }
 
-    /// What it says about itself.
+    /// Its description.
     pub fn info(self) -> &'static CauseInfo {
         self.info
     }
 
-    /// Its name.
+    /// Its name, as in files and parameter names.
     pub fn name(self) -> &'static str {
         self.info.name
     }
 
-    /// Whether somebody wrote it down ([`crate::causes::own`]), and it is none of [`Self::ALL`].
+    /// Whether it is user-defined ([`crate::causes::own`]), not one of [`Self::ALL`].
     pub fn is_own(self) -> bool {
         self.own.is_some()
     }
 
-    /// What was written down of it, if that is an `Own`.
+    /// Its user-defined definition, if that is an `Own`.
     pub(crate) fn as_own<Own: Any>(self) -> Option<&'static Own> {
         self.own?.downcast_ref()
     }
@@ -299,12 +299,12 @@ impl<T: Scalar> CauseValues<T> {
         &self.names
     }
 
-    /// What is known of its parameters, in the order of [`Self::values`].
+    /// Descriptions of its parameters, in the order of [`Self::values`].
     pub fn parameters(&self) -> impl Iterator<Item = &'static ParameterInfo> + '_ {
         self.of.iter().map(|&place| &self.cause.info().parameters[place])
     }
 
-    /// Its parameters' values.
+    /// Values of its parameters, in the order of [`Self::parameters`].
     pub fn values(&self) -> &[T] {
         &self.values
     }

@@ -28,9 +28,9 @@ pub enum KuttaLift {
 /// Time step, gravity and the water.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings<T> {
-    /// Time step \[s\].
+    /// Time step of the simulation \[s\].
     pub timestep_s: f64,
-    /// Integrator.
+    /// How a step in time is taken.
     pub integrator: Integrator,
     /// Gravity, world axes \[m/s2\].
     pub gravity: Vec3<T>,
@@ -40,9 +40,9 @@ pub struct Settings<T> {
     pub viscosity: T,
     /// Velocity of the water, world axes \[m/s\].
     pub wind: Vec3<T>,
-    /// Whose Kutta lift.
+    /// Kutta lift of current or older MuJoCo versions.
     pub kutta_lift: KuttaLift,
-    /// Which cone holds the friction of contacts.
+    /// Form of the friction cone of contacts.
     pub cone: Cone,
     /// How much stiffer than along the normal contacts are along the surface (MuJoCo's `impratio`).
     pub impratio: f64,
@@ -73,18 +73,18 @@ pub struct Body<T> {
     pub gravity_compensation: T,
 }
 
-/// The shapes.
+/// Shapes of geoms, and the meaning of their sizes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GeomKind {
-    /// Radius.
+    /// Sphere of this radius.
     Sphere,
-    /// Radius, half length of the straight part, along z.
+    /// Capsule along z: radius, half length of the straight part.
     Capsule,
-    /// Radius, half length, along z.
+    /// Cylinder along z: radius, half length.
     Cylinder,
-    /// Semi-axes.
+    /// Ellipsoid with these semi-axes.
     Ellipsoid,
-    /// Half sizes.
+    /// Box with these half sizes.
     Box,
     /// A wall or floor: no mass, no fluid force, but contact.
     Plane,
@@ -93,11 +93,11 @@ pub enum GeomKind {
 /// MuJoCo's five coefficients of the ellipsoid fluid model, all without unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FluidCoefficients<T> {
-    /// Drag on the area seen from ahead.
+    /// Drag on the area projected along the motion.
     pub blunt: T,
     /// Drag on the rest of the largest area.
     pub slender: T,
-    /// Drag on turning.
+    /// Drag torque against rotation.
     pub angular: T,
     /// Lift of an inclined shape.
     pub kutta: T,
@@ -105,17 +105,17 @@ pub struct FluidCoefficients<T> {
     pub magnus: T,
 }
 
-/// What holds the friction of a contact.
+/// Form of the friction cone of a contact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Cone {
     /// A pyramid with two edges for each direction.
     #[default]
     Pyramidal,
-    /// The cone itself.
+    /// The exact elliptic cone.
     Elliptic,
 }
 
-/// What a geom brings to its contacts, by MuJoCo's names.
+/// Contact parameters of a geom, by MuJoCo's names.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surface {
     /// The geom with the higher one decides alone.
@@ -152,13 +152,14 @@ impl Surface {
     /// What acts between two geoms: the higher priority's; else the larger condim and friction, the mixed solref (the
     /// smaller one where either is below 0) and solimp.
     pub(crate) fn with(&self, other: &Self) -> Self {
-        const NONE: f64 = 1e-15;
+        /// A `solmix` below this counts as 0.
+        const SOLMIX_ZERO_MAX: f64 = 1e-15;
         match self.priority.cmp(&other.priority) {
             std::cmp::Ordering::Greater => return *self,
             std::cmp::Ordering::Less => return *other,
             std::cmp::Ordering::Equal => {}
         }
-        let share = match (self.solmix >= NONE, other.solmix >= NONE) {
+        let share = match (self.solmix >= SOLMIX_ZERO_MAX, other.solmix >= SOLMIX_ZERO_MAX) {
             (true, true) => self.solmix / (self.solmix + other.solmix),
             (false, false) => 0.5,
             (own, _) => f64::from(u8::from(own)),
@@ -187,13 +188,13 @@ pub struct Geom<T> {
     pub named: bool,
     /// The body it is fixed to.
     pub body: usize,
-    /// Shape.
+    /// Kind of shape.
     pub kind: GeomKind,
     /// Sizes \[m\], see [`GeomKind`]; unused ones are 0.
     pub size: [f64; 3],
     /// Centre in the body's frame \[m\].
     pub pos: Vec3<T>,
-    /// `body_from_geom`.
+    /// Orientation in the body's frame, `body_from_geom`.
     pub quat: Quat<T>,
     /// The ellipsoid fluid model's coefficients, where the geom uses it.
     pub fluid: Option<FluidCoefficients<T>>,
@@ -201,7 +202,7 @@ pub struct Geom<T> {
     pub contact_bits: [u32; 2],
     /// MuJoCo's contact margin \[m\]: two geoms touch when closer than the sum of theirs.
     pub contact_margin_m: f64,
-    /// How it pushes what it touches.
+    /// Contact parameters of its surface.
     pub surface: Surface,
 }
 
@@ -225,7 +226,7 @@ pub enum ActuatorKind {
     Position,
     /// Force `kv (command - gear v)`.
     Velocity,
-    /// Force = command.
+    /// Force equal to the command.
     Motor,
 }
 
@@ -236,7 +237,7 @@ pub struct Actuator<T> {
     pub name: String,
     /// Whether the file names it.
     pub named: bool,
-    /// Kind.
+    /// Kind of drive.
     pub kind: ActuatorKind,
     /// The joint it drives.
     pub joint: usize,
@@ -246,9 +247,9 @@ pub struct Actuator<T> {
     pub kv: T,
     /// Gear: joint force over actuator force.
     pub gear: T,
-    /// The command is kept in this range.
+    /// The command is clamped to this range.
     pub command_range: Option<[T; 2]>,
-    /// The force, before the gear, is kept in this range.
+    /// The force, before the gear, is clamped to this range.
     pub force_range: Option<[T; 2]>,
 }
 

@@ -7,8 +7,8 @@ use crate::scalar::Scalar;
 /// read by a pointer 12.5 cm long, an eighth of a metre: angles go to and fro without rounding.
 pub const POINTER_M: f64 = 0.125;
 
-/// What a column of joint angles ends in.
-const ENDING: &str = "_rad";
+/// Suffix of a column of joint angles.
+const ANGLE_COLUMN_SUFFIX: &str = "_rad";
 
 /// An encoder.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,12 +29,12 @@ impl<T: Scalar> Encoder<T> {
 
 /// The joint whose angles the column, or mark, called `name` holds: `q1` for `q1_rad`.
 pub fn encoded_joint(name: &str) -> Option<&str> {
-    name.strip_suffix(ENDING).filter(|joint| !joint.is_empty())
+    name.strip_suffix(ANGLE_COLUMN_SUFFIX).filter(|joint| !joint.is_empty())
 }
 
 /// The column, or mark, that holds the angles of the joint called `joint`: `q1_rad` for `q1`.
 pub fn encoder_mark(joint: &str) -> String {
-    format!("{joint}{ENDING}")
+    format!("{joint}{ANGLE_COLUMN_SUFFIX}")
 }
 
 impl<T: Scalar> Model<T> {

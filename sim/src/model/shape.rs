@@ -85,10 +85,10 @@ pub(crate) fn combine(parts: &[MassProperties]) -> MassProperties {
     MassProperties { mass, com, inertia, principal }
 }
 
-/// Products of inertia this small beside the moments are rounding.
+/// Products of inertia below this share of the moments count as rounding (chosen).
 const NEGLIGIBLE_PRODUCT_SHARE: f64 = 1e-14;
-/// Jacobi's method needs a handful of turns.
-const MOST_TURNS: usize = 500;
+/// Most rotations of Jacobi's method (chosen), which needs a handful.
+const JACOBI_ROTATIONS_MAX: usize = 500;
 
 /// Principal moments and `frame_from_principal` of a symmetric inertia, by Jacobi's method (1846): turns in the plane of the
 /// largest product of inertia until none is left.
@@ -97,7 +97,7 @@ const MOST_TURNS: usize = 500;
 /// MuJoCo takes.
 pub(crate) fn principal_axes(inertia: Sym3<f64>) -> (Vec3<f64>, Quat<f64>) {
     let mut axes = Mat3::<f64>::IDENTITY;
-    for _ in 0..MOST_TURNS {
+    for _ in 0..JACOBI_ROTATIONS_MAX {
         let moment = |i: usize, j: usize| axes.column(i).dot(inertia.apply(axes.column(j)));
         let [xy, xz, yz] = [moment(0, 1), moment(0, 2), moment(1, 2)];
         let (i, j, product) = if xy.abs() > xz.abs() && xy.abs() > yz.abs() {

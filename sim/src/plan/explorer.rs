@@ -1,6 +1,6 @@
-//! How long steps may be where.
+//! Finds how long each step may be along the nominal motion.
 
-use super::{Nominal, SHORTEST_S};
+use super::{Nominal, STEP_MIN_S};
 use crate::causes::CommandPath;
 use crate::dynamics::stages::Stages;
 use crate::dynamics::{integrate, kinematics};
@@ -11,11 +11,11 @@ use crate::options::RolloutOptions;
 use crate::rollout;
 use crate::simulator::Engine;
 
-/// A step is longer than the one before by this factor at most: what makes a nominal motion quick may come a little
+/// Largest ratio of a step to the one before (chosen): what makes a nominal motion quick may come a little
 /// earlier or later in another candidate.
-const MOST_GROWTH_RATIO: f64 = 1.5;
+const STEP_GROWTH_RATIO_MAX: f64 = 1.5;
 
-/// Goes along the nominal motion and finds out how long steps may be.
+/// Steps along the nominal motion and adapts each step to the tolerance.
 pub(super) struct Explorer<'a> {
     pub(super) run: &'a Nominal<'a>,
     pub(super) model: &'a Model,
@@ -47,7 +47,7 @@ impl Explorer<'_> {
             .collect();
 
         let read = |encoder: &Encoder<f64>| model.joints[encoder.joint].qpos_address;
-        let watched = Watched { points, angles: model.encoders.iter().map(read).collect() };
+        let tracked = TrackedPoints { points, angles: model.encoders.iter().map(read).collect() };
 
         let mut ends = Vec::new();
         let mut now = 0.0;
@@ -73,20 +73,20 @@ impl Explorer<'_> {
                     let mut sample = far.qpos.clone();
                     let (from, to) = ((&state.qpos[..], &departure[..]), (&far.qpos[..], &far.qvel[..]));
                     integrate::between(&engine.plant, from, to, h, 0.5, &mut sample);
-                    let between = watched.worst(&mut whole, &sample, &middle.qpos);
-                    let end = watched.worst(&mut whole, &far.qpos, &near.qpos);
+                    let between = tracked.worst(&mut whole, &sample, &middle.qpos);
+                    let end = tracked.worst(&mut whole, &far.qpos, &near.qpos);
                     // an error of the velocity leads astray in the next step
                     let mut astray = [far.qpos.clone(), near.qpos.clone()];
                     for (astray, from) in astray.iter_mut().zip([&far, &near]) {
                         integrate::advance(&engine.plant, &from.qpos, &from.qvel, h, astray);
                     }
-                    let next = watched.worst(&mut whole, &astray[0], &astray[1]);
+                    let next = tracked.worst(&mut whole, &astray[0], &astray[1]);
                     between.max(end).max(next)
                 } else {
                     f64::INFINITY
                 };
                 let ratio = (tolerance_m / error_m.max(1e-15)).powf(1.0 / f64::from(order + 1));
-                if ratio < 0.8 && h > SHORTEST_S {
+                if ratio < 0.8 && h > STEP_MIN_S {
                     wanted = h * (0.9 * ratio).max(0.2);
                     continue;
                 }
@@ -96,7 +96,7 @@ impl Explorer<'_> {
                         .or_else(|| whole.diverged(&far, 0, start_s + h))
                         .unwrap_or(RolloutError::Inexact {
                             accuracy_m: tolerance_m,
-                            shortest_s: SHORTEST_S,
+                            shortest_s: STEP_MIN_S,
                         }));
                 }
                 now = if parts <= 1.0 { corner } else { now + h };
@@ -104,7 +104,7 @@ impl Explorer<'_> {
                 if ends.len() as f64 >= most {
                     return Ok(None);
                 }
-                wanted = (h * (0.9 * ratio).min(MOST_GROWTH_RATIO)).max(wanted.min(h)).min(longest_s);
+                wanted = (h * (0.9 * ratio).min(STEP_GROWTH_RATIO_MAX)).max(wanted.min(h)).min(longest_s);
                 (state, engine) = (near, halves);
             }
         }
@@ -112,15 +112,15 @@ impl Explorer<'_> {
     }
 }
 
-/// What must be where it belongs.
-struct Watched<S: Stages> {
+/// The sites and encoders whose errors are compared.
+struct TrackedPoints<S: Stages> {
     /// Sites: body, and place on it.
     points: Vec<(usize, S::Vec)>,
     /// Coordinates that encoders read.
     angles: Vec<usize>,
 }
 
-impl<S: Stages<T = f64>> Watched<S> {
+impl<S: Stages<T = f64>> TrackedPoints<S> {
     /// The greatest distance \[m\] of one of them between two poses.
     fn worst(&self, engine: &mut Engine<S>, a: &[f64], b: &[f64]) -> f64 {
         let pointers = self.angles.iter().map(|&angle| POINTER_M * (a[angle] - b[angle]).abs());

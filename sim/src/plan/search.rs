@@ -1,22 +1,23 @@
 //! Attempts at the cheapest steps of one method.
 
 use super::{Nominal, Plan};
-use crate::dynamics::restraint;
+use crate::dynamics::friction_and_limits::LONGEST_STEP_S;
 use crate::error::RolloutError;
 use crate::steps::{Method, Steps};
 
-/// Longest step tried \[s\].
-const LONGEST_S: f64 = 0.1;
-/// The first attempt allows each step this share of the wanted accuracy. Errors add up where nothing damps them, but steps too
+/// Longest step that is tried \[s\] (chosen).
+const STEP_MAX_S: f64 = 0.1;
+/// Error that the first attempt allows each step, as a share of the wanted accuracy (chosen). Errors add up where nothing damps them, but steps too
 /// long are sooner tried than steps too short.
-const FIRST_SHARE: f64 = 1.0;
-/// Attempts at meeting the wanted accuracy from below, once it is met.
-const MOST_REFINEMENTS: usize = 4;
-/// What an attempt aims at, as a share of the wanted accuracy, and the share that is close enough.
+const FIRST_STEP_ERROR_SHARE: f64 = 1.0;
+/// Most further attempts once the wanted accuracy is met (chosen).
+const REFINEMENTS_MAX: usize = 4;
+/// Error that an attempt aims at, and error that is close enough to the wanted accuracy, as shares of it (chosen).
 pub(super) const AIMED_ERROR_SHARE: f64 = 0.85;
 const CLOSE_ERROR_SHARE: f64 = 0.7;
-/// Even steps are many, each attempt follows the whole motion some five times, and the next one would save less than a fifth.
-const CLOSE_IF_EVEN: f64 = 0.4;
+/// The share that is close enough for even steps (chosen): an attempt costs some five simulations of the whole motion, and the next one would
+/// save less than a fifth.
+const EVEN_CLOSE_ERROR_SHARE: f64 = 0.4;
 
 /// Attempts at the cheapest steps of one method.
 pub(super) struct Search {
@@ -24,11 +25,11 @@ pub(super) struct Search {
     order: i32,
     /// What a step costs, in evaluations of all forces.
     evaluations: f64,
-    /// What the next attempt is made with.
+    /// Longest step \[s\] and error per step \[m\] of the next attempt.
     longest_s: f64,
     tolerance_m: f64,
-    /// What exact steps will cost, going by the last attempt; 0 before the first.
-    pub(super) promised: f64,
+    /// Expected cost of accurate steps, by the last attempt; 0 before the first.
+    pub(super) expected_cost: f64,
     /// The cheapest exact steps so far, and how many they are.
     pub(super) best: Option<(Plan, f64)>,
     /// Attempts left once they are exact.
@@ -49,17 +50,17 @@ impl Search {
             method,
             order,
             evaluations,
-            longest_s: if run.even() { restraint::LONGEST_STEP_S } else { LONGEST_S },
-            tolerance_m: FIRST_SHARE * accuracy_m,
-            promised: 0.0,
+            longest_s: if run.even() { LONGEST_STEP_S } else { STEP_MAX_S },
+            tolerance_m: FIRST_STEP_ERROR_SHARE * accuracy_m,
+            expected_cost: 0.0,
             best: None,
-            left: MOST_REFINEMENTS,
+            left: REFINEMENTS_MAX,
             diverged: None,
             over: false,
         }
     }
 
-    /// What the best steps cost.
+    /// Cost of the best steps, in evaluations of all forces.
     pub(super) fn cost(&self) -> Option<f64> {
         self.best.as_ref().map(|(_, count)| self.evaluations * count)
     }
@@ -101,24 +102,24 @@ impl Search {
         let exact = error_m <= accuracy_m;
         if exact && !run.robust(&steps, &positions, error_m.max(0.1 * accuracy_m))? {
             self.longest_s *= 0.8;
-            self.promised = self.evaluations * count / 0.8;
+            self.expected_cost = self.evaluations * count / 0.8;
             return Ok(());
         }
         // what the error of the whole leaves to be gained, or asks for
         let ratio = (AIMED_ERROR_SHARE * accuracy_m / error_m.max(1e-12)).clamp(1e-3, 1e3);
-        self.promised = self.evaluations * count / ratio.powf(1.0 / f64::from(order));
+        self.expected_cost = self.evaluations * count / ratio.powf(1.0 / f64::from(order));
         if exact {
             self.best = Some((Plan { steps, error_m }, count));
             self.left -= 1;
             let (close, longest) = match run.even() {
-                true => (CLOSE_IF_EVEN, longest_s >= restraint::LONGEST_STEP_S),
+                true => (EVEN_CLOSE_ERROR_SHARE, longest_s >= LONGEST_STEP_S),
                 false => (CLOSE_ERROR_SHARE, false),
             };
             self.over = self.left == 0 || error_m > close * accuracy_m || longest;
         }
         if run.even() {
             let longer = longest_s * ratio.powf(1.0 / f64::from(order)).clamp(0.3, 2.0);
-            self.longest_s = longer.min(restraint::LONGEST_STEP_S);
+            self.longest_s = longer.min(LONGEST_STEP_S);
         } else {
             self.tolerance_m *= ratio.powf(f64::from(order + 1) / f64::from(order)).clamp(1e-2, 1e2);
         }

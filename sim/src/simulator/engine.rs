@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use super::halving::{Halving, MOST_HALVINGS};
+use super::halving::{HALVINGS_MAX, Halving};
 use super::rosenbrock::Rosenbrock;
 use crate::base::{BaseMotion, BasePath};
 use crate::causes::{Memory, Moment, Terms};
+use crate::dynamics::friction_and_limits::{self, Solver, multiply};
 use crate::dynamics::plant::Plant;
-use crate::dynamics::restraint::{self, Solver, multiply};
 use crate::dynamics::stages::{ContactStage, SlopeStage, Stages};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
 use crate::error::RolloutError;
@@ -18,8 +18,8 @@ use crate::scalar::{Mask, Scalar, tuned};
 use crate::space::Motion;
 use crate::steps::Method;
 
-/// A speed \[rad/s\] or \[m/s\] no mechanism in a tank reaches: beyond it the run counts as diverged.
-const ABSURD_SPEED: f64 = 1e5;
+/// Beyond this speed \[rad/s\] or \[m/s\], which no mechanism in a tank reaches, a run counts as diverged (chosen).
+const DIVERGED_SPEED: f64 = 1e5;
 
 /// How a step is taken: MuJoCo's ways and ours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -172,7 +172,7 @@ impl<S: Stages> Engine<S> {
             }
             // what remembers would take the halves for steps of all lanes
             if options.steps.is_some() && !simulator.terms.remember() {
-                simulator.halvings = vec![Halving::new(&simulator.stage); MOST_HALVINGS];
+                simulator.halvings = vec![Halving::new(&simulator.stage); HALVINGS_MAX];
             }
         }
         Ok(simulator)
@@ -180,7 +180,7 @@ impl<S: Stages> Engine<S> {
 
     /// Longest step of our own that the model's restraints bear \[s\].
     pub(crate) fn longest_step_s(&self) -> f64 {
-        let restrained = self.solver.as_ref().map_or(f64::INFINITY, |_| restraint::LONGEST_STEP_S);
+        let restrained = self.solver.as_ref().map_or(f64::INFINITY, |_| friction_and_limits::LONGEST_STEP_S);
         self.contacts.as_ref().map_or(restrained, |contacts| contacts.longest_step_s().min(restrained))
     }
 
@@ -388,7 +388,7 @@ impl<S: Stages> Engine<S> {
         }
     }
 
-    /// Makes the mass matrix the one to be factored. The next [`Self::position_stage`] makes it anew.
+    /// Makes the mass matrix the one to be factored. The next [`Self::position_stage`] computes it again.
     pub(super) fn take_mass(&mut self) {
         std::mem::swap(&mut self.matrix, &mut self.work.mass);
     }
@@ -447,7 +447,7 @@ impl<S: Stages> Engine<S> {
     /// The lanes whose velocities are numbers, and not absurd.
     pub(crate) fn sound_lanes(&self, state: &State<S::T>) -> <S::T as Scalar>::Mask {
         tuned!(S::T, {
-            let limit = S::T::from_f64(ABSURD_SPEED);
+            let limit = S::T::from_f64(DIVERGED_SPEED);
             let mut sound = S::T::ZERO.less(S::T::ONE);
             for v in &state.qvel {
                 sound = sound & v.abs().less(limit);
@@ -458,7 +458,7 @@ impl<S: Stages> Engine<S> {
 
     /// The joint that has diverged in `lane` at `time_s`, if one has.
     pub(crate) fn diverged(&self, state: &State<S::T>, lane: usize, time_s: f64) -> Option<RolloutError> {
-        let limit = S::T::from_f64(ABSURD_SPEED);
+        let limit = S::T::from_f64(DIVERGED_SPEED);
         let dof = state.qvel.iter().position(|v| !v.abs().less(limit).test(lane))?;
         Some(RolloutError::Diverged { joint: self.joint_of_dof[dof].clone(), time_s })
     }

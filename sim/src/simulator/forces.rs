@@ -11,23 +11,23 @@ use crate::scalar::Scalar;
 /// The generalized forces at one state, shape (nv) each, with MuJoCo's signs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Forces<T> {
-    /// What gravity and rotation call for; the others add up against it.
+    /// Bias: gravity, Coriolis and centrifugal terms; the other forces count with the opposite sign.
     pub bias: Vec<T>,
-    /// Joint springs.
+    /// Forces of the joints' springs.
     pub spring: Vec<T>,
-    /// Joint dampers.
+    /// Forces of the joints' dampers.
     pub damper: Vec<T>,
-    /// Gravity compensation.
+    /// Forces of gravity compensation, which stands for buoyancy.
     pub gravity_compensation: Vec<T>,
-    /// Water.
+    /// Forces of the water.
     pub fluid: Vec<T>,
-    /// Drives.
+    /// Forces of the drives.
     pub actuator: Vec<T>,
     /// Causes beyond MuJoCo ([`crate::causes`]) that act as forces.
     pub effect: Vec<T>,
     /// Friction loss, end stops and contacts.
     pub restraint: Vec<T>,
-    /// The acceleration that follows.
+    /// The resulting acceleration \[rad/s2\] or \[m/s2\].
     pub acceleration: Vec<T>,
 }
 

@@ -6,8 +6,8 @@ use crate::dynamics::stages::{ContactStage, Stages};
 use crate::model::State;
 use crate::scalar::{Mask, Scalar, tuned};
 
-/// How often at most a step over a corner is halved.
-pub(super) const MOST_HALVINGS: usize = 5;
+/// Most halvings of a step over a corner (chosen).
+pub(super) const HALVINGS_MAX: usize = 5;
 
 /// A step's start, and its end if taken whole.
 #[derive(Debug, Clone)]
@@ -52,9 +52,9 @@ impl<S: Stages> Engine<S> {
         if !changed.any() {
             return;
         }
-        let kept = &mut self.halvings[level];
-        copy(&mut kept.end, state);
-        copy(state, &kept.start);
+        let saved = &mut self.halvings[level];
+        copy(&mut saved.end, state);
+        copy(state, &saved.start);
         for from_s in [time_s, time_s + 0.5 * h] {
             self.moment = Moment { time_s: from_s, elapsed_s: 0.0, arrived_s: None };
             self.sample(from_s, command);

@@ -26,13 +26,13 @@ const GAMMA: [[f64; STAGES]; STAGES] = [
     [-0.903_380_570_130_440_8, 0.054_180_672_388_095_326, 0.0, 0.0],
     [0.242_123_807_060_953_46, -1.223_250_583_904_514_7, 0.545_260_255_335_102_1, 0.0],
 ];
-/// the stage's own share of them,
-const OWN: f64 = 0.435_866_521_508_459;
+/// what they act on the stage itself (the diagonal of the second table),
+const GAMMA_DIAGONAL: f64 = 0.435_866_521_508_459;
 /// and the weights in the sum.
 const WEIGHTS: [f64; STAGES] =
-    [0.242_123_807_060_953_46, -1.223_250_583_904_514_7, 1.545_260_255_335_102, OWN];
+    [0.242_123_807_060_953_46, -1.223_250_583_904_514_7, 1.545_260_255_335_102, GAMMA_DIAGONAL];
 
-/// What a step works with.
+/// Working memory of a step.
 #[derive(Debug, Clone)]
 pub(super) struct Rosenbrock<T> {
     /// The factors of M + g h B + (g h)^2 K, and what is there besides the mass matrix, dof by dof.
@@ -93,20 +93,20 @@ impl<S: Stages> Engine<S> {
         h: f64,
         command: &dyn Fn(usize, f64) -> S::T,
     ) {
-        let Some(mut kept) = self.rosenbrock.take() else { return };
+        let Some(mut scratch) = self.rosenbrock.take() else { return };
         let mut stage = std::mem::replace(&mut self.stage, State { qpos: Vec::new(), qvel: Vec::new() });
-        for (drive, ahead) in kept.ahead.iter_mut().enumerate() {
+        for (drive, ahead) in scratch.ahead.iter_mut().enumerate() {
             *ahead = command(drive, time_s + h);
         }
         for k in 0..STAGES {
             if k == 0 {
                 self.force_stage(&state.qpos, &state.qvel);
-                self.linearise(state, h, &mut kept);
+                self.linearise(state, h, &mut scratch);
             } else {
                 tuned!(S::T, {
                     for dof in 0..self.plant.nv {
-                        self.turned[dof] = before(&ALPHA, k, &kept.way, dof);
-                        stage.qvel[dof] = state.qvel[dof] + before(&ALPHA, k, &kept.gain, dof);
+                        self.turned[dof] = before(&ALPHA, k, &scratch.way, dof);
+                        stage.qvel[dof] = state.qvel[dof] + before(&ALPHA, k, &scratch.gain, dof);
                     }
                     let (plant, turned) = (&self.plant, &self.turned);
                     integrate::advance(plant, &state.qpos, turned, S::T::ONE, &mut stage.qpos);
@@ -125,30 +125,31 @@ impl<S: Stages> Engine<S> {
                     self.rate.copy_from_slice(&stage.qvel);
                     integrate::follow_turn(&self.plant, &self.turned, &mut self.rate);
                 }
-                let share = S::T::from_f64(GAMMA[k].iter().sum::<f64>() + OWN);
-                let (own, h) = (S::T::from_f64(OWN), S::T::from_f64(h));
+                let share = S::T::from_f64(GAMMA[k].iter().sum::<f64>() + GAMMA_DIAGONAL);
+                let (gamma, h) = (S::T::from_f64(GAMMA_DIAGONAL), S::T::from_f64(h));
                 for dof in 0..self.plant.nv {
-                    let way = before(&GAMMA, k, &kept.way, dof);
-                    let gain = before(&GAMMA, k, &kept.gain, dof);
+                    let way = before(&GAMMA, k, &scratch.way, dof);
+                    let gain = before(&GAMMA, k, &scratch.gain, dof);
                     let ahead = h * (self.rate[dof] + gain);
-                    let pull = kept.damping[dof] * gain + kept.stiffness[dof] * (way + own * ahead);
-                    let rise = share * h * kept.rise[dof];
+                    let pull = scratch.damping[dof] * gain + scratch.stiffness[dof] * (way + gamma * ahead);
+                    let rise = share * h * scratch.rise[dof];
                     // the force at the first stage, later the acceleration
                     let given = self.force[dof];
-                    kept.right[dof] = rise - pull + if k == 0 { given } else { -(kept.shift[dof] * given) };
-                    kept.way[k][dof] = ahead;
+                    scratch.right[dof] =
+                        rise - pull + if k == 0 { given } else { -(scratch.shift[dof] * given) };
+                    scratch.way[k][dof] = ahead;
                 }
-                for (right, &held) in kept.right.iter_mut().zip(&self.held) {
+                for (right, &held) in scratch.right.iter_mut().zip(&self.held) {
                     if held {
                         *right = S::T::ZERO;
                     }
                 }
-                inertia::solve(&self.plant, &kept.factors, &mut kept.right);
-                let own = own * h;
-                for (dof, &solved) in kept.right.iter().enumerate() {
+                inertia::solve(&self.plant, &scratch.factors, &mut scratch.right);
+                let gamma_h = gamma * h;
+                for (dof, &solved) in scratch.right.iter().enumerate() {
                     let gain = h * if k == 0 { solved } else { solved + self.force[dof] };
-                    kept.gain[k][dof] = gain;
-                    kept.way[k][dof] += own * gain;
+                    scratch.gain[k][dof] = gain;
+                    scratch.way[k][dof] += gamma_h * gain;
                 }
             });
         }
@@ -161,25 +162,25 @@ impl<S: Stages> Engine<S> {
                     }
                     sum
                 };
-                self.turned[dof] = sum(&kept.way);
-                state.qvel[dof] += sum(&kept.gain);
+                self.turned[dof] = sum(&scratch.way);
+                state.qvel[dof] += sum(&scratch.gain);
             }
             let (plant, turned) = (&self.plant, &self.turned);
             integrate::advance(plant, &state.qpos, turned, S::T::ONE, &mut self.next_qpos);
         });
         state.qpos.copy_from_slice(&self.next_qpos);
         self.stage = stage;
-        self.rosenbrock = Some(kept);
+        self.rosenbrock = Some(scratch);
     }
 
-    /// Fills `kept` with what holds for the whole step of `h` \[s\] that starts at `state`.
-    fn linearise(&mut self, state: &State<S::T>, h: f64, kept: &mut Rosenbrock<S::T>) {
+    /// Fills `scratch` with the matrices of the step of `h` \[s\] that starts at `state`.
+    fn linearise(&mut self, state: &State<S::T>, h: f64, scratch: &mut Rosenbrock<S::T>) {
         tuned!(S::T, {
-            for slope in [&mut kept.damping, &mut kept.stiffness, &mut kept.rise] {
+            for slope in [&mut scratch.damping, &mut scratch.stiffness, &mut scratch.rise] {
                 slope.fill(S::T::ZERO);
             }
             let (qpos, qvel, command, off) = (&state.qpos, &state.qvel, &self.command, &self.off);
-            let (damping, stiffness) = (&mut kept.damping, &mut kept.stiffness);
+            let (damping, stiffness) = (&mut scratch.damping, &mut scratch.stiffness);
             passive::slopes(&self.plant, qpos, qvel, damping, stiffness);
             actuation::slopes(&self.plant, qpos, qvel, command, off, damping, stiffness);
             self.terms.slopes(qpos, qvel, damping, stiffness);
@@ -187,20 +188,28 @@ impl<S: Stages> Engine<S> {
                 own.slopes((self.moment, self.clock), (qpos, qvel), command, damping, stiffness);
             }
             let per_s = S::T::from_f64(1.0 / h);
-            actuation::rises(&self.plant, qpos, qvel, (command, &kept.ahead), per_s, off, &mut kept.rise);
-            let own = S::T::from_f64(OWN * h);
+            actuation::rises(
+                &self.plant,
+                qpos,
+                qvel,
+                (command, &scratch.ahead),
+                per_s,
+                off,
+                &mut scratch.rise,
+            );
+            let gamma_h = S::T::from_f64(GAMMA_DIAGONAL * h);
             for dof in 0..self.plant.nv {
-                let (damping, stiffness) = (&mut kept.damping[dof], &mut kept.stiffness[dof]);
+                let (damping, stiffness) = (&mut scratch.damping[dof], &mut scratch.stiffness[dof]);
                 *damping = damping.max(S::T::ZERO);
                 *stiffness = stiffness.max(S::T::ZERO);
-                kept.shift[dof] = own * (*damping + own * *stiffness);
+                scratch.shift[dof] = gamma_h * (*damping + gamma_h * *stiffness);
             }
-            std::mem::swap(&mut kept.factors, &mut self.work.mass);
-            for (&start, &shift) in self.plant.row.iter().zip(&kept.shift) {
-                kept.factors[start] += shift;
+            std::mem::swap(&mut scratch.factors, &mut self.work.mass);
+            for (&start, &shift) in self.plant.row.iter().zip(&scratch.shift) {
+                scratch.factors[start] += shift;
             }
-            inertia::hold(&self.plant, &self.held, &mut kept.factors);
-            inertia::factor(&self.plant, &mut kept.factors);
+            inertia::hold(&self.plant, &self.held, &mut scratch.factors);
+            inertia::factor(&self.plant, &mut scratch.factors);
         });
     }
 }

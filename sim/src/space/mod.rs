@@ -17,7 +17,7 @@ use crate::scalar::Scalar;
 
 /// Vectors, turns and rotations of the space that a mechanism moves in.
 pub(crate) trait Space: Copy + Debug + Send + Sync + Sized + 'static {
-    /// Numbers.
+    /// Type of the numbers.
     type T: Scalar;
     /// Positions, velocities and forces.
     type Vec: Vector<Self::T>;
@@ -47,7 +47,7 @@ pub(crate) trait Space: Copy + Debug + Send + Sync + Sized + 'static {
     fn apply(rot: &Self::Rot, v: Self::Vec) -> Self::Vec;
     /// Rotates a vector back.
     fn back(rot: &Self::Rot, v: Self::Vec) -> Self::Vec;
-    /// Rotates a turn.
+    /// Rotates an angular velocity or torque.
     fn apply_spin(rot: &Self::Rot, w: Self::Spin) -> Self::Spin;
     /// Rotates a turn back.
     fn back_spin(rot: &Self::Rot, w: Self::Spin) -> Self::Spin;
@@ -123,7 +123,7 @@ pub(crate) struct Motion<S: Space> {
 }
 
 impl<S: Space> Motion<S> {
-    /// No motion.
+    /// Zero motion.
     pub(crate) const ZERO: Self = Self { ang: S::Spin::ZERO, lin: S::Vec::ZERO };
 
     /// The sum with `other` times `k`.
@@ -132,7 +132,7 @@ impl<S: Space> Motion<S> {
         Self { ang: self.ang + other.ang * k, lin: self.lin + other.lin * k }
     }
 
-    /// The sum.
+    /// Sum of both motions.
     #[inline(always)]
     pub(crate) fn and(self, other: Self) -> Self {
         Self { ang: self.ang + other.ang, lin: self.lin + other.lin }
@@ -173,7 +173,7 @@ pub(crate) struct Wrench<S: Space> {
 }
 
 impl<S: Space> Wrench<S> {
-    /// None.
+    /// Zero wrench.
     pub(crate) const ZERO: Self = Self { torque: S::Spin::ZERO, force: S::Vec::ZERO };
 }
 
@@ -205,7 +205,7 @@ pub(crate) struct Inertia<S: Space> {
 }
 
 impl<S: Space> Inertia<S> {
-    /// Of nothing.
+    /// Inertia of an empty body: all 0.
     pub(crate) const ZERO: Self = Self { mass: S::T::ZERO, moment: S::Vec::ZERO, rotational: S::NO_INERTIA };
 
     /// Momentum under `motion`.

@@ -7,9 +7,9 @@ use sim::dual::Dual;
 use sim::sensitivities::{self, Direction};
 use sim::{Command, Integrator, Isa, Method, Model, RolloutOptions, State, Steps, plan, rollout};
 
-/// So many derivatives in one pass; the engine is compiled for this one size.
-const AT_ONCE: usize = 6;
-type Number = Dual<f64, AT_ONCE>;
+/// Number of derivatives in one pass; the engine is compiled for this one size.
+const DERIVATIVES_PER_PASS: usize = 6;
+type Number = Dual<f64, DERIVATIVES_PER_PASS>;
 
 /// Driven rows stand where neither steps nor samples do, so that no corner falls on them.
 fn driven() -> Command {
@@ -156,7 +156,7 @@ fn derivatives_by_every_parameter_are_exact_at_zero_effect_and_beyond() {
                 let (model, names) = settings(&case.model, cause, up);
                 let info: Vec<_> = model.causes()[0].parameters().collect();
                 let all = model.causes()[0].names().to_vec();
-                for names in names.chunks(AT_ONCE) {
+                for names in names.chunks(DERIVATIVES_PER_PASS) {
                     for (name, exact) in names.iter().zip(case.exact(&model, names)) {
                         assert!(exact.iter().all(|x| x.is_finite()), "{} {name}", case.name);
                         let parameter = info[all.iter().position(|other| other == name).unwrap()];
@@ -166,7 +166,7 @@ fn derivatives_by_every_parameter_are_exact_at_zero_effect_and_beyond() {
                         let other = case.differences(&model, name, step, forward);
                         let worst = disagreement(&exact, &other, step);
                         println!("{}, {name} = {value}: {worst:.1e}", case.name);
-                        if worst > DIFFERENCE {
+                        if worst > DIFFERENCE_TOLERANCE {
                             wrong.push(format!("{}, {name} = {value}: {worst:e}", case.name));
                         }
                     }
@@ -177,8 +177,8 @@ fn derivatives_by_every_parameter_are_exact_at_zero_effect_and_beyond() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// What the differences are good to.
-const DIFFERENCE: f64 = 1e-5;
+/// Relative accuracy of the finite differences (chosen).
+const DIFFERENCE_TOLERANCE: f64 = 1e-5;
 
 /// Step of the differences, as a share of a parameter's typical size. Where the force or the command has corners, few
 /// instants of the integrator may lie between the values compared.
@@ -215,7 +215,11 @@ fn planned_steps_bear_strong_friction() {
     let step = 1e-10;
     let differences = case.differences(&case.model, &name, step, false);
     let exact = case.exact(&case.model, &[name]);
-    assert!(relative(&exact[0], &differences) < DIFFERENCE, "{:e}", relative(&exact[0], &differences));
+    assert!(
+        relative(&exact[0], &differences) < DIFFERENCE_TOLERANCE,
+        "{:e}",
+        relative(&exact[0], &differences)
+    );
 }
 
 /// Soft friction is solved for with the joints' own friction loss: its torque moves all of them at once, from none on.
@@ -303,7 +307,7 @@ fn what_is_seen_after_the_planned_steps_is_as_exact() {
 }
 
 /// Parameters of every way in which a cause acts, and that differ from lane to lane: delays fall into other rows and steps.
-const VARIED: [&str; 10] = [
+const VARIED_PARAMETERS: [&str; 10] = [
     "added_mass/scale",
     "slosh/frequency",
     "wall/scale",
@@ -319,7 +323,8 @@ const VARIED: [&str; 10] = [
 #[test]
 fn causes_act_the_same_to_the_bit_in_lanes_and_alone() {
     let model = with_every_cause(&model("chain_active"), 0.3);
-    let parameters: Vec<_> = VARIED.iter().map(|name| model.find_parameter(name).unwrap()).collect();
+    let parameters: Vec<_> =
+        VARIED_PARAMETERS.iter().map(|name| model.find_parameter(name).unwrap()).collect();
     let candidates: Vec<Candidate> = (0..9)
         .map(|k| {
             let factor = 1.0 + 0.9 * f64::from(k);
@@ -349,11 +354,12 @@ fn causes_act_the_same_to_the_bit_in_lanes_and_alone() {
 fn sensitivities_in_lanes_are_the_derivatives() {
     let [_, case, _] = cases();
     let model = with_every_cause(&case.model, 0.3);
-    let parameters: Vec<_> = VARIED.iter().map(|name| model.find_parameter(name).unwrap()).collect();
+    let parameters: Vec<_> =
+        VARIED_PARAMETERS.iter().map(|name| model.find_parameter(name).unwrap()).collect();
     let values: Vec<f64> = parameters.iter().map(|&parameter| model.get(parameter)).collect();
-    let directions: Vec<Direction> = (0..VARIED.len())
+    let directions: Vec<Direction> = (0..VARIED_PARAMETERS.len())
         .map(|index| Direction {
-            values: (0..VARIED.len()).map(|other| f64::from(other == index)).collect(),
+            values: (0..VARIED_PARAMETERS.len()).map(|other| f64::from(other == index)).collect(),
             qpos: vec![0.0; 3],
             qvel: vec![0.0; 3],
             start_s: 0.0,
@@ -370,8 +376,9 @@ fn sensitivities_in_lanes_are_the_derivatives() {
     for isa in Isa::available() {
         assert_eq!(of(isa), sensed, "{}", isa.name());
     }
-    let names: Vec<String> = VARIED.iter().map(ToString::to_string).collect();
-    let exact: Vec<Vec<f64>> = names.chunks(AT_ONCE).flat_map(|names| case.exact(&model, names)).collect();
+    let names: Vec<String> = VARIED_PARAMETERS.iter().map(ToString::to_string).collect();
+    let exact: Vec<Vec<f64>> =
+        names.chunks(DERIVATIVES_PER_PASS).flat_map(|names| case.exact(&model, names)).collect();
     for ((name, slopes), exact) in names.iter().zip(&sensed.slopes).zip(&exact) {
         let slopes: Vec<f64> = slopes.iter().flatten().copied().collect();
         // rounding of a thousand stages

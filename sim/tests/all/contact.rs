@@ -7,21 +7,21 @@ use sim::{
     Command, ContactPoint, ContactWatch, Isa, Method, Model, RolloutOptions, State, Steps, plan, rollout,
 };
 
-/// Contact points beside MuJoCo's \[m\].
-const POINT_M: f64 = 1e-12;
-/// Sites beside MuJoCo's from the first contact to its end \[m\]: rounding alone gives 2e-16; a box that is to tumble off an edge may take
+/// Largest difference of contact points to MuJoCo's \[m\] (chosen).
+const POINT_TOLERANCE_M: f64 = 1e-12;
+/// Largest difference of sites to MuJoCo's during the first contact \[m\] (chosen): rounding alone gives 2e-16; a box that is to tumble off an edge may take
 /// another way for it.
-const FIRST_CONTACT_M: f64 = 1e-10;
+const FIRST_CONTACT_SITE_TOLERANCE_M: f64 = 1e-10;
 /// The same over the whole 0.6 s.
-const BEYOND_M: f64 = 1e-8;
-/// By how much the sites would be elsewhere without contact, at least \[m\].
-const THROUGH_M: f64 = 1e-3;
+const WHOLE_RUN_SITE_TOLERANCE_M: f64 = 1e-8;
+/// Smallest displacement of the sites that contact must cause \[m\] (chosen).
+const CONTACT_EFFECT_MIN_M: f64 = 1e-3;
 
-/// MuJoCo is asked each 0.1 ms; its own search for smooth shapes stops at a micrometre, at a tenth of a metre a second.
-const BEFORE_S: f64 = 1e-4 + 2e-5;
-const AFTER_S: f64 = 2e-5;
-/// How long the cases last \[s\].
-const SPAN_S: f64 = 0.6;
+/// How much earlier and later than MuJoCo's a contact may be found \[s\]: MuJoCo is asked each 0.1 ms; its own search for smooth shapes stops at a micrometre, at a tenth of a metre a second.
+const CONTACT_EARLY_MAX_S: f64 = 1e-4 + 2e-5;
+const CONTACT_LATE_MAX_S: f64 = 2e-5;
+/// Duration of the cases \[s\].
+const CASE_DURATION_S: f64 = 0.6;
 
 fn list(value: &serde_json::Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
@@ -31,7 +31,7 @@ fn list(value: &serde_json::Value) -> Vec<f64> {
 fn shapes_touch_when_mujoco_says_so() {
     let cases: serde_json::Value = serde_json::from_str(&text("first_touch.json")).unwrap();
     // what they do to each other from then on has corners, so every step is looked at
-    let times: Vec<f64> = (0..=6000).map(|k| f64::from(k) * SPAN_S / 6000.0).collect();
+    let times: Vec<f64> = (0..=6000).map(|k| f64::from(k) * CASE_DURATION_S / 6000.0).collect();
     let (mut touches, mut latest) = (0, 0.0_f64);
     for case in cases.as_array().unwrap() {
         let model = Model::from_mjcf(case["xml"].as_str().unwrap()).unwrap();
@@ -43,7 +43,10 @@ fn shapes_touch_when_mujoco_says_so() {
         match (touch, case["time_s"].as_f64()) {
             (Some(touch), Some(time_s)) => {
                 let late_s = touch.time_s - time_s;
-                assert!(-BEFORE_S < late_s && late_s < AFTER_S, "{shapes}: {touch:?}, MuJoCo {time_s} s");
+                assert!(
+                    -CONTACT_EARLY_MAX_S < late_s && late_s < CONTACT_LATE_MAX_S,
+                    "{shapes}: {touch:?}, MuJoCo {time_s} s"
+                );
                 assert_eq!(touch.geoms.geoms, ["first", "second"]);
                 (touches, latest) = (touches + 1, latest.max(late_s.abs()));
             }
@@ -111,7 +114,7 @@ fn shapes_meet_where_mujoco_says() {
             };
             // where two directions are as good, the points come in another order
             let off = ours.iter().map(off).fold(f64::INFINITY, f64::min);
-            assert!(off < POINT_M, "{case}: {ours:?}, MuJoCo {theirs}");
+            assert!(off < POINT_TOLERANCE_M, "{case}: {ours:?}, MuJoCo {theirs}");
             (points, worst) = (points + 1, worst.max(off));
         }
     }
@@ -144,7 +147,10 @@ fn what_touches_moves_as_in_mujoco() {
             "{name}: {:.1e} m before, {:.1e} m over the first contact ({:.3} to {:.3} s), {:.1e} m after",
             worst[0], worst[1], contact_s[0], contact_s[1], worst[2]
         );
-        assert!(worst[0].max(worst[1]) < FIRST_CONTACT_M && worst[2] < BEYOND_M, "{name}");
+        assert!(
+            worst[0].max(worst[1]) < FIRST_CONTACT_SITE_TOLERANCE_M && worst[2] < WHOLE_RUN_SITE_TOLERANCE_M,
+            "{name}"
+        );
         let off = r#"<option><flag contact="disable"/></option><worldbody>"#;
         let through = Model::from_mjcf(&case["xml"].as_str().unwrap().replace("<worldbody>", off)).unwrap();
         let run = rollout(&through, &state, &Command::default(), &times, &RolloutOptions::default()).unwrap();
@@ -152,7 +158,7 @@ fn what_touches_moves_as_in_mujoco() {
         let ours = through.poses(&run.qpos[run.qpos.len() - nq..]).site_pos;
         let elsewhere =
             ours.iter().flat_map(|at| at.0).zip(&theirs).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        assert!(elsewhere > THROUGH_M, "{name}: {elsewhere:e} m");
+        assert!(elsewhere > CONTACT_EFFECT_MIN_M, "{name}: {elsewhere:e} m");
     }
 }
 

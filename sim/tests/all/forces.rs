@@ -7,9 +7,9 @@ use sim::model::{FluidCoefficients, KuttaLift};
 use sim::{RolloutOptions, Simulator, State};
 
 /// The file has 14 digits; accelerations divide differences of larger numbers.
-const FORCE: f64 = 1e-9;
+const FORCE_TOLERANCE: f64 = 1e-9;
 /// The wrench's sums cancel at most a few digits of the file's 16.
-const WRENCH: f64 = 1e-10;
+const WRENCH_TOLERANCE: f64 = 1e-10;
 
 #[test]
 fn generalized_forces_and_accelerations_are_those_of_mujoco() {
@@ -40,7 +40,7 @@ fn generalized_forces_and_accelerations_are_those_of_mujoco() {
         }
         let (key, largest) = worst.iter().copied().fold(("", 0.0), |a, b| if b.1 > a.1 { b } else { a });
         println!("{name}: worst relative difference {largest:.1e} in {key}");
-        assert!(largest < FORCE, "{name} {key} {largest:e}");
+        assert!(largest < FORCE_TOLERANCE, "{name} {key} {largest:e}");
     }
 }
 
@@ -113,7 +113,7 @@ fn ellipsoid_wrenches_and_added_mass_are_those_of_mujoco() {
         worst = worst.max(case.off()).max(mass).max(inertia);
     }
     println!("{} wrenches: worst relative difference {worst:.1e}", cases.len());
-    assert!(cases.len() == 150 && worst < WRENCH, "{} {worst:e}", cases.len());
+    assert!(cases.len() == 150 && worst < WRENCH_TOLERANCE, "{} {worst:e}", cases.len());
 }
 
 #[test]
@@ -122,7 +122,7 @@ fn older_engines_lift_is_theirs_where_it_is_asked_for() {
     let worst = Case::all(FILE, KuttaLift::Clamped).iter().map(Case::off).fold(0.0, f64::max);
     let whole = Case::all(FILE, KuttaLift::Whole).iter().map(Case::off).fold(0.0, f64::max);
     println!("clamped: worst relative difference {worst:.1e}; the formula's lift: {whole:.1e}");
-    assert!(worst < WRENCH && whole > 0.1, "{worst:e} {whole:e}");
+    assert!(worst < WRENCH_TOLERANCE && whole > 0.1, "{worst:e} {whole:e}");
 }
 
 #[test]

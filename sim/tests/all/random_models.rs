@@ -4,11 +4,11 @@ use crate::common::{relative, text};
 use sim::{Model, RolloutOptions, Simulator, State};
 
 /// One step: rounding, and the tolerance of MuJoCo's constraint solver.
-const ONE_STEP: f64 = 1e-9;
+const ONE_STEP_TOLERANCE: f64 = 1e-9;
 /// A hundred steps: rounding grows.
-const HUNDRED_STEPS: f64 = 1e-8;
+const HUNDRED_STEPS_TOLERANCE: f64 = 1e-8;
 /// A thousand: as much as a difference of this grows in MuJoCo itself.
-const ONE_SECOND: f64 = 1e-10;
+const THOUSAND_STEPS_TOLERANCE: f64 = 1e-10;
 
 fn list(value: &serde_json::Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
@@ -44,10 +44,10 @@ fn random_trees_move_as_in_mujoco_before_and_after_export() {
         let again = Model::from_mjcf(&model.to_mjcf("test")).unwrap();
         for (form, model) in [("", &model), ("exported ", &again)] {
             let worst = moves_as_in_mujoco(model, case);
-            if !(worst[0] < ONE_STEP
-                && worst[1] < ONE_STEP
-                && worst[2] < HUNDRED_STEPS
-                && worst[3] < ONE_SECOND)
+            if !(worst[0] < ONE_STEP_TOLERANCE
+                && worst[1] < ONE_STEP_TOLERANCE
+                && worst[2] < HUNDRED_STEPS_TOLERANCE
+                && worst[3] < THOUSAND_STEPS_TOLERANCE)
             {
                 bad.push(format!(
                     "{form}{index} {:?} {}: {worst:?}",

@@ -65,9 +65,9 @@ pub struct Clip {
 /// Images a second.
 const FPS: f64 = 50.0;
 /// What makes a film hard.
-const HARD: [&str; 5] = ["bar", "low contrast", "bubbles", "caustics", "flicker"];
+const HARD_CONDITIONS: [&str; 5] = ["bar", "low contrast", "bubbles", "caustics", "flicker"];
 /// How well somebody who clicks on P0 meets it \[px\].
-const CLICK_PX: f64 = 3.0;
+const BASE_CLICK_ERROR_PX: f64 = 3.0;
 
 /// All that is drawn once for a film.
 struct Tank {
@@ -150,9 +150,9 @@ pub fn octopus_clip(level: Level, seed: u64, seconds: f64, large: bool) -> Clip 
     Clip { model: Some(model), ..clip }
 }
 
-/// A film of 640 by 480 at `level` of a chain that moves as it is told: `points` are P0..Pn \[px\], one row an image, `fps` a second;
+/// A film of 640 by 480 at `level` of a chain whose motion is prescribed: `points` are P0..Pn \[px\], one row an image, `fps` a second;
 /// `scale` \[m/px\]. The world origin is at P0 of the first image.
-pub fn told_clip(
+pub fn prescribed_clip(
     level: Level,
     seed: u64,
     mechanism: &Mechanism,
@@ -212,7 +212,8 @@ impl Film<'_> {
             time_s: i as f64 / fps,
             grey: Ok(grey),
         };
-        let click = base.map(|place| Finite::new(place + between(random, -CLICK_PX, CLICK_PX)));
+        let click =
+            base.map(|place| Finite::new(place + between(random, -BASE_CLICK_ERROR_PX, BASE_CLICK_ERROR_PX)));
         let kind = subject.kind();
         let name = Level::ALL.iter().find(|(_, one)| *one == level).map_or("", |(name, _)| name);
         let hardship = tank.hardship.map_or(String::new(), |what| format!(" ({what})"));
@@ -247,7 +248,8 @@ impl Tank {
         random: &mut ChaCha8Rng,
     ) -> Self {
         let usual = level == Level::Usual;
-        let hardship = (level == Level::Hard).then(|| HARD[(seed / 2) as usize % HARD.len()]);
+        let hardship =
+            (level == Level::Hard).then(|| HARD_CONDITIONS[(seed / 2) as usize % HARD_CONDITIONS.len()]);
         let strength = if usual { 1.0 } else { 0.1 };
         let speck = |random: &mut ChaCha8Rng| Shape::Disc {
             centre: [between(random, 0.0, width), between(random, 0.0, height)],

@@ -35,7 +35,7 @@ pub enum Mechanism {
 pub struct Motion(Vec<[[f64; 3]; 2]>);
 
 /// Points of an arm's line.
-const LINE: usize = 60;
+const ARM_LINE_POINTS: usize = 60;
 
 impl Mechanism {
     /// The three-link chain of the shipped sizes, at this scale \[m/px\].
@@ -105,20 +105,20 @@ impl Mechanism {
                 (self.through(&points), points)
             }
             Self::Arm { length, half, shares } => {
-                let step = length / LINE as f64;
+                let step = length / ARM_LINE_POINTS as f64;
                 let mut line = vec![base];
                 // Curvature of three shapes, and the root's own turn.
-                for i in 0..LINE {
-                    let s = (i as f64 + 0.5) / LINE as f64;
+                for i in 0..ARM_LINE_POINTS {
+                    let s = (i as f64 + 0.5) / ARM_LINE_POINTS as f64;
                     let heading = 0.6 * angle(0) + angle(1) * s * s + 0.6 * angle(2) * (4.0 * s).sin() * s;
                     let [x, y] = line[i];
                     line.push([x + step * heading.sin(), y + step * heading.cos()]);
                 }
-                let width = |i: usize| half[0] + (half[1] - half[0]) * i as f64 / LINE as f64;
-                let halves = (0..=LINE).map(width).collect();
+                let width = |i: usize| half[0] + (half[1] - half[0]) * i as f64 / ARM_LINE_POINTS as f64;
+                let halves = (0..=ARM_LINE_POINTS).map(width).collect();
                 let place = |share: &f64| {
-                    let s = share * LINE as f64;
-                    let i = (s as usize).min(LINE - 1);
+                    let s = share * ARM_LINE_POINTS as f64;
+                    let i = (s as usize).min(ARM_LINE_POINTS - 1);
                     [0, 1].map(|axis| line[i][axis] + (s - i as f64) * (line[i + 1][axis] - line[i][axis]))
                 };
                 let points = std::iter::once(base).chain(shares.iter().map(place)).collect();

@@ -8,11 +8,11 @@ use rand_distr::{Distribution, StandardNormal};
 use super::shape::{Px, Shape};
 
 /// Samples of a pixel that an outline crosses.
-const SAMPLES: usize = 64;
+const SAMPLES_PER_PIXEL: usize = 64;
 
 /// Each sample lies in its own row and its own column of them, so many rows below the one in the column before: upright and level
 /// outlines get 64 shares too, and the samples' middle is the pixel's.
-const ROWS_ON: usize = 39;
+const SAMPLE_ROW_STEP: usize = 39;
 
 /// Linear light \[grey levels\], shape (height, width).
 #[derive(Debug, Clone)]
@@ -53,12 +53,13 @@ impl Picture {
                     d if d < -0.8 => 1.0,
                     _ => {
                         let off = |k: usize| {
-                            [k, k * ROWS_ON % SAMPLES].map(|k| (k as f64 + 0.5) / SAMPLES as f64 - 0.5)
+                            [k, k * SAMPLE_ROW_STEP % SAMPLES_PER_PIXEL]
+                                .map(|k| (k as f64 + 0.5) / SAMPLES_PER_PIXEL as f64 - 0.5)
                         };
-                        let inside = (0..SAMPLES)
+                        let inside = (0..SAMPLES_PER_PIXEL)
                             .map(off)
                             .filter(|off| distance([p[0] + off[0], p[1] + off[1]]) < 0.0);
-                        inside.count() as f64 / SAMPLES as f64
+                        inside.count() as f64 / SAMPLES_PER_PIXEL as f64
                     }
                 };
                 let light = &mut self.light[row * self.width + column];

@@ -70,7 +70,7 @@ pub struct Prepared {
 #[derive(Debug)]
 pub struct Useless {
     /// Images that show the driven plates' markers apart, and images in all.
-    pub seen: [usize; 2],
+    pub usable_of_all: [usize; 2],
 }
 
 /// Where each marker is in each image, x to the right and z up \[m\], shape (images, 9).
@@ -138,7 +138,7 @@ pub fn prepare(images: &[[[f64; 2]; MARKERS]]) -> Result<Prepared, Useless> {
     let [first, _, third, fourth, fifth] = PLATES;
     let driven: Vec<usize> =
         (0..images.len()).filter(|&k| apart(images[k][first], images[k][third], DRIVEN_M, 0.2)).collect();
-    let useless = Useless { seen: [driven.len(), images.len()] };
+    let useless = Useless { usable_of_all: [driven.len(), images.len()] };
     if (driven.len() as f64) < LEAST_SEEN_SHARE * images.len() as f64 {
         return Err(useless);
     }

@@ -14,15 +14,15 @@ use super::terms::Hidden;
 /// MuJoCo's own coefficients, those of the nominal models.
 pub const NOMINAL: Coefficients = [0.5, 0.25, 1.5, 1.0, 1.0];
 /// Time between images \[s\].
-pub const IMAGE_S: f64 = 0.01;
+pub const IMAGE_INTERVAL_S: f64 = 0.01;
 /// How long a run is watched after its motion starts \[s\].
-pub const WATCHED_S: f64 = 2.5;
+pub const MOTION_LENGTH_S: f64 = 2.5;
 /// Steps of the data \[s\].
-pub const FINE_S: f64 = 2e-4;
+pub const DATA_STEP_S: f64 = 2e-4;
 /// Steps of derivatives \[s\].
-pub const COARSE_S: f64 = 1e-3;
+pub const DERIVATIVE_STEP_S: f64 = 1e-3;
 /// Time between the servo's rows \[s\].
-const ROW_S: f64 = 0.01;
+const SERVO_ROW_INTERVAL_S: f64 = 0.01;
 
 /// Random numbers by name of use, so that one more draw here moves nothing there.
 #[derive(Debug)]
@@ -87,21 +87,21 @@ impl<const N: usize> Run<N> {
         let (amplitude, period_s) = (amplitude * draw.even(0.9, 1.1), period_s * draw.even(0.9, 1.1));
         let start_s = draw.even(0.1, 0.2);
         let start_s = (start_s * 1e4).round() / 1e4;
-        let servo = profile(amplitude, period_s, start_s, start_s + WATCHED_S + 0.3);
+        let servo = profile(amplitude, period_s, start_s, start_s + MOTION_LENGTH_S + 0.3);
         let held = held(amplitude, draw);
         Self::seen(id, held, Drive::Exact(servo), start_s)
     }
 
     fn seen(id: &str, held: [f64; N], drive: Drive, start_s: f64) -> Self {
         let start_s = (start_s * 1e4).round() / 1e4;
-        let count = ((start_s + WATCHED_S) / IMAGE_S) as usize + 1;
+        let count = ((start_s + MOTION_LENGTH_S) / IMAGE_INTERVAL_S) as usize + 1;
         // an image may show a later instant than its time says
-        let motion = Motion { held, start_s, end_s: start_s + WATCHED_S + 0.25, drive, run: 0 };
+        let motion = Motion { held, start_s, end_s: start_s + MOTION_LENGTH_S + 0.25, drive, run: 0 };
         Self {
             id: id.into(),
             held_out: false,
             motion,
-            times_s: (0..count).map(|k| (k as f64 * IMAGE_S * 1e6).round() / 1e6).collect(),
+            times_s: (0..count).map(|k| (k as f64 * IMAGE_INTERVAL_S * 1e6).round() / 1e6).collect(),
         }
     }
 
@@ -156,9 +156,11 @@ pub fn profile(amplitude_rad: f64, period_s: f64, start_s: f64, end_s: f64) -> S
         -amplitude_rad * (std::f64::consts::PI * share).cos()
     };
     // rows to a microsecond, as a file has them
-    let rows = 2 + ((end_s - start_s) / ROW_S).ceil() as usize;
+    let rows = 2 + ((end_s - start_s) / SERVO_ROW_INTERVAL_S).ceil() as usize;
     let mut time_s = vec![0.0];
-    time_s.extend((0..rows).map(|row| start_s + row as f64 * ROW_S).map(|t| (t * 1e6).round() / 1e6));
+    time_s.extend(
+        (0..rows).map(|row| start_s + row as f64 * SERVO_ROW_INTERVAL_S).map(|t| (t * 1e6).round() / 1e6),
+    );
     let angle_rad = time_s.iter().map(|&t| (angle(t) * 1e7).round() / 1e7).collect();
     Servo { time_s, angle_rad }
 }
@@ -187,7 +189,8 @@ impl<const N: usize> Bench<N> {
     /// What a perfect eye reads from the images of `run` with what is `hidden`, in steps of `step_s`.
     pub fn watch(&self, run: &Run<N>, hidden: &Hidden, step_s: f64) -> Vec<Vec<Plane>> {
         // a memory of every step since the start costs the square of their number
-        let step_s = if hidden.get("basset/history", 0.0) > 0.0 { step_s.max(COARSE_S) } else { step_s };
+        let step_s =
+            if hidden.get("basset/history", 0.0) > 0.0 { step_s.max(DERIVATIVE_STEP_S) } else { step_s };
         let hidden = &hidden.in_run(run.motion.run);
         images(&self.chain.run(&run.motion, hidden, step_s), self.mechanism.keypoints, hidden, &run.times_s)
     }

@@ -1,20 +1,20 @@
 //! What is hidden where: the list of cases, each made anew from its own description.
 
 use super::bench::{Bench, Draw};
-use super::hide::{Hideout, OUTSIDE, Truth};
+use super::hide::{Hideout, OUTSIDE_EFFECTS, Truth};
 use super::limit::Benches;
 use super::terms::Hidden;
 
 /// Sizes, as multiples of the limit.
 pub const SIZES: [f64; 4] = [0.3, 2.0, 5.0, 20.0];
-/// Sizes of what no library knows.
+/// Sizes of the effects that are not in the library, as multiples of the limit.
 const OUTSIDE_SIZES: [f64; 2] = [5.0, 20.0];
 /// Seeds of the outside cases for each size.
 const OUTSIDE_SEEDS: u64 = 5;
 /// Pairs in the whole set.
-pub const PAIRS: u64 = 60;
+pub const PAIR_CASES: u64 = 60;
 /// Cases without anything hidden in the whole set, and their first seed.
-pub const NOTHING: u64 = 300;
+pub const NOTHING_CASES: u64 = 300;
 const NOTHING_SEED: u64 = 1000;
 /// Size of both causes of a pair, each measured with the other one free too.
 const PAIR_SIZE: f64 = 8.0;
@@ -97,7 +97,7 @@ pub fn all(causes: &[&'static str], seeds: u64, sizes: &[f64]) -> Vec<Case> {
             }
         }
     }
-    for pair in 0..PAIRS {
+    for pair in 0..PAIR_CASES {
         let mut draw = Draw::new(pair, 11);
         let first = causes[draw.place(causes.len())];
         let others = causes.iter().filter(|name| !same(name, first, false) && **name != first);
@@ -106,12 +106,12 @@ pub fn all(causes: &[&'static str], seeds: u64, sizes: &[f64]) -> Vec<Case> {
         let id = format!("pair-{first}+{second}-s{pair}");
         list.push(Case { id, seed: pair % seeds.max(1), kind: Kind::Pair(first, second) });
     }
-    for seed in 0..NOTHING {
+    for seed in 0..NOTHING_CASES {
         let id = format!("nothing-s{seed}");
         list.push(Case { id, seed: NOTHING_SEED + seed, kind: Kind::Nothing });
     }
     for seed in 0..OUTSIDE_SEEDS {
-        for (name, ..) in OUTSIDE {
+        for (name, ..) in OUTSIDE_EFFECTS {
             for size in OUTSIDE_SIZES {
                 let id = format!("outside-{name}-x{size}-s{seed}");
                 list.push(Case { id, seed, kind: Kind::Outside(name, size) });

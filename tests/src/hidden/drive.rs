@@ -1,4 +1,4 @@
-//! From the command to the first link: a dense table of what the drive is told, with the causes between.
+//! From the command to the first link: a dense table of what the drive is commanded, with the causes between.
 
 use super::terms::Hidden;
 
@@ -24,13 +24,13 @@ impl Servo {
     }
 }
 
-/// Finest instants of the path \[s\].
-const FINE_S: f64 = 5e-5;
+/// Step of the servo's path \[s\].
+const PATH_STEP_S: f64 = 5e-5;
 
 /// What a servo's motor makes of the horn's speed, either way \[rad/s2\]: it covers three degrees in 8 ms.
 const MOTOR_RAD_PER_S2: f64 = 3000.0;
 
-/// A horn that goes where it is told as fast as its motor can, and stops there.
+/// A horn that goes where it is commanded as fast as its motor can, and stops there.
 struct Jerk {
     angle: f64,
     rate: f64,
@@ -40,14 +40,14 @@ impl Jerk {
     /// Where it is an instant later.
     fn towards(&mut self, aim: f64) -> f64 {
         let left = aim - self.angle;
-        let change = MOTOR_RAD_PER_S2 * FINE_S;
+        let change = MOTOR_RAD_PER_S2 * PATH_STEP_S;
         // the speed from which it can still stop in time
         let wanted = left.signum() * ((2.0 * MOTOR_RAD_PER_S2 * left.abs()).sqrt() - 0.5 * change).max(0.0);
         self.rate += (wanted - self.rate).clamp(-change, change);
-        if left.abs() < change * FINE_S && self.rate.abs() <= 2.0 * change {
+        if left.abs() < change * PATH_STEP_S && self.rate.abs() <= 2.0 * change {
             (self.angle, self.rate) = (aim, 0.0);
         }
-        self.angle += self.rate * FINE_S;
+        self.angle += self.rate * PATH_STEP_S;
         self.angle
     }
 }
@@ -68,26 +68,26 @@ impl Path {
         let lag = hidden.get("servo_lag/time", 0.0);
         let play = hidden.get("backlash/half_width", 0.0);
         let delay = hidden.get("servo_delay/delay", 0.0);
-        let keep = if lag > 0.0 { (-FINE_S / lag).exp() } else { 0.0 };
+        let keep = if lag > 0.0 { (-PATH_STEP_S / lag).exp() } else { 0.0 };
         // the exact answer to an input that rises evenly over one instant
-        let lead = if lag > 0.0 { 1.0 - (1.0 - keep) * lag / FINE_S } else { 1.0 };
+        let lead = if lag > 0.0 { 1.0 - (1.0 - keep) * lag / PATH_STEP_S } else { 1.0 };
         let zero = hidden.get("joint_zero/q1", 0.0);
         let sag = hidden.get("servo_sag/rate", 0.0);
         let every = hidden.get("servo_refresh/period", 0.0);
-        let told = |k: usize| {
-            let now = k as f64 * FINE_S;
+        let commanded = |k: usize| {
+            let now = k as f64 * PATH_STEP_S;
             // to the instant, whatever rounding says of a whole number of periods
             let looked = if every > 0.0 { ((now / every + 1e-6).floor() * every).min(now) } else { now };
             gain * (1.0 - sag * now) * servo.at(looked)
         };
-        let (mut turned, mut before) = (told(0), told(0));
+        let (mut turned, mut before) = (commanded(0), commanded(0));
         let (mut lagged, mut played) = (turned, turned);
         let mut jerked = Jerk { angle: turned, rate: 0.0 };
-        let count = (end_s / FINE_S).ceil() as usize + 2;
+        let count = (end_s / PATH_STEP_S).ceil() as usize + 2;
         let mut value: Vec<f64> = (0..count)
             .map(|k| {
-                let told = if every > 0.0 { jerked.towards(told(k)) } else { told(k) };
-                turned += (told - turned).clamp(-rate * FINE_S, rate * FINE_S);
+                let commanded = if every > 0.0 { jerked.towards(commanded(k)) } else { commanded(k) };
+                turned += (commanded - turned).clamp(-rate * PATH_STEP_S, rate * PATH_STEP_S);
                 lagged = keep * lagged + (1.0 - keep - lead) * before + lead * turned;
                 before = turned;
                 played = played.clamp(lagged - play, lagged + play);
@@ -96,14 +96,14 @@ impl Path {
             .collect();
         if delay > 0.0 {
             let prompt = Self { value };
-            value = (0..count).map(|k| prompt.at(k as f64 * FINE_S - delay)).collect();
+            value = (0..count).map(|k| prompt.at(k as f64 * PATH_STEP_S - delay)).collect();
         }
         Self { value }
     }
 
     /// What the drive gets at `time_s`.
     pub fn at(&self, time_s: f64) -> f64 {
-        let place = (time_s / FINE_S).clamp(0.0, (self.value.len() - 1) as f64);
+        let place = (time_s / PATH_STEP_S).clamp(0.0, (self.value.len() - 1) as f64);
         let before = place.floor() as usize;
         let after = (before + 1).min(self.value.len() - 1);
         self.value[before] + (place - before as f64) * (self.value[after] - self.value[before])

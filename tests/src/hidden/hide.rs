@@ -6,11 +6,11 @@ use sim::Cause;
 use sim::causes::Role;
 
 use super::bench::{Bench, Draw};
-use super::limit::{CHI_SQUARE, Imitation, largest_bend};
+use super::limit::{DETECTION_CHI_SQUARE, Imitation, largest_bend};
 use super::terms::Hidden;
 
 /// Effects that no library knows, with the parameter that is their size and a usual value.
-pub const OUTSIDE: [(&str, &str, f64); 4] = [
+pub const OUTSIDE_EFFECTS: [(&str, &str, f64); 4] = [
     ("vortex", "vortex/lift", 0.5),
     ("detent", "detent/torque", 1e-5),
     ("wake", "wake/shelter", 0.3),
@@ -18,11 +18,11 @@ pub const OUTSIDE: [(&str, &str, f64); 4] = [
 ];
 
 /// Share of a physical bound that a size may reach.
-const WITHIN: f64 = 0.9;
-/// By which share a number is changed to see what changing it does.
-const NUDGE: f64 = 0.02;
+const BOUND_SHARE: f64 = 0.9;
+/// Step of the finite differences, as a share of a number.
+const DIFFERENCE_STEP_SHARE: f64 = 0.02;
 /// Numbers that a fit does not turn.
-const SWITCHES: [&str; 2] = ["one_sided_stiffness/side", "servo_rate_limit/share"];
+const UNFITTED_PARAMETERS: [&str; 2] = ["one_sided_stiffness/side", "servo_rate_limit/share"];
 
 /// Something to hide, its size left open.
 #[derive(Debug, Clone)]
@@ -66,7 +66,7 @@ impl Hideout {
     pub fn draw<const N: usize>(name: &str, bench: &Bench<N>, draw: &mut Draw) -> Self {
         let mut fixed: Vec<(String, f64)> = Vec::new();
         let mut fix = |name: &str, value: f64| fixed.push((name.into(), value));
-        if let Some((_, parameter, usual)) = OUTSIDE.iter().find(|(outside, ..)| *outside == name) {
+        if let Some((_, parameter, usual)) = OUTSIDE_EFFECTS.iter().find(|(outside, ..)| *outside == name) {
             if name == "vortex" {
                 for run in 0..bench.runs.len() {
                     for link in 0..bench.chain.links.len() {
@@ -131,7 +131,7 @@ impl Hideout {
             }
             _ => {}
         }
-        let most = WITHIN * size.bounds[1].abs();
+        let most = BOUND_SHARE * size.bounds[1].abs();
         Self { cause: name.into(), along, fixed, usual: size.typical, most, inverse }
     }
 
@@ -147,13 +147,14 @@ impl Hideout {
     fn nudged<const N: usize>(&self, bench: &Bench<N>, hidden: &Hidden) -> Vec<Hidden> {
         let own = hidden.0.iter().map(|(name, &value)| (name.clone(), value));
         let own = own.filter(|(name, _)| name.split('/').next() == Some(&self.cause));
-        let mut numbers: Vec<(String, f64)> = own.filter(|(name, _)| !SWITCHES.contains(&&**name)).collect();
+        let mut numbers: Vec<(String, f64)> =
+            own.filter(|(name, _)| !UNFITTED_PARAMETERS.contains(&&**name)).collect();
         if self.cause == "keypoint_slip" {
             let others = bench.keypoints().into_iter().map(|point| (format!("keypoint_slip/{point}"), 0.0));
             numbers.extend(others.filter(|(name, _)| !hidden.0.contains_key(name)));
         }
         let nudge = |(name, value): (String, f64)| {
-            let by = NUDGE * if value == 0.0 { self.usual } else { value };
+            let by = DIFFERENCE_STEP_SHARE * if value == 0.0 { self.usual } else { value };
             hidden.clone().with(&name, value + by)
         };
         numbers.into_iter().map(nudge).collect()
@@ -168,7 +169,7 @@ impl Hideout {
     ) -> Option<f64> {
         let chi_square = |size: f64| self.chi_square(bench, imitation, partner, size);
         match self.inverse {
-            true => seek(chi_square, CHI_SQUARE),
+            true => seek(chi_square, DETECTION_CHI_SQUARE),
             false => imitation.limit(0.05 * self.usual, chi_square),
         }
     }
@@ -198,7 +199,7 @@ impl Hideout {
         let size = if self.inverse {
             // how much of the rate is missing has no proportion: the size is sought too
             let chi_square = |size: f64| self.chi_square(bench, imitation, None, size);
-            seek(chi_square, CHI_SQUARE * times * times)?
+            seek(chi_square, DETECTION_CHI_SQUARE * times * times)?
         } else {
             limit * times
         };
@@ -214,11 +215,11 @@ impl Hideout {
 }
 
 /// Sizes between which those without proportion are sought: seconds per radian of the slowest and fastest rate.
-const SOUGHT: [f64; 2] = [0.05, 20.0];
+const SIZE_SEARCH_RANGE: [f64; 2] = [0.05, 20.0];
 
 /// The size, by bisection of its logarithm, at which a rising `chi_square` reaches `goal`.
 fn seek(chi_square: impl Fn(f64) -> f64, goal: f64) -> Option<f64> {
-    let [mut low, mut high] = SOUGHT.map(f64::ln);
+    let [mut low, mut high] = SIZE_SEARCH_RANGE.map(f64::ln);
     if chi_square(high.exp()) < goal {
         return None;
     }

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::bench::{Bench, COARSE_S, Mechanism, Run};
+use super::bench::{Bench, DERIVATIVE_STEP_S, Mechanism, Run};
 use super::chain::{Link, Plane};
 use super::hide::Hideout;
 use super::rivals::Rivals;
@@ -15,20 +15,20 @@ use super::terms::Hidden;
 use super::three_links::{LINKS, THREE_LINKS};
 use super::write::correlation;
 
-/// The chi-square at the limit.
-pub const CHI_SQUARE: f64 = 30.0;
+/// The chi-square at which an effect counts as detectable.
+pub const DETECTION_CHI_SQUARE: f64 = 30.0;
 /// Standard deviation of a keypoint coordinate \[m\].
 pub const NOISE_M: f64 = 4e-4;
 
 /// How far a fit's bounds let its numbers go, as standard deviations: coefficients, dampings \[N m s/rad\], angles \[rad\].
-const COEFFICIENT: f64 = 3.0;
-const DAMPING: f64 = 1e-5;
-const ANGLE: f64 = 1.0;
+const COEFFICIENT_STD: f64 = 3.0;
+const DAMPING_STD_N_M_S_PER_RAD: f64 = 1e-5;
+const ANGLE_STD_RAD: f64 = 1.0;
 /// Springs and dampings of what is of one piece, as shares of themselves.
-const FACTOR: f64 = 5.0;
+const SPRING_STD_SHARE: f64 = 5.0;
 /// Steps of the finite differences: shares of coefficients and dampings, and an angle \[rad\].
-const SHARE: f64 = 0.02;
-const TURN: f64 = 1e-3;
+const DIFFERENCE_STEP_SHARE: f64 = 0.02;
+const DIFFERENCE_STEP_RAD: f64 = 1e-3;
 
 /// Keypoints in the images of a run.
 type Film = Vec<Vec<Plane>>;
@@ -87,18 +87,19 @@ impl Place {
 
 /// The numbers that a fit of `bench` turns, each with the links that share it, and how far bounds let the first of these go.
 fn numbers<const N: usize>(bench: &Bench<N>) -> Vec<(Place, Vec<usize>, f64)> {
-    let coefficients = (0..5).map(|which| (Place::Coefficient(which), COEFFICIENT));
+    let coefficients = (0..5).map(|which| (Place::Coefficient(which), COEFFICIENT_STD));
     if bench.mechanism.of_one_piece {
         let all = coefficients.map(|(place, loose)| (place, (0..N).collect(), loose));
-        let loose =
-            |place: Place, first: usize| FACTOR * *place.in_link(&mut bench.chain.links[first].clone());
+        let loose = |place: Place, first: usize| {
+            SPRING_STD_SHARE * *place.in_link(&mut bench.chain.links[first].clone())
+        };
         let joints = [(Place::Damping, 0), (Place::Spring(0), 1), (Place::Spring(1), 1)];
         let joints = joints.map(|(place, first)| (place, (first..N).collect(), loose(place, first)));
         return all.chain(joints.into_iter().filter(|_| bench.fits_joints)).collect();
     }
     let each =
         (0..N).flat_map(|link| coefficients.clone().map(move |(place, loose)| (place, vec![link], loose)));
-    let dampings = (1..N).map(|link| (Place::Damping, vec![link], DAMPING));
+    let dampings = (1..N).map(|link| (Place::Damping, vec![link], DAMPING_STD_N_M_S_PER_RAD));
     each.chain(dampings.filter(|_| bench.fits_joints)).collect()
 }
 
@@ -108,7 +109,7 @@ impl<const N: usize> Imitation<N> {
         let width = 2 * bench.mechanism.keypoints.len();
         let runs: Vec<Run<N>> = runs.into_iter().cloned().collect();
         let seen = |bench: &Bench<N>| -> Vec<Film> {
-            runs.iter().map(|run| bench.watch(run, &Hidden::default(), COARSE_S)).collect()
+            runs.iter().map(|run| bench.watch(run, &Hidden::default(), DERIVATIVE_STEP_S)).collect()
         };
         let between = |a: &[Film], b: &[Film], step: f64| -> Column {
             let runs = a.iter().zip(b);
@@ -119,7 +120,8 @@ impl<const N: usize> Imitation<N> {
         let mut columns: Vec<(Column, f64)> = Vec::new();
         for (place, links, loose) in numbers(bench) {
             let (mut up, mut down) = (bench.clone(), bench.clone());
-            let step = |link: usize| SHARE * *place.in_link(&mut bench.chain.links[link].clone());
+            let step =
+                |link: usize| DIFFERENCE_STEP_SHARE * *place.in_link(&mut bench.chain.links[link].clone());
             for &link in &links {
                 *place.in_link(&mut up.chain.links[link]) += step(link);
                 *place.in_link(&mut down.chain.links[link]) -= step(link);
@@ -132,11 +134,11 @@ impl<const N: usize> Imitation<N> {
                 let turned = |by: f64| {
                     let mut run = run.clone();
                     run.motion.held[link] += by;
-                    bench.watch(&run, &Hidden::default(), COARSE_S)
+                    bench.watch(&run, &Hidden::default(), DERIVATIVE_STEP_S)
                 };
                 let (mut up, mut down) = (plain.clone(), plain.clone());
-                (up[place], down[place]) = (turned(TURN), turned(-TURN));
-                columns.push((between(&up, &down, 2.0 * TURN), ANGLE));
+                (up[place], down[place]) = (turned(DIFFERENCE_STEP_RAD), turned(-DIFFERENCE_STEP_RAD));
+                columns.push((between(&up, &down, 2.0 * DIFFERENCE_STEP_RAD), ANGLE_STD_RAD));
             }
         }
         let (rows, count) = (columns[0].0.len(), columns.len());
@@ -157,11 +159,11 @@ impl<const N: usize> Imitation<N> {
     /// The same, beside `base`.
     fn left_beside(&self, bench: &Bench<N>, hidden: &Hidden, base: &Hidden) -> DVector<f64> {
         let runs = self.runs.iter().zip(&self.plain).map(|(run, plain)| {
-            let with = bench.watch(run, hidden, COARSE_S);
+            let with = bench.watch(run, hidden, DERIVATIVE_STEP_S);
             match base.0.is_empty() {
                 true => flat(&with).zip(flat(plain)).map(|(a, b)| a - b).collect(),
                 false => {
-                    let without = bench.watch(run, base, COARSE_S);
+                    let without = bench.watch(run, base, DERIVATIVE_STEP_S);
                     flat(&with).zip(flat(&without)).map(|(a, b)| a - b).collect::<Vec<f64>>()
                 }
             }
@@ -192,7 +194,7 @@ impl<const N: usize> Imitation<N> {
         own.norm_squared() - theirs.iter().map(|along| along.dot(&own).powi(2)).sum::<f64>()
     }
 
-    /// The size at which `at(size)` shows a chi-square of [`CHI_SQUARE`], from a first step: in proportion, then twice
+    /// The size at which `at(size)` shows a chi-square of [`DETECTION_CHI_SQUARE`], from a first step: in proportion, then twice
     /// with the true difference. `None` where the runs show nothing.
     pub fn limit(&self, step: f64, chi_square: impl Fn(f64) -> f64) -> Option<f64> {
         let mut size = step;
@@ -201,7 +203,7 @@ impl<const N: usize> Imitation<N> {
             if shown.is_nan() || shown < 1e-9 {
                 return None;
             }
-            size *= (CHI_SQUARE / shown).sqrt().clamp(0.01, 100.0);
+            size *= (DETECTION_CHI_SQUARE / shown).sqrt().clamp(0.01, 100.0);
         }
         Some(size)
     }
@@ -226,7 +228,8 @@ pub(super) fn orthonormal(columns: impl Iterator<Item = DVector<f64>>) -> Vec<DV
 
 /// The largest angle between neighbouring links over the fitted runs \[rad\].
 pub fn largest_bend<const N: usize>(bench: &Bench<N>) -> f64 {
-    let records = fitted(bench).map(|run| bench.chain.run(&run.motion, &Hidden::default(), COARSE_S));
+    let records =
+        fitted(bench).map(|run| bench.chain.run(&run.motion, &Hidden::default(), DERIVATIVE_STEP_S));
     let bends = records.flat_map(|record| {
         record.states.into_iter().flat_map(|state| (1..N).map(move |i| state.angle[i] - state.angle[i - 1]))
     });

@@ -4,10 +4,10 @@ use std::io::{Error, Result};
 
 use vision::Status;
 
-use super::bench::{FINE_S, IMAGE_S, Run};
+use super::bench::{DATA_STEP_S, IMAGE_INTERVAL_S, Run};
 use super::cases::Made;
 use super::write::Film;
-use crate::clips::clip::{Level, told_clip};
+use crate::clips::clip::{Level, prescribed_clip};
 use crate::clips::mechanism::Mechanism;
 use crate::clips::score::read;
 
@@ -24,14 +24,14 @@ pub fn trajectory<const N: usize>(made: &Made<N>, film: Film, run: &Run<N>, seed
     if made.bench.mechanism.of_one_piece {
         return Err(Error::other("pictures are drawn of rigid links only; leave out `--pictures`"));
     }
-    let seen = made.bench.watch(run, &made.hidden, FINE_S);
+    let seen = made.bench.watch(run, &made.hidden, DATA_STEP_S);
     let px = |[x, z]: [f64; 2]| [BASE_PX[0] + x / SCALE_M, BASE_PX[1] - z / SCALE_M];
     let points = |row: &Vec<[f64; 2]>| std::iter::once(BASE_PX).chain(row.iter().copied().map(px)).collect();
     let points = seen.iter().step_by(film.every).map(points).collect();
     let seed = seed.wrapping_add(run.motion.run as u64);
     let level = if seed.is_multiple_of(2) { Level::Clean } else { Level::Usual };
-    let fps = 1.0 / (IMAGE_S * film.every as f64);
-    let clip = told_clip(level, seed, &Mechanism::shipped_chain(SCALE_M), SCALE_M, points, fps);
+    let fps = 1.0 / (IMAGE_INTERVAL_S * film.every as f64);
+    let clip = prescribed_clip(level, seed, &Mechanism::shipped_chain(SCALE_M), SCALE_M, points, fps);
     let (score, extraction) = read(&clip, true);
     let Some(extraction) = extraction else {
         return Err(Error::other(score.refused.unwrap_or_default()));

@@ -14,10 +14,10 @@ use super::limit::{Imitation, largest_bend, orthonormal};
 use super::terms::Hidden;
 
 /// Steps of the differences, as a share of usual sizes.
-const STEP: f64 = 0.1;
+const DIFFERENCE_STEP_SHARE: f64 = 0.1;
 /// Rivals, nearest first by their small steps, whose sizes are sought, and steps on the way there.
-const SOUGHT: usize = 5;
-const TURNS: usize = 4;
+const SEARCHED_RIVALS: usize = 5;
+const SEARCH_STEPS: usize = 4;
 
 /// A rival in one of its shapes: the directions in which it changes what is seen, orthonormal.
 #[derive(Debug)]
@@ -42,7 +42,7 @@ impl Rival {
         let left = |value: f64| imitation.left(bench, &step.clone().with(&name, value));
         let mut nearest = own.norm_squared();
         let (mut value, mut there) = (0.0, DVector::zeros(own.len()));
-        for _ in 0..TURNS {
+        for _ in 0..SEARCH_STEPS {
             let by = if value == 0.0 { step.get(&name, 0.0) } else { 0.05 * value };
             let slope = (left(value + by) - &there) / by;
             value = (value + slope.dot(&(own - &there)) / slope.norm_squared()).clamp(lower, upper);
@@ -62,7 +62,7 @@ fn shapes<const N: usize>(cause: Cause, bench: &Bench<N>, runs: &[Run<N>]) -> Ve
     let info = cause.info();
     let name = info.name;
     let size = info.parameters.iter().find(|parameter| parameter.role == Role::Size);
-    let step = STEP * size.map_or(0.0, |size| size.typical);
+    let step = DIFFERENCE_STEP_SHARE * size.map_or(0.0, |size| size.typical);
     let of = |numbers: &[(String, f64)]| Hidden(numbers.iter().cloned().collect());
     let own = |parameter: &str| format!("{name}/{parameter}");
     let beside = |parameter: &str, value: f64| {
@@ -130,8 +130,10 @@ impl Rivals {
         let others = self.0.iter().filter(|rival| rival.cause != cause && !same(rival.cause, cause, false));
         let mut others: Vec<(&Rival, f64)> = others.map(|rival| (rival, rival.apart(&own))).collect();
         others.sort_by(|a, b| a.1.total_cmp(&b.1));
-        let sought =
-            others.iter().take(SOUGHT).map(|(rival, _)| (rival.cause, rival.nearest(bench, imitation, &own)));
+        let sought = others
+            .iter()
+            .take(SEARCHED_RIVALS)
+            .map(|(rival, _)| (rival.cause, rival.nearest(bench, imitation, &own)));
         let nearest = sought.min_by(|a, b| a.1.total_cmp(&b.1));
         nearest.map_or((String::new(), own.norm_squared()), |(rival, chi)| (rival.to_owned(), chi))
     }

@@ -9,10 +9,10 @@ use super::cases::same;
 use super::diagnose::{Named, Outcome};
 
 /// Gaps to the noise floor below this say nothing about how much of them was closed \[m\].
-const GAP_M: f64 = 3e-5;
+const MIN_GAP_M: f64 = 3e-5;
 
-/// A cause that is nearer than this chi-square to another is not to be told from it.
-const APART: f64 = 30.0;
+/// Below this chi-square two causes count as indistinguishable.
+const DISTINGUISHABLE_CHI_SQUARE: f64 = 30.0;
 
 /// How a diagnosis compares with what was hidden.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -154,11 +154,13 @@ impl Score {
         };
         let gaps = outcomes.iter().filter(|outcome| exact(outcome)).filter_map(|outcome| {
             let [before, after, floor] = outcome.heldout_m?;
-            (before - floor > GAP_M).then(|| (before - after) / (before - floor))
+            (before - floor > MIN_GAP_M).then(|| (before - after) / (before - floor))
         });
         let held: Vec<bool> = outcomes.iter().filter(|o| exact(o)).flat_map(Outcome::held).collect();
         let distinct = |outcome: &&Outcome| {
-            outcome.truth.iter().all(|truth| truth.rival.as_ref().is_none_or(|(_, apart)| *apart > APART))
+            outcome.truth.iter().all(|truth| {
+                truth.rival.as_ref().is_none_or(|(_, apart)| *apart > DISTINGUISHABLE_CHI_SQUARE)
+            })
         };
         let mut wall_s: Vec<f64> = outcomes.iter().map(|outcome| outcome.wall_s).collect();
         Self {
@@ -244,7 +246,11 @@ pub fn tables(outcomes: &[Outcome]) -> String {
         if !as_wanted {
             let hidden: Vec<&str> = outcome.truth.iter().map(|truth| truth.cause.as_str()).collect();
             let hidden = if hidden.is_empty() { "(nothing)".into() } else { hidden.join("+") };
-            let near = outcome.truth.iter().filter_map(|truth| truth.rival.as_ref()).filter(|r| r.1 < APART);
+            let near = outcome
+                .truth
+                .iter()
+                .filter_map(|truth| truth.rival.as_ref())
+                .filter(|r| r.1 < DISTINGUISHABLE_CHI_SQUARE);
             let near: Vec<String> =
                 near.map(|(rival, apart)| format!(" ({rival} {apart:.0} away)")).collect();
             let id = format!("{}{}", outcome.id, near.join(""));

@@ -8,20 +8,20 @@ use std::f64::consts::TAU;
 use super::chain::{Plane, Pose, add, dot};
 
 /// Rate over which friction turns round \[rad/s\]: by a hyperbolic tangent.
-const FRICTION_RATE: f64 = 0.02;
+const FRICTION_REVERSAL_RATE_RAD_PER_S: f64 = 0.02;
 /// Angle over which a stop's corner is rounded \[rad\].
-const STOP_CORNER: f64 = 0.005;
+const STOP_ROUNDING_RAD: f64 = 0.005;
 /// Damping of a stop over its stiffness \[s\].
 const STOP_DAMPING_S: f64 = 0.002;
 /// Notches of a detent in a turn.
-const NOTCHES: f64 = 8.0;
+const DETENT_NOTCHES: f64 = 8.0;
 /// Strouhal number of shed vortices.
 const STROUHAL: f64 = 0.2;
 /// Half width of a wake \[m\].
-const WAKE_M: f64 = 0.02;
+const WAKE_HALF_WIDTH_M: f64 = 0.02;
 /// Where the magnet is, and the distance at which its pull is half its greatest \[m\].
-const MAGNET: Plane = [0.05, -0.06];
-const MAGNET_M: f64 = 0.02;
+const MAGNET_PLACE_M: Plane = [0.05, -0.06];
+const MAGNET_HALF_FORCE_DISTANCE_M: f64 = 0.02;
 
 /// Numbers by name, `<cause>/<parameter>` as in `docs/causes.md`, those of one hinge alone called after `q1`, `q2`, ...; slosh has its
 /// phases run by run, as `slosh/sin@<run>`, and any other number may be another in a run in the same way. Besides: `vortex/lift`, `detent/torque`, `wake/shelter`, `magnet/force`, which no library knows.
@@ -170,7 +170,11 @@ impl Terms {
             let to = add(other.centre, poses[i].centre, -1.0);
             let along = dot(to, relative) / speed;
             let aside = dot(to, to) - along * along;
-            if along > 0.0 { (along / 0.01).tanh() * (-aside / (WAKE_M * WAKE_M)).exp() } else { 0.0 }
+            if along > 0.0 {
+                (along / 0.01).tanh() * (-aside / (WAKE_HALF_WIDTH_M * WAKE_HALF_WIDTH_M)).exp()
+            } else {
+                0.0
+            }
         };
         let most = (0..N).filter(|&j| j != i).map(|j| ahead(&poses[j])).fold(0.0, f64::max);
         1.0 - self.shelter * most
@@ -199,13 +203,14 @@ impl Terms {
 
     /// Torque of hinge `i` at the rate `turn` \[rad/s\].
     pub(super) fn hinge(&self, i: usize, turn: f64) -> f64 {
-        let friction = if self.friction[i] == 0.0 { 0.0 } else { (turn / FRICTION_RATE).tanh() };
+        let friction =
+            if self.friction[i] == 0.0 { 0.0 } else { (turn / FRICTION_REVERSAL_RATE_RAD_PER_S).tanh() };
         -self.damping[i] * turn - self.friction[i] * friction
     }
 
     /// Torque of a bearing that turns at `turn` \[rad/s\] under `borne` \[N\].
     pub(super) fn bearing(&self, turn: f64, borne: Plane) -> f64 {
-        -self.bearing_m * borne[0].hypot(borne[1]) * (turn / FRICTION_RATE).tanh()
+        -self.bearing_m * borne[0].hypot(borne[1]) * (turn / FRICTION_REVERSAL_RATE_RAD_PER_S).tanh()
     }
 
     /// Torque of hinge `i`, between links, bent by `bend` \[rad\].
@@ -215,12 +220,12 @@ impl Terms {
         let mut torque = -self.stiffness[i] * bend - pull * side * (side * bend).max(0.0);
         if stop != 0.0 {
             let beyond = bend.abs() - angle;
-            let pressed = 0.5 * (beyond + beyond.hypot(STOP_CORNER));
-            let contact = 0.5 * (1.0 + beyond / beyond.hypot(STOP_CORNER));
+            let pressed = 0.5 * (beyond + beyond.hypot(STOP_ROUNDING_RAD));
+            let contact = 0.5 * (1.0 + beyond / beyond.hypot(STOP_ROUNDING_RAD));
             torque -= stop * (pressed * bend.signum() + contact * STOP_DAMPING_S * turn);
         }
         if self.detent[i] != 0.0 {
-            torque -= self.detent[i] * (NOTCHES * bend).sin();
+            torque -= self.detent[i] * (DETENT_NOTCHES * bend).sin();
         }
         torque
     }
@@ -231,9 +236,10 @@ impl Terms {
         if self.magnet == 0.0 {
             return pull;
         }
-        let to = add(MAGNET, tip, -1.0);
+        let to = add(MAGNET_PLACE_M, tip, -1.0);
         let distance = dot(to, to).sqrt();
-        let strength = self.magnet / (1.0 + (distance / MAGNET_M).powi(4)) / distance.max(1e-3);
+        let strength =
+            self.magnet / (1.0 + (distance / MAGNET_HALF_FORCE_DISTANCE_M).powi(4)) / distance.max(1e-3);
         add(pull, to, strength)
     }
 }

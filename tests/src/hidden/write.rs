@@ -3,17 +3,17 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use super::bench::{Bench, Draw, FINE_S, Run};
+use super::bench::{Bench, DATA_STEP_S, Draw, Run};
 use super::cases::{Case, Made};
 use super::limit::NOISE_M;
 use super::motion::Drive;
 use super::pictures;
 
 /// Keypoints are read to this \[m\].
-const GRAIN_M: f64 = 5e-5;
+const KEYPOINT_RESOLUTION_M: f64 = 5e-5;
 
 /// How far off a misread keypoint is, along each axis \[m\].
-const MISREAD_M: f64 = 0.02;
+const MISREAD_ERROR_M: f64 = 0.02;
 
 /// How a case is filmed and read.
 #[derive(Debug, Clone, Copy)]
@@ -130,7 +130,7 @@ fn trajectory<const N: usize>(case: &Case, made: &Made<N>, film: Film, run: &Run
         let _ = write!(table, ",{name}_x_m,{name}_z_m");
     }
     table.push('\n');
-    let seen = made.bench.watch(run, &made.hidden, FINE_S);
+    let seen = made.bench.watch(run, &made.hidden, DATA_STEP_S);
     for (row, (time_s, points)) in run.times_s.iter().zip(seen).enumerate() {
         let mut cells = String::new();
         for (noise, point) in noise.iter_mut().zip(points) {
@@ -138,8 +138,12 @@ fn trajectory<const N: usize>(case: &Case, made: &Made<N>, film: Film, run: &Run
             for (noise, point) in noise.iter_mut().zip(point) {
                 let fresh = NOISE_M * draw.normal();
                 *noise = if row == 0 { fresh } else { keep * *noise + rest * fresh };
-                let off = if is_misread { MISREAD_M * misread.normal() } else { 0.0 };
-                let _ = write!(cells, ",{:.5}", ((point + *noise + off) / GRAIN_M).round() * GRAIN_M);
+                let off = if is_misread { MISREAD_ERROR_M * misread.normal() } else { 0.0 };
+                let _ = write!(
+                    cells,
+                    ",{:.5}",
+                    ((point + *noise + off) / KEYPOINT_RESOLUTION_M).round() * KEYPOINT_RESOLUTION_M
+                );
             }
         }
         if row.is_multiple_of(film.every) {

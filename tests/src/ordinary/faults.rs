@@ -8,9 +8,9 @@ use crate::hidden::three_links::{self, LINKS};
 /// The nominal model without water.
 const IN_AIR: &str = include_str!("../../data/hidden/chain_in_air.xml");
 /// Share of the angles at which drops start in air, where a chain that falls far is chaos.
-const GENTLY: f64 = 0.4;
-/// What of the drawing of a case is for the fault.
-const STREAM: u64 = 21;
+const AIR_DROP_ANGLE_SHARE: f64 = 0.4;
+/// The random stream from which the fault of a case is drawn.
+const FAULT_RANDOM_STREAM: u64 = 21;
 
 /// A kind of fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -130,7 +130,7 @@ pub struct Faulty {
 impl Faulty {
     /// The mechanism of `seed` with what is drawn of `kind`.
     pub fn draw(kind: Kind, seed: u64) -> Self {
-        let mut draw = Draw::new(seed, STREAM);
+        let mut draw = Draw::new(seed, FAULT_RANDOM_STREAM);
         let draw = &mut draw;
         // a damping that is fitted is no candidate
         let fits_damping = match kind {
@@ -209,7 +209,7 @@ fn dry(bench: &mut Bench<LINKS>) {
         link.shape = Ellipsoid::new(link.shape.axes_m, [0.0; 5]);
     }
     for run in bench.runs.iter_mut().filter(|run| !run.is_driven()) {
-        run.motion.held = run.motion.held.map(|angle| GENTLY * angle);
+        run.motion.held = run.motion.held.map(|angle| AIR_DROP_ANGLE_SHARE * angle);
     }
     bench.model = IN_AIR;
 }

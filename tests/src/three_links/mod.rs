@@ -14,7 +14,7 @@ use crate::verbs::{Result, verb};
 use crate::{printed, set};
 
 pub use table::{Rung, table};
-pub use tank::{Told, errors_by_the_tank_mm};
+pub use tank::{CommandForm, errors_by_the_tank_mm};
 
 /// The mechanism, where a fit starts.
 pub const MODEL: &str = include_str!("chain.xml");

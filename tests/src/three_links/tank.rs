@@ -1,4 +1,4 @@
-//! What the tank's own model makes of a driven case: what is left then is how keypoints are read, and how the servo was told.
+//! The errors of a driven case against the tank's own model: what remains is the error of the keypoints and of the servo's command.
 
 use std::path::Path;
 
@@ -8,9 +8,9 @@ use sim::{Command, Integrator, Model, RolloutOptions, State, rollout};
 use super::{Case, SERVO, TANK, TANK_MODEL};
 use crate::verbs::Result;
 
-/// How the servo is told where to be.
+/// The form in which the simulated servo gets its command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Told {
+pub enum CommandForm {
     /// As the profile says, straight from corner to corner.
     Profile,
     /// In whole microseconds of pulse, looked at as often as the tank's servo does.
@@ -18,15 +18,15 @@ pub enum Told {
 }
 
 /// Steps of the simulation \[s\], a tenth of the time between two looks of the servo.
-const STEP_S: f64 = 1e-4;
+const SIMULATION_STEP_S: f64 = 1e-4;
 /// How long a pulse takes to change to the next in a table that knows no steps \[s\].
-const EDGE_S: f64 = 1e-6;
+const STEP_EDGE_S: f64 = 1e-6;
 
 /// Mean distance of P1, P2 and P3, as extracted into `folder`, from where the tank's own model has them once the servo moves \[mm\].
 ///
 /// # Errors
 /// Where `case` is not driven or not there.
-pub fn errors_by_the_tank_mm(case: &Case, folder: &Path, told: Told) -> Result<[f64; 3]> {
+pub fn errors_by_the_tank_mm(case: &Case, folder: &Path, form: CommandForm) -> Result<[f64; 3]> {
     let tank: toml::Table = TANK.parse()?;
     let servo: toml::Table = SERVO.parse()?;
     let number = |key: &str| servo[key].as_float().ok_or_else(|| format!("the servo has no `{key}`"));
@@ -40,27 +40,28 @@ pub fn errors_by_the_tank_mm(case: &Case, folder: &Path, told: Told) -> Result<[
     model.add_cause("servo_lag")?;
     model.set_parameter("servo_lag/time", number("lag_s")?)?;
 
-    let seen = read_trajectory(&folder.join(case.id).join("trajectory.csv"))?;
+    let measured = read_trajectory(&folder.join(case.id).join("trajectory.csv"))?;
     let mut command = read_command(&folder.join(case.id).join("servo.csv"))?;
     let moves_s = command.first_motion_s().ok_or("the servo never moves")?;
-    if told == Told::Pulses {
+    if form == CommandForm::Pulses {
         command = pulses(&command, number("us_per_rad")?, number("period_s")?);
     }
     let start = State { qpos: case.pose_rad.to_vec(), ..model.rest_state() };
     let options = RolloutOptions {
         integrator: Some(Integrator::Euler),
-        timestep_s: Some(STEP_S),
+        timestep_s: Some(SIMULATION_STEP_S),
         ..RolloutOptions::default()
     };
-    let moved = rollout(&model, &start, &command, &seen.time_s, &options)?.trajectory();
+    let simulated = rollout(&model, &start, &command, &measured.time_s, &options)?.trajectory();
     let error_mm = |name: &str| -> Option<f64> {
-        let [own, theirs] =
-            [&seen, &moved].map(|all| all.keypoints.iter().position(|keypoint| keypoint == name));
-        let (own, theirs) = (own?, theirs?);
+        let [measured_column, simulated_column] =
+            [&measured, &simulated].map(|all| all.keypoints.iter().position(|keypoint| keypoint == name));
+        let (measured_column, simulated_column) = (measured_column?, simulated_column?);
         // before, the chain settles into its pose
-        let rows = (0..seen.time_s.len()).filter(|&row| seen.time_s[row] >= moves_s);
+        let rows = (0..measured.time_s.len()).filter(|&row| measured.time_s[row] >= moves_s);
         let distances = rows.filter_map(|row| {
-            let ([x, _, z], [a, _, c]) = (seen.at(row, own), moved.at(row, theirs));
+            let ([x, _, z], [a, _, c]) =
+                (measured.at(row, measured_column), simulated.at(row, simulated_column));
             let distance = (x - a).hypot(z - c);
             distance.is_finite().then_some(distance)
         });
@@ -71,26 +72,26 @@ pub fn errors_by_the_tank_mm(case: &Case, folder: &Path, told: Told) -> Result<[
     Ok(errors)
 }
 
-/// What a servo hears that looks every `period_s` at pulses of whole microseconds.
+/// The command of a servo that reads its pulse every `period_s`, in pulses of whole microseconds.
 fn pulses(command: &Command, us_per_rad: f64, period_s: f64) -> Command {
     let (Some(&from_s), Some(&to_s)) = (command.time_s.first(), command.time_s.last()) else {
         return command.clone();
     };
-    let mut heard =
+    let mut quantised =
         Command { actuators: command.actuators.clone(), time_s: Vec::new(), angle_rad: Vec::new() };
     for look in 0..=((to_s - from_s) / period_s).ceil() as usize {
         let time_s = from_s + look as f64 * period_s;
         let angle_rad = (command.at(0, time_s) * us_per_rad).round() / us_per_rad;
-        let last_rad = heard.angle_rad.last().copied();
+        let last_rad = quantised.angle_rad.last().copied();
         if last_rad == Some(angle_rad) {
             continue;
         }
         if let Some(last_rad) = last_rad {
-            heard.time_s.push(time_s - EDGE_S);
-            heard.angle_rad.push(last_rad);
+            quantised.time_s.push(time_s - STEP_EDGE_S);
+            quantised.angle_rad.push(last_rad);
         }
-        heard.time_s.push(time_s);
-        heard.angle_rad.push(angle_rad);
+        quantised.time_s.push(time_s);
+        quantised.angle_rad.push(angle_rad);
     }
-    heard
+    quantised
 }

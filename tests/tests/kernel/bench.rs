@@ -208,7 +208,7 @@ impl Running {
         let file = std::fs::File::create(&said).expect("a file");
         let mut command = rig(["run".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), runs.as_os_str()]);
         command.args(arguments);
-        Self { process: Background::told(command, file), runs, said }
+        Self { process: Background::with_output(command, file), runs, said }
     }
 
     pub(crate) fn journal_holds(&self, event: &str) -> bool {

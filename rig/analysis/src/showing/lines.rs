@@ -1,33 +1,33 @@
-//! Snapshots as they come through the socket: one a line.
+//! Reads snapshots from the socket: one JSON object per line.
 
-/// No line is longer.
-const MOST_BYTES: usize = 4 << 20;
+/// A longer line is refused \[bytes\]. Chosen.
+const LINE_LIMIT_BYTES: usize = 4 << 20;
 
-/// What comes is longer than any snapshot.
+/// A line is longer than any snapshot can be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("more than {MOST_BYTES} bytes without the end of a line")]
+#[error("more than {LINE_LIMIT_BYTES} bytes without the end of a line")]
 pub struct TooLong;
 
-/// Takes what was read, whole lines or pieces of them.
+/// Joins the pieces that were read into whole lines.
 #[derive(Debug, Default)]
 pub struct Lines {
-    begun: Vec<u8>,
+    partial: Vec<u8>,
 }
 
 impl Lines {
-    /// The newest line that is whole now, without its end; older ones are passed over.
+    /// Adds what was `read`, and returns the newest whole line, without its line feed; older lines are skipped.
     ///
     /// # Errors
     /// [`TooLong`].
     pub fn newest(&mut self, read: &[u8]) -> Result<Option<String>, TooLong> {
-        let before = self.begun.len();
-        self.begun.extend_from_slice(read);
-        let end = self.begun[before..].iter().rposition(|&byte| byte == b'\n').map(|end| before + end);
+        let before = self.partial.len();
+        self.partial.extend_from_slice(read);
+        let end = self.partial[before..].iter().rposition(|&byte| byte == b'\n').map(|end| before + end);
         let Some(end) = end else {
-            return if self.begun.len() > MOST_BYTES { Err(TooLong) } else { Ok(None) };
+            return if self.partial.len() > LINE_LIMIT_BYTES { Err(TooLong) } else { Ok(None) };
         };
-        let left = self.begun.split_off(end + 1);
-        let whole = std::mem::replace(&mut self.begun, left);
+        let left = self.partial.split_off(end + 1);
+        let whole = std::mem::replace(&mut self.partial, left);
         let begin = whole[..end].iter().rposition(|&byte| byte == b'\n').map_or(0, |begin| begin + 1);
         Ok(Some(String::from_utf8_lossy(&whole[begin..end]).into_owned()))
     }

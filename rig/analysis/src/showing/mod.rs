@@ -1,16 +1,16 @@
 //! What a job shows of itself while it goes on: the camera's picture with what is found in it, traces of servo and keypoints, clocks and
 //! losses, the fit as it converges. A daemon's page looks at it.
 //!
-//! Whoever works hands over the newest image, or a small record, and never waits: what finds no room is dropped, and looks the poorer
-//! for it. A quiet thread makes [`Snapshot`]s of it, five a second and only while somebody is connected to its Unix socket; each is
-//! whole, so that who misses one has missed nothing but time.
+//! The working threads handles over the newest image, or a small message, and never wait: what finds no room in the queue is dropped. A
+//! thread of low priority makes [`Snapshot`]s of it, five a second and only while a client is connected to its Unix socket. Each
+//! snapshot is complete, so a client that misses one needs only the next.
 //!
-//! - `state`: what is known, and how it is told;
-//! - `servo`: what it was told, what it does, and its board's clock;
+//! - `state`: what is known of the job, and the snapshots made of it;
+//! - `servo`: commanded and measured servo angles, and the board's clock;
 //! - `traces`: the last seconds of angles and keypoints;
-//! - `picture`, `outline`: a small picture, and what lies over it;
-//! - `socket`: the thread, and who listens to it;
-//! - [`lines`]: the other end of the socket.
+//! - `picture`, `outline`: a small picture, and what is drawn over it;
+//! - `socket`: the thread, and its clients;
+//! - [`lines`]: the receiving end of the socket.
 
 pub mod lines;
 mod outline;
@@ -48,29 +48,29 @@ pub use state::{Figures, FitCurve, Snapshot, Value};
 pub use traces::{Line, Traces};
 use vision::ImageRecord;
 
-/// Small records that may wait for the thread: of a fifth of a second.
-const MOST_TOLD: usize = 4096;
-/// The last words of a job wait no longer for the thread and for who listens.
-const LAST_WORDS: Duration = Duration::from_secs(1);
+/// Messages that may wait for the thread; it empties the queue every 200 ms. Chosen.
+const MESSAGE_QUEUE_CAPACITY: usize = 4096;
+/// The end of a job waits no longer than this for the thread to send the last snapshot. Chosen.
+const FINAL_SNAPSHOT_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Where a job hands over what is to be seen of it; nobody's, where it is none.
+/// Handle by which a job publishes its live view; an empty one publishes nothing.
 #[derive(Debug, Clone, Default)]
-pub struct Showing(Option<Arc<Hand>>);
+pub struct Showing(Option<Arc<Handles>>);
 
 #[derive(Debug)]
-struct Hand {
-    told: SyncSender<Told>,
+struct Handles {
+    messages: SyncSender<Message>,
     slots: Arc<Slots>,
     thread: Thread,
 }
 
-/// What of several only the newest is looked at.
+/// Data of which only the newest item is shown.
 #[derive(Debug, Default)]
 struct Slots {
     filmed: Newest<Arc<CameraImage>>,
     found: Newest<Found>,
     counted: Newest<(ImageCount, Behind)>,
-    /// Somebody is connected.
+    /// Whether a client is connected.
     watched: AtomicBool,
 }
 
@@ -84,7 +84,7 @@ impl<T> Default for Newest<T> {
 }
 
 impl<T> Newest<T> {
-    /// In place of what was there, unless that is just being taken.
+    /// Replaces the item, unless it is just being taken.
     fn put(&self, newer: impl FnOnce() -> T) {
         if let Ok(mut slot) = self.0.try_lock() {
             *slot = Some(newer());
@@ -96,7 +96,7 @@ impl<T> Newest<T> {
     }
 
     fn take(&self) -> Option<T> {
-        // one that is being filled is there at the next look
+        // an item that is just being written is taken next time
         self.0.try_lock().ok()?.take()
     }
 }
@@ -130,14 +130,14 @@ impl Listener for ShowingRun<'_> {
     }
 }
 
-/// An image that was looked at, and what was found in it.
+/// An image, and what was extracted from it.
 #[derive(Debug)]
 struct Found {
     image: TimedImage,
     record: ImageRecord,
 }
 
-/// What is filmed, and with what.
+/// The run that is filmed, its camera's rate and its servo.
 #[derive(Debug, Clone)]
 struct Filming {
     run: String,
@@ -147,27 +147,28 @@ struct Filming {
     mirrored: bool,
 }
 
+/// A message to the thread that makes snapshots.
 #[derive(Debug)]
-enum Told {
+enum Message {
     Film(Box<Filming>),
     /// What goes on, and how many steps it has where that is known.
     Stage(String, Option<u64>),
     Step(u64),
     Servo(ServoEvent),
     Command(ServoCommand),
-    /// How keypoints and the axes of their plane are called.
+    /// Names of the keypoints, and the axes of their plane.
     Keypoints(Vec<String>, View),
-    /// Where they were at this time \[s\], in that plane \[m\].
-    Placed(f64, Vec<[f64; 2]>),
-    /// Where a fit stands, and which one it is.
-    Fit(&'static str, Box<Standing>),
-    /// Nothing follows; an answer is waited for.
+    /// Time \[s\] and positions of the keypoints in that plane \[m\].
+    KeypointPositions(f64, Vec<[f64; 2]>),
+    /// Name and progress of a fit.
+    Fit(&'static str, Box<FitProgress>),
+    /// The last message; the sender waits for an answer.
     End(SyncSender<()>),
 }
 
-/// Where a fit stands.
+/// Progress of a fit.
 #[derive(Debug, Clone)]
-struct Standing {
+struct FitProgress {
     phase: &'static str,
     evaluations: u64,
     max_evaluations: u64,
@@ -178,14 +179,14 @@ struct Standing {
 }
 
 impl Showing {
-    /// On a socket at `path`, as job `job`. Where that cannot be, the log says why, and nothing is shown.
+    /// Publishes on a socket at `path`, as job `job`. If the socket cannot be opened, the log says why, and nothing is published.
     pub fn open(path: &Path, job: i64) -> Self {
-        let (told, heard) = sync_channel(MOST_TOLD);
+        let (messages, receiver) = sync_channel(MESSAGE_QUEUE_CAPACITY);
         let slots = Arc::new(Slots::default());
-        match socket::start(path, job, heard, Arc::clone(&slots)) {
-            Ok(thread) => Self(Some(Arc::new(Hand { told, slots, thread }))),
+        match socket::start(path, job, receiver, Arc::clone(&slots)) {
+            Ok(thread) => Self(Some(Arc::new(Handles { messages, slots, thread }))),
             Err(error) => {
-                tracing::warn!("nothing of this job is shown while it goes on: {}: {error}", path.display());
+                tracing::warn!("the live view of this job is not available: {}: {error}", path.display());
                 Self::default()
             }
         }
@@ -196,21 +197,21 @@ impl Showing {
         ShowingRun { showing: self, config, phase: "" }
     }
 
-    fn tell(&self, told: impl FnOnce() -> Told) {
-        if let Some(hand) = &self.0 {
-            let _ = hand.told.try_send(told());
+    fn send(&self, message: impl FnOnce() -> Message) {
+        if let Some(handles) = &self.0 {
+            let _ = handles.messages.try_send(message());
         }
     }
 
-    /// `run`, of `config`, begins to be filmed; its times count from `origin`, and the camera promises `fps` images a second. What was
-    /// known of a run before it is forgotten.
+    /// The filming of `run`, of `config`, begins; its times count from `origin`, and the camera promises `fps` images a second. The
+    /// data of an earlier run are dropped.
     fn film(&self, run: &RunId, config: &RigConfig, origin: MonotonicNs, fps: f64) {
-        if let Some(hand) = &self.0 {
-            // what nobody has looked at
-            drop((hand.slots.filmed.take(), hand.slots.found.take(), hand.slots.counted.take()));
+        if let Some(handles) = &self.0 {
+            // nobody has taken these
+            drop((handles.slots.filmed.take(), handles.slots.found.take(), handles.slots.counted.take()));
         }
-        self.tell(|| {
-            Told::Film(Box::new(Filming {
+        self.send(|| {
+            Message::Film(Box::new(Filming {
                 run: run.to_string(),
                 origin,
                 fps,
@@ -220,66 +221,66 @@ impl Showing {
         });
     }
 
-    /// What goes on now, and how many steps it has where that is known.
+    /// Begins a stage called `name`; `steps` is how many steps it has, where that is known.
     pub fn stage(&self, name: &str, steps: Option<u64>) {
-        self.tell(|| Told::Stage(name.into(), steps));
+        self.send(|| Message::Stage(name.into(), steps));
     }
 
-    /// So many steps are done.
+    /// `done` steps of the stage are done.
     pub fn step(&self, done: u64) {
-        self.tell(|| Told::Step(done));
+        self.send(|| Message::Step(done));
     }
 
     /// The next image received.
     fn image(&self, image: &Arc<CameraImage>) {
-        if let Some(hand) = &self.0 {
-            hand.slots.filmed.put(|| Arc::clone(image));
+        if let Some(handles) = &self.0 {
+            handles.slots.filmed.put(|| Arc::clone(image));
         }
     }
 
-    /// What was received so far, and what of it waits for the disk.
+    /// Images received so far, and how much data waits for the disk.
     fn counted(&self, images: &ImageCount, behind: Behind) {
-        if let Some(hand) = &self.0 {
-            hand.slots.counted.put(|| (images.clone(), behind));
+        if let Some(handles) = &self.0 {
+            handles.slots.counted.put(|| (images.clone(), behind));
         }
     }
 
     /// The next event of the board.
     fn servo(&self, event: &ServoEvent) {
-        self.tell(|| Told::Servo(event.clone()));
+        self.send(|| Message::Servo(event.clone()));
     }
 
-    /// What the board was told next.
+    /// The next command to the board.
     fn command(&self, command: &ServoCommand) {
-        self.tell(|| Told::Command(command.clone()));
+        self.send(|| Message::Command(command.clone()));
     }
 
-    /// Keypoints are looked for: what they are called, and in which plane they are.
+    /// Names of the keypoints that are extracted, and the plane they are in.
     pub fn keypoints(&self, names: &[String], view: View) {
-        self.tell(|| Told::Keypoints(names.to_vec(), view));
+        self.send(|| Message::Keypoints(names.to_vec(), view));
     }
 
-    /// What was found in the next images, one record for each.
+    /// What was extracted from the next images, one record for each.
     pub fn found(&self, images: &[TimedImage], records: &[ImageRecord]) {
-        let Some(hand) = &self.0 else { return };
+        let Some(handles) = &self.0 else { return };
         for record in records {
             let metres = || record.keypoints.iter().map(|keypoint| keypoint.metres).collect();
-            self.tell(|| Told::Placed(record.time_s, metres()));
+            self.send(|| Message::KeypointPositions(record.time_s, metres()));
         }
-        // a copy of a picture costs something: only where somebody looks, and has taken the last one
-        let wanted = hand.slots.watched.load(Ordering::Relaxed) && hand.slots.found.is_empty();
+        // copying a picture takes time: only for a connected client, and after the last one was taken
+        let wanted = handles.slots.watched.load(Ordering::Relaxed) && handles.slots.found.is_empty();
         if let (true, Some((image, record))) = (wanted, images.iter().zip(records).next_back()) {
-            hand.slots.found.put(|| Found { image: image.clone(), record: record.clone() });
+            handles.slots.found.put(|| Found { image: image.clone(), record: record.clone() });
         }
     }
 
-    /// Where the fit called `which` stands.
+    /// Progress of the fit called `which`.
     pub fn fit(&self, which: &'static str, progress: &Progress<'_>) {
         let named = |(parameter, &value): (&ident::parameters::FreeParameter, &f64)| Value {
             name: parameter.name().into(),
             value,
         };
-        let standing = || Standing {
+        let fit_progress = || FitProgress {
             phase: progress.phase,
             evaluations: progress.evaluations,
             max_evaluations: progress.max_evaluations,
@@ -287,18 +288,19 @@ impl Showing {
             is_rough: progress.is_rough,
             values: progress.parameters.free.iter().zip(progress.values).map(named).collect(),
         };
-        self.tell(|| Told::Fit(which, Box::new(standing())));
+        self.send(|| Message::Fit(which, Box::new(fit_progress())));
     }
 
-    /// Nothing follows. Whoever looks gets the last of it, if that takes no time worth speaking of.
+    /// Ends the live view. Connected clients get the last snapshot, for which it waits a second at most.
     pub fn end(&self) {
-        let Some(hand) = self.0.as_ref().filter(|hand| hand.slots.watched.load(Ordering::Relaxed)) else {
+        let Some(handles) = self.0.as_ref().filter(|handles| handles.slots.watched.load(Ordering::Relaxed))
+        else {
             return;
         };
         let (answer, answered): (_, Receiver<()>) = sync_channel(1);
-        if hand.told.try_send(Told::End(answer)).is_ok() {
-            hand.thread.unpark();
-            let _ = answered.recv_timeout(LAST_WORDS);
+        if handles.messages.try_send(Message::End(answer)).is_ok() {
+            handles.thread.unpark();
+            let _ = answered.recv_timeout(FINAL_SNAPSHOT_TIMEOUT);
         }
     }
 }

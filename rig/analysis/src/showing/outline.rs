@@ -5,10 +5,10 @@ use std::collections::HashMap;
 use camera::calibration::Px;
 use vision::Mask;
 
-/// A line that is shorter is a speck \[px\].
-const LEAST_STEPS: usize = 12;
-/// So far a line may pass beside the pixels' corners \[px\]: takes the stairs out of a slope.
-const TOLERANCE_PX: f64 = 0.75;
+/// A shorter outline is a speck and is left out \[px\]. Chosen.
+const OUTLINE_MIN_LENGTH_PX: usize = 12;
+/// Distance by which a simplified outline may miss the pixels' corners \[px\]; smooths the steps of a slope. Chosen.
+const OUTLINE_TOLERANCE_PX: f64 = 0.75;
 
 /// A corner of a pixel.
 type Corner = [usize; 2];
@@ -18,13 +18,13 @@ pub(super) fn outline(mask: &Mask) -> Vec<Vec<Px>> {
     let mut sides: HashMap<Corner, Vec<Corner>> = HashMap::new();
     let mut begins = Vec::new();
     for (x, y) in mask.pixels() {
-        let beside = |dx: isize, dy: isize| mask.at(x as isize + dx, y as isize + dy);
+        let neighbour = |dx: isize, dy: isize| mask.at(x as isize + dx, y as isize + dy);
         // with the inside to the right
         for (is_inside, from, to) in [
-            (beside(0, -1), [x, y], [x + 1, y]),
-            (beside(1, 0), [x + 1, y], [x + 1, y + 1]),
-            (beside(0, 1), [x + 1, y + 1], [x, y + 1]),
-            (beside(-1, 0), [x, y + 1], [x, y]),
+            (neighbour(0, -1), [x, y], [x + 1, y]),
+            (neighbour(1, 0), [x + 1, y], [x + 1, y + 1]),
+            (neighbour(0, 1), [x + 1, y + 1], [x, y + 1]),
+            (neighbour(-1, 0), [x, y + 1], [x, y]),
         ] {
             if !is_inside {
                 sides.entry(from).or_default().push(to);
@@ -40,36 +40,36 @@ pub(super) fn outline(mask: &Mask) -> Vec<Vec<Px>> {
             line.push(at);
             at = next;
         }
-        if line.len() >= LEAST_STEPS {
+        if line.len() >= OUTLINE_MIN_LENGTH_PX {
             lines.push(smooth(&line));
         }
     }
     lines
 }
 
-/// A closed line without the corners that it can do without.
+/// Simplifies a closed line: leaves out the corners that it does not need.
 fn smooth(line: &[Corner]) -> Vec<Px> {
     // the centre of a picture's first pixel is its origin
     let mut points: Vec<Px> = line.iter().map(|corner| corner.map(|c| c as f64 - 0.5)).collect();
-    // where a line begins it cannot do without: a corner, not the middle of a side
+    // the first point always stays, so it has to be a corner, not the middle of a side
     let begin = farthest(&points, points[0]);
     points.rotate_left(begin);
     points.push(points[0]);
     let far = farthest(&points, points[0]);
     let mut kept = vec![0];
-    keep(&points, 0, far, &mut kept);
-    keep(&points, far, points.len() - 1, &mut kept);
+    simplify(&points, 0, far, &mut kept);
+    simplify(&points, far, points.len() - 1, &mut kept);
     kept.pop();
     kept.into_iter().map(|i| points[i]).collect()
 }
 
 /// Of `points` after the one at `from` up to the one at `to`, those that a line has to pass (Douglas and Peucker 1973).
-fn keep(points: &[Px], from: usize, to: usize, kept: &mut Vec<usize>) {
+fn simplify(points: &[Px], from: usize, to: usize, kept: &mut Vec<usize>) {
     let mut open = vec![(from, to)];
     while let Some((from, to)) = open.pop() {
-        let off = |i: &usize| beside(points[*i], points[from], points[to]);
+        let off = |i: &usize| line_distance(points[*i], points[from], points[to]);
         let farthest = (from + 1..to).max_by(|a, b| off(a).total_cmp(&off(b)));
-        match farthest.filter(|i| off(i) > TOLERANCE_PX) {
+        match farthest.filter(|i| off(i) > OUTLINE_TOLERANCE_PX) {
             Some(middle) => open.extend([(middle, to), (from, middle)]),
             None => kept.push(to),
         }
@@ -87,7 +87,7 @@ fn distance(a: Px, b: Px) -> f64 {
 }
 
 /// How far `point` is from the line through `a` and `b`.
-fn beside(point: Px, a: Px, b: Px) -> f64 {
+fn line_distance(point: Px, a: Px, b: Px) -> f64 {
     let length = distance(a, b);
     if length == 0.0 {
         return distance(point, a);

@@ -1,4 +1,4 @@
-//! A small picture, and what was found in it.
+//! A reduced picture for the live page, and the overlay of what was extracted from it.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -13,20 +13,20 @@ use camera::calibration::Px;
 use vision::ImageRecord;
 use vision::record::{Status, sparse};
 
-/// No picture is wider, nor higher \[px\].
-const MOST_PX: u32 = 640;
+/// Longer side of a picture at most \[px\]. Chosen.
+const PICTURE_MAX_SIDE_PX: u32 = 640;
 const JPEG_QUALITY: u8 = 70;
 
-/// The camera's picture, made small, with what lies over it.
+/// The camera's picture, reduced, with its overlay.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct Picture {
     /// When it was taken, since the run began \[s\].
     pub time_s: f64,
-    /// Width and height of the camera's picture \[px\]: what lies over it is in these.
+    /// Width and height of the camera's picture \[px\]; the overlay uses these coordinates.
     pub size_px: [u32; 2],
     /// The picture, a JPEG file in base64; at most 640 px wide.
     pub jpeg: String,
-    /// What was found in it; left out of one that was not looked at yet.
+    /// What was extracted from it; left out of a picture that is not processed yet.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub found: Option<Overlay>,
 }
@@ -37,16 +37,16 @@ pub struct Overlay {
     /// `ok`, `doubtful` or `rejected`.
     #[schema(value_type = String)]
     pub status: Status,
-    /// Why not `ok`.
+    /// Why the status is not `ok`.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub reason: String,
     /// The silhouette's edge: closed lines \[px\].
     #[schema(value_type = Vec<Vec<[f64; 2]>>)]
     pub outline: Vec<Vec<Px>>,
-    /// The middle line, base first \[px\].
+    /// The centreline, base first \[px\].
     #[schema(value_type = Vec<[f64; 2]>)]
     pub centreline: Vec<Px>,
-    /// The keypoints that are seen.
+    /// The keypoints that are visible.
     pub keypoints: Vec<Spot>,
 }
 
@@ -63,12 +63,12 @@ pub struct Spot {
 }
 
 impl Picture {
-    /// `grey`, taken at `time_s`; none of what is no picture.
+    /// A picture of `grey`, taken at `time_s`; none of an empty image.
     pub(super) fn of(grey: &GrayImage, time_s: f64, found: Option<Overlay>) -> Option<Self> {
         let (width, height) = grey.dimensions();
         let most = width.max(height);
-        let small = (most > MOST_PX).then(|| {
-            let side = |side: u32| (side * MOST_PX / most).max(1);
+        let small = (most > PICTURE_MAX_SIDE_PX).then(|| {
+            let side = |side: u32| (side * PICTURE_MAX_SIDE_PX / most).max(1);
             imageops::resize(grey, side(width), side(height), FilterType::Triangle)
         });
         let mut jpeg = Vec::new();
@@ -85,7 +85,7 @@ impl Picture {
 }
 
 impl Overlay {
-    /// What `record` holds, its keypoints called `names`.
+    /// The overlay of `record`, whose keypoints are called `names`.
     pub(super) fn of(record: &ImageRecord, names: &[String]) -> Self {
         let tenth = |px: &Px| px.map(|c| rounded(c, 10.0));
         let spot = |(i, keypoint): (usize, &vision::Keypoint)| {
@@ -106,7 +106,7 @@ impl Overlay {
     }
 }
 
-/// To so many parts of one: nobody sees more, and it is sent five times a second.
+/// Rounds `value` to multiples of `1 / parts`: enough for display, and short to send five times a second.
 pub(super) fn rounded(value: f64, parts: f64) -> f64 {
     (value * parts).round() / parts
 }

@@ -1,4 +1,4 @@
-//! The thread that shows, and who is connected to it.
+//! The thread that sends snapshots, and the clients connected to it.
 
 use std::io::{ErrorKind, Write as _};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -10,24 +10,24 @@ use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use super::state::State;
-use super::{LAST_WORDS, Slots, Told};
+use super::{FINAL_SNAPSHOT_TIMEOUT, Message, Slots};
 use ground::urgency::Urgency;
 
-/// Between two looks at what was handed over: five pictures a second.
-const LOOK_EVERY: Duration = Duration::from_millis(200);
-/// Where nothing has changed, all of it is told again after so long: for who came late or missed some.
-const AGAIN_AFTER: Duration = Duration::from_secs(2);
-/// More may not listen: it is meant for the daemon.
-const MOST_LISTENERS: usize = 4;
+/// Time between two snapshots: five pictures a second. Chosen.
+const SNAPSHOT_INTERVAL: Duration = Duration::from_millis(200);
+/// Where nothing has changed, the whole snapshot is sent again after this time, for clients that missed one. Chosen.
+const RESEND_INTERVAL: Duration = Duration::from_secs(2);
+/// Clients at most; the socket is meant for the daemon alone. Chosen.
+const MAX_CLIENTS: usize = 4;
 
-/// Begins to show what is told, on a socket at `path`.
+/// Starts the thread that sends snapshots made of `messages` and `slots` on a socket at `path`.
 ///
 /// # Errors
 /// What the system says, for instance of a path of more than 107 bytes.
 pub(super) fn start(
     path: &Path,
     job: i64,
-    told: Receiver<Told>,
+    messages: Receiver<Message>,
     slots: Arc<Slots>,
 ) -> std::io::Result<Thread> {
     match std::fs::remove_file(path) {
@@ -37,38 +37,38 @@ pub(super) fn start(
     let listener = UnixListener::bind(path)?;
     listener.set_nonblocking(true)?;
     let path = path.to_owned();
-    let shower = Shower { listener, told, slots, state: State::new(job), listeners: Vec::new() };
+    let server = Server { listener, messages, slots, state: State::new(job), clients: Vec::new() };
     let thread = std::thread::Builder::new().name("showing".into()).spawn(move || {
         Urgency::Computing.take();
-        let asks = shower.show();
-        // one that is left behind would only mislead
+        let end_request = server.serve();
+        // a socket file without a server would only mislead
         let _ = std::fs::remove_file(path);
-        if let Some(asks) = asks {
-            let _ = asks.try_send(());
+        if let Some(end_request) = end_request {
+            let _ = end_request.try_send(());
         }
     })?;
     Ok(thread.thread().clone())
 }
 
-struct Shower {
+struct Server {
     listener: UnixListener,
-    told: Receiver<Told>,
+    messages: Receiver<Message>,
     slots: Arc<Slots>,
     state: State,
-    listeners: Vec<Listener>,
+    clients: Vec<Client>,
 }
 
-impl Shower {
-    /// Until nobody tells anything any more; gives who waits for that.
-    fn show(mut self) -> Option<SyncSender<()>> {
-        let mut told_at: Option<Instant> = None;
+impl Server {
+    /// Sends snapshots until the end is requested or all senders are gone; returns where to acknowledge a requested end.
+    fn serve(mut self) -> Option<SyncSender<()>> {
+        let mut sent_at: Option<Instant> = None;
         loop {
             let (mut changed, mut over) = (false, None);
             loop {
-                match self.told.try_recv() {
-                    Ok(Told::End(asks)) => over = Some(Some(asks)),
-                    Ok(told) => {
-                        self.state.hear(told);
+                match self.messages.try_recv() {
+                    Ok(Message::End(end_request)) => over = Some(Some(end_request)),
+                    Ok(message) => {
+                        self.state.apply(message);
                         changed = true;
                     }
                     Err(TryRecvError::Empty) => break,
@@ -78,85 +78,85 @@ impl Shower {
                     }
                 }
             }
-            changed |= self.state.look(&self.slots);
-            let is_new = self.welcome();
-            if !self.listeners.is_empty() {
-                let again = told_at.is_none_or(|at| at.elapsed() >= AGAIN_AFTER);
+            changed |= self.state.poll(&self.slots);
+            let is_new = self.accept_clients();
+            if !self.clients.is_empty() {
+                let again = sent_at.is_none_or(|at| at.elapsed() >= RESEND_INTERVAL);
                 let picture = self.state.picture(&self.slots, is_new || again || over.is_some());
                 if changed || is_new || again || picture.is_some() {
                     if again || picture.is_some() {
-                        told_at = Some(Instant::now());
+                        sent_at = Some(Instant::now());
                     }
                     let line = self.state.line(picture);
                     match over {
                         Some(_) => self.end(&line),
-                        None => self.tell(&line),
+                        None => self.send(&line),
                     }
                 }
             }
-            if let Some(asks) = over {
-                return asks;
+            if let Some(end_request) = over {
+                return end_request;
             }
-            std::thread::park_timeout(LOOK_EVERY);
+            std::thread::park_timeout(SNAPSHOT_INTERVAL);
         }
     }
 
-    /// Lets in who knocks; whether somebody did.
-    fn welcome(&mut self) -> bool {
+    /// Accepts new clients; whether there were any.
+    fn accept_clients(&mut self) -> bool {
         let mut is_new = false;
         while let Ok((stream, _)) = self.listener.accept() {
-            if self.listeners.len() < MOST_LISTENERS && stream.set_nonblocking(true).is_ok() {
-                self.listeners.push(Listener { stream, begun: Vec::new() });
+            if self.clients.len() < MAX_CLIENTS && stream.set_nonblocking(true).is_ok() {
+                self.clients.push(Client { stream, unsent: Vec::new() });
                 is_new = true;
             }
         }
-        self.slots.watched.store(!self.listeners.is_empty(), Ordering::Relaxed);
+        self.slots.watched.store(!self.clients.is_empty(), Ordering::Relaxed);
         is_new
     }
 
-    fn tell(&mut self, line: &[u8]) {
-        self.listeners.retain_mut(|listener| listener.offer(line).is_ok());
+    fn send(&mut self, line: &[u8]) {
+        self.clients.retain_mut(|client| client.send(line).is_ok());
     }
 
-    /// The last line, for which no later one makes up: it waits a moment for who reads slowly.
+    /// Sends the last line. No later one replaces it, so slow clients get a moment to read it.
     fn end(&mut self, line: &[u8]) {
-        let ends = Instant::now() + LAST_WORDS / 2;
-        for Listener { mut stream, begun } in self.listeners.drain(..) {
+        let ends = Instant::now() + FINAL_SNAPSHOT_TIMEOUT / 2;
+        for Client { mut stream, unsent } in self.clients.drain(..) {
             let left = ends.saturating_duration_since(Instant::now()).max(Duration::from_millis(1));
             let patient = stream.set_nonblocking(false).and_then(|()| stream.set_write_timeout(Some(left)));
-            // who does not take it has gone, or will look at what the job left
-            let _ = patient.and_then(|()| stream.write_all(&begun)).and_then(|()| stream.write_all(line));
+            // a client that does not take it has gone, or will read the job's files
+            let _ = patient.and_then(|()| stream.write_all(&unsent)).and_then(|()| stream.write_all(line));
         }
     }
 }
 
-/// Somebody who is connected.
-struct Listener {
+/// A connected client.
+struct Client {
     stream: UnixStream,
-    /// What is left of a line that was begun.
-    begun: Vec<u8>,
+    /// The rest of a line of which a part was sent.
+    unsent: Vec<u8>,
 }
 
-impl Listener {
-    /// Sends `line`, or as much of it as there is room for; nothing of it as long as an earlier one is not through.
+impl Client {
+    /// Sends `line`, or as much of it as there is room for; nothing of it before the rest of an earlier line is sent.
     ///
     /// # Errors
-    /// Where nobody listens any more.
-    fn offer(&mut self, line: &[u8]) -> std::io::Result<()> {
-        let mut begun = std::mem::take(&mut self.begun);
-        let sent = send(&mut self.stream, &begun)?;
-        if sent < begun.len() {
-            self.begun = begun.split_off(sent);
+    /// Where the client has disconnected.
+    fn send(&mut self, line: &[u8]) -> std::io::Result<()> {
+        let mut unsent = std::mem::take(&mut self.unsent);
+        let sent = write_available(&mut self.stream, &unsent)?;
+        if sent < unsent.len() {
+            self.unsent = unsent.split_off(sent);
             return Ok(());
         }
-        let sent = send(&mut self.stream, line)?;
-        self.begun = line[sent..].to_vec();
+        let sent = write_available(&mut self.stream, line)?;
+        self.unsent = line[sent..].to_vec();
         Ok(())
     }
 }
 
-/// Writes what there is room for; gives how much that was.
-fn send(stream: &mut UnixStream, bytes: &[u8]) -> std::io::Result<usize> {
+/// Writes as much as there is room for; returns the number of bytes.
+fn write_available(stream: &mut UnixStream, bytes: &[u8]) -> std::io::Result<usize> {
     let mut sent = 0;
     while sent < bytes.len() {
         match stream.write(&bytes[sent..]) {
@@ -178,12 +178,12 @@ mod tests {
     use crate::showing::lines::Lines;
 
     #[test]
-    fn listener_that_stalls_misses_whole_lines_and_gets_no_broken_ones() {
+    fn client_that_stalls_misses_whole_lines_and_gets_no_broken_ones() {
         let (near, mut far) = UnixStream::pair().unwrap();
         near.set_nonblocking(true).unwrap();
-        let mut listener = Listener { stream: near, begun: Vec::new() };
+        let mut client = Client { stream: near, unsent: Vec::new() };
         let line = |k: u32| format!("{k} {}\n", "x".repeat(50_000)).into_bytes();
-        (0..100).for_each(|k| listener.offer(&line(k)).unwrap());
+        (0..100).for_each(|k| client.send(&line(k)).unwrap());
         // it reads again
         far.set_nonblocking(true).unwrap();
         let (mut lines, mut came) = (Lines::default(), Vec::new());
@@ -192,7 +192,7 @@ mod tests {
             while let Ok(count) = far.read(&mut piece) {
                 came.extend(lines.newest(&piece[..count]).unwrap());
             }
-            listener.offer(&line(k)).unwrap();
+            client.send(&line(k)).unwrap();
         }
         let numbers: Vec<u32> = came
             .iter()
@@ -206,6 +206,6 @@ mod tests {
         assert!(numbers.windows(2).any(|pair| pair[1] > pair[0] + 50), "it missed some: {numbers:?}");
         assert_eq!(numbers.last(), Some(&108));
         drop(far);
-        assert!(listener.offer(b"gone\n").is_err());
+        assert!(client.send(b"gone\n").is_err());
     }
 }

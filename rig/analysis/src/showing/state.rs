@@ -1,4 +1,4 @@
-//! What is known of a job, and how it is told.
+//! What is known of a job, and the snapshots made of it.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -9,31 +9,31 @@ use utoipa::ToSchema;
 use super::picture::rounded;
 use super::servo::{Clock, Servo};
 use super::traces::{Traces, Window};
-use super::{Filming, Found, Overlay, Picture, Slots, Standing, Told};
+use super::{Filming, FitProgress, Found, Message, Overlay, Picture, Slots};
 use camera::calibration::View;
 use ground::clock::MonotonicNs;
 use images::TimedImage;
 use record::recording::Behind;
 use run::film::ImageCount;
 
-/// A picture with keypoints is shown in place of a newer one without as long as it is no older \[s\].
-const OLDEST_FOUND_S: f64 = 2.0;
-/// Images a second are counted over so long.
-const RATE_OVER: Duration = Duration::from_secs(2);
-/// Points of a fit's curve; of more, every second one is left out.
-const MOST_POINTS: usize = 240;
+/// A picture with keypoints is shown in place of a newer one without until it is this old \[s\]. Chosen.
+const ANNOTATED_PICTURE_MAX_AGE_S: f64 = 2.0;
+/// Time over which the image rate is counted. Chosen.
+const IMAGE_RATE_WINDOW: Duration = Duration::from_secs(2);
+/// Points of a fit's curve at most; of more, every second one is left out. Chosen.
+const CURVE_MAX_POINTS: usize = 240;
 
 /// All that is shown of a job at an instant.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Snapshot<'a> {
     /// The job.
     pub job: i64,
-    /// The run that is, or was, filmed: what is told of a job is of one run, and nothing of an earlier one is in it.
+    /// The run that is, or was, filmed. All of a snapshot belongs to this one run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<&'a str>,
-    /// What goes on.
+    /// The stage that is under way.
     pub stage: &'a str,
-    /// How many of how many steps of it are done, where that is known.
+    /// Steps done and all steps of the stage, where known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub steps: Option<[u64; 2]>,
     /// The newest picture; left out where it is still the one before, for two seconds at most.
@@ -41,7 +41,7 @@ pub struct Snapshot<'a> {
     pub picture: Option<Picture>,
     /// The last 20 s of angles and keypoints.
     pub traces: Vec<Traces>,
-    /// Of a run that is, or was, filmed: what came, what was lost, and how its clocks go.
+    /// Counts of images, and clocks, of the run that is, or was, filmed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub figures: Option<Figures>,
     /// The newest fit.
@@ -49,7 +49,7 @@ pub struct Snapshot<'a> {
     pub fit: Option<&'a FitCurve>,
 }
 
-/// What came, what was lost, and how clocks go.
+/// Counts of images, amount of waiting data, and clocks.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct Figures {
     /// Images received.
@@ -62,14 +62,14 @@ pub struct Figures {
     pub repeated: u64,
     /// Images stamped not later than the one before.
     pub stale: u64,
-    /// Images a second, over the last two, while they come.
+    /// Images a second, over the last two seconds, while filming.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fps: Option<f64>,
-    /// Images a second that the camera has promised.
+    /// Images a second that the camera promises.
     pub promised_fps: f64,
-    /// What waits for the disk \[MiB\].
+    /// Data that wait for the disk \[MiB\].
     pub waiting_mib: usize,
-    /// What may wait before images are lost \[MiB\].
+    /// Data that may wait before images are lost \[MiB\].
     pub queue_mib: usize,
     /// How far the keypoints are behind the camera, while it films \[s\].
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -82,22 +82,22 @@ pub struct Figures {
     pub start_late_s: Option<f64>,
 }
 
-/// How a fit came to where it is.
+/// The course of a fit so far.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct FitCurve {
-    /// Which fit.
+    /// Name of the fit.
     pub name: &'static str,
     /// `search` or `descent`.
     pub phase: &'static str,
     /// Parameter vectors tried so far.
     pub evaluations: u64,
-    /// The most there will be.
+    /// Upper limit of the evaluations.
     pub max_evaluations: u64,
     /// After so many evaluations, the best root mean square of the keypoints' errors \[m\], over all images.
     pub curve: Vec<(u64, f64)>,
     /// The same over the fewer images of the first part of the motion, on which a descent goes most of its way.
     pub rough: Vec<(u64, f64)>,
-    /// Where the parameters are, SI.
+    /// Current values of the parameters, SI.
     pub parameters: Vec<Value>,
 }
 
@@ -117,18 +117,18 @@ pub(super) struct State {
     stage: String,
     steps: Option<[u64; 2]>,
     filming: Option<Filming>,
-    /// Images still come.
-    rolls: bool,
+    /// Whether images are still expected.
+    is_filming: bool,
     counted: Option<(ImageCount, Behind)>,
-    /// Images received by when.
+    /// Times and counts of images received.
     received: VecDeque<(Instant, u64)>,
     servo: Servo,
-    names: Vec<String>,
+    keypoint_names: Vec<String>,
     view: View,
-    placed: Window,
-    /// When the newest image was taken, and the newest one with keypoints \[s\].
-    filmed_s: Option<f64>,
-    placed_s: Option<f64>,
+    positions: Window,
+    /// Times of the newest image and of the newest image with keypoints \[s\].
+    last_image_s: Option<f64>,
+    last_keypoints_s: Option<f64>,
     picture: Option<Picture>,
     fit: Option<FitCurve>,
 }
@@ -140,56 +140,56 @@ impl State {
             stage: "starting".into(),
             steps: None,
             filming: None,
-            rolls: false,
+            is_filming: false,
             counted: None,
             received: VecDeque::new(),
             servo: Servo::default(),
-            names: Vec::new(),
+            keypoint_names: Vec::new(),
             view: View::default(),
-            placed: Window::default(),
-            filmed_s: None,
-            placed_s: None,
+            positions: Window::default(),
+            last_image_s: None,
+            last_keypoints_s: None,
             picture: None,
             fit: None,
         }
     }
 
-    /// Takes in what was told.
-    pub(super) fn hear(&mut self, told: Told) {
-        match told {
-            Told::Film(filming) => {
-                *self = Self { filming: Some(*filming), rolls: true, ..Self::new(self.job) };
+    /// Applies a message.
+    pub(super) fn apply(&mut self, message: Message) {
+        match message {
+            Message::Film(filming) => {
+                *self = Self { filming: Some(*filming), is_filming: true, ..Self::new(self.job) };
             }
-            Told::Stage(name, steps) => {
+            Message::Stage(name, steps) => {
                 (self.stage, self.steps) = (name, steps.map(|all| [0, all]));
             }
-            Told::Step(done) => {
+            Message::Step(done) => {
                 if let Some([step, _]) = &mut self.steps {
                     *step = done;
                 }
             }
-            Told::Servo(event) => {
+            Message::Servo(event) => {
                 if let Some(filming) = &self.filming {
-                    self.servo.hear(&event, filming);
+                    self.servo.apply_event(&event, filming);
                 }
             }
-            Told::Command(command) => {
-                self.look_at_servo();
-                self.rolls &= !matches!(command, record::ServoCommand::Stop { .. });
-                self.servo.tell(&command);
+            Message::Command(command) => {
+                self.extend_commanded();
+                self.is_filming &= !matches!(command, record::ServoCommand::Stop { .. });
+                self.servo.apply_command(&command);
             }
-            Told::Keypoints(names, view) => (self.names, self.view) = (names, view),
-            Told::Placed(time_s, places) => {
-                self.placed_s = Some(time_s);
-                self.placed.take(time_s, || places.into_iter().flatten().collect());
+            Message::Keypoints(names, view) => (self.keypoint_names, self.view) = (names, view),
+            Message::KeypointPositions(time_s, positions) => {
+                self.last_keypoints_s = Some(time_s);
+                self.positions.push(time_s, || positions.into_iter().flatten().collect());
             }
-            Told::Fit(name, standing) => self.hear_fit(name, *standing),
-            Told::End(_) => {}
+            Message::Fit(name, progress) => self.apply_fit(name, *progress),
+            Message::End(_) => {}
         }
     }
 
-    fn hear_fit(&mut self, name: &'static str, standing: Standing) {
-        let Standing { phase, evaluations, max_evaluations, rms_m, is_rough, values } = standing;
+    fn apply_fit(&mut self, name: &'static str, progress: FitProgress) {
+        let FitProgress { phase, evaluations, max_evaluations, rms_m, is_rough, values } = progress;
         let (mut curve, mut rough) = match self.fit.take() {
             Some(fit) if fit.name == name && fit.evaluations <= evaluations => (fit.curve, fit.rough),
             _ => Default::default(),
@@ -200,45 +200,47 @@ impl State {
         self.fit =
             Some(FitCurve { name, phase, evaluations, max_evaluations, curve, rough, parameters: values });
         if self.stage == name {
-            // it ends long before that many, as a rule: how far it is, its curve says
+            // a fit ends long before that many evaluations as a rule; its curve shows the progress
             self.steps = None;
         }
     }
 
-    /// Looks at what needs no telling; whether it has changed.
-    pub(super) fn look(&mut self, slots: &Slots) -> bool {
-        self.look_at_servo();
+    /// Takes over the newest counts and extends the commanded angles; whether there are new counts.
+    pub(super) fn poll(&mut self, slots: &Slots) -> bool {
+        self.extend_commanded();
         let Some(counted) = slots.counted.take() else { return false };
         let now = Instant::now();
         self.received.push_back((now, counted.0.received));
-        while self.received.front().is_some_and(|(at, _)| now - *at > RATE_OVER) {
+        while self.received.front().is_some_and(|(at, _)| now - *at > IMAGE_RATE_WINDOW) {
             self.received.pop_front();
         }
         self.counted = Some(counted);
         true
     }
 
-    fn look_at_servo(&mut self) {
-        if let (Some(filming), true) = (&self.filming, self.rolls) {
-            self.servo.look(MonotonicNs::now().seconds_since(filming.origin));
+    fn extend_commanded(&mut self) {
+        if let (Some(filming), true) = (&self.filming, self.is_filming) {
+            self.servo.extend_commanded(MonotonicNs::now().seconds_since(filming.origin));
         }
     }
 
-    /// A picture that is newer than the last one; with `again` that one, where there is none.
+    /// A picture that is newer than the last one; where there is none, with `again` the last one once more.
     pub(super) fn picture(&mut self, slots: &Slots, again: bool) -> Option<Picture> {
         let filmed = self.filming.as_ref().zip(slots.filmed.take());
         let filmed = filmed.map(|(filming, image)| {
             (image.mid_exposure.seconds_since(filming.origin), image, filming.origin)
         });
         if let Some((time_s, ..)) = &filmed {
-            self.filmed_s = Some(*time_s);
+            self.last_image_s = Some(*time_s);
         }
-        let is_recent =
-            |time_s: f64| !self.rolls || self.filmed_s.is_none_or(|now_s| now_s - time_s <= OLDEST_FOUND_S);
+        let is_recent = |time_s: f64| {
+            !self.is_filming
+                || self.last_image_s.is_none_or(|now_s| now_s - time_s <= ANNOTATED_PICTURE_MAX_AGE_S)
+        };
         let found = slots.found.take().filter(|found| is_recent(found.image.time_s));
         let newest = match (found, filmed) {
             (Some(Found { image, record }), _) => {
-                let overlay = Overlay::of(&record, &self.names);
+                let overlay = Overlay::of(&record, &self.keypoint_names);
                 image.grey.ok().and_then(|grey| Picture::of(&grey, image.time_s, Some(overlay)))
             }
             // the next one with keypoints comes soon
@@ -262,7 +264,7 @@ impl State {
         }
     }
 
-    /// All of it, with this picture, on a line of its own.
+    /// The snapshot with this picture, as one line of JSON.
     pub(super) fn line(&self, picture: Option<Picture>) -> Vec<u8> {
         let snapshot = Snapshot {
             job: self.job,
@@ -274,7 +276,7 @@ impl State {
             figures: self.figures(),
             fit: self.fit.as_ref(),
         };
-        // numbers and texts in lists: there is nothing in it that JSON cannot say
+        // numbers and texts in lists: JSON can hold all of it
         let mut line = serde_json::to_vec(&snapshot).unwrap_or_default();
         line.push(b'\n');
         line
@@ -283,9 +285,9 @@ impl State {
     fn traces(&self) -> Vec<Traces> {
         let servo = self.filming.as_ref().and_then(|filming| filming.servo.as_ref());
         let angles = servo.into_iter().flat_map(|servo| self.servo.traces(servo));
-        let axes = (0..2).filter(|_| !self.placed.is_empty()).map(|axis| {
+        let axes = (0..2).filter(|_| !self.positions.is_empty()).map(|axis| {
             let (_, name) = self.view.seen_axes()[axis];
-            self.placed.lines(name, "m", &self.names, 1e4, |i| 2 * i + axis)
+            self.positions.lines(name, "m", &self.keypoint_names, 1e4, |i| 2 * i + axis)
         });
         angles.chain(axes).collect()
     }
@@ -298,15 +300,16 @@ impl State {
             }
             _ => None,
         };
-        let newest_s = self.filmed_s.zip(self.placed_s).filter(|_| self.rolls);
-        let behind_s = newest_s.map(|(filmed_s, placed_s)| (filmed_s - placed_s).max(0.0));
+        let newest_s = self.last_image_s.zip(self.last_keypoints_s).filter(|_| self.is_filming);
+        let behind_s =
+            newest_s.map(|(last_image_s, last_keypoints_s)| (last_image_s - last_keypoints_s).max(0.0));
         Some(Figures {
             received: images.received,
             lost: images.lost,
             damaged: images.damaged,
             repeated: images.repeated,
             stale: images.stale,
-            fps: fps.filter(|_| self.rolls).map(|fps| rounded(fps, 10.0)),
+            fps: fps.filter(|_| self.is_filming).map(|fps| rounded(fps, 10.0)),
             promised_fps: filming.fps,
             waiting_mib: behind.waiting_mib,
             queue_mib: behind.queue_mib,
@@ -320,7 +323,7 @@ impl State {
 /// One more point of a curve; every second one is left out where there are too many.
 fn add_point(curve: &mut Vec<(u64, f64)>, point: (u64, f64)) {
     curve.push(point);
-    if curve.len() > MOST_POINTS {
+    if curve.len() > CURVE_MAX_POINTS {
         let last = curve.len() - 1;
         let mut i = 0..;
         curve.retain(|_| i.next().is_some_and(|i| i % 2 == 0 || i == last));

@@ -1,4 +1,4 @@
-//! From the hand that works to whoever is connected.
+//! From the working threads to a connected client.
 
 use std::io::{BufRead, BufReader};
 use std::os::unix::net::UnixStream;
@@ -8,7 +8,7 @@ use super::*;
 use camera::fixtures;
 
 /// Longer than anything here takes, on a machine that does other things too.
-const PATIENCE: Duration = Duration::from_secs(20);
+const TEST_TIMEOUT: Duration = Duration::from_secs(20);
 
 fn line(lines: &mut impl BufRead) -> serde_json::Value {
     let mut line = String::new();
@@ -25,7 +25,7 @@ fn whoever_connects_gets_snapshots_until_the_job_ends() {
     let showing = Showing::open(&path, 7);
     showing.stage("armed", None);
     let stream = UnixStream::connect(&path).unwrap();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
     let mut lines = BufReader::new(stream);
     let first = line(&mut lines);
     assert_eq!((&first["job"], &first["stage"]), (&7.into(), &"armed".into()));
@@ -34,11 +34,11 @@ fn whoever_connects_gets_snapshots_until_the_job_ends() {
     let until = |lines: &mut BufReader<UnixStream>, stage: &str| {
         let began = Instant::now();
         loop {
-            let told = line(lines);
-            if told["stage"] == stage {
-                return told;
+            let snapshot = line(lines);
+            if snapshot["stage"] == stage {
+                return snapshot;
             }
-            assert!(began.elapsed() < PATIENCE, "{told}");
+            assert!(began.elapsed() < TEST_TIMEOUT, "{snapshot}");
         }
     };
     assert_eq!(until(&mut lines, "images")["steps"], serde_json::json!([40, 100]));
@@ -60,13 +60,13 @@ fn nobody_who_hands_over_waits_for_one_who_never_reads() {
     let event = ServoEvent::Started { board_tick_us: 1 };
     let (mut longest, began) = (Duration::ZERO, Instant::now());
     // ten times as many as find room
-    for _ in 0..10 * MOST_TOLD {
+    for _ in 0..10 * MESSAGE_QUEUE_CAPACITY {
         let at = Instant::now();
         showing.image(&image);
         showing.servo(&event);
         longest = longest.max(at.elapsed());
     }
-    println!("{} hand-overs in {:?}, the longest {longest:?}", 10 * MOST_TOLD, began.elapsed());
+    println!("{} hand-overs in {:?}, the longest {longest:?}", 10 * MESSAGE_QUEUE_CAPACITY, began.elapsed());
     // a look at the sockets takes 200 ms: who waited for one would take ten of them
     assert!(began.elapsed() < Duration::from_secs(2), "{:?}", began.elapsed());
     assert!(Arc::strong_count(&image) <= 3, "images pile up: {}", Arc::strong_count(&image));

@@ -1,5 +1,5 @@
-//! A campaign: run, fit, diagnose, design, and the next run, by itself, until what was asked is known, or only a hand can help, or no run
-//! is left of its budget.
+//! A campaign: run, fit, diagnose, design, and the next run, by itself, until its goal is reached, or only work by hand can help, or its
+//! runs are used up.
 //!
 //! - [`record`]: `campaign.json`, what it did and where it stands;
 //! - `next`: what to do after a run.
@@ -18,7 +18,7 @@ use ground::strict::Seconds;
 use ident::experiment::Use;
 use ident::parameters::Parameters;
 
-use super::announce::wait_for_leave;
+use super::announce::wait_until_allowed;
 use super::compose::{compose, degraded};
 use super::experiment::{Experiment, Extent};
 use super::{Failure, Interrupt, Watcher, base, hand_in, read_model};
@@ -79,7 +79,7 @@ impl Campaign<'_> {
                 Next::End(state, says) => {
                     (record.state, record.says) = (state, says);
                     record.write(self.out)?;
-                    watcher.note(&format!("{}: {}", record.state.name(), record.says));
+                    watcher.event(&format!("{}: {}", record.state.name(), record.says));
                     return Ok(record);
                 }
                 Next::Run { .. } if record.runs.len() >= self.max_runs => {
@@ -92,7 +92,7 @@ impl Campaign<'_> {
             if !record.runs.is_empty() {
                 self.rest(rest, interrupt, watcher).await?;
             }
-            watcher.note(&format!("run {} of at most {}: {why}", record.runs.len() + 1, self.max_runs));
+            watcher.event(&format!("run {} of at most {}: {why}", record.runs.len() + 1, self.max_runs));
             let begins_by_itself = !record.runs.is_empty();
             let run = self.run(&config, begins_by_itself, interrupt, watcher).await?;
             record.runs.push(Made { run, config, why });
@@ -108,7 +108,7 @@ impl Campaign<'_> {
         }
     }
 
-    /// Sees that the fit will find the parameters of the goal.
+    /// Checks that the fit has the parameters of the goal.
     fn check(&self, config: &RigConfig) -> Result<(), Failure> {
         let Goal::Precision(targets) = &self.goal else { return Ok(()) };
         let model = read_model(&base(self.config).join(&config.run.model))?;
@@ -148,7 +148,7 @@ impl Campaign<'_> {
     ) -> Result<RunId, Failure> {
         let config = RigConfig::read(path).map_err(Failure::input)?;
         if begins_by_itself {
-            wait_for_leave(&config, self.runs_dir, interrupt, watcher).await?;
+            wait_until_allowed(&config, self.runs_dir, interrupt, watcher).await?;
         }
         let announced = begins_by_itself || hand_in::is_job();
         let done = self.experiment(&config, path, announced).carry_out(interrupt, watcher).await?;
@@ -160,7 +160,7 @@ impl Campaign<'_> {
         let folder = self.out.folder(&format!("after-{}", record.runs.len()));
         let paths: Vec<PathBuf> =
             record.runs.iter().map(|made| self.runs_dir.join(made.run.as_str())).collect();
-        // what lacks too many images is no evidence
+        // degraded runs are not used
         let whole = paths.iter().filter(|path| degraded(path).is_none());
         let runs: Vec<(Use, &Path)> = whole.map(|path| (Use::Fit, path.as_path())).collect();
         if let (true, Some(why)) = (runs.is_empty(), paths.first().and_then(|path| degraded(path))) {
@@ -175,7 +175,7 @@ impl Campaign<'_> {
             known: Vec::new(),
         };
         let next = tokio::task::block_in_place(|| {
-            // other rigs may move beside it: they come first
+            // other rigs may be moving: they have priority
             std::thread::scope(|scope| {
                 let polite = scope.spawn(|| {
                     // the pool's threads inherit it
@@ -196,7 +196,7 @@ impl Campaign<'_> {
         Ok(next)
     }
 
-    /// Leaves the water alone.
+    /// Waits until the water rests.
     async fn rest(
         &self,
         rest: Duration,
@@ -204,7 +204,7 @@ impl Campaign<'_> {
         watcher: &mut dyn Watcher,
     ) -> Result<(), Failure> {
         if !rest.is_zero() {
-            watcher.say(format!("the water rests for {:.0} s", rest.as_secs_f64()));
+            watcher.status(format!("the water rests for {:.0} s", rest.as_secs_f64()));
         }
         tokio::select! {
             () = interrupt.raised() => Err(Failure::Interrupted(anyhow!(

@@ -24,10 +24,10 @@ use store::goal::{Known, Target};
 pub(super) const CONFIGS: &str = "next";
 /// The diagnosis of runs that were made for a number, in the folder of a step.
 const DIAGNOSIS: &str = "diagnosis";
-/// A run that would lessen no standard deviation by this share is none to make.
-const WORTHWHILE_SHARE: f64 = 0.01;
-/// A remainder up to this share of what was wrong is none that another run of the same rig would name.
-const SMALL_SHARE: f64 = 0.1;
+/// Share by which a run must reduce the largest standard deviation to be worth making. Chosen.
+const MIN_STD_REDUCTION_SHARE: f64 = 0.01;
+/// Unexplained share of the squared residuals beyond noise up to which a campaign ends: another run would name no further cause. Chosen.
+const NEGLIGIBLE_REMAINDER_SHARE: f64 = 0.1;
 
 /// The next thing to do.
 #[derive(Debug)]
@@ -60,12 +60,12 @@ impl Campaign<'_> {
         step.established = established(diagnosis);
         record.says.clone_from(&diagnosis.sentence);
         record.needs = by_hand(diagnosis);
-        watcher.note(&format!("{}: {}", diagnosis.verdict.name(), diagnosis.sentence));
+        watcher.event(&format!("{}: {}", diagnosis.verdict.name(), diagnosis.sentence));
         let end = |state| Ok(Next::End(state, diagnosis.sentence.clone()));
         match diagnosis.verdict {
-            // one run may have been too gentle to show anything: one that tells more has the last word
+            // one run may have been too gentle to show anything: decide after a more informative one
             Verdict::NothingDetectable if record.runs.len() == 1 => {
-                match self.config_of(&self.telling(experiment)?, |config| record.times(config))? {
+                match self.config_of(&self.most_informative(experiment)?, |config| record.times(config))? {
                     Some((config, proposal)) => Ok(Next::Run {
                         config,
                         why: format!("to see more than nothing: {}", proposal.words()),
@@ -74,7 +74,7 @@ impl Campaign<'_> {
                 }
             }
             Verdict::NothingDetectable | Verdict::Cause | Verdict::Causes => end(Standing::Reached),
-            Verdict::Unexplained if is_settled(diagnosis, step, record) => end(Standing::Reached),
+            Verdict::Unexplained if is_conclusive(diagnosis, step, record) => end(Standing::Reached),
             // what differs between two equal runs is no property of the mechanism
             Verdict::Unexplained if record.runs.len() == 1 => Ok(Next::Run {
                 config: self.config.into(),
@@ -83,8 +83,8 @@ impl Campaign<'_> {
             Verdict::Unexplained | Verdict::Ambiguous | Verdict::Suspected => {
                 let mut list = found.next.clone();
                 if list.is_empty() && (!diagnosis.complete || diagnosis.verdict == Verdict::Unexplained) {
-                    // nothing was designed, for want of time or of rivals: one that tells more of all coefficients
-                    list = self.telling(experiment)?;
+                    // no run was designed, for lack of time or of rival causes: take the most informative ones
+                    list = self.most_informative(experiment)?;
                 }
                 match self.config_of(&list, |config| record.times(config))? {
                     Some((config, proposal)) => {
@@ -97,8 +97,8 @@ impl Campaign<'_> {
         }
     }
 
-    /// The runs that tell most of all that is fitted, best first.
-    fn telling(&self, experiment: &Path) -> Result<Vec<Proposal>, Failure> {
+    /// The runs that reduce the standard deviations of all fitted parameters most, best first.
+    fn most_informative(&self, experiment: &Path) -> Result<Vec<Proposal>, Failure> {
         let runs = Experiment::read(experiment)?;
         let fitted = Parameters::select(&runs.model, &runs.fit).map_err(Failure::input)?;
         let names: Vec<String> = fitted.free.iter().map(|one| one.name().to_owned()).collect();
@@ -134,40 +134,40 @@ impl Campaign<'_> {
                 .ok_or_else(|| Failure::Internal(anyhow!("the fit does not say {}", target.name)))
         };
         step.known = targets.iter().map(known).collect::<Result<_, _>>()?;
-        let said: Vec<String> = step.known.iter().map(Known::to_string).collect();
-        record.says = said.join("; ");
-        watcher.note(&record.says);
+        let states: Vec<String> = step.known.iter().map(Known::to_string).collect();
+        record.says = states.join("; ");
+        watcher.event(&record.says);
         record.needs.clear();
         let is_reached = step.known.iter().all(|known| known.ratio() <= 1.0);
-        // a number may be known well in a model that lacks something; one run proves no cause
+        // a parameter may have a small deviation in a model that lacks something; one run proves no cause
         if is_reached || record.runs.len() > 1 {
-            let is_bent = self.doubt(folder, step, record, watcher)?;
-            if is_reached || is_bent {
+            let is_biased = self.check_for_bias(folder, step, record, watcher)?;
+            if is_reached || is_biased {
                 let state = if is_reached { Standing::Reached } else { Standing::NeedsAHand };
                 return Ok(Next::End(state, record.says.clone()));
             }
         }
-        watcher.say("planning the next run".into());
+        watcher.status("planning the next run".into());
         let runs = Experiment::read(experiment)?;
         let names: Vec<String> = targets.iter().map(|target| target.name.clone()).collect();
         let list = on_threads(self.threads, || Ok(prospects(&runs, &names)?))?;
-        // the same run again may well tell most
+        // repeating the same run may be the best
         let best = self.config_of(&ranked(list, &step.known), |_| 0)?;
         watcher.clear();
         Ok(match best {
             Some((config, proposal)) => Next::Run { config, why: proposal.words() },
             None => {
                 record.needs = vec![
-                    "no run of the servo tells more of them: change what is seen (a finer picture, a pose by hand), or ask for less".into(),
+                    "no run of the servo determines them better: change what is filmed (a finer picture, a pose by hand), or ask for less".into(),
                 ];
                 Next::End(Standing::NeedsAHand, record.says.clone())
             }
         })
     }
 
-    /// Says whether the simulation repeats the runs to their noise. Gives whether a cause that is named, and checked, bends what is to be
-    /// known by more than it is wanted: then more runs would make it more certain, not truer.
-    fn doubt(
+    /// Diagnoses the runs. Returns whether a named and checked cause biases the wanted parameters by more than the wanted standard
+    /// deviation: then more runs would make them more certain, not more correct.
+    fn check_for_bias(
         &self,
         folder: &OutputFolder,
         step: &mut Step,
@@ -185,10 +185,10 @@ impl Campaign<'_> {
         }
         record.says = format!("{}; but {}", record.says, diagnosis.sentence);
         record.needs = by_hand(diagnosis);
-        let bends = bends(diagnosis, &step.known);
-        let is_bent = !bends.is_empty() && diagnosis.verdict != Verdict::Suspected;
-        record.needs.extend(bends);
-        Ok(is_bent)
+        let biased = biased(diagnosis, &step.known);
+        let is_biased = !biased.is_empty() && diagnosis.verdict != Verdict::Suspected;
+        record.needs.extend(biased);
+        Ok(is_biased)
     }
 
     /// The first of `list` that this rig can do, with its config; those that are `put_off` more come later.
@@ -207,7 +207,7 @@ impl Campaign<'_> {
     }
 }
 
-/// What `diagnosis` names beyond doubt, in order; of aliases the first one, as no run tells them apart.
+/// The established causes of `diagnosis`, in order; of aliases the first one, as no run tells them apart.
 fn established(diagnosis: &Diagnosis) -> Vec<String> {
     let first = |cause: &NamedCause| cause.aliases.iter().chain([&cause.name]).min().cloned();
     let mut names: Vec<String> = diagnosis.established.iter().filter_map(first).collect();
@@ -216,36 +216,39 @@ fn established(diagnosis: &Diagnosis) -> Vec<String> {
     names
 }
 
-/// Whether a diagnosis that does not explain all has the last word: what it names beyond doubt it named before, runs of more than one
-/// kind agree on it, and little is left.
-fn is_settled(diagnosis: &Diagnosis, step: &Step, record: &Record) -> bool {
+/// Whether a diagnosis that does not explain everything still ends the campaign: its established causes are those of the step before, runs
+/// of more than one kind agree on them, and the remainder is small.
+fn is_conclusive(diagnosis: &Diagnosis, step: &Step, record: &Record) -> bool {
     // a campaign that goes on may have been through this step already
     let before = record.steps.iter().take(record.runs.len() - 1).next_back().map(|step| &step.established);
     let differ = record.runs.windows(2).any(|pair| pair[0].config != pair[1].config);
     let left = diagnosis.remainder.as_ref().map_or(1.0, |remainder| remainder.share);
-    !step.established.is_empty() && before == Some(&step.established) && differ && left <= SMALL_SHARE
+    !step.established.is_empty()
+        && before == Some(&step.established)
+        && differ
+        && left <= NEGLIGIBLE_REMAINDER_SHARE
 }
 
-/// Whether the rig can do what the config at `path` says without a hand.
+/// Whether the rig can make the run of the config at `path` without work by hand.
 fn is_feasible(path: &Path) -> bool {
     let Ok(config) = RigConfig::read(path) else { return false };
     let (Some(servo), Some(profile)) = (&config.servo, &config.profile) else { return false };
     Profile::new(profile).is_ok_and(|profile| profile.pulses(servo).is_ok())
 }
 
-/// Those runs that bring the parameters nearer to what is wanted, best first: by the one that is farthest from it.
+/// The runs that reduce the largest ratio of standard deviation to wanted one, best first.
 fn ranked(mut list: Vec<Prospect>, known: &[Known]) -> Vec<Proposal> {
     let worst = |std: &mut dyn Iterator<Item = f64>| {
         std.zip(known).map(|(std, known)| std / known.wanted_std).fold(0.0, f64::max)
     };
     let now = worst(&mut known.iter().map(|known| known.std));
     let then = |prospect: &Prospect| worst(&mut prospect.std.iter().copied());
-    list.retain(|prospect| then(prospect) < (1.0 - WORTHWHILE_SHARE) * now);
+    list.retain(|prospect| then(prospect) < (1.0 - MIN_STD_REDUCTION_SHARE) * now);
     list.sort_by(|a, b| then(a).total_cmp(&then(b)));
     list.into_iter().map(|prospect| prospect.proposal).collect()
 }
 
-/// What is to be told apart, or checked, as a heading; nothing where nothing is named.
+/// The causes to be told apart, or checked, as the beginning of a sentence; empty where none is named.
 fn rivals(diagnosis: &Diagnosis) -> String {
     let mut about: Vec<String> = diagnosis.causes.iter().map(NamedCause::label).collect();
     let Some(first) = diagnosis.alternatives.first() else {
@@ -258,29 +261,29 @@ fn rivals(diagnosis: &Diagnosis) -> String {
     }
 }
 
-/// Which of the numbers `known` the causes that are named bend by more than they are wanted, each with what to do about it.
-fn bends(diagnosis: &Diagnosis, known: &[Known]) -> Vec<String> {
+/// The parameters `known` that the named causes bias by more than the wanted standard deviation, each with what to do about it.
+fn biased(diagnosis: &Diagnosis, known: &[Known]) -> Vec<String> {
     let causes = diagnosis.causes.iter().map(NamedCause::label).collect::<Vec<_>>().join(" + ");
     let fitted = diagnosis.causes.iter().flat_map(|cause| &cause.parameters).filter(|one| one.ci95.is_some());
     let mut names: Vec<String> =
         fitted.filter_map(|one| Some(format!("\"{}\"", one.name.split('@').next()?))).collect();
     names.dedup();
-    let bent = |known: &Known| {
-        let bent = diagnosis.bent.iter().find(|bent| bent.name == known.name)?;
-        ((bent.after - bent.before).abs() > known.wanted_std).then(|| {
+    let shifted = |known: &Known| {
+        let shift = diagnosis.bent.iter().find(|shift| shift.name == known.name)?;
+        ((shift.after - shift.before).abs() > known.wanted_std).then(|| {
             format!(
                 "{} is {:.4e} with {causes} and {:.4e} without: add {} to [fit] parameters, or repair it at the tank",
-                bent.name,
-                bent.after,
-                bent.before,
+                shift.name,
+                shift.after,
+                shift.before,
                 names.join(", ")
             )
         })
     };
-    known.iter().filter_map(bent).collect()
+    known.iter().filter_map(shifted).collect()
 }
 
-/// What a diagnosis advises that no servo can do.
+/// The advice of a diagnosis that needs work by hand.
 fn by_hand(diagnosis: &Diagnosis) -> Vec<String> {
     let mut list: Vec<String> = Vec::new();
     for next in &diagnosis.next_experiments {

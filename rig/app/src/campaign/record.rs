@@ -1,4 +1,4 @@
-//! `campaign.json`: what a campaign is for, what it did, where it stands. Written anew after each step; begun again in the same folder a
+//! `campaign.json`: what a campaign is for, what it did, where it stands. Written again after each step; begun again in the same folder a
 //! campaign goes on from there.
 
 use std::path::{Path, PathBuf};

@@ -10,8 +10,8 @@ use ground::clock::{ClockFit, MonotonicNs, Ping, Wire};
 use run::open;
 use servo::{ServoBoard, ServoConfig, ServoError, ServoEvent};
 
-/// How long board and camera are looked at.
-const LOOK_DURATION: Duration = Duration::from_millis(1500);
+/// How long board and camera are observed. Chosen.
+const OBSERVATION_TIME: Duration = Duration::from_millis(1500);
 /// A run is refused when the board's clock is known less well than this \[s\].
 const MAX_CLOCK_SIGMA_S: f64 = 1e-3;
 /// A crystal further off than this is broken \[ppm\].
@@ -86,7 +86,7 @@ fn look_at_board(board: &mut dyn ServoBoard, wire: Wire) -> Vec<Check> {
 /// Servos without a board: how long they take to answer, against the time there is for it in a stream.
 fn look_at_bus(board: &mut dyn ServoBoard, servo: &ServoConfig) -> Vec<Check> {
     let mut checks = vec![Check::good("servo bus", board.info().name.clone())];
-    let until = Instant::now() + LOOK_DURATION;
+    let until = Instant::now() + OBSERVATION_TIME;
     let mut answers: Vec<(u8, i32, f64)> = Vec::new();
     while Instant::now() < until {
         match board.poll() {
@@ -104,12 +104,12 @@ fn look_at_bus(board: &mut dyn ServoBoard, servo: &ServoConfig) -> Vec<Check> {
         std::thread::sleep(Duration::from_millis(10));
     }
     for channel in &servo.channels {
-        let own = || answers.iter().filter(|(id, ..)| *id == channel.id);
+        let of_channel = || answers.iter().filter(|(id, ..)| *id == channel.id);
         let name = format!("servo {} (`{}`)", channel.id, channel.name);
-        checks.push(match own().next_back() {
+        checks.push(match of_channel().next_back() {
             None => Check::bad("servo", format!("{name} does not answer: check its cable and supply")),
             Some((_, count, _)) => {
-                let mut took_s: Vec<f64> = own().map(|(.., took_s)| *took_s).collect();
+                let mut took_s: Vec<f64> = of_channel().map(|(.., took_s)| *took_s).collect();
                 took_s.sort_by(f64::total_cmp);
                 answer_finding(&name, *count, &took_s, servo.stream_period_s())
             }
@@ -136,7 +136,7 @@ fn answer_finding(name: &str, count: i32, took_s: &[f64], period_s: f64) -> Chec
 }
 
 fn pings(board: &mut dyn ServoBoard) -> Result<Vec<Ping>, ServoError> {
-    let until = Instant::now() + LOOK_DURATION;
+    let until = Instant::now() + OBSERVATION_TIME;
     let mut pings = Vec::new();
     while Instant::now() < until {
         pings.extend(board.poll()?.into_iter().filter_map(|event| match event {
@@ -167,7 +167,7 @@ fn clock_finding(pings: &[Ping], wire: Wire) -> Check {
         return Check::bad(subject, format!("{finding}; 1 ms is allowed: use a faster or less busy line"));
     }
     // After so short a look the rate is known only roughly: only a clear departure says something.
-    let rate_sigma_ppm = sigma_s / LOOK_DURATION.as_secs_f64() * 1e6;
+    let rate_sigma_ppm = sigma_s / OBSERVATION_TIME.as_secs_f64() * 1e6;
     if fit.drift_ppm().abs() > MAX_DRIFT_PPM + 5.0 * rate_sigma_ppm {
         return Check::doubtful(subject, format!("{finding}; its rate is off by {:.0} ppm", fit.drift_ppm()));
     }
@@ -180,22 +180,22 @@ fn look_at_camera(camera: &mut dyn Camera, stall: Duration) -> Vec<Check> {
     if let Err(error) = camera.start() {
         return vec![Check::bad(subject, error.to_string())];
     }
-    let until = Instant::now() + LOOK_DURATION;
-    let (mut seen, mut lost) = (Vec::new(), 0);
+    let until = Instant::now() + OBSERVATION_TIME;
+    let (mut received, mut lost) = (Vec::new(), 0);
     while Instant::now() < until {
         match camera.next_image(stall) {
             Ok(image) => {
-                lost += seen.last().map_or(0, |&(sequence, _)| images_lost(sequence, image.sequence));
-                seen.push((image.sequence, image.mid_exposure));
+                lost += received.last().map_or(0, |&(sequence, _)| images_lost(sequence, image.sequence));
+                received.push((image.sequence, image.mid_exposure));
             }
             Err(error) => return vec![Check::bad(subject, error.to_string())],
         }
     }
-    let span_s = match (seen.first(), seen.last()) {
+    let span_s = match (received.first(), received.last()) {
         (Some((_, first)), Some((_, last))) => last.seconds_since(*first),
         _ => 0.0,
     };
-    let fps = (seen.len().saturating_sub(1) + lost as usize) as f64 / span_s.max(1e-9);
+    let fps = (received.len().saturating_sub(1) + lost as usize) as f64 / span_s.max(1e-9);
     let finding = format!(
         "{}: {} x {} {:?}, {fps:.2} images/s of {:.2} promised, {lost} lost",
         info.name, info.width_px, info.height_px, info.encoding, info.fps
@@ -218,7 +218,7 @@ mod tests {
     use super::super::Health;
     use super::*;
 
-    /// Pings over `LOOK_DURATION` through a line of the given one-way delays, to a clock `ppm` fast.
+    /// Pings over `OBSERVATION_TIME` through a line of the given one-way delays, to a clock `ppm` fast.
     fn recorded(to_s: f64, back_s: f64, ppm: f64) -> Vec<Ping> {
         let origin = MonotonicNs(1_000_000_000);
         (0..30)

@@ -51,7 +51,7 @@ fn disk_room(free_bytes: u64, expected_bytes: u64) -> Check {
     }
 }
 
-/// The disk is written to for so long, and no more than so much.
+/// Duration and size of the write test of the disk at most. Chosen.
 const PROBE_DURATION: Duration = Duration::from_secs(1);
 const PROBE_BYTES: u64 = 512 << 20;
 /// Bytes forced to the disk at a time: about what a recording forces there each second.

@@ -11,8 +11,8 @@ use config::RigConfig;
 use ground::error_chain::with_causes;
 use vision::outline::Outline;
 
-/// A mechanism that is shorter in the picture has no links that could be told from each other \[px\].
-const SHORTEST_PX: f64 = 20.0;
+/// In a picture of a shorter mechanism its links cannot be distinguished \[px\]. Chosen.
+const MECHANISM_MIN_LENGTH_PX: f64 = 20.0;
 
 /// Whether the calibration of `config` goes with pictures of this size \[px\], and puts its mechanism into them. Relative paths start at
 /// `base`.
@@ -28,7 +28,7 @@ pub fn calibration(config: &RigConfig, base: &Path, size_px: [u32; 2]) -> Check 
     let from = config.calibration.file.as_deref().map_or("[calibration]".into(), Path::to_string_lossy);
     let from = format!("{from}: {scale:.4} mm/px in the middle of the picture");
     match model(config, base) {
-        Ok(model) => seen(config, &model, &plane, size_px, &from),
+        Ok(model) => place_in_picture(config, &model, &plane, size_px, &from),
         Err(error) => Check::bad("model", format!("{error:#}")),
     }
 }
@@ -40,13 +40,19 @@ fn model(config: &RigConfig, base: &Path) -> anyhow::Result<Model> {
     Model::from_mjcf(&text).with_context(|| format!("reading model {}", path.display()))
 }
 
-/// Where the mechanism begins in the picture \[px\]; none where it floats, or nobody says.
+/// Where the base of the mechanism is in the picture \[px\]; none where it floats, or where that is not known.
 fn begins(config: &RigConfig, model: &Model, plane: &Plane) -> Option<Px> {
     let fixed = || Outline::new(&config.vision, Some(model)).ok()?.base_m;
     config.vision.base().or_else(|| Some(plane.pixel(plane.view().seen(fixed()?))))
 }
 
-fn seen(config: &RigConfig, model: &Model, plane: &Plane, size_px: [u32; 2], from: &str) -> Check {
+fn place_in_picture(
+    config: &RigConfig,
+    model: &Model,
+    plane: &Plane,
+    size_px: [u32; 2],
+    from: &str,
+) -> Check {
     let subject = "calibration";
     let [width, height] = size_px.map(f64::from);
     let length_m = characteristic_length_m(model);
@@ -60,7 +66,7 @@ fn seen(config: &RigConfig, model: &Model, plane: &Plane, size_px: [u32; 2], fro
         usize::from(length_px < 100.0)
     );
     let finding = format!("{from}; {long}");
-    if !(SHORTEST_PX..=width.hypot(height)).contains(&length_px) {
+    if !(MECHANISM_MIN_LENGTH_PX..=width.hypot(height)).contains(&length_px) {
         let remedy =
             "metres_per_pixel is in metres, and the model's lengths are: one of them is of another unit";
         return Check::bad(subject, format!("{finding} in {picture}: {remedy}"));

@@ -26,7 +26,7 @@ pub(super) const JOURNAL: &str = "/journal";
 pub(super) struct Bag {
     mcap: mcap::Writer<BufWriter<Part>>,
     channels: BTreeMap<&'static str, u16>,
-    /// What was last said on each.
+    /// Sequence number of the last message.
     sequence: u32,
 }
 
@@ -45,7 +45,7 @@ impl Bag {
         Ok(())
     }
 
-    pub(super) fn say(&mut self, topic: &str, at_ns: u64, message: &Value) -> anyhow::Result<()> {
+    pub(super) fn write(&mut self, topic: &str, at_ns: u64, message: &Value) -> anyhow::Result<()> {
         let channel_id = *self.channels.get(topic).context("a topic that was not opened")?;
         self.sequence += 1;
         let header =

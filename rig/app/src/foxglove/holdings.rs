@@ -1,4 +1,4 @@
-//! What a run's folder holds, beside the recording.
+//! The data of a run folder besides the recording.
 
 use std::path::Path;
 
@@ -22,8 +22,8 @@ use record::start_stop::Status;
 use vision::outline::Outline;
 use vision::record::StoredRecord;
 
-/// What a run's folder holds, beside the recording.
-pub(super) struct Holdings {
+/// The data of a run folder besides the recording.
+pub(super) struct RunData {
     /// Wall-clock time of the run's start \[ns since 1970\].
     pub(super) origin_ns: u64,
     pub(super) origin: MonotonicNs,
@@ -35,8 +35,8 @@ pub(super) struct Holdings {
     pub(super) measured: Option<Trajectory>,
     pub(super) simulation: Option<Simulation>,
     pub(super) command: Option<Command>,
-    /// Told on the way: when, topic, message.
-    pub(super) told: Vec<(u64, &'static str, Value)>,
+    /// Messages that are not in the recording: time, topic, text.
+    pub(super) messages: Vec<(u64, &'static str, Value)>,
     pub(super) has_recording: bool,
 }
 
@@ -46,7 +46,7 @@ pub(super) struct Simulation {
     pub(super) motion: Simulated,
 }
 
-impl Holdings {
+impl RunData {
     pub(super) fn read(run: &RunFolder) -> Result<(Self, Vec<String>), Failure> {
         let start = run.start();
         let utc: Timestamp = start
@@ -88,7 +88,7 @@ impl Holdings {
         };
         let known = read_model(&run.file(&start.model)).ok();
         let outline = Outline::new(&config.vision, known.as_ref()).ok();
-        let mut holdings = Self {
+        let mut run_data = Self {
             origin_ns,
             origin: run.origin(),
             view: plane.as_ref().map_or_else(View::default, Plane::view),
@@ -100,17 +100,17 @@ impl Holdings {
             command: there(file::SERVO)
                 .map(|path| table::read_command(&path).map_err(Failure::input))
                 .transpose()?,
-            told: Vec::new(),
+            messages: Vec::new(),
             has_recording,
         };
         if let Some(path) = there(file::JOURNAL) {
-            holdings.hear_journal(run, &path)?;
+            run_data.add_journal(run, &path)?;
         }
         if let Some(path) = there(file::SERVO) {
-            holdings.hear_servo(&path)?;
+            run_data.add_servo(&path)?;
         }
-        holdings.told.sort_by_key(|(at_ns, ..)| *at_ns);
-        Ok((holdings, left_out))
+        run_data.messages.sort_by_key(|(at_ns, ..)| *at_ns);
+        Ok((run_data, left_out))
     }
 
     /// Wall-clock time of an instant of the run.
@@ -118,7 +118,7 @@ impl Holdings {
         self.origin_ns.saturating_add_signed((time_s * 1e9).round() as i64)
     }
 
-    fn hear_journal(&mut self, run: &RunFolder, path: &Path) -> Result<(), Failure> {
+    fn add_journal(&mut self, run: &RunFolder, path: &Path) -> Result<(), Failure> {
         for entry in journal::read(path).map_err(Failure::input)? {
             let at_ns = self.at_ns(entry.at_s);
             let level = if entry.event == "recording-falls-behind" { Level::Warning } else { Level::Info };
@@ -126,7 +126,7 @@ impl Holdings {
                 true => entry.event.clone(),
                 false => format!("{} {}", entry.event, Value::Object(entry.details)),
             };
-            self.told.push((at_ns, JOURNAL, foxglove::log(at_ns, level, "journal", &message)));
+            self.messages.push((at_ns, JOURNAL, foxglove::log(at_ns, level, "journal", &message)));
         }
         if let Some(stop) = run.stop() {
             let at_ns = self.at_ns(stop.clock.monotonic_ns.seconds_since(self.origin));
@@ -137,13 +137,13 @@ impl Holdings {
             };
             let message =
                 stop.reason.as_ref().map_or_else(|| word.into(), |reason| format!("{word}: {reason}"));
-            self.told.push((at_ns, JOURNAL, foxglove::log(at_ns, level, "stop", &message)));
+            self.messages.push((at_ns, JOURNAL, foxglove::log(at_ns, level, "stop", &message)));
         }
         Ok(())
     }
 
     /// Each row of `servo.csv`.
-    fn hear_servo(&mut self, path: &Path) -> Result<(), Failure> {
+    fn add_servo(&mut self, path: &Path) -> Result<(), Failure> {
         let mut reader = csv::Reader::from_path(path).map_err(Failure::input)?;
         let header = reader.headers().map_err(Failure::input)?.clone();
         for record in reader.records() {
@@ -154,7 +154,7 @@ impl Holdings {
                 .filter_map(|(name, cell)| Some((name.to_owned(), json!(cell.parse::<f64>().ok()?))))
                 .collect();
             if let Some(time_s) = row.get("time_s").and_then(Value::as_f64) {
-                self.told.push((self.at_ns(time_s), SERVO, Value::Object(row)));
+                self.messages.push((self.at_ns(time_s), SERVO, Value::Object(row)));
             }
         }
         Ok(())

@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 use super::Failure;
 use bag::{Bag, IMAGE, TELEMETRY};
 use camera::{CameraImage, Encoding, Rising, decode};
-use holdings::Holdings;
+use holdings::RunData;
 use interchange::foxglove;
 use record::folder::{RunFolder, file};
 use record::outputs::OutputFile;
@@ -32,22 +32,22 @@ const JPEG_QUALITY: u8 = 90;
 /// [`Failure::Input`] where the run or `out` cannot be read or written.
 pub fn export(run: &Path, out: &OutputFile) -> Result<Vec<String>, Failure> {
     let run = RunFolder::open(run).map_err(Failure::input)?;
-    let (holdings, left_out) = Holdings::read(&run)?;
+    let (run_data, left_out) = RunData::read(&run)?;
     let writing = || format!("writing {}", out.path().display());
     let part = out.begin().map_err(Failure::input)?;
     let mut bag = Bag::new(part).with_context(writing).map_err(Failure::Input)?;
-    holdings.write(&run, &mut bag)?;
+    run_data.write(&run, &mut bag)?;
     bag.finish().with_context(writing).map_err(Failure::Input)?;
     Ok(left_out)
 }
 
-impl Holdings {
+impl RunData {
     fn write(mut self, run: &RunFolder, bag: &mut Bag) -> Result<(), Failure> {
         self.open(bag).map_err(Failure::Internal)?;
-        let mut told = std::mem::take(&mut self.told).into_iter().peekable();
+        let mut messages = std::mem::take(&mut self.messages).into_iter().peekable();
         let mut until = |bag: &mut Bag, at_ns: u64| -> anyhow::Result<()> {
-            while let Some((at_ns, topic, message)) = told.next_if(|(next, ..)| *next <= at_ns) {
-                bag.say(topic, at_ns, &message)?;
+            while let Some((at_ns, topic, message)) = messages.next_if(|(next, ..)| *next <= at_ns) {
+                bag.write(topic, at_ns, &message)?;
             }
             Ok(())
         };
@@ -66,7 +66,7 @@ impl Holdings {
                             self.still(at_ns, Some(size_px), bag).map_err(cannot)?;
                         }
                         if let Some(picture) = picture(&image, at_ns) {
-                            bag.say(IMAGE, at_ns, &picture).map_err(cannot)?;
+                            bag.write(IMAGE, at_ns, &picture).map_err(cannot)?;
                         }
                         if rising.takes(image.mid_exposure) {
                             self.row(usable, at_ns, bag).map_err(cannot)?;
@@ -77,7 +77,7 @@ impl Holdings {
                         let at_ns = self.at_ns(at.seconds_since(self.origin));
                         if let Some(message) = telemetry(&event) {
                             until(bag, at_ns).map_err(cannot)?;
-                            bag.say(TELEMETRY, at_ns, &message).map_err(cannot)?;
+                            bag.write(TELEMETRY, at_ns, &message).map_err(cannot)?;
                         }
                     }
                     Item::Command(_) | Item::Gap => {}

@@ -7,7 +7,7 @@ use super::bag::{
     ANNOTATIONS, Bag, CALIBRATION, CAMERA_FRAME, FRAMES, IMAGE, JOURNAL, KEYPOINTS, MEASURED, SERVO,
     SIMULATED, TELEMETRY,
 };
-use super::holdings::{Holdings, Simulation};
+use super::holdings::{RunData, Simulation};
 use camera::calibration::Px;
 use interchange::foxglove::pinhole::Pinhole;
 use interchange::foxglove::schemas::{self, Schema};
@@ -17,7 +17,7 @@ use record::simulated::row_at;
 /// A keypoint is drawn as a ball of this share of the mechanism's length.
 const BALL_SHARE: f64 = 0.03;
 
-impl Holdings {
+impl RunData {
     pub(super) fn open(&self, bag: &mut Bag) -> anyhow::Result<()> {
         bag.open(JOURNAL, &schemas::log())?;
         if self.has_recording {
@@ -57,11 +57,11 @@ impl Holdings {
     pub(super) fn still(&self, at_ns: u64, size_px: Option<[u32; 2]>, bag: &mut Bag) -> anyhow::Result<()> {
         let camera = self.plane.as_ref().zip(size_px).and_then(|(plane, size)| Pinhole::of(plane, size));
         if let Some(camera) = camera {
-            bag.say(CALIBRATION, at_ns, &camera.calibration(at_ns))?;
-            bag.say(CAMERA_FRAME, at_ns, &json!({ "transforms": [camera.transform(at_ns)] }))?;
+            bag.write(CALIBRATION, at_ns, &camera.calibration(at_ns))?;
+            bag.write(CAMERA_FRAME, at_ns, &json!({ "transforms": [camera.transform(at_ns)] }))?;
         }
         if let Some(Simulation { model, .. }) = &self.simulation {
-            bag.say(SIMULATED, at_ns, &scene::links(at_ns, model))?;
+            bag.write(SIMULATED, at_ns, &scene::links(at_ns, model))?;
         }
         Ok(())
     }
@@ -91,10 +91,10 @@ impl Holdings {
             .collect();
         if let Some((model, poses)) = &poses {
             let names: Vec<&str> = model.bodies.iter().map(|body| body.name.as_str()).collect();
-            bag.say(FRAMES, at_ns, &foxglove::transforms(at_ns, &names, poses))?;
+            bag.write(FRAMES, at_ns, &foxglove::transforms(at_ns, &names, poses))?;
         }
         if let Some(record) = self.records.get(row) {
-            let seen: Vec<(&str, Px)> = self
+            let visible: Vec<(&str, Px)> = self
                 .names
                 .iter()
                 .zip(&record.keypoints)
@@ -106,12 +106,12 @@ impl Holdings {
                 .flat_map(|plane| simulated.iter().map(move |(_, place)| plane.pixel(self.view.seen(*place))))
                 .collect();
             let drawn = Annotated {
-                keypoints: &seen,
+                keypoints: &visible,
                 centreline: &record.centreline,
                 simulated: &expected,
                 reason: &record.reason,
             };
-            bag.say(ANNOTATIONS, at_ns, &foxglove::annotations(at_ns, &drawn))?;
+            bag.write(ANNOTATIONS, at_ns, &foxglove::annotations(at_ns, &drawn))?;
         }
         self.keypoints(time_s, at_ns, &simulated, bag)
     }
@@ -132,40 +132,42 @@ impl Holdings {
             measured.keypoints.iter().enumerate().filter(|(_, name)| encoded_joint(name).is_none())
         {
             let place = measured.at(instant, k);
-            let mut told = Map::new();
-            let seen = axes.iter().all(|&(axis, _)| place[axis].is_finite());
+            let mut values = Map::new();
+            let is_observed = axes.iter().all(|&(axis, _)| place[axis].is_finite());
             let expected = simulated.iter().find(|(other, _)| other == name).map(|(_, place)| *place);
-            if seen {
-                // no picture tells depth: it is the simulation's, or the plane of motion's
+            if is_observed {
+                // a picture has no depth: take that of the simulation, or the plane of motion
                 let deep = expected.unwrap_or_default();
                 let known =
                     |axis: usize| Some(place[axis]).filter(|metres| metres.is_finite()).unwrap_or(deep[axis]);
                 balls.push(std::array::from_fn(known));
             }
             for (axis, letter) in axes {
-                if seen {
-                    told.insert(format!("{letter}_mm"), json!(place[axis] * 1e3));
+                if is_observed {
+                    values.insert(format!("{letter}_mm"), json!(place[axis] * 1e3));
                 }
                 if let Some(expected) = expected {
-                    told.insert(format!("simulated_{letter}_mm"), json!(expected[axis] * 1e3));
+                    values.insert(format!("simulated_{letter}_mm"), json!(expected[axis] * 1e3));
                 }
             }
-            if let (true, Some(expected)) = (seen, expected) {
+            if let (true, Some(expected)) = (is_observed, expected) {
                 let error_m =
                     axes.iter().map(|&(axis, _)| place[axis] - expected[axis]).fold(0.0, f64::hypot);
-                told.insert("error_mm".into(), json!(error_m * 1e3));
+                values.insert("error_mm".into(), json!(error_m * 1e3));
             }
-            plotted.insert(name.clone(), Value::Object(told));
+            plotted.insert(name.clone(), Value::Object(values));
         }
-        bag.say(MEASURED, at_ns, &scene::keypoints(at_ns, &balls, self.ball_m()))?;
-        bag.say(KEYPOINTS, at_ns, &Value::Object(plotted))
+        bag.write(MEASURED, at_ns, &scene::keypoints(at_ns, &balls, self.ball_m()))?;
+        bag.write(KEYPOINTS, at_ns, &Value::Object(plotted))
     }
 
     /// Radius of the balls that stand for keypoints \[m\].
     fn ball_m(&self) -> f64 {
-        const USUAL_M: f64 = 0.1;
-        let length_m =
-            self.simulation.as_ref().map_or(USUAL_M, |known| ident::characteristic_length_m(&known.model));
+        const DEFAULT_LENGTH_M: f64 = 0.1;
+        let length_m = self
+            .simulation
+            .as_ref()
+            .map_or(DEFAULT_LENGTH_M, |known| ident::characteristic_length_m(&known.model));
         BALL_SHARE * length_m
     }
 }

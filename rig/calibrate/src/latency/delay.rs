@@ -1,7 +1,7 @@
 //! How late a film is, from the images in which the LED turned.
 //!
 //! An image whose exposure holds a turn is lit by a share that tells the turn's place in it; one whose exposure holds none tells on which
-//! side of it the turn was. Both are one likelihood: an image shines by the share of its exposure that is lit, give or take some noise, the
+//! side of it the turn was. Both are one likelihood: an image is as bright as the share of its exposure that is lit, plus noise, the
 //! exposure's middle being normal about the image's time less the lateness; now and then a stamp is far off. The share is linear in the
 //! middle between corners (a turn at either end of the exposure), so that the integral over the middle is a sum of error functions.
 //! Lateness, exposure and the stamps' scatter are weighed on a grid, and the latter two summed over.
@@ -10,10 +10,10 @@ use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
 use rayon::prelude::*;
 
-use super::film::Seen;
+use super::film::LedSignal;
 use super::light::Light;
 
-/// What the images say.
+/// Latency with its standard deviation, scatter of single stamps and exposure time, all in seconds.
 pub(super) struct Delay {
     pub(super) mean_s: f64,
     pub(super) std_s: f64,
@@ -21,45 +21,45 @@ pub(super) struct Delay {
     pub(super) exposure_s: f64,
 }
 
-/// Scatter of single stamps that is weighed \[s\].
+/// Scatters of single stamps on the grid \[s\] (chosen).
 const JITTERS_S: [f64; 9] = [5e-5, 1.5e-4, 3e-4, 5e-4, 8e-4, 1.2e-3, 1.8e-3, 2.7e-3, 4.5e-3];
-/// Exposures weighed.
+/// Number of exposure times on the grid (chosen).
 const EXPOSURE_STEPS: usize = 8;
-/// A stated exposure is believed within this factor.
-const EXPOSURE_FACTOR: f64 = 3.0;
-/// Shortest exposure as a share of the period, where none is stated.
+/// The exposure time is sought within this factor of the stated one (chosen).
+const STATED_EXPOSURE_FACTOR: f64 = 3.0;
+/// Shortest exposure as a share of the period, where none is stated (chosen).
 const EXPOSURE_SHARE_MIN: f64 = 0.02;
-/// Steps of the grid of lateness: wide first, then about what was found, so many standard deviations either way.
-const WIDE_STEPS: usize = 120;
-const FINE_STEPS: usize = 60;
-const FINE_SIGMAS: f64 = 5.0;
-/// One stamp in a hundred may be anywhere.
+/// Steps of the grid of latencies: wide first, then finer about the result, this many standard deviations either way (all chosen).
+const WIDE_GRID_STEPS: usize = 120;
+const FINE_GRID_STEPS: usize = 60;
+const FINE_GRID_RANGE_SIGMAS: f64 = 5.0;
+/// Probability that a stamp is an outlier (chosen).
 const OUTLIER_PROBABILITY: f64 = 0.01;
-/// Middles of exposures beyond this many standard deviations are not thought of.
-const REACH_SIGMAS: f64 = 4.0;
-/// No film is believed more than this \[s\]: half of what the LED's turns may be late by on a small board.
+/// Middles of exposures beyond this many standard deviations of the scatter are left out (chosen).
+const SCATTER_RANGE_SIGMAS: f64 = 4.0;
+/// Smallest standard deviation of a latency \[s\] (chosen): half of what the LED's turns may be late by on a small board.
 const LATENCY_SIGMA_MIN_S: f64 = 3e-5;
 
-/// How late the film of `seen` is against `light`.
-pub(super) fn delay(seen: &Seen, light: &Light, period_s: f64, exposure_s: Option<f64>) -> Delay {
+/// Latency of the film that shows `led` against the board's `light`.
+pub(super) fn delay(led: &LedSignal, light: &Light, period_s: f64, exposure_s: Option<f64>) -> Delay {
     let [shortest, longest] = match exposure_s {
-        Some(stated) => [stated / EXPOSURE_FACTOR, stated * EXPOSURE_FACTOR],
+        Some(stated) => [stated / STATED_EXPOSURE_FACTOR, stated * STATED_EXPOSURE_FACTOR],
         None => [EXPOSURE_SHARE_MIN * period_s, period_s],
     };
     let longest = longest.min(period_s).max(1.01 * shortest);
     let ratio = (longest / shortest).powf(1.0 / (EXPOSURE_STEPS - 1) as f64);
     let reach_s = period_s.max(0.008);
     let exposures: Vec<Exposures> = (0..EXPOSURE_STEPS)
-        .map(|k| Exposures::new(seen, light, shortest * ratio.powi(k as i32), [reach_s, longest]))
+        .map(|k| Exposures::new(led, light, shortest * ratio.powi(k as i32), [reach_s, longest]))
         .collect();
 
-    let wide = weigh(&exposures, seen.noise, [seen.late_s, reach_s], WIDE_STEPS);
-    let about_s = (FINE_SIGMAS * wide.std_s).max(4.0 * LATENCY_SIGMA_MIN_S).min(reach_s);
-    let fine = weigh(&exposures, seen.noise, [wide.mean_s, about_s], FINE_STEPS);
+    let wide = weigh(&exposures, led.noise, [led.late_s, reach_s], WIDE_GRID_STEPS);
+    let about_s = (FINE_GRID_RANGE_SIGMAS * wide.std_s).max(4.0 * LATENCY_SIGMA_MIN_S).min(reach_s);
+    let fine = weigh(&exposures, led.noise, [wide.mean_s, about_s], FINE_GRID_STEPS);
     Delay { std_s: fine.std_s.hypot(LATENCY_SIGMA_MIN_S), ..fine }
 }
 
-/// All images, were they exposed for so long.
+/// The images in which the LED may have turned, for one exposure time.
 struct Exposures {
     exposure_s: f64,
     images: Vec<Image>,
@@ -68,17 +68,17 @@ struct Exposures {
 /// An image in whose exposure the LED may have turned: no others tell anything.
 struct Image {
     time_s: f64,
-    shine: f64,
+    brightness: f64,
     /// Middles of the exposure, and the share of it that is lit then; linear between them.
     corners: Vec<[f64; 2]>,
 }
 
 impl Exposures {
     /// With what the lateness may be off by, and the longest exposure thought of: the same images for every one.
-    fn new(seen: &Seen, light: &Light, exposure_s: f64, [reach_s, longest_s]: [f64; 2]) -> Self {
-        let scatter_s = REACH_SIGMAS * JITTERS_S.iter().copied().fold(0.0, f64::max);
-        let image = |(&time_s, &shine): (&f64, &f64)| {
-            let around = [-1.0, 1.0].map(|side| time_s - seen.late_s + side * (2.0 * reach_s + scatter_s));
+    fn new(led: &LedSignal, light: &Light, exposure_s: f64, [reach_s, longest_s]: [f64; 2]) -> Self {
+        let scatter_s = SCATTER_RANGE_SIGMAS * JITTERS_S.iter().copied().fold(0.0, f64::max);
+        let image = |(&time_s, &brightness): (&f64, &f64)| {
+            let around = [-1.0, 1.0].map(|side| time_s - led.late_s + side * (2.0 * reach_s + scatter_s));
             let half_s = exposure_s / 2.0;
             let turns: Vec<f64> =
                 light.turns_s(around[0] - longest_s / 2.0, around[1] + longest_s / 2.0).collect();
@@ -92,14 +92,14 @@ impl Exposures {
             corners.sort_by(f64::total_cmp);
             let corners =
                 corners.into_iter().map(|middle_s| [middle_s, light.share(middle_s, exposure_s)]).collect();
-            Some(Image { time_s, shine, corners })
+            Some(Image { time_s, brightness, corners })
         };
-        Self { exposure_s, images: seen.times_s.iter().zip(&seen.shines).filter_map(image).collect() }
+        Self { exposure_s, images: led.times_s.iter().zip(&led.brightness).filter_map(image).collect() }
     }
 
     fn log_likelihood(&self, late_s: f64, jitter_s: f64, noise: f64) -> f64 {
         let image = |image: &Image| {
-            // A stray one shines anyhow between dark and lit.
+            // With an outlying stamp, any brightness between dark and lit is equally likely.
             (OUTLIER_PROBABILITY + (1.0 - OUTLIER_PROBABILITY) * image.density(late_s, jitter_s, noise)).ln()
         };
         self.images.iter().map(image).sum()
@@ -107,10 +107,10 @@ impl Exposures {
 }
 
 impl Image {
-    /// Density of its shine.
+    /// Probability density of its brightness.
     fn density(&self, late_s: f64, jitter_s: f64, noise: f64) -> f64 {
         let mean_s = self.time_s - late_s;
-        let reach_s = REACH_SIGMAS * jitter_s;
+        let reach_s = SCATTER_RANGE_SIGMAS * jitter_s;
         let mut density = 0.0;
         for pair in self.corners.windows(2) {
             let [[from_s, from], [to_s, to]] = [pair[0], pair[1]];
@@ -120,14 +120,16 @@ impl Image {
             let slope = (to - from) / (to_s - from_s);
             density += if slope.abs() * jitter_s < 1e-3 * noise {
                 // The same all along.
-                normal(self.shine, from, noise) * within([from_s, to_s], mean_s, jitter_s)
+                normal(self.brightness, from, noise) * within([from_s, to_s], mean_s, jitter_s)
             } else {
                 // In the middle's own terms a normal likelihood, whose product with the normal scatter is one again.
-                let (told_s, told_std_s) = (from_s + (self.shine - from) / slope, noise / slope.abs());
-                let sum = jitter_s * jitter_s + told_std_s * told_std_s;
-                let product_s = (mean_s * told_std_s * told_std_s + told_s * jitter_s * jitter_s) / sum;
-                let product_std_s = jitter_s * told_std_s / sum.sqrt();
-                normal(told_s, mean_s, sum.sqrt()) / slope.abs()
+                let (implied_s, implied_std_s) =
+                    (from_s + (self.brightness - from) / slope, noise / slope.abs());
+                let sum = jitter_s * jitter_s + implied_std_s * implied_std_s;
+                let product_s =
+                    (mean_s * implied_std_s * implied_std_s + implied_s * jitter_s * jitter_s) / sum;
+                let product_std_s = jitter_s * implied_std_s / sum.sqrt();
+                normal(implied_s, mean_s, sum.sqrt()) / slope.abs()
                     * within([from_s, to_s], product_s, product_std_s)
             };
         }

@@ -7,18 +7,18 @@ use super::{BLOCK_PX, LatencyError};
 use camera::calibration::Px;
 use ground::clock::{ClockFit, MonotonicNs};
 
-/// Stamps may be so much earlier, or later, than the light \[s\].
+/// Range of latencies that are sought \[s\] (chosen).
 const LATENESS_RANGE_S: [f64; 2] = [-0.2, 0.5];
-/// So many of the squares that change most are looked at.
+/// Number of squares that are searched, those that change most (chosen).
 const BLOCKS_MAX: usize = 400;
-/// What follows the pattern does so by this correlation at least.
+/// Smallest correlation with the pattern at which a square shows the LED (chosen).
 const CORRELATION_MIN: f64 = 0.7;
-/// Another time fits as well when its correlation comes so near to the best.
-const RIVAL_CORRELATION_SHARE: f64 = 0.9;
-/// Squares that follow so nearly as well as the best one are part of the LED.
-const LED_CORRELATION_SHARE: f64 = 0.9;
-/// The squares of an LED lie within this many of the best one: light reflected elsewhere follows it too, and may be slower.
-const LED_REACH_BLOCKS: usize = 4;
+/// Another latency is a rival when its correlation exceeds this share of the best one (chosen).
+const RIVAL_CORRELATION_SHARE_MIN: f64 = 0.9;
+/// Squares whose correlation exceeds this share of the best one are part of the LED (chosen).
+const LED_CORRELATION_SHARE_MIN: f64 = 0.9;
+/// The squares of an LED lie within this many of the best one (chosen): light reflected elsewhere follows it too, and may be slower.
+const LED_DISTANCE_MAX_BLOCKS: usize = 4;
 
 /// Images of a film, each as the mean grey of its squares of 8 pixels.
 #[derive(Debug, Clone, Default)]
@@ -30,22 +30,22 @@ pub struct Film {
     greys: Vec<f32>,
 }
 
-/// The LED in a film.
-pub(super) struct Seen {
+/// Brightness and place of the LED in a film.
+pub(super) struct LedSignal {
     /// Times of the images \[s\] after the first.
     pub(super) times_s: Vec<f64>,
-    /// How brightly it shines in each image: 0 dark, 1 lit.
-    pub(super) shines: Vec<f64>,
+    /// Brightness of the LED in each image: 0 dark, 1 lit.
+    pub(super) brightness: Vec<f64>,
     /// Standard deviation of that where it is dark or lit for all of the exposure.
     pub(super) noise: f64,
-    /// How late the images' times are, to within half a period \[s\].
+    /// Latency of the images' times, to within half a period \[s\].
     pub(super) late_s: f64,
     pub(super) place_px: Px,
     pub(super) contrast_grey: f64,
 }
 
 impl Film {
-    /// Takes in the next image.
+    /// Adds the next image.
     ///
     /// # Errors
     /// [`LatencyError::Size`].
@@ -71,7 +71,7 @@ impl Film {
         Ok(())
     }
 
-    /// How many images.
+    /// Number of images.
     pub fn images(&self) -> usize {
         self.times.len()
     }
@@ -81,7 +81,7 @@ impl Film {
         self.times.first().zip(self.times.last()).map_or(0.0, |(first, last)| last.seconds_since(*first))
     }
 
-    /// Bytes it has.
+    /// Memory of the film's brightness values \[bytes\].
     pub fn bytes(&self) -> usize {
         self.greys.len() * size_of::<f32>()
     }
@@ -101,8 +101,8 @@ impl Film {
         Light::new(clock, first, first.plus_seconds(-margin_s), last.plus_seconds(margin_s))
     }
 
-    /// The place that follows `light`, exposures lasting about `exposure_s`.
-    pub(super) fn find(&self, light: &Light, exposure_s: f64) -> Result<Seen, LatencyError> {
+    /// The LED: the place whose brightness follows `light`, for exposures of about `exposure_s` \[s\].
+    pub(super) fn find(&self, light: &Light, exposure_s: f64) -> Result<LedSignal, LatencyError> {
         let times_s: Vec<f64> = self.times.iter().map(|time| time.seconds_since(self.times[0])).collect();
         let changing = self.changing();
         let step_s = (self.period_s() / 2.0).min(0.004);
@@ -111,32 +111,34 @@ impl Film {
             times_s.iter().map(|time_s| light.share(time_s - late_s, exposure_s)).collect()
         };
         // The best square at each lateness.
-        let looks: Vec<Look> = (0..count)
+        let matches: Vec<Match> = (0..count)
             .map(|k| {
                 let late_s = LATENESS_RANGE_S[0] + k as f64 * step_s;
                 let mut pattern = expected(late_s);
                 normalize(&mut pattern);
                 let follows = changing.iter().map(|(square, series)| (dot(&pattern, series), *square));
-                let (followed, square) = follows
+                let (correlation, square) = follows
                     .fold((f64::NEG_INFINITY, 0), |best, next| if next.0 > best.0 { next } else { best });
-                Look { late_s, followed, square }
+                Match { late_s, correlation, square }
             })
             .collect();
-        let best =
-            looks.iter().fold(Look { followed: f64::NEG_INFINITY, ..Look::default() }, |best, look| {
-                if look.followed > best.followed { *look } else { best }
-            });
-        if best.followed < CORRELATION_MIN {
+        let best = matches.iter().fold(
+            Match { correlation: f64::NEG_INFINITY, ..Match::default() },
+            |best, next| {
+                if next.correlation > best.correlation { *next } else { best }
+            },
+        );
+        if best.correlation < CORRELATION_MIN {
             return Err(LatencyError::NoLed {
                 place_px: self.place_px(best.square),
-                followed: best.followed,
+                correlation: best.correlation,
             });
         }
         // Next to the best time all fit a little; a whole slot away nothing should.
         let slot_s = f64::from(firmware_protocol::sync_led::SLOT.0) * 1e-6;
-        let rival = looks.iter().find(|look| {
-            (look.late_s - best.late_s).abs() > slot_s
-                && look.followed > RIVAL_CORRELATION_SHARE * best.followed
+        let rival = matches.iter().find(|other| {
+            (other.late_s - best.late_s).abs() > slot_s
+                && other.correlation > RIVAL_CORRELATION_SHARE_MIN * best.correlation
         });
         if let Some(rival) = rival {
             return Err(LatencyError::TwoTimes { first_s: best.late_s, second_s: rival.late_s });
@@ -149,15 +151,15 @@ impl Film {
                 .row_and_column(*square)
                 .iter()
                 .zip(self.row_and_column(best.square))
-                .all(|(a, b)| a.abs_diff(b) <= LED_REACH_BLOCKS);
-            near && dot(&pattern, series) > LED_CORRELATION_SHARE * best.followed
+                .all(|(a, b)| a.abs_diff(b) <= LED_DISTANCE_MAX_BLOCKS);
+            near && dot(&pattern, series) > LED_CORRELATION_SHARE_MIN * best.correlation
         });
         let squares: Vec<usize> = part.map(|(square, _)| *square).collect();
-        Ok(self.seen(&squares, times_s, &shares, best.late_s))
+        Ok(self.led_signal(&squares, times_s, &shares, best.late_s))
     }
 
     /// The LED that covers `squares`, lit for `shares` of the images when they are `late_s` late.
-    fn seen(&self, squares: &[usize], times_s: Vec<f64>, shares: &[f64], late_s: f64) -> Seen {
+    fn led_signal(&self, squares: &[usize], times_s: Vec<f64>, shares: &[f64], late_s: f64) -> LedSignal {
         let count = squares.len().max(1) as f64;
         let mean = |image: usize| {
             squares.iter().map(|&square| f64::from(self.grey(image, square))).sum::<f64>() / count
@@ -185,10 +187,10 @@ impl Film {
             let at = self.place_px(square);
             place_px = [place_px[0] + at[0] / count, place_px[1] + at[1] / count];
         }
-        Seen {
+        LedSignal {
             times_s,
-            shines: greys.iter().map(|grey| (grey - dark) / contrast_grey).collect(),
-            noise: noise.max(NOISE_MIN_GREY),
+            brightness: greys.iter().map(|grey| (grey - dark) / contrast_grey).collect(),
+            noise: noise.max(NOISE_MIN_CONTRAST_SHARE),
             late_s,
             place_px,
             contrast_grey,
@@ -243,13 +245,14 @@ impl Film {
     }
 }
 
-/// Grey levels are rounded: no less than this is believed of a mean of many.
-const NOISE_MIN_GREY: f64 = 2e-3;
+/// Smallest noise that is assumed \[share of the contrast\] (chosen): grey levels are rounded.
+const NOISE_MIN_CONTRAST_SHARE: f64 = 2e-3;
 
+/// The square that follows the pattern best at one latency.
 #[derive(Debug, Clone, Copy, Default)]
-struct Look {
+struct Match {
     late_s: f64,
-    followed: f64,
+    correlation: f64,
     square: usize,
 }
 

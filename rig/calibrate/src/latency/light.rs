@@ -1,4 +1,4 @@
-//! The sync LED's light as the board's clock has it.
+//! When the sync LED is lit, by the board's clock.
 
 use firmware_protocol::sync_led::{self, SLOT};
 use firmware_protocol::units::Ticks;

@@ -6,40 +6,40 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-/// What a run of the driven link says.
+/// How the driven link of a run follows its command.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Following {
-    /// How much later than the command, beside the lag, the link is seen to move \[s\].
+    /// Delay from the command to the link's motion in the pictures, in addition to the lag \[s\].
     pub delay_s: f64,
-    /// Its standard deviation, by the link's own residuals \[s\].
+    /// Its standard deviation, from the link's residuals \[s\].
     pub std_s: f64,
     /// The lag's time constant \[s\].
     pub lag_s: f64,
     /// Turn of the link per turn of the command.
     pub gain: f64,
-    /// What remains, root mean square \[rad\].
+    /// Root mean square of the residuals \[rad\].
     pub rms_rad: f64,
     /// The delay of strokes that turn the link one way, less that of the others \[s\]: 0 but for noise.
     pub two_ways_s: f64,
 }
 
-/// What is followed.
+/// The angle that the link follows: its servo's command or measured angle.
 #[derive(Debug, Clone, Copy)]
 pub struct Followed<'a> {
-    /// When \[s\], rising.
+    /// Times \[s\], rising.
     pub time_s: &'a [f64],
-    /// Which angle \[rad\]; linear between.
+    /// Angles at these times \[rad\]; linear between them.
     pub angle_rad: &'a [f64],
 }
 
-/// Delays and lags looked for \[s\].
+/// Ranges of delays and lags that are sought \[s\] (chosen).
 const DELAY_RANGE_S: [f64; 2] = [-0.05, 0.3];
 const LAG_RANGE_S: [f64; 2] = [0.0, 0.15];
-/// The first grid's steps \[s\]; each of the following ones is finer by [`GRID_REFINEMENT`].
+/// Step of the first grid \[s\], factor by which each following grid is finer, and number of grids (all chosen).
 const GRID_STEP_S: f64 = 0.005;
 const GRID_REFINEMENT: f64 = 5.0;
 const GRID_ROUNDS: usize = 4;
-/// The lag is integrated in steps of this \[s\].
+/// Step in which the lag is integrated \[s\] (chosen).
 const INTEGRATION_STEP_S: f64 = 5e-4;
 
 impl Followed<'_> {
@@ -59,19 +59,20 @@ impl Followed<'_> {
     /// The angle behind a lag of first order, every [`INTEGRATION_STEP_S`] from `from_s` to `until_s`; exact for a straight line over each.
     fn lagged(&self, from_s: f64, until_s: f64, lag_s: f64) -> Vec<f64> {
         let count = ((until_s - from_s) / INTEGRATION_STEP_S).ceil().max(0.0) as usize + 2;
-        let told = (0..count).map(|k| self.at(from_s + k as f64 * INTEGRATION_STEP_S));
+        let input = (0..count).map(|k| self.at(from_s + k as f64 * INTEGRATION_STEP_S));
         if lag_s <= 0.0 {
-            return told.collect();
+            return input.collect();
         }
         let keep = (-INTEGRATION_STEP_S / lag_s).exp();
         let lead = 1.0 - (1.0 - keep) * lag_s / INTEGRATION_STEP_S;
         let (mut before, mut lagged) = (self.at(from_s), self.at(from_s));
-        told.map(|now| {
-            lagged = keep * lagged + (1.0 - keep - lead) * before + lead * now;
-            before = now;
-            lagged
-        })
-        .collect()
+        input
+            .map(|now| {
+                lagged = keep * lagged + (1.0 - keep - lead) * before + lead * now;
+                before = now;
+                lagged
+            })
+            .collect()
     }
 }
 
@@ -114,7 +115,7 @@ pub fn following(followed: Followed<'_>, time_s: &[f64], angle_rad: &[f64], lags
     if line.moved.abs() < f64::EPSILON {
         return None;
     }
-    // The delay's own derivative beside zero and gain, each way of turning by itself: a step by which the residuals would shrink.
+    // A Gauss-Newton step of the delay, with zero and gain, for each direction of turning by itself.
     let way = |wanted: f64| {
         Line::fit(&path, begin_s + delay_s, time_s, angle_rad, |rate| rate * wanted > 0.0)
             .map(|line| line.late_s)
@@ -159,24 +160,24 @@ impl Line {
         }
         // zero and gain alone, then with the delay's derivative, - gain * rate
         let two = normal.fixed_view::<2, 2>(0, 0).into_owned().try_inverse()?;
-        let held = two * right.fixed_rows::<2>(0);
-        let residual = |&(value, _, angle): &(f64, f64, f64)| angle - held[0] - held[1] * value;
+        let linear = two * right.fixed_rows::<2>(0);
+        let residual = |&(value, _, angle): &(f64, f64, f64)| angle - linear[0] - linear[1] * value;
         let square: f64 = rows.iter().map(|row| residual(row).powi(2)).sum();
         let (mut late_s, mut late_std_s) = (0.0, f64::INFINITY);
         if let Some(inverse) = normal.try_inverse() {
             let free = inverse * right;
-            late_s = -free[2] / held[1];
-            // Residuals of neighbours are alike, so that they count for fewer.
+            late_s = -free[2] / linear[1];
+            // Residuals of neighbours are correlated, so that they count for fewer.
             let (mut products, mut squares) = (0.0, f64::MIN_POSITIVE);
             for pair in rows.windows(2) {
                 products += residual(&pair[0]) * residual(&pair[1]);
                 squares += residual(&pair[0]).powi(2);
             }
-            let alike = (products / squares).clamp(0.0, 0.99);
-            let variance = square / rows.len() as f64 * (1.0 + alike) / (1.0 - alike);
-            late_std_s = (variance * inverse[(2, 2)]).sqrt() / held[1].abs();
+            let correlation = (products / squares).clamp(0.0, 0.99);
+            let variance = square / rows.len() as f64 * (1.0 + correlation) / (1.0 - correlation);
+            late_std_s = (variance * inverse[(2, 2)]).sqrt() / linear[1].abs();
         }
-        Some(Self { gain: held[1], square, late_s, late_std_s, moved })
+        Some(Self { gain: linear[1], square, late_s, late_std_s, moved })
     }
 }
 
@@ -189,9 +190,9 @@ mod tests {
 
     /// Strokes of 2:1, and a link that follows by small steps of the lag's own equation.
     fn strokes(delay_s: f64, lag_s: f64, noise_rad: f64) -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
-        let told_s = vec![0.0, 1.0, 2.0, 2.5, 3.5, 4.0, 5.0];
-        let told = vec![0.0, 0.0, 0.6, -0.6, 0.6, -0.6, 0.0];
-        let command = Followed { time_s: &told_s, angle_rad: &told };
+        let command_s = vec![0.0, 1.0, 2.0, 2.5, 3.5, 4.0, 5.0];
+        let command_rad = vec![0.0, 0.0, 0.6, -0.6, 0.6, -0.6, 0.0];
+        let command = Followed { time_s: &command_s, angle_rad: &command_rad };
         let step_s = 1e-5;
         let mut link = 0.0;
         let mut random = ChaCha8Rng::seed_from_u64(3);
@@ -205,14 +206,14 @@ mod tests {
                 angle_rad.push(-0.1 + 0.9 * link + noise_rad * noise);
             }
         }
-        (told_s.clone(), told.clone(), time_s, angle_rad)
+        (command_s.clone(), command_rad.clone(), time_s, angle_rad)
     }
 
     #[test]
     fn delay_and_lag_come_apart() {
         for (delay_s, lag_s) in [(0.035, 0.02), (-0.01, 0.05), (0.12, 0.004)] {
-            let (told_s, told, time_s, angle_rad) = strokes(delay_s, lag_s, 0.002);
-            let followed = Followed { time_s: &told_s, angle_rad: &told };
+            let (command_s, command_rad, time_s, angle_rad) = strokes(delay_s, lag_s, 0.002);
+            let followed = Followed { time_s: &command_s, angle_rad: &command_rad };
             let found = following(followed, &time_s, &angle_rad, true).unwrap();
             assert!(
                 (found.delay_s - delay_s).abs() < 1e-3 && (found.lag_s - lag_s).abs() < 1.5e-3,

@@ -16,7 +16,7 @@ use std::fmt;
 use camera::calibration::Px;
 use ground::clock::ClockFit;
 
-/// What a film of the sync LED says.
+/// Latency of a camera, from a film of the sync LED.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Latency {
     /// How much later than true mid-exposure the images' times are \[s\]; below 0: earlier.
@@ -27,19 +27,19 @@ pub struct Latency {
     pub jitter_s: f64,
     /// Exposure time, as the light of images in which the LED turned tells \[s\].
     pub exposure_s: f64,
-    /// Images taken in.
+    /// Number of images used.
     pub images: usize,
-    /// How long they were filmed for \[s\].
+    /// Time from the first to the last image \[s\].
     pub span_s: f64,
-    /// How often the LED turned on or off meanwhile.
+    /// How often the LED turned on or off in that time.
     pub turns: usize,
-    /// Where it is seen \[px\].
+    /// Place of the LED in the picture \[px\].
     pub place_px: Px,
     /// How much brighter it is when lit \[grey levels\], averaged over that place.
     pub contrast_grey: f64,
 }
 
-/// Why a film does not tell.
+/// Why a film gives no latency.
 #[derive(Debug, thiserror::Error)]
 pub enum LatencyError {
     /// Images of another size.
@@ -50,14 +50,14 @@ pub enum LatencyError {
         /// Width and height of this one.
         got_px: [u32; 2],
     },
-    /// Too little film.
+    /// The film has too few images or is too short.
     #[error(
         "{images} usable images over {span_s:.1} s are too few: film the sync LED for {FILM_MIN_S} s or longer"
     )]
     TooShort {
-        /// How many.
+        /// Number of usable images.
         images: usize,
-        /// For how long \[s\].
+        /// Time from the first to the last of them \[s\].
         span_s: f64,
     },
     /// The board's clock is not known.
@@ -69,34 +69,35 @@ pub enum LatencyError {
     #[error(
         "no place in the picture follows the sync LED's pattern (the best, at column {:.0}, row {:.0}, by {:.0} % of what it does): put the \
          LED on the board's sync channel into the picture, at least {BLOCK_PX} px wide and not washed out, and keep the light and the exposure as they are",
-        place_px[0], place_px[1], 100.0 * followed.max(0.0)
+        place_px[0], place_px[1], 100.0 * correlation.max(0.0)
     )]
     NoLed {
-        /// Where it was best followed \[px\].
+        /// Place of the best correlation \[px\].
         place_px: Px,
         /// Correlation there.
-        followed: f64,
+        correlation: f64,
     },
     /// The picture follows the pattern at two times alike.
     #[error(
         "the LED's pattern fits the film at {first_s:.3} s and at {second_s:.3} s alike: film it for longer"
     )]
     TwoTimes {
-        /// One lateness \[s\].
+        /// One latency that fits \[s\].
         first_s: f64,
-        /// Another \[s\].
+        /// Another one that fits \[s\].
         second_s: f64,
     },
 }
 
-/// Side of the squares that the picture is looked at by \[px\].
+/// Side of the squares over which the picture is averaged \[px\] (chosen).
 const BLOCK_PX: usize = 8;
-/// A film is at least so long \[s\]: the LED may stay as it is for a second.
+/// Shortest film \[s\] (chosen): the LED may stay as it is for a second.
 const FILM_MIN_S: f64 = 3.0;
+/// Fewest images of a film (chosen).
 const IMAGES_MIN: usize = 40;
 
 impl Film {
-    /// What it says, with the board's `clock` and the exposure that the config states, if any \[s\].
+    /// The camera's latency, from the film and the board's `clock` and the exposure that the config states, if any \[s\].
     ///
     /// # Errors
     /// [`LatencyError`].
@@ -107,8 +108,8 @@ impl Film {
         }
         let light = self.light(clock);
         let period_s = self.period_s();
-        let seen = self.find(&light, exposure_s.unwrap_or(period_s / 2.0))?;
-        let delay = delay::delay(&seen, &light, period_s, exposure_s);
+        let led = self.find(&light, exposure_s.unwrap_or(period_s / 2.0))?;
+        let delay = delay::delay(&led, &light, period_s, exposure_s);
         Ok(Latency {
             late_s: delay.mean_s,
             std_s: delay.std_s,
@@ -117,8 +118,8 @@ impl Film {
             images,
             span_s,
             turns: light.turns_s(0.0, span_s).count(),
-            place_px: seen.place_px,
-            contrast_grey: seen.contrast_grey,
+            place_px: led.place_px,
+            contrast_grey: led.contrast_grey,
         })
     }
 }

@@ -51,9 +51,9 @@ impl Take {
         let pings: Vec<Ping> = (0..(20.0 * (self.span_s + 1.0)) as usize)
             .map(|k| {
                 let sent = START.plus_seconds(0.05 * k as f64);
-                let heard = sent.plus_seconds(random.random_range(1e-4..4e-4));
-                let received = heard.plus_seconds(random.random_range(1e-4..4e-4));
-                Ping { sent, board_tick_us: self.tick(heard), received }
+                let read = sent.plus_seconds(random.random_range(1e-4..4e-4));
+                let received = read.plus_seconds(random.random_range(1e-4..4e-4));
+                Ping { sent, board_tick_us: self.tick(read), received }
             })
             .collect();
         ClockFit::new(&pings, Wire::NONE).unwrap()

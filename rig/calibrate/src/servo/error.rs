@@ -3,52 +3,52 @@
 /// Why a film of a servo makes no calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ServoCalibrateError {
-    /// The staircase is not there.
+    /// The film shows too few levels of the staircase.
     #[error(
         "the servo was seen at rest {rests} times after a known move, at {levels} pulses; at least {least} times at 3 pulses from both sides are needed: film a staircase (`rig calibrate servo CONFIG`), and see in its frames.csv why images were refused"
     )]
     Levels {
-        /// Stands seen.
+        /// Number of stands that the film shows.
         rests: usize,
         /// Different pulses among them.
         levels: usize,
         /// Least number of stands.
         least: usize,
     },
-    /// A longer pulse turns it this way here and that way there.
+    /// The direction of turning changes along the range of pulses.
     #[error(
         "from {from_us} to {to_us} µs the link turns the other way than elsewhere: it runs into something, or the servo's travel ends there; narrow min_pulse_us and max_pulse_us"
     )]
     NotMonotone {
-        /// \[µs\]
+        /// Lower pulse \[µs\].
         from_us: f64,
-        /// \[µs\]
+        /// Upper pulse \[µs\].
         to_us: f64,
     },
-    /// Small steps move nothing.
+    /// The dead zone is too wide for the small steps.
     #[error(
         "the angle depends by {zone_rad:.4} rad on the side from which a level is approached, more than half of the steps of {step_rad:.4} rad: tighten the horn, or widen the channel's limits for larger steps"
     )]
     Loose {
-        /// \[rad\]
+        /// Width of the dead zone \[rad\].
         zone_rad: f64,
-        /// \[rad\]
+        /// Median size of the steps \[rad\].
         step_rad: f64,
     },
-    /// Nothing moves, or nothing is seen of it.
+    /// Nothing moves, or too few images show it.
     #[error(
         "{images} images show how the servo follows, at least {least} are needed: see in frames.csv why images were refused"
     )]
     NoMoves {
-        /// Images seen.
+        /// Number of images that show the motion.
         images: usize,
-        /// Least number.
+        /// Smallest number that is enough.
         least: usize,
     },
     /// Nothing in the model is the driven link.
     #[error("the driven link of actuator `{actuator}` cannot be followed: {what}")]
     Link {
-        /// The actuator.
+        /// Name of the actuator.
         actuator: String,
         /// What is missing.
         what: String,

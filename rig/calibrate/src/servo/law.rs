@@ -1,47 +1,47 @@
-//! How a servo turns, in numbers: what quick steps are laid on.
+//! A model of how a servo follows its command; it is fitted to the film.
 
-/// A servo.
+/// Parameters of the servo model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Law {
     /// Time constant \[s\], above 0.
     pub(super) lag_s: f64,
     /// Fastest turn \[rad/s\].
     pub(super) rate: f64,
-    /// From the command to the picture, beside the lag \[s\].
+    /// Delay from the command to the picture, in addition to the lag \[s\].
     pub(super) delay_s: f64,
-    /// From one look at the command to the next, and how much of it after time 0 the first one is; none: it looks all the time.
-    pub(super) looks: Option<[f64; 2]>,
+    /// Refresh period \[s\], and the share of it after time 0 at which the servo first reads its command; none: it reads it continuously.
+    pub(super) refresh: Option<[f64; 2]>,
     /// Half of the zone in which nothing moves: of its own dead band, and of the play behind it \[rad\].
     pub(super) half_zone: [f64; 2],
 }
 
-/// A servo that looks all the time looks this often \[s\].
-const ALL_THE_TIME_S: f64 = 1e-3;
+/// A servo that reads its command continuously is simulated with this refresh period \[s\] (chosen).
+const CONTINUOUS_REFRESH_PERIOD_S: f64 = 1e-3;
 
 impl Law {
-    /// Where it is at rising `time_s` from what it is told, `told` at a time, having stood before.
-    pub(super) fn follow(&self, told: impl Fn(f64) -> f64, time_s: &[f64]) -> Vec<f64> {
-        let [period_s, phase] = self.looks.unwrap_or([ALL_THE_TIME_S, 0.0]);
-        let look_s = |number: f64| (number + phase) * period_s;
-        // what is told all the time changes evenly between two looks
-        let seen_s = if self.looks.is_none() { 0.5 * period_s } else { 0.0 };
+    /// Its angle \[rad\] at each of the rising `time_s` for `command`, the commanded angle at a time; at rest before.
+    pub(super) fn follow(&self, command: impl Fn(f64) -> f64, time_s: &[f64]) -> Vec<f64> {
+        let [period_s, phase] = self.refresh.unwrap_or([CONTINUOUS_REFRESH_PERIOD_S, 0.0]);
+        let read_s = |number: f64| (number + phase) * period_s;
+        // a command that is read continuously is taken in the middle between two reads
+        let ahead_s = if self.refresh.is_none() { 0.5 * period_s } else { 0.0 };
         let Some(&first) = time_s.first() else { return Vec::new() };
         let mut number = ((first - self.delay_s) / period_s - phase).floor() - 1.0;
-        let mut goal = told(look_s(number) + seen_s);
-        let (mut at, mut now_s) = (goal, look_s(number));
+        let mut goal = command(read_s(number) + ahead_s);
+        let (mut at, mut now_s) = (goal, read_s(number));
         let [dead, play] = self.half_zone;
         let mut output = at;
         let mut angles = Vec::with_capacity(time_s.len());
         for &asked_s in time_s {
             let until_s = asked_s - self.delay_s;
-            while look_s(number + 1.0) <= until_s {
-                at = self.turned(at, goal, look_s(number + 1.0) - now_s);
-                // between two looks it turns one way only
+            while read_s(number + 1.0) <= until_s {
+                at = self.turned(at, goal, read_s(number + 1.0) - now_s);
+                // between two reads it turns one way only
                 output = output.clamp(at - play, at + play);
                 number += 1.0;
-                now_s = look_s(number);
-                let told = told(now_s + seen_s);
-                goal = goal.clamp(told - dead, told + dead);
+                now_s = read_s(number);
+                let commanded = command(now_s + ahead_s);
+                goal = goal.clamp(commanded - dead, commanded + dead);
             }
             let turned = self.turned(at, goal, until_s - now_s);
             angles.push(output.clamp(turned - play, turned + play));

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// Steps of the search, and when it has ended: a step betters the squares by less than this share.
+/// Most iterations of the search, the relative decrease of the squares below which it ends, and the largest damping tried (all chosen).
 const ITERATIONS_MAX: usize = 40;
 const RELATIVE_TOLERANCE: f64 = 1e-6;
 const DAMPING_MAX: f64 = 1e8;
@@ -12,7 +12,7 @@ pub(super) struct Solution {
     pub(super) at: Vec<f64>,
     /// Sum of squares.
     pub(super) squares: f64,
-    /// Standard errors, with residuals that last from image to image.
+    /// Standard errors, for residuals that are correlated from image to image.
     pub(super) std: Vec<f64>,
 }
 
@@ -40,7 +40,7 @@ pub(super) fn solve(residuals: impl Fn(&[f64]) -> Vec<f64>, start: &[f64], step:
         let normal = slopes.transpose() * &slopes;
         let down = slopes.transpose() * DVector::from_column_slice(&now);
         let before = squares(&now);
-        let mut bettered = 0.0;
+        let mut decrease = 0.0;
         while damping < DAMPING_MAX {
             let mut damped = normal.clone();
             for k in 0..at.len() {
@@ -53,14 +53,14 @@ pub(super) fn solve(residuals: impl Fn(&[f64]) -> Vec<f64>, start: &[f64], step:
             let next: Vec<f64> = at.iter().zip(by.iter()).map(|(x, by)| x - by).collect();
             let found = residuals(&next);
             if squares(&found) < before {
-                bettered = before - squares(&found);
+                decrease = before - squares(&found);
                 (at, now) = (next, found);
                 damping = (damping * 0.2).max(1e-9);
                 break;
             }
             damping *= 5.0;
         }
-        if bettered <= RELATIVE_TOLERANCE * before {
+        if decrease <= RELATIVE_TOLERANCE * before {
             break;
         }
     }
@@ -73,8 +73,8 @@ fn errors(slopes: &DMatrix<f64>, residuals: &[f64]) -> Vec<f64> {
     let variance =
         residuals.iter().map(|r| r * r).sum::<f64>() / (count.saturating_sub(numbers).max(1)) as f64;
     let along: f64 = residuals.windows(2).map(|pair| pair[0] * pair[1]).sum();
-    let lasting = (along / (variance * count as f64)).clamp(0.0, 0.95);
-    let inflated = variance * (1.0 + lasting) / (1.0 - lasting);
+    let correlation = (along / (variance * count as f64)).clamp(0.0, 0.95);
+    let inflated = variance * (1.0 + correlation) / (1.0 - correlation);
     let mut normal = slopes.transpose() * slopes;
     // a number that nothing depends on says nothing of the others
     for k in 0..numbers {

@@ -7,15 +7,15 @@ use super::error::ServoCalibrateError;
 use super::rests::Rest;
 use super::steps::Estimate;
 
-/// A move of at least this share of the travel crosses any dead zone.
-const MOVE_SHARE_MIN: f64 = 0.1;
-/// Least stands after such moves.
+/// A move of at least this share of the travel crosses any dead zone and belongs to the staircase (chosen).
+const STAIRCASE_MOVE_SHARE_MIN: f64 = 0.1;
+/// Fewest stands after such moves (chosen).
 const STANDS_MIN: usize = 8;
-/// A stand is misread beyond so many standard deviations, and never within so much \[rad\].
+/// A stand is misread if it is off by more than this many standard deviations and by more than this angle \[rad\] (both chosen).
 const MISREAD_SIGMAS: f64 = 6.0;
 const MISREAD_RAD: f64 = 1e-3;
-/// Nothing is known better \[rad\]: pulses are whole microseconds, and the servo's share of one is unknown.
-pub(super) const LEAST_STD_RAD: f64 = 1e-4;
+/// Smallest standard deviation of a level \[rad\] (chosen): pulses are whole microseconds, and the servo's share of one is unknown.
+pub(super) const LEVEL_STD_MIN_RAD: f64 = 1e-4;
 
 /// A pulse of the staircase and where it leads.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,15 +28,15 @@ pub struct Level {
     pub std_rad: f64,
 }
 
-/// What the staircase says.
+/// Result of the staircase.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Levels {
-    /// By rising pulse; angles all rise or all fall.
+    /// Levels by rising pulse; their angles all rise or all fall.
     pub levels: Vec<Level>,
-    /// Times that the servo stood at one of them.
+    /// Number of stands they were computed from.
     pub rests: usize,
-    /// Half of what the angle differs by when approached from either side \[rad\]: the servo's own dead band and the play behind it, which
-    /// no film of the link tells apart.
+    /// Half of what the angle differs by when approached from either side \[rad\]: the servo's dead band and the play behind it, which
+    /// no film of the link can separate.
     pub deadband_rad: Estimate,
     /// Standard deviation with which the servo comes back to a level from the same side \[rad\].
     pub repeatability_rad: f64,
@@ -49,57 +49,63 @@ pub struct Levels {
 }
 
 /// Whether the move to `rest` is one of the staircase of all `rests`.
-pub(super) fn is_firm(rest: &Rest, rests: &[Rest]) -> bool {
+pub(super) fn is_staircase_move(rest: &Rest, rests: &[Rest]) -> bool {
     let all = || rests.iter().map(|rest| rest.pulse_us);
     let travel = all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min);
-    rest.move_us.is_some_and(|us| us.abs() >= MOVE_SHARE_MIN * travel)
+    rest.move_us.is_some_and(|us| us.abs() >= STAIRCASE_MOVE_SHARE_MIN * travel)
 }
 
 /// Levels, dead band and repeatability together by least squares: angle = level - dead band in the direction of the approach.
 pub(super) fn levels(rests: &[Rest]) -> Result<Levels, ServoCalibrateError> {
-    let mut firm: Vec<&Rest> = rests.iter().filter(|rest| is_firm(rest, rests)).collect();
-    let mut pulses: Vec<f64> = firm.iter().map(|rest| rest.pulse_us).collect();
+    let mut staircase: Vec<&Rest> = rests.iter().filter(|rest| is_staircase_move(rest, rests)).collect();
+    let mut pulses: Vec<f64> = staircase.iter().map(|rest| rest.pulse_us).collect();
     pulses.sort_by(f64::total_cmp);
     pulses.dedup();
     let up = |rest: &&&Rest| rest.move_us.is_some_and(|us| us > 0.0);
-    let ups = firm.iter().filter(up).count();
-    if firm.len() < STANDS_MIN.max(pulses.len() + 3) || pulses.len() < 3 || ups == 0 || ups == firm.len() {
+    let ups = staircase.iter().filter(up).count();
+    if staircase.len() < STANDS_MIN.max(pulses.len() + 3)
+        || pulses.len() < 3
+        || ups == 0
+        || ups == staircase.len()
+    {
         return Err(ServoCalibrateError::Levels {
-            rests: firm.len(),
+            rests: staircase.len(),
             levels: pulses.len(),
             least: STANDS_MIN,
         });
     }
-    let sign = line(&firm.iter().map(|rest| (rest.pulse_us, rest.angle_rad)).collect::<Vec<_>>())[1].signum();
-    let lacking = ServoCalibrateError::Levels { rests: firm.len(), levels: pulses.len(), least: STANDS_MIN };
-    let mut fit = Fit::of(&firm, &pulses, sign).ok_or(lacking)?;
+    let sign =
+        line(&staircase.iter().map(|rest| (rest.pulse_us, rest.angle_rad)).collect::<Vec<_>>())[1].signum();
+    let lacking =
+        ServoCalibrateError::Levels { rests: staircase.len(), levels: pulses.len(), least: STANDS_MIN };
+    let mut fit = Fit::of(&staircase, &pulses, sign).ok_or(lacking)?;
     let sizes: Vec<f64> = fit.residuals.iter().map(|r| r.abs()).collect();
     let usual = MEDIAN_TO_SIGMA * median(&mut sizes.clone(), f64::total_cmp).unwrap_or(0.0);
     let limit = (MISREAD_SIGMAS * usual).max(MISREAD_RAD);
     if sizes.iter().any(|size| *size > limit) {
-        let kept: Vec<&Rest> =
-            firm.iter().zip(&sizes).filter(|(_, size)| **size <= limit).map(|(rest, _)| *rest).collect();
-        if let Some(better) = Fit::of(&kept, &pulses, sign) {
-            (firm, fit) = (kept, better);
+        let retained: Vec<&Rest> =
+            staircase.iter().zip(&sizes).filter(|(_, size)| **size <= limit).map(|(rest, _)| *rest).collect();
+        if let Some(better) = Fit::of(&retained, &pulses, sign) {
+            (staircase, fit) = (retained, better);
         }
     }
-    let repeatability_rad = fit.std.max(LEAST_STD_RAD);
+    let repeatability_rad = fit.std.max(LEVEL_STD_MIN_RAD);
     let levels: Vec<Level> = pulses
         .iter()
         .enumerate()
         .map(|(k, &pulse_us)| Level {
             pulse_us,
             angle_rad: fit.solution[k],
-            std_rad: (repeatability_rad * fit.inverse[(k, k)].sqrt()).max(LEAST_STD_RAD),
+            std_rad: (repeatability_rad * fit.inverse[(k, k)].sqrt()).max(LEVEL_STD_MIN_RAD),
         })
         .collect();
     if let Some(pair) = levels.windows(2).find(|pair| (pair[1].angle_rad - pair[0].angle_rad) * sign <= 0.0) {
         return Err(ServoCalibrateError::NotMonotone { from_us: pair[0].pulse_us, to_us: pair[1].pulse_us });
     }
     let last = pulses.len();
-    let deadband_std = (repeatability_rad * fit.inverse[(last, last)].sqrt()).max(LEAST_STD_RAD);
+    let deadband_std = (repeatability_rad * fit.inverse[(last, last)].sqrt()).max(LEVEL_STD_MIN_RAD);
     let mut found = Levels {
-        rests: firm.len(),
+        rests: staircase.len(),
         deadband_rad: Estimate { value: fit.solution[last].max(0.0), std: deadband_std },
         repeatability_rad,
         rad_per_us: Estimate { value: 0.0, std: 0.0 },
@@ -120,7 +126,7 @@ struct Fit {
 }
 
 impl Fit {
-    /// None where the levels, or what they differ by from either side, are not to be seen in `rests`.
+    /// None where `rests` do not determine the levels and the dead band.
     fn of(rests: &[&Rest], pulses: &[f64], sign: f64) -> Option<Self> {
         let width = pulses.len() + 1;
         let mut design = DMatrix::zeros(rests.len(), width);
@@ -175,7 +181,8 @@ impl Levels {
         let usual = self.levels.iter().map(|level| level.std_rad.powi(2)).sum::<f64>() / count;
         self.rad_per_us = Estimate { value: slope, std: (usual / spread).sqrt() };
         let nearest = self.levels.iter().map(|level| (level.angle_rad.abs(), level.std_rad));
-        let std_rad = nearest.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(LEAST_STD_RAD, |nearest| nearest.1);
+        let std_rad =
+            nearest.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(LEVEL_STD_MIN_RAD, |nearest| nearest.1);
         self.zero_pulse_us = Estimate { value: self.pulse_us(0.0), std: std_rad / slope.abs() };
     }
 

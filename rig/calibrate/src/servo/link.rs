@@ -1,4 +1,4 @@
-//! The driven link's angle, off keypoints.
+//! The driven link's angle, from keypoints.
 
 use sim::{Command, Model, RolloutOptions, Trajectory};
 
@@ -15,8 +15,8 @@ pub struct DrivenLink {
     zero_rad: f64,
 }
 
-/// Keypoints nearer than this to the pivot are at the pivot \[m\].
-const AT_PIVOT_M: f64 = 1e-6;
+/// Keypoints nearer than this to the pivot are at the pivot \[m\] (chosen).
+const PIVOT_DISTANCE_MAX_M: f64 = 1e-6;
 
 impl DrivenLink {
     /// The link that `actuator` turns in `model`, as seen along the axes to the right and up in the picture.
@@ -38,13 +38,13 @@ impl DrivenLink {
             (0..3).map(|k| (pos[k] - anchor[k]).powi(2)).sum::<f64>().sqrt()
         };
         let sites = || {
-            let own = model.sites.iter().filter(|site| site.body == joint.body);
-            own.filter_map(|site| Some((site, off(site.pos.0), place(&site.name)?)))
+            let on_link = model.sites.iter().filter(|site| site.body == joint.body);
+            on_link.filter_map(|site| Some((site, off(site.pos.0), place(&site.name)?)))
         };
-        let tip = sites().filter(|site| site.1 > AT_PIVOT_M).max_by(|a, b| a.1.total_cmp(&b.1));
+        let tip = sites().filter(|site| site.1 > PIVOT_DISTANCE_MAX_M).max_by(|a, b| a.1.total_cmp(&b.1));
         let (tip, _, tip_m) =
             tip.ok_or_else(|| lacking("its body has no keypoint beside its pivot".into()))?;
-        let base = sites().find(|site| site.1 <= AT_PIVOT_M);
+        let base = sites().find(|site| site.1 <= PIVOT_DISTANCE_MAX_M);
         let (name, base_m) = base
             .map(|(site, _, at)| (site.name.clone(), at))
             .ok_or_else(|| lacking("its pivot is no keypoint: add a site `P0` there".into()))?;
@@ -52,18 +52,19 @@ impl DrivenLink {
         Ok(Self { base: (Some(name), base_m), tip: tip.name.clone(), axes, zero_rad })
     }
 
-    /// When it was seen \[s\] and at which angle \[rad\], counter-clockwise as the camera sees it. The pivot does not move: it is where all
-    /// images together have it.
+    /// Times \[s\] of the images that show the link, and its angles there \[rad\], counter-clockwise as the camera sees it. The pivot does not
+    /// move: its place is the median over all images.
     ///
     /// # Errors
     /// [`ServoCalibrateError::Link`] where the trajectory lacks its end.
-    pub fn angles(&self, seen: &Trajectory) -> Result<(Vec<f64>, Vec<f64>), ServoCalibrateError> {
-        let place = |name: &str| seen.keypoints.iter().position(|known| known == name);
+    pub fn angles(&self, trajectory: &Trajectory) -> Result<(Vec<f64>, Vec<f64>), ServoCalibrateError> {
+        let place = |name: &str| trajectory.keypoints.iter().position(|known| known == name);
         let tip = place(&self.tip).ok_or_else(|| ServoCalibrateError::Link {
             actuator: self.tip.clone(),
             what: format!("no image shows `{}`", self.tip),
         })?;
-        let shown = |keypoint: usize| (0..seen.time_s.len()).map(move |i| (i, seen.at(i, keypoint)));
+        let shown =
+            |keypoint: usize| (0..trajectory.time_s.len()).map(move |i| (i, trajectory.at(i, keypoint)));
         let mut base_m = self.base.1;
         if let Some(base) = self.base.0.as_deref().and_then(place) {
             for axis in self.axes {
@@ -74,7 +75,7 @@ impl DrivenLink {
                 }
             }
         }
-        let angles = shown(tip).map(|(i, at)| (seen.time_s[i], angle(base_m, at, self.axes)));
+        let angles = shown(tip).map(|(i, at)| (trajectory.time_s[i], angle(base_m, at, self.axes)));
         let turn = std::f64::consts::TAU;
         Ok(angles
             .filter(|(_, angle)| angle.is_finite())

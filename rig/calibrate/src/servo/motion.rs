@@ -5,20 +5,22 @@ use firmware_protocol::units::{PulseWidthUs, RateUsPerS};
 
 use servo::{PulseProfile, PulseTrack, ServoChannel};
 
-/// Levels of the staircase, and how often it is climbed and descended.
+/// Levels of the staircase, and how often it is climbed and descended (chosen).
 const STAIRCASE_LEVELS: u16 = 5;
 const STAIRCASE_REPEATS: usize = 2;
-/// Wide steps to and fro, between the levels with these numbers.
+/// Wide steps to and fro, between the levels with these numbers (chosen).
 const WIDE_STEP_LEVELS: [u16; 5] = [3, 1, 3, 1, 2];
-/// Small steps about the middle, and how far each leads, as a share of the travel: over before a servo looks twice, they show when it looks.
+/// Small steps about the middle, and their sizes as shares of the travel (chosen): over before a servo reads its pulse twice, they show when
+/// it reads.
 const SMALL_STEPS: usize = 9;
-const SMALL_STEP_SHARES: [f64; 2] = [0.03, 0.05];
-/// How long it takes to the lowest level, and in a first small motion \[µs\]: nobody knows yet what a pulse does.
-const FIRST_MOVE_US: u32 = 1_500_000;
-/// How far the first small motion leads, as a share of the travel.
-const FIRST_MOVE_SHARE: f64 = 0.05;
-/// Stands are longer by up to so much \[µs\], by the golden ratio: whatever the period of the servo's looks, moves begin in all parts of it.
-const STAND_SWEEP_US: f64 = 60_000.0;
+const SMALL_STEP_TRAVEL_SHARES: [f64; 2] = [0.03, 0.05];
+/// Duration of the move to the lowest level, and of each first small move \[µs\] (chosen): slow, as the effect of a pulse is not known yet.
+const FIRST_MOVE_DURATION_US: u32 = 1_500_000;
+/// Size of the first small moves, as a share of the travel (chosen).
+const FIRST_MOVE_TRAVEL_SHARE: f64 = 0.05;
+/// Stands are longer by up to this \[µs\] (chosen), in steps of the golden ratio: whatever the servo's refresh period, moves begin in all parts
+/// of it.
+const STAND_EXTENSION_MAX_US: f64 = 60_000.0;
 const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
 
 /// The motion that calibrates `channel`, within its limits of travel and rate; it stands for `stand_s` \[s\] and a little more after each
@@ -36,18 +38,19 @@ pub fn motion(channel: &ServoChannel, stand_s: f64) -> PulseProfile {
         track.segments.push((shortest.max(least_us), to));
     };
     if !channel.calibrated {
-        for share in [0.5 + FIRST_MOVE_SHARE, 0.5 - FIRST_MOVE_SHARE] {
-            go(at(share), FIRST_MOVE_US);
+        for share in [0.5 + FIRST_MOVE_TRAVEL_SHARE, 0.5 - FIRST_MOVE_TRAVEL_SHARE] {
+            go(at(share), FIRST_MOVE_DURATION_US);
         }
     }
-    go(level(0), FIRST_MOVE_US);
+    go(level(0), FIRST_MOVE_DURATION_US);
     let climb = (1..STAIRCASE_LEVELS).chain((0..STAIRCASE_LEVELS - 1).rev());
     let staircase = std::iter::repeat_n(climb, STAIRCASE_REPEATS).flatten();
-    let stand_us =
-        |number: usize| (stand_s * 1e6 + STAND_SWEEP_US * f64::fract(number as f64 * GOLDEN_RATIO)) as u32;
+    let stand_us = |number: usize| {
+        (stand_s * 1e6 + STAND_EXTENSION_MAX_US * f64::fract(number as f64 * GOLDEN_RATIO)) as u32
+    };
     go(level(0), stand_us(0));
     // a step that lasts as long as a period is late by the same whenever it begins: not all of them are alike
-    let share = |k: usize| SMALL_STEP_SHARES[k * SMALL_STEP_SHARES.len() / SMALL_STEPS];
+    let share = |k: usize| SMALL_STEP_TRAVEL_SHARES[k * SMALL_STEP_TRAVEL_SHARES.len() / SMALL_STEPS];
     let side = |k: usize| if k.is_multiple_of(2) { 0.5 } else { -0.5 };
     let small = (0..SMALL_STEPS).map(|k| at(0.5 + side(k) * share(k)));
     for (number, to) in staircase.chain(WIDE_STEP_LEVELS).map(level).chain(small).enumerate() {
@@ -79,7 +82,7 @@ mod tests {
             }
             let first = track.segments[0];
             assert_eq!(first.1.abs_diff(track.start_pulse) < 100, !calibrated);
-            assert_eq!(first.0, FIRST_MOVE_US);
+            assert_eq!(first.0, FIRST_MOVE_DURATION_US);
         }
     }
 }

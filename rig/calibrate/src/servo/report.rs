@@ -7,10 +7,10 @@ use ground::strict::{Finite, NonNegative, Positive};
 use super::{Calibrated, Dynamics, Estimate, Level, Levels};
 use servo::calibration::{Measured, Row, ServoCalibration, Table};
 
-/// What a file says beside the figures.
+/// Where a calibration comes from, as its file states it.
 #[derive(Debug, Clone)]
 pub struct Origin {
-    /// When it was made, RFC 3339.
+    /// Date and time of the calibration, RFC 3339.
     pub date: String,
     /// Name of the channel.
     pub channel: String,
@@ -72,8 +72,8 @@ pub fn toml(calibration: &ServoCalibration) -> Result<String, toml::ser::Error> 
     ))
 }
 
-/// What was found, for people; `seen` is how the link followed, through the servo and what the model has of it already.
-pub fn text(calibrated: &Calibrated, seen: &Dynamics, calibration: &ServoCalibration) -> String {
+/// The result as text for people; `filmed` are the dynamics of servo and model's actuator together, as the film shows them.
+pub fn text(calibrated: &Calibrated, filmed: &Dynamics, calibration: &ServoCalibration) -> String {
     let Calibrated { levels, dynamics } = calibrated;
     let mut out = format!(
         "channel {}: the link stood still {} times at {} levels\n\n  pulse [µs]   angle [rad]       ±   off the line\n",
@@ -105,24 +105,24 @@ pub fn text(calibrated: &Calibrated, seen: &Dynamics, calibration: &ServoCalibra
         format!("{} either way, with the play between horn and link", mrad(levels.deadband_rad)),
     );
     say("repeatability", format!("{:.1} mrad from one side", levels.repeatability_rad * 1e3));
-    followed(dynamics, seen, &mut say);
+    say_dynamics(dynamics, filmed, &mut say);
     out
 }
 
-fn followed(dynamics: &Dynamics, seen: &Dynamics, say: &mut impl FnMut(&str, String)) {
-    // what the model's own actuator has is taken off where the model follows its command at all
-    let through = |own: Estimate, seen: Estimate| match own == seen {
+fn say_dynamics(dynamics: &Dynamics, filmed: &Dynamics, say: &mut impl FnMut(&str, String)) {
+    // the effect of the model's actuator is taken off where the model follows its command at all
+    let through = |servo: Estimate, filmed: Estimate| match servo == filmed {
         true => String::new(),
-        false => format!(" ({:.1} ms seen, with what the model's own actuator has)", seen.value * 1e3),
+        false => format!(" ({:.1} ms in the film, with that of the model's actuator)", filmed.value * 1e3),
     };
-    say("lag", format!("{}{}", ms(dynamics.lag_s), through(dynamics.lag_s, seen.lag_s)));
-    let whose = "servo, board and camera, beside the lag";
-    say("delay", format!("{}: {whose}{}", ms(dynamics.delay_s), through(dynamics.delay_s, seen.delay_s)));
+    say("lag", format!("{}{}", ms(dynamics.lag_s), through(dynamics.lag_s, filmed.lag_s)));
+    let whose = "servo, board and camera, in addition to the lag";
+    say("delay", format!("{}: {whose}{}", ms(dynamics.delay_s), through(dynamics.delay_s, filmed.delay_s)));
     say(
         "refresh",
         match dynamics.refresh_s {
             Some(period) => format!("it looks at its pulse every {}", ms(period)),
-            None => "none to be seen: it looks at its pulse too often".to_owned(),
+            None => "none found: it looks at its pulse too often".to_owned(),
         },
     );
     say(
@@ -130,7 +130,10 @@ fn followed(dynamics: &Dynamics, seen: &Dynamics, say: &mut impl FnMut(&str, Str
         match dynamics.rate_limit_rad_per_s {
             Some(rate) => format!("{:.2} ± {:.2} rad/s at most", rate.value, rate.std),
             None => {
-                format!("its limit was not reached: it was told {:.1} rad/s at most", dynamics.told_rad_per_s)
+                format!(
+                    "its limit was not reached: the command was at most {:.1} rad/s",
+                    dynamics.command_rad_per_s
+                )
             }
         },
     );

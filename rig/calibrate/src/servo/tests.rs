@@ -1,4 +1,4 @@
-//! Servos moved in small steps of time, seen with noise: what was put in must come out.
+//! Servos simulated in small steps of time and filmed with noise: the calibration must find their parameters.
 
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -8,14 +8,14 @@ use super::*;
 use servo::PulseProfile;
 use servo::fixtures::example;
 
-/// A servo as somebody else would write it down.
+/// Parameters of the simulated servo.
 #[derive(Debug, Clone, Copy)]
 struct Truth {
     zero_us: f64,
     rad_per_us: f64,
     lag_s: f64,
     rate: f64,
-    /// Of its looks \[s\]; 0: all the time.
+    /// Refresh period \[s\]; 0: it follows its pulse continuously.
     period_s: f64,
     /// Its motor is off this near to its target \[rad\].
     dead: f64,
@@ -48,21 +48,21 @@ fn film(truth: &Truth, profile: &PulseProfile, seed: u64) -> Film {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let corners: Vec<(f64, f64)> =
         profile.tracks[0].corners().map(|(us, pulse)| (1.0 + us as f64 * 1e-6, f64::from(pulse))).collect();
-    let told = |t: f64| {
+    let command_rad = |t: f64| {
         let next = corners.partition_point(|corner| corner.0 <= t).clamp(1, corners.len() - 1);
         let ((t0, p0), (t1, p1)) = (corners[next - 1], corners[next]);
         let pulse = p0 + (p1 - p0) * ((t - t0) / (t1 - t0)).clamp(0.0, 1.0);
         (pulse - truth.zero_us) * truth.rad_per_us
     };
-    let mut film = Film { told: corners.clone(), ..Film::default() };
-    let (mut at, mut target, mut rate) = (told(0.0), told(0.0), 0.0_f64);
-    let (mut out, mut next_look, mut next_image) = (at, 0.0037, IMAGE_S);
+    let mut film = Film { command: corners.clone(), ..Film::default() };
+    let (mut at, mut target, mut rate) = (command_rad(0.0), command_rad(0.0), 0.0_f64);
+    let (mut out, mut next_read, mut next_image) = (at, 0.0037, IMAGE_S);
     let end = corners.last().unwrap().0 + 0.3;
     for step in 0..(end / STEP_S) as u64 {
         let t = step as f64 * STEP_S;
-        if t >= next_look {
-            target = told(t);
-            next_look += truth.period_s.max(STEP_S);
+        if t >= next_read {
+            target = command_rad(t);
+            next_read += truth.period_s.max(STEP_S);
         }
         let gap = target - at;
         let drive = gap.signum() * (gap.abs() - truth.dead).max(0.0);
@@ -89,7 +89,7 @@ fn found(truth: &Truth) -> Calibrated {
     calibrate(&filmed(truth)).unwrap()
 }
 
-/// So many standard errors are allowed.
+/// Deviation that is allowed, in standard errors (chosen).
 const SIGMAS: f64 = 4.0;
 
 fn close(name: &str, got: Estimate, wanted: f64) {
@@ -152,7 +152,7 @@ fn other_periods_are_told_from_their_halves_and_doubles() {
         let dynamics = found(&Truth { period_s, ..TRUTH }).dynamics;
         close("refresh", dynamics.refresh_s.unwrap(), period_s);
         close("lag", dynamics.lag_s, TRUTH.lag_s);
-        // ten milliseconds are over within the shortest move at this servo's greatest rate, and told less well
+        // ten milliseconds are over within the shortest move at this servo's greatest rate, and determined less well
         assert!(dynamics.refresh_s.unwrap().std < if period_s < 0.012 { 3e-3 } else { 1e-4 }, "{dynamics:?}");
     }
 }
@@ -160,7 +160,7 @@ fn other_periods_are_told_from_their_halves_and_doubles() {
 /// What a film shows is the servo and, behind it, the model's own actuator, which gives way under its load.
 #[test]
 fn what_the_models_own_actuator_does_is_taken_off() {
-    let own = found(&Truth {
+    let simulated = found(&Truth {
         lag_s: 0.004,
         rate: 50.0,
         period_s: 0.0,
@@ -169,10 +169,10 @@ fn what_the_models_own_actuator_does_is_taken_off() {
         rad_per_us: -0.99 / 590.0,
         ..TRUTH
     });
-    let mut both = own.clone();
+    let mut both = simulated.clone();
     let Dynamics { lag_s, delay_s, .. } = &mut both.dynamics;
     (lag_s.value, delay_s.value) = (0.005, delay_s.value + 0.003);
-    let servo = both.without(&own);
+    let servo = both.without(&simulated);
     assert!((servo.dynamics.lag_s.value - 0.003).abs() < 5e-4, "{:?}", servo.dynamics);
     assert!(
         (servo.dynamics.lag_s.value + servo.dynamics.delay_s.value - 0.004).abs() < 1e-4,

@@ -1,4 +1,4 @@
-//! Which plane of the world a camera looks at: the one place that knows which coordinates a picture shows.
+//! Which plane of the world a camera looks at, and so which coordinates a picture shows.
 
 use ground::choice::Choice;
 use serde::{Deserialize, Serialize};
@@ -28,8 +28,8 @@ impl Choice for View {
     ];
 }
 
-/// A joint's axis this much across the picture turns what is seen of it.
-const ACROSS: f64 = 0.5;
+/// A hinge turns in the picture when its axis has more than this component along the viewing direction, chosen.
+const MIN_HINGE_AXIS_COMPONENT: f64 = 0.5;
 
 impl View {
     /// The world's axes to the right and up in the picture, and the one along which the camera looks: 0, 1, 2 for x, y, z.
@@ -46,13 +46,13 @@ impl View {
         [right, up].map(|axis| (axis, ["x", "y", "z"][axis]))
     }
 
-    /// What is seen of a world position \[m\].
+    /// The two coordinates of a world position that are seen, to the right and up \[m\].
     pub fn seen(self, world: [f64; 3]) -> [f64; 2] {
         let [right, up, _] = self.axes();
         [world[right], world[up]]
     }
 
-    /// The world position \[m\] of what is seen in the plane; NaN where no picture tells.
+    /// The world position \[m\] of a point seen in the plane; NaN along the axis that no picture shows.
     pub fn world(self, seen: [f64; 2]) -> [f64; 3] {
         let [right, up, depth] = self.axes();
         let mut world = [0.0; 3];
@@ -65,22 +65,22 @@ impl View {
         self.axes()[2]
     }
 
-    /// The view that has seen `trajectory`: from above where it has y and no z.
+    /// The view from which `trajectory` was filmed: from above where it has y and no z.
     pub fn of(trajectory: &Trajectory) -> Self {
         let has = |axis: usize| trajectory.position_m.iter().any(|place| place[axis].is_finite());
         if has(1) && !has(2) { Self::Xy } else { Self::Xz }
     }
 
-    /// Whether hinges of `model` turn what this view shows, and where none does, whether they turn what the other one shows: then the
-    /// camera looks along the plane of motion.
+    /// Whether no hinge of `model` turns in this view, but some hinge does in the other view: then the camera looks along the plane of
+    /// motion.
     pub fn misses(self, model: &Model) -> bool {
         let poses = model.poses(&model.rest_state().qpos);
-        let turns =
-            |view: Self| {
-                model.joints.iter().filter(|joint| joint.kind == JointKind::Hinge).any(|joint| {
-                    poses.body_rot[joint.body].apply(joint.axis)[view.depth_axis()].abs() > ACROSS
-                })
-            };
+        let turns = |view: Self| {
+            model.joints.iter().filter(|joint| joint.kind == JointKind::Hinge).any(|joint| {
+                poses.body_rot[joint.body].apply(joint.axis)[view.depth_axis()].abs()
+                    > MIN_HINGE_AXIS_COMPONENT
+            })
+        };
         let other = match self {
             Self::Xz => Self::Xy,
             Self::Xy => Self::Xz,

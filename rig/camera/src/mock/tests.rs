@@ -1,8 +1,8 @@
 use super::*;
 use ground::strict::{Finite, NonNegative, Positive};
 
-/// A host under load may deliver an image this much late \[s\].
-const LATE_S: f64 = 0.25;
+/// How late a host under load may deliver an image \[s\], chosen.
+const BUSY_HOST_DELAY_S: f64 = 0.25;
 
 /// Every picture shows its own time in microseconds, in its first eight pixels.
 struct Clockface;
@@ -19,7 +19,7 @@ fn shown(image: &CameraImage) -> MonotonicNs {
     MonotonicNs(u64::from_le_bytes(image.data[..8].try_into().unwrap()))
 }
 
-const TRUTH: StampTruth = StampTruth { latency_s: 0.0, jitter_s: 0.0, seed: 1 };
+const EXACT_STAMPS: StampTruth = StampTruth { latency_s: 0.0, jitter_s: 0.0, seed: 1 };
 const TIMEOUT: Duration = Duration::from_millis(500);
 
 fn config() -> CameraConfig {
@@ -44,7 +44,7 @@ fn camera(truth: StampTruth, faults: &[(f64, CameraFaultKind)]) -> MockCamera {
 
 #[test]
 fn images_come_in_real_time_and_show_their_mid_exposure() {
-    let mut camera = camera(TRUTH, &[]);
+    let mut camera = camera(EXACT_STAMPS, &[]);
     let images: Vec<_> = (0..20).map(|_| camera.next_image(TIMEOUT).unwrap()).collect();
     let now = MonotonicNs::now();
     for image in &images {
@@ -53,7 +53,7 @@ fn images_come_in_real_time_and_show_their_mid_exposure() {
         assert!(image.mid_exposure < now);
     }
     let last = images.last().unwrap();
-    assert!(now.seconds_since(last.mid_exposure) < LATE_S);
+    assert!(now.seconds_since(last.mid_exposure) < BUSY_HOST_DELAY_S);
     let period_s = last.mid_exposure.seconds_since(images[0].mid_exposure)
         / f64::from(last.sequence - images[0].sequence);
     assert!((period_s - 0.005).abs() < 1e-8, "{period_s}");
@@ -61,7 +61,7 @@ fn images_come_in_real_time_and_show_their_mid_exposure() {
 
 #[test]
 fn unknown_latency_shows_as_late_stamps_and_a_configured_one_is_taken_back() {
-    let truth = StampTruth { latency_s: 0.020, ..TRUTH };
+    let truth = StampTruth { latency_s: 0.020, ..EXACT_STAMPS };
     let late = camera(truth, &[]).next_image(TIMEOUT).unwrap();
     assert!((late.mid_exposure.seconds_since(shown(&late)) - 0.020).abs() < 1e-8);
 
@@ -74,7 +74,7 @@ fn unknown_latency_shows_as_late_stamps_and_a_configured_one_is_taken_back() {
 
 #[test]
 fn jitter_spreads_stamps_as_stated_and_leaves_exposure_alone() {
-    let mut camera = camera(StampTruth { jitter_s: 0.001, ..TRUTH }, &[]);
+    let mut camera = camera(StampTruth { jitter_s: 0.001, ..EXACT_STAMPS }, &[]);
     let errors: Vec<f64> = (0..100)
         .map(|_| {
             let image = camera.next_image(TIMEOUT).unwrap();
@@ -89,7 +89,7 @@ fn jitter_spreads_stamps_as_stated_and_leaves_exposure_alone() {
 #[test]
 fn jitter_is_another_one_in_each_film() {
     let first_error_s = || {
-        let image = camera(StampTruth { jitter_s: 0.001, ..TRUTH }, &[]).next_image(TIMEOUT).unwrap();
+        let image = camera(StampTruth { jitter_s: 0.001, ..EXACT_STAMPS }, &[]).next_image(TIMEOUT).unwrap();
         image.mid_exposure.seconds_since(shown(&image))
     };
     assert_ne!(first_error_s(), first_error_s());
@@ -97,7 +97,7 @@ fn jitter_is_another_one_in_each_film() {
 
 #[test]
 fn program_that_is_away_for_long_loses_images_and_sees_the_gap() {
-    let mut camera = camera(TRUTH, &[]);
+    let mut camera = camera(EXACT_STAMPS, &[]);
     let before = camera.next_image(TIMEOUT).unwrap();
     std::thread::sleep(Duration::from_millis(100));
     let after = camera.next_image(TIMEOUT).unwrap();
@@ -106,13 +106,13 @@ fn program_that_is_away_for_long_loses_images_and_sees_the_gap() {
 
 #[test]
 fn camera_off_is_gone() {
-    let mut camera = camera(TRUTH, &[(0.0, CameraFaultKind::Off)]);
+    let mut camera = camera(EXACT_STAMPS, &[(0.0, CameraFaultKind::Off)]);
     assert!(matches!(camera.next_image(TIMEOUT), Err(CameraError::Gone { .. })));
 }
 
 #[test]
 fn slow_camera_stalls_for_the_whole_timeout_and_no_longer() {
-    let mut camera = camera(TRUTH, &[(0.02, CameraFaultKind::Slow)]);
+    let mut camera = camera(EXACT_STAMPS, &[(0.02, CameraFaultKind::Slow)]);
     let begun = MonotonicNs::now();
     let error = loop {
         match camera.next_image(Duration::from_millis(60)) {
@@ -122,12 +122,12 @@ fn slow_camera_stalls_for_the_whole_timeout_and_no_longer() {
     };
     assert!(matches!(error, CameraError::Stalled { waited_ms: 60, .. }));
     let took = MonotonicNs::now().seconds_since(begun);
-    assert!((0.06..0.08 + LATE_S).contains(&took), "{took}");
+    assert!((0.06..0.08 + BUSY_HOST_DELAY_S).contains(&took), "{took}");
 }
 
 #[test]
 fn stuck_camera_repeats_its_picture_with_fresh_stamps() {
-    let mut camera = camera(TRUTH, &[(0.02, CameraFaultKind::Stuck)]);
+    let mut camera = camera(EXACT_STAMPS, &[(0.02, CameraFaultKind::Stuck)]);
     let images: Vec<_> = (0..20).map(|_| camera.next_image(TIMEOUT).unwrap()).collect();
     let last = &images[18..];
     assert_eq!(last[0].data, last[1].data);
@@ -137,7 +137,7 @@ fn stuck_camera_repeats_its_picture_with_fresh_stamps() {
 
 #[test]
 fn intermittent_camera_leaves_gaps_in_the_count() {
-    let mut camera = camera(TRUTH, &[(0.0, CameraFaultKind::Intermittent)]);
+    let mut camera = camera(EXACT_STAMPS, &[(0.0, CameraFaultKind::Intermittent)]);
     let sequences: Vec<_> = (0..40).map(|_| camera.next_image(TIMEOUT).unwrap().sequence).collect();
     assert!(sequences.windows(2).all(|pair| pair[0] < pair[1]));
     assert!(sequences.windows(2).filter(|pair| pair[1] != pair[0] + 1).count() > 3, "{sequences:?}");
@@ -145,7 +145,7 @@ fn intermittent_camera_leaves_gaps_in_the_count() {
 
 #[test]
 fn garbage_spoils_bytes_but_never_the_header() {
-    let mut camera = camera(TRUTH, &[(0.0, CameraFaultKind::Garbage)]);
+    let mut camera = camera(EXACT_STAMPS, &[(0.0, CameraFaultKind::Garbage)]);
     let images: Vec<_> = (0..20).map(|_| camera.next_image(TIMEOUT).unwrap()).collect();
     assert!(images.iter().all(|image| (image.width_px, image.height_px) == (16, 8)));
     assert!(images.iter().any(|image| image.data.len() < 128));
@@ -169,5 +169,5 @@ fn every_encoding_holds_the_same_picture() {
 #[test]
 fn exposure_longer_than_a_period_is_refused() {
     let config = CameraConfig { exposure_s: Positive::new(0.01), ..config() };
-    assert!(MockCamera::new(&config, Box::new(Clockface), TRUTH, Vec::new()).is_err());
+    assert!(MockCamera::new(&config, Box::new(Clockface), EXACT_STAMPS, Vec::new()).is_err());
 }

@@ -13,7 +13,7 @@ pub enum FolderError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// `frames.csv` is not one.
+    /// `frames.csv` is malformed.
     #[error("{} line {line}: {what}", path.display())]
     Frames {
         /// The file.
@@ -29,7 +29,7 @@ pub enum FolderError {
         /// The folder.
         path: PathBuf,
     },
-    /// Nothing says when the pictures were taken.
+    /// The times of the pictures are not known.
     #[error("{} has no frames.csv: set [camera] fps", path.display())]
     NoTimes {
         /// The folder.
@@ -59,14 +59,14 @@ pub enum SourceError {
         path: PathBuf,
     },
     /// ffmpeg or ffprobe did not understand the file.
-    #[error("{program} could not read {}: {said}", path.display())]
+    #[error("{program} could not read {}: {message}", path.display())]
     Video {
         /// Which program.
         program: &'static str,
         /// The video.
         path: PathBuf,
-        /// Its last words.
-        said: String,
+        /// The end of its error output.
+        message: String,
     },
     /// No image lies in the part that was asked for.
     #[error("no image lies between {from} and {to} of the source's own time: change --from-s or --to-s")]
@@ -76,7 +76,7 @@ pub enum SourceError {
         /// Its end.
         to: String,
     },
-    /// Times cannot be divided by this.
+    /// The factor of slow motion is not a positive number.
     #[error("slow motion {factor} is not a positive number: 240 images/s played at 30 is 8")]
     SlowMotion {
         /// What was given.

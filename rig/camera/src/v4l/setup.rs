@@ -18,16 +18,16 @@ const EXPOSURE_AUTO_PRIORITY: u32 = 0x009a_0903;
 const EXPOSURE_UNIT_S: f64 = 1e-4;
 const EXPOSURE_MANUAL: i64 = 1;
 
-/// What else cameras change by themselves: gain, white balance, focus.
-const OTHER_AUTOMATICS: [(u32, &str); 3] =
+/// Other controls that cameras change by themselves: gain, white balance, focus.
+const OTHER_AUTOMATIC_CONTROLS: [(u32, &str); 3] =
     [(0x0098_0912, "automatic gain"), (0x0098_090c, "automatic white balance"), (0x009a_090c, "autofocus")];
 
-/// A rate this far from the one asked for is refused, as a share.
-const FPS_TOLERANCE: f64 = 0.05;
-/// So is an exposure time, unless it is the driver's next step.
-const EXPOSURE_TOLERANCE: f64 = 0.1;
+/// Greatest relative difference of the image rate from the one asked for, chosen.
+const FPS_TOLERANCE_SHARE: f64 = 0.05;
+/// Greatest relative difference of the exposure time from the one asked for, chosen; the driver's next step is always accepted.
+const EXPOSURE_TOLERANCE_SHARE: f64 = 0.1;
 
-/// How the camera stands after setting up.
+/// The camera's settings as read back after setting up.
 pub(super) struct Setup {
     pub(super) name: String,
     pub(super) fps: f64,
@@ -89,7 +89,7 @@ pub(super) fn configure(device: &Device, config: &CameraConfig, path: &str) -> R
         .map_err(|error| failed("setting the image rate", error))?
         .interval;
     let got_fps = f64::from(got_rate.denominator) / f64::from(got_rate.numerator.max(1));
-    if (got_fps - fps).abs() > FPS_TOLERANCE * fps {
+    if (got_fps - fps).abs() > FPS_TOLERANCE_SHARE * fps {
         return Err(refused(format!(
             "asked for {fps} images a second, the driver gives {got_fps:.2}; change `fps` or the size in [camera]"
         )));
@@ -168,7 +168,9 @@ fn expose(
                 "cannot switch automatic exposure off ({why}); set `lock_exposure = false`"
             )));
         }
-        for (id, name) in [(EXPOSURE_AUTO_PRIORITY, "exposure priority")].iter().chain(&OTHER_AUTOMATICS) {
+        for (id, name) in
+            [(EXPOSURE_AUTO_PRIORITY, "exposure priority")].iter().chain(&OTHER_AUTOMATIC_CONTROLS)
+        {
             if has(*id)
                 && let Some(why) = set(*id, Value::Boolean(false), 0)
             {
@@ -187,7 +189,7 @@ fn expose(
             .write(EXPOSURE_ABSOLUTE, Value::Integer(asked as i64))
             .map_err(|error| failed(format!("refused: {error}")))?;
         let got = device.read(EXPOSURE_ABSOLUTE).map_err(|error| failed(error.to_string()))? as f64;
-        if (got - asked).abs() > (EXPOSURE_TOLERANCE * asked).max(1.0) {
+        if (got - asked).abs() > (EXPOSURE_TOLERANCE_SHARE * asked).max(1.0) {
             return Err(failed(format!("the driver gives {} s", got * EXPOSURE_UNIT_S)));
         }
     }
@@ -231,7 +233,7 @@ mod tests {
         }
     }
 
-    const GAIN_AUTOMATIC: u32 = OTHER_AUTOMATICS[0].0;
+    const GAIN_AUTOMATIC: u32 = OTHER_AUTOMATIC_CONTROLS[0].0;
 
     fn limited(controls: &[(u32, [i64; 3])]) -> Limited {
         Limited(RefCell::new(controls.iter().copied().collect()))

@@ -1,5 +1,5 @@
-//! What happens, as server-sent events: a snapshot of each rig whenever it changes. One task looks for all who listen; a listener
-//! that stalls holds up itself only, and then gets the newest snapshot and none in between.
+//! Server-sent events: a snapshot of each rig whenever it changes. One task makes the snapshots for all clients; a client that stalls
+//! delays only itself, and then gets the newest snapshot and none in between.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -12,19 +12,19 @@ use futures_util::stream::{self, Stream, StreamExt};
 use serde::Serialize;
 use tokio::sync::watch;
 
-use super::{Api, Beat};
+use super::{Api, Heartbeat};
 use crate::state::RigState;
 use store::Store;
 use store::job::Job;
 
-/// Between two looks at a rig.
-const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// A snapshot is told again although nothing has changed: who hears nothing for twice as long knows nothing.
-const TELL_EVERY: Duration = Duration::from_secs(1);
-/// What the loop that looks after the rigs has not seen for so long is not told \[s\].
-const LATEST_S: f64 = 1.0;
-/// Jobs in a snapshot.
-const MOST_JOBS: usize = 20;
+/// Time between two checks of a rig. Chosen.
+const CHECK_INTERVAL: Duration = Duration::from_millis(100);
+/// An unchanged snapshot is sent again after this time; a client that gets none for twice as long must take the state as unknown. Chosen.
+const RESEND_INTERVAL: Duration = Duration::from_secs(1);
+/// A state is not sent if the daemon's loop has not run for this time \[s\]. Chosen.
+const HEARTBEAT_AGE_LIMIT_S: f64 = 1.0;
+/// Jobs in a snapshot at most. Chosen.
+const SNAPSHOT_JOBS_MAX: usize = 20;
 
 #[derive(Serialize)]
 struct Snapshot<'a> {
@@ -32,35 +32,35 @@ struct Snapshot<'a> {
     jobs: &'a [Job],
 }
 
-/// Watches a rig through its database and its state, until nobody wants to know.
+/// Makes snapshots of a rig from its database and its state, until there are no receivers.
 pub(super) fn watch_rig(
     store: Store,
     mut state: watch::Receiver<RigState>,
-    beat: Arc<Beat>,
+    heartbeat: Arc<Heartbeat>,
 ) -> watch::Receiver<Arc<str>> {
-    let (tell, told) = watch::channel(Arc::from(""));
+    let (sender, receiver) = watch::channel(Arc::from(""));
     tokio::task::spawn_blocking(move || {
-        let (mut seen, mut at, mut jobs) = (None, Instant::now(), Vec::new());
-        while !tell.is_closed() && state.has_changed().is_ok() {
-            // what the rig does is told although its database is not to be read
+        let (mut last_version, mut at, mut jobs) = (None, Instant::now(), Vec::new());
+        while !sender.is_closed() && state.has_changed().is_ok() {
+            // the state is sent even if the database cannot be read
             let version = store.version().ok();
-            let has_news = seen != version || state.has_changed().unwrap_or(false);
-            if (has_news || at.elapsed() >= TELL_EVERY) && beat.age_s() < LATEST_S {
-                if let Ok(newest) = store.jobs(MOST_JOBS) {
-                    (seen, jobs) = (version, newest);
+            let has_news = last_version != version || state.has_changed().unwrap_or(false);
+            if (has_news || at.elapsed() >= RESEND_INTERVAL) && heartbeat.age_s() < HEARTBEAT_AGE_LIMIT_S {
+                if let Ok(newest) = store.jobs(SNAPSHOT_JOBS_MAX) {
+                    (last_version, jobs) = (version, newest);
                 }
                 at = Instant::now();
                 let text = serde_json::to_string(&Snapshot { rig: &state.borrow_and_update(), jobs: &jobs });
-                tell.send_replace(text.unwrap_or_default().into());
+                sender.send_replace(text.unwrap_or_default().into());
             }
-            std::thread::sleep(LOOK_EVERY);
+            std::thread::sleep(CHECK_INTERVAL);
         }
     });
-    told
+    receiver
 }
 
 /// Snapshots of all rigs, as server-sent events called `rig`: `{"rig": RigState, "jobs": [Job]}`, at once, whenever one changes, and once a
-/// second at least: what was told more than two seconds ago says nothing of now.
+/// second at least: a snapshot older than two seconds says nothing about the present.
 #[utoipa::path(get, path = "/api/v1/events", responses((status = 200, description = "Snapshots.", content_type = "text/event-stream", body = String)))]
 pub(super) async fn events(
     State(api): State<Arc<Api>>,
@@ -68,17 +68,17 @@ pub(super) async fn events(
     newest("rig", api.rigs.iter().map(|rig| rig.snapshot.clone()).collect())
 }
 
-/// What is told by any of `told`, at once and whenever it changes, as events called `name`; who reads too slowly gets the newest.
+/// The snapshots of all `receivers` as events called `name`, at once and whenever one changes; a slow client gets the newest.
 pub(super) fn newest(
     name: &'static str,
-    told: Vec<watch::Receiver<Arc<str>>>,
+    receivers: Vec<watch::Receiver<Arc<str>>>,
 ) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
-    let each = told.into_iter().map(|mut told| {
-        told.mark_changed();
-        stream::unfold(told, async |mut told| {
-            told.changed().await.ok()?;
-            let newest = told.borrow_and_update().clone();
-            Some((newest, told))
+    let each = receivers.into_iter().map(|mut receiver| {
+        receiver.mark_changed();
+        stream::unfold(receiver, async |mut receiver| {
+            receiver.changed().await.ok()?;
+            let newest = receiver.borrow_and_update().clone();
+            Some((newest, receiver))
         })
         .boxed()
     });

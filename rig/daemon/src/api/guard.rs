@@ -1,4 +1,4 @@
-//! Who may ask what, and for how long.
+//! Which requests are accepted, and their time limit.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,8 +12,8 @@ use super::server::Connection;
 use super::{Api, Problem, page};
 use crate::web::protect;
 
-/// An answer takes no longer; one that would is given up.
-const LONGEST: Duration = Duration::from_secs(10);
+/// Time limit of a request. Chosen.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Lets a request pass, or says why not.
 pub(super) async fn guarded(State(api): State<Arc<Api>>, request: Request, next: Next) -> Response {
@@ -26,7 +26,7 @@ pub(super) async fn guarded(State(api): State<Arc<Api>>, request: Request, next:
 }
 
 fn refused(api: &Api, request: &Request) -> Option<Problem> {
-    if !api.hosts.is_own(request.headers()) {
+    if !api.hosts.is_same_origin(request.headers()) {
         return Some(Problem::new(
             StatusCode::FORBIDDEN,
             "asked by a page from elsewhere, or under a name that is not this server's; name it with `rig daemon --host NAME`",
@@ -43,22 +43,22 @@ fn refused(api: &Api, request: &Request) -> Option<Problem> {
     }
     Some(Problem::new(
         StatusCode::UNAUTHORIZED,
-        "the token is wanted, as `Authorization: Bearer ...`: it stands in `.token` in the runs folder",
+        "the token is wanted, as `Authorization: Bearer ...`: it is in `.token` in the runs folder",
     ))
 }
 
 fn has_token(api: &Api, headers: &HeaderMap) -> bool {
-    let said = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
-    said.and_then(|said| said.strip_prefix("Bearer ")).is_some_and(|said| api.token.is(said))
+    let token = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
+    token.and_then(|token| token.strip_prefix("Bearer ")).is_some_and(|token| api.token.is(token))
 }
 
-/// Gives up what takes too long, a body that comes drop by drop too.
+/// Ends a request that takes too long, also one whose body arrives too slowly.
 pub(super) async fn in_time(request: Request, next: Next) -> Response {
-    match tokio::time::timeout(LONGEST, next.run(request)).await {
+    match tokio::time::timeout(REQUEST_TIMEOUT, next.run(request)).await {
         Ok(response) => response,
         Err(_) => Problem::new(
             StatusCode::REQUEST_TIMEOUT,
-            format!("not done within {} s; try again", LONGEST.as_secs()),
+            format!("not done within {} s; try again", REQUEST_TIMEOUT.as_secs()),
         )
         .into_response(),
     }

@@ -15,16 +15,16 @@ use store::alerts::Alert;
 use store::goal::Target;
 use store::job::{Chosen, Job, JobId, NewJob, State as JobState, Work};
 
-/// The header that says that requests are one.
-const KEY: &str = "Idempotency-Key";
-const MOST_KEY_BYTES: usize = 200;
+/// The header that marks repeated requests as one.
+const IDEMPOTENCY_HEADER: &str = "Idempotency-Key";
+const KEY_LIMIT_BYTES: usize = 200;
 
-/// How many are listed.
+/// Length of a list.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct Most {
-    /// At most so many.
+    /// Number of entries at most.
     #[serde(default = "thirty")]
     most: usize,
 }
@@ -41,10 +41,10 @@ pub(super) struct Wanted {
     /// Higher ones come first; of equal ones the older.
     #[serde(default)]
     priority: i32,
-    /// Why, for who looks at it later.
+    /// The reason, for the record.
     #[serde(default)]
     why: Option<String>,
-    /// It waits until then, RFC 3339.
+    /// The job does not begin before this time, RFC 3339.
     #[serde(default)]
     #[schema(value_type = Option<String>, format = DateTime)]
     not_before: Option<jiff::Timestamp>,
@@ -56,11 +56,11 @@ pub(super) struct Wanted {
 enum WantedWork {
     /// One experiment: it moves the rig.
     Run {
-        /// No extraction, no fit.
+        /// Only film: no extraction, no fit.
         #[serde(default)]
         film_only: bool,
     },
-    /// The last good fit is brought up to date with a run.
+    /// A new fit of a run against the last good coefficients.
     Recalibrate {
         #[schema(value_type = String)]
         run: RunId,
@@ -72,13 +72,13 @@ enum WantedWork {
     },
     /// A fit of runs.
     Fit(WantedRuns),
-    /// What the simulation of runs gets wrong.
+    /// A diagnosis of runs: what their simulation gets wrong.
     Diagnose(WantedRuns),
-    /// Which runs would tell more.
+    /// The design of the next runs, from those made.
     Design(WantedRuns),
-    /// Runs until what is asked is known: it moves the rig.
+    /// Runs until the goals are met: it moves the rig.
     Campaign {
-        /// Parameters and how well they are to be known, as `g3/blunt 5%`; none: until the diagnosis says one thing.
+        /// Parameters and how well they are to be known, as `g3/blunt 5%`; none: until the diagnosis has one clear verdict.
         #[serde(default)]
         #[schema(value_type = Vec<String>)]
         goals: Vec<Target>,
@@ -91,10 +91,10 @@ enum WantedWork {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct WantedRuns {
-    /// To fit.
+    /// Runs to fit.
     #[schema(value_type = Vec<String>)]
     runs: Vec<RunId>,
-    /// To score only.
+    /// Runs that are only scored.
     #[serde(default)]
     #[schema(value_type = Vec<String>)]
     holdout: Vec<RunId>,
@@ -110,7 +110,7 @@ impl From<WantedRuns> for Chosen {
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Why {
-    /// For who looks at it later.
+    /// The reason, for the record.
     #[serde(default)]
     why: Option<String>,
 }
@@ -120,7 +120,7 @@ pub(super) struct Why {
 pub(super) struct JobNumber {
     /// Its number.
     job: i64,
-    /// Where it stands.
+    /// Its state.
     state: String,
 }
 
@@ -158,10 +158,10 @@ pub(super) async fn add(
     Body(wanted): Body<Wanted>,
 ) -> Result<(StatusCode, Json<JobNumber>), Problem> {
     let rig = api.rig(&rig)?;
-    let key = headers.get(KEY).map(|key| key.to_str().map(str::to_owned)).transpose();
-    let key = key.ok().filter(|key| key.as_ref().is_none_or(|key| key.len() <= MOST_KEY_BYTES));
+    let key = headers.get(IDEMPOTENCY_HEADER).map(|key| key.to_str().map(str::to_owned)).transpose();
+    let key = key.ok().filter(|key| key.as_ref().is_none_or(|key| key.len() <= KEY_LIMIT_BYTES));
     let key = key.ok_or_else(|| {
-        let error = format!("Idempotency-Key: up to {MOST_KEY_BYTES} plain characters are wanted");
+        let error = format!("Idempotency-Key: up to {KEY_LIMIT_BYTES} plain characters are wanted");
         Problem::new(StatusCode::UNPROCESSABLE_ENTITY, error)
     })?;
     let work = match wanted.work {
@@ -196,7 +196,7 @@ pub(super) async fn cancel(
 /// How many jobs were cancelled.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Cancelled {
-    /// So many.
+    /// Number of jobs cancelled.
     cancelled: usize,
 }
 
@@ -223,7 +223,7 @@ pub(super) async fn retry(
     Ok((StatusCode::CREATED, Json(JobNumber::new(id, JobState::Queued))))
 }
 
-/// What somebody should know, the newest first.
+/// Alerts, the newest first.
 #[utoipa::path(get, path = "/api/v1/rigs/{rig}/alerts", params(("rig" = String, Path), Most), responses((status = 200, description = "Alerts, the newest first.", body = [Alert])))]
 pub(super) async fn alerts(
     State(api): State<Arc<Api>>,

@@ -1,5 +1,5 @@
-//! What the jobs of a rig show while they go on, passed on from their sockets to whoever looks: while nobody does, nobody is connected
-//! and nothing is drawn. One task for each lane reads for all; a listener that stalls misses snapshots, and holds up itself only.
+//! The live view of a rig's jobs, passed on from their sockets to the clients; without a client no socket is connected and nothing is
+//! drawn. One task for each lane reads for all clients; a client that stalls misses snapshots, and delays only itself.
 
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
@@ -21,34 +21,34 @@ use app::hand_in;
 use record::below;
 use store::job::{JobId, Lane};
 
-/// A job that does not listen, or has hung up, is tried again after so long.
-const TRY_EVERY: Duration = Duration::from_millis(250);
-/// What is read at once.
+/// Time after which a job without an open socket is tried again. Chosen.
+const RETRY_INTERVAL: Duration = Duration::from_millis(250);
+/// Size of the read buffer \[bytes\]. Chosen.
 const READ_BYTES: usize = 64 << 10;
 
-/// What the jobs of one lane show.
-pub(super) struct Shown {
+/// The live view of the jobs of one lane.
+pub(super) struct LiveView {
     newest: watch::Sender<Arc<str>>,
-    /// Somebody has come to look.
+    /// Notified when a client subscribes.
     wanted: Notify,
 }
 
-impl Shown {
-    /// What the rig's jobs in `lane` show, whose folders are in `runs_dir`.
+impl LiveView {
+    /// The live view of the rig's jobs in `lane`, whose folders are in `runs_dir`.
     pub(super) fn watch(runs_dir: &Path, lane: Lane, state: watch::Receiver<RigState>) -> Arc<Self> {
         let shown = Arc::new(Self { newest: watch::channel(Arc::from("")).0, wanted: Notify::new() });
         tokio::spawn(Arc::clone(&shown).pass_on(runs_dir.into(), lane, state));
         shown
     }
 
-    /// Snapshots from now on, and the last one there was.
+    /// Subscribes to the snapshots from now on, and to the last one.
     fn listen(&self) -> watch::Receiver<Arc<str>> {
         let newest = self.newest.subscribe();
         self.wanted.notify_one();
         newest
     }
 
-    /// Until the daemon ends.
+    /// Passes snapshots on until the daemon ends.
     async fn pass_on(self: Arc<Self>, runs_dir: PathBuf, lane: Lane, mut state: watch::Receiver<RigState>) {
         let job = |state: &RigState| match lane {
             Lane::Motion => state.motion,
@@ -62,7 +62,7 @@ impl Shown {
             else {
                 return;
             };
-            // the job's own, and none that a link in its folder leads to
+            // the socket in the job's folder itself, not one that a link leads to
             let socket = running.and_then(|id| hand_in::socket(&runs_dir, JobId(id)).ok());
             if let Some(socket) = socket
                 && let Ok(stream) = UnixStream::connect(below::through(&socket)).await
@@ -72,12 +72,12 @@ impl Shown {
                     () = self.newest.closed() => continue,
                 }
             }
-            // it has not begun to show yet, shows nothing, or has ended
-            tokio::time::sleep(TRY_EVERY).await;
+            // its socket is not open yet, or it has none, or it has ended
+            tokio::time::sleep(RETRY_INTERVAL).await;
         }
     }
 
-    /// Until the job hangs up.
+    /// Reads snapshots until the job closes the connection.
     async fn read(&self, stream: &UnixStream) {
         let (mut lines, mut piece) = (Lines::default(), vec![0; READ_BYTES]);
         while stream.readable().await.is_ok() {
@@ -98,7 +98,7 @@ impl Shown {
     }
 }
 
-/// What the rig's jobs show while they go on, as server-sent events called `live`: a `Snapshot`, at once and up to five times a
+/// The live view of the rig's running jobs, as server-sent events called `live`: a `Snapshot`, at once and up to five times a
 /// second. A picture is left out where it is still the one before, and comes again after two seconds.
 #[utoipa::path(get, path = "/api/v1/rigs/{rig}/live", params(("rig" = String, Path)), responses((status = 200, description = "Snapshots.", content_type = "text/event-stream", body = String)))]
 pub(super) async fn live(

@@ -31,29 +31,29 @@ use tokio::net::TcpListener;
 use tokio::sync::watch;
 use utoipa::{OpenApi, ToSchema};
 
-use super::Beat;
+use super::Heartbeat;
 use super::state::RigState;
 use super::stop::Stop;
-use crate::web::{Hosts, one_form};
+use crate::web::{Hosts, uniform_errors};
 use config::RigConfig;
 use document::InCommon;
 use store::job::Lane;
 use store::{Limit, Store, StoreError};
 use token::Token;
 
-/// A request's body is no larger: a job that names every run of a year fits.
-const MOST_BODY_BYTES: usize = 64 << 10;
+/// Size of a request's body at most \[bytes\]: a job that names every run of a year fits.
+const REQUEST_BODY_LIMIT_BYTES: usize = 64 << 10;
 
 /// What the server serves.
 pub(super) struct Api {
     rigs: Vec<Arc<Served>>,
     token: Token,
     hosts: Hosts,
-    /// Reading is free.
+    /// Whether the address is the loopback, where reading needs no token.
     is_loopback: bool,
 }
 
-/// One rig of it.
+/// One of its rigs.
 pub(super) struct Served {
     /// Where its config is.
     path: PathBuf,
@@ -63,8 +63,8 @@ pub(super) struct Served {
     store: Mutex<Store>,
     state: watch::Receiver<RigState>,
     snapshot: watch::Receiver<Arc<str>>,
-    /// What its job that moves it shows, and its job that computes.
-    shown: [Arc<live::Shown>; 2],
+    /// Live views of its two lanes: motion, analysis.
+    shown: [Arc<live::LiveView>; 2],
 }
 
 #[derive(OpenApi)]
@@ -145,11 +145,11 @@ impl Served {
         runs_dir: PathBuf,
         stop: Arc<Stop>,
         state: watch::Receiver<RigState>,
-        beat: Arc<Beat>,
+        heartbeat: Arc<Heartbeat>,
     ) -> Result<Self, StoreError> {
-        let snapshot = events::watch_rig(Store::open(&runs_dir)?, state.clone(), beat);
+        let snapshot = events::watch_rig(Store::open(&runs_dir)?, state.clone(), heartbeat);
         let shown =
-            [Lane::Motion, Lane::Analysis].map(|lane| live::Shown::watch(&runs_dir, lane, state.clone()));
+            [Lane::Motion, Lane::Analysis].map(|lane| live::LiveView::watch(&runs_dir, lane, state.clone()));
         let store = Mutex::new(Store::open(&runs_dir)?);
         Ok(Self { path, config, runs_dir, stop, store, state, snapshot, shown })
     }
@@ -158,14 +158,14 @@ impl Served {
         self.store.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Asks its database, beside the server's own work.
+    /// Queries its database on a blocking thread.
     async fn ask<T: Send + 'static>(
         self: &Arc<Self>,
-        question: impl FnOnce(&mut Store) -> Result<T, StoreError> + Send + 'static,
+        query: impl FnOnce(&mut Store) -> Result<T, StoreError> + Send + 'static,
     ) -> Result<T, Problem> {
         let served = Arc::clone(self);
-        let asked = tokio::task::spawn_blocking(move || question(&mut served.store())).await;
-        Ok(asked.map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error))??)
+        let answer = tokio::task::spawn_blocking(move || query(&mut served.store())).await;
+        Ok(answer.map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error))??)
     }
 }
 
@@ -218,19 +218,19 @@ impl Api {
             // a stream of events has no end to wait for
             .route("/api/v1/events", get(events::events))
             .route("/api/v1/rigs/{rig}/live", get(live::live))
-            .layer(DefaultBodyLimit::max(MOST_BODY_BYTES))
+            .layer(DefaultBodyLimit::max(REQUEST_BODY_LIMIT_BYTES))
             .layer(middleware::from_fn_with_state(Arc::clone(&api), guard::guarded))
-            .layer(middleware::from_fn(one_form))
+            .layer(middleware::from_fn(uniform_errors))
             .with_state(api);
         server::serve(listener, router).await
     }
 }
 
-/// What all rigs do.
+/// The states of all rigs.
 #[utoipa::path(get, path = "/api/v1/rigs", responses((status = 200, description = "Each rig.", body = [RigState])))]
 async fn rigs(State(api): State<Arc<Api>>) -> Json<Vec<RigState>> {
     Json(api.rigs.iter().map(|rig| rig.state.borrow().clone()).collect())
 }
 
-/// The rig that a path names first.
+/// The rig's name in a request's path.
 type InRig = Path<String>;

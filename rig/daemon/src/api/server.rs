@@ -18,22 +18,22 @@ use tokio::net::TcpListener;
 use tokio::sync::Notify;
 use tower_service::Service as _;
 
-/// Connections at a time.
-const MOST_CONNECTIONS: usize = 256;
-/// A request's head takes no longer.
+/// Connections at a time at most. Chosen.
+const MAX_CONNECTIONS: usize = 256;
+/// Time limit for a request's head. Chosen.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(5);
-/// After a connection could not be taken.
-const PAUSE: Duration = Duration::from_millis(10);
+/// Pause after a connection could not be accepted. Chosen.
+const ACCEPT_RETRY_DELAY: Duration = Duration::from_millis(10);
 
 /// A connection, for whoever answers what is asked on it.
 #[derive(Debug, Default)]
 pub(super) struct Connection {
     has_token: AtomicBool,
-    let_go: Notify,
+    close: Notify,
 }
 
 impl Connection {
-    /// Whoever asks has shown the token.
+    /// Marks that the client has shown the token.
     pub(super) fn shows_token(&self) {
         self.has_token.store(true, Ordering::Relaxed);
     }
@@ -47,21 +47,21 @@ impl Connections {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes one more, in place of another where there are enough.
+    /// Adds a connection; closes another one if there are too many.
     fn take(&self) -> Arc<Connection> {
-        if self.all().len() >= MOST_CONNECTIONS {
-            self.let_one_go();
+        if self.all().len() >= MAX_CONNECTIONS {
+            self.close_one();
         }
         let connection = Arc::new(Connection::default());
         self.all().push_back(Arc::clone(&connection));
         connection
     }
 
-    fn let_one_go(&self) {
+    fn close_one(&self) {
         let mut all = self.all();
         let stranger = all.iter().position(|connection| !connection.has_token.load(Ordering::Relaxed));
         if let Some(connection) = all.remove(stranger.unwrap_or(0)) {
-            connection.let_go.notify_one();
+            connection.close.notify_one();
         }
     }
 
@@ -76,9 +76,9 @@ pub(super) async fn serve(listener: TcpListener, router: Router) -> io::Result<(
     let connections = Arc::new(Connections::default());
     loop {
         let Ok((stream, _)) = listener.accept().await else {
-            // no descriptor is left for it: there is one when another has gone
-            connections.let_one_go();
-            tokio::time::sleep(PAUSE).await;
+            // no file descriptor is left: closing a connection frees one
+            connections.close_one();
+            tokio::time::sleep(ACCEPT_RETRY_DELAY).await;
             continue;
         };
         // an answer of a few bytes is not held back
@@ -96,7 +96,7 @@ pub(super) async fn serve(listener: TcpListener, router: Router) -> io::Result<(
             tokio::select! {
                 // how a connection ends is its client's business
                 _ = http.serve_connection(TokioIo::new(stream), answer) => {}
-                () = connection.let_go.notified() => {}
+                () = connection.close.notified() => {}
             }
             connections.forget(&connection);
         });
@@ -106,7 +106,7 @@ pub(super) async fn serve(listener: TcpListener, router: Router) -> io::Result<(
 /// As many open files as the system allows: half of the usual 1024 may be connections.
 fn allow_descriptors() {
     let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
-    // where it cannot be, connections are let go the sooner
+    // if the limit cannot be raised, connections are closed sooner
     let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
 }
 
@@ -120,7 +120,7 @@ mod tests {
         let first = connections.take();
         first.shows_token();
         let second = connections.take();
-        for _ in 2..MOST_CONNECTIONS {
+        for _ in 2..MAX_CONNECTIONS {
             connections.take();
         }
         let newest = connections.take();
@@ -128,7 +128,7 @@ mod tests {
         let there = |wanted: &Arc<Connection>| all.iter().any(|one| Arc::ptr_eq(one, wanted));
         assert_eq!(
             (all.len(), there(&first), there(&second), there(&newest)),
-            (MOST_CONNECTIONS, true, false, true)
+            (MAX_CONNECTIONS, true, false, true)
         );
     }
 }

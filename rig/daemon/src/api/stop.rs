@@ -1,4 +1,4 @@
-//! Stop, and what ends the hold that it leaves.
+//! The requests that stop a rig and that release it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,31 +16,31 @@ use app::{self, Failure};
 use ground::hold::Hold;
 use servo::motion::Standing;
 
-/// Who stops and why is waited for no longer; the stop does not wait for it.
-const WORDS: Duration = Duration::from_millis(50);
-/// So much of it is read.
-const MOST_BYTES: usize = 4096;
-/// The disk has so long to take the hold before the answer says that it has not.
-const DISK: Duration = Duration::from_secs(1);
+/// Time to read name and reason from the request's body; the stop itself does not wait for it. Chosen.
+const BODY_TIMEOUT: Duration = Duration::from_millis(50);
+/// Length of the body that is read \[bytes\]. Chosen.
+const BODY_LIMIT_BYTES: usize = 4096;
+/// Time for writing the hold; after it the answer says that it is not written. Chosen.
+const HOLD_WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Who stops, and why. Any of it may be missing, and whatever else is sent stops as well.
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(default)]
 pub(super) struct Words {
-    /// Who, or what.
+    /// Who, or which program, stops.
     by: Option<String>,
-    /// Why.
+    /// The reason.
     why: Option<String>,
 }
 
 /// A stop that was carried out.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Stopped {
-    /// What holds the rig now, until it is released.
+    /// The hold, until the rig is released.
     hold: Hold,
-    /// What its servos did when it was stopped.
+    /// State of its servos when it was stopped.
     servos: Standing,
-    /// The hold is on the disk; else the daemon alone holds the rig, and goes on trying.
+    /// Whether the hold is on the disk; else the daemon alone holds the rig, and goes on trying.
     written: bool,
 }
 
@@ -53,26 +53,26 @@ pub(super) async fn stop(
 ) -> Result<Json<Stopped>, Problem> {
     let rig = api.rig(&rig)?;
     let servos = rig.state.borrow().servos.clone();
-    rig.stop.pull(Hold::now("somebody over HTTP", "stopped"));
-    let words = tokio::time::timeout(WORDS, to_bytes(body, MOST_BYTES)).await;
-    let words = words.ok().and_then(Result::ok).map(|bytes| said(&bytes)).unwrap_or_default();
+    rig.stop.request(Hold::now("somebody over HTTP", "stopped"));
+    let words = tokio::time::timeout(BODY_TIMEOUT, to_bytes(body, BODY_LIMIT_BYTES)).await;
+    let words = words.ok().and_then(Result::ok).map(|bytes| parse_words(&bytes)).unwrap_or_default();
     rig.stop.explain(words.by.as_deref(), words.why.as_deref());
     let writing = Arc::clone(&rig);
     let written = tokio::task::spawn_blocking(move || writing.stop.write(Duration::ZERO));
-    let written = matches!(tokio::time::timeout(DISK, written).await, Ok(Ok(Ok(()))));
+    let written = matches!(tokio::time::timeout(HOLD_WRITE_TIMEOUT, written).await, Ok(Ok(Ok(()))));
     let hold = rig.stop.held().unwrap_or_else(|| Hold::now("somebody over HTTP", "stopped"));
     Ok(Json(Stopped { hold, servos, written }))
 }
 
-/// What a body says: its words, or itself.
-fn said(body: &[u8]) -> Words {
+/// Name and reason from a body; a body that is not JSON is the reason.
+fn parse_words(body: &[u8]) -> Words {
     serde_json::from_slice(body).unwrap_or_else(|_| {
         let why = String::from_utf8_lossy(body).trim().to_owned();
         Words { by: None, why: Some(why).filter(|why| !why.is_empty()) }
     })
 }
 
-/// Who lets the rig move again.
+/// Who releases the rig.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Releases {
@@ -83,7 +83,7 @@ pub(super) struct Releases {
 /// What was released.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Released {
-    /// In words.
+    /// What was released, in words.
     released: String,
 }
 
@@ -117,12 +117,12 @@ mod tests {
 
     #[test]
     fn any_body_is_a_reason_or_none() {
-        let why = |body: &str| said(body.as_bytes()).why;
+        let why = |body: &str| parse_words(body.as_bytes()).why;
         assert_eq!(why(""), None);
         assert_eq!(why("{}"), None);
         assert_eq!(why(r#"{"why":"a hand","colour":"red"}"#).as_deref(), Some("a hand"));
         assert_eq!(why("{\"why\": 3}").as_deref(), Some("{\"why\": 3}"));
         assert_eq!(why("water on the floor").as_deref(), Some("water on the floor"));
-        assert!(said(&[0xFF, 0xFE]).why.is_some());
+        assert!(parse_words(&[0xFF, 0xFE]).why.is_some());
     }
 }

@@ -15,21 +15,21 @@ use record::{RecordError, below};
 /// Its file, in the folder of run folders.
 pub(crate) const FILE: &str = ".token";
 /// As many random bytes as nobody can try.
-const BYTES: usize = 32;
+const TOKEN_BYTES: usize = 32;
 /// Bits of a file's mode that let others than its owner at it.
-const OTHERS: u32 = 0o077;
+const OTHER_USERS_MODE_BITS: u32 = 0o077;
 
 /// The secret that a request must show before it may move a rig.
 pub(crate) struct Token(String);
 
 impl Token {
-    /// That of the folder `runs_dir`; a new one where there is none, or where others may know the one there is, which is told.
+    /// The token of the folder `runs_dir`; a new one where there is none, or, with a message to `report`, where others may know the old one.
     ///
     /// # Errors
     /// [`RecordError`] where it cannot be kept from others, or not be written.
-    pub(crate) fn of(runs_dir: &Path, mut tell: impl FnMut(&str)) -> Result<Self, RecordError> {
+    pub(crate) fn of(runs_dir: &Path, mut report: impl FnMut(&str)) -> Result<Self, RecordError> {
         let path = runs_dir.join(FILE);
-        let why = match kept(&path) {
+        let why = match read_private(&path) {
             Ok(Ok(token)) => return Ok(Self(token)),
             Ok(Err(why)) => why,
             Err(error) if error.kind() == ErrorKind::NotFound => return Self::make(&path),
@@ -38,13 +38,13 @@ impl Token {
             Err(error) => return Err(RecordError::io("reading the token", &path)(error)),
         };
         let token = Self::make(&path)?;
-        tell(&format!("rig: the token in {} was {why}: a new one is there now", path.display()));
+        report(&format!("rig: the token in {} was {why}: a new one is there now", path.display()));
         Ok(token)
     }
 
     /// Puts a new one at `path`, whole or not at all, in the place of what is there.
     fn make(path: &Path) -> Result<Self, RecordError> {
-        let mut bytes = [0; BYTES];
+        let mut bytes = [0; TOKEN_BYTES];
         rand::rng().fill(&mut bytes);
         let token = URL_SAFE_NO_PAD.encode(bytes);
         let new = path.with_file_name(format!("{FILE}-{}", std::process::id()));
@@ -61,7 +61,7 @@ impl Token {
             let _ = std::fs::remove_file(&new);
         }
         written.map_err(RecordError::io("making the token", path))?;
-        match kept(path).map_err(RecordError::io("reading the token", path))? {
+        match read_private(path).map_err(RecordError::io("reading the token", path))? {
             Ok(token) => Ok(Self(token)),
             Err(why) => {
                 let _ = std::fs::remove_file(path);
@@ -74,31 +74,32 @@ impl Token {
         }
     }
 
-    /// Whether `said` is it. Takes as long for any guess of its length.
-    pub(super) fn is(&self, said: &str) -> bool {
-        let (said, own) = (said.as_bytes(), self.0.as_bytes());
-        said.len() == own.len() && said.iter().zip(own).fold(0, |different, (a, b)| different | (a ^ b)) == 0
+    /// Whether `guess` is the token, compared in constant time.
+    pub(super) fn is(&self, guess: &str) -> bool {
+        let (guess, token) = (guess.as_bytes(), self.0.as_bytes());
+        guess.len() == token.len()
+            && guess.iter().zip(token).fold(0, |different, (a, b)| different | (a ^ b)) == 0
     }
 
-    /// For whoever sits at the terminal on which the daemon was started, and nobody else.
+    /// The token as text, only to be shown on the terminal on which the daemon was started.
     pub(crate) fn text(&self) -> &str {
         &self.0
     }
 }
 
-/// The token at `path`, or why it is none that only this user knows.
-fn kept(path: &Path) -> std::io::Result<Result<String, String>> {
+/// The token at `path`, or why others than this user may know it.
+fn read_private(path: &Path) -> std::io::Result<Result<String, String>> {
     let file = below::at(path)?;
     let about = file.metadata()?;
     let user = rustix::process::geteuid().as_raw();
     if about.uid() != user {
         return Ok(Err(format!("owned by user {}, not by user {user} who serves", about.uid())));
     }
-    if about.mode() & OTHERS != 0 {
+    if about.mode() & OTHER_USERS_MODE_BITS != 0 {
         return Ok(Err(format!("open to others (mode {:03o})", about.mode() & 0o777)));
     }
     let token = std::io::read_to_string(file)?.trim().to_owned();
-    Ok(if token.len() < BYTES { Err("too short".into()) } else { Ok(token) })
+    Ok(if token.len() < TOKEN_BYTES { Err("too short".into()) } else { Ok(token) })
 }
 
 #[cfg(test)]

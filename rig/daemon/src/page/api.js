@@ -3,7 +3,7 @@
 export const API = "/api/v1";
 export const $ = id => document.getElementById(id);
 
-// The token comes behind the `#` of the address that the daemon has told, and is kept for this tab only.
+// The token stands behind the `#` of the address that the daemon prints, and is stored for this tab only.
 if (location.hash.startsWith("#token=")) {
   sessionStorage.setItem("token", location.hash.slice("#token=".length));
   history.replaceState(null, "", location.pathname);
@@ -39,7 +39,7 @@ export function element(name, properties = {}, ...children) {
   return made;
 }
 
-// A row for each of `items` by `make`. One whose item is as before stays where it is: a click may be on its way to it.
+// Fills `table` with a row for each of `items`, made by `make`. A row whose item is unchanged stays, so that a click on it is not lost.
 export function fill(table, items, make) {
   const known = new Map([...table.children].map(row => [row.dataset.item, row]));
   const rows = items.map(item => {
@@ -57,7 +57,7 @@ export function fill(table, items, make) {
 
 let asking = null;
 
-// Both streams and a command may want it at once: it is asked for once.
+// Both streams and a command may need the token at the same time: it is asked for once.
 export function askForToken() {
   asking ??= new Promise(resolve => {
     const dialog = $("ask-token");
@@ -74,7 +74,7 @@ export function askForToken() {
 
 const pause = milliseconds => new Promise(resolve => setTimeout(resolve, milliseconds));
 
-// Server-sent events by hand: EventSource cannot send a token. Until `signal` is given up.
+// Server-sent events by hand: EventSource cannot send a token. Runs until `signal` is aborted.
 export async function listen(path, take, tell, signal) {
   while (!signal?.aborted) {
     try {
@@ -98,7 +98,7 @@ export async function listen(path, take, tell, signal) {
           if (data) take(JSON.parse(data));
         }
       }
-    } catch { /* told below */ }
+    } catch { /* reported below */ }
     if (signal?.aborted) return;
     tell("the daemon does not answer; trying again");
     await pause(1000);

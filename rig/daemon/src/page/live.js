@@ -1,4 +1,4 @@
-// What the rig's jobs show while they go on: the camera's picture with what is found in it, motion, figures, the fit.
+// The live view of the rig's jobs: the camera's picture with its overlay, motion, figures, the fit.
 
 import { $, element, listen } from "./api.js";
 import { lineChart, lineClass, room, svg } from "./chart.js";
@@ -49,7 +49,7 @@ function take(snapshot) {
   if (jobs.get(snapshot.job)?.run !== snapshot.run) pictures.delete(snapshot.job);
   jobs.set(snapshot.job, snapshot);
   if (snapshot.picture) pictures.set(snapshot.job, snapshot.picture);
-  // what a job showed last stays, until another one shows the like
+  // the last view of a job stays until another job has one of the same kind
   for (const job of jobs.keys()) {
     if (!goesOn(job) && job !== snapshot.job && job !== newest(isFilmed) && job !== newest(isFitted)) [jobs, pictures].forEach(map => map.delete(job));
   }
@@ -103,7 +103,7 @@ function showPicture(job) {
   shown = picture;
   const bytes = Uint8Array.from(atob(picture.jpeg), letter => letter.charCodeAt(0));
   const image = element("img", { id: "picture", alt: "", src: URL.createObjectURL(new Blob([bytes], { type: "image/jpeg" })) });
-  // what lies over it changes together with the picture, not before
+  // the overlay changes together with the picture, not before
   image.decode().then(() => {
     if (picture !== shown) return;
     $("film").style.aspectRatio = picture.size_px.join(" / ");
@@ -128,7 +128,7 @@ function showFound({ found, time_s, size_px }, width, height) {
     });
   }
   const doubt = found && found.status !== "ok" ? `, ${found.status}: ${found.reason}` : "";
-  const text = `Picture at ${seconds(time_s)}, ${size_px[0]} x ${size_px[1]} px${found ? doubt : "; not looked at yet"}`;
+  const text = `Picture at ${seconds(time_s)}, ${size_px[0]} x ${size_px[1]} px${found ? doubt : "; not processed yet"}`;
   const view = $("found");
   // a pixel's centre is a whole number
   view.setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`);
@@ -153,7 +153,7 @@ function showTraces(snapshot) {
         const place = lines.length;
         lines.push({ place, points: values.map((value, i) => [group.time_s[i], value === null ? null : value * factor]) });
         const last = values.findLast(value => value !== null);
-        const text = last === undefined ? `${name}: not seen` : `${name} ${(last * factor).toFixed(1)} ${unit}`;
+        const text = last === undefined ? `${name}: not observed` : `${name} ${(last * factor).toFixed(1)} ${unit}`;
         legend.push(element("li", {}, svgKey(place), text));
       }
     }
@@ -171,11 +171,11 @@ function showFigures({ figures: f }) {
   const ms = (value, digits) => `${(value * 1e3).toFixed(digits).replace(/^-(0\.?0*)$/, "$1")} ms`;
   const rows = [
     ["Images", `${f.received} received, ${f.lost} lost, ${f.damaged} damaged`, f.lost || f.damaged],
-    ["Waits for the disk", `${f.waiting_mib} of ${f.queue_mib} MiB`, f.waiting_mib > f.queue_mib / 2],
+    ["Waiting for the disk", `${f.waiting_mib} of ${f.queue_mib} MiB`, f.waiting_mib > f.queue_mib / 2],
   ];
   if (f.fps !== undefined) rows.splice(1, 0, ["Rate", `${f.fps.toFixed(1)} of ${f.promised_fps.toFixed(1)} a second`, false]);
   if (f.repeated || f.stale) rows.push(["Repeated, stale", `${f.repeated}, ${f.stale}`, true]);
-  if (f.behind_s !== undefined) rows.push(["Keypoints behind the camera", seconds(f.behind_s), false]);
+  if (f.behind_s !== undefined) rows.push(["Delay of the keypoints", seconds(f.behind_s), false]);
   if (f.clock) rows.push(["Servo board's clock", `gained ${ms(f.clock.gained_s, 2)}, known to ±${ms(1.96 * f.clock.sigma_s, 2)} (95 %), ${f.clock.drift_ppm.toFixed(0)} ppm`, false]);
   if (f.start_late_s !== undefined) rows.push(["Motion began late by", ms(f.start_late_s, 2), Math.abs(f.start_late_s) > 0.02]);
   $("figures").replaceChildren(...rows.flatMap(([name, value, bad]) =>
@@ -186,12 +186,12 @@ function showFits() {
   const fits = [...jobs.values()].filter(snapshot => isFitted(snapshot) && (goesOn(snapshot.job) || snapshot.job === newest(isFitted)));
   if (!fits.length) return $("fits").replaceChildren(element("p", { textContent: "No fit goes on." }));
   $("fits").replaceChildren(...fits.map(({ job, fit }) => {
-    const lines = [["over all images", fit.curve], ["over some of them", fit.rough]].map(([name, curve], place) =>
+    const lines = [["over all images", fit.curve], ["over some images", fit.rough]].map(([name, curve], place) =>
       ({ name, place, points: curve.map(([at, rms_m]) => [at, rms_m * 1e3]) })).filter(line => line.points.length);
     const all = lines.flatMap(line => line.points).sort(([a], [b]) => a - b), values = all.map(([, value]) => value);
-    // errors over some of the images are none to compare with those over all
-    const told = lines[0].points;
-    const [first, last] = [told[0][1], told.at(-1)[1]];
+    // errors over some of the images cannot be compared with those over all
+    const shownPoints = lines[0].points;
+    const [first, last] = [shownPoints[0][1], shownPoints.at(-1)[1]];
     const text = `Job ${job}, ${fit.name}: ${fit.phase}, ${fit.evaluations} of at most ${fit.max_evaluations} evaluations, ${last.toPrecision(3)} mm rms`;
     const label = `${text}; it began with ${first.toPrecision(3)} mm`;
     const chart = lineChart({ width: room($("fits")), label, lines, from: all[0][0], to: fit.evaluations, unit: "mm rms", xUnit: "evaluations",
@@ -199,6 +199,6 @@ function showFits() {
     const legend = element("ul", { className: "legend" }, ...lines.map(({ name, place }) => element("li", {}, svgKey(place), name)));
     const rows = fit.parameters.map(({ name, value }) => element("tr", {}, element("th", { scope: "row", textContent: name }), element("td", { textContent: Math.abs(value) > 0 && Math.abs(value) < 1e-3 ? value.toExponential(3) : value.toPrecision(4) })));
     return element("figure", {}, element("figcaption", { textContent: text }), chart, legend,
-      element("table", { className: "values" }, element("caption", { className: "unseen", textContent: "Where the parameters are" }), element("tbody", {}, ...rows)));
+      element("table", { className: "values" }, element("caption", { className: "unseen", textContent: "Current parameter values" }), element("tbody", {}, ...rows)));
   }));
 }

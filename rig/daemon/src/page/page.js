@@ -1,12 +1,12 @@
-// The daemon's page: what the API tells, and its few commands. Nothing is loaded from anywhere else.
+// The daemon's page: shows the state from the API, and sends its commands. Nothing is loaded from anywhere else.
 
 import { $, API, Refused, ask, askForToken, element, fill, listen } from "./api.js";
 import { showRig } from "./live.js";
 import { showCoefficients, showTrend } from "./trends.js";
 
 const PAGE_OF_RUNS = 50;
-const MOST_ALERTS = 5;
-const MOST_CAMPAIGN_RUNS = 4;
+const SHOWN_ALERTS = 5;
+const CAMPAIGN_RUNS = 4;
 const snapshots = new Map();
 let chosen = "";
 let shownRuns = [];
@@ -14,32 +14,32 @@ let shownRuns = [];
 const inRig = path => `/rigs/${encodeURIComponent(chosen)}${path}`;
 
 const time = text => text ? new Date(text).toLocaleString(undefined, { dateStyle: "short", timeStyle: "short" }) : "";
-const said = text => { $("said").textContent = text; };
+const showMessage = text => { $("said").textContent = text; };
 
 async function command(path, body, done, headers) {
   for (;;) {
     try {
       const answer = await ask(inRig(path), body, headers);
-      return said(done(answer));
+      return showMessage(done(answer));
     } catch (error) {
       if (error.status === 401 && await askForToken()) continue;
-      return said(error instanceof Refused ? error.message : `The daemon does not answer: ${error.message}. Use the emergency switch if anything moves.`);
+      return showMessage(error instanceof Refused ? error.message : `The daemon does not answer: ${error.message}. Use the emergency switch if anything moves.`);
     }
   }
 }
 
 $("stop").onclick = () => command("/stop", { by: "the page", why: "the stop button" },
-  stopped => stopped.written ? "Stopped and held." : "Stopped; the daemon alone holds the rig: the disk does not take it.");
+  stopped => stopped.written ? "Stopped and held." : "Stopped; only the daemon holds the rig: the hold could not be written to the disk.");
 $("held").onsubmit = event => {
   event.preventDefault();
   command("/release", { by: $("who").value }, ({ released }) => `${released[0].toUpperCase()}${released.slice(1)}.`);
 };
-// A click that has to be sent again is one job.
+// The same key marks a repeated request as one job.
 const key = () => [...crypto.getRandomValues(new Uint8Array(16))].map(byte => byte.toString(16).padStart(2, "0")).join("");
 const add = work => command("/jobs", { work, why: "from the page" }, job => `Job ${job.job} waits for its turn.`, { "Idempotency-Key": key() });
 $("cancel-all").onclick = () => command("/jobs/cancel", { why: "from the page" }, ({ cancelled }) => `${cancelled} jobs are cancelled.`);
 $("run").onclick = () => add({ kind: "run" });
-$("campaign").onclick = () => add({ kind: "campaign", max_runs: MOST_CAMPAIGN_RUNS });
+$("campaign").onclick = () => add({ kind: "campaign", max_runs: CAMPAIGN_RUNS });
 
 const DOING = {
   "at-rest": () => "At rest",
@@ -49,38 +49,38 @@ const DOING = {
   moving: () => "Moves",
   unknown: ({ since }) => `Not known${since ? ` since ${time(since)}` : ""}: may move`,
 };
-// What was told longer ago says nothing of now.
-const FRESH_MS = 2000;
-const heard = new Map();
+// A snapshot older than this says nothing about the present.
+const FRESHNESS_LIMIT_MS = 2000;
+const receivedAt = new Map();
 
 function showNow({ rig, jobs }) {
-  const silent = Date.now() - (heard.get(rig.name) ?? 0);
-  const fresh = silent < FRESH_MS;
+  const silent = Date.now() - (receivedAt.get(rig.name) ?? 0);
+  const fresh = silent < FRESHNESS_LIMIT_MS;
   const job = id => jobs.find(job => job.id === id);
   const kind = id => `job ${id}${job(id) ? ` (${job(id).work.kind})` : ""}`;
   const text = fresh ? (rig.hold && rig.doing === "at-rest" ? "Held" : DOING[rig.doing](rig.servos)) : `No news for ${Math.round(silent / 1000)} s: the rig may move`;
   document.body.classList.toggle("stale", !fresh);
   document.body.dataset.doing = fresh ? rig.doing : "unknown";
-  // said aloud when it is another, not again and again
+  // a screen reader reads a change, so set it only when it changes
   if ($("now").textContent !== text) $("now").textContent = text;
   document.title = `${text} · ${rig.name}`;
   $("experiment").textContent = rig.experiment;
   const more = [rig.motion, rig.analysis].filter(id => id !== null).map(kind);
   if (rig.waits && !rig.hold) more.push(`the next motion waits: ${rig.waits}`);
-  if (rig.trouble) more.push(`the daemon's trouble: ${rig.trouble}`);
-  $("more").textContent = fresh ? more.join("; ") : `It was last heard of at ${new Date(heard.get(rig.name)).toLocaleTimeString()}. What is shown below is of then.`;
+  if (rig.trouble) more.push(`error of the daemon: ${rig.trouble}`);
+  $("more").textContent = fresh ? more.join("; ") : `It was last heard of at ${new Date(receivedAt.get(rig.name)).toLocaleTimeString()}. What is shown below is from then.`;
   $("held").hidden = !rig.hold;
   if (rig.hold) $("held-why").textContent = `By ${rig.hold.by}, ${time(rig.hold.since)}: ${rig.hold.why}`;
   $("next").textContent = rig.next_run ? `Next run by the schedule: ${time(rig.next_run)}` : "No schedule.";
 }
 setInterval(() => { if (snapshots.has(chosen)) showNow(snapshots.get(chosen)); }, 250);
 
-function cameOf(job) {
+function resultOf(job) {
   const { error, verdict, run, out, warnings } = job;
-  // the run's folder is said before a colon
+  // the run's folder stands before a colon
   if (error) return error.split("\n")[0].replace(/^run \S+: /, "");
-  const came = verdict ?? (run ?? out ?? job.cancel ?? job.why ?? "").split("/").pop();
-  return [came, ...warnings ?? []].join("; ");
+  const result = verdict ?? (run ?? out ?? job.cancel ?? job.why ?? "").split("/").pop();
+  return [result, ...warnings ?? []].join("; ");
 }
 
 const row = (...cells) => element("tr", {}, ...cells.map(cell => cell instanceof Node ? element("td", {}, cell) : element("td", cell)));
@@ -89,18 +89,18 @@ const empty = textContent => row({ colSpan: 6, textContent });
 function jobRow(job) {
   const over = !["queued", "running"].includes(job.state);
   const label = over ? `Retry job ${job.id}` : `Cancel job ${job.id}`;
-  // a motion that was done is not done again by a slip of the hand
+  // a motion that was done is not repeated by a slip of the hand
   const moved = job.state === "done" && ["run", "campaign"].includes(job.work.kind);
   const button = element("button", { type: "button", textContent: over ? "Retry" : "Cancel", ariaLabel: label, hidden: moved });
   button.onclick = () => over
     ? command(`/jobs/${job.id}/retry`, { why: "from the page" }, again => `Job ${again.job} waits for its turn.`)
     : command(`/jobs/${job.id}/cancel`, { why: "from the page" }, () => `Job ${job.id} is told to end.`);
   return row({ textContent: job.id }, { textContent: job.work.kind }, { textContent: job.state, className: job.state },
-    { textContent: time(job.added) }, button, { textContent: cameOf(job), className: "came", title: job.why ?? "" });
+    { textContent: time(job.added) }, button, { textContent: resultOf(job), className: "came", title: job.why ?? "" });
 }
 
 function showJobs({ jobs }) {
-  // whoever stands on a button of a row that changes stays there
+  // keep the keyboard focus on the button of a row that changes
   const focused = document.activeElement?.ariaLabel;
   fill($("jobs"), jobs.length ? jobs : ["No jobs yet."], job => job.id ? jobRow(job) : empty(job));
   $("cancel-all").hidden = !jobs.some(job => job.state === "queued");
@@ -116,24 +116,24 @@ function runRow(run) {
 }
 
 async function showRuns(more) {
-  const kept = more ? shownRuns : [];
-  const before = kept.length ? `&before=${kept.at(-1).id}` : "";
+  const earlier = more ? shownRuns : [];
+  const before = earlier.length ? `&before=${earlier.at(-1).id}` : "";
   const runs = await ask(inRig(`/runs?most=${PAGE_OF_RUNS}${before}`));
-  shownRuns = [...kept, ...runs.reverse()];
+  shownRuns = [...earlier, ...runs.reverse()];
   fill($("runs"), shownRuns.length ? shownRuns : ["No runs yet."], run => run.id ? runRow(run) : empty(run));
   $("older").hidden = runs.length < PAGE_OF_RUNS;
 }
-$("older").onclick = () => showRuns(true).catch(error => said(error.message));
+$("older").onclick = () => showRuns(true).catch(error => showMessage(error.message));
 
 async function showAlerts() {
-  const alerts = await ask(inRig(`/alerts?most=${MOST_ALERTS}`));
+  const alerts = await ask(inRig(`/alerts?most=${SHOWN_ALERTS}`));
   const line = alert => alert.text ? element("li", {}, element("time", { textContent: time(alert.raised) }), ` ${alert.text}`) : element("li", { textContent: alert });
   fill($("alerts"), alerts.length ? alerts : ["No alerts yet."], line);
 }
 
-$("coefficients").onchange = $("determined").onchange = () => showTrend(inRig).catch(error => said(error.message));
+$("coefficients").onchange = $("determined").onchange = () => showTrend(inRig).catch(error => showMessage(error.message));
 
-const refresh = () => Promise.all([showRuns(false), showAlerts(), showCoefficients(inRig)]).catch(error => said(error.message));
+const refresh = () => Promise.all([showRuns(false), showAlerts(), showCoefficients(inRig)]).catch(error => showMessage(error.message));
 
 function show(name) {
   const snapshot = snapshots.get(name);
@@ -156,7 +156,7 @@ function take(snapshot) {
   const name = snapshot.rig.name;
   const known = snapshots.get(name);
   snapshots.set(name, snapshot);
-  heard.set(name, Date.now());
+  receivedAt.set(name, Date.now());
   if (!known) {
     $("rigs").append(element("option", { value: name, textContent: name }));
     $("choose").hidden = snapshots.size < 2;
@@ -167,7 +167,7 @@ function take(snapshot) {
   if (known && name === chosen && over(known) !== over(snapshot)) refresh();
 }
 
-// A browser has few connections for all of its windows: one that nobody looks at leaves them to the one with the stop button.
+// A browser has few connections for all of its windows: a hidden page closes its own, for the visible one with the stop button.
 let listening = null;
 function listenAgain() {
   listening?.abort();

@@ -3,16 +3,16 @@
 import { $, ask, element } from "./api.js";
 import { columns, room, svg, ticks } from "./chart.js";
 
-// More of them are not written out.
-const MOST_CHANGES = 8;
-// Runs that are no nearer than so many pixels are drawn each by itself; of others what is in a column of so many pixels is drawn as one.
-const APART = 6, COLUMN = 3;
+// Changes that are listed at most.
+const LISTED_CHANGES = 8;
+// Runs at least this many pixels apart are drawn one by one; denser ones are drawn as columns of this width.
+const MIN_POINT_SPACING_PX = 6, COLUMN_WIDTH_PX = 3;
 
 export async function showCoefficients(inRig) {
   const names = await ask(inRig("/coefficients"));
-  const kept = $("coefficients").value;
+  const chosen = $("coefficients").value;
   $("coefficients").replaceChildren(...names.map(name => element("option", { value: name, textContent: name })));
-  if (names.includes(kept)) $("coefficients").value = kept;
+  if (names.includes(chosen)) $("coefficients").value = chosen;
   await showTrend(inRig);
 }
 
@@ -41,14 +41,14 @@ const tell = (value, unit) => `${Number(value.toPrecision(4))}${unit === "1" || 
 
 // Each run with its interval, where there is room for it; else bands from the least to the greatest, with the middle between.
 function drawn(points, x, y, room) {
-  const isDense = points.length * APART > room;
+  const isDense = points.length * MIN_POINT_SPACING_PX > room;
   return [true, false].flatMap(determined => {
     const some = points.filter(point => point.determined === determined);
     if (!isDense) return some.map(point => svg("g", { class: determined ? "" : "open" },
       svg("title", {}, `${point.run}: ${tell(point.value, point.unit)} +- ${point.half.toPrecision(2)} (95 %)${determined ? "" : ", not determined"}`),
       svg("line", { class: "band", x1: x(point.at), x2: x(point.at), y1: y(point.value - point.half), y2: y(point.value + point.half) }),
       svg("circle", { cx: x(point.at), cy: y(point.value), r: 4 })));
-    const found = columns(some.map(point => ({ x: x(point.at), y: y(point.value) })), COLUMN);
+    const found = columns(some.map(point => ({ x: x(point.at), y: y(point.value) })), COLUMN_WIDTH_PX);
     const path = (list, key) => list.map(column => `${column.x.toFixed(1)} ${column[key].toFixed(1)}`).join("L");
     if (!found.length) return [];
     const area = svg("path", { class: determined ? "area" : "area open", d: `M${path(found, "low")}L${path([...found].reverse(), "high")}Z` });
@@ -96,7 +96,7 @@ function chart(name, trend, changes) {
   const figure = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": label }, ...parts);
   const said = element("p", { textContent: `${determined.length} of ${all.length} runs determine it.` });
   if (!changed.length) return [figure, said];
-  const skipped = Math.max(0, changed.length - MOST_CHANGES);
+  const skipped = Math.max(0, changed.length - LISTED_CHANGES);
   const items = changed.slice(skipped).map(({ run, what }, i) =>
     element("li", { value: skipped + i + 1, textContent: `${new Date(began(run)).toLocaleString(undefined, { dateStyle: "short", timeStyle: "short" })}: ${what}` }));
   return [figure, said, element("p", { textContent: "Where the model was changed:" }), element("ol", { id: "changes" }, ...items)];

@@ -1,4 +1,4 @@
-//! What follows from a job that has ended.
+//! Records how a job ended, and adds the jobs and alerts that follow from it.
 
 use std::path::Path;
 
@@ -15,10 +15,10 @@ use app::{Failure, Watcher};
 use store::alerts::Alert;
 use store::job::{Job, JobId, JobResult, Lane, NewJob, State, Work};
 
-/// A job that only computes and was lost is begun again so many times: it harms nobody, but it may be what kills.
-const MOST_REPEATS: u32 = 2;
-/// The same drift is told again after so many days.
-const SAME_DRIFT_DAYS: i64 = 7;
+/// A computing job that was lost is repeated this many times at most: it may be the cause of the crash. Chosen.
+const MAX_REPEATS: u32 = 2;
+/// An alert of the same drift is raised again after this many days. Chosen.
+const DRIFT_ALERT_REPEAT_DAYS: i64 = 7;
 
 impl Rig {
     /// Writes how a job ended, and adds what follows from it.
@@ -33,12 +33,12 @@ impl Rig {
         let what = json!({ "job": job.id, "kind": job.work.kind(), "state": state, "result": result });
         self.write("job-ended", what)?;
         if let Some((kind, what)) = alert(job, state, &result)
-            && !self.was_told(kind, &what)?
+            && !self.was_alerted(kind, &what)?
         {
             self.raise(kind, &what, Some(job.id))?;
         }
         if let Some(error) = &result.error {
-            watcher.tell(&format!("rig: job {} ({}) {state}: {error}", job.id, job.work.kind()));
+            watcher.alert(&format!("rig: job {} ({}) {state}: {error}", job.id, job.work.kind()));
         }
         match (&job.work, state) {
             (Work::Run { config, film_only: false }, State::Done) if *config == self.path => {
@@ -49,7 +49,7 @@ impl Rig {
                 if let Some(run) = id as Option<RunId> {
                     let why = Some(format!("job {} has run", job.id));
                     let job = NewJob { why, priority: 1, ..NewJob::new(Work::Recalibrate { run }) };
-                    self.store.follow(&job).map_err(Failure::internal)?;
+                    self.store.add_unlimited(&job).map_err(Failure::internal)?;
                 }
             }
             (work, State::Lost) if work.lane() == Lane::Analysis => self.repeat(job)?,
@@ -64,15 +64,15 @@ impl Rig {
         self.write("alert", json!({ "kind": kind, "text": what, "job": job }))
     }
 
-    /// Whether the same was told within the last days already: what has moved stays where it is for all runs that follow.
-    fn was_told(&self, kind: &str, what: &str) -> Result<bool, Failure> {
+    /// Whether an alert of the same drift was raised in the last days: a coefficient that has drifted stays so in the runs that follow.
+    fn was_alerted(&self, kind: &str, what: &str) -> Result<bool, Failure> {
         if kind != "drift" {
             return Ok(false);
         }
         let names = |text: &str| -> Vec<String> {
             text.split("; ").filter_map(|one| Some(one.split_once(' ')?.0.to_owned())).collect()
         };
-        let since = Timestamp::now() - SignedDuration::from_hours(24 * SAME_DRIFT_DAYS);
+        let since = Timestamp::now() - SignedDuration::from_hours(24 * DRIFT_ALERT_REPEAT_DAYS);
         let known = self.store.alerts(usize::MAX).map_err(Failure::internal)?;
         let is_recent = |alert: &Alert| alert.raised.parse().is_ok_and(|raised: Timestamp| raised >= since);
         Ok(known
@@ -81,27 +81,27 @@ impl Rig {
             .any(|alert| alert.kind == kind && names(&alert.text) == names(what)))
     }
 
-    /// Adds again a job that was lost, unless it is the repetition of too many.
+    /// Adds a lost job again, unless it has been repeated too often.
     fn repeat(&mut self, job: &Job) -> Result<(), Failure> {
-        if self.store.repeats(job.id).map_err(Failure::internal)? < MOST_REPEATS {
+        if self.store.repeats(job.id).map_err(Failure::internal)? < MAX_REPEATS {
             let again = NewJob {
                 priority: job.priority,
                 why: Some("its process was lost".into()),
                 retry_of: Some(job.id),
                 ..NewJob::new(job.work.clone())
             };
-            self.store.follow(&again).map_err(Failure::internal)?;
+            self.store.add_unlimited(&again).map_err(Failure::internal)?;
         }
         Ok(())
     }
 }
 
-/// What somebody should know of a job that has ended: the kind of alert, and the words.
+/// The alert that a job's end raises: its kind and text.
 fn alert(job: &Job, state: State, result: &JobResult) -> Option<(&'static str, String)> {
-    let said = result.error.as_deref().unwrap_or("it said nothing");
+    let error = result.error.as_deref().unwrap_or("it said nothing");
     match (&job.work, state) {
         (work, State::Failed | State::Lost) => {
-            Some(("job-failed", format!("job {} ({}) {state}: {said}", job.id, work.kind())))
+            Some(("job-failed", format!("job {} ({}) {state}: {error}", job.id, work.kind())))
         }
         (Work::Run { .. }, State::Done) => {
             let run = Path::new(result.run.as_deref()?);

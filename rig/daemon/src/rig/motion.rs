@@ -1,8 +1,8 @@
-//! What has to be so before a motion begins. All of it is looked at when it begins, whatever was so when its job was added.
+//! The conditions for beginning a motion, checked when it begins, not when its job was added.
 
 use serde_json::json;
 
-use super::{May, Rig};
+use super::{Permissions, Rig};
 use crate::slots::{Busy, Decision, Slots};
 use app::{Failure, Watcher, announce};
 use ground::clock::Now;
@@ -10,16 +10,16 @@ use servo::motion::Motion;
 use store::job::{Job, JobResult, Lane, NewJob, State, Work};
 
 impl Rig {
-    /// Begins the motion whose turn it is, unless something is against it.
+    /// Begins the next motion of the queue, unless something prevents it.
     pub(super) fn begin_motion(
         &mut self,
         now: Now,
-        may: May,
+        may: Permissions,
         watcher: &mut dyn Watcher,
     ) -> Result<(), Failure> {
         self.waits = match self.store.waiting(Lane::Motion).map_err(Failure::internal)? {
             0 => None,
-            _ => self.against(now, may)?,
+            _ => self.obstacle(now, may)?,
         };
         if self.waits.is_none() {
             self.begin_on(Lane::Motion, Some(now), watcher)?;
@@ -28,18 +28,18 @@ impl Rig {
     }
 
     /// Why no motion begins now, in words.
-    fn against(&self, now: Now, may: May) -> Result<Option<String>, Failure> {
+    fn obstacle(&self, now: Now, may: Permissions) -> Result<Option<String>, Failure> {
         Ok(match &self.held {
             Some(hold) => Some(hold.to_string()),
             None if !may.move_ => Some("the daemon ends".into()),
-            None if self.jobs.clears_up() => Some("what a killed job left is seen to".into()),
+            None if self.jobs.is_clearing_up() => Some("clearing up after a job that was killed".into()),
             None if self.servos.motion != Motion::AtRest => Some(format!("servos {}", self.servos)),
             None if now.boot < self.rests_until => Some("the water rests".into()),
             None => announce::too_many(&self.config, &self.runs_dir, now.wall)?,
         })
     }
 
-    /// Begins the job of `lane` whose turn it is.
+    /// Begins the next job of `lane`.
     pub(super) fn begin(&mut self, lane: Lane, watcher: &mut dyn Watcher) -> Result<(), Failure> {
         self.begin_on(lane, None, watcher)
     }
@@ -53,7 +53,7 @@ impl Rig {
             let error = Some("quiet hours began before its turn came".to_owned());
             return self.close(&job, State::Cancelled, JobResult { error, ..JobResult::default() }, watcher);
         }
-        watcher.note(&format!("job {}: {}", job.id, job.work.kind()));
+        watcher.event(&format!("job {}: {}", job.id, job.work.kind()));
         match self.start(&job) {
             Ok(pid) => {
                 self.store.began(job.id, pid).map_err(Failure::internal)?;
@@ -72,22 +72,22 @@ impl Rig {
         let running = self.jobs.start(job, origin)?;
         let pid = running.pid();
         if job.work.lane() == Lane::Motion {
-            self.stop.moves(Some(pid));
+            self.stop.set_motion_process(Some(pid));
         }
-        *self.place(job.work.lane()) = Some(running);
+        *self.running_job(job.work.lane()) = Some(running);
         Ok(pid.as_raw_nonzero().get().unsigned_abs())
     }
 
-    /// Takes the slots that have come.
-    pub(super) fn look_at_schedule(
+    /// Adds runs for the slots of the schedule that are due.
+    pub(super) fn follow_schedule(
         &mut self,
         now: Now,
-        may: May,
+        may: Permissions,
         watcher: &mut dyn Watcher,
     ) -> Result<(), Failure> {
         if let Some(by) = self.slots.as_mut().and_then(|slots| slots.clock_was_set(now)) {
             let what = format!("the computer's clock was set by {:.0} s", by.as_secs_f64());
-            self.unsaid.push(("clock-set", what));
+            self.pending_alerts.push(("clock-set", what));
             self.write("clock-set", json!({ "by_s": by.as_secs_f64() }))?;
         }
         let Some(slots) = self.slots.as_ref().filter(|_| may.move_) else { return Ok(()) };
@@ -108,26 +108,26 @@ impl Rig {
                     let work = Work::Run { config: self.path.clone(), film_only: false };
                     let why = Some(format!("scheduled for {}", slot.strftime("%Y-%m-%d %H:%M:%S %Z")));
                     let job = NewJob { why, slot: Some(slot.timestamp()), ..NewJob::new(work) };
-                    self.store.follow(&job).map_err(Failure::internal)?;
-                    self.seen.1 = None;
+                    self.store.add_unlimited(&job).map_err(Failure::internal)?;
+                    self.queue_check.1 = None;
                 }
                 Decision::Skip { slots, why } => {
                     self.write("skipped", json!({ "slots": slots, "why": why }))?
                 }
             }
         }
-        self.say_next(now, watcher);
+        self.report_next_run(now, watcher);
         Ok(())
     }
 
-    /// Says when the next run is.
-    pub(crate) fn say_next(&self, now: Now, watcher: &mut dyn Watcher) {
+    /// Reports when the next scheduled run is.
+    pub(crate) fn report_next_run(&self, now: Now, watcher: &mut dyn Watcher) {
         if let Some(Ok(slot)) = self.slots.as_ref().map(|slots: &Slots| slots.next(now)) {
-            watcher.note(&format!("next run at {}", slot.strftime("%Y-%m-%d %H:%M:%S %Z")));
+            watcher.event(&format!("next run at {}", slot.strftime("%Y-%m-%d %H:%M:%S %Z")));
         }
     }
 
-    /// Holds the rig where hardware has ended one motion after the other.
+    /// Holds the rig after too many hardware failures in a row.
     pub(super) fn count_failure(&mut self) {
         self.failures += 1;
         let most = self.config.motion.failures_to_hold.get();

@@ -15,7 +15,7 @@ use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 use rustix::process::Pid;
 
-use super::{May, Rig};
+use super::{Permissions, Rig};
 use crate::child::{Jobs, Running};
 use analysis::Progress;
 use app::{Failure, HELD, Watcher};
@@ -145,7 +145,7 @@ impl World {
     }
 
     fn report(&self, motion: Motion) {
-        Reporter::of(Some(&self.runs_dir)).tell(motion, MonotonicNs::now(), None);
+        Reporter::of(Some(&self.runs_dir)).report(motion, MonotonicNs::now(), None);
     }
 
     /// As a board is opened: what somebody has stopped stays so.
@@ -274,11 +274,11 @@ impl Jobs for Played {
         }
     }
 
-    fn clears_up(&self) -> bool {
+    fn is_clearing_up(&self) -> bool {
         false
     }
 
-    fn cleared_up(&mut self) -> Vec<(RunId, String)> {
+    fn take_recovered_runs(&mut self) -> Vec<(RunId, String)> {
         Vec::new()
     }
 }
@@ -310,9 +310,9 @@ impl Running for PlayedJob {
 struct Nobody;
 
 impl Watcher for Nobody {
-    fn say(&mut self, _: String) {}
-    fn note(&mut self, _: &str) {}
-    fn tell(&mut self, _: &str) {}
+    fn status(&mut self, _: String) {}
+    fn event(&mut self, _: &str) {}
+    fn alert(&mut self, _: &str) {}
     fn clear(&mut self) {}
 }
 
@@ -374,7 +374,7 @@ impl Day {
         if self.steps % STEPS_PER_TICK == 0
             && let Some(rig) = &mut self.rig
         {
-            rig.tick(now, May { move_: true, compute: true, end_all: false }, &mut Nobody);
+            rig.tick(now, Permissions { move_: true, compute: true, end_all: false }, &mut Nobody);
         }
         let world = self.world.borrow();
         if let (Some(stopped), Some(moved)) = (self.stopped_ms, world.pins.moved_ms) {
@@ -401,7 +401,7 @@ impl Day {
             }
             Act::Stop { signal } => {
                 let Some(rig) = &self.rig else { return };
-                rig.stop.pull(Hold::now("the page", "a hand in the tank"));
+                rig.stop.request(Hold::now("the page", "a hand in the tank"));
                 rig.stop.write(std::time::Duration::ZERO).unwrap();
                 if signal && standing(&rig.runs_dir).may_move() {
                     self.world.borrow_mut().processes.iter_mut().for_each(|process| process.asked = true);
@@ -464,7 +464,7 @@ fn day(runs_dir: &Path, config: &(PathBuf, RigConfig), acts: &[(u16, Act)]) -> R
     let latch = Latch::of(Some(runs_dir), None);
     latch.make_room().unwrap();
     latch.release("nobody").unwrap();
-    Reporter::of(Some(runs_dir)).tell(Motion::AtRest, MonotonicNs::now(), None);
+    Reporter::of(Some(runs_dir)).report(Motion::AtRest, MonotonicNs::now(), None);
     let firmware = Name::new("the test's").unwrap();
     let board = BoardConfig { boot_id: 1, channels: 1, firmware, fault: Fault::None };
     let world = World {

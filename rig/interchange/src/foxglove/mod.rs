@@ -61,7 +61,7 @@ pub fn compressed_image(at_ns: u64, format: &str, bytes: &[u8]) -> Value {
 /// What is drawn over a picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Annotated<'a> {
-    /// Keypoints that are seen \[px\].
+    /// Visible keypoints \[px\].
     pub keypoints: &'a [(&'a str, Px)],
     /// The centreline \[px\].
     pub centreline: &'a [Px],

@@ -1,8 +1,7 @@
 //! A plane's calibration as the pinhole camera that Foxglove's schemas are made for.
 //!
-//! What a calibration knows is how one plane of the tank is seen. A tilted camera's focal length follows from that, one that looks
-//! squarely could stand anywhere: then a usual lens is assumed. Either way what lies in the plane is seen where it is; how much smaller
-//! what lies behind it looks is a guess.
+//! A calibration describes the image of one plane of the tank. It determines the focal length of a tilted camera; for one that is square
+//! to the plane a usual lens is assumed. Points in the plane are exact in both cases; the scale of what lies behind it is a guess.
 
 use nalgebra::{Matrix3, Vector3};
 use serde_json::{Value, json};
@@ -10,10 +9,10 @@ use serde_json::{Value, json};
 use super::{CAMERA, time, transform};
 use camera::calibration::Plane;
 
-/// Focal length of a usual lens, in widths of the picture.
-const USUAL_WIDTHS: f64 = 1.5;
-/// Focal lengths believed, in widths of the picture.
-const BELIEVED_WIDTHS: std::ops::Range<f64> = 0.4..8.0;
+/// Focal length of a usual lens, in widths of the picture. Guessed.
+const DEFAULT_FOCAL_LENGTH_WIDTHS: f64 = 1.5;
+/// Focal lengths that are accepted from a calibration, in widths of the picture. Chosen.
+const PLAUSIBLE_FOCAL_LENGTHS_WIDTHS: std::ops::Range<f64> = 0.4..8.0;
 
 /// A camera without skew whose axis goes through the middle of the picture.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,7 +21,7 @@ pub struct Pinhole {
     focal_px: f64,
     /// `tank_from_camera`.
     rotation: Matrix3<f64>,
-    /// Where it stands in the tank \[m\].
+    /// Its position in the tank \[m\].
     place_m: Vector3<f64>,
     /// First coefficient of OpenCV's radial distortion, to first order.
     radial: f64,
@@ -37,8 +36,8 @@ impl Pinhole {
         let width = f64::from(size_px[0]);
         let middle = size_px.map(|px| (f64::from(px) - 1.0) / 2.0);
         let centred = Matrix3::new(1.0, 0.0, -middle[0], 0.0, 1.0, -middle[1], 0.0, 0.0, 1.0);
-        let seen = centred * plane.metres_from_pixels().try_inverse()?;
-        let (right, up) = (seen.column(0), seen.column(1));
+        let pixels_from_plane = centred * plane.metres_from_pixels().try_inverse()?;
+        let (right, up) = (pixels_from_plane.column(0), pixels_from_plane.column(1));
         // with w = 1/f2: (x1 x2 + y1 y2) w + z1 z2 = 0 and (|xy1|2 - |xy2|2) w + z1^2 - z2^2 = 0
         let flat = [
             right[0] * up[0] + right[1] * up[1],
@@ -48,9 +47,10 @@ impl Pinhole {
         let inverse_square =
             -(flat[0] * deep[0] + flat[1] * deep[1]) / (flat[0] * flat[0] + flat[1] * flat[1]);
         let focal_px = Some(inverse_square.sqrt().recip())
-            .filter(|focal| BELIEVED_WIDTHS.contains(&(focal / width)))
-            .unwrap_or(USUAL_WIDTHS * width);
-        let rays = Matrix3::from_diagonal(&Vector3::new(1.0 / focal_px, 1.0 / focal_px, 1.0)) * seen;
+            .filter(|focal| PLAUSIBLE_FOCAL_LENGTHS_WIDTHS.contains(&(focal / width)))
+            .unwrap_or(DEFAULT_FOCAL_LENGTH_WIDTHS * width);
+        let rays =
+            Matrix3::from_diagonal(&Vector3::new(1.0 / focal_px, 1.0 / focal_px, 1.0)) * pixels_from_plane;
         let scale = (rays.column(0).norm() + rays.column(1).norm()) / 2.0 * rays[(2, 2)].signum();
         if !scale.is_normal() {
             return None;

@@ -1,11 +1,11 @@
-//! Why a command may not write where it was told to.
+//! Why a command may not write to the place that was given.
 
 use std::path::PathBuf;
 
-/// Why a command may not write where it was told to. Nothing was done yet.
+/// Why a command may not write to the place that was given. Nothing was done yet.
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
-    /// What is read would be gone.
+    /// The output would replace an input.
     #[error(
         "output {} is the input {}, which would be lost: write to another place",
         out.display(), input.display()
@@ -16,7 +16,7 @@ pub enum OutputError {
         /// The input, as it was given.
         input: PathBuf,
     },
-    /// The input would hold what it did not.
+    /// The output would lie in an input folder.
     #[error(
         "output {} lies in the input {}, which stays as it is: write to a place outside of it",
         out.display(), input.display()
@@ -49,7 +49,7 @@ pub enum OutputError {
         /// The run folder.
         run: PathBuf,
     },
-    /// One would take the other's place.
+    /// Two outputs are the same file.
     #[error(
         "outputs {} and {} would take each other's place: give each a place of its own",
         out.display(), other.display()
@@ -60,7 +60,7 @@ pub enum OutputError {
         /// Another one of the same command.
         other: PathBuf,
     },
-    /// What is there is no file that another one could take the place of.
+    /// Something of another kind is at that place.
     #[error("output {} is {found}: give the name of {wanted}", out.display())]
     Kind {
         /// The output.

@@ -1,8 +1,8 @@
 //! Where a command may write: never onto, into or around what it reads, and never into a recorded run.
 //!
-//! A verb tells [`Outputs`] all that it reads, and asks it for all that it will write, before it does any work. What it gets are handles, an
-//! [`OutputFile`] or an [`OutputFolder`]. Whatever writes results takes such a handle and no path, so that no verb can forget to ask; and a
-//! handle writes a file whole: beside its place, forced to the disk, renamed.
+//! Before it does any work, a verb names to [`Outputs`] everything that it reads, and asks for everything that it will write. It gets handles,
+//! an [`OutputFile`] or an [`OutputFolder`]. All functions that write results take such a handle and no path, so that no verb can forget to
+//! ask; and a handle writes a file whole: under another name, forced to the disk, renamed.
 
 mod error;
 mod handle;

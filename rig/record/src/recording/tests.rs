@@ -295,8 +295,8 @@ fn full_disk_is_reported_at_once_and_only_once() {
     };
     assert!(matches!(error, RecordError::DiskFull { .. }), "{error}");
     assert!(matches!(recorder.image(image(2)), Err(RecordError::Ended { .. })));
-    let kept = Recording::open(&path).unwrap().filter(|item| item.is_ok()).count();
-    assert!(kept > 0);
+    let readable = Recording::open(&path).unwrap().filter(|item| item.is_ok()).count();
+    assert!(readable > 0);
 }
 
 #[test]

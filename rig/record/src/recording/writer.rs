@@ -22,15 +22,15 @@ const IMAGE_LAYOUT: &str = "u8 version=1, u8 encoding (0 grey, 1 yuyv, 2 jpeg, 3
      (s[x-1] + 2 s[x] + s[x+1] + 4) >> 3 modulo 256, s the sum of the two rows above (in the second row: twice the first), \
      continued by its outermost value at the edges";
 
-/// A closed chunk is on the disk at most this long after its first message.
-const FLUSH_EVERY: Duration = Duration::from_secs(1);
-/// Messages in a chunk \[bytes\], before zstd. The summary keeps a few hundred bytes a chunk in memory: 10 minutes of 1280 by 720 at
+/// Longest time from a chunk's first message until the chunk is on the disk, chosen.
+const FLUSH_PERIOD: Duration = Duration::from_secs(1);
+/// Messages in a chunk \[bytes\], before compression, chosen. The summary keeps a few hundred bytes a chunk in memory: 10 minutes of 1280 by 720 at
 /// 120 a second are 8000 chunks.
 pub(crate) const CHUNK_BYTES: u64 = 8 << 20;
-/// Sensor noise leaves zstd nothing to find: higher levels take three times as long and give more bytes.
+/// Compression level, chosen: on images with sensor noise, higher levels take three times as long and give more bytes.
 const ZSTD_LEVEL: u32 = 1;
 
-/// A recording on `out`, which holds its channels so far, and their numbers.
+/// Begins a recording on `out`: the writer, with the channels written, and the numbers of the channels.
 fn begin<W: Write>(
     out: W,
     info: Option<&CameraInfo>,
@@ -38,7 +38,7 @@ fn begin<W: Write>(
     let mut mcap = mcap::WriteOptions::new()
         .compression(Some(mcap::Compression::Zstd))
         .compression_level(ZSTD_LEVEL)
-        // This thread does it itself: the other cores are the fit's.
+        // Compressed on this thread, since the fit uses the other cores.
         .compression_threads(0)
         .chunk_size(Some(CHUNK_BYTES))
         // Chunks reach the file in one piece: a kill leaves no chunk whose length is still to be filled in.
@@ -63,7 +63,7 @@ fn begin<W: Write>(
     Ok((mcap, ids))
 }
 
-/// What a recording of the camera `info` begins with: the magic, the header, a chunk with the channels.
+/// The first bytes of a recording of the camera `info`: the magic, the header, a chunk with the channels.
 pub(crate) fn beginning(info: Option<&CameraInfo>) -> mcap::McapResult<Vec<u8>> {
     let (mcap, _) = begin(Vec::new(), info)?;
     Ok(mcap.into_inner().into_inner())
@@ -90,12 +90,12 @@ impl Writer {
         reserve_bytes: u64,
     ) -> Result<Self, RecordError> {
         let failed = |source| RecordError::Write { path: path.into(), source };
-        let own = file.try_clone().map_err(RecordError::io("opening", path))?;
+        let sync_handle = file.try_clone().map_err(RecordError::io("opening", path))?;
         let begun = begin(BufWriter::new(Summed::new(file)), info);
         let (mcap, [camera, servo, command]) = begun.map_err(failed)?;
         Ok(Self {
             path: path.into(),
-            file: own,
+            file: sync_handle,
             mcap: Some(mcap),
             reserve_bytes,
             camera,
@@ -111,7 +111,7 @@ impl Writer {
         queue: &Receiver<Queued>,
         waiting: &AtomicUsize,
     ) -> Result<Recorded, RecordError> {
-        let mut flush_at = Instant::now() + FLUSH_EVERY;
+        let mut flush_at = Instant::now() + FLUSH_PERIOD;
         let result = loop {
             match queue.recv_timeout(flush_at.saturating_duration_since(Instant::now())) {
                 Ok(queued) => {
@@ -128,7 +128,7 @@ impl Writer {
                 if let Err(error) = self.flush() {
                     break Err(error);
                 }
-                flush_at = Instant::now() + FLUSH_EVERY;
+                flush_at = Instant::now() + FLUSH_PERIOD;
             }
         };
         // After a failure the file is left as it is: a summary on a broken file would only hide where it broke.

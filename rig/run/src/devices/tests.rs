@@ -1,4 +1,4 @@
-//! Nobody listens any more, and the threads must end all the same.
+//! The device threads must end although nobody receives from them any more.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -9,12 +9,12 @@ use super::*;
 use camera::{CameraInfo, fixtures};
 use servo::BoardInfo;
 
-/// More than any of the queues between device and coordinator ever held.
-const FLOOD: usize = 5000;
-/// No thread takes longer than this to end on a busy machine.
-const PROMPT: Duration = Duration::from_secs(5);
+/// Events per poll, more than any queue between device and coordinator holds.
+const FLOOD_EVENTS: usize = 5000;
+/// Longest time that a thread may take to end, on a busy machine.
+const THREAD_END_LIMIT: Duration = Duration::from_secs(5);
 
-/// A board that refuses whatever moves, and tells a flood of pulses at each look.
+/// A board that refuses every motion, and reports a flood of pulses at each poll.
 struct Refusing {
     info: BoardInfo,
     stopped: Arc<AtomicBool>,
@@ -35,7 +35,7 @@ impl ServoBoard for Refusing {
 
     fn poll(&mut self) -> Result<Vec<ServoEvent>, ServoError> {
         let pulse = |tick| ServoEvent::Pulse { channel: 0, board_tick_us: tick, pulse_us: None };
-        Ok((0..FLOOD as u64).map(pulse).collect())
+        Ok((0..FLOOD_EVENTS as u64).map(pulse).collect())
     }
 
     fn stop(&mut self) -> StopOutcome {
@@ -53,24 +53,24 @@ fn nobody_listening_holds_up_no_stop_and_no_word_of_the_board_is_lost() {
     let mut servo = ServoThread::start(Box::new(board), signals);
     let profile = PulseProfile { tracks: Vec::new() };
     servo.arm(profile, MonotonicNs::now());
-    // Long enough for several looks at the board, each of which tells more than a queue with a bound would take.
-    std::thread::sleep(10 * SERVO_PERIOD);
+    // Long enough for several polls of the board, each of which brings more than a bounded queue would take.
+    std::thread::sleep(10 * SERVO_POLL_PERIOD);
     let asked = Instant::now();
     assert_eq!(servo.stop(), StopOutcome::Acknowledged);
-    assert!(asked.elapsed() < PROMPT && stopped.load(Ordering::SeqCst), "{:?}", asked.elapsed());
-    let (mut told, mut refused) = (0, 0);
+    assert!(asked.elapsed() < THREAD_END_LIMIT && stopped.load(Ordering::SeqCst), "{:?}", asked.elapsed());
+    let (mut events, mut refused) = (0, 0);
     while let Ok(signal) = signalled.try_recv() {
         match signal {
-            Signal::Servo(_) => told += 1,
+            Signal::Servo(_) => events += 1,
             Signal::ServoFailed(_) => refused += 1,
             other => panic!("{other:?}"),
         }
     }
-    assert_eq!((refused, told % FLOOD), (1, 0));
-    assert!(told >= 2 * FLOOD, "{told}");
+    assert_eq!((refused, events % FLOOD_EVENTS), (1, 0));
+    assert!(events >= 2 * FLOOD_EVENTS, "{events}");
 }
 
-/// A board of which a look at it is our own mistake.
+/// A board whose poll panics.
 struct Broken(BoardInfo);
 
 impl ServoBoard for Broken {
@@ -126,17 +126,18 @@ impl Camera for Endless {
 #[test]
 fn a_full_queue_of_images_holds_up_no_end_and_keeps_their_order() {
     let (signals, mut signalled) = unbounded_channel();
-    let (seen, mut to_see) = channel(3);
+    let (updates, mut received) = channel(3);
     let camera =
-        CameraThread::start(Box::new(Endless(fixtures::info((2, 1)))), PROMPT, seen, signals).unwrap();
-    while to_see.len() < 3 {
+        CameraThread::start(Box::new(Endless(fixtures::info((2, 1)))), THREAD_END_LIMIT, updates, signals)
+            .unwrap();
+    while received.len() < 3 {
         std::thread::yield_now();
     }
     let asked = Instant::now();
     drop(camera);
-    assert!(asked.elapsed() < PROMPT, "{:?}", asked.elapsed());
+    assert!(asked.elapsed() < THREAD_END_LIMIT, "{:?}", asked.elapsed());
     let mut last = MonotonicNs(0);
-    while let Ok(Seen::Image(image)) = to_see.try_recv() {
+    while let Ok(CameraUpdate::Image(image)) = received.try_recv() {
         assert!(image.stamp > last);
         last = image.stamp;
     }

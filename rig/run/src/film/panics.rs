@@ -13,8 +13,8 @@ use record::recording::RecorderOptions;
 use servo::{BoardInfo, PulseProfile, ServoBoard, ServoError};
 
 const SIZE_PX: (u32, u32) = (8, 4);
-/// Images before a camera panics.
-const SOME: u32 = 20;
+/// Images before the camera or the coordinator panics.
+const IMAGES_BEFORE_PANIC: u32 = 20;
 
 /// Where something panics.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,7 +73,7 @@ impl Camera for Film {
     fn next_image(&mut self, _: Duration) -> Result<CameraImage, CameraError> {
         std::thread::sleep(Duration::from_millis(5));
         self.count += 1;
-        assert!(self.panics != In::Camera || self.count < SOME, "a test");
+        assert!(self.panics != In::Camera || self.count < IMAGES_BEFORE_PANIC, "a test");
         let image = fixtures::image(self.count, MonotonicNs::now(), SIZE_PX);
         Ok(CameraImage { data: vec![self.count as u8; (SIZE_PX.0 * SIZE_PX.1) as usize], ..image })
     }
@@ -114,7 +114,7 @@ fn filmed(panics: In, folder: &Path) -> (std::thread::Result<Filmed>, u32) {
     let mut images = 0;
     let mut listener = |notice: &Notice| {
         images += u32::from(matches!(notice, Notice::Image(_)));
-        assert!(panics != In::Coordinator || images < SOME, "a test");
+        assert!(panics != In::Coordinator || images < IMAGES_BEFORE_PANIC, "a test");
     };
     let filming = std::panic::AssertUnwindSafe(|| {
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_time().build().unwrap();
@@ -148,5 +148,5 @@ fn panic_of_the_coordinator_stops_the_servo_on_its_way_out() {
     assert_eq!(stops, 1);
     // what was filmed before is there
     let recording = record::reader::Recording::open(&folder.path().join("recording.mcap")).unwrap();
-    assert!(recording.filter(|item| item.is_ok()).count() >= SOME as usize - 1);
+    assert!(recording.filter(|item| item.is_ok()).count() >= IMAGES_BEFORE_PANIC as usize - 1);
 }

@@ -1,32 +1,32 @@
-//! Servos on a bus as one board: a thread of its own tells them where to be, asks where they are, and makes them safe when anything is
-//! wrong, without waiting for its owner.
+//! Servos on a bus as one board: a thread of its own sends them positions, reads their positions back, and makes them safe when anything
+//! is wrong, without waiting for its owner.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-use super::line::{Gone, LATEST_ANSWER_S};
+use super::line::{Gone, MAX_ANSWER_DELAY_S};
 use super::punctuality::Punctuality;
-use super::servos::{Servos, Stood};
-use super::stream::{LEAST_LEAD_S, Stream};
+use super::servos::{PositionReading, Servos};
+use super::stream::{MIN_START_LEAD_S, Stream};
 use crate::{BoardInfo, PulseProfile, ServoBoard, ServoConfig, ServoError, ServoEvent, StopOutcome};
 use ground::clock::MonotonicNs;
 use ground::urgency::Urgency;
 
-/// Time between questions while nothing has torque \[s\].
-const IDLE_S: f64 = 0.1;
-/// Without torque a servo is lost no sooner than after this silence \[s\]: some questions.
-const IDLE_SILENCE_S: f64 = 0.4;
-/// Time between looks at one servo's torque and watchdog \[s\].
-const LOOK_S: f64 = 0.1;
-/// An answer to such a look is waited for until the next position is due, and for so long at least \[s\].
-const LEAST_LOOK_S: f64 = 0.002;
-/// Time between pings, which only say that the bus's clock is this computer's \[s\].
-const PING_S: f64 = 0.5;
-/// Share of a period in which answers are waited for.
-const ANSWER_SHARE: f64 = 0.7;
-/// Events kept for an owner that does not ask.
-const MOST_EVENTS: usize = 50_000;
+/// Time between reading positions while nothing has torque \[s\], chosen.
+const IDLE_READ_PERIOD_S: f64 = 0.1;
+/// Without torque a servo counts as lost no sooner than after this silence \[s\]: four readings, chosen.
+const IDLE_SILENCE_LIMIT_S: f64 = 0.4;
+/// Time between checks of one servo's torque and watchdog \[s\], chosen.
+const TORQUE_CHECK_PERIOD_S: f64 = 0.1;
+/// The answer to such a check is awaited until the next position is due, and at least for this long \[s\], chosen.
+const TORQUE_CHECK_MIN_WAIT_S: f64 = 0.002;
+/// Time between pings, which only record that the bus's clock is this computer's \[s\], chosen.
+const PING_PERIOD_S: f64 = 0.5;
+/// Share of a streaming period in which answers are awaited, chosen.
+const ANSWER_WINDOW_SHARE: f64 = 0.7;
+/// Most events that are stored for an owner that does not poll; later ones are dropped and counted.
+const MAX_STORED_EVENTS: usize = 50_000;
 
 enum Order {
     Jog { id: u8, count: u16, duration_s: f64, reply: SyncSender<Result<(), ServoError>> },
@@ -34,16 +34,17 @@ enum Order {
     Stop { reply: SyncSender<StopOutcome> },
 }
 
+/// What the thread has to hand to the board's owner.
 #[derive(Default)]
-struct Told {
+struct Outbox {
     events: Vec<ServoEvent>,
     dropped: u64,
     trouble: Option<ServoError>,
 }
 
-impl Told {
-    fn tell(&mut self, event: ServoEvent) {
-        if self.events.len() < MOST_EVENTS {
+impl Outbox {
+    fn push(&mut self, event: ServoEvent) {
+        if self.events.len() < MAX_STORED_EVENTS {
             self.events.push(event);
         } else {
             self.dropped += 1;
@@ -51,15 +52,15 @@ impl Told {
     }
 }
 
-fn lock(told: &Mutex<Told>) -> MutexGuard<'_, Told> {
-    told.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(outbox: &Mutex<Outbox>) -> MutexGuard<'_, Outbox> {
+    outbox.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Servos on a bus.
 pub struct BusBoard {
     info: BoardInfo,
     orders: Option<Sender<Order>>,
-    told: Arc<Mutex<Told>>,
+    outbox: Arc<Mutex<Outbox>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -70,7 +71,7 @@ impl BusBoard {
     /// [`ServoError::Open`]; [`ServoError::Handshake`], [`ServoError::Fault`] and [`ServoError::Lost`] naming the servo.
     pub fn open(port_name: &str, config: &ServoConfig) -> Result<Self, ServoError> {
         let mut servos = Servos::open(port_name, config)?;
-        servos.look()?;
+        servos.check()?;
         let count = servos.servos.len();
         let info = BoardInfo {
             name: format!("{port_name} ({count} {} on a bus)", servos.registers.name),
@@ -82,24 +83,24 @@ impl BusBoard {
             channels: u8::try_from(count).unwrap_or(u8::MAX),
         };
         let (orders, inbox) = channel();
-        let mut told = Told::default();
-        std::mem::take(&mut servos.notes).into_iter().for_each(|text| told.tell(ServoEvent::Note { text }));
-        let told = Arc::new(Mutex::new(told));
+        let mut outbox = Outbox::default();
+        std::mem::take(&mut servos.notes).into_iter().for_each(|text| outbox.push(ServoEvent::Note { text }));
+        let outbox = Arc::new(Mutex::new(outbox));
         let courses = servos.servos.iter().map(|s| (s.id, s.name.clone(), s.travel.clone()));
         let period_s = config.stream_period_s();
         let driver = Driver {
             stream: Stream::new(courses, period_s),
             servos,
-            told: Arc::clone(&told),
+            outbox: Arc::clone(&outbox),
             period_s,
             max_late_s: config.max_late_s(),
             engaged: false,
             ended: None,
             punctuality: Punctuality::new(period_s),
             due: MonotonicNs::now(),
-            next_look: MonotonicNs(0),
+            next_check: MonotonicNs(0),
             next_ping: MonotonicNs(0),
-            looked: 0,
+            checks: 0,
         };
         let thread = std::thread::Builder::new()
             .name("servo bus".into())
@@ -108,7 +109,7 @@ impl BusBoard {
                 driver.run(&inbox)
             })
             .map_err(|error| ServoError::Open { port: port_name.into(), why: error.to_string() })?;
-        Ok(Self { info, orders: Some(orders), told, thread: Some(thread) })
+        Ok(Self { info, orders: Some(orders), outbox, thread: Some(thread) })
     }
 
     fn request(
@@ -142,16 +143,16 @@ impl ServoBoard for BusBoard {
     }
 
     fn poll(&mut self) -> Result<Vec<ServoEvent>, ServoError> {
-        let mut told = lock(&self.told);
-        if let Some(trouble) = told.trouble.take() {
+        let mut outbox = lock(&self.outbox);
+        if let Some(trouble) = outbox.trouble.take() {
             return Err(trouble);
         }
-        let dropped = std::mem::take(&mut told.dropped);
+        let dropped = std::mem::take(&mut outbox.dropped);
         if dropped > 0 {
             let text = format!("{dropped} servo events dropped: nobody took them");
-            told.events.push(ServoEvent::Note { text });
+            outbox.events.push(ServoEvent::Note { text });
         }
-        Ok(std::mem::take(&mut told.events))
+        Ok(std::mem::take(&mut outbox.events))
     }
 
     fn stop(&mut self) -> StopOutcome {
@@ -175,18 +176,18 @@ impl Drop for BusBoard {
 struct Driver {
     servos: Servos,
     stream: Stream,
-    told: Arc<Mutex<Told>>,
+    outbox: Arc<Mutex<Outbox>>,
     period_s: f64,
     max_late_s: f64,
-    /// The servos have torque and are told where to be.
+    /// The servos have torque and positions are streamed to them.
     engaged: bool,
-    /// Why nothing moves any more; only opening the bus anew helps.
+    /// Why nothing moves any more, until the bus is opened again.
     ended: Option<String>,
     punctuality: Punctuality,
     due: MonotonicNs,
-    next_look: MonotonicNs,
+    next_check: MonotonicNs,
     next_ping: MonotonicNs,
-    looked: usize,
+    checks: usize,
 }
 
 impl Driver {
@@ -229,12 +230,12 @@ impl Driver {
         }
     }
 
-    /// Gives torque, if there is none yet.
+    /// Switches torque on, if it is off.
     fn engage(&mut self, request: &str) -> Result<(), ServoError> {
         if let Some(why) = &self.ended {
             return Err(ServoError::Refused {
                 request: request.into(),
-                why: format!("{why}; open the bus anew"),
+                why: format!("{why}; open the bus again"),
             });
         }
         if self.engaged {
@@ -242,11 +243,11 @@ impl Driver {
         }
         self.engaged = true;
         match self.servos.engage() {
-            Ok(stand) => {
+            Ok(positions) => {
                 let now = MonotonicNs::now();
-                stand.into_iter().for_each(|(id, count)| self.stream.stay(id, count, now));
+                positions.into_iter().for_each(|(id, count)| self.stream.hold_at(id, count, now));
                 self.due = now;
-                self.next_look = now.plus_seconds(LOOK_S);
+                self.next_check = now.plus_seconds(TORQUE_CHECK_PERIOD_S);
                 self.punctuality = Punctuality::new(self.period_s);
                 Ok(())
             }
@@ -258,34 +259,34 @@ impl Driver {
         }
     }
 
-    /// One turn of the stream: where to be, where it is, what is wrong.
+    /// One round of the stream: sends positions, reads positions, looks for faults.
     fn round(&mut self) {
         let now = MonotonicNs::now();
         if self.ended.is_some() {
-            self.due = now.plus_seconds(IDLE_S);
+            self.due = now.plus_seconds(IDLE_READ_PERIOD_S);
             return;
         }
         if now >= self.next_ping {
             let tick = now.0 / 1000;
             let at = MonotonicNs(tick * 1000);
-            lock(&self.told).tell(ServoEvent::Ping { sent: at, board_tick_us: tick, received: at });
-            self.next_ping = now.plus_seconds(PING_S);
+            lock(&self.outbox).push(ServoEvent::Ping { sent: at, board_tick_us: tick, received: at });
+            self.next_ping = now.plus_seconds(PING_PERIOD_S);
         }
-        if let Err(error) = if self.engaged { self.streamed(now) } else { self.idle(now) } {
+        if let Err(error) = if self.engaged { self.stream_round(now) } else { self.idle_round(now) } {
             self.fail(error);
         }
         self.pass_notes();
     }
 
-    fn idle(&mut self, now: MonotonicNs) -> Result<(), ServoError> {
-        self.due = now.plus_seconds(IDLE_S);
-        let stood = self.servos.ask(now.plus_seconds(IDLE_S / 2.0));
-        let stood = stood.map_err(|Gone(why)| self.servos.lost(why))?;
-        self.take(stood)?;
-        self.servos.silent(MonotonicNs::now(), IDLE_SILENCE_S).map_or(Ok(()), Err)
+    fn idle_round(&mut self, now: MonotonicNs) -> Result<(), ServoError> {
+        self.due = now.plus_seconds(IDLE_READ_PERIOD_S);
+        let readings = self.servos.read_positions(now.plus_seconds(IDLE_READ_PERIOD_S / 2.0));
+        let readings = readings.map_err(|Gone(why)| self.servos.lost(why))?;
+        self.take(readings)?;
+        self.servos.silence_error(MonotonicNs::now(), IDLE_SILENCE_LIMIT_S).map_or(Ok(()), Err)
     }
 
-    fn streamed(&mut self, now: MonotonicNs) -> Result<(), ServoError> {
+    fn stream_round(&mut self, now: MonotonicNs) -> Result<(), ServoError> {
         let (late_s, next) = self.punctuality.round(self.due, now);
         if late_s > self.max_late_s && self.stream.moves(now) {
             return Err(ServoError::Fault {
@@ -298,62 +299,62 @@ impl Driver {
             });
         }
         self.due = next;
-        let events = self.stream.pass(now);
+        let events = self.stream.advance(now);
         let gone = |servos: &Servos, Gone(why)| servos.lost(why);
-        self.servos.tell(&self.stream.goals(now)).map_err(|error| gone(&self.servos, error))?;
-        // The servo has heard the last one by the time its end is told.
+        self.servos.send_goals(&self.stream.goals(now)).map_err(|error| gone(&self.servos, error))?;
+        // By the time the end is reported the servo has received the last position.
         let finished = events.iter().any(|event| matches!(event, ServoEvent::Finished { .. }));
-        events.into_iter().for_each(|event| lock(&self.told).tell(event));
+        events.into_iter().for_each(|event| lock(&self.outbox).push(event));
         if finished {
             self.note(self.punctuality.to_string());
         }
-        let until = now.plus_seconds(ANSWER_SHARE * self.period_s);
-        let stood = self.servos.ask(until).map_err(|error| gone(&self.servos, error))?;
-        let unanswered = self.servos.servos.len() - stood.len();
-        self.take(stood)?;
+        let until = now.plus_seconds(ANSWER_WINDOW_SHARE * self.period_s);
+        let readings = self.servos.read_positions(until).map_err(|error| gone(&self.servos, error))?;
+        let unanswered = self.servos.servos.len() - readings.len();
+        self.take(readings)?;
         let after = MonotonicNs::now();
-        if let Some(error) = self.servos.silent(after, 0.0) {
+        if let Some(error) = self.servos.silence_error(after, 0.0) {
             return Err(error);
         }
         self.punctuality.done(after, next, unanswered);
-        if after >= self.next_look && unanswered == 0 {
-            self.next_look = after.plus_seconds(LOOK_S);
-            let id = self.servos.servos[self.looked % self.servos.servos.len()].id;
-            self.looked += 1;
-            let wait_s = next.seconds_since(after).max(LEAST_LOOK_S);
-            let looked = self.servos.still_engaged(id, wait_s);
-            let looked = looked.map_err(|error| gone(&self.servos, error))?;
-            return looked.map_or(Ok(()), Err);
+        if after >= self.next_check && unanswered == 0 {
+            self.next_check = after.plus_seconds(TORQUE_CHECK_PERIOD_S);
+            let id = self.servos.servos[self.checks % self.servos.servos.len()].id;
+            self.checks += 1;
+            let wait_s = next.seconds_since(after).max(TORQUE_CHECK_MIN_WAIT_S);
+            let fault = self.servos.engagement_error(id, wait_s);
+            let fault = fault.map_err(|error| gone(&self.servos, error))?;
+            return fault.map_or(Ok(()), Err);
         }
         Ok(())
     }
 
-    fn take(&mut self, stood: Vec<Stood>) -> Result<(), ServoError> {
+    fn take(&mut self, readings: Vec<PositionReading>) -> Result<(), ServoError> {
         let mut wrong = None;
-        for Stood { id, count, sent, received, alerts } in stood {
-            lock(&self.told).tell(ServoEvent::Position { channel: id, count, sent, received });
+        for PositionReading { id, count, sent, received, alerts } in readings {
+            lock(&self.outbox).push(ServoEvent::Position { channel: id, count, sent, received });
             let middle = sent.plus_seconds(received.seconds_since(sent) / 2.0);
             if alerts {
                 self.servos.check_hardware(id)?;
             }
-            if let Some(reason) = self.stream.stood(id, count, middle) {
+            if let Some(reason) = self.stream.following_fault(id, count, middle) {
                 wrong.get_or_insert((id, reason));
             }
         }
         let Some((id, reason)) = wrong else { return Ok(()) };
-        // One that has no torque any more does not follow either; that says more.
-        let cause = self.servos.still_engaged(id, LATEST_ANSWER_S);
+        // A servo without torque does not follow either; the lost torque is the better explanation.
+        let cause = self.servos.engagement_error(id, MAX_ANSWER_DELAY_S);
         let cause = cause.map_err(|Gone(why)| self.servos.lost(why))?;
         Err(cause.unwrap_or(ServoError::Fault { reason }))
     }
 
     fn fail(&mut self, error: ServoError) {
-        // The servos first, the word of it after.
+        // The servos are made safe first, the error is reported after.
         if self.engaged {
             self.make_safe();
         }
         self.ended = Some(error.to_string());
-        lock(&self.told).trouble.get_or_insert(error);
+        lock(&self.outbox).trouble.get_or_insert(error);
     }
 
     fn make_safe(&mut self) {
@@ -370,16 +371,16 @@ impl Driver {
         safe
     }
 
-    /// Takes those that park to where they do, and ends the stream.
+    /// Moves the servos named by `parks` to their park positions, and ends the stream.
     fn finish_safe(&mut self, parks: &[u8]) {
         if self.engaged && !parks.is_empty() {
             let begin = MonotonicNs::now();
-            let end = begin.plus_seconds(self.stream.park(parks, begin) + LEAST_LEAD_S);
+            let end = begin.plus_seconds(self.stream.park(parks, begin) + MIN_START_LEAD_S);
             while MonotonicNs::now() < end {
                 let now = MonotonicNs::now();
                 let goals: Vec<_> =
                     self.stream.goals(now).into_iter().filter(|(id, _)| parks.contains(id)).collect();
-                if self.servos.tell(&goals).is_err() {
+                if self.servos.send_goals(&goals).is_err() {
                     break;
                 }
                 std::thread::sleep(ground::strict::duration(self.period_s));
@@ -387,11 +388,11 @@ impl Driver {
         }
         self.servos.dismiss_watchdogs();
         self.engaged = false;
-        self.stream.forget();
+        self.stream.clear();
     }
 
     fn note(&self, text: String) {
-        lock(&self.told).tell(ServoEvent::Note { text });
+        lock(&self.outbox).push(ServoEvent::Note { text });
     }
 
     fn pass_notes(&mut self) {

@@ -24,19 +24,19 @@ pub enum BusFault {
     /// Its port goes away, as when the cable is pulled.
     #[serde(rename = "bus-off")]
     Off,
-    /// Nothing that is said reaches a servo, or comes back.
+    /// Nothing that is sent reaches a servo, and nothing comes back.
     #[serde(rename = "bus-stuck")]
     Stuck,
-    /// What servos say is damaged.
+    /// What servos send is damaged.
     #[serde(rename = "bus-garbage")]
     Garbage,
-    /// What servos say comes 100 ms late.
+    /// What servos send comes 100 ms late.
     #[serde(rename = "bus-slow")]
     Slow,
     /// The first servo is unplugged; the others go on.
     #[serde(rename = "servo-off")]
     ServoOff,
-    /// The first servo starts anew, as after a dip of its supply.
+    /// The first servo restarts, as after a dip of its supply.
     #[serde(rename = "servo-reset")]
     ServoReset,
     /// The first servo switches its torque off: overload.
@@ -53,7 +53,7 @@ pub enum BusFault {
 /// What an emulated bus is like.
 #[derive(Debug, Clone)]
 pub struct BusOptions {
-    /// What it speaks.
+    /// The protocol of its servos.
     pub protocol: Protocol,
     /// ID of each servo, and where it stands at first \[counts\].
     pub servos: Vec<(u8, u16)>,
@@ -117,9 +117,10 @@ impl EmulatedBusBoard {
     }
 }
 
-/// How finely motion is told.
-const STEP_NS: u64 = 1_000_000;
-const SLOW_S: f64 = 0.100;
+/// Time step in which the motion is computed and reported \[ns\], chosen.
+const MOTION_STEP_NS: u64 = 1_000_000;
+/// How much later answers come with [`BusFault::Slow`] \[s\], chosen.
+const SLOW_ANSWER_DELAY_S: f64 = 0.100;
 
 struct Machine {
     options: BusOptions,
@@ -127,10 +128,10 @@ struct Machine {
     servos: Vec<EmulatedServo>,
     pty: Option<Pty>,
     sink: Box<dyn PulseSink>,
-    /// Motion is told until here.
-    told: MonotonicNs,
-    /// What was told of each servo last.
-    last: Vec<Option<f64>>,
+    /// Motion was computed and reported until here.
+    reported_until: MonotonicNs,
+    /// The position that was last reported of each servo \[counts\].
+    last_reported: Vec<Option<f64>>,
     stuck: bool,
     garbage: bool,
     slow: bool,
@@ -149,8 +150,8 @@ impl Machine {
             servos: options.servos.iter().map(servo).collect(),
             pty: Some(pty),
             sink,
-            told: now,
-            last: vec![None; options.servos.len()],
+            reported_until: now,
+            last_reported: vec![None; options.servos.len()],
             stuck: false,
             garbage: false,
             slow: false,
@@ -171,21 +172,21 @@ impl Machine {
             self.turn(now);
             if !self.stuck {
                 for packet in self.decoder.receive(&bytes[..length]).into_iter().flatten() {
-                    self.hear(&packet, now);
+                    self.handle(&packet, now);
                 }
             }
-            self.tell(now);
+            self.report_positions(now);
             self.sink.complete(now);
             self.send_delayed(now);
         }
         self.sink.complete(MonotonicNs(u64::MAX));
     }
 
-    /// Sleeps until bytes come or motion is to be told.
+    /// Sleeps until bytes come or the next motion step is due.
     fn wait(&mut self, bytes: &mut [u8]) -> usize {
-        let step = Timespec { tv_sec: 0, tv_nsec: STEP_NS.cast_signed() };
+        let step = Timespec { tv_sec: 0, tv_nsec: MOTION_STEP_NS.cast_signed() };
         let Some(pty) = &self.pty else {
-            std::thread::sleep(std::time::Duration::from_nanos(STEP_NS));
+            std::thread::sleep(std::time::Duration::from_nanos(MOTION_STEP_NS));
             return 0;
         };
         let mut fds = [PollFd::new(&pty.board, PollFlags::IN)];
@@ -195,33 +196,33 @@ impl Machine {
         }
     }
 
-    /// Turns the servos step by step until `now`, and tells each step.
+    /// Turns the servos step by step until `now`, and reports each step.
     fn turn(&mut self, now: MonotonicNs) {
-        while self.told.0 + STEP_NS <= now.0 {
-            self.told = MonotonicNs(self.told.0 + STEP_NS);
-            self.servos.iter_mut().for_each(|servo| servo.turn(self.told));
-            self.tell(self.told);
+        while self.reported_until.0 + MOTION_STEP_NS <= now.0 {
+            self.reported_until = MonotonicNs(self.reported_until.0 + MOTION_STEP_NS);
+            self.servos.iter_mut().for_each(|servo| servo.turn(self.reported_until));
+            self.report_positions(self.reported_until);
         }
     }
 
-    fn tell(&mut self, at: MonotonicNs) {
-        for (servo, last) in self.servos.iter().zip(&mut self.last) {
-            let stands = servo.stands();
-            if stands != *last {
-                self.sink.position(servo.id, stands, at);
-                *last = stands;
+    fn report_positions(&mut self, at: MonotonicNs) {
+        for (servo, last) in self.servos.iter().zip(&mut self.last_reported) {
+            let position = servo.powered_position();
+            if position != *last {
+                self.sink.position(servo.id, position, at);
+                *last = position;
             }
         }
     }
 
-    fn hear(&mut self, packet: &Packet, now: MonotonicNs) {
+    fn handle(&mut self, packet: &Packet, now: MonotonicNs) {
         let first = self.servos.first().map(|servo| servo.id);
         let mut answers = Vec::new();
         for servo in &mut self.servos {
             if self.off && Some(servo.id) == first {
                 continue;
             }
-            answers.extend(servo.hear(packet, now));
+            answers.extend(servo.handle(packet, now));
         }
         // In the order of the question; behind one that is missing nobody answers.
         let asked: Vec<u8> = packet.parameters.clone();
@@ -250,7 +251,7 @@ impl Machine {
             bytes[0] = 0xFF;
             bytes[1] = 0xFF;
         }
-        let delay_s = if self.slow { SLOW_S } else { 0.0 };
+        let delay_s = if self.slow { SLOW_ANSWER_DELAY_S } else { 0.0 };
         self.delayed.push_back((now.plus_seconds(delay_s), bytes));
         self.send_delayed(now);
     }

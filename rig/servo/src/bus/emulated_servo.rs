@@ -4,20 +4,22 @@ use super::packet::{BROADCAST, Packet, Protocol, Status, instruction};
 use super::registers::{DYNAMIXEL, FEETECH, Register, Registers, WATCHDOG_EXPIRED, WATCHDOG_UNIT_MS};
 use ground::clock::MonotonicNs;
 
-/// It turns as a critically damped oscillator of this time constant \[s\]: 20 ms behind a goal that moves evenly.
-const TIME_CONSTANT_S: f64 = 0.010;
-/// No faster than this \[counts/s\]: 10 rad/s.
-const MAX_COUNTS_PER_S: f64 = 6519.0;
-/// At rest when this close to its goal \[counts\].
-const REST_COUNTS: f64 = 1e-3;
-const OVERLOAD: u8 = 1 << 5;
+/// It turns as a critically damped oscillator of this time constant \[s\], chosen: 20 ms behind a goal that moves evenly.
+const RESPONSE_TIME_CONSTANT_S: f64 = 0.010;
+/// Fastest turn \[counts/s\], chosen: 10 rad/s.
+const MAX_SPEED_COUNTS_PER_S: f64 = 6519.0;
+/// Distance from its goal \[counts\] and speed \[counts/s\] below which it is at rest, chosen.
+const REST_TOLERANCE_COUNTS: f64 = 1e-3;
+/// The overload bit of the hardware error, of both makers.
+const OVERLOAD_BIT: u8 = 1 << 5;
 
-/// What a servo answers to an instruction.
+/// Error numbers with which a servo of protocol 2.0 refuses an instruction; `Registers::refusal` puts them in words.
 const REFUSED_RANGE: u8 = 4;
 const REFUSED_LENGTH: u8 = 5;
 const REFUSED_LIMIT: u8 = 6;
 const REFUSED_ACCESS: u8 = 7;
-const ALERT: u8 = 0x80;
+/// The bit of such an error that says that the hardware error register is set.
+const ALERT_BIT: u8 = 0x80;
 
 /// One emulated servo: answers packets as its registers say, and turns towards its goal.
 #[derive(Debug, Clone)]
@@ -29,8 +31,8 @@ pub(super) struct EmulatedServo {
     position: f64,
     velocity: f64,
     now: MonotonicNs,
-    heard: MonotonicNs,
-    /// It does not turn, whatever it does.
+    last_instruction: MonotonicNs,
+    /// It cannot turn.
     pub(super) blocked: bool,
 }
 
@@ -48,14 +50,14 @@ impl EmulatedServo {
             position: f64::from(count),
             velocity: 0.0,
             now,
-            heard: now,
+            last_instruction: now,
             blocked: false,
         };
         servo.power_up();
         servo
     }
 
-    /// As after its supply came on: what is volatile is as ever, and it has no torque.
+    /// As after its supply came on: all registers at their defaults, and no torque.
     pub(super) fn power_up(&mut self) {
         self.table = [0; 256];
         let defaults: &[(u16, &[u8])] = match self.registers.protocol {
@@ -76,14 +78,14 @@ impl EmulatedServo {
         for (address, bytes) in defaults {
             self.put(*address, bytes);
         }
-        let stands = self.registers.encode_position(self.position.round() as u16);
-        self.put(self.registers.goal.address, &stands);
+        let here = self.registers.encode_position(self.position.round() as u16);
+        self.put(self.registers.goal.address, &here);
         self.velocity = 0.0;
     }
 
-    /// It protects itself from a load that is too great: without torque until its supply went off and on.
+    /// Acts as after a load that is too great: torque off until its supply was switched off and on.
     pub(super) fn overload(&mut self) {
-        self.put(self.registers.hardware_error.address, &[OVERLOAD]);
+        self.put(self.registers.hardware_error.address, &[OVERLOAD_BIT]);
         self.put(self.registers.torque.address, &[0]);
     }
 
@@ -111,8 +113,8 @@ impl EmulatedServo {
         self.registers.position(self.get(self.registers.goal)).map_or(self.position, f64::from)
     }
 
-    /// Where it really is \[counts\]; none without torque.
-    pub(super) fn stands(&self) -> Option<f64> {
+    /// Its position without rounding \[counts\]; `None` without torque.
+    pub(super) fn powered_position(&self) -> Option<f64> {
         self.has_torque().then_some(self.position)
     }
 
@@ -124,13 +126,13 @@ impl EmulatedServo {
         let behind = self.position - self.goal();
         if !self.has_torque()
             || self.blocked
-            || behind.abs() < REST_COUNTS && self.velocity.abs() < REST_COUNTS
+            || behind.abs() < REST_TOLERANCE_COUNTS && self.velocity.abs() < REST_TOLERANCE_COUNTS
         {
             self.velocity = 0.0;
             return;
         }
         // x(t) = (a + b t) exp(-t / T) is exact between goals.
-        let rate = 1.0 / TIME_CONSTANT_S;
+        let rate = 1.0 / RESPONSE_TIME_CONSTANT_S;
         let b = self.velocity + rate * behind;
         let decay = (-rate * dt_s).exp();
         let after = (behind + b * dt_s) * decay;
@@ -142,35 +144,38 @@ impl EmulatedServo {
         self.position += moved;
     }
 
-    /// As fast as it can, or as it was told where it needs to be told: 0 is no speed then.
+    /// Its greatest speed \[counts/s\]: what it can do, or where it has a speed register what that says; 0 there is standstill.
     fn fastest(&self) -> f64 {
-        self.registers.speed.map_or(MAX_COUNTS_PER_S, |speed| {
+        self.registers.speed.map_or(MAX_SPEED_COUNTS_PER_S, |speed| {
             let bytes = self.get(speed);
-            let told = bytes.iter().rev().fold(0u16, |n, &byte| (n << 8) | u16::from(byte));
-            f64::from(told).min(MAX_COUNTS_PER_S)
+            let counts_per_s = bytes.iter().rev().fold(0u16, |n, &byte| (n << 8) | u16::from(byte));
+            f64::from(counts_per_s).min(MAX_SPEED_COUNTS_PER_S)
         })
     }
 
-    /// The watchdog: with torque, and nobody heard for longer than it says, the servo stays where it is.
+    /// The watchdog: a servo with torque that receives nothing for longer than it allows stays where it is.
     fn watch(&mut self, now: MonotonicNs) {
         let Some(watchdog) = self.registers.watchdog else { return };
         let units = self.byte(watchdog);
         let limit_s = f64::from(units) * f64::from(WATCHDOG_UNIT_MS) * 1e-3;
-        if self.has_torque() && (1..=127).contains(&units) && now.seconds_since(self.heard) > limit_s {
+        if self.has_torque()
+            && (1..=127).contains(&units)
+            && now.seconds_since(self.last_instruction) > limit_s
+        {
             self.put(watchdog.address, &[WATCHDOG_EXPIRED]);
             let here = self.registers.encode_position(self.position.round() as u16);
             self.put(self.registers.goal.address, &here);
         }
     }
 
-    /// Hears an instruction, whomever it is for, and answers if it is asked.
-    pub(super) fn hear(&mut self, packet: &Packet, now: MonotonicNs) -> Option<Status> {
+    /// Takes in an instruction to any servo, and answers one that asks this servo.
+    pub(super) fn handle(&mut self, packet: &Packet, now: MonotonicNs) -> Option<Status> {
         self.turn(now);
         let for_me = packet.id == self.id;
         if !for_me && packet.id != BROADCAST {
             return None;
         }
-        self.heard = now;
+        self.last_instruction = now;
         let (address_bytes, length_bytes) = match self.registers.protocol {
             Protocol::Dynamixel2 => (2, 2),
             Protocol::Feetech => (1, 1),
@@ -201,8 +206,8 @@ impl EmulatedServo {
             instruction::SYNC_WRITE => {
                 let (length, each) = rest.split_at_checked(length_bytes)?;
                 let mut each = each.chunks_exact(usize::from(number(length)) + 1);
-                if let Some(own) = each.find(|own| own[0] == self.id) {
-                    self.write(address, &own[1..]);
+                if let Some(entry) = each.find(|entry| entry[0] == self.id) {
+                    self.write(address, &entry[1..]);
                 }
                 None
             }
@@ -213,7 +218,7 @@ impl EmulatedServo {
     fn answer(&self, error: u8, data: Vec<u8>) -> Status {
         let wrong = self.byte(self.registers.hardware_error);
         let error = match self.registers.protocol {
-            Protocol::Dynamixel2 if wrong != 0 => error | ALERT,
+            Protocol::Dynamixel2 if wrong != 0 => error | ALERT_BIT,
             Protocol::Dynamixel2 => error,
             // It has no way to say that it refuses.
             Protocol::Feetech => wrong,
@@ -246,7 +251,8 @@ impl EmulatedServo {
             if data.is_empty() {
                 return REFUSED_LENGTH;
             }
-            // Above the profile and the goal everything used here is only told; below the torque it is kept, and locked by it.
+            // Registers above the goal are read-only here; those below the torque register are in permanent memory, locked while torque
+            // is on.
             if address > goal.address || address < self.registers.torque.address && self.has_torque() {
                 return REFUSED_ACCESS;
             }
@@ -281,9 +287,9 @@ mod tests {
         MonotonicNs(1_000_000_000).plus_seconds(ms * 1e-3)
     }
 
-    fn tell(servo: &mut EmulatedServo, register: Register, data: &[u8], ms: f64) -> u8 {
+    fn write(servo: &mut EmulatedServo, register: Register, data: &[u8], ms: f64) -> u8 {
         let packet = servo.registers.protocol.write(servo.id, register.address, data);
-        servo.hear(&packet, at(ms)).unwrap().error
+        servo.handle(&packet, at(ms)).unwrap().error
     }
 
     fn turned(servo: &mut EmulatedServo, from_ms: u32, to_ms: u32) -> f64 {
@@ -293,20 +299,20 @@ mod tests {
 
     fn ready() -> EmulatedServo {
         let mut servo = EmulatedServo::new(Protocol::Dynamixel2, 1, 2048, at(0.0));
-        assert_eq!(tell(&mut servo, DYNAMIXEL.torque, &[1], 0.0), 0);
+        assert_eq!(write(&mut servo, DYNAMIXEL.torque, &[1], 0.0), 0);
         servo
     }
 
     #[test]
     fn step_is_that_of_a_critically_damped_oscillator_and_big_ones_keep_to_the_rate() {
         let mut servo = ready();
-        tell(&mut servo, DYNAMIXEL.goal, &2058u32.to_le_bytes(), 0.0);
+        write(&mut servo, DYNAMIXEL.goal, &2058u32.to_le_bytes(), 0.0);
         let after = turned(&mut servo, 1, 20) - 2048.0;
         assert!((after - 10.0 * (1.0 - 3.0 * (-2.0f64).exp())).abs() < 1e-9, "{after}");
-        tell(&mut servo, DYNAMIXEL.goal, &4000u32.to_le_bytes(), 20.0);
+        write(&mut servo, DYNAMIXEL.goal, &4000u32.to_le_bytes(), 20.0);
         let before = servo.position;
         let fast = turned(&mut servo, 21, 120) - before;
-        assert!(fast < 0.1 * MAX_COUNTS_PER_S + 1e-9 && fast > 0.08 * MAX_COUNTS_PER_S, "{fast}");
+        assert!(fast < 0.1 * MAX_SPEED_COUNTS_PER_S + 1e-9 && fast > 0.08 * MAX_SPEED_COUNTS_PER_S, "{fast}");
         let last = turned(&mut servo, 121, 600);
         assert!((last - 4000.0).abs() < 0.01, "{last}");
     }
@@ -315,27 +321,27 @@ mod tests {
     fn watchdog_stops_the_servo_with_torque_and_locks_its_goal_until_cleared() {
         let mut servo = ready();
         let watchdog = DYNAMIXEL.watchdog.unwrap();
-        assert_eq!(tell(&mut servo, watchdog, &[3], 0.0), 0);
-        tell(&mut servo, DYNAMIXEL.goal, &2448u32.to_le_bytes(), 0.0);
+        assert_eq!(write(&mut servo, watchdog, &[3], 0.0), 0);
+        write(&mut servo, DYNAMIXEL.goal, &2448u32.to_le_bytes(), 0.0);
         turned(&mut servo, 1, 59);
         assert_eq!(servo.byte(watchdog), 3);
         turned(&mut servo, 60, 61);
         assert_eq!(servo.byte(watchdog), WATCHDOG_EXPIRED);
         let stopped = turned(&mut servo, 62, 300);
-        assert!(stopped < 2448.0 && servo.stands().is_some(), "{stopped}");
-        assert_eq!(tell(&mut servo, DYNAMIXEL.goal, &2448u32.to_le_bytes(), 301.0), REFUSED_RANGE);
-        assert_eq!(tell(&mut servo, watchdog, &[0], 302.0), 0);
-        assert_eq!(tell(&mut servo, DYNAMIXEL.goal, &2448u32.to_le_bytes(), 303.0), 0);
+        assert!(stopped < 2448.0 && servo.powered_position().is_some(), "{stopped}");
+        assert_eq!(write(&mut servo, DYNAMIXEL.goal, &2448u32.to_le_bytes(), 301.0), REFUSED_RANGE);
+        assert_eq!(write(&mut servo, watchdog, &[0], 302.0), 0);
+        assert_eq!(write(&mut servo, DYNAMIXEL.goal, &2448u32.to_le_bytes(), 303.0), 0);
     }
 
     #[test]
     fn what_a_servo_must_refuse_it_refuses_with_the_makers_number() {
         let mut servo = ready();
-        assert_eq!(tell(&mut servo, DYNAMIXEL.mode.0, &[1], 0.0), REFUSED_ACCESS, "locked by torque");
-        assert_eq!(tell(&mut servo, DYNAMIXEL.goal, &5000u32.to_le_bytes(), 0.0), REFUSED_LIMIT);
-        assert_eq!(tell(&mut servo, DYNAMIXEL.feedback, &[0], 0.0), REFUSED_ACCESS);
+        assert_eq!(write(&mut servo, DYNAMIXEL.mode.0, &[1], 0.0), REFUSED_ACCESS, "locked by torque");
+        assert_eq!(write(&mut servo, DYNAMIXEL.goal, &5000u32.to_le_bytes(), 0.0), REFUSED_LIMIT);
+        assert_eq!(write(&mut servo, DYNAMIXEL.feedback, &[0], 0.0), REFUSED_ACCESS);
         servo.overload();
-        assert!(servo.stands().is_none());
-        assert_eq!(tell(&mut servo, DYNAMIXEL.torque, &[1], 0.0), ALERT | REFUSED_ACCESS);
+        assert!(servo.powered_position().is_none());
+        assert_eq!(write(&mut servo, DYNAMIXEL.torque, &[1], 0.0), ALERT_BIT | REFUSED_ACCESS);
     }
 }

@@ -6,10 +6,10 @@ use super::packet::{Decoder, Packet, Protocol, Status};
 use crate::port::{self, Received};
 use ground::clock::MonotonicNs;
 
-/// No answer comes later than this \[s\]: a USB bridge left at its 16 ms, and a servo's own delay.
-pub(super) const LATEST_ANSWER_S: f64 = 0.030;
+/// No answer comes later than this \[s\], chosen: a USB bridge left at its 16 ms latency, and the servo's own delay.
+pub(super) const MAX_ANSWER_DELAY_S: f64 = 0.030;
 
-/// An answer, and between when the servo must have given it.
+/// An answer, and the times between which the servo gave it.
 #[derive(Debug, Clone)]
 pub(super) struct Answer {
     pub(super) status: Status,
@@ -41,8 +41,8 @@ impl Line {
         self.protocol
     }
 
-    /// Sends what nobody answers.
-    pub(super) fn tell(&mut self, packet: &Packet) -> Result<(), Gone> {
+    /// Sends a packet that no servo answers.
+    pub(super) fn send_unanswered(&mut self, packet: &Packet) -> Result<(), Gone> {
         self.send(packet).map(|_| ())
     }
 
@@ -79,10 +79,10 @@ impl Line {
         let _ = self.port.clear(ClearBuffer::Input);
         self.decoder.reset();
         let sent = MonotonicNs::now();
-        let own = self.send(packet)?;
+        let sent_bytes = self.send(packet)?;
         let mut answers: Vec<Option<Answer>> = vec![None; ids.len()];
         let mut bytes = [0; 256];
-        // Read first, judged after: what is there by then was not late, this thread was.
+        // Read first and look at the time after: bytes that are there by then were not late, this thread was.
         let mut over = false;
         while answers.iter().any(Option::is_none) && !over {
             let read = port::read(&mut *self.port, &mut bytes);
@@ -98,8 +98,8 @@ impl Line {
                     self.damaged += 1;
                     continue;
                 };
-                // Adapters that join both directions on one wire hear themselves.
-                if self.protocol.encode(&packet) == own {
+                // Adapters that join both directions on one wire receive what they send.
+                if self.protocol.encode(&packet) == sent_bytes {
                     continue;
                 }
                 let Some(status) = self.protocol.as_status(packet) else { continue };
@@ -111,7 +111,7 @@ impl Line {
             }
         }
         if answers.iter().any(Option::is_none) {
-            self.quiet_until = sent.plus_seconds(LATEST_ANSWER_S);
+            self.quiet_until = sent.plus_seconds(MAX_ANSWER_DELAY_S);
         }
         Ok(Some(answers))
     }

@@ -1,13 +1,13 @@
 //! Servos on a serial bus: Dynamixel's X series (protocol 2.0) and Feetech's STS series, without a board between.
 //!
-//! No servo plays a profile by itself, so this computer does: a thread tells all servos at once where to be, a hundred times a second,
-//! and asks them where they are. That costs the exact timing of a board and gains the measured angle. From the wire up: [`packet`]
+//! No servo plays a profile by itself, so this computer does: a thread sends all servos their positions at once, a hundred times a second,
+//! and reads back where they are. That costs the exact timing of a board and gains the measured angle. From the wire up: [`packet`]
 //! (bytes), `line` (question and answer), [`registers`] (what is where), `servos` (found, given torque, made safe), `stream` (where to
 //! be when), [`BusBoard`] (the thread). [`emulated`] is the other end. `docs/bus-servos.md` says what that means at the tank.
 //!
 //! Packets are our own and not those of the crate `rustypot`, which speaks both protocols: there an instruction waits for a quiet line
 //! and is not sent at all where something keeps babbling, torque off included; an answer has no deadline as a whole; and a port that
-//! is gone is told as a timeout.
+//! is gone is reported as a timeout.
 
 mod board;
 pub mod emulated;

@@ -12,12 +12,14 @@ use crc::{CRC_16_UMTS, Crc};
 /// To all servos at once, none of which answers.
 pub const BROADCAST: u8 = 0xFE;
 
-/// Polynomial 8005, from 0, nothing reflected.
+/// The checksum of protocol 2.0: polynomial 0x8005, initial value 0, nothing reflected.
 const CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_UMTS);
-const HEADER_2: [u8; 4] = [0xFF, 0xFF, 0xFD, 0x00];
-const HEADER_1: [u8; 2] = [0xFF, 0xFF];
-/// Longer ones are noise: no servo sends half of this.
-const MAX_LENGTH: usize = 256;
+/// The header of a packet in Dynamixel's protocol 2.0.
+const DYNAMIXEL2_HEADER: [u8; 4] = [0xFF, 0xFF, 0xFD, 0x00];
+/// The header of a packet in Feetech's protocol.
+const FEETECH_HEADER: [u8; 2] = [0xFF, 0xFF];
+/// Longest packet that is believed \[bytes\], chosen: no servo sends half of this, so longer ones are noise.
+const MAX_PACKET_BYTES: usize = 256;
 
 /// Codes of the instructions, alike in both protocols.
 pub mod instruction {
@@ -44,21 +46,21 @@ pub enum Protocol {
     Feetech,
 }
 
-/// What is between header and checksum, without stuffing.
+/// The content of a packet between header and checksum, without byte stuffing.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Packet {
-    /// Whom it is for, or from.
+    /// ID of the servo that it is for, or from.
     pub id: u8,
     /// The instruction; in a status of Feetech's protocol the error.
     pub code: u8,
-    /// What follows.
+    /// The parameters, without stuffing.
     pub parameters: Vec<u8>,
 }
 
 /// A servo's answer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Status {
-    /// From whom.
+    /// ID of the servo that answers.
     pub id: u8,
     /// Protocol 2.0: number of an error, and bit 7 for an alert; Feetech: bits of what is wrong.
     pub error: u8,
@@ -151,7 +153,7 @@ impl Protocol {
                 let mut body = vec![packet.code];
                 body.extend(&packet.parameters);
                 let body = stuffed(&body);
-                let mut bytes = HEADER_2.to_vec();
+                let mut bytes = DYNAMIXEL2_HEADER.to_vec();
                 bytes.push(packet.id);
                 bytes.extend((body.len() as u16 + 2).to_le_bytes());
                 bytes.extend(body);
@@ -159,7 +161,7 @@ impl Protocol {
                 bytes
             }
             Self::Feetech => {
-                let mut bytes = HEADER_1.to_vec();
+                let mut bytes = FEETECH_HEADER.to_vec();
                 bytes.extend([packet.id, packet.parameters.len() as u8 + 2, packet.code]);
                 bytes.extend(&packet.parameters);
                 bytes.push(checksum(&bytes[2..]));
@@ -178,7 +180,7 @@ fn stuffed(bytes: &[u8]) -> Vec<u8> {
     let mut out = Vec::with_capacity(bytes.len() + 2);
     for &byte in bytes {
         out.push(byte);
-        if out.ends_with(&HEADER_2[..3]) {
+        if out.ends_with(&DYNAMIXEL2_HEADER[..3]) {
             out.push(0xFD);
         }
     }
@@ -191,7 +193,7 @@ fn unstuffed(bytes: &[u8]) -> Vec<u8> {
     while place < bytes.len() {
         out.push(bytes[place]);
         // The byte behind the pattern is the stuffing.
-        let ends = place >= 2 && bytes[place - 2..=place] == HEADER_2[..3];
+        let ends = place >= 2 && bytes[place - 2..=place] == DYNAMIXEL2_HEADER[..3];
         place += if ends { 2 } else { 1 };
     }
     out
@@ -205,7 +207,7 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Of a line on which nothing was heard yet.
+    /// A decoder for a line on which nothing was received yet.
     pub fn new(protocol: Protocol) -> Self {
         Self { protocol, waiting: Vec::new() }
     }
@@ -216,7 +218,7 @@ impl Decoder {
     }
 
     /// Takes in bytes; the packets that they complete, in order. A damaged one costs its first byte only, so that a whole one
-    /// behind it is heard.
+    /// behind it is found.
     pub fn receive(&mut self, bytes: &[u8]) -> Vec<Result<Packet, Damaged>> {
         self.waiting.extend(bytes);
         let mut found = Vec::new();
@@ -227,12 +229,12 @@ impl Decoder {
         found
     }
 
-    /// What is at the beginning, if anything, and how many bytes that settles; none until more bytes come.
+    /// The packet at the beginning, if there is one, and how many bytes to remove; `None` until more bytes come.
     fn first(&self) -> Option<(Option<Result<Packet, Damaged>>, usize)> {
         let bytes = &self.waiting[..];
         let header: &[u8] = match self.protocol {
-            Protocol::Dynamixel2 => &HEADER_2,
-            Protocol::Feetech => &HEADER_1,
+            Protocol::Dynamixel2 => &DYNAMIXEL2_HEADER,
+            Protocol::Feetech => &FEETECH_HEADER,
         };
         if bytes.is_empty() {
             return None;
@@ -251,7 +253,7 @@ impl Decoder {
             Protocol::Feetech => (usize::from(*bytes.get(length_at)?), length_at + 1),
         };
         let least = if self.protocol == Protocol::Dynamixel2 { 3 } else { 2 };
-        if id == 0xFF || !(least..=MAX_LENGTH).contains(&length) {
+        if id == 0xFF || !(least..=MAX_PACKET_BYTES).contains(&length) {
             // FF FF FF: the header may begin one byte later
             return Some((None, 1));
         }
@@ -362,7 +364,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn whatever_is_sent_is_heard_in_any_pieces_between_any_noise(
+        fn whatever_is_sent_is_received_in_any_pieces_between_any_noise(
             parameters in prop::collection::vec(prop_oneof![Just(0xFF), Just(0xFD), any::<u8>()], 0..60),
             noise in prop::collection::vec(0u8..0xFF, 0..20), pieces in 1..9usize, old in any::<bool>(),
         ) {
@@ -383,7 +385,7 @@ mod tests {
         ) {
             let mut decoder = Decoder::new(if old { Protocol::Feetech } else { Protocol::Dynamixel2 });
             decoder.receive(&bytes);
-            prop_assert!(decoder.waiting.len() <= MAX_LENGTH + 7);
+            prop_assert!(decoder.waiting.len() <= MAX_PACKET_BYTES + 7);
         }
     }
 

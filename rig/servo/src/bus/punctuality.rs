@@ -1,8 +1,8 @@
-//! How punctual a stream of positions is: what a board's own timing would not have to be asked.
+//! How punctually positions are streamed to servos on a bus. A board times its profile by itself and needs no such measure.
 
 use ground::clock::MonotonicNs;
 
-/// Of one stream, from its beginning on.
+/// The punctuality of one stream, from its beginning on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Punctuality {
     period_s: f64,

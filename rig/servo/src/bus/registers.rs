@@ -1,4 +1,4 @@
-//! Where both kinds of servo keep what, and what their errors mean.
+//! The register addresses of both kinds of servo, and what their errors mean.
 //!
 //! # Source
 //! ROBOTIS e-manual, control table of the X series, e.g. <https://emanual.robotis.com/docs/en/dxl/x/xm430-w350/> (the addresses used
@@ -7,12 +7,12 @@
 use super::packet::Protocol;
 use crate::BoardKind;
 
-/// Registers one after the other.
+/// Consecutive registers of a servo, which hold one value.
 #[derive(Debug, Clone, Copy)]
 pub struct Register {
     /// Address of the first.
     pub address: u16,
-    /// How many bytes.
+    /// Length in bytes.
     pub length: u8,
 }
 
@@ -20,50 +20,50 @@ const fn register(address: u16, length: u8) -> Register {
     Register { address, length }
 }
 
-/// What a kind of servo has where.
+/// The register map of one kind of servo.
 #[derive(Debug)]
 pub struct Registers {
-    /// How it is spoken to.
+    /// The protocol that it speaks.
     pub protocol: Protocol,
-    /// For people.
+    /// Name for messages.
     pub name: &'static str,
-    /// Its rate as it comes from the factory \[bit/s\].
+    /// Its baud rate as it comes from the factory \[bit/s\].
     pub factory_baud: u32,
-    /// Which model it is.
+    /// Model number.
     pub model: Register,
-    /// What it does with a goal, and the value for positions.
+    /// Operating mode, and the value for position control.
     pub mode: (Register, u8),
-    /// Its own least and greatest position.
+    /// The servo's own least and greatest position \[counts\].
     pub limits: [Register; 2],
-    /// 1 for torque.
+    /// 1 for torque on, 0 for off.
     pub torque: Register,
-    /// What is wrong, by bits.
+    /// Hardware error, one bit per cause.
     pub hardware_error: Register,
-    /// Stops the servo when nobody speaks on the bus \[20 ms\], where it has one.
+    /// Watchdog, in units of 20 ms: stops the servo when nothing is sent on the bus for so long. `None` where it has none.
     pub watchdog: Option<Register>,
-    /// Set once to 0 before a stream: speed and acceleration that would be another profile under ours.
+    /// Set to 0 once before a stream: the servo's own speed and acceleration profile, which would change the streamed one.
     pub profile: &'static [Register],
     /// Speed on the way to a goal \[counts/s\], where 0 may mean that it does not move.
     pub speed: Option<Register>,
-    /// Where it is to be.
+    /// Goal position \[counts\].
     pub goal: Register,
-    /// What is asked for each time.
+    /// The registers that are read in each round, among them the position.
     pub feedback: Register,
-    /// Where in it the position begins.
+    /// Offset of the position in `feedback` \[bytes\].
     pub position_at: usize,
     /// Supply \[0.1 V\] and, in the last byte, temperature \[°C\].
     pub supply: Register,
-    /// Where in it the temperature is.
+    /// Offset of the temperature in `supply` \[bytes\].
     pub temperature_at: usize,
     error_bits: &'static [(u8, &'static str)],
 }
 
-/// What the watchdog reads once it has acted.
+/// What the watchdog register reads once it has acted.
 pub const WATCHDOG_EXPIRED: u8 = 0xFF;
 /// The watchdog's unit \[ms\].
 pub const WATCHDOG_UNIT_MS: u16 = 20;
-/// Protocol 2.0: the bit of a status's error that says that the hardware error has something to say.
-const ALERT: u8 = 0x80;
+/// Protocol 2.0: the bit of a status's error that says that the hardware error register is set.
+const ALERT_BIT: u8 = 0x80;
 
 /// Dynamixel X series, in protocol 2.0.
 pub static DYNAMIXEL: Registers = Registers {
@@ -123,7 +123,7 @@ pub static FEETECH: Registers = Registers {
 };
 
 impl Registers {
-    /// Those of a kind of bus; none for a board.
+    /// The register map for a kind of bus; `None` for a board.
     pub fn of(kind: BoardKind) -> Option<&'static Self> {
         match kind {
             BoardKind::Dynamixel => Some(&DYNAMIXEL),
@@ -156,17 +156,17 @@ impl Registers {
     /// Whether a status's error says that something is wrong with the servo itself.
     pub fn alerts(&self, error: u8) -> bool {
         match self.protocol {
-            Protocol::Dynamixel2 => error & ALERT != 0,
+            Protocol::Dynamixel2 => error & ALERT_BIT != 0,
             Protocol::Feetech => error != 0,
         }
     }
 
-    /// Why an instruction was refused, if it was.
+    /// Why an instruction was refused, in words; `None` if it was not.
     pub fn refusal(&self, error: u8) -> Option<&'static str> {
         if self.protocol == Protocol::Feetech {
             return None;
         }
-        Some(match error & !ALERT {
+        Some(match error & !ALERT_BIT {
             0 => return None,
             1 => "could not be carried out",
             2 => "instruction unknown to it",
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_are_told_in_words() {
+    fn errors_are_put_in_words() {
         assert_eq!(DYNAMIXEL.hardware_error_text(0b10_0001), "input voltage out of its limits, overload");
         assert_eq!(FEETECH.hardware_error_text(0b10_0000), "overload");
         assert_eq!(DYNAMIXEL.hardware_error_text(0x80), "hardware error 0x80");

@@ -1,23 +1,24 @@
-//! The servos on a bus: found and checked, given torque, told and asked, and made safe.
+//! The servos on a bus: finding and checking them, switching torque on, sending and reading positions, making them safe.
 
 mod safe;
 mod status;
 
-use super::line::{Answer, Gone, LATEST_ANSWER_S, Line};
+use super::line::{Answer, Gone, Line, MAX_ANSWER_DELAY_S};
 use super::registers::{Register, Registers, WATCHDOG_EXPIRED, WATCHDOG_UNIT_MS};
 use crate::travel::{COUNTS_PER_RAD, COUNTS_PER_TURN, CountTravel, Travel};
 use crate::{ServoConfig, ServoError, config::SafeState, port};
 use ground::clock::MonotonicNs;
 
-/// Tries at setting up, on a computer that may be busy.
+/// Tries of each exchange while setting up, on a computer that may be busy; chosen.
 const SETUP_TRIES: u32 = 8;
-/// Tries at a stop, which the next servo waits for.
+/// Tries of each exchange during a stop, which keep the next servo waiting; chosen.
 const STOP_TRIES: u32 = 3;
 
-/// Where a servo needs a speed, it is this much faster than it may be told to turn: to follow, and no faster should anything go wrong.
-const SPEED_MARGIN: f64 = 1.5;
-/// One that was silent is waited for so long at least \[s\].
-const LEAST_WAIT_S: f64 = 0.002;
+/// The speed limit set in a servo that needs one, over the greatest rate that the config allows: enough to follow the stream, and no
+/// faster should anything go wrong. Chosen.
+const SPEED_LIMIT_FACTOR: f64 = 1.5;
+/// A servo that did not answer last time is given at least this long to answer \[s\], chosen.
+const SILENT_SERVO_MIN_WAIT_S: f64 = 0.002;
 
 /// One servo on the bus.
 #[derive(Debug, Clone)]
@@ -26,21 +27,21 @@ pub(super) struct Servo {
     pub(super) name: String,
     pub(super) travel: CountTravel,
     pub(super) safe_state: SafeState,
-    /// When it was heard last.
-    pub(super) heard: MonotonicNs,
-    /// When it was asked last, and that it did not answer then.
-    asked: MonotonicNs,
+    /// When it answered last.
+    pub(super) last_answer: MonotonicNs,
+    /// When it was asked last, and whether it did not answer then.
+    last_asked: MonotonicNs,
     missing: bool,
 }
 
-/// Where a servo stood.
+/// A measured position of a servo, and when it was measured: between `sent` and `received`.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Stood {
+pub(super) struct PositionReading {
     pub(super) id: u8,
     pub(super) count: i32,
     pub(super) sent: MonotonicNs,
     pub(super) received: MonotonicNs,
-    /// It says that something is wrong with it.
+    /// The servo reports a hardware error.
     pub(super) alerts: bool,
 }
 
@@ -53,18 +54,18 @@ pub(super) struct Servos {
     baud: u32,
     dead_man_ms: u16,
     tries: u32,
-    /// For the journal.
+    /// Notes for the journal that were not handed on yet.
     pub(super) notes: Vec<String>,
 }
 
 impl Servo {
-    fn called(&self) -> String {
+    fn label(&self) -> String {
         format!("servo {} (`{}`)", self.id, self.name)
     }
 }
 
 impl Servos {
-    /// Opens the port named `port_name`; nothing is said yet.
+    /// Opens the port named `port_name`; nothing is sent yet.
     ///
     /// # Errors
     /// [`ServoError::Open`]; [`ServoError::Refused`] for a config without a bus.
@@ -81,8 +82,8 @@ impl Servos {
                 name: channel.name.clone(),
                 travel: travel.clone(),
                 safe_state: channel.safe_state,
-                heard: now,
-                asked: now,
+                last_answer: now,
+                last_asked: now,
                 missing: false,
             }),
             Travel::Pulses(_) => None,
@@ -99,20 +100,20 @@ impl Servos {
         })
     }
 
-    /// Looks at each servo: that it is there, that it goes where it is told, that nothing is wrong with it, and that its own limits
-    /// allow the config's. What an earlier session left behind is ended, with a note. Nothing moves but what goes limp.
+    /// Checks each servo: it answers, is in position mode, reports no hardware error, and its own limits allow the config's. What an
+    /// earlier session left behind is ended, with a note. Nothing moves, but a servo may lose its torque.
     ///
     /// # Errors
     /// [`ServoError::Handshake`] and [`ServoError::Fault`], naming the servo and what to do; [`ServoError::Lost`].
-    pub(super) fn look(&mut self) -> Result<(), ServoError> {
+    pub(super) fn check(&mut self) -> Result<(), ServoError> {
         for servo in self.servos.clone() {
-            self.look_at(&servo)?;
+            self.check_servo(&servo)?;
         }
         Ok(())
     }
 
-    fn look_at(&mut self, servo: &Servo) -> Result<(), ServoError> {
-        let (id, called, registers) = (servo.id, servo.called(), self.registers);
+    fn check_servo(&mut self, servo: &Servo) -> Result<(), ServoError> {
+        let (id, label, registers) = (servo.id, servo.label(), self.registers);
         let handshake =
             |bus: &Self, why: String| Err(ServoError::Handshake { port: bus.port_name.clone(), why });
         if self.try_get(id, registers.model)?.is_none() {
@@ -120,7 +121,7 @@ impl Servos {
             return handshake(
                 self,
                 format!(
-                    "{called} does not answer at {baud} bit/s ({damaged} damaged packets): check supply, wiring, its ID, and baud \
+                    "{label} does not answer at {baud} bit/s ({damaged} damaged packets): check supply, wiring, its ID, and baud \
                      (from the factory {factory})"
                 ),
             );
@@ -132,7 +133,7 @@ impl Servos {
             return handshake(
                 self,
                 format!(
-                    "{called} is in mode {found} (register {}), wanted {wanted}, for positions: set it with its maker's program",
+                    "{label} is in mode {found} (register {}), wanted {wanted}, for positions: set it with its maker's program",
                     mode.address
                 ),
             );
@@ -146,7 +147,7 @@ impl Servos {
             return handshake(
                 self,
                 format!(
-                    "{called} itself goes from {least} to {greatest} counts only, the config from {min} to {max}: change min_count and \
+                    "{label} itself goes from {least} to {greatest} counts only, the config from {min} to {max}: change min_count and \
                      max_count, or its own limits with its maker's program"
                 ),
             );
@@ -155,15 +156,14 @@ impl Servos {
     }
 
     fn end_earlier_session(&mut self, servo: &Servo) -> Result<(), ServoError> {
-        let (id, called) = (servo.id, servo.called());
+        let (id, label) = (servo.id, servo.label());
         if self.byte(id, self.registers.torque)? != 0 {
             if servo.safe_state == SafeState::Detach {
                 self.set(id, self.registers.torque, &[0])?;
-                self.notes.push(format!("{called} still had torque from an earlier session; switched off"));
+                self.notes.push(format!("{label} still had torque from an earlier session; switched off"));
             } else {
-                self.notes.push(format!(
-                    "{called} still has torque from an earlier session, and stays where it is"
-                ));
+                self.notes
+                    .push(format!("{label} still has torque from an earlier session, and stays where it is"));
             }
         }
         let Some(watchdog) = self.registers.watchdog else { return Ok(()) };
@@ -171,7 +171,7 @@ impl Servos {
             0 => Ok(()),
             WATCHDOG_EXPIRED => {
                 self.notes.push(format!(
-                    "{called} had been stopped by its watchdog: a host had fallen silent; cleared"
+                    "{label} had been stopped by its watchdog: a host had fallen silent; cleared"
                 ));
                 self.set(id, watchdog, &[0])
             }
@@ -179,14 +179,14 @@ impl Servos {
         }
     }
 
-    /// Gives torque to all servos, each where it stands, and sets their watchdogs. Where each stands \[counts\].
+    /// Switches torque on for all servos, each where it stands, and sets their watchdogs. Returns ID and position \[counts\] of each.
     ///
     /// # Errors
     /// [`ServoError`]; the caller makes safe what has got torque already.
     pub(super) fn engage(&mut self) -> Result<Vec<(u8, u16)>, ServoError> {
-        let mut stand = Vec::new();
+        let mut positions = Vec::new();
         for servo in self.servos.clone() {
-            stand.push((servo.id, self.engage_one(&servo)?));
+            positions.push((servo.id, self.engage_one(&servo)?));
         }
         if let Some(watchdog) = self.registers.watchdog {
             let units = self.dead_man_ms.div_ceil(WATCHDOG_UNIT_MS).clamp(1, 127) as u8;
@@ -198,13 +198,13 @@ impl Servos {
                         port: self.port_name.clone(),
                         why: format!(
                             "{}: its watchdog was set to {units} · {WATCHDOG_UNIT_MS} ms and reads {read}: update its firmware",
-                            servo.called()
+                            servo.label()
                         ),
                     });
                 }
             }
         }
-        Ok(stand)
+        Ok(positions)
     }
 
     fn engage_one(&mut self, servo: &Servo) -> Result<u16, ServoError> {
@@ -215,17 +215,17 @@ impl Servos {
             length: registers.goal.length,
         };
         let bytes = self.get(id, position)?;
-        let stands = registers.position(&bytes).unwrap_or(i32::MAX);
+        let found = registers.position(&bytes).unwrap_or(i32::MAX);
         let range = servo.travel.min_count..=servo.travel.max_count;
-        // Told to stay there it would be told to leave its limits, told anything else it would jump.
-        let count = u16::try_from(stands).ok().filter(|count| range.contains(count)).ok_or_else(|| {
+        // To hold it there would break its limits, and any other goal would make it jump.
+        let count = u16::try_from(found).ok().filter(|count| range.contains(count)).ok_or_else(|| {
             let (min, max) = range.clone().into_inner();
             ServoError::Refused {
                 request: "giving torque".into(),
                 why: format!(
-                    "{} stands at {stands} counts, outside its limits {min} to {max} of {COUNTS_PER_TURN}: turn it back by hand, without \
+                    "{} stands at {found} counts, outside its limits {min} to {max} of {COUNTS_PER_TURN}: turn it back by hand, without \
                      torque, or change the limits",
-                    servo.called()
+                    servo.label()
                 ),
             }
         })?;
@@ -233,7 +233,7 @@ impl Servos {
             self.set(id, *profile, &vec![0; usize::from(profile.length)])?;
         }
         if let Some(speed) = registers.speed {
-            let counts_per_s = SPEED_MARGIN * servo.travel.max_rate_rad_per_s.get() * COUNTS_PER_RAD;
+            let counts_per_s = SPEED_LIMIT_FACTOR * servo.travel.max_rate_rad_per_s.get() * COUNTS_PER_RAD;
             let counts_per_s = counts_per_s.clamp(1.0, f64::from(i16::MAX)) as u16;
             self.set(id, speed, &counts_per_s.to_le_bytes())?;
         }
@@ -241,28 +241,28 @@ impl Servos {
         self.set(id, registers.torque, &[1])?;
         if self.byte(id, registers.torque)? != 1 {
             self.check_hardware(id)?;
-            return Err(ServoError::Fault { reason: format!("{} takes no torque", servo.called()) });
+            return Err(ServoError::Fault { reason: format!("{} takes no torque", servo.label()) });
         }
         Ok(count)
     }
 
-    /// Tells all of them at once where to be.
-    pub(super) fn tell(&mut self, goals: &[(u8, u16)]) -> Result<(), Gone> {
+    /// Sends all of them their goals at once: ID and position \[counts\].
+    pub(super) fn send_goals(&mut self, goals: &[(u8, u16)]) -> Result<(), Gone> {
         let goal = self.registers.goal;
         let data: Vec<_> =
             goals.iter().map(|&(id, count)| (id, self.registers.encode_position(count))).collect();
         let packet = self.line.protocol().sync_write(goal.address, goal.length, &data);
-        self.line.tell(&packet)
+        self.line.send_unanswered(&packet)
     }
 
-    /// Asks all of them where they stand, until `until` at most. After a silence the silent ones are asked one by one: behind a gap
-    /// in the order of answers nobody can tell who is missing.
-    pub(super) fn ask(&mut self, until: MonotonicNs) -> Result<Vec<Stood>, Gone> {
+    /// Reads the positions of all of them, until `until` at most. Servos that did not answer last time are asked one by one: behind a gap
+    /// in the order of answers it is unknown which one is missing.
+    pub(super) fn read_positions(&mut self, until: MonotonicNs) -> Result<Vec<PositionReading>, Gone> {
         let register = self.registers.feedback;
         let protocol = self.line.protocol();
-        // In turn: behind one that is gone the line is quiet, and the others are not asked.
+        // The one asked longest ago comes first: after an unanswered question the line is quiet and the others are not asked.
         let mut silent: Vec<&Servo> = self.servos.iter().filter(|servo| servo.missing).collect();
-        silent.sort_by_key(|servo| servo.asked);
+        silent.sort_by_key(|servo| servo.last_asked);
         let silent: Vec<u8> = silent.into_iter().map(|servo| servo.id).collect();
         let together: Vec<u8> =
             self.servos.iter().map(|servo| servo.id).filter(|id| !silent.contains(id)).collect();
@@ -276,71 +276,75 @@ impl Servos {
         };
         if let Some(question) = question {
             match self.line.exchange(&question, &together, length, until)? {
-                Some(heard) => answers.extend(heard),
+                Some(received) => answers.extend(received),
                 None => return Ok(Vec::new()),
             }
         }
         for id in silent {
-            // Each has its chance, however late it is: a servo must be heard within the dead-man's time.
-            let until = until.max(MonotonicNs::now().plus_seconds(LEAST_WAIT_S));
+            // Each is asked, however late it is: a servo must answer within the dead-man time.
+            let until = until.max(MonotonicNs::now().plus_seconds(SILENT_SERVO_MIN_WAIT_S));
             let question = protocol.read(id, register.address, register.length);
             match self.line.exchange(&question, &[id], length, until)? {
-                Some(heard) => answers.extend(heard),
+                Some(received) => answers.extend(received),
                 None => break,
             }
             asked.push(id);
         }
-        Ok(self.heard(&asked, answers.into_iter().flatten()))
+        Ok(self.record_answers(&asked, answers.into_iter().flatten()))
     }
 
-    fn heard(&mut self, asked: &[u8], answers: impl Iterator<Item = Answer>) -> Vec<Stood> {
+    fn record_answers(
+        &mut self,
+        asked: &[u8],
+        answers: impl Iterator<Item = Answer>,
+    ) -> Vec<PositionReading> {
         let now = MonotonicNs::now();
         for servo in self.servos.iter_mut().filter(|servo| asked.contains(&servo.id)) {
-            (servo.asked, servo.missing) = (now, true);
+            (servo.last_asked, servo.missing) = (now, true);
         }
-        let mut stood = Vec::new();
+        let mut readings = Vec::new();
         for Answer { status, sent, received } in answers {
             let position = status.data.get(self.registers.position_at..);
             let Some(count) = position.and_then(|bytes| self.registers.position(bytes)) else { continue };
             for servo in self.servos.iter_mut().filter(|servo| servo.id == status.id) {
-                (servo.missing, servo.heard) = (false, received);
+                (servo.missing, servo.last_answer) = (false, received);
             }
             let alerts = self.registers.alerts(status.error);
-            stood.push(Stood { id: status.id, count, sent, received, alerts });
+            readings.push(PositionReading { id: status.id, count, sent, received, alerts });
         }
-        stood
+        readings
     }
 
-    /// What a servo that alerts has to say.
+    /// Reads the hardware error of the servo with the ID `id`; one that is set is a fault.
     pub(super) fn check_hardware(&mut self, id: u8) -> Result<(), ServoError> {
         match self.byte(id, self.registers.hardware_error)? {
             0 => Ok(()),
             bits => Err(ServoError::Fault {
                 reason: format!(
                     "{}: {}; remove the cause, then switch its supply off and on",
-                    self.called(id),
+                    self.label(id),
                     self.registers.hardware_error_text(bits)
                 ),
             }),
         }
     }
 
-    fn called(&self, id: u8) -> String {
-        self.servos.iter().find(|servo| servo.id == id).map_or(format!("servo {id}"), Servo::called)
+    fn label(&self, id: u8) -> String {
+        self.servos.iter().find(|servo| servo.id == id).map_or(format!("servo {id}"), Servo::label)
     }
 
     pub(super) fn lost(&self, why: String) -> ServoError {
         ServoError::Lost { port: self.port_name.clone(), why }
     }
 
-    /// Registers of a servo; none when it does not answer.
+    /// Reads `register` of a servo; `None` when it does not answer.
     fn try_get(&mut self, id: u8, register: Register) -> Result<Option<Vec<u8>>, ServoError> {
         let packet = self.line.protocol().read(id, register.address, register.length);
         for _ in 0..self.tries {
-            let answer = self.line.ask(&packet, usize::from(register.length), LATEST_ANSWER_S);
+            let answer = self.line.ask(&packet, usize::from(register.length), MAX_ANSWER_DELAY_S);
             if let Some(Answer { status, received, .. }) = answer.map_err(|Gone(why)| self.lost(why))? {
                 for servo in self.servos.iter_mut().filter(|servo| servo.id == id) {
-                    servo.heard = received;
+                    servo.last_answer = received;
                 }
                 return Ok(Some(status.data));
             }
@@ -353,7 +357,7 @@ impl Servos {
             Some(bytes) => Ok(bytes),
             None => Err(self.lost(format!(
                 "{} does not say what is in its register {}, asked {} times; check cable and supply",
-                self.called(id),
+                self.label(id),
                 register.address,
                 self.tries
             ))),
@@ -367,7 +371,7 @@ impl Servos {
     fn set(&mut self, id: u8, register: Register, data: &[u8]) -> Result<(), ServoError> {
         let packet = self.line.protocol().write(id, register.address, data);
         for _ in 0..self.tries {
-            let answer = self.line.ask(&packet, 0, LATEST_ANSWER_S).map_err(|Gone(why)| self.lost(why))?;
+            let answer = self.line.ask(&packet, 0, MAX_ANSWER_DELAY_S).map_err(|Gone(why)| self.lost(why))?;
             if let Some(Answer { status, .. }) = answer {
                 return match self.registers.refusal(status.error) {
                     None => Ok(()),
@@ -375,7 +379,7 @@ impl Servos {
                         request: format!(
                             "writing {data:?} to register {} of {}",
                             register.address,
-                            self.called(id)
+                            self.label(id)
                         ),
                         why: why.into(),
                     }),
@@ -384,14 +388,14 @@ impl Servos {
         }
         Err(self.lost(format!(
             "{} does not confirm its register {}, written {} times; check cable and supply",
-            self.called(id),
+            self.label(id),
             register.address,
             self.tries
         )))
     }
 }
 
-/// A number of up to 4 bytes, the low one first.
+/// An unsigned number of up to 4 bytes, little-endian.
 fn little_endian(bytes: &[u8]) -> u32 {
     bytes.iter().rev().fold(0, |number, &byte| (number << 8) | u32::from(byte))
 }

@@ -1,17 +1,17 @@
-//! Where each servo is to be at any instant, and whether it is there. No bus and no clock of its own: instants are handed in.
+//! The commanded position of each servo at any instant, and whether the servo follows it. No bus and no clock here: instants are handed in.
 //!
-//! Servos on a bus cannot be given a profile to play: this computer tells them a position again and again, and each holds the last one
-//! until the next. What is told at an instant is the profile half a period later, so that in the mean over a period it is the profile.
+//! Servos on a bus cannot be given a profile to play: this computer sends them a position again and again, and each holds the last one
+//! until the next. What is sent at an instant is the profile half a period later, so that its mean over the period is that of the profile.
 
 use crate::pulses::{PulseProfile, PulseTrack};
 use crate::travel::{COUNTS_PER_RAD, CountTravel};
 use crate::{ServoError, ServoEvent};
 use ground::clock::MonotonicNs;
 
-/// Further from its goal than its limit for so long is a fault \[s\].
-const ERROR_BORNE_S: f64 = 0.1;
-/// A profile must start so far ahead of its arming \[s\]: torque on, limits read, a few answers late.
-pub(super) const LEAST_LEAD_S: f64 = 0.05;
+/// A servo further from its commanded position than `max_error_rad` for this long is a fault \[s\], chosen.
+const FOLLOWING_ERROR_TIMEOUT_S: f64 = 0.1;
+/// Least time from arming to the start of a profile \[s\], chosen: for torque on, limits read and a few late answers.
+pub(super) const MIN_START_LEAD_S: f64 = 0.05;
 
 /// Straight lines from count to count.
 #[derive(Debug, Clone)]
@@ -39,18 +39,18 @@ impl Path {
     }
 }
 
-/// One servo's part.
+/// One servo, its limits and the path that it is to follow.
 #[derive(Debug, Clone)]
 struct Course {
     id: u8,
     name: String,
     travel: CountTravel,
-    /// None until it has been told anything.
+    /// `None` until a position was commanded.
     path: Option<Path>,
-    astray_since: Option<MonotonicNs>,
+    off_path_since: Option<MonotonicNs>,
 }
 
-/// A profile under way: when it starts and ends, and what of that was told.
+/// A profile under way: when it starts and ends, and whether its start was reported.
 #[derive(Debug, Clone)]
 struct Armed {
     start: MonotonicNs,
@@ -58,7 +58,7 @@ struct Armed {
     started: bool,
 }
 
-/// The positions that a bus is told: computes each at its instant, and judges whether the servo follows.
+/// The positions streamed to a bus: computes each at its instant, and judges whether the servo follows.
 #[derive(Debug, Clone)]
 pub(super) struct Stream {
     courses: Vec<Course>,
@@ -71,24 +71,24 @@ fn refused(request: &str, why: String) -> ServoError {
 }
 
 impl Stream {
-    /// Of servos that were told nothing yet; ID, name and travel of each.
+    /// A stream without commands yet, for servos given as ID, name and travel.
     pub(super) fn new(servos: impl IntoIterator<Item = (u8, String, CountTravel)>, period_s: f64) -> Self {
-        let course = |(id, name, travel)| Course { id, name, travel, path: None, astray_since: None };
+        let course = |(id, name, travel)| Course { id, name, travel, path: None, off_path_since: None };
         Self { courses: servos.into_iter().map(course).collect(), armed: None, period_s }
     }
 
-    /// The servo with the ID `id` stands here and stays, until told something else.
-    pub(super) fn stay(&mut self, id: u8, count: u16, now: MonotonicNs) {
+    /// Holds the servo with the ID `id` at `count`, until another command.
+    pub(super) fn hold_at(&mut self, id: u8, count: u16, now: MonotonicNs) {
         for course in self.courses.iter_mut().filter(|course| course.id == id) {
             course.path = Some(Path { start: now, corners: vec![(0, count)] });
-            course.astray_since = None;
+            course.off_path_since = None;
         }
     }
 
-    /// Nothing is under way any more.
-    pub(super) fn forget(&mut self) {
+    /// Drops all paths and the armed profile.
+    pub(super) fn clear(&mut self) {
         self.armed = None;
-        self.courses.iter_mut().for_each(|course| (course.path, course.astray_since) = (None, None));
+        self.courses.iter_mut().for_each(|course| (course.path, course.off_path_since) = (None, None));
     }
 
     /// Whether a profile or a move is under way at `now`.
@@ -97,7 +97,7 @@ impl Stream {
             || self.courses.iter().any(|c| c.path.as_ref().is_some_and(|path| path.end() > now))
     }
 
-    /// What each servo is to be told at `now` \[counts\].
+    /// The position to send to each servo at `now`: ID and \[counts\].
     pub(super) fn goals(&self, now: MonotonicNs) -> Vec<(u8, u16)> {
         let at = now.plus_seconds(self.period_s / 2.0);
         let goal = |course: &Course| {
@@ -114,7 +114,7 @@ impl Stream {
         self.courses.iter_mut().find(|course| course.id == id).ok_or_else(|| refused(request, why))
     }
 
-    /// Moves a servo from where it was told to be to `count` over `duration_s`.
+    /// Moves a servo from its commanded position to `count` over `duration_s`.
     ///
     /// # Errors
     /// [`ServoError::Refused`] naming the limit; nothing changes then.
@@ -140,9 +140,9 @@ impl Stream {
         let from =
             from.ok_or_else(|| refused(REQUEST, format!("where servo {id} stands is not known yet")))?;
         let corners = vec![(0, from), ((duration_s * 1e6).round().max(1.0) as u64, count)];
-        course.allows(&corners, REQUEST)?;
+        course.check_limits(&corners, REQUEST)?;
         course.path = Some(Path { start: now, corners });
-        course.astray_since = None;
+        course.off_path_since = None;
         Ok(())
     }
 
@@ -164,8 +164,8 @@ impl Stream {
             ));
         }
         let ahead_s = start.seconds_since(now);
-        if ahead_s < LEAST_LEAD_S {
-            let (ahead_ms, least_ms) = (ahead_s * 1e3, LEAST_LEAD_S * 1e3);
+        if ahead_s < MIN_START_LEAD_S {
+            let (ahead_ms, least_ms) = (ahead_s * 1e3, MIN_START_LEAD_S * 1e3);
             return Err(refused(
                 REQUEST,
                 format!("its start is {ahead_ms:.0} ms ahead, at least {least_ms:.0} ms wanted; start later"),
@@ -174,9 +174,9 @@ impl Stream {
         for PulseTrack { channel, start_pulse, .. } in &profile.tracks {
             let course = self.course(*channel, REQUEST)?;
             let path = course.path.as_ref().filter(|path| path.end() <= now);
-            let stands = path.map(|path| path.count(now).round() as u16);
-            if stands != Some(*start_pulse) {
-                let at = stands.map_or("on its way".into(), |count| format!("told to be at {count}"));
+            let commanded = path.map(|path| path.count(now).round() as u16);
+            if commanded != Some(*start_pulse) {
+                let at = commanded.map_or("on its way".into(), |count| format!("commanded to {count}"));
                 return Err(refused(
                     REQUEST,
                     format!("servo {channel} is {at}, wanted {start_pulse} counts; jog it there first"),
@@ -186,7 +186,7 @@ impl Stream {
         let tracks: Vec<(u8, Vec<_>)> =
             profile.tracks.iter().map(|track| (track.channel, track.corners().collect())).collect();
         for (id, corners) in &tracks {
-            self.course(*id, REQUEST)?.allows(corners, REQUEST)?;
+            self.course(*id, REQUEST)?.check_limits(corners, REQUEST)?;
         }
         for (id, corners) in tracks {
             self.course(id, REQUEST)?.path = Some(Path { start, corners });
@@ -196,8 +196,8 @@ impl Stream {
         Ok(())
     }
 
-    /// Time is `now`: what has begun or ended with it.
-    pub(super) fn pass(&mut self, now: MonotonicNs) -> Vec<ServoEvent> {
+    /// Advances to `now`; returns what has begun or ended by then.
+    pub(super) fn advance(&mut self, now: MonotonicNs) -> Vec<ServoEvent> {
         let mut events = Vec::new();
         if let Some(armed) = &mut self.armed {
             if !armed.started && now >= armed.start {
@@ -212,19 +212,19 @@ impl Stream {
         events
     }
 
-    /// A servo stood at `count` at about `at`: what is wrong with that, if anything, and has been for too long.
-    pub(super) fn stood(&mut self, id: u8, count: i32, at: MonotonicNs) -> Option<String> {
+    /// Takes in that a servo was measured at `count` at about `at`. The fault in words, where it has been too far off its path for too long.
+    pub(super) fn following_fault(&mut self, id: u8, count: i32, at: MonotonicNs) -> Option<String> {
         let course = self.courses.iter_mut().find(|course| course.id == id)?;
         let error_rad = (f64::from(count) - course.path.as_ref()?.count(at)).abs() / COUNTS_PER_RAD;
         let limit_rad = course.travel.max_error_rad.get();
         if error_rad <= limit_rad {
-            course.astray_since = None;
+            course.off_path_since = None;
             return None;
         }
-        let since = *course.astray_since.get_or_insert(at);
-        (at.seconds_since(since) >= ERROR_BORNE_S).then(|| {
+        let since = *course.off_path_since.get_or_insert(at);
+        (at.seconds_since(since) >= FOLLOWING_ERROR_TIMEOUT_S).then(|| {
             format!(
-                "servo {id} (`{}`) has been further from where it was told to be than max_error_rad = {limit_rad} for {:.0} ms, now \
+                "servo {id} (`{}`) has been further from its commanded position than max_error_rad = {limit_rad} for {:.0} ms, now \
                  {error_rad:.3} rad: blocked, overloaded, or too slow for this motion",
                 course.name,
                 at.seconds_since(since) * 1e3
@@ -252,7 +252,7 @@ impl Stream {
 }
 
 impl Course {
-    fn allows(&self, corners: &[(u64, u16)], request: &str) -> Result<(), ServoError> {
+    fn check_limits(&self, corners: &[(u64, u16)], request: &str) -> Result<(), ServoError> {
         let range = self.travel.min_count..=self.travel.max_count;
         let outside = corners.iter().skip(1).find(|(_, count)| !range.contains(count));
         if let Some((_, count)) = outside {
@@ -299,7 +299,7 @@ mod tests {
         let channel = parse(BUS).unwrap().channels.remove(0);
         let Travel::Counts(travel) = channel.travel else { panic!("on a bus") };
         let mut stream = Stream::new([(channel.id, channel.name, travel)], 0.01);
-        stream.stay(1, 2048, at(0.0));
+        stream.hold_at(1, 2048, at(0.0));
         stream
     }
 
@@ -323,11 +323,11 @@ mod tests {
         assert_eq!(stream.goals(at(0.15)), [(1, 2103)]);
         assert_eq!(stream.goals(at(0.25)), [(1, 2038)]);
         assert_eq!(stream.goals(at(9.0)), [(1, 2048)]);
-        assert!(stream.pass(at(0.09)).is_empty());
+        assert!(stream.advance(at(0.09)).is_empty());
         let tick = at(0.1).0 / 1000;
-        assert_eq!(stream.pass(at(0.101)), [ServoEvent::Started { board_tick_us: tick }]);
+        assert_eq!(stream.advance(at(0.101)), [ServoEvent::Started { board_tick_us: tick }]);
         assert!(stream.moves(at(0.2)));
-        assert_eq!(stream.pass(at(0.41)), [ServoEvent::Finished { board_tick_us: tick + 300_000 }]);
+        assert_eq!(stream.advance(at(0.41)), [ServoEvent::Finished { board_tick_us: tick + 300_000 }]);
         assert!(!stream.moves(at(0.42)));
     }
 
@@ -354,25 +354,25 @@ mod tests {
         let message = why(stream.arm(&profile(&[(100_000, 2100)]), at(2.0), at(1.2)));
         assert!(message.contains("servo 1 is on its way, wanted 2048 counts"), "{message}");
         let message = why(stream.arm(&profile(&[(100_000, 2100)]), at(2.0), at(1.6)));
-        assert!(message.contains("told to be at 2100, wanted 2048"), "{message}");
+        assert!(message.contains("commanded to 2100, wanted 2048"), "{message}");
     }
 
     #[test]
-    fn servo_that_does_not_follow_is_told_after_a_tenth_of_a_second() {
+    fn servo_that_does_not_follow_is_reported_after_a_tenth_of_a_second() {
         let mut stream = stream();
         stream.jog(1, 2448, 0.5, at(0.0)).unwrap();
-        assert_eq!(stream.stood(1, 2048, at(0.1)), None, "80 counts behind: 0.12 rad");
-        assert_eq!(stream.stood(1, 2048, at(0.2)), None, "0.25 rad, but only now");
-        assert_eq!(stream.stood(1, 2048, at(0.29)), None);
-        let fault = stream.stood(1, 2048, at(0.31)).unwrap();
+        assert_eq!(stream.following_fault(1, 2048, at(0.1)), None, "80 counts behind: 0.12 rad");
+        assert_eq!(stream.following_fault(1, 2048, at(0.2)), None, "0.25 rad, but only now");
+        assert_eq!(stream.following_fault(1, 2048, at(0.29)), None);
+        let fault = stream.following_fault(1, 2048, at(0.31)).unwrap();
         assert!(
             fault.contains("servo 1 (`base`)") && fault.contains("max_error_rad = 0.2 for 110 ms"),
             "{fault}"
         );
         let mut recovers = self::stream();
-        recovers.stood(1, 2448, at(0.0));
-        recovers.stood(1, 2048, at(0.05));
-        assert_eq!(recovers.stood(1, 2448, at(0.15)), None);
+        recovers.following_fault(1, 2448, at(0.0));
+        recovers.following_fault(1, 2048, at(0.05));
+        assert_eq!(recovers.following_fault(1, 2448, at(0.15)), None);
     }
 
     #[test]

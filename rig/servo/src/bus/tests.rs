@@ -11,10 +11,10 @@ use crate::travel::Travel;
 use crate::{BoardKind, PulseProfile, PulseTrack, ServoEvent};
 use ground::clock::MonotonicNs;
 
-/// Where a silence is to be noticed; elsewhere a busy machine may be silent for longer.
+/// The dead-man where a silence is to be noticed; elsewhere a busy machine may be silent for longer.
 const DEAD_MAN_MS: u16 = 500;
 
-/// ID and position, or none without torque, as told.
+/// ID and position \[counts\], none without torque, as the emulated bus reported them.
 type Log = Arc<Mutex<Vec<(u8, Option<f64>)>>>;
 
 #[derive(Clone, Default)]
@@ -30,9 +30,9 @@ impl PulseSink for Recorder {
 
 impl Recorder {
     /// Where servo `id` is: none without torque.
-    fn stands(&self, id: u8) -> Option<f64> {
-        let told = self.0.lock().unwrap();
-        told.iter().rev().find(|(other, _)| *other == id).and_then(|(_, position)| *position)
+    fn powered_position(&self, id: u8) -> Option<f64> {
+        let reported = self.0.lock().unwrap();
+        reported.iter().rev().find(|(other, _)| *other == id).and_then(|(_, position)| *position)
     }
 }
 
@@ -78,12 +78,11 @@ fn poll_until<T>(
 ) -> T {
     let deadline = Instant::now() + Duration::from_secs(10);
     while Instant::now() < deadline {
-        let told = board.poll();
-        let told: Vec<_> = match told {
+        let events: Vec<_> = match board.poll() {
             Ok(events) => events.into_iter().map(Ok).collect(),
             Err(error) => vec![Err(error)],
         };
-        for event in told {
+        for event in events {
             if let Some(found) = found(event) {
                 return found;
             }
@@ -93,7 +92,7 @@ fn poll_until<T>(
     panic!("not within 10 s");
 }
 
-/// Waits for it on a machine that may be busy.
+/// Waits until `holds` is true, on a machine that may be busy.
 fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
     let deadline = Instant::now() + Duration::from_secs(5);
     while !holds() {
@@ -103,8 +102,8 @@ fn eventually(what: &str, mut holds: impl FnMut() -> bool) {
 }
 
 fn notes(board: &mut dyn ServoBoard) -> String {
-    let told = board.poll().unwrap();
-    let text = told.into_iter().filter_map(|event| match event {
+    let events = board.poll().unwrap();
+    let text = events.into_iter().filter_map(|event| match event {
         ServoEvent::Note { text } => Some(text),
         _ => None,
     });
@@ -115,11 +114,11 @@ fn notes(board: &mut dyn ServoBoard) -> String {
 fn profile_is_streamed_and_the_measured_angle_follows_it_on_either_bus() {
     for kind in [BoardKind::Dynamixel, BoardKind::Feetech] {
         let (mut board, recorder, _) = open_bus(&config(kind, 1), &[]);
-        assert_eq!(recorder.stands(1), None, "no torque before the first move");
+        assert_eq!(recorder.powered_position(1), None, "no torque before the first move");
         board.jog(1, 2048, 0.0).unwrap();
         let start = MonotonicNs::now().plus_seconds(0.2);
         board.arm(&strokes(3), start).unwrap();
-        let (mut measured, mut started, mut told) = (Vec::new(), None, None);
+        let (mut measured, mut started, mut finished_at) = (Vec::new(), None, None);
         let finished = poll_until(&mut board, |event| {
             match event.unwrap() {
                 ServoEvent::Position { channel: 1, count, sent, received } => {
@@ -127,10 +126,10 @@ fn profile_is_streamed_and_the_measured_angle_follows_it_on_either_bus() {
                     measured.push((sent.seconds_since(start), count));
                 }
                 ServoEvent::Started { board_tick_us } => started = Some(board_tick_us),
-                ServoEvent::Finished { board_tick_us } => told = Some(board_tick_us),
+                ServoEvent::Finished { board_tick_us } => finished_at = Some(board_tick_us),
                 ServoEvent::Note { text } if text.starts_with("stream of ") => {
                     println!("{text}");
-                    return told;
+                    return finished_at;
                 }
                 _ => {}
             }
@@ -138,7 +137,7 @@ fn profile_is_streamed_and_the_measured_angle_follows_it_on_either_bus() {
         });
         assert_eq!(started, Some(start.0 / 1000));
         assert_eq!(finished - started.unwrap(), 900_000);
-        // 1 and 2 counts/ms, seen 20 ms late: what the emulated servo is.
+        // 1 and 2 counts/ms, measured 20 ms late: the lag of the emulated servo.
         let profile = strokes(3);
         let corners: Vec<_> = profile.tracks[0].corners().collect();
         let commanded = |t: f64| {
@@ -157,9 +156,9 @@ fn profile_is_streamed_and_the_measured_angle_follows_it_on_either_bus() {
         // A busy machine is late, and so is then the servo; no later than that it follows.
         assert!(error(0.02) < 0.5 * error(-0.08) && error(0.02) < 40.0, "{} counts", error(0.02));
         assert_eq!(board.stop(), StopOutcome::Acknowledged);
-        eventually("limp", || recorder.stands(1).is_none());
+        eventually("limp", || recorder.powered_position(1).is_none());
         let refused = board.jog(1, 2048, 1.0).unwrap_err().to_string();
-        assert!(refused.contains("it was stopped; open the bus anew"), "{refused}");
+        assert!(refused.contains("it was stopped; open the bus again"), "{refused}");
     }
 }
 
@@ -172,7 +171,7 @@ fn every_fault_of_a_bus_ends_in_the_safe_state_and_names_the_servo() {
         (Dynamixel, ServoReset, "servo 1 (`base`) has lost its torque: it restarted", true),
         (Dynamixel, ServoOverload, "overload", true),
         (Feetech, ServoOverload, "overload", true),
-        (Dynamixel, ServoBlocked, "further from where it was told to be than max_error_rad", true),
+        (Dynamixel, ServoBlocked, "further from its commanded position than max_error_rad", true),
         (Dynamixel, ServoWrongId, silent, false),
         (Dynamixel, ServoOff, silent, false),
         (Feetech, Garbage, silent, false),
@@ -205,12 +204,14 @@ fn ends_in_the_safe_state(kind: BoardKind, fault: BusFault, says: &str, answers:
         assert!(!error.contains("servo 2"), "the other one answers: {error}");
     }
     // Whoever still hears lets go, without the owner's doing anything.
-    eventually("limp", || recorder.stands(2).is_none() && (!answers || recorder.stands(1).is_none()));
+    eventually("limp", || {
+        recorder.powered_position(2).is_none() && (!answers || recorder.powered_position(1).is_none())
+    });
     let stopped = board.stop();
     assert_eq!(stopped == StopOutcome::Acknowledged, answers, "{fault:?}");
     assert!(board.poll().is_ok(), "said once");
     let refused = board.jog(2, 2048, 1.0).unwrap_err().to_string();
-    assert!(refused.contains("open the bus anew"), "{refused}");
+    assert!(refused.contains("open the bus again"), "{refused}");
 }
 
 #[test]
@@ -227,9 +228,9 @@ fn servos_that_hear_nothing_any_more_are_stopped_by_their_watchdogs() {
         println!("{error}");
         assert_eq!(board.stop(), StopOutcome::LeftToDeadMan);
         std::thread::sleep(Duration::from_millis(u64::from(DEAD_MAN_MS) + 200));
-        let stopped = recorder.stands(1).expect("a watchdog stops, it does not let go");
+        let stopped = recorder.powered_position(1).expect("a watchdog stops, it does not let go");
         std::thread::sleep(Duration::from_millis(100));
-        assert_eq!(recorder.stands(1), Some(stopped));
+        assert_eq!(recorder.powered_position(1), Some(stopped));
         assert!(stopped < 2300.0, "{stopped}");
     }
 }
@@ -241,21 +242,21 @@ fn what_a_host_that_died_left_behind_is_ended_with_a_note() {
     let bus = EmulatedBus::start(BusOptions::of(&config).unwrap(), Box::new(recorder.clone())).unwrap();
     let port = bus.port().to_str().unwrap();
     let mut died = Servos::open(port, &config).unwrap();
-    died.look().unwrap();
+    died.check().unwrap();
     died.engage().unwrap();
     drop(died);
     std::thread::sleep(Duration::from_millis(u64::from(DEAD_MAN_MS) + 100));
-    assert!(recorder.stands(1).is_some());
+    assert!(recorder.powered_position(1).is_some());
     let how = query_status(port, &config).unwrap().join("\n");
     assert_eq!(how, "servo 1 (`base`): model 1020, torque on, at 2048 counts, 12.0 V, 31 °C");
     let mut board = BusBoard::open(port, &ServoConfig { dead_man_ms: 2000, ..config }).unwrap();
     let notes = notes(&mut board);
     assert!(notes.contains("still had torque") && notes.contains("stopped by its watchdog"), "{notes}");
-    // And moves again, when told to.
+    // And it moves again on a command.
     board.jog(1, 2100, 0.1).unwrap();
-    eventually("moved", || recorder.stands(1).is_some_and(|counts| (counts - 2100.0).abs() < 1.0));
+    eventually("moved", || recorder.powered_position(1).is_some_and(|counts| (counts - 2100.0).abs() < 1.0));
     drop(board);
-    eventually("let go by the drop", || recorder.stands(1).is_none());
+    eventually("let go by the drop", || recorder.powered_position(1).is_none());
 }
 
 #[test]
@@ -270,14 +271,15 @@ fn stop_leaves_each_servo_in_its_own_safe_state() {
     for id in 1..=3 {
         board.jog(id, 2148, 0.2).unwrap();
     }
-    let near = |id, wanted: f64| recorder.stands(id).is_some_and(|counts| (counts - wanted).abs() < 1.0);
+    let near =
+        |id, wanted: f64| recorder.powered_position(id).is_some_and(|counts| (counts - wanted).abs() < 1.0);
     eventually("moved", || (1..=3).all(|id| near(id, 2148.0)));
     assert_eq!(board.stop(), StopOutcome::Acknowledged);
-    eventually("limp", || recorder.stands(1).is_none());
+    eventually("limp", || recorder.powered_position(1).is_none());
     eventually("parked", || near(3, 2048.0));
     assert!(near(2, 2148.0));
     drop(board);
-    assert!(recorder.stands(2).is_some());
+    assert!(recorder.powered_position(2).is_some());
 }
 
 #[test]
@@ -288,12 +290,14 @@ fn servo_from_outside_is_stopped_whatever_it_is_doing() {
         let bus = EmulatedBus::start(BusOptions::of(&config).unwrap(), Box::new(recorder.clone())).unwrap();
         let port = bus.port().to_str().unwrap();
         let mut servos = Servos::open(port, &config).unwrap();
-        servos.look().unwrap();
+        servos.check().unwrap();
         servos.engage().unwrap();
-        servos.tell(&[(1, 2600), (2, 2600)]).unwrap();
+        servos.send_goals(&[(1, 2600), (2, 2600)]).unwrap();
         drop(servos);
         assert_eq!(emergency_stop(port, &config).unwrap(), StopOutcome::Acknowledged);
-        eventually("limp", || recorder.stands(1).is_none() && recorder.stands(2).is_none());
+        eventually("limp", || {
+            recorder.powered_position(1).is_none() && recorder.powered_position(2).is_none()
+        });
     }
 }
 
@@ -325,5 +329,5 @@ fn stream_that_is_too_late_is_a_fault_that_says_how_late() {
     board.jog(1, 2148, 2.0).unwrap();
     let error = poll_until(&mut board, Result::err).to_string();
     assert!(error.contains("ms late, max_late_ms is 0") && error.contains("least slack"), "{error}");
-    eventually("limp", || recorder.stands(1).is_none());
+    eventually("limp", || recorder.powered_position(1).is_none());
 }

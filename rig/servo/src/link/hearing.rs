@@ -1,4 +1,4 @@
-//! What a link makes of the board's packets.
+//! How a link takes in the board's packets.
 
 use firmware_protocol::VERSION;
 use firmware_protocol::command::kind as command_kind;
@@ -6,13 +6,13 @@ use firmware_protocol::event::{Event, Fault, Identity, Occurrence, State, kind a
 use firmware_protocol::packet::Packet;
 use firmware_protocol::units::Sequence;
 
-use super::{CLOCK_SAMPLES, Link, Trouble};
+use super::{Link, MAX_CLOCK_SAMPLES, Trouble};
 use crate::ServoEvent;
 use ground::clock::{MonotonicNs, Ping};
 
 impl Link {
-    pub(super) fn take(&mut self, packet: &Packet, now: MonotonicNs) {
-        self.heard = now;
+    pub(super) fn take_packet(&mut self, packet: &Packet, now: MonotonicNs) {
+        self.last_packet = now;
         let frozen = matches!(packet.kind, event_kind::HELLO | event_kind::STATUS | event_kind::ACK);
         if packet.version != VERSION && !frozen {
             return;
@@ -44,7 +44,7 @@ impl Link {
                         continue;
                     }
                     let pulse_us = pulse.map(|pulse| pulse.0);
-                    self.tell(ServoEvent::Pulse { channel, board_tick_us, pulse_us });
+                    self.push_event(ServoEvent::Pulse { channel, board_tick_us, pulse_us });
                 }
                 return;
             }
@@ -59,7 +59,7 @@ impl Link {
             }
             Event::Ack(_) | Event::Status(_) | Event::Description(_) => {}
         }
-        if self.under_way.as_ref().is_some_and(|asked| asked.sequence == packet.sequence) {
+        if self.under_way.as_ref().is_some_and(|pending| pending.sequence == packet.sequence) {
             self.under_way = None;
             self.answer = Some(Ok(event));
         }
@@ -69,7 +69,7 @@ impl Link {
         if self.established {
             self.same_board(identity.boot_id);
         } else {
-            // An earlier one may be from before a reset: the port kept it.
+            // An earlier hello may be from before a reset, still in the port's buffer.
             self.board = Some((identity, version));
         }
     }
@@ -87,11 +87,11 @@ impl Link {
         // Each ping is a new question with a number of its own, so an answer belongs to one sending only.
         let Some(index) = self.pings.iter().position(|&(number, _)| number == sequence) else { return };
         let Some((_, sent)) = self.pings.remove(index) else { return };
-        if self.samples.len() == CLOCK_SAMPLES {
+        if self.samples.len() == MAX_CLOCK_SAMPLES {
             self.samples.pop_front();
         }
         self.samples.push_back(Ping { sent, board_tick_us, received });
-        self.tell(ServoEvent::Ping { sent, board_tick_us, received });
+        self.push_event(ServoEvent::Ping { sent, board_tick_us, received });
     }
 
     /// What a pong says about the board's state makes up for a lost report of what happened.
@@ -109,16 +109,16 @@ impl Link {
     fn started(&mut self, board_tick_us: u64) {
         if let Some(armed) = self.armed.as_mut().filter(|armed| !armed.started) {
             armed.started = true;
-            self.tell(ServoEvent::Started { board_tick_us });
+            self.push_event(ServoEvent::Started { board_tick_us });
         }
     }
 
     fn finished(&mut self, board_tick_us: u64) {
         if let Some(armed) = self.armed.take() {
             if !armed.started {
-                self.tell(ServoEvent::Started { board_tick_us: armed.start_us });
+                self.push_event(ServoEvent::Started { board_tick_us: armed.start_us });
             }
-            self.tell(ServoEvent::Finished { board_tick_us });
+            self.push_event(ServoEvent::Finished { board_tick_us });
         }
     }
 

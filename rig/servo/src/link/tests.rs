@@ -159,7 +159,7 @@ fn two_lost_acks_are_asked_for_again_and_the_command_is_done_once() {
     bench.to_host = losing(0x80, 2);
     bench.must(jog(1700));
     assert_eq!(bench.sent_ms(0x16, begun), [0, 25, 75]);
-    // Done once: the line from 1500 to 1700 began with the first sending and was not begun anew.
+    // Done once: the line from 1500 to 1700 began with the first sending and was not begun again.
     bench.pass(200);
     let (start, end) = (bench.wire.pulses[1], *bench.wire.pulses.last().unwrap());
     assert_eq!((start.0, end.0), (Some(1501), Some(1700)));
@@ -298,12 +298,12 @@ fn restart_is_found_by_the_next_pong_when_the_greeting_is_lost() {
 #[test]
 fn events_nobody_takes_are_counted_not_hoarded() {
     let mut bench = Bench::new();
-    for _ in 0..MOST_EVENTS + 10 {
+    for _ in 0..MAX_STORED_EVENTS + 10 {
         bench.link.note("x");
     }
     let events = bench.link.take_events();
     assert!(matches!(events.last(), Some(ServoEvent::Note { text }) if text.contains("dropped")));
-    assert_eq!(events.len(), MOST_EVENTS + 1);
+    assert_eq!(events.len(), MAX_STORED_EVENTS + 1);
 }
 
 proptest! {

@@ -4,7 +4,7 @@ use super::*;
 use crate::fixtures::example;
 use proptest::prelude::*;
 
-const PAPER: &str = "amplitude_rad = 0.3\nccw_s = 1.0\ncw_s = 0.5\ncycles = 3\n";
+const PAPER_PROFILE_TOML: &str = "amplitude_rad = 0.3\nccw_s = 1.0\ncw_s = 0.5\ncycles = 3\n";
 
 fn config(text: &str) -> ProfileConfig {
     ground::strict::parse(text, Path::new("rig.toml")).unwrap()
@@ -26,7 +26,7 @@ fn bench_stroke(t: f64, amplitude: f64, ccw_s: f64, cw_s: f64) -> f64 {
 
 #[test]
 fn angle_is_the_benchs_stroke_and_rests_at_the_centre_around_it() {
-    let profile = profile(PAPER);
+    let profile = profile(PAPER_PROFILE_TOML);
     for k in 0..4500 {
         let t = f64::from(k) * 1e-3;
         let difference = profile.angle_rad(t) - bench_stroke(t, 0.3, 1.0, 0.5);
@@ -55,14 +55,14 @@ fn counter_clockwise_stroke_lasts_exactly_twice_the_other_whatever_the_decimals(
 fn commanded_angles_are_those_of_the_rounded_pulses() {
     let servo = example();
     for mirrored in [false, true] {
-        let profile = profile(&format!("{PAPER}centre_rad = 0.1\nmirrored = {mirrored}\n"));
+        let profile = profile(&format!("{PAPER_PROFILE_TOML}centre_rad = 0.1\nmirrored = {mirrored}\n"));
         let pulses = profile.pulses(&servo).unwrap();
         let command = pulses.command(&servo, mirrored, 2.0).unwrap();
         assert_eq!(command.actuators, ["servo"]);
         assert_eq!(command.first_motion_s(), Some(2.0));
         // Half a microsecond of rounding at this gain.
         let channel = &servo.channels[0];
-        let rounding_rad = 0.5 / (channel.told(1.0, false) - channel.told(0.0, false));
+        let rounding_rad = 0.5 / (channel.setpoint(1.0, false) - channel.setpoint(0.0, false));
         for k in 0..4500 {
             let t = f64::from(k) * 1e-3;
             let difference = command.at(0, 2.0 + t) - profile.angle_rad(t);
@@ -95,15 +95,15 @@ fn limits_are_named_with_what_to_change() {
     assert!(wide.contains("a position of 2830 counts, outside its limits 1400 to 2700 counts"), "{wide}");
     let fast = refuse_bus("amplitude_rad = 0.9\nccw_s = 0.4\ncw_s = 0.2\ncycles = 1");
     assert!(fast.contains("above its limit max_rate_rad_per_s of 3911 counts/s"), "{fast}");
-    assert!(refuse(&format!("{PAPER}actuators = [\"arm\"]")).contains("actuator = \"arm\""));
-    assert_eq!(Profile::new(&config(&PAPER.replace("= 3", "= 0"))), Err(ProfileError::Empty));
-    let long = Profile::new(&config(&PAPER.replace("= 3", "= 2000"))).unwrap_err().to_string();
+    assert!(refuse(&format!("{PAPER_PROFILE_TOML}actuators = [\"arm\"]")).contains("actuator = \"arm\""));
+    assert_eq!(Profile::new(&config(&PAPER_PROFILE_TOML.replace("= 3", "= 0"))), Err(ProfileError::Empty));
+    let long = Profile::new(&config(&PAPER_PROFILE_TOML.replace("= 3", "= 2000"))).unwrap_err().to_string();
     assert_eq!(long, "profile lasts 3000 s, longer than 1800 s; reduce cycles or the stroke times");
 }
 
 #[test]
 fn soft_start_grows_evenly_and_keeps_the_timing() {
-    let profile = profile(&format!("{PAPER}soft_start_cycles = 2\n"));
+    let profile = profile(&format!("{PAPER_PROFILE_TOML}soft_start_cycles = 2\n"));
     let tops: Vec<f64> = (0..5).map(|k| profile.angle_rad(0.5 + 1.5 * f64::from(k))).collect();
     for (top, wanted) in tops.iter().zip([0.1, 0.2, 0.3, 0.3, 0.3]) {
         assert!((top - wanted).abs() < 1e-12, "{tops:?}");
@@ -113,7 +113,7 @@ fn soft_start_grows_evenly_and_keeps_the_timing() {
 
 #[test]
 fn cautious_motion_is_a_tenth_of_the_size_and_speed() {
-    let small = Profile::new(&config(PAPER).cautious()).unwrap();
+    let small = Profile::new(&config(PAPER_PROFILE_TOML).cautious()).unwrap();
     assert_eq!(small.duration_s(), 1.5);
     assert!((small.angle_rad(0.5) - 0.03).abs() < 1e-12);
 }
@@ -122,7 +122,7 @@ fn cautious_motion_is_a_tenth_of_the_size_and_speed() {
 fn nonsense_numbers_are_refused_with_their_line() {
     for bad in ["amplitude_rad = nan", "amplitude_rad = -1", "ccw_s = 0", "cw_s = inf", "cycles = 1.5"] {
         let key = bad.split(' ').next().unwrap();
-        let text: String = PAPER
+        let text: String = PAPER_PROFILE_TOML
             .lines()
             .map(|l| if l.starts_with(key) { format!("{bad}\n") } else { format!("{l}\n") })
             .collect();

@@ -35,7 +35,7 @@ fn motion(text: &str) -> Motion {
 const SERVO: &str = "[[servo]]\nactuator = \"servo\"\nus_per_rad = 500.0\n";
 
 fn pulse(motion: &mut Motion, time_s: f64, pulse_us: Option<u16>) {
-    motion.happen(at(time_s), Event::Pulse { channel: 0, pulse_us });
+    motion.add_event(at(time_s), Event::Pulse { channel: 0, pulse_us });
 }
 
 fn angle(motion: &mut Motion, time_s: f64) -> f64 {
@@ -98,7 +98,7 @@ fn support_line_holds_until_the_release() {
     let text = "initial_qpos = [1.5]\nhold = \"release\"";
     let mut motion = motion(text);
     assert_eq!(angle(&mut motion, 3.0), 1.5);
-    motion.happen(at(3.5), Event::LetGo);
+    motion.add_event(at(3.5), Event::LetGo);
     assert_eq!(angle(&mut motion, 3.499), 1.5);
     let fallen = angle(&mut motion, 3.7);
     assert!(fallen < 1.4, "{fallen}");
@@ -108,10 +108,10 @@ fn support_line_holds_until_the_release() {
 fn release_actuator_opens_at_its_pulse() {
     let text = "initial_qpos = [1.5]\nhold = \"release\"\n[release]\nchannel = 3\n";
     let mut motion = motion(text);
-    motion.happen(at(0.1), Event::Pulse { channel: 3, pulse_us: Some(1600) });
-    motion.happen(at(0.2), Event::Pulse { channel: 2, pulse_us: Some(1900) });
+    motion.add_event(at(0.1), Event::Pulse { channel: 3, pulse_us: Some(1600) });
+    motion.add_event(at(0.2), Event::Pulse { channel: 2, pulse_us: Some(1900) });
     assert_eq!(angle(&mut motion, 0.5), 1.5);
-    motion.happen(at(0.6), Event::Pulse { channel: 3, pulse_us: Some(1700) });
+    motion.add_event(at(0.6), Event::Pulse { channel: 3, pulse_us: Some(1700) });
     assert!(angle(&mut motion, 0.9) < 1.45);
 }
 
@@ -126,13 +126,13 @@ fn support_goes_with_the_first_pulse() {
 #[test]
 fn free_fall_agrees_with_a_rollout_of_the_same_model() {
     let mut motion = motion("initial_qpos = [1.5]\nhold = \"release\"");
-    motion.happen(at(1.0), Event::LetGo);
+    motion.add_event(at(1.0), Event::LetGo);
     let times: Vec<f64> = (0..40).map(|k| 0.02 * f64::from(k)).collect();
     let mut model = Model::from_mjcf(DRIVEN).unwrap();
     model.actuators[0].kp = 0.0;
     model.actuators[0].kv = 0.0;
     let state = State { qpos: vec![1.5], qvel: vec![0.0] };
-    let options = RolloutOptions { timestep_s: Some(TIMESTEP_S), ..RolloutOptions::default() };
+    let options = RolloutOptions { timestep_s: Some(MAX_TIMESTEP_S), ..RolloutOptions::default() };
     let rollout = sim::rollout(&model, &state, &sim::Command::default(), &times, &options).unwrap();
     for (&time_s, expected) in times.iter().zip(&rollout.qpos) {
         let got = angle(&mut motion, 1.0 + time_s);
@@ -158,7 +158,7 @@ fn hours_of_pulses_are_not_all_kept() {
         pulse(&mut motion, time_s, Some(1500 + (period % 50) as u16));
         angle(&mut motion, time_s);
     }
-    assert!(motion.history.len() <= MOST_SNAPSHOTS + 2, "{}", motion.history.len());
+    assert!(motion.history.len() <= MAX_SNAPSHOTS + 2, "{}", motion.history.len());
 }
 
 #[test]
@@ -198,7 +198,7 @@ fn hiding(causes: &str) -> Motion {
     // the servo alone already turns about as fast as steps of 1 ms can follow
     let config = config(&format!("timestep_s = 0.0005\n{SERVO}\n[causes]\n{causes}"));
     let mut model = Model::from_mjcf(DRIVEN).unwrap();
-    crate::causes::put_into(&mut model, &config.causes).unwrap();
+    crate::causes::add_to_model(&mut model, &config.causes).unwrap();
     Motion::new(model, &config, BEGIN).unwrap()
 }
 

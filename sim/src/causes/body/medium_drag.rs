@@ -46,8 +46,8 @@ const POINTS: [(f64, f64); 5] = [
     (0.769_234_655_052_841_5, 0.239_314_335_249_683_2),
     (0.953_089_922_969_332, 0.118_463_442_528_094_5),
 ];
-/// Speed \[m/s\] below which drag is none worth a derivative.
-const STILL_M_S: f64 = 1e-9;
+/// Speed below which drag is smoothed to 0, so that its derivative is finite \[m/s\] (chosen).
+const SPEED_SMOOTHING_M_PER_S: f64 = 1e-9;
 
 /// A link in the medium.
 #[derive(Debug, Clone)]
@@ -101,7 +101,9 @@ impl<S: Space> Step<S> for Term<S> {
                 let at = root + hinge + reach * S::T::from_f64(share);
                 let velocity = motion.lin + S::cross(motion.ang, at);
                 let across = velocity - along * along.dot(velocity);
-                let speed = (across.dot(across) + S::T::from_f64(STILL_M_S * STILL_M_S)).sqrt();
+                let speed = (across.dot(across)
+                    + S::T::from_f64(SPEED_SMOOTHING_M_PER_S * SPEED_SMOOTHING_M_PER_S))
+                .sqrt();
                 let force = across * -(line.size * speed * S::T::from_f64(weight));
                 work.wrench[body] += force_at(force, at);
             }

@@ -1,6 +1,6 @@
 //! `backlash`: play between the servo and the joint.
 
-use crate::causes::drive::stage::{Kept, Piece, Pieces, Stage};
+use crate::causes::drive::stage::{Piece, Pieces, Stage, StageState};
 use crate::model::cause::{CauseInfo, CauseValues, Kind, ParameterInfo};
 use crate::scalar::Scalar;
 
@@ -30,8 +30,8 @@ impl<T: Scalar> Stage<T> for Term<T> {
 
     /// Stays until the piece has crossed the play, then goes with it.
     #[inline(always)]
-    fn pass(&self, kept: &mut Kept<T>, piece: Piece<T>, out: &mut Pieces<T>) {
-        let start = kept.end;
+    fn pass(&self, state: &mut StageState<T>, piece: Piece<T>, out: &mut Pieces<T>) {
+        let start = state.end;
         let end = start.clamp(piece.to - self.half_width, piece.to + self.half_width);
         let slope = piece.slope();
         let (up, down) = (T::ZERO.less(slope), slope.less(T::ZERO));
@@ -39,7 +39,7 @@ impl<T: Scalar> Stage<T> for Term<T> {
         let ahead = T::select(up, self.half_width, -self.half_width);
         let still = (start + ahead - piece.from) / T::select(moves, slope, T::ONE);
         let still = T::select(moves, still, piece.duration).clamp(T::ZERO, piece.duration);
-        kept.end = end;
+        state.end = end;
         out.push(Piece { from: start, to: start, duration: still, ..piece });
         out.push(Piece {
             from: start,

@@ -1,6 +1,6 @@
 //! `servo_gain`: the servo goes further or less far than told.
 
-use crate::causes::drive::stage::{Kept, Piece, Pieces, Stage};
+use crate::causes::drive::stage::{Piece, Pieces, Stage, StageState};
 use crate::model::Model;
 use crate::model::cause::{CauseInfo, CauseValues, Kind, Mjcf, ParameterInfo};
 use crate::scalar::Scalar;
@@ -68,9 +68,9 @@ impl<T: Scalar> Stage<T> for Term<T> {
     }
 
     #[inline(always)]
-    fn pass(&self, kept: &mut Kept<T>, piece: Piece<T>, out: &mut Pieces<T>) {
+    fn pass(&self, state: &mut StageState<T>, piece: Piece<T>, out: &mut Pieces<T>) {
         let scaled = Piece { from: piece.from * self.factor, to: piece.to * self.factor, ..piece };
-        kept.end = scaled.to;
+        state.end = scaled.to;
         out.push(scaled);
     }
 }

@@ -1,6 +1,6 @@
 //! `servo_lag`: the servo follows like a first-order filter.
 
-use crate::causes::drive::stage::{Kept, Piece, Pieces, Stage};
+use crate::causes::drive::stage::{Piece, Pieces, Stage, StageState};
 use crate::model::cause::{CauseInfo, CauseValues, Kind, ParameterInfo};
 use crate::scalar::Scalar;
 
@@ -17,10 +17,10 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     in_picture_plane: false,
 };
 
-/// Below this a lag is none \[s\].
-const INSTANT_S: f64 = 1e-9;
-/// What is left after so many time constants is rounding.
-const VANISHED_TIME_CONSTANTS: f64 = 50.0;
+/// A lag below this counts as none \[s\] (chosen).
+const LAG_MIN_S: f64 = 1e-9;
+/// Decay is computed up to this many time constants (chosen): what is left then is rounding.
+const DECAY_MAX_TIME_CONSTANTS: f64 = 50.0;
 
 /// The filter.
 #[derive(Debug, Clone)]
@@ -36,14 +36,14 @@ impl<T: Scalar> Stage<T> for Term<T> {
     /// y = x - m tau + (y0 - x0 + m tau) exp(-t / tau) on a piece of slope m. At tau = 0 the exponential has died, with
     /// all its derivatives, and what remains has the slope -m by tau.
     #[inline(always)]
-    fn pass(&self, kept: &mut Kept<T>, piece: Piece<T>, out: &mut Pieces<T>) {
-        let instant = T::from_f64(INSTANT_S);
+    fn pass(&self, state: &mut StageState<T>, piece: Piece<T>, out: &mut Pieces<T>) {
+        let instant = T::from_f64(LAG_MIN_S);
         let time = T::select(self.time.less(instant), instant, self.time);
-        let left = (-(piece.duration / time).min(T::from_f64(VANISHED_TIME_CONSTANTS))).exp();
+        let left = (-(piece.duration / time).min(T::from_f64(DECAY_MAX_TIME_CONSTANTS))).exp();
         let behind = piece.slope() * self.time;
-        let from = kept.end;
+        let from = state.end;
         let to = piece.to - behind + (from - piece.from + behind) * left;
-        kept.end = to;
+        state.end = to;
         out.push(Piece { from, to, ..piece });
     }
 }

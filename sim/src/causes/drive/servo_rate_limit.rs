@@ -1,6 +1,6 @@
 //! `servo_rate_limit`: the servo cannot turn faster than a rate.
 
-use crate::causes::drive::stage::{Kept, Piece, Pieces, Stage};
+use crate::causes::drive::stage::{Piece, Pieces, Stage, StageState};
 use crate::model::cause::{CauseInfo, CauseValues, Kind, ParameterInfo, Role};
 use crate::scalar::Scalar;
 
@@ -36,8 +36,8 @@ impl<T: Scalar> Stage<T> for Term<T> {
 
     /// Until it has caught up it turns at the greatest rate, from then on with the piece, as fast as it can.
     #[inline(always)]
-    fn pass(&self, kept: &mut Kept<T>, piece: Piece<T>, out: &mut Pieces<T>) {
-        let (start, slope) = (kept.end, piece.slope());
+    fn pass(&self, state: &mut StageState<T>, piece: Piece<T>, out: &mut Pieces<T>) {
+        let (start, slope) = (state.end, piece.slope());
         let gap = piece.from - start;
         let behind = gap.less(T::ZERO);
         let sign = T::select(behind, -T::ONE, T::ONE);
@@ -49,7 +49,7 @@ impl<T: Scalar> Stage<T> for Term<T> {
         let rest = piece.duration - chase;
         let end = met + slope.clamp(-self.rate, self.rate) * rest;
         let corner = piece.from + slope * chase;
-        kept.end = end;
+        state.end = end;
         let from = piece.from + self.share * (start - piece.from);
         let over = corner + self.share * (met - corner);
         let to = piece.to + self.share * (end - piece.to);

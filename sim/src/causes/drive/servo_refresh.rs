@@ -2,14 +2,14 @@
 
 use std::f64::consts::TAU;
 
-use crate::causes::drive::stage::{Following, Kept, Piece, Pieces, Stage};
+use crate::causes::drive::stage::{Following, Piece, Pieces, Stage, StageState};
 use crate::model::cause::{CauseInfo, CauseValues, Kind, ParameterInfo, Role};
 use crate::scalar::{Mask, Scalar};
 
-/// Shortest and longest time from one look to the next \[s\]: from servos that are told 250 times a second to 20 times.
-const PERIOD_S: [f64; 2] = [0.004, 0.05];
-/// How long a servo takes to turn by what its command has changed, where nobody knows better \[s\].
-const TURN_S: f64 = 0.003;
+/// Shortest and longest refresh period \[s\]: from servos that are commanded 250 times a second to 20 times.
+const PERIOD_RANGE_S: [f64; 2] = [0.004, 0.05];
+/// Default time in which a servo turns by the change of its command \[s\] (chosen).
+const TURN_DEFAULT_S: f64 = 0.003;
 
 pub(crate) const INFO: CauseInfo = CauseInfo {
     name: "servo_refresh",
@@ -17,12 +17,12 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     parameters: &[
         ParameterInfo::size("share", "1", [0.0, 1.0], 1.0, "1 for now and then, 0 for all the time")
             .role(Role::Switch, 0.0),
-        ParameterInfo::size("period", "s", PERIOD_S, 0.005, "time from one look to the next")
+        ParameterInfo::size("period", "s", PERIOD_RANGE_S, 0.005, "time from one look to the next")
             .role(Role::Hidden(&[0.02]), 0.02),
         ParameterInfo::size("first", "1", [-1.0, 2.0], 0.25, "when it looks, after time 0, in periods")
             .role(Role::Hidden(&[0.0]), 0.0),
         ParameterInfo::size("turn", "s", [5e-4, 0.02], 0.002, "how long it takes to where it has seen")
-            .role(Role::Hidden(&[TURN_S]), TURN_S),
+            .role(Role::Hidden(&[TURN_DEFAULT_S]), TURN_DEFAULT_S),
     ],
     aliases: &[],
     sentence: "the servo looks at its command every so often, and stands in between",
@@ -33,12 +33,12 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     in_picture_plane: false,
 };
 
-/// Longest piece of a command, so that it holds one look at most, and longest step \[s\].
-const GRAIN_S: f64 = 0.002;
-/// A look that rounding has put a little later than the instant it falls on is in time.
-const ROUNDING: f64 = 1e-9;
+/// Longest piece of a command, so that it holds at most one read, and longest step \[s\]: half the shortest refresh period.
+const PIECE_MAX_S: f64 = 0.002;
+/// A read that rounding puts later than its instant by less than this counts as in time \[periods\] (chosen).
+const READ_TIME_ROUNDING_PERIODS: f64 = 1e-9;
 
-/// The looks.
+/// The parameters of the refresh, and its stage.
 #[derive(Debug, Clone)]
 pub(crate) struct Term<T> {
     share: T,
@@ -54,16 +54,16 @@ impl<T: Scalar> Stage<T> for Term<T> {
     }
 
     fn longest_piece_s(&self) -> f64 {
-        GRAIN_S
+        PIECE_MAX_S
     }
 
     fn longest_step_s(&self) -> f64 {
-        if T::ZERO.less(self.share).any() { GRAIN_S } else { f64::INFINITY }
+        if T::ZERO.less(self.share).any() { PIECE_MAX_S } else { f64::INFINITY }
     }
 
-    /// Goes on to what was seen last, then stands; looks, where a look falls into the piece; goes to what it sees, and stands.
+    /// Turns on to the command that was read last, then stands; if a read falls into the piece, turns to the new command, and stands.
     #[inline(always)]
-    fn pass(&self, kept: &mut Kept<T>, piece: Piece<T>, out: &mut Pieces<T>) {
+    fn pass(&self, state: &mut StageState<T>, piece: Piece<T>, out: &mut Pieces<T>) {
         let (slope, ends) = (piece.slope(), piece.start_s + piece.duration);
         let before = self.last_look(piece.start_s);
         let looks = before.less(self.last_look(ends));
@@ -77,11 +77,11 @@ impl<T: Scalar> Stage<T> for Term<T> {
         let going = left.min(look_after);
         let turns = T::ZERO.less(left);
         let part = T::select(turns, going / T::select(turns, left, T::ONE), T::ZERO);
-        let there = kept.end + (kept.seen - kept.end) * part;
+        let there = state.end + (state.last_read - state.end) * part;
 
-        let seen = T::select(looks, piece.from + slope * look_after, kept.seen);
+        let last_read = T::select(looks, piece.from + slope * look_after, state.last_read);
         let turning = self.turn.min(piece.duration - look_after);
-        let end = there + (seen - there) * T::select(looks, turning / self.turn, T::ZERO);
+        let end = there + (last_read - there) * T::select(looks, turning / self.turn, T::ZERO);
 
         // four in every lane, as each alone would: pieces that take no time change nothing but the rounding
         let legs = [
@@ -90,15 +90,15 @@ impl<T: Scalar> Stage<T> for Term<T> {
             (end, turning),
             (end, piece.duration - look_after - turning),
         ];
-        let (mut at, mut reached, mut told) = (T::ZERO, kept.end, piece.from);
+        let (mut at, mut reached, mut commanded) = (T::ZERO, state.end, piece.from);
         for (to, duration) in legs {
-            let from = told + self.share * (reached - told);
+            let from = commanded + self.share * (reached - commanded);
             let start_s = piece.start_s + at;
             at += duration;
-            (reached, told) = (to, piece.from + slope * at);
-            out.push(Piece { from, to: told + self.share * (to - told), start_s, duration });
+            (reached, commanded) = (to, piece.from + slope * at);
+            out.push(Piece { from, to: commanded + self.share * (to - commanded), start_s, duration });
         }
-        *kept = Kept { end, seen };
+        *state = StageState { end, last_read };
     }
 }
 
@@ -106,24 +106,24 @@ impl<T: Scalar> Term<T> {
     /// When it last looked, at `time_s`.
     #[inline(always)]
     fn last_look(&self, time_s: T) -> T {
-        let looks = (time_s / self.period - self.first + T::from_f64(ROUNDING)).floor();
+        let looks = (time_s / self.period - self.first + T::from_f64(READ_TIME_ROUNDING_PERIODS)).floor();
         (looks + self.first) * self.period
     }
 }
 
-/// Frequencies this much of the inverse of a run's length apart keep in step with it.
-const FREQUENCY_STEP: f64 = 0.125;
-/// A peak with its skirts on either side, over the inverse of a run's length.
-const PEAK_WIDTH: f64 = 2.0;
-/// Peaks that are looked at more closely, and phases of each.
-const PEAKS: usize = 16;
-const PHASES: usize = 16;
-/// Times to turn, each tried: without them a look seen in every so many images is taken for one in fewer, whose saw is lower.
-const TURNS_S: [f64; 4] = [0.0005, 0.003, 0.006, 0.01];
+/// Step of the sought frequencies, over the inverse of a run's length (chosen).
+const FREQUENCY_STEP_CYCLES: f64 = 0.125;
+/// Least distance between peaks, over the inverse of a run's length (chosen): a peak with its flanks.
+const PEAK_WIDTH_CYCLES: f64 = 2.0;
+/// Number of peaks that are tried, and of phases for each (chosen).
+const PEAKS_MAX: usize = 16;
+const PHASES_TRIED: usize = 16;
+/// Turning times that are tried \[s\] (chosen): without them a refresh period is mistaken for a shorter one with a lower sawtooth.
+const TURNS_TRIED_S: [f64; 4] = [0.0005, 0.003, 0.006, 0.01];
 
-/// Frequencies of looks that runs of `span_s` \[s\] tell apart.
+/// Number of refresh frequencies that runs of `span_s` \[s\] can resolve.
 pub(crate) fn starts(span_s: f64) -> f64 {
-    (span_s * (1.0 / PERIOD_S[0] - 1.0 / PERIOD_S[1])).max(1.0)
+    (span_s * (1.0 / PERIOD_RANGE_S[0] - 1.0 / PERIOD_RANGE_S[1])).max(1.0)
 }
 
 /// Where the looks begin to explain how the driven joints followed: between two looks a joint falls behind by its rate times what has
@@ -132,12 +132,13 @@ pub(crate) fn starts(span_s: f64) -> f64 {
 pub(crate) fn start(followings: &[Following<'_>]) -> Vec<(&'static str, f64)> {
     let lengths = followings.iter().filter_map(|of| Some(of.time_s.last()? - of.time_s.first()?));
     let longest_s = lengths.fold(0.0, f64::max);
-    if longest_s <= PERIOD_S[1] {
+    if longest_s <= PERIOD_RANGE_S[1] {
         return Vec::new();
     }
-    let told = |of: &Following<'_>, time_s: f64| of.command.at(of.column, time_s);
-    let rate =
-        |of: &Following<'_>, t: f64| (told(of, t + 0.5 * GRAIN_S) - told(of, t - 0.5 * GRAIN_S)) / GRAIN_S;
+    let command_rad = |of: &Following<'_>, time_s: f64| of.command.at(of.column, time_s);
+    let rate = |of: &Following<'_>, t: f64| {
+        (command_rad(of, t + 0.5 * PIECE_MAX_S) - command_rad(of, t - 0.5 * PIECE_MAX_S)) / PIECE_MAX_S
+    };
     let runs: Vec<(&Following<'_>, Vec<f64>)> =
         followings.iter().map(|of| (of, centred(of.time_s.iter().map(|&t| rate(of, t)).collect()))).collect();
     let products: Vec<(f64, f64)> = runs
@@ -160,8 +161,8 @@ pub(crate) fn start(followings: &[Following<'_>]) -> Vec<(&'static str, f64)> {
         let (x, y) = turned.fold((0.0, 0.0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
         f64::hypot(x, y)
     };
-    let step = FREQUENCY_STEP / longest_s;
-    let [most, least] = PERIOD_S.map(f64::recip);
+    let step = FREQUENCY_STEP_CYCLES / longest_s;
+    let [most, least] = PERIOD_RANGE_S.map(f64::recip);
     let mut heights: Vec<(f64, f64)> = (0..=((most - least) / step) as usize)
         .map(|k| least + k as f64 * step)
         .map(|frequency| (frequency, height(frequency)))
@@ -169,8 +170,8 @@ pub(crate) fn start(followings: &[Following<'_>]) -> Vec<(&'static str, f64)> {
     heights.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut peaks: Vec<f64> = Vec::new();
     for (frequency, _) in heights {
-        let is_apart = peaks.iter().all(|peak| (peak - frequency).abs() > PEAK_WIDTH / longest_s);
-        if is_apart && peaks.len() < PEAKS {
+        let is_apart = peaks.iter().all(|peak| (peak - frequency).abs() > PEAK_WIDTH_CYCLES / longest_s);
+        if is_apart && peaks.len() < PEAKS_MAX {
             peaks.push(frequency);
         }
     }
@@ -178,19 +179,19 @@ pub(crate) fn start(followings: &[Following<'_>]) -> Vec<(&'static str, f64)> {
         let squares = runs.iter().map(|(of, rates)| {
             let left = of.time_s.iter().zip(&of.ahead_rad).map(|(&t, ahead)| {
                 let look = ((t * frequency - first).floor() + first) / frequency;
-                let [before, seen] = [look - frequency.recip(), look].map(|look| told(of, look));
+                let [before, last_read] = [look - frequency.recip(), look].map(|look| command_rad(of, look));
                 let there = ((t - look) / turn).min(1.0);
-                ahead - (before + there * (seen - before) - told(of, t))
+                ahead - (before + there * (last_read - before) - command_rad(of, t))
             });
             prompt(left.collect(), rates).iter().map(|x| x * x).sum::<f64>()
         });
         squares.sum()
     };
     let near = |frequency: &f64| [-0.5, 0.0, 0.5].map(|part| frequency + part * step);
-    let phases = || (0..PHASES).map(|k| k as f64 / PHASES as f64);
+    let phases = || (0..PHASES_TRIED).map(|k| k as f64 / PHASES_TRIED as f64);
     let all = peaks.iter().flat_map(near).flat_map(|frequency| phases().map(move |first| (frequency, first)));
     let all = all.flat_map(|(frequency, first)| {
-        let turns = TURNS_S.into_iter().filter(move |turn| turn * frequency <= 1.0);
+        let turns = TURNS_TRIED_S.into_iter().filter(move |turn| turn * frequency <= 1.0);
         turns.map(move |turn| (frequency, first, turn))
     });
     let best = all

@@ -1,6 +1,6 @@
 //! `servo_sag`: the servo's reach drifts while a run lasts.
 
-use crate::causes::drive::stage::{Kept, Piece, Pieces, Stage};
+use crate::causes::drive::stage::{Piece, Pieces, Stage, StageState};
 use crate::model::cause::{CauseInfo, CauseValues, Kind, ParameterInfo};
 use crate::scalar::Scalar;
 
@@ -37,11 +37,11 @@ impl<T: Scalar> Stage<T> for Term<T> {
     /// Exact at the ends of the piece, which are where a command has its rows and where somebody asks; in between it bends, and counts
     /// as straight for the stages behind.
     #[inline(always)]
-    fn pass(&self, kept: &mut Kept<T>, piece: Piece<T>, out: &mut Pieces<T>) {
+    fn pass(&self, state: &mut StageState<T>, piece: Piece<T>, out: &mut Pieces<T>) {
         let left = T::ONE - self.rate * piece.start_s;
         let from = piece.from * left;
         let to = piece.to * (left - self.rate * piece.duration);
-        kept.end = to;
+        state.end = to;
         out.push(Piece { from, to, ..piece });
     }
 }

@@ -1,4 +1,4 @@
-//! What a cause between command and drive may do.
+//! A stage: what a cause does to the command on its way to the drive.
 //!
 //! A command is straight between its rows. Every stage is exact on straight pieces: it hands on as many pieces as its law has
 //! corners, so that neither the rows' spacing nor the integrator's step plays a part, and derivatives are exact too.
@@ -10,13 +10,13 @@ use crate::scalar::Scalar;
 /// A straight piece of a command.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Piece<T> {
-    /// Where it starts.
+    /// Command at its start.
     pub(crate) from: T,
-    /// Where it ends.
+    /// Command at its end.
     pub(crate) to: T,
-    /// When it starts \[s\], as the command's rows are timed.
+    /// Time of its start \[s\], as the command's rows are timed.
     pub(crate) start_s: T,
-    /// How long it takes \[s\], 0 or more.
+    /// Duration \[s\], 0 or more.
     pub(crate) duration: T,
 }
 
@@ -29,41 +29,41 @@ impl<T: Scalar> Piece<T> {
     }
 }
 
-/// One stage cuts a piece in four, two others in two.
-const MOST_PIECES: usize = 16;
+/// Most pieces that the stages cut one piece into: one stage cuts it in four, two others in two.
+const PIECES_MAX: usize = 16;
 
-/// What a stage keeps from one piece to the next.
+/// State of a stage between one piece and the next.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Kept<T> {
+pub(crate) struct StageState<T> {
     /// Where the last piece handed on ended.
     pub(crate) end: T,
-    /// The command it last looked at, where it looks at it now and then.
-    pub(crate) seen: T,
+    /// The command that was read last, by a stage with a refresh period.
+    pub(crate) last_read: T,
 }
 
-impl<T: Scalar> Kept<T> {
-    /// After a command has stood at `command` for ever.
+impl<T: Scalar> StageState<T> {
+    /// The state after a constant `command`.
     pub(crate) fn steady(command: T) -> Self {
-        Self { end: command, seen: command }
+        Self { end: command, last_read: command }
     }
 }
 
 /// A few pieces in a row.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Pieces<T> {
-    items: [Piece<T>; MOST_PIECES],
+    items: [Piece<T>; PIECES_MAX],
     count: usize,
 }
 
 impl<T: Scalar> Pieces<T> {
-    /// None yet.
+    /// No pieces.
     #[inline(always)]
     pub(crate) fn new() -> Self {
         let none = Piece { from: T::ZERO, to: T::ZERO, start_s: T::ZERO, duration: T::ZERO };
-        Self { items: [none; MOST_PIECES], count: 0 }
+        Self { items: [none; PIECES_MAX], count: 0 }
     }
 
-    /// One.
+    /// The one `piece`.
     #[inline(always)]
     pub(crate) fn of(piece: Piece<T>) -> Self {
         let mut pieces = Self::new();
@@ -71,10 +71,10 @@ impl<T: Scalar> Pieces<T> {
         pieces
     }
 
-    /// One more.
+    /// Appends `piece`.
     #[inline(always)]
     pub(crate) fn push(&mut self, piece: Piece<T>) {
-        assert!(self.count < MOST_PIECES, "a new stage that cuts pieces needs more room");
+        assert!(self.count < PIECES_MAX, "a new stage that cuts pieces needs more room");
         self.items[self.count] = piece;
         self.count += 1;
     }
@@ -84,7 +84,7 @@ impl<T: Scalar> Pieces<T> {
         &self.items[..self.count]
     }
 
-    /// Where the last one ends.
+    /// Command at the end of the last piece.
     #[inline(always)]
     pub(crate) fn end(&self) -> T {
         self.items[self.count - 1].to
@@ -100,7 +100,7 @@ pub struct Following<'a> {
     pub column: usize,
     /// Times \[s\], rising.
     pub time_s: Vec<f64>,
-    /// How far the joint is ahead of where a model has it \[rad\].
+    /// Measured minus modelled angle of the joint \[rad\], shape as `time_s`.
     pub ahead_rad: Vec<f64>,
 }
 
@@ -109,13 +109,13 @@ pub(crate) trait Stage<T: Scalar>: Sized {
     /// The cause with these values.
     fn new(values: &CauseValues<T>) -> Self;
 
-    /// When the command was given that acts at `time_s`.
+    /// Time of the command that acts at `time_s` \[s\].
     #[inline(always)]
     fn given(&self, time_s: T) -> T {
         time_s
     }
 
-    /// What it hands on when the command has stood still for ever.
+    /// Its output after a constant `command`.
     #[inline(always)]
     fn steady(&self, command: T) -> T {
         command
@@ -131,10 +131,10 @@ pub(crate) trait Stage<T: Scalar>: Sized {
         f64::INFINITY
     }
 
-    /// Hands on what becomes of `piece`; `kept` is what it kept of the one before.
+    /// Appends the output for `piece` to `out`; `state` is that after the piece before.
     #[inline(always)]
-    fn pass(&self, kept: &mut Kept<T>, piece: Piece<T>, out: &mut Pieces<T>) {
-        kept.end = piece.to;
+    fn pass(&self, state: &mut StageState<T>, piece: Piece<T>, out: &mut Pieces<T>) {
+        state.end = piece.to;
         out.push(piece);
     }
 }

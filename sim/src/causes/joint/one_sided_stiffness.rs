@@ -55,8 +55,8 @@ impl<S: Space> Step<S> for Term<S> {
     #[inline(always)]
     fn forces(&self, qpos: &[S::T], _: &[S::T], force: &mut [S::T]) {
         for axle in &self.axles {
-            let bent = (self.side * (qpos[axle.q] - axle.slack)).max(S::T::ZERO);
-            force[axle.dof] -= axle.size * bent * self.side;
+            let deflection = (self.side * (qpos[axle.q] - axle.slack)).max(S::T::ZERO);
+            force[axle.dof] -= axle.size * deflection * self.side;
         }
     }
 

@@ -11,10 +11,10 @@ use crate::model::Model;
 use crate::scalar::{Scalar, tuned};
 use crate::space::Space;
 
-/// How far a joint is moved to find out how stiff it is \[rad\] or \[m\].
-const NUDGE: f64 = 1e-4;
-/// Nearer to rest than this the slope is that of a joint this fast \[rad/s\] or \[m/s\].
-const SLOW: f64 = 1e-3;
+/// Step of the central difference that gives a joint's stiffness \[rad\] or \[m\] (chosen).
+const STIFFNESS_DIFFERENCE_STEP: f64 = 1e-4;
+/// At rates below this, the damping is that at this rate \[rad/s\] or \[m/s\] (chosen).
+const DAMPING_RATE_MIN: f64 = 1e-3;
 
 /// A torque on a joint.
 #[derive(Debug, Clone)]
@@ -197,7 +197,7 @@ impl<S: Space> Acting<S> {
             if at.program.asks(Variable::V) {
                 let [mut moving, mut still] = [values; 2];
                 tuned!(S::T, {
-                    let slow = S::T::from_f64(SLOW);
+                    let slow = S::T::from_f64(DAMPING_RATE_MIN);
                     moving[v] = S::T::select(values[v].abs().less(slow), slow, values[v]);
                     still[v] = S::T::ZERO;
                 });
@@ -207,12 +207,15 @@ impl<S: Space> Acting<S> {
             if at.program.asks(Variable::Q) {
                 let [mut before, mut after] = [values; 2];
                 tuned!(S::T, {
-                    let nudge = S::T::from_f64(0.5 * NUDGE);
+                    let nudge = S::T::from_f64(0.5 * STIFFNESS_DIFFERENCE_STEP);
                     before[q] = values[q] - nudge;
                     after[q] = values[q] + nudge;
                 });
                 let (before, after) = (torque(&before), torque(&after));
-                tuned!(S::T, stiffness[at.dof] += (before - after) * S::T::from_f64(1.0 / NUDGE));
+                tuned!(
+                    S::T,
+                    stiffness[at.dof] += (before - after) * S::T::from_f64(1.0 / STIFFNESS_DIFFERENCE_STEP)
+                );
             }
         }
     }
@@ -270,15 +273,15 @@ impl<T: Scalar> Shifts<T> {
 
     /// Where `point`, at `at` \[m\], is taken to be in the image of `time_s` \[s\].
     pub(crate) fn see(&self, point: usize, time_s: f64, at: [T; 3]) -> [T; 3] {
-        let mut seen = at;
+        let mut shifted = at;
         for shift in self.list.iter().filter(|shift| shift.point == point) {
             let mut values = [T::ZERO; VARIABLES];
             values[Variable::X as usize..=Variable::Z as usize].copy_from_slice(&at);
             values[Variable::T as usize] = T::from_f64(time_s);
             for &(axis, program) in &shift.along {
-                seen[axis] += program.value(&values, &shift.parameters);
+                shifted[axis] += program.value(&values, &shift.parameters);
             }
         }
-        seen
+        shifted
     }
 }

@@ -9,10 +9,10 @@ use crate::scalar::Scalar;
 /// A number with its derivative along one direction.
 type Slope = Dual<f64, 1>;
 
-/// Instants at which an expression is tried, the first of them with everything at 0.
-const INSTANTS: u32 = 64;
-/// What is left where all sizes are 0, against what is there where they are typical: rounding.
-const ROUNDING: f64 = 1e-12;
+/// Number of states in which an expression is tried (chosen), the first with everything at 0.
+const TRIALS: u32 = 64;
+/// Value at sizes of 0, over that at typical sizes, that counts as rounding (chosen).
+const ABSENT_ROUNDING_SHARE: f64 = 1e-12;
 
 /// An instant, and the values of the parameters.
 struct Trial {
@@ -38,7 +38,7 @@ impl Trial {
     }
 
     /// The instant as `q = 0.3, v = -1`, as far as `program` asks for it.
-    fn told(&self, definition: &OwnCause, program: &Program) -> String {
+    fn described(&self, definition: &OwnCause, program: &Program) -> String {
         let asked = Variable::ALL.into_iter().filter(|variable| program.asks(*variable));
         let variables =
             asked.map(|variable| format!("{} = {:.3}", variable.name(), self.variables[variable as usize]));
@@ -87,7 +87,7 @@ fn trials(definition: &OwnCause, sizes: f64) -> Vec<Trial> {
         });
         Trial { variables, parameters: parameters.collect() }
     };
-    (0..INSTANTS).map(trial).collect()
+    (0..TRIALS).map(trial).collect()
 }
 
 /// # Errors
@@ -108,7 +108,7 @@ pub(super) fn check(definition: &OwnCause, programs: &[(Acts, Program)]) -> Resu
         let scale = there.iter().map(|trial| trial.value(program).abs()).fold(0.0, f64::max);
         for trial in &absent {
             let left = trial.value(program);
-            if left.abs() > ROUNDING * scale {
+            if left.abs() > ABSENT_ROUNDING_SHARE * scale {
                 let sizes: Vec<String> = definition
                     .parameters
                     .iter()
@@ -119,7 +119,7 @@ pub(super) fn check(definition: &OwnCause, programs: &[(Acts, Program)]) -> Resu
                     "`{name}` is {left:.3e} {}, with the size at 0: it must vanish there, so that a model without the cause is one \
                      with the size 0. Make {} a factor of every part; a number that only shapes the term gets `hidden`, its start \
                      values",
-                    trial.told(definition, program),
+                    trial.described(definition, program),
                     sizes.join(" or ")
                 );
                 return Err(definition.refused(text, reason));
@@ -152,11 +152,11 @@ pub(super) fn check(definition: &OwnCause, programs: &[(Acts, Program)]) -> Resu
 
 /// Whether value and derivatives of `program` are finite at `trial`; if not, which is not and where.
 fn is_number(definition: &OwnCause, program: &Program, trial: &Trial) -> Result<(), String> {
-    let told = || trial.told(definition, program);
+    let described = || trial.described(definition, program);
     if !trial.value(program).is_finite() {
         return Err(format!(
             "is no finite number {}: it must be one wherever the mechanism may be, at rest too",
-            told()
+            described()
         ));
     }
     let variables = Variable::ALL.into_iter().filter(|variable| program.asks(*variable));
@@ -167,7 +167,7 @@ fn is_number(definition: &OwnCause, program: &Program, trial: &Trial) -> Result<
         if !trial.slope(program, along).partials[0].is_finite() {
             return Err(format!(
                 "has no finite slope by `{name}` {}: smooth it there, as sqrt({name}^2 + 0.001^2) smooths abs({name})",
-                told()
+                described()
             ));
         }
     }

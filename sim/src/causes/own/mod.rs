@@ -1,4 +1,4 @@
-//! A cause of one's own: a term that somebody writes down as an expression, without compiling anything.
+//! User-defined causes: terms that are written as expressions, without compiling anything.
 //!
 //! [`Model::define_cause`] takes its definition. From then on the model knows a cause of that name as it knows those of
 //! [`Cause::ALL`]: [`Model::add_cause`] adds it, its parameters are called `<cause>/<parameter>`, and its derivatives are exact.
@@ -38,14 +38,14 @@ use crate::scalar::Scalar;
 use parse::{Scope, reserved};
 use program::{Program, Variable};
 
-/// A cause as somebody writes it down.
+/// Definition of a user-defined cause.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OwnCause {
     /// Its name: letters, digits and `_`, none of a known cause or of an element of the model.
     pub name: String,
     /// A sentence for the report; left out, one that says where it acts.
     pub sentence: Option<String>,
-    /// Where it acts.
+    /// The joint, body or keypoint it acts on.
     pub place: Place,
     /// What it exerts, each with its expression; one at least, none twice.
     pub terms: Vec<(Acts, String)>,
@@ -53,7 +53,7 @@ pub struct OwnCause {
     pub parameters: Vec<OwnParameter>,
 }
 
-/// Where a cause of one's own acts.
+/// Where a user-defined cause acts.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Place {
     /// On the hinge or slide of this name. Expressions know `q` \[rad\] or \[m\], its rate `v`, and, where an actuator drives the
@@ -72,7 +72,7 @@ pub enum Place {
     Keypoint(String),
 }
 
-/// What a cause of one's own exerts. Everywhere expressions know `t`, the time since the run's start \[s\], and `pi`.
+/// What a user-defined cause exerts. Everywhere expressions know `t`, the time since the run's start \[s\], and `pi`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Acts {
     /// On a joint \[N m\]; \[N\] on a slide.
@@ -84,7 +84,7 @@ pub enum Acts {
 }
 
 impl Acts {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 7] = [
         Self::Torque,
         Self::Force(0),
@@ -109,7 +109,7 @@ impl Acts {
     }
 }
 
-/// A parameter of a cause of one's own.
+/// A parameter of a user-defined cause.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OwnParameter {
     /// Its name in expressions.
@@ -118,17 +118,17 @@ pub struct OwnParameter {
     pub unit: String,
     /// Least and greatest value.
     pub bounds: [f64; 2],
-    /// A usual size.
+    /// A typical value, SI; searches start on its scale.
     pub typical: f64,
     /// Empty for a size: 0 where the cause is absent. Otherwise it says nothing while all sizes are 0, and a search starts from each of
     /// these values.
     pub hidden: Vec<f64>,
-    /// What it is, for the report.
+    /// Description for the report.
     pub meaning: Option<String>,
 }
 
 impl OwnParameter {
-    /// A size.
+    /// A parameter that is 0 where the cause is absent.
     pub fn size(name: &str, unit: &str, bounds: [f64; 2], typical: f64) -> Self {
         let (name, unit) = (name.to_owned(), unit.to_owned());
         Self { name, unit, bounds, typical, hidden: Vec::new(), meaning: None }
@@ -139,11 +139,11 @@ impl OwnParameter {
     }
 }
 
-/// Why a cause of one's own was refused.
+/// Why a user-defined cause was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("cause `{cause}`: {reason}{}", known(unknown.as_ref()))]
 pub struct OwnCauseError {
-    /// Its name.
+    /// Name of the cause.
     pub cause: String,
     /// The text that it is about, as it was given: an expression, or a name.
     pub text: String,
@@ -159,7 +159,7 @@ fn known(unknown: Option<&(String, Vec<String>)>) -> String {
     unknown.map_or(String::new(), |(_, known)| format!("; known here: {}", known.join(", ")))
 }
 
-/// A cause of one's own that was found good.
+/// A user-defined cause that has been checked.
 #[derive(Debug)]
 pub(crate) struct Own {
     definition: OwnCause,
@@ -167,23 +167,23 @@ pub(crate) struct Own {
     programs: Vec<(Acts, Program)>,
 }
 
-/// All that were ever defined: there are as many as configs that somebody writes, and each lasts as long as the program.
+/// All user-defined causes of the process: one for each that a config states; they are never freed.
 static DEFINED: Mutex<Vec<&'static Own>> = Mutex::new(Vec::new());
 
 impl<T: Scalar> Model<T> {
-    /// The causes of its own that the model knows, whether it carries them or not.
+    /// The user-defined causes that the model knows, whether it carries them or not.
     pub fn own_causes(&self) -> &[Cause] {
         &self.own
     }
 
-    /// All causes that the model may carry: those of [`Cause::ALL`], then its own.
+    /// All causes that the model may carry: those of [`Cause::ALL`], then the user-defined ones.
     pub fn known_causes(&self) -> impl Iterator<Item = Cause> + '_ {
         Cause::ALL.iter().chain(&self.own).copied()
     }
 }
 
 impl Model<f64> {
-    /// Makes a cause of one's own known to the model. A model whose MJCF holds numbers called `<cause>/<parameter>` carries the cause
+    /// Makes a user-defined cause known to the model. A model whose MJCF holds numbers called `<cause>/<parameter>` carries the cause
     /// from then on, with these.
     ///
     /// # Errors

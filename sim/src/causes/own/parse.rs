@@ -1,6 +1,6 @@
 //! From an expression as it is written to a program: a parser by binding power (Pratt), which says where it stumbled.
 
-use super::program::{DEPTH, MOST_FACTORS, One, Op, Program, Two, Variable, one, power, two};
+use super::program::{One, Op, Program, STACK_DEPTH, Two, Variable, WHOLE_POWER_MAX, one, power, two};
 
 /// What an expression may speak of.
 pub(super) struct Scope<'a> {
@@ -24,12 +24,13 @@ pub(super) struct Stumble {
     pub(super) unknown: Option<(String, Vec<String>)>,
 }
 
-/// Characters of an expression, at most.
-const MOST_CHARACTERS: usize = 1000;
-/// Nested brackets, signs and powers, at most.
-const MOST_NESTED: usize = 100;
+/// Most characters of an expression (chosen).
+const CHARACTERS_MAX: usize = 1000;
+/// Most nested brackets, signs and powers (chosen).
+const NESTING_MAX: usize = 100;
 
-const ONES: [(&str, One); 9] = [
+/// Functions of one argument.
+const FUNCTIONS_OF_ONE: [(&str, One); 9] = [
     ("sin", One::Sin),
     ("cos", One::Cos),
     ("tan", One::Tan),
@@ -40,20 +41,21 @@ const ONES: [(&str, One); 9] = [
     ("sign", One::Sign),
     ("tanh", One::Tanh),
 ];
-const TWOS: [(&str, Two); 3] = [("min", Two::Min), ("max", Two::Max), ("atan2", Two::Atan2)];
+/// Functions of two arguments.
+const FUNCTIONS_OF_TWO: [(&str, Two); 3] = [("min", Two::Min), ("max", Two::Max), ("atan2", Two::Atan2)];
 const CONSTANTS: [(&str, f64); 1] = [("pi", std::f64::consts::PI)];
 
 /// Names that no parameter may have: those of functions and numbers.
 pub(super) fn reserved() -> impl Iterator<Item = &'static str> {
-    let ones = ONES.iter().map(|(name, _)| *name);
-    ones.chain(TWOS.iter().map(|(name, _)| *name)).chain(CONSTANTS.iter().map(|(name, _)| *name))
+    let ones = FUNCTIONS_OF_ONE.iter().map(|(name, _)| *name);
+    ones.chain(FUNCTIONS_OF_TWO.iter().map(|(name, _)| *name)).chain(CONSTANTS.iter().map(|(name, _)| *name))
 }
 
-/// How tightly operators bind: what stands to the left of a sign, of a product, of a minus of its own, of a power.
-const SUM: u8 = 1;
-const PRODUCT: u8 = 2;
-const SIGN: u8 = 3;
-const POWER: u8 = 4;
+/// Precedence of operators, the highest binds most: sum, product, unary sign, power.
+const SUM_PRECEDENCE: u8 = 1;
+const PRODUCT_PRECEDENCE: u8 = 2;
+const SIGN_PRECEDENCE: u8 = 3;
+const POWER_PRECEDENCE: u8 = 4;
 
 #[derive(Debug, Clone, PartialEq)]
 enum Token {
@@ -71,7 +73,7 @@ struct Spot {
 }
 
 impl Spot {
-    fn stumble(&self, reason: String) -> Stumble {
+    fn syntax_error(&self, reason: String) -> Stumble {
         Stumble { at: self.at, width: self.width.max(1), reason, unknown: None }
     }
 
@@ -84,8 +86,8 @@ impl Spot {
 /// The program of `text`.
 pub(super) fn parse(text: &str, scope: &Scope<'_>) -> Result<Program, Stumble> {
     let source: Vec<char> = text.chars().collect();
-    if source.len() > MOST_CHARACTERS {
-        let reason = format!("it has {} characters; the limit is {MOST_CHARACTERS}", source.len());
+    if source.len() > CHARACTERS_MAX {
+        let reason = format!("it has {} characters; the limit is {CHARACTERS_MAX}", source.len());
         return Err(Stumble { at: 0, width: 1, reason, unknown: None });
     }
     let spots = tokens(&source)?;
@@ -94,19 +96,19 @@ pub(super) fn parse(text: &str, scope: &Scope<'_>) -> Result<Program, Stumble> {
     let left = parser.peek().clone();
     match &left.token {
         Token::End => {}
-        Token::Mark(')') => return Err(left.stumble("a `)` without its `(`".into())),
-        Token::Mark(',') => return Err(left.stumble("a comma outside of a function".into())),
+        Token::Mark(')') => return Err(left.syntax_error("a `)` without its `(`".into())),
+        Token::Mark(',') => return Err(left.syntax_error("a comma outside of a function".into())),
         _ => {
             let reason =
                 format!("an operator is missing before `{}`: write `*` for a product", left.text(&source));
-            return Err(left.stumble(reason));
+            return Err(left.syntax_error(reason));
         }
     }
     let program = Program { ops: parser.ops };
     let depth = program.depth();
-    if depth > DEPTH {
+    if depth > STACK_DEPTH {
         let reason =
-            format!("{depth} numbers wait for one another; the limit is {DEPTH}: nest it less deeply");
+            format!("{depth} numbers wait for one another; the limit is {STACK_DEPTH}: nest it less deeply");
         return Err(Stumble { at: 0, width: source.len().max(1), reason, unknown: None });
     }
     Ok(program)
@@ -200,19 +202,19 @@ impl Parser<'_> {
     /// Whatever binds more tightly than `least`.
     fn expression(&mut self, least: u8) -> Result<(), Stumble> {
         self.nested += 1;
-        if self.nested > MOST_NESTED {
-            return Err(self.peek().stumble(format!("it is nested deeper than {MOST_NESTED}")));
+        if self.nested > NESTING_MAX {
+            return Err(self.peek().syntax_error(format!("it is nested deeper than {NESTING_MAX}")));
         }
         let begin = self.ops.len();
         self.operand()?;
         while let Token::Mark(mark) = self.peek().token {
             let (function, binds, right) = match mark {
-                '+' => (Two::Add, SUM, SUM),
-                '-' => (Two::Sub, SUM, SUM),
-                '*' => (Two::Mul, PRODUCT, PRODUCT),
-                '/' => (Two::Div, PRODUCT, PRODUCT),
+                '+' => (Two::Add, SUM_PRECEDENCE, SUM_PRECEDENCE),
+                '-' => (Two::Sub, SUM_PRECEDENCE, SUM_PRECEDENCE),
+                '*' => (Two::Mul, PRODUCT_PRECEDENCE, PRODUCT_PRECEDENCE),
+                '/' => (Two::Div, PRODUCT_PRECEDENCE, PRODUCT_PRECEDENCE),
                 // from the right, and a sign may follow it
-                '^' => (Two::Pow, POWER, SIGN),
+                '^' => (Two::Pow, POWER_PRECEDENCE, SIGN_PRECEDENCE),
                 _ => break,
             };
             if binds <= least {
@@ -242,13 +244,13 @@ impl Parser<'_> {
             }
             Token::Mark('-') => {
                 let begin = self.ops.len();
-                self.expression(SIGN)?;
+                self.expression(SIGN_PRECEDENCE)?;
                 self.apply_one(One::Neg, begin);
             }
-            Token::Mark('+') => self.expression(SIGN)?,
+            Token::Mark('+') => self.expression(SIGN_PRECEDENCE)?,
             Token::Mark(mark) => {
                 let reason = format!("a number, a name or a `(` should stand here, not `{mark}`");
-                return Err(spot.stumble(reason));
+                return Err(spot.syntax_error(reason));
             }
             Token::End => {
                 let reason = if self.source.iter().all(|c| c.is_whitespace()) {
@@ -256,7 +258,7 @@ impl Parser<'_> {
                 } else {
                     "it ends where a number, a name or a `(` should stand"
                 };
-                return Err(spot.stumble(reason.into()));
+                return Err(spot.syntax_error(reason.into()));
             }
         }
         Ok(())
@@ -270,45 +272,50 @@ impl Parser<'_> {
         }
         let next = self.peek();
         Err(match &next.token {
-            Token::End => open.stumble("this `(` is never closed".into()),
-            Token::Mark(mark) => next.stumble(format!("a `)` should stand here, not `{mark}`")),
+            Token::End => open.syntax_error("this `(` is never closed".into()),
+            Token::Mark(mark) => next.syntax_error(format!("a `)` should stand here, not `{mark}`")),
             _ => {
                 let text = next.text(self.source);
-                next.stumble(format!("an operator is missing before `{text}`: write `*` for a product"))
+                next.syntax_error(format!("an operator is missing before `{text}`: write `*` for a product"))
             }
         })
     }
 
     fn call(&mut self, spot: &Spot, name: &str) -> Result<(), Stumble> {
         let open = self.take();
-        let ones = ONES.iter().find(|(known, _)| *known == name).map(|(_, function)| *function);
-        let twos = TWOS.iter().find(|(known, _)| *known == name).map(|(_, function)| *function);
+        let ones = FUNCTIONS_OF_ONE.iter().find(|(known, _)| *known == name).map(|(_, function)| *function);
+        let twos = FUNCTIONS_OF_TWO.iter().find(|(known, _)| *known == name).map(|(_, function)| *function);
         if ones.is_none() && twos.is_none() {
             if self.name(spot, name).is_ok() {
                 return Err(
-                    spot.stumble(format!("`{name}` is no function: write `{name} * (` for a product"))
+                    spot.syntax_error(format!("`{name}` is no function: write `{name} * (` for a product"))
                 );
             }
-            let names = ONES.iter().map(|(name, _)| *name).chain(TWOS.iter().map(|(name, _)| *name));
+            let names = FUNCTIONS_OF_ONE
+                .iter()
+                .map(|(name, _)| *name)
+                .chain(FUNCTIONS_OF_TWO.iter().map(|(name, _)| *name));
             return Err(self.unknown(spot, "function", name, names.map(str::to_owned).collect()));
         }
         let begin = self.ops.len();
         self.expression(0)?;
         if let Some(function) = ones {
             if self.is_next(',') {
-                return Err(self.peek().stumble(format!("`{name}` takes one number")));
+                return Err(self.peek().syntax_error(format!("`{name}` takes one number")));
             }
             self.close(&open)?;
             self.apply_one(function, begin);
         } else if let Some(function) = twos {
             if !self.is_next(',') {
-                return Err(self.peek().stumble(format!("`{name}` takes two numbers, with a comma between")));
+                return Err(self
+                    .peek()
+                    .syntax_error(format!("`{name}` takes two numbers, with a comma between")));
             }
             self.take();
             let middle = self.ops.len();
             self.expression(0)?;
             if self.is_next(',') {
-                return Err(self.peek().stumble(format!("`{name}` takes two numbers")));
+                return Err(self.peek().syntax_error(format!("`{name}` takes two numbers")));
             }
             self.close(&open)?;
             self.apply(function, begin, middle);
@@ -327,10 +334,10 @@ impl Parser<'_> {
             return Ok(Op::Constant(*number));
         }
         if let Some(variable) = Variable::ALL.into_iter().find(|variable| variable.name() == name) {
-            return Err(spot.stumble((self.scope.lacking)(variable)));
+            return Err(spot.syntax_error((self.scope.lacking)(variable)));
         }
         if reserved().any(|known| known == name) {
-            return Err(spot.stumble(format!("the function `{name}` needs a `(` after it")));
+            return Err(spot.syntax_error(format!("the function `{name}` needs a `(` after it")));
         }
         let variables = self.scope.variables.iter().map(|variable| variable.name().to_owned());
         let constants = CONSTANTS.iter().map(|(name, _)| (*name).to_owned());
@@ -340,7 +347,7 @@ impl Parser<'_> {
 
     fn unknown(&self, spot: &Spot, what: &str, name: &str, known: Vec<String>) -> Stumble {
         let reason = format!("there is no {what} called `{name}`");
-        Stumble { unknown: Some((name.to_owned(), known)), ..spot.stumble(reason) }
+        Stumble { unknown: Some((name.to_owned(), known)), ..spot.syntax_error(reason) }
     }
 
     /// Puts `function` after its operand, which begins at `begin`; of a constant it makes one.
@@ -361,7 +368,7 @@ impl Parser<'_> {
             _ => None,
         };
         let (left, right) = (constant(&self.ops[begin..middle]), constant(&self.ops[middle..]));
-        let whole = right.filter(|x| x.fract() == 0.0 && x.abs() <= f64::from(MOST_FACTORS));
+        let whole = right.filter(|x| x.fract() == 0.0 && x.abs() <= f64::from(WHOLE_POWER_MAX));
         let op = match (function, whole, right) {
             (Two::Pow, Some(exponent), _) => Op::Power(exponent as i32),
             (Two::Pow, None, Some(0.5)) => Op::One(One::Sqrt),

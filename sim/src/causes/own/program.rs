@@ -19,7 +19,7 @@ pub(super) enum Variable {
     T,
 }
 
-/// How many there are.
+/// Number of variables.
 pub(super) const VARIABLES: usize = 12;
 
 impl Variable {
@@ -110,10 +110,10 @@ pub(super) enum Op {
     Power(i32),
 }
 
-/// Numbers that may wait while others are worked out.
-pub(super) const DEPTH: usize = 16;
-/// Whole powers up to this are products.
-pub(super) const MOST_FACTORS: i32 = 16;
+/// Size of the stack of intermediate results (chosen).
+pub(super) const STACK_DEPTH: usize = 16;
+/// Largest whole power that is computed as a product (chosen).
+pub(super) const WHOLE_POWER_MAX: i32 = 16;
 
 /// An expression as operations, each on what those before it have left.
 #[derive(Debug, Clone, PartialEq)]
@@ -154,7 +154,7 @@ impl Program {
 
     #[inline(always)]
     fn run<T: Scalar>(&self, variables: &Values<T>, parameters: &[T]) -> T {
-        let mut stack = [T::ZERO; DEPTH];
+        let mut stack = [T::ZERO; STACK_DEPTH];
         let mut top = 0;
         for op in &self.ops {
             match *op {
@@ -237,8 +237,8 @@ pub(super) fn power<T: Scalar>(x: T, exponent: i32) -> T {
 /// The hyperbolic tangent: near 0, where the quotient of exponentials loses digits, its series.
 #[inline(always)]
 fn tanh<T: Scalar>(x: T) -> T {
-    /// Nearer to 0 than this the next term of the series is below 1e-16 of the sum.
-    const NEAR: f64 = 0.15;
+    /// Largest argument for the series: its next term is below 1e-16 of the sum there.
+    const SERIES_ARGUMENT_MAX: f64 = 0.15;
     const SERIES: [f64; 7] = [
         -1.0 / 3.0,
         2.0 / 15.0,
@@ -255,5 +255,5 @@ fn tanh<T: Scalar>(x: T) -> T {
     }
     let near = x + x * sum;
     let far = T::ONE - T::from_f64(2.0) / ((x + x).exp() + T::ONE);
-    T::select(x.abs().less(T::from_f64(NEAR)), near, far)
+    T::select(x.abs().less(T::from_f64(SERIES_ARGUMENT_MAX)), near, far)
 }

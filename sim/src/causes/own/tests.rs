@@ -259,6 +259,6 @@ fn what_is_written_the_same_is_one_cause_and_what_is_not_is_another() {
     let define = |text: &str| chain().define_cause(&torque("q2", text, &[size("size")])).unwrap();
     assert_eq!(define("-size * q"), define("-size * q"));
     assert_ne!(define("-size * q"), define("-size * v"));
-    let told = format!("{:?}", define("-size * q"));
-    assert!(told.contains("torque = -size * q at joint `q2`"), "{told}");
+    let message = format!("{:?}", define("-size * q"));
+    assert!(message.contains("torque = -size * q at joint `q2`"), "{message}");
 }

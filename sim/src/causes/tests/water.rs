@@ -1,7 +1,7 @@
 //! Added mass, currents, walls and memory.
 
 use super::*;
-use crate::dynamics::restraint::multiply;
+use crate::dynamics::friction_and_limits::multiply;
 use crate::fluid::added_mass;
 use crate::math::Quat;
 use crate::simulator::Engine;

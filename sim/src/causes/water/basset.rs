@@ -29,13 +29,13 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     in_picture_plane: false,
 };
 
-/// Memories: how many, the longest's rate \[1/s\], the natural logarithm of the ratio of neighbours' rates,
-const MEMORIES: usize = 9;
-const SLOWEST_PER_S: f64 = 0.033_245_979_3;
+/// The kernel is a sum of exponentials: their number, the slowest one's rate \[1/s\], the natural logarithm of the ratio of successive rates,
+const EXPONENTIALS: usize = 9;
+const SLOWEST_RATE_PER_S: f64 = 0.033_245_979_3;
 const LOG_RATE_RATIO: f64 = 1.463_367_468_6;
 /// and their weights, by least squares on 1/sqrt(t) from 2 ms to 10 s and on its integral from 1 ms on: the last, fastest one
 /// stands for all that is quicker.
-const WEIGHTS: [f64; MEMORIES] = [
+const WEIGHTS: [f64; EXPONENTIALS] = [
     0.365_551_50,
     0.218_330_06,
     0.676_864_07,
@@ -49,8 +49,8 @@ const WEIGHTS: [f64; MEMORIES] = [
 
 /// 1/sqrt(t) as a sum of exponentials w exp(-l t), each (w, l). Good to 0.4 % from 2 ms to 10 s, its integral from 0 to 0.2 %
 /// from 1 ms on.
-fn kernel() -> [(f64, f64); MEMORIES] {
-    std::array::from_fn(|k| (WEIGHTS[k], SLOWEST_PER_S * (LOG_RATE_RATIO * k as f64).exp()))
+fn kernel() -> [(f64, f64); EXPONENTIALS] {
+    std::array::from_fn(|k| (WEIGHTS[k], SLOWEST_RATE_PER_S * (LOG_RATE_RATIO * k as f64).exp()))
 }
 
 /// How much of a memory is left after `time_s`, and how much a velocity that changed evenly meanwhile adds to it.
@@ -67,7 +67,7 @@ fn fade(rate: f64, time_s: f64) -> (f64, f64) {
 pub(crate) struct Term<S: Space> {
     history: S::T,
     geoms: usize,
-    kernel: [(f64, f64); MEMORIES],
+    kernel: [(f64, f64); EXPONENTIALS],
 }
 
 impl<S: Space> Step<S> for Term<S> {
@@ -77,7 +77,7 @@ impl<S: Space> Step<S> for Term<S> {
 
     /// Per shape: its velocity at the last step's end, and the memories then.
     fn memory(&self) -> usize {
-        self.geoms * (1 + MEMORIES)
+        self.geoms * (1 + EXPONENTIALS)
     }
 
     /// Velocities count as even between the instants that the forces are asked for at, so memories of less than a step
@@ -85,16 +85,16 @@ impl<S: Space> Step<S> for Term<S> {
     #[inline(always)]
     fn wrenches(&self, moment: Moment, plant: &Plant<S>, work: &mut Work<S>, memory: &mut [S::Vec]) {
         let fades = self.kernel.map(|(_, rate)| fade(rate, moment.elapsed_s));
-        let settled = moment.arrived_s.map(|step_s| self.kernel.map(|(_, rate)| fade(rate, step_s)));
-        for (geom, memory) in plant.fluid_geoms.iter().zip(memory.chunks_exact_mut(1 + MEMORIES)) {
+        let decays = moment.arrived_s.map(|step_s| self.kernel.map(|(_, rate)| fade(rate, step_s)));
+        for (geom, memory) in plant.fluid_geoms.iter().zip(memory.chunks_exact_mut(1 + EXPONENTIALS)) {
             let (v, at) = drift(geom, plant, work);
             let (last, memories) = match memory {
                 [last, memories @ ..] => (last, memories),
                 [] => continue,
             };
-            if let Some(settled) = &settled {
+            if let Some(decays) = &decays {
                 let change = v - *last;
-                for (memory, &(keep, take)) in memories.iter_mut().zip(settled) {
+                for (memory, &(keep, take)) in memories.iter_mut().zip(decays) {
                     *memory = *memory * S::T::from_f64(keep) + change * S::T::from_f64(take);
                 }
                 *last = v;

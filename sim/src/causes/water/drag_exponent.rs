@@ -13,8 +13,8 @@ use crate::model::cause::{CauseInfo, CauseValues, Kind, ParameterInfo, Role};
 use crate::scalar::Scalar;
 use crate::space::Space;
 
-/// The power counts from this share of the reference speed on, which keeps it finite at rest.
-const LEAST_SPEED_SHARE: f64 = 1e-3;
+/// Speeds are smoothed below this share of the reference speed (chosen), which keeps the power finite at rest.
+const SPEED_SMOOTHING_SHARE: f64 = 1e-3;
 
 pub(crate) const INFO: CauseInfo = CauseInfo {
     name: "drag_exponent",
@@ -52,7 +52,7 @@ impl<S: Space> Step<S> for Term<S> {
             let at = wet(geom, plant, work);
             let (w, v) = at.moving;
             let speeds = v * self.per_speed;
-            let squared = speeds.dot(speeds) + S::T::from_f64(LEAST_SPEED_SHARE * LEAST_SPEED_SHARE);
+            let squared = speeds.dot(speeds) + S::T::from_f64(SPEED_SMOOTHING_SHARE * SPEED_SMOOTHING_SHARE);
             let excess = (self.half * squared.ln()).exp() - S::T::ONE;
             let drag = geom.shape.resistance(plant.density, plant.viscosity, w, v).quadratic;
             let force = v * -(drag * excess);

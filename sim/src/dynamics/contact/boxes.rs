@@ -9,20 +9,20 @@ use super::points::{Placed, Point, less};
 use crate::math::Vec3;
 use crate::scalar::Scalar;
 
-/// Separations this small, over the boxes' sizes, are rounding.
-const ROUNDING: f64 = 1e-13;
+/// Separations this small, over the boxes' sizes, count as rounding.
+const SEPARATION_ROUNDING_SHARE: f64 = 1e-13;
 /// Edges with a smaller square of the sine between them count as parallel.
 const PARALLEL_SINE_SQUARED_MAX: f64 = 1e-16;
-/// By which share edges must beat a face.
-const FACE_BIAS: f64 = 1e-6;
-/// Edges whose direction has this cosine with the best face's normal must beat it by this share.
-const LIKE_FACE: (f64, f64) = (0.99, 0.05);
-/// A component of the direction below this does not tell which of two edges is the outer one.
-const COMPONENT_ZERO_MAX: f64 = 1e-9;
+/// Share by which edges must separate the boxes better than a face, to be used.
+const EDGE_PREFERENCE_SHARE_MIN: f64 = 1e-6;
+/// Edges whose direction has this cosine with the best face's normal must separate the boxes better by this share.
+const EDGE_NEAR_FACE_COSINE_AND_SHARE: (f64, f64) = (0.99, 0.05);
+/// A component of the direction below this does not determine which of two edges is the outer one.
+const EDGE_COMPONENT_ZERO_MAX: f64 = 1e-9;
 /// Corners closer than this, squared and over the square of the face's size, are one.
 const POINT_MERGE_SHARE_SQUARED: f64 = 1e-14;
-/// What counts as 0 in divisors, as in MuJoCo.
-const ROUNDING_MIN: f64 = 1e-15;
+/// Smallest divisor, as in MuJoCo.
+const DIVISOR_MIN: f64 = 1e-15;
 
 /// A box by its three axes.
 struct Block<T> {
@@ -59,16 +59,16 @@ enum Direction {
 /// The points of two boxes within `reach`.
 pub(super) fn meet<T: Scalar>(one: &Placed<T>, two: &Placed<T>, reach: T, out: &mut Vec<Point<T>>) {
     let blocks = [Block::new(one), Block::new(two)];
-    let way = two.at - one.at;
+    let offset = two.at - one.at;
     let sizes = one.size.iter().chain(&two.size).sum::<f64>();
-    let slack = reach + T::from_f64(ROUNDING * sizes);
-    let apart = |direction: Vec3<T>| {
-        way.dot(direction).abs() - blocks[0].extent(direction) - blocks[1].extent(direction)
+    let slack = reach + T::from_f64(SEPARATION_ROUNDING_SHARE * sizes);
+    let gap_along = |direction: Vec3<T>| {
+        offset.dot(direction).abs() - blocks[0].extent(direction) - blocks[1].extent(direction)
     };
     let mut best = (T::from_f64(f64::NEG_INFINITY), Direction::Face(0, 0), Vec3::ZERO);
     for (owner, block) in blocks.iter().enumerate() {
         for (k, &axis) in block.axes.iter().enumerate() {
-            let gap = apart(axis);
+            let gap = gap_along(axis);
             if less(slack, gap) {
                 return;
             }
@@ -86,22 +86,28 @@ pub(super) fn meet<T: Scalar>(one: &Placed<T>, two: &Placed<T>, reach: T, out: &
                 continue;
             }
             let across = across * (T::ONE / squared.sqrt());
-            let gap = apart(across);
+            let gap = gap_along(across);
             if less(slack, gap) {
                 return;
             }
-            let biased = gap - gap.abs() * T::from_f64(FACE_BIAS);
+            let biased = gap - gap.abs() * T::from_f64(EDGE_PREFERENCE_SHARE_MIN);
             if less(best.0, biased) && less(face.0, gap) {
                 best = (gap, Direction::Edges(i, j), across);
             }
         }
     }
-    let (cosine, share) = LIKE_FACE;
-    let needed = face.0 + face.0.abs() * T::from_f64(share) + T::from_f64(ROUNDING_MIN);
-    let like = less(T::from_f64(cosine), best.2.dot(face.2).abs());
+    let (cosine, share) = EDGE_NEAR_FACE_COSINE_AND_SHARE;
+    let needed = face.0 + face.0.abs() * T::from_f64(share) + T::from_f64(DIVISOR_MIN);
+    let is_near_face = less(T::from_f64(cosine), best.2.dot(face.2).abs());
     match best.1 {
-        Direction::Edges(i, j) if !(like && less(best.0, needed)) => {
-            edges(&blocks, [i, j], if less(best.2.dot(way), T::ZERO) { -best.2 } else { best.2 }, slack, out);
+        Direction::Edges(i, j) if !(is_near_face && less(best.0, needed)) => {
+            edges(
+                &blocks,
+                [i, j],
+                if less(best.2.dot(offset), T::ZERO) { -best.2 } else { best.2 },
+                slack,
+                out,
+            );
         }
         _ => {
             if let Direction::Face(owner, axis) = face.1 {
@@ -131,7 +137,7 @@ fn edges<T: Scalar>(
             // by the sign of the component along the normal, for both alike
             let outer = if less(component, T::ZERO) == (side == 0) { -arm } else { arm };
             middle += outer;
-            if other.is_none() && less(component.abs(), T::from_f64(COMPONENT_ZERO_MAX)) {
+            if other.is_none() && less(component.abs(), T::from_f64(EDGE_COMPONENT_ZERO_MAX)) {
                 other = Some(outer * T::from_f64(-2.0));
             }
         }
@@ -145,10 +151,10 @@ fn edges<T: Scalar>(
     let mut nearest: Option<(T, Vec3<T>, Vec3<T>)> = None;
     for a in [Some(first.0), first.1].into_iter().flatten() {
         for b in [Some(second.0), second.1].into_iter().flatten() {
-            let way = b - a;
-            let (on_u, on_w) = (u.dot(way), w.dot(way));
+            let offset = b - a;
+            let (on_u, on_w) = (u.dot(offset), w.dot(offset));
             let free =
-                if less(sine2, T::from_f64(ROUNDING_MIN)) { T::ZERO } else { (on_u - cosine * on_w) / sine2 };
+                if less(sine2, T::from_f64(DIVISOR_MIN)) { T::ZERO } else { (on_u - cosine * on_w) / sine2 };
             let s = free.clamp(-long_u, long_u);
             let t = (cosine * s - on_w).clamp(-long_w, long_w);
             let s = (on_u + cosine * t).clamp(-long_u, long_u);
@@ -167,18 +173,18 @@ fn edges<T: Scalar>(
     }
 }
 
-/// No polygon of four corners cut four times has more corners.
-const MOST_CORNERS: usize = 8;
+/// Most corners of a polygon of four corners that is cut four times.
+const POLYGON_CORNERS_MAX: usize = 8;
 
 /// Corners with their two places on a face and their height above it.
 struct Polygon<T> {
-    corners: [[T; 3]; MOST_CORNERS],
+    corners: [[T; 3]; POLYGON_CORNERS_MAX],
     count: usize,
 }
 
 impl<T: Scalar> Polygon<T> {
     fn push(&mut self, corner: [T; 3]) {
-        if self.count < MOST_CORNERS {
+        if self.count < POLYGON_CORNERS_MAX {
             self.corners[self.count] = corner;
             self.count += 1;
         }
@@ -186,7 +192,7 @@ impl<T: Scalar> Polygon<T> {
 
     /// What is left where `sign` times the place `k` is no more than `limit`.
     fn cut(&self, k: usize, sign: T, limit: T) -> Self {
-        let mut left = Self { corners: [[T::ZERO; 3]; MOST_CORNERS], count: 0 };
+        let mut left = Self { corners: [[T::ZERO; 3]; POLYGON_CORNERS_MAX], count: 0 };
         let beyond = |corner: &[T; 3]| sign * corner[k] - limit;
         for (index, corner) in self.corners[..self.count].iter().enumerate() {
             let next = &self.corners[(index + 1) % self.count];
@@ -213,8 +219,8 @@ fn faces<T: Scalar>(
     reach: T,
     out: &mut Vec<Point<T>>,
 ) {
-    let way = other.at - block.at;
-    let outward = if less(way.dot(block.axes[a]), T::ZERO) { -block.axes[a] } else { block.axes[a] };
+    let offset = other.at - block.at;
+    let outward = if less(offset.dot(block.axes[a]), T::ZERO) { -block.axes[a] } else { block.axes[a] };
     let facing: [T; 3] = std::array::from_fn(|k| other.axes[k].dot(outward));
     let mut b = 0;
     for k in 1..3 {
@@ -227,9 +233,9 @@ fn faces<T: Scalar>(
     let on_face = |v: Vec3<T>| [v.dot(block.axes[x]), v.dot(block.axes[y]), v.dot(outward)];
     let (bu, bv) = ((b + 1) % 3, (b + 2) % 3);
     let (u, v) = (on_face(other.axes[bu] * other.size[bu]), on_face(other.axes[bv] * other.size[bv]));
-    let mut middle = on_face(way + other.axes[b] * towards);
+    let mut middle = on_face(offset + other.axes[b] * towards);
     middle[2] -= block.size[a];
-    let mut polygon = Polygon { corners: [[T::ZERO; 3]; MOST_CORNERS], count: 0 };
+    let mut polygon = Polygon { corners: [[T::ZERO; 3]; POLYGON_CORNERS_MAX], count: 0 };
     let (plus, minus) = (T::ONE, -T::ONE);
     for [su, sv] in [[plus, plus], [minus, plus], [minus, minus], [plus, minus]] {
         polygon.push(std::array::from_fn(|i| middle[i] + su * u[i] + sv * v[i]));

@@ -13,21 +13,21 @@ mod problem;
 pub(crate) use points::Point;
 
 use super::Work;
+use super::friction_and_limits::{LONGEST_STEP_S, Solver};
 use super::inertia::solve;
 use super::plant::Plant;
-use super::restraint::{LONGEST_STEP_S, Solver};
 use super::stages::ContactStage;
 use crate::math::{Quat, Vec3};
 use crate::model::{Cone, GeomKind, JointKind, Model, Surface};
 use crate::scalar::Scalar;
 use crate::space::{Motion, Spatial};
 use points::{Meet, Placed, less, meeting, rank};
-use problem::{Law, MOST_ROWS, Problem, Row};
+use problem::{CONTACT_ROWS_MAX, Law, Problem, Row};
 
-/// MuJoCo's bounds of impedances, least friction, and what counts as 0 in divisors.
-const IMPEDANCES: [f64; 2] = [1e-4, 0.9999];
-const LEAST_FRICTION: f64 = 1e-5;
-const TINY: f64 = 1e-15;
+/// MuJoCo's range of impedances, smallest friction and smallest divisor.
+const IMPEDANCE_RANGE: [f64; 2] = [1e-4, 0.9999];
+const FRICTION_MIN: f64 = 1e-5;
+const DIVISOR_MIN: f64 = 1e-15;
 
 /// A geom on its body.
 #[derive(Debug, Clone)]
@@ -227,12 +227,12 @@ impl<T: Scalar> ContactStage<Spatial<T>> for Contacts<T> {
 
     fn longest_step_s(&self) -> f64 {
         // 2 / (0.95 * 0.02 s) is the rate that the longest step of restraints is for
-        const RATE: f64 = 2.0 / (0.95 * 0.02);
+        const RESTRAINT_RATE_PER_S: f64 = 2.0 / (0.95 * 0.02);
         let fastest = self.pairs.iter().map(|pair| {
             let [stiffness, damping] = pair.spring(pair.solref);
             damping.max(stiffness.sqrt())
         });
-        LONGEST_STEP_S * RATE / fastest.fold(RATE, f64::max)
+        LONGEST_STEP_S * RESTRAINT_RATE_PER_S / fastest.fold(RESTRAINT_RATE_PER_S, f64::max)
     }
 }
 
@@ -275,7 +275,7 @@ impl<T: Scalar> Pair<T> {
     fn new(model: &Model<T>, shapes: [usize; 2], meet: Meet<T>) -> Self {
         let [a, b] = shapes.map(|geom| &model.geoms[geom]);
         let Surface { condim, friction, solref, solimp, .. } = a.surface.with(&b.surface);
-        let [slide, spin, roll] = friction.map(|friction| friction.max(LEAST_FRICTION));
+        let [slide, spin, roll] = friction.map(|friction| friction.max(FRICTION_MIN));
         let margin = a.contact_margin_m + b.contact_margin_m;
         let radius = |geom: &crate::model::Geom<T>| {
             let [x, y, z] = geom.size;
@@ -288,7 +288,7 @@ impl<T: Scalar> Pair<T> {
                 GeomKind::Box => x.hypot(y).hypot(z),
             }
         };
-        let [least, most] = IMPEDANCES;
+        let [least, most] = IMPEDANCE_RANGE;
         let [from, to, width, middle, power] = solimp;
         Self {
             shapes,
@@ -313,7 +313,7 @@ impl<T: Scalar> Pair<T> {
     fn spring(&self, [first, second]: [f64; 2]) -> [f64; 2] {
         let most = self.solimp[1];
         if first > 0.0 {
-            [1.0 / (most * first * second).powi(2).max(TINY), 2.0 / (most * first).max(TINY)]
+            [1.0 / (most * first * second).powi(2).max(DIVISOR_MIN), 2.0 / (most * first).max(DIVISOR_MIN)]
         } else {
             [-first / (most * most), -second / most]
         }
@@ -323,7 +323,7 @@ impl<T: Scalar> Pair<T> {
     /// image from there on.
     fn impedance(&self, beyond: T) -> T {
         let [from, to, width, middle, power] = self.solimp;
-        if from == to || width <= TINY {
+        if from == to || width <= DIVISOR_MIN {
             return T::from_f64(0.5 * (from + to));
         }
         let x = beyond.abs() * T::from_f64(1.0 / width);
@@ -391,7 +391,7 @@ impl<T: Scalar> Contacts<T> {
         let [stiffness, damping] = pair.spring(solref).map(T::from_f64);
         let pull = -(stiffness * impedance * beyond);
         let reference = |speed: T| pull - damping * speed;
-        let least = T::from_f64(TINY);
+        let least = T::from_f64(DIVISOR_MIN);
         let pushing = [T::ZERO, T::from_f64(f64::MAX)];
         let slide = pair.friction[0];
         let problem = &mut self.problem;
@@ -438,7 +438,7 @@ impl<T: Scalar> Contacts<T> {
                 problem.jacobian.extend(rows);
             }
         }
-        debug_assert!(pair.condim <= MOST_ROWS);
+        debug_assert!(pair.condim <= CONTACT_ROWS_MAX);
     }
 }
 

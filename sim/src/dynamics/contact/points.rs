@@ -30,8 +30,8 @@ pub(crate) struct Point<T> {
     pub(crate) distance: T,
 }
 
-/// What counts as 0 in divisors, as in MuJoCo.
-const TINY: f64 = 1e-15;
+/// Smallest divisor, as in MuJoCo.
+const DIVISOR_MIN: f64 = 1e-15;
 
 /// `a < b` of a number with one lane.
 #[inline(always)]
@@ -118,7 +118,7 @@ fn plane_cylinder<T: Scalar>(plane: &Placed<T>, shape: &Placed<T>, reach: T, out
     // straight down, less what of it is along the axis
     let mut outward = axis * axis.dot(normal) - normal;
     let length = outward.norm();
-    if less(length, T::from_f64(TINY)) {
+    if less(length, T::from_f64(DIVISOR_MIN)) {
         outward = shape.rot.column(0) * radius;
     } else {
         outward = outward * (radius / length);
@@ -161,7 +161,7 @@ fn balls<T: Scalar>(a: Vec3<T>, b: Vec3<T>, radii: [f64; 2], reach: T, out: &mut
         return false;
     }
     // where the centres coincide no direction is better than another
-    let normal = if less(length, T::from_f64(TINY)) {
+    let normal = if less(length, T::from_f64(DIVISOR_MIN)) {
         Vec3::constant([1.0, 0.0, 0.0])
     } else {
         way * (T::ONE / length)
@@ -196,7 +196,7 @@ fn capsule_capsule<T: Scalar>(one: &Placed<T>, two: &Placed<T>, reach: T, out: &
     let on_one = |y: T| (along_u + y * uw) / uu;
     let determinant = uu * ww - uw * uw;
     let mut pair = |x: T, y: T| usize::from(balls(one.at + u * x, two.at + w * y, radii, reach, out));
-    if !less(determinant.abs(), T::from_f64(TINY)) {
+    if !less(determinant.abs(), T::from_f64(DIVISOR_MIN)) {
         let mut x = (ww * along_u + uw * along_w) / determinant;
         let mut y = (uu * along_w + uw * along_u) / determinant;
         if less(T::ONE, x.abs()) {

@@ -7,15 +7,15 @@
 use super::points::less;
 use crate::scalar::Scalar;
 
-/// No contact has more rows.
-pub(super) const MOST_ROWS: usize = 6;
-/// Newton steps at most; a dozen are many.
-const MOST_STEPS: usize = 100;
-/// The search along a step ends with this share of the slope it began with.
-const SLOPE_SHARE: f64 = 1e-12;
-const MOST_LOOKS: usize = 60;
-/// Changes of this share of the acceleration are rounding.
-const SETTLED: f64 = 1e-11;
+/// Most rows of a contact (MuJoCo's condim 6).
+pub(super) const CONTACT_ROWS_MAX: usize = 6;
+/// Most Newton steps (chosen); a dozen are many.
+const NEWTON_STEPS_MAX: usize = 100;
+/// The search along a step ends at this share of its initial slope, or after this many evaluations (both chosen).
+const SEARCH_SLOPE_SHARE: f64 = 1e-12;
+const SEARCH_EVALUATIONS_MAX: usize = 60;
+/// Changes below this share of the acceleration count as rounding (chosen).
+const CONVERGED_STEP_SHARE: f64 = 1e-11;
 
 /// What the forces of one or more rows may be.
 #[derive(Debug, Clone, Copy)]
@@ -57,7 +57,7 @@ pub(super) struct Problem<T> {
 }
 
 /// Forces of the rows of one law, how they fall with each residual, and the zone.
-type Push<T> = ([T; MOST_ROWS], [[T; MOST_ROWS]; MOST_ROWS], i8);
+type Push<T> = ([T; CONTACT_ROWS_MAX], [[T; CONTACT_ROWS_MAX]; CONTACT_ROWS_MAX], i8);
 
 impl<T: Scalar> Problem<T> {
     pub(super) fn new(nv: usize) -> Self {
@@ -90,7 +90,9 @@ impl<T: Scalar> Problem<T> {
                 let weights = |k: usize| self.rows[first + k].weight;
                 (rows, cone(rows, slope, &friction, weights, &residual[first..first + rows]))
             }
-            Law::Within => (1, ([T::ZERO; MOST_ROWS], [[T::ZERO; MOST_ROWS]; MOST_ROWS], 0)),
+            Law::Within => {
+                (1, ([T::ZERO; CONTACT_ROWS_MAX], [[T::ZERO; CONTACT_ROWS_MAX]; CONTACT_ROWS_MAX], 0))
+            }
         }
     }
 
@@ -106,24 +108,24 @@ impl<T: Scalar> Problem<T> {
         self.matrix.copy_from_slice(&self.mass);
         cholesky(nv, &mut self.matrix);
         substitute(nv, &self.matrix, &mut self.acceleration);
-        let mut settled = false;
-        for _ in 0..MOST_STEPS {
+        let mut has_converged = false;
+        for _ in 0..NEWTON_STEPS_MAX {
             self.gradient(smooth);
             self.step.copy_from_slice(&self.gradient);
             cholesky(nv, &mut self.matrix);
             substitute(nv, &self.matrix, &mut self.step);
             // a whole step from the solution: derivatives come with it as the implicit function's, whatever the way here
-            let share = if settled { T::ONE } else { self.search(smooth) };
+            let share = if has_converged { T::ONE } else { self.search(smooth) };
             let (mut moved, mut size) = (T::ZERO, T::ZERO);
             for (a, &step) in self.acceleration.iter_mut().zip(&self.step) {
                 *a += share * step;
                 moved = moved.max((share * step).abs());
                 size = size.max(a.abs());
             }
-            if settled {
+            if has_converged {
                 break;
             }
-            settled = !less(size * T::from_f64(SETTLED), moved);
+            has_converged = !less(size * T::from_f64(CONVERGED_STEP_SHARE), moved);
         }
         self.gradient(smooth);
     }
@@ -145,8 +147,8 @@ impl<T: Scalar> Problem<T> {
             for k in 0..rows {
                 self.force[first + k] = force[k];
                 self.zones[first + k] = zone;
-                let own = &self.jacobian[(first + k) * nv..(first + k + 1) * nv];
-                for (gradient, &j) in self.gradient.iter_mut().zip(own) {
+                let row_jacobian = &self.jacobian[(first + k) * nv..(first + k + 1) * nv];
+                for (gradient, &j) in self.gradient.iter_mut().zip(row_jacobian) {
                     *gradient += force[k] * j;
                 }
                 for (l, &slope) in slopes[k][..rows].iter().enumerate() {
@@ -154,7 +156,7 @@ impl<T: Scalar> Problem<T> {
                         continue;
                     }
                     let other = &self.jacobian[(first + l) * nv..(first + l + 1) * nv];
-                    for (i, &j) in own.iter().enumerate() {
+                    for (i, &j) in row_jacobian.iter().enumerate() {
                         let share = slope * j;
                         for (entry, &other) in self.matrix[i * nv..i * nv + i + 1].iter_mut().zip(other) {
                             *entry += share * other;
@@ -178,32 +180,32 @@ impl<T: Scalar> Problem<T> {
             linear += dot(row, &self.step) * step;
         }
         let mut there = self.residual.clone();
-        // slope and bend of the cost along the step
+        // slope and curvature of the cost along the step
         let mut along = |share: T| {
             for ((there, &here), &change) in there.iter_mut().zip(&self.residual).zip(&self.change) {
                 *there = here + share * change;
             }
-            let (mut slope, mut bend) = (constant + share * linear, linear);
+            let (mut slope, mut curvature) = (constant + share * linear, linear);
             let mut first = 0;
             while first < self.rows.len() {
                 let (rows, (force, slopes, _)) = self.push(first, &there);
                 for k in 0..rows {
                     slope -= force[k] * self.change[first + k];
-                    for (l, &bent) in slopes[k][..rows].iter().enumerate() {
-                        bend += bent * self.change[first + k] * self.change[first + l];
+                    for (l, &second) in slopes[k][..rows].iter().enumerate() {
+                        curvature += second * self.change[first + k] * self.change[first + l];
                     }
                 }
                 first += rows;
             }
-            (slope, bend)
+            (slope, curvature)
         };
         let (start, _) = along(T::ZERO);
-        let enough = start.abs() * T::from_f64(SLOPE_SHARE);
+        let slope_tolerance = start.abs() * T::from_f64(SEARCH_SLOPE_SHARE);
         let (mut low, mut high, mut share) = (T::ZERO, T::ONE, T::ONE);
-        for _ in 0..MOST_LOOKS {
-            let (slope, bend) = along(share);
-            // the cost still falls at the whole step: good enough
-            if !less(enough, slope.abs()) || (less(slope, T::ZERO) && !less(share, T::ONE)) {
+        for _ in 0..SEARCH_EVALUATIONS_MAX {
+            let (slope, curvature) = along(share);
+            // the cost still falls at the whole step, which is taken then
+            if !less(slope_tolerance, slope.abs()) || (less(slope, T::ZERO) && !less(share, T::ONE)) {
                 break;
             }
             if less(slope, T::ZERO) {
@@ -211,7 +213,7 @@ impl<T: Scalar> Problem<T> {
             } else {
                 high = share;
             }
-            share -= slope / bend;
+            share -= slope / curvature;
             if !(less(low, share) && less(share, high)) {
                 share = (low + high) * T::from_f64(0.5);
             }
@@ -225,7 +227,8 @@ fn dot<T: Scalar>(a: &[T], b: &[T]) -> T {
 }
 
 fn bounded<T: Scalar>([low, high]: [T; 2], weight: T, residual: T) -> Push<T> {
-    let (mut force, mut slopes) = ([T::ZERO; MOST_ROWS], [[T::ZERO; MOST_ROWS]; MOST_ROWS]);
+    let (mut force, mut slopes) =
+        ([T::ZERO; CONTACT_ROWS_MAX], [[T::ZERO; CONTACT_ROWS_MAX]; CONTACT_ROWS_MAX]);
     let free = -(residual * weight);
     let zone = if !less(low, free) {
         force[0] = low;
@@ -250,9 +253,10 @@ fn cone<T: Scalar>(
     weight: impl Fn(usize) -> T,
     x: &[T],
 ) -> Push<T> {
-    let (mut force, mut slopes) = ([T::ZERO; MOST_ROWS], [[T::ZERO; MOST_ROWS]; MOST_ROWS]);
+    let (mut force, mut slopes) =
+        ([T::ZERO; CONTACT_ROWS_MAX], [[T::ZERO; CONTACT_ROWS_MAX]; CONTACT_ROWS_MAX]);
     let scale = |k: usize| T::from_f64(if k == 0 { mu } else { friction[k - 1] });
-    let mut u = [T::ZERO; MOST_ROWS];
+    let mut u = [T::ZERO; CONTACT_ROWS_MAX];
     let mut squared = T::ZERO;
     for k in 0..rows {
         u[k] = scale(k) * x[k];
@@ -276,18 +280,18 @@ fn cone<T: Scalar>(
     let stiffness = weight(0) / (mu * mu * (T::ONE + mu * mu));
     let depth = normal - mu * tangential;
     // the direction of the tangential part, and the slope of the depth along each of U
-    let along: [T; MOST_ROWS] =
+    let along: [T; CONTACT_ROWS_MAX] =
         std::array::from_fn(|k| if k == 0 || k >= rows { T::ZERO } else { u[k] / tangential });
     let slope = |k: usize| if k == 0 { T::ONE } else { -(mu * along[k]) };
     for k in 0..rows {
         force[k] = -(stiffness * depth * slope(k) * scale(k));
         for l in 0..rows {
-            let mut bend = slope(k) * slope(l);
+            let mut curvature = slope(k) * slope(l);
             if k > 0 && l > 0 {
                 let same = if k == l { T::ONE } else { T::ZERO };
-                bend += -(depth * mu) * (same - along[k] * along[l]) / tangential;
+                curvature += -(depth * mu) * (same - along[k] * along[l]) / tangential;
             }
-            slopes[k][l] = stiffness * bend * scale(k) * scale(l);
+            slopes[k][l] = stiffness * curvature * scale(k) * scale(l);
         }
     }
     (force, slopes, 2)

@@ -1,4 +1,4 @@
-//! How servos are, for people.
+//! The state of the servos on a bus, as lines of text.
 
 use super::{Servos, little_endian};
 use crate::ServoError;
@@ -11,7 +11,7 @@ impl Servos {
         for servo in self.servos.clone() {
             let id = servo.id;
             let Some(model) = self.try_get(id, registers.model)? else {
-                lines.push(format!("{}: no answer at {} bit/s", servo.called(), self.baud));
+                lines.push(format!("{}: no answer at {} bit/s", servo.label(), self.baud));
                 continue;
             };
             let torque = if self.byte(id, registers.torque)? == 0 { "off" } else { "on" };
@@ -26,7 +26,7 @@ impl Servos {
             };
             lines.push(format!(
                 "{}: model {}, torque {torque}, at {} counts, {:.1} V, {temperature} °C{wrong}",
-                servo.called(),
+                servo.label(),
                 little_endian(&model),
                 count.map_or("?".into(), |count| count.to_string()),
                 f64::from(voltage) * 0.1

@@ -12,17 +12,17 @@ use crate::space::Space;
 /// MuJoCo's default time constant \[s\] and damping ratio of a restraint (`solref`).
 const TIME_CONSTANT_S: f64 = 0.02;
 /// MuJoCo's default least and greatest impedance, and the depth over which it rises (`solimp`).
-const IMPEDANCE: [f64; 2] = [0.9, 0.95];
-const IMPEDANCE_WIDTH: f64 = 0.001;
+const IMPEDANCE_RANGE: [f64; 2] = [0.9, 0.95];
+const IMPEDANCE_WIDTH_M: f64 = 0.001;
 /// Longest step of our own that restraints bear \[s\]. What friction holds comes to rest at up to
 /// 2 / (0.95 [`TIME_CONSTANT_S`]) = 105 1/s, and both methods take that explicitly: along a real decay the explicit part
 /// of ROS34PW2 is stable up to 1.99 / 105 s = 18.9 ms, Runge-Kutta up to 2.79 / 105 s = 26.5 ms. In longer steps the joint stays
 /// where it is, because the force has bounds, but its derivatives grow from step to step.
 pub(crate) const LONGEST_STEP_S: f64 = 0.016;
-/// Full Newton steps before the first search along a step: they settle at once in all but rare cases.
-const FREE_STEPS: usize = 6;
-/// Newton steps in all; the exact search makes them end after finitely many.
-const MOST_STEPS: usize = 60;
+/// Full Newton steps before the first search along a step (chosen): they converge at once in all but rare cases.
+const FULL_NEWTON_STEPS: usize = 6;
+/// Most Newton steps (chosen); the exact search makes them end after finitely many.
+const NEWTON_STEPS_MAX: usize = 60;
 
 /// One force on one dof.
 #[derive(Debug, Clone)]
@@ -136,8 +136,8 @@ impl<T: Scalar> Solver<T> {
     ) {
         self.rows.clear();
         let time_constant = TIME_CONSTANT_S.max(2.0 * h);
-        let damping = T::from_f64(2.0 / (IMPEDANCE[1] * time_constant));
-        let stiffness = T::from_f64(1.0 / (IMPEDANCE[1] * time_constant).powi(2));
+        let damping = T::from_f64(2.0 / (IMPEDANCE_RANGE[1] * time_constant));
+        let stiffness = T::from_f64(1.0 / (IMPEDANCE_RANGE[1] * time_constant).powi(2));
         for (index, restraint) in plant.restraints.iter().enumerate() {
             match *restraint {
                 Restraint::Friction { dof, .. } | Restraint::Limit { dof, .. } if held[dof] => {}
@@ -145,7 +145,8 @@ impl<T: Scalar> Solver<T> {
                     dof,
                     place: 2 * index,
                     sign: T::ONE,
-                    weight: T::from_f64(IMPEDANCE[0] / (1.0 - IMPEDANCE[0])) / self.inverse_weight[dof],
+                    weight: T::from_f64(IMPEDANCE_RANGE[0] / (1.0 - IMPEDANCE_RANGE[0]))
+                        / self.inverse_weight[dof],
                     reference: -damping * qvel[dof],
                     low: -loss,
                     high: loss,
@@ -204,15 +205,15 @@ impl<T: Scalar> Solver<T> {
         }
         // starts from the last solution: the zones seldom change from one step to the next, and where the
         // search ends does not depend on where it starts
-        for round in 0..MOST_STEPS {
+        for round in 0..NEWTON_STEPS_MAX {
             // the zone each row is in, and the step to the optimum if all stay in theirs
             self.matrix.copy_from_slice(&work.mass);
             self.step.copy_from_slice(force);
             let mut moved = round == 0;
-            for (row, kept) in self.rows.iter().zip(&mut self.zones) {
+            for (row, stored) in self.rows.iter().zip(&mut self.zones) {
                 let zone = row.zone(self.acceleration[row.dof]);
-                moved |= zone[0] != kept[0] || zone[1] != kept[1];
-                *kept = zone;
+                moved |= zone[0] != stored[0] || zone[1] != stored[1];
+                *stored = zone;
                 self.matrix[plant.row[row.dof]] += zone[1];
                 self.step[row.dof] += row.sign * zone[0];
             }
@@ -222,7 +223,7 @@ impl<T: Scalar> Solver<T> {
             hold(plant, held, &mut self.matrix);
             factor(plant, &mut self.matrix);
             solve(plant, &self.matrix, &mut self.step);
-            if round < FREE_STEPS {
+            if round < FULL_NEWTON_STEPS {
                 self.acceleration.copy_from_slice(&self.step);
             } else {
                 self.search(plant, work, force);
@@ -269,11 +270,11 @@ impl<T: Scalar> Solver<T> {
 /// parabolas.
 #[inline(always)]
 fn impedance<T: Scalar>(distance: T) -> T {
-    let x = (distance.abs() * T::from_f64(1.0 / IMPEDANCE_WIDTH)).min(T::ONE);
+    let x = (distance.abs() * T::from_f64(1.0 / IMPEDANCE_WIDTH_M)).min(T::ONE);
     let rest = T::ONE - x;
     let two = T::from_f64(2.0);
     let y = T::select(x.less(T::from_f64(0.5)), two * x * x, T::ONE - two * rest * rest);
-    T::from_f64(IMPEDANCE[0]) + y * T::from_f64(IMPEDANCE[1] - IMPEDANCE[0])
+    T::from_f64(IMPEDANCE_RANGE[0]) + y * T::from_f64(IMPEDANCE_RANGE[1] - IMPEDANCE_RANGE[0])
 }
 
 /// `out` = the symmetric matrix, stored by rows of [`Plant::chain`], times `x`.
