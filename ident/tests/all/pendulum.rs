@@ -229,8 +229,8 @@ fn diagnosed(path: &Path, frictionless: bool, swapped: bool) -> Diagnosis {
 /// The noise of an encoder is so small beside what any model of a pendulum leaves that the honest verdict is that the rest is
 /// unexplained; the largest part of the description must be the damping all the same.
 #[test]
-#[ignore = "four diagnoses of real runs take minutes; run it with --ignored --nocapture to see the table"]
-fn damping_that_the_pendulum_was_robbed_of_leads_the_description() {
+#[ignore = "part of scripts/test --all: four diagnoses of real runs take minutes; --nocapture shows the table"]
+fn sweep_damping_that_the_pendulum_was_robbed_of_leads_the_description() {
     let Some(shared) = std::env::var_os("RIG_SHARED") else {
         println!("skipped: RIG_SHARED does not name the folder of shared data");
         return;

@@ -84,7 +84,7 @@ fn noise_alone_is_no_force() {
 }
 
 #[test]
-#[ignore = "a hundred experiments take minutes"]
-fn noise_alone_is_no_force_in_a_hundred_experiments() {
+#[ignore = "part of scripts/test --all: a hundred experiments take minutes"]
+fn sweep_noise_alone_is_no_force_in_a_hundred_experiments() {
     none_in_noise(100..200);
 }
