@@ -125,22 +125,17 @@ fn whole_in(bytes: &[u8], whole: &[u8]) -> Vec<u32> {
 }
 
 #[test]
-fn bytes_missing_anywhere_cost_no_chunk_that_is_whole() {
+fn three_bytes_missing_anywhere_cost_no_chunk_that_is_whole() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("recording.mcap");
     let whole = recording(&path, false);
-    for missing in [1, 3, 16] {
-        for from in 0..whole.len() - missing {
-            let mut bytes = whole.clone();
-            bytes.drain(from..from + missing);
-            std::fs::write(&path, &bytes).unwrap();
-            let images = read(&path).0;
-            let expected = whole_in(&bytes, &whole);
-            assert!(
-                expected.iter().all(|sequence| images.contains(sequence)),
-                "{missing} bytes from {from}: {images:?}"
-            );
-        }
+    for from in 0..whole.len() - 3 {
+        let mut bytes = whole.clone();
+        bytes.drain(from..from + 3);
+        std::fs::write(&path, &bytes).unwrap();
+        let images = read(&path).0;
+        let expected = whole_in(&bytes, &whole);
+        assert!(expected.iter().all(|sequence| images.contains(sequence)), "from {from}: {images:?}");
     }
 }
 
