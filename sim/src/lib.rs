@@ -1,7 +1,7 @@
 //! Physics of jointed bodies in water, and nothing else: no files but MJCF text, no clocks, no fits.
 //!
 //! A [`Model`] comes from MJCF text. [`rollout()`] moves it through time and hands back keypoint
-//! positions; a [`Simulator`] moves it step by step. Everything is generic over [`Scalar`], so that the same
+//! positions; a [`Simulator`] moves it step by step. What they are made of is generic over [`Scalar`], so that the same
 //! code carries plain numbers, derivatives and SIMD lanes.
 //!
 //! Rooms, each of which knows only those before it:
@@ -48,7 +48,7 @@ pub use mjcf::MjcfError;
 pub use model::{Integrator, JointKind, Model, State};
 pub use options::RolloutOptions;
 pub use plan::{ACCURACY_M, Plan, plan};
-pub use rollout::{Rollout, rollout};
+pub use rollout::{Rollout, rollout, rollout_of};
 pub use scalar::Scalar;
 pub use simulator::Simulator;
 pub use steps::{Method, Steps};

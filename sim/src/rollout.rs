@@ -52,7 +52,21 @@ impl Rollout<f64> {
 ///
 /// # Errors
 /// [`RolloutError`].
-pub fn rollout<T: Scalar>(
+pub fn rollout(
+    model: &Model,
+    state: &State,
+    command: &Command,
+    sample_times_s: &[f64],
+    options: &RolloutOptions,
+) -> Result<Rollout<f64>, RolloutError> {
+    rollout_of(model, state, command, sample_times_s, options)
+}
+
+/// As [`rollout`], in numbers of any kind, such as those with derivatives: the simulation is compiled for them where this is called.
+///
+/// # Errors
+/// [`RolloutError`].
+pub fn rollout_of<T: Scalar>(
     model: &Model<T>,
     state: &State<T>,
     command: &Command,

@@ -64,7 +64,7 @@ struct Now {
     /// Number of snapshots since it last moved.
     still: u32,
     /// The simulator, with the water's history.
-    simulator: Simulator<f64>,
+    simulator: Simulator,
     /// Which actuators are limp in the simulator.
     limp: Vec<bool>,
 }
@@ -377,7 +377,7 @@ impl Drive {
 }
 
 /// A simulator whose limp actuators exert no force.
-fn simulator(model: &Model, limp: &[bool], step_ns: u64) -> Result<Simulator<f64>, TankError> {
+fn simulator(model: &Model, limp: &[bool], step_ns: u64) -> Result<Simulator, TankError> {
     let mut model = model.clone();
     for (actuator, _) in model.actuators.iter_mut().zip(limp).filter(|(_, limp)| **limp) {
         actuator.kp = 0.0;

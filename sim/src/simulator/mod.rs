@@ -30,13 +30,14 @@ use crate::space::{Planar, Plane, Spatial};
 ///
 /// A base that moves ([`RolloutOptions::base`]) is where its path is at the time of the step.
 #[derive(Debug, Clone)]
-pub struct Simulator<T: Scalar>(pub(crate) InSpace<T>);
+pub struct Simulator(InSpace);
 
 /// A mechanism in the space that suits it.
 #[derive(Debug, Clone)]
-pub(crate) enum InSpace<T: Scalar> {
-    Planar(Engine<Planar<T>>),
-    Spatial(Engine<Spatial<T>>),
+#[allow(clippy::large_enum_variant, reason = "of similar size, and there are few of them")]
+enum InSpace {
+    Planar(Engine<Planar<f64>>),
+    Spatial(Engine<Spatial<f64>>),
 }
 
 /// The plane to compute `model` in; `None` for space. The water's slopes for implicitfast, and contact, are there in space only.
@@ -61,12 +62,12 @@ macro_rules! in_space {
     };
 }
 
-impl<T: Scalar> Simulator<T> {
+impl Simulator {
     /// Prepares `model`; `options.start_s` plays no part here.
     ///
     /// # Errors
     /// [`RolloutError::Timestep`] and [`RolloutError::Unsupported`].
-    pub fn new(model: &Model<T>, options: &RolloutOptions) -> Result<Self, RolloutError> {
+    pub fn new(model: &Model, options: &RolloutOptions) -> Result<Self, RolloutError> {
         let altered = model.altered();
         let model = altered.as_ref().unwrap_or(model);
         Ok(Self(match plane(model, options) {
@@ -81,7 +82,7 @@ impl<T: Scalar> Simulator<T> {
     }
 
     /// Every generalized force at `state` with the commands `command`, shape (actuators).
-    pub fn forces(&mut self, state: &State<T>, command: &[f64]) -> Forces<T> {
+    pub fn forces(&mut self, state: &State, command: &[f64]) -> Forces<f64> {
         in_space!(&mut self.0, engine => engine.forces(state, command))
     }
 
@@ -89,7 +90,7 @@ impl<T: Scalar> Simulator<T> {
     ///
     /// # Errors
     /// [`RolloutError::Diverged`].
-    pub fn step(&mut self, state: &mut State<T>, time_s: f64, command: &[f64]) -> Result<(), RolloutError> {
+    pub fn step(&mut self, state: &mut State, time_s: f64, command: &[f64]) -> Result<(), RolloutError> {
         self.step_with(state, time_s, self.timestep_s(), &|drive: usize, _: f64| command[drive])
     }
 
@@ -99,7 +100,7 @@ impl<T: Scalar> Simulator<T> {
     /// [`RolloutError::Diverged`].
     pub fn advance(
         &mut self,
-        state: &mut State<T>,
+        state: &mut State,
         from_s: f64,
         to_s: f64,
         command: &[f64],
@@ -125,33 +126,16 @@ impl<T: Scalar> Simulator<T> {
     /// [`RolloutError::Diverged`].
     pub fn step_with(
         &mut self,
-        state: &mut State<T>,
+        state: &mut State,
         time_s: f64,
         h: f64,
         command: &dyn Fn(usize, f64) -> f64,
-    ) -> Result<(), RolloutError> {
-        let command = |drive: usize, time_s: f64| T::from_f64(command(drive, time_s));
-        self.step_along(state, time_s, h, &command)
-    }
-
-    /// As [`Self::step_with`], with commands that carry derivatives, for instance of a
-    /// [`CommandPath`](crate::CommandPath).
-    ///
-    /// # Errors
-    /// [`RolloutError::Diverged`].
-    pub fn step_along(
-        &mut self,
-        state: &mut State<T>,
-        time_s: f64,
-        h: f64,
-        command: &dyn Fn(usize, f64) -> T,
     ) -> Result<(), RolloutError> {
         in_space!(&mut self.0, engine => {
             if engine.step_with(state, time_s, h, command) {
                 return Ok(());
             }
-            let first = (0..T::LANES).find_map(|lane| engine.diverged(state, lane, time_s + h));
-            first.map_or(Ok(()), Err)
+            engine.diverged(state, 0, time_s + h).map_or(Ok(()), Err)
         })
     }
 }

@@ -1,15 +1,10 @@
 //! Causes in whole rollouts: their derivatives from rest and driven, what drives and camera make of time.
 
-use crate::common::{model, relative};
+use crate::common::{DERIVATIVES_PER_PASS, Number, model, relative};
 use sim::batch::{self, Candidate};
 use sim::causes::{Cause, Role};
-use sim::dual::Dual;
 use sim::sensitivities::{self, Direction};
-use sim::{Command, Integrator, Isa, Method, Model, RolloutOptions, State, Steps, plan, rollout};
-
-/// Number of derivatives in one pass; the engine is compiled for this one size.
-const DERIVATIVES_PER_PASS: usize = 6;
-type Number = Dual<f64, DERIVATIVES_PER_PASS>;
+use sim::{Command, Integrator, Isa, Method, Model, RolloutOptions, State, Steps, plan, rollout, rollout_of};
 
 /// Driven rows stand where neither steps nor samples do, so that no corner falls on them.
 fn driven() -> Command {
@@ -82,7 +77,7 @@ impl Case {
         }
         let state =
             State { qpos: self.qpos.map(Number::constant).to_vec(), qvel: vec![Number::constant(0.0); 3] };
-        let seen = rollout(&lifted, &state, &self.command, &samples(), &self.options).unwrap();
+        let seen = rollout_of(&lifted, &state, &self.command, &samples(), &self.options).unwrap();
         let of = |index: usize| seen.position_m.iter().flatten().map(|x| x.partials[index]).collect();
         (0..names.len()).map(of).collect()
     }

@@ -2,7 +2,12 @@
 
 use std::path::PathBuf;
 
+use sim::dual::Dual;
 use sim::{Command, Model};
+
+/// Derivatives in one pass; the simulation is compiled for this one number.
+pub(crate) const DERIVATIVES_PER_PASS: usize = 6;
+pub(crate) type Number = Dual<f64, DERIVATIVES_PER_PASS>;
 
 pub(crate) fn data(file: &str) -> PathBuf {
     [env!("CARGO_MANIFEST_DIR"), "tests", "data", file].iter().collect()

@@ -1,12 +1,10 @@
 //! Derivatives of every reference model's run, from rest.
 
-use crate::common::{self, model, stroke_command};
-use sim::dual::Dual;
-use sim::{Command, Method, Model, RolloutOptions, State, Steps, rollout};
+use crate::common::{self, Number, model, stroke_command};
+use sim::{Command, Method, Model, RolloutOptions, State, Steps, rollout, rollout_of};
 
-/// Derivatives by so many parameters at once.
+/// Parameters of a case.
 const COUNT: usize = 4;
-type Number = Dual<f64, COUNT>;
 
 /// A model, how long it is followed \[s\], its steps, parameters, and the error of the differences themselves: their own
 /// order's, and where a joint breaks loose a corner's.
@@ -79,7 +77,7 @@ fn derivatives_from_rest_are_finite_and_exact_on_every_model() {
         }
         let numbers = |x: &[f64]| x.iter().map(|&x| Number::constant(x)).collect();
         let lifted_state = State { qpos: numbers(&state.qpos), qvel: numbers(&state.qvel) };
-        let exact = rollout(&lifted, &lifted_state, &command, &times, &options).unwrap();
+        let exact = rollout_of(&lifted, &lifted_state, &command, &times, &options).unwrap();
         let at = |parameter: &str, value: f64| -> Vec<f64> {
             let mut model = plain.clone();
             model.set_parameter(parameter, value).unwrap();
@@ -127,7 +125,7 @@ fn coefficients_at_zero_see_that_they_may_leave_it() {
         }
         let numbers = |x: &[f64]| x.iter().map(|&x| Number::constant(x)).collect();
         let lifted_state = State { qpos: numbers(&state.qpos), qvel: numbers(&state.qvel) };
-        let exact = rollout(&lifted, &lifted_state, &command, &times, &options).unwrap();
+        let exact = rollout_of(&lifted, &lifted_state, &command, &times, &options).unwrap();
         for (index, parameter) in parameters.into_iter().enumerate() {
             let at = |value: f64| {
                 let mut model = plain.clone();
@@ -165,7 +163,7 @@ fn derivatives_stay_sound_where_friction_holds_however_long_the_steps() {
     let slopes = |method, longest_s| -> Vec<f64> {
         let steps = Some(Steps::even(method, longest_s));
         let options = RolloutOptions { steps, ..RolloutOptions::default() };
-        let end = rollout(&lifted, &state, &command, &[10.0], &options).unwrap();
+        let end = rollout_of(&lifted, &state, &command, &[10.0], &options).unwrap();
         end.qpos.iter().flat_map(|q| q.partials).collect()
     };
     for method in [Method::RungeKutta, Method::Rosenbrock] {
