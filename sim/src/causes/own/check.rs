@@ -10,7 +10,7 @@ use crate::scalar::Scalar;
 type Slope = Dual<f64, 1>;
 
 /// Number of states in which an expression is tried (chosen), the first with everything at 0.
-const TRIALS: u32 = 64;
+const EXPRESSION_TRIAL_COUNT: u32 = 64;
 /// Value at sizes of 0, over that at typical sizes, that counts as rounding (chosen).
 const ABSENT_ROUNDING_SHARE: f64 = 1e-12;
 
@@ -87,7 +87,7 @@ fn trials(definition: &OwnCause, sizes: f64) -> Vec<Trial> {
         });
         Trial { variables, parameters: parameters.collect() }
     };
-    (0..TRIALS).map(trial).collect()
+    (0..EXPRESSION_TRIAL_COUNT).map(trial).collect()
 }
 
 /// # Errors

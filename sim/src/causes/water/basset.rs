@@ -30,12 +30,12 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
 };
 
 /// The kernel is a sum of exponentials: their number, the slowest one's rate \[1/s\], the natural logarithm of the ratio of successive rates,
-const EXPONENTIALS: usize = 9;
+const KERNEL_EXPONENTIAL_COUNT: usize = 9;
 const SLOWEST_RATE_PER_S: f64 = 0.033_245_979_3;
 const LOG_RATE_RATIO: f64 = 1.463_367_468_6;
 /// and their weights, by least squares on 1/sqrt(t) from 2 ms to 10 s and on its integral from 1 ms on: the last, fastest one
 /// stands for all that is quicker.
-const WEIGHTS: [f64; EXPONENTIALS] = [
+const KERNEL_WEIGHTS: [f64; KERNEL_EXPONENTIAL_COUNT] = [
     0.365_551_50,
     0.218_330_06,
     0.676_864_07,
@@ -49,8 +49,8 @@ const WEIGHTS: [f64; EXPONENTIALS] = [
 
 /// 1/sqrt(t) as a sum of exponentials w exp(-l t), each (w, l). Good to 0.4 % from 2 ms to 10 s, its integral from 0 to 0.2 %
 /// from 1 ms on.
-fn kernel() -> [(f64, f64); EXPONENTIALS] {
-    std::array::from_fn(|k| (WEIGHTS[k], SLOWEST_RATE_PER_S * (LOG_RATE_RATIO * k as f64).exp()))
+fn kernel() -> [(f64, f64); KERNEL_EXPONENTIAL_COUNT] {
+    std::array::from_fn(|k| (KERNEL_WEIGHTS[k], SLOWEST_RATE_PER_S * (LOG_RATE_RATIO * k as f64).exp()))
 }
 
 /// How much of a memory is left after `time_s`, and how much a velocity that changed evenly meanwhile adds to it.
@@ -67,7 +67,7 @@ fn fade(rate: f64, time_s: f64) -> (f64, f64) {
 pub(crate) struct Term<S: Space> {
     history: S::T,
     geoms: usize,
-    kernel: [(f64, f64); EXPONENTIALS],
+    kernel: [(f64, f64); KERNEL_EXPONENTIAL_COUNT],
 }
 
 impl<S: Space> Step<S> for Term<S> {
@@ -77,7 +77,7 @@ impl<S: Space> Step<S> for Term<S> {
 
     /// Per shape: its velocity at the last step's end, and the memories then.
     fn memory(&self) -> usize {
-        self.geoms * (1 + EXPONENTIALS)
+        self.geoms * (1 + KERNEL_EXPONENTIAL_COUNT)
     }
 
     /// Velocities count as even between the instants that the forces are asked for at, so memories of less than a step
@@ -86,7 +86,9 @@ impl<S: Space> Step<S> for Term<S> {
     fn wrenches(&self, moment: Moment, plant: &Plant<S>, work: &mut Work<S>, memory: &mut [S::Vec]) {
         let fades = self.kernel.map(|(_, rate)| fade(rate, moment.elapsed_s));
         let decays = moment.arrived_s.map(|step_s| self.kernel.map(|(_, rate)| fade(rate, step_s)));
-        for (geom, memory) in plant.fluid_geoms.iter().zip(memory.chunks_exact_mut(1 + EXPONENTIALS)) {
+        for (geom, memory) in
+            plant.fluid_geoms.iter().zip(memory.chunks_exact_mut(1 + KERNEL_EXPONENTIAL_COUNT))
+        {
             let (v, at) = drift(geom, plant, work);
             let (last, memories) = match memory {
                 [last, memories @ ..] => (last, memories),
