@@ -184,7 +184,7 @@ impl PulseSink for Nowhere {
 
 /// How many pictures are drawn beforehand: zstd, which looks back over half a megabyte, never meets one again.
 const DRAWN_PICTURES: u32 = 16;
-/// Images that wait for the program before the oldest is lost, as in a driver's buffers.
+/// Images that wait for the program before some are lost: fewer than a driver has.
 const BUFFERED_IMAGES: u32 = 4;
 
 /// A camera that shows pictures drawn beforehand, on time, and loses those that nobody takes.
@@ -262,7 +262,7 @@ impl Camera for Drawn {
 }
 
 /// How far behind the devices' threads a fit beside the filming is, as `nice` counts.
-const NICENESS: i32 = 10;
+const NICENESS: i32 = 19;
 /// Interval at which memory and clock are read. Chosen.
 const SAMPLE_INTERVAL: Duration = Duration::from_millis(5);
 

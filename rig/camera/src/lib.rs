@@ -1,7 +1,7 @@
 //! Cameras: one trait, and a real one, a mock, one in another process and a recorded one behind it.
 //!
-//! Another kind is a file and a line of the list in `kinds`. The trait's tests in the mock say what is expected of one: images in order of exposure, stamps on CLOCK_MONOTONIC, every call back within
-//! its timeout.
+//! Another kind is a file and a line of the list in `kinds`. The trait's tests in the mock say what is expected of one: images in order of
+//! exposure, stamps on CLOCK_MONOTONIC, every call back within its timeout.
 
 #![cfg_attr(test, allow(clippy::disallowed_methods, reason = "tests make their files"))]
 
@@ -25,6 +25,9 @@ pub use kinds::{CameraKind, Opening, open};
 use std::time::Duration;
 
 use ground::clock::MonotonicNs;
+
+/// Buffers for images that wait for the program, chosen: at 120 images a second it may be held up for 90 ms, at 30 for 0.4 s.
+const BUFFERS: u32 = 12;
 
 /// A source of images. It lives on a thread of its own; every call returns within its timeout.
 pub trait Camera: Send {

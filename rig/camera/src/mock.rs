@@ -4,6 +4,7 @@ mod fault;
 
 pub use fault::{CameraFault, CameraFaultKind};
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use image::{GrayImage, ImageEncoder};
@@ -11,7 +12,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::{Camera, CameraConfig, CameraError, CameraImage, CameraInfo, Encoding};
+use super::{BUFFERS, Camera, CameraConfig, CameraError, CameraImage, CameraInfo, Encoding};
 use ground::clock::MonotonicNs;
 
 /// The scene that a mock camera films.
@@ -39,8 +40,6 @@ pub struct StampTruth {
     pub seed: u64,
 }
 
-/// Images that wait for the program before the oldest is lost, as in a driver's buffers; chosen.
-const BUFFERED_IMAGES: u32 = 4;
 /// Share of the images that an intermittent camera loses, chosen.
 const INTERMITTENT_LOSS_SHARE: f64 = 0.3;
 /// JPEG quality, chosen as that of a common webcam.
@@ -57,6 +56,8 @@ pub struct MockCamera {
     /// When image 0 was exposed, while started.
     first: Option<MonotonicNs>,
     next: u32,
+    /// Images that wait for the program, as in a driver's buffers.
+    buffered: VecDeque<u32>,
     /// The last picture, which a stuck camera repeats.
     last_picture: Option<GrayImage>,
 }
@@ -99,6 +100,7 @@ impl MockCamera {
             random: ChaCha8Rng::seed_from_u64(truth.seed),
             first: None,
             next: 0,
+            buffered: VecDeque::new(),
             last_picture: None,
         })
     }
@@ -112,6 +114,11 @@ impl MockCamera {
     /// Image `index`: when it is exposed, in truth.
     fn exposed(&self, first: MonotonicNs, index: u32) -> MonotonicNs {
         first.plus_seconds(f64::from(index) / self.info.fps)
+    }
+
+    /// When image `index` is read out.
+    fn ready(&self, first: MonotonicNs, index: u32) -> MonotonicNs {
+        self.exposed(first, index).plus_seconds(self.exposure_s / 2.0)
     }
 
     /// Waits for the next image that is not lost; its index and true mid-exposure.
@@ -130,20 +137,22 @@ impl MockCamera {
         let deadline = MonotonicNs::now().plus_seconds(timeout.as_secs_f64());
         loop {
             let now = MonotonicNs::now();
-            // What the program left waiting for too long is lost, and leaves a gap in the count.
-            let elapsed = (now.seconds_since(first) * self.info.fps).max(0.0) as u32;
-            if elapsed > self.next + BUFFERED_IMAGES {
-                self.next = elapsed - 1;
+            while self.ready(first, self.next) <= now {
+                // one for which no buffer is free is lost, and leaves a gap in the count
+                if self.buffered.len() < BUFFERS as usize {
+                    self.buffered.push_back(self.next);
+                }
+                self.next += 1;
             }
-            let exposed = self.exposed(first, self.next);
-            let ready = exposed.plus_seconds(self.exposure_s / 2.0);
-            if ready > now {
-                let until = ready.min(deadline);
-                std::thread::sleep(Duration::from_nanos(until.0.saturating_sub(now.0)));
-                if ready > deadline {
+            let Some(index) = self.buffered.pop_front() else {
+                if now >= deadline {
                     return Err(stalled());
                 }
-            }
+                let until = self.ready(first, self.next).min(deadline);
+                std::thread::sleep(Duration::from_nanos(until.0.saturating_sub(now.0)));
+                continue;
+            };
+            let exposed = self.exposed(first, index);
             let fault = self.fault(exposed);
             match fault {
                 Some(CameraFaultKind::Off) => return Err(CameraError::Gone { camera: camera() }),
@@ -154,8 +163,6 @@ impl MockCamera {
                 }
                 _ => {}
             }
-            let index = self.next;
-            self.next += 1;
             if fault == Some(CameraFaultKind::Intermittent)
                 && self.random.random_bool(INTERMITTENT_LOSS_SHARE)
             {
@@ -177,6 +184,7 @@ impl Camera for MockCamera {
         self.random = ChaCha8Rng::seed_from_u64(self.truth.seed ^ first.0);
         self.first = Some(first);
         self.next = 0;
+        self.buffered.clear();
         Ok(())
     }
 

@@ -17,11 +17,9 @@ use v4l::buffer::{Flags, Metadata, Type};
 use v4l::io::mmap::Stream;
 use v4l::io::traits::{CaptureStream, Stream as _};
 
-use super::{Camera, CameraConfig, CameraError, CameraImage, CameraInfo, Encoding};
+use super::{BUFFERS, Camera, CameraConfig, CameraError, CameraImage, CameraInfo, Encoding};
 use ground::clock::MonotonicNs;
 
-/// Buffers requested from the driver, chosen: at 120 images a second the program may be held up for 90 ms.
-const REQUESTED_BUFFERS: u32 = 12;
 /// More buffers than any driver gives, chosen.
 const MAX_BUFFERS: usize = 64;
 /// `poll`'s flag for "an image is ready".
@@ -82,7 +80,7 @@ impl V4lCamera {
     }
 
     fn begin(&mut self) -> Result<(), CameraError> {
-        let mut stream = Stream::with_buffers(&self.device, Type::VideoCapture, REQUESTED_BUFFERS)
+        let mut stream = Stream::with_buffers(&self.device, Type::VideoCapture, BUFFERS)
             .map_err(|error| self.failed("asking for buffers", &error))?;
         // The crate keeps the number of buffers to itself; queueing one too many is refused. Buffer 0 is queued by
         // the first `next`.

@@ -46,8 +46,9 @@ fn leads_its_session(stat: &str) -> Option<bool> {
 const SERVO_NICENESS: i32 = -10;
 /// Niceness of the threads for images, chosen.
 const PICTURES_NICENESS: i32 = 4;
-/// Niceness of computations, chosen.
-const COMPUTING_NICENESS: i32 = 10;
+/// Niceness of computations: with the highest, a thread for images has 28 times the share. With 10, where it has 4 times, sixteen fits on
+/// two processors kept such threads waiting for up to 30 ms (measured).
+const COMPUTING_NICENESS: i32 = 19;
 
 impl Urgency {
     /// Sets the priority of the calling thread and of those that it starts from now on. Where the system refuses it, for lack of the right
