@@ -2,7 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{DMatrix, DVector};
+use ground::levenberg_marquardt::{LevenbergMarquardt, NormalEquations, Scaling};
+use nalgebra::DVector;
 use sim::model::{Joint, POINTER_M};
 use sim::{JointKind, Model};
 
@@ -32,12 +33,11 @@ pub(super) struct Target {
 const HINGE_ANGLES_TRIED: usize = 24;
 /// A pose beyond this many standard deviations of the noise, root mean square, is sought from another start (chosen).
 const GOOD_POSE_RMS_Z: f64 = 3.0;
-/// Largest number of iterations of a descent (chosen).
-const ITERATIONS_MAX: usize = 60;
 /// Step of the finite differences \[rad\] or \[m\] (chosen).
 const DIFFERENCE_STEP: f64 = 1e-6;
-/// A descent has converged when its steps are shorter \[rad\] or \[m\] (chosen).
-const CONVERGED_STEP: f64 = 1e-10;
+/// Settings of a descent (chosen), which keep directions that change no target where they are.
+const DESCENT: LevenbergMarquardt =
+    LevenbergMarquardt { iterations_max: 60, relative_tolerance: f64::EPSILON, scaling: Scaling::Levenberg };
 
 /// The coordinates, shape (nq), nearest to `targets`: by descent from `guess`, and where that ends far off, from
 /// a search hinge by hinge; of the angles that look the same, whole turns apart, those next to the reference. `frozen`, shape
@@ -109,55 +109,16 @@ fn sweep(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) -> V
     qpos
 }
 
-/// Levenberg-Marquardt; the damping never quite vanishes, which keeps directions that change no target where they are.
-///
-/// Separate from the fit's descent: there are no bounds, priors or dampings tried side by side here, and damping is absolute,
-/// where a fit's is a share of each curvature.
+/// The descent of a fit is another one: it has bounds, priors and dampings tried side by side.
 fn descend(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) -> Vec<f64> {
-    let dofs: Vec<usize> = (0..model.nv()).filter(|&dof| !frozen[dof]).collect();
-    if dofs.is_empty() || targets.is_empty() {
-        return guess.to_vec();
-    }
-    let stepped = |qpos: &[f64], step: &DVector<f64>| {
-        let mut delta = vec![0.0; model.nv()];
-        for (&dof, step) in dofs.iter().zip(step) {
-            delta[dof] = *step;
-        }
-        moved(model, qpos, &delta)
+    let stepped = |qpos: &Vec<f64>, step: &DVector<f64>| {
+        let free = step.iter().zip(frozen).map(|(by, frozen)| if *frozen { 0.0 } else { *by });
+        moved(model, qpos, &free.collect::<Vec<f64>>())
     };
-    let mut qpos = guess.to_vec();
-    let mut damping = 1e-3;
-    for _ in 0..ITERATIONS_MAX {
-        let r = residuals(model, targets, &qpos);
-        let mut jacobian = DMatrix::zeros(targets.len(), dofs.len());
-        for column in 0..dofs.len() {
-            let mut step = DVector::zeros(dofs.len());
-            step[column] = DIFFERENCE_STEP;
-            jacobian.set_column(
-                column,
-                &((residuals(model, targets, &stepped(&qpos, &step)) - &r) / DIFFERENCE_STEP),
-            );
-        }
-        let gradient = jacobian.tr_mul(&r);
-        let mut hessian = jacobian.tr_mul(&jacobian);
-        let size = hessian.diagonal().max();
-        for i in 0..dofs.len() {
-            hessian[(i, i)] += damping * size + f64::MIN_POSITIVE;
-        }
-        let Some(step) = hessian.cholesky().map(|h| -h.solve(&gradient)) else { break };
-        let trial = stepped(&qpos, &step);
-        if cost(model, targets, &trial) <= r.norm_squared() {
-            qpos = trial;
-            damping = (damping / 10.0).max(1e-9);
-            if step.amax() < CONVERGED_STEP {
-                break;
-            }
-        } else {
-            damping *= 10.0;
-            if damping > 1e6 {
-                break;
-            }
-        }
-    }
-    qpos
+    let off = |qpos: &Vec<f64>| residuals(model, targets, qpos);
+    let differences = vec![DIFFERENCE_STEP; model.nv()];
+    let linearise = |qpos: &Vec<f64>, here: &DVector<f64>| {
+        NormalEquations::by_differences(here, &differences, |step| off(&stepped(qpos, step)))
+    };
+    DESCENT.minimise(guess.to_vec(), off, linearise, stepped).point
 }

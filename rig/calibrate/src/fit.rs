@@ -7,6 +7,7 @@
 //! A board's own place and turn in the plane are unknown, so a board of which only a part is seen, or that looks the same from two
 //! sides, tells as much as any other: only distances on it count.
 
+use ground::levenberg_marquardt::{LevenbergMarquardt, NormalEquations, Scaling};
 use ground::statistics::median;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Rotation2, Vector2};
 
@@ -43,12 +44,9 @@ pub enum FitError {
     Diverged,
 }
 
-/// Most iterations of the search (chosen).
-const ITERATIONS_MAX: usize = 200;
-/// Relative decrease of the sum of squares below which the search ends (chosen).
-const RELATIVE_TOLERANCE: f64 = 1e-12;
-/// Largest damping that is tried (chosen): beyond it no step lowers the sum of squares.
-const DAMPING_MAX: f64 = 1e12;
+/// Settings of the search (chosen).
+const SEARCH: LevenbergMarquardt =
+    LevenbergMarquardt { iterations_max: 200, relative_tolerance: 1e-12, scaling: Scaling::Marquardt };
 /// Parameters of the plane: eight of the homography, the radial term, its centre.
 const PLANE_PARAMETERS: usize = 11;
 /// Prior standard deviation of the radial term's centre about the picture's \[half diagonals\] (chosen).
@@ -138,8 +136,8 @@ pub fn fit(pictures: &[ObservedCorners], size_px: [u32; 2]) -> Result<Fit, FitEr
         state = search(&points, state, first, CENTRE_WEIGHT_FIXED_PX2)?;
     }
     let moved = search(&points, state.clone(), first, CENTRE_WEIGHT_FREE_PX2)?;
-    let (held, free) =
-        (state.squares(&points, CENTRE_WEIGHT_FIXED_PX2), moved.squares(&points, CENTRE_WEIGHT_FREE_PX2));
+    let held = state.residuals(&points, CENTRE_WEIGHT_FIXED_PX2).norm_squared();
+    let free = moved.residuals(&points, CENTRE_WEIGHT_FREE_PX2).norm_squared();
     let unknowns = PLANE_PARAMETERS + POSE_PARAMETERS * (pictures.len() - 1);
     let numbers = 2 * points.iter().filter(|point| point.used).count();
     if held - free > CENTRE_CHI_SQUARE_MIN * free / numbers.saturating_sub(unknowns).max(1) as f64 {
@@ -176,14 +174,15 @@ impl State {
         project(&self.map, self.straight(point.in_picture)) - (Rotation2::new(turn) * point.board + place)
     }
 
-    /// Sum of the squared errors, that of the radial centre among them \[px²\].
-    fn squares(&self, points: &[Point], centre_weight: f64) -> f64 {
+    /// Errors of the corners and of the radial term's centre \[px\].
+    fn residuals(&self, points: &[Point], centre_weight: f64) -> DVector<f64> {
         let used = points.iter().filter(|point| point.used);
-        let corners: f64 = used.map(|point| (self.error(point) * point.px_per_m).norm_squared()).sum();
-        corners + centre_weight * self.centre.norm_squared()
+        let corners = used.map(|point| self.error(point) * point.px_per_m);
+        let errors = corners.chain([self.centre * centre_weight.sqrt()]);
+        DVector::from_vec(errors.flat_map(|error| [error.x, error.y]).collect())
     }
 
-    /// Moved by `step`, in the order of [`equations`].
+    /// Moved by `step`, in the order of [`normal_equations`].
     fn moved(&self, step: &DVector<f64>, first: usize) -> Self {
         let mut new = self.clone();
         for i in 0..RADIAL_INDEX {
@@ -203,11 +202,8 @@ impl State {
 
 /// Where a picture's pose stands among the unknowns; the first board is the world.
 fn pose_at(picture: usize, first: usize) -> Option<usize> {
-    match picture.cmp(&first) {
-        std::cmp::Ordering::Less => Some(PLANE_PARAMETERS + POSE_PARAMETERS * picture),
-        std::cmp::Ordering::Equal => None,
-        std::cmp::Ordering::Greater => Some(PLANE_PARAMETERS + POSE_PARAMETERS * (picture - 1)),
-    }
+    let poses_before = picture - usize::from(picture > first);
+    (picture != first).then_some(PLANE_PARAMETERS + POSE_PARAMETERS * poses_before)
 }
 
 /// Derivative of the projection at a place, shape (2, 2).
@@ -217,15 +213,10 @@ pub(super) fn slope(map: &Matrix3<f64>, at: Vector2<f64>) -> Matrix2<f64> {
     Matrix2::from_fn(|i, j| (map[(i, j)] - image[i] * map[(2, j)]) / weight)
 }
 
-/// Normal equations of the linearised errors: their squares and their right side.
-fn equations(
-    points: &[Point],
-    state: &State,
-    first: usize,
-    centre_weight: f64,
-) -> (DMatrix<f64>, DVector<f64>) {
+/// Normal equations of [`State::residuals`]; each corner depends on few of the unknowns.
+fn normal_equations(points: &[Point], state: &State, first: usize, centre_weight: f64) -> NormalEquations {
     let size = PLANE_PARAMETERS + POSE_PARAMETERS * (state.poses.len() - 1);
-    let (mut squares, mut sides) = (DMatrix::zeros(size, size), DVector::zeros(size));
+    let (mut hessian, mut gradient) = (DMatrix::zeros(size, size), DVector::zeros(size));
     for point in points.iter().filter(|point| point.used) {
         let straight = state.straight(point.in_picture);
         let (map, image) = (&state.map, project(&state.map, straight));
@@ -254,52 +245,29 @@ fn equations(
                 row[9] = (at + 1 + axis, -1.0);
             }
             for &(i, a) in &row {
-                sides[i] -= a * error[axis] * point.px_per_m.powi(2);
+                gradient[i] += a * error[axis] * point.px_per_m.powi(2);
                 for &(j, b) in &row {
-                    squares[(i, j)] += a * b * point.px_per_m.powi(2);
+                    hessian[(i, j)] += a * b * point.px_per_m.powi(2);
                 }
             }
         }
     }
     for axis in 0..2 {
-        squares[(RADIAL_INDEX + 1 + axis, RADIAL_INDEX + 1 + axis)] += centre_weight;
-        sides[RADIAL_INDEX + 1 + axis] -= centre_weight * state.centre[axis];
+        let i = RADIAL_INDEX + 1 + axis;
+        hessian[(i, i)] += centre_weight;
+        gradient[i] += centre_weight * state.centre[axis];
     }
-    (squares, sides)
+    NormalEquations { hessian, gradient }
 }
 
-fn search(points: &[Point], mut state: State, first: usize, centre_weight: f64) -> Result<State, FitError> {
-    let mut damping = 1e-3;
-    let mut now = state.squares(points, centre_weight);
-    for _ in 0..ITERATIONS_MAX {
-        let (squares, sides) = equations(points, &state, first, centre_weight);
-        loop {
-            let mut damped = squares.clone();
-            for i in 0..damped.nrows() {
-                damped[(i, i)] *= 1.0 + damping;
-            }
-            let step = damped.cholesky().map(|factors| factors.solve(&sides));
-            if let Some(step) = step {
-                let tried = state.moved(&step, first);
-                let then = tried.squares(points, centre_weight);
-                if then <= now {
-                    let better = now - then;
-                    (state, now) = (tried, then);
-                    damping = (damping / 10.0).max(1e-12);
-                    if better <= RELATIVE_TOLERANCE * now {
-                        return Ok(state);
-                    }
-                    break;
-                }
-            }
-            damping *= 10.0;
-            if damping > DAMPING_MAX {
-                // Nothing betters it any more: rounding is all that is left.
-                return if now.is_finite() { Ok(state) } else { Err(FitError::Diverged) };
-            }
-        }
-    }
-    Err(FitError::Diverged)
+fn search(points: &[Point], start: State, first: usize, centre_weight: f64) -> Result<State, FitError> {
+    let found = SEARCH.minimise(
+        start,
+        |state| state.residuals(points, centre_weight),
+        |state, _| normal_equations(points, state, first, centre_weight),
+        |state, step| state.moved(step, first),
+    );
+    if found.converged { Ok(found.point) } else { Err(FitError::Diverged) }
 }
 
 /// Marks corners as misread; whether there are any.

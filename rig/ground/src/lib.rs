@@ -2,7 +2,7 @@
 //!
 //! * [`strict`], [`names`], [`error_chain`], [`reasons`]: configs that refuse what they do not know, the name that may have been meant, an
 //!   error with its causes, reasons grouped;
-//! * [`statistics`]: medians and spreads;
+//! * [`statistics`], [`levenberg_marquardt`]: medians and spreads, least squares;
 //! * [`clock`], [`urgency`]: ticks and stamps on one clock, scheduling priorities;
 //! * [`claim`], [`in_place`], [`hold`]: exclusive use by one process, files that a full disk cannot refuse, the hold that every stop leaves;
 //! * [`choice`], [`shell`]: values chosen by name, commands to be typed.
@@ -15,6 +15,7 @@ pub mod clock;
 pub mod error_chain;
 pub mod hold;
 pub mod in_place;
+pub mod levenberg_marquardt;
 pub mod names;
 pub mod reasons;
 pub mod shell;
