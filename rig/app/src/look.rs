@@ -252,7 +252,12 @@ mod tests {
     use super::*;
 
     fn images(times_s: &[f64]) -> Vec<TimedImage> {
-        let image = |&time_s: &f64| TimedImage { name: String::new(), time_s, grey: Err(String::new()) };
+        let image = |&time_s: &f64| TimedImage {
+            name: String::new(),
+            time_s,
+            chroma: None,
+            grey: Err(String::new()),
+        };
         times_s.iter().map(image).collect()
     }
 

@@ -1,9 +1,14 @@
-//! Camera images to grey pictures: damaged bytes are an error, never a panic and never a huge allocation.
+//! Camera images to pictures: damaged bytes are an error, never a panic and never a huge allocation.
 
 use std::borrow::Cow;
 use std::io::Cursor;
 
 use image::{GrayImage, ImageFormat, ImageReader, Limits};
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::errors::DecodeErrors;
+use zune_jpeg::zune_core::bytestream::ZCursor;
+use zune_jpeg::zune_core::colorspace::ColorSpace;
+use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::{CameraImage, Encoding};
 
@@ -27,6 +32,9 @@ pub enum DecodeError {
     /// A compressed image is damaged, too large, or of another kind than it says.
     #[error("compressed image is damaged")]
     Damaged(#[from] image::ImageError),
+    /// A JPEG is damaged or too large.
+    #[error("JPEG is damaged: {0}")]
+    Jpeg(String),
     /// The compressed image has another size than the camera said.
     #[error("image is {got_width}x{got_height} px, the camera said {width_px}x{height_px}")]
     Size {
@@ -54,19 +62,36 @@ pub const MAX_SIDE_PX: u32 = 8192;
 /// Most memory that a decoder may use \[bytes\], chosen: RGB of the largest picture and as much again.
 const MAX_DECODER_BYTES: u64 = 512 << 20;
 
+/// A picture as cameras code it: brightness and, where there is colour, two differences of colour, all from 0 to 255 and of one size.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Brightness, Y.
+    pub grey: GrayImage,
+    /// Cb and Cr; 128 is no colour.
+    pub chroma: Option<[GrayImage; 2]>,
+}
+
 /// The picture of a camera's image in grey.
 ///
 /// # Errors
 /// [`DecodeError`], with the sizes that do not agree.
 pub fn grey(image: &CameraImage) -> Result<GrayImage, DecodeError> {
+    picture(image).map(|picture| picture.grey)
+}
+
+/// The picture of a camera's image.
+///
+/// # Errors
+/// [`DecodeError`], with the sizes that do not agree.
+pub fn picture(image: &CameraImage) -> Result<Picture, DecodeError> {
     let CameraImage { width_px, height_px, encoding, ref data, .. } = *image;
     let sides = 1..=MAX_SIDE_PX;
     if !sides.contains(&width_px) || !sides.contains(&height_px) {
         return Err(DecodeError::Sides { width_px, height_px });
     }
     let pixels = u64::from(width_px) * u64::from(height_px);
-    let plain = |per_pixel: u64, grey: Vec<u8>| {
-        let length = DecodeError::Length {
+    let plain = |per_pixel: u64, planes: &dyn Fn() -> (Vec<u8>, Option<[Vec<u8>; 2]>)| {
+        let length = || DecodeError::Length {
             encoding,
             width_px,
             height_px,
@@ -74,17 +99,24 @@ pub fn grey(image: &CameraImage) -> Result<GrayImage, DecodeError> {
             got: data.len(),
         };
         if data.len() as u64 != pixels * per_pixel {
-            return Err(length);
+            return Err(length());
         }
-        GrayImage::from_raw(width_px, height_px, grey).ok_or(length)
+        let (grey, chroma) = planes();
+        Picture::of(width_px, height_px, grey, chroma).ok_or_else(length)
     };
     let picture = match encoding {
-        Encoding::Grey => return plain(1, data.clone()),
-        Encoding::Yuyv => return plain(2, data.iter().step_by(2).copied().collect()),
-        Encoding::Jpeg => compressed(&with_huffman_tables(data), ImageFormat::Jpeg)?,
+        Encoding::Grey => return plain(1, &|| (data.clone(), None)),
+        Encoding::Yuyv => {
+            let every = |from: usize, by: usize| data.iter().skip(from).step_by(by).copied();
+            // two pixels share their colour
+            let twice = |from: usize| every(from, 4).flat_map(|value| [value; 2]).collect();
+            let even = width_px % 2 == 0;
+            return plain(2, &|| (every(0, 2).collect(), even.then(|| [twice(1), twice(3)])));
+        }
+        Encoding::Jpeg => jpeg(data)?,
         Encoding::Png => compressed(data, ImageFormat::Png)?,
     };
-    let (got_width, got_height) = picture.dimensions();
+    let (got_width, got_height) = picture.grey.dimensions();
     if (got_width, got_height) == (width_px, height_px) {
         Ok(picture)
     } else {
@@ -92,25 +124,93 @@ pub fn grey(image: &CameraImage) -> Result<GrayImage, DecodeError> {
     }
 }
 
-/// The picture in the bytes of a JPEG or PNG file in grey, whichever it is.
+/// The picture in the bytes of a JPEG or PNG file, whichever it is, in grey.
 ///
 /// # Errors
 /// [`DecodeError::Damaged`].
 pub fn grey_file(data: &[u8]) -> Result<GrayImage, DecodeError> {
+    picture_file(data).map(|picture| picture.grey)
+}
+
+/// The picture in the bytes of a JPEG or PNG file, whichever it is.
+///
+/// # Errors
+/// [`DecodeError::Damaged`].
+pub fn picture_file(data: &[u8]) -> Result<Picture, DecodeError> {
     match image::guess_format(data)? {
-        ImageFormat::Jpeg => compressed(&with_huffman_tables(data), ImageFormat::Jpeg),
+        ImageFormat::Jpeg => jpeg(data),
         format => compressed(data, format),
     }
 }
 
-fn compressed(data: &[u8], format: ImageFormat) -> Result<GrayImage, DecodeError> {
+impl Picture {
+    /// Of planes of `width` by `height` pixels, row after row; none where one has another size.
+    fn of(width: u32, height: u32, grey: Vec<u8>, chroma: Option<[Vec<u8>; 2]>) -> Option<Self> {
+        let plane = |bytes| GrayImage::from_raw(width, height, bytes);
+        let chroma = match chroma {
+            None => None,
+            Some([cb, cr]) => Some([plane(cb)?, plane(cr)?]),
+        };
+        Some(Self { grey: plane(grey)?, chroma })
+    }
+
+    /// Of red, green and blue, three bytes a pixel (ITU-T T.871).
+    fn of_rgb(width: u32, height: u32, rgb: &[u8]) -> Option<Self> {
+        let weighted = |weights: [f32; 3], offset: f32| -> Vec<u8> {
+            let value = |pixel: &[u8]| {
+                let sum: f32 =
+                    weights.iter().zip(pixel).map(|(weight, &value)| weight * f32::from(value)).sum();
+                (sum + offset).round() as u8
+            };
+            rgb.chunks_exact(3).map(value).collect()
+        };
+        let cb = weighted([-0.168_736, -0.331_264, 0.5], 128.0);
+        let cr = weighted([0.5, -0.418_688, -0.081_312], 128.0);
+        Self::of(width, height, weighted([0.299, 0.587, 0.114], 0.0), Some([cb, cr]))
+    }
+}
+
+/// A JPEG's planes as they are coded: no detour over red, green and blue.
+fn jpeg(data: &[u8]) -> Result<Picture, DecodeError> {
+    let data = with_huffman_tables(data);
+    let side = MAX_SIDE_PX as usize;
+    let options = DecoderOptions::default().set_max_width(side).set_max_height(side);
+    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(&*data), options);
+    let damaged = |error: DecodeErrors| DecodeError::Jpeg(error.to_string());
+    decoder.decode_headers().map_err(damaged)?;
+    let coded = decoder.input_colorspace();
+    let as_coded = match coded {
+        Some(ColorSpace::YCbCr) => ColorSpace::YCbCr,
+        Some(ColorSpace::Luma) => ColorSpace::Luma,
+        _ => ColorSpace::RGB,
+    };
+    decoder.set_options(options.jpeg_set_out_colorspace(as_coded));
+    let bytes = decoder.decode().map_err(damaged)?;
+    let (width, height) = decoder.dimensions().unwrap_or_default();
+    let (width, height) = (width as u32, height as u32);
+    let every = |plane: usize| bytes.iter().skip(plane).step_by(3).copied().collect();
+    let picture = match as_coded {
+        ColorSpace::Luma => Picture::of(width, height, bytes, None),
+        ColorSpace::YCbCr => Picture::of(width, height, every(0), Some([every(1), every(2)])),
+        _ => Picture::of_rgb(width, height, &bytes),
+    };
+    picture.ok_or_else(|| DecodeError::Jpeg("its planes are of other sizes than it says".into()))
+}
+
+fn compressed(data: &[u8], format: ImageFormat) -> Result<Picture, DecodeError> {
     let mut limits = Limits::default();
     limits.max_image_width = Some(MAX_SIDE_PX);
     limits.max_image_height = Some(MAX_SIDE_PX);
     limits.max_alloc = Some(MAX_DECODER_BYTES);
     let mut reader = ImageReader::with_format(Cursor::new(data), format);
     reader.limits(limits);
-    Ok(reader.decode()?.into_luma8())
+    let image = reader.decode()?;
+    if !image.color().has_color() {
+        return Ok(Picture { grey: image.into_luma8(), chroma: None });
+    }
+    let rgb = image.into_rgb8();
+    Picture::of_rgb(rgb.width(), rgb.height(), rgb.as_raw())
+        .ok_or(DecodeError::Sides { width_px: rgb.width(), height_px: rgb.height() })
 }
 
 /// Marker bytes after 0xFF.
@@ -239,6 +339,27 @@ mod tests {
         for data in [yuyv[1..].to_vec(), Vec::new()] {
             assert!(matches!(grey(&received(Encoding::Yuyv, data)), Err(DecodeError::Length { .. })));
         }
+    }
+
+    #[test]
+    fn colour_is_what_was_coded_and_grey_has_none() {
+        let rgb = image::RgbImage::from_pixel(WIDTH, HEIGHT, image::Rgb([200, 80, 40]));
+        // ITU-T T.871 of that colour
+        let coded = [111u8, 88, 191];
+        let near = |picture: &Picture| {
+            let [cb, cr] = picture.chroma.as_ref().unwrap();
+            let seen = [&picture.grey, cb, cr].map(|plane| plane.get_pixel(20, 12).0[0]);
+            assert!(seen.iter().zip(coded).all(|(seen, coded)| seen.abs_diff(coded) <= 2), "{seen:?}");
+        };
+        for format in [ImageFormat::Jpeg, ImageFormat::Png] {
+            let mut file = Cursor::new(Vec::new());
+            rgb.write_to(&mut file, format).unwrap();
+            near(&picture_file(file.get_ref()).unwrap());
+        }
+        let yuyv = [coded[0], coded[1], coded[0], coded[2]].repeat((WIDTH * HEIGHT / 2) as usize);
+        near(&picture(&received(Encoding::Yuyv, yuyv)).unwrap());
+        assert_eq!(picture(&received(Encoding::Jpeg, jpeg())).unwrap().chroma, None);
+        assert_eq!(picture_file(&jpeg()).unwrap().grey.dimensions(), (WIDTH, HEIGHT));
     }
 
     #[test]

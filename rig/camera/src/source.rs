@@ -6,7 +6,8 @@ pub use error::{FolderError, SourceError};
 
 use image::GrayImage;
 
-use crate::{CameraImage, decode};
+use crate::CameraImage;
+use crate::decode::{self, Picture};
 use ground::clock::MonotonicNs;
 
 /// An image and when it was exposed.
@@ -16,19 +17,29 @@ pub struct TimedImage {
     pub name: String,
     /// Mid-exposure \[s\].
     pub time_s: f64,
-    /// The picture, or why it could not be read.
+    /// The picture's brightness, or why it could not be read.
     pub grey: Result<GrayImage, String>,
+    /// Its colour, Cb and Cr, where it has any.
+    pub chroma: Option<[GrayImage; 2]>,
 }
 
 impl TimedImage {
     /// An image as received, its time counted from `origin`.
     pub fn of(image: &CameraImage, origin: MonotonicNs) -> Self {
-        let grey = match image.damaged {
+        let picture = match image.damaged {
             true => Err("marked as damaged by the camera".to_owned()),
-            false => decode::grey(image).map_err(|error| error.to_string()),
+            false => decode::picture(image).map_err(|error| error.to_string()),
         };
         let time_s = image.mid_exposure.seconds_since(origin);
-        Self { name: image.sequence.to_string(), time_s, grey }
+        Self::new(image.sequence.to_string(), time_s, picture)
+    }
+
+    /// An image called `name`, taken at `time_s` \[s\].
+    pub fn new(name: String, time_s: f64, picture: Result<Picture, String>) -> Self {
+        match picture {
+            Ok(Picture { grey, chroma }) => Self { name, time_s, grey: Ok(grey), chroma },
+            Err(why) => Self { name, time_s, grey: Err(why), chroma: None },
+        }
     }
 }
 
@@ -108,7 +119,12 @@ mod tests {
 
     impl ImageSource for Counted {
         fn images(&self) -> Result<Images<'_>, SourceError> {
-            let image = |i| TimedImage { name: format!("{i}"), time_s: i as f64, grey: Err(String::new()) };
+            let image = |i| TimedImage {
+                name: format!("{i}"),
+                time_s: i as f64,
+                chroma: None,
+                grey: Err(String::new()),
+            };
             Ok(Box::new((0..self.0).map(move |i| Ok(image(i)))))
         }
 

@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use camera::decode::grey_file;
+use camera::decode::picture_file;
 use camera::source::{FolderError, SourceError};
 use camera::source::{ImageSource, Images, TimedImage};
 use ground::error_chain::with_causes;
@@ -116,8 +116,8 @@ impl ImageSource for Folder {
         Ok(Box::new(self.entries.iter().map(|entry| {
             let bytes = std::fs::read(&entry.path).map_err(|error| error.to_string());
             let name = entry.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let grey = bytes.and_then(|bytes| grey_file(&bytes).map_err(|error| with_causes(&error)));
-            Ok(TimedImage { name, time_s: entry.time_s, grey })
+            let picture = bytes.and_then(|bytes| picture_file(&bytes).map_err(|error| with_causes(&error)));
+            Ok(TimedImage::new(name, entry.time_s, picture))
         })))
     }
 

@@ -108,7 +108,7 @@ impl Iterator for Decoded<'_> {
         let name = format!("{:06}", self.next);
         self.next += 1;
         match image {
-            Some(image) => Some(Ok(TimedImage { name, time_s, grey: Ok(image) })),
+            Some(image) => Some(Ok(TimedImage { name, time_s, chroma: None, grey: Ok(image) })),
             None => {
                 self.pixels = None;
                 let stderr = self.stderr.take().and_then(|thread| thread.join().ok()).unwrap_or_default();

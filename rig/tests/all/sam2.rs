@@ -52,6 +52,7 @@ fn film() -> Vec<TimedImage> {
     let timed = |image: usize| TimedImage {
         name: format!("{image}.png"),
         time_s: image as f64 / 30.0,
+        chroma: None,
         grey: Ok(picture(image)),
     };
     (0..IMAGES).map(timed).collect()

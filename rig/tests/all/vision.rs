@@ -33,7 +33,12 @@ fn noisy(mut image: GrayImage, seed: u64) -> GrayImage {
 }
 
 fn timed(images: Vec<GrayImage>) -> Vec<TimedImage> {
-    let image = |(i, grey)| TimedImage { name: format!("{i:03}"), time_s: i as f64 * 0.01, grey: Ok(grey) };
+    let image = |(i, grey)| TimedImage {
+        name: format!("{i:03}"),
+        time_s: i as f64 * 0.01,
+        chroma: None,
+        grey: Ok(grey),
+    };
     images.into_iter().enumerate().map(image).collect()
 }
 

@@ -127,7 +127,7 @@ mod tests {
     }
 
     fn image(grey: Result<GrayImage, String>) -> TimedImage {
-        TimedImage { name: "000012".into(), time_s: 0.12, grey }
+        TimedImage { name: "000012".into(), time_s: 0.12, chroma: None, grey }
     }
 
     #[test]

@@ -125,6 +125,7 @@ mod tests {
         let image = |record: &ImageRecord| TimedImage {
             name: record.name.clone(),
             time_s: record.time_s,
+            chroma: None,
             grey: if record.reason.starts_with("dark") {
                 Ok(GrayImage::new(64, 48))
             } else {

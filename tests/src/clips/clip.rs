@@ -210,6 +210,7 @@ impl Film<'_> {
         let timed = |(i, grey): (usize, GrayImage)| TimedImage {
             name: format!("{i:05}"),
             time_s: i as f64 / fps,
+            chroma: None,
             grey: Ok(grey),
         };
         let click =

@@ -157,7 +157,12 @@ mod tests {
             })
         };
         (0..images)
-            .map(|n| TimedImage { name: format!("{n}"), time_s: n as f64 / 7.0, grey: Ok(grey(n)) })
+            .map(|n| TimedImage {
+                name: format!("{n}"),
+                time_s: n as f64 / 7.0,
+                chroma: None,
+                grey: Ok(grey(n)),
+            })
             .collect()
     }
 

@@ -54,6 +54,9 @@ pub enum SelfCheckError {
          P0 held (`base_px`, or a model whose first body is fixed)"
     )]
     NoOutline,
+    /// Nothing was segmented.
+    #[error("is not drawn again: with segmenter = \"pose\" sigmas come from its own residuals")]
+    ByPose,
     /// Too little was found in the film.
     #[error(
         "cannot be checked: only {found} images were found without a doubt, at least {wanted} are needed"
@@ -113,7 +116,7 @@ impl SelfCheck {
                         polygons.iter().map(|polygon| polygon.iter().map(moved).collect()).collect();
                     let seed = ((take * FILMS + film) << 32) + i as u64;
                     let grey: GrayImage = scene.draw(&polygons, seed);
-                    TimedImage { name: i.to_string(), time_s: poses[i].time_s, grey: Ok(grey) }
+                    TimedImage { name: i.to_string(), time_s: poses[i].time_s, chroma: None, grey: Ok(grey) }
                 };
                 drawn.par_iter().enumerate().map(image).collect()
             };

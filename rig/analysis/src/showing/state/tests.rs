@@ -47,7 +47,7 @@ fn found(time_s: f64) -> Found {
         mask: Some(mask),
         centreline: vec![[20.0, 25.0], [59.0, 25.0]],
     };
-    Found { image: TimedImage { name: "1".into(), time_s, grey }, record }
+    Found { image: TimedImage { name: "1".into(), time_s, chroma: None, grey }, record }
 }
 
 #[test]
