@@ -121,6 +121,10 @@ pub struct VisionConfig {
     /// Default 5 (guessed).
     #[serde(default = "base_std")]
     pub base_std_px: Positive,
+    /// How far the camera is from the plane of motion \[m\], as far as perspective goes: the way in air, and those in glass over 1.52 and in
+    /// water over 1.333. Left out: about 0.5, and not relied on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera_distance_m: Option<Positive>,
     /// A picture, white where the mechanism never is (bracket, screws). Path beside the config.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub static_mask: Option<PathBuf>,
@@ -153,7 +157,7 @@ pub struct VisionConfig {
     /// centre of one cap to the other's, as trackers of animals have it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub end_inset: Option<NonNegative>,
-    /// `classical` (default), or `sam2`: recorded films only, see `sam2`.
+    /// `classical` (default); `sam2`: recorded films only, see `sam2`; or `pose`: the model's pose that explains the picture.
     #[serde(default)]
     pub segmenter: Segmenter,
     /// Graphs and clicks of `segmenter = "sam2"`.
@@ -220,6 +224,7 @@ impl Default for VisionConfig {
             shares: None,
             base_px: None,
             base_std_px: base_std(),
+            camera_distance_m: None,
             static_mask: None,
             polarity: Polarity::default(),
             background: Background::default(),
@@ -272,7 +277,7 @@ impl VisionConfig {
             (Segmenter::Sam2, Some(sam2)) => {
                 sam2.fault().map_or(Ok(()), |fault| refuse(format!("sam2: {fault}")))
             }
-            (Segmenter::Classical, _) => Ok(()),
+            (Segmenter::Classical | Segmenter::Pose, _) => Ok(()),
         }
     }
 

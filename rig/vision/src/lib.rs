@@ -38,6 +38,7 @@ pub mod output;
 pub mod overlay;
 mod parts;
 mod pixel_runs;
+pub mod pose;
 pub mod record;
 pub mod refused;
 pub mod rejection;

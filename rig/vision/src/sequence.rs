@@ -5,15 +5,17 @@ use std::sync::Arc;
 
 use sim::Model;
 
-use super::config::VisionConfig;
+use super::config::{Background, Mode, VisionConfig};
 use super::extractor::{Extractor, LEARN_FROM};
 use super::mask::Mask;
 use super::outline::Outline;
+use super::pose::{Mechanism, PoseFilm};
 use super::record::{Extraction, ImageRecord};
-use super::self_check::SelfCheck;
+use super::sam2::Segmenter;
+use super::self_check::{SelfCheck, SelfCheckError};
 use super::silhouettes::Silhouettes;
-use super::{SequenceError, VisionError, sam2};
-use camera::calibration::Plane;
+use super::{SequenceError, VisionError, sam2, static_mask};
+use camera::calibration::{Plane, View};
 use camera::source::{ImageSource, TimedImage};
 
 /// Images whose intermediate pictures are held at once, where nobody waits for the first ones.
@@ -36,6 +38,8 @@ pub struct Task<'a> {
     pub silhouettes: Option<Arc<Silhouettes>>,
     /// Whether the film is drawn again to tell how well its keypoints are found.
     pub self_check: bool,
+    /// What is posed where nothing is segmented.
+    pub mechanism: Option<Mechanism>,
 }
 
 impl<'a> Task<'a> {
@@ -58,9 +62,15 @@ impl<'a> Task<'a> {
             );
             return Err(VisionError::Config { what });
         }
+        let outline = Outline::new(config, model)?;
+        let mechanism = match config.segmenter {
+            Segmenter::Pose => Some(by_pose(config, &outline, model, view)?),
+            Segmenter::Classical | Segmenter::Sam2 => None,
+        };
         Ok(Self {
             config,
-            outline: Outline::new(config, model)?,
+            mechanism,
+            outline,
             plane,
             folder,
             masks: None,
@@ -77,6 +87,10 @@ impl<'a> Task<'a> {
         if let Some(grey) = sample.iter().find_map(|image| image.grey.as_ref().ok()) {
             self.plane.fits(grey.dimensions().into())?;
         }
+        if let Some(mechanism) = &self.mechanism {
+            let film = self.learn_film(sample, mechanism)?;
+            return Ok(Begun { by: By::Pose(Box::new(film)), records: Vec::new() });
+        }
         let extractor = Extractor::learn(
             sample,
             self.config,
@@ -89,7 +103,24 @@ impl<'a> Task<'a> {
             Some(masks) => extractor.with_masks(masks),
             None => extractor,
         };
-        Ok(Begun { extractor, records: Vec::new() })
+        Ok(Begun { by: By::Silhouette(Box::new(extractor)), records: Vec::new() })
+    }
+
+    /// A film of `mechanism` as `sample` shows it.
+    fn learn_film(&self, sample: &[TimedImage], mechanism: &Mechanism) -> Result<PoseFilm, VisionError> {
+        let size = sample.iter().find_map(|image| Some(image.grey.as_ref().ok()?.dimensions()));
+        let size = size.ok_or(VisionError::NoImages)?;
+        let blocked = match &self.config.static_mask {
+            Some(path) => Some(static_mask::read(self.folder, path, size)?),
+            None => None,
+        };
+        let model_base = || self.outline.base_m.map(|base| self.plane.pixel(self.plane.view().seen(base)));
+        let base = self.config.base().or_else(model_base).ok_or_else(|| VisionError::Config {
+            what: "segmenter = \"pose\" needs `base_px`, where P0 is seen: the model does not hold it".into(),
+        })?;
+        let distance_m = self.config.camera_distance_m.map(|distance| distance.get());
+        PoseFilm::learn(sample, mechanism.clone(), &self.plane, base, distance_m, blocked.as_ref())
+            .map_err(|why| VisionError::NoBackground { images: sample.len(), what: why.to_string() })
     }
 
     /// All of `source`; `found` is given some images at a time with what was found in them.
@@ -124,7 +155,12 @@ impl<'a> Task<'a> {
         while let Some((images, records)) = begun.take(&mut images, AT_ONCE).map_err(SequenceError::from)? {
             found(&images, records)?;
         }
-        let Begun { extractor, mut records } = begun;
+        let Begun { by, mut records } = begun;
+        let By::Silhouette(extractor) = by else {
+            let checked = self.self_check.then_some(Err(SelfCheckError::ByPose));
+            let extraction = Extraction::named(records, self.outline.keypoints(), self.plane.clone());
+            return Ok(Extraction { checked, ..extraction });
+        };
         let settled = extractor.settle(&mut records);
         let mut extraction = Extraction {
             learned: extractor.learned().to_vec(),
@@ -154,14 +190,50 @@ impl<'a> Task<'a> {
     }
 }
 
+/// What `segmenter = "pose"` needs of a model.
+fn by_pose(
+    config: &VisionConfig,
+    outline: &Outline,
+    model: Option<&Model>,
+    view: View,
+) -> Result<Mechanism, VisionError> {
+    let refuse = |what: &str| Err(VisionError::Config { what: format!("segmenter = \"pose\" {what}") });
+    if matches!(config.background, Background::Picture(_)) {
+        return refuse("learns the empty tank by itself: leave out the picture in `background`");
+    }
+    let soft = match outline.mode {
+        Mode::Links => false,
+        Mode::Arc => true,
+        Mode::Paper | Mode::Centroid | Mode::Arms => {
+            return refuse("is for modes \"links\" and \"arc\": what is held at P0");
+        }
+    };
+    let mechanism = model.and_then(|model| Mechanism::of(model, view, soft));
+    match mechanism.filter(|mechanism| mechanism.keypoints_count() == outline.links + 1) {
+        Some(mechanism) => Ok(mechanism),
+        None => refuse(
+            "needs a model that is one row of hinges in the plane that the camera looks at, held at its site P0, with a site for each keypoint",
+        ),
+    }
+}
+
 /// Some images, and what was found in each of them.
 pub type Portion<'a> = (Vec<TimedImage>, &'a [ImageRecord]);
 
 /// An extraction on its way through a sequence.
 #[derive(Debug)]
 pub struct Begun {
-    extractor: Extractor,
+    by: By,
     records: Vec<ImageRecord>,
+}
+
+/// What images are read by.
+#[derive(Debug)]
+enum By {
+    /// The model's pose that explains them.
+    Pose(Box<PoseFilm>),
+    /// What stands out from the empty tank.
+    Silhouette(Box<Extractor>),
 }
 
 impl Begun {
@@ -184,7 +256,10 @@ impl Begun {
             return Ok(None);
         }
         let before = self.records.len();
-        self.records.append(&mut self.extractor.push(&portion));
+        match &mut self.by {
+            By::Pose(film) => self.records.extend(portion.iter().map(|image| film.take(image))),
+            By::Silhouette(extractor) => self.records.append(&mut extractor.push(&portion)),
+        }
         Ok(Some((portion, &self.records[before..])))
     }
 }

@@ -15,6 +15,9 @@ pub enum Segmenter {
     Classical,
     /// What SAM 2 follows from clicks in one image: recorded films only.
     Sam2,
+    /// Nobody's: the pose of the model that explains the picture is looked for, and what mechanism and tank look like is learned with it.
+    /// For mechanisms that are held, turn in the plane and have a model. On trial.
+    Pose,
 }
 
 /// SAM 2 as a segmenter: the `[vision.sam2]` table.
