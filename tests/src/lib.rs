@@ -10,6 +10,7 @@ pub mod hidden;
 pub mod http;
 pub mod journal;
 pub mod many_runs;
+pub mod optics;
 pub mod ordinary;
 pub mod outside;
 pub mod planes;
