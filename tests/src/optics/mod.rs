@@ -1,9 +1,9 @@
 //! Films of mechanisms under water by ray tracing, with exact truth: a camera in air before a flat port, solids with depth, light from
 //! above, a tank with walls, and what else is before, behind and between. Shares no code with what reads films or with the mock camera.
 //!
-//! [`camera`]: the port, the lens and rays; [`solids`], [`mechanism`], [`octopus`], [`model`]: what moves and its model; [`light`],
-//! [`tank`], [`texture`], [`tiles`], [`glass`], [`actors`]: what is seen with it; [`scenes`]: what makes a film hard, [`scene`] lists them;
-//! [`render`] and [`sensor`]: from rays to a compressed picture; [`truth`]: where keypoints are seen; [`film`]: a folder that
+//! `camera`: the port, the lens and rays; `solids`, `mechanism`, `octopus`, `model`: what moves and its model; `light`,
+//! `tank`, `texture`, `tiles`, `glass`, `actors`: what is seen with it; `scenes`: what makes a film hard, `scene` lists them;
+//! `render` and `sensor`: from rays to a compressed picture; `truth`: where keypoints are seen; `film`: a folder that
 //! `rig extract` reads; [`score`]: what an extraction made of one.
 
 mod actors;
