@@ -27,7 +27,7 @@ use std::time::Duration;
 use ground::clock::MonotonicNs;
 
 /// Buffers for images that wait for the program, chosen: at 120 images a second it may be held up for 90 ms, at 30 for 0.4 s.
-const BUFFERS: u32 = 12;
+const IMAGE_BUFFERS: u32 = 12;
 
 /// A source of images. It lives on a thread of its own; every call returns within its timeout.
 pub trait Camera: Send {

@@ -12,7 +12,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::{BUFFERS, Camera, CameraConfig, CameraError, CameraImage, CameraInfo, Encoding};
+use super::{Camera, CameraConfig, CameraError, CameraImage, CameraInfo, Encoding, IMAGE_BUFFERS};
 use ground::clock::MonotonicNs;
 
 /// The scene that a mock camera films.
@@ -139,7 +139,7 @@ impl MockCamera {
             let now = MonotonicNs::now();
             while self.ready(first, self.next) <= now {
                 // one for which no buffer is free is lost, and leaves a gap in the count
-                if self.buffered.len() < BUFFERS as usize {
+                if self.buffered.len() < IMAGE_BUFFERS as usize {
                     self.buffered.push_back(self.next);
                 }
                 self.next += 1;

@@ -17,7 +17,7 @@ use v4l::buffer::{Flags, Metadata, Type};
 use v4l::io::mmap::Stream;
 use v4l::io::traits::{CaptureStream, Stream as _};
 
-use super::{BUFFERS, Camera, CameraConfig, CameraError, CameraImage, CameraInfo, Encoding};
+use super::{Camera, CameraConfig, CameraError, CameraImage, CameraInfo, Encoding, IMAGE_BUFFERS};
 use ground::clock::MonotonicNs;
 
 /// More buffers than any driver gives, chosen.
@@ -80,7 +80,7 @@ impl V4lCamera {
     }
 
     fn begin(&mut self) -> Result<(), CameraError> {
-        let mut stream = Stream::with_buffers(&self.device, Type::VideoCapture, BUFFERS)
+        let mut stream = Stream::with_buffers(&self.device, Type::VideoCapture, IMAGE_BUFFERS)
             .map_err(|error| self.failed("asking for buffers", &error))?;
         // The crate keeps the number of buffers to itself; queueing one too many is refused. Buffer 0 is queued by
         // the first `next`.

@@ -119,14 +119,14 @@ mod tests {
 
     const SEARCH: LevenbergMarquardt =
         LevenbergMarquardt { iterations_max: 100, relative_tolerance: 1e-12, scaling: Scaling::Marquardt };
-    const DIFFERENCE: f64 = 1e-6;
+    const DIFFERENCE_STEP_RELATIVE: f64 = 1e-6;
 
     fn minimum(
         search: LevenbergMarquardt,
         start: &[f64],
         residuals: impl Fn(&DVector<f64>) -> DVector<f64>,
     ) -> Minimum<DVector<f64>> {
-        let differences = vec![DIFFERENCE; start.len()];
+        let differences = vec![DIFFERENCE_STEP_RELATIVE; start.len()];
         let linearise = |at: &DVector<f64>, here: &DVector<f64>| {
             NormalEquations::by_differences(here, &differences, |step| residuals(&(at + step)))
         };
@@ -153,7 +153,7 @@ mod tests {
         let values = DVector::from_vec(vec![1.0, 3.0, 2.0, 5.0]);
         let residuals = |at: &DVector<f64>| &slopes * at - &values;
         // the line through them: JᵀJ = [4 6; 6 14], Jᵀy = [11; 22], solved by 1.1 and 1.1
-        let normal = NormalEquations::by_differences(&-&values, &[DIFFERENCE; 2], residuals);
+        let normal = NormalEquations::by_differences(&-&values, &[DIFFERENCE_STEP_RELATIVE; 2], residuals);
         assert!((normal.hessian - DMatrix::from_row_slice(2, 2, &[4.0, 6.0, 6.0, 14.0])).amax() < 1e-8);
         assert!((normal.gradient + DVector::from_vec(vec![11.0, 22.0])).amax() < 1e-8);
         let found = minimum(SEARCH, &[-50.0, 70.0], residuals);

@@ -100,10 +100,14 @@ fn program_that_is_away_for_long_loses_images_and_sees_the_gap() {
     let mut camera = camera(EXACT_STAMPS, &[]);
     let before = camera.next_image(TIMEOUT).unwrap().sequence;
     std::thread::sleep(Duration::from_millis(100));
-    let kept: Vec<_> = (0..BUFFERS).map(|_| camera.next_image(TIMEOUT).unwrap().sequence).collect();
-    assert_eq!(kept, (before + 1..=before + BUFFERS).collect::<Vec<_>>(), "what the buffers had room for");
+    let kept: Vec<_> = (0..IMAGE_BUFFERS).map(|_| camera.next_image(TIMEOUT).unwrap().sequence).collect();
+    assert_eq!(
+        kept,
+        (before + 1..=before + IMAGE_BUFFERS).collect::<Vec<_>>(),
+        "what the buffers had room for"
+    );
     let after = camera.next_image(TIMEOUT).unwrap().sequence;
-    assert!(after > before + BUFFERS + 5, "{after}");
+    assert!(after > before + IMAGE_BUFFERS + 5, "{after}");
 }
 
 #[test]

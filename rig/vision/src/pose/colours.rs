@@ -1,6 +1,6 @@
 //! Colours beside the outline: the tank's as it is now, and the mechanism's.
 
-use super::lines::{Reading, SAMPLES, outward};
+use super::lines::{Reading, SAMPLES_PER_LINE, outward};
 use super::mechanism::Run;
 use super::tank::{PLANES, State, median};
 
@@ -23,8 +23,8 @@ pub(super) fn adapt_tank(reading: &mut Reading, runs: &[Run]) {
         let d = outward(k) * reading.step_px;
         d > OUTSIDE_PX[0] && d < OUTSIDE_PX[1]
     };
-    let outside: Vec<usize> = (0..SAMPLES).filter(|&k| is_outside(k)).collect();
-    let at = |line: usize| outside.iter().map(move |k| line * SAMPLES + k);
+    let outside: Vec<usize> = (0..SAMPLES_PER_LINE).filter(|&k| is_outside(k)).collect();
+    let at = |line: usize| outside.iter().map(move |k| line * SAMPLES_PER_LINE + k);
     let lines = reading.lines();
     let offsets: Vec<Colour> = (0..lines)
         .map(|line| {
@@ -39,7 +39,7 @@ pub(super) fn adapt_tank(reading: &mut Reading, runs: &[Run]) {
     let outer = smoothed(&outer, runs, OUTER_NEIGHBOURS);
     for line in 0..lines {
         let offset = offsets[line].unwrap_or_default();
-        for at in line * SAMPLES..(line + 1) * SAMPLES {
+        for at in line * SAMPLES_PER_LINE..(line + 1) * SAMPLES_PER_LINE {
             if reading.state[at] == Some(State::Unknown) {
                 reading.tank[at] = outer[line].unwrap_or_default();
                 continue;
@@ -57,10 +57,11 @@ pub(super) fn inside(reading: &Reading, counts: impl Fn(usize) -> bool) -> Vec<C
         let d = -outward(k) * reading.step_px;
         d > INSIDE_PX[0] && d < INSIDE_PX[1]
     };
-    let within: Vec<usize> = (0..SAMPLES).filter(|&k| is_inside(k)).collect();
+    let within: Vec<usize> = (0..SAMPLES_PER_LINE).filter(|&k| is_inside(k)).collect();
     (0..reading.lines())
         .map(|line| {
-            let samples = within.iter().map(|k| line * SAMPLES + k).filter(|&at| reading.is_open(at));
+            let samples =
+                within.iter().map(|k| line * SAMPLES_PER_LINE + k).filter(|&at| reading.is_open(at));
             if counts(line) { medians(samples.map(|at| reading.picture[at])) } else { None }
         })
         .collect()

@@ -7,9 +7,9 @@ use super::tank::{Light, PLANES, Planes, State, Tank, lit};
 use super::view::Seen;
 
 /// Samples on a line, the outline in the middle.
-pub(super) const SAMPLES: usize = 25;
+pub(super) const SAMPLES_PER_LINE: usize = 25;
 /// Places of the edge on a line, half a sample apart, the outline in the middle.
-pub(super) const PLACES: usize = 41;
+pub(super) const PLACES_PER_LINE: usize = 41;
 
 /// What lines show; each sample of each line.
 #[derive(Debug, Clone)]
@@ -18,7 +18,7 @@ pub(super) struct Reading {
     pub(super) step_px: f64,
     /// Number of planes.
     pub(super) planes: usize,
-    /// The picture, shape (lines, SAMPLES), by plane.
+    /// The picture, shape (lines, SAMPLES_PER_LINE), by plane.
     pub(super) picture: Vec<[f32; PLANES]>,
     /// The tank in this image's light, likewise.
     pub(super) tank: Vec<[f32; PLANES]>,
@@ -30,13 +30,13 @@ pub(super) struct Reading {
 
 /// How far sample `k` is outside the outline, in steps.
 pub(super) fn outward(k: usize) -> f64 {
-    k as f64 - (SAMPLES / 2) as f64
+    k as f64 - (SAMPLES_PER_LINE / 2) as f64
 }
 
 impl Reading {
     /// Reads `picture` and the tank across the outline as `seen`, samples `step_px` apart.
     pub(super) fn of(picture: &Planes, tank: &Tank, light: Light, seen: &[Seen], step_px: f64) -> Self {
-        let count = seen.len() * SAMPLES;
+        let count = seen.len() * SAMPLES_PER_LINE;
         let planes = picture.planes.len().min(tank.planes.planes.len());
         let mut reading = Self {
             step_px,
@@ -48,7 +48,7 @@ impl Reading {
         };
         let (width, height) = (picture.width, picture.height);
         for line in seen {
-            for k in 0..SAMPLES {
+            for k in 0..SAMPLES_PER_LINE {
                 let d = outward(k) * step_px;
                 let (x, y) = (line.px[0] + line.normal[0] * d, line.px[1] + line.normal[1] * d);
                 if !(x >= 0.0 && y >= 0.0 && x < (width - 1) as f64 && y < (height - 1) as f64) {
@@ -88,12 +88,12 @@ impl Reading {
 
     /// Number of lines.
     pub(super) fn lines(&self) -> usize {
-        self.picture.len() / SAMPLES
+        self.picture.len() / SAMPLES_PER_LINE
     }
 
     /// Samples of line `line`.
     pub(super) fn samples(&self, line: usize) -> std::ops::Range<usize> {
-        line * SAMPLES..(line + 1) * SAMPLES
+        line * SAMPLES_PER_LINE..(line + 1) * SAMPLES_PER_LINE
     }
 
     /// Whether something else than the tank or the mechanism may be seen at `sample`, or nothing.
@@ -107,7 +107,7 @@ impl Reading {
 pub(super) struct Costs {
     /// Way from place to place \[px\].
     pub(super) step_px: f64,
-    /// Shape (lines, PLACES).
+    /// Shape (lines, PLACES_PER_LINE).
     pub(super) cost: Vec<f32>,
     /// Samples of each line that are open.
     pub(super) open: Vec<u32>,
@@ -120,14 +120,15 @@ const COLOUR_BLUR_PX: f64 = 1.6;
 const SAMPLES_IN_ONE: f32 = 3.0;
 /// No sample costs more, in half squared sigmas; chosen.
 const MOST_OF_A_SAMPLE: f32 = 6.0;
-/// The camera's exponent from light to grey levels, and entries of its table.
-const GAMMA: f32 = 2.2;
+/// The exponent from grey levels to light, that of sRGB about (IEC 61966-2-1), and entries of its table.
+const CAMERA_GAMMA: f32 = 2.2;
 const TABLE: usize = 4096;
 
 static LIGHT_OF_GREY: LazyLock<Vec<f32>> =
-    LazyLock::new(|| (0..TABLE).map(|i| (i as f32 / (TABLE - 1) as f32).powf(GAMMA)).collect());
-static GREY_OF_LIGHT: LazyLock<Vec<f32>> =
-    LazyLock::new(|| (0..=TABLE).map(|i| 255.0 * (i as f32 / TABLE as f32).powf(1.0 / GAMMA)).collect());
+    LazyLock::new(|| (0..TABLE).map(|i| (i as f32 / (TABLE - 1) as f32).powf(CAMERA_GAMMA)).collect());
+static GREY_OF_LIGHT: LazyLock<Vec<f32>> = LazyLock::new(|| {
+    (0..=TABLE).map(|i| 255.0 * (i as f32 / TABLE as f32).powf(1.0 / CAMERA_GAMMA)).collect()
+});
 
 pub(super) fn light_of(grey: f32) -> f32 {
     LIGHT_OF_GREY[(grey.clamp(0.0, 255.0) * ((TABLE - 1) as f32 / 255.0)) as usize]
@@ -138,11 +139,11 @@ pub(super) fn normal_share(x: f64) -> f64 {
     0.5 * (1.0 + libm::erf(x / std::f64::consts::SQRT_2))
 }
 
-/// The tank's share at each sample for each place of the edge; shape (SAMPLES, PLACES).
+/// The tank's share at each sample for each place of the edge; shape (SAMPLES_PER_LINE, PLACES_PER_LINE).
 fn mixing(step_px: f64, rim: &Rim, blur_px: f64) -> Vec<f32> {
-    let mut shares = Vec::with_capacity(SAMPLES * PLACES);
-    for k in 0..SAMPLES {
-        for j in 0..PLACES {
+    let mut shares = Vec::with_capacity(SAMPLES_PER_LINE * PLACES_PER_LINE);
+    for k in 0..SAMPLES_PER_LINE {
+        for j in 0..PLACES_PER_LINE {
             let outside = outward(k) * step_px - place_px(j, step_px / 2.0);
             shares.push(rim.tank_share(outside, blur_px) as f32);
         }
@@ -152,7 +153,7 @@ fn mixing(step_px: f64, rim: &Rim, blur_px: f64) -> Vec<f32> {
 
 /// How far place `j` is outside the outline \[px\], places `step_px` apart.
 pub(super) fn place_px(j: usize, step_px: f64) -> f64 {
-    (j as f64 - (PLACES / 2) as f64) * step_px
+    (j as f64 - (PLACES_PER_LINE / 2) as f64) * step_px
 }
 
 impl Costs {
@@ -167,9 +168,9 @@ impl Costs {
         let coloured = mixing(reading.step_px, &NO_RIM, COLOUR_BLUR_PX);
         let lines = reading.lines();
         let weight = reading.step_px as f32 / SAMPLES_IN_ONE;
-        let mut cost = vec![0.0f32; lines * PLACES];
+        let mut cost = vec![0.0f32; lines * PLACES_PER_LINE];
         let mut open = Vec::with_capacity(lines);
-        for (line, cost) in cost.chunks_exact_mut(PLACES).enumerate() {
+        for (line, cost) in cost.chunks_exact_mut(PLACES_PER_LINE).enumerate() {
             let (inside, precision) = (colour[line], precision[line]);
             let bright = &bright[reading.direction[line]];
             let light_inside = light_of(inside[0]);
@@ -181,8 +182,8 @@ impl Costs {
                 count += 1;
                 let (seen, behind) = (reading.picture[at], reading.tank[at]);
                 let way = light_of(behind[0]) - light_inside;
-                let shares = &bright[k * PLACES..(k + 1) * PLACES];
-                let mut misfit = [0.0f32; PLACES];
+                let shares = &bright[k * PLACES_PER_LINE..(k + 1) * PLACES_PER_LINE];
+                let mut misfit = [0.0f32; PLACES_PER_LINE];
                 for (misfit, share) in misfit.iter_mut().zip(shares) {
                     let light = (light_inside + way * share).clamp(0.0, 1.0);
                     let grey = GREY_OF_LIGHT[(light * TABLE as f32) as usize];
@@ -190,7 +191,7 @@ impl Costs {
                     *misfit = off * off;
                 }
                 if reading.planes == PLANES {
-                    let shares = &coloured[k * PLACES..(k + 1) * PLACES];
+                    let shares = &coloured[k * PLACES_PER_LINE..(k + 1) * PLACES_PER_LINE];
                     for (misfit, share) in misfit.iter_mut().zip(shares) {
                         for plane in 1..PLANES {
                             let mixed = inside[plane] + (behind[plane] - inside[plane]) * share;
@@ -219,6 +220,6 @@ impl Costs {
 
     /// The costs of line `line`'s places.
     pub(super) fn of_line(&self, line: usize) -> &[f32] {
-        &self.cost[line * PLACES..(line + 1) * PLACES]
+        &self.cost[line * PLACES_PER_LINE..(line + 1) * PLACES_PER_LINE]
     }
 }

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::colours::{Colour, adapt_tank, difference, inside, medians, smoothed};
-use super::lines::{Costs, PLACES, Reading, SAMPLES, light_of, outward, place_px};
+use super::lines::{Costs, PLACES_PER_LINE, Reading, SAMPLES_PER_LINE, light_of, outward, place_px};
 use super::mechanism::{Mechanism, Shared};
 use super::rims::{DIRECTIONS, Profile, Rim};
 use super::tank::{Light, PLANES, Planes, Tank};
@@ -285,7 +285,7 @@ impl Explained {
 struct Tables {
     step_px: f64,
     weights: Vec<f64>,
-    /// Each shape (lines, PLACES).
+    /// Each shape (lines, PLACES_PER_LINE).
     cost: Vec<f64>,
     slope: Vec<f64>,
     curvature: Vec<f64>,
@@ -299,9 +299,9 @@ impl Tables {
         let mut tables = Self {
             step_px: costs.step_px,
             weights: Vec::with_capacity(lines),
-            cost: Vec::with_capacity(lines * PLACES),
-            slope: Vec::with_capacity(lines * PLACES),
-            curvature: Vec::with_capacity(lines * PLACES),
+            cost: Vec::with_capacity(lines * PLACES_PER_LINE),
+            slope: Vec::with_capacity(lines * PLACES_PER_LINE),
+            curvature: Vec::with_capacity(lines * PLACES_PER_LINE),
             depth: Vec::with_capacity(lines),
         };
         let stray = (-STRAY).exp();
@@ -319,7 +319,7 @@ impl Tables {
             tables.slope.extend(slope);
             tables.depth.push(robust.iter().copied().fold(0.0, f64::max));
             tables.cost.extend(robust);
-            let open = is_visible && 2 * costs.open[i] as usize > SAMPLES;
+            let open = is_visible && 2 * costs.open[i] as usize > SAMPLES_PER_LINE;
             let poor = costs.best_per_sample(i) / POOR_FIT;
             tables.weights.push(if open { 1.0 / (1.0 + poor * poor) } else { 0.0 });
         }
@@ -328,10 +328,11 @@ impl Tables {
 
     /// Entry of `table` on line `i` for an edge at `at_px`, and between places.
     fn look(&self, table: &[f64], i: usize, at_px: f64) -> f64 {
-        let at = (at_px / self.step_px + (PLACES / 2) as f64).clamp(0.0, PLACES as f64 - 1.001);
+        let at =
+            (at_px / self.step_px + (PLACES_PER_LINE / 2) as f64).clamp(0.0, PLACES_PER_LINE as f64 - 1.001);
         let k = at as usize;
         let share = at - k as f64;
-        let row = &table[i * PLACES..(i + 1) * PLACES];
+        let row = &table[i * PLACES_PER_LINE..(i + 1) * PLACES_PER_LINE];
         row[k] * (1.0 - share) + row[k + 1] * share
     }
 
@@ -393,15 +394,15 @@ impl Tables {
     fn line(&self, costs: &Costs, i: usize, moved_px: f64) -> Line {
         /// Places on either side among which a line's own edge is.
         const WINDOW: usize = 6;
-        let here = (moved_px / self.step_px).round() as isize + (PLACES / 2) as isize;
-        let here = here.clamp(WINDOW as isize + 1, (PLACES - 2 - WINDOW) as isize) as usize;
-        let row = &self.cost[i * PLACES..(i + 1) * PLACES];
+        let here = (moved_px / self.step_px).round() as isize + (PLACES_PER_LINE / 2) as isize;
+        let here = here.clamp(WINDOW as isize + 1, (PLACES_PER_LINE - 2 - WINDOW) as isize) as usize;
+        let row = &self.cost[i * PLACES_PER_LINE..(i + 1) * PLACES_PER_LINE];
         let least = |from: usize, to: usize, of: &dyn Fn(usize) -> f64| {
             (from..to).min_by(|&a, &b| of(a).total_cmp(&of(b))).unwrap_or(here)
         };
         let near = least(here - WINDOW, here + WINDOW + 1, &|j| row[j]);
         let all = costs.of_line(i);
-        let best = least(0, PLACES, &|j| f64::from(all[j]));
+        let best = least(0, PLACES_PER_LINE, &|j| f64::from(all[j]));
         let weight = self.weights[i];
         // between places as a parabola through three of them has it
         let [before, at, after] = [row[near - 1], row[near], row[near + 1]];
@@ -410,7 +411,7 @@ impl Tables {
         Line {
             residual_px: place_px(near, self.step_px) + between * self.step_px - moved_px,
             best_px: place_px(best, self.step_px) - moved_px,
-            information: weight * self.curvature[i * PLACES + near].max(0.0),
+            information: weight * self.curvature[i * PLACES_PER_LINE + near].max(0.0),
             is_visible: true,
             tells: weight > 0.1 && self.depth[i] > TELLING,
         }

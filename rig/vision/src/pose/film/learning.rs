@@ -167,9 +167,9 @@ impl PoseFilm {
 
     /// Tank, colours and what is shared, in rounds, from all of the sample.
     fn settle(&mut self, sample: &[Sampled], found: &[Vec<Candidate>], blocked: Option<&Mask>) {
-        /// Rounds, and steps of what is shared in each.
-        const ROUNDS: usize = 3;
-        const STEPS: [usize; ROUNDS] = [7, 4, 4];
+        /// Rounds, and steps of what is shared in each; chosen.
+        const LEARNING_ROUNDS: usize = 3;
+        const STEPS: [usize; LEARNING_ROUNDS] = [7, 4, 4];
         let jobs: Vec<(&Planes, &Vec<Candidate>)> = sample.iter().map(|one| &one.planes).zip(found).collect();
         let mut fits: Vec<Explained> = jobs
             .par_iter()
