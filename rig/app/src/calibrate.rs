@@ -14,8 +14,7 @@ use images::{self, TimedImage};
 /// # Errors
 /// [`Failure::Input`] where the pictures cannot be read, [`Failure::Data`] where they do not make a calibration.
 pub fn from_pictures(path: &Path, setup: &Setup, watcher: &mut dyn Watcher) -> Result<Calibrated, Failure> {
-    // When pictures were taken does not matter, so any rate will do.
-    let source = images::open(path, Some(1.0)).map_err(Failure::input)?;
+    let source = images::open_untimed(path).map_err(Failure::input)?;
     watcher.begin("pictures", source.len_hint().map(|count| count as u64));
     let mut images = source.images().map_err(Failure::input)?;
     let mut pictures: Vec<Picture> = Vec::new();

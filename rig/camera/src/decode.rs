@@ -3,7 +3,8 @@
 use std::borrow::Cow;
 use std::io::Cursor;
 
-use image::{GrayImage, ImageFormat, ImageReader, Limits};
+use image::metadata::Orientation;
+use image::{DynamicImage, GrayImage, ImageDecoder as _, ImageFormat, ImageReader, Limits};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::errors::DecodeErrors;
 use zune_jpeg::zune_core::bytestream::ZCursor;
@@ -113,8 +114,8 @@ pub fn picture(image: &CameraImage) -> Result<Picture, DecodeError> {
             let even = width_px % 2 == 0;
             return plain(2, &|| (every(0, 2).collect(), even.then(|| [twice(1), twice(3)])));
         }
-        Encoding::Jpeg => jpeg(data)?,
-        Encoding::Png => compressed(data, ImageFormat::Png)?,
+        Encoding::Jpeg => jpeg(data)?.0,
+        Encoding::Png => compressed(data, ImageFormat::Png)?.0,
     };
     let (got_width, got_height) = picture.grey.dimensions();
     if (got_width, got_height) == (width_px, height_px) {
@@ -132,15 +133,16 @@ pub fn grey_file(data: &[u8]) -> Result<GrayImage, DecodeError> {
     picture_file(data).map(|picture| picture.grey)
 }
 
-/// The picture in the bytes of a JPEG or PNG file, whichever it is.
+/// The picture in the bytes of a JPEG or PNG file, whichever it is, turned upright where its EXIF block says that it lies on its side.
 ///
 /// # Errors
 /// [`DecodeError::Damaged`].
 pub fn picture_file(data: &[u8]) -> Result<Picture, DecodeError> {
-    match image::guess_format(data)? {
-        ImageFormat::Jpeg => jpeg(data),
-        format => compressed(data, format),
-    }
+    let (picture, orientation) = match image::guess_format(data)? {
+        ImageFormat::Jpeg => jpeg(data)?,
+        format => compressed(data, format)?,
+    };
+    Ok(picture.turned(orientation))
 }
 
 impl Picture {
@@ -152,6 +154,16 @@ impl Picture {
             Some([cb, cr]) => Some([plane(cb)?, plane(cr)?]),
         };
         Some(Self { grey: plane(grey)?, chroma })
+    }
+
+    /// As whoever looks at it sees it.
+    fn turned(self, orientation: Orientation) -> Self {
+        let turn = |plane: GrayImage| {
+            let mut plane = DynamicImage::ImageLuma8(plane);
+            plane.apply_orientation(orientation);
+            plane.into_luma8()
+        };
+        Self { grey: turn(self.grey), chroma: self.chroma.map(|planes| planes.map(turn)) }
     }
 
     /// Of red, green and blue, three bytes a pixel (ITU-T T.871).
@@ -170,8 +182,8 @@ impl Picture {
     }
 }
 
-/// A JPEG's planes as they are coded: no detour over red, green and blue.
-fn jpeg(data: &[u8]) -> Result<Picture, DecodeError> {
+/// A JPEG's planes as they are coded, no detour over red, green and blue; and how it says that it is to be turned.
+fn jpeg(data: &[u8]) -> Result<(Picture, Orientation), DecodeError> {
     let data = with_huffman_tables(data);
     let side = MAX_SIDE_PX as usize;
     let options = DecoderOptions::default().set_max_width(side).set_max_height(side);
@@ -194,23 +206,30 @@ fn jpeg(data: &[u8]) -> Result<Picture, DecodeError> {
         ColorSpace::YCbCr => Picture::of(width, height, every(0), Some([every(1), every(2)])),
         _ => Picture::of_rgb(width, height, &bytes),
     };
-    picture.ok_or_else(|| DecodeError::Jpeg("its planes are of other sizes than it says".into()))
+    let picture =
+        picture.ok_or_else(|| DecodeError::Jpeg("its planes are of other sizes than it says".into()))?;
+    let orientation = decoder.exif().and_then(|exif| Orientation::from_exif_chunk(exif));
+    Ok((picture, orientation.unwrap_or(Orientation::NoTransforms)))
 }
 
-fn compressed(data: &[u8], format: ImageFormat) -> Result<Picture, DecodeError> {
+/// The picture of another format, and how it says that it is to be turned.
+fn compressed(data: &[u8], format: ImageFormat) -> Result<(Picture, Orientation), DecodeError> {
     let mut limits = Limits::default();
     limits.max_image_width = Some(MAX_SIDE_PX);
     limits.max_image_height = Some(MAX_SIDE_PX);
     limits.max_alloc = Some(MAX_DECODER_BYTES);
     let mut reader = ImageReader::with_format(Cursor::new(data), format);
     reader.limits(limits);
-    let image = reader.decode()?;
+    let mut decoder = reader.into_decoder()?;
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let image = DynamicImage::from_decoder(decoder)?;
     if !image.color().has_color() {
-        return Ok(Picture { grey: image.into_luma8(), chroma: None });
+        return Ok((Picture { grey: image.into_luma8(), chroma: None }, orientation));
     }
     let rgb = image.into_rgb8();
-    Picture::of_rgb(rgb.width(), rgb.height(), rgb.as_raw())
-        .ok_or(DecodeError::Sides { width_px: rgb.width(), height_px: rgb.height() })
+    let (width_px, height_px) = rgb.dimensions();
+    let picture = Picture::of_rgb(width_px, height_px, rgb.as_raw());
+    picture.map(|picture| (picture, orientation)).ok_or(DecodeError::Sides { width_px, height_px })
 }
 
 /// Marker bytes after 0xFF.
@@ -360,6 +379,19 @@ mod tests {
         near(&picture(&received(Encoding::Yuyv, yuyv)).unwrap());
         assert_eq!(picture(&received(Encoding::Jpeg, jpeg())).unwrap().chroma, None);
         assert_eq!(picture_file(&jpeg()).unwrap().grey.dimensions(), (WIDTH, HEIGHT));
+    }
+
+    #[test]
+    fn file_that_lies_on_its_side_is_turned_upright_by_its_exif_block() {
+        // TIFF head, one field: orientation (0x0112), a short, 6: the first row is seen on the right.
+        let exif = b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
+        let mut file = Vec::new();
+        let mut encoder = JpegEncoder::new_with_quality(&mut file, 90);
+        encoder.set_exif_metadata(exif.to_vec()).unwrap();
+        encoder.write_image(ramp().as_raw(), WIDTH, HEIGHT, ExtendedColorType::L8).unwrap();
+        let turned = image::imageops::rotate90(&grey(&received(Encoding::Jpeg, jpeg())).unwrap());
+        assert_eq!(grey_file(&file).unwrap(), turned);
+        assert_eq!(grey(&received(Encoding::Jpeg, file)).unwrap().dimensions(), (WIDTH, HEIGHT));
     }
 
     #[test]

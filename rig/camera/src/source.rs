@@ -58,9 +58,10 @@ pub trait ImageSource: Send + Sync {
     /// How many images there are, where that is known beforehand.
     fn len_hint(&self) -> Option<usize>;
 
-    /// What is missing in a sequence that was read to its end, as a sentence without its full stop; `None` where it is whole.
-    fn shortfall(&self) -> Option<String> {
-        None
+    /// What is to be known of a sequence that was read to its end, each as a sentence without its full stop: what is missing, what is doubtful
+    /// about its times.
+    fn remarks(&self) -> Vec<String> {
+        Vec::new()
     }
 
     /// At most `most` images to learn the empty tank from: spread evenly over the sequence, unless the source knows better ones.

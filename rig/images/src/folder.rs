@@ -1,6 +1,4 @@
-//! A folder of pictures: its files in the order of their names.
-//!
-//! A `frames.csv` (`file,time_s`) in the folder says which files and when; otherwise they are evenly spaced.
+//! A folder of pictures: a `frames.csv` (`file,time_s`) in it says which files and when; otherwise the numbers in their names.
 
 use std::path::{Path, PathBuf};
 
@@ -8,6 +6,9 @@ use camera::decode::picture_file;
 use camera::source::{FolderError, SourceError};
 use camera::source::{ImageSource, Images, TimedImage};
 use ground::error_chain::with_causes;
+
+use super::numbers::{Numbered, in_order};
+use super::repeats::Repeats;
 
 /// A picture's file and its time.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,27 +19,14 @@ pub struct Entry {
     pub time_s: f64,
 }
 
-/// The pictures of `folder` in order of time.
-///
-/// `frames.csv` wins over `fps` (images per second); its other columns are ignored.
-///
-/// # Errors
-/// [`FolderError`].
-pub fn entries(folder: &Path, fps: Option<f64>) -> Result<Vec<Entry>, FolderError> {
-    let listed = folder.join("frames.csv");
-    let found: Vec<Entry> = if listed.is_file() {
-        let entry = |(name, time_s)| Entry { path: folder.join::<String>(name), time_s };
-        table(&listed)?.into_iter().map(entry).collect()
-    } else {
-        let files = files(folder)?;
-        if files.is_empty() {
-            return Err(FolderError::Empty { path: folder.into() });
-        }
-        let fps = fps.ok_or(FolderError::NoTimes { path: folder.into() })?;
-        let entry = |(i, path)| Entry { path, time_s: i as f64 / fps };
-        files.into_iter().enumerate().map(entry).collect()
-    };
-    if found.is_empty() { Err(FolderError::Empty { path: folder.into() }) } else { Ok(found) }
+/// The pictures of a folder, in order of time.
+#[derive(Debug)]
+pub struct Folder {
+    /// The pictures.
+    pub entries: Vec<Entry>,
+    /// What is to be known of their order and times, as a sentence without its full stop.
+    remark: Option<String>,
+    repeats: Repeats,
 }
 
 /// Whether the file is a picture, by its ending.
@@ -47,6 +35,7 @@ pub(super) fn is_picture(file: &Path) -> bool {
     matches!(ending.as_deref(), Some("png" | "jpg" | "jpeg"))
 }
 
+/// The folder's pictures, of which there is one at least.
 fn files(folder: &Path) -> Result<Vec<PathBuf>, FolderError> {
     let unreadable = |source| FolderError::Unreadable { path: folder.into(), source };
     let mut files = Vec::new();
@@ -56,8 +45,7 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>, FolderError> {
             files.push(path);
         }
     }
-    files.sort_unstable();
-    Ok(files)
+    if files.is_empty() { Err(FolderError::Empty { path: folder.into() }) } else { Ok(files) }
 }
 
 /// The rows of a table `file,time_s` \[s\] in order of time; its other columns are ignored.
@@ -94,35 +82,64 @@ pub fn table(table: &Path) -> Result<Vec<(String, f64)>, FolderError> {
     Ok(rows)
 }
 
-/// The pictures of a folder.
-pub(super) struct Folder {
-    entries: Vec<Entry>,
-}
-
 impl Folder {
-    /// The pictures of `folder`, as [`entries`] lists them.
-    pub(super) fn open(folder: &Path, fps: Option<f64>) -> Result<Self, FolderError> {
-        Ok(Self { entries: entries(folder, fps)? })
+    /// The pictures of `folder`. Its `frames.csv` wins over `fps` (images per second); other columns of that are ignored.
+    ///
+    /// # Errors
+    /// [`FolderError`].
+    pub fn open(folder: &Path, fps: Option<f64>) -> Result<Self, FolderError> {
+        let listed = folder.join("frames.csv");
+        let (entries, remark) = if listed.is_file() {
+            let entry = |(name, time_s)| Entry { path: folder.join::<String>(name), time_s };
+            (table(&listed)?.into_iter().map(entry).collect(), None)
+        } else {
+            let files = files(folder)?;
+            let fps = fps.ok_or(FolderError::NoTimes { path: folder.into() })?;
+            let Numbered { files, remark } = in_order(folder, files)?;
+            let entry = |(path, place)| Entry { path, time_s: place as f64 / fps };
+            (files.into_iter().map(entry).collect::<Vec<_>>(), remark)
+        };
+        if entries.is_empty() {
+            return Err(FolderError::Empty { path: folder.into() });
+        }
+        Ok(Self { entries, remark, repeats: Repeats::default() })
+    }
+
+    /// The pictures of `folder` in the order of their names, a second apart: when they were taken does not matter.
+    ///
+    /// # Errors
+    /// [`FolderError`].
+    pub(super) fn untimed(folder: &Path) -> Result<Self, FolderError> {
+        let mut files = files(folder)?;
+        files.sort_unstable();
+        let entry = |(i, path)| Entry { path, time_s: i as f64 };
+        let entries = files.into_iter().enumerate().map(entry).collect();
+        Ok(Self { entries, remark: None, repeats: Repeats::default() })
     }
 
     /// A single picture.
     pub(super) fn of_one(path: &Path) -> Self {
-        Self { entries: vec![Entry { path: path.into(), time_s: 0.0 }] }
+        let entries = vec![Entry { path: path.into(), time_s: 0.0 }];
+        Self { entries, remark: None, repeats: Repeats::default() }
     }
 }
 
 impl ImageSource for Folder {
     fn images(&self) -> Result<Images<'_>, SourceError> {
-        Ok(Box::new(self.entries.iter().map(|entry| {
+        Ok(Box::new(self.repeats.watch(self.entries.iter().map(|entry| {
             let bytes = std::fs::read(&entry.path).map_err(|error| error.to_string());
             let name = entry.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             let picture = bytes.and_then(|bytes| picture_file(&bytes).map_err(|error| with_causes(&error)));
             Ok(TimedImage::new(name, entry.time_s, picture))
-        })))
+        }))))
     }
 
     fn len_hint(&self) -> Option<usize> {
         Some(self.entries.len())
+    }
+
+    fn remarks(&self) -> Vec<String> {
+        self.remark.iter().cloned().chain(self.repeats.remark()).collect()
     }
 }
 
@@ -130,6 +147,10 @@ impl ImageSource for Folder {
 mod tests {
     use super::*;
     use image::GrayImage;
+
+    fn entries(folder: &Path, fps: Option<f64>) -> Result<Vec<Entry>, FolderError> {
+        Folder::open(folder, fps).map(|folder| folder.entries)
+    }
 
     fn folder_of(names: &[&str]) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
@@ -140,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn files_come_in_order_of_name_evenly_spaced() {
+    fn pictures_without_numbers_come_in_order_of_name_evenly_spaced() {
         let folder = folder_of(&["b.png", "a.png", "c.jpg"]);
         std::fs::write(folder.path().join("notes.txt"), "no picture").unwrap();
         let found = entries(folder.path(), Some(50.0)).unwrap();

@@ -11,7 +11,9 @@ mod error;
 pub mod film;
 pub mod folder;
 pub mod live;
+mod numbers;
 pub mod recording;
+mod repeats;
 mod trimmed;
 mod video;
 
@@ -44,6 +46,18 @@ pub fn open(path: &Path, fps: Option<f64>) -> Result<Box<dyn ImageSource>, Sourc
         Ok(Box::new(Video::open(path)?))
     } else {
         Err(SourceError::Nothing { path: path.into() })
+    }
+}
+
+/// The source that `path` is, as for [`open`], where it does not matter when its pictures were taken.
+///
+/// # Errors
+/// [`SourceError`].
+pub fn open_untimed(path: &Path) -> Result<Box<dyn ImageSource>, SourceError> {
+    if path.is_dir() && !path.join(file::START).is_file() {
+        Ok(Box::new(Folder::untimed(path)?))
+    } else {
+        open(path, None)
     }
 }
 

@@ -142,8 +142,8 @@ impl ImageSource for RecordedImages {
         self.usable.as_ref().map(Vec::len)
     }
 
-    fn shortfall(&self) -> Option<String> {
-        self.shortfall.get().cloned().flatten()
+    fn remarks(&self) -> Vec<String> {
+        self.shortfall.get().cloned().flatten().into_iter().collect()
     }
 
     /// The same sample as the run itself took while it was filmed.
@@ -220,21 +220,21 @@ mod tests {
         record(&path, MonotonicNs(1), (4096, 2100), |image| image);
         let whole = std::fs::read(&path).unwrap();
         let second = fixtures::chunks(&whole)[2].clone();
-        let read = |bytes: &[u8]| -> (Vec<String>, Option<String>) {
+        let read = |bytes: &[u8]| -> (Vec<String>, Vec<String>) {
             std::fs::write(&path, bytes).unwrap();
             let source = crate::open(&path, None).unwrap();
             let names = source.images().unwrap().map(|image| image.unwrap().name).collect();
-            (names, source.shortfall())
+            (names, source.remarks())
         };
 
-        assert_eq!(read(&whole), (["0", "1", "2"].map(String::from).to_vec(), None));
+        assert_eq!(read(&whole), (["0", "1", "2"].map(String::from).to_vec(), Vec::new()));
         let mut damaged = whole.clone();
         damaged[second.start + second.len() / 2] ^= 1;
         let (names, said) = read(&damaged);
         assert_eq!(names, ["0", "2"]);
-        assert!(said.unwrap().contains("in 1 place cannot be read"));
+        assert!(said[0].contains("in 1 place cannot be read"));
         let (names, said) = read(&whole[..second.end - 1]);
         assert_eq!(names, ["0"]);
-        assert!(said.unwrap().contains("cut off"));
+        assert!(said[0].contains("cut off"));
     }
 }

@@ -57,8 +57,8 @@ impl Trimmed {
 }
 
 impl ImageSource for Trimmed {
-    fn shortfall(&self) -> Option<String> {
-        self.source.shortfall()
+    fn remarks(&self) -> Vec<String> {
+        self.source.remarks()
     }
 
     fn images(&self) -> Result<Images<'_>, SourceError> {

@@ -22,7 +22,7 @@ use vision::{Extraction, ImageRecord, Status, Task, output};
 /// Keypoints from images: a folder of pictures, or a video where ffmpeg is installed.
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// Folder of pictures (in order of name, or as its frames.csv says), or a video file.
+    /// Folder of pictures (the numbers in their names are those of the images, or as its frames.csv says), or a video file.
     #[arg(value_name = "FRAMES")]
     pub frames: PathBuf,
     /// Any rig config; only its `[camera]` fps, `[calibration]`, `[vision]` and the model of `[run]` are used.
@@ -117,8 +117,25 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             false => format!("{path} is not there: no image was refused or doubtful\n"),
         });
     }
-    let warnings = source.shortfall().into_iter().collect();
+    let mut warnings = source.remarks();
+    warnings.extend(config.fps().and_then(|fps| other_rate(&extraction.records, fps)));
     Ok(Outcome { out: Some(args.out.clone()), warnings, text, ..Outcome::default() })
+}
+
+/// Largest departure of the images' own rate from the configured one that is not worth a word, as a share; chosen.
+const MAX_RATE_DEPARTURE: f64 = 0.05;
+
+/// A warning where images with times of their own come at another rate than `fps` \[images/s\].
+fn other_rate(records: &[ImageRecord], fps: f64) -> Option<String> {
+    let mut steps_s: Vec<f64> = records.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).collect();
+    steps_s.sort_by(f64::total_cmp);
+    let rate = 1.0 / steps_s.get(steps_s.len() / 2)?;
+    ((rate / fps - 1.0).abs() > MAX_RATE_DEPARTURE).then(|| {
+        format!(
+            "by their own times, which count, the images come {rate:.1} a second, and [camera] fps says {fps}: what plays faster or slower than \
+             life needs --slow-motion (below 1 for faster)"
+        )
+    })
 }
 
 /// Writes the centrelines, as CSV or WCON by the ending.

@@ -135,6 +135,57 @@ fn a_film_of_too_few_images_is_not_checked_by_itself() {
 }
 
 #[test]
+fn p0_far_from_what_is_seen_and_two_things_alike_are_refused_with_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused = |config: &str| {
+        let Err(failure) = run(&args(folder.path(), config, "c.csv")) else { panic!("{config}") };
+        ground::error_chain::with_causes(failure.error().as_ref())
+    };
+    let elsewhere = refused(&CONFIG.replace("base_px = [50.0, 20.0]", "base_px = [90.0, 60.0]"));
+    assert!(
+        elsewhere.contains("P0 is expected at (90, 60) px") && elsewhere.contains("begins at (50, "),
+        "{elsewhere}"
+    );
+    let wide = CONFIG.replace("base_px = [50.0, 20.0]", "base_px = [90.0, 60.0]\nbase_std_px = 15.0");
+    assert!(run(&args(folder.path(), &wide, "c.csv")).is_ok());
+
+    let mut args = args(folder.path(), &CONFIG.replace("base_px = [50.0, 20.0]", ""), "c.csv");
+    let renderer = Renderer::new(Plane::square(0.001, [50.0, 20.0]), Look::plain(100, 130));
+    let bar = |x: f64| vec![[x - 5.0, 20.0], [x + 5.0, 20.0], [x + 5.0, 100.0], [x - 5.0, 100.0]];
+    for name in ["a.png", "b.png", "c.png"] {
+        renderer.draw_polygons(&[bar(30.0), bar(70.0)]).save(args.frames.join(name)).unwrap();
+    }
+    let Err(failure) = run(&args) else { panic!() };
+    let alike = ground::error_chain::with_causes(failure.error().as_ref());
+    assert!(
+        alike.contains("two things of much the same size") && alike.contains("give `base_px`"),
+        "{alike}"
+    );
+    std::fs::write(&args.config, CONFIG.replace("[50.0, 20.0]", "[70.0, 20.0]")).unwrap();
+    args.contact_sheet = None;
+    assert!(run(&args).unwrap().text.contains("3 images, 3 ok"));
+}
+
+#[test]
+fn numbers_that_leave_images_out_and_images_twice_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let args = args(folder.path(), CONFIG, "c.csv");
+    for (name, number) in [("a", 8), ("b", 9), ("c", 11)] {
+        let named = |name: String| args.frames.join(name);
+        std::fs::rename(named(format!("{name}.png")), named(format!("img{number}.png"))).unwrap();
+    }
+    std::fs::copy(args.frames.join("img11.png"), args.frames.join("img12.png")).unwrap();
+    let outcome = run(&args).unwrap();
+    let trajectory = ident::table::read_trajectory(&folder.path().join("t.csv")).unwrap();
+    let times_s: Vec<f64> = trajectory.time_s.iter().map(|time_s| (time_s * 1e3).round() / 1e3).collect();
+    assert_eq!(times_s, [0.0, 0.05, 0.15, 0.2]);
+    let [gap, twice] = &outcome.warnings[..] else { panic!("{:?}", outcome.warnings) };
+    assert!(gap.contains("1 of 5 are not there, the first of them 10"), "{gap}");
+    assert!(twice.contains("1 of 4 images are the one before again"), "{twice}");
+    assert_eq!((outcome.exit_code(false), outcome.exit_code(true)), (0, Failure::DATA_EXIT_CODE));
+}
+
+#[test]
 fn misspelt_key_and_missing_folder_are_the_inputs_fault() {
     let folder = tempfile::tempdir().unwrap();
     let misspelt = CONFIG.replace("base_px", "base_pix");

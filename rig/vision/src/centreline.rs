@@ -58,6 +58,9 @@ impl Centreline {
         let lengths = arc_lengths(&medial);
         let total = lengths.last().copied().unwrap_or(0.0);
         let typical = median(&mut radius.to_vec(), f64::total_cmp).unwrap_or(0.0);
+        if medial.len() < 2 {
+            return Err(Rejection::NotLong { length_px: total, half_width_px: typical });
+        }
         let at = |s: f64| radius[lengths.partition_point(|&l| l < s).min(radius.len() - 1)];
         let from = bent_part(typical, total, at);
         let to = total - bent_part(typical, total, |s| at(total - s));

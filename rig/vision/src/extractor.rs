@@ -4,6 +4,7 @@
 //! (of the whole sequence, or the first still ones), then takes images in order, any number at a time.
 
 mod free;
+mod identity;
 mod learning;
 mod redrawn;
 mod tracking;

@@ -94,6 +94,33 @@ pub enum VisionError {
         /// What was seen instead.
         what: String,
     },
+    /// P0 is expected where the mechanism is not.
+    #[error(
+        "[vision] P0 is expected at ({:.0}, {:.0}) px, and in most images the mechanism begins at ({:.0}, {:.0}) px, {apart_px:.0} px from there, \
+         with a sigma of {std_px} px: correct `base_px` (or, where the model says it, the calibration's origin), or widen `base_std_px`",
+        base[0], base[1], begins[0], begins[1]
+    )]
+    BaseElsewhere {
+        /// Where P0 is expected \[px\].
+        base: camera::calibration::Px,
+        /// Where what is seen begins, in the middle of the images \[px\].
+        begins: camera::calibration::Px,
+        /// How far that is from there \[px\].
+        apart_px: f64,
+        /// `base_std_px`.
+        std_px: f64,
+    },
+    /// Nothing says which of two things is the mechanism.
+    #[error(
+        "[vision] two things of much the same size ({own_px} and {other_px} px) stand out in most images, and nothing says which is the \
+         mechanism: give `base_px`, where P0 is, or hide the other with `static_mask`"
+    )]
+    TwoAlike {
+        /// Area of the larger one \[px\].
+        own_px: usize,
+        /// Area of the other \[px\].
+        other_px: usize,
+    },
     /// SAM 2 is wanted and did not segment.
     #[error(transparent)]
     Sam2(#[from] sam2::Sam2Error),

@@ -16,13 +16,16 @@ pub(super) struct Seen {
     pub(super) silhouette: Mask,
     /// Size of the largest other part that the picture's border cuts \[px\].
     pub(super) cut_object_px: usize,
+    /// Size of the largest other part that is seen whole \[px\].
+    pub(super) other_px: usize,
 }
 
 impl Parts {
     /// With part `chosen` as the mechanism.
     pub(super) fn seen(mut self, chosen: usize) -> (Contrast, Seen) {
         let silhouette = self.parts.swap_remove(chosen).mask;
-        (self.contrast, Seen { silhouette, cut_object_px: largest_cut(self.parts.iter()) })
+        let [cut_object_px, other_px] = largest(self.parts.iter());
+        (self.contrast, Seen { silhouette, cut_object_px, other_px })
     }
 
     /// With the silhouette given.
@@ -34,12 +37,15 @@ impl Parts {
             return (self.contrast, Err(Rejection::MaskSize { wanted, got }));
         }
         let apart = |part: &&Component| part.mask.shared(&silhouette) == 0;
-        let cut_object_px = largest_cut(self.parts.iter().filter(apart));
-        (self.contrast, Ok(Seen { silhouette, cut_object_px }))
+        let [cut_object_px, other_px] = largest(self.parts.iter().filter(apart));
+        (self.contrast, Ok(Seen { silhouette, cut_object_px, other_px }))
     }
 }
 
-/// Size of the largest part that the picture's border cuts \[px\]; 0 without any.
-fn largest_cut<'a>(parts: impl Iterator<Item = &'a Component>) -> usize {
-    parts.filter(|part| part.cut).map(|part| part.area).max().unwrap_or(0)
+/// Sizes of the largest part that the picture's border cuts and of the largest one that it does not \[px\]; 0 without any.
+fn largest<'a>(parts: impl Iterator<Item = &'a Component>) -> [usize; 2] {
+    parts.fold([0, 0], |[cut, whole], part| match part.cut {
+        true => [cut.max(part.area), whole],
+        false => [cut, whole.max(part.area)],
+    })
 }

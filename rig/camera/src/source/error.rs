@@ -23,6 +23,14 @@ pub enum FolderError {
         /// What is wrong.
         what: String,
     },
+    /// The numbers in the files' names do not say which image each is.
+    #[error("the numbers in the names of the pictures in {} do not say which image each is: {what}; write a frames.csv (file,time_s) beside them", path.display())]
+    Numbers {
+        /// The folder.
+        path: PathBuf,
+        /// What is wrong with them.
+        what: String,
+    },
     /// No pictures.
     #[error("{} holds no .png, .jpg or .jpeg files", path.display())]
     Empty {
@@ -67,6 +75,14 @@ pub enum SourceError {
         path: PathBuf,
         /// The end of its error output.
         message: String,
+    },
+    /// The film's pixels are not square.
+    #[error("the film {0} has pixels of {ratio} (width to height), and a calibration is for square ones: make them square with ffmpeg -i {0} -vf scale=iw*sar:ih,setsar=1 OUT", path.display())]
+    Pixels {
+        /// The film.
+        path: PathBuf,
+        /// A pixel's width to its height.
+        ratio: String,
     },
     /// No image lies in the part that was asked for.
     #[error("no image lies between {from} and {to} of the source's own time: change --from-s or --to-s")]

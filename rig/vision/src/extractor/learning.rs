@@ -162,6 +162,7 @@ impl Extractor {
         {
             return Err(VisionError::NoBackground { images: images.len(), what: why.to_string() });
         }
+        self.certain_of_it(&contrasts, &seen, &found)?;
         if let Some(learnt) = self.learn_film(&contrasts, &found) {
             let explained = learnt.evidence.explained * (1.0 - learnt.evidence.misfit);
             self.take_film(learnt);
