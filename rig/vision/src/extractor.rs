@@ -9,6 +9,7 @@ mod learning;
 mod redrawn;
 mod tracking;
 
+pub(crate) use identity::MAX_BASE_SIGMAS;
 pub use learning::{LEARN_FROM, Learned};
 use tracking::{Placed, Track};
 

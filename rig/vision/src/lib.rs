@@ -110,6 +110,20 @@ pub enum VisionError {
         /// `base_std_px`.
         std_px: f64,
     },
+    /// The model is not what the images show.
+    #[error(
+        "[vision] the model, held at ({:.0}, {:.0}) px, explains {explained} of {images} images that were looked at, too few to believe those: \
+         correct `base_px`, the model's lengths or the calibration; hide what stands in front with `static_mask`; or light the tank evenly",
+        base[0], base[1]
+    )]
+    NotThisModel {
+        /// Where P0 is expected \[px\].
+        base: camera::calibration::Px,
+        /// How many images it explains.
+        explained: usize,
+        /// How many were looked at.
+        images: usize,
+    },
     /// Nothing says which of two things is the mechanism.
     #[error(
         "[vision] two things of much the same size ({own_px} and {other_px} px) stand out in most images, and nothing says which is the \

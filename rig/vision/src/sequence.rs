@@ -6,7 +6,7 @@ use std::sync::Arc;
 use sim::Model;
 
 use super::config::{Background, Mode, VisionConfig};
-use super::extractor::{Extractor, LEARN_FROM};
+use super::extractor::{Extractor, LEARN_FROM, MAX_BASE_SIGMAS};
 use super::mask::Mask;
 use super::outline::Outline;
 use super::pose::{Mechanism, PoseFilm};
@@ -14,12 +14,17 @@ use super::record::{Extraction, ImageRecord};
 use super::sam2::Segmenter;
 use super::self_check::{SelfCheck, SelfCheckError};
 use super::silhouettes::Silhouettes;
+use super::spline::distance;
 use super::{SequenceError, VisionError, sam2, static_mask};
 use camera::calibration::{Plane, View};
 use camera::source::{ImageSource, TimedImage};
 
 /// Images whose intermediate pictures are held at once, where nobody waits for the first ones.
 const AT_ONCE: usize = 64;
+
+/// A film is another one's than the model's where that explains a smaller share of the sample; chosen: what a wrong P0 or length explains by
+/// chance was a third.
+const LEAST_EXPLAINED_SHARE: f64 = 0.5;
 
 /// How keypoints are extracted.
 #[derive(Debug, Clone)]
@@ -119,8 +124,19 @@ impl<'a> Task<'a> {
             what: "segmenter = \"pose\" needs `base_px`, where P0 is seen: the model does not hold it".into(),
         })?;
         let distance_m = self.config.camera_distance_m.map(|distance| distance.get());
-        PoseFilm::learn(sample, mechanism.clone(), &self.plane, base, distance_m, blocked.as_ref())
-            .map_err(|why| VisionError::NoBackground { images: sample.len(), what: why.to_string() })
+        let film =
+            PoseFilm::learn(sample, mechanism.clone(), &self.plane, base, distance_m, blocked.as_ref())
+                .map_err(|why| VisionError::NoBackground { images: sample.len(), what: why.to_string() })?;
+        let begins = film.base_px();
+        let (apart_px, std_px) = (distance(base, begins), self.config.base_std_px.get());
+        if apart_px > MAX_BASE_SIGMAS * std_px {
+            return Err(VisionError::BaseElsewhere { base, begins, apart_px, std_px });
+        }
+        let [explained, images] = film.explained();
+        if (explained as f64) < LEAST_EXPLAINED_SHARE * images as f64 {
+            return Err(VisionError::NotThisModel { base, explained, images });
+        }
+        Ok(film)
     }
 
     /// All of `source`; `found` is given some images at a time with what was found in them.

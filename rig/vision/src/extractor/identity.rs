@@ -10,7 +10,7 @@ use camera::calibration::Px;
 use ground::statistics::median;
 
 /// P0 is no further from what is seen of the mechanism than this many sigmas of where it is expected.
-const MAX_BASE_SIGMAS: f64 = 4.0;
+pub(crate) const MAX_BASE_SIGMAS: f64 = 4.0;
 /// Two things are alike from this ratio of their areas on, chosen: an arm's own shows this much of its poses and its light.
 const MIN_LIKE_RATIO: f64 = 0.7;
 

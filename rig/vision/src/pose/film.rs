@@ -16,6 +16,7 @@ use super::sigma::{Residuals, sigmas_m};
 use super::solve::{Expected, Explained, Readings, Scene};
 use super::tank::{Planes, Tank, painted};
 use super::view::Camera;
+use crate::continuity::{Continuity, Marks};
 use crate::keypoints::Sigma;
 use crate::mask::Mask;
 use crate::record::{ImageRecord, Keypoint, Status};
@@ -38,6 +39,9 @@ pub struct PoseFilm {
     rims: [Rim; DIRECTIONS],
     looks: Looks,
     residuals: Residuals,
+    /// How many images of the sample the model explains, and how many those are.
+    explained: [usize; 2],
+    continuity: Continuity,
     last: Option<Track>,
 }
 
@@ -87,6 +91,16 @@ impl PoseFilm {
         self.scene().explain(picture, self.tank.light(picture), start, expected, readings)
     }
 
+    /// Where P0 is, as the film has it \[px\].
+    pub fn base_px(&self) -> Px {
+        self.camera.plane.pixel(self.shared.base)
+    }
+
+    /// How many images of the sample the model explains, and how many those are.
+    pub fn explained(&self) -> [usize; 2] {
+        self.explained
+    }
+
     /// What the next image shows.
     pub fn take(&mut self, image: &TimedImage) -> ImageRecord {
         let empty = |reason: String| ImageRecord {
@@ -100,7 +114,10 @@ impl PoseFilm {
         };
         let picture = match &image.grey {
             Err(why) => return empty(Rejection::Unreadable(why.clone()).to_string()),
-            Ok(_) => Planes::of(image),
+            Ok(grey) => match self.continuity.take(Marks::of(grey)) {
+                Err(why) => return empty(why.to_string()),
+                Ok(()) => Planes::of(image),
+            },
         };
         let Some(picture) = picture.filter(|planes| [planes.width, planes.height] == self.camera.size) else {
             let [wanted, got] = [

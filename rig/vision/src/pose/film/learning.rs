@@ -7,6 +7,7 @@ use camera::calibration::{Plane, Px};
 use camera::source::TimedImage;
 
 use super::{GOOD, LEAST_AGREEMENT, PoseFilm, ROUGH, WIDE_PX, cheapest};
+use crate::continuity::Continuity;
 use crate::mask::Mask;
 use crate::pose::colours::{Colour, medians, smoothed};
 use crate::pose::mechanism::{DEPTH, IN_FRONT, Mechanism, Shared, WIDTH};
@@ -133,6 +134,8 @@ impl PoseFilm {
             rims: [NO_RIM; DIRECTIONS],
             looks,
             residuals,
+            explained: [0, 0],
+            continuity: Continuity::default(),
             last: None,
         };
         if soft {
@@ -219,6 +222,7 @@ impl PoseFilm {
         fits = again(self, &fits);
         let good: Vec<&Explained> = fits.iter().filter(|fit| fit.agreement() >= LEAST_AGREEMENT).collect();
         self.residuals = Residuals::of(&self.mechanism, &good);
+        self.explained = [good.len(), fits.len()];
         tracing::debug!(shared = ?self.shared, rims = ?self.rims, residuals = ?self.residuals, "learned a film");
         self.know();
     }
