@@ -113,13 +113,13 @@ fn numbered(folder: &Path, named: Vec<(Vec<Part>, PathBuf)>, at: usize) -> Resul
         _ => (path, 0),
     };
     let mut files: Vec<(PathBuf, u64)> = named.into_iter().map(number).collect();
-    if let Some([(one, number), (other, _)]) = files.array_windows().find(|[(_, a), (_, b)]| a == b) {
+    if let Some([(one, number), (other, _)]) = files.windows(2).find(|pair| pair[0].1 == pair[1].1) {
         return refuse(format!("{} and {} are both number {number}", name(one), name(other)));
     }
     let first = files.first().map_or(0, |(_, number)| *number);
     files.iter_mut().for_each(|(_, number)| *number -= first);
     let places = files.last().map_or(0, |(_, place)| *place) + 1;
-    let steps = || files.array_windows().map(|[(_, a), (_, b)]| b - a);
+    let steps = || files.windows(2).map(|pair| pair[1].1 - pair[0].1);
     let stride = steps().fold(0, greatest_common_divisor).max(1);
     if (places - 1) / stride + 1 > MAX_PLACES_PER_FILE * files.len() as u64 {
         return refuse(format!(
@@ -134,7 +134,7 @@ fn numbered(folder: &Path, named: Vec<(Vec<Part>, PathBuf)>, at: usize) -> Resul
             "count in steps of {stride}: each picture is taken to be every {stride}th image of the film"
         ));
     }
-    if let Some([(_, before), (_, after)]) = files.array_windows().find(|[(_, a), (_, b)]| b - a > stride) {
+    if let Some([(_, before), (_, after)]) = files.windows(2).find(|pair| pair[1].1 - pair[0].1 > stride) {
         let from = first + before + stride;
         remarks.push(format!(
             "have gaps: {missing} of {} are not there, the first of them {from}; each keeps its time, at which there is no image (a gap of \
@@ -161,7 +161,10 @@ fn name(path: &Path) -> std::path::Display<'_> {
 mod tests {
     use super::*;
 
-    fn ordered(names: &[&str]) -> Result<(Vec<(String, u64)>, Option<String>), String> {
+    /// Names with their places, and the remark.
+    type Ordered = (Vec<(String, u64)>, Option<String>);
+
+    fn ordered(names: &[&str]) -> Result<Ordered, String> {
         let files = names.iter().map(PathBuf::from).collect();
         let Numbered { files, remark } =
             in_order(Path::new("film"), files).map_err(|error| error.to_string())?;
