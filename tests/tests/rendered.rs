@@ -9,7 +9,7 @@ use system_tests::optics::{Film, Kind};
 fn written(kind: Kind, scene: &str, seed: u64) -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     let film = Film { kind, scene: scene.into(), seed, images: 40, size_px: (640, 480) };
-    film.write(folder.path(), false).expect("a film");
+    film.write(folder.path(), true).expect("a film");
     folder
 }
 
@@ -19,17 +19,21 @@ fn read(folder: &Path) -> Score {
     score
 }
 
-/// Why the film is refused where P0 is expected so far to the side \[px\].
-fn refused(folder: &Path, by_px: f64) -> String {
+/// Reads every `stride`-th image of the film, `[vision] key` of its config being `value` instead.
+fn read_with(
+    folder: &Path,
+    key: &str,
+    value: impl Into<toml::Value>,
+    stride: usize,
+) -> Result<Score, String> {
     let path = folder.join("extract.toml");
     let right = std::fs::read_to_string(&path).expect("a config");
     let mut config: toml::Table = right.parse().expect("it is TOML");
-    let x = config["vision"]["base_px"][0].as_float().expect("it is a number");
-    config["vision"]["base_px"][0] = toml::Value::Float(x + by_px);
+    config["vision"].as_table_mut().expect("a table").insert(key.into(), value.into());
     std::fs::write(&path, config.to_string()).expect("it is written");
-    let refused = score(folder, 1).expect_err("P0 is not there");
+    let score = score(folder, stride).map_err(|error| ground::error_chain::with_causes(&*error));
     std::fs::write(&path, right).expect("it is written");
-    ground::error_chain::with_causes(&*refused)
+    score
 }
 
 fn holds(score: &Score, rms_px: f64) {
@@ -43,10 +47,23 @@ fn holds(score: &Score, rms_px: f64) {
 fn chain_before_tiles_and_behind_its_holder() {
     let folder = written(Kind::Chain, "usual", 22);
     holds(&read(folder.path()), 1.2);
+    let config = std::fs::read_to_string(folder.path().join("extract.toml")).expect("a config");
+    let config: toml::Table = config.parse().expect("it is TOML");
+    let [x, y] = [0, 1].map(|axis| config["vision"]["base_px"][axis].as_float().expect("it is a number"));
     for by_px in [-60.0, 40.0] {
-        let why = refused(folder.path(), by_px);
+        let why = read_with(folder.path(), "base_px", vec![x + by_px, y], 1).expect_err("P0 is not there");
         assert!(why.contains("correct `base_px`"), "{by_px}: {why}");
     }
+}
+
+#[test]
+fn one_pose_alone_is_told_by_a_picture_of_the_empty_tank() {
+    let folder = written(Kind::Chain, "usual", 22);
+    let why = read_with(folder.path(), "background", "auto", 40).expect_err("nothing tells it from the tank");
+    assert!(why.contains("give a picture of the empty tank"), "{why}");
+    let score = read_with(folder.path(), "background", "empty.png", 40).expect("it is read");
+    assert_eq!((score.answered, score.images), (1, 1), "{score}");
+    assert!(score.worst_px.iter().all(|worst| *worst < 2.0), "{score}");
 }
 
 #[test]

@@ -3,13 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use ground::strict::{NonNegative, Positive, Share};
-use image::GrayImage;
 use serde::{Deserialize, Serialize};
 
 use super::VisionError;
 use super::sam2::{Sam2Config, Segmenter};
 use camera::calibration::Px;
-use camera::decode::grey_file;
+use camera::decode::{Picture, picture_file};
 
 /// Where the keypoints between the two ends lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -334,11 +333,11 @@ pub(super) fn picture(
     folder: &Path,
     path: &Path,
     size: (u32, u32),
-) -> Result<GrayImage, VisionError> {
+) -> Result<Picture, VisionError> {
     let refuse = |what: String| VisionError::Picture { key, path: path.into(), what };
     let bytes = std::fs::read(folder.join(path)).map_err(|error| refuse(error.to_string()))?;
-    let picture = grey_file(&bytes).map_err(|error| refuse(error.to_string()))?;
-    match picture.dimensions() {
+    let picture = picture_file(&bytes).map_err(|error| refuse(error.to_string()))?;
+    match picture.grey.dimensions() {
         got if got == size => Ok(picture),
         (width, height) => {
             Err(refuse(format!("{width}x{height} px, but the images have {}x{}", size.0, size.1)))

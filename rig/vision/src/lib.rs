@@ -113,8 +113,9 @@ pub enum VisionError {
     /// The model is not what the images show.
     #[error(
         "[vision] the model, held at ({:.0}, {:.0}) px, explains {explained} of {images} images that were looked at, too few to believe those: \
-         correct `base_px`, the model's lengths or the calibration; hide what stands in front with `static_mask`; or light the tank evenly",
-        base[0], base[1]
+         {}hide what stands in front with `static_mask`; correct `base_px`, the model's lengths or the calibration; or light the tank evenly",
+        base[0], base[1],
+        if *is_empty_given { "" } else { "give a picture of the empty tank as `background`; " }
     )]
     NotThisModel {
         /// Where P0 is expected \[px\].
@@ -123,6 +124,8 @@ pub enum VisionError {
         explained: usize,
         /// How many were looked at.
         images: usize,
+        /// Whether a picture of the empty tank was given.
+        is_empty_given: bool,
     },
     /// Nothing says which of two things is the mechanism.
     #[error(

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use sim::Model;
 
-use super::config::{Background, Mode, VisionConfig};
+use super::config::{Background, Mode, VisionConfig, picture};
 use super::extractor::{Extractor, LEARN_FROM, MAX_BASE_SIGMAS};
 use super::mask::Mask;
 use super::outline::Outline;
-use super::pose::{Mechanism, PoseFilm};
+use super::pose::{Given, Mechanism, PoseFilm};
 use super::record::{Extraction, ImageRecord};
 use super::sam2::Segmenter;
 use super::self_check::{SelfCheck, SelfCheckError};
@@ -69,7 +69,7 @@ impl<'a> Task<'a> {
         }
         let outline = Outline::new(config, model)?;
         let mechanism = match config.segmenter {
-            Segmenter::Pose => Some(by_pose(config, &outline, model, view)?),
+            Segmenter::Pose => Some(by_pose(&outline, model, view)?),
             Segmenter::Classical | Segmenter::Sam2 => None,
         };
         Ok(Self {
@@ -124,9 +124,16 @@ impl<'a> Task<'a> {
             what: "segmenter = \"pose\" needs `base_px`, where P0 is seen: the model does not hold it".into(),
         })?;
         let distance_m = self.config.camera_distance_m.map(|distance| distance.get());
-        let film =
-            PoseFilm::learn(sample, mechanism.clone(), &self.plane, base, distance_m, blocked.as_ref())
-                .map_err(|why| VisionError::NoBackground { images: sample.len(), what: why.to_string() })?;
+        let empty = match &self.config.background {
+            Background::Picture(path) => {
+                let picture = picture("background", self.folder, path, size)?;
+                Some(TimedImage::new(path.display().to_string(), 0.0, Ok(picture)))
+            }
+            _ => None,
+        };
+        let given = Given { base, distance_m, blocked: blocked.as_ref(), empty: empty.as_ref() };
+        let film = PoseFilm::learn(sample, mechanism.clone(), &self.plane, given)
+            .map_err(|why| VisionError::NoBackground { images: sample.len(), what: why.to_string() })?;
         let begins = film.base_px();
         let (apart_px, std_px) = (distance(base, begins), self.config.base_std_px.get());
         if apart_px > MAX_BASE_SIGMAS * std_px {
@@ -134,7 +141,12 @@ impl<'a> Task<'a> {
         }
         let [explained, images] = film.explained();
         if (explained as f64) < LEAST_EXPLAINED_SHARE * images as f64 {
-            return Err(VisionError::NotThisModel { base, explained, images });
+            return Err(VisionError::NotThisModel {
+                base,
+                explained,
+                images,
+                is_empty_given: empty.is_some(),
+            });
         }
         Ok(film)
     }
@@ -207,16 +219,8 @@ impl<'a> Task<'a> {
 }
 
 /// What `segmenter = "pose"` needs of a model.
-fn by_pose(
-    config: &VisionConfig,
-    outline: &Outline,
-    model: Option<&Model>,
-    view: View,
-) -> Result<Mechanism, VisionError> {
+fn by_pose(outline: &Outline, model: Option<&Model>, view: View) -> Result<Mechanism, VisionError> {
     let refuse = |what: &str| Err(VisionError::Config { what: format!("segmenter = \"pose\" {what}") });
-    if matches!(config.background, Background::Picture(_)) {
-        return refuse("learns the empty tank by itself: leave out the picture in `background`");
-    }
     let soft = match outline.mode {
         Mode::Links => false,
         Mode::Arc => true,

@@ -30,7 +30,7 @@ pub fn standing_out(
     let size = image.dimensions();
     let (method, empty) = match &config.background {
         Method::Picture(path) => {
-            (config.background.clone(), Some(picture("background", folder, path, size)?))
+            (config.background.clone(), Some(picture("background", folder, path, size)?.grey))
         }
         _ => (Method::Flat, None),
     };

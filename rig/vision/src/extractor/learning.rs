@@ -65,7 +65,7 @@ impl Extractor {
         }
         let size = images[0].dimensions();
         let empty = match &config.background {
-            Method::Picture(path) => Some(picture("background", folder, path, size)?),
+            Method::Picture(path) => Some(picture("background", folder, path, size)?.grey),
             _ => None,
         };
         let blocked = match &config.static_mask {

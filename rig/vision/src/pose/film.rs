@@ -2,6 +2,8 @@
 
 mod learning;
 
+pub use learning::Given;
+
 use nalgebra::DMatrix;
 
 use camera::calibration::Px;

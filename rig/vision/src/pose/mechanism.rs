@@ -18,19 +18,22 @@ pub(super) struct Shared {
     /// Depth along the camera's view over the model's: where the outline faces away from the camera's foot, and where it faces it. A flank
     /// that looks like the tank has the near face's edge there too: about -1.
     pub(super) depth: [f64; 2],
+    /// How far beyond the model's tip the round end of what bends is seen \[m\]: it is shaded.
+    pub(super) end_m: f64,
     /// How far each link of a chain is in front of the plane of motion \[m\], shape (links); empty for what bends.
     pub(super) in_front_m: Vec<f64>,
 }
 
-/// Places of numbers among those that are shared: P0, widths, depths; then how far links are in front.
+/// Places of numbers among those that are shared: P0, widths, depths, the end; then how far links are in front.
 pub(super) const WIDTH: usize = 2;
 pub(super) const DEPTH: usize = 4;
-pub(super) const IN_FRONT: usize = 6;
+pub(super) const END: usize = 6;
+pub(super) const IN_FRONT: usize = 7;
 
 impl Shared {
     pub(super) fn numbers(&self) -> Vec<f64> {
         let first = [self.base, self.width, self.depth];
-        first.into_iter().flatten().chain(self.in_front_m.iter().copied()).collect()
+        first.into_iter().flatten().chain([self.end_m]).chain(self.in_front_m.iter().copied()).collect()
     }
 
     pub(super) fn of(numbers: &[f64]) -> Self {
@@ -39,6 +42,7 @@ impl Shared {
             base: pair(0),
             width: pair(WIDTH),
             depth: pair(DEPTH),
+            end_m: numbers[END],
             in_front_m: numbers[IN_FRONT..].to_vec(),
         }
     }
@@ -83,6 +87,8 @@ pub(super) struct OutlinePoint {
     pub(super) half_depth: f64,
     /// How far it moves along its normal with the width factors at root and tip \[m\].
     pub(super) by_width: [f64; 2],
+    /// How far it moves along its normal for each metre that the end is seen beyond the model's.
+    pub(super) by_end: f64,
     /// Nothing of the mechanism lies before or behind it.
     pub(super) is_rim: bool,
 }
@@ -241,6 +247,11 @@ impl Mechanism {
         (0..self.links()).map(|link| of(link).fold(0.0, f64::max)).collect()
     }
 
+    /// Half width of its tip, by the model \[m\].
+    pub(super) fn tip_half_width_m(&self) -> f64 {
+        self.solids.last().map_or(0.0, |solid| solid.half_width[1])
+    }
+
     /// Number of links, each with an angle in a pose.
     pub(super) fn links(&self) -> usize {
         self.ways.len()
@@ -302,7 +313,7 @@ impl Mechanism {
     pub(super) fn outline(&self, pose: &[f64], shared: &Shared) -> Vec<OutlinePoint> {
         let (pivots, turns) = self.pivots(pose, shared.base);
         let placed: Vec<Strips> =
-            self.solids.iter().map(|solid| self.placed(solid, &pivots, &turns, shared.width)).collect();
+            self.solids.iter().map(|solid| self.placed(solid, &pivots, &turns, shared)).collect();
         let mut points: Vec<OutlinePoint> = self
             .spots
             .iter()
@@ -311,14 +322,14 @@ impl Mechanism {
                 let shares = solid.shares;
                 let (along, [left, right]) = (strip.along, strip.half_width);
                 let side = across(along);
-                let (at, normal, by) = match spot {
+                let (at, normal, by, by_end) = match spot {
                     Spot::Side(sign, share) => {
                         let middle = lerp(strip.axis[0], strip.axis[1], share);
                         let half = left + (right - left) * share;
                         let normal = scaled(side, sign);
                         let by = solid.half_width[0] + (solid.half_width[1] - solid.half_width[0]) * share;
                         let at = shares[0] + (shares[1] - shares[0]) * share;
-                        (plus(middle, scaled(normal, half)), normal, [by * (1.0 - at), by * at])
+                        (plus(middle, scaled(normal, half)), normal, [by * (1.0 - at), by * at], 0.0)
                     }
                     Spot::Cap(end, angle) => {
                         let outward = if end == 1 { along } else { scaled(along, -1.0) };
@@ -328,7 +339,13 @@ impl Mechanism {
                         // the end stays where the model has it, however wide the strip is
                         let by = solid.half_width[end] * (1.0 - cos);
                         let at = shares[end];
-                        (plus(strip.axis[end], scaled(normal, half)), normal, [by * (1.0 - at), by * at])
+                        let by_end = if self.is_soft && end == 1 { cos } else { 0.0 };
+                        (
+                            plus(strip.axis[end], scaled(normal, half)),
+                            normal,
+                            [by * (1.0 - at), by * at],
+                            by_end,
+                        )
                     }
                 };
                 OutlinePoint {
@@ -337,6 +354,7 @@ impl Mechanism {
                     link: solid.link,
                     half_depth: solid.half_depth,
                     by_width: by,
+                    by_end,
                     is_rim: true,
                 }
             })
@@ -350,16 +368,17 @@ impl Mechanism {
         points
     }
 
-    fn placed(&self, solid: &Solid, pivots: &[Place], turns: &[[f64; 2]], width: [f64; 2]) -> Strips {
-        let half_width = self.half_widths(solid, width);
+    fn placed(&self, solid: &Solid, pivots: &[Place], turns: &[[f64; 2]], shared: &Shared) -> Strips {
+        let half_width = self.half_widths(solid, shared.width);
         let mut axis = solid.axis.map(|end| plus(pivots[solid.link], turned(end, turns[solid.link])));
         let along = unit(minus(axis[1], axis[0]));
-        // a round end stays where the model has it
+        // a round end stays where the model has it, however wide it is
         if solid.capped[0] {
             axis[0] = plus(axis[0], scaled(along, half_width[0] - solid.half_width[0]));
         }
         if solid.capped[1] {
-            axis[1] = plus(axis[1], scaled(along, solid.half_width[1] - half_width[1]));
+            let seen_m = if self.is_soft { shared.end_m } else { 0.0 };
+            axis[1] = plus(axis[1], scaled(along, solid.half_width[1] - half_width[1] + seen_m));
         }
         Strips { axis, along, half_width }
     }
@@ -367,7 +386,7 @@ impl Mechanism {
     /// The solids for a pose.
     pub(super) fn strips(&self, pose: &[f64], shared: &Shared) -> Vec<Strips> {
         let (pivots, turns) = self.pivots(pose, shared.base);
-        self.solids.iter().map(|solid| self.placed(solid, &pivots, &turns, shared.width)).collect()
+        self.solids.iter().map(|solid| self.placed(solid, &pivots, &turns, shared)).collect()
     }
 
     /// Half width of link `link` at this share of its way \[m\].

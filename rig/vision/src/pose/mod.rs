@@ -18,5 +18,5 @@ mod solve;
 mod tank;
 mod view;
 
-pub use film::PoseFilm;
+pub use film::{Given, PoseFilm};
 pub use mechanism::Mechanism;

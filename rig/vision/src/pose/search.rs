@@ -220,6 +220,8 @@ pub(super) struct Looks {
     by: usize,
     /// The tank; none where the mechanism never leaves.
     tank: Vec<Option<[f32; PLANES]>>,
+    /// Whether that is a picture's of the tank without the mechanism.
+    is_given: bool,
     width: usize,
     height: usize,
     /// Share of the mechanism's pixels by colour, shape (BINS, BINS, BINS); empty before any are known.
@@ -233,6 +235,12 @@ const BINS: usize = 32;
 const TANK_STD: [f32; PLANES] = [4.0, 2.5, 2.5];
 
 impl Looks {
+    /// With the tank as `empty` shows it.
+    pub(super) fn of_empty(empty: &Reduced, by: usize) -> Self {
+        let all = vec![false; empty.width * empty.height];
+        Self { is_given: true, ..Self::clear(std::slice::from_ref(empty), &[SAME_LIGHT], &[all], by) }
+    }
+
     /// From the middle of `pictures`.
     pub(super) fn middle(pictures: &[Reduced], by: usize) -> Option<Self> {
         let first = pictures.first()?;
@@ -252,7 +260,7 @@ impl Looks {
                 super::colours::medians(values.into_iter())
             })
             .collect();
-        Self { by, tank, width, height, colours: Vec::new(), planes }
+        Self { by, tank, is_given: false, width, height, colours: Vec::new(), planes }
     }
 
     /// The light of `picture` against the tank's.
@@ -291,7 +299,8 @@ impl Looks {
         Evidence { width: self.width, height: self.height, by: self.by, values }
     }
 
-    /// Learned anew from poses that were found in `pictures`: colours from those of `trusted`, the tank where all leave it clear.
+    /// Learned anew from poses that were found in `pictures`: colours from those of `trusted`, the tank where all leave it clear, unless it is
+    /// given.
     pub(super) fn learned(
         &self,
         pictures: &[Reduced],
@@ -319,7 +328,10 @@ impl Looks {
                 (0..self.width * self.height).map(|at| any(&mask, at, false)).collect()
             })
             .collect();
-        let mut looks = Self::clear(pictures, &lights, &masks, by);
+        let mut looks = match self.is_given {
+            true => self.clone(),
+            false => Self::clear(pictures, &lights, &masks, by),
+        };
         let mut counts = vec![0.0f32; BINS * BINS * BINS];
         for &k in trusted {
             let mask = painted(&poses[k].pose, -0.15 * by as f64);

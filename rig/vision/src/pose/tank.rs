@@ -145,6 +145,20 @@ impl Tank {
         Some(tank)
     }
 
+    /// What no picture showed clear is as `empty` shows it, a picture of the tank without the mechanism.
+    pub(super) fn fill(&mut self, empty: &Planes) {
+        let light = self.light(empty);
+        for at in 0..self.state.len() {
+            if self.state[at] != State::Unknown {
+                continue;
+            }
+            for (plane, (tank, seen)) in self.planes.planes.iter_mut().zip(&empty.planes).enumerate() {
+                tank[at] = unlit(seen[at], plane, light);
+            }
+            self.state[at] = State::Known;
+        }
+    }
+
     /// How much clear pixels vary about it.
     fn learn_noise(&mut self, pictures: &[(&Planes, Light)], masks: &[Vec<bool>]) {
         const STRIDE: usize = 37;
@@ -249,6 +263,12 @@ impl Tank {
 /// A plane's value of the tank in another light.
 pub(super) fn lit(value: u8, plane: usize, light: Light) -> f32 {
     if plane == 0 { f32::from(value) * light[0] } else { f32::from(value) + light[plane] }
+}
+
+/// The tank's value by that of a plane in another light.
+fn unlit(value: u8, plane: usize, light: Light) -> u8 {
+    let value = f32::from(value);
+    (if plane == 0 { value / light[0].max(f32::MIN_POSITIVE) } else { value - light[plane] }).round() as u8
 }
 
 /// The middle one of `values`, which are put in another order.

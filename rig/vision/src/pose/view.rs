@@ -128,6 +128,7 @@ impl Camera {
             rows.extend(
                 [0, 1].map(|factor| if factor == seen.depth_factor { outward * seen.by_depth } else { 0.0 }),
             );
+            rows.push(outward * point.by_end * (1.0 + seen.farther));
             let front = |link: usize| if link == point.link { outward * seen.by_front } else { 0.0 };
             rows.extend((0..shared.in_front_m.len()).map(front));
         }
@@ -159,7 +160,13 @@ mod tests {
             let camera = Camera::new(&tilted(), [640, 480], Some(0.5));
             let pose: Vec<f64> = (0..mechanism.links()).map(|i| 0.3 - 0.1 * i as f64).collect();
             let in_front_m = if soft { Vec::new() } else { vec![0.002, -0.001, 0.001] };
-            let shared = Shared { base: [0.002, -0.001], width: [1.1, 1.3], depth: [0.8, 0.5], in_front_m };
+            let shared = Shared {
+                base: [0.002, -0.001],
+                width: [1.1, 1.3],
+                depth: [0.8, 0.5],
+                end_m: 1e-4,
+                in_front_m,
+            };
             let numbers: Vec<f64> = pose.iter().copied().chain(shared.numbers()).collect();
             let n = pose.len();
             let seen = |numbers: &[f64]| {

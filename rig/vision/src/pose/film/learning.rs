@@ -10,7 +10,7 @@ use super::{GOOD, LEAST_AGREEMENT, PoseFilm, ROUGH, WIDE_PX, cheapest};
 use crate::continuity::Continuity;
 use crate::mask::Mask;
 use crate::pose::colours::{Colour, medians, smoothed};
-use crate::pose::mechanism::{DEPTH, IN_FRONT, Mechanism, Shared, WIDTH};
+use crate::pose::mechanism::{DEPTH, END, Mechanism, Shared, WIDTH};
 use crate::pose::rims::{DIRECTIONS, NO_RIM, Profile, lit_from};
 use crate::pose::search::{Candidate, Looks, Search};
 use crate::pose::sigma::Residuals;
@@ -50,6 +50,9 @@ const FACING_DEPTH_STD: f64 = 1.0;
 /// How much of the light's asymmetry at the rims is a shift of the edges towards it, and one sigma of that; measured on rendered films.
 const LIT_SHIFT: f64 = 0.8;
 const LIT_STD: f64 = 0.5;
+/// How far from the model's tip a round end may be seen, as a share of its half width, 1 sigma: its side away from the light is as dark as a dark
+/// tank. Chosen; edges by the other sides tell how far it is.
+const END_STD: f64 = 0.15;
 /// Points of the outline are so far apart \[px\] in narrow pictures and in wide ones.
 const SPACING_PX: [f64; 2] = [4.0, 8.0];
 
@@ -59,9 +62,41 @@ struct Sampled {
     reduced: Reduced,
 }
 
+/// What a film's config says of where it was filmed.
+#[derive(Debug, Clone, Copy)]
+pub struct Given<'a> {
+    /// Where P0 is, about \[px\].
+    pub base: Px,
+    /// Air + glass / 1.52 + water / 1.333 between camera and plane \[m\].
+    pub distance_m: Option<f64>,
+    /// What stands before the mechanism.
+    pub blocked: Option<&'a Mask>,
+    /// The tank without the mechanism.
+    pub empty: Option<&'a TimedImage>,
+}
+
+/// What is given of the tank.
+#[derive(Clone, Copy)]
+struct GivenTank<'a> {
+    blocked: Option<&'a Mask>,
+    empty: Option<&'a Planes>,
+}
+
+impl GivenTank<'_> {
+    /// `learned`, with what is given.
+    fn completed(&self, mut learned: Tank) -> Tank {
+        if let Some(empty) = self.empty {
+            learned.fill(empty);
+        }
+        if let Some(blocked) = self.blocked {
+            learned.block(|column, row| blocked.at(column as isize, row as isize));
+        }
+        learned
+    }
+}
+
 impl PoseFilm {
-    /// Learns from `sample` what its images share. `base`: where P0 is \[px\], about; `distance_m`: air + glass/1.52 + water/1.333 between
-    /// camera and plane; `blocked`: what stands before the mechanism.
+    /// Learns from `sample` what its images share.
     ///
     /// # Errors
     /// [`Rejection`], where no image of the sample can be read or shows the mechanism.
@@ -69,10 +104,9 @@ impl PoseFilm {
         sample: &[TimedImage],
         mechanism: Mechanism,
         plane: &Plane,
-        base: Px,
-        distance_m: Option<f64>,
-        blocked: Option<&Mask>,
+        given: Given<'_>,
     ) -> Result<Self, Rejection> {
+        let Given { base, distance_m, blocked, empty } = given;
         let pictures: Vec<Planes> = sample.par_iter().filter_map(Planes::of).collect();
         let nothing = || Rejection::Unreadable("no image of the sample can be read".into());
         let first = pictures.first().ok_or_else(nothing)?;
@@ -90,18 +124,31 @@ impl PoseFilm {
         let width = if soft { SOFT_WIDTH } else { 1.0 };
         let camera = Camera::new(plane, size, Some(distance_m.unwrap_or(USUAL_DISTANCE_M)));
         let in_front_m = if soft { Vec::new() } else { vec![0.0; mechanism.links()] };
-        let shared =
-            Shared { base: plane.metres(base), width: [width; 2], depth: [1.0, FACING_DEPTH], in_front_m };
+        let shared = Shared {
+            base: plane.metres(base),
+            width: [width; 2],
+            depth: [1.0, FACING_DEPTH],
+            end_m: 0.0,
+            in_front_m,
+        };
         let width_std = if soft { SOFT_WIDTH_STD } else { LINK_WIDTH_STD };
         let depth_std = if distance_m.is_some() { DEPTH_STD } else { FAR_DEPTH_STD };
-        let mut prior_std = vec![BASE_STD_M, BASE_STD_M, width_std, width_std, depth_std, FACING_DEPTH_STD];
+        // a link's ends are where its model has them
+        let end_std_m = if soft { END_STD * mechanism.tip_half_width_m() } else { 1e-6 };
+        let mut prior_std =
+            vec![BASE_STD_M, BASE_STD_M, width_std, width_std, depth_std, FACING_DEPTH_STD, end_std_m];
         if !soft {
             prior_std.extend(mechanism.half_depths_m().iter().map(|half| half.max(LEAST_FRONT_STD_M)));
         }
 
         let reduced: Vec<Reduced> = sample.iter().map(|one| one.reduced.clone()).collect();
         let search = Search { mechanism: &mechanism, camera: &camera, shared: &shared };
-        let (looks, found) = begin(&reduced, &search, by).ok_or_else(nothing)?;
+        let empty = empty.and_then(Planes::of).filter(|empty| [empty.width, empty.height] == size);
+        let begins = match &empty {
+            Some(empty) => Some(Looks::of_empty(&empty.reduced(by), by)),
+            None => Looks::middle(&reduced, by),
+        };
+        let (looks, found) = begins.and_then(|looks| begin(looks, &reduced, &search)).ok_or_else(nothing)?;
         let best = found.iter().filter_map(|found| found.first()).map(|one| one.score).fold(0.0, f64::max);
         let keys: Vec<usize> = (0..found.len())
             .filter(|&k| found[k].first().is_some_and(|one| one.score > 0.6 * best))
@@ -113,10 +160,8 @@ impl PoseFilm {
             .collect();
         let lit: Vec<(&Planes, Light)> =
             keys.iter().map(|k| (&sample[*k].planes, looks.light(&reduced[*k]))).collect();
-        let mut tank = Tank::learn(&lit, &masks, 3).ok_or_else(nothing)?;
-        if let Some(blocked) = blocked {
-            tank.block(|column, row| blocked.at(column as isize, row as isize));
-        }
+        let given = GivenTank { blocked, empty: empty.as_ref() };
+        let tank = given.completed(Tank::learn(&lit, &masks, 3).ok_or_else(nothing)?);
         let residuals = Residuals { variance: 1.0, alike: vec![1.0] };
         let known = DMatrix::from_diagonal(&DVector::from_iterator(
             prior_std.len(),
@@ -141,7 +186,7 @@ impl PoseFilm {
         if soft {
             film.choose_width(&sample, &keys, &found);
         }
-        film.settle(&sample, &found, blocked);
+        film.settle(&sample, &found, given);
         Ok(film)
     }
 
@@ -169,7 +214,7 @@ impl PoseFilm {
     }
 
     /// Tank, colours and what is shared, in rounds, from all of the sample.
-    fn settle(&mut self, sample: &[Sampled], found: &[Vec<Candidate>], blocked: Option<&Mask>) {
+    fn settle(&mut self, sample: &[Sampled], found: &[Vec<Candidate>], given: GivenTank<'_>) {
         /// Rounds, and steps of what is shared in each; chosen.
         const LEARNING_ROUNDS: usize = 3;
         const STEPS: [usize; LEARNING_ROUNDS] = [7, 4, 4];
@@ -190,7 +235,7 @@ impl PoseFilm {
                 .collect()
         };
         for (round, steps) in STEPS.into_iter().enumerate() {
-            self.learn_tank(sample, &fits, blocked);
+            self.learn_tank(sample, &fits, given);
             fits = again(self, &fits);
             self.learn_colours(sample, &fits);
             let inside: Vec<(&Planes, Vec<bool>)> = sample
@@ -236,15 +281,15 @@ impl PoseFilm {
             }
             self.believed.width = [1.0; 2];
             self.believed.depth = [1.0, FACING_DEPTH];
-            self.prior_std[WIDTH..IN_FRONT].copy_from_slice(&[0.04, 0.04, 0.25, FACING_DEPTH_STD]);
+            self.prior_std[WIDTH..END].copy_from_slice(&[0.04, 0.04, 0.25, FACING_DEPTH_STD]);
         } else {
             self.shared.depth = [0.0; 2];
             self.believed.depth = [0.0; 2];
-            self.prior_std[WIDTH..IN_FRONT].copy_from_slice(&[SOFT_WIDTH_STD, SOFT_WIDTH_STD, 1e-3, 1e-3]);
+            self.prior_std[WIDTH..END].copy_from_slice(&[SOFT_WIDTH_STD, SOFT_WIDTH_STD, 1e-3, 1e-3]);
         }
     }
 
-    fn learn_tank(&mut self, sample: &[Sampled], fits: &[Explained], blocked: Option<&Mask>) {
+    fn learn_tank(&mut self, sample: &[Sampled], fits: &[Explained], given: GivenTank<'_>) {
         let grown_px = if self.camera.size[0] > WIDE_PX { 5.0 } else { 4.0 };
         let masks: Vec<Vec<bool>> = fits
             .par_iter()
@@ -252,11 +297,8 @@ impl PoseFilm {
             .collect();
         let lit: Vec<(&Planes, Light)> =
             sample.par_iter().map(|one| (&one.planes, self.tank.light(&one.planes))).collect();
-        if let Some(mut tank) = Tank::learn(&lit, &masks, 4.min(lit.len())) {
-            if let Some(blocked) = blocked {
-                tank.block(|column, row| blocked.at(column as isize, row as isize));
-            }
-            self.tank = tank;
+        if let Some(tank) = Tank::learn(&lit, &masks, 4.min(lit.len())) {
+            self.tank = given.completed(tank);
         }
     }
 
@@ -302,7 +344,7 @@ impl PoseFilm {
         for (i, change) in change.iter_mut().enumerate() {
             let most = match i {
                 WIDTH..DEPTH => MOST_STEP_WIDTH,
-                DEPTH..IN_FRONT => MOST_STEP_DEPTH,
+                DEPTH..END => MOST_STEP_DEPTH,
                 _ => MOST_STEP_M,
             };
             *change = change.clamp(-most, most);
@@ -366,7 +408,7 @@ impl PoseFilm {
             self.known[(axis, axis)] += std_m * std_m;
         }
         // what is added to a depth's variance moves the others as they follow it
-        for depth in DEPTH..IN_FRONT {
+        for depth in DEPTH..END {
             let variance = self.known[(depth, depth)];
             let floor = LEAST_DEPTH_STD.min(self.prior_std[depth]).powi(2);
             if variance < floor {
@@ -378,8 +420,11 @@ impl PoseFilm {
 }
 
 /// What the mechanism and the tank look like in `pictures`, and where it may be in each, the best first.
-fn begin(pictures: &[Reduced], search: &Search<'_>, by: usize) -> Option<(Looks, Vec<Vec<Candidate>>)> {
-    let mut looks = Looks::middle(pictures, by)?;
+fn begin(
+    mut looks: Looks,
+    pictures: &[Reduced],
+    search: &Search<'_>,
+) -> Option<(Looks, Vec<Vec<Candidate>>)> {
     let mut found: Vec<Vec<Candidate>> = Vec::new();
     for _ in 0..2 {
         found = pictures
