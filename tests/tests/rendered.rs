@@ -36,6 +36,21 @@ fn read_with(
     score
 }
 
+/// Makes all images of the film the one with this number.
+fn stand_still(folder: &Path, number: usize) {
+    let frames = std::fs::read_dir(folder.join("frames")).expect("a folder");
+    let mut frames: Vec<_> = frames.map(|entry| entry.expect("an entry").path()).collect();
+    frames.sort();
+    let image = std::fs::read(&frames[number]).expect("an image");
+    frames.iter().for_each(|frame| std::fs::write(frame, &image).expect("it is written"));
+    let truth = std::fs::read_to_string(folder.join("truth.csv")).expect("a table");
+    let mut lines = truth.lines().filter(|line| !line.starts_with('#'));
+    let head = lines.next().expect("a head");
+    let row = lines.nth(number).expect("a row");
+    let rows = format!("{row}\n").repeat(frames.len());
+    std::fs::write(folder.join("truth.csv"), format!("{head}\n{rows}")).expect("it is written");
+}
+
 fn holds(score: &Score, rms_px: f64) {
     assert_eq!(score.wrong, 0, "{score}");
     assert!(score.answered * 100 >= 90 * score.images, "{score}");
@@ -59,11 +74,11 @@ fn chain_before_tiles_and_behind_its_holder() {
 #[test]
 fn one_pose_alone_is_told_by_a_picture_of_the_empty_tank() {
     let folder = written(Kind::Chain, "usual", 22);
-    let why = read_with(folder.path(), "background", "auto", 40).expect_err("nothing tells it from the tank");
+    stand_still(folder.path(), 20);
+    let why = read_with(folder.path(), "background", "auto", 1).expect_err("nothing tells it from the tank");
     assert!(why.contains("give a picture of the empty tank"), "{why}");
-    let score = read_with(folder.path(), "background", "empty.png", 40).expect("it is read");
-    assert_eq!((score.answered, score.images), (1, 1), "{score}");
-    assert!(score.worst_px.iter().all(|worst| *worst < 2.0), "{score}");
+    let score = read_with(folder.path(), "background", "empty.png", 1).expect("it is read");
+    assert_eq!((score.answered, score.wrong), (score.images, 0), "{score}");
 }
 
 #[test]
