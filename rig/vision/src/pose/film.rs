@@ -10,10 +10,11 @@ use camera::calibration::Px;
 use camera::source::TimedImage;
 
 use super::colours::Colour;
-use super::mechanism::{Mechanism, Shared};
+use super::mechanism::Mechanism;
 use super::place::lerp;
 use super::rims::{DIRECTIONS, Rim};
 use super::search::{Looks, Search};
+use super::shared::Shared;
 use super::sigma::{Residuals, sigmas_m};
 use super::solve::{Expected, Explained, Readings, Scene};
 use super::tank::{Planes, Tank, painted};

@@ -4,7 +4,7 @@
 //! the camera shows it; `lines` reads the picture across the outline only, and says what each place of the edge would cost there;
 //! `solve` finds the pose of least cost. `tank` and the mechanism's colours are learned from what fitted poses leave clear, `search`
 //! finds first poses at low resolution, `rims` learns how edges look that light falls on from one side. `film` takes a film's images through all of them: what all images share (P0, widths, depth) is
-//! found from all of a sample together, an image's pose from its own picture. `sigma` says how far off they may be.
+//! found from all of a sample together (`shared`), an image's pose from its own picture. `sigma` says how far off they may be.
 
 mod colours;
 mod film;
@@ -13,6 +13,7 @@ mod mechanism;
 mod place;
 mod rims;
 mod search;
+mod shared;
 mod sigma;
 mod solve;
 mod tank;

@@ -7,8 +7,9 @@ use rayon::prelude::*;
 
 use camera::calibration::Px;
 
-use super::mechanism::{Mechanism, Shared};
+use super::mechanism::Mechanism;
 use super::place::{across, lerp, minus, plus, scaled, unit};
+use super::shared::Shared;
 use super::tank::{Light, PLANES, Reduced, SAME_LIGHT, median, painted};
 use super::view::Camera;
 

@@ -2,7 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::mechanism::{Mechanism, Shared};
+use super::mechanism::Mechanism;
+use super::shared::Shared;
 use super::solve::Explained;
 use crate::keypoints::Sigma;
 

@@ -4,8 +4,9 @@ use nalgebra::{DMatrix, DVector};
 
 use super::colours::{Colour, adapt_tank, difference, inside, medians, smoothed};
 use super::lines::{Costs, PLACES_PER_LINE, Reading, SAMPLES_PER_LINE, light_of, outward, place_px};
-use super::mechanism::{Mechanism, Shared};
+use super::mechanism::Mechanism;
 use super::rims::{DIRECTIONS, Profile, Rim};
+use super::shared::Shared;
 use super::tank::{Light, PLANES, Planes, Tank};
 use super::view::Camera;
 

@@ -2,8 +2,9 @@
 
 use camera::calibration::{Plane, Px};
 
-use super::mechanism::{IN_FRONT, Mechanism, OutlinePoint, Shared};
+use super::mechanism::{Mechanism, OutlinePoint};
 use super::place::{Place, across, dot, minus, plus, scaled, unit};
+use super::shared::{IN_FRONT, Shared};
 
 /// Refractive index of water.
 const WATER: f64 = 1.333;

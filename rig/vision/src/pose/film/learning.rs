@@ -10,9 +10,10 @@ use super::{GOOD, LEAST_AGREEMENT, PoseFilm, ROUGH, WIDE_PX, cheapest};
 use crate::continuity::Continuity;
 use crate::mask::Mask;
 use crate::pose::colours::{Colour, medians, smoothed};
-use crate::pose::mechanism::{DEPTH, END, Mechanism, Shared, WIDTH};
+use crate::pose::mechanism::Mechanism;
 use crate::pose::rims::{DIRECTIONS, NO_RIM, Profile, lit_from};
 use crate::pose::search::{Candidate, Looks, Search};
+use crate::pose::shared::{DEPTH, Shared, TIP_END, WIDTH};
 use crate::pose::sigma::Residuals;
 use crate::pose::solve::{Explained, Scene, prior};
 use crate::pose::tank::{Light, PLANES, Planes, Reduced, Tank, painted};
@@ -281,11 +282,11 @@ impl PoseFilm {
             }
             self.believed.width = [1.0; 2];
             self.believed.depth = [1.0, FACING_DEPTH];
-            self.prior_std[WIDTH..END].copy_from_slice(&[0.04, 0.04, 0.25, FACING_DEPTH_STD]);
+            self.prior_std[WIDTH..TIP_END].copy_from_slice(&[0.04, 0.04, 0.25, FACING_DEPTH_STD]);
         } else {
             self.shared.depth = [0.0; 2];
             self.believed.depth = [0.0; 2];
-            self.prior_std[WIDTH..END].copy_from_slice(&[SOFT_WIDTH_STD, SOFT_WIDTH_STD, 1e-3, 1e-3]);
+            self.prior_std[WIDTH..TIP_END].copy_from_slice(&[SOFT_WIDTH_STD, SOFT_WIDTH_STD, 1e-3, 1e-3]);
         }
     }
 
@@ -344,7 +345,7 @@ impl PoseFilm {
         for (i, change) in change.iter_mut().enumerate() {
             let most = match i {
                 WIDTH..DEPTH => MOST_STEP_WIDTH,
-                DEPTH..END => MOST_STEP_DEPTH,
+                DEPTH..TIP_END => MOST_STEP_DEPTH,
                 _ => MOST_STEP_M,
             };
             *change = change.clamp(-most, most);
@@ -408,7 +409,7 @@ impl PoseFilm {
             self.known[(axis, axis)] += std_m * std_m;
         }
         // what is added to a depth's variance moves the others as they follow it
-        for depth in DEPTH..END {
+        for depth in DEPTH..TIP_END {
             let variance = self.known[(depth, depth)];
             let floor = LEAST_DEPTH_STD.min(self.prior_std[depth]).powi(2);
             if variance < floor {
