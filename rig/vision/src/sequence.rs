@@ -131,7 +131,9 @@ impl<'a> Task<'a> {
             }
             _ => None,
         };
-        let given = Given { base, distance_m, blocked: blocked.as_ref(), empty: empty.as_ref() };
+        let end_rounding = self.config.end_rounding.map(|rounding| rounding.get());
+        let given =
+            Given { base, distance_m, end_rounding, blocked: blocked.as_ref(), empty: empty.as_ref() };
         let film = PoseFilm::learn(sample, mechanism.clone(), &self.plane, given)
             .map_err(|why| VisionError::NoBackground { images: sample.len(), what: why.to_string() })?;
         let begins = film.base_px();

@@ -10,9 +10,9 @@ use camera::calibration::Px;
 use camera::source::TimedImage;
 
 use super::colours::Colour;
+use super::edge::Edges;
 use super::mechanism::Mechanism;
 use super::place::lerp;
-use super::rims::{DIRECTIONS, Rim};
 use super::search::{Looks, Search};
 use super::shared::Shared;
 use super::sigma::{Residuals, sigmas_m};
@@ -39,7 +39,7 @@ pub struct PoseFilm {
     known: DMatrix<f64>,
     tank: Tank,
     colours: Vec<Colour>,
-    rims: [Rim; DIRECTIONS],
+    edges: Edges,
     looks: Looks,
     residuals: Residuals,
     /// How many images of the sample the model explains, and how many those are.
@@ -80,7 +80,7 @@ impl PoseFilm {
             shared: &self.shared,
             tank: &self.tank,
             colours: &self.colours,
-            rims: &self.rims,
+            edges: &self.edges,
         }
     }
 

@@ -1,8 +1,9 @@
 //! Lines across the outline: what the picture and the tank show along each, and what each place of the edge would cost there.
 
-use std::sync::LazyLock;
-
-use super::rims::{DIRECTIONS, NO_RIM, Rim, direction};
+use super::edge::{Edges, grey_of, light_of};
+use super::mechanism::Strips;
+use super::place::{plus, scaled};
+use super::rims::direction;
 use super::tank::{Light, PLANES, Planes, State, Tank, lit};
 use super::view::Seen;
 
@@ -22,11 +23,16 @@ pub(super) struct Reading {
     pub(super) picture: Vec<[f32; PLANES]>,
     /// The tank in this image's light, likewise.
     pub(super) tank: Vec<[f32; PLANES]>,
-    /// What is known of the tank; none outside the picture.
+    /// What is known of the tank; none outside the picture, and where the mechanism's other side or another part of it is.
     pub(super) state: Vec<Option<State>>,
     /// Where the outline faces, by line.
     pub(super) direction: Vec<usize>,
 }
+
+/// A sample belongs to its line's edge where any other edge is farther than this share of its own way to it, and than so much at most, beyond the
+/// blur \[px\]; chosen.
+const CLEAR_SHARE: f64 = 0.5;
+const MOST_CLEAR_PX: f64 = 2.0;
 
 /// How far sample `k` is outside the outline, in steps.
 pub(super) fn outward(k: usize) -> f64 {
@@ -86,6 +92,25 @@ impl Reading {
         reading
     }
 
+    /// Leaves out what `solids`, as the camera shows them, say of a line but its own edge: the mechanism's other side, another part of it.
+    pub(super) fn leave_out(&mut self, solids: &[Strips], seen: &[Seen]) {
+        let reach = outward(SAMPLES_PER_LINE - 1) * self.step_px + MOST_CLEAR_PX;
+        let mut near: Vec<&Strips> = Vec::with_capacity(solids.len());
+        for (line, seen) in seen.iter().enumerate() {
+            near.clear();
+            near.extend(solids.iter().filter(|solid| solid.distance(seen.px) < reach));
+            for k in 0..SAMPLES_PER_LINE {
+                let out_px = outward(k) * self.step_px;
+                let at = plus(seen.px, scaled(seen.normal, out_px));
+                let distance = near.iter().map(|solid| solid.distance(at)).fold(f64::INFINITY, f64::min);
+                let least = (CLEAR_SHARE * out_px.abs()).min(MOST_CLEAR_PX);
+                if distance * out_px.signum() < least {
+                    self.state[line * SAMPLES_PER_LINE + k] = None;
+                }
+            }
+        }
+    }
+
     /// Number of lines.
     pub(super) fn lines(&self) -> usize {
         self.picture.len() / SAMPLES_PER_LINE
@@ -113,43 +138,13 @@ pub(super) struct Costs {
     pub(super) open: Vec<u32>,
 }
 
-/// Blur of edges in brightness and colour, 1 sigma \[px\]: a sharp lens, and colour at half the resolution. Chosen.
-pub(super) const BLUR_PX: f64 = 0.9;
-const COLOUR_BLUR_PX: f64 = 1.6;
 /// Neighbouring samples are not independent of each other: so many count as one. Chosen for demosaicing and compression.
 const SAMPLES_IN_ONE: f32 = 3.0;
 /// No sample costs more, in half squared sigmas; chosen.
 const MOST_OF_A_SAMPLE: f32 = 6.0;
-/// The exponent from grey levels to light, that of sRGB about (IEC 61966-2-1), and entries of its table.
-const CAMERA_GAMMA: f32 = 2.2;
-const TABLE: usize = 4096;
-
-static LIGHT_OF_GREY: LazyLock<Vec<f32>> =
-    LazyLock::new(|| (0..TABLE).map(|i| (i as f32 / (TABLE - 1) as f32).powf(CAMERA_GAMMA)).collect());
-static GREY_OF_LIGHT: LazyLock<Vec<f32>> = LazyLock::new(|| {
-    (0..=TABLE).map(|i| 255.0 * (i as f32 / TABLE as f32).powf(1.0 / CAMERA_GAMMA)).collect()
-});
-
-pub(super) fn light_of(grey: f32) -> f32 {
-    LIGHT_OF_GREY[(grey.clamp(0.0, 255.0) * ((TABLE - 1) as f32 / 255.0)) as usize]
-}
-
-/// The share of the normal distribution below `x`.
-pub(super) fn normal_share(x: f64) -> f64 {
-    0.5 * (1.0 + libm::erf(x / std::f64::consts::SQRT_2))
-}
-
-/// The tank's share at each sample for each place of the edge; shape (SAMPLES_PER_LINE, PLACES_PER_LINE).
-fn mixing(step_px: f64, rim: &Rim, blur_px: f64) -> Vec<f32> {
-    let mut shares = Vec::with_capacity(SAMPLES_PER_LINE * PLACES_PER_LINE);
-    for k in 0..SAMPLES_PER_LINE {
-        for j in 0..PLACES_PER_LINE {
-            let outside = outward(k) * step_px - place_px(j, step_px / 2.0);
-            shares.push(rim.tank_share(outside, blur_px) as f32);
-        }
-    }
-    shares
-}
+/// How far off the edge's own shape may be, which is no blurred step to the last digit, by brightness and by colour, 1 sigma \[px\]; chosen. Where
+/// mechanism and tank differ by much, this counts and not the noise.
+const SHAPE_STD_PX: [f32; 2] = [0.3, 0.3];
 
 /// How far place `j` is outside the outline \[px\], places `step_px` apart.
 pub(super) fn place_px(j: usize, step_px: f64) -> f64 {
@@ -162,10 +157,11 @@ impl Costs {
         reading: &Reading,
         colour: &[[f32; PLANES]],
         precision: &[[f32; PLANES]],
-        rims: &[Rim; DIRECTIONS],
+        edges: &Edges,
     ) -> Self {
-        let bright = rims.map(|rim| mixing(reading.step_px, &rim, BLUR_PX));
-        let coloured = mixing(reading.step_px, &NO_RIM, COLOUR_BLUR_PX);
+        let (bright, coloured) = edges.shares(reading.step_px);
+        // from what neighbouring places differ by to what the edge's shape leaves open
+        let shape = SHAPE_STD_PX.map(|std| std / reading.step_px as f32);
         let lines = reading.lines();
         let weight = reading.step_px as f32 / SAMPLES_IN_ONE;
         let mut cost = vec![0.0f32; lines * PLACES_PER_LINE];
@@ -174,6 +170,7 @@ impl Costs {
             let (inside, precision) = (colour[line], precision[line]);
             let bright = &bright[reading.direction[line]];
             let light_inside = light_of(inside[0]);
+            let variance = precision.map(|precision| (precision * precision).recip());
             let mut count = 0;
             for (k, at) in reading.samples(line).enumerate() {
                 if !reading.is_open(at) {
@@ -182,22 +179,30 @@ impl Costs {
                 count += 1;
                 let (seen, behind) = (reading.picture[at], reading.tank[at]);
                 let way = light_of(behind[0]) - light_inside;
-                let shares = &bright[k * PLACES_PER_LINE..(k + 1) * PLACES_PER_LINE];
                 let mut misfit = [0.0f32; PLACES_PER_LINE];
-                for (misfit, share) in misfit.iter_mut().zip(shares) {
-                    let light = (light_inside + way * share).clamp(0.0, 1.0);
-                    let grey = GREY_OF_LIGHT[(light * TABLE as f32) as usize];
-                    let off = (seen[0] - grey) * precision[0];
-                    *misfit = off * off;
+                // one place more on either side, for the slopes at the first and the last
+                let mut expected = [0.0f32; PLACES_PER_LINE + 2];
+                let mut add =
+                    |expected: &mut [f32; PLACES_PER_LINE + 2], seen: f32, variance: f32, shape: f32| {
+                        (expected[0], expected[PLACES_PER_LINE + 1]) =
+                            (expected[1], expected[PLACES_PER_LINE]);
+                        for (misfit, near) in misfit.iter_mut().zip(expected.windows(3)) {
+                            let (open, off) = ((near[2] - near[0]) * shape, seen - near[1]);
+                            *misfit += off * off / (variance + open * open);
+                        }
+                    };
+                let shares = &bright[k * PLACES_PER_LINE..(k + 1) * PLACES_PER_LINE];
+                for (expected, share) in expected[1..].iter_mut().zip(shares) {
+                    *expected = grey_of(light_inside + way * share);
                 }
+                add(&mut expected, seen[0], variance[0], shape[0]);
                 if reading.planes == PLANES {
                     let shares = &coloured[k * PLACES_PER_LINE..(k + 1) * PLACES_PER_LINE];
-                    for (misfit, share) in misfit.iter_mut().zip(shares) {
-                        for plane in 1..PLANES {
-                            let mixed = inside[plane] + (behind[plane] - inside[plane]) * share;
-                            let off = (seen[plane] - mixed) * precision[plane];
-                            *misfit += off * off;
+                    for plane in 1..PLANES {
+                        for (expected, share) in expected[1..].iter_mut().zip(shares) {
+                            *expected = inside[plane] + (behind[plane] - inside[plane]) * share;
                         }
+                        add(&mut expected, seen[plane], variance[plane], shape[1]);
                     }
                 }
                 for (cost, misfit) in cost.iter_mut().zip(misfit) {

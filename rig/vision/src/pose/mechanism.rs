@@ -31,7 +31,7 @@ struct Solid {
 pub(super) enum Spot {
     /// On the side to the right (-1) or left (+1) of the axis, at this share of its length.
     Side(f64, f64),
-    /// On the round end at the axis' beginning (0) or end (1), so far from the axis' direction outward \[rad\].
+    /// On the end beyond the axis' beginning (0) or end (1), at this share of the half width beside the axis.
     Cap(usize, f64),
 }
 
@@ -48,8 +48,8 @@ pub(super) struct OutlinePoint {
     pub(super) half_depth: f64,
     /// How far it moves along its normal with the width factors at root and tip \[m\].
     pub(super) by_width: [f64; 2],
-    /// How far it moves along its normal for each metre that the end is seen beyond the model's.
-    pub(super) by_end: f64,
+    /// How far it moves along its normal for each metre that it is seen beyond the model's, as [`Shared::beyond_m`] says.
+    pub(super) by_beyond: f64,
     /// Nothing of the mechanism lies before or behind it.
     pub(super) is_rim: bool,
 }
@@ -69,12 +69,14 @@ pub struct Mechanism {
     keypoints: Vec<(usize, Place)>,
     /// Whether it bends smoothly: a soft arm.
     is_soft: bool,
+    /// Radius of its ends' corners as a share of the half width: 0 square, 1 round.
+    rounding: f64,
 }
 
 /// Points on a side of a link at least, chosen.
 const MIN_SPOTS_PER_SIDE: usize = 3;
-/// Directions of the points of a round end, from its middle \[deg\].
-const CAP_DEG: [f64; 7] = [-75.0, -50.0, -25.0, 0.0, 25.0, 50.0, 75.0];
+/// Points of an end, as shares of the half width beside the axis, clear of a square one's corners; chosen.
+const CAP_SHARES: [f64; 7] = [-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9];
 /// A hinge turns in the plane when its axis has at least this component along the view.
 const MIN_AXIS_COMPONENT: f64 = 0.99;
 /// A place so far within another solid is covered by it \[m\].
@@ -153,7 +155,7 @@ impl Mechanism {
             let before: f64 = ways[..solid.link].iter().map(|way| norm(*way)).sum();
             solid.shares = solid.axis.map(|end| ((before + norm(end)) / total).clamp(0.0, 1.0));
         }
-        Some(Self { ways, solids, spots: Vec::new(), runs: Vec::new(), keypoints, is_soft })
+        Some(Self { ways, solids, spots: Vec::new(), runs: Vec::new(), keypoints, is_soft, rounding: 1.0 })
     }
 
     /// The same, its outline read at points about `spacing_m` apart.
@@ -178,7 +180,7 @@ impl Mechanism {
                 }
             }
             for end in (0..2).filter(|&end| solid.capped[end]) {
-                caps.push(CAP_DEG.map(|angle| (k, Spot::Cap(end, angle.to_radians()))));
+                caps.push(CAP_SHARES.map(|share| (k, Spot::Cap(end, share))));
             }
         }
         for mut run in sides.into_iter().filter(|side| !side.is_empty()) {
@@ -193,6 +195,11 @@ impl Mechanism {
         }
         self.runs = runs;
         self
+    }
+
+    /// The same with ends whose corners have this radius, as a share of the half width.
+    pub(super) fn rounded(&self, rounding: f64) -> Self {
+        Self { rounding, ..self.clone() }
     }
 
     /// Number of its keypoints.
@@ -283,30 +290,35 @@ impl Mechanism {
                 let shares = solid.shares;
                 let (along, [left, right]) = (strip.along, strip.half_width);
                 let side = across(along);
-                let (at, normal, by, by_end) = match spot {
+                let (at, normal, by, by_beyond) = match spot {
                     Spot::Side(sign, share) => {
                         let middle = lerp(strip.axis[0], strip.axis[1], share);
                         let half = left + (right - left) * share;
                         let normal = scaled(side, sign);
                         let by = solid.half_width[0] + (solid.half_width[1] - solid.half_width[0]) * share;
                         let at = shares[0] + (shares[1] - shares[0]) * share;
-                        (plus(middle, scaled(normal, half)), normal, [by * (1.0 - at), by * at], 0.0)
+                        let by_beyond = if self.is_soft { 0.0 } else { 1.0 };
+                        (plus(middle, scaled(normal, half)), normal, [by * (1.0 - at), by * at], by_beyond)
                     }
-                    Spot::Cap(end, angle) => {
+                    Spot::Cap(end, beside) => {
                         let outward = if end == 1 { along } else { scaled(along, -1.0) };
-                        let (sin, cos) = f64::sin_cos(angle);
+                        let (rounding, half) = (self.rounding, strip.half_width[end]);
+                        let on_corner = (beside.abs() - (1.0 - rounding)).max(0.0);
+                        let sin = if on_corner > 0.0 { (on_corner / rounding).copysign(beside) } else { 0.0 };
+                        let cos = (1.0 - sin * sin).max(0.0).sqrt();
                         let normal = plus(scaled(outward, cos), scaled(side, sin));
-                        let half = strip.half_width[end];
+                        let beyond = half * (1.0 - rounding * (1.0 - cos));
+                        let place = plus(scaled(outward, beyond), scaled(side, half * beside));
                         // the end stays where the model has it, however wide the strip is
-                        let by = solid.half_width[end] * (1.0 - cos);
-                        let at = shares[end];
-                        let by_end = if self.is_soft && end == 1 { cos } else { 0.0 };
-                        (
-                            plus(strip.axis[end], scaled(normal, half)),
-                            normal,
-                            [by * (1.0 - at), by * at],
-                            by_end,
-                        )
+                        let by = rounding * (1.0 - cos) + (1.0 - rounding) * sin.abs();
+                        let by = solid.half_width[end] * by;
+                        let share = shares[end];
+                        let by_beyond = match self.is_soft {
+                            true if end == 1 => cos,
+                            true => 0.0,
+                            false => 1.0,
+                        };
+                        (plus(strip.axis[end], place), normal, [by * (1.0 - share), by * share], by_beyond)
                     }
                 };
                 OutlinePoint {
@@ -315,7 +327,7 @@ impl Mechanism {
                     link: solid.link,
                     half_depth: solid.half_depth,
                     by_width: by,
-                    by_end,
+                    by_beyond,
                     is_rim: true,
                 }
             })
@@ -330,18 +342,21 @@ impl Mechanism {
     }
 
     fn placed(&self, solid: &Solid, pivots: &[Place], turns: &[[f64; 2]], shared: &Shared) -> Strips {
-        let half_width = self.half_widths(solid, shared.width);
+        let mut half_width = self.half_widths(solid, shared.width);
         let mut axis = solid.axis.map(|end| plus(pivots[solid.link], turned(end, turns[solid.link])));
         let along = unit(minus(axis[1], axis[0]));
-        // a round end stays where the model has it, however wide it is
+        // an end stays where the model has it, however wide it is
         if solid.capped[0] {
             axis[0] = plus(axis[0], scaled(along, half_width[0] - solid.half_width[0]));
         }
         if solid.capped[1] {
-            let seen_m = if self.is_soft { shared.end_m } else { 0.0 };
+            let seen_m = if self.is_soft { shared.beyond_m } else { 0.0 };
             axis[1] = plus(axis[1], scaled(along, solid.half_width[1] - half_width[1] + seen_m));
         }
-        Strips { axis, along, half_width }
+        if !self.is_soft {
+            half_width = half_width.map(|half| half + shared.beyond_m);
+        }
+        Strips::about(axis, half_width, self.rounding)
     }
 
     /// The solids for a pose.
@@ -360,24 +375,38 @@ impl Mechanism {
     }
 }
 
-/// A solid in the plane: all places no farther from the axis than its half width there.
+/// A solid in the plane \[m\], or as it is seen \[px\]: a strip that reaches its half width beyond both ends of its axis, with corners that may be round.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Strips {
-    /// Both ends of the axis \[m\].
+    /// Both ends of the axis.
     pub(super) axis: [Place; 2],
     /// The axis' direction, unit length.
     along: Place,
-    /// Half widths at both ends \[m\].
+    length: f64,
+    /// Half widths at both ends.
     pub(super) half_width: [f64; 2],
+    /// Radius of its corners as a share of the half width.
+    pub(super) rounding: f64,
 }
 
 impl Strips {
-    /// How far `at` is outside \[m\]; negative inside.
+    /// About the axis from `axis[0]` to `axis[1]`.
+    pub(super) fn about(axis: [Place; 2], half_width: [f64; 2], rounding: f64) -> Self {
+        let way = minus(axis[1], axis[0]);
+        Self { axis, along: unit(way), length: norm(way), half_width, rounding }
+    }
+
+    /// How far `at` is outside; negative inside.
     pub(super) fn distance(&self, at: Place) -> f64 {
-        let length = norm(minus(self.axis[1], self.axis[0])).max(f64::MIN_POSITIVE);
-        let share = (dot(minus(at, self.axis[0]), self.along) / length).clamp(0.0, 1.0);
+        let from = minus(at, self.axis[0]);
+        let (ahead, beside) = (dot(from, self.along), dot(from, across(self.along)));
+        let share = (ahead / self.length.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let half = self.half_width[0] + (self.half_width[1] - self.half_width[0]) * share;
-        norm(minus(at, lerp(self.axis[0], self.axis[1], share))) - half
+        // a rectangle about the axis, grown by the corners' radius
+        let radius = self.rounding * half;
+        let reach = [(-ahead).max(ahead - self.length) - (half - radius), beside.abs() - (half - radius)];
+        (reach[0].max(0.0).powi(2) + reach[1].max(0.0).powi(2)).sqrt() + reach[0].max(reach[1]).min(0.0)
+            - radius
     }
 }
 

@@ -20,7 +20,7 @@ pub(super) fn dot(a: Place, b: Place) -> f64 {
 }
 
 pub(super) fn norm(a: Place) -> f64 {
-    a[0].hypot(a[1])
+    (a[0] * a[0] + a[1] * a[1]).sqrt()
 }
 
 pub(super) fn unit(a: Place) -> Place {

@@ -1,7 +1,7 @@
 //! What the mechanism's rim looks like: lit from above, its upper rims are brighter than its faces, its lower ones darker, and an edge is
 //! then seen beside where the outline is. Learned from all edges of a sample by the direction that they face.
 
-use super::lines::{BLUR_PX, normal_share};
+use super::edge::normal_share;
 
 /// Directions that rims are told apart by, chosen.
 pub(super) const DIRECTIONS: usize = 8;
@@ -80,7 +80,7 @@ impl Profile {
     }
 
     /// The rim that explains it best, wherever the outline is.
-    pub(super) fn rim(&self) -> Rim {
+    pub(super) fn rim(&self, blur_px: f64) -> Rim {
         /// A rim must explain the profile so much better than none.
         const BETTER: f64 = 0.7;
         /// A profile of an edge without rim is met by less than this mean square.
@@ -98,7 +98,7 @@ impl Profile {
                 .iter()
                 .map(|&bin| {
                     let outside = PROFILE_PX[0] + (bin as f64 + 0.5) * BIN_PX - shift;
-                    (self.sums[bin] / self.weights[bin] - 1.0 + rim.tank_share(outside, BLUR_PX)).powi(2)
+                    (self.sums[bin] / self.weights[bin] - 1.0 + rim.tank_share(outside, blur_px)).powi(2)
                 })
                 .sum()
         };
@@ -123,6 +123,7 @@ impl Profile {
 
 #[cfg(test)]
 mod tests {
+    use super::super::edge::USUAL_BLUR_PX;
     use super::*;
 
     /// The profile of edges with `rim`, whose places were found to `off_px`.
@@ -130,7 +131,7 @@ mod tests {
         let mut profile = Profile::default();
         for i in 0..200 {
             let outside = PROFILE_PX[0] + 0.0425 * f64::from(i);
-            profile.add(outside, 1.0 - rim.tank_share(outside + off_px, BLUR_PX), 1.0);
+            profile.add(outside, 1.0 - rim.tank_share(outside + off_px, USUAL_BLUR_PX), 1.0);
         }
         profile
     }
@@ -139,13 +140,13 @@ mod tests {
     fn a_rim_is_found_wherever_the_edge_was_seen_and_none_where_there_is_none() {
         for rim in [Rim { width_px: 2.0, light: 0.5 }, Rim { width_px: 2.5, light: 1.4 }] {
             for off_px in [-0.3, 0.0, 0.6] {
-                let found = seen(&rim, off_px).rim();
+                let found = seen(&rim, off_px).rim(USUAL_BLUR_PX);
                 assert!((found.width_px - rim.width_px).abs() <= 0.5, "{found:?}");
                 assert!((found.light - rim.light).abs() <= 0.1, "{found:?}");
             }
         }
-        assert_eq!(seen(&NO_RIM, 0.2).rim(), NO_RIM);
-        assert_eq!(Profile::default().rim(), NO_RIM);
+        assert_eq!(seen(&NO_RIM, 0.2).rim(USUAL_BLUR_PX), NO_RIM);
+        assert_eq!(Profile::default().rim(USUAL_BLUR_PX), NO_RIM);
     }
 
     #[test]

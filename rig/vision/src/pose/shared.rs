@@ -12,22 +12,23 @@ pub(super) struct Shared {
     /// Depth along the camera's view over the model's: where the outline faces away from the camera's foot, and where it faces it. A flank
     /// that looks like the tank has the near face's edge there too: about -1.
     pub(super) depth: [f64; 2],
-    /// How far beyond the model's tip the round end of what bends is seen \[m\]: it is shaded.
-    pub(super) end_m: f64,
+    /// How far beyond the model it is seen \[m\]: of what bends its round end, which is shaded; of a chain all of its outline, as lens and
+    /// camera have it.
+    pub(super) beyond_m: f64,
     /// How far each link of a chain is in front of the plane of motion \[m\], shape (links); empty for what bends.
     pub(super) in_front_m: Vec<f64>,
 }
 
-/// Places of numbers among those that are shared: P0, widths, depths, the end; then how far links are in front.
+/// Places of numbers among those that are shared: P0, widths, depths, what is seen beyond; then how far links are in front.
 pub(super) const WIDTH: usize = 2;
 pub(super) const DEPTH: usize = 4;
-pub(super) const TIP_END: usize = 6;
+pub(super) const BEYOND: usize = 6;
 pub(super) const IN_FRONT: usize = 7;
 
 impl Shared {
     pub(super) fn numbers(&self) -> Vec<f64> {
         let first = [self.base, self.width, self.depth];
-        first.into_iter().flatten().chain([self.end_m]).chain(self.in_front_m.iter().copied()).collect()
+        first.into_iter().flatten().chain([self.beyond_m]).chain(self.in_front_m.iter().copied()).collect()
     }
 
     pub(super) fn of(numbers: &[f64]) -> Self {
@@ -36,7 +37,7 @@ impl Shared {
             base: pair(0),
             width: pair(WIDTH),
             depth: pair(DEPTH),
-            end_m: numbers[TIP_END],
+            beyond_m: numbers[BEYOND],
             in_front_m: numbers[IN_FRONT..].to_vec(),
         }
     }

@@ -1,12 +1,14 @@
-//! The pose of least cost in one picture: damped Newton steps on the lines' tables of costs.
+//! The pose of least cost in one picture.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::colours::{Colour, adapt_tank, difference, inside, medians, smoothed};
-use super::lines::{Costs, PLACES_PER_LINE, Reading, SAMPLES_PER_LINE, light_of, outward, place_px};
-use super::mechanism::Mechanism;
-use super::rims::{DIRECTIONS, Profile, Rim};
+use super::edge::{Edges, grey_of, light_of, normal_share};
+use super::lines::{Costs, Reading, outward};
+use super::mechanism::{Mechanism, Strips};
+use super::rims::{DIRECTIONS, Profile};
 use super::shared::Shared;
+use super::tables::{Line, Tables};
 use super::tank::{Light, PLANES, Planes, Tank};
 use super::view::Camera;
 
@@ -19,8 +21,8 @@ pub(super) struct Scene<'a> {
     pub(super) tank: &'a Tank,
     /// The mechanism's colour by point of the outline, in the tank's own light; empty before it is learned.
     pub(super) colours: &'a [Colour],
-    /// What its rims look like.
-    pub(super) rims: &'a [Rim; DIRECTIONS],
+    /// What its edges look like.
+    pub(super) edges: &'a Edges,
 }
 
 /// Where a pose is expected: its angles, and one sigma of each \[rad\].
@@ -28,21 +30,6 @@ pub(super) type Expected<'a> = (&'a [f64], f64);
 
 /// Readings of the picture one after the other: samples so far apart \[px\], so many times.
 pub(super) type Readings<'a> = &'a [(f64, usize)];
-
-/// What one line across the outline says of a pose.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Line {
-    /// From the outline to the edge nearby \[px\], outward.
-    pub(super) residual_px: f64,
-    /// From the outline to the best place on the whole line \[px\].
-    pub(super) best_px: f64,
-    /// How sharply it tells \[1/px2\].
-    pub(super) information: f64,
-    /// It should show an edge.
-    pub(super) is_visible: bool,
-    /// It tells one place from another.
-    pub(super) tells: bool,
-}
 
 /// A pose and how it explains the picture.
 #[derive(Debug, Clone)]
@@ -69,15 +56,8 @@ const NEUTRAL: [f32; PLANES] = [0.0, 128.0, 128.0];
 /// An image's colour departs from the film's by no more, by plane; chosen.
 const MOST_CHANGE: [f32; PLANES] = [25.0, 5.0, 5.0];
 const COLOUR_NEIGHBOURS: usize = 3;
-/// The chance that a line says nothing is `exp` of minus this.
-const STRAY: f64 = 4.0;
-/// A line whose best place costs so much a sample counts half.
-const POOR_FIT: f64 = 2.5;
-/// A line tells where its places differ by so much.
-pub(super) const TELLING: f64 = 1.5;
 /// An edge this far off belongs to something else \[px\].
 pub(super) const OWN_EDGE_PX: f64 = 1.5;
-const NEWTON_STEPS: usize = 12;
 
 /// Residual rows of what is known of a pose before it is seen: `rows * pose` should be zero.
 pub(super) fn prior(mechanism: &Mechanism) -> DMatrix<f64> {
@@ -127,6 +107,9 @@ impl Scene<'_> {
         let outline = self.mechanism.outline(pose, self.shared);
         let seen = self.camera.sees(&outline, self.shared);
         let mut reading = Reading::of(picture, self.tank, light, &seen, step_px);
+        let shown = |solid: Strips| self.camera.shows(solid);
+        let solids: Vec<Strips> = self.mechanism.strips(pose, self.shared).into_iter().map(shown).collect();
+        reading.leave_out(&solids, &seen);
         adapt_tank(&mut reading, self.mechanism.runs());
         let slopes = self.camera.slopes(self.mechanism, pose, self.shared, &outline, &seen);
         let visible = outline.iter().map(|point| point.is_rim).collect();
@@ -179,6 +162,54 @@ impl Scene<'_> {
         profiles
     }
 
+    /// How badly edges of each of these blurs explain those of `explained`, wherever on its line each may be: the middle of the lines'
+    /// mean squares \[grey levels2\].
+    pub(super) fn misfits(
+        &self,
+        picture: &Planes,
+        light: Light,
+        explained: &Explained,
+        blurs_px: &[f64],
+    ) -> Option<Vec<f64>> {
+        /// Samples so far from an edge show its shape, and how far it may be from where it was found, in steps \[px\]; chosen.
+        const NEAR_PX: f64 = 4.5;
+        const SHIFT_PX: f64 = 0.125;
+        const SHIFTS: i32 = 6;
+        let lines = self.read(picture, light, &explained.pose, 1.0);
+        let colours = self.colours(&lines, light);
+        let reading = &lines.reading;
+        let telling = explained
+            .lines
+            .iter()
+            .enumerate()
+            .filter(|(_, line)| line.tells && line.best_px.abs() < OWN_EDGE_PX);
+        let telling: Vec<(usize, &Line)> = telling.collect();
+        let of_line = |blur_px: f64, (i, line): &(usize, &Line)| {
+            let face = light_of(colours[*i][0]);
+            let off = |shift: i32| {
+                let place_px = line.residual_px + SHIFT_PX * f64::from(shift);
+                let near = reading
+                    .samples(*i)
+                    .enumerate()
+                    .filter(|(k, at)| (outward(*k) - place_px).abs() < NEAR_PX && reading.is_open(*at));
+                let squares = near.map(|(k, at)| {
+                    let way = light_of(reading.tank[at][0]) - face;
+                    let share = normal_share((outward(k) - place_px) / blur_px) as f32;
+                    f64::from(reading.picture[at][0] - grey_of(face + way * share)).powi(2)
+                });
+                let (sum, count) =
+                    squares.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
+                sum / f64::max(count, 1.0)
+            };
+            (-SHIFTS..=SHIFTS).map(off).fold(f64::INFINITY, f64::min)
+        };
+        let middle = |blur_px: &f64| {
+            let mut all: Vec<f64> = telling.iter().step_by(2).map(|line| of_line(*blur_px, line)).collect();
+            ground::statistics::median(&mut all, f64::total_cmp)
+        };
+        blurs_px.iter().map(middle).collect()
+    }
+
     /// The mechanism's colour on each line.
     fn colours(&self, lines: &Lines, light: Light) -> Vec<[f32; PLANES]> {
         let now = inside(&lines.reading, |i| lines.visible[i]);
@@ -216,7 +247,7 @@ impl Scene<'_> {
                 })
             })
             .collect();
-        let costs = Costs::of(&lines.reading, &colours, &precision, self.rims);
+        let costs = Costs::of(&lines.reading, &colours, &precision, self.edges);
         let tables = Tables::of(&costs, &lines.visible);
         let n = pose.len();
         let slopes = lines.slopes.columns(0, n).into_owned();
@@ -237,7 +268,7 @@ impl Scene<'_> {
         let (step, cost) = tables.descend(&slopes, &rows, &targets);
         let moved = &slopes * &step;
         let found: Vec<Line> = (0..lines.visible.len())
-            .map(|i| Line { is_visible: lines.visible[i], ..tables.line(&costs, i, moved[i]) })
+            .map(|i| Line { is_visible: lines.visible[i], ..tables.line(i, moved[i]) })
             .collect();
         let mut information = own.transpose() * &own;
         for (i, line) in found.iter().enumerate().filter(|(_, line)| line.residual_px.abs() < 2.5) {
@@ -280,152 +311,4 @@ impl Explained {
         let agrees = self.count(|line| line.tells && line.best_px.abs() < OWN_EDGE_PX);
         Self::share(agrees, self.count(|line| line.tells))
     }
-}
-
-/// Costs of lines that may be wrong, and their slopes and curvatures.
-struct Tables {
-    step_px: f64,
-    weights: Vec<f64>,
-    /// Each shape (lines, PLACES_PER_LINE).
-    cost: Vec<f64>,
-    slope: Vec<f64>,
-    curvature: Vec<f64>,
-    /// How much each line's places differ.
-    depth: Vec<f64>,
-}
-
-impl Tables {
-    fn of(costs: &Costs, visible: &[bool]) -> Self {
-        let lines = visible.len();
-        let mut tables = Self {
-            step_px: costs.step_px,
-            weights: Vec::with_capacity(lines),
-            cost: Vec::with_capacity(lines * PLACES_PER_LINE),
-            slope: Vec::with_capacity(lines * PLACES_PER_LINE),
-            curvature: Vec::with_capacity(lines * PLACES_PER_LINE),
-            depth: Vec::with_capacity(lines),
-        };
-        let stray = (-STRAY).exp();
-        for (i, &is_visible) in visible.iter().enumerate() {
-            let of_line = costs.of_line(i);
-            let best = of_line.iter().copied().fold(f32::INFINITY, f32::min);
-            let robust: Vec<f64> = of_line
-                .iter()
-                .map(|cost| -((-f64::from((cost - best).min(60.0))).exp() + stray).ln())
-                .collect();
-            let least = robust.iter().copied().fold(f64::INFINITY, f64::min);
-            let robust: Vec<f64> = robust.into_iter().map(|cost| cost - least).collect();
-            let slope = gradient(&robust, costs.step_px);
-            tables.curvature.extend(gradient(&slope, costs.step_px));
-            tables.slope.extend(slope);
-            tables.depth.push(robust.iter().copied().fold(0.0, f64::max));
-            tables.cost.extend(robust);
-            let open = is_visible && 2 * costs.open[i] as usize > SAMPLES_PER_LINE;
-            let poor = costs.best_per_sample(i) / POOR_FIT;
-            tables.weights.push(if open { 1.0 / (1.0 + poor * poor) } else { 0.0 });
-        }
-        tables
-    }
-
-    /// Entry of `table` on line `i` for an edge at `at_px`, and between places.
-    fn look(&self, table: &[f64], i: usize, at_px: f64) -> f64 {
-        let at =
-            (at_px / self.step_px + (PLACES_PER_LINE / 2) as f64).clamp(0.0, PLACES_PER_LINE as f64 - 1.001);
-        let k = at as usize;
-        let share = at - k as f64;
-        let row = &table[i * PLACES_PER_LINE..(i + 1) * PLACES_PER_LINE];
-        row[k] * (1.0 - share) + row[k + 1] * share
-    }
-
-    /// The step of the numbers that makes lines and prior cost least, and what remains.
-    fn descend(
-        &self,
-        slopes: &DMatrix<f64>,
-        rows: &DMatrix<f64>,
-        targets: &DVector<f64>,
-    ) -> (DVector<f64>, f64) {
-        let n = slopes.ncols();
-        let cost = |step: &DVector<f64>| {
-            let moved = slopes * step;
-            let lines: f64 =
-                (0..moved.len()).map(|i| self.weights[i] * self.look(&self.cost, i, moved[i])).sum();
-            lines + 0.5 * (rows * step - targets).norm_squared()
-        };
-        let (mut step, mut damping) = (DVector::zeros(n), 1e-3);
-        let mut current = cost(&step);
-        for _ in 0..NEWTON_STEPS {
-            let moved = slopes * &step;
-            let mut gradient = rows.transpose() * (rows * &step - targets);
-            let mut hessian = rows.transpose() * rows;
-            for i in 0..moved.len() {
-                if self.weights[i] == 0.0 {
-                    continue;
-                }
-                let slope = self.look(&self.slope, i, moved[i]);
-                // A slope without curvature still pulls: as a parabola with the same slope, half a window away.
-                let curvature =
-                    self.look(&self.curvature, i, moved[i]).max(0.0).max(slope.abs() / (6.0 * self.step_px));
-                let row = slopes.row(i).transpose();
-                gradient.axpy(self.weights[i] * slope, &row, 1.0);
-                hessian.ger(self.weights[i] * curvature, &row, &row, 1.0);
-            }
-            let mut change = None;
-            for _ in 0..5 {
-                let damped = &hessian + DMatrix::from_diagonal(&(hessian.diagonal() * damping));
-                let Some(solved) = damped.cholesky().map(|factors| -factors.solve(&gradient)) else { break };
-                let tried = &step + &solved;
-                let costs = cost(&tried);
-                if costs < current - 1e-6 {
-                    (step, current) = (tried, costs);
-                    damping = f64::max(damping / 4.0, 1e-5);
-                    change = Some(solved);
-                    break;
-                }
-                damping *= 6.0;
-            }
-            let Some(change) = change else { break };
-            if (slopes * change).amax() < 0.01 {
-                break;
-            }
-        }
-        (step, current)
-    }
-
-    /// What line `i` says where the outline has moved by `moved_px`.
-    fn line(&self, costs: &Costs, i: usize, moved_px: f64) -> Line {
-        /// Places on either side among which a line's own edge is.
-        const WINDOW: usize = 6;
-        let here = (moved_px / self.step_px).round() as isize + (PLACES_PER_LINE / 2) as isize;
-        let here = here.clamp(WINDOW as isize + 1, (PLACES_PER_LINE - 2 - WINDOW) as isize) as usize;
-        let row = &self.cost[i * PLACES_PER_LINE..(i + 1) * PLACES_PER_LINE];
-        let least = |from: usize, to: usize, of: &dyn Fn(usize) -> f64| {
-            (from..to).min_by(|&a, &b| of(a).total_cmp(&of(b))).unwrap_or(here)
-        };
-        let near = least(here - WINDOW, here + WINDOW + 1, &|j| row[j]);
-        let all = costs.of_line(i);
-        let best = least(0, PLACES_PER_LINE, &|j| f64::from(all[j]));
-        let weight = self.weights[i];
-        // between places as a parabola through three of them has it
-        let [before, at, after] = [row[near - 1], row[near], row[near + 1]];
-        let bend = before - 2.0 * at + after;
-        let between = if bend > 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
-        Line {
-            residual_px: place_px(near, self.step_px) + between * self.step_px - moved_px,
-            best_px: place_px(best, self.step_px) - moved_px,
-            information: weight * self.curvature[i * PLACES_PER_LINE + near].max(0.0),
-            is_visible: true,
-            tells: weight > 0.1 && self.depth[i] > TELLING,
-        }
-    }
-}
-
-/// Differences of `values`, `step` apart: central ones, one-sided at both ends.
-fn gradient(values: &[f64], step: f64) -> Vec<f64> {
-    let last = values.len() - 1;
-    (0..=last)
-        .map(|i| {
-            let (a, b) = (i.saturating_sub(1), (i + 1).min(last));
-            (values[b] - values[a]) / ((b - a) as f64 * step)
-        })
-        .collect()
 }

@@ -282,24 +282,20 @@ pub(super) fn painted(camera: &Camera, strips: &[Strips], grown_px: f64) -> Vec<
     let [width, height] = camera.size;
     let mut mask = vec![false; width * height];
     for strip in strips {
-        let [a, b] = strip.axis.map(|end| camera.plane.pixel(end));
-        let half = strip.half_width.map(|half| half / camera.scale_m + grown_px);
-        let reach = half[0].max(half[1]);
+        let solid = camera.shows(*strip);
+        let [a, b] = solid.axis;
+        // to the corners of a square end
+        let reach = std::f64::consts::SQRT_2 * (solid.half_width[0].max(solid.half_width[1]) + grown_px);
         if reach <= 0.0 {
             continue;
         }
-        let way = [b[0] - a[0], b[1] - a[1]];
-        let length_sq = (way[0] * way[0] + way[1] * way[1]).max(1e-9);
         let clip = |value: f64, most: usize| value.clamp(0.0, most as f64) as usize;
         let (left, right) = (clip(a[0].min(b[0]) - reach, width), clip(a[0].max(b[0]) + reach + 2.0, width));
         let (top, bottom) =
             (clip(a[1].min(b[1]) - reach, height), clip(a[1].max(b[1]) + reach + 2.0, height));
         for row in top..bottom {
             for column in left..right {
-                let from = [column as f64 - a[0], row as f64 - a[1]];
-                let share = ((from[0] * way[0] + from[1] * way[1]) / length_sq).clamp(0.0, 1.0);
-                let off = (from[0] - share * way[0]).hypot(from[1] - share * way[1]);
-                if off <= half[0] + (half[1] - half[0]) * share {
+                if solid.distance([column as f64, row as f64]) <= grown_px {
                     mask[row * width + column] = true;
                 }
             }

@@ -2,7 +2,7 @@
 
 use camera::calibration::{Plane, Px};
 
-use super::mechanism::{Mechanism, OutlinePoint};
+use super::mechanism::{Mechanism, OutlinePoint, Strips};
 use super::place::{Place, across, dot, minus, plus, scaled, unit};
 use super::shared::{IN_FRONT, Shared};
 
@@ -61,6 +61,12 @@ impl Camera {
     /// Where `points` of the outline are seen.
     pub(super) fn sees(&self, points: &[OutlinePoint], shared: &Shared) -> Vec<Seen> {
         points.iter().map(|point| self.sees_one(point, shared)).collect()
+    }
+
+    /// Where `solid` is seen \[px\], its depth left out.
+    pub(super) fn shows(&self, solid: Strips) -> Strips {
+        let axis = solid.axis.map(|end| self.plane.pixel(end));
+        Strips::about(axis, solid.half_width.map(|half| half / self.scale_m), solid.rounding)
     }
 
     fn sees_one(&self, point: &OutlinePoint, shared: &Shared) -> Seen {
@@ -129,7 +135,7 @@ impl Camera {
             rows.extend(
                 [0, 1].map(|factor| if factor == seen.depth_factor { outward * seen.by_depth } else { 0.0 }),
             );
-            rows.push(outward * point.by_end * (1.0 + seen.farther));
+            rows.push(outward * point.by_beyond * (1.0 + seen.farther));
             let front = |link: usize| if link == point.link { outward * seen.by_front } else { 0.0 };
             rows.extend((0..shared.in_front_m.len()).map(front));
         }
@@ -165,7 +171,7 @@ mod tests {
                 base: [0.002, -0.001],
                 width: [1.1, 1.3],
                 depth: [0.8, 0.5],
-                end_m: 1e-4,
+                beyond_m: 1e-4,
                 in_front_m,
             };
             let numbers: Vec<f64> = pose.iter().copied().chain(shared.numbers()).collect();

@@ -10,10 +10,11 @@ use super::{GOOD, LEAST_AGREEMENT, PoseFilm, ROUGH, WIDE_PX, cheapest};
 use crate::continuity::Continuity;
 use crate::mask::Mask;
 use crate::pose::colours::{Colour, medians, smoothed};
+use crate::pose::edge::{Edges, USUAL_BLUR_PX};
 use crate::pose::mechanism::Mechanism;
 use crate::pose::rims::{DIRECTIONS, NO_RIM, Profile, lit_from};
 use crate::pose::search::{Candidate, Looks, Search};
-use crate::pose::shared::{DEPTH, Shared, TIP_END, WIDTH};
+use crate::pose::shared::{BEYOND, DEPTH, Shared, WIDTH};
 use crate::pose::sigma::Residuals;
 use crate::pose::solve::{Explained, Scene, prior};
 use crate::pose::tank::{Light, PLANES, Planes, Reduced, Tank, painted};
@@ -28,6 +29,10 @@ const LINK_WIDTH_STD: f64 = 0.05;
 /// A soft body is rather thicker than its model's section; where the search begins, and what is tried then.
 const SOFT_WIDTH: f64 = 1.3;
 const TRIED_WIDTHS: [f64; 5] = [0.8, 1.0, 1.2, 1.45, 1.75];
+/// Blurs of edges that are told apart \[px\]; chosen.
+const BLURS_PX: [f64; 12] = [0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.25, 1.4, 1.6, 1.9, 2.3];
+/// Corner radii of links' ends that are told apart, as shares of the half width: square, rounded and round.
+const ROUNDINGS: [f64; 3] = [0.0, 0.5, 1.0];
 /// Depth over the model's, 1 sigma; where nobody says how far the camera is, that is unknown too.
 const DEPTH_STD: f64 = 0.5;
 const FAR_DEPTH_STD: f64 = 0.8;
@@ -54,6 +59,8 @@ const LIT_STD: f64 = 0.5;
 /// How far from the model's tip a round end may be seen, as a share of its half width, 1 sigma: its side away from the light is as dark as a dark
 /// tank. Chosen; edges by the other sides tell how far it is.
 const END_STD: f64 = 0.15;
+/// How far beyond a chain's outline its edges are seen, 1 sigma \[px\]: what is taken of lens and camera is about right only. Chosen.
+const BEYOND_STD_PX: f64 = 0.4;
 /// Points of the outline are so far apart \[px\] in narrow pictures and in wide ones.
 const SPACING_PX: [f64; 2] = [4.0, 8.0];
 
@@ -70,6 +77,8 @@ pub struct Given<'a> {
     pub base: Px,
     /// Air + glass / 1.52 + water / 1.333 between camera and plane \[m\].
     pub distance_m: Option<f64>,
+    /// Radius of the corners of links' ends as a share of the half width; none: as the film tells.
+    pub end_rounding: Option<f64>,
     /// What stands before the mechanism.
     pub blocked: Option<&'a Mask>,
     /// The tank without the mechanism.
@@ -107,7 +116,7 @@ impl PoseFilm {
         plane: &Plane,
         given: Given<'_>,
     ) -> Result<Self, Rejection> {
-        let Given { base, distance_m, blocked, empty } = given;
+        let Given { base, distance_m, end_rounding, blocked, empty } = given;
         let pictures: Vec<Planes> = sample.par_iter().filter_map(Planes::of).collect();
         let nothing = || Rejection::Unreadable("no image of the sample can be read".into());
         let first = pictures.first().ok_or_else(nothing)?;
@@ -129,15 +138,15 @@ impl PoseFilm {
             base: plane.metres(base),
             width: [width; 2],
             depth: [1.0, FACING_DEPTH],
-            end_m: 0.0,
+            beyond_m: 0.0,
             in_front_m,
         };
         let width_std = if soft { SOFT_WIDTH_STD } else { LINK_WIDTH_STD };
         let depth_std = if distance_m.is_some() { DEPTH_STD } else { FAR_DEPTH_STD };
-        // a link's ends are where its model has them
-        let end_std_m = if soft { END_STD * mechanism.tip_half_width_m() } else { 1e-6 };
+        let beyond_std_m =
+            if soft { END_STD * mechanism.tip_half_width_m() } else { BEYOND_STD_PX * camera.scale_m };
         let mut prior_std =
-            vec![BASE_STD_M, BASE_STD_M, width_std, width_std, depth_std, FACING_DEPTH_STD, end_std_m];
+            vec![BASE_STD_M, BASE_STD_M, width_std, width_std, depth_std, FACING_DEPTH_STD, beyond_std_m];
         if !soft {
             prior_std.extend(mechanism.half_depths_m().iter().map(|half| half.max(LEAST_FRONT_STD_M)));
         }
@@ -177,15 +186,17 @@ impl PoseFilm {
             known,
             tank,
             colours: Vec::new(),
-            rims: [NO_RIM; DIRECTIONS],
+            edges: Edges::new(USUAL_BLUR_PX, [NO_RIM; DIRECTIONS]),
             looks,
             residuals,
             explained: [0, 0],
             continuity: Continuity::default(),
             last: None,
         };
-        if soft {
-            film.choose_width(&sample, &keys, &found);
+        match end_rounding {
+            _ if soft => film.choose_width(&sample, &keys, &found),
+            Some(known) => film.mechanism = film.mechanism.rounded(known),
+            None => film.choose_ends(&sample, &keys, &found),
         }
         film.settle(&sample, &found, given);
         Ok(film)
@@ -193,24 +204,42 @@ impl PoseFilm {
 
     /// How wide a soft body is: the width whose outline the sample likes best.
     fn choose_width(&mut self, sample: &[Sampled], keys: &[usize], found: &[Vec<Candidate>]) {
-        let cost = |width: f64| -> f64 {
-            let shared = Shared { width: [width; 2], ..self.shared.clone() };
-            let scene = Scene { shared: &shared, ..self.scene() };
-            keys.par_iter()
-                .step_by(2)
-                .map(|&k| {
-                    let picture = &sample[k].planes;
-                    let light = self.tank.light(picture);
-                    scene.explain(picture, light, &found[k][0].pose, None, &[(2.0, 1), (1.0, 2)]).cost
-                })
-                .collect::<Vec<f64>>()
-                .iter()
-                .sum()
+        let cost = |width: &f64| {
+            let shared = Shared { width: [*width; 2], ..self.shared.clone() };
+            cost(&Scene { shared: &shared, ..self.scene() }, sample, keys, found)
         };
-        let costs: Vec<(f64, f64)> = TRIED_WIDTHS.iter().map(|&width| (width, cost(width))).collect();
-        if let Some((width, _)) = costs.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)) {
+        if let Some(width) = cheapest_of(TRIED_WIDTHS, cost) {
             self.shared.width = [width; 2];
             self.believed = self.shared.clone();
+        }
+    }
+
+    /// How round the ends of links are, which their model's solids rarely say: as the sample likes best.
+    fn choose_ends(&mut self, sample: &[Sampled], keys: &[usize], found: &[Vec<Candidate>]) {
+        let cost = |rounding: &f64| {
+            let mechanism = self.mechanism.rounded(*rounding);
+            cost(&Scene { mechanism: &mechanism, ..self.scene() }, sample, keys, found)
+        };
+        if let Some(rounding) = cheapest_of(ROUNDINGS, cost) {
+            self.mechanism = self.mechanism.rounded(rounding);
+        }
+    }
+
+    /// How blurred edges are: what explains the brightness across those of `fits` best.
+    fn learn_blur(&mut self, sample: &[Sampled], fits: &[Explained]) {
+        let misfits: Vec<Vec<f64>> = sample
+            .par_iter()
+            .zip(fits)
+            .filter(|(_, fit)| fit.agreement() >= LEAST_AGREEMENT)
+            .filter_map(|(one, fit)| {
+                self.scene().misfits(&one.planes, self.tank.light(&one.planes), fit, &BLURS_PX)
+            })
+            .collect();
+        let sum = |k: usize| misfits.iter().map(|misfits| misfits[k]).sum::<f64>();
+        let sums = BLURS_PX.into_iter().enumerate().map(|(k, blur_px)| (blur_px, sum(k)));
+        let best = sums.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|_| !misfits.is_empty());
+        if let Some((blur_px, _)) = best {
+            self.edges = Edges::new(blur_px, self.edges.rims);
         }
     }
 
@@ -239,6 +268,7 @@ impl PoseFilm {
             self.learn_tank(sample, &fits, given);
             fits = again(self, &fits);
             self.learn_colours(sample, &fits);
+            self.learn_blur(sample, &fits);
             let inside: Vec<(&Planes, Vec<bool>)> = sample
                 .par_iter()
                 .zip(&fits)
@@ -269,7 +299,7 @@ impl PoseFilm {
         let good: Vec<&Explained> = fits.iter().filter(|fit| fit.agreement() >= LEAST_AGREEMENT).collect();
         self.residuals = Residuals::of(&self.mechanism, &good);
         self.explained = [good.len(), fits.len()];
-        tracing::debug!(shared = ?self.shared, rims = ?self.rims, residuals = ?self.residuals, "learned a film");
+        tracing::debug!(shared = ?self.shared, blur_px = self.edges.blur_px, rims = ?self.edges.rims, residuals = ?self.residuals, "learned a film");
         self.know();
     }
 
@@ -282,11 +312,11 @@ impl PoseFilm {
             }
             self.believed.width = [1.0; 2];
             self.believed.depth = [1.0, FACING_DEPTH];
-            self.prior_std[WIDTH..TIP_END].copy_from_slice(&[0.04, 0.04, 0.25, FACING_DEPTH_STD]);
+            self.prior_std[WIDTH..BEYOND].copy_from_slice(&[0.04, 0.04, 0.25, FACING_DEPTH_STD]);
         } else {
             self.shared.depth = [0.0; 2];
             self.believed.depth = [0.0; 2];
-            self.prior_std[WIDTH..TIP_END].copy_from_slice(&[SOFT_WIDTH_STD, SOFT_WIDTH_STD, 1e-3, 1e-3]);
+            self.prior_std[WIDTH..BEYOND].copy_from_slice(&[SOFT_WIDTH_STD, SOFT_WIDTH_STD, 1e-3, 1e-3]);
         }
     }
 
@@ -329,10 +359,9 @@ impl PoseFilm {
         for profiles in &seen {
             all.iter_mut().zip(profiles).for_each(|(all, one)| all.merge(one));
         }
-        for (direction, profile) in all.iter().enumerate() {
-            let rim = profile.rim();
-            self.rims[direction] = rim;
-        }
+        let mut rims = self.edges.rims;
+        rims.iter_mut().zip(&all).for_each(|(rim, profile)| *rim = profile.rim(self.edges.blur_px));
+        self.edges = Edges::new(self.edges.blur_px, rims);
     }
 
     /// Moves what is shared to where all images together want it: their Schur complements add up. Returns the change.
@@ -345,7 +374,7 @@ impl PoseFilm {
         for (i, change) in change.iter_mut().enumerate() {
             let most = match i {
                 WIDTH..DEPTH => MOST_STEP_WIDTH,
-                DEPTH..TIP_END => MOST_STEP_DEPTH,
+                DEPTH..BEYOND => MOST_STEP_DEPTH,
                 _ => MOST_STEP_M,
             };
             *change = change.clamp(-most, most);
@@ -400,7 +429,7 @@ impl PoseFilm {
     fn know(&mut self) {
         self.known *= 4.0;
         // Rims that are lit from one side move all edges towards the light, and nothing in the picture tells that from a shift.
-        let lit_px = lit_from(&self.rims);
+        let lit_px = lit_from(&self.edges.rims);
         let px = self.camera.plane.pixel(self.shared.base);
         let away = [px[0] - LIT_SHIFT * lit_px[0], px[1] - LIT_SHIFT * lit_px[1]];
         self.shared.base = self.camera.plane.metres(away);
@@ -409,7 +438,7 @@ impl PoseFilm {
             self.known[(axis, axis)] += std_m * std_m;
         }
         // what is added to a depth's variance moves the others as they follow it
-        for depth in DEPTH..TIP_END {
+        for depth in DEPTH..BEYOND {
             let variance = self.known[(depth, depth)];
             let floor = LEAST_DEPTH_STD.min(self.prior_std[depth]).powi(2);
             if variance < floor {
@@ -418,6 +447,25 @@ impl PoseFilm {
             }
         }
     }
+}
+
+/// What every second one of the pictures `keys` costs in `scene`, from where it was `found`.
+fn cost(scene: &Scene<'_>, sample: &[Sampled], keys: &[usize], found: &[Vec<Candidate>]) -> f64 {
+    let of = |&k: &usize| {
+        let picture = &sample[k].planes;
+        let light = scene.tank.light(picture);
+        scene.explain(picture, light, &found[k][0].pose, None, &[(2.0, 1), (1.0, 2)]).cost
+    };
+    keys.par_iter().step_by(2).map(of).collect::<Vec<f64>>().iter().sum()
+}
+
+fn cheapest_of<T: Copy + std::fmt::Debug>(
+    tried: impl IntoIterator<Item = T>,
+    cost: impl Fn(&T) -> f64,
+) -> Option<T> {
+    let costs: Vec<(T, f64)> = tried.into_iter().map(|one| (one, cost(&one))).collect();
+    tracing::debug!(?costs, "tried");
+    costs.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)).map(|(one, _)| one)
 }
 
 /// What the mechanism and the tank look like in `pictures`, and where it may be in each, the best first.
