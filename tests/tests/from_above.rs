@@ -120,7 +120,8 @@ fn write_calibration(at: &Path, view: &str) {
     );
     std::fs::write(at.join(format!("tank-{view}.toml")), text).expect("a file");
     let config = format!(
-        "[calibration]\nfile = \"tank-{view}.toml\"\n[camera]\nfps = {}\n[mechanism]\nmount = \"horizontal\"\n",
+        "[calibration]\nfile = \"tank-{view}.toml\"\n[camera]\nfps = {}\n[mechanism]\nmount = \"horizontal\"\n\
+         [vision]\ncamera_distance_m = 100.0 # drawn without perspective\n",
         1.0 / EVERY_S
     );
     std::fs::write(at.join(format!("mine-{view}.toml")), config).expect("a file");

@@ -15,6 +15,8 @@ use system_tests::{json, printed, repository, rig};
 const SCALE_M_PER_PX: f64 = 0.00025;
 const ORIGIN_PX: [f64; 2] = [320.0, 60.0];
 const FPS: f64 = 100.0;
+/// The renderer draws without perspective: as from very far away.
+const DRAWN_FROM_M: f64 = 100.0;
 /// How long the chain is held before it is let go.
 const STILL_S: f64 = 0.3;
 const FILM_S: f64 = 2.8;
@@ -106,7 +108,8 @@ fn own_film_becomes_coefficients_and_a_diagnosis() {
     }
     let [column, row] = ORIGIN_PX;
     let mine = format!(
-        "[camera]\nfps = {FPS:?}\n[calibration]\nmetres_per_pixel = {SCALE_M_PER_PX}\norigin_px = [{column:?}, {row:?}]\n"
+        "[camera]\nfps = {FPS:?}\n[calibration]\nmetres_per_pixel = {SCALE_M_PER_PX}\norigin_px = [{column:?}, {row:?}]\n\
+         [vision]\ncamera_distance_m = {DRAWN_FROM_M:?}\n"
     );
     std::fs::write(at.join("mine.toml"), mine).expect("written");
 

@@ -36,6 +36,7 @@ use servo::calibration::ServoCalibrationError;
 use servo::profile::{Profile, ProfileConfig};
 use servo::{BoardFault, BoardKind, ServoConfig};
 use vision::config::{Background, VisionConfig};
+use vision::sam2::Segmenter;
 
 /// Everything about an experiment. One table each; the fields' types document the options.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -195,6 +196,10 @@ impl RigConfig {
         }
         if let Some(Err(error)) = self.vision.links.map(|links| self.vision.check(links)) {
             return contradiction(&format!("[vision]: {error}"));
+        }
+        // a simulated tank is drawn flat, without optics: there silhouettes are exact
+        if self.mock.is_some() && self.vision.segmenter == Segmenter::Auto {
+            self.vision.segmenter = Segmenter::Classical;
         }
         Ok(self)
     }

@@ -156,7 +156,8 @@ pub struct VisionConfig {
     /// centre of one cap to the other's, as trackers of animals have it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub end_inset: Option<NonNegative>,
-    /// `classical` (default); `sam2`: recorded films only, see `sam2`; or `pose`: the model's pose that explains the picture.
+    /// `pose`: the model's pose that explains the picture; `classical`: what differs from the empty tank; `sam2`: recorded films only, see
+    /// `sam2`; `auto` (default): `pose` for what can be posed, else `classical`.
     #[serde(default)]
     pub segmenter: Segmenter,
     /// Graphs and clicks of `segmenter = "sam2"`.
@@ -276,7 +277,7 @@ impl VisionConfig {
             (Segmenter::Sam2, Some(sam2)) => {
                 sam2.fault().map_or(Ok(()), |fault| refuse(format!("sam2: {fault}")))
             }
-            (Segmenter::Classical | Segmenter::Pose, _) => Ok(()),
+            (Segmenter::Auto | Segmenter::Classical | Segmenter::Pose, _) => Ok(()),
         }
     }
 

@@ -70,7 +70,10 @@ impl<'a> Task<'a> {
         let outline = Outline::new(config, model)?;
         let mechanism = match config.segmenter {
             Segmenter::Pose => Some(by_pose(&outline, model, view)?),
-            Segmenter::Classical | Segmenter::Sam2 => None,
+            Segmenter::Auto if config.base().is_some() || outline.base_m.is_some() => {
+                by_pose(&outline, model, view).ok()
+            }
+            Segmenter::Auto | Segmenter::Classical | Segmenter::Sam2 => None,
         };
         Ok(Self {
             config,
@@ -92,7 +95,10 @@ impl<'a> Task<'a> {
         if let Some(grey) = sample.iter().find_map(|image| image.grey.as_ref().ok()) {
             self.plane.fits(grey.dimensions().into())?;
         }
-        if let Some(mechanism) = &self.mechanism {
+        // silhouettes that are given are to be read
+        let mechanism =
+            self.mechanism.as_ref().filter(|_| self.masks.is_none() && self.silhouettes.is_none());
+        if let Some(mechanism) = mechanism {
             let film = self.learn_film(sample, mechanism)?;
             return Ok(Begun { by: By::Pose(Box::new(film)), records: Vec::new() });
         }

@@ -64,7 +64,7 @@ fn config(setting: &Setting, title: &str, rng: &mut ChaCha8Rng) -> String {
     format!(
         "# {title}, rendered\n\n[run]\nname = \"{title}\"\nmodel = \"model.xml\"\n\n[camera]\nkind = \"folder\"\nfps = {:.1}\n\
          width_px = {}\nheight_px = {}\nformat = \"jpeg\"\nexposure_s = {}\n{readout}\n[calibration]\nfile = \"tank.toml\"\n\n[vision]\n\
-         segmenter = \"pose\"\n{base}# camera_distance_m = {:.6}\n\n[mechanism]\nmount = \"hanging\"\n",
+         {base}# camera_distance_m = {:.6}\n\n[mechanism]\nmount = \"hanging\"\n",
         setting.fps,
         c.width_px,
         c.height_px,

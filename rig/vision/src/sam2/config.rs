@@ -10,13 +10,15 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Segmenter {
-    /// What differs from the empty tank.
+    /// `pose` where a model says what is held, how it turns in the plane, and where P0 is; else, and for what a mock camera draws, `classical`.
     #[default]
+    Auto,
+    /// What differs from the empty tank.
     Classical,
     /// What SAM 2 follows from clicks in one image: recorded films only.
     Sam2,
     /// Nobody's: the pose of the model that explains the picture is looked for, and what mechanism and tank look like is learned with it.
-    /// For mechanisms that are held, turn in the plane and have a model. On trial.
+    /// For mechanisms that are held, turn in the plane and have a model.
     Pose,
 }
 
