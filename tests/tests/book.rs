@@ -41,6 +41,7 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("git clone", "needs a network"),
     ("scripts/paper-recipe", "needs films of minutes, and scikit-image"),
     ("python3 scripts/in-mujoco.py", "needs MuJoCo and a driven run; in_mujoco runs it"),
+    ("python3 tests/cases/", "needs MuJoCo, and hours; cases makes one and tests the judge"),
     ("python3 \"$RIG_SHARED/", "measures MuJoCo, minutes"),
     ("scripts/package", "builds a release, minutes"),
     ("printf '\\n[schedule]", "changes the system; scripts/package-test does it in a root of its own"),
