@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use camera::calibration::{Plane, Px};
 use camera::source::TimedImage;
 
-use super::{GOOD, LEAST_AGREEMENT, PoseFilm, ROUGH, WIDE_PX, cheapest};
+use super::{GOOD, LEAST_AGREEMENT, PoseFilm, ROUGH, WIDE_PX, cheapest, is_sound};
 use crate::continuity::Continuity;
 use crate::mask::Mask;
 use crate::pose::colours::{Colour, medians, smoothed};
@@ -298,7 +298,7 @@ impl PoseFilm {
         fits = again(self, &fits);
         let good: Vec<&Explained> = fits.iter().filter(|fit| fit.agreement() >= LEAST_AGREEMENT).collect();
         self.residuals = Residuals::of(&self.mechanism, &good);
-        self.explained = [good.len(), fits.len()];
+        self.explained = [fits.iter().filter(|fit| is_sound(fit)).count(), fits.len()];
         tracing::debug!(shared = ?self.shared, blur_px = self.edges.blur_px, rims = ?self.edges.rims, residuals = ?self.residuals, "learned a film");
         self.know();
     }
