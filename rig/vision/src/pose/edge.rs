@@ -12,22 +12,23 @@ const COLOUR_BLUR_PX: f64 = 1.6;
 /// The exponent from grey levels to light, that of sRGB about (IEC 61966-2-1).
 const CAMERA_GAMMA: f32 = 2.2;
 /// Entries of the tables between grey levels and light.
-const TABLE: usize = 4096;
+const TABLE_ENTRIES: usize = 4096;
 
-static LIGHT_OF_GREY: LazyLock<Vec<f32>> =
-    LazyLock::new(|| (0..TABLE).map(|i| (i as f32 / (TABLE - 1) as f32).powf(CAMERA_GAMMA)).collect());
+static LIGHT_OF_GREY: LazyLock<Vec<f32>> = LazyLock::new(|| {
+    (0..TABLE_ENTRIES).map(|i| (i as f32 / (TABLE_ENTRIES - 1) as f32).powf(CAMERA_GAMMA)).collect()
+});
 static GREY_OF_LIGHT: LazyLock<Vec<f32>> = LazyLock::new(|| {
-    (0..=TABLE).map(|i| 255.0 * (i as f32 / TABLE as f32).powf(1.0 / CAMERA_GAMMA)).collect()
+    (0..=TABLE_ENTRIES).map(|i| 255.0 * (i as f32 / TABLE_ENTRIES as f32).powf(1.0 / CAMERA_GAMMA)).collect()
 });
 
 /// Light behind a grey level, from 0 to 1.
 pub(super) fn light_of(grey: f32) -> f32 {
-    LIGHT_OF_GREY[(grey.clamp(0.0, 255.0) * ((TABLE - 1) as f32 / 255.0)) as usize]
+    LIGHT_OF_GREY[(grey.clamp(0.0, 255.0) * ((TABLE_ENTRIES - 1) as f32 / 255.0)) as usize]
 }
 
 /// The grey level of light, which may be a little outside of 0 to 1.
 pub(super) fn grey_of(light: f32) -> f32 {
-    GREY_OF_LIGHT[(light.clamp(0.0, 1.0) * TABLE as f32) as usize]
+    GREY_OF_LIGHT[(light.clamp(0.0, 1.0) * TABLE_ENTRIES as f32) as usize]
 }
 
 /// The share of the normal distribution below `x`.

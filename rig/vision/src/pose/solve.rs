@@ -174,7 +174,7 @@ impl Scene<'_> {
         /// Samples so far from an edge show its shape, and how far it may be from where it was found, in steps \[px\]; chosen.
         const NEAR_PX: f64 = 4.5;
         const SHIFT_PX: f64 = 0.125;
-        const SHIFTS: i32 = 6;
+        const SHIFT_STEPS: i32 = 6;
         let lines = self.read(picture, light, &explained.pose, 1.0);
         let colours = self.colours(&lines, light);
         let reading = &lines.reading;
@@ -201,7 +201,7 @@ impl Scene<'_> {
                     squares.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
                 sum / f64::max(count, 1.0)
             };
-            (-SHIFTS..=SHIFTS).map(off).fold(f64::INFINITY, f64::min)
+            (-SHIFT_STEPS..=SHIFT_STEPS).map(off).fold(f64::INFINITY, f64::min)
         };
         let middle = |blur_px: &f64| {
             let mut all: Vec<f64> = telling.iter().step_by(2).map(|line| of_line(*blur_px, line)).collect();

@@ -10,6 +10,7 @@ const STRAY_NATS: f64 = 4.0;
 const POOR_FIT: f64 = 2.5;
 /// A line tells where its places differ by so much.
 const TELLING_NATS: f64 = 1.5;
+/// Steps of a pose at most; chosen.
 const NEWTON_STEPS: usize = 12;
 /// A line counts where more than one in so many of its samples are open; chosen.
 const LEAST_OPEN: usize = 3;
@@ -150,13 +151,14 @@ impl Tables {
     /// What line `i` says where the outline has moved by `moved_px`.
     pub(super) fn line(&self, i: usize, moved_px: f64) -> Line {
         /// Places on either side among which a line's own edge is.
-        const WINDOW: usize = 6;
+        const WINDOW_PLACES: usize = 6;
         let here = (moved_px / self.step_px).round() as isize + (PLACES_PER_LINE / 2) as isize;
-        let here = here.clamp(WINDOW as isize + 1, (PLACES_PER_LINE - 2 - WINDOW) as isize) as usize;
+        let here =
+            here.clamp(WINDOW_PLACES as isize + 1, (PLACES_PER_LINE - 2 - WINDOW_PLACES) as isize) as usize;
         let row = &self.cost[i * PLACES_PER_LINE..(i + 1) * PLACES_PER_LINE];
         let least =
             |from: usize, to: usize| (from..to).min_by(|&a, &b| row[a].total_cmp(&row[b])).unwrap_or(here);
-        let near = least(here - WINDOW, here + WINDOW + 1);
+        let near = least(here - WINDOW_PLACES, here + WINDOW_PLACES + 1);
         let best = least(0, PLACES_PER_LINE);
         let weight = self.weights[i];
         // between places as a parabola through three of them has it
