@@ -18,12 +18,13 @@
 //! * [`cmaes`]: a sampler that searches; `config`, `own_cause`, [`parameters`], [`weights`]: the `[fit]` and `[[cause]]` tables, what a fit turns, what a balance
 //!   knows;
 //! * [`experiment`]: a model and its runs; [`initial`]: where and when each starts; [`simulate`]: a run repeated;
-//! * [`fit`]: search and least squares, error bars;
+//! * [`fit`]: search and least squares, error bars; [`description`]: whether the files describe the runs as they were;
 //! * `hypothesis`: a model with some causes, and what a further one would gain; [`design`]: the next run; [`diagnose`]: what the
 //!   simulation gets wrong.
 
 pub mod cmaes;
 mod config;
+pub mod description;
 pub mod design;
 pub mod diagnose;
 pub mod experiment;

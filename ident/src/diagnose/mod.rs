@@ -3,6 +3,7 @@
 //! [`diagnose`] fits the model as it stands, the *baseline*, and asks of every cause that a simulation may lack
 //! ([`sim::causes`]) whether it would explain what is left, all fitted coefficients and starts following:
 //!
+//! 0. [`crate::description`]: whether the files describe the runs as they were; what follows is about the runs with that put right;
 //! 1. `baseline`, `crate::noise::floor`: the optimum, and how large and how lasting the keypoints' noise is, which must not swallow
 //!    what the model gets wrong;
 //! 2. `crate::hypothesis`: exact derivatives of every cause at neutral, what the baseline could do projected out;
@@ -61,6 +62,7 @@ pub use result::{
     RunResiduals, Verdict, Whiteness, WorstInterval,
 };
 
+use crate::description;
 use crate::design::{self, Prospect};
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
@@ -189,9 +191,18 @@ fn diagnosed(
 ) -> Result<Diagnosed, DiagnoseError> {
     let began = Instant::now();
     experiment.check()?;
+    let interrupted = || Err(DiagnoseError::Interrupted);
+    if !observer.stage("looking through the files") {
+        return interrupted();
+    }
+    let description::Examined { suspects, mended } = description::examine(experiment, &mut counts);
+    if counts.is_stopped() {
+        return interrupted();
+    }
+    // what follows is about the runs as they would be without the suspects
+    let experiment = mended.as_ref().unwrap_or(experiment);
     let parameters = free_parameters(&experiment.model, experiment)?;
     let fitted = candidates::fitted(&experiment.model, &parameters);
-    let interrupted = || Err(DiagnoseError::Interrupted);
     if !observer.stage("fitting the baseline") {
         return interrupted();
     }
@@ -240,6 +251,7 @@ fn diagnosed(
     if !diagnosis.complete {
         diagnosis.remarks.push(remarks::ended_early(experiment.diagnose.limit_s.get()));
     }
+    diagnosis.lead_with(suspects);
     let model = match (&established, diagnosis.causes.is_empty()) {
         (_, false) => leader.expected(),
         (Some(state), true) => state.expected(),

@@ -86,8 +86,8 @@ fn repeated(what: &str) -> NextExperiment {
     NextExperiment { kind: "repeat".into(), ..measured(what, &[]) }
 }
 
-/// A look at the tank.
-fn measured(what: &str, separates: &[String]) -> NextExperiment {
+/// A look at the tank, or at the files.
+pub(super) fn measured(what: &str, separates: &[String]) -> NextExperiment {
     NextExperiment {
         kind: "measurement".into(),
         what: what.into(),

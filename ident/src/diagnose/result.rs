@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::force::UnknownForce;
+use super::next;
+use crate::description::Suspect;
 use crate::loss::REFERENCE_END;
 use crate::noise::floor::RunFloor;
 
@@ -13,6 +15,9 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// The verdict in a sentence.
     pub sentence: String,
+    /// What is wrong with the files rather than with the tank; causes are about the runs with that put right.
+    #[serde(default)]
+    pub suspects: Vec<Suspect>,
     /// What is named; empty unless the verdict names something.
     pub causes: Vec<NamedCause>,
     /// Other sets of causes that these runs cannot tell from the named one.
@@ -51,6 +56,26 @@ pub struct Diagnosis {
     pub residuals: Residuals,
     /// Why the named causes were not accepted, or what else to know; one sentence each.
     pub remarks: Vec<String>,
+}
+
+impl Diagnosis {
+    /// Puts what is wrong with the files before all else.
+    pub(super) fn lead_with(&mut self, suspects: Vec<Suspect>) {
+        if suspects.is_empty() {
+            return;
+        }
+        let said: Vec<&str> = suspects.iter().map(|suspect| suspect.sentence.as_str()).collect();
+        self.sentence =
+            format!("The files first: {}. With that put right: {}", said.join("; "), self.sentence);
+        if self.verdict == Verdict::NothingDetectable {
+            self.verdict = Verdict::Suspected;
+        }
+        let looks = suspects
+            .iter()
+            .map(|suspect| next::measured(&suspect.check, std::slice::from_ref(&suspect.name)));
+        self.next_experiments.splice(0..0, looks);
+        self.suspects = suspects;
+    }
 }
 
 /// As diagnoses from before there was a limit were.

@@ -89,6 +89,7 @@ pub(super) fn verdict<'a>(
         remarks.extend(held_in_drops(baseline));
     }
     remarks.extend(seen_from_above(experiment));
+    remarks.extend(experiment.runs.iter().flat_map(|run| run.lost.iter().map(|lost| lost.sentence(&run.id))));
     remarks.extend(experiment.runs.iter().filter_map(|run| Spike::sentence(&run.id, &run.set_aside)));
     let describes = names || verdict == Verdict::Unexplained;
     let leader = if describes { leader.clone() } else { baseline.clone() };
@@ -108,6 +109,7 @@ pub(super) fn verdict<'a>(
     let sentence = sentence(verdict, &list, &rivals, &beyond_doubt);
     let checked = gates.gained.as_ref().map_or("none", |gained| &gained.how).to_owned();
     let diagnosis = Diagnosis {
+        suspects: Vec::new(),
         verdict,
         sentence,
         causes: if names { list.clone() } else { Vec::new() },

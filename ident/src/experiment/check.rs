@@ -3,7 +3,7 @@
 use sim::model::encoded_joint;
 use sim::{JointKind, Model};
 
-use super::{Experiment, ExperimentError, Run, RunKind};
+use super::{Experiment, ExperimentError, Run, RunKind, scale};
 use crate::parameters::Parameters;
 use ground::names::{did_you_mean, glob};
 
@@ -54,6 +54,7 @@ impl Experiment {
             }
             start(run)?;
             images(run)?;
+            scale::check(&self.model, run)?;
             base(&self.model, run)?;
         }
         Ok(())

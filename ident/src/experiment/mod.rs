@@ -9,7 +9,9 @@ mod check;
 mod error;
 mod file;
 mod folder;
+mod lost;
 mod measured;
+mod scale;
 mod spikes;
 
 use std::sync::Arc;
@@ -21,6 +23,7 @@ pub use crate::config::{DesignConfig, DiagnoseConfig, FitConfig, Loss, Method, P
 pub use crate::own_cause::{CauseConfig, CauseError, CauseParameterConfig};
 pub(crate) use adrift::{DRIFT_LEAD_S, not_estimated, resting, unknown_rates};
 pub use error::{ExperimentError, Place};
+pub use lost::LostMark;
 pub use spikes::Spike;
 
 use crate::table::MeasuredAngles;
@@ -67,6 +70,8 @@ pub struct Run {
     pub usage: Use,
     /// Measured keypoints, named as sites of the model; gaps where they were set aside.
     pub trajectory: Trajectory,
+    /// Marks that stand for a keypoint that was not seen; gaps.
+    pub lost: Vec<LostMark>,
     /// Keypoints that were misread in single images.
     pub set_aside: Vec<Spike>,
     /// Commanded angles; a driven run has them.
@@ -116,15 +121,17 @@ pub enum Use {
 pub const DEFAULT_INIT_S: f64 = 0.1;
 
 impl Run {
-    /// A run of `kind` with nothing but its trajectory known, of which keypoints misread in single images are set aside; fields are
+    /// A run of `kind` with nothing but its trajectory known, of which keypoints lost, or misread in single images, are set aside; fields are
     /// public, set the others.
     pub fn new(id: impl Into<String>, kind: RunKind, mut trajectory: Trajectory) -> Self {
+        let lost = lost::make_gaps(&mut trajectory);
         let set_aside = spikes::set_aside(&mut trajectory);
         Self {
             id: id.into(),
             kind,
             usage: Use::Fit,
             trajectory,
+            lost,
             set_aside,
             command: None,
             measured: Vec::new(),

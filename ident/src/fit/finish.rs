@@ -93,6 +93,7 @@ pub(super) fn finish(
                 id: run.id.clone(),
                 usage: run.usage,
                 keypoints: keypoint_errors(&run.measured, &run.simulated.position_m, run.scored_from_s),
+                lost: measured.lost.clone(),
                 set_aside: measured.set_aside.clone(),
                 noise,
                 touch: run.touch.clone(),

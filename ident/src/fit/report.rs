@@ -6,7 +6,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use super::checkpoint::Origin;
-use crate::experiment::{Spike, Use};
+use crate::experiment::{LostMark, Spike, Use};
 use crate::loss::KeypointError;
 
 /// The outcome of a fit, as `fit.json` holds it: equal input gives equal bytes.
@@ -226,6 +226,9 @@ pub struct RunErrors {
     pub usage: Use,
     /// Errors by keypoint.
     pub keypoints: Vec<KeypointError>,
+    /// Marks that stand for a keypoint that was not seen, and count nowhere.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lost: Vec<LostMark>,
     /// Its keypoints that were misread in single images, and count nowhere.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub set_aside: Vec<Spike>,

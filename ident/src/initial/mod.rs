@@ -15,7 +15,7 @@ pub use release::{Release, release};
 
 use crate::experiment::{DRIFT_LEAD_S, Experiment, Run, RunKind, Use, not_estimated, resting, unknown_rates};
 use crate::parameters::{ParameterError, Parameters};
-use pose::{Mark, Target, pose};
+use pose::{Mark, Target, off_m, pose};
 
 /// State at the start of the motion.
 #[derive(Debug, Clone, PartialEq)]
@@ -160,6 +160,11 @@ fn prescribe(model: &Model, run: &Run, time_s: f64, qpos: &mut [f64]) {
 
 /// Mean position of each coordinate of each keypoint over `instants`, with the base at its origin.
 fn targets(model: &Model, run: &Run, instants: &[usize]) -> Vec<Target> {
+    targets_from(model, run, instants, |column| column)
+}
+
+/// The same of keypoints whose places stand in the columns that `from` says.
+fn targets_from(model: &Model, run: &Run, instants: &[usize], from: impl Fn(usize) -> usize) -> Vec<Target> {
     let sites = model.keypoint_sites();
     let mark = |name: &String| match encoded_joint(name) {
         Some(joint) => {
@@ -173,9 +178,9 @@ fn targets(model: &Model, run: &Run, instants: &[usize]) -> Vec<Target> {
         let place = |instant: usize| match (&run.base, mark) {
             // where only x or z was observed, both are lost to NaN
             (Some(base), Mark::Site(_)) => {
-                base.at(run.trajectory.time_s[instant]).back(run.trajectory.at(instant, column))
+                base.at(run.trajectory.time_s[instant]).back(run.trajectory.at(instant, from(column)))
             }
-            _ => run.trajectory.at(instant, column),
+            _ => run.trajectory.at(instant, from(column)),
         };
         for axis in 0..3 {
             let values = instants.iter().map(|&instant| place(instant)[axis]);
@@ -187,6 +192,28 @@ fn targets(model: &Model, run: &Run, instants: &[usize]) -> Vec<Target> {
         }
     }
     list
+}
+
+/// The coordinates, shape (nq), nearest to what the image `instant` of `run` shows, sought from `guess`, and how far its keypoints are
+/// off there, root mean square by coordinate \[m\], `noise_m` \[m\] being noise; with the labels of two keypoints `exchanged`, if wanted. `None` where it shows nothing.
+pub(crate) fn nearest_pose(
+    model: &Model,
+    run: &Run,
+    (instant, noise_m): (usize, f64),
+    exchanged: Option<[usize; 2]>,
+    guess: &[f64],
+) -> Option<(Vec<f64>, f64)> {
+    let from = |column: usize| match exchanged {
+        Some([a, b]) if column == a => b,
+        Some([a, b]) if column == b => a,
+        _ => column,
+    };
+    let targets = targets_from(model, run, &[instant], from);
+    (!targets.is_empty()).then(|| {
+        let qpos = pose(model, &targets, guess, &vec![false; model.nv()], noise_m);
+        let off_m = off_m(model, &targets, &qpos);
+        (qpos, off_m)
+    })
 }
 
 /// Pose of each of the first images, and a parabola through each coordinate whose rate is unknown; the others rest at their mean.

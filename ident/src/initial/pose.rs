@@ -90,6 +90,11 @@ fn cost(model: &Model, targets: &[Target], qpos: &[f64]) -> f64 {
     residuals(model, targets, qpos).norm_squared()
 }
 
+/// How far a coordinate is off `targets`, root mean square \[m\].
+pub(super) fn off_m(model: &Model, targets: &[Target], qpos: &[f64]) -> f64 {
+    (cost(model, targets, qpos) / targets.len() as f64).sqrt()
+}
+
 /// Turns one hinge after the other, base to tip, to the best of some angles.
 fn sweep(model: &Model, targets: &[Target], guess: &[f64], frozen: &[bool]) -> Vec<f64> {
     let mut qpos = guess.to_vec();

@@ -11,6 +11,7 @@ mod bad_input;
 mod base;
 mod cmaes;
 mod common;
+mod description;
 mod diagnose;
 mod encoders;
 mod honesty;

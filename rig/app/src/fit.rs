@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
+use ident::description::{Suspect, suspects};
 use ident::fit::{Checkpoint, Fit, Fitted, Flow, INTERRUPTED, Observer, Progress};
 
 use super::results::{Given, earlier, write_fit};
@@ -36,6 +37,8 @@ const STATE_FILE: &str = "fit-state.json";
 const REFUSED_FILE: &str = "fit-refused.json";
 /// What a fit writes into its folder.
 pub const FILES: [&str; 6] = [file::FIT, file::MODEL, file::REPORT, file::TIMING, STATE_FILE, REFUSED_FILE];
+/// A fit that is off by more than this many times the noise is asked whether the files are why (chosen).
+const FAR_OFF_NOISE_RATIO: f64 = 3.0;
 /// An interrupted fit loses at most this much work.
 const SAVE_INTERVAL: Duration = Duration::from_secs(5);
 
@@ -57,6 +60,7 @@ impl FitJob<'_> {
         let stage = Stage { name: "fit".into(), wall_s: fitted.timing.wall.as_secs_f64() };
         let mut data = given.report(["Fit", "to"], stage, fitted.timing.threads);
         data.add_fitted(&fitted);
+        data.warnings.extend(self.misdescribed(&given, &fitted)?);
         if let Some(refused) = fitted.fit.recalibration.as_ref().filter(|verdict| !verdict.accepted) {
             let json = fitted.fit.to_json().map_err(Failure::internal)?;
             self.out.write(REFUSED_FILE, json.as_bytes()).map_err(Failure::internal)?;
@@ -78,6 +82,20 @@ impl FitJob<'_> {
             )));
         }
         Ok((data, report))
+    }
+
+    /// What of the files may be why the fit is far off.
+    fn misdescribed(&self, given: &Given<'_>, fitted: &Fitted) -> Result<Vec<String>, Failure> {
+        let Some(_) =
+            fitted.fit.error_m.filter(|error_m| *error_m > FAR_OFF_NOISE_RATIO * fitted.fit.noise_m)
+        else {
+            return Ok(Vec::new());
+        };
+        let suspects = on_threads(self.threads, || Ok(suspects(&given.experiment)))?;
+        let said = |suspect: Suspect| {
+            format!("The fit is far off, and the files may be why: {}; {}.", suspect.sentence, suspect.check)
+        };
+        Ok(suspects.into_iter().map(said).collect())
     }
 
     fn fit(

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use ident::description::Suspect;
 use ident::diagnose::{
     CauseParameter, Diagnosis, NamedCause, NextExperiment, Resembled, UnknownForce, Verdict,
 };
@@ -41,7 +42,10 @@ pub(super) fn error(diagnosis: &Diagnosis) -> Option<String> {
 
 /// Sentences that qualify the verdict.
 pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
-    let mut list = Vec::new();
+    let suspect = |suspect: &Suspect| {
+        format!("Files ({:.0} of 100): {}", 100.0 * suspect.probability, capital(&suspect.sentence))
+    };
+    let mut list: Vec<String> = diagnosis.suspects.iter().map(suspect).collect();
     for cause in &diagnosis.causes {
         let numbers: Vec<String> = cause
             .parameters

@@ -57,7 +57,15 @@ fn errors(id: &str, usage: Use, errors_mm: [f64; 3]) -> RunErrors {
         rms_error_m: mm * 1.2e-3,
     };
     let keypoints = errors_mm.into_iter().enumerate().map(keypoint).collect();
-    RunErrors { id: id.into(), usage, keypoints, set_aside: Vec::new(), noise: None, touch: None }
+    RunErrors {
+        id: id.into(),
+        usage,
+        keypoints,
+        lost: Vec::new(),
+        set_aside: Vec::new(),
+        noise: None,
+        touch: None,
+    }
 }
 
 fn overlay(time_s: f64) -> Overlay {

@@ -47,6 +47,8 @@ pub struct Findings {
     pub images: Option<Losses>,
     /// The verdict of the diagnosis, where one was made.
     pub diagnosis: Option<diagnose::Verdict>,
+    /// Whether it finds the files wrong.
+    pub is_misdescribed: bool,
 }
 
 /// The result in a sentence, with its colour.
@@ -171,6 +173,9 @@ impl Findings {
     fn diagnosis(&self) -> Option<(Tone, String)> {
         use diagnose::Verdict;
         let verdict = self.diagnosis?;
+        if self.is_misdescribed {
+            return Some((Tone::Bad, "the diagnosis finds the files wrong".into()));
+        }
         let says = match verdict {
             Verdict::NothingDetectable => "nothing wrong",
             Verdict::Cause => "the cause",
@@ -240,7 +245,8 @@ pub(super) fn findings(data: &ReportData) -> Option<Findings> {
         (None, Some(diagnosis)) => Findings::of_diagnosis(diagnosis),
         (None, None) => return None,
     };
-    Some(filmed(findings, data))
+    let is_misdescribed = diagnosis.is_some_and(|diagnosis| !diagnosis.suspects.is_empty());
+    Some(filmed(Findings { is_misdescribed, ..findings }, data))
 }
 
 fn filmed(findings: Findings, data: &ReportData) -> Findings {
@@ -309,6 +315,8 @@ fn details(fit: &Fit, findings: &Findings, data: &ReportData) -> Vec<String> {
         let ratio = heldout / fitted;
         details.push(format!("Held-out runs are predicted {ratio:.1} times worse than the fitted ones."));
     }
+    let lost = fit.runs.iter().flat_map(|run| run.lost.iter().map(|lost| lost.sentence(&run.id)));
+    details.extend(lost.map(|sentence| format!("{sentence}.")));
     let set_aside = fit.runs.iter().filter_map(|run| Spike::sentence(&run.id, &run.set_aside));
     details.extend(set_aside.map(|sentence| format!("{sentence}.")));
     details.extend(on_coefficients(fit));
