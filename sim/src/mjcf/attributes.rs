@@ -1,21 +1,21 @@
 //! One element's attributes, its defaults included, checked and turned into numbers.
 
 use std::collections::HashMap;
+use std::fmt::Display;
 
-use roxmltree::Node;
-
-use super::error::MjcfError;
-use super::tables::table;
+use super::element::{Attribute, Element};
+use super::error::Refusals;
+use super::tables::{Table, table};
 use crate::math::{Mat3, Quat, Vec3};
 use crate::model::shape;
 
-/// An attribute's text and the line it stands on.
-pub(super) type Values<'a> = HashMap<&'a str, (&'a str, u32)>;
+/// Attributes by name.
+pub(super) type Values<'a> = HashMap<&'a str, &'a Attribute>;
 
-/// One element with all its attributes, those from its default classes too.
+/// One element with all its attributes, those from its default classes too. A value that is refused is replaced by its default.
 pub(super) struct Attributes<'a> {
-    pub(super) tag: &'a str,
-    pub(super) line: u32,
+    pub(super) element: &'a Element,
+    refusals: &'a Refusals,
     values: Values<'a>,
 }
 
@@ -31,47 +31,52 @@ impl Angles {
     pub(super) fn radians(&self, x: f64) -> f64 {
         if self.degrees { x.to_radians() } else { x }
     }
-}
 
-pub(super) fn line(node: Node<'_, '_>) -> u32 {
-    node.document().text_pos_at(node.range().start).row
-}
-
-/// An element that is refused.
-pub(super) fn refused(node: Node<'_, '_>) -> MjcfError {
-    MjcfError::Element { line: line(node), element: node.tag_name().name().into() }
-}
-
-/// The node's own attributes, after a look at its table.
-pub(super) fn checked<'a>(node: Node<'a, '_>) -> Result<Values<'a>, MjcfError> {
-    let tag = node.tag_name().name();
-    let table = table(tag).ok_or_else(|| refused(node))?;
-    let mut values = Values::new();
-    for attribute in node.attributes() {
-        let (name, value) = (attribute.name(), attribute.value());
-        let line = node.document().text_pos_at(attribute.range().start).row;
-        if table.read.contains(&name) {
-            values.insert(name, (value, line));
-        } else if !table.passed_over.contains(&name) {
-            let instead = match table.only.iter().find(|(known, _)| *known == name) {
-                Some((_, allowed)) if allowed.iter().any(|allowed| same(allowed, value)) => continue,
-                Some((_, allowed)) => format!("only \"{}\" is", allowed[0]),
-                None => "remove it".into(),
+    /// The orientation of the three Euler angles, as written.
+    pub(super) fn turn(&self, turns: [f64; 3]) -> Quat<f64> {
+        let mut q = Quat::IDENTITY;
+        for (letter, turn) in self.euler_sequence.chars().zip(turns) {
+            let axis = match letter.to_ascii_lowercase() {
+                'x' => [1.0, 0.0, 0.0],
+                'y' => [0.0, 1.0, 0.0],
+                _ => [0.0, 0.0, 1.0],
             };
-            return Err(MjcfError::Attribute {
-                line,
-                element: tag.into(),
-                attribute: name.into(),
-                value: value.into(),
-                instead,
-            });
+            let by = Quat::from_rotation_vector(Vec3(axis) * self.radians(turn));
+            // lower case turns with the body, upper case about fixed axes
+            q = if letter.is_ascii_lowercase() { q.product(by) } else { by.product(q) };
         }
+        q
     }
-    Ok(values)
+}
+
+/// The ways to write an orientation.
+const ORIENTATION: [&str; 5] = ["quat", "axisangle", "xyaxes", "zaxis", "euler"];
+
+/// The element's own attributes.
+pub(super) fn own(element: &Element) -> Values<'_> {
+    element.attributes.iter().map(|attribute| (attribute.name.as_str(), attribute)).collect()
+}
+
+/// Whether the table of the element `tag` lets the attribute be read; refused where it would change the motion.
+fn is_read(tag: &str, table: &Table, attribute: &Attribute, refusals: &Refusals) -> bool {
+    let Attribute { name, value, place } = attribute;
+    if table.read.contains(&name.as_str()) {
+        return true;
+    }
+    if table.passed_over.contains(&name.as_str()) {
+        return false;
+    }
+    let instead = match table.only.iter().find(|(known, _)| known == name) {
+        Some((_, allowed)) if allowed.iter().any(|allowed| same(allowed, value)) => return false,
+        Some((_, allowed)) => format!("only \"{}\" is", allowed[0]),
+        None => "remove it".into(),
+    };
+    refusals.add(place, format!("<{tag}> attribute {name}=\"{value}\" is not supported; {instead}"));
+    false
 }
 
 /// Equal as numbers where both are, else as text.
-fn same(a: &str, b: &str) -> bool {
+pub(super) fn same(a: &str, b: &str) -> bool {
     let numbers = |text: &str| text.split_whitespace().map(str::parse).collect::<Result<Vec<f64>, _>>();
     match (numbers(a), numbers(b)) {
         (Ok(a), Ok(b)) => a == b,
@@ -80,116 +85,187 @@ fn same(a: &str, b: &str) -> bool {
 }
 
 impl<'a> Attributes<'a> {
-    /// The node's attributes over those of its default class.
-    pub(super) fn new(node: Node<'a, '_>, defaults: Option<&Values<'a>>) -> Result<Self, MjcfError> {
+    /// The element's attributes over those of its default class, after a look at its table.
+    pub(super) fn new(element: &'a Element, defaults: Option<&Values<'a>>, refusals: &'a Refusals) -> Self {
         let mut values = defaults.cloned().unwrap_or_default();
-        let own = checked(node)?;
-        // pose and size can be given in several ways: the element's own way hides the defaults'
-        const ORIENTATION: [&str; 5] = ["quat", "axisangle", "xyaxes", "zaxis", "euler"];
+        let own = own(element);
+        // an orientation can be given in several ways: the element's own way hides the defaults'
         if ORIENTATION.iter().any(|name| own.contains_key(name)) {
             values.retain(|name, _| !ORIENTATION.contains(name));
         }
         values.extend(own);
-        Ok(Self { tag: node.tag_name().name(), line: line(node), values })
+        let table = table(&element.tag);
+        values.retain(|_, attribute| {
+            table.is_some_and(|table| is_read(&element.tag, table, attribute, refusals))
+        });
+        Self { element, refusals, values }
+    }
+
+    /// The element's name, or its kind and place where it has none; refused where one of `taken` has it.
+    pub(super) fn name<'n>(
+        &self,
+        kind: &str,
+        place: usize,
+        mut taken: impl Iterator<Item = &'n String>,
+    ) -> (String, bool) {
+        let Some(name) = self.text("name").filter(|name| !name.is_empty()) else {
+            return (format!("{kind}#{place}"), false);
+        };
+        if taken.any(|taken| taken == name) {
+            let problem = format!("<{}> name \"{name}\" is taken by an earlier one", self.element.tag);
+            self.refusals.add(&self.element.place, problem);
+        }
+        (name.into(), true)
     }
 
     pub(super) fn text(&self, name: &str) -> Option<&'a str> {
-        self.values.get(name).map(|(text, _)| *text)
+        self.values.get(name).map(|attribute| attribute.value.as_str())
     }
 
-    pub(super) fn invalid(&self, name: &str, wanted: impl Into<String>) -> MjcfError {
-        let (value, line) = self.values.get(name).copied().unwrap_or(("", self.line));
-        MjcfError::Value {
-            line,
-            element: self.tag.into(),
-            attribute: name.into(),
-            value: value.into(),
-            wanted: wanted.into(),
+    /// Refuses the attribute's value.
+    pub(super) fn invalid(&self, name: &str, wanted: impl Display) {
+        let given = self.values.get(name);
+        let (value, place) = given.map_or(("", &self.element.place), |given| (&given.value, &given.place));
+        let tag = &self.element.tag;
+        self.refusals.add(place, format!("<{tag}> attribute {name}=\"{value}\" must be {wanted}"));
+    }
+
+    /// Refuses the element for want of an attribute.
+    pub(super) fn missing(&self, name: &str) {
+        let tag = &self.element.tag;
+        self.refusals.add(&self.element.place, format!("<{tag}> needs the attribute {name}"));
+    }
+
+    /// Refuses the element, called `name`, because it does not go with others.
+    pub(super) fn inconsistent(&self, name: &str, problem: impl Display) {
+        self.refusals.add(&self.element.place, format!("<{}> \"{name}\" {problem}", self.element.tag));
+    }
+
+    /// The text of an attribute that must be there.
+    pub(super) fn needed(&self, name: &str) -> Option<&'a str> {
+        let text = self.text(name);
+        if text.is_none() {
+            self.missing(name);
         }
+        text
     }
 
-    pub(super) fn missing(&self, name: &str) -> MjcfError {
-        MjcfError::Missing { line: self.line, element: self.tag.into(), attribute: name.into() }
-    }
-
-    pub(super) fn inconsistent(&self, name: &str, problem: impl Into<String>) -> MjcfError {
-        MjcfError::Inconsistent {
-            line: self.line,
-            element: self.tag.into(),
-            name: name.into(),
-            problem: problem.into(),
+    /// The place in `known` of the name that the attribute gives; `of`: what it is the name of.
+    pub(super) fn named<'n>(
+        &self,
+        attribute: &str,
+        of: &str,
+        mut known: impl Iterator<Item = &'n String>,
+    ) -> Option<usize> {
+        let name = self.needed(attribute)?;
+        let place = known.position(|known| known == name);
+        if place.is_none() {
+            self.invalid(attribute, format_args!("the name of a {of}"));
         }
+        place
     }
 
     /// Between `least` and `most` finite numbers.
-    pub(super) fn list(&self, name: &str, least: usize, most: usize) -> Result<Option<Vec<f64>>, MjcfError> {
-        let Some(text) = self.text(name) else { return Ok(None) };
+    pub(super) fn list(&self, name: &str, least: usize, most: usize) -> Option<Vec<f64>> {
+        let text = self.text(name)?;
         let numbers: Option<Vec<f64>> =
             text.split_whitespace().map(|word| word.parse().ok().filter(|x: &f64| x.is_finite())).collect();
-        match numbers {
-            Some(numbers) if (least..=most).contains(&numbers.len()) => Ok(Some(numbers)),
-            _ if least == most => Err(self.invalid(name, format!("{least} finite numbers"))),
-            _ => Err(self.invalid(name, format!("{least} to {most} finite numbers"))),
+        let numbers = numbers.filter(|numbers| (least..=most).contains(&numbers.len()));
+        match &numbers {
+            Some(_) => {}
+            None if least == most => self.invalid(name, format_args!("{least} finite numbers")),
+            None => self.invalid(name, format_args!("{least} to {most} finite numbers")),
         }
+        numbers
     }
 
     /// Exactly N finite numbers.
-    pub(super) fn array<const N: usize>(&self, name: &str) -> Result<Option<[f64; N]>, MjcfError> {
-        Ok(self.list(name, N, N)?.map(|numbers| std::array::from_fn(|i| numbers[i])))
-    }
-
-    /// Up to three finite numbers, the missing ones 0.
-    pub(super) fn up_to_three(&self, name: &str) -> Result<[f64; 3], MjcfError> {
-        let numbers = self.list(name, 1, 3)?.unwrap_or_default();
-        Ok(std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0)))
+    pub(super) fn array<const N: usize>(&self, name: &str) -> Option<[f64; N]> {
+        self.list(name, N, N)?.try_into().ok()
     }
 
     /// Up to N finite numbers, the missing ones as in `usual`.
-    pub(super) fn first_of<const N: usize>(
-        &self,
-        name: &str,
-        usual: [f64; N],
-    ) -> Result<[f64; N], MjcfError> {
-        let numbers = self.list(name, 1, N)?.unwrap_or_default();
-        Ok(std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(usual[i])))
+    pub(super) fn first_of<const N: usize>(&self, name: &str, usual: [f64; N]) -> [f64; N] {
+        let numbers = self.list(name, 1, N).unwrap_or_default();
+        std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(usual[i]))
     }
 
-    pub(super) fn vector(&self, name: &str) -> Result<Option<Vec3<f64>>, MjcfError> {
-        Ok(self.array(name)?.map(Vec3))
+    /// Up to three finite numbers, the missing ones 0.
+    pub(super) fn up_to_three(&self, name: &str) -> [f64; 3] {
+        self.first_of(name, [0.0; 3])
     }
 
-    pub(super) fn number(&self, name: &str, default: f64) -> Result<f64, MjcfError> {
-        Ok(self.array(name)?.map_or(default, |[x]| x))
+    pub(super) fn vector(&self, name: &str) -> Option<Vec3<f64>> {
+        self.array(name).map(Vec3)
+    }
+
+    pub(super) fn number(&self, name: &str, default: f64) -> f64 {
+        self.array(name).map_or(default, |[x]| x)
     }
 
     /// A finite number, not below 0.
-    pub(super) fn not_negative(&self, name: &str, default: f64) -> Result<f64, MjcfError> {
-        let x = self.number(name, default)?;
-        if x < 0.0 { Err(self.invalid(name, "not below 0")) } else { Ok(x) }
+    pub(super) fn not_negative(&self, name: &str, default: f64) -> f64 {
+        let x = self.number(name, default);
+        if x < 0.0 {
+            self.invalid(name, "not below 0");
+            return default;
+        }
+        x
+    }
+
+    /// A finite number above 0.
+    pub(super) fn positive(&self, name: &str, default: f64) -> f64 {
+        let x = self.number(name, default);
+        if x <= 0.0 {
+            self.invalid(name, "above 0");
+            return default;
+        }
+        x
+    }
+
+    /// A whole number.
+    pub(super) fn whole<T: std::str::FromStr>(&self, name: &str, default: T, wanted: &str) -> T {
+        let Some(text) = self.text(name) else { return default };
+        text.trim().parse().unwrap_or_else(|_| {
+            self.invalid(name, wanted);
+            default
+        })
+    }
+
+    /// A soft constraint's time constant and damping ratio; or, below 0, stiffness and damping.
+    pub(super) fn solref(&self, name: &str, usual: [f64; 2]) -> [f64; 2] {
+        let solref = self.first_of(name, usual);
+        if (solref[0] > 0.0) != (solref[1] > 0.0) {
+            self.invalid(name, "two numbers above 0, or two that are not");
+        }
+        solref
     }
 
     /// Two rising numbers.
-    pub(super) fn range(&self, name: &str) -> Result<Option<[f64; 2]>, MjcfError> {
+    fn range(&self, name: &str) -> Option<[f64; 2]> {
         match self.array(name)? {
             // MuJoCo's way of saying there is none
-            Some([0.0, 0.0]) | None => Ok(None),
-            Some([low, high]) if low < high => Ok(Some([low, high])),
-            Some(_) => Err(self.invalid(name, "two rising numbers")),
+            [0.0, 0.0] => None,
+            [low, high] if low < high => Some([low, high]),
+            _ => {
+                self.invalid(name, "two rising numbers");
+                None
+            }
         }
     }
 
     /// One of several words.
-    pub(super) fn one_of<T: Copy>(
-        &self,
-        name: &str,
-        words: &[(&str, T)],
-        default: T,
-    ) -> Result<T, MjcfError> {
-        let Some(text) = self.text(name) else { return Ok(default) };
-        words.iter().find(|(word, _)| *word == text).map(|(_, value)| *value).ok_or_else(|| {
-            let known: Vec<_> = words.iter().map(|(word, _)| *word).collect();
-            self.invalid(name, format!("one of: {}", known.join(", ")))
-        })
+    pub(super) fn one_of<T: Copy>(&self, name: &str, words: &[(&str, T)], default: T) -> T {
+        let Some(text) = self.text(name) else { return default };
+        let found = words.iter().find(|(word, _)| *word == text);
+        found.map_or_else(
+            || {
+                let known: Vec<_> = words.iter().map(|(word, _)| *word).collect();
+                self.invalid(name, format_args!("one of: {}", known.join(", ")));
+                default
+            },
+            |(_, value)| *value,
+        )
     }
 
     /// The range of `range_name` where it applies: as `limited_name` says, or by its being there.
@@ -198,73 +274,70 @@ impl<'a> Attributes<'a> {
         range_name: &str,
         limited_name: &str,
         autolimits: bool,
-    ) -> Result<Option<[f64; 2]>, MjcfError> {
-        let range = self.range(range_name)?;
+    ) -> Option<[f64; 2]> {
+        let range = self.range(range_name);
         let limited =
-            self.one_of(limited_name, &[("true", Some(true)), ("false", Some(false)), ("auto", None)], None)?;
+            self.one_of(limited_name, &[("true", Some(true)), ("false", Some(false)), ("auto", None)], None);
         match limited {
-            Some(true) if range.is_none() => Err(self.missing(range_name)),
-            Some(true) => Ok(range),
-            Some(false) => Ok(None),
-            None if !autolimits && range.is_some() => Err(self.inconsistent(
-                self.text("name").unwrap_or(""),
-                format!("has a {range_name} but does not say {limited_name}, and autolimits is off"),
-            )),
-            None => Ok(range),
+            Some(false) => None,
+            Some(true) if range.is_none() => {
+                self.missing(range_name);
+                None
+            }
+            None if !autolimits && range.is_some() => {
+                let problem =
+                    format_args!("has a {range_name} but does not say {limited_name}, and autolimits is off");
+                self.inconsistent(self.text("name").unwrap_or(""), problem);
+                None
+            }
+            _ => range,
         }
     }
 
+    /// `v` at unit length; refused where it has none.
+    fn unit(&self, name: &str, v: Vec3<f64>) -> Option<Vec3<f64>> {
+        let norm = v.norm();
+        if norm > 1e-14 {
+            return Some(v * (1.0 / norm));
+        }
+        self.invalid(name, "of nonzero length");
+        None
+    }
+
     /// `parent_from_child` from whichever of the five forms is given.
-    pub(super) fn orientation(&self, angles: &Angles) -> Result<Quat<f64>, MjcfError> {
-        let given: Vec<_> = ["quat", "axisangle", "xyaxes", "zaxis", "euler"]
-            .into_iter()
-            .filter(|name| self.text(name).is_some())
-            .collect();
-        let [name] = given[..] else {
-            return match given.first() {
-                None => Ok(Quat::IDENTITY),
-                Some(_) => Err(self.invalid(given[1], format!("absent beside {}", given[0]))),
-            };
-        };
-        let unit = |v: Vec3<f64>| {
-            let norm = v.norm();
-            if norm > 1e-14 { Ok(v * (1.0 / norm)) } else { Err(self.invalid(name, "of nonzero length")) }
-        };
+    pub(super) fn orientation(&self, angles: &Angles) -> Quat<f64> {
+        let mut given = ORIENTATION.into_iter().filter(|name| self.text(name).is_some());
+        let Some(name) = given.next() else { return Quat::IDENTITY };
+        if let Some(other) = given.next() {
+            self.invalid(other, format_args!("absent beside {name}"));
+        }
+        self.turned_by(name, angles).unwrap_or(Quat::IDENTITY)
+    }
+
+    fn turned_by(&self, name: &str, angles: &Angles) -> Option<Quat<f64>> {
         match name {
             "quat" => {
-                let q = self.array::<4>(name)?.unwrap_or([1.0, 0.0, 0.0, 0.0]);
+                let q = self.array::<4>(name)?;
                 if q.iter().all(|c| c.abs() < 1e-14) {
-                    return Err(self.invalid(name, "of nonzero length"));
+                    self.invalid(name, "of nonzero length");
+                    return None;
                 }
-                Ok(Quat(q).normalized())
+                Some(Quat(q).normalized())
             }
             "axisangle" => {
-                let [x, y, z, angle] = self.array::<4>(name)?.unwrap_or_default();
-                Ok(Quat::from_rotation_vector(unit(Vec3([x, y, z]))? * angles.radians(angle)))
+                let [x, y, z, angle] = self.array::<4>(name)?;
+                let axis = self.unit(name, Vec3([x, y, z]))?;
+                Some(Quat::from_rotation_vector(axis * angles.radians(angle)))
             }
             "xyaxes" => {
-                let [a, b, c, d, e, f] = self.array::<6>(name)?.unwrap_or_default();
-                let x = unit(Vec3([a, b, c]))?;
+                let [a, b, c, d, e, f] = self.array::<6>(name)?;
+                let x = self.unit(name, Vec3([a, b, c]))?;
                 let y = Vec3([d, e, f]);
-                let y = unit(y - x * x.dot(y))?;
-                Ok(from_columns(x, y, x.cross(y)))
+                let y = self.unit(name, y - x * x.dot(y))?;
+                Some(from_columns(x, y, x.cross(y)))
             }
-            "zaxis" => Ok(from_z(unit(self.vector(name)?.unwrap_or(Vec3::ZERO))?)),
-            _ => {
-                let turns = self.array::<3>(name)?.unwrap_or_default();
-                let mut q = Quat::IDENTITY;
-                for (letter, turn) in angles.euler_sequence.chars().zip(turns) {
-                    let axis = match letter.to_ascii_lowercase() {
-                        'x' => [1.0, 0.0, 0.0],
-                        'y' => [0.0, 1.0, 0.0],
-                        _ => [0.0, 0.0, 1.0],
-                    };
-                    let by = Quat::from_rotation_vector(Vec3(axis) * angles.radians(turn));
-                    // lower case turns with the body, upper case about fixed axes
-                    q = if letter.is_ascii_lowercase() { q.product(by) } else { by.product(q) };
-                }
-                Ok(q)
-            }
+            "zaxis" => Some(from_z(self.unit(name, self.vector(name)?)?)),
+            _ => Some(angles.turn(self.array::<3>(name)?)),
         }
     }
 }

@@ -2,105 +2,94 @@
 
 use std::collections::HashMap;
 
-use roxmltree::Node;
-
-use super::attributes::{Values, checked, line, refused};
-use super::error::MjcfError;
+use super::attributes::{Values, own};
+use super::drive;
+use super::element::Element;
+use super::error::Refusals;
 use super::tables::table;
 
-/// One class: its attributes by element.
-type Class<'a> = HashMap<&'a str, Values<'a>>;
+/// One class, with what it inherits already in it.
+#[derive(Default, Clone)]
+struct Class<'a> {
+    /// Attributes by element; those of all actuators stand under [`drive::GENERAL`].
+    values: HashMap<&'a str, Values<'a>>,
+    /// Its actuators in order: each makes its own sense of what those before it say.
+    drives: Vec<&'a Element>,
+}
 
-/// All default classes of a model, each with what it inherits already in it.
+/// All default classes of a model.
 pub(super) struct Defaults<'a> {
     classes: HashMap<&'a str, Class<'a>>,
+    refusals: &'a Refusals,
 }
 
 /// The class of elements that name none.
 const MAIN_CLASS: &str = "main";
-/// Elements whose defaults have no effect on what is simulated.
+/// Elements that may have defaults, which have no effect on what is simulated.
 const IGNORED_ELEMENTS: [&str; 7] = ["camera", "light", "material", "mesh", "pair", "equality", "tendon"];
-/// The drives share these attributes' defaults in MuJoCo, whichever of them states them.
-const SHARED_DRIVE_ATTRIBUTES: [&str; 5] = ["gear", "ctrlrange", "ctrllimited", "forcerange", "forcelimited"];
-const DRIVES: [&str; 3] = ["position", "velocity", "motor"];
 
 impl<'a> Defaults<'a> {
     /// Reads the top-level `<default>` elements.
-    pub(super) fn read<'i: 'a>(root: Node<'a, 'i>) -> Result<Self, MjcfError> {
-        let mut defaults = Self { classes: HashMap::from([(MAIN_CLASS, Class::new())]) };
-        for node in root.children().filter(|node| node.has_tag_name("default")) {
-            defaults.add(node, None)?;
+    pub(super) fn read(root: &'a Element, refusals: &'a Refusals) -> Self {
+        let mut defaults = Self { classes: HashMap::from([(MAIN_CLASS, Class::default())]), refusals };
+        for element in root.all("default") {
+            defaults.add(element, None);
         }
-        Ok(defaults)
+        defaults
     }
 
-    fn add<'i: 'a>(&mut self, node: Node<'a, 'i>, parent: Option<&'a str>) -> Result<(), MjcfError> {
-        let name = match (node.attribute("class"), parent) {
-            (Some(name), _) => name,
-            (None, None) => MAIN_CLASS,
-            (None, Some(_)) => {
-                return Err(MjcfError::Missing {
-                    line: line(node),
-                    element: "default".into(),
-                    attribute: "class".into(),
-                });
+    fn add(&mut self, element: &'a Element, parent: Option<&'a str>) {
+        let name = element.attribute("class");
+        if name.is_none() && parent.is_some() {
+            self.refusals.add(&element.place, "<default> needs the attribute class");
+        }
+        let name = name.unwrap_or(MAIN_CLASS);
+        if parent.is_some() && self.classes.contains_key(name) {
+            self.refusals
+                .add(&element.place, format!("<default> name \"{name}\" is taken by an earlier one"));
+        }
+        let mut class = self.classes.get(parent.unwrap_or(name)).cloned().unwrap_or_default();
+        for child in &element.children {
+            let tag = child.tag.as_str();
+            if drive::is_drive(tag) {
+                class.drives.push(child);
+                class.values.entry(drive::GENERAL).or_default().extend(drive::shared(child));
+            } else if table(tag).is_some() {
+                class.values.entry(tag).or_default().extend(own(child));
+            } else if tag != "default" && !IGNORED_ELEMENTS.contains(&tag) {
+                child.refuse(self.refusals);
             }
-        };
-        let mut class = match parent {
-            Some(parent) if self.classes.contains_key(name) => {
-                return Err(MjcfError::Duplicate {
-                    line: line(node),
-                    element: "default".into(),
-                    name: format!("{name} (in {parent})"),
-                });
-            }
-            Some(parent) => self.classes[parent].clone(),
-            None => self.classes.get(name).cloned().unwrap_or_default(),
-        };
-        for child in node.children().filter(Node::is_element) {
-            let tag = child.tag_name().name();
-            if tag == "default" || IGNORED_ELEMENTS.contains(&tag) {
-                continue;
-            }
-            if table(tag).is_none() {
-                return Err(refused(child));
-            }
-            let values = checked(child)?;
-            if DRIVES.contains(&tag) {
-                for other in DRIVES {
-                    let shared = values.iter().filter(|(name, _)| SHARED_DRIVE_ATTRIBUTES.contains(name));
-                    class.entry(other).or_default().extend(shared);
-                }
-            }
-            class.entry(tag).or_default().extend(values);
         }
         self.classes.insert(name, class);
-        for child in node.children().filter(|child| child.has_tag_name("default")) {
-            self.add(child, Some(name))?;
+        for child in element.all("default") {
+            self.add(child, Some(name));
         }
-        Ok(())
     }
 
-    /// The defaults of the element `node`: of its own class, else of the nearest `childclass`, else of main.
-    pub(super) fn of(
-        &self,
-        node: Node<'a, '_>,
-        childclass: Option<&'a str>,
-    ) -> Result<Option<&Values<'a>>, MjcfError> {
+    /// The class of `element`: its own, else the nearest `childclass`, else main.
+    fn class(&self, element: &Element, childclass: Option<&str>) -> Option<&Class<'a>> {
+        let name = element.attribute("class").or(childclass).unwrap_or(MAIN_CLASS);
+        let class = self.classes.get(name);
+        if class.is_none() {
+            let problem =
+                format!("<{}> attribute class=\"{name}\" must be the name of a default class", element.tag);
+            self.refusals.add(&element.place, problem);
+        }
+        class
+    }
+
+    /// The defaults of `element`.
+    pub(super) fn of(&self, element: &Element, childclass: Option<&str>) -> Option<&Values<'a>> {
         // a free joint written as such takes none
-        if node.has_tag_name("freejoint") {
-            return Ok(None);
+        if element.tag == "freejoint" {
+            return None;
         }
-        let name = node.attribute("class").or(childclass).unwrap_or(MAIN_CLASS);
-        match self.classes.get(name) {
-            Some(class) => Ok(class.get(node.tag_name().name())),
-            None => Err(MjcfError::Value {
-                line: line(node),
-                element: node.tag_name().name().into(),
-                attribute: "class".into(),
-                value: name.into(),
-                wanted: "the name of a default class".into(),
-            }),
-        }
+        let tag = if drive::is_drive(&element.tag) { drive::GENERAL } else { &element.tag };
+        self.class(element, childclass)?.values.get(tag)
+    }
+
+    /// The actuators whose say the actuator `element` inherits, in order.
+    pub(super) fn drives(&self, element: &Element) -> &[&'a Element] {
+        self.class(element, None).map_or(&[], |class| &class.drives)
     }
 }

@@ -1,77 +1,91 @@
-//! Why MJCF text was refused.
+//! Why MJCF was refused: everything that is wrong with it, each with its place.
 
-/// Why MJCF text was refused.
+use std::cell::RefCell;
+use std::fmt;
+use std::sync::Arc;
+
+/// Why MJCF was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum MjcfError {
-    /// The text is not well-formed XML.
-    #[error("model is not well-formed XML")]
-    Xml(#[from] roxmltree::Error),
-    /// An element that is not supported.
-    #[error("line {line}: element <{element}> is not supported here and would change the motion; remove it")]
-    Element {
-        /// Line in the text.
-        line: u32,
-        /// Name of the XML element.
-        element: String,
-    },
-    /// An attribute that is not supported, or not with this value.
-    #[error("line {line}: <{element}> attribute {attribute}=\"{value}\" is not supported; {instead}")]
-    Attribute {
-        /// Line in the text.
-        line: u32,
-        /// Name of the XML element.
-        element: String,
-        /// Name of the attribute.
-        attribute: String,
-        /// Value of the attribute.
-        value: String,
-        /// What to do.
-        instead: String,
-    },
-    /// A value of the wrong form or out of range.
-    #[error("line {line}: <{element}> attribute {attribute}=\"{value}\" must be {wanted}")]
-    Value {
-        /// Line in the text.
-        line: u32,
-        /// Name of the XML element.
-        element: String,
-        /// Name of the attribute.
-        attribute: String,
-        /// Value of the attribute.
-        value: String,
-        /// What it must be.
-        wanted: String,
-    },
-    /// An attribute that must be there.
-    #[error("line {line}: <{element}> needs the attribute {attribute}")]
-    Missing {
-        /// Line in the text.
-        line: u32,
-        /// Name of the XML element.
-        element: String,
-        /// Name of the attribute.
-        attribute: String,
-    },
-    /// A name used twice.
-    #[error("line {line}: <{element}> name \"{name}\" is taken by an earlier one")]
-    Duplicate {
-        /// Line in the text.
-        line: u32,
-        /// Name of the XML element.
-        element: String,
-        /// The name that is referred to.
-        name: String,
-    },
-    /// Elements that do not fit together.
-    #[error("line {line}: <{element}> \"{name}\" {problem}")]
-    Inconsistent {
-        /// Line in the text.
-        line: u32,
-        /// Name of the XML element.
-        element: String,
-        /// Its name.
-        name: String,
-        /// What is wrong and what to do.
-        problem: String,
-    },
+    /// The model's own file cannot be read.
+    #[error("it cannot be read")]
+    Unreadable(#[from] std::io::Error),
+    /// Everything that was refused, in the order in which it was found.
+    #[error("{}", listed(.0))]
+    Refused(Vec<Refusal>),
+}
+
+/// One thing that was refused.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Refusal {
+    /// Where it stands.
+    pub place: Place,
+    /// What was read, what is wrong with it, and what to do.
+    pub problem: String,
+}
+
+/// A line of a model.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    /// The included file, as seen from the model's folder; none for the model itself.
+    pub file: Option<Arc<str>>,
+    /// The line, from 1 on.
+    pub line: u32,
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.file {
+            Some(file) => write!(f, "{file}, line {}", self.line),
+            None => write!(f, "line {}", self.line),
+        }
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.place, self.problem)
+    }
+}
+
+/// Lines of a refusal at most (chosen): whoever has more to change has begun by then.
+const LISTED_MAX: usize = 50;
+
+fn listed(refusals: &[Refusal]) -> String {
+    if let [only] = refusals {
+        return only.to_string();
+    }
+    let mut text = format!("{} things are refused:", refusals.len());
+    for refusal in refusals.iter().take(LISTED_MAX) {
+        text += &format!("\n  {refusal}");
+    }
+    if refusals.len() > LISTED_MAX {
+        text += &format!("\n  and {} more", refusals.len() - LISTED_MAX);
+    }
+    text
+}
+
+/// What has been refused so far. Reading goes on after a refusal, with a stand-in, so that all are found at once.
+#[derive(Debug, Default)]
+pub(super) struct Refusals(RefCell<Vec<Refusal>>);
+
+impl Refusals {
+    /// Refuses what stands at `place`. What several elements inherit from one default class is told once.
+    pub(super) fn add(&self, place: &Place, problem: impl Into<String>) {
+        let refusal = Refusal { place: place.clone(), problem: problem.into() };
+        let mut list = self.0.borrow_mut();
+        if !list.contains(&refusal) {
+            list.push(refusal);
+        }
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.borrow().is_empty()
+    }
+
+    /// `value`, unless something was refused.
+    pub(super) fn unless_refused<T>(self, value: Option<T>) -> Result<T, MjcfError> {
+        let refusals = self.0.into_inner();
+        value.filter(|_| refusals.is_empty()).ok_or(MjcfError::Refused(refusals))
+    }
 }

@@ -15,13 +15,44 @@ mod attributes;
 mod body;
 mod compiler;
 mod defaults;
+mod drive;
+mod element;
 mod error;
+mod geom;
+mod joint;
+mod option;
 mod tables;
 mod write;
 
-pub use error::MjcfError;
+pub use error::{MjcfError, Place, Refusal};
+
+use std::collections::HashMap;
+
+use attributes::Attributes;
+use compiler::Compiler;
+use defaults::Defaults;
+use element::Element;
+use error::Refusals;
 
 use crate::model::{Model, State};
+
+/// What all elements are read with.
+struct Reader<'a> {
+    compiler: Compiler,
+    defaults: Defaults<'a>,
+    refusals: &'a Refusals,
+}
+
+impl<'a> Reader<'a> {
+    fn new(root: &'a Element, refusals: &'a Refusals) -> Self {
+        Self { compiler: Compiler::read(root, refusals), defaults: Defaults::read(root, refusals), refusals }
+    }
+
+    /// The element's attributes, its defaults included; `class`: of elements that name none.
+    fn attributes(&self, element: &'a Element, class: Option<&str>) -> Attributes<'a> {
+        Attributes::new(element, self.defaults.of(element, class), self.refusals)
+    }
+}
 
 impl Model<f64> {
     /// Reads a model from MJCF `text`.
@@ -41,8 +72,15 @@ impl Model<f64> {
     /// # Ok::<(), sim::MjcfError>(())
     /// ```
     pub fn from_mjcf(text: &str) -> Result<Self, MjcfError> {
-        let options = roxmltree::ParsingOptions { allow_dtd: false, ..Default::default() };
-        assemble::model(&roxmltree::Document::parse_with_options(text, options)?)
+        let refusals = Refusals::default();
+        let model = Element::parse(text, None, &refusals).map(|mut root| {
+            let mut met = HashMap::new();
+            for world in root.children.iter_mut().filter(|section| section.tag == "worldbody") {
+                world.number(&mut met);
+            }
+            assemble::model(&root, &refusals)
+        });
+        refusals.unless_refused(model)
     }
 
     /// Writes the model as MJCF that MuJoCo loads and moves the same way, but for the causes it carries, which are written

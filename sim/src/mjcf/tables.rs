@@ -192,22 +192,26 @@ const SITE: Table = Table {
     only: &[],
 };
 
-const ACTUATOR: Table = Table {
-    read: &[
-        "name",
-        "class",
-        "joint",
-        "gear",
-        "kp",
-        "kv",
-        "ctrlrange",
-        "ctrllimited",
-        "forcerange",
-        "forcelimited",
-    ],
-    passed_over: &["group", "user", "lengthrange"],
-    only: &[("dampratio", &["0"]), ("timeconst", &["0"]), ("inheritrange", &["0"])],
-};
+/// An actuator's table: what says by which law it pushes is read beside what all have.
+macro_rules! actuator {
+    ($($law:literal),*) => {
+        Table {
+            read: &[
+                "name", "class", "joint", "jointinparent", "gear", "ctrlrange", "ctrllimited", "forcerange",
+                "forcelimited", $($law),*
+            ],
+            passed_over: &[
+                "group", "user", "lengthrange", "dynprm", "actdim", "actlimited", "actrange", "actearly", "input",
+            ],
+            only: &[("delay", &["0"]), ("nsample", &["0"]), ("armature", &["0"]), ("damping", &["0"])],
+        }
+    };
+}
+
+const GENERAL: Table = actuator!("gainprm", "biasprm", "gaintype", "biastype", "dyntype");
+const POSITION: Table = actuator!("kp", "kv", "dampratio", "timeconst", "inheritrange");
+const VELOCITY: Table = actuator!("kv");
+const MOTOR: Table = actuator!();
 
 const EXCLUDE: Table = Table { read: &["name", "body1", "body2"], passed_over: &[], only: &[] };
 
@@ -223,7 +227,10 @@ pub(super) fn table(tag: &str) -> Option<&'static Table> {
         "freejoint" => &FREEJOINT,
         "geom" => &GEOM,
         "site" => &SITE,
-        "position" | "velocity" | "motor" => &ACTUATOR,
+        "general" => &GENERAL,
+        "position" => &POSITION,
+        "velocity" => &VELOCITY,
+        "motor" => &MOTOR,
         "exclude" => &EXCLUDE,
         _ => return None,
     })

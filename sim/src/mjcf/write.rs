@@ -96,11 +96,8 @@ impl Writer<'_> {
 
     fn head(&mut self, comment: &str) {
         let settings = &self.model.settings;
-        let integrator = match settings.integrator {
-            Integrator::Euler => "Euler",
-            Integrator::ImplicitFast => "implicitfast",
-            Integrator::Rk4 => "RK4",
-        };
+        let named = Integrator::NAMED.iter().find(|(_, integrator)| *integrator == settings.integrator);
+        let integrator = named.map_or("", |(name, _)| name);
         // two hyphens would end the comment
         let comment = comment.replace("--", "- - ");
         let _ = writeln!(self.out, "<!-- {comment}\n     {} -->", versions(self.model));

@@ -14,6 +14,12 @@ pub enum Integrator {
     Rk4,
 }
 
+impl Integrator {
+    /// All of them, by their names in MJCF.
+    pub(crate) const NAMED: [(&'static str, Self); 3] =
+        [("Euler", Self::Euler), ("RK4", Self::Rk4), ("implicitfast", Self::ImplicitFast)];
+}
+
 /// Which engines' Kutta lift a model has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum KuttaLift {

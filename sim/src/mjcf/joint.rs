@@ -1,0 +1,67 @@
+//! Joints.
+
+use super::body::{Scope, Tree};
+use super::element::Element;
+use crate::math::Vec3;
+use crate::model::{Joint, JointKind};
+
+impl<'a> Tree<'a> {
+    pub(super) fn add_joint(&mut self, element: &'a Element, scope: Scope<'a>) {
+        let attributes = self.reader.attributes(element, scope.class);
+        let (name, named) =
+            attributes.name("joint", element.ordinal, self.joints.iter().map(|joint| &joint.name));
+        let kind = match element.tag.as_str() {
+            "freejoint" => JointKind::Free,
+            _ => attributes.one_of("type", &JointKind::NAMED, JointKind::Hinge),
+        };
+        let body = scope.body;
+        let earlier: Vec<JointKind> =
+            self.joints.iter().filter(|joint| joint.body == body).map(|joint| joint.kind).collect();
+        if earlier.contains(&JointKind::Free) || (kind == JointKind::Free && !earlier.is_empty()) {
+            attributes.inconsistent(&name, "shares its body with a free joint, which must be alone");
+        }
+        if kind == JointKind::Free && self.bodies[body].parent != 0 {
+            attributes.inconsistent(&name, "is free, but its body is not a child of the world");
+        }
+        if earlier.contains(&JointKind::Ball) && kind != JointKind::Slide {
+            attributes.inconsistent(&name, "turns a body after its ball joint; put it on a body between");
+        }
+        let compiler = &self.reader.compiler;
+        let in_radians = |x: f64| if kind == JointKind::Hinge { compiler.angles.radians(x) } else { x };
+        let single = kind.is_axle();
+        let mut limit = attributes.limited_range("range", "limited", compiler.autolimits);
+        if limit.is_some() && !single {
+            attributes.invalid("range", "absent: end stops are supported on hinges and slides only");
+            limit = None;
+        }
+        let (stiffness, damping) = (attributes.up_to_three("stiffness"), attributes.up_to_three("damping"));
+        for (of, [_, second, third]) in [("stiffness", stiffness), ("damping", damping)] {
+            if !single && (second != 0.0 || third != 0.0) {
+                attributes.invalid(of, "one number on a ball or free joint");
+            }
+        }
+        let mut axis = attributes.vector("axis").unwrap_or(Vec3([0.0, 0.0, 1.0]));
+        if single && axis.norm() < 1e-14 {
+            attributes.invalid("axis", "of nonzero length");
+            axis = Vec3([0.0, 0.0, 1.0]);
+        }
+        let pos = attributes.vector("pos").unwrap_or(Vec3::ZERO);
+        self.joints.push(Joint {
+            name,
+            named,
+            kind,
+            body,
+            qpos_address: self.joints.iter().map(|joint| joint.kind.nq()).sum(),
+            dof_address: self.joints.iter().map(|joint| joint.kind.nv()).sum(),
+            pos: if kind == JointKind::Free { Vec3::ZERO } else { pos },
+            axis: if single { axis * (1.0 / axis.norm()) } else { Vec3([0.0, 0.0, 1.0]) },
+            reference: if single { in_radians(attributes.number("ref", 0.0)) } else { 0.0 },
+            spring_reference: if single { in_radians(attributes.number("springref", 0.0)) } else { 0.0 },
+            stiffness,
+            damping,
+            armature: attributes.not_negative("armature", 0.0),
+            friction_loss: attributes.not_negative("frictionloss", 0.0),
+            limit: limit.map(|range| range.map(in_radians)),
+        });
+    }
+}
