@@ -1,6 +1,6 @@
-//! Physics of jointed bodies in water, and nothing else: no files but MJCF text, no clocks, no fits.
+//! Physics of jointed bodies in water, and nothing else: no files but models in MJCF, no clocks, no fits.
 //!
-//! A [`Model`] comes from MJCF text. [`rollout()`] moves it through time and hands back keypoint
+//! A [`Model`] comes from MJCF. [`rollout()`] moves it through time and hands back keypoint
 //! positions; a [`Simulator`] moves it step by step. What they are made of is generic over [`Scalar`], so that the same
 //! code carries plain numbers, derivatives and SIMD lanes.
 //!

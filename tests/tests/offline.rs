@@ -155,7 +155,7 @@ fn odd_simulations_are_refused_with_what_is_odd_and_what_to_do() {
     let backwards = servo("backwards.csv", "time_s,servo_rad\n1,0\n0,1\n");
     let gap = servo("gap.csv", "time_s,servo_rad\n0,0\n1,\n");
     let broken =
-        servo("broken.xml", &guess().replace("name=\"q1\" axis", "name=\"q1\" solreffriction=\"1 1\" axis"));
+        servo("broken.xml", &guess().replace("name=\"q1\" axis", "name=\"q1\" springdamper=\"1 1\" axis"));
     let cases: [(&[&str], &[&str]); 12] = [
         (&[&active, "--qpos=1,2"], &["--qpos gives 2 numbers", "the model has 3: q1 (1), q2 (1), q3 (1)"]),
         (&[&active, "--qpos=1,nan,2"], &["--qpos: NaN is not a finite number"]),
@@ -168,7 +168,7 @@ fn odd_simulations_are_refused_with_what_is_odd_and_what_to_do() {
         (&[&active, "--servo", &other], &["other.csv", "command for `motor`", "actuators are: servo"]),
         (&[&active, "--servo", &backwards], &["backwards.csv, line 3", "sort the rows"]),
         (&[&active, "--servo", &gap], &["gap.csv, line 3, column servo_rad", "a command has no gaps"]),
-        (&[&broken], &["broken.xml", "solreffriction=\"1 1\" is not supported"]),
+        (&[&broken], &["broken.xml", "springdamper=\"1 1\" is not supported"]),
     ];
     for (args, wanted) in cases {
         let output = run_rig(["simulate", "--out", &out].iter().chain(args));

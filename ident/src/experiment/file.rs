@@ -107,8 +107,12 @@ fn load(file: File, path: &Path) -> Result<Experiment, ExperimentError> {
     let (model_path, text) = match (&file.model, models.split_first()) {
         (Some(model), _) => {
             let path = base.join(model);
-            let text = read_text("model", &path)?;
-            (path, text)
+            // where it is not there, this knows what may have been meant
+            read_text("model", &path)?;
+            match sim::mjcf::alone(&path) {
+                Ok(text) => (path, text),
+                Err(source) => return Err(ExperimentError::Model { path, source: source.into() }),
+            }
         }
         (None, Some((first, others))) => {
             if let Some(other) = others.iter().find(|other| other.1 != first.1) {

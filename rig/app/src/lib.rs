@@ -64,10 +64,7 @@ pub fn base(path: &Path) -> &Path {
 /// # Errors
 /// [`Failure::Input`].
 pub fn read_model(path: &Path) -> Result<Model, Failure> {
-    let text = std::fs::read_to_string(path)
-        .with_context(|| format!("reading {}", path.display()))
-        .map_err(Failure::Input)?;
-    Model::from_mjcf(&text)
+    Model::read_mjcf(path)
         .with_context(|| format!("reading model {}", path.display()))
         .map_err(Failure::Input)
 }

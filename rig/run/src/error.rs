@@ -31,6 +31,14 @@ pub enum RunError {
     /// The calibration cannot be used; checked before anything moves.
     #[error(transparent)]
     Calibration(#[from] camera::calibration::CalibrationError),
+    /// The model that the config names cannot be read.
+    #[error("model {}", path.display())]
+    Model {
+        /// The model's file.
+        path: PathBuf,
+        /// Why.
+        source: sim::MjcfError,
+    },
     /// A file named by the config cannot be read.
     #[error("reading {}", path.display())]
     File {
@@ -49,6 +57,9 @@ impl RunError {
 
     /// Whether the config or a file that it names is at fault, not a device.
     pub fn is_input(&self) -> bool {
-        matches!(self, Self::Profile(_) | Self::File { .. } | Self::Tank(_) | Self::Calibration(_))
+        matches!(
+            self,
+            Self::Profile(_) | Self::Model { .. } | Self::File { .. } | Self::Tank(_) | Self::Calibration(_)
+        )
     }
 }

@@ -162,7 +162,8 @@ impl Job<'_> {
             let path = self.base.join(path);
             std::fs::read(&path).map_err(|source| RunError::File { path, source })
         };
-        let model = read(&self.config.run.model)?;
+        let path = self.base.join(&self.config.run.model);
+        let model = sim::mjcf::alone(&path).map_err(|source| RunError::Model { path, source })?;
         let kind = match self.config.run.kind {
             MotionKind::Driven => RunKind::Driven,
             MotionKind::Drop => RunKind::Drop,
@@ -194,7 +195,7 @@ impl Job<'_> {
         let contents =
             files.iter().map(|path| Ok((path, read(path)?))).collect::<Result<Vec<_>, RunError>>()?;
         let folder = RunFolder::create(self.runs_dir, start)?;
-        folder.write(file::MODEL_START, &model)?;
+        folder.write(file::MODEL_START, model.as_bytes())?;
         for (path, bytes) in contents {
             if let Some(name) = path.file_name() {
                 folder.write(&name.to_string_lossy(), &bytes)?;

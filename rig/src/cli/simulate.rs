@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::{Context as _, anyhow};
+use anyhow::anyhow;
 use ident::fit::FirstTouch;
 use sim::causes::Kind;
 use sim::math::Vec3;
@@ -90,12 +90,7 @@ const OUTPUT_ROWS_MAX: f64 = 1e7;
 pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let read = [Some(&args.model), args.servo.as_ref(), args.base.as_ref()];
     let out = Outputs::reading(read.into_iter().flatten().cloned()).file(&args.out)?;
-    let text = std::fs::read_to_string(&args.model)
-        .with_context(|| format!("reading {}", args.model.display()))
-        .map_err(Failure::Input)?;
-    let model = Model::from_mjcf(&text)
-        .with_context(|| format!("reading model {}", args.model.display()))
-        .map_err(Failure::Input)?;
+    let model = app::read_model(&args.model)?;
     let mut state = model.rest_state();
     replace("--qpos", &mut state.qpos, args.qpos.as_deref(), &model, JointKind::nq)?;
     replace("--qvel", &mut state.qvel, args.qvel.as_deref(), &model, JointKind::nv)?;

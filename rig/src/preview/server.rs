@@ -178,8 +178,7 @@ impl Known {
 
 /// Outlines of the model's shapes at rest; none where the model cannot be read, which `rig doctor` tells.
 fn links_at_rest(config: &RigConfig, folder: &Path, plane: &Plane) -> Option<Vec<Vec<Px>>> {
-    let text = std::fs::read_to_string(folder.join(&config.run.model)).ok()?;
-    let model = sim::Model::from_mjcf(&text).ok()?;
+    let model = sim::Model::read_mjcf(&folder.join(&config.run.model)).ok()?;
     Some(outlines(&model, &model.rest_state().qpos, plane))
 }
 

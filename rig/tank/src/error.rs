@@ -8,15 +8,7 @@ pub enum TankError {
     /// The tank's file was refused.
     #[error("reading the tank")]
     Config(#[from] ground::strict::StrictError),
-    /// The model's file cannot be read.
-    #[error("reading the tank's model {}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The model's file was refused.
+    /// The model's file cannot be read or was refused.
     #[error("the tank's model {}", path.display())]
     Model {
         /// The file.

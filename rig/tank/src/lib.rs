@@ -59,9 +59,7 @@ impl Tank {
     /// [`TankError`] naming the file or option at fault.
     pub fn new(config: &TankConfig, folder: &Path) -> Result<Self, TankError> {
         let path = folder.join(&config.model);
-        let text = std::fs::read_to_string(&path)
-            .map_err(|source| TankError::Unreadable { path: path.clone(), source })?;
-        let mut model = sim::Model::from_mjcf(&text)
+        let mut model = sim::Model::read_mjcf(&path)
             .map_err(|source| TankError::Model { path, source: source.into() })?;
         causes::add_to_model(&mut model, &config.causes)?;
         let motion = Motion::new(model.clone(), config, MonotonicNs::now())?;

@@ -1,7 +1,7 @@
 //! Stage 7: friction loss and end stops, as MuJoCo has them.
 //!
 //! Each is a force on one dof, f = clip(-(s a - a_ref) / R, low, high), solved jointly with M a = smooth + s f.
-//! A small R > 0 makes the force unique and lets stiction creep. Default `solref` and `solimp` only.
+//! A small R > 0 makes the force unique and lets stiction creep.
 
 use super::Work;
 use super::inertia::{factor, hold, solve};
@@ -9,13 +9,10 @@ use super::plant::{Plant, Restraint};
 use crate::scalar::{Mask, Scalar};
 use crate::space::Space;
 
-/// MuJoCo's default time constant \[s\] and damping ratio of a restraint (`solref`).
-const TIME_CONSTANT_S: f64 = 0.02;
-/// MuJoCo's default least and greatest impedance, and the depth over which it rises (`solimp`).
-const IMPEDANCE_RANGE: [f64; 2] = [0.9, 0.95];
-const IMPEDANCE_WIDTH_M: f64 = 0.001;
-/// Longest step of our own that restraints bear \[s\]. What friction holds comes to rest at up to
-/// 2 / (0.95 [`TIME_CONSTANT_S`]) = 105 1/s, and both methods take that explicitly: along a real decay the explicit part
+/// The fastest rate of a restraint of MuJoCo's default softness \[1/s\].
+const USUAL_RATE_PER_S: f64 = 2.0 / (0.95 * 0.02);
+/// Longest step of our own that restraints of that softness bear \[s\]. What friction holds comes to rest at up to
+/// [`USUAL_RATE_PER_S`] = 105 1/s, and both methods take that explicitly: along a real decay the explicit part
 /// of ROS34PW2 is stable up to 1.99 / 105 s = 18.9 ms, Runge-Kutta up to 2.79 / 105 s = 26.5 ms. In longer steps the joint stays
 /// where it is, because the force has bounds, but its derivatives grow from step to step.
 pub(crate) const LONGEST_STEP_S: f64 = 0.016;
@@ -23,6 +20,11 @@ pub(crate) const LONGEST_STEP_S: f64 = 0.016;
 const FULL_NEWTON_STEPS: usize = 6;
 /// Most Newton steps (chosen); the exact search makes them end after finitely many.
 const NEWTON_STEPS_MAX: usize = 60;
+
+/// Longest step of our own that constraints bear \[s\] whose rates are `rates_per_s`.
+pub(crate) fn longest_step_s(rates_per_s: impl Iterator<Item = f64>) -> f64 {
+    LONGEST_STEP_S * USUAL_RATE_PER_S / rates_per_s.fold(USUAL_RATE_PER_S, f64::max)
+}
 
 /// One force on one dof.
 #[derive(Debug, Clone)]
@@ -100,6 +102,13 @@ impl<T: Scalar> Solver<T> {
         }
     }
 
+    /// Longest step of our own that the restraints of `plant` bear \[s\].
+    pub(crate) fn longest_step_s<S: Space<T = T>>(plant: &Plant<S>) -> f64 {
+        longest_step_s(plant.restraints.iter().map(|restraint| match restraint {
+            Restraint::Friction { softness, .. } | Restraint::Limit { softness, .. } => softness.rate_per_s(),
+        }))
+    }
+
     /// Notes which side of its bounds each force is on, as [`Self::resolve`] found it; `first` in a step.
     #[inline(always)]
     pub(crate) fn watch(&mut self, first: bool) {
@@ -135,30 +144,32 @@ impl<T: Scalar> Solver<T> {
         h: f64,
     ) {
         self.rows.clear();
-        let time_constant = TIME_CONSTANT_S.max(2.0 * h);
-        let damping = T::from_f64(2.0 / (IMPEDANCE_RANGE[1] * time_constant));
-        let stiffness = T::from_f64(1.0 / (IMPEDANCE_RANGE[1] * time_constant).powi(2));
         for (index, restraint) in plant.restraints.iter().enumerate() {
             match *restraint {
                 Restraint::Friction { dof, .. } | Restraint::Limit { dof, .. } if held[dof] => {}
-                Restraint::Friction { dof, loss } => self.rows.push(Row {
-                    dof,
-                    place: 2 * index,
-                    sign: T::ONE,
-                    weight: T::from_f64(IMPEDANCE_RANGE[0] / (1.0 - IMPEDANCE_RANGE[0]))
-                        / self.inverse_weight[dof],
-                    reference: -damping * qvel[dof],
-                    low: -loss,
-                    high: loss,
-                }),
-                Restraint::Limit { q, dof, range } => {
+                Restraint::Friction { dof, loss, softness } => {
+                    let impedance: f64 = softness.impedance(0.0);
+                    self.rows.push(Row {
+                        dof,
+                        place: 2 * index,
+                        sign: T::ONE,
+                        weight: T::from_f64(impedance / (1.0 - impedance)) / self.inverse_weight[dof],
+                        reference: -T::from_f64(softness.spring(h)[1]) * qvel[dof],
+                        low: -loss,
+                        high: loss,
+                    });
+                }
+                Restraint::Limit { q, dof, range, margin, softness } => {
+                    let [stiffness, damping] = softness.spring(h).map(T::from_f64);
+                    let margin = T::from_f64(margin);
                     let ends = [(T::ONE, qpos[q] - range[0]), (-T::ONE, range[1] - qpos[q])];
                     for (end, (sign, distance)) in ends.into_iter().enumerate() {
+                        let distance = distance - margin;
                         let beyond = distance.less(T::ZERO);
                         if !beyond.any() {
                             continue;
                         }
-                        let impedance = impedance(distance);
+                        let impedance = softness.impedance(distance);
                         let weight = impedance / ((T::ONE - impedance) * self.inverse_weight[dof]);
                         self.rows.push(Row {
                             dof,
@@ -264,17 +275,6 @@ impl<T: Scalar> Solver<T> {
             *a += high * p;
         }
     }
-}
-
-/// Impedance at the depth -`distance`: rises from the first to the second value over the width, in two
-/// parabolas.
-#[inline(always)]
-fn impedance<T: Scalar>(distance: T) -> T {
-    let x = (distance.abs() * T::from_f64(1.0 / IMPEDANCE_WIDTH_M)).min(T::ONE);
-    let rest = T::ONE - x;
-    let two = T::from_f64(2.0);
-    let y = T::select(x.less(T::from_f64(0.5)), two * x * x, T::ONE - two * rest * rest);
-    T::from_f64(IMPEDANCE_RANGE[0]) + y * T::from_f64(IMPEDANCE_RANGE[1] - IMPEDANCE_RANGE[0])
 }
 
 /// `out` = the symmetric matrix, stored by rows of [`Plant::chain`], times `x`.

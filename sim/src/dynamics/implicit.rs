@@ -1,16 +1,17 @@
 //! The slope of the velocity-dependent forces, for the integrator that takes them implicitly.
 //!
 //! Fluid: the exact 6 x 6 slope of each wrench against (w, v), symmetrised and summed over what a body carries
-//! like an inertia, so that it shares the mass matrix's pattern. The bias is left explicit.
+//! like an inertia, so that it shares the mass matrix's pattern. The bias is left explicit. Only for free bodies that carry nothing all
+//! slopes are taken as they are, that of the bias among them: six equations of their own.
 
 use super::Work;
 use super::fluid::relative;
-use super::plant::Plant;
+use super::plant::{Link, Plant};
 use super::stages::SlopeStage;
 use crate::dual::Dual;
 use crate::fluid::{Immersed, ImmersedBox};
-use crate::math::{Mat3, Vec3};
-use crate::scalar::Scalar;
+use crate::math::{Mat3, Sym3, Vec3};
+use crate::scalar::{Mask, Scalar};
 use crate::space::{Motion, Spatial, Wrench};
 
 /// A number with its derivatives by angular and linear velocity.
@@ -47,12 +48,15 @@ impl<T: Scalar> SlopeStage<Spatial<T>> for FluidSlope<T> {
         for (geom, shape) in plant.fluid_geoms.iter().zip(&self.geoms) {
             let (at, rot) = geom.place(plant, work);
             let (w, v) = probes(relative::<Spatial<T>>(work.velocity[geom.body], work.water, at, &rot));
-            add_about_root(shape.wrench(density, viscosity, w, v), at, &rot, &mut self.slopes[geom.body]);
+            let wrench = shape.wrench(density, viscosity, w, v);
+            let symmetric = !plant.lone.contains(&geom.body);
+            add_about_root(wrench, at, &rot, symmetric, &mut self.slopes[geom.body]);
         }
         for (body, shape) in plant.fluid_bodies.iter().zip(&self.bodies) {
             let (at, rot) = body.place(work);
             let (w, v) = probes(relative::<Spatial<T>>(work.velocity[body.body], work.water, at, &rot));
-            add_about_root(shape.wrench(density, viscosity, w, v), at, &rot, &mut self.slopes[body.body]);
+            let wrench = shape.wrench(density, viscosity, w, v);
+            add_about_root(wrench, at, &rot, true, &mut self.slopes[body.body]);
         }
         for index in (1..plant.links.len()).rev() {
             let parent = plant.links[index].parent;
@@ -65,7 +69,7 @@ impl<T: Scalar> SlopeStage<Spatial<T>> for FluidSlope<T> {
                 }
             }
         }
-        for dof in 0..plant.nv {
+        for dof in (0..plant.nv).filter(|dof| !plant.lone.contains(&plant.dof_body[*dof])) {
             let push = apply(&self.slopes[plant.dof_body[dof]], work.axes[dof]);
             let row = plant.row[dof]..plant.row[dof + 1];
             for (entry, &other) in matrix[row.clone()].iter_mut().zip(&plant.chain[row]) {
@@ -73,6 +77,80 @@ impl<T: Scalar> SlopeStage<Spatial<T>> for FluidSlope<T> {
             }
         }
     }
+
+    fn alone(
+        &self,
+        (plant, work): (&Plant<Spatial<T>>, &Work<Spatial<T>>),
+        qvel: &[T],
+        h: T,
+        matrix: &[T],
+        force: &[T],
+    ) -> Vec<(usize, [T; 6])> {
+        let equations = |&body: &usize| {
+            let first = plant.links[body].dofs.start;
+            let mut slopes = [[T::ZERO; 6]; 6];
+            for dof in first..first + 6 {
+                let row = plant.row[dof]..plant.row[dof + 1];
+                for (&entry, &other) in matrix[row.clone()].iter().zip(&plant.chain[row]) {
+                    slopes[dof - first][other - first] = entry;
+                    slopes[other - first][dof - first] = entry;
+                }
+            }
+            let bias = bias_slope(&plant.links[body], &work.rot[body], &qvel[first + 3..]);
+            for along in 0..6 {
+                let push = apply(&self.slopes[body], work.axes[first + along]);
+                for dof in 0..6 {
+                    slopes[dof][along] -= h * work.axes[first + dof].power(push);
+                    slopes[dof][along] += h * bias[dof][along];
+                }
+            }
+            (first, solved(slopes, std::array::from_fn(|dof| force[first + dof])))
+        };
+        plant.lone.iter().map(equations).collect()
+    }
+}
+
+/// The slope of a free body's bias against its velocities: linear in world axes, angular in its own, in which `turning` begins.
+fn bias_slope<T: Scalar>(link: &Link<Spatial<T>>, rot: &Mat3<T>, turning: &[T]) -> Slope<T> {
+    let constant = Dual::<T, 3>::constant;
+    let w = Vec3(std::array::from_fn(|i| Dual::<T, 3>::variable(turning[i], i)));
+    let (com, inertia) = (Vec3(link.com.0.map(constant)), Sym3(link.inertia.0.map(constant)));
+    let force = w.cross(w.cross(com)) * constant(link.mass);
+    let torque = com.cross(force) + w.cross(inertia.apply(w));
+    let mut slope = [[T::ZERO; 6]; 6];
+    for along in 0..3 {
+        let part = |v: Vec3<Dual<T, 3>>| Vec3(v.0.map(|x| x.partials[along]));
+        let (force, torque) = (rot.apply(part(force)), part(torque));
+        for axis in 0..3 {
+            slope[axis][3 + along] = force[axis];
+            slope[3 + axis][3 + along] = torque[axis];
+        }
+    }
+    slope
+}
+
+/// The solution of six linear equations, by elimination from the largest number of each column on.
+fn solved<T: Scalar>(mut matrix: [[T; 6]; 6], mut right: [T; 6]) -> [T; 6] {
+    for column in 0..6 {
+        let size = |row: usize| matrix[row][column].abs();
+        let larger = |best, row| if size(best).less(size(row)).all() { row } else { best };
+        let largest = (column + 1..6).fold(column, larger);
+        matrix.swap(column, largest);
+        right.swap(column, largest);
+        let (pivot, pushed) = (matrix[column], right[column]);
+        for (row, right) in matrix.iter_mut().zip(&mut right).skip(column + 1) {
+            let share = row[column] / pivot[column];
+            for (entry, &above) in row.iter_mut().zip(&pivot) {
+                *entry -= share * above;
+            }
+            *right -= share * pushed;
+        }
+    }
+    for row in (0..6).rev() {
+        let known = (row + 1..6).fold(T::ZERO, |sum, k| sum + matrix[row][k] * right[k]);
+        right[row] = (right[row] - known) / matrix[row][row];
+    }
+    right
 }
 
 /// The two velocities as the six variables.
@@ -91,16 +169,20 @@ fn apply<T: Scalar>(slope: &Slope<T>, motion: Motion<Spatial<T>>) -> Wrench<Spat
     }
 }
 
-/// Symmetrises the slope of a wrench at `at` in the axes `rot` and adds it to `sum`, taken about the root.
+/// Adds the slope of a wrench at `at` in the axes `rot` to `sum`, taken about the root; made `symmetric` where asked for.
 fn add_about_root<T: Scalar>(
     (torque, force): (Vec3<Probe<T>>, Vec3<Probe<T>>),
     at: Vec3<T>,
     rot: &Mat3<T>,
+    symmetric: bool,
     sum: &mut Slope<T>,
 ) {
     let rows: [[T; 6]; 6] = std::array::from_fn(|i| if i < 3 { torque[i] } else { force[i - 3] }.partials);
     let half = T::from_f64(0.5);
-    let local: Slope<T> = std::array::from_fn(|i| std::array::from_fn(|j| (rows[i][j] + rows[j][i]) * half));
+    let local: Slope<T> = match symmetric {
+        true => std::array::from_fn(|i| std::array::from_fn(|j| (rows[i][j] + rows[j][i]) * half)),
+        false => rows,
+    };
     // column by column: a unit motion about the root, seen at the shape, its wrench, back about the root
     for column in 0..6 {
         let mut unit = [T::ZERO; 6];

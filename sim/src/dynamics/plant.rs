@@ -3,7 +3,7 @@
 use super::joint::JointPlan;
 use crate::fluid::{Ellipsoid, Immersed, ImmersedBox, InertiaBox};
 use crate::math::{Sym3, Vector};
-use crate::model::{ActuatorKind, Body, Coordinates, Joint, Model, shape};
+use crate::model::{ActuatorKind, Body, Coordinates, Joint, Model, Softness, shape};
 use crate::scalar::{Mask, Scalar};
 use crate::space::Space;
 
@@ -68,9 +68,9 @@ pub(crate) struct Place {
 #[derive(Debug, Clone)]
 pub(crate) enum Restraint<T> {
     /// Friction loss at this dof.
-    Friction { dof: usize, loss: T },
+    Friction { dof: usize, loss: T, softness: Softness },
     /// Lower and upper end stop of the joint with this dof.
-    Limit { q: usize, dof: usize, range: [T; 2] },
+    Limit { q: usize, dof: usize, range: [T; 2], margin: f64, softness: Softness },
 }
 
 #[derive(Debug, Clone)]
@@ -98,6 +98,8 @@ pub(crate) struct Plant<S: Space> {
     pub(crate) nv: usize,
     /// Whether some joint has a damper.
     pub(crate) damped: bool,
+    /// Free bodies that carry nothing.
+    pub(crate) lone: Vec<usize>,
 }
 
 impl<S: Space> Plant<S> {
@@ -123,6 +125,7 @@ impl<S: Space> Plant<S> {
             chain: Vec::new(),
             nv: model.nv(),
             damped: false,
+            lone: Vec::new(),
         };
         let weighty = plant.gravity != S::Vec::ZERO;
         for (index, body) in model.bodies.iter().enumerate() {
@@ -147,22 +150,22 @@ impl<S: Space> Plant<S> {
             });
             plant.add_rows(index);
         }
+        plant.lone = plant.lone_free_bodies();
         plant.add_fluid(model);
         plant.drives = model.actuators.iter().map(|actuator| drive(model, actuator)).collect();
         plant
     }
 
-    /// A free body that carries nothing that moves, of which MuJoCo's implicitfast treats the rotation apart.
-    pub(crate) fn lone_free_body(&self) -> Option<usize> {
-        (1..self.links.len()).find(|&index| {
-            let link = &self.links[index];
-            link.dofs.len() == 6
-                && self.joints[link.joints.start].is_free()
-                && self
-                    .links
-                    .iter()
-                    .all(|other| other.root != index || other.dofs.is_empty() || other.dofs == link.dofs)
-        })
+    /// The free bodies that carry nothing of weight and nothing that moves, of which MuJoCo's implicitfast treats the rotation
+    /// apart.
+    fn lone_free_bodies(&self) -> Vec<usize> {
+        let alone = |index: usize| {
+            let mut carried =
+                self.links.iter().enumerate().filter(|(other, link)| link.root == index && *other != index);
+            carried.all(|(_, link)| link.dofs.is_empty() && link.mass == S::T::ZERO)
+        };
+        let free = |link: &Link<S>| link.joints.len() == 1 && self.joints[link.joints.start].is_free();
+        (1..self.links.len()).filter(|&index| free(&self.links[index]) && alone(index)).collect()
     }
 
     fn add_joint(&mut self, joint: &Joint<S::T>, body: &Body<S::T>) {
@@ -172,11 +175,14 @@ impl<S: Space> Plant<S> {
             self.dof_body.push(joint.body);
             self.armature.push(joint.armature);
             if joint.friction_loss != S::T::ZERO {
-                self.restraints.push(Restraint::Friction { dof, loss: joint.friction_loss });
+                let softness = joint.friction_softness.in_range();
+                self.restraints.push(Restraint::Friction { dof, loss: joint.friction_loss, softness });
             }
         }
         if let Some(range) = joint.limit {
-            self.restraints.push(Restraint::Limit { q: joint.qpos_address, dof: joint.dof_address, range });
+            let (q, dof) = (joint.qpos_address, joint.dof_address);
+            let (margin, softness) = (joint.limit_margin, joint.limit_softness.in_range());
+            self.restraints.push(Restraint::Limit { q, dof, range, margin, softness });
         }
         for (coordinates, q, dof) in joint.coordinates() {
             match coordinates {

@@ -30,6 +30,17 @@ impl<T: Scalar, K: SlopeStage<Spatial<T>>> SlopeStage<Spatial<T>> for OneByOne<K
             self.0.add(plant, work, h, matrix);
         }
     }
+
+    fn alone(
+        &self,
+        place: (&Plant<Spatial<T>>, &Work<Spatial<T>>),
+        qvel: &[T],
+        h: T,
+        matrix: &[T],
+        force: &[T],
+    ) -> Vec<(usize, [T; 6])> {
+        if const { T::LANES == 1 } { self.0.alone(place, qvel, h, matrix, force) } else { Vec::new() }
+    }
 }
 
 impl<T: Scalar, K: ContactStage<Spatial<T>>> ContactStage<Spatial<T>> for OneByOne<K> {
@@ -86,6 +97,17 @@ impl<T: Scalar> SlopeStage<Planar<T>> for Never {
     }
 
     fn add(&mut self, _: &Plant<Planar<T>>, _: &Work<Planar<T>>, _: T, _: &mut [T]) {
+        match *self {}
+    }
+
+    fn alone(
+        &self,
+        _: (&Plant<Planar<T>>, &Work<Planar<T>>),
+        _: &[T],
+        _: T,
+        _: &[T],
+        _: &[T],
+    ) -> Vec<(usize, [T; 6])> {
         match *self {}
     }
 }

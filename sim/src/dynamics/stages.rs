@@ -22,6 +22,16 @@ pub(crate) trait SlopeStage<S: Space>: Debug + Clone + Send + Sync {
     fn new(plant: &Plant<S>) -> Option<Self>;
     /// Adds -`h` times the slope to `matrix`, stored as the mass matrix is.
     fn add(&mut self, plant: &Plant<S>, work: &Work<S>, h: S::T, matrix: &mut [S::T]);
+    /// After [`Self::add`], the accelerations of [`Plant::lone`] with all slopes as they are, each with its first dof: `matrix` leaves
+    /// out what is not symmetric. `force`: on all dofs.
+    fn alone(
+        &self,
+        place: (&Plant<S>, &Work<S>),
+        qvel: &[S::T],
+        h: S::T,
+        matrix: &[S::T],
+        force: &[S::T],
+    ) -> Vec<(usize, [S::T; 6])>;
 }
 
 /// The forces of geoms on each other.

@@ -3,6 +3,8 @@
 use super::Reader;
 use super::attributes::Attributes;
 use super::body::Tree;
+use super::compiler::Compiler;
+use super::defaults::Defaults;
 use super::element::Element;
 use super::error::Refusals;
 use super::option::Options;
@@ -13,31 +15,46 @@ use crate::model::{Contacts, KuttaLift, Model};
 /// Sections that have no effect on what is simulated.
 const IGNORED_SECTIONS: [&str; 7] = ["size", "visual", "statistic", "asset", "custom", "sensor", "keyframe"];
 /// Sections that are refused unless empty.
-const REFUSED_SECTIONS: [&str; 4] = ["equality", "tendon", "deformable", "extension"];
+const REFUSED_SECTIONS: [&str; 2] = ["deformable", "extension"];
 
 /// Reads what stands in `root`.
-pub(super) fn model(root: &Element, refusals: &Refusals) -> Model<f64> {
+pub(super) fn model(root: &Element, compiler: Compiler, refusals: &Refusals) -> Option<Model<f64>> {
+    match root.tag.as_str() {
+        "mujoco" => {}
+        "robot" => {
+            let problem = "this is a URDF; MuJoCo makes MJCF of it, in Python: \
+                mujoco.mj_saveLastXML(\"model.xml\", mujoco.MjModel.from_xml_path(\"model.urdf\"))";
+            refusals.add(&root.place, problem);
+            return None;
+        }
+        other => {
+            refusals.add(&root.place, format!("this is no MJCF: its root is <{other}>, not <mujoco>"));
+            return None;
+        }
+    }
+    let defaults = Defaults::read(root, refusals);
+    let reader = Reader { compiler, defaults, options: Options::read(root, refusals), refusals };
+    let content = |section| root.all(section).flat_map(|section| &section.children);
     for section in &root.children {
         match section.tag.as_str() {
             "compiler" | "option" | "default" | "worldbody" | "contact" | "actuator" => {}
+            "tendon" => section.children.iter().for_each(|child| reader.pass_over_tendon(child)),
+            "equality" => section.children.iter().for_each(|child| reader.pass_over_equality(child)),
             name if IGNORED_SECTIONS.contains(&name) => {}
             name if REFUSED_SECTIONS.contains(&name) => {
-                for content in &section.children {
-                    content.refuse(refusals);
-                }
+                section.children.iter().for_each(|child| child.refuse(refusals));
             }
             _ => section.refuse(refusals),
         }
     }
-    let reader = Reader::new(root, refusals);
-    let options = Options::read(root, refusals);
-    let tree = Tree::read(root, &reader);
+    let mut tree = Tree::read(root, &reader);
+    reader.compiler.weigh(&mut tree.bodies);
     if refusals.is_empty() {
         tree.check_masses();
     }
     let mut model = Model {
         name: root.attribute("model").unwrap_or("MuJoCo Model").into(),
-        settings: options.settings,
+        settings: reader.options.settings.clone(),
         bodies: tree.bodies,
         joints: tree.joints,
         geoms: tree.geoms,
@@ -49,13 +66,12 @@ pub(super) fn model(root: &Element, refusals: &Refusals) -> Model<f64> {
         own: Vec::new(),
         foreign: Vec::new(),
     };
-    let content = |section| root.all(section).flat_map(|section| &section.children);
     for element in content("actuator") {
         let actuator = reader.actuator(element, &model);
         model.actuators.extend(actuator);
     }
     let excluded = content("contact").filter_map(|element| exclusion(element, &model, refusals)).collect();
-    model.contacts = Contacts::new(&model, !options.contact, excluded);
+    model.contacts = Contacts::new(&model, !reader.options.contact, excluded);
     for element in content("custom") {
         match element.tag.as_str() {
             "numeric" => cause(element, &mut model, refusals),
@@ -66,7 +82,7 @@ pub(super) fn model(root: &Element, refusals: &Refusals) -> Model<f64> {
             _ => {}
         }
     }
-    model
+    Some(model)
 }
 
 fn invalid(element: &Element, attribute: &str, value: &str, wanted: &str, refusals: &Refusals) {

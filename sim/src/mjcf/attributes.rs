@@ -87,6 +87,16 @@ pub(super) fn same(a: &str, b: &str) -> bool {
 impl<'a> Attributes<'a> {
     /// The element's attributes over those of its default class, after a look at its table.
     pub(super) fn new(element: &'a Element, defaults: Option<&Values<'a>>, refusals: &'a Refusals) -> Self {
+        Self::of_kind(&element.tag, element, defaults, refusals)
+    }
+
+    /// The same for an element of those that share the table `kind`.
+    pub(super) fn of_kind(
+        kind: &str,
+        element: &'a Element,
+        defaults: Option<&Values<'a>>,
+        refusals: &'a Refusals,
+    ) -> Self {
         let mut values = defaults.cloned().unwrap_or_default();
         let own = own(element);
         // an orientation can be given in several ways: the element's own way hides the defaults'
@@ -94,7 +104,7 @@ impl<'a> Attributes<'a> {
             values.retain(|name, _| !ORIENTATION.contains(name));
         }
         values.extend(own);
-        let table = table(&element.tag);
+        let table = table(kind);
         values.retain(|_, attribute| {
             table.is_some_and(|table| is_read(&element.tag, table, attribute, refusals))
         });

@@ -28,6 +28,32 @@ pub(super) struct Scope<'a> {
     pub(super) body: usize,
     /// The class of elements that name none.
     pub(super) class: Option<&'a str>,
+    /// Whether an `<inertial>` says what the body weighs, whatever geoms it has.
+    pub(super) weighed: bool,
+    /// The frame that positions are given in: its place and orientation in the body's.
+    pos: Vec3<f64>,
+    quat: Quat<f64>,
+}
+
+impl Scope<'_> {
+    fn of(body: usize) -> Self {
+        Self { body, class: None, weighed: false, pos: Vec3::ZERO, quat: Quat::IDENTITY }
+    }
+
+    /// A direction in the body's frame.
+    pub(super) fn turned(&self, direction: Vec3<f64>) -> Vec3<f64> {
+        self.quat.matrix().apply(direction)
+    }
+
+    /// A place in the body's frame.
+    pub(super) fn placed(&self, pos: Vec3<f64>) -> Vec3<f64> {
+        self.pos + self.turned(pos)
+    }
+
+    /// An orientation in the body's frame.
+    pub(super) fn oriented(&self, quat: Quat<f64>) -> Quat<f64> {
+        self.quat.product(quat)
+    }
 }
 
 /// What gives a body its mass.
@@ -61,7 +87,7 @@ impl<'a> Tree<'a> {
             places: vec![root.place.clone()],
         };
         for world in root.all("worldbody") {
-            let scope = Scope { body: 0, class: None };
+            let scope = Scope::of(0);
             tree.add_content(world, scope, &mut Masses::default());
             tree.add_bodies(world, scope);
         }
@@ -78,15 +104,20 @@ impl<'a> Tree<'a> {
             name,
             named,
             parent: scope.body,
-            pos: attributes.vector("pos").unwrap_or(Vec3::ZERO),
-            quat: attributes.orientation(&self.reader.compiler.angles),
+            pos: scope.placed(attributes.vector("pos").unwrap_or(Vec3::ZERO)),
+            quat: scope.oriented(attributes.orientation(&self.reader.compiler.angles)),
             gravity_compensation: attributes.number("gravcomp", 0.0),
             ..self.bodies[0].clone()
         });
-        let scope = Scope { body: index, class: element.attribute("childclass").or(scope.class) };
+        let from_geoms = self.reader.compiler.inertia_from_geoms;
+        let scope = Scope {
+            class: element.attribute("childclass").or(scope.class),
+            weighed: from_geoms == Some(false)
+                || (from_geoms.is_none() && element.all("inertial").next().is_some()),
+            ..Scope::of(index)
+        };
         let mut masses = Masses::default();
         self.add_content(element, scope, &mut masses);
-        let from_geoms = self.reader.compiler.inertia_from_geoms;
         let MassProperties { mass, com, inertia, principal } = match masses.inertial {
             Some(inertial) if from_geoms != Some(true) => inertial,
             _ if from_geoms == Some(false) => shape::combine(&[]),
@@ -104,8 +135,12 @@ impl<'a> Tree<'a> {
                 "body" | "light" | "camera" => {}
                 "joint" | "freejoint" if scope.body != 0 => self.add_joint(child, scope),
                 "geom" => masses.geoms.extend(self.add_geom(child, scope)),
+                "frame" => {
+                    let scope = self.framed(child, scope);
+                    self.add_content(child, scope, masses);
+                }
                 "site" => self.add_site(child, scope),
-                "inertial" if scope.body != 0 => masses.inertial = self.inertial(child),
+                "inertial" if element.tag == "body" => masses.inertial = self.inertial(child),
                 _ => child.refuse(self.reader.refusals),
             }
         }
@@ -113,8 +148,23 @@ impl<'a> Tree<'a> {
 
     /// The bodies that it carries.
     fn add_bodies(&mut self, element: &'a Element, scope: Scope<'a>) {
-        for child in element.all("body") {
-            self.add_body(child, scope);
+        for child in &element.children {
+            match child.tag.as_str() {
+                "body" => self.add_body(child, scope),
+                "frame" => self.add_bodies(child, self.framed(child, scope)),
+                _ => {}
+            }
+        }
+    }
+
+    /// What stands in a `<frame>` of `scope`.
+    fn framed(&self, frame: &'a Element, scope: Scope<'a>) -> Scope<'a> {
+        let attributes = Attributes::new(frame, None, self.reader.refusals);
+        Scope {
+            class: attributes.text("childclass").or(scope.class),
+            pos: scope.placed(attributes.vector("pos").unwrap_or(Vec3::ZERO)),
+            quat: scope.oriented(attributes.orientation(&self.reader.compiler.angles)),
+            ..scope
         }
     }
 
@@ -153,7 +203,7 @@ impl<'a> Tree<'a> {
             Some([a, b, c, d, e, f]) => Vec3([a + d, b + e, c + f]) * 0.5,
             None => attributes.vector("pos").unwrap_or(Vec3::ZERO),
         };
-        self.sites.push(Site { name, named, body: scope.body, pos });
+        self.sites.push(Site { name, named, body: scope.body, pos: scope.placed(pos) });
     }
 
     /// A body that moves must weigh something, itself or through what is fixed to it.

@@ -13,8 +13,9 @@ use super::tables::table;
 struct Class<'a> {
     /// Attributes by element; those of all actuators stand under [`drive::GENERAL`].
     values: HashMap<&'a str, Values<'a>>,
-    /// Its actuators in order: each makes its own sense of what those before it say.
-    drives: Vec<&'a Element>,
+    /// Its actuators in order, each with how deep its class is: each makes its own sense of what those before it say.
+    drives: Vec<(usize, &'a Element)>,
+    depth: usize,
 }
 
 /// All default classes of a model.
@@ -26,7 +27,7 @@ pub(super) struct Defaults<'a> {
 /// The class of elements that name none.
 const MAIN_CLASS: &str = "main";
 /// Elements that may have defaults, which have no effect on what is simulated.
-const IGNORED_ELEMENTS: [&str; 7] = ["camera", "light", "material", "mesh", "pair", "equality", "tendon"];
+const IGNORED_ELEMENTS: [&str; 5] = ["camera", "light", "material", "mesh", "pair"];
 
 impl<'a> Defaults<'a> {
     /// Reads the top-level `<default>` elements.
@@ -44,15 +45,20 @@ impl<'a> Defaults<'a> {
             self.refusals.add(&element.place, "<default> needs the attribute class");
         }
         let name = name.unwrap_or(MAIN_CLASS);
+        if parent.is_none() && name != MAIN_CLASS {
+            let problem = format!("<default> attribute class=\"{name}\" must be {MAIN_CLASS} at the top");
+            self.refusals.add(&element.place, problem);
+        }
         if parent.is_some() && self.classes.contains_key(name) {
             self.refusals
                 .add(&element.place, format!("<default> name \"{name}\" is taken by an earlier one"));
         }
         let mut class = self.classes.get(parent.unwrap_or(name)).cloned().unwrap_or_default();
+        class.depth += usize::from(parent.is_some());
         for child in &element.children {
             let tag = child.tag.as_str();
             if drive::is_drive(tag) {
-                class.drives.push(child);
+                class.drives.push((class.depth, child));
                 class.values.entry(drive::GENERAL).or_default().extend(drive::shared(child));
             } else if table(tag).is_some() {
                 class.values.entry(tag).or_default().extend(own(child));
@@ -88,8 +94,13 @@ impl<'a> Defaults<'a> {
         self.class(element, childclass)?.values.get(tag)
     }
 
+    /// The same for an element of those that share the defaults `kind`.
+    pub(super) fn of_kind(&self, kind: &str, element: &Element) -> Option<&Values<'a>> {
+        self.class(element, None)?.values.get(kind)
+    }
+
     /// The actuators whose say the actuator `element` inherits, in order.
-    pub(super) fn drives(&self, element: &Element) -> &[&'a Element] {
+    pub(super) fn drives(&self, element: &Element) -> &[(usize, &'a Element)] {
         self.class(element, None).map_or(&[], |class| &class.drives)
     }
 }

@@ -62,14 +62,29 @@ impl Element {
         }
     }
 
-    /// Numbers the elements below by kind, in the order of the text; `met`: how many there were before.
-    pub(super) fn number(&mut self, met: &mut HashMap<String, usize>) {
+    /// Does `work` with each element below, in the order of the text.
+    pub(super) fn each_below(&mut self, work: &mut impl FnMut(&mut Self)) {
         for child in &mut self.children {
-            let kind = if child.tag == "freejoint" { "joint" } else { &child.tag };
-            let met_so_far = met.entry(kind.into()).or_default();
-            child.ordinal = *met_so_far;
-            *met_so_far += 1;
-            child.number(met);
+            work(child);
+            child.each_below(work);
+        }
+    }
+
+    /// How many elements are below.
+    pub(super) fn size(&self) -> usize {
+        self.children.iter().map(|child| 1 + child.size()).sum()
+    }
+
+    /// Numbers the elements of all `<worldbody>` by kind.
+    pub(super) fn number(&mut self) {
+        let mut met: HashMap<String, usize> = HashMap::new();
+        for world in self.children.iter_mut().filter(|section| section.tag == "worldbody") {
+            world.each_below(&mut |element| {
+                let kind = if element.tag == "freejoint" { "joint" } else { &element.tag };
+                let count = met.entry(kind.into()).or_default();
+                element.ordinal = *count;
+                *count += 1;
+            });
         }
     }
 
@@ -85,7 +100,26 @@ impl Element {
 
     /// Refuses the element as one that is not supported where it stands.
     pub(super) fn refuse(&self, refusals: &Refusals) {
+        let instead = INSTEAD.iter().find(|(tag, _)| *tag == self.tag).map_or("remove it", |(_, way)| way);
         let problem = format!("element <{}> is not supported here and would change the motion; ", self.tag);
-        refusals.add(&self.place, problem + "remove it");
+        refusals.add(&self.place, problem + instead);
     }
 }
+
+/// What to do about elements that cannot just be left out.
+const INSTEAD: [(&str, &str); 11] = [
+    (
+        "spatial",
+        "only tendons that do nothing but draw are read: without stiffness, damping, limits and friction",
+    ),
+    ("fixed", "only tendons that do nothing are read: without stiffness, damping, limits and friction"),
+    ("composite", "MuJoCo writes it out as bodies and joints (mj_saveLastXML)"),
+    ("attach", "MuJoCo writes it out as bodies (mj_saveLastXML)"),
+    ("model", "MuJoCo writes out what is attached (mj_saveLastXML)"),
+    ("flexcomp", "what bends is a chain of bodies here, with springs in the hinges"),
+    ("flex", "what bends is a chain of bodies here, with springs in the hinges"),
+    ("muscle", "drives are motors, position and velocity servos"),
+    ("intvelocity", "drives are motors, position and velocity servos; command the integral to a <position>"),
+    ("pair", "give the geoms themselves contype, conaffinity and their contact's parameters"),
+    ("plugin", "what a plugin computes may be a cause of your own"),
+];

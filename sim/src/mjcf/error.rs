@@ -8,7 +8,7 @@ use std::sync::Arc;
 #[derive(Debug, thiserror::Error)]
 pub enum MjcfError {
     /// The model's own file cannot be read.
-    #[error("it cannot be read")]
+    #[error(transparent)]
     Unreadable(#[from] std::io::Error),
     /// Everything that was refused, in the order in which it was found.
     #[error("{}", listed(.0))]
@@ -56,8 +56,15 @@ fn listed(refusals: &[Refusal]) -> String {
         return only.to_string();
     }
     let mut text = format!("{} things are refused:", refusals.len());
+    let mut told = Vec::new();
     for refusal in refusals.iter().take(LISTED_MAX) {
-        text += &format!("\n  {refusal}");
+        // what to do is told once
+        let (what, way) = refusal.problem.split_once("; ").unwrap_or((&refusal.problem, ""));
+        text += &format!("\n  {}: {what}", refusal.place);
+        if !way.is_empty() && !told.contains(&way) {
+            text += &format!("; {way}");
+            told.push(way);
+        }
     }
     if refusals.len() > LISTED_MAX {
         text += &format!("\n  and {} more", refusals.len() - LISTED_MAX);

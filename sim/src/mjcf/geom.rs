@@ -21,15 +21,29 @@ impl<'a> Tree<'a> {
         let (name, named) =
             attributes.name("geom", element.ordinal, self.geoms.iter().map(|geom| &geom.name));
         let kinds = [
-            ("sphere", GeomKind::Sphere),
-            ("capsule", GeomKind::Capsule),
-            ("cylinder", GeomKind::Cylinder),
-            ("ellipsoid", GeomKind::Ellipsoid),
-            ("box", GeomKind::Box),
-            ("plane", GeomKind::Plane),
+            ("sphere", Some(GeomKind::Sphere)),
+            ("capsule", Some(GeomKind::Capsule)),
+            ("cylinder", Some(GeomKind::Cylinder)),
+            ("ellipsoid", Some(GeomKind::Ellipsoid)),
+            ("box", Some(GeomKind::Box)),
+            ("plane", Some(GeomKind::Plane)),
+            // shapes from files and formulas
+            ("mesh", None),
+            ("hfield", None),
+            ("sdf", None),
         ];
         let body = scope.body;
-        let kind = attributes.one_of("type", &kinds, GeomKind::Sphere);
+        let heavy = self.reader.compiler.is_heavy(attributes.whole("group", 0, "a whole number"))
+            && body != 0
+            && !scope.weighed;
+        let Some(kind) = attributes.one_of("type", &kinds, Some(GeomKind::Sphere)) else {
+            self.pass_over(&attributes, &name, heavy);
+            return None;
+        };
+        if attributes.text("mesh").is_some() {
+            attributes
+                .invalid("mesh", "absent from another shape, which MuJoCo would fit to it: give its size");
+        }
         let mut pos = attributes.vector("pos").unwrap_or(Vec3::ZERO);
         let mut quat = attributes.orientation(&self.reader.compiler.angles);
         let mut size = attributes.up_to_three("size");
@@ -76,8 +90,8 @@ impl<'a> Tree<'a> {
             body,
             kind,
             size,
-            pos,
-            quat,
+            pos: scope.placed(pos),
+            quat: scope.oriented(quat),
             fluid: (ellipsoid && body != 0).then_some(FluidCoefficients {
                 blunt,
                 slender,
@@ -89,13 +103,38 @@ impl<'a> Tree<'a> {
             contact_margin_m: attributes.not_negative("margin", 0.0),
             surface: surface(&attributes),
         });
-        if body == 0 || kind == GeomKind::Plane {
+        if !heavy || kind == GeomKind::Plane {
             return None;
         }
         let density = attributes.not_negative("density", DEFAULT_DENSITY_KG_PER_M3);
         let mass = attributes.not_negative("mass", density * shape::volume(kind, size));
         let inertia = shape::inertia(kind, size, mass);
-        (mass > 0.0).then_some(MassProperties { mass, com: pos, inertia, principal: quat })
+        let (com, principal) = (scope.placed(pos), scope.oriented(quat));
+        (mass > 0.0).then_some(MassProperties { mass, com, inertia, principal })
+    }
+
+    /// Refuses a mesh, or another shape that is not computed here, unless it only draws.
+    fn pass_over(&self, attributes: &Attributes<'a>, name: &str, heavy: bool) {
+        let kind = attributes.text("type").unwrap_or_default();
+        let zero = |what| attributes.text(what).is_some() && attributes.number(what, 1.0) == 0.0;
+        if heavy
+            && kind != "hfield"
+            && !zero("mass")
+            && (attributes.text("mass").is_some() || !zero("density"))
+        {
+            let problem = "whose mass is not computed here; give its body an <inertial>, as MuJoCo writes it: \
+                set <compiler saveinertial=\"true\"/> and save the model (mj_saveLastXML)";
+            attributes.inconsistent(name, format_args!("is of type {kind}, {problem}"));
+        }
+        let touches = self.reader.options.contact && !(zero("contype") && zero("conaffinity"));
+        if touches {
+            let problem = "which may touch others; give it contype=\"0\" conaffinity=\"0\", and a shape that is \
+                simulated in its place: box, capsule, cylinder, ellipsoid, sphere or plane";
+            attributes.inconsistent(name, format_args!("is of type {kind}, {problem}"));
+        }
+        if attributes.text("fluidshape").is_some_and(|shape| shape != "none") {
+            attributes.invalid("fluidshape", format_args!("absent from a geom of type {kind}"));
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 use super::body::{Scope, Tree};
 use super::element::Element;
 use crate::math::Vec3;
-use crate::model::{Joint, JointKind};
+use crate::model::{Joint, JointKind, Softness};
 
 impl<'a> Tree<'a> {
     pub(super) fn add_joint(&mut self, element: &'a Element, scope: Scope<'a>) {
@@ -45,7 +45,13 @@ impl<'a> Tree<'a> {
             attributes.invalid("axis", "of nonzero length");
             axis = Vec3([0.0, 0.0, 1.0]);
         }
-        let pos = attributes.vector("pos").unwrap_or(Vec3::ZERO);
+        let pos = scope.placed(attributes.vector("pos").unwrap_or(Vec3::ZERO));
+        let friction_loss = attributes.not_negative("frictionloss", 0.0);
+        let softness = |solref, solimp| Softness {
+            solref: attributes.solref(solref, Softness::default().solref),
+            solimp: attributes.first_of(solimp, Softness::default().solimp),
+        };
+        let options = &self.reader.options;
         self.joints.push(Joint {
             name,
             named,
@@ -54,14 +60,17 @@ impl<'a> Tree<'a> {
             qpos_address: self.joints.iter().map(|joint| joint.kind.nq()).sum(),
             dof_address: self.joints.iter().map(|joint| joint.kind.nv()).sum(),
             pos: if kind == JointKind::Free { Vec3::ZERO } else { pos },
-            axis: if single { axis * (1.0 / axis.norm()) } else { Vec3([0.0, 0.0, 1.0]) },
+            axis: if single { scope.turned(axis * (1.0 / axis.norm())) } else { Vec3([0.0, 0.0, 1.0]) },
             reference: if single { in_radians(attributes.number("ref", 0.0)) } else { 0.0 },
             spring_reference: if single { in_radians(attributes.number("springref", 0.0)) } else { 0.0 },
             stiffness,
             damping,
             armature: attributes.not_negative("armature", 0.0),
-            friction_loss: attributes.not_negative("frictionloss", 0.0),
-            limit: limit.map(|range| range.map(in_radians)),
+            friction_loss: if options.friction_loss { friction_loss } else { 0.0 },
+            limit: limit.map(|range| range.map(in_radians)).filter(|_| options.limit),
+            limit_margin: attributes.not_negative("margin", 0.0),
+            limit_softness: softness("solreflimit", "solimplimit"),
+            friction_softness: softness("solreffriction", "solimpfriction"),
         });
     }
 }

@@ -12,14 +12,20 @@ const DEFAULT_GRAVITY_M_PER_S2: [f64; 3] = [0.0, 0.0, -9.81];
 /// What `<option>` says.
 pub(super) struct Options {
     pub(super) settings: Settings<f64>,
+    /// Which constraints there are.
     pub(super) contact: bool,
+    pub(super) equality: bool,
+    pub(super) friction_loss: bool,
+    pub(super) limit: bool,
+    /// Whether commands stay in their ranges.
+    pub(super) clamp_commands: bool,
 }
 
 impl Options {
     /// Reads the `<option>` elements.
     pub(super) fn read(root: &Element, refusals: &Refusals) -> Self {
-        let mut contact = true;
-        let mut settings = Settings {
+        let mut gravity = true;
+        let settings = Settings {
             timestep_s: 0.002,
             integrator: Integrator::Euler,
             gravity: Vec3(DEFAULT_GRAVITY_M_PER_S2),
@@ -30,8 +36,17 @@ impl Options {
             cone: Cone::default(),
             impratio: 1.0,
         };
+        let mut options = Self {
+            settings,
+            contact: true,
+            equality: true,
+            friction_loss: true,
+            limit: true,
+            clamp_commands: true,
+        };
         for element in root.all("option") {
             let attributes = Attributes::new(element, None, refusals);
+            let settings = &mut options.settings;
             settings.timestep_s = attributes.positive("timestep", settings.timestep_s);
             settings.integrator = attributes.one_of("integrator", &Integrator::NAMED, settings.integrator);
             settings.gravity = attributes.vector("gravity").unwrap_or(settings.gravity);
@@ -47,9 +62,26 @@ impl Options {
                     continue;
                 }
                 let flags = Attributes::new(child, None, refusals);
-                contact = flags.one_of("contact", &[("enable", true), ("disable", false)], contact);
+                let flag = |name, before: &mut bool| {
+                    *before = flags.one_of(name, &[("enable", true), ("disable", false)], *before);
+                };
+                let mut constraint = true;
+                flag("gravity", &mut gravity);
+                flag("constraint", &mut constraint);
+                flag("contact", &mut options.contact);
+                flag("equality", &mut options.equality);
+                flag("frictionloss", &mut options.friction_loss);
+                flag("limit", &mut options.limit);
+                flag("clampctrl", &mut options.clamp_commands);
+                options.contact &= constraint;
+                options.equality &= constraint;
+                options.friction_loss &= constraint;
+                options.limit &= constraint;
             }
         }
-        Self { settings, contact }
+        if !gravity {
+            options.settings.gravity = Vec3::ZERO;
+        }
+        options
     }
 }

@@ -11,7 +11,16 @@ pub(super) struct Table {
 }
 
 const COMPILER: Table = Table {
-    read: &["angle", "autolimits", "eulerseq", "inertiafromgeom"],
+    read: &[
+        "angle",
+        "autolimits",
+        "eulerseq",
+        "inertiafromgeom",
+        "inertiagrouprange",
+        "boundmass",
+        "boundinertia",
+        "settotalmass",
+    ],
     passed_over: &[
         "meshdir",
         "texturedir",
@@ -26,13 +35,9 @@ const COMPILER: Table = Table {
     ],
     only: &[
         ("coordinate", &["local"]),
-        ("boundmass", &["0"]),
-        ("boundinertia", &["0"]),
         ("balanceinertia", &["false"]),
-        ("settotalmass", &["-1"]),
         ("alignfree", &["false"]),
         ("fusestatic", &["false"]),
-        ("inertiagrouprange", &["0 5"]),
     ],
 };
 
@@ -65,7 +70,7 @@ const ON: &[&str] = &["enable"];
 const OFF: &[&str] = &["disable"];
 
 const FLAG: Table = Table {
-    read: &["contact"],
+    read: &["contact", "constraint", "equality", "frictionloss", "limit", "gravity", "clampctrl"],
     passed_over: &[
         "warmstart",
         "midphase",
@@ -76,18 +81,12 @@ const FLAG: Table = Table {
         "multiccd",
         "island",
         "autoreset",
-        "equality",
         "sleep",
     ],
     only: &[
-        ("constraint", ON),
-        ("frictionloss", ON),
-        ("limit", ON),
         ("passive", ON),
         ("spring", ON),
         ("damper", ON),
-        ("gravity", ON),
-        ("clampctrl", ON),
         ("filterparent", ON),
         ("actuation", ON),
         ("refsafe", ON),
@@ -101,6 +100,32 @@ const BODY: Table = Table {
     read: &["name", "childclass", "pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "gravcomp"],
     passed_over: &["user", "sleep"],
     only: &[("mocap", &["false"])],
+};
+
+const FRAME: Table = Table {
+    read: &["childclass", "pos", "quat", "axisangle", "xyaxes", "zaxis", "euler"],
+    passed_over: &["name"],
+    only: &[],
+};
+
+const REPLICATE: Table = Table { read: &["count", "offset", "euler", "sep"], passed_over: &[], only: &[] };
+
+const TENDON: Table = Table {
+    read: &["name", "class", "range", "limited"],
+    passed_over: &[
+        "group",
+        "width",
+        "material",
+        "rgba",
+        "springlength",
+        "user",
+        "margin",
+        "solreflimit",
+        "solimplimit",
+        "solreffriction",
+        "solimpfriction",
+    ],
+    only: &[("stiffness", &["0"]), ("damping", &["0"]), ("frictionloss", &["0"]), ("armature", &["0"])],
 };
 
 const INERTIAL: Table = Table {
@@ -124,15 +149,15 @@ const JOINT: Table = Table {
         "ref",
         "armature",
         "frictionloss",
+        "margin",
+        "solreflimit",
+        "solimplimit",
+        "solreffriction",
+        "solimpfriction",
     ],
     passed_over: &["group", "user"],
     only: &[
-        ("margin", &["0"]),
         ("springdamper", &["0 0"]),
-        ("solreflimit", &["0.02 1", ".02 1"]),
-        ("solreffriction", &["0.02 1", ".02 1"]),
-        ("solimplimit", &["0.9 0.95 0.001", "0.9 0.95 0.001 0.5 2"]),
-        ("solimpfriction", &["0.9 0.95 0.001", "0.9 0.95 0.001 0.5 2"]),
         ("actuatorfrcrange", &["0 0"]),
         ("actuatorfrclimited", &["false", "auto"]),
         ("actuatorgravcomp", &["false"]),
@@ -169,8 +194,11 @@ const GEOM: Table = Table {
         "solref",
         "solimp",
         "priority",
+        "group",
+        "mesh",
+        "hfield",
     ],
-    passed_over: &["group", "material", "rgba", "user"],
+    passed_over: &["material", "rgba", "user", "fitscale"],
     only: &[("shellinertia", &["false"])],
 };
 
@@ -201,7 +229,8 @@ macro_rules! actuator {
                 "forcelimited", $($law),*
             ],
             passed_over: &[
-                "group", "user", "lengthrange", "dynprm", "actdim", "actlimited", "actrange", "actearly", "input",
+                "group", "user", "lengthrange", "dynprm", "tendon", "site", "refsite", "body", "cranksite", "slidersite",
+                "cranklength", "actdim", "actlimited", "actrange", "actearly", "input",
             ],
             only: &[("delay", &["0"]), ("nsample", &["0"]), ("armature", &["0"]), ("damping", &["0"])],
         }
@@ -213,6 +242,9 @@ const POSITION: Table = actuator!("kp", "kv", "dampratio", "timeconst", "inherit
 const VELOCITY: Table = actuator!("kv");
 const MOTOR: Table = actuator!();
 
+/// Only what it has defaults for; see [`super::coupling`].
+const EQUALITY: Table = Table { read: &["active"], passed_over: &[], only: &[] };
+
 const EXCLUDE: Table = Table { read: &["name", "body1", "body2"], passed_over: &[], only: &[] };
 
 /// The table of the element `tag`, where it has one.
@@ -222,6 +254,10 @@ pub(super) fn table(tag: &str) -> Option<&'static Table> {
         "option" => &OPTION,
         "flag" => &FLAG,
         "body" => &BODY,
+        "frame" => &FRAME,
+        "replicate" => &REPLICATE,
+        "tendon" => &TENDON,
+        "equality" => &EQUALITY,
         "inertial" => &INERTIAL,
         "joint" => &JOINT,
         "freejoint" => &FREEJOINT,

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::model::{ActuatorKind, Cone, GeomKind, Integrator, KuttaLift, Model, State, Surface};
+use crate::model::{ActuatorKind, Cone, GeomKind, Integrator, KuttaLift, Model, Softness, State, Surface};
 
 /// The `<custom>` text that says which engines' Kutta lift a model has, and what it says.
 pub(super) const LIFT: &str = "kutta_lift";
@@ -183,6 +183,7 @@ impl Writer<'_> {
     }
 
     fn joint(&mut self, joint: &crate::model::Joint<f64>, depth: usize) {
+        let (limit, friction, usual) = (joint.limit_softness, joint.friction_softness, Softness::default());
         let attributes = [
             name(&joint.name, joint.named),
             Some(("type", joint.kind.mjcf_name().into())),
@@ -195,6 +196,11 @@ impl Writer<'_> {
             unless(0.0, "armature", joint.armature),
             unless(0.0, "frictionloss", joint.friction_loss),
             range("range", joint.limit),
+            unless(0.0, "margin", joint.limit_margin),
+            (limit.solref != usual.solref).then(|| ("solreflimit", numbers(&limit.solref))),
+            (limit.solimp != usual.solimp).then(|| ("solimplimit", numbers(&limit.solimp))),
+            (friction.solref != usual.solref).then(|| ("solreffriction", numbers(&friction.solref))),
+            (friction.solimp != usual.solimp).then(|| ("solimpfriction", numbers(&friction.solimp))),
         ];
         self.line(depth, "joint", &attributes, true);
     }

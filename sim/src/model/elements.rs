@@ -10,14 +10,20 @@ pub enum Integrator {
     Euler,
     /// Euler with all velocity-dependent forces but the bias implicit, symmetrised.
     ImplicitFast,
+    /// Euler with all velocity-dependent forces implicit: only in models; runs take another, or steps of our own.
+    Implicit,
     /// Classical fourth-order Runge-Kutta.
     Rk4,
 }
 
 impl Integrator {
     /// All of them, by their names in MJCF.
-    pub(crate) const NAMED: [(&'static str, Self); 3] =
-        [("Euler", Self::Euler), ("RK4", Self::Rk4), ("implicitfast", Self::ImplicitFast)];
+    pub(crate) const NAMED: [(&'static str, Self); 4] = [
+        ("Euler", Self::Euler),
+        ("RK4", Self::Rk4),
+        ("implicitfast", Self::ImplicitFast),
+        ("implicit", Self::Implicit),
+    ];
 }
 
 /// Which engines' Kutta lift a model has.

@@ -1,7 +1,7 @@
 //! Joints: all that is particular to a kind of joint but for how a step treats it (`dynamics/joint.rs`) and what MJCF lets
 //! stand beside it.
 
-use super::Body;
+use super::{Body, Softness};
 use crate::math::{Quat, Vec3};
 use crate::scalar::Scalar;
 
@@ -117,6 +117,12 @@ pub struct Joint<T> {
     pub friction_loss: T,
     /// End stops of a hinge \[rad\] or slide \[m\].
     pub limit: Option<[T; 2]>,
+    /// So far before its end stops they begin to push \[rad\] or \[m\].
+    pub limit_margin: f64,
+    /// How soft its end stops are.
+    pub limit_softness: Softness,
+    /// How soft its friction loss is.
+    pub friction_softness: Softness,
 }
 
 impl<T: Scalar> Joint<T> {
@@ -156,6 +162,9 @@ impl<T: Scalar> Joint<T> {
             armature: f(self.armature),
             friction_loss: f(self.friction_loss),
             limit: self.limit.map(|range| range.map(f)),
+            limit_margin: self.limit_margin,
+            limit_softness: self.limit_softness,
+            friction_softness: self.friction_softness,
         }
     }
 }

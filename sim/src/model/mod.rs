@@ -10,6 +10,7 @@ mod encoder;
 mod joint;
 mod parameters;
 pub(crate) mod shape;
+mod softness;
 
 pub(crate) use contacts::Contacts;
 pub use contacts::PossibleContact;
@@ -21,6 +22,7 @@ pub(crate) use encoder::Encoder;
 pub use encoder::{POINTER_M, encoded_joint, encoder_mark};
 pub use joint::{Coordinates, Joint, JointKind};
 pub use parameters::{Parameter, UnknownParameter};
+pub use softness::Softness;
 
 use cause::{Cause, CauseValues};
 

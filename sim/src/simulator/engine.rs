@@ -6,7 +6,7 @@ use super::halving::{HALVINGS_MAX, Halving};
 use super::rosenbrock::Rosenbrock;
 use crate::base::{BaseMotion, BasePath};
 use crate::causes::{Memory, Moment, Terms};
-use crate::dynamics::friction_and_limits::{self, Solver, multiply};
+use crate::dynamics::friction_and_limits::{Solver, multiply};
 use crate::dynamics::plant::Plant;
 use crate::dynamics::stages::{ContactStage, SlopeStage, Stages};
 use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
@@ -99,14 +99,16 @@ impl<S: Stages> Engine<S> {
             (Some(Method::Rosenbrock), _) => Stepper::Rosenbrock,
             (Some(Method::RungeKutta), _) | (None, Integrator::Rk4) => Stepper::RungeKutta,
             (None, Integrator::Euler) => Stepper::Euler,
-            (None, Integrator::ImplicitFast) => Stepper::ImplicitFast,
+            (None, Integrator::ImplicitFast | Integrator::Implicit) => Stepper::ImplicitFast,
         };
         let plant = Plant::new(model, layout);
         let terms = Terms::new(model, &plant);
-        if let (Stepper::ImplicitFast, Some(body)) = (stepper, plant.lone_free_body()) {
+        let asked = options.steps.is_none().then(|| options.integrator.unwrap_or(model.settings.integrator));
+        // on lone free bodies the two are the same
+        if asked == Some(Integrator::Implicit) && 6 * plant.lone.len() < plant.nv {
             return Err(RolloutError::Unsupported {
-                what: format!("integrator implicitfast on the lone free body `{}`", model.bodies[body].name),
-                instead: "use euler or rk4".into(),
+                what: "integrator implicit, which the model asks for,".into(),
+                instead: "take implicitfast, euler or rk4, or steps as exact as an accuracy asks for".into(),
             });
         }
         let mut joints = model.joints.iter();
@@ -180,7 +182,7 @@ impl<S: Stages> Engine<S> {
 
     /// Longest step of our own that the model's restraints bear \[s\].
     pub(crate) fn longest_step_s(&self) -> f64 {
-        let restrained = self.solver.as_ref().map_or(f64::INFINITY, |_| friction_and_limits::LONGEST_STEP_S);
+        let restrained = self.solver.as_ref().map_or(f64::INFINITY, |_| Solver::longest_step_s(&self.plant));
         self.contacts.as_ref().map_or(restrained, |contacts| contacts.longest_step_s().min(restrained))
     }
 

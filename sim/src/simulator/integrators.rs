@@ -45,13 +45,18 @@ impl<S: Stages> Engine<S> {
                 }
             });
         }
+        let mut alone = Vec::new();
         // a constant: lanes, which are never stepped so, are spared the program
         if S::T::LANES == 1
             && let Some(slope) = &mut self.slope
         {
             slope.add(&self.plant, &self.work, h, &mut self.matrix);
+            alone = slope.alone((&self.plant, &self.work), &state.qvel, h, &self.matrix, &self.force);
         }
         self.solve_matrix();
+        for (first, accelerations) in alone {
+            self.force[first..first + accelerations.len()].copy_from_slice(&accelerations);
+        }
         tuned!(S::T, {
             for (v, &a) in state.qvel.iter_mut().zip(&self.force) {
                 *v += h * a;

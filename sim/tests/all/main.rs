@@ -15,6 +15,8 @@ mod forces;
 mod golden;
 mod lanes;
 mod mjcf;
+mod mjcf_files;
+mod other_ways;
 mod own_causes;
 mod physics;
 mod random_models;

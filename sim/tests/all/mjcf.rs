@@ -65,7 +65,12 @@ fn what_would_change_the_motion_is_refused_by_name_and_line() {
         (r#"<body><joint type="hinge" springdamper="1 1"/></body>"#, ["line 3", "springdamper"]),
         ("<body>\n<joint dampling=\"1\"/></body>", ["line 4", "dampling"]),
         (r#"<body mocap="true"/>"#, ["line 3", "mocap"]),
-        (r#"<body><geom type="mesh" mesh="m"/></body>"#, ["line 3", "mesh"]),
+        (
+            r#"<body><geom name="g" type="mesh" contype="0" conaffinity="0"/></body>"#,
+            ["line 3", "<inertial>"],
+        ),
+        (r#"<body><geom name="g" type="mesh" mass="0"/></body>"#, ["line 3", "may touch"]),
+        (r#"<replicate count="1000000"><body/></replicate>"#, ["line 3", "count"]),
         (r#"<composite/>"#, ["line 3", "<composite>"]),
         (r#"<body><joint damping="x"/></body>"#, ["damping=\"x\"", "finite numbers"]),
         (r#"<body><joint stiffness="nan"/></body>"#, ["stiffness=\"nan\"", "finite numbers"]),
@@ -81,10 +86,26 @@ fn what_would_change_the_motion_is_refused_by_name_and_line() {
         assert!(wanted.iter().all(|part| error.contains(part)), "{error} should say {wanted:?}");
     }
     for (text, wanted) in [
-        ("<mujoco>\n<option integrator=\"implicit\"/></mujoco>", ["line 2", "implicitfast"]),
-        ("<mujoco>\n<option><flag frictionloss=\"disable\"/></option></mujoco>", ["line 2", "frictionloss"]),
+        ("<mujoco>\n<option integrator=\"discrete\"/></mujoco>", ["line 2", "implicitfast"]),
+        ("<mujoco>\n<option><flag spring=\"disable\"/></option></mujoco>", ["line 2", "spring"]),
         ("<mujoco><equality>\n<weld body1=\"a\"/></equality></mujoco>", ["line 2", "<weld>"]),
-        ("<mujoco>\n<include file=\"a.xml\"/></mujoco>", ["line 2", "<include>"]),
+        ("<mujoco>\n<include file=\"a.xml\"/></mujoco>", ["line 2", "without a file"]),
+        (
+            "<mujoco><tendon>\n<spatial limited=\"true\" range=\"0 1\"/></tendon></mujoco>",
+            ["line 2", "<spatial>"],
+        ),
+        ("<mujoco><equality>\n<joint joint1=\"j\"/></equality></mujoco>", ["line 2", "equality <joint>"]),
+        ("<mujoco><actuator>\n<general tendon=\"t\"/></actuator></mujoco>", ["line 2", "acts on a tendon"]),
+        (
+            "<mujoco><actuator>\n<general joint=\"j\" gainprm=\"2\" biastype=\"affine\"  biasprm=\"0 -1\"/></actuator></mujoco>",
+            ["line 2", "position servo"],
+        ),
+        (
+            "<mujoco><actuator>\n<general joint=\"j\" dyntype=\"filter\"/></actuator></mujoco>",
+            ["line 2", "dyntype=\"filter\""],
+        ),
+        ("<robot name=\"arm\"/>", ["URDF", "mj_saveLastXML"]),
+        ("<sdf/>", ["no MJCF", "<sdf>"]),
         ("<mujoco><actuator>\n<muscle joint=\"a\"/></actuator></mujoco>", ["line 2", "<muscle>"]),
         ("<mujoco><actuator>\n<motor joint=\"a\"/></actuator></mujoco>", ["line 2", "name of a joint"]),
     ] {
@@ -92,6 +113,41 @@ fn what_would_change_the_motion_is_refused_by_name_and_line() {
         assert!(wanted.iter().all(|part| error.contains(part)), "{error} should say {wanted:?}");
     }
     assert!(refusal("<mujoco>").contains("well-formed"));
+}
+
+#[test]
+fn everything_that_is_refused_is_listed_at_once() {
+    let error = refusal(
+        r#"<mujoco><option noslip_iterations="3"/>
+          <default><joint springdamper="1 1"/><geom dampling="1"/></default>
+          <worldbody><body><joint name="j"/><geom type="box" size="1 1"/><frame><hinge/></frame></body>
+            <body><joint/><geom type="mesh"/></body>
+            <body><joint/><geom type="mesh"/></body></worldbody>
+          <actuator><motor joint="j"/><motor joint="i"/><muscle joint="j"/></actuator></mujoco>"#,
+    );
+    let lines: Vec<&str> = error.lines().collect();
+    assert!(lines[0].contains(&format!("{} things", lines.len() - 1)), "{error}");
+    for (line, wanted) in [
+        (1, "noslip_iterations"),
+        (2, "springdamper"),
+        (2, "dampling"),
+        (3, "3 numbers above 0"),
+        (3, "<hinge>"),
+        (4, "geom#1"),
+        (5, "geom#2"),
+        (6, "joint=\"i\""),
+        (6, "<muscle>"),
+    ] {
+        let found =
+            lines.iter().filter(|text| text.contains(&format!("line {line}:")) && text.contains(wanted));
+        // two things are wrong with a mesh, each told by itself
+        assert_eq!(
+            found.count(),
+            if wanted.starts_with("geom#") { 2 } else { 1 },
+            "{line}, {wanted}: {error}"
+        );
+    }
+    assert_eq!(error.matches("saveinertial").count(), 1, "the way is told once: {error}");
 }
 
 #[test]

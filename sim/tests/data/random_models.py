@@ -123,7 +123,7 @@ def main():
     while len(cases) < 54:
         features, integrator = FEATURES[len(cases) % 9], INTEGRATORS[len(cases) // 9 % 3]
         m = mujoco.MjModel.from_xml_string(xml := tree(rng, features, integrator))
-        # implicitfast treats the rotation of a lone free body apart in MuJoCo; ours refuses such a model
+        # implicitfast treats the rotation of a lone free body apart in MuJoCo: other_ways.py has those
         lone = any(m.jnt_type[j] == 0 and (m.body_treeid == m.body_treeid[m.jnt_bodyid[j]]).sum() == 1 for j in range(m.njnt))
         if m.nv == 0 or (integrator == "implicitfast" and lone):
             continue

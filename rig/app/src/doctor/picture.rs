@@ -36,8 +36,7 @@ pub fn calibration(config: &RigConfig, base: &Path, size_px: [u32; 2]) -> Check 
 fn model(config: &RigConfig, base: &Path) -> anyhow::Result<Model> {
     use anyhow::Context as _;
     let path = base.join(&config.run.model);
-    let text = std::fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))?;
-    Model::from_mjcf(&text).with_context(|| format!("reading model {}", path.display()))
+    Model::read_mjcf(&path).with_context(|| format!("reading model {}", path.display()))
 }
 
 /// Where the base of the mechanism is in the picture \[px\]; none where it floats, or where that is not known.

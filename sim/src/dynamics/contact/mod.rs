@@ -13,19 +13,18 @@ mod problem;
 pub(crate) use points::Point;
 
 use super::Work;
-use super::friction_and_limits::{LONGEST_STEP_S, Solver};
+use super::friction_and_limits::{Solver, longest_step_s};
 use super::inertia::solve;
 use super::plant::Plant;
 use super::stages::ContactStage;
 use crate::math::{Quat, Vec3};
-use crate::model::{Cone, GeomKind, JointKind, Model, Surface};
+use crate::model::{Cone, GeomKind, JointKind, Model, Softness, Surface};
 use crate::scalar::Scalar;
 use crate::space::{Motion, Spatial};
 use points::{Meet, Placed, less, meeting, rank};
 use problem::{CONTACT_ROWS_MAX, Law, Problem, Row};
 
-/// MuJoCo's range of impedances, smallest friction and smallest divisor.
-const IMPEDANCE_RANGE: [f64; 2] = [1e-4, 0.9999];
+/// MuJoCo's smallest friction and smallest divisor.
 const FRICTION_MIN: f64 = 1e-5;
 const DIVISOR_MIN: f64 = 1e-15;
 
@@ -50,8 +49,7 @@ struct Pair<T> {
     margin: f64,
     condim: usize,
     friction: [f64; 5],
-    solref: [f64; 2],
-    solimp: [f64; 5],
+    softness: Softness,
 }
 
 /// All contacts of a model.
@@ -226,13 +224,7 @@ impl<T: Scalar> ContactStage<Spatial<T>> for Contacts<T> {
     }
 
     fn longest_step_s(&self) -> f64 {
-        // 2 / (0.95 * 0.02 s) is the rate that the longest step of restraints is for
-        const RESTRAINT_RATE_PER_S: f64 = 2.0 / (0.95 * 0.02);
-        let fastest = self.pairs.iter().map(|pair| {
-            let [stiffness, damping] = pair.spring(pair.solref);
-            damping.max(stiffness.sqrt())
-        });
-        LONGEST_STEP_S * RESTRAINT_RATE_PER_S / fastest.fold(RESTRAINT_RATE_PER_S, f64::max)
+        longest_step_s(self.pairs.iter().map(|pair| pair.softness.rate_per_s()))
     }
 }
 
@@ -288,8 +280,6 @@ impl<T: Scalar> Pair<T> {
                 GeomKind::Box => x.hypot(y).hypot(z),
             }
         };
-        let [least, most] = IMPEDANCE_RANGE;
-        let [from, to, width, middle, power] = solimp;
         Self {
             shapes,
             meet,
@@ -298,52 +288,8 @@ impl<T: Scalar> Pair<T> {
             margin,
             condim,
             friction: [slide, slide, spin, roll, roll],
-            solref,
-            solimp: [
-                from.clamp(least, most),
-                to.clamp(least, most),
-                width.max(0.0),
-                middle.clamp(least, most),
-                power.max(1.0),
-            ],
+            softness: Softness { solref, solimp }.in_range(),
         }
-    }
-
-    /// Stiffness \[1/s2\] and damping \[1/s\] of the reference acceleration.
-    fn spring(&self, [first, second]: [f64; 2]) -> [f64; 2] {
-        let most = self.solimp[1];
-        if first > 0.0 {
-            [1.0 / (most * first * second).powi(2).max(DIVISOR_MIN), 2.0 / (most * first).max(DIVISOR_MIN)]
-        } else {
-            [-first / (most * most), -second / most]
-        }
-    }
-
-    /// The impedance at this distance beyond the margin: rises over the width, as a power up to the middle and as its mirror
-    /// image from there on.
-    fn impedance(&self, beyond: T) -> T {
-        let [from, to, width, middle, power] = self.solimp;
-        if from == to || width <= DIVISOR_MIN {
-            return T::from_f64(0.5 * (from + to));
-        }
-        let x = beyond.abs() * T::from_f64(1.0 / width);
-        if !less(x, T::ONE) {
-            return T::from_f64(to);
-        }
-        let raised = |x: T| match power {
-            1.0 => x,
-            2.0 => x * x,
-            _ if less(T::ZERO, x) => (x.ln() * T::from_f64(power)).exp(),
-            _ => T::ZERO,
-        };
-        let y = if power == 1.0 {
-            x
-        } else if !less(T::from_f64(middle), x) {
-            raised(x) * T::from_f64(middle.powf(1.0 - power))
-        } else {
-            T::ONE - raised(T::ONE - x) * T::from_f64((1.0 - middle).powf(1.0 - power))
-        };
-        T::from_f64(from) + y * T::from_f64(to - from)
     }
 }
 
@@ -381,14 +327,10 @@ impl<T: Scalar> Contacts<T> {
             rows.chunks(nv).map(|row| row.iter().zip(qvel).fold(T::ZERO, |sum, (&j, &v)| sum + j * v)),
         );
         let beyond = point.distance - T::from_f64(pair.margin);
-        let impedance = pair.impedance(beyond);
+        let impedance = pair.softness.impedance(beyond);
         let yielding = (T::ONE - impedance) / impedance;
         let moving = self.mobility[bodies[0]] + self.mobility[bodies[1]];
-        let mut solref = pair.solref;
-        if solref[0] > 0.0 {
-            solref[0] = solref[0].max(2.0 * h);
-        }
-        let [stiffness, damping] = pair.spring(solref).map(T::from_f64);
+        let [stiffness, damping] = pair.softness.spring(h).map(T::from_f64);
         let pull = -(stiffness * impedance * beyond);
         let reference = |speed: T| pull - damping * speed;
         let least = T::from_f64(DIVISOR_MIN);
