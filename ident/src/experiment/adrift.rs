@@ -78,7 +78,7 @@ pub(crate) fn not_estimated(model: &Model, run: &Run) -> Vec<bool> {
 /// The joints that springs or drives hold.
 fn held(model: &Model) -> impl Iterator<Item = &Joint<f64>> {
     let is_held = |(place, joint): &(usize, &Joint<f64>)| {
-        let driven = model.actuators.iter().any(|actuator| actuator.joint == *place);
+        let driven = model.actuators.iter().any(|actuator| actuator.drives(*place));
         joint.kind.is_axle() && (driven || joint.stiffness[0] > 0.0)
     };
     model.joints.iter().enumerate().filter(is_held).map(|(_, joint)| joint)

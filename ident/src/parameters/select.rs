@@ -240,7 +240,7 @@ fn candidates(model: &Model, loose: &[bool]) -> Vec<Candidate> {
         }
         false
     };
-    let passive = |joint: usize| model.actuators.iter().all(|actuator| actuator.joint != joint);
+    let passive = |joint: usize| !model.actuators.iter().any(|actuator| actuator.drives(joint));
     let candidate = |name: String| {
         let place = model.find_parameter(&name).ok()?;
         let by_kind = match place {

@@ -17,8 +17,21 @@ impl<T: Scalar> Drive<T> {
     /// Force before range and gear.
     #[inline(always)]
     pub(crate) fn raw_force(&self, qpos: &[T], qvel: &[T], command: T) -> T {
-        self.gain * self.command(command)
-            + self.gear * (self.stiffness * qpos[self.q] + self.damping * qvel[self.dof])
+        let (mut along, mut rate) = (qpos[self.q], qvel[self.dof]);
+        for term in &self.also {
+            along += term.coefficient * qpos[term.q];
+            rate += term.coefficient * qvel[term.dof];
+        }
+        self.gain * self.command(command) + self.gear * (self.stiffness * along + self.damping * rate)
+    }
+
+    /// Adds `push` on its coordinate to `force` on the dofs.
+    #[inline(always)]
+    fn spread(&self, push: T, force: &mut [T]) {
+        force[self.dof] += push;
+        for term in &self.also {
+            force[term.dof] += term.coefficient * push;
+        }
     }
 }
 
@@ -41,7 +54,7 @@ pub(crate) fn rises<S: Space>(
             let push = drive.raw_force(qpos, qvel, now);
             force = S::T::select(low.less(push) & push.less(high), force, S::T::ZERO);
         }
-        rise[drive.dof] += force;
+        drive.spread(force, rise);
     }
 }
 
@@ -65,6 +78,11 @@ pub(crate) fn slopes<S: Space>(
         }
         damping[drive.dof] -= squared * drive.damping;
         stiffness[drive.dof] -= squared * drive.stiffness;
+        for term in &drive.also {
+            let squared = squared * term.coefficient * term.coefficient;
+            damping[term.dof] -= squared * drive.damping;
+            stiffness[term.dof] -= squared * drive.stiffness;
+        }
     }
 }
 
@@ -83,6 +101,6 @@ pub(crate) fn actuation<S: Space>(
         if let Some([low, high]) = drive.force_range {
             push = push.clamp(low, high);
         }
-        force[drive.dof] += drive.gear * push;
+        drive.spread(drive.gear * push, force);
     }
 }

@@ -18,6 +18,7 @@ pub(crate) mod plant;
 mod poses;
 mod spaces;
 pub(crate) mod stages;
+pub(crate) mod tendon;
 mod work;
 
 pub use poses::Poses;

@@ -1,6 +1,7 @@
 //! The model laid out for stepping: everything that depends on the model alone, computed once.
 
 use super::joint::JointPlan;
+use super::tendon::{TendonPlan, Term, terms};
 use crate::fluid::{Ellipsoid, Immersed, ImmersedBox, InertiaBox};
 use crate::math::{Sym3, Vector};
 use crate::model::{ActuatorKind, Body, Coordinates, Joint, Model, Softness, shape};
@@ -49,6 +50,8 @@ pub(crate) struct Drive<T> {
     pub(crate) q: usize,
     pub(crate) dof: usize,
     pub(crate) gear: T,
+    /// Further joints of its coordinate.
+    pub(crate) also: Vec<Term<T>>,
     /// Force = gain * command + stiffness * length + damping * rate.
     pub(crate) gain: T,
     pub(crate) stiffness: T,
@@ -89,6 +92,7 @@ pub(crate) struct Plant<S: Space> {
     pub(crate) armature: Vec<S::T>,
     pub(crate) fluid_geoms: Vec<FluidGeom<S>>,
     pub(crate) fluid_bodies: Vec<FluidBody<S>>,
+    pub(crate) tendons: Vec<TendonPlan<S::T>>,
     pub(crate) drives: Vec<Drive<S::T>>,
     pub(crate) restraints: Vec<Restraint<S::T>>,
     /// Where each dof's row of the mass matrix starts in `chain`; one more at the end.
@@ -119,6 +123,7 @@ impl<S: Space> Plant<S> {
             armature: Vec::new(),
             fluid_geoms: Vec::new(),
             fluid_bodies: Vec::new(),
+            tendons: Vec::new(),
             drives: Vec::new(),
             restraints: Vec::new(),
             row: vec![0],
@@ -152,6 +157,8 @@ impl<S: Space> Plant<S> {
         }
         plant.lone = plant.lone_free_bodies();
         plant.add_fluid(model);
+        let pulling = model.tendons.iter().filter(|tendon| tendon.pulls());
+        plant.tendons = pulling.map(|tendon| TendonPlan::new(model, tendon)).collect();
         plant.drives = model.actuators.iter().map(|actuator| drive(model, actuator)).collect();
         plant
     }
@@ -257,6 +264,7 @@ fn drive<T: Scalar>(model: &Model<T>, actuator: &crate::model::Actuator<T>) -> D
         q: joint.qpos_address,
         dof: joint.dof_address,
         gear: actuator.gear,
+        also: terms(model, &actuator.also),
         gain,
         stiffness,
         damping: -actuator.kv,

@@ -10,7 +10,7 @@ use super::error::Refusals;
 use super::option::Options;
 use super::write::{BEFORE_3_14, LIFT};
 use crate::causes::Cause;
-use crate::model::{Contacts, KuttaLift, Model};
+use crate::model::{Contacts, KuttaLift, Model, Tendon};
 
 /// Sections that have no effect on what is simulated.
 const IGNORED_SECTIONS: [&str; 7] = ["size", "visual", "statistic", "asset", "custom", "sensor", "keyframe"];
@@ -37,8 +37,7 @@ pub(super) fn model(root: &Element, compiler: Compiler, refusals: &Refusals) -> 
     let content = |section| root.all(section).flat_map(|section| &section.children);
     for section in &root.children {
         match section.tag.as_str() {
-            "compiler" | "option" | "default" | "worldbody" | "contact" | "actuator" => {}
-            "tendon" => section.children.iter().for_each(|child| reader.pass_over_tendon(child)),
+            "compiler" | "option" | "default" | "worldbody" | "contact" | "tendon" | "actuator" => {}
             "equality" => section.children.iter().for_each(|child| reader.pass_over_equality(child)),
             name if IGNORED_SECTIONS.contains(&name) => {}
             name if REFUSED_SECTIONS.contains(&name) => {
@@ -59,6 +58,7 @@ pub(super) fn model(root: &Element, compiler: Compiler, refusals: &Refusals) -> 
         joints: tree.joints,
         geoms: tree.geoms,
         sites: tree.sites,
+        tendons: Vec::new(),
         actuators: Vec::new(),
         contacts: Contacts::default(),
         causes: Vec::new(),
@@ -66,10 +66,16 @@ pub(super) fn model(root: &Element, compiler: Compiler, refusals: &Refusals) -> 
         own: Vec::new(),
         foreign: Vec::new(),
     };
+    for (place, element) in content("tendon").enumerate() {
+        let tendon = reader.tendon(element, &model.joints, place);
+        model.tendons.extend(tendon);
+    }
     for element in content("actuator") {
         let actuator = reader.actuator(element, &model);
         model.actuators.extend(actuator);
     }
+    // the actuators have what they need of the others
+    model.tendons.retain(Tendon::pulls);
     let excluded = content("contact").filter_map(|element| exclusion(element, &model, refusals)).collect();
     model.contacts = Contacts::new(&model, !reader.options.contact, excluded);
     for element in content("custom") {

@@ -1,7 +1,7 @@
 //! Actuators: those that are motor, position or velocity servo, however they are written.
 
 use super::Reader;
-use super::attributes::{Values, own};
+use super::attributes::{Attributes, Values, own};
 use super::element::Element;
 use super::law::{LAW, Law};
 use crate::model::{Actuator, ActuatorKind, Model};
@@ -13,8 +13,7 @@ const SHORTHANDS: [&str; 9] =
     ["motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor"];
 
 /// What actuators may act on in MuJoCo beside joints, by the attributes that name it.
-const TRANSMISSIONS: [&str; 7] =
-    ["tendon", "site", "refsite", "body", "cranksite", "slidersite", "cranklength"];
+const TRANSMISSIONS: [&str; 6] = ["site", "refsite", "body", "cranksite", "slidersite", "cranklength"];
 
 /// Whether `tag` is that of an actuator.
 pub(super) fn is_drive(tag: &str) -> bool {
@@ -67,13 +66,10 @@ impl<'a> Reader<'a> {
             attributes.inconsistent(&name, problem);
             return None;
         }
-        let joint = attributes.text("jointinparent").map_or("joint", |_| "jointinparent");
-        let joint = attributes.named(joint, "joint", model.joints.iter().map(|joint| &joint.name))?;
-        if !model.joints[joint].kind.is_axle() {
-            attributes.invalid("joint", "a hinge or a slide");
-        }
+        let terms = self.coordinate(&attributes, model)?;
+        let (&(joint, first), others) = terms.split_first()?;
         // only the first of up to six acts on a hinge or slide
-        let mut gear = attributes.first_of::<6>("gear", [1.0; 6])[0];
+        let mut gear = first * attributes.first_of::<6>("gear", [1.0; 6])[0];
         let limits = |range, limited| attributes.limited_range(range, limited, self.compiler.autolimits);
         let mut force_range = limits("forcerange", "forcelimited");
         if kind == ActuatorKind::Motor && law.gain != 1.0 {
@@ -90,11 +86,31 @@ impl<'a> Reader<'a> {
             named,
             kind,
             joint,
+            also: others.iter().map(|&(joint, coefficient)| (joint, coefficient / first)).collect(),
             kp: if kind == ActuatorKind::Position { law.gain } else { 0.0 },
             kv: if servo { -law.bias[2] } else { 0.0 },
             gear,
             command_range: limits("ctrlrange", "ctrllimited").filter(|_| self.options.clamp_commands),
             force_range,
         })
+    }
+    /// The joints that an actuator acts on, each with its coefficient: one, or those of a fixed tendon.
+    fn coordinate(&self, attributes: &Attributes<'a>, model: &Model<f64>) -> Option<Vec<(usize, f64)>> {
+        if attributes.text("tendon").is_some() {
+            let known = model.tendons.iter().map(|tendon| &tendon.name);
+            let tendon = attributes.named("tendon", "fixed tendon", known)?;
+            let acting = |term: &&(usize, f64)| term.1 != 0.0;
+            let terms: Vec<_> = model.tendons[tendon].terms.iter().filter(acting).copied().collect();
+            if terms.is_empty() {
+                attributes.invalid("tendon", "a tendon with a joint whose coefficient is not 0");
+            }
+            return Some(terms);
+        }
+        let which = attributes.text("jointinparent").map_or("joint", |_| "jointinparent");
+        let joint = attributes.named(which, "joint", model.joints.iter().map(|joint| &joint.name))?;
+        if !model.joints[joint].kind.is_axle() {
+            attributes.invalid(which, "a hinge or a slide");
+        }
+        Some(vec![(joint, 1.0)])
     }
 }

@@ -110,23 +110,35 @@ const FRAME: Table = Table {
 
 const REPLICATE: Table = Table { read: &["count", "offset", "euler", "sep"], passed_over: &[], only: &[] };
 
-const TENDON: Table = Table {
+const FIXED: Table = Table {
+    read: &["name", "class", "range", "limited", "stiffness", "damping", "springlength"],
+    passed_over: TENDON_DRAWS,
+    only: &[("frictionloss", &["0"]), ("armature", &["0"])],
+};
+
+const SPATIAL: Table = Table {
     read: &["name", "class", "range", "limited"],
-    passed_over: &[
-        "group",
-        "width",
-        "material",
-        "rgba",
-        "springlength",
-        "user",
-        "margin",
-        "solreflimit",
-        "solimplimit",
-        "solreffriction",
-        "solimpfriction",
-    ],
+    passed_over: TENDON_DRAWS,
     only: &[("stiffness", &["0"]), ("damping", &["0"]), ("frictionloss", &["0"]), ("armature", &["0"])],
 };
+
+/// Of tendons without end stops and friction.
+const TENDON_DRAWS: &[&str] = &[
+    "group",
+    "width",
+    "material",
+    "rgba",
+    "springlength",
+    "user",
+    "margin",
+    "solreflimit",
+    "solimplimit",
+    "solreffriction",
+    "solimpfriction",
+];
+
+/// A joint of a fixed tendon.
+const TERM: Table = Table { read: &["joint", "coef"], passed_over: &[], only: &[] };
 
 const INERTIAL: Table = Table {
     read: &["pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "mass", "diaginertia", "fullinertia"],
@@ -225,11 +237,11 @@ macro_rules! actuator {
     ($($law:literal),*) => {
         Table {
             read: &[
-                "name", "class", "joint", "jointinparent", "gear", "ctrlrange", "ctrllimited", "forcerange",
+                "name", "class", "joint", "jointinparent", "tendon", "gear", "ctrlrange", "ctrllimited", "forcerange",
                 "forcelimited", $($law),*
             ],
             passed_over: &[
-                "group", "user", "lengthrange", "dynprm", "tendon", "site", "refsite", "body", "cranksite", "slidersite",
+                "group", "user", "lengthrange", "dynprm", "site", "refsite", "body", "cranksite", "slidersite",
                 "cranklength", "actdim", "actlimited", "actrange", "actearly", "input",
             ],
             only: &[("delay", &["0"]), ("nsample", &["0"]), ("armature", &["0"]), ("damping", &["0"])],
@@ -256,7 +268,9 @@ pub(super) fn table(tag: &str) -> Option<&'static Table> {
         "body" => &BODY,
         "frame" => &FRAME,
         "replicate" => &REPLICATE,
-        "tendon" => &TENDON,
+        "fixed" | "tendon" => &FIXED,
+        "spatial" => &SPATIAL,
+        "term" => &TERM,
         "equality" => &EQUALITY,
         "inertial" => &INERTIAL,
         "joint" => &JOINT,

@@ -46,6 +46,7 @@ pub(super) fn model(model: &Model<f64>, comment: &str, starts: &[(&str, &State)]
     writer.content(0, 2);
     writer.out.push_str("  </worldbody>\n");
     writer.exclusions();
+    writer.tendons();
     writer.actuators();
     writer.causes();
     writer.keyframes(starts);
@@ -67,6 +68,11 @@ fn polynomial([a, b, c]: [f64; 3]) -> String {
         (0.0, 0.0) => numbers(&[a]),
         _ => numbers(&[a, b, c]),
     }
+}
+
+/// What the tendon of an actuator on several joints is called.
+fn coupled(actuator: &str) -> String {
+    format!("{actuator} joints")
 }
 
 /// One attribute to write.
@@ -290,6 +296,40 @@ impl Writer<'_> {
         self.out.push_str("  </keyframe>\n");
     }
 
+    /// Tendons that pull, then those by which actuators move several joints.
+    fn tendons(&mut self) {
+        let model = self.model;
+        let coupling: Vec<_> = model.actuators.iter().filter(|actuator| !actuator.also.is_empty()).collect();
+        if model.tendons.is_empty() && coupling.is_empty() {
+            return;
+        }
+        self.line(1, "tendon", &[], false);
+        for tendon in &model.tendons {
+            let attributes = [
+                name(&tendon.name, tendon.named),
+                Some(("stiffness", polynomial(tendon.stiffness))),
+                Some(("damping", polynomial(tendon.damping))),
+                Some(("springlength", numbers(&tendon.slack))),
+            ];
+            self.fixed(&attributes, &tendon.terms);
+        }
+        for actuator in coupling {
+            let terms: Vec<_> = [(actuator.joint, 1.0)].iter().chain(&actuator.also).copied().collect();
+            self.fixed(&[name(&coupled(&actuator.name), true)], &terms);
+        }
+        self.out.push_str("  </tendon>\n");
+    }
+
+    fn fixed(&mut self, attributes: &[Option<Attribute>], terms: &[(usize, f64)]) {
+        let model = self.model;
+        self.line(2, "fixed", attributes, false);
+        for &(joint, coefficient) in terms {
+            let joint = Some(("joint", escaped(&model.joints[joint].name)));
+            self.line(3, "joint", &[joint, Some(("coef", numbers(&[coefficient])))], true);
+        }
+        self.out.push_str("    </fixed>\n");
+    }
+
     fn actuators(&mut self) {
         let model = self.model;
         if model.actuators.is_empty() {
@@ -302,10 +342,13 @@ impl Writer<'_> {
                 ActuatorKind::Velocity => "velocity",
                 ActuatorKind::Motor => "motor",
             };
-            let joint = escaped(&model.joints[actuator.joint].name);
+            let on = match actuator.also.is_empty() {
+                true => ("joint", escaped(&model.joints[actuator.joint].name)),
+                false => ("tendon", escaped(&coupled(&actuator.name))),
+            };
             let attributes = [
                 name(&actuator.name, actuator.named),
-                Some(("joint", joint)),
+                Some(on),
                 unless(1.0, "gear", actuator.gear),
                 (actuator.kind == ActuatorKind::Position).then(|| ("kp", numbers(&[actuator.kp]))),
                 (actuator.kind != ActuatorKind::Motor).then(|| ("kv", numbers(&[actuator.kv]))),

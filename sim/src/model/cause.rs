@@ -377,7 +377,7 @@ impl<T: Scalar> Model<T> {
     pub(crate) fn held_hinges(&self) -> impl Iterator<Item = (usize, &Joint<T>)> {
         let is_held = |(place, joint): &(usize, &Joint<T>)| {
             let sprung = joint.stiffness.iter().any(|power| *power != T::ZERO);
-            let driven = self.actuators.iter().any(|actuator| actuator.joint == *place);
+            let driven = self.actuators.iter().any(|actuator| actuator.drives(*place));
             let read = self.encoders.iter().any(|encoder| encoder.joint == *place);
             joint.kind == JointKind::Hinge && (sprung || driven || read)
         };

@@ -242,7 +242,7 @@ pub enum ActuatorKind {
     Motor,
 }
 
-/// A drive on a hinge or slide.
+/// A drive on a hinge or slide, or on several through a fixed tendon.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Actuator<T> {
     /// Its name, or `actuator#` and its place in the file.
@@ -251,8 +251,10 @@ pub struct Actuator<T> {
     pub named: bool,
     /// Kind of drive.
     pub kind: ActuatorKind,
-    /// The joint it drives.
+    /// The joint it drives; the first, where a tendon couples several.
     pub joint: usize,
+    /// The others, each with its share in the drive's coordinate, of which that of `joint` is 1.
+    pub also: Vec<(usize, f64)>,
     /// Position gain `kp`; 0 for the other kinds.
     pub kp: T,
     /// Velocity gain `kv`; 0 for a motor.
@@ -335,12 +337,18 @@ impl<T: Scalar> Site<T> {
 }
 
 impl<T: Scalar> Actuator<T> {
+    /// Whether it pushes on the joint at this place.
+    pub fn drives(&self, joint: usize) -> bool {
+        self.joint == joint || self.also.iter().any(|(other, _)| *other == joint)
+    }
+
     pub(crate) fn map<U>(&self, f: impl Fn(T) -> U + Copy) -> Actuator<U> {
         Actuator {
             name: self.name.clone(),
             named: self.named,
             kind: self.kind,
             joint: self.joint,
+            also: self.also.clone(),
             kp: f(self.kp),
             kv: f(self.kv),
             gear: f(self.gear),

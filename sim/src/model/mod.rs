@@ -11,6 +11,7 @@ mod joint;
 mod parameters;
 pub(crate) mod shape;
 mod softness;
+mod tendon;
 
 pub(crate) use contacts::Contacts;
 pub use contacts::PossibleContact;
@@ -23,6 +24,8 @@ pub use encoder::{POINTER_M, encoded_joint, encoder_mark};
 pub use joint::{Coordinates, Joint, JointKind};
 pub use parameters::{Parameter, UnknownParameter};
 pub use softness::Softness;
+pub use tendon::Tendon;
+pub(crate) use tendon::reference_length;
 
 use cause::{Cause, CauseValues};
 
@@ -45,6 +48,8 @@ pub struct Model<T = f64> {
     pub geoms: Vec<Geom<T>>,
     /// Marked points.
     pub sites: Vec<Site<T>>,
+    /// Springs and dampers along sums of joints' coordinates.
+    pub tendons: Vec<Tendon<T>>,
     /// Drives.
     pub actuators: Vec<Actuator<T>>,
     /// What reads joints' angles, if anything does: no part of the mechanism, and of no file.
@@ -139,6 +144,7 @@ impl<T: Scalar> Model<T> {
             joints: self.joints.iter().map(|joint| joint.map(f)).collect(),
             geoms: self.geoms.iter().map(|geom| geom.map(f)).collect(),
             sites: self.sites.iter().map(|site| site.map(f)).collect(),
+            tendons: self.tendons.iter().map(|tendon| tendon.map(f)).collect(),
             actuators: self.actuators.iter().map(|actuator| actuator.map(f)).collect(),
             encoders: self
                 .encoders

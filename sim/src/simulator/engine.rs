@@ -4,15 +4,16 @@ use std::sync::Arc;
 
 use super::halving::{HALVINGS_MAX, Halving};
 use super::rosenbrock::Rosenbrock;
+use super::unsupported;
 use crate::base::{BaseMotion, BasePath};
 use crate::causes::{Memory, Moment, Terms};
 use crate::dynamics::friction_and_limits::{Solver, multiply};
 use crate::dynamics::plant::Plant;
 use crate::dynamics::stages::{ContactStage, SlopeStage, Stages};
-use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive};
+use crate::dynamics::{Work, actuation, bias, fluid, inertia, kinematics, passive, tendon};
 use crate::error::RolloutError;
 use crate::math::Vec3;
-use crate::model::{ActuatorKind, Coordinates, Integrator, JointKind, Model, State};
+use crate::model::{ActuatorKind, Coordinates, Integrator, Model, State};
 use crate::options::RolloutOptions;
 use crate::scalar::{Mask, Scalar, tuned};
 use crate::space::Motion;
@@ -103,21 +104,7 @@ impl<S: Stages> Engine<S> {
         };
         let plant = Plant::new(model, layout);
         let terms = Terms::new(model, &plant);
-        let asked = options.steps.is_none().then(|| options.integrator.unwrap_or(model.settings.integrator));
-        // on lone free bodies the two are the same
-        if asked == Some(Integrator::Implicit) && 6 * plant.lone.len() < plant.nv {
-            return Err(RolloutError::Unsupported {
-                what: "integrator implicit, which the model asks for,".into(),
-                instead: "take implicitfast, euler or rk4, or steps as exact as an accuracy asks for".into(),
-            });
-        }
-        let mut joints = model.joints.iter();
-        if let (Some(_), Some(free)) = (&options.base, joints.find(|joint| joint.kind == JointKind::Free)) {
-            return Err(RolloutError::Unsupported {
-                what: format!("a moving base under `{}`, which floats freely", model.bodies[free.body].name),
-                instead: "leave out the base, or hold the body by other joints than a free one".into(),
-            });
-        }
+        unsupported::check(model, &plant, stepper, options)?;
         let slope = if stepper == Stepper::ImplicitFast { S::Slope::new(&plant) } else { None };
         let work = Work::new(&plant);
         let drives = model.actuators.len();
@@ -346,6 +333,7 @@ impl<S: Stages> Engine<S> {
             bias::project(plant, work, force);
             passive::springs(plant, qpos, force);
             passive::dampers(plant, qvel, force);
+            tendon::tendons(plant, qpos, qvel, force);
             terms.forces(qpos, qvel, force);
             if let Some(own) = &terms.own {
                 own.forces((self.moment, self.clock), (qpos, qvel), &self.command, force);

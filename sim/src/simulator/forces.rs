@@ -4,7 +4,7 @@ use super::Engine;
 use crate::causes::Moment;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::stages::Stages;
-use crate::dynamics::{Work, actuation, bias, fluid, passive};
+use crate::dynamics::{Work, actuation, bias, fluid, passive, tendon};
 use crate::model::State;
 use crate::scalar::Scalar;
 
@@ -13,7 +13,7 @@ use crate::scalar::Scalar;
 pub struct Forces<T> {
     /// Bias: gravity, Coriolis and centrifugal terms; the other forces count with the opposite sign.
     pub bias: Vec<T>,
-    /// Forces of the joints' springs.
+    /// Forces of the joints' springs, and of tendons.
     pub spring: Vec<T>,
     /// Forces of the joints' dampers.
     pub damper: Vec<T>,
@@ -67,6 +67,7 @@ impl<S: Stages> Engine<S> {
         let (mut spring, mut damper, mut actuator) = (zeros(), zeros(), zeros());
         passive::springs(plant, qpos, &mut spring);
         passive::dampers(plant, qvel, &mut damper);
+        tendon::tendons(plant, qpos, qvel, &mut spring);
         actuation::actuation(plant, qpos, qvel, &self.command, &self.off, &mut actuator);
 
         self.force_stage(qpos, qvel);

@@ -5,6 +5,7 @@ mod forces;
 mod halving;
 mod integrators;
 mod rosenbrock;
+mod unsupported;
 
 pub(crate) use engine::Engine;
 pub use forces::Forces;

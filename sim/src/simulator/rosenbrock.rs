@@ -4,7 +4,7 @@ use super::Engine;
 use crate::causes::Moment;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::stages::Stages;
-use crate::dynamics::{actuation, inertia, integrate, passive};
+use crate::dynamics::{actuation, inertia, integrate, passive, tendon};
 use crate::model::State;
 use crate::scalar::{Scalar, tuned};
 
@@ -182,6 +182,7 @@ impl<S: Stages> Engine<S> {
             let (qpos, qvel, command, off) = (&state.qpos, &state.qvel, &self.command, &self.off);
             let (damping, stiffness) = (&mut scratch.damping, &mut scratch.stiffness);
             passive::slopes(&self.plant, qpos, qvel, damping, stiffness);
+            tendon::slopes(&self.plant, qpos, qvel, damping, stiffness);
             actuation::slopes(&self.plant, qpos, qvel, command, off, damping, stiffness);
             self.terms.slopes(qpos, qvel, damping, stiffness);
             if let Some(own) = &self.terms.own {

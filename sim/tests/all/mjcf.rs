@@ -95,7 +95,11 @@ fn what_would_change_the_motion_is_refused_by_name_and_line() {
             ["line 2", "<spatial>"],
         ),
         ("<mujoco><equality>\n<joint joint1=\"j\"/></equality></mujoco>", ["line 2", "equality <joint>"]),
-        ("<mujoco><actuator>\n<general tendon=\"t\"/></actuator></mujoco>", ["line 2", "acts on a tendon"]),
+        (
+            "<mujoco><actuator>\n<general tendon=\"t\"/></actuator></mujoco>",
+            ["line 2", "name of a fixed tendon"],
+        ),
+        ("<mujoco><actuator>\n<general site=\"s\"/></actuator></mujoco>", ["line 2", "acts on a site"]),
         (
             "<mujoco><actuator>\n<general joint=\"j\" gainprm=\"2\" biastype=\"affine\"  biasprm=\"0 -1\"/></actuator></mujoco>",
             ["line 2", "position servo"],

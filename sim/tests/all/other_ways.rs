@@ -2,7 +2,7 @@
 //! `<general>`, frames and copies, flags, softness, masses that are set, free bodies on their own.
 
 use crate::common::{relative, text};
-use sim::{Integrator, Model, RolloutOptions, Simulator, State};
+use sim::{Integrator, Method, Model, RolloutOptions, Simulator, State, Steps};
 
 /// 250 steps of rounding.
 const TOLERANCE: f64 = 1e-12;
@@ -38,6 +38,30 @@ fn they_move_as_in_mujoco_before_and_after_export() {
             assert!(apart < TOLERANCE, "{name}, {form}: {apart:e}");
         }
     }
+}
+
+#[test]
+fn tendons_are_the_same_to_steps_of_our_own() {
+    let cases: serde_json::Value = serde_json::from_str(&text("other_ways.json")).unwrap();
+    let case = cases.as_array().unwrap().iter().find(|case| case["name"] == "tendons").unwrap();
+    let model = Model::from_mjcf(case["xml"].as_str().unwrap()).unwrap();
+    let ends: Vec<Vec<f64>> = [Method::RungeKutta, Method::Rosenbrock]
+        .into_iter()
+        .map(|method| {
+            let steps = Some(Steps::even(method, 1e-4));
+            let mut simulator =
+                Simulator::new(&model, &RolloutOptions { steps, ..RolloutOptions::default() }).unwrap();
+            let mut state = State { qpos: list(&case["qpos"]), qvel: list(&case["qvel"]) };
+            for step in 0..2000 {
+                simulator.step(&mut state, f64::from(step) * 1e-4, &list(&case["ctrl"])).unwrap();
+            }
+            state.qpos
+        })
+        .collect();
+    assert!(relative(&ends[0], &ends[1]) < 1e-6, "{ends:?}");
+    let prescribed = RolloutOptions { prescribed: true, ..RolloutOptions::default() };
+    let error = Simulator::new(&model, &prescribed).unwrap_err().to_string();
+    assert!(error.contains("several joints by a tendon"), "{error}");
 }
 
 #[test]

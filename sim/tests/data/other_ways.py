@@ -43,7 +43,11 @@ GENERAL = drives(
     '<general joint="k" gainprm="-0.5" forcerange="-0.04 0.1" biasprm="1 2 3"/>')
 INHERITED = '<default><general gainprm="5" biasprm="1 -2 -0.3" biastype="affine"/><default class="v"><velocity kv="0.4"/></default></default>'
 MESH = '<asset><mesh name="m" vertex="0 0 0 0.1 0 0 0 0.1 0 0 0 0.1"/></asset>'
+TENDONS = ('<tendon><fixed name="t" stiffness="3 1 2" damping="0.02 0.01 0.001" springlength="-0.1 0.05"><joint joint="j" coef="0.5"/><joint joint="k" coef="-2"/></fixed>'
+           '<fixed name="u" stiffness="1"><joint joint="k" coef="1.5"/></fixed><fixed name="v"><joint joint="j" coef="-1"/><joint joint="k" coef="0.3"/></fixed></tendon>')
 CASES = {
+    "tendons": arm('springref="10"', tendon=TENDONS, actuator=drives('<position tendon="t" kp="3" kv="0.1" gear="0.7" forcerange="-0.3 1"/>', '<general tendon="v" gainprm="-2"/>')),
+    "tendons, implicitfast": arm(option='<option integrator="implicitfast"/>', tendon=TENDONS.replace('damping="0.02 0.01 0.001"', ""), actuator=drives('<motor tendon="v"/>')),
     "saved servos": saved(arm('damping="0.01" range="-60 80"', option=f"<option {WATER}/>", actuator=SERVOS)),
     "general": arm(actuator=GENERAL),
     "inherited laws": arm(default=INHERITED, actuator=drives('<position joint="j"/>', '<motor joint="k"/>', '<position joint="k" class="v"/>')),

@@ -273,7 +273,7 @@ impl Model<f64> {
                     .axles()
                     .find(|(_, joint)| joint.name == *name)
                     .ok_or_else(|| missing("hinge or slide", name, known()))?;
-                let driven = self.actuators.iter().any(|actuator| actuator.joint == place);
+                let driven = self.actuators.iter().any(|actuator| actuator.drives(place));
                 Ok([Q, V, T].into_iter().chain(driven.then_some(Command)).collect())
             }
             Place::Body { body: name, point_m } => {
