@@ -41,7 +41,9 @@ pub(super) fn model(root: &Element, compiler: Compiler, refusals: &Refusals) -> 
             "equality" => section.children.iter().for_each(|child| reader.pass_over_equality(child)),
             name if IGNORED_SECTIONS.contains(&name) => {}
             name if REFUSED_SECTIONS.contains(&name) => {
-                section.children.iter().for_each(|child| child.refuse(refusals));
+                // a skin only draws
+                let moving = section.children.iter().filter(|child| child.tag != "skin");
+                moving.for_each(|child| child.refuse(refusals));
             }
             _ => section.refuse(refusals),
         }

@@ -107,12 +107,7 @@ impl Element {
 }
 
 /// What to do about elements that cannot just be left out.
-const INSTEAD: [(&str, &str); 11] = [
-    (
-        "spatial",
-        "only tendons that do nothing but draw are read: without stiffness, damping, limits and friction",
-    ),
-    ("fixed", "only tendons that do nothing are read: without stiffness, damping, limits and friction"),
+const INSTEAD: [(&str, &str); 9] = [
     ("composite", "MuJoCo writes it out as bodies and joints (mj_saveLastXML)"),
     ("attach", "MuJoCo writes it out as bodies (mj_saveLastXML)"),
     ("model", "MuJoCo writes out what is attached (mj_saveLastXML)"),

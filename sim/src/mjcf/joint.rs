@@ -29,7 +29,9 @@ impl<'a> Tree<'a> {
         let compiler = &self.reader.compiler;
         let in_radians = |x: f64| if kind == JointKind::Hinge { compiler.angles.radians(x) } else { x };
         let single = kind.is_axle();
-        let mut limit = attributes.limited_range("range", "limited", compiler.autolimits);
+        let limited = || attributes.limited_range("range", "limited", compiler.autolimits);
+        // what a free joint inherits of end stops has no effect
+        let mut limit = if kind == JointKind::Free { None } else { limited() };
         if limit.is_some() && !single {
             attributes.invalid("range", "absent: end stops are supported on hinges and slides only");
             limit = None;

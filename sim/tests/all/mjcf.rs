@@ -161,6 +161,7 @@ fn what_only_draws_or_states_the_default_is_passed_over() {
       <option solver="Newton"><flag eulerdamp="enable" contact="disable"/></option>
       <worldbody><light pos="0 0 1"/><camera name="c"/>
         <body><joint solreflimit="0.02 1.0"/><geom size="1" rgba="1 0 0 1" material="m"/></body></worldbody>
+      <deformable><skin/></deformable>
       <sensor/></mujoco>"#;
     assert_eq!(Model::from_mjcf(text).unwrap().joints.len(), 1);
 }
