@@ -1,18 +1,18 @@
 //! The slope of the velocity-dependent forces, for the integrator that takes them implicitly.
 //!
 //! Fluid: the exact 6 x 6 slope of each wrench against (w, v), symmetrised and summed over what a body carries
-//! like an inertia, so that it shares the mass matrix's pattern. The bias is left explicit. Only for free bodies that carry nothing all
+//! like an inertia, so that it shares the mass matrix's pattern. The bias is left explicit. Only for free bodies that carry nothing that moves all
 //! slopes are taken as they are, that of the bias among them: six equations of their own.
 
 use super::Work;
 use super::fluid::relative;
-use super::plant::{Link, Plant};
+use super::plant::Plant;
 use super::stages::SlopeStage;
 use crate::dual::Dual;
 use crate::fluid::{Immersed, ImmersedBox};
 use crate::math::{Mat3, Sym3, Vec3};
 use crate::scalar::{Mask, Scalar};
-use crate::space::{Motion, Spatial, Wrench};
+use crate::space::{Inertia, Motion, Spatial, Wrench};
 
 /// A number with its derivatives by angular and linear velocity.
 type Probe<T> = Dual<T, 6>;
@@ -49,7 +49,7 @@ impl<T: Scalar> SlopeStage<Spatial<T>> for FluidSlope<T> {
             let (at, rot) = geom.place(plant, work);
             let (w, v) = probes(relative::<Spatial<T>>(work.velocity[geom.body], work.water, at, &rot));
             let wrench = shape.wrench(density, viscosity, w, v);
-            let symmetric = !plant.lone.contains(&geom.body);
+            let symmetric = !plant.lone.contains(&plant.links[geom.body].root);
             add_about_root(wrench, at, &rot, symmetric, &mut self.slopes[geom.body]);
         }
         for (body, shape) in plant.fluid_bodies.iter().zip(&self.bodies) {
@@ -96,7 +96,7 @@ impl<T: Scalar> SlopeStage<Spatial<T>> for FluidSlope<T> {
                     slopes[other - first][dof - first] = entry;
                 }
             }
-            let bias = bias_slope(&plant.links[body], &work.rot[body], &qvel[first + 3..]);
+            let bias = bias_slope(&work.composite[body], &work.rot[body], &qvel[first + 3..]);
             for along in 0..6 {
                 let push = apply(&self.slopes[body], work.axes[first + along]);
                 for dof in 0..6 {
@@ -111,16 +111,17 @@ impl<T: Scalar> SlopeStage<Spatial<T>> for FluidSlope<T> {
 }
 
 /// The slope of a free body's bias against its velocities: linear in world axes, angular in its own, in which `turning` begins.
-fn bias_slope<T: Scalar>(link: &Link<Spatial<T>>, rot: &Mat3<T>, turning: &[T]) -> Slope<T> {
+/// `inertia`: its own and that of what is fixed to it, about its origin.
+fn bias_slope<T: Scalar>(inertia: &Inertia<Spatial<T>>, rot: &Mat3<T>, turning: &[T]) -> Slope<T> {
     let constant = Dual::<T, 3>::constant;
-    let w = Vec3(std::array::from_fn(|i| Dual::<T, 3>::variable(turning[i], i)));
-    let (com, inertia) = (Vec3(link.com.0.map(constant)), Sym3(link.inertia.0.map(constant)));
-    let force = w.cross(w.cross(com)) * constant(link.mass);
-    let torque = com.cross(force) + w.cross(inertia.apply(w));
+    let w = rot.apply(Vec3(std::array::from_fn(|i| turning[i])));
+    let w = Vec3(std::array::from_fn(|i| Dual { value: w[i], partials: rot.0[i] }));
+    let (moment, inertia) = (Vec3(inertia.moment.0.map(constant)), Sym3(inertia.rotational.0.map(constant)));
+    let (force, torque) = (w.cross(w.cross(moment)), w.cross(inertia.apply(w)));
     let mut slope = [[T::ZERO; 6]; 6];
     for along in 0..3 {
         let part = |v: Vec3<Dual<T, 3>>| Vec3(v.0.map(|x| x.partials[along]));
-        let (force, torque) = (rot.apply(part(force)), part(torque));
+        let (force, torque) = (part(force), rot.apply_transposed(part(torque)));
         for axis in 0..3 {
             slope[axis][3 + along] = force[axis];
             slope[3 + axis][3 + along] = torque[axis];

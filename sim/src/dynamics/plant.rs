@@ -102,7 +102,7 @@ pub(crate) struct Plant<S: Space> {
     pub(crate) nv: usize,
     /// Whether some joint has a damper.
     pub(crate) damped: bool,
-    /// Free bodies that carry nothing.
+    /// Free bodies that carry nothing that moves.
     pub(crate) lone: Vec<usize>,
 }
 
@@ -163,16 +163,16 @@ impl<S: Space> Plant<S> {
         plant
     }
 
-    /// The free bodies that carry nothing of weight and nothing that moves, of which MuJoCo's implicitfast treats the rotation
-    /// apart.
+    /// The free bodies that carry nothing that moves, of which MuJoCo's implicitfast treats the rotation apart.
     fn lone_free_bodies(&self) -> Vec<usize> {
-        let alone = |index: usize| {
-            let mut carried =
-                self.links.iter().enumerate().filter(|(other, link)| link.root == index && *other != index);
-            carried.all(|(_, link)| link.dofs.is_empty() && link.mass == S::T::ZERO)
-        };
         let free = |link: &Link<S>| link.joints.len() == 1 && self.joints[link.joints.start].is_free();
-        (1..self.links.len()).filter(|&index| free(&self.links[index]) && alone(index)).collect()
+        let moves = |index: usize| {
+            self.links
+                .iter()
+                .enumerate()
+                .any(|(other, link)| link.root == index && other != index && !link.dofs.is_empty())
+        };
+        (1..self.links.len()).filter(|&index| free(&self.links[index]) && !moves(index)).collect()
     }
 
     fn add_joint(&mut self, joint: &Joint<S::T>, body: &Body<S::T>) {

@@ -70,6 +70,7 @@ CASES = {
     "lone free body": model(f'<body><freejoint/>{HULL}</body>', f'<option {WATER} integrator="implicitfast"/>'),
     "lone in vacuum": model(f'<body><freejoint/>{HULL}</body><body pos="1 0 0"><freejoint/><geom type="box" size="0.1 0.02 0.05" pos="0 0.1 0"/></body>'
                             + ARM.format(joint='damping="0.1"'), '<option integrator="implicitfast"/>'),
+    "lone with weights": model(f'<body><freejoint/>{HULL}<body pos="0 0.1 0.1" euler="10 30 0">{HULL}<body pos="0.1 0 0">{ROD}</body></body></body>', f'<option {WATER} integrator="implicitfast"/>'),
     "implicit": model(f'<body><freejoint/>{HULL}</body>', f'<option {WATER} integrator="implicit"/>'),
 }
 
