@@ -51,13 +51,11 @@ impl<'a> Reader<'a> {
             attributes.inconsistent(&name, format_args!("has the law of <{other}> from its class"));
         }
         let Some(kind) = kind else {
-            let Law { gain, bias, .. } = law;
-            attributes.inconsistent(
-                &name,
-                format_args!(
-                    "pushes with {gain} u + {bias:?} (1, q, v), and is no motor (bias 0 0 0), position servo (gain kp, bias 0 -kp -kv) or velocity servo (gain kv, bias 0 0 -kv)"
-                ),
-            );
+            let [constant, slope, damping] = law.bias;
+            let given = format!("has gain {} and bias {constant} {slope} {damping}", law.gain);
+            let known = "a motor has bias 0 0 0, a position servo gain kp and bias 0 -kp -kv, a velocity servo gain kv and bias 0 0 -kv";
+            attributes
+                .inconsistent(&name, format_args!("{given}, which is none of the drives here; {known}"));
             return None;
         };
         if let Some(other) = TRANSMISSIONS.iter().find(|name| element.attribute(name).is_some()) {
@@ -94,6 +92,7 @@ impl<'a> Reader<'a> {
             force_range,
         })
     }
+
     /// The joints that an actuator acts on, each with its coefficient: one, or those of a fixed tendon.
     fn coordinate(&self, attributes: &Attributes<'a>, model: &Model<f64>) -> Option<Vec<(usize, f64)>> {
         if attributes.text("tendon").is_some() {

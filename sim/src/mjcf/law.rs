@@ -56,10 +56,8 @@ impl<'a> Law<'a> {
         let tag = &attributes.element.tag;
         for Attribute { name, value, place } in law.odd.values() {
             let known = LAW.iter().find(|(law, _)| law == name).map_or("", |(_, usual)| usual[0]);
-            refusals.add(
-                place,
-                format!("<{tag}> attribute {name}=\"{value}\" is not supported; only \"{known}\" is"),
-            );
+            let given = format!("<{tag}> attribute {name}=\"{value}\" is not supported");
+            refusals.add(place, format!("{given}; only \"{known}\" is"));
         }
         law
     }

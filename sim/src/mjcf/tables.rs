@@ -81,7 +81,6 @@ const FLAG: Table = Table {
         "multiccd",
         "island",
         "autoreset",
-        "sleep",
     ],
     only: &[
         ("passive", ON),
@@ -93,6 +92,7 @@ const FLAG: Table = Table {
         ("eulerdamp", ON),
         ("override", OFF),
         ("invdiscrete", OFF),
+        ("sleep", OFF),
     ],
 };
 
