@@ -6,6 +6,7 @@
 use sim::batch::{self, Candidate};
 use sim::model::Parameter;
 use sim::sensitivities::{self, Direction};
+use sim::transitions::{Transitions, transitions};
 use sim::{
     Command, ContactWatch, Isa, Method, Model, Rollout, RolloutError, RolloutOptions, State, Steps, Touch,
     rollout,
@@ -423,6 +424,28 @@ impl<'a> Rehearsal<'a> {
         })
     }
 
+    /// How the run at these `values` of `parameters` answers to forces, in pieces of `piece_s` \[s\]; its marks are those of the model,
+    /// see [`Rehearsal::measured`].
+    ///
+    /// # Errors
+    /// [`RolloutError`].
+    pub(crate) fn transitions(
+        &self,
+        model: &Model,
+        parameters: &[Parameter],
+        (values, offsets): (&[f64], &[f64]),
+        piece_s: f64,
+        instants: usize,
+    ) -> Result<Transitions, RolloutError> {
+        let candidate = self.candidate(model, values, offsets);
+        let places = self.places(parameters);
+        let times = &self.run.trajectory.time_s[..instants];
+        self.with_divided_steps(self.parts, |parts| {
+            let options = self.options(candidate.start_s, parts);
+            transitions(model, &places, &candidate, piece_s, &self.command, times, &options, Isa::best())
+        })
+    }
+
     fn candidate(&self, model: &Model, values: &[f64], offsets: &[f64]) -> Candidate {
         let Start { state, start_s } = self.start_with(model, offsets);
         let run_values = self.run_parameters(offsets).map(|(_, value)| value);
@@ -468,7 +491,7 @@ impl<'a> Rehearsal<'a> {
     }
 
     /// Of the model's keypoints, shape (N, `width`), those that were measured, in the trajectory's order.
-    fn measured(&self, positions: Vec<[f64; 3]>, width: usize) -> Vec<[f64; 3]> {
+    pub(crate) fn measured(&self, positions: Vec<[f64; 3]>, width: usize) -> Vec<[f64; 3]> {
         if self.columns.iter().copied().eq(0..width) {
             return positions;
         }

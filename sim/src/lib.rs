@@ -11,7 +11,7 @@
 //! * [`causes`]: what a simulation may lack, one file each, by place: water, joint, drive, tether, camera;
 //! * [`simulator`], [`mjcf`]: one step, by each of the methods; the format, read and written;
 //! * `film`, [`rollout`](mod@rollout): a whole run as a camera sees it; `plan`: the cheapest steps for it; `contact`: where bodies meet, looked at afterwards;
-//! * [`batch`], [`sensitivities`]: many candidates, or one with derivatives, in SIMD lanes.
+//! * [`batch`], [`sensitivities`]: many candidates, or one with derivatives, in SIMD lanes; [`transitions`]: how a run answers to forces, piece by piece.
 
 pub mod base;
 pub mod batch;
@@ -36,6 +36,7 @@ pub mod simulator;
 mod space;
 pub mod steps;
 pub mod trajectory;
+pub mod transitions;
 
 pub use base::{BaseError, BaseMotion, BasePath};
 pub use causes::{Cause, CauseValues, CommandPath};

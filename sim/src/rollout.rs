@@ -127,6 +127,16 @@ impl<T: Scalar> Run<'_, T> {
     /// Simulates in the space that `layout` describes. Every lane takes the same steps from its own start; a lane that
     /// diverges is put back to its initial state, so that its neighbours never meet its numbers.
     pub(crate) fn through<S: Stages<T = T>>(&self, layout: S::Layout) -> Result<Samples<T>, RolloutError> {
+        self.through_with::<S>(layout, |_, _, _| ())
+    }
+
+    /// The same; `between_steps` is told before the first step and after each one, its samples taken, the time since the motion's start
+    /// \[s\], and may change the state.
+    pub(crate) fn through_with<S: Stages<T = T>>(
+        &self,
+        layout: S::Layout,
+        mut between_steps: impl FnMut(&mut Engine<S>, &mut State<T>, f64),
+    ) -> Result<Samples<T>, RolloutError> {
         let Self { model, state, start_s, command, columns, sample_times_s, options, .. } = *self;
         let path = CommandPath::new(model, command);
         let command = |drive: usize, time_s: f64| path.at(drive, time_s);
@@ -159,6 +169,7 @@ impl<T: Scalar> Run<'_, T> {
         if let Some(film) = &mut film {
             film.open(&mut engine, &after, &sampler.sites);
         }
+        between_steps(&mut engine, &mut after, 0.0);
         // `after` stands at grid.instant(steps)
         let mut steps = 0_usize;
         while sampler.first < instants {
@@ -182,6 +193,9 @@ impl<T: Scalar> Run<'_, T> {
             }
             let stride = Stride { before: &before, after: &after, begin_s, end_s: grid.instant(steps), h };
             sampler.take(&mut engine, &stride);
+            if steps > 0 {
+                between_steps(&mut engine, &mut after, grid.instant(steps));
+            }
             steps += 1;
         }
         let Sampler { sites, mut out, .. } = sampler;

@@ -31,7 +31,7 @@ const SAME_OPTIMUM_SHARE: f64 = 0.01;
 const SAME_FLOOR_SHARE: f64 = 0.01;
 
 /// The fitted baseline of `experiment`, and its noise floor.
-pub(super) fn baseline<'a>(
+pub(crate) fn baseline<'a>(
     experiment: &'a Experiment,
     parameters: Parameters,
     counts: &mut Counts,
@@ -135,7 +135,7 @@ fn best_drawn(baseline: &State<'_>, seed: u64, counts: &mut Counts) -> Vec<Vec<f
 }
 
 /// The floor that the residuals of `state` show.
-pub(super) fn seen_floor(state: &State<'_>) -> Result<Floor, DiagnoseError> {
+pub(crate) fn seen_floor(state: &State<'_>) -> Result<Floor, DiagnoseError> {
     let raw: Option<Vec<Vec<f64>>> = (0..state.terms.len()).map(|run| state.raw_residuals(run)).collect();
     let raw = raw.ok_or(FitError::NoOptimum)?;
     let seen: Vec<Seen<'_>> = state

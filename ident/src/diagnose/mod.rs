@@ -24,7 +24,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod baseline;
+pub(crate) mod baseline;
 mod detect;
 mod error;
 mod established;
@@ -44,7 +44,7 @@ mod search;
 mod seek;
 mod sets;
 mod unknown_force;
-mod verdict;
+pub(crate) mod verdict;
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;

@@ -134,7 +134,7 @@ pub(super) fn verdict<'a>(
 }
 
 /// The causes that may be at work beside what is `fitted`.
-pub(super) fn possible(experiment: &Experiment, fitted: &[Cause]) -> Vec<Cause> {
+pub(crate) fn possible(experiment: &Experiment, fitted: &[Cause]) -> Vec<Cause> {
     let DiagnoseConfig { exclude, .. } = &experiment.diagnose;
     let may_be = |cause: &Cause| {
         let excluded = exclude.iter().any(|name| name == cause.name());

@@ -31,6 +31,24 @@ pub(super) enum Stepper {
     Rosenbrock,
 }
 
+/// A force on a dof that goes along a straight line in time \[N m\] or \[N\].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct AppliedForce<T> {
+    /// The force at `from_s`.
+    pub(crate) level: T,
+    /// By how much it rises a second.
+    pub(crate) rate: T,
+    /// \[s\].
+    pub(crate) from_s: f64,
+}
+
+impl<T: Scalar> AppliedForce<T> {
+    #[inline(always)]
+    fn at(&self, time_s: f64) -> T {
+        self.level + self.rate * T::from_f64(time_s - self.from_s)
+    }
+}
+
 /// What [`super::Simulator`] is, in one space.
 #[derive(Debug, Clone)]
 pub(crate) struct Engine<S: Stages> {
@@ -66,6 +84,8 @@ pub(crate) struct Engine<S: Stages> {
     pub(crate) clock: S::T,
     /// Length of the last step \[s\]; infinite before the first.
     last_step_s: f64,
+    /// Forces that somebody adds on the dofs, beside those of the model; empty for none.
+    pub(crate) applied: Vec<AppliedForce<S::T>>,
     pub(super) command: Vec<S::T>,
     pub(super) force: Vec<S::T>,
     pub(super) matrix: Vec<S::T>,
@@ -135,6 +155,7 @@ impl<S: Stages> Engine<S> {
             base: options.base.clone(),
             clock: S::T::ZERO,
             last_step_s: f64::INFINITY,
+            applied: Vec::new(),
             command: vec![S::T::ZERO; drives],
             force: zeros(),
             matrix: vec![S::T::ZERO; plant.chain.len()],
@@ -339,6 +360,9 @@ impl<S: Stages> Engine<S> {
                 own.forces((self.moment, self.clock), (qpos, qvel), &self.command, force);
             }
             actuation::actuation(plant, qpos, qvel, &self.command, &self.off, force);
+            for (force, applied) in force.iter_mut().zip(&self.applied) {
+                *force += applied.at(self.moment.time_s);
+            }
         });
         self.still_held();
         let (watched, first) = (!self.halvings.is_empty(), self.moment.elapsed_s == 0.0);

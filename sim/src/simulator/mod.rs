@@ -7,7 +7,7 @@ mod integrators;
 mod rosenbrock;
 mod unsupported;
 
-pub(crate) use engine::Engine;
+pub(crate) use engine::{AppliedForce, Engine};
 pub use forces::Forces;
 
 use crate::error::RolloutError;

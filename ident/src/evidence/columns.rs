@@ -1,0 +1,77 @@
+//! Hypotheses as columns: which number has which size in which run.
+
+use super::atoms::{Atoms, Form};
+
+/// Prior scale of a size, in typical sizes: typical ones are right to a factor of a few (bench/evidence, WIDTH).
+const WIDTH: f64 = 2.0;
+
+/// What is believed of a column's size.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Belief {
+    /// Cauchy with this scale: sizes far above the typical one cost a logarithm, not a square, since typical sizes are those of one
+    /// tank.
+    Size(f64),
+    /// Normal, with tau times this as its standard deviation; tau by evidence.
+    Deviation(f64),
+    /// Normal with this standard deviation.
+    Hidden(f64),
+}
+
+/// A size: one number in some runs.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Column {
+    /// Its place in [`Atoms::numbers`].
+    pub(super) number: usize,
+    /// Where it acts, rising.
+    pub(super) runs: Vec<usize>,
+    pub(super) belief: Belief,
+    /// Physics allows no other sign than above 0.
+    pub(super) is_positive: bool,
+}
+
+impl Column {
+    pub(super) fn acts_in(&self, run: usize) -> bool {
+        self.runs.contains(&run)
+    }
+}
+
+/// The columns of a hypothesis, atom by atom; a switch has none.
+pub(super) fn columns(atoms: &Atoms, set: &[usize]) -> Vec<Column> {
+    set.iter().flat_map(|&atom| of_atom(atoms, atom)).collect()
+}
+
+/// The columns of one atom.
+pub(super) fn of_atom(atoms: &Atoms, place: usize) -> Vec<Column> {
+    let atom = &atoms.list[place];
+    let mut list = Vec::new();
+    for &number in &atom.numbers {
+        let known = &atoms.numbers[number];
+        let mut put = |runs: Vec<usize>, belief: Belief| {
+            let is_positive = matches!(belief, Belief::Size(_)) && known.bounds[0] >= known.neutral;
+            list.push(Column { number, runs, belief, is_positive });
+        };
+        let all = || atom.runs.clone();
+        let each = || atom.runs.iter().map(|&run| vec![run]);
+        let size = Belief::Size(WIDTH * known.typical);
+        let deviation = Belief::Deviation(known.typical);
+        match atom.form {
+            _ if known.is_switch => {}
+            _ if known.is_hidden => put(all(), Belief::Hidden(WIDTH * known.typical)),
+            Form::All if known.each_run => each().for_each(|run| put(run, size)),
+            Form::All => put(all(), size),
+            Form::CommonAndByRun => {
+                put(all(), size);
+                each().for_each(|run| put(run, deviation));
+            }
+            Form::ByRunOnly => each().for_each(|run| put(run, deviation)),
+            Form::DropsOnly => put(atom.drops.clone(), size),
+            Form::OneRun(run) => put(vec![run], size),
+        }
+    }
+    list
+}
+
+/// Whether some size of `columns` differs from run to run by a tau.
+pub(super) fn has_deviations(columns: &[Column]) -> bool {
+    columns.iter().any(|column| matches!(column.belief, Belief::Deviation(_)))
+}

@@ -1,0 +1,324 @@
+//! A set of causes at its optimum: Gauss-Newton steps from where another set has been, the unknown's scales found anew at each.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::DVector;
+
+use super::columns::Belief;
+use super::gram::{Beliefs, Gram, OFF};
+use super::linear::{Bench, Point, RunColumns, Setting};
+use super::score::{Scored, Scorer, TAU_START};
+use crate::fit::counts::Counts;
+use crate::parameters::ON_BOUND_SHARE;
+
+/// Most steps of one fit (bench/evidence; what needs more is found again as another set's child).
+pub(super) const MOST_STEPS: usize = 8;
+/// A step that would gain less is not worth it, in nats: a twentieth of what could matter to anyone.
+const NOT_WORTH_A_STEP: f64 = 0.05;
+/// Shares of a step that are tried, one after the other.
+const STEP_SHARES: [f64; 3] = [1.0, 0.4, 0.1];
+
+/// A set of causes at a point, with the products about it.
+pub(super) struct Fitted {
+    pub(super) setting: Setting,
+    pub(super) point: Point,
+    pub(super) gram: Gram,
+    pub(super) scored: Scored,
+    /// Whether `gram` holds the columns of all candidates.
+    pub(super) is_expanded: bool,
+}
+
+/// Where runs stand, linearised.
+struct Standing {
+    point: Point,
+    columns: Vec<RunColumns>,
+    gram: Gram,
+}
+
+/// Fits sets of causes.
+pub(super) struct Fitter<'b, 'a> {
+    pub(super) bench: &'b Bench<'a>,
+    pub(super) noise_share: f64,
+    /// Centres of what is believed of what is fitted anyway, and precisions.
+    centres: Vec<f64>,
+    beliefs: Beliefs,
+}
+
+impl<'b, 'a> Fitter<'b, 'a> {
+    pub(super) fn new(bench: &'b Bench<'a>, noise_share: f64) -> Self {
+        let free = &bench.state.parameters.free;
+        let beliefs = Beliefs {
+            base: free
+                .iter()
+                .map(|free| {
+                    let width = free.scale.width().max(f64::MIN_POSITIVE);
+                    free.prior.map_or(width, |prior| prior.std.get().min(width)).powi(-2)
+                })
+                .collect(),
+            starts: bench
+                .state
+                .terms
+                .iter()
+                .map(|term| term.rehearsal.nuisances.iter().map(|own| own.belief().powi(-2)).collect())
+                .collect(),
+            own: (0..bench.runs())
+                .map(|run| {
+                    let covariance = bench.unknown.covariance(run);
+                    let factor = covariance.cholesky();
+                    factor.map_or_else(
+                        || (nalgebra::DMatrix::zeros(0, 0), 0.0),
+                        |factor| {
+                            let diagonal = factor.l_dirty().diagonal();
+                            (factor.inverse(), 2.0 * diagonal.iter().map(|x: &f64| x.ln()).sum::<f64>())
+                        },
+                    )
+                })
+                .collect(),
+        };
+        let centres = free.iter().map(|free| free.prior.map_or(free.start, |prior| prior.mean.get())).collect();
+        Self { bench, noise_share, centres, beliefs }
+    }
+
+    pub(super) fn scorer<'s>(&'s self, gram: &'s Gram) -> Scorer<'s> {
+        Scorer { atoms: &self.bench.atoms, gram, noise_share: self.noise_share }
+    }
+
+    /// Precisions of what is fitted anyway at `point`; infinite where a bound holds it against the slope.
+    fn held(&self, point: &Point, columns: &[RunColumns]) -> Vec<f64> {
+        let free = &self.bench.state.parameters.free;
+        let held = |(place, (parameter, &value)): (usize, (&crate::parameters::FreeParameter, &f64))| {
+            let near = ON_BOUND_SHARE * parameter.scale.width();
+            let slope: f64 = columns.iter().map(|run| run.base.column(place).dot(&run.residuals)).sum();
+            let is_held = slope > 0.0 && value - parameter.scale.lower() <= near
+                || slope < 0.0 && parameter.scale.upper() - value <= near;
+            if is_held { f64::INFINITY } else { self.beliefs.base[place] }
+        };
+        free.iter().zip(&point.base).enumerate().map(held).collect()
+    }
+
+    fn gram(&self, setting: &Setting, point: &Point, columns: &[RunColumns]) -> Gram {
+        let beliefs = Arc::new(Beliefs { base: self.held(point, columns), ..self.beliefs.clone() });
+        let base: Vec<f64> = point
+            .base
+            .iter()
+            .zip(&self.centres)
+            .zip(&beliefs.base)
+            .map(|((value, centre), precision)| if precision.is_finite() { value - centre } else { 0.0 })
+            .collect();
+        let sizes = |run: usize| {
+            let mut sizes = BTreeMap::new();
+            for (column, size) in setting.columns.iter().zip(&point.sizes) {
+                if column.acts_in(run) {
+                    *sizes.entry(column.number).or_insert(0.0) += size;
+                }
+            }
+            sizes
+        };
+        let each = point.offsets.iter().enumerate().map(|(run, own)| (base.clone(), own.clone(), sizes(run)));
+        Gram::new(columns, &each.collect::<Vec<_>>(), beliefs)
+    }
+
+    fn stand(
+        &self,
+        setting: &Setting,
+        point: Point,
+        with_unknown: bool,
+        counts: &mut Counts,
+    ) -> Option<Standing> {
+        let mut columns = self.bench.linear(setting, &point, counts)?;
+        if with_unknown && !self.bench.add_unknown(setting, &point, &mut columns, counts) {
+            return None;
+        }
+        let gram = self.gram(setting, &point, &columns);
+        Some(Standing { point, columns, gram })
+    }
+
+    /// What `standing` costs at the scales of `scored`, beliefs included.
+    fn cost(&self, setting: &Setting, standing: &Standing, scored: &Scored) -> Option<f64> {
+        let Standing { point, gram, .. } = standing;
+        let square = |x: f64, precision: f64| precision * x * x;
+        let base = point.base.iter().zip(&self.centres).zip(&self.beliefs.base);
+        let base: f64 = base.map(|((x, centre), precision)| square(x - centre, *precision)).sum();
+        let starts = point.offsets.iter().flatten().zip(self.beliefs.starts.iter().flatten());
+        let starts: f64 = starts.map(|(x, precision)| square(*x, *precision)).sum();
+        let sizes = setting.columns.iter().zip(&point.sizes).map(|(column, &size)| match column.belief {
+            Belief::Size(scale) => 2.0 * (size / scale).powi(2).ln_1p(),
+            Belief::Deviation(typical) => (size / (super::score::tau(scored.tau) * typical)).powi(2),
+            Belief::Hidden(std) => (size / std).powi(2),
+        });
+        Some((gram.reduced(scored.scales)?.cost + sizes.sum::<f64>()) / scored.variance + base + starts)
+    }
+
+    /// Where `scored`, about `point` with the products `gram`, says that the optimum of `setting` is.
+    pub(super) fn target(
+        &self,
+        setting: &Setting,
+        point: &Point,
+        gram: &Gram,
+        scored: &Scored,
+    ) -> Option<Point> {
+        let atoms = &self.bench.atoms;
+        let sizes: Vec<f64> = setting
+            .columns
+            .iter()
+            .enumerate()
+            .map(|(place, column)| {
+                let found = scored.sizes[place].unwrap_or_else(|| point.sizes.get(place).copied().unwrap_or(0.0));
+                let known = &atoms.numbers[column.number];
+                let [lower, upper] = known.bounds.map(|bound| bound - known.neutral);
+                let lower = if column.is_positive { 0.0 } else { lower.min(0.0) };
+                found.clamp(lower, upper.max(0.0))
+            })
+            .collect();
+        let by_run: Vec<DVector<f64>> = (0..self.bench.runs())
+            .map(|run| {
+                let mut all = DVector::zeros(gram.numbers.len());
+                for (column, size) in setting.columns.iter().zip(&sizes) {
+                    if let (true, Ok(place)) =
+                        (column.acts_in(run), gram.numbers.binary_search(&column.number))
+                    {
+                        all[place] += size;
+                    }
+                }
+                all
+            })
+            .collect();
+        let (base, starts) = gram.rest(scored.scales, &by_run)?;
+        let free = &self.bench.state.parameters.free;
+        let base = base.iter().enumerate().map(|(place, size)| {
+            let [lower, upper] = free[place].scale.reach(point.base[place]);
+            let is_held = !gram.is_free(place);
+            if is_held { point.base[place] } else { (self.centres[place] + size).clamp(lower, upper) }
+        });
+        let offsets = self.bench.state.terms.iter().zip(&starts).map(|(term, starts)| {
+            let nuisances = term.rehearsal.nuisances.iter().zip(starts);
+            nuisances.map(|(nuisance, start)| nuisance.clamp(*start)).collect()
+        });
+        Some(Point { base: base.collect(), offsets: offsets.collect(), sizes })
+    }
+
+    /// The optimum of `setting` from `point` and `scales`, in at most `most` steps; `free`: with the unknown wherever its evidence wants it.
+    /// `None` where nothing near it can be simulated.
+    pub(super) fn fit(
+        &self,
+        setting: Setting,
+        point: Point,
+        scales: (super::gram::Scales, usize),
+        (free, most): (bool, usize),
+        counts: &mut Counts,
+    ) -> Option<(Fitted, Vec<RunColumns>)> {
+        let mut from = if free { scales } else { (OFF, scales.1) };
+        let mut standing = self.stand(&setting, point, free && from.0 != OFF, counts)?;
+        let tuned = |standing: &Standing, from, free: bool| {
+            self.scorer(&standing.gram).tuned(&setting.set, &setting.columns, from, free)
+        };
+        let mut scored = tuned(&standing, from, free)?;
+        let mut steps = 0;
+        loop {
+            let moved = if steps < most { self.step(&setting, &standing, &scored, counts) } else { None };
+            steps += 1;
+            if let Some(next) = moved {
+                standing = next;
+                from = (scored.scales, scored.tau);
+                scored = tuned(&standing, from, free)?;
+                continue;
+            }
+            if !free || standing.gram.has_unknown() {
+                break;
+            }
+            // at the optimum without it: does its evidence want it?
+            if !self.bench.add_unknown(&setting, &standing.point, &mut standing.columns, counts) {
+                break;
+            }
+            standing.gram = self.gram(&setting, &standing.point, &standing.columns);
+            scored = tuned(&standing, (scored.scales, scored.tau), free)?;
+            if scored.scales == OFF {
+                break;
+            }
+        }
+        let Standing { point, columns, gram } = standing;
+        Some((Fitted { setting, point, gram, scored, is_expanded: false }, columns))
+    }
+
+    /// One step that costs less, if there is one that is worth it.
+    fn step(
+        &self,
+        setting: &Setting,
+        standing: &Standing,
+        scored: &Scored,
+        counts: &mut Counts,
+    ) -> Option<Standing> {
+        let target = self.target(setting, &standing.point, &standing.gram, scored)?;
+        let before = self.cost(setting, standing, scored)?;
+        let with_unknown = scored.scales != OFF;
+        if self.promised(setting, standing, &target) < NOT_WORTH_A_STEP {
+            return None;
+        }
+        for share in STEP_SHARES {
+            let next = self.stand(setting, standing.point.towards(&target, share), with_unknown, counts);
+            let Some(next) = next else { continue };
+            let after = self.cost(setting, &next, scored)?;
+            if after < before - NOT_WORTH_A_STEP {
+                return Some(next);
+            }
+        }
+        None
+    }
+
+    /// Half the squares, whitened, by which the step to `target` changes what is seen: what it could matter, in nats.
+    fn promised(&self, setting: &Setting, standing: &Standing, target: &Point) -> f64 {
+        let change = |run: usize| {
+            let columns = &standing.columns[run];
+            let by = |after: &[f64], before: &[f64]| -> Vec<f64> {
+                after.iter().zip(before).map(|(after, before)| after - before).collect()
+            };
+            let mut all = by(&target.base, &standing.point.base);
+            all.extend(by(&target.offsets[run], &standing.point.offsets[run]));
+            let mut change = &columns.base * DVector::from_vec(all);
+            for (place, column) in setting.columns.iter().enumerate().filter(|(_, c)| c.acts_in(run)) {
+                let size = target.sizes[place] - standing.point.sizes[place];
+                if let Some((_, slope)) = columns.numbers.iter().find(|(number, _)| *number == column.number) {
+                    change.axpy(size, slope, 1.0);
+                }
+            }
+            0.5 * change.norm_squared()
+        };
+        (0..standing.columns.len()).map(change).sum()
+    }
+
+    /// Looks at all candidates about `fitted`, whose columns are given.
+    pub(super) fn expand(&self, fitted: &mut Fitted, mut columns: Vec<RunColumns>, counts: &mut Counts) {
+        self.bench.add_candidates(&fitted.setting, &fitted.point, &mut columns, counts);
+        if columns.iter().any(|run| run.unknown.is_none()) {
+            self.bench.add_unknown(&fitted.setting, &fitted.point, &mut columns, counts);
+        }
+        fitted.gram = self.gram(&fitted.setting, &fitted.point, &columns);
+        fitted.is_expanded = true;
+    }
+
+    /// The point of the model as it stands, fitted.
+    pub(super) fn baseline(&self) -> (Point, (super::gram::Scales, usize)) {
+        let state = &self.bench.state;
+        let point = Point {
+            base: state.point.values.clone(),
+            offsets: state.point.offsets.clone(),
+            sizes: Vec::new(),
+        };
+        (point, (OFF, TAU_START))
+    }
+}
+
+impl Point {
+    /// So large a share of the way to `target`.
+    fn towards(&self, target: &Self, share: f64) -> Self {
+        let between = |from: &[f64], to: &[f64]| -> Vec<f64> {
+            from.iter().zip(to).map(|(from, to)| from + share * (to - from)).collect()
+        };
+        Self {
+            base: between(&self.base, &target.base),
+            offsets: self.offsets.iter().zip(&target.offsets).map(|(from, to)| between(from, to)).collect(),
+            sizes: between(&self.sizes, &target.sizes),
+        }
+    }
+}

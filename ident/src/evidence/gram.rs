@@ -1,0 +1,404 @@
+//! Products of whitened columns, and what is left of them once everything common to all hypotheses is integrated out.
+//!
+//! Order of elimination: of each run its start and its own force; then, over all runs, what is fitted anyway, the repeatable force's weights
+//! and the slip; what is left are the numbers of causes, run by run. A hypothesis takes its few columns from there.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::{Arc, Mutex};
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use rayon::prelude::*;
+
+use super::linear::RunColumns;
+
+/// Scales of the unknown, as places in [`FORCE_SCALES`] (repeatable, own) and [`SLIP_SCALES`].
+pub(super) type Scales = [usize; 3];
+/// Scales of a force in its units, half decades: from what no run shows to thirty times what a hinge's friction is
+/// (bench/evidence, trap 6).
+pub(super) const FORCE_SCALES: [f64; 9] = [0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0];
+/// Scales of the slip, over the noise (bench/evidence: 0.03, 0.1, 0.3 mm at 0.3 mm of noise; one more above).
+pub(super) const SLIP_SCALES: [f64; 5] = [0.0, 0.1, 0.3, 1.0, 3.0];
+/// Without any unknown.
+pub(super) const OFF: Scales = [0; 3];
+/// By this share diagonals are raised, so that columns that depend on each other have a factor.
+const JITTER_SHARE: f64 = 1e-9;
+
+/// What is believed of what is fitted anyway, of one run's start, and of its own force.
+#[derive(Debug, Clone)]
+pub(super) struct Beliefs {
+    /// Precision of each number that is fitted anyway; infinite where a bound holds it.
+    pub(super) base: Vec<f64>,
+    /// Precisions of each run's start.
+    pub(super) starts: Vec<Vec<f64>>,
+    /// Of each run, the inverse covariance of its own force and the logarithm of the covariance's determinant.
+    pub(super) own: Vec<(DMatrix<f64>, f64)>,
+}
+
+/// The parts that columns fall into, in their order: first those that stay, then those of the run alone.
+#[derive(Debug, Clone)]
+struct Layout {
+    base: Range<usize>,
+    weights: Range<usize>,
+    slips: Range<usize>,
+    numbers: Range<usize>,
+    /// The data, with all sizes taken back to where beliefs have their centre.
+    data: usize,
+    /// The residuals as they are.
+    residual: usize,
+    start: Range<usize>,
+    own: Range<usize>,
+}
+
+#[derive(Debug)]
+struct RunGram {
+    layout: Layout,
+    products: DMatrix<f64>,
+}
+
+/// All runs about one point.
+#[derive(Debug)]
+pub(super) struct Gram {
+    runs: Vec<RunGram>,
+    /// Places in [`super::atoms::Atoms::numbers`] of the columns by number.
+    pub(super) numbers: Vec<usize>,
+    pub(super) observations: usize,
+    beliefs: Arc<Beliefs>,
+    memory: Mutex<BTreeMap<Scales, Option<Arc<Reduced>>>>,
+}
+
+/// One run with its start and its own force integrated out.
+struct RunReduced {
+    /// Products of base, weights, slips, numbers, data, residual.
+    products: DMatrix<f64>,
+    ln_determinants: f64,
+}
+
+/// All but the numbers of causes integrated out, at some scales of the unknown.
+#[derive(Debug)]
+pub(super) struct Reduced {
+    /// Of each run: products of its columns by number, and with the data.
+    numbers: Vec<DMatrix<f64>>,
+    with_data: Vec<DVector<f64>>,
+    /// Of each run, its columns by number as the common ones see them: these are taken off.
+    common: Vec<DMatrix<f64>>,
+    common_data: DVector<f64>,
+    /// The factor of the common ones, and which these are.
+    factor: Cholesky<f64, Dyn>,
+    kept: Vec<usize>,
+    /// Squares of the data that nothing common explains.
+    pub(super) squares: f64,
+    /// The same of the residuals: what a point costs.
+    pub(super) cost: f64,
+    /// Sum of half logarithms of prior over posterior precisions.
+    pub(super) ln_determinants: f64,
+}
+
+impl Gram {
+    /// `sizes`, by run: what stands at the columns of base, start and numbers, from the centre of what is believed of them.
+    pub(super) fn new(
+        columns: &[RunColumns],
+        sizes: &[(Vec<f64>, Vec<f64>, BTreeMap<usize, f64>)],
+        beliefs: Arc<Beliefs>,
+    ) -> Self {
+        let mut numbers: Vec<usize> =
+            columns.iter().flat_map(|run| run.numbers.iter().map(|(number, _)| *number)).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
+        let free = beliefs.base.len();
+        let runs = columns
+            .par_iter()
+            .zip(sizes)
+            .map(|(run, sizes)| RunGram::new(run, sizes, free, &numbers))
+            .collect();
+        let observations = columns.iter().map(|run| run.residuals.len()).sum();
+        Self { runs, numbers, observations, beliefs, memory: Mutex::default() }
+    }
+
+    /// Whether the unknown's columns are there.
+    pub(super) fn has_unknown(&self) -> bool {
+        self.runs.iter().any(|run| !run.layout.own.is_empty())
+    }
+
+    /// Whether the number at `place` of those that are fitted anyway is held by no bound.
+    pub(super) fn is_free(&self, place: usize) -> bool {
+        self.beliefs.base[place].is_finite()
+    }
+
+    /// See [`Reduced`]; `None` where digits are lost.
+    pub(super) fn reduced(&self, scales: Scales) -> Option<Arc<Reduced>> {
+        let known = |memory: &BTreeMap<Scales, Option<Arc<Reduced>>>| memory.get(&scales).cloned();
+        // what is remembered stays whole whatever a thread does that holds it
+        let lock = || self.memory.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if let Some(known) = known(&lock()) {
+            return known;
+        }
+        let reduced = self.reduce(scales).map(Arc::new);
+        lock().insert(scales, reduced.clone());
+        reduced
+    }
+
+    fn reduce(&self, scales: Scales) -> Option<Reduced> {
+        let own = FORCE_SCALES[scales[1]];
+        let runs: Option<Vec<RunReduced>> = (0..self.runs.len())
+            .into_par_iter()
+            .map(|run| self.runs[run].reduced(&self.beliefs.starts[run], &self.beliefs.own[run], own))
+            .collect();
+        let runs = runs?;
+        let layout = &self.runs[0].layout;
+        let mut kept: Vec<usize> =
+            layout.base.clone().filter(|&place| self.beliefs.base[place].is_finite()).collect();
+        let mut precision: Vec<f64> = kept.iter().map(|&place| self.beliefs.base[place]).collect();
+        for (part, scale) in [
+            (&layout.weights, FORCE_SCALES[scales[0]]),
+            (&layout.slips, SLIP_SCALES[scales[2]]),
+        ] {
+            if scale > 0.0 {
+                kept.extend(part.clone());
+                precision.extend(part.clone().map(|_| scale.powi(-2)));
+            }
+        }
+        let mut products = DMatrix::zeros(kept.len(), kept.len());
+        let (mut data, mut residual) = (DVector::zeros(kept.len()), DVector::zeros(kept.len()));
+        let (mut squares, mut cost, mut ln_determinants) = (0.0, 0.0, 0.0);
+        for run in &runs {
+            let part = |i: usize, j: usize| run.products[(kept[i], kept[j])];
+            products += DMatrix::from_fn(kept.len(), kept.len(), part);
+            data += DVector::from_fn(kept.len(), |i, _| run.products[(kept[i], layout.data)]);
+            residual += DVector::from_fn(kept.len(), |i, _| run.products[(kept[i], layout.residual)]);
+            squares += run.products[(layout.data, layout.data)];
+            cost += run.products[(layout.residual, layout.residual)];
+            ln_determinants += run.ln_determinants;
+        }
+        for (i, precision) in precision.iter().enumerate() {
+            products[(i, i)] += precision + JITTER_SHARE * products[(i, i)];
+        }
+        // only the unknown is gone from the cost: the others stand where they stand
+        let free = kept.iter().filter(|place| layout.base.contains(place)).count();
+        if kept.len() > free {
+            let unknown = products.view((free, free), (kept.len() - free, kept.len() - free)).into_owned();
+            let with = residual.rows(free, kept.len() - free).into_owned();
+            cost -= with.dot(&unknown.cholesky()?.solve(&with));
+        }
+        let factor = products.cholesky()?;
+        let half = |columns: &DMatrix<f64>| factor.l_dirty().solve_lower_triangular(columns);
+        let diagonal = factor.l_dirty().diagonal();
+        ln_determinants += precision.iter().map(|x| 0.5 * x.ln()).sum::<f64>();
+        ln_determinants -= diagonal.iter().map(|x: &f64| x.ln()).sum::<f64>();
+        let common_data = factor.l_dirty().solve_lower_triangular(&data)?;
+        squares -= common_data.norm_squared();
+        let (mut numbers, mut with_data, mut common) = (Vec::new(), Vec::new(), Vec::new());
+        for run in &runs {
+            let range = layout.numbers.clone();
+            let size = range.len();
+            numbers.push(run.products.view((range.start, range.start), (size, size)).into_owned());
+            with_data.push(DVector::from_fn(size, |i, _| run.products[(range.start + i, layout.data)]));
+            let seen =
+                DMatrix::from_fn(kept.len(), size, |i, j| run.products[(kept[i], range.start + j)]);
+            common.push(half(&seen)?);
+        }
+        Some(Reduced {
+            numbers,
+            with_data,
+            common,
+            common_data,
+            kept,
+            factor,
+            squares,
+            cost,
+            ln_determinants,
+        })
+    }
+
+    /// What is fitted anyway, and the starts, where the numbers have these `sizes`, by run: the best there, from the centres of what is
+    /// believed of them.
+    pub(super) fn rest(&self, scales: Scales, sizes: &[DVector<f64>]) -> Option<(Vec<f64>, Vec<Vec<f64>>)> {
+        let reduced = self.reduced(scales)?;
+        let mut half = reduced.common_data.clone();
+        for (common, sizes) in reduced.common.iter().zip(sizes) {
+            half -= common * sizes;
+        }
+        let kept = reduced.factor.l_dirty().tr_solve_lower_triangular(&half)?;
+        let free = self.beliefs.base.len();
+        let mut common = DVector::zeros(self.runs[0].layout.slips.end);
+        for (&place, size) in reduced.kept.iter().zip(kept.iter()) {
+            common[place] = *size;
+        }
+        let own = FORCE_SCALES[scales[1]];
+        let starts: Option<Vec<Vec<f64>>> = self
+            .runs
+            .iter()
+            .zip(sizes)
+            .enumerate()
+            .map(|(run, (gram, sizes))| {
+                gram.start(&self.beliefs.starts[run], &self.beliefs.own[run], own, &common, sizes)
+            })
+            .collect();
+        Some((common.as_slice()[..free].to_vec(), starts?))
+    }
+}
+
+impl Reduced {
+    /// Products of columns, each a number's place in [`Gram::numbers`] and its runs, and their products with the data.
+    pub(super) fn of(&self, columns: &[(usize, &[usize])]) -> (DMatrix<f64>, DVector<f64>) {
+        let seen: Vec<DVector<f64>> = columns
+            .iter()
+            .map(|(number, runs)| {
+                let mut sum = DVector::zeros(self.common_data.len());
+                for &run in *runs {
+                    sum += self.common[run].column(*number);
+                }
+                sum
+            })
+            .collect();
+        let count = columns.len();
+        let mut products = DMatrix::zeros(count, count);
+        let mut data = DVector::zeros(count);
+        for (i, (number, runs)) in columns.iter().enumerate() {
+            for (j, (other, others)) in columns.iter().enumerate().take(i + 1) {
+                let shared = runs.iter().filter(|run| others.contains(run));
+                let own: f64 = shared.map(|&run| self.numbers[run][(*number, *other)]).sum();
+                products[(i, j)] = own - seen[i].dot(&seen[j]);
+                products[(j, i)] = products[(i, j)];
+            }
+            data[i] = runs.iter().map(|&run| self.with_data[run][*number]).sum::<f64>()
+                - seen[i].dot(&self.common_data);
+        }
+        (products, data)
+    }
+}
+
+impl RunGram {
+    fn new(
+        run: &RunColumns,
+        (base, start, sizes): &(Vec<f64>, Vec<f64>, BTreeMap<usize, f64>),
+        free: usize,
+        numbers: &[usize],
+    ) -> Self {
+        let rows = run.residuals.len();
+        let mut end = 0;
+        let mut next = |count: usize| {
+            end += count;
+            end - count..end
+        };
+        let unknown = run.unknown.as_ref();
+        let count = |part: fn(&super::unknown::UnknownColumns) -> &DMatrix<f64>| {
+            unknown.map_or(0, |unknown| part(unknown).ncols())
+        };
+        let layout = Layout {
+            base: next(free),
+            weights: next(count(|unknown| &unknown.weights)),
+            slips: next(count(|unknown| &unknown.slips)),
+            numbers: next(numbers.len()),
+            data: next(1).start,
+            residual: next(1).start,
+            start: next(run.base.ncols() - free),
+            own: next(count(|unknown| &unknown.own)),
+        };
+        let mut all = DMatrix::zeros(rows, end);
+        all.columns_mut(0, free).copy_from(&run.base.columns(0, free));
+        all.columns_mut(layout.start.start, layout.start.len())
+            .copy_from(&run.base.columns(free, layout.start.len()));
+        if let Some(unknown) = unknown {
+            for (part, range) in [
+                (&unknown.weights, &layout.weights),
+                (&unknown.slips, &layout.slips),
+                (&unknown.own, &layout.own),
+            ] {
+                all.columns_mut(range.start, range.len()).copy_from(part);
+            }
+        }
+        let standing = DVector::from_iterator(run.base.ncols(), base.iter().chain(start).copied());
+        let mut data = &run.base * standing - &run.residuals;
+        for (number, column) in &run.numbers {
+            if let Ok(place) = numbers.binary_search(number) {
+                all.column_mut(layout.numbers.start + place).copy_from(column);
+            }
+            if let Some(&size) = sizes.get(number) {
+                data.axpy(size, column, 1.0);
+            }
+        }
+        all.column_mut(layout.data).copy_from(&data);
+        all.column_mut(layout.residual).copy_from(&run.residuals);
+        Self { products: all.tr_mul(&all), layout }
+    }
+
+    /// The factor of what is the run's own, and half the logarithm of prior over posterior precisions.
+    fn own_factor(
+        &self,
+        starts: &[f64],
+        (inverse, ln_determinant): &(DMatrix<f64>, f64),
+        scale: f64,
+    ) -> Option<(Cholesky<f64, Dyn>, usize, f64)> {
+        let first = self.layout.start.start;
+        let has_own = scale > 0.0 && !self.layout.own.is_empty();
+        let count = starts.len() + if has_own { self.layout.own.len() } else { 0 };
+        let mut products = self.products.view((first, first), (count, count)).into_owned();
+        for (place, precision) in starts.iter().enumerate() {
+            products[(place, place)] += precision;
+        }
+        let mut ln_prior: f64 = starts.iter().map(|precision| 0.5 * precision.ln()).sum();
+        if has_own {
+            let size = self.layout.own.len();
+            let mut own = products.view_mut((starts.len(), starts.len()), (size, size));
+            own += inverse * scale.powi(-2);
+            ln_prior -= 0.5 * ln_determinant + size as f64 * scale.ln();
+        }
+        let factor = products.cholesky()?;
+        let ln_posterior: f64 = factor.l_dirty().diagonal().iter().map(|x: &f64| x.ln()).sum();
+        Some((factor, count, ln_prior - ln_posterior))
+    }
+
+    fn reduced(&self, starts: &[f64], own: &(DMatrix<f64>, f64), scale: f64) -> Option<RunReduced> {
+        let first = self.layout.start.start;
+        let (factor, count, ln_determinants) = self.own_factor(starts, own, scale)?;
+        let across = self.products.view((first, 0), (count, first)).into_owned();
+        let half = factor.l_dirty().solve_lower_triangular(&across)?;
+        let mut products = self.products.view((0, 0), (first, first)).into_owned();
+        let residual = self.layout.residual;
+        let standing = products[(residual, residual)];
+        products.gemm_tr(-1.0, &half, &half, 1.0);
+        // the start stands where it stands: of the residuals only the run's own force is taken off
+        products[(residual, residual)] = standing - self.own_share(starts.len(), count, own, scale)?;
+        Some(RunReduced { products, ln_determinants })
+    }
+
+    /// Squares of the residuals that the run's own force explains.
+    fn own_share(
+        &self,
+        starts: usize,
+        count: usize,
+        (inverse, _): &(DMatrix<f64>, f64),
+        scale: f64,
+    ) -> Option<f64> {
+        if count == starts {
+            return Some(0.0);
+        }
+        let (first, size) = (self.layout.own.start, count - starts);
+        let products =
+            self.products.view((first, first), (size, size)).into_owned() + inverse * scale.powi(-2);
+        let with = self.products.view((first, self.layout.residual), (size, 1)).into_owned();
+        Some(with.dot(&products.cholesky()?.solve(&with)))
+    }
+
+    fn start(
+        &self,
+        starts: &[f64],
+        own: &(DMatrix<f64>, f64),
+        scale: f64,
+        common: &DVector<f64>,
+        sizes: &DVector<f64>,
+    ) -> Option<Vec<f64>> {
+        let first = self.layout.start.start;
+        let (factor, count, _) = self.own_factor(starts, own, scale)?;
+        let column = |place: usize| self.products.view((first, place), (count, 1)).into_owned();
+        let mut with = column(self.layout.data);
+        for (place, size) in common.iter().enumerate().filter(|(_, size)| **size != 0.0) {
+            with -= column(place) * *size;
+        }
+        for (place, size) in sizes.iter().enumerate().filter(|(_, size)| **size != 0.0) {
+            with -= column(self.layout.numbers.start + place) * *size;
+        }
+        Some(factor.solve(&with).as_slice()[..starts.len()].to_vec())
+    }
+}

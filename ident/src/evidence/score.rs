@@ -1,0 +1,292 @@
+//! The one score: the logarithm of the evidence of a set of causes, by Laplace's approximation about a point.
+//!
+//! ln Z = -N/2 ln(2 pi s2) - q/(2 s2) + 1/2 ln|P| - 1/2 ln|A + P| + ln odds + ln prior of the scales, where q is what is left of the squares
+//! of the whitened data once all sizes are integrated out, s2 the noise's variance over that of the floor, A the products of all columns and P
+//! the precisions of what is believed of their sizes.
+//!
+//! # Source
+//! D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992) 415-447; L. Tierney, J. B. Kadane, "Accurate approximations for
+//! posterior moments and marginal densities", Journal of the American Statistical Association 81 (1986) 82-86.
+
+use std::f64::consts::{LN_2, PI, TAU};
+
+use nalgebra::{DMatrix, DVector};
+
+use super::atoms::Atoms;
+use super::columns::{Belief, Column, has_deviations};
+use super::gram::{FORCE_SCALES, Gram, OFF, SLIP_SCALES, Scales};
+
+/// Chance that a scale of the unknown is 0 before any data (bench/evidence: nothing was tuned to it).
+const CHANCE_OF_NONE: f64 = 0.7;
+/// What a by-run size may deviate by, in typical sizes, equally likely (bench/evidence, and two more for sizes of other tanks).
+const TAUS: [f64; 6] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0];
+/// Where tau starts: at a typical size.
+pub(super) const TAU_START: usize = 3;
+
+/// All places of taus.
+pub(super) fn taus() -> std::ops::Range<usize> {
+    0..TAUS.len()
+}
+
+/// Tau at its place in the grid, in typical sizes.
+pub(super) fn tau(place: usize) -> f64 {
+    TAUS[place]
+}
+
+/// Rounds in which the Cauchy beliefs find their widths: each is a Newton step, from far out.
+const ROUNDS: usize = 4;
+/// Scales that are tried beside the neighbours of the one at hand, as places: 0, and into the middle of the grid, since the smallest ones
+/// say nothing.
+const JUMPS: [usize; 3] = [0, 3, 5];
+/// A gain that is none but rounding, in nats.
+const NO_GAIN: f64 = 1e-6;
+
+/// What was found of a set of causes about a point.
+#[derive(Debug, Clone)]
+pub(super) struct Scored {
+    pub(super) ln_z: f64,
+    /// Scales of the unknown, and of by-run sizes.
+    pub(super) scales: Scales,
+    pub(super) tau: usize,
+    /// The noise's variance over the floor's.
+    pub(super) variance: f64,
+    /// Best sizes by column, from neutral; those that the products say nothing about stay as they are.
+    pub(super) sizes: Vec<Option<f64>>,
+    /// Their covariance, for those that are there.
+    pub(super) covariance: DMatrix<f64>,
+}
+
+/// What scores take.
+#[derive(Clone, Copy)]
+pub(super) struct Scorer<'a> {
+    pub(super) atoms: &'a Atoms,
+    pub(super) gram: &'a Gram,
+    /// How well the noise floor is known: its standard deviation over itself.
+    pub(super) noise_share: f64,
+}
+
+/// Logarithm of the prior odds of a set over the empty one.
+pub(super) fn ln_odds(atoms: &Atoms, set: &[usize]) -> f64 {
+    set.iter().map(|&atom| atoms.list[atom].ln_odds).sum()
+}
+
+/// Logarithm of the chance of `scales`.
+pub(super) fn ln_scales(scales: Scales) -> f64 {
+    let counts = [FORCE_SCALES.len(), FORCE_SCALES.len(), SLIP_SCALES.len()];
+    let ln = |(place, count): (usize, usize)| match place {
+        0 => CHANCE_OF_NONE.ln(),
+        _ => ((1.0 - CHANCE_OF_NONE) / (count - 1) as f64).ln(),
+    };
+    scales.into_iter().zip(counts).map(ln).sum()
+}
+
+impl Scorer<'_> {
+    /// The evidence of `set` with its `columns`, at these scales. `None` where a column of it was never looked at, or digits are lost.
+    pub(super) fn score(
+        &self,
+        set: &[usize],
+        columns: &[Column],
+        scales: Scales,
+        tau: usize,
+    ) -> Option<Scored> {
+        let reduced = self.gram.reduced(scales)?;
+        let mut asked: Vec<(usize, &[usize])> = Vec::new();
+        let mut beliefs: Vec<&Column> = Vec::new();
+        let mut places: Vec<Option<usize>> = Vec::new();
+        for column in columns {
+            match self.gram.numbers.binary_search(&column.number) {
+                Ok(place) => {
+                    places.push(Some(asked.len()));
+                    asked.push((place, &column.runs));
+                    beliefs.push(column);
+                }
+                // what says nothing at neutral has its prior as its posterior
+                Err(_) if matches!(column.belief, Belief::Hidden(_)) => places.push(None),
+                Err(_) => return None,
+            }
+        }
+        let (products, data) = reduced.of(&asked);
+        let posterior = Posterior::new(&products, &data, &beliefs, TAUS[tau])?;
+        let squares = (reduced.squares - posterior.explained).max(f64::MIN_POSITIVE);
+        let variance = self.variance(squares);
+        let mut ln_z = reduced.ln_determinants + posterior.ln_prior + posterior.ln_width;
+        ln_z += posterior.penalty_back / (2.0 * variance);
+        let count = self.gram.observations as f64;
+        ln_z -= 0.5 * (count * (TAU * variance).ln() + squares / variance);
+        ln_z -= 0.5 * (variance.ln() / (2.0 * self.noise_share)).powi(2);
+        ln_z += ln_scales(scales) + ln_odds(self.atoms, set);
+        if has_deviations(columns) {
+            ln_z -= (TAUS.len() as f64).ln();
+        }
+        ln_z.is_finite().then(|| Scored {
+            ln_z,
+            scales,
+            tau,
+            variance,
+            sizes: places.iter().map(|place| Some(posterior.sizes[(*place)?])).collect(),
+            covariance: posterior.covariance * variance,
+        })
+    }
+
+    /// The variance that is most likely with `squares` left and the floor's as its prior: Newton in its logarithm.
+    fn variance(&self, squares: f64) -> f64 {
+        let count = self.gram.observations as f64;
+        let weight = (2.0 * self.noise_share).powi(-2);
+        // from above: there the slope is the steeper the further
+        let mut ln = (squares / count).ln().max(0.0);
+        for _ in 0..20 {
+            let left = 0.5 * squares * (-ln).exp();
+            let slope = -0.5 * count + left - weight * ln;
+            ln += slope / (left + weight);
+        }
+        ln.exp()
+    }
+
+    /// The best scales for `set`, by steps of one of them at a time from `from`; the unknown stays off unless it is `free`.
+    pub(super) fn tuned(
+        &self,
+        set: &[usize],
+        columns: &[Column],
+        from: (Scales, usize),
+        free: bool,
+    ) -> Option<Scored> {
+        let free = free && self.gram.has_unknown();
+        let scales = if free { from.0 } else { OFF };
+        let mut best = self.score(set, columns, scales, from.1);
+        if free && scales != OFF {
+            best = better(best, self.score(set, columns, OFF, from.1));
+        }
+        let counts = [FORCE_SCALES.len(), FORCE_SCALES.len(), SLIP_SCALES.len(), TAUS.len()];
+        let has_tau = has_deviations(columns);
+        loop {
+            let before = best.as_ref()?.ln_z;
+            for (which, &count) in counts.iter().enumerate() {
+                if if which < 3 { !free } else { !has_tau } {
+                    continue;
+                }
+                let Scored { scales, tau, .. } = best.as_ref()?.clone();
+                let at = if which < 3 { scales[which] } else { tau };
+                let mut tried: Vec<usize> = JUMPS.into_iter().chain([at + 1]).chain(at.checked_sub(1)).collect();
+                tried.retain(|&place| place < count && place != at);
+                tried.sort_unstable();
+                tried.dedup();
+                for place in tried {
+                    let (mut scales, mut tau) = (scales, tau);
+                    *(if which < 3 { &mut scales[which] } else { &mut tau }) = place;
+                    best = better(best, self.score(set, columns, scales, tau));
+                }
+            }
+            if best.as_ref()?.ln_z <= before + NO_GAIN {
+                return best;
+            }
+        }
+    }
+}
+
+/// The better of two.
+pub(super) fn better(one: Option<Scored>, other: Option<Scored>) -> Option<Scored> {
+    match (one, other) {
+        (Some(one), Some(other)) if other.ln_z > one.ln_z + NO_GAIN => Some(other),
+        (Some(one), _) => Some(one),
+        (None, other) => other,
+    }
+}
+
+/// Sizes of a hypothesis' columns about a point.
+struct Posterior {
+    sizes: DVector<f64>,
+    covariance: DMatrix<f64>,
+    /// Squares explained, what beliefs cost taken off.
+    explained: f64,
+    /// That cost, which the logarithm of the prior has instead.
+    penalty_back: f64,
+    ln_prior: f64,
+    ln_width: f64,
+}
+
+impl Posterior {
+    fn new(products: &DMatrix<f64>, data: &DVector<f64>, beliefs: &[&Column], tau: f64) -> Option<Self> {
+        // from where the data alone would have them
+        let mut sizes: Vec<f64> = beliefs
+            .iter()
+            .map(|column| match column.belief {
+                Belief::Size(scale) => FAR * scale,
+                _ => 0.0,
+            })
+            .collect();
+        let mut rounds = ROUNDS;
+        loop {
+            let precision = |(column, size): (&&Column, &f64)| match column.belief {
+                Belief::Size(scale) => 2.0 / (scale * scale + size * size),
+                Belief::Deviation(typical) => (tau * typical).powi(-2),
+                Belief::Hidden(std) => std.powi(-2),
+            };
+            let precisions: Vec<f64> = beliefs.iter().zip(&sizes).map(precision).collect();
+            let mut all = products.clone();
+            for (place, precision) in precisions.iter().enumerate() {
+                all[(place, place)] += precision;
+            }
+            let factor = all.cholesky()?;
+            let found = factor.solve(data);
+            rounds -= 1;
+            if rounds > 0 {
+                sizes = found.as_slice().to_vec();
+                continue;
+            }
+            let ln_posterior: f64 = factor.l_dirty().diagonal().iter().map(|x: &f64| x.ln()).sum();
+            let covariance = factor.inverse();
+            let (mut ln_prior, mut penalty) = (0.0, 0.0);
+            for (place, column) in beliefs.iter().enumerate() {
+                let size = found[place];
+                match column.belief {
+                    Belief::Size(scale) => {
+                        penalty += precisions[place] * size * size;
+                        ln_prior += 0.5 * TAU.ln() - (PI * scale).ln() - (size / scale).powi(2).ln_1p();
+                    }
+                    _ => ln_prior += 0.5 * precisions[place].ln(),
+                }
+                if column.is_positive {
+                    ln_prior += LN_2 + ln_normal(size / covariance[(place, place)].sqrt());
+                }
+            }
+            return Some(Self {
+                explained: found.dot(data),
+                sizes: found,
+                covariance,
+                penalty_back: penalty,
+                ln_prior,
+                ln_width: -ln_posterior,
+            });
+        }
+    }
+}
+
+/// A size so many times its scale is where the first round looks: almost free.
+const FAR: f64 = 30.0;
+
+/// Logarithm of the normal distribution function: its continued fraction far below 0, the error function elsewhere.
+///
+/// # Source
+/// M. Abramowitz, I. A. Stegun, Handbook of Mathematical Functions, 1964, 7.1.26 and 26.2.12.
+fn ln_normal(x: f64) -> f64 {
+    if x < -4.0 {
+        return -0.5 * x * x - (-x * TAU.sqrt()).ln() - (1.0 / (x * x)).ln_1p();
+    }
+    let t = 1.0 / (1.0 + 0.327_591_1 * x.abs() / std::f64::consts::SQRT_2);
+    let coefficients = [0.254_829_592, -0.284_496_736, 1.421_413_741, -1.453_152_027, 1.061_405_429];
+    let sum = coefficients.iter().rev().fold(0.0, |sum, c| (sum + c) * t);
+    let tail = 0.5 * sum * (-0.5 * x * x).exp();
+    (if x < 0.0 { tail } else { 1.0 - tail }).ln()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ln_normal;
+
+    #[test]
+    fn the_normal_distribution_is_that_of_tables() {
+        for (x, p) in [(0.0, 0.5), (1.0, 0.841_344_746), (-2.0, 0.022_750_132), (-5.0, 2.866_515_7e-7)] {
+            assert!((ln_normal(x) - f64::ln(p)).abs() < 2e-3, "{x}: {} {}", ln_normal(x).exp(), p);
+        }
+    }
+}

@@ -1,0 +1,293 @@
+//! The search: a pool of sets of causes, each at its optimum, grown best first.
+//!
+//! About the optimum of a set all candidates are looked at (`Fitter::expand`), and every set one move away has a score at once, as far as all
+//! is linear: cause added, dropped, exchanged (for another cause, form, element or hidden start), or a by-run form *split* into a form that
+//! names and one more cause. Such predictions rank, refits decide. The search ends when no prediction comes near the best.
+//!
+//! An unknown force can stand in for a cause at its own optimum. So where the best set keeps one, the search looks once more from where
+//! that set is without it, and refits what would be best there.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use super::atoms::Form;
+use super::columns::{columns, has_deviations};
+use super::fit::{Fitted, Fitter, MOST_STEPS};
+use super::gram::OFF;
+use super::linear::{Bench, RunColumns};
+use super::score::{Scored, better, taus};
+use crate::fit::counts::Counts;
+
+/// What is predicted to be within so many nats of the best is refitted: odds of 20 to 1 (bench/evidence).
+const NEAR: f64 = 3.0;
+/// Sets fitted without the unknown, and how many of these to the end (bench/evidence).
+const SCOUTS: usize = 6;
+const FINISHED_SCOUTS: usize = 2;
+/// Steps of a scout.
+const SCOUT_STEPS: usize = 3;
+
+/// A set of causes: places in the list of atoms, rising.
+pub(super) type Set = Vec<usize>;
+
+/// A set one move from a fitted one.
+#[derive(Debug, Clone)]
+pub(super) struct Predicted {
+    pub(super) scored: Scored,
+    /// The place in the pool of what it was predicted from.
+    parent: usize,
+}
+
+/// The sets found so far.
+pub(super) struct Pool<'b, 'a> {
+    pub(super) fitter: Fitter<'b, 'a>,
+    pub(super) fitted: Vec<Fitted>,
+    /// Columns of those that are not expanded yet, by place.
+    columns: BTreeMap<usize, Vec<RunColumns>>,
+    pub(super) predicted: BTreeMap<Set, Predicted>,
+    pub(super) fits: usize,
+}
+
+impl<'b, 'a> Pool<'b, 'a> {
+    pub(super) fn new(fitter: Fitter<'b, 'a>) -> Self {
+        Self { fitter, fitted: Vec::new(), columns: BTreeMap::new(), predicted: BTreeMap::new(), fits: 0 }
+    }
+
+    fn bench(&self) -> &'b Bench<'a> {
+        self.fitter.bench
+    }
+
+    /// The place of the best.
+    pub(super) fn best(&self) -> Option<usize> {
+        (0..self.fitted.len()).max_by(|&a, &b| {
+            self.fitted[a].scored.ln_z.total_cmp(&self.fitted[b].scored.ln_z).then(b.cmp(&a))
+        })
+    }
+
+    /// Searches until nothing near the best is left, or nobody waits any longer; whether it came to its end. `says` is told what is tried.
+    pub(super) fn search(&mut self, counts: &mut Counts, says: &mut dyn FnMut(&str) -> bool) -> bool {
+        let (point, scales) = self.fitter.baseline();
+        if !self.add(Vec::new(), point, scales, (true, MOST_STEPS), counts) {
+            return false;
+        }
+        let mut looked_from_off: BTreeSet<Set> = BTreeSet::new();
+        loop {
+            if counts.is_stopped() {
+                return false;
+            }
+            let Some(best) = self.best() else { return false };
+            if !self.fitted[best].is_expanded {
+                self.expand(best, counts);
+                continue;
+            }
+            if let Some(set) = self.nearest(best) {
+                if !says(&self.label(&set)) {
+                    return false;
+                }
+                self.refit(set, counts);
+                continue;
+            }
+            let near = |&place: &usize| {
+                !self.fitted[place].is_expanded
+                    && self.fitted[place].scored.ln_z > self.fitted[best].scored.ln_z - NEAR
+            };
+            if let Some(place) = (0..self.fitted.len()).find(near) {
+                self.expand(place, counts);
+                continue;
+            }
+            let set = self.fitted[best].setting.set.clone();
+            let has_unknown = self.fitted[best].scored.scales != OFF;
+            if has_unknown && looked_from_off.insert(set) {
+                self.look_from_off(best, counts);
+                continue;
+            }
+            return true;
+        }
+    }
+
+    /// A set in words.
+    pub(super) fn label(&self, set: &[usize]) -> String {
+        let names: Vec<String> = set.iter().map(|&atom| self.bench().atoms.list[atom].label()).collect();
+        if names.is_empty() { "nothing".into() } else { names.join(" + ") }
+    }
+
+    /// The best prediction near the best fit that is not fitted: first among those predicted from the best itself.
+    fn nearest(&self, best: usize) -> Option<Set> {
+        let least = self.fitted[best].scored.ln_z - NEAR;
+        let near = self.predicted.iter().filter(|(_, predicted)| predicted.scored.ln_z > least);
+        let fresh = near.filter(|(set, _)| self.fitted.iter().all(|fitted| fitted.setting.set != **set));
+        fresh
+            .max_by(|(_, a), (_, b)| {
+                let key = |p: &Predicted| p.parent == best;
+                key(a).cmp(&key(b)).then(a.scored.ln_z.total_cmp(&b.scored.ln_z))
+            })
+            .map(|(set, _)| set.clone())
+    }
+
+    /// Fits `set` from a point and takes it in; whether it can be.
+    fn add(
+        &mut self,
+        set: Set,
+        point: super::linear::Point,
+        scales: (super::gram::Scales, usize),
+        how: (bool, usize),
+        counts: &mut Counts,
+    ) -> bool {
+        self.fits += 1;
+        let setting = self.bench().setting(&set);
+        let Some((fitted, columns)) = self.fitter.fit(setting, point, scales, how, counts) else {
+            self.predicted.remove(&set);
+            return false;
+        };
+        let place = match self.fitted.iter().position(|known| known.setting.set == set) {
+            Some(known) if self.fitted[known].scored.ln_z >= fitted.scored.ln_z => return true,
+            Some(known) => {
+                self.fitted[known] = fitted;
+                known
+            }
+            None => {
+                self.fitted.push(fitted);
+                self.fitted.len() - 1
+            }
+        };
+        self.columns.insert(place, columns);
+        true
+    }
+
+    /// Refits what was predicted.
+    fn refit(&mut self, set: Set, counts: &mut Counts) {
+        let Some(Predicted { scored, parent }) = self.predicted.get(&set).cloned() else { return };
+        let setting = self.bench().setting(&set);
+        let from = &self.fitted[parent];
+        let target = self.fitter.target(&setting, &from.point, &from.gram, &scored);
+        let fitted = target.is_some_and(|point| {
+            self.add(set.clone(), point, (scored.scales, scored.tau), (true, MOST_STEPS), counts)
+        });
+        if !fitted {
+            self.predicted.remove(&set);
+        }
+    }
+
+    fn expand(&mut self, place: usize, counts: &mut Counts) {
+        let Some(columns) = self.columns.remove(&place) else {
+            self.fitted[place].is_expanded = true;
+            return;
+        };
+        self.fitter.expand(&mut self.fitted[place], columns, counts);
+        let found = self.neighbours(&self.fitted[place], place, true);
+        for (set, predicted) in found {
+            let known = self.predicted.get(&set);
+            if known.is_none_or(|known| known.scored.ln_z < predicted.scored.ln_z) {
+                self.predicted.insert(set, predicted);
+            }
+        }
+        self.columns.retain(|&other, _| other != place);
+    }
+
+    /// Every set one move from `from`, scored; `free`: with the unknown wherever its evidence wants it.
+    fn neighbours(&self, from: &Fitted, place: usize, free: bool) -> Vec<(Set, Predicted)> {
+        let sets: Vec<Set> = self.moves(&from.setting.set).into_iter().collect();
+        let atoms = &self.bench().atoms;
+        let scorer = self.fitter.scorer(&from.gram);
+        let at = from.scored.scales;
+        let scored = |set: &Set| {
+            let columns = columns(atoms, set);
+            let taus = if has_deviations(&columns) { taus() } else { 0..1 };
+            let mut best = None;
+            for tau in taus {
+                best = better(best, scorer.score(set, &columns, OFF, tau));
+                if free && at != OFF {
+                    best = better(best, scorer.score(set, &columns, at, tau));
+                }
+            }
+            best
+        };
+        // what all scores share is worked out before they are made side by side
+        let _ = (from.gram.reduced(at), from.gram.reduced(OFF));
+        let scored: Vec<Option<Scored>> = sets.par_iter().map(scored).collect();
+        let found = sets.into_iter().zip(scored);
+        found.filter_map(|(set, scored)| Some((set, Predicted { scored: scored?, parent: place }))).collect()
+    }
+
+    /// Every set one move from `set`.
+    fn moves(&self, set: &[usize]) -> BTreeSet<Set> {
+        let atoms = &self.bench().atoms.list;
+        let joined = |rest: &[usize], atom: usize| {
+            let clashes = |&other: &usize| {
+                atoms[other].term.cause == atoms[atom].term.cause || atoms[other].class == atoms[atom].class
+            };
+            let mut next = rest.to_vec();
+            next.push(atom);
+            next.sort_unstable();
+            (!rest.iter().any(clashes)).then_some(next)
+        };
+        let mut all: BTreeSet<Set> = (0..atoms.len()).filter_map(|atom| joined(set, atom)).collect();
+        for &gone in set {
+            let rest: Set = set.iter().copied().filter(|&other| other != gone).collect();
+            all.extend((0..atoms.len()).filter(|&atom| atom != gone).filter_map(|atom| joined(&rest, atom)));
+            if matches!(atoms[gone].form, Form::CommonAndByRun | Form::ByRunOnly) {
+                let forms = (0..atoms.len()).filter(|&form| {
+                    atoms[form].is_placed_as(&atoms[gone])
+                        && matches!(atoms[form].form, Form::All | Form::DropsOnly | Form::OneRun(_))
+                });
+                for split in forms.filter_map(|form| joined(&rest, form)) {
+                    all.extend((0..atoms.len()).filter_map(|atom| joined(&split, atom)));
+                }
+            }
+            all.insert(rest);
+        }
+        all
+    }
+
+    /// Looks for causes from where the best set is without the unknown.
+    fn look_from_off(&mut self, best: usize, counts: &mut Counts) {
+        let set = self.fitted[best].setting.set.clone();
+        let (point, tau) = (self.fitted[best].point.clone(), self.fitted[best].scored.tau);
+        let setting = self.bench().setting(&set);
+        self.fits += 1;
+        let found = self.fitter.fit(setting, point, (OFF, tau), (false, MOST_STEPS), counts);
+        let Some((mut from, columns)) = found else { return };
+        self.fitter.expand(&mut from, columns, counts);
+        let atoms = &self.bench().atoms.list;
+        let mut list = self.neighbours(&from, best, false);
+        let is_one_more = |next: &Set| {
+            let fresh = next.iter().find(|atom| !set.contains(atom));
+            next.len() == set.len() + 1 && fresh.is_some_and(|&atom| atoms[atom].form == Form::All)
+        };
+        list.retain(|(next, _)| is_one_more(next));
+        list.sort_by(|a, b| b.1.scored.ln_z.total_cmp(&a.1.scored.ln_z));
+        let mut scouts: Vec<(Set, Fitted)> = Vec::new();
+        for (next, predicted) in list.into_iter().take(SCOUTS) {
+            let setting = self.bench().setting(&next);
+            let target = self.fitter.target(&setting, &from.point, &from.gram, &predicted.scored);
+            let Some(point) = target else { continue };
+            self.fits += 1;
+            let scales = (OFF, predicted.scored.tau);
+            if let Some((fitted, _)) = self.fitter.fit(setting, point, scales, (false, SCOUT_STEPS), counts) {
+                scouts.push((next, fitted));
+            }
+        }
+        scouts.sort_by(|a, b| b.1.scored.ln_z.total_cmp(&a.1.scored.ln_z));
+        for (next, scout) in scouts.into_iter().take(FINISHED_SCOUTS) {
+            let scales = (scout.scored.scales, scout.scored.tau);
+            self.add(next, scout.point, scales, (true, MOST_STEPS), counts);
+        }
+    }
+
+    /// Scores once more what is a move from the best, from there.
+    pub(super) fn about_best(&self) -> Vec<(Set, f64)> {
+        let Some(best) = self.best() else { return Vec::new() };
+        let list = self.neighbours(&self.fitted[best], best, true);
+        list.into_iter().map(|(set, predicted)| (set, predicted.scored.ln_z)).collect()
+    }
+}
+
+/// When nobody waits any longer.
+pub(super) fn by(limit_s: f64, began: Instant, counts: &Counts) -> Counts {
+    let limit = std::time::Duration::try_from_secs_f64(limit_s).ok();
+    match limit.and_then(|limit| began.checked_add(limit)) {
+        Some(deadline) => counts.apart().by(deadline),
+        None => counts.apart(),
+    }
+}
