@@ -15,6 +15,8 @@ pub(super) enum Belief {
     Deviation(f64),
     /// Normal with this standard deviation.
     Hidden(f64),
+    /// 1 for certain: a switch.
+    Given,
 }
 
 /// A size: one number in some runs.
@@ -29,13 +31,25 @@ pub(super) struct Column {
     pub(super) is_positive: bool,
 }
 
+impl Belief {
+    /// The precision of the normal distribution that has the slope of this belief at `size`, `tau` being the by-run one.
+    pub(super) fn precision(self, size: f64, tau: f64) -> f64 {
+        match self {
+            Self::Size(scale) => 2.0 / (scale * scale + size * size),
+            Self::Deviation(typical) => (tau * typical).powi(-2),
+            Self::Hidden(std) => std.powi(-2),
+            Self::Given => 0.0,
+        }
+    }
+}
+
 impl Column {
     pub(super) fn acts_in(&self, run: usize) -> bool {
         self.runs.contains(&run)
     }
 }
 
-/// The columns of a hypothesis, atom by atom; a switch has none.
+/// The columns of a hypothesis, atom by atom, a switch among them.
 pub(super) fn columns(atoms: &Atoms, set: &[usize]) -> Vec<Column> {
     set.iter().flat_map(|&atom| of_atom(atoms, atom)).collect()
 }
@@ -55,7 +69,7 @@ pub(super) fn of_atom(atoms: &Atoms, place: usize) -> Vec<Column> {
         let size = Belief::Size(WIDTH * known.typical);
         let deviation = Belief::Deviation(known.typical);
         match atom.form {
-            _ if known.is_switch => {}
+            _ if known.is_switch => put(all(), Belief::Given),
             _ if known.is_hidden => put(all(), Belief::Hidden(WIDTH * known.typical)),
             Form::All if known.each_run => each().for_each(|run| put(run, size)),
             Form::All => put(all(), size),

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::columns::Belief;
+use super::bounded::bounded;
+use super::columns::{Belief, Column};
 use super::gram::{Beliefs, Gram, OFF};
 use super::linear::{Bench, Point, RunColumns, Setting};
 use super::score::{Scored, Scorer, TAU_START};
@@ -16,6 +17,11 @@ use crate::parameters::ON_BOUND_SHARE;
 pub(super) const MOST_STEPS: usize = 8;
 /// A step that would gain less is not worth it, in nats: a twentieth of what could matter to anyone.
 const NOT_WORTH_A_STEP: f64 = 0.05;
+/// How far a coefficient may be from its nominal value, one standard deviation, over that value (chosen; bench/evidence: 0.5 to 0.7 of its
+/// logarithm).
+const COEFFICIENT_WIDTH: f64 = 2.0;
+/// A scale with a finer resolution over its width goes over decades.
+const KNOWN_RESOLUTION_SHARE: f64 = 0.01;
 /// Shares of a step that are tried, one after the other.
 const STEP_SHARES: [f64; 3] = [1.0, 0.4, 0.1];
 
@@ -53,7 +59,11 @@ impl<'b, 'a> Fitter<'b, 'a> {
                 .iter()
                 .map(|free| {
                     let width = free.scale.width().max(f64::MIN_POSITIVE);
-                    free.prior.map_or(width, |prior| prior.std.get().min(width)).powi(-2)
+                    // what is spread evenly over its bounds is a coefficient whose size is about known
+                    let is_known = free.scale.resolution() > KNOWN_RESOLUTION_SHARE * width;
+                    let about = COEFFICIENT_WIDTH * free.start.abs().max(free.scale.resolution());
+                    let usual = if is_known { about.min(width) } else { width };
+                    free.prior.map_or(usual, |prior| prior.std.get().min(width)).powi(-2)
                 })
                 .collect(),
             starts: bench
@@ -146,11 +156,12 @@ impl<'b, 'a> Fitter<'b, 'a> {
             Belief::Size(scale) => 2.0 * (size / scale).powi(2).ln_1p(),
             Belief::Deviation(typical) => (size / (super::score::tau(scored.tau) * typical)).powi(2),
             Belief::Hidden(std) => (size / std).powi(2),
+            Belief::Given => 0.0,
         });
         Some((gram.reduced(scored.scales)?.cost + sizes.sum::<f64>()) / scored.variance + base + starts)
     }
 
-    /// Where `scored`, about `point` with the products `gram`, says that the optimum of `setting` is.
+    /// Where `scored`, about `point` with the products `gram`, says that the optimum of `setting` is, within all bounds.
     pub(super) fn target(
         &self,
         setting: &Setting,
@@ -158,44 +169,64 @@ impl<'b, 'a> Fitter<'b, 'a> {
         gram: &Gram,
         scored: &Scored,
     ) -> Option<Point> {
-        let atoms = &self.bench.atoms;
-        let sizes: Vec<f64> = setting
-            .columns
+        let reduced = gram.reduced(scored.scales)?;
+        let free = &self.bench.state.parameters.free;
+        let (mut asked, mut places): (Vec<(usize, &[usize])>, Vec<usize>) = (Vec::new(), Vec::new());
+        let turned = |column: &&Column| column.belief != Belief::Given;
+        for (place, column) in setting.columns.iter().enumerate().filter(|(_, column)| turned(column)) {
+            if let Ok(number) = gram.numbers.binary_search(&column.number) {
+                asked.push((number, &column.runs));
+                places.push(place);
+            }
+        }
+        let (mut products, data) = reduced.joint(&asked);
+        let first = reduced.kept.len();
+        let mut bounds: Vec<[f64; 2]> = reduced
+            .kept
             .iter()
-            .enumerate()
-            .map(|(place, column)| {
-                let found = scored.sizes[place].unwrap_or_else(|| point.sizes.get(place).copied().unwrap_or(0.0));
-                let known = &atoms.numbers[column.number];
-                let [lower, upper] = known.bounds.map(|bound| bound - known.neutral);
-                let lower = if column.is_positive { 0.0 } else { lower.min(0.0) };
-                found.clamp(lower, upper.max(0.0))
+            .map(|&place| match free.get(place) {
+                Some(free) => free.scale.reach(point.base[place]).map(|bound| bound - self.centres[place]),
+                None => [f64::NEG_INFINITY, f64::INFINITY],
             })
             .collect();
+        for (own, &place) in places.iter().enumerate() {
+            let column = &setting.columns[place];
+            let known = &self.bench.atoms.numbers[column.number];
+            let [lower, upper] = known.bounds.map(|bound| bound - known.neutral);
+            bounds.push([if column.is_positive { 0.0 } else { lower.min(0.0) }, upper.max(0.0)]);
+            let size = scored.sizes[place].unwrap_or(0.0);
+            products[(first + own, first + own)] += column.belief.precision(size, super::score::tau(scored.tau));
+        }
+        let found = bounded(&products, &data, &bounds)?;
+        let mut sizes = point.sizes.clone();
+        sizes.resize(setting.columns.len(), 0.0);
+        if point.sizes.len() != sizes.len() {
+            sizes.fill(0.0);
+        }
+        for (own, &place) in places.iter().enumerate() {
+            sizes[place] = found[first + own];
+        }
         let by_run: Vec<DVector<f64>> = (0..self.bench.runs())
             .map(|run| {
                 let mut all = DVector::zeros(gram.numbers.len());
-                for (column, size) in setting.columns.iter().zip(&sizes) {
-                    if let (true, Ok(place)) =
-                        (column.acts_in(run), gram.numbers.binary_search(&column.number))
-                    {
-                        all[place] += size;
+                for ((number, runs), &place) in asked.iter().zip(&places) {
+                    if runs.contains(&run) {
+                        all[*number] += sizes[place];
                     }
                 }
                 all
             })
             .collect();
-        let (base, starts) = gram.rest(scored.scales, &by_run)?;
-        let free = &self.bench.state.parameters.free;
-        let base = base.iter().enumerate().map(|(place, size)| {
-            let [lower, upper] = free[place].scale.reach(point.base[place]);
-            let is_held = !gram.is_free(place);
-            if is_held { point.base[place] } else { (self.centres[place] + size).clamp(lower, upper) }
-        });
+        let starts = gram.starts(scored.scales, &found.as_slice()[..first], &by_run)?;
+        let mut base = point.base.clone();
+        for (&place, size) in reduced.kept.iter().zip(found.iter()).filter(|(place, _)| **place < free.len()) {
+            base[place] = free[place].scale.clamp(self.centres[place] + size);
+        }
         let offsets = self.bench.state.terms.iter().zip(&starts).map(|(term, starts)| {
             let nuisances = term.rehearsal.nuisances.iter().zip(starts);
             nuisances.map(|(nuisance, start)| nuisance.clamp(*start)).collect()
         });
-        Some(Point { base: base.collect(), offsets: offsets.collect(), sizes })
+        Some(Point { base, offsets: offsets.collect(), sizes })
     }
 
     /// The optimum of `setting` from `point` and `scales`, in at most `most` steps; `free`: with the unknown wherever its evidence wants it.
@@ -216,6 +247,7 @@ impl<'b, 'a> Fitter<'b, 'a> {
         let mut scored = tuned(&standing, from, free)?;
         let mut steps = 0;
         loop {
+            if std::env::var("DBG2").is_ok() { eprintln!("   step {steps} z {:.2} cost {:?} base {:?} sizes {:?}", scored.ln_z, self.cost(&setting, &standing, &scored), &standing.point.base[..3.min(standing.point.base.len())], standing.point.sizes); }
             let moved = if steps < most { self.step(&setting, &standing, &scored, counts) } else { None };
             steps += 1;
             if let Some(next) = moved {
@@ -252,6 +284,7 @@ impl<'b, 'a> Fitter<'b, 'a> {
         let target = self.target(setting, &standing.point, &standing.gram, scored)?;
         let before = self.cost(setting, standing, scored)?;
         let with_unknown = scored.scales != OFF;
+        if std::env::var("DBG2").is_ok() { eprintln!("     promised {:.3}", self.promised(setting, standing, &target)); }
         if self.promised(setting, standing, &target) < NOT_WORTH_A_STEP {
             return None;
         }
@@ -288,9 +321,15 @@ impl<'b, 'a> Fitter<'b, 'a> {
     }
 
     /// Looks at all candidates about `fitted`, whose columns are given.
-    pub(super) fn expand(&self, fitted: &mut Fitted, mut columns: Vec<RunColumns>, counts: &mut Counts) {
+    pub(super) fn expand(
+        &self,
+        fitted: &mut Fitted,
+        mut columns: Vec<RunColumns>,
+        with_unknown: bool,
+        counts: &mut Counts,
+    ) {
         self.bench.add_candidates(&fitted.setting, &fitted.point, &mut columns, counts);
-        if columns.iter().any(|run| run.unknown.is_none()) {
+        if with_unknown && columns.iter().any(|run| run.unknown.is_none()) {
             self.bench.add_unknown(&fitted.setting, &fitted.point, &mut columns, counts);
         }
         fitted.gram = self.gram(&fitted.setting, &fitted.point, &columns);

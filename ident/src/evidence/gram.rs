@@ -85,7 +85,7 @@ pub(super) struct Reduced {
     common_data: DVector<f64>,
     /// The factor of the common ones, and which these are.
     factor: Cholesky<f64, Dyn>,
-    kept: Vec<usize>,
+    pub(super) kept: Vec<usize>,
     /// Squares of the data that nothing common explains.
     pub(super) squares: f64,
     /// The same of the residuals: what a point costs.
@@ -118,11 +118,6 @@ impl Gram {
     /// Whether the unknown's columns are there.
     pub(super) fn has_unknown(&self) -> bool {
         self.runs.iter().any(|run| !run.layout.own.is_empty())
-    }
-
-    /// Whether the number at `place` of those that are fitted anyway is held by no bound.
-    pub(super) fn is_free(&self, place: usize) -> bool {
-        self.beliefs.base[place].is_finite()
     }
 
     /// See [`Reduced`]; `None` where digits are lost.
@@ -210,47 +205,63 @@ impl Gram {
         })
     }
 
-    /// What is fitted anyway, and the starts, where the numbers have these `sizes`, by run: the best there, from the centres of what is
-    /// believed of them.
-    pub(super) fn rest(&self, scales: Scales, sizes: &[DVector<f64>]) -> Option<(Vec<f64>, Vec<Vec<f64>>)> {
+    /// The starts, where what is fitted anyway and the unknown common to all runs have the sizes `common`, by [`Reduced::kept`], and the numbers
+    /// these `sizes`, by run; all from the centres of what is believed of them.
+    pub(super) fn starts(
+        &self,
+        scales: Scales,
+        common: &[f64],
+        sizes: &[DVector<f64>],
+    ) -> Option<Vec<Vec<f64>>> {
         let reduced = self.reduced(scales)?;
-        let mut half = reduced.common_data.clone();
-        for (common, sizes) in reduced.common.iter().zip(sizes) {
-            half -= common * sizes;
-        }
-        let kept = reduced.factor.l_dirty().tr_solve_lower_triangular(&half)?;
-        let free = self.beliefs.base.len();
-        let mut common = DVector::zeros(self.runs[0].layout.slips.end);
-        for (&place, size) in reduced.kept.iter().zip(kept.iter()) {
-            common[place] = *size;
+        let mut all = DVector::zeros(self.runs[0].layout.slips.end);
+        for (&place, size) in reduced.kept.iter().zip(common) {
+            all[place] = *size;
         }
         let own = FORCE_SCALES[scales[1]];
-        let starts: Option<Vec<Vec<f64>>> = self
-            .runs
-            .iter()
-            .zip(sizes)
-            .enumerate()
-            .map(|(run, (gram, sizes))| {
-                gram.start(&self.beliefs.starts[run], &self.beliefs.own[run], own, &common, sizes)
-            })
-            .collect();
-        Some((common.as_slice()[..free].to_vec(), starts?))
+        let of_run = |(run, (gram, sizes)): (usize, (&RunGram, &DVector<f64>))| {
+            gram.start(&self.beliefs.starts[run], &self.beliefs.own[run], own, &all, sizes)
+        };
+        self.runs.iter().zip(sizes).enumerate().map(of_run).collect()
     }
 }
 
 impl Reduced {
+    /// Products of the common ones and then of `columns`, and with the data; beliefs about the common ones are in them.
+    pub(super) fn joint(&self, columns: &[(usize, &[usize])]) -> (DMatrix<f64>, DVector<f64>) {
+        let (own, own_data) = self.of(columns);
+        let (first, count) = (self.kept.len(), columns.len());
+        let half = self.factor.l();
+        let mut products = DMatrix::zeros(first + count, first + count);
+        products.view_mut((0, 0), (first, first)).gemm(1.0, &half, &half.transpose(), 0.0);
+        let mut data = DVector::zeros(first + count);
+        data.rows_mut(0, first).copy_from(&(&half * &self.common_data));
+        if count > 0 {
+            let seen = DMatrix::from_columns(&self.seen(columns));
+            let across = &half * &seen;
+            products.view_mut((0, first), (first, count)).copy_from(&across);
+            products.view_mut((first, 0), (count, first)).copy_from(&across.transpose());
+            products.view_mut((first, first), (count, count)).copy_from(&(own + seen.tr_mul(&seen)));
+            data.rows_mut(first, count).copy_from(&(own_data + seen.tr_mul(&self.common_data)));
+        }
+        (products, data)
+    }
+
+    /// Columns as the common ones see them.
+    fn seen(&self, columns: &[(usize, &[usize])]) -> Vec<DVector<f64>> {
+        let of = |(number, runs): &(usize, &[usize])| {
+            let mut sum = DVector::zeros(self.common_data.len());
+            for &run in *runs {
+                sum += self.common[run].column(*number);
+            }
+            sum
+        };
+        columns.iter().map(of).collect()
+    }
+
     /// Products of columns, each a number's place in [`Gram::numbers`] and its runs, and their products with the data.
     pub(super) fn of(&self, columns: &[(usize, &[usize])]) -> (DMatrix<f64>, DVector<f64>) {
-        let seen: Vec<DVector<f64>> = columns
-            .iter()
-            .map(|(number, runs)| {
-                let mut sum = DVector::zeros(self.common_data.len());
-                for &run in *runs {
-                    sum += self.common[run].column(*number);
-                }
-                sum
-            })
-            .collect();
+        let seen = self.seen(columns);
         let count = columns.len();
         let mut products = DMatrix::zeros(count, count);
         let mut data = DVector::zeros(count);

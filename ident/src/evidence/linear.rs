@@ -88,6 +88,7 @@ impl Setting {
             let start = if known.is_switch { 1.0 } else { known.neutral };
             let own = self.columns.iter().zip(sizes);
             let own = own.filter(|(column, _)| column.number == number && column.acts_in(run));
+            let own = own.filter(|_| !known.is_switch);
             (start + own.map(|(_, size)| size).sum::<f64>()).clamp(known.bounds[0], known.bounds[1])
         };
         self.numbers.iter().map(value).collect()

@@ -4,7 +4,7 @@
 //! its evidence; the unknown (a force, a slip that nobody has a name for) stands in every one of them, the empty one too, and its
 //! scales, each perhaps 0, are found by evidence. See `docs/evidence.md`.
 //!
-//! Files, each of which knows only those before it: `atoms` (causes in forms), `columns` (forms as columns), `unknown` (the unknown's columns), `linear`
+//! Files, each of which knows only those before it: `bounded` (least squares within bounds), `atoms` (causes in forms), `columns` (forms as columns), `unknown` (the unknown's columns), `linear`
 //! (a hypothesis at a point), `gram` (products, what is common eliminated), `score` (the evidence), `fit` (a hypothesis at its optimum),
 //! `search` (the pool, best first), `verdict` (what the pool says).
 //!
@@ -13,6 +13,7 @@
 //! a discrepancy beside the model; D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992) 415-447, for its scales.
 
 mod atoms;
+mod bounded;
 mod columns;
 mod fit;
 mod gram;

@@ -100,14 +100,20 @@ impl Scorer<'_> {
                     asked.push((place, &column.runs));
                     beliefs.push(column);
                 }
-                // what says nothing at neutral has its prior as its posterior
-                Err(_) if matches!(column.belief, Belief::Hidden(_)) => places.push(None),
+                // what says nothing at neutral has its prior as its posterior, and a switch that is on has no column
+                Err(_) if matches!(column.belief, Belief::Hidden(_) | Belief::Given) => places.push(None),
                 Err(_) => return None,
             }
         }
-        let (products, data) = reduced.of(&asked);
+        let (products, mut data) = reduced.of(&asked);
+        // a switch takes its column off the data
+        let mut switched = 0.0;
+        for place in (0..beliefs.len()).filter(|&place| beliefs[place].belief == Belief::Given) {
+            switched += products[(place, place)] - 2.0 * data[place];
+            data -= products.column(place);
+        }
         let posterior = Posterior::new(&products, &data, &beliefs, TAUS[tau])?;
-        let squares = (reduced.squares - posterior.explained).max(f64::MIN_POSITIVE);
+        let squares = (reduced.squares + switched - posterior.explained).max(f64::MIN_POSITIVE);
         let variance = self.variance(squares);
         let mut ln_z = reduced.ln_determinants + posterior.ln_prior + posterior.ln_width;
         ln_z += posterior.penalty_back / (2.0 * variance);
@@ -206,6 +212,7 @@ struct Posterior {
 
 impl Posterior {
     fn new(products: &DMatrix<f64>, data: &DVector<f64>, beliefs: &[&Column], tau: f64) -> Option<Self> {
+        let mut data = data.clone();
         // from where the data alone would have them
         let mut sizes: Vec<f64> = beliefs
             .iter()
@@ -216,18 +223,20 @@ impl Posterior {
             .collect();
         let mut rounds = ROUNDS;
         loop {
-            let precision = |(column, size): (&&Column, &f64)| match column.belief {
-                Belief::Size(scale) => 2.0 / (scale * scale + size * size),
-                Belief::Deviation(typical) => (tau * typical).powi(-2),
-                Belief::Hidden(std) => std.powi(-2),
-            };
+            let precision = |(column, size): (&&Column, &f64)| column.belief.precision(*size, tau);
             let precisions: Vec<f64> = beliefs.iter().zip(&sizes).map(precision).collect();
             let mut all = products.clone();
             for (place, precision) in precisions.iter().enumerate() {
                 all[(place, place)] += precision;
+                if beliefs[place].belief == Belief::Given {
+                    all.row_mut(place).fill(0.0);
+                    all.column_mut(place).fill(0.0);
+                    all[(place, place)] = 1.0;
+                    data[place] = 0.0;
+                }
             }
             let factor = all.cholesky()?;
-            let found = factor.solve(data);
+            let found = factor.solve(&data);
             rounds -= 1;
             if rounds > 0 {
                 sizes = found.as_slice().to_vec();
@@ -243,14 +252,15 @@ impl Posterior {
                         penalty += precisions[place] * size * size;
                         ln_prior += 0.5 * TAU.ln() - (PI * scale).ln() - (size / scale).powi(2).ln_1p();
                     }
-                    _ => ln_prior += 0.5 * precisions[place].ln(),
+                    Belief::Given => {}
+                    Belief::Deviation(_) | Belief::Hidden(_) => ln_prior += 0.5 * precisions[place].ln(),
                 }
                 if column.is_positive {
                     ln_prior += LN_2 + ln_normal(size / covariance[(place, place)].sqrt());
                 }
             }
             return Some(Self {
-                explained: found.dot(data),
+                explained: found.dot(&data),
                 sizes: found,
                 covariance,
                 penalty_back: penalty,

@@ -22,6 +22,12 @@ use crate::fit::counts::Counts;
 
 /// What is predicted to be within so many nats of the best is refitted: odds of 20 to 1 (bench/evidence).
 const NEAR: f64 = 3.0;
+/// So many refits that change nothing about which set is best are enough (chosen): in linear regime predictions are right to a tenth of a nat.
+const MOST_IN_VAIN: usize = 8;
+/// Sets that are fitted at each step of the climb.
+const CLIMBERS: usize = 3;
+/// A gain that is worth a step of the climb, in nats.
+const WORTH_A_CAUSE: f64 = 0.5;
 /// Sets fitted without the unknown, and how many of these to the end (bench/evidence).
 const SCOUTS: usize = 6;
 const FINISHED_SCOUTS: usize = 2;
@@ -67,24 +73,28 @@ impl<'b, 'a> Pool<'b, 'a> {
 
     /// Searches until nothing near the best is left, or nobody waits any longer; whether it came to its end. `says` is told what is tried.
     pub(super) fn search(&mut self, counts: &mut Counts, says: &mut dyn FnMut(&str) -> bool) -> bool {
-        let (point, scales) = self.fitter.baseline();
-        if !self.add(Vec::new(), point, scales, (true, MOST_STEPS), counts) {
+        if !self.climb(counts, says) {
             return false;
         }
         let mut looked_from_off: BTreeSet<Set> = BTreeSet::new();
+        let (mut in_vain, mut leader) = (0, None);
         loop {
             if counts.is_stopped() {
                 return false;
             }
             let Some(best) = self.best() else { return false };
+            if leader != Some(best) {
+                (in_vain, leader) = (0, Some(best));
+            }
             if !self.fitted[best].is_expanded {
                 self.expand(best, counts);
                 continue;
             }
-            if let Some(set) = self.nearest(best) {
+            if let Some(set) = self.nearest(best).filter(|_| in_vain < MOST_IN_VAIN) {
                 if !says(&self.label(&set)) {
                     return false;
                 }
+                in_vain += 1;
                 self.refit(set, counts);
                 continue;
             }
@@ -92,7 +102,7 @@ impl<'b, 'a> Pool<'b, 'a> {
                 !self.fitted[place].is_expanded
                     && self.fitted[place].scored.ln_z > self.fitted[best].scored.ln_z - NEAR
             };
-            if let Some(place) = (0..self.fitted.len()).find(near) {
+            if let Some(place) = (0..self.fitted.len()).find(near).filter(|_| in_vain < MOST_IN_VAIN) {
                 self.expand(place, counts);
                 continue;
             }
@@ -104,6 +114,54 @@ impl<'b, 'a> Pool<'b, 'a> {
             }
             return true;
         }
+    }
+
+    /// Climbs with the unknown off, a cause at a time, from the model as it stands, and takes every set on the way into the pool, the unknown
+    /// let in: an unknown that is there from the beginning imitates what it should reveal.
+    fn climb(&mut self, counts: &mut Counts, says: &mut dyn FnMut(&str) -> bool) -> bool {
+        let (point, scales) = self.fitter.baseline();
+        let fit = |pool: &mut Self, set: &Set, point, scales, counts: &mut Counts| {
+            pool.fits += 1;
+            let setting = pool.bench().setting(set);
+            pool.fitter.fit(setting, point, scales, (false, MOST_STEPS), counts)
+        };
+        let Some((mut at, own)) = fit(self, &Vec::new(), point, scales, counts) else { return false };
+        let mut way = Vec::new();
+        let mut fresh = Some(own);
+        loop {
+            way.push((at.setting.set.clone(), at.point.clone(), (at.scored.scales, at.scored.tau)));
+            let Some(columns) = fresh.take() else { break };
+            self.fitter.expand(&mut at, columns, false, counts);
+            let mut list = self.neighbours(&at, 0, false);
+            if std::env::var("DBG").is_ok() { for (s, p) in &list { if self.label(s).contains("rate_limit") && s.len() == 1 { eprintln!("RL {} {:?} {:?}", p.scored.ln_z, p.scored.sizes, self.bench().atoms.list[s[0]].term.hidden); } } }
+            list.retain(|(_, predicted)| predicted.scored.ln_z > at.scored.ln_z);
+            list.sort_by(|a, b| b.1.scored.ln_z.total_cmp(&a.1.scored.ln_z));
+            if std::env::var("DBG").is_ok() { eprintln!("climb at {} z {:.1} noise {:.3}", self.label(&at.setting.set), at.scored.ln_z, at.scored.variance.sqrt()); for (set, p) in list.iter().enumerate().filter(|(i, (s, _))| *i < 8 || self.label(s).contains("rate_limit")).map(|x| x.1) { eprintln!("    {:.1} {} {:?}", p.scored.ln_z, self.label(set), p.scored.sizes); } }
+            let mut next: Option<(Fitted, Vec<RunColumns>)> = None;
+            // several causes rather than several forms of one
+            let mut seen = BTreeSet::new();
+            let causes = |set: &Set| -> Vec<&str> { set.iter().map(|&atom| self.bench().atoms.list[atom].cause()).collect() };
+            list.retain(|(set, _)| seen.insert(causes(set)));
+            for (set, predicted) in list.into_iter().take(CLIMBERS) {
+                if !says(&self.label(&set)) || counts.is_stopped() {
+                    return false;
+                }
+                let setting = self.bench().setting(&set);
+                let target = self.fitter.target(&setting, &at.point, &at.gram, &predicted.scored);
+                let scales = (OFF, predicted.scored.tau);
+                let found = target.and_then(|point| fit(self, &set, point, scales, counts));
+                if std::env::var("DBG").is_ok() { eprintln!("  fitted {} -> {:?}", self.label(&set), found.as_ref().map(|f| (f.0.scored.ln_z, f.0.point.sizes.clone()))); }
+                let ln_z = next.as_ref().map_or(at.scored.ln_z, |(next, _)| next.scored.ln_z);
+                next = found.filter(|(found, _)| found.scored.ln_z > ln_z + WORTH_A_CAUSE).or(next);
+            }
+            let Some((fitted, own)) = next else { break };
+            (at, fresh) = (fitted, Some(own));
+        }
+        let mut any = false;
+        for (set, point, scales) in way {
+            any |= self.add(set, point, scales, (true, MOST_STEPS), counts);
+        }
+        any
     }
 
     /// A set in words.
@@ -174,7 +232,7 @@ impl<'b, 'a> Pool<'b, 'a> {
             self.fitted[place].is_expanded = true;
             return;
         };
-        self.fitter.expand(&mut self.fitted[place], columns, counts);
+        self.fitter.expand(&mut self.fitted[place], columns, true, counts);
         let found = self.neighbours(&self.fitted[place], place, true);
         for (set, predicted) in found {
             let known = self.predicted.get(&set);
@@ -248,7 +306,7 @@ impl<'b, 'a> Pool<'b, 'a> {
         self.fits += 1;
         let found = self.fitter.fit(setting, point, (OFF, tau), (false, MOST_STEPS), counts);
         let Some((mut from, columns)) = found else { return };
-        self.fitter.expand(&mut from, columns, counts);
+        self.fitter.expand(&mut from, columns, false, counts);
         let atoms = &self.bench().atoms.list;
         let mut list = self.neighbours(&from, best, false);
         let is_one_more = |next: &Set| {
