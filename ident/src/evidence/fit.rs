@@ -247,7 +247,6 @@ impl<'b, 'a> Fitter<'b, 'a> {
         let mut scored = tuned(&standing, from, free)?;
         let mut steps = 0;
         loop {
-            if std::env::var("DBG2").is_ok() { eprintln!("   step {steps} z {:.2} cost {:?} base {:?} sizes {:?}", scored.ln_z, self.cost(&setting, &standing, &scored), &standing.point.base[..3.min(standing.point.base.len())], standing.point.sizes); }
             let moved = if steps < most { self.step(&setting, &standing, &scored, counts) } else { None };
             steps += 1;
             if let Some(next) = moved {
@@ -284,7 +283,6 @@ impl<'b, 'a> Fitter<'b, 'a> {
         let target = self.target(setting, &standing.point, &standing.gram, scored)?;
         let before = self.cost(setting, standing, scored)?;
         let with_unknown = scored.scales != OFF;
-        if std::env::var("DBG2").is_ok() { eprintln!("     promised {:.3}", self.promised(setting, standing, &target)); }
         if self.promised(setting, standing, &target) < NOT_WORTH_A_STEP {
             return None;
         }

@@ -134,26 +134,6 @@ impl<'a> Bench<'a> {
         (places, values)
     }
 
-    /// Whitened residuals of all runs at `point`; `None` where it cannot be simulated.
-    pub(super) fn residuals(
-        &self,
-        setting: &Setting,
-        point: &Point,
-        counts: &mut Counts,
-    ) -> Option<Vec<DVector<f64>>> {
-        counts.rollouts += self.runs() as u64;
-        let one = |run: usize| {
-            if counts.is_stopped() {
-                return None;
-            }
-            let (places, values) = self.numbers(setting, point, run);
-            let mut model = setting.model.clone();
-            places.iter().zip(&values).for_each(|(&place, &value)| model.set(place, value));
-            residuals_of(&self.state.terms[run], &model, &point.offsets[run])
-        };
-        (0..self.runs()).into_par_iter().map(one).collect()
-    }
-
     fn transitions(
         &self,
         setting: &Setting,

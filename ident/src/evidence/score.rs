@@ -81,13 +81,14 @@ pub(super) fn ln_scales(scales: Scales) -> f64 {
 }
 
 impl Scorer<'_> {
-    /// The evidence of `set` with its `columns`, at these scales. `None` where a column of it was never looked at, or digits are lost.
+    /// The evidence of `set` with its `columns`, at these scales and the best of these `taus`. `None` where a column of it was never looked at,
+    /// or digits are lost.
     pub(super) fn score(
         &self,
         set: &[usize],
         columns: &[Column],
         scales: Scales,
-        tau: usize,
+        taus: std::ops::Range<usize>,
     ) -> Option<Scored> {
         let reduced = self.gram.reduced(scales)?;
         let mut asked: Vec<(usize, &[usize])> = Vec::new();
@@ -112,26 +113,33 @@ impl Scorer<'_> {
             switched += products[(place, place)] - 2.0 * data[place];
             data -= products.column(place);
         }
-        let posterior = Posterior::new(&products, &data, &beliefs, TAUS[tau])?;
-        let squares = (reduced.squares + switched - posterior.explained).max(f64::MIN_POSITIVE);
-        let variance = self.variance(squares);
-        let mut ln_z = reduced.ln_determinants + posterior.ln_prior + posterior.ln_width;
-        ln_z += posterior.penalty_back / (2.0 * variance);
-        let count = self.gram.observations as f64;
-        ln_z -= 0.5 * (count * (TAU * variance).ln() + squares / variance);
-        ln_z -= 0.5 * (variance.ln() / (2.0 * self.noise_share)).powi(2);
-        ln_z += ln_scales(scales) + ln_odds(self.atoms, set);
-        if has_deviations(columns) {
-            ln_z -= (TAUS.len() as f64).ln();
+        let ln_prior = ln_scales(scales) + ln_odds(self.atoms, set)
+            - if has_deviations(columns) { (TAUS.len() as f64).ln() } else { 0.0 };
+        let mut best: Option<Scored> = None;
+        for tau in taus {
+            let Some(posterior) = Posterior::new(&products, &data, &beliefs, TAUS[tau]) else { continue };
+            let squares = (reduced.squares + switched - posterior.explained).max(f64::MIN_POSITIVE);
+            let variance = self.variance(squares);
+            let count = self.gram.observations as f64;
+            let ln_z = reduced.ln_determinants
+                + posterior.ln_prior
+                + posterior.ln_width
+                + posterior.penalty_back / (2.0 * variance)
+                - 0.5 * (count * (TAU * variance).ln() + squares / variance)
+                - 0.5 * (variance.ln() / (2.0 * self.noise_share)).powi(2)
+                + ln_prior;
+            if ln_z.is_finite() && best.as_ref().is_none_or(|best| ln_z > best.ln_z) {
+                best = Some(Scored {
+                    ln_z,
+                    scales,
+                    tau,
+                    variance,
+                    sizes: places.iter().map(|place| Some(posterior.sizes[(*place)?])).collect(),
+                    covariance: posterior.covariance * variance,
+                });
+            }
         }
-        ln_z.is_finite().then(|| Scored {
-            ln_z,
-            scales,
-            tau,
-            variance,
-            sizes: places.iter().map(|place| Some(posterior.sizes[(*place)?])).collect(),
-            covariance: posterior.covariance * variance,
-        })
+        best
     }
 
     /// The variance that is most likely with `squares` left and the floor's as its prior: Newton in its logarithm.
@@ -158,9 +166,9 @@ impl Scorer<'_> {
     ) -> Option<Scored> {
         let free = free && self.gram.has_unknown();
         let scales = if free { from.0 } else { OFF };
-        let mut best = self.score(set, columns, scales, from.1);
+        let mut best = self.score(set, columns, scales, from.1..from.1 + 1);
         if free && scales != OFF {
-            best = better(best, self.score(set, columns, OFF, from.1));
+            best = better(best, self.score(set, columns, OFF, from.1..from.1 + 1));
         }
         let counts = [FORCE_SCALES.len(), FORCE_SCALES.len(), SLIP_SCALES.len(), TAUS.len()];
         let has_tau = has_deviations(columns);
@@ -179,7 +187,7 @@ impl Scorer<'_> {
                 for place in tried {
                     let (mut scales, mut tau) = (scales, tau);
                     *(if which < 3 { &mut scales[which] } else { &mut tau }) = place;
-                    best = better(best, self.score(set, columns, scales, tau));
+                    best = better(best, self.score(set, columns, scales, tau..tau + 1));
                 }
             }
             if best.as_ref()?.ln_z <= before + NO_GAIN {

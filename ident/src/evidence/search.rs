@@ -17,17 +17,18 @@ use super::columns::{columns, has_deviations};
 use super::fit::{Fitted, Fitter, MOST_STEPS};
 use super::gram::OFF;
 use super::linear::{Bench, RunColumns};
-use super::score::{Scored, better, taus};
+use super::score::{Scored, TAU_START, better, taus};
 use crate::fit::counts::Counts;
 
 /// What is predicted to be within so many nats of the best is refitted: odds of 20 to 1 (bench/evidence).
 const NEAR: f64 = 3.0;
 /// So many refits that change nothing about which set is best are enough (chosen): in linear regime predictions are right to a tenth of a nat.
 const MOST_IN_VAIN: usize = 8;
-/// Sets that are fitted at each step of the climb.
-const CLIMBERS: usize = 3;
 /// A gain that is worth a step of the climb, in nats.
 const WORTH_A_CAUSE: f64 = 0.5;
+/// The same for a set of as many causes: what stood elsewhere is predicted from further away (bench/evidence: quartiles of 0 and 6 nats too
+/// low).
+const NEAR_EXCHANGED: f64 = 8.0;
 /// Sets fitted without the unknown, and how many of these to the end (bench/evidence).
 const SCOUTS: usize = 6;
 const FINISHED_SCOUTS: usize = 2;
@@ -120,12 +121,12 @@ impl<'b, 'a> Pool<'b, 'a> {
     /// let in: an unknown that is there from the beginning imitates what it should reveal.
     fn climb(&mut self, counts: &mut Counts, says: &mut dyn FnMut(&str) -> bool) -> bool {
         let (point, scales) = self.fitter.baseline();
-        let fit = |pool: &mut Self, set: &Set, point, scales, counts: &mut Counts| {
+        let fit = |pool: &mut Self, set: &[usize], (point, scales, steps), counts: &mut Counts| {
             pool.fits += 1;
             let setting = pool.bench().setting(set);
-            pool.fitter.fit(setting, point, scales, (false, MOST_STEPS), counts)
+            pool.fitter.fit(setting, point, scales, (false, steps), counts)
         };
-        let Some((mut at, own)) = fit(self, &Vec::new(), point, scales, counts) else { return false };
+        let Some((mut at, own)) = fit(self, &[], (point, scales, MOST_STEPS), counts) else { return false };
         let mut way = Vec::new();
         let mut fresh = Some(own);
         loop {
@@ -133,26 +134,41 @@ impl<'b, 'a> Pool<'b, 'a> {
             let Some(columns) = fresh.take() else { break };
             self.fitter.expand(&mut at, columns, false, counts);
             let mut list = self.neighbours(&at, 0, false);
-            if std::env::var("DBG").is_ok() { for (s, p) in &list { if self.label(s).contains("rate_limit") && s.len() == 1 { eprintln!("RL {} {:?} {:?}", p.scored.ln_z, p.scored.sizes, self.bench().atoms.list[s[0]].term.hidden); } } }
             list.retain(|(_, predicted)| predicted.scored.ln_z > at.scored.ln_z);
             list.sort_by(|a, b| b.1.scored.ln_z.total_cmp(&a.1.scored.ln_z));
-            if std::env::var("DBG").is_ok() { eprintln!("climb at {} z {:.1} noise {:.3}", self.label(&at.setting.set), at.scored.ln_z, at.scored.variance.sqrt()); for (set, p) in list.iter().enumerate().filter(|(i, (s, _))| *i < 8 || self.label(s).contains("rate_limit")).map(|x| x.1) { eprintln!("    {:.1} {} {:?}", p.scored.ln_z, self.label(set), p.scored.sizes); } }
-            let mut next: Option<(Fitted, Vec<RunColumns>)> = None;
+            if std::env::var("DBG").is_ok() { eprintln!("climb at {} z {:.1} noise {:.3}", self.label(&at.setting.set), at.scored.ln_z, at.scored.variance.sqrt()); for (set, p) in list.iter().take(8) { eprintln!("    {:.1} {} {:?}", p.scored.ln_z, self.label(set), p.scored.sizes); } }
+            let atoms = &self.bench().atoms.list;
+            // a force by run is a sponge as long as something else is missing
+            let is_sponge = |set: &Set| {
+                let mut fresh = set.iter().filter(|atom| !at.setting.set.contains(atom));
+                fresh.any(|&atom| !atoms[atom].of_camera && atoms[atom].form != Form::All)
+            };
+            if list.iter().any(|(set, _)| !is_sponge(set)) {
+                list.retain(|(set, _)| !is_sponge(set));
+            }
             // several causes rather than several forms of one
             let mut seen = BTreeSet::new();
-            let causes = |set: &Set| -> Vec<&str> { set.iter().map(|&atom| self.bench().atoms.list[atom].cause()).collect() };
+            let causes = |set: &Set| -> Vec<&str> { set.iter().map(|&atom| atoms[atom].cause()).collect() };
             list.retain(|(set, _)| seen.insert(causes(set)));
-            for (set, predicted) in list.into_iter().take(CLIMBERS) {
+            let mut scouts: Vec<(Fitted, Vec<RunColumns>)> = Vec::new();
+            for (set, predicted) in list.into_iter().take(SCOUTS) {
                 if !says(&self.label(&set)) || counts.is_stopped() {
                     return false;
                 }
                 let setting = self.bench().setting(&set);
                 let target = self.fitter.target(&setting, &at.point, &at.gram, &predicted.scored);
                 let scales = (OFF, predicted.scored.tau);
-                let found = target.and_then(|point| fit(self, &set, point, scales, counts));
-                if std::env::var("DBG").is_ok() { eprintln!("  fitted {} -> {:?}", self.label(&set), found.as_ref().map(|f| (f.0.scored.ln_z, f.0.point.sizes.clone()))); }
-                let ln_z = next.as_ref().map_or(at.scored.ln_z, |(next, _)| next.scored.ln_z);
-                next = found.filter(|(found, _)| found.scored.ln_z > ln_z + WORTH_A_CAUSE).or(next);
+                scouts.extend(
+                    target.and_then(|point| fit(self, &set, (point, scales, SCOUT_STEPS), counts)),
+                );
+            }
+            scouts.sort_by(|a, b| b.0.scored.ln_z.total_cmp(&a.0.scored.ln_z));
+            let mut next: Option<(Fitted, Vec<RunColumns>)> = None;
+            for (scout, _) in scouts.into_iter().take(FINISHED_SCOUTS) {
+                let scales = (scout.scored.scales, scout.scored.tau);
+                let found = fit(self, &scout.setting.set, (scout.point, scales, MOST_STEPS), counts);
+                let ln_z = next.as_ref().map_or(at.scored.ln_z + WORTH_A_CAUSE, |(next, _)| next.scored.ln_z);
+                next = found.filter(|(found, _)| found.scored.ln_z > ln_z).or(next);
             }
             let Some((fitted, own)) = next else { break };
             (at, fresh) = (fitted, Some(own));
@@ -172,8 +188,9 @@ impl<'b, 'a> Pool<'b, 'a> {
 
     /// The best prediction near the best fit that is not fitted: first among those predicted from the best itself.
     fn nearest(&self, best: usize) -> Option<Set> {
-        let least = self.fitted[best].scored.ln_z - NEAR;
-        let near = self.predicted.iter().filter(|(_, predicted)| predicted.scored.ln_z > least);
+        let (most, size) = (self.fitted[best].scored.ln_z, self.fitted[best].setting.set.len());
+        let reach = |set: &Set| if set.len() == size { NEAR_EXCHANGED } else { NEAR };
+        let near = self.predicted.iter().filter(|(set, found)| found.scored.ln_z > most - reach(set));
         let fresh = near.filter(|(set, _)| self.fitted.iter().all(|fitted| fitted.setting.set != **set));
         fresh
             .max_by(|(_, a), (_, b)| {
@@ -251,13 +268,10 @@ impl<'b, 'a> Pool<'b, 'a> {
         let at = from.scored.scales;
         let scored = |set: &Set| {
             let columns = columns(atoms, set);
-            let taus = if has_deviations(&columns) { taus() } else { 0..1 };
-            let mut best = None;
-            for tau in taus {
-                best = better(best, scorer.score(set, &columns, OFF, tau));
-                if free && at != OFF {
-                    best = better(best, scorer.score(set, &columns, at, tau));
-                }
+            let taus = if has_deviations(&columns) { taus() } else { TAU_START..TAU_START + 1 };
+            let mut best = scorer.score(set, &columns, OFF, taus.clone());
+            if free && at != OFF {
+                best = better(best, scorer.score(set, &columns, at, taus));
             }
             best
         };

@@ -179,7 +179,7 @@ fn unnamed(pool: &Pool<'_, '_>) -> Option<f64> {
         return Some(0.0);
     }
     let columns = super::columns::columns(atoms, &named);
-    let bare = pool.fitter.scorer(&best.gram).score(&named, &columns, OFF, best.scored.tau)?;
+    let bare = pool.fitter.scorer(&best.gram).score(&named, &columns, OFF, best.scored.tau..best.scored.tau + 1)?;
     // the chance of the scales is no gain
     let chance = ln_scales(best.scored.scales) - ln_scales(OFF);
     Some((best.scored.ln_z - bare.ln_z - chance).max(0.0))
