@@ -33,9 +33,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let verbose = flags.iter().any(|flag| flag == "--verbose");
     for file in files {
         let began = Instant::now();
-        let found = Experiment::read(Path::new(&file))
-            .map_err(|error| error.to_string())
-            .and_then(|read| evidence(&read, &mut Watched { verbose, began }).map_err(|error| error.to_string()));
+        let found = Experiment::read(Path::new(&file)).map_err(|error| error.to_string()).and_then(|read| {
+            evidence(&read, &mut Watched { verbose, began }).map_err(|error| error.to_string())
+        });
         let wall_s = began.elapsed().as_secs_f64();
         match found {
             Ok(found) => println!("{}", line(&file, wall_s, &found)),

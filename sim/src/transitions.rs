@@ -139,9 +139,8 @@ struct Fan<'a> {
 impl Fan<'_> {
     /// `value` with slope 1 in the lane of `direction`; lanes left over repeat the last one.
     fn unit<L: Packed>(&self, value: L, direction: usize) -> Dual<L, 1> {
-        let slope = L::pack(|lane| {
-            f64::from(u8::from(self.group[lane.min(self.group.len() - 1)] == direction))
-        });
+        let slope =
+            L::pack(|lane| f64::from(u8::from(self.group[lane.min(self.group.len() - 1)] == direction)));
         Dual { value, partials: [slope] }
     }
 

@@ -62,6 +62,8 @@ pub(super) struct Atom {
     pub(super) class: String,
     /// Whether it acts in the camera: such things do differ from run to run.
     pub(super) of_camera: bool,
+    /// Whether it has numbers of its own in each run by its nature, as waves have their phase.
+    pub(super) each_run: bool,
 }
 
 /// All that may be at work.
@@ -122,7 +124,8 @@ impl Atoms {
             let terms = Term::all(cause, &experiment.model, 1, odds, &config.elements);
             let terms = Term::knowing(terms, &config.prior);
             let same = |term: &Term| terms.iter().filter(|other| other.element == term.element).count();
-            let singles: BTreeMap<_, _> = terms.iter().filter_map(|term| Some((term.element()?, ()))).collect();
+            let singles: BTreeMap<_, _> =
+                terms.iter().filter_map(|term| Some((term.element()?, ()))).collect();
             let has_all = terms.iter().any(|term| term.element.is_none());
             let names = aliases(cause, experiment);
             let class = names.iter().copied().chain([cause.name()]).min().unwrap_or(cause.name());
@@ -182,6 +185,7 @@ impl Atoms {
                 ln_odds: ln_odds + share.ln(),
                 class: class.to_owned(),
                 of_camera,
+                each_run,
             });
         }
     }

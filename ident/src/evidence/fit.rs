@@ -86,7 +86,8 @@ impl<'b, 'a> Fitter<'b, 'a> {
                 })
                 .collect(),
         };
-        let centres = free.iter().map(|free| free.prior.map_or(free.start, |prior| prior.mean.get())).collect();
+        let centres =
+            free.iter().map(|free| free.prior.map_or(free.start, |prior| prior.mean.get())).collect();
         Self { bench, noise_share, centres, beliefs }
     }
 
@@ -195,7 +196,8 @@ impl<'b, 'a> Fitter<'b, 'a> {
             let [lower, upper] = known.bounds.map(|bound| bound - known.neutral);
             bounds.push([if column.is_positive { 0.0 } else { lower.min(0.0) }, upper.max(0.0)]);
             let size = scored.sizes[place].unwrap_or(0.0);
-            products[(first + own, first + own)] += column.belief.precision(size, super::score::tau(scored.tau));
+            products[(first + own, first + own)] +=
+                column.belief.precision(size, super::score::tau(scored.tau));
         }
         let found = bounded(&products, &data, &bounds)?;
         let mut sizes = point.sizes.clone();
@@ -219,7 +221,8 @@ impl<'b, 'a> Fitter<'b, 'a> {
             .collect();
         let starts = gram.starts(scored.scales, &found.as_slice()[..first], &by_run)?;
         let mut base = point.base.clone();
-        for (&place, size) in reduced.kept.iter().zip(found.iter()).filter(|(place, _)| **place < free.len()) {
+        for (&place, size) in reduced.kept.iter().zip(found.iter()).filter(|(place, _)| **place < free.len())
+        {
             base[place] = free[place].scale.clamp(self.centres[place] + size);
         }
         let offsets = self.bench.state.terms.iter().zip(&starts).map(|(term, starts)| {
@@ -309,7 +312,8 @@ impl<'b, 'a> Fitter<'b, 'a> {
             let mut change = &columns.base * DVector::from_vec(all);
             for (place, column) in setting.columns.iter().enumerate().filter(|(_, c)| c.acts_in(run)) {
                 let size = target.sizes[place] - standing.point.sizes[place];
-                if let Some((_, slope)) = columns.numbers.iter().find(|(number, _)| *number == column.number) {
+                if let Some((_, slope)) = columns.numbers.iter().find(|(number, _)| *number == column.number)
+                {
                     change.axpy(size, slope, 1.0);
                 }
             }

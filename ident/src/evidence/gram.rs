@@ -144,10 +144,9 @@ impl Gram {
         let mut kept: Vec<usize> =
             layout.base.clone().filter(|&place| self.beliefs.base[place].is_finite()).collect();
         let mut precision: Vec<f64> = kept.iter().map(|&place| self.beliefs.base[place]).collect();
-        for (part, scale) in [
-            (&layout.weights, FORCE_SCALES[scales[0]]),
-            (&layout.slips, SLIP_SCALES[scales[2]]),
-        ] {
+        for (part, scale) in
+            [(&layout.weights, FORCE_SCALES[scales[0]]), (&layout.slips, SLIP_SCALES[scales[2]])]
+        {
             if scale > 0.0 {
                 kept.extend(part.clone());
                 precision.extend(part.clone().map(|_| scale.powi(-2)));
@@ -188,8 +187,7 @@ impl Gram {
             let size = range.len();
             numbers.push(run.products.view((range.start, range.start), (size, size)).into_owned());
             with_data.push(DVector::from_fn(size, |i, _| run.products[(range.start + i, layout.data)]));
-            let seen =
-                DMatrix::from_fn(kept.len(), size, |i, j| run.products[(kept[i], range.start + j)]);
+            let seen = DMatrix::from_fn(kept.len(), size, |i, j| run.products[(kept[i], range.start + j)]);
             common.push(half(&seen)?);
         }
         Some(Reduced {
@@ -331,7 +329,7 @@ impl RunGram {
         }
         all.column_mut(layout.data).copy_from(&data);
         all.column_mut(layout.residual).copy_from(&run.residuals);
-        Self { products: all.tr_mul(&all), layout }
+        Self { products: all.transpose() * &all, layout }
     }
 
     /// The factor of what is the run's own, and half the logarithm of prior over posterior precisions.
@@ -368,7 +366,7 @@ impl RunGram {
         let mut products = self.products.view((0, 0), (first, first)).into_owned();
         let residual = self.layout.residual;
         let standing = products[(residual, residual)];
-        products.gemm_tr(-1.0, &half, &half, 1.0);
+        products.gemm(-1.0, &half.transpose(), &half, 1.0);
         // the start stands where it stands: of the residuals only the run's own force is taken off
         products[(residual, residual)] = standing - self.own_share(starts.len(), count, own, scale)?;
         Some(RunReduced { products, ln_determinants })

@@ -134,12 +134,7 @@ impl<'a> Bench<'a> {
         (places, values)
     }
 
-    fn transitions(
-        &self,
-        setting: &Setting,
-        point: &Point,
-        counts: &mut Counts,
-    ) -> Option<Vec<Transitions>> {
+    fn transitions(&self, setting: &Setting, point: &Point, counts: &mut Counts) -> Option<Vec<Transitions>> {
         let directions = setting.model.nq() + 3 * setting.model.nv();
         counts.rollouts += (self.runs() * directions) as u64;
         let one = |run: usize| {

@@ -180,7 +180,8 @@ impl Scorer<'_> {
                 }
                 let Scored { scales, tau, .. } = best.as_ref()?.clone();
                 let at = if which < 3 { scales[which] } else { tau };
-                let mut tried: Vec<usize> = JUMPS.into_iter().chain([at + 1]).chain(at.checked_sub(1)).collect();
+                let mut tried: Vec<usize> =
+                    JUMPS.into_iter().chain([at + 1]).chain(at.checked_sub(1)).collect();
                 tried.retain(|&place| place < count && place != at);
                 tried.sort_unstable();
                 tried.dedup();

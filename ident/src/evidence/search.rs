@@ -136,7 +136,6 @@ impl<'b, 'a> Pool<'b, 'a> {
             let mut list = self.neighbours(&at, 0, false);
             list.retain(|(_, predicted)| predicted.scored.ln_z > at.scored.ln_z);
             list.sort_by(|a, b| b.1.scored.ln_z.total_cmp(&a.1.scored.ln_z));
-            if std::env::var("DBG").is_ok() { eprintln!("climb at {} z {:.1} noise {:.3}", self.label(&at.setting.set), at.scored.ln_z, at.scored.variance.sqrt()); for (set, p) in list.iter().take(8) { eprintln!("    {:.1} {} {:?}", p.scored.ln_z, self.label(set), p.scored.sizes); } }
             let atoms = &self.bench().atoms.list;
             // a force by run is a sponge as long as something else is missing
             let is_sponge = |set: &Set| {
@@ -158,9 +157,7 @@ impl<'b, 'a> Pool<'b, 'a> {
                 let setting = self.bench().setting(&set);
                 let target = self.fitter.target(&setting, &at.point, &at.gram, &predicted.scored);
                 let scales = (OFF, predicted.scored.tau);
-                scouts.extend(
-                    target.and_then(|point| fit(self, &set, (point, scales, SCOUT_STEPS), counts)),
-                );
+                scouts.extend(target.and_then(|point| fit(self, &set, (point, scales, SCOUT_STEPS), counts)));
             }
             scouts.sort_by(|a, b| b.0.scored.ln_z.total_cmp(&a.0.scored.ln_z));
             let mut next: Option<(Fitted, Vec<RunColumns>)> = None;

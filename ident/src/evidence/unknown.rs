@@ -126,9 +126,10 @@ impl Unknown {
 
     fn own(&self, run: usize, at: &Transitions, term: &Term<'_>) -> DMatrix<f64> {
         let knots = &self.knots[run];
-        let spacing_s = knots.windows(2).map(|pair| pair[1].1 - pair[0].1).fold(f64::INFINITY, |a, b| {
-            if b > 0.0 { a.min(b) } else { a }
-        });
+        let spacing_s = knots
+            .windows(2)
+            .map(|pair| pair[1].1 - pair[0].1)
+            .fold(f64::INFINITY, |a, b| if b > 0.0 { a.min(b) } else { a });
         let column = |&(joint, knot_s): &(usize, f64)| {
             let joint = &self.joints[joint];
             let hat = |&time_s: &f64| joint.unit * (1.0 - (time_s - knot_s).abs() / spacing_s).max(0.0);
@@ -182,7 +183,8 @@ impl Joint {
                 *slow += (1.0 - (-(time_s - last_s) / memory_s).exp()) * (r - *slow);
             }
             last_s = time_s;
-            let mut all = vec![1.0, a, r, a * a, a * r, r * r, a.powi(3) / 2.0, a * a * r, a * r * r, r.powi(3) / 2.0];
+            let mut all =
+                vec![1.0, a, r, a * a, a * r, r * r, a.powi(3) / 2.0, a * a * r, a * r * r, r.powi(3) / 2.0];
             // a slide goes through one turn where a hinge goes through its angles
             let turn = if self.is_slide { std::f64::consts::FRAC_PI_2 * a } else { q };
             all.extend(TURNS.iter().flat_map(|k| [(k * turn).sin(), (k * turn).cos()]));

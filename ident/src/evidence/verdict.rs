@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::atoms::Atom;
 use super::columns::Belief;
 use super::gram::{FORCE_SCALES, OFF, SLIP_SCALES};
 use super::score::ln_scales;
@@ -108,7 +109,14 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
         let own = sets.iter().zip(&weights).filter(|((set, _), _)| holds(set));
         own.map(|(_, weight)| weight).sum::<f64>() / all
     };
-    let unnamed = unnamed(pool)?;
+    // free numbers in each run soak up what nobody knows: what has them by nature counts as unnamed until it has gained enough itself
+    let with_waves = unnamed(pool, |atom| !atom.each_run)?;
+    let gain = |is: &dyn Fn(&usize) -> bool| {
+        let without = sets.iter().filter(|(set, _)| !set.iter().any(is));
+        most - without.map(|(_, z)| *z).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let is_wave_named = gain(&|&atom: &usize| atoms[atom].each_run) >= GAIN_SHARE * with_waves;
+    let unnamed = if is_wave_named { unnamed(pool, |_| true)? } else { with_waves };
     let mut causes = Vec::new();
     let mut classes: Vec<(String, bool)> = sets
         .iter()
@@ -133,11 +141,11 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
         }
         let chosen = forms.iter().max_by(|a, b| a.1.0.total_cmp(&b.1.0));
         let Some((label, &(_, atom))) = chosen else { continue };
-        let without = sets.iter().filter(|(set, _)| !set.iter().any(|atom| is(atom)));
-        let gain = most - without.map(|(_, z)| *z).fold(f64::NEG_INFINITY, f64::max);
+        let gain = gain(&is);
         let standing = match probability {
             _ if !is_named => Standing::Resembles,
             p if p < NAMED => Standing::Possible,
+            _ if atoms[atom].each_run && !is_wave_named => Standing::Suspected,
             _ if !atoms[atom].of_camera && gain < GAIN_SHARE * unnamed => Standing::Suspected,
             _ => Standing::Named,
         };
@@ -169,17 +177,20 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
     })
 }
 
-/// What everything that nobody names gains in the best set, as far as all is linear \[nats\].
-fn unnamed(pool: &Pool<'_, '_>) -> Option<f64> {
+/// What everything that nobody names gains in the best set, as far as all is linear \[nats\]: the unknown, forces by run only, and what `spares`
+/// does not spare.
+fn unnamed(pool: &Pool<'_, '_>, spares: impl Fn(&Atom) -> bool) -> Option<f64> {
     let atoms = &pool.fitter.bench.atoms;
     let best = &pool.fitted[pool.best()?];
     let set = &best.setting.set;
-    let named: Vec<usize> = set.iter().copied().filter(|&atom| atoms.list[atom].is_named()).collect();
+    let counts = |&atom: &usize| atoms.list[atom].is_named() && spares(&atoms.list[atom]);
+    let named: Vec<usize> = set.iter().copied().filter(counts).collect();
     if named == *set && best.scored.scales == OFF {
         return Some(0.0);
     }
     let columns = super::columns::columns(atoms, &named);
-    let bare = pool.fitter.scorer(&best.gram).score(&named, &columns, OFF, best.scored.tau..best.scored.tau + 1)?;
+    let taus = best.scored.tau..best.scored.tau + 1;
+    let bare = pool.fitter.scorer(&best.gram).score(&named, &columns, OFF, taus)?;
     // the chance of the scales is no gain
     let chance = ln_scales(best.scored.scales) - ln_scales(OFF);
     Some((best.scored.ln_z - bare.ln_z - chance).max(0.0))
@@ -189,7 +200,8 @@ fn unnamed(pool: &Pool<'_, '_>) -> Option<f64> {
 fn sizes(pool: &Pool<'_, '_>, label: &str) -> Vec<Size> {
     let atoms = &pool.fitter.bench.atoms;
     let holds = |set: &[usize]| set.iter().any(|&atom| atoms.list[atom].label() == label);
-    let most = pool.fitted.iter().filter(|fitted| holds(&fitted.setting.set)).map(|fitted| fitted.scored.ln_z);
+    let most =
+        pool.fitted.iter().filter(|fitted| holds(&fitted.setting.set)).map(|fitted| fitted.scored.ln_z);
     let most = most.fold(f64::NEG_INFINITY, f64::max);
     let mut sums: BTreeMap<(String, Vec<usize>), [f64; 3]> = BTreeMap::new();
     for fitted in pool.fitted.iter().filter(|fitted| holds(&fitted.setting.set)) {
@@ -214,7 +226,8 @@ fn sizes(pool: &Pool<'_, '_>, label: &str) -> Vec<Size> {
             let known = &atoms.numbers[column.number];
             let start = if matches!(column.belief, Belief::Hidden(_)) { known.neutral } else { 0.0 };
             let value = start + found.unwrap_or(*size);
-            let runs = if column.runs.len() == pool.fitter.bench.runs() { Vec::new() } else { column.runs.clone() };
+            let runs =
+                if column.runs.len() == pool.fitter.bench.runs() { Vec::new() } else { column.runs.clone() };
             let sum = sums.entry((known.name.clone(), runs)).or_default();
             sum[0] += weight;
             sum[1] += weight * value;
