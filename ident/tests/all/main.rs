@@ -14,6 +14,7 @@ mod common;
 mod description;
 mod diagnose;
 mod encoders;
+mod evidence;
 mod honesty;
 mod interrupt;
 mod parameters;

@@ -20,3 +20,4 @@ mod other_ways;
 mod own_causes;
 mod physics;
 mod random_models;
+mod transitions;
