@@ -7,7 +7,7 @@ use nalgebra::DVector;
 
 use super::bounded::bounded;
 use super::columns::{Belief, Column};
-use super::gram::{Beliefs, Gram, OFF};
+use super::gram::{self, Beliefs, Gram, OFF, Scales};
 use super::linear::{Bench, Point, RunColumns, Setting};
 use super::score::{Scored, Scorer, TAU_START};
 use crate::fit::counts::Counts;
@@ -33,6 +33,8 @@ pub(super) struct Fitted {
     pub(super) scored: Scored,
     /// Whether `gram` holds the columns of all candidates.
     pub(super) is_expanded: bool,
+    /// Whether the unknown was let in.
+    pub(super) is_free: bool,
 }
 
 /// Where runs stand, linearised.
@@ -126,7 +128,11 @@ impl<'b, 'a> Fitter<'b, 'a> {
             }
             sizes
         };
-        let each = point.offsets.iter().enumerate().map(|(run, own)| (base.clone(), own.clone(), sizes(run)));
+        let each = point.offsets.iter().enumerate().map(|(run, own)| gram::Standing {
+            base: base.clone(),
+            start: own.clone(),
+            numbers: sizes(run),
+        });
         Gram::new(columns, &each.collect::<Vec<_>>(), beliefs)
     }
 
@@ -238,7 +244,7 @@ impl<'b, 'a> Fitter<'b, 'a> {
         &self,
         setting: Setting,
         point: Point,
-        scales: (super::gram::Scales, usize),
+        scales: (Scales, usize),
         (free, most): (bool, usize),
         counts: &mut Counts,
     ) -> Option<(Fitted, Vec<RunColumns>)> {
@@ -272,7 +278,7 @@ impl<'b, 'a> Fitter<'b, 'a> {
             }
         }
         let Standing { point, columns, gram } = standing;
-        Some((Fitted { setting, point, gram, scored, is_expanded: false }, columns))
+        Some((Fitted { setting, point, gram, scored, is_expanded: false, is_free: free }, columns))
     }
 
     /// One step that costs less, if there is one that is worth it.
@@ -339,7 +345,7 @@ impl<'b, 'a> Fitter<'b, 'a> {
     }
 
     /// The point of the model as it stands, fitted.
-    pub(super) fn baseline(&self) -> (Point, (super::gram::Scales, usize)) {
+    pub(super) fn baseline(&self) -> (Point, (Scales, usize)) {
         let state = &self.bench.state;
         let point = Point {
             base: state.point.values.clone(),

@@ -35,6 +35,14 @@ pub(super) struct Beliefs {
     pub(super) own: Vec<(DMatrix<f64>, f64)>,
 }
 
+/// What stands at one run's columns of base, start and numbers, from the centres of what is believed of them.
+#[derive(Debug, Clone)]
+pub(super) struct Standing {
+    pub(super) base: Vec<f64>,
+    pub(super) start: Vec<f64>,
+    pub(super) numbers: BTreeMap<usize, f64>,
+}
+
 /// The parts that columns fall into, in their order: first those that stay, then those of the run alone.
 #[derive(Debug, Clone)]
 struct Layout {
@@ -95,12 +103,8 @@ pub(super) struct Reduced {
 }
 
 impl Gram {
-    /// `sizes`, by run: what stands at the columns of base, start and numbers, from the centre of what is believed of them.
-    pub(super) fn new(
-        columns: &[RunColumns],
-        sizes: &[(Vec<f64>, Vec<f64>, BTreeMap<usize, f64>)],
-        beliefs: Arc<Beliefs>,
-    ) -> Self {
+    /// `sizes`, by run: where the point stands.
+    pub(super) fn new(columns: &[RunColumns], sizes: &[Standing], beliefs: Arc<Beliefs>) -> Self {
         let mut numbers: Vec<usize> =
             columns.iter().flat_map(|run| run.numbers.iter().map(|(number, _)| *number)).collect();
         numbers.sort_unstable();
@@ -280,7 +284,7 @@ impl Reduced {
 impl RunGram {
     fn new(
         run: &RunColumns,
-        (base, start, sizes): &(Vec<f64>, Vec<f64>, BTreeMap<usize, f64>),
+        Standing { base, start, numbers: sizes }: &Standing,
         free: usize,
         numbers: &[usize],
     ) -> Self {

@@ -275,21 +275,32 @@ impl<'a> Bench<'a> {
             }
         }
         let (term, offsets) = (&self.state.terms[run], &point.offsets[run]);
+        // what it changes, over its size, at its typical one; a switch is on there
+        let secant = |place: usize, number: usize| {
+            let known = &self.atoms.numbers[number];
+            let size = if known.is_switch { 1.0 } else { known.typical };
+            let mut model = pack.model.clone();
+            places.iter().zip(&values).for_each(|(&place, &value)| model.set(place, value));
+            model.set(places[place], known.neutral + size);
+            Some((number, (residuals_of(term, &model, offsets)? - residuals) / size))
+        };
         if let [number] = numbers[..]
             && self.atoms.numbers[number].is_switch
         {
-            let mut model = pack.model.clone();
-            places.iter().zip(&values).for_each(|(&place, &value)| model.set(place, value));
-            model.set(places[first], 1.0);
-            let changed = residuals_of(term, &model, offsets);
-            return changed.map_or(Vec::new(), |changed| vec![(number, changed - residuals)]);
+            return secant(first, number).into_iter().collect();
         }
         let varied: Vec<_> = (first..places.len()).map(|place| vec![(place, 1.0)]).collect();
         let at = Numbers { places: &places, values: &values, varied: &varied };
-        let found = term.linear(&pack.model, &at, offsets, 0..varied.len());
-        found.map_or(Vec::new(), |linear| {
-            numbers.into_iter().zip(linear.jacobian.column_iter().map(|column| column.into_owned())).collect()
-        })
+        let Some(linear) = term.linear(&pack.model, &at, offsets, 0..varied.len()) else { return Vec::new() };
+        let column = |(place, number): (usize, usize)| {
+            let slope = linear.jacobian.column(place);
+            // some friction has no slope where there is none
+            match slope.norm_squared() > 0.0 {
+                true => Some((number, slope.into_owned())),
+                false => secant(first + place, number),
+            }
+        };
+        numbers.into_iter().enumerate().filter_map(column).collect()
     }
 
     /// All numbers beside those of `setting`, in as few passes as there can be.

@@ -15,8 +15,8 @@ use rayon::prelude::*;
 use super::atoms::Form;
 use super::columns::{columns, has_deviations};
 use super::fit::{Fitted, Fitter, MOST_STEPS};
-use super::gram::OFF;
-use super::linear::{Bench, RunColumns};
+use super::gram::{OFF, Scales};
+use super::linear::{Bench, Point, RunColumns};
 use super::score::{Scored, TAU_START, better, taus};
 use crate::fit::counts::Counts;
 
@@ -152,6 +152,7 @@ impl<'b, 'a> Pool<'b, 'a> {
             let mut scouts: Vec<(Fitted, Vec<RunColumns>)> = Vec::new();
             for (set, predicted) in list.into_iter().take(SCOUTS) {
                 if !says(&self.label(&set)) || counts.is_stopped() {
+                    self.fitted.push(at);
                     return false;
                 }
                 let setting = self.bench().setting(&set);
@@ -168,13 +169,15 @@ impl<'b, 'a> Pool<'b, 'a> {
                 next = found.filter(|(found, _)| found.scored.ln_z > ln_z).or(next);
             }
             let Some((fitted, own)) = next else { break };
-            (at, fresh) = (fitted, Some(own));
+            // whoever waits no longer has what was found on the way
+            self.fitted.push(std::mem::replace(&mut at, fitted));
+            fresh = Some(own);
         }
-        let mut any = false;
+        self.fitted.push(at);
         for (set, point, scales) in way {
-            any |= self.add(set, point, scales, (true, MOST_STEPS), counts);
+            self.add(set, point, scales, (true, MOST_STEPS), counts);
         }
-        any
+        !counts.is_stopped()
     }
 
     /// A set in words.
@@ -201,8 +204,8 @@ impl<'b, 'a> Pool<'b, 'a> {
     fn add(
         &mut self,
         set: Set,
-        point: super::linear::Point,
-        scales: (super::gram::Scales, usize),
+        point: Point,
+        scales: (Scales, usize),
         how: (bool, usize),
         counts: &mut Counts,
     ) -> bool {
@@ -213,7 +216,11 @@ impl<'b, 'a> Pool<'b, 'a> {
             return false;
         };
         let place = match self.fitted.iter().position(|known| known.setting.set == set) {
-            Some(known) if self.fitted[known].scored.ln_z >= fitted.scored.ln_z => return true,
+            Some(known)
+                if self.fitted[known].is_free && self.fitted[known].scored.ln_z >= fitted.scored.ln_z =>
+            {
+                return true;
+            }
             Some(known) => {
                 self.fitted[known] = fitted;
                 known

@@ -128,7 +128,7 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
     classes.dedup();
     for (class, is_named) in classes {
         let is = |atom: &usize| atoms[*atom].class == class && atoms[*atom].is_named() == is_named;
-        let probability = share(&|set| set.iter().any(|atom| is(atom)));
+        let probability = share(&|set| set.iter().any(is));
         if probability < SPOKEN_OF {
             continue;
         }
