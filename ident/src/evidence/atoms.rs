@@ -60,8 +60,10 @@ pub(super) struct Atom {
     pub(super) ln_odds: f64,
     /// The name that its cause shares with those that no video tells from it.
     pub(super) class: String,
-    /// Whether it acts in the camera: such things do differ from run to run.
-    pub(super) of_camera: bool,
+    /// Whether it acts in the camera and does differ from run to run, as its clock and its place do.
+    pub(super) differs: bool,
+    /// Whether it exerts forces, and so may stand in for a force that nobody knows.
+    pub(super) is_force: bool,
     /// Whether it has numbers of its own in each run by its nature, as waves have their phase.
     pub(super) each_run: bool,
 }
@@ -76,9 +78,9 @@ pub(super) struct Atoms {
 const CHANCE: f64 = 0.04;
 /// Share of a cause's chance that goes to all of its elements together; the rest is spread over single ones (bench/evidence).
 const ALL_ELEMENTS_SHARE: f64 = 0.5;
-/// Shares of a cause's chance by form, for forces and drives: common, common and by run, by run only (bench/evidence, FORMS).
+/// Shares of a cause's chance by form: common, common and by run, by run only (bench/evidence, FORMS).
 const FORCE_SHARES: [f64; 3] = [0.8, 0.05, 0.15];
-/// The same for the camera and its clock, with what is left for drops only and for one run, each.
+/// The same for the camera's clock and place, which do differ, with what is left for drops only and for one run, each.
 const CAMERA_SHARES: [f64; 5] = [0.6, 0.05, 0.15, 0.1, 0.1];
 
 impl Atom {
@@ -86,9 +88,9 @@ impl Atom {
         self.term.cause.name()
     }
 
-    /// Whether it names its cause; a force by run only says that something differs from run to run and resembles it.
+    /// Whether it names its cause; by run only it says that something differs from run to run and resembles it, but where causes do differ.
     pub(super) fn is_named(&self) -> bool {
-        self.of_camera || self.form != Form::ByRunOnly
+        self.differs || self.form != Form::ByRunOnly
     }
 
     /// Whether it is `other` but for its form and where its hidden numbers start.
@@ -147,7 +149,8 @@ impl Atoms {
     fn add_forms(&mut self, term: &Term, runs: &[RunKind], ln_odds: f64, class: &str, model: &sim::Model) {
         let numbers = self.numbers_of(term, model);
         let kind = term.info().kind;
-        let of_camera = kind == Kind::Camera;
+        let may_differ = term.info().parameters.iter().any(|parameter| parameter.may_differ);
+        let differs = kind == Kind::Camera && may_differ;
         let can_act = |run: &usize| kind != Kind::Drive || runs[*run] != RunKind::Drop;
         let acting: Vec<usize> = (0..runs.len()).filter(can_act).collect();
         let each_run = numbers.iter().any(|&number| self.numbers[number].each_run);
@@ -158,7 +161,7 @@ impl Atoms {
             if !term.is_switch() {
                 forms.extend([Form::CommonAndByRun, Form::ByRunOnly]);
             }
-            if of_camera {
+            if differs {
                 if drops.len() > 1 && drops.len() < acting.len() {
                     forms.push(Form::DropsOnly);
                 }
@@ -166,7 +169,7 @@ impl Atoms {
             }
         }
         for form in forms {
-            let share = match (of_camera, form) {
+            let share = match (differs, form) {
                 (false, Form::All) => FORCE_SHARES[0],
                 (false, Form::CommonAndByRun) => FORCE_SHARES[1],
                 (false, _) => FORCE_SHARES[2],
@@ -184,7 +187,8 @@ impl Atoms {
                 drops: drops.clone(),
                 ln_odds: ln_odds + share.ln(),
                 class: class.to_owned(),
-                of_camera,
+                differs,
+                is_force: !matches!(kind, Kind::Camera | Kind::Drive),
                 each_run,
             });
         }

@@ -140,7 +140,7 @@ impl<'b, 'a> Pool<'b, 'a> {
             // a force by run is a sponge as long as something else is missing
             let is_sponge = |set: &Set| {
                 let mut fresh = set.iter().filter(|atom| !at.setting.set.contains(atom));
-                fresh.any(|&atom| !atoms[atom].of_camera && atoms[atom].form != Form::All)
+                fresh.any(|&atom| !atoms[atom].differs && atoms[atom].form != Form::All)
             };
             if list.iter().any(|(set, _)| !is_sponge(set)) {
                 list.retain(|(set, _)| !is_sponge(set));

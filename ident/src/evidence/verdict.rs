@@ -146,7 +146,7 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
             _ if !is_named => Standing::Resembles,
             p if p < NAMED => Standing::Possible,
             _ if atoms[atom].each_run && !is_wave_named => Standing::Suspected,
-            _ if !atoms[atom].of_camera && gain < GAIN_SHARE * unnamed => Standing::Suspected,
+            _ if atoms[atom].is_force && gain < GAIN_SHARE * unnamed => Standing::Suspected,
             _ => Standing::Named,
         };
         causes.push(FoundCause {
