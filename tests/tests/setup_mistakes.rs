@@ -29,8 +29,8 @@ fn change(folder: &Path, servo: bool, cell: impl Fn(f64) -> f64, time: impl Fn(f
     }
 }
 
-/// `mistake` made in the case's folder is named as `parameter`, within `within` of `value`.
-fn is_named(mistake: impl Fn(&Path), parameter: &str, value: f64, within: f64) {
+/// The diagnosis of the case with `mistake` made in its folder.
+fn diagnosed(mistake: impl Fn(&Path)) -> serde_json::Value {
     let case = cases::all(&cases::HIDDEN, 1, &[]).into_iter().find(|case| case.id == CASE).expect("the case");
     let folder = tempfile::tempdir().expect("a folder");
     let made = case.make(&mut Benches::default()).expect("a case without anything");
@@ -40,8 +40,13 @@ fn is_named(mistake: impl Fn(&Path), parameter: &str, value: f64, within: f64) {
     let output = rig(["diagnose".as_ref(), experiment.as_os_str(), "--out".as_ref(), out.as_os_str()])
         .output()
         .expect("rig starts");
-    let diagnosis = json(&out.join("diagnosis.json"));
     eprintln!("{}", printed(&output));
+    json(&out.join("diagnosis.json"))
+}
+
+/// `mistake` made in the case's folder is named as `parameter`, within `within` of `value`.
+fn is_named(mistake: impl Fn(&Path), parameter: &str, value: f64, within: f64) {
+    let diagnosis = diagnosed(mistake);
     let causes = diagnosis["causes"].as_array().expect("a list");
     assert_eq!((diagnosis["verdict"].as_str(), causes.len()), (Some("cause"), 1), "{parameter}");
     let found = &causes[0]["parameters"][0];
@@ -63,7 +68,12 @@ fn a_model_without_buoyancy_is_named() {
 
 #[test]
 fn a_servo_that_turns_the_other_way_is_named() {
-    is_named(|folder| change(folder, true, |angle| -angle, |time| time), "servo_gain/scale", -2.0, 0.03);
+    let diagnosis = diagnosed(|folder| change(folder, true, |angle| -angle, |time| time));
+    assert_eq!(diagnosis["suspects"].as_array().map(Vec::len), Some(1), "{diagnosis}");
+    let said = diagnosis["suspects"][0]["sentence"].as_str().expect("a sentence");
+    // which of the two it is no film tells
+    assert!(said.contains("the servo turns the other way") && said.contains("x is mirrored"), "{said}");
+    assert_eq!(diagnosis["causes"].as_array().map(Vec::len), Some(0), "nothing else is wrong");
 }
 
 #[test]

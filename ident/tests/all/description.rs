@@ -59,7 +59,7 @@ fn nothing_is_suspected_where_nothing_is_wrong_or_only_the_water_is() {
         ("buoyancy", "buoyancy/scale", 0.1),
         ("current", "current/x", 0.05),
         ("camera_delay", "camera_delay/delay", 0.02),
-        ("servo_gain", "servo_gain/error", 0.1),
+        ("servo_gain", "servo_gain/scale", 0.1),
         ("camera_rotation", "camera_rotation/angle", 0.03),
     ] {
         let mut truth = driven_chain();
