@@ -7,8 +7,9 @@ use nalgebra::DVector;
 
 use super::bounded::bounded;
 use super::columns::{Belief, Column};
-use super::gram::{self, Beliefs, Gram, OFF, Scales};
+use super::gram::{self, Gram};
 use super::linear::{Bench, Point, RunColumns, Setting};
+use super::priors::{Beliefs, OFF, Scales};
 use super::score::{Scored, Scorer, TAU_START};
 use crate::fit::counts::Counts;
 use crate::parameters::ON_BOUND_SHARE;

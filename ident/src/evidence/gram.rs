@@ -11,29 +11,10 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
 use super::linear::RunColumns;
+use super::priors::{Beliefs, FORCE_SCALES, SLIP_SCALES, Scales};
 
-/// Scales of the unknown, as places in [`FORCE_SCALES`] (repeatable, own) and [`SLIP_SCALES`].
-pub(super) type Scales = [usize; 3];
-/// Scales of a force in its units, half decades: from what no run shows to thirty times what a hinge's friction is
-/// (bench/evidence, trap 6).
-pub(super) const FORCE_SCALES: [f64; 9] = [0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0];
-/// Scales of the slip, over the noise (bench/evidence: 0.03, 0.1, 0.3 mm at 0.3 mm of noise; one more above).
-pub(super) const SLIP_SCALES: [f64; 5] = [0.0, 0.1, 0.3, 1.0, 3.0];
-/// Without any unknown.
-pub(super) const OFF: Scales = [0; 3];
 /// By this share diagonals are raised, so that columns that depend on each other have a factor.
 const JITTER_SHARE: f64 = 1e-9;
-
-/// What is believed of what is fitted anyway, of one run's start, and of its own force.
-#[derive(Debug, Clone)]
-pub(super) struct Beliefs {
-    /// Precision of each number that is fitted anyway; infinite where a bound holds it.
-    pub(super) base: Vec<f64>,
-    /// Precisions of each run's start.
-    pub(super) starts: Vec<Vec<f64>>,
-    /// Of each run, the inverse covariance of its own force and the logarithm of the covariance's determinant.
-    pub(super) own: Vec<(DMatrix<f64>, f64)>,
-}
 
 /// What stands at one run's columns of base, start and numbers, from the centres of what is believed of them.
 #[derive(Debug, Clone)]

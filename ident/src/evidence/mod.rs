@@ -5,7 +5,7 @@
 //! scales, each perhaps 0, are found by evidence. See `docs/evidence.md`.
 //!
 //! Files, each of which knows only those before it: `bounded` (least squares within bounds), `atoms` (causes in forms), `columns` (forms as columns), `unknown` (the unknown's columns), `linear`
-//! (a hypothesis at a point), `gram` (products, what is common eliminated), `score` (the evidence), `fit` (a hypothesis at its optimum),
+//! (a hypothesis at a point), `priors` (what is believed of all that is common), `gram` (products, what is common eliminated), `score` (the evidence), `fit` (a hypothesis at its optimum),
 //! `search` (the pool, best first), `verdict` (what the pool says).
 //!
 //! # Source
@@ -18,6 +18,7 @@ mod columns;
 mod fit;
 mod gram;
 mod linear;
+mod priors;
 mod score;
 mod search;
 mod unknown;

@@ -14,10 +14,9 @@ use nalgebra::{DMatrix, DVector};
 
 use super::atoms::Atoms;
 use super::columns::{Belief, Column, has_deviations};
-use super::gram::{FORCE_SCALES, Gram, OFF, SLIP_SCALES, Scales};
+use super::gram::Gram;
+use super::priors::{FORCE_SCALES, OFF, SLIP_SCALES, Scales, ln_scales};
 
-/// Chance that a scale of the unknown is 0 before any data (bench/evidence: nothing was tuned to it).
-const CHANCE_OF_NONE: f64 = 0.7;
 /// What a by-run size may deviate by, in typical sizes, equally likely (bench/evidence, and two more for sizes of other tanks).
 const TAUS: [f64; 6] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0];
 /// Where tau starts: at a typical size.
@@ -68,16 +67,6 @@ pub(super) struct Scorer<'a> {
 /// Logarithm of the prior odds of a set over the empty one.
 pub(super) fn ln_odds(atoms: &Atoms, set: &[usize]) -> f64 {
     set.iter().map(|&atom| atoms.list[atom].ln_odds).sum()
-}
-
-/// Logarithm of the chance of `scales`.
-pub(super) fn ln_scales(scales: Scales) -> f64 {
-    let counts = [FORCE_SCALES.len(), FORCE_SCALES.len(), SLIP_SCALES.len()];
-    let ln = |(place, count): (usize, usize)| match place {
-        0 => CHANCE_OF_NONE.ln(),
-        _ => ((1.0 - CHANCE_OF_NONE) / (count - 1) as f64).ln(),
-    };
-    scales.into_iter().zip(counts).map(ln).sum()
 }
 
 impl Scorer<'_> {

@@ -15,8 +15,8 @@ use rayon::prelude::*;
 use super::atoms::Form;
 use super::columns::{columns, has_deviations};
 use super::fit::{Fitted, Fitter, MOST_STEPS};
-use super::gram::{OFF, Scales};
 use super::linear::{Bench, Point, RunColumns};
+use super::priors::{OFF, Scales};
 use super::score::{Scored, TAU_START, better, taus};
 use crate::fit::counts::Counts;
 

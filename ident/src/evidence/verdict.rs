@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 
 use super::atoms::Atom;
 use super::columns::Belief;
-use super::gram::{FORCE_SCALES, OFF, SLIP_SCALES};
-use super::score::ln_scales;
+use super::priors::{FORCE_SCALES, OFF, SLIP_SCALES, ln_scales};
 use super::search::Pool;
 
 /// A cause is named from this probability on: 19 to 1.
