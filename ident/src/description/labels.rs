@@ -32,15 +32,29 @@ pub(super) fn exchanged(experiment: &Experiment) -> (Vec<Suspect>, Option<Experi
     let found: Vec<Vec<Exchange>> =
         experiment.runs.par_iter().map(|run| of_run(&experiment.model, run, limit_m)).collect();
     let mut mended = experiment.clone();
-    let mut suspects = Vec::new();
+    let (mut suspects, mut wholly) = (Vec::new(), Vec::new());
     for (run, exchanges) in mended.runs.iter_mut().zip(&found) {
         suspects.extend(exchanges.iter().map(|exchange| exchange.suspect(run)));
+        wholly
+            .extend(exchanges.iter().filter(|exchange| exchange.is_whole(run)).map(|exchange| exchange.pair));
         for Exchange { pair: [a, b], instants } in exchanges {
             let width = run.trajectory.keypoints.len();
             for instant in instants {
                 run.trajectory.position_m.swap(instant * width + a, instant * width + b);
             }
         }
+    }
+    // what is so in all runs alike is one mistake
+    let all = experiment.runs.len();
+    if let Some(&[a, b]) = wholly.first().filter(|first| all > 1 && wholly == vec![**first; all])
+        && suspects.len() == all
+    {
+        let [a, b] = [a, b].map(|keypoint| &experiment.runs[0].trajectory.keypoints[keypoint]);
+        suspects = vec![Suspect {
+            sentence: format!("the labels `{a}` and `{b}` are exchanged in all runs"),
+            runs: experiment.runs.iter().map(|run| run.id.clone()).collect(),
+            ..suspects.swap_remove(0)
+        }];
     }
     let mended = (!suspects.is_empty()).then_some(mended);
     (suspects, mended)
@@ -85,12 +99,15 @@ fn of_run(model: &Model, run: &Run, limit_m: f64) -> Vec<Exchange> {
 }
 
 impl Exchange {
+    fn is_whole(&self, run: &Run) -> bool {
+        self.instants.len() as f64 >= WHOLE_RUN_SHARE * run.trajectory.time_s.len() as f64
+    }
+
     fn suspect(&self, run: &Run) -> Suspect {
         let [a, b] = self.pair.map(|keypoint| &run.trajectory.keypoints[keypoint]);
         let (times, count) = (&run.trajectory.time_s, self.instants.len());
-        let is_whole = count as f64 >= WHOLE_RUN_SHARE * times.len() as f64;
         let whereabouts = match (self.instants.first(), self.instants.last()) {
-            (Some(&first), Some(&last)) if !is_whole => {
+            (Some(&first), Some(&last)) if !self.is_whole(run) => {
                 format!(", in {count} images from {:.3} to {:.3} s", times[first], times[last])
             }
             _ => String::new(),

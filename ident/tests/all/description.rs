@@ -2,30 +2,33 @@
 
 use ident::description::{Suspect, suspects};
 use ident::diagnose::{Verdict, diagnose};
-use ident::experiment::{Experiment, Use};
+use ident::experiment::{Experiment, Run, RunKind, Use};
 use sim::{Command, Model, Trajectory};
 
-use crate::common::{self, FPS, chain, driven_chain, driven_run, drop_run, guess};
+use crate::common::{self, driven_chain, driven_run, film, guess, still};
 
-const FITTED: [&str; 3] = ["g*/blunt", "g*/slender", "q*/damping"];
+const FITTED: [&str; 2] = ["fluidcoef", "damping"];
 
 /// Drops and driven runs of the chain, one of each held out, as they should be described.
 fn described() -> Experiment {
     moved_by(&driven_chain())
 }
 
+/// A drop with the servo off.
+fn dropped(id: &str, truth: &Model, pose: [f64; 3], seed: u64) -> Run {
+    let trajectory = film(truth, &still(pose), &Command::default(), 0.2, 2.0, true, seed);
+    Run { release_s: Some(0.2), prescribed: true, ..Run::new(id, RunKind::Drop, trajectory) }
+}
+
 /// The same of another `truth`.
 fn moved_by(truth: &Model) -> Experiment {
     let strokes = |amplitude_rad, period_s| common::strokes(amplitude_rad, period_s, 2.0);
     let mut runs = vec![
-        drop_run("drop-1", truth, [0.9, -0.4, 0.5], 0.2, 2.0, 1),
-        drop_run("drop-2", truth, [-0.6, 0.7, 0.3], 0.2, 2.0, 2),
+        dropped("drop-1", truth, [0.9, -0.4, 0.5], 1),
+        dropped("drop-2", truth, [-0.6, 0.7, 0.3], 2),
         driven_run("driven-1", truth, strokes(0.7, 0.8), 2.0, true, 3),
         driven_run("driven-2", truth, strokes(0.5, 0.6), 2.0, true, 4),
     ];
-    for run in &mut runs {
-        run.prescribed = true;
-    }
     runs[1].usage = Use::Holdout;
     runs[3].usage = Use::Holdout;
     let mut experiment = common::experiment(guess(driven_chain()), runs, &FITTED);
@@ -118,7 +121,10 @@ fn a_release_that_is_stated_wrongly_is_named_with_its_amount() {
     let suspect = only(&late);
     assert_eq!(suspect.name, "release");
     assert_eq!(suspect.runs, ["drop-1"]);
-    assert!(suspect.sentence.ends_with("late by 50 ms in drop-1"), "{suspect:?}");
+    let amount_ms =
+        suspect.sentence.split_once("late by ").and_then(|(_, rest)| rest.split_once(" ms in drop-1"));
+    let amount_ms: f64 = amount_ms.and_then(|(amount, _)| amount.parse().ok()).expect("an amount");
+    assert!((amount_ms - 50.0).abs() <= 2.0, "{suspect:?}");
 }
 
 #[test]
@@ -140,7 +146,7 @@ fn exchanged_labels_are_named_with_their_run_and_images() {
     let mut order = described();
     each(&mut order, |marks| marks.swap(a, b));
     let suspect = only(&order);
-    assert_eq!(suspect.sentence, "the labels `P1` and `P2` are exchanged", "{suspect:?}");
+    assert_eq!(suspect.sentence, "the labels `P1` and `P2` are exchanged in all runs", "{suspect:?}");
     assert_eq!(suspect.runs.len(), 4);
 }
 
@@ -166,8 +172,7 @@ fn a_run_that_does_not_belong_is_named_with_what_happened_to_it() {
 
     let mut other = described();
     let longer = Model::from_mjcf(&common::CHAIN.replace("0 0 -0.025", "0 0 -0.03")).unwrap();
-    let stranger = drop_run("drop-2", &longer, [-0.6, 0.7, 0.3], 0.2, 2.0, 2);
-    other.runs[1].trajectory = stranger.trajectory;
+    other.runs[1].trajectory = dropped("drop-2", &longer, [-0.6, 0.7, 0.3], 2).trajectory;
     let suspect = only(&other);
     assert_eq!(suspect.runs, ["drop-2"]);
     assert!(suspect.sentence.contains("another mechanism"), "{suspect:?}");
@@ -195,8 +200,7 @@ fn numbers_that_cannot_be_in_the_unit_of_their_column_are_refused() {
         command.angle_rad.iter_mut().for_each(|angle| *angle = 1500.0 + 600.0 * *angle)
     });
     assert!(pulses.check().expect_err("no such angle").to_string().contains("microseconds"));
-    // a slow filming of slow things is none
-    assert!((1.0 / FPS) < 0.1 && described().check().is_ok());
+    assert!(described().check().is_ok());
 }
 
 #[test]
@@ -209,5 +213,4 @@ fn a_diagnosis_leads_with_the_files_and_goes_on_as_if_they_were_right() {
     assert!(diagnosis.causes.is_empty(), "{:?}", diagnosis.causes);
     assert!(diagnosis.sentence.starts_with("The files first: z counts downward"), "{}", diagnosis.sentence);
     assert_eq!(diagnosis.next_experiments[0].separates, ["axes"]);
-    assert_eq!(chain().hinges().count(), 3);
 }
