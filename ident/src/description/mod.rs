@@ -130,7 +130,10 @@ fn mistaken(
     let best = fitted.first()?.0.ln_likelihood();
     let weight = |trial: &Trial| ODDS * (trial.ln_likelihood() - best).exp();
     let all: f64 = fitted.iter().map(|(trial, _)| weight(trial)).sum();
-    let described = trial.map_or(f64::NEG_INFINITY, Trial::ln_likelihood);
+    // as described, from what the best mistake has led the coefficients to as well: a fit that merely went astray accuses nobody
+    let led = Experiment { model: fitted.first()?.0.model.clone(), ..experiment.clone() };
+    let led = trial::fitted(&led, counts);
+    let described = trial.into_iter().chain(&led).map(Trial::ln_likelihood).fold(f64::NEG_INFINITY, f64::max);
     let probability = all / (all + (described - best).exp());
     if probability < PROBABILITY_MIN {
         return None;

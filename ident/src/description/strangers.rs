@@ -70,7 +70,7 @@ fn from_an_image_on(experiment: &Experiment, counts: &mut Counts) -> Option<(usi
         for (other, run) in others.runs.iter_mut().enumerate() {
             run.usage = if other == place { Use::Holdout } else { Use::Fit };
         }
-        let Trial { errors, runs } = trial::fitted(&others, counts)?;
+        let Trial { errors, runs, .. } = trial::fitted(&others, counts)?;
         let is_repeated = |(other, error): (usize, &trial::RunError)| {
             other == place || error.over_noise < OTHERS_OVER_NOISE_MAX
         };

@@ -56,6 +56,8 @@ pub(super) struct Trial {
     pub(super) errors: Vec<RunError>,
     /// The runs beside their simulation; empty where nothing was fitted.
     pub(super) runs: Vec<FittedRun>,
+    /// The model with what was fitted.
+    pub(super) model: Model,
 }
 
 impl Trial {
@@ -85,7 +87,11 @@ pub(super) fn unfitted(experiment: &Experiment, counts: &mut Counts) -> Option<T
         unfitted_run(&experiment.model, run)
     };
     let errors = counts.of_each(experiment.runs.iter().collect(), |run, counts| error(run, counts));
-    Some(Trial { errors: errors.into_iter().collect::<Option<_>>()?, runs: Vec::new() })
+    Some(Trial {
+        errors: errors.into_iter().collect::<Option<_>>()?,
+        runs: Vec::new(),
+        model: experiment.model.clone(),
+    })
 }
 
 fn unfitted_run(model: &Model, run: &Run) -> Option<RunError> {
@@ -120,7 +126,7 @@ pub(super) fn fitted(experiment: &Experiment, counts: &mut Counts) -> Option<Tri
     };
     let runs = runs?;
     let errors = runs.iter().zip(&experiment.runs).map(error).collect::<Option<_>>()?;
-    Some(Trial { errors, runs })
+    Some(Trial { errors, runs, model: fitted.model })
 }
 
 /// All of a run, from which its start follows.

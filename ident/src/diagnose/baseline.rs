@@ -9,7 +9,7 @@ use crate::experiment::{Experiment, Run, Use};
 use crate::fit::counts::Counts;
 use crate::fit::driver::spread;
 use crate::fit::problem::{Point, Term};
-use crate::fit::{self, FitError, Flow};
+use crate::fit::{self, FitError, FittedParameter, Flow};
 use crate::hypothesis::state::State;
 use crate::initial::{self, StartError};
 use crate::loss::{Weighting, observations};
@@ -58,12 +58,19 @@ pub(crate) fn baseline<'a>(
     if searches || !state.descend(counts) {
         let mut wider = experiment.clone();
         wider.fit.method = Method::Hybrid;
-        let fitted = fit::fit(&wider, &mut Watched(counts))?;
-        counts.rollouts += fitted.fit.rollouts;
-        for (value, parameter) in state.point.values.iter_mut().zip(&state.parameters.free) {
-            if let Some(found) = fitted.fit.parameters.iter().find(|found| found.name == parameter.name()) {
-                *value = found.value;
+        match fit::fit(&wider, &mut Watched(counts)) {
+            Ok(fitted) => {
+                counts.rollouts += fitted.fit.rollouts;
+                for (value, parameter) in state.point.values.iter_mut().zip(&state.parameters.free) {
+                    let named = |found: &&FittedParameter| found.name == parameter.name();
+                    if let Some(found) = fitted.fit.parameters.iter().find(named) {
+                        *value = found.value;
+                    }
+                }
             }
+            // where a joint sticks, derivatives may outgrow all numbers at what a search ends with: then from the model's own values
+            Err(FitError::NoOptimum) => {}
+            Err(error) => return Err(error.into()),
         }
         if !state.descend(counts) {
             return Err(FitError::NoOptimum.into());

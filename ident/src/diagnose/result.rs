@@ -65,8 +65,11 @@ impl Diagnosis {
             return;
         }
         let said: Vec<&str> = suspects.iter().map(|suspect| suspect.sentence.as_str()).collect();
-        self.sentence =
-            format!("The files first: {}. With that put right: {}", said.join("; "), self.sentence);
+        let mut rest = self.sentence.clone();
+        if let Some(first) = rest.get_mut(..1) {
+            first.make_ascii_lowercase();
+        }
+        self.sentence = format!("The files first: {}. With that put right, {rest}", said.join("; "));
         if self.verdict == Verdict::NothingDetectable {
             self.verdict = Verdict::Suspected;
         }

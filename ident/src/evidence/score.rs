@@ -10,6 +10,7 @@
 
 use std::f64::consts::{LN_2, PI, TAU};
 
+use ground::statistics::chi2_survival;
 use nalgebra::{DMatrix, DVector};
 
 use super::atoms::Atoms;
@@ -272,19 +273,19 @@ impl Posterior {
 /// A size so many times its scale is where the first round looks: almost free.
 const FAR: f64 = 30.0;
 
-/// Logarithm of the normal distribution function: its continued fraction far below 0, the error function elsewhere.
+/// Logarithm of the normal distribution function: half of what a chi-square of one degree leaves beyond the square; from where that
+/// underflows on, the beginning of its continued fraction.
 ///
 /// # Source
-/// M. Abramowitz, I. A. Stegun, Handbook of Mathematical Functions, 1964, 7.1.26 and 26.2.12.
+/// M. Abramowitz, I. A. Stegun, Handbook of Mathematical Functions, 1964, 26.2.14.
 fn ln_normal(x: f64) -> f64 {
-    if x < -4.0 {
+    /// No double holds the function's values much farther down.
+    const UNDERFLOW: f64 = -30.0;
+    if x < UNDERFLOW {
         return -0.5 * x * x - (-x * TAU.sqrt()).ln() - (1.0 / (x * x)).ln_1p();
     }
-    let t = 1.0 / (1.0 + 0.327_591_1 * x.abs() / std::f64::consts::SQRT_2);
-    let coefficients = [0.254_829_592, -0.284_496_736, 1.421_413_741, -1.453_152_027, 1.061_405_429];
-    let sum = coefficients.iter().rev().fold(0.0, |sum, c| (sum + c) * t);
-    let tail = 0.5 * sum * (-0.5 * x * x).exp();
-    (if x < 0.0 { tail } else { 1.0 - tail }).ln()
+    let tail = 0.5 * chi2_survival(x * x, 1.0);
+    if x < 0.0 { tail.ln() } else { (-tail).ln_1p() }
 }
 
 #[cfg(test)]
@@ -294,7 +295,9 @@ mod tests {
     #[test]
     fn the_normal_distribution_is_that_of_tables() {
         for (x, p) in [(0.0, 0.5), (1.0, 0.841_344_746), (-2.0, 0.022_750_132), (-5.0, 2.866_515_7e-7)] {
-            assert!((ln_normal(x) - f64::ln(p)).abs() < 2e-3, "{x}: {} {}", ln_normal(x).exp(), p);
+            assert!((ln_normal(x) - f64::ln(p)).abs() < 1e-7, "{x}: {} {}", ln_normal(x).exp(), p);
         }
+        let [above, below] = [-29.999, -30.001].map(ln_normal);
+        assert!((above - below - 0.06).abs() < 1e-3, "{above} {below}");
     }
 }

@@ -1,10 +1,13 @@
 //! Marks that a tracker writes where it has lost a keypoint: again and again the same place to the last digit, such as 0, 0 or -1, -1.
 
+use std::cmp::Reverse;
 use std::collections::HashMap;
 
 use serde::{Deserialize, Serialize};
 use sim::Trajectory;
 use sim::model::encoded_joint;
+
+use ground::statistics::median;
 
 /// A place that a keypoint jumps to and comes back from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -57,12 +60,12 @@ pub(super) fn make_gaps(trajectory: &mut Trajectory) -> Vec<LostMark> {
     list
 }
 
-/// The places at which `keypoint` was lost, with their rows.
+/// The places at which `keypoint` was lost, with their rows: the one that it jumps to most often first, since rest between two jumps looks
+/// like a place that it jumps to itself.
 fn lost(trajectory: &Trajectory, keypoint: usize) -> Vec<([f64; 3], Vec<usize>)> {
-    let seen: Vec<usize> = (0..trajectory.time_s.len())
-        .filter(|&row| trajectory.at(row, keypoint).iter().any(|x| x.is_finite()))
-        .collect();
     let at = |row: usize| trajectory.at(row, keypoint);
+    let is_seen = |row: &usize| at(*row).iter().any(|x| x.is_finite());
+    let mut seen: Vec<usize> = (0..trajectory.time_s.len()).filter(is_seen).collect();
     let mut by_place: HashMap<[u64; 3], Vec<usize>> = HashMap::new();
     for &row in &seen {
         by_place.entry(at(row).map(f64::to_bits)).or_default().push(row);
@@ -70,25 +73,37 @@ fn lost(trajectory: &Trajectory, keypoint: usize) -> Vec<([f64; 3], Vec<usize>)>
     let mut repeated: Vec<Vec<usize>> =
         by_place.into_values().filter(|rows| rows.len() >= VISITS_MIN).collect();
     repeated.sort();
+    let mut list = Vec::new();
+    while let Some((visits, place)) = (0..repeated.len())
+        .map(|place| (visits(&seen, &repeated[place], at), place))
+        .max_by_key(|&(visits, place)| (visits, Reverse(place)))
+        && visits >= VISITS_MIN
+    {
+        let rows = repeated.swap_remove(place);
+        seen.retain(|row| !rows.contains(row));
+        list.push((at(rows[0]), rows));
+    }
+    list
+}
+
+/// How often a keypoint that is seen in the rows `seen` at the places `at` jumps to where it is in `rows`, and back; 0 where it also
+/// slides in or out.
+fn visits(seen: &[usize], rows: &[usize], at: impl Fn(usize) -> [f64; 3]) -> usize {
     let mut steps_m: Vec<f64> = seen.windows(2).map(|pair| distance_m(at(pair[0]), at(pair[1]))).collect();
-    let usual_m = ground::statistics::median(&mut steps_m, f64::total_cmp).unwrap_or(0.0);
-    repeated.retain(|rows| {
-        let others: Vec<[f64; 3]> =
-            seen.iter().filter(|row| !rows.contains(row)).map(|&row| at(row)).collect();
-        let jump_m = (JUMP_ROOM_SHARE_MIN * room_m(&others)).max(JUMP_STEP_RATIO_MIN * usual_m);
-        let place = at(rows[0]);
-        // stretches of images there, each with the images before and after it
-        let neighbours = |row: &usize, step: isize| {
-            let own = seen.binary_search(row).ok()?;
-            seen.get(own.checked_add_signed(step)?).filter(|other| !rows.contains(other)).copied()
-        };
-        let far = |row: usize| distance_m(at(row), place) > jump_m;
-        let begins = rows.iter().filter(|row| neighbours(row, -1).is_some_and(far)).count();
-        let ends = rows.iter().filter(|row| neighbours(row, 1).is_some_and(far)).count();
-        let slides = |step| rows.iter().any(|row| neighbours(row, step).is_some_and(|other| !far(other)));
-        begins.min(ends) >= VISITS_MIN && !slides(-1) && !slides(1)
-    });
-    repeated.into_iter().map(|rows| (at(rows[0]), rows)).collect()
+    let usual_m = median(&mut steps_m, f64::total_cmp).unwrap_or(0.0);
+    let others: Vec<[f64; 3]> = seen.iter().filter(|row| !rows.contains(row)).map(|&row| at(row)).collect();
+    let jump_m = (JUMP_ROOM_SHARE_MIN * room_m(&others)).max(JUMP_STEP_RATIO_MIN * usual_m);
+    // the image before or after one that is there, where it is elsewhere
+    let elsewhere = |row: &usize, step: isize| {
+        let own = seen.binary_search(row).ok()?;
+        seen.get(own.checked_add_signed(step)?).filter(|other| !rows.contains(other)).copied()
+    };
+    let is_far = |row: usize| distance_m(at(row), at(rows[0])) > jump_m;
+    let ways = [-1, 1].map(|step| rows.iter().filter_map(|row| elsewhere(row, step)).collect::<Vec<usize>>());
+    match ways.iter().flatten().all(|&row| is_far(row)) {
+        true => ways.iter().map(Vec::len).min().unwrap_or(0),
+        false => 0,
+    }
 }
 
 /// The diagonal of the box about `places`.

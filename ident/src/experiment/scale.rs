@@ -18,11 +18,13 @@ const TOO_NEAR_SHARE: f64 = 0.02;
 const UNITS: [(&str, f64); 3] = [("millimetres", 1000.0), ("centimetres", 100.0), ("inches", 39.37)];
 /// A ratio is that of a unit from this share of it on (chosen): keypoints are nearer than they can be.
 const UNIT_SHARES: [f64; 2] = [0.5, 1.1];
-/// Commands beyond this are no angles of a servo [rad] (chosen): sixteen turns, fewer than the shortest pulse has microseconds.
+/// Commands beyond this are no angles of a servo \[rad\] (chosen): sixteen turns, fewer than the shortest pulse has microseconds.
 const COMMAND_MAX_RAD: f64 = 100.0;
+/// Whoever films slower than this does so for a reason, or has other numbers under `time_s` \[s\] (chosen): images are asked about.
+const INTERVAL_ASKED_ABOUT_S: f64 = 0.5;
 /// A mechanism that has come this far within one image interval cannot be followed (chosen): most of its motion is between two images.
 const SETTLED_SHARE_MAX: f64 = 0.5;
-/// From where it is let go for that [rad] (chosen).
+/// From where it is let go for that \[rad\] (chosen).
 const LET_GO_RAD: f64 = 0.5;
 
 /// What of `run` cannot be in the units that its columns state.
@@ -171,7 +173,11 @@ fn times(model: &Model, run: &Run) -> Option<String> {
     let interval_s = interval_s(times_s);
     let gravity = length_m(model.settings.gravity.0);
     let swing_s = TAU * (characteristic_length_m(model) / gravity).sqrt();
-    if !(interval_s > swing_s) || run.kind == RunKind::Free || !settles(model, interval_s) {
+    if interval_s < INTERVAL_ASKED_ABOUT_S
+        || !(interval_s > swing_s)
+        || run.kind == RunKind::Free
+        || !settles(model, interval_s)
+    {
         return None;
     }
     let are_numbers = times_s.windows(2).all(|pair| pair[1] - pair[0] == 1.0);

@@ -11,7 +11,7 @@ mod trajectory;
 
 use std::path::{Path, PathBuf};
 
-use ground::names;
+use ground::{names, spreadsheet};
 
 pub use base::{parse_base, read_base, write_base};
 pub use command::{
@@ -24,16 +24,15 @@ pub use trajectory::{parse_trajectory, read_trajectory, trajectory_text, write_t
 struct Rows {
     path: PathBuf,
     header: Vec<String>,
-    rows: Vec<(u64, csv::StringRecord)>,
+    rows: Vec<spreadsheet::Row>,
 }
 
 impl Rows {
     fn parse(text: &str, path: &Path) -> Result<Self, TableError> {
-        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-        let malformed = |source| TableError::Malformed { path: path.into(), source };
-        let mut reader =
-            csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(text.as_bytes());
-        let header: Vec<String> = reader.headers().map_err(malformed)?.iter().map(str::to_owned).collect();
+        let all = spreadsheet::rows(text);
+        let mut all = all.map_err(|source| TableError::Malformed { path: path.into(), source })?.into_iter();
+        let header: Vec<String> =
+            all.next().iter().flat_map(|(_, header)| header.iter()).map(str::to_owned).collect();
         let refuse = |reason: String| Err(TableError::Header { path: path.into(), reason });
         if header.first().map(String::as_str) != Some("time_s") {
             let found = header.first().map_or("", String::as_str);
@@ -44,9 +43,7 @@ impl Rows {
             return refuse(format!("column {} repeats `{title}`; rename or remove one", at + 1));
         }
         let mut rows = Vec::new();
-        for record in reader.records() {
-            let record = record.map_err(malformed)?;
-            let line = record.position().map_or(0, csv::Position::line);
+        for (line, record) in all {
             if record.len() != header.len() {
                 let (expected, got) = (header.len(), record.len());
                 return Err(TableError::Width { path: path.into(), line, expected, got });

@@ -38,6 +38,17 @@ fn byte_order_mark_and_windows_line_ends_are_read() {
 }
 
 #[test]
+fn a_spreadsheets_table_is_the_same_trajectory() {
+    let wanted = trajectory("time_s,P1_x_m\n0.0,0.25\n0.5,\n").unwrap();
+    let read = trajectory("# by a spreadsheet\ntime_s;P1_x_m\r\n0,0;0,25\r\n0,5;\r\n").unwrap();
+    assert_eq!(read.time_s, wanted.time_s);
+    assert!(same(&flat(&read), &flat(&wanted)));
+    let refused =
+        trajectory("# by a spreadsheet\r\n\r\ntime_s;P1_x_m\r\n0,0;0,25\r\n0,5;no\r\n").unwrap_err();
+    assert!(refused.contains("line 5, column P1_x_m: `no`"), "{refused}");
+}
+
+#[test]
 fn what_is_wrong_with_a_trajectory_is_said_with_its_place() {
     for (text, wanted) in [
         ("", "the first column is ``; it must be `time_s`"),

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow};
+use ground::spreadsheet;
 use ground::strict::{Positive, Share};
 use sim::Trajectory;
 
@@ -126,10 +127,10 @@ impl Import<'_> {
             return Err(Failure::Input(anyhow!(what)));
         }
         let bytes = std::fs::read(self.file).with_context(|| self.reading(None)).map_err(Failure::Input)?;
-        String::from_utf8(bytes).map_err(|error| {
-            // The bytes tell a format that is none of text.
-            let error =
-                Format::of(error.as_bytes()).err().map_or(anyhow::Error::new(error.utf8_error()), Into::into);
+        // The bytes tell a format that is none of text.
+        let form = Format::of(&bytes).err();
+        spreadsheet::decoded(bytes).map_err(|what| {
+            let error = form.map_or_else(|| anyhow!("the file is {what}"), Into::into);
             Failure::Input(error.context(self.reading(None)))
         })
     }

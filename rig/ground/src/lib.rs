@@ -2,6 +2,7 @@
 //!
 //! * [`strict`], [`names`], [`error_chain`], [`reasons`]: configs that refuse what they do not know, the name that may have been meant, an
 //!   error with its causes, reasons grouped;
+//! * [`spreadsheet`]: tables as people have them;
 //! * [`statistics`], [`levenberg_marquardt`]: medians and spreads, least squares;
 //! * [`clock`], [`urgency`]: ticks and stamps on one clock, scheduling priorities;
 //! * [`claim`], [`in_place`], [`hold`]: exclusive use by one process, files that a full disk cannot refuse, the hold that every stop leaves;
@@ -19,6 +20,7 @@ pub mod levenberg_marquardt;
 pub mod names;
 pub mod reasons;
 pub mod shell;
+pub mod spreadsheet;
 pub mod statistics;
 pub mod strict;
 pub mod urgency;

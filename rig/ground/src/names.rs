@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 
 use wildmatch::WildMatch;
 
+use crate::spreadsheet;
+
 /// Whether `name` matches `pattern`, where `*` stands for any run of characters and `?` for any one.
 pub fn glob(pattern: &str, name: &str) -> bool {
     WildMatch::new(pattern).matches(name)
@@ -39,11 +41,12 @@ const MAX_LISTED_NAMES: usize = 12;
 
 /// The text of the file at `path`; where it is not there, or a folder, the error names the file that may have been meant.
 pub fn read_text(path: &Path) -> Result<String, Error> {
-    std::fs::read_to_string(path).map_err(|error| match error.kind() {
+    let bytes = std::fs::read(path).map_err(|error| match error.kind() {
         ErrorKind::NotFound => not_there(path),
         ErrorKind::IsADirectory => a_folder(path),
         _ => error,
-    })
+    })?;
+    spreadsheet::decoded(bytes).map_err(|what| Error::new(ErrorKind::InvalidData, what))
 }
 
 /// The error that `path` is a folder, with the files in it that may have been meant.

@@ -131,8 +131,12 @@ impl Format {
         }
         let head = String::from_utf8_lossy(&bytes[..bytes.len().min(4096)]);
         let head = head.trim_start_matches('\u{feff}').trim_start();
-        let mut cells =
-            head.lines().next().unwrap_or_default().split(',').map(|cell| cell.trim_matches(['"', ' ']));
+        let titles = head.lines().find(|line| !line.starts_with('#')).unwrap_or_default();
+        // a column of row numbers, as pandas writes it, has no title
+        let mut cells = titles
+            .trim_start_matches([',', ';', '\t'])
+            .split([',', ';', '\t'])
+            .map(|cell| cell.trim_matches(['"', ' ']));
         if head.starts_with('{') {
             Ok(Self::Wcon)
         } else if cells.clone().next() == Some("scorer") {
@@ -159,6 +163,8 @@ mod tests {
         for (text, wanted) in [
             ("scorer,rig,rig\n", Format::Dlc),
             ("\u{feff}scorer,rig\n", Format::Dlc),
+            ("scorer;rig\n", Format::Dlc),
+            (",scorer,rig\n", Format::Dlc),
             ("track,frame_idx,instance.score,a.x\n", Format::Sleap),
             (" \n{\"units\":{}}", Format::Wcon),
         ] {

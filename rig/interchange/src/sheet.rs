@@ -1,5 +1,8 @@
 //! What tables of trackers have in common: their cells.
 
+use ground::spreadsheet;
+pub(super) use ground::spreadsheet::Row;
+
 use super::InterchangeError;
 
 /// A place farther off than this is in no picture \[px\].
@@ -7,19 +10,18 @@ const COORDINATE_LIMIT_PX: f64 = 1e6;
 /// A film of more images than this would be of a year.
 const FRAME_NUMBER_LIMIT: u64 = 1_000_000_000;
 
-/// A row with its line number.
-pub(super) type Row = (u64, csv::StringRecord);
-
-/// The rows of a table, blanks around cells taken off; they may be of different widths.
+/// The rows of a table; without the column of row numbers that pandas puts before the others, under a title that is empty.
 pub(super) fn rows(text: &str) -> Result<Vec<Row>, InterchangeError> {
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut reader = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .flexible(true)
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
-    let row = |record: csv::StringRecord| (record.position().map_or(0, csv::Position::line), record);
-    Ok(reader.records().map(|record| record.map(row)).collect::<Result<_, _>>()?)
+    let mut rows = spreadsheet::rows(text)?;
+    if rows
+        .first()
+        .is_some_and(|(_, header)| header.len() > 1 && header[0].is_empty() && !header[1].is_empty())
+    {
+        for (_, row) in &mut rows {
+            *row = row.iter().skip(1).collect();
+        }
+    }
+    Ok(rows)
 }
 
 /// Refuses a row that has another number of cells than its header.

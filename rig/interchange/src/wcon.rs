@@ -38,12 +38,31 @@ pub struct Document {
     pub series: Vec<String>,
 }
 
+/// What a document is that is no WCON.
+fn other_json(root: &Value) -> InterchangeError {
+    let has =
+        |key: &str| root.get(key).is_some() || root.get(0).is_some_and(|first| first.get(key).is_some());
+    let known = [("annotations", "COCO keypoints"), ("people", "OpenPose"), ("keypoints", "COCO results")];
+    let form = known
+        .iter()
+        .find(|(key, _)| has(key))
+        .map_or(String::new(), |(_, form)| format!(" (it looks like {form})"));
+    InterchangeError::Unknown {
+        what: format!(
+            "JSON, but no WCON, which has `units` and `data`{form}; convert it to a table of `time_s,P0_x_m,P0_z_m,...` or to DeepLabCut's CSV"
+        ),
+    }
+}
+
 /// Reads `text`.
 ///
 /// # Errors
 /// [`InterchangeError`] with the place in the document.
 pub fn read(text: &str) -> Result<Document, InterchangeError> {
     let root: Value = serde_json::from_str(text.strip_prefix('\u{feff}').unwrap_or(text))?;
+    if root.get("units").is_none() && root.get("data").is_none() {
+        return Err(other_json(&root));
+    }
     let units = |key: &str| root["units"][key].as_str();
     let scale = |key: &str, kind: Kind| {
         let Some(unit) = units(key) else {

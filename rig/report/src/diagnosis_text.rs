@@ -43,7 +43,7 @@ pub(super) fn error(diagnosis: &Diagnosis) -> Option<String> {
 /// Sentences that qualify the verdict.
 pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
     let suspect = |suspect: &Suspect| {
-        format!("Files ({:.0} of 100): {}", 100.0 * suspect.probability, capital(&suspect.sentence))
+        format!("In {:.0} of 100 such cases: {}.", (100.0 * suspect.probability).floor(), suspect.sentence)
     };
     let mut list: Vec<String> = diagnosis.suspects.iter().map(suspect).collect();
     for cause in &diagnosis.causes {
