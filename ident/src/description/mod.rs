@@ -197,5 +197,5 @@ fn releases(experiment: &Experiment, repeated: &Trial, suspect: Suspect) -> Opti
         }
     }
     let sentence = format!("the stated release, `release_s`, is {}", said.join(" and "));
-    (!runs.is_empty()).then(|| Suspect { sentence, runs, ..suspect })
+    (!runs.is_empty()).then_some(Suspect { sentence, runs, ..suspect })
 }

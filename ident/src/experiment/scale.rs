@@ -174,7 +174,7 @@ fn times(model: &Model, run: &Run) -> Option<String> {
     let gravity = length_m(model.settings.gravity.0);
     let swing_s = TAU * (characteristic_length_m(model) / gravity).sqrt();
     if interval_s < INTERVAL_ASKED_ABOUT_S
-        || !(interval_s > swing_s)
+        || interval_s <= swing_s
         || run.kind == RunKind::Free
         || !settles(model, interval_s)
     {
