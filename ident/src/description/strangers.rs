@@ -115,13 +115,15 @@ impl Change {
         let all: Vec<f64> =
             images.iter().map(|cells| cells.iter().map(|cell| cell.off_m.powi(2)).sum()).collect();
         let count: usize = images.iter().map(Vec::len).sum();
+        // before the motion nothing shows that the run is like the others
+        let moving = images.iter().position(|cells| !cells.is_empty())?;
         let total: f64 = all.iter().sum();
         let interval_s = interval_s(&run.measured.time_s);
         let mut best: Option<(f64, usize, What)> = None;
         // sums over the images from the end on
         let (mut squares, mut gram, mut products) = (0.0, Matrix3::zeros(), Vector3::zeros());
         let (mut speeds, mut lag) = (0.0, 0.0);
-        for first in (IMAGES_MIN..images.len()).rev() {
+        for first in (moving + IMAGES_MIN..images.len()).rev() {
             for cell in &images[first] {
                 squares += cell.off_m.powi(2);
                 gram += cell.moved * cell.moved.transpose();
