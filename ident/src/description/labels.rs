@@ -118,7 +118,7 @@ impl Exchange {
             check: format!("change the columns of `{a}` and `{b}` over there"),
             runs: vec![run.id.clone()],
             // no pose is like what these images show, and one is when they are changed over
-            probability: super::SURE,
+            probability: super::STATED_PROBABILITY_MAX,
         }
     }
 }

@@ -42,9 +42,9 @@ pub struct Suspect {
 }
 
 /// The largest probability that is stated (chosen): what was not thought of has the rest.
-const SURE: f64 = 0.999;
+const STATED_PROBABILITY_MAX: f64 = 0.999;
 /// Odds of any one mistake before anything is looked at (chosen): one experiment in a hundred.
-const ODDS: f64 = 0.01;
+const MISTAKE_ODDS: f64 = 0.01;
 /// Below this probability a mistake is none (chosen).
 const PROBABILITY_MIN: f64 = 0.9;
 /// Mistakes whose likelihoods are this near cannot be told apart \[nats\] (chosen).
@@ -128,7 +128,7 @@ fn mistaken(
         .collect();
     fitted.sort_by(|a, b| b.0.ln_likelihood().total_cmp(&a.0.ln_likelihood()));
     let best = fitted.first()?.0.ln_likelihood();
-    let weight = |trial: &Trial| ODDS * (trial.ln_likelihood() - best).exp();
+    let weight = |trial: &Trial| MISTAKE_ODDS * (trial.ln_likelihood() - best).exp();
     let all: f64 = fitted.iter().map(|(trial, _)| weight(trial)).sum();
     // as described, from what the best mistake has led the coefficients to as well: a fit that merely went astray accuses nobody
     let led = Experiment { model: fitted.first()?.0.model.clone(), ..experiment.clone() };
@@ -150,7 +150,7 @@ fn mistaken(
         sentence: join(|mistake| &mistake.sentence, ", or as well: "),
         check: join(|mistake| &mistake.check, "; or "),
         runs: experiment.runs.iter().map(|run| run.id.clone()).collect(),
-        probability: probability.min(SURE),
+        probability: probability.min(STATED_PROBABILITY_MAX),
     };
     let simplest = fitted.iter().position(|(_, mistake)| mistake.place == said[0].place)?;
     let (repeated, mistake) = fitted.swap_remove(simplest);

@@ -45,7 +45,7 @@ pub(super) fn stranger(experiment: &Experiment, counts: &mut Counts) -> Option<(
         sentence: format!("{id} does not belong to the others: {how}"),
         check: format!("look at {id} first, then leave it out or record it anew"),
         runs: vec![id.clone()],
-        probability: super::SURE,
+        probability: super::STATED_PROBABILITY_MAX,
     };
     Some((suspect, others))
 }

@@ -118,7 +118,9 @@ pub(super) fn fitted(experiment: &Experiment, counts: &mut Counts) -> Option<Tri
         .iter()
         .map(|run| match run.usage {
             Use::Fit => repeated.next(),
-            Use::Holdout => hold_out(&fitted.model, run, run_noise(run).std_m, (&[], WHOLE), counts).ok(),
+            Use::Holdout => {
+                hold_out(&fitted.model, run, run_noise(run).std_m, (&[], WHOLE_RUN_START_SHARE), counts).ok()
+            }
         })
         .collect();
     let error = |(run, given): (&FittedRun, &Run)| {
@@ -130,7 +132,7 @@ pub(super) fn fitted(experiment: &Experiment, counts: &mut Counts) -> Option<Tri
 }
 
 /// All of a run, from which its start follows.
-const WHOLE: f64 = 1.0;
+const WHOLE_RUN_START_SHARE: f64 = 1.0;
 
 /// Ends a fit that wanders, or for which nobody waits.
 struct Quick<'a>(&'a Counts);

@@ -74,11 +74,11 @@ pub(super) struct Atoms {
     pub(super) list: Vec<Atom>,
 }
 
-/// Chance of each cause before any data: one in 25, so that about one of the list is at work in a rig (bench/evidence, PI).
-const CHANCE: f64 = 0.04;
-/// Share of a cause's chance that goes to all of its elements together; the rest is spread over single ones (bench/evidence).
+/// Chance of each cause before any data: one in 25, so that about one of the list is at work in a rig (a prototype, chosen).
+const CAUSE_CHANCE: f64 = 0.04;
+/// Share of a cause's chance that goes to all of its elements together; the rest is spread over single ones (a prototype, chosen).
 const ALL_ELEMENTS_SHARE: f64 = 0.5;
-/// Shares of a cause's chance by form: common, common and by run, by run only (bench/evidence, FORMS).
+/// Shares of a cause's chance by form: common, common and by run, by run only (a prototype, chosen).
 const FORCE_SHARES: [f64; 3] = [0.8, 0.05, 0.15];
 /// The same for the camera's clock and place, which do differ, with what is left for drops only and for one run, each.
 const CAMERA_SHARES: [f64; 5] = [0.6, 0.05, 0.15, 0.1, 0.1];
@@ -138,7 +138,8 @@ impl Atoms {
                     (Some(_), true, of) => (1.0 - ALL_ELEMENTS_SHARE) / of as f64,
                     (Some(_), false, of) => 1.0 / of as f64,
                 };
-                let chance = (odds * CHANCE / (1.0 - CHANCE)).ln() + (place / same(term) as f64).ln();
+                let chance =
+                    (odds * CAUSE_CHANCE / (1.0 - CAUSE_CHANCE)).ln() + (place / same(term) as f64).ln();
                 atoms.add_forms(term, &runs, chance, class, &experiment.model);
             }
         }

@@ -2,8 +2,8 @@
 
 use super::atoms::{Atoms, Form};
 
-/// Prior scale of a size, in typical sizes: typical ones are right to a factor of a few (bench/evidence, WIDTH).
-const WIDTH: f64 = 2.0;
+/// Prior scale of a size, in typical sizes: typical ones are right to a factor of a few (a prototype, chosen).
+const SIZE_WIDTH_TYPICAL: f64 = 2.0;
 
 /// What is believed of a column's size.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,11 +66,11 @@ pub(super) fn of_atom(atoms: &Atoms, place: usize) -> Vec<Column> {
         };
         let all = || atom.runs.clone();
         let each = || atom.runs.iter().map(|&run| vec![run]);
-        let size = Belief::Size(WIDTH * known.typical);
+        let size = Belief::Size(SIZE_WIDTH_TYPICAL * known.typical);
         let deviation = Belief::Deviation(known.typical);
         match atom.form {
             _ if known.is_switch => put(all(), Belief::Given),
-            _ if known.is_hidden => put(all(), Belief::Hidden(WIDTH * known.typical)),
+            _ if known.is_hidden => put(all(), Belief::Hidden(SIZE_WIDTH_TYPICAL * known.typical)),
             Form::All if known.each_run => each().for_each(|run| put(run, size)),
             Form::All => put(all(), size),
             Form::CommonAndByRun => {

@@ -14,11 +14,11 @@ use super::score::{Scored, Scorer, TAU_START};
 use crate::fit::counts::Counts;
 use crate::parameters::ON_BOUND_SHARE;
 
-/// Most steps of one fit (bench/evidence; what needs more is found again as another set's child).
+/// Most steps of one fit (a prototype, chosen).
 pub(super) const MOST_STEPS: usize = 8;
 /// A step that would gain less is not worth it, in nats: a twentieth of what could matter to anyone.
 const NOT_WORTH_A_STEP: f64 = 0.05;
-/// How far a coefficient may be from its nominal value, one standard deviation, over that value (chosen; bench/evidence: 0.5 to 0.7 of its
+/// How far a coefficient may be from its nominal value, one standard deviation, over that value (chosen; a prototype took 0.5 to 0.7 of its
 /// logarithm).
 const COEFFICIENT_WIDTH: f64 = 2.0;
 /// A scale with a finer resolution over its width goes over decades.

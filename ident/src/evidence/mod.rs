@@ -35,7 +35,7 @@ use crate::fit::FitError;
 use crate::fit::counts::Counts;
 use crate::initial::free_parameters;
 
-/// What the floor's noise is known to at best, as a share of it: rounding and tails of real noise (bench/evidence).
+/// What the floor's noise is known to at best, as a share of it: rounding and tails of real noise (a prototype, chosen).
 const NOISE_SHARE_LEAST: f64 = 0.02;
 
 /// Says what the simulation of `experiment` gets wrong. Where its limit is over, or the observer has had enough, that is what the pool holds

@@ -5,13 +5,13 @@ use nalgebra::DMatrix;
 /// Scales of the unknown, as places in [`FORCE_SCALES`] (repeatable, own) and [`SLIP_SCALES`].
 pub(super) type Scales = [usize; 3];
 /// Scales of a force in its units, half decades: from what no run shows to thirty times what a hinge's friction is
-/// (bench/evidence, trap 6).
+/// (a prototype, chosen).
 pub(super) const FORCE_SCALES: [f64; 9] = [0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0];
-/// Scales of the slip, over the noise (bench/evidence: 0.03, 0.1, 0.3 mm at 0.3 mm of noise; one more above).
+/// Scales of the slip, over the noise (chosen by a prototype: 0.03, 0.1, 0.3 mm at 0.3 mm of noise; one more above).
 pub(super) const SLIP_SCALES: [f64; 5] = [0.0, 0.1, 0.3, 1.0, 3.0];
 /// Without any unknown.
 pub(super) const OFF: Scales = [0; 3];
-/// Chance that a scale of the unknown is 0 before any data (bench/evidence: nothing was tuned to it).
+/// Chance that a scale of the unknown is 0 before any data (chosen by a prototype: nothing was tuned to it).
 const CHANCE_OF_NONE: f64 = 0.7;
 
 /// What is believed of what is fitted anyway, of one run's start, and of its own force.

@@ -18,7 +18,7 @@ use super::columns::{Belief, Column, has_deviations};
 use super::gram::Gram;
 use super::priors::{FORCE_SCALES, OFF, SLIP_SCALES, Scales, ln_scales};
 
-/// What a by-run size may deviate by, in typical sizes, equally likely (bench/evidence, and two more for sizes of other tanks).
+/// What a by-run size may deviate by, in typical sizes, equally likely (a prototype, chosen).
 const TAUS: [f64; 6] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0];
 /// Where tau starts: at a typical size.
 pub(super) const TAU_START: usize = 3;
@@ -34,7 +34,7 @@ pub(super) fn tau(place: usize) -> f64 {
 }
 
 /// Rounds in which the Cauchy beliefs find their widths: each is a Newton step, from far out.
-const ROUNDS: usize = 4;
+const CAUCHY_ROUNDS: usize = 4;
 /// Scales that are tried beside the neighbours of the one at hand, as places: 0, and into the middle of the grid, since the smallest ones
 /// say nothing.
 const JUMPS: [usize; 3] = [0, 3, 5];
@@ -220,7 +220,7 @@ impl Posterior {
                 _ => 0.0,
             })
             .collect();
-        let mut rounds = ROUNDS;
+        let mut rounds = CAUCHY_ROUNDS;
         loop {
             let precision = |(column, size): (&&Column, &f64)| column.belief.precision(*size, tau);
             let precisions: Vec<f64> = beliefs.iter().zip(&sizes).map(precision).collect();

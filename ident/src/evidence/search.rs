@@ -20,16 +20,16 @@ use super::priors::{OFF, Scales};
 use super::score::{Scored, TAU_START, better, taus};
 use crate::fit::counts::Counts;
 
-/// What is predicted to be within so many nats of the best is refitted: odds of 20 to 1 (bench/evidence).
+/// What is predicted to be within so many nats of the best is refitted: odds of 20 to 1 (a prototype, chosen).
 const NEAR: f64 = 3.0;
 /// So many refits that change nothing about which set is best are enough (chosen): in linear regime predictions are right to a tenth of a nat.
 const MOST_IN_VAIN: usize = 8;
 /// A gain that is worth a step of the climb, in nats.
 const WORTH_A_CAUSE: f64 = 0.5;
-/// The same for a set of as many causes: what stood elsewhere is predicted from further away (bench/evidence: quartiles of 0 and 6 nats too
+/// The same for a set of as many causes: what stood elsewhere is predicted from further away (chosen by a prototype: quartiles of 0 and 6 nats too
 /// low).
 const NEAR_EXCHANGED: f64 = 8.0;
-/// Sets fitted without the unknown, and how many of these to the end (bench/evidence).
+/// Sets fitted without the unknown, and how many of these to the end (a prototype, chosen).
 const SCOUTS: usize = 6;
 const FINISHED_SCOUTS: usize = 2;
 /// Steps of a scout.

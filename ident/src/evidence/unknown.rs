@@ -14,9 +14,9 @@ use sim::transitions::Transitions;
 use crate::fit::problem::Term;
 use crate::initial::prescribed_dofs;
 
-/// Time between knots of a run's own force \[s\]: bench/evidence; two correlation times below span 0.1 to 1 s.
+/// Time between knots of a run's own force \[s\] (chosen by a prototype); two correlation times below span 0.1 to 1 s.
 const KNOT_S: f64 = 0.1;
-/// Correlation times of a run's own force, quick and slow \[s\] (bench/evidence).
+/// Correlation times of a run's own force, quick and slow \[s\] (a prototype, chosen).
 const CORRELATION_TIMES_S: [f64; 2] = [0.1, 1.0];
 /// Most knots of one run, all joints together (chosen): beyond, knots are further apart, or a long run would cost more than its simulation.
 const MOST_KNOTS: usize = 160;
@@ -24,9 +24,9 @@ const MOST_KNOTS: usize = 160;
 const MOST_JOINTS: usize = 6;
 /// Length of the pieces \[s\]: a fifth of a knot's distance; the fastest function of angle turns in no less than five of them.
 pub(super) const PIECE_S: f64 = KNOT_S / 5.0;
-/// Times over which rates are averaged for forces that remember \[s\] (bench/evidence).
+/// Times over which rates are averaged for forces that remember \[s\] (a prototype, chosen).
 const MEMORIES_S: [f64; 2] = [0.15, 0.6];
-/// How often the force turns round within a turn of the joint: notches, magnets (bench/evidence).
+/// How often the force turns round within a turn of the joint: notches, magnets (a prototype, chosen).
 const TURNS: [f64; 2] = [3.0, 6.0];
 /// The greatest rate over the rate within which dry friction turns round.
 const TURNS_ROUND: f64 = 5.0;

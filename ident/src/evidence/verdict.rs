@@ -11,7 +11,7 @@ use super::search::Pool;
 const NAMED: f64 = 0.95;
 /// A cause that is less probable than this is not spoken of.
 const SPOKEN_OF: f64 = 0.05;
-/// Beside something unexplained that gains U nats, a force is named only from this share of U on: measured (bench/evidence, with a margin
+/// Beside something unexplained that gains U nats, a force is named only from this share of U on: measured (by a prototype, with a margin
 /// of 1.5; to be measured anew).
 const GAIN_SHARE: f64 = 0.25;
 /// 95 % of a normal distribution lie within so many standard deviations.
