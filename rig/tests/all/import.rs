@@ -246,7 +246,7 @@ fn what_cannot_be_taken_over_is_refused_with_a_remedy() {
             "line 6: 5 cells under a header of 7; is the file cut off?",
         ),
         (b"\x89HDF\r\n\x1a\n\xff\xfe", CONFIG, with(&[]), 2, "an HDF5 file"),
-        (b"scorer,\xff\n", CONFIG, with(&[]), 2, "invalid utf-8"),
+        (b"scorer,\xff\n", CONFIG, with(&[]), 2, "letter in Windows-1252 or Latin-1; save it as UTF-8"),
         (wcon, CONFIG, vec!["--fps", "5"], 2, "--fps is of no use: WCON has metres and seconds of its own"),
         (
             wcon,
