@@ -3,7 +3,12 @@
 
 #![allow(clippy::disallowed_methods, reason = "a switch of the system")]
 
+use rustix::io::Errno;
 use rustix::process::{nice, setpriority_process};
+use thread_priority::unix::{set_thread_priority_and_policy, thread_native_id};
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+};
 
 /// How urgent the work of a thread is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,6 +47,8 @@ fn leads_its_session(stat: &str) -> Option<bool> {
     Some(after.split_whitespace().nth(3)? == process)
 }
 
+/// Priority of the servo's threads among the real-time ones, 1 to 99, chosen: the kernel's own for interrupts have 50.
+const SERVO_PRIORITY: u8 = 10;
 /// Niceness of the servo's threads, chosen; each step of niceness changes the share of the processor by a quarter.
 const SERVO_NICENESS: i32 = -10;
 /// Niceness of the threads for images, chosen.
@@ -52,11 +59,11 @@ const COMPUTING_NICENESS: i32 = 19;
 
 impl Urgency {
     /// Sets the priority of the calling thread and of those that it starts from now on. Where the system refuses it, for lack of the right
-    /// (`LimitNICE=` of a service, `nice` in limits.conf), the priority stays as it was.
+    /// (`LimitRTPRIO=` and `LimitNICE=` of a service, `rtprio` and `nice` in limits.conf), the priority stays as it was.
     pub fn take(self) {
         let _ = match self {
-            // of the calling thread alone, on Linux
-            Self::Servo => setpriority_process(None, SERVO_NICENESS),
+            // where it may not go before all others, it has more of the processor than the rest; both are of the calling thread alone
+            Self::Servo => before_all_others().or_else(|_| setpriority_process(None, SERVO_NICENESS)),
             Self::Pictures => nice(PICTURES_NICENESS).map(drop),
             Self::Computing => nice(COMPUTING_NICENESS).map(drop),
         };
@@ -70,6 +77,17 @@ impl Urgency {
             Self::Computing => COMPUTING_NICENESS,
         }
     }
+}
+
+/// Lets the calling thread run as soon as it has something to do ([`SCHED_FIFO`]). Shares of the processor are no promise of that: with half
+/// a processor in use by another session, servo threads at the lowest niceness waited for a second (`docs/threads.md`).
+///
+/// [`SCHED_FIFO`]: https://man7.org/linux/man-pages/man7/sched.7.html
+fn before_all_others() -> Result<(), Errno> {
+    let first_come = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+    let priority = ThreadPriorityValue::try_from(SERVO_PRIORITY).map_err(|_| Errno::INVAL)?;
+    set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(priority), first_come)
+        .map_err(|_| Errno::PERM)
 }
 
 #[cfg(test)]
