@@ -123,7 +123,7 @@ impl<'b, 'a> Fitter<'b, 'a> {
         let sizes = |run: usize| {
             let mut sizes = BTreeMap::new();
             for (column, size) in setting.columns.iter().zip(&point.sizes) {
-                if column.acts_in(run) {
+                if column.acts_in(run) && !matches!(column.belief, Belief::Hidden(_)) {
                     *sizes.entry(column.number).or_insert(0.0) += size;
                 }
             }
@@ -134,7 +134,10 @@ impl<'b, 'a> Fitter<'b, 'a> {
             start: own.clone(),
             numbers: sizes(run),
         });
-        Gram::new(columns, &each.collect::<Vec<_>>(), beliefs)
+        let is_hidden = |column: &Column| matches!(column.belief, Belief::Hidden(_));
+        let hidden = setting.columns.iter().zip(&point.sizes).filter(|(column, _)| is_hidden(column));
+        let hidden = hidden.map(|(column, size)| (column.number, *size)).collect();
+        Gram::new(columns, &each.collect::<Vec<_>>(), hidden, beliefs)
     }
 
     fn stand(
@@ -187,8 +190,10 @@ impl<'b, 'a> Fitter<'b, 'a> {
                 places.push(place);
             }
         }
-        let (mut products, data) = reduced.joint(&asked);
+        let (mut products, mut data) = reduced.joint(&asked);
         let first = reduced.kept.len();
+        let hidden = gram.hidden(&asked);
+        data += products.columns(first, asked.len()) * &hidden;
         let mut bounds: Vec<[f64; 2]> = reduced
             .kept
             .iter()
@@ -218,9 +223,9 @@ impl<'b, 'a> Fitter<'b, 'a> {
         let by_run: Vec<DVector<f64>> = (0..self.bench.runs())
             .map(|run| {
                 let mut all = DVector::zeros(gram.numbers.len());
-                for ((number, runs), &place) in asked.iter().zip(&places) {
+                for (((number, runs), &place), hidden) in asked.iter().zip(&places).zip(hidden.iter()) {
                     if runs.contains(&run) {
-                        all[*number] += sizes[place];
+                        all[*number] += sizes[place] - hidden;
                     }
                 }
                 all

@@ -52,6 +52,8 @@ pub(super) struct Gram {
     /// Places in [`super::atoms::Atoms::numbers`] of the columns by number.
     pub(super) numbers: Vec<usize>,
     pub(super) observations: usize,
+    /// Where hidden numbers stand, from their centres. The data has no part of theirs: without the size that they belong to they do nothing.
+    hidden: BTreeMap<usize, f64>,
     beliefs: Arc<Beliefs>,
     memory: Mutex<BTreeMap<Scales, Option<Arc<Reduced>>>>,
 }
@@ -84,8 +86,13 @@ pub(super) struct Reduced {
 }
 
 impl Gram {
-    /// `sizes`, by run: where the point stands.
-    pub(super) fn new(columns: &[RunColumns], sizes: &[Standing], beliefs: Arc<Beliefs>) -> Self {
+    /// `sizes`, by run: where the point stands; `hidden`: where numbers do that say nothing without others.
+    pub(super) fn new(
+        columns: &[RunColumns],
+        sizes: &[Standing],
+        hidden: BTreeMap<usize, f64>,
+        beliefs: Arc<Beliefs>,
+    ) -> Self {
         let mut numbers: Vec<usize> =
             columns.iter().flat_map(|run| run.numbers.iter().map(|(number, _)| *number)).collect();
         numbers.sort_unstable();
@@ -97,12 +104,18 @@ impl Gram {
             .map(|(run, sizes)| RunGram::new(run, sizes, free, &numbers))
             .collect();
         let observations = columns.iter().map(|run| run.residuals.len()).sum();
-        Self { runs, numbers, observations, beliefs, memory: Mutex::default() }
+        Self { runs, numbers, observations, hidden, beliefs, memory: Mutex::default() }
     }
 
     /// Whether the unknown's columns are there.
     pub(super) fn has_unknown(&self) -> bool {
         self.runs.iter().any(|run| !run.layout.own.is_empty())
+    }
+
+    /// Where `columns`, as [`Reduced::of`] takes them, stand that are hidden numbers; 0 for the others.
+    pub(super) fn hidden(&self, columns: &[(usize, &[usize])]) -> DVector<f64> {
+        let at = |(number, _): &(usize, &[usize])| self.hidden.get(&self.numbers[*number]).copied();
+        DVector::from_iterator(columns.len(), columns.iter().map(|column| at(column).unwrap_or(0.0)))
     }
 
     /// See [`Reduced`]; `None` where digits are lost.

@@ -97,6 +97,10 @@ impl Scorer<'_> {
             }
         }
         let (products, mut data) = reduced.of(&asked);
+        // of hidden numbers only those of the set have a part in the data
+        let hidden = self.gram.hidden(&asked);
+        let hidden_squares = (&products * &hidden + 2.0 * &data).dot(&hidden);
+        data += &products * &hidden;
         // a switch takes its column off the data
         let mut switched = 0.0;
         for place in (0..beliefs.len()).filter(|&place| beliefs[place].belief == Belief::Given) {
@@ -108,7 +112,7 @@ impl Scorer<'_> {
         let mut best: Option<Scored> = None;
         for tau in taus {
             let Some(posterior) = Posterior::new(&products, &data, &beliefs, TAUS[tau]) else { continue };
-            let squares = (reduced.squares + switched - posterior.explained).max(f64::MIN_POSITIVE);
+            let squares = (reduced.squares + hidden_squares + switched - posterior.explained).max(f64::MIN_POSITIVE);
             let variance = self.variance(squares);
             let count = self.gram.observations as f64;
             let ln_z = reduced.ln_determinants

@@ -99,6 +99,13 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
         pool.fitted.iter().map(|fitted| (&fitted.setting.set[..], fitted.scored.ln_z)).collect();
     let fitted = sets.len();
     let linear = pool.about_best();
+    if std::env::var("RIG_DEBUG").is_ok() {
+        let mut l: Vec<_> = linear.iter().collect();
+        l.sort_by(|a, b| b.1.total_cmp(&a.1));
+        for (set, z) in l.iter().take(25) { eprintln!("  lin {:8.2} {}", z - most, pool.label(set)); }
+        for (set, z) in l.iter().filter(|(s, _)| pool.label(s).contains("stiffness/q4")).take(5) { eprintln!("  lin {:8.2} {}", z - most, pool.label(set)); }
+        for f in &pool.fitted { eprintln!("  fit {:8.2} {:?} free {} {}", f.scored.ln_z - most, f.scored.scales, f.is_free, pool.label(&f.setting.set)); }
+    }
     let is_fitted = |set: &[usize]| pool.fitted.iter().any(|fitted| fitted.setting.set == set);
     // what is only predicted is never above what was fitted: predictions rank, refits decide
     sets.extend(linear.iter().filter(|(set, _)| !is_fitted(set)).map(|(set, z)| (&set[..], z.min(most))));
