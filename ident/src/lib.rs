@@ -19,15 +19,15 @@
 //!   knows;
 //! * [`experiment`]: a model and its runs; [`initial`]: where and when each starts; [`simulate`]: a run repeated;
 //! * [`fit`]: search and least squares, error bars; [`description`]: whether the files describe the runs as they were;
-//! * `hypothesis`: a model with some causes, and what a further one would gain; [`design`]: the next run; [`diagnose`]: what the
-//!   simulation gets wrong; [`evidence`]: the same by one evidence, with an unknown force in every hypothesis.
+//! * `hypothesis`: a model with some causes, and what a further one would gain; `evidence`: which set of causes explains runs, an unknown force
+//!   in every one; [`design`]: the next run; [`diagnose`]: what the simulation gets wrong, as a report has it.
 
 pub mod cmaes;
 mod config;
 pub mod description;
 pub mod design;
 pub mod diagnose;
-pub mod evidence;
+mod evidence;
 pub mod experiment;
 pub mod fit;
 mod geometry;

@@ -1,33 +1,16 @@
 //! What is said beside the verdict: what of the set-up may have misled it.
 
 use sim::Cause;
-use sim::causes::Kind;
 use sim::model::{Actuator, ActuatorKind, JointKind};
 
-use crate::experiment::{Experiment, Run, RunKind, Use};
+use crate::experiment::{Experiment, RunKind, Use};
+use crate::hypothesis::candidates::needs_side_view;
 use crate::hypothesis::state::State;
 use crate::initial::prescribed_dofs;
 use crate::parameters::Parameters;
 
 /// A joint let go further than this from where its actuator holds it [rad] was hardly held.
 const LET_GO_RAD: f64 = 0.1;
-
-/// Causes in a camera that have to do with time alone, or with a link's own length.
-const WITHOUT_AXES: [&str; 2] = ["camera_delay", "keypoint_slip"];
-
-/// Whether `cause` acts along the axes of a camera that looks from the side, x and z, and a run was filmed from above, in x and y: then
-/// it is no candidate.
-pub(super) fn needs_side_view(cause: Cause, experiment: &Experiment) -> bool {
-    let info = cause.info();
-    let has_axes = info.in_picture_plane || info.kind == Kind::Camera && !WITHOUT_AXES.contains(&info.name);
-    // whoever writes a cause down knows where the camera is
-    has_axes && !cause.is_own() && experiment.runs.iter().any(from_above)
-}
-
-fn from_above(run: &Run) -> bool {
-    let has = |axis: usize| run.trajectory.position_m.iter().any(|place| place[axis].is_finite());
-    has(1) && !has(2)
-}
 
 /// What is said of causes that are no candidates because of where the camera was.
 pub(super) fn seen_from_above(experiment: &Experiment) -> Option<String> {

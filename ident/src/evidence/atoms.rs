@@ -7,14 +7,13 @@ use std::collections::BTreeMap;
 
 use sim::causes::{Kind, Role};
 
-use crate::diagnose::verdict::possible;
 use crate::experiment::{Experiment, RunKind, Use};
-use crate::hypothesis::candidates::{Term, aliases, fitted, names};
+use crate::hypothesis::candidates::{Term, aliases, fitted, names, possible};
 use crate::parameters::Parameters;
 
 /// How the sizes of a cause go with the runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Form {
+pub(crate) enum Form {
     /// The same in all runs.
     All,
     /// A common size and a deviation of each run.
@@ -100,9 +99,13 @@ impl Atom {
             && self.term.choices == other.term.choices
     }
 
-    /// The cause, its element and its form, as a report names it.
+    /// The cause and its element.
+    pub(super) fn place(&self) -> String {
+        self.term.element().map_or(self.cause().to_owned(), |element| format!("{}/{element}", self.cause()))
+    }
+
+    /// The cause, its element and its form.
     pub(super) fn label(&self) -> String {
-        let element = self.term.element().map_or(String::new(), |element| format!("/{element}"));
         let form = match self.form {
             Form::All => String::new(),
             Form::CommonAndByRun => " (common, and by run)".into(),
@@ -110,7 +113,7 @@ impl Atom {
             Form::DropsOnly => " (drops only)".into(),
             Form::OneRun(run) => format!(" (run {} only)", run + 1),
         };
-        format!("{}{element}{form}", self.cause())
+        format!("{}{form}", self.place())
     }
 }
 

@@ -6,7 +6,7 @@
 //!
 //! Files, each of which knows only those before it: `bounded` (least squares within bounds), `atoms` (causes in forms), `columns` (forms as columns), `unknown` (the unknown's columns), `linear`
 //! (a hypothesis at a point), `priors` (what is believed of all that is common), `gram` (products, what is common eliminated), `score` (the evidence), `fit` (a hypothesis at its optimum),
-//! `search` (the pool, best first), `verdict` (what the pool says).
+//! `search` (the pool, best first), `verdict` (what the pool says), `described` (a set as a fitted model).
 //!
 //! # Source
 //! M. C. Kennedy, A. O'Hagan, "Bayesian calibration of computer models", Journal of the Royal Statistical Society B 63 (2001) 425-464, for
@@ -15,6 +15,7 @@
 mod atoms;
 mod bounded;
 mod columns;
+mod described;
 mod fit;
 mod gram;
 mod linear;
@@ -24,44 +25,49 @@ mod search;
 mod unknown;
 mod verdict;
 
-use std::time::Instant;
+pub(crate) use atoms::Form;
+pub(crate) use verdict::{Evidence, FoundCause, Standing};
 
-pub use atoms::Form;
-pub use verdict::{Evidence, FoundCause, Size, Standing};
-
-use crate::diagnose::{DiagnoseError, Observer, baseline};
 use crate::experiment::Experiment;
 use crate::fit::FitError;
 use crate::fit::counts::Counts;
-use crate::initial::free_parameters;
+use crate::hypothesis::state::State;
+use crate::noise::floor::Floor;
 
 /// What the floor's noise is known to at best, as a share of it: rounding and tails of real noise (a prototype, chosen).
 const NOISE_SHARE_LEAST: f64 = 0.02;
 
-/// Says what the simulation of `experiment` gets wrong. Where its limit is over, or the observer has had enough, that is what the pool holds
-/// by then.
+/// What the runs say, and the models that say it.
+pub(crate) struct Found<'a> {
+    pub(crate) evidence: Evidence,
+    /// The best set of causes, fitted.
+    pub(crate) leader: State<'a>,
+    /// What is named, fitted alone.
+    pub(crate) named: State<'a>,
+    /// The best set that holds another cause than the leader.
+    pub(crate) rival: Option<State<'a>>,
+}
+
+/// What explains the runs of `experiment` beside `baseline`, the model as it stands, fitted, with the noise of `floor`. Where `counts` is
+/// stopped, that is what the pool holds by then. `says` is told what is tried, and says whether to go on.
 ///
 /// # Errors
-/// [`DiagnoseError`]; [`DiagnoseError::Interrupted`] where the observer has had enough before the model is fitted.
-pub fn evidence(experiment: &Experiment, observer: &mut dyn Observer) -> Result<Evidence, DiagnoseError> {
-    let began = Instant::now();
-    experiment.check()?;
-    let parameters = free_parameters(&experiment.model, experiment)?;
-    let atoms = atoms::Atoms::new(experiment, &parameters);
-    if !observer.stage("fitting the baseline") {
-        return Err(DiagnoseError::Interrupted);
-    }
-    let mut counts = Counts::until(observer.interrupted());
-    let (state, floor) = baseline::baseline(experiment, parameters, &mut counts)?;
+/// [`FitError::NoOptimum`] where the baseline cannot be simulated.
+pub(crate) fn evidence<'a>(
+    experiment: &Experiment,
+    baseline: &State<'a>,
+    floor: &Floor,
+    counts: &mut Counts,
+    says: &mut dyn FnMut(&str) -> bool,
+) -> Result<Found<'a>, FitError> {
+    let atoms = atoms::Atoms::new(experiment, &baseline.parameters);
     let noise_share = (floor.noise_std_m / floor.noise_m).max(NOISE_SHARE_LEAST);
-    let mut counts = {
-        let mut limited = search::by(experiment.diagnose.limit_s.get(), began, &counts);
-        limited.add(&counts);
-        limited
-    };
-    let bench = linear::Bench::new(state, atoms, &mut counts).ok_or(FitError::NoOptimum)?;
+    // what every answer begins with is worked out however little time there is
+    let mut first = Counts::default();
+    let bench = linear::Bench::new(baseline.clone(), atoms, &mut first).ok_or(FitError::NoOptimum)?;
+    counts.add(&first);
     let mut pool = search::Pool::new(fit::Fitter::new(&bench, noise_share));
-    let complete = pool.search(&mut counts, &mut |text| observer.stage(text));
-    let found = verdict::verdict(&pool, complete).ok_or(FitError::NoOptimum)?;
-    Ok(Evidence { rollouts: counts.rollouts, ..found })
+    let complete = pool.search(counts, says);
+    let evidence = verdict::verdict(&pool, complete).ok_or(FitError::NoOptimum)?;
+    described::described(&pool, evidence).ok_or(FitError::NoOptimum)
 }

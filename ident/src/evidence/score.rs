@@ -112,7 +112,8 @@ impl Scorer<'_> {
         let mut best: Option<Scored> = None;
         for tau in taus {
             let Some(posterior) = Posterior::new(&products, &data, &beliefs, TAUS[tau]) else { continue };
-            let squares = (reduced.squares + hidden_squares + switched - posterior.explained).max(f64::MIN_POSITIVE);
+            let squares =
+                (reduced.squares + hidden_squares + switched - posterior.explained).max(f64::MIN_POSITIVE);
             let variance = self.variance(squares);
             let count = self.gram.observations as f64;
             let ln_z = reduced.ln_determinants

@@ -8,7 +8,6 @@
 //! that set is without it, and refits what would be best there.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::time::Instant;
 
 use rayon::prelude::*;
 
@@ -126,7 +125,12 @@ impl<'b, 'a> Pool<'b, 'a> {
             let setting = pool.bench().setting(set);
             pool.fitter.fit(setting, point, scales, (false, steps), counts)
         };
-        let Some((mut at, own)) = fit(self, &[], (point, scales, MOST_STEPS), counts) else { return false };
+        // there is an answer however little time there is
+        let mut first = Counts::default();
+        let Some((mut at, own)) = fit(self, &[], (point, scales, MOST_STEPS), &mut first) else {
+            return false;
+        };
+        counts.add(&first);
         let mut way = Vec::new();
         let mut fresh = Some(own);
         loop {
@@ -356,14 +360,5 @@ impl<'b, 'a> Pool<'b, 'a> {
         let Some(best) = self.best() else { return Vec::new() };
         let list = self.neighbours(&self.fitted[best], best, true);
         list.into_iter().map(|(set, predicted)| (set, predicted.scored.ln_z)).collect()
-    }
-}
-
-/// When nobody waits any longer.
-pub(super) fn by(limit_s: f64, began: Instant, counts: &Counts) -> Counts {
-    let limit = std::time::Duration::try_from_secs_f64(limit_s).ok();
-    match limit.and_then(|limit| began.checked_add(limit)) {
-        Some(deadline) => counts.apart().by(deadline),
-        None => counts.apart(),
     }
 }

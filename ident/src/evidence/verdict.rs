@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use super::Form;
 use super::atoms::Atom;
 use super::columns::Belief;
 use super::priors::{FORCE_SCALES, OFF, SLIP_SCALES, ln_scales};
 use super::search::Pool;
+use crate::hypothesis::candidates::Term;
 
 /// A cause is named from this probability on: 19 to 1.
 const NAMED: f64 = 0.95;
@@ -19,7 +21,7 @@ const WITHIN_95: f64 = 1.959_964;
 
 /// What is said of a cause.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Standing {
+pub(crate) enum Standing {
     /// It is at work.
     Named,
     /// It may be: another set says otherwise with some probability.
@@ -32,62 +34,71 @@ pub enum Standing {
 
 /// A number of a cause.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Size {
+pub(crate) struct Size {
     /// As in the model.
-    pub name: String,
+    pub(crate) name: String,
     /// The runs, by their order among the fitted ones, where it is not all.
-    pub runs: Vec<usize>,
+    pub(crate) runs: Vec<usize>,
     /// Mean, SI.
-    pub value: f64,
+    pub(crate) value: f64,
     /// 95 % interval.
-    pub ci95: [f64; 2],
+    pub(crate) ci95: [f64; 2],
 }
 
 /// A cause that is spoken of.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FoundCause {
-    /// Its name.
-    pub name: String,
-    /// Name, element and form.
-    pub label: String,
-    /// The element that it sits in, if it is one.
-    pub element: Option<String>,
+pub(crate) struct FoundCause {
+    /// It, in its most probable element and form.
+    pub(crate) term: Term,
+    pub(crate) form: Form,
+    /// The element that it sits in, where it is one beyond reasonable doubt.
+    pub(crate) element: Option<String>,
+    /// All elements that it may as well sit in, the most probable first, where that is in doubt.
+    pub(crate) elsewhere: Vec<String>,
     /// Name shared with those that no video tells from it.
-    pub class: String,
+    pub(crate) class: String,
     /// What is said of it.
-    pub standing: Standing,
+    pub(crate) standing: Standing,
     /// Probability of it, or of one that no video tells from it.
-    pub probability: f64,
+    pub(crate) probability: f64,
     /// By how many nats the best set is better than the best without it.
-    pub gain: f64,
+    pub(crate) gain: f64,
     /// Its numbers, over all sets that hold it in this form.
-    pub sizes: Vec<Size>,
+    pub(crate) sizes: Vec<Size>,
 }
 
 /// What the runs say.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Evidence {
+pub(crate) struct Evidence {
     /// Causes, most probable first.
-    pub causes: Vec<FoundCause>,
+    pub(crate) causes: Vec<FoundCause>,
     /// Gain of everything that nobody names: the unknown, and forces by run only \[nats\].
-    pub unnamed: f64,
+    pub(crate) unnamed: f64,
     /// Scales of the unknown in the best set: repeatable force, force of each run's own, both in units of what moves keypoints by their noise;
     /// slip, over the noise.
-    pub unknown: [f64; 3],
-    /// The best set in words, and the logarithm of its evidence over that of none with no unknown.
-    pub best: String,
-    /// See there.
-    pub ln_odds: f64,
+    pub(crate) unknown: [f64; 3],
+    /// Sets of causes, as labels, with their probabilities and what each gains over none \[nats\], the best first.
+    pub(crate) sets: Vec<LikelySet>,
     /// Probability of what was scored but not refitted.
-    pub unfitted: f64,
-    /// Noise over that of the floor.
-    pub noise: f64,
+    pub(crate) unfitted: f64,
     /// Whether the search came to its end.
-    pub complete: bool,
-    /// Sets fitted.
-    pub fits: usize,
-    /// Runs simulated; several that share a pass count each.
-    pub rollouts: u64,
+    pub(crate) complete: bool,
+}
+
+/// A set of causes.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct LikelySet {
+    pub(crate) labels: Vec<String>,
+    pub(crate) probability: f64,
+    pub(crate) gain: f64,
+}
+
+impl Evidence {
+    /// Whether what is named, and noise, is all that there is.
+    pub(crate) fn is_explained(&self) -> bool {
+        self.unknown.iter().all(|scale| *scale == 0.0)
+            && self.causes.iter().all(|cause| cause.standing != Standing::Resembles)
+    }
 }
 
 /// Sums up `pool`.
@@ -99,13 +110,6 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
         pool.fitted.iter().map(|fitted| (&fitted.setting.set[..], fitted.scored.ln_z)).collect();
     let fitted = sets.len();
     let linear = pool.about_best();
-    if std::env::var("RIG_DEBUG").is_ok() {
-        let mut l: Vec<_> = linear.iter().collect();
-        l.sort_by(|a, b| b.1.total_cmp(&a.1));
-        for (set, z) in l.iter().take(25) { eprintln!("  lin {:8.2} {}", z - most, pool.label(set)); }
-        for (set, z) in l.iter().filter(|(s, _)| pool.label(s).contains("stiffness/q4")).take(5) { eprintln!("  lin {:8.2} {}", z - most, pool.label(set)); }
-        for f in &pool.fitted { eprintln!("  fit {:8.2} {:?} free {} {}", f.scored.ln_z - most, f.scored.scales, f.is_free, pool.label(&f.setting.set)); }
-    }
     let is_fitted = |set: &[usize]| pool.fitted.iter().any(|fitted| fitted.setting.set == set);
     // what is only predicted is never above what was fitted: predictions rank, refits decide
     sets.extend(linear.iter().filter(|(set, _)| !is_fitted(set)).map(|(set, z)| (&set[..], z.min(most))));
@@ -138,15 +142,17 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
         if probability < SPOKEN_OF {
             continue;
         }
-        // in the form that is most probable
-        let mut forms: BTreeMap<String, (f64, usize)> = BTreeMap::new();
-        for ((set, _), weight) in sets.iter().zip(&weights).take(fitted) {
-            for &atom in set.iter().filter(|atom| is(atom)) {
-                forms.entry(atoms[atom].label()).or_insert((0.0, atom)).0 += weight;
-            }
-        }
-        let chosen = forms.iter().max_by(|a, b| a.1.0.total_cmp(&b.1.0));
-        let Some((label, &(_, atom))) = chosen else { continue };
+        let held = sets.iter().zip(&weights).take(fitted).flat_map(|((set, _), weight)| {
+            set.iter().filter(|atom| is(atom)).map(move |&atom| (atom, *weight))
+        });
+        let places = shares(held.clone().map(|(atom, weight)| (atoms[atom].place(), atom, weight)));
+        let Some(((place, _), place_share)) = places.first() else { continue };
+        let forms = held.filter(|(atom, _)| atoms[*atom].place() == *place);
+        let forms = shares(forms.map(|(atom, weight)| (atoms[atom].label(), atom, weight)));
+        let Some(((label, atom), _)) = forms.first() else { continue };
+        let (label, atom) = (label.clone(), *atom);
+        let is_placed = *place_share >= NAMED;
+        let likely = places.iter().filter(|(_, share)| *share >= SPOKEN_OF);
         let gain = gain(&is);
         let standing = match probability {
             _ if !is_named => Standing::Resembles,
@@ -156,31 +162,64 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
             _ => Standing::Named,
         };
         causes.push(FoundCause {
-            name: atoms[atom].cause().to_owned(),
-            label: label.clone(),
-            element: atoms[atom].term.element().map(str::to_owned),
+            term: atoms[atom].term.clone(),
+            form: atoms[atom].form,
+            element: atoms[atom].term.element().filter(|_| is_placed).map(str::to_owned),
+            elsewhere: likely.filter(|_| !is_placed).map(|((place, _), _)| place.clone()).collect(),
             class,
             standing,
             probability,
             gain,
-            sizes: sizes(pool, label),
+            sizes: sizes(pool, &label),
         });
     }
-    causes.sort_by(|a, b| b.probability.total_cmp(&a.probability).then(a.label.cmp(&b.label)));
-    let none = pool.fitted.iter().find(|fitted| fitted.setting.set.is_empty());
+    causes.sort_by(|a, b| b.probability.total_cmp(&a.probability).then(a.class.cmp(&b.class)));
     let [repeatable, own, slip] = best.scored.scales;
     Some(Evidence {
         causes,
         unnamed,
         unknown: [FORCE_SCALES[repeatable], FORCE_SCALES[own], SLIP_SCALES[slip]],
-        best: pool.label(&best.setting.set),
-        ln_odds: most - none.map_or(most, |none| none.scored.ln_z),
+        sets: likely_sets(pool, &weights[..fitted], all),
         unfitted: weights[fitted..].iter().sum::<f64>() / all,
-        noise: best.scored.variance.sqrt(),
         complete,
-        fits: pool.fits,
-        rollouts: 0,
     })
+}
+
+/// Sums of weights by key, as shares of all, the largest first; each key with the first that has it of its largest weight.
+fn shares(list: impl Iterator<Item = (String, usize, f64)>) -> Vec<((String, usize), f64)> {
+    let mut sums: BTreeMap<String, (usize, f64, f64)> = BTreeMap::new();
+    for (key, atom, weight) in list {
+        let sum = sums.entry(key).or_insert((atom, weight, 0.0));
+        if weight > sum.1 {
+            (sum.0, sum.1) = (atom, weight);
+        }
+        sum.2 += weight;
+    }
+    let all: f64 = sums.values().map(|(.., sum)| sum).sum();
+    let mut list: Vec<_> = sums
+        .into_iter()
+        .map(|(key, (atom, _, sum))| ((key, atom), sum / all.max(f64::MIN_POSITIVE)))
+        .collect();
+    list.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    list
+}
+
+/// The fitted sets, whose `weights` are a share of `all`.
+fn likely_sets(pool: &Pool<'_, '_>, weights: &[f64], all: f64) -> Vec<LikelySet> {
+    let atoms = &pool.fitter.bench.atoms.list;
+    let none = pool.fitted.iter().find(|fitted| fitted.setting.set.is_empty());
+    let mut list: Vec<LikelySet> = pool
+        .fitted
+        .iter()
+        .zip(weights)
+        .map(|(fitted, weight)| LikelySet {
+            labels: fitted.setting.set.iter().map(|&atom| atoms[atom].place()).collect(),
+            probability: weight / all,
+            gain: none.map_or(0.0, |none| fitted.scored.ln_z - none.scored.ln_z),
+        })
+        .collect();
+    list.sort_by(|a, b| b.probability.total_cmp(&a.probability).then(a.labels.cmp(&b.labels)));
+    list
 }
 
 /// What everything that nobody names gains in the best set, as far as all is linear \[nats\]: the unknown, forces by run only, and what `spares`

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use sim::causes::{AliasWhen, CauseInfo, CauseValues, ParameterInfo, Per, Role};
+use sim::causes::{AliasWhen, CauseInfo, CauseValues, Kind, ParameterInfo, Per, Role};
 use sim::model::{Parameter, encoded_joint};
 use sim::{Cause, Model};
 
 use crate::config::Prior;
-use crate::experiment::{Experiment, Run, RunKind, Use};
+use crate::experiment::{DiagnoseConfig, Experiment, Run, RunKind, Use};
 use crate::parameters::{FreeParameter, Parameters, Scale};
 use crate::simulate::Nuisance;
 use ground::names::glob;
@@ -66,6 +66,33 @@ pub(crate) fn fitted(model: &Model, parameters: &Parameters) -> Vec<Cause> {
     };
     let places = parameters.places();
     model.known_causes().filter(|cause| places.iter().any(|place| covers(cause, place))).collect()
+}
+
+/// The causes that may be at work beside what is `fitted`.
+pub(crate) fn possible(experiment: &Experiment, fitted: &[Cause]) -> Vec<Cause> {
+    let DiagnoseConfig { exclude, .. } = &experiment.diagnose;
+    let may_be = |cause: &Cause| {
+        let excluded = exclude.iter().any(|name| name == cause.name());
+        !excluded && !fitted.contains(cause) && !needs_side_view(*cause, experiment)
+    };
+    experiment.model.known_causes().filter(may_be).collect()
+}
+
+/// Causes in a camera that have to do with time alone, or with a link's own length.
+const WITHOUT_AXES: [&str; 2] = ["camera_delay", "keypoint_slip"];
+
+/// Whether `cause` acts along the axes of a camera that looks from the side, x and z, and a run was filmed from above, in x and y: then
+/// it is no candidate.
+pub(crate) fn needs_side_view(cause: Cause, experiment: &Experiment) -> bool {
+    let info = cause.info();
+    let has_axes = info.in_picture_plane || info.kind == Kind::Camera && !WITHOUT_AXES.contains(&info.name);
+    // whoever writes a cause down knows where the camera is
+    has_axes && !cause.is_own() && experiment.runs.iter().any(from_above)
+}
+
+fn from_above(run: &Run) -> bool {
+    let has = |axis: usize| run.trajectory.position_m.iter().any(|place| place[axis].is_finite());
+    has(1) && !has(2)
 }
 
 /// Names of the causes that no video of these runs tells from `cause`.
@@ -199,11 +226,6 @@ impl Term {
         self.info().parameters.iter().any(|parameter| parameter.role == Role::Switch)
     }
 
-    /// Whether what it does is far from linear in its numbers, so that one step says little.
-    pub(crate) fn is_strongly_bent(&self) -> bool {
-        self.is_switch() || !self.hidden.is_empty()
-    }
-
     /// `model` with this cause: its choices made, its hidden numbers at their start, its switch off.
     pub(crate) fn added_to(&self, model: &Model) -> Model {
         let mut model = model.clone();
@@ -287,43 +309,14 @@ impl Term {
         Some(element.size.split_once('/').map_or(&element.size, |(_, name)| name))
     }
 
-    /// What the choice of its element and its [`Term::odds`] cost, as a BIC: twice the logarithm of how many elements there are, over
-    /// the odds.
-    pub(crate) fn choice_cost(&self) -> f64 {
-        2.0 * (self.element.as_ref().map_or(1.0, |element| element.of as f64) / self.odds).ln()
-    }
-
     /// Whether it is one of several forms of its cause, which are no further causes.
     pub(crate) fn is_choice(&self) -> bool {
         self.by_run || self.element.as_ref().is_some_and(|element| element.of > 1)
     }
 
-    /// The cause in its other places: in one element, or in all together; and, as it sits, the same in all of `runs` runs or another in
-    /// each. Choices and hidden numbers stay.
-    pub(crate) fn elsewhere(&self, model: &Model, runs: usize, elements: &[String]) -> Vec<Self> {
-        let with = self.added_to(model);
-        let effect = with.causes().iter().find(|effect| effect.cause() == self.cause);
-        let all = effect.map_or(Vec::new(), |effect| forms(effect, elements));
-        let all = all.into_iter().map(|element| Self { element, ..self.clone() });
-        let other =
-            if self.by_run { Some(Self { by_run: false, ..self.clone() }) } else { self.by_run(runs) };
-        all.filter(|other| other.element != self.element).chain(other).collect()
-    }
-
-    /// Whether it sits where `other` does, the same in all runs or another in each as that is.
-    pub(crate) fn is_placed_as(&self, other: &Self) -> bool {
-        (&self.element, self.by_run) == (&other.element, other.by_run)
-    }
-
     /// Whether what it needs of a model beside sizes is what `other`, of the same cause, needs.
     pub(crate) fn is_form_of(&self, other: &Self) -> bool {
         (self.cause, &self.choices, &self.hidden) == (other.cause, &other.choices, &other.hidden)
-    }
-
-    /// Free numbers it adds to a fit of `runs` runs.
-    pub(crate) fn count(&self, model: &Model, runs: usize) -> usize {
-        let added = self.free(&self.added_to(model));
-        added.free.len() + added.own.len() * runs
     }
 }
 

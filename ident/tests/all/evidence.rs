@@ -1,7 +1,7 @@
 //! The evidence of sets of causes on runs made by another integrator: what is hidden is named, and what nobody knows names nothing.
 
 use crate::common::{self, chain, filmed_exactly, guess, still};
-use ident::evidence::{Evidence, Standing, evidence};
+use ident::diagnose::{Diagnosis, NamedCause, Unknown, Verdict, diagnose};
 use ident::experiment::{Experiment, FitConfig, Run, RunKind};
 use sim::causes::own::{Acts, OwnCause, OwnParameter, Place};
 use sim::{Command, Model};
@@ -19,15 +19,12 @@ fn dropped(place: usize, model: &Model) -> Run {
 }
 
 /// Drops of the chain with default coefficients, those of the fluid and of the joints fitted; `truths` by run.
-fn said(truths: [&Model; 3]) -> Evidence {
+fn said(truths: [&Model; 3]) -> Diagnosis {
     let runs = truths.iter().enumerate().map(|(place, model)| dropped(place, model)).collect();
     let fit = FitConfig { parameters: vec!["fluidcoef".into(), "damping".into()], ..FitConfig::default() };
-    let found = evidence(&Experiment::new(guess(chain()), fit, runs), &mut ()).unwrap();
-    println!("{} unnamed {:.1} unknown {:?}", found.best, found.unnamed, found.unknown);
-    for cause in &found.causes {
-        println!("  {} {:?} {:.3} {:.1}", cause.label, cause.standing, cause.probability, cause.gain);
-    }
-    found
+    let said = diagnose(&Experiment::new(guess(chain()), fit, runs), &mut ()).unwrap().diagnosis;
+    println!("{} {:?} {:?}", said.sentence, said.remarks, said.unknown);
+    said
 }
 
 fn with(mut model: Model, hidden: &[(&str, f64)]) -> Model {
@@ -38,13 +35,12 @@ fn with(mut model: Model, hidden: &[(&str, f64)]) -> Model {
     model
 }
 
-fn named(found: &Evidence) -> Vec<&str> {
-    let mut list: Vec<&str> = found
-        .causes
-        .iter()
-        .filter(|cause| cause.standing == Standing::Named)
-        .map(|cause| &*cause.label)
-        .collect();
+fn named(said: &Diagnosis) -> Vec<String> {
+    let label = |cause: &NamedCause| match &cause.form {
+        Some(form) => format!("{} ({form})", cause.label()),
+        None => cause.label(),
+    };
+    let mut list: Vec<String> = said.causes.iter().chain(&said.established).map(label).collect();
     list.sort_unstable();
     list
 }
@@ -55,12 +51,14 @@ fn three_small_faults_at_once_are_named_with_their_sizes() {
     let truth = with(chain(), &hidden);
     let found = said([&truth; 3]);
     assert_eq!(named(&found), ["camera_delay", "camera_rotation", "stiffness/q3"]);
-    assert_eq!(found.unnamed, 0.0);
+    assert_eq!(found.unknown, Unknown::default());
     assert!(found.complete);
     for (name, value) in hidden {
-        let size = found.causes.iter().flat_map(|cause| &cause.sizes).find(|size| size.name == name).unwrap();
+        let sizes = found.causes.iter().flat_map(|cause| &cause.parameters);
+        let size = sizes.into_iter().find(|size| size.name == name).unwrap();
         // three standard deviations of three numbers: a chance of one in a hundred
-        let std = (size.ci95[1] - size.ci95[0]) / 3.92;
+        let [low, high] = size.ci95.unwrap();
+        let std = (high - low) / 3.92;
         assert!((size.value - value).abs() < 3.0 * std, "{size:?}, hidden {value}");
     }
 }
@@ -68,15 +66,14 @@ fn three_small_faults_at_once_are_named_with_their_sizes() {
 #[test]
 fn where_nothing_is_hidden_nothing_is_named() {
     let found = said([&chain(); 3]);
-    assert!(named(&found).is_empty());
-    assert_eq!((found.unnamed, &*found.best), (0.0, "nothing"));
+    assert_eq!((found.verdict, found.unknown), (Verdict::NothingDetectable, Unknown::default()));
 }
 
 #[test]
 fn a_clock_that_is_off_in_one_run_is_called_that() {
     let late = with(chain(), &[("camera_delay/delay", 0.03)]);
     let found = said([&chain(), &late, &chain()]);
-    assert_eq!(named(&found), ["camera_delay (run 2 only)"]);
+    assert_eq!(named(&found), ["camera_delay (drop-1 only)"]);
 }
 
 #[test]
@@ -94,7 +91,7 @@ fn a_force_that_no_cause_has_names_no_force() {
     truth.add_cause("notches").unwrap();
     truth.set_parameter("notches/size", 5e-5).unwrap();
     let found = said([&truth; 3]);
-    assert!(found.unnamed > 0.0 || found.unknown.iter().any(|scale| *scale > 0.0));
+    assert_eq!(found.verdict, Verdict::Unexplained);
     assert!(named(&found).is_empty());
 }
 
