@@ -123,7 +123,9 @@ impl Change {
         // sums over the images from the end on
         let (mut squares, mut gram, mut products) = (0.0, Matrix3::zeros(), Vector3::zeros());
         let (mut speeds, mut lag) = (0.0, 0.0);
-        for first in (moving + IMAGES_MIN..images.len()).rev() {
+        // what a camera that stands elsewhere from the beginning leaves
+        let mut left_throughout = f64::INFINITY;
+        for first in (moving..images.len()).rev() {
             for cell in &images[first] {
                 squares += cell.off_m.powi(2);
                 gram += cell.moved * cell.moved.transpose();
@@ -135,7 +137,12 @@ impl Change {
                 continue;
             }
             let before = total - squares;
-            if let Some(moved) = gram.cholesky().map(|gram| gram.solve(&products)) {
+            let moved = gram.cholesky().map(|gram| gram.solve(&products));
+            if first < moving + IMAGES_MIN {
+                left_throughout = squares - moved.map_or(0.0, |moved| products.dot(&moved));
+                continue;
+            }
+            if let Some(moved) = moved {
                 let left = before + squares - products.dot(&moved);
                 if best.as_ref().is_none_or(|best| left < best.0) {
                     best = Some((left, first, What::Moved([moved[0], moved[1], moved[2]])));
@@ -152,11 +159,9 @@ impl Change {
         let variance = noise_m.powi(2);
         let beyond = |squares: f64| (squares / variance - count as f64).max(0.0);
         let gain = (total - left) / variance;
-        (gain > SQUARES_MIN && beyond(left) < LEFT_SHARE_MAX * beyond(total)).then_some(Self {
-            first,
-            what,
-            gain,
-        })
+        let most = LEFT_SHARE_MAX * beyond(total);
+        let has_happened = beyond(left) < most && beyond(left_throughout) > most;
+        (gain > SQUARES_MIN && has_happened).then_some(Self { first, what, gain })
     }
 
     fn sentence(&self, run: &FittedRun) -> String {

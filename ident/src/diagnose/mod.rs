@@ -207,7 +207,9 @@ fn diagnosed(
         None => counts,
     };
     let mut searching = by(counts.apart(), SEARCH_SHARE);
-    let found = evidence(experiment, &baseline, &floor, &mut searching, &mut |text| observer.stage(text))?;
+    let found = evidence(experiment, &baseline, &floor, &mut searching, &mut |set| {
+        observer.stage(&format!("trying {set}"))
+    })?;
     let mut checking = match counts.is_stopped() {
         true => Counts::default().by(Instant::now() + GRACE),
         false => by(counts.apart(), 1.0),

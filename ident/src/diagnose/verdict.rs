@@ -66,7 +66,7 @@ pub(super) fn verdict(
     let tests = constancy(after, baseline.parameters.len());
     let list = |is_told: &dyn Fn(&FoundCause) -> bool| -> Vec<NamedCause> {
         let told = evidence.causes.iter().filter(|cause| is_told(cause));
-        told.map(|cause| named(cause, experiment, after, &tests)).collect()
+        told.map(|cause| named(cause, experiment, &found.run_ids, &tests)).collect()
     };
     let known = list(&|cause| cause.standing == Standing::Named);
     // the best set, as far as it is not named
@@ -143,15 +143,14 @@ fn alternatives(found: &Found<'_>) -> Vec<Alternative> {
     told.collect()
 }
 
-/// A cause with its values, which stand in `state`.
+/// A cause with its values in the runs called `ids`.
 fn named(
     cause: &FoundCause,
     experiment: &Experiment,
-    state: &State<'_>,
+    ids: &[String],
     tests: &[(ConstancyTest, Vec<PerRun>)],
 ) -> NamedCause {
     let info = cause.term.info();
-    let ids: Vec<&str> = state.terms.iter().map(|term| term.rehearsal.run.id.as_str()).collect();
     let is_its = |name: &str| cause.term.owns(name);
     let per_run = tests.iter().flat_map(|(_, runs)| runs).filter(|run| is_its(&run.parameter)).cloned();
     NamedCause {
@@ -167,7 +166,7 @@ fn named(
         check: info.check.into(),
         formula: info.formula.into(),
         aliases: candidates::aliases(cause.term.cause, experiment).into_iter().map(str::to_owned).collect(),
-        parameters: parameters(cause, experiment, &ids),
+        parameters: parameters(cause, experiment, ids),
         probability: cause.probability,
         delta_bic: 2.0 * cause.gain,
         per_run: per_run.collect(),
@@ -175,7 +174,7 @@ fn named(
 }
 
 /// The values of a cause in runs called `ids`.
-fn parameters(cause: &FoundCause, experiment: &Experiment, ids: &[&str]) -> Vec<CauseParameter> {
+fn parameters(cause: &FoundCause, experiment: &Experiment, ids: &[String]) -> Vec<CauseParameter> {
     let known = candidates::names(cause.term.cause, &cause.term.added_to(&experiment.model));
     let unit = |name: &str| {
         let own = known.iter().find(|(own, _)| own == name);

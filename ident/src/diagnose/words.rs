@@ -25,11 +25,9 @@ pub(super) fn sentence(
                 true => "nothing".into(),
                 false => other.names.join(" + "),
             });
-            format!(
-                "{}, or as well: {}. These runs cannot tell.",
-                capital(&said.join("; and ")),
-                others.collect::<Vec<String>>().join("; or ")
-            )
+            let others: Vec<String> = others.collect();
+            let or = if others.is_empty() { "something else".into() } else { others.join("; or ") };
+            format!("{}, or as well: {or}. These runs cannot tell.", capital(&said.join("; and ")))
         }
         Verdict::Unexplained => {
             let differs = found.iter().filter(|cause| cause.standing == Standing::Resembles).map(differing);

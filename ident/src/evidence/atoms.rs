@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use sim::causes::{Kind, Role};
 
-use crate::experiment::{Experiment, RunKind, Use};
+use crate::experiment::{Experiment, RunKind};
 use crate::hypothesis::candidates::{Term, aliases, fitted, names, possible};
 use crate::parameters::Parameters;
 
@@ -68,6 +68,7 @@ pub(super) struct Atom {
 }
 
 /// All that may be at work.
+#[derive(Debug, Clone)]
 pub(super) struct Atoms {
     pub(super) numbers: Vec<Number>,
     pub(super) list: Vec<Atom>,
@@ -118,10 +119,8 @@ impl Atom {
 }
 
 impl Atoms {
-    /// Every cause that may be at work in the fitted runs of `experiment` beside what `parameters` fit.
-    pub(super) fn new(experiment: &Experiment, parameters: &Parameters) -> Self {
-        let runs: Vec<RunKind> =
-            experiment.runs.iter().filter(|run| run.usage == Use::Fit).map(|run| run.kind).collect();
+    /// Every cause that may be at work in `runs` of `experiment` beside what `parameters` fit.
+    pub(super) fn new(experiment: &Experiment, runs: &[RunKind], parameters: &Parameters) -> Self {
         let mut atoms = Self { numbers: Vec::new(), list: Vec::new() };
         let config = &experiment.diagnose;
         for cause in possible(experiment, &fitted(&experiment.model, parameters)) {
@@ -143,7 +142,7 @@ impl Atoms {
                 };
                 let chance =
                     (odds * CAUSE_CHANCE / (1.0 - CAUSE_CHANCE)).ln() + (place / same(term) as f64).ln();
-                atoms.add_forms(term, &runs, chance, class, &experiment.model);
+                atoms.add_forms(term, runs, chance, class, &experiment.model);
             }
         }
         atoms

@@ -117,6 +117,18 @@ impl<'a> Bench<'a> {
         Some(bench)
     }
 
+    /// The same, with nothing seen in any run but the first `fitted` ones.
+    pub(super) fn seeing(&self, fitted: usize) -> Self {
+        let mut state = self.state.clone();
+        for term in state.terms.iter_mut().skip(fitted) {
+            term.observations.clear();
+            term.whitening = None;
+        }
+        let mut unknown = self.unknown.clone();
+        unknown.forget_from(fitted);
+        Self { state, atoms: self.atoms.clone(), unknown }
+    }
+
     pub(super) fn setting(&self, set: &[usize]) -> Setting {
         Setting::new(&self.atoms, &self.state.model, set)
     }

@@ -28,9 +28,10 @@ mod verdict;
 pub(crate) use atoms::Form;
 pub(crate) use verdict::{Evidence, FoundCause, Standing};
 
-use crate::experiment::Experiment;
+use crate::experiment::{Experiment, RunKind};
 use crate::fit::FitError;
 use crate::fit::counts::Counts;
+use crate::hypothesis::held_out::held_out;
 use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
 
@@ -40,6 +41,8 @@ const NOISE_SHARE_LEAST: f64 = 0.02;
 /// What the runs say, and the models that say it.
 pub(crate) struct Found<'a> {
     pub(crate) evidence: Evidence,
+    /// The runs that were asked, as [`Form::OneRun`] counts them: the fitted ones, then the others.
+    pub(crate) run_ids: Vec<String>,
     /// The best set of causes, fitted.
     pub(crate) leader: State<'a>,
     /// What is named, fitted alone.
@@ -48,26 +51,39 @@ pub(crate) struct Found<'a> {
     pub(crate) rival: Option<State<'a>>,
 }
 
-/// What explains the runs of `experiment` beside `baseline`, the model as it stands, fitted, with the noise of `floor`. Where `counts` is
-/// stopped, that is what the pool holds by then. `says` is told what is tried, and says whether to go on.
+/// What explains the runs of `experiment` beside `baseline`, the model as it stands, fitted, with the noise of `floor`. All runs are asked what
+/// is at work, held-out ones too; how large it is, and all else that is fitted, the fitted ones say alone. Where `counts` is stopped, that is
+/// what the pool holds by then. `says` is told what is tried, and says whether to go on.
 ///
 /// # Errors
 /// [`FitError::NoOptimum`] where the baseline cannot be simulated.
 pub(crate) fn evidence<'a>(
-    experiment: &Experiment,
+    experiment: &'a Experiment,
     baseline: &State<'a>,
     floor: &Floor,
     counts: &mut Counts,
     says: &mut dyn FnMut(&str) -> bool,
 ) -> Result<Found<'a>, FitError> {
-    let atoms = atoms::Atoms::new(experiment, &baseline.parameters);
+    let mut asked = State { linear: Vec::new(), ..baseline.clone() };
+    if let Some((held, _)) = held_out(experiment, baseline, floor) {
+        asked.terms.extend(held.terms);
+        asked.point.offsets.extend(held.point.offsets);
+        // an optimum of all runs: what is missing to it would count for the causes
+        let mut together = asked.clone();
+        if together.descend(counts) {
+            asked = together;
+        }
+    }
+    let kinds: Vec<RunKind> = asked.terms.iter().map(|term| term.rehearsal.run.kind).collect();
+    let atoms = atoms::Atoms::new(experiment, &kinds, &baseline.parameters);
     let noise_share = (floor.noise_std_m / floor.noise_m).max(NOISE_SHARE_LEAST);
     // what every answer begins with is worked out however little time there is
     let mut first = Counts::default();
-    let bench = linear::Bench::new(baseline.clone(), atoms, &mut first).ok_or(FitError::NoOptimum)?;
+    let bench = linear::Bench::new(asked, atoms, &mut first).ok_or(FitError::NoOptimum)?;
     counts.add(&first);
     let mut pool = search::Pool::new(fit::Fitter::new(&bench, noise_share));
     let complete = pool.search(counts, says);
     let evidence = verdict::verdict(&pool, complete).ok_or(FitError::NoOptimum)?;
-    described::described(&pool, evidence).ok_or(FitError::NoOptimum)
+    described::described(&pool, baseline.terms.len(), evidence, !counts.is_stopped())
+        .ok_or(FitError::NoOptimum)
 }

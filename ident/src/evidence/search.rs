@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use rayon::prelude::*;
 
 use super::atoms::Form;
-use super::columns::{columns, has_deviations};
+use super::columns::{Column, columns, has_deviations};
 use super::fit::{Fitted, Fitter, MOST_STEPS};
 use super::linear::{Bench, Point, RunColumns};
 use super::priors::{OFF, Scales};
@@ -77,6 +77,7 @@ impl<'b, 'a> Pool<'b, 'a> {
             return false;
         }
         let mut looked_from_off: BTreeSet<Set> = BTreeSet::new();
+        let mut chosen_otherwise: BTreeSet<Set> = BTreeSet::new();
         let (mut in_vain, mut leader) = (0, None);
         loop {
             if counts.is_stopped() {
@@ -88,6 +89,14 @@ impl<'b, 'a> Pool<'b, 'a> {
             }
             if !self.fitted[best].is_expanded {
                 self.expand(best, counts);
+                continue;
+            }
+            if let Some(set) = self.choices(best).into_iter().find(|set| !chosen_otherwise.contains(set)) {
+                if !says(&self.label(&set)) {
+                    return false;
+                }
+                self.choose(best, &set, counts);
+                chosen_otherwise.insert(set);
                 continue;
             }
             if let Some(set) = self.nearest(best).filter(|_| in_vain < MOST_IN_VAIN) {
@@ -195,7 +204,12 @@ impl<'b, 'a> Pool<'b, 'a> {
         let (most, size) = (self.fitted[best].scored.ln_z, self.fitted[best].setting.set.len());
         let reach = |set: &Set| if set.len() == size { NEAR_EXCHANGED } else { NEAR };
         let near = self.predicted.iter().filter(|(set, found)| found.scored.ln_z > most - reach(set));
-        let fresh = near.filter(|(set, _)| self.fitted.iter().all(|fitted| fitted.setting.set != **set));
+        // what was fitted may be predicted to be better from elsewhere: its fit has not gone to the end then
+        let is_fresh = |set: &Set, ln_z: f64| {
+            let same = |fitted: &&Fitted| fitted.setting.set == *set;
+            self.fitted.iter().find(same).is_none_or(|known| known.scored.ln_z < ln_z - WORTH_A_CAUSE)
+        };
+        let fresh = near.filter(|(set, found)| is_fresh(set, found.scored.ln_z));
         fresh
             .max_by(|(_, a), (_, b)| {
                 let key = |p: &Predicted| p.parent == best;
@@ -238,6 +252,43 @@ impl<'b, 'a> Pool<'b, 'a> {
         true
     }
 
+    /// The set at `best` with another choice made for one of its causes: no derivative leads from one to the other.
+    fn choices(&self, best: usize) -> Vec<Set> {
+        let atoms = &self.bench().atoms.list;
+        let set = &self.fitted[best].setting.set;
+        let mut list = Vec::new();
+        for &own in set {
+            let is_choice = |&other: &usize| {
+                let (own, other) = (&atoms[own], &atoms[other]);
+                let is_placed = own.term.cause == other.term.cause && own.term.element == other.term.element;
+                is_placed && own.form == other.form && own.term.choices != other.term.choices
+            };
+            for other in (0..atoms.len()).filter(is_choice) {
+                let mut next: Set = set.iter().map(|&atom| if atom == own { other } else { atom }).collect();
+                next.sort_unstable();
+                list.push(next);
+            }
+        }
+        list
+    }
+
+    /// Fits `set` from where the set at `best` is, with the sizes that its causes have there.
+    fn choose(&mut self, best: usize, set: &Set, counts: &mut Counts) {
+        let setting = self.bench().setting(set);
+        let from = &self.fitted[best];
+        let numbers = &self.bench().atoms.numbers;
+        let size = |column: &Column| {
+            let same = |own: &Column| {
+                numbers[own.number].name == numbers[column.number].name && own.runs == column.runs
+            };
+            let own = from.setting.columns.iter().position(same);
+            own.filter(|_| !numbers[column.number].is_hidden).map_or(0.0, |place| from.point.sizes[place])
+        };
+        let point = Point { sizes: setting.columns.iter().map(size).collect(), ..from.point.clone() };
+        let scales = (from.scored.scales, from.scored.tau);
+        self.add(set.clone(), point, scales, (true, MOST_STEPS), counts);
+    }
+
     /// Refits what was predicted.
     fn refit(&mut self, set: Set, counts: &mut Counts) {
         let Some(Predicted { scored, parent }) = self.predicted.get(&set).cloned() else { return };
@@ -247,7 +298,9 @@ impl<'b, 'a> Pool<'b, 'a> {
         let fitted = target.is_some_and(|point| {
             self.add(set.clone(), point, (scored.scales, scored.tau), (true, MOST_STEPS), counts)
         });
-        if !fitted {
+        // once from there is enough
+        let is_new = self.fitted.last().is_some_and(|last| last.setting.set == set);
+        if !fitted || !is_new {
             self.predicted.remove(&set);
         }
     }

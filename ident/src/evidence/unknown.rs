@@ -104,6 +104,13 @@ impl Unknown {
         unknown
     }
 
+    /// Nothing is seen any longer in the runs from place `run` on.
+    pub(super) fn forget_from(&mut self, run: usize) {
+        for slips in self.slips.iter_mut().skip(run) {
+            *slips = DMatrix::zeros(0, slips.ncols());
+        }
+    }
+
     /// Columns of the run at place `run`.
     pub(super) fn columns(&self, run: usize, at: &Transitions, term: &Term<'_>) -> UnknownColumns {
         UnknownColumns {

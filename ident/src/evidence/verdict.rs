@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use super::Form;
 use super::atoms::Atom;
-use super::columns::Belief;
 use super::priors::{FORCE_SCALES, OFF, SLIP_SCALES, ln_scales};
 use super::search::Pool;
 use crate::hypothesis::candidates::Term;
@@ -16,8 +15,6 @@ const SPOKEN_OF: f64 = 0.05;
 /// Beside something unexplained that gains U nats, a force is named only from this share of U on: measured (by a prototype, with a margin
 /// of 1.5; to be measured anew).
 const GAIN_SHARE: f64 = 0.25;
-/// 95 % of a normal distribution lie within so many standard deviations.
-const WITHIN_95: f64 = 1.959_964;
 
 /// What is said of a cause.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,7 +60,9 @@ pub(crate) struct FoundCause {
     pub(crate) probability: f64,
     /// By how many nats the best set is better than the best without it.
     pub(crate) gain: f64,
-    /// Its numbers, over all sets that hold it in this form.
+    /// Cause, element and form.
+    pub(crate) label: String,
+    /// Its numbers, over the likely sets that hold it so; filled in where the fitted runs are known (`described`).
     pub(crate) sizes: Vec<Size>,
 }
 
@@ -170,7 +169,8 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
             standing,
             probability,
             gain,
-            sizes: sizes(pool, &label),
+            sizes: Vec::new(),
+            label,
         });
     }
     causes.sort_by(|a, b| b.probability.total_cmp(&a.probability).then(a.class.cmp(&b.class)));
@@ -239,50 +239,4 @@ fn unnamed(pool: &Pool<'_, '_>, spares: impl Fn(&Atom) -> bool) -> Option<f64> {
     // the chance of the scales is no gain
     let chance = ln_scales(best.scored.scales) - ln_scales(OFF);
     Some((best.scored.ln_z - bare.ln_z - chance).max(0.0))
-}
-
-/// The numbers of the atoms called `label`, over all fitted sets that hold one.
-fn sizes(pool: &Pool<'_, '_>, label: &str) -> Vec<Size> {
-    let atoms = &pool.fitter.bench.atoms;
-    let holds = |set: &[usize]| set.iter().any(|&atom| atoms.list[atom].label() == label);
-    let most =
-        pool.fitted.iter().filter(|fitted| holds(&fitted.setting.set)).map(|fitted| fitted.scored.ln_z);
-    let most = most.fold(f64::NEG_INFINITY, f64::max);
-    let mut sums: BTreeMap<(String, Vec<usize>), [f64; 3]> = BTreeMap::new();
-    for fitted in pool.fitted.iter().filter(|fitted| holds(&fitted.setting.set)) {
-        let weight = (fitted.scored.ln_z - most).exp();
-        let mut place = 0;
-        let own = |number: usize| {
-            let has = |&atom: &usize| {
-                atoms.list[atom].label() == label && atoms.list[atom].numbers.contains(&number)
-            };
-            fitted.setting.set.iter().any(has)
-        };
-        for (column, (size, found)) in
-            fitted.setting.columns.iter().zip(fitted.point.sizes.iter().zip(&fitted.scored.sizes))
-        {
-            let variance = found.map(|_| {
-                place += 1;
-                fitted.scored.covariance[(place - 1, place - 1)]
-            });
-            if !own(column.number) {
-                continue;
-            }
-            let known = &atoms.numbers[column.number];
-            let start = if matches!(column.belief, Belief::Hidden(_)) { known.neutral } else { 0.0 };
-            let value = start + found.unwrap_or(*size);
-            let runs =
-                if column.runs.len() == pool.fitter.bench.runs() { Vec::new() } else { column.runs.clone() };
-            let sum = sums.entry((known.name.clone(), runs)).or_default();
-            sum[0] += weight;
-            sum[1] += weight * value;
-            sum[2] += weight * (variance.unwrap_or(0.0) + value * value);
-        }
-    }
-    let size = |((name, runs), [weight, first, second]): ((String, Vec<usize>), [f64; 3])| {
-        let value = first / weight;
-        let half = WITHIN_95 * (second / weight - value * value).max(0.0).sqrt();
-        Size { name, runs, value, ci95: [value - half, value + half] }
-    };
-    sums.into_iter().map(size).collect()
 }
