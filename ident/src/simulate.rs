@@ -421,6 +421,7 @@ impl<'a> Rehearsal<'a> {
         Ok(sensitivities::Sensitivities {
             position_m: self.measured(found.position_m, width),
             slopes: found.slopes.into_iter().map(|slope| self.measured(slope, width)).collect(),
+            ..found
         })
     }
 

@@ -67,7 +67,7 @@ impl<'a> Term<'a> {
         columns: Range<usize>,
     ) -> Option<Linear> {
         let found = self.rehearsal.sensitivities(model, at, offsets, columns, self.instants);
-        let Sensitivities { position_m, slopes } = found.ok()?;
+        let Sensitivities { position_m, slopes, .. } = found.ok()?;
         let width = self.rehearsal.run.trajectory.keypoints.len();
         let rows = self.observations.iter().map(|o| (o.instant * width + o.keypoint, o.axis, o.per_m));
         let rows: Vec<(usize, usize, f64)> = rows.collect();

@@ -380,3 +380,59 @@ fn sensitivities_in_lanes_are_the_derivatives() {
         assert!(relative(&slopes, exact) < 1e-10, "{name}: {:e}", relative(&slopes, exact));
     }
 }
+
+/// Keypoints of a chain are sums of sines of its coordinates: what these say of the derivatives must be what those say.
+#[test]
+fn derivatives_of_coordinates_are_those_that_keypoints_show() {
+    let model = model("chain_passive");
+    let place = model.find_parameter("g2/blunt").unwrap();
+    let candidate = Candidate {
+        values: vec![model.get(place)],
+        state: State { qpos: vec![1.2, 0.1, -0.2], qvel: vec![0.0, 0.5, 0.0] },
+        start_s: 0.0,
+    };
+    let along = |values: f64, qpos: f64, qvel: f64| Direction {
+        values: vec![values],
+        qpos: vec![qpos, 0.0, 0.0],
+        qvel: vec![0.0, qvel, 0.0],
+        start_s: 0.0,
+    };
+    let directions = [along(1.0, 0.0, 0.0), along(0.0, 1.0, 0.0), along(0.0, 0.0, 1.0)];
+    let times: Vec<f64> = (0..25).map(|k| 0.04 * f64::from(k)).collect();
+    let (options, none, places) = (RolloutOptions::default(), Command::default(), [place]);
+    let of = sensitivities::of_states(
+        &model,
+        &places,
+        &candidate,
+        &directions,
+        &none,
+        &times,
+        &options,
+        Isa::best(),
+    );
+    let all = of.unwrap();
+    let plain = sensitivities::sensitivities(
+        &model,
+        &places,
+        &candidate,
+        &directions,
+        &none,
+        &times,
+        &options,
+        Isa::best(),
+    );
+    let plain = plain.unwrap();
+    assert_eq!((&all.position_m, &all.slopes), (&plain.position_m, &plain.slopes));
+    assert!(plain.qpos.is_empty() && plain.qpos_slopes.iter().all(Vec::is_empty));
+    let run = rollout(&model, &candidate.state, &none, &times, &options).unwrap();
+    assert!(relative(&all.qpos, &run.qpos) < 1e-12 && relative(&all.qvel, &run.qvel) < 1e-12);
+    // P1 hangs 25 mm below the first hinge, which turns it to the right
+    for (slopes, turned) in all.slopes.iter().zip(&all.qpos_slopes) {
+        for (instant, slope) in slopes.chunks(3).enumerate() {
+            let expected = 0.025 * run.qpos[3 * instant].cos() * turned[3 * instant];
+            assert!((slope[0][0] - expected).abs() < 1e-12 * (1.0 + expected.abs()), "{instant}");
+        }
+    }
+    // the first row is the start itself
+    assert_eq!([all.qpos_slopes[1][0], all.qvel_slopes[2][1]], [1.0, 1.0]);
+}

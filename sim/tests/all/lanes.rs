@@ -46,6 +46,36 @@ fn alone(
     rollout(&model, &candidate.state, command, times, &options).map(|run| run.position_m)
 }
 
+/// Candidates of both kinds, and one that cannot be: all come back in their places.
+#[test]
+fn whole_runs_of_candidates_are_those_of_each_alone() {
+    let times: Vec<f64> = (0..25).map(|k| 0.02 * f64::from(k)).collect();
+    let model = Model::from_mjcf(DRIVEN).unwrap();
+    let command = stroke(&model);
+    let (parameters, mut candidates) = candidates(&model, &["g2/blunt", "q2/frictionloss"], 0.0);
+    for (k, candidate) in candidates.iter_mut().enumerate() {
+        (candidate.start_s, candidate.values[1]) = (0.0, [0.0, 1e-5][k % 2]);
+    }
+    candidates[4].values[0] = f64::NAN;
+    let options = RolloutOptions::default();
+    for isa in Isa::available() {
+        let runs =
+            batch::rollouts(&model, &parameters, &candidates, &command, &times, &options, isa).unwrap();
+        assert_eq!(runs.len(), CANDIDATES);
+        for (k, (candidate, run)) in candidates.iter().zip(runs).enumerate() {
+            if k == 4 {
+                assert!(matches!(run, Err(RolloutError::BadParameter { name, .. }) if name == "g2/blunt"));
+                continue;
+            }
+            let mut model = model.clone();
+            for (&parameter, &value) in parameters.iter().zip(&candidate.values) {
+                model.set(parameter, value);
+            }
+            assert_eq!(run, rollout(&model, &candidate.state, &command, &times, &options), "{}", isa.name());
+        }
+    }
+}
+
 /// Where joints rub, steps are shorter and taken in halves.
 #[test]
 fn candidates_without_friction_move_as_they_do_alone_beside_others_with_it() {
