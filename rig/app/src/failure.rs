@@ -139,6 +139,14 @@ impl From<ident::experiment::ExperimentError> for Failure {
     }
 }
 
+/// Motion without an end is the data's fault, anything else that cannot be simulated the input's.
+impl From<sim::RolloutError> for Failure {
+    fn from(error: sim::RolloutError) -> Self {
+        use sim::RolloutError::{Diverged, Inexact};
+        Self::data_if(matches!(error, Diverged { .. } | Inexact { .. }), error)
+    }
+}
+
 /// Wrong settings are the input's fault, pictures without a mechanism the data's.
 impl From<SequenceError> for Failure {
     fn from(error: SequenceError) -> Self {

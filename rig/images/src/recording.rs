@@ -70,12 +70,29 @@ impl RecordedImages {
     /// [`SourceError`].
     pub fn numbered(&self, numbers: &BTreeSet<usize>) -> Result<Vec<TimedImage>, SourceError> {
         let end = numbers.last().map_or(0, |last| last + 1);
+        self.chosen(end, |number, _| numbers.contains(&number))
+    }
+
+    /// The usable images that the camera counted so, as `frames.csv` has their `sequence`.
+    ///
+    /// # Errors
+    /// [`SourceError`].
+    pub fn counted(&self, sequences: &BTreeSet<u32>) -> Result<Vec<TimedImage>, SourceError> {
+        self.chosen(usize::MAX, |_, sequence| sequences.contains(&sequence))
+    }
+
+    /// Those of the first `end` usable images that are `wanted` by their number and the camera's count.
+    fn chosen(
+        &self,
+        end: usize,
+        wanted: impl Fn(usize, u32) -> bool,
+    ) -> Result<Vec<TimedImage>, SourceError> {
         let mut origin = self.origin;
         let mut images = Vec::new();
         for (number, received) in self.received()?.take(end).enumerate() {
             let (_, image) = received?;
             let origin = *origin.get_or_insert(image.mid_exposure);
-            if numbers.contains(&number) {
+            if wanted(number, image.sequence) {
                 images.push(TimedImage::of(&image, origin));
             }
         }

@@ -140,12 +140,11 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         None => rollout(&model, &state, &command, &times, &options),
     };
     let run = simulated.map_err(|error| match error {
-        RolloutError::Diverged { .. } | RolloutError::Inexact { .. } => Failure::data(error),
         RolloutError::UnknownActuator { .. } => {
             let servo = args.servo.as_deref().unwrap_or(&args.model);
             Failure::Input(anyhow!(error).context(format!("commands of {}", servo.display())))
         }
-        _ => Failure::input(error),
+        _ => Failure::from(error),
     })?;
     if let Some(touch) = ContactWatch::unsimulated(&model).and_then(|mut watch| watch.first_touch(&run)) {
         tracing::warn!("{}", FirstTouch::from(touch));
