@@ -18,7 +18,7 @@ fn an_arm_whose_springs_mjcf_cannot_hold_has_the_same_errors_in_mujoco() {
 
 #[test]
 fn the_page_for_python_users_does_what_it_shows() {
-    let Some(python) = python("the page for Python users", &["pandas", "mujoco"]) else { return };
+    let Some(python) = python("the page for Python users", &["pandas", "mujoco", "tankrig"]) else { return };
     let folder = tempfile::tempdir().expect("a folder");
     let run = filmed("chain-driven-pose-1.toml", folder.path());
     let page = std::fs::read_to_string(repository().join("docs/python.md")).expect("the page");
@@ -27,7 +27,7 @@ fn the_page_for_python_users_does_what_it_shows() {
         .skip(1)
         .map(|rest| rest.split("```").next().expect("a block ends"))
         .collect();
-    assert!(blocks.len() >= 4, "{} blocks", blocks.len());
+    assert!(blocks.len() >= 6, "{} blocks", blocks.len());
     let shown = "20261125T231151Z-5vwmp6";
     let own = run.file_name().expect("a run has a name").to_string_lossy();
     let script = folder.path().join("page.py");
@@ -37,7 +37,7 @@ fn the_page_for_python_users_does_what_it_shows() {
     assert!(output.status.success(), "{}", printed(&output));
     // what it prints at the end is where MuJoCo has the sites
     assert!(printed(&output).contains("'P3': array("), "{}", printed(&output));
-    let [experiment, out] = ["mine.toml", "fitted"].map(|name| folder.path().join(name));
+    let [experiment, out] = ["mine.toml", "fitted-again"].map(|name| folder.path().join(name));
     let experiment = experiment.as_os_str();
     // the page's run stands beside its own folder
     let text = std::fs::read_to_string(experiment).expect("the page wrote it");
