@@ -20,6 +20,8 @@ print("rms, as the fit has it:", {k.name: round(k.rms_error_m * 1e3, 3) for k in
 
 # How sure is the motion, given how sure the coefficients are? A thousand candidates drawn from them, moved at once.
 free = [p for p in fit.parameters if p.determined and p.std]
+if not free:
+    raise SystemExit("this run determines none of them: make a longer one")
 rng = np.random.default_rng(1)
 draws = {p.name: np.clip(rng.normal(p.value, p.std, 1000), p.lower, p.upper) for p in free}
 motion = fit.model.rollout(servo=run.servo, params=draws, time_s=run.trajectory.time_s, accuracy_m=1e-4)

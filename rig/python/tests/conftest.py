@@ -15,7 +15,7 @@ def data() -> Path:
 
 
 def golden(name: str) -> np.ndarray:
-    """A run that MuJoCo made: a record array with ``time``, ``q1``, ``v1``, ``P1_x_m`` and so on."""
+    """A run that MuJoCo made: a record array with ``time``, ``q1``, ``v1``, ``P1_x`` and so on."""
     return np.genfromtxt(DATA / f"{name}.csv", delimiter=",", names=True)
 
 
@@ -53,7 +53,7 @@ def experiment(tmp_path: Path):
         names = ["P1", "P2", "P3"]
         position = np.full((len(run), 3, 3), np.nan)
         for place, name in enumerate(names):
-            position[:, place, 0], position[:, place, 2] = run[f"{name}_x_m"], run[f"{name}_z_m"]
+            position[:, place, 0], position[:, place, 2] = run[f"{name}_x"], run[f"{name}_z"]
         # half a second at rest, before; and what a camera adds
         still = np.repeat(position[:1], 50, axis=0)
         position = np.concatenate([still, position]) + np.random.default_rng(1).normal(0.0, 2e-4, (len(run) + 50, 3, 3))

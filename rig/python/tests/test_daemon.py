@@ -32,7 +32,10 @@ def test_a_run_from_the_queue(tmp_path):
             states = []
             job.wait(120.0, lambda record: states.append(record.state))
             assert states[-1] == "done" and job.state == "done"
-            assert len(job.run.images) > 0 and job.run.path.parent == runs
+            assert job.run.stop.images > 0 and job.run.path.parent == runs
+            # only filmed: nothing has been made of the recording yet
+            with pytest.raises(rig.DataError, match="rig replay"):
+                job.run.images
             assert [other.id for other in client.jobs()][:1] == [job.id]
             later = client.run(why="not now")
             later.cancel("enough")

@@ -59,7 +59,8 @@ class Trajectory:
                     found[f"{name}_{letter}_m"] = along
         if self.std_m is not None:
             for place, name in enumerate(self.keypoints):
-                found[f"{name}_std_m"] = self.std_m[:, place]
+                if not np.isnan(self.std_m[:, place]).all():
+                    found[f"{name}_std_m"] = self.std_m[:, place]
         return found
 
     def write(self, path: str | os.PathLike[str]) -> None:
