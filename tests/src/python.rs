@@ -20,7 +20,7 @@ pub fn python(skipped: &str, modules: &[&str]) -> Option<PathBuf> {
         let is_tool = |module: &&str| TOOLS.contains(&module.replace('_', "-"));
         let may_skip = std::env::var_os("RIG_PYTHON_TESTS").is_none() || !modules.iter().all(is_tool);
         assert!(may_skip, "{skipped}: {why}");
-        eprintln!("skipped: {skipped} ({why}; `scripts/python-tools` makes one)");
+        eprintln!("skipped: {skipped} ({why}; `scripts/python-tools` makes one, with `--package` ours too)");
     }
     found
 }
