@@ -17,6 +17,7 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("rig campaign", "half a minute a run; campaign runs it"),
     ("export PATH=", "names the release that scripts/demo builds"),
     ("cargo ", "minutes long; tests of the same name go through a part"),
+    ("python3 rig/python/benchmarks/rollout.py", "needs the package, and a computer that is free for it"),
     ("rig run mine/rig.toml", "as the drops before it; cli makes such a rig and has its doctor look"),
     ("rig run configs/arm8.toml", "in_mujoco runs it, 11 s of film"),
     ("rig run configs/octopus8.toml", "half a minute of film"),
