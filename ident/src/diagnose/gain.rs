@@ -136,10 +136,41 @@ pub(super) fn gain(
     })
 }
 
+/// A gap between residual and noise that is worth closing, as a share of the residual.
+const WORTHWHILE_GAP_SHARE: f64 = 0.1;
+/// A cause closes at least this share of it on runs that it was not fitted to; a stand-in does not.
+const CLOSED_BY_A_CAUSE_SHARE: f64 = 0.4;
+/// Standard deviations by which the noise may exceed its floor.
+const NOISIER_Z: f64 = 2.0;
+/// A gain below this share may be chance where its interval reaches 0.
+const LITTLE_GAIN: f64 = 0.1;
+
 impl HeldOut {
     /// Whether what is named may as well gain nothing on runs that it was not fitted to.
     pub(super) fn may_be_none(&self) -> bool {
         self.gain_ci95[0] <= 0.0
+    }
+
+    /// The same as a reason why it is not believed, where runs were held out and gain little: a fit to all runs but one may leave numbers
+    /// open that all together hold, and few held-out runs leave a wide interval about a large gain.
+    pub(super) fn none_perhaps(&self) -> Option<String> {
+        let [low, high] = self.gain_ci95.map(|gain| 100.0 * gain);
+        let is_none = self.how == HOLDOUT && self.may_be_none() && self.gain < LITTLE_GAIN;
+        is_none.then(|| format!("on held-out runs it may gain nothing: {low:.1} to {high:.1} %"))
+    }
+
+    /// Why what is named is not believed, where runs were held out that it should have predicted.
+    pub(super) fn objection(&self, floor: &Floor) -> Option<String> {
+        let most = 1.0 + NOISIER_Z * floor.noise_std_m / floor.noise_m;
+        let gap = 1.0 - most * self.noise_floor_m / self.rms_before_m;
+        (self.how == HOLDOUT && gap > WORTHWHILE_GAP_SHARE && self.gain < CLOSED_BY_A_CAUSE_SHARE * gap).then(
+            || {
+                format!(
+                    "on held-out runs it closes only {:.0} % of the gap to the noise",
+                    100.0 * (self.gain / gap).max(0.0)
+                )
+            },
+        )
     }
 }
 

@@ -47,8 +47,6 @@ pub(crate) struct Found<'a> {
     pub(crate) leader: State<'a>,
     /// What is named, fitted alone.
     pub(crate) named: State<'a>,
-    /// The best set that holds another cause than the leader.
-    pub(crate) rival: Option<State<'a>>,
 }
 
 /// What explains the runs of `experiment` beside `baseline`, the model as it stands, fitted, with the noise of `floor`. All runs are asked what
@@ -66,10 +64,10 @@ pub(crate) fn evidence<'a>(
 ) -> Result<Found<'a>, FitError> {
     let mut asked = State { linear: Vec::new(), ..baseline.clone() };
     if let Some((held, _)) = held_out(experiment, baseline, floor) {
-        asked.terms.extend(held.terms);
-        asked.point.offsets.extend(held.point.offsets);
-        // an optimum of all runs: what is missing to it would count for the causes
         let mut together = asked.clone();
+        together.terms.extend(held.terms);
+        together.point.offsets.extend(held.point.offsets);
+        // an optimum of all runs: what is missing to it would count for the causes; held-out runs that cannot be simulated are not asked
         if together.descend(counts) {
             asked = together;
         }
