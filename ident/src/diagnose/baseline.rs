@@ -10,11 +10,12 @@ use crate::fit::counts::Counts;
 use crate::fit::driver::spread;
 use crate::fit::problem::{Point, Term};
 use crate::fit::{self, FitError, FittedParameter, Flow};
-use crate::hypothesis::state::State;
+use crate::hypothesis::state::{State, relative_std};
 use crate::initial::{self, StartError};
 use crate::loss::{Weighting, observations};
 use crate::noise::floor::{Floor, Seen, floor};
 use crate::noise::pose::PoseErrors;
+use crate::noise::stamps::velocities;
 use crate::parameters::Parameters;
 use crate::simulate::Rehearsal;
 
@@ -145,15 +146,24 @@ fn best_drawn(baseline: &State<'_>, seed: u64, counts: &mut Counts) -> Vec<Vec<f
 pub(crate) fn seen_floor(state: &State<'_>) -> Result<Floor, DiagnoseError> {
     let raw: Option<Vec<Vec<f64>>> = (0..state.terms.len()).map(|run| state.raw_residuals(run)).collect();
     let raw = raw.ok_or(FitError::NoOptimum)?;
+    let weighed = |term: &Term<'_>| -> Vec<f64> {
+        let trajectory = &term.rehearsal.run.trajectory;
+        let (width, relative) = (trajectory.keypoints.len(), relative_std(trajectory));
+        let list = velocities(trajectory, &term.observations);
+        let cells = term.observations.iter().map(|o| relative[o.instant * width + o.keypoint]);
+        list.iter().zip(cells).map(|(velocity, relative)| velocity / relative).collect()
+    };
+    let velocities: Vec<Vec<f64>> = state.terms.iter().map(weighed).collect();
     let seen: Vec<Seen<'_>> = state
         .terms
         .iter()
-        .zip(&raw)
+        .zip(raw.iter().zip(&velocities))
         .enumerate()
-        .map(|(run, (term, residuals))| Seen {
+        .map(|(run, (term, (residuals, velocities)))| Seen {
             id: &term.rehearsal.run.id,
             observations: &term.observations,
             residuals,
+            velocities,
             time_s: &term.rehearsal.run.trajectory.time_s,
             start_s: state.start_s(run),
             pose_std_m: PoseErrors::of(&term.rehearsal.run.trajectory).map(|errors| errors.rms_m()),
@@ -166,5 +176,6 @@ pub(crate) fn seen_floor(state: &State<'_>) -> Result<Floor, DiagnoseError> {
 pub(super) fn is_same(a: &Floor, b: &Floor, within: f64) -> bool {
     let stds = a.runs.iter().flat_map(|run| &run.std_m).zip(b.runs.iter().flat_map(|run| &run.std_m));
     (a.correlation - b.correlation).abs() <= within
+        && (a.stamp_std_s - b.stamp_std_s).abs() <= within * a.stamp_std_s.max(b.stamp_std_s)
         && stds.into_iter().all(|(a, b)| (a / b - 1.0).abs() <= within)
 }

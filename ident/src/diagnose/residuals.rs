@@ -29,7 +29,7 @@ pub(super) fn residuals(before: &State<'_>, after: &State<'_>, floor: &Floor) ->
             keypoints: trajectory.keypoints.clone(),
             before_m: (0..width).map(|k| rms(&a, k)).collect(),
             after_m: (0..width).map(|k| rms(&b, k)).collect(),
-            noise_m: floor.runs[run].std_m.clone(),
+            noise_m: floor.runs[run].std_m.iter().map(|std_m| std_m.hypot(floor.stamp_m)).collect(),
         });
         let model = before.calibrated();
         let Ok(simulated) = term.rehearsal.simulate(&model, &before.point.offsets[run], term.instants) else {

@@ -308,6 +308,9 @@ pub struct NoiseFloor {
     /// deviation \[m\].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_std_m: Option<f64>,
+    /// By how much the times of images scatter about their stamps, where that is seen: one standard deviation \[s\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stamp_std_s: Option<f64>,
     /// By run and keypoint.
     pub runs: Vec<RunFloor>,
 }

@@ -116,7 +116,7 @@ pub(super) fn verdict<'a>(
         alternatives: if verdict == Verdict::Ambiguous { rivals } else { Vec::new() },
         fitted: fitted.iter().map(|cause| cause.name().to_owned()).collect(),
         whiteness: gates.whiteness(before, describes, floor),
-        noise_m: floor.noise_m,
+        noise_m: floor.measured_m(),
         noise: noise(experiment, floor),
         heldout: gates.gained.filter(|_| describes),
         detectable: detect::detectable(baseline, &found.first),
@@ -198,7 +198,7 @@ impl Gates {
             before,
             after: if describes { self.after } else { before },
             heldout: self.heldout,
-            explainable: (1.0 - (floor.noise_m / before.rms_m).powi(2)).clamp(0.0, 1.0),
+            explainable: (1.0 - (floor.measured_m() / before.rms_m).powi(2)).clamp(0.0, 1.0),
             constancy: tests.map(|(test, _)| test.clone()).collect(),
         }
     }
@@ -322,6 +322,7 @@ pub(super) fn noise(experiment: &Experiment, floor: &Floor) -> NoiseFloor {
         degrees: floor.degrees,
         stated_m: experiment.noise_m,
         pose_std_m: floor.pose_std_m,
+        stamp_std_s: (floor.stamp_std_s > 0.0).then_some(floor.stamp_std_s),
         runs: floor.runs.clone(),
     }
 }

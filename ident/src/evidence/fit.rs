@@ -75,6 +75,7 @@ impl<'b, 'a> Fitter<'b, 'a> {
                 .iter()
                 .map(|term| term.rehearsal.nuisances.iter().map(|own| own.belief().powi(-2)).collect())
                 .collect(),
+            stated_slip: bench.unknown.stated_slip,
             own: (0..bench.runs())
                 .map(|run| {
                     let covariance = bench.unknown.covariance(run);

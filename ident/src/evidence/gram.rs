@@ -142,9 +142,8 @@ impl Gram {
         let mut kept: Vec<usize> =
             layout.base.clone().filter(|&place| self.beliefs.base[place].is_finite()).collect();
         let mut precision: Vec<f64> = kept.iter().map(|&place| self.beliefs.base[place]).collect();
-        for (part, scale) in
-            [(&layout.weights, FORCE_SCALES[scales[0]]), (&layout.slips, SLIP_SCALES[scales[2]])]
-        {
+        let slip = SLIP_SCALES[scales[2]].hypot(self.beliefs.stated_slip);
+        for (part, scale) in [(&layout.weights, FORCE_SCALES[scales[0]]), (&layout.slips, slip)] {
             if scale > 0.0 {
                 kept.extend(part.clone());
                 precision.extend(part.clone().map(|_| scale.powi(-2)));
@@ -165,7 +164,7 @@ impl Gram {
         for (i, precision) in precision.iter().enumerate() {
             products[(i, i)] += precision + JITTER_SHARE * products[(i, i)];
         }
-        // only the unknown is gone from the cost: the others stand where they stand
+        // only the unknown and slips are gone from the cost: the others stand where they stand
         let free = kept.iter().filter(|place| layout.base.contains(place)).count();
         if kept.len() > free {
             let unknown = products.view((free, free), (kept.len() - free, kept.len() - free)).into_owned();
@@ -295,7 +294,7 @@ impl RunGram {
         let layout = Layout {
             base: next(free),
             weights: next(count(|unknown| &unknown.weights)),
-            slips: next(count(|unknown| &unknown.slips)),
+            slips: next(run.slips.ncols()),
             numbers: next(numbers.len()),
             data: next(1).start,
             residual: next(1).start,
@@ -306,12 +305,9 @@ impl RunGram {
         all.columns_mut(0, free).copy_from(&run.base.columns(0, free));
         all.columns_mut(layout.start.start, layout.start.len())
             .copy_from(&run.base.columns(free, layout.start.len()));
+        all.columns_mut(layout.slips.start, layout.slips.len()).copy_from(&run.slips);
         if let Some(unknown) = unknown {
-            for (part, range) in [
-                (&unknown.weights, &layout.weights),
-                (&unknown.slips, &layout.slips),
-                (&unknown.own, &layout.own),
-            ] {
+            for (part, range) in [(&unknown.weights, &layout.weights), (&unknown.own, &layout.own)] {
                 all.columns_mut(range.start, range.len()).copy_from(part);
             }
         }

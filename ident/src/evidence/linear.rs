@@ -34,6 +34,8 @@ pub(super) struct RunColumns {
     pub(super) base: DMatrix<f64>,
     /// By numbers of causes, and which these are.
     pub(super) numbers: Vec<(usize, DVector<f64>)>,
+    /// By the slip of keypoints, where it is asked for.
+    pub(super) slips: DMatrix<f64>,
     pub(super) unknown: Option<UnknownColumns>,
 }
 
@@ -171,6 +173,7 @@ impl<'a> Bench<'a> {
     ) -> bool {
         let Some(at) = self.transitions(setting, point, counts) else { return false };
         columns.par_iter_mut().zip(&at).enumerate().for_each(|(run, (columns, at))| {
+            columns.slips = self.unknown.slips(run).clone();
             columns.unknown = Some(self.unknown.columns(run, at, &self.state.terms[run]));
         });
         true
@@ -214,7 +217,11 @@ impl<'a> Bench<'a> {
         for ((run, _), part) in tasks.into_iter().zip(parts) {
             runs[run].push(part?);
         }
-        let joined = runs.into_iter().map(|mut parts| {
+        let slips = |run: usize, rows: usize| match self.unknown.stated_slip > 0.0 {
+            true => self.unknown.slips(run).clone(),
+            false => DMatrix::zeros(rows, 0),
+        };
+        let joined = runs.into_iter().enumerate().map(|(run, mut parts)| {
             let columns: Vec<DVector<f64>> = parts
                 .iter()
                 .flat_map(|part| part.jacobian.column_iter().map(|column| column.into_owned()))
@@ -234,6 +241,7 @@ impl<'a> Bench<'a> {
                     .map(|&place| setting.numbers[place])
                     .zip(columns[of_numbers].iter().cloned())
                     .collect(),
+                slips: slips(run, rows),
                 unknown: None,
             }
         });

@@ -38,6 +38,16 @@ use crate::noise::floor::Floor;
 /// What the floor's noise is known to at best, as a share of it: rounding and tails of real noise (a prototype, chosen).
 const NOISE_SHARE_LEAST: f64 = 0.02;
 
+/// What the size of errors that pictures are said to have with the pose is known to, as a share of it (chosen: an extractor's estimate).
+const STATED_SHARE: f64 = 0.25;
+
+/// Standard deviation of the noise of `floor`, what is stated of it included, over itself.
+fn noise_share(floor: &Floor) -> f64 {
+    let own = (floor.noise_std_m / floor.noise_m).max(NOISE_SHARE_LEAST);
+    let stated = floor.pose_std_m.map_or(0.0, |std_m| (std_m / std_m.hypot(floor.noise_m)).powi(2));
+    ((1.0 - stated) * own).hypot(stated * STATED_SHARE)
+}
+
 /// What the runs say, and the models that say it.
 pub(crate) struct Found<'a> {
     pub(crate) evidence: Evidence,
@@ -74,7 +84,7 @@ pub(crate) fn evidence<'a>(
     }
     let kinds: Vec<RunKind> = asked.terms.iter().map(|term| term.rehearsal.run.kind).collect();
     let atoms = atoms::Atoms::new(experiment, &kinds, &baseline.parameters);
-    let noise_share = (floor.noise_std_m / floor.noise_m).max(NOISE_SHARE_LEAST);
+    let noise_share = noise_share(floor);
     // what every answer begins with is worked out however little time there is
     let mut first = Counts::default();
     let bench = linear::Bench::new(asked, atoms, &mut first).ok_or(FitError::NoOptimum)?;

@@ -21,6 +21,8 @@ pub(super) struct Beliefs {
     pub(super) base: Vec<f64>,
     /// Precisions of each run's start.
     pub(super) starts: Vec<Vec<f64>>,
+    /// Standard deviation of the slip that pictures are said to have, over the noise: it is there whatever the unknown's is.
+    pub(super) stated_slip: f64,
     /// Of each run, the inverse covariance of its own force and the logarithm of the covariance's determinant.
     pub(super) own: Vec<(DMatrix<f64>, f64)>,
 }

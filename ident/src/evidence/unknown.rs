@@ -13,6 +13,7 @@ use sim::transitions::Transitions;
 
 use crate::fit::problem::Term;
 use crate::initial::prescribed_dofs;
+use crate::noise::pose::PoseErrors;
 
 /// Time between knots of a run's own force \[s\] (chosen by a prototype); two correlation times below span 0.1 to 1 s.
 const KNOT_S: f64 = 0.1;
@@ -52,6 +53,8 @@ pub(super) struct Unknown {
     joints: Vec<Joint>,
     /// Of each run, whitened columns of the slip, per standard deviation of the noise.
     slips: Vec<DMatrix<f64>>,
+    /// Standard deviation of a slip that the pictures themselves are said to have, over that of the noise; 0 where nothing is said.
+    pub(super) stated_slip: f64,
     /// Of each run, its knots \[s\], and for each of them the joint, as places.
     knots: Vec<Vec<(usize, f64)>>,
 }
@@ -60,7 +63,6 @@ pub(super) struct Unknown {
 #[derive(Debug, Clone)]
 pub(super) struct UnknownColumns {
     pub(super) weights: DMatrix<f64>,
-    pub(super) slips: DMatrix<f64>,
     pub(super) own: DMatrix<f64>,
 }
 
@@ -85,7 +87,8 @@ impl Unknown {
                 joints.push(Joint { qpos, dof, is_slide, half: 0.5 * (high - low), most, unit: 1.0 });
             }
         }
-        let mut unknown = Self { joints, slips: Vec::new(), knots: Vec::new() };
+        let mut unknown =
+            Self { joints, slips: Vec::new(), stated_slip: stated_slip(terms), knots: Vec::new() };
         for (run, term) in transitions.iter().zip(terms) {
             unknown.knots.push(unknown.knots_of(model, run, term));
         }
@@ -111,13 +114,14 @@ impl Unknown {
         }
     }
 
-    /// Columns of the run at place `run`.
+    /// Columns of the slip in the run at place `run`.
+    pub(super) fn slips(&self, run: usize) -> &DMatrix<f64> {
+        &self.slips[run]
+    }
+
+    /// Columns of the forces in the run at place `run`.
     pub(super) fn columns(&self, run: usize, at: &Transitions, term: &Term<'_>) -> UnknownColumns {
-        UnknownColumns {
-            weights: self.weights(run, at, term),
-            slips: self.slips[run].clone(),
-            own: self.own(run, at, term),
-        }
+        UnknownColumns { weights: self.weights(run, at, term), own: self.own(run, at, term) }
     }
 
     fn knots_of(&self, model: &Model, at: &Transitions, term: &Term<'_>) -> Vec<(usize, f64)> {
@@ -213,6 +217,17 @@ fn answer(at: &Transitions, term: &Term<'_>, dof: usize, force: &[f64]) -> Vec<f
     let width = term.rehearsal.run.trajectory.keypoints.len();
     let shift = term.observations.iter().map(|o| -moved[o.instant * width + o.keypoint][o.axis] * o.per_m);
     whitened(term, shift.collect())
+}
+
+/// What pictures get wrong with the pose, as the runs state it, over the noise; 0 where none does.
+fn stated_slip(terms: &[Term<'_>]) -> f64 {
+    let (mut sum, mut count) = (0.0, 0_usize);
+    for term in terms {
+        let Some(errors) = PoseErrors::of(&term.rehearsal.run.trajectory) else { continue };
+        sum += term.observations.iter().map(|o| (errors.std_m(o) * o.per_m).powi(2)).sum::<f64>();
+        count += term.observations.len();
+    }
+    f64::sqrt(sum / count.max(1) as f64)
 }
 
 fn whitened(term: &Term<'_>, mut column: Vec<f64>) -> Vec<f64> {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::Form;
 use super::atoms::Atom;
+use super::fit::Fitted;
 use super::priors::{FORCE_SCALES, OFF, SLIP_SCALES, ln_scales};
 use super::search::Pool;
 use crate::hypothesis::candidates::Term;
@@ -75,6 +76,8 @@ pub(crate) struct FoundCause {
 pub(crate) struct Evidence {
     /// Causes, most probable first.
     pub(crate) causes: Vec<FoundCause>,
+    /// Probability that something is at work that nobody names: the unknown, or a force by run only.
+    pub(crate) unexplained: f64,
     /// Gain of everything that nobody names: the unknown, and forces by run only \[nats\].
     pub(crate) unnamed: f64,
     /// Scales of the unknown in the best set: repeatable force, force of each run's own, both in units of what moves keypoints by their noise;
@@ -97,10 +100,9 @@ pub(crate) struct LikelySet {
 }
 
 impl Evidence {
-    /// Whether what is named, and noise, is all that there is.
+    /// Whether what is named, and noise, may be all that there is.
     pub(crate) fn is_explained(&self) -> bool {
-        self.unknown.iter().all(|scale| *scale == 0.0)
-            && self.causes.iter().all(|cause| cause.standing != Standing::Resembles)
+        self.unexplained < NAMED
     }
 }
 
@@ -130,6 +132,27 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
     };
     let is_wave_named = gain(&|&atom: &usize| atoms[atom].each_run) >= GAIN_SHARE * with_waves;
     let unnamed = if is_wave_named { unnamed(pool, |_| true)? } else { with_waves };
+    // of a set that keeps the unknown, what it is without
+    let quiet = |fitted: &Fitted| {
+        if fitted.scored.scales == OFF {
+            return 0.0;
+        }
+        let taus = fitted.scored.tau..fitted.scored.tau + 1;
+        let Fitted { setting, gram, .. } = fitted;
+        let off = pool.fitter.scorer(gram).score(&setting.set, &setting.columns, OFF, taus);
+        off.map_or(0.0, |off| (off.ln_z - most).exp())
+    };
+    let resembles = |set: &[usize]| set.iter().any(|&atom| !atoms[atom].is_named());
+    let (mut open, mut total) = (0.0, 0.0);
+    for (fitted, weight) in pool.fitted.iter().zip(&weights) {
+        let quiet = quiet(fitted);
+        total += weight + quiet;
+        open += match (resembles(&fitted.setting.set), fitted.scored.scales == OFF) {
+            (true, _) => weight + quiet,
+            (false, false) => *weight,
+            (false, true) => 0.0,
+        };
+    }
     let none = pool.fitted.iter().find(|fitted| fitted.setting.set.is_empty());
     let gained = none.map_or(0.0, |none| most - none.scored.ln_z);
     let mut causes = Vec::new();
@@ -184,6 +207,7 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
     let [repeatable, own, slip] = best.scored.scales;
     Some(Evidence {
         causes,
+        unexplained: open / total,
         unnamed,
         unknown: [FORCE_SCALES[repeatable], FORCE_SCALES[own], SLIP_SCALES[slip]],
         sets: likely_sets(pool, &weights[..fitted], all),

@@ -14,6 +14,7 @@ use crate::fit::repeat::repeat;
 use crate::noise::Whitening;
 use crate::noise::floor::Floor;
 use crate::noise::pose::PoseErrors;
+use crate::noise::stamps::velocities;
 use crate::parameters::Parameters;
 use crate::simulate::Nuisance;
 
@@ -38,7 +39,7 @@ pub(crate) struct State<'a> {
 
 /// Deviations that a trajectory states for its cells, over what is usual for their keypoint; 1 where none is stated. Shape
 /// (N, K). How large noise is the residuals say; what is stated says only where there is more of it.
-fn relative_std(trajectory: &Trajectory) -> Vec<f64> {
+pub(crate) fn relative_std(trajectory: &Trajectory) -> Vec<f64> {
     let width = trajectory.keypoints.len();
     let cells = trajectory.time_s.len() * width;
     let stated = |cell: usize| {
@@ -91,12 +92,16 @@ impl<'a> State<'a> {
                 let relative = relative[observation.instant * width + observation.keypoint];
                 observation.per_m = 1.0 / (run.std_m[observation.keypoint] * relative);
             }
+            let speeds = velocities(trajectory, &term.observations);
+            let speeds = speeds.iter().zip(&term.observations).map(|(v, o)| floor.stamp_std_s * v * o.per_m);
+            let speeds: Vec<f64> = speeds.collect();
             term.whitening = Some(Whitening::new(
                 &term.observations,
                 &trajectory.time_s,
                 floor.correlation,
                 run.interval_s,
                 PoseErrors::of(trajectory).as_ref(),
+                if floor.stamp_std_s > 0.0 { &speeds } else { &[] },
             ));
         }
         self.linear.clear();

@@ -14,6 +14,7 @@ use nalgebra::{DMatrix, DVector, RowDVector};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::stamps::{Images, scatter};
 use super::{LEAST_NOISE_M, Whitening};
 use crate::loss::Observation;
 use ground::statistics::median;
@@ -53,8 +54,19 @@ pub(crate) struct Floor {
     pub still_share: f64,
     /// Standard deviation of what pictures get wrong with the pose, where every run states it \[m\].
     pub pose_std_m: Option<f64>,
+    /// Standard deviation of the times of images about their stamps \[s\]; 0 where none is seen.
+    pub stamp_std_s: f64,
+    /// What that makes of keypoints as they move, root mean square over all \[m\].
+    pub stamp_m: f64,
     /// By run, then keypoint.
     pub runs: Vec<RunFloor>,
+}
+
+impl Floor {
+    /// What measuring leaves of a coordinate, root mean square \[m\]: noise, and times that scatter.
+    pub(crate) fn measured_m(&self) -> f64 {
+        self.noise_m.hypot(self.stamp_m)
+    }
 }
 
 /// The noise of one run's keypoints.
@@ -74,6 +86,8 @@ pub(crate) struct Seen<'a> {
     pub(crate) observations: &'a [Observation],
     /// Measured - simulated \[m\], over how much less certain than usual the cell says it is.
     pub(crate) residuals: &'a [f64],
+    /// Velocity of each \[m/s\], over the same.
+    pub(crate) velocities: &'a [f64],
     pub(crate) time_s: &'a [f64],
     /// Until then the mechanism rests \[s\].
     pub(crate) start_s: f64,
@@ -87,8 +101,11 @@ struct Stretch {
     /// Keypoint of each column.
     keypoints: Vec<usize>,
     time_s: Vec<f64>,
-    /// Shape (images, columns).
+    /// Shape (images, columns), as the next one.
     values: DMatrix<f64>,
+    velocities: DMatrix<f64>,
+    /// Squares of each column that are noise all the same: what was taken off is not known better.
+    unsure: Vec<f64>,
     /// Shape (images, splines).
     basis: DMatrix<f64>,
     still: usize,
@@ -105,17 +122,19 @@ struct Left {
 
 pub(crate) fn floor(runs: &[Seen<'_>]) -> Floor {
     let intervals: Vec<f64> = runs.iter().map(|run| interval_s(run.time_s)).collect();
-    let stretches: Vec<Stretch> =
+    let mut stretches: Vec<Stretch> =
         runs.iter().enumerate().flat_map(|(run, seen)| stretches(run, seen, intervals[run])).collect();
     let widths: Vec<usize> =
         runs.iter().map(|run| run.observations.iter().map(|o| o.keypoint + 1).max().unwrap_or(0)).collect();
+    let stamp_std_s = without_scatter(&mut stretches, &widths);
     let judge = |correlation: f64| {
         let left: Vec<Left> =
             stretches.par_iter().map(|stretch| stretch.left(correlation, intervals[stretch.run])).collect();
         let mut sums: Vec<Vec<[f64; 2]>> = widths.iter().map(|&width| vec![[0.0; 2]; width]).collect();
         let mut determinants = 0.0;
         for (stretch, left) in stretches.iter().zip(&left) {
-            for (&keypoint, squares) in stretch.keypoints.iter().zip(&left.squares) {
+            let squares = left.squares.iter().zip(&stretch.unsure).map(|(left, unsure)| left + unsure);
+            for (&keypoint, squares) in stretch.keypoints.iter().zip(squares) {
                 let sum = &mut sums[stretch.run][keypoint];
                 *sum = [sum[0] + squares, sum[1] + left.degrees];
                 determinants += left.determinants;
@@ -156,6 +175,8 @@ pub(crate) fn floor(runs: &[Seen<'_>]) -> Floor {
             let squares = all.iter().map(|std| std * std).sum::<f64>();
             (squares / all.len().max(1) as f64).sqrt()
         }),
+        stamp_std_s,
+        stamp_m: stamp_std_s * rms(runs.iter().flat_map(|run| run.velocities)),
         still_share: images(&|s| s.still) / images(&|s| s.time_s.len()).max(1.0),
         runs: runs
             .iter()
@@ -168,6 +189,31 @@ pub(crate) fn floor(runs: &[Seen<'_>]) -> Floor {
             })
             .collect(),
     }
+}
+
+/// Takes off `stretches`, whose runs have so many keypoints, what is there since times of images scatter; by how much they do \[s\].
+fn without_scatter(stretches: &mut [Stretch], widths: &[usize]) -> f64 {
+    let first = |run: usize| widths[..run].iter().sum::<usize>();
+    let images: Vec<Images<'_>> = stretches
+        .iter()
+        .map(|stretch| Images {
+            series: stretch.keypoints.iter().map(|keypoint| first(stretch.run) + keypoint).collect(),
+            values: &stretch.values,
+            velocities: &stretch.velocities,
+            basis: &stretch.basis,
+        })
+        .collect();
+    let found = scatter(&images, first(widths.len()));
+    for (stretch, (part, unsure)) in stretches.iter_mut().zip(found.parts) {
+        stretch.values -= part;
+        stretch.unsure = unsure;
+    }
+    found.std_s
+}
+
+fn rms<'a>(list: impl Iterator<Item = &'a f64>) -> f64 {
+    let (sum, count) = list.fold((0.0, 0_usize), |(sum, count), x| (sum + x * x, count + 1));
+    (sum / count.max(1) as f64).sqrt()
 }
 
 /// Where `of` is least among the correlations, and its second derivative there.
@@ -209,14 +255,14 @@ struct SameInstants {
     instants: Vec<usize>,
     /// Keypoint and axis of each.
     coordinates: Vec<(usize, usize)>,
-    /// Residuals of each.
-    columns: Vec<Vec<f64>>,
+    /// Residuals and velocities of each.
+    columns: Vec<Vec<[f64; 2]>>,
 }
 
 /// A run's coordinates, grouped by the instants at which they were observed.
 fn by_instants(seen: &Seen<'_>) -> Vec<SameInstants> {
     let mut single: Vec<SameInstants> = Vec::new();
-    for (observation, &residual) in seen.observations.iter().zip(seen.residuals) {
+    for (row, (observation, &residual)) in seen.observations.iter().zip(seen.residuals).enumerate() {
         let key = (observation.keypoint, observation.axis);
         let place = single.iter().position(|one| one.coordinates[0] == key).unwrap_or_else(|| {
             single.push(SameInstants {
@@ -227,7 +273,7 @@ fn by_instants(seen: &Seen<'_>) -> Vec<SameInstants> {
             single.len() - 1
         });
         single[place].instants.push(observation.instant);
-        single[place].columns[0].push(residual);
+        single[place].columns[0].push([residual, seen.velocities.get(row).copied().unwrap_or(0.0)]);
     }
     let mut groups: Vec<SameInstants> = Vec::new();
     for mut one in single {
@@ -256,10 +302,13 @@ fn stretches(run: usize, seen: &Seen<'_>, interval_s: f64) -> Vec<Stretch> {
             if time_s.len() < SPLINE_IMAGES_MIN || basis.ncols() + 4 > time_s.len() {
                 continue;
             }
-            let values = DMatrix::from_fn(part.len(), columns.len(), |row, column| {
-                columns[column][piece * size + row]
+            let [values, velocities] = [0, 1].map(|which| {
+                DMatrix::from_fn(part.len(), columns.len(), |row, column| {
+                    columns[column][piece * size + row][which]
+                })
             });
-            list.push(Stretch { run, keypoints: keypoints.clone(), time_s, values, basis, still });
+            let (keypoints, unsure) = (keypoints.clone(), vec![0.0; columns.len()]);
+            list.push(Stretch { run, keypoints, time_s, values, velocities, unsure, basis, still });
         }
     }
     list
@@ -320,7 +369,7 @@ impl Stretch {
         let observations: Vec<Observation> = (0..self.time_s.len())
             .map(|instant| Observation { instant, keypoint: 0, axis: 0, measured_m: 0.0, per_m: 1.0 })
             .collect();
-        let whitening = Whitening::new(&observations, &self.time_s, correlation, interval_s, None);
+        let whitening = Whitening::new(&observations, &self.time_s, correlation, interval_s, None, &[]);
         let white = |mut matrix: DMatrix<f64>| {
             matrix.column_iter_mut().for_each(|mut column| whitening.apply(column.as_mut_slice()));
             matrix
@@ -371,8 +420,9 @@ pub(crate) fn slow_part(
     start_s: f64,
     interval_s: f64,
 ) -> Slow {
+    let list = residuals.as_slice();
     let seen =
-        Seen { id: "", observations, residuals: residuals.as_slice(), time_s, start_s, pose_std_m: None };
+        Seen { id: "", observations, residuals: list, velocities: &[], time_s, start_s, pose_std_m: None };
     let mut slow =
         Slow { squares: 0.0, functions: 0.0, all: residuals.norm_squared(), count: residuals.len() as f64 };
     for stretch in stretches(0, &seen, interval_s) {

@@ -5,6 +5,7 @@ mod correlation;
 pub(crate) mod floor;
 pub(crate) mod pose;
 mod roughness;
+pub(crate) mod stamps;
 mod whitening;
 
 pub(crate) use correlation::{MOST_CORRELATED, Neighbours, correlated, correlation, lasting, series};

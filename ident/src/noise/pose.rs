@@ -64,7 +64,7 @@ impl PoseErrors {
     }
 
     /// Standard deviation at an observation \[m\].
-    pub(super) fn std_m(&self, of: &Observation) -> f64 {
+    pub(crate) fn std_m(&self, of: &Observation) -> f64 {
         self.std_m[of.instant * self.width + of.keypoint]
     }
 

@@ -45,6 +45,7 @@ fn slow_errors_ten_times_the_noise_leave_the_floor_where_it_is() {
             residuals: &residuals,
             time_s: &time_s,
             start_s: 0.3,
+            velocities: &[],
             pose_std_m: None,
         };
         let floor = floor(&[seen]);
