@@ -3,6 +3,8 @@
 //! Each run has nuisances of its own: the coordinates of its initial pose, those of its rates that are unknown, its
 //! release if nobody stated it. They are offsets from the estimates of [`crate::initial`], 0 at first.
 
+mod in_run;
+
 use sim::batch::{self, Candidate};
 use sim::model::Parameter;
 use sim::sensitivities::{self, Direction};
@@ -185,6 +187,7 @@ impl<'a> Rehearsal<'a> {
     fn planned(&self, model: &Model, start: &Start, accuracy_m: f64) -> Option<Steps> {
         let options = RolloutOptions { steps: self.plan.clone(), ..self.options(start.start_s, 1) };
         let times = &self.run.trajectory.time_s;
+        let model = &*self.as_in_run(model);
         let plan =
             sim::plan(model, &start.state, &self.command, times, &options, accuracy_m / PLAN_ACCURACY_MARGIN);
         plan.ok().map(|plan| plan.steps)
@@ -318,7 +321,7 @@ impl<'a> Rehearsal<'a> {
     ) -> Result<Rollout<f64>, RolloutError> {
         let Start { state, start_s } = self.start_with(model, offsets);
         let times = &self.run.trajectory.time_s[..instants];
-        let mut run_model = std::borrow::Cow::Borrowed(model);
+        let mut run_model = self.as_in_run(model);
         for (place, value) in self.run_parameters(offsets) {
             run_model.to_mut().set(place, value);
         }
@@ -339,12 +342,14 @@ impl<'a> Rehearsal<'a> {
         candidates: &[(Vec<f64>, &[f64])],
         instants: usize,
     ) -> Result<Vec<batch::Positions>, RolloutError> {
-        let candidates: Vec<_> = candidates.iter().map(|(v, o)| self.candidate(model, v, o)).collect();
+        let at = |(v, o): &(Vec<f64>, &[f64])| self.candidate(model, parameters, v, o);
+        let candidates: Vec<_> = candidates.iter().map(at).collect();
         let times = &self.run.trajectory.time_s[..instants];
         let places = self.places(parameters);
+        let scaled = self.as_in_run(model);
         let simulated = |candidates: &[Candidate], parts: usize| {
             let options = self.options(self.start.start_s, parts);
-            batch::positions(model, &places, candidates, &self.command, times, &options, Isa::best())
+            batch::positions(&scaled, &places, candidates, &self.command, times, &options, Isa::best())
         };
         let mut all = simulated(&candidates, self.parts[0])?;
         let again = if self.steps.is_some() { &self.parts[1..] } else { &[] };
@@ -371,8 +376,9 @@ impl<'a> Rehearsal<'a> {
         columns: std::ops::Range<usize>,
         instants: usize,
     ) -> Result<sensitivities::Sensitivities, RolloutError> {
-        let candidate = self.candidate(model, at.values, offsets);
+        let candidate = self.candidate(model, at.places, at.values, offsets);
         let places = self.places(at.places);
+        let factors = self.factors(model, at.places);
         let none = || Direction {
             values: vec![0.0; places.len()],
             qpos: vec![0.0; candidate.state.qpos.len()],
@@ -383,7 +389,7 @@ impl<'a> Rehearsal<'a> {
         for rates in at.varied {
             let mut along = none();
             for &(place, rate) in rates {
-                along.values[place] = rate;
+                along.values[place] = rate * factors[place];
             }
             directions.push(along);
         }
@@ -404,10 +410,11 @@ impl<'a> Rehearsal<'a> {
         let columns = columns.start.min(directions.len())..columns.end.min(directions.len());
         let directions = &directions[columns];
         let (times, command) = (&self.run.trajectory.time_s[..instants], &self.command);
+        let scaled = self.as_in_run(model);
         let found = self.with_divided_steps(self.parts, |parts| {
             let options = self.options(candidate.start_s, parts);
             sensitivities::sensitivities(
-                model,
+                &scaled,
                 &places,
                 &candidate,
                 directions,
@@ -438,36 +445,14 @@ impl<'a> Rehearsal<'a> {
         piece_s: f64,
         instants: usize,
     ) -> Result<Transitions, RolloutError> {
-        let candidate = self.candidate(model, values, offsets);
+        let candidate = self.candidate(model, parameters, values, offsets);
         let places = self.places(parameters);
         let times = &self.run.trajectory.time_s[..instants];
+        let scaled = self.as_in_run(model);
         self.with_divided_steps(self.parts, |parts| {
             let options = self.options(candidate.start_s, parts);
-            transitions(model, &places, &candidate, piece_s, &self.command, times, &options, Isa::best())
+            transitions(&scaled, &places, &candidate, piece_s, &self.command, times, &options, Isa::best())
         })
-    }
-
-    fn candidate(&self, model: &Model, values: &[f64], offsets: &[f64]) -> Candidate {
-        let Start { state, start_s } = self.start_with(model, offsets);
-        let run_values = self.run_parameters(offsets).map(|(_, value)| value);
-        Candidate { values: values.iter().copied().chain(run_values).collect(), state, start_s }
-    }
-
-    /// Parameters with a value per run, and this run's values, SI.
-    fn run_parameters<'b>(&'b self, offsets: &'b [f64]) -> impl Iterator<Item = (Parameter, f64)> + 'b {
-        self.nuisances.iter().zip(offsets).filter_map(|(nuisance, &value)| match *nuisance {
-            Nuisance::Own { place, .. } => Some((place, value)),
-            Nuisance::Coordinate(_) | Nuisance::Rate { .. } | Nuisance::Release { .. } => None,
-        })
-    }
-
-    /// `parameters`, then those with a value per run.
-    fn places(&self, parameters: &[Parameter]) -> Vec<Parameter> {
-        let run_places = self.nuisances.iter().filter_map(|nuisance| match *nuisance {
-            Nuisance::Own { place, .. } => Some(place),
-            Nuisance::Coordinate(_) | Nuisance::Rate { .. } | Nuisance::Release { .. } => None,
-        });
-        parameters.iter().copied().chain(run_places).collect()
     }
 
     /// How the coordinates follow the offset of `dof`. A hinge's coordinate is the offset's own; quaternions bend.

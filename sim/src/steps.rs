@@ -124,17 +124,23 @@ impl Grid {
 /// Jumps of rate that follow each other faster than this are noise of a recording, not corners of a profile \[s\] (chosen).
 const CORNER_SPACING_MIN_S: f64 = 0.02;
 
-/// Times \[s\] at which the rate of some column of `command` jumps. None where jumps follow each other within steps of
+/// Times \[s\] at which some column of `command` or its rate jumps, or a drive turns idle. None but those of idle drives where jumps follow each other within steps of
 /// `timestep_s` or faster than a profile's: steps could not be made to fit them.
 pub(crate) fn corners(command: &Command, timestep_s: f64) -> Vec<f64> {
     let width = command.actuators.len();
     let rows = command.time_s.len();
     let rate = |column: usize, row: usize| {
         let rise = command.angle_rad[(row + 1) * width + column] - command.angle_rad[row * width + column];
-        rise / (command.time_s[row + 1] - command.time_s[row])
+        let lasts_s = command.time_s[row + 1] - command.time_s[row];
+        if lasts_s > 0.0 && rise.is_finite() { rise / lasts_s } else { 0.0 }
     };
-    let mut corners = Vec::new();
+    let is_idle = |column: usize, row: usize| command.angle_rad[row * width + column].is_nan();
+    let (mut corners, mut switches) = (Vec::new(), Vec::new());
     for column in 0..width {
+        let rises = (1..rows).filter(|&row| is_idle(column, row) != is_idle(column, row - 1));
+        switches.extend(rises.map(|row| command.time_s[row]));
+        let leaps = (1..rows).filter(|&row| command.time_s[row] == command.time_s[row - 1]);
+        corners.extend(leaps.map(|row| command.time_s[row]));
         let jump = |row: usize| {
             let before = if row == 0 { 0.0 } else { rate(column, row - 1) };
             let after = if row + 1 == rows { 0.0 } else { rate(column, row) };
@@ -143,15 +149,18 @@ pub(crate) fn corners(command: &Command, timestep_s: f64) -> Vec<f64> {
         let largest = (0..rows).map(jump).fold(0.0, f64::max);
         corners.extend(
             (0..rows)
-                .filter(|&row| jump(row) > CORNER_RATE_CHANGE_SHARE_MIN * largest)
+                .filter(|&row| largest > 0.0 && jump(row) > CORNER_RATE_CHANGE_SHARE_MIN * largest)
                 .map(|row| command.time_s[row]),
         );
     }
-    corners.sort_by(f64::total_cmp);
-    corners.dedup();
+    corners.extend(&switches);
+    for times in [&mut corners, &mut switches] {
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+    }
     let span = rows.checked_sub(1).map_or(0.0, |last| command.time_s[last] - command.time_s[0]);
     let crowded = corners.len() as f64 * timestep_s.min(CORNER_SPACING_MIN_S) > span;
-    if crowded { Vec::new() } else { corners }
+    if crowded { switches } else { corners }
 }
 
 #[cfg(test)]

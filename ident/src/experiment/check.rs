@@ -1,10 +1,11 @@
 //! Whether the runs can be compared with the model at all.
 
-use sim::model::encoded_joint;
+use sim::model::{ActuatorKind, encoded_joint};
 use sim::{JointKind, Model};
 
 use super::{Experiment, ExperimentError, Run, RunKind, scale};
 use crate::parameters::Parameters;
+use crate::table::PUSHES;
 use ground::names::{did_you_mean, glob};
 
 /// Fewest images of a run (chosen): fewer show a pose, but no motion.
@@ -52,6 +53,8 @@ impl Experiment {
                     ));
                 }
             }
+            drives(&self.model, run)?;
+            factors(&self.model, run)?;
             start(run)?;
             images(run)?;
             scale::check(&self.model, run)?;
@@ -111,6 +114,39 @@ impl Experiment {
             bodies.chain(joints.iter().map(|joint| &joint.name)).chain(geoms.iter().map(|geom| &geom.name));
         all.cloned().chain(self.model.marks()).collect()
     }
+}
+
+/// Angles command what holds an angle, pushes what pushes; and a joint that follows its command has one all the time.
+fn drives(model: &Model, run: &Run) -> Result<(), ExperimentError> {
+    let refuse = |reason: String| Err(ExperimentError::Run { run: run.id.clone(), reason });
+    let Some(command) = &run.command else { return Ok(()) };
+    for (name, unit) in command.actuators.iter().zip(&run.units) {
+        let kind = model.actuators.iter().find(|known| known.name == *name).map(|known| known.kind);
+        let wants_push = kind == Some(ActuatorKind::Motor);
+        if PUSHES.contains(unit) && !wants_push {
+            return refuse(format!(
+                "the servo table pushes `{name}` in {unit}, but in the model it is a drive that holds an angle or a rate; make it a <motor>, or give its angles as `{name}_rad`"
+            ));
+        }
+    }
+    if run.follows() && command.angle_rad.iter().any(|angle| angle.is_nan()) {
+        return refuse("the servo is idle at times (`_on` is 0), and `prescribed` joints follow it all the time; leave `prescribed` out".into());
+    }
+    Ok(())
+}
+
+/// What is another number of times in this run must be there.
+fn factors(model: &Model, run: &Run) -> Result<(), ExperimentError> {
+    for name in run.times.keys() {
+        // causes that only a fit names are carried by then
+        if let Err(unknown) = model.find_parameter(name) {
+            return Err(ExperimentError::Run {
+                run: run.id.clone(),
+                reason: format!("`times` names `{name}`: {unknown}"),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// The motion must have a known kind of start.

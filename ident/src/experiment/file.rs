@@ -1,16 +1,17 @@
 //! `experiment.toml` as text.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::Deserialize;
-use sim::Model;
+use sim::{Model, Trajectory};
 
 use super::folder::{Folder, read_text};
 use super::{DEFAULT_INIT_S, Experiment, ExperimentError, Run, RunKind, Use};
 use crate::config::{DesignConfig, DiagnoseConfig, FitConfig};
 use crate::own_cause::CauseConfig;
-use crate::table::{read_base, read_servo, read_trajectory};
+use crate::table::{MeasuredAngles, read_base, read_servo, read_trajectory};
 use crate::weights::{Mechanism, Water};
 use ground::names;
 use ground::strict::{self, Finite, Positive, StrictError};
@@ -52,6 +53,19 @@ struct Entry {
     usage: Use,
     init_s: Option<Positive>,
     weight: Option<Positive>,
+    hold: Option<Hold>,
+    #[serde(default)]
+    times: BTreeMap<String, Positive>,
+}
+
+/// What a command is between its rows.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Hold {
+    /// Straight from one to the next.
+    Straight,
+    /// Each until the next.
+    Steps,
 }
 
 impl Experiment {
@@ -142,6 +156,14 @@ fn load(file: File, path: &Path) -> Result<Experiment, ExperimentError> {
     Ok(experiment)
 }
 
+/// The instants at which servos measured, with nothing seen at them yet.
+fn instants(measured: &[MeasuredAngles]) -> Trajectory {
+    let mut time_s: Vec<f64> = measured.iter().flat_map(|angles| angles.time_s.iter().copied()).collect();
+    time_s.sort_by(f64::total_cmp);
+    time_s.dedup();
+    Trajectory { time_s, ..Trajectory::default() }
+}
+
 impl Entry {
     fn load(
         &self,
@@ -172,11 +194,18 @@ impl Entry {
                     |key: &str| refuse(&format!("`{key}` is missing; add it, or name a run `folder`"));
                 let id = self.id.clone().ok_or_else(|| missing("id"))?;
                 let kind = self.kind.ok_or_else(|| missing("kind"))?;
-                let trajectory = self.trajectory.as_ref().ok_or_else(|| missing("trajectory"))?;
-                let mut run = Run::new(id, kind, read_trajectory(&base.join(trajectory))?);
-                if let Some(servo) = &self.servo {
-                    let (command, measured) = read_servo(&base.join(servo))?;
-                    (run.command, run.measured) = (Some(command), measured);
+                let table = self.servo.as_ref().map(|servo| read_servo(&base.join(servo))).transpose()?;
+                let trajectory = match (&self.trajectory, &table) {
+                    (Some(trajectory), _) => read_trajectory(&base.join(trajectory))?,
+                    // what the servos measured may be all there is
+                    (None, Some(table)) if table.measured.iter().any(|angles| !angles.time_s.is_empty()) => {
+                        instants(&table.measured)
+                    }
+                    (None, _) => return Err(missing("trajectory")),
+                };
+                let mut run = Run::new(id, kind, trajectory);
+                if let Some(table) = table {
+                    run.take_servo(table);
                 }
                 run
             }
@@ -194,6 +223,13 @@ impl Entry {
             run.base = Some(Arc::new(read_base(&base.join(path))?));
         }
         run.usage = self.usage;
+        run.times = self.times.iter().map(|(name, times)| (name.clone(), times.get())).collect();
+        if let (Some(Hold::Steps), Some(command)) = (self.hold, &mut run.command) {
+            // a table that says so itself is so already
+            if command.steps().is_none() {
+                *command = std::mem::take(command).held();
+            }
+        }
         run.prescribed = prescribed.unwrap_or(run.prescribed);
         run.release_s = self.release_s.map(Finite::get).or(run.release_s);
         run.init_s = self.init_s.map_or(DEFAULT_INIT_S, Positive::get);

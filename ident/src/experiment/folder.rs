@@ -52,8 +52,7 @@ impl Folder {
         let mut run = Run::new(self.start.id, self.start.kind, trajectory);
         let servo = self.path.join("servo.csv");
         if run.kind == RunKind::Driven || servo.exists() {
-            let (command, measured) = read_servo(&servo)?;
-            (run.command, run.measured) = (Some(command), measured);
+            run.take_servo(read_servo(&servo)?);
         }
         let base = self.path.join("base.csv");
         if base.exists() {

@@ -14,6 +14,7 @@ mod measured;
 mod scale;
 mod spikes;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -26,7 +27,7 @@ pub use error::{ExperimentError, Place};
 pub use lost::LostMark;
 pub use spikes::Spike;
 
-use crate::table::MeasuredAngles;
+use crate::table::{MeasuredAngles, ServoTable};
 
 /// A model and the runs it should reproduce.
 #[derive(Debug, Clone)]
@@ -74,8 +75,12 @@ pub struct Run {
     pub lost: Vec<LostMark>,
     /// Keypoints that were misread in single images.
     pub set_aside: Vec<Spike>,
-    /// Commanded angles; a driven run has them.
+    /// What the drives were told; a driven run has it.
     pub command: Option<Command>,
+    /// In what each column of the commands is, where a table says so ([`crate::table::ServoTable::units`]).
+    pub units: Vec<&'static str>,
+    /// Parameters that in this run are so many times what they are elsewhere, by name: another gain of a controller, another weight.
+    pub times: BTreeMap<String, f64>,
     /// What the servos measured, where they did: taken into the trajectory by [`Experiment::take_in_measured`].
     pub measured: Vec<MeasuredAngles>,
     /// Path of the base; `None`: it did not move.
@@ -134,6 +139,8 @@ impl Run {
             lost,
             set_aside,
             command: None,
+            units: Vec::new(),
+            times: BTreeMap::new(),
             measured: Vec::new(),
             base: None,
             prescribed: false,
@@ -143,6 +150,11 @@ impl Run {
             weight: 1.0,
             initial: None,
         }
+    }
+
+    /// Takes what a servo table says.
+    pub fn take_servo(&mut self, table: ServoTable) {
+        (self.command, self.units, self.measured) = (Some(table.command), table.units, table.measured);
     }
 
     /// Whether actuated joints follow the command exactly: where `prescribed` says so, and the run is driven, or is `free` and has a command. In a

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use sim::model::encoded_joint;
+use sim::model::{ActuatorKind, encoded_joint};
 use sim::{Command, JointKind, Model, RolloutOptions, rollout};
 
 use super::{ExperimentError, Run, RunKind};
@@ -30,7 +30,7 @@ const LET_GO_RAD: f64 = 0.5;
 /// What of `run` cannot be in the units that its columns state.
 pub(super) fn check(model: &Model, run: &Run) -> Result<(), ExperimentError> {
     let refuse = |reason: String| Err(ExperimentError::Run { run: run.id.clone(), reason });
-    if let Some(reason) = lengths(model, run).or_else(|| angles(run)).or_else(|| times(model, run)) {
+    if let Some(reason) = lengths(model, run).or_else(|| angles(model, run)).or_else(|| times(model, run)) {
         return refuse(reason);
     }
     Ok(())
@@ -156,9 +156,15 @@ fn length_m(of: [f64; 3]) -> f64 {
     of.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-fn angles(run: &Run) -> Option<String> {
+fn angles(model: &Model, run: &Run) -> Option<String> {
     let command = run.command.as_ref()?;
-    let most = command.angle_rad.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs()))?;
+    let width = command.actuators.len();
+    let is_angle = |column: usize| {
+        let mut named = model.actuators.iter().filter(|known| known.name == command.actuators[column]);
+        named.any(|known| known.kind != ActuatorKind::Motor)
+    };
+    let angles = command.angle_rad.iter().enumerate().filter(|(at, angle)| is_angle(at % width) && !angle.is_nan());
+    let most = angles.map(|(_, angle)| *angle).max_by(|a, b| a.abs().total_cmp(&b.abs()))?;
     (most.abs() > COMMAND_MAX_RAD).then(|| {
         format!(
             "the servo table commands {most} rad, which is {:.0} turns; are these pulse widths in microseconds, or degrees? Convert them to radians",

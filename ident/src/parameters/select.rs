@@ -248,7 +248,7 @@ fn candidates(model: &Model, loose: &[bool]) -> Vec<Candidate> {
             Parameter::Damping(joint) => passive(joint) || loose.get(joint).is_some_and(|&loose| loose),
             Parameter::FrictionLoss(joint) | Parameter::Stiffness(joint, _) => passive(joint),
             Parameter::Mass(body) => moves(body),
-            Parameter::Gain(_) => true,
+            Parameter::Gain(_) | Parameter::Armature(_) => true,
             // a cause's parameters are fitted where somebody names them
             Parameter::Cause(..) => false,
         };
@@ -292,7 +292,10 @@ fn scale(
         return Err(ParameterError::Negative { name, kind, lower });
     }
     Ok(match candidate.place {
-        Parameter::Damping(_) | Parameter::FrictionLoss(_) | Parameter::Stiffness(..) => {
+        Parameter::Damping(_)
+        | Parameter::FrictionLoss(_)
+        | Parameter::Armature(_)
+        | Parameter::Stiffness(..) => {
             Scale::with_knee(lower, upper)
         }
         Parameter::Fluid(..) | Parameter::Mass(_) | Parameter::Gain(_) | Parameter::Cause(..) => {
@@ -303,7 +306,7 @@ fn scale(
 
 /// Fluid coefficients lie between 0 and 10 ([`FLUID_UPPER`]), masses within a factor of 2, gains of 10. A
 /// joint's torque is bounded by what would all but stop the mechanism: with I its mass times its reach
-/// squared, damping by I times 10 /s, friction loss by I times 100 /s2, stiffness by I times 1000 /s2; never
+/// squared, damping by I times 10 /s, armature by 10 I, friction loss by I times 100 /s2, stiffness by I times 1000 /s2; never
 /// by less than 10 times `value`, the prior's mean or the model's own.
 fn default_bounds(model: &Model, candidate: &Candidate, value: f64) -> [f64; 2] {
     let torque = |size: f64| size.max(10.0 * value.abs());
@@ -315,6 +318,7 @@ fn default_bounds(model: &Model, candidate: &Candidate, value: f64) -> [f64; 2] 
         Parameter::Fluid(..) => [0.0, FLUID_UPPER.max(2.0 * value)],
         Parameter::Damping(_) => [0.0, torque(10.0 * inertia)],
         Parameter::FrictionLoss(_) => [0.0, torque(100.0 * inertia)],
+        Parameter::Armature(_) => [0.0, torque(10.0 * inertia)],
         Parameter::Stiffness(_, 0) => [0.0, torque(1000.0 * inertia)],
         Parameter::Stiffness(..) => [-torque(1000.0 * inertia), torque(1000.0 * inertia)],
         Parameter::Mass(_) => [0.5 * value, 2.0 * value],

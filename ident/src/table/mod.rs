@@ -15,7 +15,8 @@ use ground::{names, spreadsheet};
 
 pub use base::{parse_base, read_base, write_base};
 pub use command::{
-    MeasuredAngles, parse_servo, read_command, read_servo, servo_text, write_command, write_servo,
+    MeasuredAngles, PUSHES, ServoTable, parse_servo, read_command, read_servo, servo_text, write_command,
+    write_servo,
 };
 pub use error::TableError;
 pub use trajectory::{parse_trajectory, read_trajectory, trajectory_text, write_trajectory};

@@ -94,14 +94,47 @@ fn what_is_wrong_with_a_command_is_said_with_its_place() {
 #[test]
 fn measured_angles_stand_beside_their_command_only() {
     let text = "time_s,arm_rad,arm_measured_rad,tail_measured_rad\n0,1,,3\n";
-    let (command, measured) = parse_servo(text, Path::new("s.csv")).unwrap();
+    let ServoTable { command, measured, .. } = parse_servo(text, Path::new("s.csv")).unwrap();
     assert_eq!(command.actuators, ["arm", "tail_measured"]);
     assert_eq!(command.angle_rad, [1.0, 3.0]);
     let arm = MeasuredAngles { actuator: "arm".into(), ..MeasuredAngles::default() };
     assert_eq!(measured, [arm]);
     let text = "time_s,arm_rad,arm_measured_rad\n0,1,\n0.5,2,1.5\n";
-    let (_, measured) = parse_servo(text, Path::new("s.csv")).unwrap();
+    let ServoTable { measured, .. } = parse_servo(text, Path::new("s.csv")).unwrap();
     assert_eq!((&measured[0].time_s[..], &measured[0].angle_rad[..]), (&[0.5][..], &[1.5][..]));
+}
+
+#[test]
+fn motors_are_pushed_switched_off_and_told_in_steps() {
+    let text = "# hold = steps\ntime_s,arm_Nm,arm_on,arm_load,arm_measured_rad,fin_duty\n0,0.1,1,3,0,0.5\n1,0.2,0,4,0.1,0.6\n";
+    let table = parse_servo(text, Path::new("s.csv")).unwrap();
+    assert_eq!((&table.command.actuators[..], &table.units[..]), (&["arm".into(), "fin".into()][..], &["Nm", "duty"][..]));
+    assert_eq!(table.command.time_s, [0.0, 1.0, 1.0]);
+    assert_eq!([0.0, 0.9, 1.0].map(|t| table.command.at(1, t)), [0.5, 0.5, 0.6]);
+    assert!(table.command.at(0, 0.9) == 0.1 && table.command.at(0, 1.0).is_nan());
+    assert_eq!(table.measured[0].angle_rad, [0.0, 0.1]);
+    for (text, wanted) in [
+        ("time_s,arm_Nm,arm_on\n0,1,0.5\n", "column arm_on: `0.5` is not 1 where the drive is on"),
+        ("time_s,arm_Nm,arm_rad\n0,1,1\n", "`arm` is commanded in rad and in another unit"),
+        ("time_s,arm_lb\n0,1\n", "unknown column `arm_lb`"),
+    ] {
+        let message = parse_servo(text, Path::new("s.csv")).unwrap_err().to_string();
+        assert!(message.contains(wanted), "{text:?}: {message}");
+    }
+}
+
+#[test]
+fn held_and_idle_commands_survive_writing_and_reading() {
+    let rows = Command {
+        actuators: vec!["a".into()],
+        time_s: vec![0.0, 0.5, 2.0],
+        angle_rad: vec![0.1, f64::NAN, 0.3],
+    };
+    for command in [rows.clone(), rows.held()] {
+        let read = parse_servo(&servo_text(&command, &[]), Path::new("s.csv")).unwrap().command;
+        assert_eq!(read.time_s, command.time_s);
+        assert!(same(&read.angle_rad, &command.angle_rad), "{read:?}");
+    }
 }
 
 #[test]

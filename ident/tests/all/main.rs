@@ -13,6 +13,7 @@ mod cmaes;
 mod common;
 mod description;
 mod diagnose;
+mod drives;
 mod encoders;
 mod evidence;
 mod honesty;

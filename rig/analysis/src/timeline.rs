@@ -222,9 +222,9 @@ impl Timeline {
         // the commands may be in a chunk that is lost: `servo.csv` of the run holds them too
         if timeline.shortfall.is_some()
             && timeline.command.is_none()
-            && let Ok((command, measured)) = read_servo(&run.file(file::SERVO))
+            && let Ok(table) = read_servo(&run.file(file::SERVO))
         {
-            (timeline.command, timeline.measured) = (Some(command), measured);
+            (timeline.command, timeline.measured) = (Some(table.command), table.measured);
         }
         Ok(timeline)
     }

@@ -176,7 +176,8 @@ const PULSE_PERIOD_S: f64 = 0.02;
 pub fn by_link(run: &RunFolder) -> Result<MeasuredByLink, Failure> {
     let config = RigConfig::parse(&run.start().config, &run.file(file::START)).map_err(Failure::input)?;
     let trajectory = read_trajectory(&run.file(file::TRAJECTORY)).map_err(Failure::input)?;
-    let (command, measured) = read_servo(&run.file(file::SERVO)).map_err(Failure::input)?;
+    let table = read_servo(&run.file(file::SERVO)).map_err(Failure::input)?;
+    let (command, measured) = (table.command, table.measured);
     let lacks = |what: &str| Failure::Data(anyhow!("run {}: {what}", run.path().display()));
     let place = |name: &str| trajectory.keypoints.iter().position(|keypoint| keypoint == name);
     let (Some(base), Some(end)) = (place("P0"), place("P1")) else {

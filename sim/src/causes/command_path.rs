@@ -18,10 +18,32 @@ pub struct CommandPath<T: Scalar> {
 
 #[derive(Debug, Clone)]
 struct Track<T: Scalar> {
-    /// Commanded angle in each row.
+    /// Commanded angle in each row; while the drive is idle, the last one.
     angle: Vec<f64>,
+    /// From when to when it is idle \[s\].
+    idle: Vec<[f64; 2]>,
     /// What each stage keeps at each row; empty without stages.
     states: Vec<[StageState<T>; STAGES]>,
+}
+
+impl<T: Scalar> Track<T> {
+    /// The commands `angle` at `time_s`, some of which may be no number.
+    fn new(mut angle: Vec<f64>, time_s: &[f64]) -> Self {
+        let mut idle: Vec<[f64; 2]> = Vec::new();
+        let mut last = angle.iter().copied().find(|angle| !angle.is_nan()).unwrap_or(0.0);
+        for (row, angle) in angle.iter_mut().enumerate() {
+            if angle.is_nan() {
+                *angle = last;
+                let to_s = time_s.get(row + 1).copied().unwrap_or(f64::INFINITY);
+                match idle.last_mut().filter(|[_, until_s]| *until_s == time_s[row]) {
+                    Some([_, until_s]) => *until_s = to_s,
+                    None => idle.push([time_s[row], to_s]),
+                }
+            }
+            last = *angle;
+        }
+        Self { angle, idle, states: Vec::new() }
+    }
 }
 
 impl<T: Scalar> CommandPath<T> {
@@ -32,7 +54,7 @@ impl<T: Scalar> CommandPath<T> {
         let tracks = model.actuators.iter().map(|actuator| {
             let column = command.actuators.iter().position(|name| *name == actuator.name)?;
             let angle = command.angle_rad.iter().skip(column).step_by(width).copied().collect();
-            Some(Track { angle, states: Vec::new() })
+            Some(Track::new(angle, &command.time_s))
         });
         let mut path = Self { tracks: tracks.collect(), time_s: command.time_s.clone(), stages };
         if !path.stages.is_empty() {
@@ -98,10 +120,13 @@ impl<T: Scalar> CommandPath<T> {
         self.tracks.iter_mut().flatten().for_each(|track| refined(&mut track.angle));
     }
 
-    /// What the model's actuator `drive` gets at `time_s`; 0 without a command.
+    /// What the model's actuator `drive` gets at `time_s`; 0 without a command, no number where it is idle.
     pub fn at(&self, drive: usize, time_s: f64) -> T {
         let Some(track) = &self.tracks[drive] else { return T::ZERO };
         let Some(last) = self.time_s.len().checked_sub(1) else { return T::ZERO };
+        if track.idle.iter().any(|[from_s, to_s]| (*from_s..*to_s).contains(&time_s)) {
+            return T::from_f64(f64::NAN);
+        }
         let row = self.time_s.partition_point(|&t| t <= time_s).saturating_sub(1);
         if self.stages.is_empty() {
             return T::from_f64(self.straight(track, row, time_s));
@@ -134,6 +159,7 @@ impl<T: Scalar> CommandPath<T> {
     fn straight(&self, track: &Track<T>, row: usize, time_s: f64) -> f64 {
         let value = track.angle[row];
         match self.time_s.get(row + 1) {
+            // of two rows at one time the first is never asked for
             Some(&after) if time_s >= self.time_s[row] => {
                 let before = self.time_s[row];
                 value + (time_s - before) / (after - before) * (track.angle[row + 1] - value)
@@ -149,8 +175,10 @@ impl<T: Scalar> CommandPath<T> {
         let mut states = track.states[row];
         let from = track.angle[row];
         let slope = match self.time_s.get(row + 1) {
-            Some(&after) => (track.angle[row + 1] - from) / (after - self.time_s[row]),
-            None => 0.0,
+            Some(&after) if after > self.time_s[row] => {
+                (track.angle[row + 1] - from) / (after - self.time_s[row])
+            }
+            _ => 0.0,
         };
         let to = T::from_f64(from) + duration * T::from_f64(slope);
         let start_s = T::from_f64(self.time_s[row]);
@@ -167,6 +195,8 @@ impl<T: Scalar> CommandPath<T> {
                 let to = T::from_f64(track.angle[row]);
                 let states = match row.checked_sub(1) {
                     None => self.stages.steady(to),
+                    // a jump takes no time, and what has inertia stays where it is
+                    Some(before) if self.time_s[row] == self.time_s[before] => track.states[before],
                     Some(before) => {
                         let from = T::from_f64(track.angle[before]);
                         let duration = T::from_f64(self.time_s[row] - self.time_s[before]);

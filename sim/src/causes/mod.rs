@@ -71,6 +71,10 @@ causes! {
         inertia in body,
         link_length in body,
         joint_zero in joint,
+        back_emf in drive,
+        gear_friction in drive,
+        drive_offset in drive,
+        dead_band in drive,
     }
     step {
         added_mass in water,
@@ -92,6 +96,7 @@ causes! {
         servo_sag in drive,
         servo_refresh in drive + start among starts,
         servo_rate_limit in drive,
+        servo_loop in drive,
         servo_lag in drive,
         backlash in drive,
         servo_delay in drive,

@@ -4,7 +4,7 @@ use super::joint::JointPlan;
 use super::tendon::{TendonPlan, Term, terms};
 use crate::fluid::{Ellipsoid, Immersed, ImmersedBox, InertiaBox};
 use crate::math::{Sym3, Vector};
-use crate::model::{ActuatorKind, Body, Coordinates, Joint, Model, Softness, shape};
+use crate::model::{ActuatorKind, Body, Coordinates, Gearmotor, Joint, Model, Softness, shape};
 use crate::scalar::{Mask, Scalar};
 use crate::space::Space;
 
@@ -58,6 +58,8 @@ pub(crate) struct Drive<T> {
     pub(crate) damping: T,
     pub(crate) command_range: Option<[T; 2]>,
     pub(crate) force_range: Option<[T; 2]>,
+    /// Motor and gear, where they are not MuJoCo's.
+    pub(crate) gearmotor: Option<Gearmotor<T>>,
 }
 
 /// Where a coordinate, or the first of four, stands in `qpos`, and its velocity in `qvel`.
@@ -270,5 +272,6 @@ fn drive<T: Scalar>(model: &Model<T>, actuator: &crate::model::Actuator<T>) -> D
         damping: -actuator.kv,
         command_range: actuator.command_range,
         force_range: actuator.force_range,
+        gearmotor: actuator.gearmotor.clone(),
     }
 }

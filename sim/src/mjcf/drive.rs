@@ -90,6 +90,7 @@ impl<'a> Reader<'a> {
             gear,
             command_range: limits("ctrlrange", "ctrllimited").filter(|_| self.options.clamp_commands),
             force_range,
+            gearmotor: None,
         })
     }
 

@@ -52,6 +52,8 @@ pub enum Per {
     Keypoint,
     /// Each hinge that a drive or a spring holds or an encoder reads, after which it is called.
     Held,
+    /// Each drive, after which it is called.
+    Drive,
     /// Each body that carries another one on a joint, after which it is called.
     Link,
 }
@@ -278,6 +280,7 @@ impl<T: Scalar> CauseValues<T> {
                 }
                 Per::Keypoint => model.keypoints(),
                 Per::Held => model.held_hinges().map(|(_, joint)| joint.name.clone()).collect(),
+                Per::Drive => model.actuators.iter().map(|actuator| actuator.name.clone()).collect(),
                 Per::Link => model.carriers().map(|body| model.bodies[body].name.clone()).collect(),
             };
             for element in elements {

@@ -1,5 +1,6 @@
 //! The elements a model is made of.
 
+use super::Gearmotor;
 use crate::math::{Quat, Vec3};
 use crate::scalar::Scalar;
 
@@ -265,6 +266,8 @@ pub struct Actuator<T> {
     pub command_range: Option<[T; 2]>,
     /// The force, before the gear, is clamped to this range.
     pub force_range: Option<[T; 2]>,
+    /// Motor and gear, where they are not MuJoCo's.
+    pub gearmotor: Option<Gearmotor<T>>,
 }
 
 impl<T: Scalar> Quat<T> {
@@ -342,7 +345,7 @@ impl<T: Scalar> Actuator<T> {
         self.joint == joint || self.also.iter().any(|(other, _)| *other == joint)
     }
 
-    pub(crate) fn map<U>(&self, f: impl Fn(T) -> U + Copy) -> Actuator<U> {
+    pub(crate) fn map<U: Scalar>(&self, f: impl Fn(T) -> U + Copy) -> Actuator<U> {
         Actuator {
             name: self.name.clone(),
             named: self.named,
@@ -354,6 +357,7 @@ impl<T: Scalar> Actuator<T> {
             gear: f(self.gear),
             command_range: self.command_range.map(|range| range.map(f)),
             force_range: self.force_range.map(|range| range.map(f)),
+            gearmotor: self.gearmotor.as_ref().map(|motor| motor.map(f)),
         }
     }
 }

@@ -7,6 +7,7 @@ pub(crate) mod cause;
 mod contacts;
 mod elements;
 mod encoder;
+mod gearmotor;
 mod joint;
 mod parameters;
 pub(crate) mod shape;
@@ -21,6 +22,7 @@ pub use elements::{
 };
 pub(crate) use encoder::Encoder;
 pub use encoder::{POINTER_M, encoded_joint, encoder_mark};
+pub use gearmotor::{Gearmotor, LoadFriction};
 pub use joint::{Coordinates, Joint, JointKind};
 pub use parameters::{Parameter, UnknownParameter};
 pub use softness::Softness;

@@ -12,6 +12,8 @@ pub enum Parameter {
     Damping(usize),
     /// `<joint>/frictionloss` \[N m\].
     FrictionLoss(usize),
+    /// `<joint>/armature`: inertia about the axis, of a gear's motor \[kg m2\].
+    Armature(usize),
     /// `<joint>/stiffness`, `stiffness2`, `stiffness3`: (joint, which power - 1) \[N m/rad, ...\].
     Stiffness(usize, usize),
     /// `<body>/mass` \[kg\]; the body's inertia scales with it.
@@ -86,6 +88,7 @@ impl<T: Scalar> Model<T> {
             },
             Parameter::Damping(joint) => self.joints[joint].damping[0],
             Parameter::FrictionLoss(joint) => self.joints[joint].friction_loss,
+            Parameter::Armature(joint) => self.joints[joint].armature,
             Parameter::Stiffness(joint, power) => self.joints[joint].stiffness[power],
             Parameter::Mass(body) => self.bodies[body].mass,
             Parameter::Gain(actuator) => {
@@ -118,6 +121,7 @@ impl<T: Scalar> Model<T> {
             },
             Parameter::Damping(joint) => &mut self.joints[joint].damping[0],
             Parameter::FrictionLoss(joint) => &mut self.joints[joint].friction_loss,
+            Parameter::Armature(joint) => &mut self.joints[joint].armature,
             Parameter::Stiffness(joint, power) => &mut self.joints[joint].stiffness[power],
             Parameter::Mass(body) => {
                 let body = &mut self.bodies[body];
@@ -155,6 +159,8 @@ impl<T: Scalar> Model<T> {
         match parameter {
             Parameter::Fluid(..) => "1",
             Parameter::Damping(joint) => damping(joint),
+            Parameter::Armature(joint) if slides(joint) => "kg",
+            Parameter::Armature(_) => "kg m2",
             Parameter::FrictionLoss(joint) if slides(joint) => "N",
             Parameter::FrictionLoss(_) => "N m",
             Parameter::Stiffness(joint, power) => stiffness(joint, power),
@@ -184,8 +190,12 @@ impl<T: Scalar> Model<T> {
             });
         let joints = self.joints.iter().enumerate().flat_map(|(i, joint)| {
             let powers = if joint.kind.is_axle() { 3 } else { 1 };
-            [("damping", Parameter::Damping(i)), ("frictionloss", Parameter::FrictionLoss(i))]
-                .into_iter()
+            let ones = [
+                ("damping", Parameter::Damping(i)),
+                ("frictionloss", Parameter::FrictionLoss(i)),
+                ("armature", Parameter::Armature(i)),
+            ];
+            ones.into_iter()
                 .chain((0..powers).map(move |k| (STIFFNESS[k], Parameter::Stiffness(i, k))))
                 .map(|(of, parameter)| (format!("{}/{of}", joint.name), parameter))
         });

@@ -72,6 +72,8 @@ pub(crate) struct Engine<S: Stages> {
     prescribed: Vec<bool>,
     /// Per drive: whether it exerts no force.
     pub(super) off: Vec<bool>,
+    /// Per drive: whether it does not because nothing is commanded just now.
+    idle: Vec<bool>,
     /// Per dof: whether its acceleration is prescribed 0.
     pub(super) held: Vec<bool>,
     /// What the causes remember from step to step.
@@ -149,6 +151,7 @@ impl<S: Stages> Engine<S> {
             joint_of_dof,
             prescribed: model.actuators.iter().map(|actuator| follows(actuator.kind)).collect(),
             off: vec![false; drives],
+            idle: vec![false; drives],
             held: vec![false; plant.nv],
             memory: terms.memory(),
             moment: Moment::default(),
@@ -298,9 +301,15 @@ impl<S: Stages> Engine<S> {
     pub(super) fn sample(&mut self, time_s: f64, command: &dyn Fn(usize, f64) -> S::T) {
         // only what somebody wrote down may ask for the command of a drive that exerts no force
         let all = self.terms.own.is_some();
-        for ((drive, value), &off) in self.command.iter_mut().enumerate().zip(&self.off) {
-            if all || !off {
-                *value = command(drive, time_s);
+        let drives = self.command.iter_mut().zip(&mut self.off).zip(&mut self.idle);
+        for (drive, ((value, off), idle)) in drives.enumerate() {
+            if all || !*off || *idle {
+                let told = command(drive, time_s);
+                let is_idle = !told.abs().less(S::T::from_f64(f64::INFINITY)).any();
+                if is_idle != *idle && *off == *idle {
+                    (*off, *idle) = (is_idle, is_idle);
+                }
+                *value = if is_idle { S::T::ZERO } else { told };
             }
         }
     }

@@ -6,7 +6,7 @@ use crate::dynamics::plant::Plant;
 use crate::dynamics::stages::Stages;
 use crate::dynamics::{actuation, inertia, integrate, passive, tendon};
 use crate::model::State;
-use crate::scalar::{Scalar, tuned};
+use crate::scalar::{Mask, Scalar, tuned};
 
 /// Stages of a step.
 const STAGES: usize = 4;
@@ -96,7 +96,10 @@ impl<S: Stages> Engine<S> {
         let Some(mut scratch) = self.rosenbrock.take() else { return };
         let mut stage = std::mem::replace(&mut self.stage, State { qpos: Vec::new(), qvel: Vec::new() });
         for (drive, ahead) in scratch.ahead.iter_mut().enumerate() {
-            *ahead = command(drive, time_s + h);
+            let told = command(drive, time_s + h);
+            // one that is idle from then on goes nowhere until then
+            let goes_on = told.abs().less(S::T::from_f64(f64::INFINITY)).any();
+            *ahead = if goes_on { told } else { self.command[drive] };
         }
         for k in 0..STAGES {
             if k == 0 {

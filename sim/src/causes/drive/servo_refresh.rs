@@ -98,7 +98,7 @@ impl<T: Scalar> Stage<T> for Term<T> {
             (reached, commanded) = (to, piece.from + slope * at);
             out.push(Piece { from, to: commanded + self.share * (to - commanded), start_s, duration });
         }
-        *state = StageState { end, last_read };
+        *state = StageState { end, last_read, ..*state };
     }
 }
 

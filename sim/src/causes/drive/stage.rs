@@ -39,12 +39,14 @@ pub(crate) struct StageState<T> {
     pub(crate) end: T,
     /// The command that was read last, by a stage with a refresh period.
     pub(crate) last_read: T,
+    /// How fast its output goes there, of a stage with inertia \[1/s\].
+    pub(crate) rate: T,
 }
 
 impl<T: Scalar> StageState<T> {
     /// The state after a constant `command`.
     pub(crate) fn steady(command: T) -> Self {
-        Self { end: command, last_read: command }
+        Self { end: command, last_read: command, rate: T::ZERO }
     }
 }
 

@@ -2,12 +2,121 @@
 
 use super::*;
 use crate::causes::{CommandPath, Following};
+use crate::scalar::Scalar;
 
 /// What the servo of the driven chain gets, by `law` in tiny steps from the state at rest.
 fn stepped(command: &Command, end_s: f64, mut law: impl FnMut(f64, f64, f64) -> f64) -> f64 {
     const STEPS: u32 = 400_000;
     let h = end_s / f64::from(STEPS);
     (1..=STEPS).fold(command.at(0, 0.0), |y, step| law(y, command.at(0, f64::from(step) * h), h))
+}
+
+/// One link with a drive of the given law on its hinge, and what the drive exerts at `q` and `w` where the command is `told`.
+fn exerted(drive: &str, values: &[(&str, f64)], [q, w, told]: [f64; 3]) -> f64 {
+    let text = format!(
+        r#"<mujoco><compiler angle="radian"/><worldbody><body><joint name="q" axis="0 -1 0"/>
+        <geom type="box" size="0.005 0.003 0.015" density="1200"/></body></worldbody>
+        <actuator>{drive}</actuator></mujoco>"#
+    );
+    let model = with(&Model::from_mjcf(&text).unwrap(), values);
+    let state = State { qpos: vec![q], qvel: vec![w] };
+    Simulator::new(&model, &RolloutOptions::default()).unwrap().forces(&state, &[told]).actuator[0]
+}
+
+#[test]
+fn a_motor_and_its_gear_exert_their_closed_forms() {
+    let servo = r#"<position name="servo" joint="q" kp="2" kv="0.01"/>"#;
+    let ceiling = [("back_emf/stall", 0.5), ("back_emf/braking", 0.04)];
+    // within its supply, and held back by it to either side
+    assert_close(exerted(servo, &ceiling, [0.1, 3.0, 0.2]), 2.0 * 0.1 - 0.01 * 3.0 - 0.04 * 3.0, 1e-12, "told little");
+    assert_close(exerted(servo, &ceiling, [0.1, 3.0, 1.2]), 0.5 - 0.04 * 3.0, 1e-12, "told much");
+    assert_close(exerted(servo, &ceiling, [0.1, -3.0, -1.2]), -0.5 + 0.04 * 3.0, 1e-12, "told much less");
+    // a supply that gives way: told half of the stall torque, a quarter of a third of it is lost, and of the braking too
+    let soft = [("back_emf/stall", 0.5), ("back_emf/braking", 0.04), ("back_emf/supply", 1.0 / 3.0)];
+    let given = 1.0 / (1.0 + 0.25 / 3.0);
+    let expected = (0.25 - 0.04 * 3.0) * given;
+    // 0.25 N m by the angle beside what the servo's own damping takes
+    assert_close(exerted(servo, &soft, [0.1, 3.0, 0.24]), expected, 1e-12, "soft supply");
+    // a duty cycle: gain times command, at most the stall torque
+    let motor = r#"<motor name="motor" joint="q" gear="0.5"/>"#;
+    let braking = [("back_emf/braking", 0.04)];
+    assert_close(exerted(motor, &braking, [0.0, 2.0, 0.6]), 0.3 - 0.04 * 2.0, 1e-12, "duty");
+
+    let band = [("dead_band/half_width", 0.03)];
+    assert_eq!(exerted(servo, &band, [0.1, 0.0, 0.12]), 0.0);
+    assert_close(exerted(servo, &band, [0.1, 0.0, 0.2]), 2.0 * 0.07, 1e-12, "beyond the dead band");
+    assert_close(exerted(servo, &band, [0.1, 0.0, 0.0]), -2.0 * 0.07, 1e-12, "beyond it to the other side");
+    assert_close(exerted(servo, &[("drive_offset/servo", 0.02)], [0.1, 0.0, 0.1]), 0.02, 1e-12, "offset");
+
+    // 2 N m/rad times 0.1 rad, of which the gear takes a tenth upwards and gives back a fifth less downwards
+    let gear = [("gear_friction/driving", 0.1), ("gear_friction/driven", 0.2), ("gear_friction/rate", 0.4)];
+    let plain = r#"<position name="servo" joint="q" kp="2"/>"#;
+    let turned = |w: f64| w / w.hypot(0.4);
+    assert_close(exerted(plain, &gear, [0.0, 3.0, 0.1]), 0.2 - 0.1 * 0.2 * turned(3.0), 1e-12, "driving");
+    assert_close(exerted(plain, &gear, [0.0, -3.0, 0.1]), 0.2 + 0.2 * 0.2 * turned(3.0), 1e-12, "driven");
+}
+
+#[test]
+fn a_loop_of_second_order_obeys_its_equation_and_overshoots_as_it_must() {
+    let command = zigzag();
+    for (time, ratio) in [(0.03, 0.2), (0.02, 0.7), (0.02, 1.0), (0.02, 1.0 + 1e-9), (0.01, 1.7)] {
+        let values = [("servo_loop/time", time), ("servo_loop/damping_ratio", ratio)];
+        let path = CommandPath::new(&with(&chain("active"), &values), &command);
+        for time_s in [0.02, 0.13, 0.22, 0.37, 0.51, 0.7, 1.2] {
+            let mut rate = 0.0;
+            let expected = stepped(&command, time_s, |y, u, h| {
+                rate += ((u - y) / (time * time) - 2.0 * ratio / time * rate) * h;
+                y + rate * h
+            });
+            let ours = path.at(0, time_s);
+            assert!((ours - expected).abs() < 1e-4, "{time} s, {ratio}, at {time_s} s: {ours} {expected}");
+        }
+    }
+    // a step, as rows at one time: half a period later it is beyond its end by exp(-pi z / sqrt(1 - z^2))
+    let step = Command {
+        actuators: vec!["servo".into()],
+        time_s: vec![0.0, 0.5, 0.5],
+        angle_rad: vec![0.0, 0.0, 1.0],
+    };
+    let (time, ratio) = (0.02_f64, 0.3_f64);
+    let values = [("servo_loop/time", time), ("servo_loop/damping_ratio", ratio)];
+    let path = CommandPath::new(&with(&chain("active"), &values), &step);
+    let root = (1.0 - ratio * ratio).sqrt();
+    let peak = 1.0 + (-std::f64::consts::PI * ratio / root).exp();
+    assert_close(path.at(0, 0.5 + std::f64::consts::PI * time / root), peak, 1e-9, "overshoot");
+    assert_eq!(path.at(0, 0.5), 0.0);
+}
+
+#[test]
+fn held_steps_are_answered_in_closed_form() {
+    // rows at one time: from 0.1 s on 0.4, from 0.15 s on 0.2
+    let steps = Command {
+        actuators: vec!["servo".into()],
+        time_s: vec![0.0, 0.1, 0.1, 0.15, 0.15, 0.3],
+        angle_rad: vec![0.0, 0.0, 0.4, 0.4, 0.2, 0.2],
+    };
+    let plain = CommandPath::new(&chain("active"), &steps);
+    assert_eq!([0.05, 0.1, 0.1499, 0.15, 0.9].map(|t| plain.at(0, t)), [0.0, 0.4, 0.4, 0.2, 0.2]);
+    assert_eq!([0.05, 0.1, 0.1499, 0.15, 0.9].map(|t| steps.at(0, t)), [0.0, 0.4, 0.4, 0.2, 0.2]);
+    let lag = 0.02_f64;
+    let answer = |t: f64| {
+        let up = if t > 0.1 { 1.0 - (-(t - 0.1) / lag).exp() } else { 0.0 };
+        let down = if t > 0.15 { 1.0 - (-(t - 0.15) / lag).exp() } else { 0.0 };
+        0.4 * up - 0.2 * down
+    };
+    for delay in [0.0, 0.0137] {
+        let values = [("servo_lag/time", lag), ("servo_delay/delay", delay)];
+        let path = CommandPath::new(&with(&chain("active"), &values), &steps);
+        for t in [0.05, 0.1, 0.11, 0.15, 0.1637, 0.17, 0.29, 0.3, 0.5] {
+            assert!((path.at(0, t) - answer(t - delay)).abs() < 1e-14, "{t} s");
+        }
+        // by its delay it changes as it moves, the other way
+        let mut lifted = with(&chain("active"), &values).map(crate::dual::Dual::<f64, 1>::from_f64);
+        lifted.set_parameter("servo_delay/delay", crate::dual::Dual::variable(delay, 0)).unwrap();
+        let slope = CommandPath::new(&lifted, &steps).at(0, 0.17).partials[0];
+        let rate = (answer(0.17 - delay + 1e-6) - answer(0.17 - delay - 1e-6)) / 2e-6;
+        assert!((slope + rate).abs() < 1e-6 * rate.abs(), "{slope} {rate}");
+    }
 }
 
 /// Rows at uneven times, two of them alike.

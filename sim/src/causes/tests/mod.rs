@@ -100,7 +100,7 @@ fn causes_have_the_contract_s_names() {
     let names = "added_mass current slosh buoyancy link_mass cob_offset linear_drag drag_exponent wall basset \
          coulomb_friction joint_damping stiffness one_sided_stiffness end_stop backlash servo_delay servo_lag servo_gain servo_refresh load_friction \
          servo_rate_limit tether camera_delay camera_scale camera_rotation camera_tilt rolling_shutter lens \
-         keypoint_slip inertia medium_drag link_length joint_zero servo_sag camera_offset";
+         keypoint_slip inertia medium_drag link_length joint_zero servo_sag camera_offset back_emf gear_friction drive_offset dead_band servo_loop";
     let mut expected: Vec<&str> = names.split_whitespace().collect();
     let mut ours: Vec<&str> = Cause::ALL.iter().map(|cause| cause.name()).collect();
     expected.sort_unstable();
