@@ -1,4 +1,4 @@
-/* Two drives and their mechanisms, stepped by themselves: a check on the laws of `rig`, none of whose code is used here.
+/* Three drives and their mechanisms, stepped by themselves: a check on the laws of `rig`, none of whose code is used here.
    Steps are linearly implicit in friction and braking. SI throughout. */
 #include <math.h>
 
@@ -46,6 +46,40 @@ void axis(const double *p, int rows, double every, const double *force, double x
             double next = (v + h * (f - p[3]) / p[0]) / (1 + h * b / p[0]);
             x += 0.5 * h * (v + next);
             v = next;
+        }
+    }
+}
+
+/* Two links with a motor at each joint, the second angle relative to the first. p: inertia of the first with the second's mass at its end, of the second, coupling,
+   first moments of both (kg m), two rotors, two viscous, two dry, two offsets, two zeros, driving, driven, rate of turning round, Stribeck's share, its rate. */
+void pendulum(const double *p, int rows, const double *t, const double *torque, double a, double b, double va, double vb, double *angle) {
+    const double g = 9.81, longest = 1e-3;
+    double q[2] = {a + p[13], b + p[14]}, v[2] = {va, vb};
+    for (int row = 0; row < rows; row++) {
+        for (int i = 0; i < 2; i++) angle[2 * row + i] = q[i] - p[13 + i];
+        if (row + 1 == rows) break;
+        double lasts = t[row + 1] - t[row];
+        int steps = (int)(lasts / longest) + 1;
+        double h = lasts / steps;
+        for (int step = 0; step < steps; step++) {
+            double share = (step + 0.5) / steps, rubs[2], push[2];
+            for (int i = 0; i < 2; i++) {
+                double from = torque[2 * row + i], to = torque[2 * row + 2 + i];
+                push[i] = from + share * (to - from) + p[11 + i];
+                rubs[i] = p[7 + i] + per_rate(p[9 + i], p[18], p[19], p[15], p[16], push[i], v[i], p[17]);
+            }
+            double c = cos(q[1]), s = sin(q[1]), low = g * p[4] * sin(q[0] + q[1]);
+            double m11 = p[0] + p[1] + 2 * p[2] * c + p[5], m12 = p[1] + p[2] * c, m22 = p[1] + p[6];
+            double f1 = push[0] + p[2] * s * v[1] * (2 * v[0] + v[1]) - g * p[3] * sin(q[0]) - low - rubs[0] * v[0];
+            double f2 = push[1] - p[2] * s * v[0] * v[0] - low - rubs[1] * v[1];
+            m11 += h * rubs[0];
+            m22 += h * rubs[1];
+            double det = m11 * m22 - m12 * m12;
+            double d[2] = {h * (m22 * f1 - m12 * f2) / det, h * (m11 * f2 - m12 * f1) / det};
+            for (int i = 0; i < 2; i++) {
+                q[i] += h * (v[i] + 0.5 * d[i]);
+                v[i] += d[i];
+            }
         }
     }
 }

@@ -2,6 +2,7 @@
 
     python3 independent.py xl330 DATA       # mean errors of the angle, each gain held out in turn
     python3 independent.py emps DATA        # rms errors, estimation and validation
+    python3 independent.py pendulum DATA    # rms errors by joint, every second record held out, anew every half second
 
 Needs a C compiler, numpy and scipy.
 """
@@ -28,7 +29,8 @@ def compiled():
     library = ctypes.CDLL(str(library))
     library.servo.argtypes = [NUMBERS, ctypes.c_int] + 3 * [NUMBERS] + 2 * [ctypes.c_double] + [NUMBERS]
     library.axis.argtypes = [NUMBERS, ctypes.c_int, ctypes.c_double, NUMBERS] + 2 * [ctypes.c_double] + [NUMBERS]
-    library.servo.restype = library.axis.restype = None
+    library.pendulum.argtypes = [NUMBERS, ctypes.c_int, NUMBERS, NUMBERS] + 4 * [ctypes.c_double] + [NUMBERS]
+    library.servo.restype = library.axis.restype = library.pendulum.restype = None
     return library
 
 
@@ -108,8 +110,54 @@ def emps(library, data):
         print(f"    estimation {fitted:.2f} mm, validation {rms_mm(error(whole(found), validation, 0.0, speed)[20:]):.2f} mm")
 
 
+def pendulum(library, data):
+    # as published in C0-model_3.0.yml; rotors geared 6:1 count 36 times
+    names = ["inertia 1", "inertia 2", "coupling", "moment 1", "moment 2", "rotor 1", "rotor 2", "viscous 1", "viscous 2", "dry 1", "dry 2"]
+    names += ["offset 1", "offset 2", "zero 1", "zero 2", "driving", "driven", "turns round over", "Stribeck's share", "its rate"]
+    published = np.array([0.04927, 0.05388, 0.03623, 0.24113, 0.18118, 0.003577, 0.003577, 0.001, 0.001, 0.093, 0.078])
+    published = np.concatenate([published, [0, 0, 0, 0, 0, 0, 0.05, 0, 0.5]])
+    scale = np.concatenate([np.maximum(0.3 * published[:11], 0.02), [0.02] * 4, [0.1, 0.1, 0.02, 0.3, 0.2]])
+    signed = np.isin(np.arange(20), range(11, 15))
+    lower, upper = np.where(signed, -1.0, 1e-5), np.where(signed, 1.0, 3.0)
+    upper[15] = 0.95
+    piece_s, initial_s = 0.5, 0.1
+    pieces = []
+    for place, path in enumerate(sorted(data.glob("C0-[0-9]*.csv"))):
+        table = np.genfromtxt(path, delimiter=",", names=True)
+        columns = lambda name: np.ascontiguousarray(np.c_[table[f"{name}1"], table[f"{name}2"]])
+        t, torque, angle = table["time"], columns("tau_meas"), columns("pos_meas")
+        begin = t[0]
+        while begin + initial_s + piece_s <= t[-1]:
+            first, start, end = np.searchsorted(t, [begin, begin + initial_s, begin + initial_s + piece_s])
+            # a cubic through the time before says where it is and how fast it goes
+            ways = [np.polyfit(t[first : start + 1] - t[start], angle[first : start + 1, joint], 3) for joint in (0, 1)]
+            state = [way[3] for way in ways] + [way[2] for way in ways]
+            pieces.append((place, t[start:end].copy(), torque[start:end].copy(), angle[start:end].copy(), state))
+            begin += piece_s
+
+    def errors(numbers, wanted):
+        for place, t, torque, angle, state in pieces:
+            if wanted(place):
+                simulated = np.empty_like(angle)
+                library.pendulum(numbers, len(t), t, torque, *state, simulated)
+                yield simulated - angle
+
+    fitted, others = (lambda place: place % 2 == 1), (lambda place: place % 2 == 0)
+    together = lambda numbers: np.concatenate([error[::5].ravel() for error in errors(numbers, fitted)])
+    start = np.clip(published, lower + 1e-6, upper)
+    found = fit(together, start, scale, lower, upper, loss="soft_l1", f_scale=0.05, max_nfev=40)
+    print(", ".join(f"{name} {value:.4g}" for name, value in zip(names, found)))
+    for what, numbers in (("published", published), ("fitted", found)):
+        for of, wanted in (("fitted records", fitted), ("held-out records", others)):
+            rms = np.degrees(np.sqrt(np.mean(np.concatenate(list(errors(numbers, wanted))) ** 2, axis=0)))
+            print(f"{what:10} {of:17} shoulder {rms[0]:.2f}, elbow {rms[1]:.2f} degrees")
+        for place in range(9):
+            rms = np.degrees(np.sqrt(np.mean(np.concatenate(list(errors(numbers, lambda own: own == place))) ** 2, axis=0)))
+            print(f"    record {place}: {rms[0]:.1f}, {rms[1]:.1f}")
+
+
 if __name__ == "__main__":
-    known = {"xl330": xl330, "emps": emps}
+    known = {"xl330": xl330, "emps": emps, "pendulum": pendulum}
     if len(sys.argv) != 3 or sys.argv[1] not in known:
         sys.exit(__doc__)
     known[sys.argv[1]](compiled(), pathlib.Path(sys.argv[2]))

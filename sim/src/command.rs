@@ -18,7 +18,9 @@ impl Command {
     pub fn held(self) -> Self {
         let width = self.actuators.len();
         let mut held = Self { actuators: self.actuators, ..Self::default() };
-        for (row, (&time_s, angles)) in self.time_s.iter().zip(self.angle_rad.chunks(width.max(1))).enumerate() {
+        for (row, (&time_s, angles)) in
+            self.time_s.iter().zip(self.angle_rad.chunks(width.max(1))).enumerate()
+        {
             if row > 0 {
                 held.time_s.push(time_s);
                 held.angle_rad.extend_from_within(held.angle_rad.len() - width..);
@@ -35,7 +37,8 @@ impl Command {
         let angles = |row: usize| &self.angle_rad[row * width..(row + 1) * width];
         let rows = self.time_s.len();
         let alike = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
-        let is_pair = |row: &usize| self.time_s[row + 1] == self.time_s[*row] && alike(angles(row - 1), angles(*row));
+        let is_pair =
+            |row: &usize| self.time_s[row + 1] == self.time_s[*row] && alike(angles(row - 1), angles(*row));
         let is_held = rows > 1 && rows % 2 == 1 && (1..rows).step_by(2).all(|row| is_pair(&row));
         is_held.then(|| Self {
             actuators: self.actuators.clone(),

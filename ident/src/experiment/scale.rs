@@ -163,7 +163,8 @@ fn angles(model: &Model, run: &Run) -> Option<String> {
         let mut named = model.actuators.iter().filter(|known| known.name == command.actuators[column]);
         named.any(|known| known.kind != ActuatorKind::Motor)
     };
-    let angles = command.angle_rad.iter().enumerate().filter(|(at, angle)| is_angle(at % width) && !angle.is_nan());
+    let angles =
+        command.angle_rad.iter().enumerate().filter(|(at, angle)| is_angle(at % width) && !angle.is_nan());
     let most = angles.map(|(_, angle)| *angle).max_by(|a, b| a.abs().total_cmp(&b.abs()))?;
     (most.abs() > COMMAND_MAX_RAD).then(|| {
         format!(

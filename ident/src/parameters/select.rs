@@ -295,9 +295,7 @@ fn scale(
         Parameter::Damping(_)
         | Parameter::FrictionLoss(_)
         | Parameter::Armature(_)
-        | Parameter::Stiffness(..) => {
-            Scale::with_knee(lower, upper)
-        }
+        | Parameter::Stiffness(..) => Scale::with_knee(lower, upper),
         Parameter::Fluid(..) | Parameter::Mass(_) | Parameter::Gain(_) | Parameter::Cause(..) => {
             Scale::new(lower, upper)
         }

@@ -51,7 +51,10 @@ impl Rehearsal<'_> {
     }
 
     /// Parameters with a value per run, and this run's values, SI.
-    pub(super) fn run_parameters<'b>(&'b self, offsets: &'b [f64]) -> impl Iterator<Item = (Parameter, f64)> + 'b {
+    pub(super) fn run_parameters<'b>(
+        &'b self,
+        offsets: &'b [f64],
+    ) -> impl Iterator<Item = (Parameter, f64)> + 'b {
         self.nuisances.iter().zip(offsets).filter_map(|(nuisance, &value)| match *nuisance {
             Nuisance::Own { place, .. } => Some((place, value)),
             Nuisance::Coordinate(_) | Nuisance::Rate { .. } | Nuisance::Release { .. } => None,

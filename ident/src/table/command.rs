@@ -10,7 +10,8 @@ use sim::Command;
 use super::{Rows, TableError, read_text, write_text};
 
 const ANGLE_WANTED: &str = "a finite angle in radians; a command has no gaps";
-const PUSH_WANTED: &str = "a finite number; a command has no gaps, and `<actuator>_on` says where a drive is idle";
+const PUSH_WANTED: &str =
+    "a finite number; a command has no gaps, and `<actuator>_on` says where a drive is idle";
 const SWITCH_WANTED: &str = "1 where the drive is on, or 0 where it is idle";
 const MEASURED_WANTED: &str = "a finite angle in radians; leave the cell empty where nothing was measured";
 
@@ -168,8 +169,13 @@ fn meaning<'a>(title: &'a str, header: &[String]) -> Option<Column<'a>> {
 
 /// Whether a line of remarks before the header says that rows hold until the next.
 fn is_held(text: &str) -> bool {
-    let remarks = text.trim_start_matches('\u{feff}').lines().take_while(|line| line.trim().is_empty() || line.starts_with('#'));
-    remarks.map(|line| line.trim_start_matches('#').replace([' ', '"'], "")).any(|remark| remark == "hold=steps")
+    let remarks = text
+        .trim_start_matches('\u{feff}')
+        .lines()
+        .take_while(|line| line.trim().is_empty() || line.starts_with('#'));
+    remarks
+        .map(|line| line.trim_start_matches('#').replace([' ', '"'], ""))
+        .any(|remark| remark == "hold=steps")
 }
 
 /// Writes `command` to `path`.
@@ -213,12 +219,14 @@ pub fn servo_text(command: &Command, measured: &[MeasuredAngles]) -> String {
             }
         }
     }
-    let mut text = if held.is_some() { String::from("# hold = steps\ntime_s") } else { String::from("time_s") };
+    let mut text =
+        if held.is_some() { String::from("# hold = steps\ntime_s") } else { String::from("time_s") };
     // Writing into a string cannot fail.
     for actuator in &command.actuators {
         let _ = write!(text, ",{actuator}_rad");
     }
-    let is_idle = |column: usize| command.angle_rad.iter().skip(column).step_by(width).any(|angle| angle.is_nan());
+    let is_idle =
+        |column: usize| command.angle_rad.iter().skip(column).step_by(width).any(|angle| angle.is_nan());
     let idle: Vec<bool> = (0..width).map(is_idle).collect();
     for (actuator, _) in command.actuators.iter().zip(&idle).filter(|(_, idle)| **idle) {
         let _ = write!(text, ",{actuator}_on");

@@ -108,7 +108,10 @@ fn measured_angles_stand_beside_their_command_only() {
 fn motors_are_pushed_switched_off_and_told_in_steps() {
     let text = "# hold = steps\ntime_s,arm_Nm,arm_on,arm_load,arm_measured_rad,fin_duty\n0,0.1,1,3,0,0.5\n1,0.2,0,4,0.1,0.6\n";
     let table = parse_servo(text, Path::new("s.csv")).unwrap();
-    assert_eq!((&table.command.actuators[..], &table.units[..]), (&["arm".into(), "fin".into()][..], &["Nm", "duty"][..]));
+    assert_eq!(
+        (&table.command.actuators[..], &table.units[..]),
+        (&["arm".into(), "fin".into()][..], &["Nm", "duty"][..])
+    );
     assert_eq!(table.command.time_s, [0.0, 1.0, 1.0]);
     assert_eq!([0.0, 0.9, 1.0].map(|t| table.command.at(1, t)), [0.5, 0.5, 0.6]);
     assert!(table.command.at(0, 0.9) == 0.1 && table.command.at(0, 1.0).is_nan());

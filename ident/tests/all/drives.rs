@@ -63,7 +63,8 @@ fn experiment(drive: &str, runs: &[(&str, String)], fit: &str) -> Experiment {
     let mut text = format!("model = \"arm.xml\"\nnoise_m = 6e-5\n[fit]\nmethod = \"least-squares\"\n{fit}\n");
     for (place, (keys, table)) in runs.iter().enumerate() {
         std::fs::write(folder.path().join(format!("{place}.csv")), table).unwrap();
-        write!(text, "[[run]]\nid = \"{place}\"\nkind = \"driven\"\nservo = \"{place}.csv\"\n{keys}\n").unwrap();
+        write!(text, "[[run]]\nid = \"{place}\"\nkind = \"driven\"\nservo = \"{place}.csv\"\n{keys}\n")
+            .unwrap();
     }
     let path = folder.path().join("e.toml");
     std::fs::write(&path, text).unwrap();
@@ -136,9 +137,15 @@ fn a_motor_is_driven_by_its_duty_cycle() {
 fn what_drives_wrongly_is_refused_with_its_run() {
     let folder = tempfile::tempdir().unwrap();
     let refusal = |table: &str, keys: &str| {
-        std::fs::write(folder.path().join("arm.xml"), MODEL.replace("DRIVE", r#"<position name="servo" joint="horn" kp="0.3"/>"#)).unwrap();
+        std::fs::write(
+            folder.path().join("arm.xml"),
+            MODEL.replace("DRIVE", r#"<position name="servo" joint="horn" kp="0.3"/>"#),
+        )
+        .unwrap();
         std::fs::write(folder.path().join("0.csv"), table).unwrap();
-        let text = format!("model = \"arm.xml\"\n{keys}\n[[run]]\nid = \"a\"\nkind = \"driven\"\nservo = \"0.csv\"\n");
+        let text = format!(
+            "model = \"arm.xml\"\n{keys}\n[[run]]\nid = \"a\"\nkind = \"driven\"\nservo = \"0.csv\"\n"
+        );
         let path = folder.path().join("e.toml");
         std::fs::write(&path, text).unwrap();
         Experiment::read(&path).unwrap_err().to_string()

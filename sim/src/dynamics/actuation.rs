@@ -39,7 +39,8 @@ impl<T: Scalar> Drive<T> {
     pub(crate) fn raw_force(&self, qpos: &[T], qvel: &[T], command: T) -> T {
         let (along, rate) = (self.along(qpos), self.rate(qvel));
         let Some(motor) = self.gearmotor.as_ref().filter(|_| self.stiffness != T::ZERO) else {
-            return self.gain * self.command(command) + self.gear * (self.stiffness * along + self.damping * rate);
+            return self.gain * self.command(command)
+                + self.gear * (self.stiffness * along + self.damping * rate);
         };
         // an error within the dead band is none
         let pull = self.gain * self.command(command) + self.gear * self.stiffness * along;

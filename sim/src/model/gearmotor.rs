@@ -32,7 +32,14 @@ pub struct LoadFriction<T> {
 
 impl<T: Scalar> Default for Gearmotor<T> {
     fn default() -> Self {
-        Self { dead_band: T::ZERO, stall: None, supply: T::ZERO, braking: T::ZERO, offset: T::ZERO, friction: None }
+        Self {
+            dead_band: T::ZERO,
+            stall: None,
+            supply: T::ZERO,
+            braking: T::ZERO,
+            offset: T::ZERO,
+            friction: None,
+        }
     }
 }
 

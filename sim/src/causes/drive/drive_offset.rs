@@ -8,8 +8,14 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
     name: "drive_offset",
     kind: Kind::Drive,
     parameters: &[
-        ParameterInfo::size("torque", "N m", [-100.0, 100.0], 1e-3, "torque of every drive beside its command")
-            .may_differ(),
+        ParameterInfo::size(
+            "torque",
+            "N m",
+            [-100.0, 100.0],
+            1e-3,
+            "torque of every drive beside its command",
+        )
+        .may_differ(),
         ParameterInfo::size("", "N m", [-100.0, 100.0], 1e-3, "the same for one drive alone, added to it")
             .each(Per::Drive)
             .role(Role::Detail, 0.0)

@@ -28,7 +28,12 @@ fn a_motor_and_its_gear_exert_their_closed_forms() {
     let servo = r#"<position name="servo" joint="q" kp="2" kv="0.01"/>"#;
     let ceiling = [("back_emf/stall", 0.5), ("back_emf/braking", 0.04)];
     // within its supply, and held back by it to either side
-    assert_close(exerted(servo, &ceiling, [0.1, 3.0, 0.2]), 2.0 * 0.1 - 0.01 * 3.0 - 0.04 * 3.0, 1e-12, "told little");
+    assert_close(
+        exerted(servo, &ceiling, [0.1, 3.0, 0.2]),
+        2.0 * 0.1 - 0.01 * 3.0 - 0.04 * 3.0,
+        1e-12,
+        "told little",
+    );
     assert_close(exerted(servo, &ceiling, [0.1, 3.0, 1.2]), 0.5 - 0.04 * 3.0, 1e-12, "told much");
     assert_close(exerted(servo, &ceiling, [0.1, -3.0, -1.2]), -0.5 + 0.04 * 3.0, 1e-12, "told much less");
     // a supply that gives way: told half of the stall torque, a quarter of a third of it is lost, and of the braking too
