@@ -3,7 +3,7 @@
 
 use std::any::Any;
 
-use super::{Joint, JointKind, Model};
+use super::{Actuator, ActuatorKind, Joint, JointKind, Model};
 use crate::scalar::Scalar;
 
 /// The part of the system that a cause acts in.
@@ -52,8 +52,8 @@ pub enum Per {
     Keypoint,
     /// Each hinge that a drive or a spring holds or an encoder reads, after which it is called.
     Held,
-    /// Each drive, after which it is called.
-    Drive,
+    /// Each drive that pushes as it is told and holds nothing, after which it is called.
+    Motor,
     /// Each body that carries another one on a joint, after which it is called.
     Link,
 }
@@ -280,7 +280,7 @@ impl<T: Scalar> CauseValues<T> {
                 }
                 Per::Keypoint => model.keypoints(),
                 Per::Held => model.held_hinges().map(|(_, joint)| joint.name.clone()).collect(),
-                Per::Drive => model.actuators.iter().map(|actuator| actuator.name.clone()).collect(),
+                Per::Motor => model.motors().map(|(_, motor)| motor.name.clone()).collect(),
                 Per::Link => model.carriers().map(|body| model.bodies[body].name.clone()).collect(),
             };
             for element in elements {
@@ -385,6 +385,11 @@ impl<T: Scalar> Model<T> {
             joint.kind == JointKind::Hinge && (sprung || driven || read)
         };
         self.joints.iter().enumerate().filter(is_held)
+    }
+
+    /// The drives that push as they are told and hold nothing, with their places.
+    pub(crate) fn motors(&self) -> impl Iterator<Item = (usize, &Actuator<T>)> {
+        self.actuators.iter().enumerate().filter(|(_, actuator)| actuator.kind == ActuatorKind::Motor)
     }
 
     /// The bodies that carry another one on a joint, and move themselves.

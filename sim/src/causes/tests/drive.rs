@@ -11,14 +11,19 @@ fn stepped(command: &Command, end_s: f64, mut law: impl FnMut(f64, f64, f64) -> 
     (1..=STEPS).fold(command.at(0, 0.0), |y, step| law(y, command.at(0, f64::from(step) * h), h))
 }
 
-/// One link with a drive of the given law on its hinge, and what the drive exerts at `q` and `w` where the command is `told`.
-fn exerted(drive: &str, values: &[(&str, f64)], [q, w, told]: [f64; 3]) -> f64 {
+/// One link with a drive of the given law on its hinge.
+fn driven_link(drive: &str) -> Model {
     let text = format!(
         r#"<mujoco><compiler angle="radian"/><worldbody><body><joint name="q" axis="0 -1 0"/>
         <geom type="box" size="0.005 0.003 0.015" density="1200"/></body></worldbody>
         <actuator>{drive}</actuator></mujoco>"#
     );
-    let model = with(&Model::from_mjcf(&text).unwrap(), values);
+    Model::from_mjcf(&text).unwrap()
+}
+
+/// What the drive exerts on its link at `q` and `w` where the command is `told`.
+fn exerted(drive: &str, values: &[(&str, f64)], [q, w, told]: [f64; 3]) -> f64 {
+    let model = with(&driven_link(drive), values);
     let state = State { qpos: vec![q], qvel: vec![w] };
     Simulator::new(&model, &RolloutOptions::default()).unwrap().forces(&state, &[told]).actuator[0]
 }
@@ -51,7 +56,11 @@ fn a_motor_and_its_gear_exert_their_closed_forms() {
     assert_eq!(exerted(servo, &band, [0.1, 0.0, 0.12]), 0.0);
     assert_close(exerted(servo, &band, [0.1, 0.0, 0.2]), 2.0 * 0.07, 1e-12, "beyond the dead band");
     assert_close(exerted(servo, &band, [0.1, 0.0, 0.0]), -2.0 * 0.07, 1e-12, "beyond it to the other side");
-    assert_close(exerted(servo, &[("drive_offset/servo", 0.02)], [0.1, 0.0, 0.1]), 0.02, 1e-12, "offset");
+    assert_close(exerted(motor, &[("drive_offset/motor", 0.02)], [0.1, 0.0, 0.1]), 0.07, 1e-12, "offset");
+    // a servo that pushed beside its command would hold another angle, which is joint_zero's
+    let mut held = driven_link(servo);
+    held.add_cause("drive_offset").unwrap();
+    assert!(held.causes()[0].names().is_empty());
 
     // 2 N m/rad times 0.1 rad, of which the gear takes a tenth upwards and gives back a fifth less downwards
     let gear = [("gear_friction/driving", 0.1), ("gear_friction/driven", 0.2), ("gear_friction/rate", 0.4)];
