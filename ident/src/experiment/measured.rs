@@ -1,7 +1,7 @@
 //! Angles that a servo measured itself, added to those from the pictures.
 
 use sim::Model;
-use sim::model::{POINTER_M, encoded_joint, encoder_mark};
+use sim::model::{ActuatorKind, POINTER_M, encoded_joint, encoder_mark};
 
 use super::{Experiment, Run};
 use crate::table::MeasuredAngles;
@@ -41,9 +41,11 @@ impl Run {
         if self.trajectory.keypoints.contains(&mark) {
             return;
         }
+        // what a motor's gear turns round is its torque, perhaps from amperes; its angle is the joint's
+        let gear = if actuator.kind == ActuatorKind::Motor { 1.0 } else { actuator.gear };
         let most_rad = most_bend_rad(&angles.angle_rad);
         let way_m = |time_s: &f64| {
-            let angle_rad = between(angles, most_rad, *time_s).unwrap_or(f64::NAN) / actuator.gear;
+            let angle_rad = between(angles, most_rad, *time_s).unwrap_or(f64::NAN) / gear;
             [POINTER_M * angle_rad, f64::NAN, f64::NAN]
         };
         let ways_m: Vec<[f64; 3]> = self.trajectory.time_s.iter().map(way_m).collect();

@@ -148,7 +148,7 @@ fn what_drives_wrongly_is_refused_with_its_run() {
         );
         let path = folder.path().join("e.toml");
         std::fs::write(&path, text).unwrap();
-        Experiment::read(&path).unwrap_err().to_string()
+        format!("{:?}", Experiment::read(&path).unwrap_err())
     };
     let rows = "0,0,1,0\n0.1,0,1,0\n0.2,1,0,0.1\n0.3,1,1,0.2\n";
     let torques = refusal(&format!("time_s,servo_Nm,servo_on,servo_measured_rad\n{rows}"), "");

@@ -198,7 +198,9 @@ fn causes_survive_the_way_through_mjcf() {
     let model = all_causes(&chain("active"));
     let text = model.to_mjcf("test");
     let back = Model::from_mjcf(&text).unwrap();
-    assert_eq!(back.causes(), model.causes());
+    // what finds nothing to act on in a model leaves no trace
+    let acting: Vec<_> = model.causes().iter().filter(|cause| !cause.names().is_empty()).cloned().collect();
+    assert_eq!(back.causes(), acting);
     assert!(text.contains("Except for the causes") && !chain("active").to_mjcf("").contains("custom"));
     let misspelt = text.replace("added_mass/scale", "added_mass/skale");
     assert!(Model::from_mjcf(&misspelt).unwrap_err().to_string().contains("added_mass/scale"));
