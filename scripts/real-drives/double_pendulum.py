@@ -55,8 +55,8 @@ PUBLISHED = """parameters = ["coulomb_friction/shoulder", "coulomb_friction/elbo
 
 # each piece is predicted so long, after so much that only says how it begins [s]
 PIECE_S, INITIAL_S = 0.5, 0.1
-# every other sample is an image, all of them are torques
-EVERY = 2
+# every sample is an image
+EVERY = 1
 
 
 def pieces(name, path, out):

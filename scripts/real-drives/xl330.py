@@ -37,12 +37,12 @@ MODEL = """<mujoco model="xl330">
 </mujoco>
 """
 
-# what is fitted, and how large it may be; the gain is that of the P register at 100
+# what is fitted, and how large it may be; the gain is that of the P register at 100. The delay stays: a goal that jumps has no derivative by it
 FIT = """model = "xl330.xml"
 noise_m = 0.001
 [fit]
 method = "least-squares"
-parameters = ["horn/armature", "horn/damping", "servo/gain", "bar/mass", "back_emf/braking", "coulomb_friction/torque", "gear_friction/driving", "gear_friction/driven", "servo_delay/delay", "joint_zero/horn"]
+parameters = ["horn/armature", "horn/damping", "servo/gain", "bar/mass", "back_emf/braking", "coulomb_friction/torque", "gear_friction/driving", "gear_friction/driven", "joint_zero/horn"]
 [fit.bounds]
 "back_emf/braking" = [0.0, 0.3]
 "bar/mass" = [0.001, 0.3]
