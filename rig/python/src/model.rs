@@ -141,7 +141,7 @@ impl NativeModel {
             let command = match (servo_file, servo_table) {
                 (Some(path), _) => ident::table::read_command(&path).map_err(Failure::input)?,
                 (None, Some(text)) => {
-                    ident::table::parse_servo(&text, "servo".as_ref()).map_err(Failure::input)?.0
+                    ident::table::parse_servo(&text, "servo".as_ref()).map_err(Failure::input)?.command
                 }
                 (None, None) => Command::default(),
             };
