@@ -180,7 +180,9 @@ const DIFFERENCE_TOLERANCE: f64 = 1e-5;
 fn step(cause: Cause) -> f64 {
     match cause.name() {
         "end_stop" | "one_sided_stiffness" => 1e-5,
-        "servo_delay" | "servo_lag" | "backlash" | "servo_rate_limit" | "servo_refresh" => 1e-6,
+        "servo_delay" | "servo_lag" | "servo_loop" | "backlash" | "servo_rate_limit" | "servo_refresh" => {
+            1e-6
+        }
         _ => 1e-3,
     }
 }

@@ -23,7 +23,7 @@ pub(crate) const INFO: CauseInfo = CauseInfo {
             "braking",
             "N m s/rad",
             [0.0, 1e3],
-            0.05,
+            1e-3,
             "torque of every drive against its rate while it is on, k^2 / R: stall torque over no-load rate",
         )
         .role(Role::Detail, 0.0),
