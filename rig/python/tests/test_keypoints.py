@@ -128,6 +128,35 @@ def test_motion_capture(tmp_path):
         rig.from_c3d(tmp_path / "walk.c3d", {"P1": "tip"}, axes="xzz")
 
 
+TRC = """PathFileType\t4\t(X/Y/Z)\twalk.trc
+DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames
+200.00\t200.00\t3\t2\tmm\t200.00\t1\t3
+Frame#\tTime\telbow\t\t\ttip\t\t
+\t\tX1\tY1\tZ1\tX2\tY2\tZ2
+
+1\t0.500\t0.0\t20.0\t30.0\t1.0\t2.0\t3.0
+2\t0.505\t10.0\t20.0\t30.0\t1.0\t2.0\t3.0
+3\t0.510\t\t\t\t1.0\t2.0\t3.0
+"""
+
+
+def test_markers_as_opensim_takes_them(tmp_path):
+    (tmp_path / "walk.trc").write_text(TRC)
+    found = rig.from_trc(tmp_path / "walk.trc", {"P2": "tip", "P1": "elbow"}, axes="x-zy")
+    assert found.keypoints == ["P2", "P1"] and found.time_s == pytest.approx([0.5, 0.505, 0.51])
+    assert found.position_m[1, 1] == pytest.approx([0.01, -0.03, 0.02])
+    assert np.isnan(found.position_m[2, 1]).all() and found.position_m[2, 0] == pytest.approx([0.001, -0.003, 0.002])
+    assert rig.from_trc(tmp_path / "walk.trc", {"P1": "tip"}, start_s=0.0).time_s == pytest.approx([0.0, 0.005, 0.01])
+    with pytest.raises(rig.InputError, match="no marker 'fin', but elbow, tip"):
+        rig.from_trc(tmp_path / "walk.trc", {"P1": "fin"})
+    (tmp_path / "walk.trc").write_text(TRC.replace("\tmm\t", "\tfeet\t"))
+    with pytest.raises(rig.InputError, match="`feet`"):
+        rig.from_trc(tmp_path / "walk.trc", {"P1": "tip"})
+    (tmp_path / "walk.trc").write_text("time_s,P1_x_m\n0,1\n")
+    with pytest.raises(rig.InputError, match="PathFileType"):
+        rig.from_trc(tmp_path / "walk.trc", {"P1": "tip"})
+
+
 def test_what_is_not_installed_is_said(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "sleap_io", None)
     with pytest.raises(rig.MissingPackage, match="pip install sleap-io"):

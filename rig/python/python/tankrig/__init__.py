@@ -5,7 +5,8 @@
 * ``rig.Run(path)``: a run folder: trajectory, servo, images, fit, diagnosis, the report in a notebook;
 * ``rig.Model("chain.xml").rollout(qpos, servo=table, params=batch)``: how a mechanism moves, with exact derivatives;
 * ``rig.fit("experiment.toml")``, ``rig.diagnose(fit)``: coefficients, and what the simulation still gets wrong;
-* ``rig.to_movement``, ``rig.from_sleap``, ``from_deeplabcut``, ``from_coco``, ``from_nwb``, ``from_c3d``, ``from_movement``: other formats;
+* ``rig.to_movement``, ``rig.from_sleap``, ``from_deeplabcut``, ``from_coco``, ``from_nwb``, ``from_c3d``,
+  ``from_trc``, ``from_movement``: other formats;
 * ``rig.Daemon(url)``: jobs of a rig.
 
 Units are SI, named at the end of each name as in the files. Errors are those of the command line, by class: ``rig.RigError``.
@@ -20,6 +21,7 @@ from ._keypoints import (
     from_movement,
     from_nwb,
     from_sleap,
+    from_trc,
     to_movement,
 )
 from ._model import Jacobian, Model, Motion, Parameter
@@ -70,5 +72,6 @@ __all__ = [
     "from_movement",
     "from_nwb",
     "from_sleap",
+    "from_trc",
     "to_movement",
 ]

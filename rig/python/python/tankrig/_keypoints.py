@@ -276,19 +276,57 @@ def from_c3d(path: str | os.PathLike[str], keypoints: Mapping[str, str], *, axes
             return labels, (unit.string_value.strip() if unit else "mm"), reader.point_rate, np.array(images)
 
     labels, unit, rate, images = _read(load, path, {})
+    position = images[:, :, :3]
+    # the format's own mark of a gap is an error below 0
+    position[images[:, :, 3] < 0.0] = np.nan
+    return _of_markers(path, labels, unit, start_s + np.arange(len(images)) / rate, position, keypoints, axes)
+
+
+def from_trc(path: str | os.PathLike[str], keypoints: Mapping[str, str], *, axes: str = "xyz", start_s: float | None = None) -> Trajectory:
+    """Reads markers from a ``.trc``, the table of a motion-capture system that OpenSim takes; metres by the file's own unit.
+
+    Args:
+        path: the file.
+        keypoints: as for ``from_c3d``.
+        axes: as for ``from_c3d``; of OpenSim's files y is up: ``"x-zy"``.
+        start_s: time of the file's first image [s]; left out: as the file has it.
+    """
+
+    def load(name: str) -> Any:
+        # a table of tabs: two lines that say what is in it, then the markers' names, then X1 Y1 Z1 and so on
+        lines = Path(name).read_text(encoding="utf-8-sig").splitlines()
+        if not lines[0].startswith("PathFileType"):
+            raise ValueError("a .trc begins with `PathFileType`")
+        said = dict(zip(lines[1].split("\t"), lines[2].split("\t")))
+        labels = [cell.strip() for cell in lines[3].split("\t")[2:] if cell.strip()]
+        width = 2 + 3 * len(labels)
+        rows = [line.split("\t") for line in lines[5:] if line.strip()]
+        cells = [[float(cell) if cell.strip() else np.nan for cell in (row + [""] * width)[:width]] for row in rows]
+        return labels, said["Units"].strip(), np.array(cells, float).reshape(-1, width)
+
+    labels, unit, table = _read(load, path, {})
+    times = table[:, 1] if start_s is None or not len(table) else start_s + table[:, 1] - table[0, 1]
+    return _of_markers(path, labels, unit, times, table[:, 2:].reshape(len(table), len(labels), 3), keypoints, axes)
+
+
+def _of_markers(
+    path: str | os.PathLike[str],
+    labels: list[str],
+    unit: str,
+    time_s: Floats,
+    position: Floats,
+    keypoints: Mapping[str, str],
+    axes: str,
+) -> Trajectory:
+    """Some of a motion-capture system's markers, positions of shape (N, M, 3) in the file's unit and axes."""
     scale = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}.get(unit.lower())
     if scale is None:
         raise InputError(f"{path}: points are in `{unit}`; known are mm, cm and m")
     missing = [marker for marker in keypoints.values() if marker not in labels]
     if missing:
         raise InputError(f"{path} has no marker {missing[0]!r}, but {', '.join(labels)}")
-    turned = _axes(axes)
-    order = [labels.index(marker) for marker in keypoints.values()]
-    position = images[:, order, :3] * scale
-    # the format's own mark of a gap is an error below 0
-    position[images[:, order, 3] < 0.0] = np.nan
-    position = np.stack([sign * position[:, :, axis] for axis, sign in turned], axis=2)
-    return Trajectory(start_s + np.arange(len(images)) / rate, list(keypoints), position)
+    chosen = position[:, [labels.index(marker) for marker in keypoints.values()]] * scale
+    return Trajectory(time_s, list(keypoints), np.stack([sign * chosen[:, :, axis] for axis, sign in _axes(axes)], axis=2))
 
 
 def _axes(axes: str) -> list[tuple[int, float]]:
