@@ -14,6 +14,7 @@ pub mod export;
 pub mod extract;
 pub mod firmware;
 pub mod fit;
+mod help;
 pub mod import;
 pub mod job;
 pub mod jobs;

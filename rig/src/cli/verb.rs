@@ -10,7 +10,7 @@ use super::{
 
 /// Runs tank experiments: drives, films, extracts, fits, reports, replays.
 #[derive(Parser, Debug)]
-#[command(name = "rig", version, max_term_width = 110)]
+#[command(name = "rig", version, max_term_width = 110, help_template = super::help::template())]
 pub struct Cli {
     /// Standard output is exactly one JSON object: status, out, run, verdict, warnings, error
     #[arg(long, global = true)]
