@@ -13,7 +13,8 @@ use crate::setup::{Answers, CONFIG, Chain, Drive, File, MODEL, Scale, files};
 use config::MotionKind;
 use record::outputs::{OutputFolder, Outputs};
 
-/// Arguments of `rig new`. On a terminal, what no option answers is asked; else its default holds.
+/// Arguments of `rig new`. On a terminal, what no option answers is asked, of a mock rig only the three things that make it another one;
+/// else its default holds.
 #[derive(clap::Args, Debug)]
 pub struct Args {
     /// Folder to write the rig into: rig.toml and model.xml, for a mock rig also its tank; made where it is not there
@@ -21,6 +22,9 @@ pub struct Args {
     /// The mechanism. Only chains of rigid links are written; soft arm and octopus have shipped examples to start from
     #[arg(long, value_enum, default_value_t)]
     pub mechanism: Mechanism,
+    /// A real board and a real camera, although none is plugged in yet
+    #[arg(long, conflicts_with = "mock")]
+    pub real: bool,
     /// What is known of the rig
     #[command(flatten)]
     pub answers: Answers,
@@ -65,21 +69,25 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     };
     // Before anybody answers anything.
     is_free(&[CONFIG, MODEL])?;
+    let (ports, cameras) = (list::serial_ports(), list::cameras());
+    let is_bare = ports.is_empty() && cameras.is_empty();
+    let may_be_mock = is_bare && !args.real && !args.answers.name_devices();
+    let found = ask::Found { ports: ready(ports), cameras: ready(cameras), may_be_mock };
     let answers = match std::io::stdin().is_terminal() && std::io::stderr().is_terminal() {
-        true => {
-            let found = ask::Found { ports: ready(list::serial_ports()), cameras: ready(list::cameras()) };
-            ask::ask(&args.answers, &found, &mut std::io::stdin().lock(), &mut std::io::stderr())
-                .context("asking")
-                .map_err(Failure::Input)?
-        }
-        false => args.answers.clone(),
+        true => ask::ask(&args.answers, &found, &mut std::io::stdin().lock(), &mut std::io::stderr())
+            .context("asking")
+            .map_err(Failure::Input)?,
+        false => Answers { mock: args.answers.mock || may_be_mock, ..args.answers.clone() },
     };
     let chain = Chain::new(&answers).map_err(Failure::input)?;
     let files = files(&name_of(&args.dir), &chain);
     let names: Vec<&str> = files.iter().map(|file| file.name).collect();
     is_free(&names)?;
     write(&Outputs::default().folder(&args.dir, &names)?, &files).map_err(Failure::Input)?;
-    let text = next(&args.dir, &chain, &files);
+    let mut text = next(&args.dir, &chain, &files);
+    if answers.mock && !args.answers.mock {
+        text += "\nno board and no camera is plugged in, so this is a mock rig, in a simulated tank; for a real one add --real\n";
+    }
     Ok(Outcome { out: Some(args.dir.clone()), text, ..Outcome::default() })
 }
 

@@ -76,7 +76,8 @@ pub struct Answers {
     /// Salinity of the water, in g/kg
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub salinity_g_per_kg: Option<f64>,
-    /// A mock board and a mock camera in a simulated tank, so that the rig runs without hardware
+    /// A mock board and a mock camera in a simulated tank, so that the rig runs without hardware; so it is, too, where nothing is plugged
+    /// in and no option is about a board or a camera
     #[arg(long)]
     pub mock: bool,
     /// Serial port of the servo board
@@ -103,6 +104,17 @@ pub struct Answers {
     /// Instead of the scale: the file that `rig calibrate camera` wrote, as the config names it
     #[arg(long, value_name = "TOML", conflicts_with = "mock")]
     pub calibration: Option<PathBuf>,
+}
+
+impl Answers {
+    /// Whether an answer is about a board or a camera that is there.
+    pub fn name_devices(&self) -> bool {
+        self.port.is_some()
+            || self.device.is_some()
+            || self.format.is_some()
+            || self.exposure_s.is_some()
+            || self.calibration.is_some()
+    }
 }
 
 /// The value that a config spells so.

@@ -28,6 +28,9 @@ fn key(out: &mut String, assignment: String, comment: &str) {
     };
 }
 
+/// How long a mock rig's diagnosis may search \[s\], chosen: with film and fit the first report is there within a minute.
+const FIRST_LOOK_S: f64 = 20.0;
+
 /// The rig's config.
 pub(super) fn rig(name: &str, chain: &Chain) -> String {
     let mock = chain.drive == Drive::Mock;
@@ -65,6 +68,9 @@ pub(super) fn rig(name: &str, chain: &Chain) -> String {
     if mock {
         out += "\n[mock]\n";
         key(&mut out, format!("tank = \"{TANK}\""), "what it really is; the fit never sees it");
+        out += "\n[diagnose]\n";
+        let limit = "for a first look [s]; without it 60 s, which find more";
+        key(&mut out, format!("limit_s = {FIRST_LOOK_S:?}"), limit);
     }
     out
 }

@@ -12,7 +12,12 @@ use config::{MotionKind, Mount};
 pub(super) struct Found {
     pub(super) ports: Vec<String>,
     pub(super) cameras: Vec<String>,
+    /// Nothing is plugged in, and nothing was said about it: a mock rig is offered.
+    pub(super) may_be_mock: bool,
 }
+
+/// What is asked of a mock rig, by the options that they stand for; all else has a default that the files show.
+const ASKED_OF_A_MOCK: [&str; 2] = ["links", "motion"];
 
 struct Question {
     /// The option that it stands for.
@@ -113,43 +118,29 @@ const QUESTIONS: [Question; 22] = [
             Drive::Real { port, .. } => port.clone(),
             Drive::Mock => String::new(),
         },
-        |answers, chain| !answers.mock && chain.motion == MotionKind::Driven
+        |_, chain| chain.motion == MotionKind::Driven
     ),
-    question!(
-        device,
-        "device",
-        "camera",
-        |chain| match &chain.drive {
-            Drive::Real { device, .. } => device.clone(),
-            Drive::Mock => String::new(),
-        },
-        is_real
-    ),
-    question!(
-        format,
-        "format",
-        "images leave the camera as grey, yuyv or jpeg",
-        |chain| format!("{:?}", chain.picture.format).to_lowercase(),
-        is_real
-    ),
+    question!(device, "device", "camera", |chain| match &chain.drive {
+        Drive::Real { device, .. } => device.clone(),
+        Drive::Mock => String::new(),
+    }),
+    question!(format, "format", "images leave the camera as grey, yuyv or jpeg", |chain| format!(
+        "{:?}",
+        chain.picture.format
+    )
+    .to_lowercase()),
     question!(size_px, "size-px", "width x height of the images [px]", |chain| {
         let [width, height] = chain.picture.size_px;
         format!("{width}x{height}")
     }),
     question!(fps, "fps", "images a second", |chain| chain.picture.fps.to_string()),
-    question!(
-        exposure_s,
-        "exposure-s",
-        "exposure time [s]",
-        |chain| chain.picture.exposure_s.to_string(),
-        is_real
-    ),
+    question!(exposure_s, "exposure-s", "exposure time [s]", |chain| chain.picture.exposure_s.to_string()),
     question!(
         calibration,
         "calibration",
         "calibration file by `rig calibrate camera`; nothing: a scale, or none yet",
         nothing,
-        |answers, _| !answers.mock && answers.metres_per_pixel.is_none()
+        |answers, _| answers.metres_per_pixel.is_none()
     ),
     question!(
         metres_per_pixel,
@@ -162,10 +153,6 @@ const QUESTIONS: [Question; 22] = [
         |answers, _| answers.calibration.is_none()
     ),
 ];
-
-fn is_real(answers: &Answers, _: &Chain) -> bool {
-    !answers.mock
-}
 
 fn nothing(_: &Chain) -> String {
     String::new()
@@ -195,19 +182,21 @@ pub(super) fn ask(
     prompts: &mut dyn Write,
 ) -> Result<Answers, AskError> {
     let mut answers = given.clone();
+    writeln!(
+        prompts,
+        "What is between brackets holds where nothing is answered. Units are SI; Ctrl-C writes nothing."
+    )?;
+    answers.mock = given.mock || found.may_be_mock && is_to_be_mock(typed, prompts)?;
     for (devices, answer) in [(&found.ports, &mut answers.port), (&found.cameras, &mut answers.device)] {
-        if !given.mock && answer.is_none() {
+        if !answers.mock && answer.is_none() {
             // Only a default so far: it is asked about all the same.
             *answer = devices.first().cloned();
         }
     }
     let mut chain = Chain::new(&answers)?;
-    writeln!(
-        prompts,
-        "What is between brackets holds where nothing is answered. Units are SI; Ctrl-C writes nothing."
-    )?;
     for question in QUESTIONS.iter().filter(|question| !(question.given)(given)) {
-        if !(question.matters)(&answers, &chain) {
+        let is_asked = !answers.mock || ASKED_OF_A_MOCK.contains(&question.option);
+        if !is_asked || !(question.matters)(&answers, &chain) {
             continue;
         }
         let devices: &[String] = match question.option {
@@ -219,13 +208,8 @@ pub(super) fn ask(
             writeln!(prompts, "  found {device}")?;
         }
         (answers, chain) = loop {
-            write!(prompts, "{} [{}]: ", question.text, (question.default)(&chain))?;
-            prompts.flush()?;
-            let mut line = String::new();
-            if typed.read_line(&mut line)? == 0 {
-                return Err(AskError::Ended);
-            }
-            let checked = match line.trim() {
+            let line = answer(question.text, &(question.default)(&chain), typed, prompts)?;
+            let checked = match line.as_str() {
                 "" => break (answers, chain),
                 text => with(&answers, question.option, text),
             };
@@ -237,6 +221,34 @@ pub(super) fn ask(
         };
     }
     Ok(answers)
+}
+
+/// Asks for a mock rig or a real one, where nothing is plugged in.
+fn is_to_be_mock(typed: &mut dyn BufRead, prompts: &mut dyn Write) -> Result<bool, AskError> {
+    let question = "nothing is plugged in: a mock rig in a simulated tank, or a real one: mock or real";
+    loop {
+        match answer(question, "mock", typed, prompts)?.as_str() {
+            "" | "mock" => return Ok(true),
+            "real" => return Ok(false),
+            other => writeln!(prompts, "  `{other}` is neither mock nor real")?,
+        }
+    }
+}
+
+/// What is answered to a question, without the white space around it.
+fn answer(
+    question: &str,
+    default: &str,
+    typed: &mut dyn BufRead,
+    prompts: &mut dyn Write,
+) -> Result<String, AskError> {
+    write!(prompts, "{question} [{default}]: ")?;
+    prompts.flush()?;
+    let mut line = String::new();
+    match typed.read_line(&mut line)? {
+        0 => Err(AskError::Ended),
+        _ => Ok(line.trim().to_owned()),
+    }
 }
 
 /// The options of `rig new` as the command line reads them.
@@ -264,10 +276,14 @@ mod tests {
     use super::*;
 
     fn asked(given: &[&str], typed: &str) -> (Result<Answers, AskError>, String) {
+        let ports = vec!["/dev/ttyACM3".into()];
+        asked_where(&Found { ports, ..Found::default() }, given, typed)
+    }
+
+    fn asked_where(found: &Found, given: &[&str], typed: &str) -> (Result<Answers, AskError>, String) {
         let given = Answers::from_arg_matches(&read(given).unwrap()).unwrap();
-        let found = Found { ports: vec!["/dev/ttyACM3".into()], cameras: Vec::new() };
         let mut prompts = Vec::new();
-        let answers = ask(&given, &found, &mut typed.as_bytes(), &mut prompts);
+        let answers = ask(&given, found, &mut typed.as_bytes(), &mut prompts);
         (answers, String::from_utf8(prompts).unwrap())
     }
 
@@ -301,18 +317,32 @@ mod tests {
 
     #[test]
     fn weights_are_asked_in_water_only_once_they_are_known_in_air() {
-        let (answers, prompts) = asked(&["--mock", "--dry-mass-kg=0.0018"], &"\n".repeat(20));
+        let (answers, prompts) = asked(&["--dry-mass-kg=0.0018"], &"\n".repeat(30));
         assert_eq!(answers.unwrap().dry_mass_kg, Some(vec![0.0018]));
         assert!(
             prompts.contains("weight in water") && !prompts.contains("density of the links"),
             "{prompts}"
         );
-        assert!(!prompts.contains("camera [") && !prompts.contains("serial port"), "{prompts}");
-        let (_, prompts) = asked(&["--mock"], &"\n".repeat(20));
+        let (_, prompts) = asked(&[], &"\n".repeat(30));
         assert!(
             !prompts.contains("weight in water") && prompts.contains("density of the links"),
             "{prompts}"
         );
+    }
+
+    #[test]
+    fn where_nothing_is_plugged_in_three_questions_make_a_mock_rig() {
+        let bare = Found { may_be_mock: true, ..Found::default() };
+        let (answers, prompts) = asked_where(&bare, &[], "simulated\n\n2\ndrop\n");
+        let answers = answers.unwrap();
+        assert!(answers.mock && answers.links == Some(2) && answers.motion == Some(MotionKind::Drop));
+        assert!(prompts.contains("`simulated` is neither mock nor real"), "{prompts}");
+        assert_eq!(prompts.matches("]: ").count(), 4, "one of them twice: {prompts}");
+        let (answers, prompts) =
+            asked_where(&bare, &["--links=3"], &("real\n".to_owned() + &"\n".repeat(30)));
+        assert!(!answers.unwrap().mock && prompts.contains("serial port"), "{prompts}");
+        let (_, prompts) = asked(&["--mock"], &"\n".repeat(30));
+        assert_eq!(prompts.matches("]: ").count(), 2, "{prompts}");
     }
 
     #[test]
