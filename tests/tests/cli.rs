@@ -17,6 +17,23 @@ fn doctor_finds_the_mock_rig_healthy() {
 }
 
 #[test]
+fn doctor_looks_at_the_camera_where_the_board_is_missing() {
+    let _turn = in_real_time();
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = changed_config("chain-driven-pose-1.toml", folder.path(), |config| {
+        set(config, "servo", "kind", "serial");
+        set(config, "servo", "port", "/dev/serial/by-id/none");
+    });
+    let output =
+        run_rig(["doctor".as_ref(), path.as_os_str(), "--runs-dir".as_ref(), folder.path().as_os_str()]);
+    let text = printed(&output);
+    assert_eq!(output.status.code(), Some(3), "{text}");
+    for line in ["FAIL  servo board", "ok    calibration", "ok    camera"] {
+        assert!(text.contains(line), "{text}");
+    }
+}
+
+#[test]
 fn new_mock_rig_is_healthy_at_once_and_nothing_is_written_over() {
     let _turn = in_real_time();
     let folder = tempfile::tempdir().expect("a folder");
@@ -32,6 +49,8 @@ fn new_mock_rig_is_healthy_at_once_and_nothing_is_written_over() {
         "{}",
         printed(&refused)
     );
+    let real = new(&["--real", "--overlap-m", "0.03"]);
+    assert!(real.status.code() == Some(2) && !rig.exists(), "{}", printed(&real));
     let arm = new(&["--mechanism", "arm"]);
     assert!(arm.status.code() == Some(2) && printed(&arm).contains("configs/arm8.toml"), "{}", printed(&arm));
 
@@ -47,6 +66,25 @@ fn new_mock_rig_is_healthy_at_once_and_nothing_is_written_over() {
     assert_eq!(again.status.code(), Some(2));
     assert!(printed(&again).contains("writes over nothing"), "{}", printed(&again));
     assert_eq!(std::fs::read_to_string(&config).expect("the config"), before);
+}
+
+#[test]
+fn where_nothing_is_plugged_in_a_new_rig_comes_to_its_report_without_an_answer() {
+    if printed(&run_rig(["list"])).matches("none found").count() < 2 {
+        eprintln!("skipped: a mock rig by default (a board or a camera is plugged in)");
+        return;
+    }
+    let _turn = in_real_time();
+    let folder = tempfile::tempdir().expect("a folder");
+    let (tank, runs) = (folder.path().join("tank"), folder.path().join("runs"));
+    let began = std::time::Instant::now();
+    let made = run_rig(["new".as_ref(), tank.as_os_str()]);
+    assert!(made.status.success() && printed(&made).contains("so this is a mock rig"), "{}", printed(&made));
+    let config = tank.join("rig.toml");
+    let run = run_rig(["run".as_ref(), config.as_os_str(), "--runs-dir".as_ref(), runs.as_os_str()]);
+    assert!(run.status.success(), "{}", printed(&run));
+    assert!(only_run(&runs).expect("one run folder").join("report.html").is_file(), "{}", printed(&run));
+    println!("from `rig new` to the first report: {:.1} s", began.elapsed().as_secs_f64());
 }
 
 #[test]

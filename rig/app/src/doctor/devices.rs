@@ -3,11 +3,11 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use super::{Check, picture};
+use super::{Check, Health, picture};
 use camera::{Camera, CameraKind, images_lost};
 use config::RigConfig;
 use ground::clock::{ClockFit, MonotonicNs, Ping, Wire};
-use run::open;
+use run::{RunError, open};
 use servo::{ServoBoard, ServoConfig, ServoError, ServoEvent};
 
 /// How long board and camera are observed. Chosen.
@@ -19,26 +19,59 @@ const MAX_DRIFT_PPM: f64 = 200.0;
 /// Tolerated departure from the promised image rate, as a share.
 const MAX_RATE_ERROR: f64 = 0.05;
 
-/// Opens what the config names, for a rig whose runs are in `runs_dir`, and looks at it.
+/// Opens what the config names, for a rig whose runs are in `runs_dir`, and looks at it. Where one device cannot be opened the others are
+/// looked at all the same.
 pub fn look(config: &RigConfig, base: &Path, runs_dir: &Path) -> Vec<Check> {
-    let mut opened = match open::open(config, base, Some(runs_dir)) {
-        Ok(opened) => opened,
-        Err(error) => return vec![Check::bad("devices", format!("{:#}", anyhow::Error::new(error)))],
-    };
-    opened.begin(MonotonicNs::now());
     let mut checks = Vec::new();
-    if let Some(mut board) = opened.board.take() {
-        checks.extend(match &config.servo {
-            Some(servo) if servo.is_bus() => look_at_bus(board.as_mut(), servo),
-            servo => look_at_board(board.as_mut(), servo.as_ref().map_or(Wire::NONE, ServoConfig::wire)),
-        });
-        board.leave();
-    }
-    let filmed = opened.camera.info();
-    checks.push(picture::calibration(config, base, [filmed.width_px, filmed.height_px]));
+    let mut camera = match open::open(config, base, Some(runs_dir)) {
+        Ok(mut opened) => {
+            opened.begin(MonotonicNs::now());
+            if let Some(board) = opened.board.take() {
+                checks.extend(look_at_servos(board, config.servo.as_ref()));
+            }
+            Ok(opened.camera)
+        }
+        Err(error) => {
+            let together = format!("{:#}", anyhow::Error::new(error));
+            if config.servo.is_some() {
+                match open::board(config, base, Some(runs_dir)) {
+                    Ok((board, _claim)) => checks.extend(look_at_servos(board, config.servo.as_ref())),
+                    Err(error) => checks.push(cannot_open("servo board", error)),
+                }
+            }
+            let camera = open::camera(config, base).map_err(|error| cannot_open("camera", error));
+            if camera.is_ok() && checks.iter().all(|check| check.health != Health::Bad) {
+                checks.push(Check::bad("devices", together));
+            }
+            camera
+        }
+    };
+    let size_px = match &camera {
+        Ok(camera) => [camera.info().width_px, camera.info().height_px],
+        Err(_) => [config.camera.width_px, config.camera.height_px],
+    };
+    checks.push(picture::calibration(config, base, size_px));
     checks.extend(image_clock(config));
-    checks.extend(look_at_camera(opened.camera.as_mut(), config.camera.stall()));
-    opened.camera.stop();
+    match &mut camera {
+        Ok(camera) => {
+            checks.extend(look_at_camera(camera.as_mut(), config.camera.stall()));
+            camera.stop();
+        }
+        Err(check) => checks.push(check.clone()),
+    }
+    checks
+}
+
+fn cannot_open(subject: &str, error: RunError) -> Check {
+    Check::bad(subject, format!("{:#}", anyhow::Error::new(error)))
+}
+
+fn look_at_servos(mut board: Box<dyn ServoBoard>, config: Option<&ServoConfig>) -> Vec<Check> {
+    let checks = match config {
+        Some(servo) if servo.is_bus() => look_at_bus(board.as_mut(), servo),
+        servo => look_at_board(board.as_mut(), servo.map_or(Wire::NONE, ServoConfig::wire)),
+    };
+    board.leave();
     checks
 }
 
@@ -215,7 +248,6 @@ fn look_at_camera(camera: &mut dyn Camera, stall: Duration) -> Vec<Check> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Health;
     use super::*;
 
     /// Pings over `OBSERVATION_TIME` through a line of the given one-way delays, to a clock `ppm` fast.
