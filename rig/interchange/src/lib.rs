@@ -137,8 +137,8 @@ impl Format {
             .trim_start_matches([',', ';', '\t'])
             .split([',', ';', '\t'])
             .map(|cell| cell.trim_matches(['"', ' ']));
-        if head.starts_with('{') {
-            Ok(Self::Wcon)
+        if head.starts_with(['{', '[']) {
+            json(bytes).map_or(Ok(Self::Wcon), unknown)
         } else if cells.clone().next() == Some("scorer") {
             Ok(Self::Dlc)
         } else if cells.any(|cell| cell == "frame_idx") {
@@ -151,6 +151,26 @@ impl Format {
                  WCON begins with `{`",
             )
         }
+    }
+}
+
+/// What the JSON document `bytes` is where it is no WCON, which has units, by the words that others' forms have.
+fn json(bytes: &[u8]) -> Option<&'static str> {
+    const POINTS_OF_YOUR_OWN: &str = "OpenPose's JSON of one picture, without names of parts or times; read them with Python and give them to \
+         `tankrig.Keypoints(names, position_px, confidence, image).to_trajectory(config, out)`";
+    const COCO: &str = "COCO's JSON of annotated pictures; `tankrig.from_coco(file).to_trajectory(config, out)` in Python reads it";
+    let text = String::from_utf8_lossy(bytes);
+    let has = |word: &str| text.contains(&format!("\"{word}\""));
+    if has("units") {
+        None
+    } else if has("people") || has("pose_keypoints_2d") {
+        Some(POINTS_OF_YOUR_OWN)
+    } else if has("annotations") || has("categories") || (has("keypoints") && has("image_id")) {
+        Some(COCO)
+    } else if text.trim_start().starts_with('[') {
+        Some("a JSON array; WCON is an object, `{\"units\": ...}`")
+    } else {
+        None
     }
 }
 
@@ -175,6 +195,10 @@ mod tests {
             (b"time_s,P1_x_m\n", "of no known form"),
             (b"\x89HDF\r\n", "save_as_csv=True"),
             (b"PK\x03\x04", "unpack"),
+            (br#"{"version":1.3,"people":[{"pose_keypoints_2d":[1,2,0.9]}]}"#, "OpenPose's JSON"),
+            (br#"{"info":{},"images":[],"annotations":[],"categories":[]}"#, "tankrig.from_coco"),
+            (br#"[{"image_id":1,"category_id":1,"keypoints":[1,2,2]}]"#, "COCO's JSON"),
+            (b"[1, 2]", "a JSON array"),
         ] {
             let error = Format::of(bytes).unwrap_err().to_string();
             assert!(error.contains(wanted), "{error}");
