@@ -172,6 +172,7 @@ const CASES: &[Case] = &[
     ("export mjcf fitted --out fitted/model.xml", INPUT),
     ("export mjcf RUN --out RUN/for-mujoco.xml", IN_RUN),
     ("export mcap RUN --out RUN/run.mcap", IN_INPUT),
+    ("export bluesky RUN --out RUN/documents.jsonl", IN_INPUT),
     ("export dlc t.csv --config extract.toml --out extract.toml", INPUT),
     ("export dlc t.csv --config extract.toml --out camera.toml", INPUT),
     ("export wcon t.csv --out t.csv", INPUT),

@@ -6,6 +6,7 @@
 #![cfg_attr(test, allow(clippy::disallowed_methods, reason = "tests make their files"))]
 
 pub mod announce;
+pub mod bluesky;
 pub mod calibrate;
 pub mod campaign;
 pub mod compose;

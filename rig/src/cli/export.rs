@@ -40,6 +40,8 @@ enum Format {
     Wcon,
     /// Pictures, keypoints, links in space, servos and events of a run, for Foxglove
     Mcap,
+    /// A run as Bluesky's documents, a JSON array `[name, document]` a line, for databroker and pandas
+    Bluesky,
 }
 
 /// Carries out `rig export`.
@@ -56,7 +58,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
     let from = match args.format {
         Format::Mjcf => model(&args.run)?,
         Format::Csv | Format::Dlc | Format::Wcon => export.path()?,
-        Format::Mcap => args.run.clone(),
+        Format::Mcap | Format::Bluesky => args.run.clone(),
     };
     let config = args.config.iter().flat_map(|config| paths::files(config));
     let mut outputs = Outputs::reading(config.chain([from.clone()]));
@@ -76,8 +78,10 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
             ));
         }
         Format::Wcon => write(outputs.file(&args.out)?, &export.wcon()?)?,
-        Format::Mcap => {
-            for left_out in app::foxglove::export(&args.run, &outputs.file(&args.out)?)? {
+        Format::Mcap | Format::Bluesky => {
+            let export =
+                if args.format == Format::Mcap { app::foxglove::export } else { app::bluesky::export };
+            for left_out in export(&args.run, &outputs.file(&args.out)?)? {
                 text.push_str(&format!("{left_out}\n"));
             }
         }
