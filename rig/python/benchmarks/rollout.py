@@ -1,6 +1,6 @@
 """`Model.rollout` beside MuJoCo's own `mujoco.rollout`, one thread each, in one run: python rollout.py [chain_passive | chain_active]
 
-Needs tankrig (a release build: pip install ./rig/python) and mujoco. Prints a JSON line for each way of stepping: wall time of a candidate's
+Needs tankrig (a release build: pip install ./rig/python) and mujoco. Prints a JSON line for each way of stepping: processor time of a candidate's
 run of 10 s, the ratio of the two, how far the motions are apart; then the same of gradients by the fifteen fluid coefficients, which
 MuJoCo has by central differences. Both move candidates of different coefficients and give coordinates and velocities of every sample."""
 
@@ -54,13 +54,13 @@ class Theirs:
 
 
 def timed(work):
-    began = time.perf_counter()
+    began = time.process_time()
     result = work()
-    return time.perf_counter() - began, result
+    return time.process_time() - began, result
 
 
 def best(*works):
-    """Shortest wall times [s] of works that take turns, and what they gave."""
+    """Shortest processor times [s] of works that take turns, and what they gave."""
     rounds = [[timed(work) for work in works] for _ in range(REPEATS)]
     return [min(times[place][0] for times in rounds) for place in range(len(works))], [result for _, result in rounds[0]]
 
