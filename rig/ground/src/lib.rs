@@ -4,6 +4,7 @@
 //!   error with its causes, reasons grouped;
 //! * [`spreadsheet`]: tables as people have them;
 //! * [`statistics`], [`levenberg_marquardt`]: medians and spreads, least squares;
+//! * [`random_effects`]: one number measured many times, whether it is the same, and what it follows;
 //! * [`clock`], [`urgency`]: ticks and stamps on one clock, scheduling priorities;
 //! * [`claim`], [`in_place`], [`hold`]: exclusive use by one process, files that a full disk cannot refuse, the hold that every stop leaves;
 //! * [`choice`], [`shell`]: values chosen by name, commands to be typed.
@@ -18,6 +19,7 @@ pub mod hold;
 pub mod in_place;
 pub mod levenberg_marquardt;
 pub mod names;
+pub mod random_effects;
 pub mod reasons;
 pub mod shell;
 pub mod spreadsheet;

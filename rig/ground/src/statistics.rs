@@ -1,4 +1,4 @@
-//! Medians, quantiles and the chi-square test, as the fits need them.
+//! Medians, quantiles, the chi-square test and Student's t, as the fits need them.
 
 use std::cmp::Ordering;
 
@@ -77,6 +77,60 @@ pub fn chi2_survival(value: f64, degrees: f64) -> f64 {
 /// degrees.
 const MAX_FRACTION_TERMS: u32 = 10_000;
 
+/// The quantile of Student's t with `degrees` degrees of freedom that |t| exceeds with probability `beyond`, between 0 and 1.
+pub fn student_t_beyond(beyond: f64, degrees: f64) -> f64 {
+    let (mut low, mut high) = (0.0, 1.0);
+    while student_t_survival(high, degrees) > beyond && high < f64::MAX.sqrt() {
+        (low, high) = (high, 2.0 * high);
+    }
+    // halved as often as a double has bits
+    for _ in 0..f64::MANTISSA_DIGITS + 8 {
+        let middle = 0.5 * (low + high);
+        if student_t_survival(middle, degrees) > beyond { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
+/// Probability that the size of Student's t with `degrees` degrees of freedom exceeds that of `value`: the regularised incomplete beta
+/// function I(degrees / (degrees + value^2); degrees / 2, 1 / 2).
+///
+/// # Source
+/// M. Abramowitz, I. A. Stegun, "Handbook of Mathematical Functions": 26.7.1, continued fraction 26.5.8.
+pub fn student_t_survival(value: f64, degrees: f64) -> f64 {
+    let (a, b, x) = (degrees / 2.0, 0.5, degrees / (degrees + value * value));
+    // beyond the mean of the beta distribution the fraction of the mirrored function converges
+    let share = if x < (a + 1.0) / (a + b + 2.0) {
+        beta_share(a, b, x, 1.0 - x)
+    } else {
+        1.0 - beta_share(b, a, 1.0 - x, x)
+    };
+    share.clamp(0.0, 1.0)
+}
+
+/// I(x; a, b), where `rest` is 1 - x.
+fn beta_share(a: f64, b: f64, x: f64, rest: f64) -> f64 {
+    if x <= 0.0 {
+        return 0.0;
+    }
+    let front = (ln_gamma(a + b) - ln_gamma(a) - ln_gamma(b) + a * x.ln() + b * rest.ln()).exp() / a;
+    // Lentz's evaluation of 1 + d1 / (1 + d2 / (1 + ...))
+    let (mut fraction, mut c, mut d) = (1.0_f64, 1.0_f64, 0.0_f64);
+    for n in 1..MAX_FRACTION_TERMS {
+        let m = f64::from(n / 2);
+        let term = match n % 2 {
+            0 => m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m)),
+            _ => -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0)),
+        };
+        d = 1.0 / (1.0 + term * d);
+        c = 1.0 + term / c;
+        fraction *= c * d;
+        if (c * d - 1.0).abs() < f64::EPSILON {
+            break;
+        }
+    }
+    front / fraction
+}
+
 /// Logarithm of the gamma function for x > 0: Stirling's series (6.1.41), moved up to where it holds to 1e-15.
 fn ln_gamma(mut x: f64) -> f64 {
     let mut shift = 0.0;
@@ -101,6 +155,20 @@ mod tests {
         for value in [1e-3, 0.5, 2.0, 3.9, 4.1, 20.0, 100.0_f64] {
             let wanted = (-value / 2.0).exp();
             assert!((chi2_survival(value, 2.0) / wanted - 1.0).abs() < 1e-12, "{value}");
+        }
+    }
+
+    #[test]
+    fn student_s_t_is_cauchy_s_with_one_degree_and_normal_with_many() {
+        for value in [0.1, 1.0, 3.0, 12.706_f64] {
+            let cauchy = 1.0 - 2.0 / std::f64::consts::PI * value.atan();
+            assert!((student_t_survival(value, 1.0) - cauchy).abs() < 1e-12, "{value}");
+            let normal = chi2_survival(value * value, 1.0);
+            assert!((student_t_survival(value, 1e7) - normal).abs() < 1e-6, "{value}");
+        }
+        // Abramowitz and Stegun, table 26.10: 5 % points of |t|.
+        for (degrees, value) in [(1.0, 12.706), (2.0, 4.303), (5.0, 2.571), (30.0, 2.042)] {
+            assert!((student_t_beyond(0.05, degrees) - value).abs() < 5e-4, "{degrees}");
         }
     }
 
