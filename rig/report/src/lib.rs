@@ -12,6 +12,7 @@
 //! - `refused`: images that were refused or doubted, by reason
 //! - `strip`: filmed and simulated at the same instants
 //! - `page`: the page as a whole; `sections`, `coefficients`: its parts
+//! - `study`: the page of many experiments together
 //! - `diagnosis`, `diagnosis_figures`, `diagnosis_text`: what the simulation gets wrong, on the page and in a terminal
 
 #![cfg_attr(test, allow(clippy::disallowed_methods, reason = "tests make their files"))]
@@ -31,6 +32,8 @@ mod picture;
 mod refused;
 mod sections;
 mod strip;
+mod study;
+mod study_findings;
 mod summary;
 #[cfg(test)]
 mod tests;
@@ -46,6 +49,11 @@ pub use diagnosis_text::diagnosis_summary;
 pub use gather::GatherError;
 pub use motion::Motion;
 pub use page::render;
+pub use study::render_study;
+pub use study_findings::{
+    CommonNumber, Disagreement, FollowedTrend, Sameness, SetAside, Shift, StudyFindings, StudySize, ToSettle,
+    Twins, VerdictCount,
+};
 pub use summary::{summary, written};
 pub use tone::Tone;
 pub use verdict::{Findings, Headline, is_determined_alone};

@@ -6,7 +6,7 @@ use super::data::ReportData;
 use super::{coefficients, diagnosis, motion, refused, sections};
 
 /// The page's looks; colours of the figures are mapped there for dark screens.
-const STYLE: &str = include_str!("style.css");
+pub(super) const STYLE: &str = include_str!("style.css");
 
 /// The report as one self-contained HTML file.
 ///
