@@ -15,6 +15,7 @@
 //! * `run`, `analysis`: a film from still water to the safe stop, a recording to a report, and what a job shows while it goes on;
 //! * `store`: the queue of jobs and the index of runs, beside the run folders;
 //! * `app`: one experiment, fits, diagnoses, campaigns, what is wrong with the rig;
+//! * `study`: many experiments times variations, on this machine or a cluster, and what they say together;
 //! * `daemon`: jobs one after the other, a schedule, the page and its API;
 //! * here: [`cli`], arguments and printing; [`setup`], answers about a chain of links to a config and a model; [`preview`], what the camera
 //!   sees.

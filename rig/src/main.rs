@@ -23,7 +23,7 @@ fn main() -> ExitCode {
 }
 
 /// Crates whose log is shown at the chosen level.
-const LOGGED_CRATES: [&str; 17] = [
+const LOGGED_CRATES: [&str; 18] = [
     "analysis",
     "app",
     "calibrate",
@@ -40,6 +40,7 @@ const LOGGED_CRATES: [&str; 17] = [
     "run",
     "servo",
     "store",
+    "study",
     "vision",
 ];
 

@@ -32,6 +32,8 @@ pub mod run;
 pub mod runs;
 pub mod simulate;
 pub mod status;
+pub mod study;
+pub mod task;
 pub mod verb;
 
 use std::path::PathBuf;

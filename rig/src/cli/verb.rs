@@ -5,7 +5,7 @@ use clap::{Parser, Subcommand};
 use super::{
     Failure, Outcome, calibrate, campaign, daemon, design, diagnose, doctor, estop, experiment, export,
     extract, firmware, fit, import, job, jobs, jog, list, mock_board, mock_camera, new, packaging, preview,
-    recalibrate, replay, run, runs, simulate, status,
+    recalibrate, replay, run, runs, simulate, status, study, task,
 };
 
 /// Runs tank experiments: drives, films, extracts, fits, reports, replays.
@@ -49,6 +49,10 @@ pub enum Verb {
     Design(design::Args),
     /// Run, fit, diagnose, design and run again, until what was asked is known
     Campaign(campaign::Args),
+    /// Many experiments times variations, on this machine or a cluster, and what they say together
+    Study(study::Args),
+    /// Do one task of a study
+    Task(task::Args),
     /// Move a model through time
     Simulate(simulate::Args),
     /// Bring the last good fit up to date with a run
@@ -108,6 +112,8 @@ impl Verb {
             Self::Diagnose(args) => diagnose::run(args),
             Self::Design(args) => design::run(args),
             Self::Campaign(args) => campaign::run(args),
+            Self::Study(args) => study::run(args),
+            Self::Task(args) => task::run(args),
             Self::Simulate(args) => simulate::run(args),
             Self::Recalibrate(args) => recalibrate::run(args),
             Self::Daemon(args) => daemon::run(args),
