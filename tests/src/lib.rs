@@ -18,6 +18,7 @@ pub mod python;
 pub mod soak;
 pub mod soft_arm;
 pub mod storage;
+pub mod study;
 pub mod tags;
 pub mod three_links;
 pub mod uno;
