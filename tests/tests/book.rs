@@ -15,6 +15,7 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("scripts/demo", "builds a release, minutes"),
     ("scripts/test", "runs these tests"),
     ("rig campaign", "half a minute a run; campaign runs it"),
+    ("rig study", "minutes of fits, of runs that were filmed before; study runs all of its verbs"),
     ("export PATH=", "names the release that scripts/demo builds"),
     ("cargo ", "minutes long; tests of the same name go through a part"),
     ("python3 rig/python/benchmarks/rollout.py", "needs the package, and a computer that is free for it"),
