@@ -112,6 +112,11 @@ impl Gram {
         self.runs.iter().any(|run| !run.layout.own.is_empty())
     }
 
+    /// Whether pictures are said to have errors of their own.
+    pub(super) fn states_errors(&self) -> bool {
+        self.beliefs.stated_slip > 0.0
+    }
+
     /// Where `columns`, as [`Reduced::of`] takes them, stand that are hidden numbers; 0 for the others.
     pub(super) fn hidden(&self, columns: &[(usize, &[usize])]) -> DVector<f64> {
         let at = |(number, _): &(usize, &[usize])| self.hidden.get(&self.numbers[*number]).copied();

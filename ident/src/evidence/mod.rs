@@ -38,16 +38,6 @@ use crate::noise::floor::Floor;
 /// What the floor's noise is known to at best, as a share of it: rounding and tails of real noise (a prototype, chosen).
 const NOISE_SHARE_LEAST: f64 = 0.02;
 
-/// What the size of errors that pictures are said to have with the pose is known to, as a share of it (chosen: an extractor's estimate).
-const STATED_SHARE: f64 = 0.25;
-
-/// Standard deviation of the noise of `floor`, what is stated of it included, over itself.
-fn noise_share(floor: &Floor) -> f64 {
-    let own = (floor.noise_std_m / floor.noise_m).max(NOISE_SHARE_LEAST);
-    let stated = floor.pose_std_m.map_or(0.0, |std_m| (std_m / std_m.hypot(floor.noise_m)).powi(2));
-    ((1.0 - stated) * own).hypot(stated * STATED_SHARE)
-}
-
 /// What the runs say, and the models that say it.
 pub(crate) struct Found<'a> {
     pub(crate) evidence: Evidence,
@@ -57,11 +47,15 @@ pub(crate) struct Found<'a> {
     pub(crate) leader: State<'a>,
     /// What is named, fitted alone.
     pub(crate) named: State<'a>,
+    /// The best set that holds another cause than the leader.
+    pub(crate) rival: Option<State<'a>>,
+    /// The best set, and where.
+    best: (Vec<usize>, linear::Point),
 }
 
 /// What explains the runs of `experiment` beside `baseline`, the model as it stands, fitted, with the noise of `floor`. All runs are asked what
 /// is at work, held-out ones too; how large it is, and all else that is fitted, the fitted ones say alone. Where `counts` is stopped, that is
-/// what the pool holds by then. `says` is told what is tried, and says whether to go on.
+/// what the pool holds by then. `from`: what was found with another floor, where the search begins. `says` is told what is tried, and says whether to go on.
 ///
 /// # Errors
 /// [`FitError::NoOptimum`] where the baseline cannot be simulated.
@@ -69,29 +63,33 @@ pub(crate) fn evidence<'a>(
     experiment: &'a Experiment,
     baseline: &State<'a>,
     floor: &Floor,
+    from: Option<&Found<'a>>,
     counts: &mut Counts,
     says: &mut dyn FnMut(&str) -> bool,
 ) -> Result<Found<'a>, FitError> {
-    let mut asked = State { linear: Vec::new(), ..baseline.clone() };
-    if let Some((held, _)) = held_out(experiment, baseline, floor) {
-        let mut together = asked.clone();
+    let own = State { linear: Vec::new(), ..baseline.clone() };
+    let all = held_out(experiment, baseline, floor).and_then(|(held, _)| {
+        let mut together = own.clone();
         together.terms.extend(held.terms);
         together.point.offsets.extend(held.point.offsets);
-        // an optimum of all runs: what is missing to it would count for the causes; held-out runs that cannot be simulated are not asked
-        if together.descend(counts) {
-            asked = together;
-        }
+        // an optimum of all runs: what is missing to it would count for the causes
+        together.descend(counts).then_some(together)
+    });
+    let noise_share = (floor.noise_std_m / floor.noise_m).max(NOISE_SHARE_LEAST);
+    // held-out runs that cannot be simulated, or whose derivatives outgrow all numbers, are not asked
+    for asked in all.into_iter().chain([own]) {
+        let kinds: Vec<RunKind> = asked.terms.iter().map(|term| term.rehearsal.run.kind).collect();
+        let atoms = atoms::Atoms::new(experiment, &kinds, &baseline.parameters);
+        // what every answer begins with is worked out however little time there is
+        let mut first = Counts::default();
+        let bench = linear::Bench::new(asked, atoms, &mut first).ok_or(FitError::NoOptimum)?;
+        counts.add(&first);
+        let mut pool = search::Pool::new(fit::Fitter::new(&bench, noise_share));
+        let from = from.map(|found| &found.best).filter(|(_, point)| point.offsets.len() == bench.runs());
+        let complete = pool.search(from, counts, says);
+        let Some(evidence) = verdict::verdict(&pool, complete) else { continue };
+        return described::described(&pool, baseline.terms.len(), evidence, !counts.is_stopped())
+            .ok_or(FitError::NoOptimum);
     }
-    let kinds: Vec<RunKind> = asked.terms.iter().map(|term| term.rehearsal.run.kind).collect();
-    let atoms = atoms::Atoms::new(experiment, &kinds, &baseline.parameters);
-    let noise_share = noise_share(floor);
-    // what every answer begins with is worked out however little time there is
-    let mut first = Counts::default();
-    let bench = linear::Bench::new(asked, atoms, &mut first).ok_or(FitError::NoOptimum)?;
-    counts.add(&first);
-    let mut pool = search::Pool::new(fit::Fitter::new(&bench, noise_share));
-    let complete = pool.search(counts, says);
-    let evidence = verdict::verdict(&pool, complete).ok_or(FitError::NoOptimum)?;
-    described::described(&pool, baseline.terms.len(), evidence, !counts.is_stopped())
-        .ok_or(FitError::NoOptimum)
+    Err(FitError::NoOptimum)
 }

@@ -2,7 +2,8 @@
 //!
 //! ln Z = -N/2 ln(2 pi s2) - q/(2 s2) + 1/2 ln|P| - 1/2 ln|A + P| + ln odds + ln prior of the scales, where q is what is left of the squares
 //! of the whitened data once all sizes are integrated out, s2 the noise's variance over that of the floor, A the products of all columns and P
-//! the precisions of what is believed of their sizes.
+//! the precisions of what is believed of their sizes. ln s2 is known as well as the floor is, and less well the more is explained by laws that
+//! are right to a share only; it is integrated out in the same way.
 //!
 //! # Source
 //! D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992) 415-447; L. Tierney, J. B. Kadane, "Accurate approximations for
@@ -33,6 +34,9 @@ pub(super) fn tau(place: usize) -> f64 {
     TAUS[place]
 }
 
+/// A law is right to so large a share of what it does: friction, a stop and a current are no more than names for what they are in a tank
+/// (chosen). What it gets wrong is noise to whatever else is asked.
+const LAW_SHARE: f64 = 0.05;
 /// Rounds in which the Cauchy beliefs find their widths: each is a Newton step, from far out.
 const CAUCHY_ROUNDS: usize = 4;
 /// Scales that are tried beside the neighbours of the one at hand, as places: 0, and into the middle of the grid, since the smallest ones
@@ -114,14 +118,16 @@ impl Scorer<'_> {
             let Some(posterior) = Posterior::new(&products, &data, &beliefs, TAUS[tau]) else { continue };
             let squares =
                 (reduced.squares + hidden_squares + switched - posterior.explained).max(f64::MIN_POSITIVE);
-            let variance = self.variance(squares);
             let count = self.gram.observations as f64;
+            let width = self.width((posterior.explained - switched).max(0.0));
+            let variance = self.variance(squares, width);
             let ln_z = reduced.ln_determinants
                 + posterior.ln_prior
                 + posterior.ln_width
                 + posterior.penalty_back / (2.0 * variance)
                 - 0.5 * (count * (TAU * variance).ln() + squares / variance)
-                - 0.5 * (variance.ln() / (2.0 * self.noise_share)).powi(2)
+                - 0.5 * (variance.ln() / width).powi(2)
+                - 0.5 * (0.5 * width * width * squares / variance).ln_1p()
                 + ln_prior;
             if ln_z.is_finite() && best.as_ref().is_none_or(|best| ln_z > best.ln_z) {
                 best = Some(Scored {
@@ -137,10 +143,16 @@ impl Scorer<'_> {
         best
     }
 
-    /// The variance that is most likely with `squares` left and the floor's as its prior: Newton in its logarithm.
-    fn variance(&self, squares: f64) -> f64 {
+    /// How well the variance's logarithm is known where causes explain so many `squares`: as the noise floor is, and as their laws are right.
+    fn width(&self, squares: f64) -> f64 {
+        let law = LAW_SHARE.powi(2) * squares / self.gram.observations as f64;
+        (2.0 * self.noise_share).hypot(law.ln_1p())
+    }
+
+    /// The variance that is most likely with `squares` left and the floor's as its prior, its logarithm known to `width`: Newton in that.
+    fn variance(&self, squares: f64, width: f64) -> f64 {
         let count = self.gram.observations as f64;
-        let weight = (2.0 * self.noise_share).powi(-2);
+        let weight = width.powi(-2);
         // from above: there the slope is the steeper the further
         let mut ln = (squares / count).ln().max(0.0);
         for _ in 0..20 {
@@ -148,7 +160,8 @@ impl Scorer<'_> {
             let slope = -0.5 * count + left - weight * ln;
             ln += slope / (left + weight);
         }
-        ln.exp()
+        // pictures are as wrong as they are said to be, however much alike their errors are in these runs
+        if self.gram.states_errors() { ln.max(0.0).exp() } else { ln.exp() }
     }
 
     /// The best scales for `set`, by steps of one of them at a time from `from`; the unknown stays off unless it is `free`.

@@ -72,12 +72,19 @@ impl<'b, 'a> Pool<'b, 'a> {
     }
 
     /// Searches until nothing near the best is left, or nobody waits any longer; whether it came to its end. `says` is told what is tried.
-    pub(super) fn search(&mut self, counts: &mut Counts, says: &mut dyn FnMut(&str) -> bool) -> bool {
-        if !self.climb(counts, says) {
+    /// `from`: a set that was best before, and where.
+    pub(super) fn search(
+        &mut self,
+        from: Option<&(Set, Point)>,
+        counts: &mut Counts,
+        says: &mut dyn FnMut(&str) -> bool,
+    ) -> bool {
+        if !self.climb(from, counts, says) {
             return false;
         }
         let mut looked_from_off: BTreeSet<Set> = BTreeSet::new();
         let mut chosen_otherwise: BTreeSet<Set> = BTreeSet::new();
+        let mut left_out: BTreeSet<Set> = BTreeSet::new();
         let (mut in_vain, mut leader) = (0, None);
         loop {
             if counts.is_stopped() {
@@ -97,6 +104,14 @@ impl<'b, 'a> Pool<'b, 'a> {
                 }
                 self.choose(best, &set, counts);
                 chosen_otherwise.insert(set);
+                continue;
+            }
+            if let Some(set) = self.without_one(best).into_iter().find(|set| !left_out.contains(set)) {
+                if !says(&self.label(&set)) {
+                    return false;
+                }
+                self.refit(set.clone(), counts);
+                left_out.insert(set);
                 continue;
             }
             if let Some(set) = self.nearest(best).filter(|_| in_vain < MOST_IN_VAIN) {
@@ -127,7 +142,12 @@ impl<'b, 'a> Pool<'b, 'a> {
 
     /// Climbs with the unknown off, a cause at a time, from the model as it stands, and takes every set on the way into the pool, the unknown
     /// let in: an unknown that is there from the beginning imitates what it should reveal.
-    fn climb(&mut self, counts: &mut Counts, says: &mut dyn FnMut(&str) -> bool) -> bool {
+    fn climb(
+        &mut self,
+        from: Option<&(Set, Point)>,
+        counts: &mut Counts,
+        says: &mut dyn FnMut(&str) -> bool,
+    ) -> bool {
         let (point, scales) = self.fitter.baseline();
         let fit = |pool: &mut Self, set: &[usize], (point, scales, steps), counts: &mut Counts| {
             pool.fits += 1;
@@ -142,6 +162,12 @@ impl<'b, 'a> Pool<'b, 'a> {
         counts.add(&first);
         let mut way = Vec::new();
         let mut fresh = Some(own);
+        let known = from.and_then(|(set, point)| fit(self, set, (point.clone(), scales, MOST_STEPS), counts));
+        if let Some((known, own)) = known.filter(|(known, _)| known.scored.ln_z > at.scored.ln_z) {
+            way.push((at.setting.set.clone(), at.point.clone(), (at.scored.scales, at.scored.tau)));
+            self.fitted.push(std::mem::replace(&mut at, known));
+            fresh = Some(own);
+        }
         loop {
             way.push((at.setting.set.clone(), at.point.clone(), (at.scored.scales, at.scored.tau)));
             let Some(columns) = fresh.take() else { break };
@@ -272,6 +298,15 @@ impl<'b, 'a> Pool<'b, 'a> {
         list
     }
 
+    /// The set at `best` with one cause less each, as far as that is not fitted: what a cause gains is known then, however little its effect is
+    /// in proportion to its size.
+    fn without_one(&self, best: usize) -> Vec<Set> {
+        let set = &self.fitted[best].setting.set;
+        let rest = |gone: &usize| -> Set { set.iter().copied().filter(|atom| atom != gone).collect() };
+        let is_fitted = |set: &Set| self.fitted.iter().any(|fitted| fitted.setting.set == *set);
+        set.iter().map(rest).filter(|rest| !is_fitted(rest)).collect()
+    }
+
     /// Fits `set` from where the set at `best` is, with the sizes that its causes have there.
     fn choose(&mut self, best: usize, set: &Set, counts: &mut Counts) {
         let setting = self.bench().setting(set);
@@ -340,7 +375,31 @@ impl<'b, 'a> Pool<'b, 'a> {
         let _ = (from.gram.reduced(at), from.gram.reduced(OFF));
         let scored: Vec<Option<Scored>> = sets.par_iter().map(scored).collect();
         let found = sets.into_iter().zip(scored);
-        found.filter_map(|(set, scored)| Some((set, Predicted { scored: scored?, parent: place }))).collect()
+        let mut found: Vec<(Set, Predicted)> = found
+            .filter_map(|(set, scored)| Some((set, Predicted { scored: scored?, parent: place })))
+            .collect();
+        for &gone in &from.setting.set {
+            let amiss = self.amiss(&from.setting.set, gone, &found);
+            let has =
+                |set: &Set| set.iter().any(|&atom| atoms.list[atom].cause() == atoms.list[gone].cause());
+            for (_, predicted) in found.iter_mut().filter(|(set, _)| !has(set)) {
+                predicted.scored.ln_z -= amiss;
+            }
+        }
+        found
+    }
+
+    /// By how much it is predicted too well how `set` is without `gone`, where that was fitted: a cause whose effect is not in proportion to its
+    /// size is not linear as far as 0, and so all is predicted too well that lacks it.
+    fn amiss(&self, set: &[usize], gone: usize, predicted: &[(Set, Predicted)]) -> f64 {
+        let is_rest = |other: &Set| {
+            other.len() + 1 == set.len()
+                && !other.contains(&gone)
+                && other.iter().all(|atom| set.contains(atom))
+        };
+        let fitted = self.fitted.iter().find(|fitted| is_rest(&fitted.setting.set));
+        let rest = predicted.iter().find(|(other, _)| is_rest(other));
+        fitted.zip(rest).map_or(0.0, |(fitted, (_, rest))| (rest.scored.ln_z - fitted.scored.ln_z).max(0.0))
     }
 
     /// Every set one move from `set`.

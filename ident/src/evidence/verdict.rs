@@ -17,10 +17,6 @@ const SPOKEN_OF: f64 = 0.05;
 /// of 1.5; to be measured anew).
 const GAIN_SHARE: f64 = 0.25;
 
-/// A force's law is right to about a twentieth of what it does, so that so large a share of all squares is left that numbers of each run's own
-/// take up: a form that has these is named only from this share of the whole gain on (chosen).
-const LAW_SHARE: f64 = 0.0025;
-
 /// What is said of a cause.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Standing {
@@ -153,8 +149,6 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
             (false, true) => 0.0,
         };
     }
-    let none = pool.fitted.iter().find(|fitted| fitted.setting.set.is_empty());
-    let gained = none.map_or(0.0, |none| most - none.scored.ln_z);
     let mut causes = Vec::new();
     let mut classes: Vec<(String, bool)> = sets
         .iter()
@@ -187,7 +181,6 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
             p if p < NAMED => Standing::Possible,
             _ if atoms[atom].each_run && !is_wave_named => Standing::Suspected,
             _ if atoms[atom].is_force && gain < GAIN_SHARE * unnamed => Standing::Suspected,
-            _ if atoms[atom].form != Form::All && gain < LAW_SHARE * gained => Standing::Suspected,
             _ => Standing::Named,
         };
         causes.push(FoundCause {

@@ -112,7 +112,6 @@ pub(super) fn scatter(stretches: &[Images<'_>], series: usize) -> Scatter {
     let bare: Vec<Vec<f64>> = all.iter().map(Fast::squares).collect();
     let still = variances(&bare);
     let (mut noise, mut std_s) = (still.clone(), f64::INFINITY);
-    let mut times = Vec::new();
     for round in 0..MOST_ROUNDS {
         let found: Option<Vec<Times>> = all.par_iter().map(|one| one.times(&noise, std_s)).collect();
         let Some(found) = found else { return none() };
@@ -121,17 +120,22 @@ pub(super) fn scatter(stretches: &[Images<'_>], series: usize) -> Scatter {
         let next_s = (found.iter().map(square).sum::<f64>() / count as f64).sqrt();
         let left: Vec<Vec<f64>> = all.iter().zip(&found).map(|(one, times)| one.left(times)).collect();
         let is_same = round > 1 && (next_s / std_s - 1.0).abs() < SAME_SHARE;
-        (noise, std_s, times) = (variances(&left), next_s, found);
+        (noise, std_s) = (variances(&left), next_s);
         if is_same {
             break;
         }
     }
+    let found: Option<Vec<Times>> = all.par_iter().map(|one| one.times(&noise, std_s)).collect();
+    let Some(times) = found else { return none() };
     let gained = times.iter().map(|times| times.gain).sum::<f64>();
     let gain = 0.5 * (misfit(&still, &bare) - misfit(&noise, &bare) + gained);
-    if !(gain > LEAST_GAIN) {
-        return none();
+    if gain > LEAST_GAIN {
+        return Scatter {
+            std_s,
+            parts: all.iter().zip(&times).map(|(one, times)| one.part(times)).collect(),
+        };
     }
-    Scatter { std_s, parts: all.iter().zip(&times).map(|(one, times)| one.part(times)).collect() }
+    none()
 }
 
 impl<'a> Fast<'a> {

@@ -184,4 +184,41 @@ mod tests {
         let both = nalgebra::DMatrix::from_fn(4, 4, |i, j| noise[(i, j)] + 4.0 * stays(i, j));
         agrees(&Whitening::new(&list, &time_s, rho, 0.01, Some(&pose), &[]), &both);
     }
+
+    #[test]
+    fn times_of_images_that_scatter_are_in_the_covariance() {
+        let list: Vec<_> = (0..12)
+            .map(|place| Observation {
+                instant: place / 4,
+                keypoint: place % 4 / 2,
+                axis: place % 2,
+                measured_m: 0.0,
+                per_m: 1e5,
+            })
+            .collect();
+        let time_s = [0.0, 0.01, 0.03];
+        let speeds: Vec<f64> = (0..12).map(|place| f64::sin(1.3 * place as f64) * 3.0).collect();
+        let covariance = nalgebra::DMatrix::from_fn(12, 12, |i, j| {
+            let shared = if i / 4 == j / 4 { speeds[i] * speeds[j] } else { 0.0 };
+            shared + f64::from(u8::from(i == j))
+        });
+        agrees(&Whitening::new(&list, &time_s, 0.0, 0.01, None, &speeds), &covariance);
+
+        // beside noise that lasts, what one image leaves unsure of all coordinates together is not carried on: the variances are right
+        let (rho, speeds) = (0.5, [2.0; 12]);
+        let whitening = Whitening::new(&list, &time_s, rho, 0.01, None, &speeds);
+        let covariance = nalgebra::DMatrix::from_fn(12, 12, |i, j| {
+            let shared = if i / 4 == j / 4 { 4.0 } else { 0.0 };
+            let own = if i % 4 == j % 4 {
+                f64::powf(rho, (time_s[i / 4] - time_s[j / 4]).abs() / 0.01)
+            } else {
+                0.0
+            };
+            shared + own
+        });
+        let mut white = nalgebra::DMatrix::<f64>::identity(12, 12);
+        white.column_iter_mut().for_each(|mut column| whitening.apply(column.as_mut_slice()));
+        let unity = &white * covariance * white.transpose();
+        assert!((unity - nalgebra::DMatrix::identity(12, 12)).amax() < 0.1);
+    }
 }

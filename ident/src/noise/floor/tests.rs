@@ -65,7 +65,9 @@ fn every_image_counts_however_few_of_them_show_the_motion() {
         let still = time_s.len().min(still as usize);
         let basis = basis(&time_s, still, 0.05);
         let values = DMatrix::from_element(time_s.len(), 1, 1.0);
-        let stretch = Stretch { run: 0, keypoints: vec![0], time_s, values, basis, still };
+        let (velocities, unsure) = (DMatrix::zeros(time_s.len(), 1), vec![0.0]);
+        let keypoints = vec![0];
+        let stretch = Stretch { run: 0, keypoints, time_s, values, velocities, unsure, basis, still };
         for correlation in TRIED_CORRELATIONS {
             let left = stretch.left(correlation, 0.01);
             assert!(left.degrees > 0.0, "{still} {missing} {correlation}");
@@ -91,5 +93,49 @@ fn fewer_images_than_functions_tell_as_many_as_there_are() {
         let basis = basis(&time_s, still, 0.05);
         assert!((1..=4).contains(&basis.ncols()), "{}", basis.ncols());
         assert!(basis.iter().all(|value| value.is_finite()));
+    }
+}
+
+/// Three keypoints that swing after a rest, seen by a camera whose stamps are wrong by `scatter_s`: its scatter and noise as they come out.
+fn stamped(scatter_s: f64, error_m: f64, seed: u64) -> Floor {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+    let time_s: Vec<f64> = (0..300).map(|image| f64::from(image) * 0.01).collect();
+    let (mut observations, mut residuals, mut velocities) = (Vec::new(), Vec::new(), Vec::new());
+    for (instant, t) in time_s.iter().enumerate() {
+        let late_s = scatter_s * normal();
+        for (keypoint, axis) in (0..3).flat_map(|keypoint| [0, 2].map(|axis| (keypoint, axis))) {
+            let moving = f64::from(u8::from(*t > 0.3));
+            let turn = 5.0 * t + keypoint as f64 + axis as f64;
+            let velocity = 0.1 * (1.0 + keypoint as f64) * turn.cos() * moving;
+            observations.push(Observation { instant, keypoint, axis, measured_m: 0.0, per_m: 1.0 });
+            velocities.push(velocity);
+            residuals.push(error_m * (6.0 * t).sin() * moving + 3e-6 * normal() + late_s * velocity);
+        }
+    }
+    let (start_s, pose_std_m) = (0.3, None);
+    let (observations, residuals, velocities) = (&observations[..], &residuals[..], &velocities[..]);
+    floor(&[Seen { id: "run", observations, residuals, velocities, time_s: &time_s, start_s, pose_std_m }])
+}
+
+#[test]
+fn stamps_that_scatter_are_told_from_noise() {
+    for (seed, error_m) in [(1, 0.0), (2, 0.0), (3, 3e-4)] {
+        let floor = stamped(2e-4, error_m, seed);
+        // 270 images tell it to 4 %
+        assert!((floor.stamp_std_s / 2e-4 - 1.0).abs() < 0.15, "{}", floor.stamp_std_s);
+        assert!((floor.noise_m / 3e-6 - 1.0).abs() < STD_TOLERANCE, "{}", floor.noise_m);
+        // times are known from the images about them as well, which leaves a little
+        assert!(floor.correlation.abs() < 0.12, "{}", floor.correlation);
+        assert!((floor.stamp_m / (2e-4 * 0.145) - 1.0).abs() < 0.2, "{}", floor.stamp_m);
+    }
+}
+
+#[test]
+fn stamps_that_are_right_do_not_scatter() {
+    for seed in 1..=5 {
+        let floor = stamped(0.0, 0.0, seed);
+        assert_eq!(floor.stamp_std_s, 0.0, "{seed}");
+        assert!((floor.noise_m / 3e-6 - 1.0).abs() < STD_TOLERANCE, "{}", floor.noise_m);
     }
 }
