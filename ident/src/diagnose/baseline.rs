@@ -31,10 +31,20 @@ const SAME_OPTIMUM_SHARE: f64 = 0.01;
 /// A noise floor that moves by less than this share has been found: the fit would not move with it.
 const SAME_FLOOR_SHARE: f64 = 0.01;
 
+/// What the noise floor takes the times of images for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Stamps {
+    /// Right, as a search does that was never tried with times that scatter.
+    Exact,
+    /// Perhaps scattered about what is shown.
+    Scattered,
+}
+
 /// The fitted baseline of `experiment`, and its noise floor.
 pub(crate) fn baseline<'a>(
     experiment: &'a Experiment,
     parameters: Parameters,
+    stamps: Stamps,
     counts: &mut Counts,
 ) -> Result<(State<'a>, Floor), DiagnoseError> {
     let term = |run: &'a Run| -> Result<Term<'a>, StartError> {
@@ -79,7 +89,7 @@ pub(crate) fn baseline<'a>(
     }
     let mut floor: Option<Floor> = None;
     for _ in 0..MOST_TURNS {
-        let next = seen_floor(&state)?;
+        let next = seen_floor(&state, stamps)?;
         let same = floor.as_ref().is_some_and(|before| is_same(before, &next, SAME_FLOOR_SHARE));
         state.weigh(&next);
         if floor.is_none() {
@@ -143,10 +153,13 @@ fn best_drawn(baseline: &State<'_>, seed: u64, counts: &mut Counts) -> Vec<Vec<f
 }
 
 /// The floor that the residuals of `state` show.
-pub(crate) fn seen_floor(state: &State<'_>) -> Result<Floor, DiagnoseError> {
+pub(crate) fn seen_floor(state: &State<'_>, stamps: Stamps) -> Result<Floor, DiagnoseError> {
     let raw: Option<Vec<Vec<f64>>> = (0..state.terms.len()).map(|run| state.raw_residuals(run)).collect();
     let raw = raw.ok_or(FitError::NoOptimum)?;
     let weighed = |term: &Term<'_>| -> Vec<f64> {
+        if stamps == Stamps::Exact {
+            return Vec::new();
+        }
         let trajectory = &term.rehearsal.run.trajectory;
         let (width, relative) = (trajectory.keypoints.len(), relative_std(trajectory));
         let list = velocities(trajectory, &term.observations);

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use sim::Cause;
 
+use super::baseline::Stamps;
 use super::established::remainder;
 use super::gates::{constancy, goodness_of_fit};
 use super::intervals::bent;
@@ -33,6 +34,8 @@ const NONE_IS_LEFT: f64 = 0.05;
 const MOST_SETS: usize = 5;
 const TOLD_SET: f64 = 0.05;
 
+/// A noise floor that differs by more than this share beside the best explanation is worth another search (chosen).
+const OTHER_FLOOR_SHARE: f64 = 0.2;
 /// What of the time limit the search may take: what it finds is to be described as well.
 const SEARCH_SHARE: f64 = 0.75;
 
@@ -52,20 +55,31 @@ pub fn by_evidence(experiment: &Experiment, observer: &mut dyn Observer) -> Resu
     let parameters = free_parameters(&experiment.model, experiment)?;
     let fitted = candidates::fitted(&experiment.model, &parameters);
     observer.stage("fitting the baseline");
-    let fitted_model = baseline::baseline(experiment, parameters, &mut counts);
+    let fitted_model = baseline::baseline(experiment, parameters, Stamps::Scattered, &mut counts);
     if counts.is_stopped() {
         return Err(DiagnoseError::Interrupted);
     }
-    let (baseline, floor) = fitted_model?;
+    let (mut baseline, mut floor) = fitted_model?;
     let limit_s = SEARCH_SHARE * experiment.diagnose.limit_s.get();
     let deadline = Duration::try_from_secs_f64(limit_s).ok().and_then(|limit| began.checked_add(limit));
     let mut searching = match deadline {
         Some(deadline) => counts.apart().by(deadline),
         None => counts.apart(),
     };
-    let found = evidence(experiment, &baseline, &floor, &mut searching, &mut |set| {
-        observer.stage(&format!("trying {set}"))
-    })?;
+    let mut says = |set: &str| observer.stage(&format!("trying {set}"));
+    let mut found = evidence(experiment, &baseline, &floor, None, &mut searching, &mut says)?;
+    // noise is what the best explanation leaves, not what a model leaves that lacks something
+    let left = baseline::seen_floor(&found.leader, Stamps::Scattered)?;
+    if !searching.is_stopped() && !baseline::is_same(&floor, &left, OTHER_FLOOR_SHARE) {
+        let mut again = baseline.clone();
+        again.weigh(&left);
+        if again.descend(&mut searching) {
+            let once_more = evidence(experiment, &again, &left, Some(&found), &mut searching, &mut says)?;
+            if once_more.evidence.complete || !found.evidence.complete {
+                (baseline, floor, found) = (again, left, once_more);
+            }
+        }
+    }
     let mut diagnosis = verdict(experiment, &fitted, &baseline, &found, &floor, &mut counts);
     diagnosis.lead_with(suspects);
     Ok(diagnosis)
@@ -128,6 +142,10 @@ fn verdict(
     let alternatives = if verdict == Verdict::Ambiguous { alternatives(found) } else { Vec::new() };
     let sentence = words::sentence(verdict, &causes, &alternatives, &established, &evidence.causes);
     let mut remarks = words::doubts(verdict, &evidence.causes, gained.as_ref());
+    if evidence.is_explained() && evidence.unexplained > TOLD_SET {
+        let chance = 100.0 * evidence.unexplained;
+        remarks.push(format!("perhaps something is at work that nothing explains: {chance:.0} % probable"));
+    }
     if untried {
         remarks.push("there was no time to search for causes".into());
     }

@@ -65,6 +65,7 @@ pub use result::{
     RunResiduals, Unknown, Verdict, Whiteness, WorstInterval,
 };
 
+use self::baseline::Stamps;
 use crate::description;
 use crate::design::{self, Prospect};
 use crate::experiment::Experiment;
@@ -155,7 +156,7 @@ fn settled<'a>(
         })
     };
     let which: Vec<usize> = names.iter().map(place).collect::<Result<_, _>>()?;
-    let (state, floor) = baseline::baseline(experiment, parameters, counts)?;
+    let (state, floor) = baseline::baseline(experiment, parameters, Stamps::Exact, counts)?;
     Ok((state, floor, which))
 }
 
@@ -168,7 +169,7 @@ pub fn unknown_force(experiment: &Experiment) -> Result<Option<UnknownForce>, Di
     let parameters = free_parameters(&experiment.model, experiment)?;
     let candidates = candidates::possible(experiment, &candidates::fitted(&experiment.model, &parameters));
     let mut counts = Counts::default();
-    let (state, floor) = baseline::baseline(experiment, parameters, &mut counts)?;
+    let (state, floor) = baseline::baseline(experiment, parameters, Stamps::Exact, &mut counts)?;
     Ok(unknown_force::unknown_force(experiment, &state, &candidates, &floor, &mut counts))
 }
 
@@ -209,7 +210,7 @@ fn diagnosed(
     if !observer.stage("fitting the baseline") {
         return interrupted();
     }
-    let fitted_model = baseline::baseline(experiment, parameters, &mut counts);
+    let fitted_model = baseline::baseline(experiment, parameters, Stamps::Exact, &mut counts);
     if counts.is_stopped() {
         return interrupted();
     }

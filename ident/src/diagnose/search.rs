@@ -8,6 +8,7 @@ use std::cmp::Ordering;
 
 use super::DiagnoseError;
 use super::baseline;
+use super::baseline::Stamps;
 use super::seek::Standing;
 use super::sets::{FURTHER_CAUSE_SHARE, Found, MOST_CAUSES, SHORT_LIST, Search, names, negligible, sets};
 use crate::fit::problem::Point;
@@ -45,7 +46,7 @@ impl Search<'_> {
         standing: Standing<'a>,
         is_clear: bool,
     ) -> Result<Standing<'a>, DiagnoseError> {
-        let floor = baseline::seen_floor(&standing.found.leader)?;
+        let floor = baseline::seen_floor(&standing.found.leader, Stamps::Exact)?;
         let is_same = baseline::is_same(&standing.floor, &floor, SAME_NOISE_SHARE);
         if standing.found.leader.causes.is_empty() || is_same {
             return Ok(standing);

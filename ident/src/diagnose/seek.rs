@@ -1,7 +1,7 @@
 //! The search as a whole: a first look, and further ones where the first may have misled.
 
 use super::DiagnoseError;
-use super::baseline::{self, seen_floor};
+use super::baseline::{self, Stamps, seen_floor};
 use super::gates::goodness_of_fit;
 use super::rivals::stands_in;
 use super::sets::{FAR_BENT_COST, Found, MOST_CAUSES, Search};
@@ -70,7 +70,7 @@ impl Search<'_> {
         let (known, leader) = (&standing.baseline, &standing.found.leader);
         let deeper = baseline::deeper(known, leader, everywhere, self.experiment.fit.seed, &mut self.counts);
         let Some(mut baseline) = deeper else { return Ok(standing) };
-        let floor = seen_floor(&baseline)?;
+        let floor = seen_floor(&baseline, Stamps::Exact)?;
         self.weigh(&mut baseline, &floor);
         let found = self.run(&baseline);
         Ok(Standing { baseline, floor, found })
