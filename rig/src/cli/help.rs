@@ -15,8 +15,8 @@ const GROUPS: [(&str, &[&str]); 5] = [
     ),
     ("Run it", &["run", "status", "estop", "release"]),
     ("Look at what was recorded", &["runs", "extract", "replay", "export", "import"]),
-    ("Understand it", &["experiment", "fit", "diagnose", "design", "simulate", "recalibrate"]),
-    ("Automate it", &["campaign", "daemon", "jobs"]),
+    ("Understand it", &["experiment", "fit", "diagnose", "design", "simulate", "recalibrate", "study"]),
+    ("Automate it", &["campaign", "daemon", "jobs", "task"]),
 ];
 
 /// What stands between the usage and the options, as clap's template wants it.
