@@ -179,8 +179,11 @@ fn images_clock_known_to_half_a_millisecond_leaves_a_delay_to_the_servo() {
         let named = outcome.causes.remove(0);
         (named.name, named.aliases)
     };
-    let alias = "camera_delay".to_owned();
-    assert_eq!(named(&text, "unknown"), ("servo_delay".into(), vec![alias]));
+    // which of two that no video tells apart comes first is chance
+    let (first, others) = named(&text, "unknown");
+    let mut both = [vec![first], others].concat();
+    both.sort();
+    assert_eq!(both, ["camera_delay", "servo_delay"]);
     assert_eq!(named(&text.replacen("[[run]]", clock, 1), "known"), ("servo_delay".into(), Vec::new()));
     for run in &made.bench.runs {
         measure(&made, run, &folder.path().join(format!("{}-servo.csv", run.id)));

@@ -195,10 +195,15 @@ const CAUSES: &[Moved] = &[
     ("coulomb_friction", &[("coulomb_friction/q3", 2e-6)], 2e-3),
 ];
 
+/// Causes of motors and of a servo's loop, which this generator has not: sim's tests hold them against closed forms, and
+/// `scripts/real-drives/independent.py` against real recordings.
+const ELSEWHERE: [&str; 5] = ["back_emf", "gear_friction", "drive_offset", "servo_loop", "dead_band"];
+
 #[test]
 fn every_cause_moves_as_in_the_simulation() {
     let known: Vec<&str> = sim::Cause::ALL.iter().map(|cause| cause.info().name).collect();
-    assert!(known.iter().all(|name| CAUSES.iter().any(|(cause, ..)| cause == name)), "{known:?}");
+    let is_held = |name: &&str| ELSEWHERE.contains(name) || CAUSES.iter().any(|(cause, ..)| cause == name);
+    assert!(known.iter().all(is_held), "{known:?}");
     let mut wrong = Vec::new();
     for (cause, numbers, limit_m) in CAUSES {
         let hidden = Hidden(numbers.iter().map(|&(name, value)| (name.to_owned(), value)).collect());

@@ -56,6 +56,7 @@ fn bench() -> tempfile::TempDir {
         ("made/next/driven-4.toml", EXTRACTION),
         ("driven-1.toml", EXTRACTION),
         ("e.toml", EXPERIMENT),
+        ("study.toml", "[[experiment]]\npaths = [\"e.toml\"]\n"),
         ("t.csv", "time_s,P1_x_m,P1_z_m\n0,0.1,0.2\n"),
     ];
     for (name, text) in files {
@@ -206,6 +207,8 @@ const CASES: &[Case] = &[
     ("new RUN/mine --mock", IN_RUN),
     ("campaign rig.toml --resolve --out RUN", IN_RUN),
     ("campaign rig.toml --resolve --out RUN/campaign", IN_RUN),
+    ("study study.toml --out RUN", IN_RUN),
+    ("study study.toml --out RUN/study", IN_RUN),
     ("mock-board --tank RUN", IN_RUN),
     ("packaging RUN/packaging", IN_RUN),
 ];

@@ -73,21 +73,15 @@ pub(crate) fn possible(experiment: &Experiment, fitted: &[Cause]) -> Vec<Cause> 
     let DiagnoseConfig { exclude, .. } = &experiment.diagnose;
     let may_be = |cause: &Cause| {
         let excluded = exclude.iter().any(|name| name == cause.name());
-        let is_seen = !needs_side_view(*cause, experiment) && !needs_encoder(*cause, experiment);
+        let is_seen = !needs_side_view(*cause, experiment) && !FITTED_ONLY.contains(&cause.name());
         !excluded && !fitted.contains(cause) && is_seen
     };
     experiment.model.known_causes().filter(may_be).collect()
 }
 
-/// Causes in a drive that only its own angle tells: a loop with a damping ratio of 0.7 is a delay up to the third order in frequency, and a camera
-/// sees the stroke through the links.
-const SEEN_BY_ENCODERS: [&str; 1] = ["servo_loop"];
-
-/// Whether `cause` is told by measured angles of driven joints alone, and no run has any.
-fn needs_encoder(cause: Cause, experiment: &Experiment) -> bool {
-    let has_angles = |run: &Run| run.trajectory.keypoints.iter().any(|mark| encoded_joint(mark).is_some());
-    SEEN_BY_ENCODERS.contains(&cause.info().name) && !experiment.runs.iter().any(has_angles)
-}
+/// Causes that are fitted where a fit names them, and no candidates: a second-order loop with a damping ratio of 0.7 is a delay up to the third
+/// order in frequency, and the rates of a stroke do not tell the two apart, by a camera or by an encoder.
+const FITTED_ONLY: [&str; 1] = ["servo_loop"];
 
 /// Causes in a camera that have to do with time alone, or with a link's own length.
 const WITHOUT_AXES: [&str; 2] = ["camera_delay", "keypoint_slip"];

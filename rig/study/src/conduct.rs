@@ -26,6 +26,8 @@ const MOST_MEASURED: usize = 200;
 /// # Errors
 /// As [`StudyFile::plan`].
 pub fn plan(path: &Path, out: &Path) -> Result<(StudyFolder, Study), Failure> {
+    // refused before anything is read that takes long
+    Outputs::reading([path.to_owned()]).folder(&absolute(out)?, &FILES)?;
     let file = StudyFile::read(path)?;
     let plan = file.plan(path)?;
     let read = plan.subjects.iter().map(|subject| subject.path.clone());
