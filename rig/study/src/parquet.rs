@@ -218,7 +218,7 @@ impl<W: Write> Writer<W> {
                         chunk.list(2, I32, 2);
                         chunk.zigzag(0);
                         chunk.zigzag(3);
-                        chunk.list(3, BINARY, 1);
+                        chunk.list(3, COMPACT_BINARY_TYPE, 1);
                         chunk.bare_text(name);
                         chunk.integer(4, I32, 0);
                         chunk.integer(5, I64, group.rows as i64);
@@ -260,7 +260,7 @@ fn varint(bytes: &mut Vec<u8>, mut value: u64) {
 // Types of Thrift's compact protocol.
 const I32: u8 = 5;
 const I64: u8 = 6;
-const BINARY: u8 = 8;
+const COMPACT_BINARY_TYPE: u8 = 8;
 const LIST: u8 = 9;
 const STRUCT: u8 = 12;
 
@@ -293,7 +293,7 @@ impl Thrift {
     }
 
     fn text(&mut self, number: u8, text: &str) {
-        self.field(number, BINARY);
+        self.field(number, COMPACT_BINARY_TYPE);
         self.bare_text(text);
     }
 
