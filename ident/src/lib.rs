@@ -19,8 +19,8 @@
 //!   knows;
 //! * [`experiment`]: a model and its runs; [`initial`]: where and when each starts; [`simulate`]: a run repeated;
 //! * [`fit`]: search and least squares, error bars; [`description`]: whether the files describe the runs as they were;
-//! * `hypothesis`: a model with some causes, and what a further one would gain; [`design`]: the next run; [`diagnose`]: what the
-//!   simulation gets wrong; `evidence`: which set of causes explains runs, an unknown force in every one.
+//! * `hypothesis`: a model with some causes, and what a further one would gain; `evidence`: which set of causes explains runs, an unknown force
+//!   in every one; [`design`]: the next run; [`diagnose`]: what the simulation gets wrong, as a report has it.
 
 pub mod cmaes;
 mod config;

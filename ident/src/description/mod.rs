@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use sim::Model;
 
-use crate::experiment::{Experiment, Run, RunKind};
+use crate::experiment::{Experiment, Run, RunKind, Use};
 use crate::fit::counts::Counts;
 use crate::initial::{nearest_pose, run_noise};
 use crate::noise::floor::interval_s;
@@ -83,6 +83,12 @@ pub(crate) fn examine(experiment: &Experiment, counts: &mut Counts) -> Examined 
     // far off, a fit would only wander
     let unfitted = trial::unfitted(described, counts);
     let is_far = unfitted.as_ref().is_none_or(|trial| trial.ln_likelihood() < -FAR_NATS * trial.count());
+    // what the fitted runs leave open of the others is no mistake of theirs
+    let mut together = described.clone();
+    together.runs.iter_mut().for_each(|run| run.usage = Use::Fit);
+    if !is_far && trial::fitted(&together, counts).is_some_and(|trial| trial.is_explained()) {
+        return Examined { suspects, mended };
+    }
     let mut trial = if is_far { unfitted } else { trial::fitted(described, counts).or(unfitted) };
     if trial.as_ref().is_some_and(Trial::is_explained) {
         return Examined { suspects, mended };

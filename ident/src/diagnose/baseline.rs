@@ -7,8 +7,7 @@ use super::DiagnoseError;
 use crate::config::Method;
 use crate::experiment::{Experiment, Run, Use};
 use crate::fit::counts::Counts;
-use crate::fit::driver::spread;
-use crate::fit::problem::{Point, Term};
+use crate::fit::problem::Term;
 use crate::fit::{self, FitError, FittedParameter, Flow};
 use crate::hypothesis::state::{State, relative_std};
 use crate::initial::{self, StartError};
@@ -21,30 +20,13 @@ use crate::simulate::Rehearsal;
 
 /// Times that floor and fit are found in turn: one needs the other.
 const MOST_TURNS: usize = 3;
-/// Points drawn per parameter of which the best become starts, and how many.
-const DRAWN_PER_PARAMETER: usize = 8;
-const DRAWN_STARTS: usize = 2;
-/// Optima that differ by less cost, one standard deviation of one number, are one.
-pub(super) const SAME_OPTIMUM_COST: f64 = 1.0;
-/// And those that differ by a smaller share of what a cause explains: the cause is not named for the difference.
-const SAME_OPTIMUM_SHARE: f64 = 0.01;
 /// A noise floor that moves by less than this share has been found: the fit would not move with it.
 const SAME_FLOOR_SHARE: f64 = 0.01;
-
-/// What the noise floor takes the times of images for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Stamps {
-    /// Right, as a search does that was never tried with times that scatter.
-    Exact,
-    /// Perhaps scattered about what is shown.
-    Scattered,
-}
 
 /// The fitted baseline of `experiment`, and its noise floor.
 pub(crate) fn baseline<'a>(
     experiment: &'a Experiment,
     parameters: Parameters,
-    stamps: Stamps,
     counts: &mut Counts,
 ) -> Result<(State<'a>, Floor), DiagnoseError> {
     let term = |run: &'a Run| -> Result<Term<'a>, StartError> {
@@ -89,7 +71,7 @@ pub(crate) fn baseline<'a>(
     }
     let mut floor: Option<Floor> = None;
     for _ in 0..MOST_TURNS {
-        let next = seen_floor(&state, stamps)?;
+        let next = seen_floor(&state)?;
         let same = floor.as_ref().is_some_and(|before| is_same(before, &next, SAME_FLOOR_SHARE));
         state.weigh(&next);
         if floor.is_none() {
@@ -115,51 +97,11 @@ impl fit::Observer for Watched<'_> {
     }
 }
 
-/// A deeper optimum of `baseline`, if there is one where the causes of `leader` have led its numbers, or, if it is looked for
-/// `everywhere`, from the best of some points drawn evenly from the bounds: a cause must not be named for a baseline that was
-/// merely badly fitted.
-pub(super) fn deeper<'a>(
-    baseline: &State<'a>,
-    leader: &State<'a>,
-    everywhere: bool,
-    seed: u64,
-    counts: &mut Counts,
-) -> Option<State<'a>> {
-    let at = |values: Vec<f64>| Point { values, offsets: baseline.point.offsets.clone() };
-    let led = at(leader.point.values[..baseline.parameters.len()].to_vec());
-    let drawn = if everywhere { best_drawn(baseline, seed, counts) } else { Vec::new() };
-    let deep = SAME_OPTIMUM_COST.max(SAME_OPTIMUM_SHARE * (baseline.cost - leader.cost));
-    let points: Vec<Point> = drawn.into_iter().map(at).chain([led]).collect();
-    let ends = counts.of_each(points, |point, own| {
-        let mut state = State { point, linear: Vec::new(), ..baseline.clone() };
-        state.descend(own).then_some(state)
-    });
-    let deeper = ends.into_iter().flatten().filter(|end| end.cost < baseline.cost - deep);
-    deeper.min_by(|a, b| a.cost.total_cmp(&b.cost))
-}
-
-/// The best of some points drawn evenly from the bounds of the numbers of `baseline`.
-fn best_drawn(baseline: &State<'_>, seed: u64, counts: &mut Counts) -> Vec<Vec<f64>> {
-    let parameters = &baseline.parameters;
-    let drawn = spread(parameters.len(), DRAWN_PER_PARAMETER * parameters.len(), seed);
-    let drawn: Vec<Vec<f64>> = drawn.iter().map(|units| parameters.values(units)).collect();
-    let point = |values: &Vec<f64>| Point { values: values.clone(), offsets: baseline.point.offsets.clone() };
-    let mut problem = baseline.problem();
-    problem.terms.iter_mut().for_each(|term| term.rehearsal = term.rehearsal.clone().in_one_try());
-    let costs = problem.costs(&drawn.iter().map(point).collect::<Vec<_>>(), counts);
-    let mut order: Vec<usize> = (0..drawn.len()).filter(|&i| costs[i].is_finite()).collect();
-    order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
-    order.into_iter().take(DRAWN_STARTS).map(|i| drawn[i].clone()).collect()
-}
-
 /// The floor that the residuals of `state` show.
-pub(crate) fn seen_floor(state: &State<'_>, stamps: Stamps) -> Result<Floor, DiagnoseError> {
+pub(super) fn seen_floor(state: &State<'_>) -> Result<Floor, DiagnoseError> {
     let raw: Option<Vec<Vec<f64>>> = (0..state.terms.len()).map(|run| state.raw_residuals(run)).collect();
     let raw = raw.ok_or(FitError::NoOptimum)?;
     let weighed = |term: &Term<'_>| -> Vec<f64> {
-        if stamps == Stamps::Exact {
-            return Vec::new();
-        }
         let trajectory = &term.rehearsal.run.trajectory;
         let (width, relative) = (trajectory.keypoints.len(), relative_std(trajectory));
         let list = velocities(trajectory, &term.observations);

@@ -2,10 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use sim::Cause;
 use sim::causes::Role;
 
 use super::result::Detectable;
-use crate::hypothesis::candidates;
+use crate::experiment::Experiment;
+use crate::fit::counts::Counts;
+use crate::hypothesis::candidates::{self, Term};
 use crate::hypothesis::score::Scores;
 use crate::hypothesis::state::State;
 
@@ -14,7 +17,15 @@ pub(super) const BEYOND_DOUBT_COST: f64 = 30.0;
 
 /// For each size of each cause the smallest that would raise the cost by 30 whatever the fitted numbers do; of hidden
 /// numbers, at the value where it shows best.
-pub(super) fn detectable(state: &State<'_>, scores: &Scores) -> Vec<Detectable> {
+pub(super) fn detectable(
+    experiment: &Experiment,
+    state: &State<'_>,
+    causes: &[Cause],
+    counts: &Counts,
+) -> Vec<Detectable> {
+    let terms = |cause: &Cause| Term::all(*cause, &experiment.model, 1, 1.0, &experiment.diagnose.elements);
+    let terms: Vec<Term> = causes.iter().flat_map(terms).filter(|term| !term.is_choice()).collect();
+    let scores = Scores::new(state, &terms, counts);
     let mut squares: Vec<((usize, String), f64)> = Vec::new();
     for (place, column) in scores.columns.iter().enumerate() {
         let square = scores.projected.column(place).norm_squared();
@@ -28,10 +39,7 @@ pub(super) fn detectable(state: &State<'_>, scores: &Scores) -> Vec<Detectable> 
     let mut list: Vec<Detectable> = Vec::new();
     let mut limits: BTreeMap<String, f64> = BTreeMap::new();
     for ((candidate, name), square) in squares {
-        let term = &scores.list[candidate].term;
-        if term.is_choice() {
-            continue;
-        }
+        let term = &scores.list[candidate];
         let model = term.added_to(&state.model);
         let parameters = candidates::names(term.cause, &model);
         let Some((_, info)) = parameters.iter().find(|(known, _)| *known == name) else { continue };

@@ -47,15 +47,17 @@ type Tested = (HeldOutRun, Vec<Piece>);
 
 impl Test<'_> {
     /// `None` where it cannot be simulated.
-    fn carry_out(&self, noise_m: f64, counts: &mut Counts) -> Option<Tested> {
+    fn carry_out(&self, floor: &Floor, counts: &mut Counts) -> Option<Tested> {
         // both know as much of the run beforehand
         let seen_share = if self.own.iter().all(Vec::is_empty) { 0.0 } else { SEEN_SHARE };
         let predicted = |(model, own): (&Model, &Vec<Nuisance>), counts: &mut Counts| {
-            hold_out(model, self.run, noise_m, (own, seen_share), counts).ok()
+            hold_out(model, self.run, floor.noise_m, (own, seen_share), counts).ok()
         };
         let predicted = counts.of_each(self.models.iter().zip(self.own).collect(), predicted);
         let [Some(before), Some(after)] = &predicted[..] else { return None };
-        let pose_m = PoseErrors::of(&self.run.trajectory).map_or(0.0, |errors| errors.rms_m());
+        let pose = PoseErrors::of(&self.run.trajectory);
+        let pose_m = pose.map_or(0.0, |errors| errors.rms_m());
+        let more_m = pose_m.hypot(floor.stamp_m);
         let keypoints = 0..self.run.trajectory.keypoints.len();
         let rms = |fitted: &FittedRun| keypoints.clone().map(|k| rms_m(fitted, k)).collect();
         let shown = HeldOutRun {
@@ -65,7 +67,7 @@ impl Test<'_> {
             rms_after_m: rms(after),
             noise_floor_m: keypoints
                 .clone()
-                .map(|k| self.std_m.get(k).unwrap_or(&noise_m).hypot(pose_m))
+                .map(|k| self.std_m.get(k).unwrap_or(&floor.noise_m).hypot(more_m))
                 .collect(),
         };
         Some((shown, in_pieces(before, after)))
@@ -100,7 +102,7 @@ pub(super) fn gain(
         let models = [before.calibrated(), after.calibrated()];
         held.into_iter().map(|run| Test { run, models: models.clone(), own, std_m: &[] }).collect()
     };
-    let tested = counts.of_each(tests, |test, own| test.carry_out(floor.noise_m, own));
+    let tested = counts.of_each(tests, |test, own| test.carry_out(floor, own));
     let (runs, pieces): (Vec<HeldOutRun>, Vec<Vec<Piece>>) = tested.into_iter().flatten().unzip();
     let squared = runs.iter().flat_map(|run| &run.noise_floor_m).map(|std_m| std_m * std_m);
     let noise = [squared.clone().sum::<f64>(), squared.count() as f64];
@@ -136,41 +138,10 @@ pub(super) fn gain(
     })
 }
 
-/// A gap between residual and noise that is worth closing, as a share of the residual.
-const WORTHWHILE_GAP_SHARE: f64 = 0.1;
-/// A cause closes at least this share of it on runs that it was not fitted to; a stand-in does not.
-const CLOSED_BY_A_CAUSE_SHARE: f64 = 0.4;
-/// Standard deviations by which the noise may exceed its floor.
-const NOISIER_Z: f64 = 2.0;
-/// A gain below this share may be chance where its interval reaches 0.
-const LITTLE_GAIN: f64 = 0.1;
-
 impl HeldOut {
     /// Whether what is named may as well gain nothing on runs that it was not fitted to.
     pub(super) fn may_be_none(&self) -> bool {
         self.gain_ci95[0] <= 0.0
-    }
-
-    /// The same as a reason why it is not believed, where runs were held out and gain little: a fit to all runs but one may leave numbers
-    /// open that all together hold, and few held-out runs leave a wide interval about a large gain.
-    pub(super) fn none_perhaps(&self) -> Option<String> {
-        let [low, high] = self.gain_ci95.map(|gain| 100.0 * gain);
-        let is_none = self.how == HOLDOUT && self.may_be_none() && self.gain < LITTLE_GAIN;
-        is_none.then(|| format!("on held-out runs it may gain nothing: {low:.1} to {high:.1} %"))
-    }
-
-    /// Why what is named is not believed, where runs were held out that it should have predicted.
-    pub(super) fn objection(&self, floor: &Floor) -> Option<String> {
-        let most = 1.0 + NOISIER_Z * floor.noise_std_m / floor.noise_m;
-        let gap = 1.0 - most * self.noise_floor_m / self.rms_before_m;
-        (self.how == HOLDOUT && gap > WORTHWHILE_GAP_SHARE && self.gain < CLOSED_BY_A_CAUSE_SHARE * gap).then(
-            || {
-                format!(
-                    "on held-out runs it closes only {:.0} % of the gap to the noise",
-                    100.0 * (self.gain / gap).max(0.0)
-                )
-            },
-        )
     }
 }
 

@@ -1,19 +1,14 @@
 //! From runs that a simulation does not repeat to the reason why.
 //!
-//! [`diagnose`] fits the model as it stands, the *baseline*, and asks of every cause that a simulation may lack
-//! ([`sim::causes`]) whether it would explain what is left, all fitted coefficients and starts following:
+//! [`diagnose`] has `crate::evidence` compare every set of causes that a simulation may lack ([`sim::causes`]), an unknown force in each, and says
+//! what follows from it:
 //!
-//! 0. [`crate::description`]: whether the files describe the runs as they were; what follows is about the runs with that put right;
-//! 1. `baseline`, `crate::noise::floor`: the optimum, and how large and how lasting the keypoints' noise is, which must not swallow
-//!    what the model gets wrong;
-//! 2. `crate::hypothesis`: exact derivatives of every cause at neutral, what the baseline could do projected out;
-//! 3. `sets`, `refit`, `search`: the best refitted in full, sets of up to three, each earning its place by the BIC, in one element or
-//!    in all; `scan`: causes too strong to be seen in derivatives; `rivals`: what explains the runs about as well, held-out ones included;
-//! 4. `gates`, `heldout`: what is left must be noise, on held-out runs too, and each named number the same in all runs:
-//!    otherwise the description is none of a cause, and the verdict `unexplained`; `established`, `unknown_force`: what of it is beyond
-//!    doubt all the same, and what force would account for the rest;
-//! 5. `intervals`, `gain`, `detect`, `residuals`: values with intervals, which coefficients had bent, the gain on runs not
-//!    fitted to, what would have been seen; `remarks`: what of the set-up may mislead.
+//! 1. [`crate::description`]: whether the files describe the runs as they were; what follows is about the runs with that put right;
+//! 2. `baseline`, `crate::noise::floor`: the model as it stands, fitted, and how large and how lasting the keypoints' noise is;
+//! 3. `crate::evidence`: which causes explain the runs, and what is left that none does;
+//! 4. `verdict`, `words`: what is named, with which sizes, and what is not; `unknown_force`: the force that would account for the rest;
+//! 5. `gain`, `heldout`, `goodness`, `constancy`, `bent`, `detect`, `residuals`: numbers of the report, which decide nothing but that what is
+//!    named must gain on runs that it was not fitted to; `remarks`: what of the set-up may mislead; `next`: the next run.
 //!
 //! ```no_run
 //! use ident::{diagnose, experiment::Experiment};
@@ -25,25 +20,18 @@
 //! ```
 
 pub(crate) mod baseline;
-mod by_evidence;
+mod bent;
+mod constancy;
 mod detect;
 mod error;
-mod established;
 mod force;
 mod gain;
-mod gates;
+mod goodness;
 mod heldout;
-mod intervals;
 mod next;
-mod refit;
 mod remarks;
 mod residuals;
 mod result;
-mod rivals;
-mod scan;
-mod search;
-mod seek;
-mod sets;
 mod unknown_force;
 mod verdict;
 mod words;
@@ -55,7 +43,6 @@ use std::time::{Duration, Instant};
 use sim::Model;
 
 pub use crate::noise::floor::RunFloor;
-pub use by_evidence::by_evidence;
 pub use error::DiagnoseError;
 pub use force::{ForceCurve, JointForce, Resembled, RestCurve, UnknownForce};
 pub use next::Next;
@@ -65,9 +52,9 @@ pub use result::{
     RunResiduals, Unknown, Verdict, Whiteness, WorstInterval,
 };
 
-use self::baseline::Stamps;
 use crate::description;
 use crate::design::{self, Prospect};
+use crate::evidence::{Found, evidence};
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
 use crate::fit::{FittedRun, Timing};
@@ -76,7 +63,6 @@ use crate::hypothesis::state::State;
 use crate::initial::free_parameters;
 use crate::noise::floor::Floor;
 use ground::names::did_you_mean;
-use seek::Standing;
 
 /// Told what the diagnosis is at.
 pub trait Observer {
@@ -156,7 +142,7 @@ fn settled<'a>(
         })
     };
     let which: Vec<usize> = names.iter().map(place).collect::<Result<_, _>>()?;
-    let (state, floor) = baseline::baseline(experiment, parameters, Stamps::Exact, counts)?;
+    let (state, floor) = baseline::baseline(experiment, parameters, counts)?;
     Ok((state, floor, which))
 }
 
@@ -169,13 +155,15 @@ pub fn unknown_force(experiment: &Experiment) -> Result<Option<UnknownForce>, Di
     let parameters = free_parameters(&experiment.model, experiment)?;
     let candidates = candidates::possible(experiment, &candidates::fitted(&experiment.model, &parameters));
     let mut counts = Counts::default();
-    let (state, floor) = baseline::baseline(experiment, parameters, Stamps::Exact, &mut counts)?;
+    let (state, floor) = baseline::baseline(experiment, parameters, &mut counts)?;
     Ok(unknown_force::unknown_force(experiment, &state, &candidates, &floor, &mut counts))
 }
 
-/// What of the time limit the search may take: what it finds is to be checked as well.
+/// A noise floor that differs by more than this share beside the best explanation is worth another search (chosen).
+const OTHER_FLOOR_SHARE: f64 = 0.2;
+/// What of the time limit the search may take: what it finds is to be described as well.
 const SEARCH_SHARE: f64 = 0.75;
-/// How long somebody who has interrupted the search waits for a check of what it has found.
+/// How long somebody who has interrupted the search waits for a description of what it has found.
 const GRACE: Duration = Duration::from_millis(700);
 
 /// Says what the simulation of `experiment` gets wrong. Where its limit is over, or the observer has had enough, that is the best so
@@ -210,60 +198,57 @@ fn diagnosed(
     if !observer.stage("fitting the baseline") {
         return interrupted();
     }
-    let fitted_model = baseline::baseline(experiment, parameters, Stamps::Exact, &mut counts);
+    let fitted_model = baseline::baseline(experiment, parameters, &mut counts);
     if counts.is_stopped() {
         return interrupted();
     }
-    let (baseline, floor) = fitted_model?;
+    let (mut baseline, mut floor) = fitted_model?;
     let limit = |share: f64| Duration::try_from_secs_f64(share * experiment.diagnose.limit_s.get());
     let by = |counts: Counts, share: f64| match limit(share).ok().and_then(|limit| began.checked_add(limit)) {
         Some(deadline) => counts.by(deadline),
         None => counts,
     };
-    let mut stage = |text: &str| observer.stage(text);
-    let mut search =
-        sets::Search::new(experiment, &fitted, &floor, by(counts.apart(), SEARCH_SHARE), &mut stage);
-    let Standing { baseline, floor, mut found } = search.seek(baseline, floor)?;
+    let mut searching = by(counts.apart(), SEARCH_SHARE);
+    let mut says = |set: &str| observer.stage(&format!("trying {set}"));
+    let mut found = evidence(experiment, &baseline, &floor, None, &mut searching, &mut says)?;
+    // noise is what the best explanation leaves, not what a model leaves that lacks something
+    let left = baseline::seen_floor(&found.leader)?;
+    if !searching.is_stopped() && !baseline::is_same(&floor, &left, OTHER_FLOOR_SHARE) {
+        let mut again = baseline.clone();
+        again.weigh(&left);
+        if again.descend(&mut searching) {
+            let once_more = evidence(experiment, &again, &left, Some(&found), &mut searching, &mut says)?;
+            if once_more.evidence.complete || !found.evidence.complete {
+                (baseline, floor, found) = (again, left, once_more);
+            }
+        }
+    }
     let mut checking = match counts.is_stopped() {
         true => Counts::default().by(Instant::now() + GRACE),
         false => by(counts.apart(), 1.0),
     };
     checking.add(&counts);
-    checking.add(&search.counts);
-    // a search that was ended in the midst of a refit has no derivatives of it yet
-    if search.is_cut() {
-        found.tried.retain(|state| !state.linear.is_empty());
-        if !found.leader.linearised(&mut checking) {
-            found.leader = baseline.clone();
-        }
-    }
-    search.says("comparing what is nearly as good");
-    let contest = rivals::contest(experiment, &mut found, &floor, &mut checking);
-    search.says("checking");
-    let (mut diagnosis, leader, established) = verdict::verdict(
-        experiment,
-        &fitted,
-        &baseline,
-        (&found, contest, search.is_cut()),
-        &floor,
-        &mut checking,
-    );
-    diagnosis.complete = !search.is_cut() && !checking.is_stopped();
-    search.says("planning the next run");
-    let (advice, next) = next::next(experiment, &baseline, &found, &floor, &diagnosis, &checking);
+    checking.add(&searching);
+    observer.stage("checking");
+    let mut diagnosis = verdict::verdict(experiment, &fitted, &baseline, &found, &floor, &mut checking);
+    diagnosis.complete &= !checking.is_stopped();
+    observer.stage("planning the next run");
+    let Found { leader, named, rival, .. } = found;
+    let rivals = (&leader, rival.as_ref());
+    let (advice, next) = next::next(experiment, &baseline, rivals, &floor, &diagnosis, &checking);
     diagnosis.next_experiments = advice;
     if !diagnosis.complete {
         diagnosis.remarks.push(remarks::ended_early(experiment.diagnose.limit_s.get()));
     }
     diagnosis.lead_with(suspects);
-    let model = match (&established, diagnosis.causes.is_empty()) {
-        (_, false) => leader.expected(),
-        (Some(state), true) => state.expected(),
-        (None, true) => baseline.calibrated(),
+    let (model, after) = match diagnosis.verdict {
+        Verdict::NothingDetectable => (baseline.calibrated(), baseline.repeated()),
+        Verdict::Ambiguous => (leader.expected(), leader.repeated()),
+        _ => (named.expected(), named.repeated()),
     };
     Ok(Diagnosed {
         before: baseline.repeated(),
-        after: leader.repeated(),
+        after,
         diagnosis,
         model,
         next,

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use super::detect::BEYOND_DOUBT_COST;
 use super::result::{Diagnosis, NamedCause, NextExperiment, Verdict};
-use super::sets::{Found, sets};
 use crate::design::{self, Prospect, Sized, Worth, runs::Proposal};
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
@@ -26,7 +25,7 @@ const WORTHWHILE_SHARE: f64 = 0.1;
 pub(super) fn next(
     experiment: &Experiment,
     baseline: &State<'_>,
-    found: &Found<'_>,
+    (leader, rival): (&State<'_>, Option<&State<'_>>),
     floor: &Floor,
     diagnosis: &Diagnosis,
     counts: &Counts,
@@ -38,7 +37,8 @@ pub(super) fn next(
             runs.push(worth.proposal.clone());
         }
     };
-    let rivals = rivals(found, diagnosis).filter(|_| diagnosis.complete);
+    let is_open = diagnosis.verdict == Verdict::Ambiguous && diagnosis.complete;
+    let rivals = rival.filter(|_| is_open).and_then(|rival| rivals(leader, rival));
     let mut apart = None;
     if let Some((a, b)) = &rivals {
         let names = vec![a.0.cause.name().to_owned(), b.0.cause.name().to_owned()];
@@ -48,7 +48,7 @@ pub(super) fn next(
         apart = Some((names, worths.first().map_or(0.0, |worth| worth.after)));
     }
     if diagnosis.verdict == Verdict::Suspected {
-        let causes: Vec<Sized> = found.leader.causes.iter().map(|term| sized(term, &found.leader)).collect();
+        let causes: Vec<Sized> = leader.causes.iter().map(|term| sized(term, leader)).collect();
         let names: Vec<String> = diagnosis.causes.iter().map(NamedCause::label).collect();
         list(&design::separating(experiment, baseline, floor, counts, (&causes, None)), &names);
     }
@@ -137,19 +137,13 @@ fn advised(worth: &Worth, separates: Vec<String>) -> NextExperiment {
     }
 }
 
-/// The leader's last cause and the one that would do as well, with their fitted sizes.
-fn rivals(found: &Found<'_>, diagnosis: &Diagnosis) -> Option<(Sized, Sized)> {
-    let rival = match diagnosis.verdict {
-        Verdict::Ambiguous => diagnosis.alternatives.first()?.names.clone(),
-        _ => return None,
-    };
-    let other =
-        found.tried.iter().find(|state| sets(state).iter().copied().eq(rival.iter().map(String::as_str)))?;
+/// A cause of each that the other has not, with its fitted sizes.
+fn rivals(leader: &State<'_>, rival: &State<'_>) -> Option<(Sized, Sized)> {
     let differing = |state: &State<'_>, from: &State<'_>| -> Option<Sized> {
         let term = state.causes.iter().find(|term| from.causes.iter().all(|t| t.cause != term.cause))?;
         Some(sized(term, state))
     };
-    Some((differing(&found.leader, other)?, differing(other, &found.leader)?))
+    Some((differing(leader, rival)?, differing(rival, leader)?))
 }
 
 /// `term` with the sizes that its numbers have in `state`.

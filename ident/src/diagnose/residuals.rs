@@ -1,6 +1,6 @@
 //! What the residuals look like: by run and keypoint, what they follow, how fast they swing, where they are worst.
 
-use super::result::{Follows, Residuals, RunResiduals, WorstInterval};
+use super::result::{Follows, Remainder, Residuals, RunRemainder, RunResiduals, WorstInterval};
 use crate::hypothesis::state::State;
 use crate::noise::floor::{Floor, interval_s};
 
@@ -197,5 +197,26 @@ impl Spectrum {
     fn peak(&self) -> Option<f64> {
         let (place, _) = self.power.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
         Some(STEP_HZ * (place + 1) as f64)
+    }
+}
+
+/// What `state` leaves of the runs that `baseline` was fitted to.
+pub(super) fn remainder(baseline: &State<'_>, state: &State<'_>, floor: &Floor) -> Remainder {
+    let rms = |squares: &[f64]| (squares.iter().sum::<f64>() / (squares.len() as f64).max(1.0)).sqrt();
+    let squares = |state: &State<'_>, run: usize| -> Vec<f64> {
+        state.raw_residuals(run).into_iter().flatten().map(|x| x * x).collect()
+    };
+    let all = |state: &State<'_>| (0..state.terms.len()).map(|run| squares(state, run)).collect::<Vec<_>>();
+    let (before, after) = (all(baseline), all(state));
+    let noise = floor.noise_m.powi(2);
+    let beyond = |runs: &[Vec<f64>]| (rms(&runs.concat()).powi(2) - noise).max(0.0);
+    let runs = state.terms.iter().zip(&after);
+    Remainder {
+        rms_m: rms(&after.concat()),
+        share: beyond(&after) / beyond(&before).max(f64::MIN_POSITIVE),
+        runs: runs
+            .map(|(term, squares)| RunRemainder { id: term.rehearsal.run.id.clone(), rms_m: rms(squares) })
+            .collect(),
+        force: None,
     }
 }

@@ -44,9 +44,12 @@ pub struct Diagnosis {
     /// With `unexplained`: what is left beside these.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remainder: Option<Remainder>,
-    /// What the runs say of what has no name, by [`by_evidence`](super::by_evidence).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub unknown: Option<Unknown>,
+    /// What the runs say of what has no name.
+    #[serde(default)]
+    pub unknown: Unknown,
+    /// How probable sets of causes are, together, that were scored but not fitted: what is left to be searched.
+    #[serde(default)]
+    pub unfitted: f64,
     /// How the gain was checked: `holdout`, `leave-one-out`, or `none`.
     #[serde(default)]
     pub checked: String,
@@ -94,8 +97,6 @@ fn ended() -> bool {
 pub struct Unknown {
     /// By how much it raises the logarithm of the evidence, with what only differs from run to run.
     pub gain: f64,
-    /// How probable sets of causes are, together, that were scored but not fitted: what is left to be searched.
-    pub unfitted: f64,
     /// Scale of a force that is the same function of pose and rate in all runs, over the one that moves keypoints by their noise.
     pub repeatable_force: f64,
     /// The same of a force over time that each run has its own of.
@@ -180,7 +181,7 @@ pub struct NamedCause {
     /// Whether it is another in each run: then its sizes are those of the runs, `<cause>/<parameter>@<run>`.
     #[serde(default, skip_serializing_if = "is_false")]
     pub by_run: bool,
-    /// In which runs it is at work, where it is not all: `drops only`, `driven-1 only`; by [`by_evidence`](super::by_evidence).
+    /// In which runs it is at work, where it is not all: `drops only`, `driven-1 only`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub form: Option<String>,
     /// What it says.
@@ -194,10 +195,11 @@ pub struct NamedCause {
     pub aliases: Vec<String>,
     /// Its values.
     pub parameters: Vec<CauseParameter>,
-    /// How probable it is, by [`by_evidence`](super::by_evidence).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub probability: Option<f64>,
-    /// By how much the BIC is lower with all causes than without this one.
+    /// How probable it is, or one that no video tells from it, over all sets of causes that were tried.
+    #[serde(default)]
+    pub probability: f64,
+    /// Twice the logarithm of the evidence of the best set of causes over that of the best without this one: what a difference of BIC
+    /// stands for.
     pub delta_bic: f64,
     /// What each run by itself would say.
     pub per_run: Vec<PerRun>,
@@ -234,10 +236,10 @@ pub struct PerRun {
 pub struct Alternative {
     /// Its causes.
     pub names: Vec<String>,
-    /// How probable it is, by [`by_evidence`](super::by_evidence).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub probability: Option<f64>,
-    /// BIC of the baseline minus its own.
+    /// How probable it is.
+    #[serde(default)]
+    pub probability: f64,
+    /// Twice the logarithm of its evidence over that of no cause.
     pub delta_bic: f64,
 }
 

@@ -18,7 +18,7 @@ use sim::{Cause, Model};
 
 use super::force::{ForceCurve, JointForce, Resembled, RestCurve, UnknownForce};
 use super::gain;
-use super::gates::goodness_of_fit;
+use super::goodness::goodness_of_fit;
 use crate::config::Prior;
 use crate::experiment::Experiment;
 use crate::fit::counts::Counts;
@@ -29,6 +29,8 @@ use crate::hypothesis::state::State;
 use crate::noise::floor::Floor;
 use ground::strict::{Finite, Positive};
 
+/// Slow residuals this many standard deviations beyond noise leave something to look for.
+const BEYOND_NOISE_Z: f64 = 6.0;
 /// Highest order of the products of angle and rate, a choice: ten numbers for each joint.
 const ORDER: i32 = 3;
 /// Half waves over the angles that a joint goes through, a choice: fewer than these look like the products, more of them are finer than a
@@ -192,7 +194,7 @@ pub(super) fn unknown_force(
         return None;
     }
     // noise has no force behind it, whatever foretells a little of it
-    if !goodness_of_fit(base, floor).objects(0.0, floor, base.count()) {
+    if goodness_of_fit(base, floor).z < BEYOND_NOISE_Z {
         return None;
     }
     let joints = moving(base);

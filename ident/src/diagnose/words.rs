@@ -1,7 +1,6 @@
 //! The verdict in words.
 
 use super::result::{Alternative, HeldOut, NamedCause, Verdict};
-use super::verdict::capital;
 use crate::evidence::{FoundCause, Standing};
 
 /// The verdict in a sentence; `found`: all causes that are spoken of.
@@ -95,4 +94,9 @@ pub(super) fn doubts(verdict: Verdict, found: &[FoundCause], gained: Option<&Hel
         ));
     }
     list
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }

@@ -34,6 +34,11 @@ pub(super) fn described<'a>(
     let fitter = Fitter::new(bench, pool.fitter.noise_share);
     let atoms = &bench.atoms.list;
     let best = &pool.fitted[pool.best()?];
+    let classes = |fitted: &Fitted| -> Vec<&str> {
+        let mut list: Vec<&str> = fitted.setting.set.iter().map(|&atom| &*atoms[atom].class).collect();
+        list.sort_unstable();
+        list
+    };
     // the same sets as the fitted runs alone have them
     let mut refit = |from: &Fitted, set: &[usize]| -> Option<Fitted> {
         let setting = bench.setting(set);
@@ -57,6 +62,8 @@ pub(super) fn described<'a>(
     let list: Vec<(&Fitted, f64)> =
         (0..likely.len()).filter_map(|place| Some((own_of(place)?, weight(likely[place])))).collect();
     let leader = own_of(0)?;
+    let rival = order.iter().find(|other| is_awaited && classes(other) != classes(best));
+    let rival = rival.and_then(|rival| refit(rival, &rival.setting.set));
     let is_named = |&atom: &usize| {
         let same = |cause: &FoundCause| {
             cause.standing == Standing::Named && cause.class == atoms[atom].class && atoms[atom].is_named()
@@ -74,8 +81,9 @@ pub(super) fn described<'a>(
         Some(named) => state(&named)?,
         None => leader.clone(),
     };
+    let rival = rival.and_then(|rival| state(&rival));
     let best = (best.setting.set.clone(), best.point.clone());
-    Some(Found { evidence, run_ids, leader, named, best })
+    Some(Found { evidence, run_ids, leader, named, rival, best })
 }
 
 /// The sizes that `columns` have in `fitted`.

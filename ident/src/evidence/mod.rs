@@ -47,6 +47,8 @@ pub(crate) struct Found<'a> {
     pub(crate) leader: State<'a>,
     /// What is named, fitted alone.
     pub(crate) named: State<'a>,
+    /// The best set that holds another cause than the leader.
+    pub(crate) rival: Option<State<'a>>,
     /// The best set, and where.
     best: (Vec<usize>, linear::Point),
 }

@@ -203,18 +203,6 @@ impl<'a> Problem<'a> {
         points.iter().enumerate().map(cost).collect()
     }
 
-    /// Residuals of every run at `point`; `None` where it cannot be simulated.
-    pub(crate) fn residuals(&self, point: &Point, counts: &mut Counts) -> Option<Vec<DVector<f64>>> {
-        counts.rollouts += self.terms.len() as u64;
-        let places = self.parameters.places();
-        let one = |run: usize| {
-            let points = std::slice::from_ref(point);
-            let simulated = || self.terms[run].residuals(self, &places, points, run).pop().flatten();
-            if counts.is_stopped() { None } else { simulated() }
-        };
-        (0..self.terms.len()).into_par_iter().map(one).collect()
-    }
-
     /// Residuals and derivatives of every run at `point`, by the parameters (if `by_parameters`) and by the run's
     /// own nuisances, exact to rounding. `None` where the point cannot be simulated.
     pub(crate) fn linearise(

@@ -231,11 +231,6 @@ impl Term {
         self.info().parameters.iter().any(|parameter| parameter.role == Role::Switch)
     }
 
-    /// Whether what it does is far from linear in its numbers, so that one step says little.
-    pub(crate) fn is_strongly_bent(&self) -> bool {
-        self.is_switch() || !self.hidden.is_empty()
-    }
-
     /// `model` with this cause: its choices made, its hidden numbers at their start, its switch off.
     pub(crate) fn added_to(&self, model: &Model) -> Model {
         let mut model = model.clone();
@@ -319,43 +314,14 @@ impl Term {
         Some(element.size.split_once('/').map_or(&element.size, |(_, name)| name))
     }
 
-    /// What the choice of its element and its [`Term::odds`] cost, as a BIC: twice the logarithm of how many elements there are, over
-    /// the odds.
-    pub(crate) fn choice_cost(&self) -> f64 {
-        2.0 * (self.element.as_ref().map_or(1.0, |element| element.of as f64) / self.odds).ln()
-    }
-
     /// Whether it is one of several forms of its cause, which are no further causes.
     pub(crate) fn is_choice(&self) -> bool {
         self.by_run || self.element.as_ref().is_some_and(|element| element.of > 1)
     }
 
-    /// The cause in its other places: in one element, or in all together; and, as it sits, the same in all of `runs` runs or another in
-    /// each. Choices and hidden numbers stay.
-    pub(crate) fn elsewhere(&self, model: &Model, runs: usize, elements: &[String]) -> Vec<Self> {
-        let with = self.added_to(model);
-        let effect = with.causes().iter().find(|effect| effect.cause() == self.cause);
-        let all = effect.map_or(Vec::new(), |effect| forms(effect, elements));
-        let all = all.into_iter().map(|element| Self { element, ..self.clone() });
-        let other =
-            if self.by_run { Some(Self { by_run: false, ..self.clone() }) } else { self.by_run(runs) };
-        all.filter(|other| other.element != self.element).chain(other).collect()
-    }
-
-    /// Whether it sits where `other` does, the same in all runs or another in each as that is.
-    pub(crate) fn is_placed_as(&self, other: &Self) -> bool {
-        (&self.element, self.by_run) == (&other.element, other.by_run)
-    }
-
     /// Whether what it needs of a model beside sizes is what `other`, of the same cause, needs.
     pub(crate) fn is_form_of(&self, other: &Self) -> bool {
         (self.cause, &self.choices, &self.hidden) == (other.cause, &other.choices, &other.hidden)
-    }
-
-    /// Free numbers it adds to a fit of `runs` runs.
-    pub(crate) fn count(&self, model: &Model, runs: usize) -> usize {
-        let added = self.free(&self.added_to(model));
-        added.free.len() + added.own.len() * runs
     }
 }
 

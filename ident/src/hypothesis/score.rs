@@ -32,27 +32,16 @@ pub(crate) struct Column {
     room: [f64; 2],
 }
 
-/// What one candidate would gain.
-#[derive(Debug, Clone)]
-pub(crate) struct Scored {
-    pub(crate) term: Term,
-    /// Cost that the best values would save, as far as all is linear.
-    pub(crate) gain: f64,
-    /// Numbers that it adds.
-    pub(crate) count: usize,
-}
-
 /// Columns that are projected together.
 const COLUMNS_TOGETHER: usize = 8;
 
 /// All candidates against one state.
 #[derive(Clone)]
 pub(crate) struct Scores {
-    pub(crate) list: Vec<Scored>,
+    pub(crate) list: Vec<Term>,
     pub(crate) columns: Vec<Column>,
-    /// Derivatives of the whitened residuals, shape (rows, columns).
-    raw: DMatrix<f64>,
-    /// The same with everything projected out that is fitted anyway, per unit of each number.
+    /// Derivatives of the whitened residuals with everything projected out that is fitted anyway, per unit of each number, shape (rows,
+    /// columns).
     pub(crate) projected: DMatrix<f64>,
     pub(crate) nuisances: Nuisances,
 }
@@ -103,7 +92,7 @@ impl Scores {
                 }
             }
         });
-        let mut projected = raw.clone();
+        let mut projected = raw;
         projected.as_mut_slice().par_chunks_mut(COLUMNS_TOGETHER * rows.max(1)).for_each(|several| {
             let mut several = DMatrixViewMut::from_slice(several, rows, several.len() / rows);
             // in units of their own length, so that none is lost beside a larger one
@@ -113,26 +102,8 @@ impl Scores {
             nuisances.take_out(several.as_view_mut());
             several.column_iter_mut().zip(&lengths).for_each(|(mut column, length)| column *= *length);
         });
-        let residuals = nuisances.residuals(state);
-        let slopes = projected.tr_mul(&residuals);
-        let list = candidates
-            .par_iter()
-            .enumerate()
-            .map(|(index, term)| {
-                let own: Vec<usize> =
-                    (0..columns.len()).filter(|&column| columns[column].candidate == index).collect();
-                let gain = gain(&projected, &slopes, &columns, own, term.is_switch());
-                Scored { term: term.clone(), gain, count: term.count(&state.model, runs) }
-            })
-            .collect();
-        Self { list, columns, raw, projected, nuisances }
-    }
-
-    /// By how much the number `name` of the candidate at `index` moves whitened residuals, per unit; `None` where it does nothing.
-    pub(crate) fn length(&self, index: usize, name: &str) -> Option<f64> {
-        let own = |column: &Column| column.candidate == index && column.name == name;
-        let length = self.raw.column(self.columns.iter().position(own)?).norm();
-        (length > 0.0).then_some(length)
+        let list = candidates.to_vec();
+        Self { list, columns, projected, nuisances }
     }
 
     /// For each candidate, what share of `change`, a change of all residuals with everything projected out that is fitted anyway, it could
@@ -140,39 +111,11 @@ impl Scores {
     pub(crate) fn shares(&self, change: &DVector<f64>) -> Vec<f64> {
         let all = change.norm_squared().max(f64::MIN_POSITIVE);
         let slopes = -self.projected.tr_mul(change);
-        let share = |(index, scored): (usize, &Scored)| {
+        let share = |(index, term): (usize, &Term)| {
             let own = (0..self.columns.len()).filter(|&column| self.columns[column].candidate == index);
-            gain(&self.projected, &slopes, &self.columns, own.collect(), scored.term.is_switch()) / all
+            gain(&self.projected, &slopes, &self.columns, own.collect(), term.is_switch()) / all
         };
         self.list.iter().enumerate().map(share).collect()
-    }
-
-    /// The linearisation of `state` with the candidate at `index` added, neutral.
-    pub(crate) fn extended(&self, state: &State<'_>, next: &State<'_>, index: usize) -> Vec<Linear> {
-        let (before, after) = (state.parameters.len(), next.parameters.len());
-        let find = |name: &str, run: usize| {
-            self.columns.iter().position(|column| {
-                column.candidate == index && column.name == name && column.run.is_none_or(|own| own == run)
-            })
-        };
-        let own = self.list[index].term.free(&next.model).own;
-        let one = |(run, linear): (usize, &Linear)| {
-            let rows = self.nuisances.of_run(run);
-            let nuisances = linear.jacobian.ncols() - before;
-            let mut jacobian = DMatrix::zeros(rows.len(), after + nuisances + own.len());
-            jacobian.columns_mut(0, before).copy_from(&linear.jacobian.columns(0, before));
-            jacobian.columns_mut(after, nuisances).copy_from(&linear.jacobian.columns(before, nuisances));
-            let names = next.parameters.free[before..].iter().map(|parameter| parameter.name());
-            let places = (before..after).chain(after + nuisances..after + nuisances + own.len());
-            for (place, name) in places.zip(names.chain(own.iter().map(|(name, _)| name.as_str()))) {
-                if let Some(column) = find(name, run) {
-                    let part = self.raw.column(column);
-                    jacobian.column_mut(place).copy_from(&part.rows_range(rows.clone()));
-                }
-            }
-            Linear { residuals: linear.residuals.clone(), jacobian }
-        };
-        state.linear.iter().enumerate().map(one).collect()
     }
 }
 

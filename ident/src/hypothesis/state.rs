@@ -199,16 +199,6 @@ impl<'a> State<'a> {
         }
     }
 
-    /// This state with the baseline's numbers and starts at `point`, before any fit; those of its causes stay.
-    pub(crate) fn started_at(&self, point: &Point) -> Self {
-        let mut state = Self { linear: Vec::new(), ..self.clone() };
-        let pairs = state.point.offsets.iter_mut().zip(&point.offsets);
-        for (own, given) in pairs.chain([(&mut state.point.values, &point.values)]) {
-            own[..given.len()].copy_from_slice(given);
-        }
-        state
-    }
-
     /// The model with all its numbers, but those that each run has its own of.
     pub(crate) fn calibrated(&self) -> Model {
         self.parameters.applied(&self.point.values, &self.model)
@@ -257,35 +247,6 @@ impl<'a> State<'a> {
     /// Observations in all.
     pub(crate) fn count(&self) -> usize {
         self.terms.iter().map(|term| term.observations.len()).sum()
-    }
-
-    /// What an added number must gain at least to be worth it.
-    pub(crate) fn ln_count(&self) -> f64 {
-        (self.count() as f64).max(2.0).ln()
-    }
-
-    /// Bayesian information criterion, up to a constant.
-    pub(crate) fn bic(&self) -> f64 {
-        self.cost + self.added as f64 * self.ln_count() + self.choice_cost()
-    }
-
-    /// The same where residuals are `level` times as large as noise: what no description explains makes every difference between two
-    /// descriptions larger, by that factor.
-    ///
-    /// # Source
-    /// K. P. Burnham, D. R. Anderson, Model Selection and Multimodel Inference, 2002, section 2.5 (overdispersion).
-    pub(crate) fn bic_at(&self, level: f64) -> f64 {
-        self.bic() - self.cost + self.cost / level
-    }
-
-    /// Squares left over those of noise, 1 at the least.
-    pub(crate) fn level(&self) -> f64 {
-        (self.cost / self.count() as f64).max(1.0)
-    }
-
-    /// What the choices of elements in it cost, as a BIC.
-    pub(crate) fn choice_cost(&self) -> f64 {
-        self.causes.iter().map(CauseTerm::choice_cost).sum()
     }
 
     /// Residuals of a run before whitening \[m\], over how much less certain than usual the cell says it is.

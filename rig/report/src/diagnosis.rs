@@ -70,6 +70,16 @@ fn force_section(force: &UnknownForce) -> Markup {
     }
 }
 
+/// No more than the search can say of sets of causes that nobody has written down.
+const MOST_PROBABLE: f64 = 0.999;
+
+fn probability(probability: f64) -> String {
+    match probability {
+        p if p > MOST_PROBABLE => format!("over {MOST_PROBABLE}"),
+        p => format!("{p:.2}"),
+    }
+}
+
 fn causes(diagnosis: &Diagnosis, list: &[NamedCause], id: &str, title: &str) -> Markup {
     html! {
         section id=(id) {
@@ -91,7 +101,7 @@ fn causes(diagnosis: &Diagnosis, list: &[NamedCause], id: &str, title: &str) -> 
                             }
                         }
                         tr { td {} td colspan="3" {
-                            (cause.sentence) ". " code { (cause.formula) } " ΔBIC " (format!("{:.0}", cause.delta_bic))
+                            (cause.sentence) ". " code { (cause.formula) } " Probability " (probability(cause.probability))
                             @if !cause.check.is_empty() { "; to check: " (cause.check) }
                             @if !cause.aliases.is_empty() { "; no video of these runs tells it from " (cause.aliases.join(", ")) }
                         } }
@@ -99,9 +109,9 @@ fn causes(diagnosis: &Diagnosis, list: &[NamedCause], id: &str, title: &str) -> 
                 }
             }
             @if !diagnosis.alternatives.is_empty() {
-                h3 { "Alternatives that explain these runs as well" }
+                h3 { "Other sets of causes that may be at work instead" }
                 table.facts { @for other in &diagnosis.alternatives {
-                    tr { th { (other.names.join(" + ")) } td { "ΔBIC " (format!("{:.0}", other.delta_bic)) } }
+                    tr { th { (other.names.join(" + ")) } td { "probability " (probability(other.probability)) } }
                 } }
             }
             @if !diagnosis.bent.is_empty() {

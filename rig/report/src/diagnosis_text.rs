@@ -53,7 +53,9 @@ pub(super) fn details(diagnosis: &Diagnosis) -> Vec<String> {
             .filter(|parameter| !parameter.name.contains('@'))
             .map(|parameter| format!("{} = {}", parameter.name, value(parameter)))
             .collect();
-        list.push(format!("{}, 95 % intervals in brackets.", numbers.join(", ")));
+        if !numbers.is_empty() {
+            list.push(format!("{}, 95 % intervals in brackets.", numbers.join(", ")));
+        }
         if !cause.aliases.is_empty() {
             list.push(format!(
                 "No video of these runs tells {} from {}.",
