@@ -146,6 +146,15 @@ impl<'a> Rehearsal<'a> {
         noise_m: f64,
         rougher: f64,
     ) -> Self {
+        let mut rehearsal = Self::as_modelled(model, run, estimate);
+        // Where no step is exact enough at the nominal values, the model's own has to do.
+        rehearsal.plan = rehearsal.planned(model, &rehearsal.start, rougher * wanted_m(noise_m));
+        rehearsal.steps = rehearsal.plan.clone();
+        rehearsal
+    }
+
+    /// As [`Rehearsal::new`], in the model's own steps: for a run that is looked at once or twice.
+    pub(crate) fn as_modelled(model: &Model, run: &'a Run, estimate: Estimate) -> Self {
         let mut nuisances = Vec::new();
         if run.initial.is_none() {
             let frozen = prescribed_dofs(model, run);
@@ -167,7 +176,7 @@ impl<'a> Rehearsal<'a> {
         // Prescribed joints are free in drops, which is what no command at all means to the simulation.
         let ignores_command = run.prescribed && !run.follows();
         let command = run.command.clone().filter(|_| !ignores_command).unwrap_or_default();
-        let mut rehearsal = Self {
+        Self {
             run,
             start: estimate.start,
             nuisances,
@@ -176,11 +185,7 @@ impl<'a> Rehearsal<'a> {
             steps: None,
             parts: &STEP_PARTS,
             columns: columns.collect(),
-        };
-        // Where no step is exact enough at the nominal values, the model's own has to do.
-        rehearsal.plan = rehearsal.planned(model, &rehearsal.start, rougher * wanted_m(noise_m));
-        rehearsal.steps = rehearsal.plan.clone();
-        rehearsal
+        }
     }
 
     /// Steps for `model` from `start` whose errors are at most `accuracy_m` \[m\]; none where no step is so exact.

@@ -84,7 +84,7 @@ fn a_detent_is_named_by_whoever_writes_it_down_and_mistaken_for_nothing_else() {
     assert_eq!(cause["formula"], "torque = -size * sin(8 * q) at joint `q2`");
     assert_eq!(cause["sentence"], "the second hinge catches in eight notches a turn");
     // over the best that lacks it, an unknown force that follows the joint's angle among it
-    assert!(cause["delta_bic"].as_f64().is_some_and(|gain| gain > 20.0), "{cause}");
+    assert!(cause["probability"].as_f64().is_some_and(|probability| probability > 0.999), "{cause}");
     let text = |file: &str| std::fs::read_to_string(with.with_file_name("out").join(file)).expect("a file");
     assert!(text("report.html").contains("-size * sin(8 * q)"));
     assert!(

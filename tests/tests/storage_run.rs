@@ -187,9 +187,11 @@ fn run_killed_at_its_storage_events_leaves_the_servo_safe_and_the_next_run_needs
     };
     let out = folder.path().join("again");
     let output = run_rig(["replay".as_ref(), run.as_os_str(), "--out".as_ref(), out.as_os_str()]);
-    // what moved too little, or not yet, cannot be fitted
+    // what moved too little, or not yet, cannot be fitted, and where it hardly moved the mechanism may not be told from its background: all
+    // images have been read for either
     assert!(matches!(output.status.code(), Some(0 | 4)), "{}", printed(&output));
-    assert!(out.join("frames.csv").exists(), "{}", printed(&output));
+    let is_read = out.join("frames.csv").exists() || printed(&output).contains("images that were looked at");
+    assert!(is_read, "{}", printed(&output));
 }
 
 #[test]

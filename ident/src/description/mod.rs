@@ -97,8 +97,9 @@ pub(crate) fn examine(experiment: &Experiment, counts: &mut Counts) -> Examined 
         suspects.push(suspect);
         (mended, trial) = (Some(better), Some(repeated));
     }
-    if !trial.is_some_and(|trial| trial.is_explained())
-        && let Some((suspect, others)) = strangers::stranger(mended.as_ref().unwrap_or(experiment), counts)
+    if !trial.as_ref().is_some_and(Trial::is_explained)
+        && let Some((suspect, others)) =
+            strangers::stranger(mended.as_ref().unwrap_or(experiment), trial.as_ref(), counts)
     {
         suspects.push(suspect);
         mended = Some(others);

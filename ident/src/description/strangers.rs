@@ -16,6 +16,9 @@ use crate::noise::floor::interval_s;
 /// The poses of another mechanism are off by this many times the noise or more, those of the others by less than this (chosen).
 const OTHER_MECHANISM_MIN: f64 = 6.0;
 const SAME_MECHANISM_MAX: f64 = 2.5;
+/// Of so many runs, those farthest off, it is asked whether the others are repeated without them (chosen): a run that does not belong spoils the
+/// fit of all others a little, and itself most.
+const ASKED_RUNS: usize = 2;
 /// The others are repeated where none is off by more than this many times its noise (chosen).
 const OTHERS_OVER_NOISE_MAX: f64 = 2.0;
 /// Fewest runs of which one can be told from the others (chosen): two would only differ.
@@ -28,12 +31,16 @@ const SQUARES_MIN: f64 = 150.0;
 /// Missing images are whole ones to this share of an interval (chosen).
 const WHOLE_IMAGES_TOLERANCE: f64 = 0.25;
 
-/// The run that does not belong, if there is one, and the experiment without it.
-pub(super) fn stranger(experiment: &Experiment, counts: &mut Counts) -> Option<(Suspect, Experiment)> {
+/// The run that does not belong, if there is one, and the experiment without it; `trial` is what all runs together come to.
+pub(super) fn stranger(
+    experiment: &Experiment,
+    trial: Option<&Trial>,
+    counts: &mut Counts,
+) -> Option<(Suspect, Experiment)> {
     if experiment.runs.len() < RUNS_MIN {
         return None;
     }
-    let (place, how) = other_mechanism(experiment).or_else(|| from_an_image_on(experiment, counts))?;
+    let (place, how) = other_mechanism(experiment).or_else(|| from_an_image_on(experiment, trial, counts))?;
     let mut others = experiment.clone();
     let left_out = others.runs.remove(place);
     if others.runs.iter().all(|run| run.usage == Use::Holdout) {
@@ -64,8 +71,18 @@ fn other_mechanism(experiment: &Experiment) -> Option<(usize, String)> {
 }
 
 /// The one run that the fit of all others repeats up to an image, and what then happened to it.
-fn from_an_image_on(experiment: &Experiment, counts: &mut Counts) -> Option<(usize, String)> {
-    let found = counts.of_each((0..experiment.runs.len()).collect(), |place, counts| {
+fn from_an_image_on(
+    experiment: &Experiment,
+    trial: Option<&Trial>,
+    counts: &mut Counts,
+) -> Option<(usize, String)> {
+    let mut asked: Vec<usize> = (0..experiment.runs.len()).collect();
+    if let Some(trial) = trial {
+        let error = |run: usize| trial.errors[run].over_noise;
+        asked.sort_by(|&a, &b| error(b).total_cmp(&error(a)));
+        asked.truncate(ASKED_RUNS);
+    }
+    let found = counts.of_each(asked, |place, counts| {
         let mut others = experiment.clone();
         for (other, run) in others.runs.iter_mut().enumerate() {
             run.usage = if other == place { Use::Holdout } else { Use::Fit };

@@ -11,9 +11,8 @@ use crate::simulate::Rehearsal;
 
 /// Parameter vectors that a quick fit tries at most (chosen): a right description takes a tenth of them, a wrong one would wander.
 const EVALUATIONS_MAX: u64 = 200;
-/// Errors of simulation at the model's own numbers may be this many times those that noise hides (chosen): they are compared with
-/// errors of centimetres.
-const ROUGH_ERROR_RATIO: f64 = 30.0;
+/// A quick fit ends where two iterations gain less than this share of the loss (chosen): errors are compared by factors.
+const LOSS_SHARE_MIN: f64 = 0.04;
 /// Residuals of up to this many times the noise count as explained (chosen): images by themselves tell noise to some 10 %.
 const EXPLAINED_RATIO_MAX: f64 = 1.7;
 
@@ -97,7 +96,7 @@ pub(super) fn unfitted(experiment: &Experiment, counts: &mut Counts) -> Option<T
 fn unfitted_run(model: &Model, run: &Run) -> Option<RunError> {
     let noise_m = run_noise(run).std_m;
     let estimate = initial::estimate(model, run, noise_m).ok()?;
-    let rehearsal = Rehearsal::rougher(model, run, estimate, noise_m, ROUGH_ERROR_RATIO).in_one_try();
+    let rehearsal = Rehearsal::as_modelled(model, run, estimate).in_one_try();
     let offsets = vec![0.0; rehearsal.nuisances.len()];
     let simulated_m = rehearsal.simulate(model, &offsets, run.trajectory.time_s.len()).ok()?;
     RunError::new(&run.trajectory, &simulated_m, f64::NEG_INFINITY, noise_m)
@@ -110,7 +109,7 @@ pub(super) fn fitted(experiment: &Experiment, counts: &mut Counts) -> Option<Tri
     quick.fit.method = Method::LeastSquares;
     quick.fit.profile = false;
     quick.runs.retain(|run| run.usage == Use::Fit);
-    let fitted = fit::fit(&quick, &mut Quick(counts)).ok()?;
+    let fitted = fit::fit(&quick, &mut Quick { counts, losses_m2: Vec::new() }).ok()?;
     counts.rollouts += fitted.fit.rollouts;
     let mut repeated = fitted.runs.into_iter();
     let runs: Option<Vec<FittedRun>> = experiment
@@ -134,14 +133,21 @@ pub(super) fn fitted(experiment: &Experiment, counts: &mut Counts) -> Option<Tri
 /// All of a run, from which its start follows.
 const WHOLE_RUN_START_SHARE: f64 = 1.0;
 
-/// Ends a fit that wanders, or for which nobody waits.
-struct Quick<'a>(&'a Counts);
+/// Ends a fit that wanders, that no longer gets on, or for which nobody waits.
+struct Quick<'a> {
+    counts: &'a Counts,
+    /// Losses after the iterations so far \[m2\].
+    losses_m2: Vec<f64>,
+}
 
 impl fit::Observer for Quick<'_> {
     fn progress(&mut self, progress: &fit::Progress<'_>) -> Flow {
-        match self.0.is_stopped() || progress.evaluations > EVALUATIONS_MAX {
-            true => Flow::Stop,
-            false => Flow::Continue,
-        }
+        self.losses_m2.push(progress.loss_m2);
+        let has_stalled = match self.losses_m2[..] {
+            [.., before, _, now] => now > (1.0 - LOSS_SHARE_MIN) * before,
+            _ => false,
+        };
+        let is_over = has_stalled || progress.evaluations > EVALUATIONS_MAX || self.counts.is_stopped();
+        if is_over { Flow::Stop } else { Flow::Continue }
     }
 }

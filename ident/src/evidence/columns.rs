@@ -61,7 +61,9 @@ pub(super) fn of_atom(atoms: &Atoms, place: usize) -> Vec<Column> {
     for &number in &atom.numbers {
         let known = &atoms.numbers[number];
         let mut put = |runs: Vec<usize>, belief: Belief| {
-            let is_positive = matches!(belief, Belief::Size(_)) && known.bounds[0] >= known.neutral;
+            // what differs from run to run stands upon the least of all runs then
+            let is_size = matches!(belief, Belief::Size(_) | Belief::Deviation(_));
+            let is_positive = is_size && known.bounds[0] >= known.neutral;
             list.push(Column { number, runs, belief, is_positive });
         };
         let all = || atom.runs.clone();

@@ -52,12 +52,21 @@ pub(super) struct Pool<'b, 'a> {
     /// Columns of those that are not expanded yet, by place.
     columns: BTreeMap<usize, Vec<RunColumns>>,
     pub(super) predicted: BTreeMap<Set, Predicted>,
+    /// What cannot be simulated wherever it was tried: there is no such explanation, whatever is predicted of it.
+    impossible: BTreeSet<Set>,
     pub(super) fits: usize,
 }
 
 impl<'b, 'a> Pool<'b, 'a> {
     pub(super) fn new(fitter: Fitter<'b, 'a>) -> Self {
-        Self { fitter, fitted: Vec::new(), columns: BTreeMap::new(), predicted: BTreeMap::new(), fits: 0 }
+        Self {
+            fitter,
+            fitted: Vec::new(),
+            columns: BTreeMap::new(),
+            predicted: BTreeMap::new(),
+            impossible: BTreeSet::new(),
+            fits: 0,
+        }
     }
 
     fn bench(&self) -> &'b Bench<'a> {
@@ -257,6 +266,9 @@ impl<'b, 'a> Pool<'b, 'a> {
         let setting = self.bench().setting(&set);
         let Some((fitted, columns)) = self.fitter.fit(setting, point, scales, how, counts) else {
             self.predicted.remove(&set);
+            if !counts.is_stopped() {
+                self.impossible.insert(set);
+            }
             return false;
         };
         let place = match self.fitted.iter().position(|known| known.setting.set == set) {
@@ -330,14 +342,11 @@ impl<'b, 'a> Pool<'b, 'a> {
         let setting = self.bench().setting(&set);
         let from = &self.fitted[parent];
         let target = self.fitter.target(&setting, &from.point, &from.gram, &scored);
-        let fitted = target.is_some_and(|point| {
-            self.add(set.clone(), point, (scored.scales, scored.tau), (true, MOST_STEPS), counts)
-        });
-        // once from there is enough
-        let is_new = self.fitted.last().is_some_and(|last| last.setting.set == set);
-        if !fitted || !is_new {
-            self.predicted.remove(&set);
+        if let Some(point) = target {
+            self.add(set.clone(), point, (scored.scales, scored.tau), (true, MOST_STEPS), counts);
         }
+        // once from there is enough
+        self.predicted.remove(&set);
     }
 
     fn expand(&mut self, place: usize, counts: &mut Counts) {
@@ -358,7 +367,8 @@ impl<'b, 'a> Pool<'b, 'a> {
 
     /// Every set one move from `from`, scored; `free`: with the unknown wherever its evidence wants it.
     fn neighbours(&self, from: &Fitted, place: usize, free: bool) -> Vec<(Set, Predicted)> {
-        let sets: Vec<Set> = self.moves(&from.setting.set).into_iter().collect();
+        let moves = self.moves(&from.setting.set).into_iter();
+        let sets: Vec<Set> = moves.filter(|set| !self.impossible.contains(set)).collect();
         let atoms = &self.bench().atoms;
         let scorer = self.fitter.scorer(&from.gram);
         let at = from.scored.scales;

@@ -45,6 +45,9 @@ pub struct Outcome {
     pub alternatives: Vec<Vec<String>>,
     /// The best description where it names none.
     pub partial: Vec<String>,
+    /// What it says is at work all the same.
+    #[serde(default)]
+    pub established: Vec<String>,
     /// Held-out rms before and after, and the noise floor \[m\].
     pub heldout_m: Option<[f64; 3]>,
     /// How long the program took \[s\].
@@ -99,6 +102,7 @@ pub fn judge(case: &Case, truth: Vec<Truth>, experiment: &Path, out: &Path) -> O
         causes: Vec::new(),
         alternatives: Vec::new(),
         partial: Vec::new(),
+        established: Vec::new(),
         heldout_m: None,
         wall_s,
         threads,
@@ -124,9 +128,11 @@ impl Outcome {
         self.causes = diagnosis["causes"].as_array().into_iter().flatten().map(named).collect();
         let alternatives = diagnosis["alternatives"].as_array().into_iter().flatten();
         self.alternatives = alternatives.map(|set| texts(&set["names"])).collect();
-        let partial = diagnosis["partial"].as_array().into_iter().flatten();
-        self.partial =
-            partial.filter_map(|part| part.as_str().or(part["name"].as_str()).map(str::to_owned)).collect();
+        let names = |key: &str| -> Vec<String> {
+            let list = diagnosis[key].as_array().into_iter().flatten();
+            list.filter_map(|part| part.as_str().or(part["name"].as_str()).map(str::to_owned)).collect()
+        };
+        (self.partial, self.established) = (names("partial"), names("established"));
         let heldout = &diagnosis["heldout"];
         let numbers = ["rms_before_m", "rms_after_m", "noise_floor_m"].map(|key| heldout[key].as_f64());
         if let [Some(before), Some(after), Some(floor)] = numbers {

@@ -114,6 +114,9 @@ pub struct Fault {
     pub element: Option<String>,
     /// How strong it is.
     pub size: f64,
+    /// Whether it is another in each run.
+    #[serde(default)]
+    pub by_run: bool,
 }
 
 /// A mechanism with faults.
@@ -144,7 +147,7 @@ impl Faulty {
         let mut put = |cause: &str, element: Option<String>, parameter: &str, size: f64| {
             let name = format!("{cause}/{}", element.as_deref().unwrap_or(parameter));
             hidden.0.insert(name, size);
-            truth.push(Fault { cause: cause.into(), element, size });
+            truth.push(Fault { cause: cause.into(), element, size, by_run: false });
         };
         let link = |draw: &mut Draw, count: usize| Some(format!("link{}", 1 + draw.place(count)));
         let hinge =
@@ -178,7 +181,7 @@ impl Faulty {
             let (size, turn) = (draw.even(2.5e-4, 6e-4), draw.even(0.0, std::f64::consts::TAU));
             hidden.0.insert("camera_offset/x".into(), size * turn.cos());
             hidden.0.insert("camera_offset/z".into(), size * turn.sin());
-            truth.push(Fault { cause: "camera_offset".into(), element: None, size });
+            truth.push(Fault { cause: "camera_offset".into(), element: None, size, by_run: true });
         }
         let mut each_run = |cause: &str, parameters: &[&str], size: f64| {
             for (run, parameter) in
@@ -186,7 +189,7 @@ impl Faulty {
             {
                 hidden.0.insert(format!("{cause}/{parameter}@{run}"), draw.even(-size, size));
             }
-            truth.push(Fault { cause: cause.into(), element: None, size });
+            truth.push(Fault { cause: cause.into(), element: None, size, by_run: true });
         };
         match kind {
             Kind::ShiftingCurrent => each_run("current", &["x", "z"], 0.012),

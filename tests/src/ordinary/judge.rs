@@ -103,6 +103,15 @@ impl Judged {
         truth.any(|fault| fault.element == cause.element)
     }
 
+    /// Whether what differs from run to run, and nothing else, is said to resemble what does: a force of another size in each run is not
+    /// named, since it may stand in for anything.
+    fn is_told_apart(&self) -> bool {
+        let partial = &self.outcome.partial;
+        !partial.is_empty()
+            && self.truth.iter().all(|fault| fault.by_run)
+            && partial.iter().all(|name| self.holds(name))
+    }
+
     /// How near the diagnosis came.
     pub fn nearness(&self) -> Nearness {
         let Outcome { verdict, causes, alternatives, .. } = &self.outcome;
@@ -114,6 +123,7 @@ impl Judged {
         match verdict.as_str() {
             "nothing-detectable" if self.truth.is_empty() => Nearness::Right,
             "nothing-detectable" => Nearness::Missed,
+            "unexplained" if self.is_told_apart() => Nearness::Right,
             "unexplained" => Nearness::Unexplained,
             "ambiguous" if names(&leader) || alternatives.iter().any(|set| names(set)) => Nearness::Ambiguous,
             "ambiguous" => Nearness::Wrong,
