@@ -76,6 +76,8 @@ pub(super) fn verdict(
     };
     let (causes, partial, established) = match verdict {
         Verdict::NothingDetectable => (Vec::new(), Vec::new(), Vec::new()),
+        // what no other run confirms is no more than a description
+        Verdict::Unexplained if !checked => (Vec::new(), [known, list(&is_leading)].concat(), Vec::new()),
         Verdict::Unexplained => (Vec::new(), list(&is_leading), known),
         Verdict::Ambiguous => (list(&is_leading), Vec::new(), Vec::new()),
         _ => (known, Vec::new(), Vec::new()),

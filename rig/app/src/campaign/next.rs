@@ -263,8 +263,9 @@ fn rivals(diagnosis: &Diagnosis) -> String {
 
 /// The parameters `known` that the named causes bias by more than the wanted standard deviation, each with what to do about it.
 fn biased(diagnosis: &Diagnosis, known: &[Known]) -> Vec<String> {
-    let causes = diagnosis.causes.iter().map(NamedCause::label).collect::<Vec<_>>().join(" + ");
-    let fitted = diagnosis.causes.iter().flat_map(|cause| &cause.parameters).filter(|one| one.ci95.is_some());
+    let at_work = || diagnosis.causes.iter().chain(&diagnosis.established);
+    let causes = at_work().map(NamedCause::label).collect::<Vec<_>>().join(" + ");
+    let fitted = at_work().flat_map(|cause| &cause.parameters).filter(|one| one.ci95.is_some());
     let mut names: Vec<String> =
         fitted.filter_map(|one| Some(format!("\"{}\"", one.name.split('@').next()?))).collect();
     names.dedup();
