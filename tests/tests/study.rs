@@ -123,7 +123,7 @@ fn a_coefficient_that_drifts_is_told_from_one_that_does_not_and_tables_are_whole
         temperature_c = 20.0\n[[experiment]]\npaths = [\"e3/*.toml\", \"e4/*.toml\", \"e5/*.toml\"]\ntank = \"large\"\ntemperature_c = 24.0\n\
         [[variation]]\nname = \"as it is\"\n[[variation]]\nname = \"other seed\"\nseeds = [2]\n";
     let bench =
-        Bench::new(Recordings { count: 6, drift: 0.2, duration_s: 2.0, ..Recordings::default() }, study);
+        Bench::new(Recordings { count: 6, drift: 0.4, duration_s: 2.0, ..Recordings::default() }, study);
     bench.done("out", &[]);
     let out = bench.path("out");
     let found = json(&out.join("findings.json"));
