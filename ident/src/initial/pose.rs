@@ -37,7 +37,7 @@ const GOOD_POSE_RMS_Z: f64 = 3.0;
 const DIFFERENCE_STEP: f64 = 1e-6;
 /// Settings of a descent (chosen), which keep directions that change no target where they are.
 const DESCENT: LevenbergMarquardt =
-    LevenbergMarquardt { iterations_max: 60, relative_tolerance: 1e-12, scaling: Scaling::Levenberg };
+    LevenbergMarquardt { iterations_max: 60, relative_tolerance: 1e-8, scaling: Scaling::Levenberg };
 
 /// The coordinates, shape (nq), nearest to `targets`: by descent from `guess`, and where that ends far off, from
 /// a search hinge by hinge; of the angles that look the same, whole turns apart, those next to the reference. `frozen`, shape
