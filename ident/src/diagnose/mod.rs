@@ -244,6 +244,8 @@ fn diagnosed(
     let (model, after) = match diagnosis.verdict {
         Verdict::NothingDetectable => (baseline.calibrated(), baseline.repeated()),
         Verdict::Ambiguous => (leader.expected(), leader.repeated()),
+        // a model is handed on with what other runs confirm, or without any cause
+        Verdict::Unexplained if diagnosis.established.is_empty() => (baseline.calibrated(), named.repeated()),
         _ => (named.expected(), named.repeated()),
     };
     Ok(Diagnosed {

@@ -6,14 +6,14 @@ use std::fmt::Write as _;
 use ident::experiment::Experiment;
 use ident::fit::fit;
 
-/// What the generator turns: a bar with a weight, and how its drive is \[SI\].
-const INERTIA: f64 = 5e-3;
-const WEIGHT_TORQUE: f64 = 0.48;
-const BRAKING: f64 = 0.03;
-const FRICTION: f64 = 0.02;
-const FRICTION_RATE: f64 = 0.05;
-const DRIVING: f64 = 0.1;
-const DRIVEN: f64 = 0.6;
+/// What the generator turns: a bar with a weight, and how its drive is (chosen, about those of a small bus servo).
+const TURNED_INERTIA_KG_M2: f64 = 5e-3;
+const WEIGHT_TORQUE_NM: f64 = 0.48;
+const BRAKING_NM_S: f64 = 0.03;
+const FRICTION_TORQUE_NM: f64 = 0.02;
+const FRICTION_RATE_RAD_S: f64 = 0.05;
+const DRIVING_FRICTION_SHARE: f64 = 0.1;
+const DRIVEN_FRICTION_SHARE: f64 = 0.6;
 const STEP_S: f64 = 2e-5;
 
 const MODEL: &str = r#"<mujoco><compiler angle="radian"/><option gravity="0 0 -9.81"/><worldbody><body name="arm">
@@ -32,10 +32,10 @@ fn recorded(end_s: f64, push: impl Fn(f64, f64) -> f64, is_on: impl Fn(f64) -> b
             rows.push((t, (q * 4096.0 / TAU).round() * TAU / 4096.0));
         }
         let on = f64::from(u8::from(is_on(t)));
-        let motor = on * (push(t, q) - BRAKING * v);
-        let share = if motor * v > 0.0 { DRIVING } else { DRIVEN };
-        let rubs = (FRICTION + share * motor.abs()) * v / v.hypot(FRICTION_RATE);
-        v += STEP_S / INERTIA * (motor - rubs - WEIGHT_TORQUE * q.sin());
+        let motor = on * (push(t, q) - BRAKING_NM_S * v);
+        let share = if motor * v > 0.0 { DRIVING_FRICTION_SHARE } else { DRIVEN_FRICTION_SHARE };
+        let rubs = (FRICTION_TORQUE_NM + share * motor.abs()) * v / v.hypot(FRICTION_RATE_RAD_S);
+        v += STEP_S / TURNED_INERTIA_KG_M2 * (motor - rubs - WEIGHT_TORQUE_NM * q.sin());
         q += STEP_S * v;
     }
     rows
@@ -87,14 +87,14 @@ fn gain_braking_and_gear_come_out_of_two_gains_and_a_fall() {
         "coulomb_friction/torque" = [0.0, 0.2]
         "back_emf/braking" = [0.0, 0.5]"#;
     let mut experiment = experiment(drive, &runs, parameters);
-    experiment.model.set_parameter("gear_friction/rate", FRICTION_RATE).unwrap();
+    experiment.model.set_parameter("gear_friction/rate", FRICTION_RATE_RAD_S).unwrap();
     let fitted = fit(&experiment, &mut ()).unwrap().fit;
     for (name, truth, off) in [
         ("servo/gain", 0.2, 0.002),
-        ("back_emf/braking", BRAKING, 0.002),
-        ("coulomb_friction/torque", FRICTION, 0.002),
-        ("gear_friction/driving", DRIVING, 0.02),
-        ("gear_friction/driven", DRIVEN, 0.05),
+        ("back_emf/braking", BRAKING_NM_S, 0.002),
+        ("coulomb_friction/torque", FRICTION_TORQUE_NM, 0.002),
+        ("gear_friction/driving", DRIVING_FRICTION_SHARE, 0.02),
+        ("gear_friction/driven", DRIVEN_FRICTION_SHARE, 0.05),
     ] {
         let found = fitted.parameters.iter().find(|parameter| parameter.name == name).unwrap();
         assert!((found.value - truth).abs() < off, "{name}: {} +- {}, {truth}", found.value, found.std);
@@ -120,17 +120,17 @@ fn a_motor_is_driven_by_its_duty_cycle() {
         "coulomb_friction/torque" = [0.0, 0.2]"#;
     let mut experiment = experiment(drive, &runs, parameters);
     for (name, value) in [
-        ("gear_friction/rate", FRICTION_RATE),
-        ("gear_friction/driving", DRIVING),
-        ("gear_friction/driven", DRIVEN),
-        ("back_emf/braking", BRAKING),
+        ("gear_friction/rate", FRICTION_RATE_RAD_S),
+        ("gear_friction/driving", DRIVING_FRICTION_SHARE),
+        ("gear_friction/driven", DRIVEN_FRICTION_SHARE),
+        ("back_emf/braking", BRAKING_NM_S),
     ] {
         experiment.model.set_parameter(name, value).unwrap();
     }
     let fitted = fit(&experiment, &mut ()).unwrap().fit;
     let value = |name: &str| fitted.parameters.iter().find(|parameter| parameter.name == name).unwrap().value;
     assert!((value("servo/gain") - 0.7).abs() < 0.005, "{}", value("servo/gain"));
-    assert!((value("coulomb_friction/torque") - FRICTION).abs() < 0.002);
+    assert!((value("coulomb_friction/torque") - FRICTION_TORQUE_NM).abs() < 0.002);
 }
 
 #[test]

@@ -22,7 +22,9 @@ fn dropped(place: usize, model: &Model) -> Run {
 fn said(truths: [&Model; 3]) -> Diagnosis {
     let runs = truths.iter().enumerate().map(|(place, model)| dropped(place, model)).collect();
     let fit = FitConfig { parameters: vec!["fluidcoef".into(), "damping".into()], ..FitConfig::default() };
-    let said = diagnose(&Experiment::new(guess(chain()), fit, runs), &mut ()).unwrap().diagnosis;
+    let diagnosed = diagnose(&Experiment::new(guess(chain()), fit, runs), &mut ()).unwrap();
+    let said = diagnosed.diagnosis;
+    assert_eq!(diagnosed.model.causes().is_empty(), said.causes.is_empty() && said.established.is_empty());
     println!("{} {:?} {:?}", said.sentence, said.remarks, said.unknown);
     said
 }
