@@ -100,6 +100,11 @@ impl Atom {
             && self.term.choices == other.term.choices
     }
 
+    /// The cause and the choice made of its laws.
+    pub(super) fn law(&self) -> String {
+        format!("{} {:?}", self.cause(), self.term.choices)
+    }
+
     /// The cause and its element.
     pub(super) fn place(&self) -> String {
         self.term.element().map_or(self.cause().to_owned(), |element| format!("{}/{element}", self.cause()))

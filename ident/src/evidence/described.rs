@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::columns::{Belief, Column};
-use super::fit::{Fitted, Fitter, MOST_STEPS};
+use super::fit::{Effort, Fitted, Fitter, MOST_STEPS};
 use super::linear::{Bench, Point, Setting};
 use super::search::Pool;
 use super::verdict::{Evidence, FoundCause, Size, Standing};
@@ -39,15 +39,12 @@ pub(super) fn described<'a>(
         list.sort_unstable();
         list
     };
+    let effort = Effort { unknown: true, steps: MOST_STEPS, least: f64::NEG_INFINITY };
     // the same sets as the fitted runs alone have them
     let mut refit = |from: &Fitted, set: &[usize]| -> Option<Fitted> {
         let setting = bench.setting(set);
         let point = Point { sizes: sizes_in(from, &setting.columns), ..from.point.clone() };
-        Some(
-            fitter
-                .fit(setting, point, (from.scored.scales, from.scored.tau), (true, MOST_STEPS), &mut counts)?
-                .0,
-        )
+        Some(fitter.fit(setting, point, (from.scored.scales, from.scored.tau), effort, &mut counts)?.0)
     };
     let mut order: Vec<&Fitted> = pool.fitted.iter().collect();
     order.sort_by(|a, b| b.scored.ln_z.total_cmp(&a.scored.ln_z));

@@ -45,6 +45,17 @@ struct Standing {
     gram: Gram,
 }
 
+/// How far a fit goes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Effort {
+    /// With the unknown wherever its evidence wants it.
+    pub(super) unknown: bool,
+    /// Most steps.
+    pub(super) steps: usize,
+    /// What has less evidence than this once the unknown is let in stays where it is.
+    pub(super) least: f64,
+}
+
 /// Fits sets of causes.
 pub(super) struct Fitter<'b, 'a> {
     pub(super) bench: &'b Bench<'a>,
@@ -245,16 +256,16 @@ impl<'b, 'a> Fitter<'b, 'a> {
         Some(Point { base, offsets: offsets.collect(), sizes })
     }
 
-    /// The optimum of `setting` from `point` and `scales`, in at most `most` steps; `free`: with the unknown wherever its evidence wants it.
-    /// `None` where nothing near it can be simulated.
+    /// The optimum of `setting` from `point` and `scales`. `None` where nothing near it can be simulated.
     pub(super) fn fit(
         &self,
         setting: Setting,
         point: Point,
         scales: (Scales, usize),
-        (free, most): (bool, usize),
+        effort: Effort,
         counts: &mut Counts,
     ) -> Option<(Fitted, Vec<RunColumns>)> {
+        let free = effort.unknown;
         let mut from = if free { scales } else { (OFF, scales.1) };
         let mut standing = self.stand(&setting, point, free && from.0 != OFF, counts)?;
         let tuned = |standing: &Standing, from, free: bool| {
@@ -263,7 +274,8 @@ impl<'b, 'a> Fitter<'b, 'a> {
         let mut scored = tuned(&standing, from, free)?;
         let mut steps = 0;
         loop {
-            let moved = if steps < most { self.step(&setting, &standing, &scored, counts) } else { None };
+            let moved =
+                if steps < effort.steps { self.step(&setting, &standing, &scored, counts) } else { None };
             steps += 1;
             if let Some(next) = moved {
                 standing = next;
@@ -280,7 +292,7 @@ impl<'b, 'a> Fitter<'b, 'a> {
             }
             standing.gram = self.gram(&setting, &standing.point, &standing.columns);
             scored = tuned(&standing, (scored.scales, scored.tau), free)?;
-            if scored.scales == OFF {
+            if scored.scales == OFF || scored.ln_z < effort.least {
                 break;
             }
         }
