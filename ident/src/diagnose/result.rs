@@ -181,7 +181,7 @@ pub struct NamedCause {
     /// Whether it is another in each run: then its sizes are those of the runs, `<cause>/<parameter>@<run>`.
     #[serde(default, skip_serializing_if = "is_false")]
     pub by_run: bool,
-    /// In which runs it is at work, where it is not all: `drops only`, `driven-1 only`.
+    /// In which runs it is at work, where it is not all: `drops only`, `drops only, in each by another size`, `driven-1 only`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub form: Option<String>,
     /// What it says.

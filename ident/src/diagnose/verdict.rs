@@ -166,6 +166,7 @@ fn named(
         by_run: matches!(cause.form, Form::CommonAndByRun | Form::ByRunOnly),
         form: match cause.form {
             Form::DropsOnly => Some("drops only".into()),
+            Form::DropsByRun => Some("drops only, in each by another size".into()),
             Form::OneRun(run) => ids.get(run).map(|id| format!("{id} only")),
             _ => None,
         },

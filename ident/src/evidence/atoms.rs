@@ -22,6 +22,8 @@ pub(crate) enum Form {
     ByRunOnly,
     /// In runs that are let go only.
     DropsOnly,
+    /// In runs that are let go only, in each by another size: so is a release that is written down by hand.
+    DropsByRun,
     /// In this run only.
     OneRun(usize),
 }
@@ -80,8 +82,9 @@ const CAUSE_CHANCE: f64 = 0.04;
 const ALL_ELEMENTS_SHARE: f64 = 0.5;
 /// Shares of a cause's chance by form: common, common and by run, by run only (a prototype, chosen).
 const FORCE_SHARES: [f64; 3] = [0.8, 0.05, 0.15];
-/// The same for the camera's clock and place, which do differ, with what is left for drops only and for one run, each.
-const CAMERA_SHARES: [f64; 5] = [0.6, 0.05, 0.15, 0.1, 0.1];
+/// The same for the camera's clock and place, which do differ, with what is left for drops only, for these by run, and for
+/// one run, each.
+const CAMERA_SHARES: [f64; 6] = [0.6, 0.05, 0.1, 0.1, 0.05, 0.1];
 
 impl Atom {
     pub(super) fn cause(&self) -> &'static str {
@@ -117,6 +120,7 @@ impl Atom {
             Form::CommonAndByRun => " (common, and by run)".into(),
             Form::ByRunOnly => " (by run only)".into(),
             Form::DropsOnly => " (drops only)".into(),
+            Form::DropsByRun => " (drops only, by run)".into(),
             Form::OneRun(run) => format!(" (run {} only)", run + 1),
         };
         format!("{}{form}", self.place())
@@ -171,7 +175,7 @@ impl Atoms {
             }
             if differs {
                 if drops.len() > 1 && drops.len() < acting.len() {
-                    forms.push(Form::DropsOnly);
+                    forms.extend([Form::DropsOnly, Form::DropsByRun]);
                 }
                 forms.extend(acting.iter().map(|&run| Form::OneRun(run)));
             }
@@ -185,7 +189,8 @@ impl Atoms {
                 (true, Form::CommonAndByRun) => CAMERA_SHARES[1],
                 (true, Form::ByRunOnly) => CAMERA_SHARES[2],
                 (true, Form::DropsOnly) => CAMERA_SHARES[3],
-                (true, Form::OneRun(_)) => CAMERA_SHARES[4] / acting.len() as f64,
+                (true, Form::DropsByRun) => CAMERA_SHARES[4],
+                (true, Form::OneRun(_)) => CAMERA_SHARES[5] / acting.len() as f64,
             };
             self.list.push(Atom {
                 term: term.clone(),

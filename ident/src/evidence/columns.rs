@@ -81,6 +81,7 @@ pub(super) fn of_atom(atoms: &Atoms, place: usize) -> Vec<Column> {
             }
             Form::ByRunOnly => each().for_each(|run| put(run, deviation)),
             Form::DropsOnly => put(atom.drops.clone(), size),
+            Form::DropsByRun => atom.drops.iter().for_each(|&run| put(vec![run], deviation)),
             Form::OneRun(run) => put(vec![run], size),
         }
     }

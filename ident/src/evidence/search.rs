@@ -471,7 +471,10 @@ impl<'b, 'a> Pool<'b, 'a> {
             if matches!(atoms[gone].form, Form::CommonAndByRun | Form::ByRunOnly) {
                 let forms = (0..atoms.len()).filter(|&form| {
                     atoms[form].is_placed_as(&atoms[gone])
-                        && matches!(atoms[form].form, Form::All | Form::DropsOnly | Form::OneRun(_))
+                        && matches!(
+                            atoms[form].form,
+                            Form::All | Form::DropsOnly | Form::DropsByRun | Form::OneRun(_)
+                        )
                 });
                 for split in forms.filter_map(|form| joined(&rest, form)) {
                     all.extend((0..atoms.len()).filter_map(|atom| joined(&split, atom)));
