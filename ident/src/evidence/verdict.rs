@@ -112,10 +112,14 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
     let fitted = sets.len();
     let linear = pool.about_best();
     let is_fitted = |set: &[usize]| pool.fitted.iter().any(|fitted| fitted.setting.set == set);
-    // what is only predicted is never above what was fitted: predictions rank, refits decide
-    sets.extend(linear.iter().filter(|(set, _)| !is_fitted(set)).map(|(set, z)| (&set[..], z.min(most))));
+    // what is only predicted is never above what was fitted: predictions rank, refits decide. Where it would be, the search was ended before
+    // that, and whatever such a set holds may as well not be
+    let predicted = linear.iter().filter(|(set, _)| !is_fitted(set));
+    let (above, below): (Vec<_>, Vec<_>) = predicted.partition(|(_, z)| *z > most);
+    sets.extend(below.iter().map(|(set, z)| (&set[..], *z)));
+    let untried = above.len() as f64;
     let weights: Vec<f64> = sets.iter().map(|(_, z)| (z - most).exp()).collect();
-    let all: f64 = weights.iter().sum();
+    let all = weights.iter().sum::<f64>() + untried;
     let share = |holds: &dyn Fn(&[usize]) -> bool| {
         let own = sets.iter().zip(&weights).filter(|((set, _), _)| holds(set));
         own.map(|(_, weight)| weight).sum::<f64>() / all
@@ -204,7 +208,7 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
         unnamed,
         unknown: [FORCE_SCALES[repeatable], FORCE_SCALES[own], SLIP_SCALES[slip]],
         sets: likely_sets(pool, &weights[..fitted], all),
-        unfitted: weights[fitted..].iter().sum::<f64>() / all,
+        unfitted: (weights[fitted..].iter().sum::<f64>() + untried) / all,
         complete,
     })
 }
