@@ -48,6 +48,7 @@ const NOT_RUN: &[(&str, &str)] = &[
     ("python3 scripts/in-mujoco.py", "needs MuJoCo and a driven run; in_mujoco runs it"),
     ("python3 tests/cases/", "needs MuJoCo, and hours; cases makes one and tests the judge"),
     ("python3 \"$RIG_SHARED/", "measures MuJoCo, minutes"),
+    ("scripts/fuzz", "builds everything with its engine, minutes; fuzz_slice meets the same targets"),
     ("scripts/package", "builds a release, minutes"),
     ("printf '\\n[schedule]", "changes the system; scripts/package-test does it in a root of its own"),
     ("sudo ", "changes the system; scripts/package-test does the same in a root of its own"),

@@ -51,7 +51,7 @@ impl Help {
 /// Where the crates are, by name; `None` for one that is not there.
 fn crate_folder(name: &str) -> Option<PathBuf> {
     let folder = if name == "system-tests" { "tests" } else { name };
-    let places = [repository().join(folder), repository().join("rig").join(folder)];
+    let places = ["", "rig", "tests"].map(|room| repository().join(room).join(folder));
     places.into_iter().find(|path| path.join("Cargo.toml").exists())
 }
 
