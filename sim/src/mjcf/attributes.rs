@@ -305,13 +305,12 @@ impl<'a> Attributes<'a> {
     }
 
     /// `v` at unit length; refused where it has none.
-    fn unit(&self, name: &str, v: Vec3<f64>) -> Option<Vec3<f64>> {
-        let norm = v.norm();
-        if norm > 1e-14 {
-            return Some(v * (1.0 / norm));
+    pub(super) fn unit<const N: usize>(&self, name: &str, v: [f64; N]) -> Option<[f64; N]> {
+        let unit = unit_length(v);
+        if unit.is_none() {
+            self.invalid(name, "of nonzero length");
         }
-        self.invalid(name, "of nonzero length");
-        None
+        unit
     }
 
     /// `parent_from_child` from whichever of the five forms is given.
@@ -326,30 +325,34 @@ impl<'a> Attributes<'a> {
 
     fn turned_by(&self, name: &str, angles: &Angles) -> Option<Quat<f64>> {
         match name {
-            "quat" => {
-                let q = self.array::<4>(name)?;
-                if q.iter().all(|c| c.abs() < 1e-14) {
-                    self.invalid(name, "of nonzero length");
-                    return None;
-                }
-                Some(Quat(q).normalized())
-            }
+            "quat" => Some(Quat(self.unit(name, self.array::<4>(name)?)?)),
             "axisangle" => {
                 let [x, y, z, angle] = self.array::<4>(name)?;
-                let axis = self.unit(name, Vec3([x, y, z]))?;
+                let axis = Vec3(self.unit(name, [x, y, z])?);
                 Some(Quat::from_rotation_vector(axis * angles.radians(angle)))
             }
             "xyaxes" => {
                 let [a, b, c, d, e, f] = self.array::<6>(name)?;
-                let x = self.unit(name, Vec3([a, b, c]))?;
+                let x = Vec3(self.unit(name, [a, b, c])?);
                 let y = Vec3([d, e, f]);
-                let y = self.unit(name, y - x * x.dot(y))?;
+                let y = Vec3(self.unit(name, (y - x * x.dot(y)).0)?);
                 Some(from_columns(x, y, x.cross(y)))
             }
-            "zaxis" => Some(from_z(self.unit(name, self.vector(name)?)?)),
+            "zaxis" => Some(from_z(Vec3(self.unit(name, self.array::<3>(name)?)?))),
             _ => Some(angles.turn(self.array::<3>(name)?)),
         }
     }
+}
+
+/// Vectors shorter than this have no direction, and those as near to length 1 are left as they are: as in MuJoCo's compiler. What was
+/// written at unit length so reads back to the same bits.
+const LENGTH_TOLERANCE: f64 = 1e-14;
+
+/// `v` at unit length; none where it has no direction.
+fn unit_length<const N: usize>(v: [f64; N]) -> Option<[f64; N]> {
+    let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let is_unit = (length - 1.0).abs() <= LENGTH_TOLERANCE;
+    (length >= LENGTH_TOLERANCE).then(|| if is_unit { v } else { v.map(|x| x / length) })
 }
 
 fn from_columns(x: Vec3<f64>, y: Vec3<f64>, z: Vec3<f64>) -> Quat<f64> {

@@ -42,11 +42,9 @@ impl<'a> Tree<'a> {
                 attributes.invalid(of, "one number on a ball or free joint");
             }
         }
-        let mut axis = attributes.vector("axis").unwrap_or(Vec3([0.0, 0.0, 1.0]));
-        if single && axis.norm() < 1e-14 {
-            attributes.invalid("axis", "of nonzero length");
-            axis = Vec3([0.0, 0.0, 1.0]);
-        }
+        let upwards = [0.0, 0.0, 1.0];
+        let axis = attributes.array("axis").filter(|_| single).unwrap_or(upwards);
+        let axis = Vec3(attributes.unit("axis", axis).unwrap_or(upwards));
         let pos = scope.placed(attributes.vector("pos").unwrap_or(Vec3::ZERO));
         let friction_loss = attributes.not_negative("frictionloss", 0.0);
         let softness = |solref, solimp| Softness {
@@ -62,7 +60,7 @@ impl<'a> Tree<'a> {
             qpos_address: self.joints.iter().map(|joint| joint.kind.nq()).sum(),
             dof_address: self.joints.iter().map(|joint| joint.kind.nv()).sum(),
             pos: if kind == JointKind::Free { Vec3::ZERO } else { pos },
-            axis: if single { scope.turned(axis * (1.0 / axis.norm())) } else { Vec3([0.0, 0.0, 1.0]) },
+            axis: if single { scope.turned(axis) } else { axis },
             reference: if single { in_radians(attributes.number("ref", 0.0)) } else { 0.0 },
             spring_reference: if single { in_radians(attributes.number("springref", 0.0)) } else { 0.0 },
             stiffness,
