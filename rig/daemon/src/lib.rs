@@ -173,6 +173,11 @@ impl Daemon {
         Ok(self.motions())
     }
 
+    /// Who answers its requests, in the place of its server; none without one. For programs that ask within their own process.
+    pub fn take_router(&mut self) -> Option<axum::Router> {
+        self.api.take().map(|(_, api)| api.router())
+    }
+
     /// The state of all rigs, for the service manager.
     fn status_line(&self) -> String {
         let each: Vec<String> = self.rigs.iter().map(Rig::status_line).collect();

@@ -191,6 +191,11 @@ impl Api {
     /// # Errors
     /// What the system says.
     pub(super) async fn serve(self, listener: TcpListener) -> std::io::Result<()> {
+        server::serve(listener, self.router()).await
+    }
+
+    /// Who answers what.
+    pub(super) fn router(self) -> Router {
         let api = Arc::new(self);
         let reading = Router::new()
             .route("/api/v1/rigs", get(rigs))
@@ -212,7 +217,7 @@ impl Api {
             .route("/api/v1/rigs/{rig}/jobs/cancel", post(jobs::cancel_all))
             .route("/api/v1/rigs/{rig}/stop", post(stop::stop))
             .route("/api/v1/rigs/{rig}/release", post(stop::release));
-        let router = reading
+        reading
             .merge(changing)
             .layer(middleware::from_fn(guard::in_time))
             // a stream of events has no end to wait for
@@ -221,8 +226,7 @@ impl Api {
             .layer(DefaultBodyLimit::max(REQUEST_BODY_LIMIT_BYTES))
             .layer(middleware::from_fn_with_state(Arc::clone(&api), guard::guarded))
             .layer(middleware::from_fn(uniform_errors))
-            .with_state(api);
-        server::serve(listener, router).await
+            .with_state(api)
     }
 }
 
