@@ -6,6 +6,7 @@
  *   STORAGE_CONTROL  a folder for `count` and `log`, shared by all processes that carry the shim
  *   STORAGE_KILL     NUMBER:before, NUMBER:during (half of a write's bytes) or NUMBER:after
  *   STORAGE_FULL     from this event on nothing can be written or made any more: ENOSPC
+ *                    nor while there is a file `full` in the control folder
  *   STORAGE_READ_ONLY nothing can be changed: EROFS
  *   STORAGE_SLOW_MS  each write and each sync takes so much longer
  *   STORAGE_DATA     bytes that are written are in the log too; events then happen one after the other
@@ -36,7 +37,7 @@
 
 #define REAL(name) ((__typeof__(&name))real(#name))
 
-static char below[PATH_MAX];
+static char below[PATH_MAX], full_now[PATH_MAX];
 static _Atomic uint64_t *count;
 static int log_fd = -1;
 static uint64_t kill_at, full_from;
@@ -66,6 +67,7 @@ __attribute__((constructor)) static void begin(void) {
     snprintf(path, sizeof path, "%s/log", control);
     log_fd = high((int)syscall(SYS_openat, AT_FDCWD, path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600));
     if (count == MAP_FAILED || log_fd < 0) abort();
+    snprintf(full_now, sizeof full_now, "%s/full", control);
     if ((text = getenv("STORAGE_KILL"))) {
         char *rest;
         kill_at = strtoull(text, &rest, 10);
@@ -171,7 +173,7 @@ static int happens(struct event *event, int takes_room) {
         note(event, "killed-before", 0, NULL, 0);
         die();
     }
-    if (takes_room && full_from && event->number >= full_from) {
+    if (takes_room && ((full_from && event->number >= full_from) || !syscall(SYS_faccessat, AT_FDCWD, full_now, F_OK))) {
         note(event, "full", 0, NULL, 0);
         return ENOSPC;
     }

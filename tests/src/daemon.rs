@@ -47,6 +47,13 @@ impl Bench {
         Self { folder, config, runs }
     }
 
+    /// On the rig of `config` in `folder`, with a short experiment; its schedule begins nothing.
+    pub fn of(folder: tempfile::TempDir, config: PathBuf, runs: PathBuf) -> Self {
+        let bench = Self { folder, config, runs };
+        bench.change(|config| short_experiment(config, CRON_NEVER));
+        bench
+    }
+
     /// One whose motion goes on long enough for its keypoints to be found meanwhile; its schedule begins nothing.
     pub fn long() -> Self {
         Self::changed(CRON_NEVER, |config| set(config, "profile", "cycles", 4))
@@ -197,7 +204,13 @@ impl Served {
 
     /// A daemon on `bench`, which listens at `listen`.
     pub fn on(bench: Bench, listen: &str) -> Self {
-        let daemon = bench.start(&["--listen", listen, "--host", "rig.lab"]);
+        Self::changed(bench, listen, |daemon| daemon)
+    }
+
+    /// The same, started by the command that `change` makes of the usual one.
+    pub fn changed(bench: Bench, listen: &str, change: impl FnOnce(Command) -> Command) -> Self {
+        let daemon = change(bench.daemon(&["--listen", listen, "--host", "rig.lab"]));
+        let daemon = bench.started(daemon, "\"serving\"");
         let journal = bench.journal();
         let serving = journal.lines().rfind(|line| line.contains("\"serving\"")).expect("it serves");
         let serving: serde_json::Value = serde_json::from_str(serving).expect("a line of the journal");
@@ -219,6 +232,11 @@ impl Served {
     /// Kills the daemon; its jobs go on.
     pub fn kill_daemon(&self) {
         self.daemon.signal(rustix::process::Signal::KILL);
+    }
+
+    /// The daemon's process.
+    pub fn process(&self) -> u32 {
+        self.daemon.id()
     }
 
     /// Ends the daemon; the rig stays.

@@ -1,5 +1,6 @@
 //! Harness of the whole-system tests: the `rig` program as a user runs it, and processes to kill and stall.
 
+pub mod bad_night;
 pub mod book;
 pub mod browser;
 pub mod campaign;
@@ -110,6 +111,11 @@ impl Background {
     pub fn with_output(mut command: Command, file: std::fs::File) -> Self {
         let twice = file.try_clone().expect("a file has two handles");
         Self(command.stdout(twice).stderr(file).spawn().expect("the process starts"))
+    }
+
+    /// Its number.
+    pub fn id(&self) -> u32 {
+        self.0.id()
     }
 
     /// The process.

@@ -48,6 +48,12 @@ impl Outside {
         Self { board, camera, config, runs: folder.join("runs"), tank }
     }
 
+    /// Plugs in a board again that was killed.
+    pub fn plug_in(&mut self) {
+        self.board =
+            Background::start(rig(["mock-board".as_ref(), "--tank".as_ref(), self.tank.as_os_str()]));
+    }
+
     /// Starts `rig run`.
     pub fn start(&self) -> Background {
         self.start_verb("run")

@@ -154,6 +154,13 @@ impl Shim {
         command
     }
 
+    /// Fills the disk, or makes room again, while the program runs.
+    pub fn fill(&self, is_full: bool) {
+        let path = self.control.path().join("full");
+        let done = if is_full { std::fs::write(path, "") } else { std::fs::remove_file(path) };
+        done.expect("the control folder");
+    }
+
     /// What has happened since the program with the shim began.
     pub fn events(&self) -> Vec<Event> {
         let log = std::fs::read(self.control.path().join("log")).unwrap_or_default();
