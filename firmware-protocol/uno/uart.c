@@ -84,11 +84,11 @@ bool uart_read(uint8_t *byte, uint32_t *at)
     return true;
 }
 
-void uart_send(const uint8_t *bytes, size_t length)
+void uart_send(const uint8_t *bytes, size_t length, uint8_t spare)
 {
     uint8_t head = to_send.head;
     uint8_t room = (uint8_t)(to_send.tail - head - 1) % TO_SEND;
-    if (length > room)
+    if (length + spare > room)
         return;
     for (size_t i = 0; i < length; i++) {
         to_send.bytes[head] = bytes[i];

@@ -11,7 +11,7 @@ void uart_begin(void);
 bool uart_read(uint8_t *byte, uint32_t *at);
 /* Whether a byte waits. */
 bool uart_waits(void);
-/* All of it or, where there is no room, nothing. */
-void uart_send(const uint8_t *bytes, size_t length);
+/* All of it or, where there is no room for it and so many bytes more, nothing. */
+void uart_send(const uint8_t *bytes, size_t length, uint8_t spare);
 
 #endif

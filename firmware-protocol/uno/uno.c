@@ -61,7 +61,14 @@ void rig_pulse(uint8_t channel, uint16_t pulse_us, uint32_t at)
     pulses_set(channel, pulse_us);
 }
 
-void rig_send(const uint8_t *bytes, size_t length) { uart_send(bytes, length); }
+/* Telemetry leaves room for what a stop is answered with, a happening and an acknowledgement: a host that wants it more
+ * often than the line carries it would hear no answer. The kind stands behind a zero and the first count of COBS, for it
+ * is never 0. */
+void rig_send(const uint8_t *bytes, size_t length)
+{
+    enum { KIND = 2, TELEMETRY = 0x90, HAPPENING_BYTES = 15, ACKNOWLEDGEMENT_BYTES = 21 };
+    uart_send(bytes, length, bytes[KIND] == TELEMETRY ? HAPPENING_BYTES + ACKNOWLEDGEMENT_BYTES : 0);
+}
 
 /* A channel that drives no servo is also shown as a level: held below the middle of its limits, let go from there on;
  * dark below, lit from there on. Detached is let go and dark. */

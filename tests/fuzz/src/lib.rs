@@ -30,7 +30,7 @@ pub const TARGETS: &[Target] = &[
     Target { name: "wire", slice: 20_000, meets: line::wire },
     Target { name: "bus", slice: 100_000, meets: line::bus },
     Target { name: "uno", slice: 40, meets: uno::uno },
-    Target { name: "http", slice: 1_000, meets: requests::http },
+    Target { name: "http", slice: 4_000, meets: requests::http },
     Target { name: "image_message", slice: 300_000, meets: files::image_message },
     Target { name: "picture", slice: 3_000, meets: files::picture },
     Target { name: "recording", slice: 200, meets: files::recording },
