@@ -79,16 +79,13 @@ pub struct HoldError {
 #[derive(Debug, Clone, Default)]
 pub struct Latch {
     runs: Option<PathBuf>,
-    port: Option<PathBuf>,
+    port: Option<String>,
 }
 
 impl Latch {
     /// The latch of the rig whose runs are in `runs_dir` and whose servo is on the port `port`, where it has these.
     pub fn of(runs_dir: Option<&Path>, port: Option<&str>) -> Self {
-        Self {
-            runs: runs_dir.map(|folder| folder.join(HOLD_FILE)),
-            port: port.map(|port| port_file(port, "hold")),
-        }
+        Self { runs: runs_dir.map(|folder| folder.join(HOLD_FILE)), port: port.map(str::to_owned) }
     }
 
     /// Creates the hold file in the runs folder, which must exist.
@@ -100,13 +97,14 @@ impl Latch {
         in_place::make(path, &Page { hold: None, released: None }, 0o664).map_err(at(path))
     }
 
-    fn files(&self) -> impl Iterator<Item = &Path> {
-        self.runs.iter().chain(&self.port).map(PathBuf::as_path)
+    /// A port's file by the name that the port has now: a board that was plugged in again may have another one.
+    fn files(&self) -> impl Iterator<Item = PathBuf> {
+        self.runs.clone().into_iter().chain(self.port.as_deref().map(|port| port_file(port, "hold")))
     }
 
     /// The hold, where the rig is held.
     pub fn held(&self) -> Option<Hold> {
-        self.files().find_map(|path| match in_place::read::<Page>(path) {
+        self.files().find_map(|path| match in_place::read::<Page>(&path) {
             Ok(page) => page?.hold,
             Err(error) => {
                 Some(Hold::now("a file that cannot be read", &format!("{}: {error}", path.display())))
@@ -122,18 +120,18 @@ impl Latch {
         let page = Page { hold: Some(hold.clone()), released: None };
         let mut failed = None;
         for path in self.files() {
-            if matches!(in_place::read::<Page>(path), Ok(Some(Page { hold: Some(_), .. }))) {
+            if matches!(in_place::read::<Page>(&path), Ok(Some(Page { hold: Some(_), .. }))) {
                 continue;
             }
             // every user may release the file of a port: a release lets nobody open the port who may not
-            let mode = if self.runs.as_deref() == Some(path) { 0o664 } else { 0o666 };
-            let written = in_place::write(path, &page).or_else(|error| match error.kind() {
+            let mode = if self.runs.as_ref() == Some(&path) { 0o664 } else { 0o666 };
+            let written = in_place::write(&path, &page).or_else(|error| match error.kind() {
                 std::io::ErrorKind::NotFound => {
-                    in_place::make(path, &page, mode).and_then(|()| in_place::write(path, &page))
+                    in_place::make(&path, &page, mode).and_then(|()| in_place::write(&path, &page))
                 }
                 _ => Err(error),
             });
-            if let Err(error) = written.and_then(|file| file.sync_data()).map_err(at(path)) {
+            if let Err(error) = written.and_then(|file| file.sync_data()).map_err(at(&path)) {
                 failed.get_or_insert(error);
             }
         }
@@ -148,10 +146,10 @@ impl Latch {
         let held = self.held();
         let released = Some(Released { at: now(), by: Hold::now(by, "").by });
         for path in self.files() {
-            match in_place::write(path, &Page { hold: None, released: released.clone() }) {
-                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(at(path)(error)),
+            match in_place::write(&path, &Page { hold: None, released: released.clone() }) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(at(&path)(error)),
                 Err(_) => {}
-                Ok(file) => file.sync_data().map_err(at(path))?,
+                Ok(file) => file.sync_data().map_err(at(&path))?,
             }
         }
         Ok(held)
@@ -159,7 +157,7 @@ impl Latch {
 
     /// When it was released last, UTC, and by whom, where that is known.
     pub fn released(&self) -> Option<(String, String)> {
-        let page: Page = self.files().find_map(|path| in_place::read(path).ok().flatten())?;
+        let page: Page = self.files().find_map(|path| in_place::read(&path).ok().flatten())?;
         page.released.map(|released| (released.at, released.by))
     }
 }
@@ -185,6 +183,24 @@ mod tests {
         assert_eq!(theirs.release("Ada").unwrap(), Some(held));
         assert_eq!((mine.held(), mine.released().unwrap().1.as_str()), (None, "Ada"));
         assert_eq!(mine.release("Ada").unwrap(), None);
+    }
+
+    #[test]
+    fn hold_of_a_board_that_was_plugged_in_again_ends_where_the_board_is_now() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for board in ["first", "second"] {
+            std::fs::write(at(board), "").unwrap();
+        }
+        std::os::unix::fs::symlink(at("first"), at("port")).unwrap();
+        let port = at("port");
+        let daemon = Latch::of(Some(folder.path()), port.to_str());
+        daemon.hold(&Hold::now("the page", "a hand is in the tank")).unwrap();
+        std::fs::remove_file(&port).unwrap();
+        std::os::unix::fs::symlink(at("second"), &port).unwrap();
+        assert!(Latch::of(Some(folder.path()), port.to_str()).release("Ada").unwrap().is_some());
+        assert_eq!(daemon.held(), None);
+        let _ = std::fs::remove_file(port_file(at("first").to_str().unwrap(), "hold"));
     }
 
     #[test]
