@@ -1,6 +1,7 @@
 //! One element's attributes, its defaults included, checked and turned into numbers.
 
 use std::collections::HashMap;
+use std::f64::consts::TAU;
 use std::fmt::Display;
 
 use super::element::{Attribute, Element};
@@ -41,11 +42,16 @@ impl Angles {
                 'y' => [0.0, 1.0, 0.0],
                 _ => [0.0, 0.0, 1.0],
             };
-            let by = Quat::from_rotation_vector(Vec3(axis) * self.radians(turn));
+            let by = self.turn_about(Vec3(axis), turn);
             // lower case turns with the body, upper case about fixed axes
             q = if letter.is_ascii_lowercase() { q.product(by) } else { by.product(q) };
         }
         q
+    }
+
+    /// Whole turns, of which a large angle may have any number, turn nothing.
+    fn turn_about(&self, axis: Vec3<f64>, angle: f64) -> Quat<f64> {
+        Quat::from_rotation_vector(axis * (self.radians(angle) % TAU))
     }
 }
 
@@ -329,7 +335,7 @@ impl<'a> Attributes<'a> {
             "axisangle" => {
                 let [x, y, z, angle] = self.array::<4>(name)?;
                 let axis = Vec3(self.unit(name, [x, y, z])?);
-                Some(Quat::from_rotation_vector(axis * angles.radians(angle)))
+                Some(angles.turn_about(axis, angle))
             }
             "xyaxes" => {
                 let [a, b, c, d, e, f] = self.array::<6>(name)?;
