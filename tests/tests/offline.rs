@@ -272,7 +272,7 @@ fn interrupted_and_resumed(noise: &str, method: &str) {
     let mut command = rig(["fit"]);
     command.arg(&experiment).arg("--out").arg(&broken);
     let mut process = Background::start(command);
-    wait_until("the fit's folder", 20.0, || broken.is_dir());
+    wait_until("the fit's first step", 60.0, || broken.join("fit-state.json").is_file());
     process.signal(rustix::process::Signal::INT);
     let status = process.child().wait().expect("it ends");
     assert_eq!(status.code(), Some(130));

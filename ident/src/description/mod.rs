@@ -14,6 +14,9 @@ mod mistakes;
 mod strangers;
 mod trial;
 
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
 use serde::{Deserialize, Serialize};
 
 use sim::Model;
@@ -71,9 +74,10 @@ pub(crate) struct Examined {
     pub(crate) mended: Option<Experiment>,
 }
 
-/// What is wrong with the description of `experiment`, which a check has let through.
-pub fn suspects(experiment: &Experiment) -> Vec<Suspect> {
-    examine(experiment, &mut Counts::default()).suspects
+/// What is wrong with the description of `experiment`, which a check has let through; what was found until then where nobody waits any
+/// longer, as `stop` says.
+pub fn suspects(experiment: &Experiment, stop: Arc<AtomicBool>) -> Vec<Suspect> {
+    examine(experiment, &mut Counts::until(stop)).suspects
 }
 
 /// As [`suspects`], with what follows from it.

@@ -1,5 +1,8 @@
 //! How well the model repeats an experiment: as it stands, and after a quick fit.
 
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
 use sim::{Model, Trajectory};
 
 use crate::experiment::{Experiment, Method, Run, Use};
@@ -141,6 +144,10 @@ struct Quick<'a> {
 }
 
 impl fit::Observer for Quick<'_> {
+    fn interrupted(&self) -> Arc<AtomicBool> {
+        self.counts.stop()
+    }
+
     fn progress(&mut self, progress: &fit::Progress<'_>) -> Flow {
         self.losses_m2.push(progress.loss_m2);
         let has_stalled = match self.losses_m2[..] {

@@ -1,5 +1,8 @@
 //! The baseline: the model as it stands, fitted as `[fit]` says, at its optimum, with the noise floor that goes with it.
 
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
 use rayon::prelude::*;
 use sim::model::Parameter;
 
@@ -92,6 +95,10 @@ pub(crate) fn baseline<'a>(
 struct Watched<'a>(&'a Counts);
 
 impl fit::Observer for Watched<'_> {
+    fn interrupted(&self) -> Arc<AtomicBool> {
+        self.0.stop()
+    }
+
     fn progress(&mut self, _: &fit::Progress<'_>) -> Flow {
         if self.0.is_stopped() { Flow::Stop } else { Flow::Continue }
     }

@@ -163,8 +163,6 @@ pub fn unknown_force(experiment: &Experiment) -> Result<Option<UnknownForce>, Di
 const OTHER_FLOOR_SHARE: f64 = 0.2;
 /// What of the time limit the search may take: what it finds is to be described as well.
 const SEARCH_SHARE: f64 = 0.75;
-/// How long somebody who has interrupted the search waits for a description of what it has found.
-const GRACE: Duration = Duration::from_millis(700);
 
 /// Says what the simulation of `experiment` gets wrong. Where its limit is over, or the observer has had enough, that is the best so
 /// far.
@@ -224,10 +222,9 @@ fn diagnosed(
         }
     }
     let mut checking = match counts.is_stopped() {
-        true => Counts::default().by(Instant::now() + GRACE),
-        false => by(counts.apart(), 1.0),
+        true => counts.for_last_words(),
+        false => by(counts.clone(), 1.0),
     };
-    checking.add(&counts);
     checking.add(&searching);
     observer.stage("checking");
     let mut diagnosis = verdict::verdict(experiment, &fitted, &baseline, &found, &floor, &mut checking);

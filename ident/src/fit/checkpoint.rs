@@ -1,6 +1,8 @@
 //! A fit that was interrupted, and what it says while it runs.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 
@@ -178,6 +180,12 @@ pub enum Flow {
 pub trait Observer {
     /// Called after each generation or iteration; returns whether to go on.
     fn progress(&mut self, progress: &Progress<'_>) -> Flow;
+
+    /// Becomes true when nobody waits for more than what the fit has found. Asked for once; looked at before every simulation, by all
+    /// threads, so that a fit ends in the midst of an iteration, and while it prepares or finishes, too.
+    fn interrupted(&self) -> Arc<AtomicBool> {
+        Arc::default()
+    }
 }
 
 /// Watches nothing, never stops.

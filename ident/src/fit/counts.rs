@@ -2,10 +2,13 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+
+/// How long somebody who has interrupted waits for what follows from what was found (chosen).
+const GRACE: Duration = Duration::from_millis(700);
 
 /// Candidates tried and runs simulated.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -31,12 +34,29 @@ impl Counts {
 
     /// Nothing counted yet, for part of the same work.
     pub(crate) fn apart(&self) -> Self {
-        Self { deadline: self.deadline, ..Self::until(Arc::clone(&self.stop)) }
+        Self { deadline: self.deadline, ..Self::until(self.stop()) }
     }
 
     /// The same, where nobody waits any longer from `deadline` on either.
     pub(crate) fn by(self, deadline: Instant) -> Self {
         Self { deadline: Some(self.deadline.map_or(deadline, |earlier| earlier.min(deadline))), ..self }
+    }
+
+    /// The same for whoever has interrupted, who still waits a moment for what follows from what was found.
+    pub(crate) fn for_last_words(&self) -> Self {
+        let mut counts = Self::default().by(Instant::now() + GRACE);
+        counts.add(self);
+        counts
+    }
+
+    /// As many as `other` says, waited for as before.
+    pub(crate) fn return_to(&mut self, other: &Self) {
+        (self.evaluations, self.rollouts) = (other.evaluations, other.rollouts);
+    }
+
+    /// Raised where nobody waits any longer.
+    pub(crate) fn stop(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.stop)
     }
 
     /// Whether nobody waits for the result any longer.

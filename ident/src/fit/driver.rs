@@ -127,7 +127,8 @@ impl<'a> Driver<'a> {
         self.rough.unwrap_or(self.objective)
     }
 
-    /// Continues from `state` to the end, or until the observer stops it.
+    /// Continues from `state` to the end, or until the observer stops it or nobody waits any longer; an iteration cut short by that is as
+    /// none.
     pub(super) fn finish(
         &self,
         mut state: Checkpoint,
@@ -135,26 +136,17 @@ impl<'a> Driver<'a> {
         observer: &mut dyn Observer,
     ) -> Result<Arrival, FitError> {
         loop {
-            let (phase, cost, end, near) = match &mut state.stage {
+            let before = state.clone();
+            self.step(&mut state, counts);
+            if counts.is_stopped() {
+                counts.return_to(&before.counts);
+                state = before;
+            }
+            let (phase, cost, end, near) = match &state.stage {
                 Stage::Search(search) => {
-                    if search.stop().is_none() {
-                        search.step(self.rough_or_whole(), counts);
-                    }
                     ("search", search.cost, search.stop().map(|stop| stop.name()), false)
                 }
-                Stage::Descent { descent, limit, rough, .. } => {
-                    // A state may be that of a stage that had just ended.
-                    if descent.end.is_none() {
-                        let (objective, limit) = match *rough {
-                            Some(limit) => (self.rough_or_whole(), limit),
-                            None => (self.objective, *limit),
-                        };
-                        descent.step(objective, Freedom::Everything, limit, counts);
-                        // near its end, a rough descent is continued on the whole objective
-                        if rough.is_some() && descent.near {
-                            descent.end.get_or_insert(End::TolLoss);
-                        }
-                    }
+                Stage::Descent { descent, .. } => {
                     ("descent", descent.cost, descent.end.map(|end| end.name()), descent.near)
                 }
             };
@@ -181,18 +173,43 @@ impl<'a> Driver<'a> {
                 },
                 checkpoint: &state,
             });
+            let flow = if counts.is_stopped() { Flow::Stop } else { flow };
             match (end, flow) {
                 (Some(end), _) if self.is_over(&state.stage, &state.waiting, counts) => {
                     return self.arrive(state, end, counts);
                 }
                 (_, Flow::Stop) => return self.arrive(state, INTERRUPTED, counts),
                 (Some(end), Flow::Continue) => {
+                    let before = state.clone();
                     if !self.start_next_stage(&mut state, counts) {
                         return self.arrive(state, end, counts);
+                    }
+                    if counts.is_stopped() {
+                        counts.return_to(&before.counts);
+                        state = before;
                     }
                 }
                 (None, Flow::Continue) => {}
             }
+        }
+    }
+
+    /// One iteration or generation of the stage that `state` is in; a state may be that of a stage that had just ended.
+    fn step(&self, state: &mut Checkpoint, counts: &mut Counts) {
+        match &mut state.stage {
+            Stage::Search(search) if search.stop().is_none() => search.step(self.rough_or_whole(), counts),
+            Stage::Descent { descent, limit, rough, .. } if descent.end.is_none() => {
+                let (objective, limit) = match *rough {
+                    Some(limit) => (self.rough_or_whole(), limit),
+                    None => (self.objective, *limit),
+                };
+                descent.step(objective, Freedom::Everything, limit, counts);
+                // near its end, a rough descent is continued on the whole objective
+                if rough.is_some() && descent.near {
+                    descent.end.get_or_insert(End::TolLoss);
+                }
+            }
+            Stage::Search(_) | Stage::Descent { .. } => {}
         }
     }
 
@@ -288,6 +305,9 @@ impl<'a> Driver<'a> {
 
     /// The best point of all stages.
     fn arrive(&self, state: Checkpoint, reason: &str, counts: &mut Counts) -> Result<Arrival, FitError> {
+        if counts.is_stopped() {
+            *counts = counts.for_last_words();
+        }
         let Checkpoint { stage, mut ended, .. } = state;
         let last = match stage {
             Stage::Search(mut search) => {
@@ -313,6 +333,9 @@ impl<'a> Driver<'a> {
         let several = !ended.is_empty();
         ended.push(last);
         let Some(best) = best(&ended) else {
+            if counts.is_stopped() {
+                return Err(FitError::Interrupted);
+            }
             return Err(self.start_failed(&ended[0].point));
         };
         let stop_reason = if reason == INTERRUPTED { reason.to_owned() } else { best.reason.clone() };

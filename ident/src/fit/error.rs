@@ -54,6 +54,9 @@ pub enum FitError {
         "no candidate within the bounds could be simulated; narrow the bounds or shorten the model's time step"
     )]
     NoOptimum,
+    /// The observer had enough before there was anything to say.
+    #[error("interrupted before the fit had an answer")]
+    Interrupted,
 }
 
 impl FitError {
@@ -62,7 +65,11 @@ impl FitError {
         match self {
             Self::Experiment(error) => error.is_lack_of_data(),
             Self::Start(_) | Self::Unseen { .. } | Self::Simulation { .. } | Self::NoOptimum => true,
-            Self::Parameters(_) | Self::Checkpoint(_) | Self::NothingToFit | Self::NothingInherited => false,
+            Self::Parameters(_)
+            | Self::Checkpoint(_)
+            | Self::NothingToFit
+            | Self::NothingInherited
+            | Self::Interrupted => false,
         }
     }
 }

@@ -38,12 +38,12 @@ pub(super) fn finish(
     objective: &Objective<'_>,
     mut arrival: Arrival,
     assumed: &AssumedNoise,
-    mut counts: Counts,
+    counts: &mut Counts,
 ) -> Result<(Fit, Model, Vec<FittedRun>), FitError> {
     let interrupted = arrival.stop_reason == INTERRUPTED;
     // the paper's recipe ends where its search does
     if experiment.fit.method != Method::Paper && !interrupted {
-        rest(objective, &mut arrival, assumed, &mut counts);
+        rest(objective, &mut arrival, assumed, counts);
     }
     let (problem, point) = (&objective.problem, &arrival.point);
     let linear = match &arrival.linear {
@@ -51,7 +51,7 @@ pub(super) fn finish(
         None => {
             // After a resumption what was counted before is found again.
             let (by_parameters, mut uncounted) = (!point.values.is_empty(), counts.apart());
-            let counts = if arrival.linearised { &mut uncounted } else { &mut counts };
+            let counts = if arrival.linearised { &mut uncounted } else { &mut *counts };
             Cow::Owned(problem.linearise(point, by_parameters, counts).ok_or(FitError::NoOptimum)?)
         }
     };
@@ -68,9 +68,9 @@ pub(super) fn finish(
     let (noise_m, noise_source) = noise_m(objective, &known, assumed);
     let model = problem.parameters.applied(&point.values, problem.model);
     let intervals = (experiment.fit.profile && !interrupted && !point.values.is_empty())
-        .then(|| profile(objective, point, &known, &mut counts));
+        .then(|| profile(objective, point, &known, counts));
 
-    let repeated = repeated(experiment, objective, point, (&model, noise_m), (&known, assumed), &mut counts)?;
+    let repeated = repeated(experiment, objective, point, (&model, noise_m), (&known, assumed), counts)?;
 
     let fit = Fit {
         method: experiment.fit.method.name().into(),
@@ -149,6 +149,9 @@ fn repeated(
     let (mut runs, mut noise, mut error) = (Vec::new(), Vec::new(), SquaredError::default());
     let mut fitted = objective.problem.terms.iter().zip(&point.offsets).zip(&known.runs);
     for run in &experiment.runs {
+        if counts.is_stopped() {
+            return Err(FitError::Interrupted);
+        }
         if run.usage == Use::Holdout {
             noise.push(None);
             runs.push(hold_out(model, run, noise_m, (&[], 0.0), counts)?);

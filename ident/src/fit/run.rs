@@ -1,5 +1,7 @@
 //! A fit from the experiment to the calibrated model: everything made ready, driven through its stages, finished.
 
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -19,7 +21,7 @@ use super::rough::{self, Thinned};
 use super::warm_start::WarmStart;
 use crate::config::{Loss, Method};
 use crate::experiment::{Experiment, Run, RunKind, Use};
-use crate::initial::{self, Estimate, StartError};
+use crate::initial::{self, Estimate};
 use crate::initial::{free_parameters, prescribed_dofs};
 use crate::loss::{Weighting, observations};
 use crate::parameters::Parameters;
@@ -69,6 +71,10 @@ struct FirstStart<'a> {
 }
 
 impl Observer for FirstStart<'_> {
+    fn interrupted(&self) -> Arc<AtomicBool> {
+        self.observer.interrupted()
+    }
+
     fn progress(&mut self, progress: &Progress<'_>) -> Flow {
         if self.observer.progress(progress) == Flow::Stop {
             return Flow::Stop;
@@ -102,6 +108,7 @@ pub(super) fn run(
     observer: &mut dyn Observer,
 ) -> Result<Fitted, FitError> {
     let began = Instant::now();
+    let mut counts = Counts::until(observer.interrupted());
     experiment.check()?;
     let expected = fingerprint(experiment);
     let mut model = experiment.model.clone();
@@ -121,10 +128,14 @@ pub(super) fn run(
     let assumed = AssumedNoise::of(experiment);
     let use_stated = experiment.fit.method != Method::Paper;
     let fitted_runs: Vec<&Run> = fitted_runs().collect();
-    let estimates = fitted_runs.par_iter().map(|run| initial::estimate(model, run, assumed.of_run(run)));
+    let waited_for = || if counts.is_stopped() { Err(FitError::Interrupted) } else { Ok(()) };
+    let estimates = fitted_runs.par_iter().map(|run| {
+        waited_for()?;
+        Ok(initial::estimate(model, run, assumed.of_run(run))?)
+    });
     // all of them, and the error of the first that has one
-    let estimates: Vec<Result<Estimate, StartError>> = estimates.collect();
-    let estimates = estimates.into_iter().collect::<Result<Vec<Estimate>, StartError>>()?;
+    let estimates: Vec<Result<Estimate, FitError>> = estimates.collect();
+    let estimates = estimates.into_iter().collect::<Result<Vec<Estimate>, FitError>>()?;
     let hybrid = experiment.fit.method == Method::Hybrid;
     let warm = match &begin {
         Begin::Warm(warm) if hybrid => warm.values(&parameters).map(|values| (warm, values)),
@@ -136,23 +147,24 @@ pub(super) fn run(
         true => fitted_runs.iter().zip(&estimates).map(thinned).collect(),
         false => Vec::new(),
     };
+    waited_for()?;
     let terms = fitted_runs.par_iter().zip(&estimates).enumerate().map(|(index, (run, estimate))| {
         let weighting = Weighting { noise_m: assumed.of_run(run), use_stated, run_weight: run.weight };
         let rough = || thinned.get(index).map(|thinned| thinned.term(model, estimate.clone(), weighting));
-        rayon::join(|| whole(model, run, estimate.clone(), weighting), rough)
+        waited_for().map(|()| rayon::join(|| whole(model, run, estimate.clone(), weighting), rough))
     });
-    let (terms, rough): (Vec<Term>, Vec<Option<Term>>) = terms.unzip();
+    let terms = terms.collect::<Result<Vec<(Term, Option<Term>)>, FitError>>()?;
+    let (terms, rough): (Vec<Term>, Vec<Option<Term>>) = terms.into_iter().unzip();
     let loss = if experiment.fit.method == Method::Paper { Loss::Squares } else { experiment.fit.loss };
     let belief = belief.map(|belief| belief(&parameters)).transpose()?;
     let problem = Problem { model, parameters: &parameters, terms };
     let objective = Objective { problem, loss, belief };
 
-    let mut counts = Counts::default();
     let rough = with_rough.then(|| rough::rough(&objective, rough.into_iter().flatten().collect()));
     let driver = Driver::new(experiment, &objective, rough.as_ref(), expected);
     let state = match begin {
         Begin::At(state) => {
-            counts = state.counts.clone();
+            counts.return_to(&state.counts);
             *state
         }
         Begin::Warm(_) | Begin::Afresh => {
@@ -163,8 +175,16 @@ pub(super) fn run(
             driver.first(start, &mut counts)
         }
     };
+    if counts.is_stopped() {
+        return Err(FitError::Interrupted);
+    }
     let arrival = driver.finish(state, &mut counts, observer)?;
-    let (fit, model, runs) = finish::finish(experiment, &objective, arrival, &assumed, counts)?;
+    let finished = finish::finish(experiment, &objective, arrival, &assumed, &mut counts);
+    if counts.is_stopped() {
+        // what was not simulated any more looks as if it could not be
+        return Err(FitError::Interrupted);
+    }
+    let (fit, model, runs) = finished?;
     let timing = Timing { wall: began.elapsed(), threads: rayon::current_num_threads() };
     Ok(Fitted { fit, model, runs, timing })
 }

@@ -1,5 +1,7 @@
 //! Files that describe their runs wrongly: each mistake is named, and nothing is where there is none.
 
+use std::sync::Arc;
+
 use ident::description::{Suspect, suspects};
 use ident::diagnose::{Verdict, diagnose};
 use ident::experiment::{Experiment, Run, RunKind, Use};
@@ -49,7 +51,7 @@ fn commands(experiment: &mut Experiment, change: impl Fn(&mut Command)) {
 
 /// The only suspect.
 fn only(experiment: &Experiment) -> Suspect {
-    let list = suspects(experiment);
+    let list = suspects(experiment, Arc::default());
     assert_eq!(list.len(), 1, "{list:?}");
     assert!(list[0].probability > 0.9, "{list:?}");
     list[0].clone()
@@ -57,7 +59,7 @@ fn only(experiment: &Experiment) -> Suspect {
 
 #[test]
 fn nothing_is_suspected_where_nothing_is_wrong_or_only_the_water_is() {
-    assert_eq!(suspects(&described()), []);
+    assert_eq!(suspects(&described(), Arc::default()), []);
     for (cause, parameter, size) in [
         ("buoyancy", "buoyancy/scale", 0.1),
         ("current", "current/x", 0.05),
@@ -69,7 +71,7 @@ fn nothing_is_suspected_where_nothing_is_wrong_or_only_the_water_is() {
         truth.add_cause(cause).unwrap();
         let place = truth.find_parameter(parameter).unwrap_or_else(|error| panic!("{error}"));
         truth.set(place, size);
-        assert_eq!(suspects(&moved_by(&truth)), [], "{cause}");
+        assert_eq!(suspects(&moved_by(&truth), Arc::default()), [], "{cause}");
     }
 }
 

@@ -1,12 +1,13 @@
-//! A diagnosis that nobody waits for any longer ends soon, whatever stage it is in.
+//! A fit or a diagnosis that nobody waits for any longer ends soon, whatever stage it is in.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use crate::common::{self, filmed_exactly, still};
 use ident::diagnose::{DiagnoseError, Diagnosed, Observer, diagnose};
-use ident::experiment::{Experiment, FitConfig, Run, RunKind};
+use ident::experiment::{Experiment, FitConfig, Method, Run, RunKind};
+use ident::fit::{self, FitError, Flow, INTERRUPTED, Progress, fit};
 use sim::{Command, Model};
 
 /// Links of the arm: as many as make every stage of its diagnosis take a while.
@@ -96,5 +97,128 @@ fn interrupted_in_the_midst_of_a_stage_it_ends_soon() {
         let late = observer.raised.get().unwrap().elapsed();
         println!("{stage}: {:.2} s", late.as_secs_f64());
         assert!(late < SOON, "{stage}: {late:?}");
+    }
+}
+
+/// Copies of one run: making them ready takes a while.
+const MANY_RUNS: usize = 60;
+
+/// Raises the flag a while after the fit has begun, or after it has last said how far it is.
+struct Timer {
+    from_last_word: bool,
+    words: usize,
+    stop: Arc<AtomicBool>,
+    raised: Arc<OnceLock<Instant>>,
+    /// What is raised later, and how many words there were when that was decided.
+    said: Arc<AtomicUsize>,
+}
+
+impl Timer {
+    fn new(from_last_word: bool) -> Self {
+        let timer = Self {
+            from_last_word,
+            words: 0,
+            stop: Arc::default(),
+            raised: Arc::default(),
+            said: Arc::default(),
+        };
+        if !from_last_word {
+            timer.raise_soon();
+        }
+        timer
+    }
+
+    fn raise_soon(&self) {
+        let (stop, raised, said, words) =
+            (Arc::clone(&self.stop), Arc::clone(&self.raised), Arc::clone(&self.said), self.words);
+        std::thread::spawn(move || {
+            std::thread::sleep(PATIENCE);
+            if said.load(Ordering::Relaxed) == words && raised.set(Instant::now()).is_ok() {
+                stop.store(true, Ordering::Relaxed);
+            }
+        });
+    }
+}
+
+impl fit::Observer for Timer {
+    fn progress(&mut self, progress: &Progress<'_>) -> Flow {
+        self.words += 1;
+        self.said.store(self.words, Ordering::Relaxed);
+        // a descent that has come to its end says so last
+        if self.from_last_word && progress.is_answer {
+            self.raise_soon();
+        }
+        Flow::Continue
+    }
+
+    fn interrupted(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.stop)
+    }
+}
+
+#[test]
+fn a_fit_interrupted_while_it_prepares_or_finishes_ends_soon() {
+    let mut experiment = experiment();
+    experiment.fit.method = Method::LeastSquares;
+    let mut many = experiment.clone();
+    many.runs = (0..MANY_RUNS)
+        .map(|k| Run { id: format!("copy-{k}"), ..experiment.runs[k % experiment.runs.len()].clone() })
+        .collect();
+    let mut preparing = Timer::new(false);
+    let ended = fit(&many, &mut preparing);
+    let late = preparing.raised.get().unwrap().elapsed();
+    println!("preparing: {:.2} s", late.as_secs_f64());
+    assert!(matches!(ended, Err(FitError::Interrupted)), "{:?}", ended.map(|fitted| fitted.fit.stop_reason));
+    assert_eq!(preparing.words, 0);
+    assert!(late < SOON, "{late:?}");
+
+    experiment.fit.profile = true;
+    let mut finishing = Timer::new(true);
+    let ended = fit(&experiment, &mut finishing);
+    let late = finishing.raised.get().unwrap().elapsed();
+    println!("finishing: {:.2} s", late.as_secs_f64());
+    // where an iteration was to come, what was found until then follows
+    let is_interrupted = match &ended {
+        Ok(fitted) => fitted.fit.stop_reason == INTERRUPTED,
+        Err(error) => matches!(error, FitError::Interrupted),
+    };
+    assert!(is_interrupted, "{:?}", ended.map(|fitted| fitted.fit.stop_reason));
+    assert!(late < SOON, "{late:?}");
+}
+
+/// Raises the flag from another thread in the midst of an iteration.
+struct Midway(Arc<AtomicBool>);
+
+impl fit::Observer for Midway {
+    fn progress(&mut self, _: &Progress<'_>) -> Flow {
+        let stop = Arc::clone(&self.0);
+        std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_millis(2));
+            stop.store(true, Ordering::Relaxed);
+        });
+        Flow::Continue
+    }
+
+    fn interrupted(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.0)
+    }
+}
+
+#[test]
+fn an_iteration_cut_short_leaves_the_point_before_it() {
+    let experiment = experiment();
+    let one_iteration = {
+        let mut once = experiment.clone();
+        once.fit.max_evaluations = 12;
+        fit(&once, &mut ()).unwrap().fit
+    };
+    match fit(&experiment, &mut Midway(Arc::default())) {
+        Ok(fitted) => {
+            assert_eq!(fitted.fit.stop_reason, INTERRUPTED);
+            assert!(fitted.fit.loss_m2 <= one_iteration.loss_m2 * 100.0, "{:e}", fitted.fit.loss_m2);
+        }
+        // a machine with other things to do may take longer than anybody waits
+        Err(FitError::Interrupted) => {}
+        Err(error) => panic!("{error}"),
     }
 }

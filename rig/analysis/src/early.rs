@@ -55,6 +55,10 @@ struct EarlyFitObserver {
 }
 
 impl Observer for EarlyFitObserver {
+    fn interrupted(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.cancelled)
+    }
+
     fn progress(&mut self, progress: &Progress<'_>) -> Flow {
         self.showing.fit("first fit, while filming", progress);
         if self.cancelled.load(Ordering::Relaxed) { Flow::Stop } else { Flow::Continue }

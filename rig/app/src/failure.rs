@@ -158,7 +158,10 @@ impl From<SequenceError> for Failure {
 
 impl From<ident::fit::FitError> for Failure {
     fn from(error: ident::fit::FitError) -> Self {
-        Self::data_if(error.is_lack_of_data(), error)
+        match error {
+            ident::fit::FitError::Interrupted => Self::Interrupted(error.into()),
+            error => Self::data_if(error.is_lack_of_data(), error),
+        }
     }
 }
 

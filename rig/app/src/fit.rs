@@ -1,11 +1,13 @@
 //! An experiment to coefficients, a calibrated model and a report, in a folder.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use ident::description::{Suspect, suspects};
-use ident::fit::{Checkpoint, Fit, Fitted, Flow, INTERRUPTED, Observer, Progress};
+use ident::fit::{Checkpoint, Fit, FitError, Fitted, Flow, INTERRUPTED, Observer, Progress};
 
 use super::results::{Given, earlier, write_fit};
 use super::{Failure, Watcher, on_threads};
@@ -60,7 +62,7 @@ impl FitJob<'_> {
         let stage = Stage { name: "fit".into(), wall_s: fitted.timing.wall.as_secs_f64() };
         let mut data = given.report(["Fit", "to"], stage, fitted.timing.threads);
         data.add_fitted(&fitted);
-        data.warnings.extend(self.misdescribed(&given, &fitted)?);
+        data.warnings.extend(self.misdescribed(&given, &fitted, watcher)?);
         if let Some(refused) = fitted.fit.recalibration.as_ref().filter(|verdict| !verdict.accepted) {
             let json = fitted.fit.to_json().map_err(Failure::internal)?;
             self.out.write(REFUSED_FILE, json.as_bytes()).map_err(Failure::internal)?;
@@ -85,13 +87,22 @@ impl FitJob<'_> {
     }
 
     /// What of the files may be why the fit is far off.
-    fn misdescribed(&self, given: &Given<'_>, fitted: &Fitted) -> Result<Vec<String>, Failure> {
+    fn misdescribed(
+        &self,
+        given: &Given<'_>,
+        fitted: &Fitted,
+        watcher: &dyn Observer,
+    ) -> Result<Vec<String>, Failure> {
         let Some(_) =
             fitted.fit.error_m.filter(|error_m| *error_m > FAR_OFF_NOISE_RATIO * fitted.fit.noise_m)
         else {
             return Ok(Vec::new());
         };
-        let suspects = on_threads(self.threads, || Ok(suspects(&given.experiment)))?;
+        let stop = watcher.interrupted();
+        if stop.load(Ordering::Relaxed) {
+            return Ok(Vec::new());
+        }
+        let suspects = on_threads(self.threads, || Ok(suspects(&given.experiment, stop)))?;
         let said = |suspect: Suspect| {
             format!("The fit is far off, and the files may be why: {}; {}.", suspect.sentence, suspect.check)
         };
@@ -113,7 +124,7 @@ impl FitJob<'_> {
         }
         let from =
             if self.resume { Some(Checkpoint::read(state.path()).map_err(Failure::input)?) } else { None };
-        let mut saving = Saving { watcher, state: &state, saved: Instant::now(), trouble: None };
+        let mut saving = Saving { watcher, state: &state, saved: None, newest: None, trouble: None };
         let fitted = on_threads(self.threads, || {
             Ok(match (from, earlier) {
                 (Some(from), _) => ident::fit::resume(experiment, from, &mut saving),
@@ -124,6 +135,21 @@ impl FitJob<'_> {
         if let Some(error) = saving.trouble {
             return Err(error);
         }
+        if matches!(fitted, Err(FitError::Interrupted)) {
+            return Err(Failure::Interrupted(match &saving.newest {
+                Some(newest) => {
+                    state.write(&newest.to_json().map_err(Failure::internal)?).map_err(Failure::input)?;
+                    anyhow!(
+                        "interrupted, with too little time for what follows from the best so far; `--resume` goes on from there in {}",
+                        self.out.path().display()
+                    )
+                }
+                None if self.resume => {
+                    anyhow!("interrupted; `--resume` goes on from where it went on this time")
+                }
+                None => anyhow!("interrupted while the runs were made ready; nothing is written"),
+            }));
+        }
         let fitted = fitted?;
         if fitted.fit.stop_reason != INTERRUPTED {
             // One that outlives its fit would only mislead.
@@ -133,25 +159,33 @@ impl FitJob<'_> {
     }
 }
 
-/// Saves the state of the fit at intervals, and at its end where it is interrupted.
+/// Saves the state of the fit at its first step, at intervals, and at its end where it is interrupted.
 struct Saving<'a> {
     watcher: &'a mut dyn Watcher,
     state: &'a OutputFile,
-    saved: Instant,
+    saved: Option<Instant>,
+    /// The newest state.
+    newest: Option<Checkpoint>,
     trouble: Option<Failure>,
 }
 
 impl Observer for Saving<'_> {
     fn progress(&mut self, progress: &Progress<'_>) -> Flow {
         let flow = self.watcher.progress(progress);
-        if flow == Flow::Stop || self.saved.elapsed() >= SAVE_INTERVAL {
+        let is_due = self.saved.is_none_or(|saved| saved.elapsed() >= SAVE_INTERVAL);
+        if flow == Flow::Stop || is_due {
             let state = progress.checkpoint.to_json().map_err(Failure::internal);
             if let Err(trouble) = state.and_then(|state| self.state.write(&state).map_err(Failure::input)) {
                 self.trouble = Some(trouble);
                 return Flow::Stop;
             }
-            self.saved = Instant::now();
+            self.saved = Some(Instant::now());
         }
+        self.newest = Some(progress.checkpoint.clone());
         flow
+    }
+
+    fn interrupted(&self) -> Arc<AtomicBool> {
+        Observer::interrupted(&*self.watcher)
     }
 }

@@ -113,6 +113,10 @@ impl Progress for Teller {
 }
 
 impl Observer for Teller {
+    fn interrupted(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.interrupted)
+    }
+
     fn progress(&mut self, progress: &FitProgress<'_>) -> Flow {
         let rms_mm = progress.loss_m2.sqrt() * 1e3;
         let text = format!("fit: {} {rms_mm:.3} mm rms", progress.phase);

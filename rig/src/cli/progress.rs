@@ -90,6 +90,10 @@ impl Progress for Bar {
 }
 
 impl Observer for Bar {
+    fn interrupted(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.interrupted)
+    }
+
     fn progress(&mut self, progress: &FitProgress<'_>) -> Flow {
         self.showing.fit("fit", progress);
         self.bar.set_length(progress.max_evaluations);

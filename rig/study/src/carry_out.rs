@@ -156,6 +156,10 @@ fn put_into(table: &mut toml::Table, name: &str, changes: &toml::Table) {
 struct Listening(Arc<AtomicBool>);
 
 impl Observer for Listening {
+    fn interrupted(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.0)
+    }
+
     fn progress(&mut self, _: &Progress<'_>) -> Flow {
         if self.0.load(Ordering::Relaxed) { Flow::Stop } else { Flow::Continue }
     }
