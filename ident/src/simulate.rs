@@ -14,7 +14,7 @@ use sim::{
     rollout,
 };
 
-use crate::experiment::{Run, not_estimated, unknown_rates};
+use crate::experiment::{Run, in_the_mean, not_estimated, unknown_rates};
 use crate::geometry::{motion, moved};
 use crate::initial::{Estimate, Start, prescribed_dofs};
 
@@ -175,7 +175,7 @@ impl<'a> Rehearsal<'a> {
         let columns = run.trajectory.keypoints.iter().filter_map(|name| known.iter().position(|k| k == name));
         // Prescribed joints are free in drops, which is what no command at all means to the simulation.
         let ignores_command = run.prescribed && !run.follows();
-        let command = run.command.clone().filter(|_| !ignores_command).unwrap_or_default();
+        let command = run.command.as_ref().filter(|_| !ignores_command).map(in_the_mean).unwrap_or_default();
         Self {
             run,
             start: estimate.start,

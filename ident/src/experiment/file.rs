@@ -11,7 +11,7 @@ use super::folder::{Folder, read_text};
 use super::{DEFAULT_INIT_S, Experiment, ExperimentError, Run, RunKind, Use};
 use crate::config::{DesignConfig, DiagnoseConfig, FitConfig};
 use crate::own_cause::CauseConfig;
-use crate::table::{MeasuredAngles, read_base, read_servo, read_trajectory};
+use crate::table::{MeasuredAngles, ServoTable, read_base, read_servo, read_trajectory};
 use crate::weights::{Mechanism, Water};
 use ground::names;
 use ground::strict::{self, Finite, Positive, StrictError};
@@ -165,6 +165,15 @@ fn instants(measured: &[MeasuredAngles]) -> Trajectory {
 }
 
 impl Entry {
+    /// `table`, its rows held until the next where this says so.
+    fn held(&self, mut table: ServoTable) -> ServoTable {
+        // one that says so itself is so already
+        if matches!(self.hold, Some(Hold::Steps)) && table.command.steps().is_none() {
+            table.command = table.command.held();
+        }
+        table
+    }
+
     fn load(
         &self,
         number: usize,
@@ -187,7 +196,7 @@ impl Entry {
                         )));
                     }
                 }
-                folder.run()?
+                folder.run(|table| self.held(table))?
             }
             None => {
                 let missing =
@@ -205,7 +214,7 @@ impl Entry {
                 };
                 let mut run = Run::new(id, kind, trajectory);
                 if let Some(table) = table {
-                    run.take_servo(table);
+                    run.take_servo(self.held(table));
                 }
                 run
             }
@@ -224,12 +233,6 @@ impl Entry {
         }
         run.usage = self.usage;
         run.times = self.times.iter().map(|(name, times)| (name.clone(), times.get())).collect();
-        if let (Some(Hold::Steps), Some(command)) = (self.hold, &mut run.command) {
-            // a table that says so itself is so already
-            if command.steps().is_none() {
-                *command = std::mem::take(command).held();
-            }
-        }
         run.prescribed = prescribed.unwrap_or(run.prescribed);
         run.release_s = self.release_s.map(Finite::get).or(run.release_s);
         run.init_s = self.init_s.map_or(DEFAULT_INIT_S, Positive::get);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::{ExperimentError, Run, RunKind};
-use crate::table::{read_base, read_servo, read_trajectory};
+use crate::table::{ServoTable, read_base, read_servo, read_trajectory};
 use ground::names;
 
 /// What a fit needs of `start.json`; the rest of it is for others.
@@ -42,7 +42,8 @@ impl Folder {
         Ok((path, text))
     }
 
-    pub(super) fn run(self) -> Result<Run, ExperimentError> {
+    /// The run, with its servo table as `held` makes of it.
+    pub(super) fn run(self, held: impl Fn(ServoTable) -> ServoTable) -> Result<Run, ExperimentError> {
         let table = self.path.join("trajectory.csv");
         if !table.exists() {
             let reason = format!("{} is not there; extract it first with `rig replay`", table.display());
@@ -52,7 +53,7 @@ impl Folder {
         let mut run = Run::new(self.start.id, self.start.kind, trajectory);
         let servo = self.path.join("servo.csv");
         if run.kind == RunKind::Driven || servo.exists() {
-            run.take_servo(read_servo(&servo)?);
+            run.take_servo(held(read_servo(&servo)?));
         }
         let base = self.path.join("base.csv");
         if base.exists() {

@@ -9,6 +9,7 @@ mod check;
 mod error;
 mod file;
 mod folder;
+mod in_the_mean;
 mod lost;
 mod measured;
 mod scale;
@@ -24,6 +25,7 @@ pub use crate::config::{DesignConfig, DiagnoseConfig, FitConfig, Loss, Method, P
 pub use crate::own_cause::{CauseConfig, CauseError, CauseParameterConfig};
 pub(crate) use adrift::{DRIFT_LEAD_S, not_estimated, resting, unknown_rates};
 pub use error::{ExperimentError, Place};
+pub(crate) use in_the_mean::in_the_mean;
 pub use lost::LostMark;
 pub use spikes::Spike;
 
@@ -170,7 +172,8 @@ impl Run {
 
     /// When a servo or the base first moves \[s\]; `None` when neither ever does.
     pub fn first_motion_s(&self) -> Option<f64> {
-        let servo = self.command.as_ref().and_then(Command::first_motion_s);
+        // the mean of fine steps is on its way before the first of them
+        let servo = self.command.as_ref().and_then(|command| in_the_mean(command).first_motion_s());
         let base = self.base.as_ref().and_then(|base| base.first_motion_s());
         servo.into_iter().chain(base).reduce(f64::min)
     }

@@ -13,7 +13,9 @@ use sim::{Model, State};
 pub use noise::{RunNoise, run_noise};
 pub use release::{Release, release};
 
-use crate::experiment::{DRIFT_LEAD_S, Experiment, Run, RunKind, Use, not_estimated, resting, unknown_rates};
+use crate::experiment::{
+    DRIFT_LEAD_S, Experiment, Run, RunKind, Use, in_the_mean, not_estimated, resting, unknown_rates,
+};
 use crate::parameters::{ParameterError, Parameters};
 use pose::{Mark, Target, off_m, pose};
 
@@ -152,6 +154,8 @@ fn prescribe(model: &Model, run: &Run, time_s: f64, qpos: &mut [f64]) {
         return;
     }
     if let Some(command) = &run.command {
+        // steps have no rate, their mean has
+        let command = in_the_mean(command);
         for (column, actuator) in followed(model, run) {
             qpos[model.joints[actuator.joint].qpos_address] = command.at(column, time_s) / actuator.gear;
         }
