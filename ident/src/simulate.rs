@@ -229,6 +229,12 @@ impl<'a> Rehearsal<'a> {
         self
     }
 
+    /// The same with each step in so many `parts`.
+    pub(crate) fn in_parts(mut self, parts: usize) -> Self {
+        self.steps = self.steps.map(|steps| steps.divided(parts));
+        self
+    }
+
     /// The same without a second try for candidates too stiff for its steps: where there are many more of them.
     pub fn in_one_try(mut self) -> Self {
         self.parts = &STEP_PARTS[..1];

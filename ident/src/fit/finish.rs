@@ -21,6 +21,7 @@ use super::report::{
     StartLoss,
 };
 use super::rest::rested;
+use super::steadied::{Steadied, steadied};
 use crate::experiment::{Experiment, Method, Use};
 use crate::geometry::characteristic_length_m;
 use crate::loss::{AxisError, SquaredError, keypoint_errors};
@@ -41,8 +42,25 @@ pub(super) fn finish(
     counts: &mut Counts,
 ) -> Result<(Fit, Model, Vec<FittedRun>), FitError> {
     let interrupted = arrival.stop_reason == INTERRUPTED;
+    let (mut shorter, mut withheld) = (None, Vec::new());
     // the paper's recipe ends where its search does
-    if experiment.fit.method != Method::Paper && !interrupted {
+    let ends_there = experiment.fit.method == Method::Paper || interrupted;
+    let steps = match ends_there {
+        true => Some(Steadied::AsPlanned),
+        false => steadied(objective, &arrival.point, counts),
+    };
+    let objective = match steps.ok_or(FitError::NoOptimum)? {
+        Steadied::AsPlanned => objective,
+        Steadied::Shorter(found, point) => {
+            (arrival.point, arrival.linear, arrival.linearised) = (point, None, false);
+            &*shorter.insert(found)
+        }
+        Steadied::Never(which) => {
+            withheld = which;
+            objective
+        }
+    };
+    if !ends_there {
         rest(objective, &mut arrival, assumed, counts);
     }
     let (problem, point) = (&objective.problem, &arrival.point);
@@ -55,7 +73,7 @@ pub(super) fn finish(
             Cow::Owned(problem.linearise(point, by_parameters, counts).ok_or(FitError::NoOptimum)?)
         }
     };
-    let known = information(objective, point, &linear, assumed.stated).ok_or(FitError::NoOptimum)?;
+    let mut known = information(objective, point, &linear, assumed.stated).ok_or(FitError::NoOptimum)?;
     let free = &problem.parameters.free;
     if !free.is_empty()
         && free.iter().all(|parameter| parameter.prior.is_none())
@@ -64,6 +82,11 @@ pub(super) fn finish(
         return Err(FitError::Unseen {
             names: names(problem.parameters, &(0..free.len()).collect::<Vec<_>>()),
         });
+    }
+    for (i, _) in withheld.iter().enumerate().filter(|(_, withheld)| **withheld) {
+        // evenly anywhere within the bounds
+        known.std[i] = free[i].scale.width() / 12.0_f64.sqrt();
+        known.determined[i] = false;
     }
     let (noise_m, noise_source) = noise_m(objective, &known, assumed);
     let model = problem.parameters.applied(&point.values, problem.model);

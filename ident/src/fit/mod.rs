@@ -58,6 +58,7 @@ mod rest;
 mod rough;
 mod run;
 mod search;
+mod steadied;
 mod warm_start;
 
 pub use checkpoint::{Checkpoint, CheckpointError, Flow, INTERRUPTED, Observer, Origin, Progress};
