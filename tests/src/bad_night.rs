@@ -16,8 +16,10 @@ use crate::outside::Outside;
 use crate::storage::{Order, Shim};
 use crate::{set, wait_until};
 
+type Fault = (&'static str, fn(&mut Rig));
+
 /// What happens in a night.
-const FAULTS: [(&str, fn(&mut Rig)); 6] = [
+const FAULTS: [Fault; 6] = [
     ("board unplugged", Rig::unplug),
     ("camera stalled", Rig::stall),
     ("disk full", Rig::fill),
@@ -130,7 +132,7 @@ impl Rig {
     /// Kills a job's process; one whose number somebody else has by now is left alone.
     fn kill(&mut self) {
         let journal = self.served.bench.journal();
-        let began = journal.lines().filter(|line| line.contains("\"job-began\"")).next_back();
+        let began = journal.lines().rfind(|line| line.contains("\"job-began\""));
         let Some(began) = began.and_then(|line| serde_json::from_str::<serde_json::Value>(line).ok()) else {
             return;
         };
@@ -211,7 +213,7 @@ impl Night {
             while rig.jobs().get("queued").is_none_or(|&waiting| waiting < WAITING) {
                 rig.add_run(random.random_bool(0.7));
             }
-            rig.pass(Duration::from_secs_f64(random.random_range(0.0..LONGEST_PEACE_S)));
+            rig.pass(ground::strict::duration(random.random_range(0.0..LONGEST_PEACE_S)));
             let (name, happens) = FAULTS[random.random_range(0..FAULTS.len())];
             happens(&mut rig);
             rig.release();

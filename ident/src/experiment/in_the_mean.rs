@@ -323,7 +323,7 @@ mod tests {
             let t = 0.0061 * f64::from(k);
             let half_s = 0.5 / 185.0;
             let expected = if t < 0.98 { path(t - half_s) } else { sent.at(0, t) };
-            let limit = if t < 0.98 || t > 1.01 { 1e-4 } else { 0.05 };
+            let limit = if !(0.98..=1.01).contains(&t) { 1e-4 } else { 0.05 };
             assert!((mean.at(0, t) - expected).abs() < limit, "{t}: {} {expected}", mean.at(0, t));
         }
         let leaps = mean.time_s.windows(2).filter(|pair| pair[0] == pair[1]).count();
