@@ -26,6 +26,9 @@ const DISTANCE_TOLERANCE_SHARE: f64 = 1e-9;
 /// Cores closer than this count as touching \[m\] (chosen).
 const CORE_CONTACT_DISTANCE_M: f64 = 1e-12;
 
+/// A height above a face is not known better than this share of the lengths that it comes from (chosen: some thousand roundings).
+const ROUNDING_SHARE: f64 = 1e-12;
+
 impl Solid {
     /// Radius of the ball around `at` that holds it all; infinite for a plane.
     pub(super) fn reach(&self) -> f64 {
@@ -158,12 +161,13 @@ impl Simplex {
 /// Which points span the nearest one, and that.
 type Nearest = ([Option<usize>; 3], Vec3<f64>);
 
-/// Whether the origin is on the other side of the face than `other`; a flat tetrahedron has it on both.
+/// Whether the origin is on the other side of the face than `other`, or so near it that rounding decides; a flat tetrahedron has it on both.
 fn beyond(points: &[Vec3<f64>; 4], [a, b, c]: [usize; 3], other: usize) -> bool {
     let normal = (points[b] - points[a]).cross(points[c] - points[a]);
-    let here = -normal.dot(points[a]);
-    let there = normal.dot(points[other] - points[a]);
-    here * there <= 0.0
+    let way = points[other] - points[a];
+    let (here, there) = (-normal.dot(points[a]), normal.dot(way));
+    let rounding = ROUNDING_SHARE * normal.norm();
+    here * there <= 0.0 || here.abs() <= rounding * points[a].norm() || there.abs() <= rounding * way.norm()
 }
 
 fn segment(points: &[Vec3<f64>; 4], [i, j]: [usize; 2]) -> Nearest {
