@@ -35,7 +35,7 @@ const HOPELESS: f64 = 100.0;
 const SCOUTS: usize = 6;
 const FINISHED_SCOUTS: usize = 2;
 /// The same where a set is known already that explains as much.
-const FEW_SCOUTS: usize = 3;
+const FEW_SCOUTS: [usize; 2] = [3, 1];
 /// Steps of a scout.
 const SCOUT_STEPS: usize = 3;
 
@@ -213,6 +213,7 @@ impl<'b, 'a> Pool<'b, 'a> {
         says: &mut dyn FnMut(&str) -> bool,
     ) -> bool {
         let (mut at, own) = start;
+        let [scouted, finished] = if without.is_some() { FEW_SCOUTS } else { [SCOUTS, FINISHED_SCOUTS] };
         let mut way = Vec::new();
         let mut fresh = Some(own);
         loop {
@@ -240,8 +241,7 @@ impl<'b, 'a> Pool<'b, 'a> {
             let laws = |set: &Set| -> Vec<String> { set.iter().map(|&atom| atoms[atom].law()).collect() };
             list.retain(|(set, _)| seen.insert(laws(set)));
             let mut scouts: Vec<Fitted> = Vec::new();
-            for (set, predicted) in list.into_iter().take(if without.is_some() { FEW_SCOUTS } else { SCOUTS })
-            {
+            for (set, predicted) in list.into_iter().take(scouted) {
                 if !says(&self.label(&set)) || counts.is_stopped() {
                     self.keep(at);
                     return false;
@@ -254,7 +254,7 @@ impl<'b, 'a> Pool<'b, 'a> {
             }
             scouts.sort_by(|a, b| b.scored.ln_z.total_cmp(&a.scored.ln_z));
             let mut next: Option<(Fitted, Vec<RunColumns>)> = None;
-            for scout in scouts.into_iter().take(FINISHED_SCOUTS) {
+            for scout in scouts.into_iter().take(finished) {
                 let found = self.quiet(&scout.setting.set, scout.point, scout.scored.tau, MOST_STEPS, counts);
                 let ln_z = next.as_ref().map_or(at.scored.ln_z + WORTH_A_CAUSE, |(next, _)| next.scored.ln_z);
                 next = found.filter(|(found, _)| found.scored.ln_z > ln_z).or(next);
@@ -265,6 +265,9 @@ impl<'b, 'a> Pool<'b, 'a> {
             fresh = Some(own);
         }
         self.keep(at);
+        // where it leads is what matters where the way began at a set that is known
+        let between = if without.is_some() { 1..way.len().saturating_sub(1).max(1) } else { 0..0 };
+        way.drain(between);
         for (set, point, tau, ln_z) in way {
             let is_better =
                 |known: &Fitted| known.is_free && known.setting.set == set && known.scored.ln_z > ln_z;

@@ -112,11 +112,11 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
     let fitted = sets.len();
     let linear = pool.about_best();
     let is_fitted = |set: &[usize]| pool.fitted.iter().any(|fitted| fitted.setting.set == set);
-    // what is only predicted is never above what was fitted: predictions rank, refits decide. Where it would be, the search was ended before
-    // that, and whatever such a set holds may as well not be
+    // what is only predicted is never above what was fitted: predictions rank, refits decide. Where the search was ended before these, whatever
+    // is predicted above holds may as well not be
     let predicted = linear.iter().filter(|(set, _)| !is_fitted(set));
-    let (above, below): (Vec<_>, Vec<_>) = predicted.partition(|(_, z)| *z > most);
-    sets.extend(below.iter().map(|(set, z)| (&set[..], *z)));
+    let (above, below): (Vec<_>, Vec<_>) = predicted.partition(|(_, z)| !complete && *z > most);
+    sets.extend(below.iter().map(|(set, z)| (&set[..], z.min(most))));
     let untried = above.len() as f64;
     let weights: Vec<f64> = sets.iter().map(|(_, z)| (z - most).exp()).collect();
     let all = weights.iter().sum::<f64>() + untried;
