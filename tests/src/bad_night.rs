@@ -32,7 +32,7 @@ const FAULT_TIME: Duration = Duration::from_secs(3);
 const LONGEST_PEACE_S: f64 = 12.0;
 const SAMPLE_INTERVAL: Duration = Duration::from_millis(500);
 /// Jobs that wait at a time at least.
-const WAITING: usize = 2;
+const LEAST_WAITING_JOBS: usize = 2;
 /// Growth of the least memory from a night's second quarter to its last one that is none \[KiB\]: what a list of jobs that becomes longer, and a
 /// heap that is used in another order, come to. Chosen.
 const MEMORY_GROWTH_LIMIT_KIB: i64 = 4096;
@@ -210,7 +210,7 @@ impl Night {
         let mut rig = Rig::new();
         let mut faults = BTreeMap::new();
         while rig.began.elapsed() < self.length {
-            while rig.jobs().get("queued").is_none_or(|&waiting| waiting < WAITING) {
+            while rig.jobs().get("queued").is_none_or(|&waiting| waiting < LEAST_WAITING_JOBS) {
                 rig.add_run(random.random_bool(0.7));
             }
             rig.pass(ground::strict::duration(random.random_range(0.0..LONGEST_PEACE_S)));

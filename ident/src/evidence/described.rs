@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::columns::{Belief, Column};
+use super::columns::Belief;
 use super::fit::{Effort, Fitted, Fitter, MOST_STEPS};
 use super::linear::{Bench, Point, Setting};
 use super::search::Pool;
@@ -43,7 +43,7 @@ pub(super) fn described<'a>(
     // the same sets as the fitted runs alone have them
     let mut refit = |from: &Fitted, set: &[usize]| -> Option<Fitted> {
         let setting = bench.setting(set);
-        let point = Point { sizes: sizes_in(from, &setting.columns), ..from.point.clone() };
+        let point = Point { sizes: from.sizes_in(&setting.columns), ..from.point.clone() };
         Some(fitter.fit(setting, point, (from.scored.scales, from.scored.tau), effort, &mut counts)?.0)
     };
     let mut order: Vec<&Fitted> = pool.fitted.iter().collect();
@@ -81,15 +81,6 @@ pub(super) fn described<'a>(
     let rival = rival.and_then(|rival| state(&rival));
     let best = (best.setting.set.clone(), best.point.clone());
     Some(Found { evidence, run_ids, leader, named, rival, best })
-}
-
-/// The sizes that `columns` have in `fitted`.
-fn sizes_in(fitted: &Fitted, columns: &[Column]) -> Vec<f64> {
-    let known = |column: &Column| {
-        let own = fitted.setting.columns.iter().position(|other| other == column);
-        own.map_or(0.0, |place| fitted.point.sizes[place])
-    };
-    columns.iter().map(known).collect()
 }
 
 /// `setting` at `point` as a fitted model of the first `fitted` runs; what is not the same in all runs is a number of each run's own there.

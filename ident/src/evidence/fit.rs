@@ -38,6 +38,17 @@ pub(super) struct Fitted {
     pub(super) is_free: bool,
 }
 
+impl Fitted {
+    /// The sizes that `columns` have in it; 0 for those that it has not.
+    pub(super) fn sizes_in(&self, columns: &[Column]) -> Vec<f64> {
+        let known = |column: &Column| {
+            let own = self.setting.columns.iter().position(|other| other == column);
+            own.map_or(0.0, |place| self.point.sizes[place])
+        };
+        columns.iter().map(known).collect()
+    }
+}
+
 /// Where runs stand, linearised.
 struct Standing {
     point: Point,

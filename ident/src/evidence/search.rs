@@ -28,13 +28,13 @@ const WORTH_A_CAUSE: f64 = 0.5;
 /// The same for a set of as many causes: what stood elsewhere is predicted from further away (chosen by a prototype: quartiles of 0 and 6 nats too
 /// low).
 const NEAR_EXCHANGED: f64 = 8.0;
-/// A set that is so many nats below the best once the unknown is let in is not followed any further (measured: steps from there gain 35 at
-/// most in 19 of 20 sets).
-const HOPELESS: f64 = 100.0;
+/// A set that is so many nats below the best once the unknown is let in is not followed any further (chosen: three times what refits gained
+/// over predictions in 19 of 20 sets of a prototype).
+const HOPELESS_BELOW_BEST_NATS: f64 = 100.0;
 /// Sets fitted without the unknown, and how many of these to the end (a prototype, chosen).
 const SCOUTS: usize = 6;
 const FINISHED_SCOUTS: usize = 2;
-/// The same where a set is known already that explains as much.
+/// The same where a set is known already that explains as much (chosen: half of the time).
 const FEW_SCOUTS: [usize; 2] = [3, 1];
 /// Steps of a scout.
 const SCOUT_STEPS: usize = 3;
@@ -190,11 +190,7 @@ impl<'b, 'a> Pool<'b, 'a> {
     ) -> bool {
         let from = &self.fitted[best];
         let setting = self.bench().setting(set);
-        let sizes = setting.columns.iter().map(|column| {
-            let own = from.setting.columns.iter().position(|other| other == column);
-            own.map_or(0.0, |place| from.point.sizes[place])
-        });
-        let point = Point { sizes: sizes.collect(), ..from.point.clone() };
+        let point = Point { sizes: from.sizes_in(&setting.columns), ..from.point.clone() };
         let (tau, most) = (from.scored.tau, from.setting.set.len() + 1);
         let Some(start) = self.quiet(set, point, tau, MOST_STEPS, counts) else {
             return !counts.is_stopped();
@@ -314,7 +310,9 @@ impl<'b, 'a> Pool<'b, 'a> {
     fn add(&mut self, set: Set, point: Point, scales: (Scales, usize), counts: &mut Counts) -> bool {
         self.fits += 1;
         let setting = self.bench().setting(&set);
-        let least = self.best().map_or(f64::NEG_INFINITY, |best| self.fitted[best].scored.ln_z - HOPELESS);
+        let least = self
+            .best()
+            .map_or(f64::NEG_INFINITY, |best| self.fitted[best].scored.ln_z - HOPELESS_BELOW_BEST_NATS);
         let effort = Effort { unknown: true, steps: MOST_STEPS, least };
         let Some((fitted, columns)) = self.fitter.fit(setting, point, scales, effort, counts) else {
             self.predicted.remove(&set);
