@@ -91,7 +91,7 @@ pub(super) fn verdict(
             100.0 * evidence.unexplained
         ));
     }
-    if untried {
+    if untried && found.leader.causes.is_empty() {
         remarks.push("there was no time to search for causes".into());
     }
     if !is_silent {
