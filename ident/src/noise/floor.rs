@@ -198,6 +198,7 @@ fn without_scatter(stretches: &mut [Stretch], widths: &[usize]) -> f64 {
         .iter()
         .map(|stretch| Images {
             series: stretch.keypoints.iter().map(|keypoint| first(stretch.run) + keypoint).collect(),
+            time_s: &stretch.time_s,
             values: &stretch.values,
             velocities: &stretch.velocities,
             basis: &stretch.basis,

@@ -4,6 +4,9 @@
 //! then off along their paths, by as much as they move in that time: an error that rests while the mechanism rests, and one that all keypoints
 //! have in common. At 0.2 m/s and 0.2 ms it is 0.04 mm, ten times what pictures get wrong otherwise.
 //!
+//! A model that is late, or early, is off along the same paths, but by times that change slowly. So these are taken out first where they are
+//! more likely than none: where a servo turns round, a model without its lag would count as images of scattered times.
+//!
 //! # Source
 //! A. P. Dempster, N. M. Laird, D. B. Rubin, "Maximum likelihood from incomplete data via the EM algorithm", Journal of the Royal Statistical
 //! Society B 39 (1977) 1-38: times are what is not seen, one an image; restricted likelihood as in [`super::floor`].
@@ -12,6 +15,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use sim::Trajectory;
 
+use super::floor::{basis, interval_s};
 use crate::loss::Observation;
 
 /// Images so much slower than the fastest say nothing of their times (chosen).
@@ -21,6 +25,13 @@ const MOST_ROUNDS: usize = 40;
 const SAME_SHARE: f64 = 0.01;
 /// Scatter must be so much more likely than none, in nats (chosen): 20 to 1.
 const LEAST_GAIN: f64 = 3.0;
+
+/// Distance of the knots of a spline that a model's lateness follows \[s\], and the fewest images between them (chosen: twice what residuals are
+/// split with).
+const LATE_KNOT_SPACING_S: f64 = 0.1;
+const LATE_KNOT_SPACING_IMAGES_MIN: f64 = 8.0;
+/// How late models are \[s\] (chosen): a standard deviation.
+const LATE_S: f64 = 0.1;
 
 /// Velocity of each observed coordinate as it was measured \[m/s\]: between the images before and after, so that its noise is not that
 /// of the image itself; 0 where either is missing.
@@ -42,6 +53,7 @@ pub(crate) fn velocities(trajectory: &Trajectory, observations: &[Observation]) 
 pub(super) struct Images<'a> {
     /// Series that share a noise, of each column.
     pub(super) series: Vec<usize>,
+    pub(super) time_s: &'a [f64],
     /// Residuals and velocities, shape (images, columns).
     pub(super) values: &'a DMatrix<f64>,
     pub(super) velocities: &'a DMatrix<f64>,
@@ -65,6 +77,8 @@ struct Fast<'a> {
     fast: DMatrix<f64>,
     /// What the slow functions see of each other through the moving images.
     slow: DMatrix<f64>,
+    /// Orthonormal functions that a model's lateness is a sum of, shape (moving images, functions).
+    late: DMatrix<f64>,
     degrees: f64,
 }
 
@@ -87,9 +101,19 @@ pub(super) fn scatter(stretches: &[Images<'_>], series: usize) -> Scatter {
             })
             .collect(),
     };
-    let all: Vec<Fast<'_>> = stretches.par_iter().map(Fast::new).collect();
-    if all.iter().all(|one| one.moving.is_empty()) {
-        return none();
+    let best = [false, true].into_iter().filter_map(|is_late| {
+        let all: Vec<Fast<'_>> = stretches.par_iter().map(|one| Fast::new(one, is_late)).collect();
+        sought(&all, series)
+    });
+    let best = best.max_by(|(_, one), (_, other)| one.total_cmp(other));
+    best.filter(|(_, gain)| *gain > LEAST_GAIN).map_or_else(none, |(found, _)| found)
+}
+
+/// The scatter of the times of `all`, and by how much it is more likely than none \[nats\]. `None` where nothing moves or digits are lost.
+fn sought(all: &[Fast<'_>], series: usize) -> Option<(Scatter, f64)> {
+    let free = all.iter().map(|one| one.moving.len() - one.late.ncols()).sum::<usize>();
+    if free == 0 {
+        return None;
     }
     let variances = |squares: &[Vec<f64>]| -> Vec<f64> {
         let mut sums = vec![[0.0, 0.0]; series];
@@ -113,11 +137,9 @@ pub(super) fn scatter(stretches: &[Images<'_>], series: usize) -> Scatter {
     let still = variances(&bare);
     let (mut noise, mut std_s) = (still.clone(), f64::INFINITY);
     for round in 0..MOST_ROUNDS {
-        let found: Option<Vec<Times>> = all.par_iter().map(|one| one.times(&noise, std_s)).collect();
-        let Some(found) = found else { return none() };
-        let count: usize = all.iter().map(|one| one.moving.len()).sum();
-        let square = |times: &Times| times.mean_s.norm_squared() + times.covariance.trace();
-        let next_s = (found.iter().map(square).sum::<f64>() / count as f64).sqrt();
+        let found: Vec<Times> = all.par_iter().map(|one| one.times(&noise, std_s)).collect::<Option<_>>()?;
+        let squares: f64 = all.iter().zip(&found).map(|(one, times)| one.scattered(times)).sum();
+        let next_s = (squares / free as f64).sqrt();
         let left: Vec<Vec<f64>> = all.iter().zip(&found).map(|(one, times)| one.left(times)).collect();
         let is_same = round > 1 && (next_s / std_s - 1.0).abs() < SAME_SHARE;
         (noise, std_s) = (variances(&left), next_s);
@@ -125,21 +147,26 @@ pub(super) fn scatter(stretches: &[Images<'_>], series: usize) -> Scatter {
             break;
         }
     }
-    let found: Option<Vec<Times>> = all.par_iter().map(|one| one.times(&noise, std_s)).collect();
-    let Some(times) = found else { return none() };
+    let times: Vec<Times> = all.par_iter().map(|one| one.times(&noise, std_s)).collect::<Option<_>>()?;
     let gained = times.iter().map(|times| times.gain).sum::<f64>();
     let gain = 0.5 * (misfit(&still, &bare) - misfit(&noise, &bare) + gained);
-    if gain > LEAST_GAIN {
-        return Scatter {
-            std_s,
-            parts: all.iter().zip(&times).map(|(one, times)| one.part(times)).collect(),
-        };
+    Some((
+        Scatter { std_s, parts: all.iter().zip(&times).map(|(one, times)| one.part(times)).collect() },
+        gain,
+    ))
+}
+
+impl Images<'_> {
+    /// Orthonormal splines over the images `moving`, shape (moving images, functions).
+    fn late(&self, moving: &[usize]) -> DMatrix<f64> {
+        let time_s: Vec<f64> = moving.iter().map(|&row| self.time_s[row]).collect();
+        let knot_s = (LATE_KNOT_SPACING_IMAGES_MIN * interval_s(&time_s)).max(LATE_KNOT_SPACING_S);
+        basis(&time_s, 0, knot_s).qr().q()
     }
-    none()
 }
 
 impl<'a> Fast<'a> {
-    fn new(of: &'a Images<'a>) -> Self {
+    fn new(of: &'a Images<'a>, is_late: bool) -> Self {
         let speed = |row: usize| of.velocities.row(row).norm();
         let most = (0..of.values.nrows()).map(speed).fold(0.0, f64::max);
         let moving: Vec<usize> =
@@ -148,7 +175,8 @@ impl<'a> Fast<'a> {
         let fast = of.values - &slow * slow.tr_mul(of.values);
         let seen = slow.select_rows(&moving);
         let degrees = (of.values.nrows() - of.basis.ncols()) as f64;
-        Self { of, fast, slow: &seen * seen.transpose(), moving, degrees }
+        let late = if is_late { of.late(&moving) } else { DMatrix::zeros(moving.len(), 0) };
+        Self { of, fast, slow: &seen * seen.transpose(), late, moving, degrees }
     }
 
     fn squares(&self) -> Vec<f64> {
@@ -179,6 +207,9 @@ impl<'a> Fast<'a> {
             let known = if std_s.is_finite() { std_s.powi(-2) } else { 1e-3 * shared(i, i) };
             precision[(i, i)] += known;
         }
+        if std_s.is_finite() {
+            precision += &self.late * self.late.transpose() * (LATE_S.powi(-2) - std_s.powi(-2));
+        }
         let with = DVector::from_fn(count, |i, _| {
             let fast = |c: usize| self.fast[(self.moving[i], c)];
             weights.iter().enumerate().map(|(c, w)| w * self.velocity(i, c) * fast(c)).sum::<f64>()
@@ -186,8 +217,17 @@ impl<'a> Fast<'a> {
         let factor = precision.cholesky()?;
         let ln: f64 = factor.l_dirty().diagonal().iter().map(|x: &f64| 2.0 * x.ln()).sum();
         let mean_s = factor.solve(&with);
-        let gain = with.dot(&mean_s) - ln - 2.0 * count as f64 * std_s.ln();
+        let late = self.late.ncols();
+        let gain =
+            with.dot(&mean_s) - ln - 2.0 * ((count - late) as f64 * std_s.ln() + late as f64 * LATE_S.ln());
         Some(Times { covariance: factor.inverse(), mean_s, gain })
+    }
+
+    /// Squares of what scatters of `times`, as they are to be expected.
+    fn scattered(&self, times: &Times) -> f64 {
+        let late = self.late.tr_mul(&times.mean_s).norm_squared();
+        let unsure = (self.late.transpose() * &times.covariance * &self.late).trace();
+        times.mean_s.norm_squared() - late + times.covariance.trace() - unsure
     }
 
     /// Squares of the noise of each column, as they are to be expected where `times` are so.
