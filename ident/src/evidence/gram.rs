@@ -54,7 +54,7 @@ pub(super) struct Gram {
     pub(super) observations: usize,
     /// Where hidden numbers stand, from their centres. The data has no part of theirs: without the size that they belong to they do nothing.
     hidden: BTreeMap<usize, f64>,
-    beliefs: Arc<Beliefs>,
+    pub(super) beliefs: Arc<Beliefs>,
     memory: Mutex<BTreeMap<Scales, Option<Arc<Reduced>>>>,
 }
 
@@ -62,6 +62,8 @@ pub(super) struct Gram {
 struct RunReduced {
     /// Products of base, weights, slips, numbers, data, residual.
     products: DMatrix<f64>,
+    /// The same with its own force alone integrated out: its start stands where it stands.
+    standing: DMatrix<f64>,
     ln_determinants: f64,
 }
 
@@ -155,27 +157,20 @@ impl Gram {
             }
         }
         let mut products = DMatrix::zeros(kept.len(), kept.len());
-        let (mut data, mut residual) = (DVector::zeros(kept.len()), DVector::zeros(kept.len()));
-        let (mut squares, mut cost, mut ln_determinants) = (0.0, 0.0, 0.0);
+        let mut data = DVector::zeros(kept.len());
+        let (mut squares, mut ln_determinants) = (0.0, 0.0);
         for run in &runs {
             let part = |i: usize, j: usize| run.products[(kept[i], kept[j])];
             products += DMatrix::from_fn(kept.len(), kept.len(), part);
             data += DVector::from_fn(kept.len(), |i, _| run.products[(kept[i], layout.data)]);
-            residual += DVector::from_fn(kept.len(), |i, _| run.products[(kept[i], layout.residual)]);
             squares += run.products[(layout.data, layout.data)];
-            cost += run.products[(layout.residual, layout.residual)];
             ln_determinants += run.ln_determinants;
         }
         for (i, precision) in precision.iter().enumerate() {
             products[(i, i)] += precision + JITTER_SHARE * products[(i, i)];
         }
-        // only the unknown and slips are gone from the cost: the others stand where they stand
         let free = kept.iter().filter(|place| layout.base.contains(place)).count();
-        if kept.len() > free {
-            let unknown = products.view((free, free), (kept.len() - free, kept.len() - free)).into_owned();
-            let with = residual.rows(free, kept.len() - free).into_owned();
-            cost -= with.dot(&unknown.cholesky()?.solve(&with));
-        }
+        let cost = standing_cost(&runs, &kept[free..], &precision[free..], layout.residual)?;
         let factor = products.cholesky()?;
         let half = |columns: &DMatrix<f64>| factor.l_dirty().solve_lower_triangular(columns);
         let diagonal = factor.l_dirty().diagonal();
@@ -224,6 +219,21 @@ impl Gram {
         };
         self.runs.iter().zip(sizes).enumerate().map(of_run).collect()
     }
+}
+
+/// Squares of the residuals of `runs` once the unknown and the slips, at the places `unknown`, are integrated out; all else stands where it stands.
+fn standing_cost(runs: &[RunReduced], unknown: &[usize], precision: &[f64], residual: usize) -> Option<f64> {
+    let sum = |i: usize, j: usize| runs.iter().map(|run| run.standing[(i, j)]).sum::<f64>();
+    let cost = sum(residual, residual);
+    if unknown.is_empty() {
+        return Some(cost);
+    }
+    let mut products = DMatrix::from_fn(unknown.len(), unknown.len(), |i, j| sum(unknown[i], unknown[j]));
+    for (i, precision) in precision.iter().enumerate() {
+        products[(i, i)] += precision + JITTER_SHARE * products[(i, i)];
+    }
+    let with = DVector::from_fn(unknown.len(), |i, _| sum(unknown[i], residual));
+    Some(cost - with.dot(&products.cholesky()?.solve(&with)))
 }
 
 impl Reduced {
@@ -360,33 +370,23 @@ impl RunGram {
     fn reduced(&self, starts: &[f64], own: &(DMatrix<f64>, f64), scale: f64) -> Option<RunReduced> {
         let first = self.layout.start.start;
         let (factor, count, ln_determinants) = self.own_factor(starts, own, scale)?;
-        let across = self.products.view((first, 0), (count, first)).into_owned();
-        let half = factor.l_dirty().solve_lower_triangular(&across)?;
-        let mut products = self.products.view((0, 0), (first, first)).into_owned();
-        let residual = self.layout.residual;
-        let standing = products[(residual, residual)];
-        products.gemm(-1.0, &half.transpose(), &half, 1.0);
-        // the start stands where it stands: of the residuals only the run's own force is taken off
-        products[(residual, residual)] = standing - self.own_share(starts.len(), count, own, scale)?;
-        Some(RunReduced { products, ln_determinants })
-    }
-
-    /// Squares of the residuals that the run's own force explains.
-    fn own_share(
-        &self,
-        starts: usize,
-        count: usize,
-        (inverse, _): &(DMatrix<f64>, f64),
-        scale: f64,
-    ) -> Option<f64> {
-        if count == starts {
-            return Some(0.0);
-        }
-        let (first, size) = (self.layout.own.start, count - starts);
-        let products =
-            self.products.view((first, first), (size, size)).into_owned() + inverse * scale.powi(-2);
-        let with = self.products.view((first, self.layout.residual), (size, 1)).into_owned();
-        Some(with.dot(&products.cholesky()?.solve(&with)))
+        let without = |factor: &Cholesky<f64, Dyn>, from: usize, count: usize| {
+            let across = self.products.view((from, 0), (count, first)).into_owned();
+            let half = factor.l_dirty().solve_lower_triangular(&across)?;
+            let mut products = self.products.view((0, 0), (first, first)).into_owned();
+            products.gemm(-1.0, &half.transpose(), &half, 1.0);
+            Some(products)
+        };
+        let products = without(&factor, first, count)?;
+        let (from, size) = (self.layout.own.start, count - starts.len());
+        let standing = if size == 0 {
+            self.products.view((0, 0), (first, first)).into_owned()
+        } else {
+            let own_products =
+                self.products.view((from, from), (size, size)).into_owned() + &own.0 * scale.powi(-2);
+            without(&own_products.cholesky()?, from, size)?
+        };
+        Some(RunReduced { products, standing, ln_determinants })
     }
 
     fn start(
@@ -410,3 +410,6 @@ impl RunGram {
         Some(factor.solve(&with).as_slice()[..starts.len()].to_vec())
     }
 }
+
+#[cfg(test)]
+mod tests;
