@@ -12,10 +12,12 @@ use crate::{changed_config, config, rig, set};
 const RIG: &str = "chain-driven-late.toml";
 /// A machine that is busy with other tests takes longer to find what it finds in a minute.
 const DIAGNOSIS_LIMIT_S: f64 = 120.0;
-/// The servo's lag where nothing is hidden \[s\].
+/// The servo's lag where none is hidden \[s\].
 const KNOWN_LAG_S: f64 = 0.025;
-/// How often it looks at its pulse there \[s\]: as often as the board changes it, the two would come in and out of step within a run.
+/// How often it looks at its pulse \[s\]: as often as the board changes it, it would be late by another time in each run.
 const FINE_PERIOD_S: f64 = 1e-4;
+/// A pulse is held until the board changes it, every millisecond: so late the servo truly is beside what is hidden, at most \[s\].
+const HELD_S: f64 = 1e-3;
 
 /// What is hidden in a tank.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,7 +54,7 @@ impl Hidden {
 }
 
 impl Tank {
-    /// A tank in `folder` with `hidden` in it, its water's coefficients and its first run's strokes drawn by `seed`. With nothing hidden its
+    /// A tank in `folder` with `hidden` in it, its water's coefficients and its first run's strokes drawn by `seed`. Where no lag is hidden its
     /// servo lags too, and the rig's fit has that lag: a servo without any would shake dry friction loose with each step of its pulse.
     ///
     /// # Panics
@@ -84,12 +86,9 @@ impl Tank {
         let servo = servos[0].as_table_mut().expect("a servo");
         let lag_s = match hidden {
             Some(Hidden::Lag(time_s)) => time_s,
-            Some(Hidden::Delay(_)) => 0.0,
-            None => {
-                servo.insert("period_s".into(), FINE_PERIOD_S.into());
-                KNOWN_LAG_S
-            }
+            _ => KNOWN_LAG_S,
         };
+        servo.insert("period_s".into(), FINE_PERIOD_S.into());
         servo.insert("lag_s".into(), lag_s.into());
         if let Some(Hidden::Delay(delay_s)) = hidden {
             let delay: toml::Table = [("delay".to_owned(), delay_s.into())].into_iter().collect();
@@ -101,7 +100,7 @@ impl Tank {
             set(config, "mock", "tank", "tank.toml");
             set(config, "profile", "amplitude_rad", random.random_range(0.3..0.5));
             set(config, "diagnose", "limit_s", DIAGNOSIS_LIMIT_S);
-            if hidden.is_none() {
+            if !matches!(hidden, Some(Hidden::Lag(_))) {
                 let parameters = config["fit"]["parameters"].as_array_mut().expect("parameters");
                 parameters.push("servo_lag/time".into());
             }
@@ -132,7 +131,7 @@ impl Tank {
         crate::json(&self.out().join("campaign.json"))
     }
 
-    /// Whether the last diagnosis names `hidden` and nothing else; by its own name, or by one that no film tells from it.
+    /// Whether the last diagnosis names `hidden` and nothing else but how long pulses are held; by its own name, or by one that no film tells from it.
     pub fn names(&self, hidden: Hidden) -> bool {
         matches!(&self.named()[..], [names] if names.iter().any(|name| name == hidden.cause()))
     }
@@ -148,6 +147,13 @@ impl Tank {
             let aliases = cause["aliases"].as_array().into_iter().flatten();
             std::iter::once(&cause["name"]).chain(aliases).filter_map(text).collect()
         };
-        causes.iter().map(names).collect()
+        let is_held = |cause: &&Value| {
+            let mut parameters = cause["parameters"].as_array().into_iter().flatten();
+            parameters.all(|parameter| {
+                let is_delay = parameter["name"].as_str().is_some_and(|name| name.contains("_delay/"));
+                is_delay && parameter["value"].as_f64().is_some_and(|value_s| value_s.abs() < HELD_S)
+            })
+        };
+        causes.iter().filter(|cause| !is_held(cause)).map(names).collect()
     }
 }

@@ -23,8 +23,11 @@ const NOT_WORTH_A_STEP: f64 = 0.05;
 const COEFFICIENT_WIDTH: f64 = 2.0;
 /// A scale with a finer resolution over its width goes over decades.
 const KNOWN_RESOLUTION_SHARE: f64 = 0.01;
-/// Shares of a step that are tried, one after the other.
-const STEP_SHARES: [f64; 3] = [1.0, 0.4, 0.1];
+/// Dampings that a step may have, over the diagonal of the products: the first that leads downhill is taken, from the one before where the
+/// last step found its own (chosen). Where a joint sticks, only short ways are as all that is linear says.
+const DAMPINGS: [f64; 6] = [0.0, 0.03, 0.3, 3.0, 30.0, 300.0];
+/// Most of them that one step tries.
+const MOST_TRIES: usize = 4;
 
 /// A set of causes at a point, with the products about it.
 pub(super) struct Fitted {
@@ -32,6 +35,9 @@ pub(super) struct Fitted {
     pub(super) point: Point,
     pub(super) gram: Gram,
     pub(super) scored: Scored,
+    /// By how much the evidence is less than what is linear about `point` promises without bounds \[nats\]: to be taken off whatever else is
+    /// scored with `gram`.
+    pub(super) shortfall: f64,
     /// Whether `gram` holds the columns of all candidates.
     pub(super) is_expanded: bool,
     /// Whether the unknown was let in.
@@ -121,21 +127,30 @@ impl<'b, 'a> Fitter<'b, 'a> {
         Scorer { atoms: &self.bench.atoms, gram, noise_share: self.noise_share }
     }
 
-    /// Precisions of what is fitted anyway at `point`; infinite where a bound holds it against the slope.
-    fn held(&self, point: &Point, columns: &[RunColumns]) -> Vec<f64> {
-        let free = &self.bench.state.parameters.free;
-        let held = |(place, (parameter, &value)): (usize, (&crate::parameters::FreeParameter, &f64))| {
-            let near = ON_BOUND_SHARE * parameter.scale.width();
-            let slope: f64 = columns.iter().map(|run| run.base.column(place).dot(&run.residuals)).sum();
-            let is_held = slope > 0.0 && value - parameter.scale.lower() <= near
-                || slope < 0.0 && parameter.scale.upper() - value <= near;
-            if is_held { f64::INFINITY } else { self.beliefs.base[place] }
-        };
-        free.iter().zip(&point.base).enumerate().map(held).collect()
+    /// Squares that `fitted` leaves without the unknown, over those of the noise.
+    pub(super) fn misfit(&self, fitted: &Fitted) -> f64 {
+        fitted.gram.reduced(OFF).map_or(0.0, |reduced| reduced.cost / fitted.gram.observations as f64)
     }
 
-    fn gram(&self, setting: &Setting, point: &Point, columns: &[RunColumns]) -> Gram {
-        let beliefs = Arc::new(Beliefs { base: self.held(point, columns), ..self.beliefs.clone() });
+    /// The numbers that are fitted anyway and that a bound holds, once all that is linear about `standing` is where `scored` says.
+    fn held(&self, setting: &Setting, standing: &Standing, scored: &Scored) -> Vec<usize> {
+        let Some(target) = self.target(setting, &standing.point, &standing.gram, scored) else {
+            return Vec::new();
+        };
+        let is_held = |place: &usize| {
+            let scale = &self.bench.state.parameters.free[*place].scale;
+            let near = ON_BOUND_SHARE * scale.width();
+            let value = target.base[*place];
+            value - scale.lower() <= near || scale.upper() - value <= near
+        };
+        (0..target.base.len()).filter(is_held).collect()
+    }
+
+    /// Products about `point`, what is fitted anyway at `held` staying as it is.
+    fn gram(&self, setting: &Setting, point: &Point, columns: &[RunColumns], held: &[usize]) -> Gram {
+        let mut beliefs = self.beliefs.clone();
+        held.iter().for_each(|&place| beliefs.base[place] = f64::INFINITY);
+        let beliefs = Arc::new(beliefs);
         let base: Vec<f64> = point
             .base
             .iter()
@@ -174,7 +189,7 @@ impl<'b, 'a> Fitter<'b, 'a> {
         if with_unknown && !self.bench.add_unknown(setting, &point, &mut columns, counts) {
             return None;
         }
-        let gram = self.gram(setting, &point, &columns);
+        let gram = self.gram(setting, &point, &columns, &[]);
         Some(Standing { point, columns, gram })
     }
 
@@ -202,6 +217,18 @@ impl<'b, 'a> Fitter<'b, 'a> {
         point: &Point,
         gram: &Gram,
         scored: &Scored,
+    ) -> Option<Point> {
+        self.damped(setting, point, gram, scored, 0.0)
+    }
+
+    /// The same on the way there, the nearer to `point` the larger `damping` is.
+    fn damped(
+        &self,
+        setting: &Setting,
+        point: &Point,
+        gram: &Gram,
+        scored: &Scored,
+        damping: f64,
     ) -> Option<Point> {
         let reduced = gram.reduced(scored.scales)?;
         let free = &self.bench.state.parameters.free;
@@ -233,6 +260,18 @@ impl<'b, 'a> Fitter<'b, 'a> {
             let size = scored.sizes[place].unwrap_or(0.0);
             products[(first + own, first + own)] +=
                 column.belief.precision(size, super::score::tau(scored.tau));
+        }
+        // the unknown stands nowhere: it is not damped
+        let base = reduced.kept.iter().enumerate().filter(|(_, place)| **place < free.len());
+        let base = base.map(|(own, &place)| (own, point.base[place] - self.centres[place]));
+        let sizes = places
+            .iter()
+            .enumerate()
+            .map(|(own, &place)| (first + own, point.sizes.get(place).copied().unwrap_or(0.0)));
+        for (own, standing) in base.chain(sizes) {
+            let damped = damping * products[(own, own)];
+            products[(own, own)] += damped;
+            data[own] += damped * standing;
         }
         let found = bounded(&products, &data, &bounds)?;
         let mut sizes = point.sizes.clone();
@@ -283,10 +322,13 @@ impl<'b, 'a> Fitter<'b, 'a> {
             self.scorer(&standing.gram).tuned(&setting.set, &setting.columns, from, free)
         };
         let mut scored = tuned(&standing, from, free)?;
-        let mut steps = 0;
+        let (mut steps, mut damping) = (0, 0);
         loop {
-            let moved =
-                if steps < effort.steps { self.step(&setting, &standing, &scored, counts) } else { None };
+            let moved = if steps < effort.steps {
+                self.step(&setting, &standing, &scored, &mut damping, counts)
+            } else {
+                None
+            };
             steps += 1;
             if let Some(next) = moved {
                 standing = next;
@@ -301,35 +343,86 @@ impl<'b, 'a> Fitter<'b, 'a> {
             if !self.bench.add_unknown(&setting, &standing.point, &mut standing.columns, counts) {
                 break;
             }
-            standing.gram = self.gram(&setting, &standing.point, &standing.columns);
+            standing.gram = self.gram(&setting, &standing.point, &standing.columns, &[]);
             scored = tuned(&standing, (scored.scales, scored.tau), free)?;
             if scored.scales == OFF || scored.ln_z < effort.least {
                 break;
             }
         }
+        let (scored, shortfall) = self.judged(&setting, &standing, scored, free)?;
         let Standing { point, columns, gram } = standing;
-        Some((Fitted { setting, point, gram, scored, is_expanded: false, is_free: free }, columns))
+        let fitted = Fitted { setting, point, gram, scored, shortfall, is_expanded: false, is_free: free };
+        Some((fitted, columns))
     }
 
-    /// One step that costs less, if there is one that is worth it.
+    /// What is to be said of `standing`, where `scored` is what all that is linear says without bounds: what bounds hold stays, and what was not
+    /// reached does not count. And by how much that is less.
+    fn judged(
+        &self,
+        setting: &Setting,
+        standing: &Standing,
+        scored: Scored,
+        free: bool,
+    ) -> Option<(Scored, f64)> {
+        let Setting { set, columns, .. } = setting;
+        let held = self.held(setting, standing, &scored);
+        if held.is_empty() {
+            let unreached = self.unreached(setting, &standing.point, &standing.gram, &scored);
+            return Some((Scored { ln_z: scored.ln_z - unreached, ..scored }, unreached));
+        }
+        let gram = self.gram(setting, &standing.point, &standing.columns, &held);
+        let mut bounded = self.scorer(&gram).tuned(set, columns, (scored.scales, scored.tau), free)?;
+        bounded.ln_z -= self.unreached(setting, &standing.point, &gram, &bounded);
+        let taus = bounded.tau..bounded.tau + 1;
+        let linear = self.scorer(&standing.gram).score(set, columns, bounded.scales, taus)?;
+        let shortfall = linear.ln_z - bounded.ln_z;
+        Some((bounded, shortfall))
+    }
+
+    /// By how much `point` is worse than the optimum that `scored`, from the products `gram` about it, has \[nats\]: a fit that found no way there
+    /// has not shown that there is one.
+    fn unreached(&self, setting: &Setting, point: &Point, gram: &Gram, scored: &Scored) -> f64 {
+        let Some(reduced) = gram.reduced(scored.scales) else { return 0.0 };
+        let square = |(x, precision): (f64, f64)| if precision.is_finite() { precision * x * x } else { 0.0 };
+        let base = point.base.iter().zip(&self.centres).map(|(x, centre)| x - centre);
+        let base = base.zip(gram.beliefs.base.iter().copied()).map(square);
+        let starts = point.offsets.iter().flatten().copied();
+        let starts = starts.zip(self.beliefs.starts.iter().flatten().copied()).map(square);
+        let (mut sizes, mut forbidden, mut place) = (0.0, 0.0, 0);
+        for ((column, &size), best) in setting.columns.iter().zip(&point.sizes).zip(&scored.sizes) {
+            let Some(best) = *best else { continue };
+            sizes += square((size, column.belief.precision(best, super::score::tau(scored.tau))));
+            // what the evidence has been charged with already
+            if column.is_positive && best < 0.0 {
+                forbidden += best * best / scored.covariance[(place, place)];
+            }
+            place += 1;
+        }
+        let cost = reduced.cost + base.sum::<f64>() + starts.sum::<f64>() + sizes;
+        (0.5 * ((cost - scored.squares) / scored.variance - forbidden)).max(0.0)
+    }
+
+    /// One step that costs less, if there is one that is worth it; `damping`, a place among [`DAMPINGS`], is where it looks first.
     fn step(
         &self,
         setting: &Setting,
         standing: &Standing,
         scored: &Scored,
+        damping: &mut usize,
         counts: &mut Counts,
     ) -> Option<Standing> {
-        let target = self.target(setting, &standing.point, &standing.gram, scored)?;
         let before = self.cost(setting, standing, scored)?;
         let with_unknown = scored.scales != OFF;
-        if self.promised(setting, standing, &target) < NOT_WORTH_A_STEP {
-            return None;
-        }
-        for share in STEP_SHARES {
-            let next = self.stand(setting, standing.point.towards(&target, share), with_unknown, counts);
-            let Some(next) = next else { continue };
+        for place in (*damping..DAMPINGS.len()).take(MOST_TRIES) {
+            let Standing { point, gram, .. } = standing;
+            let target = self.damped(setting, point, gram, scored, DAMPINGS[place])?;
+            if self.promised(setting, standing, &target) < NOT_WORTH_A_STEP {
+                return None;
+            }
+            let Some(next) = self.stand(setting, target, with_unknown, counts) else { continue };
             let after = self.cost(setting, &next, scored)?;
             if after < before - NOT_WORTH_A_STEP {
+                *damping = place.saturating_sub(1);
                 return Some(next);
             }
         }
@@ -370,7 +463,7 @@ impl<'b, 'a> Fitter<'b, 'a> {
         if with_unknown && columns.iter().any(|run| run.unknown.is_none()) {
             self.bench.add_unknown(&fitted.setting, &fitted.point, &mut columns, counts);
         }
-        fitted.gram = self.gram(&fitted.setting, &fitted.point, &columns);
+        fitted.gram = self.gram(&fitted.setting, &fitted.point, &columns, &[]);
         fitted.is_expanded = true;
     }
 
@@ -383,19 +476,5 @@ impl<'b, 'a> Fitter<'b, 'a> {
             sizes: Vec::new(),
         };
         (point, (OFF, TAU_START))
-    }
-}
-
-impl Point {
-    /// So large a share of the way to `target`.
-    fn towards(&self, target: &Self, share: f64) -> Self {
-        let between = |from: &[f64], to: &[f64]| -> Vec<f64> {
-            from.iter().zip(to).map(|(from, to)| from + share * (to - from)).collect()
-        };
-        Self {
-            base: between(&self.base, &target.base),
-            offsets: self.offsets.iter().zip(&target.offsets).map(|(from, to)| between(from, to)).collect(),
-            sizes: between(&self.sizes, &target.sizes),
-        }
     }
 }

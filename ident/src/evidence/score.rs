@@ -54,6 +54,8 @@ pub(super) struct Scored {
     pub(super) tau: usize,
     /// The noise's variance over the floor's.
     pub(super) variance: f64,
+    /// Squares at the best sizes, what is believed of them among these.
+    pub(super) squares: f64,
     /// Best sizes by column, from neutral; those that the products say nothing about stay as they are.
     pub(super) sizes: Vec<Option<f64>>,
     /// Their covariance, for those that are there.
@@ -135,6 +137,7 @@ impl Scorer<'_> {
                     scales,
                     tau,
                     variance,
+                    squares,
                     sizes: places.iter().map(|place| Some(posterior.sizes[(*place)?])).collect(),
                     covariance: posterior.covariance * variance,
                 });

@@ -39,6 +39,9 @@ const FEW_SCOUTS: [usize; 2] = [3, 1];
 /// Steps of a scout.
 const SCOUT_STEPS: usize = 3;
 
+/// What a model leaves over the noise, in squares, beyond which causes are looked for from its own values too (chosen: five times the noise).
+const FAR_FROM_LINEAR: f64 = 25.0;
+
 /// A set of causes: places in the list of atoms, rising.
 pub(super) type Set = Vec<usize>;
 
@@ -248,6 +251,9 @@ impl<'b, 'a> Pool<'b, 'a> {
                     .and_then(|point| self.quiet(&set, point, predicted.scored.tau, SCOUT_STEPS, counts));
                 scouts.extend(scout.map(|(scout, _)| scout));
             }
+            if at.setting.set.is_empty() && without.is_none() && self.fitter.misfit(&at) > FAR_FROM_LINEAR {
+                scouts.extend(self.from_own_values(counts, says));
+            }
             scouts.sort_by(|a, b| b.scored.ln_z.total_cmp(&a.scored.ln_z));
             let mut next: Option<(Fitted, Vec<RunColumns>)> = None;
             for scout in scouts.into_iter().take(finished) {
@@ -272,6 +278,47 @@ impl<'b, 'a> Pool<'b, 'a> {
             }
         }
         !counts.is_stopped()
+    }
+
+    /// One cause of each law, fitted from the model's own values: where much is missing, what is fitted anyway has gone far to make up for it, and
+    /// what is linear there says nothing of where the cause itself would lead. Half of them at a time go on, twice as far.
+    fn from_own_values(&mut self, counts: &mut Counts, says: &mut dyn FnMut(&str) -> bool) -> Vec<Fitted> {
+        let state = &self.bench().state;
+        let offsets = state.point.offsets.iter().map(|own| vec![0.0; own.len()]).collect();
+        let own = Point { base: state.parameters.start(), offsets, sizes: Vec::new() };
+        let Some((mut at, columns)) = self.quiet(&[], own, TAU_START, 0, counts) else { return Vec::new() };
+        self.fitter.expand(&mut at, columns, false, counts);
+        let mut list = self.neighbours(&at, 0, false);
+        let atoms = &self.bench().atoms.list;
+        list.retain(|(set, _)| set.iter().all(|&atom| atoms[atom].form == Form::All));
+        list.sort_by(|a, b| b.1.scored.ln_z.total_cmp(&a.1.scored.ln_z));
+        let mut seen = BTreeSet::new();
+        list.retain(|(set, _)| set.iter().all(|&atom| seen.insert(atoms[atom].law())));
+        let targets = list.into_iter().filter_map(|(set, predicted)| {
+            let setting = self.bench().setting(&set);
+            let point = self.fitter.target(&setting, &at.point, &at.gram, &predicted.scored)?;
+            Some((set, point))
+        });
+        let mut left: Vec<(Set, Point)> = targets.collect();
+        let mut steps = 1;
+        loop {
+            let mut scouts: Vec<Fitted> = Vec::new();
+            for (set, point) in left {
+                if counts.is_stopped() || !says(&self.label(&set)) {
+                    return scouts;
+                }
+                scouts.extend(self.quiet(&set, point, TAU_START, steps, counts).map(|(scout, _)| scout));
+            }
+            // where each is on its way to, as far as that is linear
+            let ahead = |scout: &Fitted| scout.scored.ln_z + scout.shortfall;
+            scouts.sort_by(|a, b| ahead(b).total_cmp(&ahead(a)));
+            scouts.truncate(scouts.len().div_ceil(2));
+            if scouts.len() <= FINISHED_SCOUTS {
+                return scouts;
+            }
+            left = scouts.into_iter().map(|scout| (scout.setting.set, scout.point)).collect();
+            steps *= 2;
+        }
     }
 
     /// Takes in what was fitted without the unknown, as far as its set is not there yet.
@@ -429,6 +476,9 @@ impl<'b, 'a> Pool<'b, 'a> {
         let mut found: Vec<(Set, Predicted)> = found
             .filter_map(|(set, scored)| Some((set, Predicted { scored: scored?, parent: place })))
             .collect();
+        for (_, predicted) in &mut found {
+            predicted.scored.ln_z -= from.shortfall;
+        }
         for &gone in &from.setting.set {
             let amiss = self.amiss(&from.setting.set, gone, &found);
             let has =

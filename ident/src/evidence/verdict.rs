@@ -140,7 +140,7 @@ pub(super) fn verdict(pool: &Pool<'_, '_>, complete: bool) -> Option<Evidence> {
         let taus = fitted.scored.tau..fitted.scored.tau + 1;
         let Fitted { setting, gram, .. } = fitted;
         let off = pool.fitter.scorer(gram).score(&setting.set, &setting.columns, OFF, taus);
-        off.map_or(0.0, |off| (off.ln_z - most).exp())
+        off.map_or(0.0, |off| (off.ln_z - fitted.shortfall - most).exp())
     };
     let resembles = |set: &[usize]| set.iter().any(|&atom| !atoms[atom].is_named());
     let (mut open, mut total) = (0.0, 0.0);
@@ -266,5 +266,5 @@ fn unnamed(pool: &Pool<'_, '_>, spares: impl Fn(&Atom) -> bool) -> Option<f64> {
     let bare = pool.fitter.scorer(&best.gram).score(&named, &columns, OFF, taus)?;
     // the chance of the scales is no gain
     let chance = ln_scales(best.scored.scales) - ln_scales(OFF);
-    Some((best.scored.ln_z - bare.ln_z - chance).max(0.0))
+    Some((best.scored.ln_z - (bare.ln_z - best.shortfall) - chance).max(0.0))
 }

@@ -269,6 +269,10 @@ fn biased(diagnosis: &Diagnosis, known: &[Known]) -> Vec<String> {
     let mut names: Vec<String> =
         fitted.filter_map(|one| Some(format!("\"{}\"", one.name.split('@').next()?))).collect();
     names.dedup();
+    // what is only possible is not to be fitted: more runs are wanted then
+    if causes.is_empty() {
+        return Vec::new();
+    }
     let shifted = |known: &Known| {
         let shift = diagnosis.bent.iter().find(|shift| shift.name == known.name)?;
         ((shift.after - shift.before).abs() > known.wanted_std).then(|| {
