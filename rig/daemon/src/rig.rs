@@ -1,16 +1,19 @@
 //! One rig of a daemon: its queue, its schedule, and its two lanes: one job that moves the rig and one that only computes.
 //!
 //! - `motion`: the conditions for beginning a motion, and the schedule;
-//! - `ended`: what follows from a job that has ended.
+//! - `ended`: what follows from a job that has ended;
+//! - `owed`: what has happened and cannot be written at once, as on a full disk.
 //!
 //! Nothing here blocks. An error of the disk or the database does not end the daemon: no motion begins, the error is logged, and the
 //! work is tried again. The hold is checked first, each time.
 
 mod ended;
 mod motion;
+mod owed;
 #[cfg(test)]
 mod tests;
 
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,6 +23,7 @@ use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 use tokio::sync::watch;
 
+use self::owed::Owed;
 use super::Heartbeat;
 use super::alerts::Alerts;
 use super::api::Served;
@@ -74,8 +78,8 @@ pub(super) struct Rig {
     motions_ended: u64,
     /// Motions in a row that hardware has ended, since somebody released the rig.
     failures: usize,
-    /// Kinds and texts of alerts that are not in the database yet.
-    pending_alerts: Vec<(&'static str, String)>,
+    /// What has happened and is not written yet, the oldest first.
+    owed: VecDeque<Owed>,
     state: watch::Sender<RigState>,
     alerts: Alerts,
     /// Version of the queue at the last check, and when that was; `None` asks for a check.
@@ -166,7 +170,7 @@ impl Rig {
             analysis: None,
             motions_ended: 0,
             failures,
-            pending_alerts: Vec::new(),
+            owed: VecDeque::new(),
             state: watch::channel(state).0,
             alerts,
             queue_check: (0, None),
@@ -246,18 +250,16 @@ impl Rig {
             return;
         }
         // journal and alert come after the stop; the hold does not depend on them
-        let written = match &held {
+        match &held {
             Some(hold) => {
-                self.pending_alerts.push(("held", format!("the rig is {hold}")));
-                self.write("held", json!({ "by": hold.by, "why": hold.why }))
+                self.owed.push_back(Owed::Line("held", json!({ "by": hold.by, "why": hold.why })));
+                self.owed.push_back(Owed::alert("held", format!("the rig is {hold}"), None));
             }
             None => {
                 self.failures = 0;
-                self.write("released", json!({ "by": self.stop.released_by() }))
+                let by = self.stop.released_by();
+                self.owed.push_back(Owed::Line("released", json!({ "by": by })));
             }
-        };
-        if let Err(failure) = written {
-            tracing::warn!("{:#}", failure.error());
         }
         self.held = held;
         self.queue_check.1 = None;
@@ -271,10 +273,7 @@ impl Rig {
 
     /// All work that needs the database or the disk, and may fail.
     fn work(&mut self, now: Now, may: Permissions, watcher: &mut dyn Watcher) -> Result<(), Failure> {
-        while let Some((kind, what)) = self.pending_alerts.first().cloned() {
-            self.raise(kind, &what, None)?;
-            self.pending_alerts.remove(0);
-        }
+        self.pay()?;
         for lane in [Lane::Motion, Lane::Analysis] {
             self.reap(lane, now, may, watcher)?;
         }
@@ -404,7 +403,8 @@ impl Rig {
             // the daemon ended it, or nothing of it was begun
             self.store.put_back(id).map_err(Failure::internal)?;
             self.clear_lane(lane);
-            return self.write("job-put-back", json!({ "job": id }));
+            self.owed.push_back(Owed::Line("job-put-back", json!({ "job": id })));
+            return self.pay();
         }
         let by_hardware = state == State::Lost || result.status.as_deref() == Some(HARDWARE_FAULT);
         self.close(&job, state, result, watcher)?;
@@ -420,9 +420,10 @@ impl Rig {
             if state == State::Lost {
                 self.jobs.clear_up();
             }
+            self.pay()?;
             self.retain(watcher)?;
         }
-        Ok(())
+        self.pay()
     }
 
     /// Forgets the job of `lane`, which is over and recorded.

@@ -6,6 +6,7 @@ use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
 use super::Rig;
+use super::owed::Owed;
 use ::record::below;
 use ::record::run_id::RunId;
 use app::campaign::record::{self, Record};
@@ -13,7 +14,7 @@ use app::compose::degraded;
 use app::last_good::{self, Recalibrated};
 use app::{Failure, Watcher};
 use store::alerts::Alert;
-use store::job::{Job, JobId, JobResult, Lane, NewJob, State, Work};
+use store::job::{Job, JobResult, Lane, NewJob, State, Work};
 
 /// A computing job that was lost is repeated this many times at most: it may be the cause of the crash. Chosen.
 const MAX_REPEATS: u32 = 2;
@@ -21,7 +22,7 @@ const MAX_REPEATS: u32 = 2;
 const DRIFT_ALERT_REPEAT_DAYS: i64 = 7;
 
 impl Rig {
-    /// Writes how a job ended, and adds what follows from it.
+    /// Records how a job ended; what follows from it is owed from then on. Where that cannot be recorded, nothing has happened.
     pub(super) fn close(
         &mut self,
         job: &Job,
@@ -29,39 +30,48 @@ impl Rig {
         result: JobResult,
         watcher: &mut dyn Watcher,
     ) -> Result<(), Failure> {
-        self.store.end(job.id, state, &result).map_err(Failure::internal)?;
+        let mut owed = vec![];
         let what = json!({ "job": job.id, "kind": job.work.kind(), "state": state, "result": result });
-        self.write("job-ended", what)?;
+        owed.push(Owed::Line("job-ended", what));
         if let Some((kind, what)) = alert(job, state, &result)
             && !self.was_alerted(kind, &what)?
         {
-            self.raise(kind, &what, Some(job.id))?;
+            owed.push(Owed::alert(kind, what, Some(job.id)));
         }
+        owed.extend(self.follows(job, state, &result)?.map(|job| Owed::Job(Box::new(job))));
+        self.store.end(job.id, state, &result).map_err(Failure::internal)?;
+        self.owed.extend(owed);
         if let Some(error) = &result.error {
             watcher.alert(&format!("rig: job {} ({}) {state}: {error}", job.id, job.work.kind()));
-        }
-        match (&job.work, state) {
-            (Work::Run { config, film_only: false }, State::Done) if *config == self.path => {
-                let id = result
-                    .run
-                    .as_deref()
-                    .and_then(|run| Path::new(run).file_name()?.to_str()?.to_owned().try_into().ok());
-                if let Some(run) = id as Option<RunId> {
-                    let why = Some(format!("job {} has run", job.id));
-                    let job = NewJob { why, priority: 1, ..NewJob::new(Work::Recalibrate { run }) };
-                    self.store.add_unlimited(&job).map_err(Failure::internal)?;
-                }
-            }
-            (work, State::Lost) if work.lane() == Lane::Analysis => self.repeat(job)?,
-            _ => {}
         }
         Ok(())
     }
 
-    /// Raises an alert.
-    pub(super) fn raise(&mut self, kind: &str, what: &str, job: Option<JobId>) -> Result<(), Failure> {
-        self.alerts.raise(&mut self.store, kind, what, job).map_err(Failure::internal)?;
-        self.write("alert", json!({ "kind": kind, "text": what, "job": job }))
+    /// The job that follows from the end of another: a run is recalibrated from, and a computing job that was lost is repeated, unless that was
+    /// done too often.
+    fn follows(&self, job: &Job, state: State, result: &JobResult) -> Result<Option<NewJob>, Failure> {
+        Ok(match (&job.work, state) {
+            (Work::Run { config, film_only: false }, State::Done) if *config == self.path => {
+                let run = result.run.as_deref();
+                let id = run.and_then(|run| Path::new(run).file_name()?.to_str()?.to_owned().try_into().ok());
+                let why = Some(format!("job {} has run", job.id));
+                (id as Option<RunId>).map(|run| NewJob {
+                    why,
+                    priority: 1,
+                    ..NewJob::new(Work::Recalibrate { run })
+                })
+            }
+            (work, State::Lost) if work.lane() == Lane::Analysis => {
+                let repeats = self.store.repeats(job.id).map_err(Failure::internal)?;
+                (repeats < MAX_REPEATS).then(|| NewJob {
+                    priority: job.priority,
+                    why: Some("its process was lost".into()),
+                    retry_of: Some(job.id),
+                    ..NewJob::new(job.work.clone())
+                })
+            }
+            _ => None,
+        })
     }
 
     /// Whether an alert of the same drift was raised in the last days: a coefficient that has drifted stays so in the runs that follow.
@@ -79,20 +89,6 @@ impl Rig {
             .iter()
             .take_while(|alert| is_recent(alert))
             .any(|alert| alert.kind == kind && names(&alert.text) == names(what)))
-    }
-
-    /// Adds a lost job again, unless it has been repeated too often.
-    fn repeat(&mut self, job: &Job) -> Result<(), Failure> {
-        if self.store.repeats(job.id).map_err(Failure::internal)? < MAX_REPEATS {
-            let again = NewJob {
-                priority: job.priority,
-                why: Some("its process was lost".into()),
-                retry_of: Some(job.id),
-                ..NewJob::new(job.work.clone())
-            };
-            self.store.add_unlimited(&again).map_err(Failure::internal)?;
-        }
-        Ok(())
     }
 }
 

@@ -2,6 +2,7 @@
 
 use serde_json::json;
 
+use super::owed::Owed;
 use super::{Permissions, Rig};
 use crate::slots::{Busy, Decision, Slots};
 use app::{Failure, Watcher, announce};
@@ -57,7 +58,9 @@ impl Rig {
         match self.start(&job) {
             Ok(pid) => {
                 self.store.began(job.id, pid).map_err(Failure::internal)?;
-                self.write("job-began", json!({ "job": job.id, "work": job.work, "pid": pid }))
+                let what = json!({ "job": job.id, "work": job.work, "pid": pid });
+                self.owed.push_back(Owed::Line("job-began", what));
+                self.pay()
             }
             Err(failure) => {
                 let error = Some(format!("{:#}", failure.error()));
@@ -87,7 +90,7 @@ impl Rig {
     ) -> Result<(), Failure> {
         if let Some(by) = self.slots.as_mut().and_then(|slots| slots.clock_was_set(now)) {
             let what = format!("the computer's clock was set by {:.0} s", by.as_secs_f64());
-            self.pending_alerts.push(("clock-set", what));
+            self.owed.push_back(Owed::alert("clock-set", what, None));
             self.write("clock-set", json!({ "by_s": by.as_secs_f64() }))?;
         }
         let Some(slots) = self.slots.as_ref().filter(|_| may.move_) else { return Ok(()) };

@@ -2,6 +2,8 @@
 //! holds, in any order. The daemon's own code decides, over its own queue and files; the board is the firmware's own state machine; a
 //! job's process is played. No pin moves after a stop before a release.
 
+mod full_disk;
+
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -456,7 +458,8 @@ impl Day {
     }
 }
 
-fn day(runs_dir: &Path, config: &(PathBuf, RigConfig), acts: &[(u16, Act)]) -> Result<u32, TestCaseError> {
+/// A day that begins in `runs_dir` with a daemon and nothing to do.
+fn begun(runs_dir: &Path, config: &(PathBuf, RigConfig)) -> Day {
     let person = fixtures::open_at_once(runs_dir).unwrap();
     fixtures::forget_all(&person);
     // what other days have written is not read again
@@ -490,6 +493,11 @@ fn day(runs_dir: &Path, config: &(PathBuf, RigConfig), acts: &[(u16, Act)]) -> R
         steps: 0,
     };
     day.start_daemon();
+    day
+}
+
+fn day(runs_dir: &Path, config: &(PathBuf, RigConfig), acts: &[(u16, Act)]) -> Result<u32, TestCaseError> {
+    let mut day = begun(runs_dir, config);
     let mut stops_in_motion = 0;
     for (pause_ms, act) in acts {
         for _ in 0..i64::from(*pause_ms) / STEP_MS {
