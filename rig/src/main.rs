@@ -1,6 +1,6 @@
 //! The `rig` program: reads the command line, carries out one verb, says how it went.
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -52,11 +52,12 @@ fn start_log(verbose: u8) {
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
+        // a log on a full disk is no reason to end a run: it would be told on the same disk, which panics
+        .log_internal_errors(false)
         .init();
 }
 
 fn print(text: &str) {
-    use std::io::Write;
     // A closed pipe (`rig runs ls | head`) is the reader's way to say enough.
     let _ = writeln!(std::io::stdout(), "{}", text.trim_end());
 }
@@ -67,8 +68,8 @@ fn print_result(result: &Result<Outcome, Failure>) {
             if !outcome.text.is_empty() {
                 print(&outcome.text);
             }
-            outcome.warnings.iter().for_each(|warning| eprintln!("rig: warning: {warning}"));
+            outcome.warnings.iter().for_each(|warning| cli::say(&format!("rig: warning: {warning}")));
         }
-        Err(failure) => eprintln!("rig: {:#}", failure.error()),
+        Err(failure) => cli::say(&format!("rig: {:#}", failure.error())),
     }
 }

@@ -206,8 +206,11 @@ fn full_disk_at_a_storage_event_of_a_run_stops_the_servo_and_the_next_run_needs_
     numbers.dedup();
     let (mut promised, mut codes) = (Promised::default(), Vec::new());
     for number in numbers {
-        let order = Order::Full(number);
-        let output = shim.with(film(&outside.config, &outside.runs), order).output().expect("rig starts");
+        let mut film = shim.with(film(&outside.config, &outside.runs), Order::Full(number));
+        // a daemon's job has its log on the same disk
+        std::fs::create_dir_all(&outside.runs).expect("a folder");
+        film.stderr(std::fs::File::create(outside.runs.join("log")).expect("a log"));
+        let output = film.output().expect("rig starts");
         let events = shim.events();
         let refused = events.iter().filter(|event| event.done == "full").count();
         assert!(refused == 0 || !output.status.success(), "{}", printed(&output));

@@ -36,6 +36,7 @@ pub mod study;
 pub mod task;
 pub mod verb;
 
+use std::io::Write as _;
 use std::path::PathBuf;
 
 use store::job::JobResult;
@@ -65,6 +66,12 @@ impl Outcome {
     pub fn exit_code(&self, strict: bool) -> u8 {
         if strict && !self.warnings.is_empty() { Failure::DATA_EXIT_CODE } else { self.exit_code }
     }
+}
+
+/// Writes a line to standard error. Where that takes nothing, as a file on a full disk, nobody is told and everything goes on: a panic over it
+/// once ended runs while their servo moved.
+pub fn say(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
 }
 
 /// What `--json` prints of a verb that ended so.

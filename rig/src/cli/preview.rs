@@ -35,7 +35,7 @@ pub fn run(args: &Args) -> Result<Outcome, Failure> {
         };
         let server = Server::listen(args.port, watch, written).await.map_err(failed)?;
         // Standard output is for what is left when all is over.
-        eprintln!("http://{}/ shows the camera; Ctrl-C ends it", server.address());
+        super::say(&format!("http://{}/ shows the camera; Ctrl-C ends it", server.address()));
         server.serve(interrupt.raised()).await.map_err(failed)?;
         Ok(Outcome::default())
     })

@@ -45,12 +45,12 @@ impl Watcher for Bar {
 
     /// On a terminal, and in the log of a job.
     fn event(&mut self, text: &str) {
-        if self.in_job { eprintln!("{text}") } else { self.bar.println(text) }
+        if self.in_job { super::say(text) } else { self.bar.println(text) }
     }
 
     /// In a pipe too.
     fn alert(&mut self, text: &str) {
-        if self.bar.is_hidden() { eprintln!("{text}") } else { self.bar.println(text) }
+        if self.bar.is_hidden() { super::say(text) } else { self.bar.println(text) }
     }
 
     fn clear(&mut self) {
