@@ -23,11 +23,17 @@ const NOT_WORTH_A_STEP: f64 = 0.05;
 const COEFFICIENT_WIDTH: f64 = 2.0;
 /// A scale with a finer resolution over its width goes over decades.
 const KNOWN_RESOLUTION_SHARE: f64 = 0.01;
-/// Dampings that a step may have, over the diagonal of the products: the first that leads downhill is taken, from the one before where the
-/// last step found its own (chosen). Where a joint sticks, only short ways are as all that is linear says.
-const DAMPINGS: [f64; 6] = [0.0, 0.03, 0.3, 3.0, 30.0, 300.0];
+/// Ways that a step may go, each a damping over the diagonal of the products and a share of what that leads to: the first that leads downhill is
+/// taken, from the one before where the last step found its own (chosen). Shares of the way itself are what a stiff arm of many segments wants;
+/// where a joint sticks, only short ways in other directions are as all that is linear says.
+const WAYS: [[f64; 2]; 7] =
+    [[0.0, 1.0], [0.0, 0.4], [0.0, 0.1], [0.03, 1.0], [0.3, 1.0], [3.0, 1.0], [30.0, 1.0]];
 /// Most of them that one step tries.
-const MOST_TRIES: usize = 4;
+const MOST_TRIES: usize = 6;
+
+/// What is linear about a point is believed of so large a share of what the point costs (chosen): fits of an arm of many segments stop a few
+/// hundredths short of where they should end, whatever the cause.
+const UNREACHED_SHARE: f64 = 0.05;
 
 /// A set of causes at a point, with the products about it.
 pub(super) struct Fitted {
@@ -322,10 +328,10 @@ impl<'b, 'a> Fitter<'b, 'a> {
             self.scorer(&standing.gram).tuned(&setting.set, &setting.columns, from, free)
         };
         let mut scored = tuned(&standing, from, free)?;
-        let (mut steps, mut damping) = (0, 0);
+        let (mut steps, mut way) = (0, 0);
         loop {
             let moved = if steps < effort.steps {
-                self.step(&setting, &standing, &scored, &mut damping, counts)
+                self.step(&setting, &standing, &scored, &mut way, counts)
             } else {
                 None
             };
@@ -399,30 +405,33 @@ impl<'b, 'a> Fitter<'b, 'a> {
             place += 1;
         }
         let cost = reduced.cost + base.sum::<f64>() + starts.sum::<f64>() + sizes;
-        (0.5 * ((cost - scored.squares) / scored.variance - forbidden)).max(0.0)
+        let believed = UNREACHED_SHARE * cost / scored.variance;
+        (0.5 * ((cost - scored.squares) / scored.variance - forbidden - believed)).max(0.0)
     }
 
-    /// One step that costs less, if there is one that is worth it; `damping`, a place among [`DAMPINGS`], is where it looks first.
+    /// One step that costs less, if there is one that is worth it; `way`, a place among [`WAYS`], is where it looks first.
     fn step(
         &self,
         setting: &Setting,
         standing: &Standing,
         scored: &Scored,
-        damping: &mut usize,
+        way: &mut usize,
         counts: &mut Counts,
     ) -> Option<Standing> {
         let before = self.cost(setting, standing, scored)?;
         let with_unknown = scored.scales != OFF;
-        for place in (*damping..DAMPINGS.len()).take(MOST_TRIES) {
+        for place in (*way..WAYS.len()).take(MOST_TRIES) {
             let Standing { point, gram, .. } = standing;
-            let target = self.damped(setting, point, gram, scored, DAMPINGS[place])?;
+            let [damping, share] = WAYS[place];
+            let target = self.damped(setting, point, gram, scored, damping)?;
             if self.promised(setting, standing, &target) < NOT_WORTH_A_STEP {
                 return None;
             }
-            let Some(next) = self.stand(setting, target, with_unknown, counts) else { continue };
+            let next = self.stand(setting, point.towards(&target, share), with_unknown, counts);
+            let Some(next) = next else { continue };
             let after = self.cost(setting, &next, scored)?;
             if after < before - NOT_WORTH_A_STEP {
-                *damping = place.saturating_sub(1);
+                *way = place.saturating_sub(1);
                 return Some(next);
             }
         }
@@ -476,5 +485,19 @@ impl<'b, 'a> Fitter<'b, 'a> {
             sizes: Vec::new(),
         };
         (point, (OFF, TAU_START))
+    }
+}
+
+impl Point {
+    /// So large a share of the way to `target`.
+    fn towards(&self, target: &Self, share: f64) -> Self {
+        let between = |from: &[f64], to: &[f64]| -> Vec<f64> {
+            from.iter().zip(to).map(|(from, to)| from + share * (to - from)).collect()
+        };
+        Self {
+            base: between(&self.base, &target.base),
+            offsets: self.offsets.iter().zip(&target.offsets).map(|(from, to)| between(from, to)).collect(),
+            sizes: between(&self.sizes, &target.sizes),
+        }
     }
 }
