@@ -252,7 +252,7 @@ impl<'b, 'a> Pool<'b, 'a> {
                 scouts.extend(scout.map(|(scout, _)| scout));
             }
             if at.setting.set.is_empty() && without.is_none() && self.fitter.misfit(&at) > FAR_FROM_LINEAR {
-                scouts.extend(self.from_own_values(counts, says));
+                scouts.extend(self.scouts_of_own_values(counts, says));
             }
             scouts.sort_by(|a, b| b.scored.ln_z.total_cmp(&a.scored.ln_z));
             let mut next: Option<(Fitted, Vec<RunColumns>)> = None;
@@ -282,7 +282,11 @@ impl<'b, 'a> Pool<'b, 'a> {
 
     /// One cause of each law, fitted from the model's own values: where much is missing, what is fitted anyway has gone far to make up for it, and
     /// what is linear there says nothing of where the cause itself would lead. Half of them at a time go on, twice as far.
-    fn from_own_values(&mut self, counts: &mut Counts, says: &mut dyn FnMut(&str) -> bool) -> Vec<Fitted> {
+    fn scouts_of_own_values(
+        &mut self,
+        counts: &mut Counts,
+        says: &mut dyn FnMut(&str) -> bool,
+    ) -> Vec<Fitted> {
         let state = &self.bench().state;
         let offsets = state.point.offsets.iter().map(|own| vec![0.0; own.len()]).collect();
         let own = Point { base: state.parameters.start(), offsets, sizes: Vec::new() };

@@ -145,7 +145,7 @@ fn model_that_is_late_at_sharp_turns_is_no_scatter_of_images() {
         let lag_s = 0.02;
         let strokes = |t: f64, phase: f64| {
             let since_s = t % 0.5;
-            let way = if (t / 0.5) as usize % 2 == 0 { 0.1 } else { -0.1 };
+            let way = if ((t / 0.5) as usize).is_multiple_of(2) { 0.1 } else { -0.1 };
             // the rate as it was seen: it turns round within a lag
             let seen = way * (1.0 - 2.0 * (-since_s / lag_s).exp());
             [seen * phase.cos(), -lag_s * seen * phase.cos()]
